@@ -107,7 +107,7 @@ impl Client {
     /// Greets, takes command and sends a model. Returns what the board says to the whole of it.
     ///
     /// # Errors
-    /// No reply, or it does not even want to hear it.
+    /// No reply, or it does not even listen.
     pub fn offer(&mut self, machine: &mut Machine, model: &RobotModel) -> Result<Reply, String> {
         self.demand(machine, Request::Hello { schema: SCHEMA_KEY })?;
         self.demand(machine, Request::TakeCommand { by_force: true })?;

@@ -26,6 +26,21 @@ pub enum LawError {
         /// Those that do.
         known: String,
     },
+    /// The robot has none of the laws that the scenario compares by itself.
+    #[error(
+        "{scenario} compares the law {law}, and {} has none of that name; its laws are: {known}; name others with --law",
+        folder.display()
+    )]
+    Missing {
+        /// The scenario's choice.
+        law: String,
+        /// The scenario.
+        scenario: &'static str,
+        /// The robot's laws.
+        folder: PathBuf,
+        /// Their names.
+        known: String,
+    },
     /// There is no such file.
     #[error("--law {law}: neither a file nor a law of {}; its laws are: {known}", folder.display())]
     Unknown {
@@ -69,7 +84,12 @@ impl LawFile {
         let default: Vec<String> = default.iter().map(|&law| law.to_owned()).collect();
         let mut laws: Vec<Self> = Vec::new();
         for law in if asked.is_empty() { &default } else { asked } {
-            let found = Self::locate(&folder, law)?;
+            let found = Self::locate(&folder, law).map_err(|error| match error {
+                LawError::Unknown { law, folder, known } if asked.is_empty() => {
+                    LawError::Missing { law, scenario: scenario.name, folder, known }
+                }
+                other => other,
+            })?;
             if laws.iter().any(|other| other.name == found.name) {
                 return Err(LawError::SameName { law: law.clone(), name: found.name });
             }
@@ -91,6 +111,17 @@ impl LawFile {
                 let names = files.filter_map(|file| Some(file.file_stem()?.to_str()?.to_owned())).collect();
                 Err(LawError::Unknown { law: law.to_owned(), folder: folder.to_owned(), known: list(names) })
             }
+        }
+    }
+}
+
+/// Tells laws with the same title apart, by the names of their files; `laws` are names and titles.
+pub fn tell_apart<'a>(laws: impl Iterator<Item = (&'a str, &'a mut String)>) {
+    let laws: Vec<(&str, &mut String)> = laws.collect();
+    let titles: Vec<String> = laws.iter().map(|(_, title)| (*title).clone()).collect();
+    for (name, title) in laws {
+        if titles.iter().filter(|other| *other == title).count() > 1 {
+            *title = format!("{title} ({name})");
         }
     }
 }
@@ -134,10 +165,19 @@ mod tests {
     }
 
     #[test]
+    fn laws_with_one_title_are_told_apart_by_their_files() {
+        let mut titles = ["ours", "the paper's law", "ours"].map(str::to_owned);
+        tell_apart(["tesaki", "paper", "fixed"].into_iter().zip(&mut titles));
+        assert_eq!(titles, ["ours (tesaki)", "the paper's law", "ours (fixed)"]);
+    }
+
+    #[test]
     fn what_cannot_be_compared_is_named() {
         let error = find(Some(&["a"]), &["c"]).unwrap_err();
         assert!(error.starts_with("--law c: neither a file nor a law of "), "{error}");
         assert!(error.ends_with("its laws are: a, b"), "{error}");
+        let error = find(Some(&["a", "c"]), &[]).unwrap_err();
+        assert!(error.starts_with("hand3-servo compares the law c, and "), "{error}");
         let error = find(Some(&["a"]), &["a", "ROBOT/a.toml"]).unwrap_err();
         assert!(error.contains("a second law called \"a\""), "{error}");
         let error = find(None, &["a"]).unwrap_err();

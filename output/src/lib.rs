@@ -1,7 +1,7 @@
 //! What programs print.
 //!
 //! `std::println!` panics when the reader of a pipe leaves, as `head` does. [`say!`](crate::say) ends the program
-//! then, quietly and with exit code 0, because the reader has all that it wanted.
+//! then, quietly and with exit code 0, because the reader has all that it needs.
 
 use std::fmt::Arguments;
 use std::io::{self, ErrorKind, Write};

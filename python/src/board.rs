@@ -1,38 +1,37 @@
 //! A board over its link.
 
+mod arguments;
+mod conversation;
+
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use numpy::PyArray1;
-use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use tesaki::control::ServoMode;
 use tesaki::model::RobotModel;
-use tesaki::protocol::{FromBoard, LEASE, Mode, Refusal, Reply, ReplyFrame, Request, Stream, Telemetry};
+use tesaki::protocol::{FromBoard, Refusal, Request, Stream, Telemetry};
+use tesaki::task::TaskCommand;
 use tesaki::task::grasping::GraspCommand;
 use tesaki::task::impedance::ImpedanceCommand;
-use tesaki::task::{TaskCommand, TaskConfig};
-use tesaki_description::retargeting::RetargetingSettings;
 use tesaki_description::{grasp, impedance};
 use tesaki_recording::{McapError, Recording};
 use tesaki_supervisor::port::{Address, Key, Reopening};
-use tesaki_supervisor::{Board as _, BoardError as Failure, LinkBoard, troubleshooting};
+use tesaki_supervisor::{Board as _, BoardError as Failure, LinkBoard};
 
 use crate::arrays::output;
 use crate::command::decode;
-use crate::error::{BoardError, FaultError, RefusedError, board, file};
+use crate::error::{BoardError, board, file};
 use crate::robot::Robot;
 use crate::value::dictionary;
+use arguments::seconds;
+use conversation::{await_event, take_command};
 
-/// Period of what is sent again and again to an enabled board: well below its command timeout.
-const KEEP_ALIVE: Duration = Duration::from_millis(20);
 /// Telemetries in a row within the tolerance that count as arrival.
 const ARRIVED: u32 = 10;
 /// A control period [ns].
 const TICK: u64 = 10_000_000;
-/// How long a board that may be gone is told to disable.
-const LAST_WORD: Duration = Duration::from_millis(500);
 
 /// A controller board, real or served by ``cargo sim serve``.
 ///
@@ -488,249 +487,6 @@ impl Board {
     }
 }
 
-impl Board {
-    /// Talks to the board while other threads of Python run.
-    fn call<T: Send>(
-        &mut self,
-        py: Python<'_>,
-        ask: impl FnOnce(&mut LinkBoard<Reopening>) -> Result<T, Failure> + Send,
-    ) -> PyResult<T> {
-        if !self.is_open {
-            return Err(BoardError::new_err("the board was closed: make another Board"));
-        }
-        let link = &mut self.board;
-        py.detach(|| ask(link)).map_err(board)
-    }
-
-    /// Sends a command to the task.
-    fn send(&mut self, py: Python<'_>, command: TaskCommand) -> PyResult<()> {
-        let action = match &command {
-            TaskCommand::JointServo(_) => "move",
-            TaskCommand::Impedance(ImpedanceCommand::Configure(_)) => "change its impedance",
-            TaskCommand::Impedance(_) => "move its tool",
-            TaskCommand::Grasping(_) => "grasp",
-            TaskCommand::Telexistence(_) => "follow the fingertips",
-            TaskCommand::VisualApproach(_) => "move its hand",
-        };
-        let asked = self.call(py, |link| link.ask(action, Request::Task(command)));
-        // A board in fault refuses everything: the fault says why.
-        match asked {
-            Err(error) if error.is_instance_of::<RefusedError>(py) && self.is_enabled => {
-                let mode = self.call(py, |link| link.status())?.node.mode;
-                if mode == Mode::Fault { Err(self.fault(py)) } else { Err(error) }
-            }
-            other => other,
-        }
-    }
-
-    /// Sends `request` every 20 ms until `done` says so of a telemetry, or `until`.
-    fn drive(
-        &mut self,
-        py: Python<'_>,
-        until: Instant,
-        request: &Request,
-        mut done: impl FnMut(&Telemetry) -> bool + Send,
-    ) -> PyResult<()> {
-        self.call(py, |link| link.set_rate(Stream::Telemetry, 1))?;
-        let mut heard = Instant::now();
-        let mut next = Instant::now();
-        // A fault of before is in telemetry that is still on its way.
-        let mut was_enabled = false;
-        while Instant::now() < until {
-            py.check_signals()?;
-            next = (next + KEEP_ALIVE).max(Instant::now());
-            let enabled = self.is_enabled;
-            let done = &mut done;
-            let deadline = next.min(until);
-            let (news, refused) = self.call(py, |link| {
-                if enabled || *request != Request::Keep {
-                    link.post(request.clone())?;
-                }
-                let (mut news, mut refused) = (Vec::new(), None);
-                while let Some(event) = link.next_event(deadline)? {
-                    match event {
-                        FromBoard::Telemetry(telemetry) => news.push(telemetry),
-                        FromBoard::Reply(ReplyFrame { reply: Reply::Refused(refusal), .. }) => {
-                            refused = Some(refusal);
-                        }
-                        _ => {}
-                    }
-                }
-                Ok((news, refused))
-            })?;
-            for telemetry in &news {
-                heard = Instant::now();
-                was_enabled |= matches!(telemetry.mode, Mode::Enabled(_));
-                if self.is_enabled
-                    && (was_enabled || telemetry.faults != self.faults)
-                    && telemetry.mode == Mode::Fault
-                {
-                    return Err(self.fault(py));
-                }
-                if self.is_enabled && was_enabled && telemetry.mode == Mode::Disabled {
-                    self.is_enabled = false;
-                    return Err(BoardError::new_err("the board was disabled by another program, or reset"));
-                }
-                if done(telemetry) {
-                    return Ok(());
-                }
-            }
-            match refused {
-                None | Some(Refusal::Stale { .. } | Refusal::WrongMode(Mode::Fault)) => {}
-                Some(refusal) => {
-                    // `wait` and `record` keep enabled, or read.
-                    let action = match request {
-                        Request::Keep => "stay enabled",
-                        Request::ReadStatus => "tell its state",
-                        _ => "move",
-                    };
-                    return Err(board(Failure::refused(action, refusal)));
-                }
-            }
-            if heard.elapsed() > self.timeout {
-                return Err(BoardError::new_err(format!(
-                    "no telemetry within {} s: the board has no sensor readings, or its control loop does not run (try \
-                     `tesaki doctor`)",
-                    self.timeout.as_secs_f64()
-                )));
-            }
-        }
-        Ok(())
-    }
-
-    /// The next telemetry.
-    fn telemetry_now(&mut self, py: Python<'_>) -> PyResult<Telemetry> {
-        self.call(py, |link| {
-            link.set_rate(Stream::Telemetry, 1)?;
-            while link.next_event(Instant::now())?.is_some() {}
-            await_event(link, |event| match event {
-                FromBoard::Telemetry(telemetry) => Some(telemetry),
-                _ => None,
-            })
-        })
-    }
-
-    /// The fault that stopped the board, as an exception.
-    fn fault(&mut self, py: Python<'_>) -> PyErr {
-        self.is_enabled = false;
-        let before = self.faults;
-        let log = match self.call(py, |link| link.faults()) {
-            Ok(log) => log,
-            Err(error) => return error,
-        };
-        let since = log.total.saturating_sub(before).max(1) as usize;
-        let fault = log.faults.get(log.faults.len().saturating_sub(since));
-        let text = fault.map_or_else(
-            || "no fault is recorded".to_owned(),
-            |fault| format!("{}\nSee {}", self.described(fault), troubleshooting::fault(fault.cause)),
-        );
-        FaultError::new_err(format!("the board is in fault: {text}"))
-    }
-
-    fn described(&self, fault: &tesaki::fault::Fault) -> String {
-        self.model.as_ref().map_or_else(|| fault.to_string(), |model| fault.named(model).to_string())
-    }
-
-    fn known_model(&self) -> PyResult<&RobotModel> {
-        self.model.as_ref().ok_or_else(|| RefusedError::new_err("the board has no robot model: push one"))
-    }
-
-    fn config(&self, task: &str, servo: &str, path: Option<PathBuf>) -> PyResult<TaskConfig> {
-        let needed =
-            |what: &str| PyValueError::new_err(format!("file is missing: the task {task} needs {what}"));
-        Ok(match task {
-            "joints" => TaskConfig::JointServo(match servo {
-                "observer" => ServoMode::Observer,
-                "pid" => ServoMode::Pid,
-                other => {
-                    return Err(PyValueError::new_err(format!(
-                        "servo is {other:?}: expected observer or pid"
-                    )));
-                }
-            }),
-            "impedance" => {
-                let path = path.ok_or_else(|| needed("an impedance file"))?;
-                TaskConfig::Impedance(impedance::load(&path, self.known_model()?).map_err(file)?)
-            }
-            "grasping" => TaskConfig::Grasping(()),
-            "telexistence" => {
-                let path = path.ok_or_else(|| needed("the robot's folder"))?;
-                let model = self.known_model()?;
-                let mut settings = RetargetingSettings::load(&path, model).map_err(file)?.task;
-                settings.limit_speeds(model.joints.iter().map(|joint| joint.limits.velocity));
-                TaskConfig::Telexistence(settings)
-            }
-            other => {
-                return Err(PyValueError::new_err(format!(
-                    "task is {other:?}: expected joints, impedance, grasping or telexistence"
-                )));
-            }
-        })
-    }
-
-    /// Writes the values of named joints into their places.
-    fn named(&self, values: &Bound<'_, PyDict>, places: &mut [f32]) -> PyResult<()> {
-        let names = self.joints();
-        for (name, value) in values.iter() {
-            let name: String = name.extract()?;
-            let value: f32 = value
-                .extract()
-                .map_err(|_| PyTypeError::new_err(format!("{name}: {value} is no angle in rad")))?;
-            if !value.is_finite() {
-                return Err(PyValueError::new_err(format!("{name}: {value} is no angle in rad")));
-            }
-            let place = names.iter().position(|known| *known == name).and_then(|joint| places.get_mut(joint));
-            *place.ok_or_else(|| {
-                let robot = self.model.as_ref().map_or("the board", |model| model.name.as_str());
-                PyValueError::new_err(format!(
-                    "{robot} has no joint {name:?}; its joints are {}",
-                    names.join(", ")
-                ))
-            })? = value;
-        }
-        Ok(())
-    }
-
-    /// Disables, and releases command, so that the next client does not wait for the lease to expire.
-    fn leave(&mut self) -> Result<(), Failure> {
-        if !std::mem::take(&mut self.is_open) {
-            return Ok(());
-        }
-        self.board.set_timeout(self.timeout.min(LAST_WORD));
-        let disabled = if std::mem::take(&mut self.is_enabled) { self.board.disable() } else { Ok(()) };
-        let _ = self.board.set_rate(Stream::Telemetry, 0);
-        let _ = self.board.ask("release command", Request::ReleaseCommand);
-        disabled
-    }
-}
-
-/// Takes command; that of a commander that has gone expires.
-fn take_command(link: &mut LinkBoard<Reopening>, by_force: bool) -> Result<(), Failure> {
-    let deadline = Instant::now() + Duration::from_millis(10 * u64::from(LEASE) + 200);
-    loop {
-        match link.take_command(by_force) {
-            Err(Failure::Refused { refusal: Refusal::Commanded { .. }, .. }) if Instant::now() < deadline => {
-                std::thread::sleep(Duration::from_millis(50));
-            }
-            other => return other,
-        }
-    }
-}
-
-/// What `find` finds first in what the board sends.
-fn await_event<T>(
-    link: &mut LinkBoard<Reopening>,
-    find: impl Fn(FromBoard) -> Option<T>,
-) -> Result<T, Failure> {
-    let deadline = Instant::now() + Duration::from_secs(1);
-    while let Some(event) = link.next_event(deadline)? {
-        if let Some(found) = find(event) {
-            return Ok(found);
-        }
-    }
-    Err(Failure::Timeout { seconds: 1.0 })
-}
-
 fn write(recording: &mut Recording, names: &[String], telemetry: &Telemetry) -> Result<(), McapError> {
     let time = u64::from(telemetry.tick) * TICK;
     let column = |value: &dyn Fn(&tesaki::protocol::JointTelemetry) -> f32| -> Vec<f64> {
@@ -740,10 +496,4 @@ fn write(recording: &mut Recording, names: &[String], telemetry: &Telemetry) -> 
         [column(&|joint| joint.position), column(&|joint| joint.velocity), column(&|joint| joint.torque)];
     recording.joint_states(time, names, &position, &velocity, &torque)?;
     recording.references(time, names, &column(&|joint| joint.reference), &[], &[])
-}
-
-/// A time argument [s].
-fn seconds(name: &str, value: f64) -> PyResult<Duration> {
-    Duration::try_from_secs_f64(value)
-        .map_err(|_| PyValueError::new_err(format!("{name} is {value}: expected seconds, 0 or more")))
 }

@@ -142,7 +142,7 @@ class Env(_gymnasium.Env if _gymnasium else object):
         scenario: its name.
         robot: another robot's folder.
         kind: what actions command; by default what suits the scenario's task.
-        trial: which of the scenario's trials, from 1. Those before run first, as the scenario wants.
+        trial: which of the scenario's trials, from 1. Those before run first, as the scenario requires.
         reward: ``reward(observation, info) -> float``.
     """
 

@@ -70,7 +70,7 @@ fn who_looks_on_gets_each_message_and_who_comes_late_the_last() {
     for (message, expected) in messages[1..].iter().zip(MESSAGES) {
         assert_eq!((message.time, hexadecimal(&message.data)), (START, (*expected).to_owned()));
     }
-    // The description and the objects; a pose of before is none of now.
+    // The description and the objects; an earlier pose is not kept.
     let kept: Vec<u16> = (0..5).filter(|&topic| publisher.sink().kept(topic).is_some()).collect();
     assert_eq!(kept, [0, 4]);
     publisher.objects(START + 1, &[]).unwrap();

@@ -83,7 +83,7 @@ pub(crate) struct ImpedanceTable {
 }
 
 #[derive(Clone, Copy, Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "a table with `translation` and `rotation`, or with `matrix`")]
 struct Axes {
     translation: Option<Three>,
     rotation: Option<Three>,

@@ -77,6 +77,13 @@ fn what_is_wrong_is_said_with_line_and_key() {
     let expected =
         format!("{}: release.damping has 0 values; possible are 1 to 16", line("[release]", "damping"));
     assert!(said.starts_with(&expected), "{said}");
+    let said = complaint("displacement = 0.03", "displacement = 0.2");
+    assert!(said.contains("release.displacement is 0.2 m; the range is 0.001 to 0.15 m"), "{said}");
+    let long = format!("title = \"{}\"", "law ".repeat(16));
+    let said = complaint("title = \"the paper's law\"", &long);
+    assert!(said.contains(": title has 63 characters; possible are 1 to 60"), "{said}");
+    let said = complaint("mass = {", "mass = 1.5 # {");
+    assert!(said.contains("expected a table with `translation` and `rotation`, or with `matrix`"), "{said}");
     let said = complaint("amplitude = 0.1 ", "amplitude = 0.2 ");
     let expected =
         format!("{}: follow.amplitude is 0.2 m; the range is 0.001 to 0.12 m", line("[follow]", "amplitude"));

@@ -70,6 +70,12 @@ fn what_is_wrong_is_named_with_its_line() {
         ("{ constant = 0.023 }", "{ constant = 23.0 }", "mass of the object is 23 kg"),
         ("strength = 4.0", "strength = 40.0", "internal force is 40 N"),
         ("evaluated = 2.0", "evaluated = 5.0", "force.evaluated is 5 s; the range is 0.01 to 4 s"),
+        (
+            "evaluated = 2.0                  # s, from",
+            "evaluated = 2.6                  # s, from",
+            "motion.evaluated is 2.6 s; the range is 0.01 to 2.5 s",
+        ),
+        ("title = \"the paper's law\"", "title = \" \"", "title has 0 characters; possible are 1 to 60"),
         ("[0.05, 0.1", "[0.0, 0.1", "weights.masses is 0 kg"),
         ("turns = [0.1", "turns = [1.1", "motion.turns is 1.1 rad"),
         ("efficiency = [1.0,", "efficiency = [0.1,", "force.efficiency is 0.1; the range is 0.3 to 1"),

@@ -118,7 +118,7 @@ fn a_chain_ends_in_the_farthest_of_the_leaves_that_are_fixed_to_its_last_body() 
         ("camera", "finger1_upper", "0.001", "finger1_tip"),
         ("nail", "finger1_upper", "0.09", "nail"),
         ("nail", "finger1_tip", "0.002", "nail"),
-        // A leaf on another body is none of the last.
+        // A leaf on another body is no part of the last.
         ("motor", "finger1_lower", "0.5", "finger1_tip"),
     ] {
         let urdf = text("robot.urdf").replace("</robot>", &more(name, parent, z));

@@ -88,7 +88,7 @@ pub enum BoardError {
 }
 
 impl BoardError {
-    /// The board refused to do `action`. A board that wants a greeting although it speaks the same version of
+    /// The board refused to do `action`. A board that requires a greeting although it speaks the same version of
     /// the protocol has forgotten this client: it was reset.
     pub const fn refused(action: &'static str, refusal: Refusal) -> Self {
         match refusal {

@@ -236,7 +236,7 @@ fn margin_least_force_friction_and_limit_can_be_options() {
     has(&got, 1, &[("normal1", 0.5), ("used1", 0.2), ("normal2", 0.5), ("used2", 0.2)]);
     // What the table says counts more.
     let (got, _) = grip(&["--friction", "0.1", "--max", "20"], &table.replace("0,0,,0", "0,0,0.9,0"));
-    // Half a newton each, lest it turn: the contact with little friction wants the push.
+    // Half a newton each, lest it turn: the contact with little friction needs the push.
     has(&got, 0, &[("normal1", 5.0), ("used1", 1.0), ("normal2", 5.0), ("used2", 1.0 / 9.0)]);
     let (got, _) = grip(&["--friction", "0.5", "--max", "0.9"], table);
     assert_eq!(got["verdict"], ["cannot-hold", "held"]);

@@ -89,7 +89,7 @@ def minimum_jerk(s):
     return s**3 * (10 - 15 * s + 6 * s * s)
 
 
-def wanted(name, t):
+def reference(name, t):
     """Where the hand is off its start along x, and the yaw."""
     if name == "follow":
         # Begins softly.
@@ -118,7 +118,7 @@ def run(case, stiffness, damping):
     begin = hand(model, scratch, START)[0]
     path, q = [], START
     for half in range(-1, 2 * ticks + 4):
-        x, yaw = wanted(name, max(half, 0) * PERIOD / 2)
+        x, yaw = reference(name, max(half, 0) * PERIOD / 2)
         q = angles(model, scratch, begin + [x, 0, 0], yaw, q)
         path.append(q)
     at = lambda tick: path[2 * tick + 1]

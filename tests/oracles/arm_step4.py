@@ -52,18 +52,18 @@ rows = []
 random = np.random.default_rng(11)
 for angles in ([0, 0, 0, np.pi / 2, 0, 0, 0], [0.9, 0.3, -0.4, 1.2, 0.3, 0.4, -0.2], [0.3, 0.6, 0.8, 1.9, -0.9, -0.5, 0.6]):
     angles = np.array(angles, dtype=float)
-    velocities, wanted = random.uniform(-1, 1, 7), random.uniform(-2, 2, 6)
+    velocities, desired = random.uniform(-1, 1, 7), random.uniform(-2, 2, 6)
     driven = random.uniform(2, 5)
     j = jacobian(angles)
     bias = (jacobian(angles + velocities * STEP) - jacobian(angles - velocities * STEP)) / (2 * STEP) @ velocities
     others = [joint for joint in range(7) if joint != DRIVEN]
     results = []
-    for right in (wanted - bias, wanted - bias - j[:, DRIVEN] * driven):
+    for right in (desired - bias, desired - bias - j[:, DRIVEN] * driven):
         accelerations = np.zeros(7)
         accelerations[others] = np.linalg.solve(j[:, others], right)
         accelerations[DRIVEN] = driven
         results.append(accelerations)
-    results.append(np.linalg.pinv(j) @ (wanted - bias))
-    values = ", ".join(map(rust, (angles, velocities, wanted)))
+    results.append(np.linalg.pinv(j) @ (desired - bias))
+    values = ", ".join(map(rust, (angles, velocities, desired)))
     rows.append(f"({values}, {driven:.9e}, {', '.join(map(rust, results))}),\n")
 write("arm_step4.in", __file__, COLUMNS, "&[\n" + "".join(rows) + "]\n")

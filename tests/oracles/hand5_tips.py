@@ -62,13 +62,13 @@ def main():
             rows = list(csv.DictReader(file))
         assert len(rows) == len(frames)
         worst = 0.0
-        for row, (_, wanted) in zip(rows, frames):
+        for row, (_, expected) in zip(rows, frames):
             found = tips(model, mimics, {name: float(row[name]) for name in names})
-            worst = max(worst, np.abs((found[1:] - found[0]) - (wanted[1:] - wanted[0])).max())
+            worst = max(worst, np.abs((found[1:] - found[0]) - (expected[1:] - expected[0])).max())
         print(f"{1e3 * worst:.4f} mm")
         return
     header = ",".join(["time"] + [f"{finger}_{axis}" for finger in FINGERS for axis in "xyz"])
-    lines = [header] + [",".join(f"{x:.6f}" for x in [time, *wanted.ravel()]) for time, wanted in frames]
+    lines = [header] + [",".join(f"{x:.6f}" for x in [time, *expected.ravel()]) for time, expected in frames]
     (DATA / "hand5_tips.csv").write_text("\n".join(lines) + "\n")
 
 

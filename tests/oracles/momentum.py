@@ -60,8 +60,8 @@ for tick in range(TICKS):
     q, v = state[:7], state[7:14]
     aim = START + SWING * (1 - np.cos(5 * time))
     rate = SWING * 5 * np.sin(5 * time)
-    wanted = SWING * 25 * np.cos(5 * time) + 400 * (aim - q) + 40 * (rate - v)
-    torque = pin.rnea(model, data, q, v, wanted)
+    desired = SWING * 25 * np.cos(5 * time) + 400 * (aim - q) + 40 * (rate - v)
+    torque = pin.rnea(model, data, q, v, desired)
     parts = [f"[{', '.join(f'{value:.9e}' for value in values)}]" for values in (q, torque, filtered_before)]
     rows.append(f"({', '.join(parts)}),\n")
     h = PERIOD / STEPS

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Times of other libraries' kinematics on this machine, on one thread: prints tables, makes no file.
 
-Runs what is installed, for the two may want environments of their own:
+Runs what is installed, for the two may need environments of their own:
 
     pip install pin                            # forward kinematics with Jacobian of the Panda
     pip install roboticstoolbox-python         # inverse kinematics of the UR5e: ik_LM, its core in C++

@@ -8,7 +8,7 @@ Every control period of 10 ms the torque is
     torque = feedforward + stiffness * (reference - position)
 
 and each row of the result has feedforward, reference and position at the start of the period, for nine joints.
-The script also prints what a person wants to know of the hand: gravity torques and inertias at the initial posture.
+The script also prints what one may ask about the hand: gravity torques and inertias at the initial posture.
 """
 
 from pathlib import Path
@@ -88,9 +88,9 @@ def run(case):
         # Torques of the middle of the period, which is what is held over it.
         forward = feedforward(model, scratch, case, t + PERIOD / 2)
         forward = forward.astype(np.float32).astype(float)
-        wanted = reference(case, t)[0]
-        rows.append((forward, wanted, data.qpos.copy()))
-        command = forward + case[3] * (wanted - data.qpos)
+        desired = reference(case, t)[0]
+        rows.append((forward, desired, data.qpos.copy()))
+        command = forward + case[3] * (desired - data.qpos)
         if output is None:
             # From rest: the drives start without torque.
             output, target = np.zeros(9), np.zeros(9)

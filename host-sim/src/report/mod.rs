@@ -40,4 +40,4 @@ pub use figure::{Event, Figure, Line, LineStyle, Mark, Panel, Phase};
 pub use page::{Page, figure_files};
 pub use summary::{Bound, Metric, Summary, json};
 pub use terminal::table;
-pub use write::{WriteError, write};
+pub use write::{WriteError, create, write};

@@ -36,8 +36,16 @@ pub enum WriteError {
 /// Each file is written beside its final place and then renamed, so that a reader, or a run that is
 /// interrupted, never leaves half a file under its name.
 pub fn write(dir: &Path, files: &[(impl AsRef<str>, impl AsRef<str>)]) -> Result<Vec<PathBuf>, WriteError> {
-    fs::create_dir_all(dir).map_err(|source| WriteError::Directory { path: dir.to_owned(), source })?;
+    create(dir)?;
     files.iter().map(|(name, contents)| write_one(dir, name.as_ref(), contents.as_ref())).collect()
+}
+
+/// Makes the directory `dir`, unless it is there: before a long run, which would be for nothing.
+///
+/// # Errors
+/// It cannot be made.
+pub fn create(dir: &Path) -> Result<(), WriteError> {
+    fs::create_dir_all(dir).map_err(|source| WriteError::Directory { path: dir.to_owned(), source })
 }
 
 fn write_one(dir: &Path, name: &str, contents: &str) -> Result<PathBuf, WriteError> {

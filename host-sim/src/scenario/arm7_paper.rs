@@ -12,8 +12,9 @@ use super::arm::{ArmRig, ArmTrial, Machine};
 use super::common::{T, capitalized, clear_faults, require_duration};
 use super::unilateral::{Operator, Slave};
 use super::{Outcome, Scenario, ScenarioError, Setting};
+use crate::law::tell_apart;
 use crate::operator::LinkValues;
-use crate::report::{Line, Metric, Summary};
+use crate::report::{Figure, Line, Metric, Summary};
 
 pub(super) const SCENARIO: Scenario = Scenario {
     name: "arm7-paper",
@@ -66,7 +67,10 @@ impl NamedLaw {
             let (key, colour) = (file.name.replace('-', "_"), colour % Line::INK);
             Ok(Self { key, colour, law, faults: Cell::new(0) })
         });
-        laws.collect()
+        let mut laws = laws.collect::<Result<Vec<Self>, ScenarioError>>()?;
+        let titles = laws.iter_mut().map(|law| &mut law.law.title);
+        tell_apart(setting.laws.iter().map(|file| file.name.as_str()).zip(titles));
+        Ok(laws)
     }
 
     /// A section of the law, which this scenario runs.
@@ -128,6 +132,43 @@ impl NamedLaw {
     }
 }
 
+/// Runs `trial` under every law on every machine; `figures` draws those on one machine.
+pub(super) fn compare<'a, T>(
+    setting: &mut Setting<'_, '_>,
+    scenario: &Scenario,
+    mut rig: ArmRig,
+    laws: &'a [NamedLaw],
+    trial: impl Fn(
+        &mut Setting<'_, '_>,
+        &mut ArmRig,
+        &'a NamedLaw,
+        Machine,
+        &str,
+    ) -> Result<Recorded<T>, ScenarioError>,
+    add_metrics: impl Fn(&mut Summary, &T, &str, &str),
+    draw: impl Fn(&[T], &str) -> Vec<Figure>,
+) -> Result<Outcome, ScenarioError> {
+    let mut summary = Summary::new(scenario.name, "", setting.seed);
+    let (mut figures, mut tables) = (Vec::new(), Vec::new());
+    for (key, name, machine) in MACHINES {
+        let mut traces = Vec::new();
+        for law in laws {
+            let trial = trial(setting, &mut rig, law, machine, name);
+            let Some((trace, table)) = law.survives(setting, trial)? else { continue };
+            add_metrics(&mut summary, &trace, key, name);
+            tables.push((format!("{key}_{}.csv", law.key), table));
+            traces.push(trace);
+        }
+        figures.extend(draw(&traces, name));
+    }
+    laws.iter().for_each(|law| law.add_faults(&mut summary));
+    let summary = summary.ticks(u64::from(rig.motion.ticks()));
+    Ok(Outcome { summary, figures, tables, motion: rig.motion })
+}
+
+/// What a trial leaves, and its table as CSV.
+pub(super) type Recorded<T> = (T, String);
+
 /// A link as a law says.
 pub(super) const fn link(table: &LinkTable) -> LinkValues {
     let LinkTable { delay, jitter, loss } = *table;
@@ -138,6 +179,11 @@ pub(super) const fn link(table: &LinkTable) -> LinkValues {
 fn damping_key(damping: f32) -> String {
     format!("b{damping}").replace('.', "_")
 }
+
+/// B [N·s/m], overshoot [mm], error at the reversals [mm], from `tests/oracles/printed_arm.py`: a mass with the
+/// acceleration of step 3, held for a period, released, and after the samples of a master.
+#[cfg(test)]
+const PRINTED: &[[f64; 3]] = include!("../../../tests/oracles/data/printed_arm.in");
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     require_duration(&SCENARIO, setting)?;

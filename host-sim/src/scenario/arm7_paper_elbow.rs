@@ -7,7 +7,7 @@ use tesaki_description::law::arm::ElbowExperiment;
 
 use super::arm::{ArmRig, ArmSample, ArmTrial, Machine};
 use super::arm7_elbow::{elbow_position, hand_motion};
-use super::arm7_paper::{MACHINES, NamedLaw, link};
+use super::arm7_paper::{NamedLaw, Recorded, compare, link};
 use super::common::{T, capitalized, require_duration};
 use super::unilateral::{Operator, tool_pose};
 use super::{Outcome, Scenario, ScenarioError, Setting};
@@ -93,24 +93,9 @@ fn elbow_angle(sample: &ArmSample) -> f64 {
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     require_duration(&SCENARIO, setting)?;
-    let mut rig = ArmRig::load(setting)?;
+    let rig = ArmRig::load(setting)?;
     let laws = NamedLaw::load_all(setting, &rig)?;
-    let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
-    let (mut figures, mut tables) = (Vec::new(), Vec::new());
-    for (key, name, machine) in MACHINES {
-        let mut traces = Vec::new();
-        for law in &laws {
-            let trial = swing(setting, &mut rig, law, machine, name);
-            let Some((trace, table)) = law.survives(setting, trial)? else { continue };
-            add_metrics(&mut summary, &trace, key, name);
-            tables.push((format!("{key}_{}.csv", law.key), table));
-            traces.push(trace);
-        }
-        figures.push(figure(&traces, name));
-    }
-    laws.iter().for_each(|law| law.add_faults(&mut summary));
-    let summary = summary.ticks(u64::from(rig.motion.ticks()));
-    Ok(Outcome { summary, figures, tables, motion: rig.motion })
+    compare(setting, &SCENARIO, rig, &laws, swing, add_metrics, |traces, name| vec![figure(traces, name)])
 }
 
 fn swing<'a>(
@@ -119,7 +104,7 @@ fn swing<'a>(
     law: &'a NamedLaw,
     machine: Machine,
     name: &str,
-) -> Result<(ElbowTrace<'a>, String), ScenarioError> {
+) -> Result<Recorded<ElbowTrace<'a>>, ScenarioError> {
     let (seed, experiment, follow) = (setting.seed, *law.need(&law.law.elbow, "[elbow]")?, law.follow()?);
     let label = format!("{}, {name}", law.law.title);
     let mut arm_trial = ArmTrial::begin(setting, rig, &label, machine, law.law.settings)?;

@@ -5,7 +5,7 @@ use tesaki::control::{Impedance, ImpedanceAxes};
 use tesaki_description::law::arm::PushExperiment;
 
 use super::arm::{ArmRig, ArmSample, ArmTrial, Machine};
-use super::arm7_paper::{MACHINES, NamedLaw};
+use super::arm7_paper::{NamedLaw, Recorded, compare};
 use super::common::{T, capitalized, require_duration};
 use super::unilateral::tool_pose;
 use super::{Outcome, Scenario, ScenarioError, Setting};
@@ -164,25 +164,11 @@ fn translation(displacement: &Vector6<f64>) -> Vector3<f64> {
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     require_duration(&SCENARIO, setting)?;
-    let mut rig = ArmRig::load(setting)?;
+    let rig = ArmRig::load(setting)?;
     let laws = NamedLaw::load_all(setting, &rig)?;
-    let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
-    let (mut figures, mut tables) = (Vec::new(), Vec::new());
-    for (key, name, machine) in MACHINES {
-        let mut traces = Vec::new();
-        for law in &laws {
-            let trial = push(setting, &mut rig, law, machine, name);
-            let Some((trace, table)) = law.survives(setting, trial)? else { continue };
-            add_metrics(&mut summary, &trace, key, name);
-            tables.push((format!("{key}_{}.csv", law.key), table));
-            traces.push(trace);
-        }
-        figures.push(plane(&traces, name));
-        figures.push(timeline(&traces, name));
-    }
-    laws.iter().for_each(|law| law.add_faults(&mut summary));
-    let summary = summary.ticks(u64::from(rig.motion.ticks()));
-    Ok(Outcome { summary, figures, tables, motion: rig.motion })
+    compare(setting, &SCENARIO, rig, &laws, push, add_metrics, |traces, name| {
+        vec![plane(traces, name), timeline(traces, name)]
+    })
 }
 
 fn push<'a>(
@@ -191,7 +177,7 @@ fn push<'a>(
     law: &'a NamedLaw,
     machine: Machine,
     name: &str,
-) -> Result<(PushTrace<'a>, String), ScenarioError> {
+) -> Result<Recorded<PushTrace<'a>>, ScenarioError> {
     let experiment = &law.law.push;
     let label = format!("{}, {name}", law.law.title);
     let mut arm_trial = ArmTrial::begin(setting, rig, &label, machine, law.law.settings)?;

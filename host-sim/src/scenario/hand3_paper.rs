@@ -14,6 +14,7 @@ use tesaki_description::law::hand::{self, HandLaw, ObjectLaw};
 
 use super::grasping::{GraspLog, GraspRig, GraspSample, GraspTrial, GraspedObject};
 use super::{Scenario, ScenarioError, Setting};
+use crate::law::tell_apart;
 use crate::report::{Metric, Summary};
 
 pub(super) const FORCE: Scenario = force::SCENARIO;
@@ -44,7 +45,9 @@ fn laws(setting: &Setting<'_, '_>, model: &RobotModel) -> Result<Vec<Law>, Scena
         law.servo.apply(&mut model);
         Ok(Law { name: file.name.clone(), key, law, model })
     };
-    setting.laws.iter().map(read).collect()
+    let mut laws = setting.laws.iter().map(read).collect::<Result<Vec<Law>, ScenarioError>>()?;
+    tell_apart(laws.iter_mut().map(|law| (law.name.as_str(), &mut law.law.title)));
+    Ok(laws)
 }
 
 impl Law {

@@ -1,7 +1,7 @@
 //! Laws of an arm: how a slave arm is controlled, and the experiments of Arm7.
 //!
 //! ```toml
-//! title = "the paper's law"
+//! title = "the paper's law" # in figures and tables
 //!
 //! [control]             # as a file in `impedances/`
 //! law = "direct"
@@ -397,7 +397,8 @@ impl File {
 impl ArmLaw {
     fn problems(&self, model: &RobotModel) -> Vec<Wrong> {
         let Self { release, follow, elbow, push, .. } = self;
-        let max_displacement = 0.5 * f64::from(self.settings.max_deviation[0]);
+        // To the millimetre: what is printed of it is no single-precision number.
+        let max_displacement = (500.0 * f64::from(self.settings.max_deviation[0])).round() / 1e3;
         let mut ranges = vec![
             ("push.ramp", push.ramp, [0.0, MAX_TIME], "s"),
             ("push.time", push.time, [0.1, MAX_TIME], "s"),
@@ -441,11 +442,12 @@ impl ArmLaw {
             .chain(dampings)
             .chain(self.wrong_release())
             .chain(push.wrong_forces())
+            .chain(Wrong::title(&self.title))
             .chain(self.wrong_bilateral(model))
             .collect()
     }
 
-    /// That the release is none of this impedance, if it is.
+    /// That the theory of the release does not hold for this impedance, if it does not.
     fn wrong_release(&self) -> Option<Wrong> {
         let Impedance { axes, coupling, .. } = self.settings.impedance;
         let is_simple = axes == ImpedanceAxes::Base && coupling.is_none();

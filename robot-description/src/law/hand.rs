@@ -1,7 +1,7 @@
 //! Laws of a hand: its joint servo, how it holds an object, and the experiments of the Hand3 paper.
 //!
 //! ```toml
-//! title = "what the law is"
+//! title = "my law"                # in figures
 //!
 //! [servo]                         # Hand3 section 4, figure 6: every joint steps
 //! mode = "bare_pid"               # or "pid", "observer"
@@ -74,7 +74,7 @@ const MAX_TIME: f64 = 60.0;
 /// A law of a hand, and the experiments with it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HandLaw {
-    /// What it is, in a sentence.
+    /// What it is called in figures.
     pub title: String,
     /// The joint servo, and the step that its joints make.
     pub servo: ServoExperiment,
@@ -467,7 +467,7 @@ impl Grasp {
 
 impl HandLaw {
     fn problems(&self, model: &RobotModel) -> Vec<Wrong> {
-        let mut wrong = Vec::new();
+        let mut wrong = Vec::from_iter(Wrong::title(&self.title));
         let mut within = |section: &str, key: &str, value: f64, range, unit: &str| {
             wrong.extend(Wrong::outside(&format!("{section}.{key}"), value, range, unit));
         };
@@ -502,7 +502,7 @@ impl HandLaw {
             within(section, "duration", motion.duration, [0.1, MAX_TIME], "s");
             within(section, "rest", motion.rest, [0.1, MAX_TIME], "s");
             within(section, "initial_rest", motion.initial_rest, [0.1, MAX_TIME], "s");
-            within(section, "evaluated", motion.evaluated, [0.01, MAX_TIME], "s");
+            within(section, "evaluated", motion.evaluated, [0.01, motion.rest], "s");
             within(section, "integral", count(&motion.integral), [0.0, 32.0], "values");
             motion.integral.iter().for_each(|&gain| within(section, "integral", gain, [0.0, 1e6], "N/(m·s)"));
         }

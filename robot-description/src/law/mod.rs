@@ -17,6 +17,9 @@ use crate::urdf;
 /// Name of the folder of such files in a robot folder.
 pub const FOLDER: &str = "laws";
 
+/// Largest number of characters in a title.
+const MAX_TITLE: usize = 60;
+
 /// Why a law cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum LawFileError {
@@ -78,6 +81,17 @@ struct Wrong {
 impl Wrong {
     fn new(key: impl Into<String>, message: impl Into<String>) -> Self {
         Self { keys: vec![key.into()], message: message.into() }
+    }
+
+    /// That a title is of no use in figures, if it is not.
+    fn title(title: &str) -> Option<Self> {
+        let length = title.trim().chars().count();
+        (!(1..=MAX_TITLE).contains(&length)).then(|| {
+            Self::new(
+                "title",
+                format!("title has {length} characters; possible are 1 to {MAX_TITLE}, as in figures"),
+            )
+        })
     }
 
     /// That one of the values is outside their range, if one is.

@@ -68,7 +68,7 @@ pub struct LimitSettings {
     pub torque: Option<f32>,
 }
 
-/// See [`tesaki::model::Friction`]. What is left out is that of the URDF.
+/// See [`tesaki::model::Friction`]. Values that are left out are those of the URDF.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FrictionSettings {

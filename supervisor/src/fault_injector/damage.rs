@@ -110,7 +110,7 @@ impl Damage {
         damage
     }
 
-    /// Lets `bytes` pass and appends what is left of them to `out`.
+    /// Lets `bytes` pass and appends those that remain to `out`.
     pub fn pass(&mut self, bytes: &[u8], out: &mut Vec<u8>) {
         for &byte in bytes {
             self.injected.bytes += 1;

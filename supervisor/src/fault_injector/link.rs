@@ -146,7 +146,7 @@ impl<L: ByteLink> ByteLink for FaultyLink<L> {
             }
             let wakes = [self.inward.due(), self.outward.due()];
             let wake = wakes.into_iter().flatten().fold(deadline, Instant::min);
-            // Receives into the caller's buffer for want of another; the bytes go through the queue.
+            // Receives into the caller's buffer as there is no other; the bytes go through the queue.
             let length = self.link.receive(buffer, wake)?;
             if let Some(bytes) = buffer.get(..length).filter(|bytes| !bytes.is_empty()) {
                 self.inward.push(bytes, &self.faults);

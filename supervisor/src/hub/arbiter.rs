@@ -18,7 +18,7 @@ const MAX_EXPORTS: u32 = 3;
 
 /// Shares out what a board has only once: the rate of each stream, and the copy of an export.
 ///
-/// The board sends each stream at the highest rate that a connection wants. An export is read by the hub, one
+/// The board sends each stream at the highest rate that a connection requests. An export is read by the hub, one
 /// after the other, and each connection then reads a copy of its own. All other frames pass unchanged.
 #[derive(Debug)]
 pub(super) struct Arbiter {
@@ -36,7 +36,7 @@ pub(super) struct Arbiter {
     answers: Vec<(u64, Vec<u8>)>,
 }
 
-/// What a connection wants of the board.
+/// What a connection requests of the board.
 #[derive(Debug, Default)]
 struct Connection {
     /// Periods of the streams [ticks].
@@ -58,7 +58,7 @@ struct Copy {
 /// Something that the hub asks of the board itself.
 #[derive(Debug)]
 enum Task {
-    /// Lowers the rate of a stream that nobody wants as high any more.
+    /// Lowers the rate of a stream that nobody requests as high any more.
     Rate(Stream),
     /// Reads an export.
     Export(Export),

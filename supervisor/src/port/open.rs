@@ -54,7 +54,7 @@ impl ByteLink for Port {
         let Some(Encryption { channel, out, .. }) = &mut self.encryption else {
             return stream::write_until(&self.file, &mut bytes, deadline);
         };
-        // What is left of the last one goes first, and a message is not begun before.
+        // The rest of the last message goes first, and no message is begun before.
         for content in [None, Some(bytes)] {
             if let Some(content) = content {
                 channel.seal(content, out)?;

@@ -26,7 +26,7 @@ unsafe extern "C" {
     ) -> c_int;
 }
 
-/// What the crate of libFuzzer wants to call; this program calls libFuzzer's driver itself.
+/// What the crate of libFuzzer calls; this program calls libFuzzer's driver itself.
 // SAFETY: no other function has this name.
 #[unsafe(no_mangle)]
 extern "Rust" fn rust_fuzzer_test_input(_: &[u8]) -> i32 {

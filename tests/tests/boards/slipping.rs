@@ -7,21 +7,21 @@ use tesaki_sim::plant::{ContactTruth, Load};
 use super::rig::{Rig, distance, natives};
 
 /// Ticks from the one in which a contact begins to slide under a sudden weight to the ones in which the
-/// wanted grip and the true one are a tenth firmer, and how far contacts slid [m].
+/// requested grip and the true one are a tenth firmer, and how far contacts slid [m].
 fn react(mut rig: Rig<Native>) -> (u32, u32, f64) {
-    // What rubbing would find without any error.
+    // What the friction probe would find without any error.
     rig.plan.friction = Some(rig.box_now().friction as f32);
     rig.grasp();
     rig.go(0.01, 0.0);
     rig.wait(200);
-    let wanted =
+    let requested =
         |now: &GraspTelemetry| now.target_forces.iter().flatten().map(|part| part * part).sum::<f32>().sqrt();
     let pressed =
         |rig: &Rig<Native>| rig.plant.contacts().iter().map(ContactTruth::normal_force).sum::<f64>();
     let way =
         |rig: &Rig<Native>| rig.plant.contacts().iter().map(|contact| contact.slip_path).fold(0.0, f64::max);
     let now = rig.tick().unwrap();
-    let (wanted_before, pressed_before, way_before) = (wanted(&now), pressed(&rig), way(&rig));
+    let (requested_before, pressed_before, way_before) = (requested(&now), pressed(&rig), way(&rig));
     rig.plant.load(Load { mass: 0.4, point: [0.0, 0.0, 0.03], ramp: 0.02 }).unwrap();
     let (mut slid, mut firmer, mut firm) = (None::<u32>, None::<u32>, None::<u32>);
     for tick in 0..100 {
@@ -31,7 +31,7 @@ fn react(mut rig: Rig<Native>) -> (u32, u32, f64) {
         if slides {
             slid = slid.or(Some(tick));
         }
-        if wanted(&now) > 1.1 * wanted_before {
+        if requested(&now) > 1.1 * requested_before {
             firmer = firmer.or(Some(tick));
         }
         if pressed(&rig) > 1.1 * pressed_before {
@@ -48,7 +48,7 @@ fn a_contact_that_begins_to_slide_is_answered_by_a_firmer_grip_within_three_tick
         let one = react(Rig::new(seed, None));
         let three = react(Rig::new(seed, natives()));
         println!(
-            "seed {seed}: ticks until wanted and pressed firmer, m slid: one board {one:?}, three {three:?}"
+            "seed {seed}: ticks until requested and pressed firmer, m slid: one board {one:?}, three {three:?}"
         );
         assert!(one.0 <= 2 && one.1 <= 2, "{one:?}");
         assert!(three.0 <= 3 && three.1 <= 3, "{three:?}");

@@ -71,13 +71,14 @@ fn joint_angles_reproduce_the_fingertips() {
     let drives: Vec<Drive> = robot.model.joints.iter().map(Drive::from).collect();
     let values = PlantValues::load(&path).unwrap();
     let mut worst = 0.0_f64;
-    let (angles, wanted) = (rows(&joints), rows(TIPS));
-    assert_eq!(angles.len(), wanted.len());
-    for (angles, wanted) in angles.into_iter().zip(wanted) {
+    let (angles, desired) = (rows(&joints), rows(TIPS));
+    assert_eq!(angles.len(), desired.len());
+    for (angles, desired) in angles.into_iter().zip(desired) {
         let options = PlantOptions { posture: Some(angles), ..PlantOptions::exact() };
         let plant = Plant::new(&robot.urdf, &drives, &values, &options).unwrap();
         let tips: Vec<f64> = plant.tips().into_iter().flat_map(|tip| tip.position).collect();
-        let errors = vectors(&tips).into_iter().zip(vectors(&wanted)).map(|(found, wanted)| found - wanted);
+        let errors =
+            vectors(&tips).into_iter().zip(vectors(&desired)).map(|(found, desired)| found - desired);
         worst = errors.fold(worst, |worst, error| worst.max(error.abs()));
     }
     // The filter follows within 0.2 mm.

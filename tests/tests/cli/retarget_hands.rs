@@ -112,21 +112,22 @@ fn public_hands_reproduce_vectors_and_pinch() {
             "{error}"
         );
         let folder = tesaki_tests::robot(robot);
-        let (found, wanted) = (rows(&out), rows(table));
-        assert_eq!(found.len(), wanted.len());
+        let (found, expected) = (rows(&out), rows(table));
+        assert_eq!(found.len(), expected.len());
         let (mut within, mut pinched) = (0, vec![f64::INFINITY; pinching]);
-        for (frame, (found, wanted)) in found.iter().zip(&wanted).enumerate() {
+        for (frame, (found, expected)) in found.iter().zip(&expected).enumerate() {
             let angles = &found[1..];
             for (angle, joint) in angles.iter().zip(&folder.model.joints) {
                 let (lower, upper) = (f64::from(joint.limits.lower), f64::from(joint.limits.upper));
                 assert!(*angle >= lower - 1e-6 && *angle <= upper + 1e-6, "{robot} {frame} {}", joint.name);
             }
             let found = vectors(robot, angles);
-            let wanted = &wanted[1 + 3 * fingers..];
-            let worst = found.iter().zip(wanted).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            let expected = &expected[1 + 3 * fingers..];
+            let worst = found.iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
             within += usize::from(worst < 5e-4);
             for (finger, smallest) in (1..).zip(&mut pinched) {
-                let [one, other] = [&found[..], wanted].map(|tips| length(&tips[3 * finger..3 * finger + 3]));
+                let [one, other] =
+                    [&found[..], expected].map(|tips| length(&tips[3 * finger..3 * finger + 3]));
                 // In a pinch the gap counts most of all.
                 assert!(
                     other > contact + 5e-3 || (one - other).abs() < 5e-4,
@@ -158,13 +159,13 @@ fn a_hand_whose_base_has_other_axes_moves_alike() {
     let path = turned.path().to_str().unwrap();
     let (code, out, error) = run(path, &["--bandwidth", "20"], table);
     assert_eq!(code, 0, "{error}");
-    let (found, wanted) = (rows(&out), rows(table));
-    let alike = |(found, wanted): (&Vec<f64>, &Vec<f64>)| {
-        let (tips, wanted) = (vectors(path, &found[1..]), &wanted[1 + 3 * fingers..]);
-        tips.chunks(3).zip(wanted.chunks(3)).all(|(a, b)| (length(a) - length(b)).abs() < 5e-4)
+    let (found, expected) = (rows(&out), rows(table));
+    let alike = |(found, expected): (&Vec<f64>, &Vec<f64>)| {
+        let (tips, expected) = (vectors(path, &found[1..]), &expected[1 + 3 * fingers..]);
+        tips.chunks(3).zip(expected.chunks(3)).all(|(a, b)| (length(a) - length(b)).abs() < 5e-4)
     };
-    let count = found.iter().zip(&wanted).filter(|&rows| alike(rows)).count();
-    assert!(count >= wanted.len() - 3, "{count} frames");
+    let count = found.iter().zip(&expected).filter(|&rows| alike(rows)).count();
+    assert!(count >= expected.len() - 3, "{count} frames");
 }
 
 /// An operator whose fingers are half as long again.

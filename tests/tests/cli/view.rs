@@ -84,9 +84,9 @@ impl Page {
         self.0.send(Message::text(value.to_string())).unwrap();
     }
 
-    /// The next message that `wanted` accepts.
+    /// The next message that is `accepted`.
     #[track_caller]
-    pub fn wait(&mut self, what: &str, wanted: impl Fn(&Value) -> bool) -> Value {
+    pub fn wait(&mut self, what: &str, accepted: impl Fn(&Value) -> bool) -> Value {
         let deadline = Instant::now() + Duration::from_secs(8);
         while Instant::now() < deadline {
             let text = match self.0.read() {
@@ -99,7 +99,7 @@ impl Page {
             if value["kind"] == "state" {
                 self.send(&json!({ "do": "seen", "n": value["n"] }));
             }
-            if wanted(&value) {
+            if accepted(&value) {
                 return value;
             }
         }

@@ -83,9 +83,9 @@ impl Line {
     }
 
     /// When such a request came last.
-    fn last(&self, wanted: impl Fn(&Request) -> bool) -> Option<Instant> {
+    fn last(&self, sought: impl Fn(&Request) -> bool) -> Option<Instant> {
         let requests = self.requests.lock().unwrap();
-        requests.iter().rev().find(|(_, request)| wanted(request)).map(|(at, _)| *at)
+        requests.iter().rev().find(|(_, request)| sought(request)).map(|(at, _)| *at)
     }
 
     /// How long after `since` the first stop came: it may still be on its way.

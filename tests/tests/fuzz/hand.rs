@@ -33,7 +33,7 @@ fn before_the_box(model: &RobotModel) -> heapless::Vec<f32, 16> {
 }
 
 /// What the encoders and the force sensors of a hand read whose joints do what they are told, roughly, and
-/// whose tips feel what they want to feel, roughly and not always.
+/// whose force sensors read what the task expects, roughly and not always.
 fn feel(
     random: &mut Random,
     node: &Node,
@@ -46,11 +46,12 @@ fn feel(
     let all = sensors.encoders.iter_mut().zip(&joints).zip(&model.joints).zip(home);
     for (((count, joint), config), home) in all {
         let sign = if config.encoder.reversed { -1.0 } else { 1.0 };
-        let wanted = (joint.reference - home) / std::f32::consts::TAU * config.encoder.counts_per_turn * sign;
+        let expected =
+            (joint.reference - home) / std::f32::consts::TAU * config.encoder.counts_per_turn * sign;
         *count = if random.one_in(2000) {
             random.next() as i32
         } else {
-            wanted as i32 + random.below(5) as i32 - 2
+            expected as i32 + random.below(5) as i32 - 2
         };
         angles.push(joint.reference);
     }

@@ -147,7 +147,7 @@ function solid(shape: SolidShape | ObjectShape): BufferGeometry {
   return new ExtrudeGeometry(outline, { depth: y, bevelEnabled: false }).rotateX(Math.PI / 2).translate(0, y / 2, 0);
 }
 
-/** Whether the processor draws, for want of a graphics card. */
+/** Whether the processor draws, as there is no graphics card. */
 function isSoftware(): boolean {
   const gl = document.createElement("canvas").getContext("webgl2");
   const info = gl?.getExtension("WEBGL_debug_renderer_info");

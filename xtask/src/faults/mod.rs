@@ -14,7 +14,7 @@ use clap::{Args, Subcommand};
 use tesaki_output::say;
 
 use crate::results::ResultsFile;
-use crate::sweep::{self, Partition, Simulator};
+use crate::sweep::{self, Simulator, Workload};
 use crate::test;
 use record::{CHECKED, FILE, Record, Run};
 
@@ -47,18 +47,8 @@ struct FaultsOptions {
     /// Keep the result in docs/fault-schedules.json
     #[arg(long)]
     record: bool,
-    /// Simulations at once [default: one a core]
-    #[arg(long)]
-    jobs: Option<usize>,
-    /// Part i of n, for the job arrays of a cluster; `faults merge` puts the parts together
-    #[arg(
-        long,
-        value_name = "I/N",
-        default_value = "1/1",
-        hide_default_value = true,
-        conflicts_with = "record"
-    )]
-    partition: Partition,
+    #[command(flatten)]
+    workload: Workload,
 }
 
 #[derive(Subcommand)]
@@ -107,9 +97,10 @@ fn check(simulator: &Simulator) -> Result<()> {
 fn run_seeds(options: &FaultsOptions) -> Result<()> {
     let simulator = Simulator::build()?;
     let commit = sweep::commit()?;
-    let mut file = ResultsFile::create(&test::out("faults").join(format!("{}.jsonl", options.partition)))?;
-    let seeds = options.partition.select(options.seeds.clone().collect());
-    let jobs = options.jobs.unwrap_or_else(sweep::cores);
+    let mut file =
+        ResultsFile::create(&test::out("faults").join(format!("{}.jsonl", options.workload.partition)))?;
+    let seeds = options.workload.partition.select(options.seeds.clone().collect());
+    let jobs = options.workload.jobs();
     let runs = run_all(&simulator, seeds, jobs, |run| {
         file.add(&Run { commit: Some(commit.clone()), ..run.clone() })
     })?;

@@ -58,9 +58,9 @@ pub fn run(options: &Options) -> Result<()> {
     for name in &options.targets {
         ensure!(names.contains(&name), "there is no target {name}; the targets are {names:?}");
     }
-    let wanted = |target: &&Target| options.targets.is_empty() || options.targets.contains(&target.name);
+    let chosen = |target: &&Target| options.targets.is_empty() || options.targets.contains(&target.name);
     let mut crashed = Vec::new();
-    for target in known.iter().filter(wanted) {
+    for target in known.iter().filter(chosen) {
         let run = fuzzer.run(target, options)?;
         say!("{}: {run}", target.name);
         if run.crashes > 0 {

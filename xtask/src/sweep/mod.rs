@@ -23,8 +23,8 @@ use crate::{test, tools};
 use merge::Run;
 pub use pool::Simulator;
 use record::{FOLDER, Sweep};
-pub use set::Partition;
 use set::Set;
+pub use set::Workload;
 
 const EXAMPLES: &str = "Examples:
   cargo xtask sweep                                  all scenarios on the 20 development machines
@@ -58,18 +58,8 @@ struct SweepOptions {
     /// With --record: also scenarios that answer as recorded
     #[arg(long, requires = "record")]
     force: bool,
-    /// Simulations at once [default: one a core]
-    #[arg(long)]
-    jobs: Option<usize>,
-    /// Part i of n, for the job arrays of a cluster; `sweep merge` puts the parts together
-    #[arg(
-        long,
-        value_name = "I/N",
-        default_value = "1/1",
-        hide_default_value = true,
-        conflicts_with = "record"
-    )]
-    partition: Partition,
+    #[command(flatten)]
+    workload: Workload,
 }
 
 #[derive(Subcommand)]
@@ -159,7 +149,7 @@ fn sweep(options: &SweepOptions) -> Result<()> {
     }
     let mut scenarios = if options.scenarios.is_empty() { known } else { options.scenarios.clone() };
     let set = if options.evaluation { Set::Evaluation } else { Set::Development };
-    let jobs = options.jobs.unwrap_or_else(cores);
+    let jobs = options.workload.jobs();
     if options.record && !options.force {
         scenarios = changed(&simulator, scenarios, set, jobs)?;
         if scenarios.is_empty() {
@@ -169,9 +159,9 @@ fn sweep(options: &SweepOptions) -> Result<()> {
     }
     // Seed by seed, so that the time left can be told from the first ones.
     let each = |seed| scenarios.iter().map(move |scenario| (scenario.clone(), seed));
-    let runs = options.partition.select(set.seeds().into_iter().flat_map(each).collect());
+    let runs = options.workload.partition.select(set.seeds().into_iter().flat_map(each).collect());
     let commit = commit()?;
-    let name = format!("{}-{}.jsonl", set.name(), options.partition);
+    let name = format!("{}-{}.jsonl", set.name(), options.workload.partition);
     let mut file = ResultsFile::create(&test::out("sweep").join(name))?;
     let mut results = Vec::new();
     simulator.run_all(&runs, jobs, |mut run| {
@@ -189,7 +179,7 @@ fn sweep(options: &SweepOptions) -> Result<()> {
     }
     let missed = print(&results)?;
     say!("\nAll runs: {}", path.display());
-    if !options.partition.is_whole() {
+    if !options.workload.partition.is_whole() {
         say!("When all parts are done: `cargo xtask sweep merge` with their files.");
         // A part is done when its machines were run; what they missed is in its file.
         return Ok(());

@@ -114,8 +114,8 @@ impl Sweep {
         Ok(text)
     }
 
-    /// Takes the limits of `impossible` metrics off the machine of a seed; returns whether that changed anything. A metric
-    /// that has no limit, or that the sweep does not have, is none of it.
+    /// Takes the limits of `impossible` metrics off the machine of a seed; returns whether that changed anything. Metrics
+    /// without a limit, and those that the sweep does not have, are passed over.
     ///
     /// # Errors
     /// When the machine was recorded without a limit that is possible: then it is not known whether it met it.

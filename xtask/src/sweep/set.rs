@@ -1,7 +1,7 @@
 //! The two sets of machines. The seed decides a machine's deviations from the model and its noise.
 
 use anyhow::{Context, Result, ensure};
-use clap::ValueEnum;
+use clap::{Args, ValueEnum};
 use serde::{Deserialize, Serialize};
 
 /// Evaluation machines that somebody has looked into, in the order in which that happened. Each is a
@@ -61,6 +61,30 @@ impl Set {
     pub fn of(seed: u64) -> Result<Self> {
         let set = Self::ALL.into_iter().find(|set| set.seeds().contains(&seed));
         set.with_context(|| format!("seed {seed} belongs to neither the development nor the evaluation set"))
+    }
+}
+
+/// How much of a sweep is done here, and how much of that at once. For options that have `--record`.
+#[derive(Args)]
+pub struct Workload {
+    /// Simulations at once [default: one a core]
+    #[arg(long)]
+    jobs: Option<usize>,
+    /// Part i of n, for the job arrays of a cluster; `merge` puts the parts together
+    #[arg(
+        long,
+        value_name = "I/N",
+        default_value = "1/1",
+        hide_default_value = true,
+        conflicts_with = "record"
+    )]
+    pub partition: Partition,
+}
+
+impl Workload {
+    /// How many simulations run at once.
+    pub fn jobs(&self) -> usize {
+        self.jobs.unwrap_or_else(super::cores)
     }
 }
 

@@ -239,12 +239,9 @@ fn table(curve: &Curve) -> String {
 #[cfg(test)]
 #[allow(clippy::unwrap_used, clippy::indexing_slicing, reason = "tests")]
 mod tests {
+    use super::super::PRINTED;
     use super::*;
     use crate::scenario::common::tests::with_setting;
-
-    /// B [N·s/m], overshoot [mm], error at the reversals [mm], from `tests/oracles/printed_arm.py` (a mass with the
-    /// acceleration of step 3, held for a period, after the samples of a master).
-    const PRINTED: &[[f64; 3]] = include!("../../../../tests/oracles/data/printed_arm.in");
 
     /// With little friction, the curve over the damping is that of the printed law; it is lowest between 7.5 and 30 N·s/m,
     /// where lag and resonance cancel. A law that damps the difference of the velocities is off by 0.2 mm at any damping.

@@ -123,13 +123,10 @@ fn figure(all: &[Releases<'_>], machine: &str) -> Figure {
 #[cfg(test)]
 #[allow(clippy::unwrap_used, clippy::indexing_slicing, reason = "tests")]
 mod tests {
+    use super::super::PRINTED;
     use super::*;
     use crate::scenario::arm::Machine;
     use crate::scenario::common::tests::with_setting;
-
-    /// B [N·s/m], overshoot [mm], error at the reversals [mm], from `tests/oracles/printed_arm.py` (a mass with the
-    /// acceleration of step 3, held for a period).
-    const PRINTED: &[[f64; 3]] = include!("../../../../tests/oracles/data/printed_arm.in");
 
     /// With little friction the printed law overshoots as a held acceleration does, which is more than the impedance would:
     /// at B 7.5 exp(−πζ/√(1 − ζ²)) = 0.5688 of the displacement, with ζ = 0.1768.

@@ -22,12 +22,7 @@ pub fn components(
     span: &Range<f64>,
     vector: impl Fn(&GraspSample) -> Vector3<f64>,
 ) -> Panel {
-    let samples = log.during(span);
-    let times: Vec<f64> = samples.iter().map(|sample| sample.time - span.start).collect();
-    xyz().into_iter().fold(panel, |panel, (axis, name)| {
-        let values = samples.iter().map(|sample| vector(sample)[axis]).collect();
-        panel.line(Line::solid(name, axis, times.clone(), values))
-    })
+    with_axes(panel, log, span, vector, |(axis, name), times, values| Line::solid(name, axis, times, values))
 }
 
 /// The same for the targets of these components, dashed in the same colours.
@@ -37,11 +32,24 @@ pub fn component_targets(
     span: &Range<f64>,
     vector: impl Fn(&GraspSample) -> Vector3<f64>,
 ) -> Panel {
+    with_axes(panel, log, span, vector, |(axis, name), times, values| {
+        Line::dashed(format!("{name} target"), axis, times, values)
+    })
+}
+
+/// A line for each axis, from times since the start of `span` [s] and the component.
+fn with_axes(
+    panel: Panel,
+    log: &GraspLog,
+    span: &Range<f64>,
+    vector: impl Fn(&GraspSample) -> Vector3<f64>,
+    line: impl Fn(Axis, Vec<f64>, Vec<f64>) -> Line,
+) -> Panel {
     let samples = log.during(span);
     let times: Vec<f64> = samples.iter().map(|sample| sample.time - span.start).collect();
-    xyz().into_iter().fold(panel, |panel, (axis, name)| {
-        let values = samples.iter().map(|sample| vector(sample)[axis]).collect();
-        panel.line(Line::dashed(format!("{name} target"), axis, times.clone(), values))
+    xyz().into_iter().fold(panel, |panel, axis| {
+        let values = samples.iter().map(|sample| vector(sample)[axis.0]).collect();
+        panel.line(line(axis, times.clone(), values))
     })
 }
 

@@ -40,7 +40,7 @@ pub(super) fn run(
             summary.insert(key, Metric::reported(text, 1e3 * friction, "mN·m"));
         }
         let (x, y) = points.iter().map(|&[coulomb, force]| (1e3 * coulomb, force)).unzip();
-        panel = panel.line(Line::solid(law.name.as_str(), number, x, y));
+        panel = panel.line(Line::solid(law.law.title.as_str(), number, x, y));
     }
     let caption = "Force of finger 1 on the box by its tared sensor when 2 N are commanded, over the Coulomb friction \
                    of all joints of the machine. The Hand3 paper reads 0.89 N (figure 11) and names the friction of \

@@ -5,6 +5,7 @@ use super::force::{hold, sensed};
 use super::motion::{Record, estimated_pose, move_box, shift_errors};
 use super::{Law, laws};
 use crate::report::{Figure, Line, Metric, Panel, Summary};
+use crate::scenario::common::require_duration;
 use crate::scenario::grasping::GraspRig;
 use crate::scenario::{Outcome, Scenario, ScenarioError, Setting};
 
@@ -27,6 +28,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
 };
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
+    require_duration(&SCENARIO, setting)?;
     let mut rig = GraspRig::load(setting)?;
     let laws = laws(setting, &rig.robot.model)?;
     let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
@@ -61,7 +63,7 @@ fn over_efficiency(
             efficiencies.push(percent);
             forces.push(sensed(law, &log).norm());
         }
-        panel = panel.line(Line::solid(law.name.as_str(), number, efficiencies, forces));
+        panel = panel.line(Line::solid(law.law.title.as_str(), number, efficiencies, forces));
     }
     rig.drives = drives;
     let caption = "Force of finger 1 on the box by its tared sensor when 2 N are commanded, over the fraction of the \
@@ -113,7 +115,7 @@ fn over_integral(
         let [first, second, x, z, turned] = values;
         let line = |what: &str, colour, values| {
             Line::solid(
-                format!("{}, {what}", law.name),
+                format!("{}, {what}", law.law.title),
                 (4 * number + colour) % Line::INK,
                 gains.clone(),
                 values,

@@ -6,7 +6,7 @@ use rapier3d::na::Vector3;
 
 use super::{LAWS, Law, Metrics, compare, curve, hold_box, laws, mean, weights};
 use crate::report::{Figure, Line, Panel, Summary};
-use crate::scenario::common::T;
+use crate::scenario::common::{T, require_duration};
 use crate::scenario::grasping::{GraspLog, GraspRig, GraspSample, table, xyz};
 use crate::scenario::{Outcome, Scenario, ScenarioError, Setting};
 
@@ -43,6 +43,7 @@ const PAPER_COMMANDED: [&str; 3] = ["1.48 N", "0 N", "−1.34 N"];
 const BEFORE: f64 = 2.0;
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
+    require_duration(&SCENARIO, setting)?;
     let mut rig = GraspRig::load(setting)?;
     let laws = laws(setting, &rig.robot.model)?;
     let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
@@ -137,7 +138,7 @@ fn figure(laws: &[Law], held: &[GraspLog]) -> Figure {
         }
         let samples = log.during(&span);
         let time: Vec<f64> = samples.iter().map(|sample| sample.time - span.start).collect();
-        let mut panel = Panel::new(law.name.as_str(), "force", "N");
+        let mut panel = Panel::new(law.law.title.as_str(), "force", "N");
         for (axis, name) in xyz() {
             let values = samples.iter().map(|sample| sample.estimates.sensed_forces[0][axis]).collect();
             panel = panel.line(Line::solid(name, axis, time.clone(), values));

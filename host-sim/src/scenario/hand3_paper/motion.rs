@@ -5,6 +5,7 @@ use tesaki_description::law::hand::MotionExperiment;
 
 use super::{LAWS, Law, Metrics, compare, hold_box, laws, step};
 use crate::report::{Figure, Line, Panel, Summary};
+use crate::scenario::common::require_duration;
 use crate::scenario::grasping::{GraspLog, GraspRig, GraspSample, table, xyz};
 use crate::scenario::{Outcome, Scenario, ScenarioError, Setting};
 
@@ -69,6 +70,7 @@ pub(super) fn estimated_pose(sample: &GraspSample) -> Pose {
 }
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
+    require_duration(&SCENARIO, setting)?;
     let mut rig = GraspRig::load(setting)?;
     let laws = laws(setting, &rig.robot.model)?;
     let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
@@ -259,7 +261,7 @@ fn attitude(laws: &[Law], place: &str, records: &[Record]) -> Figure {
     let title = format!("Hand3 {place}: attitude of the box");
     let mut figure = mark(Figure::stacked(title, caption, "time", "s"), records);
     for (law, record) in laws.iter().zip(records) {
-        let panel = Panel::new(law.name.as_str(), "pitch", "rad");
+        let panel = Panel::new(law.law.title.as_str(), "pitch", "rad");
         let mut panel = lines(panel, record, "pitch", 0, |(pitch, _)| pitch, |sample| sample.target[1].y);
         for pitch in PAPER_PITCHES {
             panel = panel.rule(pitch, format!("paper {pitch}"));
@@ -277,7 +279,8 @@ fn position(laws: &[Law], place: &str, records: &[Record]) -> Figure {
     let mut figure = mark(Figure::stacked(title, caption, "time", "s"), records);
     for (law, record) in laws.iter().zip(records) {
         for (axis, name) in xyz() {
-            let panel = Panel::new(format!("{}, {name}", law.name), "position", "cm").at_least(MIN_HEIGHT);
+            let panel =
+                Panel::new(format!("{}, {name}", law.law.title), "position", "cm").at_least(MIN_HEIGHT);
             let value = |(_, position): Pose| 1e2 * position[axis];
             let mut panel = lines(panel, record, name, axis, value, |sample| 1e2 * sample.target[0][axis]);
             if axis == 0 {

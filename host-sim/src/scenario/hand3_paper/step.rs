@@ -40,10 +40,10 @@ pub(super) fn run(
         add("step_error_peak", "step of the joints: largest error", errors(0.0));
         let end = 2.0 * law.law.servo.duration - law.law.servo.evaluated;
         add("step_error_rest", "step of the joints: largest error at rest", errors(end));
-        let mut angles = Panel::new(format!("{}: joint 2", law.name), "angle", "rad");
+        let mut angles = Panel::new(format!("{}: joint 2", law.law.title), "angle", "rad");
         angles = angles.line(Line::solid("true", 0, log.time.clone(), log.angle));
         angles = angles.line(Line::dashed("reference", Line::INK, log.time.clone(), log.reference));
-        let mut panel = Panel::new(format!("{}: errors", law.name), "error", "mrad");
+        let mut panel = Panel::new(format!("{}: errors", law.law.title), "error", "mrad");
         for (joint, values) in log.errors.into_iter().enumerate() {
             // A colour for the same joint of all fingers.
             let name = match joint {

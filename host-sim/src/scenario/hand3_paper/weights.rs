@@ -134,7 +134,7 @@ fn loads(laws: &[Law], records: &[Record]) -> Figure {
         let truth = |sample: &GraspSample| -record.down.dot(&(0..3).map(|finger| sample.force(finger)).sum());
         let truth = samples.iter().map(truth).collect();
         let internal = samples.iter().map(|sample| internal_forces(sample)[0].norm()).collect();
-        let panel = Panel::new(law.name.as_str(), "force", "N")
+        let panel = Panel::new(law.law.title.as_str(), "force", "N")
             .line(Line::solid("load, sensed", 0, time.clone(), sensed))
             .line(Line::solid("internal force of finger 1", 1, time.clone(), internal))
             .line(Line::dashed("load, true", Line::INK, time, truth));
@@ -150,7 +150,7 @@ fn forces(laws: &[Law], records: &[Record]) -> Figure {
     let mut figure = mark(figure, laws, records);
     for (law, record) in laws.iter().zip(records) {
         let span = record.span();
-        let panel = Panel::new(law.name.as_str(), "force", "N");
+        let panel = Panel::new(law.law.title.as_str(), "force", "N");
         let panel = components(panel, &record.log, &span, |sample| sample.estimates.sensed_forces[0]);
         let panel = component_targets(panel, &record.log, &span, |sample| sample.estimates.target_forces[0]);
         figure = figure.panel(panel);

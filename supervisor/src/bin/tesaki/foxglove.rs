@@ -86,7 +86,7 @@ struct Share {
     publication: Publication<Live>,
     model: Option<(RobotModel, u32)>,
     faults: Option<u32>,
-    /// Whether the streams are wanted, and when telemetry came last.
+    /// Whether the streams are requested, and when telemetry came last.
     streams: bool,
     heard: Instant,
 }
@@ -126,7 +126,7 @@ pub fn share(options: &Options, listen: SocketAddr, robot: Option<&Path>) -> Res
         share.turn()?;
     }
     if share.streams {
-        share.want_streams(false)?;
+        share.request_streams(false)?;
     }
     Ok(())
 }
@@ -134,7 +134,7 @@ pub fn share(options: &Options, listen: SocketAddr, robot: Option<&Path>) -> Res
 impl Share {
     fn turn(&mut self) -> Result<(), Failure> {
         if self.streams == self.clients.is_empty() {
-            self.want_streams(!self.streams)?;
+            self.request_streams(!self.streams)?;
         }
         let deadline = Instant::now() + if self.clients.is_empty() { IDLE } else { TURN };
         while let Some(event) = self.session.board.next_event(deadline)? {
@@ -159,12 +159,12 @@ impl Share {
         Ok(())
     }
 
-    fn want_streams(&mut self, wanted: bool) -> Result<(), Failure> {
+    fn request_streams(&mut self, requested: bool) -> Result<(), Failure> {
         for &(stream, every) in STREAMS {
-            let every = if wanted { every } else { 0 };
+            let every = if requested { every } else { 0 };
             self.session.board.post(Request::SetRate { stream, every })?;
         }
-        (self.streams, self.heard) = (wanted, Instant::now());
+        (self.streams, self.heard) = (requested, Instant::now());
         Ok(())
     }
 

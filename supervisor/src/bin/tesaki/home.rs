@@ -34,7 +34,7 @@ pub fn home(options: &Options, args: &Home) -> Result<(), Failure> {
     for (joint, angle) in model.joints.iter().zip(angles) {
         let angle = match (angle, args.others) {
             (Some(angle), _) => angle,
-            // The board ignores the angle, but wants one that is possible.
+            // The board ignores the angle, but requires one that is possible.
             (None, _) if !joint.encoder.relative => 0.0_f32.clamp(joint.limits.lower, joint.limits.upper),
             (None, Some(others)) => {
                 assumed.push(joint.name.as_str());

@@ -16,7 +16,7 @@ use crate::failure::Failure;
 use crate::find_circle::{self, Known, search};
 use crate::output;
 use crate::sight::Sight;
-use behavior::{Behavior, Wanted};
+use behavior::Behavior;
 use pictures::{Pictures, Taken};
 
 /// How long a picture is waited for before Ctrl-C is looked for.
@@ -95,14 +95,11 @@ impl Eye<'_> {
             size: Some(size),
             circle: circle.map(|circle| circle.map(Into::into)),
         };
-        let wanted = match &mut self.behavior {
+        let known = match &mut self.behavior {
             Some(behavior) => behavior.ask(&sight(None), &self.known),
-            None => Wanted::Search(self.known),
+            None => Some(self.known),
         };
-        let known = match wanted {
-            Wanted::Nothing => return Ok(()),
-            Wanted::Search(known) => known,
-        };
+        let Some(known) = known else { return Ok(()) };
         // A knob that is expected outside of the picture is not looked for.
         let searched = if is_outside(&known, size) {
             Ok((None, 0.0))

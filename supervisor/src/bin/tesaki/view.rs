@@ -91,7 +91,7 @@ struct Page {
     seen: u64,
     /// When it said something last.
     heard: Instant,
-    /// What it wants and has not got yet; nonsense with what is wrong with it.
+    /// What it has requested and has not got yet; nonsense with what is wrong with it.
     waiting: VecDeque<Result<Command, String>>,
     /// The last status that it was sent.
     told: String,
@@ -129,7 +129,7 @@ struct View {
     has_model: bool,
     /// Why there is no telemetry.
     silent: Option<&'static str>,
-    /// Whether the streams are wanted.
+    /// Whether the streams are requested.
     streams: bool,
 }
 
@@ -170,7 +170,7 @@ impl View {
     /// Listens to the board for a while, then to the pages.
     fn turn(&mut self) -> Result<(), Failure> {
         // Whether the robot has stopped is of interest even after the last page has gone.
-        self.want_streams(!self.pages.is_empty() || self.commander.is_stopping())?;
+        self.request_streams(!self.pages.is_empty() || self.commander.is_stopping())?;
         let wait = if self.pages.is_empty() { IDLE } else { TURN };
         self.listen(Instant::now() + wait)?;
         self.hear()?;
@@ -234,13 +234,13 @@ impl View {
     }
 
     /// Asks for the streams while somebody looks.
-    fn want_streams(&mut self, wanted: bool) -> Result<(), Failure> {
-        if wanted != self.streams {
+    fn request_streams(&mut self, requested: bool) -> Result<(), Failure> {
+        if requested != self.streams {
             for &(stream, every) in STREAMS {
-                let every = if wanted { every } else { 0 };
+                let every = if requested { every } else { 0 };
                 self.session.board.post(Request::SetRate { stream, every })?;
             }
-            self.streams = wanted;
+            self.streams = requested;
             self.heard = Instant::now();
         }
         Ok(())

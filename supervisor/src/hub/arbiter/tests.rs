@@ -115,7 +115,7 @@ fn the_board_sends_at_the_highest_rate_that_anybody_wants() {
         [(1, 5, 5), (2, 10, 5), (3, 2, 2), (2, 0, 2), (1, 0, 2), (3, 20, 20), (2, 4, 4), (3, 0, 4), (2, 0, 0)]
     {
         rig.set_rate(connection, every);
-        assert_eq!(rig.rates.last(), Some(&(Stream::Telemetry, rate)), "{connection} wants {every}");
+        assert_eq!(rig.rates.last(), Some(&(Stream::Telemetry, rate)), "{connection} requests {every}");
     }
     // The streams are apart.
     rig.set_rate(1, 1);

@@ -90,7 +90,7 @@ impl Machine {
     }
 }
 
-/// Moves the joints to where their references are, and presses the tips as the task wants it. Readings that
+/// Moves the joints to where their references are, and presses the tips as the task requires. Readings that
 /// never change would be faults.
 pub fn follow(rig: &mut Rig) {
     let tick = rig.sensors.sequence;

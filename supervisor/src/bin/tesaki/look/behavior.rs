@@ -16,13 +16,6 @@ const AGAIN: Duration = Duration::from_millis(200);
 /// Longest line [bytes].
 const MAX_LINE: usize = 1 << 12;
 
-/// What to look for in a picture.
-pub enum Wanted {
-    /// The behaviour does not need it.
-    Nothing,
-    Search(Known),
-}
-
 /// The behaviour at an address, whether it runs or not.
 pub struct Behavior {
     address: Address,
@@ -46,25 +39,25 @@ impl Behavior {
         self.stream.is_some()
     }
 
-    /// Asks what to look for in a picture; without a behaviour, for what is `known`.
-    pub fn ask(&mut self, question: &Sight, known: &Known) -> Wanted {
+    /// Asks what to look for in a picture; `None` when the behaviour does not need it. Without a behaviour, it is what
+    /// is `known`.
+    pub fn ask(&mut self, question: &Sight, known: &Known) -> Option<Known> {
         self.open();
         self.tell(question);
         let deadline = Instant::now() + ANSWER;
         while let Some(answer) = self.answer(deadline) {
             match answer {
                 Answer::Search { picture, search } if picture == question.picture => {
-                    let Some(search) = search else { return Wanted::Nothing };
-                    let search = Known::from(search);
+                    let search = Known::from(search?);
                     self.last = Some(search);
-                    return Wanted::Search(search);
+                    return Some(search);
                 }
                 Answer::Error { error } => self.troubles.push(format!("{} says: {error}", self.address)),
                 // That of an earlier picture came too late.
                 Answer::Search { .. } | Answer::Greeting { .. } => {}
             }
         }
-        Wanted::Search(self.last.unwrap_or(*known))
+        Some(self.last.unwrap_or(*known))
     }
 
     /// Sends a line, if the behaviour is there.

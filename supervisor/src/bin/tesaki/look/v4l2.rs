@@ -32,7 +32,7 @@ impl fmt::Display for Camera {
 }
 
 impl Camera {
-    /// Starts a camera; it may choose another size than the wanted one.
+    /// Starts a camera; it may choose another size than the requested one.
     pub fn open(device: &Path, size: [u32; 2]) -> std::result::Result<Self, Failure> {
         Self::start(device, size).map_err(|error| {
             // What a file that is no V4L2 device answers.
@@ -52,13 +52,13 @@ impl Camera {
             if !device.capabilities()?.device_capabilities().contains(CapabilityFlags::VIDEO_CAPTURE) {
                 return Err(Error::new(ErrorKind::InvalidInput, "it is no camera: it captures no video"));
             }
-            let wanted = PixelFormat::from_fourcc(*format);
-            let camera = device.video_capture(PixFormat::new(width, height, wanted))?;
+            let requested = PixelFormat::from_fourcc(*format);
+            let camera = device.video_capture(PixFormat::new(width, height, requested))?;
             let got = camera.format();
             let [width, height] = [got.width() as usize, got.height() as usize];
             // Some drivers leave it 0 where there is no padding.
             let stride = (got.bytes_per_line() as usize).max(width * bytes);
-            if got.pixel_format() == wanted {
+            if got.pixel_format() == requested {
                 return Ok(Self {
                     device: path.to_owned(),
                     stream: camera.into_stream()?,

@@ -18,7 +18,7 @@ const IDLE: Duration = Duration::from_millis(20);
 pub enum PageEvent {
     /// It has come.
     Opened(u64),
-    /// It wants something, since then. Nonsense comes with what is wrong with it.
+    /// It requests something, since then. Nonsense comes with what is wrong with it.
     Said(u64, Instant, Result<Command, String>),
     /// It has gone.
     Closed(u64),
@@ -49,7 +49,7 @@ impl Pages {
         self.address
     }
 
-    /// Set once a page wants a stop, until somebody clears it: before the stop is among the events.
+    /// Set once a page requests a stop, until somebody clears it: before the stop is among the events.
     pub const fn stop(&self) -> &Arc<AtomicBool> {
         &self.stop
     }

@@ -1,0 +1,195 @@
+//! `host-sim serve`.
+
+use std::error::Error;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use clap::Args;
+use tesaki::model::RobotModel;
+use tesaki_description::approach;
+use tesaki_description::grasp::load_placed;
+use tesaki_description::robot::RobotFolder;
+use tesaki_output::say;
+use tesaki_sim::camera::CameraValues;
+use tesaki_sim::door::{KnobDoor, hand_joints, hand_pose};
+use tesaki_sim::plant::{Drive, ObjectValues, Plant, PlantOptions, PlantValues};
+use tesaki_sim::qemu::Qemu;
+use tesaki_sim::scenario::scene::{on_support, open_posture};
+use tesaki_sim::serve::{ServedBoard, home_command, input_lines, serve};
+use tesaki_sim::served_camera::ServedCamera;
+use tesaki_sim::virtual_board::VirtualBoard;
+use tesaki_supervisor::hub::Hub;
+use tesaki_supervisor::port::{Address, Announcement, Key};
+
+use super::{ControllerKind, default_image, shown, workspace};
+
+#[derive(Args)]
+pub struct Serve {
+    /// Robot folder
+    #[arg(long, default_value_os_t = workspace().join("robots/hand3"))]
+    robot: PathBuf,
+    /// Where the control core runs
+    #[arg(long, value_enum, default_value_t = ControllerKind::Native)]
+    controller: ControllerKind,
+    /// Address for clients: unix://PATH or tcp://HOST:PORT; default: a new Unix socket
+    #[arg(long, value_parser = Address::socket)]
+    listen: Option<Address>,
+    /// Key file for a TCP address that other machines reach; `tesaki key FILE` makes one
+    #[arg(long, env = "TESAKI_KEY", value_name = "FILE")]
+    key: Option<PathBuf>,
+    /// Seed of the machine's deviations and noise
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Start with the fingers open around the object of this grasp, for example robots/hand3/grasps/box.toml
+    #[arg(long)]
+    grasp: Option<PathBuf>,
+    /// Object on a support at the pose that `--grasp` expects, for example robots/hand3/objects/box.toml
+    #[arg(long, requires = "grasp")]
+    object: Option<PathBuf>,
+    /// Put the arm before a door with this seed: of its surfaces, its light, and of where it is. The robot needs
+    /// camera.toml and approach.toml; the camera in its hand takes ten pictures a second
+    #[arg(long, value_name = "SEED", conflicts_with = "grasp")]
+    door: Option<u64>,
+    /// Radius of the rose of that door [m]; default: 0.035 to 0.045, by the seed
+    #[arg(long, value_name = "RADIUS", requires = "door", allow_negative_numbers = true)]
+    rose: Option<f64>,
+    /// Address for programs that receive the pictures: unix://PATH or tcp://localhost:PORT; default: a new Unix
+    /// socket
+    #[arg(
+        long, value_name = "ADDRESS", requires = "door", value_parser = Address::socket
+    )]
+    camera: Option<Address>,
+    /// Firmware image for `--controller qemu`
+    #[arg(long, env = "TESAKI_ELF", default_value_os_t = default_image())]
+    elf: PathBuf,
+}
+
+pub fn run(options: &Serve) -> Result<(), Box<dyn Error>> {
+    static STOP: AtomicBool = AtomicBool::new(false);
+    ctrlc::set_handler(|| STOP.store(true, Ordering::Relaxed))?;
+    let robot = RobotFolder::load(&options.robot)?;
+    let name = robot.model.name.as_str();
+    let values = PlantValues::load(&options.robot)?;
+    let drives: Vec<Drive> = robot.model.joints.iter().map(Drive::from).collect();
+    let mut machine = machine_options(options, &robot.model)?;
+    let mut plant = Plant::new(&robot.urdf, &drives, &values, &machine)?;
+    let (mut native, mut qemu);
+    let board: &mut dyn ServedBoard = match options.controller {
+        ControllerKind::Native => {
+            native = VirtualBoard::default();
+            &mut native
+        }
+        ControllerKind::Qemu => {
+            qemu = Qemu::boot(&options.elf)?;
+            &mut qemu
+        }
+    };
+    let folder = tempfile::Builder::new().prefix("tesaki-").tempdir()?;
+    let camera = match served_door(options, &robot.model, &plant)? {
+        Some((door, values, joints)) => {
+            machine.fixtures = door.fixtures();
+            plant = Plant::new(&robot.urdf, &drives, &PlantValues::load(&options.robot)?, &machine)?;
+            let default = || Address::Unix(folder.path().join("camera"));
+            let address = options.camera.clone().unwrap_or_else(default);
+            Some(ServedCamera::listen(&address, values, door, joints)?)
+        }
+        None => None,
+    };
+    let listen = options.listen.clone().unwrap_or_else(|| Address::Unix(folder.path().join("board")));
+    let key = options
+        .key
+        .as_ref()
+        .map(|path| Key::read(path).map_err(|error| format!("{}: {error}", path.display())));
+    let mut hub = Hub::listen(&listen, key.transpose()?.as_ref())?;
+    let terminal = hub.add_pty()?;
+    let kind = match options.controller {
+        ControllerKind::Native => "simulated",
+        ControllerKind::Qemu => "simulated, its firmware in QEMU",
+    };
+    let _announcement = Announcement::new(name, hub.address(), &format!("{name}, {kind}"))?;
+    say!(
+        "{name}, {kind}, seed {}: a board without a model, as after power-on.\n\
+         \x20 socket           {} (found by `--port auto`; can be shared by several programs)\n\
+         \x20 pseudo-terminal  {} (like a serial port)\n{}\n\
+         In another terminal, with `alias tesaki='cargo tesaki'`:\n\
+         \x20 tesaki doctor\n\
+         \x20 tesaki model push {}\n\
+         {}\x20 {}\n\n\
+         Ctrl-C stops; `help` lists the faults that can be injected here.",
+        options.seed,
+        hub.address(),
+        terminal.display(),
+        camera.as_ref().map_or_else(String::new, |camera| format!(
+            "\x20 camera           {} (pictures of the door, for `tesaki look`)\n",
+            camera.address()
+        )),
+        shown(&options.robot).display(),
+        home_command(&plant, &robot.model).map_or_else(String::new, |home| format!("  {home}\n")),
+        example_command(options, &robot.model),
+    );
+    let stop = || STOP.load(Ordering::Relaxed);
+    serve(&mut hub, board, &mut plant, &robot.model, camera.as_ref(), &input_lines(), &stop)?;
+    Ok(())
+}
+
+/// A door, the camera, and the indices of the tip that is the hand and of the gripper's joint.
+type ServedDoor = (KnobDoor, CameraValues, [usize; 2]);
+
+/// What `--door` asks for.
+fn served_door(
+    options: &Serve,
+    model: &RobotModel,
+    plant: &Plant,
+) -> Result<Option<ServedDoor>, Box<dyn Error>> {
+    let Some(seed) = options.door else { return Ok(None) };
+    if let (Some(listen), Some(camera)) = (&options.listen, &options.camera)
+        && listen == camera
+    {
+        return Err(format!(
+            "--listen and --camera are both {camera}: the pictures need an address of their own"
+        )
+        .into());
+    }
+    let (camera, files) = (CameraValues::load(&options.robot)?, approach::load(&options.robot, model)?);
+    let [hand, gripper] = hand_joints(model, &files.task, plant);
+    let mut door = KnobDoor::draw(seed, &hand_pose(plant, hand, gripper));
+    if let Some(radius) = options.rose {
+        let range = door.scene.knob.radius + 0.005..=0.1;
+        if !range.contains(&radius) {
+            let [from, to] = [range.start(), range.end()];
+            return Err(format!("--rose is {radius} m: it must be from {from:.3} to {to} m").into());
+        }
+        door.scene.rose.radius = radius;
+    }
+    Ok(Some((door, camera, [hand, gripper])))
+}
+
+/// The machine to serve: with `--grasp` its fingers are open around the object.
+fn machine_options(options: &Serve, model: &RobotModel) -> Result<PlantOptions, Box<dyn Error>> {
+    let mut machine = PlantOptions::mismatched(options.seed);
+    if let Some(path) = &options.grasp {
+        let grasp = load_placed(path)?;
+        machine.posture = Some(open_posture(model, &grasp.plan)?);
+        if let Some(object) = &options.object {
+            let text =
+                std::fs::read_to_string(object).map_err(|error| format!("{}: {error}", object.display()))?;
+            machine.object = Some(on_support(ObjectValues::from_toml(&text)?, &grasp));
+        }
+    }
+    Ok(machine)
+}
+
+/// A command to try on the machine once it is homed.
+fn example_command(options: &Serve, model: &RobotModel) -> String {
+    if options.door.is_some() {
+        return format!("tesaki approach --robot {}", shown(&options.robot).display());
+    }
+    let impedance = options.robot.join("impedances/soft.toml");
+    if impedance.is_file() {
+        return format!("tesaki tare\n  tesaki impedance hold {}", shown(&impedance).display());
+    }
+    match &options.grasp {
+        Some(path) => format!("tesaki tare\n  tesaki grasp run {} lift=0.01 hold=5", shown(path).display()),
+        None => format!("tesaki move {}=0.3", model.joint_name(0)),
+    }
+}

@@ -1,0 +1,201 @@
+//! The link to a board: requests, what keeps it enabled, its faults.
+
+use std::time::{Duration, Instant};
+
+use pyo3::prelude::*;
+use tesaki::protocol::{FromBoard, LEASE, Mode, Refusal, Reply, ReplyFrame, Request, Stream, Telemetry};
+use tesaki::task::TaskCommand;
+use tesaki::task::impedance::ImpedanceCommand;
+use tesaki_supervisor::port::Reopening;
+use tesaki_supervisor::{Board as _, BoardError as Failure, LinkBoard, troubleshooting};
+
+use super::Board;
+use crate::error::{BoardError, FaultError, RefusedError, board};
+
+/// Period of what is sent again and again to an enabled board: well below its command timeout.
+const KEEP_ALIVE: Duration = Duration::from_millis(20);
+/// How long a board that may be gone is told to disable.
+const LAST_WORD: Duration = Duration::from_millis(500);
+
+impl Board {
+    /// Talks to the board while other threads of Python run.
+    pub(super) fn call<T: Send>(
+        &mut self,
+        py: Python<'_>,
+        ask: impl FnOnce(&mut LinkBoard<Reopening>) -> Result<T, Failure> + Send,
+    ) -> PyResult<T> {
+        if !self.is_open {
+            return Err(BoardError::new_err("the board was closed: make another Board"));
+        }
+        let link = &mut self.board;
+        py.detach(|| ask(link)).map_err(board)
+    }
+
+    /// Sends a command to the task.
+    pub(super) fn send(&mut self, py: Python<'_>, command: TaskCommand) -> PyResult<()> {
+        let action = match &command {
+            TaskCommand::JointServo(_) => "move",
+            TaskCommand::Impedance(ImpedanceCommand::Configure(_)) => "change its impedance",
+            TaskCommand::Impedance(_) => "move its tool",
+            TaskCommand::Grasping(_) => "grasp",
+            TaskCommand::Telexistence(_) => "follow the fingertips",
+            TaskCommand::VisualApproach(_) => "move its hand",
+        };
+        let asked = self.call(py, |link| link.ask(action, Request::Task(command)));
+        // A board in fault refuses everything: the fault says why.
+        match asked {
+            Err(error) if error.is_instance_of::<RefusedError>(py) && self.is_enabled => {
+                let mode = self.call(py, |link| link.status())?.node.mode;
+                if mode == Mode::Fault { Err(self.fault(py)) } else { Err(error) }
+            }
+            other => other,
+        }
+    }
+
+    /// Sends `request` every 20 ms until `done` says so of a telemetry, or `until`.
+    pub(super) fn drive(
+        &mut self,
+        py: Python<'_>,
+        until: Instant,
+        request: &Request,
+        mut done: impl FnMut(&Telemetry) -> bool + Send,
+    ) -> PyResult<()> {
+        self.call(py, |link| link.set_rate(Stream::Telemetry, 1))?;
+        let mut heard = Instant::now();
+        let mut next = Instant::now();
+        // A fault of before is in telemetry that is still on its way.
+        let mut was_enabled = false;
+        while Instant::now() < until {
+            py.check_signals()?;
+            next = (next + KEEP_ALIVE).max(Instant::now());
+            let enabled = self.is_enabled;
+            let done = &mut done;
+            let deadline = next.min(until);
+            let (news, refused) = self.call(py, |link| {
+                if enabled || *request != Request::Keep {
+                    link.post(request.clone())?;
+                }
+                let (mut news, mut refused) = (Vec::new(), None);
+                while let Some(event) = link.next_event(deadline)? {
+                    match event {
+                        FromBoard::Telemetry(telemetry) => news.push(telemetry),
+                        FromBoard::Reply(ReplyFrame { reply: Reply::Refused(refusal), .. }) => {
+                            refused = Some(refusal);
+                        }
+                        _ => {}
+                    }
+                }
+                Ok((news, refused))
+            })?;
+            for telemetry in &news {
+                heard = Instant::now();
+                was_enabled |= matches!(telemetry.mode, Mode::Enabled(_));
+                if self.is_enabled
+                    && (was_enabled || telemetry.faults != self.faults)
+                    && telemetry.mode == Mode::Fault
+                {
+                    return Err(self.fault(py));
+                }
+                if self.is_enabled && was_enabled && telemetry.mode == Mode::Disabled {
+                    self.is_enabled = false;
+                    return Err(BoardError::new_err("the board was disabled by another program, or reset"));
+                }
+                if done(telemetry) {
+                    return Ok(());
+                }
+            }
+            match refused {
+                None | Some(Refusal::Stale { .. } | Refusal::WrongMode(Mode::Fault)) => {}
+                Some(refusal) => {
+                    // `wait` and `record` keep enabled, or read.
+                    let action = match request {
+                        Request::Keep => "stay enabled",
+                        Request::ReadStatus => "tell its state",
+                        _ => "move",
+                    };
+                    return Err(board(Failure::refused(action, refusal)));
+                }
+            }
+            if heard.elapsed() > self.timeout {
+                return Err(BoardError::new_err(format!(
+                    "no telemetry within {} s: the board has no sensor readings, or its control loop does not run (try \
+                     `tesaki doctor`)",
+                    self.timeout.as_secs_f64()
+                )));
+            }
+        }
+        Ok(())
+    }
+
+    /// The next telemetry.
+    pub(super) fn telemetry_now(&mut self, py: Python<'_>) -> PyResult<Telemetry> {
+        self.call(py, |link| {
+            link.set_rate(Stream::Telemetry, 1)?;
+            while link.next_event(Instant::now())?.is_some() {}
+            await_event(link, |event| match event {
+                FromBoard::Telemetry(telemetry) => Some(telemetry),
+                _ => None,
+            })
+        })
+    }
+
+    /// The fault that stopped the board, as an exception.
+    pub(super) fn fault(&mut self, py: Python<'_>) -> PyErr {
+        self.is_enabled = false;
+        let before = self.faults;
+        let log = match self.call(py, |link| link.faults()) {
+            Ok(log) => log,
+            Err(error) => return error,
+        };
+        let since = log.total.saturating_sub(before).max(1) as usize;
+        let fault = log.faults.get(log.faults.len().saturating_sub(since));
+        let text = fault.map_or_else(
+            || "no fault is recorded".to_owned(),
+            |fault| format!("{}\nSee {}", self.described(fault), troubleshooting::fault(fault.cause)),
+        );
+        FaultError::new_err(format!("the board is in fault: {text}"))
+    }
+
+    pub(super) fn described(&self, fault: &tesaki::fault::Fault) -> String {
+        self.model.as_ref().map_or_else(|| fault.to_string(), |model| fault.named(model).to_string())
+    }
+
+    /// Disables, and releases command, so that the next client does not wait for the lease to expire.
+    pub(super) fn leave(&mut self) -> Result<(), Failure> {
+        if !std::mem::take(&mut self.is_open) {
+            return Ok(());
+        }
+        self.board.set_timeout(self.timeout.min(LAST_WORD));
+        let disabled = if std::mem::take(&mut self.is_enabled) { self.board.disable() } else { Ok(()) };
+        let _ = self.board.set_rate(Stream::Telemetry, 0);
+        let _ = self.board.ask("release command", Request::ReleaseCommand);
+        disabled
+    }
+}
+
+/// Takes command; that of a commander that has gone expires.
+pub(super) fn take_command(link: &mut LinkBoard<Reopening>, by_force: bool) -> Result<(), Failure> {
+    let deadline = Instant::now() + Duration::from_millis(10 * u64::from(LEASE) + 200);
+    loop {
+        match link.take_command(by_force) {
+            Err(Failure::Refused { refusal: Refusal::Commanded { .. }, .. }) if Instant::now() < deadline => {
+                std::thread::sleep(Duration::from_millis(50));
+            }
+            other => return other,
+        }
+    }
+}
+
+/// What `find` finds first in what the board sends.
+pub(super) fn await_event<T>(
+    link: &mut LinkBoard<Reopening>,
+    find: impl Fn(FromBoard) -> Option<T>,
+) -> Result<T, Failure> {
+    let deadline = Instant::now() + Duration::from_secs(1);
+    while let Some(event) = link.next_event(deadline)? {
+        if let Some(found) = find(event) {
+            return Ok(found);
+        }
+    }
+    Err(Failure::Timeout { seconds: 1.0 })
+}
