@@ -6,9 +6,10 @@
 //! long as the points move by less than 1 mm. The finger sinks in by millimetres, and is thrown out with thousands of
 //! newtons when another normal is found.
 //!
-//! So each contact is found twice, from the normal before and from none. Where both differ, a search in double precision
-//! decides: the distance of convex solids is the largest of their separations along all directions, where an overlap
-//! counts as negative (Ericson, Real-Time Collision Detection, section 5.2).
+//! So each contact is found twice, from the normal before and from none, and must be the least overlap along directions
+//! near its normal. Where that fails, or both differ, a search in double precision decides: the distance of convex solids
+//! is the largest of their separations along all directions, where an overlap counts as negative (Ericson, Real-Time
+//! Collision Detection, section 5.2).
 
 use rapier3d::geometry::{ContactData, ContactManifold, ContactManifoldData, TrackedContact};
 use rapier3d::math::{Pose, Vector};
@@ -30,9 +31,9 @@ const FOLLOWED: usize = 8;
 const APART: f64 = 0.95;
 /// A normal is right when the best direction near it differs by this cosine at least.
 const ALIKE: f64 = 0.999;
-/// Steps of the search: the first, the last of a coarse one, and the last [rad].
-const COARSE: f64 = 0.2;
-const FINE: f64 = 0.01;
+/// Steps of a search: the first from anywhere, the first from a normal that may be right, and the last [rad].
+const FIRST: f64 = 0.2;
+const NEAR: f64 = 0.01;
 const LAST: f64 = 1e-5;
 
 /// Parry's queries, with contacts that are checked.
@@ -99,14 +100,13 @@ impl<'a> Pair<'a> {
             }
         }
         let none = Separation { normal: Vector3::zeros(), distance: f64::NEG_INFINITY };
-        let found = followed.into_iter().map(|start| self.climb(start, COARSE, FINE));
-        self.climb(found.fold(none, Separation::larger), FINE, LAST)
+        followed.into_iter().map(|start| self.climb(start, FIRST)).fold(none, Separation::larger)
     }
 
     /// Goes to the nearest local maximum, by steps across the direction that are halved where none leads up.
-    fn climb(&self, start: Separation, first: f64, last: f64) -> Separation {
+    fn climb(&self, start: Separation, first: f64) -> Separation {
         let (mut best, mut step) = (start, first);
-        while step > last && best.normal != Vector3::zeros() {
+        while step > LAST && best.normal != Vector3::zeros() {
             let aside = best.normal.cross(&Vector3::ith(best.normal.iamin(), 1.0)).normalize();
             let across = [aside, best.normal.cross(&aside)];
             let round = [(1.0, 0.0), (0.0, 1.0), (0.7, 0.7), (0.7, -0.7)];
@@ -122,14 +122,11 @@ impl<'a> Pair<'a> {
         best
     }
 
-    /// Whether the solids are not nearer than `said` along a normal, or a direction that hardly differs from it.
+    /// Whether `said` is the largest separation along directions that hardly differ from a normal.
     fn confirms(&self, normal: Vector, said: f64) -> bool {
-        let least = said - TOLERANCE;
         let start = self.along(&wide(normal));
-        start.distance > least || {
-            let best = self.climb(start, FINE, LAST);
-            best.distance > least && best.normal.dot(&start.normal) > ALIKE
-        }
+        let best = self.climb(start, NEAR);
+        (best.distance - said).abs() < TOLERANCE && best.normal.dot(&start.normal) > ALIKE
     }
 
     /// The points where the faces along a normal meet.
@@ -331,6 +328,7 @@ impl QueryDispatcher for CheckedContacts {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
 mod tests {
     use std::f64::consts::{FRAC_PI_4, TAU};
 
