@@ -330,11 +330,13 @@ fn an_arm_leads_another_over_a_bad_link() {
             std::array::from_fn(|axis| (tool[axis] - start[axis]) - (master[axis] - before[axis]));
         distance(difference, [0.0; 3]) < 4e-3 && distance(tool, start) > 0.02
     });
+    // Long enough that some are lost for certain.
+    wait("enough telemetry", || leading.count(|value| value.get("sigma_min").is_some()) > 40);
     signal(&leading.child, Signal::SIGINT);
     let (code, values, error) = leading.finish();
     assert_eq!(code, 0, "{error}");
     let summary = values.last().unwrap();
-    assert!(summary["samples"].as_u64().unwrap() > 30, "{summary}");
+    assert!(summary["samples"].as_u64().unwrap() > 100, "{summary}");
     assert!(summary["lost"].as_u64().unwrap() > 0, "{summary}");
     drop(stdin);
     signal(&moved, Signal::SIGINT);

@@ -143,8 +143,9 @@ fn a_recording_has_frames_wrenches_phases_and_diagnostics() {
     assert!(says("enabled: joint servo after disabled"));
     // The clock is that of the day.
     let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap();
-    let age = now.as_nanos() - u128::from(messages.last().unwrap().log_time);
-    assert!(age < 60_000_000_000, "{age} ns ago");
+    // To within what a busy machine is late with the first tick, and later here.
+    let difference = now.as_nanos().abs_diff(u128::from(messages.last().unwrap().log_time));
+    assert!(difference < 60_000_000_000, "{difference} ns");
     let summary = Summary::read(&file).unwrap().unwrap();
     assert!(summary.chunk_indexes.iter().all(|chunk| chunk.compression == "zstd"));
 }

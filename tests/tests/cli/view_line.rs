@@ -88,12 +88,18 @@ impl Line {
         requests.iter().rev().find(|(_, request)| wanted(request)).map(|(at, _)| *at)
     }
 
-    /// How long after `since` the first stop came.
+    /// How long after `since` the first stop came: it may still be on its way.
     #[track_caller]
     fn stop_after(&self, since: Instant) -> Duration {
-        let requests = self.requests.lock().unwrap();
-        let mut stops = requests.iter().filter(|(at, request)| *at >= since && *request == Request::Stop);
-        stops.next().expect("a stop came").0 - since
+        loop {
+            let requests = self.requests.lock().unwrap().clone();
+            let mut stops = requests.iter().filter(|(at, request)| *at >= since && *request == Request::Stop);
+            if let Some((at, _)) = stops.next() {
+                return *at - since;
+            }
+            assert!(since.elapsed() < Duration::from_secs(60), "no stop after {since:?}: {requests:?}");
+            std::thread::sleep(Duration::from_millis(5));
+        }
     }
 }
 
