@@ -385,7 +385,8 @@ mod tests {
     #[test]
     fn a_finger_at_the_edge_of_a_knob_is_as_deep_as_it_was_put() {
         let largest = errors(&CheckedContacts).into_iter().fold(0.0, f64::max);
-        assert!(largest < 6e-6, "{largest:e} m");
+        // What two comparisons allow.
+        assert!(largest < 2.0 * TOLERANCE, "{largest:e} m");
         let of_parry = errors(&DefaultQueryDispatcher);
         assert!(of_parry.iter().any(|error| *error > 1e-4), "parry needs no check any more");
     }
