@@ -58,6 +58,7 @@ mod intervention;
 mod linkage;
 mod machine;
 mod motion;
+mod narrow_phase;
 mod object;
 mod push;
 mod shapes;

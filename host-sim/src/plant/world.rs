@@ -4,6 +4,7 @@ use rapier3d::dynamics::{
     GenericJointBuilder, JointAxesMask, JointAxis, MassProperties, MultibodyJointHandle, RigidBodyBuilder,
     RigidBodyHandle,
 };
+use rapier3d::geometry::NarrowPhase;
 use rapier3d::math::Vector;
 use rapier3d::na::{Isometry3, Point3, UnitQuaternion, Vector3};
 use rapier3d::pipeline::PhysicsWorld;
@@ -17,6 +18,7 @@ use super::fixture::{Element, Fixture, Fixtures};
 use super::grasp::{self, Grasp};
 use super::linkage::Linkage;
 use super::motion::Motion;
+use super::narrow_phase::CheckedContacts;
 use super::object::ObjectValues;
 use super::push::{Disturbances, Push};
 use super::stiction::Creep;
@@ -164,6 +166,7 @@ impl World {
     /// Puts fixed bodies around the robot, which the collision elements of its links touch.
     pub fn insert_fixtures(&mut self, fixtures: &[Fixture], elements: Vec<Element>) {
         grasp::set_parameters(&mut self.physics.integration_parameters);
+        self.physics.narrow_phase = NarrowPhase::with_query_dispatcher(CheckedContacts);
         let with_body = |element: Element| Some((self.joints.get(element.body)?.body, element));
         let elements = elements.into_iter().filter_map(with_body).collect();
         self.fixtures = Some(Fixtures::new(&mut self.physics, fixtures, elements));

@@ -462,3 +462,40 @@ fn a_bevel_changes_the_edges_only() {
     let error = Parts::new(0.72, 0.0, vec![knob(Some(0.03))]).plant().err().unwrap().to_string();
     assert!(error.contains("chamfer"), "{error}");
 }
+
+/// A finger that closes on the edge of a knob, and is pulled off it, presses with no more than the linkage gives:
+/// 2 N·m over its distance from the finger's axis, the friction across, and half as much again while it strikes.
+#[test]
+fn a_finger_at_the_edge_of_a_knob_is_not_thrown_off() {
+    let (radius, friction) = (0.016, 0.8_f64);
+    let shape = FixtureShape::BevelledCylinder { radius, length: 0.06, chamfer: 0.002 };
+    let places = [
+        (0.0, 0.0_f64, 0.008),
+        (0.0, -4.0, 0.008),
+        (0.0, 4.0, 0.008),
+        (0.0, 10.0, 0.008),
+        (0.006, -4.0, 0.002),
+        (0.0, 0.0, 0.02),
+    ];
+    let largest = places.map(|(aside, heading, deep)| {
+        let mut knob = fixture("knob", shape, [0.75 - deep, aside, HEIGHT + 0.004], friction);
+        knob.pose.rotation = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), heading.to_radians())
+            * UnitQuaternion::from_axis_angle(&Vector3::y_axis(), std::f64::consts::FRAC_PI_2);
+        let mut door = Door::new(0.72, -0.4, vec![knob]);
+        let (mut share, mut depth) = (0.0_f64, 0.0_f64);
+        for period in 0..200 {
+            let (stiffness, pull) = if period > 100 { (0.02, 20.0) } else { (0.1, 0.0) };
+            let mut more = door.forward(-pull);
+            more[GRIPPER] = if period < 20 { 0.1 } else { 1.0 };
+            door.tick(stiffness * STIFF, more);
+            for contact in door.plant.fixture_contacts() {
+                let grip = 2.0 / (FINGER - deep) * friction.hypot(1.0);
+                share = share.max(contact.force.norm() / grip);
+                depth = depth.max(contact.depth);
+            }
+        }
+        (share, depth)
+    });
+    assert!(largest.iter().all(|(share, depth)| *share < 1.5 && *depth < 1e-4), "{largest:?}");
+    assert!(largest.iter().all(|(share, _)| *share > 0.1), "{largest:?}");
+}

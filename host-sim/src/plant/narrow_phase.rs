@@ -1,0 +1,393 @@
+//! Contacts of convex solids, checked.
+//!
+//! Parry finds them by the Gilbert–Johnson–Keerthi algorithm in single precision, and starts from the normal of the
+//! sub-step before. Solids that overlap by less than a thousandth of their size it takes for solids that touch, with
+//! whatever normal it has at that moment; at the edge of a knob that normal may be one of another face, and stays for as
+//! long as the points move by less than 1 mm. The finger sinks in by millimetres, and is thrown out with thousands of
+//! newtons when another normal is found.
+//!
+//! So each contact is found twice, from the normal before and from none, and must be the least overlap along directions
+//! near its normal. Where that fails, or both differ, a search in double precision decides: the distance of convex solids
+//! is the largest of their separations along all directions, where an overlap counts as negative (Ericson, Real-Time
+//! Collision Detection, section 5.2).
+
+use rapier3d::geometry::{ContactData, ContactManifold, ContactManifoldData, TrackedContact};
+use rapier3d::math::{Pose, Vector};
+use rapier3d::na::{Matrix3, Vector3};
+use rapier3d::parry::query::details::NormalConstraints;
+use rapier3d::parry::query::{
+    ClosestPoints, Contact, ContactManifoldsWorkspace, DefaultQueryDispatcher, NonlinearRigidMotion,
+    PersistentQueryDispatcher, QueryDispatcher, ShapeCastHit, ShapeCastOptions, ShapeDistance,
+    ShapeIntersection, Unsupported,
+};
+use rapier3d::parry::shape::{PackedFeatureId, PolygonalFeature, Shape, ShapeType, SupportMap};
+
+use super::convert::{narrow, vector, wide};
+
+/// Two distances that differ by less are the same [m].
+const TOLERANCE: f64 = 5e-6;
+/// Of the directions where the search starts, as many are followed, which differ by this cosine at least.
+const FOLLOWED: usize = 8;
+const APART: f64 = 0.95;
+/// A normal is right when the best direction near it differs by this cosine at least.
+const ALIKE: f64 = 0.999;
+/// Steps of a search: the first from anywhere, the first from a normal that may be right, and the last [rad].
+const FIRST: f64 = 0.2;
+const NEAR: f64 = 0.01;
+const LAST: f64 = 1e-5;
+
+/// Parry's queries, with contacts that are checked.
+pub struct CheckedContacts;
+
+/// A direction from the first solid to the second one, and the separation of both along it [m]; negative when they
+/// overlap.
+#[derive(Clone, Copy, Debug)]
+struct Separation {
+    normal: Vector3<f64>,
+    distance: f64,
+}
+
+impl Separation {
+    fn larger(self, other: Self) -> Self {
+        if other.distance > self.distance { other } else { self }
+    }
+}
+
+/// Two solids; everything in the frame of the first.
+struct Pair<'a> {
+    first: &'a dyn Shape,
+    second: &'a dyn Shape,
+    maps: [&'a dyn SupportMap; 2],
+    pose: &'a Pose,
+}
+
+impl<'a> Pair<'a> {
+    /// `None` for those that parry does not treat by the algorithm above.
+    fn new(pose: &'a Pose, first: &'a dyn Shape, second: &'a dyn Shape) -> Option<Self> {
+        let types = [first.shape_type(), second.shape_type()];
+        if types.contains(&ShapeType::Ball) || types == [ShapeType::Cuboid; 2] {
+            return None;
+        }
+        Some(Self { first, second, maps: [first.as_support_map()?, second.as_support_map()?], pose })
+    }
+
+    fn along(&self, direction: &Vector3<f64>) -> Separation {
+        let axis = vector(direction).normalize_or_zero();
+        let [first, second] = self.maps;
+        let between = wide(second.support_point(self.pose, -axis)) - wide(first.local_support_point(axis));
+        let normal = wide(axis);
+        // No direction separates nothing.
+        let distance = if normal == Vector3::zeros() { f64::NEG_INFINITY } else { between.dot(&normal) };
+        Separation { normal, distance }
+    }
+
+    /// The largest separation; it is the distance of the solids.
+    fn largest(&self, known: [Vector; 2]) -> Separation {
+        let turn = self.pose.rotation;
+        let turned = Matrix3::from_columns(&[Vector::X, Vector::Y, Vector::Z].map(|axis| wide(turn * axis)));
+        let signs = || [-1.0, 0.0, 1.0].into_iter();
+        let corners =
+            signs().flat_map(|x| signs().flat_map(move |y| signs().map(move |z| Vector3::new(x, y, z))));
+        let starts =
+            corners.flat_map(|corner| [corner, turned * corner]).filter(|start| *start != Vector3::zeros());
+        let mut starts: Vec<_> = starts.map(|start| self.along(&start)).collect();
+        starts.sort_by(|one, other| other.distance.total_cmp(&one.distance));
+        let mut followed: Vec<_> = known.map(|normal| self.along(&wide(normal))).into();
+        for start in starts {
+            let is_new = followed.iter().all(|other| other.normal.dot(&start.normal) < APART);
+            if followed.len() < FOLLOWED && is_new {
+                followed.push(start);
+            }
+        }
+        let none = Separation { normal: Vector3::zeros(), distance: f64::NEG_INFINITY };
+        followed.into_iter().map(|start| self.climb(start, FIRST)).fold(none, Separation::larger)
+    }
+
+    /// Goes to the nearest local maximum, by steps across the direction that are halved where none leads up.
+    fn climb(&self, start: Separation, first: f64) -> Separation {
+        let (mut best, mut step) = (start, first);
+        while step > LAST && best.normal != Vector3::zeros() {
+            let aside = best.normal.cross(&Vector3::ith(best.normal.iamin(), 1.0)).normalize();
+            let across = [aside, best.normal.cross(&aside)];
+            let round = [(1.0, 0.0), (0.0, 1.0), (0.7, 0.7), (0.7, -0.7)];
+            let mut tried = round.iter().flat_map(|(one, other)| {
+                let way = (across[0] * *one + across[1] * *other) * step;
+                [best.normal + way, best.normal - way].map(|direction| self.along(&direction))
+            });
+            match tried.find(|next| next.distance > best.distance) {
+                Some(next) => best = next,
+                None => step /= 2.0,
+            }
+        }
+        best
+    }
+
+    /// Whether `said` is the largest separation along directions that hardly differ from a normal.
+    fn confirms(&self, normal: Vector, said: f64) -> bool {
+        let start = self.along(&wide(normal));
+        let best = self.climb(start, NEAR);
+        (best.distance - said).abs() < TOLERANCE && best.normal.dot(&start.normal) > ALIKE
+    }
+
+    /// The points where the faces along a normal meet.
+    fn points(&self, at: &Separation) -> Vec<TrackedContact<ContactData>> {
+        let normal = vector(&at.normal);
+        let back = self.pose.rotation.inverse() * -normal;
+        let mut manifold = ContactManifold::default();
+        if let (Some((first, _)), Some((second, _))) =
+            (self.first.as_polygonal_feature_map(), self.second.as_polygonal_feature_map())
+        {
+            let mut features = [PolygonalFeature::default(), PolygonalFeature::default()];
+            let [one, two] = &mut features;
+            first.local_support_feature(normal, one);
+            second.local_support_feature(back, two);
+            PolygonalFeature::contacts(
+                self.pose,
+                &self.pose.inverse(),
+                normal,
+                back,
+                one,
+                two,
+                &mut manifold,
+                false,
+            );
+        }
+        // Features that do not meet leave the one point that must be there.
+        let deepest = distance(&manifold).is_some_and(|distance| distance < at.distance + TOLERANCE);
+        if !deepest {
+            let second = self.maps[1].support_point(self.pose, -normal);
+            let first = wide(second) - at.normal * at.distance;
+            manifold.points.push(TrackedContact::new(
+                vector(&first),
+                self.pose.inverse_transform_point(second),
+                PackedFeatureId::UNKNOWN,
+                PackedFeatureId::UNKNOWN,
+                narrow(at.distance),
+            ));
+        }
+        manifold.points.to_vec()
+    }
+
+    /// Mends the contact that was carried on from the sub-step before.
+    fn check(&self, carried: &mut ContactManifold, fresh: &ContactManifold) {
+        let said = [distance(carried), distance(fresh)];
+        let normals = [carried.local_n1, fresh.local_n1];
+        let agreed = match said {
+            [Some(one), Some(other)] => {
+                (one - other).abs() < TOLERANCE && normals.iter().any(|normal| self.confirms(*normal, one))
+            }
+            [Some(one), None] => self.confirms(carried.local_n1, one),
+            [None, Some(_)] => false,
+            // Any direction along which the solids are apart proves it.
+            [None, None] => normals.iter().any(|normal| self.along(&wide(*normal)).distance > 0.0),
+        };
+        if agreed {
+            return;
+        }
+        let truth = self.largest(normals);
+        let is_true = |said: Option<f64>, normal: Vector| match said {
+            Some(said) => (said - truth.distance).abs() < TOLERANCE && self.confirms(normal, said),
+            None => truth.distance > 0.0,
+        };
+        if is_true(said[0], normals[0]) {
+            return;
+        }
+        let before = carried.points.clone();
+        if is_true(said[1], normals[1]) {
+            (carried.local_n1, carried.local_n2) = (fresh.local_n1, fresh.local_n2);
+            carried.points.clone_from(&fresh.points);
+        } else {
+            carried.local_n1 = vector(&truth.normal);
+            carried.local_n2 = self.pose.rotation.inverse() * -carried.local_n1;
+            carried.points.clear();
+            carried.points.extend(self.points(&truth));
+        }
+        carried.match_contacts(&before);
+    }
+}
+
+/// Of the point that is deepest [m]; `None` without points.
+fn distance(manifold: &ContactManifold) -> Option<f64> {
+    manifold.points.iter().map(|point| f64::from(point.dist)).reduce(f64::min)
+}
+
+impl PersistentQueryDispatcher<ContactManifoldData, ContactData> for CheckedContacts {
+    fn contact_manifolds(
+        &self,
+        pose: &Pose,
+        first: &dyn Shape,
+        second: &dyn Shape,
+        prediction: f32,
+        manifolds: &mut Vec<ContactManifold>,
+        workspace: &mut Option<ContactManifoldsWorkspace>,
+    ) -> Result<(), Unsupported> {
+        let parry = DefaultQueryDispatcher;
+        parry.contact_manifolds(pose, first, second, prediction, manifolds, workspace)?;
+        let pair = Pair::new(pose, first, second);
+        if let (Some(pair), [carried]) = (pair, manifolds.as_mut_slice()) {
+            let mut fresh = ContactManifold::default();
+            parry.contact_manifold_convex_convex(pose, first, second, None, None, prediction, &mut fresh)?;
+            pair.check(carried, &fresh);
+        }
+        Ok(())
+    }
+
+    fn contact_manifold_convex_convex(
+        &self,
+        pose: &Pose,
+        first: &dyn Shape,
+        second: &dyn Shape,
+        constraints1: Option<&dyn NormalConstraints>,
+        constraints2: Option<&dyn NormalConstraints>,
+        prediction: f32,
+        manifold: &mut ContactManifold,
+    ) -> Result<(), Unsupported> {
+        let parry = DefaultQueryDispatcher;
+        parry.contact_manifold_convex_convex(
+            pose,
+            first,
+            second,
+            constraints1,
+            constraints2,
+            prediction,
+            manifold,
+        )
+    }
+}
+
+impl QueryDispatcher for CheckedContacts {
+    fn intersection_test(
+        &self,
+        pose: &Pose,
+        first: &dyn Shape,
+        second: &dyn Shape,
+    ) -> Result<ShapeIntersection, Unsupported> {
+        DefaultQueryDispatcher.intersection_test(pose, first, second)
+    }
+
+    fn distance(
+        &self,
+        pose: &Pose,
+        first: &dyn Shape,
+        second: &dyn Shape,
+    ) -> Result<ShapeDistance, Unsupported> {
+        DefaultQueryDispatcher.distance(pose, first, second)
+    }
+
+    fn contact(
+        &self,
+        pose: &Pose,
+        first: &dyn Shape,
+        second: &dyn Shape,
+        prediction: f32,
+    ) -> Result<Option<Contact>, Unsupported> {
+        DefaultQueryDispatcher.contact(pose, first, second, prediction)
+    }
+
+    fn closest_points(
+        &self,
+        pose: &Pose,
+        first: &dyn Shape,
+        second: &dyn Shape,
+        limit: f32,
+    ) -> Result<ClosestPoints, Unsupported> {
+        DefaultQueryDispatcher.closest_points(pose, first, second, limit)
+    }
+
+    fn cast_shapes(
+        &self,
+        pose: &Pose,
+        velocity: Vector,
+        first: &dyn Shape,
+        second: &dyn Shape,
+        options: ShapeCastOptions,
+    ) -> Result<Option<ShapeCastHit>, Unsupported> {
+        DefaultQueryDispatcher.cast_shapes(pose, velocity, first, second, options)
+    }
+
+    fn cast_shapes_nonlinear(
+        &self,
+        motion1: &NonlinearRigidMotion,
+        first: &dyn Shape,
+        motion2: &NonlinearRigidMotion,
+        second: &dyn Shape,
+        start: f32,
+        end: f32,
+        stop_at_penetration: bool,
+    ) -> Result<Option<ShapeCastHit>, Unsupported> {
+        DefaultQueryDispatcher.cast_shapes_nonlinear(
+            motion1,
+            first,
+            motion2,
+            second,
+            start,
+            end,
+            stop_at_penetration,
+        )
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
+mod tests {
+    use std::f64::consts::{FRAC_PI_4, TAU};
+
+    use rapier3d::na::{Isometry3, Translation3, UnitQuaternion};
+
+    use super::super::convert::pose;
+    use super::super::shapes::{bevelled_cylinder, cuboid};
+    use super::*;
+
+    /// Radius, length and bevel of a knob, and the size of a finger, whose thickness is along its x [m].
+    const KNOB: [f64; 3] = [0.025, 0.06, 0.002];
+    const FINGER: [f64; 3] = [0.01, 0.02, 0.1];
+
+    /// Pose of a finger whose face is on the edge between a side of the knob, of which it has 72, and the bevel, with its
+    /// inner normal `lift` above that of the side, and the edge `depth` in it. The finger is turned about that normal
+    /// and moved along itself.
+    fn on_edge(side: u8, lift: f64, turn: f64, along: f64, depth: f64) -> Isometry3<f64> {
+        let [radius, length, bevel] = KNOB;
+        let edge = Vector3::new(radius * (TAU / 144.0).cos(), 0.0, length / 2.0 - bevel);
+        let normal = Vector3::new(lift.cos(), 0.0, lift.sin());
+        let about = UnitQuaternion::from_axis_angle;
+        let lean = about(&Vector3::y_axis(), -lift);
+        let place = edge + normal * (FINGER[0] / 2.0 - depth) + lean * Vector3::new(0.0, 0.0, along);
+        let spin = about(&Vector3::x_axis(), turn);
+        about(&Vector3::z_axis(), (f64::from(side) + 0.5) * TAU / 72.0)
+            * Isometry3::from_parts(Translation3::from(place), lean * spin)
+    }
+
+    /// A finger slides and rolls over the edge of a knob in small steps, 2 to 62 µm deep but for some where it is 0.2 mm
+    /// away. Returns the errors of the distances that a dispatcher tells.
+    fn errors(dispatcher: &impl PersistentQueryDispatcher<ContactManifoldData, ContactData>) -> Vec<f64> {
+        let [radius, length, bevel] = KNOB;
+        let (knob, finger) =
+            (bevelled_cylinder(radius, length, bevel).unwrap().build(), cuboid(FINGER).build());
+        let mut errors = Vec::new();
+        for side in 0..12 {
+            let mut manifolds = Vec::new();
+            for step in 0..200 {
+                let share = f64::from(step) / 200.0;
+                let depth = if step % 50 < 5 { -2e-4 } else { 2e-6 + 6e-5 * (7.0 * share).fract() };
+                let turn = f64::from(side) * 0.05;
+                let place = pose(&on_edge(side * 5, share * FRAC_PI_4, turn, 0.01 - 0.02 * share, depth));
+                let (one, other) = (knob.shape(), finger.shape());
+                dispatcher.contact_manifolds(&place, one, other, 2e-5, &mut manifolds, &mut None).unwrap();
+                // Solids that are apart need no contact.
+                let found = manifolds.first().and_then(distance).unwrap_or(f64::INFINITY);
+                let is_free = depth < 0.0 && found > 0.0;
+                errors.push(if is_free { 0.0 } else { (found + depth).abs() });
+            }
+        }
+        errors
+    }
+
+    #[test]
+    fn a_finger_at_the_edge_of_a_knob_is_as_deep_as_it_was_put() {
+        let largest = errors(&CheckedContacts).into_iter().fold(0.0, f64::max);
+        // What two comparisons allow.
+        assert!(largest < 2.0 * TOLERANCE, "{largest:e} m");
+        let of_parry = errors(&DefaultQueryDispatcher);
+        assert!(of_parry.iter().any(|error| *error > 1e-4), "parry needs no check any more");
+    }
+}
