@@ -248,9 +248,9 @@ pub struct FaultLog {
 }
 
 impl FaultLog {
-    /// Identifies the layout of a log: memory that outlives a firmware may hold another's.
+    /// Identifies the layout of a log and the checksum of its joints: memory that outlives a firmware may hold another's.
     pub const KEY: u64 =
-        u64::from_le_bytes(postcard_schema::key::Key::for_path::<Self>("tesaki/faults").to_bytes());
+        u64::from_le_bytes(postcard_schema::key::Key::for_path::<(Self, u32)>("tesaki/faults").to_bytes());
 
     /// No faults.
     pub const fn new() -> Self {

@@ -81,6 +81,12 @@ impl Node {
             (Reaction::Hold, true) => self.halt(fault),
             (Reaction::Hold, false) => {
                 self.hold_joints(fault);
+                // What the joints balanced is as it was: the servos begin with these torques.
+                let mut all = joints(&self.robot, &mut self.state);
+                let weight = weight(&all);
+                all.each().zip(weight).for_each(|(joint, weight)| {
+                    joint.target.feedforward = joint.state.torque - weight;
+                });
                 Reaction::Hold
             }
             (reaction, _) => reaction,

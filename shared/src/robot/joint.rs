@@ -65,6 +65,8 @@ pub struct JointConfig {
     pub(crate) accelerating_growth: f32,
     /// The least of them.
     pub(crate) least_growth: f32,
+    /// Coulomb friction of the model [N·m].
+    pub(crate) coulomb: f32,
     /// The change of the angle per tick of a joint that moves, and the largest one of a dead encoder, that may flicker
     /// by a count [rad].
     pub(crate) moving: f32,
@@ -122,6 +124,7 @@ impl JointConfig {
             least_growth: growth.min(accelerating_growth),
             moving: (MOVING_SPEED * TICK).max(MOVING_COUNTS * radians_per_count),
             flicker: FLICKER_COUNTS * radians_per_count,
+            coulomb: joint.friction.coulomb,
             max_friction: (MAX_FRICTION - 1.0) * joint.friction.coulomb,
             deviation: RUNAWAY_DEVIATION * joint.limits.following_error,
             fast: RUNAWAY_SPEED * joint.limits.velocity * TICK,

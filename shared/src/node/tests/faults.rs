@@ -134,7 +134,7 @@ fn a_fault_remains_until_it_was_read_and_cleared() {
     assert_eq!(rig.node.mode(), Mode::Disabled);
     // After a reset the board restores the log.
     let mut restarted = Node::new();
-    restarted.restore_faults(log.clone());
+    restarted.restore_faults(log.clone(), 0);
     assert_eq!(restarted.faults(), &log);
 }
 
