@@ -119,7 +119,14 @@ impl FaultCause {
     /// Whether the joints deviate from their references, or moved on without control, so that they must stop from
     /// where they are instead of along the reference.
     pub const fn invalidates_reference(self) -> bool {
-        matches!(self, Self::PositionLimit | Self::VelocityLimit | Self::FollowingError | Self::LateTick)
+        matches!(
+            self,
+            Self::PositionLimit
+                | Self::VelocityLimit
+                | Self::FollowingError
+                | Self::LateTick
+                | Self::ObjectLost
+        )
     }
 
     /// The unit of [`Fault::value`] and [`Fault::limit`]; empty for a plain number.

@@ -2,19 +2,19 @@ use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use crate::TICK;
-use crate::control::{JointPoint, JointServoState, ServoMode};
+use crate::control::{JointPoint, JointServoState, STALL_SPEED, ServoMode};
 use crate::fault::FaultCause;
 use crate::math::{self, abs};
 use crate::model::MAX_JOINTS;
-use crate::robot::{Efforts, JointConfig, JointSetpoint, JointTarget, Measured, Robot, Targets};
+use crate::robot::{
+    CONFIRMED_SHARE, Efforts, JointConfig, JointSetpoint, JointTarget, Measured, Robot, Targets,
+};
 
 /// Maximum compensated lag of a drive, as a fraction of the period. A larger one amplifies torque steps more.
 const MAX_COMPENSATED_LAG: f32 = 0.3;
 /// Ticks without a change of the angle, under a torque that moves the joint, after which the encoder is stuck. More
 /// ticks let a dead encoder accelerate the joint longer; fewer mistake quantisation for it.
 const STUCK_TICKS: u8 = 2;
-/// Share of the growth of an acceleration torque that will do when the torque beyond the weight shows the same.
-const CONFIRMED_SHARE: f32 = 0.75;
 /// Ticks in which a joint gains speed against its torque, after which it runs away. More ticks let it gain more;
 /// fewer mistake a rebound for it.
 const RUNAWAY_TICKS: u8 = 3;
@@ -494,7 +494,7 @@ impl Joint<'_> {
         let excess = state.torque - weight;
         let max = state.pressed + config.coulomb + HELD_WEIGHT_ERROR * abs(weight);
         let brakes = abs(velocity) * TICK > config.moving && excess * velocity < 0.0;
-        let follows = self.reference.velocity != 0.0 && state.change * excess <= 0.0;
+        let follows = abs(self.reference.velocity) >= STALL_SPEED && state.change * excess <= 0.0;
         if abs(excess) <= max || brakes || follows {
             return;
         }

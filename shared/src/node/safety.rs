@@ -134,7 +134,13 @@ impl Node {
         let no_servo = self.state.targets.actuation != Actuation::Servo;
         let where_it_is = no_servo || fault.cause.invalidates_reference();
         self.state.targets.actuation = Actuation::Servo;
-        joints(&self.robot, &mut self.state).each().for_each(|mut joint| joint.hold(where_it_is));
+        let lost = fault.cause == FaultCause::ObjectLost;
+        joints(&self.robot, &mut self.state).each().for_each(|mut joint| {
+            joint.hold(where_it_is);
+            if lost {
+                joint.target.feedforward = 0.0;
+            }
+        });
     }
 
     /// Reads the sensors and checks them.

@@ -85,6 +85,8 @@ pub struct JointConfig {
 const EXCESS_SHARE: f32 = 0.08;
 const GROWTH_SHARE: f32 = 0.015;
 const HELD_GROWTH_SHARE: f32 = 0.05;
+/// Share of the growth of an acceleration torque that will do when the torque beyond the weight shows the same.
+pub(crate) const CONFIRMED_SHARE: f32 = 0.75;
 /// A joint moves from this speed on [rad/s], and from so many counts a tick, below which a coarse encoder does not
 /// tell. Slower ones may come to rest in a grip.
 const MOVING_SPEED: f32 = 0.0767;
@@ -121,7 +123,7 @@ impl JointConfig {
             growth,
             held_growth: beyond_friction(HELD_GROWTH_SHARE),
             accelerating_growth,
-            least_growth: growth.min(accelerating_growth),
+            least_growth: growth.min(CONFIRMED_SHARE * accelerating_growth),
             moving: (MOVING_SPEED * TICK).max(MOVING_COUNTS * radians_per_count),
             flicker: FLICKER_COUNTS * radians_per_count,
             coulomb: joint.friction.coulomb,

@@ -202,7 +202,10 @@ fn a_dead_encoder_that_flickers_by_a_count_is_found() {
         for tick in 0..400 {
             rig.goal([0.0, 0.0, 0.19]);
             rig.tick();
-            if tick % every == 0 {
+            // It dies after some counts.
+            if tick < 4 {
+                rig.sensors.encoders[2] += 1;
+            } else if tick % every == 0 {
                 rig.sensors.encoders[2] ^= 1;
             }
             if rig.node.mode() == Mode::Fault {
@@ -248,5 +251,53 @@ fn a_reversed_encoder_is_named_before_anything_holds_by_it() {
         let faults = rig.node.faults();
         assert_eq!((faults.total, faults.faults[0].cause), (1, FaultCause::Runaway), "{mode:?}: {faults:?}");
         assert!(!rig.tick().enabled && joint.position < 0.15, "{mode:?}: {} rad", joint.position);
+    }
+}
+
+/// Friction beyond the model's that a motion has shown holds the joint against the opposite torque, too, also when its
+/// count has gone back by one since.
+#[test]
+fn a_count_that_goes_back_hides_no_friction() {
+    // Of the model: 0.02 N·m.
+    for friction in [0.088, 0.096] {
+        let mut model = model();
+        model.joints[2].servo.observer.inertia = 0.02;
+        let mut rig = Rig::ready(&model);
+        assert_eq!(rig.ask(Request::Enable(TaskConfig::JointServo(ServoMode::Observer))), Reply::Done);
+        let mut joint = Rubbing { friction, position: 0.0, velocity: 0.0 };
+        for tick in 0..400 {
+            rig.goal([0.0, 0.0, if tick < 200 { 0.1 } else { 0.0 }]);
+            rig.tick();
+            joint.step(&mut rig);
+            if tick >= 198 && joint.velocity == 0.0 {
+                rig.sensors.encoders[2] -= 1;
+            }
+            assert_ne!(rig.node.mode(), Mode::Fault, "{friction} N·m, tick {tick}: {:?}", rig.node.faults());
+        }
+        assert!(joint.position < 0.05, "it went back: {} rad", joint.position);
+    }
+}
+
+#[test]
+fn a_reversed_encoder_is_named_also_where_the_reference_rests() {
+    for mode in [ServoMode::Pid, ServoMode::Observer] {
+        let mut model = model();
+        model.joints[2].servo.observer.inertia = 0.02;
+        let mut rig = Rig::ready(&model);
+        assert_eq!(rig.ask(Request::Enable(TaskConfig::JointServo(mode))), Reply::Done);
+        // Something touches it.
+        let mut joint = Rubbing { friction: 0.02, position: 0.0, velocity: 0.5 };
+        let mut ticks = 0;
+        while rig.node.mode() != Mode::Fault {
+            rig.goal([0.0; 3]);
+            rig.tick();
+            joint.step(&mut rig);
+            rig.sensors.encoders[2] = -rig.sensors.encoders[2];
+            ticks += 1;
+            assert!(ticks < 40, "{mode:?}");
+        }
+        let faults = rig.node.faults();
+        assert_eq!((faults.total, faults.faults[0].cause), (1, FaultCause::Runaway), "{mode:?}: {faults:?}");
+        assert!(!rig.tick().enabled && joint.position < 0.3, "{mode:?}: {} rad", joint.position);
     }
 }

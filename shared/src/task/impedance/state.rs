@@ -181,6 +181,7 @@ impl ImpedanceState {
         self.setpoint = PosePoint { velocity: [0.0; 6], acceleration: [0.0; 6], ..self.setpoint };
         if self.contact && check_point(posture.tip(), &self.setpoint, &self.settings).is_ok() {
             self.release = Release::Moving;
+            self.relax_spring(&posture, &self.external_wrench(measurement));
         } else {
             self.release = Release::NotNeeded;
             self.setpoint = at_rest(posture.tip());
@@ -199,6 +200,28 @@ impl ImpedanceState {
         let own = own_mass(arm.chain, arm.joints, &self.angles, self.impedance.axes);
         self.impedance.raise_mass(&own);
         self.settings.impedance = self.impedance;
+    }
+
+    /// Moves the set-point of a tool that moves on into what it touches so near that its spring presses no harder than
+    /// the contact does.
+    #[cold]
+    #[inline(never)]
+    fn relax_spring(&mut self, posture: &Posture, wrench: &Vector6<f32>) {
+        let velocity = posture.jacobian() * Joints::from(self.velocities);
+        if velocity.fixed_rows::<3>(0).dot(&wrench.fixed_rows::<3>(0)) >= 0.0 {
+            return;
+        }
+        let zero = Vector6::zeros();
+        let error = pose_error(posture.tip(), &self.setpoint);
+        let [spring, contact] = [(&error, &zero), (&zero, wrench)].map(|(error, force)| {
+            let response = respond(&self.impedance, self.settings.law, posture.tip(), error, &zero, force);
+            math::sqrt(response.fixed_rows::<3>(0).norm_squared())
+        });
+        if spring > contact {
+            let moved = error * ((1.0 - contact / spring) / TICK);
+            let moved = PosePoint { velocity: moved.into(), ..self.setpoint }.coasted();
+            self.setpoint = PosePoint { velocity: [0.0; 6], ..moved };
+        }
     }
 
     /// Moves the set-point of the tool a period's way along the pose `error`, until it is at the tool.
