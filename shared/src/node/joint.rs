@@ -384,8 +384,11 @@ impl Joint<'_> {
         // What the joint took beyond the model along its last motion may be friction, which then holds it against the
         // opposite torque as well.
         let along = if state.last_change > 0.0 { state.moving_effort } else { -state.moving_effort };
+        // So may what has stopped its inertia within a period, unless that is more than friction.
+        let stopping = along + config.inertia * abs(state.last_change) / (TICK * TICK);
+        let shown = if stopping > config.max_friction + config.coulomb { along } else { stopping };
         let reverses = state.last_change * excess < 0.0;
-        let friction = if reverses { math::clamp(along, 0.0, config.max_friction) } else { 0.0 };
+        let friction = if reverses { math::clamp(shown, 0.0, config.max_friction) } else { 0.0 };
         let growth = if situation.presses {
             // Forces that are fed forward are balanced with an error of their own.
             if self.target.feedforward == 0.0 { config.breakaway } else { 2.0 * config.breakaway }
@@ -486,15 +489,18 @@ impl Joint<'_> {
     }
 
     /// Bounds the torque of a joint that is held after a fault, `before` in the last tick, by what it pressed with when
-    /// the stop began, beside its `weight` [N·m]: against an obstacle it must not press harder. What takes energy out of
-    /// its motion is not bounded, nor what a joint that stands still is to follow its reference with: its encoder may
-    /// be dead, which shows by the torque.
+    /// the stop began, beside its `weight` [N·m]: against an obstacle it must not press harder. What slows its motion down
+    /// is not bounded, nor what a joint that stands still is to follow its reference with: its encoder may be dead, which
+    /// shows by the torque.
     pub fn bound_hold(&mut self, before: f32, weight: f32) {
         let (config, state, velocity) = (self.config, &mut *self.state, *self.velocity);
         let excess = state.torque - weight;
         let max = state.pressed + config.coulomb + HELD_WEIGHT_ERROR * abs(weight);
-        let brakes = abs(velocity) * TICK > config.moving && excess * velocity < 0.0;
-        let follows = abs(self.reference.velocity) >= STALL_SPEED && state.change * excess <= 0.0;
+        let is_led = abs(self.reference.velocity) >= STALL_SPEED;
+        // A torque against a motion that goes on balances a push, or an encoder drifts.
+        let slows = is_led || abs(state.change) + config.flicker < abs(velocity) * TICK;
+        let follows = is_led && state.change * excess <= 0.0;
+        let brakes = slows && abs(velocity) * TICK > config.moving && excess * velocity < 0.0;
         if abs(excess) <= max || brakes || follows {
             return;
         }

@@ -184,12 +184,18 @@ struct Rubbing {
 impl Rubbing {
     /// Goes on for a period under the torque of the last tick.
     fn step(&mut self, rig: &mut Rig) {
-        const INERTIA: f32 = 0.02;
+        self.step_of(rig, 0.02);
+    }
+
+    /// As [`step`](Self::step), of another inertia [kg·m²].
+    fn step_of(&mut self, rig: &mut Rig, inertia: f32) {
         let torque = rig.node.telemetry().joints[2].torque;
-        let free = self.velocity + torque / INERTIA * 0.01;
-        let lost = self.friction / INERTIA * 0.01;
-        self.velocity = free - free.clamp(-lost, lost);
-        self.position += self.velocity * 0.01;
+        for _ in 0..20 {
+            let free = self.velocity + torque / inertia * 5e-4;
+            let lost = self.friction / inertia * 5e-4;
+            self.velocity = free - free.clamp(-lost, lost);
+            self.position += self.velocity * 5e-4;
+        }
         rig.sensors.encoders[2] = libm::roundf(self.position * COUNTS_PER_RADIAN) as i32;
     }
 }
@@ -299,5 +305,33 @@ fn a_reversed_encoder_is_named_also_where_the_reference_rests() {
         let faults = rig.node.faults();
         assert_eq!((faults.total, faults.faults[0].cause), (1, FaultCause::Runaway), "{mode:?}: {faults:?}");
         assert!(!rig.tick().enabled && joint.position < 0.3, "{mode:?}: {} rad", joint.position);
+    }
+}
+
+/// A joint that coasts to rest shows less than its friction by its effort.
+#[test]
+fn friction_that_stops_a_coasting_joint_is_no_dead_encoder() {
+    // Friction [N·m], 4.25 to 5 times the model's; inertia [kg·m²]; ticks between the goals at 0 and beside it [rad].
+    for (mode, friction, inertia, wait, goal) in [
+        (ServoMode::Pid, 0.085, 0.02, 200, 0.1),
+        (ServoMode::Pid, 0.09, 0.005, 60, 0.3),
+        (ServoMode::Pid, 0.095, 0.005, 100, 0.3),
+        (ServoMode::Pid, 0.1, 0.005, 60, 0.3),
+        (ServoMode::Observer, 0.1, 0.02, 35, 0.1),
+    ] {
+        let mut model = model();
+        model.joints[2].servo.observer.inertia = inertia;
+        let mut rig = Rig::ready(&model);
+        assert_eq!(rig.ask(Request::Enable(TaskConfig::JointServo(mode))), Reply::Done);
+        let mut joint = Rubbing { friction, position: 0.0, velocity: 0.0 };
+        for tick in 0..500 {
+            rig.goal([0.0, 0.0, if tick / wait % 2 == 0 { goal } else { 0.0 }]);
+            rig.tick();
+            joint.step_of(&mut rig, inertia);
+            // It may well fall behind.
+            let faults = &rig.node.faults().faults;
+            let dead = faults.iter().any(|fault| fault.cause == FaultCause::EncoderStuck);
+            assert!(!dead, "{mode:?}, {friction} N·m, {inertia} kg·m², tick {tick}: {faults:?}");
+        }
     }
 }

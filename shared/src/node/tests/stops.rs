@@ -436,6 +436,8 @@ fn a_stop_that_gains_energy_is_weakened() {
         model.joints[2].servo.observer.inertia = 0.02;
         let mut rig = Rig::enabled(&model);
         assert_eq!(rig.ask(Request::Stop), Reply::Done);
+        // As if it had pressed with its largest torque.
+        rig.node.state.joints[2].pressed = 0.6;
         // 0.02 kg·m² under a noisy encoder: the servo pushes against an error that is another one in the next tick.
         let [mut position, mut velocity] = [0.0_f32; 2];
         let mut random = 1_u32;
@@ -662,4 +664,30 @@ fn a_hold_that_begins_anew_after_missed_ticks_keeps_its_torques() {
     let after = rig.tick().torques[2];
     assert_eq!(rig.node.state.reaction, Reaction::Hold, "{:?}", rig.node.faults());
     assert!(before < 0.18 && (after - before).abs() < 0.01, "{before} then {after} N·m");
+}
+
+#[test]
+fn a_held_joint_whose_encoder_drifts_away_from_an_obstacle_presses_no_harder() {
+    let mut model = model();
+    model.joints[2].servo.observer.inertia = 0.02;
+    let mut rig = Rig::ready(&model);
+    assert_eq!(rig.ask(Request::Enable(TaskConfig::JointServo(ServoMode::Observer))), Reply::Done);
+    let mut joint = Obstructed { position: 0.0, velocity: 0.0 };
+    let mut reference = 0.0;
+    while joint.force() < 0.1 {
+        reference += 0.001;
+        assert_eq!(rig.ask(stream(reference, 0.1)), Reply::Done);
+        joint.step(&mut rig);
+    }
+    let pressed = rig.node.telemetry().joints[2].torque;
+    rig.ask(Request::Stop);
+    (0..40).for_each(|_| joint.step(&mut rig));
+    // 0.2 rad/s: seen from the servo the joint yields.
+    for drift in 1..80 {
+        joint.step(&mut rig);
+        rig.sensors.encoders[2] -= 20 * drift;
+        let torque = rig.node.telemetry().joints[2].torque;
+        assert!(torque < pressed + 0.04, "{torque} N·m after {drift} ticks, {pressed} N·m before");
+    }
+    assert_eq!((rig.node.faults().total, rig.node.state.reaction), (1, Reaction::Hold));
 }
