@@ -30,8 +30,6 @@ const CONTACT: f64 = 1.0;
 /// Ticks in which a joint with a dead encoder may be pushed. An encoder that lies otherwise, or a drive that does not
 /// what it is told, is found by the motion that follows, in twice this time.
 const STUCK_TICKS: u32 = 3;
-/// Friction of a joint, as a multiple of the model's, that the board has to allow for.
-const MAX_FRICTION: f64 = 5.0;
 /// The acceleration at a fault goes on for so long: the torques fade, and the drives lag [ticks].
 const FADING_TICKS: u32 = 2;
 const FADING: f64 = FADING_TICKS as f64;
@@ -93,17 +91,15 @@ pub struct Oracle {
     /// Faults in the log, of every tick.
     total: u32,
     latest: Option<Fault>,
-    /// Ticks since each joint's count stood still although it should move, and whether it has changed since the outputs
-    /// are on.
+    /// Ticks since each joint's count stood still although it should move.
     stuck: Vec<u32>,
-    has_moved: Vec<bool>,
     broken: Vec<Violation>,
 }
 
 impl Oracle {
     /// An oracle for a machine whose board has just been switched on.
     pub fn new(machine: Machine) -> Self {
-        let joints = machine.model.joints.len();
+        let stuck = vec![0; machine.model.joints.len()];
         Self {
             machine,
             permission: Permission::None,
@@ -114,8 +110,7 @@ impl Oracle {
             stop: None,
             total: 0,
             latest: None,
-            stuck: vec![0; joints],
-            has_moved: vec![false; joints],
+            stuck,
             broken: Vec::new(),
         }
     }
@@ -301,8 +296,7 @@ impl Oracle {
     }
 
     /// A dead encoder is detectable when the joint moves and its count does not, under a torque that moves it.
-    /// One against the motion takes energy out of it: something else moves the joint. One that balances a push moves
-    /// nothing.
+    /// One against the motion takes energy out of it: something else moves the joint.
     fn check_encoders(&mut self, sample: &Sample) {
         let Some(before) = self.before.back() else { return };
         let mut found = Vec::new();
@@ -316,20 +310,13 @@ impl Oracle {
             };
             let excess = f64::from(torque) - weight;
             let coulomb = self.machine.coulomb.get(index).copied().unwrap_or_default();
-            let stands = was_read == Some(read);
-            let has_moved = self.has_moved.get_mut(index).is_some_and(|has_moved| {
-                *has_moved = sample.enabled && (*has_moved || !stands);
-                *has_moved
-            });
-            // Before a joint has moved, the board knows of its friction only how large that may be.
-            let unknown = MAX_FRICTION * f64::from(joint.friction.coulomb);
-            let friction = (2.0 * coulomb).max(if has_moved { 0.0 } else { unknown });
-            let breakaway = friction + 0.1 * f64::from(joint.limits.torque) + WEIGHT_ERROR * weight.abs();
+            let breakaway =
+                2.0 * coulomb + 0.1 * f64::from(joint.limits.torque) + WEIGHT_ERROR * weight.abs();
             let moved = was_true.is_some_and(|was| truth.wrapping_sub(*was).abs() > 2);
             let ends =
                 [sample, before].map(|sample| sample.positions.get(index).copied().unwrap_or_default());
             let pushed = excess.abs() > breakaway && excess * (ends[0] - ends[1]) > 0.0;
-            let dead = stands && moved && sample.enabled && pushed && !sample.acting.pushed;
+            let dead = was_read == Some(read) && moved && sample.enabled && pushed;
             if let Some(ticks) = self.stuck.get_mut(index) {
                 *ticks = if dead { *ticks + 1 } else { 0 };
                 if *ticks > STUCK_TICKS {
@@ -427,7 +414,7 @@ impl Oracle {
         let after = sample.tick - stop.tick;
         let mut broken = Vec::new();
         let too_fast = REDUCED_SPEED.max(FORCE_RISE * stop.speed);
-        let in_contact = !stop.excused && !stop.drifted && stop.contact > CONTACT && after > 0;
+        let in_contact = !stop.excused && stop.contact > CONTACT && after > 0;
         let energy = stop.work > stop.allowance && !stop.drifted;
         let speed = in_contact && sample.speed > too_fast;
         // The motion goes on until its energy is in the wall's spring.
@@ -435,8 +422,8 @@ impl Oracle {
         let limit = FORCE_RISE * (stop.contact * stop.contact + stored).sqrt() + self.machine.force_noise;
         let force = in_contact && sample.contact > limit;
         if acting.encoders || acting.drives {
-            // What a late drive does shows late, and it goes on with what it was told before for as long.
-            stop.patience = stop.patience.max(2 * STUCK_TICKS + 2 * acting.late);
+            // A late drive goes on for so long with what it was told before.
+            stop.patience = stop.patience.max(2 * STUCK_TICKS + acting.late);
             stop.wrong_until = sample.tick + stop.patience;
         }
         let wrong = sample.tick < stop.wrong_until;
