@@ -89,8 +89,8 @@ pub fn start(device: pac::Peripherals, syst: cortex_m::peripheral::SYST, node: &
         None if by_software => ResetCause::Software,
         None => ResetCause::PowerOn,
     };
-    if let Some(log) = retained::faults() {
-        node.restore_faults(log);
+    if let Some((log, joints)) = retained::faults() {
+        node.restore_faults(log, joints);
     }
     let mut record = |cause, value: u32, limit: u32| {
         #[expect(
@@ -113,7 +113,7 @@ pub fn start(device: pac::Peripherals, syst: cortex_m::peripheral::SYST, node: &
             record(FaultCause::ClockFallback, clocks.source as u32, 0);
         }
     }
-    retained::retain_faults(node.faults());
+    retained::retain_faults(node.faults(), node.fault_joints());
     let text = crash.as_ref().map_or("", |crash| crash.text());
     let status = BoardStatus {
         identity,

@@ -198,7 +198,7 @@ mod app {
         let faults = node.faults().total;
         let actuators = node.tick(&sensors);
         if node.faults().total != faults {
-            retained::retain_faults(node.faults());
+            retained::retain_faults(node.faults(), node.fault_joints());
         }
         let logged = node.is_logged();
         if logged {
@@ -230,7 +230,7 @@ mod app {
                 let (reply, faults, index, logged) = both.lock(|node, board| {
                     let reply = node.handle_on(&request, status, &mut |model| board.configure(model));
                     if node.faults().total != *cx.local.retained_faults {
-                        retained::retain_faults(node.faults());
+                        retained::retain_faults(node.faults(), node.fault_joints());
                     }
                     (reply, node.faults().total, node.records(), node.is_logged())
                 });

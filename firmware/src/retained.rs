@@ -11,8 +11,8 @@ use serde::de::DeserializeOwned;
 use tesaki::fault::{FaultCause, FaultLog};
 use tesaki::protocol::codec::checksum;
 
-/// Longest postcard encoding of a [`FaultLog`].
-const LOG: usize = 320;
+/// Longest postcard encoding of a [`FaultLog`] and the checksum of its joints.
+const LOG: usize = 328;
 /// Maximum length of a retained message [bytes].
 pub const MAX_TEXT: usize = 96;
 
@@ -74,15 +74,15 @@ fn with<R>(body: impl FnOnce(&mut Retained) -> R) -> R {
     })
 }
 
-/// Retains the fault log over a reset.
-pub fn retain_faults(log: &FaultLog) {
-    if let Some(record) = Record::encode(log, FaultLog::KEY) {
+/// Retains the fault log over a reset, and the checksum of the joints that it numbers.
+pub fn retain_faults(log: &FaultLog, joints: u32) {
+    if let Some(record) = Record::encode(&(log, joints), FaultLog::KEY) {
         with(|retained| retained.log = record);
     }
 }
 
-/// The fault log from before the reset, if valid.
-pub fn faults() -> Option<FaultLog> {
+/// The fault log from before the reset and the checksum of its joints, if valid.
+pub fn faults() -> Option<(FaultLog, u32)> {
     with(|retained| retained.log).decode(FaultLog::KEY)
 }
 

@@ -28,9 +28,9 @@ impl VirtualBoard {
 
     /// The reset button. Like a board's retained memory, it keeps the faults.
     pub fn reset(&mut self) {
-        let faults = self.node.faults().clone();
+        let (faults, joints) = (self.node.faults().clone(), self.node.fault_joints());
         *self = Self::default();
-        self.node.restore_faults(faults);
+        self.node.restore_faults(faults, joints);
     }
 
     /// Takes bytes from the supervisor, and appends what the board answers to `out`.

@@ -119,7 +119,14 @@ impl FaultCause {
     /// Whether the joints deviate from their references, or moved on without control, so that they must stop from
     /// where they are instead of along the reference.
     pub const fn invalidates_reference(self) -> bool {
-        matches!(self, Self::PositionLimit | Self::VelocityLimit | Self::FollowingError | Self::LateTick)
+        matches!(
+            self,
+            Self::PositionLimit
+                | Self::VelocityLimit
+                | Self::FollowingError
+                | Self::LateTick
+                | Self::ObjectLost
+        )
     }
 
     /// The unit of [`Fault::value`] and [`Fault::limit`]; empty for a plain number.
@@ -248,9 +255,9 @@ pub struct FaultLog {
 }
 
 impl FaultLog {
-    /// Identifies the layout of a log: memory that outlives a firmware may hold another's.
+    /// Identifies the layout of a log and the checksum of its joints: memory that outlives a firmware may hold another's.
     pub const KEY: u64 =
-        u64::from_le_bytes(postcard_schema::key::Key::for_path::<Self>("tesaki/faults").to_bytes());
+        u64::from_le_bytes(postcard_schema::key::Key::for_path::<(Self, u32)>("tesaki/faults").to_bytes());
 
     /// No faults.
     pub const fn new() -> Self {

@@ -29,6 +29,9 @@ use tesaki_firmware::{retained, stack};
 
 mod support;
 
+/// Checksum of the joints of the retained faults.
+const JOINTS: u32 = 0xf0e1_d2c3;
+
 /// Name of a test, and its function.
 type Test = (&'static str, fn() -> bool);
 
@@ -36,12 +39,12 @@ type Test = (&'static str, fn() -> bool);
 fn main() -> ! {
     stack::paint();
     // The tests of retained memory need a reset: the second start checks what the first one retained.
-    let second_start = retained::faults().is_some_and(|log| log.total == 2 && log.faults.len() == 2);
+    let second_start = retained::faults().is_some_and(|(log, _)| log.total == 2 && log.faults.len() == 2);
     if !second_start {
         let mut log = FaultLog::new();
         log.record(fault(FaultCause::EncoderJump, Some(4), 0.25));
         log.record(fault(FaultCause::CommandTimeout, None, 0.11));
-        retained::retain_faults(&log);
+        retained::retain_faults(&log, JOINTS);
         retained::retain_crash(
             FaultCause::Panic,
             77,
@@ -91,8 +94,9 @@ fn fault(cause: FaultCause, joint: Option<u8>, value: f32) -> Fault {
 }
 
 fn faults_survive() -> bool {
-    retained::faults().is_some_and(|log| {
-        log.faults[0] == fault(FaultCause::EncoderJump, Some(4), 0.25)
+    retained::faults().is_some_and(|(log, joints)| {
+        joints == JOINTS
+            && log.faults[0] == fault(FaultCause::EncoderJump, Some(4), 0.25)
             && log.faults[1] == fault(FaultCause::CommandTimeout, None, 0.11)
     })
 }
@@ -206,7 +210,7 @@ fn interrupts_are_not_kept_off() -> bool {
     timer.clear_current();
     timer.enable_interrupt();
     timer.enable_counter();
-    (0..500).for_each(|_| retained::retain_faults(&log));
+    (0..500).for_each(|_| retained::retain_faults(&log, JOINTS));
     timer.disable_interrupt();
     timer.disable_counter();
     let instructions = LATENCY.load(Ordering::Relaxed) * 1000 / 168;

@@ -70,8 +70,9 @@ struct Stop {
     excused: bool,
     /// Whether an encoder has drifted: no robot with one encoder for each joint can tell that from motion.
     drifted: bool,
-    /// A sensor or a drive is wrong, or was so shortly before this tick.
+    /// A sensor or a drive is wrong, or was so shortly before this tick; in how many ticks the board must find it.
     wrong_until: u32,
+    patience: u32,
     /// Ticks in which a joint has been too fast or has got too much energy, while a sensor or a drive was wrong.
     unnoticed: u32,
 }
@@ -349,7 +350,8 @@ impl Oracle {
                 energy: before.energy,
                 speed: before.speed + FADING * rise(&self.before),
                 work: 0.0,
-                fading: excess(before).collect(),
+                fading: excess(self.before.iter().rev().find(|before| before.answered).unwrap_or(before))
+                    .collect(),
                 fades_from: sample.tick + FADING_TICKS,
                 allowance: before.energy + self.machine.tolerated_energy(),
                 found: sample.total,
@@ -357,6 +359,7 @@ impl Oracle {
                 excused: false,
                 drifted: false,
                 wrong_until: 0,
+                patience: 0,
                 unnoticed: 0,
             });
         }
@@ -419,7 +422,9 @@ impl Oracle {
         let limit = FORCE_RISE * (stop.contact * stop.contact + stored).sqrt() + self.machine.force_noise;
         let force = in_contact && sample.contact > limit;
         if acting.encoders || acting.drives {
-            stop.wrong_until = sample.tick + 2 * STUCK_TICKS;
+            // A late drive goes on for so long with what it was told before.
+            stop.patience = stop.patience.max(2 * STUCK_TICKS + acting.late);
+            stop.wrong_until = sample.tick + stop.patience;
         }
         let wrong = sample.tick < stop.wrong_until;
         if wrong && sample.total > stop.found {
@@ -431,7 +436,7 @@ impl Oracle {
             stop.speed = stop.speed.max(sample.speed);
         }
         stop.unnoticed = if wrong && (energy || speed || force) { stop.unnoticed + 1 } else { 0 };
-        let noticeable = !wrong || stop.unnoticed > 2 * STUCK_TICKS;
+        let noticeable = !wrong || stop.unnoticed > stop.patience;
         if energy && noticeable {
             let text = format!(
                 "the drives brought {:.3} J into the robot within {after} ticks of the fault; \

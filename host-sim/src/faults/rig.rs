@@ -379,6 +379,7 @@ impl Rig {
             }),
             drifts: is(|kind| matches!(kind, Kind::Drift { .. })),
             drives: self.acts(Family::Drive),
+            late: self.acting().map(|fault| fault.kind.lateness()).max().unwrap_or(0),
             weak_drives: self.acting().filter_map(|fault| fault.kind.weak_drive()).collect(),
         };
         Sample {

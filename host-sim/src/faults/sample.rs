@@ -28,6 +28,8 @@ pub struct Acting {
     pub drifts: bool,
     /// A drive does not do what it is told.
     pub drives: bool,
+    /// By how much the latest drive is late [ticks].
+    pub late: u32,
     /// The joints whose drives cannot carry the weight.
     pub weak_drives: Vec<usize>,
 }

@@ -206,6 +206,14 @@ impl Kind {
         }
     }
 
+    /// By how much a drive is late [ticks].
+    pub const fn lateness(&self) -> u32 {
+        match *self {
+            Self::Late { late, .. } => late,
+            _ => 0,
+        }
+    }
+
     /// Simpler variants, for shrinking: half of a magnitude.
     pub fn simpler(&self) -> Vec<Self> {
         let half = |vector: [f64; 3]| vector.map(|part| (part / 2.0).round());

@@ -208,6 +208,22 @@ fn pushing_a_joint_with_a_dead_encoder_is_unsafe() {
 }
 
 #[test]
+fn a_late_drive_goes_on_with_what_it_was_told_before() {
+    let found = |late: u32| {
+        let mut oracle = oracle();
+        oracle.tick(Sample { contact: 4.0, ..sample(0, ENABLED, true) });
+        for tick in 1..40 {
+            let acting = Acting { drives: true, late, ..Acting::default() };
+            oracle.tick(Sample { contact: 4.0, speed: 0.3, acting, ..sample(tick, Mode::Fault, true) });
+        }
+        broken(&oracle)
+    };
+    // From the second tick on: more than six ticks, and the delay.
+    assert_eq!(found(0), [(Rule::ToolSpeed, 8)]);
+    assert_eq!(found(5), [(Rule::ToolSpeed, 13)]);
+}
+
+#[test]
 fn a_schedule_runs_the_same_twice() {
     for seed in [6, 13, 14] {
         let schedule = Schedule::draw(seed);

@@ -209,6 +209,20 @@ impl Impedance {
         Ok(())
     }
 
+    /// Raises the masses along x, y and z to these at least [kg], and the damping in the same relation, so that motions
+    /// fade as they did; the stiffness remains. An impedance with coupled axes is not changed.
+    pub fn raise_mass(&mut self, masses: &[f32; 3]) {
+        if self.coupling.is_some() {
+            return;
+        }
+        for ((mass, damping), &least) in self.mass.iter_mut().zip(&mut self.damping).zip(masses) {
+            if *mass < least {
+                *damping *= least / *mass;
+                *mass = least;
+            }
+        }
+    }
+
     /// The continuous-time acceleration `M⁻¹ (F − B ė − K e)` (Arm7 step 3). The zero-order hold of a control
     /// period reduces its damping.
     pub fn acceleration(

@@ -229,6 +229,12 @@ impl JointServo {
         state.torque = self.torque_rate.limit(state.torque, requested);
         state.torque
     }
+
+    /// [`limit`](Self::limit) of another torque for this tick, after the torque `before` of the last one [N·m].
+    pub(crate) const fn limit_after(&self, state: &mut JointServoState, before: f32, requested: f32) -> f32 {
+        state.torque = before;
+        self.limit(state, requested)
+    }
 }
 
 #[cfg(all(test, feature = "test-support"))]

@@ -54,11 +54,11 @@ impl Chain {
         // acceleration about joint j, projected onto each earlier axis, are column j.
         let mut matrix = MassMatrix::zeros();
         let mut behind: Option<Body> = None;
-        for (j, body) in bodies.iter().enumerate().rev() {
+        let columns = matrix.as_mut_slice().chunks_exact_mut(MAX_CHAIN_JOINTS);
+        for ((j, body), column) in bodies.iter().enumerate().zip(columns).rev() {
             let composite = behind.map_or(*body, |behind| body.with(&behind));
             let force = composite.axis.cross(&composite.moment);
             let moment = composite.inertia * composite.axis;
-            let mut column = matrix.column_mut(j);
             for (element, before) in column.iter_mut().zip(&bodies).take(j) {
                 let arm = composite.origin - before.origin;
                 *element = before.axis.dot(&(moment + arm.cross(&force)));

@@ -163,12 +163,12 @@ impl Node {
         configure: &mut dyn FnMut(&RobotModel) -> Result<(), ModelError>,
     ) -> Result<(), Refusal> {
         self.require_disabled()?;
-        let Committed { checksum, same_encoders, others } =
+        let Committed { checksum, same_encoders, names } =
             self.transfer.commit(&mut self.robot, configure)?;
         self.model_checksum = checksum;
-        // By its number, a fault of before would be told of another joint.
-        for fault in &mut self.state.faults.faults {
-            fault.joint = fault.joint.filter(|&joint| others.checked_shr(joint.into()).unwrap_or(0) & 1 == 0);
+        if core::mem::replace(&mut self.state.fault_joints, names) != names {
+            // By its number, a fault of before would be told of another joint.
+            self.state.faults.faults.iter_mut().for_each(|fault| fault.joint = None);
         }
         for (index, (config, state)) in self.robot.joints().iter().zip(&mut self.state.joints).enumerate() {
             *state = state.configured(config, same_encoders >> index & 1 != 0);

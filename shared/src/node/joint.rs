@@ -2,11 +2,13 @@ use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use crate::TICK;
-use crate::control::{JointPoint, JointServoState, ServoMode};
+use crate::control::{JointPoint, JointServoState, STALL_SPEED, ServoMode};
 use crate::fault::FaultCause;
 use crate::math::{self, abs};
 use crate::model::MAX_JOINTS;
-use crate::robot::{Efforts, JointConfig, JointSetpoint, JointTarget, Measured, Robot, Targets};
+use crate::robot::{
+    CONFIRMED_SHARE, Efforts, JointConfig, JointSetpoint, JointTarget, Measured, Robot, Targets,
+};
 
 /// Maximum compensated lag of a drive, as a fraction of the period. A larger one amplifies torque steps more.
 const MAX_COMPENSATED_LAG: f32 = 0.3;
@@ -24,6 +26,8 @@ const DRIVING_DECAY: f32 = 0.5;
 /// Decrease of the weight that damping bears per rise of the joint [1/rad], and largest one.
 const LESS_WEIGHT: f32 = 4.0;
 const MAX_UNBORNE: f32 = 0.4;
+/// Fraction by which the model's weight of a held joint may be wrong: masses and torque constants by 10 % to 15 % each.
+const HELD_WEIGHT_ERROR: f32 = 0.25;
 
 /// State of a joint: encoder and servo.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize, Schema)]
@@ -37,8 +41,9 @@ pub(super) struct JointState {
     /// Torque of the last tick, and its part beyond the feed-forward [N·m].
     pub torque: f32,
     pub effort: f32,
-    /// The last change of the angle in a tick [rad], and the effort then; of a damped joint, the torque beyond
-    /// the weight [N·m].
+    /// Where the joint was when it moved last, the change of the angle in that tick [rad], and the effort then; of a
+    /// damped joint, the torque beyond the weight [N·m].
+    moved_to: f32,
     last_change: f32,
     moving_effort: f32,
     /// Ticks in a row without a change under a torque that moves the joint.
@@ -49,6 +54,8 @@ pub(super) struct JointState {
     running_away: u8,
     /// How far the joint has been lifted against its weight since a stop began [rad].
     pub rise: f32,
+    /// The torque beyond weight and acceleration when a stop began [N·m].
+    pub pressed: f32,
     pub servo: JointServoState,
 }
 
@@ -130,12 +137,14 @@ impl JointState {
             change: 0.0,
             torque: 0.0,
             effort: 0.0,
+            moved_to: 0.0,
             last_change: 0.0,
             moving_effort: 0.0,
             unchanged: 0,
             gained_in: 0,
             running_away: 0,
             rise: 0.0,
+            pressed: 0.0,
             servo: JointServoState::at(0.0),
         }
     }
@@ -317,13 +326,16 @@ impl Joint<'_> {
         })
     }
 
-    /// Whether the joint moves against both its effort and the motion of its reference: a servo that is only too weak,
-    /// or hindered, falls behind; one whose encoder or drive is reversed goes the other way.
+    /// Whether the joint moves against its effort, away from its reference, which does not lead it there: a servo that
+    /// is only too weak, or hindered, falls behind; one whose encoder or drive is reversed goes the other way. A
+    /// reference at rest may have been left by a push, which slows down.
     #[cold]
     fn goes_astray(&self) -> bool {
-        let velocity = *self.velocity;
-        let astray = abs(velocity) * TICK > self.config.moving && self.reference.velocity * velocity < 0.0;
-        astray && self.is_opposed()
+        let (velocity, lead) = (*self.velocity, self.reference.velocity * *self.velocity);
+        let leaves = (self.reference.position - *self.position) * velocity < 0.0;
+        let gains = abs(self.state.change) > abs(self.state.last_change) + self.config.flicker;
+        let astray = lead < 0.0 || lead == 0.0 && leaves && gains;
+        abs(velocity) * TICK > self.config.moving && astray && self.is_opposed()
     }
 
     /// Whether the angle stands still while the effort has grown by what moves the joint. A contact force, or an
@@ -346,15 +358,16 @@ impl Joint<'_> {
         abs(self.state.effort - self.state.moving_effort) > self.config.least_growth
     }
 
-    /// Whether the angle has changed. A count that comes and goes is no motion: a dead encoder may flicker.
+    /// Whether the joint has moved on. A count that comes and goes is no motion: a dead encoder may flicker.
     #[inline(always)]
     fn moves(&mut self) -> bool {
-        let (change, before) = (self.state.change, self.state.last_change);
-        if change == 0.0 {
+        let (position, state) = (*self.position, &mut *self.state);
+        let distance = position - state.moved_to;
+        if distance * state.last_change <= 0.0 && abs(distance) < self.config.flicker {
             return false;
         }
-        self.state.last_change = change;
-        abs(change) > self.config.flicker || abs(change + before) > 0.5 * self.config.flicker
+        (state.moved_to, state.last_change) = (position, state.change);
+        true
     }
 
     /// Checks the encoder of a joint that [resists](Self::resists) a growing `effort`: its torque was `excess` beyond
@@ -371,8 +384,11 @@ impl Joint<'_> {
         // What the joint took beyond the model along its last motion may be friction, which then holds it against the
         // opposite torque as well.
         let along = if state.last_change > 0.0 { state.moving_effort } else { -state.moving_effort };
+        // So may what has stopped its inertia within a period, unless that is more than friction.
+        let stopping = along + config.inertia * abs(state.last_change) / (TICK * TICK);
+        let shown = if stopping > config.max_friction + config.coulomb { along } else { stopping };
         let reverses = state.last_change * excess < 0.0;
-        let friction = if reverses { math::clamp(along, 0.0, config.max_friction) } else { 0.0 };
+        let friction = if reverses { math::clamp(shown, 0.0, config.max_friction) } else { 0.0 };
         let growth = if situation.presses {
             // Forces that are fed forward are balanced with an error of their own.
             if self.target.feedforward == 0.0 { config.breakaway } else { 2.0 * config.breakaway }
@@ -387,22 +403,17 @@ impl Joint<'_> {
         let limit = if situation.stops { config.stop_excess } else { config.excess };
         // An arm in motion balances the inertia of its other links: a torque that does so moves no joint.
         let is_balance = situation.accelerates && !situation.stops;
-        let moves = !is_balance
-            && abs(grown) > growth + 2.0 * friction
-            && abs(excess) > limit
-            && grown * excess > 0.0;
+        let pushes = abs(excess) > limit && grown * excess > 0.0;
+        let moves = !is_balance && pushes && abs(grown) > growth + 2.0 * friction;
+        // Accelerations are noisy: less of them, and a tick less, will do where the torque shows the same.
+        let (share, ticks) = if pushes { (CONFIRMED_SHARE, STUCK_TICKS) } else { (1.0, STUCK_TICKS + 1) };
         // A joint that brakes to rest stays there while its effort falls to what friction bears.
         let accelerates = situation.accelerates
-            && abs(grown) > config.accelerating_growth
+            && abs(grown) > share * config.accelerating_growth
             && abs(effort) > 0.5 * config.growth
             && grown * effort > 0.0;
         state.unchanged = if moves || accelerates { state.unchanged.saturating_add(1) } else { 0 };
-        // Accelerations are noisy: one tick more.
-        let (ticks, value, limit) = if moves {
-            (STUCK_TICKS, excess, limit)
-        } else {
-            (STUCK_TICKS + 1, grown, config.accelerating_growth)
-        };
+        let (value, limit) = if moves { (excess, limit) } else { (grown, config.accelerating_growth) };
         (state.unchanged >= ticks).then_some((FaultCause::EncoderStuck, value, limit))
     }
 
@@ -477,6 +488,28 @@ impl Joint<'_> {
         self.state.effort = output.effort;
     }
 
+    /// Bounds the torque of a joint that is held after a fault, `before` in the last tick, by what it pressed with when
+    /// the stop began, beside its `weight` [N·m]: against an obstacle it must not press harder. What slows its motion down
+    /// is not bounded, nor what a joint that stands still is to follow its reference with: its encoder may be dead, which
+    /// shows by the torque.
+    pub fn bound_hold(&mut self, before: f32, weight: f32) {
+        let (config, state, velocity) = (self.config, &mut *self.state, *self.velocity);
+        let excess = state.torque - weight;
+        let max = state.pressed + config.coulomb + HELD_WEIGHT_ERROR * abs(weight);
+        let is_led = abs(self.reference.velocity) >= STALL_SPEED;
+        // A torque against a motion that goes on balances a push, or an encoder drifts.
+        let slows = is_led || abs(state.change) + config.flicker < abs(velocity) * TICK;
+        let follows = is_led && state.change * excess <= 0.0;
+        let brakes = slows && abs(velocity) * TICK > config.moving && excess * velocity < 0.0;
+        if abs(excess) <= max || brakes || follows {
+            return;
+        }
+        let bounded =
+            config.servo.limit_after(&mut state.servo, before, weight + math::clamp(excess, -max, max));
+        state.effort += bounded - state.torque;
+        state.torque = bounded;
+    }
+
     /// Computes the torque without servo: feed-forward, damping and, if `compensated`, gravity and friction
     /// compensation.
     #[inline(never)]
@@ -543,6 +576,7 @@ impl Joint<'_> {
         *self.reference = JointPoint { position, ..JointPoint::default() };
         let state = &mut *self.state;
         state.servo.restart_under_torque(position);
+        state.moved_to = position;
         (state.effort, state.last_change, state.moving_effort) = (0.0, 0.0, 0.0);
         (state.unchanged, state.running_away) = (0, 0);
     }

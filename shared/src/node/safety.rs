@@ -81,6 +81,12 @@ impl Node {
             (Reaction::Hold, true) => self.halt(fault),
             (Reaction::Hold, false) => {
                 self.hold_joints(fault);
+                // What the joints balanced is as it was: the servos begin with these torques.
+                let mut all = joints(&self.robot, &mut self.state);
+                let weight = weight(&all);
+                all.each().zip(weight).for_each(|(joint, weight)| {
+                    joint.target.feedforward = joint.state.torque - weight;
+                });
                 Reaction::Hold
             }
             (reaction, _) => reaction,
@@ -128,7 +134,13 @@ impl Node {
         let no_servo = self.state.targets.actuation != Actuation::Servo;
         let where_it_is = no_servo || fault.cause.invalidates_reference();
         self.state.targets.actuation = Actuation::Servo;
-        joints(&self.robot, &mut self.state).each().for_each(|mut joint| joint.hold(where_it_is));
+        let lost = fault.cause == FaultCause::ObjectLost;
+        joints(&self.robot, &mut self.state).each().for_each(|mut joint| {
+            joint.hold(where_it_is);
+            if lost {
+                joint.target.feedforward = 0.0;
+            }
+        });
     }
 
     /// Reads the sensors and checks them.

@@ -68,6 +68,8 @@ pub struct State {
     pub(super) joints: [JointState; MAX_JOINTS],
     pub(super) force_sensors: [ForceSensorState; MAX_CHAINS],
     pub(super) faults: FaultLog,
+    /// Checksum of the names of the joints that they number; 0 before the first model.
+    pub(super) fault_joints: u32,
     /// Total number of faults at the last read.
     pub(super) faults_read: u32,
     /// Period of each [`Stream`] [ticks]; 0: off.
@@ -104,6 +106,7 @@ impl State {
             joints: [JointState::new(); MAX_JOINTS],
             force_sensors: [ForceSensorState::new(); MAX_CHAINS],
             faults: FaultLog::new(),
+            fault_joints: 0,
             faults_read: 0,
             rates: [0; Stream::ALL.len()],
             records: 0,

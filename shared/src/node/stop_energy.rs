@@ -64,6 +64,9 @@ impl Node {
             let velocity = *joint.velocity;
             let momentum = torque - weight + joint.config.servo.rotor_torque(velocity);
             let excess = joint.state.torque - weight;
+            // In motion the torque may accelerate the joint as well.
+            let acceleration = joint.config.acceleration(joint.state.change, velocity);
+            joint.state.pressed = abs(excess).max(abs(excess - joint.config.inertia * acceleration));
             let fading =
                 (0.5 * abs(excess) / joint.config.limits.torque_rate).min(MAX_FADING) + REACTION_TIME;
             let gained = excess / joint.config.inertia * fading;

@@ -4,6 +4,7 @@ use super::Node;
 use super::handle::joints;
 use super::joint::Joints;
 use super::optional::Optional;
+use crate::TICK;
 use crate::control::{JointPoint, STALL_SPEED, ServoMode};
 use crate::fault::{Fault, FaultCause};
 use crate::math::abs;
@@ -79,17 +80,34 @@ impl Node {
             (Reaction::Damp, Some(_)) => self.damp(),
             (Reaction::Hold, Some(_)) => match self.state.targets.actuation {
                 Actuation::Acceleration { friction } => self.accelerate(friction),
-                actuation if self.stays() => self.servo::<false>(actuation),
+                actuation if self.state.mode == Mode::Fault => self.hold(actuation),
                 actuation => self.servo::<true>(actuation),
             },
+        }
+    }
+
+    /// Computes the torques that hold the joints after a fault.
+    #[cold]
+    #[inline(never)]
+    fn hold(&mut self, actuation: Actuation) {
+        let mut before = [0.0; MAX_JOINTS];
+        before.iter_mut().zip(&self.state.joints).for_each(|(before, joint)| *before = joint.torque);
+        if self.stays() {
+            self.servo::<false>(actuation);
+        } else {
+            self.servo::<true>(actuation);
+        }
+        let mut all = joints(&self.robot, &mut self.state);
+        let weight = weight(&all);
+        for (mut joint, (before, weight)) in all.each().zip(before.into_iter().zip(weight)) {
+            joint.bound_hold(before, weight);
         }
     }
 
     /// Whether a stop is over and the joints stay where they are. What they would learn of the disturbance from
     /// then on would make them press harder against what holds them, or after an encoder that has died.
     fn stays(&self) -> bool {
-        self.state.mode == Mode::Fault
-            && self.state.tick.wrapping_sub(self.state.reacting_since) >= SETTLING_TICKS
+        self.state.tick.wrapping_sub(self.state.reacting_since) >= SETTLING_TICKS
             && self.references().iter().all(|reference| abs(reference.velocity) < STALL_SPEED)
     }
 
@@ -143,14 +161,16 @@ impl Node {
             self.state.faults.faults.last().is_some_and(|last| last.cause == FaultCause::EnergyGained);
         let has_driven = self.state.stop_energy.work > DRIVEN_SHARE * self.tolerated_energy();
         let mut all = joints(robot, &mut self.state);
-        let [mut power, mut energy] = [0.0; 2];
+        let [mut power, mut energy, mut gain] = [0.0; 3];
         for joint in all.each() {
-            let velocity = *joint.velocity;
-            power += joint.target.feedforward * velocity;
-            energy += 0.5 * joint.config.inertia * velocity * velocity;
+            let (velocity, inertia) = (*joint.velocity, joint.config.inertia);
+            power += joint.target.feedforward * joint.state.change;
+            energy += 0.5 * inertia * velocity * velocity;
+            gain += inertia * velocity * (joint.state.change - velocity * TICK);
         }
         let moves = energy > 0.5 * robot.mass() * DRIVEN_SPEED * DRIVEN_SPEED;
-        let driving = if begins { drove } else { power > 0.0 && (moves || has_driven) };
+        // Torques that press a robot into a wall slow it down with the wall.
+        let driving = if begins { drove } else { power > 0.0 && gain > 0.0 && (moves || has_driven) };
         let weight = weight(&all);
         all.each().zip(weight).for_each(|(mut joint, weight)| joint.damp(weight, begins, driving));
     }

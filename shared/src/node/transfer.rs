@@ -63,14 +63,16 @@ impl Transfer {
         }
         match postcard::take_from_bytes::<RobotModel>(&self.bytes) {
             Ok((model, [])) => {
-                let (mut same_encoders, mut others) = (0, 0);
+                let mut same_encoders = 0;
                 for (index, old) in robot.model().joints.iter().enumerate() {
                     let new = model.joints.get(index).filter(|new| new.name == old.name);
-                    others |= u16::from(new.is_none()) << index;
                     same_encoders |= u16::from(new.is_some_and(|new| new.encoder == old.encoder)) << index;
                 }
+                let names = model.joints.iter().fold(0_u32, |names, joint| {
+                    names.rotate_left(1) ^ codec::checksum(joint.name.as_bytes())
+                });
                 robot.configure_on(&model, board).map_err(Refusal::Model)?;
-                Ok(Committed { checksum: received, same_encoders, others })
+                Ok(Committed { checksum: received, same_encoders, names })
             }
             _ => Err(Refusal::ModelUnreadable { length, limit: MAX_MODEL as u32 }),
         }
@@ -83,6 +85,6 @@ pub(super) struct Committed {
     pub checksum: u32,
     /// Bit `i` is set when name and encoder of joint `i` are unchanged.
     pub same_encoders: u16,
-    /// Bit `i` is set when the model before had another joint `i`.
-    pub others: u16,
+    /// Checksum of the names of all joints.
+    pub names: u32,
 }

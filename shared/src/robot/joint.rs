@@ -65,6 +65,8 @@ pub struct JointConfig {
     pub(crate) accelerating_growth: f32,
     /// The least of them.
     pub(crate) least_growth: f32,
+    /// Coulomb friction of the model [N·m].
+    pub(crate) coulomb: f32,
     /// The change of the angle per tick of a joint that moves, and the largest one of a dead encoder, that may flicker
     /// by a count [rad].
     pub(crate) moving: f32,
@@ -83,6 +85,8 @@ pub struct JointConfig {
 const EXCESS_SHARE: f32 = 0.08;
 const GROWTH_SHARE: f32 = 0.015;
 const HELD_GROWTH_SHARE: f32 = 0.05;
+/// Share of the growth of an acceleration torque that will do when the torque beyond the weight shows the same.
+pub(crate) const CONFIRMED_SHARE: f32 = 0.75;
 /// A joint moves from this speed on [rad/s], and from so many counts a tick, below which a coarse encoder does not
 /// tell. Slower ones may come to rest in a grip.
 const MOVING_SPEED: f32 = 0.0767;
@@ -119,9 +123,10 @@ impl JointConfig {
             growth,
             held_growth: beyond_friction(HELD_GROWTH_SHARE),
             accelerating_growth,
-            least_growth: growth.min(accelerating_growth),
+            least_growth: growth.min(CONFIRMED_SHARE * accelerating_growth),
             moving: (MOVING_SPEED * TICK).max(MOVING_COUNTS * radians_per_count),
             flicker: FLICKER_COUNTS * radians_per_count,
+            coulomb: joint.friction.coulomb,
             max_friction: (MAX_FRICTION - 1.0) * joint.friction.coulomb,
             deviation: RUNAWAY_DEVIATION * joint.limits.following_error,
             fast: RUNAWAY_SPEED * joint.limits.velocity * TICK,

@@ -6,6 +6,7 @@ mod measured;
 mod mimic;
 mod targets;
 
+pub(crate) use joint::CONFIRMED_SHARE;
 pub use joint::JointConfig;
 pub use limit::{Concerns, LimitRefusal};
 pub use measured::{Efforts, Measured, Postures};

@@ -44,6 +44,8 @@ struct Under {
     rest: Conditional,
     /// Whether the condition holds.
     holds: bool,
+    /// The condition, as long as nothing was executed that may change it.
+    condition: Option<u16>,
 }
 
 impl Under {
@@ -52,12 +54,21 @@ impl Under {
         self.rest.count > 0 && (self.rest.then & 1 == 1) != self.holds
     }
 
-    /// Behind it. Behind the last one both sides are the same.
-    const fn after(self) -> Self {
+    /// Behind it. Behind the last one both sides are the same, but for an `IT` with the same condition: `next` is the
+    /// code there, and the instruction `keeps` the flags.
+    fn after(self, keeps: bool, next: Option<u16>) -> Self {
         let count = self.rest.count.saturating_sub(1);
-        let rest = Conditional { count, then: if count > 0 { self.rest.then >> 1 } else { 0 } };
-        Self { rest, holds: self.holds && count > 0 }
+        let condition = self.condition.filter(|_| keeps);
+        if count == 0 && (condition.is_none() || condition != next.and_then(condition_of)) {
+            return Self::default();
+        }
+        Self { rest: Conditional { count, then: self.rest.then >> 1 }, condition, ..self }
     }
+}
+
+/// The condition of an `IT`.
+fn condition_of(code: u16) -> Option<u16> {
+    (code >> 8 == 0xBF && code & 0xF != 0).then_some(code >> 4 & 0xF)
 }
 
 /// An image.
@@ -190,15 +201,22 @@ impl Image {
                     bail!("the instruction {first:04x} {second:04x} at {address:#010x} is not understood");
                 };
                 let next = address + instruction.size;
-                let is_skipped = under.skips();
-                under = under.after();
+                let (is_skipped, before) = (under.skips(), under);
+                // Moves of the stack and between registers; all others count as if they changed the flags.
+                let keeps = is_skipped || instruction.push != 0 || first >> 8 == 0x46;
+                under = under.after(keeps, self.half_word(next));
                 if is_skipped {
                     address = next;
                     continue;
                 }
                 if instruction.conditional.count > 0 {
-                    open.push((next, stack, locks, Under { rest: instruction.conditional, holds: false }));
-                    under = Under { rest: instruction.conditional, holds: true };
+                    under =
+                        Under { rest: instruction.conditional, holds: true, condition: condition_of(first) };
+                    if before.condition.is_some() && before.condition == under.condition {
+                        under.holds = before.holds;
+                    } else {
+                        open.push((next, stack, locks, Under { holds: false, ..under }));
+                    }
                 }
                 if instruction.new_stack {
                     stack = 0;

@@ -301,6 +301,19 @@ mod tests {
         explore(&mut Image::made_up(START, functions), START).expect("is understood")
     }
 
+    #[test]
+    fn two_blocks_under_one_condition_go_together() {
+        // sub sp, #16; itt ne; INSTRUCTION; addne sp, #16; it ne; bxne lr; add sp, #16; bx lr.
+        let explored = |instruction| {
+            let code = [0xB084, 0xBF1C, instruction, 0xB004, 0xBF18, 0x4770, 0xB004, 0x4770];
+            explore(&mut Image::made_up(START, &[("function", &code)]), START)
+        };
+        // mov r0, r4.
+        assert_eq!(explored(0x4620).expect("is understood").stack, Depth { all: 16, open: 16 });
+        // cmp r0, #0: the second condition is another one.
+        assert!(explored(0x2800).is_err());
+    }
+
     /// 8 bytes for two registers, and 16 of the other; or 20 and nothing where it jumps there.
     #[test]
     fn stacks_add_up_along_the_deepest_path() {

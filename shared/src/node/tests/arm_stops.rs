@@ -241,3 +241,75 @@ fn a_stop_begins_anew_after_missed_ticks() {
     assert!(arm.speed() < 0.01, "{} m/s", arm.speed());
     assert_eq!(arm.rig.node.state.reaction, Reaction::Hold, "{:?}", arm.rig.node.faults());
 }
+
+#[test]
+fn a_stopped_arm_is_no_lighter_than_it_is() {
+    let settings = ImpedanceSettings { max_deviation: [0.6, 1.0], ..SOFT };
+    let mut arm = SimulatedArm::enabled(&settings, Some(SENSOR));
+    arm.run(50, Vector3::zeros());
+    assert_eq!(arm.rig.ask(Request::Stop), Reply::Done);
+    (0..50).for_each(|_| arm.tick(Vector3::zeros()));
+    // Along the axis in which the arm is heaviest; the impedance has 1.5 kg.
+    let jacobian = arm.chain.posture(arm.angles.as_slice()).jacobian().fixed_rows::<3>(0).into_owned();
+    let mass = arm.chain.mass_matrix(arm.angles.as_slice()).cholesky().unwrap();
+    let mobility = jacobian * mass.solve(&jacobian.transpose());
+    let axis = mobility.diagonal().imin();
+    assert!(mobility[(axis, axis)] < 0.7 / 1.5, "{mobility}");
+    let mut push = Vector3::zeros();
+    push[axis] = 40.0;
+    arm.max_speed = 0.0;
+    (0..4).for_each(|_| arm.tick(push));
+    // What 40 N do in 40 ms to the arm alone; damping takes some of it.
+    let free = (mobility * push).norm() * 0.04;
+    assert!(arm.max_speed < 1.1 * free, "{} m/s, the arm alone {free} m/s", arm.max_speed);
+    assert_eq!(arm.rig.node.state.reaction, Reaction::Hold, "{:?}", arm.rig.node.faults());
+}
+
+#[test]
+fn a_stopped_arm_presses_no_harder_with_time() {
+    let settings = ImpedanceSettings { max_deviation: [0.6, 1.0], ..SOFT };
+    let mut arm = SimulatedArm::enabled(&settings, Some(SENSOR));
+    arm.run(50, Vector3::zeros());
+    assert_eq!(arm.rig.ask(Request::Stop), Reply::Done);
+    (0..100).for_each(|_| arm.tick(Vector3::zeros()));
+    // Something holds the shoulder 2 mrad from where it was.
+    arm.angles[0] += 2e-3;
+    let held = |arm: &mut SimulatedArm, ticks: u32| {
+        (0..ticks).for_each(|_| {
+            arm.sense(Vector3::zeros());
+            arm.rig.tick();
+        });
+        arm.rig.node.telemetry().joints[0].torque
+    };
+    let weight = arm.rig.node.telemetry().joints[0].torque;
+    let (soon, later) = (held(&mut arm, 30) - weight, held(&mut arm, 300) - weight);
+    assert_eq!(arm.rig.node.faults().total, 1);
+    assert!(soon < -0.01 && (later / soon - 1.0).abs() < 0.02, "{soon} then {later} N·m");
+}
+
+#[test]
+fn an_arm_that_is_stopped_on_its_way_into_a_wall_presses_only_with_its_momentum() {
+    let settings = ImpedanceSettings { max_deviation: [0.6, 1.0], ..SOFT };
+    let mut arm = SimulatedArm::enabled(&settings, Some(SENSOR));
+    arm.run(50, Vector3::zeros());
+    arm.wall = Some(Wall { x: arm.tool().x + 0.005, stiffness: 2e3 });
+    // A set-point 60 mm behind the surface.
+    let (mut point, elbow) = present_target(&mut arm.rig);
+    let start = point.position[0];
+    let mut ticks = 0_u16;
+    while arm.wall_force().norm() < 3.0 {
+        ticks += 1;
+        point.position[0] = start + 0.065 * (f32::from(ticks) / 20.0).min(1.0);
+        assert_eq!(arm.rig.ask(set_target(point, elbow)), Reply::Done);
+        arm.run(1, Vector3::zeros());
+        assert!(ticks < 200);
+    }
+    let (before, speed) = (arm.wall_force().norm(), arm.speed());
+    arm.max_force = 0.0;
+    assert_eq!(arm.rig.ask(Request::Stop), Reply::Done);
+    (0..300).for_each(|_| arm.tick(Vector3::zeros()));
+    // 3.4 kg along x; 2 N for what is read a tick late.
+    let limit = 1.05 * libm::sqrtf(before * before + 2e3 * 3.4 * speed * speed) + 2.0;
+    assert!(arm.max_force < limit, "{} N of {limit} N; {before} N at {speed} m/s", arm.max_force);
+    assert!(arm.wall_force().norm() < 5.0 && arm.speed() < 1e-2);
+}

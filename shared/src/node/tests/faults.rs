@@ -134,7 +134,7 @@ fn a_fault_remains_until_it_was_read_and_cleared() {
     assert_eq!(rig.node.mode(), Mode::Disabled);
     // After a reset the board restores the log.
     let mut restarted = Node::new();
-    restarted.restore_faults(log.clone());
+    restarted.restore_faults(log.clone(), 0);
     assert_eq!(restarted.faults(), &log);
 }
 
@@ -184,12 +184,18 @@ struct Rubbing {
 impl Rubbing {
     /// Goes on for a period under the torque of the last tick.
     fn step(&mut self, rig: &mut Rig) {
-        const INERTIA: f32 = 0.02;
+        self.step_of(rig, 0.02);
+    }
+
+    /// As [`step`](Self::step), of another inertia [kg·m²].
+    fn step_of(&mut self, rig: &mut Rig, inertia: f32) {
         let torque = rig.node.telemetry().joints[2].torque;
-        let free = self.velocity + torque / INERTIA * 0.01;
-        let lost = self.friction / INERTIA * 0.01;
-        self.velocity = free - free.clamp(-lost, lost);
-        self.position += self.velocity * 0.01;
+        for _ in 0..20 {
+            let free = self.velocity + torque / inertia * 5e-4;
+            let lost = self.friction / inertia * 5e-4;
+            self.velocity = free - free.clamp(-lost, lost);
+            self.position += self.velocity * 5e-4;
+        }
         rig.sensors.encoders[2] = libm::roundf(self.position * COUNTS_PER_RADIAN) as i32;
     }
 }
@@ -202,7 +208,10 @@ fn a_dead_encoder_that_flickers_by_a_count_is_found() {
         for tick in 0..400 {
             rig.goal([0.0, 0.0, 0.19]);
             rig.tick();
-            if tick % every == 0 {
+            // It dies after some counts.
+            if tick < 4 {
+                rig.sensors.encoders[2] += 1;
+            } else if tick % every == 0 {
                 rig.sensors.encoders[2] ^= 1;
             }
             if rig.node.mode() == Mode::Fault {
@@ -248,5 +257,81 @@ fn a_reversed_encoder_is_named_before_anything_holds_by_it() {
         let faults = rig.node.faults();
         assert_eq!((faults.total, faults.faults[0].cause), (1, FaultCause::Runaway), "{mode:?}: {faults:?}");
         assert!(!rig.tick().enabled && joint.position < 0.15, "{mode:?}: {} rad", joint.position);
+    }
+}
+
+/// Friction beyond the model's that a motion has shown holds the joint against the opposite torque, too, also when its
+/// count has gone back by one since.
+#[test]
+fn a_count_that_goes_back_hides_no_friction() {
+    // Of the model: 0.02 N·m.
+    for friction in [0.088, 0.096] {
+        let mut model = model();
+        model.joints[2].servo.observer.inertia = 0.02;
+        let mut rig = Rig::ready(&model);
+        assert_eq!(rig.ask(Request::Enable(TaskConfig::JointServo(ServoMode::Observer))), Reply::Done);
+        let mut joint = Rubbing { friction, position: 0.0, velocity: 0.0 };
+        for tick in 0..400 {
+            rig.goal([0.0, 0.0, if tick < 200 { 0.1 } else { 0.0 }]);
+            rig.tick();
+            joint.step(&mut rig);
+            if tick >= 198 && joint.velocity == 0.0 {
+                rig.sensors.encoders[2] -= 1;
+            }
+            assert_ne!(rig.node.mode(), Mode::Fault, "{friction} N·m, tick {tick}: {:?}", rig.node.faults());
+        }
+        assert!(joint.position < 0.05, "it went back: {} rad", joint.position);
+    }
+}
+
+#[test]
+fn a_reversed_encoder_is_named_also_where_the_reference_rests() {
+    for mode in [ServoMode::Pid, ServoMode::Observer] {
+        let mut model = model();
+        model.joints[2].servo.observer.inertia = 0.02;
+        let mut rig = Rig::ready(&model);
+        assert_eq!(rig.ask(Request::Enable(TaskConfig::JointServo(mode))), Reply::Done);
+        // Something touches it.
+        let mut joint = Rubbing { friction: 0.02, position: 0.0, velocity: 0.5 };
+        let mut ticks = 0;
+        while rig.node.mode() != Mode::Fault {
+            rig.goal([0.0; 3]);
+            rig.tick();
+            joint.step(&mut rig);
+            rig.sensors.encoders[2] = -rig.sensors.encoders[2];
+            ticks += 1;
+            assert!(ticks < 40, "{mode:?}");
+        }
+        let faults = rig.node.faults();
+        assert_eq!((faults.total, faults.faults[0].cause), (1, FaultCause::Runaway), "{mode:?}: {faults:?}");
+        assert!(!rig.tick().enabled && joint.position < 0.3, "{mode:?}: {} rad", joint.position);
+    }
+}
+
+/// A joint that coasts to rest shows less than its friction by its effort.
+#[test]
+fn friction_that_stops_a_coasting_joint_is_no_dead_encoder() {
+    // Friction [N·m], 4.25 to 5 times the model's; inertia [kg·m²]; ticks between the goals at 0 and beside it [rad].
+    for (mode, friction, inertia, wait, goal) in [
+        (ServoMode::Pid, 0.085, 0.02, 200, 0.1),
+        (ServoMode::Pid, 0.09, 0.005, 60, 0.3),
+        (ServoMode::Pid, 0.095, 0.005, 100, 0.3),
+        (ServoMode::Pid, 0.1, 0.005, 60, 0.3),
+        (ServoMode::Observer, 0.1, 0.02, 35, 0.1),
+    ] {
+        let mut model = model();
+        model.joints[2].servo.observer.inertia = inertia;
+        let mut rig = Rig::ready(&model);
+        assert_eq!(rig.ask(Request::Enable(TaskConfig::JointServo(mode))), Reply::Done);
+        let mut joint = Rubbing { friction, position: 0.0, velocity: 0.0 };
+        for tick in 0..500 {
+            rig.goal([0.0, 0.0, if tick / wait % 2 == 0 { goal } else { 0.0 }]);
+            rig.tick();
+            joint.step_of(&mut rig, inertia);
+            // It may well fall behind.
+            let faults = &rig.node.faults().faults;
+            let dead = faults.iter().any(|fault| fault.cause == FaultCause::EncoderStuck);
+            assert!(!dead, "{mode:?}, {friction} N·m, {inertia} kg·m², tick {tick}: {faults:?}");
+        }
     }
 }

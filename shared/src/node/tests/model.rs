@@ -53,16 +53,19 @@ fn a_fault_of_before_a_push_is_not_told_of_another_joint() {
     other.joints[2].name = "another".try_into().unwrap();
     assert_eq!(rig.push(&other), Reply::Done);
     assert_eq!((joint(&rig), rig.node.faults().total), (None, 1));
-    // After a reset nobody knows the model of before.
-    let mut rig = Rig::enabled(&model());
-    rig.sensors.encoders[2] += 10_000;
-    rig.tick();
-    let log = rig.node.faults().clone();
-    let mut reset = Rig::new();
-    reset.node.restore_faults(log);
-    reset.command();
-    assert_eq!(reset.push(&other), Reply::Done);
-    assert_eq!(joint(&reset), Some(2));
+    // Nor after a reset, with the joints of before only.
+    for (pushed, known) in [(&stiffer, Some(2)), (&other, None)] {
+        let mut rig = Rig::enabled(&model());
+        rig.sensors.encoders[2] += 10_000;
+        rig.tick();
+        let (log, joints) = (rig.node.faults().clone(), rig.node.fault_joints());
+        let mut reset = Rig::new();
+        reset.node.restore_faults(log, joints);
+        reset.command();
+        assert_eq!(joint(&reset), Some(2), "by its number, while there is no model");
+        assert_eq!(reset.push(pushed), Reply::Done);
+        assert_eq!((joint(&reset), reset.node.faults().total), (known, 1));
+    }
 }
 
 #[test]

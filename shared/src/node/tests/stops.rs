@@ -436,6 +436,8 @@ fn a_stop_that_gains_energy_is_weakened() {
         model.joints[2].servo.observer.inertia = 0.02;
         let mut rig = Rig::enabled(&model);
         assert_eq!(rig.ask(Request::Stop), Reply::Done);
+        // As if it had pressed with its largest torque.
+        rig.node.state.joints[2].pressed = 0.6;
         // 0.02 kg·m² under a noisy encoder: the servo pushes against an error that is another one in the next tick.
         let [mut position, mut velocity] = [0.0_f32; 2];
         let mut random = 1_u32;
@@ -557,4 +559,135 @@ fn a_robot_that_is_enabled_out_of_a_stop_keeps_the_torque_rate() {
     assert_eq!(rig.enable(), Reply::Done);
     let torque = rig.tick().torques[2];
     assert!((torque - held).abs() <= 0.01 + 1e-6, "{held} then {torque} N·m, 1 N·m/s");
+}
+
+#[test]
+fn what_a_damped_joint_presses_with_is_kept_while_the_obstacle_slows_it_down() {
+    let mut model = model();
+    model.safety.reaction = Reaction::Damp;
+    model.joints[2].servo.observer.inertia = 0.02;
+    model.joints[2].limits.following_error = 1.0;
+    let mut rig = Rig::enabled(&model);
+    press(&mut rig);
+    let advance = |rig: &mut Rig, step: f32| {
+        rig.sensors.encoders[2] += libm::roundf(step * COUNTS_PER_RADIAN) as i32;
+        rig.tick();
+        rig.node.state.targets.joints[2].feedforward
+    };
+    // It still moves into the obstacle, at 1 rad/s in the beginning.
+    for _ in 0..4 {
+        rig.ask(Request::Keep);
+        advance(&mut rig, 0.01);
+    }
+    rig.ask(Request::Stop);
+    advance(&mut rig, 0.009);
+    rig.node.state.targets.joints[2].feedforward = 0.03;
+    let first = advance(&mut rig, 0.007);
+    let last = [0.005, 0.004, 0.003, 0.002, 0.001, 0.0005].map(|step| advance(&mut rig, step))[5];
+    assert_eq!(rig.node.state.reaction, Reaction::Damp, "{:?}", rig.node.faults());
+    // 5 % less in each tick.
+    assert!(first > 0.0 && (last / first - 0.735_09).abs() < 1e-3, "{first} then {last} N·m");
+}
+
+/// The last joint, of 0.02 kg·m², and an obstacle of 20 N·m/rad at 0.1 rad.
+struct Obstructed {
+    position: f32,
+    velocity: f32,
+}
+
+impl Obstructed {
+    fn force(&self) -> f32 {
+        20.0 * (self.position - 0.1).max(0.0)
+    }
+
+    fn step(&mut self, rig: &mut Rig) {
+        let torque = rig.tick().torques[2];
+        for _ in 0..20 {
+            let friction = 0.02 * (self.velocity / 1e-3).clamp(-1.0, 1.0);
+            let net = torque - self.force() - 0.05 * self.velocity - friction;
+            self.velocity += net / 0.02 * 5e-4;
+            self.position += self.velocity * 5e-4;
+        }
+        rig.sensors.encoders[2] = libm::roundf(self.position * COUNTS_PER_RADIAN) as i32;
+    }
+}
+
+#[test]
+fn a_held_joint_presses_on_an_obstacle_no_harder_than_before() {
+    for mode in [ServoMode::Pid, ServoMode::Observer] {
+        for speed in [0.1, 0.3] {
+            let mut model = model();
+            model.joints[2].servo.observer.inertia = 0.02;
+            let mut rig = Rig::ready(&model);
+            assert_eq!(rig.ask(Request::Enable(TaskConfig::JointServo(mode))), Reply::Done);
+            let mut joint = Obstructed { position: 0.0, velocity: 0.0 };
+            let mut reference = 0.0;
+            while joint.force() < 0.1 {
+                reference += 0.01 * speed;
+                assert_eq!(rig.ask(stream(reference, speed)), Reply::Done);
+                joint.step(&mut rig);
+                assert!(reference < 1.0 && rig.node.mode() != Mode::Fault, "{:?}", rig.node.faults());
+            }
+            let before = rig.node.telemetry().joints[2].torque.max(joint.force());
+            let energy = 0.01 * joint.velocity * joint.velocity;
+            rig.ask(Request::Stop);
+            let mut most = 0.0_f32;
+            for _ in 0..300 {
+                joint.step(&mut rig);
+                most = most.max(joint.force());
+            }
+            assert_eq!((rig.node.faults().total, rig.node.state.reaction), (1, Reaction::Hold));
+            // The motion goes into the obstacle's spring; 0.02 N·m are the friction.
+            let limit = 1.05 * libm::sqrtf(before * before + 2.0 * 20.0 * energy) + 0.02;
+            assert!(most < limit, "{mode:?} at {speed} rad/s: {most} N·m, {before} N·m before");
+            assert!(joint.velocity.abs() < 1e-2, "{} rad/s", joint.velocity);
+        }
+    }
+}
+
+#[test]
+fn a_hold_that_begins_anew_after_missed_ticks_keeps_its_torques() {
+    let mut rig = Rig::enabled(&model());
+    let points = Vec::from_slice(&[JointPoint::default(); 3]).unwrap();
+    let torques = Vec::from_slice(&[0.0, 0.0, 0.2]).unwrap();
+    let pressing = JointCommand::StreamTorques { points, torques };
+    assert_eq!(rig.ask(Request::Task(TaskCommand::JointServo(pressing))), Reply::Done);
+    rig.tick();
+    rig.ask(Request::Stop);
+    // What it pressed on yields by a count a tick: the servo learns the rest.
+    for _ in 0..25 {
+        rig.sensors.encoders[2] += 20;
+        rig.tick();
+    }
+    let before = rig.node.telemetry().joints[2].torque;
+    rig.sensors.sequence += 3;
+    let after = rig.tick().torques[2];
+    assert_eq!(rig.node.state.reaction, Reaction::Hold, "{:?}", rig.node.faults());
+    assert!(before < 0.18 && (after - before).abs() < 0.01, "{before} then {after} N·m");
+}
+
+#[test]
+fn a_held_joint_whose_encoder_drifts_away_from_an_obstacle_presses_no_harder() {
+    let mut model = model();
+    model.joints[2].servo.observer.inertia = 0.02;
+    let mut rig = Rig::ready(&model);
+    assert_eq!(rig.ask(Request::Enable(TaskConfig::JointServo(ServoMode::Observer))), Reply::Done);
+    let mut joint = Obstructed { position: 0.0, velocity: 0.0 };
+    let mut reference = 0.0;
+    while joint.force() < 0.1 {
+        reference += 0.001;
+        assert_eq!(rig.ask(stream(reference, 0.1)), Reply::Done);
+        joint.step(&mut rig);
+    }
+    let pressed = rig.node.telemetry().joints[2].torque;
+    rig.ask(Request::Stop);
+    (0..40).for_each(|_| joint.step(&mut rig));
+    // 0.2 rad/s: seen from the servo the joint yields.
+    for drift in 1..80 {
+        joint.step(&mut rig);
+        rig.sensors.encoders[2] -= 20 * drift;
+        let torque = rig.node.telemetry().joints[2].torque;
+        assert!(torque < pressed + 0.04, "{torque} N·m after {drift} ticks, {pressed} N·m before");
+    }
+    assert_eq!((rig.node.faults().total, rig.node.state.reaction), (1, Reaction::Hold));
 }

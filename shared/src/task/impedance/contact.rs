@@ -25,7 +25,9 @@ const MIN_MOBILITY: f32 = 1e-6;
 pub fn own_mass(chain: &Chain, joints: &[JointModel], angles: &[f32], axes: ImpedanceAxes) -> [f32; 3] {
     let mut inertia = chain.mass_matrix(angles);
     for (index, joint) in joints.iter().enumerate().take(chain.len()) {
-        inertia[(index, index)] += joint.motor.rotor_inertia;
+        if let Some(diagonal) = inertia.get_mut((index, index)) {
+            *diagonal += joint.motor.rotor_inertia;
+        }
     }
     let factors = Ldlt::new(&inertia, MIN_INERTIA);
     let posture = chain.posture(angles);

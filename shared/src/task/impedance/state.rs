@@ -176,10 +176,12 @@ impl ImpedanceState {
             self.tool_acceleration = [0.0; 3];
         }
         self.halted = true;
+        self.take_own_mass(arm);
         let posture = arm.chain.posture(&self.angles);
         self.setpoint = PosePoint { velocity: [0.0; 6], acceleration: [0.0; 6], ..self.setpoint };
         if self.contact && check_point(posture.tip(), &self.setpoint, &self.settings).is_ok() {
             self.release = Release::Moving;
+            self.relax_spring(&posture, &self.external_wrench(measurement));
         } else {
             self.release = Release::NotNeeded;
             self.setpoint = at_rest(posture.tip());
@@ -188,6 +190,38 @@ impl ImpedanceState {
         self.elbow_setpoint = ElbowSetpoint { angle, ..ElbowSetpoint::default() };
         self.arm_angle_undefined =
             self.settings.redundancy == Redundancy::ArmAngle && ArmAngle::of(&posture, arm.gravity).is_none();
+    }
+
+    /// Makes the tool as heavy as the arm itself, where it is lighter: it would yield to a push faster than the push alone
+    /// moves the arm, and the drives would bring in the difference of the energies.
+    #[cold]
+    #[inline(never)]
+    fn take_own_mass(&mut self, arm: &Arm<'_>) {
+        let own = own_mass(arm.chain, arm.joints, &self.angles, self.impedance.axes);
+        self.impedance.raise_mass(&own);
+        self.settings.impedance = self.impedance;
+    }
+
+    /// Moves the set-point of a tool that moves on into what it touches so near that its spring presses no harder than
+    /// the contact does.
+    #[cold]
+    #[inline(never)]
+    fn relax_spring(&mut self, posture: &Posture, wrench: &Vector6<f32>) {
+        let velocity = posture.jacobian() * Joints::from(self.velocities);
+        if velocity.fixed_rows::<3>(0).dot(&wrench.fixed_rows::<3>(0)) >= 0.0 {
+            return;
+        }
+        let zero = Vector6::zeros();
+        let error = pose_error(posture.tip(), &self.setpoint);
+        let [spring, contact] = [(&error, &zero), (&zero, wrench)].map(|(error, force)| {
+            let response = respond(&self.impedance, self.settings.law, posture.tip(), error, &zero, force);
+            math::sqrt(response.fixed_rows::<3>(0).norm_squared())
+        });
+        if spring > contact {
+            let moved = error * ((1.0 - contact / spring) / TICK);
+            let moved = PosePoint { velocity: moved.into(), ..self.setpoint }.coasted();
+            self.setpoint = PosePoint { velocity: [0.0; 6], ..moved };
+        }
     }
 
     /// Moves the set-point of the tool a period's way along the pose `error`, until it is at the tool.
@@ -370,7 +404,8 @@ impl ImpedanceState {
         let joints = reference.zip(self.observers.iter_mut().zip(&measurement.angles));
         for ((angle, velocity), (observer, measured)) in joints.take(arm.chain.len()) {
             let error = *angle - measured;
-            let at_rest = abs(*velocity) < rest_speed && abs(error) < REST_ERROR;
+            // What a stopped arm learnt of what holds it, it would press with.
+            let at_rest = abs(*velocity) < rest_speed && (self.halted || abs(error) < REST_ERROR);
             let gain = match (at_rest, use_measured_state) {
                 (true, _) => 0.0,
                 (false, true) => CONTACT_DISTURBANCE_GAIN,

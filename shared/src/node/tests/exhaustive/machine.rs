@@ -215,7 +215,7 @@ impl Machine {
         }
         let mut rig = Rig::new();
         rig.client = OPERATOR;
-        rig.node.restore_faults(faults);
+        rig.node.restore_faults(faults, 0);
         rig.command();
         rig.sensors.encoders.truncate(1);
         rig.sensors.currents.truncate(1);
