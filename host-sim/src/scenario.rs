@@ -15,6 +15,7 @@ pub(crate) mod common;
 mod film;
 mod grasping;
 mod hand;
+mod hand3_first_motion;
 mod hand3_force;
 mod hand3_grasp;
 mod hand3_paper;
@@ -97,6 +98,7 @@ pub const SCENARIOS: &[Scenario] = &[
     knob_find::SCENARIO,
     knob_grasp::SCENARIO,
     hand3_paper::CURVES,
+    hand3_first_motion::SCENARIO,
 ];
 
 /// What a run is given.

@@ -12,9 +12,12 @@
 //! model; so from then on it makes the torque that it is told.
 
 mod calibration;
+mod joints;
 mod procedure;
 mod regression;
+mod sweep;
 
-pub use calibration::{identified, update, with_head};
+pub use calibration::{identified, identified_free, update, with_head};
+pub use joints::{JointSettings, duration, identify_joints};
 pub use procedure::{FailedGrip, Identification, IdentifyError, Machine, Sense, Settings, identify};
-pub use regression::{Estimate, Fit, NotIdentified, Reading, fit};
+pub use regression::{Estimate, Fit, FreeFit, NotIdentified, Reading, fit, fit_free};

@@ -3,7 +3,7 @@
 use tesaki::model::RobotModel;
 use tesaki_description::calibration::{Calibration, CalibrationFile, JointCalibration};
 
-use super::regression::Fit;
+use super::regression::{Estimate, Fit, FreeFit, NotIdentified};
 
 /// The identified values of the joints of `model`, whose torque constants the drives used.
 #[expect(clippy::cast_possible_truncation, reason = "the model is in single precision")]
@@ -15,6 +15,20 @@ pub fn identified(model: &RobotModel, fits: &[Fit]) -> Calibration {
             torque_constant: gain.map(|gain| (gain * f64::from(joint.motor.torque_constant)) as f32),
             coulomb: friction.map(|[coulomb, _]| coulomb.value as f32),
             viscous: friction.map(|[_, viscous]| viscous.value as f32),
+        };
+        (joint.name.to_string(), values)
+    };
+    Calibration { joints: model.joints.iter().zip(fits).map(joint).collect() }
+}
+
+/// The friction of the joints of `model` by [`identify_joints`](super::identify_joints).
+#[expect(clippy::cast_possible_truncation, reason = "the model is in single precision")]
+pub fn identified_free(model: &RobotModel, fits: &[Result<FreeFit, NotIdentified>]) -> Calibration {
+    let joint = |(joint, fit): (&tesaki::model::JointModel, &Result<FreeFit, NotIdentified>)| {
+        let values = JointCalibration {
+            torque_constant: None,
+            coulomb: fit.ok().map(|fit| fit.coulomb.value as f32),
+            viscous: fit.ok().map(|fit| fit.viscous.value as f32),
         };
         (joint.name.to_string(), values)
     };

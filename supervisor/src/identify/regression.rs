@@ -56,6 +56,22 @@ pub struct Fit {
     pub readings: usize,
 }
 
+/// What a joint without load is found to be: in told torque, which is what a feed-forward needs.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FreeFit {
+    /// Coulomb friction [N·m], the mean of both directions.
+    pub coulomb: Estimate,
+    /// Viscous friction [N·m·s/rad].
+    pub viscous: Estimate,
+    /// Torque beyond the model's weight that does not depend on the direction [N·m]: an error of the masses, a
+    /// spring, or friction that is larger in one direction.
+    pub offset: Estimate,
+    /// Root mean square of what the fit leaves unexplained [N·m].
+    pub residual: f64,
+    /// Readings that counted.
+    pub readings: usize,
+}
+
 /// Why a value is not identified.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum NotIdentified {
@@ -98,14 +114,11 @@ pub enum NotIdentified {
 /// does not. Standard deviations are those of a clustered sandwich estimator (Liang and Zeger 1986), a motion
 /// a cluster: neighbouring readings err together.
 pub fn fit(readings: &[Reading]) -> Fit {
-    let moving: Vec<&Reading> = readings.iter().filter(|r| r.velocity.abs() > MOVING).collect();
-    let forth = moving.iter().filter(|r| r.velocity > 0.0).count();
-    let back = moving.len() - forth;
+    let moving = in_motion(readings);
     let range =
         moving.iter().fold((f64::MAX, f64::MIN), |(low, high), r| (low.min(r.load), high.max(r.load)));
     let load_range = (range.1 - range.0).max(0.0);
-    if forth < MIN_READINGS || back < MIN_READINGS {
-        let still = NotIdentified::Still { forth, back };
+    if let Err(still) = check_motion(&moving) {
         return Fit {
             gain: Err(still),
             friction: Err(still),
@@ -117,9 +130,41 @@ pub fn fit(readings: &[Reading]) -> Fit {
     let found = LeastSquares::new(&moving);
     let gain = found.gain(load_range);
     let friction = found.friction(gain.is_ok());
-    #[expect(clippy::cast_precision_loss, reason = "a number of readings")]
-    let residual = (found.squares / moving.len() as f64).sqrt();
-    Fit { gain, friction, load_range, residual, readings: moving.len() }
+    Fit { gain, friction, load_range, residual: found.residual(&moving), readings: moving.len() }
+}
+
+fn in_motion(readings: &[Reading]) -> Vec<&Reading> {
+    readings.iter().filter(|r| r.velocity.abs() > MOVING).collect()
+}
+
+/// Refuses too few readings in a direction.
+fn check_motion(moving: &[&Reading]) -> Result<(), NotIdentified> {
+    let forth = moving.iter().filter(|r| r.velocity > 0.0).count();
+    let back = moving.len() - forth;
+    if forth < MIN_READINGS || back < MIN_READINGS {
+        return Err(NotIdentified::Still { forth, back });
+    }
+    Ok(())
+}
+
+/// The same of a joint without load, and with the weights of the model: `torque = Σ weight + offset + coulomb ·
+/// sign(velocity) + viscous · velocity`.
+///
+/// # Errors
+/// Too little motion, or a result that cannot be.
+pub fn fit_free(readings: &[Reading]) -> Result<FreeFit, NotIdentified> {
+    // The column of the loads is that of the offset.
+    let beyond_weight = |r: &Reading| {
+        let torque = r.torque - r.weights.iter().sum::<f64>();
+        Reading { torque, load: 1.0, weights: [0.0; MAX_CHAIN_JOINTS], ..*r }
+    };
+    let readings: Vec<Reading> = readings.iter().map(beyond_weight).collect();
+    let moving = in_motion(&readings);
+    check_motion(&moving)?;
+    let found = LeastSquares::new(&moving);
+    let [coulomb, viscous] = found.friction(false)?;
+    let offset = Estimate { value: found.value(0), deviation: found.variance(0, 0).sqrt() };
+    Ok(FreeFit { coulomb, viscous, offset, residual: found.residual(&moving), readings: moving.len() })
 }
 
 type Square = SMatrix<f64, COLUMNS, COLUMNS>;
@@ -178,6 +223,12 @@ impl LeastSquares {
         let clusters = f64::from(clusters);
         let spread = if clusters > 1.0 { clusters / (clusters - 1.0) } else { f64::INFINITY };
         Self { scale, solution, covariance: bread * meat * bread * spread, squares }
+    }
+
+    /// Root mean square of what is left unexplained of the readings.
+    #[expect(clippy::cast_precision_loss, reason = "a number of readings")]
+    fn residual(&self, moving: &[&Reading]) -> f64 {
+        (self.squares / moving.len() as f64).sqrt()
     }
 
     fn value(&self, i: usize) -> f64 {

@@ -2,10 +2,9 @@
 
 use std::fmt;
 
-use nalgebra::Vector3;
-use tesaki::kinematics::Chain;
 use tesaki::math::abs;
-use tesaki::model::{ChainJoint, MAX_CHAIN_JOINTS, MAX_JOINTS, RobotModel};
+use tesaki::model::RobotModel;
+use tesaki_supervisor::gravity;
 
 /// The joint at which gravity exceeds friction most: without power it falls.
 pub struct Load {
@@ -20,24 +19,8 @@ pub struct Load {
 impl Load {
     /// The load of `model` at rest at `angles` [rad]; `None` if friction holds every joint.
     pub fn at(model: &RobotModel, angles: &[f32]) -> Option<Self> {
-        let gravity = Vector3::from(model.gravity);
         let mut worst: Option<Self> = None;
-        let mut carried = [0.0; MAX_JOINTS];
-        for index in 0..model.chains.len() {
-            let mut torques = [0.0; MAX_CHAIN_JOINTS];
-            let chain = Chain::of_model(model, index);
-            let angles = model.chain_angles(index, angles);
-            chain.nonlinear_effects(&gravity, &angles, &[0.0; MAX_CHAIN_JOINTS], &mut torques);
-            for (torque, joint) in torques.into_iter().zip(model.joints_of(index)) {
-                match joint {
-                    ChainJoint::Driven(joint, _) => carried[joint] += torque,
-                    ChainJoint::Mimic(mimic) => {
-                        carried[usize::from(mimic.joint)] += mimic.multiplier * torque
-                    }
-                }
-            }
-        }
-        for (joint, torque) in model.joints.iter().zip(carried) {
+        for (joint, torque) in model.joints.iter().zip(gravity::torques(model, angles)) {
             let friction = joint.friction.coulomb;
             let excess = abs(torque) - friction;
             if excess > worst.as_ref().map_or(0.0, |worst| worst.torque - worst.friction) {
