@@ -446,6 +446,20 @@ fn a_master_that_is_powered_never_stays_so_alone() {
         &["spoilt.toml: --reflect needs a stiffness above 0 along each"],
     );
 
+    // By hand: 5 N·s/m for each of 2 kg and 15 N·s/m of its own, over 300 N/m, less half a period of 10 ms, is 78 ms; 25
+    // N·s/m over 205 ms are 121.9 N/m.
+    refused(
+        &["--from", &from, "--reflect", &handle, "--round-trip", "0.2"],
+        2,
+        &["take 200 ms there and back, and with the 300 N/m of", "calm up to 78 ms: at most 121 N/m there"],
+    );
+    // Each message takes 60 to 80 ms, four of them there and back.
+    refused(
+        &["--link-faults", "seed=3,delay=80ms@1", "--from", &from, "--reflect", &handle],
+        2,
+        &["ms there and back (measured, with a period of the control)", "calm up to 78 ms"],
+    );
+
     let options = ["--from", from.as_str(), "--reflect", &handle];
     let (leading, stdin) = Leading::start_as(&slave, "soft", &options);
     wait("the clutch closes", || leading.count(|value| is_clutch(value, "closed", "")) == 1);

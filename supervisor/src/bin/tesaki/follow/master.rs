@@ -20,7 +20,7 @@ use crate::args::{Follow, Options};
 use crate::board_session::BoardSession;
 use crate::failure::Failure;
 use crate::feed::Inlet;
-use crate::motion::Motion;
+use crate::motion::{Motion, PERIOD};
 
 /// A master without telemetry for this time is asked again: it may have been reset.
 const SILENCE: Duration = Duration::from_millis(300);
@@ -50,7 +50,7 @@ impl Master {
         options: &Options,
         address: &Address,
         args: &Follow,
-        motion: &Motion<'_>,
+        motion: &mut Motion<'_>,
         settings: &ImpedanceSettings,
     ) -> Result<(Self, Option<Reflection>), Failure> {
         let mut session = if args.reflect.is_some() {
@@ -94,7 +94,11 @@ impl Master {
         let chain = Chain::of_model(&model, 0);
         let reflected = args.reflect.as_deref().map(|file| {
             let of_master = impedance::load(file, &model)?;
-            super::reflect::link(&of_master, file, settings, args)
+            let round_trip = match args.round_trip {
+                Some(stated) => stated,
+                None => session.round_trip()? + motion.round_trip()? + PERIOD,
+            };
+            super::reflect::link((&of_master, file), settings, args, round_trip)
         });
         let (handle, reflection) = reflected.transpose()?.unzip();
         session.board.set_rate(Stream::Telemetry, 1)?;

@@ -20,7 +20,7 @@ use tesaki::model::RobotModel;
 use tesaki::protocol::{Mode, Refusal, Reply, Request};
 use tesaki::task::impedance::{ImpedanceCommand, ImpedanceRefusal, ImpedanceSettings, ImpedanceTelemetry};
 use tesaki::task::{TaskCommand, TaskConfig, TaskRefusal};
-use tesaki::teleop::{PowerPort, PowerPortLimits};
+use tesaki::teleop::{PowerPort, PowerPortLimits, UnsuitableLink};
 use tesaki_supervisor::Board;
 
 use crate::args::Follow;
@@ -83,17 +83,19 @@ impl Shared {
     }
 }
 
-/// Both ends of a link between a master and a slave with these settings.
+/// Both ends of a link between a master and a slave with these settings. It takes `round_trip` there and back.
 pub fn link(
-    master: &ImpedanceSettings,
-    file: &Path,
+    (master, file): (&ImpedanceSettings, &Path),
     slave: &ImpedanceSettings,
     args: &Follow,
+    round_trip: Duration,
 ) -> Result<(Handle, Reflection), Failure> {
     let stiffness = springs(&master.impedance, file)?;
-    let [x, y, z, ..] = master.impedance.mass;
-    let limits =
-        PowerPortLimits { max_damping: MAX_DAMPING * x.min(y).min(z), energy_reserve: ENERGY_RESERVE };
+    let of_slave = springs(&slave.impedance, &args.impedance)?;
+    let least = |[x, y, z, ..]: [f32; 6]| x.min(y).min(z);
+    let handle = [least(master.impedance.mass), least(master.impedance.damping)];
+    let limits = PowerPortLimits { max_damping: MAX_DAMPING * handle[0], energy_reserve: ENERGY_RESERVE };
+    check(&limits, handle, of_slave.max(), round_trip, args)?;
     let shared = Shared::default();
     let (sender, answer) = channel();
     let handle = Handle {
@@ -113,7 +115,7 @@ pub fn link(
     let reflection = Reflection {
         shared,
         answer,
-        stiffness: springs(&slave.impedance, &args.impedance)?,
+        stiffness: of_slave,
         scale: args.scale,
         limits,
         port: PowerPort::new(),
@@ -122,6 +124,37 @@ pub fn link(
         push: Vector3::zeros(),
     };
     Ok((handle, reflection))
+}
+
+/// Refuses a link with more delay than the damping of the handle, of given mass [kg] and damping [N·s/m], is good for.
+fn check(
+    limits: &PowerPortLimits,
+    handle: [f32; 2],
+    stiffness: f32,
+    round_trip: Duration,
+    args: &Follow,
+) -> Result<(), Failure> {
+    // Way and force are both scaled.
+    let scaling = args.scale * args.scale;
+    let Err(unsuitable) = limits.check_link(handle, stiffness * scaling, round_trip.as_secs_f32()) else {
+        return Ok(());
+    };
+    let file = args.impedance.display();
+    Err(Failure::Usage(match unsuitable {
+        UnsuitableLink::Delay { round_trip, limit, stiffness: least } => format!(
+            "--reflect: the links of master and slave take {:.0} ms there and back{}, and with the {stiffness} N/m of {file} \
+             {}: at most {:.0} N/m there, a faster link, or more damping in the file of the handle",
+            1e3 * round_trip,
+            if args.round_trip.is_some() { "" } else { " (measured, with a period of the control)" },
+            if limit > 0.0 {
+                format!("the handle stays calm up to {:.0} ms", 1e3 * limit)
+            } else {
+                "the handle is not calm even without delay".to_owned()
+            },
+            (least / scaling).floor()
+        ),
+        other => format!("--reflect: {other}"),
+    }))
 }
 
 /// Stiffness along the axes of the base [N/m].
