@@ -3,10 +3,10 @@
 use tesaki::control::ServoMode;
 use tesaki::model::RobotModel;
 use tesaki::protocol::Stream;
+use tesaki_description::calibration::Calibration;
 use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::Board;
-use tesaki_supervisor::hand::FingerBoard;
-use tesaki_supervisor::identify::{JointSettings, identified_free, identify_joints};
+use tesaki_supervisor::identify::{JointSettings, fit_free, identified_free, identify_joints};
 
 use super::common::{T, capitalized, introduce, require_duration};
 use super::grasping::SimulatedMachine;
@@ -88,6 +88,8 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
             summary.insert("test_time", metric);
             let metric = Metric::reported("Largest torque in the self-test", test.torque, "N·m");
             summary.insert("test_torque_peak", metric);
+            let told = "Largest error of a joint's Coulomb friction by the self-test";
+            summary.insert("test_friction_error", Metric::reported(told, test.error, "%"));
         }
         figures.push(figure(&label, limit, &[(&before, "without"), (&after, "with")], &robot.model));
         tables.push((format!("{name}_without.csv"), table(&before, &robot.model)));
@@ -118,8 +120,10 @@ struct SelfTest {
     plant: Plant,
     /// The time that it took [s].
     time: f64,
-    /// Largest motor torque [N·m].
+    /// Largest motor torque of a joint that moves [N·m].
     torque: f64,
+    /// Largest error of the Coulomb friction of a joint [%].
+    error: f64,
 }
 
 /// Power-on, and the self-test; the board is disabled then.
@@ -146,31 +150,34 @@ fn self_test(
         machine.controller.set_rate(stream, 1)?;
     }
     let begin = machine.motion.ticks();
-    let found = identify_joints(&mut machine, &model, &JointSettings::default())?;
+    let readings = identify_joints(&mut machine, &model, &JointSettings::default())?;
     let time = f64::from(machine.motion.ticks() - begin) * T;
     machine.controller.disable()?;
     for stream in [Stream::Telemetry, Stream::Tips] {
         machine.controller.set_rate(stream, 0)?;
     }
     let plant = machine.plant;
-    if std::env::var("DBG").is_ok() {
-        for ((fit, f), j) in found.iter().zip(plant.factors()).zip(&model.joints) {
-            let told = f64::from(j.friction.coulomb) * f.coulomb / f.torque_constant;
-            let v = f64::from(j.friction.viscous) * f.viscous / f.torque_constant;
-            eprintln!("{} {:?} true told {told:.5} {v:.6}", j.name, fit);
-        }
-    }
-    identified_free(&model, &found).apply(&mut model)?;
-    Ok(SelfTest { model, plant, time, torque: 0.0 })
+    let torque = readings.iter().flatten().fold(0.0_f64, |peak, reading| peak.max(reading.torque.abs()));
+    let fits: Vec<_> = readings.iter().map(|readings| fit_free(readings)).collect();
+    let errors = fits.iter().zip(plant.factors()).zip(&model.joints).map(|((fit, factors), joint)| {
+        // In told torque: what a feed-forward needs.
+        let truth = f64::from(joint.friction.coulomb) * factors.coulomb / factors.torque_constant;
+        fit.as_ref().map_or(f64::NAN, |fit| (fit.coulomb.value / truth - 1.0).abs())
+    });
+    let error = 100.0 * errors.fold(0.0, f64::max);
+    identified_free(&model, &fits, &Calibration::default()).apply(&mut model)?;
+    Ok(SelfTest { model, plant, time, torque, error })
 }
 
 fn figure(label: &str, limit: f64, logs: &[(&ServoLog, &str)], model: &RobotModel) -> Figure {
-    let caption = "Error of every joint from the filtered reference: power-on, 0.3 rad up, down, up and down.";
+    let caption =
+        "Error of every joint from the filtered reference: power-on, 0.3 rad up, down, up and down.";
     let mut figure = Figure::stacked(label.to_owned(), caption, "time", "s");
     for (log, with) in logs {
         let mut panel = Panel::new(format!("Error {with} the self-test"), "error", "mrad");
         for joint in 0..model.joints.len() {
-            let line = Line::solid(model.joint_name(joint), joint % 3, log.time.clone(), log.error(joint).collect());
+            let line =
+                Line::solid(model.joint_name(joint), joint % 3, log.time.clone(), log.error(joint).collect());
             panel = panel.line(line);
         }
         figure = figure.panel(panel.band(limit, format!("limit ±{limit} mrad")));

@@ -318,7 +318,8 @@ mod tests {
         let limits = PowerPortLimits { max_damping: 100.0, energy_reserve: 0.02 };
         // 100/300 s less 5 ms: both directions of 160 ms, and not of 170.
         assert_eq!(limits.check_link([1.5, 0.0], 300.0, 0.32), Ok(()));
-        let UnsuitableLink::Delay { limit, stiffness, .. } = limits.check_link([1.5, 0.0], 300.0, 0.34).unwrap_err()
+        let UnsuitableLink::Delay { limit, stiffness, .. } =
+            limits.check_link([1.5, 0.0], 300.0, 0.34).unwrap_err()
         else {
             panic!("not the delay");
         };

@@ -1,14 +1,14 @@
 //! From fits to the machine's calibration file.
 
-use tesaki::model::RobotModel;
+use tesaki::model::{JointModel, RobotModel};
 use tesaki_description::calibration::{Calibration, CalibrationFile, JointCalibration};
 
-use super::regression::{Estimate, Fit, FreeFit, NotIdentified};
+use super::regression::{Fit, FreeFit, NotIdentified};
 
 /// The identified values of the joints of `model`, whose torque constants the drives used.
 #[expect(clippy::cast_possible_truncation, reason = "the model is in single precision")]
 pub fn identified(model: &RobotModel, fits: &[Fit]) -> Calibration {
-    let joint = |(joint, fit): (&tesaki::model::JointModel, &Fit)| {
+    let joint = |(joint, fit): (&JointModel, &Fit)| {
         let gain = fit.gain.ok().map(|gain| gain.value);
         let friction = fit.friction.ok();
         let values = JointCalibration {
@@ -21,18 +21,43 @@ pub fn identified(model: &RobotModel, fits: &[Fit]) -> Calibration {
     Calibration { joints: model.joints.iter().zip(fits).map(joint).collect() }
 }
 
-/// The friction of the joints of `model` by [`identify_joints`](super::identify_joints).
+/// The friction of joints without load, as the board with `model` was told. A torque constant that is `known` otherwise
+/// than in `model` makes another torque of the same current.
 #[expect(clippy::cast_possible_truncation, reason = "the model is in single precision")]
-pub fn identified_free(model: &RobotModel, fits: &[Result<FreeFit, NotIdentified>]) -> Calibration {
-    let joint = |(joint, fit): (&tesaki::model::JointModel, &Result<FreeFit, NotIdentified>)| {
+pub fn identified_free(
+    model: &RobotModel,
+    fits: &[Result<FreeFit, NotIdentified>],
+    known: &Calibration,
+) -> Calibration {
+    let joint = |(joint, fit): (&JointModel, &Result<FreeFit, NotIdentified>)| {
+        let fit = fit.as_ref().ok()?;
+        let torque_constant = known.joints.get(joint.name.as_str()).and_then(|known| known.torque_constant);
+        let ratio = torque_constant.map_or(1.0, |constant| constant / joint.motor.torque_constant);
         let values = JointCalibration {
             torque_constant: None,
-            coulomb: fit.ok().map(|fit| fit.coulomb.value as f32),
-            viscous: fit.ok().map(|fit| fit.viscous.value as f32),
+            coulomb: Some(fit.coulomb.value as f32 * ratio),
+            viscous: Some(fit.viscous.value as f32 * ratio),
         };
-        (joint.name.to_string(), values)
+        Some((joint.name.to_string(), values))
     };
-    Calibration { joints: model.joints.iter().zip(fits).map(joint).collect() }
+    Calibration { joints: model.joints.iter().zip(fits).filter_map(joint).collect() }
+}
+
+/// Writes the friction of joints without load into a calibration file, with deviations. All other values remain.
+pub fn update_free(
+    file: &mut CalibrationFile,
+    calibration: &Calibration,
+    model: &RobotModel,
+    fits: &[Result<FreeFit, NotIdentified>],
+) {
+    for (joint, fit) in model.joints.iter().zip(fits) {
+        let name = joint.name.as_str();
+        let (Some(values), Ok(fit)) = (calibration.joints.get(name), fit) else { continue };
+        let (coulomb, viscous) = (fit.coulomb.deviation, fit.viscous.deviation);
+        let value = |value: Option<f32>| value.map(|value| (value, 6));
+        file.set(name, "coulomb", value(values.coulomb), &format!("N·m, ± {coulomb:.6}"));
+        file.set(name, "viscous", value(values.viscous), &format!("N·m·s/rad, ± {viscous:.6}"));
+    }
 }
 
 /// Writes what was identified into a calibration file, with deviations, and with reasons where a value is not

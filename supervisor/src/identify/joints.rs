@@ -7,7 +7,7 @@ use tesaki::protocol::{Mode, Request};
 use tesaki::task::TaskConfig;
 
 use super::procedure::{IdentifyError, Machine, Sense, TICK};
-use super::regression::{FreeFit, NotIdentified, Reading, fit_free};
+use super::regression::Reading;
 use super::sweep::{Leg, Sweep, ranges, references};
 use crate::gravity;
 
@@ -63,7 +63,8 @@ pub fn duration(model: &RobotModel, start: &[f64], settings: &JointSettings) -> 
     Ok(legs.iter().flat_map(|(_, legs)| legs).map(|leg| f64::from(leg.ticks()) * TICK).sum())
 }
 
-/// Identifies the friction of the joints of any robot: one result a joint. Nothing touches the robot, which is homed.
+/// Moves the joints of any robot alone: readings of each joint, for [`fit_free`](super::fit_free). Nothing touches the
+/// robot, which is homed.
 ///
 /// The joints sweep to and fro, those at the same place in their chains at the same time, while the others hold still.
 /// In the end the robot stands where it stood, and the board is still enabled: the caller decides whether it may fall.
@@ -75,7 +76,7 @@ pub fn identify_joints<M: Machine>(
     machine: &mut M,
     model: &RobotModel,
     settings: &JointSettings,
-) -> Result<Vec<Result<FreeFit, NotIdentified>>, M::Error> {
+) -> Result<Vec<Vec<Reading>>, M::Error> {
     machine.ask("enable its outputs", Request::Enable(TaskConfig::JointServo(ServoMode::Observer)))?;
     let first = machine.tick(Request::Keep)?;
     let start = references(model, &first.telemetry);
@@ -97,7 +98,7 @@ pub fn identify_joints<M: Machine>(
             }
         }
     }
-    Ok(test.readings.iter().map(|readings| fit_free(readings)).collect())
+    Ok(test.readings)
 }
 
 struct SelfTest<'a> {

@@ -86,10 +86,9 @@ pub enum NotIdentified {
         /// In the negative one.
         back: usize,
     },
-    /// No force loaded it enough.
+    /// It was not loaded enough.
     #[error(
-        "the forces on the tip loaded it by only {load_range:.3} N·m: its standard deviation would be {:.1} %, at most \
-         {:.0} % are of use",
+        "its load varied by only {load_range:.3} N·m: its standard deviation would be {:.1} %, at most {:.0} % are of use",
         100.0 * deviation,
         100.0 * MAX_DEVIATION
     )]
@@ -131,6 +130,15 @@ pub fn fit(readings: &[Reading]) -> Fit {
     let gain = found.gain(load_range);
     let friction = found.friction(gain.is_ok());
     Fit { gain, friction, load_range, residual: found.residual(&moving), readings: moving.len() }
+}
+
+/// The same as [`fit`] of a joint without load whose links weigh what the model tells: their weight is the load.
+pub fn fit_weighed(readings: &[Reading]) -> Fit {
+    let weighed = |r: &Reading| {
+        let load = r.weights.iter().sum();
+        Reading { load, weights: [0.0; MAX_CHAIN_JOINTS], ..*r }
+    };
+    fit(&readings.iter().map(weighed).collect::<Vec<_>>())
 }
 
 fn in_motion(readings: &[Reading]) -> Vec<&Reading> {
@@ -327,7 +335,7 @@ mod tests {
         // A hundredth of the load: up to 2 mN·m.
         let fit = fit_with(|reading| reading.load *= 0.01 * f64::from(reading.load < 0.1));
         let said = fit.gain.unwrap_err().to_string();
-        assert!(said.contains("loaded it by only 0.001 N·m") && said.contains("at most 1 %"), "{said}");
+        assert!(said.contains("varied by only 0.001 N·m") && said.contains("at most 1 %"), "{said}");
         // Friction is known all the same.
         assert!(fit.friction.is_ok());
         let fit = fit_with(|reading| reading.velocity = reading.velocity.abs());

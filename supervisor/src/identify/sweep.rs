@@ -21,7 +21,9 @@ const PEAK: f64 = 1.875;
 pub fn references(model: &RobotModel, telemetry: &Telemetry) -> Vec<f64> {
     let joints = telemetry.joints.iter().zip(&model.joints);
     // A joint at its stop may measure slightly outside.
-    joints.map(|(state, joint)| state.reference.clamp(joint.limits.lower, joint.limits.upper).into()).collect()
+    joints
+        .map(|(state, joint)| state.reference.clamp(joint.limits.lower, joint.limits.upper).into())
+        .collect()
 }
 
 /// Where each joint is swept [rad]: `amplitude` to either side of where it stands, or so far inwards from an end of
@@ -66,7 +68,13 @@ impl Sweep<'_> {
         let both = times.iter().flat_map(|&(time, repeats)| std::iter::repeat_n(time, repeats));
         let end = |high: bool| {
             let end = |(index, &start): (usize, &f64)| match self.ranges.get(index) {
-                Some(&(low, top)) if self.joints.contains(&index) => if high { top } else { low },
+                Some(&(low, top)) if self.joints.contains(&index) => {
+                    if high {
+                        top
+                    } else {
+                        low
+                    }
+                }
                 _ => start,
             };
             self.start.iter().enumerate().map(end).collect::<Vec<f64>>()
