@@ -2,8 +2,8 @@
 
 use nalgebra::Vector3;
 use tesaki::control::ServoMode;
-use tesaki::model::RobotModel;
-use tesaki::protocol::{Mode, Request};
+use tesaki::model::{MAX_CHAIN_JOINTS, MAX_JOINTS, RobotModel};
+use tesaki::protocol::{Mode, Request, Telemetry};
 use tesaki::task::TaskConfig;
 
 use super::procedure::{IdentifyError, Machine, Sense, TICK};
@@ -80,8 +80,8 @@ pub fn identify_joints<M: Machine>(
     machine.ask("enable its outputs", Request::Enable(TaskConfig::JointServo(ServoMode::Observer)))?;
     let first = machine.tick(Request::Keep)?;
     let start = references(model, &first.telemetry);
-    let mut test = SelfTest { model, settings, readings: vec![Vec::new(); model.joints.len()], motion: 0 };
-    let mut before = first.clone();
+    let readings = vec![Vec::new(); model.joints.len()];
+    let mut test = SelfTest { model, settings, readings, motion: 0, latest: Vec::new() };
     for (joints, legs) in all_legs(model, &start, settings.amplitude)? {
         let names: Vec<&str> = joints.iter().map(|&joint| model.joint_name(joint)).collect();
         machine.progress(&format!("{} sweep", names.join(", ")));
@@ -90,11 +90,7 @@ pub fn identify_joints<M: Machine>(
             for request in leg.requests() {
                 let sense = machine.tick(request)?;
                 test.check(&first, &sense)?;
-                // A frame may have been lost: the torques before the last ones say nothing about what is sensed now.
-                if sense.telemetry.tick == before.telemetry.tick.wrapping_add(1) {
-                    test.take(&joints, &before, &sense);
-                }
-                before = sense;
+                test.take(&joints, sense.telemetry);
             }
         }
     }
@@ -107,6 +103,8 @@ struct SelfTest<'a> {
     /// Of each joint.
     readings: Vec<Vec<Reading>>,
     motion: usize,
+    /// The latest telemetry, of as many ticks as an acceleration takes.
+    latest: Vec<Telemetry>,
 }
 
 impl SelfTest<'_> {
@@ -116,7 +114,7 @@ impl SelfTest<'_> {
         if !matches!(mode, Mode::Enabled(_)) {
             return Err(IdentifyError::Stopped(mode));
         }
-        let weights = self.weights(sense);
+        let weights = self.weights(&sense.telemetry);
         let joints = sense.telemetry.joints.iter().zip(&self.model.joints).zip(weights);
         for ((state, joint), weight) in joints {
             let torque = f64::from(state.torque) - weight;
@@ -138,28 +136,40 @@ impl SelfTest<'_> {
         Ok(())
     }
 
-    /// Takes in what was sensed after the torques of `before` had acted.
-    fn take(&mut self, joints: &[usize], before: &Sense, sense: &Sense) {
-        let weights = self.weights(sense);
+    /// Takes in the telemetry of the next tick: a reading of the period between the second and the third of four ticks,
+    /// in which the torques of the second acted.
+    fn take(&mut self, joints: &[usize], telemetry: Telemetry) {
+        // A frame may have been lost: torques from before it say nothing about what is sensed now.
+        if self.latest.last().is_some_and(|last| last.tick.wrapping_add(1) != telemetry.tick) {
+            self.latest.clear();
+        }
+        self.latest.push(telemetry);
+        let [before, begin, end, after] = self.latest.as_slice() else { return };
+        let weights = self.weights(begin).into_iter().zip(self.weights(end));
+        let weights: Vec<f64> = weights.map(|(begin, end)| 0.5 * (begin + end)).collect();
         for &joint in joints {
-            let Some(told) = before.telemetry.joints.get(joint) else { return };
-            let Some(state) = sense.telemetry.joints.get(joint) else { return };
+            let position =
+                |telemetry: &Telemetry| telemetry.joints.get(joint).map(|joint| f64::from(joint.position));
+            let positions = [before, begin, end, after].map(position);
+            let [Some(before), Some(at), Some(next), Some(after)] = positions else { continue };
             let mut reading = Reading {
                 motion: self.motion,
-                torque: told.torque.into(),
+                torque: begin.joints[joint].torque.into(),
                 load: 0.0,
-                velocity: state.velocity.into(),
-                weights: Default::default(),
+                velocity: (next - at) / TICK,
+                acceleration: (after - next - at + before) / (2.0 * TICK * TICK),
+                weights: [0.0; MAX_CHAIN_JOINTS],
             };
-            reading.weights[0] = weights.get(joint).copied().unwrap_or(0.0);
+            reading.weights[0] = weights[joint];
             self.readings[joint].push(reading);
         }
+        self.latest.remove(0);
     }
 
     /// The torques of the links' weight, by the model [N·m].
-    fn weights(&self, sense: &Sense) -> Vec<f64> {
-        let angles: Vec<f32> = sense.telemetry.joints.iter().map(|joint| joint.position).collect();
-        gravity::torques(self.model, &angles).map(f64::from).to_vec()
+    fn weights(&self, telemetry: &Telemetry) -> [f64; MAX_JOINTS] {
+        let angles: Vec<f32> = telemetry.joints.iter().map(|joint| joint.position).collect();
+        gravity::torques(self.model, &angles).map(f64::from)
     }
 }
 

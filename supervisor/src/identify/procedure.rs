@@ -136,7 +136,7 @@ pub enum IdentifyError {
     /// A joint needs more torque than it may.
     #[error(
         "{joint} needs {torque:+.3} N·m beyond the weight of its links at {position:.3} rad, and may have {limit:.3} N·m: \
-         nothing was identified. Does it touch something, or is a link heavier than in the URDF? Free it, or allow \
+         nothing was identified. Does it touch something, or is its friction, or a link's mass, larger than the model's? Free it, or allow \
          more with --torque"
     )]
     Resisted {
@@ -311,6 +311,7 @@ impl Finger {
                 torque: torque.into(),
                 load: loads[index].into(),
                 velocity: joints[index].velocity.into(),
+                acceleration: 0.0,
                 weights: weights[index],
             });
         }

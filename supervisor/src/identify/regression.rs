@@ -5,6 +5,8 @@ use tesaki::model::MAX_CHAIN_JOINTS;
 
 /// Torque constant, Coulomb and viscous friction, and the weights of the links behind the joint.
 const COLUMNS: usize = 3 + MAX_CHAIN_JOINTS;
+/// The column of the first weight, or of the acceleration where the weights are known.
+const INERTIA: usize = 3;
 /// Directions of the scaled problem with less than this fraction of the largest eigenvalue are left out.
 const RANK: f64 = 1e-8;
 /// Slower than this, the direction of a joint's motion is noise [rad/s].
@@ -27,6 +29,8 @@ pub struct Reading {
     pub load: f64,
     /// Velocity [rad/s].
     pub velocity: f64,
+    /// Acceleration [rad/s²]; [`fit`] does not regard it.
+    pub acceleration: f64,
     /// Torques that the joint needs against the weight of each link of its chain, by the model [N·m].
     pub weights: [f64; MAX_CHAIN_JOINTS],
 }
@@ -66,6 +70,8 @@ pub struct FreeFit {
     /// Torque beyond the model's weight that does not depend on the direction [N·m]: an error of the masses, a
     /// spring, or friction that is larger in one direction.
     pub offset: Estimate,
+    /// Inertia of rotor and links about the joint [kg·m²].
+    pub inertia: Estimate,
     /// Root mean square of what the fit leaves unexplained [N·m].
     pub residual: f64,
     /// Readings that counted.
@@ -134,11 +140,15 @@ pub fn fit(readings: &[Reading]) -> Fit {
 
 /// The same as [`fit`] of a joint without load whose links weigh what the model tells: their weight is the load.
 pub fn fit_weighed(readings: &[Reading]) -> Fit {
-    let weighed = |r: &Reading| {
-        let load = r.weights.iter().sum();
-        Reading { load, weights: [0.0; MAX_CHAIN_JOINTS], ..*r }
-    };
+    let weighed = |r: &Reading| Reading { load: r.weights.iter().sum(), ..with_inertia(r) };
     fit(&readings.iter().map(weighed).collect::<Vec<_>>())
+}
+
+/// With the acceleration in place of the weights.
+fn with_inertia(reading: &Reading) -> Reading {
+    let mut weights = [0.0; MAX_CHAIN_JOINTS];
+    weights[0] = reading.acceleration;
+    Reading { weights, ..*reading }
 }
 
 fn in_motion(readings: &[Reading]) -> Vec<&Reading> {
@@ -156,7 +166,7 @@ fn check_motion(moving: &[&Reading]) -> Result<(), NotIdentified> {
 }
 
 /// The same of a joint without load, and with the weights of the model: `torque = Σ weight + offset + coulomb ·
-/// sign(velocity) + viscous · velocity`.
+/// sign(velocity) + viscous · velocity + inertia · acceleration`.
 ///
 /// # Errors
 /// Too little motion, or a result that cannot be.
@@ -164,15 +174,17 @@ pub fn fit_free(readings: &[Reading]) -> Result<FreeFit, NotIdentified> {
     // The column of the loads is that of the offset.
     let beyond_weight = |r: &Reading| {
         let torque = r.torque - r.weights.iter().sum::<f64>();
-        Reading { torque, load: 1.0, weights: [0.0; MAX_CHAIN_JOINTS], ..*r }
+        Reading { torque, load: 1.0, ..with_inertia(r) }
     };
     let readings: Vec<Reading> = readings.iter().map(beyond_weight).collect();
     let moving = in_motion(&readings);
     check_motion(&moving)?;
     let found = LeastSquares::new(&moving);
     let [coulomb, viscous] = found.friction(false)?;
-    let offset = Estimate { value: found.value(0), deviation: found.variance(0, 0).sqrt() };
-    Ok(FreeFit { coulomb, viscous, offset, residual: found.residual(&moving), readings: moving.len() })
+    let estimate = |i| Estimate { value: found.value(i), deviation: found.variance(i, i).sqrt() };
+    let (offset, inertia) = (estimate(0), estimate(INERTIA));
+    let (residual, readings) = (found.residual(&moving), moving.len());
+    Ok(FreeFit { coulomb, viscous, offset, inertia, residual, readings })
 }
 
 type Square = SMatrix<f64, COLUMNS, COLUMNS>;
@@ -182,7 +194,7 @@ type Row = SVector<f64, COLUMNS>;
 fn row(reading: &Reading) -> Row {
     let mut row = Row::zeros();
     (row[0], row[1], row[2]) = (reading.load, reading.velocity.signum(), reading.velocity);
-    row.as_mut_slice()[3..].copy_from_slice(&reading.weights);
+    row.as_mut_slice()[INERTIA..].copy_from_slice(&reading.weights);
     row
 }
 
@@ -302,7 +314,7 @@ mod tests {
         let reading = |&(motion, [torque, load, velocity, own, next]): &Row| {
             let mut weights = [0.0; MAX_CHAIN_JOINTS];
             (weights[0], weights[1]) = (own, next);
-            Reading { motion, torque, load, velocity, weights }
+            Reading { motion, torque, load, velocity, acceleration: 0.0, weights }
         };
         ORACLE.0.iter().map(reading).collect()
     }

@@ -30,7 +30,9 @@ pub fn run(options: &Options, args: &Identify) -> Result<(), Failure> {
     session.require_no_fault(mode, Some(&model))?;
     let file = open(&args.out)?;
     let angles: Vec<f32> = session.telemetry_now()?.joints.iter().map(|joint| joint.position).collect();
-    let start: Vec<f64> = angles.iter().map(|&angle| angle.into()).collect();
+    let within =
+        |(angle, joint): (&f32, &JointModel)| angle.clamp(joint.limits.lower, joint.limits.upper).into();
+    let start: Vec<f64> = angles.iter().zip(&model.joints).map(within).collect();
     let time = duration(&model, &start, &settings)?;
     output::confirm(
         options,
@@ -118,6 +120,7 @@ fn report(model: &RobotModel, fits: &[Result<FreeFit, NotIdentified>]) -> serde_
             "coulomb": found.map(|fit| number(fit.coulomb)),
             "viscous": found.map(|fit| number(fit.viscous)),
             "offset": found.map(|fit| number(fit.offset)),
+            "inertia": found.map(|fit| number(fit.inertia)),
             "residual": found.map(|fit| fit.residual),
             "readings": found.map(|fit| fit.readings),
             "not_identified": fit.as_ref().err().map(ToString::to_string),
