@@ -4,16 +4,20 @@
 use std::path::Path;
 use std::process::Command;
 
+use tesaki::control::ServoMode;
+use tesaki::model::RobotModel;
 use tesaki::protocol::{JointTelemetry, Mode, Request, Telemetry, TipTelemetry, Tips};
 use tesaki::task::grasping::{Failure, GraspCommand, GraspState, GraspTelemetry, InternalForce, Phase};
+use tesaki::task::joint_servo::JointCommand;
 use tesaki::task::{TaskCommand, TaskConfig};
 use tesaki_description::calibration::{Calibration, CalibrationFile};
 use tesaki_description::grasp;
 use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::BoardError;
 use tesaki_supervisor::identify::{
-    Estimate, Fit, Identification, IdentifyError, Machine, NotIdentified, Sense, Settings, identified,
-    identify, update, with_head,
+    Estimate, Fit, FreeFit, Identification, IdentifyError, JointSettings, Machine, NotIdentified, Sense,
+    Settings, duration, fit_free, identified, identified_free, identify, identify_joints, update,
+    update_free, with_head,
 };
 
 const ROBOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/hand3");
@@ -234,6 +238,127 @@ fn a_grip_that_cannot_be_made_is_left_out_if_two_others_can() {
         "{said}"
     );
     assert_eq!(line.said.last().unwrap(), "a grip of 6 N");
+}
+
+/// A robot without masses whose joints follow at once, with friction by numbers; its drives make 1.25 of what they are
+/// told.
+struct Follower {
+    position: Vec<f32>,
+    /// Of the last set-point: velocity and acceleration.
+    motion: Vec<[f32; 2]>,
+    tick: u32,
+    /// From this tick on a joint is blocked, or a tip is touched.
+    blocked: u32,
+    touched: u32,
+    positions: Vec<(f32, f32)>,
+}
+
+const GAIN: f32 = 1.25;
+/// N·m, N·m·s/rad, kg·m².
+const FRICTION: [f32; 3] = [0.03, 0.004, 3e-5];
+
+impl Machine for Follower {
+    type Error = Trouble;
+
+    fn ask(&mut self, _: &'static str, _: Request) -> Result<(), Trouble> {
+        Ok(())
+    }
+
+    fn read_grasp(&mut self) -> Result<GraspTelemetry, Trouble> {
+        Ok(GraspState::NONE.telemetry())
+    }
+
+    fn tick(&mut self, request: Request) -> Result<Sense, Trouble> {
+        if let Request::Task(TaskCommand::JointServo(JointCommand::Stream { points })) = request {
+            for ((position, motion), point) in self.position.iter_mut().zip(&mut self.motion).zip(&points) {
+                (*position, *motion) = (point.position, [point.velocity, point.acceleration]);
+            }
+        }
+        for ((low, high), &position) in self.positions.iter_mut().zip(&self.position) {
+            (*low, *high) = (low.min(position), high.max(position));
+        }
+        self.tick += 1;
+        let [coulomb, viscous, inertia] = FRICTION;
+        let extra = if self.tick > self.blocked { 0.2 } else { 0.0 };
+        let joint = |(&position, &[velocity, acceleration]): (&f32, &[f32; 2])| {
+            // Of the period that begins now, whose middle is half a period later.
+            let velocity = velocity + 0.005 * acceleration;
+            let own = coulomb * velocity.signum() + viscous * velocity + inertia * acceleration;
+            JointTelemetry { position, velocity, reference: position, torque: own / GAIN + extra }
+        };
+        let joints = self.position.iter().zip(&self.motion).map(joint).collect();
+        let telemetry = Telemetry {
+            tick: self.tick,
+            mode: Mode::Enabled(TaskConfig::JointServo(ServoMode::Observer).kind()),
+            faults: 0,
+            joints,
+        };
+        let force = if self.tick > self.touched { [0.0, 1.5, 0.0] } else { [0.3, 0.0, 0.0] };
+        let tip = TipTelemetry { force, ..TipTelemetry::default() };
+        Ok(Sense { telemetry, tips: Tips { tick: self.tick, tips: [tip; 3].into_iter().collect() } })
+    }
+
+    fn progress(&mut self, _: &str) {}
+}
+
+fn follower(
+    change: impl FnOnce(&mut Follower),
+) -> (Follower, RobotModel, Result<Vec<Result<FreeFit, NotIdentified>>, Trouble>) {
+    let mut model = RobotFolder::load(Path::new(ROBOT)).unwrap().model;
+    model.gravity = [0.0; 3];
+    let position: Vec<f32> =
+        model.joints.iter().map(|joint| 0.5 * (joint.limits.lower + joint.limits.upper)).collect();
+    let motion = vec![[0.0; 2]; position.len()];
+    let positions = position.iter().map(|&position| (position, position)).collect();
+    let mut machine = Follower { position, motion, tick: 0, blocked: u32::MAX, touched: u32::MAX, positions };
+    change(&mut machine);
+    let readings = identify_joints(&mut machine, &model, &JointSettings::default());
+    let fits = readings.map(|all| all.iter().map(|readings| fit_free(readings)).collect());
+    (machine, model, fits)
+}
+
+#[test]
+fn the_self_test_finds_friction_in_told_torque_and_keeps_the_limits() {
+    // One joint stands at the end of its range.
+    let (machine, model, fits) = follower(|machine| machine.position[4] = 100.0);
+    let fits = fits.unwrap();
+    for (fit, (joint, &(low, high))) in fits.iter().zip(model.joints.iter().zip(&machine.positions)) {
+        let fit = fit.unwrap();
+        let found = [fit.coulomb.value, fit.viscous.value, fit.inertia.value];
+        for ((found, truth), tolerance) in found.iter().zip(FRICTION).zip([0.02, 0.02, 0.1]) {
+            let told = f64::from(truth / GAIN);
+            assert!((found / told - 1.0).abs() < tolerance, "{}: {found} {told}", joint.name);
+        }
+        assert!(fit.offset.value.abs() < 1e-4, "{fit:?}");
+        assert!(low >= joint.limits.lower && high - low < 0.23, "{}: {low} {high}", joint.name);
+    }
+    let start: Vec<f64> = machine.position.iter().map(|&angle| angle.into()).collect();
+    let time = duration(&model, &start, &JointSettings::default()).unwrap();
+    assert!(time < 20.0 && (time - f64::from(machine.tick) * 0.01).abs() < 0.1, "{time} {}", machine.tick);
+
+    // Of a file with a torque constant the drive makes the same current of another torque.
+    let known: Calibration = toml::from_str("[joints.finger1_bend]\ntorque_constant = 1.0").unwrap();
+    let calibration = identified_free(&model, &fits, &known);
+    let coulomb = |name: &str| calibration.joints[name].coulomb.unwrap();
+    assert!((coulomb("finger1_bend") / coulomb("finger1_swing") - 2.0).abs() < 0.05);
+    let mut file = CalibrationFile::default();
+    update_free(&mut file, &calibration, &model, &fits);
+    let text = file.to_string();
+    assert!(
+        text.contains("[joints.finger3_curl]\ncoulomb = 0.02") && !text.contains("torque_constant"),
+        "{text}"
+    );
+}
+
+#[test]
+fn the_self_test_ends_where_something_is_in_the_way() {
+    let (_, _, fits) = follower(|machine| machine.blocked = 50);
+    let said = fits.unwrap_err().to_string();
+    assert!(said.starts_with("finger1_swing needs +0.2") && said.contains("may have 0.150 N·m"), "{said}");
+    let (_, _, fits) = follower(|machine| machine.touched = 50);
+    let said = fits.unwrap_err().to_string();
+    // From (0.3, 0, 0) to (0, 1.5, 0) N.
+    assert!(said.contains("finger1_tip changed by 1.53 N, and may by 1.00 N"), "{said}");
 }
 
 /// Exit code and complaint of `tesaki`.
