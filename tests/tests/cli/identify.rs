@@ -1,6 +1,7 @@
 //! `tesaki identify --joints` on a simulated board.
 
 use nix::sys::signal::Signal;
+use tesaki_description::robot::RobotFolder;
 
 use crate::server::{Server, finish, said, signal};
 
@@ -25,10 +26,11 @@ fn a_hand_tells_its_friction_without_an_object() {
     let hand = crate::server::hand3();
     server.succeeds(&["model", "push", hand.to_str().unwrap(), "--calibration", out.to_str().unwrap()]);
     let plant = server.stop();
-    for ((name, joint), factors) in found["joints"].as_object().unwrap().iter().zip(plant.factors()) {
+    let model = RobotFolder::load(&hand).unwrap().model;
+    for (joint, factors) in model.joints.iter().zip(plant.factors()) {
         // 20 mN·m by the folder.
         let told = 0.02 * factors.coulomb / factors.torque_constant;
-        let coulomb = joint["coulomb"]["value"].as_f64().unwrap();
-        assert!((coulomb / told - 1.0).abs() < 0.02, "{name}: {coulomb} {told}");
+        let coulomb = found["joints"][joint.name.as_str()]["coulomb"]["value"].as_f64().unwrap();
+        assert!((coulomb / told - 1.0).abs() < 0.02, "{}: {coulomb} {told}", joint.name);
     }
 }
