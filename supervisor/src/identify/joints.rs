@@ -40,11 +40,10 @@ fn groups(model: &RobotModel) -> Vec<Vec<usize>> {
     (0..longest).map(group).collect()
 }
 
-fn all_legs(
-    model: &RobotModel,
-    start: &[f64],
-    amplitude: f64,
-) -> Result<Vec<(Vec<usize>, Vec<Leg>)>, IdentifyError> {
+/// Joints that move at the same time, and their ways.
+type Group = (Vec<usize>, Vec<Leg>);
+
+fn all_legs(model: &RobotModel, start: &[f64], amplitude: f64) -> Result<Vec<Group>, IdentifyError> {
     let ranges = ranges(model, start, amplitude)?;
     let legs = |joints: Vec<usize>| {
         let sweep = Sweep { model, start, ranges: &ranges, joints: &joints };
