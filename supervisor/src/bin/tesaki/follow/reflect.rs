@@ -151,7 +151,7 @@ fn check(
             } else {
                 "the handle is not calm even without delay".to_owned()
             },
-            (least / scaling).floor()
+            f64::from(least / scaling).floor()
         ),
         other => format!("--reflect: {other}"),
     }))
