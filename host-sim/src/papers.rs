@@ -89,6 +89,13 @@ pub const FIGURES: &[PaperFigure] = &[
     figure(Paper::Arm7, "arm7-follow.svg", ARM7, "The slave follows the master along x, directly"),
     figure(Paper::Arm7, "arm7-damping.svg", ARM7, "Error over the damping, directly"),
     figure(Paper::Arm7, "arm7-bilateral.svg", "arm7-paper-bilateral", "Force felt and force on the wall"),
+    figure(Paper::Arm7, "arm7-matrices.svg", "arm7-paper-matrices", "Pushed: the matched machine"),
+    figure(
+        Paper::Arm7,
+        "arm7-matrices-mismatched.svg",
+        "arm7-paper-matrices",
+        "Pushed: the mismatched machine",
+    ),
     figure(Paper::Hand5, "hand5-calibrate-paths.svg", "hand5-calibrate", "Five markers: paths"),
     figure(
         Paper::Hand5,

@@ -8,6 +8,7 @@ mod arm7_follow;
 mod arm7_paper;
 mod arm7_paper_bilateral;
 mod arm7_paper_elbow;
+mod arm7_paper_matrices;
 mod arm7_release;
 mod arm7_straight;
 mod arm7_wall;
@@ -98,6 +99,7 @@ pub const SCENARIOS: &[Scenario] = &[
     knob_find::SCENARIO,
     knob_grasp::SCENARIO,
     hand3_paper::CURVES,
+    arm7_paper_matrices::SCENARIO,
     hand3_first_motion::SCENARIO,
 ];
 

@@ -190,3 +190,47 @@ fn laws_are_compared_side_by_side_and_one_may_be_ones_own() {
     let line = text.lines().position(|line| line.starts_with("mass")).unwrap() + 1;
     says(&output, 2, &[&format!("own.toml:{line}: the mass along x is -1.5 kg")]);
 }
+
+#[test]
+fn a_law_of_ones_own_holds_the_box_and_what_is_wrong_in_it_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let paper = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/hand3/laws/paper.toml");
+    let text = std::fs::read_to_string(paper).unwrap();
+    // A stronger grip, for a short time, and a light weight.
+    let changes = [
+        ("hold = 4.0 ", "hold = 1.0 "),
+        ("evaluated = 2.0", "evaluated = 0.5"),
+        ("strength = 4.0", "strength = 6.0"),
+        ("masses = [0.05, 0.1, 0.2, 0.3]", "masses = [0.05]"),
+        ("interval = 2.0", "interval = 1.0"),
+    ];
+    let mut own = text.lines().map(|line| if line.starts_with("coulomb") { "coulomb = []" } else { line });
+    let mut own = own.by_ref().collect::<Vec<_>>().join("\n");
+    for (from, to) in changes {
+        assert!(own.contains(from), "{from}");
+        own = own.replacen(from, to, 1);
+    }
+    let [file, out] = [folder.path().join("own.toml"), folder.path().join("out")];
+    std::fs::write(&file, &own).unwrap();
+    let [law, out] = [&file, &out].map(|path| path.to_str().unwrap().to_owned());
+    let output = host_sim(&["run", "hand3-paper-force", "--law", &law, "--json", "--out", &out]);
+    says(&output, 0, &[]);
+    let run: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let metrics = run["metrics"].as_object().unwrap();
+    assert!(metrics.keys().all(|name| name.starts_with("own_")), "{:?}", metrics.keys());
+    // 3 N along the x axis of a box with a pitch of 0.769 rad are (2.16, 0, −2.09) N; a third of the weight of 23 g is
+    // 0.05 N along x and along z.
+    for (axis, expected) in [("x", 2.21), ("z", -2.04)] {
+        let name = format!("own_commanded_{axis}");
+        let commanded = run["metrics"][&name]["value"].as_f64().unwrap();
+        assert!((commanded - expected).abs() < 0.05, "{name}: {commanded} N");
+    }
+    assert!(run["metrics"]["own_sensed_weight_error"]["value"].as_f64().unwrap() < 0.06);
+    std::fs::write(&file, own.replacen("strength = 6.0", "strength = -6.0", 1)).unwrap();
+    let line = own.lines().position(|line| line.starts_with("internal")).unwrap() + 1;
+    let output = host_sim(&["run", "hand3-paper-force", "--law", &law, "--out", &out]);
+    says(&output, 2, &[&format!("own.toml:{line}: "), "-6"]);
+    let arm = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/arm7/laws/paper.toml");
+    let output = host_sim(&["run", "hand3-paper-force", "--law", arm.to_str().unwrap(), "--out", &out]);
+    says(&output, 2, &["paper.toml:"]);
+}

@@ -8,7 +8,7 @@ use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods as _, PyUntypedArrayMet
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use tesaki::kinematics::{Chain, InverseKinematics, InverseKinematicsError, Posture, Target};
-use tesaki::model::{ChainJoint, MAX_CHAIN_JOINTS};
+use tesaki::model::{ChainJoint, Coupling, MAX_CHAIN_JOINTS};
 use tesaki::robot::Robot as CoreRobot;
 use tesaki_description::robot::RobotFolder;
 
@@ -55,23 +55,8 @@ struct Tip<'a> {
     name: &'a str,
     /// Names and limits [rad] of the joints that Python counts.
     joints: Vec<(&'a str, (f32, f32))>,
-    /// What each joint of the chain follows, base to tip.
-    laws: Vec<Law>,
-}
-
-/// Angle of a joint of a chain = `multiplier` · angle of the joint `column` that Python counts + `offset`.
-#[derive(Clone, Copy)]
-struct Law {
-    column: usize,
-    multiplier: f32,
-    /// [rad].
-    offset: f32,
-}
-
-impl Law {
-    fn angle(self, followed: f32) -> f32 {
-        self.multiplier * followed + self.offset
-    }
+    /// What moves each joint of the chain, base to tip, by the index into `joints`.
+    couplings: Vec<Coupling>,
 }
 
 impl Tip<'_> {
@@ -95,22 +80,26 @@ impl Tip<'_> {
 
     /// The angles of the chain.
     fn angles(&self, q: &[f32]) -> [f32; MAX_CHAIN_JOINTS] {
-        self.of_chain(|law| law.angle(q.get(law.column).copied().unwrap_or(0.0)))
+        self.of_chain(|coupling| {
+            coupling.angle(q.get(usize::from(coupling.actuated)).copied().unwrap_or(0.0))
+        })
     }
 
     /// The velocities or accelerations of the chain.
     fn rates(&self, values: &[f32]) -> [f32; MAX_CHAIN_JOINTS] {
-        self.of_chain(|law| law.multiplier * values.get(law.column).copied().unwrap_or(0.0))
+        self.of_chain(|coupling| {
+            coupling.multiplier * values.get(usize::from(coupling.actuated)).copied().unwrap_or(0.0)
+        })
     }
 
-    fn of_chain(&self, value: impl Fn(Law) -> f32) -> [f32; MAX_CHAIN_JOINTS] {
+    fn of_chain(&self, value: impl Fn(&Coupling) -> f32) -> [f32; MAX_CHAIN_JOINTS] {
         let mut values = [0.0; MAX_CHAIN_JOINTS];
-        values.iter_mut().zip(&self.laws).for_each(|(place, law)| *place = value(*law));
+        values.iter_mut().zip(&self.couplings).for_each(|(place, coupling)| *place = value(coupling));
         values
     }
 
     fn chain_joints(&self) -> usize {
-        self.laws.len()
+        self.couplings.len()
     }
 
     /// Poses into `poses`, 7 a posture, and Jacobians into `jacobians`, 6 k a posture; an empty slice is left out.
@@ -128,8 +117,8 @@ impl Tip<'_> {
                 let jacobian = posture.jacobian();
                 for (row, place) in place.chunks_exact_mut(count).enumerate() {
                     place.fill(0.0);
-                    for (joint, law) in self.laws.iter().enumerate() {
-                        place[law.column] += jacobian[(row, joint)] * law.multiplier;
+                    for (joint, coupling) in self.couplings.iter().enumerate() {
+                        place[usize::from(coupling.actuated)] += jacobian[(row, joint)] * coupling.multiplier;
                     }
                 }
             }
@@ -138,21 +127,21 @@ impl Tip<'_> {
 
     /// The solver of the inverse kinematics, within the joints' limits.
     fn solver(&self) -> PyResult<InverseKinematics> {
-        let limits = self.laws.iter().map(|law| {
-            let (_, (lower, upper)) = self.joints[law.column];
-            let ends = [lower, upper].map(|angle| law.angle(angle));
+        let limits = self.couplings.iter().map(|coupling| {
+            let (_, (lower, upper)) = self.joints[usize::from(coupling.actuated)];
+            let ends = [lower, upper].map(|angle| coupling.angle(angle));
             (ends[0].min(ends[1]), ends[0].max(ends[1]))
         });
         let limits: Vec<_> = limits.collect();
         let mut solver = InverseKinematics::try_new(&limits).map_err(|error| self.unsolvable(&error))?;
         let leaders: Vec<usize> = (0..self.count()).map(|column| self.leader(column)).collect();
-        for (joint, law) in self.laws.iter().enumerate() {
-            let leader = leaders[law.column];
+        for (joint, coupling) in self.couplings.iter().enumerate() {
+            let leader = leaders[usize::from(coupling.actuated)];
             if joint != leader {
-                let led = self.laws[leader];
-                let multiplier = law.multiplier / led.multiplier;
+                let led = self.couplings[leader];
+                let multiplier = coupling.multiplier / led.multiplier;
                 solver = solver
-                    .with_mimic(joint, leader, multiplier, law.offset - multiplier * led.offset)
+                    .with_mimic(joint, leader, multiplier, coupling.offset - multiplier * led.offset)
                     .map_err(|error| self.unsolvable(&error))?;
             }
         }
@@ -161,7 +150,7 @@ impl Tip<'_> {
 
     /// The first joint of the chain that `column` moves.
     fn leader(&self, column: usize) -> usize {
-        self.laws.iter().position(|law| law.column == column).unwrap_or(0)
+        self.couplings.iter().position(|coupling| usize::from(coupling.actuated) == column).unwrap_or(0)
     }
 
     fn unsolvable(&self, error: &dyn std::fmt::Debug) -> PyErr {
@@ -353,8 +342,8 @@ impl Robot {
                 turns.push(report.rotation_error);
                 for (column, angle) in place.iter_mut().enumerate() {
                     let leader = tip.leader(column);
-                    let law = tip.laws[leader];
-                    *angle = (q[leader] - law.offset) / law.multiplier;
+                    let coupling = tip.couplings[leader];
+                    *angle = (q[leader] - coupling.offset) / coupling.multiplier;
                 }
             }
         })?;
@@ -427,8 +416,8 @@ impl Robot {
                     &mut of_chain[joints],
                 );
                 place.fill(0.0);
-                for (torque, law) in of_chain.iter().zip(&tip.laws) {
-                    place[law.column] += law.multiplier * torque;
+                for (torque, coupling) in of_chain.iter().zip(&tip.couplings) {
+                    place[usize::from(coupling.actuated)] += coupling.multiplier * torque;
                 }
             }
         })
@@ -453,10 +442,11 @@ impl Robot {
             for (q, place) in values.chunks_exact(count).zip(matrices.chunks_exact_mut(count * count)) {
                 let matrix = tip.chain.mass_matrix(&tip.angles(q)[..tip.chain_joints()]);
                 place.fill(0.0);
-                for (row, left) in tip.laws.iter().enumerate() {
-                    for (column, right) in tip.laws.iter().enumerate() {
+                for (row, left) in tip.couplings.iter().enumerate() {
+                    for (column, right) in tip.couplings.iter().enumerate() {
                         let part = left.multiplier * right.multiplier * matrix[(row, column)];
-                        place[left.column * count + right.column] += part;
+                        let [left, right] = [left, right].map(|coupling| usize::from(coupling.actuated));
+                        place[left * count + right] += part;
                     }
                 }
             }
@@ -509,22 +499,20 @@ impl Robot {
             PyValueError::new_err(format!("{asked}: {} has the tips {}", model.name, self.tips().join(", ")))
         })?;
         let mut columns = Vec::new();
-        let laws = model.joints_of(index).map(|joint| {
-            let (followed, multiplier, offset) = match joint {
-                ChainJoint::Driven(joint, _) => (joint, 1.0, 0.0),
-                ChainJoint::Mimic(mimic) => (mimic.joint.into(), mimic.multiplier, mimic.offset),
-            };
-            let known = columns.iter().position(|column| *column == followed);
+        let couplings = model.joints_of(index).map(|joint| {
+            let coupling = joint.coupling();
+            let known = columns.iter().position(|actuated| *actuated == coupling.actuated);
             let column = known.unwrap_or_else(|| {
-                columns.push(followed);
+                columns.push(coupling.actuated);
                 columns.len() - 1
             });
-            Law { column, multiplier, offset }
+            #[expect(clippy::cast_possible_truncation, reason = "at most 7")]
+            Coupling { actuated: column as u8, ..coupling }
         });
-        let laws = laws.collect();
-        let joints = columns.iter().filter_map(|joint| model.joints.get(*joint));
+        let couplings = couplings.collect();
+        let joints = columns.iter().filter_map(|joint| model.joints.get(usize::from(*joint)));
         let joints = joints.map(|joint| (joint.name.as_str(), (joint.limits.lower, joint.limits.upper)));
-        Ok(Tip { chain, name: &described.name, joints: joints.collect(), laws })
+        Ok(Tip { chain, name: &described.name, joints: joints.collect(), couplings })
     }
 }
 

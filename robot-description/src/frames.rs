@@ -1,10 +1,10 @@
 //! Where the links of a robot are, each in the one that carries it: for recordings and live streams.
 
 use nalgebra::{Isometry3, Quaternion, Translation3, Unit, UnitQuaternion, Vector3};
-use tesaki::model::{ChainJoint, Pose, RobotModel};
+use tesaki::model::{ChainJoint, Coupling, Pose, RobotModel};
 use urdf_rs::{Joint, JointType, Robot};
 
-use crate::urdf::isometry;
+use crate::urdf::{followed, isometry};
 
 /// Where a frame is in another one.
 #[derive(Clone, Debug, PartialEq)]
@@ -26,14 +26,14 @@ struct Moved {
     slides: bool,
     /// Whose value it takes.
     joint: usize,
-    /// Factor and offset for a joint that mimics that one.
-    mimic: Option<[f64; 2]>,
+    /// Factor and offset: 1 and 0 for a joint that mimics none.
+    law: [f64; 2],
 }
 
 impl Moved {
     fn at(&self, positions: &[f64]) -> Option<Placed> {
-        let value = *positions.get(self.joint)?;
-        let value = self.mimic.map_or(value, |[factor, offset]| factor * value + offset);
+        let [factor, offset] = self.law;
+        let value = factor * positions.get(self.joint)? + offset;
         let motion = if self.slides {
             Isometry3::from_parts(Translation3::from(self.axis.scale(value)), UnitQuaternion::identity())
         } else {
@@ -43,6 +43,13 @@ impl Moved {
             )
         };
         Some(Placed { pose: self.origin.pose * motion, ..self.origin.clone() })
+    }
+
+    /// Whether it moves as a joint of a model, which has single precision.
+    fn is(&self, coupling: &Coupling) -> bool {
+        let single = [coupling.multiplier, coupling.offset].map(f64::from);
+        let near = |(law, single): (&f64, f64)| (law - single).abs() <= 1e-6 * (1.0 + law.abs());
+        self.joint == usize::from(coupling.actuated) && self.law.iter().zip(single).all(near)
     }
 }
 
@@ -66,11 +73,11 @@ impl Frames {
             };
             if joint.joint_type == JointType::Fixed {
                 frames.fixed.push(origin);
-            } else if let Some((leader, mimic)) = leader(robot, joint, names) {
+            } else if let Some((joint_index, law)) = leader(robot, joint, names) {
                 let axis = Vector3::from(joint.axis.xyz.0);
                 let axis = Unit::try_new(axis, 1e-9).unwrap_or_else(Vector3::x_axis);
                 let slides = joint.joint_type == JointType::Prismatic;
-                frames.moved.push(Moved { origin, axis, slides, joint: leader, mimic });
+                frames.moved.push(Moved { origin, axis, slides, joint: joint_index, law });
             }
         }
         frames
@@ -79,28 +86,22 @@ impl Frames {
     /// The frames that a board's model knows: `base`, and one for each joint, by the joint's name.
     pub fn of_model(model: &RobotModel) -> Self {
         let mut frames = Self::default();
-        let mut add = |origin: Placed, axis: [f32; 3], joint, mimic: Option<[f32; 2]>| {
-            let axis = Unit::new_normalize(Vector3::from(axis.map(f64::from)));
-            let mimic = mimic.map(|mimic| mimic.map(f64::from));
-            frames.moved.push(Moved { origin, axis, slides: false, joint, mimic });
-        };
         for (index, chain) in model.chains.iter().enumerate() {
             let mut parent = BASE.to_owned();
             for joint in model.joints_of(index) {
-                let (child, pose, axis, leader, mimic) = match joint {
-                    ChainJoint::Driven(index, joint) => {
-                        (joint.name.to_string(), &joint.origin, joint.axis, index, None)
-                    }
-                    ChainJoint::Mimic(mimic) => (
-                        format!("{}/mimic{}", chain.name, mimic.place),
-                        &mimic.origin,
-                        mimic.axis,
-                        mimic.joint.into(),
-                        Some([mimic.multiplier, mimic.offset]),
-                    ),
+                let child = match joint {
+                    ChainJoint::Driven(_, joint) => joint.name.to_string(),
+                    ChainJoint::Mimic(mimic) => format!("{}/mimic{}", chain.name, mimic.place),
                 };
-                let origin = Placed { parent, child: child.clone(), pose: wide(pose) };
-                add(origin, axis, leader, mimic);
+                let (origin, axis, _) = joint.body();
+                let Coupling { actuated, multiplier, offset } = joint.coupling();
+                frames.moved.push(Moved {
+                    origin: Placed { parent, child: child.clone(), pose: wide(origin) },
+                    axis: Unit::new_normalize(Vector3::from(axis.map(f64::from))),
+                    slides: false,
+                    joint: actuated.into(),
+                    law: [multiplier, offset].map(f64::from),
+                });
                 parent = child;
             }
         }
@@ -112,14 +113,13 @@ impl Frames {
     #[must_use]
     pub fn with_tips(mut self, model: &RobotModel) -> Self {
         for (index, chain) in model.chains.iter().enumerate() {
-            let last = match model.joints_of(index).last() {
-                Some(ChainJoint::Driven(joint, _)) => (joint, None),
-                Some(ChainJoint::Mimic(mimic)) => {
-                    (mimic.joint.into(), Some([mimic.multiplier, mimic.offset]))
-                }
-                None => continue,
+            let couplings: Vec<Coupling> = model.joints_of(index).map(ChainJoint::coupling).collect();
+            // Joints of other chains may move as the last one does: all of the way from the base tell the chain.
+            let is_last = |moved: &&Moved| {
+                let way = self.way(&moved.origin.child);
+                way.len() == couplings.len()
+                    && way.iter().rev().zip(&couplings).all(|(one, other)| one.is(other))
             };
-            let is_last = |moved: &&Moved| moved.joint == last.0 && same(moved.mimic, last.1);
             let parent = self.moved.iter().rev().find(is_last).map(|moved| moved.origin.child.clone());
             let child = chain.name.to_string();
             if let Some(parent) = parent.filter(|_| self.placed().all(|placed| placed.child != child)) {
@@ -127,6 +127,20 @@ impl Frames {
             }
         }
         self
+    }
+
+    /// What moves a frame, from it to the base.
+    fn way(&self, frame: &str) -> Vec<&Moved> {
+        let (mut way, mut frame) = (Vec::new(), frame);
+        // Bounded as `in_base`.
+        for _ in 0..self.moved.len() + self.fixed.len() {
+            let moved = self.moved.iter().find(|moved| moved.origin.child == frame);
+            way.extend(moved);
+            let fixed = || self.fixed.iter().find(|placed| placed.child == frame);
+            let Some(placed) = moved.map(|moved| &moved.origin).or_else(fixed) else { break };
+            frame = &placed.parent;
+        }
+        way
     }
 
     /// All frames; those that move at the value 0.
@@ -171,31 +185,11 @@ impl Frames {
 /// The base of a robot without URDF.
 const BASE: &str = "base";
 
-/// Whether two laws of a mimic joint are the same; one has been through single precision.
-fn same(law: Option<[f64; 2]>, single: Option<[f32; 2]>) -> bool {
-    match (law, single) {
-        (Some(law), Some(single)) => {
-            law.iter().zip(single).all(|(a, b)| (a - f64::from(b)).abs() <= 1e-6 * (1.0 + a.abs()))
-        }
-        (law, single) => law.is_none() && single.is_none(),
-    }
-}
-
-/// Whose value a joint takes, with factor and offset if it mimics that one, be it through other mimic joints.
-fn leader<S: AsRef<str>>(robot: &Robot, joint: &Joint, names: &[S]) -> Option<(usize, Option<[f64; 2]>)> {
-    let index = |name: &str| names.iter().position(|other| other.as_ref() == name);
-    let (mut joint, mut law) = (joint, None);
-    for _ in 0..=robot.joints.len() {
-        if let Some(own) = index(&joint.name) {
-            return Some((own, law));
-        }
-        let mimic = joint.mimic.as_ref()?;
-        let [multiplier, offset] = law.unwrap_or([1.0, 0.0]);
-        let (of, shift) = (mimic.multiplier.unwrap_or(1.0), mimic.offset.unwrap_or(0.0));
-        law = Some([multiplier * of, multiplier * shift + offset]);
-        joint = robot.joints.iter().find(|other| other.name == mimic.joint)?;
-    }
-    None
+/// Whose value a joint takes, with factor and offset.
+fn leader<S: AsRef<str>>(robot: &Robot, joint: &Joint, names: &[S]) -> Option<(usize, [f64; 2])> {
+    let index = |joint: &Joint| names.iter().position(|name| name.as_ref() == joint.name);
+    let (leader, factor, offset) = followed(robot, joint, |joint| index(joint).is_some()).ok()?;
+    Some((index(leader)?, [factor, offset]))
 }
 
 fn wide(pose: &Pose) -> Isometry3<f64> {
@@ -209,6 +203,7 @@ mod tests {
     use super::*;
     use crate::robot::RobotFolder;
     use std::path::Path;
+    use tesaki::kinematics::Chain;
 
     #[test]
     fn links_turn_about_their_axes() {
@@ -257,6 +252,25 @@ mod tests {
         let frames = Frames::of_model(&model).with_tips(&model);
         let place = frames.in_base("hand", &[0.1; 7]).translation.vector;
         assert!(place.iter().all(|value| value.is_finite()));
+    }
+
+    #[test]
+    fn a_tip_is_behind_the_mimic_joint_of_its_own_chain() {
+        // The outer joints of two fingers follow the same motor by the same law.
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/inspire");
+        let mut model = RobotFolder::load(&folder).expect("it is a robot folder of this project").model;
+        let followed = model.mimics[2].joint;
+        model.mimics[3].joint = followed;
+        assert_eq!((model.mimics[2].multiplier, model.mimics[3].multiplier), (1.0, 1.0));
+        assert_eq!((model.mimics[2].chain, model.mimics[3].chain), (1, 2));
+        let frames = Frames::of_model(&model).with_tips(&model);
+        let angles = [0.1, 0.2, 0.3, 0.9, 0.5, 0.6];
+        for (index, chain) in model.chains.iter().enumerate() {
+            let posture = Chain::of_model(&model, index).posture(&model.chain_angles(index, &angles));
+            let tip = posture.tip().translation.vector.map(f64::from);
+            let place = frames.in_base(&chain.name, &angles.map(f64::from)).translation.vector;
+            assert!((place - tip).norm() < 1e-6, "{}: {place} {tip}", chain.name);
+        }
     }
 
     #[test]

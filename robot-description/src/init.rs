@@ -7,11 +7,12 @@ mod write;
 use std::path::Path;
 
 use tesaki::kinematics::Chain;
+use tesaki::model::Coupling;
 
 pub use motor::{GENERIC, MotorPreset, PRESETS};
 
 use crate::finding::{Finding, Report};
-use crate::load::{CoupledChain, Drive};
+use crate::load::CoupledChains;
 use crate::robot::tree::{SerialChain, SerialJoint, SerialMimic, serial_chains};
 use crate::urdf::{self, Urdf};
 use motor::LARGEST_EFFORT;
@@ -111,10 +112,7 @@ pub fn robot_texts(path: &Path, text: &str, options: &InitOptions) -> Result<Rob
         return Err(InitError::Wrong(report.findings));
     };
     check_joints(options, &chains)?;
-    let mut joints = Vec::new();
-    for chain in &chains {
-        joints.extend(plan_chain(chain, options)?);
-    }
+    let joints = plan(&chains, options)?;
     Ok(write::texts(path, text, &urdf, &accepted, &joints))
 }
 
@@ -150,29 +148,42 @@ fn check_joints(options: &InitOptions, chains: &[SerialChain]) -> Result<(), Ini
     Ok(())
 }
 
-fn plan_chain(chain: &SerialChain, options: &InitOptions) -> Result<Vec<JointPlan>, InitError> {
-    let links = chain.all().into_iter().map(|(joint, _)| (&joint.origin, &joint.axis, &joint.link));
-    let mut own = 0..;
-    let drives = chain.all().into_iter().map(|(_, mimic)| match mimic {
-        None => own.next().map(Drive::own),
-        Some(SerialMimic { follows, multiplier, offset, .. }) => Some(Drive {
-            joint: chain.joints.iter().position(|joint| joint.name == *follows),
-            multiplier: *multiplier,
-            offset: *offset,
-        }),
-    });
-    let drives = drives.flatten().collect();
-    let limits: Vec<(f32, f32)> =
-        chain.joints.iter().map(|joint| (joint.limits.lower, joint.limits.upper)).collect();
-    let mut bodies =
-        CoupledChain { chain: Chain::from_links(links, &chain.pose), drives, rotors: Vec::new() };
-    let loads = bodies.joint_loads(&GRAVITY, &limits);
-    let motors = chain.joints.iter().zip(&loads).map(|(joint, load)| choose_motor(joint, load, options));
-    let motors = motors.collect::<Result<Vec<_>, _>>()?;
-    bodies.rotors = motors.iter().map(|(motor, _)| motor.rotor_inertia).collect();
-    let inertias = bodies.joint_inertias(&limits);
-    let joints = chain.joints.iter().zip(loads).zip(inertias).zip(motors);
-    Ok(joints.map(|(((joint, load), inertia), motor)| JointPlan::new(joint, load, inertia, motor)).collect())
+/// Plans the joints of all chains, in their order.
+fn plan(chains: &[SerialChain], options: &InitOptions) -> Result<Vec<JointPlan>, InitError> {
+    let joints: Vec<&SerialJoint> = chains.iter().flat_map(|chain| &chain.joints).collect();
+    let mut plans = Vec::new();
+    for mut group in CoupledChains::groups(chains.iter().filter_map(|chain| coupled(chain, &joints))) {
+        let own: Vec<&SerialJoint> =
+            group.motors.iter().filter_map(|motor| joints.get(*motor)).copied().collect();
+        let limits: Vec<(f32, f32)> =
+            own.iter().map(|joint| (joint.limits.lower, joint.limits.upper)).collect();
+        let loads = group.joint_loads(&GRAVITY, &limits);
+        let motors = own.iter().zip(&loads).map(|(joint, load)| choose_motor(joint, load, options));
+        let motors = motors.collect::<Result<Vec<_>, _>>()?;
+        group.rotors = motors.iter().map(|(motor, _)| motor.rotor_inertia).collect();
+        let inertias = group.joint_inertias(&limits);
+        let of_joints = own.into_iter().zip(loads).zip(inertias).zip(motors);
+        let of_joints =
+            of_joints.map(|(((joint, load), inertia), motor)| JointPlan::new(joint, load, inertia, motor));
+        plans.extend(group.motors.iter().copied().zip(of_joints));
+    }
+    plans.sort_by_key(|(joint, _)| *joint);
+    Ok(plans.into_iter().map(|(_, plan)| plan).collect())
+}
+
+/// A chain, and what moves each of its joints, of which those with a motor are `joints`. `None` where a mimic joint follows
+/// none of these, which has been reported.
+fn coupled(chain: &SerialChain, joints: &[&SerialJoint]) -> Option<(Chain, Vec<Coupling>)> {
+    let all = chain.all();
+    let links = all.iter().map(|(joint, _)| (&joint.origin, &joint.axis, &joint.link));
+    let coupling = |(joint, mimic): &(&SerialJoint, Option<&SerialMimic>)| {
+        let (name, multiplier, offset) =
+            mimic.map_or((&joint.name, 1.0, 0.0), |mimic| (&mimic.follows, mimic.multiplier, mimic.offset));
+        let actuated = joints.iter().position(|joint| joint.name == *name)?;
+        Some(Coupling { actuated: u8::try_from(actuated).ok()?, multiplier, offset })
+    };
+    let couplings = all.iter().map(coupling).collect::<Option<_>>()?;
+    Some((Chain::from_links(links, &chain.pose), couplings))
 }
 
 /// The motor of a joint, and why.

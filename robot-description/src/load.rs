@@ -1,13 +1,16 @@
-//! What a joint has to move and to hold, over the postures of its chain.
+//! What a joint has to move and to hold, over the postures of the chains that it moves.
 
 use nalgebra::{DMatrix, Vector3};
 use tesaki::kinematics::Chain;
-use tesaki::model::MAX_CHAIN_JOINTS;
+use tesaki::model::{Coupling, MAX_JOINTS};
 
 /// Postures that are looked at, besides those with all joints at their lower or upper limits.
 const POSTURES: u32 = 600;
 /// Bases of the Halton sequence.
-const PRIMES: [u32; MAX_CHAIN_JOINTS] = [2, 3, 5, 7, 11, 13, 17];
+const PRIMES: [u32; MAX_JOINTS] = [2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37, 41, 43, 47, 53];
+/// Number of joints of which all combinations of limits are looked at. Of more joints, one is at the same end as the
+/// one so many before it.
+const CORNER_JOINTS: usize = 11;
 
 /// Gravity torque of a joint over the postures.
 #[derive(Clone, Debug, PartialEq)]
@@ -18,35 +21,48 @@ pub(crate) struct JointLoad {
     pub posture: Vec<f32>,
 }
 
-/// A chain, and what moves each of its joints. The angles, torques and inertias of its methods are those of the joints
-/// with a motor.
-pub(crate) struct CoupledChain {
-    /// All joints, those without motor included.
-    pub chain: Chain,
-    /// For each of them.
-    pub drives: Vec<Drive>,
+/// A chain, or several that depend on each other as joints of one follow a motor of another. The angles, torques and
+/// inertias of its methods are those of the joints with a motor.
+pub(crate) struct CoupledChains {
+    /// The joints with a motor, as indices into the robot's; rising.
+    pub motors: Vec<usize>,
+    /// Each with all its joints, those without motor included, and what moves them: by index into `motors`.
+    chains: Vec<(Chain, Vec<Coupling>)>,
     /// Reflected inertia of the rotor of each joint with a motor [kg·m²]; empty if not included.
     pub rotors: Vec<f32>,
 }
 
-/// What moves a joint: angle = `multiplier` · angle of a joint with a motor + `offset`.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Drive {
-    /// Which of the chain's joints with a motor; `None` for one of another chain, which counts as at 0.
-    pub joint: Option<usize>,
-    pub multiplier: f32,
-    /// [rad]
-    pub offset: f32,
-}
-
-impl Drive {
-    /// The joint's own motor.
-    pub const fn own(joint: usize) -> Self {
-        Self { joint: Some(joint), multiplier: 1.0, offset: 0.0 }
+impl CoupledChains {
+    /// The chains of a robot in groups that do not depend on each other: `chains` has each with what moves its joints.
+    pub fn groups(chains: impl IntoIterator<Item = (Chain, Vec<Coupling>)>) -> Vec<Self> {
+        let mut groups: Vec<Self> = Vec::new();
+        for (chain, couplings) in chains {
+            let own = || couplings.iter().map(|coupling| usize::from(coupling.actuated));
+            let depends = |group: &Self| own().any(|motor| group.motors.contains(&motor));
+            let (together, apart): (Vec<Self>, Vec<Self>) = groups.into_iter().partition(depends);
+            let mut motors: Vec<usize> = together.iter().flat_map(|group| &group.motors).copied().collect();
+            motors.extend(own());
+            motors.sort_unstable();
+            motors.dedup();
+            let mut chains: Vec<_> = together.into_iter().flat_map(|group| group.chains).collect();
+            chains.push((chain, couplings));
+            groups = apart;
+            groups.push(Self { motors, chains, rotors: Vec::new() });
+        }
+        groups.iter_mut().for_each(Self::renumber);
+        groups.sort_by_key(|group| group.motors.first().copied());
+        groups
     }
-}
 
-impl CoupledChain {
+    /// From indices into the robot's joints to those into `motors`.
+    fn renumber(&mut self) {
+        for coupling in self.chains.iter_mut().flat_map(|(_, couplings)| couplings) {
+            let place = self.motors.iter().position(|motor| *motor == usize::from(coupling.actuated));
+            #[expect(clippy::cast_possible_truncation, reason = "at most 16")]
+            place.into_iter().for_each(|place| coupling.actuated = place as u8);
+        }
+    }
+
     /// The loads of its joints under `gravity` [m/s²], with lower and upper limits [rad].
     pub fn joint_loads(&self, gravity: &[f32; 3], limits: &[(f32, f32)]) -> Vec<JointLoad> {
         let mut loads = vec![JointLoad { gravity: 0.0, posture: Vec::new() }; limits.len()];
@@ -82,26 +98,30 @@ impl CoupledChain {
 
     /// The gravity torques at a posture [N·m].
     pub fn gravity_torques(&self, gravity: &[f32; 3], posture: &[f32]) -> Vec<f32> {
-        let angles = self.angles(posture);
-        let (rest, mut torques) = (vec![0.0; angles.len()], vec![0.0; angles.len()]);
-        self.chain.inverse_dynamics(&Vector3::from(*gravity), &angles, &rest, &rest, &mut torques);
         let mut driving = vec![0.0; posture.len()];
-        for (drive, torque) in self.drives.iter().zip(torques) {
-            if let Some(sum) = drive.joint.and_then(|joint| driving.get_mut(joint)) {
-                *sum += drive.multiplier * torque;
+        for (chain, couplings) in &self.chains {
+            let angles = angles(couplings, posture);
+            let (rest, mut torques) = (vec![0.0; angles.len()], vec![0.0; angles.len()]);
+            chain.inverse_dynamics(&Vector3::from(*gravity), &angles, &rest, &rest, &mut torques);
+            for (coupling, torque) in couplings.iter().zip(torques) {
+                if let Some(sum) = driving.get_mut(usize::from(coupling.actuated)) {
+                    *sum += coupling.multiplier * torque;
+                }
             }
         }
         driving
     }
 
-    /// `Tᵀ M T` with the rotors: `T` takes velocities of the joints with a motor to those of all.
+    /// The sum of `Tᵀ M T` over the chains, with the rotors: `T` takes velocities of the joints with a motor to those of
+    /// all.
     fn mass_matrix(&self, posture: &[f32]) -> DMatrix<f32> {
-        let all = self.chain.mass_matrix(&self.angles(posture));
         let mut matrix = DMatrix::zeros(posture.len(), posture.len());
-        for (row, one) in self.drives.iter().enumerate() {
-            for (column, other) in self.drives.iter().enumerate() {
-                if let (Some(i), Some(j)) = (one.joint, other.joint) {
-                    matrix[(i, j)] += one.multiplier * other.multiplier * all[(row, column)];
+        for (chain, couplings) in &self.chains {
+            let all = chain.mass_matrix(&angles(couplings, posture));
+            for (row, one) in couplings.iter().enumerate() {
+                for (column, other) in couplings.iter().enumerate() {
+                    let place = (usize::from(one.actuated), usize::from(other.actuated));
+                    matrix[place] += one.multiplier * other.multiplier * all[(row, column)];
                 }
             }
         }
@@ -110,19 +130,20 @@ impl CoupledChain {
         }
         matrix
     }
-
-    /// The angles of all joints [rad].
-    fn angles(&self, posture: &[f32]) -> Vec<f32> {
-        let of = |joint: Option<usize>| joint.and_then(|joint| posture.get(joint).copied()).unwrap_or(0.0);
-        self.drives.iter().map(|drive| drive.multiplier * of(drive.joint) + drive.offset).collect()
-    }
 }
 
-/// All limits, and angles spread between them [rad].
+/// The angles of all joints of a chain [rad].
+fn angles(couplings: &[Coupling], posture: &[f32]) -> Vec<f32> {
+    let of = |motor: u8| posture.get(usize::from(motor)).copied().unwrap_or(0.0);
+    couplings.iter().map(|coupling| coupling.angle(of(coupling.actuated))).collect()
+}
+
+/// Limits in all combinations, and angles spread between them [rad].
 fn postures(limits: &[(f32, f32)]) -> impl Iterator<Item = Vec<f32>> {
-    let corners = 1_u32 << limits.len().min(MAX_CHAIN_JOINTS);
+    let corners = 1_u32 << limits.len().min(CORNER_JOINTS);
     let corner = |number: u32| {
-        let angle = move |(index, &(lower, upper))| if number >> index & 1 == 0 { lower } else { upper };
+        let is_lower = move |index| number >> (index % CORNER_JOINTS) & 1 == 0;
+        let angle = move |(index, &(lower, upper))| if is_lower(index) { lower } else { upper };
         limits.iter().enumerate().map(angle).collect()
     };
     let between = |number: u32| {
@@ -150,9 +171,16 @@ mod tests {
     use super::*;
     use tesaki::model::{Inertial, Pose};
 
-    fn coupled(chain: Chain, rotors: &[f32]) -> CoupledChain {
-        let drives = (0..chain.len()).map(Drive::own).collect();
-        CoupledChain { chain, drives, rotors: rotors.to_vec() }
+    /// A chain with a motor for each joint.
+    fn driven(chain: Chain, rotors: &[f32]) -> CoupledChains {
+        let couplings = (0..3).map(Coupling::direct).take(chain.len()).collect();
+        grouped([(chain, couplings)], rotors)
+    }
+
+    fn grouped<const N: usize>(chains: [(Chain, Vec<Coupling>); N], rotors: &[f32]) -> CoupledChains {
+        let mut groups = CoupledChains::groups(chains);
+        assert_eq!(groups.len(), 1);
+        CoupledChains { rotors: rotors.to_vec(), ..groups.remove(0) }
     }
 
     #[test]
@@ -165,9 +193,8 @@ mod tests {
         let end = Pose { translation: [1.0, 0.0, 0.0], ..Pose::IDENTITY };
         let axis = [0.0, 0.0, 1.0];
         let links = [(&Pose::IDENTITY, &axis, &first), (&end, &axis, &second)];
-        let follows = Drive { joint: Some(0), multiplier: -2.0, offset: 0.0 };
-        let drives = vec![Drive::own(0), follows];
-        let chain = CoupledChain { chain: Chain::from_links(links, &end), drives, rotors: vec![0.1] };
+        let follows = Coupling { actuated: 0, multiplier: -2.0, offset: 0.0 };
+        let chain = grouped([(Chain::from_links(links, &end), vec![Coupling::direct(0), follows])], &[0.1]);
         let matrix = chain.mass_matrix(&[0.5]);
         // sin 0.5 = 0.479 426.
         let by_hand = 0.958_851 * 0.958_851 + 0.1;
@@ -178,11 +205,63 @@ mod tests {
     }
 
     #[test]
+    fn a_motor_feels_the_joint_of_another_chain_that_follows() {
+        // Rods of 1 m with a mass at their end: one of 1 kg; in another chain one of 2 kg that turns by −2 times the angle
+        // of the first, with a joint of its own at the same axis behind it, which turns 3 kg. A third chain is apart.
+        let rod = |mass| Inertial { mass, center_of_mass: [1.0, 0.0, 0.0], inertia: [0.0; 6] };
+        let axis = [0.0, 0.0, 1.0];
+        let chain = |links: &[Inertial]| {
+            Chain::from_links(links.iter().map(|link| (&Pose::IDENTITY, &axis, link)), &Pose::IDENTITY)
+        };
+        let follows = Coupling { actuated: 1, multiplier: -2.0, offset: 0.0 };
+        let groups = CoupledChains::groups([
+            (chain(&[rod(9.0)]), vec![Coupling::direct(0)]),
+            (chain(&[rod(1.0)]), vec![Coupling::direct(1)]),
+            (chain(&[rod(2.0), rod(3.0)]), vec![follows, Coupling::direct(2)]),
+        ]);
+        let [apart, together] = &*groups else { panic!("two groups") };
+        assert!(apart.motors == [0] && together.motors == [1, 2]);
+        // Kinetic energy ½ (1 q̇₁² + 2 (2 q̇₁)² + 3 (q̇₂ − 2 q̇₁)²) at any posture.
+        let matrix = together.mass_matrix(&[0.3, 0.7]);
+        for (place, by_hand) in [((0, 0), 21.0), ((0, 1), -6.0), ((1, 1), 3.0)] {
+            assert!((matrix[place] - by_hand).abs() < 1e-5, "{matrix}");
+        }
+        let limits = [(-0.1, 0.1), (-0.1, 0.1)];
+        let [one, two] = &*together.joint_inertias(&limits) else { panic!("two joints") };
+        for (got, by_hand) in
+            [(one[0], 21.0 - 36.0 / 3.0), (one[1], 21.0), (two[0], 3.0 - 36.0 / 21.0), (two[1], 3.0)]
+        {
+            assert!((got - by_hand).abs() < 1e-4, "{got} instead of {by_hand}");
+        }
+        // 1 m/s² along −y: the motors hold the masses at angle 0 with −m x, times the ratio of the velocities.
+        let torques = together.gravity_torques(&[0.0, -1.0, 0.0], &[0.0, 0.0]);
+        assert!(
+            (torques[0] - (1.0 - 2.0 * 5.0)).abs() < 1e-5 && (torques[1] - 3.0).abs() < 1e-5,
+            "{torques:?}"
+        );
+    }
+
+    #[test]
+    fn all_combinations_of_limits_are_looked_at() {
+        let corners = |joints: usize| {
+            let limits = vec![(-1.0, 1.0); joints];
+            let mut corners: Vec<_> = postures(&limits)
+                .filter(|q| q.iter().all(|q| q.abs() >= 1.0))
+                .map(|q| format!("{q:?}"))
+                .collect();
+            corners.sort();
+            corners.dedup();
+            corners.len()
+        };
+        assert_eq!([corners(1), corners(4), corners(11), corners(16)], [2, 16, 2048, 2048]);
+    }
+
+    #[test]
     fn a_pendulum_has_its_inertia_and_its_weight_held_level() {
         // 2 kg at 0.5 m from an axis along y: 2·0.25 kg·m², and 2·9.81·0.5 N·m where it is level.
         let link = Inertial { mass: 2.0, center_of_mass: [0.0, 0.0, -0.5], inertia: [0.0; 6] };
         let chain = Chain::from_links([(&Pose::IDENTITY, &[0.0, 1.0, 0.0], &link)], &Pose::IDENTITY);
-        let chain = coupled(chain, &[]);
+        let chain = driven(chain, &[]);
         let [load] = &*chain.joint_loads(&[0.0, 0.0, -9.81], &[(-0.2, core::f32::consts::FRAC_PI_2)]) else {
             panic!("one joint")
         };
@@ -205,7 +284,7 @@ mod tests {
         let end = Pose { translation: [1.0, 0.0, 0.0], ..Pose::IDENTITY };
         let axis = [0.0, 0.0, 1.0];
         let links = [(&Pose::IDENTITY, &axis, &first), (&end, &axis, &second)];
-        let chain = coupled(Chain::from_links(links, &end), &[1.0, 0.1]);
+        let chain = driven(Chain::from_links(links, &end), &[1.0, 0.1]);
         let right = core::f32::consts::FRAC_PI_2;
         let [one, two] = &*chain.joint_inertias(&[(0.0, 0.1), (0.0, right)]) else { panic!("two joints") };
         for (got, expected) in

@@ -25,7 +25,7 @@ use source::Source;
 
 pub use fold::{MassProperties, RigidBody, axis, isometry, point_inertia, rotated_inertia};
 pub(crate) use fold::{narrow, pose, single};
-pub use path::{Drive, PathJoint, SerialPath};
+pub use path::{Drive, NoLeader, PathJoint, SerialPath, followed};
 
 /// A URDF whose links form a tree.
 #[derive(Clone, Debug)]

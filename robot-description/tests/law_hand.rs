@@ -63,26 +63,90 @@ fn gains_are_those_per_inertia_times_the_inertia_of_the_joint() {
 #[test]
 fn what_is_wrong_is_named_with_its_line() {
     let text = std::fs::read_to_string(folder().join("laws/paper.toml")).unwrap();
-    let line = |key: &str| 1 + text.lines().position(|line| line.starts_with(key)).unwrap();
-    for (key, from, to, word) in [
-        ("mode", "mode = \"bare_pid\"", "mode = \"bare\"", "unknown variant"),
-        ("following_error", "following_error = 1.0", "following_error = 9.0", "the range is 0.01 to 3 rad"),
-        ("load", "{ constant = 0.023 }", "{ constant = 23.0 }", "mass of the object is 23 kg"),
-        ("internal", "strength = 4.0", "strength = 40.0", "internal force is 40 N"),
-        (
-            "evaluated",
-            "evaluated = 2.0",
-            "evaluated = 5.0",
-            "force.evaluated is 5 s; the range is 0.01 to 4 s",
-        ),
-        ("masses", "[0.05, 0.1", "[0.0, 0.1", "weights.masses is 0 kg"),
-        ("turns", "turns = [0.1", "turns = [1.1", "motion.turns is 1.1 rad"),
+    let line = |from: &str| 1 + text.lines().position(|line| line.contains(from)).unwrap();
+    for (from, to, word) in [
+        ("mode = \"bare_pid\"", "mode = \"bare\"", "unknown variant"),
+        ("following_error = 1.0", "following_error = 9.0", "the range is 0.01 to 3 rad"),
+        ("{ constant = 0.023 }", "{ constant = 23.0 }", "mass of the object is 23 kg"),
+        ("strength = 4.0", "strength = 40.0", "internal force is 40 N"),
+        ("evaluated = 2.0", "evaluated = 5.0", "force.evaluated is 5 s; the range is 0.01 to 4 s"),
+        ("[0.05, 0.1", "[0.0, 0.1", "weights.masses is 0 kg"),
+        ("turns = [0.1", "turns = [1.1", "motion.turns is 1.1 rad"),
+        ("efficiency = [1.0,", "efficiency = [0.1,", "force.efficiency is 0.1; the range is 0.3 to 1"),
+        ("integral = [500.0,", "integral = [-5.0,", "motion.integral is -5 N/(m·s)"),
+        ("integral = [500.0,", "integral = [nan,", "motion.integral is NaN N/(m·s)"),
     ] {
         let said = said(from, to);
-        assert!(said.contains(&format!("own.toml:{}:", line(key))) && said.contains(word), "{to}: {said}");
+        assert!(said.contains(&format!("own.toml:{}:", line(from))) && said.contains(word), "{to}: {said}");
     }
     // A gain of the control, with the line of the table in which it stands.
     let said_of_gain = said("position = [1000.0", "position = [-1.0");
     assert!(said_of_gain.contains("the gain is -1"), "{said_of_gain}");
     assert!(said("cumulative = false", "cumulativ = false").contains("cumulativ"));
+}
+
+#[test]
+fn a_curve_over_a_gain_needs_the_control_that_has_it() {
+    let text = std::fs::read_to_string(folder().join("laws/tesaki.toml")).unwrap();
+    let changed = text.replacen("rest = 2.5 ", "integral = [500.0]\nrest = 2.5 ", 1);
+    assert_ne!(text, changed);
+    let (law, findings) = hand::check(Path::new("own.toml"), &changed, &model());
+    let line = 1 + changed.lines().position(|line| line.starts_with("integral")).unwrap();
+    let said: Vec<String> = findings.iter().map(ToString::to_string).collect();
+    assert!(law.is_none() && said.len() == 1, "{said:?}");
+    let expected =
+        format!("own.toml:{line}: motion.integral: only control = {{ wrench = … }} has such a gain");
+    assert!(said[0].starts_with(&expected), "{said:?}");
+    // With that control, the gain is the second one of the position.
+    let paper = hand::load(&folder().join("laws/paper.toml"), &model()).unwrap();
+    assert_eq!(paper.force.efficiency, [1.0, 0.9, 0.8, 0.7, 0.6]);
+    let ObjectControl::Wrench(gains) = paper.motion.law.with_integral(500.0).unwrap().control else {
+        panic!()
+    };
+    assert_eq!((gains.position, gains.damping), ([1000.0, 500.0], 0.05));
+}
+
+#[test]
+fn times_and_places_that_are_left_out_are_those_of_the_experiments() {
+    let text = std::fs::read_to_string(folder().join("laws/paper.toml")).unwrap();
+    let law = |text: &str| hand::check(Path::new("own.toml"), text, &model()).0.unwrap();
+    let paper = law(&text);
+    assert_eq!((paper.servo.evaluated, paper.servo.rest_error), (0.5, None));
+    assert_eq!(
+        (paper.weights.evaluated, paper.weights.rest, paper.weights.point),
+        (0.5, 1.0, [0.0, 0.0, 0.03])
+    );
+    assert_eq!((paper.motion.initial_rest, paper.motion.evaluated), (1.5, 2.0));
+    let short = hand::load(&folder().join("laws/paper-corrected.toml"), &model()).unwrap();
+    assert_eq!(
+        (short.servo.evaluated, short.weights.rest, short.weights.point),
+        (0.5, 1.0, [0.0, 0.0, 0.03])
+    );
+    assert_eq!((short.motion.initial_rest, short.motion.evaluated), (1.5, 2.0));
+    let own = text
+        .replacen("step = 0.3 ", "rest_error = 0.001\nstep = 0.3 ", 1)
+        .replacen("evaluated = 0.5 ", "evaluated = 0.2 ", 1)
+        .replacen("[0.0, 0.0, 0.03]", "[0.0, 0.05, 0.03]", 1)
+        .replacen("initial_rest = 1.5", "initial_rest = 0.7", 1);
+    let own = law(&own);
+    assert_eq!(
+        (own.servo.evaluated, own.weights.point, own.motion.initial_rest),
+        (0.2, [0.0, 0.05, 0.03], 0.7)
+    );
+    let mut model = model();
+    own.servo.apply(&mut model);
+    assert!(model.joints.iter().all(|joint| joint.servo.rest_error.to_bits() == 0.001_f32.to_bits()));
+}
+
+#[test]
+fn a_law_of_a_hand_is_none_of_an_arm() {
+    let arm = RobotFolder::load(&folder().join("../arm7")).unwrap().model;
+    let said = hand::load(&folder().join("laws/paper.toml"), &arm).unwrap_err().to_string();
+    assert!(
+        said.ends_with(
+            "laws/paper.toml: a law of a hand of three fingers with force sensors; the robot has 1 chain(s): run it with a \
+             robot that it is for"
+        ),
+        "{said}"
+    );
 }

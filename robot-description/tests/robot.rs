@@ -5,6 +5,7 @@ use std::path::Path;
 
 use tesaki::kinematics::Chain;
 
+use tesaki_description::init::{InitOptions, robot_texts};
 use tesaki_description::robot::{RobotFolder, chain_model};
 
 const FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/hand3");
@@ -202,6 +203,42 @@ fn one_motor_of_the_five_finger_hand_moves_joints_of_four_chains() {
     let (full, less, least) = (inertia("0.3"), inertia("0.2"), inertia("0.1"));
     assert!(full > less && less > least);
     assert!(((full - least) / (full - less) - 0.08 / 0.05).abs() < 0.01, "{full} {less} {least}");
+}
+
+/// `tests/oracles/hand5_spread.py`: inertia held, free; torque of gravity.
+const SPREAD: [f64; 3] = include!("../../tests/oracles/data/hand5_spread.in");
+
+#[test]
+fn a_motor_is_planned_for_the_fingers_of_other_chains_that_follow_it() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/hand5");
+    let (urdf, _) = RobotFolder::read(&path).unwrap();
+    let texts = robot_texts(&path.join("robot.urdf"), &urdf, &InitOptions::default()).unwrap();
+    let spread = &texts.controller[texts.controller.find("# spread: ").unwrap()..];
+    let spread = &spread[..spread.find("# index_bend: ").unwrap()];
+    let [held, free, gravity] = SPREAD;
+    let told = format!("geometric mean of {free:.6} (other joints free) and {held:.6} (held)");
+    assert!(spread.contains(&told), "{told}: {spread}");
+    assert!(spread.contains(&format!("Gravity takes up to {gravity:.3} N·m of 0.800 N·m.")), "{spread}");
+}
+
+#[test]
+fn weight_in_another_chain_that_a_motor_must_lift_is_told() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/hand5");
+    let (urdf, settings) = RobotFolder::read(&path).unwrap();
+    // 1 kg at 1 m behind the joint that follows with the ratio −1, in a hand that stands upright: 9.81 sin 0.35 N·m =
+    // 3.364 N·m, and 0.011 N·m for the fingers.
+    let root = urdf.find("<link name=\"little_root\">").unwrap();
+    let (before, behind) = urdf.split_at(root);
+    let heavy = "<origin xyz=\"0 0 1\"/><mass value=\"1\"/>";
+    let urdf = before.to_owned() + &behind.replacen("<mass value=\"0.012\"/>", heavy, 1);
+    let upright = settings.replace("gravity = [9.81, 0.0, 0.0]", "gravity = [0.0, 0.0, -9.81]");
+    let said = |settings: &str| {
+        let (_, findings) = RobotFolder::check_all(&path, &urdf, settings, None);
+        findings.iter().map(|finding| format!("{finding}\n")).collect::<String>()
+    };
+    let told = said(&upright);
+    assert!(told.contains("joint spread: gravity needs up to 3.37"), "{told}");
+    assert!(!said(&settings).contains("joint spread: gravity"), "the axis of the joint is vertical");
 }
 
 #[test]

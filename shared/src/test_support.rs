@@ -1,9 +1,9 @@
 //! Fixtures for tests and on-target programs.
 
-use crate::kinematics::{Chain, Coupling, FingerDescription, Hand};
+use crate::kinematics::{Chain, FingerDescription, Hand};
 use crate::model::{
-    ChainModel, Encoder, Friction, Inertial, JointLimits, JointModel, Motor, ObserverGains, PidGains, Pose,
-    Reaction, RobotModel, Safety, ServoGains,
+    ChainModel, Coupling, Encoder, Friction, Inertial, JointLimits, JointModel, Motor, ObserverGains,
+    PidGains, Pose, Reaction, RobotModel, Safety, ServoGains,
 };
 
 /// A joint with typical values.

@@ -48,6 +48,24 @@ fn a_good_folder_lists_its_joints() {
 }
 
 #[test]
+fn mimic_joints_are_listed_with_what_they_follow() {
+    let (code, text) = check(&[], &workspace().join("robots/inspire"));
+    assert_eq!(code, 0, "{text}");
+    contains(
+        &text,
+        &[
+            "R_thumb_intermediate_joint = 1.6 R_thumb_proximal_pitch_joint, link 3.8 g",
+            "R_thumb_distal_joint = 2.4 R_thumb_proximal_pitch_joint, link 3.3 g",
+            "R_pinky_intermediate_joint = 1 R_pinky_proximal_joint, link 3.6 g",
+            "inspire_right_hand: 6 joints and 6 mimic joints in 5 chains",
+        ],
+    );
+    // The motor of one finger moves joints of three others.
+    let (_, text) = check(&[], &workspace().join("robots/hand5"));
+    contains(&text, &["chain to ring_tip", "ring_spread          = -0.4 spread, link 12.0 g"]);
+}
+
+#[test]
 fn every_mistake_of_both_files_is_told_in_one_go() {
     let folder = changed(&[
         ("robot.urdf", "<mass value=\"0.04\"/>", "<mass value=\"4000\"/>"),

@@ -19,6 +19,17 @@ use tesaki::task::{TaskCommand, TaskConfig, TaskRefusal, TaskTelemetry};
 use tesaki_rng::Rng;
 use tesaki_tests::{Rig, robot};
 
+#[test]
+fn the_benchmark_has_the_inspire_hand_of_today() {
+    const BENCHMARK: &[u8] = include_bytes!("../../firmware/src/bin/support/inspire.model");
+    let bytes = postcard::to_stdvec(&robot("inspire").model).unwrap();
+    if bytes != BENCHMARK {
+        let file = concat!(env!("CARGO_TARGET_TMPDIR"), "/inspire.model");
+        std::fs::write(file, bytes).unwrap();
+        panic!("copy {file} to firmware/src/bin/support, then `cargo xtask bench`");
+    }
+}
+
 /// A board whose joints are where their references are.
 struct Board {
     rig: Rig,

@@ -1,7 +1,7 @@
 use nalgebra::Isometry3;
 use serde::Serialize;
 use tesaki::model::{ChainJoint, JointModel, MimicJoint, Pose, RobotModel};
-use tesaki_description::urdf::{RigidBody, Urdf, isometry};
+use tesaki_description::urdf::{RigidBody, Urdf, followed, isometry};
 use urdf_rs::Geometry;
 
 /// A robot to draw: kinematics from the model of the board, and solids where its URDF is known.
@@ -155,7 +155,8 @@ impl Scene {
             }
         }
         for (behind, place) in &body.joints {
-            let index = self.index(behind, joint, place).or_else(|| self.add_follower(behind, joint, place));
+            let index =
+                self.index(behind, joint, place).or_else(|| self.add_follower(urdf, behind, joint, place));
             if let Some(index) = index {
                 self.collect(urdf, &behind.child.link, Some(index));
             }
@@ -166,13 +167,17 @@ impl Scene {
     #[expect(clippy::cast_possible_truncation, reason = "a page shows single precision")]
     fn add_follower(
         &mut self,
+        urdf: &Urdf,
         joint: &urdf_rs::Joint,
         parent: Option<usize>,
         place: &Isometry3<f64>,
     ) -> Option<usize> {
-        let mimic = joint.mimic.as_ref()?;
-        let leader = self.joints.iter().take(self.driven).position(|other| other.name == mimic.joint)?;
-        let (multiplier, offset) = (mimic.multiplier.unwrap_or(1.0), mimic.offset.unwrap_or(0.0));
+        let index = |joint: &urdf_rs::Joint| {
+            self.joints.iter().take(self.driven).position(|other| other.name == joint.name)
+        };
+        let (leader, multiplier, offset) =
+            followed(&urdf.robot, joint, |joint| index(joint).is_some()).ok()?;
+        let leader = index(leader)?;
         self.joints.push(SceneJoint {
             name: joint.name.clone(),
             parent,

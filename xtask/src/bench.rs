@@ -43,6 +43,10 @@ const LIMITS: &[(&str, f64)] = &[
     ("retarget_unreachable_longest", 100_000.0),
     ("retarget_directions_longest", 100_000.0),
     ("retarget_directions_unreachable_longest", 100_000.0),
+    ("retarget_mimics_longest", 100_000.0),
+    ("retarget_mimics_unreachable_longest", 100_000.0),
+    // As the tick of the five-finger hand in tests/tests/image.rs; of the 1 680 000 of a period.
+    ("node_tick_mimics_following_longest", 130_000.0),
     // 100 ms at 168 MHz and 1.5 cycles each are 11 200 000 instructions: the window takes twice as many.
     ("find_circle", 35_500_000.0),
     ("find_circle_window", 20_000_000.0),

@@ -16,15 +16,19 @@ use tesaki::control::{
     CurrentLoop, CurrentLoopState, Drive, JointPoint, Pid, PidState, ServoMode, Switching, Winding,
 };
 use tesaki::grasp::{Contact, GraspMap, GripError, GripState, LeastGrip};
-use tesaki::kinematics::{Chain, Finger, FingerError, FingerSolutions};
+use tesaki::kinematics::{Chain, Finger, FingerError, FingerSolutions, Hand};
 use tesaki::math;
 use tesaki::model::{PidGains, Pose};
 use tesaki::node::Node;
 use tesaki::protocol::codec::{Decoder, MAX_FRAME, encode};
-use tesaki::protocol::{FromBoard, JointTelemetry, Mode, Request, Telemetry};
+use tesaki::protocol::{FromBoard, JointTelemetry, Mode, Request, SensorFrame, Telemetry};
+use tesaki::robot::Robot;
 use tesaki::signal::{TrajectoryFilter, TrajectoryState};
-use tesaki::task::TaskCommand;
 use tesaki::task::joint_servo::JointCommand;
+use tesaki::task::telexistence::{
+    FingertipPoint, FingertipSample, TelexistenceCommand, TelexistenceSettings,
+};
+use tesaki::task::{TaskCommand, TaskConfig};
 use tesaki::teleop::{OperatorFingertips, RetargetSettings, Retargeting};
 use tesaki::test_support::hand5;
 use tesaki_firmware as _;
@@ -33,6 +37,9 @@ mod support;
 
 /// Calls per measurement. The command timeout of the model is longer than this many ticks.
 const CALLS: u32 = 200;
+
+/// Counts of an encoder of robots/inspire in a turn of the joint.
+const COUNTS: f32 = 454_656.0;
 
 /// SysTick counts down in 24 bits: a run must be shorter than 0.1 s of virtual time.
 struct Stopwatch(SYST);
@@ -63,7 +70,7 @@ impl Stopwatch {
         for call in 0..CALLS {
             body(black_box(0.001 * call as f32));
         }
-        start.wrapping_sub(SYST::get_current()) & 0xFF_FFFF
+        since(start)
     }
 }
 
@@ -127,10 +134,7 @@ fn main() -> ! {
     kernels(&mut watch);
     grasp(&mut watch);
     slices();
-    retargeting("retarget", 1.0, false);
-    retargeting("retarget_unreachable", 1.1, false);
-    retargeting("retarget_directions", 1.0, true);
-    retargeting("retarget_directions_unreachable", 1.1, true);
+    follow_hand5();
     codec(&mut watch);
 
     // The RAM has no room for two, nor the stack for one: the second is copied from flash.
@@ -142,6 +146,9 @@ fn main() -> ! {
     // SAFETY: both are whole nodes, and a node owns nothing outside itself.
     unsafe { core::ptr::copy_nonoverlapping(&NEW, node, 1) };
     tick(&mut watch, node, "node_tick_9_observer", ServoMode::Observer);
+    // SAFETY: as above.
+    unsafe { core::ptr::copy_nonoverlapping(&NEW, node, 1) };
+    mimics(node);
     debug::exit(debug::EXIT_SUCCESS);
     loop {
         cortex_m::asm::nop();
@@ -403,7 +410,7 @@ fn longest_slice(grip: &LeastGrip, map: &GraspMap, load: &Vector6<f32>) -> u32 {
         let start = SYST::get_current();
         let result =
             grip.advance(map, black_box(load), &mut state, black_box(LeastGrip::INSTRUCTIONS_PER_TICK));
-        longest = longest.max(start.wrapping_sub(SYST::get_current()) & 0xFF_FFFF);
+        longest = longest.max(since(start));
         if !matches!(black_box(&result), Err(GripError::Unfinished { .. })) {
             return longest;
         }
@@ -414,34 +421,57 @@ fn print_slice(name: &str, ticks: u32) {
     hprintln!("{} {}.0", name, ticks * 1000 / 168);
 }
 
-/// Frames of the five-finger hand that follows an operator whose hand is `size` times as large and moves, with or
+/// Retargeting for the hand whose fingers share one motor.
+#[inline(never)]
+fn follow_hand5() {
+    let hand = hand5();
+    for (name, size, directions) in [
+        ("retarget", 1.0, false),
+        ("retarget_unreachable", 1.1, false),
+        ("retarget_directions", 1.0, true),
+        ("retarget_directions_unreachable", 1.1, true),
+    ] {
+        retargeting(name, &hand, size, directions);
+    }
+}
+
+/// Frames of a hand that follows an operator whose hand is `size` times as large and moves, with or
 /// without the directions of the fingertips: all on average, and the longest.
 #[inline(never)]
-fn retargeting(name: &str, size: f32, directions: bool) {
-    const FRAMES: u16 = 500;
-    let hand = hand5();
+fn retargeting(name: &str, hand: &Hand, size: f32, directions: bool) {
     let settings = RetargetSettings { speeds: [1e3; 16], directions, ..RetargetSettings::DEFAULT };
-    let retargeting = Retargeting { hand: &hand, settings: &settings };
-    let operator = |frame: u16| {
-        let mut angles = hand.center();
-        for (joint, (angle, (lower, upper))) in (0_u8..).zip(angles.iter_mut().zip(hand.limits())) {
-            let phase = (3.0 + 0.1 * f32::from(joint)) * 0.01 * f32::from(frame) + 1.7 * f32::from(joint);
-            *angle += 0.35 * (upper - lower) * math::sin_cos(phase).0;
-        }
-        let tips: [_; 5] = core::array::from_fn(|finger| hand.tip(finger, &angles));
-        OperatorFingertips {
+    let retargeting = Retargeting { hand, settings: &settings };
+    let mut state = retargeting.begin_nearby(&hand.center(), &Vector3::zeros());
+    measure_frames(name, |frame| {
+        let tips: [_; 5] = tips(hand, frame);
+        let operator = OperatorFingertips {
             positions: tips.map(|tip| Some(tip?.0 * size)),
             directions: tips.map(|tip| Some(tip?.1)),
-        }
-    };
-    let mut state = retargeting.begin_nearby(&hand.center(), &Vector3::zeros());
-    let (mut longest, mut sum) = (0, 0);
-    for frame in 0..FRAMES {
-        let tips = operator(frame);
+        };
         let start = SYST::get_current();
-        let report = retargeting.update(&mut state, black_box(&tips), 0.01);
-        let ticks = start.wrapping_sub(SYST::get_current()) & 0xFF_FFFF;
+        let report = retargeting.update(&mut state, black_box(&operator), 0.01);
+        let ticks = since(start);
         assert!(black_box(&report).is_ok(), "refused");
+        ticks
+    });
+}
+
+/// Position and direction of the fingertips while each joint swings about the middle of its range.
+fn tips(hand: &Hand, frame: u16) -> [Option<(Vector3<f32>, Vector3<f32>)>; 5] {
+    let mut angles = hand.center();
+    for (joint, (angle, (lower, upper))) in (0_u8..).zip(angles.iter_mut().zip(hand.limits())) {
+        let phase = (3.0 + 0.1 * f32::from(joint)) * 0.01 * f32::from(frame) + 1.7 * f32::from(joint);
+        *angle += 0.35 * (upper - lower) * math::sin_cos(phase).0;
+    }
+    core::array::from_fn(|finger| hand.tip(finger, &angles))
+}
+
+/// Prints the instructions of 500 frames, of which `frame` returns the ticks: on average, and the longest.
+fn measure_frames(name: &str, mut frame: impl FnMut(u16) -> u32) {
+    const FRAMES: u16 = 500;
+    let (mut longest, mut sum) = (0, 0);
+    for number in 0..FRAMES {
+        let ticks = frame(number);
         longest = longest.max(ticks);
         sum += u64::from(ticks);
     }
@@ -450,12 +480,62 @@ fn retargeting(name: &str, size: f32, directions: bool) {
     hprintln!("{}_longest {}.0", name, u64::from(longest) * 1000 / 168);
 }
 
+/// Ticks of SysTick since `start`.
+fn since(start: u32) -> u32 {
+    start.wrapping_sub(SYST::get_current()) & 0xFF_FFFF
+}
+
+/// A hand whose six motors move six mimic joints: retargeting of a frame, and the tick of a node that follows an
+/// operator, retargeting included.
+#[inline(never)]
+fn mimics(node: &mut Node) {
+    /// robots/inspire as it goes over the wire: `tests/tests/telexistence.rs` compares.
+    const INSPIRE: &[u8] = include_bytes!("support/inspire.model");
+    support::push_bytes(node, INSPIRE);
+    let hand = || node.robot().and_then(Robot::hand).expect("a hand");
+    for (name, size) in [("retarget_mimics", 1.0), ("retarget_mimics_unreachable", 1.1)] {
+        retargeting(name, hand(), size, false);
+    }
+    let center = hand().center();
+    let mut sensors = SensorFrame { encoders: [0; 6].into_iter().collect(), ..support::sensors(1) };
+    sensors.currents.truncate(6);
+    node.tick(&sensors);
+    let sequence = &mut 90;
+    support::ask(node, sequence, Request::Home { positions: center.iter().take(6).copied().collect() });
+    let mut settings = TelexistenceSettings::DEFAULT;
+    settings.retargeting.speeds = [2.5; 16];
+    support::enable(node, TaskConfig::Telexistence(settings));
+    let sequence = &mut 200;
+    measure_frames("node_tick_mimics_following", |number| {
+        let hand = node.robot().and_then(Robot::hand).expect("a hand");
+        let point = |(position, _): (Vector3<f32>, Vector3<f32>)| FingertipPoint {
+            position: position.into(),
+            velocity: [0.0; 3],
+            direction: None,
+        };
+        let tips = tips(hand, number).map(|tip| tip.map(point));
+        let sample = FingertipSample { number, age: 0.0, tips };
+        let command = TaskCommand::Telexistence(TelexistenceCommand::Follow(sample));
+        support::ask(node, sequence, Request::Task(command));
+        // The joints are where their references are.
+        sensors.sequence += 1;
+        for ((count, joint), center) in sensors.encoders.iter_mut().zip(&node.telemetry().joints).zip(&center)
+        {
+            *count = ((joint.reference - center) * COUNTS / core::f32::consts::TAU) as i32;
+        }
+        let start = SYST::get_current();
+        black_box(node.tick(black_box(&sensors)));
+        since(start)
+    });
+    assert!(matches!(node.mode(), Mode::Enabled(_)), "the node left its task");
+}
+
 /// Tick of a node with three chains of three joints, enabled and in motion.
 fn tick(watch: &mut Stopwatch, node: &mut Node, name: &str, mode: ServoMode) {
     support::push(node, &support::hand());
     let mut sensors = support::sensors(1);
     node.tick(&sensors);
-    support::enable(node, mode);
+    support::enable(node, TaskConfig::JointServo(mode));
     let positions = [0.3; 9].into_iter().collect();
     let goal = Request::Task(TaskCommand::JointServo(JointCommand::Goal { positions }));
     support::ask(node, &mut 200, goal);

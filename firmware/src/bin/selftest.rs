@@ -18,6 +18,7 @@ use tesaki::model::{Field, ForceSensor, ModelError, Problem, RobotModel};
 use tesaki::node::Node;
 use tesaki::protocol::codec::checksum;
 use tesaki::protocol::{ActuatorFrame, ClockSource, SensorFrame};
+use tesaki::task::TaskConfig;
 use tesaki_firmware::board::{Board, Equipment, Latch, NoCurrents, Peripherals};
 use tesaki_firmware::clock::{bring_up, frequency};
 use tesaki_firmware::control::Periods;
@@ -284,7 +285,7 @@ fn periods_feed_the_watchdog_while_healthy() -> bool {
     board.silent = false;
     support::push(node, &support::hand());
     passed &= run(&mut board, node, 2) == (true, false, None);
-    support::enable(node, ServoMode::Pid);
+    support::enable(node, TaskConfig::JointServo(ServoMode::Pid));
     passed &= run(&mut board, node, 3) == (true, true, None);
     passed &= run(&mut board, node, 6) == (false, true, Some(FaultCause::LateTick));
     passed &= run(&mut board, node, 7) == (true, true, Some(FaultCause::LateTick));

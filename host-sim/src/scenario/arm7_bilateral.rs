@@ -5,6 +5,7 @@ use rapier3d::na::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3}
 use tesaki::kinematics::{ElbowSetpoint, PosePoint};
 use tesaki::task::impedance::ImpedanceSettings;
 use tesaki::teleop::{PowerPort, PowerPortLimits};
+use tesaki_description::law::arm::{StrokeTable, WallTable};
 use tesaki_supervisor::trajectory::minimum_jerk;
 
 use super::arm::{ArmRig, ArmSample, ArmTrial, Machine, impedance, settings};
@@ -39,13 +40,12 @@ pub(super) const SCENARIO: Scenario = Scenario {
     run,
 };
 
-/// Distance of the wall from the start, and length of the operator's stroke [m].
-pub(super) const CLEARANCE: f64 = 0.02;
-pub(super) const STROKE: f64 = 0.05;
-/// Start and duration of the stroke, and time that the operator stays [s].
+/// The stroke of the operator.
+const STROKE: StrokeTable = StrokeTable { shift: 0.05, turn: 0.0, time: 0.8, stay: 4.0 };
+/// Start of the stroke [s].
 pub(super) const BEGIN: f64 = 0.5;
-pub(super) const TIME: f64 = 0.8;
-pub(super) const STAY: f64 = 4.0;
+/// Distance of the walls from the start [m].
+const CLEARANCE: f64 = 0.02;
 /// Stiffness of the arm's impedance [N/m].
 const STIFFNESS: f32 = 300.0;
 /// Stiffness of the walls [N/m].
@@ -53,7 +53,7 @@ const WALLS: [f64; 3] = [200.0, 2000.0, 50_000.0];
 /// Delay of the link in each direction [s].
 const DELAYS: [f64; 3] = [0.0, 0.02, 0.05];
 /// Damping of the walls [N·s/m].
-pub(super) const DAMPING: f64 = 20.0;
+const DAMPING: f64 = 20.0;
 /// Limit of the energy that the wall receives beyond the operator's input: the reserves of both ports, the
 /// arm's kinetic energy, and the deficit of a first contact [mJ].
 const MAX_ENERGY_GENERATED: f64 = 100.0;
@@ -78,6 +78,7 @@ pub(super) struct LinkSample {
 #[derive(Clone)]
 pub(super) struct Run {
     wall: f64,
+    pub stroke: StrokeTable,
     pub delay: f64,
     passivity_control: bool,
     pub ticks: Vec<LinkSample>,
@@ -86,8 +87,8 @@ pub(super) struct Run {
 
 impl Run {
     /// Nothing recorded yet, without passivity control.
-    pub const fn new(wall: f64, delay: f64) -> Self {
-        Self { wall, delay, passivity_control: false, ticks: Vec::new(), samples: Vec::new() }
+    pub const fn new(stroke: StrokeTable, wall: f64, delay: f64) -> Self {
+        Self { wall, stroke, delay, passivity_control: false, ticks: Vec::new(), samples: Vec::new() }
     }
 
     /// Time from the end of the stroke until the handle stays near its final position [s].
@@ -95,7 +96,7 @@ impl Run {
         let last = self.ticks.len().saturating_sub(20);
         let rest = self.ticks[last..].iter().map(|tick| tick.handle).sum::<f64>() / 20.0;
         let outside = self.ticks.iter().rposition(|tick| (tick.handle - rest).abs() > SETTLING_BAND);
-        outside.map_or(0.0, |index| ((index + 1) as f64 * T - BEGIN - TIME).max(0.0))
+        outside.map_or(0.0, |index| ((index + 1) as f64 * T - BEGIN - self.stroke.time).max(0.0))
     }
 
     /// Minimum of the energy in the link [J].
@@ -153,10 +154,10 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let heavy = ImpedanceSettings { impedance: impedance(3.5, 60.0, STIFFNESS), ..settings(60.0) };
     for delay in DELAYS {
         for wall in WALLS {
-            runs.push(press_wall(setting, &mut rig, heavy, wall, delay, true)?);
+            runs.push(press_wall(setting, &mut rig, heavy, (STROKE, surface(wall)), delay, true)?);
         }
     }
-    runs.push(press_wall(setting, &mut rig, heavy, WALLS[1], DELAYS[2], false)?);
+    runs.push(press_wall(setting, &mut rig, heavy, (STROKE, surface(WALLS[1])), DELAYS[2], false)?);
     for run in &runs {
         add_metrics(&mut summary, run);
     }
@@ -171,46 +172,54 @@ type ForwardMessage = (Vector3<f64>, i64);
 /// Message to the master: force on the handle [N], and energy that has entered at the slave port [µJ].
 type BackwardMessage = (Vector3<f32>, i64);
 
+/// A wall of a stiffness [N/m].
+const fn surface(stiffness: f64) -> WallTable {
+    WallTable { clearance: CLEARANCE, stiffness, damping: DAMPING }
+}
+
+/// The wall in front of a tool that is at `start`.
+pub(super) fn wall_before(start: &Vector3<f64>, wall: &WallTable) -> Wall {
+    Wall {
+        point: [start.x + wall.clearance, 0.0, 0.0],
+        normal: [-1.0, 0.0, 0.0],
+        stiffness: wall.stiffness,
+        damping: wall.damping,
+        friction: 0.0,
+    }
+}
+
 pub(super) fn press_wall(
     setting: &mut Setting<'_, '_>,
     rig: &mut ArmRig,
     settings: ImpedanceSettings,
-    wall: f64,
+    (stroke, wall): (StrokeTable, WallTable),
     delay: f64,
     passivity_control: bool,
 ) -> Result<Run, ScenarioError> {
     let seed = setting.seed;
-    let mut recorded = Run { passivity_control, ..Run::new(wall, delay) };
+    let mut recorded = Run { passivity_control, ..Run::new(stroke, wall.stiffness, delay) };
     let [stiffness, ..] = settings.impedance.stiffness;
     let mut arm_trial = ArmTrial::begin(setting, rig, &recorded.label(), Machine::Mismatched, settings)?;
     let (point, elbow) = arm_trial.start();
     let start = Vector3::from(point.position).map(f64::from);
-    let surface_point = [start.x + CLEARANCE, 0.0, 0.0];
-    let surface = Wall {
-        point: surface_point,
-        normal: [-1.0, 0.0, 0.0],
-        stiffness: wall,
-        damping: DAMPING,
-        friction: 0.0,
-    };
-    arm_trial.plant.insert_wall(surface)?;
+    arm_trial.plant.insert_wall(wall_before(&start, &wall))?;
 
     let [x, y, z, w] = point.rotation.map(f64::from);
     let rotation = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
     let middle = Isometry3::from_parts(Translation3::from(start), rotation);
-    let stroke = Stroke {
+    let motion = Stroke {
         begin: BEGIN,
-        duration: TIME,
-        shift: Vector3::new(STROKE, 0.0, 0.0),
+        duration: stroke.time,
+        shift: Vector3::new(stroke.shift, 0.0, 0.0),
         turn: Vector3::zeros(),
     };
-    let motion = OperatorHandMotion::strokes(middle, vec![stroke]);
+    let motion = OperatorHandMotion::strokes(middle, vec![motion]);
     let mut master = MasterArm::new(MasterArmValues::default(), &middle, seed);
     let link = LinkValues { delay, ..LinkValues::default() };
     let mut forward = Link::<ForwardMessage>::new(link, seed);
     let mut backward = Link::<BackwardMessage>::new(link, seed + 1000);
     let mut ends = Ends::new(start, elbow, point, stiffness, passivity_control);
-    for tick in 1..=((BEGIN + TIME + STAY) / T).round() as usize {
+    for tick in 1..=((BEGIN + stroke.time + stroke.stay) / T).round() as usize {
         let time = tick as f64 * T;
         let measured = master.run(&motion, time).last().map(|(_, pose)| Vector3::from(pose.position));
         ends.update_handle(measured);
@@ -369,9 +378,9 @@ fn handle(runs: &[Run]) -> Figure {
     let value: Value = |run, index| 1e3 * run.ticks[index].handle;
     let mut figure = by_delay(timeline("Position of the handle", caption), ("position", "mm"), runs, value);
     let time: Vec<f64> =
-        (0..((BEGIN + TIME + STAY) / T).round() as usize).map(|tick| tick as f64 * T).collect();
+        (0..((BEGIN + STROKE.time + STROKE.stay) / T).round() as usize).map(|tick| tick as f64 * T).collect();
     let intended: Vec<f64> =
-        time.iter().map(|time| 1e3 * STROKE * minimum_jerk((time - BEGIN) / TIME)[0]).collect();
+        time.iter().map(|time| 1e3 * STROKE.shift * minimum_jerk((time - BEGIN) / STROKE.time)[0]).collect();
     for panel in &mut figure.panels {
         panel.lines.push(Line::dashed("operator's intention", Line::INK, time.clone(), intended.clone()));
     }
@@ -400,9 +409,10 @@ fn energy(runs: &[Run]) -> Figure {
 }
 
 fn timeline(title: &str, caption: &str) -> Figure {
-    Figure::stacked(title, caption, "time", "s").phase(BEGIN, BEGIN + TIME, "operator moves").phase(
-        BEGIN + TIME,
-        BEGIN + TIME + STAY,
+    let [end, last] = [BEGIN + STROKE.time, BEGIN + STROKE.time + STROKE.stay];
+    Figure::stacked(title, caption, "time", "s").phase(BEGIN, end, "operator moves").phase(
+        end,
+        last,
         "operator stays",
     )
 }
@@ -441,8 +451,9 @@ fn by_wall(mut figure: Figure, runs: &[Run], value: Value) -> Figure {
         }
         let compliance =
             1.0 / MasterArmValues::default().impedance.stiffness + 1.0 / f64::from(STIFFNESS) + 1.0 / wall;
-        let force = vec![(STROKE - CLEARANCE) / compliance; 2];
-        let time = vec![BEGIN + TIME, BEGIN + TIME + STAY];
+        let force = vec![(STROKE.shift - CLEARANCE) / compliance; 2];
+        let end = BEGIN + STROKE.time;
+        let time = vec![end, end + STROKE.stay];
         figure = figure.panel(panel.line(Line::dashed("springs in series", Line::INK, time, force)));
     }
     figure

@@ -6,7 +6,7 @@ mod release;
 use std::cell::Cell;
 
 use tesaki::kinematics::{ElbowSetpoint, PosePoint};
-use tesaki_description::law::arm::{self, ArmLaw, LinkTable, Setpoint};
+use tesaki_description::law::arm::{self, ArmLaw, FollowExperiment, LinkTable, Setpoint};
 
 use super::arm::{ArmRig, ArmTrial, Machine};
 use super::common::{T, capitalized, clear_faults, require_duration};
@@ -69,6 +69,16 @@ impl NamedLaw {
         laws.collect()
     }
 
+    /// A section of the law, which this scenario runs.
+    pub fn need<'a, S>(&self, section: &'a Option<S>, name: &'static str) -> Result<&'a S, ScenarioError> {
+        section.as_ref().ok_or_else(|| ScenarioError::LawWithout { law: self.key.clone(), section: name })
+    }
+
+    /// The motion of the operator, and how its set-points are made.
+    pub fn follow(&self) -> Result<&FollowExperiment, ScenarioError> {
+        self.need(&self.law.follow, "[follow]")
+    }
+
     /// What came of a trial; `None` when a fault ended it, which is a result, too: it is counted and cleared.
     pub fn survives<T>(
         &self,
@@ -93,7 +103,7 @@ impl NamedLaw {
         duration: f64,
         mut observe: impl FnMut(&Operator, f64, &PosePoint),
     ) -> Result<(), ScenarioError> {
-        let mut slave = match self.law.follow.setpoint {
+        let mut slave = match self.follow()?.setpoint {
             Setpoint::Sample => Slave::sample(target),
             Setpoint::Predicted => Slave::predicted(target),
         };
@@ -111,17 +121,17 @@ impl NamedLaw {
         Ok(())
     }
 
-    /// The link of the law.
-    pub const fn link(&self) -> LinkValues {
-        let LinkTable { delay, jitter, loss } = self.law.follow.link;
-        LinkValues { delay, jitter, loss, burst: 0.0 }
-    }
-
     /// Adds the number of trials that a fault ended.
     pub fn add_faults(&self, summary: &mut Summary) {
         let text = format!("{}: trials that a fault ended", capitalized(&self.law.title));
         summary.insert(format!("{}_faults", self.key), Metric::reported(text, self.faults.get().into(), ""));
     }
+}
+
+/// A link as a law says.
+pub(super) const fn link(table: &LinkTable) -> LinkValues {
+    let LinkTable { delay, jitter, loss } = *table;
+    LinkValues { delay, jitter, loss, burst: 0.0 }
 }
 
 /// The name of a damping in those of metrics: `b7_5`.
@@ -133,6 +143,10 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     require_duration(&SCENARIO, setting)?;
     let mut rig = ArmRig::load(setting)?;
     let laws = NamedLaw::load_all(setting, &rig)?;
+    for law in &laws {
+        law.need(&law.law.release, "[release]")?;
+        law.follow()?;
+    }
     let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
     let (mut figures, mut tables) = (Vec::new(), Vec::new());
     release::run(setting, &mut rig, &laws, &mut summary, &mut figures, &mut tables)?;

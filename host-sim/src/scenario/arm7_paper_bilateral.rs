@@ -4,17 +4,17 @@ use rapier3d::na::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3,
 use tesaki::kinematics::PosePoint;
 use tesaki::task::impedance::ImpedanceSettings;
 use tesaki::teleop::MatchedImpedance;
-use tesaki_description::law::arm::{BilateralExperiment, ForceFeedback};
+use tesaki_description::law::arm::{BilateralExperiment, ForceFeedback, NoiseTable, PushTable, StrokeTable};
 use tesaki_rng::Rng;
 
 use super::arm::{ArmRig, ArmSample, ArmTrial, Machine};
-use super::arm7_bilateral::{self, BEGIN, CLEARANCE, DAMPING, LinkSample, STAY, STROKE, TIME};
+use super::arm7_bilateral::{self, BEGIN, LinkSample, wall_before};
 use super::arm7_paper::NamedLaw;
 use super::common::{T, capitalized, require_duration};
 use super::unilateral::tool_pose;
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::operator::{Link, LinkValues, MasterArm, MasterArmValues, OperatorHandMotion, Stroke};
-use crate::plant::{Push, Wall};
+use crate::plant::Push;
 use crate::purpose::Purpose;
 use crate::report::{Figure, Line, Metric, Panel, Summary};
 
@@ -33,26 +33,14 @@ pub(super) const SCENARIO: Scenario = Scenario {
          sum of the measured wrenches of operator and environment. The paper's \
          slave runs as printed; the same impedances with our slave run beside it. Ours reflects the force of the slave's \
          spring, without torques, and keeps the link passive.",
-        "The operator moves the handle by 5 cm within 0.8 s and intends to stay; under the matched law the hand also \
-         turns by 0.15 rad about z. A wall of 2000 N/m stands in the way after 2 cm. Then a push acts on the slave's tool \
-         10 cm beside its origin. M 3.5 kg, B 60 N·s/m, K 300 N/m; the slave differs from the controller's model by up to \
+        "In robots/arm7/laws the operator moves the handle by 5 cm within 0.8 s and intends to stay; under the matched \
+         law the hand also turns by 0.15 rad about z. A wall of 2000 N/m stands in the way after 2 cm. Then a push acts \
+         on the slave's tool 10 cm beside its origin. M 3.5 kg, B 60 N·s/m, K 300 N/m; the slave differs from the controller's model by up to \
          20 %; the link delays each direction by 0, 20 or 50 ms. The handle's force sensor has a noise of 0.1 N and 5 \
          mN·m.",
     ],
     run,
 };
-
-/// Stiffness of the wall [N/m].
-const WALL: f64 = 2000.0;
-/// Turn of the operator's hand about z [rad].
-const TURN: f64 = 0.15;
-/// The push on the tool: force [N], where in the tool's frame [m], time to rise [s]; how long it is observed [s].
-const PUSH: [f64; 3] = [0.0, 2.0, 0.0];
-const LEVER: [f64; 3] = [0.1, 0.0, 0.0];
-const RAMP: f64 = 0.2;
-const PUSHED: f64 = 2.0;
-/// Noise of the force sensor in the handle [N, N·m].
-const NOISE: [f64; 2] = [0.1, 0.005];
 
 /// A trial of the matched law, tick by tick.
 struct Matched {
@@ -64,9 +52,9 @@ struct Matched {
 }
 
 impl Matched {
-    /// Means over the last half second before the push, or of the trial.
-    fn mean(values: &[Vector6<f64>], pushed: bool) -> Vector6<f64> {
-        let end = if pushed { values.len() } else { tick(BEGIN + TIME + STAY) };
+    /// Means over the last half second before the push, which begins in the tick `end`, or of the trial.
+    fn mean(values: &[Vector6<f64>], end: Option<usize>) -> Vector6<f64> {
+        let end = end.unwrap_or(values.len());
         let last = values.get(end.saturating_sub(tick(0.5))..end).unwrap_or(&[]);
         last.iter().sum::<Vector6<f64>>() / last.len() as f64
     }
@@ -81,6 +69,11 @@ fn tick(time: f64) -> usize {
     (time / T).round() as usize
 }
 
+/// The tick in which the operator has stayed long enough.
+fn stayed(stroke: &StrokeTable) -> usize {
+    tick(BEGIN + stroke.time + stroke.stay)
+}
+
 fn wrench(sample: &ArmSample) -> Vector6<f64> {
     let ([x, y, z], [a, b, c]) = (sample.tool.force, sample.tool.torque);
     Vector6::new(x, y, z, a, b, c)
@@ -93,13 +86,12 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
     let (mut runs, mut tables) = (Vec::new(), Vec::new());
     for law in &laws {
-        let (Some(experiment), Some(settings)) = (&law.law.bilateral, law.law.bilateral_settings()) else {
-            return Err(ScenarioError::LawWithout { law: law.key.clone(), section: "[bilateral]" });
-        };
+        let experiment = law.need(&law.law.bilateral, "[bilateral]")?;
+        let settings = law.law.with_bilateral(experiment);
         for &delay in &experiment.delays {
             let trial = trial(setting, &mut rig, law, experiment, settings, delay);
             let Some((run, matched)) = law.survives(setting, trial)? else { continue };
-            add_metrics(&mut summary, law, delay, &run, matched.as_ref());
+            add_metrics(&mut summary, (law, experiment), delay, &run, matched.as_ref());
             let milliseconds = (1e3 * delay).round();
             tables.push((format!("{}_delay_{milliseconds}.csv", law.key), run.table()));
             runs.push((law, run));
@@ -124,11 +116,12 @@ fn trial(
     let label = format!("{}, delay {:.0} ms", law.law.title, 1e3 * delay);
     match experiment.coupling {
         ForceFeedback::Reflected => {
-            let run = arm7_bilateral::press_wall(setting, rig, settings, WALL, delay, true)?;
+            let press = (experiment.stroke, experiment.wall);
+            let run = arm7_bilateral::press_wall(setting, rig, settings, press, delay, true)?;
             Ok((run, None))
         }
         ForceFeedback::Matched => {
-            let matched = press_matched(setting, rig, &label, settings, delay)?;
+            let matched = press_matched(setting, rig, &label, settings, (experiment, delay))?;
             Ok((matched.run.clone(), Some(matched)))
         }
     }
@@ -144,9 +137,10 @@ fn press_matched(
     rig: &mut ArmRig,
     label: &str,
     settings: ImpedanceSettings,
-    delay: f64,
+    (experiment, delay): (&BilateralExperiment, f64),
 ) -> Result<Matched, ScenarioError> {
     let seed = setting.seed;
+    let BilateralExperiment { stroke, wall, push, noise, .. } = experiment;
     let impedance = settings.impedance;
     // Checked with the law.
     let Some(law) = MatchedImpedance::new(&impedance) else {
@@ -155,20 +149,14 @@ fn press_matched(
     let mut arm_trial = ArmTrial::begin(setting, rig, label, Machine::Mismatched, settings)?;
     let (point, elbow) = arm_trial.start();
     let start = isometry(&point);
-    arm_trial.plant.insert_wall(Wall {
-        point: [start.translation.x + CLEARANCE, 0.0, 0.0],
-        normal: [-1.0, 0.0, 0.0],
-        stiffness: WALL,
-        damping: DAMPING,
-        friction: 0.0,
-    })?;
-    let stroke = Stroke {
+    arm_trial.plant.insert_wall(wall_before(&start.translation.vector, wall))?;
+    let motion = Stroke {
         begin: BEGIN,
-        duration: TIME,
-        shift: Vector3::new(STROKE, 0.0, 0.0),
-        turn: Vector3::new(0.0, 0.0, TURN),
+        duration: stroke.time,
+        shift: Vector3::new(stroke.shift, 0.0, 0.0),
+        turn: Vector3::new(0.0, 0.0, stroke.turn),
     };
-    let motion = OperatorHandMotion::strokes(start, vec![stroke]);
+    let motion = OperatorHandMotion::strokes(start, vec![motion]);
     // The handle has the mass of the impedance.
     let mut values = MasterArmValues::default();
     let own = Vector6::from(impedance.mass).map(f64::from);
@@ -182,14 +170,16 @@ fn press_matched(
     let (mut handle, mut motors) = (start, Vector6::zeros());
     let (mut tool, mut tool_wrench) = (start, Vector6::zeros());
     let (mut target, mut before) = ((start, Vector6::zeros()), Vector6::zeros());
-    let mut matched =
-        Matched { run: arm7_bilateral::Run::new(WALL, delay), differences: Vec::new(), operator: Vec::new() };
-    for number in 1..=tick(BEGIN + TIME + STAY + PUSHED) {
+    let mut matched = Matched {
+        run: arm7_bilateral::Run::new(*stroke, wall.stiffness, delay),
+        differences: Vec::new(),
+        operator: Vec::new(),
+    };
+    for number in 1..=stayed(stroke) + tick(push.time) {
         let time = number as f64 * T;
-        if number == tick(BEGIN + TIME + STAY) {
-            arm_trial
-                .plant
-                .push_tip(0, Push { force: PUSH, point: LEVER, ramp: RAMP, hold: f64::INFINITY })?;
+        if number == stayed(stroke) {
+            let PushTable { force, point, ramp, .. } = *push;
+            arm_trial.plant.push_tip(0, Push { force, point, ramp, hold: f64::INFINITY })?;
         }
         // The master: pose and velocity of the handle, mean wrench of the operator over the last period.
         if let Some((_, measured)) = master.run(&motion, time).last() {
@@ -202,7 +192,7 @@ fn press_matched(
         let acceleration = (velocity - before) / T;
         before = velocity;
         let true_operator = own.component_mul(&acceleration) - motors;
-        let operator = measured(&true_operator, &mut sensor).map(|part| part as f32);
+        let operator = measured(&true_operator, noise, &mut sensor).map(|part| part as f32);
         forward.send(time, (handle, operator));
         for packet in forward.receive(time) {
             target = packet.message;
@@ -240,8 +230,8 @@ fn six(linear: &Vector3<f64>, angular: &Vector3<f64>) -> Vector6<f64> {
 }
 
 /// What the sensor in the handle reads.
-fn measured(wrench: &Vector6<f64>, rng: &mut Rng) -> Vector6<f64> {
-    let [force, torque] = NOISE;
+fn measured(wrench: &Vector6<f64>, noise: &NoiseTable, rng: &mut Rng) -> Vector6<f64> {
+    let NoiseTable { force, torque } = *noise;
     Vector6::from_fn(|row, _| wrench[row] + if row < 3 { force } else { torque } * rng.normal())
 }
 
@@ -274,7 +264,7 @@ fn pose_point(pose: &Isometry3<f64>) -> PosePoint {
 
 fn add_metrics(
     summary: &mut Summary,
-    law: &NamedLaw,
+    (law, experiment): (&NamedLaw, &BilateralExperiment),
     delay: f64,
     run: &arm7_bilateral::Run,
     matched: Option<&Matched>,
@@ -285,7 +275,7 @@ fn add_metrics(
         let key = format!("{}_delay_{milliseconds}_{what}", law.key);
         summary.insert(key, Metric::reported(format!("{label}: {text}"), value, unit));
     };
-    let end = tick(BEGIN + TIME + STAY);
+    let end = stayed(&experiment.stroke);
     let rest = end - tick(0.5)..end;
     let mean = |value: &dyn Fn(usize) -> f64| rest.clone().map(value).sum::<f64>() / rest.len() as f64;
     let felt = mean(&|index| -run.ticks[index].force);
@@ -304,10 +294,10 @@ fn add_metrics(
         "mJ",
     );
     if let Some(matched) = matched {
-        let turned = Matched::mean(&matched.differences, false).fixed_rows::<3>(3).norm();
+        let turned = Matched::mean(&matched.differences, Some(end)).fixed_rows::<3>(3).norm();
         insert("rotation", "rotation of the slave from the master at rest", 1e3 * turned, "mrad");
         let [felt, acting] =
-            [&matched.operator, &matched.environment()].map(|values| Matched::mean(values, true));
+            [&matched.operator, &matched.environment()].map(|values| Matched::mean(values, None));
         let torque = (felt + acting).fixed_rows::<3>(3).norm();
         let text = format!(
             "torque that the operator feels under the push, minus that on the tool, of {:.3} N·m",
@@ -318,11 +308,14 @@ fn add_metrics(
 }
 
 fn figure(runs: &[(&NamedLaw, arm7_bilateral::Run)]) -> Figure {
-    let caption = "The operator moves the handle against a wall of 2000 N/m, under each law: force that the operator \
+    let caption = "The operator moves the handle against a wall, under each law: force that the operator \
                    feels (solid) and true force on the wall (dashed), a panel for each delay of the link.";
-    let mut figure = Figure::stacked("Force felt and force on the wall", caption, "time", "s")
-        .phase(BEGIN, BEGIN + TIME, "operator moves")
-        .phase(BEGIN + TIME, BEGIN + TIME + STAY, "operator stays");
+    let mut figure = Figure::stacked("Force felt and force on the wall", caption, "time", "s");
+    if let Some((_, run)) = runs.first() {
+        let end = BEGIN + run.stroke.time;
+        figure =
+            figure.phase(BEGIN, end, "operator moves").phase(end, end + run.stroke.stay, "operator stays");
+    }
     let mut delays: Vec<f64> = Vec::new();
     for (_, run) in runs {
         if !delays.iter().any(|delay| delay.total_cmp(&run.delay).is_eq()) {
@@ -332,7 +325,7 @@ fn figure(runs: &[(&NamedLaw, arm7_bilateral::Run)]) -> Figure {
     for delay in delays {
         let mut panel = Panel::new(format!("Delay {} ms", (1e3 * delay).round()), "force", "N");
         for (law, run) in runs.iter().filter(|(_, run)| run.delay.total_cmp(&delay).is_eq()) {
-            let end = tick(BEGIN + TIME + STAY).min(run.ticks.len());
+            let end = stayed(&run.stroke).min(run.ticks.len());
             let times = || (0..end).map(|index| index as f64 * T).collect::<Vec<f64>>();
             let felt = run.ticks[..end].iter().map(|tick| -tick.force).collect();
             let wall = run.samples[..end].iter().map(|sample| -sample.tool.wall_force[0]).collect();

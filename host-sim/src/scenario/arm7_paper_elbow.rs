@@ -3,10 +3,11 @@
 
 use rapier3d::na::Vector3;
 use tesaki::task::impedance::Redundancy;
+use tesaki_description::law::arm::ElbowExperiment;
 
 use super::arm::{ArmRig, ArmSample, ArmTrial, Machine};
 use super::arm7_elbow::{elbow_position, hand_motion};
-use super::arm7_paper::{MACHINES, NamedLaw};
+use super::arm7_paper::{MACHINES, NamedLaw, link};
 use super::common::{T, capitalized, require_duration};
 use super::unilateral::{Operator, tool_pose};
 use super::{Outcome, Scenario, ScenarioError, Setting};
@@ -35,14 +36,15 @@ pub(super) const SCENARIO: Scenario = Scenario {
     run,
 };
 
-/// Time before the swing, and after each [s].
+/// Time before the swing [s].
 const BEFORE: f64 = 1.5;
-const REST: f64 = 1.5;
 /// Time before the swing that figures show [s].
 const SHOWN: f64 = 0.2;
+
 /// A trial from just before the swing on.
 struct ElbowTrace<'a> {
     law: &'a NamedLaw,
+    experiment: ElbowExperiment,
     samples: Vec<ArmSample>,
     /// Change of the operator's elbow [mrad].
     operator: Vec<f64>,
@@ -66,7 +68,8 @@ impl ElbowTrace<'_> {
 
     /// Mean of a series over the last half second before the elbow swings back.
     fn at_rest(&self, series: &[f64]) -> f64 {
-        let end = ((SHOWN + self.law.law.elbow.time + REST) / T).round() as usize;
+        let ElbowExperiment { time, rest, .. } = self.experiment;
+        let end = ((SHOWN + time + rest) / T).round() as usize;
         let rest = series.get(end.saturating_sub(50)..end).unwrap_or(&[]);
         rest.iter().sum::<f64>() / rest.len() as f64
     }
@@ -117,31 +120,37 @@ fn swing<'a>(
     machine: Machine,
     name: &str,
 ) -> Result<(ElbowTrace<'a>, String), ScenarioError> {
-    let (seed, experiment) = (setting.seed, law.law.elbow);
+    let (seed, experiment, follow) = (setting.seed, *law.need(&law.law.elbow, "[elbow]")?, law.follow()?);
     let label = format!("{}, {name}", law.law.title);
     let mut arm_trial = ArmTrial::begin(setting, rig, &label, machine, law.law.settings)?;
     arm_trial.wait(0.5)?;
     let (start, target) = (tool_pose(&arm_trial), arm_trial.start());
     let swing = |begin, angle| ElbowSwing { begin, duration: experiment.time, angle };
-    let back = BEFORE + experiment.time + REST;
+    let back = BEFORE + experiment.time + experiment.rest;
     let elbow = ElbowMotion {
         start: target.1.angle.into(),
         swings: vec![swing(BEFORE, experiment.angle), swing(back, -experiment.angle)],
     };
-    let motion = OperatorHandMotion::strokes(start, Vec::new()).with_tremor(law.law.follow.tremor, seed);
-    let mut operator = Operator::new(motion, elbow, law.link(), seed, &start);
+    let motion = OperatorHandMotion::strokes(start, Vec::new()).with_tremor(follow.tremor, seed);
+    let mut operator = Operator::new(motion, elbow, link(&follow.link), seed, &start);
     let begin = arm_trial.log.0.len();
     let mut angles = Vec::new();
-    law.lead(&mut arm_trial, target, &mut operator, back + experiment.time + REST, |operator, time, _| {
-        angles.push(operator.elbow.at(time)[0]);
-    })?;
+    law.lead(
+        &mut arm_trial,
+        target,
+        &mut operator,
+        back + experiment.time + experiment.rest,
+        |operator, time, _| {
+            angles.push(operator.elbow.at(time)[0]);
+        },
+    )?;
     let log = arm_trial.end()?;
     let table = log.table();
     let from = ((BEFORE - SHOWN) / T).round() as usize;
     let samples = log.0.into_iter().skip(begin + from).collect();
     let start = angles[from];
     let operator = angles.into_iter().skip(from).map(|angle| 1e3 * (angle - start)).collect();
-    Ok((ElbowTrace { law, samples, operator }, table))
+    Ok((ElbowTrace { law, experiment, samples, operator }, table))
 }
 
 fn add_metrics(summary: &mut Summary, trace: &ElbowTrace<'_>, key: &str, machine: &str) {

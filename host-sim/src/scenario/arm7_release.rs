@@ -99,6 +99,8 @@ pub(super) struct ReleaseTrial<'a> {
     pub displacement: f64,
     /// Time from the release to the next reading of the force sensor [s]; `None`: just before the reading.
     pub before: Option<f64>,
+    /// Time after the release that is observed [s].
+    pub observed: f64,
 }
 
 /// One release.
@@ -111,12 +113,14 @@ pub(super) struct Release {
     /// Time of the first reading of the force sensor after the release, and time from the release to it [s].
     time: f64,
     before: f64,
+    /// Time after the release that is observed [s].
+    observed: f64,
 }
 
 impl Release {
     /// Time since the release [s], true displacement along the axis, and exact displacement [m].
     pub(super) fn curves(&self) -> [Vec<f64>; 3] {
-        let samples = self.log.during(&(self.time - T..self.time + AFTER));
+        let samples = self.log.during(&(self.time - T..self.time + self.observed));
         let displacement =
             |index: usize| samples[index].position()[self.axis] - samples[index].target[self.axis];
         let time: Vec<f64> = samples.iter().map(|sample| sample.time - self.time + self.before).collect();
@@ -153,7 +157,7 @@ impl Release {
 
     /// The largest lateral deviation of the tool from the axis [mm].
     fn lateral_deviation(&self) -> f64 {
-        let samples = self.log.during(&(self.time..self.time + AFTER));
+        let samples = self.log.during(&(self.time..self.time + self.observed));
         let lateral = |sample: &super::arm::ArmSample| {
             let mut deviation = sample.position() - sample.target;
             deviation[self.axis] = 0.0;
@@ -177,6 +181,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
                 settings: ImpedanceSettings { law: trial.law, ..settings(damping) },
                 displacement: DISPLACEMENT,
                 before: trial.before,
+                observed: AFTER,
             };
             for (axis, name) in AXES.into_iter().enumerate() {
                 let release = release(setting, &mut rig, &how, axis)?;
@@ -215,8 +220,9 @@ pub(super) fn release(
     arm_trial.plant.release_tip(0, T - before)?;
     arm_trial.tick()?;
     let time = arm_trial.log.now();
-    arm_trial.wait(AFTER)?;
-    Ok(Release { axis, damping, mass, stiffness, log: arm_trial.end()?, time, before })
+    arm_trial.wait(trial.observed)?;
+    let observed = trial.observed;
+    Ok(Release { axis, damping, mass, stiffness, log: arm_trial.end()?, time, before, observed })
 }
 
 fn add_metrics(summary: &mut Summary, trial: &Trial, releases: &[Release]) {

@@ -93,3 +93,40 @@ pub fn grouped(value: f64) -> String {
         _ => digits,
     }
 }
+
+#[cfg(test)]
+pub mod tests {
+    #![allow(clippy::unwrap_used, reason = "tests")]
+
+    use std::path::Path;
+
+    use crate::controller::{Native, Watched};
+    use crate::law::LawFile;
+    use crate::scenario::Setting;
+
+    /// Runs a part of a scenario on a machine of the robot, under these laws of its folder.
+    pub fn with_setting<R>(
+        robot: &str,
+        seed: u64,
+        laws: &[&str],
+        run: impl FnOnce(&mut Setting<'_, '_>) -> R,
+    ) -> R {
+        let robot = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots").join(robot);
+        let file = |name: &&str| LawFile {
+            name: (*name).to_owned(),
+            path: robot.join("laws").join(name).with_extension("toml"),
+        };
+        let laws: Vec<LawFile> = laws.iter().map(file).collect();
+        let mut native = Native::default();
+        let mut controller = Watched::new(&mut native, false);
+        run(&mut Setting {
+            robot: &robot,
+            controller: &mut controller,
+            seed,
+            duration: f64::INFINITY,
+            laws: &laws,
+            progress: &|_| (),
+            intervention: None,
+        })
+    }
+}

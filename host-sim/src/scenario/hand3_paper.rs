@@ -125,3 +125,39 @@ fn mean(log: &GraspLog, span: &Range<f64>, value: impl Fn(&GraspSample) -> f64) 
     let samples = log.during(span);
     samples.iter().map(value).sum::<f64>() / samples.len() as f64
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
+pub(super) mod tests {
+    use rapier3d::na::Vector3;
+
+    use crate::plant::ObjectTruth;
+    use crate::scenario::common::T;
+    use crate::scenario::grasping::{GraspEstimates, GraspLog, GraspSample};
+
+    /// A log of a time [s] with an object at rest in the origin, changed by `record` in each sample.
+    pub fn log(time: f64, record: impl Fn(&mut GraspSample)) -> GraspLog {
+        let object = ObjectTruth {
+            position: [0.0; 3],
+            orientation: [0.0, 0.0, 0.0, 1.0],
+            velocity: [0.0; 3],
+            angular_velocity: [0.0; 3],
+            load: 0.0,
+            friction: 0.5,
+            support_force: [0.0; 3],
+        };
+        let samples = (0..(time / T).round() as u32).map(|tick| {
+            let mut sample = GraspSample {
+                time: f64::from(tick) * T,
+                object: object.clone(),
+                contacts: Vec::new(),
+                joints: Vec::new(),
+                estimates: GraspEstimates::UNKNOWN,
+                target: [Vector3::zeros(); 2],
+            };
+            record(&mut sample);
+            sample
+        });
+        GraspLog { samples: samples.collect(), held: 0.0, ..GraspLog::default() }
+    }
+}

@@ -8,8 +8,10 @@
 //! pid = { proportional = 400.0, integral = 4000.0, derivative = 75.0, cutoff = 30.0 } # else that of controller.toml
 //! knows_friction = true           # whether the controller is told the friction of the machine's joints, to compensate it
 //! following_error = 1.0           # rad, at which a joint is too far from its target; else that of controller.toml
+//! rest_error = 7e-4               # rad, dead band at rest of "pid" and "observer"; else that of controller.toml
 //! step = 0.3                      # rad
 //! duration = 3.0                  # s
+//! evaluated = 0.5                 # s, at its end, that count as rest
 //!
 //! [grasp]                         # what holds for all experiments with an object, unless they say otherwise
 //! control = "observer"            # as in grasp files, and so for the next five
@@ -30,17 +32,25 @@
 //! cumulative = false              # else one in place of the other
 //! ramp = 0.3                      # s
 //! interval = 2.0                  # s
+//! evaluated = 0.5                 # s, at its end
+//! rest = 1.0                      # s, before the first
+//! point = [0.0, 0.0, 0.03]        # m, where they act, in the object's frame
 //!
 //! [motion]                        # section 7, figures 14 and 15: the box is turned about y, then shifted along x
 //! turns = [0.1, -0.1, -0.1, 0.1]  # rad
 //! shifts = [0.01, -0.01]          # m
 //! duration = 1.0                  # s, of each motion
 //! rest = 2.5                      # s, after each
+//! initial_rest = 1.5              # s, before the first
+//! evaluated = 2.0                 # s, from the end of a motion until its error is evaluated
 //! integral = [1000.0, 4000.0]     # N/(m·s), K_i of the position, for the curve of the errors over it; may be left out
 //!
 //! [joint_control]                 # section 5.5: the same by joint angles
 //! # as [motion]
 //! ```
+//!
+//! `evaluated` (but that of `[force]`), `point`, `initial_rest`, and the `rest` of `[weights]` may be left out; then they
+//! have the values above.
 
 use std::path::Path;
 
@@ -128,15 +138,22 @@ pub struct ServoExperiment {
     pub knows_friction: bool,
     /// Distance from its target at which a joint is at fault [rad]; `None`: that of the robot.
     pub following_error: Option<f32>,
+    /// Dead band at rest [rad]; `None`: that of the robot.
+    pub rest_error: Option<f32>,
     /// Angle [rad].
     pub step: f64,
     /// Time up to the step back, and after it [s].
     pub duration: f64,
+    /// Time at its end that counts as rest [s].
+    pub evaluated: f64,
 }
 
 impl ServoExperiment {
-    /// Sets gains and following error of the joints to those of the law.
+    /// Sets gains, following error and dead band of the joints to those of the law.
     pub fn apply(&self, model: &mut RobotModel) {
+        if let Some(error) = self.rest_error {
+            model.joints.iter_mut().for_each(|joint| joint.servo.rest_error = error);
+        }
         if let Some(error) = self.following_error {
             model.joints.iter_mut().for_each(|joint| joint.limits.following_error = error);
         }
@@ -182,6 +199,12 @@ pub struct WeightsExperiment {
     pub ramp: f64,
     /// Time from one weight to the next [s].
     pub interval: f64,
+    /// Time at its end in which the load is evaluated [s].
+    pub evaluated: f64,
+    /// Rest before the first weight [s].
+    pub rest: f64,
+    /// Where they act, in the object's frame [m].
+    pub point: [f64; 3],
 }
 
 /// The object is turned about y, and then shifted along x.
@@ -197,6 +220,10 @@ pub struct MotionExperiment {
     pub duration: f64,
     /// Rest after each [s].
     pub rest: f64,
+    /// Rest before the first [s].
+    pub initial_rest: f64,
+    /// Time from the end of a motion until its error is evaluated [s].
+    pub evaluated: f64,
     /// Integral gains of the position, for the curve of the errors over them [N/(m·s)].
     pub integral: Vec<f64>,
 }
@@ -221,8 +248,11 @@ struct Servo {
     pid: Option<Gains>,
     knows_friction: bool,
     following_error: Option<f32>,
+    rest_error: Option<f32>,
     step: f64,
     duration: f64,
+    #[serde(default = "half")]
+    evaluated: f64,
 }
 
 #[derive(Clone, Copy, Debug, Deserialize)]
@@ -296,15 +326,51 @@ experiment!(Force {
     #[serde(default)]
     efficiency: Vec<f64>,
 });
-experiment!(Weights { masses: Vec<f64>, cumulative: bool, ramp: f64, interval: f64 });
+experiment!(Weights {
+    masses: Vec<f64>,
+    cumulative: bool,
+    ramp: f64,
+    interval: f64,
+    #[serde(default = "half")]
+    evaluated: f64,
+    #[serde(default = "one")]
+    rest: f64,
+    #[serde(default = "top")]
+    point: [f64; 3],
+});
 experiment!(Motion {
     turns: Vec<f64>,
     shifts: Vec<f64>,
     duration: f64,
     rest: f64,
+    #[serde(default = "one_and_a_half")]
+    initial_rest: f64,
+    #[serde(default = "two")]
+    evaluated: f64,
     #[serde(default)]
     integral: Vec<f64>,
 });
+
+const fn half() -> f64 {
+    0.5
+}
+
+const fn one() -> f64 {
+    1.0
+}
+
+const fn one_and_a_half() -> f64 {
+    1.5
+}
+
+const fn two() -> f64 {
+    2.0
+}
+
+/// The middle of the box's top [m].
+const fn top() -> [f64; 3] {
+    [0.0, 0.0, 0.03]
+}
 
 /// Whether the robot is a hand that these laws are for: as many chains as a grasp has fingers.
 pub fn is_for(model: &RobotModel) -> bool {
@@ -338,6 +404,8 @@ impl File {
             shifts: motion.shifts,
             duration: motion.duration,
             rest: motion.rest,
+            initial_rest: motion.initial_rest,
+            evaluated: motion.evaluated,
             integral: motion.integral,
         };
         HandLaw {
@@ -356,8 +424,10 @@ impl File {
                 }),
                 knows_friction: servo.knows_friction,
                 following_error: servo.following_error,
+                rest_error: servo.rest_error,
                 step: servo.step,
                 duration: servo.duration,
+                evaluated: servo.evaluated,
             },
             force: ForceExperiment {
                 law: grasp.with(force.own()),
@@ -372,6 +442,9 @@ impl File {
                 cumulative: weights.cumulative,
                 ramp: weights.ramp,
                 interval: weights.interval,
+                evaluated: weights.evaluated,
+                rest: weights.rest,
+                point: weights.point,
             },
             motion: moved(motion),
             joint_control: moved(joint_control),
@@ -403,7 +476,11 @@ impl HandLaw {
         if let Some(error) = servo.following_error {
             within("servo", "following_error", error.into(), [0.01, 3.0], "rad");
         }
+        if let Some(error) = servo.rest_error {
+            within("servo", "rest_error", error.into(), [0.0, 0.1], "rad");
+        }
         within("servo", "duration", servo.duration, [0.1, MAX_TIME], "s");
+        within("servo", "evaluated", servo.evaluated, [0.01, servo.duration], "s");
         within("force", "hold", force.hold, [0.1, MAX_TIME], "s");
         within("force", "evaluated", force.evaluated, [0.01, force.hold], "s");
         within("force", "coulomb", count(&force.coulomb), [0.0, 32.0], "values");
@@ -414,6 +491,9 @@ impl HandLaw {
         weights.masses.iter().for_each(|&value| within("weights", "masses", value, [0.001, 5.0], "kg"));
         within("weights", "ramp", weights.ramp, [0.01, MAX_TIME], "s");
         within("weights", "interval", weights.interval, [weights.ramp, MAX_TIME], "s");
+        within("weights", "evaluated", weights.evaluated, [0.01, weights.interval], "s");
+        within("weights", "rest", weights.rest, [weights.evaluated, MAX_TIME], "s");
+        weights.point.iter().for_each(|&part| within("weights", "point", part, [-0.2, 0.2], "m"));
         for (section, motion) in [("motion", motion), ("joint_control", joint_control)] {
             within(section, "turns", count(&motion.turns), [0.0, 16.0], "values");
             motion.turns.iter().for_each(|turn| within(section, "turns", turn.abs(), [0.001, 0.5], "rad"));
@@ -421,6 +501,8 @@ impl HandLaw {
             motion.shifts.iter().for_each(|shift| within(section, "shifts", shift.abs(), [1e-4, 0.05], "m"));
             within(section, "duration", motion.duration, [0.1, MAX_TIME], "s");
             within(section, "rest", motion.rest, [0.1, MAX_TIME], "s");
+            within(section, "initial_rest", motion.initial_rest, [0.1, MAX_TIME], "s");
+            within(section, "evaluated", motion.evaluated, [0.01, MAX_TIME], "s");
             within(section, "integral", count(&motion.integral), [0.0, 32.0], "values");
             motion.integral.iter().for_each(|&gain| within(section, "integral", gain, [0.0, 1e6], "N/(m·s)"));
         }

@@ -80,6 +80,16 @@ impl Wrong {
         Self { keys: vec![key.into()], message: message.into() }
     }
 
+    /// That one of the values is outside their range, if one is.
+    fn any_outside<'a>(
+        key: &str,
+        values: impl IntoIterator<Item = &'a f64>,
+        range: [f64; 2],
+        unit: &str,
+    ) -> Option<Self> {
+        values.into_iter().find_map(|&value| Self::outside(key, value, range, unit))
+    }
+
     /// That a value is outside its range, if it is.
     fn outside(key: &str, value: f64, [min, max]: [f64; 2], unit: &str) -> Option<Self> {
         let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };

@@ -2,8 +2,8 @@
 
 use tesaki::kinematics::Chain;
 use tesaki::model::{
-    ChainJoint, ChainModel, Field, ForceSensor, Friction, JointModel, MimicJoint, ModelError, ObserverGains,
-    PidGains, Pose, RobotModel, ServoGains,
+    ChainJoint, ChainModel, Coupling, Field, ForceSensor, Friction, JointModel, MimicJoint, ModelError,
+    ObserverGains, PidGains, Pose, RobotModel, ServoGains,
 };
 
 use super::settings::{JointSettings, Settings};
@@ -86,9 +86,9 @@ fn add_mimics(model: &mut RobotModel, chains: &[SerialChain], settings: &Setting
         for of in &serial.mimics {
             let place = of.place;
             let Some(column) = inertia_column(model, index, place) else { continue };
-            let ratios = model.joints_of(index).map(|joint| match joint {
-                ChainJoint::Driven(joint, _) => (joint, 1.0, true),
-                ChainJoint::Mimic(mimic) => (mimic.joint.into(), mimic.multiplier, false),
+            let ratios = model.joints_of(index).map(|joint| {
+                let Coupling { actuated, multiplier, .. } = joint.coupling();
+                (usize::from(actuated), multiplier, matches!(joint, ChainJoint::Driven(..)))
             });
             let ratios: Vec<(usize, f32, bool)> = ratios.collect();
             let Some(&(leader, ratio, _)) = ratios.get(place) else { continue };

@@ -1,6 +1,5 @@
 //! What a robot folder can hold, but no machine is likely to have.
 
-use core::ops::Range;
 use std::collections::BTreeMap;
 
 use nalgebra::Vector3;
@@ -11,7 +10,7 @@ use super::RobotFolder;
 use super::limits::{ImplausibleLimit, implausible_limits};
 use crate::finding::{Finding, Report};
 use crate::line::line_of;
-use crate::load::{CoupledChain, Drive, JointLoad};
+use crate::load::{CoupledChains, JointLoad};
 use crate::plant::PlantValues;
 use crate::urdf::{RigidBody, Urdf};
 
@@ -64,10 +63,11 @@ pub fn check(folder: &RobotFolder, settings: &str, plant: Option<&str>) -> Vec<F
             start = Some((values.posture, text));
         }
     }
-    for (index, range) in folder.model.chain_ranges().enumerate() {
-        let chain = coupled_chain(&folder.model, index, &range);
-        let joints = folder.model.joints.get(range).unwrap_or_default();
-        of_chain(&chain, joints, &folder.model.gravity, start.as_ref(), &mut reports);
+    let model = &folder.model;
+    let couplings = |index| model.joints_of(index).map(ChainJoint::coupling).collect();
+    let chains = (0..model.chains.len()).map(|index| (Chain::of_model(model, index), couplings(index)));
+    for chains in CoupledChains::groups(chains) {
+        of_chains(&chains, model, start.as_ref(), &mut reports);
     }
     for limit in implausible_limits(&folder.model) {
         of_limit(&folder.model, limit, &mut reports);
@@ -151,27 +151,30 @@ impl Reports<'_> {
 
 type Start<'a> = (BTreeMap<String, f64>, &'a str);
 
-fn of_chain(
-    chain: &CoupledChain,
-    joints: &[JointModel],
-    gravity: &[f32; 3],
+fn of_chains(
+    chains: &CoupledChains,
+    model: &RobotModel,
     start: Option<&Start<'_>>,
     reports: &mut Reports<'_>,
 ) {
+    let gravity = &model.gravity;
+    let joints: Vec<&JointModel> =
+        chains.motors.iter().filter_map(|motor| model.joints.get(*motor)).collect();
     let limits: Vec<(f32, f32)> =
         joints.iter().map(|joint| (joint.limits.lower, joint.limits.upper)).collect();
-    let loads = chain.joint_loads(gravity, &limits);
-    for (joint, load) in joints.iter().zip(&loads) {
+    let loads = chains.joint_loads(gravity, &limits);
+    for (&joint, load) in joints.iter().zip(&loads) {
         rotor(joint, reports);
-        motor(joint, joints, load, reports);
+        motor(joint, &joints, load, reports);
         speed(joint, reports);
         sticking(joint, reports);
     }
     let Some((posture, text)) = start else { return };
     #[expect(clippy::cast_possible_truncation, reason = "the controller works in single precision")]
     let angle = |joint: &JointModel| posture.get(joint.name.as_str()).copied().unwrap_or(0.0) as f32;
-    let angles: Vec<f32> = joints.iter().map(angle).collect();
-    for ((joint, &angle), torque) in joints.iter().zip(&angles).zip(chain.gravity_torques(gravity, &angles)) {
+    let angles: Vec<f32> = joints.iter().map(|joint| angle(joint)).collect();
+    for ((&joint, &angle), torque) in joints.iter().zip(&angles).zip(chains.gravity_torques(gravity, &angles))
+    {
         let line = line_of(text, &format!("posture.{}", joint.name)).or_else(|| line_of(text, "posture"));
         let (lower, upper) = (joint.limits.lower, joint.limits.upper);
         if angle < lower || angle > upper {
@@ -204,22 +207,6 @@ fn of_chain(
             );
         }
     }
-}
-
-/// A chain of the model. Joints that follow those of another chain are held where they stand when these are at 0.
-fn coupled_chain(model: &RobotModel, index: usize, range: &Range<usize>) -> CoupledChain {
-    let drive = |joint| match joint {
-        ChainJoint::Driven(joint, _) => Drive::own(joint - range.start),
-        ChainJoint::Mimic(mimic) => Drive {
-            joint: Some(usize::from(mimic.joint))
-                .filter(|joint| range.contains(joint))
-                .map(|joint| joint - range.start),
-            multiplier: mimic.multiplier,
-            offset: mimic.offset,
-        },
-    };
-    let drives = model.joints_of(index).map(drive).collect();
-    CoupledChain { chain: Chain::of_model(model, index), drives, rotors: Vec::new() }
 }
 
 /// The name of a joint as a key in TOML.
@@ -264,7 +251,7 @@ fn rotor(joint: &JointModel, reports: &mut Reports<'_>) {
 }
 
 /// A motor too weak for friction and gravity.
-fn motor(joint: &JointModel, joints: &[JointModel], load: &JointLoad, reports: &mut Reports<'_>) {
+fn motor(joint: &JointModel, joints: &[&JointModel], load: &JointLoad, reports: &mut Reports<'_>) {
     let (torque, coulomb) = (torque_limit(joint), joint.friction.coulomb);
     let viscous = joint.friction.viscous * joint.limits.velocity;
     let own = line_of(reports.text, &format!("joints.{}.friction", joint.name))

@@ -2,7 +2,7 @@
 
 use nalgebra::Isometry3;
 use tesaki::kinematics::Chain;
-use tesaki::model::{Inertial, MAX_CHAIN_JOINTS, Pose};
+use tesaki::model::{Coupling, Inertial, MAX_CHAIN_JOINTS, Pose};
 use urdf_rs::{Joint, JointType};
 
 use super::{RigidBody, Urdf, UrdfError, axis, isometry, narrow, pose, single};
@@ -58,11 +58,19 @@ pub struct Drive {
     pub limits: Option<(f32, f32)>,
 }
 
+impl PathJoint {
+    /// Its angle when its drive is at `angle` [rad].
+    pub fn angle(&self, angle: f32) -> f32 {
+        let (multiplier, offset) = (self.multiplier, self.offset);
+        Coupling { actuated: 0, multiplier, offset }.angle(angle)
+    }
+}
+
 impl SerialPath {
     /// The joints' angles when the drives are at `angles`.
     pub fn angles(&self, angles: &[f32]) -> Vec<f32> {
         let angle = |joint: &PathJoint| angles.get(joint.drive).copied().unwrap_or(0.0);
-        self.joints.iter().map(|joint| joint.multiplier * angle(joint) + joint.offset).collect()
+        self.joints.iter().map(|joint| joint.angle(angle(joint))).collect()
     }
 
     /// The path joint from which the angle of a drive can be told: itself, or else the first that follows it.
@@ -251,27 +259,60 @@ impl Urdf {
     /// The joint that `joint` follows in the end, itself when it mimics none, with multiplier and offset.
     fn leader<'a>(&'a self, joint: &'a Joint) -> Result<(&'a Joint, f64, f64), Refused> {
         let refused = |message| Refused::new(self.line_of_joint(&joint.name), message);
-        let (mut here, mut multiplier, mut offset) = (joint, 1.0, 0.0);
-        for _ in &self.robot.joints {
-            let Some(mimic) = &here.mimic else {
-                return match here.joint_type {
-                    JointType::Revolute | JointType::Continuous => Ok((here, multiplier, offset)),
-                    ref other => Err(refused(format!(
-                        "joint {} mimics {}, which is {}: only rotary joints can be followed",
-                        joint.name,
-                        here.name,
-                        format!("{other:?}").to_lowercase()
-                    ))),
-                };
-            };
-            offset += multiplier * mimic.offset.unwrap_or(0.0);
-            multiplier *= mimic.multiplier.unwrap_or(1.0);
-            here = self.robot.joints.iter().find(|known| known.name == mimic.joint).ok_or_else(|| {
-                refused(format!("joint {} mimics {:?}, which does not exist", here.name, mimic.joint))
-            })?;
+        match followed(&self.robot, joint, |joint| joint.mimic.is_none()) {
+            Ok((leader, multiplier, offset)) => match leader.joint_type {
+                JointType::Revolute | JointType::Continuous => Ok((leader, multiplier, offset)),
+                ref other => Err(refused(format!(
+                    "joint {} mimics {}, which is {}: only rotary joints can be followed",
+                    joint.name,
+                    leader.name,
+                    format!("{other:?}").to_lowercase()
+                ))),
+            },
+            Err(NoLeader::Unknown { joint, mimicked }) => {
+                Err(refused(format!("joint {joint} mimics {mimicked:?}, which does not exist")))
+            }
+            Err(NoLeader::NotFound) => Err(refused(format!("joint {} mimics itself", joint.name))),
         }
-        Err(refused(format!("joint {} mimics itself", joint.name)))
     }
+}
+
+/// Why a joint follows no leader.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NoLeader<'a> {
+    /// A joint on the way mimics one that does not exist.
+    Unknown {
+        /// The joint.
+        joint: &'a str,
+        /// The name of what it mimics.
+        mimicked: &'a str,
+    },
+    /// None is on the way, which may be a circle.
+    NotFound,
+}
+
+/// The first of `joint`, the joint that it mimics, the one that this mimics, and so on, that `is_leader`; the angle of
+/// `joint` is the returned factor times the leader's plus the returned offset.
+///
+/// # Errors
+/// There is none.
+pub fn followed<'a>(
+    robot: &'a urdf_rs::Robot,
+    joint: &'a Joint,
+    is_leader: impl Fn(&Joint) -> bool,
+) -> Result<(&'a Joint, f64, f64), NoLeader<'a>> {
+    let (mut here, mut multiplier, mut offset) = (joint, 1.0, 0.0);
+    for _ in &robot.joints {
+        if is_leader(here) {
+            return Ok((here, multiplier, offset));
+        }
+        let mimic = here.mimic.as_ref().ok_or(NoLeader::NotFound)?;
+        offset += multiplier * mimic.offset.unwrap_or(0.0);
+        multiplier *= mimic.multiplier.unwrap_or(1.0);
+        let next = robot.joints.iter().find(|known| known.name == mimic.joint);
+        here = next.ok_or(NoLeader::Unknown { joint: &here.name, mimicked: &mimic.joint })?;
+    }
+    Err(NoLeader::NotFound)
 }
 
 fn limits(joint: &Joint) -> Option<(f32, f32)> {

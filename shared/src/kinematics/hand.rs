@@ -5,7 +5,7 @@ use nalgebra::{SVector, Vector3};
 
 use super::{Chain, Posture};
 use crate::math::{self, abs};
-use crate::model::{ChainJoint, MAX_CHAIN_JOINTS, MAX_CHAINS, MAX_JOINTS, MimicJoint, RobotModel};
+use crate::model::{ChainJoint, Coupling, MAX_CHAIN_JOINTS, MAX_CHAINS, MAX_JOINTS, RobotModel};
 
 /// Maximum number of fingers of a [`Hand`].
 pub const MAX_FINGERS: usize = 5;
@@ -24,24 +24,6 @@ pub(super) fn angle(angles: &Angles, joint: u8) -> f32 {
 pub(super) fn set_angle(angles: &mut Angles, joint: u8, value: f32) {
     if let Some(angle) = angles.as_mut_slice().get_mut(usize::from(joint)) {
         *angle = value;
-    }
-}
-
-/// What moves a joint of a finger: its angle is `multiplier` · angle of the actuated joint + `offset`.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Coupling {
-    /// The actuated joint, as index into the robot's.
-    pub actuated: u8,
-    /// Factor; 1 for the actuated joint itself.
-    pub multiplier: f32,
-    /// Angle at which the joint stands when the actuated one is at 0 [rad].
-    pub offset: f32,
-}
-
-impl Coupling {
-    /// The actuated joint itself.
-    pub const fn direct(actuated: u8) -> Self {
-        Self { actuated, multiplier: 1.0, offset: 0.0 }
     }
 }
 
@@ -197,15 +179,8 @@ impl Hand {
     pub fn of_model(model: &RobotModel, pointing: [f32; 3]) -> Result<Self, InvalidHand> {
         let mut couplings: Vec<Vec<Coupling, MAX_CHAIN_JOINTS>, MAX_CHAINS> = Vec::new();
         for chain in 0..model.chains.len() {
-            #[expect(clippy::cast_possible_truncation, reason = "at most 16")]
-            let coupling = |joint| match joint {
-                ChainJoint::Driven(index, _) => Coupling::direct(index as u8),
-                ChainJoint::Mimic(&MimicJoint { joint, multiplier, offset, .. }) => {
-                    Coupling { actuated: joint, multiplier, offset }
-                }
-            };
             // A validated model has no more chains.
-            let _ = couplings.push(model.joints_of(chain).map(coupling).collect());
+            let _ = couplings.push(model.joints_of(chain).map(ChainJoint::coupling).collect());
         }
         let limits: Vec<(f32, f32), MAX_JOINTS> =
             model.joints.iter().map(|joint| (joint.limits.lower, joint.limits.upper)).collect();
@@ -355,7 +330,7 @@ impl HandFinger {
         for (angle, joint) in own.iter_mut().zip(&self.joints) {
             let variable = self.variables.get(usize::from(joint.actuated));
             let actuated = variable.and_then(|&variable| actuated.get(usize::from(variable)));
-            *angle = joint.multiplier * actuated.copied().unwrap_or(0.0) + joint.offset;
+            *angle = joint.angle(actuated.copied().unwrap_or(0.0));
         }
         own
     }

@@ -37,6 +37,11 @@ const STALLED: f32 = 1e-3;
 const FINAL_RANGE: f32 = 2e-3;
 /// Maximum number of last iterations.
 const FINAL_ITERATIONS: usize = 10;
+/// A first solution is sought without the secondary objective where no tip is farther from its target than this, over
+/// the length of its finger.
+const NEARBY: f32 = 0.3;
+/// Maximum number of iterations of that.
+const NEARBY_ITERATIONS: usize = 4;
 /// Square of the cosine between the error and what the joints can reduce, below which the exact Hessian
 /// serves.
 const IRREDUCIBLE: f32 = 0.1;
@@ -74,7 +79,7 @@ pub struct HandOptions {
 
 impl Default for HandOptions {
     fn default() -> Self {
-        Self { tolerance: 1e-5, iterations: 12, restarts: 30, evaluations: u16::MAX }
+        Self { tolerance: 1e-5, iterations: 12, restarts: 120, evaluations: u16::MAX }
     }
 }
 
@@ -295,6 +300,12 @@ impl Problem<'_> {
     pub(super) fn descend(&self, angles: &Angles, points: &mut Points<'_>, evaluations: &mut u16) {
         points.here.angles = *angles;
         self.evaluate(Terms::All, points.here, evaluations);
+        if self.is_first && self.starts_near(points.here) {
+            self.iterate_positions(points, NEARBY_ITERATIONS, evaluations);
+            if points.here.reached {
+                return;
+            }
+        }
         let iterations = self.options.iterations.into();
         let with_directions = self.targets.iter().flatten().any(|target| target.direction.is_some());
         if with_directions {
@@ -318,13 +329,17 @@ impl Problem<'_> {
         let tolerance = self.options.tolerance;
         let mut squares = here.errors.iter().map(Vector3::norm_squared);
         if squares.any(|square| square > tolerance * tolerance && square < FINAL_RANGE * FINAL_RANGE) {
-            let secondary = here.secondary;
-            here.cost = here.primary;
-            self.iterate(points, Terms::Positions, iterations, evaluations);
-            // The last steps are too small to matter to the secondary objective.
-            points.here.secondary = secondary;
-            self.weigh(points.here);
+            self.iterate_positions(points, iterations, evaluations);
         }
+    }
+
+    /// Iterations for the positions alone, whose steps are too small to matter to the secondary objective.
+    fn iterate_positions(&self, points: &mut Points<'_>, iterations: usize, evaluations: &mut u16) {
+        let secondary = points.here.secondary;
+        points.here.cost = points.here.primary;
+        self.iterate(points, Terms::Positions, iterations, evaluations);
+        points.here.secondary = secondary;
+        self.weigh(points.here);
     }
 
     /// Writes the cost of both objectives.
@@ -369,6 +384,16 @@ impl Problem<'_> {
                 (false, damping) => (10.0 * damping).max(first),
             };
         }
+    }
+
+    /// Whether a few steps for the positions alone can be expected to reach all tips from `point`, and no direction is to be
+    /// followed.
+    fn starts_near(&self, point: &Point) -> bool {
+        self.fingers().all(|(index, finger, target)| {
+            let range = NEARBY * finger.length;
+            let error = point.errors.get(index).copied().unwrap_or_default();
+            target.direction.is_none() && error.norm_squared() < range * range
+        })
     }
 
     /// Whether the last iterations can reach all tips from `point`, and no direction is left to follow.

@@ -5,7 +5,7 @@ use nalgebra::{IsometryMatrix3, SMatrix, SVector, Vector3};
 
 use super::{Chain, Jacobian, Posture};
 use crate::math::{self, Ldlt, abs};
-use crate::model::MAX_CHAIN_JOINTS;
+use crate::model::{Coupling, MAX_CHAIN_JOINTS};
 
 /// Damping over the squared error [rad²]: large far from the target for stable steps, vanishing near it for
 /// fast convergence.
@@ -67,20 +67,12 @@ impl Default for SolverOptions {
     }
 }
 
-/// Limits of a joint [rad] and, for a mimic joint, its law.
+/// Limits of a joint [rad] and, for a mimic joint, by index into the joints of the chain, what it follows.
 #[derive(Clone, Copy, Debug)]
 struct Joint {
     lower: f32,
     upper: f32,
-    mimic: Option<Mimic>,
-}
-
-/// Angle = `multiplier` · angle of joint `of` + `offset`.
-#[derive(Clone, Copy, Debug)]
-struct Mimic {
-    of: usize,
-    multiplier: f32,
-    offset: f32,
+    mimic: Option<Coupling>,
 }
 
 /// Why the joints of an [`InverseKinematics`] are invalid.
@@ -175,7 +167,10 @@ impl InverseKinematics {
         let (Some(own), Some(other)) = (self.joints.get(joint).copied(), self.joints.get(of).copied()) else {
             return Err(InvalidJoint::Mimic { joint });
         };
-        let followed = self.joints.iter().any(|other| other.mimic.is_some_and(|mimic| mimic.of == joint));
+        let followed = self
+            .joints
+            .iter()
+            .any(|other| other.mimic.is_some_and(|mimic| usize::from(mimic.actuated) == joint));
         let finite = multiplier.is_finite() && offset.is_finite();
         if joint == of || own.mimic.is_some() || other.mimic.is_some() || followed || !finite {
             return Err(InvalidJoint::Mimic { joint });
@@ -195,7 +190,9 @@ impl InverseKinematics {
             (other.lower, other.upper) = (lower, upper);
         }
         if let Some(own) = self.joints.get_mut(joint) {
-            own.mimic = Some(Mimic { of, multiplier, offset });
+            #[expect(clippy::cast_possible_truncation, reason = "at most 7")]
+            let actuated = of as u8;
+            own.mimic = Some(Coupling { actuated, multiplier, offset });
         }
         Ok(self)
     }
@@ -304,7 +301,7 @@ impl InverseKinematics {
         for (index, joint) in self.joints.iter().enumerate() {
             if let Some(mimic) = joint.mimic {
                 let own = jacobian.column(index).into_owned();
-                jacobian.column_mut(mimic.of).axpy(mimic.multiplier, &own, 1.0);
+                jacobian.column_mut(mimic.actuated.into()).axpy(mimic.multiplier, &own, 1.0);
                 jacobian.column_mut(index).fill(0.0);
             }
         }
@@ -324,9 +321,9 @@ impl InverseKinematics {
         }
         for (index, joint) in self.joints.iter().enumerate() {
             if let Some(mimic) = joint.mimic {
-                let followed = angles.get(mimic.of).copied().unwrap_or(0.0);
+                let followed = angles.get(usize::from(mimic.actuated)).copied().unwrap_or(0.0);
                 if let Some(angle) = angles.get_mut(index) {
-                    *angle = mimic.multiplier * followed + mimic.offset;
+                    *angle = mimic.angle(followed);
                 }
             }
         }

@@ -25,7 +25,7 @@ mod tests;
 pub use chain::Chain;
 pub(crate) use chain::Link;
 pub use finger::{Finger, FingerError, FingerShapeError, FingerSolutions};
-pub use hand::{Angles, Coupling, FingerDescription, Hand, HandFinger, InvalidHand, MAX_FINGERS};
+pub use hand::{Angles, FingerDescription, Hand, HandFinger, InvalidHand, MAX_FINGERS};
 pub use hand_inverse::{FingertipTarget, FingertipTargets, HandOptions, HandReport};
 pub use inverse::{
     InvalidJoint, InverseKinematics, InverseKinematicsError, SolveReport, SolverOptions, Target,

@@ -90,8 +90,25 @@ pub struct MimicJoint {
     pub link: Inertial,
 }
 
-impl MimicJoint {
-    /// Its angle when the joint that it follows is at `angle` [rad].
+/// What moves a joint of a chain: its angle is `multiplier` · angle of a joint with a motor + `offset`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Coupling {
+    /// The joint with a motor, as index into the robot's.
+    pub actuated: u8,
+    /// Factor; 1 for the joint with the motor itself.
+    pub multiplier: f32,
+    /// Angle at which the joint stands when that with the motor is at 0 [rad].
+    pub offset: f32,
+}
+
+impl Coupling {
+    /// The joint with the motor itself.
+    pub const fn direct(actuated: u8) -> Self {
+        Self { actuated, multiplier: 1.0, offset: 0.0 }
+    }
+
+    /// The joint's angle when that with the motor is at `angle` [rad].
+    #[inline(always)]
     pub fn angle(&self, angle: f32) -> f32 {
         self.multiplier * angle + self.offset
     }
@@ -112,6 +129,17 @@ impl<'a> ChainJoint<'a> {
         match self {
             Self::Driven(_, JointModel { origin, axis, link, .. })
             | Self::Mimic(MimicJoint { origin, axis, link, .. }) => (origin, axis, link),
+        }
+    }
+
+    /// What moves it.
+    pub const fn coupling(self) -> Coupling {
+        match self {
+            #[expect(clippy::cast_possible_truncation, reason = "at most 16")]
+            Self::Driven(index, _) => Coupling::direct(index as u8),
+            Self::Mimic(&MimicJoint { joint, multiplier, offset, .. }) => {
+                Coupling { actuated: joint, multiplier, offset }
+            }
         }
     }
 }
@@ -332,10 +360,9 @@ impl RobotModel {
     /// The angles of all joints of a chain [rad], base to tip, at those of the joints with a motor. Missing ones count
     /// as 0.
     pub fn chain_angles(&self, chain: usize, angles: &[f32]) -> Vec<f32, MAX_CHAIN_JOINTS> {
-        let of = |joint: usize| angles.get(joint).copied().unwrap_or(0.0);
-        let angle = |joint| match joint {
-            ChainJoint::Driven(index, _) => of(index),
-            ChainJoint::Mimic(mimic) => mimic.angle(of(mimic.joint.into())),
+        let angle = |joint: ChainJoint<'_>| {
+            let coupling = joint.coupling();
+            coupling.angle(angles.get(usize::from(coupling.actuated)).copied().unwrap_or(0.0))
         };
         self.joints_of(chain).map(angle).collect()
     }

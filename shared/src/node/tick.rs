@@ -205,10 +205,7 @@ fn coupled_torques(robot: &Robot, joints: &mut Joints<'_>) -> [f32; MAX_JOINTS] 
 #[cold]
 #[inline(never)]
 pub(super) fn weight(joints: &Joints<'_>) -> [f32; MAX_JOINTS] {
-    let mut motion = Motion::default();
-    let angles = joints.measured.angles(0..joints.robot.joints().len());
-    motion.iter_mut().zip(angles).for_each(|([position, ..], angle)| *position = *angle);
-    joints.robot.coupled_dynamics(&motion)
+    joints.robot.weight(joints.measured.angles(0..joints.robot.joints().len()))
 }
 
 /// The torques of the joints of one chain.

@@ -1,7 +1,7 @@
 //! Chains with joints that have no motor and follow another joint.
 
 use crate::kinematics::Posture;
-use crate::model::{ChainJoint, MAX_CHAIN_JOINTS, MAX_JOINTS};
+use crate::model::{MAX_CHAIN_JOINTS, MAX_JOINTS};
 
 use super::Robot;
 
@@ -29,28 +29,27 @@ impl Robot {
             let [mut q, mut qd, mut qdd, mut torques] = [[0.0; MAX_CHAIN_JOINTS]; 4];
             let values = q.iter_mut().zip(&mut qd).zip(&mut qdd);
             for (((q, qd), qdd), joint) in values.zip(self.model().joints_of(index)) {
-                [*q, *qd, *qdd] = match joint {
-                    ChainJoint::Driven(joint, _) => motion.get(joint).copied().unwrap_or_default(),
-                    ChainJoint::Mimic(mimic) => {
-                        let followed = motion.get(usize::from(mimic.joint)).copied().unwrap_or_default();
-                        let [position, velocity, acceleration] = followed;
-                        let ratio = mimic.multiplier;
-                        [mimic.angle(position), ratio * velocity, ratio * acceleration]
-                    }
-                };
+                let coupling = joint.coupling();
+                let actuated = motion.get(usize::from(coupling.actuated)).copied().unwrap_or_default();
+                let ([position, velocity, acceleration], ratio) = (actuated, coupling.multiplier);
+                [*q, *qd, *qdd] = [coupling.angle(position), ratio * velocity, ratio * acceleration];
             }
             config.chain.inverse_dynamics(self.gravity(), &q, &qd, &qdd, &mut torques);
             for (torque, joint) in torques.into_iter().zip(self.model().joints_of(index)) {
-                let (joint, ratio) = match joint {
-                    ChainJoint::Driven(joint, _) => (joint, 1.0),
-                    ChainJoint::Mimic(mimic) => (mimic.joint.into(), mimic.multiplier),
-                };
-                if let Some(sum) = sum.get_mut(joint) {
-                    *sum += ratio * torque;
+                let coupling = joint.coupling();
+                if let Some(sum) = sum.get_mut(usize::from(coupling.actuated)) {
+                    *sum += coupling.multiplier * torque;
                 }
             }
         }
         sum
+    }
+
+    /// The torques of the actuated joints that balance the weight at these angles of theirs [N·m; rad].
+    pub fn weight(&self, angles: &[f32]) -> [f32; MAX_JOINTS] {
+        let mut motion = Motion::default();
+        motion.iter_mut().zip(angles).for_each(|([position, ..], angle)| *position = *angle);
+        self.coupled_dynamics(&motion)
     }
 }
 

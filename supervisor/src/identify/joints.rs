@@ -4,12 +4,12 @@ use nalgebra::Vector3;
 use tesaki::control::ServoMode;
 use tesaki::model::{MAX_CHAIN_JOINTS, MAX_JOINTS, RobotModel};
 use tesaki::protocol::{Mode, Request, Telemetry};
+use tesaki::robot::Robot;
 use tesaki::task::TaskConfig;
 
 use super::procedure::{IdentifyError, Machine, Sense, TICK};
 use super::regression::Reading;
 use super::sweep::{Leg, Sweep, ranges, references};
-use crate::gravity;
 
 /// Times of a way from one end to the other [s], and how often to and fro: two speeds, so that viscous friction shows.
 const SWEEPS: [(f64, usize); 2] = [(0.8, 1), (0.4, 2)];
@@ -76,11 +76,13 @@ pub fn identify_joints<M: Machine>(
     model: &RobotModel,
     settings: &JointSettings,
 ) -> Result<Vec<Vec<Reading>>, M::Error> {
+    let mut robot = Box::new(Robot::NONE);
+    robot.configure(model).map_err(IdentifyError::Model)?;
     machine.ask("enable its outputs", Request::Enable(TaskConfig::JointServo(ServoMode::Observer)))?;
     let first = machine.tick(Request::Keep)?;
     let start = references(model, &first.telemetry);
     let readings = vec![Vec::new(); model.joints.len()];
-    let mut test = SelfTest { model, settings, readings, motion: 0, latest: Vec::new() };
+    let mut test = SelfTest { model, robot, settings, readings, motion: 0, latest: Vec::new() };
     for (joints, legs) in all_legs(model, &start, settings.amplitude)? {
         let names: Vec<&str> = joints.iter().map(|&joint| model.joint_name(joint)).collect();
         machine.progress(&format!("{} sweep", names.join(", ")));
@@ -98,6 +100,7 @@ pub fn identify_joints<M: Machine>(
 
 struct SelfTest<'a> {
     model: &'a RobotModel,
+    robot: Box<Robot>,
     settings: &'a JointSettings,
     /// Of each joint.
     readings: Vec<Vec<Reading>>,
@@ -168,7 +171,7 @@ impl SelfTest<'_> {
     /// The torques of the links' weight, by the model [N·m].
     fn weights(&self, telemetry: &Telemetry) -> [f64; MAX_JOINTS] {
         let angles: Vec<f32> = telemetry.joints.iter().map(|joint| joint.position).collect();
-        gravity::torques(self.model, &angles).map(f64::from)
+        self.robot.weight(&angles).map(f64::from)
     }
 }
 

@@ -4,7 +4,7 @@
 use nalgebra::{Vector3, Vector6};
 use tesaki::control::ServoMode;
 use tesaki::kinematics::Chain;
-use tesaki::model::{MAX_CHAIN_JOINTS, RobotModel};
+use tesaki::model::{MAX_CHAIN_JOINTS, ModelError, RobotModel};
 use tesaki::protocol::{Mode, Request, Telemetry, Tips};
 use tesaki::task::grasping::{
     Failure, GraspCommand, GraspPlan, GraspTelemetry, InternalForce, ObjectControl, Phase,
@@ -116,6 +116,9 @@ pub enum IdentifyError {
         /// Its name.
         robot: String,
     },
+    /// A model that no board accepts.
+    #[error(transparent)]
+    Model(ModelError),
     /// A joint has no room.
     #[error(
         "{joint} stands at {position:.3} rad, and its range {lower:.3} to {upper:.3} rad has no room for a sweep of ±{amplitude} \

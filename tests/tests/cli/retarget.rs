@@ -19,6 +19,7 @@ use super::server::{Server, finish, said, signal};
 
 /// Fingertips of a slow motion of the hand, by Pinocchio.
 const TIPS: &str = include_str!("../../oracles/data/hand5_tips.csv");
+const TABLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/oracles/data/hand5_tips.csv");
 const EXAMPLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/examples/hand_landmarks.py");
 
 /// Exit code, standard output and standard error, with the frames from standard input.
@@ -362,6 +363,18 @@ fn webcam_landmarks_move_the_hand_and_a_mirrored_picture_is_told() {
         "send positions in metres; a hand would have this in cm",
     );
     refused(&|[x, y, z]| [x + 0.5, y + 0.5, z], "Right", "normalised image coordinates");
+}
+
+/// A table that is played as a live source moves the joints as the table does.
+#[test]
+#[ignore = "needs Python: cargo xtask test"]
+fn the_example_that_plays_a_table_writes_what_is_read() {
+    let python = std::env::var_os("TESAKI_PYTHON").unwrap_or_else(|| "python3".into());
+    let docs = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/examples/play_tips.py");
+    let written = Command::new(python).args([docs, TABLE]).output().unwrap();
+    assert!(written.status.success(), "{}", String::from_utf8_lossy(&written.stderr));
+    let (code, played, error) = run(&[], &String::from_utf8(written.stdout).unwrap());
+    assert_eq!((code, played), (0, run(&[], TIPS).1), "{error}");
 }
 
 /// Its line for a result of MediaPipe's form is a line that `tesaki retarget` reads.

@@ -43,6 +43,11 @@ const EXCUSED: &[(&str, &str)] = &[
         "python3 docs/examples/hand_landmarks.py hand_landmarker.task --udp 7500",
         "it needs a webcam; cli/retarget.rs reads its lines",
     ),
+    (
+        "python3 docs/examples/play_tips.py tests/oracles/data/hand5_tips.csv | tesaki retarget --live --robot \
+         robots/hand5",
+        "it needs Python; cli/retarget.rs reads its lines",
+    ),
     ("tesaki retarget --live --udp 7500 --robot robots/hand5", "cli/retarget.rs sends it datagrams"),
     ("glove | tesaki retarget --live --operator aiko.toml", "cli/retarget.rs runs it with a simulated glove"),
     ("tesaki calibrate poses.csv --operator Aiko --out aiko.toml", "cli/calibrate.rs runs it"),

@@ -1,4 +1,4 @@
-//! Tables in the documents, written from the recorded evaluation sweeps between
+//! Tables in the documents, written from the recorded sweeps between
 //! `<!-- sweep:begin NAME -->` and `<!-- sweep:end -->`.
 
 use std::collections::BTreeMap;
@@ -71,21 +71,26 @@ fn replace(text: &str, name: &str, lines: &str) -> Result<String> {
     Ok(format!("{head}{begin}\n{lines}{END}{tail}"))
 }
 
-/// Recorded evaluation sweeps by scenario; `None` where nothing is recorded.
+/// Recorded sweeps of a set by scenario; `None` where nothing is recorded.
 type Sweeps = BTreeMap<&'static str, Option<Sweep>>;
 
 /// The lines of a table, and a sentence about its machines.
 fn generate(table: &Table, folder: &Path) -> Result<String> {
     match table.rows {
-        Rows::Limits(rows) => limits(rows, &load(rows.iter().copied(), folder)?),
-        Rows::Comparison(pairs) => comparison(pairs, &load(pairs.iter().flat_map(Pair::rows), folder)?),
+        Rows::Limits(rows) => limits(rows, &load(rows.iter().copied(), folder, Set::Evaluation)?),
+        Rows::Comparison(pairs) => comparison_of(pairs, folder, Set::Evaluation),
+        Rows::Development(pairs) => comparison_of(pairs, folder, Set::Development),
     }
 }
 
-fn load(rows: impl Iterator<Item = Row>, folder: &Path) -> Result<Sweeps> {
+fn comparison_of(pairs: &[Pair], folder: &Path, set: Set) -> Result<String> {
+    comparison(pairs, set, &load(pairs.iter().flat_map(Pair::rows), folder, set)?)
+}
+
+fn load(rows: impl Iterator<Item = Row>, folder: &Path, set: Set) -> Result<Sweeps> {
     let mut sweeps = Sweeps::new();
     for row in rows {
-        let sweep = Sweep::load(folder, row.scenario, Set::Evaluation)?;
+        let sweep = Sweep::load(folder, row.scenario, set)?;
         sweeps.insert(row.scenario, sweep.filter(|sweep| !sweep.machines.is_empty()));
     }
     Ok(sweeps)
@@ -98,7 +103,7 @@ fn printed<'a>(row: &Row, sweeps: &'a Sweeps) -> Option<&'a str> {
 }
 
 fn limits(rows: &[Row], sweeps: &Sweeps) -> Result<String> {
-    let mut text = caption(sweeps);
+    let mut text = caption(Set::Evaluation, sweeps);
     let paper = rows.iter().any(|row| printed(row, sweeps).is_some());
     text += "\n| | limit | median | 95th percentile | machines within the limit |";
     text += if paper { " paper |\n|---|---|---|---|---|---|\n" } else { "\n|---|---|---|---|---|\n" };
@@ -116,8 +121,8 @@ fn limits(rows: &[Row], sweeps: &Sweeps) -> Result<String> {
 
 /// Medians and 95th percentiles of the paper's law and of ours, beside what the paper printed. Without its law,
 /// where it is ours, two columns are enough.
-fn comparison(pairs: &[Pair], sweeps: &Sweeps) -> Result<String> {
-    let mut text = caption(sweeps);
+fn comparison(pairs: &[Pair], set: Set, sweeps: &Sweeps) -> Result<String> {
+    let mut text = caption(set, sweeps);
     let both = pairs.iter().any(|pair| pair.papers_law.is_some());
     text += if both {
         "\n| median (95th percentile) | the paper | its law here | ours | error: its law over ours |\n|---|---|---|---|---|\n"
@@ -153,8 +158,8 @@ fn value(row: &Row, sweeps: &Sweeps) -> Result<(f64, String)> {
 }
 
 /// Which machines and commits a table is about, and how many of a set are still missing.
-fn caption(sweeps: &Sweeps) -> String {
-    let all = Set::Evaluation.seeds().len();
+fn caption(set: Set, sweeps: &Sweeps) -> String {
+    let all = set.seeds().len();
     let mut commits: Vec<&str> = sweeps.values().flatten().map(|sweep| sweep.commit.as_str()).collect();
     commits.sort_unstable();
     commits.dedup();
@@ -164,7 +169,7 @@ fn caption(sweeps: &Sweeps) -> String {
         .filter(|(_, machines)| *machines < all)
         .map(|(scenario, machines)| format!("{machines} of `{scenario}`"))
         .collect();
-    let mut text = format!("\n{all} evaluation machines");
+    let mut text = format!("\n{all} {} machines", set.name());
     if !missing.is_empty() {
         text += " planned";
     }
@@ -301,6 +306,13 @@ mod tests {
         // 0.5 over 0.2.
         let expected = "| Error | 1–2 mm | 0.500 mm (1) | 0.200 mm (0.250) | 2.5 × |\n";
         assert!(told.ends_with(expected), "{told}");
+        // Nothing is recorded of the other set, to which the seeds of 1001 and more belong.
+        let development = Table { rows: Rows::Development(Box::leak(Box::new([pair]))), ..TABLE };
+        let told = generate(&development, folder.path()).unwrap();
+        assert!(
+            told.starts_with("\n20 development machines planned; recorded so far: 0 of `arm`."),
+            "{told}"
+        );
     }
 
     #[test]
@@ -336,7 +348,9 @@ mod tests {
         for (index, table) in tables().enumerate() {
             assert!(match table.rows {
                 Rows::Limits(rows) => !rows.is_empty(),
-                Rows::Comparison(pairs) => pairs.iter().all(|pair| pair.rows().next().is_some()),
+                Rows::Comparison(pairs) | Rows::Development(pairs) => {
+                    pairs.iter().all(|pair| pair.rows().next().is_some())
+                }
             });
             let again = |other: &Table| (other.document, other.name) == (table.document, table.name);
             assert!(!tables().skip(index + 1).any(again), "{}", table.name);

@@ -5,7 +5,6 @@ use core::panic::PanicInfo;
 
 use cortex_m_semihosting::{debug, hprintln};
 use heapless::Vec;
-use tesaki::control::ServoMode;
 use tesaki::model::{
     ChainModel, Inertial, JointLimits, JointModel, Motor, ObserverGains, PidGains, Pose, Reaction,
     RobotModel, Safety, ServoGains,
@@ -82,11 +81,15 @@ pub fn ask(node: &mut Node, sequence: &mut u16, request: Request) {
 
 /// Takes command of a new node and gives it a model.
 pub fn push(node: &mut Node, model: &RobotModel) {
+    let mut bytes = [0; 4096];
+    push_bytes(node, postcard::to_slice(model, &mut bytes).expect("fits"));
+}
+
+/// As [`push`], with the bytes of the model as they go over the wire.
+pub fn push_bytes(node: &mut Node, bytes: &[u8]) {
     let sequence = &mut 0;
     ask(node, sequence, Request::Hello { schema: SCHEMA_KEY });
     ask(node, sequence, Request::TakeCommand { by_force: false });
-    let mut bytes = [0; 4096];
-    let bytes = postcard::to_slice(model, &mut bytes).expect("fits");
     ask(node, sequence, Request::ModelBegin { length: bytes.len() as u32, checksum: checksum(bytes) });
     for (index, data) in bytes.chunks(MODEL_CHUNK).enumerate() {
         let data = Vec::from_slice(data).expect("fits");
@@ -96,8 +99,8 @@ pub fn push(node: &mut Node, model: &RobotModel) {
 }
 
 /// Enables a node that has a model and was ticked.
-pub fn enable(node: &mut Node, mode: ServoMode) {
-    ask(node, &mut 100, Request::Enable(TaskConfig::JointServo(mode)));
+pub fn enable(node: &mut Node, task: TaskConfig) {
+    ask(node, &mut 100, Request::Enable(task));
 }
 
 /// Sensors of [`hand`] at rest.

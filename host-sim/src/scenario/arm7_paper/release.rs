@@ -39,14 +39,16 @@ pub fn run(
     for (machine_key, name, machine) in MACHINES {
         let mut all = Vec::new();
         for law in laws {
-            for &damping in &law.law.release.damping {
+            let experiment = law.need(&law.law.release, "[release]")?;
+            for &damping in &experiment.damping {
                 let label = format!("{}, {name}", law.law.title);
                 let trial = ReleaseTrial {
                     label: &label,
                     machine,
                     settings: law.law.with_damping(damping),
-                    displacement: law.law.release.displacement,
+                    displacement: experiment.displacement,
                     before: None,
+                    observed: experiment.observed,
                 };
                 let mut releases = Vec::new();
                 for (axis, name) in AXES.into_iter().enumerate() {
@@ -116,4 +118,49 @@ fn figure(all: &[Releases<'_>], machine: &str) -> Figure {
         figure = figure.panel(panel);
     }
     figure
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, clippy::indexing_slicing, reason = "tests")]
+mod tests {
+    use super::*;
+    use crate::scenario::arm::Machine;
+    use crate::scenario::common::tests::with_setting;
+
+    /// B [N·s/m], overshoot [mm], error at the reversals [mm], from `tests/oracles/printed_arm.py` (a mass with the
+    /// acceleration of step 3, held for a period).
+    const PRINTED: &[[f64; 3]] = include!("../../../../tests/oracles/data/printed_arm.in");
+
+    /// With little friction the printed law overshoots as a held acceleration does, which is more than the impedance would:
+    /// at B 7.5 exp(−πζ/√(1 − ζ²)) = 0.5688 of the displacement, with ζ = 0.1768.
+    #[test]
+    fn the_printed_law_overshoots_by_what_holding_its_acceleration_adds() {
+        with_setting("arm7", 3, &["paper"], |setting| {
+            let mut rig = ArmRig::load(setting).unwrap();
+            let laws = NamedLaw::load_all(setting, &rig).unwrap();
+            for &[damping, expected, _] in &PRINTED[..2] {
+                let damping = damping as f32;
+                let trial = ReleaseTrial {
+                    label: "",
+                    machine: Machine::Matched,
+                    settings: laws[0].law.with_damping(damping),
+                    displacement: 0.03,
+                    before: None,
+                    observed: 1.0,
+                };
+                let release = release(setting, &mut rig, &trial, 0).unwrap();
+                // What holds the tool yields a little.
+                let start = 1e3 * release.curves()[1][0];
+                let expected = expected * start / 30.0;
+                assert!((start - 30.0).abs() < 1.0, "{start}");
+                let releases = Releases { law: &laws[0], damping, releases: vec![release] };
+                let [overshoot, theory] = releases.overshoot().unwrap();
+                // Friction of 0.1 N at the tool is 0.3 mm.
+                assert!((overshoot - expected).abs() < 0.5, "B {damping}: {overshoot} mm, not {expected}");
+                if damping > 7.0 {
+                    assert!((theory - 0.5688 * start).abs() < 0.05, "{theory}");
+                }
+            }
+        });
+    }
 }

@@ -33,10 +33,6 @@ pub(super) const SCENARIO: Scenario = Scenario {
     run,
 };
 
-/// Rest before the first motion [s].
-const INITIAL_REST: f64 = 1.5;
-/// Time from the end of a motion until its error is evaluated [s].
-const AFTER: f64 = 2.0;
 /// The paper's pitches after the turns [rad], and x after the shifts [cm].
 const PAPER_PITCHES: [f64; 3] = [0.868, 0.769, 0.673];
 const PAPER_POSITIONS: [f64; 3] = [8.4, 9.3, 8.1];
@@ -52,6 +48,8 @@ pub(super) struct Record {
     shifts: Vec<f64>,
     duration: f64,
     rest: f64,
+    /// Time from the begin of a motion until its error is evaluated [s].
+    evaluated: f64,
 }
 
 /// The part of a law that is tried.
@@ -106,8 +104,8 @@ pub(super) fn move_box(
     let coulomb = rig.values.friction.paper;
     let label = format!("{part}, {}", law.name);
     let mut trial = hold_box(setting, rig, &label, (law, &experiment.law), coulomb)?;
-    trial.wait(INITIAL_REST)?;
-    let MotionExperiment { duration, rest, .. } = *experiment;
+    let MotionExperiment { duration, rest, initial_rest, evaluated, .. } = *experiment;
+    trial.wait(initial_rest)?;
     let (mut pitch, mut x) = (0.0, 0.0);
     let (mut turns, mut shifts) = (Vec::new(), Vec::new());
     for turn in &experiment.turns {
@@ -120,7 +118,8 @@ pub(super) fn move_box(
         shifts.push(trial.move_object_within(duration, [x, 0.0, 0.0], [0.0, pitch, 0.0])?);
         trial.wait(duration + rest)?;
     }
-    Ok(Record { log: trial.end()?, turns, shifts, duration, rest })
+    let evaluated = duration + evaluated.min(rest);
+    Ok(Record { log: trial.end()?, turns, shifts, duration, rest, evaluated })
 }
 
 impl Record {
@@ -132,7 +131,7 @@ impl Record {
     /// Error of the pitch at rest after a turn that began at `begin`, from that before the first [mrad]. NaN if the box
     /// was lost before.
     fn turn_error(&self, begin: f64, pose: PoseOf) -> f64 {
-        let rest = self.log.at(begin + self.duration + AFTER.min(self.rest));
+        let rest = self.log.at(begin + self.evaluated);
         let (Some(start), Some(rest)) = (self.log.at(self.begin()), rest) else { return f64::NAN };
         1e3 * (pose(rest).0 - pose(start).0 - (rest.target[1].y - start.target[1].y)).abs()
     }
@@ -149,7 +148,7 @@ impl Record {
         let mut before = rest(first);
         let mut displacements = Vec::new();
         for begin in &self.shifts {
-            let after = rest(begin + self.duration + AFTER.min(self.rest));
+            let after = rest(begin + self.evaluated);
             displacements.push(1e3 * (after - before));
             before = after;
         }
@@ -290,4 +289,57 @@ fn position(laws: &[Law], place: &str, records: &[Record]) -> Figure {
         }
     }
     figure
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, clippy::indexing_slicing, reason = "tests")]
+mod tests {
+    use rapier3d::na::UnitQuaternion;
+
+    use super::super::tests::log;
+    use super::*;
+    use crate::scenario::common::tests::with_setting;
+
+    /// A box that does what figures 14 and 15 of the paper show: pitch 0.769, 0.868, then x 8.4, 9.3, 8.1 cm, z 5 mm down.
+    /// The errors are those that the paper tells: 1 mrad, 1 mm and 2 mm, −3 mm and −5 mm from the start.
+    #[test]
+    fn the_papers_motion_has_the_papers_errors() {
+        let log = log(11.0, |sample| {
+            let at = |begin: f64| sample.time > begin;
+            let (pitch, turned) = if at(1.5) { (0.868, 0.1) } else { (0.769, 0.0) };
+            let (x, z) = match sample.time {
+                time if time > 7.5 => (0.081, 0.080),
+                time if time > 4.5 => (0.093, 0.082),
+                _ => (0.084, 0.085),
+            };
+            sample.target[1].y = turned;
+            sample.estimates.position = Vector3::new(x, 0.0, z);
+            sample.estimates.orientation = UnitQuaternion::from_scaled_axis(Vector3::y() * pitch);
+        });
+        let record = Record {
+            log,
+            turns: vec![1.0],
+            shifts: vec![4.0, 7.0],
+            duration: 1.0,
+            rest: 2.5,
+            evaluated: 3.0,
+        };
+        assert!((record.pitch_error(estimated_pose) - 1.0).abs() < 1e-9);
+        let moved = record.displacements(estimated_pose);
+        with_setting("hand3", 1, &["paper"], |setting| {
+            let rig = GraspRig::load(setting).unwrap();
+            let experiment = &laws(setting, &rig.robot.model).unwrap()[0].law.motion;
+            assert_eq!(experiment.shifts, [0.01, -0.01]);
+            let errors: Vec<f64> = shift_errors(experiment, &moved).collect();
+            assert!((errors[0] - 1.0).abs() < 1e-9 && (errors[1] - 2.0).abs() < 1e-9, "{errors:?}");
+        });
+        let total: Vector3<f64> = moved.iter().sum();
+        assert!((total - Vector3::new(-3.0, 0.0, -5.0)).norm() < 1e-9, "{total}");
+        // The box was lost before the second shift ended.
+        let mut lost = record;
+        lost.log.samples.truncate(900);
+        assert!(
+            lost.displacements(estimated_pose)[1].x.is_nan() && !lost.pitch_error(estimated_pose).is_nan()
+        );
+    }
 }

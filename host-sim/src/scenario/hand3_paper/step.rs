@@ -11,8 +11,6 @@ use crate::scenario::grasping::GraspRig;
 
 /// Ticks between two commands, without which the controller stops.
 const COMMAND_EVERY: u32 = 5;
-/// Time before the end of each half that counts as rest [s].
-const AT_REST: f64 = 0.5;
 
 /// All joints step to an angle and back, under each law.
 pub(super) fn run(
@@ -40,15 +38,19 @@ pub(super) fn run(
             summary.insert(format!("{}_{key}", law.key), metric);
         };
         add("step_error_peak", "step of the joints: largest error", errors(0.0));
-        let end = 2.0 * law.law.servo.duration - AT_REST;
+        let end = 2.0 * law.law.servo.duration - law.law.servo.evaluated;
         add("step_error_rest", "step of the joints: largest error at rest", errors(end));
         let mut angles = Panel::new(format!("{}: joint 2", law.name), "angle", "rad");
         angles = angles.line(Line::solid("true", 0, log.time.clone(), log.angle));
         angles = angles.line(Line::dashed("reference", Line::INK, log.time.clone(), log.reference));
         let mut panel = Panel::new(format!("{}: errors", law.name), "error", "mrad");
         for (joint, values) in log.errors.into_iter().enumerate() {
-            panel =
-                panel.line(Line::solid(format!("joint {}", joint + 1), joint % 3, log.time.clone(), values));
+            // A colour for the same joint of all fingers.
+            let name = match joint {
+                0..3 => format!("joints {}, {}, {}", joint + 1, joint + 4, joint + 7),
+                _ => String::new(),
+            };
+            panel = panel.line(Line::solid(name, joint % 3, log.time.clone(), values));
         }
         figure = figure.panel(angles).panel(panel);
     }

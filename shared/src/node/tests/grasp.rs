@@ -14,7 +14,7 @@ use crate::robot::Concerns;
 use crate::robot::LimitRefusal;
 use crate::task::grasping::{
     Failure, GraspCommand, GraspPlan, GraspRefusal, GraspTelemetry, InternalForce, InvalidPlan, JointTargets,
-    LoadSource, ObjectControl, ObjectFrame, Phase, PlanField, PlannedContact,
+    LoadSource, ObjectControl, ObjectFrame, Phase, PlanField, PlannedContact, WrenchGains,
 };
 use crate::task::joint_servo::{JointCommand, JointServoRefusal};
 use crate::task::{TaskCommand, TaskConfig, TaskKind, TaskRefusal, TaskTelemetry};
@@ -268,78 +268,116 @@ fn an_obstacle_stops_the_approach_and_an_open_command_turns_it_back() {
     assert_eq!(seen(&mut bench).phase, Phase::Open);
 }
 
-/// Center of a tip by the angles of its finger, from its root [mm] (Hand3 section 3.2, in closed form).
+/// Runs a hand whose joints follow their references exactly, or stay where they are, with an object that presses on a tip
+/// with 1 N once it is touched. Returns the last torques [N·m].
 #[allow(clippy::disallowed_methods, reason = "the independent formula")]
-fn center([swing, bend, curl]: [f32; 3]) -> [f32; 3] {
-    let r = 46.0 * bend.sin() + 51.78 * (bend + curl).sin();
-    [r * swing.cos(), r * swing.sin(), 39.0 + 46.0 * bend.cos() + 51.78 * (bend + curl).cos()]
+fn run_pressed(bench: &mut Bench, ticks: u32, follows: bool) -> Vec<f32, MAX_JOINTS> {
+    let mut torques = Vec::new();
+    for tick in 0..ticks {
+        let phase = seen(bench).phase;
+        let references = bench.node.state.references;
+        if follows {
+            for (count, reference) in bench.sensors.encoders.iter_mut().zip(&references) {
+                *count = (reference.position * COUNTS_PER_RADIAN).round() as i32;
+            }
+        }
+        let presses = if phase == Phase::Approach { 0.0 } else { 1000.0 };
+        for finger in 0..3 {
+            let angle = references[3 * finger + 1].position + references[3 * finger + 2].position;
+            let push = if finger == 2 { presses } else { -presses };
+            // Noise of a count: a sensor that never changes is dead.
+            let noise = (tick % 2) as i32;
+            bench.sensors.forces[finger][0] = (push * angle.cos()) as i32 + noise;
+            bench.sensors.forces[finger][2] = (push * angle.sin()) as i32;
+        }
+        torques = bench.tick().torques;
+        assert_eq!(bench.ask(KEEP), Reply::Done, "{phase}: {:?}", bench.node.faults());
+    }
+    torques
 }
 
-/// The sum of the joints' changes moves the tips, which are points here, as far as the object: 2, 1 and 3 mm.
-#[test]
-#[allow(clippy::disallowed_methods, reason = "the independent formula")]
-fn accumulated_joint_targets_move_the_tips_with_the_object() {
+/// A hand that holds an object as `plan` says.
+fn holding_hand(plan: GraspPlan) -> Bench {
     let mut model = hand();
-    model.chains.iter_mut().for_each(|chain| chain.tip_radius = 0.0);
+    // Joints under torques follow no targets.
+    model.joints.iter_mut().for_each(|joint| joint.limits.following_error = 1.0);
     let mut bench = untared_hand();
     assert_eq!(bench.push(&model), Reply::Done);
     bench.tick();
     assert_eq!(bench.ask(Request::Tare), Reply::Done);
     assert_eq!(bench.ask(GRASP), Reply::Done);
     bench.tick();
-    // Without the 8 mm of the tips.
-    let mut contacts = in_front().contacts;
-    contacts.iter_mut().for_each(|contact| contact.position[0] -= 0.008 * contact.normal[0]);
-    let plan = GraspPlan {
-        contacts,
-        internal: InternalForce::Normal { strength: 1.0 },
-        feedback: false,
-        object_frame: ObjectFrame::Triangle,
-        joint_targets: JointTargets::Accumulated,
-        ..in_front()
-    };
     assert_eq!(bench.ask(grasp(plan)), Reply::Done);
-    // A joint that follows its reference exactly, and an object that presses on a tip with 1 N once it is touched.
-    let run = |bench: &mut Bench, ticks: u32| {
-        for tick in 0..ticks {
-            let phase = seen(bench).phase;
-            let references = bench.node.state.references;
-            for (count, reference) in bench.sensors.encoders.iter_mut().zip(&references) {
-                *count = (reference.position * COUNTS_PER_RADIAN).round() as i32;
-            }
-            let presses = if phase == Phase::Approach { 0.0 } else { 1000.0 };
-            for finger in 0..3 {
-                let angle = references[3 * finger + 1].position + references[3 * finger + 2].position;
-                let push = if finger == 2 { presses } else { -presses };
-                // Noise of a count: a sensor that never changes is dead.
-                let noise = (tick % 2) as i32;
-                bench.sensors.forces[finger][0] = (push * angle.cos()) as i32 + noise;
-                bench.sensors.forces[finger][2] = (push * angle.sin()) as i32;
-            }
-            bench.tick();
-            assert_eq!(bench.ask(KEEP), Reply::Done, "{phase}");
-        }
-    };
     for _ in 0..100 {
-        run(&mut bench, 10);
+        run_pressed(&mut bench, 10, true);
         if seen(&mut bench).phase == Phase::Hold {
             break;
         }
     }
     assert_eq!(seen(&mut bench).phase, Phase::Hold);
-    let fingers = |bench: &Bench| {
-        let angle = |joint: usize| bench.node.state.references[joint].position;
-        [0, 3, 6].map(|first| center([angle(first), angle(first + 1), angle(first + 2)]))
-    };
-    let before = fingers(&bench);
-    let (translation, rotation) = ([0.002, 0.001, 0.003], [0.0; 3]);
+    bench
+}
+
+/// As the Hand3 paper holds an object.
+fn paper_plan() -> GraspPlan {
+    GraspPlan {
+        internal: InternalForce::Normal { strength: 1.0 },
+        feedback: false,
+        object_frame: ObjectFrame::Triangle,
+        joint_targets: JointTargets::Accumulated,
+        ..in_front()
+    }
+}
+
+/// Joint angles before a motion of the object, and their changes after it, from `tests/oracles/accumulated_targets.py`
+/// (SciPy: the integral of equation (25) with `D_F`, `J_F` and `D_o` by difference quotients).
+#[allow(clippy::excessive_precision, reason = "written by a script")]
+const ACCUMULATED: [[f32; 9]; 2] = include!("../../../../tests/oracles/data/accumulated_targets.in");
+
+/// The sum of the joints' changes moves the points of contact, 8 mm from the centers of the tips, with an object that is
+/// shifted and turned.
+#[test]
+fn accumulated_joint_targets_move_the_contacts_with_the_object() {
+    let mut bench = holding_hand(paper_plan());
+    let angles =
+        |bench: &Bench| [0, 1, 2, 3, 4, 5, 6, 7, 8].map(|joint| bench.node.state.references[joint].position);
+    let before = angles(&bench);
+    let (translation, rotation) = ([0.002, 0.001, 0.003], [0.0, 0.06, 0.03]);
     assert_eq!(bench.ask(task(GraspCommand::Move { translation, rotation, duration: 1.0 })), Reply::Done);
-    run(&mut bench, 110);
-    for (before, after) in before.into_iter().zip(fingers(&bench)) {
-        for axis in 0..3 {
-            let moved = after[axis] - before[axis];
-            assert!((moved - 1e3 * translation[axis]).abs() < 0.03, "{axis}: {moved} mm");
-        }
+    run_pressed(&mut bench, 110, true);
+    let [start, changes] = ACCUMULATED;
+    for (joint, (before, after)) in before.into_iter().zip(angles(&bench)).enumerate() {
+        assert!((before - start[joint]).abs() < 2e-3, "{joint}: begins at {before}, not {}", start[joint]);
+        let moved = after - before;
+        // Tips that were points, or closed-form targets, would be off by up to 0.15 rad.
+        assert!((moved - changes[joint]).abs() < 3e-3, "{joint}: {moved}, not {}", changes[joint]);
+    }
+}
+
+/// Torques [N·m] from `tests/oracles/object_control.py` (NumPy: the pseudo-inverse of the grasp matrix, Jacobians by
+/// difference quotients).
+#[allow(clippy::excessive_precision, reason = "written by a script")]
+const CONTROLLED: [f32; 9] = include!("../../../../tests/oracles/data/object_control.in");
+
+/// Equations (16) to (20): an object that stays behind its target is pushed towards it by the torques of all fingers, beside
+/// the internal force and the load, and by nothing else.
+#[test]
+fn the_pose_of_the_object_is_controlled_by_torques_as_printed() {
+    let gains =
+        WrenchGains { position: [200.0, 400.0], orientation: [2.0, 4.0], damping: 0.05, compensated: false };
+    let plan = GraspPlan {
+        control: ObjectControl::Wrench(gains),
+        load: LoadSource::Constant { mass: 0.05 },
+        joint_targets: JointTargets::ClosedForm,
+        ..paper_plan()
+    };
+    let mut bench = holding_hand(plan);
+    let (translation, rotation) = ([0.002, 0.001, 0.003], [0.0, 0.02, 0.0]);
+    assert_eq!(bench.ask(task(GraspCommand::Move { translation, rotation, duration: 1.0 })), Reply::Done);
+    let torques = run_pressed(&mut bench, 110, false);
+    for (joint, (torque, expected)) in torques.iter().zip(CONTROLLED).enumerate() {
+        // A tick more or less of the integral is 0.4 mN·m.
+        assert!((torque - expected).abs() < 1e-3, "{joint}: {torque}, not {expected}");
     }
 }
 

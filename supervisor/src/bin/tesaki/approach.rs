@@ -154,10 +154,8 @@ impl<F: Fn(&[f32]) -> Option<Pose>> Leader<'_, F> {
                     self.approach.look(&pose, circle.as_ref());
                 }
             }
-            (Some(_), None) => self.vision.reject(
-                line,
-                format!("age {} s: where the hand was then is not known (any more)", sight.age),
-            ),
+            // Before the first telemetry, or while it is late, a picture is of no use; it is none that is wrong.
+            (Some(_), None) => {}
         }
     }
 

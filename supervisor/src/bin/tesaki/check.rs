@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use serde_json::{Value, json};
-use tesaki::model::RobotModel;
+use tesaki::model::ChainJoint;
 use tesaki_description::finding::{Finding, Weight};
 use tesaki_description::read_text;
 use tesaki_description::retargeting::{self, RetargetingSettings};
@@ -67,7 +67,7 @@ fn folder(path: &Path) -> Result<Checked, Failure> {
         findings
             .extend(toml_files(&path.join(law::FOLDER), |file, text| law::check(file, text, &folder.model))?);
     }
-    Ok(Checked { good: folder.map(|folder| summary(&folder.model)).unwrap_or_default(), findings })
+    Ok(Checked { good: folder.as_ref().map(summary).unwrap_or_default(), findings })
 }
 
 /// What `check` finds in the TOML files of a folder, in the order of their names.
@@ -88,11 +88,24 @@ fn toml_files(folder: &Path, check: impl Fn(&Path, &str) -> Vec<Finding>) -> Res
     Ok(findings)
 }
 
-fn summary(model: &RobotModel) -> Vec<String> {
-    let mut lines = Vec::new();
-    for (chain, range) in model.chains.iter().zip(model.chain_ranges()) {
+fn summary(folder: &RobotFolder) -> Vec<String> {
+    let (model, mut lines) = (&folder.model, Vec::new());
+    for (index, chain) in model.chains.iter().enumerate() {
         lines.push(format!("chain to {}", chain.name));
-        for joint in model.joints.get(range).unwrap_or_default() {
+        // The model has no names of mimic joints.
+        let path = folder.urdf.path(None, &chain.name).ok();
+        for (place, joint) in model.joints_of(index).enumerate() {
+            let joint = match joint {
+                ChainJoint::Driven(_, joint) => joint,
+                ChainJoint::Mimic(mimic) => {
+                    let of_urdf = path.as_ref().and_then(|path| path.joints.get(place));
+                    let name = of_urdf.map_or("?", |joint| joint.name.as_str());
+                    let follows =
+                        follows(mimic.multiplier, model.joint_name(mimic.joint.into()), mimic.offset);
+                    lines.push(format!("  {name:<20} = {follows}, link {:.1} g", mimic.link.mass * 1000.0));
+                    continue;
+                }
+            };
             lines.push(format!(
                 "  {:<20} {:>7.3} to {:>6.3} rad, {:>6.2} rad/s, {:>6.3} N·m, link {:.1} g",
                 joint.name,
@@ -105,7 +118,13 @@ fn summary(model: &RobotModel) -> Vec<String> {
         }
     }
     let chains = if model.chains.len() == 1 { "chain" } else { "chains" };
-    lines.push(format!("{}: {} joints in {} {chains}", model.name, model.joints.len(), model.chains.len()));
+    let mimics = match model.mimics.len() {
+        0 => String::new(),
+        1 => " and 1 mimic joint".to_owned(),
+        count => format!(" and {count} mimic joints"),
+    };
+    let (joints, count) = (model.joints.len(), model.chains.len());
+    lines.push(format!("{}: {joints} joints{mimics} in {count} {chains}", model.name));
     lines
 }
 
@@ -139,12 +158,17 @@ fn urdf(path: &Path) -> Result<Checked, Failure> {
 fn joints(path: &SerialPath) -> String {
     let joints = path.joints.iter().map(|joint| match path.drives.get(joint.drive) {
         Some(drive) if drive.name != joint.name => {
-            let offset = if joint.offset == 0.0 { String::new() } else { format!(" {:+}", joint.offset) };
-            format!("{} (= {} {}{offset})", joint.name, joint.multiplier, drive.name)
+            format!("{} (= {})", joint.name, follows(joint.multiplier, &drive.name, joint.offset))
         }
         _ => joint.name.clone(),
     });
     format!("tip {}: base {}, joints {}", path.tip, path.base, joints.collect::<Vec<_>>().join(", "))
+}
+
+/// `0.8 b + 0.1`
+fn follows(multiplier: f32, name: &str, offset: f32) -> String {
+    let offset = if offset == 0.0 { String::new() } else { format!(" {offset:+}") };
+    format!("{multiplier} {name}{offset}")
 }
 
 /// A finding as JSON.

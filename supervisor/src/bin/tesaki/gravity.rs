@@ -4,7 +4,7 @@ use std::fmt;
 
 use tesaki::math::abs;
 use tesaki::model::RobotModel;
-use tesaki_supervisor::gravity;
+use tesaki::robot::Robot;
 
 /// The joint at which gravity exceeds friction most: without power it falls.
 pub struct Load {
@@ -19,8 +19,10 @@ pub struct Load {
 impl Load {
     /// The load of `model` at rest at `angles` [rad]; `None` if friction holds every joint.
     pub fn at(model: &RobotModel, angles: &[f32]) -> Option<Self> {
+        let mut robot = Box::new(Robot::NONE);
+        robot.configure(model).ok()?;
         let mut worst: Option<Self> = None;
-        for (joint, torque) in model.joints.iter().zip(gravity::torques(model, angles)) {
+        for (joint, torque) in model.joints.iter().zip(robot.weight(angles)) {
             let friction = joint.friction.coulomb;
             let excess = abs(torque) - friction;
             if excess > worst.as_ref().map_or(0.0, |worst| worst.torque - worst.friction) {

@@ -398,7 +398,10 @@ impl<'a> Motion<'a> {
             if let Some(latest) = &news.telemetry {
                 telemetry = Watchdog::new(&self.session);
                 self.remember(latest);
-                self.check_mode(latest.mode, &mut seen_enabled)?;
+                // What was sent before the faults were cleared may still arrive.
+                if latest.mode != Mode::Fault || seen_enabled || latest.faults != self.faults {
+                    self.check_mode(latest.mode, &mut seen_enabled)?;
+                }
             } else {
                 self.check_silence(&mut telemetry, now)?;
             }

@@ -31,6 +31,7 @@ const HAND3_FORCE: &str = "hand3-paper-force";
 const HAND3_MOTION: &str = "hand3-paper-motion";
 const ARM7: &str = "arm7-paper";
 const ARM7_ELBOW: &str = "arm7-paper-elbow";
+const ARM7_MATRICES: &str = "arm7-paper-matrices";
 const ARM7_SECTION4: &str = "arm7-paper-bilateral";
 
 const HAND3_FIGURE6: &[Pair] = &[
@@ -247,6 +248,42 @@ const ARM7_BILATERAL: &[Pair] = &[
     ),
 ];
 
+const ARM7_PUSHES: &[Pair] = &[
+    errors(
+        "model's machine, coupled: distance from K⁻¹F at rest",
+        size(ARM7_MATRICES, "paper_coupled_matched_rest_error"),
+        size(ARM7_MATRICES, "coupled_matched_rest_error"),
+    ),
+    errors(
+        "angle to K⁻¹F",
+        size(ARM7_MATRICES, "paper_coupled_matched_direction_error"),
+        size(ARM7_MATRICES, "coupled_matched_direction_error"),
+    ),
+    errors(
+        "distance from the exact motion",
+        size(ARM7_MATRICES, "paper_coupled_matched_deviation"),
+        size(ARM7_MATRICES, "coupled_matched_deviation"),
+    ),
+    ours(
+        None,
+        magnitude(ARM7_MATRICES, "tool_axes_matched_rest_error", "in the axes of the tool: distance at rest"),
+    ),
+    ours(None, magnitude(ARM7_MATRICES, "tool_axes_matched_turn_error", "rotation, of up to 50 mrad")),
+    errors(
+        "mismatched machine, coupled: distance at rest",
+        size(ARM7_MATRICES, "paper_coupled_mismatched_rest_error"),
+        size(ARM7_MATRICES, "coupled_mismatched_rest_error"),
+    ),
+    ours(
+        None,
+        magnitude(
+            ARM7_MATRICES,
+            "tool_axes_mismatched_rest_error",
+            "in the axes of the tool: distance at rest",
+        ),
+    ),
+];
+
 const ARM7_FIGURE7: &[Pair] = &[
     errors(
         "without a link: error at the reversals",
@@ -329,6 +366,7 @@ pub const TABLES: &[Table] = &[
     Table { document: ARM7_PAGE, name: "arm7-elbow", rows: Rows::Comparison(ARM7_ELBOWS) },
     Table { document: ARM7_PAGE, name: "arm7-figure7", rows: Rows::Comparison(ARM7_FIGURE7) },
     Table { document: ARM7_PAGE, name: "arm7-bilateral", rows: Rows::Comparison(ARM7_BILATERAL) },
+    Table { document: ARM7_PAGE, name: "arm7-matrices", rows: Rows::Development(ARM7_PUSHES) },
     Table { document: HAND5_PAGE, name: "hand5-figure4", rows: Rows::Comparison(HAND5_FIGURE4) },
     Table { document: HAND5_PAGE, name: "hand5-quick", rows: Rows::Comparison(HAND5_QUICK) },
     Table { document: HAND5_PAGE, name: "hand5-figure5", rows: Rows::Comparison(HAND5_FIGURE5) },

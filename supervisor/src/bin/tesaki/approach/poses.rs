@@ -7,7 +7,7 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use tesaki::model::Pose;
 use tesaki::protocol::Telemetry;
 
-/// So long poses are kept.
+/// So long poses are kept: longer than the age of any picture.
 const MEMORY: Duration = Duration::from_millis(1200);
 /// A picture that is exposed after the last telemetry, by this at most, is taken from there.
 const AHEAD: Duration = Duration::from_millis(60);

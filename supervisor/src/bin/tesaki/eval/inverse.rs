@@ -175,7 +175,7 @@ fn solver(path: &SerialPath) -> Result<InverseKinematics, InvalidJoint> {
             (None, _) => (joint.offset, joint.offset),
             // The joint that it mimics, which is not in this path, has limits of its own.
             (Some(leader), Some(drive)) if leader == index => {
-                let ends = [drive.0, drive.1].map(|angle| joint.multiplier * angle + joint.offset);
+                let ends = [drive.0, drive.1].map(|angle| joint.angle(angle));
                 (lower.max(ends[0].min(ends[1])), upper.min(ends[0].max(ends[1])))
             }
             _ => (lower, upper),
