@@ -3,10 +3,9 @@
 use tesaki::control::ServoMode;
 use tesaki::model::RobotModel;
 use tesaki::protocol::Stream;
-use tesaki_description::calibration::Calibration;
 use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::Board;
-use tesaki_supervisor::identify::{JointSettings, fit_free, identified_free, identify_joints};
+use tesaki_supervisor::identify::{FreeJoint, JointSettings, identified_free, identify_joints};
 
 use super::common::{T, capitalized, introduce, require_duration};
 use super::grasping::SimulatedMachine;
@@ -158,14 +157,16 @@ fn self_test(
     }
     let plant = machine.plant;
     let torque = readings.iter().flatten().fold(0.0_f64, |peak, reading| peak.max(reading.torque.abs()));
-    let fits: Vec<_> = readings.iter().map(|readings| fit_free(readings)).collect();
-    let errors = fits.iter().zip(plant.factors()).zip(&model.joints).map(|((fit, factors), joint)| {
-        // In told torque: what a feed-forward needs.
+    let joints = model.joints.iter().zip(&readings);
+    let found: Vec<_> =
+        joints.map(|(joint, readings)| FreeJoint::identify(joint, readings, false, None)).collect();
+    let errors = found.iter().zip(plant.factors()).zip(&model.joints).map(|((found, factors), joint)| {
+        // In commanded torque: what a feed-forward needs.
         let truth = f64::from(joint.friction.coulomb) * factors.coulomb / factors.torque_constant;
-        fit.as_ref().map_or(f64::NAN, |fit| (fit.coulomb.value / truth - 1.0).abs())
+        found.friction.map_or(f64::INFINITY, |fit| (fit.coulomb.value / truth - 1.0).abs())
     });
     let error = 100.0 * errors.fold(0.0, f64::max);
-    identified_free(&model, &fits, &Calibration::default()).apply(&mut model)?;
+    identified_free(&model, &found).apply(&mut model)?;
     Ok(SelfTest { model, plant, time, torque, error })
 }
 

@@ -60,7 +60,7 @@ pub struct Fit {
     pub readings: usize,
 }
 
-/// What a joint without load is found to be: in told torque, which is what a feed-forward needs.
+/// What a joint without load is found to be, in the torque of its readings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FreeFit {
     /// Coulomb friction [N·m], the mean of both directions.
@@ -92,9 +92,10 @@ pub enum NotIdentified {
         /// In the negative one.
         back: usize,
     },
-    /// It was not loaded enough.
+    /// No force loaded it enough.
     #[error(
-        "its load varied by only {load_range:.3} N·m: its standard deviation would be {:.1} %, at most {:.0} % are of use",
+        "the forces on the tip loaded it by only {load_range:.3} N·m: its standard deviation would be {:.1} %, at most \
+         {:.0} % are of use",
         100.0 * deviation,
         100.0 * MAX_DEVIATION
     )]
@@ -103,6 +104,15 @@ pub enum NotIdentified {
         load_range: f64,
         /// Standard deviation over the value.
         deviation: f64,
+    },
+    /// Its links are too light.
+    #[error(
+        "the weight of its links, at most {weight:.3} N·m, is too small to tell it with a standard deviation of {:.0} %",
+        100.0 * MAX_DEVIATION
+    )]
+    Light {
+        /// Largest weight [N·m].
+        weight: f64,
     },
     /// The number cannot be.
     #[error("{value:.3} {what} cannot be: are homing, tare, and the masses in the URDF right?")]
@@ -138,10 +148,23 @@ pub fn fit(readings: &[Reading]) -> Fit {
     Fit { gain, friction, load_range, residual: found.residual(&moving), readings: moving.len() }
 }
 
-/// The same as [`fit`] of a joint without load whose links weigh what the model tells: their weight is the load.
-pub fn fit_weighed(readings: &[Reading]) -> Fit {
-    let weighed = |r: &Reading| Reading { load: r.weights.iter().sum(), ..with_inertia(r) };
-    fit(&readings.iter().map(weighed).collect::<Vec<_>>())
+/// True torque over told torque of a joint without load whose links weigh what the model tells, and whose friction is
+/// the same in both directions: the weight is its load.
+///
+/// # Errors
+/// Too little motion or weight, or a result that cannot be.
+pub fn fit_gain(readings: &[Reading]) -> Result<Estimate, NotIdentified> {
+    let weighed = |r: &Reading| Reading { load: weight(r), ..with_inertia(r) };
+    fit(&readings.iter().map(weighed).collect::<Vec<_>>()).gain.map_err(|error| match error {
+        NotIdentified::Unloaded { .. } => NotIdentified::Light {
+            weight: readings.iter().map(weight).fold(0.0, |max, weight| max.max(weight.abs())),
+        },
+        other => other,
+    })
+}
+
+fn weight(reading: &Reading) -> f64 {
+    reading.weights.iter().sum()
 }
 
 /// With the acceleration in place of the weights.
@@ -165,17 +188,14 @@ fn check_motion(moving: &[&Reading]) -> Result<(), NotIdentified> {
     Ok(())
 }
 
-/// The same of a joint without load, and with the weights of the model: `torque = Σ weight + offset + coulomb ·
-/// sign(velocity) + viscous · velocity + inertia · acceleration`.
+/// Least squares of a joint without load, with the weights of the model: `torque = Σ weight + offset + coulomb ·
+/// sign(velocity) + viscous · velocity + inertia · acceleration`; deviations as those of [`fit`].
 ///
 /// # Errors
 /// Too little motion, or a result that cannot be.
 pub fn fit_free(readings: &[Reading]) -> Result<FreeFit, NotIdentified> {
     // The column of the loads is that of the offset.
-    let beyond_weight = |r: &Reading| {
-        let torque = r.torque - r.weights.iter().sum::<f64>();
-        Reading { torque, load: 1.0, ..with_inertia(r) }
-    };
+    let beyond_weight = |r: &Reading| Reading { torque: r.torque - weight(r), load: 1.0, ..with_inertia(r) };
     let readings: Vec<Reading> = readings.iter().map(beyond_weight).collect();
     let moving = in_motion(&readings);
     check_motion(&moving)?;
@@ -342,12 +362,61 @@ mod tests {
         }
     }
 
+    /// Readings of a joint without load; Coulomb and viscous friction, offset and inertia with their deviations;
+    /// residual; gain with its deviation; number of readings.
+    type FreeOracle = (&'static [(usize, [f64; 4])], [(f64, f64); 4], f64, (f64, f64), usize);
+    const FREE_ORACLE: FreeOracle = include!("../../../tests/oracles/data/identify_free.in");
+
+    fn free_readings() -> Vec<Reading> {
+        let reading = |&(motion, [torque, acceleration, velocity, weight]): &(usize, [f64; 4])| {
+            let mut weights = [0.0; MAX_CHAIN_JOINTS];
+            weights[0] = weight;
+            Reading { motion, torque, load: 0.0, velocity, acceleration, weights }
+        };
+        FREE_ORACLE.0.iter().map(reading).collect()
+    }
+
+    #[test]
+    fn a_joint_without_load_agrees_with_numpy() {
+        let (_, expected, residual, gain, count) = FREE_ORACLE;
+        let fit = fit_free(&free_readings()).unwrap();
+        let found = [fit.coulomb, fit.viscous, fit.offset, fit.inertia, fit_gain(&free_readings()).unwrap()];
+        for (found, (value, deviation)) in found.iter().zip(expected.into_iter().chain([gain])) {
+            assert!((found.value / value - 1.0).abs() < 1e-7, "{found:?} {value}");
+            assert!((found.deviation / deviation - 1.0).abs() < 1e-5, "{found:?} {deviation}");
+        }
+        assert!((fit.residual / residual - 1.0).abs() < 1e-7 && fit.readings == count);
+        // The readings were made with these, in true torque; the offset is what the gain makes of 0.4·cos 0.3 N·m.
+        let made = [0.0217 / 0.92, 0.0016 / 0.92, 0.4 * 0.3_f64.cos() * (1.0 / 0.92 - 1.0)];
+        for ((value, deviation), made) in expected.iter().zip(made) {
+            assert!((value - made).abs() < 3.0 * deviation, "{value} {made}");
+        }
+        assert!((gain.0 - 0.92).abs() < 3.0 * gain.1, "{gain:?}");
+    }
+
+    #[test]
+    fn links_that_are_too_light_tell_no_torque_constant() {
+        let mut readings = free_readings();
+        for reading in &mut readings {
+            let before = weight(reading);
+            reading.weights[0] *= 0.02;
+            reading.torque += (weight(reading) - before) / 0.92;
+        }
+        let said = fit_gain(&readings).unwrap_err().to_string();
+        assert_eq!(
+            said,
+            "the weight of its links, at most 0.008 N·m, is too small to tell it with a standard deviation of 1 %"
+        );
+        assert!(fit_free(&readings).is_ok());
+        assert!(matches!(fit_gain(&[]), Err(NotIdentified::Still { forth: 0, back: 0 })));
+    }
+
     #[test]
     fn what_is_not_loaded_or_does_not_move_is_said_so() {
         // A hundredth of the load: up to 2 mN·m.
         let fit = fit_with(|reading| reading.load *= 0.01 * f64::from(reading.load < 0.1));
         let said = fit.gain.unwrap_err().to_string();
-        assert!(said.contains("varied by only 0.001 N·m") && said.contains("at most 1 %"), "{said}");
+        assert!(said.contains("loaded it by only 0.001 N·m") && said.contains("at most 1 %"), "{said}");
         // Friction is known all the same.
         assert!(fit.friction.is_ok());
         let fit = fit_with(|reading| reading.velocity = reading.velocity.abs());

@@ -99,10 +99,6 @@ fn save(
     kept
 }
 
-fn taken() -> Failure {
-    Failure::Other("another program disabled the board: nothing was identified".to_owned())
-}
-
 fn check_grips(args: &Identify, file: &Path, force_limit: f32) -> Result<(), Failure> {
     let different = args.grips.iter().skip(1).any(|&grip| (grip - args.grips[0]).abs() > 0.0);
     if !different || !args.grips.iter().all(|&grip| grip > 0.0 && grip <= force_limit) {
@@ -146,26 +142,6 @@ fn report(model: &RobotModel, fits: &[Fit], failed: &[FailedGrip], out: Option<&
 }
 
 fn table(model: &RobotModel, fits: &[Fit], failed: &[FailedGrip], out: Option<&Path>) -> String {
-    let mut text = results(model, fits);
-    for grip in failed {
-        let _ = writeln!(text, "{grip}; the other grips were sufficient");
-    }
-    text + &saved(out)
-}
-
-/// Where the results are.
-fn saved(out: Option<&Path>) -> String {
-    out.map_or_else(
-        || "not saved to a file".to_owned(),
-        |out| {
-            let out = out.display();
-            format!("saved to {out}; use it with `tesaki model push ROBOT --calibration {out}`")
-        },
-    )
-}
-
-/// A line for each joint, and the reasons why a value is missing.
-fn results(model: &RobotModel, fits: &[Fit]) -> String {
     let mut text = format!(
         "{:<18} {:>19} {:>17} {:>19} {:>12}\n",
         "joint", "constant [N·m/A]", "coulomb [mN·m]", "viscous [mN·m·s]", "load [N·m]"
@@ -198,7 +174,22 @@ fn results(model: &RobotModel, fits: &[Fit]) -> String {
             let _ = writeln!(notes, "{}: {what} not identified: {doubt}", joint.name);
         }
     }
-    text + &notes
+    text.push_str(&notes);
+    for grip in failed {
+        let _ = writeln!(text, "{grip}; the other grips were sufficient");
+    }
+    text + &saved(out)
+}
+
+/// Where the results are.
+fn saved(out: Option<&Path>) -> String {
+    out.map_or_else(
+        || "not saved to a file".to_owned(),
+        |out| {
+            let out = out.display();
+            format!("saved to {out}; use it with `tesaki model push ROBOT --calibration {out}`")
+        },
+    )
 }
 
 /// A connected board.
@@ -231,6 +222,12 @@ impl<'a> BoardMachine<'a> {
             is_lost: false,
             telemetry: None,
         })
+    }
+
+    /// Another program has disabled the board.
+    fn lost(&mut self) -> Failure {
+        self.is_lost = true;
+        Failure::Other("another program disabled the board: nothing was identified".to_owned())
     }
 
     /// Disables the board, if it is still this program's: what another one has enabled since is its own.
@@ -273,9 +270,8 @@ impl Machine for BoardMachine<'_> {
                         if telemetry.mode == Mode::Fault {
                             return Err(Failure::Fault(self.session.fault(Some(self.model))?));
                         }
-                        self.is_lost = self.seen_enabled && telemetry.mode == Mode::Disabled;
-                        if self.is_lost {
-                            return Err(taken());
+                        if self.seen_enabled && telemetry.mode == Mode::Disabled {
+                            return Err(self.lost());
                         }
                         self.seen_enabled |= matches!(telemetry.mode, Mode::Enabled(_));
                         self.telemetry = self.seen_enabled.then_some(telemetry);
@@ -288,12 +284,9 @@ impl Machine for BoardMachine<'_> {
                         }
                     }
                     FromBoard::Reply(ReplyFrame {
-                        reply: Reply::Refused(Refusal::NotCommander | Refusal::WrongMode(Mode::Disabled)),
+                        reply: Reply::Refused(Refusal::WrongMode(Mode::Disabled)),
                         ..
-                    }) => {
-                        self.is_lost = true;
-                        return Err(taken());
-                    }
+                    }) => return Err(self.lost()),
                     FromBoard::Reply(ReplyFrame { reply, .. }) => refused(&reply)?,
                     _ => {}
                 }

@@ -1,18 +1,19 @@
 //! `identify --joints`: the self-test after power-on.
 
 use std::fmt::Write as _;
+use std::path::Path;
 use std::sync::atomic::Ordering;
 
 use serde_json::json;
 use tesaki::model::{JointModel, RobotModel};
-use tesaki::protocol::{JointTelemetry, Mode, Request};
+use tesaki::protocol::{JointTelemetry, Request};
 use tesaki::task::TaskCommand;
 use tesaki::task::joint_servo::JointCommand;
 use tesaki_description::calibration::{Calibration, CalibrationFile};
 use tesaki_supervisor::Board;
 use tesaki_supervisor::identify::{
-    Estimate, Fit, FreeFit, IdentifyError, JointSettings, Machine, NotIdentified, Reading, duration,
-    fit_free, fit_weighed, identified, identified_free, identify_joints, update, update_free, with_head,
+    Estimate, FreeFit, FreeJoint, IdentifyError, JointSettings, Machine, NotIdentified, Reading, duration,
+    identify_joints, update_free, with_head,
 };
 
 use super::{BoardMachine, open, save, saved};
@@ -72,19 +73,17 @@ fn keep(
     (model, board): (&RobotModel, &str),
     readings: &[Vec<Reading>],
 ) -> Result<(), Failure> {
-    let (mut value, text) = if args.weighed {
-        let fits: Vec<Fit> = readings.iter().map(|readings| fit_weighed(readings)).collect();
-        update(&mut file, &identified(model, &fits), model, &fits);
-        (super::report(model, &fits, &[], None), super::results(model, &fits))
-    } else {
-        let known = if args.out.exists() { Calibration::load(&args.out)? } else { Calibration::default() };
-        let fits: Vec<_> = readings.iter().map(|readings| fit_free(readings)).collect();
-        update_free(&mut file, &identified_free(model, &fits, &known), model, &fits);
-        (report(model, &fits), table(model, &fits))
+    let known = if args.out.exists() { Calibration::load(&args.out)? } else { Calibration::default() };
+    let joint = |(joint, readings): (&JointModel, &Vec<Reading>)| {
+        let known = known.joints.get(joint.name.as_str()).and_then(|known| known.torque_constant);
+        FreeJoint::identify(joint, readings, args.weighed, known)
     };
+    let found: Vec<FreeJoint> = model.joints.iter().zip(readings).map(joint).collect();
+    update_free(&mut file, model, &found);
     save(options, &args.out, &with_head(&file.to_string(), &model.name, board), |out| {
-        value["file"] = json!(out);
-        output::result(options, &value, || text + &saved(out))
+        output::result(options, &report(model, &found, out), || {
+            table(model, &found, args.weighed) + &saved(out)
+        })
     })
 }
 
@@ -95,12 +94,13 @@ fn hold(machine: &mut BoardMachine<'_>) -> Result<(), Failure> {
     loop {
         let sense = match machine.tick(goal.clone()) {
             Err(_) if machine.interrupted.load(Ordering::Relaxed) => return Ok(()),
+            Err(_) if machine.is_lost => {
+                return Err(Failure::Other(
+                    "another program disabled the board: it no longer holds".to_owned(),
+                ));
+            }
             sense => sense?,
         };
-        let mode = sense.telemetry.mode;
-        if !matches!(mode, Mode::Enabled(_)) {
-            return Err(IdentifyError::Stopped(mode).into());
-        }
         if goal == Request::Keep {
             let here = |(state, joint): (&JointTelemetry, &JointModel)| {
                 state.position.clamp(joint.limits.lower, joint.limits.upper)
@@ -112,49 +112,69 @@ fn hold(machine: &mut BoardMachine<'_>) -> Result<(), Failure> {
 }
 
 /// The results as JSON: `null` where nothing was identified, with the reason.
-fn report(model: &RobotModel, fits: &[Result<FreeFit, NotIdentified>]) -> serde_json::Value {
+fn report(model: &RobotModel, found: &[FreeJoint], out: Option<&Path>) -> serde_json::Value {
     let number = |Estimate { value, deviation }| json!({ "value": value, "deviation": deviation });
-    let joint = |(joint, fit): (&JointModel, &Result<FreeFit, NotIdentified>)| {
-        let found = fit.as_ref().ok();
+    let joint = |(joint, found): (&JointModel, &FreeJoint)| {
+        let friction = found.friction.ok();
         let value = json!({
-            "coulomb": found.map(|fit| number(fit.coulomb)),
-            "viscous": found.map(|fit| number(fit.viscous)),
-            "offset": found.map(|fit| number(fit.offset)),
-            "inertia": found.map(|fit| number(fit.inertia)),
-            "residual": found.map(|fit| fit.residual),
-            "readings": found.map(|fit| fit.readings),
-            "not_identified": fit.as_ref().err().map(ToString::to_string),
+            "torque_constant": found.torque_constant.and_then(Result::ok).map(number),
+            "coulomb": friction.map(|fit| number(fit.coulomb)),
+            "viscous": friction.map(|fit| number(fit.viscous)),
+            "offset": friction.map(|fit| number(fit.offset)),
+            "inertia": friction.map(|fit| number(fit.inertia)),
+            "residual": friction.map(|fit| fit.residual),
+            "readings": friction.map(|fit| fit.readings),
+            "not_identified": doubts(found).next().map(|(_, doubt)| doubt.to_string()),
         });
         (joint.name.to_string(), value)
     };
     let joints: serde_json::Map<String, serde_json::Value> =
-        model.joints.iter().zip(fits).map(joint).collect();
-    json!({ "joints": joints })
+        model.joints.iter().zip(found).map(joint).collect();
+    json!({ "file": out, "joints": joints })
 }
 
-fn table(model: &RobotModel, fits: &[Result<FreeFit, NotIdentified>]) -> String {
+/// What was asked for and is not identified, and why.
+fn doubts(found: &FreeJoint) -> impl Iterator<Item = (&'static str, NotIdentified)> {
+    let doubts = [
+        ("torque constant", found.torque_constant.and_then(Result::err)),
+        ("friction", found.friction.err()),
+    ];
+    doubts.into_iter().filter_map(|(what, doubt)| Some((what, doubt?)))
+}
+
+fn table(model: &RobotModel, found: &[FreeJoint], weighed: bool) -> String {
+    let constants = |cell: &str| if weighed { format!(" {cell:>19}") } else { String::new() };
     let mut text = format!(
-        "{:<18} {:>17} {:>19} {:>13} {:>13}\n",
-        "joint", "coulomb [mN·m]", "viscous [mN·m·s]", "forth [mN·m]", "back [mN·m]"
+        "{:<18}{} {:>17} {:>19} {:>13} {:>13}\n",
+        "joint",
+        constants("constant [N·m/A]"),
+        "coulomb [mN·m]",
+        "viscous [mN·m·s]",
+        "forth [mN·m]",
+        "back [mN·m]"
     );
     let mut notes = String::new();
     let milli = |value: f64| format!("{:.2}", 1e3 * value);
     let both = |Estimate { value, deviation }| format!("{} ± {}", milli(value), milli(deviation));
-    for (joint, fit) in model.joints.iter().zip(fits) {
+    for (joint, found) in model.joints.iter().zip(found) {
         let name = joint.name.as_str();
-        let cells = match fit {
-            Ok(FreeFit { coulomb, viscous, offset, .. }) => {
-                let ways = [1.0, -1.0].map(|way| milli(coulomb.value + way * offset.value));
-                let [forth, back] = ways;
-                [both(*coulomb), both(*viscous), forth, back]
-            }
-            Err(doubt) => {
-                let _ = writeln!(notes, "{name}: friction not identified: {doubt}");
-                [const { String::new() }; 4].map(|_| "-".to_owned())
-            }
-        };
+        let constant = found.torque_constant.and_then(Result::ok).map_or_else(
+            || "-".to_owned(),
+            |Estimate { value, deviation }| format!("{value:.4} ± {deviation:.4}"),
+        );
+        let cells = found.friction.map_or_else(
+            |_| std::array::from_fn(|_| "-".to_owned()),
+            |FreeFit { coulomb, viscous, offset, .. }| {
+                let [forth, back] = [1.0, -1.0].map(|way| milli(coulomb.value + way * offset.value));
+                [both(coulomb), both(viscous), forth, back]
+            },
+        );
         let [coulomb, viscous, forth, back] = cells;
-        let _ = writeln!(text, "{name:<18} {coulomb:>17} {viscous:>19} {forth:>13} {back:>13}");
+        let constant = constants(&constant);
+        let _ = writeln!(text, "{name:<18}{constant} {coulomb:>17} {viscous:>19} {forth:>13} {back:>13}");
+        for (what, doubt) in doubts(found) {
+            let _ = writeln!(notes, "{name}: {what} not identified: {doubt}");
+        }
     }
     text + &notes
 }
