@@ -365,10 +365,10 @@ fn the_self_test_finds_friction_in_told_torque_and_keeps_the_limits() {
     update_free(&mut file, &model, &known);
     let text = file.to_string();
     assert!(
-        text.contains("[joints.finger3_curl]\ntorque_constant = 0.625 # by hand\ncoulomb = 0.03"),
+        text.contains("[joints.finger3_curl]\ntorque_constant = 0.625 # by hand\ncoulomb = 0.029"),
         "{text}"
     );
-    assert!(text.contains("[joints.finger1_curl]\ncoulomb = 0.03"), "{text}");
+    assert!(text.contains("[joints.finger1_curl]\ncoulomb = 0.029"), "{text}");
     // Without weight, no torque constant.
     let said = found(&model, &readings, true, None)[0].torque_constant.unwrap().unwrap_err().to_string();
     assert!(said.contains("weight of its links, at most 0.000 N·m, is too small"), "{said}");
@@ -410,7 +410,7 @@ fn weighed_links_tell_the_torque_constants_that_they_can() {
     let mut file = open("[joints.finger1_swing]\ntorque_constant = 0.625\n");
     update_free(&mut file, &model, &found);
     let text = file.to_string();
-    assert!(text.contains("[joints.finger1_swing]\ntorque_constant = 0.625\ncoulomb = 0.03"), "{text}");
+    assert!(text.contains("[joints.finger1_swing]\ntorque_constant = 0.625\ncoulomb = 0.029"), "{text}");
     identified_free(&model, &found).apply(&mut model).unwrap();
     assert!((model.joints[0].motor.torque_constant - told).abs() < 1e-6);
     assert!((model.joints[1].motor.torque_constant / (GAIN * told) - 1.0).abs() < 0.01);

@@ -96,8 +96,8 @@ impl fmt::Display for UnsuitableLink {
                  stiffness of at most {stiffness} N/m"
             ),
             Self::Invalid => f.write_str(
-                "mass, stiffness and maximum damping must be positive and finite, the delay and the handle's own damping \
-                 finite and not negative",
+                "mass, stiffness and maximum damping must be positive and finite, the delay and the handle's own \
+                 damping finite and not negative",
             ),
         }
     }
@@ -105,13 +105,13 @@ impl fmt::Display for UnsuitableLink {
 
 impl PowerPortLimits {
     /// Checks that the damping at the master can dissipate what the link makes, for a handle with the hand's `mass`
-    /// [kg] and a damping of its own [N·s/m], 0 for a bare one, a slave whose set-point pulls with `stiffness` K [N/m], and
-    /// a delay of both directions together of `round_trip` τ [s].
+    /// [kg] and a damping of its own [N·s/m], 0 for a bare one, a slave whose set-point pulls with `stiffness` K [N/m],
+    /// and a delay of both directions together of `round_trip` τ [s].
     ///
     /// At the handle the link is a spring that is felt τ + T/2 later, half a control period T for the hold. With the
-    /// damping b, of port and handle together, its impedance has the real part `b − K·sin(ω(τ + T/2))/ω`, which no frequency makes negative when
-    /// `b ≥ K·(τ + T/2)` (without delay: Colgate and Schenkel 1997). Beyond it the port still counts what it cannot
-    /// dissipate, but the handle may oscillate.
+    /// damping b, of port and handle together, its impedance has the real part `b − K·sin(ω(τ + T/2))/ω`, which no
+    /// frequency makes negative when `b ≥ K·(τ + T/2)` (without delay: Colgate and Schenkel 1997). Beyond it the port
+    /// still counts what it cannot dissipate, but the handle may oscillate.
     ///
     /// # Errors
     /// The value that is out of bounds, and the one that would do.

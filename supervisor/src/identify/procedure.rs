@@ -139,8 +139,8 @@ pub enum IdentifyError {
     /// A joint needs more torque than it may.
     #[error(
         "{joint} needs {torque:+.3} N·m beyond the weight of its links at {position:.3} rad, and may have {limit:.3} N·m: \
-         nothing was identified. Does it touch something, or is its friction, or a link's mass, larger than the model's? Free it, or allow \
-         more with --torque"
+         nothing was identified. Does it touch something, or is its friction, or a link's mass, larger than the \
+         model's? Free it, or allow more with --torque"
     )]
     Resisted {
         /// Which.

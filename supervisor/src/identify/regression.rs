@@ -148,8 +148,8 @@ pub fn fit(readings: &[Reading]) -> Fit {
     Fit { gain, friction, load_range, residual: found.residual(&moving), readings: moving.len() }
 }
 
-/// True torque over told torque of a joint without load whose links weigh what the model tells, and whose friction is
-/// the same in both directions: the weight is its load.
+/// True torque over commanded torque of a joint without load whose links weigh what the model tells, and whose
+/// friction is the same in both directions: the weight is its load.
 ///
 /// # Errors
 /// Too little motion or weight, or a result that cannot be.
@@ -399,13 +399,13 @@ mod tests {
         let mut readings = free_readings();
         for reading in &mut readings {
             let before = weight(reading);
-            reading.weights[0] *= 0.02;
+            reading.weights[0] *= 0.01;
             reading.torque += (weight(reading) - before) / 0.92;
         }
         let said = fit_gain(&readings).unwrap_err().to_string();
         assert_eq!(
             said,
-            "the weight of its links, at most 0.008 N·m, is too small to tell it with a standard deviation of 1 %"
+            "the weight of its links, at most 0.004 N·m, is too small to tell it with a standard deviation of 1 %"
         );
         assert!(fit_free(&readings).is_ok());
         assert!(matches!(fit_gain(&[]), Err(NotIdentified::Still { forth: 0, back: 0 })));

@@ -1,5 +1,9 @@
 //! `tesaki identify --joints` on a simulated board.
 
+use std::fs::File;
+use std::process::Child;
+use std::time::{Duration, Instant};
+
 use nix::sys::signal::Signal;
 use tesaki_description::robot::RobotFolder;
 
@@ -20,6 +24,19 @@ fn a_hand_tells_its_friction_without_an_object() {
     server.succeeds(&["disable"]);
     let (code, text) = said(&finish(disturbed));
     assert!(code == 1 && text.contains("another program disabled the board"), "{code}: {text}");
+    let commanded = server.wait_with(server.start_command(&arguments), "enabled");
+    server.run(&["--take-over", "tare"]);
+    let (code, text) = said(&finish(commanded));
+    assert!(code == 7 && text.contains("another program"), "{code}: {text}");
+    server.wait_for("disabled");
+    // Somebody pulls at a fingertip.
+    let touched = server.wait_with(server.start_command(&arguments), "enabled");
+    server.make_trouble("pull 0.03 0 0");
+    let (code, text) = said(&finish(touched));
+    assert!(code == 1 && text.contains("the force on finger1_tip changed by"), "{code}: {text}");
+    server.wait_for("disabled");
+    server.make_trouble("pull off");
+    server.wait_for_rest();
     assert!(!out.exists());
 
     let found = server.json(&arguments);
@@ -33,4 +50,32 @@ fn a_hand_tells_its_friction_without_an_object() {
         let coulomb = found["joints"][joint.name.as_str()]["coulomb"]["value"].as_f64().unwrap();
         assert!((coulomb / told - 1.0).abs() < 0.02, "{}: {coulomb} {told}", joint.name);
     }
+}
+
+/// An arm that would fall does not fall on what is in its way.
+#[test]
+fn an_arm_that_presses_holds_until_it_is_interrupted() {
+    let server = Server::ready_arm();
+    let (out, told) = (server.folder.path().join("calibration.toml"), server.folder.path().join("told"));
+    let mut command = server.command(&["identify", "--joints", "--out", out.to_str().unwrap()]);
+    let child: Child = command.stderr(File::create(&told).unwrap()).spawn().unwrap();
+    let child = server.wait_with(child, "enabled");
+    server.make_trouble("pull 0.2 0 0");
+    let start = Instant::now();
+    let told = || std::fs::read_to_string(&told).unwrap();
+    while !told().contains("holding, because without power it would fall") {
+        assert!(start.elapsed() < Duration::from_secs(60), "{}", told());
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    server.make_trouble("pull off");
+    server.wait_for("enabled");
+    signal(&child, Signal::SIGINT);
+    let (code, _) = said(&finish(child));
+    let told = told();
+    assert!(
+        code == 1 && told.contains("N·m beyond the weight of its links") && !out.exists(),
+        "{code}: {told}"
+    );
+    server.wait_for("disabled");
+    assert_eq!(server.json(&["faults"])["total"], 0);
 }

@@ -20,7 +20,7 @@ use crate::args::{Follow, Options};
 use crate::board_session::BoardSession;
 use crate::failure::Failure;
 use crate::feed::Inlet;
-use crate::motion::{Motion, PERIOD};
+use crate::motion::Motion;
 
 /// A master without telemetry for this time is asked again: it may have been reset.
 const SILENCE: Duration = Duration::from_millis(300);
@@ -96,7 +96,7 @@ impl Master {
             let of_master = impedance::load(file, &model)?;
             let round_trip = match args.round_trip {
                 Some(stated) => stated,
-                None => session.round_trip()? + motion.round_trip()? + PERIOD,
+                None => session.round_trip()? + motion.round_trip()?,
             };
             super::reflect::link((&of_master, file), settings, args, round_trip)
         });

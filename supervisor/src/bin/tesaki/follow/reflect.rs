@@ -26,11 +26,15 @@ use tesaki_supervisor::Board;
 use crate::args::Follow;
 use crate::board_session::{BoardSession, refused};
 use crate::failure::Failure;
+use crate::motion::PERIOD;
 
 /// Energy that the link may give before any has entered [J].
 const ENERGY_RESERVE: f32 = 0.02;
 /// Largest damping of the handle over its mass [1/s]: stable up to a delay of 0.3 s from the handle and back.
 const MAX_DAMPING: f32 = 5.0;
+/// Periods between a motion of the handle and the force that answers it, besides the time on the links: until the
+/// slave's board has the set-point, until its force is read, and until the master's board has that.
+const HELD: u32 = 3;
 /// The set-point of the handle follows it outside of this distance and angle [m, rad]; within, its spring keeps it where
 /// the operator leaves it.
 const DEAD_BAND: [f32; 2] = [1e-3, 1e-2];
@@ -83,7 +87,7 @@ impl Shared {
     }
 }
 
-/// Both ends of a link between a master and a slave with these settings. It takes `round_trip` there and back.
+/// Both ends of a link between a master and a slave with these settings. The links of both boards take `round_trip`.
 pub fn link(
     (master, file): (&ImpedanceSettings, &Path),
     slave: &ImpedanceSettings,
@@ -126,7 +130,8 @@ pub fn link(
     Ok((handle, reflection))
 }
 
-/// Refuses a link with more delay than the damping of the handle, of given mass [kg] and damping [N·s/m], is good for.
+/// Refuses links with more delay than the damping of the handle, with its mass [kg] and its own damping [N·s/m], is good
+/// for.
 fn check(
     limits: &PowerPortLimits,
     handle: [f32; 2],
@@ -136,22 +141,26 @@ fn check(
 ) -> Result<(), Failure> {
     // Way and force are both scaled.
     let scaling = args.scale * args.scale;
-    let Err(unsuitable) = limits.check_link(handle, stiffness * scaling, round_trip.as_secs_f32()) else {
+    let delay = round_trip + HELD * PERIOD;
+    let Err(unsuitable) = limits.check_link(handle, stiffness * scaling, delay.as_secs_f32()) else {
         return Ok(());
     };
-    let file = args.impedance.display();
     Err(Failure::Usage(match unsuitable {
-        UnsuitableLink::Delay { round_trip, limit, stiffness: least } => format!(
-            "--reflect: the links of master and slave take {:.0} ms there and back{}, and with the {stiffness} N/m of {file} \
-             {}: at most {:.0} N/m there, a faster link, or more damping in the file of the handle",
-            1e3 * round_trip,
-            if args.round_trip.is_some() { "" } else { " (measured, with a period of the control)" },
+        UnsuitableLink::Delay { round_trip: delay, limit, stiffness: allowed } => format!(
+            "--reflect: the force comes back {:.0} ms after the motion, {} ms of them {} on the links of master and slave; \
+             with the {stiffness} N/m of {} {}: at most {:.0} N/m there, {:.0} N·s/m of damping in the file of the handle, a \
+             smaller --scale, or faster links",
+            1e3 * delay,
+            round_trip.as_millis(),
+            if args.round_trip.is_some() { "stated" } else { "measured" },
+            args.impedance.display(),
             if limit > 0.0 {
                 format!("the handle stays calm up to {:.0} ms", 1e3 * limit)
             } else {
                 "the handle is not calm even without delay".to_owned()
             },
-            f64::from(least / scaling).floor()
+            f64::from(allowed / scaling).floor(),
+            f64::from(stiffness * scaling * (delay + 0.5 * TICK) - limits.max_damping).ceil()
         ),
         other => format!("--reflect: {other}"),
     }))
