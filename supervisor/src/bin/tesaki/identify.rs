@@ -283,8 +283,14 @@ impl Machine for BoardMachine<'_> {
                             return Ok(Sense { telemetry, tips });
                         }
                     }
+                    // It can be another's only after it was disabled.
                     FromBoard::Reply(ReplyFrame {
-                        reply: Reply::Refused(Refusal::WrongMode(Mode::Disabled)),
+                        reply:
+                            Reply::Refused(
+                                Refusal::NotCommander
+                                | Refusal::Commanded { .. }
+                                | Refusal::WrongMode(Mode::Disabled),
+                            ),
                         ..
                     }) => return Err(self.lost()),
                     FromBoard::Reply(ReplyFrame { reply, .. }) => refused(&reply)?,
