@@ -28,7 +28,7 @@ fn a_hand_tells_its_friction_without_an_object() {
     assert!(code == 1 && text.contains("another program disabled the board"), "{code}: {text}");
     // Somebody pulls at a fingertip.
     let touched = server.wait_with(server.start_command(&arguments), "enabled");
-    server.make_trouble("pull 0.03 0 0");
+    server.make_trouble("pull 0.01 0 0");
     let (code, text) = said(&finish(touched));
     assert!(code == 1 && text.contains("the force on finger1_tip changed by"), "{code}: {text}");
     server.wait_for("disabled");
@@ -57,7 +57,7 @@ fn an_arm_that_presses_holds_until_it_is_interrupted() {
     let mut command = server.command(&["identify", "--joints", "--out", out.to_str().unwrap()]);
     let child = command.stdout(Stdio::null()).stderr(File::create(&told).unwrap()).spawn().unwrap();
     let child = server.wait_with(child, "enabled");
-    server.make_trouble("pull 0.2 0 0");
+    server.make_trouble("pull 0.05 0 0");
     let start = Instant::now();
     let told = || std::fs::read_to_string(&told).unwrap();
     while !told().contains("holding, because without power it would fall") {
