@@ -16,6 +16,7 @@ pub(crate) mod common;
 mod film;
 mod grasping;
 mod hand;
+mod hand3_first_motion;
 mod hand3_force;
 mod hand3_grasp;
 mod hand3_paper;
@@ -99,6 +100,7 @@ pub const SCENARIOS: &[Scenario] = &[
     knob_grasp::SCENARIO,
     hand3_paper::CURVES,
     arm7_paper_matrices::SCENARIO,
+    hand3_first_motion::SCENARIO,
 ];
 
 /// What a run is given.

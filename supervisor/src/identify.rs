@@ -10,11 +10,18 @@
 //! The result is a [`Calibration`](tesaki_description::calibration::Calibration), a file of the machine, and
 //! with it a model for the board. A drive makes a current of torque over `motor.torque_constant` of that
 //! model; so from then on it makes the torque that it is told.
+//!
+//! Without an object only the weight of the links loads a joint. [`identify_joints`] moves the joints of any robot
+//! alone, and [`fit_free`] finds their friction in commanded torque, which is what a feed-forward needs; where the
+//! masses in the URDF were weighed, [`fit_gain`] finds the torque constant, too.
 
 mod calibration;
+mod joints;
 mod procedure;
 mod regression;
+mod sweep;
 
-pub use calibration::{identified, update, with_head};
+pub use calibration::{FreeJoint, identified, identified_free, update, update_free, with_head};
+pub use joints::{JointSettings, duration, identify_joints};
 pub use procedure::{FailedGrip, Identification, IdentifyError, Machine, Sense, Settings, identify};
-pub use regression::{Estimate, Fit, NotIdentified, Reading, fit};
+pub use regression::{Estimate, Fit, FreeFit, NotIdentified, Reading, fit, fit_free, fit_gain};

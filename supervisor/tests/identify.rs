@@ -4,16 +4,21 @@
 use std::path::Path;
 use std::process::Command;
 
+use tesaki::control::ServoMode;
+use tesaki::model::RobotModel;
 use tesaki::protocol::{JointTelemetry, Mode, Request, Telemetry, TipTelemetry, Tips};
+use tesaki::robot::Robot;
 use tesaki::task::grasping::{Failure, GraspCommand, GraspState, GraspTelemetry, InternalForce, Phase};
+use tesaki::task::joint_servo::JointCommand;
 use tesaki::task::{TaskCommand, TaskConfig};
 use tesaki_description::calibration::{Calibration, CalibrationFile};
 use tesaki_description::grasp;
 use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::BoardError;
 use tesaki_supervisor::identify::{
-    Estimate, Fit, Identification, IdentifyError, Machine, NotIdentified, Sense, Settings, identified,
-    identify, update, with_head,
+    Estimate, Fit, FreeJoint, Identification, IdentifyError, JointSettings, Machine, NotIdentified, Reading,
+    Sense, Settings, duration, identified, identified_free, identify, identify_joints, update, update_free,
+    with_head,
 };
 
 const ROBOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/hand3");
@@ -234,6 +239,192 @@ fn a_grip_that_cannot_be_made_is_left_out_if_two_others_can() {
         "{said}"
     );
     assert_eq!(line.said.last().unwrap(), "a grip of 6 N");
+}
+
+/// A hand whose joints follow at once, with friction by numbers; its drives make 1.25 of what they are told.
+struct Follower {
+    /// For the weight of its links.
+    robot: Box<Robot>,
+    position: Vec<f32>,
+    /// Of the last set-point: velocity and acceleration.
+    motion: Vec<[f32; 2]>,
+    tick: u32,
+    /// From this tick on a joint is blocked, or a tip is touched.
+    blocked: u32,
+    touched: u32,
+    positions: Vec<(f32, f32)>,
+}
+
+const GAIN: f32 = 1.25;
+/// N·m, N·m·s/rad, kg·m².
+const FRICTION: [f32; 3] = [0.03, 0.004, 3e-5];
+
+impl Machine for Follower {
+    type Error = Trouble;
+
+    fn ask(&mut self, _: &'static str, _: Request) -> Result<(), Trouble> {
+        Ok(())
+    }
+
+    fn read_grasp(&mut self) -> Result<GraspTelemetry, Trouble> {
+        Ok(GraspState::NONE.telemetry())
+    }
+
+    fn tick(&mut self, request: Request) -> Result<Sense, Trouble> {
+        if let Request::Task(TaskCommand::JointServo(JointCommand::Stream { points })) = request {
+            for ((position, motion), point) in self.position.iter_mut().zip(&mut self.motion).zip(&points) {
+                (*position, *motion) = (point.position, [point.velocity, point.acceleration]);
+            }
+        }
+        for ((low, high), &position) in self.positions.iter_mut().zip(&self.position) {
+            (*low, *high) = (low.min(position), high.max(position));
+        }
+        self.tick += 1;
+        let [coulomb, viscous, inertia] = FRICTION;
+        let extra = if self.tick > self.blocked { 0.2 } else { 0.0 };
+        let weights = self.robot.weight(&self.position);
+        let joint = |((&position, &[velocity, acceleration]), weight): ((&f32, &[f32; 2]), f32)| {
+            // Of the period that begins now, whose middle is half a period later.
+            let velocity = velocity + 0.005 * acceleration;
+            let own = weight + coulomb * velocity.signum() + viscous * velocity + inertia * acceleration;
+            JointTelemetry { position, velocity, reference: position, torque: own / GAIN + extra }
+        };
+        let joints = self.position.iter().zip(&self.motion).zip(weights).map(joint).collect();
+        let telemetry = Telemetry {
+            tick: self.tick,
+            mode: Mode::Enabled(TaskConfig::JointServo(ServoMode::Observer).kind()),
+            faults: 0,
+            joints,
+        };
+        let force = if self.tick > self.touched { [0.0, 1.5, 0.0] } else { [0.3, 0.0, 0.0] };
+        let tip = TipTelemetry { force, ..TipTelemetry::default() };
+        Ok(Sense { telemetry, tips: Tips { tick: self.tick, tips: [tip; 3].into_iter().collect() } })
+    }
+
+    fn progress(&mut self, _: &str) {}
+}
+
+/// The self-test of hand3 with links of so many times their mass: the machine, its model and its readings.
+fn self_test(
+    mass: f32,
+    change: impl FnOnce(&mut Follower),
+) -> (Follower, RobotModel, Result<Vec<Vec<Reading>>, Trouble>) {
+    let mut model = RobotFolder::load(Path::new(ROBOT)).unwrap().model;
+    model.gravity = model.gravity.map(|gravity| mass * gravity);
+    let mut robot = Box::new(Robot::NONE);
+    robot.configure(&model).unwrap();
+    let position: Vec<f32> =
+        model.joints.iter().map(|joint| 0.5 * (joint.limits.lower + joint.limits.upper)).collect();
+    let motion = vec![[0.0; 2]; position.len()];
+    let positions = position.iter().map(|&position| (position, position)).collect();
+    let (blocked, touched) = (u32::MAX, u32::MAX);
+    let mut machine = Follower { robot, position, motion, tick: 0, blocked, touched, positions };
+    change(&mut machine);
+    let readings = identify_joints(&mut machine, &model, &JointSettings::default());
+    (machine, model, readings)
+}
+
+fn found(model: &RobotModel, readings: &[Vec<Reading>], weighed: bool, known: Option<f32>) -> Vec<FreeJoint> {
+    let joints = model.joints.iter().zip(readings);
+    joints.map(|(joint, readings)| FreeJoint::identify(joint, readings, weighed, known)).collect()
+}
+
+#[test]
+fn the_self_test_finds_friction_in_told_torque_and_keeps_the_limits() {
+    // One joint stands at the end of its range.
+    let (machine, model, readings) =
+        self_test(0.0, |machine| (machine.position[4], machine.positions[4]) = (1.7, (1.7, 1.7)));
+    let readings = readings.unwrap();
+    let free = found(&model, &readings, false, None);
+    for (found, (joint, &(low, high))) in free.iter().zip(model.joints.iter().zip(&machine.positions)) {
+        let fit = found.friction.unwrap();
+        let found = [fit.coulomb.value, fit.viscous.value, fit.inertia.value];
+        for ((found, truth), tolerance) in found.iter().zip(FRICTION).zip([0.02, 0.02, 0.1]) {
+            let told = f64::from(truth / GAIN);
+            assert!((found / told - 1.0).abs() < tolerance, "{}: {found} {told}", joint.name);
+        }
+        assert!(fit.offset.value.abs() < 1e-4, "{fit:?}");
+        assert!(
+            low >= joint.limits.lower && high <= joint.limits.upper && high - low < 0.23,
+            "{}: {low} {high}",
+            joint.name
+        );
+    }
+    let start: Vec<f64> = machine.position.iter().map(|&angle| angle.into()).collect();
+    let time = duration(&model, &start, &JointSettings::default()).unwrap();
+    assert!(time < 20.0 && (time - f64::from(machine.tick) * 0.01).abs() < 0.1, "{time} {}", machine.tick);
+
+    // A drive with another torque constant makes another torque of the same current.
+    let constant = GAIN * model.joints[0].motor.torque_constant;
+    let known = found(&model, &readings, false, Some(constant));
+    for found in &known {
+        let coulomb = found.friction.unwrap().coulomb.value;
+        assert!((coulomb / f64::from(FRICTION[0]) - 1.0).abs() < 0.02, "{coulomb}");
+    }
+    let mut file: CalibrationFile = open("[joints.finger3_curl]\ntorque_constant = 0.625 # by hand\n");
+    update_free(&mut file, &model, &known);
+    let text = file.to_string();
+    assert!(
+        text.contains("[joints.finger3_curl]\ntorque_constant = 0.625 # by hand\ncoulomb = 0.029"),
+        "{text}"
+    );
+    assert!(text.contains("[joints.finger1_curl]\ncoulomb = 0.029"), "{text}");
+    // Without weight, no torque constant.
+    let said = found(&model, &readings, true, None)[0].torque_constant.unwrap().unwrap_err().to_string();
+    assert!(said.contains("weight of its links, at most 0.000 N·m, is too small"), "{said}");
+}
+
+fn open(text: &str) -> CalibrationFile {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("calibration.toml");
+    std::fs::write(&path, text).unwrap();
+    CalibrationFile::open(&path).unwrap()
+}
+
+/// A light joint keeps the torque constant that the file has, and its friction is in the torque of that.
+#[test]
+fn weighed_links_tell_the_torque_constants_that_they_can() {
+    let (_, mut model, readings) = self_test(10.0, |_| {});
+    let mut readings = readings.unwrap();
+    let told = model.joints[0].motor.torque_constant;
+    // The first joint: as if its links weighed nothing.
+    for reading in &mut readings[0] {
+        reading.torque -= reading.weights.iter().sum::<f64>() / f64::from(GAIN);
+        reading.weights.fill(0.0);
+    }
+    let found = found(&model, &readings, true, Some(GAIN * told));
+    let mut constants = 0;
+    for (joint, found) in model.joints.iter().zip(&found) {
+        if let Ok(constant) = found.torque_constant.unwrap() {
+            assert!(
+                (constant.value / f64::from(GAIN * told) - 1.0).abs() < 0.01,
+                "{}: {constant:?}",
+                joint.name
+            );
+            constants += 1;
+        }
+        let fit = found.friction.unwrap();
+        assert!((fit.coulomb.value / f64::from(FRICTION[0]) - 1.0).abs() < 0.02, "{}: {fit:?}", joint.name);
+    }
+    assert!(constants >= 3 && found[0].torque_constant.unwrap().is_err(), "{constants}");
+    let mut file = open("[joints.finger1_swing]\ntorque_constant = 0.625\n");
+    update_free(&mut file, &model, &found);
+    let text = file.to_string();
+    assert!(text.contains("[joints.finger1_swing]\ntorque_constant = 0.625\ncoulomb = 0.029"), "{text}");
+    identified_free(&model, &found).apply(&mut model).unwrap();
+    assert!((model.joints[0].motor.torque_constant - told).abs() < 1e-6);
+    assert!((model.joints[1].motor.torque_constant / (GAIN * told) - 1.0).abs() < 0.01);
+}
+
+#[test]
+fn the_self_test_ends_where_something_is_in_the_way() {
+    let (_, _, readings) = self_test(0.0, |machine| machine.blocked = 50);
+    let said = readings.unwrap_err().to_string();
+    assert!(said.starts_with("finger1_swing needs +0.2") && said.contains("may have 0.150 N·m"), "{said}");
+    let (_, _, readings) = self_test(0.0, |machine| machine.touched = 50);
+    let said = readings.unwrap_err().to_string();
+    // From (0.3, 0, 0) to (0, 1.5, 0) N.
+    assert!(said.contains("finger1_tip changed by 1.53 N, and may by 1.00 N"), "{said}");
 }
 
 /// Exit code and complaint of `tesaki`.

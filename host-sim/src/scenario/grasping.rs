@@ -8,7 +8,7 @@ mod rig;
 pub mod scene;
 mod trial;
 
-pub use calibration::calibrate;
+pub use calibration::{SimulatedMachine, calibrate};
 pub use figures::{component_targets, components, displacements, xyz};
 pub use grasp_log::{GraspEstimates, GraspLog, GraspSample, table};
 pub use grip_ratio::{GripRatio, grip_ratio, internal_forces};

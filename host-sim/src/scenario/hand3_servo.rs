@@ -38,15 +38,15 @@ pub(super) const SCENARIO: Scenario = Scenario {
 };
 
 /// Time from the start to the first step [s].
-const INITIAL_REST: f64 = 0.5;
+pub(super) const INITIAL_REST: f64 = 0.5;
 /// Time from one step to the next [s].
-const INTERVAL: f64 = 2.5;
+pub(super) const INTERVAL: f64 = 2.5;
 /// Size of the steps [rad].
 const STEP: f64 = 0.3;
 /// Time after a step from which the error is counted as settled [s].
 const SETTLING_TIME: f64 = 1.0;
 /// The first step in each direction meets unknown friction; from then on the servo has adapted to it.
-const FIRST_STEPS: usize = 2;
+pub(super) const FIRST_STEPS: usize = 2;
 /// Ticks from one command to the next; commands are idempotent.
 const COMMAND_EVERY: u32 = 5;
 const TRIALS: [Trial; 4] = [
@@ -91,20 +91,20 @@ struct Trial {
 }
 
 /// Signals of a trial: one list per joint, one value per tick.
-struct ServoLog {
-    time: Vec<f64>,
+pub(super) struct ServoLog {
+    pub time: Vec<f64>,
     reference: Vec<Vec<f64>>,
     position: Vec<Vec<f64>>,
     torque: Vec<Vec<f64>>,
     homing_errors: Vec<f64>,
     /// Ticks at which the goal steps.
-    steps: Vec<usize>,
+    pub steps: Vec<usize>,
 }
 
 impl ServoLog {
     /// Error of a joint's motion [mrad]: true angle minus reference, without the constant homing error, which
     /// the servo cannot observe.
-    fn error(&self, joint: usize) -> impl Iterator<Item = f64> + '_ {
+    pub fn error(&self, joint: usize) -> impl Iterator<Item = f64> + '_ {
         let homing = self.homing_errors[joint];
         let pairs = self.position[joint].iter().zip(&self.reference[joint]);
         pairs.map(move |(position, reference)| 1e3 * (position + homing - reference))
@@ -118,7 +118,7 @@ impl ServoLog {
 
     /// Largest error of any joint after the steps numbered `steps` [mrad]: overall, and later than
     /// [`SETTLING_TIME`] after each step.
-    fn worst(&self, steps: Range<usize>) -> (f64, f64) {
+    pub fn worst(&self, steps: Range<usize>) -> (f64, f64) {
         let (mut peak, mut settled) = (0.0_f64, 0.0_f64);
         for joint in 0..self.position.len() {
             for (tick, error) in self.error(joint).enumerate() {
@@ -136,7 +136,7 @@ impl ServoLog {
     }
 
     /// Largest motor torque [N·m].
-    fn torque_peak(&self) -> f64 {
+    pub fn torque_peak(&self) -> f64 {
         self.torque.iter().flatten().fold(0.0, |peak, torque| peak.max(torque.abs()))
     }
 }
@@ -171,7 +171,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
 }
 
 /// A running trial: the plant under its servo, and the log.
-struct ServoTrial<'a, 'b> {
+pub(super) struct ServoTrial<'a, 'b> {
     label: &'static str,
     controller: &'a mut Watched<'b>,
     motion: &'a mut Motion,
@@ -200,8 +200,19 @@ impl<'a, 'b> ServoTrial<'a, 'b> {
             }
         }
         let drives: Vec<Drive> = model.joints.iter().map(Drive::from).collect();
-        let mut plant = Plant::new(&robot.urdf, &drives, values, &options)?.under(intervention);
-        let start = prepare(controller, &mut plant, &model, trial.mode, motion)?;
+        let plant = Plant::new(&robot.urdf, &drives, values, &options)?.under(intervention);
+        Self::enable(trial.label, trial.mode, (model, plant), controller, motion)
+    }
+
+    /// With this model on the board of this machine.
+    pub fn enable(
+        label: &'static str,
+        mode: ServoMode,
+        (model, mut plant): (RobotModel, Plant),
+        controller: &'a mut Watched<'b>,
+        motion: &'a mut Motion,
+    ) -> Result<Self, ScenarioError> {
+        let start = prepare(controller, &mut plant, &model, mode, motion)?;
         let joints = model.joints.len();
         let filter_time = f64::from(model.joints[0].servo.filter_time);
         let recording = ServoLog {
@@ -212,11 +223,11 @@ impl<'a, 'b> ServoTrial<'a, 'b> {
             homing_errors: plant.truth().homing_errors,
             steps: Vec::new(),
         };
-        Ok(Self { label: trial.label, controller, motion, model, plant, start, filter_time, recording })
+        Ok(Self { label, controller, motion, model, plant, start, filter_time, recording })
     }
 
     /// One control period.
-    fn tick(&mut self, tick: u32) -> Result<(), ScenarioError> {
+    pub fn tick(&mut self, tick: u32) -> Result<(), ScenarioError> {
         let time = f64::from(tick) * T;
         self.command(tick, time)?;
         let truth = self.plant.truth();
@@ -259,7 +270,7 @@ impl<'a, 'b> ServoTrial<'a, 'b> {
         }
     }
 
-    fn end(self) -> Result<ServoLog, ScenarioError> {
+    pub fn end(self) -> Result<ServoLog, ScenarioError> {
         self.controller.disable()?;
         Ok(self.recording)
     }
@@ -359,7 +370,7 @@ fn split_names(names: Vec<&str>) -> (&str, Vec<&str>) {
     (prefix, names.iter().map(|name| &name[prefix.len() + 1..]).collect())
 }
 
-fn table(recording: &ServoLog, model: &RobotModel) -> String {
+pub(super) fn table(recording: &ServoLog, model: &RobotModel) -> String {
     let mut columns = vec![Column::new("time", "s", &recording.time)];
     for (index, joint) in model.joints.iter().enumerate() {
         let name = joint.name.as_str();

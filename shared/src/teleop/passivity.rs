@@ -96,7 +96,8 @@ impl fmt::Display for UnsuitableLink {
                  stiffness of at most {stiffness} N/m"
             ),
             Self::Invalid => f.write_str(
-                "mass, stiffness and maximum damping must be positive and finite, the delay finite and not negative",
+                "mass, stiffness and maximum damping must be positive and finite, the delay and the handle's own \
+                 damping finite and not negative",
             ),
         }
     }
@@ -104,29 +105,36 @@ impl fmt::Display for UnsuitableLink {
 
 impl PowerPortLimits {
     /// Checks that the damping at the master can dissipate what the link makes, for a handle with the hand's `mass`
-    /// [kg], a slave whose set-point pulls with `stiffness` K [N/m], and a delay of both directions together of
-    /// `round_trip` τ [s].
+    /// [kg] and a damping of its own [N·s/m], 0 for a bare one, a slave whose set-point pulls with `stiffness` K [N/m],
+    /// and a delay of both directions together of `round_trip` τ [s].
     ///
     /// At the handle the link is a spring that is felt τ + T/2 later, half a control period T for the hold. With the
-    /// damping b its impedance has the real part `b − K·sin(ω(τ + T/2))/ω`, which no frequency makes negative when
-    /// `b ≥ K·(τ + T/2)` (without delay: Colgate and Schenkel 1997). Beyond it the port still counts what it cannot
-    /// dissipate, but the handle may oscillate.
+    /// damping b, of port and handle together, its impedance has the real part `b − K·sin(ω(τ + T/2))/ω`, which no
+    /// frequency makes negative when `b ≥ K·(τ + T/2)` (without delay: Colgate and Schenkel 1997). Beyond it the port
+    /// still counts what it cannot dissipate, but the handle may oscillate.
     ///
     /// # Errors
     /// The value that is out of bounds, and the one that would do.
-    pub fn check_link(&self, mass: f32, stiffness: f32, round_trip: f32) -> Result<(), UnsuitableLink> {
+    pub fn check_link(
+        &self,
+        [mass, own_damping]: [f32; 2],
+        stiffness: f32,
+        round_trip: f32,
+    ) -> Result<(), UnsuitableLink> {
         let positive = |value: f32| value.is_finite() && value > 0.0;
-        let delay_is_valid = round_trip.is_finite() && round_trip >= 0.0;
-        if !(positive(mass) && positive(stiffness) && positive(self.max_damping) && delay_is_valid) {
+        let not_negative = |value: f32| value.is_finite() && value >= 0.0;
+        let handle_is_valid = positive(mass) && not_negative(own_damping) && positive(self.max_damping);
+        if !(handle_is_valid && positive(stiffness) && not_negative(round_trip)) {
             return Err(UnsuitableLink::Invalid);
         }
         let limit = mass / TICK;
         if self.max_damping >= limit {
             return Err(UnsuitableLink::Damping { value: self.max_damping, limit });
         }
-        let limit = self.max_damping / stiffness - 0.5 * TICK;
+        let damping = self.max_damping + own_damping;
+        let limit = damping / stiffness - 0.5 * TICK;
         if round_trip > limit {
-            let stiffness = self.max_damping / (round_trip + 0.5 * TICK);
+            let stiffness = damping / (round_trip + 0.5 * TICK);
             return Err(UnsuitableLink::Delay { round_trip, limit, stiffness });
         }
         Ok(())
@@ -309,8 +317,9 @@ mod tests {
     fn a_link_with_more_delay_than_the_damping_is_good_for_is_refused_with_the_one_that_would_do() {
         let limits = PowerPortLimits { max_damping: 100.0, energy_reserve: 0.02 };
         // 100/300 s less 5 ms: both directions of 160 ms, and not of 170.
-        assert_eq!(limits.check_link(1.5, 300.0, 0.32), Ok(()));
-        let UnsuitableLink::Delay { limit, stiffness, .. } = limits.check_link(1.5, 300.0, 0.34).unwrap_err()
+        assert_eq!(limits.check_link([1.5, 0.0], 300.0, 0.32), Ok(()));
+        let UnsuitableLink::Delay { limit, stiffness, .. } =
+            limits.check_link([1.5, 0.0], 300.0, 0.34).unwrap_err()
         else {
             panic!("not the delay");
         };
@@ -318,15 +327,18 @@ mod tests {
             (limit - 0.328_333).abs() < 1e-5 && (stiffness - 289.855).abs() < 1e-2,
             "{limit} {stiffness}"
         );
-        assert_eq!(limits.check_link(1.5, stiffness * 0.9999, 0.34), Ok(()));
-        let told = limits.check_link(1.5, 300.0, 0.34).unwrap_err().to_string();
+        assert_eq!(limits.check_link([1.5, 0.0], stiffness * 0.9999, 0.34), Ok(()));
+        // 20 N·s/m of its own: 120/300 s less 5 ms.
+        assert_eq!(limits.check_link([1.5, 20.0], 300.0, 0.39), Ok(()));
+        assert!(limits.check_link([1.5, 20.0], 300.0, 0.4).is_err());
+        let told = limits.check_link([1.5, 0.0], 300.0, 0.34).unwrap_err().to_string();
         assert!(told.contains("takes 0.34 s there and back") && told.contains("at most 289."), "{told}");
-        let heavy = limits.check_link(1.0, 300.0, 0.0).unwrap_err();
+        let heavy = limits.check_link([1.0, 0.0], 300.0, 0.0).unwrap_err();
         assert_eq!(heavy, UnsuitableLink::Damping { value: 100.0, limit: 100.0 });
         for (mass, stiffness, delay) in [(0.0, 1.0, 0.0), (1.5, f32::NAN, 0.0), (1.5, 1.0, -0.1)] {
-            assert_eq!(limits.check_link(mass, stiffness, delay), Err(UnsuitableLink::Invalid));
+            assert_eq!(limits.check_link([mass, 0.0], stiffness, delay), Err(UnsuitableLink::Invalid));
         }
-        let stiff = limits.check_link(1.5, 30_000.0, 0.0).unwrap_err().to_string();
+        let stiff = limits.check_link([1.5, 0.0], 30_000.0, 0.0).unwrap_err().to_string();
         assert!(stiff.contains("even without delay"), "{stiff}");
     }
 

@@ -1,14 +1,14 @@
 //! From fits to the machine's calibration file.
 
-use tesaki::model::RobotModel;
+use tesaki::model::{JointModel, RobotModel};
 use tesaki_description::calibration::{Calibration, CalibrationFile, JointCalibration};
 
-use super::regression::Fit;
+use super::regression::{Estimate, Fit, FreeFit, NotIdentified, Reading, fit_free, fit_gain};
 
 /// The identified values of the joints of `model`, whose torque constants the drives used.
 #[expect(clippy::cast_possible_truncation, reason = "the model is in single precision")]
 pub fn identified(model: &RobotModel, fits: &[Fit]) -> Calibration {
-    let joint = |(joint, fit): (&tesaki::model::JointModel, &Fit)| {
+    let joint = |(joint, fit): (&JointModel, &Fit)| {
         let gain = fit.gain.ok().map(|gain| gain.value);
         let friction = fit.friction.ok();
         let values = JointCalibration {
@@ -19,6 +19,66 @@ pub fn identified(model: &RobotModel, fits: &[Fit]) -> Calibration {
         (joint.name.to_string(), values)
     };
     Calibration { joints: model.joints.iter().zip(fits).map(joint).collect() }
+}
+
+/// What the self-test finds of a joint.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FreeJoint {
+    /// Torque constant [N·m/A], if it was asked for; or why it is not known.
+    pub torque_constant: Option<Result<Estimate, NotIdentified>>,
+    /// Its friction, in the torque of that constant; or why it is not known.
+    pub friction: Result<FreeFit, NotIdentified>,
+}
+
+impl FreeJoint {
+    /// From the readings of `joint`, whose drive used the torque constant of the model. With `weighed` the links weigh
+    /// what the model tells, and the torque constant is identified, too. Otherwise the machine has the one that is
+    /// `known` [N·m/A], if there is one.
+    pub fn identify(joint: &JointModel, readings: &[Reading], weighed: bool, known: Option<f32>) -> Self {
+        let told = f64::from(joint.motor.torque_constant);
+        let scaled =
+            |Estimate { value, deviation }| Estimate { value: told * value, deviation: told * deviation };
+        let torque_constant = weighed.then(|| fit_gain(readings).map(scaled));
+        let found = torque_constant.and_then(Result::ok).map(|found| found.value);
+        let gain = found.or(known.map(f64::from)).map_or(1.0, |constant| constant / told);
+        let true_torque = |r: &Reading| Reading { torque: gain * r.torque, ..*r };
+        let friction = fit_free(&readings.iter().map(true_torque).collect::<Vec<_>>());
+        Self { torque_constant, friction }
+    }
+}
+
+/// The identified values of the joints of `model` after the self-test.
+#[expect(clippy::cast_possible_truncation, reason = "the model is in single precision")]
+pub fn identified_free(model: &RobotModel, found: &[FreeJoint]) -> Calibration {
+    let joint = |(joint, found): (&JointModel, &FreeJoint)| {
+        let friction = found.friction.ok();
+        let constant = found.torque_constant.and_then(Result::ok);
+        let values = JointCalibration {
+            torque_constant: constant.map(|constant| constant.value as f32),
+            coulomb: friction.map(|friction| friction.coulomb.value as f32),
+            viscous: friction.map(|friction| friction.viscous.value as f32),
+        };
+        (joint.name.to_string(), values)
+    };
+    Calibration { joints: model.joints.iter().zip(found).map(joint).collect() }
+}
+
+/// Writes what the self-test found into a calibration file, with deviations. All other values remain.
+#[expect(clippy::cast_possible_truncation, reason = "the model is in single precision")]
+pub fn update_free(file: &mut CalibrationFile, model: &RobotModel, found: &[FreeJoint]) {
+    for (joint, found) in model.joints.iter().zip(found) {
+        let mut set = |key: &str, Estimate { value, deviation }: Estimate, decimals: usize, unit: &str| {
+            let comment = format!("{unit}, ± {deviation:.decimals$}");
+            file.set(joint.name.as_str(), key, Some((value as f32, decimals)), &comment);
+        };
+        if let Some(Ok(constant)) = found.torque_constant {
+            set("torque_constant", constant, 5, "N·m/A");
+        }
+        if let Ok(FreeFit { coulomb, viscous, .. }) = found.friction {
+            set("coulomb", coulomb, 6, "N·m");
+            set("viscous", viscous, 6, "N·m·s/rad");
+        }
+    }
 }
 
 /// Writes what was identified into a calibration file, with deviations, and with reasons where a value is not

@@ -2,28 +2,25 @@
 //! less firmly, and moved with every joint to and fro under load.
 
 use nalgebra::{Vector3, Vector6};
-use tesaki::control::{JointPoint, ServoMode};
+use tesaki::control::ServoMode;
 use tesaki::kinematics::Chain;
-use tesaki::model::{MAX_CHAIN_JOINTS, RobotModel};
+use tesaki::model::{MAX_CHAIN_JOINTS, ModelError, RobotModel};
 use tesaki::protocol::{Mode, Request, Telemetry, Tips};
 use tesaki::task::grasping::{
     Failure, GraspCommand, GraspPlan, GraspTelemetry, InternalForce, ObjectControl, Phase,
 };
-use tesaki::task::joint_servo::JointCommand;
 use tesaki::task::{TaskCommand, TaskConfig};
 
 use super::regression::{Fit, Reading, fit};
+use super::sweep::{Sweep, ranges, references};
 use crate::BoardError;
-use crate::trajectory::minimum_jerk;
 
 /// Control period [s].
-const TICK: f64 = 0.01;
+pub(super) const TICK: f64 = 0.01;
 /// Times of a sweep from one end to the other [s]: two speeds, so that viscous friction shows.
 const SWEEPS: [f64; 2] = [1.0, 0.4];
 /// Sweeps to and fro at each.
 const REPEATS: usize = 2;
-/// Kept from the ends of a joint's range [rad].
-const CLEAR: f64 = 0.02;
 /// Ticks from one question after the object in the hand to the next.
 const ASK: usize = 5;
 /// Time limit of a grasp, and of putting down [s].
@@ -119,6 +116,9 @@ pub enum IdentifyError {
         /// Its name.
         robot: String,
     },
+    /// A model that no board accepts.
+    #[error(transparent)]
+    Model(ModelError),
     /// A joint has no room.
     #[error(
         "{joint} stands at {position:.3} rad, and its range {lower:.3} to {upper:.3} rad has no room for a sweep of ±{amplitude} \
@@ -135,6 +135,35 @@ pub enum IdentifyError {
         upper: f64,
         /// Asked for [rad].
         amplitude: f64,
+    },
+    /// A joint needs more torque than it may.
+    #[error(
+        "{joint} needs {torque:+.3} N·m beyond the weight of its links at {position:.3} rad, and may have {limit:.3} N·m: \
+         nothing was identified. Does it touch something, or is its friction, or a link's mass, larger than the \
+         model's? Free it, or allow more with --torque"
+    )]
+    Resisted {
+        /// Which.
+        joint: String,
+        /// Where it is [rad].
+        position: f64,
+        /// What it needs [N·m].
+        torque: f64,
+        /// What it may have [N·m].
+        limit: f64,
+    },
+    /// A force sensor feels a contact.
+    #[error(
+        "the force on {tip} changed by {force:.2} N, and may by {limit:.2} N: nothing was identified. Take away what it \
+         touches; this identification needs no object"
+    )]
+    Touched {
+        /// Name of the tip.
+        tip: String,
+        /// The change of the force [N].
+        force: f64,
+        /// What it may be [N].
+        limit: f64,
     },
     /// The hand did not do as told.
     #[error("with a grip of {strength} N the hand {phase}, and not as asked{}", because(.failure))]
@@ -285,6 +314,7 @@ impl Finger {
                 torque: torque.into(),
                 load: loads[index].into(),
                 velocity: joints[index].velocity.into(),
+                acceleration: 0.0,
                 weights: weights[index],
             });
         }
@@ -317,68 +347,23 @@ impl<M: Machine> Course<'_, M> {
         self.machine.ask("enable its outputs", Request::Enable(task))
     }
 
-    /// PerFinger joint to and fro by itself, the others at rest.
+    /// Each joint to and fro by itself, the others at rest.
     fn sweep(&mut self, amplitude: f64) -> Result<(), M::Error> {
         self.enable(TaskConfig::JointServo(ServoMode::Observer))?;
         self.tick(Request::Keep)?;
-        let start: Vec<f64> = self
-            .latest
-            .iter()
-            .flat_map(|sense| sense.telemetry.joints.iter().map(|joint| f64::from(joint.reference)))
-            .collect();
         let model = self.model;
-        let mut ranges = Vec::new();
-        for (joint, &position) in model.joints.iter().zip(&start) {
-            let (lower, upper) =
-                (f64::from(joint.limits.lower) + CLEAR, f64::from(joint.limits.upper) - CLEAR);
-            if upper - lower < 2.0 * amplitude || !(lower..=upper).contains(&position) {
-                let joint = joint.name.to_string();
-                return Err(IdentifyError::NoRoom { joint, position, lower, upper, amplitude }.into());
-            }
-            let low = (position - amplitude).max(lower).min(upper - 2.0 * amplitude);
-            ranges.push((low, low + 2.0 * amplitude));
-        }
-        for (index, (joint, &(low, high))) in model.joints.iter().zip(&ranges).enumerate() {
+        let start: Vec<f64> =
+            self.latest.iter().flat_map(|sense| references(model, &sense.telemetry)).collect();
+        let ranges = ranges(model, &start, amplitude)?;
+        for (index, joint) in model.joints.iter().enumerate() {
             self.machine.progress(&format!("{} sweeps", joint.name));
-            let mut at = start[index];
-            let both = SWEEPS.iter().flat_map(|&time| std::iter::repeat_n(time, REPEATS));
-            let ways: Vec<(f64, f64)> = both.flat_map(|time| [(high, time), (low, time)]).collect();
-            for (to, time) in ways.into_iter().chain([(start[index], SWEEPS[0])]) {
+            let sweep = Sweep { model, start: &start, ranges: &ranges, joints: &[index] };
+            for leg in sweep.legs(&SWEEPS.map(|time| (time, REPEATS)), SWEEPS[0]) {
                 self.motion += 1;
-                self.sweep_to(&start, index, (at, to), time)?;
-                at = to;
+                leg.requests().try_for_each(|request| self.tick(request))?;
             }
         }
         self.machine.ask("disable its outputs", Request::Disable)
-    }
-
-    fn sweep_to(
-        &mut self,
-        rest: &[f64],
-        joint: usize,
-        (from, to): (f64, f64),
-        time: f64,
-    ) -> Result<(), M::Error> {
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of ticks")]
-        let ticks = (time / TICK).round() as u32;
-        for tick in 1..=ticks {
-            let [value, rate, curvature] = minimum_jerk(f64::from(tick) / f64::from(ticks));
-            let change = to - from;
-            #[expect(clippy::cast_possible_truncation, reason = "the board computes in single precision")]
-            let point = |index: usize, &rest: &f64| {
-                if index != joint {
-                    return JointPoint { position: rest as f32, ..JointPoint::default() };
-                }
-                JointPoint {
-                    position: (from + change * value) as f32,
-                    velocity: (change * rate / time) as f32,
-                    acceleration: (change * curvature / (time * time)) as f32,
-                }
-            };
-            let points = rest.iter().enumerate().map(|(index, rest)| point(index, rest)).collect();
-            self.tick(Request::Task(TaskCommand::JointServo(JointCommand::Stream { points })))?;
-        }
-        Ok(())
     }
 
     /// Grasps the object, moves it to and fro, and puts it down; or says why it could not be gripped.

@@ -5,6 +5,8 @@ use tesaki::model::MAX_CHAIN_JOINTS;
 
 /// Torque constant, Coulomb and viscous friction, and the weights of the links behind the joint.
 const COLUMNS: usize = 3 + MAX_CHAIN_JOINTS;
+/// The column of the first weight, or of the acceleration where the weights are known.
+const INERTIA: usize = 3;
 /// Directions of the scaled problem with less than this fraction of the largest eigenvalue are left out.
 const RANK: f64 = 1e-8;
 /// Slower than this, the direction of a joint's motion is noise [rad/s].
@@ -27,6 +29,8 @@ pub struct Reading {
     pub load: f64,
     /// Velocity [rad/s].
     pub velocity: f64,
+    /// Acceleration [rad/s²]; [`fit`] does not regard it.
+    pub acceleration: f64,
     /// Torques that the joint needs against the weight of each link of its chain, by the model [N·m].
     pub weights: [f64; MAX_CHAIN_JOINTS],
 }
@@ -51,6 +55,24 @@ pub struct Fit {
     /// Largest load less the smallest [N·m].
     pub load_range: f64,
     /// Root mean square of what the fit leaves unexplained [N·m, told].
+    pub residual: f64,
+    /// Readings that counted.
+    pub readings: usize,
+}
+
+/// What a joint without load is found to be, in the torque of its readings.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FreeFit {
+    /// Coulomb friction [N·m], the mean of both directions.
+    pub coulomb: Estimate,
+    /// Viscous friction [N·m·s/rad].
+    pub viscous: Estimate,
+    /// Torque beyond the model's weight that does not depend on the direction [N·m]: an error of the masses, a
+    /// spring, or friction that is larger in one direction.
+    pub offset: Estimate,
+    /// Inertia of rotor and links about the joint [kg·m²].
+    pub inertia: Estimate,
+    /// Root mean square of what the fit leaves unexplained [N·m].
     pub residual: f64,
     /// Readings that counted.
     pub readings: usize,
@@ -83,6 +105,15 @@ pub enum NotIdentified {
         /// Standard deviation over the value.
         deviation: f64,
     },
+    /// Its links are too light.
+    #[error(
+        "the weight of its links, at most {weight:.3} N·m, is too small to tell it with a standard deviation of {:.0} %",
+        100.0 * MAX_DEVIATION
+    )]
+    Light {
+        /// Largest weight [N·m].
+        weight: f64,
+    },
     /// The number cannot be.
     #[error("{value:.3} {what} cannot be: are homing, tare, and the masses in the URDF right?")]
     Implausible {
@@ -98,14 +129,11 @@ pub enum NotIdentified {
 /// does not. Standard deviations are those of a clustered sandwich estimator (Liang and Zeger 1986), a motion
 /// a cluster: neighbouring readings err together.
 pub fn fit(readings: &[Reading]) -> Fit {
-    let moving: Vec<&Reading> = readings.iter().filter(|r| r.velocity.abs() > MOVING).collect();
-    let forth = moving.iter().filter(|r| r.velocity > 0.0).count();
-    let back = moving.len() - forth;
+    let moving = in_motion(readings);
     let range =
         moving.iter().fold((f64::MAX, f64::MIN), |(low, high), r| (low.min(r.load), high.max(r.load)));
     let load_range = (range.1 - range.0).max(0.0);
-    if forth < MIN_READINGS || back < MIN_READINGS {
-        let still = NotIdentified::Still { forth, back };
+    if let Err(still) = check_motion(&moving) {
         return Fit {
             gain: Err(still),
             friction: Err(still),
@@ -117,9 +145,66 @@ pub fn fit(readings: &[Reading]) -> Fit {
     let found = LeastSquares::new(&moving);
     let gain = found.gain(load_range);
     let friction = found.friction(gain.is_ok());
-    #[expect(clippy::cast_precision_loss, reason = "a number of readings")]
-    let residual = (found.squares / moving.len() as f64).sqrt();
-    Fit { gain, friction, load_range, residual, readings: moving.len() }
+    Fit { gain, friction, load_range, residual: found.residual(&moving), readings: moving.len() }
+}
+
+/// True torque over commanded torque of a joint without load whose links weigh what the model tells, and whose
+/// friction is the same in both directions: the weight is its load.
+///
+/// # Errors
+/// Too little motion or weight, or a result that cannot be.
+pub fn fit_gain(readings: &[Reading]) -> Result<Estimate, NotIdentified> {
+    let weighed = |r: &Reading| Reading { load: weight(r), ..with_inertia(r) };
+    fit(&readings.iter().map(weighed).collect::<Vec<_>>()).gain.map_err(|error| match error {
+        NotIdentified::Unloaded { .. } => NotIdentified::Light {
+            weight: readings.iter().map(weight).fold(0.0, |max, weight| max.max(weight.abs())),
+        },
+        other => other,
+    })
+}
+
+fn weight(reading: &Reading) -> f64 {
+    reading.weights.iter().sum()
+}
+
+/// With the acceleration in place of the weights.
+fn with_inertia(reading: &Reading) -> Reading {
+    let mut weights = [0.0; MAX_CHAIN_JOINTS];
+    weights[0] = reading.acceleration;
+    Reading { weights, ..*reading }
+}
+
+fn in_motion(readings: &[Reading]) -> Vec<&Reading> {
+    readings.iter().filter(|r| r.velocity.abs() > MOVING).collect()
+}
+
+/// Refuses too few readings in a direction.
+fn check_motion(moving: &[&Reading]) -> Result<(), NotIdentified> {
+    let forth = moving.iter().filter(|r| r.velocity > 0.0).count();
+    let back = moving.len() - forth;
+    if forth < MIN_READINGS || back < MIN_READINGS {
+        return Err(NotIdentified::Still { forth, back });
+    }
+    Ok(())
+}
+
+/// Least squares of a joint without load, with the weights of the model: `torque = Σ weight + offset + coulomb ·
+/// sign(velocity) + viscous · velocity + inertia · acceleration`; deviations as those of [`fit`].
+///
+/// # Errors
+/// Too little motion, or a result that cannot be.
+pub fn fit_free(readings: &[Reading]) -> Result<FreeFit, NotIdentified> {
+    // The column of the loads is that of the offset.
+    let beyond_weight = |r: &Reading| Reading { torque: r.torque - weight(r), load: 1.0, ..with_inertia(r) };
+    let readings: Vec<Reading> = readings.iter().map(beyond_weight).collect();
+    let moving = in_motion(&readings);
+    check_motion(&moving)?;
+    let found = LeastSquares::new(&moving);
+    let [coulomb, viscous] = found.friction(false)?;
+    let estimate = |i| Estimate { value: found.value(i), deviation: found.variance(i, i).sqrt() };
+    let (offset, inertia) = (estimate(0), estimate(INERTIA));
+    let (residual, readings) = (found.residual(&moving), moving.len());
+    Ok(FreeFit { coulomb, viscous, offset, inertia, residual, readings })
 }
 
 type Square = SMatrix<f64, COLUMNS, COLUMNS>;
@@ -129,7 +214,7 @@ type Row = SVector<f64, COLUMNS>;
 fn row(reading: &Reading) -> Row {
     let mut row = Row::zeros();
     (row[0], row[1], row[2]) = (reading.load, reading.velocity.signum(), reading.velocity);
-    row.as_mut_slice()[3..].copy_from_slice(&reading.weights);
+    row.as_mut_slice()[INERTIA..].copy_from_slice(&reading.weights);
     row
 }
 
@@ -178,6 +263,12 @@ impl LeastSquares {
         let clusters = f64::from(clusters);
         let spread = if clusters > 1.0 { clusters / (clusters - 1.0) } else { f64::INFINITY };
         Self { scale, solution, covariance: bread * meat * bread * spread, squares }
+    }
+
+    /// Root mean square of what is left unexplained of the readings.
+    #[expect(clippy::cast_precision_loss, reason = "a number of readings")]
+    fn residual(&self, moving: &[&Reading]) -> f64 {
+        (self.squares / moving.len() as f64).sqrt()
     }
 
     fn value(&self, i: usize) -> f64 {
@@ -243,7 +334,7 @@ mod tests {
         let reading = |&(motion, [torque, load, velocity, own, next]): &Row| {
             let mut weights = [0.0; MAX_CHAIN_JOINTS];
             (weights[0], weights[1]) = (own, next);
-            Reading { motion, torque, load, velocity, weights }
+            Reading { motion, torque, load, velocity, acceleration: 0.0, weights }
         };
         ORACLE.0.iter().map(reading).collect()
     }
@@ -269,6 +360,55 @@ mod tests {
         for ((value, deviation), made) in expected.iter().zip(made) {
             assert!((value - made).abs() < 3.0 * deviation, "{value} {made}");
         }
+    }
+
+    /// Readings of a joint without load; Coulomb and viscous friction, offset and inertia with their deviations;
+    /// residual; gain with its deviation; number of readings.
+    type FreeOracle = (&'static [(usize, [f64; 4])], [(f64, f64); 4], f64, (f64, f64), usize);
+    const FREE_ORACLE: FreeOracle = include!("../../../tests/oracles/data/identify_free.in");
+
+    fn free_readings() -> Vec<Reading> {
+        let reading = |&(motion, [torque, acceleration, velocity, weight]): &(usize, [f64; 4])| {
+            let mut weights = [0.0; MAX_CHAIN_JOINTS];
+            weights[0] = weight;
+            Reading { motion, torque, load: 0.0, velocity, acceleration, weights }
+        };
+        FREE_ORACLE.0.iter().map(reading).collect()
+    }
+
+    #[test]
+    fn a_joint_without_load_agrees_with_numpy() {
+        let (_, expected, residual, gain, count) = FREE_ORACLE;
+        let fit = fit_free(&free_readings()).unwrap();
+        let found = [fit.coulomb, fit.viscous, fit.offset, fit.inertia, fit_gain(&free_readings()).unwrap()];
+        for (found, (value, deviation)) in found.iter().zip(expected.into_iter().chain([gain])) {
+            assert!((found.value / value - 1.0).abs() < 1e-7, "{found:?} {value}");
+            assert!((found.deviation / deviation - 1.0).abs() < 1e-5, "{found:?} {deviation}");
+        }
+        assert!((fit.residual / residual - 1.0).abs() < 1e-7 && fit.readings == count);
+        // The readings were made with these, in true torque; the offset is what the gain makes of 0.4·cos 0.3 N·m.
+        let made = [0.0217 / 0.92, 0.0016 / 0.92, 0.4 * 0.3_f64.cos() * (1.0 / 0.92 - 1.0)];
+        for ((value, deviation), made) in expected.iter().zip(made) {
+            assert!((value - made).abs() < 3.0 * deviation, "{value} {made}");
+        }
+        assert!((gain.0 - 0.92).abs() < 3.0 * gain.1, "{gain:?}");
+    }
+
+    #[test]
+    fn links_that_are_too_light_tell_no_torque_constant() {
+        let mut readings = free_readings();
+        for reading in &mut readings {
+            let before = weight(reading);
+            reading.weights[0] *= 0.01;
+            reading.torque += (weight(reading) - before) / 0.92;
+        }
+        let said = fit_gain(&readings).unwrap_err().to_string();
+        assert_eq!(
+            said,
+            "the weight of its links, at most 0.004 N·m, is too small to tell it with a standard deviation of 1 %"
+        );
+        assert!(fit_free(&readings).is_ok());
+        assert!(matches!(fit_gain(&[]), Err(NotIdentified::Still { forth: 0, back: 0 })));
     }
 
     #[test]

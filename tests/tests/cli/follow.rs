@@ -371,7 +371,8 @@ fn an_operator_feels_the_wall_before_the_slave() {
     let (master, slave) = (arm(), arm());
     let (from, handle) = (format!("board:{}", master.address), file_of("handle"));
     let faults = "seed=3,drop=1e-4,delay=20ms@1";
-    let options = ["--link-faults", faults, "--from", &from, "--reflect", &handle];
+    // Four messages of 10 ms on average; a busy machine would measure more.
+    let options = ["--link-faults", faults, "--from", &from, "--reflect", &handle, "--round-trip", "0.04"];
     let (leading, stdin) = Leading::start_as(&slave, "soft", &options);
     wait("the clutch closes", || leading.count(|value| is_clutch(value, "closed", "")) == 1);
     wait("telemetry", || leading.telemetry().is_some());
@@ -448,7 +449,29 @@ fn a_master_that_is_powered_never_stays_so_alone() {
         &["spoilt.toml: --reflect needs a stiffness above 0 along each"],
     );
 
-    let options = ["--from", from.as_str(), "--reflect", &handle];
+    // By hand: 5 N·s/m for each of 2 kg and 15 N·s/m of its own, over 300 N/m, less half a period of 10 ms, is 78 ms; 25
+    // N·s/m over 235 ms are 106.4 N/m, and 300 N/m times 235 ms are 70.5 N·s/m.
+    refused(
+        &["--from", &from, "--reflect", &handle, "--round-trip", "0.2"],
+        2,
+        &[
+            "comes back 230 ms after the motion, 200 ms of them stated on the links",
+            "with the 300 N/m of",
+            "calm up to 78 ms: at most 106 N/m there, 61 N·s/m of damping",
+        ],
+    );
+    // Each message takes 40 ms on average, four of them there and back.
+    refused(
+        &["--link-faults", "seed=3,delay=80ms@1", "--from", &from, "--reflect", &handle],
+        2,
+        &["ms of them measured on the links of master and slave", "calm up to 78 ms"],
+    );
+    // Measured on links that take no time, unless the machine is busy.
+    let brief = ["follow", "--impedance", &soft, "--from", &from, "--reflect", &handle, "--duration", "0.3"];
+    wait("quick links are accepted", || slave.run(&brief).0 == 0);
+    [&master, &slave].into_iter().for_each(Server::wait_for_rest);
+
+    let options = ["--from", from.as_str(), "--reflect", &handle, "--round-trip", "0.01"];
     let (leading, stdin) = Leading::start_as(&slave, "soft", &options);
     wait("the clutch closes", || leading.count(|value| is_clutch(value, "closed", "")) == 1);
     master.wait_for("enabled");

@@ -18,6 +18,7 @@ mod find_circle;
 mod follow;
 mod foxglove;
 mod grasping;
+mod identify;
 mod init;
 mod look;
 mod machine;

@@ -24,6 +24,7 @@ const EXCUSED: &[(&str, &str)] = &[
         "tesaki identify robots/hand3/grasps/box.toml --out calibration.toml",
         "two minutes; the scenario hand3-force identifies the joints in simulated time",
     ),
+    ("tesaki identify --joints --out calibration.toml", "11 s; cli/identify.rs runs it"),
     ("tesaki --port /dev/ttyUSB0 share", "it needs a serial port; cli/network.rs shares a simulated board"),
     ("tesaki --port /dev/ttyUSB0 share unix:///tmp/hand", "likewise"),
     ("tesaki --port unix:///tmp/hand monitor", "likewise"),

@@ -134,6 +134,7 @@ pub fn tables() -> impl Iterator<Item = &'static Table> {
 const MEASURED: &[Table] = &[
     Table { document: "README.md", name: "readme", rows: Rows::Limits(README) },
     Table { document: MEASUREMENTS, name: "servo", rows: Rows::Limits(SERVO) },
+    Table { document: MEASUREMENTS, name: "first-motion", rows: Rows::Limits(FIRST_MOTION) },
     Table { document: MEASUREMENTS, name: "reach", rows: Rows::Limits(REACH) },
     Table { document: MEASUREMENTS, name: "motion-in-the-hand", rows: Rows::Limits(MOTION) },
     Table { document: MEASUREMENTS, name: "grasp", rows: Rows::Limits(GRASP) },
@@ -224,6 +225,15 @@ const SERVO: &[Row] = &[
     row("hand3-servo", "observer_error_first_steps", "observer, first steps after power-on"),
     row("hand3-servo", "pid_paper_friction_error_peak", "PID, Coulomb friction 0.08 N·m"),
     row("hand3-servo", "observer_paper_friction_error_peak", "observer, Coulomb friction 0.08 N·m"),
+];
+
+const FIRST_MOTION: &[Row] = &[
+    row("hand3-first-motion", "pid_first_before", "PID, first steps without the self-test"),
+    row("hand3-first-motion", "pid_first_after", "PID, first steps with it"),
+    row("hand3-first-motion", "observer_first_before", "observer, first steps without the self-test"),
+    row("hand3-first-motion", "observer_first_after", "observer, first steps with it"),
+    row("hand3-first-motion", "test_friction_error", "Coulomb friction, worst joint: error"),
+    row("hand3-first-motion", "test_time", "time of the self-test"),
 ];
 
 const REACH: &[Row] = &[

@@ -15,16 +15,18 @@ use crate::scenario::common::{T, fault_error, introduce};
 use crate::scenario::{ScenarioError, Setting};
 
 /// A controller with a simulated machine.
-struct SimulatedMachine<'a, 'b> {
-    controller: &'a mut Watched<'b>,
-    plant: Plant,
-    motion: &'a mut Motion,
-    progress: &'a dyn Fn(f64),
-    duration: f64,
+pub struct SimulatedMachine<'a, 'b> {
+    pub controller: &'a mut Watched<'b>,
+    pub plant: Plant,
+    pub motion: &'a mut Motion,
+    pub progress: &'a dyn Fn(f64),
+    /// Simulated time of the scenario [s].
+    pub duration: f64,
 }
 
 impl SimulatedMachine<'_, '_> {
-    fn advance(&mut self) -> Result<(), ScenarioError> {
+    /// One control period.
+    pub fn advance(&mut self) -> Result<(), ScenarioError> {
         let sequence = self.motion.tick(&self.plant.truth());
         let actuators = self.controller.tick(&self.plant.sensors(sequence))?;
         (self.progress)((f64::from(sequence) * T / self.duration).min(1.0));

@@ -27,6 +27,9 @@ pub type BoardLink = FaultyLink<Reopening>;
 /// [`tesaki::protocol::LEASE`] as a duration.
 const LEASE: Duration = Duration::from_millis(10 * tesaki::protocol::LEASE as u64);
 
+/// How often a round trip is measured.
+const ROUND_TRIPS: usize = 15;
+
 /// A board that has answered the greeting.
 pub struct BoardSession {
     pub board: LinkBoard<BoardLink>,
@@ -184,6 +187,18 @@ impl BoardSession {
              `tesaki doctor`)",
             within.as_secs_f64()
         )))
+    }
+
+    /// The time from a request to its answer, the median of some.
+    pub fn round_trip(&mut self) -> Result<Duration, Failure> {
+        let mut times = Vec::new();
+        for _ in 0..ROUND_TRIPS {
+            let begin = Instant::now();
+            self.board.status()?;
+            times.push(begin.elapsed());
+        }
+        times.sort_unstable();
+        Ok(times[ROUND_TRIPS / 2])
     }
 
     /// The current tips.

@@ -131,6 +131,9 @@ impl Failure {
             | Self::File { .. }
             | Self::Board(BoardError::Reset)
             | Self::Stalled
+            | Self::Identify(
+                IdentifyError::Model(_) | IdentifyError::Resisted { .. } | IdentifyError::Touched { .. },
+            )
             | Self::Other(_) => 1,
             Self::Usage(_)
             | Self::Board(BoardError::TooManyJoints(_))

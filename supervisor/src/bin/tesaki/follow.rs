@@ -40,7 +40,7 @@ pub fn run(options: &Options, args: &Follow) -> Result<(), Failure> {
     require_arm(&motion)?;
     let settings = impedance::load(&args.impedance, &motion.model)?;
     check_workspace(args, &mut motion)?;
-    let source = Source::open(options, args, &motion, &settings)?;
+    let source = Source::open(options, args, &mut motion, &settings)?;
     let mut lead = Lead::new(source, follower, args, &settings);
     output::notice(options, &format!("waiting for {}", lead.source.feed.place));
     let is_there = motion.wait_until(|| {

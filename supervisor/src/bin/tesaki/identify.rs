@@ -1,5 +1,7 @@
 //! `identify`: torque constants and friction of a hand's joints.
 
+mod joints;
+
 use std::fmt::Write as _;
 use std::path::Path;
 use std::sync::Arc;
@@ -8,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::json;
 use tesaki::model::RobotModel;
-use tesaki::protocol::{FromBoard, Mode, ReplyFrame, Request, Stream, Telemetry};
+use tesaki::protocol::{FromBoard, Mode, Refusal, Reply, ReplyFrame, Request, Stream, Telemetry};
 use tesaki::task::grasping::GraspTelemetry;
 use tesaki_description::calibration::CalibrationFile;
 use tesaki_description::grasp;
@@ -29,23 +31,20 @@ const RETRY: Duration = Duration::from_millis(30);
 const GONE: Duration = Duration::from_secs(5);
 
 pub fn run(options: &Options, args: &Identify) -> Result<(), Failure> {
-    let plan = grasp::load(&args.file)?;
-    check_grips(args, plan.force_limit)?;
+    match &args.file {
+        Some(file) => identify_hand(options, args, file),
+        None => joints::run(options, args),
+    }
+}
+
+fn identify_hand(options: &Options, args: &Identify, grasp: &Path) -> Result<(), Failure> {
+    let plan = grasp::load(grasp)?;
+    check_grips(args, grasp, plan.force_limit)?;
     let mut session = BoardSession::command(options)?;
     let model = session.model()?;
     let mode = session.board.status()?.node.mode;
     session.require_no_fault(mode, Some(&model))?;
-    // Checked before two minutes of measurements are at stake.
-    let mut file = CalibrationFile::open(&args.out)?;
-    let new = !args.out.exists();
-    std::fs::OpenOptions::new()
-        .append(true)
-        .create(true)
-        .open(&args.out)
-        .map_err(Failure::file(&args.out))?;
-    if new {
-        let _ = std::fs::remove_file(&args.out);
-    }
+    let mut file = open(&args.out)?;
     output::confirm(
         options,
         &format!(
@@ -53,49 +52,60 @@ pub fn run(options: &Options, args: &Identify) -> Result<(), Failure> {
              Is the workspace clear?",
             model.name,
             args.amplitude,
-            args.file.display()
+            grasp.display()
         ),
     )?;
-    output::set_controls(true);
-    let rates = [(Stream::Telemetry, 1), (Stream::Tips, 1)];
-    rates.iter().try_for_each(|&(stream, every)| session.board.set_rate(stream, every))?;
     let settings = Settings { amplitude: args.amplitude, strengths: args.grips.clone() };
-    let mut machine = BoardMachine {
-        session,
-        options,
-        model: &model,
-        interrupted: interrupted()?,
-        seen_enabled: false,
-        telemetry: None,
-    };
+    let mut machine = BoardMachine::new(session, options, &model)?;
     let found = identify(&mut machine, &model, &plan, &settings);
-    let mut session = machine.session;
+    let board = hex(&machine.session.identity.board, "without a number");
     if found.is_err() {
-        let _ = session.board.disable();
+        let _ = machine.end();
     }
     output::set_controls(false);
     let Identification { fits, failed } = found.map_err(|failure| failure.named(&model))?;
     let calibration = identified(&model, &fits);
-    let board = hex(&session.identity.board, "without a number");
     update(&mut file, &calibration, &model, &fits);
     let text = with_head(&file.to_string(), &model.name, &board);
-    let kept = std::fs::write(&args.out, &text).map_err(Failure::file(&args.out));
-    let out = kept.is_ok().then_some(args.out.as_path());
-    output::result(options, &report(&model, &fits, &failed, out), || table(&model, &fits, &failed, out))?;
+    save(options, &args.out, &text, |out| {
+        output::result(options, &report(&model, &fits, &failed, out), || table(&model, &fits, &failed, out))
+    })
+}
+
+/// The calibration file, which can be written: checked before the measurements are at stake.
+fn open(path: &Path) -> Result<CalibrationFile, Failure> {
+    let file = CalibrationFile::open(path)?;
+    let new = !path.exists();
+    std::fs::OpenOptions::new().append(true).create(true).open(path).map_err(Failure::file(path))?;
+    if new {
+        let _ = std::fs::remove_file(path);
+    }
+    Ok(file)
+}
+
+/// Writes the file, and tells the results with its name if that worked.
+fn save(
+    options: &Options,
+    path: &Path,
+    text: &str,
+    tell: impl FnOnce(Option<&Path>) -> Result<(), Failure>,
+) -> Result<(), Failure> {
+    let kept = std::fs::write(path, text).map_err(Failure::file(path));
+    tell(kept.is_ok().then_some(path))?;
     if kept.is_err() {
         // The results are not lost: they can be copied from the terminal.
-        output::notice(options, &text);
+        output::notice(options, text);
     }
     kept
 }
 
-fn check_grips(args: &Identify, force_limit: f32) -> Result<(), Failure> {
+fn check_grips(args: &Identify, file: &Path, force_limit: f32) -> Result<(), Failure> {
     let different = args.grips.iter().skip(1).any(|&grip| (grip - args.grips[0]).abs() > 0.0);
     if !different || !args.grips.iter().all(|&grip| grip > 0.0 && grip <= force_limit) {
         return Err(Failure::Usage(format!(
             "--grips: give at least two different forces above 0 N and at most {} N (force_limit in {})",
             force_limit,
-            args.file.display()
+            file.display()
         )));
     }
     Ok(())
@@ -168,17 +178,18 @@ fn table(model: &RobotModel, fits: &[Fit], failed: &[FailedGrip], out: Option<&P
     for grip in failed {
         let _ = writeln!(text, "{grip}; the other grips were sufficient");
     }
-    match out {
-        Some(out) => {
-            let _ = write!(
-                text,
-                "saved to {}; use it with `tesaki model push ROBOT --calibration {0}`",
-                out.display()
-            );
-        }
-        None => text.push_str("not saved to a file"),
-    }
-    text
+    text + &saved(out)
+}
+
+/// Where the results are.
+fn saved(out: Option<&Path>) -> String {
+    out.map_or_else(
+        || "not saved to a file".to_owned(),
+        |out| {
+            let out = out.display();
+            format!("saved to {out}; use it with `tesaki model push ROBOT --calibration {out}`")
+        },
+    )
 }
 
 /// A connected board.
@@ -189,8 +200,44 @@ struct BoardMachine<'a> {
     interrupted: Arc<AtomicBool>,
     /// Whether telemetry of the enabled board has come: older telemetry may still arrive.
     seen_enabled: bool,
+    /// Whether another program has disabled the board.
+    is_lost: bool,
     /// Telemetry whose tips have not come yet.
     telemetry: Option<Telemetry>,
+}
+
+impl<'a> BoardMachine<'a> {
+    /// With the telemetry that an identification needs, and Ctrl-C handled from here on.
+    fn new(mut session: BoardSession, options: &'a Options, model: &'a RobotModel) -> Result<Self, Failure> {
+        output::set_controls(true);
+        let rates = [(Stream::Telemetry, 1), (Stream::Tips, 1)];
+        rates.iter().try_for_each(|&(stream, every)| session.board.set_rate(stream, every))?;
+        let interrupted = interrupted()?;
+        Ok(Self {
+            session,
+            options,
+            model,
+            interrupted,
+            seen_enabled: false,
+            is_lost: false,
+            telemetry: None,
+        })
+    }
+
+    /// Another program has disabled the board.
+    fn lost(&mut self) -> Failure {
+        self.is_lost = true;
+        Failure::Other("another program disabled the board: nothing was identified".to_owned())
+    }
+
+    /// Disables the board, if it is still this program's: what another one has enabled since is its own.
+    fn end(mut self) -> Result<(), Failure> {
+        output::set_controls(false);
+        if !self.is_lost {
+            self.session.board.disable()?;
+        }
+        Ok(())
+    }
 }
 
 impl Machine for BoardMachine<'_> {
@@ -223,6 +270,9 @@ impl Machine for BoardMachine<'_> {
                         if telemetry.mode == Mode::Fault {
                             return Err(Failure::Fault(self.session.fault(Some(self.model))?));
                         }
+                        if self.seen_enabled && telemetry.mode == Mode::Disabled {
+                            return Err(self.lost());
+                        }
                         self.seen_enabled |= matches!(telemetry.mode, Mode::Enabled(_));
                         self.telemetry = self.seen_enabled.then_some(telemetry);
                     }
@@ -233,6 +283,16 @@ impl Machine for BoardMachine<'_> {
                             return Ok(Sense { telemetry, tips });
                         }
                     }
+                    // It can be another's only after it was disabled.
+                    FromBoard::Reply(ReplyFrame {
+                        reply:
+                            Reply::Refused(
+                                Refusal::NotCommander
+                                | Refusal::Commanded { .. }
+                                | Refusal::WrongMode(Mode::Disabled),
+                            ),
+                        ..
+                    }) => return Err(self.lost()),
                     FromBoard::Reply(ReplyFrame { reply, .. }) => refused(&reply)?,
                     _ => {}
                 }

@@ -344,6 +344,11 @@ impl<'a> Motion<'a> {
         Ok(self.session.board.read_impedance()?)
     }
 
+    /// See [`BoardSession::round_trip`].
+    pub fn round_trip(&mut self) -> Result<Duration, Failure> {
+        self.session.round_trip()
+    }
+
     /// The address of the board's port.
     pub fn port(&self) -> &str {
         &self.session.port

@@ -50,7 +50,7 @@ impl Master {
         options: &Options,
         address: &Address,
         args: &Follow,
-        motion: &Motion<'_>,
+        motion: &mut Motion<'_>,
         settings: &ImpedanceSettings,
     ) -> Result<(Self, Option<Reflection>), Failure> {
         let mut session = if args.reflect.is_some() {
@@ -94,7 +94,11 @@ impl Master {
         let chain = Chain::of_model(&model, 0);
         let reflected = args.reflect.as_deref().map(|file| {
             let of_master = impedance::load(file, &model)?;
-            super::reflect::link(&of_master, file, settings, args)
+            let round_trip = match args.round_trip {
+                Some(stated) => stated,
+                None => session.round_trip()? + motion.round_trip()?,
+            };
+            super::reflect::link((&of_master, file), settings, args, round_trip)
         });
         let (handle, reflection) = reflected.transpose()?.unzip();
         session.board.set_rate(Stream::Telemetry, 1)?;

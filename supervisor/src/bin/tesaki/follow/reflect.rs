@@ -20,17 +20,21 @@ use tesaki::model::RobotModel;
 use tesaki::protocol::{Mode, Refusal, Reply, Request};
 use tesaki::task::impedance::{ImpedanceCommand, ImpedanceRefusal, ImpedanceSettings, ImpedanceTelemetry};
 use tesaki::task::{TaskCommand, TaskConfig, TaskRefusal};
-use tesaki::teleop::{PowerPort, PowerPortLimits};
+use tesaki::teleop::{PowerPort, PowerPortLimits, UnsuitableLink};
 use tesaki_supervisor::Board;
 
 use crate::args::Follow;
 use crate::board_session::{BoardSession, refused};
 use crate::failure::Failure;
+use crate::motion::PERIOD;
 
 /// Energy that the link may give before any has entered [J].
 const ENERGY_RESERVE: f32 = 0.02;
 /// Largest damping of the handle over its mass [1/s]: stable up to a delay of 0.3 s from the handle and back.
 const MAX_DAMPING: f32 = 5.0;
+/// Periods between a motion of the handle and the force that answers it, besides the time on the links: until the
+/// slave's board has the set-point, until its force is read, and until the master's board has that.
+const HELD: u32 = 3;
 /// The set-point of the handle follows it outside of this distance and angle [m, rad]; within, its spring keeps it where
 /// the operator leaves it.
 const DEAD_BAND: [f32; 2] = [1e-3, 1e-2];
@@ -83,17 +87,19 @@ impl Shared {
     }
 }
 
-/// Both ends of a link between a master and a slave with these settings.
+/// Both ends of a link between a master and a slave with these settings. The links of both boards take `round_trip`.
 pub fn link(
-    master: &ImpedanceSettings,
-    file: &Path,
+    (master, file): (&ImpedanceSettings, &Path),
     slave: &ImpedanceSettings,
     args: &Follow,
+    round_trip: Duration,
 ) -> Result<(Handle, Reflection), Failure> {
     let stiffness = springs(&master.impedance, file)?;
-    let [x, y, z, ..] = master.impedance.mass;
-    let limits =
-        PowerPortLimits { max_damping: MAX_DAMPING * x.min(y).min(z), energy_reserve: ENERGY_RESERVE };
+    let of_slave = springs(&slave.impedance, &args.impedance)?;
+    let least = |[x, y, z, ..]: [f32; 6]| x.min(y).min(z);
+    let handle = [least(master.impedance.mass), least(master.impedance.damping)];
+    let limits = PowerPortLimits { max_damping: MAX_DAMPING * handle[0], energy_reserve: ENERGY_RESERVE };
+    check(&limits, handle, of_slave.max(), round_trip, args)?;
     let shared = Shared::default();
     let (sender, answer) = channel();
     let handle = Handle {
@@ -113,7 +119,7 @@ pub fn link(
     let reflection = Reflection {
         shared,
         answer,
-        stiffness: springs(&slave.impedance, &args.impedance)?,
+        stiffness: of_slave,
         scale: args.scale,
         limits,
         port: PowerPort::new(),
@@ -122,6 +128,42 @@ pub fn link(
         push: Vector3::zeros(),
     };
     Ok((handle, reflection))
+}
+
+/// Refuses links with more delay than the damping of the handle, with its mass [kg] and its own damping [N·s/m], is good
+/// for.
+fn check(
+    limits: &PowerPortLimits,
+    handle: [f32; 2],
+    stiffness: f32,
+    round_trip: Duration,
+    args: &Follow,
+) -> Result<(), Failure> {
+    // Way and force are both scaled.
+    let scaling = args.scale * args.scale;
+    let delay = round_trip + HELD * PERIOD;
+    let Err(unsuitable) = limits.check_link(handle, stiffness * scaling, delay.as_secs_f32()) else {
+        return Ok(());
+    };
+    Err(Failure::Usage(match unsuitable {
+        UnsuitableLink::Delay { round_trip: delay, limit, stiffness: allowed } => format!(
+            "--reflect: the force comes back {:.0} ms after the motion, {} ms of them {} on the links of master and slave; \
+             with the {stiffness} N/m of {} {}: at most {:.0} N/m there, {:.0} N·s/m of damping in the file of the handle, a \
+             smaller --scale, or faster links",
+            1e3 * delay,
+            round_trip.as_millis(),
+            if args.round_trip.is_some() { "stated" } else { "measured" },
+            args.impedance.display(),
+            if limit > 0.0 {
+                format!("the handle stays calm up to {:.0} ms", 1e3 * limit)
+            } else {
+                "the handle is not calm even without delay".to_owned()
+            },
+            f64::from(allowed / scaling).floor(),
+            f64::from(stiffness * scaling * (delay + 0.5 * TICK) - limits.max_damping).ceil()
+        ),
+        other => format!("--reflect: {other}"),
+    }))
 }
 
 /// Stiffness along the axes of the base [N/m].

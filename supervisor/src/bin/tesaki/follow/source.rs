@@ -136,7 +136,7 @@ impl Source {
     pub fn open(
         options: &Options,
         args: &Follow,
-        motion: &Motion<'_>,
+        motion: &mut Motion<'_>,
         settings: &ImpedanceSettings,
     ) -> Result<Self, Failure> {
         let of_feed = |feed| Self { feed, start: None, period: None, reflection: None };

@@ -1,0 +1,180 @@
+//! `identify --joints`: the self-test after power-on.
+
+use std::fmt::Write as _;
+use std::path::Path;
+use std::sync::atomic::Ordering;
+
+use serde_json::json;
+use tesaki::model::{JointModel, RobotModel};
+use tesaki::protocol::{JointTelemetry, Request};
+use tesaki::task::TaskCommand;
+use tesaki::task::joint_servo::JointCommand;
+use tesaki_description::calibration::{Calibration, CalibrationFile};
+use tesaki_supervisor::Board;
+use tesaki_supervisor::identify::{
+    Estimate, FreeFit, FreeJoint, IdentifyError, JointSettings, Machine, NotIdentified, Reading, duration,
+    identify_joints, update_free, with_head,
+};
+
+use super::{BoardMachine, open, save, saved};
+use crate::args::{Identify, Options};
+use crate::board_session::{BoardSession, hex};
+use crate::failure::Failure;
+use crate::gravity::Load;
+use crate::output;
+
+pub fn run(options: &Options, args: &Identify) -> Result<(), Failure> {
+    let settings = JointSettings { amplitude: args.amplitude, torque: args.torque };
+    let mut session = BoardSession::command(options)?;
+    let model = session.model()?;
+    let mode = session.board.status()?.node.mode;
+    session.require_no_fault(mode, Some(&model))?;
+    let file = open(&args.out)?;
+    let angles: Vec<f32> = session.telemetry_now()?.joints.iter().map(|joint| joint.position).collect();
+    let within =
+        |(angle, joint): (&f32, &JointModel)| angle.clamp(joint.limits.lower, joint.limits.upper).into();
+    let start: Vec<f64> = angles.iter().zip(&model.joints).map(within).collect();
+    let time = duration(&model, &start, &settings)?;
+    output::confirm(
+        options,
+        &format!(
+            "The joints of {} will be swept by ±{} rad for {time:.0} s. Is nothing in the hand or in the way?",
+            model.name, args.amplitude
+        ),
+    )?;
+    let board = hex(&session.identity.board, "without a number");
+    let load = Load::at(&model, &angles).filter(|_| !args.no_hold);
+    let falls = load.as_ref().map_or_else(String::new, |load| format!("; {load}"));
+    output::notice(options, &format!("this takes {time:.0} s; Ctrl-C disables{falls}"));
+    let mut machine = BoardMachine::new(session, options, &model)?;
+    let ended = match identify_joints(&mut machine, &model, &settings) {
+        Ok(readings) => {
+            let kept = keep(options, args, file, (&model, &board), &readings);
+            load.map_or(Ok(()), |_| hold(&mut machine)).and(kept)
+        }
+        // Something is in the way of a robot that would fall on it.
+        Err(Failure::Identify(error @ (IdentifyError::Resisted { .. } | IdentifyError::Touched { .. })))
+            if load.is_some() =>
+        {
+            output::notice(options, &error.to_string());
+            hold(&mut machine).and(Err(error.into()))
+        }
+        Err(failure) => Err(failure),
+    };
+    let disabled = machine.end();
+    ended.map_err(|failure| failure.named(&model)).and(disabled)
+}
+
+/// Fits the readings, writes the file and tells the results.
+fn keep(
+    options: &Options,
+    args: &Identify,
+    mut file: CalibrationFile,
+    (model, board): (&RobotModel, &str),
+    readings: &[Vec<Reading>],
+) -> Result<(), Failure> {
+    let known = if args.out.exists() { Calibration::load(&args.out)? } else { Calibration::default() };
+    let joint = |(joint, readings): (&JointModel, &Vec<Reading>)| {
+        let known = known.joints.get(joint.name.as_str()).and_then(|known| known.torque_constant);
+        FreeJoint::identify(joint, readings, args.weighed, known)
+    };
+    let found: Vec<FreeJoint> = model.joints.iter().zip(readings).map(joint).collect();
+    update_free(&mut file, model, &found);
+    save(options, &args.out, &with_head(&file.to_string(), &model.name, board), |out| {
+        output::result(options, &report(model, &found, out), || {
+            table(model, &found, args.weighed) + &saved(out)
+        })
+    })
+}
+
+/// Holds the robot where it is until Ctrl-C.
+fn hold(machine: &mut BoardMachine<'_>) -> Result<(), Failure> {
+    output::notice(machine.options, "holding, because without power it would fall; Ctrl-C disables");
+    let mut goal = Request::Keep;
+    loop {
+        let sense = match machine.tick(goal.clone()) {
+            Err(_) if machine.interrupted.load(Ordering::Relaxed) => return Ok(()),
+            Err(_) if machine.is_lost => {
+                return Err(Failure::Other(
+                    "another program disabled the board: it no longer holds".to_owned(),
+                ));
+            }
+            sense => sense?,
+        };
+        if goal == Request::Keep {
+            let here = |(state, joint): (&JointTelemetry, &JointModel)| {
+                state.position.clamp(joint.limits.lower, joint.limits.upper)
+            };
+            let positions = sense.telemetry.joints.iter().zip(&machine.model.joints).map(here).collect();
+            goal = Request::Task(TaskCommand::JointServo(JointCommand::Goal { positions }));
+        }
+    }
+}
+
+/// The results as JSON: `null` where nothing was identified, with the reason.
+fn report(model: &RobotModel, found: &[FreeJoint], out: Option<&Path>) -> serde_json::Value {
+    let number = |Estimate { value, deviation }| json!({ "value": value, "deviation": deviation });
+    let joint = |(joint, found): (&JointModel, &FreeJoint)| {
+        let friction = found.friction.ok();
+        let value = json!({
+            "torque_constant": found.torque_constant.and_then(Result::ok).map(number),
+            "coulomb": friction.map(|fit| number(fit.coulomb)),
+            "viscous": friction.map(|fit| number(fit.viscous)),
+            "offset": friction.map(|fit| number(fit.offset)),
+            "inertia": friction.map(|fit| number(fit.inertia)),
+            "residual": friction.map(|fit| fit.residual),
+            "readings": friction.map(|fit| fit.readings),
+            "not_identified": doubts(found).next().map(|(_, doubt)| doubt.to_string()),
+        });
+        (joint.name.to_string(), value)
+    };
+    let joints: serde_json::Map<String, serde_json::Value> =
+        model.joints.iter().zip(found).map(joint).collect();
+    json!({ "file": out, "joints": joints })
+}
+
+/// What was asked for and is not identified, and why.
+fn doubts(found: &FreeJoint) -> impl Iterator<Item = (&'static str, NotIdentified)> {
+    let doubts = [
+        ("torque constant", found.torque_constant.and_then(Result::err)),
+        ("friction", found.friction.err()),
+    ];
+    doubts.into_iter().filter_map(|(what, doubt)| Some((what, doubt?)))
+}
+
+fn table(model: &RobotModel, found: &[FreeJoint], weighed: bool) -> String {
+    let constants = |cell: &str| if weighed { format!(" {cell:>19}") } else { String::new() };
+    let mut text = format!(
+        "{:<18}{} {:>17} {:>19} {:>13} {:>13}\n",
+        "joint",
+        constants("constant [N·m/A]"),
+        "coulomb [mN·m]",
+        "viscous [mN·m·s]",
+        "forth [mN·m]",
+        "back [mN·m]"
+    );
+    let mut notes = String::new();
+    let milli = |value: f64| format!("{:.2}", 1e3 * value);
+    let both = |Estimate { value, deviation }| format!("{} ± {}", milli(value), milli(deviation));
+    for (joint, found) in model.joints.iter().zip(found) {
+        let name = joint.name.as_str();
+        let constant = found.torque_constant.and_then(Result::ok).map_or_else(
+            || "-".to_owned(),
+            |Estimate { value, deviation }| format!("{value:.4} ± {deviation:.4}"),
+        );
+        let cells = found.friction.map_or_else(
+            |_| std::array::from_fn(|_| "-".to_owned()),
+            |FreeFit { coulomb, viscous, offset, .. }| {
+                let [forth, back] = [1.0, -1.0].map(|way| milli(coulomb.value + way * offset.value));
+                [both(coulomb), both(viscous), forth, back]
+            },
+        );
+        let [coulomb, viscous, forth, back] = cells;
+        let constant = constants(&constant);
+        let _ = writeln!(text, "{name:<18}{constant} {coulomb:>17} {viscous:>19} {forth:>13} {back:>13}");
+        for (what, doubt) in doubts(found) {
+            let _ = writeln!(notes, "{name}: {what} not identified: {doubt}");
+        }
+    }
+    text + &notes
+}

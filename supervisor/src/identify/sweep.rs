@@ -1,0 +1,128 @@
+//! Sweeps of joints to and fro by themselves.
+
+use heapless::Vec as Points;
+use tesaki::control::JointPoint;
+use tesaki::model::{JointModel, MAX_JOINTS, RobotModel};
+use tesaki::protocol::{Request, Telemetry};
+use tesaki::task::TaskCommand;
+use tesaki::task::joint_servo::JointCommand;
+
+use super::procedure::{IdentifyError, TICK};
+use crate::trajectory::minimum_jerk;
+
+/// Kept from the ends of a joint's range [rad].
+const CLEAR: f64 = 0.02;
+/// Largest speed of a sweep, as a fraction of the joint's limit.
+const SPEED: f64 = 0.5;
+/// Peak of a minimum-jerk motion's speed over its mean.
+const PEAK: f64 = 1.875;
+
+/// The joints' references, where they stand [rad].
+pub fn references(model: &RobotModel, telemetry: &Telemetry) -> Vec<f64> {
+    let joints = telemetry.joints.iter().zip(&model.joints);
+    // A joint at its stop may measure slightly outside.
+    joints
+        .map(|(state, joint)| state.reference.clamp(joint.limits.lower, joint.limits.upper).into())
+        .collect()
+}
+
+/// Where each joint is swept [rad]: `amplitude` to either side of where it stands, or so far inwards from an end of
+/// its range.
+///
+/// # Errors
+/// A joint whose range is smaller.
+pub fn ranges(model: &RobotModel, start: &[f64], amplitude: f64) -> Result<Vec<(f64, f64)>, IdentifyError> {
+    let range = |(joint, &position): (&JointModel, &f64)| {
+        let (lower, upper) = (f64::from(joint.limits.lower) + CLEAR, f64::from(joint.limits.upper) - CLEAR);
+        if upper - lower < 2.0 * amplitude {
+            let joint = joint.name.to_string();
+            return Err(IdentifyError::NoRoom { joint, position, lower, upper, amplitude });
+        }
+        let low = (position - amplitude).max(lower).min(upper - 2.0 * amplitude);
+        Ok((low, low + 2.0 * amplitude))
+    };
+    model.joints.iter().zip(start).map(range).collect()
+}
+
+/// Joints that move at the same time, between the ends of their ranges and back to where they stood.
+pub struct Sweep<'a> {
+    pub model: &'a RobotModel,
+    /// Where all joints stand [rad].
+    pub start: &'a [f64],
+    pub ranges: &'a [(f64, f64)],
+    /// Which of them move.
+    pub joints: &'a [usize],
+}
+
+/// One way of the joints that move.
+pub struct Leg {
+    /// Where each joint begins and ends [rad].
+    ways: Vec<(f64, f64)>,
+    /// The time that it takes [s].
+    time: f64,
+}
+
+impl Sweep<'_> {
+    /// To and fro as often as `times` tell for each time of one way [s], and back within another.
+    pub fn legs(&self, times: &[(f64, usize)], back: f64) -> Vec<Leg> {
+        let both = times.iter().flat_map(|&(time, repeats)| std::iter::repeat_n(time, repeats));
+        let end = |high: bool| {
+            let end = |(index, &start): (usize, &f64)| match self.ranges.get(index) {
+                Some(&(low, top)) if self.joints.contains(&index) => {
+                    if high {
+                        top
+                    } else {
+                        low
+                    }
+                }
+                _ => start,
+            };
+            self.start.iter().enumerate().map(end).collect::<Vec<f64>>()
+        };
+        let ways = both.flat_map(|time| [(end(true), time), (end(false), time)]);
+        let mut at = self.start.to_vec();
+        let leg = |(to, time): (Vec<f64>, f64)| {
+            let ways: Vec<(f64, f64)> = std::mem::replace(&mut at, to.clone()).into_iter().zip(to).collect();
+            Leg { time: self.possible(&ways, time), ways }
+        };
+        ways.chain([(self.start.to_vec(), back)]).map(leg).collect()
+    }
+
+    /// The time, or a longer one that the joints' speeds allow [s].
+    fn possible(&self, ways: &[(f64, f64)], time: f64) -> f64 {
+        let least = |((from, to), joint): (&(f64, f64), &JointModel)| {
+            PEAK * (to - from).abs() / (SPEED * f64::from(joint.limits.velocity))
+        };
+        ways.iter().zip(&self.model.joints).map(least).fold(time, f64::max)
+    }
+}
+
+impl Leg {
+    /// How many ticks it takes.
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of ticks")]
+    pub fn ticks(&self) -> u32 {
+        (self.time / TICK).round() as u32
+    }
+
+    /// A set-point for each tick, of minimum jerk.
+    pub fn requests(&self) -> impl Iterator<Item = Request> + '_ {
+        let ticks = self.ticks();
+        (1..=ticks).map(move |tick| {
+            let [value, rate, curvature] = minimum_jerk(f64::from(tick) / f64::from(ticks));
+            #[expect(clippy::cast_possible_truncation, reason = "the board computes in single precision")]
+            let point = |&(from, to): &(f64, f64)| {
+                let change = to - from;
+                if change == 0.0 {
+                    return JointPoint { position: from as f32, ..JointPoint::default() };
+                }
+                JointPoint {
+                    position: (from + change * value) as f32,
+                    velocity: (change * rate / self.time) as f32,
+                    acceleration: (change * curvature / (self.time * self.time)) as f32,
+                }
+            };
+            let points: Points<JointPoint, MAX_JOINTS> = self.ways.iter().map(point).collect();
+            Request::Task(TaskCommand::JointServo(JointCommand::Stream { points }))
+        })
+    }
+}

@@ -1,0 +1,78 @@
+//! `tesaki identify --joints` on a simulated board.
+
+use std::fs::File;
+use std::process::Stdio;
+use std::time::{Duration, Instant};
+
+use nix::sys::signal::Signal;
+use tesaki_description::robot::RobotFolder;
+
+use crate::server::{Server, finish, said, signal};
+
+/// The friction of the machine, as the drives are told it, by its truth; and what ends the test early.
+#[test]
+fn a_hand_tells_its_friction_without_an_object() {
+    let server = Server::ready();
+    let out = server.folder.path().join("calibration.toml");
+    let arguments = ["identify", "--joints", "--out", out.to_str().unwrap()];
+    let interrupted = server.wait_with(server.start_command(&arguments), "enabled");
+    signal(&interrupted, Signal::SIGINT);
+    let (code, text) = said(&finish(interrupted));
+    assert!(code == 1 && text.contains("interrupted: the board is disabled"), "{code}: {text}");
+    server.wait_for("disabled");
+    let disturbed = server.wait_with(server.start_command(&arguments), "enabled");
+    server.fails(&["--take-over", "tare"], 7, &["command"]);
+    server.wait_for("enabled");
+    server.succeeds(&["disable"]);
+    let (code, text) = said(&finish(disturbed));
+    assert!(code == 1 && text.contains("another program disabled the board"), "{code}: {text}");
+    // Somebody pulls at a fingertip.
+    let touched = server.wait_with(server.start_command(&arguments), "enabled");
+    server.make_trouble("pull 0.01 0 0");
+    let (code, text) = said(&finish(touched));
+    assert!(code == 1 && text.contains("the force on finger1_tip changed by"), "{code}: {text}");
+    server.wait_for("disabled");
+    server.make_trouble("pull off");
+    server.wait_for_rest();
+    assert!(!out.exists());
+
+    let found = server.json(&arguments);
+    let hand = crate::server::hand3();
+    server.succeeds(&["model", "push", hand.to_str().unwrap(), "--calibration", out.to_str().unwrap()]);
+    let plant = server.stop();
+    let model = RobotFolder::load(&hand).unwrap().model;
+    for (joint, factors) in model.joints.iter().zip(plant.factors()) {
+        // 20 mN·m by the folder.
+        let told = 0.02 * factors.coulomb / factors.torque_constant;
+        let coulomb = found["joints"][joint.name.as_str()]["coulomb"]["value"].as_f64().unwrap();
+        assert!((coulomb / told - 1.0).abs() < 0.02, "{}: {coulomb} {told}", joint.name);
+    }
+}
+
+/// An arm that would fall does not fall on what is in its way.
+#[test]
+fn an_arm_that_presses_holds_until_it_is_interrupted() {
+    let server = Server::ready_arm();
+    let (out, told) = (server.folder.path().join("calibration.toml"), server.folder.path().join("told"));
+    let mut command = server.command(&["identify", "--joints", "--out", out.to_str().unwrap()]);
+    let child = command.stdout(Stdio::null()).stderr(File::create(&told).unwrap()).spawn().unwrap();
+    let child = server.wait_with(child, "enabled");
+    server.make_trouble("pull 0.05 0 0");
+    let start = Instant::now();
+    let told = || std::fs::read_to_string(&told).unwrap();
+    while !told().contains("holding, because without power it would fall") {
+        assert!(start.elapsed() < Duration::from_secs(60), "{}", told());
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    server.make_trouble("pull off");
+    server.wait_for("enabled");
+    signal(&child, Signal::SIGINT);
+    let (code, _) = said(&finish(child));
+    let told = told();
+    assert!(
+        code == 1 && told.contains("N·m beyond the weight of its links") && !out.exists(),
+        "{code}: {told}"
+    );
+    server.wait_for("disabled");
+    assert_eq!(server.json(&["faults"])["total"], 0);
+}
