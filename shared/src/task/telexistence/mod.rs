@@ -30,7 +30,7 @@ use crate::teleop::{MotionLimits, MotionTarget, RetargetReport, RetargetState, R
 
 use fingertips::Fingertips;
 pub use fingertips::{FingertipPoint, FingertipSample, MAX_EXTRAPOLATION};
-use settings::LAG;
+use settings::REVERSING_LAG;
 pub use settings::{InvalidTelexistenceSettings, TelexistenceSettings};
 
 /// `e^(−ω·T)` of the filter of the joints' motion, with `ω` = 25 rad/s: what fingers do passes, most of a glove's noise,
@@ -197,7 +197,7 @@ impl Task for Telexistence {
         let joints = io.targets.joints.iter_mut().zip(io.references);
         for ((target, reference), ((&range, &speed), estimate)) in joints.zip(limits.zip(&self.motion)) {
             // `limit_speeds` leaves at least as much margin above the speed.
-            let acceleration = self.settings.acceleration.min(speed / LAG);
+            let acceleration = self.settings.acceleration.min(speed / REVERSING_LAG);
             let limits = MotionLimits { speed, acceleration };
             let point = next(&limits, range, reference, estimate);
             *target = JointTarget { setpoint: JointSetpoint::Point(point), feedforward: 0.0, restart: false };
