@@ -265,10 +265,6 @@ fn angles(io: &Io<'_>) -> [f32; MAX_JOINTS] {
     angles
 }
 
-/// How far references stay inside the limits of angle [rad]. Homing may be as wrong, and a joint that is pressed against
-/// its stop looks blocked.
-const STOP_MARGIN: f32 = 5e-3;
-
 /// The reference after `reference` on the way to the estimated motion: where position and velocity have come
 /// to, with the acceleration of the period that begins, which keeps the limits.
 fn next(
@@ -279,7 +275,6 @@ fn next(
 ) -> JointPoint {
     let JointPoint { position: before, velocity: speed, acceleration } = *reference;
     let now = speed + acceleration * TICK;
-    let (lower, upper) = (lower + STOP_MARGIN, upper - STOP_MARGIN);
     // A joint that begins outside comes back without a jump.
     let position = math::clamp(before + 0.5 * (speed + now) * TICK, lower.min(before), upper.max(before));
     let target = MotionTarget {
