@@ -64,7 +64,9 @@ pub struct PoseDetector {
 impl PoseDetector {
     /// Takes a sample at a time [s]; returns the mean of a new pose that has been held.
     pub fn add(&mut self, time: f64, orientations: GloveSample, markers: Markers) -> Option<Pose> {
-        if self.window.back().is_some_and(|(before, _)| time <= *before) {
+        // What was done in a gap is not known.
+        let goes_on = |before: f64| time > before && time - before < HOLD;
+        if !self.window.back().is_none_or(|(before, _)| goes_on(*before)) {
             self.window.clear();
         }
         self.window.push_back((time, Pose { orientations, markers }));

@@ -43,6 +43,8 @@ const LIMITS: &[(&str, f64)] = &[
     ("retarget_unreachable_longest", 100_000.0),
     ("retarget_directions_longest", 100_000.0),
     ("retarget_directions_unreachable_longest", 100_000.0),
+    ("retarget_first_unreachable_longest", 100_000.0),
+    ("retarget_first_directions_unreachable_longest", 100_000.0),
     ("retarget_mimics_longest", 100_000.0),
     ("retarget_mimics_unreachable_longest", 100_000.0),
     // As the tick of the five-finger hand in tests/tests/image.rs; of the 1 680 000 of a period.

@@ -16,7 +16,7 @@ use tesaki::control::{
     CurrentLoop, CurrentLoopState, Drive, JointPoint, Pid, PidState, ServoMode, Switching, Winding,
 };
 use tesaki::grasp::{Contact, GraspMap, GripError, GripState, LeastGrip};
-use tesaki::kinematics::{Chain, Finger, FingerError, FingerSolutions, Hand};
+use tesaki::kinematics::{Angles, Chain, Finger, FingerError, FingerSolutions, Hand};
 use tesaki::math;
 use tesaki::model::{PidGains, Pose};
 use tesaki::node::Node;
@@ -431,18 +431,25 @@ fn follow_hand5() {
         ("retarget_directions", 1.0, true),
         ("retarget_directions_unreachable", 1.1, true),
     ] {
-        retargeting(name, &hand, size, directions);
+        retargeting(name, &hand, size, directions, false);
     }
+    retargeting("retarget_first_unreachable", &hand, 1.5, false, true);
+    retargeting("retarget_first_directions_unreachable", &hand, 1.5, true, true);
 }
 
 /// Frames of a hand that follows an operator whose hand is `size` times as large and moves, with or
-/// without the directions of the fingertips: all on average, and the longest.
+/// without the directions of the fingertips: all on average, and the longest. Each one may be the `first`, for which the
+/// hand is stretched.
 #[inline(never)]
-fn retargeting(name: &str, hand: &Hand, size: f32, directions: bool) {
+fn retargeting(name: &str, hand: &Hand, size: f32, directions: bool, first: bool) {
     let settings = RetargetSettings { speeds: [1e3; 16], directions, ..RetargetSettings::DEFAULT };
     let retargeting = Retargeting { hand, settings: &settings };
-    let mut state = retargeting.begin_nearby(&hand.center(), &Vector3::zeros());
+    let begin = |angles: &Angles| retargeting.begin_nearby(angles, &Vector3::zeros());
+    let mut state = begin(&hand.center());
     measure_frames(name, |frame| {
+        if first {
+            state = begin(&Angles::zeros());
+        }
         let tips: [_; 5] = tips(hand, frame);
         let operator = OperatorFingertips {
             positions: tips.map(|tip| Some(tip?.0 * size)),
@@ -494,7 +501,7 @@ fn mimics(node: &mut Node) {
     support::push_bytes(node, INSPIRE);
     let hand = || node.robot().and_then(Robot::hand).expect("a hand");
     for (name, size) in [("retarget_mimics", 1.0), ("retarget_mimics_unreachable", 1.1)] {
-        retargeting(name, hand(), size, false);
+        retargeting(name, hand(), size, false, false);
     }
     let center = hand().center();
     let mut sensors = SensorFrame { encoders: [0; 6].into_iter().collect(), ..support::sensors(1) };

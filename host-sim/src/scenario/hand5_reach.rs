@@ -33,7 +33,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
          for each seed, whose fingers spread one by one and have more joints; then the robot's again, and \
          pinches with one finger after another.",
         "The errors that the board states are those of its kinematics. True errors contain homing errors, up to \
-         2 mrad per joint, and those of the servos.",
+         2 mrad per joint, and those of the servos: a joint that sticks comes to its reference within 2 s.",
     ],
     run,
 };
@@ -41,9 +41,12 @@ pub(super) const SCENARIO: Scenario = Scenario {
 /// Length of a trial with random postures, and of that with pinches [s].
 const MOTION: f64 = 12.0;
 const PINCHES: f64 = PINCH_PERIOD * 4.0 + 1.0;
-/// Time from one pinch to the next, and of each movement; the rest of the half of it is held [s].
-const PINCH_PERIOD: f64 = 3.6;
+/// Time of each movement to a pinch and back, for which it is held, and from one pinch to the next [s].
 const PINCH_MOVEMENT: f64 = 1.0;
+const PINCH_HOLD: f64 = 2.3;
+const PINCH_PERIOD: f64 = 2.0 * PINCH_MOVEMENT + PINCH_HOLD + 0.3;
+/// At rest: so long after the references stopped [s]. Joints that stick have come to their references by then.
+const AT_REST: f64 = 2.0;
 /// Errors count from here on [s].
 const BEGIN: f64 = 1.0;
 /// Range of a joint in which random postures lie.
@@ -97,8 +100,9 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     })?;
     for finger in 1..FINGERS {
         let begin = PINCH_PERIOD * (finger - 1) as f64;
+        let stop = begin + PINCH_MOVEMENT;
         // The servos have 0.3 s.
-        let hold = begin + PINCH_MOVEMENT + 0.3..begin + 0.5 * PINCH_PERIOD;
+        let hold = stop + 0.3..stop + AT_REST;
         let name = Finger::ALL[finger];
         let stated = log.largest(&hold, |sample| sample.stated_error(finger));
         let text = format!("Pinch with the {name}: gap by the board's account");
@@ -106,6 +110,9 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
         let gap = log.largest(&hold, |sample| sample.error(finger));
         let text = format!("Pinch with the {name}: true gap");
         summary.insert(format!("pinch_{}_gap", name.name()), Metric::reported(text, gap, "mm"));
+        let rest = log.largest(&(stop + AT_REST..stop + PINCH_HOLD), |sample| sample.error(finger));
+        let text = format!("Pinch with the {name}: true gap at rest");
+        summary.insert(format!("pinch_{}_rest_gap", name.name()), Metric::at_most(text, rest, 0.5, "mm"));
     }
     figures.push(errors("Pinches", &log));
     tables.push(("pinches.csv".to_owned(), log.table()));
@@ -203,11 +210,11 @@ fn pinching(start: &Angles, pinches: &[Angles], time: f64) -> Angles {
     let number = (time / PINCH_PERIOD).floor();
     let Some(pinch) = pinches.get(number as usize) else { return *start };
     let time = time - number * PINCH_PERIOD;
-    let half = 0.5 * PINCH_PERIOD;
-    if time < half {
+    let opening = PINCH_MOVEMENT + PINCH_HOLD;
+    if time < opening {
         between(start, pinch, time / PINCH_MOVEMENT)
     } else {
-        between(pinch, start, (time - half) / PINCH_MOVEMENT)
+        between(pinch, start, (time - opening) / PINCH_MOVEMENT)
     }
 }
 

@@ -5,7 +5,7 @@ use nalgebra::{SVector, Vector3};
 
 use super::{Chain, Posture};
 use crate::math::{self, abs};
-use crate::model::{ChainJoint, Coupling, MAX_CHAIN_JOINTS, MAX_CHAINS, MAX_JOINTS, RobotModel};
+use crate::model::{ChainJoint, Coupling, JointModel, MAX_CHAIN_JOINTS, MAX_CHAINS, MAX_JOINTS, RobotModel};
 
 /// Maximum number of fingers of a [`Hand`].
 pub const MAX_FINGERS: usize = 5;
@@ -172,18 +172,23 @@ impl Hand {
     }
 
     /// The hand whose fingers are the chains of a validated model, with the thumb first. `pointing`:
-    /// direction of the fingertips in their frames, a unit vector.
+    /// direction of the fingertips in their frames, a unit vector. Its actuated joints stay inside the model's limits by
+    /// `margin` [rad], or by a quarter of their range.
     ///
     /// # Errors
     /// There are more than [`MAX_FINGERS`] chains, or two joints that move several of them.
-    pub fn of_model(model: &RobotModel, pointing: [f32; 3]) -> Result<Self, InvalidHand> {
+    pub fn of_model(model: &RobotModel, pointing: [f32; 3], margin: f32) -> Result<Self, InvalidHand> {
         let mut couplings: Vec<Vec<Coupling, MAX_CHAIN_JOINTS>, MAX_CHAINS> = Vec::new();
         for chain in 0..model.chains.len() {
             // A validated model has no more chains.
             let _ = couplings.push(model.joints_of(chain).map(ChainJoint::coupling).collect());
         }
-        let limits: Vec<(f32, f32), MAX_JOINTS> =
-            model.joints.iter().map(|joint| (joint.limits.lower, joint.limits.upper)).collect();
+        let range = |joint: &JointModel| {
+            let (lower, upper) = (joint.limits.lower, joint.limits.upper);
+            let margin = margin.min(0.25 * (upper - lower));
+            (lower + margin, upper - margin)
+        };
+        let limits: Vec<(f32, f32), MAX_JOINTS> = model.joints.iter().map(range).collect();
         let fingers = couplings.iter().enumerate().map(|(chain, couplings)| FingerDescription {
             chain: Chain::of_model(model, chain),
             couplings,

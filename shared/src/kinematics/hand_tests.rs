@@ -203,6 +203,20 @@ fn joints_that_follow_a_joint_of_their_own_finger_count_in_the_solution() {
 }
 
 #[test]
+fn the_hand_of_a_model_stays_inside_its_limits() {
+    let mut model = crate::test_support::finger();
+    for joint in &mut model.joints {
+        (joint.limits.lower, joint.limits.upper) = (-0.5, 0.7);
+    }
+    (model.joints[1].limits.lower, model.joints[1].limits.upper) = (0.1, 0.108);
+    let hand = Hand::of_model(&model, [0.0, 0.0, 1.0], 0.005).unwrap();
+    // Of a range of 8 mrad the middle half.
+    for ((lower, upper), expected) in hand.limits().iter().zip([(-0.495, 0.695), (0.102, 0.106)]) {
+        assert!((lower - expected.0).abs() < 1e-6 && (upper - expected.1).abs() < 1e-6, "{lower} {upper}");
+    }
+}
+
+#[test]
 fn what_makes_no_hand_or_no_target_is_refused() {
     let finger = |couplings| FingerDescription {
         chain: chain_of("hand3_finger1"),

@@ -1,7 +1,9 @@
 //! `tesaki calibrate`: the links of an operator's fingers, from a table and from a stream.
 
 use std::fmt::Write as _;
+use std::io::{BufRead as _, BufReader};
 use std::path::Path;
+use std::process::Stdio;
 
 use serde_json::{Value, json};
 use tesaki::teleop::{FINGERS, Finger, GloveSample, HumanHand};
@@ -173,5 +175,47 @@ fn a_stream_is_led_through_the_poses() {
     assert!(code == 1 && error.contains("not calibrated"), "{error}");
     let (code, _, error) =
         run(folder.path(), &["--live", "--out", "other.toml"], "{\"time\": 1.0, \"back\": [1, 2]}\n");
-    assert!(code == 1 && error.contains("standard input:1: \"back\" must be a quaternion"), "{error}");
+    assert!(
+        code == 1 && error.contains("no good sample any more; line 1: \"back\" must be a quaternion"),
+        "{error}"
+    );
+    // Lines that are cut off, and orientations that are none, are dropped: a person's work is not lost for them.
+    let damaged: String =
+        (1..).zip(lines.lines()).fold(String::new(), |text, (number, line)| match number % 50 {
+            20 => text + &line[..line.len() / 2] + "\n",
+            40 => {
+                let mut value: Value = serde_json::from_str(line).unwrap();
+                value["back"] = json!([0.9, 0.9, 0.9, 0.9]);
+                text + &format!("{value}\n")
+            }
+            _ => text + line + "\n",
+        });
+    let (code, out, error) = run(folder.path(), &["--live", "--out", "other.toml"], &damaged);
+    assert_eq!(code, 0, "{out}{error}");
+    assert!(error.contains("Dropped: line 20: no JSON"), "{error}");
+    assert!(
+        error.contains(
+            "Dropped: line 40: the orientation of the back of the hand is a quaternion of norm 1.8"
+        )
+    );
+}
+
+/// It waits for a glove that gives nothing, and says so.
+#[test]
+fn a_silent_glove_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut child = tesaki_tests::tesaki()
+        .args(["calibrate", "--live"])
+        .current_dir(folder.path())
+        .stdin(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let stdin = child.stdin.take().unwrap();
+    let error = BufReader::new(child.stderr.take().unwrap());
+    let told =
+        error.lines().map(Result::unwrap).any(|line| line.contains("Nothing comes from standard input"));
+    assert!(told);
+    drop(stdin);
+    assert_eq!(child.wait().unwrap().code(), Some(1));
 }

@@ -1,7 +1,7 @@
 //! `tesaki retarget`: an operator's fingertips on the five-finger hand, from files and live.
 
 use std::fmt::Write as _;
-use std::io::Write as _;
+use std::io::{BufRead as _, BufReader, Write as _};
 use std::net::UdpSocket;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
@@ -538,6 +538,25 @@ fn a_source_that_goes_wrong_stops_the_hand_and_is_told() {
     let (code, out) = said(&finish(child));
     assert_eq!(code, 0, "{out}");
     server.wait_for("disabled");
+    // A source that gives nothing, then frames without the thumb: it is said what is missing.
+    server.wait_for_rest();
+    let mut command = server.command(&["retarget", "--live", "--silence", "1"]);
+    let mut child = command.stdin(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut stdin = child.stdin.take().unwrap();
+    let mut told = BufReader::new(child.stderr.take().unwrap()).lines().map(Result::unwrap);
+    assert!(told.any(|line| line.contains("nothing has come from standard input yet")));
+    let writer = std::thread::spawn(move || {
+        // Until nobody reads.
+        while let line = json!({ "time": begin.elapsed().as_secs_f64(), "tips": {} })
+            && stdin.write_all(format!("{line}\n").as_bytes()).is_ok()
+        {
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    });
+    assert!(told.any(|line| line.contains("none shows the thumb")));
+    signal(&child, nix::sys::signal::Signal::SIGINT);
+    assert_eq!(child.wait().unwrap().code(), Some(0));
+    writer.join().unwrap();
     // Nothing is enabled for a source that gives no good frame.
     let mut child = follow(&server, &[]);
     child.stdin.take().unwrap().write_all(b"{\"time\": 0}\n").unwrap();

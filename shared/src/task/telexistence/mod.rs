@@ -30,7 +30,7 @@ use crate::teleop::{MotionLimits, MotionTarget, RetargetReport, RetargetState, R
 
 use fingertips::Fingertips;
 pub use fingertips::{FingertipPoint, FingertipSample, MAX_EXTRAPOLATION};
-use settings::LAG;
+use settings::REVERSING_LAG;
 pub use settings::{InvalidTelexistenceSettings, TelexistenceSettings};
 
 /// `e^(−ω·T)` of the filter of the joints' motion, with `ω` = 25 rad/s: what fingers do passes, most of a glove's noise,
@@ -197,7 +197,7 @@ impl Task for Telexistence {
         let joints = io.targets.joints.iter_mut().zip(io.references);
         for ((target, reference), ((&range, &speed), estimate)) in joints.zip(limits.zip(&self.motion)) {
             // `limit_speeds` leaves at least as much margin above the speed.
-            let acceleration = self.settings.acceleration.min(speed / LAG);
+            let acceleration = self.settings.acceleration.min(speed / REVERSING_LAG);
             let limits = MotionLimits { speed, acceleration };
             let point = next(&limits, range, reference, estimate);
             *target = JointTarget { setpoint: JointSetpoint::Point(point), feedforward: 0.0, restart: false };
@@ -265,10 +265,6 @@ fn angles(io: &Io<'_>) -> [f32; MAX_JOINTS] {
     angles
 }
 
-/// How far references stay inside the limits of angle [rad]. Homing may be as wrong, and a joint that is pressed against
-/// its stop looks blocked.
-const STOP_MARGIN: f32 = 5e-3;
-
 /// The reference after `reference` on the way to the estimated motion: where position and velocity have come
 /// to, with the acceleration of the period that begins, which keeps the limits.
 fn next(
@@ -279,7 +275,6 @@ fn next(
 ) -> JointPoint {
     let JointPoint { position: before, velocity: speed, acceleration } = *reference;
     let now = speed + acceleration * TICK;
-    let (lower, upper) = (lower + STOP_MARGIN, upper - STOP_MARGIN);
     // A joint that begins outside comes back without a jump.
     let position = math::clamp(before + 0.5 * (speed + now) * TICK, lower.min(before), upper.max(before));
     let target = MotionTarget {

@@ -10,6 +10,9 @@ use crate::teleop::{InvalidRetargetSettings, RetargetSettings};
 /// A joint may be behind its reference by this time [s]; while it catches up it is faster, by what it has gained in this
 /// time.
 pub(super) const LAG: f32 = 0.025;
+/// The same of a joint whose speed limit is so low that it reverses at full acceleration again and again: what one reversal
+/// leaves adds to the next [s].
+pub(super) const REVERSING_LAG: f32 = 0.03;
 
 /// Settings of telexistence.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]

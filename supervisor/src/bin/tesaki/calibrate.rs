@@ -3,23 +3,27 @@
 mod camera;
 
 use std::fmt::Write as _;
-use std::io::{self, BufRead};
 use std::path::Path;
+use std::time::Duration;
 
 use serde_json::{Value, json};
 use tesaki::teleop::{
-    CalibrationAccuracy, CalibrationError, CalibrationSettings, FINGERS, Finger, GloveSample,
+    CalibrationAccuracy, CalibrationError, CalibrationSettings, FINGERS, Finger, GloveError, GloveSample,
+    GloveSensor,
 };
 use tesaki_supervisor::operator::{CalibrationGuide, Markers, OperatorFile, Pose, PoseDetector};
 
 use crate::args::{Calibrate, CalibrateCommand, Options};
 use crate::eval::table::Table;
 use crate::failure::Failure;
+use crate::feed::{EndingKind, Feed};
 use crate::glove::{self, GloveColumns, PositionColumns};
 use crate::output;
 
 /// The calibration file, unless another one is named.
 const DEFAULT_FILE: &str = "operator.toml";
+/// A live source that gives nothing for this time is told.
+const SILENCE: Duration = Duration::from_secs(5);
 
 pub fn run(options: &Options, args: &Calibrate) -> Result<(), Failure> {
     if let Some(CalibrateCommand::Camera(args)) = &args.command {
@@ -159,20 +163,50 @@ fn lead(options: &Options, guide: &mut CalibrationGuide) -> Result<(), Failure> 
         })
     };
     tell(guide, "No pose yet.", guide.instruction().as_deref())?;
-    for (line, number) in io::stdin().lock().lines().zip(1..) {
-        let line = line.map_err(Failure::file("standard input"))?;
+    let mut feed = Feed::<String>::standard_input("sample", Duration::MAX);
+    // What is wrong is told once, until the next good sample.
+    let mut told = false;
+    loop {
+        if let Some(ending) = feed.ending() {
+            return match ending.kind {
+                EndingKind::Closed => Ok(()),
+                EndingKind::Silent | EndingKind::Bad => Err(Failure::Other(ending.reason)),
+            };
+        }
+        let Some((arrived, line)) = feed.wait(SILENCE) else {
+            if feed.ending().is_none() && !std::mem::replace(&mut told, true) {
+                let what = format!("Nothing comes from {}: does what feeds it run?", feed.place);
+                tell(guide, &what, guide.instruction().as_deref())?;
+            }
+            continue;
+        };
         if line.trim().is_empty() {
             continue;
         }
-        let (time, sample, markers) = live_sample(&line)
-            .map_err(|error| Failure::Other(format!("standard input:{number}: {error}")))?;
+        let (time, sample, markers) = match live_sample(&line) {
+            Ok(sample) => sample,
+            Err(error) => {
+                feed.reject(arrived, &error);
+                if !std::mem::replace(&mut told, true) {
+                    let what = format!("Dropped: {}.", feed.error().unwrap_or_default());
+                    tell(guide, &what, guide.instruction().as_deref())?;
+                }
+                continue;
+            }
+        };
+        feed.count();
+        told = false;
         let Some(pose) = detector.add(time, sample, markers) else { continue };
         match guide.add_live(&pose) {
             Ok(()) => {
                 let next = guide.instruction();
-                tell(guide, &format!("{} poses.", guide.poses()), next.as_deref())?;
+                tell(
+                    guide,
+                    &format!("{}.", output::counted(guide.poses() as usize, "pose")),
+                    next.as_deref(),
+                )?;
                 if next.is_none() {
-                    break;
+                    return Ok(());
                 }
             }
             Err(error) => {
@@ -181,11 +215,17 @@ fn lead(options: &Options, guide: &mut CalibrationGuide) -> Result<(), Failure> 
             }
         }
     }
-    Ok(())
 }
 
 /// Time [s], orientations and markers of a line.
 fn live_sample(line: &str) -> Result<(f64, GloveSample, Markers), String> {
     let (time, value) = glove::object(line)?;
-    Ok((time, glove::orientations(&value)?, glove::positions(value.get("markers"), "marker")?))
+    let orientations = glove::orientations(&value)?;
+    // A mean over the pose would hide it.
+    let wrong = GloveSensor::all().find_map(|sensor| match orientations.orientation(sensor) {
+        Ok(_) | Err(GloveError::Missing(_)) => None,
+        Err(error) => Some(error.to_string()),
+    });
+    wrong.map_or(Ok(()), Err)?;
+    Ok((time, orientations, glove::positions(value.get("markers"), "marker")?))
 }

@@ -4,7 +4,7 @@ mod clock;
 
 use std::io::{self, BufRead, Read};
 use std::net::{SocketAddr, UdpSocket};
-use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::time::{Duration, Instant};
 
 use crate::failure::Failure;
@@ -111,7 +111,12 @@ impl<T: Send + 'static> Feed<T> {
 impl<T> Feed<T> {
     /// The next of what has come, and when it came.
     pub fn next(&mut self) -> Option<(Instant, T)> {
-        match self.arrivals.try_recv() {
+        self.wait(Duration::ZERO)
+    }
+
+    /// The next of what comes within a time.
+    pub fn wait(&mut self, longest: Duration) -> Option<(Instant, T)> {
+        match self.arrivals.recv_timeout(longest) {
             Ok(Arrival { arrived, content }) => {
                 self.number += 1;
                 self.heard = arrived;
@@ -120,18 +125,23 @@ impl<T> Feed<T> {
                     Err(error) => self.closed = Some(Err(error)),
                 }
             }
-            Err(TryRecvError::Empty) => {}
-            Err(TryRecvError::Disconnected) => {
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => {
                 self.closed.get_or_insert(Ok(()));
             }
         }
         None
     }
 
-    /// A good sample has come. Returns how much later it comes than the soonest ones, by its time stamp [s].
-    pub fn accept(&mut self, arrived: Instant, time: f64) -> f32 {
+    /// A good sample has come, whose time stamp does not matter.
+    pub fn count(&mut self) {
         self.seen = self.seen.saturating_add(1);
         self.bad = None;
+    }
+
+    /// A good sample has come. Returns how much later it comes than the soonest ones, by its time stamp [s].
+    pub fn accept(&mut self, arrived: Instant, time: f64) -> f32 {
+        self.count();
         self.clock.age(arrived, time)
     }
 

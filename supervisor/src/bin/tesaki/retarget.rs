@@ -42,6 +42,9 @@ pub fn run(options: &Options, args: &Retarget) -> Result<(), Failure> {
     }
 }
 
+/// A thumb that is farther from most targets does not fit the operator's [m].
+const UNREACHED: f32 = 5e-3;
+
 /// Retargets all frames, and says how well.
 fn offline(
     options: &Options,
@@ -106,6 +109,15 @@ fn offline(
         ));
     }
     let (text, mut value) = accuracy.told(model, hand, task.retargeting.tolerance);
+    // The distances are sorted by now.
+    let half = quantile(&accuracy.distances[0], 0.5).is_some_and(|distance| distance > UNREACHED);
+    if half && 2 * accuracy.limited < accuracy.seconds.len() {
+        results.notes.push(format!(
+            "the thumb is more than {} mm from half of its targets: fit the robot's hand to the operator's by `scale` or \
+             `[posture]` in retargeting.toml",
+            1e3 * UNREACHED
+        ));
+    }
     value["gaps"] = gaps.into();
     finish(options, &args.output, &results, &text, &value)
 }

@@ -20,6 +20,8 @@ use crate::feed::{Ending, Feed, MAX_TAKEN};
 use crate::motion::{End, KEEP_ALIVE, Motion, PERIOD};
 use crate::output;
 
+/// Where all vectors from the thumb's tip are off by more than this [m], the thumb's offset is likely to be wrong.
+const UNLIKE: f32 = 0.015;
 /// What to do about a source that is a file.
 const NO_FILE: &str = " (give a file by --in, without --live)";
 
@@ -47,11 +49,17 @@ pub fn run(options: &Options, args: &Retarget) -> Result<(), Failure> {
         options,
         &format!("waiting for the operator's hand at {}: hold it like the robot's", stream.feed.place),
     );
+    let (begin, mut told) = (Instant::now(), None);
     let sees_hand = motion.wait_until(|| {
         stream.take();
         let ending = stream.feed.ending();
         ending.map_or(Ok(()), |ending| Err(ending.before_enabling(NO_FILE)))?;
-        Ok(stream.shows_thumb())
+        let shows_thumb = stream.shows_thumb();
+        let frames_come = stream.feed.seen > 0;
+        if !shows_thumb && begin.elapsed() > args.silence && told.replace(frames_come) != Some(frames_come) {
+            output::notice(options, &stream.lacks());
+        }
+        Ok(shows_thumb)
     })?;
     if !sees_hand {
         return Ok(());
@@ -171,6 +179,16 @@ impl Stream {
         self.latest.is_some_and(|(_, _, tips)| tips[0].is_some())
     }
 
+    /// What the hand waits for.
+    fn lacks(&self) -> String {
+        let place = &self.feed.place;
+        if self.feed.seen > 0 {
+            format!("frames come from {place}, but none shows the thumb, without which no finger is led")
+        } else {
+            format!("nothing has come from {place} yet: does what feeds it run?")
+        }
+    }
+
     /// The newest sample that was not sent yet.
     fn sample(&mut self, now: Instant) -> Option<FingertipSample> {
         self.take();
@@ -192,6 +210,10 @@ impl Stream {
             if hand.missed >> finger & 1 != 0 {
                 let _ = write!(text, "; {} off by {:.1} mm", chain.name, 1e3 * error);
             }
+        }
+        let mut errors = hand.errors.iter().take(model.chains.len()).skip(1);
+        if hand.limited == 0 && errors.all(|error| *error > UNLIKE) {
+            text += " (did the operator's hand begin like the robot's?)";
         }
         let unknown = Finger::ALL.into_iter().filter(|finger| hand.unknown >> *finger as u8 & 1 != 0);
         for finger in unknown.filter(|_| hand.samples > 0) {
