@@ -45,7 +45,7 @@ fn relaxed(hand: &Hand) -> Angles {
 impl Board {
     fn new() -> Self {
         let model = robot("hand5").model;
-        let hand = Hand::of_model(&model, [0.0, 0.0, 1.0]).unwrap();
+        let hand = Hand::of_model(&model, [0.0, 0.0, 1.0], 0.0).unwrap();
         let mut board = Self { rig: Rig::new(&model), hand, references: Vec::new() };
         board.sense(&vec![0.0; model.joints.len()]);
         let positions = relaxed(&board.hand).iter().take(model.joints.len()).copied().collect();
