@@ -80,9 +80,8 @@ impl HandRig {
     /// Reads the robot's folder.
     pub fn load(setting: &Setting<'_, '_>) -> Result<Self, ScenarioError> {
         let robot = RobotFolder::load(setting.robot)?;
-        let hand = Hand::of_model(&robot.model, [0.0, 0.0, 1.0], 0.0).map_err(|error| ScenarioError::NoHand {
-            robot: setting.robot.display().to_string(),
-            reason: error.to_string(),
+        let hand = Hand::of_model(&robot.model, [0.0, 0.0, 1.0], 0.0).map_err(|error| {
+            ScenarioError::NoHand { robot: setting.robot.display().to_string(), reason: error.to_string() }
         })?;
         let motion = Motion::new(robot.model.joints.iter().map(|joint| joint.name.as_str()));
         let (seed, intervention) = (setting.seed, setting.intervention.clone());

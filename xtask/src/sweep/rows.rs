@@ -178,7 +178,12 @@ const FINGERTIPS: &[Row] = &[
     row("hand5-reach", "pinch_index_stated", "pinch with the index finger: gap of the kinematics"),
     row("hand5-reach", "pinch_index_rest_gap", "true gap, 2 s after the motion"),
     row("hand5-reach", "pinch_index_gap", "true gap, from 0.3 s after the motion on"),
-    row("hand5-reach", "pinch_little_gap", "pinch with the little finger: true gap"),
+    row(
+        "hand5-reach",
+        "pinch_middle_rest_gap",
+        "pinch with the middle finger: true gap, 2 s after the motion",
+    ),
+    row("hand5-reach", "pinch_little_rest_gap", "pinch with the little finger, the same"),
 ];
 
 const GLOVE: &[Row] = &[
