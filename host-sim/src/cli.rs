@@ -2,9 +2,11 @@
 
 mod papers;
 mod render_knob;
+mod view;
 
 use std::error::Error;
 use std::io::IsTerminal;
+use std::net::SocketAddr;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
@@ -20,8 +22,9 @@ use tesaki_sim::controller::{Controller, Native, Watched};
 use tesaki_sim::door::{KnobDoor, hand_joints, hand_pose};
 use tesaki_sim::faults::{self, Report, Schedule, Violation};
 use tesaki_sim::law::LawFile;
+use tesaki_sim::live_run::LiveRun;
 use tesaki_sim::qemu::Qemu;
-use tesaki_sim::report::{Metric, Page, Summary, figure_files, table, write};
+use tesaki_sim::report::{Metric, Page, Summary, Verdict, figure_files, table, write};
 use tesaki_sim::scenario::{Outcome, SCENARIOS, Scenario, Setting, encode_record};
 use tesaki_supervisor::Board;
 
@@ -119,6 +122,13 @@ struct Run {
     /// Print one JSON object per seed instead of the table
     #[arg(long)]
     json: bool,
+    /// Show the run on a page in a browser while it is computed, and until Ctrl-C. The page is at an address of this
+    /// machine alone: HOST:PORT
+    #[arg(
+        long, value_name = "ADDRESS", num_args = 0..=1, require_equals = true,
+        default_missing_value = view::ADDRESS, value_parser = view::address, conflicts_with = "json"
+    )]
+    view: Option<SocketAddr>,
     /// Robot folder; default: that of the scenario
     #[arg(long)]
     robot: Option<PathBuf>,
@@ -235,6 +245,7 @@ fn demonstrate() -> Result<bool, Box<dyn Error>> {
         duration: None,
         out: PathBuf::from("out"),
         json: false,
+        view: None,
         robot: None,
         law: Vec::new(),
         elf: default_image(),
@@ -277,10 +288,18 @@ fn tell_limits(options: &Limits) -> Result<(), Box<dyn Error>> {
 
 fn run_scenario(options: &Run) -> Result<bool, Box<dyn Error>> {
     let scenario = find_scenario(&options.scenario)?;
+    match options.view {
+        Some(address) => view::run(scenario, options, address),
+        None => compute(scenario, options, None),
+    }
+}
+
+/// Runs all seeds and saves the report; `false` if a metric failed.
+fn compute(scenario: &Scenario, options: &Run, live: Option<&LiveRun>) -> Result<bool, Box<dyn Error>> {
     let mut summaries = Vec::new();
     let mut written = None;
     for seed in options.seed.clone() {
-        let (summary, outcome, record) = run_seed(scenario, options, seed)?;
+        let (summary, outcome, record) = run_seed(scenario, options, seed, live)?;
         if options.json {
             say!("{}", serde_json::to_string(&summary)?);
         }
@@ -291,6 +310,9 @@ fn run_scenario(options: &Run) -> Result<bool, Box<dyn Error>> {
     let passed = summaries.iter().all(Summary::pass);
     if let Some((outcome, record)) = written {
         let page = save(scenario, options, &summaries, &outcome, &record)?;
+        if let (Some(live), [summary], Some(folder)) = (live, summaries.as_slice(), page.parent()) {
+            live.end(Verdict::of(summary), folder);
+        }
         if !options.json {
             let colour = std::io::stdout().is_terminal() && std::env::var_os("NO_COLOR").is_none();
             say!("{}", table(&summaries, colour));
@@ -501,7 +523,12 @@ fn robot_folder(scenario: &Scenario, options: &Run) -> PathBuf {
 
 type SeedResult = (Summary, Outcome, Vec<u8>);
 
-fn run_seed(scenario: &Scenario, options: &Run, seed: u64) -> Result<SeedResult, Box<dyn Error>> {
+fn run_seed(
+    scenario: &Scenario,
+    options: &Run,
+    seed: u64,
+    live: Option<&LiveRun>,
+) -> Result<SeedResult, Box<dyn Error>> {
     let bar = progress_bar(&format!("{} seed {seed}", scenario.name));
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to 1000")]
     let progress = |fraction: f64| bar.set_position((fraction * 1000.0) as u64);
@@ -528,8 +555,10 @@ fn run_seed(scenario: &Scenario, options: &Run, seed: u64) -> Result<SeedResult,
         laws: &laws,
         progress: &progress,
         intervention: None,
+        live,
     };
     let outcome = scenario.run(&mut setting)?;
+    outcome.motion.show_last();
     let mut summary = outcome.summary.clone();
     summary.controller = options.controller.name().to_owned();
     summary = summary.frames_sha256(watched.frames_sha256());

@@ -105,6 +105,13 @@ export class Charts {
     this.rebuild();
   }
 
+  /** More values behind those that are there, drawn by `refresh`. */
+  append(times: number[], values: (number | null)[][][]): void {
+    this.times.push(...times);
+    this.drawn.forEach((drawn, panel) => drawn.values.forEach((line, index) => line.push(...values[panel][index])));
+    this.range[1] = this.times.at(-1) ?? this.range[1];
+  }
+
   /** One value more for each line; what is older than `span` goes. */
   push(time: number, values: (number | null)[][], span: number): void {
     // Time went back: the board was reset.

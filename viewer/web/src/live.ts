@@ -2,7 +2,7 @@
 
 import { Charts, type Panel } from "./charts";
 import type { Contact, Fault, FromServer, Scene, State, Status, Vec } from "./data";
-import { button, el, number, say } from "./dom";
+import { button, el, number, openSocket, say } from "./dom";
 import { excuse } from "./replay";
 import { NoWebGL, Stage } from "./stage";
 
@@ -94,9 +94,7 @@ export class Live {
   }
 
   private connect(): void {
-    const url = new URL("live", location.href);
-    url.protocol = location.protocol === "https:" ? "wss:" : "ws:";
-    const socket = new WebSocket(url);
+    const socket = openSocket();
     this.socket = socket;
     socket.addEventListener("message", (event) => this.take(JSON.parse(String(event.data)) as FromServer));
     socket.addEventListener("close", (event) => {
