@@ -531,7 +531,7 @@ mod tests {
     fn addresses_that_others_reach_are_refused() {
         for address in ["0.0.0.0:0", "192.0.2.1:0", "[::]:0"] {
             let address: SocketAddr = address.parse().expect("it is an address");
-            let error = Server::listen(address, &SITE).err().expect("it is refused").to_string();
+            let error = Server::listen(address, &SITE).expect_err("it is refused").to_string();
             assert!(error.contains("ssh -L"), "{error}");
         }
     }

@@ -147,13 +147,13 @@ export class Live {
     const names = scene.joints.slice(0, scene.driven).map((joint) => joint.name);
     const lines = names.map((label, colour) => ({ label, colour }));
     const panels: Panel[] = [
-      { title: "Angle", unit: "rad", digits: 3, shown: true, lines: [...lines, ...lines.map((line) => ({ ...line, dashed: true }))] },
-      { title: "Velocity", unit: "rad/s", digits: 3, shown: false, lines },
-      { title: "Torque", unit: "N·m", digits: 3, shown: true, lines },
+      { title: "Angle", of: "Joints", unit: "rad", digits: 3, shown: true, lines: [...lines, ...lines.map((line) => ({ ...line, dashed: true }))] },
+      { title: "Velocity", of: "Joints", unit: "rad/s", digits: 3, shown: false, lines },
+      { title: "Torque", of: "Joints", unit: "N·m", digits: 3, shown: true, lines },
     ];
     if (scene.tips.some((tip) => tip.sensor)) {
       const tips = scene.tips.map(({ name: label }, colour) => ({ label, colour }));
-      panels.push({ title: "Force at the tip", unit: "N", digits: 2, shown: true, lines: tips });
+      panels.push({ title: "Force at the tip", of: "Tips", unit: "N", digits: 2, shown: true, lines: tips });
     }
     return panels;
   }

@@ -130,7 +130,7 @@ export class Player {
     const names = scene.joints.slice(0, scene.driven).map((joint) => joint.name);
     const column = (value: (sample: Sample) => number | undefined) => samples.map((sample) => value(sample) ?? null);
     const of_joints = (title: string, unit: string, digits: number, shown: boolean, value: (sample: Sample, joint: number) => number | undefined) => ({
-      panel: { title, unit, digits, shown, lines: names.map((label, colour) => ({ label, colour })) } as Panel,
+      panel: { title, of: "Joints", unit, digits, shown, lines: names.map((label, colour) => ({ label, colour })) } as Panel,
       values: names.map((_, joint) => column((sample) => value(sample, joint))),
     });
     const angles = of_joints("Angle", "rad", 3, true, (sample, joint) => sample.q[joint]);
@@ -149,7 +149,7 @@ export class Player {
         return forces?.length ? Math.max(...forces) : 0;
       };
       panels.unshift({
-        panel: { title: "Force at the tip", unit: "N", digits: 2, shown: true, lines: scene.tips.map((tip, colour) => ({ label: tip.name, colour })) },
+        panel: { title: "Force at the tip", of: "Tips", unit: "N", digits: 2, shown: true, lines: scene.tips.map((tip, colour) => ({ label: tip.name, colour })) },
         values: scene.tips.map((_, tip) => column((sample) => size(sample, tip))),
       });
     }

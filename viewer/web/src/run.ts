@@ -16,12 +16,14 @@ export class RunView {
   private readonly badge = el("output", { class: "tv-badge", "data-mode": "lost" }, "connecting");
   private readonly facts = el("output", { class: "tv-task" });
   private readonly notice = el("output", { class: "tv-notice", role: "status" });
-  private readonly verdict = el("section", { class: "tv-card tv-verdict" });
+  /** How many limits were met, and the way to the report. */
+  private readonly outcome = el("span", { class: "tv-outcome" });
+  private readonly verdict = el("section", { class: "tv-card tv-verdict", id: "quantities" });
   private readonly replay = el("div", { class: "tv-replay" });
 
   constructor(root: HTMLElement) {
     this.verdict.hidden = true;
-    root.append(el("header", { class: "tv-head" }, this.name, this.badge, this.facts), this.notice, this.verdict, this.replay);
+    root.append(el("header", { class: "tv-head" }, this.name, this.badge, this.facts, el("span", { class: "tv-space" }), this.outcome), this.notice, this.replay, this.verdict);
     this.connect();
   }
 
@@ -82,27 +84,9 @@ export class RunView {
     const { verdict } = end;
     this.setBadge(verdict.pass ? "passed" : "failed", verdict.pass ? "enabled" : "fault");
     this.tell("", true);
-    this.verdict.replaceChildren(...this.results(verdict));
+    this.outcome.append(el("a", { href: "#quantities" }, verdict.text), el("a", { href: "report/index.html", class: "tv-report" }, "Report"));
+    this.verdict.append(el("h2", {}, "Quantities and their limits"), el("div", { class: "tv-scroll" }, table(verdict)));
     this.verdict.hidden = false;
-  }
-
-  private results({ text, rows }: Verdict): HTMLElement[] {
-    const words = (pass: boolean | null) => (pass === null ? "reported" : pass ? "✓ pass" : "✗ FAIL");
-    const row = ({ label, measured, limit, pass, note }: Verdict["rows"][number]) =>
-      el(
-        "tr",
-        pass === null ? {} : { class: pass ? "tv-pass" : "tv-fail" },
-        el("td", {}, label, note ? el("small", {}, note) : null),
-        el("td", {}, measured),
-        el("td", {}, limit),
-        el("td", {}, words(pass)),
-      );
-    const head = el("tr", {}, ...["Quantity", "Measured", "Limit", "Verdict"].map((name) => el("th", {}, name)));
-    const link = el("a", { href: "report/index.html", class: "tv-report" }, "Report with figures and files");
-    return [
-      el("header", {}, el("h2", {}, text), link),
-      el("details", { open: "" }, el("summary", {}, "Quantities"), el("div", { class: "tv-scroll" }, el("table", {}, el("thead", {}, head), el("tbody", {}, ...rows.map(row))))),
-    ];
   }
 
   private setBadge(text: string, mode: string): void {
@@ -119,11 +103,26 @@ export class RunView {
   private lost(): void {
     if (this.isOver) {
       // All is here, but for the report.
-      for (const link of this.verdict.querySelectorAll(".tv-report")) link.replaceWith(el("span", {}, "The program has ended; its report is in its folder."));
+      this.outcome.querySelector(".tv-report")?.replaceWith(el("span", {}, "The program has ended; the report is in its folder."));
       return;
     }
     this.setBadge("no connection", "lost");
     const rest = this.has.samples > 0 ? " What was computed until then stays here." : "";
     this.tell(`The run is interrupted, or its program has ended.${rest} This page tries again every second.`, false);
   }
+}
+
+function table({ rows }: Verdict): HTMLElement {
+  const words = (pass: boolean | null) => (pass === null ? "reported" : pass ? "✓ pass" : "✗ FAIL");
+  const row = ({ label, measured, limit, pass, note }: Verdict["rows"][number]) =>
+    el(
+      "tr",
+      pass === null ? {} : { class: pass ? "tv-pass" : "tv-fail" },
+      el("td", {}, label, note ? el("small", {}, note) : null),
+      el("td", {}, measured),
+      el("td", {}, limit),
+      el("td", {}, words(pass)),
+    );
+  const head = el("tr", {}, ...["Quantity", "Measured", "Limit", "Verdict"].map((name) => el("th", {}, name)));
+  return el("table", {}, el("thead", {}, head), el("tbody", {}, ...rows.map(row)));
 }
