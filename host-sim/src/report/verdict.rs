@@ -67,7 +67,7 @@ mod tests {
             verdict.rows[0],
             VerdictRow {
                 label: "Peak".to_owned(),
-                measured: "12.50 mrad".to_owned(),
+                measured: "12.5 mrad".to_owned(),
                 limit: "≤ 12 mrad".to_owned(),
                 pass: Some(false),
                 note: None
