@@ -110,6 +110,11 @@ impl LiveRun {
         self.computed().notes.push(note);
     }
 
+    /// Whether something has moved.
+    pub fn has_begun(&self) -> bool {
+        !self.computed().samples.is_empty()
+    }
+
     /// The run has ended, with a report in a folder.
     pub fn end(&self, verdict: Verdict, report: &Path) {
         let mut computed = self.computed();

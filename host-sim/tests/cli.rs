@@ -121,6 +121,8 @@ fn bad_input_is_answered_with_what_to_do() {
         (&["--view", "--json"], "cannot be used with"),
         (&["--view=0.0.0.0:7481"], "ssh -L 7481:localhost:7481"),
         (&["--view=7481"], "expected HOST:PORT, such as localhost:7481"),
+        // Nothing has moved: there is nothing to stay for.
+        (&["--view=localhost:0", "--duration", "3"], "--duration 3 is too short"),
         (&[taken.as_str()], "choose another port, as in --view="),
     ] {
         says(&host_sim(&[&["run", "hand3-servo"], arguments].concat()), 2, &[told]);

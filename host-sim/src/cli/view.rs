@@ -43,6 +43,9 @@ pub fn run(scenario: &Scenario, options: &Run, address: SocketAddr) -> Result<bo
     say!("http://{address}");
     let result = compute(scenario, options, Some(&live));
     if let Err(error) = &result {
+        if !live.has_begun() {
+            return result;
+        }
         live.fail(&error.to_string());
         note!("host-sim: {error}");
     }
