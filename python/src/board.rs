@@ -17,6 +17,7 @@ use tesaki_description::retargeting::RetargetingSettings;
 use tesaki_description::{grasp, impedance};
 use tesaki_recording::{McapError, Recording};
 use tesaki_supervisor::port::{Address, Key, Reopening};
+use tesaki_supervisor::publication::{Publication, STREAMS};
 use tesaki_supervisor::{Board as _, BoardError as Failure, LinkBoard, troubleshooting};
 
 use crate::arrays::output;
@@ -29,8 +30,6 @@ use crate::value::dictionary;
 const KEEP_ALIVE: Duration = Duration::from_millis(20);
 /// Telemetries in a row within the tolerance that count as arrival.
 const ARRIVED: u32 = 10;
-/// A control period [ns].
-const TICK: u64 = 10_000_000;
 /// How long a board that may be gone is told to disable.
 const LAST_WORD: Duration = Duration::from_millis(500);
 
@@ -271,7 +270,8 @@ impl Board {
         let command = Request::Task(TaskCommand::JointServo(command));
         let (mut near, mut worst) = (0, (0, f32::INFINITY));
         let until = Instant::now() + within;
-        self.drive(py, until, &command, |telemetry| {
+        self.drive(py, until, &command, |event| {
+            let FromBoard::Telemetry(telemetry) = event else { return false };
             let errors =
                 telemetry.joints.iter().zip(&goal).map(|(joint, goal)| (goal - joint.position).abs());
             worst = errors
@@ -437,15 +437,22 @@ impl Board {
         Ok(log.faults.iter().map(|fault| self.described(fault)).collect())
     }
 
-    /// Records the joints in each tick, as MCAP for ROS 2; keeps an enabled board alive meanwhile.
+    /// Records what the board sends, as MCAP for ROS 2; keeps an enabled board alive meanwhile.
+    ///
+    /// The recording has, as that of ``tesaki record``: joints, references and links in each tick, the wrench on each tip
+    /// with a tared sensor, the frame that the task controls and its set-point, phases and modes in words, and
+    /// ``/diagnostics`` with the numbers of the task. It is whole also when a fault ends it.
     ///
     /// Args:
     ///     path: the file to write.
     ///     duration: [s].
-    ///     robot: puts its URDF into the recording.
+    ///     robot: puts its URDF into the recording, and its names of the links.
     ///
     /// Returns:
     ///     the number of recorded ticks; ``tesaki.recordings.load`` reads them.
+    ///
+    /// Raises:
+    ///     ValueError: ``robot`` is another one than the board's.
     #[pyo3(signature = (path, duration, robot=None))]
     fn record(
         &mut self,
@@ -456,29 +463,46 @@ impl Board {
     ) -> PyResult<u32> {
         let wrong = |error: McapError| BoardError::new_err(error.to_string());
         let duration = seconds("duration", duration)?;
-        let urdf = robot.map(|robot| std::fs::read_to_string(robot.folder.path.join("robot.urdf")));
+        let folder = robot.map(|robot| robot.folder.clone());
+        if let (Some(model), Some(folder)) = (&self.model, &folder)
+            && model.name != folder.model.name
+        {
+            return Err(PyValueError::new_err(format!(
+                "robot is {}, and the board's is {}: its URDF and the board's angles do not belong together",
+                folder.model.name, model.name
+            )));
+        }
+        let urdf = folder.as_ref().map(|folder| std::fs::read_to_string(folder.path.join("robot.urdf")));
         let urdf = urdf.transpose().map_err(file)?;
-        let names = self.joints();
-        let mut recording = Recording::create(&path, urdf.as_deref()).map_err(wrong)?;
-        self.call(py, |link| {
-            link.set_rate(Stream::Telemetry, 1)?;
-            while link.next_event(Instant::now())?.is_some() {}
-            Ok(())
-        })?;
+        let recording = Recording::create(&path, urdf.as_deref()).map_err(wrong)?;
+        let mut publication = Publication::new(recording, folder);
+        // Nobody else pushes a model meanwhile, so that any checksum will do.
+        publication.use_model(self.model.as_ref().map(|model| (model, 0)));
+        self.stream_recorded(py, true)?;
         let (mut count, mut failed, mut last) = (0, None, None);
         let request = if self.is_enabled { Request::Keep } else { Request::ReadStatus };
         let until = Instant::now() + duration;
-        self.drive(py, until, &request, |telemetry| {
-            if last.replace(telemetry.tick) == Some(telemetry.tick) {
-                return false;
-            }
-            let write = write(&mut recording, &names, telemetry);
-            count += u32::from(write.is_ok());
-            failed = write.err();
+        let driven = self.drive(py, until, &request, |event| {
+            let written = match event {
+                FromBoard::Telemetry(telemetry) if last.replace(telemetry.tick) == Some(telemetry.tick) => {
+                    Ok(())
+                }
+                FromBoard::Telemetry(telemetry) => {
+                    count += 1;
+                    publication.telemetry(telemetry)
+                }
+                FromBoard::Tips(tips) => publication.tips(tips),
+                FromBoard::Task(task) => publication.task(task),
+                FromBoard::Status(status) => publication.status(status),
+                FromBoard::Reply(_) | FromBoard::Log(_) => Ok(()),
+            };
+            failed = written.err();
             failed.is_some()
-        })?;
+        });
+        let stopped = self.stream_recorded(py, false);
+        publication.publisher.finish().map_err(wrong)?;
         failed.map_or(Ok(()), |error| Err(wrong(error)))?;
-        recording.finish().map_err(wrong)?;
+        driven.and(stopped)?;
         Ok(count)
     }
 
@@ -502,6 +526,18 @@ impl Board {
         py.detach(|| ask(link)).map_err(board)
     }
 
+    /// Asks for what a recording is made of, or for no more of it than the joints, and drops what came before.
+    fn stream_recorded(&mut self, py: Python<'_>, wanted: bool) -> PyResult<()> {
+        self.call(py, |link| {
+            for &(stream, every) in STREAMS {
+                let is_kept = wanted || stream == Stream::Telemetry;
+                link.set_rate(stream, if is_kept { every } else { 0 })?;
+            }
+            while link.next_event(Instant::now())?.is_some() {}
+            Ok(())
+        })
+    }
+
     /// Sends a command to the task.
     fn send(&mut self, py: Python<'_>, command: TaskCommand) -> PyResult<()> {
         let action = match &command {
@@ -523,13 +559,13 @@ impl Board {
         }
     }
 
-    /// Sends `request` every 20 ms until `done` says so of a telemetry, or `until`.
+    /// Sends `request` every 20 ms until `done` says so of what the board sends, or `until`.
     fn drive(
         &mut self,
         py: Python<'_>,
         until: Instant,
         request: &Request,
-        mut done: impl FnMut(&Telemetry) -> bool + Send,
+        mut done: impl FnMut(&FromBoard) -> bool + Send,
     ) -> PyResult<()> {
         self.call(py, |link| link.set_rate(Stream::Telemetry, 1))?;
         let mut heard = Instant::now();
@@ -549,16 +585,22 @@ impl Board {
                 let (mut news, mut refused) = (Vec::new(), None);
                 while let Some(event) = link.next_event(deadline)? {
                     match event {
-                        FromBoard::Telemetry(telemetry) => news.push(telemetry),
                         FromBoard::Reply(ReplyFrame { reply: Reply::Refused(refusal), .. }) => {
                             refused = Some(refusal);
                         }
-                        _ => {}
+                        event => news.push(event),
                     }
                 }
                 Ok((news, refused))
             })?;
-            for telemetry in &news {
+            for event in &news {
+                let is_done = done(event);
+                let FromBoard::Telemetry(telemetry) = event else {
+                    if is_done {
+                        return Ok(());
+                    }
+                    continue;
+                };
                 heard = Instant::now();
                 was_enabled |= matches!(telemetry.mode, Mode::Enabled(_));
                 if self.is_enabled
@@ -571,7 +613,7 @@ impl Board {
                     self.is_enabled = false;
                     return Err(BoardError::new_err("the board was disabled by another program, or reset"));
                 }
-                if done(telemetry) {
+                if is_done {
                     return Ok(());
                 }
             }
@@ -729,17 +771,6 @@ fn await_event<T>(
         }
     }
     Err(Failure::Timeout { seconds: 1.0 })
-}
-
-fn write(recording: &mut Recording, names: &[String], telemetry: &Telemetry) -> Result<(), McapError> {
-    let time = u64::from(telemetry.tick) * TICK;
-    let column = |value: &dyn Fn(&tesaki::protocol::JointTelemetry) -> f32| -> Vec<f64> {
-        telemetry.joints.iter().map(|joint| f64::from(value(joint))).collect()
-    };
-    let [position, velocity, torque] =
-        [column(&|joint| joint.position), column(&|joint| joint.velocity), column(&|joint| joint.torque)];
-    recording.joint_states(time, names, &position, &velocity, &torque)?;
-    recording.references(time, names, &column(&|joint| joint.reference), &[], &[])
 }
 
 /// A time argument [s].
