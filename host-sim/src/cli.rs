@@ -6,6 +6,7 @@ mod render_knob;
 mod run;
 #[cfg(unix)]
 mod serve;
+mod view;
 
 use std::error::Error;
 use std::ops::RangeInclusive;

@@ -14,6 +14,7 @@ pub mod digest;
 pub mod door;
 pub mod faults;
 pub mod law;
+pub mod live_run;
 pub mod motion;
 pub mod operator;
 pub mod papers;

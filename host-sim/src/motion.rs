@@ -30,6 +30,7 @@ pub use tesaki_recording::Transform;
 
 use tesaki_viewer::{Contact, Frame, Note, Object, Replay, Scene, Shape};
 
+use crate::live_run::{EVERY, LiveRun};
 use crate::plant::{Fixture, FixtureShape, ObjectValues, Plant, Shape as Solid, Truth};
 
 /// Smaller forces are not shown [N].
@@ -46,6 +47,8 @@ pub struct Motion {
     names: Vec<String>,
     samples: Vec<Sample>,
     objects: Vec<Object>,
+    /// Who looks on.
+    live: Option<LiveRun>,
 }
 
 #[derive(Clone, Debug)]
@@ -56,6 +59,24 @@ struct Sample {
     frames: Vec<Transform>,
     notes: Vec<String>,
     contacts: Vec<Contact>,
+}
+
+impl Sample {
+    /// For a page.
+    fn shown(&self) -> tesaki_viewer::Sample {
+        tesaki_viewer::Sample {
+            positions: self.truth.positions.clone(),
+            velocities: self.truth.velocities.clone(),
+            torques: self.truth.torques.clone(),
+            references: self.reference.clone(),
+            frames: self
+                .frames
+                .iter()
+                .map(|frame| Frame(frame.child.clone(), flat(frame.translation, frame.rotation_xyzw)))
+                .collect(),
+            contacts: self.contacts.clone(),
+        }
+    }
 }
 
 /// Why the recording could not be written.
@@ -75,9 +96,17 @@ impl Motion {
         Self { names: names.into_iter().map(Into::into).collect(), ..Self::default() }
     }
 
+    /// The same for who looks on while it is computed, if anybody does.
+    #[must_use]
+    pub fn shown_to(self, live: Option<&LiveRun>) -> Self {
+        Self { live: live.cloned(), ..self }
+    }
+
     /// Adds the state at the start of a control period; returns the number of the tick, from 1, as the sensor
     /// frames carry it.
     pub fn tick(&mut self, truth: &Truth) -> u32 {
+        // The last sample is whole only now.
+        self.show_last();
         let truth = truth.clone();
         self.samples.push(Sample {
             truth,
@@ -87,6 +116,22 @@ impl Motion {
             contacts: Vec::new(),
         });
         self.ticks()
+    }
+
+    /// Shows the last sample, if it is one of those that are shown, to who looks on: for the end of a run.
+    pub fn show_last(&self) {
+        if let (Some(live), Some(last)) = (&self.live, self.samples.last())
+            && (self.samples.len() - 1).is_multiple_of(EVERY)
+        {
+            live.sample(last.shown().rounded());
+        }
+    }
+
+    fn add_object(&mut self, object: Object) {
+        if let Some(live) = &self.live {
+            live.object(object.clone());
+        }
+        self.objects.push(object);
     }
 
     /// Where the joints should be in the last tick [rad].
@@ -105,9 +150,13 @@ impl Motion {
 
     /// A line of text, in the last tick: what begins here.
     pub fn note(&mut self, text: impl Into<String>) {
-        if let Some(sample) = self.samples.last_mut() {
-            sample.notes.push(text.into());
+        let time = f64::from(self.ticks().saturating_sub(1)) * SECONDS;
+        let Some(sample) = self.samples.last_mut() else { return };
+        let text = text.into();
+        if let Some(live) = &self.live {
+            live.note(Note { time, text: text.clone() });
         }
+        sample.notes.push(text);
     }
 
     /// What acts on the tips, in the last tick: contacts with the object, else walls, holds and pushes.
@@ -145,11 +194,11 @@ impl Motion {
         };
         let frame = Some("object".to_owned());
         let pose = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0];
-        self.objects.push(Object { since: self.now(), frame, shape, pose });
+        self.add_object(Object { since: self.now(), frame, shape, pose });
         if let Some(support) = object.support.filter(|_| is_supported) {
             let ([x, y, z], [a, b, c, d]) = (support.position, support.orientation);
             let (shape, pose) = (Shape::Box(support.size), [x, y, z, a, b, c, d]);
-            self.objects.push(Object { since: self.now(), frame: None, shape, pose });
+            self.add_object(Object { since: self.now(), frame: None, shape, pose });
         }
     }
 
@@ -162,7 +211,7 @@ impl Motion {
                 | FixtureShape::BevelledCylinder { radius, length, .. } => Shape::Cylinder([radius, length]),
             };
             let pose = flat(fixture.pose.translation.vector.into(), fixture.pose.rotation.coords.into());
-            self.objects.push(Object { since: self.now(), frame: None, shape, pose });
+            self.add_object(Object { since: self.now(), frame: None, shape, pose });
         }
     }
 
@@ -173,19 +222,7 @@ impl Motion {
 
     /// The motion for the page of a report.
     pub fn replay(&self, scene: Scene) -> Replay {
-        let sample = |sample: &Sample| tesaki_viewer::Sample {
-            positions: sample.truth.positions.clone(),
-            velocities: sample.truth.velocities.clone(),
-            torques: sample.truth.torques.clone(),
-            references: sample.reference.clone(),
-            frames: sample
-                .frames
-                .iter()
-                .map(|frame| Frame(frame.child.clone(), flat(frame.translation, frame.rotation_xyzw)))
-                .collect(),
-            contacts: sample.contacts.clone(),
-        };
-        let samples: Vec<_> = self.samples.iter().map(sample).collect();
+        let samples: Vec<_> = self.samples.iter().map(Sample::shown).collect();
         let mut replay = Replay::new(scene, SECONDS, &samples);
         replay.objects.clone_from(&self.objects);
         replay.notes = (0u32..)

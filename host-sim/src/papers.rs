@@ -243,6 +243,7 @@ fn run(
         laws: &laws,
         progress,
         intervention: None,
+        live: None,
     };
     let outcome = scenario.run(&mut setting).map_err(|reason| PapersError::Run {
         scenario: scenario.name,

@@ -38,6 +38,7 @@ pub use possible::Impossible;
 
 use std::path::Path;
 
+use tesaki::model::RobotModel;
 use tesaki::protocol::LogRecord;
 use tesaki_description::calibration::CalibrationError;
 use tesaki_description::grasp::GraspFileError;
@@ -48,6 +49,7 @@ use tesaki_supervisor::identify::IdentifyError;
 
 use crate::controller::Watched;
 use crate::law::LawFile;
+use crate::live_run::LiveRun;
 use crate::motion::Motion;
 use crate::plant::{PlantError, SharedIntervention};
 use crate::report::{Figure, Summary};
@@ -119,6 +121,15 @@ pub struct Setting<'a, 'b> {
     pub progress: &'a dyn Fn(f64),
     /// What acts on the plants from outside the experiment.
     pub intervention: Option<SharedIntervention>,
+    /// Who looks on while it is computed.
+    pub live: Option<&'a LiveRun>,
+}
+
+impl Setting<'_, '_> {
+    /// What is going to move: the joints of a robot.
+    pub fn motion(&self, robot: &RobotModel) -> Motion {
+        Motion::new(robot.joints.iter().map(|joint| joint.name.as_str())).shown_to(self.live)
+    }
 }
 
 /// What a run leaves.

@@ -181,6 +181,7 @@ fn run(
         laws: &laws,
         progress: &|_| {},
         intervention: Some(Arc::new(Mutex::new(Witness(truth)))),
+        live: None,
     };
     let mut outcome = scenario.run(&mut setting)?;
     "native".clone_into(&mut outcome.summary.controller);
@@ -363,6 +364,7 @@ mod tests {
             laws: &[],
             progress: &|_| {},
             intervention: None,
+            live: None,
         };
         scenario.run(&mut setting).unwrap();
         let plain = watched.frames_sha256();

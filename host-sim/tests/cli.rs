@@ -114,6 +114,19 @@ fn bad_input_is_answered_with_what_to_do() {
         2,
         &["/nowhere/robot.urdf", "a robot folder holds"],
     );
+    let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let taken = format!("--view={}", taken.local_addr().unwrap());
+    for (arguments, told) in [
+        (&["--view", "--seed", "1-20"][..], "not of the seeds 1-20: give one, as in --seed 1"),
+        (&["--view", "--json"], "cannot be used with"),
+        (&["--view=0.0.0.0:7481"], "ssh -L 7481:localhost:7481"),
+        (&["--view=7481"], "expected HOST:PORT, such as localhost:7481"),
+        // Nothing has moved: there is nothing to stay for.
+        (&["--view=localhost:0", "--duration", "3"], "--duration 3 is too short"),
+        (&[taken.as_str()], "choose another port, as in --view="),
+    ] {
+        says(&host_sim(&[&["run", "hand3-servo"], arguments].concat()), 2, &[told]);
+    }
     let no_image = ["run", "hand3-servo", "--controller", "qemu", "--elf", "/nowhere/image"];
     says(&host_sim(&no_image), 2, &["no firmware image at /nowhere/image", "cargo xtask firmware"]);
 }

@@ -11,13 +11,14 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use tesaki::model::RobotModel;
-use tesaki::protocol::{FromBoard, Refusal, Request, Stream, Telemetry};
+use tesaki::protocol::{FromBoard, Refusal, Request, Stream};
 use tesaki::task::TaskCommand;
 use tesaki::task::grasping::GraspCommand;
 use tesaki::task::impedance::ImpedanceCommand;
 use tesaki_description::{grasp, impedance};
 use tesaki_recording::{McapError, Recording};
 use tesaki_supervisor::port::{Address, Key, Reopening};
+use tesaki_supervisor::publication::Publication;
 use tesaki_supervisor::{Board as _, BoardError as Failure, LinkBoard};
 
 use crate::arrays::output;
@@ -30,8 +31,6 @@ use conversation::{await_event, take_command};
 
 /// Telemetries in a row within the tolerance that count as arrival.
 const ARRIVED: u32 = 10;
-/// A control period [ns].
-const TICK: u64 = 10_000_000;
 
 /// A controller board, real or served by ``cargo sim serve``.
 ///
@@ -270,7 +269,8 @@ impl Board {
         let command = Request::Task(TaskCommand::JointServo(command));
         let (mut near, mut worst) = (0, (0, f32::INFINITY));
         let until = Instant::now() + within;
-        self.drive(py, until, &command, |telemetry| {
+        self.drive(py, until, &command, |event| {
+            let FromBoard::Telemetry(telemetry) = event else { return false };
             let errors =
                 telemetry.joints.iter().zip(&goal).map(|(joint, goal)| (goal - joint.position).abs());
             worst = errors
@@ -436,15 +436,22 @@ impl Board {
         Ok(log.faults.iter().map(|fault| self.described(fault)).collect())
     }
 
-    /// Records the joints in each tick, as MCAP for ROS 2; keeps an enabled board alive meanwhile.
+    /// Records what the board sends, as MCAP for ROS 2; keeps an enabled board alive meanwhile.
+    ///
+    /// The recording has, as that of ``tesaki record``: joints, references and links in each tick, the wrench on each tip
+    /// with a tared sensor, the frame that the task controls and its set-point, phases and modes in words, and
+    /// ``/diagnostics`` with the numbers of the task. It is whole also when a fault ends it.
     ///
     /// Args:
     ///     path: the file to write.
     ///     duration: [s].
-    ///     robot: puts its URDF into the recording.
+    ///     robot: puts its URDF into the recording, and its names of the links.
     ///
     /// Returns:
     ///     the number of recorded ticks; ``tesaki.recordings.load`` reads them.
+    ///
+    /// Raises:
+    ///     ValueError: ``robot`` is another one than the board's.
     #[pyo3(signature = (path, duration, robot=None))]
     fn record(
         &mut self,
@@ -455,29 +462,46 @@ impl Board {
     ) -> PyResult<u32> {
         let wrong = |error: McapError| BoardError::new_err(error.to_string());
         let duration = seconds("duration", duration)?;
-        let urdf = robot.map(|robot| std::fs::read_to_string(robot.folder.path.join("robot.urdf")));
+        let folder = robot.map(|robot| robot.folder.clone());
+        if let (Some(model), Some(folder)) = (&self.model, &folder)
+            && model.name != folder.model.name
+        {
+            return Err(PyValueError::new_err(format!(
+                "robot is {}, and the board's is {}: its URDF and the board's angles do not belong together",
+                folder.model.name, model.name
+            )));
+        }
+        let urdf = folder.as_ref().map(|folder| std::fs::read_to_string(folder.path.join("robot.urdf")));
         let urdf = urdf.transpose().map_err(file)?;
-        let names = self.joints();
-        let mut recording = Recording::create(&path, urdf.as_deref()).map_err(wrong)?;
-        self.call(py, |link| {
-            link.set_rate(Stream::Telemetry, 1)?;
-            while link.next_event(Instant::now())?.is_some() {}
-            Ok(())
-        })?;
+        let recording = Recording::create(&path, urdf.as_deref()).map_err(wrong)?;
+        let mut publication = Publication::new(recording, folder);
+        // Nobody else pushes a model meanwhile, so that any checksum will do.
+        publication.use_model(self.model.as_ref().map(|model| (model, 0)));
+        self.stream_recorded(py, true)?;
         let (mut count, mut failed, mut last) = (0, None, None);
         let request = if self.is_enabled { Request::Keep } else { Request::ReadStatus };
         let until = Instant::now() + duration;
-        self.drive(py, until, &request, |telemetry| {
-            if last.replace(telemetry.tick) == Some(telemetry.tick) {
-                return false;
-            }
-            let write = write(&mut recording, &names, telemetry);
-            count += u32::from(write.is_ok());
-            failed = write.err();
+        let driven = self.drive(py, until, &request, |event| {
+            let written = match event {
+                FromBoard::Telemetry(telemetry) if last.replace(telemetry.tick) == Some(telemetry.tick) => {
+                    Ok(())
+                }
+                FromBoard::Telemetry(telemetry) => {
+                    count += 1;
+                    publication.telemetry(telemetry)
+                }
+                FromBoard::Tips(tips) => publication.tips(tips),
+                FromBoard::Task(task) => publication.task(task),
+                FromBoard::Status(status) => publication.status(status),
+                FromBoard::Reply(_) | FromBoard::Log(_) => Ok(()),
+            };
+            failed = written.err();
             failed.is_some()
-        })?;
+        });
+        let stopped = self.stream_recorded(py, false);
+        publication.publisher.finish().map_err(wrong)?;
         failed.map_or(Ok(()), |error| Err(wrong(error)))?;
-        recording.finish().map_err(wrong)?;
+        driven.and(stopped)?;
         Ok(count)
     }
 
@@ -485,15 +509,4 @@ impl Board {
         let robot = self.model.as_ref().map_or("no model", |model| model.name.as_str());
         format!("Board({robot:?}, {} joints)", self.joints().len())
     }
-}
-
-fn write(recording: &mut Recording, names: &[String], telemetry: &Telemetry) -> Result<(), McapError> {
-    let time = u64::from(telemetry.tick) * TICK;
-    let column = |value: &dyn Fn(&tesaki::protocol::JointTelemetry) -> f32| -> Vec<f64> {
-        telemetry.joints.iter().map(|joint| f64::from(value(joint))).collect()
-    };
-    let [position, velocity, torque] =
-        [column(&|joint| joint.position), column(&|joint| joint.velocity), column(&|joint| joint.torque)];
-    recording.joint_states(time, names, &position, &velocity, &torque)?;
-    recording.references(time, names, &column(&|joint| joint.reference), &[], &[])
 }

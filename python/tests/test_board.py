@@ -9,6 +9,7 @@ import time
 import numpy as np
 import pytest
 import tesaki
+from mcap.reader import make_reader
 from tesaki import recordings
 
 PROGRAM = os.environ.get("TESAKI_SIM")
@@ -149,7 +150,16 @@ board.wait(60)
         assert "command" in board.faults()[-1], board.faults()
 
 
-def test_an_arm_yields_and_is_led(serve):
+def messages(path):
+    """The messages of a recording by topic."""
+    held = {}
+    with open(path, "rb") as file:
+        for _, channel, message in make_reader(file).iter_messages():
+            held.setdefault(channel.topic, []).append(message.data)
+    return held
+
+
+def test_an_arm_yields_and_is_led(serve, tmp_path):
     served, arm = serve("arm7"), tesaki.Robot(tesaki.robots() / "arm7")
     soft = tesaki.robots() / "arm7" / "impedances" / "soft.toml"
     with tesaki.Board(served.port) as board:
@@ -175,6 +185,20 @@ def test_an_arm_yields_and_is_led(serve):
         board.wait(1.0)
         assert abs(board.task()["Impedance"]["position"][0] - tool["position"][0] + 0.01) < 3e-3
         assert board.tips()["force"].shape == (1, 3)
+        with pytest.raises(ValueError, match="^robot is hand3, and the board's is arm7: "):
+            board.record(tmp_path / "r.mcap", 0.5, tesaki.Robot(tesaki.robots() / "hand3"))
+        assert board.record(tmp_path / "r.mcap", 0.5, arm) > 30
+        served.command("estop on")
+        with pytest.raises(tesaki.FaultError, match="emergency"):
+            board.record(tmp_path / "fault.mcap", 5.0, arm)
+    held = messages(tmp_path / "r.mcap")
+    tip = arm.tips[0]
+    assert len(held[f"/tesaki/wrench/{tip}"]) > 30 and held["/tf_static"] and len(held["/tf"]) > 30
+    assert len(held["/tesaki/task/frame"]) > 10 and len(held["/tesaki/task/target"]) > 10
+    assert any(b"the tool is free" in text or b"the tool is in contact" in text for text in held["/rosout"])
+    assert any(b"smallest singular value" in values for values in held["/diagnostics"])
+    # Whole, with the fault that ended it.
+    assert any(b"in fault after enabled" in text for text in messages(tmp_path / "fault.mcap")["/rosout"])
 
 
 def test_no_board_and_wrong_arguments():

@@ -15,6 +15,10 @@ pub mod monitor;
 pub mod operator;
 #[cfg(unix)]
 pub mod port;
+#[cfg(feature = "publication")]
+pub mod publication;
+#[cfg(feature = "publication")]
+pub mod task_report;
 pub mod trajectory;
 pub mod troubleshooting;
 

@@ -48,6 +48,7 @@ fn run(scenario: &Scenario, controller: &mut Watched<'_>, seed: u64) -> Outcome 
             laws: &laws,
             progress: &|_| {},
             intervention: None,
+            live: None,
         })
         .unwrap()
 }

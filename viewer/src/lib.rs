@@ -1,4 +1,5 @@
-//! The page that shows a robot in a browser: live (`tesaki view`) and in the reports of the simulator.
+//! The page that shows a robot in a browser: live (`tesaki view`), in a run while it is computed (`cargo sim run --view`),
+//! and in the reports of the simulator. [`server`] serves it.
 //!
 //! The page is one script and one style sheet, [`SCRIPT`] and [`STYLE`], made by esbuild from the sources in
 //! `viewer/web` (`npm run build` there). Both are committed, so that nothing but Rust is needed to build this
@@ -7,6 +8,7 @@
 
 mod replay;
 mod scene;
+pub mod server;
 
 pub use replay::{Contact, Frame, Note, Object, Replay, Sample, Shape};
 pub use scene::{Scene, SceneJoint, Solid, SolidShape, Tip};
@@ -16,11 +18,24 @@ pub const SCRIPT: &str = include_str!("../bundle/viewer.js");
 /// The style sheet. Every class begins with `tv-`.
 pub const STYLE: &str = include_str!("../bundle/viewer.css");
 
-/// The live page, which loads both from its server.
-pub const LIVE_PAGE: &str = "<!doctype html>\n<html lang=\"en\">\n<meta charset=\"utf-8\">\n\
-    <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<title>tesaki</title>\n\
-    <link rel=\"icon\" href=\"data:,\">\n<link rel=\"stylesheet\" href=\"viewer.css\">\n\
-    <main class=\"tv-live\"></main>\n<script src=\"viewer.js\"></script>\n</html>\n";
+/// A page that loads both from its server.
+macro_rules! served_page {
+    ($class:literal) => {
+        concat!(
+            "<!doctype html>\n<html lang=\"en\">\n<meta charset=\"utf-8\">\n",
+            "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<title>tesaki</title>\n",
+            "<link rel=\"icon\" href=\"data:,\">\n<link rel=\"stylesheet\" href=\"viewer.css\">\n",
+            "<main class=\"",
+            $class,
+            "\"></main>\n<script src=\"viewer.js\"></script>\n</html>\n"
+        )
+    };
+}
+
+/// The live page of a board.
+pub const LIVE_PAGE: &str = served_page!("tv-live");
+/// The page of a run that is being computed.
+pub const RUN_PAGE: &str = served_page!("tv-run");
 
 /// JSON that may stand inside a `<script>` element of HTML.
 ///

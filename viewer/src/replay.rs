@@ -99,7 +99,8 @@ pub struct Sample {
 
 impl Sample {
     /// With no more digits than a page can show.
-    fn rounded(&self) -> Self {
+    #[must_use]
+    pub fn rounded(&self) -> Self {
         let all = |values: &[f64]| values.iter().copied().map(round).collect();
         let mut sample = self.clone();
         sample.positions = all(&self.positions);

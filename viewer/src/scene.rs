@@ -92,8 +92,9 @@ impl Scene {
             torque: joint.limits.torque,
             follows: None,
         };
-        let follower = |name: &str, mimic: &MimicJoint, parent| SceneJoint {
-            name: format!("{name} (mimic)"),
+        // The model has no names for them.
+        let follower = |mimic: &MimicJoint, parent| SceneJoint {
+            name: format!("mimic of {}", model.joint_name(usize::from(mimic.joint))),
             parent,
             origin: flat(&mimic.origin),
             axis: mimic.axis,
@@ -112,7 +113,7 @@ impl Scene {
                         Some(index)
                     }
                     ChainJoint::Mimic(mimic) => {
-                        mimics.push(follower(&chain.name, mimic, parent));
+                        mimics.push(follower(mimic, parent));
                         Some(driven + mimics.len() - 1)
                     }
                 };
@@ -158,6 +159,9 @@ impl Scene {
             let index =
                 self.index(behind, joint, place).or_else(|| self.add_follower(urdf, behind, joint, place));
             if let Some(index) = index {
+                if let Some(joint) = self.joints.get_mut(index) {
+                    joint.name.clone_from(&behind.name);
+                }
                 self.collect(urdf, &behind.child.link, Some(index));
             }
         }
@@ -259,6 +263,9 @@ mod tests {
                 all - driven,
                 "{name}"
             );
+            let named =
+                |joint: &SceneJoint| robot.urdf.robot.joints.iter().any(|other| other.name == joint.name);
+            assert!(scene.joints.iter().all(named), "{name}");
             for (index, joint) in scene.joints.iter().enumerate() {
                 assert!(joint.parent.is_none_or(|parent| parent < index || parent >= driven), "{name}");
                 assert!(joint.follows.is_none_or(|(leader, ..)| leader < driven), "{name}");

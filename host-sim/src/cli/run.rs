@@ -2,6 +2,7 @@
 
 use std::error::Error;
 use std::io::IsTerminal;
+use std::net::SocketAddr;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
@@ -11,12 +12,13 @@ use tesaki_description::robot::RobotFolder;
 use tesaki_output::{note, say};
 use tesaki_sim::controller::{Controller, Native, Watched};
 use tesaki_sim::law::LawFile;
+use tesaki_sim::live_run::LiveRun;
 use tesaki_sim::qemu::Qemu;
-use tesaki_sim::report::{Metric, Page, Summary, create, figure_files, table, write};
+use tesaki_sim::report::{Metric, Page, Summary, Verdict, create, figure_files, table, write};
 use tesaki_sim::scenario::{Outcome, Scenario, Setting, encode_record};
 use tesaki_supervisor::Board;
 
-use super::{ControllerKind, default_image, find_scenario, progress_bar, seeds, workspace};
+use super::{ControllerKind, default_image, find_scenario, progress_bar, seeds, view, workspace};
 
 #[derive(Args)]
 pub struct Run {
@@ -24,10 +26,10 @@ pub struct Run {
     scenario: String,
     /// Where the control core runs
     #[arg(long, value_enum, default_value_t = ControllerKind::Native)]
-    controller: ControllerKind,
+    pub(super) controller: ControllerKind,
     /// Seed of the machine's deviations and noise; a range such as 1-20 runs all of them in turn
     #[arg(long, default_value = "1", value_parser = seeds)]
-    seed: RangeInclusive<u64>,
+    pub(super) seed: RangeInclusive<u64>,
     /// Simulated time [s]; default: that of the scenario
     #[arg(long)]
     duration: Option<f64>,
@@ -37,6 +39,13 @@ pub struct Run {
     /// Print one JSON object per seed instead of the table
     #[arg(long)]
     json: bool,
+    /// Show the run on a page in a browser while it is computed, and until Ctrl-C. The page is at an address of this
+    /// machine alone: HOST:PORT
+    #[arg(
+        long, value_name = "ADDRESS", num_args = 0..=1, require_equals = true,
+        default_missing_value = view::ADDRESS, value_parser = view::address, conflicts_with = "json"
+    )]
+    view: Option<SocketAddr>,
     /// Robot folder; default: that of the scenario
     #[arg(long)]
     robot: Option<PathBuf>,
@@ -58,6 +67,7 @@ impl Run {
             duration: None,
             out: PathBuf::from("out"),
             json: false,
+            view: None,
             robot: None,
             law: Vec::new(),
             elf: default_image(),
@@ -69,10 +79,22 @@ impl Run {
 pub fn run(options: &Run) -> Result<bool, Box<dyn Error>> {
     let scenario = find_scenario(&options.scenario)?;
     create(&options.out)?;
+    match options.view {
+        Some(address) => view::run(scenario, options, address),
+        None => compute(scenario, options, None),
+    }
+}
+
+/// Runs all seeds and saves the report; `false` if a metric failed.
+pub(super) fn compute(
+    scenario: &Scenario,
+    options: &Run,
+    live: Option<&LiveRun>,
+) -> Result<bool, Box<dyn Error>> {
     let mut summaries = Vec::new();
     let mut written = None;
     for seed in options.seed.clone() {
-        let (summary, outcome, record) = run_seed(scenario, options, seed)?;
+        let (summary, outcome, record) = run_seed(scenario, options, seed, live)?;
         if options.json {
             say!("{}", serde_json::to_string(&summary)?);
         }
@@ -83,6 +105,9 @@ pub fn run(options: &Run) -> Result<bool, Box<dyn Error>> {
     let passed = summaries.iter().all(Summary::pass);
     if let Some((outcome, record)) = written {
         let page = save(scenario, options, &summaries, &outcome, &record)?;
+        if let (Some(live), [summary], Some(folder)) = (live, summaries.as_slice(), page.parent()) {
+            live.end(Verdict::of(summary), folder);
+        }
         if !options.json {
             let colour = std::io::stdout().is_terminal() && std::env::var_os("NO_COLOR").is_none();
             say!("{}", table(&summaries, colour));
@@ -92,13 +117,18 @@ pub fn run(options: &Run) -> Result<bool, Box<dyn Error>> {
     Ok(passed)
 }
 
-fn robot_folder(scenario: &Scenario, options: &Run) -> PathBuf {
+pub(super) fn robot_folder(scenario: &Scenario, options: &Run) -> PathBuf {
     options.robot.clone().unwrap_or_else(|| workspace().join("robots").join(scenario.robot))
 }
 
 type SeedResult = (Summary, Outcome, Vec<u8>);
 
-fn run_seed(scenario: &Scenario, options: &Run, seed: u64) -> Result<SeedResult, Box<dyn Error>> {
+fn run_seed(
+    scenario: &Scenario,
+    options: &Run,
+    seed: u64,
+    live: Option<&LiveRun>,
+) -> Result<SeedResult, Box<dyn Error>> {
     let bar = progress_bar(&format!("{} seed {seed}", scenario.name));
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to 1000")]
     let progress = |fraction: f64| bar.set_position((fraction * 1000.0) as u64);
@@ -125,8 +155,10 @@ fn run_seed(scenario: &Scenario, options: &Run, seed: u64) -> Result<SeedResult,
         laws: &laws,
         progress: &progress,
         intervention: None,
+        live,
     };
     let outcome = scenario.run(&mut setting)?;
+    outcome.motion.show_last();
     let mut summary = outcome.summary.clone();
     summary.controller = options.controller.name().to_owned();
     summary = summary.frames_sha256(watched.frames_sha256());

@@ -92,6 +92,7 @@ pub fn run_traced(
             laws: &[],
             progress: &|_| {},
             intervention: Some(rig.intervention()),
+            live: None,
         };
         scenario.run(&mut setting).map(|_| ())
     }));

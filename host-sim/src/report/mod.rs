@@ -33,6 +33,7 @@ mod page;
 mod palette;
 mod summary;
 mod terminal;
+mod verdict;
 mod write;
 
 pub use csv::{Column, csv};
@@ -40,4 +41,5 @@ pub use figure::{Event, Figure, Line, LineStyle, Mark, Panel, Phase};
 pub use page::{Page, figure_files};
 pub use summary::{Bound, Metric, Summary, json};
 pub use terminal::table;
+pub use verdict::{Verdict, VerdictRow};
 pub use write::{WriteError, create, write};

@@ -89,7 +89,7 @@ impl ArmRig {
     /// Reads the robot's folder.
     pub fn load(setting: &Setting<'_, '_>) -> Result<Self, ScenarioError> {
         let robot = RobotFolder::load(setting.robot)?;
-        let motion = Motion::new(robot.model.joints.iter().map(|joint| joint.name.as_str()));
+        let motion = setting.motion(&robot.model);
         let (seed, intervention) = (setting.seed, setting.intervention.clone());
         Ok(Self { values: PlantValues::load(setting.robot)?, robot, motion, seed, intervention })
     }

@@ -127,6 +127,7 @@ pub mod tests {
             laws: &laws,
             progress: &|_| (),
             intervention: None,
+            live: None,
         })
     }
 }

@@ -83,7 +83,7 @@ impl HandRig {
         let hand = Hand::of_model(&robot.model, [0.0, 0.0, 1.0], 0.0).map_err(|error| {
             ScenarioError::NoHand { robot: setting.robot.display().to_string(), reason: error.to_string() }
         })?;
-        let motion = Motion::new(robot.model.joints.iter().map(|joint| joint.name.as_str()));
+        let motion = setting.motion(&robot.model);
         let (seed, intervention) = (setting.seed, setting.intervention.clone());
         Ok(Self { hand, motion, values: PlantValues::load(setting.robot)?, robot, seed, intervention })
     }

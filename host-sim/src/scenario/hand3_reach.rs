@@ -131,7 +131,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let values = PlantValues::load(setting.robot)?;
     let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
     let (mut figures, mut tables) = (Vec::new(), Vec::new());
-    let mut motion = Motion::new(robot.model.joints.iter().map(|joint| joint.name.as_str()));
+    let mut motion = setting.motion(&robot.model);
     for (index, trial) in TRIALS.iter().enumerate() {
         let progress = |fraction: f64| (setting.progress)((index as f64 + fraction) / 2.0);
         let drives: Vec<Drive> = robot.model.joints.iter().map(Drive::from).collect();

@@ -152,7 +152,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
 
     let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
     let (mut figures, mut tables) = (Vec::new(), Vec::new());
-    let mut motion = Motion::new(robot.model.joints.iter().map(|joint| joint.name.as_str()));
+    let mut motion = setting.motion(&robot.model);
     for (index, trial) in TRIALS.iter().enumerate() {
         let progress = |fraction: f64| (setting.progress)((index as f64 + fraction) / 4.0);
         let machine = (&robot, &values, setting.seed, setting.intervention.clone());

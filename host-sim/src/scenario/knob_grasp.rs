@@ -60,7 +60,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let robot = RobotFolder::load(setting.robot)?;
     let files = approach::load(setting.robot, &robot.model)?;
     let (values, camera) = (PlantValues::load(setting.robot)?, CameraValues::load(setting.robot)?);
-    let mut motion = Motion::new(robot.model.joints.iter().map(|joint| joint.name.as_str()));
+    let mut motion = setting.motion(&robot.model);
     let mut logs = Vec::new();
     for number in 0..DOORS {
         let machine = Machine { robot: &robot, files: &files, values: &values, camera: &camera };

@@ -7,6 +7,7 @@ use tesaki::protocol::{FromBoard, LEASE, Mode, Refusal, Reply, ReplyFrame, Reque
 use tesaki::task::TaskCommand;
 use tesaki::task::impedance::ImpedanceCommand;
 use tesaki_supervisor::port::Reopening;
+use tesaki_supervisor::publication::STREAMS;
 use tesaki_supervisor::{Board as _, BoardError as Failure, LinkBoard, troubleshooting};
 
 use super::Board;
@@ -31,6 +32,18 @@ impl Board {
         py.detach(|| ask(link)).map_err(board)
     }
 
+    /// Asks for what a recording is made of, or for no more of it than the joints, and drops what came before.
+    pub(super) fn stream_recorded(&mut self, py: Python<'_>, begins: bool) -> PyResult<()> {
+        self.call(py, |link| {
+            for &(stream, every) in STREAMS {
+                let is_kept = begins || stream == Stream::Telemetry;
+                link.set_rate(stream, if is_kept { every } else { 0 })?;
+            }
+            while link.next_event(Instant::now())?.is_some() {}
+            Ok(())
+        })
+    }
+
     /// Sends a command to the task.
     pub(super) fn send(&mut self, py: Python<'_>, command: TaskCommand) -> PyResult<()> {
         let action = match &command {
@@ -52,13 +65,13 @@ impl Board {
         }
     }
 
-    /// Sends `request` every 20 ms until `done` says so of a telemetry, or `until`.
+    /// Sends `request` every 20 ms until `done` says so of what the board sends, or `until`.
     pub(super) fn drive(
         &mut self,
         py: Python<'_>,
         until: Instant,
         request: &Request,
-        mut done: impl FnMut(&Telemetry) -> bool + Send,
+        mut done: impl FnMut(&FromBoard) -> bool + Send,
     ) -> PyResult<()> {
         self.call(py, |link| link.set_rate(Stream::Telemetry, 1))?;
         let mut heard = Instant::now();
@@ -78,16 +91,22 @@ impl Board {
                 let (mut news, mut refused) = (Vec::new(), None);
                 while let Some(event) = link.next_event(deadline)? {
                     match event {
-                        FromBoard::Telemetry(telemetry) => news.push(telemetry),
                         FromBoard::Reply(ReplyFrame { reply: Reply::Refused(refusal), .. }) => {
                             refused = Some(refusal);
                         }
-                        _ => {}
+                        event => news.push(event),
                     }
                 }
                 Ok((news, refused))
             })?;
-            for telemetry in &news {
+            for event in &news {
+                let is_done = done(event);
+                let FromBoard::Telemetry(telemetry) = event else {
+                    if is_done {
+                        return Ok(());
+                    }
+                    continue;
+                };
                 heard = Instant::now();
                 was_enabled |= matches!(telemetry.mode, Mode::Enabled(_));
                 if self.is_enabled
@@ -100,7 +119,7 @@ impl Board {
                     self.is_enabled = false;
                     return Err(BoardError::new_err("the board was disabled by another program, or reset"));
                 }
-                if done(telemetry) {
+                if is_done {
                     return Ok(());
                 }
             }

@@ -7,6 +7,8 @@ import { lineColour, onThemeChange, theme } from "./theme";
 /** A quantity with a line for each of its signals. */
 export interface Panel {
   title: string;
+  /** What has the quantity. */
+  of: "Joints" | "Tips";
   unit: string;
   /** Digits after the point. */
   digits: number;
@@ -34,13 +36,12 @@ interface Options {
 export class Charts {
   private times: number[] = [];
   private readonly drawn: Drawn[];
-  private readonly labels: string[];
+  /** Lines that are not shown, by `key`. */
   private readonly hidden = new Set<string>();
   private cursor: number | null = null;
   private range: [number, number] = [0, 1];
 
   constructor(private readonly root: HTMLElement, panels: Panel[], private readonly options: Options = {}) {
-    this.labels = [...new Set(panels.flatMap((panel) => panel.lines.map((line) => line.label)))];
     this.drawn = panels.map((panel) => {
       const host = el("div", { class: "tv-plot" });
       const readout = el("output", { class: "tv-readout" });
@@ -65,36 +66,42 @@ export class Charts {
       });
       return el("label", { class: "tv-chip" }, input, el("span", {}, panel.title));
     });
-    const first = (label: string) =>
-      this.drawn.flatMap(({ panel }) => panel.lines).find((line) => line.label === label)!.colour;
-    const signals = this.labels.map((label) => {
-      const input = el("input", { type: "checkbox", "aria-label": label });
-      input.checked = true;
-      const swatch = el("i", { class: "tv-swatch", "data-colour": String(first(label)) });
-      const only = () => {
-        // As in other viewers: a double click leaves this signal alone, or shows all again.
-        const alone = this.labels.every((other) => (other === label) !== this.hidden.has(other));
-        this.hidden.clear();
-        if (!alone) for (const other of this.labels) if (other !== label) this.hidden.add(other);
-        inputs.forEach((box, index) => (box.checked = !this.hidden.has(this.labels[index])));
-        this.rebuild();
-      };
-      input.addEventListener("change", () => {
-        if (input.checked) this.hidden.delete(label);
-        else this.hidden.add(label);
-        this.rebuild();
-      });
-      const chip = el("label", { class: "tv-chip", title: "Double click: this one alone" }, input, swatch, el("span", {}, label));
-      chip.addEventListener("dblclick", only);
-      return { chip, input };
-    });
-    const inputs = signals.map(({ input }) => input);
+    const groups = [...new Set(this.drawn.map(({ panel }) => panel.of))];
     return el(
       "div",
       { class: "tv-picker" },
       el("div", { class: "tv-chips", role: "group", "aria-label": "Quantities" }, ...quantities),
-      el("details", { open: "" }, el("summary", {}, "Signals"), el("div", { class: "tv-chips" }, ...signals.map(({ chip }) => chip))),
+      ...groups.map((of) => el("details", { open: "" }, el("summary", {}, of), el("div", { class: "tv-chips" }, ...this.signals(of)))),
     );
+  }
+
+  /** A chip for each joint, or for each tip. */
+  private signals(of: Panel["of"]): HTMLElement[] {
+    const lines = this.drawn.filter(({ panel }) => panel.of === of).flatMap(({ panel }) => panel.lines);
+    const labels = [...new Set(lines.map((line) => line.label))];
+    const signals = labels.map((label) => {
+      const input = el("input", { type: "checkbox", "aria-label": label });
+      input.checked = true;
+      const swatch = el("i", { class: "tv-swatch", "data-colour": String(lines.find((line) => line.label === label)!.colour) });
+      input.addEventListener("change", () => {
+        if (input.checked) this.hidden.delete(key(of, label));
+        else this.hidden.add(key(of, label));
+        this.rebuild();
+      });
+      const chip = el("label", { class: "tv-chip", title: "Double click: this one alone" }, input, swatch, el("span", {}, label));
+      chip.addEventListener("dblclick", () => {
+        // As in other viewers: a double click leaves this signal alone, or shows all again.
+        const alone = labels.every((other) => (other === label) !== this.hidden.has(key(of, other)));
+        signals.forEach(({ input }, index) => {
+          input.checked = alone || labels[index] === label;
+          if (input.checked) this.hidden.delete(key(of, labels[index]));
+          else this.hidden.add(key(of, labels[index]));
+        });
+        this.rebuild();
+      });
+      return { chip, input };
+    });
+    return signals.map(({ chip }) => chip);
   }
 
   /** All values at once, one row for each line of each panel. */
@@ -103,6 +110,13 @@ export class Charts {
     this.range = [times[0] ?? 0, times.at(-1) ?? 1];
     this.drawn.forEach((drawn, index) => (drawn.values = values[index] ?? drawn.values));
     this.rebuild();
+  }
+
+  /** More values behind those that are there, drawn by `refresh`. */
+  append(times: number[], values: (number | null)[][][]): void {
+    this.times.push(...times);
+    this.drawn.forEach((drawn, panel) => drawn.values.forEach((line, index) => line.push(...values[panel][index])));
+    this.range[1] = this.times.at(-1) ?? this.range[1];
   }
 
   /** One value more for each line; what is older than `span` goes. */
@@ -147,7 +161,7 @@ export class Charts {
   }
 
   private data(values: (number | null)[][], panel: Panel): uPlot.AlignedData {
-    const shown = values.filter((_, index) => !this.hidden.has(panel.lines[index].label));
+    const shown = values.filter((_, index) => !this.hidden.has(key(panel.of, panel.lines[index].label)));
     return [this.times, ...shown];
   }
 
@@ -158,7 +172,7 @@ export class Charts {
       if (box.hidden) continue;
       const lines = panel.lines
         .map((line, index) => ({ line, value: values[index][at] }))
-        .filter(({ line }) => !line.dashed && !this.hidden.has(line.label));
+        .filter(({ line }) => !line.dashed && !this.hidden.has(key(panel.of, line.label)));
       const text = lines.length <= 3 ? lines.map(({ value }) => (value == null ? "–" : number(value, panel.digits))).join("   ") : "";
       say(readout, text && `${text} ${panel.unit}`);
     }
@@ -206,7 +220,7 @@ export class Charts {
       ticks: { stroke: colours.grid, width: 1, size: 4 },
       ...extra,
     });
-    const lines = panel.lines.filter((line) => !this.hidden.has(line.label));
+    const lines = panel.lines.filter((line) => !this.hidden.has(key(panel.of, line.label)));
     const options: uPlot.Options = {
       width: host.clientWidth,
       height: 150,
@@ -263,6 +277,9 @@ export class Charts {
     ctx.restore();
   }
 }
+
+/** A tip may have the name of a joint. */
+const key = (of: Panel["of"], label: string): string => `${of}/${label}`;
 
 /** As few digits as tell ticks apart. */
 function short(value: number): string {

@@ -65,6 +65,31 @@ export interface Replay {
   samples: Sample[];
 }
 
+/** What the page of a run is told first. */
+export interface Run {
+  kind: "run";
+  /** Another one is another run. */
+  id: string;
+  period: number;
+  about: { title: string; scenario: string; about: string; controller: string; seed: number; scene: Scene };
+}
+
+/** What was computed since. */
+export interface Part {
+  kind: "part";
+  samples: Sample[];
+  objects: Replay["objects"];
+  notes: Replay["notes"];
+  /** With the last samples: how the run ended. */
+  end: { verdict: Verdict } | { error: string } | null;
+}
+
+export interface Verdict {
+  pass: boolean;
+  text: string;
+  rows: { label: string; measured: string; limit: string; pass: boolean | null; note: string | null }[];
+}
+
 /** The state of a board after a tick. */
 export interface State {
   kind: "state";

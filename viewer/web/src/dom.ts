@@ -29,3 +29,10 @@ export function number(value: number, digits: number): string {
   const text = value.toFixed(digits);
   return /^-0\.?0*$/.test(text) ? text.slice(1) : text.replace("-", "−");
 }
+
+/** A socket to the server of this page. */
+export function openSocket(): WebSocket {
+  const url = new URL("live", location.href);
+  url.protocol = location.protocol === "https:" ? "wss:" : "ws:";
+  return new WebSocket(url);
+}

@@ -2,7 +2,7 @@
 
 import { Charts, type Panel } from "./charts";
 import type { Contact, Fault, FromServer, Scene, State, Status, Vec } from "./data";
-import { button, el, number, say } from "./dom";
+import { button, el, number, openSocket, say } from "./dom";
 import { excuse } from "./replay";
 import { NoWebGL, Stage } from "./stage";
 
@@ -94,9 +94,7 @@ export class Live {
   }
 
   private connect(): void {
-    const url = new URL("live", location.href);
-    url.protocol = location.protocol === "https:" ? "wss:" : "ws:";
-    const socket = new WebSocket(url);
+    const socket = openSocket();
     this.socket = socket;
     socket.addEventListener("message", (event) => this.take(JSON.parse(String(event.data)) as FromServer));
     socket.addEventListener("close", (event) => {
@@ -149,13 +147,13 @@ export class Live {
     const names = scene.joints.slice(0, scene.driven).map((joint) => joint.name);
     const lines = names.map((label, colour) => ({ label, colour }));
     const panels: Panel[] = [
-      { title: "Angle", unit: "rad", digits: 3, shown: true, lines: [...lines, ...lines.map((line) => ({ ...line, dashed: true }))] },
-      { title: "Velocity", unit: "rad/s", digits: 3, shown: false, lines },
-      { title: "Torque", unit: "N·m", digits: 3, shown: true, lines },
+      { title: "Angle", of: "Joints", unit: "rad", digits: 3, shown: true, lines: [...lines, ...lines.map((line) => ({ ...line, dashed: true }))] },
+      { title: "Velocity", of: "Joints", unit: "rad/s", digits: 3, shown: false, lines },
+      { title: "Torque", of: "Joints", unit: "N·m", digits: 3, shown: true, lines },
     ];
     if (scene.tips.some((tip) => tip.sensor)) {
       const tips = scene.tips.map(({ name: label }, colour) => ({ label, colour }));
-      panels.push({ title: "Force at the tip", unit: "N", digits: 2, shown: true, lines: tips });
+      panels.push({ title: "Force at the tip", of: "Tips", unit: "N", digits: 2, shown: true, lines: tips });
     }
     return panels;
   }

@@ -1,12 +1,13 @@
-// Begins what the page is for: a live view, or the replays in a report.
+// Begins what the page is for: a live view, a run that is computed, or the replays in a report.
 
 import type { Replay } from "./data";
 import { Live } from "./live";
 import { Player } from "./replay";
+import { RunView } from "./run";
 
 declare global {
   interface Window {
-    tesaki?: { live?: Live; players: Player[] };
+    tesaki?: { live?: Live; run?: RunView; players: Player[] };
   }
 }
 
@@ -15,5 +16,6 @@ for (const root of document.querySelectorAll<HTMLElement>(".tv-replay")) {
   const data = root.querySelector("script[type='application/json']");
   if (data?.textContent) players.push(new Player(root, JSON.parse(data.textContent) as Replay));
 }
-const root = document.querySelector<HTMLElement>(".tv-live");
-window.tesaki = { live: root ? new Live(root) : undefined, players };
+const live = document.querySelector<HTMLElement>(".tv-live");
+const run = document.querySelector<HTMLElement>(".tv-run");
+window.tesaki = { live: live ? new Live(live) : undefined, run: run ? new RunView(run) : undefined, players };

@@ -41,6 +41,7 @@ interface Paints {
   base: MeshStandardMaterial;
   tip: MeshStandardMaterial;
   object: MeshStandardMaterial;
+  fixture: MeshStandardMaterial;
   ghost: MeshStandardMaterial;
   goal: MeshBasicMaterial;
   cone: MeshBasicMaterial;
@@ -195,6 +196,8 @@ export class Stage {
       base: plain({}),
       tip: plain({}),
       object: plain({ transparent: true, opacity: 0.5, depthWrite: false }),
+      // A door must not hide the hand behind it.
+      fixture: plain({ transparent: true, opacity: 0.35, depthWrite: false }),
       ghost: plain({ transparent: true, opacity: 0.26, depthWrite: false }),
       goal: new MeshBasicMaterial({ transparent: true, opacity: 0.6, depthWrite: false }),
       cone: new MeshBasicMaterial({ transparent: true, opacity: 0.22, depthWrite: false, depthTest: false }),
@@ -230,6 +233,7 @@ export class Stage {
     paints.base.color.set(colours.base);
     paints.tip.color.set(colours.tip);
     paints.object.color.set(colours.object);
+    paints.fixture.color.set(colours.base);
     paints.ghost.color.set(colours.accent);
     paints.goal.color.set(colours.accent);
     paints.cone.color.set(colours.force);
@@ -295,7 +299,7 @@ export class Stage {
   addObjects(objects: Replay["objects"]): void {
     for (const { since, frame, shape, pose } of objects) {
       const geometry = solid(shape);
-      const mesh = placed(new Mesh(geometry, frame === null ? this.paints.base : this.paints.object), pose);
+      const mesh = placed(new Mesh(geometry, frame === null ? this.paints.fixture : this.paints.object), pose);
       mesh.add(new LineSegments(new EdgesGeometry(geometry, 30), this.paints.edge));
       const group = new Group().add(mesh);
       group.visible = false;

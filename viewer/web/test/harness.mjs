@@ -29,7 +29,8 @@ export async function until(what, test, patience = 8000) {
 const PATIENCE = 90_000;
 const started = [];
 
-function start(program, args, env = {}) {
+/** A program of this workspace, and in `text` what it says. */
+export function start(program, args, env = {}) {
   const child = spawn(join(built, program), args, { cwd: root, env: { ...process.env, ...env } });
   child.text = "";
   for (const stream of [child.stdout, child.stderr]) stream.on("data", (data) => (child.text += data));

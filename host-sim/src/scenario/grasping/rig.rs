@@ -54,7 +54,9 @@ pub struct GraspRig {
 impl GraspRig {
     /// Reads the robot's folder.
     pub fn load(setting: &Setting<'_, '_>) -> Result<Self, ScenarioError> {
-        Self::of_machine(setting.robot, setting.seed, setting.intervention.clone())
+        let mut rig = Self::of_machine(setting.robot, setting.seed, setting.intervention.clone())?;
+        rig.motion = setting.motion(&rig.robot.model);
+        Ok(rig)
     }
 
     /// Reads the folder of a robot, whose machine the seed decides.
@@ -143,6 +145,7 @@ mod tests {
                     laws: &[],
                     progress: &|_| {},
                     intervention: None,
+                    live: None,
                 };
                 let rig = GraspRig::load(&setting).unwrap();
                 assert_eq!(rig.base(), "palm");

@@ -21,6 +21,7 @@ use tesaki_description::urdf::UrdfError;
 use tesaki_supervisor::BoardError;
 use tesaki_supervisor::identify::IdentifyError;
 use tesaki_supervisor::port::PortError;
+use tesaki_supervisor::publication::OtherRobot;
 use tesaki_supervisor::troubleshooting;
 
 /// Why a command failed.
@@ -50,6 +51,9 @@ pub enum Failure {
     /// A timeout.
     #[error("{0}")]
     Late(String),
+    /// The folder of another robot.
+    #[error(transparent)]
+    OtherRobot(#[from] OtherRobot),
     /// An invalid robot folder.
     #[error(transparent)]
     Robot(#[from] RobotError),
@@ -136,6 +140,7 @@ impl Failure {
             )
             | Self::Other(_) => 1,
             Self::Usage(_)
+            | Self::OtherRobot(_)
             | Self::Board(BoardError::TooManyJoints(_))
             | Self::Identify(IdentifyError::NotAHand { .. } | IdentifyError::NoRoom { .. }) => 2,
             Self::Port(_) | Self::Board(BoardError::Link(_)) => 3,

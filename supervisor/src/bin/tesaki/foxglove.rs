@@ -16,15 +16,15 @@ use tesaki::protocol::{FromBoard, Request, Status, Telemetry};
 use tesaki_description::read_text;
 use tesaki_description::robot::RobotFolder;
 use tesaki_recording::{Live, LiveMessage, McapError, Publisher};
+use tesaki_supervisor::publication::{Publication, STREAMS, require_own};
 use tesaki_supervisor::{Board as _, BoardError};
+use tesaki_viewer::server::{Event, Server, Site};
 use tungstenite::Message;
 
 use crate::args::Options;
 use crate::board_session::{BoardSession, describe, interrupted};
 use crate::failure::Failure;
 use crate::output;
-use crate::publication::{Publication, STREAMS, require_own};
-use crate::web_server::{Event, Server, Site};
 
 /// How long the board is listened to before the clients are served, and the other way round.
 const TURN: Duration = Duration::from_millis(5);

@@ -25,17 +25,14 @@ mod model;
 mod motion;
 mod output;
 mod parameter;
-mod publication;
 mod reach;
 mod recording;
 mod replay;
 mod retarget;
 mod share;
 mod sight;
-mod task_report;
 mod view;
 mod watch;
-mod web_server;
 
 use std::process::ExitCode;
 

@@ -17,13 +17,13 @@ use tesaki::protocol::{
 use tesaki_description::read_text;
 use tesaki_description::robot::RobotFolder;
 use tesaki_recording::{McapError, McapFile, Recording};
+use tesaki_supervisor::publication::{Publication, STREAMS, require_own};
 use tesaki_supervisor::{Board, BoardError};
 
 use crate::args::{Options, Record};
 use crate::board_session::{BoardSession, describe, hex, interrupted, version};
 use crate::failure::Failure;
 use crate::output;
-use crate::publication::{Publication, STREAMS, require_own};
 
 /// Period of the lines of JSON, and of requests for streams that have stopped.
 const REPORT: Duration = Duration::from_secs(1);

@@ -13,7 +13,9 @@ use std::time::{Duration, Instant};
 use tesaki::model::RobotModel;
 use tesaki::protocol::{FromBoard, Mode, Reply, Request, Status, Stream, Telemetry, Tips};
 use tesaki_description::robot::RobotFolder;
+use tesaki_supervisor::task_report::{Report, report};
 use tesaki_supervisor::{Board, BoardError, troubleshooting};
+use tesaki_viewer::server::{Server, Site};
 use tesaki_viewer::{LIVE_PAGE, SCRIPT, STYLE, Scene};
 
 use crate::args::{Options, View as Arguments};
@@ -21,8 +23,6 @@ use crate::board_session::{BoardSession, describe, interrupted, version};
 use crate::failure::Failure;
 use crate::gravity::Load;
 use crate::output;
-use crate::task_report::{Report, report};
-use crate::web_server::{Server, Site};
 use commands::Commander;
 use delay::Delay;
 use message::{Command, FaultText, Plan, State, Tip};

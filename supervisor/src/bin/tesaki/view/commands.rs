@@ -18,6 +18,7 @@ use tesaki::task::joint_servo::JointCommand;
 use tesaki::task::{TaskCommand, TaskConfig, TaskKind};
 use tesaki_description::robot::RobotFolder;
 use tesaki_description::{grasp, impedance};
+use tesaki_supervisor::task_report::Grasped;
 use tesaki_supervisor::trajectory::minimum_jerk;
 use tesaki_supervisor::{Board, BoardError};
 
@@ -25,7 +26,6 @@ use super::View;
 use super::message::{Command, Plan};
 use crate::failure::Failure;
 use crate::motion;
-use crate::task_report::Grasped;
 
 /// From one set-point of a task to the next, as in all other commands.
 const KEEP_ALIVE: Duration = motion::KEEP_ALIVE;

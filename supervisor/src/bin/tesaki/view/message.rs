@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::task_report::Report;
+use tesaki_supervisor::task_report::Report;
 
 /// A command of a page.
 #[derive(Clone, Debug, Deserialize)]

@@ -6,8 +6,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::time::{Duration, Instant};
 
+use tesaki_viewer::server::{Event, Server};
+
 use super::message::Command;
-use crate::web_server::{Event, Server};
 
 /// From one look at the pages to the next.
 const TURN: Duration = Duration::from_millis(2);

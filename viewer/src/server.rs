@@ -1,4 +1,4 @@
-//! What browsers look at: a few fixed files over HTTP, and a WebSocket for each page.
+//! What browsers look at: a few fixed files over HTTP, the files of a report, and a WebSocket for each page.
 //!
 //! It has no threads: [`Server::turn`] does what can be done without waiting. A browser sends what any page makes
 //! it send, so only pages of this server may open a WebSocket (`Origin`), and only under the names of this machine
@@ -7,6 +7,7 @@
 use std::collections::BTreeMap;
 use std::io::{self, Read as _, Write as _};
 use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use base64::Engine as _;
@@ -30,11 +31,20 @@ const PATIENCE: Duration = Duration::from_secs(10);
 /// Of every WebSocket (RFC 6455, 1.3).
 const GUID: &str = "258EAFA5-E914-47DA-95CA-C5AB0DC85B11";
 
+/// What pages with files of their own may load.
+const OWN_PAGE: &str = "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; \
+                        connect-src 'self'; img-src data:";
+/// What a report may load, which is one file: nothing.
+const REPORT_PAGE: &str =
+    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:";
+
 /// A file that is served: its path, its type, its content.
 pub type File = (&'static str, &'static str, &'static str);
 
 /// What is served, and to whom.
+#[derive(Debug)]
 pub struct Site {
+    /// The files.
     pub files: &'static [File],
     /// Path of the WebSocket.
     pub socket: &'static str,
@@ -42,12 +52,14 @@ pub struct Site {
     pub protocols: &'static [&'static str],
     /// Origins of pages that may look beside its own; one that ends with `:` with any port.
     pub origins: &'static [&'static str],
-    /// What it is and how another address is chosen, for messages.
+    /// What it is, for messages.
     pub name: &'static str,
+    /// What holds the address when it is not free, and how another one is chosen, for messages.
     pub choose: &'static str,
 }
 
 /// What happened since the last turn.
+#[derive(Debug)]
 pub enum Event {
     /// A page has come.
     Opened(u64),
@@ -58,6 +70,7 @@ pub enum Event {
 }
 
 /// A connection before it is a page.
+#[derive(Debug)]
 struct Visitor {
     stream: TcpStream,
     begun: Instant,
@@ -69,10 +82,13 @@ struct Visitor {
 }
 
 /// Serves pages.
+#[derive(Debug)]
 pub struct Server {
     listener: TcpListener,
     address: SocketAddr,
     site: &'static Site,
+    /// Files of reports by their paths.
+    report: BTreeMap<String, PathBuf>,
     visitors: Vec<Visitor>,
     pages: BTreeMap<u64, WebSocket<TcpStream>>,
     next: u64,
@@ -80,6 +96,9 @@ pub struct Server {
 
 impl Server {
     /// Listens at an address that only this machine reaches.
+    ///
+    /// # Errors
+    /// The address is not free, or other machines reach it.
     pub fn listen(address: SocketAddr, site: &'static Site) -> io::Result<Self> {
         if !address.ip().to_canonical().is_loopback() {
             return Err(io::Error::new(
@@ -98,7 +117,27 @@ impl Server {
         })?;
         listener.set_nonblocking(true)?;
         let address = listener.local_addr()?;
-        Ok(Self { listener, address, site, visitors: Vec::new(), pages: BTreeMap::new(), next: 1 })
+        let (report, visitors, pages) = (BTreeMap::new(), Vec::new(), BTreeMap::new());
+        Ok(Self { listener, address, site, report, visitors, pages, next: 1 })
+    }
+
+    /// Serves the files that are now in a folder, and in the folders in it, below `prefix` (`/report/`): a report that
+    /// was written there. Links to elsewhere are left out.
+    ///
+    /// # Errors
+    /// The folder cannot be read.
+    pub fn add_report(&mut self, prefix: &str, folder: &Path) -> io::Result<()> {
+        for entry in std::fs::read_dir(folder)? {
+            let entry = entry?;
+            let (kind, name) = (entry.file_type()?, entry.file_name());
+            let path = format!("{prefix}{}", name.to_string_lossy());
+            if kind.is_dir() {
+                self.add_report(&format!("{path}/"), &entry.path())?;
+            } else if kind.is_file() {
+                self.report.insert(path, entry.path());
+            }
+        }
+        Ok(())
     }
 
     /// Where it listens.
@@ -122,7 +161,7 @@ impl Server {
         }
         let mut events = Vec::new();
         for mut visitor in std::mem::take(&mut self.visitors) {
-            match visitor.advance(self.site, self.address) {
+            match visitor.advance(self.site, &self.report, self.address) {
                 Progress::Waits if visitor.begun.elapsed() < PATIENCE => self.visitors.push(visitor),
                 Progress::Waits | Progress::Gone => {}
                 Progress::IsPage => {
@@ -197,7 +236,7 @@ enum Progress {
 }
 
 impl Visitor {
-    fn advance(&mut self, site: &Site, address: SocketAddr) -> Progress {
+    fn advance(&mut self, site: &Site, report: &BTreeMap<String, PathBuf>, address: SocketAddr) -> Progress {
         if self.answer.is_none() {
             let mut buffer = [0; 1024];
             match self.stream.read(&mut buffer) {
@@ -206,7 +245,7 @@ impl Visitor {
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Progress::Waits,
                 Err(_) => return Progress::Gone,
             }
-            let Some(answer) = answer(&self.head, site, address) else { return Progress::Waits };
+            let Some(answer) = answer(&self.head, site, report, address) else { return Progress::Waits };
             self.is_page = answer.starts_with(b"HTTP/1.1 101");
             self.answer = Some((answer, 0));
         }
@@ -223,7 +262,12 @@ impl Visitor {
 }
 
 /// The answer to a request; `None` until its head is complete.
-fn answer(head: &[u8], site: &Site, address: SocketAddr) -> Option<Vec<u8>> {
+fn answer(
+    head: &[u8],
+    site: &Site,
+    report: &BTreeMap<String, PathBuf>,
+    address: SocketAddr,
+) -> Option<Vec<u8>> {
     let mut headers = [httparse::EMPTY_HEADER; 64];
     let mut request = httparse::Request::new(&mut headers);
     match request.parse(head) {
@@ -248,7 +292,7 @@ fn answer(head: &[u8], site: &Site, address: SocketAddr) -> Option<Vec<u8>> {
     // From behind a tunnel (ssh -L) the page has the name that the browser knows.
     let may_look = |origin: &str| origin == format!("http://{host}") || site.admits(origin);
     if header("origin").is_some_and(|origin| !may_look(origin)) {
-        return Some(refuse("403 Forbidden", "pages of other servers may not look at this board"));
+        return Some(refuse("403 Forbidden", "pages of other servers may not look here"));
     }
     // What others put behind the address, such as `?utm_source=…`, names no other file.
     let path = request.path.unwrap_or_default().split('?').next().unwrap_or_default();
@@ -263,7 +307,14 @@ fn answer(head: &[u8], site: &Site, address: SocketAddr) -> Option<Vec<u8>> {
             header("sec-websocket-key"),
         ));
     }
-    Some(file.map_or_else(|| refuse("404 Not Found", path), |(_, kind, text)| respond("200 OK", kind, text)))
+    Some(match (file, report.get(path)) {
+        (Some((_, kind, text)), _) => respond("200 OK", kind, OWN_PAGE, text.as_bytes()),
+        (None, Some(path)) => match std::fs::read(path) {
+            Ok(bytes) => respond("200 OK", content_type(path), REPORT_PAGE, &bytes),
+            Err(error) => refuse("404 Not Found", &format!("{}: {error}", path.display())),
+        },
+        (None, None) => refuse("404 Not Found", path),
+    })
 }
 
 impl Site {
@@ -320,18 +371,28 @@ fn accept_key(key: &str) -> String {
 }
 
 fn refuse(status: &str, why: &str) -> Vec<u8> {
-    respond(status, "text/plain; charset=utf-8", &format!("{status}: {why}\n"))
+    respond(status, "text/plain; charset=utf-8", OWN_PAGE, format!("{status}: {why}\n").as_bytes())
 }
 
-fn respond(status: &str, kind: &str, text: &str) -> Vec<u8> {
-    format!(
+fn respond(status: &str, kind: &str, policy: &str, body: &[u8]) -> Vec<u8> {
+    let head = format!(
         "HTTP/1.1 {status}\r\nContent-Type: {kind}\r\nContent-Length: {}\r\nConnection: close\r\n\
          Cache-Control: no-store\r\nX-Content-Type-Options: nosniff\r\nX-Frame-Options: DENY\r\n\
-         Content-Security-Policy: default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; \
-         connect-src 'self'; img-src data:\r\n\r\n{text}",
-        text.len()
-    )
-    .into_bytes()
+         Content-Security-Policy: {policy}\r\n\r\n",
+        body.len()
+    );
+    [head.as_bytes(), body].concat()
+}
+
+/// What a file of a report is, by the end of its name.
+fn content_type(path: &Path) -> &'static str {
+    match path.extension().and_then(|extension| extension.to_str()) {
+        Some("html") => "text/html; charset=utf-8",
+        Some("json") => "application/json",
+        Some("csv") => "text/csv; charset=utf-8",
+        Some("svg") => "image/svg+xml",
+        _ => "application/octet-stream",
+    }
 }
 
 #[cfg(test)]
@@ -355,7 +416,8 @@ mod tests {
 
     fn text(site: &Site, request: &str) -> String {
         let address = SocketAddr::from(([127, 0, 0, 1], 7480));
-        let bytes = answer(request.as_bytes(), site, address).expect("the head is complete");
+        let bytes =
+            answer(request.as_bytes(), site, &BTreeMap::new(), address).expect("the head is complete");
         String::from_utf8(bytes).expect("it is text")
     }
 
@@ -429,10 +491,47 @@ mod tests {
     }
 
     #[test]
+    fn a_report_is_what_was_in_its_folder_and_nothing_else() {
+        let folder = tempfile::tempdir().expect("there is room");
+        let (report, outside) = (folder.path().join("run"), folder.path().join("secret"));
+        std::fs::create_dir_all(report.join("figures")).expect("it can be made");
+        for (path, text) in [
+            (report.join("index.html"), "a page"),
+            (report.join("figures/1.svg"), "<svg/>"),
+            (outside.clone(), "no"),
+        ] {
+            std::fs::write(path, text).expect("it can be written");
+        }
+        #[cfg(unix)]
+        std::os::unix::fs::symlink(&outside, report.join("link")).expect("it can be made");
+        let mut server =
+            Server::listen(SocketAddr::from(([127, 0, 0, 1], 0)), &SITE).expect("a port is free");
+        server.add_report("/report/", &report).expect("it is a folder");
+        std::fs::write(report.join("later"), "no").expect("it can be written");
+        let get = |path: &str, host: &str| {
+            let request = format!("GET {path} HTTP/1.1\r\nHost: {host}\r\n\r\n");
+            let bytes = answer(request.as_bytes(), &SITE, &server.report, server.address);
+            String::from_utf8(bytes.expect("the head is complete")).expect("it is text")
+        };
+        let page = get("/report/index.html", "localhost");
+        assert!(page.starts_with("HTTP/1.1 200") && page.ends_with("\r\n\r\na page"), "{page}");
+        assert!(
+            page.contains("text/html") && page.contains("default-src 'none'; script-src 'unsafe-inline'")
+        );
+        assert!(get("/report/figures/1.svg", "localhost").contains("Content-Type: image/svg+xml"));
+        for path in
+            ["/report/", "/report/../secret", "/report/link", "/report/later", "/report/%2e%2e/secret"]
+        {
+            assert!(get(path, "localhost").starts_with("HTTP/1.1 404"), "{path}");
+        }
+        assert!(get("/report/index.html", "evil.example").starts_with("HTTP/1.1 403"));
+    }
+
+    #[test]
     fn addresses_that_others_reach_are_refused() {
         for address in ["0.0.0.0:0", "192.0.2.1:0", "[::]:0"] {
             let address: SocketAddr = address.parse().expect("it is an address");
-            let error = Server::listen(address, &SITE).err().expect("it is refused").to_string();
+            let error = Server::listen(address, &SITE).expect_err("it is refused").to_string();
             assert!(error.contains("ssh -L"), "{error}");
         }
     }

@@ -9,14 +9,13 @@ use tesaki::task::visual_approach::{GripperState, HandMotion, VisualApproachTele
 
 use serde::Serialize;
 
-use crate::impedance::norm;
-
 /// Position and unit quaternion `[x, y, z, w]`.
 pub type Pose = [f32; 7];
 
 /// What a task says of itself.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Report {
+    /// Its name.
     pub task: String,
     /// What it does, in words.
     pub phase: Option<String>,
@@ -42,11 +41,13 @@ pub struct Report {
 /// The plan of a grasp that the page has begun, and the orientation of the object frame when it was first held.
 #[derive(Clone, Copy, Debug)]
 pub struct Grasped {
+    /// The plan.
     pub plan: GraspPlan,
     at_grasp: Option<UnitQuaternion<f32>>,
 }
 
 impl Grasped {
+    /// A grasp that has just begun.
     pub const fn new(plan: GraspPlan) -> Self {
         Self { plan, at_grasp: None }
     }
@@ -154,6 +155,11 @@ fn of_approach(hand: &VisualApproachTelemetry) -> Report {
         ],
         ..Report::default()
     }
+}
+
+/// Norm of the linear part of a wrench or deviation [N or m].
+fn norm(six: &[f32; 6]) -> f32 {
+    Vector3::from_column_slice(&six[..3]).norm()
 }
 
 fn quaternion([x, y, z, w]: [f32; 4]) -> UnitQuaternion<f32> {

@@ -8,7 +8,6 @@ use tesaki_description::frames::{Frames, Placed};
 use tesaki_description::robot::RobotFolder;
 use tesaki_recording::{Diagnostic, Health, LogLevel, McapError, Publisher, Sink, Transform};
 
-use crate::failure::Failure;
 use crate::task_report::{Pose, Report, report};
 
 /// A control period [ns].
@@ -20,19 +19,32 @@ const RESET: i32 = -100;
 pub const STREAMS: &[(Stream, u16)] =
     &[(Stream::Telemetry, 1), (Stream::Tips, 1), (Stream::Task, 2), (Stream::Status, 20)];
 
+/// The folder is that of another robot.
+#[derive(Debug, thiserror::Error)]
+#[error("the board is {board}, and --robot is the folder of {folder}: give the folder of {board}, or none")]
+pub struct OtherRobot {
+    /// The robot of the model on the board.
+    pub board: String,
+    /// That of the folder.
+    pub folder: String,
+}
+
 /// Refuses the folder of another robot: its URDF and the board's angles do not belong together.
-pub fn require_own(folder: Option<&RobotFolder>, model: &RobotModel) -> Result<(), Failure> {
+///
+/// # Errors
+/// It is another one.
+pub fn require_own(folder: Option<&RobotFolder>, model: &RobotModel) -> Result<(), OtherRobot> {
     match folder.filter(|folder| folder.model.name != model.name) {
-        Some(other) => Err(Failure::Usage(format!(
-            "the board is {}, and --robot is the folder of {}: give the folder of {0}, or none",
-            model.name, other.model.name
-        ))),
+        Some(other) => {
+            Err(OtherRobot { board: model.name.to_string(), folder: other.model.name.to_string() })
+        }
         None => Ok(()),
     }
 }
 
 /// Makes messages of what a board sends.
 pub struct Publication<S> {
+    /// Where they go.
     pub publisher: Publisher<S>,
     folder: Option<RobotFolder>,
     /// Checksum of the model that names and frames are of.
@@ -107,6 +119,9 @@ impl<S: Sink> Publication<S> {
     }
 
     /// Joints and links.
+    ///
+    /// # Errors
+    /// The sink's; so with all that follows.
     pub fn telemetry(&mut self, telemetry: &Telemetry) -> Result<(), McapError> {
         let time = self.time(telemetry.tick);
         if let Some(before) = self.mode.replace(telemetry.mode).filter(|mode| *mode != telemetry.mode) {
