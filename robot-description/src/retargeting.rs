@@ -264,7 +264,10 @@ impl File {
         for ((angle, (lower, upper)), joint) in posture.iter().zip(hand.limits()).zip(&model.joints) {
             if !(lower..=upper).contains(&angle) {
                 let key = format!("posture.{}", joint.name);
-                let message = format!("{key} is {angle}; it must be {lower} to {upper} rad");
+                let [lower, upper] = [(1e3 * lower).ceil(), (1e3 * upper).floor()].map(|limit| limit / 1e3);
+                let message = format!(
+                    "{key} is {angle}; it must be {lower} to {upper} rad: the joint's limits, less the margin of a hand"
+                );
                 report.limits(line(text, &key), message, "correct the value");
             }
         }
@@ -428,7 +431,10 @@ mod tests {
                 "follows = [\"thumb\", \"index\", \"thumb\", \"ring\", \"little\"]\n",
                 "retargeting.toml:1: follows must name the thumb first, and only there",
             ),
-            ("[posture]\nspread = 1.0\n", "retargeting.toml:2: posture.spread is 1; it must be -0.15"),
+            (
+                "[posture]\nspread = 1.0\n",
+                "retargeting.toml:2: posture.spread is 1; it must be -0.145 to 0.345 rad: the joint's limits, less the",
+            ),
             ("rotation = [0, nan, 0]\n", "retargeting.toml:1: rotation holds NaN"),
             ("max_sample_age = 9.0\n", "retargeting.toml:1: max_sample_age is 9; it must be 0.02 to 2 s"),
             ("acceleration = 0.0\n", "retargeting.toml:1: acceleration is 0; it must be 1 to 10000 rad/s²"),

@@ -21,6 +21,10 @@ const EXCUSED: &[(&str, &str)] = &[
     ("cargo sim run arm7-follow", "likewise"),
     ("cargo sim run hand3-servo --controller qemu", "tests/image.rs runs it"),
     (
+        "cargo sim run hand3-turn --view",
+        "it takes a port of the machine, until Ctrl-C; viewer/web/test/run.mjs opens the page at another",
+    ),
+    (
         "tesaki identify robots/hand3/grasps/box.toml --out calibration.toml",
         "two minutes; the scenario hand3-force identifies the joints in simulated time",
     ),
