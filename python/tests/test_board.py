@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 
 import numpy as np
@@ -188,9 +189,10 @@ def test_an_arm_yields_and_is_led(serve, tmp_path):
         with pytest.raises(ValueError, match="^robot is hand3, and the board's is arm7: "):
             board.record(tmp_path / "r.mcap", 0.5, tesaki.Robot(tesaki.robots() / "hand3"))
         assert board.record(tmp_path / "r.mcap", 0.5, arm) > 30
-        served.command("estop on")
+        # The recording has begun by then.
+        threading.Timer(1.0, served.command, ["estop on"]).start()
         with pytest.raises(tesaki.FaultError, match="emergency"):
-            board.record(tmp_path / "fault.mcap", 5.0, arm)
+            board.record(tmp_path / "fault.mcap", 60.0, arm)
     held = messages(tmp_path / "r.mcap")
     tip = arm.tips[0]
     assert len(held[f"/tesaki/wrench/{tip}"]) > 30 and held["/tf_static"] and len(held["/tf"]) > 30

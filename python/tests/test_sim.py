@@ -156,7 +156,10 @@ def test_an_object_is_moved():
     np.testing.assert_allclose(moved, up, atol=1.5e-3)
 
 
-KINDS = {"hand3-servo": "joints", "hand3-reach": "tips", "hand3-paper-motion": "joints", "knob-grasp": "hand"}
+KINDS = {
+    "hand3-servo": "joints", "hand3-first-motion": "joints", "hand3-paper-motion": "joints", "hand3-reach": "tips",
+    "knob-grasp": "hand",
+}
 STEPPED = [scenario["name"] for scenario in sim.scenarios() if scenario["name"] not in ("knob-find", "hand5-calibrate")]
 
 
