@@ -264,9 +264,9 @@ impl File {
         for ((angle, (lower, upper)), joint) in posture.iter().zip(hand.limits()).zip(&model.joints) {
             if !(lower..=upper).contains(&angle) {
                 let key = format!("posture.{}", joint.name);
-                let [lower, upper] = [(1e3 * lower).ceil(), (1e3 * upper).floor()].map(|limit| limit / 1e3);
                 let message = format!(
-                    "{key} is {angle}; it must be {lower} to {upper} rad: the joint's limits, less the margin of a hand"
+                    "{key} is {angle}; it must be {lower:.3} to {upper:.3} rad: the joint's limits, less the margin of a \
+                     hand"
                 );
                 report.limits(line(text, &key), message, "correct the value");
             }
