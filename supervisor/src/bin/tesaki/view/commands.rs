@@ -292,7 +292,7 @@ impl View {
         Ok(())
     }
 
-    /// Stops, whoever commands. It is repeated until the telemetry shows it.
+    /// Stops, also where another page or program commands. It is repeated until the telemetry shows it.
     fn stop(&mut self) -> Result<(), Failure> {
         self.session.board.post(Request::Stop)?;
         self.server.stop().store(false, Ordering::Relaxed);
