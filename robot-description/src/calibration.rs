@@ -92,6 +92,12 @@ impl Calibration {
         *model = changed;
         Ok(())
     }
+
+    /// The joints of a model that keep the values of their robot folder, because there are none of them.
+    pub fn missing<'a>(&self, model: &'a RobotModel) -> Vec<&'a str> {
+        let names = model.joints.iter().map(|joint| joint.name.as_str());
+        names.filter(|name| !self.joints.contains_key(*name)).collect()
+    }
 }
 
 /// A calibration file that keeps comments and layout when values change.

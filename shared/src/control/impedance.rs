@@ -210,12 +210,12 @@ impl Impedance {
     }
 
     /// Raises the masses along x, y and z to these at least [kg], and the damping in the same relation, so that motions
-    /// fade as they did; the stiffness remains. An impedance with coupled axes is not changed.
-    pub fn raise_mass(&mut self, masses: &[f32; 3]) {
+    /// fade as they did; the stiffness remains. An impedance with coupled axes is not changed, and does not ask for them.
+    pub fn raise_mass(&mut self, masses: impl FnOnce() -> [f32; 3]) {
         if self.coupling.is_some() {
             return;
         }
-        for ((mass, damping), &least) in self.mass.iter_mut().zip(&mut self.damping).zip(masses) {
+        for ((mass, damping), least) in self.mass.iter_mut().zip(&mut self.damping).zip(masses()) {
             if *mass < least {
                 *damping *= least / *mass;
                 *mass = least;

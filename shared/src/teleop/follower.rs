@@ -209,9 +209,9 @@ impl Follower {
         ];
         let of_workspace = settings.workspace.iter().flat_map(|Workspace { lower, upper }| {
             let sides = [
-                "side of the workspace along x",
-                "side of the workspace along y",
-                "side of the workspace along z",
+                "side of the workspace along x, in m,",
+                "side of the workspace along y, in m,",
+                "side of the workspace along z, in m,",
             ]
             .into_iter()
             .zip(lower.iter().zip(upper));

@@ -501,7 +501,7 @@ fn the_set_point_stays_in_the_workspace_and_follows_along_its_border() {
     assert!(point.position[0] < 0.14, "{:?}", point.position);
 
     for (upper, field) in
-        [(-1.0, "side of the workspace along x"), (f32::NAN, "side of the workspace along x")]
+        [(-1.0, "side of the workspace along x, in m,"), (f32::NAN, "side of the workspace along x, in m,")]
     {
         let workspace = Workspace { upper: [upper, 1.0, 1.0], ..workspace };
         let refused =

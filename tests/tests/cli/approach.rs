@@ -295,7 +295,9 @@ fn circles_that_jump_lead_the_arm_nowhere() {
         assert!(farthest < 0.05, "the hand went {farthest} m");
         approach.finish()
     };
-    assert!(code == 8 && text.contains("no rose was found"), "{code}: {text}");
+    // The other where this machine is so busy that the lies come too late.
+    let is_named = ["no rose was found", "there were no pictures"].iter().any(|reason| text.contains(reason));
+    assert!(code == 8 && is_named, "{code}: {text}");
     assert_eq!(scene.server.json(&["faults"])["total"], 0);
     lies.join().unwrap();
     // It was answered nothing: it had asked nothing, and nothing was wrong.

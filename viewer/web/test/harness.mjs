@@ -62,6 +62,17 @@ export async function browser(args = []) {
   return chromium.launch({ executablePath, args: ["--no-sandbox", "--enable-unsafe-swiftshader", ...args] });
 }
 
+/** Opens a page in a browser that cannot draw in three dimensions. */
+export async function checkWithoutWebGl(url) {
+  const blind = await browser(["--disable-gpu", "--disable-3d-apis"]);
+  const page = await blind.newPage();
+  await page.goto(url);
+  await page.getByText("cannot do WebGL").waitFor();
+  await page.locator(".tv-plot canvas").first().waitFor();
+  check(true, "without WebGL the page says so, and the charts work");
+  await blind.close();
+}
+
 /** Processor time that a process has used [s]. */
 export function cpu(child) {
   const ticks = execFileSync("cat", [`/proc/${child.pid}/stat`], { encoding: "utf8" }).split(") ")[1].split(" ");

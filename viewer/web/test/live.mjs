@@ -1,6 +1,6 @@
 // The live page in a browser: what it shows is so, what it commands happens, and only one page commands.
 
-import { board, browser, check, cpu, run, until } from "./harness.mjs";
+import { board, browser, check, checkWithoutWebGl, cpu, run, until } from "./harness.mjs";
 
 await run(async () => {
   const { tesaki, url, server } = await board("hand3");
@@ -98,13 +98,7 @@ await run(async () => {
   await second.getByRole("button", { name: "Take command" }).waitFor();
   check(true, "then the other page may take command");
 
-  const blind = await browser(["--disable-gpu", "--disable-3d-apis"]);
-  const page = await blind.newPage();
-  await page.goto(url);
-  await page.getByText("cannot do WebGL").waitFor();
-  await page.locator(".tv-plot canvas").first().waitFor();
-  check(true, "without WebGL the page says so, and the charts work");
-  await blind.close();
+  await checkWithoutWebGl(url);
   check(errors.length === 0, `no errors in the browser${errors.map((error) => `\n${error}`)}`);
   await chrome.close();
 });

@@ -3,7 +3,7 @@
 import { mkdtempSync, readFileSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
-import { browser, check, root, run, start, until } from "./harness.mjs";
+import { browser, check, checkWithoutWebGl, root, run, start, until } from "./harness.mjs";
 
 const out = mkdtempSync(join(tmpdir(), "tesaki-run-"));
 
@@ -78,13 +78,7 @@ await run(async () => {
   check(Math.abs(length - max) < 0.2, "the report is a click away, and as long");
   await second.close();
 
-  const blind = await browser(["--disable-gpu", "--disable-3d-apis"]);
-  const page = await blind.newPage();
-  await page.goto(url);
-  await page.getByText("cannot do WebGL").waitFor();
-  await page.locator(".tv-plot canvas").first().waitFor();
-  check(true, "without WebGL the page says so, and the charts work");
-  await blind.close();
+  await checkWithoutWebGl(url);
 
   const ended = new Promise((resolve) => program.once("exit", resolve));
   program.kill("SIGINT");

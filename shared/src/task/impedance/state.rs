@@ -197,8 +197,8 @@ impl ImpedanceState {
     #[cold]
     #[inline(never)]
     fn take_own_mass(&mut self, arm: &Arm<'_>) {
-        let own = own_mass(arm.chain, arm.joints, &self.angles, self.impedance.axes);
-        self.impedance.raise_mass(&own);
+        let axes = self.impedance.axes;
+        self.impedance.raise_mass(|| own_mass(arm.chain, arm.joints, &self.angles, axes));
         self.settings.impedance = self.impedance;
     }
 

@@ -20,8 +20,9 @@ pub fn push(
     calibration: Option<&Path>,
 ) -> Result<(), Failure> {
     let mut model = RobotFolder::load(robot)?.model;
-    if let Some(path) = calibration {
-        Calibration::load(path)?.apply(&mut model)?;
+    let calibration = calibration.map(Calibration::load).transpose()?;
+    if let Some(calibration) = &calibration {
+        calibration.apply(&mut model)?;
     }
     if let Some(tip) = chain {
         let index = model.chains.iter().position(|chain| chain.name == tip);
@@ -39,14 +40,22 @@ pub fn push(
             node.model_checksum
         )));
     }
-    let value =
-        json!({ "robot": model.name, "joints": model.joints.len(), "checksum": format!("{checksum:08x}") });
+    let (name, joints) = (&model.name, model.joints.len());
+    let uncalibrated = calibration.map(|calibration| calibration.missing(&model));
+    let mut value = json!({ "robot": name, "joints": joints, "checksum": format!("{checksum:08x}") });
+    if let Some(uncalibrated) = &uncalibrated {
+        value["uncalibrated"] = json!(uncalibrated);
+    }
     output::result(options, &value, || {
-        format!(
-            "{}: {} joints; model {checksum:08x} is in use until the next reset",
-            model.name,
-            model.joints.len()
-        )
+        let calibrated = match uncalibrated.as_deref() {
+            None => String::new(),
+            Some([]) => ", all in the calibration".to_owned(),
+            Some(missing) => {
+                let missing = missing.join(", ");
+                format!(", with the values of the robot's folder where the calibration has none: {missing}")
+            }
+        };
+        format!("{name}: {joints} joints{calibrated}; model {checksum:08x} is in use until the next reset")
     })
 }
 

@@ -119,6 +119,9 @@ impl FromStr for PoseSource {
 fn udp(text: &str, address: &str) -> Result<PoseSource, String> {
     let numeric = address.replacen("localhost:", "127.0.0.1:", 1);
     match numeric.parse::<SocketAddr>() {
+        Ok(address) if address.port() == 0 => {
+            Err(format!("{text:?}: port 0 is none: name the port that the poses are sent to"))
+        }
         Ok(address) if address.ip().is_loopback() => Ok(PoseSource::Udp(address)),
         Ok(address) => Err(format!(
             "{} is reachable from other machines, and any program that reaches the UDP port leads the arm: use 127.0.0.1 or \
