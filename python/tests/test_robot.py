@@ -1,6 +1,5 @@
 """Robots against kinematics and dynamics of their own, written from the URDF with numpy alone, in double precision."""
 
-import time
 import tomllib
 import tracemalloc
 from xml.etree import ElementTree
@@ -249,21 +248,6 @@ def test_no_posture_is_no_error():
     assert robot.fk(np.zeros((0, 7))).shape == (0, 7)
     assert robot.jacobian(np.zeros((0, 7))).shape == (0, 6, 7)
     assert robot.ik(np.zeros((0, 3)))[0].shape == (0, 7)
-
-
-def test_a_batch_costs_little_more_than_in_rust():
-    robot = tesaki.Robot(tesaki.robots() / "arm7")
-    q = np.random.default_rng(3).uniform(-1, 1, (100_000, 7)).astype(np.float32)
-    # The best of many, in turns: other programs take time from both.
-    rust, python = [], []
-    for _ in range(15):
-        rust.append(robot._time_fk_jacobian(q))
-        start = time.perf_counter()
-        robot.fk_jacobian(q)
-        python.append(time.perf_counter() - start)
-    ratio = min(python) / min(rust)
-    print(f"100 000 postures: {min(python):.4f} s, in Rust {min(rust):.4f} s, {ratio:.2f} times")
-    assert ratio < 1.2
 
 
 def test_least_grip():

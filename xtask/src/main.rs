@@ -42,8 +42,8 @@ enum Task {
     Fuzz(fuzz::Options),
     /// Make the page that shows a robot from its sources, or try it in a browser
     Viewer(viewer::Options),
-    /// Build the Python package and run its tests
-    Python,
+    /// Build the Python package and run its tests, or measure its speed
+    Python(python::Options),
     /// Measure executed instructions on the emulated Cortex-M4F, and the speed of the simulation
     Bench(bench::Options),
 }
@@ -60,7 +60,7 @@ fn main() -> anyhow::Result<()> {
         Task::Sweep(options) => sweep::run(options),
         Task::Faults(options) => faults::run(options),
         Task::Fuzz(options) => fuzz::run(&options),
-        Task::Python => python::check(),
+        Task::Python(options) => python::run(&options),
         Task::Viewer(options) => viewer::run(&options),
     }
 }
