@@ -1,3 +1,6 @@
+mod redundancy;
+mod stop;
+
 use nalgebra::{IsometryMatrix3, Vector3, Vector6};
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
@@ -8,34 +11,22 @@ use super::momentum::MomentumObserver;
 use super::redundancy::{Joints, Resolver};
 use super::response::{in_axes, respond};
 use super::setpoint::{
-    ORIGIN, at_rest, check_deviation, check_elbow, check_numbers, check_point, pose_error, wrap_angle,
+    ORIGIN, at_rest, check_deviation, check_elbow, check_numbers, check_point, pose_error,
 };
 use super::settings::{ForceSource, ImpedanceSettings, InvalidSettings, Law, Redundancy};
 use super::tuning::{
-    ARM_ANGLE_DAMPING, CONTACT_DISTURBANCE_GAIN, CONTACT_FRICTION_COMPENSATION, CONTACT_HYSTERESIS_SQUARED,
-    CONTACT_LOSS_SQUARED, CONTACT_REST_SPEED, IMPEDANCE_BLEND, INITIAL_ITERATIONS, LIMIT_APPROACH_RATE,
-    MAX_ELBOW_ERROR, MAX_TOOL_DISTURBANCE, MISMATCH_TICKS, RELEASE_ANGULAR_SPEED, RELEASE_SPEED, REST_ERROR,
-    REST_SPEED, VELOCITY_LIMIT_FRACTION,
+    CONTACT_DISTURBANCE_GAIN, CONTACT_FRICTION_COMPENSATION, CONTACT_HYSTERESIS_SQUARED,
+    CONTACT_LOSS_SQUARED, CONTACT_REST_SPEED, IMPEDANCE_BLEND, LIMIT_APPROACH_RATE, MAX_TOOL_DISTURBANCE,
+    MISMATCH_TICKS, REST_ERROR, REST_SPEED, VELOCITY_LIMIT_FRACTION,
 };
-use super::{Arm, ArmAngle, ArmMeasurement, ArmOutput, SetpointError};
+use super::{Arm, ArmMeasurement, ArmOutput, SetpointError};
 use crate::TICK;
 use crate::control::{Impedance, JointPoint, ObserverState};
-use crate::kinematics::{ElbowSetpoint, Jacobian, PosePoint, Posture};
+use crate::kinematics::{ElbowSetpoint, Jacobian, PosePoint};
 use crate::math::{self, abs};
 use crate::model::MAX_CHAIN_JOINTS;
-
-/// Release, in a stop, of what the tool presses on.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
-enum Release {
-    /// The tool pressed on nothing, or no stop has begun.
-    NotNeeded,
-    /// The set-point of the tool moves to the tool. That counts as contact, however small the force: else
-    /// the arm would come to rest pressing a little, and friction raise it again.
-    Moving,
-    /// The set-point has reached the tool. The residual force counts no more as contact: at a stiff wall a
-    /// force that lags would make the arm oscillate.
-    Done,
-}
+use redundancy::driven_joint;
+use stop::Release;
 
 /// State of the impedance control.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize, Schema)]
@@ -164,80 +155,6 @@ impl ImpedanceState {
         }
         (self.setpoint, self.elbow_setpoint) = (*point, *elbow);
         Ok(())
-    }
-
-    /// Begins a controlled stop. The set-points are where tool and elbow are; in contact that of the tool moves
-    /// there slowly, which releases what the tool presses on. With `use_measured_state` the reference arm, which
-    /// has lost the real one, begins where that is.
-    pub fn halt(&mut self, arm: &Arm<'_>, measurement: &ArmMeasurement, use_measured_state: bool) {
-        if use_measured_state {
-            (self.angles, self.velocities) = (measurement.angles, measurement.velocities);
-            self.observers = Self::NONE.observers;
-            self.tool_acceleration = [0.0; 3];
-        }
-        self.halted = true;
-        self.take_own_mass(arm);
-        let posture = arm.chain.posture(&self.angles);
-        self.setpoint = PosePoint { velocity: [0.0; 6], acceleration: [0.0; 6], ..self.setpoint };
-        if self.contact && check_point(posture.tip(), &self.setpoint, &self.settings).is_ok() {
-            self.release = Release::Moving;
-            self.relax_spring(&posture, &self.external_wrench(measurement));
-        } else {
-            self.release = Release::NotNeeded;
-            self.setpoint = at_rest(posture.tip());
-        }
-        let angle = self.elbow_angle(arm, &posture, &self.angles);
-        self.elbow_setpoint = ElbowSetpoint { angle, ..ElbowSetpoint::default() };
-        self.arm_angle_undefined =
-            self.settings.redundancy == Redundancy::ArmAngle && ArmAngle::of(&posture, arm.gravity).is_none();
-    }
-
-    /// Makes the tool as heavy as the arm itself, where it is lighter: it would yield to a push faster than the push alone
-    /// moves the arm, and the drives would bring in the difference of the energies.
-    #[cold]
-    #[inline(never)]
-    fn take_own_mass(&mut self, arm: &Arm<'_>) {
-        let axes = self.impedance.axes;
-        self.impedance.raise_mass(|| own_mass(arm.chain, arm.joints, &self.angles, axes));
-        self.settings.impedance = self.impedance;
-    }
-
-    /// Moves the set-point of a tool that moves on into what it touches so near that its spring presses no harder than
-    /// the contact does.
-    #[cold]
-    #[inline(never)]
-    fn relax_spring(&mut self, posture: &Posture, wrench: &Vector6<f32>) {
-        let velocity = posture.jacobian() * Joints::from(self.velocities);
-        if velocity.fixed_rows::<3>(0).dot(&wrench.fixed_rows::<3>(0)) >= 0.0 {
-            return;
-        }
-        let zero = Vector6::zeros();
-        let error = pose_error(posture.tip(), &self.setpoint);
-        let [spring, contact] = [(&error, &zero), (&zero, wrench)].map(|(error, force)| {
-            let response = respond(&self.impedance, self.settings.law, posture.tip(), error, &zero, force);
-            math::sqrt(response.fixed_rows::<3>(0).norm_squared())
-        });
-        if spring > contact {
-            let moved = error * ((1.0 - contact / spring) / TICK);
-            let moved = PosePoint { velocity: moved.into(), ..self.setpoint }.coasted();
-            self.setpoint = PosePoint { velocity: [0.0; 6], ..moved };
-        }
-    }
-
-    /// Moves the set-point of the tool a period's way along the pose `error`, until it is at the tool.
-    #[inline(never)]
-    fn release(&mut self, error: &Vector6<f32>) {
-        let [distance, angle] = [0, 3].map(|axis| math::sqrt(error.fixed_rows::<3>(axis).norm_squared()));
-        let rate = |length: f32, max: f32| if length > max { max / length } else { 1.0 };
-        let linear = rate(distance, RELEASE_SPEED * TICK) / TICK;
-        let angular = rate(angle, RELEASE_ANGULAR_SPEED * TICK) / TICK;
-        let &[x, y, z, rx, ry, rz] = error.as_ref();
-        let velocity = [x * linear, y * linear, z * linear, rx * angular, ry * angular, rz * angular];
-        let moved = PosePoint { velocity, ..self.setpoint }.coasted();
-        self.setpoint = PosePoint { velocity: [0.0; 6], ..moved };
-        if distance <= RELEASE_SPEED * TICK && angle <= RELEASE_ANGULAR_SPEED * TICK {
-            (self.release, self.contact) = (Release::Done, false);
-        }
     }
 
     /// Checks the pose error of the last tick.
@@ -469,72 +386,6 @@ impl ImpedanceState {
         (self.tool_velocity, self.tool_acceleration) = (velocity.into(), acceleration.into());
     }
 
-    /// Resolves the redundancy (Arm7 step 4): joint accelerations for the acceleration `tool`, without its
-    /// bias `J̇ q̇`, and for the elbow's control law.
-    fn resolve(
-        &mut self,
-        arm: &Arm<'_>,
-        settings: &ImpedanceSettings,
-        posture: &Posture,
-        resolver: &Resolver,
-        jacobian: &Jacobian,
-        tool: &Vector6<f32>,
-    ) -> Joints {
-        let velocities = Joints::from(self.velocities);
-        let arm_angle = match settings.redundancy {
-            Redundancy::ArmAngle => ArmAngle::of(posture, arm.gravity),
-            _ => None,
-        };
-        if let (Some(ArmAngle { angle, .. }), true) = (&arm_angle, self.arm_angle_undefined) {
-            // Defined again: the elbow holds this angle until the next set-point.
-            self.elbow_setpoint = ElbowSetpoint { angle: *angle, ..ElbowSetpoint::default() };
-        }
-        self.arm_angle_undefined = arm_angle.is_none();
-        if let Some(joint) = driven_joint(settings.redundancy) {
-            let state = self.angles.get(joint).zip(self.velocities.get(joint));
-            let (&angle, &velocity) = state.unwrap_or((&0.0, &0.0));
-            let driven = self.elbow_acceleration(settings, angle, velocity);
-            let mut columns = jacobian.column_iter();
-            let Some(column) = columns.nth(joint) else { return resolver.solve(tool) };
-            let mut other_joints = *tool;
-            if settings.law.direct().is_none_or(|law| law.driven_term) {
-                for (value, column) in other_joints.iter_mut().zip(column.iter()) {
-                    *value -= column * driven;
-                }
-            }
-            let mut accelerations = resolver.solve(&other_joints);
-            accelerations.iter_mut().skip(joint).take(1).for_each(|value| *value = driven);
-            return accelerations;
-        }
-        let mut accelerations = resolver.solve(tool);
-        if let Some(ArmAngle { angle, jacobian: gradient }) = arm_angle {
-            let residual = self.elbow_acceleration(settings, angle, gradient.dot(&velocities))
-                - gradient.dot(&accelerations);
-            let projected = resolver.project_to_null_space(&gradient);
-            let size = gradient.dot(&projected);
-            accelerations += projected * (residual * size / (size * size + ARM_ANGLE_DAMPING));
-        } else if arm.chain.len() == MAX_CHAIN_JOINTS
-            && settings.law.direct().is_none_or(|law| law.null_space_damping)
-        {
-            // The elbow has no set-point: damp the null-space motion.
-            let damping = 2.0 * settings.elbow_bandwidth;
-            accelerations -= resolver.project_to_null_space(&velocities) * damping;
-        }
-        accelerations
-    }
-
-    /// Critically damped control of the elbow: its acceleration [rad/s²] at `angle` [rad] and `velocity`
-    /// [rad/s].
-    #[inline]
-    fn elbow_acceleration(&self, settings: &ImpedanceSettings, angle: f32, velocity: f32) -> f32 {
-        let (setpoint, bandwidth) = (&self.elbow_setpoint, settings.elbow_bandwidth);
-        setpoint.acceleration
-            + 2.0 * bandwidth * (setpoint.velocity - velocity)
-            + bandwidth
-                * bandwidth
-                * math::clamp(wrap_angle(setpoint.angle - angle), -MAX_ELBOW_ERROR, MAX_ELBOW_ERROR)
-    }
-
     /// Limits the joint accelerations so that the reference arm keeps to position and velocity limits.
     fn limit_accelerations(&self, arm: &Arm<'_>, accelerations: &mut Joints) {
         let mut scale = 1.0_f32;
@@ -596,39 +447,6 @@ impl ImpedanceState {
         add_scaled(&mut self.velocities, accelerations, TICK);
         self.setpoint = self.setpoint.coasted();
         self.elbow_setpoint = self.elbow_setpoint.coasted();
-    }
-
-    /// Elbow angle at joint `angles` [rad]; `posture` belongs to these.
-    #[inline(never)]
-    pub(super) fn elbow_angle(
-        &self,
-        arm: &Arm<'_>,
-        posture: &Posture,
-        angles: &[f32; MAX_CHAIN_JOINTS],
-    ) -> f32 {
-        match self.settings.redundancy {
-            Redundancy::DrivenJoint { joint } => angles.get(usize::from(joint)).copied().unwrap_or(0.0),
-            Redundancy::ArmAngle => ArmAngle::of(posture, arm.gravity).map_or(0.0, |arm| arm.angle),
-            Redundancy::None => 0.0,
-        }
-    }
-
-    /// Finds the smallest singular value by inverse iteration; each tick then adds one step.
-    fn initialize_singular_value(&mut self, posture: &Posture) {
-        let jacobian = posture.jacobian();
-        let driven = driven_joint(self.settings.redundancy);
-        let mut left_singular_vector = Vector6::repeat(math::sqrt(1.0 / 6.0));
-        for _ in 0..INITIAL_ITERATIONS {
-            let _ = Resolver::new(&jacobian, driven, &mut left_singular_vector, &mut self.sigma_min);
-        }
-        self.left_singular_vector = left_singular_vector.into();
-    }
-}
-
-fn driven_joint(redundancy: Redundancy) -> Option<usize> {
-    match redundancy {
-        Redundancy::DrivenJoint { joint } => Some(joint.into()),
-        _ => None,
     }
 }
 
