@@ -83,6 +83,7 @@ mod motion_limits;
 mod operator_estimate;
 mod passivity;
 mod retarget;
+mod retarget_settings;
 mod workspace;
 
 #[cfg(test)]
@@ -121,8 +122,6 @@ pub use motion_limits::MotionLimits;
 pub(crate) use motion_limits::MotionTarget;
 pub use operator_estimate::OperatorModel;
 pub use passivity::{PowerPort, PowerPortLimits, UnsuitableLink};
-pub use retarget::{
-    InvalidFingertip, InvalidRetargetSettings, OperatorFingertips, RetargetField, RetargetReport,
-    RetargetSettings, RetargetState, Retargeting,
-};
+pub use retarget::{InvalidFingertip, OperatorFingertips, RetargetReport, RetargetState, Retargeting};
+pub use retarget_settings::{InvalidRetargetSettings, RetargetField, RetargetSettings};
 pub use workspace::Workspace;

@@ -1,6 +1,7 @@
 use super::*;
 use tesaki_rng::Rng;
 
+use crate::teleop::RetargetField;
 use crate::test_support::{HAND5_LIMITS, hand5};
 
 const PERIOD: f32 = 0.01;

@@ -3,6 +3,8 @@
 //! One page commands at a time, as one program does; this program then holds the board's lease for it. A page
 //! that goes away, or does not answer, while the robot is enabled is a reason to stop it.
 
+mod commander;
+
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -11,21 +13,20 @@ use std::time::{Duration, Instant};
 use nalgebra::{UnitQuaternion, Vector3};
 use tesaki::control::ServoMode;
 use tesaki::kinematics::{ElbowSetpoint, PosePoint};
-use tesaki::protocol::{Mode, Refusal, Request, Telemetry};
+use tesaki::protocol::{Mode, Refusal, Request};
 use tesaki::task::grasping::GraspCommand;
-use tesaki::task::impedance::ImpedanceCommand;
-use tesaki::task::joint_servo::JointCommand;
-use tesaki::task::{TaskCommand, TaskConfig, TaskKind};
+use tesaki::task::{TaskConfig, TaskKind};
 use tesaki_description::robot::RobotFolder;
 use tesaki_description::{grasp, impedance};
 use tesaki_supervisor::task_report::Grasped;
-use tesaki_supervisor::trajectory::minimum_jerk;
 use tesaki_supervisor::{Board, BoardError};
 
 use super::View;
 use super::message::{Command, Plan};
 use crate::failure::Failure;
 use crate::motion;
+pub use commander::Commander;
+use commander::{Stopping, ToolPath};
 
 /// From one set-point of a task to the next, as in all other commands.
 const KEEP_ALIVE: Duration = motion::KEEP_ALIVE;
@@ -43,136 +44,8 @@ const FRESH: Duration = Duration::from_millis(200);
 const BLIND: Duration = Duration::from_millis(500);
 /// Duration of a step of the object or of the tool [s].
 const STEP: f32 = 1.0;
-/// Telemetry that is older is that of a board before its reset [ticks].
-const RECENT: i32 = 100;
 /// How long the board may take for an answer at the end.
 const LAST_WORD: Duration = Duration::from_millis(500);
-
-/// The page that commands, and what it has enabled.
-pub struct Commander {
-    page: Option<u64>,
-    take_over: bool,
-    /// What it has enabled, and whether the telemetry has shown that.
-    enabled: Option<(TaskKind, bool)>,
-    /// Goals of the joint servo [rad].
-    goal: Vec<f32>,
-    /// What it grasped.
-    pub grasped: Option<Grasped>,
-    /// Displacement and rotation of the object since the grasp.
-    object: (Vector3<f32>, UnitQuaternion<f32>),
-    tool: Option<ToolPath>,
-    /// When the next set-point is due.
-    next: Instant,
-    /// A stop that the telemetry does not show yet.
-    stopping: Option<Stopping>,
-    /// Whether command is to be released once the robot is stopped.
-    releases: bool,
-}
-
-/// A stop that is repeated.
-struct Stopping {
-    /// When the pages are warned; `None` once they are.
-    warns: Option<Instant>,
-    /// The last tick before it: the mode of older ones says nothing.
-    after: Option<u32>,
-}
-
-impl Stopping {
-    /// Whether telemetry shows that the board has stopped. Disabled is not enough: a lost stop leaves a disabled board
-    /// to be enabled by what is on its way.
-    fn is_shown_by(&self, telemetry: &Telemetry) -> bool {
-        let step = self.after.map_or(1, |after| telemetry.tick.wrapping_sub(after).cast_signed());
-        // A board that was reset counts from 0.
-        telemetry.mode == Mode::Fault && !(-RECENT..=0).contains(&step)
-    }
-}
-
-/// The way of an arm's tool from one place to the next.
-#[derive(Clone, Copy)]
-struct ToolPath {
-    from: PosePoint,
-    step: Vector3<f32>,
-    begun: Instant,
-    elbow: ElbowSetpoint,
-}
-
-impl ToolPath {
-    fn at(&self, now: Instant) -> PosePoint {
-        let fraction = (now - self.begun).as_secs_f64() / f64::from(STEP);
-        #[expect(clippy::cast_possible_truncation, reason = "single precision on the wire")]
-        let [s, v, a] = minimum_jerk(fraction).map(|value| value as f32);
-        let (position, speed) = (Vector3::from(self.from.position) + self.step * s, self.step * (v / STEP));
-        let change = self.step * (a / (STEP * STEP));
-        PosePoint {
-            position: position.into(),
-            velocity: [speed.x, speed.y, speed.z, 0.0, 0.0, 0.0],
-            acceleration: [change.x, change.y, change.z, 0.0, 0.0, 0.0],
-            ..self.from
-        }
-    }
-}
-
-impl Commander {
-    pub fn new(take_over: bool) -> Self {
-        Self {
-            page: None,
-            take_over,
-            enabled: None,
-            goal: Vec::new(),
-            grasped: None,
-            object: (Vector3::zeros(), UnitQuaternion::identity()),
-            tool: None,
-            next: Instant::now(),
-            stopping: None,
-            releases: false,
-        }
-    }
-
-    /// The page that commands.
-    pub const fn page(&self) -> Option<u64> {
-        self.page
-    }
-
-    /// Whether a robot whose page has gone is still to be stopped, or command to be released.
-    pub const fn is_stopping(&self) -> bool {
-        self.stopping.is_some() || self.releases
-    }
-
-    /// Notices that the task has ended.
-    pub fn follow(&mut self, telemetry: Option<&Telemetry>) {
-        let is_enabled = telemetry.is_some_and(|telemetry| matches!(telemetry.mode, Mode::Enabled(_)));
-        match &mut self.enabled {
-            Some((_, seen)) if is_enabled => *seen = true,
-            Some((_, true)) => (self.enabled, self.grasped, self.tool) = (None, None, None),
-            _ => {}
-        }
-        if let (Some(stopping), Some(telemetry)) = (&self.stopping, telemetry)
-            && stopping.is_shown_by(telemetry)
-        {
-            self.stopping = None;
-        }
-    }
-
-    /// The board cannot be enabled: a stop need not be repeated.
-    pub fn is_stopped(&mut self) {
-        self.stopping = None;
-    }
-
-    /// What keeps the task running.
-    fn set_point(&self, task: TaskKind, now: Instant) -> Request {
-        match (task, &self.tool) {
-            (TaskKind::JointServo, _) => {
-                let positions = heapless::Vec::from_slice(&self.goal).unwrap_or_default();
-                Request::Task(TaskCommand::JointServo(JointCommand::Goal { positions }))
-            }
-            (TaskKind::Impedance, Some(tool)) => {
-                let command = ImpedanceCommand::SetTarget { point: tool.at(now), elbow: tool.elbow };
-                Request::Task(TaskCommand::Impedance(command))
-            }
-            _ => Request::Keep,
-        }
-    }
-}
 
 /// The files of a robot folder with which a page can enable a task.
 pub fn plans(folder: &RobotFolder) -> Vec<Plan> {

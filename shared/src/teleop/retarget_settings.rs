@@ -1,0 +1,149 @@
+//! Settings of the retargeting, and their ranges.
+
+use core::fmt;
+
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
+
+use crate::kinematics::{Hand, MAX_FINGERS};
+use crate::math::abs;
+use crate::model::MAX_JOINTS;
+
+/// Settings of a [`Retargeting`](super::Retargeting).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+pub struct RetargetSettings {
+    /// Which of the operator's fingers each finger of the hand follows: 0 is the thumb, 4 the little finger.
+    /// The hand's first finger is its thumb and follows the thumb.
+    pub follows: [u8; MAX_FINGERS],
+    /// Weight of each finger's vector, 0.001 to 1000; that of the thumb has no effect.
+    pub weights: [f32; MAX_FINGERS],
+    /// Length on the robot over length on the operator's hand, 0.1 to 10; 1 in the paper.
+    pub scale: f32,
+    /// Gap between the operator's thumb and a fingertip below which precision pinch has full priority [m].
+    pub near: f32,
+    /// Gap above which it has none [m].
+    pub far: f32,
+    /// Distance of the measured points in the operator's thumb and fingertips when these touch [m].
+    pub operator_contact: f32,
+    /// Distance of the tips of the hand when their surfaces touch: twice their radius [m].
+    pub robot_contact: f32,
+    /// Maximum speed of each actuated joint [rad/s], 0.001 to 1000.
+    pub speeds: [f32; MAX_JOINTS],
+    /// A fingertip farther from its target is reported as not reproduced [m].
+    pub tolerance: f32,
+    /// Whether directions of fingertips are followed where the positions leave them free.
+    pub directions: bool,
+}
+
+impl RetargetSettings {
+    /// Five fingers of equal weight, full priority of precision pinch below a gap of 5 mm, none above 25 mm.
+    pub const DEFAULT: Self = Self {
+        follows: [0, 1, 2, 3, 4],
+        weights: [1.0; MAX_FINGERS],
+        scale: 1.0,
+        near: 5e-3,
+        far: 25e-3,
+        operator_contact: 0.0,
+        robot_contact: 0.0,
+        speeds: [6.0; MAX_JOINTS],
+        tolerance: 1e-4,
+        directions: false,
+    };
+}
+
+/// A setting of a [`Retargeting`](super::Retargeting).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum RetargetField {
+    /// 0: number of fingers of the hand.
+    Fingers,
+    /// 1: an entry of `follows`.
+    Follows,
+    /// 2: an entry of `weights`.
+    Weights,
+    /// 3: `scale`.
+    Scale,
+    /// 4: `near`.
+    Near,
+    /// 5: `far`, whose minimum depends on `near` and on the distances at contact.
+    Far,
+    /// 6: `operator_contact`.
+    OperatorContact,
+    /// 7: `robot_contact`.
+    RobotContact,
+    /// 8: an entry of `speeds`.
+    Speeds,
+    /// 9: `tolerance`.
+    Tolerance,
+}
+
+/// A setting out of its range, or settings that contradict each other.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct InvalidRetargetSettings {
+    /// The setting.
+    pub field: RetargetField,
+    /// Its value.
+    pub value: f32,
+    /// Lowest permitted value.
+    pub min: f32,
+    /// Highest permitted value.
+    pub max: f32,
+}
+
+impl RetargetSettings {
+    /// Checks the settings for `hand`.
+    ///
+    /// # Errors
+    /// The first setting that is out of range.
+    pub fn validate(&self, hand: &Hand) -> Result<(), InvalidRetargetSettings> {
+        let check = |field, value: f32, min, max| {
+            if value >= min && value <= max {
+                Ok(())
+            } else {
+                Err(InvalidRetargetSettings { field, value, min, max })
+            }
+        };
+        let fingers = hand.len();
+        #[expect(clippy::cast_precision_loss, reason = "at most 5")]
+        check(RetargetField::Fingers, fingers as f32, 2.0, MAX_FINGERS as f32)?;
+        for (finger, (&follows, &weight)) in self.follows.iter().zip(&self.weights).enumerate().take(fingers)
+        {
+            let (min, max) = if finger == 0 { (0.0, 0.0) } else { (1.0, 4.0) };
+            check(RetargetField::Follows, f32::from(follows), min, max)?;
+            check(RetargetField::Weights, weight, 1e-3, 1e3)?;
+        }
+        check(RetargetField::Scale, self.scale, 0.1, 10.0)?;
+        check(RetargetField::Near, self.near, 0.0, 0.1)?;
+        check(RetargetField::OperatorContact, self.operator_contact, 0.0, 0.1)?;
+        check(RetargetField::RobotContact, self.robot_contact, 0.0, 0.1)?;
+        // The target's distance must grow with the operator's; the steepest slope of β is 1.5 / (far − near).
+        let change = abs(self.robot_contact - self.scale * self.operator_contact);
+        check(RetargetField::Far, self.far, self.near + 1e-3 + 2.0 * change / self.scale, 0.5)?;
+        for &speed in self.speeds.iter().take(hand.limits().len()) {
+            check(RetargetField::Speeds, speed, 1e-3, 1e3)?;
+        }
+        check(RetargetField::Tolerance, self.tolerance, 1e-6, 0.1)
+    }
+}
+
+impl fmt::Display for InvalidRetargetSettings {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { field, value, min, max } = self;
+        let name = match field {
+            RetargetField::Fingers => "the number of fingers",
+            RetargetField::Follows => "follows",
+            RetargetField::Weights => "a weight",
+            RetargetField::Scale => "scale",
+            RetargetField::Near => "near",
+            RetargetField::Far => "far",
+            RetargetField::OperatorContact => "operator_contact",
+            RetargetField::RobotContact => "robot_contact",
+            RetargetField::Speeds => "a speed",
+            RetargetField::Tolerance => "tolerance",
+        };
+        write!(f, "{name} is {value}; it must be {min} to {max}")
+    }
+}
+
+impl core::error::Error for InvalidRetargetSettings {}

@@ -1,0 +1,143 @@
+//! The page that commands, and what keeps its task running.
+
+use std::time::Instant;
+
+use nalgebra::{UnitQuaternion, Vector3};
+use tesaki::kinematics::{ElbowSetpoint, PosePoint};
+use tesaki::protocol::{Mode, Request, Telemetry};
+use tesaki::task::impedance::ImpedanceCommand;
+use tesaki::task::joint_servo::JointCommand;
+use tesaki::task::{TaskCommand, TaskKind};
+use tesaki_supervisor::task_report::Grasped;
+use tesaki_supervisor::trajectory::minimum_jerk;
+
+use super::STEP;
+
+/// Telemetry that is older is that of a board before its reset [ticks].
+const RECENT: i32 = 100;
+
+/// The page that commands, and what it has enabled.
+pub struct Commander {
+    pub(super) page: Option<u64>,
+    pub(super) take_over: bool,
+    /// What it has enabled, and whether the telemetry has shown that.
+    pub(super) enabled: Option<(TaskKind, bool)>,
+    /// Goals of the joint servo [rad].
+    pub(super) goal: Vec<f32>,
+    /// What it grasped.
+    pub grasped: Option<Grasped>,
+    /// Displacement and rotation of the object since the grasp.
+    pub(super) object: (Vector3<f32>, UnitQuaternion<f32>),
+    pub(super) tool: Option<ToolPath>,
+    /// When the next set-point is due.
+    pub(super) next: Instant,
+    /// A stop that the telemetry does not show yet.
+    pub(super) stopping: Option<Stopping>,
+    /// Whether command is to be released once the robot is stopped.
+    pub(super) releases: bool,
+}
+
+/// A stop that is repeated.
+pub(super) struct Stopping {
+    /// When the pages are warned; `None` once they are.
+    pub(super) warns: Option<Instant>,
+    /// The last tick before it: the mode of older ones says nothing.
+    pub(super) after: Option<u32>,
+}
+
+impl Stopping {
+    /// Whether telemetry shows that the board has stopped. Disabled is not enough: a lost stop leaves a disabled board
+    /// to be enabled by what is on its way.
+    fn is_shown_by(&self, telemetry: &Telemetry) -> bool {
+        let step = self.after.map_or(1, |after| telemetry.tick.wrapping_sub(after).cast_signed());
+        // A board that was reset counts from 0.
+        telemetry.mode == Mode::Fault && !(-RECENT..=0).contains(&step)
+    }
+}
+
+/// The way of an arm's tool from one place to the next.
+#[derive(Clone, Copy)]
+pub(super) struct ToolPath {
+    pub(super) from: PosePoint,
+    pub(super) step: Vector3<f32>,
+    pub(super) begun: Instant,
+    pub(super) elbow: ElbowSetpoint,
+}
+
+impl ToolPath {
+    pub(super) fn at(&self, now: Instant) -> PosePoint {
+        let fraction = (now - self.begun).as_secs_f64() / f64::from(STEP);
+        #[expect(clippy::cast_possible_truncation, reason = "single precision on the wire")]
+        let [s, v, a] = minimum_jerk(fraction).map(|value| value as f32);
+        let (position, speed) = (Vector3::from(self.from.position) + self.step * s, self.step * (v / STEP));
+        let change = self.step * (a / (STEP * STEP));
+        PosePoint {
+            position: position.into(),
+            velocity: [speed.x, speed.y, speed.z, 0.0, 0.0, 0.0],
+            acceleration: [change.x, change.y, change.z, 0.0, 0.0, 0.0],
+            ..self.from
+        }
+    }
+}
+
+impl Commander {
+    pub fn new(take_over: bool) -> Self {
+        Self {
+            page: None,
+            take_over,
+            enabled: None,
+            goal: Vec::new(),
+            grasped: None,
+            object: (Vector3::zeros(), UnitQuaternion::identity()),
+            tool: None,
+            next: Instant::now(),
+            stopping: None,
+            releases: false,
+        }
+    }
+
+    /// The page that commands.
+    pub const fn page(&self) -> Option<u64> {
+        self.page
+    }
+
+    /// Whether a robot whose page has gone is still to be stopped, or command to be released.
+    pub const fn is_stopping(&self) -> bool {
+        self.stopping.is_some() || self.releases
+    }
+
+    /// Notices that the task has ended.
+    pub fn follow(&mut self, telemetry: Option<&Telemetry>) {
+        let is_enabled = telemetry.is_some_and(|telemetry| matches!(telemetry.mode, Mode::Enabled(_)));
+        match &mut self.enabled {
+            Some((_, seen)) if is_enabled => *seen = true,
+            Some((_, true)) => (self.enabled, self.grasped, self.tool) = (None, None, None),
+            _ => {}
+        }
+        if let (Some(stopping), Some(telemetry)) = (&self.stopping, telemetry)
+            && stopping.is_shown_by(telemetry)
+        {
+            self.stopping = None;
+        }
+    }
+
+    /// The board cannot be enabled: a stop need not be repeated.
+    pub fn is_stopped(&mut self) {
+        self.stopping = None;
+    }
+
+    /// What keeps the task running.
+    pub(super) fn set_point(&self, task: TaskKind, now: Instant) -> Request {
+        match (task, &self.tool) {
+            (TaskKind::JointServo, _) => {
+                let positions = heapless::Vec::from_slice(&self.goal).unwrap_or_default();
+                Request::Task(TaskCommand::JointServo(JointCommand::Goal { positions }))
+            }
+            (TaskKind::Impedance, Some(tool)) => {
+                let command = ImpedanceCommand::SetTarget { point: tool.at(now), elbow: tool.elbow };
+                Request::Task(TaskCommand::Impedance(command))
+            }
+            _ => Request::Keep,
+        }
+    }
+}
