@@ -67,7 +67,7 @@ impl FreeLinks {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used, reason = "tests")]
+#[allow(clippy::unwrap_used, clippy::cast_possible_truncation, reason = "tests")]
 mod tests {
     use std::path::Path;
 
