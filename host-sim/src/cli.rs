@@ -6,6 +6,7 @@ mod render_knob;
 mod run;
 #[cfg(unix)]
 mod serve;
+mod speed;
 mod view;
 
 use std::error::Error;
@@ -36,6 +37,8 @@ enum Command {
     Run(run::Run),
     /// Tell for which limits of a scenario a machine leaves a controller no room, by its physics; runs nothing
     Limits(Limits),
+    /// Measure how many seconds of a machine one core simulates in a second of its time
+    Speed(speed::Speed),
     /// Draw the figures of the papers anew, for the pages in docs/papers/
     Papers(papers::Papers),
     /// Run seeded schedules of faults, judged by an oracle of safety; see docs/fault-schedules.md
@@ -122,6 +125,7 @@ pub fn run() -> Result<bool, Box<dyn Error>> {
         Some(Command::Run(options)) => run::run(&options),
         Some(Command::Papers(options)) => papers::run(&options).map(|()| true),
         Some(Command::Limits(options)) => tell_limits(&options).map(|()| true),
+        Some(Command::Speed(options)) => speed::run(&options).map(|()| true),
         Some(Command::Faults(options)) => faults::run(&options),
         Some(Command::RenderKnob(options)) => render_knob::run(&options).map(|()| true),
         #[cfg(unix)]

@@ -32,7 +32,12 @@ pub fn isometry([x, y, z]: [f64; 3], [i, j, k, w]: [f64; 4]) -> Isometry3<f64> {
 
 /// Pose of a body in the physics engine.
 pub fn pose_of(body: &RigidBody) -> Isometry3<f64> {
-    isometry(body.translation().to_array().map(f64::from), body.rotation().to_array().map(f64::from))
+    isometry_of(body.position())
+}
+
+/// In double precision.
+pub fn isometry_of(pose: &Pose) -> Isometry3<f64> {
+    isometry(pose.translation.to_array().map(f64::from), pose.rotation.to_array().map(f64::from))
 }
 
 pub fn vector(vector: &Vector3<f64>) -> Vector {

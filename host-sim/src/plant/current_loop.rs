@@ -13,11 +13,14 @@ pub struct Lag {
     next_target: f64,
     /// Time until `next_target` takes effect; negative or 0 when it has [s].
     wait: f64,
+    /// The last time that it followed its target [s], and what is left of a difference after that.
+    decay: (f64, f64),
 }
 
 impl Lag {
     pub fn new(values: &InnerLoop) -> Self {
-        Self { rate: TAU * values.bandwidth, output: 0.0, target: 0.0, next_target: 0.0, wait: 0.0 }
+        let rate = TAU * values.bandwidth;
+        Self { rate, output: 0.0, target: 0.0, next_target: 0.0, wait: 0.0, decay: (0.0, 1.0) }
     }
 
     /// A new target, `delay` from now. The one before must have taken effect.
@@ -49,7 +52,11 @@ impl Lag {
 
     /// Follows the target for `time` and returns the integral.
     fn follow(&mut self, time: f64) -> f64 {
-        let end = self.ahead(time);
+        // Most sub-steps are as long as the one before.
+        if self.decay.0.to_bits() != time.to_bits() {
+            self.decay = (time, libm::exp(-self.rate * time));
+        }
+        let end = self.target + (self.output - self.target) * self.decay.1;
         let area = self.target * time + (self.output - end) / self.rate;
         self.output = end;
         area

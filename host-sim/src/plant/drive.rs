@@ -101,8 +101,10 @@ impl DriveState {
     /// Advances by `time` and returns the mean torque at the joint [N·m].
     pub fn advance(&mut self, time: f64) -> f64 {
         let torque = self.lag.advance(time) * self.torque_constant / self.nominal_constant;
-        let target = torque * self.compliance;
-        self.deflection += (target - self.deflection) * (1.0 - libm::exp(-DEFLECTION_RATE * time));
+        if self.compliance > 0.0 {
+            let target = torque * self.compliance;
+            self.deflection += (target - self.deflection) * (1.0 - libm::exp(-DEFLECTION_RATE * time));
+        }
         torque
     }
 

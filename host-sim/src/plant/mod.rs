@@ -3,7 +3,8 @@
 //! A [`Plant`] is built from a robot's URDF, the motors and encoders that its controller knows, and its
 //! `plant.toml` ([`PlantValues`]). It shares no dynamics code with the control core: the physics is rapier's.
 //! Masses, inertias, friction and torque constants differ from the model by seeded factors, and what the
-//! controller receives are the sensor readings of a board: whole counts, with noise.
+//! controller receives are the sensor readings of a board: whole counts, with noise. A robot that nothing can
+//! touch is moved without rapier, to the same bits.
 //!
 //! ```text
 //!  ActuatorFrame ─► torque / torque constant ─► delay ─► current loop ─► × true torque constant ─┐
@@ -53,11 +54,15 @@ mod error;
 mod factors;
 mod fixture;
 mod force;
+mod free;
 mod grasp;
 mod intervention;
+mod kinematics;
 mod linkage;
+mod lu;
 mod machine;
 mod motion;
+mod multibody;
 mod narrow_phase;
 mod object;
 mod push;

@@ -6,18 +6,18 @@ use rapier3d::dynamics::{
 };
 use rapier3d::geometry::NarrowPhase;
 use rapier3d::math::Vector;
-use rapier3d::na::{Isometry3, Point3, UnitQuaternion, Vector3};
+use rapier3d::na::{Isometry3, UnitQuaternion, Vector3};
 use rapier3d::pipeline::PhysicsWorld;
 
-use super::convert::{mass_properties, narrow, pose, pose_of, vector, wide};
+use super::convert::{mass_properties, narrow, pose, vector, wide};
 use super::end_effector::Tip;
 use super::energy::Inertial;
 use super::environment::Environment;
 use super::factors::JointFactors;
 use super::fixture::{Element, Fixture, Fixtures};
+use super::free::FreeLinks;
 use super::grasp::{self, Grasp};
 use super::linkage::Linkage;
-use super::motion::Motion;
 use super::narrow_phase::CheckedContacts;
 use super::object::ObjectValues;
 use super::push::{Disturbances, Push};
@@ -40,10 +40,12 @@ pub struct JointValues {
 
 /// Moving bodies and their joints.
 pub struct World {
-    physics: PhysicsWorld,
-    joints: Vec<Joint>,
+    pub(super) physics: PhysicsWorld,
+    pub(super) joints: Vec<Joint>,
+    /// The links in place of rapier's, where nothing can touch them.
+    pub(super) free: Option<FreeLinks>,
     linkages: Vec<Linkage>,
-    tips: Vec<Tip>,
+    pub(super) tips: Vec<Tip>,
     grasp: Option<Grasp>,
     fixtures: Option<Fixtures>,
     environment: Environment,
@@ -55,14 +57,17 @@ pub struct World {
     steps: u64,
 }
 
-struct Joint {
-    handle: MultibodyJointHandle,
-    body: RigidBodyHandle,
+/// A joint and the body behind it.
+pub(super) struct Joint {
+    pub(super) handle: MultibodyJointHandle,
+    pub(super) body: RigidBodyHandle,
     parent: RigidBodyHandle,
     /// The joint before it.
-    before: Option<usize>,
+    pub(super) before: Option<usize>,
     /// In the frame of the body.
-    axis: Vector,
+    pub(super) axis: Vector,
+    /// End stops [rad].
+    stops: Option<[f32; 2]>,
     inertial: Inertial,
 }
 
@@ -101,13 +106,14 @@ impl World {
                 .local_frame1(pose(&(body.origin * turn)))
                 .local_frame2(pose(&turn))
                 .contacts_enabled(false);
-            if let Some([lower, upper]) = body.stops {
-                joint = joint.limits(JointAxis::AngX, [narrow(lower), narrow(upper)]);
+            let stops = body.stops.map(|stops| stops.map(narrow));
+            if let Some(stops) = stops {
+                joint = joint.limits(JointAxis::AngX, stops);
             }
             if let Some(joint) = physics.multibody_joints.insert(parent, handle, joint, true) {
                 let (axis, before) = (vector(&body.axis), body.parent);
                 let inertial = Inertial::new(body, factors);
-                joints.push(Joint { handle: joint, body: handle, parent, before, axis, inertial });
+                joints.push(Joint { handle: joint, body: handle, parent, before, axis, stops, inertial });
             }
         }
         let gravity = vector(&Vector3::from(gravity));
@@ -116,6 +122,7 @@ impl World {
         let mut world = Self {
             physics,
             joints,
+            free: None,
             linkages: Vec::new(),
             tips,
             grasp,
@@ -128,7 +135,26 @@ impl World {
         };
         world.set_posture(posture);
         world.set_values(values, step);
+        // Rapier takes a body's mass from what it was built with in the first step, otherwise.
+        for joint in &world.joints {
+            if let Some(body) = world.physics.bodies.get_mut(joint.body) {
+                body.recompute_mass_properties_from_colliders(&world.physics.colliders);
+            }
+        }
+        let links = world.joints.iter().map(|joint| joint.body);
+        world.free = FreeLinks::new(&world.physics.multibody_joints, &world.physics.bodies, links);
         world
+    }
+
+    /// Whether no body can touch another.
+    #[cfg(test)]
+    pub const fn is_free(&self) -> bool {
+        self.free.is_some()
+    }
+
+    /// Moves all bodies as if they could touch each other.
+    pub fn leave_to_rapier(&mut self) {
+        self.free = None;
     }
 
     /// Says which joints follow others.
@@ -156,6 +182,7 @@ impl World {
         self.environment = Environment::new(tips.len());
         self.tips = tips;
         let Some((values, friction)) = object else { return };
+        self.leave_to_rapier();
         grasp::set_parameters(&mut self.physics.integration_parameters);
         self.tips.retain(|tip| tip.body < self.joints.len());
         let links: Vec<_> =
@@ -165,6 +192,7 @@ impl World {
 
     /// Puts fixed bodies around the robot, which the collision elements of its links touch.
     pub fn insert_fixtures(&mut self, fixtures: &[Fixture], elements: Vec<Element>) {
+        self.leave_to_rapier();
         grasp::set_parameters(&mut self.physics.integration_parameters);
         self.physics.narrow_phase = NarrowPhase::with_query_dispatcher(CheckedContacts);
         let with_body = |element: Element| Some((self.joints.get(element.body)?.body, element));
@@ -217,23 +245,9 @@ impl World {
     /// One sub-step under the given motor torques [N·m].
     pub fn step(&mut self, torques: impl Iterator<Item = f64>) {
         let of_linkages = self.linkage_torques();
-        let bodies = &mut self.physics.bodies;
-        for joint in &self.joints {
-            if let Some(body) = bodies.get_mut(joint.body) {
-                body.reset_torques(false);
-                body.reset_forces(false);
-            }
-        }
-        let of_motors = self.joints.iter().zip(torques);
-        let of_linkages =
-            of_linkages.iter().filter_map(|(index, torque)| Some((self.joints.get(*index)?, *torque)));
-        for (joint, torque) in of_motors.chain(of_linkages) {
-            let Some(body) = bodies.get_mut(joint.body) else { continue };
-            let torque = body.rotation() * joint.axis * narrow(torque);
-            body.add_torque(torque, true);
-            if let Some(parent) = bodies.get_mut(joint.parent) {
-                parent.add_torque(-torque, true);
-            }
+        self.release();
+        for (joint, torque) in torques.enumerate().chain(of_linkages) {
+            self.add_joint_torque(joint, torque);
         }
         // From rest, half a sub-step leads to the middle of the first one. (The torques' means know by
         // themselves.)
@@ -246,11 +260,67 @@ impl World {
         self.act_on_tips(time, fraction);
         self.act_on_links(time, fraction);
         self.steps += 1;
+        if let Some(free) = &mut self.free {
+            free.step(self.physics.gravity, &self.physics.integration_parameters);
+            return;
+        }
+        self.watch_stops();
         match self.creep() {
             Some(creep) => self.physics.step_with_events(&creep, &()),
             None => self.physics.step(),
         }
         self.read_contacts();
+    }
+
+    /// Takes the forces and torques of the last sub-step away.
+    fn release(&mut self) {
+        if let Some(free) = &mut self.free {
+            return free.release();
+        }
+        for joint in &self.joints {
+            if let Some(body) = self.physics.bodies.get_mut(joint.body) {
+                body.reset_torques(false);
+                body.reset_forces(false);
+            }
+        }
+    }
+
+    /// A torque between the bodies before and behind a joint [N·m].
+    fn add_joint_torque(&mut self, index: usize, torque: f64) {
+        let (Some(joint), Some(pose)) = (self.joints.get(index), self.pose(index)) else { return };
+        let torque = pose.rotation * joint.axis * narrow(torque);
+        if let Some(free) = &mut self.free {
+            return free.add_joint_torque(index, torque);
+        }
+        let (behind, before) = (joint.body, joint.parent);
+        for (body, torque) in [(behind, torque), (before, -torque)] {
+            if let Some(body) = self.physics.bodies.get_mut(body) {
+                body.add_torque(torque, true);
+            }
+        }
+    }
+
+    /// A force on a point of the body behind a joint [N], and a torque [N·m], in the frame of the base.
+    fn add_wrench(&mut self, index: usize, force: (Vector, Vector), torque: Vector) {
+        if let Some(free) = &mut self.free {
+            return free.add_wrench(index, force, torque);
+        }
+        let body = self.joints.get(index).and_then(|joint| self.physics.bodies.get_mut(joint.body));
+        if let Some(body) = body {
+            body.add_force_at_point(force.0, force.1, true);
+            body.add_torque(torque, true);
+        }
+    }
+
+    /// Has the physics look at the stops of those joints only that are beyond them.
+    fn watch_stops(&mut self) {
+        for joint in &self.joints {
+            let Some([lower, upper]) = joint.stops else { continue };
+            let Some((chain, link)) = self.physics.multibody_joints.get_mut(joint.handle) else { continue };
+            let Some(link) = chain.link_mut(link) else { continue };
+            let angle = link.joint.coords()[3];
+            link.joint.data.limit_axes.set(JointAxesMask::ANG_X, angle < lower || upper < angle);
+        }
     }
 
     /// Creep of all contacts; `None` where nothing can touch.
@@ -270,24 +340,24 @@ impl World {
             let (Some(frame), Some(tip)) = (self.tip_frame(index), self.tips.get(index)) else { continue };
             let origin = frame.translation.vector;
             let motion = self.motion_at(tip.body, &origin);
-            let wrench = self.environment.act(index, tip, (&frame, motion), time, fraction);
-            let body = self.joints.get(tip.body).and_then(|joint| self.physics.bodies.get_mut(joint.body));
+            let (body, wrench) =
+                (tip.body, self.environment.act(index, tip, (&frame, motion), time, fraction));
             self.environment.active |= wrench.is_some();
-            if let (Some(wrench), Some(body)) = (wrench, body) {
-                body.add_force_at_point(vector(&wrench.force), vector(&origin), true);
-                body.add_torque(vector(&wrench.torque), true);
+            if let Some(wrench) = wrench {
+                let force = (vector(&wrench.force), vector(&origin));
+                self.add_wrench(body, force, vector(&wrench.torque));
             }
         }
     }
 
     fn act_on_links(&mut self, time: f64, fraction: f64) {
         self.link_pushes.retain(|(_, begin, push)| !push.is_over(time - begin));
-        for (joint, begin, push) in &self.link_pushes {
-            let body = self.joints.get(*joint).and_then(|joint| self.physics.bodies.get_mut(joint.body));
-            let Some(body) = body else { continue };
+        for index in 0..self.link_pushes.len() {
+            let (joint, begin, push) = self.link_pushes[index];
+            let Some(pose) = self.pose(joint) else { continue };
             let force = Vector3::from(push.force) * (push.fraction(time - begin) * fraction);
-            let point = body.position() * vector(&Vector3::from(push.point));
-            body.add_force_at_point(vector(&force), point, true);
+            let point = pose * vector(&Vector3::from(push.point));
+            self.add_wrench(joint, (vector(&force), point), Vector::ZERO);
         }
     }
 
@@ -314,13 +384,6 @@ impl World {
         self.joints.iter().map(|joint| (&joint.inertial, joint.before))
     }
 
-    /// Axis of a joint in the frame of the base, and a point of it.
-    pub(super) fn joint_axis(&self, joint: usize) -> Option<(Vector3<f64>, Vector3<f64>)> {
-        let joint = self.joints.get(joint)?;
-        let body = self.physics.bodies.get(joint.body)?;
-        Some((wide(body.rotation() * joint.axis), wide(body.translation())))
-    }
-
     fn read_contacts(&mut self) {
         if let Some(fixtures) = &mut self.fixtures {
             fixtures.read(&self.physics, self.step);
@@ -334,34 +397,6 @@ impl World {
     /// Acceleration of gravity in the frame of the base [m/s²].
     pub fn gravity(&self) -> Vector3<f64> {
         wide(self.gravity)
-    }
-
-    /// Frame of a tip's link in that of the base.
-    pub fn tip_frame(&self, tip: usize) -> Option<Isometry3<f64>> {
-        let tip = self.tips.get(tip)?;
-        Some(self.body(tip.body)? * tip.frame)
-    }
-
-    /// Radius of a tip, its middle and the motion of that.
-    fn tip_motion(&self, tip: usize) -> Option<(f64, Vector3<f64>, Motion)> {
-        let (frame, tip) = (self.tip_frame(tip)?, self.tips.get(tip)?);
-        let center = (frame * Point3::from(tip.center)).coords;
-        Some((tip.radius, center, self.motion_at(tip.body, &center)))
-    }
-
-    /// Motion of a point of a joint's body, both in the frame of the base.
-    pub fn motion_at(&self, joint: usize, point: &Vector3<f64>) -> Motion {
-        let mut motion = Motion { linear: Vector3::zeros(), angular: Vector3::zeros() };
-        let mut next = Some(joint);
-        while let Some((index, joint)) = next.and_then(|index| Some((index, self.joints.get(index)?))) {
-            if let Some(body) = self.physics.bodies.get(joint.body) {
-                let turn = wide(body.rotation() * joint.axis) * self.velocity(joint);
-                motion.angular += turn;
-                motion.linear += turn.cross(&(point - wide(body.translation())));
-            }
-            next = joint.before.filter(|&before| before < index);
-        }
-        motion
     }
 
     /// The object and its contacts.
@@ -422,44 +457,10 @@ impl World {
     pub fn time(&self) -> f64 {
         self.steps as f64 * self.step
     }
-
-    /// Joint angles [rad].
-    pub fn positions(&self) -> impl Iterator<Item = f64> {
-        self.joints.iter().map(|joint| {
-            let link =
-                self.physics.multibody_joints.get(joint.handle).and_then(|(chain, link)| chain.link(link));
-            link.map_or(f64::NAN, |link| f64::from(link.joint().coords()[3]))
-        })
-    }
-
-    /// Joint velocities in the last sub-step [rad/s].
-    pub fn velocities(&self) -> impl Iterator<Item = f64> {
-        self.joints.iter().map(|joint| self.velocity(joint))
-    }
-
-    fn velocity(&self, joint: &Joint) -> f64 {
-        let chain = self.physics.multibody_joints.get(joint.handle);
-        chain
-            .and_then(|(chain, link)| Some(f64::from(chain.generalized_velocity()[first_dof(chain, link)?])))
-            .unwrap_or(f64::NAN)
-    }
-
-    /// Where the body behind a joint is, in the frame of the base.
-    pub(super) fn body(&self, joint: usize) -> Option<Isometry3<f64>> {
-        Some(pose_of(self.physics.bodies.get(self.joints.get(joint)?.body)?))
-    }
-
-    /// Where the body behind a joint is, in the frame of the base: position [m] and orientation `[x, y, z,
-    /// w]`.
-    pub fn body_pose(&self, joint: usize) -> Option<([f64; 3], [f64; 4])> {
-        let body = self.physics.bodies.get(self.joints.get(joint)?.body)?;
-        let (place, turn) = (body.translation(), body.rotation());
-        Some((place.to_array().map(f64::from), turn.to_array().map(f64::from)))
-    }
 }
 
 /// Index of a link's degree of freedom among its multibody's: links come in order and the root has none.
-fn first_dof(chain: &rapier3d::dynamics::Multibody, link: usize) -> Option<usize> {
+pub(super) fn first_dof(chain: &rapier3d::dynamics::Multibody, link: usize) -> Option<usize> {
     let dof = link.checked_sub(1)?;
     (dof < chain.ndofs()).then_some(dof)
 }

@@ -1,0 +1,151 @@
+//! A robot that touches nothing.
+
+use rapier3d::dynamics::{IntegrationParameters, MultibodyJointSet, RigidBodyHandle, RigidBodySet};
+use rapier3d::math::{Pose, Vector};
+
+use super::multibody::Multibody;
+
+/// All links of a robot, in the order of its joints.
+pub struct FreeLinks {
+    multibodies: Vec<Multibody>,
+    /// Where the link behind each joint is: multibody, and link of that.
+    places: Vec<(usize, usize)>,
+}
+
+impl FreeLinks {
+    /// Takes over from rapier the links whose bodies are these.
+    pub fn new(
+        chains: &MultibodyJointSet,
+        bodies: &RigidBodySet,
+        links: impl Iterator<Item = RigidBodyHandle>,
+    ) -> Option<Self> {
+        let multibodies: Option<Vec<_>> =
+            chains.multibodies().map(|chain| Multibody::new(chain, bodies)).collect();
+        let multibodies = multibodies?;
+        let place = |body| {
+            let link = |multibody: &Multibody| multibody.bodies().position(|other| other == body);
+            multibodies.iter().enumerate().find_map(|(index, multibody)| Some((index, link(multibody)?)))
+        };
+        let places: Option<Vec<_>> = links.map(place).collect();
+        Some(Self { places: places?, multibodies })
+    }
+
+    /// Pose of the link behind a joint.
+    pub fn pose(&self, joint: usize) -> &Pose {
+        let (multibody, link) = self.places[joint];
+        self.multibodies[multibody].pose(link)
+    }
+
+    /// Angle [rad] and velocity [rad/s] of a joint, the latter in the last sub-step.
+    pub fn motion(&self, joint: usize) -> (f32, f32) {
+        let (multibody, link) = self.places[joint];
+        self.multibodies[multibody].motion(link)
+    }
+
+    /// Takes all forces and torques away.
+    pub fn release(&mut self) {
+        self.multibodies.iter_mut().for_each(Multibody::release);
+    }
+
+    /// A torque of the motor of a joint [N·m], in the frame of the base.
+    pub fn add_joint_torque(&mut self, joint: usize, torque: Vector) {
+        let (multibody, link) = self.places[joint];
+        self.multibodies[multibody].add_joint_torque(link, torque);
+    }
+
+    /// A force on a point of the link behind a joint [N], and a torque [N·m], in the frame of the base.
+    pub fn add_wrench(&mut self, joint: usize, (force, point): (Vector, Vector), torque: Vector) {
+        let (multibody, link) = self.places[joint];
+        self.multibodies[multibody].add_force(link, force, point);
+        self.multibodies[multibody].add_torque(link, torque);
+    }
+
+    /// One sub-step.
+    pub fn step(&mut self, gravity: Vector, parameters: &IntegrationParameters) {
+        self.multibodies.iter_mut().for_each(|multibody| multibody.step(gravity, parameters));
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, clippy::cast_possible_truncation, reason = "tests")]
+mod tests {
+    use std::path::Path;
+
+    use tesaki::protocol::ActuatorFrame;
+    use tesaki_description::robot::RobotFolder;
+    use tesaki_rng::Rng;
+
+    use super::super::{Drive, Plant, PlantOptions, PlantValues, Push};
+
+    fn plant(robot: &str, seed: u64) -> Plant {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots").join(robot);
+        let values = PlantValues::load(&folder).unwrap();
+        let robot = RobotFolder::load(&folder).unwrap();
+        let drives: Vec<Drive> = robot.model.joints.iter().map(Drive::from).collect();
+        Plant::new(&robot.urdf, &drives, &values, &PlantOptions::mismatched(seed)).unwrap()
+    }
+
+    /// What a plant tells of its motion: angles, velocities, poses of the links, wrenches of the tips.
+    fn state(plant: &Plant) -> impl PartialEq + std::fmt::Debug + use<> {
+        let truth = plant.truth();
+        let poses: Vec<_> = (0..truth.positions.len()).map(|joint| plant.link_pose(joint)).collect();
+        (truth.positions, truth.velocities, poses, plant.tip_wrenches())
+    }
+
+    /// Torques that drive the joints into their stops, a push on a link, and a wall.
+    #[test]
+    fn every_bit_is_that_of_rapier() {
+        // And the largest torques [N·m].
+        let robots = [
+            ("hand3", 0.1),
+            ("arm7", 30.0),
+            ("hand5", 0.2),
+            ("leap", 0.3),
+            ("allegro", 0.3),
+            ("inspire", 0.3),
+        ];
+        for ((robot, largest), seed) in robots.into_iter().zip(1..) {
+            let (mut own, mut rapier) = (plant(robot, seed), plant(robot, seed));
+            assert!(own.world.is_free(), "{robot}");
+            rapier.world.leave_to_rapier();
+            let (mut rng, mut stops) = (Rng::new(seed, 0), 0);
+            let mut torques = vec![0.0; own.drives.len()];
+            for period in 0..200 {
+                if period % 20 == 0 {
+                    torques.iter_mut().for_each(|torque| *torque = (largest * rng.symmetric()) as f32);
+                }
+                for plant in [&mut own, &mut rapier] {
+                    match period {
+                        50 => {
+                            let push = Push {
+                                force: [1.0, -2.0, 0.5],
+                                point: [0.01, 0.0, 0.02],
+                                ramp: 0.01,
+                                hold: 0.2,
+                            };
+                            plant.push_link(1, push).unwrap();
+                        }
+                        100 => {
+                            plant.insert_wall_ahead([1.0, 0.2, -0.3], 0.002, 1000.0).unwrap();
+                        }
+                        _ => {}
+                    }
+                    let torques = torques.iter().copied().collect();
+                    plant.apply(&ActuatorFrame { sequence: period, enabled: true, torques }).unwrap();
+                }
+                assert!(
+                    state(&own) == state(&rapier),
+                    "{robot}, period {period}:\n{:?}\n{:?}",
+                    state(&own),
+                    state(&rapier)
+                );
+                let is_beyond = |(angle, stops): (&f64, Option<[f64; 2]>)| {
+                    stops.is_some_and(|[lower, upper]| *angle < lower || *angle > upper)
+                };
+                stops +=
+                    own.truth().positions.iter().zip(own.stops()).filter(|pair| is_beyond(*pair)).count();
+            }
+            assert!(stops > 0, "{robot} never reached a stop");
+        }
+    }
+}
