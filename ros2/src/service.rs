@@ -152,3 +152,74 @@ impl Service {
         }
     }
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
+mod tests {
+    use super::*;
+    use crate::messages::{TriggerRequest, TriggerResponse};
+
+    const TRIGGER: &str = "std_srvs/srv/Trigger";
+    /// Nothing here takes so long.
+    const FOREVER: Duration = Duration::from_secs(60);
+
+    fn guid(vendor: [u8; 2], entity: u8) -> GUID {
+        let mut bytes = [7; 16];
+        bytes[..2].copy_from_slice(&vendor);
+        bytes[15] = entity;
+        GUID::from_bytes(bytes)
+    }
+
+    #[test]
+    fn cyclone_puts_a_header_in_front_that_comes_back() {
+        let writer = guid(CYCLONE, 3);
+        let body: Vec<u8> = (0..17).collect();
+        let caller = Caller::new(writer, SequenceNumber::from(5_i64), None, &body).unwrap();
+        assert_eq!(caller.header.as_ref().map(|header| &header[..]), body.get(..16));
+        // Too short for a header.
+        assert_eq!(Caller::new(writer, SequenceNumber::from(5_i64), None, &body[..15]), None);
+    }
+
+    #[test]
+    fn fast_dds_names_the_reader_of_its_replies_and_leaves_the_number_open() {
+        let (writer, reader) = (guid([0x01, 0x0f], 3), guid([0x01, 0x0f], 4));
+        let related =
+            SampleIdentity { writer_guid: reader, sequence_number: SequenceNumber::from_high_low(-1, 0) };
+        let caller = |related| Caller::new(writer, SequenceNumber::from(5_i64), related, &[0]).unwrap();
+        let of = |writer_guid| SampleIdentity { writer_guid, sequence_number: SequenceNumber::from(5_i64) };
+        assert_eq!((caller(Some(related)).request, caller(None).request), (of(reader), of(writer)));
+        assert_eq!(caller(None).header, None);
+    }
+
+    #[test]
+    fn a_reply_names_its_request_where_the_vendor_is_not_cyclone() {
+        let (here, there) = (Dds::open(230, None).unwrap(), Dds::open(230, None).unwrap());
+        let mut service = Service::offer(&here, "/test/trigger", TRIGGER).unwrap();
+        let qos = qos(DEPTH, false);
+        let requests =
+            there.writer("rq/test/triggerRequest", &dds_type(&format!("{TRIGGER}_Request")), &qos).unwrap();
+        let replies =
+            there.reader("rr/test/triggerReply", &dds_type(&format!("{TRIGGER}_Response")), &qos).unwrap();
+        let deadline = Instant::now() + FOREVER;
+        let mut sent = Vec::new();
+        let reply = loop {
+            assert!(Instant::now() < deadline);
+            // Until both ends know each other, requests are lost.
+            let options = WriteOptionsBuilder::new().build();
+            sent.push(requests.write_with_options(vec![0], options).unwrap());
+            if let Some((caller, TriggerRequest { .. })) = service.take() {
+                service.reply(caller, &TriggerResponse { success: true, message: "done".to_owned() });
+            }
+            service.deliver();
+            replies.drain_read_notifications();
+            if let Ok(Some(reply)) = replies.try_take_one() {
+                break reply;
+            }
+            std::thread::sleep(Duration::from_millis(20));
+        };
+        // Filled up to a multiple of four bytes.
+        let expected = encode(&TriggerResponse { success: true, message: "done".to_owned() });
+        assert!(reply.sample.starts_with(&expected), "{:?}", reply.sample);
+        assert!(sent.contains(&reply.write_options.related_sample_identity().unwrap()));
+    }
+}

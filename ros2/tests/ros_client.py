@@ -6,6 +6,7 @@ import uuid
 
 from cyclonedds.core import Policy, Qos
 from cyclonedds.domain import DomainParticipant
+from cyclonedds.internal import InvalidSample
 from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
@@ -58,11 +59,16 @@ class Node:
         return DataWriter(self.participant, topic, qos())
 
 
+def take(reader):
+    """What has come; not that a writer has gone."""
+    return [message for message in reader.take(N=10_000) if not isinstance(message, InvalidSample)]
+
+
 def first(reader, what="a message", accept=lambda message: True):
     """The first message that is accepted."""
 
     def look():
-        return next((message for message in reader.take(N=1000) if accept(message)), None)
+        return next((message for message in take(reader) if accept(message)), None)
 
     return wait_for(what, look)
 
