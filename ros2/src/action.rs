@@ -1,5 +1,6 @@
-//! The server of an action: its three services and two topics (<https://design.ros2.org/articles/actions.html>).
-//! It keeps the states of goals; what they mean to the robot is the caller's.
+//! The server of an action: its three services and two topics
+//! (<https://design.ros2.org/articles/actions.html>). It keeps the states of goals; what they mean to the
+//! robot is the caller's.
 
 use crate::dds::{Dds, DdsError, Writer, dds_type, encode, qos};
 use crate::messages::{

@@ -28,7 +28,8 @@ pub struct Options {
     #[arg(long, env = "TESAKI_KEY", value_name = "FILE")]
     pub key: Option<PathBuf>,
     /// Time to wait for an answer of the board [s]
-    #[arg(long, env = "TESAKI_TIMEOUT", default_value = "2", value_parser = seconds, allow_negative_numbers = true)]
+    #[arg(long, env = "TESAKI_TIMEOUT", default_value = "2", value_parser = seconds)]
+    #[arg(allow_negative_numbers = true)]
     pub timeout: Duration,
     /// Take command even if another program holds it; refused while the board is enabled
     #[arg(long, env = "TESAKI_TAKE_OVER")]
@@ -37,7 +38,8 @@ pub struct Options {
     #[arg(long, env = "TESAKI_ROBOT", value_name = "DIR")]
     pub robot: Option<PathBuf>,
     /// DDS domain
-    #[arg(long, env = "ROS_DOMAIN_ID", default_value = "0", value_parser = clap::value_parser!(u16).range(0..=232))]
+    #[arg(long, env = "ROS_DOMAIN_ID", default_value = "0")]
+    #[arg(value_parser = clap::value_parser!(u16).range(0..=232))]
     pub domain: u16,
     /// Namespace of all names but /tf, /tf_static, /diagnostics and /rosout
     #[arg(long, default_value = "", value_parser = namespace, hide_default_value = true)]
@@ -46,10 +48,12 @@ pub struct Options {
     #[arg(long, value_name = "NAME", default_value = "joint_trajectory_controller", value_parser = name)]
     pub controller: String,
     /// Distance from its goal at which a joint has arrived, where a goal does not say [rad]
-    #[arg(long, value_name = "ANGLE", default_value = "0.01", value_parser = positive, allow_negative_numbers = true)]
+    #[arg(long, value_name = "ANGLE", default_value = "0.01", value_parser = positive)]
+    #[arg(allow_negative_numbers = true)]
     pub goal_tolerance: f64,
     /// Time after the last point in which all joints must have arrived, where a goal does not say [s]
-    #[arg(long, value_name = "TIME", default_value = "2", value_parser = positive, allow_negative_numbers = true)]
+    #[arg(long, value_name = "TIME", default_value = "2", value_parser = positive)]
+    #[arg(allow_negative_numbers = true)]
     pub goal_time: f64,
     /// Do not publish /tf and /tf_static, because a robot_state_publisher does
     #[arg(long)]

@@ -115,7 +115,8 @@ impl Controller {
         self.motion.is_none() && self.references.iter().all(|point| point.velocity.abs() < AT_REST)
     }
 
-    /// Goes on to the period after `tick`, in which the joints were as measured. Returns how the goal ended, if it did.
+    /// Goes on to the period after `tick`, in which the joints were as measured. Returns how the goal ended,
+    /// if it did.
     pub fn step(&mut self, tick: u32, now: u64, joints: &[JointTelemetry]) -> Option<Outcome> {
         for (config, point) in self.robot.joints().iter().zip(&mut self.references) {
             let next = config.brake(point);

@@ -37,8 +37,8 @@ pub enum DdsError {
     },
     /// The sockets cannot be kept on this machine.
     #[error(
-        "cannot keep DDS on this machine's loopback interface ({0}), so nothing was opened. The kernel must let a \
-         program bind its sockets to the interface `lo` (Linux 5.7 or newer; a container may forbid it). \
+        "cannot keep DDS on this machine's loopback interface ({0}), so nothing was opened. The kernel must \
+         let a program bind its sockets to the interface `lo` (Linux 5.7 or newer; a container may forbid it). \
          --network ADDRESS opens them to networks instead"
     )]
     Loopback(String),
@@ -174,8 +174,9 @@ impl Dds {
     }
 }
 
-/// Binds every UDP socket of this process to the loopback interface: the kernel drops what comes from others, and
-/// sends nothing to them. (The library listens on all interfaces, and its filter holds for what it announces only.)
+/// Binds every UDP socket of this process to the loopback interface: the kernel drops what comes from others,
+/// and sends nothing to them. (The library listens on all interfaces, and its filter holds for what it
+/// announces only.)
 fn stay_on_loopback() -> Result<(), String> {
     let sockets = udp_sockets().map_err(|error| format!("/proc/self/fd: {error}"))?;
     if sockets.len() < LEAST_SOCKETS {
@@ -203,11 +204,18 @@ fn udp_sockets() -> std::io::Result<Vec<RawFd>> {
 
 #[cfg(test)]
 #[allow(clippy::unwrap_used, reason = "tests")]
-mod tests {
+pub mod tests {
     use std::net::UdpSocket;
     use std::os::fd::AsRawFd as _;
+    use std::sync::{Mutex, MutexGuard, PoisonError};
 
     use super::*;
+
+    /// A participant binds all sockets of the process: one test at a time.
+    pub fn alone() -> MutexGuard<'static, ()> {
+        static ALONE: Mutex<()> = Mutex::new(());
+        ALONE.lock().unwrap_or_else(PoisonError::into_inner)
+    }
 
     #[test]
     fn types_have_the_names_that_ros_2_gives_them() {
@@ -220,6 +228,7 @@ mod tests {
 
     #[test]
     fn without_a_network_every_udp_socket_is_bound_to_the_loopback_interface() {
+        let _alone = alone();
         let udp = UdpSocket::bind("127.0.0.1:0").unwrap();
         let tcp = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
         let (unix, _peer) = std::os::unix::net::UnixDatagram::pair().unwrap();

@@ -145,15 +145,14 @@ impl<'a> Node<'a> {
     }
 
     fn announce(&mut self, action: &str) -> Result<(), Failure> {
-        let reach = self.options.network.map_or_else(
-            || "on this machine's loopback interface only: every program of this machine may command it".to_owned(),
-            |address| {
-                format!(
-                    "open to the networks of this machine, announced at {address}: EVERYBODY who reaches this \
-                     machine may command it, unencrypted"
-                )
-            },
-        );
+        let reach = match self.options.network {
+            None => "on this machine's loopback interface only: every program of this machine may command it"
+                .to_owned(),
+            Some(address) => format!(
+                "open to the networks of this machine, announced at {address}: EVERYBODY who reaches this \
+                 machine may command it, unencrypted"
+            ),
+        };
         let text =
             format!("{} as a ROS 2 node, DDS domain {}, {reach}", self.session.port, self.options.domain);
         self.note(LogLevel::Info, &text)?;
@@ -290,8 +289,8 @@ impl<'a> Node<'a> {
         let silence = self.heard.elapsed();
         if let Some(enabled) = &mut self.enabled {
             if silence > BLIND {
-                let text = "no telemetry from the board: nothing is commanded any more, and it stops by its own \
-                            command timeout";
+                let text = "no telemetry from the board: nothing is commanded any more, and it stops by \
+                            its own command timeout";
                 self.session.lose_command();
                 return self.forget_enabled(text);
             }

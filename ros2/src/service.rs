@@ -1,9 +1,9 @@
 //! A ROS 2 service over DDS: a topic of requests and a topic of replies.
 //!
-//! How a reply says to which request it belongs is the choice of each RMW, and which one a caller uses is told by the
-//! vendor of its DDS, the first bytes of every GUID. `rmw_cyclonedds_cpp` puts a header in front of request and reply:
-//! half a GUID and a number, which come back as they are. All others, among them `rmw_fastrtps_cpp`, name the request
-//! in the inline QoS of the reply (DDS-RPC, enhanced mapping).
+//! How a reply says to which request it belongs is the choice of each RMW, and which one a caller uses is
+//! told by the vendor of its DDS, the first bytes of every GUID. `rmw_cyclonedds_cpp` puts a header in front
+//! of request and reply: half a GUID and a number, which come back as they are. All others, among them
+//! `rmw_fastrtps_cpp`, name the request in the inline QoS of the reply (DDS-RPC, enhanced mapping).
 
 use std::collections::{HashSet, VecDeque};
 use std::time::{Duration, Instant};
@@ -73,8 +73,8 @@ pub struct Service {
 }
 
 impl Service {
-    /// Offers the service `name`, as `/tesaki/enable`; its type is given without `_Request` and `_Response`, as
-    /// `std_srvs/srv/Trigger`.
+    /// Offers the service `name`, as `/tesaki/enable`; its type is given without `_Request` and `_Response`,
+    /// as `std_srvs/srv/Trigger`.
     pub fn offer(dds: &Dds, name: &str, kind: &str) -> Result<Self, DdsError> {
         let qos = qos(DEPTH, false);
         let requests =
@@ -193,6 +193,7 @@ mod tests {
 
     #[test]
     fn a_reply_names_its_request_where_the_vendor_is_not_cyclone() {
+        let _alone = crate::dds::tests::alone();
         let (here, there) = (Dds::open(230, None).unwrap(), Dds::open(230, None).unwrap());
         let mut service = Service::offer(&here, "/test/trigger", TRIGGER).unwrap();
         let qos = qos(DEPTH, false);

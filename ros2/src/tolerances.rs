@@ -117,8 +117,8 @@ fn each(
         }
         if *acceleration > 0.0 || (*velocity > 0.0 && !is_velocity) {
             let text = format!(
-                "{what} of {name} limits what is not measured here: only positions, and velocities at the goal, \
-                 can be limited"
+                "{what} of {name} limits what is not measured here: only positions, and velocities at the \
+                 goal, can be limited"
             );
             return Err(Refused::new(ErrorCode::InvalidGoal, text));
         }

@@ -1,6 +1,7 @@
-//! A joint trajectory as ros2_control's joint_trajectory_controller takes it: points in time, and between them the
-//! spline of the lowest order that has what both points state. Positions alone are joined by lines, positions and
-//! velocities by cubic, positions, velocities and accelerations by quintic polynomials (Siciliano 4.2).
+//! A joint trajectory as ros2_control's joint_trajectory_controller takes it: points in time, and between
+//! them the spline of the lowest order that has what both points state. Positions alone are joined by lines,
+//! positions and velocities by cubic, positions, velocities and accelerations by quintic polynomials
+//! (Siciliano 4.2).
 
 use tesaki::TICK;
 use tesaki::control::JointPoint;

@@ -16,7 +16,8 @@ import ros_types as ros
 
 #: What rmw_cyclonedds_cpp sets for ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST.
 LOCALHOST = """<CycloneDDS><Domain>
-<General><AllowMulticast>false</AllowMulticast><Interfaces><NetworkInterface address="127.0.0.1"/></Interfaces></General>
+<General><AllowMulticast>false</AllowMulticast>
+<Interfaces><NetworkInterface address="127.0.0.1"/></Interfaces></General>
 <Discovery><ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>
 <Peers><Peer address="localhost"/></Peers></Discovery></Domain></CycloneDDS>"""
 
@@ -92,7 +93,8 @@ class Client:
         return self.seq
 
     def receive(self, seq):
-        return first(self.replies, f"the answer of {self.name}", lambda r: (r.guid, r.seq) == (self.guid, seq))
+        own = (self.guid, seq)
+        return first(self.replies, f"the answer of {self.name}", lambda reply: (reply.guid, reply.seq) == own)
 
     def call(self, **fields):
         return self.receive(self.send(**fields))
@@ -150,7 +152,9 @@ class ActionClient:
             ros.FollowJointTrajectory_SendGoal_Request,
             ros.FollowJointTrajectory_SendGoal_Response,
         )
-        self.cancel_goal = Client(node, f"{part}/cancel_goal", ros.CancelGoal_Request, ros.CancelGoal_Response)
+        self.cancel_goal = Client(
+            node, f"{part}/cancel_goal", ros.CancelGoal_Request, ros.CancelGoal_Response
+        )
         self.get_result = Client(
             node,
             f"{part}/get_result",

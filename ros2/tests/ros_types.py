@@ -1,4 +1,4 @@
-"""The ROS 2 types of the tests, written from their .msg, .srv and .action files, with the names that DDS has for them."""
+"""The ROS 2 types of the tests, from their .msg, .srv and .action files, with the names that DDS has for them."""
 
 from dataclasses import dataclass
 

@@ -1,7 +1,8 @@
 """`tesaki-ros2` on a simulated board, as Cyclone DDS sees it.
 
-The programs are named by TESAKI_SIM (host-sim), TESAKI (tesaki) and TESAKI_ROS2 (tesaki-ros2). TESAKI_ROS2_SECONDS is for
-how long joint states are received at least. No test measures time: a slow machine only takes longer.
+The programs are named by TESAKI_SIM (host-sim), TESAKI (tesaki) and TESAKI_ROS2 (tesaki-ros2).
+TESAKI_ROS2_SECONDS is for how long joint states are received at least. No test measures time: a slow machine
+only takes longer.
 """
 
 import os
@@ -20,7 +21,8 @@ import ros_client as client
 os.environ["CYCLONEDDS_URI"] = client.LOCALHOST
 
 import ros_types as ros  # noqa: E402
-from ros_client import ABORTED, CANCELED, SUCCEEDED, Trigger, first, goal, nanoseconds, take, wait_for  # noqa: E402
+from ros_client import ABORTED, CANCELED, SUCCEEDED, Trigger  # noqa: E402
+from ros_client import first, goal, nanoseconds, take, wait_for  # noqa: E402
 
 SIM, TESAKI, ROS2 = (os.environ[name] for name in ("TESAKI_SIM", "TESAKI", "TESAKI_ROS2"))
 SECONDS = float(os.environ.get("TESAKI_ROS2_SECONDS", "5"))
@@ -65,7 +67,8 @@ class Program:
     """`tesaki-ros2` with what it says."""
 
     def __init__(self, board, domain, *options):
-        command = [ROS2, "--port", board.port, "--robot", HAND, "--domain", str(domain), "--timeout", "60", *options]
+        command = [ROS2, "--port", board.port, "--robot", HAND, "--domain", str(domain)]
+        command += ["--timeout", "60", *options]
         self.process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
         self.lines = []
         self.thread = threading.Thread(target=self.listen, daemon=True)
@@ -206,7 +209,8 @@ def test_tared_force_sensors_have_wrenches_and_diagnostics_tell_the_model(progra
     force = wrench.wrench.force
     assert np.linalg.norm([force.x, force.y, force.z]) < 0.5
     diagnostics = first(node.reader("/diagnostics", ros.DiagnosticArray))
-    assert any(v.key == "model" and v.value == "hand3" for status in diagnostics.status for v in status.values)
+    values = {value.key: value.value for status in diagnostics.status for value in status.values}
+    assert values["model"] == "hand3"
 
 
 def refusal(action, log, goal):
@@ -272,7 +276,8 @@ def test_a_cancelled_goal_ends_at_rest_and_not_at_its_end(program, action, joint
     action.feedback_of(goal_id, lambda feedback: feedback.actual.positions[0] > 0.0)
     waiting = action.ask_result(goal_id)
     answer = action.cancel(goal_id)
-    assert answer.return_code == 0 and [list(i.goal_id.uuid) for i in answer.goals_canceling] == [list(goal_id.uuid)]
+    assert answer.return_code == 0
+    assert [list(goal.goal_id.uuid) for goal in answer.goals_canceling] == [list(goal_id.uuid)]
     result = action.get_result.receive(waiting)
     assert result.status == CANCELED, result
     wait_for("rest", lambda: max(abs(speed) for _, speed in joints.now().values()) < 0.02)
@@ -316,7 +321,8 @@ def test_a_fault_aborts_the_goal_in_words_and_can_be_cleared(program, board, act
     answer = services["enable"]()
     assert not answer.success and "in fault" in answer.message
     board.type("estop off")
-    wait_for("the end of the fault", lambda: services["clear_faults"]().success and services["enable"]().success)
+    clear, enable = services["clear_faults"], services["enable"]
+    wait_for("the end of the fault", lambda: clear().success and enable().success)
 
 
 def test_another_program_may_disable_the_board(program, board, action):
@@ -325,7 +331,8 @@ def test_another_program_may_disable_the_board(program, board, action):
     action.feedback_of(goal_id)
     board.tesaki("disable")
     result = action.result(goal_id)
-    assert result.status == ABORTED and "another program disabled the board" in result.result.error_string, result
+    assert result.status == ABORTED, result
+    assert "another program disabled the board" in result.result.error_string
 
 
 def test_ctrl_c_brakes_and_disables_and_every_period_was_received(program, board, action, services, joints):
@@ -339,19 +346,20 @@ def test_ctrl_c_brakes_and_disables_and_every_period_was_received(program, board
     assert result.status == ABORTED and "was ended" in result.result.error_string, result
     assert any("was ended: disabled" in line for line in program.lines), program.lines
     assert "disabled" in board.tesaki("--json", "info").lower()
-    # Of all that was published since the first one was received, nothing is missing but what the board did not send.
+    # Since the first one was received, nothing is missing but what the board did not send.
     published, missing, unsent = (
         int(word) for word in program.lines[-1].replace(";", "").split() if word.isdigit()
     )
     assert unsent == 0
     stamps = [nanoseconds(state.header.stamp) for state in joints.take()]
     gaps = (stamps[-1] - stamps[0]) // PERIOD + 1 - len(stamps)
-    print(f"{len(stamps)} joint states received of {published} published; the board left out {missing} periods; "
-          f"{max(gaps - missing, 0)} lost")
+    lost = max(gaps - missing, 0)
+    print(f"{len(stamps)} joint states received of {published} published, {lost} lost;")
+    print(f"the board left out {missing} periods")
     assert 0 <= gaps <= missing and len(stamps) <= published
 
 
-def test_a_program_that_is_killed_leaves_the_motion_to_the_command_timeout(board, domain, action, services, joints):
+def test_the_command_timeout_ends_the_motion_of_a_program_that_is_killed(board, domain, action, services):
     program = Program(board, domain)
     wait_for("an enabled board", lambda: services["enable"]().success)
     accepted, goal_id = action.send(goal(SWINGS, [(20.0, [0.8, -0.8])]))

@@ -17,12 +17,13 @@ pub fn start() -> Result<(), Failure> {
     if let Some(command) = arguments.iter().position(|argument| argument == "ros2") {
         arguments.remove(command);
     }
-    let beside = env::current_exe().ok().map(|path| path.with_file_name(PROGRAM)).filter(|path| path.is_file());
+    let beside =
+        env::current_exe().ok().map(|path| path.with_file_name(PROGRAM)).filter(|path| path.is_file());
     let error = Command::new(beside.unwrap_or_else(|| PathBuf::from(PROGRAM))).args(arguments).exec();
     Err(match error.kind() {
         io::ErrorKind::NotFound => Failure::Usage(format!(
-            "there is no program {PROGRAM} beside this one or in PATH. In a checkout `cargo ros2 …` builds and \
-             starts it; `cargo install --path ros2` puts it beside an installed tesaki"
+            "there is no program {PROGRAM} beside this one or in PATH. In a checkout `cargo ros2 …` builds \
+             and starts it; `cargo install --path ros2` puts it beside an installed tesaki"
         )),
         _ => Failure::Other(format!("cannot start {PROGRAM}: {error}")),
     })
