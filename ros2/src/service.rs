@@ -24,7 +24,7 @@ const CYCLONE: [u8; 2] = [0x01, 0x10];
 /// So many requests that cannot be read are dropped at once.
 const MAX_DAMAGED: usize = 100;
 /// A reply waits so long for its caller's reader to be discovered.
-const PATIENCE: Duration = Duration::from_secs(2);
+const PATIENCE: Duration = Duration::from_secs(30);
 
 /// Who asked, and what the reply must say for it to be theirs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

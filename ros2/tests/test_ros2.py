@@ -7,7 +7,9 @@ only takes longer.
 
 import os
 import signal
+import socket
 import subprocess
+import sys
 import threading
 import time
 import xml.etree.ElementTree as ET
@@ -66,10 +68,13 @@ class Served:
 class Program:
     """`tesaki-ros2` with what it says."""
 
+    started = []
+
     def __init__(self, board, domain, *options):
         command = [ROS2, "--port", board.port, "--robot", HAND, "--domain", str(domain)]
         command += ["--timeout", "60", *options]
         self.process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+        self.started.append(self.process)
         self.lines = []
         self.thread = threading.Thread(target=self.listen, daemon=True)
         self.thread.start()
@@ -93,6 +98,9 @@ class Program:
 def board(tmp_path_factory):
     board = Served(tmp_path_factory.mktemp("board"))
     yield board
+    # Also those of a test that failed.
+    for process in Program.started:
+        process.kill()
     board.end()
 
 
@@ -131,10 +139,7 @@ class Joints:
 
 @pytest.fixture(scope="module")
 def program(board, domain, joints):
-    program = Program(board, domain)
-    yield program
-    if program.process.poll() is None:
-        program.end()
+    return Program(board, domain)
 
 
 @pytest.fixture(scope="module")
@@ -359,12 +364,44 @@ def test_ctrl_c_brakes_and_disables_and_every_period_was_received(program, board
     assert 0 <= gaps <= missing and len(stamps) <= published
 
 
-def test_the_command_timeout_ends_the_motion_of_a_program_that_is_killed(board, domain, action, services):
+def test_the_command_timeout_ends_the_motion_of_a_program_that_is_killed(board, domain):
     program = Program(board, domain)
-    wait_for("an enabled board", lambda: services["enable"]().success)
+    # Who knows the program before may take it for this one.
+    node = client.Node(domain)
+    action = client.ActionClient(node, ACTION)
+    assert Trigger(node, "/tesaki/enable")().success
     accepted, goal_id = action.send(goal(SWINGS, [(20.0, [0.8, -0.8])]))
     assert accepted
     action.feedback_of(goal_id)
     program.end(signal.SIGKILL)
     wait_for("the fault", lambda: "CommandTimeout" in board.tesaki("--json", "faults"))
     assert "fault" in board.tesaki("--json", "info").lower()
+
+
+def own_address():
+    """The address of an interface to other machines, if there is one."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(("203.0.113.1", 9))
+        except OSError:
+            return None
+        address = probe.getsockname()[0]
+        return None if address.startswith("127.") else address
+
+
+def test_the_node_is_on_a_network_only_if_that_was_asked_for(board, domain):
+    address = own_address()
+    if address is None:
+        pytest.skip("this machine has no interface but the loopback interface")
+
+    def outside(patience):
+        command = [sys.executable, Path(__file__).with_name("outside.py"), address, str(domain), str(patience)]
+        return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
+
+    program = Program(board, domain, "--network", address)
+    assert any(f"announced at {address}: EVERYBODY" in line for line in program.lines)
+    assert outside(client.PATIENCE) == "heard"
+    program.end()
+    program = Program(board, domain)
+    assert outside(5) == "silence"
+    program.end()
