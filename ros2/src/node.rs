@@ -32,6 +32,8 @@ const GLANCE: Duration = Duration::from_millis(200);
 const LAST_WORD: Duration = Duration::from_millis(500);
 /// How long joints brake at the end, and answers to clients may take then.
 const FAREWELL: Duration = Duration::from_secs(1);
+/// How long clients may still ask how their goals ended, and what was written last may be repeated.
+const LINGER: Duration = Duration::from_millis(400);
 /// So many messages of a topic are kept for readers that are slow: a second of telemetry.
 const MIN_DEPTH: u32 = 100;
 /// More missing ticks than these are a board that was reset.
@@ -140,6 +142,12 @@ impl<'a> Node<'a> {
             tally: Tally::default(),
         };
         node.request_streams(true)?;
+        // A client that comes at once finds the model, and where the joints are.
+        let status = node.session.board.status()?;
+        node.read_model(&status)?;
+        while node.telemetry.is_none() && now.elapsed() < SILENCE {
+            node.listen()?;
+        }
         node.announce(&action_name)?;
         Ok(node)
     }
@@ -424,12 +432,13 @@ impl<'a> Node<'a> {
         self.session.release_command();
         let _ = self.request_streams(false);
         self.send()?;
-        let deadline = Instant::now() + FAREWELL;
-        while Instant::now() < deadline && !(self.action.is_idle() && self.services.are_idle()) {
+        let begun = Instant::now();
+        while begun.elapsed() < LINGER
+            || (begun.elapsed() < FAREWELL && !(self.action.is_idle() && self.services.are_idle()))
+        {
+            self.refuse_goals();
             std::thread::sleep(TURN);
         }
-        // What was written last is on its way.
-        std::thread::sleep(KEEP_ALIVE);
         Ok(())
     }
 }

@@ -98,6 +98,15 @@ impl Node<'_> {
         Ok(())
     }
 
+    /// Answers what clients ask at the end.
+    pub fn refuse_goals(&mut self) {
+        for wish in self.action.take() {
+            if let Wish::Goal(caller, ..) = wish {
+                self.action.refuse(caller);
+            }
+        }
+    }
+
     fn enable(&mut self) -> Answer {
         if self.enabled.is_some() {
             return Ok("enabled already".to_owned());

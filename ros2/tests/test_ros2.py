@@ -346,6 +346,9 @@ def test_ctrl_c_brakes_and_disables_and_every_period_was_received(program, board
     assert accepted
     action.feedback_of(goal_id)
     waiting = action.ask_result(goal_id)
+    # It has come by then.
+    for _ in range(5):
+        action.feedback_of(goal_id)
     assert program.end() == 0
     result = action.get_result.receive(waiting)
     assert result.status == ABORTED and "was ended" in result.result.error_string, result
