@@ -187,7 +187,7 @@ fn dependencies(python: &Path) -> Result<()> {
     };
     tools::run(&mut deny(&["check", "--hide-inclusion-graph", "licenses", "bans", "sources"]))?;
     // Of the ROS 2 node, which is a workspace of its own, duplicates slow down nobody else.
-    let ros2 = ["--manifest-path", "ros2/Cargo.toml", "check", "--config", "deny.toml"];
+    let ros2 = ["--manifest-path", "ros2/Cargo.toml", "--config", "deny.toml", "check"];
     tools::run(deny(&ros2).args(["--hide-inclusion-graph", "licenses", "sources"]))?;
     if tools::succeeds(&mut deny(&["fetch", "db"])) {
         tools::run(&mut deny(&["check", "--disable-fetch", "advisories"]))?;
