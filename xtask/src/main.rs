@@ -9,6 +9,7 @@ mod fuzz;
 mod prove;
 mod python;
 mod results;
+mod ros2;
 mod sweep;
 mod test;
 mod tools;
@@ -44,6 +45,8 @@ enum Task {
     Viewer(viewer::Options),
     /// Build the Python package and run its tests, or measure its speed
     Python(python::Options),
+    /// Build the ROS 2 node and try it with Cyclone DDS as the other side
+    Ros2(ros2::Options),
     /// Measure executed instructions on the emulated Cortex-M4F, and the speed of the simulation
     Bench(bench::Options),
 }
@@ -61,6 +64,7 @@ fn main() -> anyhow::Result<()> {
         Task::Faults(options) => faults::run(options),
         Task::Fuzz(options) => fuzz::run(&options),
         Task::Python(options) => python::run(&options),
+        Task::Ros2(options) => ros2::run(&options),
         Task::Viewer(options) => viewer::run(&options),
     }
 }

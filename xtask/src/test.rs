@@ -8,7 +8,7 @@ use anyhow::Result;
 use tesaki_output::{note, say};
 
 use crate::tools::{self, ArmCompiler};
-use crate::{bench, chip, faults, firmware, fuzz, prove, python, sweep, viewer};
+use crate::{bench, chip, faults, firmware, fuzz, prove, python, ros2, sweep, viewer};
 
 const EXAMPLES: &str = "Examples:
   cargo xtask test --fast    while working: format, lints, host; needs nothing but Rust
@@ -108,6 +108,7 @@ fn full(steps: &mut Steps) -> Result<()> {
     steps.run("the page against its sources, and in a browser", viewer::check_built)?;
     steps.run("rosbags reads recordings, the example client moves a joint", || other_programs(&python))?;
     steps.run("the Python package", python::check)?;
+    steps.run("the ROS 2 node against Cyclone DDS", ros2::check_built)?;
     on_the_board(steps, compiler)
 }
 
@@ -185,8 +186,12 @@ fn dependencies(python: &Path) -> Result<()> {
         command
     };
     tools::run(&mut deny(&["check", "--hide-inclusion-graph", "licenses", "bans", "sources"]))?;
+    // Of the ROS 2 node, which is a workspace of its own, duplicates slow down nobody else.
+    let ros2 = ["--manifest-path", "ros2/Cargo.toml", "--config", "deny.toml", "check"];
+    tools::run(deny(&ros2).args(["--hide-inclusion-graph", "licenses", "sources"]))?;
     if tools::succeeds(&mut deny(&["fetch", "db"])) {
         tools::run(&mut deny(&["check", "--disable-fetch", "advisories"]))?;
+        tools::run(deny(&ros2).args(["--disable-fetch", "advisories"]))?;
     } else {
         say!("advisories: skipped, their database cannot be reached");
     }

@@ -202,6 +202,13 @@ pub enum Command {
         #[arg(long, env = "TESAKI_ROBOT", value_name = "DIR")]
         robot: Option<PathBuf>,
     },
+    /// Show the board to ROS 2, and let its programs command it: starts the program tesaki-ros2, whose options
+    /// follow (`tesaki ros2 --help`)
+    #[command(disable_help_flag = true, disable_version_flag = true)]
+    Ros2 {
+        #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+        arguments: Vec<std::ffi::OsString>,
+    },
     /// Make a key file for --key, and so for boards that are shared with other machines; needs no board
     #[command(after_help = examples::KEY)]
     Key {

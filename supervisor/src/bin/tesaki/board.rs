@@ -9,13 +9,13 @@ use tesaki::protocol::{Identity, Mode, Request, ResetCause, Status};
 use tesaki::task::TaskKind;
 use tesaki::task::grasping::Phase;
 use tesaki_supervisor::Board;
+use tesaki_supervisor::gravity::Load;
 use tesaki_supervisor::port;
 use tesaki_supervisor::troubleshooting;
 
 use crate::args::Options;
 use crate::board_session::{BoardSession, describe, hex, version};
 use crate::failure::Failure;
-use crate::gravity::Load;
 use crate::output;
 
 /// How often a request to stop or disable is sent while another program enables the board.

@@ -15,7 +15,6 @@ mod follow;
 mod foxglove;
 mod glove;
 mod grasp;
-mod gravity;
 mod home;
 mod identify;
 mod impedance;
@@ -29,6 +28,7 @@ mod reach;
 mod recording;
 mod replay;
 mod retarget;
+mod ros2;
 mod share;
 mod sight;
 mod view;
@@ -101,6 +101,7 @@ fn run(cli: &Cli) -> Result<ExitCode, Failure> {
             Listen::Programs(address) => share::share(options, address),
             Listen::Foxglove(address) => foxglove::share(options, *address, robot.as_deref()),
         },
+        Command::Ros2 { .. } => ros2::start(),
         Command::Key { file } => share::create_key(options, file),
         Command::Completions { shell } => args::completions(*shell),
     }

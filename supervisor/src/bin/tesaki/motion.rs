@@ -11,12 +11,12 @@ use tesaki::task::grasping::{GraspCommand, GraspTelemetry};
 use tesaki::task::impedance::ImpedanceTelemetry;
 use tesaki::task::joint_servo::JointCommand;
 use tesaki::task::{TaskCommand, TaskConfig, TaskRefusal, TaskTelemetry};
+use tesaki_supervisor::gravity::Load;
 use tesaki_supervisor::{Board, BoardError};
 
 use crate::args::{Enable, Move, Options};
 use crate::board_session::{BoardSession, interrupted};
 use crate::failure::Failure;
-use crate::gravity::Load;
 use crate::output;
 
 /// Period of the set-points: well below the command timeout, so that a few may be lost.

@@ -11,6 +11,7 @@ use tesaki::task::TaskCommand;
 use tesaki::task::joint_servo::JointCommand;
 use tesaki_description::calibration::{Calibration, CalibrationFile};
 use tesaki_supervisor::Board;
+use tesaki_supervisor::gravity::Load;
 use tesaki_supervisor::identify::{
     Estimate, FreeFit, FreeJoint, IdentifyError, JointSettings, Machine, NotIdentified, Reading, duration,
     identify_joints, update_free, with_head,
@@ -20,7 +21,6 @@ use super::{BoardMachine, open, save, saved};
 use crate::args::{Identify, Options};
 use crate::board_session::{BoardSession, hex};
 use crate::failure::Failure;
-use crate::gravity::Load;
 use crate::output;
 
 pub fn run(options: &Options, args: &Identify) -> Result<(), Failure> {

@@ -1,0 +1,194 @@
+//! What the joints are commanded to do while the board is enabled: follow a trajectory, brake, or hold.
+
+use tesaki::TICK;
+use tesaki::control::JointPoint;
+use tesaki::protocol::JointTelemetry;
+use tesaki::robot::{JointConfig, Robot};
+
+use crate::messages::{ErrorCode, Goal, Point, Time};
+use crate::tolerances::Tolerances;
+use crate::trajectory::{Refused, Trajectory};
+
+/// Below this speed a joint rests [rad/s].
+const AT_REST: f32 = 1e-6;
+
+/// How a goal ended.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    Succeeded,
+    /// At rest after it was to be cancelled.
+    Canceled,
+    /// Why, and the joints brake.
+    Failed(Refused),
+}
+
+/// A goal that is carried out.
+struct Motion {
+    trajectory: Trajectory,
+    tolerances: Tolerances,
+    /// When it begins [ns since 1970]; 0 at once.
+    stamp: u64,
+    /// The tick at which it began.
+    begun: Option<u32>,
+}
+
+/// The joints of an enabled board.
+pub struct Controller {
+    robot: Box<Robot>,
+    /// The last point that each joint was sent.
+    references: Vec<JointPoint>,
+    motion: Option<Motion>,
+    /// Whether what ends once the joints are at rest was cancelled.
+    cancels: bool,
+}
+
+impl Controller {
+    /// Holds the joints at `positions` [rad].
+    pub fn hold(robot: Box<Robot>, positions: &[f32]) -> Self {
+        let mut controller = Self { robot, references: Vec::new(), motion: None, cancels: false };
+        controller.hold_at(positions);
+        controller
+    }
+
+    /// Ends what the joints do, and holds them at `positions` [rad].
+    pub fn hold_at(&mut self, positions: &[f32]) {
+        self.brake();
+        // A joint at its stop may measure slightly outside.
+        let at = |(&position, config): (&f32, &JointConfig)| {
+            rest(position.clamp(config.limits.lower, config.limits.upper))
+        };
+        self.references = positions.iter().zip(self.robot.joints()).map(at).collect();
+    }
+
+    /// The points that were sent last.
+    pub fn references(&self) -> &[JointPoint] {
+        &self.references
+    }
+
+    /// The robot.
+    pub const fn robot(&self) -> &Robot {
+        &self.robot
+    }
+
+    /// Checks a goal that would begin `now` [ns since 1970], and takes it in place of the one before.
+    ///
+    /// # Errors
+    /// Why it is refused; the one before goes on.
+    pub fn follow(&mut self, goal: &Goal, now: u64, defaults: &Defaults) -> Result<(), Refused> {
+        let several = &goal.multi_dof_trajectory;
+        let components = [&goal.component_path_tolerance, &goal.component_goal_tolerance];
+        if !several.joint_names.is_empty()
+            || !several.points.is_empty()
+            || components.iter().any(|list| !list.is_empty())
+        {
+            return Err(Refused::new(
+                ErrorCode::InvalidGoal,
+                "joints with several degrees of freedom are named: every joint has one here",
+            ));
+        }
+        let stamp = nanoseconds(goal.trajectory.header.stamp);
+        if stamp != 0 && stamp < now {
+            return Err(Refused::new(
+                ErrorCode::OldHeaderTimestamp,
+                "the trajectory begins in the past by its stamp: a stamp of 0 means at once",
+            ));
+        }
+        let trajectory = Trajectory::check(&goal.trajectory, &self.robot, &self.references)?;
+        let tolerances = Tolerances::of(goal, defaults)?;
+        (self.motion, self.cancels) = (Some(Motion { trajectory, tolerances, stamp, begun: None }), false);
+        Ok(())
+    }
+
+    /// Brakes; the goal has ended as soon as the joints are at rest.
+    pub fn cancel(&mut self) {
+        self.motion = None;
+        self.cancels = true;
+    }
+
+    /// Brakes; what becomes of the goal is for the caller to say.
+    pub fn brake(&mut self) {
+        (self.motion, self.cancels) = (None, false);
+    }
+
+    /// Whether all references are at rest.
+    pub fn is_at_rest(&self) -> bool {
+        self.motion.is_none() && self.references.iter().all(|point| point.velocity.abs() < AT_REST)
+    }
+
+    /// Goes on to the period after `tick`, in which the joints were as measured. Returns how the goal ended,
+    /// if it did.
+    pub fn step(&mut self, tick: u32, now: u64, joints: &[JointTelemetry]) -> Option<Outcome> {
+        for (config, point) in self.robot.joints().iter().zip(&mut self.references) {
+            let next = config.brake(point);
+            *point = if next.velocity.abs() < AT_REST { rest(next.position) } else { next };
+        }
+        let Some(motion) = &mut self.motion else {
+            let is_canceled = self.cancels && self.is_at_rest();
+            self.cancels &= !is_canceled;
+            return is_canceled.then_some(Outcome::Canceled);
+        };
+        if motion.begun.is_none() && motion.stamp > now {
+            return None;
+        }
+        // One that was reset meanwhile begins anew, and is disabled.
+        let ticks = tick.wrapping_sub(*motion.begun.get_or_insert(tick));
+        let time = f64::from(TICK) * (f64::from(ticks) + 1.0);
+        for (joint, point) in motion.trajectory.at(time) {
+            if let Some(reference) = self.references.get_mut(joint) {
+                *reference = point;
+            }
+        }
+        let late = time - motion.trajectory.duration();
+        let names = &self.robot.model().joints;
+        let name = |joint: usize| names.get(joint).map_or("", |joint| joint.name.as_str());
+        let outcome = if late < 0.0 {
+            motion.tolerances.path(motion.trajectory.joints(), joints, name).map(Outcome::Failed)
+        } else {
+            motion.tolerances.goal(&motion.trajectory, joints, late, name)
+        };
+        if outcome.is_some() {
+            self.motion = None;
+        }
+        outcome
+    }
+
+    /// Feedback on the goal: its joints' names, and where they are to be and are.
+    pub fn feedback(&self, joints: &[JointTelemetry]) -> Option<(Vec<String>, [Point; 3])> {
+        let own = self.motion.as_ref()?.trajectory.joints();
+        let names =
+            own.iter().filter_map(|&joint| Some(self.robot.model().joints.get(joint)?.name.to_string()));
+        let values = |of: fn(&JointTelemetry) -> f32| -> Vec<f64> {
+            own.iter().filter_map(|&joint| joints.get(joint)).map(|joint| f64::from(of(joint))).collect()
+        };
+        let desired = Point { positions: values(|joint| joint.reference), ..Point::default() };
+        let actual = Point {
+            positions: values(|joint| joint.position),
+            velocities: values(|joint| joint.velocity),
+            ..Point::default()
+        };
+        let error = Point { positions: values(|joint| joint.reference - joint.position), ..Point::default() };
+        Some((names.collect(), [desired, actual, error]))
+    }
+}
+
+/// At rest there.
+fn rest(position: f32) -> JointPoint {
+    JointPoint { position, ..JointPoint::default() }
+}
+
+/// A time since 1970 [ns].
+fn nanoseconds(time: Time) -> u64 {
+    1_000_000_000 * u64::try_from(time.sec).unwrap_or_default() + u64::from(time.nanosec)
+}
+
+/// What holds where a goal says nothing.
+#[derive(Clone, Copy, Debug)]
+pub struct Defaults {
+    /// Distance from its goal at which a joint has arrived [rad].
+    pub tolerance: f64,
+    /// Time after the last point within which all joints must have arrived [s].
+    pub time: f64,
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,444 @@
+//! The node: what the board sends goes out as messages, and what clients want goes to the board.
+
+use std::time::{Duration, Instant};
+
+use tesaki::model::RobotModel;
+use tesaki::protocol::{FromBoard, Mode, Refusal, Reply, Request, SCHEMA_KEY, Status, Telemetry};
+use tesaki::task::joint_servo::JointCommand;
+use tesaki::task::{TaskCommand, TaskKind};
+use tesaki_recording::{Live, LogLevel, Publisher, Topic};
+use tesaki_supervisor::publication::{Publication, STREAMS, require_own};
+use tesaki_supervisor::{Board as _, BoardError};
+
+use crate::action::ActionServer;
+use crate::args::Options;
+use crate::controller::Controller;
+use crate::dds::{Dds, Writer, dds_type, qos};
+use crate::messages::{Uuid, nanoseconds_since_1970};
+use crate::requests::Services;
+use crate::session::{Failure, Session, describe, robot_folder, say};
+
+/// How long the board is listened to before clients are served.
+const TURN: Duration = Duration::from_millis(2);
+/// Without telemetry for this time, an enabled board is kept enabled; it may only be late.
+const KEEP_ALIVE: Duration = Duration::from_millis(20);
+/// Without telemetry for this time, nothing is commanded any more.
+const BLIND: Duration = Duration::from_millis(500);
+/// Without telemetry for this time, the streams are requested again.
+const SILENCE: Duration = Duration::from_millis(700);
+/// How long a board that may be gone is asked.
+const GLANCE: Duration = Duration::from_millis(200);
+/// How long the board may take for an answer at the end.
+const LAST_WORD: Duration = Duration::from_millis(500);
+/// How long joints brake at the end, and answers to clients may take then.
+const FAREWELL: Duration = Duration::from_secs(1);
+/// How long clients may still ask how their goals ended, and what was written last may be repeated.
+const LINGER: Duration = Duration::from_millis(400);
+/// So many messages of a topic are kept for readers that are slow: a second of telemetry.
+const MIN_DEPTH: u32 = 100;
+/// More missing ticks than these are a board that was reset.
+const MAX_MISSING: u32 = 10_000;
+/// The payload of DDS comes without this.
+const ENCAPSULATION: usize = 4;
+/// The topic that is counted.
+const JOINT_STATES: &str = "/joint_states";
+/// Topics that are not in the namespace, as in all of ROS 2.
+const GLOBAL: &[&str] = &["/tf", "/tf_static", "/diagnostics", "/rosout"];
+
+/// A board that this node has enabled.
+pub struct Enabled {
+    pub controller: Controller,
+    /// Whether the telemetry has shown that.
+    pub seen: bool,
+    /// Faults of the board before.
+    pub faults: u32,
+    /// The goal that is carried out, or cancelled.
+    pub goal: Option<Uuid>,
+    /// When it was told of last.
+    pub told: Instant,
+    /// When the board was last kept enabled.
+    pub kept: Instant,
+}
+
+/// The model on the board.
+pub struct OnBoard {
+    pub model: RobotModel,
+    checksum: u32,
+}
+
+/// What was published.
+#[derive(Default)]
+struct Tally {
+    joint_states: u64,
+    /// Control periods of which no telemetry came.
+    missing: u64,
+    /// Messages that DDS did not take.
+    unsent: u64,
+}
+
+/// The node.
+pub struct Node<'a> {
+    pub options: &'a Options,
+    pub session: Session,
+    dds: Dds,
+    publication: Publication<Live>,
+    /// For each topic of the publication, if it is published.
+    writers: Vec<Option<Writer>>,
+    pub services: Services,
+    pub action: ActionServer,
+    pub on_board: Option<OnBoard>,
+    pub telemetry: Option<Telemetry>,
+    /// When telemetry came last, and when it was requested.
+    pub heard: Instant,
+    asked: Instant,
+    is_lost: bool,
+    pub enabled: Option<Enabled>,
+    known_faults: Option<u32>,
+    tally: Tally,
+}
+
+impl<'a> Node<'a> {
+    /// Connects to the board and joins DDS.
+    pub fn start(options: &'a Options) -> Result<Self, Failure> {
+        if let Some(address) = options.network {
+            std::net::UdpSocket::bind((address, 0)).map_err(|error| {
+                Failure::Usage(format!("--network {address} is no address of this machine: {error}"))
+            })?;
+        }
+        let robot = robot_folder(options)?;
+        let mut session = Session::open(options)?;
+        match session.board.model() {
+            Ok(model) => require_own(robot.as_ref().map(|(folder, _)| folder), &model)?,
+            Err(BoardError::Refused { refusal: Refusal::NoModel, .. }) => {
+                say("the board has no model yet: push one with `tesaki model push robots/NAME`");
+            }
+            Err(error) => return Err(error.into()),
+        }
+        let dds = Dds::open(options.domain, options.network)?;
+        let services = Services::offer(&dds, options)?;
+        let action_name = options.full_name(&format!("{}/follow_joint_trajectory", options.controller));
+        let action = ActionServer::offer(&dds, &action_name)?;
+        let (folder, urdf) = robot.unzip();
+        if urdf.is_none() {
+            say("without --robot there is no /robot_description, and links have the names of the model");
+        }
+        let publisher = Publisher::new(Live::default(), urdf.as_deref());
+        let now = Instant::now();
+        let mut node = Self {
+            options,
+            session,
+            dds,
+            publication: Publication::new(publisher, folder),
+            writers: Vec::new(),
+            services,
+            action,
+            on_board: None,
+            telemetry: None,
+            heard: now,
+            asked: now,
+            is_lost: false,
+            enabled: None,
+            known_faults: None,
+            tally: Tally::default(),
+        };
+        node.request_streams(true)?;
+        // A client that comes at once finds the model, and where the joints are.
+        let status = node.session.board.status()?;
+        node.read_model(&status)?;
+        while node.telemetry.is_none() && now.elapsed() < SILENCE {
+            node.listen()?;
+        }
+        node.announce(&action_name)?;
+        Ok(node)
+    }
+
+    fn announce(&mut self, action: &str) -> Result<(), Failure> {
+        let reach = match self.options.network {
+            None => "on this machine's loopback interface only: every program of this machine may command it"
+                .to_owned(),
+            Some(address) => format!(
+                "open to the networks of this machine, announced at {address}: EVERYBODY who reaches this \
+                 machine may command it, unencrypted"
+            ),
+        };
+        let text =
+            format!("{} as a ROS 2 node, DDS domain {}, {reach}", self.session.port, self.options.domain);
+        self.note(LogLevel::Info, &text)?;
+        let enable = self.options.full_name("tesaki/enable");
+        say(&format!("services {enable}, …/disable, …/tare, …/clear_faults; action {action}; Ctrl-C ends"));
+        Ok(())
+    }
+
+    /// A line for people and for `/rosout`.
+    pub fn note(&mut self, level: LogLevel, text: &str) -> Result<(), Failure> {
+        say(text);
+        Ok(self.publication.publisher.log(nanoseconds_since_1970(), level, "tesaki", text)?)
+    }
+
+    /// Listens to the board for a while, then serves clients.
+    pub fn turn(&mut self) -> Result<(), Failure> {
+        self.listen()?;
+        self.serve()?;
+        self.send()
+    }
+
+    /// Takes what the board sends for a while.
+    fn listen(&mut self) -> Result<(), Failure> {
+        let deadline = Instant::now() + TURN;
+        while let Some(event) = self.session.board.next_event(deadline)? {
+            self.take(event)?;
+            if Instant::now() >= deadline {
+                break;
+            }
+        }
+        self.check_silence()
+    }
+
+    fn take(&mut self, event: FromBoard) -> Result<(), Failure> {
+        match event {
+            FromBoard::Telemetry(telemetry) => self.take_telemetry(telemetry)?,
+            FromBoard::Tips(tips) => self.publication.tips(&tips)?,
+            FromBoard::Task(task) => self.publication.task(&task)?,
+            FromBoard::Status(status) => {
+                self.read_model(&status)?;
+                self.publication.status(&status)?;
+            }
+            FromBoard::Reply(reply) => {
+                if let Reply::Refused(refusal) = reply.reply {
+                    self.take_refusal(refusal)?;
+                }
+            }
+            FromBoard::Log(_) => {}
+        }
+        Ok(())
+    }
+
+    fn take_telemetry(&mut self, telemetry: Telemetry) -> Result<(), Failure> {
+        self.heard = Instant::now();
+        if std::mem::take(&mut self.is_lost) {
+            self.note(LogLevel::Info, "the board is back")?;
+        }
+        let step = self.telemetry.as_ref().map_or(1, |last| telemetry.tick.wrapping_sub(last.tick));
+        if (2..MAX_MISSING).contains(&step) {
+            self.tally.missing += u64::from(step) - 1;
+        }
+        self.publication.telemetry(&telemetry)?;
+        let faults = telemetry.faults;
+        let is_new = self.known_faults.replace(faults).is_some_and(|known| known != faults);
+        let tick = telemetry.tick;
+        self.telemetry = Some(telemetry);
+        if is_new {
+            let text = self.fault_text();
+            self.publication.fault(tick, &text)?;
+            if self.enabled.is_none() {
+                say(&text);
+            }
+        }
+        self.follow_mode()?;
+        self.step_controller()
+    }
+
+    /// The last fault in words.
+    pub fn fault_text(&mut self) -> String {
+        let model = self.on_board.as_ref().map(|on_board| &on_board.model);
+        match self.session.board.faults() {
+            Ok(log) => log.faults.last().map_or_else(String::new, |fault| describe(fault, model)),
+            Err(error) => format!("the board does not tell its fault: {error}"),
+        }
+    }
+
+    /// Notices that the board is not enabled any more, or by somebody else.
+    fn follow_mode(&mut self) -> Result<(), Failure> {
+        let (Some(enabled), Some(telemetry)) = (&mut self.enabled, &self.telemetry) else { return Ok(()) };
+        let why = match telemetry.mode {
+            Mode::Enabled(TaskKind::JointServo) => {
+                enabled.seen = true;
+                return Ok(());
+            }
+            // What was sent before the board was enabled may still arrive.
+            Mode::Fault if enabled.seen || telemetry.faults != enabled.faults => {
+                format!("the board is in fault: {}", self.fault_text())
+            }
+            Mode::Disabled if enabled.seen => "another program disabled the board".to_owned(),
+            Mode::Enabled(task) if enabled.seen => format!("another program enabled {task}"),
+            _ => return Ok(()),
+        };
+        self.forget_enabled(&why)
+    }
+
+    /// Sends the points of the next period.
+    fn step_controller(&mut self) -> Result<(), Failure> {
+        let (Some(enabled), Some(telemetry)) = (&mut self.enabled, &self.telemetry) else { return Ok(()) };
+        let outcome = enabled.controller.step(telemetry.tick, nanoseconds_since_1970(), &telemetry.joints);
+        let points = heapless::Vec::from_slice(enabled.controller.references()).unwrap_or_default();
+        enabled.kept = Instant::now();
+        self.session.board.post(Request::Task(TaskCommand::JointServo(JointCommand::Stream { points })))?;
+        match outcome {
+            Some(outcome) => self.end_goal(&outcome),
+            None => Ok(()),
+        }
+    }
+
+    /// A set-point was refused.
+    fn take_refusal(&mut self, refusal: Refusal) -> Result<(), Failure> {
+        match refusal {
+            // The telemetry tells.
+            Refusal::Stale { .. } | Refusal::WrongMode(_) => Ok(()),
+            Refusal::SchemaMismatch { board: SCHEMA_KEY, .. } => Ok(()),
+            Refusal::NotCommander | Refusal::Commanded { .. } => {
+                self.session.lose_command();
+                self.forget_enabled("this node has lost command of the board: another program has it")
+            }
+            refusal => self.hold_after(&refusal),
+        }
+    }
+
+    fn check_silence(&mut self) -> Result<(), Failure> {
+        let silence = self.heard.elapsed();
+        if let Some(enabled) = &mut self.enabled {
+            if silence > BLIND {
+                let text = "no telemetry from the board: nothing is commanded any more, and it stops by \
+                            its own command timeout";
+                self.session.lose_command();
+                return self.forget_enabled(text);
+            }
+            if silence > KEEP_ALIVE && enabled.kept.elapsed() > KEEP_ALIVE {
+                enabled.kept = Instant::now();
+                self.session.board.post(Request::Keep)?;
+            }
+        }
+        if silence > SILENCE && self.asked.elapsed() > SILENCE {
+            if !std::mem::replace(&mut self.is_lost, true) {
+                let text = if self.session.board.link().is_open() {
+                    "no telemetry from the board: is its control loop running? Try `tesaki doctor`"
+                } else {
+                    "the board's port has disappeared: connect it again, and this node goes on"
+                };
+                self.note(LogLevel::Error, text)?;
+            }
+            self.session.set_patience(Some(GLANCE));
+            let answer = self.session.board.hello().and_then(|_| self.request_streams(true));
+            self.session.set_patience(None);
+            self.asked = Instant::now();
+            match answer {
+                Ok(()) | Err(BoardError::Timeout { .. }) => {}
+                Err(error) => return Err(error.into()),
+            }
+        }
+        Ok(())
+    }
+
+    fn request_streams(&mut self, requested: bool) -> Result<(), BoardError> {
+        STREAMS.iter().try_for_each(|&(stream, every)| {
+            self.session.board.set_rate(stream, if requested { every } else { 0 })
+        })
+    }
+
+    /// Reads the model on the board when it is another one.
+    fn read_model(&mut self, status: &Status) -> Result<(), Failure> {
+        let node = &status.node;
+        let checksum = (!node.model.is_empty()).then_some(node.model_checksum);
+        if self.on_board.as_ref().map(|on_board| on_board.checksum) == checksum {
+            return Ok(());
+        }
+        self.on_board = match checksum.map(|checksum| (self.session.board.model(), checksum)) {
+            Some((Ok(model), checksum)) => Some(OnBoard { model, checksum }),
+            // The next status comes soon.
+            None
+            | Some((
+                Err(
+                    BoardError::Refused { .. }
+                    | BoardError::Timeout { .. }
+                    | BoardError::ExportDisturbed
+                    | BoardError::Reset,
+                ),
+                _,
+            )) => None,
+            Some((Err(error), _)) => return Err(error.into()),
+        };
+        self.publication
+            .use_model(self.on_board.as_ref().map(|on_board| (&on_board.model, on_board.checksum)));
+        Ok(())
+    }
+
+    /// Publishes what has come together.
+    fn send(&mut self) -> Result<(), Failure> {
+        let live = self.publication.publisher.sink_mut();
+        let messages = live.take();
+        let new: Vec<Topic> = live.topics().iter().skip(self.writers.len()).cloned().collect();
+        for topic in new {
+            let writer = self.writer(&topic)?;
+            self.writers.push(writer);
+        }
+        let live = self.publication.publisher.sink();
+        for message in messages {
+            let topic = live.topics().get(usize::from(message.topic));
+            self.tally.joint_states += u64::from(topic.is_some_and(|topic| topic.name == JOINT_STATES));
+            let writer = self.writers.get(usize::from(message.topic)).and_then(Option::as_ref);
+            let body = message.data.get(ENCAPSULATION..).unwrap_or_default().to_vec();
+            if writer.is_some_and(|writer| writer.write(body, None).is_err()) {
+                self.tally.unsent += 1;
+            }
+        }
+        Ok(())
+    }
+
+    /// The writer of a topic, if it is to be published.
+    fn writer(&self, topic: &Topic) -> Result<Option<Writer>, Failure> {
+        if self.options.no_tf && topic.name.starts_with("/tf") {
+            return Ok(None);
+        }
+        let is_global = GLOBAL.contains(&topic.name.as_str());
+        let name = if is_global { topic.name.clone() } else { self.options.full_name(&topic.name) };
+        let depth = if topic.transient_local { topic.depth } else { topic.depth.max(MIN_DEPTH) };
+        let qos = qos(i32::try_from(depth).unwrap_or(i32::MAX), topic.transient_local);
+        Ok(Some(self.dds.writer(&format!("rt{name}"), &dds_type(topic.schema), &qos)?))
+    }
+
+    /// Ends whatever the board does for this node, tells clients, and says what was done.
+    pub fn end(mut self, why: &str) {
+        let result = self.say_farewell(why);
+        if let Err(failure) = result {
+            say(&format!("tesaki-ros2: {failure}"));
+        }
+        let Tally { joint_states, missing, unsent } = self.tally;
+        say(&format!(
+            "published {joint_states} joint states; {missing} control periods were missing in what the board \
+             sent, {unsent} messages were not taken by DDS"
+        ));
+    }
+
+    fn say_farewell(&mut self, why: &str) -> Result<(), Failure> {
+        let deadline = Instant::now() + FAREWELL;
+        if let Some(enabled) = &mut self.enabled {
+            enabled.controller.brake();
+        }
+        while self.enabled.as_ref().is_some_and(|enabled| !enabled.controller.is_at_rest())
+            && Instant::now() < deadline
+        {
+            self.listen()?;
+            self.send()?;
+        }
+        self.session.set_patience(Some(LAST_WORD));
+        if self.enabled.is_some() {
+            let text = match self.disable(why) {
+                Ok(text) => format!("{why}: {text}"),
+                Err(error) => {
+                    format!("{why}, and the board was not disabled ({error}): it stops by its own timeout")
+                }
+            };
+            self.note(LogLevel::Warn, &text)?;
+        }
+        self.session.release_command();
+        let _ = self.request_streams(false);
+        self.send()?;
+        let begun = Instant::now();
+        while begun.elapsed() < LINGER
+            || (begun.elapsed() < FAREWELL && !(self.action.is_idle() && self.services.are_idle()))
+        {
+            self.refuse_goals();
+            std::thread::sleep(TURN);
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,293 @@
+//! What clients ask for: services, and goals of the action.
+
+use std::time::{Duration, Instant};
+
+use tesaki::control::ServoMode;
+use tesaki::protocol::{Mode, Refusal, Request};
+use tesaki::robot::Robot;
+use tesaki::task::TaskConfig;
+use tesaki_recording::LogLevel;
+use tesaki_supervisor::Board as _;
+use tesaki_supervisor::gravity::Load;
+
+use crate::action::Wish;
+use crate::args::Options;
+use crate::controller::{Controller, Outcome};
+use crate::dds::{Dds, DdsError};
+use crate::messages::{
+    ErrorCode, Feedback, Goal, Header, Status, Time, TriggerRequest, TriggerResponse, Uuid,
+    nanoseconds_since_1970,
+};
+use crate::node::{Enabled, Node};
+use crate::service::Service;
+use crate::session::{Failure, words};
+use crate::trajectory::{Refused, named};
+
+/// Age at which telemetry still says where the joints are.
+const FRESH: Duration = Duration::from_millis(200);
+/// Period of the feedback on a goal, as that of joint_trajectory_controller.
+const FEEDBACK: Duration = Duration::from_millis(50);
+
+/// The services, all of them `std_srvs/Trigger`.
+pub struct Services {
+    enable: Service,
+    disable: Service,
+    tare: Service,
+    clear_faults: Service,
+}
+
+impl Services {
+    /// Offers them.
+    pub fn offer(dds: &Dds, options: &Options) -> Result<Self, DdsError> {
+        let offer = |name: &str| {
+            Service::offer(dds, &options.full_name(&format!("tesaki/{name}")), "std_srvs/srv/Trigger")
+        };
+        Ok(Self {
+            enable: offer("enable")?,
+            disable: offer("disable")?,
+            tare: offer("tare")?,
+            clear_faults: offer("clear_faults")?,
+        })
+    }
+
+    fn all(&mut self) -> [&mut Service; 4] {
+        [&mut self.disable, &mut self.enable, &mut self.tare, &mut self.clear_faults]
+    }
+
+    /// Whether every answer has been sent.
+    pub fn are_idle(&mut self) -> bool {
+        self.all().into_iter().all(Service::is_idle)
+    }
+}
+
+/// What a service did, or why not.
+type Answer = Result<String, String>;
+
+impl Node<'_> {
+    /// Answers the services and carries out what the action is asked for.
+    pub fn serve(&mut self) -> Result<(), Failure> {
+        // Disabling comes first.
+        for (number, run) in
+            [Self::stop, Self::enable, Self::tare, Self::clear_faults].into_iter().enumerate()
+        {
+            while let Some((caller, _)) = self.services.all()[number].take::<TriggerRequest>() {
+                let answer = run(self);
+                let name = self.services.all()[number].name().to_owned();
+                let (level, text) = match &answer {
+                    Ok(text) => (LogLevel::Info, text),
+                    Err(text) => (LogLevel::Warn, text),
+                };
+                self.note(level, &format!("{name}: {text}"))?;
+                let response = TriggerResponse { success: answer.is_ok(), message: text_of(answer) };
+                self.services.all()[number].reply(caller, &response);
+            }
+        }
+        for wish in self.action.take() {
+            match wish {
+                Wish::Cancel(id) => self.cancel(&id)?,
+                Wish::Goal(caller, id, goal) => match self.begin(&id, &goal) {
+                    Ok(()) => self.action.accept(caller, id),
+                    Err(refused) => {
+                        self.action.refuse(caller);
+                        self.note(LogLevel::Error, &format!("a goal is refused: {refused}"))?;
+                    }
+                },
+            }
+        }
+        self.feed_back();
+        Ok(())
+    }
+
+    /// Answers what clients ask at the end.
+    pub fn refuse_goals(&mut self) {
+        for wish in self.action.take() {
+            if let Wish::Goal(caller, ..) = wish {
+                self.action.refuse(caller);
+            }
+        }
+    }
+
+    fn enable(&mut self) -> Answer {
+        if self.enabled.is_some() {
+            return Ok("enabled already".to_owned());
+        }
+        let Some(on_board) = &self.on_board else {
+            return Err("the board has no model: push one with `tesaki model push robots/NAME`".to_owned());
+        };
+        // Old angles would be goals to which the joints move.
+        let telemetry = self.telemetry.as_ref().filter(|_| self.heard.elapsed() < FRESH);
+        let Some(telemetry) = telemetry else {
+            return Err("no telemetry from the board: where the joints are is not known".to_owned());
+        };
+        if telemetry.mode == Mode::Fault {
+            let text = self.fault_text();
+            return Err(format!("the board is in fault: {text}. Call clear_faults first"));
+        }
+        let mut robot = Box::new(Robot::NONE);
+        robot.configure(&on_board.model).map_err(|error| error.to_string())?;
+        let positions: Vec<f32> = telemetry.joints.iter().map(|joint| joint.position).collect();
+        let (faults, load) = (telemetry.faults, Load::at(&on_board.model, &positions));
+        let in_words = |error| words(&error, Some(&on_board.model));
+        self.session.take_command().map_err(in_words)?;
+        let enabled = self.session.board.enable(TaskConfig::JointServo(ServoMode::Observer));
+        if let Err(error) = enabled {
+            self.session.release_command();
+            return Err(in_words(error));
+        }
+        let now = Instant::now();
+        let controller = Controller::hold(robot, &positions);
+        self.enabled = Some(Enabled { controller, seen: false, faults, goal: None, told: now, kept: now });
+        let falls = load.map_or_else(String::new, |load| format!("; {load}"));
+        Ok(format!("enabled: the joints hold{falls}"))
+    }
+
+    /// The service `disable`, also where another program commands.
+    fn stop(&mut self) -> Answer {
+        self.disable("the board was disabled")
+    }
+
+    /// Disables the board and ends the goal, because of `why`.
+    pub fn disable(&mut self, why: &str) -> Answer {
+        let model = self.on_board.as_ref().map(|on_board| &on_board.model);
+        self.session.board.disable().map_err(|error| words(&error, model))?;
+        let load = model.zip(self.telemetry.as_ref()).and_then(|(model, telemetry)| {
+            let angles: Vec<f32> = telemetry.joints.iter().map(|joint| joint.position).collect();
+            Load::at(model, &angles)
+        });
+        if let Some(Enabled { goal: Some(goal), .. }) = self.enabled.take() {
+            self.action.end(&goal, Status::Aborted, ErrorCode::InvalidGoal, why);
+        }
+        self.session.release_command();
+        Ok(format!("disabled{}", load.map_or_else(String::new, |load| format!("; {load}"))))
+    }
+
+    fn tare(&mut self) -> Answer {
+        self.command(|node| node.session.board.tare())?;
+        Ok("force sensors zeroed".to_owned())
+    }
+
+    fn clear_faults(&mut self) -> Answer {
+        if self.enabled.is_some() {
+            return Err("the board is enabled: disable it first".to_owned());
+        }
+        let text = self.fault_text();
+        self.command(|node| {
+            let total = node.session.board.faults()?.total;
+            node.session.board.ask("clear the faults", Request::ClearFaults { total })
+        })?;
+        Ok(if text.is_empty() { "no fault to clear".to_owned() } else { format!("cleared: {text}") })
+    }
+
+    /// Does what needs command of the board, which is given back unless the board is enabled.
+    fn command(
+        &mut self,
+        run: impl FnOnce(&mut Self) -> Result<(), tesaki_supervisor::BoardError>,
+    ) -> Result<(), String> {
+        let result = self.session.take_command().and_then(|()| run(self));
+        if self.enabled.is_none() {
+            self.session.release_command();
+        }
+        result.map_err(|error| words(&error, self.on_board.as_ref().map(|on_board| &on_board.model)))
+    }
+
+    /// Begins a goal, in place of the one before.
+    fn begin(&mut self, id: &Uuid, goal: &Goal) -> Result<(), Refused> {
+        let invalid = |text: String| Err(Refused::new(ErrorCode::InvalidGoal, text));
+        if self.action.knows(id) {
+            return invalid("there is a goal with this ID".to_owned());
+        }
+        let defaults = self.options.defaults();
+        let Some(enabled) = &mut self.enabled else {
+            let is_fault = self.telemetry.as_ref().is_some_and(|telemetry| telemetry.mode == Mode::Fault);
+            return if is_fault {
+                let text = self.fault_text();
+                invalid(format!("the board is in fault: {text}"))
+            } else {
+                let service = self.options.full_name("tesaki/enable");
+                invalid(format!("the board is not enabled by this node: call {service} first"))
+            };
+        };
+        enabled.controller.follow(goal, nanoseconds_since_1970(), &defaults)?;
+        if let Some(before) = enabled.goal.replace(*id) {
+            let text = "another goal came in its place";
+            self.action.end(&before, Status::Canceled, ErrorCode::InvalidGoal, text);
+        }
+        Ok(())
+    }
+
+    fn cancel(&mut self, id: &Uuid) -> Result<(), Failure> {
+        match &mut self.enabled {
+            Some(enabled) if enabled.goal == Some(*id) => {
+                enabled.controller.cancel();
+                self.note(LogLevel::Info, "the goal is cancelled: the joints come to rest")
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// The goal has ended.
+    pub fn end_goal(&mut self, outcome: &Outcome) -> Result<(), Failure> {
+        let Some(goal) = self.enabled.as_mut().and_then(|enabled| enabled.goal.take()) else { return Ok(()) };
+        let (status, code, text) = match outcome {
+            Outcome::Succeeded => (Status::Succeeded, ErrorCode::Successful, "all joints have arrived"),
+            Outcome::Canceled => {
+                (Status::Canceled, ErrorCode::Successful, "cancelled: the joints are at rest")
+            }
+            Outcome::Failed(refused) => (Status::Aborted, refused.code, refused.reason.as_str()),
+        };
+        self.action.end(&goal, status, code, text);
+        let level = if status == Status::Aborted { LogLevel::Error } else { LogLevel::Info };
+        self.note(level, &format!("a goal has ended: {text}"))
+    }
+
+    /// The board is not enabled any more, or nothing may be sent to it.
+    pub fn forget_enabled(&mut self, why: &str) -> Result<(), Failure> {
+        let Some(enabled) = self.enabled.take() else { return Ok(()) };
+        if let Some(goal) = enabled.goal {
+            self.action.end(&goal, Status::Aborted, ErrorCode::InvalidGoal, why);
+        }
+        self.session.release_command();
+        self.note(LogLevel::Error, why)
+    }
+
+    /// A point was refused: the joints hold where the board has them, and the goal has failed.
+    pub fn hold_after(&mut self, refusal: &Refusal) -> Result<(), Failure> {
+        let (Some(enabled), Some(telemetry)) = (&mut self.enabled, &self.telemetry) else { return Ok(()) };
+        let text = match refusal {
+            Refusal::Task(tesaki::task::TaskRefusal::JointServo(
+                tesaki::task::joint_servo::JointServoRefusal::Limit(limit),
+            ))
+            | Refusal::Limit(limit) => named(limit, enabled.controller.robot()),
+            other => other.to_string(),
+        };
+        let references: Vec<f32> = telemetry.joints.iter().map(|joint| joint.reference).collect();
+        enabled.controller.hold_at(&references);
+        let text = format!("the board refused a point of the trajectory: {text}");
+        self.end_goal(&Outcome::Failed(Refused::new(ErrorCode::InvalidGoal, text)))
+    }
+
+    /// Tells how the goal is getting on, now and then.
+    fn feed_back(&mut self) {
+        let (Some(enabled), Some(telemetry)) = (&mut self.enabled, &self.telemetry) else { return };
+        let Some(goal_id) = enabled.goal.filter(|_| enabled.told.elapsed() >= FEEDBACK) else { return };
+        let Some((joint_names, [desired, actual, error])) = enabled.controller.feedback(&telemetry.joints)
+        else {
+            return;
+        };
+        enabled.told = Instant::now();
+        let header = Header { stamp: Time::now(), frame_id: String::new() };
+        self.action.feed_back(&Feedback {
+            goal_id,
+            header,
+            joint_names,
+            desired,
+            actual,
+            error,
+            ..Feedback::default()
+        });
+    }
+}
+
+fn text_of(answer: Answer) -> String {
+    answer.unwrap_or_else(|text| text)
+}

@@ -1,0 +1,141 @@
+//! The connection to the board.
+
+use std::io::{self, Write as _};
+use std::path::PathBuf;
+use std::time::Duration;
+
+use tesaki::fault::Fault;
+use tesaki::model::RobotModel;
+use tesaki::protocol::{Refusal, Request};
+use tesaki::robot::Concerns as _;
+use tesaki_description::read_text;
+use tesaki_description::robot::{RobotError, RobotFolder};
+use tesaki_recording::McapError;
+use tesaki_supervisor::port::{Address, Key, PortError, Reopening};
+use tesaki_supervisor::publication::OtherRobot;
+use tesaki_supervisor::{Board as _, BoardError, LinkBoard, troubleshooting};
+
+use crate::args::Options;
+use crate::dds::DdsError;
+
+/// Why the program ends.
+#[derive(Debug, thiserror::Error)]
+pub enum Failure {
+    #[error("{0}")]
+    Usage(String),
+    #[error(transparent)]
+    Port(#[from] PortError),
+    #[error(transparent)]
+    Board(#[from] BoardError),
+    #[error(transparent)]
+    OtherRobot(#[from] OtherRobot),
+    #[error(transparent)]
+    Robot(#[from] RobotError),
+    #[error("{path}: {1}", path = .0.display())]
+    File(PathBuf, io::Error),
+    #[error(transparent)]
+    Dds(#[from] DdsError),
+    #[error(transparent)]
+    Encoding(#[from] McapError),
+    #[error("{0}")]
+    Other(String),
+}
+
+impl Failure {
+    /// The exit code, as that of `tesaki`.
+    pub const fn number(&self) -> u8 {
+        match self {
+            Self::Usage(_) | Self::OtherRobot(_) => 2,
+            Self::Port(_) | Self::Board(BoardError::Link(_)) => 3,
+            Self::Board(BoardError::SchemaMismatch { .. }) => 4,
+            Self::Board(BoardError::Timeout { .. }) => 6,
+            Self::Board(BoardError::Refused { .. }) => 7,
+            _ => 1,
+        }
+    }
+}
+
+/// A board that has answered the greeting.
+pub struct Session {
+    pub board: LinkBoard<Reopening>,
+    /// The address of its port.
+    pub port: String,
+    timeout: Duration,
+    take_over: bool,
+    commands: bool,
+}
+
+impl Session {
+    /// Opens the port and greets the board.
+    pub fn open(options: &Options) -> Result<Self, Failure> {
+        let may_be_tcp = matches!(options.port, Address::Tcp(_) | Address::Auto);
+        let key = options.key.as_ref().filter(|_| may_be_tcp);
+        let key = key.map(|path| Key::read(path).map_err(|error| Failure::File(path.clone(), error)));
+        let link = Reopening::open(options.port.clone(), key.transpose()?)?;
+        let port = link.port().map_or_else(String::new, |port| port.address().to_string());
+        let mut board = LinkBoard::new(link, options.timeout);
+        board.hello()?;
+        Ok(Self { board, port, timeout: options.timeout, take_over: options.take_over, commands: false })
+    }
+
+    /// Takes command, if it has not.
+    pub fn take_command(&mut self) -> Result<(), BoardError> {
+        if !self.commands {
+            self.board.take_command(self.take_over)?;
+            self.commands = true;
+        }
+        Ok(())
+    }
+
+    /// Gives command back. A board that does not answer forgets its commander by itself.
+    pub fn release_command(&mut self) {
+        if std::mem::take(&mut self.commands) {
+            let _ = self.board.ask("release command", Request::ReleaseCommand);
+        }
+    }
+
+    /// Another program commands, or none.
+    pub const fn lose_command(&mut self) {
+        self.commands = false;
+    }
+
+    /// From now on the board has `patience` for an answer, or what the user allows.
+    pub fn set_patience(&mut self, patience: Option<Duration>) {
+        self.board.set_timeout(patience.map_or(self.timeout, |patience| patience.min(self.timeout)));
+    }
+}
+
+/// The robot folder of the options, with its URDF.
+pub fn robot_folder(options: &Options) -> Result<Option<(RobotFolder, String)>, Failure> {
+    let Some(path) = &options.robot else { return Ok(None) };
+    let folder = RobotFolder::load(path)?;
+    let urdf = path.join("robot.urdf");
+    let text = read_text(&urdf).map_err(|error| Failure::File(urdf, error))?;
+    Ok(Some((folder, text)))
+}
+
+/// An error of the board with the joint's name, and where it is explained.
+pub fn words(error: &BoardError, model: Option<&RobotModel>) -> String {
+    let text = error.to_string();
+    let BoardError::Refused { refusal, .. } = error else { return text };
+    let named = refusal.joint().zip(model).map(|(joint, model)| {
+        text.replacen(&format!("joint {joint}"), model.joint_name(usize::from(joint)), 1)
+    });
+    let hint = match refusal {
+        Refusal::Commanded { .. } => " (a --take-over when this program is started takes command)",
+        Refusal::NotHomed { .. } => " (`tesaki home JOINT=ANGLE …`)",
+        _ => "",
+    };
+    format!("{}{hint}. See {}", named.unwrap_or(text), troubleshooting::refusal(refusal))
+}
+
+/// A fault with the joint's name, and where it is explained.
+pub fn describe(fault: &Fault, model: Option<&RobotModel>) -> String {
+    let text = model.map_or_else(|| fault.to_string(), |model| fault.named(model).to_string());
+    format!("{text}. See {}", troubleshooting::fault(fault.cause))
+}
+
+/// A line for people. Nobody has to read it.
+pub fn say(text: &str) {
+    let _ = writeln!(io::stderr(), "{text}");
+}
