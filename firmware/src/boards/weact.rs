@@ -46,11 +46,12 @@ use crate::drivers::pulses::Pulses;
 const N: usize = 3;
 /// Frequency of TIM1 [Hz].
 const TIMER: f32 = 168e6;
-/// Counts of half a period: 20 kHz.
-const RESOLUTION: u16 = 4200;
+/// Counts of half a period: 40 kHz. At 20 kHz the sample of a small coreless motor, with a time constant of 20 µs, would be a
+/// fifth below the mean current.
+const RESOLUTION: u16 = 2100;
 /// Duties end 2.5 µs before the sample: the current has its magnitude in `CS` while the motor is shorted.
 const SWITCHING: Switching =
-    Switching { period: 2.0 * RESOLUTION as f32 / TIMER, resolution: RESOLUTION, max_duty: 0.9 };
+    Switching { period: 2.0 * RESOLUTION as f32 / TIMER, resolution: RESOLUTION, max_duty: 0.8 };
 /// Reference of the converters [V].
 const REFERENCE: f32 = 3.3;
 const CURRENT_SENSE: CurrentSense =
@@ -60,7 +61,7 @@ const SUPPLY_RESOLUTION: f32 = REFERENCE * 11.0 / FULL_SCALE as f32;
 /// A current of so many times its limit is a fault of the power stage.
 const TRIP: f32 = 1.15;
 /// Periods of the current loop in a control period.
-const PERIODS: u32 = 200;
+const PERIODS: u32 = 400;
 
 /// What the board has. A trip must lie within the range of the current sense, 2.94 A.
 const EQUIPMENT: Equipment =

@@ -60,6 +60,7 @@ mod machine;
 mod motion;
 mod narrow_phase;
 mod object;
+mod outside_drive;
 mod push;
 mod shapes;
 mod stiction;
