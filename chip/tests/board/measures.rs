@@ -2,6 +2,7 @@
 
 use tesaki::fault::FaultCause;
 use tesaki_chip::SECOND;
+use tesaki_chip::bench::Bench;
 
 use crate::rig::Rig;
 
@@ -45,28 +46,65 @@ fn a_high_current_is_off_within_100_microseconds() {
     assert!(worst <= 100 * MICROSECOND, "{worst} ps");
 }
 
-/// An encoder whose count stays while its joint moves or should: the ticks until the power stages sleep. Two would be the
-/// aim; the core takes an encoder for dead only when a torque beyond friction moves nothing for some ticks.
+/// An encoder whose cable is unplugged while its joint moves: the core names it and switches off. It sees a dead encoder only by
+/// a torque beyond friction that moves nothing, so that takes the servo's time, more than the two periods that would be good.
 #[test]
-fn a_dead_encoder_is_off() {
-    let mut worst = Vec::new();
+fn a_dead_encoder_is_named_and_off_within_20_periods() {
+    let mut worst = 0;
     for joint in 0..3 {
         for delay in [0.05, 0.15, 0.3] {
             let mut rig = Rig::enabled();
             rig.goal([0.3, -0.3, 0.3]);
             rig.run(delay);
             rig.machine.chip.bench.unplugged[joint] = true;
-            let mut ticks = 0;
-            while !sleeps(&rig) && ticks < 50 {
+            let mut periods = 0;
+            while !sleeps(&rig) && periods < 50 {
                 rig.keep();
                 rig.run(0.01);
-                ticks += 1;
+                periods += 1;
             }
-            let moved = rig.machine.chip.bench.states[joint].angle;
-            worst.push((joint, delay, ticks, moved, rig.faults().last().copied()));
+            let fault = *rig.faults().last().unwrap();
+            assert_eq!((fault.cause, fault.joint), (FaultCause::EncoderStuck, Some(joint as u8)));
+            worst = worst.max(periods);
         }
     }
-    for row in &worst {
-        println!("{row:?}");
+    println!("dead encoder: off within {worst} control periods");
+    assert!(worst <= 20, "{worst}");
+}
+
+/// Emergency stop and nFAULT end the pulses while the CPU executes nothing.
+#[test]
+fn pulses_end_without_an_instruction() {
+    let press: [(&str, fn(&mut Bench)); 2] =
+        [("emergency stop", |bench| bench.stop = true), ("nFAULT", |bench| bench.fault = true)];
+    for (name, press) in press {
+        let mut rig = Rig::enabled();
+        // A load, which keeps the stage driving.
+        rig.machine.chip.bench.motors[0].load = 0.1;
+        rig.run(0.1);
+        let before = rig.machine.chip.bench.last_driven;
+        let executed = rig.machine.instructions;
+        press(&mut rig.machine.chip.bench);
+        let pressed = rig.machine.now();
+        rig.machine.pass(SECOND / 1000);
+        assert_eq!(rig.machine.instructions, executed);
+        let bench = &rig.machine.chip.bench;
+        assert!(pressed - before < SECOND / 20_000, "{name}: it did not drive");
+        println!("{name}: last pulse ended {} ps after it", bench.last_driven.saturating_sub(pressed));
+        assert!(bench.last_driven <= pressed, "{name}");
     }
+}
+
+/// The control task is dead, the timer goes on: the loops brake after two periods without a command.
+#[test]
+fn a_dead_control_task_is_off_within_20_ms() {
+    let mut rig = Rig::enabled();
+    rig.machine.chip.bench.motors[0].load = 0.05;
+    rig.run(0.1);
+    let before = rig.machine.now();
+    rig.stop_control();
+    rig.run(0.05);
+    let driven = rig.machine.chip.bench.last_driven.saturating_sub(before);
+    println!("dead control task: no voltage after {:.2} ms", driven as f64 / 1e9);
+    assert!(driven > 0 && driven <= SECOND / 50, "{driven} ps");
 }
