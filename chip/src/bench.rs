@@ -33,7 +33,7 @@ pub struct Motor {
     pub inductance: f64,
     /// [N·m/A] and [V·s/rad].
     pub constant: f64,
-    /// [kg·m²].
+    /// [kg·m²]; infinite where something else moves the joint: its velocity stays.
     pub inertia: f64,
     /// Coulomb friction [N·m] and viscous friction [N·m·s/rad].
     pub coulomb: f64,
@@ -53,6 +53,8 @@ pub struct State {
     pub current: f64,
     pub velocity: f64,
     pub angle: f64,
+    /// Integral of the motor's torque since power-on [N·m·s].
+    pub impulse: f64,
     /// Whether the power stage drives: a voltage is at the motor.
     pub driven: bool,
     /// Its direction.
@@ -207,7 +209,9 @@ impl Bench {
         if volts.is_none() && (before == 0.0 || state.current * before < 0.0) {
             state.current = 0.0;
         }
-        let torque = constant * 0.5 * (before + state.current) + load;
+        let torque = constant * 0.5 * (before + state.current);
+        state.impulse += torque * seconds;
+        let torque = torque + load;
         if blocked {
             state.velocity = 0.0;
         } else if state.velocity == 0.0 && torque.abs() <= coulomb {

@@ -3,8 +3,8 @@
 use tesaki::model::RobotModel;
 use tesaki::protocol::codec::{Decoder, MAX_FRAME, checksum, encode};
 use tesaki::protocol::{
-    FromBoard, LogEntry, LogRecord, MODEL_CHUNK, Reply, Request, RequestFrame, SCHEMA_KEY, SensorFrame,
-    Status,
+    ActuatorFrame, FromBoard, LogEntry, LogRecord, MODEL_CHUNK, Reply, Request, RequestFrame, SCHEMA_KEY,
+    SensorFrame, Status,
 };
 
 use crate::SECOND;
@@ -18,15 +18,16 @@ pub struct Client {
     decoder: Decoder,
     sequence: u16,
     reply: Option<(u16, Reply)>,
-    /// The last sensor values that were logged.
+    /// The last sensor values and actuator frame that were logged.
     pub sensors: Option<SensorFrame>,
+    pub actuators: Option<ActuatorFrame>,
     /// Messages that were damaged.
     pub damaged: u32,
 }
 
 impl Default for Client {
     fn default() -> Self {
-        Self { decoder: Decoder::new(), sequence: 0, reply: None, sensors: None, damaged: 0 }
+        Self { decoder: Decoder::new(), sequence: 0, reply: None, sensors: None, actuators: None, damaged: 0 }
     }
 }
 
@@ -38,6 +39,9 @@ impl Client {
                 Some(Ok(FromBoard::Reply(reply))) => self.reply = Some((reply.sequence, reply.reply)),
                 Some(Ok(FromBoard::Log(LogEntry { record: LogRecord::Sensors(frame), .. }))) => {
                     self.sensors = Some(frame);
+                }
+                Some(Ok(FromBoard::Log(LogEntry { record: LogRecord::Actuators(frame), .. }))) => {
+                    self.actuators = Some(frame);
                 }
                 Some(Err(_)) => self.damaged += 1,
                 _ => {}

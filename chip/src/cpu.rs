@@ -64,6 +64,8 @@ pub struct Machine {
     /// Handlers that run: number, instructions at the entry, those of others since.
     running: Vec<(u32, u64, u64)>,
     pub resets: Vec<&'static str>,
+    /// When the handlers were last entered [ps since power-on], by number of the exception.
+    pub entered: Vec<u64>,
     pub sleeping: bool,
     /// 1: handlers find garbage in the float registers, as they may; 2: and leave it there, as a check of the check.
     pub scribble: u8,
@@ -132,6 +134,7 @@ impl Machine {
             work: vec![Work::default(); 256],
             running: Vec::new(),
             resets: Vec::new(),
+            entered: vec![0; 256],
             sleeping: false,
             scribble: 0,
             _owner: owner,
@@ -333,6 +336,8 @@ impl Machine {
     fn enter(&mut self, number: u32) -> Result<(), String> {
         use RegisterARM as R;
         self.running.push((number, self.instructions, 0));
+        let now = self.now();
+        self.entered[number as usize] = now;
         self.chip.nvic.enter(number);
         let xpsr = self.get(R::XPSR);
         let control = self.get(R::CONTROL);

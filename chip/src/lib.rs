@@ -15,6 +15,7 @@ pub mod mistake;
 pub mod nvic;
 pub mod pins;
 pub mod rcc;
+pub mod server;
 pub mod tim1;
 pub mod timer;
 pub mod usart;

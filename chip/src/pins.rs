@@ -1,6 +1,8 @@
 //! Which peripheral a pin belongs to: the alternate functions of the STM32F405 (datasheet DS8626, table 9), for the
 //! peripherals that this crate has.
 
+use std::sync::LazyLock;
+
 /// A pin: port (0 is A) and number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Pin(pub usize, pub u32);
@@ -11,7 +13,7 @@ impl Pin {
         let mut characters = name.strip_prefix('P')?.chars();
         let port = (characters.next()? as usize).checked_sub('A' as usize)?;
         let number = characters.as_str().parse().ok()?;
-        (port < 9 && number < 16).then_some(Self(port, number))
+        (port < PORTS && number < 16).then_some(Self(port, number))
     }
 }
 
@@ -79,7 +81,23 @@ const TABLE: &[(&str, u32, Signal)] = &[
     ("PA3", 7, ("USART2", "RX")),
 ];
 
+/// [`TABLE`] by port, number and alternate function: it is looked up at each event of the chip.
+static SIGNALS: LazyLock<Vec<Option<Signal>>> = LazyLock::new(|| {
+    let mut signals = vec![None; PORTS * 16 * 16];
+    for &(name, function, signal) in TABLE {
+        if let Some(pin) = Pin::named(name) {
+            signals[index(pin, function)] = Some(signal);
+        }
+    }
+    signals
+});
+const PORTS: usize = 9;
+
+fn index(Pin(port, number): Pin, function: u32) -> usize {
+    (port * 16 + number as usize) * 16 + function as usize
+}
+
 /// The signal of a pin with this alternate function, if this crate knows one.
 pub fn signal(pin: Pin, function: u32) -> Option<Signal> {
-    TABLE.iter().find(|(name, af, _)| *af == function && Pin::named(name) == Some(pin)).map(|entry| entry.2)
+    SIGNALS[index(pin, function)]
 }

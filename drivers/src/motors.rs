@@ -37,7 +37,7 @@ pub trait PowerStages<const N: usize> {
     fn arm(&mut self);
     /// Whether the hardware stopped the pulses.
     fn has_tripped(&self) -> bool;
-    /// The next duties. They take effect in the middle between this sample and the next, the directions at once.
+    /// The next duties, which take effect after [`Switching::lag`], and the directions, which do at once.
     fn set(&mut self, outputs: &[Output; N]);
 }
 
@@ -63,6 +63,8 @@ pub struct Totals<const N: usize> {
 struct Axis {
     current_loop: CurrentLoop,
     sign: CurrentSign,
+    /// Mean of the current as a multiple of a sample.
+    ripple: f32,
     trip: f32,
     velocity: f32,
     state: CurrentLoopState,
@@ -91,8 +93,27 @@ pub struct Motors<const N: usize> {
     phase: Phase,
     wake_periods: u16,
     resolution: f32,
+    lag: f32,
     outputs: [Output; N],
     totals: Totals<N>,
+}
+
+/// The mean current as a multiple of that in the middle between two pulses.
+///
+/// While the motor is shorted its current decays with the time constant of the winding, `i·e^(−t·R/L)`. Over a period `T`
+/// of short pulses that is `sinh(x)/x` times the current in its middle, with `x = R·T/(2·L)`; longer pulses leave less.
+///
+/// # Errors
+/// For a winding that is faster than the pulses: its current is gone before it is sampled.
+fn ripple(winding: &Winding, switching: &Switching) -> Result<f32, InvalidCurrentLoop> {
+    let half = 0.5 * switching.period / f32::from(switching.pulses.max(1));
+    let x = winding.resistance * half / winding.inductance;
+    if x > 1.0 {
+        let limits = (winding.resistance * half, 1.0);
+        return Err(InvalidCurrentLoop { field: "inductance", value: winding.inductance, limits });
+    }
+    // The next term of the series is 1/5040 at most.
+    Ok(1.0 + x * x / 6.0 + x * x * x * x / 120.0)
 }
 
 impl<const N: usize> Motors<N> {
@@ -109,10 +130,11 @@ impl<const N: usize> Motors<N> {
         let mut axes = [None; N];
         for (index, (axis, motor)) in axes.iter_mut().zip(motors).enumerate() {
             if let Some(Motor { winding, trip }) = *motor {
+                let invalid = |error| (index, error);
                 *axis = Some(Axis {
-                    current_loop: CurrentLoop::try_new(&winding, switching)
-                        .map_err(|error| (index, error))?,
+                    current_loop: CurrentLoop::try_new(&winding, switching).map_err(invalid)?,
                     sign: CurrentSign::new(&winding, switching.period),
+                    ripple: ripple(&winding, switching).map_err(invalid)?,
                     trip,
                     velocity: 0.0,
                     state: CurrentLoopState::new(),
@@ -127,6 +149,7 @@ impl<const N: usize> Motors<N> {
             phase: Phase::Off,
             wake_periods,
             resolution: switching.resolution.into(),
+            lag: switching.lag,
             outputs: [Output::default(); N],
             totals: Totals { currents: [0; N], periods: 0 },
         })
@@ -189,8 +212,9 @@ impl<const N: usize> Motors<N> {
         for ((axis, output), (&magnitude, total)) in axes.zip(measured) {
             let Some(axis) = axis else { continue };
             let [before, last] = axis.duties;
-            let voltage = 0.5 * (before + last) * if supply > SUPPLY_MIN { supply } else { 0.0 };
-            let current = axis.sign.resolve(magnitude, voltage, axis.velocity);
+            let duty = self.lag * before + (1.0 - self.lag) * last;
+            let voltage = duty * if supply > SUPPLY_MIN { supply } else { 0.0 };
+            let current = axis.ripple * axis.sign.resolve(magnitude, voltage, axis.velocity);
             #[expect(
                 clippy::cast_possible_truncation,
                 reason = "saturates; a converter measures some amperes"

@@ -2,7 +2,8 @@
 
 use super::*;
 
-const SWITCHING: Switching = Switching { period: 50e-6, resolution: 4200, max_duty: 0.9 };
+const SWITCHING: Switching =
+    Switching { period: 50e-6, lag: 0.5, pulses: 1, resolution: 4200, max_duty: 0.9 };
 const WINDING: Winding = Winding { resistance: 4.0, inductance: 1.6e-3, back_emf: 0.3 };
 const SUPPLY: f64 = 12.0;
 
@@ -237,4 +238,26 @@ fn an_invalid_winding_is_refused_by_its_motor() {
     let bad = Motor { winding: Winding { resistance: 0.0, ..WINDING }, ..good };
     let (index, error) = Motors::try_new(&[Some(good), Some(bad)], &SWITCHING, 1e-3).unwrap_err();
     assert_eq!((index, error.field), (1, "resistance"));
+}
+
+/// In closed form: the current of a winding under pulses of a supply, which shorts it between them.
+#[test]
+fn the_mean_current_follows_from_a_sample_between_pulses() {
+    let winding = Winding { resistance: 10.6, inductance: 0.23e-3, back_emf: 0.5 };
+    let switching = Switching { pulses: 2, ..SWITCHING };
+    let ripple = f64::from(ripple(&winding, &switching).unwrap());
+    let (period, time_constant) = (25e-6, 0.23e-3 / 10.6);
+    for duty in [0.01, 0.1, 0.3] {
+        let decays = |time: f64| libm::exp(-time / time_constant);
+        let (on, off) = (decays(duty * period), decays((1.0 - duty) * period));
+        // As parts of what the supply drives through the winding at standstill, where the mean is the duty.
+        let peak = (1.0 - on) / (1.0 - on * off);
+        let sample = peak * decays(0.5 * (1.0 - duty) * period);
+        assert!((ripple * sample / duty - 1.0).abs() < 0.006, "{duty}: {}", ripple * sample / duty);
+    }
+    let fast = Winding { inductance: 0.1e-3, ..winding };
+    let refused = Motors::<1>::try_new(&[Some(Motor { winding: fast, trip: 1.0 })], &switching, 1e-3);
+    let (index, refused) = refused.unwrap_err();
+    assert_eq!((index, refused.field), (0, "inductance"));
+    assert!((refused.limits.0 - 0.1325e-3).abs() < 1e-7, "{refused}");
 }

@@ -5,7 +5,7 @@
 //! | priority | RTIC task | does |
 //! |---|---|---|
 //! | 5 | `TIM2` | 10 ms timer: latches the sensors, pends the control task |
-//! | 4 | `ADC` | 20 kHz, on boards with motors: the current loops |
+//! | 4 | `ADC` | 40 kHz, on boards with motors: every second time the current loops |
 //! | 3 | `USART1`, `USART2` | bytes between UART and queue |
 //! | 2 | `EXTI0`: control | one [`Node::tick`](tesaki::node::Node::tick) |
 //! | 1 | `EXTI1`: supervisor | requests, replies, telemetry |

@@ -1,5 +1,6 @@
 //! The command line.
 
+mod chip;
 mod faults;
 mod papers;
 mod render_knob;
@@ -41,6 +42,9 @@ enum Command {
     Speed(speed::Speed),
     /// Draw the figures of the papers anew, for the pages in docs/papers/
     Papers(papers::Papers),
+    /// Run one finger of the three-finger hand on the image of `board-weact`, on the modelled chip of `chip/`: both servos
+    /// through pulses, encoders and converters, against the rapier plant
+    Chip(chip::Chip),
     /// Run seeded schedules of faults, judged by an oracle of safety; see docs/fault-schedules.md
     Faults(faults::Faults),
     /// Render what a hand-eye camera sees of a door knob: a PNG for each seed, or with --views many of one door
@@ -100,9 +104,12 @@ fn seeds(text: &str) -> Result<RangeInclusive<u64>, String> {
 }
 
 fn default_image() -> PathBuf {
-    let target =
-        std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| workspace().join("target"), PathBuf::from);
-    target.join("thumbv7em-none-eabihf/firmware/tesaki-firmware")
+    target().join("thumbv7em-none-eabihf/firmware/tesaki-firmware")
+}
+
+/// Where cargo builds.
+fn target() -> PathBuf {
+    std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| workspace().join("target"), PathBuf::from)
 }
 
 /// The checkout that this program was built from, relative to the current folder.
@@ -126,6 +133,7 @@ pub fn run() -> Result<bool, Box<dyn Error>> {
         Some(Command::Papers(options)) => papers::run(&options).map(|()| true),
         Some(Command::Limits(options)) => tell_limits(&options).map(|()| true),
         Some(Command::Speed(options)) => speed::run(&options).map(|()| true),
+        Some(Command::Chip(options)) => chip::run(&options),
         Some(Command::Faults(options)) => faults::run(&options),
         Some(Command::RenderKnob(options)) => render_knob::run(&options).map(|()| true),
         #[cfg(unix)]

@@ -9,6 +9,7 @@
 
 pub mod boards;
 pub mod camera;
+pub mod chip;
 pub mod controller;
 pub mod digest;
 pub mod door;

@@ -32,6 +32,7 @@ pub(crate) enum Purpose {
     CircleSearch = 23,
     CalibrationViews = 24,
     BasePlace = 25,
+    Windings = 26,
 }
 
 impl Purpose {

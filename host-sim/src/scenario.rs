@@ -14,6 +14,7 @@ mod arm7_straight;
 mod arm7_wall;
 pub(crate) mod common;
 mod film;
+pub mod finger_on_chip;
 mod grasping;
 mod hand;
 mod hand3_first_motion;
@@ -181,6 +182,9 @@ pub enum ScenarioError {
     /// The controller.
     #[error(transparent)]
     Board(#[from] BoardError),
+    /// The board on a modelled chip.
+    #[error(transparent)]
+    Chip(#[from] crate::chip::ChipError),
     /// The identification.
     #[error(transparent)]
     Identify(#[from] IdentifyError),

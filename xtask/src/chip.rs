@@ -14,13 +14,19 @@ const FOLDER: &str = "chip";
 /// The feature of the board with motors.
 pub const BOARD: &str = "board-weact";
 
+/// Machines that the finger is tried on; all twenty: `cargo sim chip --seed 1-20`.
+const SEEDS: &str = "1-2";
+
 /// `cargo xtask chip`.
 pub fn run() -> Result<()> {
-    check(ArmCompiler::provide()?)
+    let mut host_sim = Command::new("cargo");
+    host_sim.args(["run", "--release", "--quiet", "-p", "tesaki-sim", "--bin", "host-sim", "--"]);
+    check(ArmCompiler::provide()?, host_sim)
 }
 
-/// Builds the images that are flashed and the model, and tries the ones on the other.
-pub fn check(compiler: ArmCompiler) -> Result<()> {
+/// Builds the images that are flashed and the model, and tries the ones on the other, alone and with a finger that
+/// `host_sim` simulates.
+pub fn check(compiler: ArmCompiler, mut host_sim: Command) -> Result<()> {
     tools::provide_unicorn_builder()?;
     let images = [("weact", BOARD), ("bare", firmware::BOARD)];
     let images = images.map(|(name, board)| Ok((name, firmware::build_for_board(compiler, board)?)));
@@ -40,6 +46,21 @@ pub fn check(compiler: ArmCompiler) -> Result<()> {
     tools::run(&mut cargo(&["fmt", "--check"]))?;
     tools::run(&mut cargo(&["clippy", "--release", "--quiet", "--all-targets", "--", "-D", "warnings"]))?;
     tools::run(&mut cargo(&["test", "--release", "--quiet"]))?;
-    // Again, with its table.
-    tools::run(&mut cargo(&["test", "--release", "--quiet", "timing", "--", "--nocapture"]))
+    // Again, with their tables.
+    for table in ["timing::", "measures::", "current::"] {
+        tools::run(&mut cargo(&[
+            "test",
+            "--release",
+            "--quiet",
+            table,
+            "--",
+            "--nocapture",
+            "--test-threads",
+            "1",
+        ]))?;
+    }
+    tools::run(&mut cargo(&["build", "--release", "--quiet", "--bin", "tesaki-chip"]))?;
+    host_sim.args(["chip", "--seed", SEEDS, "--chip"]).arg(target.join("release/tesaki-chip"));
+    host_sim.arg("--elf").arg(&images[0].1);
+    tools::run(&mut host_sim)
 }

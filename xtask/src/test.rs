@@ -134,15 +134,15 @@ fn on_the_board(steps: &mut Steps, compiler: ArmCompiler) -> Result<()> {
         }
         Ok(())
     })?;
-    steps.run("the images on a model of the chip", || chip::check(compiler))?;
+    // The simulator that the host suite has built; `cargo run` would build it again, with the features of it
+    // alone.
+    let host_sim = || Command::new(firmware::target().join("release").join("host-sim"));
+    steps.run("the images on a model of the chip", || chip::check(compiler, host_sim()))?;
     steps.run("what holds for the image that drives motors, from its instructions", || {
         prove::check(&weact).map(drop)
     })?;
     steps.run("executed instructions on the emulated Cortex-M4F", || bench::check(compiler))?;
-    // The simulator that the host suite has built; `cargo run` would build it again, with the features of it
-    // alone.
-    let host_sim = Command::new(firmware::target().join("release").join("host-sim"));
-    steps.run("the image, and what holds for it", || firmware::report(&image, host_sim))
+    steps.run("the image, and what holds for it", || firmware::report(&image, host_sim()))
 }
 
 fn tables() -> Result<()> {

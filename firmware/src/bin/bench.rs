@@ -197,7 +197,7 @@ fn kernels(watch: &mut Stopwatch) {
     );
 
     let winding = Winding { resistance: 2.32, inductance: 0.24e-3, back_emf: 0.0234 };
-    let switching = Switching { period: 25e-6, resolution: 2000, max_duty: 0.95 };
+    let switching = Switching { period: 25e-6, lag: 1.0, pulses: 1, resolution: 2000, max_duty: 0.95 };
     let current_loop = CurrentLoop::try_new(&black_box(winding), &switching).expect("a winding");
     let mut states = [CurrentLoopState::new(); 3];
     watch.measure("current_loop_3", |x| {

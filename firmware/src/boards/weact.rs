@@ -46,11 +46,20 @@ use crate::drivers::pulses::Pulses;
 const N: usize = 3;
 /// Frequency of TIM1 [Hz].
 const TIMER: f32 = 168e6;
-/// Counts of half a period: 20 kHz.
-const RESOLUTION: u16 = 4200;
-/// Duties end 2.5 µs before the sample: the current has its magnitude in `CS` while the motor is shorted.
-const SWITCHING: Switching =
-    Switching { period: 2.0 * RESOLUTION as f32 / TIMER, resolution: RESOLUTION, max_duty: 0.9 };
+/// Counts of half a pulse period: 40 kHz. At 20 kHz a small coreless motor, with a time constant of 20 µs, would lose most of
+/// its current between the pulse and the sample.
+const RESOLUTION: u16 = 2100;
+/// Pulses in a period of the current loops, which run at 20 kHz.
+const PULSES: u16 = 2;
+/// A duty takes effect in the middle of the pulse after the sample. Duties end 2.5 µs before the sample: the current has its
+/// magnitude in `CS` while the motor is shorted.
+const SWITCHING: Switching = Switching {
+    period: 2.0 * PULSES as f32 * RESOLUTION as f32 / TIMER,
+    lag: 0.5 / PULSES as f32,
+    pulses: PULSES,
+    resolution: RESOLUTION,
+    max_duty: 0.8,
+};
 /// Reference of the converters [V].
 const REFERENCE: f32 = 3.3;
 const CURRENT_SENSE: CurrentSense =
@@ -158,7 +167,8 @@ impl Board for Weact {
         let motors = no_motors();
         let board =
             Self { emergency_stop, settings, joints: Vec::new(), counters: [Counter::new(); 2], last: None };
-        (board, encoders, CurrentLoops { adc, stages, motors, new_settings, command: 0 })
+        let loops = CurrentLoops { adc, samples: 0, stages, motors, new_settings, command: 0 };
+        (board, encoders, loops)
     }
 
     fn is_strapped(&mut self) -> bool {
@@ -369,6 +379,8 @@ impl PowerStages<N> for Stages {
 /// The current loops, a sample at a time.
 pub struct CurrentLoops {
     adc: CurrentAdc,
+    /// Samples since the last period.
+    samples: u16,
     stages: Stages,
     motors: Motors<N>,
     new_settings: Consumer<'static, Motors<N>>,
@@ -379,6 +391,11 @@ pub struct CurrentLoops {
 impl CurrentControl for CurrentLoops {
     fn on_sample(&mut self) {
         let sample = self.adc.sample();
+        self.samples += 1;
+        if self.samples < PULSES {
+            return;
+        }
+        self.samples = 0;
         if let Some(motors) = self.new_settings.dequeue() {
             self.motors.command(None, &mut self.stages);
             self.motors.replace(motors);

@@ -65,6 +65,7 @@ mod motion;
 mod multibody;
 mod narrow_phase;
 mod object;
+mod outside_drive;
 mod push;
 mod shapes;
 mod stiction;

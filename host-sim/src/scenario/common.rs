@@ -42,12 +42,16 @@ pub fn prepare(
     controller.home(&homed)?;
     tick(controller, plant)?;
     controller.enable(TaskConfig::JointServo(mode))?;
-    // The encoder rounds the homed angle to a whole count.
-    let start = homed.iter().zip(&model.joints).map(|(&angle, joint)| {
+    Ok(held(&homed, model))
+}
+
+/// The joint angles that a controller holds which was homed so [rad]: the encoder rounds to whole counts.
+pub fn held(homed: &[f32], model: &RobotModel) -> Vec<f32> {
+    let rounded = homed.iter().zip(&model.joints).map(|(&angle, joint)| {
         let counts = f64::from(joint.encoder.counts_per_turn) / std::f64::consts::TAU;
         ((f64::from(angle) * counts).round() / counts) as f32
     });
-    Ok(start.collect())
+    rounded.collect()
 }
 
 /// Takes command of the controller and gives it the model.

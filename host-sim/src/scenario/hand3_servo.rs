@@ -13,7 +13,7 @@ use super::common::{T, capitalized, fault_error, prepare};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::controller::{Controller, Watched};
 use crate::motion::Motion;
-use crate::plant::{Drive, Plant, PlantOptions, PlantValues, SharedIntervention};
+use crate::plant::{Drive, Plant, PlantOptions, PlantValues, SharedIntervention, Truth};
 use crate::report::{Column, Figure, Line, Metric, Panel, Summary, csv};
 
 pub(super) const SCENARIO: Scenario = Scenario {
@@ -49,7 +49,7 @@ const SETTLING_TIME: f64 = 1.0;
 pub(super) const FIRST_STEPS: usize = 2;
 /// Ticks from one command to the next; commands are idempotent.
 const COMMAND_EVERY: u32 = 5;
-const TRIALS: [Trial; 4] = [
+pub(super) const TRIALS: [Trial; 4] = [
     Trial {
         name: "pid",
         label: "PID",
@@ -81,27 +81,52 @@ const TRIALS: [Trial; 4] = [
 ];
 
 /// A combination of plant and servo.
-struct Trial {
-    name: &'static str,
-    label: &'static str,
-    mode: ServoMode,
-    paper_friction: bool,
+pub(super) struct Trial {
+    pub name: &'static str,
+    pub label: &'static str,
+    pub mode: ServoMode,
+    pub paper_friction: bool,
     /// Limits of peak and settled error [mrad].
-    limits: Option<(f64, f64)>,
+    pub limits: Option<(f64, f64)>,
 }
 
 /// Signals of a trial: one list per joint, one value per tick.
 pub(super) struct ServoLog {
     pub time: Vec<f64>,
-    reference: Vec<Vec<f64>>,
-    position: Vec<Vec<f64>>,
-    torque: Vec<Vec<f64>>,
-    homing_errors: Vec<f64>,
+    pub reference: Vec<Vec<f64>>,
+    pub position: Vec<Vec<f64>>,
+    pub torque: Vec<Vec<f64>>,
+    pub homing_errors: Vec<f64>,
     /// Ticks at which the goal steps.
     pub steps: Vec<usize>,
 }
 
 impl ServoLog {
+    /// Nothing yet, of so many joints.
+    pub fn new(homing_errors: Vec<f64>) -> Self {
+        let joints = homing_errors.len();
+        let empty = || vec![Vec::new(); joints];
+        Self {
+            time: Vec::new(),
+            reference: empty(),
+            position: empty(),
+            torque: empty(),
+            homing_errors,
+            steps: Vec::new(),
+        }
+    }
+
+    /// Adds a control period: time, reference from the start, and for each joint its angle at the start, its angle and
+    /// its torque.
+    pub fn push(&mut self, time: f64, displacement: f64, start: &[f32], truth: &Truth) {
+        self.time.push(time);
+        for (joint, &start) in start.iter().enumerate() {
+            self.reference[joint].push(f64::from(start) + displacement);
+            self.position[joint].push(truth.positions[joint]);
+            self.torque[joint].push(truth.torques[joint]);
+        }
+    }
+
     /// Error of a joint's motion [mrad]: true angle minus reference, without the constant homing error, which
     /// the servo cannot observe.
     pub fn error(&self, joint: usize) -> impl Iterator<Item = f64> + '_ {
@@ -213,16 +238,8 @@ impl<'a, 'b> ServoTrial<'a, 'b> {
         motion: &'a mut Motion,
     ) -> Result<Self, ScenarioError> {
         let start = prepare(controller, &mut plant, &model, mode, motion)?;
-        let joints = model.joints.len();
         let filter_time = f64::from(model.joints[0].servo.filter_time);
-        let recording = ServoLog {
-            time: Vec::new(),
-            reference: vec![Vec::new(); joints],
-            position: vec![Vec::new(); joints],
-            torque: vec![Vec::new(); joints],
-            homing_errors: plant.truth().homing_errors,
-            steps: Vec::new(),
-        };
+        let recording = ServoLog::new(plant.truth().homing_errors);
         Ok(Self { label, controller, motion, model, plant, start, filter_time, recording })
     }
 
@@ -240,28 +257,13 @@ impl<'a, 'b> ServoTrial<'a, 'b> {
         if tick == 0 {
             self.motion.note(self.label);
         }
-        self.recording.time.push(time);
-        for (joint, &start) in self.start.iter().enumerate() {
-            self.recording.reference[joint].push(f64::from(start) + displacement);
-            self.recording.position[joint].push(truth.positions[joint]);
-            self.recording.torque[joint].push(truth.torques[joint]);
-        }
+        self.recording.push(time, displacement, &self.start, &truth);
         Ok(self.plant.apply(&actuators)?)
     }
 
     /// Sends the goal when it steps, and repeats it every [`COMMAND_EVERY`] ticks.
     fn command(&mut self, tick: u32, time: f64) -> Result<(), ScenarioError> {
-        let next_step = INITIAL_REST + INTERVAL * self.recording.steps.len() as f64;
-        let steps_now = time >= next_step - 1e-9;
-        if steps_now {
-            self.recording.steps.push(tick as usize);
-        }
-        if !steps_now && !tick.is_multiple_of(COMMAND_EVERY) {
-            return Ok(());
-        }
-        let raised = self.recording.steps.len() % 2 == 1;
-        let offset = if raised { STEP } else { 0.0 };
-        let goal: Vec<f32> = self.start.iter().map(|angle| angle + offset as f32).collect();
+        let Some(goal) = due_goal(tick, &mut self.recording.steps, &self.start) else { return Ok(()) };
         match self.controller.set_goal(&goal) {
             Err(BoardError::Refused { refusal: Refusal::WrongMode(_), .. }) => {
                 Err(fault_error(self.controller, &self.model, self.label, time))
@@ -276,9 +278,21 @@ impl<'a, 'b> ServoTrial<'a, 'b> {
     }
 }
 
+/// The goal that is sent in `tick`, if one is [rad]: when it steps, which is noted in `steps`, and every
+/// [`COMMAND_EVERY`] ticks.
+pub(super) fn due_goal(tick: u32, steps: &mut Vec<usize>, start: &[f32]) -> Option<Vec<f32>> {
+    let steps_now = f64::from(tick) * T >= INITIAL_REST + INTERVAL * steps.len() as f64 - 1e-9;
+    if steps_now {
+        steps.push(tick as usize);
+    }
+    let offset = if steps.len() % 2 == 1 { STEP } else { 0.0 };
+    let goal = || start.iter().map(|angle| angle + offset as f32).collect();
+    (steps_now || tick.is_multiple_of(COMMAND_EVERY)).then(goal)
+}
+
 /// Displacement of the reference at `tick` [rad]: the step response of `1/(T_f s + 1)²` in closed form, one
 /// term per step. A goal received with a tick acts from the tick before it.
-fn reference(tick: u32, steps: &[usize], filter_time: f64) -> f64 {
+pub(super) fn reference(tick: u32, steps: &[usize], filter_time: f64) -> f64 {
     let mut displacement = 0.0;
     for (index, &step) in steps.iter().enumerate() {
         let x = (f64::from(tick) + 1.0 - step as f64) * T / filter_time;
@@ -288,7 +302,7 @@ fn reference(tick: u32, steps: &[usize], filter_time: f64) -> f64 {
     displacement
 }
 
-fn add_metrics(summary: &mut Summary, trial: &Trial, recording: &ServoLog) {
+pub(super) fn add_metrics(summary: &mut Summary, trial: &Trial, recording: &ServoLog) {
     let (first_peak, _) = recording.worst(0..FIRST_STEPS);
     let (peak, settled) = recording.worst(FIRST_STEPS..usize::MAX);
     let Trial { name, limits, .. } = trial;

@@ -3,9 +3,9 @@ use core::fmt;
 use crate::TICK;
 use crate::math;
 
-/// Closed-loop gain `g` of one period: the loop becomes `g/(z² − z + g)`, two real poles that hardly overshoot when
-/// the winding is not quite the one given. At 40 kHz that is a bandwidth of 1.6 kHz.
-const GAIN: f32 = 0.18;
+/// Gain as a share of that at which both poles of the closed loop are equal: two real poles, which hardly overshoot when
+/// the winding is not quite the one given. At 40 kHz and a lag of a whole period that is a bandwidth of 1.6 kHz.
+const GAIN_SHARE: f32 = 0.72;
 /// Time for which a motor without commands is braked before its stage is switched off [s].
 const BRAKING: f32 = 0.1;
 /// Ticks without a command after which a motor is braked.
@@ -29,6 +29,10 @@ pub struct Winding {
 pub struct Switching {
     /// Period of the loop [s]; the current is sampled and the duty changed once in it.
     pub period: f32,
+    /// Part of a period from the sample until a duty that follows from it takes effect, at most 1.
+    pub lag: f32,
+    /// Pulses in a period.
+    pub pulses: u16,
     /// Timer counts of a duty of 1.
     pub resolution: u16,
     /// Largest duty: the rest is for sampling the current [1].
@@ -69,16 +73,18 @@ impl core::error::Error for InvalidCurrentLoop {}
 /// Current loop of a brushed motor: PI whose zero cancels the winding's pole, sampled exactly.
 ///
 /// With `a = e^(−R·T/L)` the winding is `i⁺ = a·i + (1 − a)/R·v`; the controller `K·(z − a)/(z − 1)` with
-/// `K = g·R/(1 − a)` leaves `g/(z − 1)`, and a period of delay until the duty takes effect (Åström, Wittenmark,
-/// *Computer-Controlled Systems*). The back-EMF is fed forward. The duty is limited by the measured supply and rounded
-/// to timer counts; the integrator is conditioned on the voltage that results.
+/// `K = g·R/(1 − a)` leaves `g/(z − 1)`. A duty takes effect after the part `ℓ` of a period: a share
+/// `s = (a^(1−ℓ) − a)/(1 − a)` of what the winding gets in a period is of the duty before, and the closed loop is
+/// `z² − (1 − g·(1 − s))·z + g·s`, whose poles are equal for `g = 1/(1 + √s)²` (Åström, Wittenmark, *Computer-Controlled
+/// Systems*). The back-EMF is fed forward. The duty is limited by the measured supply and rounded to timer counts; the
+/// integrator is conditioned on the limited voltage, not on the rounded one, so that what is rounded away comes later.
 ///
 /// A dead man of its own: without a new command for two ticks the motor is braked, then its stage is off.
 ///
 /// ```
 /// use tesaki::control::{CurrentLoop, CurrentLoopState, Drive, Switching, Winding};
 /// let winding = Winding { resistance: 2.0, inductance: 1e-3, back_emf: 0.5 };
-/// let switching = Switching { period: 25e-6, resolution: 2000, max_duty: 0.95 };
+/// let switching = Switching { period: 25e-6, lag: 1.0, pulses: 1, resolution: 2000, max_duty: 0.95 };
 /// let current_loop = CurrentLoop::try_new(&winding, &switching).unwrap();
 /// let mut state = CurrentLoopState::new();
 /// assert_eq!(current_loop.update(&mut state, 0.0, 12.0), Drive::Off);
@@ -150,9 +156,15 @@ impl CurrentLoop {
         check("inductance", winding.inductance, 1e-6, 1.0)?;
         check("back_emf", winding.back_emf, 0.0, 100.0)?;
         check("period", switching.period, 1e-6, 1e-3)?;
+        check("lag", switching.lag, 0.0, 1.0)?;
+        check("pulses", f32::from(switching.pulses), 1.0, 100.0)?;
         check("resolution", f32::from(switching.resolution), 100.0, 32_000.0)?;
         check("max_duty", switching.max_duty, 0.1, 1.0)?;
         let remains = math::exp(-winding.resistance * switching.period / winding.inductance);
+        let before =
+            math::exp(-winding.resistance * (1.0 - switching.lag) * switching.period / winding.inductance);
+        let root = math::sqrt((before - remains) / (1.0 - remains));
+        let gain = GAIN_SHARE / ((1.0 + root) * (1.0 + root));
         let resolution = f32::from(switching.resolution);
         #[expect(
             clippy::cast_possible_truncation,
@@ -161,8 +173,8 @@ impl CurrentLoop {
         )]
         let periods = |time: f32| (time / switching.period + 0.5) as u32;
         Ok(Self {
-            proportional: GAIN * winding.resistance / (1.0 - remains),
-            integral: GAIN * winding.resistance,
+            proportional: gain * winding.resistance / (1.0 - remains),
+            integral: gain * winding.resistance,
             conditioning: 1.0 - remains,
             back_emf: winding.back_emf,
             resolution,
@@ -191,7 +203,7 @@ impl CurrentLoop {
         let limited = math::clamp(counts, -self.max_counts, self.max_counts);
         #[expect(clippy::cast_possible_truncation, reason = "limited to 32 000")]
         let duty = (limited + if limited < 0.0 { -0.5 } else { 0.5 }) as i16;
-        let applied = if supply > SUPPLY_MIN { f32::from(duty) * supply / self.resolution } else { 0.0 };
+        let applied = if supply > SUPPLY_MIN { limited * supply / self.resolution } else { 0.0 };
         state.integral += self.integral * error + self.conditioning * (applied - requested);
         Drive::Duty(duty)
     }
@@ -207,7 +219,8 @@ mod tests {
     type Motor = (&'static str, [f32; 3], f32, &'static [(f32, f32, f64, f64, &'static [f64])]);
 
     const MOTORS: &[Motor] = include!("../../../tests/oracles/data/current_loop.in");
-    const SWITCHING: Switching = Switching { period: 25e-6, resolution: 2000, max_duty: 0.95 };
+    const SWITCHING: Switching =
+        Switching { period: 25e-6, lag: 1.0, pulses: 1, resolution: 2000, max_duty: 0.95 };
 
     /// A winding in the power stage: what the loop does takes effect one period later.
     struct Plant {

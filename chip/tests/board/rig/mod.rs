@@ -68,7 +68,8 @@ impl Rig {
         Self::boot_on(Bench::new([MOTOR; 3], 1), mistakes)
     }
 
-    fn boot_on(bench: Bench, mistakes: &[Mistake]) -> Self {
+    /// A board that has just started, with this at its pins.
+    pub fn boot_on(bench: Bench, mistakes: &[Mistake]) -> Self {
         let mut machine = Machine::load(&image("weact"), bench);
         machine.chip.mistakes = mistakes.to_vec();
         let mut rig = Self { machine, client: Client::default() };
@@ -116,7 +117,11 @@ impl Rig {
     }
 
     pub fn enable(&mut self) -> Result<(), String> {
-        self.client.push(&mut self.machine, &model())?;
+        self.enable_with(&model())
+    }
+
+    pub fn enable_with(&mut self, model: &RobotModel) -> Result<(), String> {
+        self.client.push(&mut self.machine, model)?;
         self.try_run(0.03)?;
         self.switch_on()
     }

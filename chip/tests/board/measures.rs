@@ -1,0 +1,109 @@
+//! How soon the motors are off, by what happens.
+
+use tesaki::fault::FaultCause;
+use tesaki_chip::SECOND;
+use tesaki_chip::bench::Bench;
+
+use crate::rig::Rig;
+
+const MICROSECOND: u64 = SECOND / 1_000_000;
+
+/// Time until `is_off`, in steps [ps]; `None`: not within `limit`.
+fn time_until(rig: &mut Rig, step: u64, limit: u64, is_off: impl Fn(&Rig) -> bool) -> Option<u64> {
+    let begin = rig.machine.now();
+    while rig.machine.now() - begin < limit {
+        if is_off(rig) {
+            return Some(rig.machine.now() - begin);
+        }
+        let until = rig.machine.now() + step;
+        rig.machine.run(until).unwrap();
+        rig.client.receive(&mut rig.machine);
+    }
+    None
+}
+
+fn sleeps(rig: &Rig) -> bool {
+    !rig.machine.chip.bench.is_awake()
+}
+
+/// A current beyond its limit: the power stages sleep within 100 µs, whatever the phase of the sampling.
+#[test]
+fn a_high_current_is_off_within_100_microseconds() {
+    let mut rig = Rig::enabled();
+    let mut worst = 0;
+    for round in 0..12 {
+        let motor = round as usize % 3;
+        // The sampling has a period of 50 µs.
+        rig.run(0.02 + f64::from(round) * 4.3e-6);
+        rig.machine.chip.bench.leak[motor] = 2.0;
+        worst = worst.max(time_until(&mut rig, MICROSECOND, 200 * MICROSECOND, sleeps).unwrap());
+        rig.machine.chip.bench.leak[motor] = 0.0;
+        rig.run(0.03);
+        assert_eq!(rig.faults().last().unwrap().cause, FaultCause::PowerStage);
+        rig.recover().unwrap();
+    }
+    println!("high current: off within {:.1} µs", worst as f64 / MICROSECOND as f64);
+    assert!(worst <= 100 * MICROSECOND, "{worst} ps");
+}
+
+/// An encoder whose cable is unplugged while its joint moves: the core names it and switches off. It sees a dead encoder only by
+/// a torque beyond friction that moves nothing, so that takes the servo's time, more than the two periods that would be good.
+#[test]
+fn a_dead_encoder_is_named_and_off_within_20_periods() {
+    let mut worst = 0;
+    for joint in 0..3 {
+        for delay in [0.05, 0.15, 0.3] {
+            let mut rig = Rig::enabled();
+            rig.goal([0.3, -0.3, 0.3]);
+            rig.run(delay);
+            rig.machine.chip.bench.unplugged[joint] = true;
+            let mut periods = 0;
+            while !sleeps(&rig) && periods < 50 {
+                rig.keep();
+                rig.run(0.01);
+                periods += 1;
+            }
+            let fault = *rig.faults().last().unwrap();
+            assert_eq!((fault.cause, fault.joint), (FaultCause::EncoderStuck, Some(joint as u8)));
+            worst = worst.max(periods);
+        }
+    }
+    println!("dead encoder: off within {worst} control periods");
+    assert!(worst <= 20, "{worst}");
+}
+
+/// Emergency stop and nFAULT end the pulses while the CPU executes nothing.
+#[test]
+fn pulses_end_without_an_instruction() {
+    for name in ["emergency stop", "nFAULT"] {
+        let mut rig = Rig::enabled();
+        // A load, which keeps the stage driving.
+        rig.machine.chip.bench.motors[0].load = 0.1;
+        rig.run(0.1);
+        let before = rig.machine.chip.bench.last_driven;
+        let executed = rig.machine.instructions;
+        let Bench { stop, fault, .. } = &mut rig.machine.chip.bench;
+        *(if name == "nFAULT" { fault } else { stop }) = true;
+        let pressed = rig.machine.now();
+        rig.machine.pass(SECOND / 1000);
+        assert_eq!(rig.machine.instructions, executed);
+        let bench = &rig.machine.chip.bench;
+        assert!(pressed - before < SECOND / 20_000, "{name}: it did not drive");
+        println!("{name}: last pulse ended {} ps after it", bench.last_driven.saturating_sub(pressed));
+        assert!(bench.last_driven <= pressed, "{name}");
+    }
+}
+
+/// The control task is dead, the timer goes on: the loops brake after two periods without a command.
+#[test]
+fn a_dead_control_task_is_off_within_20_ms() {
+    let mut rig = Rig::enabled();
+    rig.machine.chip.bench.motors[0].load = 0.05;
+    rig.run(0.1);
+    let before = rig.machine.now();
+    rig.stop_control();
+    rig.run(0.05);
+    let driven = rig.machine.chip.bench.last_driven.saturating_sub(before);
+    println!("dead control task: no voltage after {:.2} ms", driven as f64 / 1e9);
+    assert!(driven > 0 && driven <= SECOND / 50, "{driven} ps");
+}

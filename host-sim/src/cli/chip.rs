@@ -1,0 +1,57 @@
+//! `host-sim chip`.
+
+use std::error::Error;
+use std::io::IsTerminal;
+use std::ops::RangeInclusive;
+use std::path::PathBuf;
+
+use clap::Args;
+use sha2::{Digest, Sha256};
+use tesaki_output::say;
+use tesaki_sim::report::{Summary, table};
+use tesaki_sim::scenario::finger_on_chip::{self, Programs};
+
+use super::{seeds, target, workspace};
+
+#[derive(Args)]
+pub struct Chip {
+    /// Seed of the machine's deviations and noise; a range such as 1-20 runs all of them in turn
+    #[arg(long, default_value = "1", value_parser = seeds)]
+    seed: RangeInclusive<u64>,
+    /// Print one JSON object per seed instead of the table
+    #[arg(long)]
+    json: bool,
+    /// Robot folder, of which the first chain is taken; default: robots/hand3
+    #[arg(long)]
+    robot: Option<PathBuf>,
+    /// Image of `board-weact`
+    #[arg(
+        long, env = "TESAKI_WEACT_ELF",
+        default_value_os_t = target().join("thumbv7em-none-eabihf/firmware/tesaki-firmware-board-weact")
+    )]
+    elf: PathBuf,
+    /// The modelled chip
+    #[arg(long, env = "TESAKI_CHIP", default_value_os_t = target().join("chip/release/tesaki-chip"))]
+    chip: PathBuf,
+}
+
+/// Runs the finger on each seed; `false` if a metric failed.
+pub fn run(options: &Chip) -> Result<bool, Box<dyn Error>> {
+    let robot = options.robot.clone().unwrap_or_else(|| workspace().join("robots/hand3"));
+    let programs = Programs { chip: &options.chip, image: &options.elf };
+    let mut summaries = Vec::new();
+    for seed in options.seed.clone() {
+        let summary = finger_on_chip::run(&robot, seed, programs)?;
+        let digest = Sha256::digest(std::fs::read(&options.elf)?);
+        let summary = summary.elf_sha256(digest.iter().map(|byte| format!("{byte:02x}")).collect::<String>());
+        if options.json {
+            say!("{}", serde_json::to_string(&summary)?);
+        }
+        summaries.push(summary);
+    }
+    if !options.json {
+        let colour = std::io::stdout().is_terminal() && std::env::var_os("NO_COLOR").is_none();
+        say!("{}", table(&summaries, colour));
+    }
+    Ok(summaries.iter().all(Summary::pass))
+}
