@@ -37,8 +37,8 @@ fn a_stuck_encoder_switches_the_outputs_off() {
     assert!(!rig.tick().enabled);
 }
 
-/// While the outputs are off, nothing tells where a joint with a dead encoder is, nor what its weight is: an arm would be
-/// enabled with the torque of another posture.
+/// While the outputs are off, nothing tells where a joint with a dead encoder is, nor what its weight is: an arm
+/// would be enabled with the torque of another posture.
 #[test]
 fn a_joint_whose_encoder_was_found_dead_is_enabled_again_once_it_has_moved() {
     let mut model = model();
