@@ -296,7 +296,8 @@ impl Oracle {
     }
 
     /// A dead encoder is detectable when the joint moves and its count does not, under a torque that moves it.
-    /// One against the motion takes energy out of it: something else moves the joint.
+    /// One against the motion takes energy out of it: something else moves the joint. And one that a load balances,
+    /// such as a grip or a push, moves nothing.
     fn check_encoders(&mut self, sample: &Sample) {
         let Some(before) = self.before.back() else { return };
         let mut found = Vec::new();
@@ -305,7 +306,9 @@ impl Oracle {
                 continue;
             };
             let [was_read, was_true] = before.counts.each_ref().map(|counts| counts.get(index));
-            let (Some(&torque), Some(&weight)) = (sample.torques.get(index), sample.weight.get(index)) else {
+            let (Some(&torque), Some(&weight), Some(&load)) =
+                (sample.torques.get(index), sample.weight.get(index), sample.load.get(index))
+            else {
                 continue;
             };
             let excess = f64::from(torque) - weight;
@@ -315,7 +318,9 @@ impl Oracle {
             let moved = was_true.is_some_and(|was| truth.wrapping_sub(*was).abs() > 2);
             let ends =
                 [sample, before].map(|sample| sample.positions.get(index).copied().unwrap_or_default());
-            let pushed = excess.abs() > breakaway && excess * (ends[0] - ends[1]) > 0.0;
+            // A load that helps the torque makes it no larger.
+            let unbalanced = excess.abs() + (load * excess.signum()).min(0.0);
+            let pushed = unbalanced > breakaway && excess * (ends[0] - ends[1]) > 0.0;
             let dead = was_read == Some(read) && moved && sample.enabled && pushed;
             if let Some(ticks) = self.stuck.get_mut(index) {
                 *ticks = if dead { *ticks + 1 } else { 0 };
@@ -397,10 +402,12 @@ impl Oracle {
                     *weight
                 };
                 stop.work += (torque - borne) * moved;
-                let friction =
-                    f64::from(joint.friction.coulomb) + f64::from(joint.friction.viscous) * moved.abs() / T;
+                let viscous = f64::from(joint.friction.viscous) * moved.abs() / T;
+                let modelled = (1.0 + WEIGHT_ERROR) * (f64::from(joint.friction.coulomb) + viscous);
+                // What the true friction takes accelerates nothing.
+                let truth = self.machine.coulomb.get(index).copied().unwrap_or_default() + viscous;
                 stop.allowance += WEIGHT_ERROR * (weight * moved).abs()
-                    + (1.0 + WEIGHT_ERROR) * friction * moved.abs()
+                    + modelled.max(truth) * moved.abs()
                     + (*fading * moved).max(0.0);
                 if sample.tick >= stop.fades_from {
                     let step = f64::from(joint.limits.torque_rate) * T;

@@ -395,6 +395,7 @@ impl Rig {
             positions: truth.positions,
             drives: truth.torques,
             weight: plant.weight_torques(),
+            load: plant.load_torques(),
             energy: plant.kinetic_energy(),
             speed: tips.iter().map(|tip| norm(&tip.velocity)).fold(0.0, f64::max),
             contact,

@@ -61,6 +61,8 @@ pub struct Sample {
     pub drives: Vec<f64>,
     /// Torques of the weight [N·m].
     pub weight: Vec<f64>,
+    /// Torques about the joints of what touches, pushes and pulls the robot [N·m].
+    pub load: Vec<f64>,
     /// Kinetic energy [J].
     pub energy: f64,
     /// Largest speed of a tip [m/s].

@@ -23,9 +23,14 @@ fn robots() -> &'static Path {
 
 /// An oracle of the hand whose commander, client 1, has enabled it.
 fn oracle() -> Oracle {
+    oracle_with(0.02)
+}
+
+/// With a true friction [N·m].
+fn oracle_with(coulomb: f64) -> Oracle {
     let model = RobotFolder::load(&robots().join("hand3")).unwrap().model;
     let stops = model.joints.iter().map(|_| Some([-1.0, 1.0])).collect();
-    let coulomb = model.joints.iter().map(|joint| joint.friction.coulomb.into()).collect();
+    let coulomb = vec![coulomb; model.joints.len()];
     let mut oracle = Oracle::new(Machine { model, stops, coulomb, mass: 0.5, force_noise: 0.5 });
     oracle.reply(1, 1, &Request::TakeCommand { by_force: false }, &Reply::Done, 0);
     oracle.reply(1, 2, &enable(), &Reply::Done, 0);
@@ -53,6 +58,7 @@ fn sample(tick: u32, mode: Mode, enabled: bool) -> Sample {
         positions: vec![0.0; 9],
         drives: vec![0.0; 9],
         weight: vec![0.0; 9],
+        load: vec![0.0; 9],
         energy: 0.0,
         speed: 0.0,
         contact: 0.0,
@@ -141,6 +147,24 @@ fn a_controller_that_keeps_pushing_after_a_fault_is_unsafe() {
     assert!(matches!(found[..], [(Rule::Energy, 5..=12)]), "{found:?}");
 }
 
+/// 0.012 J for 0.1 rad at 0.12 N·m, and again: what the true friction takes accelerates nothing.
+#[test]
+fn leading_a_joint_against_its_true_friction_is_safe() {
+    let found = |coulomb: f64| {
+        let mut oracle = oracle_with(coulomb);
+        oracle.tick(sample(0, ENABLED, true));
+        for tick in 1..80 {
+            let mut led = sample(tick, Mode::Fault, true);
+            (led.torques[1], led.drives[1]) = (0.12, 0.12);
+            led.positions[1] = 0.005 * f64::from(tick);
+            oracle.tick(led);
+        }
+        broken(&oracle)
+    };
+    assert_eq!(found(0.12), []);
+    assert!(matches!(found(0.02)[..], [(Rule::Energy, _)]), "{:?}", found(0.02));
+}
+
 #[test]
 fn a_held_robot_that_does_not_rest_is_unsafe() {
     let mut oracle = oracle();
@@ -190,7 +214,7 @@ fn a_lost_cause_is_unsafe() {
 
 #[test]
 fn pushing_a_joint_with_a_dead_encoder_is_unsafe() {
-    let found = |motion: f64| {
+    let found = |motion: f64, load: f64| {
         let mut oracle = oracle();
         for tick in 0..12_u8 {
             let mut dead = sample(tick.into(), ENABLED, true);
@@ -198,13 +222,18 @@ fn pushing_a_joint_with_a_dead_encoder_is_unsafe() {
             // The truth moves, what is read does not.
             dead.counts[1][2] = 50 * i32::from(tick);
             dead.positions[2] = motion * f64::from(tick);
+            dead.load[2] = load;
             oracle.tick(dead);
         }
-        broken(&oracle)
+        broken(&oracle).contains(&(Rule::DeadEncoder, 4))
     };
-    assert!(found(5e-3).contains(&(Rule::DeadEncoder, 4)), "{:?}", found(5e-3));
-    // Something else moves it, against its torque.
-    assert!(!found(-5e-3).iter().any(|(rule, _)| *rule == Rule::DeadEncoder));
+    assert!(found(5e-3, 0.0));
+    // Something else moves it, against its torque, or with it.
+    assert!(!found(-5e-3, 0.0));
+    assert!(found(5e-3, 0.3));
+    // A load that balances the 0.4 N·m but for 0.05 N·m, which friction may take; one that leaves 0.15 N·m.
+    assert!(!found(5e-3, -0.35));
+    assert!(found(5e-3, -0.25));
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! Kinetic energy of the machine, and the torques of its weight.
+//! Kinetic energy of the machine, and the torques of its weight and of what acts on it.
 
 use rapier3d::na::{Isometry3, Matrix3, Point3, Vector3};
 
@@ -45,19 +45,46 @@ impl World {
 
     /// The torques that keep the machine's weight in balance, in the order of the world's joints [N·m].
     fn weight_torques(&self) -> Vec<f64> {
-        let bodies: Vec<_> = self.inertials().collect();
-        let mut torques = vec![0.0; bodies.len()];
-        for (index, (inertial, _)) in bodies.iter().enumerate() {
-            let Some(frame) = self.body(index) else { continue };
-            let (center, weight) = (inertial.center(&frame), self.gravity() * inertial.mass);
-            let mut next = Some(index);
+        let weights = self.inertials().enumerate().filter_map(|(index, (inertial, _))| {
+            let center = inertial.center(&self.body(index)?);
+            Some((index, center, self.gravity() * -inertial.mass, Vector3::zeros()))
+        });
+        self.joint_torques(weights)
+    }
+
+    /// The torques of tip forces, contacts and pushes, in the order of the world's joints [N·m].
+    fn load_torques(&self) -> Vec<f64> {
+        let on_tips = self.tips().iter().enumerate().filter_map(|(index, tip)| {
+            let (frame, around) = (self.tip_frame(index)?, self.environment().of_tip(index)?);
+            let (wrench, _) = around.means();
+            Some((tip.body, frame.translation.vector, wrench.force, wrench.torque))
+        });
+        let contacts = self.grasp().map_or(&[][..], |grasp| grasp.tip_contacts());
+        let of_object = self.tips().iter().zip(contacts).map(|(tip, contact)| {
+            // The contact's force is that on the object.
+            (tip.body, contact.point, -contact.mean_force(), Vector3::zeros())
+        });
+        let on_links = self.link_forces().map(|(body, point, force)| (body, point, force, Vector3::zeros()));
+        self.joint_torques(on_tips.chain(of_object).chain(on_links))
+    }
+
+    /// The torques about the joints of forces [N] at points in the frame of the base [m], with moments [N·m], each
+    /// on a body.
+    fn joint_torques(
+        &self,
+        loads: impl Iterator<Item = (usize, Vector3<f64>, Vector3<f64>, Vector3<f64>)>,
+    ) -> Vec<f64> {
+        let before: Vec<_> = self.inertials().map(|(_, before)| before).collect();
+        let mut torques = vec![0.0; before.len()];
+        for (body, point, force, moment) in loads {
+            let mut next = Some(body);
             while let Some((joint, (axis, origin))) =
                 next.and_then(|joint| Some((joint, self.joint_axis(joint)?)))
             {
                 if let Some(torque) = torques.get_mut(joint) {
-                    *torque -= axis.dot(&(center - origin).cross(&weight));
+                    *torque += axis.dot(&(moment + (point - origin).cross(&force)));
                 }
-                next = bodies.get(joint).and_then(|(_, before)| *before);
+                next = before.get(joint).copied().flatten();
             }
         }
         torques
@@ -73,6 +100,12 @@ impl Plant {
     /// The torques that keep the true weight of the links in balance [N·m].
     pub fn weight_torques(&self) -> Vec<f64> {
         in_drive_order(&self.drive_of, self.world.weight_torques().into_iter())
+    }
+
+    /// The torques about the joints of what touches, pushes and pulls the robot [N·m]: tip forces and contacts as
+    /// means over the last control period, pushes on links as they are now. Without contacts with fixed bodies.
+    pub fn load_torques(&self) -> Vec<f64> {
+        in_drive_order(&self.drive_of, self.world.load_torques().into_iter())
     }
 
     /// The true Coulomb friction of the joints [N·m].

@@ -361,6 +361,15 @@ impl World {
         }
     }
 
+    /// What pushes on links now: body, point and force in the frame of the base [m, N].
+    pub(super) fn link_forces(&self) -> impl Iterator<Item = (usize, Vector3<f64>, Vector3<f64>)> {
+        let time = self.time();
+        self.link_pushes.iter().filter_map(move |(joint, begin, push)| {
+            let point = self.body(*joint)? * Point3::from(Vector3::from(push.point));
+            Some((*joint, point.coords, Vector3::from(push.force) * push.fraction(time - begin)))
+        })
+    }
+
     /// Begins a push on the body behind a joint.
     pub fn push_link(&mut self, joint: usize, push: Push) {
         let time = self.time();

@@ -284,9 +284,15 @@ impl Node {
         if let Some(fault) = self.find_motion(robot) {
             return Err(Refusal::Unsafe(fault));
         }
+        let tick = self.state.tick;
+        for (index, joint) in (0..).zip(joints(robot, &mut self.state).each()) {
+            if let Some((cause, value, limit)) = joint.check_life() {
+                return Err(Refusal::Unsafe(Fault { cause, joint: Some(index), value, limit, tick }));
+            }
+        }
         TaskState::check(robot, &self.state.measured, config).map_err(Refusal::Task)?;
         self.state.targets.actuation = Actuation::Servo;
-        joints(robot, &mut self.state).each().for_each(|mut joint| joint.hold_still());
+        joints(robot, &mut self.state).each().for_each(|mut joint| joint.begin());
         let (task, io) = self.task_and_io();
         task.begin(io, config);
         self.state.halting = false;

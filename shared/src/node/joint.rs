@@ -15,6 +15,8 @@ const MAX_COMPENSATED_LAG: f32 = 0.3;
 /// Ticks without a change of the angle, under a torque that moves the joint, after which the encoder is stuck. More
 /// ticks let a dead encoder accelerate the joint longer; fewer mistake quantisation for it.
 const STUCK_TICKS: u8 = 2;
+/// In place of a number of such ticks: the encoder was found dead, and has not moved since.
+const FOUND_DEAD: u8 = u8::MAX;
 /// Ticks in which a joint gains speed against its torque, after which it runs away. More ticks let it gain more;
 /// fewer mistake a rebound for it.
 const RUNAWAY_TICKS: u8 = 3;
@@ -46,7 +48,7 @@ pub(super) struct JointState {
     moved_to: f32,
     last_change: f32,
     moving_effort: f32,
-    /// Ticks in a row without a change under a torque that moves the joint.
+    /// Ticks in a row without a change under a torque that moves the joint, or [`FOUND_DEAD`].
     unchanged: u8,
     /// The last tick in which the joint gained speed, and the ticks in a row up to there in which it did so against
     /// its effort.
@@ -413,8 +415,12 @@ impl Joint<'_> {
             && abs(effort) > 0.5 * config.growth
             && grown * effort > 0.0;
         state.unchanged = if moves || accelerates { state.unchanged.saturating_add(1) } else { 0 };
+        if state.unchanged < ticks {
+            return None;
+        }
+        state.unchanged = FOUND_DEAD;
         let (value, limit) = if moves { (excess, limit) } else { (grown, config.accelerating_growth) };
-        (state.unchanged >= ticks).then_some((FaultCause::EncoderStuck, value, limit))
+        Some((FaultCause::EncoderStuck, value, limit))
     }
 
     /// [`check_encoder`](Self::check_encoder) of a damped joint, whose effort is the `excess`.
@@ -568,6 +574,21 @@ impl Joint<'_> {
         self.state.effort = effort;
     }
 
+    /// Whether the encoder was found dead and has not moved since: the angle says nothing then, not even the weight.
+    /// Returns the fault that the joint would be enabled with: cause, value, limit.
+    #[cold]
+    pub fn check_life(&self) -> Option<(FaultCause, f32, f32)> {
+        let moved = abs(*self.position - self.state.moved_to) > self.config.flicker;
+        let is_dead = self.state.unchanged == FOUND_DEAD && !moved;
+        is_dead.then_some((FaultCause::EncoderStuck, self.state.torque, self.config.excess))
+    }
+
+    /// Prepares for a task: at rest where the joint is, with an encoder that [lives](Self::check_life).
+    pub fn begin(&mut self) {
+        self.state.unchanged = 0;
+        self.hold_still();
+    }
+
     /// Sets target and reference to the present position at rest. Keeps the adapted friction, and the torque of
     /// outputs that are on: its rate counts from there.
     pub fn hold_still(&mut self) {
@@ -578,7 +599,10 @@ impl Joint<'_> {
         state.servo.restart_under_torque(position);
         state.moved_to = position;
         (state.effort, state.last_change, state.moving_effort) = (0.0, 0.0, 0.0);
-        (state.unchanged, state.running_away) = (0, 0);
+        state.running_away = 0;
+        if state.unchanged != FOUND_DEAD {
+            state.unchanged = 0;
+        }
     }
 
     /// Brings the joint to rest: where it is, if it has left its reference, else along the reference. Keeps

@@ -1,5 +1,7 @@
 //! Faults and reactions.
 
+use heapless::Vec;
+
 use super::rig::{COUNTS_PER_RADIAN, Rig, model, refusal};
 use crate::control::ServoMode;
 use crate::fault::FaultCause;
@@ -33,6 +35,49 @@ fn a_stuck_encoder_switches_the_outputs_off() {
     // Twice the friction of 0.02 N·m and 8 % of 0.6 N·m.
     assert!(fault.value > fault.limit && (fault.limit - 0.088).abs() < 1e-6, "{fault:?}");
     assert!(!rig.tick().enabled);
+}
+
+/// While the outputs are off, nothing tells where a joint with a dead encoder is, nor what its weight is: an arm
+/// would be enabled with the torque of another posture.
+#[test]
+fn a_joint_whose_encoder_was_found_dead_is_enabled_again_once_it_has_moved() {
+    let mut model = model();
+    model.joints[2].encoder.relative = true;
+    let mut rig = Rig::ready(&model);
+    let home = Request::Home { positions: Vec::from_slice(&[0.0; 3]).unwrap() };
+    assert_eq!((rig.ask(home.clone()), rig.enable()), (Reply::Done, Reply::Done));
+    rig.tick();
+    let found = rig.tick_until_fault([0.0, 0.0, 0.19], 400);
+    assert_eq!((found.cause, found.joint), (FaultCause::EncoderStuck, Some(2)));
+    let refused = |rig: &mut Rig| {
+        rig.tick();
+        let Refusal::Unsafe(fault) = refusal(rig.enable()) else { panic!() };
+        (fault.cause, fault.joint) == (found.cause, found.joint)
+    };
+    rig.clear_faults();
+    assert!(refused(&mut rig));
+    // A count that flickers, sensors that were silent and a new zero are no motion.
+    rig.sensors.encoders[2] += 1;
+    assert!(refused(&mut rig));
+    rig.sensors.flags = SensorFlags(SensorFlags::SILENT);
+    rig.tick();
+    rig.sensors.flags = SensorFlags(0);
+    assert!(refused(&mut rig));
+    assert_eq!(rig.ask(home), Reply::Done);
+    assert!(refused(&mut rig));
+    // Turned by hand.
+    rig.sensors.encoders[2] += 3;
+    rig.tick();
+    assert_eq!(rig.enable(), Reply::Done);
+    // Or with a model that is pushed again, where nobody can turn it.
+    let mut rig = Rig::enabled(&self::model());
+    rig.tick();
+    rig.tick_until_fault([0.0, 0.0, 0.19], 400);
+    rig.clear_faults();
+    assert!(refused(&mut rig));
+    assert_eq!(rig.push(&self::model()), Reply::Done);
+    rig.tick();
+    assert_eq!(rig.enable(), Reply::Done);
 }
 
 #[test]
