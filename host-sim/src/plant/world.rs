@@ -6,7 +6,7 @@ use rapier3d::dynamics::{
 };
 use rapier3d::geometry::NarrowPhase;
 use rapier3d::math::Vector;
-use rapier3d::na::{Isometry3, UnitQuaternion, Vector3};
+use rapier3d::na::{Isometry3, Point3, UnitQuaternion, Vector3};
 use rapier3d::pipeline::PhysicsWorld;
 
 use super::convert::{mass_properties, narrow, pose, vector, wide};
