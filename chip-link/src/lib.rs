@@ -1,12 +1,13 @@
 //! The link between a simulated machine and the process that runs the image of its board on a modelled chip.
 //!
-//! The chip is in a process of its own because its licence is another one: this crate is all that both know. The
-//! machine calls over the standard input of that process, and each call has one answer on its standard output. Time
-//! passes only in [`Call::Advance`], so that both are in lock step and a run repeats to the last bit.
+//! The chip is in a process of its own because its licence is another one: this crate is all that both know.
+//! The machine calls over the standard input of that process, and each call has one answer on its standard
+//! output. Time passes only in [`Call::Advance`], so that both are in lock step and a run repeats to the last
+//! bit.
 //!
-//! What goes over it is what is at the terminals of the motors and at the connector of the supervisor: how the joints
-//! move and the bytes of the line one way, torques and the bytes the other way. Pulses, currents and encoder signals
-//! stay on the side of the chip.
+//! What goes over it is what is at the terminals of the motors and at the connector of the supervisor: how
+//! the joints move and the bytes of the line one way, torques and the bytes the other way. Pulses, currents
+//! and encoder signals stay on the side of the chip.
 //!
 //! A message is its length (four bytes, little-endian) and itself in postcard's encoding.
 

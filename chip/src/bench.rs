@@ -1,8 +1,8 @@
-//! What is at the pins of the board `board-weact`: three power stages DRV8874 in PH/EN mode with a brushed motor and an
-//! encoder each, a supply, an emergency stop.
+//! What is at the pins of the board `board-weact`: three power stages DRV8874 in PH/EN mode with a brushed
+//! motor and an encoder each, a supply, an emergency stop.
 //!
-//! Written from the datasheets of chip and power stage and from the board's wiring page, not from its driver. No analogue
-//! effects: switches switch at once, the current mirror is exact but for noise of the converter.
+//! Written from the datasheets of chip and power stage and from the board's wiring page, not from its driver.
+//! No analogue effects: switches switch at once, the current mirror is exact but for noise of the converter.
 
 use crate::gpio::Gpio;
 use crate::pins::Pin;
@@ -135,8 +135,8 @@ impl Bench {
             10..=12 => {
                 let motor = channel as usize - 10;
                 let State { current, driven, positive, .. } = self.states[motor];
-                // The low sides' currents from drain to source: all of it while shorted, and of a driven motor what
-                // flows with the voltage.
+                // The low sides' currents from drain to source: all of it while shorted, and of a driven
+                // motor what flows with the voltage.
                 let along = if positive { current } else { -current };
                 let current = if driven { along.max(0.0) } else { current.abs() };
                 let seen = if self.awake.is_some() { current + self.leak[motor] } else { 0.0 };

@@ -52,7 +52,8 @@ pub struct Chip {
     pub now: u64,
 }
 
-/// The enable register and bit of the peripheral at a base address; `None` if it always runs, or is not there.
+/// The enable register and bit of the peripheral at a base address; `None` if it always runs, or is not
+/// there.
 fn clock(base: u32) -> Option<(usize, u32)> {
     Some(match base {
         0x4002_0000..=0x4002_2000 => (0x30, (base - 0x4002_0000) >> 10),

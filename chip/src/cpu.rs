@@ -13,8 +13,9 @@ use crate::chip::Chip;
 
 pub const FLASH: u64 = 0x0800_0000;
 
-/// What the callbacks change while `emu_start` runs. Reached only through a raw pointer: were it a field of `Machine`, the
-/// compiler could (and does) assume that a call which is not given `&mut self` leaves it alone.
+/// What the callbacks change while `emu_start` runs. Reached only through a raw pointer: were it a field of
+/// `Machine`, the compiler could (and does) assume that a call which is not given `&mut self` leaves it
+/// alone.
 pub struct Shared {
     pub chip: Chip,
     /// Instructions that may still run in this slice; hooks set it to 0 to stop before the next one.
@@ -31,8 +32,9 @@ pub struct Shared {
     other_exception: Option<u32>,
     /// An interrupt waits behind PRIMASK, FAULTMASK or BASEPRI.
     watch: bool,
-    /// Unicorn has no hook for MSR and CPS on this core: their addresses in flash, by halfword, found by encoding. (One hook
-    /// an address would cost 10 x: the engine walks the list of all code hooks at each instruction.)
+    /// Unicorn has no hook for MSR and CPS on this core: their addresses in flash, by halfword, found by
+    /// encoding. (One hook an address would cost 10 x: the engine walks the list of all code hooks at each
+    /// instruction.)
     mask_sites: Vec<u64>,
 }
 
@@ -67,7 +69,8 @@ pub struct Machine {
     /// When the handlers were last entered [ps since power-on], by number of the exception.
     pub entered: Vec<u64>,
     pub sleeping: bool,
-    /// 1: handlers find garbage in the float registers, as they may; 2: and leave it there, as a check of the check.
+    /// 1: handlers find garbage in the float registers, as they may; 2: and leave it there, as a check of the
+    /// check.
     pub scribble: u8,
     _owner: Unicorn<'static, ()>,
 }
@@ -234,7 +237,8 @@ impl Machine {
         self.start_from_vectors();
     }
 
-    /// Runs until something outside has to look: `until` [ps], sleep with nothing due before `until`, or an error.
+    /// Runs until something outside has to look: `until` [ps], sleep with nothing due before `until`, or an
+    /// error.
     pub fn run(&mut self, until: u64) -> Result<(), String> {
         use RegisterARM as R;
         loop {
@@ -498,7 +502,8 @@ unsafe extern "C" fn on_write(_uc: *mut uc_engine, offset: u64, size: u32, value
     } else if size == 4 || region.base == 0xE000_0000 {
         m.chip.write(address, size, value, now);
     } else {
-        // The peripheral buses of the chip take narrow writes as a whole word with the value repeated, mostly.
+        // The peripheral buses of the chip take narrow writes as a whole word with the value repeated,
+        // mostly.
         let shift = 8 * (address & 3);
         let mask = ((1u32 << (8 * size)) - 1) << shift;
         let old = m.chip.peek(address & !3, now);

@@ -1,8 +1,9 @@
-//! An STM32F405 for the image that is flashed: the instruction set by Unicorn, the registers that the image uses by models of
-//! this crate, and at the pins the motors of the board `board-weact`. Deterministic: time passes with the instructions.
+//! An STM32F405 for the image that is flashed: the instruction set by Unicorn, the registers that the image
+//! uses by models of this crate, and at the pins the motors of the board `board-weact`. Deterministic: time
+//! passes with the instructions.
 //!
-//! What it does not show: an instruction is taken for 1.5 cycles, whatever it is; no analogue effects, no errata, no DMA, no
-//! SPI, no EXTI; no check of CPACR, no write buffers; PVU and RVU of the watchdog.
+//! What it does not show: an instruction is taken for 1.5 cycles, whatever it is; no analogue effects, no
+//! errata, no DMA, no SPI, no EXTI; no check of CPACR, no write buffers; PVU and RVU of the watchdog.
 
 pub mod adc;
 pub mod bench;

@@ -1,4 +1,5 @@
-//! `tesaki-chip IMAGE`: runs the image of `board-weact` for a simulated machine that calls over standard input and output.
+//! `tesaki-chip IMAGE`: runs the image of `board-weact` for a simulated machine that calls over standard
+//! input and output.
 
 use std::io::{self, BufReader, BufWriter};
 use std::process::ExitCode;

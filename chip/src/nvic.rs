@@ -1,4 +1,5 @@
-//! NVIC, SCB, SysTick (registers only) and the exception rules of ARMv7-M: who is pending, who may preempt whom.
+//! NVIC, SCB, SysTick (registers only) and the exception rules of ARMv7-M: who is pending, who may preempt
+//! whom.
 
 pub const THREAD: i32 = 256;
 

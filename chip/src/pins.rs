@@ -1,5 +1,5 @@
-//! Which peripheral a pin belongs to: the alternate functions of the STM32F405 (datasheet DS8626, table 9), for the
-//! peripherals that this crate has.
+//! Which peripheral a pin belongs to: the alternate functions of the STM32F405 (datasheet DS8626, table 9),
+//! for the peripherals that this crate has.
 
 use std::sync::LazyLock;
 

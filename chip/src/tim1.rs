@@ -205,8 +205,9 @@ impl Tim1 {
         }
     }
 
-    /// Rising and falling edges since the last call: of the fourth channel's event, which is that of an output and so needs
-    /// CC4E and MOE, and of the trigger output, when it is the fourth channel's reference.
+    /// Rising and falling edges since the last call: of the fourth channel's event, which is that of an
+    /// output and so needs CC4E and MOE, and of the trigger output, when it is the fourth channel's
+    /// reference.
     pub fn take_triggers(&mut self) -> [(bool, bool); 2] {
         let edges = std::mem::take(&mut self.triggers);
         let passes = |open: bool| if open { edges } else { (false, false) };
@@ -287,7 +288,8 @@ impl Tim1 {
                 }
             }
             0x44 => {
-                // Level 1 of the lock: dead time, break and its polarity, AOE. The lock itself is written once.
+                // Level 1 of the lock: dead time, break and its polarity, AOE. The lock itself is written
+                // once.
                 let locked = if self.lock() >= 1 { 0x7000 | 0x0FF | 0x300 } else { 0 };
                 self.registers[BDTR] = self.registers[BDTR] & locked | value & !locked;
                 self.trip();

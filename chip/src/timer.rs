@@ -1,5 +1,5 @@
-//! General-purpose timers: counting up with an interrupt (TIM2), quadrature counting (TIM3 to TIM5), and TIM11's capture of
-//! the crystal.
+//! General-purpose timers: counting up with an interrupt (TIM2), quadrature counting (TIM3 to TIM5), and
+//! TIM11's capture of the crystal.
 
 use crate::SECOND;
 
@@ -44,8 +44,8 @@ impl Timer {
         self.registers[CR1] & 1 == 1 && !self.is_encoder()
     }
 
-    /// Counts of quadrature decoding for a shaft that turned by `edges` of both channels together. Both inputs must be
-    /// mapped to their channels.
+    /// Counts of quadrature decoding for a shaft that turned by `edges` of both channels together. Both
+    /// inputs must be mapped to their channels.
     pub fn turn(&mut self, edges: i64) {
         let mapped = self.registers[CCMR1] & 0x303 == 0x101;
         if edges == 0 || !self.is_encoder() || self.registers[CR1] & 1 == 0 || !mapped {

@@ -1,9 +1,10 @@
-//! The converter ADS131M06 (Texas Instruments, SBAS949): six channels of 24 bits, sampled at once, for six strain gauges. SPI
-//! mode 1, at most 25 MHz.
+//! The converter ADS131M06 (Texas Instruments, SBAS949): six channels of 24 bits, sampled at once, for six
+//! strain gauges. SPI mode 1, at most 25 MHz.
 //!
-//! A frame has eight words of 24 bits both ways: command and status, six values, checksum. Both sides check the other's; a frame
-//! that was damaged changes nothing. What a value cannot be trusted for is an error and never a value: the checksum, a restart
-//! (its settings are gone), a conversion that is late, a channel at its end, and one that stands still, which 24 bits never do.
+//! A frame has eight words of 24 bits both ways: command and status, six values, checksum. Both sides check
+//! the other's; a frame that was damaged changes nothing. What a value cannot be trusted for is an error and
+//! never a value: the checksum, a restart (its settings are gone), a conversion that is late, a channel at
+//! its end, and one that stands still, which 24 bits never do.
 
 use embedded_hal::delay::DelayNs;
 use embedded_hal::spi::{Operation, SpiDevice};
@@ -53,8 +54,8 @@ const RESET_TIME: u32 = 1000;
 pub struct Settings {
     /// Gain of each channel, a power of two up to 128.
     pub gains: [u8; CHANNELS],
-    /// Samples of the modulator for a value, a power of two from 128 to 16 384: with a clock of 8.192 MHz, 1024 make 4000
-    /// values a second.
+    /// Samples of the modulator for a value, a power of two from 128 to 16 384: with a clock of 8.192 MHz,
+    /// 1024 make 4000 values a second.
     pub oversampling: u16,
     /// The gauges' supply is the reference, so that its drift has no effect.
     pub external_reference: bool,

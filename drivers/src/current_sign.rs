@@ -8,12 +8,13 @@ const MEMORY: f32 = 0.95;
 
 /// Gives the magnitude that a power stage measures the sign that the current must have.
 ///
-/// The direction of the voltage does not tell it: a motor that brakes takes a current against its voltage. So the winding is
-/// computed along, exactly over a period at constant voltage: `i⁺ = a·i + (1 − a)/R·(v − e)` with `a = e^(−R·T/L)` (Åström,
-/// Wittenmark, *Computer-Controlled Systems*, 2.3). Both signs of the last current and both of this one are compared with it;
-/// the cheapest sequence of signs wins (the Viterbi algorithm, with squares of what the model does not explain). A sign that was
-/// wrong while there was hardly any current is found out as soon as a voltage changes it: the magnitude then grows where it
-/// should fall. A filter that only follows its own last sign would stay with it, and the current loop would run away.
+/// The direction of the voltage does not tell it: a motor that brakes takes a current against its voltage. So
+/// the winding is computed along, exactly over a period at constant voltage: `i⁺ = a·i + (1 − a)/R·(v − e)`
+/// with `a = e^(−R·T/L)` (Åström, Wittenmark, *Computer-Controlled Systems*, 2.3). Both signs of the last
+/// current and both of this one are compared with it; the cheapest sequence of signs wins (the Viterbi
+/// algorithm, with squares of what the model does not explain). A sign that was wrong while there was hardly
+/// any current is found out as soon as a voltage changes it: the magnitude then grows where it should fall. A
+/// filter that only follows its own last sign would stay with it, and the current loop would run away.
 #[derive(Clone, Copy, Debug)]
 pub struct CurrentSign {
     remains: f32,
@@ -38,7 +39,8 @@ impl CurrentSign {
         self.costs = [0.0; 2];
     }
 
-    /// The current [A] from its measured `magnitude` [A], after a period of `voltage` [V] at a joint velocity [rad/s].
+    /// The current [A] from its measured `magnitude` [A], after a period of `voltage` [V] at a joint velocity
+    /// [rad/s].
     pub fn resolve(&mut self, magnitude: f32, voltage: f32, velocity: f32) -> f32 {
         let [positive, negative] = self.costs;
         let remains = self.remains * self.magnitude;

@@ -1,8 +1,9 @@
 //! Numbers of the power stage DRV8874 (Texas Instruments, SLVSF66) in its PH/EN mode, slow decay.
 //!
-//! `EN` high drives in the direction of `PH`; `EN` low turns both low sides on, which shorts the motor. `nSLEEP` low turns
-//! everything off, and the motor coasts. `IPROPI` is a current proportional to the sum of those that flow through the low
-//! sides from drain to source: while the motor is shorted that is the magnitude of its current in either direction.
+//! `EN` high drives in the direction of `PH`; `EN` low turns both low sides on, which shorts the motor.
+//! `nSLEEP` low turns everything off, and the motor coasts. `IPROPI` is a current proportional to the sum of
+//! those that flow through the low sides from drain to source: while the motor is shorted that is the
+//! magnitude of its current in either direction.
 
 /// Current at `IPROPI` per current of the motor: 450 µA/A.
 pub const MIRROR: f32 = 450e-6;

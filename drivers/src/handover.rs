@@ -4,8 +4,9 @@ use core::sync::atomic::{AtomicU32, Ordering};
 
 /// A double buffer of `N` words on a single core: whoever writes never waits and never stops the reader.
 ///
-/// The reader must have the higher priority, or the same. Then a reading is never interrupted by a writing, and finds
-/// the last complete value: the writer fills the buffer that is not published, and then publishes it.
+/// The reader must have the higher priority, or the same. Then a reading is never interrupted by a writing,
+/// and finds the last complete value: the writer fills the buffer that is not published, and then publishes
+/// it.
 ///
 /// ```
 /// use tesaki_drivers::handover::Handover;

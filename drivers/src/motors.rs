@@ -84,9 +84,9 @@ enum Phase {
 
 /// Drives the motors, a sample of their currents at a time.
 ///
-/// They are off until the first command. The power stages have their time to wake before the first pulse. A current
-/// beyond the trip, or a trip of the hardware, switches all of them off until [`Motors::command`] was told to be off.
-/// Without commands [`CurrentLoop`] brakes, and then they are off.
+/// They are off until the first command. The power stages have their time to wake before the first pulse. A
+/// current beyond the trip, or a trip of the hardware, switches all of them off until [`Motors::command`] was
+/// told to be off. Without commands [`CurrentLoop`] brakes, and then they are off.
 #[derive(Clone, Copy, Debug)]
 pub struct Motors<const N: usize> {
     axes: [Option<Axis>; N],
@@ -100,8 +100,9 @@ pub struct Motors<const N: usize> {
 
 /// The mean current as a multiple of that in the middle between two pulses.
 ///
-/// While the motor is shorted its current decays with the time constant of the winding, `i·e^(−t·R/L)`. Over a period `T`
-/// of short pulses that is `sinh(x)/x` times the current in its middle, with `x = R·T/(2·L)`; longer pulses leave less.
+/// While the motor is shorted its current decays with the time constant of the winding, `i·e^(−t·R/L)`. Over
+/// a period `T` of short pulses that is `sinh(x)/x` times the current in its middle, with `x = R·T/(2·L)`;
+/// longer pulses leave less.
 ///
 /// # Errors
 /// For a winding that is faster than the pulses: its current is gone before it is sampled.
@@ -117,8 +118,8 @@ fn ripple(winding: &Winding, switching: &Switching) -> Result<f32, InvalidCurren
 }
 
 impl<const N: usize> Motors<N> {
-    /// Motors for these windings; a board may have more power stages than motors. `wake` is the time until a power stage
-    /// works [s].
+    /// Motors for these windings; a board may have more power stages than motors. `wake` is the time until a
+    /// power stage works [s].
     ///
     /// # Errors
     /// The motor and the value for which there is no current loop.
@@ -232,7 +233,8 @@ impl<const N: usize> Motors<N> {
                     0
                 }
             };
-            // The direction takes effect at once, in the pulse of the last duty: it changes when there is none.
+            // The direction takes effect at once, in the pulse of the last duty: it changes when there is
+            // none.
             if duty != 0 && (duty > 0) != output.positive && output.counts != 0 {
                 output.counts = 0;
             } else {

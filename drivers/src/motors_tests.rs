@@ -131,7 +131,8 @@ fn currents_around_zero_stay_there() {
     }
 }
 
-/// A motor that turns against its current, and one that is driven by its load: the voltage has the other sign.
+/// A motor that turns against its current, and one that is driven by its load: the voltage has the other
+/// sign.
 #[test]
 fn currents_follow_in_all_four_quadrants_without_glitches() {
     let (mut rig, mut motors) = (Rig::default(), motors());

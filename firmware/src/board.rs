@@ -1,7 +1,7 @@
 //! What differs from board to board: crystal, pins, sensors, drives.
 //!
-//! Every pin belongs to the [`Board`], also those of the UARTs and of the strap: on one board a pin is a serial
-//! line, on another it switches a power stage.
+//! Every pin belongs to the [`Board`], also those of the UARTs and of the strap: on one board a pin is a
+//! serial line, on another it switches a power stage.
 
 use stm32f4xx_hal::pac;
 use stm32f4xx_hal::rcc::Rcc;
@@ -23,14 +23,15 @@ pub trait Board: Sized {
     /// The part that the interrupt of the converters calls.
     type CurrentControl: CurrentControl;
 
-    /// Takes all pins. The power stages are off when it returns. The line of the supervisor (USART1) is connected,
-    /// with a pull-up on its input; that of the plant link is not.
+    /// Takes all pins. The power stages are off when it returns. The line of the supervisor (USART1) is
+    /// connected, with a pull-up on its input; that of the plant link is not.
     fn start(peripherals: Peripherals) -> (Self, Self::Latch, Self::CurrentControl);
 
     /// Whether the strap asks for the plant link.
     fn is_strapped(&mut self) -> bool;
 
-    /// Connects the line of the plant link (USART2), with a pull-up on its input: an open one would receive noise.
+    /// Connects the line of the plant link (USART2), with a pull-up on its input: an open one would receive
+    /// noise.
     fn connect_plant_link(&mut self);
 
     /// Prepares for a robot. It is called while the outputs are off.
@@ -39,12 +40,12 @@ pub trait Board: Sized {
     /// What the board lacks for it, by joint and field. Nothing is changed then.
     fn configure(&mut self, model: &RobotModel) -> Result<(), ModelError>;
 
-    /// The sensors at the instant of `sample`, in period `period`; `None` when they could not be read, which is a
-    /// fault that switches the outputs off.
+    /// The sensors at the instant of `sample`, in period `period`; `None` when they could not be read, which
+    /// is a fault that switches the outputs off.
     fn read(&mut self, period: u32, sample: &<Self::Latch as Latch>::Sample) -> Option<SensorFrame>;
 
-    /// Sets the torques of the drives, or switches the power stages off when the frame is not enabled. Current:
-    /// torque divided by `motor.torque_constant` of the model.
+    /// Sets the torques of the drives, or switches the power stages off when the frame is not enabled.
+    /// Current: torque divided by `motor.torque_constant` of the model.
     fn write(&mut self, actuators: &ActuatorFrame);
 
     /// Switches the power stages off. Called from any context, also after a panic or a CPU fault, and before
@@ -54,8 +55,8 @@ pub trait Board: Sized {
 
 /// Reads what must be read at the instant at which the control period begins.
 ///
-/// It has the highest priority, so that no other work delays the instant; it must take 3 µs at most, as the UARTs
-/// wait meanwhile.
+/// It has the highest priority, so that no other work delays the instant; it must take 3 µs at most, as the
+/// UARTs wait meanwhile.
 pub trait Latch {
     /// Raw values. [`Board::read`] turns them into a frame later.
     type Sample: Copy + Send;
@@ -103,7 +104,8 @@ pub struct Peripherals {
     pub spi3: pac::SPI3,
 }
 
-/// Whether sensors and drives are on the plant link: the strap asks for it, and the board has no power stages.
+/// Whether sensors and drives are on the plant link: the strap asks for it, and the board has no power
+/// stages.
 pub fn uses_plant_link<B: Board>(board: &mut B) -> bool {
     !B::OWNS_GATE_DRIVERS && board.is_strapped()
 }

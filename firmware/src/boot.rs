@@ -138,7 +138,8 @@ pub fn start(device: pac::Peripherals, syst: cortex_m::peripheral::SYST, node: &
     }
 }
 
-/// Period of the timer on the plant link [µs]: the idle loop wakes in time for the watchdog, whose time is 68 ms at least.
+/// Period of the timer on the plant link [µs]: the idle loop wakes in time for the watchdog, whose time is 68
+/// ms at least.
 const IDLE_PERIOD: u16 = 50_000;
 /// The control period [µs].
 const PERIOD: u16 = 10_000;

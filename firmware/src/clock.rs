@@ -1,16 +1,18 @@
-//! Clock initialisation with bounded waits: a board with a broken or a wrong crystal still starts and reports it.
+//! Clock initialisation with bounded waits: a board with a broken or a wrong crystal still starts and reports
+//! it.
 
 use tesaki::protocol::ClockSource;
 
 use crate::pac;
 use pac::{flash, rcc, tim11};
 
-/// Polls before the crystal counts as failed: about 20 ms at 16 MHz and ten cycles per poll. One starts within 2 to
-/// 5 ms. All waits together must be shorter than the watchdog's time.
+/// Polls before the crystal counts as failed: about 20 ms at 16 MHz and ten cycles per poll. One starts
+/// within 2 to 5 ms. All waits together must be shorter than the watchdog's time.
 const CRYSTAL_POLLS: u32 = 32_000;
 /// The same for the PLL, about 2 ms. It locks within 0.3 ms.
 const PLL_POLLS: u32 = 3_200;
-/// Frequency of the internal oscillator [Hz]: at −40 °C and 105 °C it can be 8 % less and 4.5 % more (datasheet).
+/// Frequency of the internal oscillator [Hz]: at −40 °C and 105 °C it can be 8 % less and 4.5 % more
+/// (datasheet).
 const INTERNAL: u32 = 16_000_000;
 
 /// Clock source and frequencies [Hz].
@@ -30,9 +32,9 @@ pub struct Clocks {
     pub baud: u32,
 }
 
-/// Starts the PLL with 168 MHz from the crystal, which must have `crystal` Hz as `measure` tells, or, if that fails,
-/// from the internal oscillator. Without PLL the clock stays at 16 MHz, too slow for 921 600 baud: the UARTs then run
-/// at 115 200. A crystal that stops later raises the NMI (clock security system).
+/// Starts the PLL with 168 MHz from the crystal, which must have `crystal` Hz as `measure` tells, or, if that
+/// fails, from the internal oscillator. Without PLL the clock stays at 16 MHz, too slow for 921 600 baud: the
+/// UARTs then run at 115 200. A crystal that stops later raises the NMI (clock security system).
 pub fn bring_up(
     rcc: &rcc::RegisterBlock,
     flash: &flash::RegisterBlock,
@@ -72,7 +74,8 @@ pub fn bring_up(
     }
 }
 
-/// PLL: 1 MHz · 336 / 2 = 168 MHz. AHB undivided, APB1 a quarter, APB2 a half. `crystal` is its frequency [Hz].
+/// PLL: 1 MHz · 336 / 2 = 168 MHz. AHB undivided, APB1 a quarter, APB2 a half. `crystal` is its frequency
+/// [Hz].
 fn start_pll(rcc: &rcc::RegisterBlock, flash: &flash::RegisterBlock, crystal: Option<u32>) -> bool {
     rcc.cr().modify(|_, w| w.pllon().clear_bit());
     let divider = crystal.unwrap_or(INTERNAL) / 1_000_000;
@@ -97,8 +100,8 @@ fn wait(polls: u32, ready: impl Fn() -> bool) -> bool {
     (0..polls).any(|_| ready())
 }
 
-/// Whether a measured frequency is that of the board's crystal, within a tenth: the internal oscillator measures no
-/// better, and the crystals in use differ by more.
+/// Whether a measured frequency is that of the board's crystal, within a tenth: the internal oscillator
+/// measures no better, and the crystals in use differ by more.
 fn is_near(measured: u32, crystal: u32) -> bool {
     measured.abs_diff(crystal) <= crystal / 10
 }
@@ -107,20 +110,22 @@ fn is_near(measured: u32, crystal: u32) -> bool {
 const INTERVALS: u32 = 16;
 const PERIODS: u32 = 16 * 8;
 
-/// Frequency of the crystal [Hz] from `counts` of the internal oscillator in [`INTERVALS`] captures; `None` for 0.
+/// Frequency of the crystal [Hz] from `counts` of the internal oscillator in [`INTERVALS`] captures; `None`
+/// for 0.
 pub fn frequency(counts: u16) -> Option<u32> {
     let periods = u64::from(INTERNAL) * u64::from(INTERVALS * PERIODS);
     u32::try_from(periods.checked_div(counts.into())?).ok()
 }
 
-/// Measures the running crystal [Hz] with the internal oscillator, which must be the system clock: TIM11 captures its
-/// count at edges of the crystal divided by 16 (RM0090: HSE_RTC in TIM11_OR). `None` without edges.
+/// Measures the running crystal [Hz] with the internal oscillator, which must be the system clock: TIM11
+/// captures its count at edges of the crystal divided by 16 (RM0090: HSE_RTC in TIM11_OR). `None` without
+/// edges.
 pub fn measure_crystal(rcc: &rcc::RegisterBlock, timer: &tim11::RegisterBlock) -> Option<u32> {
     rcc.apb2enr().modify(|_, w| w.tim11en().set_bit());
     // SAFETY: 16 is a valid divider (2 to 31).
     rcc.cfgr().modify(|_, w| unsafe { w.rtcpre().bits(16) });
-    // SAFETY: the fields and values of the reference manual: TI1 is HSE_RTC; channel 1 captures it at each eighth
-    // rising edge, unfiltered; all 16 bits are counted.
+    // SAFETY: the fields and values of the reference manual: TI1 is HSE_RTC; channel 1 captures it at each
+    // eighth rising edge, unfiltered; all 16 bits are counted.
     unsafe {
         timer.or().write(|w| w.bits(0b10));
         timer.ccmr1_input().write(|w| w.bits(0b1101));

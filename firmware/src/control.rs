@@ -17,12 +17,12 @@ impl Periods {
         Self { last: 0 }
     }
 
-    /// Runs control period `period`: from the sample through `tick` to the drives. A period without sensors is a
-    /// tick as well: it is a fault of the node, and the outputs are off.
+    /// Runs control period `period`: from the sample through `tick` to the drives. A period without sensors
+    /// is a tick as well: it is a fault of the node, and the outputs are off.
     ///
-    /// Returns whether the watchdog may be fed: the period came in time, and its sensors could be read or nothing
-    /// moves. So a board whose sensors stay silent while it moves something is reset, and then waits, disabled, to be
-    /// asked what happened.
+    /// Returns whether the watchdog may be fed: the period came in time, and its sensors could be read or
+    /// nothing moves. So a board whose sensors stay silent while it moves something is reset, and then waits,
+    /// disabled, to be asked what happened.
     pub fn run<B: Board>(
         &mut self,
         board: &mut B,

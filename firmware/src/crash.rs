@@ -27,8 +27,8 @@ const EMERGENCY: usize = 2048;
 #[unsafe(link_section = ".uninit.EMERGENCY")]
 static mut EMERGENCY_STACK: MaybeUninit<[u64; EMERGENCY / 8]> = MaybeUninit::uninit();
 
-/// The first instructions after a CPU fault. They use no stack: after an overflow a push would be a fault in the
-/// handler of faults, which locks the CPU up with the outputs on.
+/// The first instructions after a CPU fault. They use no stack: after an overflow a push would be a fault in
+/// the handler of faults, which locks the CPU up with the outputs on.
 #[unsafe(naked)]
 #[unsafe(export_name = "HardFault")]
 #[unsafe(link_section = ".HardFault.user")]
@@ -45,7 +45,8 @@ extern "C" fn enter_hard_fault() -> ! {
     )
 }
 
-/// `frame`: the stack pointer of the code that failed, where the CPU has pushed its registers, if there was room.
+/// `frame`: the stack pointer of the code that failed, where the CPU has pushed its registers, if there was
+/// room.
 extern "C" fn hard_fault(frame: usize) -> ! {
     cortex_m::interrupt::disable();
     ThisBoard::off();
@@ -68,10 +69,11 @@ fn failed_to_push() -> bool {
     unsafe { (*SCB::PTR).cfsr.read() & STACKING != 0 }
 }
 
-/// The clock security system's interrupt, the only one of this kind on the chip: the crystal has stopped, and the
-/// CPU runs on the internal oscillator without PLL.
+/// The clock security system's interrupt, the only one of this kind on the chip: the crystal has stopped, and
+/// the CPU runs on the internal oscillator without PLL.
 #[exception]
-// SAFETY: an exception handler of this kind must be unsafe, as it can interrupt everything; this one never returns.
+// SAFETY: an exception handler of this kind must be unsafe, as it can interrupt everything; this one never
+// returns.
 unsafe fn NonMaskableInt() -> ! {
     ThisBoard::off();
     // SAFETY: one store to a register that nobody else uses now.

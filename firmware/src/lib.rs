@@ -17,8 +17,9 @@
 //!
 //! A current loop takes a few microseconds, less than a byte: nothing above the UARTs may take longer.
 //!
-//! The control task also waits while the supervisor task handles a request, as both use the node. Sampling does not
-//! wait: the timer's interrupt, which has the highest priority, latches the sensors ([`board::Latch`]).
+//! The control task also waits while the supervisor task handles a request, as both use the node. Sampling
+//! does not wait: the timer's interrupt, which has the highest priority, latches the sensors
+//! ([`board::Latch`]).
 
 #![no_std]
 

@@ -129,7 +129,8 @@ mod app {
         }
     }
 
-    /// The timer: the instant at which a control period begins. On the plant link it only wakes the idle loop.
+    /// The timer: the instant at which a control period begins. On the plant link it only wakes the idle
+    /// loop.
     #[task(binds = TIM2, priority = 5, shared = [&plant_link],
            local = [timer, latch, samples_in, period: u32 = 0])]
     fn instant(cx: instant::Context) {

@@ -1,6 +1,7 @@
 //! Memory that a reset does not clear: the fault log, and the cause of a crash.
 //!
-//! After power-on its content is random, and after an update it is another firmware's; checksums and a key detect that.
+//! After power-on its content is random, and after an update it is another firmware's; checksums and a key
+//! detect that.
 
 use core::fmt::{self, Write};
 use core::mem::MaybeUninit;

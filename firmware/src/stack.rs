@@ -38,8 +38,8 @@ pub fn paint() {
     }
 }
 
-/// Looks at the next part of the stack that was never used so far. Only the idle loop calls it: 52 calls see the whole
-/// stack, and none takes long.
+/// Looks at the next part of the stack that was never used so far. Only the idle loop calls it: 52 calls see
+/// the whole stack, and none takes long.
 pub fn scan() {
     let (end, _) = bounds();
     let mark = MARK.load(Ordering::Relaxed);

@@ -1,10 +1,11 @@
 //! The independent watchdog: resets the board unless it is fed.
 //!
-//! Its oscillator (LSI) has 32 kHz, but a chip's own may have between 17 and 47 kHz (datasheet): the time is 100 ms,
-//! on some chips 68 ms, on others 188 ms.
+//! Its oscillator (LSI) has 32 kHz, but a chip's own may have between 17 and 47 kHz (datasheet): the time is
+//! 100 ms, on some chips 68 ms, on others 188 ms.
 //!
-//! With sensors and drives on the board, each healthy control tick feeds it. On the plant link the host controls time
-//! and may pause, so the idle loop feeds it, which shows that no RTIC task hangs; the timer wakes it.
+//! With sensors and drives on the board, each healthy control tick feeds it. On the plant link the host
+//! controls time and may pause, so the idle loop feeds it, which shows that no RTIC task hangs; the timer
+//! wakes it.
 
 use crate::pac;
 
@@ -17,12 +18,13 @@ const MAX_POLLS: u32 = 2000;
 pub struct Watchdog(pac::IWDG);
 
 impl Watchdog {
-    /// Starts the watchdog, with its full time from here on: the counter begins with 4 s and takes the new time only
-    /// when it is reloaded.
+    /// Starts the watchdog, with its full time from here on: the counter begins with 4 s and takes the new
+    /// time only when it is reloaded.
     pub fn start(iwdg: pac::IWDG) -> Self {
         let watchdog = Self(iwdg);
         let registers = &watchdog.0;
-        // SAFETY: these are the keys and values of the reference manual (RM0090, 21.3 and 21.4), in its order.
+        // SAFETY: these are the keys and values of the reference manual (RM0090, 21.3 and 21.4), in its
+        // order.
         unsafe {
             registers.kr().write(|w| w.bits(0xCCCC));
             registers.kr().write(|w| w.bits(0x5555));

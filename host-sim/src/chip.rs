@@ -1,9 +1,9 @@
 //! A board on a modelled chip: the image that is flashed, and at its motors a simulated machine.
 //!
-//! The chip runs in a process of its own (`chip/`), which [`tesaki_chip_link`] connects. Machine and chip advance in
-//! turn by a sub-step of the physics: the chip is told how the joints move, and tells the mean torques of its motors
-//! while they do. So the torque acts in the sub-step in which it is made, and the chip sees an acceleration one
-//! sub-step late.
+//! The chip runs in a process of its own (`chip/`), which [`tesaki_chip_link`] connects. Machine and chip
+//! advance in turn by a sub-step of the physics: the chip is told how the joints move, and tells the mean
+//! torques of its motors while they do. So the torque acts in the sub-step in which it is made, and the chip
+//! sees an acceleration one sub-step late.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -19,8 +19,8 @@ use crate::plant::{Plant, PlantError};
 /// The control period, and the time from power-on until the image answers [ps].
 const PERIOD: u64 = 10_000_000_000;
 const BOOT: u64 = 10 * PERIOD;
-/// So long before the board samples its sensors a control period of the machine begins: its interrupt may be late by some
-/// microseconds [ps].
+/// So long before the board samples its sensors a control period of the machine begins: its interrupt may be
+/// late by some microseconds [ps].
 const MARGIN: u64 = 20_000_000;
 /// Longest wait for a reply [control periods].
 const PATIENCE: u32 = 50;

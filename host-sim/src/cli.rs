@@ -36,19 +36,20 @@ enum Command {
     List,
     /// Run a scenario: prints a table of results, writes CSV, JSON and a page with figures
     Run(run::Run),
-    /// Tell for which limits of a scenario a machine leaves a controller no room, by its physics; runs nothing
+    /// Tell for which limits of a scenario a machine leaves a controller no room, by its physics; runs
+    /// nothing
     Limits(Limits),
     /// Measure how many seconds of a machine one core simulates in a second of its time
     Speed(speed::Speed),
     /// Draw the figures of the papers anew, for the pages in docs/papers/
     Papers(papers::Papers),
-    /// Run one finger of the three-finger hand on the image of `board-weact`, on the modelled chip of `chip/`: both servos
-    /// through pulses, encoders and converters, against the rapier plant
+    /// Run one finger of the three-finger hand on the image of `board-weact`, on the modelled chip of
+    /// `chip/`: both servos through pulses, encoders and converters, against the rapier plant
     Chip(chip::Chip),
     /// Run seeded schedules of faults, judged by an oracle of safety; see docs/fault-schedules.md
     Faults(faults::Faults),
-    /// Render what a hand-eye camera sees of a door knob: a PNG for each seed, or with --views many of one door
-    /// and a table for `tesaki calibrate camera`; one JSON line for each with the truth
+    /// Render what a hand-eye camera sees of a door knob: a PNG for each seed, or with --views many of one
+    /// door and a table for `tesaki calibrate camera`; one JSON line for each with the truth
     RenderKnob(render_knob::RenderKnob),
     /// Serve a simulated board in real time on a pseudo-terminal and a socket, for `tesaki` and other
     /// supervisors
@@ -76,7 +77,8 @@ struct Limits {
 enum ControllerKind {
     /// In this process
     Native,
-    /// In the firmware image, on an emulated STM32F405; `run` compares each tick with the core in this process
+    /// In the firmware image, on an emulated STM32F405; `run` compares each tick with the core in this
+    /// process
     Qemu,
 }
 

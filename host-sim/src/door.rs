@@ -35,8 +35,8 @@ pub struct KnobDoor {
 }
 
 impl KnobDoor {
-    /// A random door; the base stands before it wrongly by centimetres and degrees. `start` is the pose of the hand in
-    /// the base frame.
+    /// A random door; the base stands before it wrongly by centimetres and degrees. `start` is the pose of
+    /// the hand in the base frame.
     pub fn draw(seed: u64, start: &Isometry3<f64>) -> Self {
         let pose = base_in_door(start, seed).inverse();
         Self { scene: Scene::draw(seed), optics: Optics::draw(seed), pose, seed }
@@ -62,7 +62,8 @@ impl KnobDoor {
         parts.map(fixture).into()
     }
 
-    /// The picture of this number from a hand at `hand` in the door frame, whose gripper is at the angle `opening` [rad].
+    /// The picture of this number from a hand at `hand` in the door frame, whose gripper is at the angle
+    /// `opening` [rad].
     pub fn photograph(
         &self,
         camera: &CameraValues,
@@ -89,8 +90,8 @@ pub fn hand_joints(model: &RobotModel, task: &VisualApproachSettings, plant: &Pl
     [hand.unwrap_or_default(), usize::from(task.gripper.joint)]
 }
 
-/// True pose of the hand frame in the base frame, as if the gripper stood at 0. `hand` is the index of the tip that is
-/// the hand, `gripper` that of the joint.
+/// True pose of the hand frame in the base frame, as if the gripper stood at 0. `hand` is the index of the
+/// tip that is the hand, `gripper` that of the joint.
 pub fn hand_pose(plant: &Plant, hand: usize, gripper: usize) -> Isometry3<f64> {
     let Some(tip) = plant.tips().into_iter().nth(hand) else { return Isometry3::identity() };
     let [x, y, z, w] = tip.orientation;
@@ -100,8 +101,8 @@ pub fn hand_pose(plant: &Plant, hand: usize, gripper: usize) -> Isometry3<f64> {
     Isometry3::from_parts(Translation3::from(tip.position), turn * screw)
 }
 
-/// Pose in the door frame of a base that is wrong by centimetres and degrees. `start` is that of the hand in the base
-/// frame.
+/// Pose in the door frame of a base that is wrong by centimetres and degrees. `start` is that of the hand in
+/// the base frame.
 fn base_in_door(start: &Isometry3<f64>, seed: u64) -> Isometry3<f64> {
     let mut rng = Purpose::BasePlace.rng(seed);
     let right = Isometry3::translation(0.0, 0.0, -START) * start.inverse();

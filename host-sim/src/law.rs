@@ -64,8 +64,8 @@ pub enum LawError {
 }
 
 impl LawFile {
-    /// Finds what was `asked` for in the folder of the `robot`: the names of files in its `laws/`, or paths. When
-    /// nothing is asked for, the scenario's own choice.
+    /// Finds what was `asked` for in the folder of the `robot`: the names of files in its `laws/`, or paths.
+    /// When nothing is asked for, the scenario's own choice.
     ///
     /// # Errors
     /// The first law that is not there or cannot be compared.

@@ -1,8 +1,8 @@
 //! A run on a page in a browser while it is computed: `cargo sim run SCENARIO --view`.
 //!
-//! The run writes down what it has computed ([`LiveRun`]) and waits for nobody, so that it is the same with pages
-//! and without. A thread gives each page what it lacks, at the page's pace: a page says how much it has, and gets
-//! what comes behind that. So a page that is slow, or opened late, misses nothing.
+//! The run writes down what it has computed ([`LiveRun`]) and waits for nobody, so that it is the same with
+//! pages and without. A thread gives each page what it lacks, at the page's pace: a page says how much it
+//! has, and gets what comes behind that. So a page that is slow, or opened late, misses nothing.
 
 use std::collections::BTreeMap;
 use std::io;

@@ -402,7 +402,8 @@ mod tests {
 
     #[test]
     fn the_surface_of_a_wedge_encloses_its_volume() {
-        // Six times the volume of the tetrahedra with the origin, and positive only if all faces look outwards.
+        // Six times the volume of the tetrahedra with the origin, and positive only if all faces look
+        // outwards.
         let corners = wedge([0.06, 0.05, 0.1, 0.5]);
         let volumes: Vec<f64> = corners
             .chunks(3)

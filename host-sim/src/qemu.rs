@@ -46,10 +46,11 @@ pub enum QemuError {
 /// How an emulated board runs.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Machine<'a> {
-    /// It sleeps while it waits, so that its timer does not run ahead of who talks to it. In lock step over the plant
-    /// link no timer matters.
+    /// It sleeps while it waits, so that its timer does not run ahead of who talks to it. In lock step over
+    /// the plant link no timer matters.
     pub sleeps: bool,
-    /// A file to which QEMU writes each access to a peripheral that it does not have, such as the watchdog and the pins.
+    /// A file to which QEMU writes each access to a peripheral that it does not have, such as the watchdog
+    /// and the pins.
     pub accesses: Option<&'a Path>,
 }
 

@@ -68,7 +68,8 @@ pub struct Scenario {
     pub robot: &'static str,
     /// Simulated time when nothing else is asked for [s].
     pub duration: f64,
-    /// The laws of its robot that it compares when nothing else is asked for; `None`: it does not compare laws.
+    /// The laws of its robot that it compares when nothing else is asked for; `None`: it does not compare
+    /// laws.
     pub laws: Option<&'static [&'static str]>,
     /// What its page begins with.
     pub lead: &'static [&'static str],
@@ -251,7 +252,8 @@ impl Scenario {
         Ok(outcome)
     }
 
-    /// The limits for which the machine of this seed leaves a controller no room, by the plant's truth alone: nothing is run.
+    /// The limits for which the machine of this seed leaves a controller no room, by the plant's truth alone:
+    /// nothing is run.
     ///
     /// # Errors
     /// The robot's folder.

@@ -270,8 +270,8 @@ pub fn input_lines() -> Receiver<String> {
     receiver
 }
 
-/// Runs plant and board in real time until `stop` returns true, and the camera if there is one. A board that is
-/// slower than real time runs as fast as it can. Executes the commands in `lines`, see [`COMMANDS`].
+/// Runs plant and board in real time until `stop` returns true, and the camera if there is one. A board that
+/// is slower than real time runs as fast as it can. Executes the commands in `lines`, see [`COMMANDS`].
 ///
 /// # Errors
 /// Board, plant or the link to the clients failed.

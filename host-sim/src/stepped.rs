@@ -1,15 +1,17 @@
 //! A scenario that is stepped from outside.
 //!
-//! A scenario is the commander of its own run, from power-on to the last metric. [`Stepped`] makes a coroutine of
-//! it: machine, control core and experiment stand still in each control period of an enabled task, where the
-//! scenario commands its task, or, if it commands nothing in this period, before the tick. The caller sees the
-//! state ([`View`]) and either lets the scenario go on, or sends a command of its own in place of the scenario's.
-//! What the experiment does beside that (walls, weights, the tool that is let go) happens all the same.
+//! A scenario is the commander of its own run, from power-on to the last metric. [`Stepped`] makes a
+//! coroutine of it: machine, control core and experiment stand still in each control period of an enabled
+//! task, where the scenario commands its task, or, if it commands nothing in this period, before the tick.
+//! The caller sees the state ([`View`]) and either lets the scenario go on, or sends a command of its own in
+//! place of the scenario's. What the experiment does beside that (walls, weights, the tool that is let go)
+//! happens all the same.
 //!
-//! A run whose caller commands nothing, or only what the scenario commands, is the scenario's run, bit by bit.
+//! A run whose caller commands nothing, or only what the scenario commands, is the scenario's run, bit by
+//! bit.
 //!
-//! The coroutine is a thread, as stable Rust has no other: scenario and caller never run at the same time, and
-//! nothing depends on when the system wakes them.
+//! The coroutine is a thread, as stable Rust has no other: scenario and caller never run at the same time,
+//! and nothing depends on when the system wakes them.
 
 use std::io;
 use std::path::Path;
@@ -48,8 +50,8 @@ pub struct MachineTruth {
 pub struct View {
     /// Which of the scenario's trials this is, from 1.
     pub trial: u32,
-    /// Whether the trial ends here: the scenario disables the board, or there is a fault. What is commanded now is
-    /// not sent.
+    /// Whether the trial ends here: the scenario disables the board, or there is a fault. What is commanded
+    /// now is not sent.
     pub is_over: bool,
     /// The enabled task.
     pub task: TaskKind,

@@ -78,8 +78,8 @@ fn smoothed(image: &[f32]) -> Vec<f32> {
     around(&around(image, 1), CAMERA.width)
 }
 
-/// Where the edge of a bright ellipse is, along the normal at an angle, off the ellipse [px]: by the integral of
-/// the brightness from 4 px inside to 4 px outside.
+/// Where the edge of a bright ellipse is, along the normal at an angle, off the ellipse [px]: by the integral
+/// of the brightness from 4 px inside to 4 px outside.
 fn edge(radiances: &[f32], ellipse: &Ellipse, angle: f64) -> f64 {
     let ([major, minor], turn) = (ellipse.semi_axes, ellipse.angle);
     let rotate = |[x, y]: [f64; 2]| [x * turn.cos() - y * turn.sin(), x * turn.sin() + y * turn.cos()];
@@ -111,8 +111,8 @@ fn the_rendered_edge_of_the_rose_is_the_analytic_ellipse() {
         let radiances = smoothed(&scene.radiances(&CAMERA, &pose, &[]));
         let ellipse = scene.rose_rim().transformed(&pose.inverse()).image(&CAMERA).unwrap();
         let angles = (0..90).map(|index| f64::from(index) * core::f64::consts::TAU / 90.0);
-        // Pixel, smoothing and interpolation blur with the variances 1/12, 1/2 and 1/6 px², which draws the edge
-        // of a disc inwards by the variance over the diameter.
+        // Pixel, smoothing and interpolation blur with the variances 1/12, 1/2 and 1/6 px², which draws the
+        // edge of a disc inwards by the variance over the diameter.
         let bias = 0.75 / (2.0 * ellipse.radius());
         let errors: Vec<f64> = angles.map(|angle| edge(&radiances, &ellipse, angle) + bias).collect();
         let mean = errors.iter().sum::<f64>() / errors.len() as f64;
@@ -141,7 +141,8 @@ fn the_knob_and_the_border_of_the_image_hide_parts_of_the_rose() {
     };
     // From high above, the knob stands before the lower part.
     assert!(share(0.1, 0.0) < share(-0.05, 0.0));
-    // Half of the rose is beside an image that is 128 px wide from its middle: 0.3 m at a depth of about 0.33 m.
+    // Half of the rose is beside an image that is 128 px wide from its middle: 0.3 m at a depth of about 0.33
+    // m.
     let half = share(-0.05, 0.301);
     assert!((0.2..0.8).contains(&half), "{half}");
     assert!(share(-0.05, 0.5) < 1e-9);

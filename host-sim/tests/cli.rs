@@ -231,8 +231,8 @@ fn a_law_of_ones_own_holds_the_box_and_what_is_wrong_in_it_is_named() {
     let run: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     let metrics = run["metrics"].as_object().unwrap();
     assert!(metrics.keys().all(|name| name.starts_with("own_")), "{:?}", metrics.keys());
-    // 3 N along the x axis of a box with a pitch of 0.769 rad are (2.16, 0, −2.09) N; a third of the weight of 23 g is
-    // 0.05 N along x and along z.
+    // 3 N along the x axis of a box with a pitch of 0.769 rad are (2.16, 0, −2.09) N; a third of the weight
+    // of 23 g is 0.05 N along x and along z.
     for (axis, expected) in [("x", 2.21), ("z", -2.04)] {
         let name = format!("own_commanded_{axis}");
         let commanded = run["metrics"][&name]["value"].as_f64().unwrap();

@@ -1,7 +1,7 @@
 //! What programs print.
 //!
-//! `std::println!` panics when the reader of a pipe leaves, as `head` does. [`say!`](crate::say) ends the program
-//! then, quietly and with exit code 0, because the reader has all that it needs.
+//! `std::println!` panics when the reader of a pipe leaves, as `head` does. [`say!`](crate::say) ends the
+//! program then, quietly and with exit code 0, because the reader has all that it needs.
 
 use std::fmt::Arguments;
 use std::io::{self, ErrorKind, Write};
@@ -20,8 +20,8 @@ macro_rules! note {
     ($($text:tt)*) => { $crate::complain(format_args!("{}\n", format_args!($($text)*))) };
 }
 
-/// Prints to standard output. Ends the program when nobody reads it any more, with exit code 0, or when it cannot be
-/// written, with exit code 2.
+/// Prints to standard output. Ends the program when nobody reads it any more, with exit code 0, or when it
+/// cannot be written, with exit code 2.
 pub fn print(text: Arguments<'_>) {
     let mut output = io::stdout().lock();
     match output.write_fmt(text).and_then(|()| output.flush()) {

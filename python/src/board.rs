@@ -34,10 +34,10 @@ const ARRIVED: u32 = 10;
 
 /// A controller board, real or served by ``cargo sim serve``.
 ///
-/// Takes command of the board. As a context manager it disables the board and gives command back at the end, also after
-/// an exception. An enabled board must hear from its commander: ``move``, ``wait`` and ``record`` see to that while
-/// they run, and nothing does in between, on purpose: when this program hangs or is killed, the board's command
-/// timeout (``safety.command_timeout``) stops the robot.
+/// Takes command of the board. As a context manager it disables the board and gives command back at the end,
+/// also after an exception. An enabled board must hear from its commander: ``move``, ``wait`` and ``record``
+/// see to that while they run, and nothing does in between, on purpose: when this program hangs or is killed,
+/// the board's command timeout (``safety.command_timeout``) stops the robot.
 ///
 /// Not to be used by two threads at once.
 ///
@@ -194,7 +194,8 @@ impl Board {
     /// Args:
     ///     task: ``joints`` (joint servo), ``impedance``, ``grasping`` or ``telexistence``.
     ///     servo: of the joint servo: ``observer`` or ``pid``.
-    ///     file: impedance file (``robots/arm7/impedances/soft.toml``), or for telexistence the robot's folder.
+    ///     file: impedance file (``robots/arm7/impedances/soft.toml``), or for telexistence the robot's
+    ///         folder.
     ///
     /// Raises:
     ///     RefusedError: the board is not ready, and what is missing.
@@ -316,7 +317,8 @@ impl Board {
         self.send(py, command)
     }
 
-    /// Sends the next point of the trajectory of each joint, without the trajectory filter; one a tick (10 ms).
+    /// Sends the next point of the trajectory of each joint, without the trajectory filter; one a tick (10
+    /// ms).
     ///
     /// Args:
     ///     points: (joints, 3) angle [rad], velocity [rad/s] and acceleration [rad/s²] of each joint.
@@ -346,16 +348,16 @@ impl Board {
     /// Moves a hand to a person's fingertips. The task ``telexistence`` must be enabled.
     ///
     /// Args:
-    ///     fingertips: (5, 6) position [m] and velocity [m/s] of each fingertip, thumb to little finger, in the frame of
-    ///         the robot's hand; NaN where unknown.
+    ///     fingertips: (5, 6) position [m] and velocity [m/s] of each fingertip, thumb to little finger, in
+    ///         the frame of the robot's hand; NaN where unknown.
     fn retarget(&mut self, py: Python<'_>, fingertips: &Bound<'_, PyAny>) -> PyResult<()> {
         self.sample = self.sample.wrapping_add(1);
         let command = decode("fingertips", "fingertips", fingertips, self.sample)?;
         self.send(py, command)
     }
 
-    /// Tells an enabled board that its commander lives: needed at least every half command timeout when nothing else is
-    /// sent.
+    /// Tells an enabled board that its commander lives: needed at least every half command timeout when
+    /// nothing else is sent.
     fn keep(&mut self, py: Python<'_>) -> PyResult<()> {
         self.call(py, |link| link.keep())
     }
@@ -372,8 +374,8 @@ impl Board {
         self.drive(py, until, &Request::Keep, |_| false)
     }
 
-    /// The joints now: a dictionary with ``tick``, ``mode`` and the arrays ``position`` [rad], ``velocity`` [rad/s],
-    /// ``reference`` [rad] and ``torque`` [N·m], each (joints,).
+    /// The joints now: a dictionary with ``tick``, ``mode`` and the arrays ``position`` [rad], ``velocity``
+    /// [rad/s], ``reference`` [rad] and ``torque`` [N·m], each (joints,).
     fn telemetry<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let telemetry = self.telemetry_now(py)?;
         let found = PyDict::new(py);
@@ -387,7 +389,8 @@ impl Board {
         Ok(found)
     }
 
-    /// The tips now: a dictionary of arrays ``position`` [m], ``force`` [N] and ``torque`` [N·m], each (tips, 3).
+    /// The tips now: a dictionary of arrays ``position`` [m], ``force`` [N] and ``torque`` [N·m], each (tips,
+    /// 3).
     fn tips<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let tips = self.call(py, |link| {
             link.set_rate(Stream::Tips, 1)?;
@@ -438,9 +441,9 @@ impl Board {
 
     /// Records what the board sends, as MCAP for ROS 2; keeps an enabled board alive meanwhile.
     ///
-    /// The recording has, as that of ``tesaki record``: joints, references and links in each tick, the wrench on each tip
-    /// with a tared sensor, the frame that the task controls and its set-point, phases and modes in words, and
-    /// ``/diagnostics`` with the numbers of the task. It is whole also when a fault ends it.
+    /// The recording has, as that of ``tesaki record``: joints, references and links in each tick, the wrench
+    /// on each tip with a tared sensor, the frame that the task controls and its set-point, phases and modes
+    /// in words, and ``/diagnostics`` with the numbers of the task. It is whole also when a fault ends it.
     ///
     /// Args:
     ///     path: the file to write.

@@ -13,12 +13,14 @@ type Answer<'py> = (Option<Bound<'py, PyArray2<f32>>>, Option<Bound<'py, PyArray
 
 /// The smallest contact forces that hold a load, each within its friction cone.
 ///
-/// Minimises the sum of the squared forces subject to their wrench, friction cones and limits (Hand3, section 6).
+/// Minimises the sum of the squared forces subject to their wrench, friction cones and limits (Hand3, section
+/// 6).
 ///
 /// Args:
 ///     positions: (c, 3) contacts on the object [m], 2 to 6 of them.
 ///     normals: (c, 3) normals of the surface, into the object, of any length.
-///     load: (6,) wrench that the forces are to apply to the object: force [N] and moment about `origin` [N·m].
+///     load: (6,) wrench that the forces are to apply to the object: force [N] and moment about `origin`
+///         [N·m].
 ///     friction: coefficient of friction of all contacts.
 ///     limit: largest normal force of a contact [N].
 ///     min_force: smallest normal force of a contact [N].
@@ -26,8 +28,8 @@ type Answer<'py> = (Option<Bound<'py, PyArray2<f32>>>, Option<Bound<'py, PyArray
 ///     origin: (3,) point to which moments refer [m].
 ///
 /// Returns:
-///     ``(forces, None)`` with the forces on the object, (c, 3) [N], or ``(None, twist)`` with the twist, (6,), that
-///     proves that no forces hold the load.
+///     ``(forces, None)`` with the forces on the object, (c, 3) [N], or ``(None, twist)`` with the twist,
+///     (6,), that proves that no forces hold the load.
 ///
 /// Raises:
 ///     ValueError: an argument's shape or value, or a load at the edge of what can be held.

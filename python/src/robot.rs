@@ -29,12 +29,13 @@ type Found<'py> = (
     Bound<'py, PyArray1<f32>>,
 );
 
-/// A robot from its folder (``robot.urdf`` and ``controller.toml``), with the kinematics and dynamics of the control
-/// core, in single precision as on the board.
+/// A robot from its folder (``robot.urdf`` and ``controller.toml``), with the kinematics and dynamics of the
+/// control core, in single precision as on the board.
 ///
 /// Postures come as an array ``q`` of shape (n, k): n postures of the k joints of one tip, in the order of
-/// ``joints_of(tip)``. An array of float32 in C order is read in place, others are converted. Everything is in the
-/// frame of the robot's base: m, rad, N, N·m, kg. Angles outside of their limits are computed all the same.
+/// ``joints_of(tip)``. An array of float32 in C order is read in place, others are converted. Everything is
+/// in the frame of the robot's base: m, rad, N, N·m, kg. Angles outside of their limits are computed all the
+/// same.
 ///
 /// Args:
 ///     folder: path of the robot's folder.
@@ -49,7 +50,8 @@ pub struct Robot {
     chains: Vec<Chain>,
 }
 
-/// A tip's chain with the joints that Python counts: those with a motor that move it. Mimic joints follow them.
+/// A tip's chain with the joints that Python counts: those with a motor that move it. Mimic joints follow
+/// them.
 struct Tip<'a> {
     chain: &'a Chain,
     name: &'a str,
@@ -102,7 +104,8 @@ impl Tip<'_> {
         self.couplings.len()
     }
 
-    /// Poses into `poses`, 7 a posture, and Jacobians into `jacobians`, 6 k a posture; an empty slice is left out.
+    /// Poses into `poses`, 7 a posture, and Jacobians into `jacobians`, 6 k a posture; an empty slice is left
+    /// out.
     fn forward(&self, q: &[f32], poses: &mut [f32], jacobians: &mut [f32]) {
         let count = self.count();
         let mut posture = Posture::default();
@@ -220,8 +223,9 @@ impl Robot {
         })
     }
 
-    /// Names of the joints with a motor that move a tip, base to tip: the columns of ``q``. A joint without motor (a
-    /// mimic joint) is no column; where only the joint that it follows moves it, that one stands in its place.
+    /// Names of the joints with a motor that move a tip, base to tip: the columns of ``q``. A joint without
+    /// motor (a mimic joint) is no column; where only the joint that it follows moves it, that one stands in
+    /// its place.
     ///
     /// Args:
     ///     tip: name of the tip; needed where there are several.
@@ -290,17 +294,19 @@ impl Robot {
         Ok((poses, jacobians))
     }
 
-    /// Inverse kinematics: angles that bring a tip to places or poses. Searches within the joints' limits, each target
-    /// from the angles before it.
+    /// Inverse kinematics: angles that bring a tip to places or poses. Searches within the joints' limits,
+    /// each target from the angles before it.
     ///
     /// Args:
     ///     targets: (n, 3) places x, y, z [m], or (n, 7) poses with the quaternion qx, qy, qz, qw.
     ///     tip: name of the tip; needed where there are several.
-    ///     start: (k,) angles from which the first search starts [rad]; the middle of the limits if not given.
+    ///     start: (k,) angles from which the first search starts [rad]; the middle of the limits if not
+    ///         given.
     ///
     /// Returns:
-    ///     ``(q, reached, distance, angle)``: angles (n, k) [rad], whether each target was reached (n,), and how far
-    ///     the tip is from it, (n,) [m] and (n,) [rad]. Where it was not reached, the angles are the best ones found.
+    ///     ``(q, reached, distance, angle)``: angles (n, k) [rad], whether each target was reached (n,), and
+    ///     how far the tip is from it, (n,) [m] and (n,) [rad]. Where it was not reached, the angles are the
+    ///     best ones found.
     #[pyo3(signature = (targets, tip=None, start=None))]
     fn ik<'py>(
         &self,
@@ -356,8 +362,8 @@ impl Robot {
         Ok((angles, PyArray1::from_vec(py, reached), distances, turns))
     }
 
-    /// Inverse dynamics by recursive Newton–Euler: torques of the joints, (n, k) [N·m], with the inertia of the tip's own
-    /// rotors, without friction.
+    /// Inverse dynamics by recursive Newton–Euler: torques of the joints, (n, k) [N·m], with the inertia of
+    /// the tip's own rotors, without friction.
     ///
     /// Args:
     ///     q: (n, k) angles [rad].
@@ -453,7 +459,8 @@ impl Robot {
         })
     }
 
-    /// Time of the loop of ``fk_jacobian`` in Rust alone, with lists of Rust's [s]: what its test compares with.
+    /// Time of the loop of ``fk_jacobian`` in Rust alone, with lists of Rust's [s]: what its test compares
+    /// with.
     #[pyo3(signature = (q, tip=None))]
     fn _time_fk_jacobian<'py>(
         &self,

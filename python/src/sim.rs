@@ -19,7 +19,8 @@ use crate::value::dictionary;
 /// Control periods between two looks for Ctrl-C.
 const STRETCH: usize = 200;
 
-/// All scenarios: dictionaries with ``name``, ``about``, ``robot`` (its folder in ``robots/``) and ``duration`` [s].
+/// All scenarios: dictionaries with ``name``, ``about``, ``robot`` (its folder in ``robots/``) and
+/// ``duration`` [s].
 #[pyfunction]
 pub fn scenarios(py: Python<'_>) -> PyResult<Bound<'_, PyList>> {
     let list = PyList::empty(py);
@@ -36,16 +37,18 @@ pub fn scenarios(py: Python<'_>) -> PyResult<Bound<'_, PyList>> {
 
 /// A scenario that stands still in each control period of an enabled task; see ``tesaki.sim``.
 ///
-/// ``begin()`` and each ``step()`` return the state as a dictionary, or ``None`` at the scenario's end, after which
-/// ``summary()`` has what it measured. In a state are
+/// ``begin()`` and each ``step()`` return the state as a dictionary, or ``None`` at the scenario's end, after
+/// which ``summary()`` has what it measured. In a state are
 ///
-/// - what the board tells of its last tick: ``position``, ``velocity``, ``reference``, ``torque`` (joints,) [rad, rad/s,
-///   rad, N·m], ``tip_position``, ``tip_force``, ``tip_torque`` (tips, 3) [m, N, N·m], ``report`` (the task's telemetry),
-///   ``task`` and ``tick``;
-/// - ``truth``: what the plant knows and no sensor tells, a dictionary of arrays, ``None`` before the machine has moved;
-/// - ``scripted``: the command that the scenario is about to send, as ``(kind, values)``; ``None`` if it sends nothing;
-/// - ``refused``: why the board refused the last command of the caller, and ``fault``: the fault that ends the trial;
-/// - ``trial``, from 1, and ``is_over``: the trial ends here, and what is commanded now is not sent.
+/// - what the board tells of its last tick: ``position``, ``velocity``, ``reference``, ``torque`` (joints,)
+/// [rad, rad/s,
+///   rad, N·m], ``tip_position``, ``tip_force``, ``tip_torque`` (tips, 3) [m, N, N·m], ``report`` (the task's
+///   telemetry), ``task`` and ``tick``;
+/// - ``truth``: what the plant knows and no sensor tells, a dictionary of arrays, ``None`` before the machine
+/// has moved; - ``scripted``: the command that the scenario is about to send, as ``(kind, values)``; ``None``
+/// if it sends nothing; - ``refused``: why the board refused the last command of the caller, and ``fault``:
+/// the fault that ends the trial; - ``trial``, from 1, and ``is_over``: the trial ends here, and what is
+/// commanded now is not sent.
 ///
 /// Args:
 ///     scenario: its name.
@@ -95,8 +98,8 @@ impl Run {
     /// Goes on by one control period; returns the state after it.
     ///
     /// Args:
-    ///     kind: what is commanded in place of the scenario's own command, see ``tesaki.COMMANDS``; ``nothing`` commands
-    ///         nothing, ``None`` leaves the scenario its own.
+    ///     kind: what is commanded in place of the scenario's own command, see ``tesaki.COMMANDS``;
+    ///         ``nothing`` commands nothing, ``None`` leaves the scenario its own.
     ///     values: the command's numbers.
     ///
     /// Raises:
@@ -149,8 +152,8 @@ impl Run {
         Ok(())
     }
 
-    /// What was measured, as JSON: the summary of ``cargo sim run --json``, and the tables as CSV; ``None`` before the
-    /// end.
+    /// What was measured, as JSON: the summary of ``cargo sim run --json``, and the tables as CSV; ``None``
+    /// before the end.
     fn summary(&self) -> Option<String> {
         self.state().summary.clone()
     }

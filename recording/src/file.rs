@@ -25,8 +25,9 @@ fn quality_of_service(depth: u32, transient_local: bool) -> String {
     )
 }
 
-/// A recording being written. When the program dies, at most a second of recorded time is lost, and the file is one
-/// without index; dropped without [`finish`](Publisher::finish), the file is completed but errors go unseen.
+/// A recording being written. When the program dies, at most a second of recorded time is lost, and the file
+/// is one without index; dropped without [`finish`](Publisher::finish), the file is completed but errors go
+/// unseen.
 pub type Recording = Publisher<McapFile>;
 
 /// A file in MCAP.

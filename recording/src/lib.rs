@@ -1,5 +1,5 @@
-//! A robot as ROS 2 messages: recorded in MCAP, as Foxglove, PlotJuggler, Rerun and `ros2 bag` open it, or kept for
-//! who looks on.
+//! A robot as ROS 2 messages: recorded in MCAP, as Foxglove, PlotJuggler, Rerun and `ros2 bag` open it, or
+//! kept for who looks on.
 //!
 //! A [`Publisher`] makes the messages, for a [`Sink`]: [`McapFile`] (together a [`Recording`]) or [`Live`].
 
@@ -310,7 +310,8 @@ impl<S: Sink> Publisher<S> {
         self.write(topic, time, &messages::Transforms { transforms: transforms.collect() })
     }
 
-    /// The wrench on a frame, on `/tesaki/wrench/FRAME`: force [N] and torque [N·m] about its origin, in its axes.
+    /// The wrench on a frame, on `/tesaki/wrench/FRAME`: force [N] and torque [N·m] about its origin, in its
+    /// axes.
     pub fn wrench(
         &mut self,
         time: u64,

@@ -120,8 +120,8 @@ pub(super) struct Marker<'a> {
     lifetime: (i32, u32),
     frame_locked: bool,
     points: &'a [[f64; 3]],
-    /// `colors`, `texture_resource`, `texture`, `uv_coordinates`, `text`, `mesh_resource`, `mesh_file` and whether its
-    /// materials are used: all empty.
+    /// `colors`, `texture_resource`, `texture`, `uv_coordinates`, `text`, `mesh_resource`, `mesh_file` and
+    /// whether its materials are used: all empty.
     colours: &'a [u8],
     texture_resource: &'a str,
     texture: (Header<'a>, &'a str, &'a [u8]),

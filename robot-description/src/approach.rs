@@ -159,8 +159,8 @@ pub fn load(robot: &Path, model: &RobotModel) -> Result<ApproachFile, ApproachFi
     settings.ok_or(ApproachFileError::Wrong(findings))
 }
 
-/// What is wrong with `text`, the content of `path`, for the robot of `model` with the camera of `hand_eye`; the settings
-/// when nothing is.
+/// What is wrong with `text`, the content of `path`, for the robot of `model` with the camera of `hand_eye`;
+/// the settings when nothing is.
 pub fn check(
     path: &Path,
     text: &str,

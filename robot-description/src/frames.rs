@@ -61,8 +61,8 @@ pub struct Frames {
 }
 
 impl Frames {
-    /// The links of a URDF, for joints whose values come in the order of `names`. Links behind other joints are left
-    /// out, unless these mimic one of `names`.
+    /// The links of a URDF, for joints whose values come in the order of `names`. Links behind other joints
+    /// are left out, unless these mimic one of `names`.
     pub fn of_urdf<S: AsRef<str>>(robot: &Robot, names: &[S]) -> Self {
         let mut frames = Self::default();
         for joint in &robot.joints {
@@ -108,13 +108,14 @@ impl Frames {
         frames
     }
 
-    /// Adds a frame for the tip of each chain of the model that has none, by the chain's name: in the frame of the
-    /// chain's last joint. A URDF has it as a link.
+    /// Adds a frame for the tip of each chain of the model that has none, by the chain's name: in the frame
+    /// of the chain's last joint. A URDF has it as a link.
     #[must_use]
     pub fn with_tips(mut self, model: &RobotModel) -> Self {
         for (index, chain) in model.chains.iter().enumerate() {
             let couplings: Vec<Coupling> = model.joints_of(index).map(ChainJoint::coupling).collect();
-            // Joints of other chains may move as the last one does: all of the way from the base tell the chain.
+            // Joints of other chains may move as the last one does: all of the way from the base tell the
+            // chain.
             let is_last = |moved: &&Moved| {
                 let way = self.way(&moved.origin.child);
                 way.len() == couplings.len()

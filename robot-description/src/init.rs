@@ -171,8 +171,8 @@ fn plan(chains: &[SerialChain], options: &InitOptions) -> Result<Vec<JointPlan>,
     Ok(plans.into_iter().map(|(_, plan)| plan).collect())
 }
 
-/// A chain, and what moves each of its joints, of which those with a motor are `joints`. `None` where a mimic joint follows
-/// none of these, which has been reported.
+/// A chain, and what moves each of its joints, of which those with a motor are `joints`. `None` where a mimic
+/// joint follows none of these, which has been reported.
 fn coupled(chain: &SerialChain, joints: &[&SerialJoint]) -> Option<(Chain, Vec<Coupling>)> {
     let all = chain.all();
     let links = all.iter().map(|(joint, _)| (&joint.origin, &joint.axis, &joint.link));

@@ -7,8 +7,9 @@
 //! - [`frames`] says where each link is in the one that carries it;
 //! - [`plant`] holds the simulated machine, [`init`] writes a folder for a URDF;
 //! - [`law`] holds control laws with the experiments of a paper;
-//! - [`calibration`] holds the values of one machine, [`hand_eye`] those of its camera, [`grasp`], [`impedance`],
-//!   [`retargeting`] and [`approach`] what tasks are given, [`law`] control laws and a paper's experiments with them.
+//! - [`calibration`] holds the values of one machine, [`hand_eye`] those of its camera, [`grasp`],
+//!   [`impedance`], [`retargeting`] and [`approach`] what tasks are given, [`law`] control laws and a paper's
+//!   experiments with them.
 
 pub mod approach;
 pub mod calibration;

@@ -8,8 +8,8 @@ use tesaki::model::{Coupling, MAX_JOINTS};
 const POSTURES: u32 = 600;
 /// Bases of the Halton sequence.
 const PRIMES: [u32; MAX_JOINTS] = [2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37, 41, 43, 47, 53];
-/// Number of joints of which all combinations of limits are looked at. Of more joints, one is at the same end as the
-/// one so many before it.
+/// Number of joints of which all combinations of limits are looked at. Of more joints, one is at the same end
+/// as the one so many before it.
 const CORNER_JOINTS: usize = 11;
 
 /// Gravity torque of a joint over the postures.
@@ -21,8 +21,8 @@ pub(crate) struct JointLoad {
     pub posture: Vec<f32>,
 }
 
-/// A chain, or several that depend on each other as joints of one follow a motor of another. The angles, torques and
-/// inertias of its methods are those of the joints with a motor.
+/// A chain, or several that depend on each other as joints of one follow a motor of another. The angles,
+/// torques and inertias of its methods are those of the joints with a motor.
 pub(crate) struct CoupledChains {
     /// The joints with a motor, as indices into the robot's; rising.
     pub motors: Vec<usize>,
@@ -33,7 +33,8 @@ pub(crate) struct CoupledChains {
 }
 
 impl CoupledChains {
-    /// The chains of a robot in groups that do not depend on each other: `chains` has each with what moves its joints.
+    /// The chains of a robot in groups that do not depend on each other: `chains` has each with what moves
+    /// its joints.
     pub fn groups(chains: impl IntoIterator<Item = (Chain, Vec<Coupling>)>) -> Vec<Self> {
         let mut groups: Vec<Self> = Vec::new();
         for (chain, couplings) in chains {
@@ -77,9 +78,10 @@ impl CoupledChains {
         loads
     }
 
-    /// Smallest and largest inertia that each joint feels over the postures [kg·m²]. The largest one is felt with the
-    /// other joints held: the diagonal `M_ii` of the mass matrix. The smallest one is felt with the other joints free,
-    /// `1/(M⁻¹)_ii` (Featherstone 2008, section 7.3): servos do not hold them against fast motion.
+    /// Smallest and largest inertia that each joint feels over the postures [kg·m²]. The largest one is felt
+    /// with the other joints held: the diagonal `M_ii` of the mass matrix. The smallest one is felt with the
+    /// other joints free, `1/(M⁻¹)_ii` (Featherstone 2008, section 7.3): servos do not hold them against fast
+    /// motion.
     pub fn joint_inertias(&self, limits: &[(f32, f32)]) -> Vec<[f32; 2]> {
         let mut inertias = vec![[f32::INFINITY, 0.0_f32]; limits.len()];
         for posture in postures(limits) {
@@ -112,8 +114,8 @@ impl CoupledChains {
         driving
     }
 
-    /// The sum of `Tᵀ M T` over the chains, with the rotors: `T` takes velocities of the joints with a motor to those of
-    /// all.
+    /// The sum of `Tᵀ M T` over the chains, with the rotors: `T` takes velocities of the joints with a motor
+    /// to those of all.
     fn mass_matrix(&self, posture: &[f32]) -> DMatrix<f32> {
         let mut matrix = DMatrix::zeros(posture.len(), posture.len());
         for (chain, couplings) in &self.chains {
@@ -185,9 +187,9 @@ mod tests {
 
     #[test]
     fn a_motor_feels_the_joint_behind_it_that_follows() {
-        // Two rods of 1 m with 1 kg at the end of the second, which bends by −2 times the angle of the first: at 0.5 rad
-        // the mass is 2 cos 0.5 from the axis, on the x axis, and falls towards it. Its height changes with the angle q
-        // by cos q + (1 − 2) cos(q − 2q) = 0; its place along x by −2 sin q.
+        // Two rods of 1 m with 1 kg at the end of the second, which bends by −2 times the angle of the first:
+        // at 0.5 rad the mass is 2 cos 0.5 from the axis, on the x axis, and falls towards it. Its height
+        // changes with the angle q by cos q + (1 − 2) cos(q − 2q) = 0; its place along x by −2 sin q.
         let rod = |mass| Inertial { mass, center_of_mass: [1.0, 0.0, 0.0], inertia: [0.0; 6] };
         let (first, second) = (rod(0.0), rod(1.0));
         let end = Pose { translation: [1.0, 0.0, 0.0], ..Pose::IDENTITY };
@@ -199,15 +201,17 @@ mod tests {
         // sin 0.5 = 0.479 426.
         let by_hand = 0.958_851 * 0.958_851 + 0.1;
         assert!(matrix.len() == 1 && (matrix[(0, 0)] - by_hand).abs() < 1e-5, "{matrix} {by_hand}");
-        // A force of 1 N along −x is held by the torque 2 sin q · 1 N, against the motion that shortens it: −2 sin q.
+        // A force of 1 N along −x is held by the torque 2 sin q · 1 N, against the motion that shortens it:
+        // −2 sin q.
         let torque = chain.gravity_torques(&[-1.0, 0.0, 0.0], &[0.5])[0];
         assert!((torque + 0.958_851).abs() < 1e-5, "{torque}");
     }
 
     #[test]
     fn a_motor_feels_the_joint_of_another_chain_that_follows() {
-        // Rods of 1 m with a mass at their end: one of 1 kg; in another chain one of 2 kg that turns by −2 times the angle
-        // of the first, with a joint of its own at the same axis behind it, which turns 3 kg. A third chain is apart.
+        // Rods of 1 m with a mass at their end: one of 1 kg; in another chain one of 2 kg that turns by −2
+        // times the angle of the first, with a joint of its own at the same axis behind it, which turns 3 kg.
+        // A third chain is apart.
         let rod = |mass| Inertial { mass, center_of_mass: [1.0, 0.0, 0.0], inertia: [0.0; 6] };
         let axis = [0.0, 0.0, 1.0];
         let chain = |links: &[Inertial]| {
@@ -233,7 +237,8 @@ mod tests {
         {
             assert!((got - by_hand).abs() < 1e-4, "{got} instead of {by_hand}");
         }
-        // 1 m/s² along −y: the motors hold the masses at angle 0 with −m x, times the ratio of the velocities.
+        // 1 m/s² along −y: the motors hold the masses at angle 0 with −m x, times the ratio of the
+        // velocities.
         let torques = together.gravity_torques(&[0.0, -1.0, 0.0], &[0.0, 0.0]);
         assert!(
             (torques[0] - (1.0 - 2.0 * 5.0)).abs() < 1e-5 && (torques[1] - 3.0).abs() < 1e-5,
@@ -276,9 +281,9 @@ mod tests {
 
     #[test]
     fn a_joint_is_light_where_the_others_are_free() {
-        // 1 kg at the end of two rods of 1 m, the second one at a right angle, with rotors of 1 and 0.1 kg·m².
-        // M_22 = 1 + 0.1; the mass is 1 m beyond both axes, along and across: M_11 = 1² + 1² + 1, M_12 = 1.
-        // Free: 3 − 1/1.1 and 1.1 − 1/3. Folded to 0: M_11 = 4 + 1, M_12 = 2: 5 − 4/1.1 and 1.1 − 4/5.
+        // 1 kg at the end of two rods of 1 m, the second one at a right angle, with rotors of 1 and 0.1
+        // kg·m². M_22 = 1 + 0.1; the mass is 1 m beyond both axes, along and across: M_11 = 1² + 1² + 1, M_12
+        // = 1. Free: 3 − 1/1.1 and 1.1 − 1/3. Folded to 0: M_11 = 4 + 1, M_12 = 2: 5 − 4/1.1 and 1.1 − 4/5.
         let rod = |mass| Inertial { mass, center_of_mass: [1.0, 0.0, 0.0], inertia: [0.0; 6] };
         let (first, second) = (rod(0.0), rod(1.0));
         let end = Pose { translation: [1.0, 0.0, 0.0], ..Pose::IDENTITY };

@@ -106,8 +106,8 @@ pub struct LinkageValues {
 }
 
 impl Default for LinkageValues {
-    /// For the fingers of a hand: 500 rad/s with 2e-5 kg·m², and a quarter of the critical damping. A finger of
-    /// 40 g bends it by 3 mrad.
+    /// For the fingers of a hand: 500 rad/s with 2e-5 kg·m², and a quarter of the critical damping. A finger
+    /// of 40 g bends it by 3 mrad.
     fn default() -> Self {
         Self { stiffness: 5.0, damping: 5e-3 }
     }

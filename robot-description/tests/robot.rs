@@ -225,8 +225,8 @@ fn a_motor_is_planned_for_the_fingers_of_other_chains_that_follow_it() {
 fn weight_in_another_chain_that_a_motor_must_lift_is_told() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/hand5");
     let (urdf, settings) = RobotFolder::read(&path).unwrap();
-    // 1 kg at 1 m behind the joint that follows with the ratio −1, in a hand that stands upright: 9.81 sin 0.35 N·m =
-    // 3.364 N·m, and 0.011 N·m for the fingers.
+    // 1 kg at 1 m behind the joint that follows with the ratio −1, in a hand that stands upright: 9.81 sin
+    // 0.35 N·m = 3.364 N·m, and 0.011 N·m for the fingers.
     let root = urdf.find("<link name=\"little_root\">").unwrap();
     let (before, behind) = urdf.split_at(root);
     let heavy = "<origin xyz=\"0 0 1\"/><mass value=\"1\"/>";
@@ -273,7 +273,8 @@ fn a_joint_in_a_finger_follows_the_one_before_it() {
         model.mimics.iter().map(|mimic| (mimic.chain, mimic.place, mimic.joint, mimic.multiplier)).collect();
     let of_fingers = (1..5).map(|chain| (chain, 1, chain + 1, 1.0));
     assert_eq!(mimics, [(0, 2, 1, 1.6), (0, 3, 1, 2.4)].into_iter().chain(of_fingers).collect::<Vec<_>>());
-    // What the motor of a finger feels: M₁₁ + 2 M₁₂ + M₂₂ with both joints in the middle of their ranges, and its rotor.
+    // What the motor of a finger feels: M₁₁ + 2 M₁₂ + M₂₂ with both joints in the middle of their ranges, and
+    // its rotor.
     let (joint, middle) =
         (&model.joints[2], 0.5 * (model.joints[2].limits.lower + model.joints[2].limits.upper));
     let matrix = Chain::of_model(&model, 1).mass_matrix(&[middle, middle]);

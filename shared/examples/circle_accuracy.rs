@@ -1,5 +1,5 @@
-//! Accuracy and times of the circle finder on a set of images as `tests/oracles/find_circle.py set` writes it:
-//! `cargo run --release -p tesaki --example circle_accuracy -- DIR [whole|window] [list]`.
+//! Accuracy and times of the circle finder on a set of images as `tests/oracles/find_circle.py set` writes
+//! it: `cargo run --release -p tesaki --example circle_accuracy -- DIR [whole|window] [list]`.
 
 #![allow(
     clippy::cast_possible_truncation,

@@ -1,6 +1,6 @@
-//! Times of the inverse kinematics of the five-finger hand's thumb on this machine, for targets and starts in a file;
-//! writes the angles to another one. `tests/oracles/peers_thumb.py` runs it beside a solver on Pinocchio and checks the
-//! angles.
+//! Times of the inverse kinematics of the five-finger hand's thumb on this machine, for targets and starts in
+//! a file; writes the angles to another one. `tests/oracles/peers_thumb.py` runs it beside a solver on
+//! Pinocchio and checks the angles.
 
 use std::fmt::Write;
 use std::hint::black_box;

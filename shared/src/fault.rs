@@ -70,23 +70,23 @@ pub enum FaultCause {
     ToolPositionError,
     /// 24: the tool of an arm is rotated too far from its set-point. Value and limit in rad.
     ToolOrientationError,
-    /// 25: a joint runs away: it gains speed against the torque that should bring it back, because its drive is
-    /// reversed, its encoder is another joint's, or something stronger moves it. Value: the torque; limit: the
-    /// torque that moves the joint [N·m].
+    /// 25: a joint runs away: it gains speed against the torque that should bring it back, because its drive
+    /// is reversed, its encoder is another joint's, or something stronger moves it. Value: the torque; limit:
+    /// the torque that moves the joint [N·m].
     Runaway,
-    /// 26: something acts on an arm that its force sensor does not see: the sensor reads too little, or a link
-    /// is pushed. Value: the acceleration of the tool that the control made up for; limit [m/s²].
+    /// 26: something acts on an arm that its force sensor does not see: the sensor reads too little, or a
+    /// link is pushed. Value: the acceleration of the tool that the control made up for; limit [m/s²].
     ForceMismatch,
-    /// 27: the drives brought energy into a robot that was to come to rest, because an encoder or a drive lies, the
-    /// control swings, or what it pressed on is gone. The joint is the one that did most in the last tick. Value
-    /// and limit in J.
+    /// 27: the drives brought energy into a robot that was to come to rest, because an encoder or a drive
+    /// lies, the control swings, or what it pressed on is gone. The joint is the one that did most in the
+    /// last tick. Value and limit in J.
     EnergyGained,
     /// 28: the board could not read its sensors in a control period. Value: 1.
     SensorsSilent,
     /// 29: the crystal stopped while the board ran; it switched its outputs off and reset.
     CrystalStopped,
-    /// 30: at boot, the crystal ran at another frequency than the board's and was not used. Value: the measured
-    /// frequency, 0 if none could be measured; limit: the board's [Hz].
+    /// 30: at boot, the crystal ran at another frequency than the board's and was not used. Value: the
+    /// measured frequency, 0 if none could be measured; limit: the board's [Hz].
     WrongCrystal,
     /// 31: a power stage reported a fault, or the board switched one off by itself. Value: 1.
     PowerStage,
@@ -116,8 +116,8 @@ impl FaultCause {
         )
     }
 
-    /// Whether the joints deviate from their references, or moved on without control, so that they must stop from
-    /// where they are instead of along the reference.
+    /// Whether the joints deviate from their references, or moved on without control, so that they must stop
+    /// from where they are instead of along the reference.
     pub const fn invalidates_reference(self) -> bool {
         matches!(
             self,
@@ -255,7 +255,8 @@ pub struct FaultLog {
 }
 
 impl FaultLog {
-    /// Identifies the layout of a log and the checksum of its joints: memory that outlives a firmware may hold another's.
+    /// Identifies the layout of a log and the checksum of its joints: memory that outlives a firmware may
+    /// hold another's.
     pub const KEY: u64 =
         u64::from_le_bytes(postcard_schema::key::Key::for_path::<(Self, u32)>("tesaki/faults").to_bytes());
 

@@ -57,7 +57,8 @@ pub enum BoardError {
         /// The time waited [s].
         seconds: f64,
     },
-    /// The wait for an answer was interrupted, see [`LinkBoard::interrupt_by`](crate::LinkBoard::interrupt_by).
+    /// The wait for an answer was interrupted, see
+    /// [`LinkBoard::interrupt_by`](crate::LinkBoard::interrupt_by).
     #[error(
         "something more urgent came before the board's answer: whether this was carried out is not known"
     )]
@@ -88,8 +89,8 @@ pub enum BoardError {
 }
 
 impl BoardError {
-    /// The board refused to do `action`. A board that requires a greeting although it speaks the same version of
-    /// the protocol has forgotten this client: it was reset.
+    /// The board refused to do `action`. A board that requires a greeting although it speaks the same version
+    /// of the protocol has forgotten this client: it was reset.
     pub const fn refused(action: &'static str, refusal: Refusal) -> Self {
         match refusal {
             Refusal::SchemaMismatch { board: SCHEMA_KEY, .. } => Self::Reset,

@@ -1,10 +1,9 @@
 //! A hand with one board per finger: grasp control ([`GraspState`]) runs on the PC.
 //!
-//! Each board controls the three joints of its finger
-//! ([`chain_model`]) and reads its fingertip's force sensor. In each
-//! tick [`MultiBoardHand::step`] reads the measurements of all fingers and sends each board joint set-points
-//! and feedforward torques ([`JointCommand::StreamTorques`]), which take effect one tick later than on a single
-//! board.
+//! Each board controls the three joints of its finger ([`chain_model`]) and reads its fingertip's force
+//! sensor. In each tick [`MultiBoardHand::step`] reads the measurements of all fingers and sends each board
+//! joint set-points and feedforward torques ([`JointCommand::StreamTorques`]), which take effect one tick
+//! later than on a single board.
 //!
 //! When a board is in fault, disabled or silent, the others are stopped at once and no more set-points are
 //! sent: within the command timeout all three boards are in their model's reaction.

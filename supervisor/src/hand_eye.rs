@@ -1,14 +1,15 @@
-//! Calibration of a camera in the hand, from circles: one round plate, as the rose of a door knob, is seen from many
-//! postures of the hand. Knob §4.5 measures a table of what the camera sees of a rose straight before the hand; here
-//! the camera itself is estimated, and the [`HandEyeTable`] computed from it.
+//! Calibration of a camera in the hand, from circles: one round plate, as the rose of a door knob, is seen
+//! from many postures of the hand. Knob §4.5 measures a table of what the camera sees of a rose straight
+//! before the hand; here the camera itself is estimated, and the [`HandEyeTable`] computed from it.
 //!
-//! Unknown are the camera's place and rotation in the hand, its focal length, the place of the rose and the direction
-//! of its axis. Each picture gives three numbers: centre and radius of the ellipse that the rim of the rose is in it.
-//! A pinhole camera with square pixels and no distortion is assumed, with a known principal point.
+//! Unknown are the camera's place and rotation in the hand, its focal length, the place of the rose and the
+//! direction of its axis. Each picture gives three numbers: centre and radius of the ellipse that the rim of
+//! the rose is in it. A pinhole camera with square pixels and no distortion is assumed, with a known
+//! principal point.
 //!
-//! Sum of squares by Levenberg–Marquardt (Moré 1978), from several starts, because nothing need be known about the
-//! camera but that it sees the rose; first with Cauchy's weight, narrower from round to round, so that wrong circles
-//! have little weight; then without the rows that do not fit.
+//! Sum of squares by Levenberg–Marquardt (Moré 1978), from several starts, because nothing need be known
+//! about the camera but that it sees the rose; first with Cauchy's weight, narrower from round to round, so
+//! that wrong circles have little weight; then without the rows that do not fit.
 
 mod solve;
 #[cfg(test)]
@@ -55,7 +56,8 @@ pub struct HandEyeSettings {
     pub size: [u32; 2],
     /// Where the optical axis meets the picture [px].
     pub principal: [f64; 2],
-    /// Focal lengths from which the search starts [px]: the true one is within a factor of two of one of them.
+    /// Focal lengths from which the search starts [px]: the true one is within a factor of two of one of
+    /// them.
     pub focal: [f64; 2],
     /// Smallest and largest distance of the table [m].
     pub distances: [f64; 2],
@@ -70,8 +72,8 @@ pub struct HandEyeCamera {
     pub tilt: f64,
     /// Rotation of the optical axis towards the hand's y, after the tilt [rad].
     pub pan: f64,
-    /// Direction in the picture in which a rose moves that moves along the hand's y, from the picture's x towards its y
-    /// [rad].
+    /// Direction in the picture in which a rose moves that moves along the hand's y, from the picture's x
+    /// towards its y [rad].
     pub turn: f64,
     /// Focal length [px].
     pub focal: f64,
@@ -225,11 +227,12 @@ fn list(motions: &[Motion]) -> String {
     if motions.is_empty() { String::new() } else { format!(" with the hand {}", motions.join(", ")) }
 }
 
-/// Estimates camera and rose. The order of the observations does not matter; a few percent of them may show another
-/// circle.
+/// Estimates camera and rose. The order of the observations does not matter; a few percent of them may show
+/// another circle.
 ///
 /// # Errors
-/// [`HandEyeFailure`]: a setting or a row that cannot be, rows that contradict each other, or motion that is missing.
+/// [`HandEyeFailure`]: a setting or a row that cannot be, rows that contradict each other, or motion that is
+/// missing.
 pub fn calibrate(
     observations: &[Observation],
     settings: &HandEyeSettings,
@@ -275,8 +278,8 @@ fn unit_quaternion(components: [f64; 4]) -> Result<UnitQuaternion<f64>, String> 
 }
 
 impl HandEyeSettings {
-    /// For pictures of `size` pixels and a rose of radius `rose` [m]: the principal point in the middle, any usual
-    /// lens, distances of 0.02 to 0.3 m.
+    /// For pictures of `size` pixels and a rose of radius `rose` [m]: the principal point in the middle, any
+    /// usual lens, distances of 0.02 to 0.3 m.
     #[must_use]
     pub fn for_pictures([width, height]: [u32; 2], rose: f64) -> Self {
         let [columns, rows] = [width, height].map(f64::from);
@@ -310,8 +313,8 @@ impl HandEyeSettings {
 }
 
 impl HandEyeCamera {
-    /// Pose of the camera frame in the hand frame: x right and y down in the picture, z along the optical axis.
-    /// Without rotations the picture's right is the hand's y, and its up the hand's x.
+    /// Pose of the camera frame in the hand frame: x right and y down in the picture, z along the optical
+    /// axis. Without rotations the picture's right is the hand's y, and its up the hand's x.
     fn mount(&self) -> Isometry3<f64> {
         let level = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
         let level = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(level));
@@ -323,8 +326,8 @@ impl HandEyeCamera {
         Isometry3::from_parts(Translation3::from(self.position), rotation)
     }
 
-    /// How a circle looks; `None` unless all of it is before the camera, and its plane not seen from its edge.
-    /// `center` and the unit vector `normal` in the camera frame.
+    /// How a circle looks; `None` unless all of it is before the camera, and its plane not seen from its
+    /// edge. `center` and the unit vector `normal` in the camera frame.
     ///
     /// The circle is the dual conic `K (r² (I − n nᵀ) − c cᵀ) Kᵀ` (Hartley and Zisserman, *Multiple View
     /// Geometry*, section 8.2.2); of an ellipse with centre `m` and semi-axes in `A` it is
@@ -353,8 +356,8 @@ impl HandEyeCamera {
         })
     }
 
-    /// A table for roses straight before the hand, their axis along the approach, at distances so that the radii are
-    /// evenly spaced, the farthest first.
+    /// A table for roses straight before the hand, their axis along the approach, at distances so that the
+    /// radii are evenly spaced, the farthest first.
     #[expect(clippy::cast_possible_truncation, clippy::cast_precision_loss, reason = "pixels and metres")]
     fn rows(&self, settings: &HandEyeSettings) -> Result<Vec<HandEyeRow>, HandEyeFailure> {
         let seen = |distance: f64| self.ahead(settings, distance).ok_or(HandEyeFailure::Unseen { distance });
@@ -421,8 +424,8 @@ impl HandEye {
         text
     }
 
-    /// The content of a `hand_eye.toml`, which [`tesaki_description::hand_eye`] reads. `source`: where the circles come
-    /// from, in a line.
+    /// The content of a `hand_eye.toml`, which [`tesaki_description::hand_eye`] reads. `source`: where the
+    /// circles come from, in a line.
     pub fn to_toml(&self, source: &str) -> String {
         let mut text =
             String::from("# What the camera in the hand sees of a rose straight before the hand.\n");
@@ -442,8 +445,8 @@ impl HandEye {
         text + "]\n"
     }
 
-    /// How the rose looks from a pose of the hand, as in [`Observation`]; `None` if the camera does not see it, or the
-    /// quaternion is none.
+    /// How the rose looks from a pose of the hand, as in [`Observation`]; `None` if the camera does not see
+    /// it, or the quaternion is none.
     pub fn appearance(&self, position: [f64; 3], orientation: [f64; 4]) -> Option<Appearance> {
         let rotation = unit_quaternion(orientation).ok()?;
         let hand = Isometry3::from_parts(Translation3::from(position), rotation);

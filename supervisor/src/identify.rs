@@ -11,9 +11,9 @@
 //! with it a model for the board. A drive makes a current of torque over `motor.torque_constant` of that
 //! model; so from then on it makes the torque that it is told.
 //!
-//! Without an object only the weight of the links loads a joint. [`identify_joints`] moves the joints of any robot
-//! alone, and [`fit_free`] finds their friction in commanded torque, which is what a feed-forward needs; where the
-//! masses in the URDF were weighed, [`fit_gain`] finds the torque constant, too.
+//! Without an object only the weight of the links loads a joint. [`identify_joints`] moves the joints of any
+//! robot alone, and [`fit_free`] finds their friction in commanded torque, which is what a feed-forward
+//! needs; where the masses in the URDF were weighed, [`fit_gain`] finds the torque constant, too.
 
 mod calibration;
 mod joints;

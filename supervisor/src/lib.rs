@@ -1,6 +1,6 @@
 //! The PC side of a tesaki board: [`Board`] and its requests, serial ports, a hub that shares a board between
-//! programs, a fault injector for the link, a hand of several boards, identification of joints, and calibration of an
-//! operator's hand and of a camera in the robot's hand.
+//! programs, a fault injector for the link, a hand of several boards, identification of joints, and
+//! calibration of an operator's hand and of a camera in the robot's hand.
 
 mod board;
 pub mod fault_injector;

@@ -76,8 +76,8 @@ impl<L: ByteLink> LinkBoard<L> {
         }
     }
 
-    /// From now on, every wait for an answer ends with [`BoardError::Interrupted`] while `flag` is set, so that
-    /// something more urgent can be [posted](Self::post).
+    /// From now on, every wait for an answer ends with [`BoardError::Interrupted`] while `flag` is set, so
+    /// that something more urgent can be [posted](Self::post).
     pub fn interrupt_by(&mut self, flag: Arc<AtomicBool>) {
         self.interrupt = Some(flag);
     }

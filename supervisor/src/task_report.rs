@@ -38,7 +38,8 @@ pub struct Report {
     pub values: Vec<(&'static str, f32, &'static str)>,
 }
 
-/// The plan of a grasp that the page has begun, and the orientation of the object frame when it was first held.
+/// The plan of a grasp that the page has begun, and the orientation of the object frame when it was first
+/// held.
 #[derive(Clone, Copy, Debug)]
 pub struct Grasped {
     /// The plan.

@@ -1,5 +1,5 @@
 //! The documents name what there is: equations and the functions that compute them, faults and refusals, the
-//! example.
+//! example. They and the comments keep to their width.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
 use std::collections::BTreeSet;
@@ -23,7 +23,7 @@ fn sources(folder: &Path) -> Vec<(PathBuf, String)> {
     let mut found = Vec::new();
     for entry in folder.read_dir().unwrap() {
         let path = entry.unwrap().path();
-        if path.is_dir() {
+        if path.is_dir() && !path.ends_with("target") && !path.ends_with("node_modules") {
             found.extend(sources(&path));
         } else if path.extension().is_some_and(|extension| extension == "rs") {
             let text = read_to_string(&path).unwrap();
@@ -180,14 +180,53 @@ fn the_smallest_node_prints_what_the_documents_quote() {
     );
 }
 
-/// Every relative link of the documents leads to a file.
-#[test]
-fn links_between_documents_lead_somewhere() {
+/// The pages at the top and in docs/.
+fn pages() -> Vec<PathBuf> {
     let mut pages = vec![root().join("README.md"), root().join("CONTRIBUTING.md")];
     let docs = root().join("docs").read_dir().unwrap().map(|entry| entry.unwrap().path());
     pages.extend(docs.filter(|path| path.extension().is_some_and(|extension| extension == "md")));
+    pages
+}
+
+/// Rustfmt holds the code to 110 columns, and leaves comments alone. Tables, listings, pictures and single
+/// words may be longer.
+#[test]
+fn comments_and_prose_end_at_110_columns() {
+    let mut too_long = Vec::new();
+    let mut read = |path: &Path, text: &str, is_prose: &dyn Fn(&str) -> bool| {
+        let mut is_listing = false;
+        for (number, line) in (1..).zip(text.lines()).filter(|(_, line)| is_prose(line)) {
+            let words = line.trim_start().trim_start_matches(['/', '!']).trim_start();
+            is_listing ^= words.starts_with("```");
+            let may_be_long =
+                is_listing || words.starts_with('|') || line.starts_with("![") || !words.contains(' ');
+            if line.chars().count() > 110 && !may_be_long {
+                too_long.push(format!("{}:{number}", path.display()));
+            }
+        }
+    };
+    for page in pages() {
+        read(&page, &read_to_string(&page).unwrap(), &|_| true);
+    }
+    let mut files = 0;
+    for entry in root().read_dir().unwrap().map(|entry| entry.unwrap()) {
+        let name = entry.file_name();
+        if entry.path().is_dir() && name != "target" && !name.to_string_lossy().starts_with('.') {
+            for (path, text) in sources(&entry.path()) {
+                read(&path, &text, &|line| line.trim_start().starts_with("//"));
+                files += 1;
+            }
+        }
+    }
+    assert!(files > 500, "only {files} files found");
+    assert!(too_long.is_empty(), "beyond 110 columns:\n{}", too_long.join("\n"));
+}
+
+/// Every relative link of the documents leads to a file.
+#[test]
+fn links_between_documents_lead_somewhere() {
     let mut links = 0;
-    for page in pages {
+    for page in pages() {
         let text = read_to_string(&page).unwrap();
         for link in text.split("](").skip(1).filter_map(|rest| rest.split(')').next()) {
             let file = link.split('#').next().unwrap();

@@ -1,6 +1,6 @@
 //! The firmware around the control core, in QEMU: on a board whose sensors and drives are computed by itself
-//! (`firmware/src/boards/emulated.rs`), and on the shipped image, whose idle loop feeds the watchdog. QEMU logs what is
-//! written to the peripherals that it does not have: watchdog and pins.
+//! (`firmware/src/boards/emulated.rs`), and on the shipped image, whose idle loop feeds the watchdog. QEMU
+//! logs what is written to the peripherals that it does not have: watchdog and pins.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
 use std::fs::read_to_string;

@@ -1,5 +1,5 @@
-//! The visual approach on the arm that comes with tesaki: a node moves the hand and the gripper. The joints are
-//! ideal, or held: the plant has its own scenario.
+//! The visual approach on the arm that comes with tesaki: a node moves the hand and the gripper. The joints
+//! are ideal, or held: the plant has its own scenario.
 #![allow(
     clippy::unwrap_used,
     clippy::cast_possible_truncation,
@@ -35,7 +35,8 @@ const SETTINGS: VisualApproachSettings = VisualApproachSettings {
 /// The start posture of the robot's folder: the hand is level, 0.72 m before the base and 0.15 m above it.
 const START: [f32; 7] = [0.0, -0.529_777, 0.0, 1.891_18, -1.361_402, 0.0, -0.9];
 
-/// A board whose joints are where their references are, but for those that are held, and less by what they lag.
+/// A board whose joints are where their references are, but for those that are held, and less by what they
+/// lag.
 struct Board {
     rig: Rig,
     angles: Vec<f32>,
@@ -158,7 +159,8 @@ fn the_hand_goes_straight_at_a_constant_orientation() {
     }
     let (place, _) = board.hand();
     assert!((place - target).norm() < 1e-3 && fastest > 0.099, "{place} {fastest}");
-    // 143 mm at 0.1 m/s, with 0.5 s before the first motion, 0.2 s to start, 0.4 s to brake, and 0.1 s of rest.
+    // 143 mm at 0.1 m/s, with 0.5 s before the first motion, 0.2 s to start, 0.4 s to brake, and 0.1 s of
+    // rest.
     assert!((210..260).contains(&ticks), "{ticks} ticks");
 }
 
@@ -253,7 +255,8 @@ fn a_contact_ends_the_motion_and_the_hand_goes_back() {
     // It presses no more: the references are where the joints are.
     let (reference, _) = board.hand();
     assert!((reference - held).norm() < 1e-4, "{}", (reference - held).norm());
-    // Nothing presses again: neither the same target, nor another one, and to stand does not end the way back.
+    // Nothing presses again: neither the same target, nor another one, and to stand does not end the way
+    // back.
     for _ in 0..100 {
         for ahead in [0.0, 0.02, -0.05] {
             let target = [target[0] + ahead, target[1], target[2]];
@@ -330,7 +333,8 @@ fn a_force_that_grows_slowly_is_noticed_at_one_and_a_half_times_the_limit() {
         }
         assert_eq!(board.telemetry().motion, HandMotion::Blocked);
         let force = rate * time + at_once;
-        // The limit is 20 N; up to 10 N are taken for errors of the model, and the posture has changed meanwhile.
+        // The limit is 20 N; up to 10 N are taken for errors of the model, and the posture has changed
+        // meanwhile.
         assert!((19.0..33.0).contains(&force), "{rate} N/s: {force} N");
     }
 }

@@ -1,5 +1,5 @@
-//! The page that shows a robot in a browser: live (`tesaki view`), in a run while it is computed (`cargo sim run --view`),
-//! and in the reports of the simulator. [`server`] serves it.
+//! The page that shows a robot in a browser: live (`tesaki view`), in a run while it is computed (`cargo sim
+//! run --view`), and in the reports of the simulator. [`server`] serves it.
 //!
 //! The page is one script and one style sheet, [`SCRIPT`] and [`STYLE`], made by esbuild from the sources in
 //! `viewer/web` (`npm run build` there). Both are committed, so that nothing but Rust is needed to build this

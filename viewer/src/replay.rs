@@ -58,8 +58,8 @@ pub struct Note {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Frame(pub String, pub [f64; 7]);
 
-/// A force that acts on an object, or on a tip: where, the force, the direction into the object (0 where it is
-/// not known), and the coefficient of friction (0 where it is not known).
+/// A force that acts on an object, or on a tip: where, the force, the direction into the object (0 where it
+/// is not known), and the coefficient of friction (0 where it is not known).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Contact {
     /// Index of the tip.
@@ -126,7 +126,8 @@ fn round(value: f64) -> f64 {
 }
 
 impl Replay {
-    /// The replay of samples that are `period` apart [s]: at most 50 a second, and not more than a page holds.
+    /// The replay of samples that are `period` apart [s]: at most 50 a second, and not more than a page
+    /// holds.
     pub fn new(scene: Scene, period: f64, samples: &[Sample]) -> Self {
         let every = samples.len().div_ceil(MAX_SAMPLES).max(2);
         let samples: Vec<Sample> = samples.iter().step_by(every).map(Sample::rounded).collect();

@@ -194,8 +194,8 @@ impl Scene {
         Some(self.joints.len() - 1)
     }
 
-    /// The joint of the model for one of the URDF, behind `parent` at `place`. A mimic joint has no name there: it is the
-    /// one with the same place.
+    /// The joint of the model for one of the URDF, behind `parent` at `place`. A mimic joint has no name
+    /// there: it is the one with the same place.
     fn index(&self, joint: &urdf_rs::Joint, parent: Option<usize>, place: &Isometry3<f64>) -> Option<usize> {
         let origin = of_isometry(&(place * isometry(&joint.origin)));
         let same = |other: &SceneJoint| {

@@ -1,8 +1,8 @@
 //! What browsers look at: a few fixed files over HTTP, the files of a report, and a WebSocket for each page.
 //!
-//! It has no threads: [`Server::turn`] does what can be done without waiting. A browser sends what any page makes
-//! it send, so only pages of this server may open a WebSocket (`Origin`), and only under the names of this machine
-//! (`Host`), which keeps out names of others that lead here (DNS rebinding).
+//! It has no threads: [`Server::turn`] does what can be done without waiting. A browser sends what any page
+//! makes it send, so only pages of this server may open a WebSocket (`Origin`), and only under the names of
+//! this machine (`Host`), which keeps out names of others that lead here (DNS rebinding).
 
 use std::collections::BTreeMap;
 use std::io::{self, Read as _, Write as _};
@@ -121,8 +121,8 @@ impl Server {
         Ok(Self { listener, address, site, report, visitors, pages, next: 1 })
     }
 
-    /// Serves the files that are now in a folder, and in the folders in it, below `prefix` (`/report/`): a report that
-    /// was written there. Links to elsewhere are left out.
+    /// Serves the files that are now in a folder, and in the folders in it, below `prefix` (`/report/`): a
+    /// report that was written there. Links to elsewhere are left out.
     ///
     /// # Errors
     /// The folder cannot be read.

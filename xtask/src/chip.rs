@@ -1,4 +1,5 @@
-//! `cargo xtask chip`: the image of the board that drives motors, and that of the chip alone, on a model of the chip.
+//! `cargo xtask chip`: the image of the board that drives motors, and that of the chip alone, on a model of
+//! the chip.
 
 use std::path::Path;
 use std::process::Command;
@@ -24,8 +25,8 @@ pub fn run() -> Result<()> {
     check(ArmCompiler::provide()?, host_sim)
 }
 
-/// Builds the images that are flashed and the model, and tries the ones on the other, alone and with a finger that
-/// `host_sim` simulates.
+/// Builds the images that are flashed and the model, and tries the ones on the other, alone and with a finger
+/// that `host_sim` simulates.
 pub fn check(compiler: ArmCompiler, mut host_sim: Command) -> Result<()> {
     tools::provide_unicorn_builder()?;
     let images = [("weact", BOARD), ("bare", firmware::BOARD)];

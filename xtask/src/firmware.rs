@@ -37,7 +37,8 @@ pub fn build(compiler: ArmCompiler, binary: &str, features: &[&str]) -> Result<P
     std::path::absolute(path(binary)).context("the image's path")
 }
 
-/// Builds the image of a board: `board` is its feature. Cargo puts every board's image at the same path, so it is copied.
+/// Builds the image of a board: `board` is its feature. Cargo puts every board's image at the same path, so
+/// it is copied.
 pub fn build_for_board(compiler: ArmCompiler, board: &str) -> Result<PathBuf> {
     let built = build(compiler, IMAGE, &[board])?;
     let image = built.with_file_name(format!("{IMAGE}-{board}"));

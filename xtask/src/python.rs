@@ -37,8 +37,8 @@ pub fn check() -> Result<()> {
 
 /// Builds the extension and puts the package together as its wheel does; a Python that imports it.
 ///
-/// Not by maturin, which builds a package with the features that it needs alone: every dependency would be compiled a
-/// second time. The selection of all other builds here gives the same library in seconds.
+/// Not by maturin, which builds a package with the features that it needs alone: every dependency would be
+/// compiled a second time. The selection of all other builds here gives the same library in seconds.
 fn build() -> Result<Command> {
     let python = tools::provide_python(&out("python"), PACKAGES, "numpy, gymnasium, mcap, pytest")?;
     tools::run(test::cargo(&["build"]).args(test::HOST).args(["--lib", "--bin", "host-sim"]))?;

@@ -1,5 +1,5 @@
-//! Files of results, one a line, that are complete or not there: a job that dies leaves no half of one, and one that
-//! runs twice, even at once, leaves the same.
+//! Files of results, one a line, that are complete or not there: a job that dies leaves no half of one, and
+//! one that runs twice, even at once, leaves the same.
 
 use std::fs::{self, File};
 use std::io::Write;
@@ -8,7 +8,8 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use serde::Serialize;
 
-/// A file that gets its name when it is complete. Until then, or for good, it has a name of its own that ends in `.part`.
+/// A file that gets its name when it is complete. Until then, or for good, it has a name of its own that ends
+/// in `.part`.
 pub struct ResultsFile {
     path: PathBuf,
     part: PathBuf,

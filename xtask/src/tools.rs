@@ -1,5 +1,5 @@
-//! The tools that are not Rust crates: a compiler for the Cortex-M4F, QEMU, rosbags, node and Chromium. Each is taken where
-//! it is, or installed in the first way that works.
+//! The tools that are not Rust crates: a compiler for the Cortex-M4F, QEMU, rosbags, node and Chromium. Each
+//! is taken where it is, or installed in the first way that works.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -231,8 +231,8 @@ pub fn provide_rosbags(folder: &Path) -> Result<PathBuf> {
     provide_python(folder, &ROSBAGS, "rosbags, mcap, numpy")
 }
 
-/// A Python of its own in `folder`, with these packages of pip, which can be imported as `imports`; returns the
-/// interpreter.
+/// A Python of its own in `folder`, with these packages of pip, which can be imported as `imports`; returns
+/// the interpreter.
 pub fn provide_python(folder: &Path, packages: &[&str], imports: &str) -> Result<PathBuf> {
     let python = std::path::absolute(folder.join("bin/python"))?;
     let works = || succeeds(Command::new(&python).args(["-c", &format!("import {imports}")]));

@@ -10,11 +10,13 @@ use tesaki_chip::bench::{Bench, Motor};
 
 use crate::rig::{MOTOR, Rig, model};
 
-/// A motor as its data sheet says: name, resistance [Ω], inductance [H], torque constant [N·m/A] at the joint.
+/// A motor as its data sheet says: name, resistance [Ω], inductance [H], torque constant [N·m/A] at the
+/// joint.
 ///
-/// FAULHABER 1524 T 009 SR, coreless, behind 58.5:1: data sheet of the series 1524 … SR. Pololu micro metal gearmotor HP
-/// 6 V 30:1 (N20, iron core): 1.5 A when stalled, 1000 min⁻¹ without load; no inductance is published, 1 mH is assumed.
-/// Quanser SRV02 with its gear of 70: FAULHABER 2338 S 006, table 3.1 of the SRV02 manual.
+/// FAULHABER 1524 T 009 SR, coreless, behind 58.5:1: data sheet of the series 1524 … SR. Pololu micro metal
+/// gearmotor HP 6 V 30:1 (N20, iron core): 1.5 A when stalled, 1000 min⁻¹ without load; no inductance is
+/// published, 1 mH is assumed. Quanser SRV02 with its gear of 70: FAULHABER 2338 S 006, table 3.1 of the
+/// SRV02 manual.
 const MOTORS: [(&str, f64, f64, f64); 3] = [
     ("FAULHABER 1524 T 009 SR", 10.6, 0.23e-3, 0.5),
     ("Pololu N20 HP", 4.0, 1e-3, 0.0573),
@@ -75,9 +77,10 @@ fn step(resistance: f64, inductance: f64) -> Vec<[f64; 3]> {
     currents
 }
 
-/// Windings as given and by a fifth beside it, with noise of the converters and a supply that sags. A bandwidth of a kilohertz
-/// is a rise to 63 % in 0.16 ms, after the period in which the command comes; a tenth is the aim for the overshoot, which one
-/// case misses: the coreless motor with less resistance and more inductance than its model.
+/// Windings as given and by a fifth beside it, with noise of the converters and a supply that sags. A
+/// bandwidth of a kilohertz is a rise to 63 % in 0.16 ms, after the period in which the command comes; a
+/// tenth is the aim for the overshoot, which one case misses: the coreless motor with less resistance and
+/// more inductance than its model.
 #[test]
 fn currents_rise_as_with_a_kilohertz_and_hardly_overshoot() {
     let (mut highest, mut missed) = (0.0_f64, Vec::new());
@@ -105,7 +108,8 @@ fn currents_rise_as_with_a_kilohertz_and_hardly_overshoot() {
     assert!(highest < 0.2 && missed.len() <= 1, "{highest} {missed:?}");
 }
 
-/// Mean torques of a coreless motor at each joint against those that the core has computed, while the joints move and rest.
+/// Mean torques of a coreless motor at each joint against those that the core has computed, while the joints
+/// move and rest.
 #[test]
 fn torques_are_those_that_the_core_computes() {
     let (_, resistance, inductance, constant) = MOTORS[0];

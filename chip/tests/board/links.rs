@@ -18,8 +18,8 @@ fn assert_whole(link: &LinkStatistics) {
     assert_eq!([overlong, framing, checksum, malformed], [0; 4], "{link:?}");
 }
 
-/// Runs with 921 600 baud as full as it can be both ways. `each` is called with the bench and the millisecond. Returns the
-/// number of bytes that the board has sent.
+/// Runs with 921 600 baud as full as it can be both ways. `each` is called with the bench and the
+/// millisecond. Returns the number of bytes that the board has sent.
 pub fn run_with_full_lines(rig: &mut Rig, milliseconds: u64, each: fn(&mut Bench, u64)) -> usize {
     for stream in Stream::ALL {
         rig.client.demand(&mut rig.machine, Request::SetRate { stream, every: 1 }).unwrap();
@@ -63,7 +63,8 @@ fn no_byte_is_lost_beside_the_current_loops() {
     assert!(frames > 5000 && received > 50_000, "{frames} {received}");
 }
 
-/// The host of a plant link may be stopped in a debugger: the board waits, an hour of its time, and then goes on.
+/// The host of a plant link may be stopped in a debugger: the board waits, an hour of its time, and then goes
+/// on.
 #[test]
 fn an_hour_of_silence_on_the_plant_link_resets_nothing() {
     let mut machine = Machine::load(&image("bare"), Bench::new([MOTOR; 3], 1));

@@ -46,8 +46,9 @@ fn a_high_current_is_off_within_100_microseconds() {
     assert!(worst <= 100 * MICROSECOND, "{worst} ps");
 }
 
-/// An encoder whose cable is unplugged while its joint moves: the core names it and switches off. It sees a dead encoder only by
-/// a torque beyond friction that moves nothing, so that takes the servo's time, more than the two periods that would be good.
+/// An encoder whose cable is unplugged while its joint moves: the core names it and switches off. It sees a
+/// dead encoder only by a torque beyond friction that moves nothing, so that takes the servo's time, more
+/// than the two periods that would be good.
 #[test]
 fn a_dead_encoder_is_named_and_off_within_20_periods() {
     let mut worst = 0;

@@ -1,4 +1,5 @@
-//! The image of `board-weact` on the modelled chip: what a driver must do, and that each seeded mistake in one is found.
+//! The image of `board-weact` on the modelled chip: what a driver must do, and that each seeded mistake in
+//! one is found.
 
 use tesaki::model::{Field, Problem, RobotModel};
 use tesaki::protocol::{ClockSource, Mode, Refusal, Reply, ResetCause};
@@ -19,8 +20,9 @@ fn boots_from_the_crystal() {
     assert_eq!(rig.machine.chip.unknown, Default::default());
 }
 
-/// Steps by at most 0.3 rad, and for so long. Returns the largest distance from the reference of the trajectory filter, and the
-/// largest one from the goal after two seconds [rad]; the angle is that of the motor, not of the encoder.
+/// Steps by at most 0.3 rad, and for so long. Returns the largest distance from the reference of the
+/// trajectory filter, and the largest one from the goal after two seconds [rad]; the angle is that of the
+/// motor, not of the encoder.
 fn step(rig: &mut Rig, ticks: u32) -> (f64, f64) {
     let goals = [0.3_f32, -0.3, 0.15];
     rig.goal(goals);
@@ -52,8 +54,8 @@ fn joints_step_by_0_3_rad_through_the_registers() {
     assert!(worst < 5e-3 && late < 1e-3, "{worst} {late}");
 }
 
-/// No late tick and no other fault either. The table's 5 mrad are for motors as the model says: these were up to 9.9 mrad beside
-/// the reference.
+/// No late tick and no other fault either. The table's 5 mrad are for motors as the model says: these were up
+/// to 9.9 mrad beside the reference.
 #[test]
 fn twenty_boards_step_whose_motors_differ_from_the_model() {
     let errors: Vec<f64> = (1..=20).map(|seed| step(&mut Rig::deviating(seed), 60).0).collect();

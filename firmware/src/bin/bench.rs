@@ -437,9 +437,9 @@ fn follow_hand5() {
     retargeting("retarget_first_directions_unreachable", &hand, 1.5, true, true);
 }
 
-/// Frames of a hand that follows an operator whose hand is `size` times as large and moves, with or
-/// without the directions of the fingertips: all on average, and the longest. Each one may be the `first`, for which the
-/// hand is stretched.
+/// Frames of a hand that follows an operator whose hand is `size` times as large and moves, with or without
+/// the directions of the fingertips: all on average, and the longest. Each one may be the `first`, for which
+/// the hand is stretched.
 #[inline(never)]
 fn retargeting(name: &str, hand: &Hand, size: f32, directions: bool, first: bool) {
     let settings = RetargetSettings { speeds: [1e3; 16], directions, ..RetargetSettings::DEFAULT };
@@ -492,8 +492,8 @@ fn since(start: u32) -> u32 {
     start.wrapping_sub(SYST::get_current()) & 0xFF_FFFF
 }
 
-/// A hand whose six motors move six mimic joints: retargeting of a frame, and the tick of a node that follows an
-/// operator, retargeting included.
+/// A hand whose six motors move six mimic joints: retargeting of a frame, and the tick of a node that follows
+/// an operator, retargeting included.
 #[inline(never)]
 fn mimics(node: &mut Node) {
     /// robots/inspire as it goes over the wire: `tests/tests/telexistence.rs` compares.

@@ -1,4 +1,5 @@
-//! The microcontroller alone, without drives and without sensors: its node cannot be enabled but on the plant link.
+//! The microcontroller alone, without drives and without sensors: its node cannot be enabled but on the plant
+//! link.
 //!
 //! | pin | use |
 //! |---|---|

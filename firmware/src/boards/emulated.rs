@@ -1,7 +1,9 @@
-//! A board for tests in QEMU, where no sensor and no drive is: one joint is computed, with a rotor and nothing else.
+//! A board for tests in QEMU, where no sensor and no drive is: one joint is computed, with a rotor and
+//! nothing else.
 //!
-//! It runs what the plant link does not: the timer's interrupt, the latch, periods without sensors, the outputs' way
-//! off. The name of the robot's model chooses what goes wrong, half a second after the joint was enabled:
+//! It runs what the plant link does not: the timer's interrupt, the latch, periods without sensors, the
+//! outputs' way off. The name of the robot's model chooses what goes wrong, half a second after the joint was
+//! enabled:
 //!
 //! | model | what happens |
 //! |---|---|

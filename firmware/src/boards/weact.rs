@@ -1,5 +1,5 @@
-//! WeAct STM32F405 core board with three carriers of the power stage DRV8874: three brushed motors with a quadrature encoder
-//! each.
+//! WeAct STM32F405 core board with three carriers of the power stage DRV8874: three brushed motors with a
+//! quadrature encoder each.
 //!
 //! | pin | use |
 //! |---|---|
@@ -15,9 +15,10 @@
 //! | PC3 | ADC1: supply, through 100 kΩ and 10 kΩ |
 //! | PA9, PA10 | USART1 TX, RX: supervisor |
 //!
-//! The carriers are in their PH/EN mode (`PMODE` low). The emergency stop opens a contact from 3.3 V to PC8; from there
-//! 4.7 kΩ go to PA6, which has 47 kΩ to ground. PC8 is a data line of the microSD slot that such boards may have: pull-ups
-//! on it must be removed, or an open contact reads as a closed one. There is no plant link.
+//! The carriers are in their PH/EN mode (`PMODE` low). The emergency stop opens a contact from 3.3 V to PC8;
+//! from there 4.7 kΩ go to PA6, which has 47 kΩ to ground. PC8 is a data line of the microSD slot that such
+//! boards may have: pull-ups on it must be removed, or an open contact reads as a closed one. There is no
+//! plant link.
 
 use core::f32::consts::TAU;
 use core::sync::atomic::{AtomicBool, Ordering};
@@ -46,13 +47,13 @@ use crate::drivers::pulses::Pulses;
 const N: usize = 3;
 /// Frequency of TIM1 [Hz].
 const TIMER: f32 = 168e6;
-/// Counts of half a pulse period: 40 kHz. At 20 kHz a small coreless motor, with a time constant of 20 µs, would lose most of
-/// its current between the pulse and the sample.
+/// Counts of half a pulse period: 40 kHz. At 20 kHz a small coreless motor, with a time constant of 20 µs,
+/// would lose most of its current between the pulse and the sample.
 const RESOLUTION: u16 = 2100;
 /// Pulses in a period of the current loops, which run at 20 kHz.
 const PULSES: u16 = 2;
-/// A duty takes effect in the middle of the pulse after the sample. Duties end 2.5 µs before the sample: the current has its
-/// magnitude in `CS` while the motor is shorted.
+/// A duty takes effect in the middle of the pulse after the sample. Duties end 2.5 µs before the sample: the
+/// current has its magnitude in `CS` while the motor is shorted.
 const SWITCHING: Switching = Switching {
     period: 2.0 * PULSES as f32 * RESOLUTION as f32 / TIMER,
     lag: 0.5 / PULSES as f32,

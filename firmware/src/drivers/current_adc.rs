@@ -7,8 +7,8 @@ use stm32f4xx_hal::rcc::{Enable, Rcc};
 /// Counts of full scale.
 pub const FULL_SCALE: u16 = 4095;
 
-/// Injected conversions of three converters, each started by TIM1's fourth channel. Those of the first one end last, with
-/// an interrupt.
+/// Injected conversions of three converters, each started by TIM1's fourth channel. Those of the first one
+/// end last, with an interrupt.
 pub struct CurrentAdc(ADC1, ADC2, ADC3);
 
 /// A sample [counts].
@@ -20,8 +20,8 @@ pub struct Sample {
 }
 
 impl CurrentAdc {
-    /// Starts the converters: `currents` are the channels of ADC1 to ADC3, and `supply` is one of ADC1. All are between 10
-    /// and 18. The converters run at 21 MHz: a conversion takes 27 cycles, 1.3 µs.
+    /// Starts the converters: `currents` are the channels of ADC1 to ADC3, and `supply` is one of ADC1. All
+    /// are between 10 and 18. The converters run at 21 MHz: a conversion takes 27 cycles, 1.3 µs.
     pub fn start(
         converters: (ADC1, ADC2, ADC3, ADC_COMMON),
         rcc: &mut Rcc,

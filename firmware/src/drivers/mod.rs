@@ -1,7 +1,8 @@
 //! Drivers of peripherals that the HAL cannot use as motor drives need them. They go through the registers.
 //!
-//! The HAL's PWM has no break input, switches `AOE` on, so that outputs return by themselves after a trip, and takes the
-//! main pin of a channel together with its complementary one; the HAL's ADC has no injected conversions.
+//! The HAL's PWM has no break input, switches `AOE` on, so that outputs return by themselves after a trip,
+//! and takes the main pin of a channel together with its complementary one; the HAL's ADC has no injected
+//! conversions.
 
 pub mod current_adc;
 pub mod pulses;

@@ -4,25 +4,27 @@ use crate::pac;
 use pac::TIM1;
 use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
 
-/// Three channels on their complementary pins (CH1N to CH3N), centre-aligned: a pulse lies around the instant at which the
-/// counter is 0, the trigger of the converters at the other end, as far from all switching as can be.
+/// Three channels on their complementary pins (CH1N to CH3N), centre-aligned: a pulse lies around the instant
+/// at which the counter is 0, the trigger of the converters at the other end, as far from all switching as
+/// can be.
 pub struct Pulses(TIM1);
 
 impl Pulses {
     /// Starts the counter, which counts to `resolution` and back. No pulse passes before [`Pulses::arm`].
     ///
-    /// The break input is active when low. `AOE` stays 0: what it stopped returns only by [`Pulses::arm`]; this, its
-    /// polarity and the outputs' idle level (low) are locked until the next reset.
+    /// The break input is active when low. `AOE` stays 0: what it stopped returns only by [`Pulses::arm`];
+    /// this, its polarity and the outputs' idle level (low) are locked until the next reset.
     pub fn start(timer: TIM1, rcc: &mut Rcc, resolution: u16) -> Self {
         TIM1::enable(rcc);
         TIM1::reset(rcc);
         timer.cr1().write(|w| w.cms().center_aligned1().arpe().set_bit());
-        // The trigger output is the fourth channel's reference. Its own event would need the main output enabled: before
-        // `arm`, and after a trip, nothing would be measured.
+        // The trigger output is the fourth channel's reference. Its own event would need the main output
+        // enabled: before `arm`, and after a trip, nothing would be measured.
         timer.cr2().write(|w| w.mms().compare_oc4());
         timer.psc().write(|w| w.psc().set(0));
         timer.arr().write(|w| w.arr().set(resolution));
-        // Duties are taken over at both ends of the count: one that is written at the trigger, at the pulse's middle.
+        // Duties are taken over at both ends of the count: one that is written at the trigger, at the pulse's
+        // middle.
         timer.rcr().write(|w| w.rep().set(0));
         timer.ccmr1_output().write(|w| {
             w.oc1m().pwm_mode1().oc1pe().set_bit();
@@ -36,7 +38,8 @@ impl Pulses {
             timer.ccr(channel).write(|w| w.ccr().set(0));
         }
         timer.ccr4().write(|w| w.ccr().set(resolution - 1));
-        // With its main output disabled, a complementary output is not inverted (RM0090, table 75: CCxE 0, CCxNE 1).
+        // With its main output disabled, a complementary output is not inverted (RM0090, table 75: CCxE 0,
+        // CCxNE 1).
         timer.ccer().write(|w| w.cc1ne().set_bit().cc2ne().set_bit().cc3ne().set_bit());
         timer.egr().write(|w| w.ug().set_bit());
         // SAFETY: 1 is a level of this field: polarity and idle levels cannot be changed any more.
@@ -66,11 +69,11 @@ impl Pulses {
         }
     }
 
-    /// Lets no pulse pass. Called from any context, also before the clock of the timer runs: then it has no effect, and no
-    /// pulse passes anyway.
+    /// Lets no pulse pass. Called from any context, also before the clock of the timer runs: then it has no
+    /// effect, and no pulse passes anyway.
     pub fn off() {
-        // SAFETY: of what else changes this register, only [`Pulses::arm`] can interrupt or be interrupted here. If it is
-        // lost, the outputs stay off.
+        // SAFETY: of what else changes this register, only [`Pulses::arm`] can interrupt or be interrupted
+        // here. If it is lost, the outputs stay off.
         unsafe { (*TIM1::ptr()).bdtr().modify(|_, w| w.moe().clear_bit()) };
     }
 }

@@ -5,8 +5,8 @@ use super::geometry::Camera;
 use super::scene::Scene;
 use super::view::Finger;
 
-/// Rays through a pixel at an edge. They form a square lattice that is turned by atan(1/6): it has 37 different
-/// columns, rows and diagonals, so that edges along those are as exact as others.
+/// Rays through a pixel at an edge. They form a square lattice that is turned by atan(1/6): it has 37
+/// different columns, rows and diagonals, so that edges along those are as exact as others.
 const RAYS: u32 = 37;
 /// Rows from ray to ray.
 const STRIDE: u32 = 6;
@@ -69,8 +69,8 @@ impl Scene {
         radiances
     }
 
-    /// Mean radiance of a pixel. Surfaces change little within a pixel: unless `each`, one ray tells the radiance
-    /// of each surface, and the others its share.
+    /// Mean radiance of a pixel. Surfaces change little within a pixel: unless `each`, one ray tells the
+    /// radiance of each surface, and the others its share.
     fn mean_radiance(
         &self,
         rays: &Rays,

@@ -120,7 +120,8 @@ impl Scene {
         Circle::about_z(self.rose.chamfer - self.rose.thickness, self.rose.radius)
     }
 
-    /// In place of knob and rose a black disc on white paper, 40 mm in radius: a target that anybody can print.
+    /// In place of knob and rose a black disc on white paper, 40 mm in radius: a target that anybody can
+    /// print.
     #[must_use]
     pub const fn with_disc(mut self) -> Self {
         const THICKNESS: f64 = 1e-4;

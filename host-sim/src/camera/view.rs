@@ -36,9 +36,9 @@ impl View {
         Self { hand: Isometry3::from_parts(place, UnitQuaternion::new(turn)) }
     }
 
-    /// Another place for each `number`, from which a camera in the hand can be calibrated: 4 to 28 cm before the
-    /// door, up to 40 % of the camera's distance aside, turned by up to 30° about the approach and up to 14° about
-    /// the other axes.
+    /// Another place for each `number`, from which a camera in the hand can be calibrated: 4 to 28 cm before
+    /// the door, up to 40 % of the camera's distance aside, turned by up to 30° about the approach and up to
+    /// 14° about the other axes.
     pub fn for_calibration(seed: u64, number: u64) -> Self {
         let mut rng = Purpose::CalibrationViews.rng(seed.wrapping_add(number << 32));
         let distance = within(&mut rng, [0.04, 0.28]);
@@ -49,8 +49,8 @@ impl View {
         Self { hand: Isometry3::from_parts(Translation3::new(up, right, -distance), turn) }
     }
 
-    /// The fingers of the gripper of `robots/knob-arm`, each turned outwards by `angle` from where the pads are
-    /// parallel, 50 mm apart [rad].
+    /// The fingers of the gripper of `robots/knob-arm`, each turned outwards by `angle` from where the pads
+    /// are parallel, 50 mm apart [rad].
     pub fn fingers(&self, angle: f64) -> [Finger; 2] {
         const HALF: [f64; 3] = [0.009, 0.005, 0.05];
         [-1.0, 1.0].map(|side| {

@@ -18,8 +18,8 @@ pub struct Papers {
     /// Seed of the machine's deviations and noise
     #[arg(long, default_value_t = 1, value_parser = seed)]
     seed: u64,
-    /// Folder for the figures, and for what was measured in the runs that they show; default: docs/papers/, whose
-    /// pages are about machine 1, and out/papers for another seed
+    /// Folder for the figures, and for what was measured in the runs that they show; default: docs/papers/,
+    /// whose pages are about machine 1, and out/papers for another seed
     #[arg(long)]
     out: Option<PathBuf>,
 }

@@ -12,7 +12,8 @@ use super::{seeds, workspace};
 
 #[derive(Args)]
 pub struct RenderKnob {
-    /// Seed of door, knob, light, camera errors and place of the hand; a range such as 1-8 renders all of them
+    /// Seed of door, knob, light, camera errors and place of the hand; a range such as 1-8 renders all of
+    /// them
     #[arg(long, default_value = "1", value_parser = seeds)]
     seed: RangeInclusive<u64>,
     /// Folder for the pictures
@@ -24,8 +25,8 @@ pub struct RenderKnob {
     /// Distance from the fingertips to the door [m]; default: 0.06 to 0.25, by the seed
     #[arg(long)]
     distance: Option<f64>,
-    /// Pictures of each door from so many places, turned as the calibration of the camera needs it; also writes
-    /// knob-SEED.csv with the pose of the hand in the frame of the door
+    /// Pictures of each door from so many places, turned as the calibration of the camera needs it; also
+    /// writes knob-SEED.csv with the pose of the hand in the frame of the door
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     views: Option<u32>,
     /// In place of knob and rose a black disc on white paper, 40 mm in radius

@@ -39,8 +39,8 @@ pub struct Run {
     /// Print one JSON object per seed instead of the table
     #[arg(long)]
     json: bool,
-    /// Show the run on a page in a browser while it is computed, and until Ctrl-C. The page is at an address of this
-    /// machine alone: HOST:PORT
+    /// Show the run on a page in a browser while it is computed, and until Ctrl-C. The page is at an address
+    /// of this machine alone: HOST:PORT
     #[arg(
         long, value_name = "ADDRESS", num_args = 0..=1, require_equals = true,
         default_missing_value = view::ADDRESS, value_parser = view::address, conflicts_with = "json"

@@ -46,15 +46,15 @@ pub struct Serve {
     /// Object on a support at the pose that `--grasp` expects, for example robots/hand3/objects/box.toml
     #[arg(long, requires = "grasp")]
     object: Option<PathBuf>,
-    /// Put the arm before a door with this seed: of its surfaces, its light, and of where it is. The robot needs
-    /// camera.toml and approach.toml; the camera in its hand takes ten pictures a second
+    /// Put the arm before a door with this seed: of its surfaces, its light, and of where it is. The robot
+    /// needs camera.toml and approach.toml; the camera in its hand takes ten pictures a second
     #[arg(long, value_name = "SEED", conflicts_with = "grasp")]
     door: Option<u64>,
     /// Radius of the rose of that door [m]; default: 0.035 to 0.045, by the seed
     #[arg(long, value_name = "RADIUS", requires = "door", allow_negative_numbers = true)]
     rose: Option<f64>,
-    /// Address for programs that receive the pictures: unix://PATH or tcp://localhost:PORT; default: a new Unix
-    /// socket
+    /// Address for programs that receive the pictures: unix://PATH or tcp://localhost:PORT; default: a new
+    /// Unix socket
     #[arg(
         long, value_name = "ADDRESS", requires = "door", value_parser = Address::socket
     )]

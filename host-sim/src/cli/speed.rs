@@ -33,8 +33,8 @@ pub struct Speed {
     runs: u32,
 }
 
-/// Measures how many seconds of a machine one core simulates in a second of its time: plant, control core, and
-/// what the scenario records of both; without the report.
+/// Measures how many seconds of a machine one core simulates in a second of its time: plant, control core,
+/// and what the scenario records of both; without the report.
 pub fn run(options: &Speed) -> Result<(), Box<dyn Error>> {
     let mut table = Table::new();
     table.load_style(comfy_table::presets::NOTHING);

@@ -27,8 +27,8 @@ const FORCE_RISE: f64 = 1.05;
 const BEFORE: usize = 20;
 /// Above this force there is a contact [N].
 const CONTACT: f64 = 1.0;
-/// Ticks in which a joint with a dead encoder may be pushed. An encoder that lies otherwise, or a drive that does not
-/// what it is told, is found by the motion that follows, in twice this time.
+/// Ticks in which a joint with a dead encoder may be pushed. An encoder that lies otherwise, or a drive that
+/// does not what it is told, is found by the motion that follows, in twice this time.
 const STUCK_TICKS: u32 = 3;
 /// The acceleration at a fault goes on for so long: the torques fade, and the drives lag [ticks].
 const FADING_TICKS: u32 = 2;
@@ -53,8 +53,8 @@ struct Stop {
     total: u32,
     /// Number of faults when the energy was counted anew.
     found: u32,
-    /// Largest contact force before [N], and energy and speed of the tool at that time; or when the board ticks
-    /// again after missed ticks.
+    /// Largest contact force before [N], and energy and speed of the tool at that time; or when the board
+    /// ticks again after missed ticks.
     contact: f64,
     energy: f64,
     speed: f64,
@@ -70,10 +70,12 @@ struct Stop {
     excused: bool,
     /// Whether an encoder has drifted: no robot with one encoder for each joint can tell that from motion.
     drifted: bool,
-    /// A sensor or a drive is wrong, or was so shortly before this tick; in how many ticks the board must find it.
+    /// A sensor or a drive is wrong, or was so shortly before this tick; in how many ticks the board must
+    /// find it.
     wrong_until: u32,
     patience: u32,
-    /// Ticks in which a joint has been too fast or has got too much energy, while a sensor or a drive was wrong.
+    /// Ticks in which a joint has been too fast or has got too much energy, while a sensor or a drive was
+    /// wrong.
     unnoticed: u32,
 }
 
@@ -295,9 +297,9 @@ impl Oracle {
         }
     }
 
-    /// A dead encoder is detectable when the joint moves and its count does not, under a torque that moves it.
-    /// One against the motion takes energy out of it: something else moves the joint. And one that a load balances,
-    /// such as a grip or a push, moves nothing.
+    /// A dead encoder is detectable when the joint moves and its count does not, under a torque that moves
+    /// it. One against the motion takes energy out of it: something else moves the joint. And one that a load
+    /// balances, such as a grip or a push, moves nothing.
     fn check_encoders(&mut self, sample: &Sample) {
         let Some(before) = self.before.back() else { return };
         let mut found = Vec::new();

@@ -15,8 +15,8 @@ pub(crate) const MIN_DISTANCE: f64 = 0.025;
 /// How long a pose is held [s], and the range of the time to the next.
 const HOLD: f64 = 1.0;
 const MOVEMENT: [f64; 2] = [0.8, 1.2];
-/// Noise of a pose that is the mean of [`HOLD`]: of a Gauss-Markov process with bandwidth `B`, `1/√(π B t)` of that
-/// of a sample.
+/// Noise of a pose that is the mean of [`HOLD`]: of a Gauss-Markov process with bandwidth `B`, `1/√(π B t)`
+/// of that of a sample.
 const POSE_NOISE: f64 = 0.178;
 
 /// How a hand is calibrated.
@@ -76,8 +76,8 @@ pub struct CalibrationTrial {
     pub time: f64,
     /// Of each finger.
     pub accuracy: [CalibrationAccuracy; FINGERS],
-    /// Estimated and true vectors from the thumb's tip to the tips of index to little finger [m], one of each per
-    /// sample.
+    /// Estimated and true vectors from the thumb's tip to the tips of index to little finger [m], one of each
+    /// per sample.
     pub vectors: [Vec<[Vector3<f64>; 2]>; 4],
     /// When the index finger's were estimated [s].
     pub times: Vec<f64>,
@@ -169,8 +169,8 @@ pub fn run(
     Ok(CalibrationTrial { time, accuracy, vectors, times, delay })
 }
 
-/// The poses of a calibration, each the mean of the time that it is held, and how long they took [s]. The first
-/// one is the flat hand.
+/// The poses of a calibration, each the mean of the time that it is held, and how long they took [s]. The
+/// first one is the flat hand.
 pub fn poses(plan: &CalibrationPlan, values: GloveValues, seed: u64) -> (Vec<Pose>, f64) {
     let hand = OperatorHand::random(seed);
     let motion = FingersMotion::random(&hand, seed, 0, plan.poses, MOVEMENT, HOLD);
@@ -184,8 +184,8 @@ pub fn poses(plan: &CalibrationPlan, values: GloveValues, seed: u64) -> (Vec<Pos
     (poses.collect(), motion.duration())
 }
 
-/// The touches of thumb and fingers without marker, and how long they took [s]. The tips' ends are up to some 2 mm
-/// off each other, along each axis.
+/// The touches of thumb and fingers without marker, and how long they took [s]. The tips' ends are up to some
+/// 2 mm off each other, along each axis.
 pub fn touches(plan: &CalibrationPlan, values: GloveValues, seed: u64) -> (Vec<(Finger, GloveSample)>, f64) {
     let hand = OperatorHand::random(seed);
     let unmarked = Finger::ALL.into_iter().zip(plan.marked).filter(|(_, marked)| !marked);

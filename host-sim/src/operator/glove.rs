@@ -55,9 +55,9 @@ struct HandFinger {
 }
 
 impl OperatorHand {
-    /// The hand of a seed. Sizes of hands have a standard deviation of 7 %, ratios of bones 5 %, places of the
-    /// first joints 3 mm, ends of links across the bone 1 mm, hinges are tilted by 4°, sensors by 5°. The end
-    /// joint bends with 0.67 ± 0.08 of the middle one.
+    /// The hand of a seed. Sizes of hands have a standard deviation of 7 %, ratios of bones 5 %, places of
+    /// the first joints 3 mm, ends of links across the bone 1 mm, hinges are tilted by 4°, sensors by 5°. The
+    /// end joint bends with 0.67 ± 0.08 of the middle one.
     pub fn random(seed: u64) -> Self {
         let mut rng = Purpose::OperatorHand.rng(seed);
         let size = 1.0 + 0.07 * rng.normal();
@@ -115,8 +115,9 @@ impl OperatorHand {
         })
     }
 
-    /// A posture in which the tip of the thumb touches that of a finger: the best of four by coordinate descent
-    /// from random postures. Skin and nail put the tips 2 mm off each other along each axis, at random.
+    /// A posture in which the tip of the thumb touches that of a finger: the best of four by coordinate
+    /// descent from random postures. Skin and nail put the tips 2 mm off each other along each axis, at
+    /// random.
     fn pinch(&self, finger: Finger, rng: &mut Rng) -> [FingerAngles; FINGERS] {
         let offset = Vector3::from_fn(|_, _| 2e-3 * rng.normal());
         let cost = |angles: &[FingerAngles; FINGERS]| {
@@ -299,8 +300,8 @@ pub struct GloveValues {
     pub bandwidth: f64,
     /// Root mean square of the drift about the vertical [rad], a Gauss-Markov process of one minute.
     pub drift: f64,
-    /// A magnetic disturbance: when it begins and ends [s], and how far it turns the sensors of the index finger
-    /// about the vertical [rad].
+    /// A magnetic disturbance: when it begins and ends [s], and how far it turns the sensors of the index
+    /// finger about the vertical [rad].
     pub disturbance: Option<([f64; 2], f64)>,
     /// Probability that a sensor's sample is lost.
     pub dropouts: f64,

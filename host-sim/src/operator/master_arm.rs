@@ -98,8 +98,8 @@ pub struct MasterPose {
 
 /// A master arm with the operator's arm at its handle.
 ///
-/// In free motion the handle follows the intended motion of the hand exactly. A reflected force or torque makes it
-/// deviate according to the operator's [`Impedance`].
+/// In free motion the handle follows the intended motion of the hand exactly. A reflected force or torque
+/// makes it deviate according to the operator's [`Impedance`].
 #[derive(Clone, Debug)]
 pub struct MasterArm {
     values: MasterArmValues,

@@ -33,8 +33,8 @@ pub struct DriveState {
     pub homing_error: f64,
     /// End stops of the joint [rad].
     pub stops: Option<[f64; 2]>,
-    /// Deflection of the joint under torque [rad/(N·m)], and its present value: angle of the motor minus angle of
-    /// the link [rad].
+    /// Deflection of the joint under torque [rad/(N·m)], and its present value: angle of the motor minus
+    /// angle of the link [rad].
     compliance: f64,
     deflection: f64,
     /// The homing error that is part of an absolute encoder's count [rad].

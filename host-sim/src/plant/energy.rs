@@ -68,8 +68,8 @@ impl World {
         self.joint_torques(on_tips.chain(of_object).chain(on_links))
     }
 
-    /// The torques about the joints of forces [N] at points in the frame of the base [m], with moments [N·m], each
-    /// on a body.
+    /// The torques about the joints of forces [N] at points in the frame of the base [m], with moments [N·m],
+    /// each on a body.
     fn joint_torques(
         &self,
         loads: impl Iterator<Item = (usize, Vector3<f64>, Vector3<f64>, Vector3<f64>)>,
@@ -102,8 +102,9 @@ impl Plant {
         in_drive_order(&self.drive_of, self.world.weight_torques().into_iter())
     }
 
-    /// The torques about the joints of what touches, pushes and pulls the robot [N·m]: tip forces and contacts as
-    /// means over the last control period, pushes on links as they are now. Without contacts with fixed bodies.
+    /// The torques about the joints of what touches, pushes and pulls the robot [N·m]: tip forces and
+    /// contacts as means over the last control period, pushes on links as they are now. Without contacts with
+    /// fixed bodies.
     pub fn load_torques(&self) -> Vec<f64> {
         in_drive_order(&self.drive_of, self.world.load_torques().into_iter())
     }

@@ -23,18 +23,18 @@
 //! bound is at rest and does not creep.
 //!
 //! # Elasticity
-//! A joint with a stiffness in [`PlantValues::elasticity`] has its encoder at the motor: it reads the angle of
-//! the link and the deflection under the motor's torque. The deflection is quasi-static; the vibration of the
-//! link against the rotor is left out.
+//! A joint with a stiffness in [`PlantValues::elasticity`] has its encoder at the motor: it reads the angle
+//! of the link and the deflection under the motor's torque. The deflection is quasi-static; the vibration of
+//! the link against the rotor is left out.
 //!
 //! # Contact
 //! With an object in [`PlantOptions`], each spherical fingertip of the URDF touches it, with Coulomb friction
 //! again as a constraint.
 //!
 //! With [`PlantOptions::fixtures`], the boxes, cylinders and spheres among the `<collision>` elements of the
-//! moving links touch these fixed bodies, with Coulomb friction at each point of a face or an edge; meshes and
-//! capsules touch nothing. [`Plant::fixture_contacts`] has the forces. The direction of sliding friction can
-//! be off by 0.1 rad, its size is Coulomb's.
+//! moving links touch these fixed bodies, with Coulomb friction at each point of a face or an edge; meshes
+//! and capsules touch nothing. [`Plant::fixture_contacts`] has the forces. The direction of sliding friction
+//! can be off by 0.1 rad, its size is Coulomb's.
 //!
 //! Nothing else touches: links and tips pass through each other and through the object's support, and the
 //! object through fixed bodies.

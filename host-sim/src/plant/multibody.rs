@@ -1,11 +1,11 @@
 //! Links that touch nothing, moved as rapier moves them, to the last bit.
 //!
 //! Rapier's multibodies take joints of any kind and matrices of any size, and each of its steps looks for
-//! contacts, islands and soft bodies. A robot that touches nothing needs none of that. This is what remains of a
-//! step: the semi-implicit equations of motion, the projected Gauss–Seidel sweeps over dry friction and end
-//! stops, and the integration of the angles. Each sum has rapier's terms in rapier's order, but for those that
-//! are zero whatever the motion: columns of joints that do not move a link, elements of diagonal matrices, stops
-//! that are not reached. The tests hold it against rapier bit by bit.
+//! contacts, islands and soft bodies. A robot that touches nothing needs none of that. This is what remains
+//! of a step: the semi-implicit equations of motion, the projected Gauss–Seidel sweeps over dry friction and
+//! end stops, and the integration of the angles. Each sum has rapier's terms in rapier's order, but for those
+//! that are zero whatever the motion: columns of joints that do not move a link, elements of diagonal
+//! matrices, stops that are not reached. The tests hold it against rapier bit by bit.
 
 use rapier3d::dynamics::{
     IntegrationParameters, JointAxis, RigidBodyHandle, RigidBodyMassProps, RigidBodySet, RigidBodyType,
@@ -190,7 +190,8 @@ impl Multibody {
         }
     }
 
-    /// A force on a point of a link in the next sub-step, in addition to others [N]; in the frame of the base.
+    /// A force on a point of a link in the next sub-step, in addition to others [N]; in the frame of the
+    /// base.
     pub fn add_force(&mut self, link: usize, force: Vector, point: Vector) {
         let link = &mut self.links[link];
         link.force += force;

@@ -1,15 +1,15 @@
 //! Contacts of convex solids, checked.
 //!
-//! Parry finds them by the Gilbert–Johnson–Keerthi algorithm in single precision, and starts from the normal of the
-//! sub-step before. Solids that overlap by less than a thousandth of their size it takes for solids that touch, with
-//! whatever normal it has at that moment; at the edge of a knob that normal may be one of another face, and stays for as
-//! long as the points move by less than 1 mm. The finger sinks in by millimetres, and is thrown out with thousands of
-//! newtons when another normal is found.
+//! Parry finds them by the Gilbert–Johnson–Keerthi algorithm in single precision, and starts from the normal
+//! of the sub-step before. Solids that overlap by less than a thousandth of their size it takes for solids
+//! that touch, with whatever normal it has at that moment; at the edge of a knob that normal may be one of
+//! another face, and stays for as long as the points move by less than 1 mm. The finger sinks in by
+//! millimetres, and is thrown out with thousands of newtons when another normal is found.
 //!
-//! So each contact is found twice, from the normal before and from none, and must be the least overlap along directions
-//! near its normal. Where that fails, or both differ, a search in double precision decides: the distance of convex solids
-//! is the largest of their separations along all directions, where an overlap counts as negative (Ericson, Real-Time
-//! Collision Detection, section 5.2).
+//! So each contact is found twice, from the normal before and from none, and must be the least overlap along
+//! directions near its normal. Where that fails, or both differ, a search in double precision decides: the
+//! distance of convex solids is the largest of their separations along all directions, where an overlap
+//! counts as negative (Ericson, Real-Time Collision Detection, section 5.2).
 
 use rapier3d::geometry::{ContactData, ContactManifold, ContactManifoldData, TrackedContact};
 use rapier3d::math::{Pose, Vector};
@@ -39,8 +39,8 @@ const LAST: f64 = 1e-5;
 /// Parry's queries, with contacts that are checked.
 pub struct CheckedContacts;
 
-/// A direction from the first solid to the second one, and the separation of both along it [m]; negative when they
-/// overlap.
+/// A direction from the first solid to the second one, and the separation of both along it [m]; negative when
+/// they overlap.
 #[derive(Clone, Copy, Debug)]
 struct Separation {
     normal: Vector3<f64>,
@@ -342,9 +342,9 @@ mod tests {
     const KNOB: [f64; 3] = [0.025, 0.06, 0.002];
     const FINGER: [f64; 3] = [0.01, 0.02, 0.1];
 
-    /// Pose of a finger whose face is on the edge between a side of the knob, of which it has 72, and the bevel, with its
-    /// inner normal `lift` above that of the side, and the edge `depth` in it. The finger is turned about that normal
-    /// and moved along itself.
+    /// Pose of a finger whose face is on the edge between a side of the knob, of which it has 72, and the
+    /// bevel, with its inner normal `lift` above that of the side, and the edge `depth` in it. The finger is
+    /// turned about that normal and moved along itself.
     fn on_edge(side: u8, lift: f64, turn: f64, along: f64, depth: f64) -> Isometry3<f64> {
         let [radius, length, bevel] = KNOB;
         let edge = Vector3::new(radius * (TAU / 144.0).cos(), 0.0, length / 2.0 - bevel);
@@ -357,8 +357,8 @@ mod tests {
             * Isometry3::from_parts(Translation3::from(place), lean * spin)
     }
 
-    /// A finger slides and rolls over the edge of a knob in small steps, 2 to 62 µm deep but for some where it is 0.2 mm
-    /// away. Returns the errors of the distances that a dispatcher tells.
+    /// A finger slides and rolls over the edge of a knob in small steps, 2 to 62 µm deep but for some where
+    /// it is 0.2 mm away. Returns the errors of the distances that a dispatcher tells.
     fn errors(dispatcher: &impl PersistentQueryDispatcher<ContactManifoldData, ContactData>) -> Vec<f64> {
         let [radius, length, bevel] = KNOB;
         let (knob, finger) =

@@ -20,8 +20,8 @@ pub fn cylinder(radius: f64, length: f64) -> ColliderBuilder {
         .rotation(Vector::X * core::f32::consts::FRAC_PI_2)
 }
 
-/// A prism along z, which is inside of a cylinder by at most a thousandth of its radius, with edges that are bevelled by
-/// `chamfer` at 45° [m]. `None` when it has no volume.
+/// A prism along z, which is inside of a cylinder by at most a thousandth of its radius, with edges that are
+/// bevelled by `chamfer` at 45° [m]. `None` when it has no volume.
 pub fn bevelled_cylinder(radius: f64, length: f64, chamfer: f64) -> Option<ColliderBuilder> {
     // 1 − cos(π/72) = 0.00095
     const SIDES: u32 = 72;

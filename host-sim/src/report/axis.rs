@@ -76,8 +76,8 @@ pub(super) fn shared_y_range(panels: &[Panel], panel: &Panel) -> Range<f64> {
     ranges().filter(fills).fold(own, |a, b| a.start.min(b.start)..a.end.max(b.end))
 }
 
-/// Ranges of one scale that hold the panel's lines, or its picture. Beside a picture whose lower edge is the larger
-/// ordinate, the vertical axis points down: its range begins with the larger value.
+/// Ranges of one scale that hold the panel's lines, or its picture. Beside a picture whose lower edge is the
+/// larger ordinate, the vertical axis points down: its range begins with the larger value.
 pub(super) fn equal_ranges(panel: &Panel, aspect: f64) -> (Range<f64>, Range<f64>) {
     if let Some(Picture { x, y, .. }) = &panel.picture {
         let ([left, right], [upper, lower]) = (*x, *y);

@@ -188,8 +188,8 @@ impl Panel {
         self
     }
 
-    /// The same with a picture behind the lines: a PNG file from `x[0]` to `x[1]`, with its upper edge at `y[0]`
-    /// and its lower one at `y[1]`. For figures of [paths](Figure::paths).
+    /// The same with a picture behind the lines: a PNG file from `x[0]` to `x[1]`, with its upper edge at
+    /// `y[0]` and its lower one at `y[1]`. For figures of [paths](Figure::paths).
     #[must_use]
     pub fn picture(mut self, png: Vec<u8>, x: [f64; 2], y: [f64; 2]) -> Self {
         self.picture = Some(Picture { png, x, y });

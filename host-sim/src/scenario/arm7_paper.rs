@@ -1,4 +1,5 @@
-//! The experiments of Arm7, sections 3.1 and 3.2 (figures 5 and 7), under laws side by side on the same machines.
+//! The experiments of Arm7, sections 3.1 and 3.2 (figures 5 and 7), under laws side by side on the same
+//! machines.
 
 mod follow;
 mod release;
@@ -97,8 +98,8 @@ impl NamedLaw {
         trial.map(Some)
     }
 
-    /// The operator leads the slave of `trial` from `target` on for a time, with the set-points of the law. `observe`
-    /// sees the time and each set-point.
+    /// The operator leads the slave of `trial` from `target` on for a time, with the set-points of the law.
+    /// `observe` sees the time and each set-point.
     pub fn lead(
         &self,
         trial: &mut ArmTrial<'_, '_>,
@@ -180,8 +181,8 @@ fn damping_key(damping: f32) -> String {
     format!("b{damping}").replace('.', "_")
 }
 
-/// B [N·s/m], overshoot [mm], error at the reversals [mm], from `tests/oracles/printed_arm.py`: a mass with the
-/// acceleration of step 3, held for a period, released, and after the samples of a master.
+/// B [N·s/m], overshoot [mm], error at the reversals [mm], from `tests/oracles/printed_arm.py`: a mass with
+/// the acceleration of step 3, held for a period, released, and after the samples of a master.
 #[cfg(test)]
 const PRINTED: &[[f64; 3]] = include!("../../../tests/oracles/data/printed_arm.in");
 

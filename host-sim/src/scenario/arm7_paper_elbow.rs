@@ -1,5 +1,5 @@
-//! The elbow moves while the operator holds the hand (Arm7, sections 2.2 and 3.2), through master, link and elbow
-//! sensor, under laws side by side on the same machines.
+//! The elbow moves while the operator holds the hand (Arm7, sections 2.2 and 3.2), through master, link and
+//! elbow sensor, under laws side by side on the same machines.
 
 use rapier3d::na::Vector3;
 use tesaki::task::impedance::Redundancy;

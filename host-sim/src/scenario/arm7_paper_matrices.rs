@@ -1,4 +1,5 @@
-//! Equation (2) of the Arm7 paper with full matrices: forces push the tool, under laws side by side on the same machines.
+//! Equation (2) of the Arm7 paper with full matrices: forces push the tool, under laws side by side on the
+//! same machines.
 
 use rapier3d::na::{Isometry3, Matrix3, Matrix6, Vector3, Vector6};
 use tesaki::control::{Impedance, ImpedanceAxes};
@@ -76,7 +77,8 @@ impl Theory {
         Some(self.stiffness.cholesky()?.solve(&wrench(force)))
     }
 
-    /// Displacement from rest in each control period [m, rad], `M ẍ + B ẋ + K x = F(t)` (classical Runge–Kutta).
+    /// Displacement from rest in each control period [m, rad], `M ẍ + B ẋ + K x = F(t)` (classical
+    /// Runge–Kutta).
     fn motion(&self, force: impl Fn(f64) -> Vector3<f64>, ticks: usize) -> Option<Vec<Vector6<f64>>> {
         let mass = self.mass.cholesky()?;
         let rate = |time: f64, [x, v]: [Vector6<f64>; 2]| {
@@ -283,8 +285,8 @@ mod tests {
     use super::*;
     use crate::scenario::common::tests::with_setting;
 
-    /// Displacements [m, rad], from `tests/oracles/tool_push.py` (NumPy; matrices from soft directions and a centre of
-    /// compliance, motion by SciPy).
+    /// Displacements [m, rad], from `tests/oracles/tool_push.py` (NumPy; matrices from soft directions and a
+    /// centre of compliance, motion by SciPy).
     const PUSHED: &[[[f64; 6]; 6]] = include!("../../../tests/oracles/data/tool_push.in");
 
     fn experiment() -> PushExperiment {
@@ -310,8 +312,9 @@ mod tests {
         }
     }
 
-    /// The arm yields along the soft direction, whatever the direction of the force: 6 N along x displace it by 18.75 mm
-    /// along x and 11.25 mm along y. Without the elements off the diagonal it would be 12 mm along x.
+    /// The arm yields along the soft direction, whatever the direction of the force: 6 N along x displace it
+    /// by 18.75 mm along x and 11.25 mm along y. Without the elements off the diagonal it would be 12 mm
+    /// along x.
     #[test]
     fn a_coupled_spring_yields_where_it_is_soft() {
         for (name, expected) in [("coupled", [18.75, 11.25, 0.0]), ("tool-axes", [30.0, 0.0, 0.0])] {

@@ -1,9 +1,10 @@
-//! The joint servo of one finger of the three-finger hand (Hand3, section 4) on the image that is flashed: the board
-//! drives three simulated motors through the registers of a modelled chip, against the rapier plant of the finger.
+//! The joint servo of one finger of the three-finger hand (Hand3, section 4) on the image that is flashed:
+//! the board drives three simulated motors through the registers of a modelled chip, against the rapier plant
+//! of the finger.
 //!
-//! Steps, reference, limits and the deviations of the machine are those of `hand3-servo`. Beyond them the windings
-//! differ from the model by the same spread, the supply sags, and pulses, converters, encoders and the time from sampling
-//! to torque are the chip's own.
+//! Steps, reference, limits and the deviations of the machine are those of `hand3-servo`. Beyond them the
+//! windings differ from the model by the same spread, the supply sags, and pulses, converters, encoders and
+//! the time from sampling to torque are the chip's own.
 
 use std::path::Path;
 

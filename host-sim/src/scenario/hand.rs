@@ -1,4 +1,5 @@
-//! Common parts of the scenarios of telexistence: the operator's hand, a trial with the robot's hand, and its log.
+//! Common parts of the scenarios of telexistence: the operator's hand, a trial with the robot's hand, and its
+//! log.
 
 use std::ops::Range;
 
@@ -23,14 +24,14 @@ use crate::report::{Column, Line, Panel, csv};
 /// Positions of five fingertips, thumb to little finger [m].
 pub type Fingertips = [Vector3<f64>; FINGERS];
 
-/// A vector of the operator's hand (x distal, y to the thumb, z dorsal) in the frame of the robot's (x palmar,
-/// y to the thumb, z distal).
+/// A vector of the operator's hand (x distal, y to the thumb, z dorsal) in the frame of the robot's (x
+/// palmar, y to the thumb, z distal).
 pub fn in_robot_frame(vector: Vector3<f64>) -> Vector3<f64> {
     Vector3::new(-vector.z, vector.y, vector.x)
 }
 
-/// A person who takes the posture of the robot's hand, and from there moves the fingers half-way to random postures:
-/// farther, the tips are out of the robot's reach.
+/// A person who takes the posture of the robot's hand, and from there moves the fingers half-way to random
+/// postures: farther, the tips are out of the robot's reach.
 pub fn imitator(hand: &OperatorHand, robot: &Fingertips, motion: FingersMotion) -> FingersMotion {
     motion.around(hand.imitate(&robot.map(|tip| Vector3::new(tip.z, tip.y, -tip.x))), 0.5)
 }
@@ -158,7 +159,8 @@ impl HandLog {
         vector_errors(self.during(span).iter().map(|sample| sample.vectors(finger)))
     }
 
-    /// The displacement of the thumb's tip from its place at the begin of a time span, robot minus operator [mm].
+    /// The displacement of the thumb's tip from its place at the begin of a time span, robot minus operator
+    /// [mm].
     pub fn thumb_error(&self, span: &Range<f64>) -> f64 {
         let Some(first) = self.during(span).first() else { return f64::NAN };
         let offset = first.robot[0] - first.operator[0];
@@ -197,8 +199,8 @@ impl HandLog {
     }
 }
 
-/// Mean and standard deviation of the errors of vectors, estimated and true, at least 25 mm long: of length [mm]
-/// and direction [°].
+/// Mean and standard deviation of the errors of vectors, estimated and true, at least 25 mm long: of length
+/// [mm] and direction [°].
 pub fn vector_errors(pairs: impl Iterator<Item = [Vector3<f64>; 2]> + Clone) -> [[f64; 2]; 2] {
     let error = crate::operator::calibration_trial::VectorError::of(pairs);
     [error.length.map(|value| 1e3 * value), error.direction.map(f64::to_degrees)]

@@ -51,7 +51,8 @@ fn laws(setting: &Setting<'_, '_>, model: &RobotModel) -> Result<Vec<Law>, Scena
 }
 
 impl Law {
-    /// What the controller is told of a machine whose joints have the nominal Coulomb friction `coulomb` [N·m].
+    /// What the controller is told of a machine whose joints have the nominal Coulomb friction `coulomb`
+    /// [N·m].
     fn model(&self, coulomb: f64) -> RobotModel {
         let mut model = self.model.clone();
         if self.law.servo.knows_friction {
@@ -61,7 +62,8 @@ impl Law {
     }
 }
 
-/// Grasps the box as a law says of this experiment, on joints with the Coulomb friction `coulomb` [N·m], and removes the support.
+/// Grasps the box as a law says of this experiment, on joints with the Coulomb friction `coulomb` [N·m], and
+/// removes the support.
 fn hold_box<'a, 'b>(
     setting: &'a mut Setting<'_, 'b>,
     rig: &'a mut GraspRig,

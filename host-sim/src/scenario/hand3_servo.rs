@@ -116,8 +116,8 @@ impl ServoLog {
         }
     }
 
-    /// Adds a control period: time, reference from the start, and for each joint its angle at the start, its angle and
-    /// its torque.
+    /// Adds a control period: time, reference from the start, and for each joint its angle at the start, its
+    /// angle and its torque.
     pub fn push(&mut self, time: f64, displacement: f64, start: &[f32], truth: &Truth) {
         self.time.push(time);
         for (joint, &start) in start.iter().enumerate() {

@@ -45,7 +45,8 @@ const PINCHES: f64 = PINCH_PERIOD * 4.0 + 1.0;
 const PINCH_MOVEMENT: f64 = 1.0;
 const PINCH_HOLD: f64 = 2.3;
 const PINCH_PERIOD: f64 = 2.0 * PINCH_MOVEMENT + PINCH_HOLD + 0.3;
-/// At rest: so long after the references stopped [s]. Joints that stick have come to their references by then.
+/// At rest: so long after the references stopped [s]. Joints that stick have come to their references by
+/// then.
 const AT_REST: f64 = 2.0;
 /// Errors count from here on [s].
 const BEGIN: f64 = 1.0;
@@ -124,7 +125,8 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
 /// The operator's fingertips at a time [s].
 type Operator<'a> = Box<dyn Fn(f64) -> Fingertips + 'a>;
 
-/// A trial in which the board gets the fingertips of `operator`, made of the hand, its first angles and the seed.
+/// A trial in which the board gets the fingertips of `operator`, made of the hand, its first angles and the
+/// seed.
 fn follow(
     setting: &mut Setting<'_, '_>,
     rig: &mut HandRig,
@@ -185,8 +187,8 @@ fn between(from: &Angles, to: &Angles, fraction: f64) -> Angles {
     from + (to - from) * fraction as f32
 }
 
-/// A posture in which the tip of the thumb is that of a finger: of several postures of the finger, the one that the
-/// thumb reaches best.
+/// A posture in which the tip of the thumb is that of a finger: of several postures of the finger, the one
+/// that the thumb reaches best.
 fn pinch(hand: &Hand, start: &Angles, finger: usize) -> Angles {
     let candidates = (1..20).map(|step| {
         let mut angles = *start;

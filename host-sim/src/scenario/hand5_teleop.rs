@@ -218,7 +218,8 @@ fn motion(log: &HandLog, span: &Range<f64>) -> f64 {
     })
 }
 
-/// By how much the operator's vector from thumb to index finger must be delayed to fit the robot's best [s], in ticks.
+/// By how much the operator's vector from thumb to index finger must be delayed to fit the robot's best [s],
+/// in ticks.
 fn delay(log: &HandLog, span: &Range<f64>) -> f64 {
     let cost = |ticks: usize| -> f64 {
         let late = log.during(&(span.start + ticks as f64 * T..span.end));

@@ -48,7 +48,8 @@ const RIGHT: [f64; 2] = [3.0, 2.0];
 const VISIBLE: f64 = 0.5;
 /// Circles of less confidence are not believed.
 const BELIEVED: f32 = 0.5;
-/// In the second search the last picture is known: the error of what it predicts, and the window about it [px].
+/// In the second search the last picture is known: the error of what it predicts, and the window about it
+/// [px].
 const PREDICTION_ERROR: f64 = 6.0;
 const REACH: f32 = 12.0;
 /// Angle of the open fingers of the gripper [rad].

@@ -1,7 +1,7 @@
 //! Limits for which some machines leave a controller no room, as functions of the machine.
 //!
-//! How much room there is follows from the machine's truth alone: friction, torque constants, masses. So it is the same for
-//! every controller, and known without running one. Sweeps count such machines apart.
+//! How much room there is follows from the machine's truth alone: friction, torque constants, masses. So it
+//! is the same for every controller, and known without running one. Sweeps count such machines apart.
 
 mod grip;
 mod linear_program;
@@ -24,8 +24,9 @@ pub struct Impossible {
     pub why: String,
 }
 
-/// Share of the torque that an object at rest may take. The rest is for what no grip at rest needs: the inertia of what is
-/// put on, friction of joints that must move, and the error of any estimate of friction and load.
+/// Share of the torque that an object at rest may take. The rest is for what no grip at rest needs: the
+/// inertia of what is put on, friction of joints that must move, and the error of any estimate of friction
+/// and load.
 const MAX_TORQUE_SHARE: f64 = 0.8;
 /// With a larger share the object is lost or slides, however it is gripped.
 const LOST: f64 = 1.0;
@@ -94,8 +95,9 @@ fn weights(robot: &Path, seed: u64) -> Result<Vec<Impossible>, ScenarioError> {
 mod tests {
     use super::*;
 
-    /// Of the development machines, in the recorded sweep: 650 g slide in the hands of 10, 14, 16, 17 and 19 and stay in
-    /// those of the others within 1.1 mm; 14 alone loses so much that the push finds the box elsewhere.
+    /// Of the development machines, in the recorded sweep: 650 g slide in the hands of 10, 14, 16, 17 and 19
+    /// and stay in those of the others within 1.1 mm; 14 alone loses so much that the push finds the box
+    /// elsewhere.
     #[test]
     fn what_is_impossible_is_what_the_machines_with_little_friction_and_torque_cannot_hold() {
         let robot = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/hand3"));

@@ -1,4 +1,5 @@
-//! Unilateral teleoperation: an operator with a master arm and an elbow sensor, and the set-points of the slave.
+//! Unilateral teleoperation: an operator with a master arm and an elbow sensor, and the set-points of the
+//! slave.
 
 mod trace;
 

@@ -437,7 +437,8 @@ fn values_are_checked() {
     assert_eq!(parts.plant().err(), Some(PlantError::NoCollision));
 }
 
-/// The fingers hold a knob with bevelled edges as one without, and a bevel that does not fit is refused by name.
+/// The fingers hold a knob with bevelled edges as one without, and a bevel that does not fit is refused by
+/// name.
 #[test]
 fn a_bevel_changes_the_edges_only() {
     let knob = |chamfer: Option<f64>| {
@@ -463,8 +464,9 @@ fn a_bevel_changes_the_edges_only() {
     assert!(error.contains("chamfer"), "{error}");
 }
 
-/// A finger that closes on the edge of a knob, and is pulled off it, presses with no more than the linkage gives:
-/// 2 N·m over its distance from the finger's axis, the friction across, and half as much again while it strikes.
+/// A finger that closes on the edge of a knob, and is pulled off it, presses with no more than the linkage
+/// gives: 2 N·m over its distance from the finger's axis, the friction across, and half as much again while
+/// it strikes.
 #[test]
 fn a_finger_at_the_edge_of_a_knob_is_not_thrown_off() {
     let (radius, friction) = (0.016, 0.8_f64);

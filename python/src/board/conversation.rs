@@ -32,7 +32,8 @@ impl Board {
         py.detach(|| ask(link)).map_err(board)
     }
 
-    /// Asks for what a recording is made of, or for no more of it than the joints, and drops what came before.
+    /// Asks for what a recording is made of, or for no more of it than the joints, and drops what came
+    /// before.
     pub(super) fn stream_recorded(&mut self, py: Python<'_>, begins: bool) -> PyResult<()> {
         self.call(py, |link| {
             for &(stream, every) in STREAMS {

@@ -11,8 +11,8 @@ use crate::robot::tree::SerialJoint;
 
 /// Bandwidths of position loop and observer [rad/s], and the largest ratio of largest to smallest inertia for
 /// which they are stable, the slowest first. The gains are for the geometric mean `J` of both. The
-/// eigenvalues of the sampled loop stay within 0.99 for inertias of 0.22, 0.27, 0.35, 0.44 and 0.55 `J` and more, and up
-/// to 3.4 `J`; half as much is kept in reserve, for errors of torque constant and masses.
+/// eigenvalues of the sampled loop stay within 0.99 for inertias of 0.22, 0.27, 0.35, 0.44 and 0.55 `J` and
+/// more, and up to 3.4 `J`; half as much is kept in reserve, for errors of torque constant and masses.
 const FINE: [(f32, f32, f32); 5] = [
     (5.0, 60.0, f32::INFINITY),
     (10.0, 80.0, 6.0),

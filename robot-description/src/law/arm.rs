@@ -45,9 +45,10 @@
 //! noise = { force = 0.1, torque = 0.005 } # N, N·m: of the sensor in the handle
 //! ```
 //!
-//! The dampings of the experiments replace the one along x, y and z in `[control]`. An experiment that is left out is
-//! none of this law; without `[push]` eight forces of 6 N in the plane of x and y act. `observed`, `duration`, `rest` and
-//! the last four of `[bilateral]` may be left out, too; then they have the values above.
+//! The dampings of the experiments replace the one along x, y and z in `[control]`. An experiment that is
+//! left out is none of this law; without `[push]` eight forces of 6 N in the plane of x and y act.
+//! `observed`, `duration`, `rest` and the last four of `[bilateral]` may be left out, too; then they have the
+//! values above.
 
 use std::path::Path;
 

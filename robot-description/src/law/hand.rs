@@ -49,8 +49,8 @@
 //! # as [motion]
 //! ```
 //!
-//! `evaluated` (but that of `[force]`), `point`, `initial_rest`, and the `rest` of `[weights]` may be left out; then they
-//! have the values above.
+//! `evaluated` (but that of `[force]`), `point`, `initial_rest`, and the `rest` of `[weights]` may be left
+//! out; then they have the values above.
 
 mod file;
 
@@ -135,7 +135,8 @@ pub struct ServoExperiment {
     pub mode: ServoMode,
     /// Gains per inertia [1/s², 1/s³, 1/s, rad/s]; `None`: those of the robot.
     pub pid: Option<PidGains>,
-    /// Whether the controller is told the nominal friction of the machine's joints; else it has that of the robot.
+    /// Whether the controller is told the nominal friction of the machine's joints; else it has that of the
+    /// robot.
     pub knows_friction: bool,
     /// Distance from its target at which a joint is at fault [rad]; `None`: that of the robot.
     pub following_error: Option<f32>,

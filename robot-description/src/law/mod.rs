@@ -1,5 +1,5 @@
-//! Files in `laws/` of a robot folder: a control law with its settings, and the experiments of a paper that are run
-//! with it.
+//! Files in `laws/` of a robot folder: a control law with its settings, and the experiments of a paper that
+//! are run with it.
 
 pub mod arm;
 pub mod hand;
@@ -112,8 +112,8 @@ impl Wrong {
     }
 }
 
-/// Reads `text`, the content of `path`, as a `File`, of which `law` makes the law or says what is wrong; `advice` is
-/// what to do about that.
+/// Reads `text`, the content of `path`, as a `File`, of which `law` makes the law or says what is wrong;
+/// `advice` is what to do about that.
 fn read<File: DeserializeOwned, L>(
     path: &Path,
     text: &str,

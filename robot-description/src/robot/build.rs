@@ -66,8 +66,9 @@ fn mimic_joint(mimic: &SerialMimic, chain: usize, chains: &[SerialChain]) -> Opt
     })
 }
 
-/// The torques of all joints of a chain for 1 rad/s² at the one of them at `place`, all joints with a motor in the middle
-/// of their ranges: a column of the mass matrix. `None` where the chain has more joints than the control core knows.
+/// The torques of all joints of a chain for 1 rad/s² at the one of them at `place`, all joints with a motor
+/// in the middle of their ranges: a column of the mass matrix. `None` where the chain has more joints than
+/// the control core knows.
 fn inertia_column(model: &RobotModel, chain: usize, place: usize) -> Option<Vec<f32>> {
     let middle = |joint: &JointModel| 0.5 * (joint.limits.lower + joint.limits.upper);
     let middle: Vec<f32> = model.joints.iter().map(middle).collect();
@@ -92,7 +93,8 @@ fn add_mimics(model: &mut RobotModel, chains: &[SerialChain], settings: &Setting
             });
             let ratios: Vec<(usize, f32, bool)> = ratios.collect();
             let Some(&(leader, ratio, _)) = ratios.get(place) else { continue };
-            // Of the joints of this chain that move with it; the leader has no such column of its own and counts twice.
+            // Of the joints of this chain that move with it; the leader has no such column of its own and
+            // counts twice.
             let moving = ratios.iter().zip(&column).filter(|((joint, ..), _)| *joint == leader);
             let added: f32 = moving
                 .map(|(&(_, other, is_leader), torque)| {
@@ -245,8 +247,8 @@ pub fn correct(urdf: &mut Urdf, settings: &Settings) {
     }
 }
 
-/// Gains are given per inertia: fills in the inertia that each joint feels in the middle of the ranges, without that of
-/// mimic joints which move with it.
+/// Gains are given per inertia: fills in the inertia that each joint feels in the middle of the ranges,
+/// without that of mimic joints which move with it.
 fn complete_gains(model: &mut RobotModel, settings: &Settings) {
     let mut inertias = Vec::new();
     for chain in 0..model.chains.len() {

@@ -150,7 +150,8 @@ mod tests {
         }
     }
 
-    /// One of hand3: finger1_bend, from −1.2 to 1.7 rad at 6 rad/s with 0.6 N·m; its sensors measure up to 20 N.
+    /// One of hand3: finger1_bend, from −1.2 to 1.7 rad at 6 rad/s with 0.6 N·m; its sensors measure up to 20
+    /// N.
     #[test]
     fn each_limit_has_bounds_on_both_sides_of_what_it_protects() {
         type Change = fn(&mut RobotModel, f32);

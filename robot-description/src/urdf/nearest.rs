@@ -8,8 +8,8 @@ const MASS: f64 = 1e-3;
 /// Smallest root mean square distance of the mass from the centre along a principal axis [m].
 const RADIUS: f64 = 1e-3;
 
-/// Replaces mass and inertia: in the principal axes, second moments of mass that are negative or too small are
-/// raised.
+/// Replaces mass and inertia: in the principal axes, second moments of mass that are negative or too small
+/// are raised.
 pub fn replace(inertial: &mut Inertial) {
     if inertial.mass.value <= 0.0 {
         inertial.mass.value = MASS;

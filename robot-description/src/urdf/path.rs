@@ -291,8 +291,8 @@ pub enum NoLeader<'a> {
     NotFound,
 }
 
-/// The first of `joint`, the joint that it mimics, the one that this mimics, and so on, that `is_leader`; the angle of
-/// `joint` is the returned factor times the leader's plus the returned offset.
+/// The first of `joint`, the joint that it mimics, the one that this mimics, and so on, that `is_leader`; the
+/// angle of `joint` is the returned factor times the leader's plus the returned offset.
 ///
 /// # Errors
 /// There is none.

@@ -9,8 +9,8 @@ pub(super) const ELEMENTS: usize = 15;
 /// Coupling of two axes, relative to the root of the product of their diagonal elements, that has no effect.
 const NEGLIGIBLE: f32 = 1e-5;
 
-/// Elements of the matrices of an [`Impedance`](super::Impedance) below their diagonals, row by row: (y, x), (z, x),
-/// (z, y), and so on to (about z, about y). Those above are the same.
+/// Elements of the matrices of an [`Impedance`](super::Impedance) below their diagonals, row by row: (y, x),
+/// (z, x), (z, y), and so on to (about z, about y). Those above are the same.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Coupling {
     /// Of `M` [kg, kg·m, kg·m²].
@@ -64,8 +64,8 @@ pub(super) fn is_negligible(below: &[f32; ELEMENTS], diagonal: &[f32; 6]) -> boo
     })
 }
 
-/// The first pivot of the factorisation `L D Lᵀ` of a symmetric matrix that is less than `min`, with its row. Without
-/// one, all eigenvalues are positive, for a `min` of 0 or more.
+/// The first pivot of the factorisation `L D Lᵀ` of a symmetric matrix that is less than `min`, with its row.
+/// Without one, all eigenvalues are positive, for a `min` of 0 or more.
 pub(super) fn small_pivot(matrix: &Matrix6<f32>, min: f32) -> Option<(u8, f32)> {
     let mut rest = *matrix;
     for (axis, column) in (0_u8..).zip(0..6) {

@@ -3,8 +3,9 @@ use core::fmt;
 use crate::TICK;
 use crate::math;
 
-/// Gain as a share of that at which both poles of the closed loop are equal: two real poles, which hardly overshoot when
-/// the winding is not quite the one given. At 40 kHz and a lag of a whole period that is a bandwidth of 1.6 kHz.
+/// Gain as a share of that at which both poles of the closed loop are equal: two real poles, which hardly
+/// overshoot when the winding is not quite the one given. At 40 kHz and a lag of a whole period that is a
+/// bandwidth of 1.6 kHz.
 const GAIN_SHARE: f32 = 0.72;
 /// Time for which a motor without commands is braked before its stage is switched off [s].
 const BRAKING: f32 = 0.1;
@@ -72,12 +73,13 @@ impl core::error::Error for InvalidCurrentLoop {}
 
 /// Current loop of a brushed motor: PI whose zero cancels the winding's pole, sampled exactly.
 ///
-/// With `a = e^(−R·T/L)` the winding is `i⁺ = a·i + (1 − a)/R·v`; the controller `K·(z − a)/(z − 1)` with
-/// `K = g·R/(1 − a)` leaves `g/(z − 1)`. A duty takes effect after the part `ℓ` of a period: a share
-/// `s = (a^(1−ℓ) − a)/(1 − a)` of what the winding gets in a period is of the duty before, and the closed loop is
-/// `z² − (1 − g·(1 − s))·z + g·s`, whose poles are equal for `g = 1/(1 + √s)²` (Åström, Wittenmark, *Computer-Controlled
-/// Systems*). The back-EMF is fed forward. The duty is limited by the measured supply and rounded to timer counts; the
-/// integrator is conditioned on the limited voltage, not on the rounded one, so that what is rounded away comes later.
+/// With `a = e^(−R·T/L)` the winding is `i⁺ = a·i + (1 − a)/R·v`; the controller `K·(z − a)/(z − 1)` with `K
+/// = g·R/(1 − a)` leaves `g/(z − 1)`. A duty takes effect after the part `ℓ` of a period: a share `s =
+/// (a^(1−ℓ) − a)/(1 − a)` of what the winding gets in a period is of the duty before, and the closed loop is
+/// `z² − (1 − g·(1 − s))·z + g·s`, whose poles are equal for `g = 1/(1 + √s)²` (Åström, Wittenmark,
+/// *Computer-Controlled Systems*). The back-EMF is fed forward. The duty is limited by the measured supply
+/// and rounded to timer counts; the integrator is conditioned on the limited voltage, not on the rounded one,
+/// so that what is rounded away comes later.
 ///
 /// A dead man of its own: without a new command for two ticks the motor is braked, then its stage is off.
 ///
@@ -214,8 +216,8 @@ impl CurrentLoop {
 mod tests {
     use super::*;
 
-    /// Name, resistance [Ω], inductance [H], back-EMF [V·s/rad], supply [V], and for each deviation of the winding:
-    /// factors of resistance and inductance, `a`, `(1 − a)/R`, and the reference response.
+    /// Name, resistance [Ω], inductance [H], back-EMF [V·s/rad], supply [V], and for each deviation of the
+    /// winding: factors of resistance and inductance, `a`, `(1 − a)/R`, and the reference response.
     type Motor = (&'static str, [f32; 3], f32, &'static [(f32, f32, f64, f64, &'static [f64])]);
 
     const MOTORS: &[Motor] = include!("../../../tests/oracles/data/current_loop.in");

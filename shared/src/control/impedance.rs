@@ -18,11 +18,11 @@ const MAX_STIFFNESS_TO_MASS: f32 = 2500.0;
 const MAX_DAMPING_TO_MASS: f32 = 100.0;
 /// Below this `|z|` the functions of `√z` come from their series.
 const SERIES_RANGE: f32 = 0.05;
-/// Last power of the period in the power series of coupled axes. Within the limits above, the next term is less
-/// than 1e-8 of the first.
+/// Last power of the period in the power series of coupled axes. Within the limits above, the next term is
+/// less than 1e-8 of the first.
 const SERIES_ORDER: u8 = 12;
-/// Negative damping or stiffness, as a fraction of the largest possible one, that counts as rounding error of a
-/// semi-definite matrix.
+/// Negative damping or stiffness, as a fraction of the largest possible one, that counts as rounding error of
+/// a semi-definite matrix.
 const ROUNDING: f32 = 1e-5;
 
 /// Target impedance `M ë + B ė + K e = F` of a tool:
@@ -209,8 +209,9 @@ impl Impedance {
         Ok(())
     }
 
-    /// Raises the masses along x, y and z to these at least [kg], and the damping in the same relation, so that motions
-    /// fade as they did; the stiffness remains. An impedance with coupled axes is not changed, and does not ask for them.
+    /// Raises the masses along x, y and z to these at least [kg], and the damping in the same relation, so
+    /// that motions fade as they did; the stiffness remains. An impedance with coupled axes is not changed,
+    /// and does not ask for them.
     pub fn raise_mass(&mut self, masses: impl FnOnce() -> [f32; 3]) {
         if self.coupling.is_some() {
             return;

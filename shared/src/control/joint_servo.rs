@@ -138,8 +138,8 @@ impl JointServo {
         }
     }
 
-    /// As [`update`](Self::update) but for [`ServoMode::BarePid`], which is [`bare_pid`](Self::bare_pid). It learns
-    /// nothing of the disturbance, unless it `LEARNS`.
+    /// As [`update`](Self::update) but for [`ServoMode::BarePid`], which is [`bare_pid`](Self::bare_pid). It
+    /// learns nothing of the disturbance, unless it `LEARNS`.
     #[inline]
     pub(crate) fn compute<const LEARNS: bool>(
         &self,
@@ -175,8 +175,8 @@ impl JointServo {
         }
     }
 
-    /// [`ServoMode::BarePid`]: no torque but the PID's and that for `contact` forces [N·m]. As with the other modes, the
-    /// effort is what the model does not explain.
+    /// [`ServoMode::BarePid`]: no torque but the PID's and that for `contact` forces [N·m]. As with the other
+    /// modes, the effort is what the model does not explain.
     #[inline(never)]
     pub(crate) fn bare_pid<const LEARNS: bool>(
         &self,
@@ -230,7 +230,8 @@ impl JointServo {
         state.torque
     }
 
-    /// [`limit`](Self::limit) of another torque for this tick, after the torque `before` of the last one [N·m].
+    /// [`limit`](Self::limit) of another torque for this tick, after the torque `before` of the last one
+    /// [N·m].
     pub(crate) const fn limit_after(&self, state: &mut JointServoState, before: f32, requested: f32) -> f32 {
         state.torque = before;
         self.limit(state, requested)
@@ -242,8 +243,8 @@ mod tests {
     use super::*;
     use crate::model::PidGains;
 
-    /// The three ticks that the test of [`Pid`] works out by hand: 2, 2.004 082 and 1.968 463 N·m. Of the model's
-    /// torque of 5 N·m nothing is fed forward, of the contact's 0.25 N·m all.
+    /// The three ticks that the test of [`Pid`] works out by hand: 2, 2.004 082 and 1.968 463 N·m. Of the
+    /// model's torque of 5 N·m nothing is fed forward, of the contact's 0.25 N·m all.
     #[test]
     fn the_bare_pid_adds_nothing_but_the_contact_torque() {
         let mut joint = crate::test_support::joint("joint");
@@ -258,8 +259,8 @@ mod tests {
         }
     }
 
-    /// An error of 0.1 mrad is in the dead band of our PID, 0.5 mrad, but is integrated by the bare one: after 100
-    /// ticks 5·0.01·100·1e-4 = 0.5 mN·m, beside 2·1e-4.
+    /// An error of 0.1 mrad is in the dead band of our PID, 0.5 mrad, but is integrated by the bare one:
+    /// after 100 ticks 5·0.01·100·1e-4 = 0.5 mN·m, beside 2·1e-4.
     #[test]
     fn the_bare_pid_has_no_dead_band() {
         let mut joint = crate::test_support::joint("joint");

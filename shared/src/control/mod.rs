@@ -40,7 +40,7 @@ pub enum ServoMode {
     Pid,
     /// 1: state feedback on an observer of velocity and disturbance.
     Observer,
-    /// 2: the PID alone, as printed (Hand3 figure 6): gravity, inertia and friction are not fed forward, friction is
-    /// not learnt, and the error is integrated at rest too.
+    /// 2: the PID alone, as printed (Hand3 figure 6): gravity, inertia and friction are not fed forward,
+    /// friction is not learnt, and the error is integrated at rest too.
     BarePid,
 }

@@ -63,8 +63,8 @@ impl Chain {
         Self::from_links(joints.iter().map(|joint| (&joint.origin, &joint.axis, &joint.link)), tip)
     }
 
-    /// A chain of a validated model with all its joints, those without motor included; without joints if the model has
-    /// no such chain.
+    /// A chain of a validated model with all its joints, those without motor included; without joints if the
+    /// model has no such chain.
     pub fn of_model(model: &RobotModel, chain: usize) -> Self {
         let tip = model.chains.get(chain).map_or(&Pose::IDENTITY, |chain| &chain.tip);
         Self::from_links(model.joints_of(chain).map(ChainJoint::body), tip)
@@ -132,8 +132,8 @@ impl Chain {
         *tip = self.tip_frame(reach, &rotation);
     }
 
-    /// Gives axis and origin of each joint to `write`, base to tip, the origins relative to the first one. Returns the
-    /// position of the tip, relative likewise, and the orientation of the last link.
+    /// Gives axis and origin of each joint to `write`, base to tip, the origins relative to the first one.
+    /// Returns the position of the tip, relative likewise, and the orientation of the last link.
     #[inline(always)]
     pub(super) fn forward(
         &self,

@@ -172,8 +172,8 @@ impl Hand {
     }
 
     /// The hand whose fingers are the chains of a validated model, with the thumb first. `pointing`:
-    /// direction of the fingertips in their frames, a unit vector. Its actuated joints stay inside the model's limits by
-    /// `margin` [rad], or by a quarter of their range.
+    /// direction of the fingertips in their frames, a unit vector. Its actuated joints stay inside the
+    /// model's limits by `margin` [rad], or by a quarter of their range.
     ///
     /// # Errors
     /// There are more than [`MAX_FINGERS`] chains, or two joints that move several of them.

@@ -37,8 +37,8 @@ const STALLED: f32 = 1e-3;
 const FINAL_RANGE: f32 = 2e-3;
 /// Maximum number of last iterations.
 const FINAL_ITERATIONS: usize = 10;
-/// A first solution is sought without the secondary objective where no tip is farther from its target than this, over
-/// the length of its finger.
+/// A first solution is sought without the secondary objective where no tip is farther from its target than
+/// this, over the length of its finger.
 const NEARBY: f32 = 0.3;
 /// Maximum number of iterations of that.
 const NEARBY_ITERATIONS: usize = 4;
@@ -163,8 +163,8 @@ pub(super) struct Problem<'a> {
     pub(super) irreducible: f32,
     /// Factor of the weight of the secondary objectives.
     pub(super) emphasis: f32,
-    /// Whether the joints need not come to the middle of their ranges: a first solution is as good elsewhere, and the
-    /// frames after it bring them there.
+    /// Whether the joints need not come to the middle of their ranges: a first solution is as good elsewhere,
+    /// and the frames after it bring them there.
     pub(super) is_first: bool,
 }
 
@@ -351,8 +351,8 @@ impl Problem<'_> {
         let Points { here, there } = points;
         let first = if terms == Terms::All { FIRST_DAMPING } else { FIRST_FINAL_DAMPING };
         let mut damping = 0.0;
-        // Where evaluations run short, the last ones are for the positions: a step after the secondary objective, and two
-        // more after its first iterations.
+        // Where evaluations run short, the last ones are for the positions: a step after the secondary
+        // objective, and two more after its first iterations.
         #[expect(clippy::cast_possible_truncation, reason = "at most 5")]
         let fingers = self.fingers().count() as u16;
         let steps = match terms {
@@ -386,8 +386,8 @@ impl Problem<'_> {
         }
     }
 
-    /// Whether a few steps for the positions alone can be expected to reach all tips from `point`, and no direction is to be
-    /// followed.
+    /// Whether a few steps for the positions alone can be expected to reach all tips from `point`, and no
+    /// direction is to be followed.
     fn starts_near(&self, point: &Point) -> bool {
         self.fingers().all(|(index, finger, target)| {
             let range = NEARBY * finger.length;

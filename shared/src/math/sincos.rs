@@ -1,6 +1,7 @@
 use core::f32::consts::FRAC_2_PI;
 
-/// Beyond this the three-part π/2 no longer reduces exactly; the reduction of Payne and Hanek takes over [rad].
+/// Beyond this the three-part π/2 no longer reduces exactly; the reduction of Payne and Hanek takes over
+/// [rad].
 const FAST_RANGE: f32 = 8192.0;
 
 /// π/2 in three parts with at most 11 significant bits in the first two, so that `k · part` is exact for

@@ -67,9 +67,9 @@ pub struct ChainModel {
     pub force_sensor: Option<ForceSensor>,
 }
 
-/// A joint without motor, coupled to another joint by a linkage: an outer joint that follows the inner one of the same
-/// finger, or the first joints of fingers that one actuator spreads. Its angle = `multiplier` · angle of that joint +
-/// `offset` (`<mimic>` of URDF).
+/// A joint without motor, coupled to another joint by a linkage: an outer joint that follows the inner one of
+/// the same finger, or the first joints of fingers that one actuator spreads. Its angle = `multiplier` ·
+/// angle of that joint + `offset` (`<mimic>` of URDF).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct MimicJoint {
     /// Its chain, as index into [`RobotModel::chains`].
@@ -82,7 +82,8 @@ pub struct MimicJoint {
     pub multiplier: f32,
     /// Angle at which it stands when the other is at 0 [rad].
     pub offset: f32,
-    /// Joint frame in the frame of the link before it (of the base, for the first joint of a chain) at angle 0.
+    /// Joint frame in the frame of the link before it (of the base, for the first joint of a chain) at angle
+    /// 0.
     pub origin: Pose,
     /// Axis of rotation in the joint frame; a unit vector.
     pub axis: [f32; 3],
@@ -227,7 +228,8 @@ pub struct Motor {
     pub bandwidth: f32,
     /// Delay from sampling the sensors to the onset of the new torque [s].
     pub delay: f32,
-    /// Resistance of the winding, with brushes and power stage [Ω]; needed by boards that control the current.
+    /// Resistance of the winding, with brushes and power stage [Ω]; needed by boards that control the
+    /// current.
     pub resistance: Option<f32>,
     /// Inductance of the winding [H]; needed by boards that control the current.
     pub inductance: Option<f32>,
@@ -357,8 +359,8 @@ impl RobotModel {
         })
     }
 
-    /// The angles of all joints of a chain [rad], base to tip, at those of the joints with a motor. Missing ones count
-    /// as 0.
+    /// The angles of all joints of a chain [rad], base to tip, at those of the joints with a motor. Missing
+    /// ones count as 0.
     pub fn chain_angles(&self, chain: usize, angles: &[f32]) -> Vec<f32, MAX_CHAIN_JOINTS> {
         let angle = |joint: ChainJoint<'_>| {
             let coupling = joint.coupling();

@@ -13,7 +13,8 @@ use crate::protocol::{
 use crate::robot::{Actuation, Measured, Robot};
 use crate::task::{TaskCommand, TaskConfig, TaskState};
 
-/// Share of its velocity limit above which a joint must not be enabled: a servo that begins at rest would swing.
+/// Share of its velocity limit above which a joint must not be enabled: a servo that begins at rest would
+/// swing.
 const ENABLE_SPEED: f32 = 0.2;
 
 impl Node {
@@ -22,9 +23,9 @@ impl Node {
         self.handle_on(frame, board, &mut |_| Ok(()))
     }
 
-    /// Answers one request on a board that cannot serve every robot: `configure` is called with a valid model before
-    /// it is taken, and can refuse it. A replay does not know the board and takes that model: what the recorded node
-    /// then did with an older model is reported as a difference.
+    /// Answers one request on a board that cannot serve every robot: `configure` is called with a valid model
+    /// before it is taken, and can refuse it. A replay does not know the board and takes that model: what the
+    /// recorded node then did with an older model is reported as a difference.
     pub fn handle_on(
         &mut self,
         frame: &RequestFrame,
@@ -229,7 +230,8 @@ impl Node {
         }
     }
 
-    /// Stops the robot. Also with the outputs off this is a fault: a client that is about to enable them does not know of it.
+    /// Stops the robot. Also with the outputs off this is a fault: a client that is about to enable them does
+    /// not know of it.
     fn stop(&mut self) {
         let tick = self.state.tick;
         let fault = Fault { cause: FaultCause::Stop, joint: None, value: 0.0, limit: 0.0, tick };

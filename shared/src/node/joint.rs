@@ -12,23 +12,24 @@ use crate::robot::{
 
 /// Maximum compensated lag of a drive, as a fraction of the period. A larger one amplifies torque steps more.
 const MAX_COMPENSATED_LAG: f32 = 0.3;
-/// Ticks without a change of the angle, under a torque that moves the joint, after which the encoder is stuck. More
-/// ticks let a dead encoder accelerate the joint longer; fewer mistake quantisation for it.
+/// Ticks without a change of the angle, under a torque that moves the joint, after which the encoder is
+/// stuck. More ticks let a dead encoder accelerate the joint longer; fewer mistake quantisation for it.
 const STUCK_TICKS: u8 = 2;
 /// In place of a number of such ticks: the encoder was found dead, and has not moved since.
 const FOUND_DEAD: u8 = u8::MAX;
-/// Ticks in which a joint gains speed against its torque, after which it runs away. More ticks let it gain more;
-/// fewer mistake a rebound for it.
+/// Ticks in which a joint gains speed against its torque, after which it runs away. More ticks let it gain
+/// more; fewer mistake a rebound for it.
 const RUNAWAY_TICKS: u8 = 3;
 /// Decay per period of the feed-forward torques under [`Reaction::Damp`](crate::model::Reaction::Damp): a
-/// contact force is released within 0.3 s. A step would let what is pressed whip the joints back. Torques that
-/// drive the robot balance no contact, and decay faster.
+/// contact force is released within 0.3 s. A step would let what is pressed whip the joints back. Torques
+/// that drive the robot balance no contact, and decay faster.
 const FEEDFORWARD_DECAY: f32 = 0.95;
 const DRIVING_DECAY: f32 = 0.5;
 /// Decrease of the weight that damping bears per rise of the joint [1/rad], and largest one.
 const LESS_WEIGHT: f32 = 4.0;
 const MAX_UNBORNE: f32 = 0.4;
-/// Fraction by which the model's weight of a held joint may be wrong: masses and torque constants by 10 % to 15 % each.
+/// Fraction by which the model's weight of a held joint may be wrong: masses and torque constants by 10 % to
+/// 15 % each.
 const HELD_WEIGHT_ERROR: f32 = 0.25;
 
 /// State of a joint: encoder and servo.
@@ -43,15 +44,15 @@ pub(super) struct JointState {
     /// Torque of the last tick, and its part beyond the feed-forward [N·m].
     pub torque: f32,
     pub effort: f32,
-    /// Where the joint was when it moved last, the change of the angle in that tick [rad], and the effort then; of a
-    /// damped joint, the torque beyond the weight [N·m].
+    /// Where the joint was when it moved last, the change of the angle in that tick [rad], and the effort
+    /// then; of a damped joint, the torque beyond the weight [N·m].
     moved_to: f32,
     last_change: f32,
     moving_effort: f32,
     /// Ticks in a row without a change under a torque that moves the joint, or [`FOUND_DEAD`].
     unchanged: u8,
-    /// The last tick in which the joint gained speed, and the ticks in a row up to there in which it did so against
-    /// its effort.
+    /// The last tick in which the joint gained speed, and the ticks in a row up to there in which it did so
+    /// against its effort.
     gained_in: u32,
     running_away: u8,
     /// How far the joint has been lifted against its weight since a stop began [rad].
@@ -167,8 +168,9 @@ impl JointState {
         Self { zero, homed, ..Self::new() }
     }
 
-    /// The share of the model's weight that damping bears. Masses and torque constants may be wrong by 20 % each: a
-    /// joint that bears too much rises by 0.1 rad at most, one that bears too little sinks against the damping.
+    /// The share of the model's weight that damping bears. Masses and torque constants may be wrong by 20 %
+    /// each: a joint that bears too much rises by 0.1 rad at most, one that bears too little sinks against
+    /// the damping.
     pub fn borne_weight(&self) -> f32 {
         1.0 - math::clamp(LESS_WEIGHT * self.rise, 0.0, MAX_UNBORNE)
     }
@@ -220,8 +222,8 @@ impl Joint<'_> {
         self.hold_still();
     }
 
-    /// Prepares for a tick that comes several periods after the last one: position and velocity become those of
-    /// one period ago, at the constant acceleration of a joint whose drive was off.
+    /// Prepares for a tick that comes several periods after the last one: position and velocity become those
+    /// of one period ago, at the constant acceleration of a joint whose drive was off.
     pub fn catch_up(&mut self, count: i32, periods: f32) {
         let (before, max) = (*self.velocity, self.config.limits.velocity);
         let position = self.state.angle(self.config, count);
@@ -243,9 +245,9 @@ impl Joint<'_> {
         self.config.velocity.update(self.velocity, state.change);
     }
 
-    /// Whether the joint gains speed in a way that [`check_speed`](Self::check_speed) has to judge: against its
-    /// effort, or beyond its velocity limit. (The filtered velocity lags behind one that grows, and exceeds the limit
-    /// only after a change has.)
+    /// Whether the joint gains speed in a way that [`check_speed`](Self::check_speed) has to judge: against
+    /// its effort, or beyond its velocity limit. (The filtered velocity lags behind one that grows, and
+    /// exceeds the limit only after a change has.)
     #[inline]
     pub fn gains_speed(&self) -> bool {
         let (config, state) = (self.config, &self.state);
@@ -280,9 +282,9 @@ impl Joint<'_> {
         None
     }
 
-    /// Checks a joint that [gains speed](Self::gains_speed): does its encoder jump, does it run away against the effort
-    /// of the last tick, does it exceed its velocity limit? Where the reference `follows` the joint, its error says
-    /// nothing. Returns a fault: cause, value, limit.
+    /// Checks a joint that [gains speed](Self::gains_speed): does its encoder jump, does it run away against
+    /// the effort of the last tick, does it exceed its velocity limit? Where the reference `follows` the
+    /// joint, its error says nothing. Returns a fault: cause, value, limit.
     pub fn check_speed(&mut self, follows: bool, tick: u32) -> Option<(FaultCause, f32, f32)> {
         let is_opposed = self.is_opposed();
         let (config, state) = (self.config, &mut *self.state);
@@ -328,9 +330,9 @@ impl Joint<'_> {
         })
     }
 
-    /// Whether the joint moves against its effort, away from its reference, which does not lead it there: a servo that
-    /// is only too weak, or hindered, falls behind; one whose encoder or drive is reversed goes the other way. A
-    /// reference at rest may have been left by a push, which slows down.
+    /// Whether the joint moves against its effort, away from its reference, which does not lead it there: a
+    /// servo that is only too weak, or hindered, falls behind; one whose encoder or drive is reversed goes
+    /// the other way. A reference at rest may have been left by a push, which slows down.
     #[cold]
     fn goes_astray(&self) -> bool {
         let (velocity, lead) = (*self.velocity, self.reference.velocity * *self.velocity);
@@ -340,8 +342,9 @@ impl Joint<'_> {
         abs(velocity) * TICK > self.config.moving && astray && self.is_opposed()
     }
 
-    /// Whether the angle stands still while the effort has grown by what moves the joint. A contact force, or an
-    /// error of the model, may balance an effort, but not its growth: what it presses on yields by some counts.
+    /// Whether the angle stands still while the effort has grown by what moves the joint. A contact force, or
+    /// an error of the model, may balance an effort, but not its growth: what it presses on yields by some
+    /// counts.
     #[inline]
     pub fn resists(&mut self) -> bool {
         let effort = self.state.effort;
@@ -372,8 +375,8 @@ impl Joint<'_> {
         true
     }
 
-    /// Checks the encoder of a joint that [resists](Self::resists) a growing `effort`: its torque was `excess` beyond
-    /// the weight [N·m]. Returns a fault: cause, value, limit.
+    /// Checks the encoder of a joint that [resists](Self::resists) a growing `effort`: its torque was
+    /// `excess` beyond the weight [N·m]. Returns a fault: cause, value, limit.
     pub fn check_encoder(
         &mut self,
         effort: f32,
@@ -383,8 +386,8 @@ impl Joint<'_> {
         let (config, state) = (self.config, &mut *self.state);
         let grown = effort - state.moving_effort;
         let moved = abs(state.last_change) >= config.moving;
-        // What the joint took beyond the model along its last motion may be friction, which then holds it against the
-        // opposite torque as well.
+        // What the joint took beyond the model along its last motion may be friction, which then holds it
+        // against the opposite torque as well.
         let along = if state.last_change > 0.0 { state.moving_effort } else { -state.moving_effort };
         // So may what has stopped its inertia within a period, unless that is more than friction.
         let stopping = along + config.inertia * abs(state.last_change) / (TICK * TICK);
@@ -432,8 +435,8 @@ impl Joint<'_> {
         self.check_encoder(excess, excess, Situation { stops: true, accelerates: false, presses: false })
     }
 
-    /// Computes the reference of this tick from the target; goals pass the trajectory filter. Returns `false` for
-    /// targets that [`advance_slowly`](Self::advance_slowly) has to advance.
+    /// Computes the reference of this tick from the target; goals pass the trajectory filter. Returns `false`
+    /// for targets that [`advance_slowly`](Self::advance_slowly) has to advance.
     #[inline]
     pub fn advance(&mut self) -> bool {
         if self.target.restart {
@@ -473,8 +476,8 @@ impl Joint<'_> {
         };
     }
 
-    /// Computes the torque by the servo, which goes on learning the disturbance if it `LEARNS`. `model_torque` is
-    /// the inverse dynamics at the reference [N·m].
+    /// Computes the torque by the servo, which goes on learning the disturbance if it `LEARNS`.
+    /// `model_torque` is the inverse dynamics at the reference [N·m].
     #[inline]
     pub fn control<const LEARNS: bool>(&mut self, mode: ServoMode, model_torque: f32) {
         let feedforward = model_torque + self.target.feedforward;
@@ -494,10 +497,10 @@ impl Joint<'_> {
         self.state.effort = output.effort;
     }
 
-    /// Bounds the torque of a joint that is held after a fault, `before` in the last tick, by what it pressed with when
-    /// the stop began, beside its `weight` [N·m]: against an obstacle it must not press harder. What slows its motion down
-    /// is not bounded, nor what a joint that stands still is to follow its reference with: its encoder may be dead, which
-    /// shows by the torque.
+    /// Bounds the torque of a joint that is held after a fault, `before` in the last tick, by what it pressed
+    /// with when the stop began, beside its `weight` [N·m]: against an obstacle it must not press harder.
+    /// What slows its motion down is not bounded, nor what a joint that stands still is to follow its
+    /// reference with: its encoder may be dead, which shows by the torque.
     pub fn bound_hold(&mut self, before: f32, weight: f32) {
         let (config, state, velocity) = (self.config, &mut *self.state, *self.velocity);
         let excess = state.torque - weight;
@@ -551,9 +554,10 @@ impl Joint<'_> {
         [servo.acceleration(mean - desired), mean]
     }
 
-    /// Computes a damping torque, beside the borne part of the `gravity` torque [N·m] and the feed-forward, which fades, faster if all
-    /// together it is `driving` the robot. When damping `begins`, the feed-forward becomes what the torque has
-    /// balanced so far, such as a contact force; of torques that were `driving` the robot, nothing.
+    /// Computes a damping torque, beside the borne part of the `gravity` torque [N·m] and the feed-forward,
+    /// which fades, faster if all together it is `driving` the robot. When damping `begins`, the feed-forward
+    /// becomes what the torque has balanced so far, such as a contact force; of torques that were `driving`
+    /// the robot, nothing.
     pub fn damp(&mut self, gravity: f32, begins: bool, driving: bool) {
         if begins {
             // What the joint has balanced so far is no sign of a dead encoder: growth counts from here on.
@@ -574,8 +578,8 @@ impl Joint<'_> {
         self.state.effort = effort;
     }
 
-    /// Whether the encoder was found dead and has not moved since: the angle says nothing then, not even the weight.
-    /// Returns the fault that the joint would be enabled with: cause, value, limit.
+    /// Whether the encoder was found dead and has not moved since: the angle says nothing then, not even the
+    /// weight. Returns the fault that the joint would be enabled with: cause, value, limit.
     #[cold]
     pub fn check_life(&self) -> Option<(FaultCause, f32, f32)> {
         let moved = abs(*self.position - self.state.moved_to) > self.config.flicker;
@@ -589,8 +593,8 @@ impl Joint<'_> {
         self.hold_still();
     }
 
-    /// Sets target and reference to the present position at rest. Keeps the adapted friction, and the torque of
-    /// outputs that are on: its rate counts from there.
+    /// Sets target and reference to the present position at rest. Keeps the adapted friction, and the torque
+    /// of outputs that are on: its rate counts from there.
     pub fn hold_still(&mut self) {
         let position = *self.position;
         *self.target = JointTarget::at(position);

@@ -107,13 +107,14 @@ impl Node {
         &self.state.faults
     }
 
-    /// Checksum of the names of the joints that the faults number: what a board retains over a reset beside the faults.
+    /// Checksum of the names of the joints that the faults number: what a board retains over a reset beside
+    /// the faults.
     pub const fn fault_joints(&self) -> u32 {
         self.state.fault_joints
     }
 
-    /// Restores the faults from before a reset, and the [checksum](Self::fault_joints) of their joints. Call it before
-    /// the first tick.
+    /// Restores the faults from before a reset, and the [checksum](Self::fault_joints) of their joints. Call
+    /// it before the first tick.
     pub fn restore_faults(&mut self, log: FaultLog, joints: u32) {
         (self.state.faults, self.state.fault_joints) = (log, joints);
     }

@@ -26,8 +26,8 @@ const CONTACT_SHARE: f32 = 0.02;
 type SensorFault = Option<(u8, (FaultCause, f32, f32))>;
 
 impl Node {
-    /// Records a fault and reacts to it: with a stop as the task needs it, or, when the reaction to an earlier
-    /// fault has failed, with a weaker one.
+    /// Records a fault and reacts to it: with a stop as the task needs it, or, when the reaction to an
+    /// earlier fault has failed, with a weaker one.
     pub(super) fn fail(&mut self, fault: Fault) {
         let strongest = match self.robot.loaded() {
             Some(robot) if fault.cause.leaves_control() => robot.model().safety.reaction,
@@ -74,7 +74,8 @@ impl Node {
         }
     }
 
-    /// Begins a stop anew after missed ticks, in which the motion went on without control. Returns the reaction.
+    /// Begins a stop anew after missed ticks, in which the motion went on without control. Returns the
+    /// reaction.
     fn restart_stop(&mut self, fault: &Fault) -> Reaction {
         self.begin_stop_energy();
         match (self.state.reaction, self.state.halting) {
@@ -179,8 +180,8 @@ impl Node {
         self.rank(sensors, joint_fault, tip_fault, elapsed.cast_signed())
     }
 
-    /// Sensors that do not answer, unless there is no robot yet. Where the joints are and how fast is not known any
-    /// more: the next frame is read like the first.
+    /// Sensors that do not answer, unless there is no robot yet. Where the joints are and how fast is not
+    /// known any more: the next frame is read like the first.
     #[cold]
     #[inline(never)]
     fn silent(&mut self, tick: u32) -> Option<Fault> {
@@ -189,8 +190,8 @@ impl Node {
         Some(Fault { cause: FaultCause::SensorsSilent, joint: None, value: 1.0, limit: 0.0, tick })
     }
 
-    /// The fault of a sensor frame to react to: a state that lasts, such as a low supply, must not hide what a
-    /// stop has to be told.
+    /// The fault of a sensor frame to react to: a state that lasts, such as a low supply, must not hide what
+    /// a stop has to be told.
     fn rank(
         &self,
         sensors: &SensorFrame,
@@ -230,7 +231,8 @@ impl Node {
             .or(of_sensor(joint_fault.or(tip_fault)))
     }
 
-    /// Checks the control, also while it holds the robot after a fault, and the command timeout while enabled.
+    /// Checks the control, also while it holds the robot after a fault, and the command timeout while
+    /// enabled.
     pub(super) fn check_control(&mut self) -> Option<Fault> {
         let enabled = matches!(self.state.mode, Mode::Enabled(_));
         if !enabled {

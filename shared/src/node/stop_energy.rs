@@ -1,8 +1,9 @@
 //! Supervision of a stop by its energy: the drives may bring none into a robot that is to come to rest.
 //!
 //! A servo, a damper or a task that brings a robot to rest is passive as long as encoders and drives tell the
-//! truth: what the drives do beyond bearing the weight takes energy out of the motion. A sum that exceeds what
-//! was in the motion shows that something lies, that control swings, or that what the torques balanced is gone.
+//! truth: what the drives do beyond bearing the weight takes energy out of the motion. A sum that exceeds
+//! what was in the motion shows that something lies, that control swings, or that what the torques balanced
+//! is gone.
 
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
@@ -16,7 +17,8 @@ use crate::math::abs;
 use crate::model::Reaction;
 use crate::robot::Motion;
 
-/// Speed of the robot's mass whose energy is tolerated [m/s]: the model has errors, drives and sensors are late.
+/// Speed of the robot's mass whose energy is tolerated [m/s]: the model has errors, drives and sensors are
+/// late.
 const TOLERATED_SPEED: f32 = 0.12;
 /// Fraction by which the model's weight may be wrong.
 const WEIGHT_ERROR: f32 = 0.1;
@@ -24,8 +26,8 @@ const WEIGHT_ERROR: f32 = 0.1;
 const REACTION_TIME: f32 = 2.0 * TICK;
 /// Torques that fade more slowly are not waited for [s].
 const MAX_FADING: f32 = 0.1;
-/// What is left after a period of work and of what is allowed beyond the tolerance: both are forgotten within 2.5 s, or
-/// the noise of an encoder would let a robot that is held for hours gain any energy.
+/// What is left after a period of work and of what is allowed beyond the tolerance: both are forgotten within
+/// 2.5 s, or the noise of an encoder would let a robot that is held for hours gain any energy.
 const MEMORY: f32 = 0.996;
 
 /// Work of the drives beyond the weight since a stop began, and how much of it is allowed [J].
@@ -45,8 +47,8 @@ impl Node {
         0.5 * self.robot.mass() * TOLERATED_SPEED * TOLERATED_SPEED
     }
 
-    /// Begins to count the energy of a stop: that of the motion is allowed, and what the torques do until they
-    /// have faded.
+    /// Begins to count the energy of a stop: that of the motion is allowed, and what the torques do until
+    /// they have faded.
     #[cold]
     #[inline(never)]
     pub(super) fn begin_stop_energy(&mut self) {
@@ -76,8 +78,8 @@ impl Node {
         self.state.stop_energy = StopEnergy { work: 0.0, allowed };
     }
 
-    /// Adds the work of the drives in the last period of a stop, and checks the encoders of damped joints. Returns a
-    /// fault when the work exceeds what is allowed, or when an encoder is dead.
+    /// Adds the work of the drives in the last period of a stop, and checks the encoders of damped joints.
+    /// Returns a fault when the work exceeds what is allowed, or when an encoder is dead.
     #[cold]
     #[inline(never)]
     pub(super) fn check_stop(&mut self) -> Option<Fault> {

@@ -12,9 +12,9 @@ use crate::model::{MAX_CHAIN_JOINTS, MAX_JOINTS, Reaction};
 use crate::protocol::{ActuatorFrame, Mode, SensorFrame};
 use crate::robot::{Actuation, JointSetpoint, Motion, Robot};
 
-/// Torques drive a damped robot whose joints have at least the kinetic energy of its mass at this speed [m/s]. Below
-/// it the robot may be coming to rest in a contact, unless they have brought in a share of the energy that is tolerated
-/// in a stop.
+/// Torques drive a damped robot whose joints have at least the kinetic energy of its mass at this speed
+/// [m/s]. Below it the robot may be coming to rest in a contact, unless they have brought in a share of the
+/// energy that is tolerated in a stop.
 const DRIVEN_SPEED: f32 = 0.2;
 const DRIVEN_SHARE: f32 = 0.5;
 
@@ -104,8 +104,8 @@ impl Node {
         }
     }
 
-    /// Whether a stop is over and the joints stay where they are. What they would learn of the disturbance from
-    /// then on would make them press harder against what holds them, or after an encoder that has died.
+    /// Whether a stop is over and the joints stay where they are. What they would learn of the disturbance
+    /// from then on would make them press harder against what holds them, or after an encoder that has died.
     fn stays(&self) -> bool {
         self.state.tick.wrapping_sub(self.state.reacting_since) >= SETTLING_TICKS
             && self.references().iter().all(|reference| abs(reference.velocity) < STALL_SPEED)
@@ -116,8 +116,8 @@ impl Node {
         self.state.references.get(..self.robot.joints().len()).unwrap_or_default()
     }
 
-    /// The torques of [`Actuation::Servo`] and [`Actuation::Torque`]; the servos go on learning the disturbance if
-    /// they `LEARN`.
+    /// The torques of [`Actuation::Servo`] and [`Actuation::Torque`]; the servos go on learning the
+    /// disturbance if they `LEARN`.
     fn servo<const LEARN: bool>(&mut self, actuation: Actuation) {
         let robot = &self.robot;
         let mode = self.state.targets.servo_mode;
@@ -175,8 +175,8 @@ impl Node {
         all.each().zip(weight).for_each(|(mut joint, weight)| joint.damp(weight, begins, driving));
     }
 
-    /// The torques of [`Actuation::Acceleration`], by the inverse dynamics of each chain. Only for robots without
-    /// mimic joints: the tasks that use it refuse others.
+    /// The torques of [`Actuation::Acceleration`], by the inverse dynamics of each chain. Only for robots
+    /// without mimic joints: the tasks that use it refuse others.
     #[inline(never)]
     fn accelerate(&mut self, friction: f32) {
         let robot = &self.robot;

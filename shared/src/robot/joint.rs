@@ -16,15 +16,15 @@ const JUMP_FACTOR: f32 = 2.0;
 /// Tolerance of the current check: overshoot of the current loop and error of the current sensor.
 const CURRENT_MARGIN: f32 = 1.25;
 
-/// Largest share of a joint's velocity that damping takes in a period. The velocity is that of the period before:
-/// from about one half on, damping swings instead.
+/// Largest share of a joint's velocity that damping takes in a period. The velocity is that of the period
+/// before: from about one half on, damping swings instead.
 const MAX_DAMPED_SHARE: f32 = 0.3;
 
 /// Share of the velocity limit with which a joint approaches a goal. The rest is a margin for tracking.
 const GOAL_SPEED: f32 = 0.8;
 
-/// A joint runs away only beyond this share of its following-error limit, and above this share of its velocity
-/// limit. Smaller ones find it sooner, and mistake a push for it.
+/// A joint runs away only beyond this share of its following-error limit, and above this share of its
+/// velocity limit. Smaller ones find it sooner, and mistake a push for it.
 const RUNAWAY_DEVIATION: f32 = 0.25;
 const RUNAWAY_SPEED: f32 = 0.1;
 
@@ -54,10 +54,10 @@ pub struct JointConfig {
     pub(crate) inertia: f32,
     /// Effort of a servo, whose feed-forward has errors, that overcomes stiction [N·m].
     pub(crate) breakaway: f32,
-    /// The encoder of a joint that stands still is dead when the torque beyond the weight is larger than `excess`, and
-    /// the effort has grown by more than `growth` if the joint moved before, by more than `held_growth` if not; or by
-    /// more than `accelerating_growth` if it is that of an acceleration, without weight and contact [N·m]. A stop in
-    /// which nothing has to press has the smaller `stop_excess`.
+    /// The encoder of a joint that stands still is dead when the torque beyond the weight is larger than
+    /// `excess`, and the effort has grown by more than `growth` if the joint moved before, by more than
+    /// `held_growth` if not; or by more than `accelerating_growth` if it is that of an acceleration, without
+    /// weight and contact [N·m]. A stop in which nothing has to press has the smaller `stop_excess`.
     pub(crate) excess: f32,
     pub(crate) stop_excess: f32,
     pub(crate) growth: f32,
@@ -67,28 +67,29 @@ pub struct JointConfig {
     pub(crate) least_growth: f32,
     /// Coulomb friction of the model [N·m].
     pub(crate) coulomb: f32,
-    /// The change of the angle per tick of a joint that moves, and the largest one of a dead encoder, that may flicker
-    /// by a count [rad].
+    /// The change of the angle per tick of a joint that moves, and the largest one of a dead encoder, that
+    /// may flicker by a count [rad].
     pub(crate) moving: f32,
     pub(crate) flicker: f32,
     /// Friction beyond the model's that a motion may show [N·m].
     pub(crate) max_friction: f32,
-    /// Deviation from the reference from which on the joint may run away [rad], and the change of the angle per
-    /// tick of one that does [rad].
+    /// Deviation from the reference from which on the joint may run away [rad], and the change of the angle
+    /// per tick of one that does [rad].
     pub(crate) deviation: f32,
     pub(crate) fast: f32,
 }
 
-/// Shares of the torque limit beyond twice the Coulomb friction, from which on a torque beyond the weight, and the
-/// growth of one, move a joint whatever the errors of the model. Smaller ones find a dead encoder sooner, and
-/// mistake a grip for it: `docs/fault-schedules.md` has the trade.
+/// Shares of the torque limit beyond twice the Coulomb friction, from which on a torque beyond the weight,
+/// and the growth of one, move a joint whatever the errors of the model. Smaller ones find a dead encoder
+/// sooner, and mistake a grip for it: `docs/fault-schedules.md` has the trade.
 const EXCESS_SHARE: f32 = 0.08;
 const GROWTH_SHARE: f32 = 0.015;
 const HELD_GROWTH_SHARE: f32 = 0.05;
-/// Share of the growth of an acceleration torque that will do when the torque beyond the weight shows the same.
+/// Share of the growth of an acceleration torque that will do when the torque beyond the weight shows the
+/// same.
 pub(crate) const CONFIRMED_SHARE: f32 = 0.75;
-/// A joint moves from this speed on [rad/s], and from so many counts a tick, below which a coarse encoder does not
-/// tell. Slower ones may come to rest in a grip.
+/// A joint moves from this speed on [rad/s], and from so many counts a tick, below which a coarse encoder
+/// does not tell. Slower ones may come to rest in a grip.
 const MOVING_SPEED: f32 = 0.0767;
 const MOVING_COUNTS: f32 = 2.0;
 /// The largest change of a dead encoder in a tick [counts].
@@ -133,21 +134,21 @@ impl JointConfig {
         }
     }
 
-    /// The largest change of the angle in a period that a joint is capable of [rad], when the filtered velocity is
-    /// `velocity` at its end [rad/s]: as that took 63 % of the change of velocity, 2.7 times what the largest torque
-    /// makes of it.
+    /// The largest change of the angle in a period that a joint is capable of [rad], when the filtered
+    /// velocity is `velocity` at its end [rad/s]: as that took 63 % of the change of velocity, 2.7 times what
+    /// the largest torque makes of it.
     pub(crate) fn max_leap(&self, velocity: f32) -> f32 {
         (abs(velocity) + self.servo.acceleration(self.limits.torque) * TICK) * TICK
     }
 
-    /// The filtered acceleration [rad/s²] after a `change` of the angle in the last period [rad]; `velocity` is
-    /// the filtered one [rad/s].
+    /// The filtered acceleration [rad/s²] after a `change` of the angle in the last period [rad]; `velocity`
+    /// is the filtered one [rad/s].
     pub(crate) fn acceleration(&self, change: f32, velocity: f32) -> f32 {
         VELOCITY_CUTOFF * (change / TICK - velocity)
     }
 
-    /// How far a goal may be ahead of the reference [rad]. The trajectory filter follows one that stays `d` ahead
-    /// with a velocity of `d/(2 T_f)`, and reaches `d/(e·T_f)` at first.
+    /// How far a goal may be ahead of the reference [rad]. The trajectory filter follows one that stays `d`
+    /// ahead with a velocity of `d/(2 T_f)`, and reaches `d/(e·T_f)` at first.
     pub(crate) fn max_goal_distance(&self) -> f32 {
         2.0 * GOAL_SPEED * self.limits.velocity * self.servo.filter_time()
     }

@@ -62,8 +62,8 @@ impl Measured {
 
 /// What the drives of the joints do beyond the model.
 pub trait Efforts {
-    /// The part of a joint's last torque that its feed-forward does not explain [N·m]: friction and weight that the model does
-    /// not have, and forces from outside.
+    /// The part of a joint's last torque that its feed-forward does not explain [N·m]: friction and weight
+    /// that the model does not have, and forces from outside.
     fn effort(&self, joint: usize) -> f32;
 }
 
@@ -77,7 +77,8 @@ impl Postures {
     /// Empty.
     pub const NONE: Self = Self([const { None }; MAX_CHAINS]);
 
-    /// Computes the posture of `chain`, the chain number `index` of the robot, at `angles` [rad], and stores it.
+    /// Computes the posture of `chain`, the chain number `index` of the robot, at `angles` [rad], and stores
+    /// it.
     pub(crate) fn update(&mut self, index: usize, chain: &Chain, angles: &[f32]) -> Option<&Posture> {
         let entry = self.0.get_mut(index)?;
         let Some(posture) = entry else { return Some(entry.insert(chain.posture(angles))) };

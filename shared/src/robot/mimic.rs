@@ -175,8 +175,8 @@ mod tests {
             all[0] = motion;
             robot.coupled_dynamics(&all)
         };
-        // By hand: potential energy over the driving angle, (m g) d/dq of the heights of both centres; about +y
-        // a link at x falls as its angle grows.
+        // By hand: potential energy over the driving angle, (m g) d/dq of the heights of both centres; about
+        // +y a link at x falls as its angle grows.
         let (q, weight) = (0.3_f32, 0.02 * 9.81);
         let cos = |angle: f32| math::sin_cos(angle).1;
         let outer = q + 0.5 * q + 0.1;
@@ -184,7 +184,8 @@ mod tests {
         let torques = at([q, 0.0, 0.0]);
         assert!(math::abs(torques[0] - expected) < 1e-6, "{torques:?} {expected}");
         assert!(torques[1..].iter().all(|torque| *torque == 0.0));
-        // Kinetic energy with the links in line, where 0.5 q + 0.1 = 0: the outer centre moves at 0.05 + 1.5 · 0.02.
+        // Kinetic energy with the links in line, where 0.5 q + 0.1 = 0: the outer centre moves at 0.05 + 1.5
+        // · 0.02.
         let inertia = at([-0.2, 0.0, 1.0])[0] - at([-0.2, 0.0, 0.0])[0];
         let by_hand = 0.02 * (0.02 * 0.02 + 0.08 * 0.08);
         assert!(math::abs(inertia - by_hand) < 1e-8, "{inertia} {by_hand}");

@@ -28,8 +28,8 @@ const TRACKING: ObserverGains = ObserverGains { inertia: 1.0, bandwidth: 40.0, o
 
 /// Direction of the fingertips of a [`Hand`] in their frames.
 const POINTING: [f32; 3] = [0.0, 0.0, 1.0];
-/// How far the joints of a hand stay inside their limits [rad]. Homing may be as wrong, and a joint that is pressed against
-/// its stop looks blocked.
+/// How far the joints of a hand stay inside their limits [rad]. Homing may be as wrong, and a joint that is
+/// pressed against its stop looks blocked.
 const STOP_MARGIN: f32 = 5e-3;
 
 /// A validated model, preprocessed for computation; without joints before the first model.
@@ -46,7 +46,8 @@ pub struct Robot {
     chains: Vec<ChainConfig, MAX_CHAINS>,
     joints: Vec<JointConfig, MAX_JOINTS>,
     model: RobotModel,
-    /// At most one. (No hand is all zero as a list, which places a new node in `.bss`; as an option it is not.)
+    /// At most one. (No hand is all zero as a list, which places a new node in `.bss`; as an option it is
+    /// not.)
     hand: Vec<Hand, 1>,
 }
 

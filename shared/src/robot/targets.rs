@@ -36,7 +36,8 @@ pub enum JointSetpoint {
     Point(JointPoint),
     /// 2: brakes the reference to rest within the joint limits.
     Brake,
-    /// 3: as a goal, but the reference keeps to the velocity limit. It becomes a goal once that is near enough.
+    /// 3: as a goal, but the reference keeps to the velocity limit. It becomes a goal once that is near
+    /// enough.
     FarGoal(f32),
 }
 

@@ -1,13 +1,13 @@
 //! Link calibration of the operator's fingers (Hand5 eq. 2).
 //!
-//! A pose gives three equations `A x = p`, `A = [I, R1, R1R2, R1R2R3]`, for the twelve components of a finger's
-//! links. They are added one after another to a triangular factor ([`IncrementalQr`]), so calibration goes on
-//! in use, optionally with forgetting.
+//! A pose gives three equations `A x = p`, `A = [I, R1, R1R2, R1R2R3]`, for the twelve components of a
+//! finger's links. They are added one after another to a triangular factor ([`IncrementalQr`]), so
+//! calibration goes on in use, optionally with forgetting.
 //!
-//! A finger's joints are hinges. A component of link `k − 1` along the axis of hinge `k` moves the tip exactly as
-//! the same component of link `k` does, so `A` has rank 10, without spreading 9, whatever the poses. Noise hides
-//! that: see [`CalibrationSettings::orientation_noise`]. The solution of minimum norm without the directions that
-//! noise alone made predicts the tip all the same.
+//! A finger's joints are hinges. A component of link `k − 1` along the axis of hinge `k` moves the tip
+//! exactly as the same component of link `k` does, so `A` has rank 10, without spreading 9, whatever the
+//! poses. Noise hides that: see [`CalibrationSettings::orientation_noise`]. The solution of minimum norm
+//! without the directions that noise alone made predicts the tip all the same.
 
 use nalgebra::{SMatrix, SVector, Vector3};
 
@@ -69,8 +69,8 @@ impl CalibrationSettings {
         Ok(())
     }
 
-    /// Standard deviation of an equation along each axis for links like these [m]. Orientation noise acts with
-    /// each link as lever, for its own sensor and for that of the back of the hand: `(2/3) σ² Σ 2|l|²`.
+    /// Standard deviation of an equation along each axis for links like these [m]. Orientation noise acts
+    /// with each link as lever, for its own sensor and for that of the back of the hand: `(2/3) σ² Σ 2|l|²`.
     pub(super) fn equation_deviation(&self, links: &FingerLinks) -> f32 {
         let [_, moving @ ..] = links.0.map(Vector3::from);
         let levers: f32 = moving.iter().map(Vector3::norm_squared).sum();
@@ -90,8 +90,8 @@ pub struct CalibrationAccuracy {
     pub condition: f32,
     /// Root mean square of the tip's residual [m].
     pub residual: f32,
-    /// Standard deviation of the predicted tip [m]: the largest over 81 postures of the joints' range. From the
-    /// flat hand, fingers: base 0, 40, 80° bent and −10, 0, 10° spread; middle 0, 45, 90°; end 2/3 of the
+    /// Standard deviation of the predicted tip [m]: the largest over 81 postures of the joints' range. From
+    /// the flat hand, fingers: base 0, 40, 80° bent and −10, 0, 10° spread; middle 0, 45, 90°; end 2/3 of the
     /// middle −10, 0, 10°. Thumb: base 0, 20, 40° and −20, 0, 20°; middle 0, 25, 50°; end 0, 35, 70°.
     pub tip_deviation: f32,
     /// The movement that would improve it most.
@@ -143,8 +143,8 @@ impl FingerCalibration {
         }
     }
 
-    /// Adds a pose: orientations, and the marker at the tip in the frame of the back of the hand [m]. The first
-    /// pose is the flat hand.
+    /// Adds a pose: orientations, and the marker at the tip in the frame of the back of the hand [m]. The
+    /// first pose is the flat hand.
     ///
     /// # Errors
     /// A marker that is not finite or more than 0.4 m from the back of the hand. Nothing is added.
@@ -158,12 +158,12 @@ impl FingerCalibration {
         Ok(())
     }
 
-    /// Adds a posture in which the tip touches a place that is known [m], within a standard deviation along each
-    /// axis [m]. It helps to tell lengths, and is no pose: a prior must say the rest.
+    /// Adds a posture in which the tip touches a place that is known [m], within a standard deviation along
+    /// each axis [m]. It helps to tell lengths, and is no pose: a prior must say the rest.
     ///
     /// # Errors
-    /// A place that is not finite or more than 0.4 m from the back of the hand, or a standard deviation outside
-    /// 0.1 mm to 0.1 m.
+    /// A place that is not finite or more than 0.4 m from the back of the hand, or a standard deviation
+    /// outside 0.1 mm to 0.1 m.
     pub fn add_contact(
         &mut self,
         rotations: &FingerRotations,

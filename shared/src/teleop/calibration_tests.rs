@@ -323,8 +323,8 @@ fn links_that_no_hand_has_are_refused() {
     assert_eq!(HumanHand::try_new(links).unwrap_err().link, 3);
 }
 
-/// The hand of 110 % of the mean proportions, its first joints moved by a few millimetres: metacarpal's begin, splay
-/// and bones as in the paper's table [mm].
+/// The hand of 110 % of the mean proportions, its first joints moved by a few millimetres: metacarpal's
+/// begin, splay and bones as in the paper's table [mm].
 fn large_hand() -> [FingerLinks; FINGERS] {
     let fingers: [([f32; 2], f32, [f32; 4]); FINGERS] = [
         ([20.0, 25.0], 45.0, [0.0, 46.22, 31.57, 27.34]),

@@ -168,8 +168,8 @@ impl FollowerState {
         }
     }
 
-    /// Moves the set-point of the elbow to an angle [rad] at rest, for an arm whose elbow is elsewhere. The elbow
-    /// is not led until the clutch closes again.
+    /// Moves the set-point of the elbow to an angle [rad] at rest, for an arm whose elbow is elsewhere. The
+    /// elbow is not led until the clutch closes again.
     pub fn reset_elbow(&mut self, angle: f32) {
         (self.elbow_angle, self.elbow_velocity) = (Vector1::new(angle), Vector1::zeros());
         if let Some(clutch) = &mut self.clutch {

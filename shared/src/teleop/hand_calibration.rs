@@ -10,7 +10,8 @@ use crate::math::{self, IncrementalQr};
 
 /// Poses from which residuals tell whether markers are swapped: as many equations again as unknowns.
 const MIN_POSES_OF_SWAP: u32 = 8;
-/// A finger's residual that is this much larger than with another finger's marker means that they are swapped.
+/// A finger's residual that is this much larger than with another finger's marker means that they are
+/// swapped.
 const SWAP_RATIO: f32 = 2.0;
 
 /// Calibration of a hand: each finger, and whether markers are swapped.
@@ -36,8 +37,8 @@ impl HandCalibration {
         })
     }
 
-    /// Adds a pose: orientations, and the markers that are seen, in the frame of the back of the hand [m]. The
-    /// first pose is the flat hand.
+    /// Adds a pose: orientations, and the markers that are seen, in the frame of the back of the hand [m].
+    /// The first pose is the flat hand.
     ///
     /// # Errors
     /// An orientation of a finger whose marker is seen, or a marker, that cannot be used. Nothing is added.
@@ -69,8 +70,8 @@ impl HandCalibration {
         Ok(())
     }
 
-    /// Adds a posture in which the tip of the thumb, which is calibrated, touches that of a finger, within a standard
-    /// deviation along each axis [m]. For fingers without marker.
+    /// Adds a posture in which the tip of the thumb, which is calibrated, touches that of a finger, within a
+    /// standard deviation along each axis [m]. For fingers without marker.
     ///
     /// # Errors
     /// A thumb that is not calibrated yet, or orientations that cannot be used. Nothing is added.

@@ -340,9 +340,9 @@ impl HumanHand {
 }
 
 /// Low-pass filter of the glove's orientations, each on its own: a critically damped observer of orientation
-/// and angular velocity with bandwidth `ω`, whose output is the orientation `d` before the sample,
-/// `(2ωs + ω² − dω²s)/(s + ω)²`. Steady motion passes with the delay `d` exactly. The longer the delay, the less
-/// noise: with `d = 1/ω` it is a first-order low-pass filter, with `2/ω` two of them. A sensor without sample is
+/// and angular velocity with bandwidth `ω`, whose output is the orientation `d` before the sample, `(2ωs + ω²
+/// − dω²s)/(s + ω)²`. Steady motion passes with the delay `d` exactly. The longer the delay, the less noise:
+/// with `d = 1/ω` it is a first-order low-pass filter, with `2/ω` two of them. A sensor without sample is
 /// bridged for a time at its last angular velocity, which decays.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GloveFilter {

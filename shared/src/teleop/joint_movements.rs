@@ -3,7 +3,8 @@ use nalgebra::{Matrix3, Vector3};
 use super::human_hand::{Finger, FingerRotations};
 use crate::math::{self, Svd};
 
-/// How the joints of a finger moved in the poses: rotation vectors from the first pose, their mean and scatter.
+/// How the joints of a finger moved in the poses: rotation vectors from the first pose, their mean and
+/// scatter.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct JointMovements {
     pub first: Option<[Matrix3<f32>; 3]>,

@@ -27,8 +27,8 @@
 //!
 //! [`Retargeting`] maps an operator's fingertips to a robot hand (Hand5).
 //!
-//! With force feedback, a [`PowerPort`] at each end keeps the link passive. [`MatchedImpedance`] is the bilateral control
-//! that the paper announces.
+//! With force feedback, a [`PowerPort`] at each end keeps the link passive. [`MatchedImpedance`] is the
+//! bilateral control that the paper announces.
 //!
 //! # The operator's fingers
 //!
@@ -37,8 +37,8 @@
 //!  poses, markers ──► HandCalibration ──► links ──┘
 //! ```
 //!
-//! [`HumanHand`] computes the fingertips in the frame of the back of the hand from absolute orientations (Hand5
-//! section 2.1); [`HandCalibration`] estimates the links from markers on the tips.
+//! [`HumanHand`] computes the fingertips in the frame of the back of the hand from absolute orientations
+//! (Hand5 section 2.1); [`HandCalibration`] estimates the links from markers on the tips.
 //!
 //! # An example
 //!

@@ -104,14 +104,15 @@ impl fmt::Display for UnsuitableLink {
 }
 
 impl PowerPortLimits {
-    /// Checks that the damping at the master can dissipate what the link makes, for a handle with the hand's `mass`
-    /// [kg] and a damping of its own [N·s/m], 0 for a bare one, a slave whose set-point pulls with `stiffness` K [N/m],
-    /// and a delay of both directions together of `round_trip` τ [s].
+    /// Checks that the damping at the master can dissipate what the link makes, for a handle with the hand's
+    /// `mass` [kg] and a damping of its own [N·s/m], 0 for a bare one, a slave whose set-point pulls with
+    /// `stiffness` K [N/m], and a delay of both directions together of `round_trip` τ [s].
     ///
-    /// At the handle the link is a spring that is felt τ + T/2 later, half a control period T for the hold. With the
-    /// damping b, of port and handle together, its impedance has the real part `b − K·sin(ω(τ + T/2))/ω`, which no
-    /// frequency makes negative when `b ≥ K·(τ + T/2)` (without delay: Colgate and Schenkel 1997). Beyond it the port
-    /// still counts what it cannot dissipate, but the handle may oscillate.
+    /// At the handle the link is a spring that is felt τ + T/2 later, half a control period T for the hold.
+    /// With the damping b, of port and handle together, its impedance has the real part `b − K·sin(ω(τ +
+    /// T/2))/ω`, which no frequency makes negative when `b ≥ K·(τ + T/2)` (without delay: Colgate and
+    /// Schenkel 1997). Beyond it the port still counts what it cannot dissipate, but the handle may
+    /// oscillate.
     ///
     /// # Errors
     /// The value that is out of bounds, and the one that would do.
@@ -294,9 +295,9 @@ mod tests {
         assert!(with < 0.03, "{with}");
     }
 
-    /// Whether a handle of 100 kg on a spring of 1500 N/m, felt `round_trip` [s] later and held for a control period, comes
-    /// to rest under a damping of 100 N·s/m: the true motion in steps of 0.1 ms. A heavy handle swings slowly, where the
-    /// condition is sharp.
+    /// Whether a handle of 100 kg on a spring of 1500 N/m, felt `round_trip` [s] later and held for a control
+    /// period, comes to rest under a damping of 100 N·s/m: the true motion in steps of 0.1 ms. A heavy handle
+    /// swings slowly, where the condition is sharp.
     fn comes_to_rest(round_trip: f64) -> bool {
         const STEP: f64 = 1e-4;
         let (mass, stiffness, damping) = (100.0, 1500.0, 100.0);
@@ -419,8 +420,9 @@ mod tests {
         }
     }
 
-    /// A person presses the slave's spring against a wall and withdraws, again and again, over a link with 20 % loss.
-    /// On every sample the energy that has left at the slave is at most what had entered at the master, and the reserve.
+    /// A person presses the slave's spring against a wall and withdraws, again and again, over a link with 20
+    /// % loss. On every sample the energy that has left at the slave is at most what had entered at the
+    /// master, and the reserve.
     fn press(seed: u64) {
         const LIMITS: PowerPortLimits = PowerPortLimits { max_damping: 100.0, energy_reserve: 0.02 };
         let mut draws = Draws(seed);

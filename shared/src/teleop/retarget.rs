@@ -150,8 +150,8 @@ impl Retargeting<'_> {
         }
     }
 
-    /// As [`begin`](Self::begin), but for a control period: no frame searches beyond the nearest solution, and each ends
-    /// after a number of evaluations, from where the next one continues.
+    /// As [`begin`](Self::begin), but for a control period: no frame searches beyond the nearest solution,
+    /// and each ends after a number of evaluations, from where the next one continues.
     pub fn begin_nearby(&self, angles: &Angles, offset: &Vector3<f32>) -> RetargetState {
         RetargetState { begun: true, budget: NEARBY_BUDGET, ..self.begin(angles, offset) }
     }
@@ -272,8 +272,8 @@ impl Retargeting<'_> {
         position - self.solve(state, &targets, options, report)[0]
     }
 
-    /// Solves the fingers for their vectors from `thumb` and reports their errors. Returns how far the pinching ones miss it, as
-    /// weighted mean [m].
+    /// Solves the fingers for their vectors from `thumb` and reports their errors. Returns how far the
+    /// pinching ones miss it, as weighted mean [m].
     fn solve_fingers(
         &self,
         state: &mut RetargetState,

@@ -26,8 +26,8 @@ impl Workspace {
     }
 
     /// The acceleration, held for one period, of a set-point that would leave the box: along each axis it
-    /// approaches the border at no more than the speed from which half of the acceleration limit brakes in time.
-    /// Outside it only comes back.
+    /// approaches the border at no more than the speed from which half of the acceleration limit brakes in
+    /// time. Outside it only comes back.
     pub(super) fn limit(
         &self,
         limits: &MotionLimits,

@@ -54,8 +54,8 @@ impl Cells {
     }
 }
 
-/// Edge points in the image reduced by 2^`level`, `level` at least 1, in a rectangle of cells: local maxima of
-/// Sobel's gradient across the edge. Returns their number: of too many, the strongest.
+/// Edge points in the image reduced by 2^`level`, `level` at least 1, in a rectangle of cells: local maxima
+/// of Sobel's gradient across the edge. Returns their number: of too many, the strongest.
 pub(super) fn edges(
     image: &Image<'_>,
     level: u32,
@@ -117,8 +117,8 @@ fn reduce(image: &Image<'_>, level: u32, y: usize, from: usize, cells: &mut [i16
         return;
     }
     cells.fill(0);
-    // At level 2 the sum of 16 pixels has just the fraction that a cell has; four rows of 16 pixels at level 4
-    // remain below 2¹⁵.
+    // At level 2 the sum of 16 pixels has just the fraction that a cell has; four rows of 16 pixels at level
+    // 4 remain below 2¹⁵.
     let shift = 2 * level - 4;
     for line in 0..side {
         let pixels = image.row(side * y + line).get(side * from..).unwrap_or_default();

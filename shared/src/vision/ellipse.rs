@@ -45,8 +45,8 @@ impl Ellipse {
         ([self.radius * ratio, self.radius / ratio], 0.5 * math::atan2(-q, -p))
     }
 
-    /// Weighted least squares of `u² + v² + p (u² − v²) + 2 q uv = a + b u + c v` over edge points (x, y, weight),
-    /// in units of this ellipse about its centre. The flattening is expected to deviate from zero by
+    /// Weighted least squares of `u² + v² + p (u² − v²) + 2 q uv = a + b u + c v` over edge points (x, y,
+    /// weight), in units of this ellipse about its centre. The flattening is expected to deviate from zero by
     /// `flattening`. None if the result is no ellipse near this one.
     pub fn refit(&self, points: impl Iterator<Item = ([f32; 2], f32)>, flattening: f32) -> Option<Self> {
         let mut matrix = SMatrix::<f32, 5, 5>::zeros();

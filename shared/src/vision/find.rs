@@ -41,8 +41,8 @@ pub struct CircleSearch {
     pub radius: [f32; 2],
     /// Near the last result; None searches the whole image.
     pub window: Option<Window>,
-    /// Where the axis of the knob vanishes: the point of the image that shows its direction, as the arm knows it; its
-    /// centre may lie outside the image. With it, a rose is also found that the knob hides in part.
+    /// Where the axis of the knob vanishes: the point of the image that shows its direction, as the arm knows
+    /// it; its centre may lie outside the image. With it, a rose is also found that the knob hides in part.
     pub axis: Option<Window>,
 }
 
@@ -233,8 +233,8 @@ fn candidates(
     }
 }
 
-/// The circle with the longest rim that is seen, of those with enough evidence: of concentric ones the outermost. Of
-/// several fits to one rim, that with the most evidence.
+/// The circle with the longest rim that is seen, of those with enough evidence: of concentric ones the
+/// outermost. Of several fits to one rim, that with the most evidence.
 fn outermost(search: &CircleSearch, fits: &[Option<Fit>]) -> Option<Fit> {
     let circles =
         || fits.iter().flatten().filter(|fit| fit.evidence() >= MIN_STRENGTH && search.allows(&fit.ellipse));

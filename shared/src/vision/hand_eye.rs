@@ -20,12 +20,12 @@ pub struct HandEyeRow {
     pub distance: f32,
 }
 
-/// What the hand-eye camera sees of a rose that is straight before the hand: a table from the radius in the image to the
-/// place of its centre (Knob §4.5), and to its distance.
+/// What the hand-eye camera sees of a rose that is straight before the hand: a table from the radius in the
+/// image to the place of its centre (Knob §4.5), and to its distance.
 ///
-/// The approach is the hand frame's z, the image's right nearly its y, the image's up nearly its x. Between rows the
-/// centre is linear in the radius and the distance in its inverse, which is exact for a pinhole camera; so two rows
-/// suffice for one.
+/// The approach is the hand frame's z, the image's right nearly its y, the image's up nearly its x. Between
+/// rows the centre is linear in the radius and the distance in its inverse, which is exact for a pinhole
+/// camera; so two rows suffice for one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HandEyeTable {
     rose: f32,
@@ -79,9 +79,9 @@ impl fmt::Display for HandEyeError {
 impl core::error::Error for HandEyeError {}
 
 impl HandEyeTable {
-    /// The table for a rose of radius `rose` [m]. `tilt`: rotation of the optical axis from the approach, about the hand's
-    /// y towards the hand's axis [rad]. `turn`: direction in the image in which the rose moves when it moves along the
-    /// hand's y, from the image's x towards its y [rad].
+    /// The table for a rose of radius `rose` [m]. `tilt`: rotation of the optical axis from the approach,
+    /// about the hand's y towards the hand's axis [rad]. `turn`: direction in the image in which the rose
+    /// moves when it moves along the hand's y, from the image's x towards its y [rad].
     ///
     /// # Errors
     /// The first value that is out of its range.
@@ -112,10 +112,11 @@ impl HandEyeTable {
         Ok(Self { rose, tilt, turn, rows })
     }
 
-    /// Place of the centre of a rose in the hand frame [m] that is seen as `circle`; `rose` is its radius [m].
+    /// Place of the centre of a rose in the hand frame [m] that is seen as `circle`; `rose` is its radius
+    /// [m].
     ///
-    /// The lateral part is the displacement `(mx, my) = rose/R · (MX, MY)` of Knob §4.5, with the image error turned into
-    /// the axes of the hand; the tilt is taken into account.
+    /// The lateral part is the displacement `(mx, my) = rose/R · (MX, MY)` of Knob §4.5, with the image error
+    /// turned into the axes of the hand; the tilt is taken into account.
     pub fn locate(&self, circle: &Circle, rose: f32) -> [f32; 3] {
         let (center, distance) = self.at_radius(circle.radius * self.rose / rose);
         let scale = rose / circle.radius;
@@ -123,13 +124,14 @@ impl HandEyeTable {
         let (sin, cos) = math::sin_cos(self.turn);
         let (y, below) = (right * cos + down * sin, down * cos - right * sin);
         let (sin, cos) = math::sin_cos(self.tilt);
-        // A rose higher by x is farther from the camera, which looks downwards, by x sin(tilt), at the same distance.
+        // A rose higher by x is farther from the camera, which looks downwards, by x sin(tilt), at the same
+        // distance.
         let x = -below * cos;
         [x, y, distance + x * sin / cos]
     }
 
-    /// Where a rose of radius `rose` [m], whose centre is at `place` in the hand frame [m], is seen: centre and radius
-    /// [px]. The inverse of [`locate`](Self::locate).
+    /// Where a rose of radius `rose` [m], whose centre is at `place` in the hand frame [m], is seen: centre
+    /// and radius [px]. The inverse of [`locate`](Self::locate).
     pub fn appearance(&self, place: &[f32; 3], rose: f32) -> ([f32; 2], f32) {
         let [x, y, z] = *place;
         let (sin, cos) = math::sin_cos(self.tilt);
@@ -141,7 +143,8 @@ impl HandEyeTable {
         ([center[0] + (y * cos - below * sin) * scale, center[1] + (below * cos + y * sin) * scale], radius)
     }
 
-    /// Where the approach vanishes in the image [px]: a rose straight before the hand is seen there from far away.
+    /// Where the approach vanishes in the image [px]: a rose straight before the hand is seen there from far
+    /// away.
     pub fn vanishing_point(&self) -> [f32; 2] {
         let [one, next] = self.segment(|_| false);
         between(one.center, next.center, -one.radius / (next.radius - one.radius))
@@ -195,7 +198,8 @@ fn between(one: [f32; 2], next: [f32; 2], part: f32) -> [f32; 2] {
 mod tests {
     use super::*;
 
-    /// The camera of robots/knob-arm: f = 140 px, 50 mm above the axis, 120 mm behind the fingertips, tilted by 10°.
+    /// The camera of robots/knob-arm: f = 140 px, 50 mm above the axis, 120 mm behind the fingertips, tilted
+    /// by 10°.
     const TILT: f32 = 0.174_532_93;
 
     /// A small circle's image by that pinhole camera, worked out point by point: its centre and radius.

@@ -41,8 +41,8 @@ impl<'a> Image<'a> {
         self.pixels.get(y * self.width..(y + 1) * self.width).unwrap_or_default()
     }
 
-    /// Bilinear interpolation at a point at least one pixel inside the image, see [`Image::contains`], in 65 536ths of a
-    /// pixel. The grey level has 16 bits of fraction.
+    /// Bilinear interpolation at a point at least one pixel inside the image, see [`Image::contains`], in 65
+    /// 536ths of a pixel. The grey level has 16 bits of fraction.
     #[inline(always)]
     pub(super) fn at(&self, x: i32, y: i32) -> i32 {
         let start = (y >> 16) as usize * self.width + (x >> 16) as usize;

@@ -9,8 +9,8 @@ use crate::math;
 
 /// Least evidence for the end of a knob that hides others, where nothing else is known.
 const FRONT_EVIDENCE: f32 = 0.72;
-/// Least evidence for the end of a knob behind which a rose is looked for along the axis, for that rose, and for the
-/// rose and half of the knob together.
+/// Least evidence for the end of a knob behind which a rose is looked for along the axis, for that rose, and
+/// for the rose and half of the knob together.
 const KNOB_EVIDENCE: f32 = 0.45;
 const ROSE_EVIDENCE: f32 = 0.5;
 const PAIR_EVIDENCE: f32 = 0.95;
@@ -32,8 +32,8 @@ const MIN_GLANCE: f32 = 0.15;
 /// Steps of the fit to a candidate, each of 1 px.
 const BAND: (usize, f32) = (3, 1.0);
 
-/// The rose behind the best of the circles that may be the end of a knob. The rose is farther along the axis, and so
-/// nearer to where the axis vanishes, in proportion to its depth.
+/// The rose behind the best of the circles that may be the end of a knob. The rose is farther along the axis,
+/// and so nearer to where the axis vanishes, in proportion to its depth.
 pub(super) fn behind_knob(
     image: &Image<'_>,
     search: &CircleSearch,
@@ -123,8 +123,8 @@ pub(super) fn uncover(image: &Image<'_>, noise: f32, fits: &mut [Option<Fit>; MA
     }
 }
 
-/// Whether one circle is the end of a cylinder that stands on the other: seen nearly all around, not much larger,
-/// and at another place.
+/// Whether one circle is the end of a cylinder that stands on the other: seen nearly all around, not much
+/// larger, and at another place.
 fn is_in_front(front: &Fit, fit: &Fit) -> bool {
     front.ellipse.radius < 1.1 * fit.ellipse.radius
         && front.distance(fit) > SAME_RIM * fit.ellipse.radius

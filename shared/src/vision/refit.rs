@@ -54,8 +54,8 @@ impl Fit {
         self.visible & !self.hidden
     }
 
-    /// Strength of the evidence for the circle, 0 to 1: share of the open rays with an edge on it. Any edges fit a
-    /// short arc; a flat ellipse is less likely.
+    /// Strength of the evidence for the circle, 0 to 1: share of the open rays with an edge on it. Any edges
+    /// fit a short arc; a flat ellipse is less likely.
     pub fn evidence(&self) -> f32 {
         let [p, q] = self.ellipse.flattening;
         let open = self.open();
@@ -89,8 +89,8 @@ fn hides(front: &Ellipse, point: [f32; 2]) -> bool {
 }
 
 /// How well an edge follows the part of a circle that `front` leaves open, 0 to 1: on every second ray, the
-/// contrast that neighbours have in common, up to three times the least of an edge point. A glance, to choose what
-/// is fitted.
+/// contrast that neighbours have in common, up to three times the least of an edge point. A glance, to choose
+/// what is fitted.
 pub(super) fn glance(image: &Image<'_>, circle: &Ellipse, front: &Ellipse, noise: f32) -> f32 {
     let most = 3.0 * least_contrast(noise);
     let (mut open, mut sum, mut before) = (0_u8, 0.0, 0.0);
@@ -229,7 +229,8 @@ pub(super) struct Rims<'a> {
 }
 
 impl Rims<'_> {
-    /// Fits to each of the candidates, the best first, an ellipse. Where several lead to one rim, the first of them.
+    /// Fits to each of the candidates, the best first, an ellipse. Where several lead to one rim, the first
+    /// of them.
     pub fn fit_all<'a>(
         &'a self,
         starts: &'a [Option<Start>; MAX_CANDIDATES],
@@ -246,13 +247,14 @@ impl Rims<'_> {
         })
     }
 
-    /// A first step from a candidate towards the edge within `band` steps of `unit` px: a circle, as a mixture of two
-    /// rims would be a fine ellipse.
+    /// A first step from a candidate towards the edge within `band` steps of `unit` px: a circle, as a
+    /// mixture of two rims would be a fine ellipse.
     fn approach(&self, start: &Ellipse, (band, unit): (usize, f32)) -> Option<Ellipse> {
         self.step(start, (band, unit), 2, 0.003)
     }
 
-    /// Fits an ellipse to the edge nearer and nearer to a first step of `unit` px. Returns None without a common ellipse.
+    /// Fits an ellipse to the edge nearer and nearer to a first step of `unit` px. Returns None without a
+    /// common ellipse.
     fn fit(&self, near: &Ellipse, unit: f32) -> Option<Fit> {
         let middle = math::clamp(0.5 * unit, 1.0, unit);
         let ellipse = self.step(near, (4, middle), 1, 0.006)?;
@@ -284,7 +286,8 @@ fn least_contrast(noise: f32) -> f32 {
     math::clamp(1.5 * DERIVATIVE_NOISE * noise, MIN_CONTRAST, 255.0)
 }
 
-/// Edge points (x, y) next to an ellipse, along every `step`-th ray, with weights 0 or 1. None if they are few.
+/// Edge points (x, y) next to an ellipse, along every `step`-th ray, with weights 0 or 1. None if they are
+/// few.
 fn edge_points(
     image: &Image<'_>,
     ellipse: &Ellipse,
@@ -332,7 +335,8 @@ fn approach(
     Some(ellipse)
 }
 
-/// Distance of a point from the ellipse, outwards from the centre, to first order in it and in the squared flattening [px].
+/// Distance of a point from the ellipse, outwards from the centre, to first order in it and in the squared
+/// flattening [px].
 fn distance(ellipse: &Ellipse, [x, y]: [f32; 2]) -> f32 {
     let (u, v) = (x - ellipse.center[0], y - ellipse.center[1]);
     let [p, q] = ellipse.flattening;

@@ -8,8 +8,8 @@ use crate::math;
 const WIDTH: usize = 256;
 const HEIGHT: usize = 240;
 
-/// Images and what is true of them, by OpenCV and NumPy: width, height, expected radius from, to; true centre x, y,
-/// radius; OpenCV's centre x, y, radius.
+/// Images and what is true of them, by OpenCV and NumPy: width, height, expected radius from, to; true centre
+/// x, y, radius; OpenCV's centre x, y, radius.
 type Row = (usize, usize, f32, f32, f32, f32, f32, f32, f32, f32);
 const ROWS: &[Row] = include!("../../../tests/oracles/data/find_circle.in");
 const PIXELS: &[u8] = include_bytes!("../../../tests/oracles/data/find_circle.bin");
@@ -112,8 +112,8 @@ fn of_concentric_circles_the_outermost_is_found() {
     assert_near(find_in(&pixels, [30.0, 42.0], None), [126.0, 118.0, 36.0], 0.3);
 }
 
-/// A knob whose end is as large as its rose in the picture and hides four tenths of its rim: only the axis tells
-/// which is which.
+/// A knob whose end is as large as its rose in the picture and hides four tenths of its rim: only the axis
+/// tells which is which.
 #[test]
 fn a_rose_behind_its_knob_is_found_along_the_axis() {
     let rose = Disc::round(126.0, 120.0, 26.0, 130.0);

@@ -9,8 +9,8 @@ use super::{
     MAX_REJECTED, MIN_ROWS, Motion, Observation, Rose, seen,
 };
 
-/// Unknown values: place [m], tilt, pan and turn [rad] of the camera, logarithm of the focal length, place of the rose
-/// [m], and two slopes of its axis.
+/// Unknown values: place [m], tilt, pan and turn [rad] of the camera, logarithm of the focal length, place of
+/// the rose [m], and two slopes of its axis.
 const UNKNOWNS: usize = 12;
 type Vector = SVector<f64, UNKNOWNS>;
 type Matrix = SMatrix<f64, UNKNOWNS, UNKNOWNS>;
@@ -85,8 +85,8 @@ impl<'a> Problem<'a> {
         self.judge(&guess, &values, &kept)
     }
 
-    /// The result, unless it tells nothing. What the rows leave open may be anything in `values`; in `guess` it is as at
-    /// the start.
+    /// The result, unless it tells nothing. What the rows leave open may be anything in `values`; in `guess`
+    /// it is as at the start.
     fn judge(&self, guess: &Vector, values: &Vector, kept: &[bool]) -> Result<HandEye, HandEyeFailure> {
         let (camera, rose) = self.split(values);
         let number = kept.iter().filter(|kept| **kept).count();
@@ -220,8 +220,8 @@ impl<'a> Problem<'a> {
             .map_or_else(Matrix::zeros, |derivatives| derivatives.transpose() * derivatives)
     }
 
-    /// The values with the least sum over the kept rows, and the sum: of squares; or with Cauchy's weight for a scale,
-    /// and with what is known without any row about some values.
+    /// The values with the least sum over the kept rows, and the sum: of squares; or with Cauchy's weight for
+    /// a scale, and with what is known without any row about some values.
     fn minimise(&self, start: Vector, kept: &[bool], robust: Option<(f64, Vector)>) -> (Vector, f64) {
         let (scale, known) = robust.unzip();
         let square = |values: &Vector, row: usize| length(&self.offset(values, row)).powi(2);
@@ -274,7 +274,8 @@ impl<'a> Problem<'a> {
         (values, least)
     }
 
-    /// Standard deviation of the places that the table would tell [m]: the largest, and the root of the sum of squares.
+    /// Standard deviation of the places that the table would tell [m]: the largest, and the root of the sum
+    /// of squares.
     fn table_deviation(&self, values: &Vector, information: &Matrix) -> Result<[f64; 2], HandEyeFailure> {
         let covariance = covariance(information);
         let [near, far] = self.settings.distances;

@@ -16,8 +16,8 @@ fn settings() -> HandEyeSettings {
     HandEyeSettings::for_pictures([256, 240], 0.04)
 }
 
-/// Ranges of the motions of the hand: distances before the rose [m], offset over the camera's distance, angles about
-/// the hand's axes [rad].
+/// Ranges of the motions of the hand: distances before the rose [m], offset over the camera's distance,
+/// angles about the hand's axes [rad].
 #[derive(Clone, Copy)]
 struct Motions {
     distance: [f64; 2],

@@ -18,8 +18,8 @@ const MAX_EXPORTS: u32 = 3;
 
 /// Shares out what a board has only once: the rate of each stream, and the copy of an export.
 ///
-/// The board sends each stream at the highest rate that a connection requests. An export is read by the hub, one
-/// after the other, and each connection then reads a copy of its own. All other frames pass unchanged.
+/// The board sends each stream at the highest rate that a connection requests. An export is read by the hub,
+/// one after the other, and each connection then reads a copy of its own. All other frames pass unchanged.
 #[derive(Debug)]
 pub(super) struct Arbiter {
     connections: BTreeMap<u64, Connection>,

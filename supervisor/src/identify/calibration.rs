@@ -31,9 +31,9 @@ pub struct FreeJoint {
 }
 
 impl FreeJoint {
-    /// From the readings of `joint`, whose drive used the torque constant of the model. With `weighed` the links weigh
-    /// what the model tells, and the torque constant is identified, too. Otherwise the machine has the one that is
-    /// `known` [N·m/A], if there is one.
+    /// From the readings of `joint`, whose drive used the torque constant of the model. With `weighed` the
+    /// links weigh what the model tells, and the torque constant is identified, too. Otherwise the machine
+    /// has the one that is `known` [N·m/A], if there is one.
     pub fn identify(joint: &JointModel, readings: &[Reading], weighed: bool, known: Option<f32>) -> Self {
         let told = f64::from(joint.motor.torque_constant);
         let scaled =

@@ -11,8 +11,8 @@ use super::procedure::{IdentifyError, Machine, Sense, TICK};
 use super::regression::Reading;
 use super::sweep::{Leg, Sweep, ranges, references};
 
-/// Times of a way from one end to the other [s], and how often to and fro: two speeds, so that viscous friction
-/// shows.
+/// Times of a way from one end to the other [s], and how often to and fro: two speeds, so that viscous
+/// friction shows.
 const SWEEPS: [(f64, usize); 2] = [(0.8, 1), (0.4, 2)];
 /// Time of the way back to where the joint stood [s].
 const BACK: f64 = 0.4;
@@ -63,16 +63,16 @@ pub fn duration(model: &RobotModel, start: &[f64], settings: &JointSettings) -> 
     Ok(legs.iter().flat_map(|(_, legs)| legs).map(|leg| f64::from(leg.ticks()) * TICK).sum())
 }
 
-/// Moves the joints of any robot alone: readings of each joint, for [`FreeJoint`](super::FreeJoint). Nothing touches
-/// the robot, which is homed.
+/// Moves the joints of any robot alone: readings of each joint, for [`FreeJoint`](super::FreeJoint). Nothing
+/// touches the robot, which is homed.
 ///
-/// The joints sweep to and fro, those at the same place in their chains at the same time, while the others hold
-/// still. In the end the robot stands where it stood, and the board is still enabled: the caller decides whether it
-/// may fall.
+/// The joints sweep to and fro, those at the same place in their chains at the same time, while the others
+/// hold still. In the end the robot stands where it stood, and the board is still enabled: the caller decides
+/// whether it may fall.
 ///
 /// # Errors
-/// The machine's error, or what prevents the identification: no room for a sweep, a joint that needs more torque
-/// than it may, a force on a tip. The board may still be enabled then.
+/// The machine's error, or what prevents the identification: no room for a sweep, a joint that needs more
+/// torque than it may, a force on a tip. The board may still be enabled then.
 pub fn identify_joints<M: Machine>(
     machine: &mut M,
     model: &RobotModel,
@@ -140,8 +140,8 @@ impl SelfTest<'_> {
         Ok(())
     }
 
-    /// Takes in the telemetry of the next tick: a reading of the period between the second and the third of four
-    /// ticks, in which the torques of the second acted.
+    /// Takes in the telemetry of the next tick: a reading of the period between the second and the third of
+    /// four ticks, in which the torques of the second acted.
     fn take(&mut self, joints: &[usize], telemetry: Telemetry) {
         // A frame may have been lost: torques from before it say nothing about what is sensed now.
         if self.latest.last().is_some_and(|last| last.tick.wrapping_add(1) != telemetry.tick) {

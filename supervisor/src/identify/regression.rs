@@ -67,8 +67,8 @@ pub struct FreeFit {
     pub coulomb: Estimate,
     /// Viscous friction [N·m·s/rad].
     pub viscous: Estimate,
-    /// Torque beyond the model's weight that does not depend on the direction [N·m]: an error of the masses, a
-    /// spring, or friction that is larger in one direction.
+    /// Torque beyond the model's weight that does not depend on the direction [N·m]: an error of the masses,
+    /// a spring, or friction that is larger in one direction.
     pub offset: Estimate,
     /// Inertia of rotor and links about the joint [kg·m²].
     pub inertia: Estimate,
@@ -148,8 +148,8 @@ pub fn fit(readings: &[Reading]) -> Fit {
     Fit { gain, friction, load_range, residual: found.residual(&moving), readings: moving.len() }
 }
 
-/// True torque over commanded torque of a joint without load whose links weigh what the model tells, and whose
-/// friction is the same in both directions: the weight is its load.
+/// True torque over commanded torque of a joint without load whose links weigh what the model tells, and
+/// whose friction is the same in both directions: the weight is its load.
 ///
 /// # Errors
 /// Too little motion or weight, or a result that cannot be.
@@ -188,8 +188,8 @@ fn check_motion(moving: &[&Reading]) -> Result<(), NotIdentified> {
     Ok(())
 }
 
-/// Least squares of a joint without load, with the weights of the model: `torque = Σ weight + offset + coulomb ·
-/// sign(velocity) + viscous · velocity + inertia · acceleration`; deviations as those of [`fit`].
+/// Least squares of a joint without load, with the weights of the model: `torque = Σ weight + offset +
+/// coulomb · sign(velocity) + viscous · velocity + inertia · acceleration`; deviations as those of [`fit`].
 ///
 /// # Errors
 /// Too little motion, or a result that cannot be.
@@ -362,8 +362,8 @@ mod tests {
         }
     }
 
-    /// Readings of a joint without load; Coulomb and viscous friction, offset and inertia with their deviations;
-    /// residual; gain with its deviation; number of readings.
+    /// Readings of a joint without load; Coulomb and viscous friction, offset and inertia with their
+    /// deviations; residual; gain with its deviation; number of readings.
     type FreeOracle = (&'static [(usize, [f64; 4])], [(f64, f64); 4], f64, (f64, f64), usize);
     const FREE_ORACLE: FreeOracle = include!("../../../tests/oracles/data/identify_free.in");
 
@@ -386,7 +386,8 @@ mod tests {
             assert!((found.deviation / deviation - 1.0).abs() < 1e-5, "{found:?} {deviation}");
         }
         assert!((fit.residual / residual - 1.0).abs() < 1e-7 && fit.readings == count);
-        // The readings were made with these, in true torque; the offset is what the gain makes of 0.4·cos 0.3 N·m.
+        // The readings were made with these, in true torque; the offset is what the gain makes of 0.4·cos 0.3
+        // N·m.
         let made = [0.0217 / 0.92, 0.0016 / 0.92, 0.4 * 0.3_f64.cos() * (1.0 / 0.92 - 1.0)];
         for ((value, deviation), made) in expected.iter().zip(made) {
             assert!((value - made).abs() < 3.0 * deviation, "{value} {made}");

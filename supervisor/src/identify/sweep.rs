@@ -26,8 +26,8 @@ pub fn references(model: &RobotModel, telemetry: &Telemetry) -> Vec<f64> {
         .collect()
 }
 
-/// Where each joint is swept [rad]: `amplitude` to either side of where it stands, or so far inwards from an end of
-/// its range.
+/// Where each joint is swept [rad]: `amplitude` to either side of where it stands, or so far inwards from an
+/// end of its range.
 ///
 /// # Errors
 /// A joint whose range is smaller.

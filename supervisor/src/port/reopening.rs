@@ -12,8 +12,8 @@ const RETRY: Duration = Duration::from_millis(100);
 /// A link that survives unplugging and plugging in again, or a simulator's restart.
 ///
 /// While the port is away, nothing is received, and what is sent is lost and counted, as on a bad wire. It
-/// fails only when the other end requires a key ([`PortError::KeyNeeded`]). [`Address::Auto`] is looked up anew
-/// each time, as an adapter may come back under another number.
+/// fails only when the other end requires a key ([`PortError::KeyNeeded`]). [`Address::Auto`] is looked up
+/// anew each time, as an adapter may come back under another number.
 #[derive(Debug)]
 pub struct Reopening {
     address: Address,

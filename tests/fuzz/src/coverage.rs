@@ -33,8 +33,9 @@ fn edges() -> &'static [[usize; 2]] {
     unsafe { std::slice::from_raw_parts(&raw const EDGES, counters().len()) }
 }
 
-/// Runs every file in the folder `corpus` in `folder`. Of them, the shortest ones that cover everything become
-/// `packed.bin`; `edges` says what is covered: address, whether a function begins there, whether it is covered.
+/// Runs every file in the folder `corpus` in `folder`. Of them, the shortest ones that cover everything
+/// become `packed.bin`; `edges` says what is covered: address, whether a function begins there, whether it is
+/// covered.
 pub fn pack(target: &Target, folder: &Path) {
     let files = std::fs::read_dir(folder.join("corpus")).into_iter().flatten().flatten();
     let mut inputs: Vec<Vec<u8>> = files.filter_map(|file| std::fs::read(file.path()).ok()).collect();

@@ -15,8 +15,8 @@ use super::server::{Server, finish, said, signal};
 
 /// Least force of each finger on a knob that is gripped [N].
 const GRIPPED: f64 = 5.0;
-/// Doors that are tried, one after the other: not every knob is gripped (docs/measurements.md), and what is tested here is
-/// how the programs work together.
+/// Doors that are tried, one after the other: not every knob is gripped (docs/measurements.md), and what is
+/// tested here is how the programs work together.
 const DOORS: [u64; 3] = [2, 11, 14];
 
 fn robot() -> PathBuf {

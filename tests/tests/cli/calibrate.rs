@@ -179,7 +179,8 @@ fn a_stream_is_led_through_the_poses() {
         code == 1 && error.contains("no good sample any more; line 1: \"back\" must be a quaternion"),
         "{error}"
     );
-    // Lines that are cut off, and orientations that are none, are dropped: a person's work is not lost for them.
+    // Lines that are cut off, and orientations that are none, are dropped: a person's work is not lost for
+    // them.
     let damaged: String =
         (1..).zip(lines.lines()).fold(String::new(), |text, (number, line)| match number % 50 {
             20 => text + &line[..line.len() / 2] + "\n",

@@ -358,8 +358,8 @@ fn tip(server: &Server) -> [f64; 3] {
     numbers(&server.json(&["read"])["tips"]["hand"]["position"])
 }
 
-/// Over links that delay each message by up to 20 ms, and lose some: a person pulls the handle, and a wall stands in the
-/// way of the slave alone.
+/// Over links that delay each message by up to 20 ms, and lose some: a person pulls the handle, and a wall
+/// stands in the way of the slave alone.
 #[test]
 fn an_operator_feels_the_wall_before_the_slave() {
     // Stiffness of the person's arm, of the slave and of the wall [N/m]; way and clearance [m].
@@ -423,7 +423,8 @@ fn an_operator_feels_the_wall_before_the_slave() {
     }
 }
 
-/// Both boards stop by themselves when nobody leads them any more, and what reflects nothing is refused by name.
+/// Both boards stop by themselves when nobody leads them any more, and what reflects nothing is refused by
+/// name.
 #[test]
 fn a_master_that_is_powered_never_stays_so_alone() {
     let (master, slave) = (arm(), arm());
@@ -449,8 +450,8 @@ fn a_master_that_is_powered_never_stays_so_alone() {
         &["spoilt.toml: --reflect needs a stiffness above 0 along each"],
     );
 
-    // By hand: 5 N·s/m for each of 2 kg and 15 N·s/m of its own, over 300 N/m, less half a period of 10 ms, is 78 ms; 25
-    // N·s/m over 235 ms are 106.4 N/m, and 300 N/m times 235 ms are 70.5 N·s/m.
+    // By hand: 5 N·s/m for each of 2 kg and 15 N·s/m of its own, over 300 N/m, less half a period of 10 ms,
+    // is 78 ms; 25 N·s/m over 235 ms are 106.4 N/m, and 300 N/m times 235 ms are 70.5 N·s/m.
     refused(
         &["--from", &from, "--reflect", &handle, "--round-trip", "0.2"],
         2,

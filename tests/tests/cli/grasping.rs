@@ -1,5 +1,5 @@
-//! A hand that grasps a box, is interrupted, or finds no object. That one command lifts, turns and puts down a
-//! box is shown in `pages`.
+//! A hand that grasps a box, is interrupted, or finds no object. That one command lifts, turns and puts down
+//! a box is shown in `pages`.
 
 use std::time::Duration;
 

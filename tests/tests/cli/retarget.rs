@@ -418,9 +418,9 @@ fn follow(server: &Server, arguments: &[&str]) -> Child {
     command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
 }
 
-/// Sends the posture of the robot at 60 Hz until the board is enabled, then for some seconds the motion to and
-/// fro, and holds still for half a second; a sixth of the lines is lost. Each has the time at which it is sent: a
-/// busy machine sends fewer, none too late. Returns how many were sent.
+/// Sends the posture of the robot at 60 Hz until the board is enabled, then for some seconds the motion to
+/// and fro, and holds still for half a second; a sixth of the lines is lost. Each has the time at which it is
+/// sent: a busy machine sends fewer, none too late. Returns how many were sent.
 fn stream(server: &Server, seconds: f64, mut send: impl FnMut(String)) -> u32 {
     let tips = rows(TIPS);
     let (begin, mut rng, mut sent) = (Instant::now(), Rng::new(5, 0), 0);
@@ -479,7 +479,8 @@ fn a_stream_with_losses_leads_the_hand_on_a_board() {
     let objects: Vec<Value> = out.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     let (last, reports) = objects.split_last().unwrap();
     assert_eq!((&last["frames"], &last["dropped"]), (&json!(sent), &json!(count / 50)), "{out}");
-    // The hand is the operator's. Each sample lasts for a tick at least; a busy machine sends only the newest.
+    // The hand is the operator's. Each sample lasts for a tick at least; a busy machine sends only the
+    // newest.
     let samples = |report: &Value| report["samples"].as_u64().unwrap();
     assert!(reports.iter().all(|report| report["ignored"] == 0), "{out}");
     assert!(

@@ -79,7 +79,8 @@ impl Server {
         server
     }
 
-    /// An arm before a door, with a longer command timeout; the pictures of its camera are at `camera` in the folder.
+    /// An arm before a door, with a longer command timeout; the pictures of its camera are at `camera` in the
+    /// folder.
     pub fn before_door(seed: u64) -> Self {
         let robot = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/knob-arm");
         let options = PlantOptions::mismatched(1);

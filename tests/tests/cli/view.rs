@@ -157,7 +157,8 @@ fn one_page_commands_and_every_page_stops() {
     second.wait("another page", |value| value["commander"] == "page");
     second.fails(json!({ "do": "take" }), "another page commands");
     second.fails(json!({ "do": "goal", "joint": 0, "angle": 0.0 }), "another page commands");
-    // Another program is kept out by the board's lease. Meanwhile the page goes on answering, or it would be stopped.
+    // Another program is kept out by the board's lease. Meanwhile the page goes on answering, or it would be
+    // stopped.
     let mut other = server.start_command(&["move", "finger1_swing=0"]);
     while other.try_wait().unwrap().is_none() {
         assert!(moved(&first.mode("enabled")));

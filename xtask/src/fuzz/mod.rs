@@ -27,9 +27,9 @@ target/xtask/fuzz.";
 
 /// Where libFuzzer's targets are.
 const CRATE: &str = "tests/fuzz";
-/// What counts edges, as `cargo fuzz` sets it; only the sanitizers, which safe code hardly needs, would take a
-/// nightly toolchain. Comparisons are not traced: that takes more than half of the time. Names are mangled so
-/// that they can be read back whole.
+/// What counts edges, as `cargo fuzz` sets it; only the sanitizers, which safe code hardly needs, would take
+/// a nightly toolchain. Comparisons are not traced: that takes more than half of the time. Names are mangled
+/// so that they can be read back whole.
 const INSTRUMENTATION: &str = "-Cpasses=sancov-module -Cllvm-args=-sanitizer-coverage-level=4 \
      -Cllvm-args=-sanitizer-coverage-inline-8bit-counters -Cllvm-args=-sanitizer-coverage-pc-table \
      -Csymbol-mangling-version=v0";

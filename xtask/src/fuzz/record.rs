@@ -27,8 +27,8 @@ pub struct Session {
     pub executions: u64,
 }
 
-/// What came of a target: its runs, each of which began with what the ones before had kept, and what the last one
-/// covers.
+/// What came of a target: its runs, each of which began with what the ones before had kept, and what the last
+/// one covers.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Run {
     /// The runs, the last one last; those of one commit are one.

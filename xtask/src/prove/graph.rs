@@ -1,4 +1,5 @@
-//! The functions of an image, as decoded from their instructions: what each calls, and how deep its stack is there.
+//! The functions of an image, as decoded from their instructions: what each calls, and how deep its stack is
+//! there.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -54,8 +55,8 @@ impl Under {
         self.rest.count > 0 && (self.rest.then & 1 == 1) != self.holds
     }
 
-    /// Behind it. Behind the last one both sides are the same, but for an `IT` with the same condition: `next` is the
-    /// code there, and the instruction `keeps` the flags.
+    /// Behind it. Behind the last one both sides are the same, but for an `IT` with the same condition:
+    /// `next` is the code there, and the instruction `keeps` the flags.
     fn after(self, keeps: bool, next: Option<u16>) -> Self {
         let count = self.rest.count.saturating_sub(1);
         let condition = self.condition.filter(|_| keeps);

@@ -1,11 +1,12 @@
 //! `cargo xtask prove`: what holds for every run of an image, read from its instructions.
 //!
-//! From each vector that the image handles, all functions are followed through their decoded instructions. No path from the
-//! control period, the current loop, the timer and the UARTs leads to a panic; no function calls itself; every call leads to
-//! known functions. The stack is the sum of the deepest paths of the idle loop and of all interrupts, each with what the
-//! processor pushes, because each of them is active once at most; but while the supervisor's task holds a lock the control
-//! period waits, so of these two it is the deeper: the first with its lock, or both without. What a panic itself needs, or a crystal
-//! that stops, is not in the sum: the 4 KiB that remain are for it.
+//! From each vector that the image handles, all functions are followed through their decoded instructions. No
+//! path from the control period, the current loop, the timer and the UARTs leads to a panic; no function
+//! calls itself; every call leads to known functions. The stack is the sum of the deepest paths of the idle
+//! loop and of all interrupts, each with what the processor pushes, because each of them is active once at
+//! most; but while the supervisor's task holds a lock the control period waits, so of these two it is the
+//! deeper: the first with its lock, or both without. What a panic itself needs, or a crystal that stops, is
+//! not in the sum: the 4 KiB that remain are for it.
 
 mod graph;
 mod thumb;
@@ -40,8 +41,8 @@ const INTERRUPTS: u32 = 16;
 const CONTROL: u32 = INTERRUPTS + 6;
 const SUPERVISOR: u32 = INTERRUPTS + 7;
 
-/// What the image handles. Exceptions that end in a reset are not among them: they never return to what they interrupt, and
-/// [the fault's handler has a stack of its own](../../../firmware/src/crash.rs).
+/// What the image handles. Exceptions that end in a reset are not among them: they never return to what they
+/// interrupt, and [the fault's handler has a stack of its own](../../../firmware/src/crash.rs).
 const VECTORS: [Vector; 7] = [
     Vector { name: "start and idle loop", index: 1, is_proved: false },
     Vector { name: "TIM2: instant of the period", index: INTERRUPTS + 28, is_proved: true },
@@ -240,8 +241,8 @@ fn deepest(
     Ok(depth)
 }
 
-/// Whether a function is the beginning of the end: from there on interrupts are off, the outputs too, and the next thing is a
-/// reset.
+/// Whether a function is the beginning of the end: from there on interrupts are off, the outputs too, and the
+/// next thing is a reset.
 fn is_panic(name: &str) -> bool {
     let starts = ["core::panicking::", "core::option::expect_failed", "core::option::unwrap_failed"];
     starts.iter().any(|start| name.starts_with(start))

@@ -1,7 +1,8 @@
 //! What an instruction of the Cortex-M4F does to the program counter and to the stack pointer; nothing else.
 //!
-//! Encodings: ARMv7-M Architecture Reference Manual (DDI 0403E), chapter A5 and A7. An instruction that writes one of the two
-//! registers in a way that is not read here is an error, never taken for one that does not.
+//! Encodings: ARMv7-M Architecture Reference Manual (DDI 0403E), chapter A5 and A7. An instruction that
+//! writes one of the two registers in a way that is not read here is an error, never taken for one that does
+//! not.
 
 /// Where an instruction leads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -64,7 +65,8 @@ const SP: u32 = 13;
 const LR: u32 = 14;
 const PC: u32 = 15;
 
-/// Reads the instruction at `address`; `first` and `second` are the half words there. `None` for one that is not read here.
+/// Reads the instruction at `address`; `first` and `second` are the half words there. `None` for one that is
+/// not read here.
 pub fn decode(address: u32, first: u16, second: u16) -> Option<Instruction> {
     let (first, second) = (u32::from(first), u32::from(second));
     let mut result = Instruction {

@@ -114,11 +114,12 @@ impl Sweep {
         Ok(text)
     }
 
-    /// Takes the limits of `impossible` metrics off the machine of a seed; returns whether that changed anything. Metrics
-    /// without a limit, and those that the sweep does not have, are passed over.
+    /// Takes the limits of `impossible` metrics off the machine of a seed; returns whether that changed
+    /// anything. Metrics without a limit, and those that the sweep does not have, are passed over.
     ///
     /// # Errors
-    /// When the machine was recorded without a limit that is possible: then it is not known whether it met it.
+    /// When the machine was recorded without a limit that is possible: then it is not known whether it met
+    /// it.
     pub fn exempt(&mut self, seed: u64, impossible: &[String]) -> Result<bool> {
         let limited = self.metrics.iter().filter(|metric| metric.limit.is_some());
         let names = limited.map(|metric| metric.name.clone()).filter(|name| impossible.contains(name));

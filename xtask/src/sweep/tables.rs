@@ -18,8 +18,8 @@ const END: &str = "<!-- sweep:end -->";
 /// What to do about a table that differs from its sweep.
 const REFRESH: &str = "run `cargo xtask sweep tables`";
 
-/// Writes all tables into their documents; with `check` only compares, and fails where one differs, or where a
-/// figure of a paper shows another run than is recorded.
+/// Writes all tables into their documents; with `check` only compares, and fails where one differs, or where
+/// a figure of a paper shows another run than is recorded.
 pub fn run(check: bool) -> Result<()> {
     let folder = Path::new(FOLDER);
     let mut documents: BTreeMap<&str, String> = BTreeMap::new();
@@ -119,8 +119,8 @@ fn limits(rows: &[Row], sweeps: &Sweeps) -> Result<String> {
     Ok(text)
 }
 
-/// Medians and 95th percentiles of the paper's law and of ours, beside what the paper printed. Without its law,
-/// where it is ours, two columns are enough.
+/// Medians and 95th percentiles of the paper's law and of ours, beside what the paper printed. Without its
+/// law, where it is ours, two columns are enough.
 fn comparison(pairs: &[Pair], set: Set, sweeps: &Sweeps) -> Result<String> {
     let mut text = caption(set, sweeps);
     let both = pairs.iter().any(|pair| pair.papers_law.is_some());

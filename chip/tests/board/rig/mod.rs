@@ -44,7 +44,8 @@ pub fn model() -> RobotModel {
     model
 }
 
-/// The image of a board: the file that `TESAKI_BOARD_ELF` names, with the board's name, or where the xtask builds it.
+/// The image of a board: the file that `TESAKI_BOARD_ELF` names, with the board's name, or where the xtask
+/// builds it.
 pub fn image(board: &str) -> Vec<u8> {
     let image = std::env::var_os(format!("TESAKI_{}_ELF", board.to_uppercase())).map_or_else(
         || format!("../target/thumbv7em-none-eabihf/firmware/tesaki-firmware-board-{board}").into(),
@@ -78,8 +79,8 @@ impl Rig {
         rig
     }
 
-    /// Enabled, with motors and loads that differ from the model: windings, inertia and friction by up to a fifth, the torque
-    /// constant by a twentieth, and the supply by a tenth.
+    /// Enabled, with motors and loads that differ from the model: windings, inertia and friction by up to a
+    /// fifth, the torque constant by a twentieth, and the supply by a tenth.
     pub fn deviating(seed: u32) -> Self {
         let mut state = seed.wrapping_mul(0x9E37_79B9);
         let mut within = |share: f64| {

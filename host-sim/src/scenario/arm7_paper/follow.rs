@@ -1,4 +1,5 @@
-//! Figure 7: the slave follows a human master; and the error over the damping, which the paper does not state.
+//! Figure 7: the slave follows a human master; and the error over the damping, which the paper does not
+//! state.
 
 use rapier3d::na::Vector3;
 use tesaki::task::impedance::ImpedanceSettings;
@@ -17,8 +18,8 @@ const MACHINE: Machine = Machine::KnownPaperFriction;
 /// When the hand begins to move, since the trial began [s].
 const BEGIN: f64 = 1.0;
 
-/// When the hand ends its motion, and when the trial ends [s]. The error at rest is the mean over the second half of the
-/// rest.
+/// When the hand ends its motion, and when the trial ends [s]. The error at rest is the mean over the second
+/// half of the rest.
 const fn ends(experiment: &FollowExperiment) -> [f64; 2] {
     let end = BEGIN + experiment.duration;
     [end, end + experiment.rest]
@@ -243,8 +244,9 @@ mod tests {
     use super::*;
     use crate::scenario::common::tests::with_setting;
 
-    /// With little friction, the curve over the damping is that of the printed law; it is lowest between 7.5 and 30 N·s/m,
-    /// where lag and resonance cancel. A law that damps the difference of the velocities is off by 0.2 mm at any damping.
+    /// With little friction, the curve over the damping is that of the printed law; it is lowest between 7.5
+    /// and 30 N·s/m, where lag and resonance cancel. A law that damps the difference of the velocities is off
+    /// by 0.2 mm at any damping.
     #[test]
     fn the_error_over_the_damping_is_that_of_the_printed_law() {
         with_setting("arm7", 3, &["paper"], |setting| {

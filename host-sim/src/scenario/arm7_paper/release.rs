@@ -128,8 +128,8 @@ mod tests {
     use crate::scenario::arm::Machine;
     use crate::scenario::common::tests::with_setting;
 
-    /// With little friction the printed law overshoots as a held acceleration does, which is more than the impedance would:
-    /// at B 7.5 exp(−πζ/√(1 − ζ²)) = 0.5688 of the displacement, with ζ = 0.1768.
+    /// With little friction the printed law overshoots as a held acceleration does, which is more than the
+    /// impedance would: at B 7.5 exp(−πζ/√(1 − ζ²)) = 0.5688 of the displacement, with ζ = 0.1768.
     #[test]
     fn the_printed_law_overshoots_by_what_holding_its_acceleration_adds() {
         with_setting("arm7", 3, &["paper"], |setting| {

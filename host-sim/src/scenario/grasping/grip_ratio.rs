@@ -12,14 +12,16 @@ use crate::plant::ContactTruth;
 /// A grip compared with the least grip for the same load.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GripRatio {
-    /// Sum of the normal forces, divided by that of the least grip; NaN where no forces within the limit hold the load.
+    /// Sum of the normal forces, divided by that of the least grip; NaN where no forces within the limit hold
+    /// the load.
     pub ratio: f64,
-    /// Largest joint torque of the least grip, without the weight of the fingers [N·m]; NaN where there is none.
+    /// Largest joint torque of the least grip, without the weight of the fingers [N·m]; NaN where there is
+    /// none.
     pub torque: f64,
 }
 
-/// The grip ratio of a sample for its load. The normal force of a contact is at most `limit` [N]. `None` unless all fingers
-/// touch the object.
+/// The grip ratio of a sample for its load. The normal force of a contact is at most `limit` [N]. `None`
+/// unless all fingers touch the object.
 pub fn grip_ratio(model: &RobotModel, sample: &GraspSample, limit: f64) -> Option<GripRatio> {
     let map = grasp_map(sample, limit)?;
     let load = map.wrench(&forces(sample));

@@ -8,7 +8,8 @@ use crate::scenario::grasping::GraspRig;
 /// The paper's force of finger 1 [N].
 pub(super) const PAPER_FORCE: f64 = 0.89;
 
-/// Holds the box on machines that differ in the friction of their joints only, under each law that lists frictions.
+/// Holds the box on machines that differ in the friction of their joints only, under each law that lists
+/// frictions.
 pub(super) fn run(
     setting: &mut Setting<'_, '_>,
     rig: &mut GraspRig,

@@ -135,8 +135,8 @@ fn over_integral(
         .panel(pitch))
 }
 
-/// Errors of the first two shifts along x, displacement by all along x and z [mm], and largest error of the pitch after
-/// the turns [mrad], as the hand estimates them.
+/// Errors of the first two shifts along x, displacement by all along x and z [mm], and largest error of the
+/// pitch after the turns [mrad], as the hand estimates them.
 fn ends(law: &Law, record: &Record) -> [f64; 5] {
     let moved = record.displacements(estimated_pose);
     let mut errors = shift_errors(&law.law.motion, &moved);

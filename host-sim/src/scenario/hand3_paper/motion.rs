@@ -130,8 +130,8 @@ impl Record {
         self.turns.first().or(self.shifts.first()).copied().unwrap_or(f64::NAN)
     }
 
-    /// Error of the pitch at rest after a turn that began at `begin`, from that before the first [mrad]. NaN if the box
-    /// was lost before.
+    /// Error of the pitch at rest after a turn that began at `begin`, from that before the first [mrad]. NaN
+    /// if the box was lost before.
     fn turn_error(&self, begin: f64, pose: PoseOf) -> f64 {
         let rest = self.log.at(begin + self.evaluated);
         let (Some(start), Some(rest)) = (self.log.at(self.begin()), rest) else { return f64::NAN };
@@ -240,8 +240,8 @@ fn lines(
     let time: Vec<f64> = samples.iter().map(|sample| sample.time - record.begin()).collect();
     let [mut estimated, mut truth, mut desired] = [const { Vec::new() }; 3];
     let Some(start) = record.log.at(record.begin()) else { return panel };
-    // The true box and the frame of the fingertips have different origins: the true motion is drawn from the start
-    // of the estimated one.
+    // The true box and the frame of the fingertips have different origins: the true motion is drawn from the
+    // start of the estimated one.
     let offset = value(estimated_pose(start)) - value(true_pose(start));
     for sample in &samples {
         estimated.push(value(estimated_pose(sample)));
@@ -303,8 +303,9 @@ mod tests {
     use super::*;
     use crate::scenario::common::tests::with_setting;
 
-    /// A box that does what figures 14 and 15 of the paper show: pitch 0.769, 0.868, then x 8.4, 9.3, 8.1 cm, z 5 mm down.
-    /// The errors are those that the paper tells: 1 mrad, 1 mm and 2 mm, −3 mm and −5 mm from the start.
+    /// A box that does what figures 14 and 15 of the paper show: pitch 0.769, 0.868, then x 8.4, 9.3, 8.1 cm,
+    /// z 5 mm down. The errors are those that the paper tells: 1 mrad, 1 mm and 2 mm, −3 mm and −5 mm from
+    /// the start.
     #[test]
     fn the_papers_motion_has_the_papers_errors() {
         let log = log(11.0, |sample| {

@@ -95,8 +95,8 @@ fn trial(setting: &mut Setting<'_, '_>, rig: &mut GraspRig, law: &Law) -> Result
         let actuators = setting.controller.tick(&plant.sensors(rig.motion.tick(&truth)))?;
         log.time.push(time);
         for (joint, (start, filter_time)) in start.iter().zip(&filter_times).enumerate() {
-            // The step response in closed form, less that of the step back. A goal received with a tick acts from the
-            // tick before it.
+            // The step response in closed form, less that of the step back. A goal received with a tick acts
+            // from the tick before it.
             let response = |since: f64| {
                 let x = (since + T).max(0.0) / filter_time;
                 servo.step * (1.0 - (1.0 + x) * (-x).exp())

@@ -175,7 +175,8 @@ mod tests {
         })
     }
 
-    /// Sensors that read 0.2 N of the empty box, 13 mN too much of 50 g and 31 mN too little of 300 g are 31 mN off.
+    /// Sensors that read 0.2 N of the empty box, 13 mN too much of 50 g and 31 mN too little of 300 g are 31
+    /// mN off.
     #[test]
     fn the_error_of_the_sensed_weight_is_that_of_what_was_added() {
         let down = Vector3::new(-0.6, 0.0, -0.8);
@@ -195,8 +196,8 @@ mod tests {
         assert!((error - 0.031).abs() < 1e-9, "{error}");
     }
 
-    /// The law of section 6.2: the internal force stays at the 4 N of paper.toml, and the load is what the sensors say. The
-    /// least grip of our law would be below 1 N for the empty box.
+    /// The law of section 6.2: the internal force stays at the 4 N of paper.toml, and the load is what the
+    /// sensors say. The least grip of our law would be below 1 N for the empty box.
     #[test]
     fn under_the_papers_law_the_grip_is_fixed_and_the_sensors_see_the_weight() {
         let (_, weights) = experiment(&[0.2]);

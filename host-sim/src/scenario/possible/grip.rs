@@ -10,8 +10,8 @@ use crate::plant::JointFactors;
 use crate::scenario::ScenarioError;
 use crate::scenario::scene::closed_posture;
 
-/// Edges of the pyramid around each friction cone. With 32 it is wider than the cone by 0.5 %, so that the share of the
-/// torque is too small by no more than that.
+/// Edges of the pyramid around each friction cone. With 32 it is wider than the cone by 0.5 %, so that the
+/// share of the torque is too small by no more than that.
 const EDGES: usize = 32;
 /// Length that makes moments about the object comparable with forces [m].
 const LENGTH: f64 = 0.05;
@@ -36,9 +36,9 @@ pub struct GripTruth {
 }
 
 impl GripTruth {
-    /// The hand of `model`, that differs from it by `factors`, at the contacts of `plan` around an object with the
-    /// coefficient of `friction`. `coulomb` is the Coulomb friction of each joint [N·m], `center` the object's centre of
-    /// mass [m].
+    /// The hand of `model`, that differs from it by `factors`, at the contacts of `plan` around an object
+    /// with the coefficient of `friction`. `coulomb` is the Coulomb friction of each joint [N·m], `center`
+    /// the object's centre of mass [m].
     pub fn new(
         model: &RobotModel,
         factors: &[JointFactors],
@@ -87,11 +87,12 @@ impl GripTruth {
         Ok(Self { fingers, center: center.into() })
     }
 
-    /// The least share of its torque that the joint which is loaded most needs to hold the object against `load`: force
-    /// [N], and moment about the centre of mass [N·m]. `None` where no forces within friction hold it at all.
+    /// The least share of its torque that the joint which is loaded most needs to hold the object against
+    /// `load`: force [N], and moment about the centre of mass [N·m]. `None` where no forces within friction
+    /// hold it at all.
     ///
-    /// A linear program: each contact force is a sum of edges of its pyramid with factors that are not negative, the forces
-    /// balance the load, and no torque is more than the share, which is to be the least.
+    /// A linear program: each contact force is a sum of edges of its pyramid with factors that are not
+    /// negative, the forces balance the load, and no torque is more than the share, which is to be the least.
     pub fn torque_share(&self, load: &Vector6<f64>) -> Option<f64> {
         let joints: usize = self.fingers.iter().map(|finger| finger.capacity.len()).sum();
         let edges: usize = self.fingers.iter().map(|finger| finger.edges.len()).sum();
@@ -153,8 +154,8 @@ mod tests {
 
     type Row = (f64, [[f64; 21]; 3], [f64; 6], f64);
 
-    /// Friction; point, normal, block of the Jacobian, weight and capacity of each finger; load; least share of the torque
-    /// from `tests/oracles/torque_share.py`, negative where nothing holds the load.
+    /// Friction; point, normal, block of the Jacobian, weight and capacity of each finger; load; least share
+    /// of the torque from `tests/oracles/torque_share.py`, negative where nothing holds the load.
     const ORACLE: &[Row] = include!("../../../../tests/oracles/data/torque_share.in");
 
     #[test]

@@ -8,8 +8,8 @@ const MIN_PIVOT: f64 = 1e-7;
 /// Exchanges by the steepest descent, before Bland's rule, which is slower and does not cycle.
 const STEEPEST: usize = 1000;
 
-/// The `x ≥ 0` with `constraints · x = values` that has the smallest `costs · x`; `None` where no such `x` exists, or the
-/// costs have no smallest value. Rows and columns should be scaled to the order of 1.
+/// The `x ≥ 0` with `constraints · x = values` that has the smallest `costs · x`; `None` where no such `x`
+/// exists, or the costs have no smallest value. Rows and columns should be scaled to the order of 1.
 ///
 /// Two phases (Chvátal 1983, chapters 3 and 8).
 pub fn minimize(
@@ -36,7 +36,8 @@ pub fn minimize(
     if infeasibility > TOLERANCE {
         return None;
     }
-    // Artificial variables that are left in the basis are 0, and stay so: their columns cost more than anything.
+    // Artificial variables that are left in the basis are 0, and stay so: their columns cost more than
+    // anything.
     let most = 1e6 * costs.amax().max(1.0);
     let cost = |column: usize| costs.get(column).copied().unwrap_or(most);
     descend(&mut tableau, &mut basis, &cost, columns)?;
@@ -47,7 +48,8 @@ pub fn minimize(
     Some(solution)
 }
 
-/// Exchanges variables of the basis for the first `allowed` ones while the cost falls; `None` where it falls for ever.
+/// Exchanges variables of the basis for the first `allowed` ones while the cost falls; `None` where it falls
+/// for ever.
 fn descend(
     tableau: &mut DMatrix<f64>,
     basis: &mut [usize],
@@ -71,7 +73,8 @@ fn descend(
         let ratio = |row: usize| tableau[(row, last)].max(0.0) / tableau[(row, enters)];
         let rows: Vec<usize> = (0..basis.len()).filter(|&row| tableau[(row, enters)] > MIN_PIVOT).collect();
         let least = rows.iter().map(|&row| ratio(row)).min_by(f64::total_cmp)?;
-        // Of rows that are as good, the one with the largest pivot, for the sake of rounding; later the first variable.
+        // Of rows that are as good, the one with the largest pivot, for the sake of rounding; later the first
+        // variable.
         let equal = rows.into_iter().filter(|&row| ratio(row) <= least + TOLERANCE);
         let leaves = if exchange < STEEPEST {
             equal.max_by(|&a, &b| tableau[(a, enters)].total_cmp(&tableau[(b, enters)]))?

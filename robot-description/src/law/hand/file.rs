@@ -62,8 +62,8 @@ struct Grasp {
     feedback: bool,
 }
 
-/// What an experiment says of the grasp otherwise than [`Grasp`]. (Flattened tables cannot refuse unknown keys, so
-/// each experiment has its list.)
+/// What an experiment says of the grasp otherwise than [`Grasp`]. (Flattened tables cannot refuse unknown
+/// keys, so each experiment has its list.)
 #[derive(Clone, Copy, Debug)]
 struct Own {
     control: Option<Control>,

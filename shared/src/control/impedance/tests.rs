@@ -52,8 +52,8 @@ fn a_constant_force_is_yielded_to_by_its_size_over_the_stiffness() {
 }
 
 type Matrix = ([f32; 6], [f32; 15]);
-/// M, B, K; displacement, velocity, force; accelerations of printed law and exact motion; rotation; M, B, K in
-/// other axes. From numpy and scipy (`tests/oracles/impedance_matrices.py`).
+/// M, B, K; displacement, velocity, force; accelerations of printed law and exact motion; rotation; M, B, K
+/// in other axes. From numpy and scipy (`tests/oracles/impedance_matrices.py`).
 type Coupled = (
     Matrix,
     Matrix,

@@ -122,7 +122,8 @@ fn a_dead_encoder_under_impedance_control_switches_the_outputs_off() {
         arm.run(50, Vector3::zeros());
         let (mut point, elbow) = present_target(&mut arm.rig);
         let start = point.position[0];
-        // The encoder dies in tick 30, and shows it when the set-point moves, or from tick 50 on under the push.
+        // The encoder dies in tick 30, and shows it when the set-point moves, or from tick 50 on under the
+        // push.
         let shown = if lead == 0.0 { 50 } else { 30 };
         let mut dead = None;
         let mut ticks = 0;

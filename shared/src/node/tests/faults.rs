@@ -37,8 +37,8 @@ fn a_stuck_encoder_switches_the_outputs_off() {
     assert!(!rig.tick().enabled);
 }
 
-/// While the outputs are off, nothing tells where a joint with a dead encoder is, nor what its weight is: an arm
-/// would be enabled with the torque of another posture.
+/// While the outputs are off, nothing tells where a joint with a dead encoder is, nor what its weight is: an
+/// arm would be enabled with the torque of another posture.
 #[test]
 fn a_joint_whose_encoder_was_found_dead_is_enabled_again_once_it_has_moved() {
     let mut model = model();
@@ -305,8 +305,8 @@ fn a_reversed_encoder_is_named_before_anything_holds_by_it() {
     }
 }
 
-/// Friction beyond the model's that a motion has shown holds the joint against the opposite torque, too, also when its
-/// count has gone back by one since.
+/// Friction beyond the model's that a motion has shown holds the joint against the opposite torque, too, also
+/// when its count has gone back by one since.
 #[test]
 fn a_count_that_goes_back_hides_no_friction() {
     // Of the model: 0.02 N·m.
@@ -356,7 +356,8 @@ fn a_reversed_encoder_is_named_also_where_the_reference_rests() {
 /// A joint that coasts to rest shows less than its friction by its effort.
 #[test]
 fn friction_that_stops_a_coasting_joint_is_no_dead_encoder() {
-    // Friction [N·m], 4.25 to 5 times the model's; inertia [kg·m²]; ticks between the goals at 0 and beside it [rad].
+    // Friction [N·m], 4.25 to 5 times the model's; inertia [kg·m²]; ticks between the goals at 0 and beside
+    // it [rad].
     for (mode, friction, inertia, wait, goal) in [
         (ServoMode::Pid, 0.085, 0.02, 200, 0.1),
         (ServoMode::Pid, 0.09, 0.005, 60, 0.3),

@@ -268,8 +268,8 @@ fn an_obstacle_stops_the_approach_and_an_open_command_turns_it_back() {
     assert_eq!(seen(&mut bench).phase, Phase::Open);
 }
 
-/// Runs a hand whose joints follow their references exactly, or stay where they are, with an object that presses on a tip
-/// with 1 N once it is touched. Returns the last torques [N·m].
+/// Runs a hand whose joints follow their references exactly, or stay where they are, with an object that
+/// presses on a tip with 1 N once it is touched. Returns the last torques [N·m].
 #[allow(clippy::disallowed_methods, reason = "the independent formula")]
 fn run_pressed(bench: &mut Bench, ticks: u32, follows: bool) -> Vec<f32, MAX_JOINTS> {
     let mut torques = Vec::new();
@@ -329,13 +329,14 @@ fn paper_plan() -> GraspPlan {
     }
 }
 
-/// Joint angles before a motion of the object, and their changes after it, from `tests/oracles/accumulated_targets.py`
-/// (SciPy: the integral of equation (25) with `D_F`, `J_F` and `D_o` by difference quotients).
+/// Joint angles before a motion of the object, and their changes after it, from
+/// `tests/oracles/accumulated_targets.py` (SciPy: the integral of equation (25) with `D_F`, `J_F` and `D_o`
+/// by difference quotients).
 #[allow(clippy::excessive_precision, reason = "written by a script")]
 const ACCUMULATED: [[f32; 9]; 2] = include!("../../../../tests/oracles/data/accumulated_targets.in");
 
-/// The sum of the joints' changes moves the points of contact, 8 mm from the centers of the tips, with an object that is
-/// shifted and turned.
+/// The sum of the joints' changes moves the points of contact, 8 mm from the centers of the tips, with an
+/// object that is shifted and turned.
 #[test]
 fn accumulated_joint_targets_move_the_contacts_with_the_object() {
     let mut bench = holding_hand(paper_plan());
@@ -354,13 +355,13 @@ fn accumulated_joint_targets_move_the_contacts_with_the_object() {
     }
 }
 
-/// Torques [N·m] from `tests/oracles/object_control.py` (NumPy: the pseudo-inverse of the grasp matrix, Jacobians by
-/// difference quotients).
+/// Torques [N·m] from `tests/oracles/object_control.py` (NumPy: the pseudo-inverse of the grasp matrix,
+/// Jacobians by difference quotients).
 #[allow(clippy::excessive_precision, reason = "written by a script")]
 const CONTROLLED: [f32; 9] = include!("../../../../tests/oracles/data/object_control.in");
 
-/// Equations (16) to (20): an object that stays behind its target is pushed towards it by the torques of all fingers, beside
-/// the internal force and the load, and by nothing else.
+/// Equations (16) to (20): an object that stays behind its target is pushed towards it by the torques of all
+/// fingers, beside the internal force and the load, and by nothing else.
 #[test]
 fn the_pose_of_the_object_is_controlled_by_torques_as_printed() {
     let gains =

@@ -134,8 +134,8 @@ fn damping_compensates_gravity_and_lets_the_feedforward_fade() {
     }
     // 0.1 N·m at the tip, 5 % less in each tick.
     assert!((torques[0][2] - 0.098_9).abs() < 2e-4 && (torques[1][2] - 0.094_2).abs() < 2e-4, "{torques:?}");
-    // Moved at 1 rad/s for a while, it resists: with 0.01 N·m would take half of its speed in a tick, 0.3 is the
-    // most.
+    // Moved at 1 rad/s for a while, it resists: with 0.01 N·m would take half of its speed in a tick, 0.3 is
+    // the most.
     let inertia = model.joints[0].servo.observer.inertia;
     assert!(0.01 > 0.3 * inertia / 0.01);
     for step in 1..=60_u8 {
@@ -308,8 +308,8 @@ fn a_stop_of_a_disabled_board_by_another_client_is_known_before_it_is_enabled() 
 fn a_late_tick_is_no_jump_and_its_velocity_counts_all_periods() {
     let mut rig = Rig::enabled(&model());
     rig.tick();
-    // 0.2 rad in five periods are more than a joint moves in one. From rest, at constant acceleration: 8 rad/s at
-    // their end, 6.4 rad/s one period before, 7.2 rad/s between, of which the filter takes 63 %.
+    // 0.2 rad in five periods are more than a joint moves in one. From rest, at constant acceleration: 8
+    // rad/s at their end, 6.4 rad/s one period before, 7.2 rad/s between, of which the filter takes 63 %.
     rig.sensors.encoders[0] = libm::roundf(0.2 * COUNTS_PER_RADIAN) as i32;
     rig.sensors.sequence += 4;
     assert!(rig.tick().enabled);
@@ -329,8 +329,8 @@ fn after_missed_ticks_a_joint_is_stopped_where_it_is() {
             rig.ask(Request::Stop);
             rig.tick();
         }
-        // The drives were off for five periods, and the joint fell by 0.1 rad; then it rests. One torque meets the
-        // velocity that a falling joint would have.
+        // The drives were off for five periods, and the joint fell by 0.1 rad; then it rests. One torque
+        // meets the velocity that a falling joint would have.
         rig.sensors.encoders[0] = libm::roundf(0.1 * COUNTS_PER_RADIAN) as i32;
         rig.sensors.sequence += 4;
         let torques: std::vec::Vec<f32> = (0..10).map(|_| rig.tick().torques[0]).collect();
@@ -438,7 +438,8 @@ fn a_stop_that_gains_energy_is_weakened() {
         assert_eq!(rig.ask(Request::Stop), Reply::Done);
         // As if it had pressed with its largest torque.
         rig.node.state.joints[2].pressed = 0.6;
-        // 0.02 kg·m² under a noisy encoder: the servo pushes against an error that is another one in the next tick.
+        // 0.02 kg·m² under a noisy encoder: the servo pushes against an error that is another one in the next
+        // tick.
         let [mut position, mut velocity] = [0.0_f32; 2];
         let mut random = 1_u32;
         for _ in 0..100 {
@@ -499,8 +500,8 @@ fn a_low_supply_hides_no_missed_ticks() {
     assert_eq!(alarm.cause, FaultCause::SupplyLow);
 }
 
-/// The last joint presses on an obstacle with its integral action. The obstacle yields by a count each tick: the encoder
-/// is not dead.
+/// The last joint presses on an obstacle with its integral action. The obstacle yields by a count each tick:
+/// the encoder is not dead.
 fn press(rig: &mut Rig) {
     for _ in 0..60 {
         rig.goal([0.0, 0.0, 0.15]);

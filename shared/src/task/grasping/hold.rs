@@ -151,8 +151,9 @@ impl GraspState {
         (forces, actuation)
     }
 
-    /// Set-points of joints that follow the object (Hand3 eq. 22 to 25). Their angles are the sum of the changes for
-    /// a `step` of the object [m, rad], or by the closed-form inverse kinematics, so that they do not drift.
+    /// Set-points of joints that follow the object (Hand3 eq. 22 to 25). Their angles are the sum of the
+    /// changes for a `step` of the object [m, rad], or by the closed-form inverse kinematics, so that they do
+    /// not drift.
     ///
     /// # Errors
     /// The finger that cannot follow.

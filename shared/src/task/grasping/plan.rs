@@ -95,8 +95,8 @@ pub enum LoadSource {
     /// 0: what the force sensors measure.
     #[default]
     Measured,
-    /// 1: the weight of a known mass at the origin of the object frame, whatever the sensors say. The least grip, and
-    /// the search for a support, go by the sensors all the same.
+    /// 1: the weight of a known mass at the origin of the object frame, whatever the sensors say. The least
+    /// grip, and the search for a support, go by the sensors all the same.
     Constant {
         /// [kg]
         mass: f32,
@@ -113,8 +113,8 @@ pub enum JointTargets {
     Accumulated,
 }
 
-/// Gains of [`ObjectControl::Wrench`]. With all of them 0 the joint torques are those of the contact forces alone,
-/// `τ = (D_F J_F)ᵀ f_c` (Hand3 eq. 16, section 6.1).
+/// Gains of [`ObjectControl::Wrench`]. With all of them 0 the joint torques are those of the contact forces
+/// alone, `τ = (D_F J_F)ᵀ f_c` (Hand3 eq. 16, section 6.1).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct WrenchGains {
     /// Proportional and integral gain of the position [N/m, N/(m·s)].

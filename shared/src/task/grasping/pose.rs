@@ -124,7 +124,8 @@ impl PoseTrajectory {
     }
 }
 
-/// The displacement of a frame's origin, and its rotation vector, from one pose to another, in base axes [m, rad].
+/// The displacement of a frame's origin, and its rotation vector, from one pose to another, in base axes [m,
+/// rad].
 pub(super) fn twist_between(from: &IsometryMatrix3<f32>, to: &IsometryMatrix3<f32>) -> Vector6<f32> {
     let v = to.translation.vector - from.translation.vector;
     let w = math::rotation_vector(&(to.rotation.matrix() * from.rotation.matrix().transpose()));

@@ -99,7 +99,8 @@ pub(super) const ANTICIPATION_GAIN: f32 = 1.3;
 /// Time constant with which the anticipated increase decays [s]. Longer keeps the firmer grip longer.
 pub(super) const ANTICIPATION_DECAY_TIME: f32 = 0.25;
 
-/// Largest mass of an object whose weight is not measured [kg]. Larger accepts weights that no finger carries.
+/// Largest mass of an object whose weight is not measured [kg]. Larger accepts weights that no finger
+/// carries.
 pub(super) const MAX_MASS: f32 = 5.0;
 
 // Grip.

@@ -19,7 +19,8 @@ pub struct Arm<'a> {
 }
 
 impl<'a> Arm<'a> {
-    /// The arm of `robot`; `None` unless the robot is a single chain of six or seven joints, all with a motor.
+    /// The arm of `robot`; `None` unless the robot is a single chain of six or seven joints, all with a
+    /// motor.
     pub fn of(robot: &'a Robot) -> Option<Self> {
         let [config] = robot.chains() else { return None };
         if config.chain.len() < 6 || config.has_mimics {

@@ -17,9 +17,9 @@ const MIN_INERTIA: f32 = 1e-9;
 /// Smallest mobility that is told from 0 [1/kg].
 const MIN_MOBILITY: f32 = 1e-6;
 
-/// Own mass of an arm at its tool along x, y and z of `axes` [kg] at joint `angles` [rad]: `1 / (J M⁻¹ Jᵀ)ᵢᵢ`, the force
-/// along an axis per acceleration along it while the tool is free otherwise (Khatib 1995). It grows without bound towards
-/// singular postures; at most five times the mean is returned.
+/// Own mass of an arm at its tool along x, y and z of `axes` [kg] at joint `angles` [rad]: `1 / (J M⁻¹
+/// Jᵀ)ᵢᵢ`, the force along an axis per acceleration along it while the tool is free otherwise (Khatib 1995).
+/// It grows without bound towards singular postures; at most five times the mean is returned.
 ///
 /// `chain` without the rotors, which are those of the `joints`.
 pub fn own_mass(chain: &Chain, joints: &[JointModel], angles: &[f32], axes: ImpedanceAxes) -> [f32; 3] {
@@ -44,8 +44,8 @@ pub fn own_mass(chain: &Chain, joints: &[JointModel], angles: &[f32], axes: Impe
 }
 
 impl ImpedanceSettings {
-    /// Checks the masses of the impedance against the arm's [own](own_mass) along its axes [kg]. With a mass far below
-    /// it the contact with a stiff surface cannot be made stable, also not by derating.
+    /// Checks the masses of the impedance against the arm's [own](own_mass) along its axes [kg]. With a mass
+    /// far below it the contact with a stiff surface cannot be made stable, also not by derating.
     ///
     /// # Errors
     /// The first axis whose mass is too small.
@@ -59,9 +59,9 @@ impl ImpedanceSettings {
         Ok(())
     }
 
-    /// Largest stiffness [N/m] of a surface across `axis` (0 to 2) on which the sampled loop is stable for certain, for
-    /// an arm whose own mass along the axis is `own_mass` [kg]; 0 when there is none. Beyond it the impedance is derated.
-    /// Axes count without their coupling. docs/equations.md derives the condition.
+    /// Largest stiffness [N/m] of a surface across `axis` (0 to 2) on which the sampled loop is stable for
+    /// certain, for an arm whose own mass along the axis is `own_mass` [kg]; 0 when there is none. Beyond it
+    /// the impedance is derated. Axes count without their coupling. docs/equations.md derives the condition.
     pub fn max_contact_stiffness(&self, axis: usize, own_mass: f32) -> f32 {
         let impedance = &self.impedance;
         let (e, v, f) = match axis {
@@ -128,8 +128,8 @@ mod tests {
     use crate::task::impedance::DirectLaw;
     use crate::task::impedance::tests::SOFT;
 
-    /// Whether the law is direct; mass, damping and stiffness of the impedance, own mass, largest stiffness of the surface;
-    /// from `tests/oracles/contact_stability.py` (eigenvalues of the sampled loop).
+    /// Whether the law is direct; mass, damping and stiffness of the impedance, own mass, largest stiffness
+    /// of the surface; from `tests/oracles/contact_stability.py` (eigenvalues of the sampled loop).
     const LIMITS: &[(bool, [f64; 4], f64)] = include!("../../../../tests/oracles/data/contact_stability.in");
 
     #[test]

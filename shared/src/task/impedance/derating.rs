@@ -9,10 +9,11 @@ use crate::math::abs;
 
 /// Derating of the impedance on a surface that is too stiff for it.
 ///
-/// Beyond [a stiffness](super::ImpedanceSettings::max_contact_stiffness) that depends on impedance and arm a contact
-/// oscillates. That of the surface is not known; but the oscillation is: the force jumps up and down, and the jumps do
-/// not get smaller. Each of them raises mass and damping by the same factor, until the contact is stable. The stiffness
-/// of the impedance remains, and with it the force at rest. The factor fades once the tool has been free for a while.
+/// Beyond [a stiffness](super::ImpedanceSettings::max_contact_stiffness) that depends on impedance and arm a
+/// contact oscillates. That of the surface is not known; but the oscillation is: the force jumps up and down,
+/// and the jumps do not get smaller. Each of them raises mass and damping by the same factor, until the
+/// contact is stable. The stiffness of the impedance remains, and with it the force at rest. The factor fades
+/// once the tool has been free for a while.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize, Schema)]
 pub(super) struct Derating {
     /// Factor of mass and damping: 1 to `MAX_DERATING`.
@@ -98,14 +99,16 @@ mod tests {
 
     #[test]
     fn jumps_that_do_not_fade_raise_the_factor_to_its_limit() {
-        // Up and down, up and down: the fourth jump that follows another is the fifth. 1.3 for each from then on.
+        // Up and down, up and down: the fourth jump that follows another is the fifth. 1.3 for each from then
+        // on.
         assert!((after(bounces(60.0, 1.0, 3)) - 1.3 * 1.3).abs() < 1e-5);
         assert!((after(bounces(60.0, 1.0, 20)) - MAX_DERATING).abs() < 1e-5);
     }
 
     #[test]
     fn what_is_no_oscillation_leaves_the_impedance_as_it_is() {
-        // A bounce that fades by itself, one push and release, and a person who shakes the tool by 20 N at 3 Hz.
+        // A bounce that fades by itself, one push and release, and a person who shakes the tool by 20 N at 3
+        // Hz.
         assert!((after(bounces(60.0, 0.6, 10)) - 1.0).abs() < f32::EPSILON);
         assert!((after(bounces(60.0, 1.0, 1)) - 1.0).abs() < f32::EPSILON);
         let shaken = (0..500_u16).map(|tick| 20.0 * abs(crate::math::sin_cos(f32::from(tick) * 0.188).0));

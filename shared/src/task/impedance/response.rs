@@ -5,8 +5,8 @@ use nalgebra::{IsometryMatrix3, Matrix3, Vector6};
 use super::Law;
 use crate::control::{Impedance, ImpedanceAxes};
 
-/// Acceleration of the `tool` for its displacement, the velocity of that and an external force, all in base axes, as
-/// `law` holds it for a control period (Arm7 step 3).
+/// Acceleration of the `tool` for its displacement, the velocity of that and an external force, all in base
+/// axes, as `law` holds it for a control period (Arm7 step 3).
 #[inline]
 pub(super) fn respond(
     impedance: &Impedance,

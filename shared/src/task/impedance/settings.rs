@@ -71,11 +71,11 @@ pub enum Law {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct DirectLaw {
-    /// Fraction of the model's friction at the measured velocity that the torques compensate: 0 to 1. The paper
-    /// blames the error of this term for its own at the reversals (Arm7, section 3.2.1).
+    /// Fraction of the model's friction at the measured velocity that the torques compensate: 0 to 1. The
+    /// paper blames the error of this term for its own at the reversals (Arm7, section 3.2.1).
     pub friction: f32,
-    /// Whether the other joints make up for the acceleration of the driven one: the term `j_yaw θ̈*_yaw`, which
-    /// step 4 of the paper leaves out.
+    /// Whether the other joints make up for the acceleration of the driven one: the term `j_yaw θ̈*_yaw`,
+    /// which step 4 of the paper leaves out.
     pub driven_term: bool,
     /// Whether motion in the null space is damped where the elbow has no set-point. The pseudo-inverse alone
     /// (Arm7 eq. 3) does not.
@@ -103,8 +103,8 @@ impl Law {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Redundancy {
-    /// 0: none. Seven joints then have the minimum-norm solution (the pseudo-inverse, Arm7 eq. 3), with damped
-    /// null-space motion unless [`DirectLaw`] says otherwise.
+    /// 0: none. Seven joints then have the minimum-norm solution (the pseudo-inverse, Arm7 eq. 3), with
+    /// damped null-space motion unless [`DirectLaw`] says otherwise.
     None,
     /// 1: one of seven joints follows [`ElbowSetpoint`](crate::kinematics::ElbowSetpoint), the other six move
     /// the tool (Arm7, section 2.2: shoulder yaw). Not the elbow joint: no other joint changes the distance

@@ -180,8 +180,8 @@ impl ImpedanceState {
         Err((math::sqrt(self.tool_disturbance), MAX_TOOL_DISTURBANCE))
     }
 
-    /// Squared linear acceleration of the tool that the disturbance observers make up for [m²/s⁴]; 0 without a
-    /// force sensor that should see its cause, and in a stop, which may begin with any motion.
+    /// Squared linear acceleration of the tool that the disturbance observers make up for [m²/s⁴]; 0 without
+    /// a force sensor that should see its cause, and in a stop, which may begin with any motion.
     fn squared_tool_disturbance(&self, settings: &ImpedanceSettings, jacobian: &Jacobian) -> f32 {
         if settings.law.direct().is_some() || self.estimates_force() || self.halted {
             return 0.0;

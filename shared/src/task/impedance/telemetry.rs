@@ -25,8 +25,8 @@ pub struct ImpedanceTelemetry {
     pub sigma_min: f32,
     /// Elbow angle: of the driven joint, or the arm angle [rad].
     pub elbow: f32,
-    /// Factor by which mass and damping of the impedance are raised on a surface that is too stiff for it; 1: not at
-    /// all.
+    /// Factor by which mass and damping of the impedance are raised on a surface that is too stiff for it; 1:
+    /// not at all.
     pub derating: f32,
 }
 

@@ -22,9 +22,9 @@ pub(super) const CONTACT_FRICTION_COMPENSATION: f32 = 0.7;
 pub(super) const REST_ERROR: f32 = 1e-4;
 /// Speed below which a joint of the reference arm is at rest [rad/s].
 pub(super) const REST_SPEED: f32 = 2e-3;
-/// The same during a contact that the force sensor feels. There the reference is the measured state, whose speed
-/// is uncertain by some counts of the encoder. A smaller one lets the force on a stiff wall change by a newton
-/// when a joint breaks away late; a larger one leaves a larger error of the force at rest.
+/// The same during a contact that the force sensor feels. There the reference is the measured state, whose
+/// speed is uncertain by some counts of the encoder. A smaller one lets the force on a stiff wall change by a
+/// newton when a joint breaks away late; a larger one leaves a larger error of the force at rest.
 pub(super) const CONTACT_REST_SPEED: f32 = 4e-2;
 
 /// Tolerance of the norm of a unit quaternion.
@@ -78,22 +78,23 @@ pub(super) const MIN_FORCE_BANDWIDTH: f32 = 10.0;
 /// Maximum bandwidth of momentum observer and elbow [rad/s]: half a radian per control period.
 pub(super) const MAX_BANDWIDTH: f32 = 50.0;
 
-/// Smallest jump of the force, as a fraction of the recent peak, that counts for derating. A smaller one derates for a
-/// person who shakes the tool at 4 Hz.
+/// Smallest jump of the force, as a fraction of the recent peak, that counts for derating. A smaller one
+/// derates for a person who shakes the tool at 4 Hz.
 pub(super) const MIN_JUMP: f32 = 0.25;
 /// Fraction of the peak that remains after a tick.
 pub(super) const FORCE_FADE: f32 = 0.98;
 /// Longest time between two jumps of one oscillation [ticks]: 0.3 s, the flight of a tool that bounces.
 pub(super) const OSCILLATION_TICKS: u8 = 30;
-/// A jump below this fraction of the one before in the same direction is that of an oscillation that fades by itself.
+/// A jump below this fraction of the one before in the same direction is that of an oscillation that fades by
+/// itself.
 pub(super) const UNDAMPED: f32 = 0.8;
 /// Jumps of one oscillation before derating begins. Fewer derate for a tool that bounces once.
 pub(super) const MIN_ALTERNATIONS: u8 = 4;
-/// Growth of the derating with each further jump. A larger one ends the oscillation sooner, and makes the tool
-/// heavier than necessary.
+/// Growth of the derating with each further jump. A larger one ends the oscillation sooner, and makes the
+/// tool heavier than necessary.
 pub(super) const DERATING_GROWTH: f32 = 1.3;
-/// Maximum derating: four times [`MAX_MASS_RATIO`], as the arm's own mass grows as it moves and is larger between
-/// the axes.
+/// Maximum derating: four times [`MAX_MASS_RATIO`], as the arm's own mass grows as it moves and is larger
+/// between the axes.
 pub(super) const MAX_DERATING: f32 = 16.0;
 /// Ticks without contact and jumps after which the derating fades: 1 s.
 pub(super) const DERATING_END: u8 = 100;
@@ -101,12 +102,13 @@ pub(super) const DERATING_END: u8 = 100;
 pub(super) const DERATING_FADE: f32 = 0.97;
 pub(super) const MIN_DERATING: f32 = 1.01;
 
-/// Largest ratio of the arm's own mass along an axis to the mass of the impedance there. A larger one lets a contact
-/// with 50 000 N/m reach 150 N, the force limit of robots/arm7, before the derating has ended its oscillation.
+/// Largest ratio of the arm's own mass along an axis to the mass of the impedance there. A larger one lets a
+/// contact with 50 000 N/m reach 150 N, the force limit of robots/arm7, before the derating has ended its
+/// oscillation.
 pub(super) const MAX_MASS_RATIO: f32 = 4.0;
-/// Largest own mass along an axis that counts, as a multiple of the mean: at a singular posture it is infinite, and
-/// the damped inverse does not move the tool.
+/// Largest own mass along an axis that counts, as a multiple of the mean: at a singular posture it is
+/// infinite, and the damped inverse does not move the tool.
 pub(super) const MAX_OWN_MASS_RATIO: f32 = 5.0;
-/// Factor of the arm's own mass in the condition for a stable contact: errors of the model of 20 %, and the lag of
-/// drives and velocity estimate, which the condition leaves out.
+/// Factor of the arm's own mass in the condition for a stable contact: errors of the model of 20 %, and the
+/// lag of drives and velocity estimate, which the condition leaves out.
 pub(super) const OWN_MASS_MARGIN: f32 = 1.3;

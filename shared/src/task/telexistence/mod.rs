@@ -5,10 +5,10 @@
 //!             (extrapolated between samples)  (Hand5 §2.2)
 //! ```
 //!
-//! The first sample with a thumb defines the offset `d_ini`, so that the robot's thumb stays where it is. Lost
-//! and late samples are bridged: a fingertip goes on with its velocity for [`MAX_EXTRAPOLATION`], then it
-//! waits, and after the time of the settings its finger keeps its joints. The references of the joints keep
-//! limits of angle, speed and acceleration whatever comes.
+//! The first sample with a thumb defines the offset `d_ini`, so that the robot's thumb stays where it is.
+//! Lost and late samples are bridged: a fingertip goes on with its velocity for [`MAX_EXTRAPOLATION`], then
+//! it waits, and after the time of the settings its finger keeps its joints. The references of the joints
+//! keep limits of angle, speed and acceleration whatever comes.
 
 mod fingertips;
 mod settings;
@@ -33,8 +33,8 @@ pub use fingertips::{FingertipPoint, FingertipSample, MAX_EXTRAPOLATION};
 use settings::REVERSING_LAG;
 pub use settings::{InvalidTelexistenceSettings, TelexistenceSettings};
 
-/// `e^(−ω·T)` of the filter of the joints' motion, with `ω` = 25 rad/s: what fingers do passes, most of a glove's noise,
-/// which nearly straight fingers magnify, does not.
+/// `e^(−ω·T)` of the filter of the joints' motion, with `ω` = 25 rad/s: what fingers do passes, most of a
+/// glove's noise, which nearly straight fingers magnify, does not.
 const DECAY: f32 = 0.778_801;
 
 /// Commands of telexistence.
@@ -232,8 +232,8 @@ impl Telexistence {
     }
 }
 
-/// A joint's motion as the solutions show it, smoothed: an alpha-beta filter with a double pole at [`DECAY`], which
-/// follows a steady motion without delay.
+/// A joint's motion as the solutions show it, smoothed: an alpha-beta filter with a double pole at [`DECAY`],
+/// which follows a steady motion without delay.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 struct JointEstimate {
     /// [rad]
@@ -283,8 +283,8 @@ fn next(
         acceleration: Vector1::zeros(),
     };
     let desired = limits.acceleration(&Vector1::new(now), &target).x;
-    // The speed `v` at the end of the period from which half of the acceleration `a` brakes before the limit of the
-    // angle: (now + v) T/2 + v²/a = space.
+    // The speed `v` at the end of the period from which half of the acceleration `a` brakes before the limit
+    // of the angle: (now + v) T/2 + v²/a = space.
     let lag = 0.25 * limits.acceleration * TICK;
     let room = |space: f32| math::sqrt(lag * lag + limits.acceleration * space.max(0.0)) - lag;
     let half = 0.5 * now * TICK;

@@ -7,11 +7,11 @@ use crate::control::ServoMode;
 use crate::kinematics::Hand;
 use crate::teleop::{InvalidRetargetSettings, RetargetSettings};
 
-/// A joint may be behind its reference by this time [s]; while it catches up it is faster, by what it has gained in this
-/// time.
+/// A joint may be behind its reference by this time [s]; while it catches up it is faster, by what it has
+/// gained in this time.
 pub(super) const LAG: f32 = 0.025;
-/// The same of a joint whose speed limit is so low that it reverses at full acceleration again and again: what one reversal
-/// leaves adds to the next [s].
+/// The same of a joint whose speed limit is so low that it reverses at full acceleration again and again:
+/// what one reversal leaves adds to the next [s].
 pub(super) const REVERSING_LAG: f32 = 0.03;
 
 /// Settings of telexistence.
@@ -36,8 +36,8 @@ impl TelexistenceSettings {
         max_sample_age: 0.2,
     };
 
-    /// Lowers the speeds of the joints' references so that the joints keep their velocity limits [rad/s] while they catch
-    /// up; to half of the limit at most, for which the task lowers the acceleration instead.
+    /// Lowers the speeds of the joints' references so that the joints keep their velocity limits [rad/s]
+    /// while they catch up; to half of the limit at most, for which the task lowers the acceleration instead.
     pub fn limit_speeds(&mut self, velocity_limits: impl Iterator<Item = f32>) {
         for (speed, limit) in self.retargeting.speeds.iter_mut().zip(velocity_limits) {
             *speed = speed.min((limit - LAG * self.acceleration).max(0.5 * limit));

@@ -22,18 +22,19 @@ const SAME_CENTER: f32 = 4.0;
 const SAME_RADIUS: f32 = 0.12;
 /// One explanation of the circles is right when the other one costs so much more.
 const DECIDED: f32 = 15.0;
-/// Waiting before what may be the knob, this near to the place [m], the likelier explanation is taken for right after this
-/// time [s].
+/// Waiting before what may be the knob, this near to the place [m], the likelier explanation is taken for
+/// right after this time [s].
 const DECISION_PLACE: f32 = 5e-3;
 const DECISION_TIME: f32 = 0.7;
 /// Without a picture, or without the rose in one, for this time, it is lost [s].
 const LOST: f32 = 1.5;
 /// Arrived at the place to grip: way left [m].
 const AT_GRIP: f32 = 2e-3;
-/// After a contact next to the place to grip, which the hand believes to be so much farther at most [m], it grips.
+/// After a contact next to the place to grip, which the hand believes to be so much farther at most [m], it
+/// grips.
 const NEAR_GRIP: f32 = 0.015;
-/// From where the rose is looked for in further tries, in the frame of the hand at the begin [m]: reflections and shadows
-/// are others there.
+/// From where the rose is looked for in further tries, in the frame of the hand at the begin [m]: reflections
+/// and shadows are others there.
 const VIEWS: [[f32; 3]; 4] = [[0.03, 0.0, -0.02], [0.0, 0.03, 0.0], [0.0, -0.03, 0.02], [-0.02, 0.0, 0.0]];
 /// When nothing was between the fingers, the hand goes on by as much, so often [m].
 pub const DEEPER: f32 = 0.02;
@@ -62,8 +63,8 @@ pub struct Order {
     pub look: bool,
 }
 
-/// The master behaviour of the paper: what it sees and what the board reports in, commands out. It reads no clock and sends
-/// nothing itself.
+/// The master behaviour of the paper: what it sees and what the board reports in, commands out. It reads no
+/// clock and sends nothing itself.
 #[derive(Clone, Debug)]
 pub struct Approach {
     settings: ApproachSettings,
@@ -76,12 +77,14 @@ pub struct Approach {
     first: Vec<(Isometry3<f32>, Circle), FIRST_LOOKS>,
     /// What the circles may be: the likelier one first.
     rose: Vec<RoseEstimate, 2>,
-    /// Time since the last picture, and since the last one in which the rose was [s], while there should be some.
+    /// Time since the last picture, and since the last one in which the rose was [s], while there should be
+    /// some.
     blind: f32,
     missed: f32,
     /// For how long the hand has been waiting before the knob [s].
     waiting: f32,
-    /// Depth along the approach at which the fingers were last before the knob [m]: from there on they are beside it.
+    /// Depth along the approach at which the fingers were last before the knob [m]: from there on they are
+    /// beside it.
     beside: Option<f32>,
     /// Whether a motion was ordered in this phase, and whether the hand has moved since then.
     has_ordered: bool,
@@ -206,8 +209,8 @@ impl Approach {
         }
     }
 
-    /// Begins with the largest group of first circles that agree, once there are enough: they are the rose, or all the
-    /// end of the knob.
+    /// Begins with the largest group of first circles that agree, once there are enough: they are the rose,
+    /// or all the end of the knob.
     fn begin_estimates(&mut self) {
         let agree = |one: &Circle, other: &Circle| {
             (0..2).all(|axis| abs(one.center[axis] - other.center[axis]) < SAME_CENTER)
@@ -229,7 +232,8 @@ impl Approach {
         self.missed = 0.0;
     }
 
-    /// The board has refused a command. That of a contact which is not reported yet is no news; others end the try.
+    /// The board has refused a command. That of a contact which is not reported yet is no news; others end
+    /// the try.
     pub fn refused(&mut self, refusal: &VisualApproachRefusal) {
         self.refused += 1;
         match *refusal {

@@ -11,12 +11,12 @@ use crate::math::{Ldlt, sqrt};
 use crate::model::MAX_CHAIN_JOINTS;
 use crate::robot::Efforts;
 
-/// Times in which a change of the force is taken for an error of the model, while the hand moves and while it stands,
-/// and in which the efforts before the first motion are learnt [s].
+/// Times in which a change of the force is taken for an error of the model, while the hand moves and while it
+/// stands, and in which the efforts before the first motion are learnt [s].
 const MOVING_TIME: f32 = 1.0;
 const STANDING_TIME: f32 = 0.15;
-/// Share of the contact force that may be taken for errors of the model, which the posture and the direction of friction
-/// change: 7.5 N of 15 N. Masses that are wrong by 20 % look like 5 N on robots/knob-arm.
+/// Share of the contact force that may be taken for errors of the model, which the posture and the direction
+/// of friction change: 7.5 N of 15 N. Masses that are wrong by 20 % look like 5 N on robots/knob-arm.
 pub const LEARNABLE: f32 = 0.5;
 /// Damping of the inverse Jacobian [m, rad]: what moves the joints less shows little of its force.
 const DAMPING: f32 = 0.05;
@@ -34,12 +34,13 @@ pub enum Learning {
     Nothing,
 }
 
-/// Estimates the force on the hand from the efforts of the arm's joints: what their drives do beyond what the model
-/// explains, less what they did before the first motion.
+/// Estimates the force on the hand from the efforts of the arm's joints: what their drives do beyond what the
+/// model explains, less what they did before the first motion.
 ///
-/// Later changes are taken for errors of the model up to [`LEARNABLE`] of the contact force, however long they last. So a
-/// force that grows by more than `LEARNABLE · limit / MOVING_TIME` (7.5 N/s of 15 N) is not learnt at all once it is
-/// beyond that share, and one that grows more slowly is noticed at `(1 + LEARNABLE) · limit` at the latest.
+/// Later changes are taken for errors of the model up to [`LEARNABLE`] of the contact force, however long
+/// they last. So a force that grows by more than `LEARNABLE · limit / MOVING_TIME` (7.5 N/s of 15 N) is not
+/// learnt at all once it is beyond that share, and one that grows more slowly is noticed at `(1 + LEARNABLE)
+/// · limit` at the latest.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct ContactEstimate {
     /// Efforts before the first motion [N·m].
@@ -62,8 +63,9 @@ impl Sense {
         Self { factors: Ldlt::new(&damped, 1e-9) }
     }
 
-    /// Share of a force along this unit vector that the estimate shows: 1 far from singular postures, 0 when the
-    /// joints bear it without any torque. The same share of a motion along it is left: force and velocity are dual.
+    /// Share of a force along this unit vector that the estimate shows: 1 far from singular postures, 0 when
+    /// the joints bear it without any torque. The same share of a motion along it is left: force and velocity
+    /// are dual.
     pub fn shown(&self, direction: &Vector3<f32>) -> f32 {
         let force = Vector6::new(direction.x, direction.y, direction.z, 0.0, 0.0, 0.0);
         // fᵀ (J Jᵀ + λ²)⁻¹ J Jᵀ f
@@ -88,7 +90,8 @@ impl Sense {
 impl ContactEstimate {
     pub const NONE: Self = Self { unloaded: [0.0; MAX_CHAIN_JOINTS], learnt: [0.0; 3] };
 
-    /// The force on the hand in base axes [N], as of the last period, at `posture`. `limit` is the contact force [N].
+    /// The force on the hand in base axes [N], as of the last period, at `posture`. `limit` is the contact
+    /// force [N].
     pub fn update(
         &mut self,
         arm: &Arm<'_>,

@@ -16,13 +16,13 @@ const TOUCH: f32 = 0.25;
 /// Times in which the torque of the grip builds up, and is let go [s].
 const BUILD_UP: f32 = 0.2;
 const LET_GO: f32 = 0.04;
-/// Damping of the joint under that torque, over its inertia and per period: fingers that spring back, or lose what they
-/// held, gain no speed.
+/// Damping of the joint under that torque, over its inertia and per period: fingers that spring back, or lose
+/// what they held, gain no speed.
 const DAMPING: f32 = 0.3;
 /// Time in which opening and closing reach their speed [s].
 const START: f32 = 0.1;
-/// It is jammed when it opens with more than this part of the torque of the grip for this time [s], or opens or closes for
-/// twice the time that the way takes, and this one [s].
+/// It is jammed when it opens with more than this part of the torque of the grip for this time [s], or opens
+/// or closes for twice the time that the way takes, and this one [s].
 const RESISTANCE: f32 = 0.5;
 const OVERLOAD: f32 = 0.1;
 const DELAY: f32 = 1.0;
@@ -87,7 +87,8 @@ impl Gripper {
     }
 
     pub fn close(&mut self) {
-        // A repeated command changes nothing, also where it comes before the leader has read that nothing is there.
+        // A repeated command changes nothing, also where it comes before the leader has read that nothing is
+        // there.
         let ended = matches!(self.state, GripperState::Empty | GripperState::Jammed) && !self.opens;
         let goes_on = ended || self.state == GripperState::Closing;
         if !goes_on && self.state != GripperState::Holding {

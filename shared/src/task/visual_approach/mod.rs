@@ -9,17 +9,18 @@
 //! ```
 //!
 //! This is the manipulation module of the paper: it knows nothing of pictures. Who leads it sends a
-//! [latch](VisualApproachCommand::Latch) when a picture is taken, finds the rose in it, and sends where the hand shall go,
-//! from [`Approach`] or by a rule of its own. Targets are places in the base frame: one that arrives late or twice does
-//! no harm.
+//! [latch](VisualApproachCommand::Latch) when a picture is taken, finds the rose in it, and sends where the
+//! hand shall go, from [`Approach`] or by a rule of its own. Targets are places in the base frame: one that
+//! arrives late or twice does no harm.
 //!
-//! The hand keeps the orientation that it has when the task begins. Its references are found by the inverse of the Jacobian,
-//! as in the paper (`dθ = J⁻¹ [mx my mz 0 0 0]ᵀ`, Knob §4.5), damped, within the limits of the joints; the motion
-//! is continuous, so that it goes on while a picture is looked at.
+//! The hand keeps the orientation that it has when the task begins. Its references are found by the inverse
+//! of the Jacobian, as in the paper (`dθ = J⁻¹ [mx my mz 0 0 0]ᵀ`, Knob §4.5), damped, within the limits of
+//! the joints; the motion is continuous, so that it goes on while a picture is looked at.
 //!
-//! A contact against the motion ends it: the reference jumps to where the hand is, which goes back by 2 mm. Targets in the
-//! direction that was ended are refused until the hand has gone back by 10 mm or the leader
-//! [acknowledges](VisualApproachCommand::Acknowledge). So is a motion in a direction in which the posture shows no forces.
+//! A contact against the motion ends it: the reference jumps to where the hand is, which goes back by 2 mm.
+//! Targets in the direction that was ended are refused until the hand has gone back by 10 mm or the leader
+//! [acknowledges](VisualApproachCommand::Acknowledge). So is a motion in a direction in which the posture
+//! shows no forces.
 
 mod approach;
 mod approach_settings;
@@ -57,7 +58,8 @@ pub use settings::{
     ApproachField, GripperSettings, MIN_SPEED, VisualApproachRefusal, VisualApproachSettings,
 };
 
-/// The hand stands for at least this long before its first motion, and learns the efforts without contact [s].
+/// The hand stands for at least this long before its first motion, and learns the efforts without contact
+/// [s].
 const BEFORE_MOTION: f32 = 0.5;
 
 /// Commands of the visual approach. All but the latch may be repeated.
@@ -68,8 +70,8 @@ pub enum VisualApproachCommand {
         /// Number of the picture.
         number: u16,
     },
-    /// 1: moves the hand on a straight line. After a contact, targets against it are refused until the hand has gone
-    /// back, or the contact is acknowledged.
+    /// 1: moves the hand on a straight line. After a contact, targets against it are refused until the hand
+    /// has gone back, or the contact is acknowledged.
     Move {
         /// Where it shall come to rest, in the base frame [m].
         position: [f32; 3],
@@ -80,7 +82,8 @@ pub enum VisualApproachCommand {
     Stand,
     /// 3: opens the gripper.
     Open,
-    /// 4: closes the gripper, and holds what is between the fingers. If nothing was, it must open before the next time.
+    /// 4: closes the gripper, and holds what is between the fingers. If nothing was, it must open before the
+    /// next time.
     Close,
     /// 5: the leader knows of the contact that ended a motion: targets against it are accepted again.
     Acknowledge,
@@ -90,13 +93,15 @@ pub enum VisualApproachCommand {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum HandMotion {
-    /// 0: it stands at its target: its reference has arrived, and the hand has moved by less than 0.2 mm for 0.1 s.
+    /// 0: it stands at its target: its reference has arrived, and the hand has moved by less than 0.2 mm for
+    /// 0.1 s.
     Standing,
     /// 1: it moves.
     Moving,
     /// 2: a contact has ended its motion; it waits for another target.
     Blocked,
-    /// 3: it stands, because limits of the joints hold it back, or because the posture shows no force against its motion.
+    /// 3: it stands, because limits of the joints hold it back, or because the posture shows no force against
+    /// its motion.
     Limited,
 }
 

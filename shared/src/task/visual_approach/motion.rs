@@ -21,8 +21,8 @@ const REST_TIME: f32 = 0.1;
 const RELIEF: f32 = 2e-3;
 /// Gone back by this much, it may go against the obstacle again [m].
 const CLEAR: f32 = 0.01;
-/// Share of a force against the motion that the estimate must show: below the first the hand stops, and below the
-/// second it is slower. The force is taken for larger by its inverse, and so are the errors of the model.
+/// Share of a force against the motion that the estimate must show: below the first the hand stops, and below
+/// the second it is slower. The force is taken for larger by its inverse, and so are the errors of the model.
 pub const MIN_SHOWN: f32 = 0.5;
 const WELL_SHOWN: f32 = 0.75;
 
@@ -120,14 +120,16 @@ impl MotionState {
         if goes && direction != Vector3::zeros() { sense.shown(&direction) } else { 1.0 }
     }
 
-    /// The speed at which a hand that may be as fast as `speed` goes on [m/s]: slower where contacts are felt badly.
+    /// The speed at which a hand that may be as fast as `speed` goes on [m/s]: slower where contacts are felt
+    /// badly.
     pub fn speed(&self, speed: f32, sense: &Sense) -> f32 {
         let share = (self.shown(sense) - MIN_SHOWN) / (WELL_SHOWN - MIN_SHOWN);
         if share < 1.0 { speed.min((speed * share).max(MIN_SPEED)) } else { speed }
     }
 
-    /// Takes a period of motion: `step` of the reference, measured `hand` [m], `force` on it [N]. Ends the motion against a
-    /// contact of more than `limit` [N], and where none would be felt; `true` in the period in which it does.
+    /// Takes a period of motion: `step` of the reference, measured `hand` [m], `force` on it [N]. Ends the
+    /// motion against a contact of more than `limit` [N], and where none would be felt; `true` in the period
+    /// in which it does.
     pub fn supervise(
         &mut self,
         step: &Step,

@@ -121,7 +121,8 @@ impl<'a> Arm<'a> {
         }
     }
 
-    /// The references stop at once where the joints are: their servos brake as hard as they can, and press no more.
+    /// The references stop at once where the joints are: their servos brake as hard as they can, and press no
+    /// more.
     pub fn stop(&self, positions: &[f32; MAX_JOINTS], points: &mut [JointPoint; MAX_JOINTS]) {
         for (index, _) in self.indices() {
             if let (Some(point), Some(&position)) = (points.get_mut(index), positions.get(index)) {
@@ -130,8 +131,8 @@ impl<'a> Arm<'a> {
         }
     }
 
-    /// How far the axis of a gripper in the chain is off the z axis of the hand, as the sine of the angle, and off its
-    /// origin [m]; 0 when the gripper is no part of the chain.
+    /// How far the axis of a gripper in the chain is off the z axis of the hand, as the sine of the angle,
+    /// and off its origin [m]; 0 when the gripper is no part of the chain.
     pub fn gripper_axis(&self) -> [f32; 2] {
         let posture = self.config.chain.posture(&[]);
         let jacobian = posture.jacobian();
@@ -143,8 +144,8 @@ impl<'a> Arm<'a> {
         [axis.cross(&approach), offset].map(|error| math::sqrt(error.norm_squared()))
     }
 
-    /// Joint velocities for a `twist` of the hand by the damped inverse of the Jacobian, within the limits of speed,
-    /// acceleration and angle. A joint that a limit of angle holds back leaves its part to the others.
+    /// Joint velocities for a `twist` of the hand by the damped inverse of the Jacobian, within the limits of
+    /// speed, acceleration and angle. A joint that a limit of angle holds back leaves its part to the others.
     fn joint_velocities(
         &self,
         jacobian: &Jacobian,

@@ -12,15 +12,16 @@ const TABLE_ERROR: f32 = 1e-3;
 /// Standard deviation of the length of the knob [m], and of the direction of its axis [rad].
 const LENGTH_ERROR: f32 = 4e-3;
 const AXIS_ERROR: f32 = 0.04;
-/// Standard deviation by which the place of the rose, as the arm's angles tell it, and its radius change from picture to
-/// picture [m]: the arm gives way, and errors of successive pictures are alike.
+/// Standard deviation by which the place of the rose, as the arm's angles tell it, and its radius change from
+/// picture to picture [m]: the arm gives way, and errors of successive pictures are alike.
 const PLACE_CHANGE: f32 = 1e-3;
 const RADIUS_CHANGE: f32 = 1e-4;
 /// A circle is another one beyond this many standard deviations.
 const GATE: f32 = 4.0;
 /// Of what earlier pictures cost, this share counts after a further one.
 const MEMORY: f32 = 0.98;
-/// Of the search: least reach of its window [px], and how far the axis of the knob may be off the approach [rad].
+/// Of the search: least reach of its window [px], and how far the axis of the knob may be off the approach
+/// [rad].
 const LEAST_REACH: f32 = 12.0;
 const AXIS_REACH: f32 = 0.07;
 
@@ -50,9 +51,9 @@ pub enum Rim {
 
 /// Place and radius of a rose: an extended Kalman filter over the pictures of a camera that moves.
 ///
-/// One picture tells the place only for a known radius (Knob §4.5). As the hand comes nearer, the growth of the radius in the
-/// image tells the radius of the rose, which differs from door to door. A circle that fits the end of the knob better
-/// than the rose is taken for that.
+/// One picture tells the place only for a known radius (Knob §4.5). As the hand comes nearer, the growth of
+/// the radius in the image tells the radius of the rose, which differs from door to door. A circle that fits
+/// the end of the knob better than the rose is taken for that.
 #[derive(Clone, Debug)]
 pub struct RoseEstimate {
     /// Centre of its front rim in the base frame, and radius [m].
@@ -135,8 +136,8 @@ impl RoseEstimate {
         }
     }
 
-    /// Takes a circle in a picture from `hand` for the rim that it fits better. Returns it; `None` if it fits neither,
-    /// and nothing but the cost changes.
+    /// Takes a circle in a picture from `hand` for the rim that it fits better. Returns it; `None` if it fits
+    /// neither, and nothing but the cost changes.
     pub fn update(
         &mut self,
         table: &HandEyeTable,
@@ -187,7 +188,8 @@ impl RoseEstimate {
         let mut depth = abs(nearer) / (0.02 * circle.radius) * RADIUS_ERROR + TABLE_ERROR;
         let mut aside = radius / circle.radius * CENTER_ERROR + TABLE_ERROR;
         let located = |radius: f32| hand * Point3::from(table.locate(circle, radius));
-        // The located place minus the true one is noise; as a function of the state it is place − located(radius).
+        // The located place minus the true one is noise; as a function of the state it is place −
+        // located(radius).
         let mut slope = Matrix3x4::zeros();
         slope.fixed_view_mut::<3, 3>(0, 0).fill_with_identity();
         let measured = if rim == Rim::Rose {

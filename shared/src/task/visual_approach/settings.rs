@@ -10,14 +10,16 @@ use crate::robot::{Concerns, LimitRefusal, Robot};
 /// Least speed of a motion [m/s]: a contact stops only a hand that moves.
 pub const MIN_SPEED: f32 = 5e-3;
 
-/// The axis of a gripper in the arm's chain is the z axis of the hand frame: up to this angle [rad] and distance [m].
+/// The axis of a gripper in the arm's chain is the z axis of the hand frame: up to this angle [rad] and
+/// distance [m].
 const MAX_TILT: f32 = 0.01;
 const MAX_OFFSET: f32 = 1e-3;
 
 /// Settings of the gripper, which one joint opens and closes.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct GripperSettings {
-    /// Its joint: the last one of the arm's chain, which turns the tip about the approach, or the only one of another chain.
+    /// Its joint: the last one of the arm's chain, which turns the tip about the approach, or the only one of
+    /// another chain.
     pub joint: u8,
     /// Angle of the open gripper [rad].
     pub open: f32,
@@ -32,7 +34,8 @@ pub struct GripperSettings {
 /// Settings of the visual approach.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct VisualApproachSettings {
-    /// The arm's chain, of at least six joints beside the gripper. Its tip is the hand frame: the approach is its z.
+    /// The arm's chain, of at least six joints beside the gripper. Its tip is the hand frame: the approach is
+    /// its z.
     pub chain: u8,
     /// The gripper.
     pub gripper: GripperSettings,
@@ -185,7 +188,8 @@ pub enum VisualApproachRefusal {
         /// The largest [m/s].
         limit: f32,
     },
-    /// 6: the target is against the contact that ended a motion, or in a direction in which the posture shows no forces.
+    /// 6: the target is against the contact that ended a motion, or in a direction in which the posture shows
+    /// no forces.
     Blocked {
         /// How far [m].
         ahead: f32,

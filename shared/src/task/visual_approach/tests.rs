@@ -1,5 +1,5 @@
-//! The behaviour before an imagined door: a hand that goes where it is sent, and a camera whose circles are worked
-//! out point by point.
+//! The behaviour before an imagined door: a hand that goes where it is sent, and a camera whose circles are
+//! worked out point by point.
 
 use heapless::Vec;
 use nalgebra::Vector3;
@@ -67,8 +67,8 @@ struct World {
     time: f32,
     /// Of the noise.
     random: u32,
-    /// What goes wrong: the camera takes no pictures; the gripper is stuck; what it holds slips out at once; the hand goes
-    /// nowhere once it holds something; it is held fast beside the knob.
+    /// What goes wrong: the camera takes no pictures; the gripper is stuck; what it holds slips out at once;
+    /// the hand goes nowhere once it holds something; it is held fast beside the knob.
     is_blind: bool,
     is_stuck: bool,
     slips: bool,
@@ -131,7 +131,8 @@ impl World {
         circle
     }
 
-    /// Where the hand is before the knob: distance of the fingertips from the rim of the rose, and from the axis.
+    /// Where the hand is before the knob: distance of the fingertips from the rim of the rose, and from the
+    /// axis.
     fn place(&self) -> [f32; 2] {
         let place = self.rose - self.hand;
         [place.z, sqrt(place.x * place.x + place.y * place.y)]
@@ -231,7 +232,8 @@ impl World {
             self.hand.z = self.rose.z - 2e-3;
             self.motion = HandMotion::Blocked;
         }
-        // The open fingers go past a knob that is within 20 mm of their middle, and the palm not into the door.
+        // The open fingers go past a knob that is within 20 mm of their middle, and the palm not into the
+        // door.
         let [distance, aside] = self.place();
         assert!(
             !self.has_knob || distance > 0.056 || aside < 0.02,

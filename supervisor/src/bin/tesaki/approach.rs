@@ -1,4 +1,5 @@
-//! `approach`: the behaviour of a visual approach. Leads an arm to a door knob by the circles that vision finds.
+//! `approach`: the behaviour of a visual approach. Leads an arm to a door knob by the circles that vision
+//! finds.
 
 mod poses;
 mod vision;
@@ -154,7 +155,8 @@ impl<F: Fn(&[f32]) -> Option<Pose>> Leader<'_, F> {
                     self.approach.look(&pose, circle.as_ref());
                 }
             }
-            // Before the first telemetry, or while it is late, a picture is of no use; it is none that is wrong.
+            // Before the first telemetry, or while it is late, a picture is of no use; it is none that is
+            // wrong.
             (Some(_), None) => {}
         }
     }

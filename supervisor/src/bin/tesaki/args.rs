@@ -127,8 +127,8 @@ pub enum Command {
     Grasp(Grasp),
     /// Identify torque constants and friction of a hand's joints from free and loaded motion
     Identify(Identify),
-    /// Calibrate the links of an operator's fingers from a glove's orientations and markers on the tips, or the
-    /// camera in a robot's hand; needs no board
+    /// Calibrate the links of an operator's fingers from a glove's orientations and markers on the tips, or
+    /// the camera in a robot's hand; needs no board
     Calibrate(Calibrate),
     /// Joint angles of a hand for an operator's fingertips, from a file or live: glove, webcam landmarks or
     /// positions
@@ -202,8 +202,8 @@ pub enum Command {
         #[arg(long, env = "TESAKI_ROBOT", value_name = "DIR")]
         robot: Option<PathBuf>,
     },
-    /// Show the board to ROS 2, and let its programs command it: starts the program tesaki-ros2, whose options
-    /// follow (`tesaki ros2 --help`)
+    /// Show the board to ROS 2, and let its programs command it: starts the program tesaki-ros2, whose
+    /// options follow (`tesaki ros2 --help`)
     #[command(disable_help_flag = true, disable_version_flag = true)]
     Ros2 {
         #[arg(trailing_var_arg = true, allow_hyphen_values = true)]

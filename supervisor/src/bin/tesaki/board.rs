@@ -128,8 +128,8 @@ pub fn stop(options: &Options) -> Result<(), Failure> {
     })
 }
 
-/// Sends `request`, after which the board is not enabled, and returns the mode. If another program has enabled
-/// the board by then, it is sent again.
+/// Sends `request`, after which the board is not enabled, and returns the mode. If another program has
+/// enabled the board by then, it is sent again.
 fn insist(board: &mut impl Board, action: &'static str, request: &Request) -> Result<Mode, Failure> {
     for _ in 0..ATTEMPTS {
         board.ask(action, request.clone())?;

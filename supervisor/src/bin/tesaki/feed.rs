@@ -1,4 +1,5 @@
-//! What leads a robot live: samples that come one after the other, the clock of their time stamps, and how they end.
+//! What leads a robot live: samples that come one after the other, the clock of their time stamps, and how
+//! they end.
 
 mod clock;
 

@@ -21,8 +21,8 @@ const MAX_SIDE: usize = 1000;
 /// Largest radius in that picture [px].
 const MAX_RADIUS: f32 = 400.0;
 
-/// What is known about the circle in a picture [px]: radius from … to, and `X,Y,REACH` of its centre and of the point
-/// where its axis vanishes.
+/// What is known about the circle in a picture [px]: radius from … to, and `X,Y,REACH` of its centre and of
+/// the point where its axis vanishes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Known {
     pub radius: Option<[f32; 2]>,

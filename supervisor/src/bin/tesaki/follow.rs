@@ -27,7 +27,8 @@ use lead::Lead;
 use reflect::Reflection;
 use source::{Content, Entry, Source};
 
-/// Time in which the set-point comes to rest behind an open clutch: from 1 m/s with 8 m/s², and its last part.
+/// Time in which the set-point comes to rest behind an open clutch: from 1 m/s with 8 m/s², and its last
+/// part.
 const REST: Duration = Duration::from_millis(400);
 /// What to do about a source that has nothing.
 const NO_SAMPLES: &str = ". Does what feeds it run? A recording is given by --from file:FILE.csv";

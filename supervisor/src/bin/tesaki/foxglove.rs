@@ -1,7 +1,7 @@
 //! `share foxglove://…`: the board for Foxglove, over its WebSocket protocol.
 //!
-//! <https://github.com/foxglove/ws-protocol>: the server tells its channels in JSON, a client subscribes to some of
-//! them, and gets their messages in binary. Clients cannot publish, call or set anything.
+//! <https://github.com/foxglove/ws-protocol>: the server tells its channels in JSON, a client subscribes to
+//! some of them, and gets their messages in binary. Clients cannot publish, call or set anything.
 
 use std::collections::BTreeMap;
 use std::net::SocketAddr;

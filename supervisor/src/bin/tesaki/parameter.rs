@@ -135,7 +135,8 @@ fn tared(session: &mut BoardSession, model: &RobotModel) -> Result<Vec<String>, 
     Ok(tared.map(|(chain, _)| chain.name.to_string()).collect())
 }
 
-/// Limits that protect nothing, or are a fault at once, are not set. Those of the present model are not judged.
+/// Limits that protect nothing, or are a fault at once, are not set. Those of the present model are not
+/// judged.
 fn check_limits(model: &RobotModel, changed: &RobotModel) -> Result<(), Failure> {
     let before = implausible_limits(model);
     let Some(limit) = implausible_limits(changed).into_iter().find(|limit| !before.contains(limit)) else {

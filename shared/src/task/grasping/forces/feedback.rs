@@ -41,8 +41,8 @@ impl Forces {
         }
         let scale = inputs.torque_scale(&command, load_torques, scale);
         if scale < 1.0 {
-            // Saturated contacts or joints: scale the forces down, and set the integrator back (anti-windup by
-            // back-calculation).
+            // Saturated contacts or joints: scale the forces down, and set the integrator back (anti-windup
+            // by back-calculation).
             for (force, internal, correction) in zip((&mut command, &internal, &mut self.correction)) {
                 *force *= scale;
                 if inputs.feedback {

@@ -99,7 +99,8 @@ fn feedback_rests_in_the_dead_band() {
 #[test]
 fn feedback_exceeds_no_limit_of_a_contact() {
     let (_, mut forces) = grasp(0.0, 0.5);
-    // A load that needs a grip near the limit of 9 N, and sensors that read half of what the fingers press with.
+    // A load that needs a grip near the limit of 9 N, and sensors that read half of what the fingers press
+    // with.
     let mut command = [Vector3::zeros(); 3];
     for _ in 0..1000 {
         let measured = pressing(4.0, 3.0);
@@ -226,8 +227,9 @@ fn dither_decays_to_zero_and_has_zero_mean() {
     }
 }
 
-/// The force that the Hand3 paper commands to finger 1 (section 6.1) is that of 2 N along the x axis of a box pitched by
-/// 0.769 rad, and a third of the weight of 23 g: (1.48, 0, −1.34) N. The paper's pitch and forces are rounded.
+/// The force that the Hand3 paper commands to finger 1 (section 6.1) is that of 2 N along the x axis of a box
+/// pitched by 0.769 rad, and a third of the weight of 23 g: (1.48, 0, −1.34) N. The paper's pitch and forces
+/// are rounded.
 #[test]
 fn a_known_load_makes_the_force_that_the_paper_commands() {
     let rotation = crate::math::rotation_matrix(&Vector3::new(0.0, 0.769, 0.0));

@@ -1,4 +1,5 @@
-//! Resolution of the redundancy: what the joints do that the tool does not need, and the control of the elbow.
+//! Resolution of the redundancy: what the joints do that the tool does not need, and the control of the
+//! elbow.
 
 use nalgebra::Vector6;
 

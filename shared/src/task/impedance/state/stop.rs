@@ -30,9 +30,9 @@ pub(super) enum Release {
 }
 
 impl ImpedanceState {
-    /// Begins a controlled stop. The set-points are where tool and elbow are; in contact that of the tool moves
-    /// there slowly, which releases what the tool presses on. With `use_measured_state` the reference arm, which
-    /// has lost the real one, begins where that is.
+    /// Begins a controlled stop. The set-points are where tool and elbow are; in contact that of the tool
+    /// moves there slowly, which releases what the tool presses on. With `use_measured_state` the reference
+    /// arm, which has lost the real one, begins where that is.
     pub fn halt(&mut self, arm: &Arm<'_>, measurement: &ArmMeasurement, use_measured_state: bool) {
         if use_measured_state {
             (self.angles, self.velocities) = (measurement.angles, measurement.velocities);
@@ -56,8 +56,8 @@ impl ImpedanceState {
             self.settings.redundancy == Redundancy::ArmAngle && ArmAngle::of(&posture, arm.gravity).is_none();
     }
 
-    /// Makes the tool as heavy as the arm itself, where it is lighter: it would yield to a push faster than the push alone
-    /// moves the arm, and the drives would bring in the difference of the energies.
+    /// Makes the tool as heavy as the arm itself, where it is lighter: it would yield to a push faster than
+    /// the push alone moves the arm, and the drives would bring in the difference of the energies.
     #[cold]
     #[inline(never)]
     fn take_own_mass(&mut self, arm: &Arm<'_>) {
@@ -66,8 +66,8 @@ impl ImpedanceState {
         self.settings.impedance = self.impedance;
     }
 
-    /// Moves the set-point of a tool that moves on into what it touches so near that its spring presses no harder than
-    /// the contact does.
+    /// Moves the set-point of a tool that moves on into what it touches so near that its spring presses no
+    /// harder than the contact does.
     #[cold]
     #[inline(never)]
     fn relax_spring(&mut self, posture: &Posture, wrench: &Vector6<f32>) {

@@ -127,7 +127,8 @@ fn a_mass_far_below_the_arms_own_is_not_configured() {
     assert_eq!(state.configure(&fixture.arm(), &light), Ok(()));
 }
 
-/// A straight arm hangs down: along z nothing moves its tool, so that its own mass there is five times the mean.
+/// A straight arm hangs down: along z nothing moves its tool, so that its own mass there is five times the
+/// mean.
 #[test]
 fn an_arm_that_has_moved_to_a_singular_posture_keeps_its_mass() {
     let (fixture, straight) = (ArmFixture::new(), [0.0; MAX_CHAIN_JOINTS]);

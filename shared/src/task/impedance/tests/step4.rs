@@ -8,8 +8,9 @@ use crate::kinematics::ElbowSetpoint;
 use crate::task::impedance::{ArmMeasurement, DirectLaw, ImpedanceSettings, ImpedanceState, Law, Redundancy};
 
 type Seven = [f32; 7];
-/// Joint angles and velocities, acceleration of the tool, of the driven joint; joint accelerations as printed, with the
-/// term of the driven joint, by the pseudo-inverse. From numpy (`tests/oracles/arm_step4.py`).
+/// Joint angles and velocities, acceleration of the tool, of the driven joint; joint accelerations as
+/// printed, with the term of the driven joint, by the pseudo-inverse. From numpy
+/// (`tests/oracles/arm_step4.py`).
 type Case = (Seven, Seven, [f32; 6], f32, Seven, Seven, Seven);
 #[allow(clippy::excessive_precision, reason = "the digits of the script")]
 const CASES: &[Case] = include!("../../../../../tests/oracles/data/arm_step4.in");
@@ -53,8 +54,8 @@ fn step_4_is_that_of_the_paper_as_printed_and_with_its_missing_terms() {
     }
 }
 
-/// The elbow at 90°: the tool is at (0.36, 0, −0.3) from the axis of the yaw, which points up. So the hand is moved by
-/// (0, 0.36, 0) m and turned by (0, 0, 1) for each radian that the others do not make up for.
+/// The elbow at 90°: the tool is at (0.36, 0, −0.3) from the axis of the yaw, which points up. So the hand is
+/// moved by (0, 0.36, 0) m and turned by (0, 0, 1) for each radian that the others do not make up for.
 #[test]
 fn without_its_term_the_driven_joint_moves_the_hand() {
     let mut case = CASES[0];

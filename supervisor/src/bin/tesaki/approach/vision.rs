@@ -44,7 +44,8 @@ pub struct Line {
 }
 
 impl Line {
-    /// Answers who has sent it, if that can be. An answer that cannot be sent is not needed: the next line asks again.
+    /// Answers who has sent it, if that can be. An answer that cannot be sent is not needed: the next line
+    /// asks again.
     pub fn answer(&self, answer: &Answer) {
         if let Some(stream) = &self.from {
             send(stream, answer);
@@ -113,7 +114,8 @@ impl Vision {
         }
     }
 
-    /// Greets while a person is asked. Else lines that wait beyond what is kept would seem to come after the answer.
+    /// Greets while a person is asked. Else lines that wait beyond what is kept would seem to come after the
+    /// answer.
     pub fn greet_during(
         &mut self,
         initial: Search,

@@ -58,8 +58,8 @@ pub struct Calibrate {
     /// Infer fingers without marker from the proportions of the hand, and from touches with the thumb
     #[arg(long)]
     pub proportions: bool,
-    /// Root mean square error of a sensor's orientation in a pose [°]; less than that of a sample if a pose is
-    /// the mean over the time that it was held
+    /// Root mean square error of a sensor's orientation in a pose [°]; less than that of a sample if a pose
+    /// is the mean over the time that it was held
     #[arg(long, value_name = "DEG", default_value = "0.5")]
     pub orientation_noise: f32,
     /// Standard deviation of a marker along each axis [mm]
@@ -69,8 +69,8 @@ pub struct Calibrate {
 
 #[derive(Subcommand)]
 pub enum CalibrateCommand {
-    /// Calibrate the camera in a robot's hand from pictures of a round plate, as the rose of a door knob; needs no
-    /// board
+    /// Calibrate the camera in a robot's hand from pictures of a round plate, as the rose of a door knob;
+    /// needs no board
     #[command(after_help = CAMERA_HELP)]
     Camera(CalibrateCamera),
 }
@@ -98,7 +98,8 @@ pub struct CalibrateCamera {
     /// Distances of the table, from the origin of the hand frame along the approach [m]
     #[arg(long, value_name = "NEAR..FAR", default_value = "0.02..0.3", value_parser = distances, allow_hyphen_values = true)]
     pub distances: [f64; 2],
-    /// File to write, replaced if it exists; default: hand_eye.toml in the robot folder, which is not replaced
+    /// File to write, replaced if it exists; default: hand_eye.toml in the robot folder, which is not
+    /// replaced
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
 }

@@ -30,7 +30,8 @@ pub struct Identify {
     /// Grasp file, for example robots/hand3/grasps/box.toml
     #[arg(required_unless_present = "joints", conflicts_with = "joints")]
     pub file: Option<PathBuf>,
-    /// Self-test after power-on: the friction of the joints of any robot, in free motion and without an object
+    /// Self-test after power-on: the friction of the joints of any robot, in free motion and without an
+    /// object
     #[arg(long)]
     pub joints: bool,
     /// With --joints: the masses in the URDF were weighed, so the links' weight gives the torque constants

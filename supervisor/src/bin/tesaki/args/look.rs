@@ -44,8 +44,8 @@ pub struct Look {
     /// shorter side
     #[arg(long, value_name = "MIN..MAX", value_parser = radius)]
     pub radius: Option<[f32; 2]>,
-    /// Where the axis of the knob vanishes: the point (X, Y) that shows its direction, known to REACH [px], unless
-    /// `tesaki approach` says it
+    /// Where the axis of the knob vanishes: the point (X, Y) that shows its direction, known to REACH [px],
+    /// unless `tesaki approach` says it
     #[arg(long, value_name = "X,Y,REACH", value_parser = window, allow_hyphen_values = true)]
     pub axis: Option<[f32; 3]>,
     /// Size of the pictures of a V4L2 camera [px]

@@ -158,8 +158,8 @@ fn calibrate(
     Ok(found)
 }
 
-/// Finds the circles in the pictures, first anywhere, then where the camera of the search before expects them. Also
-/// returns the rows without a circle.
+/// Finds the circles in the pictures, first anywhere, then where the camera of the search before expects
+/// them. Also returns the rows without a circle.
 fn of_pictures(
     options: &Options,
     args: &CalibrateCamera,

@@ -24,7 +24,8 @@ pub struct SourceClock {
     late: Option<Instant>,
     /// When the stamps have jumped last.
     jumped: Option<Instant>,
-    /// Arrival and time stamp [s] at the begin of the window, and whether the clock ran ahead in the one before.
+    /// Arrival and time stamp [s] at the begin of the window, and whether the clock ran ahead in the one
+    /// before.
     window: Option<(Instant, f64, bool)>,
     /// What is wrong with the stamps.
     pub wrong: Option<String>,
@@ -70,8 +71,8 @@ impl SourceClock {
         (offset - soonest) as f32
     }
 
-    /// Notices a clock that runs ahead, which the soonest samples alone do not show. Samples that have waited to
-    /// be taken come all at once, but only in one window.
+    /// Notices a clock that runs ahead, which the soonest samples alone do not show. Samples that have waited
+    /// to be taken come all at once, but only in one window.
     fn check_rate(&mut self, arrived: Instant, time: f64) {
         let (begin, first, before) = *self.window.get_or_insert((arrived, time, false));
         let elapsed = arrived.duration_since(begin);
@@ -93,7 +94,8 @@ impl SourceClock {
 mod tests {
     use super::*;
 
-    /// The ages of samples [s], and what is wrong in the end. Each has the time of its arrival and its stamp [s].
+    /// The ages of samples [s], and what is wrong in the end. Each has the time of its arrival and its stamp
+    /// [s].
     fn ages(samples: impl Iterator<Item = (f64, f64)>) -> (Vec<f32>, Option<String>) {
         let start = Instant::now();
         let mut clock = SourceClock::new(start);

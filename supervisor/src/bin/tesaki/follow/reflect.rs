@@ -1,11 +1,12 @@
-//! Force reflection: the master is an arm under impedance control, too, and feels the force that the slave exerts.
+//! Force reflection: the master is an arm under impedance control, too, and feels the force that the slave
+//! exerts.
 //!
 //! ```text
 //!  handle ── spring of its impedance ── set-point │ master port ⇄ slave port │ set-point ── spring ── tool ── wall
 //! ```
 //!
-//! The protocol carries set-points, not forces: the handle's set-point is displaced from the handle by the force over the
-//! stiffness of its impedance. A [`PowerPort`] at each end keeps account of the energy.
+//! The protocol carries set-points, not forces: the handle's set-point is displaced from the handle by the
+//! force over the stiffness of its impedance. A [`PowerPort`] at each end keeps account of the energy.
 
 use std::path::Path;
 use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
@@ -32,13 +33,14 @@ use crate::motion::PERIOD;
 const ENERGY_RESERVE: f32 = 0.02;
 /// Largest damping of the handle over its mass [1/s]: stable up to a delay of 0.3 s from the handle and back.
 const MAX_DAMPING: f32 = 5.0;
-/// Periods between a motion of the handle and the force that answers it, besides the time on the links: until the
-/// slave's board has the set-point, until its force is read, and until the master's board has that.
+/// Periods between a motion of the handle and the force that answers it, besides the time on the links: until
+/// the slave's board has the set-point, until its force is read, and until the master's board has that.
 const HELD: u32 = 3;
-/// The set-point of the handle follows it outside of this distance and angle [m, rad]; within, its spring keeps it where
-/// the operator leaves it.
+/// The set-point of the handle follows it outside of this distance and angle [m, rad]; within, its spring
+/// keeps it where the operator leaves it.
 const DEAD_BAND: [f32; 2] = [1e-3, 1e-2];
-/// The set-point of the handle is displaced by at most this fraction of the largest deviation of its settings.
+/// The set-point of the handle is displaced by at most this fraction of the largest deviation of its
+/// settings.
 const MAX_DISPLACEMENT: f32 = 0.5;
 /// How long the end of the master is waited for.
 const FAREWELL: Duration = Duration::from_secs(2);
@@ -87,7 +89,8 @@ impl Shared {
     }
 }
 
-/// Both ends of a link between a master and a slave with these settings. The links of both boards take `round_trip`.
+/// Both ends of a link between a master and a slave with these settings. The links of both boards take
+/// `round_trip`.
 pub fn link(
     (master, file): (&ImpedanceSettings, &Path),
     slave: &ImpedanceSettings,
@@ -130,8 +133,8 @@ pub fn link(
     Ok((handle, reflection))
 }
 
-/// Refuses links with more delay than the damping of the handle, with its mass [kg] and its own damping [N·s/m], is good
-/// for.
+/// Refuses links with more delay than the damping of the handle, with its mass [kg] and its own damping
+/// [N·s/m], is good for.
 fn check(
     limits: &PowerPortLimits,
     handle: [f32; 2],
@@ -196,7 +199,8 @@ pub struct Reflection {
 }
 
 impl Reflection {
-    /// Asks for the master to be enabled, with its set-point where it is. Returns the answer once it is there.
+    /// Asks for the master to be enabled, with its set-point where it is. Returns the answer once it is
+    /// there.
     pub fn enable_master(&self) -> Option<Result<(), Failure>> {
         self.shared.lock().order = Order::Enable;
         match self.answer.try_recv() {
@@ -206,7 +210,8 @@ impl Reflection {
         }
     }
 
-    /// Telemetry of the slave: accounts for the motion of its set-point, and reflects its force while it follows.
+    /// Telemetry of the slave: accounts for the motion of its set-point, and reflects its force while it
+    /// follows.
     pub fn heard(&mut self, tool: &ImpedanceTelemetry, follows: bool) {
         let [x, y, z, ..] = tool.error;
         let error = Vector3::new(x, y, z);
@@ -331,7 +336,8 @@ impl Handle {
         let max_force = self.stiffness.min() * MAX_DISPLACEMENT * max_distance;
         exchange.felt.limit = (exchange.force.norm() > max_force).then_some(max_force);
         self.force = exchange.force.cap_magnitude(max_force);
-        // A force that gives back more than has arrived is withheld, however large a damping that takes: it cannot push.
+        // A force that gives back more than has arrived is withheld, however large a damping that takes: it
+        // cannot push.
         let withheld = self.force.dot(&velocity) / velocity.norm_squared().max(f32::MIN_POSITIVE);
         let limits = PowerPortLimits { max_damping: self.limits.max_damping.max(withheld), ..self.limits };
         self.damping = self.port.damping_force(&limits, exchange.slave_energy, &self.force, &velocity);

@@ -39,8 +39,8 @@ impl Behavior {
         self.stream.is_some()
     }
 
-    /// Asks what to look for in a picture; `None` when the behaviour does not need it. Without a behaviour, it is what
-    /// is `known`.
+    /// Asks what to look for in a picture; `None` when the behaviour does not need it. Without a behaviour,
+    /// it is what is `known`.
     pub fn ask(&mut self, question: &Sight, known: &Known) -> Option<Known> {
         self.open();
         self.tell(question);

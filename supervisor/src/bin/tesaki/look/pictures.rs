@@ -209,8 +209,8 @@ fn order(path: &Path) -> (Vec<(String, u64)>, String) {
     (parts, name)
 }
 
-/// The next picture of a stream of binary PGM; when its first byte came; its age, if a comment `# age SECONDS` tells
-/// it. `None` at the end.
+/// The next picture of a stream of binary PGM; when its first byte came; its age, if a comment `# age
+/// SECONDS` tells it. `None` at the end.
 fn read_pgm(input: &mut impl BufRead) -> io::Result<Option<(Picture, Instant, Option<Duration>)>> {
     let wrong = |text: String| io::Error::new(io::ErrorKind::InvalidData, text);
     let mut header = Vec::new();

@@ -93,9 +93,9 @@ impl Queue {
     }
 }
 
-/// Sends a text on its way. While this program controls a robot, and after Ctrl-C, it waits for no reader: then the error is
-/// [`io::ErrorKind::WouldBlock`] when too many texts wait. Errors of standard output may be those of earlier
-/// texts.
+/// Sends a text on its way. While this program controls a robot, and after Ctrl-C, it waits for no reader:
+/// then the error is [`io::ErrorKind::WouldBlock`] when too many texts wait. Errors of standard output may be
+/// those of earlier texts.
 pub fn send(stream: Stream, text: String) -> io::Result<()> {
     let queue = queue();
     let mut state = queue.lock();

@@ -20,7 +20,8 @@ use crate::feed::{Ending, Feed, MAX_TAKEN};
 use crate::motion::{End, KEEP_ALIVE, Motion, PERIOD};
 use crate::output;
 
-/// Where all vectors from the thumb's tip are off by more than this [m], the thumb's offset is likely to be wrong.
+/// Where all vectors from the thumb's tip are off by more than this [m], the thumb's offset is likely to be
+/// wrong.
 const UNLIKE: f32 = 0.015;
 /// What to do about a source that is a file.
 const NO_FILE: &str = " (give a file by --in, without --live)";

@@ -172,7 +172,8 @@ impl Source {
     }
 }
 
-/// Whether a line of a glove has a key for each finger: among its other keys a misspelt one would not be noticed.
+/// Whether a line of a glove has a key for each finger: among its other keys a misspelt one would not be
+/// noticed.
 fn every_finger(value: &Value) -> Result<(), String> {
     let missing = Finger::ALL.iter().find(|finger| value.get(finger.name()).is_none());
     missing.map_or(Ok(()), |finger| {

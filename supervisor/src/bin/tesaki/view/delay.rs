@@ -10,8 +10,8 @@ const PERIOD: f64 = 0.01;
 
 /// The ways from the board to this program, and from here to each page.
 ///
-/// The clocks of board and PC are not the same. What comes soonest within some seconds has come as fast as a reply
-/// does, which takes half of a round trip; all else is later by what its tick says.
+/// The clocks of board and PC are not the same. What comes soonest within some seconds has come as fast as a
+/// reply does, which takes half of a round trip; all else is later by what its tick says.
 #[derive(Debug, Default)]
 pub struct Delay {
     begun: Option<Instant>,

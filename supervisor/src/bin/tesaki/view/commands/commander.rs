@@ -46,8 +46,8 @@ pub(super) struct Stopping {
 }
 
 impl Stopping {
-    /// Whether telemetry shows that the board has stopped. Disabled is not enough: a lost stop leaves a disabled board
-    /// to be enabled by what is on its way.
+    /// Whether telemetry shows that the board has stopped. Disabled is not enough: a lost stop leaves a
+    /// disabled board to be enabled by what is on its way.
     fn is_shown_by(&self, telemetry: &Telemetry) -> bool {
         let step = self.after.map_or(1, |after| telemetry.tick.wrapping_sub(after).cast_signed());
         // A board that was reset counts from 0.
