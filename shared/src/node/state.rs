@@ -20,7 +20,7 @@ const CLIENTS: usize = 4;
 /// structure.
 macro_rules! revision {
     () => {
-        "tesaki/state/2"
+        "tesaki/state/3"
     };
 }
 
