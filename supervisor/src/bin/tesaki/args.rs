@@ -204,7 +204,7 @@ pub enum Command {
     },
     /// Show the board to ROS 2, and let its programs command it: starts the program tesaki-ros2, whose
     /// options follow (`tesaki ros2 --help`)
-    #[command(disable_help_flag = true, disable_version_flag = true)]
+    #[command(disable_help_flag = true, disable_version_flag = true, after_help = examples::ROS2)]
     Ros2 {
         #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
         arguments: Vec<std::ffi::OsString>,

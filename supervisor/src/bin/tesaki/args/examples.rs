@@ -102,6 +102,10 @@ Examples:
   tesaki --key lab.key --port tcp://robot:7400 monitor   # on such a machine
   tesaki share foxglove://localhost:8765 --robot robots/hand3   # for Foxglove";
 
+pub const ROS2: &str = "\
+Examples:
+  tesaki ros2 --robot robots/hand3              # the installed tesaki-ros2; in a checkout: cargo ros2 ...";
+
 pub const KEY: &str = "\
 Examples:
   tesaki key lab.key                            # copy it to the other machines, and keep it secret
