@@ -104,7 +104,7 @@ Examples:
 
 pub const ROS2: &str = "\
 Examples:
-  tesaki ros2 --robot robots/hand3              # the installed tesaki-ros2; in a checkout: cargo ros2 ...";
+  tesaki ros2 --robot robots/hand3              # in a checkout: cargo ros2 ...";
 
 pub const KEY: &str = "\
 Examples:
