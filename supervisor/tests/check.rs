@@ -89,7 +89,7 @@ fn every_mistake_of_both_files_is_told_in_one_go() {
             "robot.urdf:75: joint finger1_curl: 46 m",
             "controller.toml:10: ",
             "supply_minimum",
-            "controller.toml:39: [joints.thumb]: the URDF has no such joint",
+            "controller.toml:41: [joints.thumb]: the URDF has no such joint",
             "controller.toml:43: joint finger2_bend: unknown key motor.torqe",
             "controller.toml:36: joints finger1_swing, finger1_bend",
             "invalid type: string \"fast\", expected f32",
@@ -115,7 +115,7 @@ fn values_that_make_no_sense_are_told_for_every_joint_with_the_line_of_their_fil
         &[
             "robot.urdf:34: joint finger1_swing: limits.velocity = 0 must be above 0",
             "<limit velocity",
-            "controller.toml:40: joint finger2_bend: motor.torque_constant = -0.5 must be above 0",
+            "controller.toml:42: joint finger2_bend: motor.torque_constant = -0.5 must be above 0",
             "2 problems found",
         ],
     );
