@@ -26,21 +26,31 @@ pub fn path(binary: &str) -> PathBuf {
     target().join(TARGET).join("firmware").join(binary)
 }
 
-/// Builds `binary` with `features`.
-pub fn build(compiler: ArmCompiler, binary: &str, features: &[&str]) -> Result<PathBuf> {
+/// The programs that run on the emulated board alone.
+pub const ON_TARGET: &[&str] = &["bench", "replay", "selftest", "vision"];
+
+/// Builds the programs of [`ON_TARGET`], at once: each is optimised as a whole, by one core.
+pub fn build_on_target(compiler: ArmCompiler) -> Result<()> {
     let mut command = compiler.cargo_build()?;
-    command.args(["--bin", binary]);
+    command.args(ON_TARGET.iter().flat_map(|binary| ["--bin", binary])).args(["--features", "on-target"]);
+    tools::run(&mut command)
+}
+
+/// Builds the image with `features`.
+fn build(compiler: ArmCompiler, features: &[&str]) -> Result<PathBuf> {
+    let mut command = compiler.cargo_build()?;
+    command.args(["--bin", IMAGE]);
     if !features.is_empty() {
         command.args(["--features", &features.join(",")]);
     }
     tools::run(&mut command)?;
-    std::path::absolute(path(binary)).context("the image's path")
+    std::path::absolute(path(IMAGE)).context("the image's path")
 }
 
 /// Builds the image of a board: `board` is its feature. Cargo puts every board's image at the same path, so
 /// it is copied.
 pub fn build_for_board(compiler: ArmCompiler, board: &str) -> Result<PathBuf> {
-    let built = build(compiler, IMAGE, &[board])?;
+    let built = build(compiler, &[board])?;
     let image = built.with_file_name(format!("{IMAGE}-{board}"));
     std::fs::copy(&built, &image).with_context(|| image.display().to_string())?;
     Ok(image)
@@ -56,7 +66,7 @@ pub fn sha256(file: &Path) -> Result<String> {
 pub fn run() -> Result<()> {
     let compiler = ArmCompiler::provide()?;
     tools::provide_qemu()?;
-    let image = build(compiler, IMAGE, &[])?;
+    let image = build(compiler, &[])?;
     let mut host_sim = Command::new("cargo");
     host_sim.args(["run", "--release", "--quiet", "-p", "tesaki-sim", "--bin", "host-sim", "--"]);
     report(&image, host_sim)

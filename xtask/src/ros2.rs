@@ -1,6 +1,6 @@
 //! `cargo xtask ros2`: the ROS 2 node, with Cyclone DDS as the other side.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
 use std::time::Instant;
 
@@ -10,7 +10,8 @@ use tesaki_output::say;
 use crate::test::out;
 use crate::{firmware, test, tools};
 
-/// A workspace of its own: nothing else is built any slower for the DDS in it.
+/// A workspace of its own: nothing else is built any slower for the DDS in it. It is built where everything is, with what
+/// others have built.
 const FOLDER: &str = "ros2";
 /// What its tests need, as pip calls it.
 const PACKAGES: &[&str] = &["cyclonedds>=11,<12", "numpy>=2,<3", "pytest>=8,<10"];
@@ -38,7 +39,7 @@ pub fn check_built() -> Result<()> {
 fn check(options: &Options) -> Result<()> {
     let start = Instant::now();
     let python = tools::provide_python(&out("ros2"), PACKAGES, "cyclonedds, numpy, pytest")?;
-    let target = std::path::absolute(target())?;
+    let target = std::path::absolute(firmware::target())?;
     let cargo = |arguments: &[&str]| {
         let mut command = test::cargo(arguments);
         command.current_dir(FOLDER).env("CARGO_TARGET_DIR", &target);
@@ -47,21 +48,16 @@ fn check(options: &Options) -> Result<()> {
     tools::run(&mut cargo(&["fmt", "--check"]))?;
     let all = ["clippy", "--release", "--quiet", "--all-targets", "--", "-D", "warnings"];
     tools::run(&mut cargo(&all))?;
-    tools::run(&mut cargo(&["build", "--release", "--quiet"]))?;
     tools::run(&mut cargo(&["test", "--release", "--quiet"]))?;
-    let release = std::path::absolute(firmware::target().join("release"))?;
+    tools::run(&mut cargo(&["build", "--release", "--quiet"]))?;
+    let release = target.join("release");
     let mut tests = Command::new(python);
     tests.args(["-m", "pytest", "--quiet", "-p", "no:cacheprovider", "-rP", "--no-header"]);
     tests.arg(Path::new(FOLDER).join("tests")).env("PYTHONDONTWRITEBYTECODE", "1");
     tests.env("TESAKI_SIM", release.join("host-sim")).env("TESAKI", release.join("tesaki"));
-    tests.env("TESAKI_ROS2", target.join("release/tesaki-ros2"));
+    tests.env("TESAKI_ROS2", release.join("tesaki-ros2"));
     tests.env("TESAKI_ROS2_SECONDS", options.seconds.to_string());
     tools::run(&mut tests)?;
     say!("{:.0} s for the ROS 2 node", start.elapsed().as_secs_f64());
     Ok(())
-}
-
-/// Where it is built, as the alias `cargo ros2` does.
-fn target() -> PathBuf {
-    firmware::target().join(FOLDER)
 }

@@ -117,8 +117,10 @@ fn on_the_board(steps: &mut Steps, compiler: ArmCompiler) -> Result<()> {
         let emulated = firmware::build_for_board(compiler, "board-emulated")?;
         let weact = firmware::build_for_board(compiler, chip::BOARD)?;
         let image = firmware::build_for_board(compiler, firmware::BOARD)?;
-        let selftest = firmware::build(compiler, "selftest", &["on-target"])?;
-        Ok((emulated, weact, image, selftest, firmware::build(compiler, "replay", &["on-target"])?))
+        firmware::build_on_target(compiler)?;
+        let [selftest, replay] =
+            ["selftest", "replay"].map(|binary| std::path::absolute(firmware::path(binary)));
+        Ok((emulated, weact, image, selftest?, replay?))
     };
     let (emulated, weact, image, selftest, replay) = steps.run("the firmware images", build)?;
     steps.run("unit tests on the emulated board", || {

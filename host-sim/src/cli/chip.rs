@@ -6,16 +6,18 @@ use std::ops::RangeInclusive;
 use std::path::PathBuf;
 
 use clap::Args;
+use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use sha2::{Digest, Sha256};
 use tesaki_output::say;
 use tesaki_sim::report::{Summary, table};
+use tesaki_sim::scenario::ScenarioError;
 use tesaki_sim::scenario::finger_on_chip::{self, Programs};
 
 use super::{seeds, target, workspace};
 
 #[derive(Args)]
 pub struct Chip {
-    /// Seed of the machine's deviations and noise; a range such as 1-20 runs all of them in turn
+    /// Seed of the machine's deviations and noise; a range such as 1-20 runs all of them
     #[arg(long, default_value = "1", value_parser = seeds)]
     seed: RangeInclusive<u64>,
     /// Print one JSON object per seed instead of the table
@@ -39,17 +41,16 @@ pub struct Chip {
 pub fn run(options: &Chip) -> Result<bool, Box<dyn Error>> {
     let robot = options.robot.clone().unwrap_or_else(|| workspace().join("robots/hand3"));
     let programs = Programs { chip: &options.chip, image: &options.elf };
-    let mut summaries = Vec::new();
-    for seed in options.seed.clone() {
-        let summary = finger_on_chip::run(&robot, seed, programs)?;
-        let digest = Sha256::digest(std::fs::read(&options.elf)?);
-        let summary = summary.elf_sha256(digest.iter().map(|byte| format!("{byte:02x}")).collect::<String>());
-        if options.json {
-            say!("{}", serde_json::to_string(&summary)?);
+    let digest = Sha256::digest(std::fs::read(&options.elf)?);
+    let digest: String = digest.iter().map(|byte| format!("{byte:02x}")).collect();
+    let run = |seed| Ok(finger_on_chip::run(&robot, seed, programs)?.elf_sha256(&digest));
+    let summaries =
+        options.seed.clone().into_par_iter().map(run).collect::<Result<Vec<_>, ScenarioError>>()?;
+    if options.json {
+        for summary in &summaries {
+            say!("{}", serde_json::to_string(summary)?);
         }
-        summaries.push(summary);
-    }
-    if !options.json {
+    } else {
         let colour = std::io::stdout().is_terminal() && std::env::var_os("NO_COLOR").is_none();
         say!("{}", table(&summaries, colour));
     }

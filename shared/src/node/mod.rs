@@ -46,14 +46,13 @@ pub use state::{STATE_KEY, State};
 use heapless::Vec;
 
 use crate::fault::{Fault, FaultLog};
-use crate::model::{MAX_JOINTS, Reaction};
+use crate::model::Reaction;
 use crate::protocol::{
     BoardStatus, FromBoard, JointTelemetry, Mode, Stream, TaskReport, Telemetry, TipTelemetry, Tips,
 };
 use crate::robot::{Postures, Robot};
 use crate::task::{Io, TaskState};
 use export::Export;
-use joint::JointState;
 use transfer::Transfer;
 
 /// The controller of one board: configuration (the [`Robot`]) and state.
@@ -221,15 +220,5 @@ impl Node {
         let Self { robot, postures, state, .. } = self;
         let State { measured, references, targets, task, joints, .. } = state;
         (task, Io { robot, measured, postures, efforts: joints, references, targets })
-    }
-
-    /// One value for each joint of the robot.
-    fn for_each_joint(&self, value: fn(&JointState) -> f32) -> Vec<f32, MAX_JOINTS> {
-        let mut list = Vec::new();
-        for state in self.state.joints.iter().take(self.robot.joints().len()) {
-            // Cannot fail: one place per state. (`collect` would add a panic.)
-            let _ = list.push(value(state));
-        }
-        list
     }
 }

@@ -41,20 +41,34 @@ impl Node {
             self.fail(fault);
         }
         self.compute_torques();
-        if let Some(fault) = self.find_not_finite() {
-            self.fail(fault);
+        let mut frame = ActuatorFrame { sequence: sensors.sequence, ..ActuatorFrame::default() };
+        if !self.write_torques(&mut frame) {
+            if let Some(fault) = self.find_not_finite() {
+                self.fail(fault);
+            }
             self.release();
+            self.write_torques(&mut frame);
         }
-        let enabled = match self.state.mode {
+        frame.enabled = match self.state.mode {
             Mode::Disabled => false,
             Mode::Enabled(_) => true,
             Mode::Fault => self.state.reaction != Reaction::Off,
         };
-        ActuatorFrame {
-            sequence: sensors.sequence,
-            enabled,
-            torques: self.for_each_joint(|joint| joint.torque),
+        frame
+    }
+
+    /// Writes the torques of the joints into the frame. Returns whether all of them are finite.
+    #[inline]
+    fn write_torques(&self, frame: &mut ActuatorFrame) -> bool {
+        frame.torques.clear();
+        let mut sum = 0.0;
+        for joint in self.state.joints.iter().take(self.robot.joints().len()) {
+            // 0 times what is not finite is not a number.
+            sum += 0.0 * joint.torque;
+            // Cannot fail: one place per joint. (`collect` would add a panic.)
+            let _ = frame.torques.push(joint.torque);
         }
+        sum == 0.0
     }
 
     /// Runs the task while it is enabled, or brings the robot to rest. Returns the fault that stops it.

@@ -40,7 +40,7 @@ fn accepts<T: DeserializeOwned + Serialize>(bytes: &[u8], pieces: usize, seed: u
 #[test]
 fn the_codec_takes_any_bytes() {
     let model = model();
-    fuzz("codec", |seed| {
+    fuzz("codec", 100_000, |seed| {
         let mut random = Random(seed);
         let mut bytes = Vec::new();
         for _ in 0..random.below(6) {

@@ -1,4 +1,4 @@
-//! Arbitrary bytes into the codec, arbitrary requests in arbitrary orders into the node. Five seconds in the
+//! Arbitrary bytes into the codec, arbitrary requests in arbitrary orders into the node. Some seconds in the
 //! checks; `TESAKI_FUZZ_SECONDS=1800 cargo test --release -p tesaki-tests --test fuzz -- --nocapture` for
 //! longer. The seed of a failure is in its message; `TESAKI_FUZZ_SEED` repeats it.
 #![allow(
@@ -24,23 +24,27 @@ use tesaki::model::RobotModel;
 use tesaki::task::grasping::GraspPlan;
 use tesaki_tests::{robot, robot_folder};
 
-/// Runs `body` with seed after seed for as long as asked.
-fn fuzz(name: &str, body: impl Fn(u64)) {
+/// Runs `body` with seed after seed: `runs` of them, the same ones on every machine, or new ones for as long as
+/// asked. Returns how many it were.
+fn fuzz(name: &str, runs: u64, body: impl Fn(u64)) -> u64 {
     let number = |variable: &str| std::env::var(variable).ok().and_then(|text| text.parse::<u64>().ok());
     if let Some(seed) = number("TESAKI_FUZZ_SEED") {
-        return body(seed);
+        body(seed);
+        return 1;
     }
-    let duration = Duration::from_secs(number("TESAKI_FUZZ_SECONDS").unwrap_or(5));
-    let start = Instant::now();
-    // The short run takes the same seeds each time; the long one goes on where no other has been.
-    let mut seed =
-        if number("TESAKI_FUZZ_SECONDS").is_some() { u64::from(std::process::id()) << 32 } else { 0 };
-    let first = seed;
+    let Some(seconds) = number("TESAKI_FUZZ_SECONDS") else {
+        (0..runs).for_each(body);
+        return runs;
+    };
+    let (start, duration) = (Instant::now(), Duration::from_secs(seconds));
+    let first = u64::from(std::process::id()) << 32;
+    let mut seed = first;
     while start.elapsed() < duration {
         body(seed);
         seed += 1;
     }
     println!("{name}: {} runs from seed {first}", seed - first);
+    seed - first
 }
 
 fn box_plan() -> GraspPlan {

@@ -10,7 +10,7 @@ use super::{fuzz, model};
 #[test]
 fn the_node_keeps_its_limits_whatever_it_is_asked() {
     let model = model();
-    fuzz("node", |seed| {
+    fuzz("node", 500, |seed| {
         let mut random = Random(seed);
         let mut rig = Rig::new(&model, 24_000, seed);
         let mut sequences = [u32::from(rig.sequence), 0, 0];
