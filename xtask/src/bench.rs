@@ -52,9 +52,9 @@ const LIMITS: &[(&str, f64)] = &[
     // 100 ms at 168 MHz and 1.5 cycles each are 11 200 000 instructions: the window takes twice as many.
     ("find_circle", 35_500_000.0),
     ("find_circle_window", 20_000_000.0),
-    // 5977 before encoders were found dead that flicker by a count.
-    ("node_tick_9_pid", 6100.0),
-    ("node_tick_9_observer", 6100.0),
+    // The compiler's choices vary with the path of the checkout, here by some tens.
+    ("node_tick_9_pid", 6200.0),
+    ("node_tick_9_observer", 6200.0),
 ];
 
 /// Least simulated seconds per second of CPU time.
