@@ -10,8 +10,8 @@ use tesaki_output::say;
 use crate::test::out;
 use crate::{firmware, test, tools};
 
-/// A workspace of its own: nothing else is built any slower for the DDS in it. It is built where everything is, with what
-/// others have built.
+/// A workspace of its own: nothing else is built any slower for the DDS in it. It is built where everything
+/// is, with what others have built.
 const FOLDER: &str = "ros2";
 /// What its tests need, as pip calls it.
 const PACKAGES: &[&str] = &["cyclonedds>=11,<12", "numpy>=2,<3", "pytest>=8,<10"];

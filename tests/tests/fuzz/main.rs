@@ -24,8 +24,8 @@ use tesaki::model::RobotModel;
 use tesaki::task::grasping::GraspPlan;
 use tesaki_tests::{robot, robot_folder};
 
-/// Runs `body` with seed after seed: `runs` of them, the same ones on every machine, or new ones for as long as
-/// asked. Returns how many it were.
+/// Runs `body` with seed after seed: `runs` of them, the same ones on every machine, or new ones for as long
+/// as asked. Returns how many it were.
 fn fuzz(name: &str, runs: u64, body: impl Fn(u64)) -> u64 {
     let number = |variable: &str| std::env::var(variable).ok().and_then(|text| text.parse::<u64>().ok());
     if let Some(seed) = number("TESAKI_FUZZ_SEED") {
