@@ -108,7 +108,7 @@ fn full(steps: &mut Steps) -> Result<()> {
     steps.run("the page against its sources, and in a browser", viewer::check_built)?;
     steps.run("rosbags reads recordings, the example client moves a joint", || other_programs(&python))?;
     steps.run("the Python package", python::check)?;
-    steps.run("the ROS 2 node against Cyclone DDS", ros2::check_built)?;
+    steps.run("the ROS 2 node against Cyclone DDS", ros2::check)?;
     on_the_board(steps, compiler)
 }
 
@@ -188,12 +188,8 @@ fn dependencies(python: &Path) -> Result<()> {
         command
     };
     tools::run(&mut deny(&["check", "--hide-inclusion-graph", "licenses", "bans", "sources"]))?;
-    // Of the ROS 2 node, which is a workspace of its own, duplicates slow down nobody else.
-    let ros2 = ["--manifest-path", "ros2/Cargo.toml", "--config", "deny.toml", "check"];
-    tools::run(deny(&ros2).args(["--hide-inclusion-graph", "licenses", "sources"]))?;
     if tools::succeeds(&mut deny(&["fetch", "db"])) {
         tools::run(&mut deny(&["check", "--disable-fetch", "advisories"]))?;
-        tools::run(deny(&ros2).args(["--disable-fetch", "advisories"]))?;
     } else {
         say!("advisories: skipped, their database cannot be reached");
     }
