@@ -96,10 +96,10 @@ pub fn semihosted(program: &Path, arguments: &[String]) -> Result<String> {
 }
 
 fn instructions(compiler: ArmCompiler) -> Result<BTreeMap<String, f64>> {
-    firmware::build_on_target(compiler)?;
+    let programs = firmware::build_on_target(compiler)?;
     let mut text = String::new();
     for program in ["bench", "vision"] {
-        text += &semihosted(&firmware::path(program), &[])?;
+        text += &semihosted(&programs.join(program), &[])?;
     }
     let counts = text.lines().filter_map(|line| {
         let (name, count) = line.split_once(' ')?;

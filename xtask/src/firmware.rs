@@ -21,19 +21,22 @@ pub fn target() -> PathBuf {
     std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| PathBuf::from("target"), PathBuf::from)
 }
 
-/// Where a binary of the firmware lies once built.
-pub fn path(binary: &str) -> PathBuf {
-    target().join(TARGET).join("firmware").join(binary)
-}
-
 /// The programs that run on the emulated board alone.
 pub const ON_TARGET: &[&str] = &["bench", "replay", "selftest", "vision"];
 
-/// Builds the programs of [`ON_TARGET`], at once: each is optimised as a whole, by one core.
-pub fn build_on_target(compiler: ArmCompiler) -> Result<()> {
+/// Builds the programs of [`ON_TARGET`], all at once: each is optimised as a whole, by one core. In a folder of
+/// their own, so that images can be built meanwhile. Returns the folder.
+pub fn build_on_target(compiler: ArmCompiler) -> Result<PathBuf> {
+    let target = target().join("on-target");
     let mut command = compiler.cargo_build()?;
     command.args(ON_TARGET.iter().flat_map(|binary| ["--bin", binary])).args(["--features", "on-target"]);
-    tools::run(&mut command)
+    tools::run(command.arg("--target-dir").arg(&target))?;
+    built(&target)
+}
+
+/// The folder with the programs that were built in `target`.
+fn built(target: &Path) -> Result<PathBuf> {
+    std::path::absolute(target.join(TARGET).join("firmware")).context("the folder with the images")
 }
 
 /// Builds the image with `features`.
@@ -44,7 +47,7 @@ fn build(compiler: ArmCompiler, features: &[&str]) -> Result<PathBuf> {
         command.args(["--features", &features.join(",")]);
     }
     tools::run(&mut command)?;
-    std::path::absolute(path(IMAGE)).context("the image's path")
+    Ok(built(&target())?.join(IMAGE))
 }
 
 /// Builds the image of a board: `board` is its feature. Cargo puts every board's image at the same path, so

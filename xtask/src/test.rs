@@ -113,16 +113,17 @@ fn full(steps: &mut Steps) -> Result<()> {
 }
 
 fn on_the_board(steps: &mut Steps, compiler: ArmCompiler) -> Result<()> {
+    // Most of the time one core optimises a whole image.
     let build = || {
-        let emulated = firmware::build_for_board(compiler, "board-emulated")?;
-        let weact = firmware::build_for_board(compiler, chip::BOARD)?;
-        let image = firmware::build_for_board(compiler, firmware::BOARD)?;
-        firmware::build_on_target(compiler)?;
-        let [selftest, replay] =
-            ["selftest", "replay"].map(|binary| std::path::absolute(firmware::path(binary)));
-        Ok((emulated, weact, image, selftest?, replay?))
+        std::thread::scope(|scope| {
+            let programs = scope.spawn(|| firmware::build_on_target(compiler));
+            let image = |board| firmware::build_for_board(compiler, board);
+            let images = (image("board-emulated")?, image(chip::BOARD)?, image(firmware::BOARD)?);
+            Ok((images, programs.join().expect("a build does not panic")?))
+        })
     };
-    let (emulated, weact, image, selftest, replay) = steps.run("the firmware images", build)?;
+    let ((emulated, weact, image), programs) = steps.run("the firmware images", build)?;
+    let (selftest, replay) = (programs.join("selftest"), programs.join("replay"));
     steps.run("unit tests on the emulated board", || {
         tesaki_output::print(format_args!("{}", bench::semihosted(&selftest, &[])?));
         Ok(())
