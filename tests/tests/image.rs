@@ -61,7 +61,7 @@ const NOT_REPLAYED: [&str; 3] = ["hand5-calibrate", "knob-find", "hand3-paper-cu
 #[ignore = "needs the firmware image: cargo xtask test"]
 fn the_image_answers_every_tick_of_a_run_with_the_bytes_of_the_native_core() {
     // The others by their recordings, which is as strict and much faster.
-    for scenario in ["hand3-reach", "arm7-elbow", "hand5-teleop"].map(|name| Scenario::find(name).unwrap()) {
+    for scenario in ["hand3-reach", "arm7-elbow"].map(|name| Scenario::find(name).unwrap()) {
         let mut qemu = Qemu::boot(&image("TESAKI_ELF")).unwrap();
         let mut watched = Watched::new(&mut qemu, true);
         let outcome = run(scenario, &mut watched, 1);
@@ -196,10 +196,11 @@ fn faults_are_named_by_the_image_and_still_there_after_a_reset() {
 }
 
 /// The line to the image under heavy damage: nothing damaged is answered, and the link works again at once.
+/// `TESAKI_DAMAGED_FRAMES` makes it longer.
 #[test]
 #[ignore = "needs the firmware image: cargo xtask test"]
 fn the_image_acts_on_no_damaged_frame() {
-    const DAMAGED: u64 = 100_000;
+    let damaged: u64 = std::env::var("TESAKI_DAMAGED_FRAMES").map_or(20_000, |count| count.parse().unwrap());
     let mut qemu = Qemu::boot(&image("TESAKI_ELF")).unwrap();
     // Commands change nothing here: this client has not taken the command.
     let before = qemu.status().unwrap();
@@ -207,7 +208,7 @@ fn the_image_acts_on_no_damaged_frame() {
     let mut damage = Damage::new(&faults, 0);
     let mut pc = Decoder::new();
     let (mut sent, mut intact, mut sequence) = (0, 0, 0_u16);
-    while sent - intact < DAMAGED {
+    while sent - intact < damaged {
         let mut wire = Vec::new();
         let mut burst = HashSet::new();
         let mut frame = |request| {
@@ -251,7 +252,8 @@ fn the_image_acts_on_no_damaged_frame() {
     let after = qemu.status().unwrap();
     assert_eq!(after.node, before.node);
     let link = after.board.supervisor_link;
-    assert!(link.frames.framing > 1000 && link.frames.checksum > 1000, "{link:?}");
+    let found = [link.frames.framing, link.frames.checksum].map(u64::from);
+    assert!(found[0] > damaged / 4 && found[1] > damaged / 8, "{link:?}");
     assert_eq!((link.receive_errors, after.board.reset), (0, before.board.reset));
     println!("{sent} sent, {intact} intact: {link:?}");
 }
