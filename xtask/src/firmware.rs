@@ -24,8 +24,8 @@ pub fn target() -> PathBuf {
 /// The programs that run on the emulated board alone.
 pub const ON_TARGET: &[&str] = &["bench", "replay", "selftest", "vision"];
 
-/// Builds the programs of [`ON_TARGET`], all at once: each is optimised as a whole, by one core. In a folder of
-/// their own, so that images can be built meanwhile. Returns the folder.
+/// Builds the programs of [`ON_TARGET`], all at once: each is optimised as a whole, by one core. In a folder
+/// of their own, so that images can be built meanwhile. Returns the folder.
 pub fn build_on_target(compiler: ArmCompiler) -> Result<PathBuf> {
     let target = target().join("on-target");
     let mut command = compiler.cargo_build()?;
