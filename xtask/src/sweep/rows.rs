@@ -68,8 +68,6 @@ pub enum Rows {
     Limits(&'static [Row]),
     /// What a paper printed, its law on our machines, and ours.
     Comparison(&'static [Pair]),
-    /// The same on the development machines. No evaluation machine is asked for its scenarios.
-    Development(&'static [Pair]),
 }
 
 /// A table of a document.
@@ -115,14 +113,6 @@ const fn row(scenario: &'static str, metric: &'static str, label: &'static str) 
 
 const fn magnitude(scenario: &'static str, metric: &'static str, label: &'static str) -> Row {
     Row { bound: Bound::Within, ..row(scenario, metric, label) }
-}
-
-/// Whether a scenario is shown on the development machines only.
-pub fn is_development_only(scenario: &str) -> bool {
-    tables().any(|table| {
-        let Rows::Development(pairs) = table.rows else { return false };
-        pairs.iter().flat_map(Pair::rows).any(|row| row.scenario == scenario)
-    })
 }
 
 /// All tables.

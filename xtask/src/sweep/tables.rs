@@ -71,26 +71,21 @@ fn replace(text: &str, name: &str, lines: &str) -> Result<String> {
     Ok(format!("{head}{begin}\n{lines}{END}{tail}"))
 }
 
-/// Recorded sweeps of a set by scenario; `None` where nothing is recorded.
+/// Recorded sweeps of the evaluation machines by scenario; `None` where nothing is recorded.
 type Sweeps = BTreeMap<&'static str, Option<Sweep>>;
 
 /// The lines of a table, and a sentence about its machines.
 fn generate(table: &Table, folder: &Path) -> Result<String> {
     match table.rows {
-        Rows::Limits(rows) => limits(rows, &load(rows.iter().copied(), folder, Set::Evaluation)?),
-        Rows::Comparison(pairs) => comparison_of(pairs, folder, Set::Evaluation),
-        Rows::Development(pairs) => comparison_of(pairs, folder, Set::Development),
+        Rows::Limits(rows) => limits(rows, &load(rows.iter().copied(), folder)?),
+        Rows::Comparison(pairs) => comparison(pairs, &load(pairs.iter().flat_map(Pair::rows), folder)?),
     }
 }
 
-fn comparison_of(pairs: &[Pair], folder: &Path, set: Set) -> Result<String> {
-    comparison(pairs, set, &load(pairs.iter().flat_map(Pair::rows), folder, set)?)
-}
-
-fn load(rows: impl Iterator<Item = Row>, folder: &Path, set: Set) -> Result<Sweeps> {
+fn load(rows: impl Iterator<Item = Row>, folder: &Path) -> Result<Sweeps> {
     let mut sweeps = Sweeps::new();
     for row in rows {
-        let sweep = Sweep::load(folder, row.scenario, set)?;
+        let sweep = Sweep::load(folder, row.scenario, Set::Evaluation)?;
         sweeps.insert(row.scenario, sweep.filter(|sweep| !sweep.machines.is_empty()));
     }
     Ok(sweeps)
@@ -103,7 +98,7 @@ fn printed<'a>(row: &Row, sweeps: &'a Sweeps) -> Option<&'a str> {
 }
 
 fn limits(rows: &[Row], sweeps: &Sweeps) -> Result<String> {
-    let mut text = caption(Set::Evaluation, sweeps);
+    let mut text = caption(sweeps);
     let paper = rows.iter().any(|row| printed(row, sweeps).is_some());
     text += "\n| | limit | median | 95th percentile | machines within the limit |";
     text += if paper { " paper |\n|---|---|---|---|---|---|\n" } else { "\n|---|---|---|---|---|\n" };
@@ -121,8 +116,8 @@ fn limits(rows: &[Row], sweeps: &Sweeps) -> Result<String> {
 
 /// Medians and 95th percentiles of the paper's law and of ours, beside what the paper printed. Without its
 /// law, where it is ours, two columns are enough.
-fn comparison(pairs: &[Pair], set: Set, sweeps: &Sweeps) -> Result<String> {
-    let mut text = caption(set, sweeps);
+fn comparison(pairs: &[Pair], sweeps: &Sweeps) -> Result<String> {
+    let mut text = caption(sweeps);
     let both = pairs.iter().any(|pair| pair.papers_law.is_some());
     text += if both {
         "\n| median (95th percentile) | the paper | its law here | ours | error: its law over ours |\n|---|---|---|---|---|\n"
@@ -157,9 +152,9 @@ fn value(row: &Row, sweeps: &Sweeps) -> Result<(f64, String)> {
     Ok((statistics.median, format!("{median} ({})", digits(statistics.percentile_95, None))))
 }
 
-/// Which machines and commits a table is about, and how many of a set are still missing.
-fn caption(set: Set, sweeps: &Sweeps) -> String {
-    let all = set.seeds().len();
+/// Which machines and commits a table is about, and how many machines are still missing.
+fn caption(sweeps: &Sweeps) -> String {
+    let all = Set::Evaluation.seeds().len();
     let mut commits: Vec<&str> = sweeps.values().flatten().map(|sweep| sweep.commit.as_str()).collect();
     commits.sort_unstable();
     commits.dedup();
@@ -169,7 +164,7 @@ fn caption(set: Set, sweeps: &Sweeps) -> String {
         .filter(|(_, machines)| *machines < all)
         .map(|(scenario, machines)| format!("{machines} of `{scenario}`"))
         .collect();
-    let mut text = format!("\n{all} {} machines", set.name());
+    let mut text = format!("\n{all} evaluation machines");
     if !missing.is_empty() {
         text += " planned";
     }
@@ -306,13 +301,6 @@ mod tests {
         // 0.5 over 0.2.
         let expected = "| Error | 1–2 mm | 0.500 mm (1) | 0.200 mm (0.250) | 2.5 × |\n";
         assert!(told.ends_with(expected), "{told}");
-        // Nothing is recorded of the other set, to which the seeds of 1001 and more belong.
-        let development = Table { rows: Rows::Development(Box::leak(Box::new([pair]))), ..TABLE };
-        let told = generate(&development, folder.path()).unwrap();
-        assert!(
-            told.starts_with("\n20 development machines planned; recorded so far: 0 of `arm`."),
-            "{told}"
-        );
     }
 
     #[test]
@@ -348,9 +336,7 @@ mod tests {
         for (index, table) in tables().enumerate() {
             assert!(match table.rows {
                 Rows::Limits(rows) => !rows.is_empty(),
-                Rows::Comparison(pairs) | Rows::Development(pairs) => {
-                    pairs.iter().all(|pair| pair.rows().next().is_some())
-                }
+                Rows::Comparison(pairs) => pairs.iter().all(|pair| pair.rows().next().is_some()),
             });
             let again = |other: &Table| (other.document, other.name) == (table.document, table.name);
             assert!(!tables().skip(index + 1).any(again), "{}", table.name);

@@ -366,7 +366,7 @@ pub const TABLES: &[Table] = &[
     Table { document: ARM7_PAGE, name: "arm7-elbow", rows: Rows::Comparison(ARM7_ELBOWS) },
     Table { document: ARM7_PAGE, name: "arm7-figure7", rows: Rows::Comparison(ARM7_FIGURE7) },
     Table { document: ARM7_PAGE, name: "arm7-bilateral", rows: Rows::Comparison(ARM7_BILATERAL) },
-    Table { document: ARM7_PAGE, name: "arm7-matrices", rows: Rows::Development(ARM7_PUSHES) },
+    Table { document: ARM7_PAGE, name: "arm7-matrices", rows: Rows::Comparison(ARM7_PUSHES) },
     Table { document: HAND5_PAGE, name: "hand5-figure4", rows: Rows::Comparison(HAND5_FIGURE4) },
     Table { document: HAND5_PAGE, name: "hand5-quick", rows: Rows::Comparison(HAND5_QUICK) },
     Table { document: HAND5_PAGE, name: "hand5-figure5", rows: Rows::Comparison(HAND5_FIGURE5) },
