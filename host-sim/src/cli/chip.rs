@@ -6,11 +6,11 @@ use std::ops::RangeInclusive;
 use std::path::PathBuf;
 
 use clap::Args;
-use rayon::iter::{IntoParallelIterator, ParallelIterator};
+use rayon::iter::{Either, IntoParallelIterator, ParallelIterator};
 use sha2::{Digest, Sha256};
 use tesaki_output::say;
+use tesaki_sim::chip::ChipError;
 use tesaki_sim::report::{Summary, table};
-use tesaki_sim::scenario::ScenarioError;
 use tesaki_sim::scenario::finger_on_chip::{self, Programs};
 
 use super::{seeds, target, workspace};
@@ -37,22 +37,29 @@ pub struct Chip {
     chip: PathBuf,
 }
 
-/// Runs the finger on each seed; `false` if a metric failed.
+/// Runs the finger on each seed; `false` if a metric failed. What came to its end is printed also where
+/// another seed did not.
 pub fn run(options: &Chip) -> Result<bool, Box<dyn Error>> {
     let robot = options.robot.clone().unwrap_or_else(|| workspace().join("robots/hand3"));
     let programs = Programs { chip: &options.chip, image: &options.elf };
-    let digest = Sha256::digest(std::fs::read(&options.elf)?);
+    let image = std::fs::read(&options.elf).map_err(|_| ChipError::Missing(options.elf.clone()))?;
+    let digest = Sha256::digest(image);
     let digest: String = digest.iter().map(|byte| format!("{byte:02x}")).collect();
-    let run = |seed| Ok(finger_on_chip::run(&robot, seed, programs)?.elf_sha256(&digest));
-    let summaries =
-        options.seed.clone().into_par_iter().map(run).collect::<Result<Vec<_>, ScenarioError>>()?;
+    let run = |seed| match finger_on_chip::run(&robot, seed, programs) {
+        Ok(summary) => Either::Left(summary.elf_sha256(&digest)),
+        Err(error) => Either::Right(format!("seed {seed}: {error}")),
+    };
+    let (summaries, errors): (Vec<_>, Vec<_>) = options.seed.clone().into_par_iter().partition_map(run);
     if options.json {
         for summary in &summaries {
             say!("{}", serde_json::to_string(summary)?);
         }
-    } else {
+    } else if !summaries.is_empty() {
         let colour = std::io::stdout().is_terminal() && std::env::var_os("NO_COLOR").is_none();
         say!("{}", table(&summaries, colour));
+    }
+    if !errors.is_empty() {
+        return Err(errors.join("\n").into());
     }
     Ok(summaries.iter().all(Summary::pass))
 }

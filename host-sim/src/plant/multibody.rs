@@ -366,8 +366,8 @@ impl Multibody {
             }
             for (row, response) in self.rows.iter_mut().zip(self.responses.chunks_exact(size)) {
                 let velocity = row.bias + self.velocities[row.joint];
-                let wanted = row.impulse + row.gain * (velocity - row.compliance * row.impulse);
-                let impulse = wanted.min(row.bounds[1]).max(row.bounds[0]);
+                let unbounded = row.impulse + row.gain * (velocity - row.compliance * row.impulse);
+                let impulse = unbounded.min(row.bounds[1]).max(row.bounds[0]);
                 let change = impulse - row.impulse;
                 if change != 0.0 {
                     row.impulse = impulse;

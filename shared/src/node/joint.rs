@@ -194,6 +194,12 @@ impl JointState {
         (self.torque, self.effort) = (0.0, 0.0);
         self.servo.clear_torque();
     }
+
+    /// Forgets what the servo has learnt. It begins anew when the joint is enabled.
+    #[cold]
+    pub fn forget(&mut self) {
+        self.servo = JointServoState::at(0.0);
+    }
 }
 
 impl Joint<'_> {

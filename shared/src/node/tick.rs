@@ -2,7 +2,7 @@ use core::ops::Range;
 
 use super::Node;
 use super::handle::joints;
-use super::joint::Joints;
+use super::joint::{JointState, Joints};
 use super::optional::Optional;
 use crate::TICK;
 use crate::control::{JointPoint, STALL_SPEED, ServoMode};
@@ -46,6 +46,7 @@ impl Node {
             if let Some(fault) = self.find_not_finite() {
                 self.fail(fault);
             }
+            self.state.joints.iter_mut().for_each(JointState::forget);
             self.release();
             self.write_torques(&mut frame);
         }

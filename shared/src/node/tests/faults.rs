@@ -26,6 +26,33 @@ fn an_encoder_jump_switches_the_outputs_off() {
     assert!(!output.enabled && output.torques == [0.0; 3]);
 }
 
+/// What the servos learnt from such a torque is no number either, and is forgotten.
+#[test]
+fn a_torque_that_is_no_number_switches_the_outputs_off_in_its_tick() {
+    let mut rig = Rig::enabled(&model());
+    // In motion the servo learns the friction.
+    let mut ticks = 0;
+    while rig.node.state.references[1].velocity < 0.06 {
+        assert_eq!(rig.goal([0.0, 0.3, 0.0]), Reply::Done);
+        rig.tick();
+        rig.sensors.encoders[1] += (rig.node.state.references[1].velocity * 0.01 * COUNTS_PER_RADIAN) as i32;
+        ticks += 1;
+        assert!(ticks < 50 && rig.node.mode() != Mode::Fault, "{:?}", rig.node.faults());
+    }
+    rig.node.state.targets.joints[1].feedforward = f32::NAN;
+    let output = rig.tick();
+    assert!(!output.enabled && output.torques == [0.0; 3], "{output:?}");
+    let fault = *rig.node.faults().faults.last().unwrap();
+    assert_eq!((fault.cause, fault.joint), (FaultCause::NotFinite, Some(1)));
+    rig.clear_faults();
+    assert_eq!(rig.enable(), Reply::Done);
+    for tick in 0..100 {
+        let output = rig.tick();
+        assert!(output.enabled, "{tick}: {:?}", rig.node.faults());
+        assert_eq!(rig.goal([0.0; 3]), Reply::Done);
+    }
+}
+
 #[test]
 fn a_stuck_encoder_switches_the_outputs_off() {
     let mut rig = Rig::enabled(&model());
