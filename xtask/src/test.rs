@@ -103,26 +103,48 @@ fn full(steps: &mut Steps) -> Result<()> {
     steps.run("dependencies: licences, duplicates, sources, advisories", || dependencies(&python))?;
     steps.run("tables against what is recorded", tables)?;
     steps.run("the host suite", host)?;
-    steps.run("recorded sweeps against the simulator", sweep::check_built)?;
-    steps.run("recorded fault schedules against the simulator", faults::check_built)?;
-    steps.run("the page against its sources, and in a browser", viewer::check_built)?;
-    steps.run("rosbags reads recordings, the example client moves a joint", || other_programs(&python))?;
-    steps.run("the Python package", python::check)?;
-    steps.run("the ROS 2 node against Cyclone DDS", ros2::check)?;
-    on_the_board(steps, compiler)
+    // The next steps wait for other programs much of their time.
+    let images = std::thread::scope(|scope| {
+        let images = scope.spawn(|| {
+            tools::yield_to_others();
+            Images::build(compiler)
+        });
+        steps.run("recorded sweeps against the simulator", sweep::check_built)?;
+        steps.run("recorded fault schedules against the simulator", faults::check_built)?;
+        steps.run("the page against its sources, and in a browser", viewer::check_built)?;
+        steps
+            .run("rosbags reads recordings, the example client moves a joint", || other_programs(&python))?;
+        steps.run("the Python package", python::check)?;
+        steps.run("the ROS 2 node against Cyclone DDS", ros2::check)?;
+        steps.run("the firmware images", || images.join().expect("a build does not panic"))
+    })?;
+    on_the_board(steps, compiler, images)
 }
 
-fn on_the_board(steps: &mut Steps, compiler: ArmCompiler) -> Result<()> {
-    // Most of the time one core optimises a whole image.
-    let build = || {
+/// Files that run on the emulated board.
+struct Images {
+    bare: PathBuf,
+    emulated: PathBuf,
+    weact: PathBuf,
+    /// The folder of the programs that are no part of an image.
+    programs: PathBuf,
+}
+
+impl Images {
+    /// Builds them: two at a time, since most of the time one core optimises a whole image.
+    fn build(compiler: ArmCompiler) -> Result<Self> {
         std::thread::scope(|scope| {
             let programs = scope.spawn(|| firmware::build_on_target(compiler));
             let image = |board| firmware::build_for_board(compiler, board);
-            let images = (image("board-emulated")?, image(chip::BOARD)?, image(firmware::BOARD)?);
-            Ok((images, programs.join().expect("a build does not panic")?))
+            let (emulated, weact) = (image("board-emulated")?, image(chip::BOARD)?);
+            let bare = image(firmware::BOARD)?;
+            Ok(Self { bare, emulated, weact, programs: programs.join().expect("a build does not panic")? })
         })
-    };
-    let ((emulated, weact, image), programs) = steps.run("the firmware images", build)?;
+    }
+}
+
+fn on_the_board(steps: &mut Steps, compiler: ArmCompiler, images: Images) -> Result<()> {
+    let Images { bare: image, emulated, weact, programs } = images;
     let (selftest, replay) = (programs.join("selftest"), programs.join("replay"));
     steps.run("unit tests on the emulated board", || {
         tesaki_output::print(format_args!("{}", bench::semihosted(&selftest, &[])?));

@@ -30,6 +30,12 @@ pub fn run(command: &mut Command) -> Result<()> {
     Ok(())
 }
 
+/// Lets every other program go before those that this thread starts from now on.
+pub fn yield_to_others() {
+    // Without it they are only a nuisance.
+    succeeds(Command::new("renice").args(["-n", "19", "-p", &nix::unistd::gettid().to_string()]));
+}
+
 /// Runs `command` and returns what it prints; fails when it fails.
 pub fn output(command: &mut Command) -> Result<String> {
     let output = command
