@@ -118,6 +118,9 @@ struct Stub {
     task: TaskConfig,
     phase: Phase,
     failure: Option<Failure>,
+    /// For so many ticks after the object was put down, a joint jerks; until this tick it does.
+    jerk: u32,
+    jerks_until: u32,
     said: Vec<String>,
 }
 
@@ -139,14 +142,20 @@ impl Machine for Stub {
 
     fn ask(&mut self, _: &'static str, request: Request) -> Result<(), Trouble> {
         match request {
-            Request::Enable(task) => self.task = task,
+            Request::Enable(task) => {
+                assert!(self.tick >= self.jerks_until, "a board refuses to be enabled in motion");
+                self.task = task;
+            }
             Request::Task(TaskCommand::Grasping(GraspCommand::Grasp(plan))) => {
                 let InternalForce::Normal { strength } = plan.internal else { panic!("{plan:?}") };
                 let weak = self.weak.filter(|(weak, _)| (weak - strength).abs() < 1e-6);
                 self.failure = weak.map(|(_, failure)| failure);
                 self.phase = if weak.is_some() { Phase::Ready } else { Phase::Hold };
             }
-            Request::Task(TaskCommand::Grasping(GraspCommand::PutDown)) => self.phase = Phase::Ready,
+            Request::Task(TaskCommand::Grasping(GraspCommand::PutDown)) => {
+                self.phase = Phase::Ready;
+                self.jerks_until = self.tick + self.jerk;
+            }
             _ => {}
         }
         Ok(())
@@ -159,7 +168,8 @@ impl Machine for Stub {
 
     fn tick(&mut self, _: Request) -> Result<Sense, Trouble> {
         self.tick += 1 + u32::from(self.tick.is_multiple_of(self.loses));
-        let velocity = if (self.tick / 7).is_multiple_of(2) { 0.1 } else { -0.1 };
+        let speed = if self.tick < self.jerks_until { 1.3 } else { 0.1 };
+        let velocity = if (self.tick / 7).is_multiple_of(2) { speed } else { -speed };
         let torque = force(self.tick + 1);
         let joint = |&position: &f32| JointTelemetry { position, velocity, reference: position, torque };
         let tip = TipTelemetry { force: [0.0, 0.0, force(self.tick)], ..TipTelemetry::default() };
@@ -179,6 +189,15 @@ fn stub(
     weak: Option<(f32, Failure)>,
     strengths: &[f32],
 ) -> (Stub, Result<Identification, Trouble>) {
+    jerking_stub(0, loses, weak, strengths)
+}
+
+fn jerking_stub(
+    jerk: u32,
+    loses: u32,
+    weak: Option<(f32, Failure)>,
+    strengths: &[f32],
+) -> (Stub, Result<Identification, Trouble>) {
     let model = RobotFolder::load(Path::new(ROBOT)).unwrap().model;
     let plan = grasp::load(&Path::new(ROBOT).join("grasps/box.toml")).unwrap();
     let middle = |joint: &tesaki::model::JointModel| 0.5 * (joint.limits.lower + joint.limits.upper);
@@ -190,11 +209,21 @@ fn stub(
         task: TaskConfig::Grasping(()),
         phase: Phase::Ready,
         failure: None,
+        jerk,
+        jerks_until: 0,
         said: Vec::new(),
     };
     let settings = Settings { strengths: strengths.to_vec(), ..Settings::default() };
     let found = identify(&mut stub, &model, &plan, &settings);
     (stub, found)
+}
+
+/// A board refuses to be enabled with a joint at a fifth of its velocity limit.
+#[test]
+fn a_joint_that_jerks_when_the_object_was_put_down_does_not_end_the_identification() {
+    let (line, found) = jerking_stub(20, u32::MAX, None, &[2.0, 6.0]);
+    assert!(found.is_ok(), "{found:?}");
+    assert!(line.jerks_until > 0);
 }
 
 #[test]

@@ -34,6 +34,10 @@ const TURN: f64 = 0.06;
 const MOTION: f64 = 0.8;
 /// Coefficient of friction if the file has none: the identification does not probe it.
 const FRICTION: f32 = 0.4;
+/// Share of its velocity limit below which a joint is slow, half of that at which a board may be enabled, and
+/// longest wait for that [ticks].
+const SLOW: f32 = 0.1;
+const REST: usize = 100;
 
 /// What an identification may do.
 #[derive(Clone, Debug, PartialEq)]
@@ -347,6 +351,20 @@ impl<M: Machine> Course<'_, M> {
         self.machine.ask("enable its outputs", Request::Enable(task))
     }
 
+    /// Disables the board once all joints are slow: a light one may leave its friction with a jerk, and the
+    /// board would refuse to be enabled for the next motion.
+    fn disable(&mut self) -> Result<(), M::Error> {
+        for _ in 0..REST {
+            let joints = self.latest.iter().flat_map(|sense| &sense.telemetry.joints);
+            let mut joints = joints.zip(&self.model.joints);
+            if joints.all(|(joint, model)| joint.velocity.abs() < SLOW * model.limits.velocity) {
+                break;
+            }
+            self.tick(Request::Keep)?;
+        }
+        self.machine.ask("disable its outputs", Request::Disable)
+    }
+
     /// Each joint to and fro by itself, the others at rest.
     fn sweep(&mut self, amplitude: f64) -> Result<(), M::Error> {
         self.enable(TaskConfig::JointServo(ServoMode::Observer))?;
@@ -363,7 +381,7 @@ impl<M: Machine> Course<'_, M> {
                 leg.requests().try_for_each(|request| self.tick(request))?;
             }
         }
-        self.machine.ask("disable its outputs", Request::Disable)
+        self.disable()
     }
 
     /// Grasps the object, moves it to and fro, and puts it down; or says why it could not be gripped.
@@ -384,7 +402,7 @@ impl<M: Machine> Course<'_, M> {
             None if phase == Phase::Hold => {}
             // Nothing but the forces was wrong, and the hand has let go of the object where it stood.
             Some(failure @ Failure::NoGrip { .. }) if phase == Phase::Ready => {
-                self.machine.ask("disable its outputs", Request::Disable)?;
+                self.disable()?;
                 return Ok(Err(failure));
             }
             _ => return Err(IdentifyError::Grasp { strength, phase, failure }.into()),
@@ -408,7 +426,7 @@ impl<M: Machine> Course<'_, M> {
         self.machine
             .ask("put the object down", Request::Task(TaskCommand::Grasping(GraspCommand::PutDown)))?;
         self.until(Phase::Ready, strength)?;
-        self.machine.ask("disable its outputs", Request::Disable)?;
+        self.disable()?;
         Ok(Ok(()))
     }
 
