@@ -132,6 +132,7 @@ const MEASURED: &[Table] = &[
     Table { document: MEASUREMENTS, name: "force", rows: Rows::Limits(FORCE) },
     Table { document: MEASUREMENTS, name: "impedance", rows: Rows::Limits(IMPEDANCE) },
     Table { document: MEASUREMENTS, name: "wall", rows: Rows::Limits(WALL) },
+    Table { document: MEASUREMENTS, name: "contact", rows: Rows::Limits(CONTACT) },
     Table { document: MEASUREMENTS, name: "straight", rows: Rows::Limits(STRAIGHT) },
     Table { document: MEASUREMENTS, name: "follow", rows: Rows::Limits(FOLLOW) },
     Table { document: MEASUREMENTS, name: "bilateral", rows: Rows::Limits(BILATERAL) },
@@ -140,6 +141,16 @@ const MEASURED: &[Table] = &[
     Table { document: MEASUREMENTS, name: "glove", rows: Rows::Limits(GLOVE) },
     Table { document: MEASUREMENTS, name: "knob", rows: Rows::Limits(KNOB) },
     Table { document: MEASUREMENTS, name: "knob-grasp", rows: Rows::Limits(KNOB_GRASP) },
+];
+
+const CONTACT: &[Row] = &[
+    row("arm7-contact", "derated_within", "contacts within the condition that were derated"),
+    row("arm7-contact", "derated_beyond", "contacts beyond it that were derated"),
+    row("arm7-contact", "derated_unsettled", "derated contacts that have not settled"),
+    row("arm7-contact", "unsettled", "other contacts that have not settled"),
+    row("arm7-contact", "heavy_unsettled", "the same with an impedance over three times as heavy as the arm"),
+    row("arm7-contact", "faults", "contacts that a fault ended"),
+    row("arm7-contact", "derating", "largest derating"),
 ];
 
 const CALIBRATE: &[Row] = &[
