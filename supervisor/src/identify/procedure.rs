@@ -34,9 +34,8 @@ const TURN: f64 = 0.06;
 const MOTION: f64 = 0.8;
 /// Coefficient of friction if the file has none: the identification does not probe it.
 const FRICTION: f32 = 0.4;
-/// Share of its velocity limit below which a joint is slow, half of that at which a board may be enabled, and
-/// longest wait for that [ticks].
-const SLOW: f32 = 0.1;
+/// Share of its velocity limit up to which a board may be enabled, and longest wait for that [ticks].
+const SLOW: f32 = 0.2;
 const REST: usize = 100;
 
 /// What an identification may do.
@@ -256,6 +255,7 @@ pub fn identify<M: Machine>(
             }
         }
     }
+    course.disable()?;
     if !failed.is_empty() && made.len() < 2 {
         return Err(IdentifyError::TooFewGrips { failed, made: made.len() }.into());
     }
@@ -346,22 +346,24 @@ impl<M: Machine> Course<'_, M> {
         Ok(())
     }
 
+    /// Enables the board for the next motion: once no joint is too fast for that, since a light one may have
+    /// left its friction with a jerk.
     fn enable(&mut self, task: TaskConfig) -> Result<(), M::Error> {
-        self.latest = None;
-        self.machine.ask("enable its outputs", Request::Enable(task))
-    }
-
-    /// Disables the board once all joints are slow: a light one may leave its friction with a jerk, and the
-    /// board would refuse to be enabled for the next motion.
-    fn disable(&mut self) -> Result<(), M::Error> {
         for _ in 0..REST {
             let joints = self.latest.iter().flat_map(|sense| &sense.telemetry.joints);
             let mut joints = joints.zip(&self.model.joints);
-            if joints.all(|(joint, model)| joint.velocity.abs() < SLOW * model.limits.velocity) {
+            if joints.all(|(joint, model)| joint.velocity.abs() <= SLOW * model.limits.velocity) {
                 break;
             }
             self.tick(Request::Keep)?;
         }
+        if self.latest.take().is_some() {
+            self.disable()?;
+        }
+        self.machine.ask("enable its outputs", Request::Enable(task))
+    }
+
+    fn disable(&mut self) -> Result<(), M::Error> {
         self.machine.ask("disable its outputs", Request::Disable)
     }
 
@@ -381,7 +383,7 @@ impl<M: Machine> Course<'_, M> {
                 leg.requests().try_for_each(|request| self.tick(request))?;
             }
         }
-        self.disable()
+        Ok(())
     }
 
     /// Grasps the object, moves it to and fro, and puts it down; or says why it could not be gripped.
@@ -401,10 +403,7 @@ impl<M: Machine> Course<'_, M> {
         match failure {
             None if phase == Phase::Hold => {}
             // Nothing but the forces was wrong, and the hand has let go of the object where it stood.
-            Some(failure @ Failure::NoGrip { .. }) if phase == Phase::Ready => {
-                self.disable()?;
-                return Ok(Err(failure));
-            }
+            Some(failure @ Failure::NoGrip { .. }) if phase == Phase::Ready => return Ok(Err(failure)),
             _ => return Err(IdentifyError::Grasp { strength, phase, failure }.into()),
         }
         let gravity = Vector3::from(self.model.gravity).map(f64::from);
@@ -426,7 +425,6 @@ impl<M: Machine> Course<'_, M> {
         self.machine
             .ask("put the object down", Request::Task(TaskCommand::Grasping(GraspCommand::PutDown)))?;
         self.until(Phase::Ready, strength)?;
-        self.disable()?;
         Ok(Ok(()))
     }
 
