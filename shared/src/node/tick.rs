@@ -220,7 +220,7 @@ impl Node {
 
     /// Sets all torques to 0.
     fn release(&mut self) {
-        self.state.joints.iter_mut().for_each(super::joint::JointState::release);
+        self.state.joints.iter_mut().for_each(JointState::release);
         self.state.targets.joints.iter_mut().for_each(|target| target.feedforward = 0.0);
     }
 }
