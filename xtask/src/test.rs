@@ -118,11 +118,11 @@ fn on_the_board(steps: &mut Steps, compiler: ArmCompiler) -> Result<()> {
         std::thread::scope(|scope| {
             let programs = scope.spawn(|| firmware::build_on_target(compiler));
             let image = |board| firmware::build_for_board(compiler, board);
-            let images = (image("board-emulated")?, image(chip::BOARD)?, image(firmware::BOARD)?);
+            let images = (image("board-emulated")?, chip::BOARDS.map(image), image(firmware::BOARD)?);
             Ok((images, programs.join().expect("a build does not panic")?))
         })
     };
-    let ((emulated, weact, image), programs) = steps.run("the firmware images", build)?;
+    let ((emulated, with_motors, image), programs) = steps.run("the firmware images", build)?;
     let (selftest, replay) = (programs.join("selftest"), programs.join("replay"));
     steps.run("unit tests on the emulated board", || {
         tesaki_output::print(format_args!("{}", bench::semihosted(&selftest, &[])?));
@@ -141,8 +141,8 @@ fn on_the_board(steps: &mut Steps, compiler: ArmCompiler) -> Result<()> {
     // alone.
     let host_sim = || Command::new(firmware::target().join("release").join("host-sim"));
     steps.run("the images on a model of the chip", || chip::check(compiler, host_sim()))?;
-    steps.run("what holds for the image that drives motors, from its instructions", || {
-        prove::check(&weact).map(drop)
+    steps.run("what holds for the images that drive motors, from their instructions", || {
+        with_motors.into_iter().try_for_each(|image| prove::check(&image?).map(drop))
     })?;
     steps.run("executed instructions on the emulated Cortex-M4F", || bench::check(compiler))?;
     steps.run("the image, and what holds for it", || firmware::report(&image, host_sim()))
