@@ -1,11 +1,14 @@
-//! What is at the pins of the board `board-weact`: three power stages DRV8874 in PH/EN mode with a brushed
-//! motor and an encoder each, a supply, an emergency stop.
+//! What is at the pins of a board: brushed motors with an encoder each, a supply, an emergency stop; and what
+//! is between, three power stages DRV8874 in PH/EN mode (`board-weact`) or those of `odrive.rs`
+//! (`board-odrive`).
 //!
 //! Written from the datasheets of chip and power stage and from the board's wiring page, not from its driver.
 //! No analogue effects: switches switch at once, the current mirror is exact but for noise of the converter.
 
 use crate::gpio::Gpio;
+use crate::odrive::{self, Odrive, Terminals};
 use crate::pins::Pin;
+use crate::spi::Sent;
 use crate::tim1::{Level, Tim1};
 
 /// Current at IPROPI per current of the motor.
@@ -61,7 +64,15 @@ pub struct State {
     positive: bool,
 }
 
+/// An encoder's pins, the timer that should count it, and its place among TIM2 to TIM5.
+pub type Encoder = (Pin, Pin, &'static str, usize);
+const ENCODERS: [Encoder; 3] =
+    [(Pin(2, 6), Pin(2, 7), "TIM3", 1), (Pin(1, 6), Pin(1, 7), "TIM4", 2), (Pin(0, 0), Pin(0, 1), "TIM5", 3)];
+const ODRIVE_ENCODERS: [Encoder; 2] = [(Pin(1, 4), Pin(1, 5), "TIM3", 1), (Pin(1, 6), Pin(1, 7), "TIM4", 2)];
+
 pub struct Bench {
+    /// The board is an ODrive, which has no third motor.
+    pub odrive: Option<Odrive>,
     pub motors: [Motor; 3],
     pub states: [State; 3],
     /// Voltage and inner resistance of the supply [V], [Ω].
@@ -87,6 +98,7 @@ pub struct Bench {
 impl Bench {
     pub fn new(motors: [Motor; 3], seed: u32) -> Self {
         Self {
+            odrive: None,
             motors,
             states: [State::default(); 3],
             supply: 24.0,
@@ -103,9 +115,37 @@ impl Bench {
         }
     }
 
-    /// Whether the power stages are awake.
+    /// An ODrive with two motors.
+    pub fn with_odrive([first, second]: [Motor; 2], seed: u32) -> Self {
+        Self { odrive: Some(Odrive::default()), ..Self::new([first, second, second], seed) }
+    }
+
+    /// Whether the power stages are awake, or their gate drivers enabled.
     pub fn is_awake(&self) -> bool {
         self.awake.is_some()
+    }
+
+    /// The encoders.
+    pub fn encoders(&self) -> &'static [Encoder] {
+        if self.odrive.is_some() { &ODRIVE_ENCODERS } else { &ENCODERS }
+    }
+
+    /// The place of the supervisor's line among USART1, USART2, UART4.
+    pub fn supervisor(&self) -> usize {
+        if self.odrive.is_some() { 2 } else { 0 }
+    }
+
+    /// A word over SPI3.
+    pub fn exchange(&mut self, sent: &Sent, gpio: &Gpio, now: u64) -> u32 {
+        self.odrive.as_mut().map_or(0, |odrive| odrive.exchange(sent, gpio, now))
+    }
+
+    /// What follows from the levels of outputs at once.
+    pub fn observe(&mut self, gpio: &Gpio, now: u64) {
+        if let Some(odrive) = &mut self.odrive {
+            odrive.observe(gpio, now);
+            self.awake = (gpio.output(odrive::ENABLE) == Some(true)).then_some(0);
+        }
     }
 
     /// Counts of an encoder since power-on.
@@ -114,7 +154,11 @@ impl Bench {
     }
 
     /// What the chip's inputs show: the resistors at the emergency stop, and open drains at the trip.
-    pub fn inputs(&self) -> [(Pin, bool); 2] {
+    pub fn inputs(&self, now: u64) -> [(Pin, bool); 2] {
+        if let Some(odrive) = &self.odrive {
+            let fault = self.fault || odrive.tells_fault(now);
+            return [(odrive::STOP, !self.stop), (odrive::FAULT, !fault)];
+        }
         [(STOP, !self.stop), (TRIP, !self.stop && !self.fault)]
     }
 
@@ -127,11 +171,25 @@ impl Bench {
 
     /// The part of full scale at a converter's channel.
     pub fn analogue(&self, gpio: &Gpio, channel: u32) -> f64 {
+        let volts = if let Some(odrive) = &self.odrive {
+            let currents = [0, 1].map(|motor| self.states[motor].current + self.leak[motor]);
+            odrive.volts(gpio, channel, currents, self.voltage(), self.now)
+        } else {
+            self.mirrored(gpio, channel)
+        };
+        // Even noise of a count and a half to either side.
+        let random = self.noise.get().wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        self.noise.set(random);
+        volts / REFERENCE + (f64::from(random >> 8) / f64::from(1 << 23) - 1.0) * 1.5 / 4095.0
+    }
+
+    /// Volts at a converter's channel of `board-weact`.
+    fn mirrored(&self, gpio: &Gpio, channel: u32) -> f64 {
         let Some(port_pin) = channel.checked_sub(10).map(|number| Pin(2, number)) else { return 0.0 };
         if gpio.mode(port_pin) != crate::gpio::Mode::Analog {
             return 0.0;
         }
-        let volts = match channel {
+        match channel {
             10..=12 => {
                 let motor = channel as usize - 10;
                 let State { current, driven, positive, .. } = self.states[motor];
@@ -144,18 +202,20 @@ impl Bench {
             }
             13 => self.voltage() / DIVIDER,
             _ => 0.0,
-        };
-        // Even noise of a count and a half to either side.
-        let random = self.noise.get().wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-        self.noise.set(random);
-        volts / REFERENCE + (f64::from(random >> 8) / f64::from(1 << 23) - 1.0) * 1.5 / 4095.0
+        }
     }
 
     /// Motors up to `now`, with what the chip's outputs are since the last call.
-    pub fn advance(&mut self, timer: &Tim1, gpio: &Gpio, now: u64, clock: u64) {
+    pub fn advance(&mut self, timers: [&Tim1; 2], gpio: &Gpio, now: u64, clock: u64) {
         if now <= self.now {
             return;
         }
+        if let Some(mut odrive) = self.odrive.take() {
+            self.advance_odrive(&mut odrive, timers, gpio, now, clock);
+            self.odrive = Some(odrive);
+            return;
+        }
+        let timer = timers[0];
         // An external resistor holds the line low while nothing drives it.
         let awake = gpio.output(SLEEP).unwrap_or(false);
         match (awake, self.awake) {
@@ -184,7 +244,7 @@ impl Bench {
                 } else {
                     None
                 };
-                self.step(motor, volts, seconds);
+                self.step(motor, volts, volts.is_some(), seconds);
                 (self.states[motor].driven, self.states[motor].positive) = (driven, positive);
                 if driven {
                     self.last_driven = end;
@@ -194,8 +254,33 @@ impl Bench {
         }
     }
 
-    /// A motor with a voltage, or with a stage that sleeps.
-    fn step(&mut self, motor: usize, volts: Option<f64>, seconds: f64) {
+    fn advance_odrive(&mut self, odrive: &mut Odrive, timers: [&Tim1; 2], gpio: &Gpio, now: u64, clock: u64) {
+        while self.now < now {
+            let edge = timers.into_iter().map(|timer| timer.next_edge(self.now, clock)).min();
+            let end = edge.unwrap_or(u64::MAX).min(now).max(self.now + 1);
+            let middle = self.now + (end - self.now) / 2;
+            let seconds = (end - self.now) as f64 * 1e-12;
+            let supply = self.voltage();
+            for motor in 0..2 {
+                let current = self.states[motor].current;
+                let chip = (gpio, timers, clock);
+                match odrive.terminals(motor, current, supply, chip, [self.now, middle, end]) {
+                    Terminals::Driven(volts) => self.step(motor, Some(volts), true, seconds),
+                    Terminals::Blocked(volts) => self.step(motor, Some(volts), false, seconds),
+                    Terminals::Open => self.step(motor, None, false, seconds),
+                }
+                self.states[motor].driven = odrive.is_driven(motor);
+                if self.states[motor].driven {
+                    self.last_driven = end;
+                }
+            }
+            self.now = end;
+        }
+    }
+
+    /// A motor with a voltage, or with a stage that sleeps. Where diodes conduct, the current does not
+    /// reverse.
+    fn step(&mut self, motor: usize, volts: Option<f64>, may_reverse: bool, seconds: f64) {
         let supply = self.voltage();
         let Motor { resistance, inductance, constant, inertia, coulomb, viscous, load, blocked, counts } =
             self.motors[motor];
@@ -206,7 +291,7 @@ impl Bench {
         let applied = volts.unwrap_or_else(|| -before.signum() * (supply + DIODES));
         let remains = (-resistance * seconds / inductance).exp();
         state.current = remains * before + (1.0 - remains) / resistance * (applied - emf);
-        if volts.is_none() && (before == 0.0 || state.current * before < 0.0) {
+        if !may_reverse && (before == 0.0 || state.current * before < 0.0) {
             state.current = 0.0;
         }
         let torque = constant * 0.5 * (before + state.current);

@@ -6,12 +6,14 @@ use std::collections::BTreeMap;
 
 use crate::adc::Adc;
 use crate::bench::Bench;
+use crate::exti::{self, Exti};
 use crate::gpio::Gpio;
 use crate::iwdg::Iwdg;
 use crate::mistake::Mistake;
 use crate::nvic::Nvic;
 use crate::pins::Pin;
 use crate::rcc::Rcc;
+use crate::spi::Spi;
 use crate::tim1::Tim1;
 use crate::timer::Timer;
 use crate::usart::Usart;
@@ -20,19 +22,29 @@ use crate::usart::Usart;
 const IRQ_ADC: u32 = 18;
 const IRQ_TIM1_UP: u32 = 25;
 const IRQ_TIMERS: [u32; 4] = [28, 29, 30, 50];
-const IRQ_USARTS: [u32; 2] = [37, 38];
+const IRQ_USARTS: [u32; 3] = [37, 38, 52];
 const IRQ_TIM11: u32 = 26;
+const IRQ_TIM8_UP: u32 = 44;
 
-/// The encoders' pins, and the timers that should count them.
-const ENCODERS: [(Pin, Pin, &str); 3] =
-    [(Pin(2, 6), Pin(2, 7), "TIM3"), (Pin(1, 6), Pin(1, 7), "TIM4"), (Pin(0, 0), Pin(0, 1), "TIM5")];
+/// The UARTs: name, bus, and the pins that the boards use.
+const USARTS: [(&str, usize, Pin, Pin); 3] = [
+    ("USART1", 2, Pin(0, 9), Pin(0, 10)),
+    ("USART2", 1, Pin(0, 2), Pin(0, 3)),
+    ("UART4", 1, Pin(0, 0), Pin(0, 1)),
+];
+/// EXTICR1 of SYSCFG: which port a line of EXTI is.
+const EXTICR: u32 = 0x4001_3808;
 
 pub struct Chip {
     pub nvic: Nvic,
     pub rcc: Rcc,
     pub gpio: Gpio,
-    pub usart: [Usart; 2],
+    /// USART1, USART2, UART4.
+    pub usart: [Usart; 3],
     pub tim1: Tim1,
+    pub tim8: Tim1,
+    spi: Spi,
+    exti: Exti,
     /// TIM2 to TIM5.
     timers: [Timer; 4],
     tim11: Timer,
@@ -58,9 +70,13 @@ fn clock(base: u32) -> Option<(usize, u32)> {
     Some(match base {
         0x4002_0000..=0x4002_2000 => (0x30, (base - 0x4002_0000) >> 10),
         0x4000_0000..=0x4000_0C00 => (0x40, base >> 10 & 3),
+        0x4000_3C00 => (0x40, 15),
         0x4000_4400 => (0x40, 17),
+        0x4000_4C00 => (0x40, 19),
         0x4001_0000 => (0x44, 0),
+        0x4001_0400 => (0x44, 1),
         0x4001_1000 => (0x44, 4),
+        0x4001_3800 => (0x44, 14),
         0x4001_4800 => (0x44, 18),
         _ => return None,
     })
@@ -74,6 +90,9 @@ impl Chip {
             gpio: Gpio::new(),
             usart: Default::default(),
             tim1: Tim1::new(),
+            tim8: Tim1::new(),
+            spi: Spi::default(),
+            exti: Exti::default(),
             timers: [u32::MAX, 0xFFFF, 0xFFFF, u32::MAX].map(Timer::new),
             tim11: Timer::new(0xFFFF),
             adc: Default::default(),
@@ -96,6 +115,9 @@ impl Chip {
         self.usart.iter_mut().for_each(Usart::reset);
         self.nvic = Nvic::new();
         self.tim1 = Tim1::new();
+        self.tim8 = Tim1::new();
+        self.spi = Spi::default();
+        self.exti = Exti::default();
         self.timers = [u32::MAX, 0xFFFF, 0xFFFF, u32::MAX].map(Timer::new);
         self.tim11 = Timer::new(0xFFFF);
         self.adc = Default::default();
@@ -114,6 +136,11 @@ impl Chip {
         }
     }
 
+    /// The UART of the supervisor's line.
+    pub fn supervisor(&mut self) -> &mut Usart {
+        &mut self.usart[self.bench.supervisor()]
+    }
+
     /// What the datasheet forbids, and the chip is set up for.
     pub fn violation(&self) -> Option<String> {
         let (hclk, wait_states) = (self.rcc.hclk(), self.kept.get(&0x4002_3C00).copied().unwrap_or(0) & 7);
@@ -125,6 +152,9 @@ impl Chip {
         if converters > 36_000_000 {
             return Some(format!("converters at {converters} Hz: 36 MHz at most"));
         }
+        if let Some(violation) = self.bench.odrive.as_ref().and_then(|odrive| odrive.violation) {
+            return Some(violation.to_owned());
+        }
         (self.rcc.pclk(1) > 42_000_000 || self.rcc.pclk(2) > 84_000_000)
             .then(|| "a bus is too fast".to_owned())
     }
@@ -134,6 +164,7 @@ impl Chip {
         self.timers.iter_mut().for_each(|timer| timer.hold(now, clocks[0]));
         self.tim11.hold(now, clocks[1]);
         self.tim1.hold(now, clocks[1]);
+        self.tim8.hold(now, clocks[1]);
     }
 
     fn adc_clock(&self) -> u64 {
@@ -144,14 +175,17 @@ impl Chip {
     pub fn next(&self) -> u64 {
         let timers = self.timers.iter().map(|timer| timer.next(self.rcc.timers(1)));
         let usarts = self.usart.iter().map(Usart::next);
-        let rest = [self.tim1.next(self.rcc.timers(2)), self.iwdg.end.unwrap_or(u64::MAX)];
+        let fast = self.rcc.timers(2);
+        let rest =
+            [self.tim1.next(fast), self.tim8.next(fast), self.spi.next(), self.iwdg.end.unwrap_or(u64::MAX)];
         timers.chain(usarts).chain(self.adc.iter().map(Adc::next)).chain(rest).min().unwrap_or(u64::MAX)
     }
 
     /// Brings what is outside up to `now`, with the outputs as they are.
     fn settle(&mut self, now: u64) {
-        self.bench.advance(&self.tim1, &self.gpio, now, self.rcc.timers(2));
-        for (index, (first, second, timer)) in ENCODERS.into_iter().enumerate() {
+        self.bench.advance([&self.tim1, &self.tim8], &self.gpio, now, self.rcc.timers(2));
+        self.bench.observe(&self.gpio, now);
+        for (index, &(first, second, timer, place)) in self.bench.encoders().iter().enumerate() {
             let counts = self.bench.counts(index);
             let edges = counts - std::mem::replace(&mut self.turned[index], counts);
             let mapped = || {
@@ -159,16 +193,35 @@ impl Chip {
                     && self.gpio.signal(second) == Some((timer, "CH2"))
             };
             if edges != 0 && mapped() {
-                self.timers[index + 1].turn(edges);
+                self.timers[place].turn(edges);
             }
         }
-        for (pin, level) in self.bench.inputs() {
+        for (pin, level) in self.bench.inputs(now) {
             self.gpio.drive(pin, level);
+        }
+        if self.exti.watched() != 0 {
+            let levels = self.exti_levels();
+            self.exti.set_levels(levels);
         }
         let trip =
             [Pin(0, 6), Pin(1, 12)].into_iter().find(|pin| self.gpio.signal(*pin) == Some(("TIM1", "BKIN")));
         let level = trip.map(|pin| self.gpio.input(pin));
         self.tim1.set_break_input(level);
+    }
+
+    /// Levels of the lines of EXTI that are watched.
+    fn exti_levels(&self) -> u32 {
+        let watched = self.exti.watched();
+        let port = |line: u32| {
+            let register = self.kept.get(&(EXTICR + line / 4 * 4)).copied().unwrap_or(0);
+            (register >> (4 * (line % 4)) & 15) as usize
+        };
+        let lines = (0..16).filter(|line| watched >> line & 1 == 1);
+        lines.fold(0, |levels, line| {
+            let port = port(line);
+            let is_high = port < 9 && self.gpio.input(Pin(port, line));
+            levels | u32::from(is_high) << line
+        })
     }
 
     /// Everything up to `now`. Returns whether the watchdog bites.
@@ -178,6 +231,11 @@ impl Chip {
         let (slow, fast) = (self.rcc.timers(1), self.rcc.timers(2));
         self.timers.iter_mut().for_each(|timer| timer.advance(now, slow));
         self.tim1.advance(now, fast);
+        self.tim8.advance(now, fast);
+        while let Some(sent) = self.spi.advance(now, self.rcc.pclk(1)) {
+            let answer = self.bench.exchange(&sent, &self.gpio, now);
+            self.spi.receive(answer);
+        }
         let (adc_clock, gpio, bench) = (self.adc_clock(), &self.gpio, &self.bench);
         let inputs = |channel: u32| bench.analogue(gpio, channel);
         for adc in &mut self.adc {
@@ -189,16 +247,12 @@ impl Chip {
                 adc.trigger(triggers, now, adc_clock, &inputs);
             }
         }
-        let usart_pins = [(Pin(0, 9), Pin(0, 10)), (Pin(0, 2), Pin(0, 3))];
-        for (index, (transmit, receive)) in usart_pins.into_iter().enumerate() {
-            let name = ["USART1", "USART2"][index];
-            let pins = (
+        for (usart, (name, bus, transmit, receive)) in self.usart.iter_mut().zip(USARTS) {
+            usart.pins = (
                 self.gpio.signal(transmit) == Some((name, "TX")),
                 self.gpio.signal(receive) == Some((name, "RX")),
             );
-            let clock = self.rcc.pclk(2 - index);
-            self.usart[index].pins = pins;
-            self.usart[index].advance(now, clock);
+            usart.advance(now, self.rcc.pclk(bus));
         }
         self.lines();
         self.iwdg.end.is_some_and(|end| end <= now)
@@ -209,8 +263,14 @@ impl Chip {
         let timers = IRQ_TIMERS.into_iter().zip(self.timers.iter().map(Timer::line));
         let usarts = IRQ_USARTS.into_iter().zip(self.usart.iter().map(Usart::line));
         let adc = self.adc.iter().any(Adc::line);
-        let rest = [(IRQ_ADC, adc), (IRQ_TIM1_UP, self.tim1.line()), (IRQ_TIM11, self.tim11.line())];
-        for (number, high) in timers.chain(usarts).chain(rest) {
+        let rest = [
+            (IRQ_ADC, adc),
+            (IRQ_TIM1_UP, self.tim1.line()),
+            (IRQ_TIM8_UP, self.tim8.line()),
+            (IRQ_TIM11, self.tim11.line()),
+        ];
+        let edges = exti::INTERRUPTS.into_iter().map(|(number, lines)| (number, self.exti.line(lines)));
+        for (number, high) in timers.chain(usarts).chain(rest).chain(edges) {
             if high && !self.nvic.is_active(number) {
                 self.nvic.pend(number);
             }
@@ -234,6 +294,9 @@ impl Chip {
                 self.timers[base as usize >> 10 & 3].read(offset, now, slow, (None, 0))
             }
             0x4001_0000 => self.tim1.read(offset, now, fast),
+            0x4001_0400 => self.tim8.read(offset, now, fast),
+            0x4001_3C00 => self.exti.read(offset),
+            0x4000_3C00 => self.spi.read(offset),
             0x4001_4800 => self.tim11.read(offset, now, fast, crystal),
             0x4001_2000 if offset < 0x300 => {
                 let index = offset as usize >> 8;
@@ -246,6 +309,7 @@ impl Chip {
             0x4001_2000 if offset == 0x304 => Some(self.adc_prescaler << 16),
             0x4000_3000 => self.iwdg.read(offset),
             0x4000_4400 => self.usart[1].read(offset),
+            0x4000_4C00 => self.usart[2].read(offset),
             0x4001_1000 => self.usart[0].read(offset),
             0x4002_0000..=0x4002_2000 => {
                 self.settle(now);
@@ -264,7 +328,7 @@ impl Chip {
 
     /// As a narrow write finds a register: it does not read one that reading changes.
     pub fn peek(&mut self, address: u32, now: u64) -> u32 {
-        const DATA: [u32; 2] = [0x4001_1004, 0x4000_4404];
+        const DATA: [u32; 4] = [0x4001_1004, 0x4000_4404, 0x4000_4C04, 0x4000_3C0C];
         if DATA.contains(&address) { 0 } else { self.read(address, now) }
     }
 
@@ -285,6 +349,19 @@ impl Chip {
                 self.settle(now);
                 self.tim1.write(offset, value, now, fast)
             }
+            0x4001_0400 => {
+                self.settle(now);
+                self.tim8.write(offset, value, now, fast)
+            }
+            0x4001_3C00 => {
+                self.settle(now);
+                let done = self.exti.write(offset, value);
+                // What begins to be watched has no edge.
+                let levels = self.exti_levels();
+                self.exti.begin(levels);
+                done
+            }
+            0x4000_3C00 => self.spi.write(offset, value, now, self.rcc.pclk(1)),
             0x4001_4800 => self.tim11.write(offset, value, now, fast),
             0x4001_2000 if offset < 0x300 => {
                 let index = offset as usize >> 8;
@@ -302,6 +379,7 @@ impl Chip {
             }
             0x4000_3000 => self.iwdg.write(offset, value, now),
             0x4000_4400 => self.usart[1].write(offset, value, now, self.rcc.pclk(1)),
+            0x4000_4C00 => self.usart[2].write(offset, value, now, self.rcc.pclk(1)),
             0x4001_1000 => self.usart[0].write(offset, value, now, self.rcc.pclk(2)),
             0x4002_0000..=0x4002_2000 => {
                 self.settle(now);

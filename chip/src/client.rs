@@ -1,4 +1,4 @@
-//! A supervisor at USART1: requests, and their replies.
+//! A supervisor at the board's line: requests, and their replies.
 
 use tesaki::model::RobotModel;
 use tesaki::protocol::codec::{Decoder, MAX_FRAME, checksum, encode};
@@ -34,7 +34,7 @@ impl Default for Client {
 impl Client {
     /// Takes what the board has sent.
     pub fn receive(&mut self, machine: &mut Machine) {
-        for byte in std::mem::take(&mut machine.chip.usart[0].outgoing) {
+        for byte in std::mem::take(&mut machine.chip.supervisor().outgoing) {
             match self.decoder.push::<FromBoard>(byte) {
                 Some(Ok(FromBoard::Reply(reply))) => self.reply = Some((reply.sequence, reply.reply)),
                 Some(Ok(FromBoard::Log(LogEntry { record: LogRecord::Sensors(frame), .. }))) => {
@@ -55,7 +55,7 @@ impl Client {
         let mut frame = [0; MAX_FRAME];
         let message = RequestFrame { client: 7, sequence: self.sequence, request };
         let length = encode(&message, &mut frame).expect("fits");
-        machine.chip.usart[0].incoming.extend(&frame[..length]);
+        machine.chip.supervisor().incoming.extend(&frame[..length]);
     }
 
     /// A request and its reply.

@@ -62,7 +62,7 @@ impl Board {
         serial: &[u8],
     ) -> Result<[f64; MOTORS], String> {
         let machine = &mut self.machine;
-        machine.chip.usart[0].incoming.extend(serial);
+        machine.chip.supervisor().incoming.extend(serial);
         let impulses = machine.chip.bench.states.map(|state| state.impulse);
         for (state, joint) in machine.chip.bench.states.iter_mut().zip(joints) {
             (state.angle, state.velocity) = (joint.angle, joint.velocity);
@@ -80,7 +80,7 @@ impl Board {
         let machine = &mut self.machine;
         Answer {
             torques,
-            serial: std::mem::take(&mut machine.chip.usart[0].outgoing),
+            serial: std::mem::take(&mut machine.chip.supervisor().outgoing),
             awake: machine.chip.bench.is_awake(),
             instant: machine.entered[INSTANT],
             resets: machine.resets.len() as u32,

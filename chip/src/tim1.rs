@@ -1,4 +1,5 @@
-//! TIM1: pulses, centre-aligned or not, preload, complementary outputs, break, the trigger of the converters.
+//! TIM1 and TIM8: pulses, centre-aligned or not, preload, complementary outputs with their dead time, break,
+//! the trigger of the converters.
 
 use crate::SECOND;
 
@@ -45,6 +46,11 @@ pub struct Tim1 {
     break_input: Option<bool>,
     /// Rising and falling edges of the fourth channel's reference that were not fetched yet.
     triggers: (bool, bool),
+    /// When the references of the first three channels changed for the last time, at new compare values or
+    /// before them.
+    changed: [Option<u64>; 3],
+    /// When those came into force.
+    updated: u64,
 }
 
 impl Tim1 {
@@ -53,8 +59,21 @@ impl Tim1 {
         registers[ARR] = 0xFFFF;
         let (prescaler, top, compare, repetitions) = (1, 0xFFFF, [0; 4], 0);
         let (phase, since, handled) = (0, 0, 0);
-        let (break_input, triggers) = (None, (false, false));
-        Self { registers, prescaler, top, compare, repetitions, phase, since, handled, break_input, triggers }
+        let (break_input, triggers, changed) = (None, (false, false), [None; 3]);
+        Self {
+            registers,
+            prescaler,
+            top,
+            compare,
+            repetitions,
+            phase,
+            since,
+            handled,
+            break_input,
+            triggers,
+            changed,
+            updated: 0,
+        }
     }
 
     fn is_centred(&self) -> bool {
@@ -132,13 +151,52 @@ impl Tim1 {
         self.time(self.after(self.handled, phases), clock)
     }
 
-    /// The next time after `now` at which one of the first three references changes.
+    /// The dead time between the outputs of a pair [ticks], with CKD 0.
+    fn dead_time(&self) -> u64 {
+        let bits = u64::from(self.registers[BDTR] & 0xFF);
+        match bits >> 5 {
+            0..=3 => bits,
+            4 | 5 => (64 + (bits & 63)) * 2,
+            6 => (32 + (bits & 31)) * 8,
+            _ => (32 + (bits & 31)) * 16,
+        }
+    }
+
+    /// The next time after `now` at which one of the first three references changes, or an output after its
+    /// dead time.
     pub fn next_edge(&self, now: u64, clock: u64) -> u64 {
         if !self.runs() {
             return u64::MAX;
         }
-        let phases = (0..3).flat_map(|channel| self.crossings(channel)).chain(self.update_phases());
-        self.time(self.after(self.ticks(now, clock), phases), clock)
+        let (dead, period) = (self.dead_time(), self.period());
+        let crossings = (0..3).filter(|channel| self.registers[CCER] >> (4 * channel) & 5 != 0);
+        let crossings = crossings.flat_map(|channel| self.crossings(channel));
+        let later = |phase: u64| if dead > 0 && phase < period { (phase + dead) % period } else { u64::MAX };
+        let phases = crossings.flat_map(|phase| [phase, later(phase)]).chain(self.update_phases());
+        let next = self.time(self.after(self.ticks(now, clock), phases), clock);
+        let dead_ends = self.changed.iter().flatten().map(|time| time + dead * SECOND / clock);
+        dead_ends.filter(|end| *end > now).fold(next, u64::min)
+    }
+
+    /// When the count crossed a channel's compare value for the last time, and the reference changed; `None`:
+    /// not since that value is in force.
+    fn last_crossing(&self, channel: usize, phase: u64, now: u64, clock: u64) -> Option<u64> {
+        let period = self.period();
+        let changes = |edge: &u64| {
+            self.reference(channel, *edge) != self.reference(channel, (edge + period - 1) % period)
+        };
+        // A pulse of one count around the underflow begins there.
+        let edges = self.crossings(channel).map(|edge| if edge == period { 0 } else { edge });
+        let edges = edges.into_iter().filter(|edge| *edge < period).filter(changes);
+        let ago = edges.map(|edge| (phase + period - edge) % period).min()?;
+        let time = now.checked_sub(ago * SECOND * self.prescaler / clock)?;
+        (time >= self.updated).then_some(time)
+    }
+
+    /// Whether the reference of a channel has been what it is for the dead time.
+    fn is_settled(&self, channel: usize, phase: u64, now: u64, clock: u64) -> bool {
+        let last = self.last_crossing(channel, phase, now, clock).max(self.changed[channel]);
+        last.is_none_or(|time| time + self.dead_time() * SECOND / clock <= now)
     }
 
     pub fn advance(&mut self, now: u64, clock: u64) {
@@ -174,9 +232,22 @@ impl Tim1 {
             (self.phase, self.since, self.handled) = (phase, now, phase);
             (self.prescaler, self.top) = (prescaler, top);
         }
+        let phase = self.ticks(now, clock) % self.period();
+        let references = |timer: &Self| [0, 1, 2].map(|channel| timer.reference(channel, phase));
+        let before = references(self);
+        let crossed = [0, 1, 2].map(|channel| self.last_crossing(channel, phase, now, clock));
         for channel in 0..4 {
             self.compare[channel] = (self.registers[CCR1 + channel] & 0xFFFF).into();
         }
+        let after = references(self);
+        for channel in 0..3 {
+            if before[channel] != after[channel] {
+                self.changed[channel] = Some(now);
+            } else if crossed[channel].is_some() {
+                self.changed[channel] = crossed[channel];
+            }
+        }
+        self.updated = now;
         self.repetitions = self.registers[RCR] & 0xFF;
         self.registers[SR] |= 1;
         // AOE: what a break stopped comes back by itself.
@@ -217,20 +288,35 @@ impl Tim1 {
 
     /// Level of the complementary output of channel 0 to 2 (RM0090, table 75).
     pub fn complementary(&self, channel: usize, now: u64, clock: u64) -> Level {
+        self.outputs(channel, now, clock)[1]
+    }
+
+    /// Levels of the output of channel 0 to 2 and of its complementary one (RM0090, table 75).
+    pub fn outputs(&self, channel: usize, now: u64, clock: u64) -> [Level; 2] {
         let enabled = |bit: u32| self.registers[CCER] >> (4 * channel as u32 + bit) & 1 == 1;
-        let (main, own, inverted) = (enabled(0), enabled(2), enabled(3));
+        let (main, own) = (enabled(0), enabled(2));
         let level = |high| if high { Level::High } else { Level::Low };
         if self.registers[BDTR] & MOE == 0 {
-            let idle = self.registers[CR2] >> (9 + 2 * channel) & 1 == 1;
-            return if self.registers[BDTR] & OSSI != 0 && (main || own) { level(idle) } else { Level::Open };
-        }
-        if !own {
-            return Level::Open;
+            let driven = self.registers[BDTR] & OSSI != 0 && (main || own);
+            return [0, 1].map(|output| {
+                let idle = self.registers[CR2] >> (8 + 2 * channel + output) & 1 == 1;
+                if driven { level(idle) } else { Level::Open }
+            });
         }
         let phase = self.ticks(now, clock) % self.period();
         let reference = self.reference(channel, phase);
-        // With both outputs of a channel, this one is the complement; alone, it is not.
-        level(reference ^ main ^ inverted)
+        // A pair: each goes on a dead time after the other goes off. Alone, the complementary one is not the
+        // complement.
+        let [first, second] = if main && own {
+            let is_settled = self.is_settled(channel, phase, now, clock);
+            [reference && is_settled, !reference && is_settled]
+        } else {
+            [reference; 2]
+        };
+        let output = |is_on: bool, high: bool, inverted: bool| {
+            if is_on { level(high ^ inverted) } else { Level::Open }
+        };
+        [output(main, first, enabled(1)), output(own, second, enabled(3))]
     }
 
     pub fn line(&self) -> bool {
@@ -306,103 +392,5 @@ impl Tim1 {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    const CLOCK: u64 = 168_000_000;
-
-    /// Centre-aligned at 20 kHz with a duty of a quarter on channel 1, its pulse around the underflow.
-    fn pulses(main: bool) -> Tim1 {
-        let mut timer = Tim1::new();
-        let writes = [
-            (0x00, 0xA0),
-            (0x04, 7 << 4),
-            (0x2C, 4200),
-            (0x18, 0x6868),
-            (0x1C, 0x7868),
-            (0x34, 1050),
-            (0x40, 4199),
-            (0x20, if main { 0x1005 } else { 0x1004 }),
-            (0x14, 1),
-            (0x44, 0x9400 | BKE),
-            (0x00, 0xA1),
-        ];
-        for (offset, value) in writes {
-            timer.write(offset, value, 0, CLOCK);
-        }
-        timer
-    }
-
-    /// By hand: a period is 50 µs; the pulse lasts from 6.25 µs before the underflow to 6.25 µs after it.
-    #[test]
-    fn a_pulse_lies_around_the_underflow() {
-        let timer = pulses(false);
-        let at = |microseconds: f64| timer.complementary(0, (microseconds * 1e6) as u64, CLOCK);
-        for (time, level) in [(1.0, Level::High), (6.2, Level::High), (6.3, Level::Low), (43.7, Level::Low)] {
-            assert_eq!(at(time), level, "{time}");
-        }
-        assert_eq!(at(43.8), Level::High);
-        assert_eq!(pulses(true).complementary(0, 1_000_000, CLOCK), Level::Low, "the complement");
-    }
-
-    #[test]
-    fn the_trigger_comes_once_a_period_just_before_the_top() {
-        let mut timer = pulses(false);
-        let mut rising = Vec::new();
-        while rising.len() < 3 {
-            let now = timer.next(CLOCK);
-            timer.advance(now, CLOCK);
-            let [event, output] = timer.take_triggers();
-            assert_eq!(event, output, "with the main output enabled");
-            if output.0 {
-                rising.push(now as f64 * 1e-6);
-            }
-        }
-        // 4199 of 4200 counts of 5.952 ns.
-        for (time, expected) in rising.into_iter().zip([24.994, 74.994, 124.994]) {
-            assert!((time - expected).abs() < 0.001, "{time}");
-        }
-    }
-
-    #[test]
-    fn without_the_main_output_only_the_trigger_output_triggers() {
-        let mut timer = pulses(false);
-        timer.write(0x44, 0x1400 | BKE, 0, CLOCK);
-        let mut triggers = [(false, false); 2];
-        for _ in 0..8 {
-            timer.advance(timer.next(CLOCK), CLOCK);
-            for (all, [rises, falls]) in triggers.iter_mut().zip(timer.take_triggers().map(<[bool; 2]>::from))
-            {
-                *all = (all.0 || rises, all.1 || falls);
-            }
-        }
-        assert_eq!(triggers, [(false, false), (true, true)]);
-    }
-
-    #[test]
-    fn a_break_stops_until_software_starts_again_unless_aoe_is_set() {
-        for aoe in [0, AOE] {
-            let mut timer = pulses(false);
-            timer.write(0x44, 0x9400 | BKE | aoe, 0, CLOCK);
-            timer.set_break_input(Some(false));
-            assert_eq!(timer.complementary(0, 1_000_000, CLOCK), Level::Low);
-            timer.write(0x44, 0x9400 | BKE | aoe, 2_000_000, CLOCK);
-            assert_eq!(timer.complementary(0, 2_000_000, CLOCK), Level::Low, "still active");
-            timer.set_break_input(Some(true));
-            let later = 201_000_000;
-            timer.advance(later, CLOCK);
-            let expected = if aoe == 0 { Level::Low } else { Level::High };
-            assert_eq!(timer.complementary(0, later, CLOCK), expected);
-            timer.write(0x44, 0x9400 | BKE | aoe, later, CLOCK);
-            assert_eq!(timer.complementary(0, later, CLOCK), Level::High);
-        }
-    }
-
-    #[test]
-    fn the_lock_keeps_polarity_and_aoe() {
-        let mut timer = Tim1::new();
-        timer.write(0x44, 0x100 | BKE | OSSI, 0, CLOCK);
-        timer.write(0x44, MOE | AOE | BKP | OSSI, 0, CLOCK);
-        assert_eq!(timer.read(0x44, 0, CLOCK), Some(0x100 | BKE | OSSI | MOE));
-    }
-}
+#[path = "tim1_tests.rs"]
+mod tests;

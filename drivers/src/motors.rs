@@ -1,6 +1,7 @@
 //! Brushed motors on power stages with a direction and a pulse each: wake, current loops, trip, dead man.
 
 use tesaki::control::{CurrentLoop, CurrentLoopState, Drive, InvalidCurrentLoop, Switching, Winding};
+use tesaki::math;
 
 use crate::current_sign::CurrentSign;
 
@@ -9,11 +10,22 @@ const SUPPLY_MIN: f32 = 1.0;
 /// Part of an ampere in which currents are added up [A].
 pub const SUM_RESOLUTION: f32 = 1e-4;
 
+/// What the power stage measures of a current.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sensing {
+    /// Its magnitude. [`CurrentSign`] finds the sign.
+    Magnitude,
+    /// The current itself.
+    Signed,
+}
+
 /// A motor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Motor {
     /// Its winding.
     pub winding: Winding,
+    /// How its current is measured.
+    pub sensing: Sensing,
     /// A larger current switches all motors off [A].
     pub trip: f32,
 }
@@ -62,7 +74,8 @@ pub struct Totals<const N: usize> {
 #[derive(Clone, Copy, Debug)]
 struct Axis {
     current_loop: CurrentLoop,
-    sign: CurrentSign,
+    /// Where only the magnitude is measured.
+    sign: Option<CurrentSign>,
     /// Mean of the current as a multiple of a sample.
     ripple: f32,
     trip: f32,
@@ -130,11 +143,14 @@ impl<const N: usize> Motors<N> {
     ) -> Result<Self, (usize, InvalidCurrentLoop)> {
         let mut axes = [None; N];
         for (index, (axis, motor)) in axes.iter_mut().zip(motors).enumerate() {
-            if let Some(Motor { winding, trip }) = *motor {
+            if let Some(Motor { winding, sensing, trip }) = *motor {
                 let invalid = |error| (index, error);
                 *axis = Some(Axis {
                     current_loop: CurrentLoop::try_new(&winding, switching).map_err(invalid)?,
-                    sign: CurrentSign::new(&winding, switching.period),
+                    sign: match sensing {
+                        Sensing::Magnitude => Some(CurrentSign::new(&winding, switching.period)),
+                        Sensing::Signed => None,
+                    },
                     ripple: ripple(&winding, switching).map_err(invalid)?,
                     trip,
                     velocity: 0.0,
@@ -168,6 +184,11 @@ impl<const N: usize> Motors<N> {
         self.totals
     }
 
+    /// Whether the motors are off, and no command will switch them on before the next period.
+    pub fn are_off(&self) -> bool {
+        matches!(self.phase, Phase::Off | Phase::Tripped)
+    }
+
     /// Whether the motors are off because of a trip.
     pub fn has_tripped(&self) -> bool {
         self.phase == Phase::Tripped
@@ -191,8 +212,9 @@ impl<const N: usize> Motors<N> {
         }
     }
 
-    /// One period, from the magnitudes of the currents [A] and the supply [V].
-    pub fn update(&mut self, magnitudes: &[f32; N], supply: f32, stages: &mut impl PowerStages<N>) {
+    /// One period, from the currents as they are measured [A] and the supply [V]. A current that is no number
+    /// is beyond the trip.
+    pub fn update(&mut self, measured: &[f32; N], supply: f32, stages: &mut impl PowerStages<N>) {
         self.totals.periods = self.totals.periods.wrapping_add(1);
         match self.phase {
             Phase::Off | Phase::Tripped => {}
@@ -201,21 +223,26 @@ impl<const N: usize> Motors<N> {
                 self.phase = Phase::Running;
             }
             Phase::Waking(periods) => self.phase = Phase::Waking(periods - 1),
-            Phase::Running => self.run(magnitudes, supply, stages),
+            Phase::Running => self.run(measured, supply, stages),
         }
     }
 
-    fn run(&mut self, magnitudes: &[f32; N], supply: f32, stages: &mut impl PowerStages<N>) {
+    fn run(&mut self, measured: &[f32; N], supply: f32, stages: &mut impl PowerStages<N>) {
         let mut off = false;
         let mut tripped = stages.has_tripped();
-        let measured = magnitudes.iter().zip(&mut self.totals.currents);
+        let measured = measured.iter().zip(&mut self.totals.currents);
         let axes = self.axes.iter_mut().zip(&mut self.outputs);
-        for ((axis, output), (&magnitude, total)) in axes.zip(measured) {
+        for ((axis, output), (&measured, total)) in axes.zip(measured) {
             let Some(axis) = axis else { continue };
             let [before, last] = axis.duties;
-            let duty = self.lag * before + (1.0 - self.lag) * last;
-            let voltage = duty * if supply > SUPPLY_MIN { supply } else { 0.0 };
-            let current = axis.ripple * axis.sign.resolve(magnitude, voltage, axis.velocity);
+            let current = if let Some(sign) = &mut axis.sign {
+                let duty = self.lag * before + (1.0 - self.lag) * last;
+                let voltage = duty * if supply > SUPPLY_MIN { supply } else { 0.0 };
+                sign.resolve(measured, voltage, axis.velocity)
+            } else {
+                measured
+            };
+            let current = axis.ripple * current;
             #[expect(
                 clippy::cast_possible_truncation,
                 reason = "saturates; a converter measures some amperes"
@@ -223,7 +250,7 @@ impl<const N: usize> Motors<N> {
             let counts = (current / SUM_RESOLUTION) as i32;
             *total = total.wrapping_add(counts);
             // What is no number is not.
-            let is_permitted = magnitude <= axis.trip;
+            let is_permitted = math::abs(measured) <= axis.trip;
             tripped |= !is_permitted;
             let duty = match axis.current_loop.update(&mut axis.state, current, supply) {
                 Drive::Duty(duty) => duty,
@@ -258,7 +285,9 @@ impl<const N: usize> Motors<N> {
         stages.set(&self.outputs);
         for axis in self.axes.iter_mut().flatten() {
             axis.state.release();
-            axis.sign.reset();
+            if let Some(sign) = &mut axis.sign {
+                sign.reset();
+            }
             axis.duties = [0.0; 2];
         }
     }

@@ -19,6 +19,7 @@ struct Rig {
     velocity: [f64; 2],
     noise: u32,
     warm: bool,
+    signed: bool,
     /// A pulse changed its direction while it lasted.
     glitches: u32,
 }
@@ -52,12 +53,14 @@ impl Rig {
 
     fn step(&mut self, motors: &mut Motors<2>) {
         // A converter with a count of 0.72 mA, and noise of two to either side; it knows no negative voltage.
-        let magnitudes = self.current.map(|current| {
+        let signed = self.signed;
+        let measured = self.current.map(|current| {
             self.noise = self.noise.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
             let noise = f64::from(self.noise >> 24) / 64.0 - 2.0;
-            ((current.abs() / 0.72e-3 + noise).round().clamp(0.0, 4095.0) * 0.72e-3) as f32
+            let (current, offset) = if signed { (current, 2048.0) } else { (current.abs(), 0.0) };
+            (((current / 0.72e-3 + noise + offset).round().clamp(0.0, 4095.0) - offset) * 0.72e-3) as f32
         });
-        motors.update(&magnitudes, SUPPLY as f32, self);
+        motors.update(&measured, SUPPLY as f32, self);
         for index in 0..2 {
             let Output { positive, counts } = self.outputs[index];
             let duty = f64::from(counts) / 4200.0 * if positive { 1.0 } else { -1.0 };
@@ -77,7 +80,7 @@ impl Rig {
 }
 
 fn motors() -> Motors<2> {
-    let motor = Motor { winding: WINDING, trip: 1.25 };
+    let motor = Motor { winding: WINDING, sensing: Sensing::Magnitude, trip: 1.25 };
     Motors::try_new(&[Some(motor); 2], &SWITCHING, 1e-3).unwrap()
 }
 
@@ -226,7 +229,7 @@ fn totals_give_the_mean_current() {
 
 #[test]
 fn a_power_stage_without_motor_stays_without_pulses() {
-    let motor = Motor { winding: WINDING, trip: 1.25 };
+    let motor = Motor { winding: WINDING, sensing: Sensing::Magnitude, trip: 1.25 };
     let mut motors = Motors::try_new(&[Some(motor), None], &SWITCHING, 1e-3).unwrap();
     let mut rig = Rig::default();
     run(&mut rig, &mut motors, &command([0.5; 2], [0.0; 2]), 400);
@@ -235,7 +238,7 @@ fn a_power_stage_without_motor_stays_without_pulses() {
 
 #[test]
 fn an_invalid_winding_is_refused_by_its_motor() {
-    let good = Motor { winding: WINDING, trip: 1.0 };
+    let good = Motor { winding: WINDING, sensing: Sensing::Magnitude, trip: 1.0 };
     let bad = Motor { winding: Winding { resistance: 0.0, ..WINDING }, ..good };
     let (index, error) = Motors::try_new(&[Some(good), Some(bad)], &SWITCHING, 1e-3).unwrap_err();
     assert_eq!((index, error.field), (1, "resistance"));
@@ -257,8 +260,31 @@ fn the_mean_current_follows_from_a_sample_between_pulses() {
         assert!((ripple * sample / duty - 1.0).abs() < 0.006, "{duty}: {}", ripple * sample / duty);
     }
     let fast = Winding { inductance: 0.1e-3, ..winding };
-    let refused = Motors::<1>::try_new(&[Some(Motor { winding: fast, trip: 1.0 })], &switching, 1e-3);
+    let refused = Motors::<1>::try_new(
+        &[Some(Motor { winding: fast, sensing: Sensing::Magnitude, trip: 1.0 })],
+        &switching,
+        1e-3,
+    );
     let (index, refused) = refused.unwrap_err();
     assert_eq!((index, refused.field), (0, "inductance"));
     assert!((refused.limits.0 - 0.1325e-3).abs() < 1e-7, "{refused}");
+}
+
+/// The sign is measured too, with an offset that the model of the winding does not know.
+#[test]
+fn a_signed_current_is_taken_as_it_is() {
+    let motor = Motor { winding: WINDING, sensing: Sensing::Signed, trip: 1.25 };
+    let mut motors = Motors::try_new(&[Some(motor); 2], &SWITCHING, 1e-3).unwrap();
+    let mut rig = Rig { signed: true, ..Rig::default() };
+    for velocity in [0.0, 12.0, -12.0] {
+        rig.velocity = [velocity, -velocity].map(f64::from);
+        run(&mut rig, &mut motors, &command([0.4, -0.8], [velocity, -velocity]), 400);
+        let [first, second] = rig.current;
+        assert!((first - 0.4).abs() < 0.01 && (second + 0.8).abs() < 0.01, "{first} {second}");
+    }
+    assert_eq!(rig.glitches, 0);
+    // The trip is one of the magnitude.
+    rig.current[1] = -1.3;
+    rig.step(&mut motors);
+    assert!(!rig.armed && motors.has_tripped() && motors.are_off());
 }

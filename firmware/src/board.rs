@@ -10,6 +10,15 @@ use tesaki::protocol::{ActuatorFrame, SensorFrame};
 
 pub use crate::boards::ThisBoard;
 
+/// The UART of the supervisor's line. The plant link is always USART2.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SupervisorLine {
+    /// USART1.
+    Usart1,
+    /// UART4, for boards where the pins of USART1 are others.
+    Uart4,
+}
+
 /// A controller board. It is made once, by [`Board::start`], and lives as long as the firmware.
 pub trait Board: Sized {
     /// Frequency of the crystal [Hz]; whole megahertz.
@@ -18,13 +27,16 @@ pub trait Board: Sized {
     /// a simulation.
     const OWNS_GATE_DRIVERS: bool;
 
+    /// Which UART the supervisor's line is.
+    const SUPERVISOR: SupervisorLine;
+
     /// The part that the timer's interrupt calls.
     type Latch: Latch;
     /// The part that the interrupt of the converters calls.
     type CurrentControl: CurrentControl;
 
-    /// Takes all pins. The power stages are off when it returns. The line of the supervisor (USART1) is
-    /// connected, with a pull-up on its input; that of the plant link is not.
+    /// Takes all pins. The power stages are off when it returns. The line of the supervisor
+    /// ([`Board::SUPERVISOR`]) is connected, with a pull-up on its input; that of the plant link is not.
     fn start(peripherals: Peripherals) -> (Self, Self::Latch, Self::CurrentControl);
 
     /// Whether the strap asks for the plant link.
@@ -51,6 +63,11 @@ pub trait Board: Sized {
     /// Switches the power stages off. Called from any context, also after a panic or a CPU fault, and before
     /// [`Board::start`].
     fn off();
+
+    /// An edge at a line of the interrupts EXTI2 and EXTI4, which nothing delays but code with all interrupts
+    /// off. For a board that cannot lead what trips its power stages to a timer's break input: it switches
+    /// them off and takes the edge back. Without such lines it is never called.
+    fn on_trip() {}
 }
 
 /// Reads what must be read at the instant at which the control period begins.
@@ -85,6 +102,8 @@ impl CurrentControl for NoCurrents {
 pub struct Peripherals {
     /// Enables and resets peripherals. Its frequencies are not those of the chip: [`crate::clock`] sets them.
     pub rcc: Rcc,
+    pub exti: pac::EXTI,
+    pub syscfg: pac::SYSCFG,
     pub syst: cortex_m::peripheral::SYST,
     pub gpioa: pac::GPIOA,
     pub gpiob: pac::GPIOB,

@@ -5,10 +5,11 @@ use stm32f4xx_hal::prelude::*;
 use tesaki::fault::{Fault, FaultCause};
 use tesaki::node::Node;
 use tesaki::protocol::{BoardStatus, ClockSource, Identity, LinkStatistics, ResetCause};
-use tesaki_firmware::board::{Board, Peripherals, ThisBoard, uses_plant_link};
+use tesaki_firmware::board::{Board, Peripherals, SupervisorLine, ThisBoard, uses_plant_link};
 use tesaki_firmware::identity::identity;
+use tesaki_firmware::link::{Uart, Uarts};
 use tesaki_firmware::watchdog::Watchdog;
-use tesaki_firmware::{clock, retained, start_uart};
+use tesaki_firmware::{clock, retained};
 
 /// The PLL's input is 1 MHz, and the chip takes 4 to 26 MHz.
 const _: () = assert!(
@@ -19,8 +20,7 @@ const _: () = assert!(
 
 /// Resources of the RTIC tasks.
 pub struct Started {
-    pub usart1: pac::USART1,
-    pub usart2: pac::USART2,
+    pub uarts: Uarts,
     pub timer: pac::TIM2,
     pub watchdog: Watchdog,
     pub board: ThisBoard,
@@ -38,7 +38,10 @@ pub fn start(device: pac::Peripherals, syst: cortex_m::peripheral::SYST, node: &
     let clocks = clock::bring_up(&device.RCC, &device.FLASH, ThisBoard::CRYSTAL, measure);
     watchdog.feed();
     device.RCC.apb1enr().modify(|_, w| w.tim2en().set_bit());
-    device.RCC.apb2enr().modify(|_, w| w.usart1en().set_bit());
+    match ThisBoard::SUPERVISOR {
+        SupervisorLine::Usart1 => device.RCC.apb2enr().modify(|_, w| w.usart1en().set_bit()),
+        SupervisorLine::Uart4 => device.RCC.apb1enr().modify(|_, w| w.uart4en().set_bit()),
+    };
     let flags = device.RCC.csr().read();
     let (by_watchdog, by_software) = (flags.wdgrstf().bit_is_set(), flags.sftrstf().bit_is_set());
     device.RCC.csr().modify(|_, w| w.rmvf().set_bit());
@@ -47,6 +50,8 @@ pub fn start(device: pac::Peripherals, syst: cortex_m::peripheral::SYST, node: &
 
     let (mut board, latch, current_control) = ThisBoard::start(Peripherals {
         rcc: device.RCC.constrain(),
+        exti: device.EXTI,
+        syscfg: device.SYSCFG,
         syst,
         gpioa: device.GPIOA,
         gpiob: device.GPIOB,
@@ -69,12 +74,16 @@ pub fn start(device: pac::Peripherals, syst: cortex_m::peripheral::SYST, node: &
     identity.capabilities |= if plant_link { Identity::PLANT_LINK } else { 0 };
     identity.capabilities |= if ThisBoard::OWNS_GATE_DRIVERS { Identity::POWER_STAGES } else { 0 };
 
-    start_uart!(device.USART1, clocks.usart1, clocks.baud);
+    let uarts = Uarts { usart1: device.USART1, usart2: device.USART2, uart4: device.UART4 };
+    match ThisBoard::SUPERVISOR {
+        SupervisorLine::Usart1 => uarts.usart1.start(clocks.apb2, clocks.baud),
+        SupervisorLine::Uart4 => uarts.uart4.start(clocks.apb1, clocks.baud),
+    }
     if plant_link {
         board.connect_plant_link();
         // SAFETY: a bit that only this line changes, before the first interrupt.
         unsafe { (*pac::RCC::ptr()).apb1enr().modify(|_, w| w.usart2en().set_bit()) };
-        start_uart!(device.USART2, clocks.usart2, clocks.baud);
+        uarts.usart2.start(clocks.apb1, clocks.baud);
     }
     start_timer(&device.TIM2, clocks.timer, if plant_link { IDLE_PERIOD } else { PERIOD });
 
@@ -125,17 +134,7 @@ pub fn start(device: pac::Peripherals, syst: cortex_m::peripheral::SYST, node: &
         supervisor_link: LinkStatistics::default(),
         plant: LinkStatistics::default(),
     };
-    Started {
-        usart1: device.USART1,
-        usart2: device.USART2,
-        timer: device.TIM2,
-        watchdog,
-        board,
-        latch,
-        current_control,
-        plant_link,
-        status,
-    }
+    Started { uarts, timer: device.TIM2, watchdog, board, latch, current_control, plant_link, status }
 }
 
 /// Period of the timer on the plant link [µs]: the idle loop wakes in time for the watchdog, whose time is 68

@@ -22,10 +22,10 @@ pub struct Clocks {
     pub source: ClockSource,
     /// The frequency of a crystal that runs but is not the board's; 0 if none could be measured.
     pub wrong_crystal: Option<u32>,
-    /// Clock of `USART1` (APB2).
-    pub usart1: u32,
-    /// Clock of `USART2` (APB1).
-    pub usart2: u32,
+    /// Clock of APB1: `USART2`, `UART4`.
+    pub apb1: u32,
+    /// Clock of APB2: `USART1`.
+    pub apb2: u32,
     /// Clock of `TIM2`.
     pub timer: u32,
     /// Rate of the UARTs [baud].
@@ -44,8 +44,8 @@ pub fn bring_up(
     let fast = |source, wrong_crystal| Clocks {
         source,
         wrong_crystal,
-        usart1: 84_000_000,
-        usart2: 42_000_000,
+        apb1: 42_000_000,
+        apb2: 84_000_000,
         timer: 84_000_000,
         baud: 921_600,
     };
@@ -67,8 +67,8 @@ pub fn bring_up(
     Clocks {
         source: ClockSource::Internal,
         wrong_crystal,
-        usart1: INTERNAL,
-        usart2: INTERNAL,
+        apb1: INTERNAL,
+        apb2: INTERNAL,
         timer: INTERNAL,
         baud: 115_200,
     }

@@ -4,9 +4,10 @@
 //!
 //! | priority | RTIC task | does |
 //! |---|---|---|
+//! | 6 | `EXTI2`, `EXTI4` | on boards whose trip lines have no break input: power stages off |
 //! | 5 | `TIM2` | 10 ms timer: latches the sensors, pends the control task |
 //! | 4 | `ADC` | 40 kHz, on boards with motors: every second time the current loops |
-//! | 3 | `USART1`, `USART2` | bytes between UART and queue |
+//! | 3 | `USART1`, `USART2`, `UART4` | bytes between UART and queue |
 //! | 2 | `EXTI0`: control | one [`Node::tick`](tesaki::node::Node::tick) |
 //! | 1 | `EXTI1`: supervisor | requests, replies, telemetry |
 //! | 0 | idle | measuring the stack, sleep; on the plant link, feeding the watchdog |
@@ -18,8 +19,7 @@
 //! A current loop takes a few microseconds, less than a byte: nothing above the UARTs may take longer.
 //!
 //! The control task also waits while the supervisor task handles a request, as both use the node. Sampling
-//! does not wait: the timer's interrupt, which has the highest priority, latches the sensors
-//! ([`board::Latch`]).
+//! does not wait: the timer's interrupt, above which only a trip is, latches the sensors ([`board::Latch`]).
 
 #![no_std]
 
@@ -27,7 +27,7 @@ pub mod board;
 pub mod boards;
 pub mod clock;
 pub mod control;
-#[cfg(feature = "board-weact")]
+#[cfg(any(feature = "board-odrive", feature = "board-weact"))]
 pub mod drivers;
 pub mod identity;
 pub mod link;

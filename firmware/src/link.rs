@@ -1,17 +1,21 @@
 //! UARTs, and the queues between their interrupts and the RTIC tasks.
 //!
-//! The interrupt owns the UART; an RTIC task owns the other ends of two queues and pends the interrupt with
-//! `rtic::pend`. A full queue drops further data and counts it.
+//! The interrupt owns the UART; an RTIC task owns the other ends of two queues, and each pends the other. A
+//! full queue drops further data and counts it. RTIC binds the interrupts of all UARTs that can be a line;
+//! the board says which of them is the supervisor's ([`SupervisorLine`]), and the others stay off.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
+use cortex_m::peripheral::NVIC;
 use heapless::spsc::{Consumer, Producer, Queue};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use tesaki::protocol::LinkStatistics;
 use tesaki::protocol::codec::{Decoder, FrameError, MAX_FRAME, encode};
 
+use crate::board::SupervisorLine;
 use crate::pac;
+use pac::Interrupt;
 
 /// Capacity plus one of the receive queue [bytes]: three of the longest frames.
 pub const RECEIVE_QUEUE: usize = 1024;
@@ -45,18 +49,82 @@ impl Storage {
         Self { receive: Queue::new(), send: Queue::new(), counters }
     }
 
-    /// The ends of the interrupt and of the RTIC task.
-    pub fn split<U: Uart>(&'static mut self, uart: U) -> (UartIsr<U>, Endpoint) {
+    /// The ends of the UART's interrupt and of an RTIC task; the interrupt pends `task` when a frame has
+    /// ended.
+    pub fn split<U: Uart>(&'static mut self, uart: U, task: Interrupt) -> (Line<U>, Endpoint) {
         let (received, incoming) = self.receive.split();
         let (outgoing, waiting) = self.send.split();
         let counters = &self.counters;
-        let endpoint = Endpoint { incoming, outgoing, counters, decoder: Decoder::new(), send_overflow: 0 };
-        (UartIsr { uart, received, waiting, counters }, endpoint)
+        let (interrupt, decoder) = (U::INTERRUPT, Decoder::new());
+        let endpoint = Endpoint { interrupt, incoming, outgoing, counters, decoder, send_overflow: 0 };
+        (Line(Some(UartIsr { uart, task, received, waiting, counters })), endpoint)
+    }
+}
+
+/// The UARTs that have a handler.
+#[allow(missing_docs, reason = "the names are those of the chip")]
+pub struct Uarts {
+    pub usart1: pac::USART1,
+    pub usart2: pac::USART2,
+    pub uart4: pac::UART4,
+}
+
+/// The interrupts' and the RTIC tasks' ends of the two lines.
+#[allow(missing_docs, reason = "the names are those of the chip")]
+pub struct Lines {
+    pub usart1: Line<pac::USART1>,
+    pub usart2: Line<pac::USART2>,
+    pub uart4: Line<pac::UART4>,
+    /// The line of the supervisor.
+    pub supervisor: Endpoint,
+    /// The plant link.
+    pub plant: Endpoint,
+}
+
+impl Uarts {
+    /// Gives each line its UART, its memory and the interrupt of its RTIC task.
+    pub fn split(
+        self,
+        line: SupervisorLine,
+        supervisor: (&'static mut Storage, Interrupt),
+        plant: (&'static mut Storage, Interrupt),
+    ) -> Lines {
+        let Self { usart1, usart2, uart4 } = self;
+        let (usart2, plant) = plant.0.split(usart2, plant.1);
+        let (storage, task) = supervisor;
+        match line {
+            SupervisorLine::Usart1 => {
+                let (usart1, supervisor) = storage.split(usart1, task);
+                Lines { usart1, usart2, uart4: Line(None), supervisor, plant }
+            }
+            SupervisorLine::Uart4 => {
+                let (uart4, supervisor) = storage.split(uart4, task);
+                Lines { usart1: Line(None), usart2, uart4, supervisor, plant }
+            }
+        }
+    }
+}
+
+/// What the interrupt of a UART does, whether a line uses it or not.
+pub struct Line<U>(Option<UartIsr<U>>);
+
+impl<U: Uart> Line<U> {
+    /// Receives a byte and sends queued ones.
+    pub fn on_interrupt(&mut self) {
+        if let Some(isr) = &mut self.0 {
+            isr.on_interrupt();
+        }
     }
 }
 
 /// Interface of the UARTs.
 pub trait Uart {
+    /// Its interrupt.
+    const INTERRUPT: Interrupt;
+
+    /// Configures it: 8 data bits, no parity, one stop bit, interrupt on each received byte. `clock` and
+    /// `baud` in Hz.
+    fn start(&self, clock: u32, baud: u32);
     /// Reads a received byte, and whether bytes were lost: `(byte, lost)`.
     fn receive(&mut self) -> (Option<u8>, bool);
     /// Whether the next byte may be written.
@@ -70,6 +138,15 @@ pub trait Uart {
 macro_rules! uart {
     ($peripheral:ident) => {
         impl Uart for pac::$peripheral {
+            const INTERRUPT: Interrupt = Interrupt::$peripheral;
+
+            fn start(&self, clock: u32, baud: u32) {
+                let divider = (clock + baud / 2) / baud;
+                // SAFETY: mantissa and fraction of the divider, as the baud rate register takes them.
+                self.brr().write(|w| unsafe { w.bits(divider as _) });
+                self.cr1().write(|w| w.ue().set_bit().te().set_bit().re().set_bit().rxneie().set_bit());
+            }
+
             fn receive(&mut self) -> (Option<u8>, bool) {
                 let status = self.sr().read();
                 let lost = status.ore().bit_is_set() || status.nf().bit_is_set() || status.fe().bit_is_set();
@@ -97,41 +174,32 @@ macro_rules! uart {
 
 uart!(USART1);
 uart!(USART2);
-
-/// Configures a UART: 8 data bits, no parity, one stop bit, interrupt on each received byte.
-#[macro_export]
-macro_rules! start_uart {
-    ($uart:expr, $clock:expr, $baud:expr) => {{
-        let divider = ($clock + $baud / 2) / $baud;
-        // SAFETY: mantissa and fraction of the divider, as the baud rate register takes them.
-        $uart.brr().write(|w| unsafe { w.bits(divider as _) });
-        $uart.cr1().write(|w| w.ue().set_bit().te().set_bit().re().set_bit().rxneie().set_bit());
-    }};
-}
+uart!(UART4);
 
 /// The interrupt's half of a UART.
-pub struct UartIsr<U> {
+struct UartIsr<U> {
     uart: U,
+    task: Interrupt,
     received: Producer<'static, u8>,
     waiting: Consumer<'static, u8>,
     counters: &'static Counters,
 }
 
 impl<U: Uart> UartIsr<U> {
-    /// Receives a byte and sends queued bytes. Returns whether a frame ended. Bounded: at most one byte in
-    /// and one queue out; a real UART accepts two bytes at a time.
-    pub fn on_interrupt(&mut self) -> bool {
+    /// Receives a byte and sends queued bytes. Bounded: at most one byte in and one queue out; a real UART
+    /// accepts two bytes at a time.
+    fn on_interrupt(&mut self) {
         let (byte, lost) = self.uart.receive();
         if lost {
             self.counters.errors.fetch_add(1, Ordering::Relaxed);
         }
         if let Some(byte) = byte
-            && self.received.enqueue(byte).is_err()
+            && (!self.have_sizes() || self.received.enqueue(byte).is_err())
         {
             self.counters.overflow.fetch_add(1, Ordering::Relaxed);
         }
         for _ in 0..SEND_QUEUE {
-            if !self.uart.ready() {
+            if !self.uart.ready() || !self.have_sizes() {
                 break;
             }
             match self.waiting.dequeue() {
@@ -141,12 +209,21 @@ impl<U: Uart> UartIsr<U> {
         }
         let unsent = self.waiting.ready();
         self.uart.interrupt_when_ready(unsent);
-        byte == Some(0)
+        if byte == Some(0) {
+            NVIC::pend(self.task);
+        }
+    }
+
+    /// Always: tells the compiler that the queues, which divide by their sizes, have ones.
+    fn have_sizes(&self) -> bool {
+        self.received.capacity() < RECEIVE_QUEUE && self.waiting.capacity() < SEND_QUEUE
     }
 }
 
 /// The RTIC task's half of a link: messages instead of bytes.
 pub struct Endpoint {
+    /// Of the UART.
+    interrupt: Interrupt,
     incoming: Consumer<'static, u8>,
     outgoing: Producer<'static, u8>,
     counters: &'static Counters,
@@ -165,7 +242,7 @@ impl Endpoint {
         None
     }
 
-    /// Queues a complete message, or drops it. The caller then pends the interrupt.
+    /// Queues a complete message, or drops it. [`Endpoint::flush`] sends what is queued.
     pub fn send<T: Serialize>(&mut self, message: &T) -> bool {
         let mut frame = [0; MAX_FRAME];
         let frame = match encode(message, &mut frame) {
@@ -184,6 +261,11 @@ impl Endpoint {
             }
         }
         true
+    }
+
+    /// Lets the interrupt send what is queued.
+    pub fn flush(&self) {
+        NVIC::pend(self.interrupt);
     }
 
     /// Always: tells the compiler that the queue, which divides by its size, has one.

@@ -19,7 +19,7 @@ mod app {
     };
     use tesaki_firmware::board::{Board, CurrentControl, Latch, ThisBoard};
     use tesaki_firmware::control::Periods;
-    use tesaki_firmware::link::{Endpoint, Storage, UartIsr};
+    use tesaki_firmware::link::{Endpoint, Line, Lines, Storage};
     use tesaki_firmware::watchdog::Watchdog;
     use tesaki_firmware::{retained, stack};
 
@@ -55,9 +55,10 @@ mod app {
         current_control: <ThisBoard as Board>::CurrentControl,
         samples_in: Producer<'static, Sample>,
         samples_out: Consumer<'static, Sample>,
-        supervisor_uart_isr: UartIsr<pac::USART1>,
+        usart1: Line<pac::USART1>,
+        usart2: Line<pac::USART2>,
+        uart4: Line<pac::UART4>,
         supervisor: Endpoint,
-        plant_uart_isr: UartIsr<pac::USART2>,
         plant: Endpoint,
         status: BoardStatus,
         retained_faults: u32,
@@ -75,19 +76,13 @@ mod app {
     fn init(cx: init::Context) -> (Shared, Local) {
         stack::paint();
         let started = boot::start(cx.device, cx.core.SYST, cx.local.node);
-        let boot::Started {
-            usart1,
-            usart2,
-            timer,
-            watchdog,
-            board,
-            latch,
-            current_control,
-            plant_link,
-            status,
-        } = started;
-        let (supervisor_uart_isr, supervisor) = cx.local.supervisor_link.split(usart1);
-        let (plant_uart_isr, plant) = cx.local.plant_storage.split(usart2);
+        let boot::Started { uarts, timer, watchdog, board, latch, current_control, plant_link, status } =
+            started;
+        let Lines { usart1, usart2, uart4, supervisor, plant } = uarts.split(
+            ThisBoard::SUPERVISOR,
+            (cx.local.supervisor_link, Interrupt::EXTI1),
+            (cx.local.plant_storage, Interrupt::EXTI0),
+        );
         defmt::info!(
             "tesaki: capabilities {}, clock {}, reset {}",
             status.identity.capabilities,
@@ -105,9 +100,10 @@ mod app {
                 current_control,
                 samples_in,
                 samples_out,
-                supervisor_uart_isr,
+                usart1,
+                usart2,
+                uart4,
                 supervisor,
-                plant_uart_isr,
                 plant,
                 status,
                 retained_faults,
@@ -150,18 +146,30 @@ mod app {
         cx.local.current_control.on_sample();
     }
 
-    #[task(binds = USART1, priority = 3, local = [supervisor_uart_isr])]
-    fn supervisor_uart(cx: supervisor_uart::Context) {
-        if cx.local.supervisor_uart_isr.on_interrupt() {
-            rtic::pend(Interrupt::EXTI1);
-        }
+    #[task(binds = USART1, priority = 3, local = [usart1])]
+    fn usart1(cx: usart1::Context) {
+        cx.local.usart1.on_interrupt();
     }
 
-    #[task(binds = USART2, priority = 3, local = [plant_uart_isr])]
-    fn plant_uart(cx: plant_uart::Context) {
-        if cx.local.plant_uart_isr.on_interrupt() {
-            rtic::pend(Interrupt::EXTI0);
-        }
+    #[task(binds = USART2, priority = 3, local = [usart2])]
+    fn usart2(cx: usart2::Context) {
+        cx.local.usart2.on_interrupt();
+    }
+
+    #[task(binds = UART4, priority = 3, local = [uart4])]
+    fn uart4(cx: uart4::Context) {
+        cx.local.uart4.on_interrupt();
+    }
+
+    /// Lines that switch the power stages off, on boards where no timer can.
+    #[task(binds = EXTI2, priority = 6)]
+    fn first_trip(_: first_trip::Context) {
+        ThisBoard::on_trip();
+    }
+
+    #[task(binds = EXTI4, priority = 6)]
+    fn second_trip(_: second_trip::Context) {
+        ThisBoard::on_trip();
     }
 
     /// One control period, of the timer or of the plant link.
@@ -174,7 +182,7 @@ mod app {
                 if let Ok(sensors) = result {
                     let actuators = cx.shared.node.lock(|node| tick(node, sensors, ticks));
                     cx.local.plant.send(&actuators);
-                    rtic::pend(Interrupt::USART2);
+                    cx.local.plant.flush();
                 }
             }
             let statistics = cx.local.plant.statistics();
@@ -241,7 +249,7 @@ mod app {
                     send_ticks(link, ticks, index);
                     send_log(link, index, LogRecord::Request(request));
                 }
-                rtic::pend(Interrupt::USART1);
+                link.flush();
             }
         }
         if cx.shared.node.lock(|node| node.is_due(Stream::Status)) {
@@ -264,7 +272,7 @@ mod app {
         for message in &messages {
             link.send(message);
         }
-        rtic::pend(Interrupt::USART1);
+        link.flush();
     }
 
     /// Sends the ticks before log entry `index`, so that entries are sent in order.

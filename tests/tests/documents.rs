@@ -255,7 +255,9 @@ fn pins(text: &str, prefix: &str) -> BTreeSet<String> {
 #[test]
 fn the_pins_of_each_board_are_those_of_its_table() {
     let firmware = root().join("firmware");
-    for (board, table) in [("weact", "src/boards/weact.rs"), ("bare", "README.md")] {
+    for (board, table) in
+        [("weact", "src/boards/weact.rs"), ("odrive", "src/boards/odrive.rs"), ("bare", "README.md")]
+    {
         let code = read_to_string(firmware.join("src/boards").join(board).with_extension("rs")).unwrap();
         let table = read_to_string(firmware.join(table)).unwrap();
         let rows = table.lines().filter_map(|line| line.trim_start_matches("//! ").strip_prefix("| P"));

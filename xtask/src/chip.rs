@@ -1,4 +1,4 @@
-//! `cargo xtask chip`: the image of the board that drives motors, and that of the chip alone, on a model of
+//! `cargo xtask chip`: the images of the boards that drive motors, and that of the chip alone, on a model of
 //! the chip.
 
 use std::path::Path;
@@ -12,8 +12,8 @@ use crate::tools::{self, ArmCompiler};
 
 /// A workspace of its own, see its README.
 const FOLDER: &str = "chip";
-/// The feature of the board with motors.
-pub const BOARD: &str = "board-weact";
+/// The features of the boards with motors. The first one is tried with a simulated finger, too.
+pub const BOARDS: [&str; 2] = ["board-weact", "board-odrive"];
 
 /// Machines that the finger is tried on; all twenty: `cargo sim chip --seed 1-20`.
 const SEEDS: &str = "1-2";
@@ -29,8 +29,10 @@ pub fn run() -> Result<()> {
 /// that `host_sim` simulates.
 pub fn check(compiler: ArmCompiler, mut host_sim: Command) -> Result<()> {
     tools::provide_unicorn_builder()?;
-    let images = [("weact", BOARD), ("bare", firmware::BOARD)];
-    let images = images.map(|(name, board)| Ok((name, firmware::build_for_board(compiler, board)?)));
+    let images = [BOARDS[0], BOARDS[1], firmware::BOARD].map(|board| {
+        let name = board.trim_start_matches("board-");
+        Ok((name, firmware::build_for_board(compiler, board)?))
+    });
     let images = images.into_iter().collect::<Result<Vec<_>>>()?;
     for (_, image) in &images {
         say!("image    {}\nSHA-256  {}", image.display(), firmware::sha256(image)?);

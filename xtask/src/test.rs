@@ -125,7 +125,8 @@ fn full(steps: &mut Steps) -> Result<()> {
 struct Images {
     bare: PathBuf,
     emulated: PathBuf,
-    weact: PathBuf,
+    /// Of the boards with motors.
+    with_motors: Vec<PathBuf>,
     /// The folder of the programs that are no part of an image.
     programs: PathBuf,
 }
@@ -136,15 +137,17 @@ impl Images {
         std::thread::scope(|scope| {
             let programs = scope.spawn(|| firmware::build_on_target(compiler));
             let image = |board| firmware::build_for_board(compiler, board);
-            let (emulated, weact) = (image("board-emulated")?, image(chip::BOARD)?);
+            let emulated = image("board-emulated")?;
+            let with_motors = chip::BOARDS.into_iter().map(image).collect::<Result<_>>()?;
             let bare = image(firmware::BOARD)?;
-            Ok(Self { bare, emulated, weact, programs: programs.join().expect("a build does not panic")? })
+            let programs = programs.join().expect("a build does not panic")?;
+            Ok(Self { bare, emulated, with_motors, programs })
         })
     }
 }
 
 fn on_the_board(steps: &mut Steps, compiler: ArmCompiler, images: Images) -> Result<()> {
-    let Images { bare: image, emulated, weact, programs } = images;
+    let Images { bare: image, emulated, with_motors, programs } = images;
     let (selftest, replay) = (programs.join("selftest"), programs.join("replay"));
     steps.run("unit tests on the emulated board", || {
         tesaki_output::print(format_args!("{}", bench::semihosted(&selftest, &[])?));
@@ -163,8 +166,8 @@ fn on_the_board(steps: &mut Steps, compiler: ArmCompiler, images: Images) -> Res
     // alone.
     let host_sim = || Command::new(firmware::target().join("release").join("host-sim"));
     steps.run("the images on a model of the chip", || chip::check(compiler, host_sim()))?;
-    steps.run("what holds for the image that drives motors, from its instructions", || {
-        prove::check(&weact).map(drop)
+    steps.run("what holds for the images that drive motors, from their instructions", || {
+        with_motors.iter().try_for_each(|image| prove::check(image).map(drop))
     })?;
     steps.run("executed instructions on the emulated Cortex-M4F", || bench::check(compiler))?;
     steps.run("the image, and what holds for it", || firmware::report(&image, host_sim()))

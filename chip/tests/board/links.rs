@@ -28,11 +28,11 @@ pub fn run_with_full_lines(rig: &mut Rig, milliseconds: u64, each: fn(&mut Bench
     let mut received = 0;
     for millisecond in 0..milliseconds {
         // A millisecond has 92 bytes.
-        while rig.machine.chip.usart[0].incoming.len() < 120 {
+        while rig.machine.chip.supervisor().incoming.len() < 120 {
             rig.keep();
         }
         rig.machine.run(start + (millisecond + 1) * SECOND / 1000).unwrap();
-        received += rig.machine.chip.usart[0].outgoing.len();
+        received += rig.machine.chip.supervisor().outgoing.len();
         rig.client.receive(&mut rig.machine);
         each(&mut rig.machine.chip.bench, millisecond);
     }
@@ -56,7 +56,7 @@ fn no_byte_is_lost_beside_the_current_loops() {
     let status = rig.status();
     let frames = status.board.supervisor_link.frames.good - sent;
     eprintln!("{frames} frames to the board, {received} bytes from it in a second");
-    assert_eq!(rig.machine.chip.usart[0].lost, 0);
+    assert_eq!(rig.machine.chip.supervisor().lost, 0);
     assert_eq!(rig.client.damaged, 0);
     assert_whole(&status.board.supervisor_link);
     assert_eq!(status.node.mode, Mode::Fault);

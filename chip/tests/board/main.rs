@@ -1,10 +1,11 @@
-//! The images of `board-weact` and `board-bare` on the modelled chip.
+//! The images of `board-weact`, `board-odrive` and `board-bare` on the modelled chip.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
 mod current;
 mod links;
 mod measures;
 mod mistakes;
+mod odrive;
 mod rig;
 mod timing;
 mod weact;

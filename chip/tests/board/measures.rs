@@ -86,6 +86,8 @@ fn pulses_end_without_an_instruction() {
         let Bench { stop, fault, .. } = &mut rig.machine.chip.bench;
         *(if name == "nFAULT" { fault } else { stop }) = true;
         let pressed = rig.machine.now();
+        // The inputs change now, and not with the next event.
+        rig.machine.pass(0);
         rig.machine.pass(SECOND / 1000);
         assert_eq!(rig.machine.instructions, executed);
         let bench = &rig.machine.chip.bench;

@@ -19,11 +19,11 @@ use tesaki::node::Node;
 use tesaki::protocol::codec::checksum;
 use tesaki::protocol::{ActuatorFrame, ClockSource, SensorFrame};
 use tesaki::task::TaskConfig;
-use tesaki_firmware::board::{Board, Equipment, Latch, NoCurrents, Peripherals};
+use tesaki_firmware::board::{Board, Equipment, Latch, NoCurrents, Peripherals, SupervisorLine};
 use tesaki_firmware::clock::{bring_up, frequency};
 use tesaki_firmware::control::Periods;
 use tesaki_firmware::link::{RECEIVE_QUEUE, Storage, Uart};
-use tesaki_firmware::pac::{flash, rcc};
+use tesaki_firmware::pac::{Interrupt, flash, rcc};
 use tesaki_firmware::retained::Record;
 use tesaki_firmware::{retained, stack};
 
@@ -128,6 +128,9 @@ struct FakeUart {
 }
 
 impl Uart for FakeUart {
+    const INTERRUPT: Interrupt = Interrupt::USART3;
+
+    fn start(&self, _clock: u32, _baud: u32) {}
     fn receive(&mut self) -> (Option<u8>, bool) {
         (Some(self.next), self.lost)
     }
@@ -142,7 +145,7 @@ macro_rules! link {
     ($script:expr) => {{
         static mut STORAGE: Storage = Storage::new();
         // SAFETY: each test has a storage of its own and runs once.
-        unsafe { &mut *core::ptr::addr_of_mut!(STORAGE) }.split($script)
+        unsafe { &mut *core::ptr::addr_of_mut!(STORAGE) }.split($script, Interrupt::EXTI0)
     }};
 }
 
@@ -230,6 +233,7 @@ static OFF: AtomicBool = AtomicBool::new(false);
 impl Board for FakeBoard {
     const CRYSTAL: u32 = 8_000_000;
     const OWNS_GATE_DRIVERS: bool = true;
+    const SUPERVISOR: SupervisorLine = SupervisorLine::Usart1;
     type Latch = FakeLatch;
     type CurrentControl = NoCurrents;
 

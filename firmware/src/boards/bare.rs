@@ -12,7 +12,7 @@ use stm32f4xx_hal::prelude::*;
 use tesaki::model::{ModelError, RobotModel};
 use tesaki::protocol::{ActuatorFrame, SensorFrame};
 
-use crate::board::{Board, Latch, NoCurrents, Peripherals};
+use crate::board::{Board, Latch, NoCurrents, Peripherals, SupervisorLine};
 
 /// See the module.
 pub struct Bare {
@@ -23,6 +23,7 @@ pub struct Bare {
 impl Board for Bare {
     const CRYSTAL: u32 = 8_000_000;
     const OWNS_GATE_DRIVERS: bool = false;
+    const SUPERVISOR: SupervisorLine = SupervisorLine::Usart1;
 
     type Latch = NoSensors;
     type CurrentControl = NoCurrents;

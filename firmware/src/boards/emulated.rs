@@ -23,7 +23,7 @@ use tesaki::TICK;
 use tesaki::model::{ModelError, RobotModel};
 use tesaki::protocol::{ActuatorFrame, SensorFlags, SensorFrame};
 
-use crate::board::{Board, Equipment, Latch, NoCurrents, Peripherals};
+use crate::board::{Board, Equipment, Latch, NoCurrents, Peripherals, SupervisorLine};
 
 /// Enabled periods after which something goes wrong.
 const HEALTHY_PERIODS: u32 = 50;
@@ -58,6 +58,7 @@ pub struct Emulated {
 impl Board for Emulated {
     const CRYSTAL: u32 = 8_000_000;
     const OWNS_GATE_DRIVERS: bool = true;
+    const SUPERVISOR: SupervisorLine = SupervisorLine::Usart1;
 
     type Latch = Instants;
     type CurrentControl = NoCurrents;

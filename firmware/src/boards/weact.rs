@@ -20,26 +20,24 @@
 //! boards may have: pull-ups on it must be removed, or an open contact reads as a closed one. There is no
 //! plant link.
 
-use core::f32::consts::TAU;
 use core::sync::atomic::{AtomicBool, Ordering};
 
-use heapless::Vec;
 use heapless::spsc::{Consumer, Producer, Queue};
 use stm32f4xx_hal::gpio::{Input, Output as PinOutput, PB0, PB1, PB10, PC8, Pull};
 use stm32f4xx_hal::hal_02::Qei as _;
 use stm32f4xx_hal::pac::{self, TIM3, TIM4, TIM5};
 use stm32f4xx_hal::prelude::*;
 use stm32f4xx_hal::qei::Qei;
-use tesaki::TICK;
-use tesaki::control::{InvalidCurrentLoop, Switching, Winding};
-use tesaki::model::{Field, JointModel, ModelError, Problem, RobotModel};
+use tesaki::control::Switching;
+use tesaki::model::{ModelError, RobotModel};
 use tesaki::protocol::{ActuatorFrame, SensorFlags, SensorFrame};
 use tesaki_drivers::counter::Counter;
 use tesaki_drivers::drv8874::{self, CurrentSense};
 use tesaki_drivers::handover::Handover;
-use tesaki_drivers::motors::{Command, Motor, Motors, Output, PowerStages, SUM_RESOLUTION};
+use tesaki_drivers::joints::{Joints, motors_for};
+use tesaki_drivers::motors::{Command, Motors, Output, PowerStages, Sensing, Totals};
 
-use crate::board::{Board, CurrentControl, Equipment, Latch, Peripherals};
+use crate::board::{Board, CurrentControl, Equipment, Latch, Peripherals, SupervisorLine};
 use crate::drivers::current_adc::{CurrentAdc, FULL_SCALE};
 use crate::drivers::pulses::Pulses;
 
@@ -89,31 +87,14 @@ static STARTED: AtomicBool = AtomicBool::new(false);
 pub struct Weact {
     emergency_stop: PC8<Input>,
     settings: Producer<'static, Motors<N>>,
-    joints: Vec<Joint, N>,
+    joints: Joints<N>,
     counters: [Counter; 2],
-    last: Option<Last>,
-}
-
-/// What the board must know of a joint.
-struct Joint {
-    torque_constant: f32,
-    current_resolution: f32,
-    /// Angle of a count [rad].
-    angle: f32,
-    velocity: f32,
-}
-
-/// The last control period.
-struct Last {
-    period: u32,
-    counts: [i32; N],
-    totals: [i32; N],
-    periods: u32,
 }
 
 impl Board for Weact {
     const CRYSTAL: u32 = 8_000_000;
     const OWNS_GATE_DRIVERS: bool = true;
+    const SUPERVISOR: SupervisorLine = SupervisorLine::Usart1;
 
     type Latch = Encoders;
     type CurrentControl = CurrentLoops;
@@ -156,7 +137,7 @@ impl Board for Weact {
         c.pc2.into_analog();
         c.pc3.into_analog();
         let converters = (peripherals.adc1, peripherals.adc2, peripherals.adc3, peripherals.adc_common);
-        let adc = CurrentAdc::start(converters, rcc, [10, 11, 12], 13);
+        let adc = CurrentAdc::start(converters, rcc, [&[10, 13], &[11], &[12]]);
         let pulses = Pulses::start(peripherals.tim1, rcc, RESOLUTION);
         // The outputs idle low before their pins show them.
         b.pb13.into_alternate::<1>();
@@ -166,8 +147,8 @@ impl Board for Weact {
         let (settings, new_settings) = queue();
         let stages = Stages { pulses, directions };
         let motors = no_motors();
-        let board =
-            Self { emergency_stop, settings, joints: Vec::new(), counters: [Counter::new(); 2], last: None };
+        let joints = Joints::new(PERIODS);
+        let board = Self { emergency_stop, settings, joints, counters: [Counter::new(); 2] };
         let loops = CurrentLoops { adc, samples: 0, stages, motors, new_settings, command: 0 };
         (board, encoders, loops)
     }
@@ -180,14 +161,8 @@ impl Board for Weact {
 
     fn configure(&mut self, model: &RobotModel) -> Result<(), ModelError> {
         EQUIPMENT.check(model)?;
-        let mut motors = [None; N];
-        for (index, (motor, joint)) in (0_u8..).zip(motors.iter_mut().zip(&model.joints)) {
-            *motor = Some(motor_of(index, joint)?);
-        }
-        let motors = Motors::try_new(&motors, &SWITCHING, drv8874::WAKE)
-            .map_err(|(index, error)| refusal(index as u8, error))?;
-        self.joints = model.joints.iter().take(N).map(Joint::new).collect();
-        self.last = None;
+        let motors = motors_for(model, Sensing::Magnitude, TRIP, &SWITCHING, drv8874::WAKE)?;
+        self.joints.configure(model);
         // Full only if the current loop does not run, which `read` reports. Then nothing moves.
         let _ = self.settings.enqueue(motors);
         Ok(())
@@ -195,33 +170,15 @@ impl Board for Weact {
 
     fn read(&mut self, period: u32, sample: &Sample) -> Option<SensorFrame> {
         let (_, measured) = sample.measured?;
-        let [totals @ .., periods, supply, tripped] = measured;
-        let totals = totals.map(u32::cast_signed);
+        let [currents @ .., periods, supply, tripped] = measured;
+        let totals = Totals { currents: currents.map(u32::cast_signed), periods };
         let [first, second, third] = sample.counts;
         let counts = [
             self.counters[0].extend(first as u16),
             self.counters[1].extend(second as u16),
             third.cast_signed(),
         ];
-        let last = self.last.replace(Last { period, counts, totals, periods });
-        let mut currents = Vec::new();
-        for (index, joint) in self.joints.iter_mut().enumerate().take(N) {
-            let mut count = 0;
-            if let Some(last) = &last {
-                let elapsed = period.wrapping_sub(last.period) as f32;
-                let change = counts[index].wrapping_sub(last.counts[index]) as f32;
-                joint.velocity = change * joint.angle / (elapsed * TICK);
-                let samples = periods.wrapping_sub(last.periods);
-                // The loop has to run at its rate, or nobody controls the currents.
-                if samples.abs_diff(PERIODS * period.wrapping_sub(last.period)) > PERIODS / 10 {
-                    return None;
-                }
-                let sum = totals[index].wrapping_sub(last.totals[index]) as f32;
-                count = (sum * SUM_RESOLUTION / samples as f32 / joint.current_resolution) as i16;
-            }
-            // Cannot fail: a board has no more joints than a frame.
-            let _ = currents.push(count);
-        }
+        let currents = self.joints.update(period, counts, &totals)?;
         let stopped = self.emergency_stop.is_low();
         let mut flags = SensorFlags(0);
         flags.0 |= if stopped { SensorFlags::EMERGENCY_STOP } else { 0 };
@@ -230,9 +187,9 @@ impl Board for Weact {
             sequence: period,
             flags,
             supply: (supply as f32 * SUPPLY_RESOLUTION * 1000.0) as u16,
-            encoders: counts.into_iter().take(self.joints.len()).collect(),
+            encoders: counts.into_iter().take(self.joints.count()).collect(),
             currents,
-            forces: Vec::new(),
+            forces: heapless::Vec::new(),
         })
     }
 
@@ -240,13 +197,9 @@ impl Board for Weact {
         let mut words = [0; 2 * N + 1];
         if actuators.enabled {
             words[2 * N] = 1;
-            let (currents, velocities) = words.split_at_mut(N);
-            let words = currents.iter_mut().zip(velocities);
-            for ((current, velocity), (joint, torque)) in
-                words.zip(self.joints.iter().zip(&actuators.torques))
-            {
-                *current = (torque / joint.torque_constant).to_bits();
-                *velocity = joint.velocity.to_bits();
+            let Command { currents, velocities } = self.joints.command(&actuators.torques);
+            for (word, value) in words.iter_mut().zip(currents.into_iter().chain(velocities)) {
+                *word = value.to_bits();
             }
         } else {
             Self::off();
@@ -264,43 +217,6 @@ impl Board for Weact {
 fn trip_is_active() -> bool {
     // SAFETY: reading this register has no effect.
     unsafe { (*pac::GPIOA::ptr()).idr().read().bits() & 1 << 6 == 0 }
-}
-
-impl Joint {
-    fn new(joint: &JointModel) -> Self {
-        let sign = if joint.encoder.reversed { -1.0 } else { 1.0 };
-        Self {
-            torque_constant: joint.motor.torque_constant,
-            current_resolution: joint.motor.current_resolution,
-            angle: sign * TAU / joint.encoder.counts_per_turn,
-            velocity: 0.0,
-        }
-    }
-}
-
-fn motor_of(index: u8, joint: &JointModel) -> Result<Motor, ModelError> {
-    let needed = |field, value: Option<f32>| {
-        value.ok_or(ModelError { joint: Some(index), field, value: 0.0, problem: Problem::Missing })
-    };
-    let motor = &joint.motor;
-    let winding = Winding {
-        resistance: needed(Field::MotorResistance, motor.resistance)?,
-        inductance: needed(Field::MotorInductance, motor.inductance)?,
-        back_emf: motor.torque_constant,
-    };
-    Ok(Motor { winding, trip: TRIP * motor.current_limit })
-}
-
-/// What the current loop cannot do, by the field of the model.
-fn refusal(index: u8, error: InvalidCurrentLoop) -> ModelError {
-    let InvalidCurrentLoop { field, value, limits: (lower, upper) } = error;
-    let field = match field {
-        "resistance" => Field::MotorResistance,
-        "inductance" => Field::MotorInductance,
-        _ => Field::TorqueConstant,
-    };
-    let problem = if value < lower { Problem::Below(lower) } else { Problem::BoardLimit(upper) };
-    ModelError { joint: Some(index), field, value, problem }
 }
 
 fn no_motors() -> Motors<N> {
@@ -391,7 +307,7 @@ pub struct CurrentLoops {
 
 impl CurrentControl for CurrentLoops {
     fn on_sample(&mut self) {
-        let sample = self.adc.sample();
+        let [[first, supply], [second, _], [third, _]] = self.adc.sample();
         self.samples += 1;
         if self.samples < PULSES {
             return;
@@ -407,12 +323,11 @@ impl CurrentControl for CurrentLoops {
             let command = Command { currents: value(0), velocities: value(N) };
             self.motors.command((words[2 * N] != 0).then_some(&command), &mut self.stages);
         }
-        let magnitudes = sample.currents.map(|counts| f32::from(counts) * CURRENT_SENSE.resolution());
-        let supply = f32::from(sample.supply) * SUPPLY_RESOLUTION;
-        self.motors.update(&magnitudes, supply, &mut self.stages);
+        let magnitudes = [first, second, third].map(|counts| f32::from(counts) * CURRENT_SENSE.resolution());
+        self.motors.update(&magnitudes, f32::from(supply) * SUPPLY_RESOLUTION, &mut self.stages);
         let totals = self.motors.totals();
         let [first, second, third] = totals.currents.map(i32::cast_unsigned);
         let tripped = self.motors.has_tripped().into();
-        MEASURED.write([first, second, third, totals.periods, sample.supply.into(), tripped]);
+        MEASURED.write([first, second, third, totals.periods, supply.into(), tripped]);
     }
 }

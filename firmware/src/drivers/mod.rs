@@ -2,7 +2,12 @@
 //!
 //! The HAL's PWM has no break input, switches `AOE` on, so that outputs return by themselves after a trip,
 //! and takes the main pin of a channel together with its complementary one; the HAL's ADC has no injected
-//! conversions.
+//! conversions, and its SPI waits without a bound.
 
 pub mod current_adc;
+#[cfg(feature = "board-odrive")]
+pub mod gate_spi;
+#[cfg(feature = "board-odrive")]
+pub mod half_bridges;
+#[cfg(feature = "board-weact")]
 pub mod pulses;

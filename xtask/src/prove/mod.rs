@@ -43,12 +43,15 @@ const SUPERVISOR: u32 = INTERRUPTS + 7;
 
 /// What the image handles. Exceptions that end in a reset are not among them: they never return to what they
 /// interrupt, and [the fault's handler has a stack of its own](../../../firmware/src/crash.rs).
-const VECTORS: [Vector; 7] = [
+const VECTORS: [Vector; 10] = [
     Vector { name: "start and idle loop", index: 1, is_proved: false },
     Vector { name: "TIM2: instant of the period", index: INTERRUPTS + 28, is_proved: true },
     Vector { name: "ADC: current loops", index: INTERRUPTS + 18, is_proved: true },
     Vector { name: "USART1: supervisor's line", index: INTERRUPTS + 37, is_proved: true },
     Vector { name: "USART2: plant link", index: INTERRUPTS + 38, is_proved: true },
+    Vector { name: "UART4: supervisor's line", index: INTERRUPTS + 52, is_proved: true },
+    Vector { name: "EXTI2: trip", index: INTERRUPTS + 8, is_proved: true },
+    Vector { name: "EXTI4: trip", index: INTERRUPTS + 10, is_proved: true },
     Vector { name: "EXTI0: control", index: CONTROL, is_proved: true },
     Vector { name: "EXTI1: supervisor", index: SUPERVISOR, is_proved: false },
 ];
@@ -95,7 +98,7 @@ struct Findings {
 /// Options of `cargo xtask prove`.
 #[derive(clap::Args)]
 pub struct Options {
-    /// ELF files of images; without any: those of `board-weact` and `board-bare`, built first
+    /// ELF files of images; without any: those of the boards with motors and of `board-bare`, built first
     images: Vec<PathBuf>,
 }
 
@@ -108,8 +111,9 @@ pub fn run(options: &Options) -> Result<()> {
         return Ok(());
     }
     let compiler = ArmCompiler::provide()?;
-    check(&firmware::build_for_board(compiler, crate::chip::BOARD)?)?;
-    check(&firmware::build_for_board(compiler, firmware::BOARD)?)?;
+    for board in crate::chip::BOARDS.into_iter().chain([firmware::BOARD]) {
+        check(&firmware::build_for_board(compiler, board)?)?;
+    }
     Ok(())
 }
 

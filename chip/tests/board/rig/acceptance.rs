@@ -18,6 +18,8 @@ macro_rules! demand {
     };
 }
 
+pub(crate) use demand;
+
 /// Everything.
 pub fn accept(rig: &mut Rig) -> Result<(), String> {
     starts(rig)?;
@@ -34,7 +36,7 @@ fn bench(rig: &mut Rig) -> &mut Bench {
     &mut rig.machine.chip.bench
 }
 
-fn starts(rig: &mut Rig) -> Result<(), String> {
+pub fn starts(rig: &mut Rig) -> Result<(), String> {
     demand!(!bench(rig).is_awake(), "power stages are awake after the boot");
     rig.client.demand(&mut rig.machine, Request::Hello { schema: tesaki::protocol::SCHEMA_KEY })?;
     let status = rig.client.status(&mut rig.machine)?;
@@ -45,16 +47,16 @@ fn starts(rig: &mut Rig) -> Result<(), String> {
     if let Some(violation) = rig.machine.chip.violation() {
         return Err(violation);
     }
-    demand!((status.node.supply - 24.0).abs() < 0.1, "supply {} V", status.node.supply);
+    demand!((status.node.supply - 24.0).abs() < 0.15, "supply {} V", status.node.supply);
     demand!(rig.machine.chip.unknown.is_empty(), "unknown registers {:?}", rig.machine.chip.unknown);
     Ok(())
 }
 
 /// Each joint its own way, within 6 mrad of the reference.
-fn moves(rig: &mut Rig) -> Result<(), String> {
+pub fn moves(rig: &mut Rig) -> Result<(), String> {
     rig.enable()?;
     demand!(bench(rig).is_awake(), "power stages sleep");
-    let goals = [0.3_f32, 0.15, -0.3];
+    let goals = &[0.3_f32, 0.15, -0.3][..rig.model.joints.len()];
     rig.try_run(0.3)?;
     rig.client.send(&mut rig.machine, Rig::goal_request(goals));
     for tick in 1..=60 {
@@ -62,7 +64,7 @@ fn moves(rig: &mut Rig) -> Result<(), String> {
         rig.try_run(0.01)?;
         let time = f64::from(tick) * 0.01;
         let reference = 1.0 - (1.0 + time / 0.2) * (-time / 0.2).exp();
-        for (joint, goal) in goals.into_iter().enumerate() {
+        for (joint, goal) in goals.iter().copied().enumerate() {
             let angle = bench(rig).states[joint].angle;
             let error = angle - f64::from(goal) * reference;
             demand!(error.abs() < 6e-3, "joint {joint} is {error:.4} rad beside its reference at {time} s");
@@ -74,7 +76,7 @@ fn moves(rig: &mut Rig) -> Result<(), String> {
 }
 
 /// The currents of the sensor frames are those of the motors.
-fn tells_currents(rig: &mut Rig) -> Result<(), String> {
+pub fn tells_currents(rig: &mut Rig) -> Result<(), String> {
     rig.client.demand(&mut rig.machine, Request::SetRate { stream: Stream::Log, every: 1 })?;
     for (joint, load) in [0.05, -0.04, 0.04].into_iter().enumerate() {
         bench(rig).motors[joint].load = load;
@@ -87,7 +89,9 @@ fn tells_currents(rig: &mut Rig) -> Result<(), String> {
     for (joint, told) in sensors.currents.iter().enumerate() {
         let current = bench(rig).states[joint].current;
         let told = f64::from(*told) * 1e-3;
-        demand!((told - current).abs() < 0.02, "joint {joint}: {told} A told, {current} A flow");
+        // Parts of the ripple, and of the larger counts of shunts.
+        let tolerance = if bench(rig).odrive.is_some() { 0.06 } else { 0.02 };
+        demand!((told - current).abs() < tolerance, "joint {joint}: {told} A told, {current} A flow");
     }
     // What is off would turn on under them.
     bench(rig).motors.iter_mut().for_each(|motor| motor.load = 0.0);
@@ -144,7 +148,7 @@ fn trips_at_high_currents(rig: &mut Rig) -> Result<(), String> {
     Ok(())
 }
 
-fn survives_the_crystal(rig: &mut Rig) -> Result<(), String> {
+pub fn survives_the_crystal(rig: &mut Rig) -> Result<(), String> {
     rig.machine.chip.stop_crystal();
     rig.try_run(20e-6)?;
     demand!(!bench(rig).is_awake(), "awake 20 µs after the crystal stopped");
@@ -157,7 +161,7 @@ fn survives_the_crystal(rig: &mut Rig) -> Result<(), String> {
 }
 
 /// No control tick any more: no voltage after 20 ms, a reset within 200 ms.
-fn is_watched(rig: &mut Rig) -> Result<(), String> {
+pub fn is_watched(rig: &mut Rig) -> Result<(), String> {
     bench(rig).motors[0].load = 0.05;
     for _ in 0..10 {
         rig.keep();
@@ -175,7 +179,7 @@ fn is_watched(rig: &mut Rig) -> Result<(), String> {
     Ok(())
 }
 
-fn expect_fault(rig: &mut Rig, cause: FaultCause) -> Result<(), String> {
+pub fn expect_fault(rig: &mut Rig, cause: FaultCause) -> Result<(), String> {
     let last = match rig.client.ask(&mut rig.machine, Request::ReadFaults)? {
         Reply::Faults(log) => log.faults.last().copied(),
         other => return Err(format!("{other:?}")),

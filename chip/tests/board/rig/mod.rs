@@ -1,6 +1,7 @@
 //! A board with three joints, and a supervisor.
 
 pub mod acceptance;
+pub mod odrive;
 
 use std::path::PathBuf;
 
@@ -57,6 +58,10 @@ pub fn image(board: &str) -> Vec<u8> {
 pub struct Rig {
     pub machine: Machine,
     pub client: Client,
+    /// What is pushed when it is enabled.
+    pub model: RobotModel,
+    /// Time from a push, or from a fault, until the power stages can be enabled [s].
+    pub wake: f64,
 }
 
 impl Rig {
@@ -71,9 +76,13 @@ impl Rig {
 
     /// A board that has just started, with this at its pins.
     pub fn boot_on(bench: Bench, mistakes: &[Mistake]) -> Self {
-        let mut machine = Machine::load(&image("weact"), bench);
+        Self::boot_image("weact", bench, mistakes, model(), 0.03)
+    }
+
+    fn boot_image(board: &str, bench: Bench, mistakes: &[Mistake], model: RobotModel, wake: f64) -> Self {
+        let mut machine = Machine::load(&image(board), bench);
         machine.chip.mistakes = mistakes.to_vec();
-        let mut rig = Self { machine, client: Client::default() };
+        let mut rig = Self { machine, client: Client::default(), model, wake };
         // A board that cannot even start shows in what follows.
         let _ = rig.try_run(0.1);
         rig
@@ -118,17 +127,18 @@ impl Rig {
     }
 
     pub fn enable(&mut self) -> Result<(), String> {
-        self.enable_with(&model())
+        self.enable_with(&self.model.clone())
     }
 
     pub fn enable_with(&mut self, model: &RobotModel) -> Result<(), String> {
         self.client.push(&mut self.machine, model)?;
-        self.try_run(0.03)?;
+        self.try_run(self.wake)?;
         self.switch_on()
     }
 
     fn switch_on(&mut self) -> Result<(), String> {
-        let positions = self.machine.chip.bench.states.map(|state| state.angle as f32).into_iter().collect();
+        let states = self.machine.chip.bench.states.iter().take(self.model.joints.len());
+        let positions = states.map(|state| state.angle as f32).collect();
         self.client.demand(&mut self.machine, Request::Home { positions })?;
         let config = TaskConfig::JointServo(ServoMode::Observer);
         self.client.demand(&mut self.machine, Request::Enable(config))?;
@@ -180,13 +190,13 @@ impl Rig {
         }
     }
 
-    pub fn goal_request(positions: [f32; 3]) -> Request {
-        let positions = positions.into_iter().collect();
+    pub fn goal_request(positions: &[f32]) -> Request {
+        let positions = positions.iter().copied().collect();
         Request::Task(TaskCommand::JointServo(JointCommand::Goal { positions }))
     }
 
-    pub fn goal(&mut self, positions: [f32; 3]) {
-        let reply = self.ask(Self::goal_request(positions));
+    pub fn goal<const N: usize>(&mut self, positions: [f32; N]) {
+        let reply = self.ask(Self::goal_request(&positions));
         assert_eq!(reply, Reply::Done, "{:?}", self.faults());
     }
 

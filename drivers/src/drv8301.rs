@@ -1,0 +1,207 @@
+//! The gate driver DRV8301 (Texas Instruments, SLOS719): six gates of three half bridges, and amplifiers for
+//! the shunts of two of them. SPI mode 1, at most 10 MHz.
+//!
+//! A word has 16 bits both ways; the answer to a command comes with the next word, and the chip takes a
+//! command when its select line rises. It protects the transistors by their voltage while they conduct. It
+//! forgets its settings with each longer low of `EN_GATE`, and some were seen to forget them while a motor
+//! runs: then the amplifiers have another gain, and the currents are not those that are measured. So
+//! [`Drv8301::check`] reads the settings again and again.
+
+use embedded_hal::spi::{Operation, SpiDevice};
+
+/// A longer low of `EN_GATE` is a complete reset [µs]; a shorter one only takes back latched faults.
+pub const RESET_TIME: f32 = 20.0;
+/// Time from `EN_GATE` high until it works and answers, at most [µs].
+pub const WAKE_TIME: f32 = 10_000.0;
+/// The amplifiers' outputs reach this far to both sides of the middle [V], with a reference of 3.3 V.
+pub const AMPLIFIER_SWING: f32 = 1.35;
+
+const READ: u16 = 1 << 15;
+/// In an answer: the command before it had another length.
+const FRAME_FAULT: u16 = 1 << 15;
+const DATA: u16 = 0x7FF;
+
+/// Addresses.
+const STATUS_1: u8 = 0;
+const STATUS_2: u8 = 1;
+const CONTROL_1: u8 = 2;
+const CONTROL_2: u8 = 3;
+
+/// CONTROL_1: a transistor with too much voltage switches its half bridge off until the next reset.
+const LATCHED_SHUTDOWN: u16 = 1 << 4;
+/// STATUS_1: a warning that is no fault.
+const TEMPERATURE_WARNING: u16 = 1 << 6;
+/// STATUS_2.
+const GATE_SUPPLY_HIGH: u16 = 1 << 7;
+
+/// Gain of the amplifiers [V/V].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Gain {
+    /// 10.
+    Ten = 0,
+    /// 20.
+    Twenty = 1,
+    /// 40.
+    Forty = 2,
+    /// 80.
+    Eighty = 3,
+}
+
+impl Gain {
+    /// [V/V].
+    pub const fn factor(self) -> f32 {
+        match self {
+            Self::Ten => 10.0,
+            Self::Twenty => 20.0,
+            Self::Forty => 40.0,
+            Self::Eighty => 80.0,
+        }
+    }
+}
+
+/// Peak current into the gates.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum GateCurrent {
+    /// 1.7 A.
+    High = 0,
+    /// 0.7 A.
+    Medium = 1,
+    /// 0.25 A.
+    Low = 2,
+}
+
+/// How it is set up: six inputs, and a half bridge with an overcurrent stays off.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Settings {
+    /// How hard it switches.
+    pub gate_current: GateCurrent,
+    /// Row of the table of voltages of a conducting transistor that are an overcurrent, 0 to 31: row 0 is
+    /// 0.060 V, 12 is 0.250 V, 31 is 2.4 V.
+    pub overcurrent: u8,
+    /// Of both amplifiers.
+    pub gain: Gain,
+}
+
+impl Settings {
+    /// The two control registers.
+    const fn registers(self) -> [u16; 2] {
+        let overcurrent = (self.overcurrent & 31) as u16;
+        [self.gate_current as u16 | LATCHED_SHUTDOWN | overcurrent << 6, (self.gain as u16) << 2]
+    }
+}
+
+/// Shunts of a converter that sits behind the amplifiers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ShuntSense {
+    /// A shunt [Ω].
+    pub shunt: f32,
+    /// Gain of the amplifier.
+    pub gain: Gain,
+    /// Full scale of the converter [V].
+    pub reference: f32,
+    /// Counts of full scale.
+    pub counts: u16,
+}
+
+impl ShuntSense {
+    /// Current for one count [A].
+    pub fn resolution(&self) -> f32 {
+        self.reference / f32::from(self.counts) / (self.gain.factor() * self.shunt)
+    }
+
+    /// Current at which an amplifier is at its end [A].
+    pub fn range(&self) -> f32 {
+        AMPLIFIER_SWING / (self.gain.factor() * self.shunt)
+    }
+}
+
+/// Why a gate driver must not be used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Error<E> {
+    /// The bus failed.
+    Bus(E),
+    /// This is no answer to a question for the register: it is asleep, or a line is broken.
+    NoAnswer {
+        /// Its address.
+        register: u8,
+        /// What came.
+        word: u16,
+    },
+    /// A control register holds something else than what it was set to.
+    NotKept {
+        /// Its address.
+        register: u8,
+        /// What it holds.
+        value: u16,
+    },
+    /// It tells a fault: its two status registers.
+    Fault([u16; 2]),
+}
+
+/// A gate driver.
+#[derive(Debug)]
+pub struct Drv8301<S> {
+    spi: S,
+    control: [u16; 2],
+}
+
+impl<S: SpiDevice> Drv8301<S> {
+    /// With these settings, which it does not have yet.
+    pub const fn new(spi: S, settings: Settings) -> Self {
+        Self { spi, control: settings.registers() }
+    }
+
+    /// Sets it up and reads back what it holds. It must be awake.
+    ///
+    /// # Errors
+    /// It must not be used.
+    pub fn set_up(&mut self) -> Result<(), Error<S::Error>> {
+        for (register, value) in [CONTROL_1, CONTROL_2].into_iter().zip(self.control) {
+            self.exchange(u16::from(register) << 11 | value)?;
+        }
+        self.check()
+    }
+
+    /// Reads whether it still has its settings, and no fault. That takes six words; status registers forget
+    /// when they are read.
+    ///
+    /// # Errors
+    /// It must not be used.
+    pub fn check(&mut self) -> Result<(), Error<S::Error>> {
+        let registers = [STATUS_1, STATUS_2, CONTROL_1, CONTROL_2];
+        let mut values = [0; 4];
+        self.exchange(READ | u16::from(STATUS_1) << 11)?;
+        // The answer to each question comes with the next one, and to the last one with that to the last one
+        // again.
+        let next = registers.into_iter().skip(1).chain([CONTROL_2]);
+        for ((register, next), value) in registers.into_iter().zip(next).zip(&mut values) {
+            let word = self.exchange(READ | u16::from(next) << 11)?;
+            if word & FRAME_FAULT != 0 || word >> 11 != register.into() {
+                return Err(Error::NoAnswer { register, word });
+            }
+            *value = word & DATA;
+        }
+        let [status_1, status_2, control @ ..] = values;
+        for ((register, value), expected) in [CONTROL_1, CONTROL_2].into_iter().zip(control).zip(self.control)
+        {
+            if value != expected {
+                return Err(Error::NotKept { register, value });
+            }
+        }
+        if status_1 & !TEMPERATURE_WARNING != 0 || status_2 & GATE_SUPPLY_HIGH != 0 {
+            return Err(Error::Fault([status_1, status_2]));
+        }
+        Ok(())
+    }
+
+    /// A word both ways.
+    fn exchange(&mut self, word: u16) -> Result<u16, Error<S::Error>> {
+        let mut bytes = word.to_be_bytes();
+        self.spi.transaction(&mut [Operation::TransferInPlace(&mut bytes)]).map_err(Error::Bus)?;
+        Ok(u16::from_be_bytes(bytes))
+    }
+}
+
+#[cfg(test)]
+#[path = "drv8301_tests.rs"]
+mod tests;

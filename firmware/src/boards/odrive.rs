@@ -1,0 +1,438 @@
+//! ODrive v3.6 for 56 V: two brushed motors with a quadrature encoder each, between the half bridges B and C
+//! of its two stages.
+//!
+//! | pin | use |
+//! |---|---|
+//! | PA9, PA10 | TIM1 CH2, CH3: high sides of M0 B and C |
+//! | PB14, PB15 | TIM1 CH2N, CH3N: low sides of M0 B and C |
+//! | PC7, PC8 | TIM8 CH2, CH3: high sides of M1 B and C |
+//! | PB0, PB1 | TIM8 CH2N, CH3N: low sides of M1 B and C |
+//! | PA8, PB13, PC6, PA7 | gates of M0 A and M1 A: low, off |
+//! | PB10, PB11 | gates of the brake resistor: low, off |
+//! | PB12 | `EN_GATE` of both gate drivers DRV8301: low is off |
+//! | PD2 | `nFAULT` of both gate drivers: EXTI2 |
+//! | PC4 | GPIO5: emergency stop, EXTI4: low when pressed, or when its wire is broken |
+//! | PC10, PC11, PC12 | SPI3 SCK, MISO, MOSI of the gate drivers |
+//! | PC13, PC14 | their select lines, M0 and M1 |
+//! | PB4, PB5 | TIM3: encoder M0 |
+//! | PB6, PB7 | TIM4: encoder M1 |
+//! | PC0, PC1 | currents of M0 B and C |
+//! | PC3, PC2 | currents of M1 B and C |
+//! | PA6 | supply, divided by 19 |
+//! | PA0, PA1 | GPIO1, GPIO2: UART4 TX, RX: supervisor |
+//!
+//! Pins by the public header of the board (odriverobotics/ODrive, `Firmware/Board/v3/Inc/main.h`). A motor is
+//! at the terminals B (positive) and C; A stays open. The emergency stop is a contact from 3.3 V to GPIO5.
+//! There is no plant link.
+//!
+//! **No trip without the CPU.** No line of this board reaches a break input. What switches off without an
+//! instruction is a gate driver: the half bridge with an overcurrent, no other one. For all the rest, the
+//! emergency stop included, an interrupt of the highest priority pulls `EN_GATE` low.
+
+use core::sync::atomic::{AtomicBool, Ordering};
+
+use heapless::spsc::{Consumer, Producer, Queue};
+use stm32f4xx_hal::gpio::{Input, Output as PinOutput, PB12, PC4, PD2, Pull};
+use stm32f4xx_hal::hal_02::Qei as _;
+use stm32f4xx_hal::pac::{self, TIM3, TIM4};
+use stm32f4xx_hal::prelude::*;
+use stm32f4xx_hal::qei::Qei;
+use stm32f4xx_hal::rcc::Enable;
+use tesaki::control::Switching;
+use tesaki::math;
+use tesaki::model::{ModelError, RobotModel};
+use tesaki::protocol::{ActuatorFrame, SensorFlags, SensorFrame};
+use tesaki_drivers::counter::Counter;
+use tesaki_drivers::drv8301::{Drv8301, Gain, GateCurrent, Settings, ShuntSense};
+use tesaki_drivers::gates::Gates;
+use tesaki_drivers::handover::Handover;
+use tesaki_drivers::joints::{Joints, motors_for};
+use tesaki_drivers::motors::{Command, Motors, Output, PowerStages, Sensing, Totals};
+use tesaki_drivers::offset::Offset;
+
+use crate::board::{Board, CurrentControl, Equipment, Latch, Peripherals, SupervisorLine};
+use crate::drivers::current_adc::{CurrentAdc, FULL_SCALE};
+use crate::drivers::gate_spi::GateSpi;
+use crate::drivers::half_bridges::HalfBridges;
+
+/// Motors.
+const N: usize = 2;
+/// Frequency of TIM1 and TIM8 [Hz].
+const TIMER: f32 = 168e6;
+/// Counts of half a pulse period: 20 kHz.
+const RESOLUTION: u16 = 4200;
+/// A duty takes effect in the middle of the pulse after the sample. Duties end 3.7 µs before the sample: the
+/// amplifiers settle while all low sides are on.
+const SWITCHING: Switching = Switching {
+    period: 2.0 * RESOLUTION as f32 / TIMER,
+    lag: 0.5,
+    pulses: 1,
+    resolution: RESOLUTION,
+    max_duty: 0.85,
+};
+/// Reference of the converters and of the amplifiers [V].
+const REFERENCE: f32 = 3.3;
+/// A transistor that conducts with 0.25 V has an overcurrent: some 50 to 100 A, by its temperature.
+const SETTINGS: Settings = Settings { gate_current: GateCurrent::High, overcurrent: 12, gain: Gain::Eighty };
+const SENSE: ShuntSense =
+    ShuntSense { shunt: 0.5e-3, gain: SETTINGS.gain, reference: REFERENCE, counts: FULL_SCALE };
+/// Amplifiers without current give half the reference, as far from it as this at most [counts]: 4 mV at their
+/// inputs.
+const OFFSET: Offset = Offset::new(FULL_SCALE / 2 + 1, 400);
+/// What leaves a motor at one terminal comes in at the other. Another sum of both currents [counts], 2 A, is
+/// a short circuit or a broken amplifier.
+const MAX_SUM: f32 = 100.0;
+/// Supply for a count [V].
+const SUPPLY_RESOLUTION: f32 = REFERENCE * 19.0 / FULL_SCALE as f32;
+/// A current of so many times its limit is a fault of the power stage.
+const TRIP: f32 = 1.15;
+/// Periods of the current loop in a control period.
+const PERIODS: u32 = 200;
+/// Back-EMF of a motor above which the gate drivers must not wake [V].
+const MAX_BACK_EMF: f32 = 5.0;
+
+/// What the board has. A trip must lie within the amplifiers' range, 33 A.
+const EQUIPMENT: Equipment =
+    Equipment { motors: N as u8, absolute_encoders: false, force_sensors: 0, current: 25.0, supply: 48.0 };
+
+/// What the current loops do, the last word of [`COMMAND`].
+const ASLEEP: u32 = 0;
+const ON: u32 = 1;
+/// Off, and the amplifiers work: their offsets are learnt.
+const LEARN: u32 = 2;
+/// Currents and velocities of a control period.
+static COMMAND: Handover<{ 2 * N + 1 }> = Handover::new();
+/// Totals of the current loop, supply [counts], and bits.
+static MEASURED: Handover<{ N + 3 }> = Handover::new();
+const TRIPPED: u32 = 1;
+const OFFSETS_KNOWN: u32 = 2;
+/// Capacity plus one of the queue of settings.
+const QUEUE: usize = 2;
+/// [`Board::start`] was called: the queue of settings is in use.
+static STARTED: AtomicBool = AtomicBool::new(false);
+
+/// Lines of EXTI.
+const FAULT_LINE: u32 = 1 << 2;
+const STOP_LINE: u32 = 1 << 4;
+
+/// See the module.
+pub struct Odrive {
+    emergency_stop: PC4<Input>,
+    fault: PD2<Input>,
+    gates: Gates<GateSpi, PB12<PinOutput>, N>,
+    is_ready: bool,
+    settings: Producer<'static, Motors<N>>,
+    joints: Joints<N>,
+    counters: [Counter; N],
+}
+
+impl Board for Odrive {
+    const CRYSTAL: u32 = 8_000_000;
+    const OWNS_GATE_DRIVERS: bool = true;
+    const SUPERVISOR: SupervisorLine = SupervisorLine::Uart4;
+
+    type Latch = Encoders;
+    type CurrentControl = CurrentLoops;
+
+    fn start(mut peripherals: Peripherals) -> (Self, Encoders, CurrentLoops) {
+        let rcc = &mut peripherals.rcc;
+        let a = peripherals.gpioa.split(rcc);
+        let b = peripherals.gpiob.split(rcc);
+        let c = peripherals.gpioc.split(rcc);
+        let d = peripherals.gpiod.split(rcc);
+        // First of all: asleep, and no gate of what is not used.
+        let enable = b.pb12.into_push_pull_output();
+        a.pa8.into_push_pull_output();
+        b.pb13.into_push_pull_output();
+        c.pc6.into_push_pull_output();
+        a.pa7.into_push_pull_output();
+        b.pb10.into_push_pull_output();
+        b.pb11.into_push_pull_output();
+        a.pa0.into_alternate::<8>();
+        a.pa1.into_alternate::<8>().internal_resistor(Pull::Up);
+        let emergency_stop = c.pc4.into_pull_down_input();
+        let fault = d.pd2.into_pull_up_input();
+
+        let up = Pull::Up;
+        let encoder_0 = (
+            b.pb4.into_alternate::<2>().internal_resistor(up),
+            b.pb5.into_alternate::<2>().internal_resistor(up),
+        );
+        let encoder_1 = (
+            b.pb6.into_alternate::<2>().internal_resistor(up),
+            b.pb7.into_alternate::<2>().internal_resistor(up),
+        );
+        let encoders =
+            Encoders(Qei::new(peripherals.tim3, encoder_0, rcc), Qei::new(peripherals.tim4, encoder_1, rcc));
+
+        c.pc0.into_analog();
+        c.pc1.into_analog();
+        c.pc2.into_analog();
+        c.pc3.into_analog();
+        a.pa6.into_analog();
+        let converters = (peripherals.adc1, peripherals.adc2, peripherals.adc3, peripherals.adc_common);
+        let adc = CurrentAdc::start(converters, rcc, [&[10, 6], &[13, 11], &[12]]);
+        let bridges = HalfBridges::start((peripherals.tim1, peripherals.tim8), rcc, RESOLUTION);
+        // The outputs idle low before their pins show them.
+        a.pa9.into_alternate::<1>();
+        a.pa10.into_alternate::<1>();
+        b.pb14.into_alternate::<1>();
+        b.pb15.into_alternate::<1>();
+        c.pc7.into_alternate::<3>();
+        c.pc8.into_alternate::<3>();
+        b.pb0.into_alternate::<3>();
+        b.pb1.into_alternate::<3>();
+
+        c.pc13.into_push_pull_output_in_state(true.into());
+        c.pc14.into_push_pull_output_in_state(true.into());
+        c.pc10.into_alternate::<6>();
+        c.pc11.into_alternate::<6>().internal_resistor(Pull::Down);
+        c.pc12.into_alternate::<6>();
+        let devices = GateSpi::start(peripherals.spi3, rcc, [13, 14]);
+        let gates = Gates::new(devices.map(|device| Drv8301::new(device, SETTINGS)), enable);
+        pac::SYSCFG::enable(rcc);
+        connect_trips(&peripherals.syscfg, &peripherals.exti);
+
+        let (settings, new_settings) = queue();
+        let joints = Joints::new(PERIODS);
+        let counters = [Counter::new(); N];
+        let board = Self { emergency_stop, fault, gates, is_ready: false, settings, joints, counters };
+        let loops = CurrentLoops {
+            adc,
+            stages: Stages(bridges),
+            motors: no_motors(),
+            new_settings,
+            command: 0,
+            learns: false,
+            offsets: [OFFSET; 2 * N],
+        };
+        (board, encoders, loops)
+    }
+
+    fn is_strapped(&mut self) -> bool {
+        false
+    }
+
+    fn connect_plant_link(&mut self) {}
+
+    fn configure(&mut self, model: &RobotModel) -> Result<(), ModelError> {
+        EQUIPMENT.check(model)?;
+        let motors = motors_for(model, Sensing::Signed, TRIP, &SWITCHING, 0.0)?;
+        self.joints.configure(model);
+        // Full only if the current loop does not run, which `read` reports. Then nothing moves.
+        let _ = self.settings.enqueue(motors);
+        Ok(())
+    }
+
+    fn read(&mut self, period: u32, sample: &Sample) -> Option<SensorFrame> {
+        let (_, [currents @ .., periods, supply, bits]) = sample.measured?;
+        let totals = Totals { currents: currents.map(u32::cast_signed), periods };
+        let mut counts = [0; N];
+        for (count, (counter, raw)) in counts.iter_mut().zip(self.counters.iter_mut().zip(sample.counts)) {
+            *count = counter.extend(raw);
+        }
+        let currents = self.joints.update(period, counts, &totals)?;
+        let stopped = self.emergency_stop.is_low();
+        if stopped {
+            Self::off();
+        }
+        let may_wake = !stopped && self.joints.are_slow(MAX_BACK_EMF);
+        self.is_ready = self.gates.update(may_wake);
+        watch_fault_line(self.is_ready);
+        if self.is_ready && self.fault.is_low() {
+            // It may have been low before its edges counted.
+            Self::off();
+            self.is_ready = false;
+        }
+        let can_drive = self.is_ready && bits & (TRIPPED | OFFSETS_KNOWN) == OFFSETS_KNOWN;
+        let mut flags = SensorFlags(0);
+        flags.0 |= if stopped { SensorFlags::EMERGENCY_STOP } else { 0 };
+        flags.0 |= if can_drive { 0 } else { SensorFlags::POWER_STAGE };
+        Some(SensorFrame {
+            sequence: period,
+            flags,
+            supply: (supply as f32 * SUPPLY_RESOLUTION * 1000.0) as u16,
+            encoders: counts.into_iter().take(self.joints.count()).collect(),
+            currents,
+            forces: heapless::Vec::new(),
+        })
+    }
+
+    fn write(&mut self, actuators: &ActuatorFrame) {
+        let mut words = [0; 2 * N + 1];
+        if actuators.enabled && self.is_ready {
+            words[2 * N] = ON;
+            let Command { currents, velocities } = self.joints.command(&actuators.torques);
+            for (word, value) in words.iter_mut().zip(currents.into_iter().chain(velocities)) {
+                *word = value.to_bits();
+            }
+        } else {
+            HalfBridges::off();
+            words[2 * N] = if self.is_ready { LEARN } else { ASLEEP };
+        }
+        COMMAND.write(words);
+    }
+
+    fn off() {
+        sleep();
+        HalfBridges::off();
+    }
+
+    fn on_trip() {
+        Self::off();
+        // SAFETY: ones clear bits in this register; the others stay.
+        unsafe { (*pac::EXTI::ptr()).pr().write(|w| w.bits(FAULT_LINE | STOP_LINE)) };
+    }
+}
+
+/// Whether an edge of `nFAULT` trips: while the gate drivers wake it may be low.
+fn watch_fault_line(is_watched: bool) {
+    // SAFETY: only the control task changes the mask after the start.
+    let exti = unsafe { &*pac::EXTI::ptr() };
+    let mask = exti.imr().read().bits();
+    if is_watched == (mask & FAULT_LINE != 0) {
+        return;
+    }
+    // SAFETY: the bit of a line that the chip has; ones clear bits in the other register.
+    unsafe {
+        exti.pr().write(|w| w.bits(FAULT_LINE));
+        exti.imr().write(|w| w.bits(mask ^ FAULT_LINE));
+    }
+}
+
+/// EXTI2 is the falling edge of PD2, EXTI4 that of PC4.
+fn connect_trips(syscfg: &pac::SYSCFG, exti: &pac::EXTI) {
+    // SAFETY: the ports of the lines, C is 2 and D is 3 (RM0090, 9.2); bits of lines that the chip has.
+    unsafe {
+        syscfg.exticr1().modify(|_, w| w.exti2().bits(3));
+        syscfg.exticr2().modify(|_, w| w.exti4().bits(2));
+        exti.ftsr().modify(|r, w| w.bits(r.bits() | FAULT_LINE | STOP_LINE));
+        exti.imr().modify(|r, w| w.bits(r.bits() | STOP_LINE));
+    }
+}
+
+fn no_motors() -> Motors<N> {
+    // Cannot fail: there is no winding that could be invalid.
+    Motors::try_new(&[None; N], &SWITCHING, 0.0).unwrap_or_else(|_| unreachable!())
+}
+
+/// The queue of settings.
+///
+/// # Panics
+/// At the second call.
+fn queue() -> (Producer<'static, Motors<N>>, Consumer<'static, Motors<N>>) {
+    static mut SETTINGS: Queue<Motors<N>, QUEUE> = Queue::new();
+    assert!(!STARTED.swap(true, Ordering::Relaxed));
+    // SAFETY: the only reference, as this line is reached once.
+    unsafe { (*core::ptr::addr_of_mut!(SETTINGS)).split() }
+}
+
+/// `EN_GATE` low.
+fn sleep() {
+    // SAFETY: a single store that resets PB12.
+    unsafe { (*pac::GPIOB::ptr()).bsrr().write(|w| w.bits(1 << 28)) };
+}
+
+/// What is latched: the encoders, and the last measurement of the current loop.
+#[derive(Clone, Copy)]
+pub struct Sample {
+    counts: [u16; N],
+    measured: Option<(u32, [u32; N + 3])>,
+}
+
+/// The encoders' counters.
+pub struct Encoders(Qei<TIM3>, Qei<TIM4>);
+
+impl Latch for Encoders {
+    type Sample = Sample;
+
+    fn latch(&mut self) -> Sample {
+        Sample { counts: [self.0.count(), self.1.count()], measured: MEASURED.read(0) }
+    }
+}
+
+/// The power stages: of a motor's half bridges one gives pulses, and the other's low side is on.
+struct Stages(HalfBridges);
+
+impl PowerStages<N> for Stages {
+    fn off(&mut self) {
+        HalfBridges::off();
+    }
+
+    fn wake(&mut self) {}
+
+    /// The next sample finds out if a trip came before or meanwhile: then the gate drivers are asleep.
+    fn arm(&mut self) {
+        self.0.arm();
+        // SAFETY: reading this register has no effect.
+        if unsafe { (*pac::GPIOB::ptr()).odr().read().bits() & 1 << 12 == 0 } {
+            HalfBridges::off();
+        }
+    }
+
+    fn has_tripped(&self) -> bool {
+        !self.0.are_on()
+    }
+
+    fn set(&mut self, outputs: &[Output; N]) {
+        self.0
+            .set(outputs.map(|Output { positive, counts }| if positive { [counts, 0] } else { [0, counts] }));
+    }
+}
+
+/// The current loops, a sample at a time.
+pub struct CurrentLoops {
+    adc: CurrentAdc,
+    stages: Stages,
+    motors: Motors<N>,
+    new_settings: Consumer<'static, Motors<N>>,
+    /// Number of the last command.
+    command: u32,
+    learns: bool,
+    /// Of the amplifiers: B and C of M0, then of M1.
+    offsets: [Offset; 2 * N],
+}
+
+impl CurrentControl for CurrentLoops {
+    fn on_sample(&mut self) {
+        let [[b0, supply], [b1, c0], [c1, _]] = self.adc.sample();
+        if let Some(motors) = self.new_settings.dequeue() {
+            self.motors.command(None, &mut self.stages);
+            self.motors.replace(motors);
+        }
+        if let Some((number, words)) = COMMAND.read(self.command) {
+            self.command = number;
+            let value = |first: usize| core::array::from_fn(|index| f32::from_bits(words[first + index]));
+            let command = Command { currents: value(0), velocities: value(N) };
+            self.motors.command((words[2 * N] == ON).then_some(&command), &mut self.stages);
+            self.learns = words[2 * N] == LEARN;
+            if words[2 * N] == ASLEEP {
+                self.offsets.iter_mut().for_each(Offset::forget);
+            }
+        }
+        let counts = [b0, c0, b1, c1];
+        for (offset, counts) in self.offsets.iter_mut().zip(counts) {
+            if self.learns { offset.learn(counts) } else { offset.interrupt() }
+        }
+        let [b0, c0, b1, c1] =
+            core::array::from_fn(|amplifier| self.offsets[amplifier].remove(counts[amplifier]));
+        self.motors.update(
+            &[current(b0, c0), current(b1, c1)],
+            f32::from(supply) * SUPPLY_RESOLUTION,
+            &mut self.stages,
+        );
+        let totals = self.motors.totals();
+        let [first, second] = totals.currents.map(i32::cast_unsigned);
+        let are_known = self.offsets.iter().all(Offset::is_known);
+        let bits =
+            if self.motors.has_tripped() { TRIPPED } else { 0 } | if are_known { OFFSETS_KNOWN } else { 0 };
+        MEASURED.write([first, second, totals.periods, supply.into(), bits]);
+    }
+}
+
+/// A motor's current [A] from those out of its half bridges [counts]; no number if that is not one current.
+/// An output above the middle is a current out of the half bridge, as the board's own firmware takes it
+/// (`Firmware/MotorControl/motor.cpp`).
+fn current(b: f32, c: f32) -> f32 {
+    if math::abs(b + c) <= MAX_SUM { 0.5 * (b - c) * SENSE.resolution() } else { f32::NAN }
+}
