@@ -1,13 +1,11 @@
+use super::choice::{Candidate, Choice, MAX_KNOBS};
 use super::edges::{Cells, EdgePoint, MAX_EDGES, edges, row_len};
 use super::ellipse::Ellipse;
 use super::error::VisionError;
-use super::hough::{Candidate, accumulator_len, maxima, radii_about, vote};
+use super::hough::{self, accumulator_len, maxima, radii_about, vote};
 use super::image::Image;
-use super::judge::{FEATURES, KNOB_FEATURES, Knob, features, knob_features, log_odds};
-use super::knob::{hidden, roses};
-use super::refit::{Rims, noise};
-use super::ring::{MAX_HALF, RAYS, Ring};
-use super::starts::{MAX_CANDIDATES, Start, Starts};
+use super::judge::Evidence;
+use super::starts::{Start, Starts};
 use crate::math;
 
 /// Smallest radius [px].
@@ -18,10 +16,6 @@ const MAX_RADIUS: f32 = 400.0;
 const CELL_RADII: [usize; 2] = [6, 25];
 /// Levels of the pyramid: cells of 2 to 16 px.
 const LEVELS: core::ops::RangeInclusive<u32> = 1..=4;
-/// Ends of knobs behind which a rose is looked for.
-const MAX_KNOBS: usize = 5;
-/// Circles that differ by less in centre and radius are the same one [px].
-const SAME: [f32; 2] = [2.5, 2.0];
 /// Least confidence of a circle that is found.
 const MIN_CONFIDENCE: f32 = 0.2;
 /// The end of a knob is looked for down to this part of the smallest radius of a rose.
@@ -186,36 +180,17 @@ pub fn find_circle(
     search: &CircleSearch,
     scratch: &mut Scratch<'_>,
 ) -> Result<Option<Circle>, VisionError> {
-    let mut candidates = Candidates::NONE;
-    each_candidate(image, search, scratch, |candidate| candidates.push(candidate))?;
-    let Some((best, confidence)) = candidates.best().filter(|(_, confidence)| *confidence >= MIN_CONFIDENCE)
-    else {
-        return Ok(None);
-    };
-    let rims = Rims { image, noise: noise(image), front: best.front.as_ref() };
-    let ellipse = rims.refine(&best.ellipse).filter(|fine| search.allows(fine)).unwrap_or(best.ellipse);
-    let (semi_axes, angle) = ellipse.axes();
-    let Ellipse { center, radius, .. } = ellipse;
-    Ok(Some(Circle { center, radius, semi_axes, angle, confidence }))
+    find_among(image, search, scratch, |_, _| ())
 }
 
-/// What may be the rose.
-pub(super) struct Rose {
-    pub ellipse: Ellipse,
-    /// The end of a knob before it.
-    pub front: Option<Ellipse>,
-    pub features: [f32; FEATURES],
-    pub knob_features: Option<[f32; KNOB_FEATURES]>,
-}
-
-/// Calls `found` with each of at most [`MAX_CANDIDATES`] · (1 + [`MAX_KNOBS`]) candidates: each circle, and
-/// behind each circle that may be the end of a knob those that it hides in part.
-pub(super) fn each_candidate(
+/// [`find_circle`], which calls `seen` with each ellipse that it chooses from, and what the picture says for
+/// it.
+pub(super) fn find_among(
     image: &Image<'_>,
     search: &CircleSearch,
     scratch: &mut Scratch<'_>,
-    mut found: impl FnMut(&Rose),
-) -> Result<(), VisionError> {
+    seen: impl FnMut(&Candidate, &Evidence),
+) -> Result<Option<Circle>, VisionError> {
     search.check(image, scratch)?;
     let mut starts = Starts::NONE;
     for level in LEVELS {
@@ -223,81 +198,19 @@ pub(super) fn each_candidate(
             candidates(image, search, level, radii, scratch, &mut starts);
         }
     }
-    let noise = noise(image);
-    let rim = |ellipse: &Ellipse, front: Option<&Ellipse>| {
-        Ring::new(image, ellipse, RAYS, (MAX_HALF, 1.0)).rim(noise, front)
+    let mut choice = Choice::new(image, search);
+    choice.begin(&starts);
+    for knob in 0..MAX_KNOBS {
+        choice.look_behind(knob);
+    }
+    choice.look_closer(seen);
+    let Some((best, confidence)) = choice.best().filter(|(_, confidence)| *confidence >= MIN_CONFIDENCE) else {
+        return Ok(None);
     };
-    let mut circles = [None::<Knob>; MAX_CANDIDATES];
-    let rims = Rims { image, noise, front: None };
-    for (place, ellipse) in circles.iter_mut().zip(rims.fit_all(&starts.list)) {
-        let rim = rim(&ellipse, None);
-        *place = Some(Knob { ellipse, rim });
-        if search.allows(&ellipse) {
-            let features = features(search, &ellipse, &rim);
-            found(&Rose { ellipse, front: None, features, knob_features: None });
-        }
-    }
-    // The clearest first.
-    let rank = |circle: &Option<Knob>| circle.as_ref().map_or(f32::MAX, |circle| circle.rim.jitter - circle.rim.common);
-    circles.sort_unstable_by(|one, other| rank(one).total_cmp(&rank(other)));
-    for knob in circles.iter().flatten().take(MAX_KNOBS) {
-        let behind = match &search.axis {
-            Some(axis) => roses(image, search, axis, noise, &knob.ellipse),
-            None => hidden(&circles, knob),
-        };
-        let front = Some(knob.ellipse);
-        let rims = Rims { image, noise, front: front.as_ref() };
-        for ellipse in rims.fit_all(&behind.list) {
-            if search.allows(&ellipse) && ellipse.radius > 0.9 * knob.ellipse.radius {
-                let features = features(search, &ellipse, &rim(&ellipse, rims.front));
-                let knob_features = search.axis.as_ref().map(|axis| knob_features(&ellipse, knob, axis));
-                found(&Rose { ellipse, front, features, knob_features });
-            }
-        }
-    }
-    Ok(())
-}
-
-/// The candidates with their log odds.
-struct Candidates {
-    list: [(Ellipse, Option<Ellipse>, f32); MAX_CANDIDATES * (1 + MAX_KNOBS)],
-    length: usize,
-}
-
-impl Candidates {
-    const NONE: Self = Self {
-        list: [(Ellipse::circle([0.0; 2], 0.0), None, 0.0); MAX_CANDIDATES * (1 + MAX_KNOBS)],
-        length: 0,
-    };
-
-    fn push(&mut self, candidate: &Rose) {
-        let odds = log_odds(&candidate.features, candidate.knob_features.as_ref());
-        if let Some(place) = self.list.get_mut(self.length) {
-            *place = (candidate.ellipse, candidate.front, odds);
-            self.length += 1;
-        }
-    }
-
-    /// The likeliest, and the probability of it and of those next to it: one of all is right, or none.
-    fn best(&self) -> Option<(Best, f32)> {
-        let list = self.list.get(..self.length)?;
-        let &(ellipse, front, most) = list.iter().max_by(|one, other| one.2.total_cmp(&other.2))?;
-        let reference = most.max(0.0);
-        let (mut near, mut all) = (0.0, math::exp(-reference));
-        for (other, _, odds) in list {
-            let likelihood = math::exp(odds - reference);
-            all += likelihood;
-            if ellipse.is_near(other, SAME) {
-                near += likelihood;
-            }
-        }
-        Some((Best { ellipse, front }, near / all))
-    }
-}
-
-struct Best {
-    ellipse: Ellipse,
-    front: Option<Ellipse>,
+    let ellipse = choice.refine(best);
+    let (semi_axes, angle) = ellipse.axes();
+    let Ellipse { center, radius, .. } = ellipse;
+    Ok(Some(Circle { center, radius, semi_axes, angle, confidence }))
 }
 
 /// Candidates of one level.
@@ -318,7 +231,7 @@ fn candidates(
         if votes == 0 {
             break;
         }
-        radii_about(points, (x, y), radii, |Candidate { x, y, radius, sectors }| {
+        radii_about(points, (x, y), radii, |hough::Candidate { x, y, radius, sectors }| {
             let center = [side * (x + 0.5) - 0.5, side * (y + 0.5) - 0.5];
             let ellipse = Ellipse::circle(center, side * radius);
             starts.insert(Start { ellipse, score: sectors as f32, side });

@@ -6,24 +6,24 @@ use super::ring::Rim;
 use crate::math;
 
 /// Numbers that say what the picture shows of a circle, and of the end of a knob before it.
-pub(super) const FEATURES: usize = 17;
+pub(super) const FEATURES: usize = 16;
 pub(super) const KNOB_FEATURES: usize = 12;
 
 // The weights were fitted by `tests/oracles/fit_rose.py` so that, over many pictures, the right circles are
 // as likely as possible: see docs/find-circle.md.
 /// Weights of [`features`] where no knob is known.
 const ALONE: [f32; FEATURES] = [
-    -0.727, -0.374, 0.552, 1.142, -0.065, 0.120, 0.605, -0.025, 4.035, 0.218, -0.548, 0.870, -6.259,
-    -1.210, -3.584, 4.935, -9.803,
+    -0.179, -0.303, 0.444, 1.736, -0.010, 0.150, 0.466, 4.605, 0.229, -0.511, 0.823, -6.332, -0.929,
+    -3.310, 5.659, -10.543,
 ];
 /// Weights of [`features`] behind the end of a knob.
 const BEHIND: [f32; FEATURES] = [
-    0.365, -0.477, 0.534, 1.468, -0.167, 0.452, 0.227, 0.070, 6.011, 0.119, -1.166, 1.367, -4.928, 1.764,
-    -4.529, 2.593, -5.945,
+    0.619, 0.126, 0.291, 1.827, -0.141, 0.640, 0.208, 5.956, 0.151, -1.273, 1.460, -5.559, 1.699, -4.318,
+    2.890, -6.889,
 ];
 /// Weights of [`knob_features`].
 const KNOB: [f32; KNOB_FEATURES] = [
-    0.270, 0.316, -0.190, 0.006, 4.769, -1.419, -1.018, -0.498, -2.968, -9.493, 1.328, -1.531,
+    0.289, 0.316, -0.189, 0.015, 5.918, -1.822, 2.034, -1.593, -3.062, -10.114, 1.513, -1.648,
 ];
 
 /// A circle with its rim: it may be the end of a knob.
@@ -33,14 +33,29 @@ pub(super) struct Knob {
     pub rim: Rim,
 }
 
-/// Logarithm of how likely the circle is, over there being none.
-pub(super) fn log_odds(
-    features: &[f32; FEATURES],
-    knob_features: Option<&[f32; KNOB_FEATURES]>,
-) -> f32 {
-    match knob_features {
-        None => weighted(&ALONE, features),
-        Some(knob) => weighted(&BEHIND, features) + weighted(&KNOB, knob),
+/// What the picture says for a circle.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Evidence {
+    pub features: [f32; FEATURES],
+    pub knob_features: Option<[f32; KNOB_FEATURES]>,
+}
+
+impl Evidence {
+    /// Of a circle with its rim, behind the end of a knob.
+    pub fn new(search: &CircleSearch, circle: &Ellipse, rim: &Rim, knob: Option<&Knob>) -> Self {
+        let knob_features = match (knob, &search.axis) {
+            (Some(knob), Some(axis)) => Some(knob_features(circle, knob, axis)),
+            _ => None,
+        };
+        Self { features: features(search, circle, rim), knob_features }
+    }
+
+    /// Logarithm of how likely the circle is, over there being none.
+    pub fn log_odds(&self) -> f32 {
+        match &self.knob_features {
+            None => weighted(&ALONE, &self.features),
+            Some(knob) => weighted(&BEHIND, &self.features) + weighted(&KNOB, knob),
+        }
     }
 }
 
@@ -49,7 +64,7 @@ fn weighted(weights: &[f32], features: &[f32]) -> f32 {
 }
 
 /// Of a circle.
-pub(super) fn features(search: &CircleSearch, rose: &Ellipse, rim: &Rim) -> [f32; FEATURES] {
+fn features(search: &CircleSearch, rose: &Ellipse, rim: &Rim) -> [f32; FEATURES] {
     let [from, to] = search.radius;
     let place = (rose.radius - math::sqrt(from * to)) / (to - from);
     let [p, q] = rose.flattening;
@@ -61,7 +76,6 @@ pub(super) fn features(search: &CircleSearch, rose: &Ellipse, rim: &Rim) -> [f32
         rim.near_in,
         rim.near_out,
         rim.far_in,
-        rim.inside,
         rim.sharp,
         rim.shade_in,
         rim.shade,
@@ -75,7 +89,7 @@ pub(super) fn features(search: &CircleSearch, rose: &Ellipse, rim: &Rim) -> [f32
 }
 
 /// Of the end of the knob before it, and whether both lie on the axis as they should.
-pub(super) fn knob_features(rose: &Ellipse, knob: &Knob, axis: &Window) -> [f32; KNOB_FEATURES] {
+fn knob_features(rose: &Ellipse, knob: &Knob, axis: &Window) -> [f32; KNOB_FEATURES] {
     /// Usual radius of a knob over that of its rose, and distance of the rose over that of the knob's end.
     const USUAL_SIZE: f32 = 0.63;
     const USUAL_DEPTH: f32 = 1.3;

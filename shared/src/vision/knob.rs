@@ -13,8 +13,8 @@ const ROSE_RADIUS: [f32; 2] = [1.05, 2.2];
 /// Length of a knob over the distance of the camera from its foot, at most.
 const MAX_LENGTH: f32 = 0.6;
 /// Steps of the centre along the axis and of the radius [px], and at least, over the radius.
-const CENTER_STEP: (f32, f32) = (1.5, 0.06);
-const RADIUS_STEP: (f32, f32) = (1.0, 0.05);
+const CENTER_STEP: (f32, f32) = (1.75, 0.07);
+const RADIUS_STEP: (f32, f32) = (1.25, 0.05);
 /// Distance of two fits to the same rim, over its radius.
 const SAME_RIM: f32 = 0.12;
 /// Least share of the contrast that counts most.
@@ -33,7 +33,9 @@ struct Polar {
     center: [f32; 2],
     from: f32,
     unit: f32,
-    /// In sixteenths of the contrast that counts most.
+    /// The contrast that counts most.
+    most: i32,
+    /// In sixteenths of a grey level.
     contrasts: [[i16; PLACES]; RAYS],
 }
 
@@ -42,7 +44,7 @@ impl Polar {
         let from = 1.03 * knob.radius + 1.5;
         let unit = ((to - from) / (PLACES - 1) as f32).max(1.0);
         let most = (3.0 * 16.0 * least_contrast(noise)) as i32;
-        let mut polar = Self { center: knob.center, from, unit, contrasts: [[UNSEEN; PLACES]; RAYS] };
+        let mut polar = Self { center: knob.center, from, unit, most, contrasts: [[UNSEEN; PLACES]; RAYS] };
         let count = (((to - from) / unit) as usize + 2).min(PLACES);
         for ([u, v], row) in directions(RAYS).zip(&mut polar.contrasts) {
             let at = |reach: f32| [knob.center[0] + reach * u, knob.center[1] + reach * v];
@@ -62,17 +64,25 @@ impl Polar {
         polar
     }
 
-    /// How well an edge follows the part of a circle that the knob leaves open, 0 to 1: the contrast that
-    /// neighbouring rays have in common.
-    fn score(&self, center: [f32; 2], radius: f32, most: i32) -> f32 {
+    /// Along each ray, what a circle about `center` is displaced.
+    fn shifts(&self, center: [f32; 2]) -> [f32; RAYS] {
         let [ox, oy] = [center[0] - self.center[0], center[1] - self.center[1]];
-        let rest = radius * radius - ox * ox - oy * oy;
+        let mut shifts = [0.0; RAYS];
+        for (shift, [u, v]) in shifts.iter_mut().zip(directions(RAYS)) {
+            *shift = ox * u + oy * v;
+        }
+        shifts
+    }
+
+    /// How well an edge follows the part of a circle that the knob leaves open, 0 to 1: the contrast that
+    /// neighbouring rays have in common. `shifts` are those of its centre, `away` is the distance of that.
+    fn score(&self, shifts: &[f32; RAYS], away: f32, radius: f32) -> f32 {
+        let rest = radius * radius - away * away;
         let scale = 1.0 / self.unit;
         let (mut open, mut sum, mut before) = (0, 0, 0);
-        for ([u, v], row) in directions(RAYS).zip(&self.contrasts) {
-            let along = ox * u + oy * v;
-            let square = rest + along * along;
-            let place = (along + math::sqrt(square.max(0.0)) - self.from) * scale;
+        for (shift, row) in shifts.iter().zip(&self.contrasts) {
+            let square = rest + shift * shift;
+            let place = (shift + math::sqrt(square.max(0.0)) - self.from) * scale;
             let mut here = 0;
             if place >= 0.0
                 && let Some(&contrast) = row.get((place + 0.5) as usize)
@@ -81,10 +91,11 @@ impl Polar {
                 here = i32::from(contrast);
                 open += 1;
             }
+            // Twice the smaller one, of the same sign.
             sum += (here + before).abs() - (here - before).abs();
             before = here;
         }
-        if open < FEWEST_RAYS { 0.0 } else { 0.5 * sum as f32 / (most * open.max(MANY_RAYS)) as f32 }
+        if open < FEWEST_RAYS { 0.0 } else { 0.5 * sum as f32 / (self.most * open.max(MANY_RAYS)) as f32 }
     }
 }
 
@@ -103,7 +114,6 @@ pub(super) fn roses(
     let [u, v] = [dx / length, dy / length];
     let most_away = math::clamp(1.2 * knob.radius, 0.0, MAX_LENGTH * (length + axis.reach));
     let polar = Polar::new(image, knob, (ROSE_RADIUS[1] * knob.radius).min(search.radius[1]) + most_away, noise);
-    let most = (3.0 * 16.0 * least_contrast(noise)) as i32;
     let mut away = 0.0;
     while away < most_away {
         // Depth of the knob's end over that of the rose.
@@ -113,9 +123,17 @@ pub(super) fn roses(
         let spread = 0.5 + axis.reach * (1.0 - depth);
         for aside in [-spread, 0.0, spread] {
             let center = [knob.center[0] - away * u - aside * v, knob.center[1] - away * v + aside * u];
+            let is_far = |window: &Window| {
+                (0..2).any(|axis| math::abs(center[axis] - window.center[axis]) > window.reach + 2.0)
+            };
+            if search.window.as_ref().is_some_and(is_far) {
+                continue;
+            }
+            let shifts = polar.shifts(center);
+            let distance = math::sqrt(away * away + aside * aside);
             let mut radius = from.max(0.9 * knob.radius).max(search.radius[0]);
             while radius <= to.min(search.radius[1]) {
-                let score = polar.score(center, radius, most);
+                let score = polar.score(&shifts, distance, radius);
                 if score > MIN_SCORE {
                     starts.insert(Start { ellipse: Ellipse::circle(center, radius), score, side: 1.0 });
                 }

@@ -1,6 +1,6 @@
 use super::ellipse::Ellipse;
 use super::image::Image;
-use super::ring::{RAYS, Ring};
+use super::ring::{FEW_RAYS, RAYS, Ring};
 use super::starts::{MAX_CANDIDATES, Start};
 use crate::math;
 
@@ -52,15 +52,19 @@ impl Rims<'_> {
         starts.iter().flatten().zip(0..).filter_map(move |(start, index)| {
             // The first step: a circle, as a mixture of two rims would be a fine ellipse.
             let (band, unit) = start.band();
-            let near = self.step(&start.ellipse, (band, unit), 32, 0.003)?;
+            let near = self.step(&start.ellipse, (band, unit), FEW_RAYS, 0.003)?;
             let is_known = |other: &Ellipse| other.distance(&near) < SAME_START;
             if known.iter().flatten().any(is_known) {
                 return None;
             }
             *known.get_mut(index)? = Some(near);
-            let near = self.step(&near, (4, math::clamp(0.25 * unit, 1.0, unit)), RAYS, 0.01)?;
-            self.step(&near, (2, 1.0), RAYS, 0.02)
+            self.step(&near, (3, math::clamp(0.4 * unit, 1.0, unit)), FEW_RAYS, 0.02)
         })
+    }
+
+    /// Fits to the edge next to an ellipse, on all rays.
+    pub fn closer(&self, ellipse: &Ellipse) -> Option<Ellipse> {
+        self.step(ellipse, (2, 1.0), RAYS, 0.02)
     }
 
     /// Fits to the edge next to an ellipse in steps of half a pixel. A shadow beside the rim draws the edge

@@ -6,10 +6,12 @@ use crate::math;
 
 /// Rays from the centre, at most.
 pub(super) const RAYS: usize = 64;
+/// Rays on which candidates are compared.
+pub(super) const FEW_RAYS: usize = 32;
 /// Cosine and sine of the angle between two of them.
 const TURN: [f32; 2] = [0.995_184_7, 0.098_017_14];
 /// Most steps of a ray to each side of the ellipse.
-pub(super) const MAX_HALF: usize = 6;
+pub(super) const MAX_HALF: usize = 4;
 /// Places of a ray.
 const PLACES: usize = 2 * MAX_HALF + 1;
 /// What a contrast of a grey level is in [`Ring::contrasts`].
@@ -184,8 +186,6 @@ pub(super) struct Rim {
     pub near_in: f32,
     pub near_out: f32,
     pub far_in: f32,
-    /// Largest contrast more than 2 px inside, over that at the ellipse.
-    pub inside: f32,
     /// Contrast within 1 px, over the sum within 3 px.
     pub sharp: f32,
     /// Whether it becomes brighter outwards: 2 px inside, at the ellipse, and 2 to 3 px outside.
@@ -203,14 +203,12 @@ impl Rim {
     fn add(&mut self, signed: &[f32; PLACES]) -> f32 {
         const MIDDLE: usize = MAX_HALF;
         let sizes = signed.map(math::abs);
-        let most = |from: usize, to: usize| sizes[from..=to].iter().fold(0.0, |most: f32, &size| most.max(size));
-        let here = most(MIDDLE - 1, MIDDLE + 1);
+        let here = sizes[MIDDLE].max(sizes[MIDDLE - 1]).max(sizes[MIDDLE + 1]);
         let width: f32 = sizes[MIDDLE - 3..=MIDDLE + 3].iter().sum();
         self.contrast += sizes[MIDDLE].min(4.0);
         self.near_in += sizes[MIDDLE - 2].min(4.0);
         self.near_out += sizes[MIDDLE + 2].min(4.0);
         self.far_in += sizes[MIDDLE - 4].min(4.0);
-        self.inside += most(0, MIDDLE - 3) / (here + 1.0);
         self.sharp += here / (width + 1.0);
         self.shade_in += math::clamp(signed[MIDDLE - 2], -2.0, 2.0);
         self.shade += math::clamp(signed[MIDDLE], -2.0, 2.0);
@@ -236,7 +234,6 @@ impl Rim {
             near_in: mean * self.near_in,
             near_out: mean * self.near_out,
             far_in: mean * self.far_in,
-            inside: mean * self.inside,
             sharp: mean * self.sharp,
             shade_in: mean * self.shade_in,
             shade: mean * self.shade,
