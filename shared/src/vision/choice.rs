@@ -70,7 +70,8 @@ impl<'a> Choice<'a> {
             self.candidates[place..].rotate_left(1);
             self.candidates[MAX_CLOSE - 1] = None;
         }
-        let is_less = |known: &Option<Candidate>| known.is_none_or(|known| known.log_odds < candidate.log_odds);
+        let is_less =
+            |known: &Option<Candidate>| known.is_none_or(|known| known.log_odds < candidate.log_odds);
         if let Some(place) = self.candidates.iter().position(is_less) {
             self.candidates[place..].rotate_right(1);
             self.candidates[place] = Some(candidate);
@@ -89,7 +90,9 @@ impl<'a> Choice<'a> {
                 self.insert(Candidate { ellipse, knob: None, log_odds });
             }
         }
-        let rank = |circle: &Option<Knob>| circle.as_ref().map_or(f32::MAX, |knob| knob.rim.jitter - knob.rim.common);
+        let rank = |circle: &Option<Knob>| {
+            circle.as_ref().map_or(f32::MAX, |knob| knob.rim.jitter - knob.rim.common)
+        };
         circles.sort_unstable_by(|one, other| rank(one).total_cmp(&rank(other)));
         self.circles = circles;
     }

@@ -17,7 +17,7 @@ const CELL_RADII: [usize; 2] = [6, 25];
 /// Levels of the pyramid: cells of 2 to 16 px.
 const LEVELS: core::ops::RangeInclusive<u32> = 1..=4;
 /// Least confidence of a circle that is found.
-const MIN_CONFIDENCE: f32 = 0.2;
+const MIN_CONFIDENCE: f32 = 0.1;
 /// The end of a knob is looked for down to this part of the smallest radius of a rose.
 const KNOB_RADIUS: f32 = 0.65;
 
@@ -204,7 +204,8 @@ pub(super) fn find_among(
         choice.look_behind(knob);
     }
     choice.look_closer(seen);
-    let Some((best, confidence)) = choice.best().filter(|(_, confidence)| *confidence >= MIN_CONFIDENCE) else {
+    let Some((best, confidence)) = choice.best().filter(|(_, confidence)| *confidence >= MIN_CONFIDENCE)
+    else {
         return Ok(None);
     };
     let ellipse = choice.refine(best);

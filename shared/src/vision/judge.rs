@@ -9,22 +9,21 @@ use crate::math;
 pub(super) const FEATURES: usize = 16;
 pub(super) const KNOB_FEATURES: usize = 12;
 
-// The weights were fitted by `tests/oracles/fit_rose.py` so that, over many pictures, the right circles are
-// as likely as possible: see docs/find-circle.md.
+// The weights were fitted so that, over many pictures, the right circles are as likely as possible: see
+// docs/find-circle.md.
 /// Weights of [`features`] where no knob is known.
 const ALONE: [f32; FEATURES] = [
-    -0.179, -0.303, 0.444, 1.736, -0.010, 0.150, 0.466, 4.605, 0.229, -0.511, 0.823, -6.332, -0.929,
-    -3.310, 5.659, -10.543,
+    -0.317, 1.557, 0.843, 1.138, -0.681, 0.390, 0.033, 7.678, -0.513, -0.122, 0.324, -5.852, 0.809, -4.751,
+    5.836, -14.997,
 ];
 /// Weights of [`features`] behind the end of a knob.
 const BEHIND: [f32; FEATURES] = [
-    0.619, 0.126, 0.291, 1.827, -0.141, 0.640, 0.208, 5.956, 0.151, -1.273, 1.460, -5.559, 1.699, -4.318,
-    2.890, -6.889,
+    0.344, -0.174, 0.531, 1.877, -0.049, 0.587, 0.197, 6.763, 0.154, -1.397, 1.903, -5.405, -0.512, -3.797,
+    4.425, -8.117,
 ];
 /// Weights of [`knob_features`].
-const KNOB: [f32; KNOB_FEATURES] = [
-    0.289, 0.316, -0.189, 0.015, 5.918, -1.822, 2.034, -1.593, -3.062, -10.114, 1.513, -1.648,
-];
+const KNOB: [f32; KNOB_FEATURES] =
+    [0.254, 0.961, -0.051, 0.001, 3.900, -1.629, 0.008, 1.409, -3.185, -8.277, 2.259, -1.538];
 
 /// A circle with its rim: it may be the end of a knob.
 #[derive(Clone, Copy, Debug)]

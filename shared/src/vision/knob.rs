@@ -113,7 +113,8 @@ pub(super) fn roses(
     let length = math::sqrt(dx * dx + dy * dy).max(1.0);
     let [u, v] = [dx / length, dy / length];
     let most_away = math::clamp(1.2 * knob.radius, 0.0, MAX_LENGTH * (length + axis.reach));
-    let polar = Polar::new(image, knob, (ROSE_RADIUS[1] * knob.radius).min(search.radius[1]) + most_away, noise);
+    let polar =
+        Polar::new(image, knob, (ROSE_RADIUS[1] * knob.radius).min(search.radius[1]) + most_away, noise);
     let mut away = 0.0;
     while away < most_away {
         // Depth of the knob's end over that of the rose.

@@ -10,8 +10,11 @@ const SAME_START: f32 = 0.8;
 const FITS: usize = 3;
 /// Bounds of the residual in Tukey's weights, fit by fit, over the band that was searched.
 const TUKEY: [f32; FITS] = [1.0, 0.6, 0.4];
-/// The same for the last fit, outside [px].
+/// The same for the last fit, outside [px], and those inside, over these.
 const FINE_BOUNDS: [f32; FITS] = [0.8, 0.6, 0.6];
+const INSIDE: f32 = 3.0;
+/// Least bound outside, over the mean distance of the edge points.
+const SCATTER: f32 = 2.0;
 
 /// Deviation of the noise [grey levels]: mean absolute value of a difference that is blind to slopes
 /// (Immerkær 1996), at every fourth pixel in both directions.
@@ -72,7 +75,14 @@ impl Rims<'_> {
     pub fn refine(&self, ellipse: &Ellipse) -> Option<Ellipse> {
         let ring = Ring::new(self.image, ellipse, RAYS, (4, 0.5));
         let points = ring.edge_points(self.noise, self.front)?;
-        fit(ellipse, &points, FINE_BOUNDS.map(|bound| [1.5 * bound, bound]), 0.02)
+        // In a noisy image the edge points scatter more.
+        let (mut sum, mut count) = (0.0, 0.0);
+        for (point, weight) in &points {
+            sum += weight * math::abs(ellipse.distance_to(*point)).min(2.0);
+            count += weight;
+        }
+        let scatter = SCATTER * sum / count;
+        fit(ellipse, &points, FINE_BOUNDS.map(|bound| [INSIDE * bound, bound.max(scatter)]), 0.02)
     }
 
     /// Fits an ellipse to the edge within `band` steps of `unit` px.

@@ -141,7 +141,8 @@ impl Ring {
     /// Rays whose point on the ellipse is in the image and not hidden by `front`.
     pub fn open(&self, front: Option<&Ellipse>) -> u64 {
         let Some(front) = front else { return self.visible };
-        let is_hidden = |direction| hides(front, self.ellipse.point(direction, self.ellipse.reach(direction)));
+        let is_hidden =
+            |direction| hides(front, self.ellipse.point(direction, self.ellipse.reach(direction)));
         let hidden = (0..)
             .zip(directions(self.rays))
             .fold(0, |mask, (ray, direction)| mask | u64::from(is_hidden(direction)) << ray);
