@@ -3,7 +3,7 @@
 use super::ellipse::Ellipse;
 use super::find::CircleSearch;
 use super::image::Image;
-use super::judge::{Evidence, Knob};
+use super::judge::{Knob, log_odds};
 use super::knob::{hidden, roses};
 use super::refit::{Rims, noise};
 use super::ring::{FEW_RAYS, MAX_HALF, RAYS, Ring};
@@ -24,13 +24,14 @@ const SAME: [f32; 2] = [2.5, 2.0];
 /// What may be the rose.
 #[derive(Clone, Copy)]
 pub(super) struct Candidate {
-    pub ellipse: Ellipse,
+    ellipse: Ellipse,
     /// Index of the end of a knob before it.
-    pub knob: Option<usize>,
+    knob: Option<usize>,
     /// Logarithm of how likely it is, over there being no circle.
     log_odds: f32,
 }
 
+/// The search in a picture, stage by stage.
 pub(super) struct Choice<'a> {
     image: &'a Image<'a>,
     search: &'a CircleSearch,
@@ -51,11 +52,11 @@ impl<'a> Choice<'a> {
         knob.and_then(|knob| self.circles.get(knob).copied().flatten()).map(|knob| knob.ellipse)
     }
 
-    fn evidence(&self, ellipse: &Ellipse, knob: Option<usize>, rays: usize) -> Evidence {
+    fn log_odds(&self, ellipse: &Ellipse, knob: Option<usize>, rays: usize) -> f32 {
         let ring = Ring::new(self.image, ellipse, rays, (MAX_HALF, 1.0));
         let rim = ring.rim(self.noise, self.front(knob).as_ref());
         let knob = knob.and_then(|knob| self.circles.get(knob).and_then(Option::as_ref));
-        Evidence::new(self.search, ellipse, &rim, knob)
+        log_odds(self.search, ellipse, &rim, knob)
     }
 
     /// Keeps the likeliest candidates, of several that are the same circle one.
@@ -86,7 +87,7 @@ impl<'a> Choice<'a> {
             let rim = Ring::new(self.image, &ellipse, FEW_RAYS, (MAX_HALF, 1.0)).rim(self.noise, None);
             *place = Some(Knob { ellipse, rim });
             if self.search.allows(&ellipse) {
-                let log_odds = Evidence::new(self.search, &ellipse, &rim, None).log_odds();
+                let log_odds = log_odds(self.search, &ellipse, &rim, None);
                 self.insert(Candidate { ellipse, knob: None, log_odds });
             }
         }
@@ -107,14 +108,14 @@ impl<'a> Choice<'a> {
         let rims = Rims { image: self.image, noise: self.noise, front: Some(&front.ellipse) };
         for ellipse in rims.fit_all(&behind.list).take(MAX_BEHIND) {
             if self.search.allows(&ellipse) && ellipse.radius > 0.9 * front.ellipse.radius {
-                let log_odds = self.evidence(&ellipse, Some(knob), FEW_RAYS).log_odds();
+                let log_odds = self.log_odds(&ellipse, Some(knob), FEW_RAYS);
                 self.insert(Candidate { ellipse, knob: Some(knob), log_odds });
             }
         }
     }
 
     /// Fits and judges the likeliest again, on all rays.
-    pub fn look_closer(&mut self, mut seen: impl FnMut(&Candidate, &Evidence)) {
+    pub fn look_closer(&mut self) {
         for index in 0..MAX_CLOSE {
             let Some(mut candidate) = self.candidates[index] else { break };
             let front = self.front(candidate.knob);
@@ -122,9 +123,7 @@ impl<'a> Choice<'a> {
             if let Some(ellipse) = rims.closer(&candidate.ellipse).filter(|near| self.search.allows(near)) {
                 candidate.ellipse = ellipse;
             }
-            let evidence = self.evidence(&candidate.ellipse, candidate.knob, RAYS);
-            candidate.log_odds = evidence.log_odds();
-            seen(&candidate, &evidence);
+            candidate.log_odds = self.log_odds(&candidate.ellipse, candidate.knob, RAYS);
             self.candidates[index] = Some(candidate);
         }
     }

@@ -1,10 +1,9 @@
-use super::choice::{Candidate, Choice, MAX_KNOBS};
+use super::choice::{Choice, MAX_KNOBS};
 use super::edges::{Cells, EdgePoint, MAX_EDGES, edges, row_len};
 use super::ellipse::Ellipse;
 use super::error::VisionError;
 use super::hough::{self, accumulator_len, maxima, radii_about, vote};
 use super::image::Image;
-use super::judge::Evidence;
 use super::starts::{Start, Starts};
 use crate::math;
 
@@ -180,17 +179,6 @@ pub fn find_circle(
     search: &CircleSearch,
     scratch: &mut Scratch<'_>,
 ) -> Result<Option<Circle>, VisionError> {
-    find_among(image, search, scratch, |_, _| ())
-}
-
-/// [`find_circle`], which calls `seen` with each ellipse that it chooses from, and what the picture says for
-/// it.
-pub(super) fn find_among(
-    image: &Image<'_>,
-    search: &CircleSearch,
-    scratch: &mut Scratch<'_>,
-    seen: impl FnMut(&Candidate, &Evidence),
-) -> Result<Option<Circle>, VisionError> {
     search.check(image, scratch)?;
     let mut starts = Starts::NONE;
     for level in LEVELS {
@@ -203,7 +191,7 @@ pub(super) fn find_among(
     for knob in 0..MAX_KNOBS {
         choice.look_behind(knob);
     }
-    choice.look_closer(seen);
+    choice.look_closer();
     let Some((best, confidence)) = choice.best().filter(|(_, confidence)| *confidence >= MIN_CONFIDENCE)
     else {
         return Ok(None);

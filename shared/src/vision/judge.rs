@@ -6,17 +6,17 @@ use super::ring::Rim;
 use crate::math;
 
 /// Numbers that say what the picture shows of a circle, and of the end of a knob before it.
-pub(super) const FEATURES: usize = 16;
-pub(super) const KNOB_FEATURES: usize = 12;
+const FEATURES: usize = 16;
+const KNOB_FEATURES: usize = 12;
 
 // The weights were fitted so that, over many pictures, the right circles are as likely as possible: see
 // docs/find-circle.md.
-/// Weights of [`features`] where no knob is known.
+/// Weights of [`features`] where no knob is known, or not its axis.
 const ALONE: [f32; FEATURES] = [
     -0.317, 1.557, 0.843, 1.138, -0.681, 0.390, 0.033, 7.678, -0.513, -0.122, 0.324, -5.852, 0.809, -4.751,
     5.836, -14.997,
 ];
-/// Weights of [`features`] behind the end of a knob.
+/// Weights of [`features`] behind the end of a knob, along its axis.
 const BEHIND: [f32; FEATURES] = [
     0.344, -0.174, 0.531, 1.877, -0.049, 0.587, 0.197, 6.763, 0.154, -1.397, 1.903, -5.405, -0.512, -3.797,
     4.425, -8.117,
@@ -32,29 +32,14 @@ pub(super) struct Knob {
     pub rim: Rim,
 }
 
-/// What the picture says for a circle.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Evidence {
-    pub features: [f32; FEATURES],
-    pub knob_features: Option<[f32; KNOB_FEATURES]>,
-}
-
-impl Evidence {
-    /// Of a circle with its rim, behind the end of a knob.
-    pub fn new(search: &CircleSearch, circle: &Ellipse, rim: &Rim, knob: Option<&Knob>) -> Self {
-        let knob_features = match (knob, &search.axis) {
-            (Some(knob), Some(axis)) => Some(knob_features(circle, knob, axis)),
-            _ => None,
-        };
-        Self { features: features(search, circle, rim), knob_features }
-    }
-
-    /// Logarithm of how likely the circle is, over there being none.
-    pub fn log_odds(&self) -> f32 {
-        match &self.knob_features {
-            None => weighted(&ALONE, &self.features),
-            Some(knob) => weighted(&BEHIND, &self.features) + weighted(&KNOB, knob),
+/// Logarithm of how likely a circle is, behind the end of a knob, over there being none.
+pub(super) fn log_odds(search: &CircleSearch, circle: &Ellipse, rim: &Rim, knob: Option<&Knob>) -> f32 {
+    let features = features(search, circle, rim);
+    match (knob, &search.axis) {
+        (Some(knob), Some(axis)) => {
+            weighted(&BEHIND, &features) + weighted(&KNOB, &knob_features(circle, knob, axis))
         }
+        _ => weighted(&ALONE, &features),
     }
 }
 
