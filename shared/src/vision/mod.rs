@@ -13,8 +13,8 @@
 //!    circles are fitted that it hides in part: when it is known where the axis of the knob vanishes, along
 //!    that axis; otherwise those of the others.
 //! 3. *Choice*. Of each ellipse is measured what the image shows along its rim: how much contrast, how sharp,
-//!    how near to the ellipse, what lies beside it (the rose darkens the door at its foot, which a shadow's own
-//!    outline does not), and the same of the knob's end, with how both lie on the axis. A logistic model,
+//!    how near to the ellipse, what lies beside it (the rose darkens the door at its foot, which a shadow's
+//!    own outline does not), and the same of the knob's end, with how both lie on the axis. A logistic model,
 //!    fitted to rendered door knobs, weighs it. One of the candidates is right, or there is no circle: its
 //!    probability is the confidence.
 //! 4. *Refit* of the likeliest, in steps of half a pixel.
