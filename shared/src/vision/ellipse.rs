@@ -31,10 +31,32 @@ impl Ellipse {
         self.radius * math::sqrt(square)
     }
 
+    /// The point at `reach` px from the centre in the direction of a unit vector.
+    #[inline]
+    pub fn point(&self, [u, v]: [f32; 2], reach: f32) -> [f32; 2] {
+        [self.center[0] + reach * u, self.center[1] + reach * v]
+    }
+
+    /// Distance of a point from the ellipse, outwards from the centre, to first order in it and in the
+    /// squared flattening [px].
+    #[inline]
+    pub fn distance_to(&self, [x, y]: [f32; 2]) -> f32 {
+        let (u, v) = (x - self.center[0], y - self.center[1]);
+        let [p, q] = self.flattening;
+        let square = (u * u + v * v + p * (u * u - v * v) + 2.0 * q * u * v) * (1.0 + 0.5 * (p * p + q * q));
+        0.5 * (square / self.radius - self.radius)
+    }
+
     /// How far apart two are in centre and radius [px].
     pub fn distance(&self, other: &Self) -> f32 {
         let [dx, dy] = [0, 1].map(|axis| self.center[axis] - other.center[axis]);
         math::sqrt(dx * dx + dy * dy) + math::abs(self.radius - other.radius)
+    }
+
+    /// Whether another has nearly the same centre and radius [px].
+    pub fn is_near(&self, other: &Self, [center, radius]: [f32; 2]) -> bool {
+        let [dx, dy] = [0, 1].map(|axis| self.center[axis] - other.center[axis]);
+        dx * dx + dy * dy < center * center && math::abs(self.radius - other.radius) < radius
     }
 
     /// Semi-axes, the larger first, and the angle of the larger one from x towards y [rad].

@@ -1,11 +1,10 @@
+use super::choice::{Choice, MAX_KNOBS};
 use super::edges::{Cells, EdgePoint, MAX_EDGES, edges, row_len};
 use super::ellipse::Ellipse;
 use super::error::VisionError;
-use super::hough::{Candidate, accumulator_len, maxima, radii_about, vote};
+use super::hough::{self, accumulator_len, maxima, radii_about, vote};
 use super::image::Image;
-use super::knob::{behind_knob, uncover};
-use super::refit::{Fit, Rims, noise};
-use super::starts::{MAX_CANDIDATES, Start, Starts};
+use super::starts::{Start, Starts};
 use crate::math;
 
 /// Smallest radius [px].
@@ -16,10 +15,8 @@ const MAX_RADIUS: f32 = 400.0;
 const CELL_RADII: [usize; 2] = [6, 25];
 /// Levels of the pyramid: cells of 2 to 16 px.
 const LEVELS: core::ops::RangeInclusive<u32> = 1..=4;
-/// Least strength of the evidence for a circle.
-const MIN_STRENGTH: f32 = 0.45;
-/// Distance of two fits to the same rim, over its radius.
-pub(super) const SAME_RIM: f32 = 0.12;
+/// Least confidence of a circle that is found.
+const MIN_CONFIDENCE: f32 = 0.1;
 /// The end of a knob is looked for down to this part of the smallest radius of a rose.
 const KNOB_RADIUS: f32 = 0.65;
 
@@ -189,22 +186,20 @@ pub fn find_circle(
             candidates(image, search, level, radii, scratch, &mut starts);
         }
     }
-    let noise = noise(image);
-    let mut fits = [None::<Fit>; MAX_CANDIDATES];
-    let rims = Rims { image, noise, front: None };
-    for (fit, found) in fits.iter_mut().zip(rims.fit_all(&starts.list)) {
-        *fit = Some(found);
+    let mut choice = Choice::new(image, search);
+    choice.begin(&starts);
+    for knob in 0..MAX_KNOBS {
+        choice.look_behind(knob);
     }
-    let rose = search.axis.and_then(|axis| behind_knob(image, search, &axis, noise, &fits));
-    let found = rose.or_else(|| {
-        uncover(image, noise, &mut fits);
-        outermost(search, &fits)
-    });
-    Ok(found.map(|fit| {
-        let (semi_axes, angle) = fit.ellipse.axes();
-        let Ellipse { center, radius, .. } = fit.ellipse;
-        Circle { center, radius, semi_axes, angle, confidence: confidence(fit.evidence()) }
-    }))
+    choice.look_closer();
+    let Some((best, confidence)) = choice.best().filter(|(_, confidence)| *confidence >= MIN_CONFIDENCE)
+    else {
+        return Ok(None);
+    };
+    let ellipse = choice.refine(best);
+    let (semi_axes, angle) = ellipse.axes();
+    let Ellipse { center, radius, .. } = ellipse;
+    Ok(Some(Circle { center, radius, semi_axes, angle, confidence }))
 }
 
 /// Candidates of one level.
@@ -225,34 +220,10 @@ fn candidates(
         if votes == 0 {
             break;
         }
-        radii_about(points, (x, y), radii, |Candidate { x, y, radius, sectors }| {
+        radii_about(points, (x, y), radii, |hough::Candidate { x, y, radius, sectors }| {
             let center = [side * (x + 0.5) - 0.5, side * (y + 0.5) - 0.5];
             let ellipse = Ellipse::circle(center, side * radius);
             starts.insert(Start { ellipse, score: sectors as f32, side });
         });
-    }
-}
-
-/// The circle with the longest rim that is seen, of those with enough evidence: of concentric ones the
-/// outermost. Of several fits to one rim, that with the most evidence.
-fn outermost(search: &CircleSearch, fits: &[Option<Fit>]) -> Option<Fit> {
-    let circles =
-        || fits.iter().flatten().filter(|fit| fit.evidence() >= MIN_STRENGTH && search.allows(&fit.ellipse));
-    let length = |fit: &Fit| fit.evidence() * fit.ellipse.radius;
-    let outer = circles().max_by(|one, other| length(one).total_cmp(&length(other)))?;
-    let same = circles().filter(|fit| fit.distance(outer) < SAME_RIM * outer.ellipse.radius);
-    same.max_by(|one, other| one.evidence().total_cmp(&other.evidence())).copied()
-}
-
-/// Share of right answers by the strength of the evidence, measured on drawn door knobs; linear in between.
-fn confidence(strength: f32) -> f32 {
-    const SHARES: [(f32, f32); 6] =
-        [(0.45, 0.2), (0.55, 0.45), (0.65, 0.65), (0.75, 0.78), (0.85, 0.86), (1.0, 0.97)];
-    let above = SHARES.windows(2).find(|pair| matches!(pair, [_, (upper, _)] if strength <= *upper));
-    match above {
-        Some(&[(lower, from), (upper, to)]) => {
-            from + (to - from) * math::clamp((strength - lower) / (upper - lower), 0.0, 1.0)
-        }
-        _ => SHARES[SHARES.len() - 1].1,
     }
 }

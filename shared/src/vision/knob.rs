@@ -1,100 +1,142 @@
-//! Roses that the end of a knob hides in part.
+//! Roses behind the end of a knob.
 
 use super::ellipse::Ellipse;
-use super::find::{CircleSearch, SAME_RIM, Window};
+use super::find::{CircleSearch, Window};
 use super::image::Image;
-use super::refit::{Fit, Rims, glance};
-use super::starts::{MAX_CANDIDATES, Start, Starts};
+use super::judge::Knob;
+use super::ring::{directions, least_contrast};
+use super::starts::{Start, Starts};
 use crate::math;
 
-/// Least evidence for the end of a knob that hides others, where nothing else is known.
-const FRONT_EVIDENCE: f32 = 0.72;
-/// Least evidence for the end of a knob behind which a rose is looked for along the axis, for that rose, and
-/// for the rose and half of the knob together.
-const KNOB_EVIDENCE: f32 = 0.45;
-const ROSE_EVIDENCE: f32 = 0.5;
-const PAIR_EVIDENCE: f32 = 0.95;
-/// What is lost in evidence without the rim of the knob.
-const LOSS: f32 = 0.05;
-/// Least number of open rays on which a circle is judged.
-const MIN_RAYS: u32 = 20;
-/// Ends of knobs behind which a rose is looked for.
-const MAX_KNOBS: usize = 3;
 /// Radius of a rose over that of its knob, both on the door.
 const ROSE_RADIUS: [f32; 2] = [1.05, 2.2];
 /// Length of a knob over the distance of the camera from its foot, at most.
 const MAX_LENGTH: f32 = 0.6;
 /// Steps of the centre along the axis and of the radius [px], and at least, over the radius.
-const CENTER_STEP: (f32, f32) = (2.0, 0.08);
-const RADIUS_STEP: (f32, f32) = (1.5, 0.06);
-/// Least glance at a candidate.
-const MIN_GLANCE: f32 = 0.15;
-/// Steps of the fit to a candidate, each of 1 px.
-const BAND: (usize, f32) = (3, 1.0);
+const CENTER_STEP: (f32, f32) = (1.75, 0.07);
+const RADIUS_STEP: (f32, f32) = (1.25, 0.05);
+/// Distance of two fits to the same rim, over its radius.
+const SAME_RIM: f32 = 0.12;
+/// Least share of the contrast that counts most.
+const MIN_SCORE: f32 = 0.12;
+/// Rays of a glance, and places on each.
+const RAYS: usize = 32;
+const PLACES: usize = 64;
+/// Open rays without which a circle gets no glance, and that are as good as all.
+const FEWEST_RAYS: i32 = 10;
+const MANY_RAYS: i32 = 20;
+/// A place outside the image.
+const UNSEEN: i16 = i16::MIN;
 
-/// The rose behind the best of the circles that may be the end of a knob. The rose is farther along the axis,
-/// and so nearer to where the axis vanishes, in proportion to its depth.
-pub(super) fn behind_knob(
+/// The image about the centre of a knob's end: contrasts on rays from it.
+struct Polar {
+    center: [f32; 2],
+    from: f32,
+    unit: f32,
+    /// The contrast that counts most.
+    most: i32,
+    /// In sixteenths of a grey level.
+    contrasts: [[i16; PLACES]; RAYS],
+}
+
+impl Polar {
+    fn new(image: &Image<'_>, knob: &Ellipse, to: f32, noise: f32) -> Self {
+        let from = 1.03 * knob.radius + 1.5;
+        let unit = ((to - from) / (PLACES - 1) as f32).max(1.0);
+        let most = (3.0 * 16.0 * least_contrast(noise)) as i32;
+        let mut polar = Self { center: knob.center, from, unit, most, contrasts: [[UNSEEN; PLACES]; RAYS] };
+        let count = (((to - from) / unit) as usize + 2).min(PLACES);
+        for ([u, v], row) in directions(RAYS).zip(&mut polar.contrasts) {
+            let at = |reach: f32| [knob.center[0] + reach * u, knob.center[1] + reach * v];
+            let [mut x, mut y] = at(from - 1.5).map(Image::fixed);
+            let [dx, dy] = [unit * u, unit * v].map(Image::fixed);
+            let [across, along] = [1.5 * u, 1.5 * v].map(|component| 2 * Image::fixed(component));
+            for (index, place) in row.iter_mut().enumerate().take(count) {
+                let [px, py] = at(from + index as f32 * unit);
+                if image.contains(px, py, 2.0) {
+                    let contrast = (image.at(x + across, y + along) - image.at(x, y)) >> 12;
+                    *place = contrast.clamp(-most, most) as i16;
+                }
+                x += dx;
+                y += dy;
+            }
+        }
+        polar
+    }
+
+    /// Along each ray, what a circle about `center` is displaced.
+    fn shifts(&self, center: [f32; 2]) -> [f32; RAYS] {
+        let [ox, oy] = [center[0] - self.center[0], center[1] - self.center[1]];
+        let mut shifts = [0.0; RAYS];
+        for (shift, [u, v]) in shifts.iter_mut().zip(directions(RAYS)) {
+            *shift = ox * u + oy * v;
+        }
+        shifts
+    }
+
+    /// How well an edge follows the part of a circle that the knob leaves open, 0 to 1: the contrast that
+    /// neighbouring rays have in common. `shifts` are those of its centre, `away` is the distance of that.
+    fn score(&self, shifts: &[f32; RAYS], away: f32, radius: f32) -> f32 {
+        let rest = radius * radius - away * away;
+        let scale = 1.0 / self.unit;
+        let (mut open, mut sum, mut before) = (0, 0, 0);
+        for (shift, row) in shifts.iter().zip(&self.contrasts) {
+            let square = rest + shift * shift;
+            let place = (shift + math::sqrt(square.max(0.0)) - self.from) * scale;
+            let mut here = 0;
+            if place >= 0.0
+                && let Some(&contrast) = row.get((place + 0.5) as usize)
+                && contrast != UNSEEN
+            {
+                here = i32::from(contrast);
+                open += 1;
+            }
+            // Twice the smaller one, of the same sign.
+            sum += (here + before).abs() - (here - before).abs();
+            before = here;
+        }
+        if open < FEWEST_RAYS { 0.0 } else { 0.5 * sum as f32 / (self.most * open.max(MANY_RAYS)) as f32 }
+    }
+}
+
+/// Roses behind the end of a knob at which a glance finds an edge. They are farther along the axis, and so
+/// nearer to where it vanishes, in proportion to their depth.
+pub(super) fn roses(
     image: &Image<'_>,
     search: &CircleSearch,
     axis: &Window,
     noise: f32,
-    fits: &[Option<Fit>],
-) -> Option<Fit> {
-    let mut best = None::<(Fit, f32)>;
-    let mut knobs = [None::<&Fit>; MAX_KNOBS];
-    let may_be_knob = |fit: &&Fit| fit.evidence() >= KNOB_EVIDENCE;
-    for knob in fits.iter().flatten().filter(may_be_knob) {
-        let is_same = |known: &&Fit| known.distance(knob) < 0.05 * knob.ellipse.radius;
-        if knobs.iter().flatten().any(is_same) {
-            continue;
-        }
-        let Some(place) = knobs.iter_mut().find(|place| place.is_none()) else { break };
-        *place = Some(knob);
-        let starts = candidates(image, search, axis, noise, &knob.ellipse);
-        let rims = Rims { image, noise, front: Some(&knob.ellipse) };
-        let is_rose = |fit: &Fit| {
-            search.allows(&fit.ellipse)
-                && fit.open().count_ones() >= MIN_RAYS
-                && fit.ellipse.radius > 0.9 * knob.ellipse.radius
-                && fit.distance(knob) > SAME_RIM * fit.ellipse.radius
-                && fit.evidence() > ROSE_EVIDENCE
-        };
-        for rose in rims.fit_all(&starts.list).filter(is_rose) {
-            let evidence = rose.evidence() + 0.5 * knob.evidence();
-            if evidence > best.as_ref().map_or(PAIR_EVIDENCE, |(_, evidence)| *evidence) {
-                best = Some((rose, evidence));
-            }
-        }
-    }
-    best.map(|(rose, _)| rose)
-}
-
-/// Roses behind the end of a knob on which a glance finds an edge.
-fn candidates(image: &Image<'_>, search: &CircleSearch, axis: &Window, noise: f32, knob: &Ellipse) -> Starts {
+    knob: &Ellipse,
+) -> Starts {
     let mut starts = Starts::NONE;
     let [dx, dy] = [0, 1].map(|index| knob.center[index] - axis.center[index]);
-    let length = math::sqrt(dx * dx + dy * dy);
-    if length < 1.0 {
-        return starts;
-    }
+    let length = math::sqrt(dx * dx + dy * dy).max(1.0);
     let [u, v] = [dx / length, dy / length];
-    let most = math::clamp(1.2 * knob.radius, 0.0, MAX_LENGTH * length);
-    let mut away = 1.0;
-    while away < most {
+    let most_away = math::clamp(1.2 * knob.radius, 0.0, MAX_LENGTH * (length + axis.reach));
+    let polar =
+        Polar::new(image, knob, (ROSE_RADIUS[1] * knob.radius).min(search.radius[1]) + most_away, noise);
+    let mut away = 0.0;
+    while away < most_away {
         // Depth of the knob's end over that of the rose.
-        let depth = 1.0 - away / length;
+        let depth = 1.0 - math::clamp(away / length, 0.0, MAX_LENGTH);
         let [from, to] = ROSE_RADIUS.map(|ratio| ratio * depth * knob.radius);
         // The axis is not known exactly.
         let spread = 0.5 + axis.reach * (1.0 - depth);
         for aside in [-spread, 0.0, spread] {
             let center = [knob.center[0] - away * u - aside * v, knob.center[1] - away * v + aside * u];
-            let mut radius = from.max(search.radius[0]);
+            let is_far = |window: &Window| {
+                (0..2).any(|axis| math::abs(center[axis] - window.center[axis]) > window.reach + 2.0)
+            };
+            if search.window.as_ref().is_some_and(is_far) {
+                continue;
+            }
+            let shifts = polar.shifts(center);
+            let distance = math::sqrt(away * away + aside * aside);
+            let mut radius = from.max(0.9 * knob.radius).max(search.radius[0]);
             while radius <= to.min(search.radius[1]) {
-                let ellipse = Ellipse::circle(center, radius);
-                let score = glance(image, &ellipse, knob, noise);
-                if score > MIN_GLANCE {
-                    starts.insert(Start { ellipse, score, side: 1.0 });
+                let score = polar.score(&shifts, distance, radius);
+                if score > MIN_SCORE {
+                    starts.insert(Start { ellipse: Ellipse::circle(center, radius), score, side: 1.0 });
                 }
                 radius += RADIUS_STEP.0.max(RADIUS_STEP.1 * radius);
             }
@@ -104,29 +146,15 @@ fn candidates(image: &Image<'_>, search: &CircleSearch, axis: &Window, noise: f3
     starts
 }
 
-/// Fits circles anew that the end of a knob hides in part: its rim is not theirs.
-pub(super) fn uncover(image: &Image<'_>, noise: f32, fits: &mut [Option<Fit>; MAX_CANDIDATES]) {
-    let found = *fits;
-    for fit in fits.iter_mut().flatten() {
-        for front in found.iter().flatten() {
-            if !is_in_front(front, fit) || fit.hidden_by(&front.ellipse) & fit.visible == 0 {
-                continue;
-            }
-            let open = Rims { image, noise, front: Some(&front.ellipse) }.refit(&fit.ellipse, BAND);
-            if let Some(open) = open
-                && open.open().count_ones() >= MIN_RAYS
-                && open.evidence() > fit.evidence() - LOSS
-            {
-                *fit = open;
-            }
+/// Circles that the end of a knob hides in part: not much smaller, and at another place.
+pub(super) fn hidden(circles: &[Option<Knob>], knob: &Knob) -> Starts {
+    let mut starts = Starts::NONE;
+    let front = &knob.ellipse;
+    for Knob { ellipse, rim } in circles.iter().flatten() {
+        let is_elsewhere = front.distance(ellipse) > SAME_RIM * ellipse.radius;
+        if front.radius < 1.1 * ellipse.radius && is_elsewhere {
+            starts.insert(Start { ellipse: *ellipse, score: rim.common, side: 1.0 });
         }
     }
-}
-
-/// Whether one circle is the end of a cylinder that stands on the other: seen nearly all around, not much
-/// larger, and at another place.
-fn is_in_front(front: &Fit, fit: &Fit) -> bool {
-    front.ellipse.radius < 1.1 * fit.ellipse.radius
-        && front.distance(fit) > SAME_RIM * fit.ellipse.radius
-        && front.evidence() > FRONT_EVIDENCE
+    starts
 }

@@ -8,14 +8,18 @@
 //!    to 25 cells. Edge points vote for centres, with a limited squared gradient: a specular streak weighs no
 //!    more than a rim. Around each maximum of the accumulator, the sectors in which edge points point at it
 //!    are counted radius by radius.
-//! 2. *Refit*. At full resolution, rays from the centre look for the edge next to the candidate; an ellipse
-//!    is fitted to them, with outliers rejected.
+//! 2. *Fits*. At full resolution, rays from the centre look for the edge next to the candidate; an ellipse
+//!    is fitted to them, with outliers rejected. Behind each clear circle, which may be the end of the knob,
+//!    circles are fitted that it hides in part: when it is known where the axis of the knob vanishes, along
+//!    that axis; otherwise those of the others.
+//! 3. *Choice*. Of each ellipse is measured what the image shows along its rim: how much contrast, how sharp,
+//!    how near to the ellipse, what lies beside it (the rose darkens the door at its foot, which a shadow's
+//!    own outline does not), and the same of the knob's end, with how both lie on the axis. A logistic model,
+//!    fitted to rendered door knobs, weighs it. One of the candidates is right, or there is no circle: its
+//!    probability is the confidence.
+//! 4. *Refit* of the likeliest, in steps of half a pixel.
 //!
-//! The answer is the circle with the longest rim that is supported by edges: of concentric circles, the
-//! outermost. Where the end of the knob hides the rose, no rim is expected, and that of the knob does not
-//! count. When it is known where the axis of the knob vanishes, the rose is looked for along it, behind each
-//! circle that may be the knob's end. A prior of the radius, from the arm's own pose, and a window about the
-//! last result exclude other circles.
+//! A prior of the radius, from the arm's own pose, and a window about the last result exclude other circles.
 //!
 //! The front rim of the rose is an ellipse in the image, because the camera looks at it obliquely.
 //! [`Circle::center`] is the ellipse's centre, [`Circle::radius`] the root of the product of its semi-axes.
@@ -33,6 +37,7 @@
     reason = "coordinates and grey levels are small"
 )]
 
+mod choice;
 mod edges;
 mod ellipse;
 mod error;
@@ -40,8 +45,10 @@ mod find;
 mod hand_eye;
 mod hough;
 mod image;
+mod judge;
 mod knob;
 mod refit;
+mod ring;
 mod starts;
 #[cfg(test)]
 mod tests;

@@ -136,6 +136,25 @@ fn a_rose_behind_its_knob_is_found_along_the_axis() {
     assert_near(find_circle(&image, &search, &mut buffers.scratch()).unwrap(), [124.0, 136.0, 26.0], 0.3);
 }
 
+/// A rose on a door with its soft shadow, which is larger and has more contrast.
+#[test]
+fn a_soft_shadow_is_not_taken_for_the_rim() {
+    let [shadow_x, shadow_y, shadow_radius] = [122.0, 116.0, 38.0_f32];
+    for (seed, grey) in [(1, 150.0), (2, 175.0), (3, 45.0)] {
+        let mut pixels = draw(&[], 130.0, 1.5, seed);
+        let rose = draw(&[Disc::round(120.3, 110.8, 30.2, grey)], 0.0, 0.0, seed);
+        for (index, pixel) in pixels.iter_mut().enumerate() {
+            let [x, y] = [(index % WIDTH) as f32, (index / WIDTH) as f32];
+            // From 60 % of the light to all of it within 12 px.
+            let away = (apart([x, y], [shadow_x, shadow_y]) - shadow_radius) / 12.0 + 0.5;
+            let light = 0.6 + 0.4 * math::clamp(away, 0.0, 1.0);
+            let share = math::clamp((f32::from(rose[index]) - 0.05 * x) / (grey - 0.05 * x), 0.0, 1.0);
+            *pixel = math::round(share * grey + (1.0 - share) * light * f32::from(*pixel)) as u8;
+        }
+        assert_near(find_in(&pixels, [22.0, 48.0], None), [120.3, 110.8, 30.2], 0.4);
+    }
+}
+
 #[test]
 fn a_circle_partly_outside_the_image_is_found() {
     let pixels = draw(&[Disc::round(30.4, 120.3, 45.0, 170.0)], 90.0, 2.0, 1);

@@ -1,0 +1,154 @@
+//! The choice between circles.
+
+use super::ellipse::Ellipse;
+use super::find::CircleSearch;
+use super::image::Image;
+use super::judge::{Knob, log_odds};
+use super::knob::{hidden, roses};
+use super::refit::{Rims, noise};
+use super::ring::{FEW_RAYS, MAX_HALF, RAYS, Ring};
+use super::starts::{MAX_CANDIDATES, Starts};
+use crate::math;
+
+/// Circles that may be the end of a knob behind which a rose is looked for.
+pub(super) const MAX_KNOBS: usize = 4;
+/// Roses that are fitted behind each.
+const MAX_BEHIND: usize = 12;
+/// Candidates that are looked at closer.
+const MAX_CLOSE: usize = 8;
+/// Candidates that differ by less in centre and radius lead to the same circle [px].
+const REPEATED: [f32; 2] = [0.8, 0.6];
+/// Circles that differ by less in centre and radius are the same one [px].
+const SAME: [f32; 2] = [2.5, 2.0];
+
+/// What may be the rose.
+#[derive(Clone, Copy)]
+pub(super) struct Candidate {
+    ellipse: Ellipse,
+    /// Index of the end of a knob before it.
+    knob: Option<usize>,
+    /// Logarithm of how likely it is, over there being no circle.
+    log_odds: f32,
+}
+
+/// The search in a picture, stage by stage.
+pub(super) struct Choice<'a> {
+    image: &'a Image<'a>,
+    search: &'a CircleSearch,
+    noise: f32,
+    /// Circles that may be the end of a knob, the clearest first.
+    circles: [Option<Knob>; MAX_CANDIDATES],
+    /// The likeliest first.
+    candidates: [Option<Candidate>; MAX_CLOSE],
+}
+
+impl<'a> Choice<'a> {
+    pub fn new(image: &'a Image<'a>, search: &'a CircleSearch) -> Self {
+        let noise = noise(image);
+        Self { image, search, noise, circles: [None; MAX_CANDIDATES], candidates: [None; MAX_CLOSE] }
+    }
+
+    fn front(&self, knob: Option<usize>) -> Option<Ellipse> {
+        knob.and_then(|knob| self.circles.get(knob).copied().flatten()).map(|knob| knob.ellipse)
+    }
+
+    fn log_odds(&self, ellipse: &Ellipse, knob: Option<usize>, rays: usize) -> f32 {
+        let ring = Ring::new(self.image, ellipse, rays, (MAX_HALF, 1.0));
+        let rim = ring.rim(self.noise, self.front(knob).as_ref());
+        let knob = knob.and_then(|knob| self.circles.get(knob).and_then(Option::as_ref));
+        log_odds(self.search, ellipse, &rim, knob)
+    }
+
+    /// Keeps the likeliest candidates, of several that are the same circle one.
+    fn insert(&mut self, candidate: Candidate) {
+        let is_same = |known: &Option<Candidate>| {
+            known.is_some_and(|known| known.ellipse.is_near(&candidate.ellipse, REPEATED))
+        };
+        if let Some(place) = self.candidates.iter().position(is_same) {
+            if self.candidates[place].is_some_and(|known| known.log_odds >= candidate.log_odds) {
+                return;
+            }
+            self.candidates[place..].rotate_left(1);
+            self.candidates[MAX_CLOSE - 1] = None;
+        }
+        let is_less =
+            |known: &Option<Candidate>| known.is_none_or(|known| known.log_odds < candidate.log_odds);
+        if let Some(place) = self.candidates.iter().position(is_less) {
+            self.candidates[place..].rotate_right(1);
+            self.candidates[place] = Some(candidate);
+        }
+    }
+
+    /// Fits circles that nothing hides.
+    pub fn begin(&mut self, starts: &Starts) {
+        let rims = Rims { image: self.image, noise: self.noise, front: None };
+        let mut circles = [None::<Knob>; MAX_CANDIDATES];
+        for (place, ellipse) in circles.iter_mut().zip(rims.fit_all(&starts.list)) {
+            let rim = Ring::new(self.image, &ellipse, FEW_RAYS, (MAX_HALF, 1.0)).rim(self.noise, None);
+            *place = Some(Knob { ellipse, rim });
+            if self.search.allows(&ellipse) {
+                let log_odds = log_odds(self.search, &ellipse, &rim, None);
+                self.insert(Candidate { ellipse, knob: None, log_odds });
+            }
+        }
+        let rank = |circle: &Option<Knob>| {
+            circle.as_ref().map_or(f32::MAX, |knob| knob.rim.jitter - knob.rim.common)
+        };
+        circles.sort_unstable_by(|one, other| rank(one).total_cmp(&rank(other)));
+        self.circles = circles;
+    }
+
+    /// Fits circles that one of the others hides in part.
+    pub fn look_behind(&mut self, knob: usize) {
+        let Some(Some(front)) = self.circles.get(knob).copied() else { return };
+        let behind = match &self.search.axis {
+            Some(axis) => roses(self.image, self.search, axis, self.noise, &front.ellipse),
+            None => hidden(&self.circles, &front),
+        };
+        let rims = Rims { image: self.image, noise: self.noise, front: Some(&front.ellipse) };
+        for ellipse in rims.fit_all(&behind.list).take(MAX_BEHIND) {
+            if self.search.allows(&ellipse) && ellipse.radius > 0.9 * front.ellipse.radius {
+                let log_odds = self.log_odds(&ellipse, Some(knob), FEW_RAYS);
+                self.insert(Candidate { ellipse, knob: Some(knob), log_odds });
+            }
+        }
+    }
+
+    /// Fits and judges the likeliest again, on all rays.
+    pub fn look_closer(&mut self) {
+        for index in 0..MAX_CLOSE {
+            let Some(mut candidate) = self.candidates[index] else { break };
+            let front = self.front(candidate.knob);
+            let rims = Rims { image: self.image, noise: self.noise, front: front.as_ref() };
+            if let Some(ellipse) = rims.closer(&candidate.ellipse).filter(|near| self.search.allows(near)) {
+                candidate.ellipse = ellipse;
+            }
+            candidate.log_odds = self.log_odds(&candidate.ellipse, candidate.knob, RAYS);
+            self.candidates[index] = Some(candidate);
+        }
+    }
+
+    /// The likeliest, and the probability of it and of those next to it: one of all is right, or none.
+    pub fn best(&self) -> Option<(&Candidate, f32)> {
+        let all = || self.candidates.iter().flatten();
+        let best = all().max_by(|one, other| one.log_odds.total_cmp(&other.log_odds))?;
+        let reference = best.log_odds.max(0.0);
+        let (mut near, mut sum) = (0.0, math::exp(-reference));
+        for other in all() {
+            let likelihood = math::exp(other.log_odds - reference);
+            sum += likelihood;
+            if best.ellipse.is_near(&other.ellipse, SAME) {
+                near += likelihood;
+            }
+        }
+        Some((best, near / sum))
+    }
+
+    /// The ellipse to a fraction of a pixel.
+    pub fn refine(&self, candidate: &Candidate) -> Ellipse {
+        let front = self.front(candidate.knob);
+        let rims = Rims { image: self.image, noise: self.noise, front: front.as_ref() };
+        let fine = rims.refine(&candidate.ellipse).filter(|fine| self.search.allows(fine));
+        fine.unwrap_or(candidate.ellipse)
+    }
+}

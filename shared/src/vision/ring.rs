@@ -1,0 +1,291 @@
+//! An image along an ellipse: its derivative across the rim.
+
+use super::ellipse::Ellipse;
+use super::image::Image;
+use crate::math;
+
+/// Rays from the centre, at most.
+pub(super) const RAYS: usize = 64;
+/// Rays on which candidates are compared.
+pub(super) const FEW_RAYS: usize = 32;
+/// Cosine and sine of the angle between two of them.
+const TURN: [f32; 2] = [0.995_184_7, 0.098_017_14];
+/// Most steps of a ray to each side of the ellipse.
+pub(super) const MAX_HALF: usize = 4;
+/// Places of a ray.
+const PLACES: usize = 2 * MAX_HALF + 1;
+/// What a contrast of a grey level is in [`Ring::contrasts`].
+const GREY_LEVEL: f32 = 48.0;
+/// Standard deviation of a contrast, over that of the pixels.
+pub(super) const CONTRAST_NOISE: f32 = 0.5;
+/// Contrast of an edge with a blur of 1 px that steps of half a pixel see, over that of whole steps.
+const HALF_STEPS: f32 = 0.6;
+/// A ray shares contrast with the one that is a 16th of the circle away.
+const APART: usize = 16;
+/// Least contrast of an edge point [grey levels].
+const MIN_CONTRAST: f32 = 3.0;
+
+/// Directions of `rays` rays, 32 or 64.
+pub(super) fn directions(rays: usize) -> impl Iterator<Item = [f32; 2]> {
+    let [cos, sin] = TURN;
+    core::iter::successors(Some([1.0, 0.0]), move |[u, v]: &[f32; 2]| {
+        Some([u * cos - v * sin, u * sin + v * cos])
+    })
+    .take(RAYS)
+    .step_by(RAYS / rays)
+}
+
+/// Least contrast of an edge point [grey levels].
+pub(super) fn least_contrast(noise: f32) -> f32 {
+    math::clamp(1.5 * CONTRAST_NOISE * noise, MIN_CONTRAST, 255.0)
+}
+
+/// The annulus about an ellipse.
+pub(super) struct Ring {
+    ellipse: Ellipse,
+    rays: usize,
+    half: usize,
+    unit: f32,
+    /// Rays inside the image, a bit for each.
+    pub visible: u64,
+    /// Derivative outwards, smoothed along the ellipse: the contrast of a sharp edge there.
+    contrasts: [[i16; PLACES]; RAYS],
+}
+
+impl Ring {
+    /// Samples `half` steps of `unit` px to both sides of an ellipse, on 32 or 64 rays.
+    pub fn new(image: &Image<'_>, ellipse: &Ellipse, rays: usize, (half, unit): (usize, f32)) -> Self {
+        let half = half.min(MAX_HALF);
+        let mut ring =
+            Self { ellipse: *ellipse, rays, half, unit, visible: 0, contrasts: [[0; PLACES]; RAYS] };
+        for (ray, direction) in directions(rays).enumerate() {
+            if let Some(contrasts) = ring.contrasts.get_mut(ray)
+                && sample(image, ellipse, direction, (half, unit), contrasts)
+            {
+                ring.visible |= 1 << ray;
+            }
+        }
+        ring.smooth();
+        ring
+    }
+
+    /// Mean over three neighbours with weights 1, 2, 1; in place of one outside the image, the ray itself.
+    fn smooth(&mut self) {
+        let last = self.rays - 1;
+        let (first, mut before) = (self.contrasts[0], self.contrasts[last]);
+        let mut sees_before = self.visible >> last & 1 == 1;
+        for ray in 0..self.rays {
+            let here = self.contrasts[ray];
+            let after = if ray == last { first } else { self.contrasts[ray + 1] };
+            let sees_after = self.visible >> ((ray + 1) % self.rays) & 1 == 1;
+            let sees_here = self.visible >> ray & 1 == 1;
+            if sees_here {
+                let one = if sees_before { &before } else { &here };
+                let other = if sees_after { &after } else { &here };
+                for index in 0..=2 * self.half {
+                    let sum = i32::from(one[index]) + 2 * i32::from(here[index]) + i32::from(other[index]);
+                    self.contrasts[ray][index] = (sum >> 2) as i16;
+                }
+            }
+            before = here;
+            sees_before = sees_here;
+        }
+    }
+
+    /// Offset from the ellipse, in steps, of the strongest edge along a ray.
+    fn edge(&self, ray: usize, least: i32) -> Option<f32> {
+        let contrasts = self.contrasts.get(ray)?;
+        let middle = self.half as i32;
+        let (mut best, mut at) = (0, 0);
+        let falloff = 512 / (middle * middle).max(1);
+        for (index, contrast) in contrasts.iter().enumerate().take(2 * self.half + 1) {
+            let away = index as i32 - middle;
+            // Half as good at the end.
+            let score = i32::from(*contrast).abs() * (1024 - falloff * away * away);
+            if score > best {
+                (best, at) = (score, index);
+            }
+        }
+        if at == 0 || at >= 2 * self.half {
+            return None;
+        }
+        let heights = [at - 1, at, at + 1].map(|at| i32::from(contrasts[at]).abs());
+        if heights[1] < least {
+            return None;
+        }
+        Some((at as i32 - middle) as f32 + peak(heights.map(|height| height as f32)))
+    }
+
+    /// Edge points (x, y), with weights 0 or 1: not where `front` hides them. None if they are few.
+    pub fn edge_points(&self, noise: f32, front: Option<&Ellipse>) -> Option<[([f32; 2], f32); RAYS]> {
+        let mut points = [([0.0; 2], 0.0); RAYS];
+        let least = least_contrast(noise) * GREY_LEVEL;
+        let least = (if self.unit < 1.0 { HALF_STEPS * least } else { least }) as i32;
+        let mut count = 0;
+        for (ray, (direction, (point, weight))) in directions(self.rays).zip(&mut points).enumerate() {
+            if self.visible >> ray & 1 == 0 {
+                continue;
+            }
+            if let Some(offset) = self.edge(ray, least) {
+                let reach = self.ellipse.reach(direction) + offset * self.unit;
+                *point = self.ellipse.point(direction, reach);
+                if !front.is_some_and(|front| hides(front, *point)) {
+                    *weight = 1.0;
+                    count += 1;
+                }
+            }
+        }
+        (count >= self.rays / 5).then_some(points)
+    }
+
+    /// Rays whose point on the ellipse is in the image and not hidden by `front`.
+    pub fn open(&self, front: Option<&Ellipse>) -> u64 {
+        let Some(front) = front else { return self.visible };
+        let is_hidden =
+            |direction| hides(front, self.ellipse.point(direction, self.ellipse.reach(direction)));
+        let hidden = (0..)
+            .zip(directions(self.rays))
+            .fold(0, |mask, (ray, direction)| mask | u64::from(is_hidden(direction)) << ray);
+        self.visible & !hidden
+    }
+
+    /// What the picture says for a rim on the ellipse: of a ring with the most steps, each of 1 px.
+    pub fn rim(&self, noise: f32, front: Option<&Ellipse>) -> Rim {
+        let open = self.open(front);
+        let count = open.count_ones();
+        let scale = 1.0 / (least_contrast(noise) * GREY_LEVEL);
+        let mut sum = Rim::default();
+        let (mut gap, mut widest) = (0.0, 0.0_f32);
+        for (ray, contrasts) in self.contrasts.iter().enumerate().take(self.rays) {
+            if open >> ray & 1 == 0 {
+                continue;
+            }
+            let signed = contrasts.map(|contrast| f32::from(contrast) * scale);
+            let other = (ray + self.rays / APART) % self.rays;
+            if open >> other & 1 == 1 {
+                sum.common += common(signed[MAX_HALF], f32::from(self.contrasts[other][MAX_HALF]) * scale);
+            }
+            let offset = sum.add(&signed);
+            gap = if offset > 1.0 { gap + 1.0 } else { 0.0 };
+            widest = widest.max(gap);
+        }
+        let mean = 1.0 / count.max(1) as f32;
+        sum.means(mean, count as f32 / self.rays as f32, widest * mean)
+    }
+}
+
+/// What the picture says for a rim: means over the open rays. Contrasts are those of a sharp edge, over the
+/// least of an edge point, and limited.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Rim {
+    /// Share of the rays that are open.
+    pub open: f32,
+    /// Contrast at the ellipse, and what it has in common with the next but three rays.
+    pub contrast: f32,
+    pub common: f32,
+    /// Contrast 2 px inside and outside, and 4 px inside.
+    pub near_in: f32,
+    pub near_out: f32,
+    pub far_in: f32,
+    /// Contrast within 1 px, over the sum within 3 px.
+    pub sharp: f32,
+    /// Whether it becomes brighter outwards: 2 px inside, at the ellipse, and 2 to 3 px outside.
+    pub shade_in: f32,
+    pub shade: f32,
+    pub shade_out: f32,
+    /// Distance of the strongest edge from the ellipse; 2 without one within 2 px [px].
+    pub jitter: f32,
+    /// Longest part without an edge within 1 px.
+    pub gap: f32,
+}
+
+impl Rim {
+    /// Adds the contrasts of a ray; returns the distance of its edge from the ellipse.
+    fn add(&mut self, signed: &[f32; PLACES]) -> f32 {
+        const MIDDLE: usize = MAX_HALF;
+        let sizes = signed.map(math::abs);
+        let here = sizes[MIDDLE].max(sizes[MIDDLE - 1]).max(sizes[MIDDLE + 1]);
+        let width: f32 = sizes[MIDDLE - 3..=MIDDLE + 3].iter().sum();
+        self.contrast += sizes[MIDDLE].min(4.0);
+        self.near_in += sizes[MIDDLE - 2].min(4.0);
+        self.near_out += sizes[MIDDLE + 2].min(4.0);
+        self.far_in += sizes[MIDDLE - 4].min(4.0);
+        self.sharp += here / (width + 1.0);
+        self.shade_in += math::clamp(signed[MIDDLE - 2], -2.0, 2.0);
+        self.shade += math::clamp(signed[MIDDLE], -2.0, 2.0);
+        self.shade_out += math::clamp(signed[MIDDLE + 2] + signed[MIDDLE + 3], -2.0, 2.0);
+        let mut best = MIDDLE;
+        for index in MIDDLE - 2..=MIDDLE + 2 {
+            if sizes[index] > sizes[best] {
+                best = index;
+            }
+        }
+        let offset = best as f32 - MIDDLE as f32 + peak([sizes[best - 1], sizes[best], sizes[best + 1]]);
+        let offset = if sizes[best] < 1.0 { 2.0 } else { math::abs(offset).min(2.0) };
+        self.jitter += offset;
+        offset
+    }
+
+    /// From the sums over open rays.
+    fn means(&self, mean: f32, open: f32, gap: f32) -> Self {
+        Self {
+            open,
+            contrast: mean * self.contrast,
+            common: mean * self.common,
+            near_in: mean * self.near_in,
+            near_out: mean * self.near_out,
+            far_in: mean * self.far_in,
+            sharp: mean * self.sharp,
+            shade_in: mean * self.shade_in,
+            shade: mean * self.shade,
+            shade_out: mean * self.shade_out,
+            jitter: mean * self.jitter,
+            gap,
+        }
+    }
+}
+
+/// What two contrasts have in common, up to 3, over 3.
+fn common(one: f32, other: f32) -> f32 {
+    let [one, other] = [one, other].map(|contrast| math::clamp(contrast, -3.0, 3.0));
+    (math::abs(one + other) - math::abs(one - other)) * (1.0 / 6.0)
+}
+
+/// Place of the maximum of a parabola through three heights, from the middle.
+fn peak([before, here, after]: [f32; 3]) -> f32 {
+    let curvature = before + after - 2.0 * here;
+    if curvature < 0.0 { math::clamp(0.5 * (before - after) / curvature, -0.5, 0.5) } else { 0.0 }
+}
+
+/// Whether the end of a knob hides a point, or has its own rim there.
+pub(super) fn hides(front: &Ellipse, point: [f32; 2]) -> bool {
+    front.distance_to(point) < 0.03 * front.radius + 1.5
+}
+
+/// Derivative along a ray; false if that leaves the image.
+fn sample(
+    image: &Image<'_>,
+    ellipse: &Ellipse,
+    direction: [f32; 2],
+    (half, unit): (usize, f32),
+    contrasts: &mut [i16; PLACES],
+) -> bool {
+    let (reach, side) = (ellipse.reach(direction), (half + 2) as f32 * unit);
+    let ends = [-side, side].map(|side| ellipse.point(direction, reach + side));
+    if ends.iter().any(|[x, y]| !image.contains(*x, *y, 0.01)) {
+        return false;
+    }
+    let [mut x, mut y] = ends[0].map(Image::fixed);
+    let [dx, dy] = direction.map(|component| Image::fixed(unit * component));
+    let mut last = [0; 4];
+    for index in 0..2 * half + 5 {
+        let grey = image.at(x, y) >> 12;
+        if let Some(contrast) = index.checked_sub(4).and_then(|index| contrasts.get_mut(index)) {
+            *contrast = (2 * (last[3] - last[1]) + grey - last[0]) as i16;
+        }
+        last = [last[1], last[2], last[3], grey];
+        x += dx;
+        y += dy;
+    }
+    true
+}
