@@ -30,8 +30,6 @@ pub struct Acting {
     pub drives: bool,
     /// By how much the latest drive is late [ticks].
     pub late: u32,
-    /// The joints whose drives are late.
-    pub late_drives: Vec<usize>,
     /// The joints whose drives cannot carry the weight.
     pub weak_drives: Vec<usize>,
 }
@@ -67,8 +65,7 @@ pub struct Sample {
     pub load: Vec<f64>,
     /// Kinetic energy [J].
     pub energy: f64,
-    /// Velocities of the tips, and the largest speed [m/s].
-    pub velocities: Vec<[f64; 3]>,
+    /// Largest speed of a tip [m/s].
     pub speed: f64,
     /// Largest contact force on a tip [N].
     pub contact: f64,
