@@ -62,6 +62,23 @@ pub struct Command<const N: usize> {
     pub velocities: [f32; N],
 }
 
+impl<const N: usize> Command<N> {
+    /// Puts the bits of its `2 N` numbers into the first of `words`, for a
+    /// [`Handover`](crate::handover::Handover).
+    pub fn put(&self, words: &mut [u32]) {
+        for (word, value) in words.iter_mut().zip(self.currents.iter().chain(&self.velocities)) {
+            *word = value.to_bits();
+        }
+    }
+
+    /// What [`put`](Self::put) has put there. Words that are missing count as 0.
+    pub fn take(words: &[u32]) -> Self {
+        let mut values = words.iter().map(|word| f32::from_bits(*word));
+        let mut next = |_| values.next().unwrap_or_default();
+        Self { currents: core::array::from_fn(&mut next), velocities: core::array::from_fn(&mut next) }
+    }
+}
+
 /// What was measured since the start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Totals<const N: usize> {

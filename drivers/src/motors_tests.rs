@@ -288,3 +288,13 @@ fn a_signed_current_is_taken_as_it_is() {
     rig.step(&mut motors);
     assert!(!rig.armed && motors.has_tripped() && motors.are_off());
 }
+
+#[test]
+fn a_command_is_handed_over_bit_by_bit() {
+    let command = Command { currents: [0.25, -1.5], velocities: [3.0, -0.0] };
+    let mut words = [7; 5];
+    command.put(&mut words);
+    // IEEE 754, by hand: sign, exponent with a bias of 127, fraction.
+    assert_eq!(words, [0x3E80_0000, 0xBFC0_0000, 0x4040_0000, 0x8000_0000, 7]);
+    assert_eq!(Command::take(&words), command);
+}

@@ -1,18 +1,18 @@
 //! The image of `board-odrive` on the modelled chip.
 
-use tesaki::model::{Field, Problem, RobotModel};
-use tesaki::protocol::{ClockSource, Mode, Refusal, Reply};
+use tesaki::model::{Field, Problem};
+use tesaki::protocol::{ClockSource, Mode};
 use tesaki_chip::SECOND;
 use tesaki_chip::bench::{Bench, Motor};
 use tesaki_chip::mistake::Mistake;
 
-use crate::rig::Rig;
-use crate::rig::odrive::{LARGE, TRIP_TIME, accept, two_joints};
+use crate::rig::odrive::{LARGE, TRIP_TIME, accept};
+use crate::rig::{Refused, Rig};
 
 #[test]
 fn it_answers_on_its_line_and_refuses_what_it_lacks() {
     let mut rig = Rig::odrive(&[]);
-    let refusals: [(fn(&mut RobotModel), _, _, _); 3] = [
+    let refusals: [Refused; 3] = [
         (|model| *model = crate::rig::model(), Some(2), Field::Joints, Problem::BoardLimit(2.0)),
         (
             |model| model.joints[1].motor.current_limit = 26.0,
@@ -22,19 +22,9 @@ fn it_answers_on_its_line_and_refuses_what_it_lacks() {
         ),
         (|model| model.safety.supply_max = 50.0, None, Field::SupplyMax, Problem::BoardLimit(48.0)),
     ];
-    for (change, joint, field, problem) in refusals {
-        let mut changed = two_joints();
-        change(&mut changed);
-        match rig.client.offer(&mut rig.machine, &changed).unwrap() {
-            Reply::Refused(Refusal::Model(error)) => {
-                assert_eq!((error.joint, error.field, error.problem), (joint, field, problem));
-            }
-            other => panic!("{field:?}: {other:?}"),
-        }
-    }
+    rig.refuses(&refusals);
     let status = rig.status();
     assert_eq!((status.board.clock, status.node.mode), (ClockSource::Crystal, Mode::Disabled));
-    assert_eq!(rig.client.offer(&mut rig.machine, &two_joints()), Ok(Reply::Done));
 }
 
 /// Both joints by 0.3 rad, for so many ticks: the largest distance from the reference and the largest one

@@ -1,11 +1,11 @@
 //! The image of `board-weact` on the modelled chip: what a driver must do, and that each seeded mistake in
 //! one is found.
 
-use tesaki::model::{Field, Problem, RobotModel};
-use tesaki::protocol::{ClockSource, Mode, Refusal, Reply, ResetCause};
+use tesaki::model::{Field, Problem};
+use tesaki::protocol::{ClockSource, Mode, ResetCause};
 
 use crate::rig::acceptance::accept;
-use crate::rig::{Rig, model};
+use crate::rig::{Refused, Rig};
 
 #[test]
 fn boots_from_the_crystal() {
@@ -75,7 +75,7 @@ fn the_board_does_all_that_it_must() {
 #[test]
 fn what_the_board_lacks_is_refused_at_the_push() {
     let mut rig = Rig::boot();
-    let refusals: [(fn(&mut RobotModel), _, _, _); 6] = [
+    let refusals: [Refused; 6] = [
         (
             |model| {
                 let mut fourth = model.joints[2].clone();
@@ -103,16 +103,5 @@ fn what_the_board_lacks_is_refused_at_the_push() {
         ),
         (|model| model.safety.supply_max = 40.0, None, Field::SupplyMax, Problem::BoardLimit(36.0)),
     ];
-    for (change, joint, field, problem) in refusals {
-        let mut changed = model();
-        change(&mut changed);
-        match rig.client.offer(&mut rig.machine, &changed).unwrap() {
-            Reply::Refused(Refusal::Model(error)) => {
-                assert_eq!((error.joint, error.field, error.problem), (joint, field, problem));
-            }
-            other => panic!("{field:?}: {other:?}"),
-        }
-        assert!(!rig.machine.chip.bench.is_awake());
-    }
-    assert_eq!(rig.client.offer(&mut rig.machine, &model()), Ok(Reply::Done));
+    rig.refuses(&refusals);
 }

@@ -262,10 +262,7 @@ impl Board for Odrive {
         let mut words = [0; 2 * N + 1];
         if actuators.enabled && self.is_ready {
             words[2 * N] = ON;
-            let Command { currents, velocities } = self.joints.command(&actuators.torques);
-            for (word, value) in words.iter_mut().zip(currents.into_iter().chain(velocities)) {
-                *word = value.to_bits();
-            }
+            self.joints.command(&actuators.torques).put(&mut words);
         } else {
             HalfBridges::off();
             words[2 * N] = if self.is_ready { LEARN } else { ASLEEP };
@@ -402,8 +399,7 @@ impl CurrentControl for CurrentLoops {
         }
         if let Some((number, words)) = COMMAND.read(self.command) {
             self.command = number;
-            let value = |first: usize| core::array::from_fn(|index| f32::from_bits(words[first + index]));
-            let command = Command { currents: value(0), velocities: value(N) };
+            let command = Command::take(&words);
             self.motors.command((words[2 * N] == ON).then_some(&command), &mut self.stages);
             self.learns = words[2 * N] == LEARN;
             if words[2 * N] == ASLEEP {

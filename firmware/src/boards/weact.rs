@@ -197,10 +197,7 @@ impl Board for Weact {
         let mut words = [0; 2 * N + 1];
         if actuators.enabled {
             words[2 * N] = 1;
-            let Command { currents, velocities } = self.joints.command(&actuators.torques);
-            for (word, value) in words.iter_mut().zip(currents.into_iter().chain(velocities)) {
-                *word = value.to_bits();
-            }
+            self.joints.command(&actuators.torques).put(&mut words);
         } else {
             Self::off();
         }
@@ -319,8 +316,7 @@ impl CurrentControl for CurrentLoops {
         }
         if let Some((number, words)) = COMMAND.read(self.command) {
             self.command = number;
-            let value = |first: usize| core::array::from_fn(|index| f32::from_bits(words[first + index]));
-            let command = Command { currents: value(0), velocities: value(N) };
+            let command = Command::take(&words);
             self.motors.command((words[2 * N] != 0).then_some(&command), &mut self.stages);
         }
         let magnitudes = [first, second, third].map(|counts| f32::from(counts) * CURRENT_SENSE.resolution());

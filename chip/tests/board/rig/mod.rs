@@ -7,8 +7,8 @@ use std::path::PathBuf;
 
 use tesaki::control::ServoMode;
 use tesaki::fault::Fault;
-use tesaki::model::{RobotModel, Safety};
-use tesaki::protocol::{Mode, Reply, Request, Status};
+use tesaki::model::{Field, Problem, RobotModel, Safety};
+use tesaki::protocol::{Mode, Refusal, Reply, Request, Status};
 use tesaki::task::joint_servo::JointCommand;
 use tesaki::task::{TaskCommand, TaskConfig, TaskKind};
 use tesaki_chip::SECOND;
@@ -64,7 +64,26 @@ pub struct Rig {
     pub wake: f64,
 }
 
+/// A change of the model that the board refuses, and by which joint, field and reason.
+pub type Refused = (fn(&mut RobotModel), Option<u8>, Field, Problem);
+
 impl Rig {
+    /// Pushes the model with each of these changes, which the board must refuse, and then without.
+    pub fn refuses(&mut self, changes: &[Refused]) {
+        for (change, joint, field, problem) in changes {
+            let mut changed = self.model.clone();
+            change(&mut changed);
+            match self.client.offer(&mut self.machine, &changed).unwrap() {
+                Reply::Refused(Refusal::Model(error)) => {
+                    assert_eq!((error.joint, error.field, error.problem), (*joint, *field, *problem));
+                }
+                other => panic!("{field:?}: {other:?}"),
+            }
+            assert!(!self.machine.chip.bench.is_awake());
+        }
+        assert_eq!(self.client.offer(&mut self.machine, &self.model), Ok(Reply::Done));
+    }
+
     /// A board that has just started.
     pub fn boot() -> Self {
         Self::boot_with(&[])
