@@ -7,9 +7,10 @@ use heapless::Vec;
 use tesaki::TICK;
 use tesaki::control::{InvalidCurrentLoop, Switching, Winding};
 use tesaki::math;
-use tesaki::model::{Field, JointModel, MAX_JOINTS, ModelError, Problem, RobotModel};
+use tesaki::model::{Field, JointModel, MAX_JOINTS, ModelError, Motor as MotorModel, Problem, RobotModel};
 
-use crate::motors::{Command, Motor, Motors, SUM_RESOLUTION, Sensing, Totals};
+use crate::back_emf::{BackEmf, Period};
+use crate::motors::{Command, Motor, Motors, SUM_RESOLUTION, Sensing, Totals, VOLTAGE_RESOLUTION};
 
 /// What a joint needs every period.
 #[derive(Clone, Copy, Debug)]
@@ -19,6 +20,8 @@ struct Joint {
     /// Angle of a count [rad].
     angle: f32,
     velocity: f32,
+    /// Where the winding is known.
+    back_emf: Option<BackEmf>,
 }
 
 /// The last control period.
@@ -36,12 +39,13 @@ pub struct Joints<const N: usize> {
     /// Periods of the current loops in a control period.
     periods: u32,
     last: Option<Last<N>>,
+    dead_encoder: Option<u8>,
 }
 
 impl<const N: usize> Joints<N> {
     /// No robot yet. `periods`: those of the current loops in a control period.
     pub const fn new(periods: u32) -> Self {
-        Self { joints: Vec::new(), periods, last: None }
+        Self { joints: Vec::new(), periods, last: None, dead_encoder: None }
     }
 
     /// Takes a robot.
@@ -66,8 +70,8 @@ impl<const N: usize> Joints<N> {
     ) -> Option<Vec<i16, MAX_JOINTS>> {
         let last = self.last.replace(Last { period, counts, totals: *totals });
         let mut currents = Vec::new();
-        let now = counts.into_iter().zip(totals.currents);
-        for (index, (joint, (counts, total))) in self.joints.iter_mut().zip(now).enumerate() {
+        self.dead_encoder = None;
+        for (index, joint) in self.joints.iter_mut().enumerate() {
             let mut current = 0;
             if let Some(last) = &last {
                 let elapsed = period.wrapping_sub(last.period);
@@ -75,23 +79,40 @@ impl<const N: usize> Joints<N> {
                 if samples.abs_diff(self.periods.wrapping_mul(elapsed)) > self.periods / 10 {
                     return None;
                 }
-                let (last_counts, last_total) = (last.counts[index], last.totals.currents[index]);
                 #[expect(clippy::cast_precision_loss, reason = "changes of a period")]
-                let [elapsed, change, sum, samples] = [
-                    elapsed as f32,
-                    counts.wrapping_sub(last_counts) as f32,
-                    total.wrapping_sub(last_total) as f32,
-                    samples as f32,
-                ];
+                let mean = |sums: &[i32; N], last: &[i32; N], resolution: f32| {
+                    sums[index].wrapping_sub(last[index]) as f32 * resolution / samples as f32
+                };
+                #[expect(clippy::cast_precision_loss, reason = "changes of a period")]
+                let [elapsed, change] =
+                    [elapsed as f32, counts[index].wrapping_sub(last.counts[index]) as f32];
                 joint.velocity = change * joint.angle / (elapsed * TICK);
+                let amperes = mean(&totals.currents, &last.totals.currents, SUM_RESOLUTION);
+                let was_driven = totals.driven.wrapping_sub(last.totals.driven) == samples;
+                let period = Period {
+                    voltage: mean(&totals.voltages, &last.totals.voltages, VOLTAGE_RESOLUTION),
+                    current: amperes,
+                    velocity: joint.velocity,
+                };
+                if joint.back_emf.as_mut().is_some_and(|watch| watch.update(was_driven.then_some(period))) {
+                    #[expect(clippy::cast_possible_truncation, reason = "a board has a few motors")]
+                    let index = index as u8;
+                    self.dead_encoder = self.dead_encoder.or(Some(index));
+                }
                 #[expect(clippy::cast_possible_truncation, reason = "saturates")]
-                let count = (sum * SUM_RESOLUTION / samples / joint.current_resolution) as i16;
+                let count = (amperes / joint.current_resolution) as i16;
                 current = count;
             }
             // Cannot fail: a board has no more joints than a frame.
             let _ = currents.push(current);
         }
         Some(currents)
+    }
+
+    /// The first joint whose encoder does not show what its motor induced in the last period
+    /// ([`BackEmf`]).
+    pub const fn dead_encoder(&self) -> Option<u8> {
+        self.dead_encoder
     }
 
     /// Whether every motor's back-EMF is less than `voltage` [V]. Without a robot nothing is known, and it is
@@ -121,8 +142,18 @@ impl Joint {
             current_resolution: joint.motor.current_resolution,
             angle: sign * TAU / joint.encoder.counts_per_turn,
             velocity: 0.0,
+            back_emf: winding(&joint.motor).ok().map(BackEmf::new),
         }
     }
+}
+
+/// The winding of a motor, or the field that is missing.
+fn winding(motor: &MotorModel) -> Result<Winding, Field> {
+    Ok(Winding {
+        resistance: motor.resistance.ok_or(Field::MotorResistance)?,
+        inductance: motor.inductance.ok_or(Field::MotorInductance)?,
+        back_emf: motor.torque_constant,
+    })
 }
 
 /// The motors for a robot on these power stages. A current of `trip` times its limit is a fault of the power
@@ -139,14 +170,8 @@ pub fn motors_for<const N: usize>(
 ) -> Result<Motors<N>, ModelError> {
     let mut motors = [None; N];
     for (index, (motor, joint)) in (0_u8..).zip(motors.iter_mut().zip(&model.joints)) {
-        let needed = |field, value: Option<f32>| {
-            value.ok_or(ModelError { joint: Some(index), field, value: 0.0, problem: Problem::Missing })
-        };
-        let winding = Winding {
-            resistance: needed(Field::MotorResistance, joint.motor.resistance)?,
-            inductance: needed(Field::MotorInductance, joint.motor.inductance)?,
-            back_emf: joint.motor.torque_constant,
-        };
+        let missing = |field| ModelError { joint: Some(index), field, value: 0.0, problem: Problem::Missing };
+        let winding = winding(&joint.motor).map_err(missing)?;
         *motor = Some(Motor { winding, sensing, trip: trip * joint.motor.current_limit });
     }
     Motors::try_new(&motors, switching, wake).map_err(|(index, error)| {
@@ -172,10 +197,20 @@ mod tests {
 
     /// A joint as in the model: 1000 counts a turn, 0.5 N·m/A, a count of current is 1 mA.
     fn joints() -> Joints<2> {
-        let joint =
-            Joint { torque_constant: 0.5, current_resolution: 1e-3, angle: TAU / 1000.0, velocity: 0.0 };
+        let joint = Joint {
+            torque_constant: 0.5,
+            current_resolution: 1e-3,
+            angle: TAU / 1000.0,
+            velocity: 0.0,
+            back_emf: None,
+        };
         let reversed = Joint { angle: -joint.angle, ..joint };
-        Joints { joints: [joint, reversed].into_iter().collect(), periods: 200, last: None }
+        Joints {
+            joints: [joint, reversed].into_iter().collect(),
+            periods: 200,
+            last: None,
+            dead_encoder: None,
+        }
     }
 
     /// By hand: 5 counts of 1000 in two periods of 10 ms are a half π a second; 400 samples of 0.3 A are
@@ -183,10 +218,14 @@ mod tests {
     #[test]
     fn velocities_and_mean_currents_by_hand() {
         let mut joints = joints();
-        let totals = Totals { currents: [i32::MAX, -7], periods: u32::MAX - 10 };
+        let totals = Totals { currents: [i32::MAX, -7], periods: u32::MAX - 10, ..Totals::new() };
         assert!(!joints.are_slow(1.0), "before anything was read");
         assert_eq!(joints.update(3, [i32::MAX, 2], &totals).unwrap(), [0, 0]);
-        let totals = Totals { currents: [i32::MAX.wrapping_add(1_200_000), -1_200_007], periods: 389 };
+        let totals = Totals {
+            currents: [i32::MAX.wrapping_add(1_200_000), -1_200_007],
+            periods: 389,
+            ..Totals::new()
+        };
         assert_eq!(joints.update(5, [i32::MAX.wrapping_add(5), 7], &totals).unwrap(), [300, -300]);
         let command = joints.command(&[1.0, -0.25]);
         let near = |found: [f32; 2], expected: [f32; 2]| {
@@ -197,12 +236,33 @@ mod tests {
         assert!(joints.are_slow(0.79) && !joints.are_slow(0.78));
     }
 
+    /// Of 1 Ω: 5 V and 1 A at 8 rad/s and 0.5 V·s/rad. Then the second encoder stands, and 5 V drive 1 A on.
+    #[test]
+    fn an_encoder_that_stands_while_its_motor_turns_is_told() {
+        let mut joints = joints();
+        let winding = Winding { resistance: 1.0, inductance: 1e-3, back_emf: 0.5 };
+        joints.joints.iter_mut().for_each(|joint| joint.back_emf = Some(BackEmf::new(winding)));
+        let mut totals = Totals::new();
+        let counts = |period: i32| [13 * period, -13 * period.min(3)];
+        for period in 0..5 {
+            joints.update(period, counts(period.cast_signed()), &totals).unwrap();
+            assert_eq!(joints.dead_encoder(), (period == 4).then_some(1), "{period}");
+            totals.currents = totals.currents.map(|sum| sum + 2_000_000);
+            totals.voltages = totals.voltages.map(|sum| sum + 1_000_000);
+            (totals.periods, totals.driven) = (totals.periods + 200, totals.driven + 200);
+        }
+        // Not driven throughout, nothing is known.
+        totals.driven -= 1;
+        joints.update(5, counts(5), &totals).unwrap();
+        assert_eq!(joints.dead_encoder(), None);
+    }
+
     #[test]
     fn loops_that_do_not_run_at_their_rate_are_told() {
         for (samples, is_right) in [(179, false), (180, true), (220, true), (221, false), (0, false)] {
             let mut joints = joints();
-            joints.update(1, [0; 2], &Totals { currents: [0; 2], periods: 0 }).unwrap();
-            let told = joints.update(2, [0; 2], &Totals { currents: [0; 2], periods: samples });
+            joints.update(1, [0; 2], &Totals::new()).unwrap();
+            let told = joints.update(2, [0; 2], &Totals { periods: samples, ..Totals::new() });
             assert_eq!(told.is_some(), is_right, "{samples}");
         }
     }

@@ -12,10 +12,12 @@
 //! | [`gates`] | gate drivers behind one enable line: when they wake, sleep and are asked |
 //! | [`offset`] | the offset of a measured current |
 //! | [`counter`] | counters of 16 bits as long ones |
+//! | [`back_emf`] | dead encoders, by the back-EMF of their motors |
 
 #![cfg_attr(not(test), no_std)]
 
 pub mod ads131m06;
+pub mod back_emf;
 pub mod counter;
 pub mod current_sign;
 pub mod drv8301;

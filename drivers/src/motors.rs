@@ -9,6 +9,8 @@ use crate::current_sign::CurrentSign;
 const SUPPLY_MIN: f32 = 1.0;
 /// Part of an ampere in which currents are added up [A].
 pub const SUM_RESOLUTION: f32 = 1e-4;
+/// Part of a volt in which voltages are added up [V].
+pub const VOLTAGE_RESOLUTION: f32 = 1e-3;
 
 /// What the power stage measures of a current.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -84,8 +86,43 @@ impl<const N: usize> Command<N> {
 pub struct Totals<const N: usize> {
     /// Sums of the currents in [`SUM_RESOLUTION`]; they wrap.
     pub currents: [i32; N],
+    /// Sums of the voltages in [`VOLTAGE_RESOLUTION`]; they wrap.
+    pub voltages: [i32; N],
     /// Number of periods; it wraps.
     pub periods: u32,
+    /// Number of periods in which the motors were driven; it wraps.
+    pub driven: u32,
+}
+
+impl<const N: usize> Totals<N> {
+    /// Nothing measured.
+    pub const fn new() -> Self {
+        Self { currents: [0; N], voltages: [0; N], periods: 0, driven: 0 }
+    }
+
+    /// Puts its `2 N + 2` numbers into the first of `words`, for a [`Handover`](crate::handover::Handover).
+    pub fn put(&self, words: &mut [u32]) {
+        let sums = self.currents.iter().chain(&self.voltages).map(|sum| sum.cast_unsigned());
+        words.iter_mut().zip(sums.chain([self.periods, self.driven])).for_each(|(word, value)| *word = value);
+    }
+
+    /// What [`put`](Self::put) has put there. Words that are missing count as 0.
+    pub fn take(words: &[u32]) -> Self {
+        let mut words = words.iter().copied();
+        let mut next = || words.next().unwrap_or_default();
+        Self {
+            currents: core::array::from_fn(|_| next().cast_signed()),
+            voltages: core::array::from_fn(|_| next().cast_signed()),
+            periods: next(),
+            driven: next(),
+        }
+    }
+}
+
+impl<const N: usize> Default for Totals<N> {
+    fn default() -> Self {
+        Self::new()
+    }
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -158,8 +195,8 @@ impl<const N: usize> Motors<N> {
         switching: &Switching,
         wake: f32,
     ) -> Result<Self, (usize, InvalidCurrentLoop)> {
-        let mut axes = [None; N];
-        for (index, (axis, motor)) in axes.iter_mut().zip(motors).enumerate() {
+        let mut all = Self::none(switching, wake);
+        for (index, (axis, motor)) in all.axes.iter_mut().zip(motors).enumerate() {
             if let Some(Motor { winding, sensing, trip }) = *motor {
                 let invalid = |error| (index, error);
                 *axis = Some(Axis {
@@ -176,17 +213,23 @@ impl<const N: usize> Motors<N> {
                 });
             }
         }
+        Ok(all)
+    }
+
+    /// Power stages without motors, until [`replace`](Self::replace). `wake` as for
+    /// [`try_new`](Self::try_new).
+    pub fn none(switching: &Switching, wake: f32) -> Self {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
         let wake_periods = (wake / switching.period) as u16 + 1;
-        Ok(Self {
-            axes,
+        Self {
+            axes: [None; N],
             phase: Phase::Off,
             wake_periods,
             resolution: switching.resolution.into(),
             lag: switching.lag,
             outputs: [Output::default(); N],
-            totals: Totals { currents: [0; N], periods: 0 },
-        })
+            totals: Totals::new(),
+        }
     }
 
     /// Takes other motors into use; the counts of [`Totals`] go on.
@@ -247,17 +290,20 @@ impl<const N: usize> Motors<N> {
     fn run(&mut self, measured: &[f32; N], supply: f32, stages: &mut impl PowerStages<N>) {
         let mut off = false;
         let mut tripped = stages.has_tripped();
-        let measured = measured.iter().zip(&mut self.totals.currents);
+        self.totals.driven = self.totals.driven.wrapping_add(1);
+        let totals = self.totals.currents.iter_mut().zip(&mut self.totals.voltages);
         let axes = self.axes.iter_mut().zip(&mut self.outputs);
-        for ((axis, output), (&measured, total)) in axes.zip(measured) {
+        for ((axis, output), (&measured, (total, total_voltage))) in axes.zip(measured.iter().zip(totals)) {
             let Some(axis) = axis else { continue };
             let [before, last] = axis.duties;
-            let current = if let Some(sign) = &mut axis.sign {
-                let duty = self.lag * before + (1.0 - self.lag) * last;
-                let voltage = duty * if supply > SUPPLY_MIN { supply } else { 0.0 };
-                sign.resolve(measured, voltage, axis.velocity)
-            } else {
-                measured
+            let duty = self.lag * before + (1.0 - self.lag) * last;
+            let voltage = duty * if supply > SUPPLY_MIN { supply } else { 0.0 };
+            #[expect(clippy::cast_possible_truncation, reason = "saturates; a supply has some volts")]
+            let counts = (voltage / VOLTAGE_RESOLUTION) as i32;
+            *total_voltage = total_voltage.wrapping_add(counts);
+            let current = match &mut axis.sign {
+                Some(sign) => sign.resolve(measured, voltage, axis.velocity),
+                None => measured,
             };
             let current = axis.ripple * current;
             #[expect(

@@ -297,4 +297,26 @@ fn a_command_is_handed_over_bit_by_bit() {
     // IEEE 754, by hand: sign, exponent with a bias of 127, fraction.
     assert_eq!(words, [0x3E80_0000, 0xBFC0_0000, 0x4040_0000, 0x8000_0000, 7]);
     assert_eq!(Command::take(&words), command);
+    let totals = Totals { currents: [-1, 2], voltages: [3, i32::MIN], periods: 4, driven: 5 };
+    let mut words = [0; 6];
+    totals.put(&mut words);
+    assert_eq!(Totals::take(&words), totals);
+}
+
+#[test]
+fn voltages_are_added_up_while_the_motors_are_driven() {
+    let (mut rig, mut motors) = (Rig { signed: true, ..Rig::default() }, motors());
+    rig.step(&mut motors);
+    assert_eq!(motors.totals(), Totals { periods: 1, ..Totals::new() });
+    let command = command([0.5, -0.5], [0.0; 2]);
+    run(&mut rig, &mut motors, &command, 400);
+    let before = motors.totals();
+    run(&mut rig, &mut motors, &command, 200);
+    let after = motors.totals();
+    assert_eq!((after.periods - before.periods, after.driven - before.driven), (200, 200));
+    // 0.5 A through 3.2 Ω.
+    for (index, expected) in [1.6, -1.6].into_iter().enumerate() {
+        let mean = f64::from(after.voltages[index] - before.voltages[index]) * 1e-3 / 200.0;
+        assert!((mean - expected).abs() < 0.02, "{mean} V");
+    }
 }

@@ -20,9 +20,8 @@
 //! boards may have: pull-ups on it must be removed, or an open contact reads as a closed one. There is no
 //! plant link.
 
-use core::sync::atomic::{AtomicBool, Ordering};
-
 use heapless::spsc::{Consumer, Producer, Queue};
+use static_cell::ConstStaticCell;
 use stm32f4xx_hal::gpio::{Input, Output as PinOutput, PB0, PB1, PB10, PC8, Pull};
 use stm32f4xx_hal::hal_02::Qei as _;
 use stm32f4xx_hal::pac::{self, TIM3, TIM4, TIM5};
@@ -77,16 +76,14 @@ const EQUIPMENT: Equipment =
 /// Currents and velocities of a control period, and whether the motors are on.
 static COMMAND: Handover<{ 2 * N + 1 }> = Handover::new();
 /// Totals of the current loop, supply [counts], and whether it tripped.
-static MEASURED: Handover<{ N + 3 }> = Handover::new();
-/// Capacity plus one of the queue of settings.
-const SETTINGS: usize = 2;
-/// [`Board::start`] was called: the queue of settings is in use.
-static STARTED: AtomicBool = AtomicBool::new(false);
+static MEASURED: Handover<{ 2 * N + 4 }> = Handover::new();
+/// Motors on their way to the current loop.
+static NEW_MOTORS: ConstStaticCell<Queue<Motors<N>, 2>> = ConstStaticCell::new(Queue::new());
 
 /// See the module.
 pub struct Weact {
     emergency_stop: PC8<Input>,
-    settings: Producer<'static, Motors<N>>,
+    to_loops: Producer<'static, Motors<N>>,
     joints: Joints<N>,
     counters: [Counter; 2],
 }
@@ -144,12 +141,12 @@ impl Board for Weact {
         b.pb14.into_alternate::<1>();
         b.pb15.into_alternate::<1>();
 
-        let (settings, new_settings) = queue();
+        let (to_loops, new_motors) = NEW_MOTORS.take().split();
         let stages = Stages { pulses, directions };
-        let motors = no_motors();
+        let motors = Motors::none(&SWITCHING, drv8874::WAKE);
         let joints = Joints::new(PERIODS);
-        let board = Self { emergency_stop, settings, joints, counters: [Counter::new(); 2] };
-        let loops = CurrentLoops { adc, samples: 0, stages, motors, new_settings, command: 0 };
+        let board = Self { emergency_stop, to_loops, joints, counters: [Counter::new(); 2] };
+        let loops = CurrentLoops { adc, samples: 0, stages, motors, new_motors, command: 0 };
         (board, encoders, loops)
     }
 
@@ -164,14 +161,13 @@ impl Board for Weact {
         let motors = motors_for(model, Sensing::Magnitude, TRIP, &SWITCHING, drv8874::WAKE)?;
         self.joints.configure(model);
         // Full only if the current loop does not run, which `read` reports. Then nothing moves.
-        let _ = self.settings.enqueue(motors);
+        let _ = self.to_loops.enqueue(motors);
         Ok(())
     }
 
     fn read(&mut self, period: u32, sample: &Sample) -> Option<SensorFrame> {
-        let (_, measured) = sample.measured?;
-        let [currents @ .., periods, supply, tripped] = measured;
-        let totals = Totals { currents: currents.map(u32::cast_signed), periods };
+        let (_, [totals @ .., supply, tripped]) = sample.measured?;
+        let totals = Totals::take(&totals);
         let [first, second, third] = sample.counts;
         let counts = [
             self.counters[0].extend(first as u16),
@@ -183,6 +179,7 @@ impl Board for Weact {
         let mut flags = SensorFlags(0);
         flags.0 |= if stopped { SensorFlags::EMERGENCY_STOP } else { 0 };
         flags.0 |= if tripped != 0 || trip_is_active() { SensorFlags::POWER_STAGE } else { 0 };
+        flags.0 |= self.joints.dead_encoder().map_or(0, SensorFlags::of_dead_encoder);
         Some(SensorFrame {
             sequence: period,
             flags,
@@ -216,22 +213,6 @@ fn trip_is_active() -> bool {
     unsafe { (*pac::GPIOA::ptr()).idr().read().bits() & 1 << 6 == 0 }
 }
 
-fn no_motors() -> Motors<N> {
-    // Cannot fail: there is no winding that could be invalid.
-    Motors::try_new(&[None; N], &SWITCHING, drv8874::WAKE).unwrap_or_else(|_| unreachable!())
-}
-
-/// The queue of settings.
-///
-/// # Panics
-/// At the second call.
-fn queue() -> (Producer<'static, Motors<N>>, Consumer<'static, Motors<N>>) {
-    static mut QUEUE: Queue<Motors<N>, SETTINGS> = Queue::new();
-    assert!(!STARTED.swap(true, Ordering::Relaxed));
-    // SAFETY: the only reference, as this line is reached once.
-    unsafe { (*core::ptr::addr_of_mut!(QUEUE)).split() }
-}
-
 /// `nSLEEP` low.
 fn sleep() {
     // SAFETY: a single store that resets PC5.
@@ -242,7 +223,7 @@ fn sleep() {
 #[derive(Clone, Copy)]
 pub struct Sample {
     counts: [u32; N],
-    measured: Option<(u32, [u32; N + 3])>,
+    measured: Option<(u32, [u32; 2 * N + 4])>,
 }
 
 /// The encoders' counters.
@@ -297,7 +278,7 @@ pub struct CurrentLoops {
     samples: u16,
     stages: Stages,
     motors: Motors<N>,
-    new_settings: Consumer<'static, Motors<N>>,
+    new_motors: Consumer<'static, Motors<N>>,
     /// Number of the last command.
     command: u32,
 }
@@ -310,7 +291,7 @@ impl CurrentControl for CurrentLoops {
             return;
         }
         self.samples = 0;
-        if let Some(motors) = self.new_settings.dequeue() {
+        if let Some(motors) = self.new_motors.dequeue() {
             self.motors.command(None, &mut self.stages);
             self.motors.replace(motors);
         }
@@ -321,9 +302,9 @@ impl CurrentControl for CurrentLoops {
         }
         let magnitudes = [first, second, third].map(|counts| f32::from(counts) * CURRENT_SENSE.resolution());
         self.motors.update(&magnitudes, f32::from(supply) * SUPPLY_RESOLUTION, &mut self.stages);
-        let totals = self.motors.totals();
-        let [first, second, third] = totals.currents.map(i32::cast_unsigned);
-        let tripped = self.motors.has_tripped().into();
-        MEASURED.write([first, second, third, totals.periods, supply.into(), tripped]);
+        let mut measured = [0; 2 * N + 4];
+        self.motors.totals().put(&mut measured);
+        [measured[2 * N + 2], measured[2 * N + 3]] = [supply.into(), self.motors.has_tripped().into()];
+        MEASURED.write(measured);
     }
 }

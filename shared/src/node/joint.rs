@@ -432,6 +432,13 @@ impl Joint<'_> {
         Some((FaultCause::EncoderStuck, value, limit))
     }
 
+    /// The encoder is dead, as the board has found. Returns the fault: cause, value, limit.
+    #[cold]
+    pub fn find_dead(&mut self) -> (FaultCause, f32, f32) {
+        (self.state.unchanged, self.state.moved_to) = (FOUND_DEAD, *self.position);
+        (FaultCause::EncoderStuck, self.state.torque, 0.0)
+    }
+
     /// [`check_encoder`](Self::check_encoder) of a damped joint, whose effort is the `excess`.
     pub fn check_damped_encoder(&mut self, excess: f32) -> Option<(FaultCause, f32, f32)> {
         if self.moves() {

@@ -170,7 +170,7 @@ impl Node {
             let joints = all.each().zip(&sensors.encoders);
             joints.for_each(|(mut joint, &count)| joint.catch_up(count, periods));
         }
-        let mut suspect = false;
+        let mut suspect = sensors.flags.dead_encoder().is_some();
         for ((mut joint, &count), &current) in all.each().zip(&sensors.encoders).zip(&sensors.currents) {
             joint.read(count);
             suspect |= joint.gains_speed() || joint.check_measurement(current).is_some();
@@ -361,8 +361,12 @@ fn check_joints(robot: &Robot, state: &mut State, sensors: &SensorFrame) -> Sens
     // A reference arm that touches something takes the measured state, as joints do that are damped.
     let damped = state.mode == Mode::Fault && state.reaction == Reaction::Damp;
     let follows = damped || matches!(state.targets.actuation, Actuation::Acceleration { .. });
+    let dead_encoder = sensors.flags.dead_encoder();
     let mut found = None;
     for (index, (mut joint, &current)) in (0..).zip(joints(robot, state).each().zip(&sensors.currents)) {
+        if dead_encoder == Some(index) {
+            found = worse(found, (index, joint.find_dead()));
+        }
         if joint.gains_speed()
             && let Some(fault) = joint.check_speed(follows, tick)
         {

@@ -41,6 +41,19 @@ impl SensorFlags {
     /// Bit 2: a power stage is off by itself, because of its own fault or of a current that was too high.
     pub const POWER_STAGE: u8 = 4;
 
+    /// Bit 3: the encoder of the joint in bits 4 to 7 stands, and its motor induces a voltage.
+    pub const DEAD_ENCODER: u8 = 8;
+
+    /// The bits of a dead encoder of a `joint` below 16.
+    pub const fn of_dead_encoder(joint: u8) -> u8 {
+        joint << 4 | Self::DEAD_ENCODER
+    }
+
+    /// The joint whose encoder stands while its motor induces a voltage.
+    pub const fn dead_encoder(self) -> Option<u8> {
+        if self.0 & Self::DEAD_ENCODER != 0 { Some(self.0 >> 4) } else { None }
+    }
+
     /// Whether the emergency stop is pressed.
     pub const fn emergency_stop(self) -> bool {
         self.0 & Self::EMERGENCY_STOP != 0

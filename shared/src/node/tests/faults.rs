@@ -64,6 +64,28 @@ fn a_stuck_encoder_switches_the_outputs_off() {
     assert!(!rig.tick().enabled);
 }
 
+/// The board compares encoders with the voltages that the motors induce. Joint 15 is none of the robot's.
+#[test]
+fn an_encoder_that_the_board_finds_dead_switches_the_outputs_off_in_its_tick() {
+    let mut rig = Rig::enabled(&model());
+    rig.sensors.flags = SensorFlags(SensorFlags::of_dead_encoder(15));
+    assert!(rig.tick().enabled);
+    rig.sensors.flags = SensorFlags(SensorFlags::of_dead_encoder(1));
+    let output = rig.tick();
+    let fault = *rig.node.faults().faults.last().unwrap();
+    assert_eq!((fault.cause, fault.joint), (FaultCause::EncoderStuck, Some(1)));
+    assert!(!output.enabled && output.torques == [0.0; 3], "{output:?}");
+    // A motor that is not driven induces nothing that the board could compare.
+    rig.sensors.flags = SensorFlags(0);
+    rig.clear_faults();
+    rig.tick();
+    let Refusal::Unsafe(found) = refusal(rig.enable()) else { panic!() };
+    assert_eq!((found.cause, found.joint), (fault.cause, fault.joint));
+    rig.sensors.encoders[1] += 3;
+    rig.tick();
+    assert_eq!(rig.enable(), Reply::Done);
+}
+
 /// While the outputs are off, nothing tells where a joint with a dead encoder is, nor what its weight is: an
 /// arm would be enabled with the torque of another posture.
 #[test]

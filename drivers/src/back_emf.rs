@@ -1,0 +1,252 @@
+//! Dead encoders, by the back-EMF of their motors.
+
+use tesaki::TICK;
+use tesaki::control::Winding;
+use tesaki::math;
+
+/// Largest error of a resistance, as a share of it: copper takes 0.4 % more with each kelvin.
+const RESISTANCE_ERROR: f32 = 0.25;
+/// Largest error of a back-EMF constant, as a share of it.
+const CONSTANT_ERROR: f32 = 0.25;
+/// Largest error of the change of a mean voltage [V], by converter and transistors.
+const VOLTAGE_ERROR: f32 = 0.05;
+
+/// A control period of a motor that was driven throughout.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Period {
+    /// Mean voltage [V].
+    pub voltage: f32,
+    /// Mean current [A].
+    pub current: f32,
+    /// Mean velocity of the joint by its encoder [rad/s].
+    pub velocity: f32,
+}
+
+/// Compares a joint's encoder with what its motor induces.
+///
+/// Averaged over a period of a brushed motor `v = R·i + k·ω`, but for `L·Δi/T`. Brushes, transistors and a
+/// warm winding make `v − R·i` too inexact for a velocity at low speed. Its change within a period or two is
+/// exact enough: most of these errors stay the same. So where the encoder says that the joint became slower, the
+/// back-EMF must have fallen, too. If it has not, by more than the errors of all constants explain, then not
+/// the joint became slower, but its encoder stands.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BackEmf {
+    winding: Winding,
+    /// The last two periods, the last one first.
+    past: [Option<Period>; 2],
+}
+
+impl BackEmf {
+    /// For a motor of this winding.
+    pub const fn new(winding: Winding) -> Self {
+        Self { winding, past: [None; 2] }
+    }
+
+    /// Takes the next period, `None` if the motor was not driven throughout. Returns whether the encoder has
+    /// stopped alone.
+    pub fn update(&mut self, period: Option<Period>) -> bool {
+        let [last, before] = self.past;
+        self.past = [period, last];
+        let Some(now) = period else { return false };
+        [last, before].iter().flatten().any(|past| self.has_stopped_alone(past, &now))
+    }
+
+    /// Whether the encoder has stopped since a `past` period, and the motor has not.
+    fn has_stopped_alone(&self, past: &Period, now: &Period) -> bool {
+        let direction = if past.velocity < 0.0 { -1.0 } else { 1.0 };
+        let lost = direction * (past.velocity - now.velocity);
+        // With the sign of the current the voltage at the brushes changes.
+        if lost <= 0.0 || past.current * now.current < 0.0 {
+            return false;
+        }
+        let Winding { resistance, inductance, back_emf } = self.winding;
+        let current = now.current - past.current;
+        let of_current = RESISTANCE_ERROR * resistance + 2.0 * inductance / TICK;
+        let error = of_current * math::abs(current) + CONSTANT_ERROR * back_emf * lost + VOLTAGE_ERROR;
+        let gained = direction * (now.voltage - past.voltage - resistance * current);
+        gained + back_emf * lost > error
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Coreless, behind a gear; iron-core; both as data sheets give such motors.
+    const WINDINGS: [Winding; 2] = [
+        Winding { resistance: 10.6, inductance: 2.3e-4, back_emf: 0.5 },
+        Winding { resistance: 1.0, inductance: 5e-4, back_emf: 0.1 },
+    ];
+    /// Inertia at the joint [kg·m²] and Coulomb friction [N·m].
+    const MECHANICS: [(f64, f64); 2] = [(1.5e-3, 0.02), (4e-4, 0.01)];
+
+    /// A joint under a PD servo, in steps of 50 µs. `errors`: of resistance, back-EMF constant and inertia.
+    struct Joint {
+        winding: Winding,
+        inertia: f64,
+        coulomb: f64,
+        resistance: f64,
+        constant: f64,
+        angle: f64,
+        velocity: f64,
+        current: f64,
+        /// Where a rigid stop is [rad].
+        stop: f64,
+        /// Angle by the encoder, and whether it is dead.
+        encoder: f64,
+        is_dead: bool,
+        watch: BackEmf,
+        time: f64,
+        last: f64,
+        noise: u32,
+    }
+
+    impl Joint {
+        fn new(kind: usize, errors: [f64; 3]) -> Self {
+            let winding = WINDINGS[kind];
+            let (inertia, coulomb) = MECHANICS[kind];
+            Self {
+                winding,
+                inertia: inertia * (1.0 + errors[2]),
+                coulomb,
+                resistance: f64::from(winding.resistance) * (1.0 + errors[0]),
+                constant: f64::from(winding.back_emf) * (1.0 + errors[1]),
+                angle: 0.0,
+                velocity: 0.0,
+                current: 0.0,
+                stop: f64::INFINITY,
+                encoder: 0.0,
+                is_dead: false,
+                watch: BackEmf::new(winding),
+                time: 0.0,
+                last: 0.0,
+                noise: 1,
+            }
+        }
+
+        fn noise(&mut self) -> f64 {
+            self.noise = self.noise.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            f64::from(self.noise >> 16) / 32768.0 - 1.0
+        }
+
+        /// A control period towards an angle of `reference`, with a velocity. Returns whether the watch says
+        /// that the encoder is dead. The encoder dies after the share `dies` of the period.
+        fn period(&mut self, reference: f64, velocity: f64, dies: f64) -> bool {
+            let measured = (self.encoder - self.last) / 0.01;
+            let torque = self.inertia * (900.0 * (reference - self.encoder) + 60.0 * (velocity - measured))
+                + self.coulomb * if velocity == 0.0 { 0.0 } else { velocity.signum() };
+            let target = (torque / f64::from(self.winding.back_emf)).clamp(-3.0, 3.0);
+            self.last = self.encoder;
+            let (mut voltages, mut currents) = (0.0, 0.0);
+            for step in 0..200 {
+                // A loop that is at its target within a millisecond.
+                let voltage = (self.resistance * self.current
+                    + self.constant * self.velocity
+                    + 2e3 * f64::from(self.winding.inductance) * (target - self.current))
+                    .clamp(-12.0, 12.0);
+                voltages += voltage;
+                currents += self.current;
+                for _ in 0..10 {
+                    let induced = self.constant * self.velocity;
+                    self.current += 5e-6 / f64::from(self.winding.inductance)
+                        * (voltage - self.resistance * self.current - induced);
+                    let driving = self.constant * self.current;
+                    let friction = if self.velocity == 0.0 {
+                        driving.clamp(-self.coulomb, self.coulomb)
+                    } else {
+                        self.coulomb * self.velocity.signum()
+                    };
+                    let next = self.velocity + 5e-6 * (driving - friction) / self.inertia;
+                    self.velocity = if next * self.velocity < 0.0 { 0.0 } else { next };
+                    self.angle += 5e-6 * self.velocity;
+                    if self.angle > self.stop {
+                        (self.angle, self.velocity) = (self.stop, 0.0);
+                    }
+                }
+                self.is_dead |= f64::from(step) >= 200.0 * dies;
+                if !self.is_dead {
+                    self.encoder = (self.angle / 1e-4).floor() * 1e-4;
+                }
+            }
+            self.time += 0.01;
+            let noise = [self.noise(), self.noise()];
+            #[expect(clippy::cast_possible_truncation, reason = "a test")]
+            let period = Period {
+                voltage: (voltages / 200.0 + 0.01 * noise[0]) as f32,
+                current: (currents / 200.0 + 0.001 * noise[1]) as f32,
+                velocity: ((self.encoder - self.last) / 0.01) as f32,
+            };
+            self.watch.update(Some(period))
+        }
+    }
+
+    /// Errors of resistance, back-EMF constant and inertia.
+    fn errors() -> impl Iterator<Item = [f64; 3]> {
+        let two = [-0.2, 0.2];
+        two.into_iter().flat_map(move |r| two.into_iter().flat_map(move |k| two.map(move |m| [r, k, m])))
+    }
+
+    /// Strokes to and fro, reversals, and hits against a rigid stop.
+    #[test]
+    fn an_encoder_that_lives_is_believed() {
+        for (kind, errors) in (0..2).flat_map(|kind| errors().map(move |errors| (kind, errors))) {
+            for (amplitude, frequency, stop) in
+                [(0.3, 0.5, 1.0), (0.1, 3.0, 1.0), (0.5, 1.0, 0.4), (0.5, 2.0, 0.1), (0.02, 4.0, 1.0)]
+            {
+                let mut joint = Joint::new(kind, errors);
+                joint.stop = stop;
+                let rate = std::f64::consts::TAU * frequency;
+                for _ in 0..1000 {
+                    let phase = rate * joint.time;
+                    let reference = (amplitude * phase.sin(), amplitude * rate * phase.cos());
+                    let is_dead = joint.period(reference.0, reference.1, 2.0);
+                    assert!(!is_dead, "{kind} {errors:?} {amplitude} {frequency} at {} s", joint.time);
+                }
+            }
+        }
+    }
+
+    /// At 1 and 3 rad/s behind the gear, 5 and 15 rad/s without one, wherever in a period it dies.
+    #[test]
+    fn an_encoder_that_dies_in_motion_is_found_within_two_periods() {
+        for (kind, errors) in (0..2).flat_map(|kind| errors().map(move |errors| (kind, errors))) {
+            for (velocity, dies) in
+                [1.0, 3.0].into_iter().flat_map(|v| (0..10).map(move |step| (v, f64::from(step) / 10.0)))
+            {
+                let velocity = if kind == 0 { velocity } else { 5.0 * velocity };
+                let mut joint = Joint::new(kind, errors);
+                let mut run = |periods: u32, dies: f64| {
+                    (1..=periods).find(|_| {
+                        let reference = velocity * joint.time;
+                        joint.period(reference, velocity, dies)
+                    })
+                };
+                assert_eq!(run(50, 2.0), None);
+                let found = run(10, dies);
+                assert!(found.is_some_and(|n| n <= 2), "{kind} {errors:?} {velocity} {dies}: {found:?}");
+            }
+        }
+    }
+
+    /// Of 1 Ω and 0.1 V·s/rad: an encoder that stops at 10 rad/s claims that 1 V of back-EMF is gone, or 0.75 V
+    /// with the error of the constant; 0.05 V are an error of the voltage. So a voltage that falls by less than
+    /// 0.7 V contradicts it. If the current falls by 1 A the voltage falls by 1 V more, with errors of 0.25 V by
+    /// the resistance and 0.1 V by the inductance.
+    #[test]
+    fn by_hand() {
+        let past = Period { voltage: 3.0, current: 2.0, velocity: 10.0 };
+        let says = |voltage: f32, current: f32, velocity: f32| {
+            let mut watch = BackEmf::new(WINDINGS[1]);
+            assert!(!watch.update(Some(past)));
+            watch.update(Some(Period { voltage, current, velocity }))
+        };
+        assert!(says(2.31, 2.0, 0.0) && !says(2.29, 2.0, 0.0));
+        assert!(says(1.66, 1.0, 0.0) && !says(1.64, 1.0, 0.0));
+        assert!(!says(3.0, 2.0, 10.5), "faster");
+        assert!(!says(3.0, -0.1, 0.0), "brushes");
+        let mut watch = BackEmf::new(WINDINGS[1]);
+        let stopped = Some(Period { velocity: 0.0, ..past });
+        assert!(!watch.update(Some(past)) && !watch.update(None) && watch.update(stopped));
+        assert!(!watch.update(None) && !watch.update(None) && !watch.update(stopped));
+    }
+}
