@@ -26,9 +26,9 @@ pub struct Period {
 ///
 /// Averaged over a period of a brushed motor `v = R·i + k·ω`, but for `L·Δi/T`. Brushes, transistors and a
 /// warm winding make `v − R·i` too inexact for a velocity at low speed. Its change within a period or two is
-/// exact enough: most of these errors stay the same. So where the encoder says that the joint became slower, the
-/// back-EMF must have fallen, too. If it has not, by more than the errors of all constants explain, then not
-/// the joint became slower, but its encoder stands.
+/// exact enough: most of these errors stay the same. So where the encoder says that the joint became slower,
+/// the back-EMF must have fallen, too. If it has not, by more than the errors of all constants explain, then
+/// not the joint became slower, but its encoder stands.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BackEmf {
     winding: Winding,
@@ -228,10 +228,10 @@ mod tests {
         }
     }
 
-    /// Of 1 Ω and 0.1 V·s/rad: an encoder that stops at 10 rad/s claims that 1 V of back-EMF is gone, or 0.75 V
-    /// with the error of the constant; 0.05 V are an error of the voltage. So a voltage that falls by less than
-    /// 0.7 V contradicts it. If the current falls by 1 A the voltage falls by 1 V more, with errors of 0.25 V by
-    /// the resistance and 0.1 V by the inductance.
+    /// Of 1 Ω and 0.1 V·s/rad: an encoder that stops at 10 rad/s claims that 1 V of back-EMF is gone, or 0.75
+    /// V with the error of the constant; 0.05 V are an error of the voltage. So a voltage that falls by less
+    /// than 0.7 V contradicts it. If the current falls by 1 A the voltage falls by 1 V more, with errors of
+    /// 0.25 V by the resistance and 0.1 V by the inductance.
     #[test]
     fn by_hand() {
         let past = Period { voltage: 3.0, current: 2.0, velocity: 10.0 };

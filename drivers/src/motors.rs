@@ -233,10 +233,8 @@ impl<const N: usize> Motors<N> {
     }
 
     /// Takes other motors into use; the counts of [`Totals`] go on.
-    pub const fn replace(&mut self, other: Self) {
-        let totals = self.totals;
-        *self = other;
-        self.totals = totals;
+    pub const fn replace(&mut self, other: &Self) {
+        *self = Self { totals: self.totals, ..*other };
     }
 
     /// What was measured.

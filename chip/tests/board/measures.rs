@@ -46,14 +46,15 @@ fn a_high_current_is_off_within_100_microseconds() {
     assert!(worst <= 100 * MICROSECOND, "{worst} ps");
 }
 
-/// An encoder whose cable is unplugged while its joint moves by `goal`: the longest time until the power stages
-/// sleep, in control periods.
-fn dead_encoder(goal: f32) -> u32 {
+/// An encoder whose cable is unplugged while its joint moves, at 0.3 to 0.55 rad/s: the motor induces enough
+/// for the board to see that it turns on.
+#[test]
+fn a_dead_encoder_in_motion_is_named_and_off_within_2_periods() {
     let mut worst = 0;
     for joint in 0..3 {
         for delay in [0.05, 0.153, 0.306] {
             let mut rig = Rig::enabled();
-            rig.goal([goal, -goal, goal]);
+            rig.goal([0.3, -0.3, 0.3]);
             rig.run(delay);
             rig.machine.chip.bench.unplugged[joint] = true;
             let mut periods = 0;
@@ -64,24 +65,11 @@ fn dead_encoder(goal: f32) -> u32 {
             }
             let fault = *rig.faults().last().unwrap();
             assert_eq!((fault.cause, fault.joint), (FaultCause::EncoderStuck, Some(joint as u8)));
-            println!("dead encoder of joint {joint}, {delay} s after a goal: off after {periods} periods");
+            println!("dead encoder of joint {joint}, {delay} s after a goal: off within {periods} periods");
             worst = worst.max(periods);
         }
     }
-    worst
-}
-
-/// At 0.3 to 0.55 rad/s the motors induce enough for the board to see that they turn.
-#[test]
-fn a_dead_encoder_in_motion_is_named_and_off_within_2_periods() {
-    assert!(dead_encoder(0.3) <= 2);
-}
-
-/// In slow motions the core sees it by a torque beyond friction that moves nothing.
-#[test]
-fn a_dead_encoder_in_slow_motion_is_named_and_off_within_50_periods() {
-    let periods = dead_encoder(0.05);
-    assert!((3..50).contains(&periods), "{periods}");
+    assert!(worst <= 2, "{worst}");
 }
 
 /// Emergency stop and nFAULT end the pulses while the CPU executes nothing.

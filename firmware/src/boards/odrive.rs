@@ -376,9 +376,10 @@ pub struct CurrentLoops {
 impl CurrentControl for CurrentLoops {
     fn on_sample(&mut self) {
         let [[b0, supply], [b1, c0], [c1, _]] = self.adc.sample();
-        if let Some(motors) = self.new_motors.dequeue() {
+        if let Some(motors) = self.new_motors.peek() {
             self.motors.command(None, &mut self.stages);
             self.motors.replace(motors);
+            let _ = self.new_motors.dequeue();
         }
         if let Some((number, words)) = COMMAND.read(self.command) {
             self.command = number;

@@ -291,9 +291,10 @@ impl CurrentControl for CurrentLoops {
             return;
         }
         self.samples = 0;
-        if let Some(motors) = self.new_motors.dequeue() {
+        if let Some(motors) = self.new_motors.peek() {
             self.motors.command(None, &mut self.stages);
             self.motors.replace(motors);
+            let _ = self.new_motors.dequeue();
         }
         if let Some((number, words)) = COMMAND.read(self.command) {
             self.command = number;
