@@ -158,8 +158,8 @@ impl<const N: usize> Motors<N> {
         switching: &Switching,
         wake: f32,
     ) -> Result<Self, (usize, InvalidCurrentLoop)> {
-        let mut axes = [None; N];
-        for (index, (axis, motor)) in axes.iter_mut().zip(motors).enumerate() {
+        let mut all = Self::none(switching, wake);
+        for (index, (axis, motor)) in all.axes.iter_mut().zip(motors).enumerate() {
             if let Some(Motor { winding, sensing, trip }) = *motor {
                 let invalid = |error| (index, error);
                 *axis = Some(Axis {
@@ -176,17 +176,22 @@ impl<const N: usize> Motors<N> {
                 });
             }
         }
+        Ok(all)
+    }
+
+    /// Power stages without motors, until [`replace`](Self::replace); `wake` as in [`try_new`](Self::try_new).
+    pub fn none(switching: &Switching, wake: f32) -> Self {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
         let wake_periods = (wake / switching.period) as u16 + 1;
-        Ok(Self {
-            axes,
+        Self {
+            axes: [None; N],
             phase: Phase::Off,
             wake_periods,
             resolution: switching.resolution.into(),
             lag: switching.lag,
             outputs: [Output::default(); N],
             totals: Totals { currents: [0; N], periods: 0 },
-        })
+        }
     }
 
     /// Takes other motors into use; the counts of [`Totals`] go on.

@@ -25,7 +25,11 @@ pub struct Options {
 
 /// Tests the package, or measures its speed, which belongs to no test: other programs take time, too.
 pub fn run(options: &Options) -> Result<()> {
-    if options.speed { tools::run(build()?.arg(Path::new(SOURCE).join("tests/benchmark.py"))) } else { check() }
+    if options.speed {
+        tools::run(build()?.arg(Path::new(SOURCE).join("tests/benchmark.py")))
+    } else {
+        check()
+    }
 }
 
 /// Runs the package's tests.

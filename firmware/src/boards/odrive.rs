@@ -29,9 +29,8 @@
 //! instruction is a gate driver: the half bridge with an overcurrent, no other one. For all the rest, the
 //! emergency stop included, an interrupt of the highest priority pulls `EN_GATE` low.
 
-use core::sync::atomic::{AtomicBool, Ordering};
-
 use heapless::spsc::{Consumer, Producer, Queue};
+use static_cell::ConstStaticCell;
 use stm32f4xx_hal::gpio::{Input, Output as PinOutput, PB12, PC4, PD2, Pull};
 use stm32f4xx_hal::hal_02::Qei as _;
 use stm32f4xx_hal::pac::{self, TIM3, TIM4};
@@ -73,9 +72,10 @@ const SWITCHING: Switching = Switching {
 /// Reference of the converters and of the amplifiers [V].
 const REFERENCE: f32 = 3.3;
 /// A transistor that conducts with 0.25 V has an overcurrent: some 50 to 100 A, by its temperature.
-const SETTINGS: Settings = Settings { gate_current: GateCurrent::High, overcurrent: 12, gain: Gain::Eighty };
+const GATE_DRIVERS: Settings =
+    Settings { gate_current: GateCurrent::High, overcurrent: 12, gain: Gain::Eighty };
 const SENSE: ShuntSense =
-    ShuntSense { shunt: 0.5e-3, gain: SETTINGS.gain, reference: REFERENCE, counts: FULL_SCALE };
+    ShuntSense { shunt: 0.5e-3, gain: GATE_DRIVERS.gain, reference: REFERENCE, counts: FULL_SCALE };
 /// Amplifiers without current give half the reference, as far from it as this at most [counts]: 4 mV at their
 /// inputs.
 const OFFSET: Offset = Offset::new(FULL_SCALE / 2 + 1, 400);
@@ -106,10 +106,8 @@ static COMMAND: Handover<{ 2 * N + 1 }> = Handover::new();
 static MEASURED: Handover<{ N + 3 }> = Handover::new();
 const TRIPPED: u32 = 1;
 const OFFSETS_KNOWN: u32 = 2;
-/// Capacity plus one of the queue of settings.
-const QUEUE: usize = 2;
-/// [`Board::start`] was called: the queue of settings is in use.
-static STARTED: AtomicBool = AtomicBool::new(false);
+/// Motors on their way to the current loop.
+static NEW_MOTORS: ConstStaticCell<Queue<Motors<N>, 2>> = ConstStaticCell::new(Queue::new());
 
 /// Lines of EXTI.
 const FAULT_LINE: u32 = 1 << 2;
@@ -121,7 +119,7 @@ pub struct Odrive {
     fault: PD2<Input>,
     gates: Gates<GateSpi, PB12<PinOutput>, N>,
     is_ready: bool,
-    settings: Producer<'static, Motors<N>>,
+    to_loops: Producer<'static, Motors<N>>,
     joints: Joints<N>,
     counters: [Counter; N],
 }
@@ -189,19 +187,19 @@ impl Board for Odrive {
         c.pc11.into_alternate::<6>().internal_resistor(Pull::Down);
         c.pc12.into_alternate::<6>();
         let devices = GateSpi::start(peripherals.spi3, rcc, [13, 14]);
-        let gates = Gates::new(devices.map(|device| Drv8301::new(device, SETTINGS)), enable);
+        let gates = Gates::new(devices.map(|device| Drv8301::new(device, GATE_DRIVERS)), enable);
         pac::SYSCFG::enable(rcc);
         connect_trips(&peripherals.syscfg, &peripherals.exti);
 
-        let (settings, new_settings) = queue();
+        let (to_loops, new_motors) = NEW_MOTORS.take().split();
         let joints = Joints::new(PERIODS);
         let counters = [Counter::new(); N];
-        let board = Self { emergency_stop, fault, gates, is_ready: false, settings, joints, counters };
+        let board = Self { emergency_stop, fault, gates, is_ready: false, to_loops, joints, counters };
         let loops = CurrentLoops {
             adc,
             stages: Stages(bridges),
-            motors: no_motors(),
-            new_settings,
+            motors: Motors::none(&SWITCHING, 0.0),
+            new_motors,
             command: 0,
             learns: false,
             offsets: [OFFSET; 2 * N],
@@ -220,7 +218,7 @@ impl Board for Odrive {
         let motors = motors_for(model, Sensing::Signed, TRIP, &SWITCHING, 0.0)?;
         self.joints.configure(model);
         // Full only if the current loop does not run, which `read` reports. Then nothing moves.
-        let _ = self.settings.enqueue(motors);
+        let _ = self.to_loops.enqueue(motors);
         Ok(())
     }
 
@@ -308,22 +306,6 @@ fn connect_trips(syscfg: &pac::SYSCFG, exti: &pac::EXTI) {
     }
 }
 
-fn no_motors() -> Motors<N> {
-    // Cannot fail: there is no winding that could be invalid.
-    Motors::try_new(&[None; N], &SWITCHING, 0.0).unwrap_or_else(|_| unreachable!())
-}
-
-/// The queue of settings.
-///
-/// # Panics
-/// At the second call.
-fn queue() -> (Producer<'static, Motors<N>>, Consumer<'static, Motors<N>>) {
-    static mut SETTINGS: Queue<Motors<N>, QUEUE> = Queue::new();
-    assert!(!STARTED.swap(true, Ordering::Relaxed));
-    // SAFETY: the only reference, as this line is reached once.
-    unsafe { (*core::ptr::addr_of_mut!(SETTINGS)).split() }
-}
-
 /// `EN_GATE` low.
 fn sleep() {
     // SAFETY: a single store that resets PB12.
@@ -382,7 +364,7 @@ pub struct CurrentLoops {
     adc: CurrentAdc,
     stages: Stages,
     motors: Motors<N>,
-    new_settings: Consumer<'static, Motors<N>>,
+    new_motors: Consumer<'static, Motors<N>>,
     /// Number of the last command.
     command: u32,
     learns: bool,
@@ -393,7 +375,7 @@ pub struct CurrentLoops {
 impl CurrentControl for CurrentLoops {
     fn on_sample(&mut self) {
         let [[b0, supply], [b1, c0], [c1, _]] = self.adc.sample();
-        if let Some(motors) = self.new_settings.dequeue() {
+        if let Some(motors) = self.new_motors.dequeue() {
             self.motors.command(None, &mut self.stages);
             self.motors.replace(motors);
         }

@@ -20,9 +20,8 @@
 //! boards may have: pull-ups on it must be removed, or an open contact reads as a closed one. There is no
 //! plant link.
 
-use core::sync::atomic::{AtomicBool, Ordering};
-
 use heapless::spsc::{Consumer, Producer, Queue};
+use static_cell::ConstStaticCell;
 use stm32f4xx_hal::gpio::{Input, Output as PinOutput, PB0, PB1, PB10, PC8, Pull};
 use stm32f4xx_hal::hal_02::Qei as _;
 use stm32f4xx_hal::pac::{self, TIM3, TIM4, TIM5};
@@ -78,15 +77,13 @@ const EQUIPMENT: Equipment =
 static COMMAND: Handover<{ 2 * N + 1 }> = Handover::new();
 /// Totals of the current loop, supply [counts], and whether it tripped.
 static MEASURED: Handover<{ N + 3 }> = Handover::new();
-/// Capacity plus one of the queue of settings.
-const SETTINGS: usize = 2;
-/// [`Board::start`] was called: the queue of settings is in use.
-static STARTED: AtomicBool = AtomicBool::new(false);
+/// Motors on their way to the current loop.
+static NEW_MOTORS: ConstStaticCell<Queue<Motors<N>, 2>> = ConstStaticCell::new(Queue::new());
 
 /// See the module.
 pub struct Weact {
     emergency_stop: PC8<Input>,
-    settings: Producer<'static, Motors<N>>,
+    to_loops: Producer<'static, Motors<N>>,
     joints: Joints<N>,
     counters: [Counter; 2],
 }
@@ -144,12 +141,12 @@ impl Board for Weact {
         b.pb14.into_alternate::<1>();
         b.pb15.into_alternate::<1>();
 
-        let (settings, new_settings) = queue();
+        let (to_loops, new_motors) = NEW_MOTORS.take().split();
         let stages = Stages { pulses, directions };
-        let motors = no_motors();
+        let motors = Motors::none(&SWITCHING, drv8874::WAKE);
         let joints = Joints::new(PERIODS);
-        let board = Self { emergency_stop, settings, joints, counters: [Counter::new(); 2] };
-        let loops = CurrentLoops { adc, samples: 0, stages, motors, new_settings, command: 0 };
+        let board = Self { emergency_stop, to_loops, joints, counters: [Counter::new(); 2] };
+        let loops = CurrentLoops { adc, samples: 0, stages, motors, new_motors, command: 0 };
         (board, encoders, loops)
     }
 
@@ -164,7 +161,7 @@ impl Board for Weact {
         let motors = motors_for(model, Sensing::Magnitude, TRIP, &SWITCHING, drv8874::WAKE)?;
         self.joints.configure(model);
         // Full only if the current loop does not run, which `read` reports. Then nothing moves.
-        let _ = self.settings.enqueue(motors);
+        let _ = self.to_loops.enqueue(motors);
         Ok(())
     }
 
@@ -214,22 +211,6 @@ impl Board for Weact {
 fn trip_is_active() -> bool {
     // SAFETY: reading this register has no effect.
     unsafe { (*pac::GPIOA::ptr()).idr().read().bits() & 1 << 6 == 0 }
-}
-
-fn no_motors() -> Motors<N> {
-    // Cannot fail: there is no winding that could be invalid.
-    Motors::try_new(&[None; N], &SWITCHING, drv8874::WAKE).unwrap_or_else(|_| unreachable!())
-}
-
-/// The queue of settings.
-///
-/// # Panics
-/// At the second call.
-fn queue() -> (Producer<'static, Motors<N>>, Consumer<'static, Motors<N>>) {
-    static mut QUEUE: Queue<Motors<N>, SETTINGS> = Queue::new();
-    assert!(!STARTED.swap(true, Ordering::Relaxed));
-    // SAFETY: the only reference, as this line is reached once.
-    unsafe { (*core::ptr::addr_of_mut!(QUEUE)).split() }
 }
 
 /// `nSLEEP` low.
@@ -297,7 +278,7 @@ pub struct CurrentLoops {
     samples: u16,
     stages: Stages,
     motors: Motors<N>,
-    new_settings: Consumer<'static, Motors<N>>,
+    new_motors: Consumer<'static, Motors<N>>,
     /// Number of the last command.
     command: u32,
 }
@@ -310,7 +291,7 @@ impl CurrentControl for CurrentLoops {
             return;
         }
         self.samples = 0;
-        if let Some(motors) = self.new_settings.dequeue() {
+        if let Some(motors) = self.new_motors.dequeue() {
             self.motors.command(None, &mut self.stages);
             self.motors.replace(motors);
         }
