@@ -179,7 +179,8 @@ impl<const N: usize> Motors<N> {
         Ok(all)
     }
 
-    /// Power stages without motors, until [`replace`](Self::replace); `wake` as in [`try_new`](Self::try_new).
+    /// Power stages without motors, until [`replace`](Self::replace). `wake` as for
+    /// [`try_new`](Self::try_new).
     pub fn none(switching: &Switching, wake: f32) -> Self {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
         let wake_periods = (wake / switching.period) as u16 + 1;
