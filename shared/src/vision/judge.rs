@@ -6,8 +6,8 @@ use super::ring::Rim;
 use crate::math;
 
 /// Numbers that say what the picture shows of a circle, and of the end of a knob before it.
-const FEATURES: usize = 16;
-const KNOB_FEATURES: usize = 12;
+pub(super) const FEATURES: usize = 16;
+pub(super) const KNOB_FEATURES: usize = 12;
 
 // The weights were fitted so that, over many pictures, the right circles are as likely as possible: see
 // docs/find-circle.md.
@@ -34,12 +34,24 @@ pub(super) struct Knob {
 
 /// Logarithm of how likely a circle is, behind the end of a knob, over there being none.
 pub(super) fn log_odds(search: &CircleSearch, circle: &Ellipse, rim: &Rim, knob: Option<&Knob>) -> f32 {
-    let features = features(search, circle, rim);
-    match (knob, &search.axis) {
-        (Some(knob), Some(axis)) => {
-            weighted(&BEHIND, &features) + weighted(&KNOB, &knob_features(circle, knob, axis))
-        }
-        _ => weighted(&ALONE, &features),
+    let behind = behind(search, circle, knob);
+    weigh(&features(search, circle, rim), behind.as_ref())
+}
+
+/// [`knob_features`], where a knob and its axis are known.
+pub(super) fn behind(
+    search: &CircleSearch,
+    circle: &Ellipse,
+    knob: Option<&Knob>,
+) -> Option<[f32; KNOB_FEATURES]> {
+    Some(knob_features(circle, knob?, search.axis.as_ref()?))
+}
+
+/// Logarithm of the odds that [`features`] and [`knob_features`] give.
+pub(super) fn weigh(features: &[f32; FEATURES], behind: Option<&[f32; KNOB_FEATURES]>) -> f32 {
+    match behind {
+        Some(knob) => weighted(&BEHIND, features) + weighted(&KNOB, knob),
+        None => weighted(&ALONE, features),
     }
 }
 
@@ -48,7 +60,7 @@ fn weighted(weights: &[f32], features: &[f32]) -> f32 {
 }
 
 /// Of a circle.
-fn features(search: &CircleSearch, rose: &Ellipse, rim: &Rim) -> [f32; FEATURES] {
+pub(super) fn features(search: &CircleSearch, rose: &Ellipse, rim: &Rim) -> [f32; FEATURES] {
     let [from, to] = search.radius;
     let place = (rose.radius - math::sqrt(from * to)) / (to - from);
     let [p, q] = rose.flattening;
