@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
 """The weights of the circle finder's choice (shared/src/vision/judge.rs), fitted to rendered pictures.
 
-    circle_choice.py fit DOORS.csv SET.csv...   prints the tables of judge.rs, and writes data/circle_choice.in
-    circle_choice.py put DOORS.csv SET.csv...   also writes the tables into judge.rs
+    circle_choice.py check DOORS.csv SET.csv...   fits, and says whether the tables of judge.rs stand
+    circle_choice.py fit DOORS.csv SET.csv...     writes what it fits into judge.rs
+    circle_choice.py data DOORS.csv SET.csv...    writes data/circle_choice.in, with the tables of judge.rs
 
 The files are what the example `circle_evidence` of host-sim prints: DOORS.csv of machines of `knob-find`, with the axis
 of the knob, SET.csv of sets of `find_circle.py set`, without it. How to make them: tests/oracles/README.md.
@@ -10,8 +11,11 @@ of the knob, SET.csv of sets of `find_circle.py set`, without it. How to make th
 A picture shows the rose at one of its candidates, or at none; their probabilities, exp(log odds) over the sum of them
 and 1, are those of the choice. The loss is the mean over the pictures of -log of the probability of the right
 candidates, or of none if none is right, plus a normal prior of the weights. A right candidate counts the more, the
-nearer it is. Pictures without candidates say nothing. As the weights choose the candidates that are judged at the end,
-the tables belong to candidates that were chosen by the tables of the pass before.
+nearer it is. Pictures without candidates say nothing.
+
+The candidates that are judged at the end were chosen by the weights. So the tables were fitted again and again, each
+time to the candidates that the tables before chose, until the changes became no smaller: some candidates are as good as
+others, and change places. Tables stand if the fit to their own candidates is no better than they are, see STANDS.
 
 Needs numpy and scipy."""
 
@@ -34,6 +38,8 @@ NEAR = (1.5, 0.8)
 SET_WEIGHT = 5.0
 # Strength of the prior, for features in units of their root mean square.
 PRIOR = 1e-3
+# Tables stand if their loss is at most this much above that of the fit, and no weight of it differs by more.
+STANDS = (1e-5, 0.1)
 # The best candidate's confidence is the probability of all that are nearer to it than this [px].
 SAME = (2.5, 2.0)
 # Pictures in data/circle_choice.in: of the doors, the last without a knob, and of the first set.
@@ -164,18 +170,20 @@ def data(candidates, weights, files):
 
 if __name__ == "__main__":
     match sys.argv[1:]:
-        case ["fit" | "put" as command, *files] if len(files) > 1:
-            candidates = Candidates(files)
+        case ["check" | "fit" | "data" as command, *files] if len(files) > 1:
+            candidates, tables = Candidates(files), written()
+            if command == "data":
+                data(candidates, tables, files)
+                sys.exit()
             weights, loss = fit(candidates)
-            before = written()
-            change = np.abs(weights - before)
-            print(f"{len(candidates.count)} pictures, {len(candidates.picture)} candidates; loss {loss(weights):.6f}, of the "
-                  f"weights in judge.rs {loss(before):.6f}; weights differ by {change.mean():.4f}, at most {change.max():.4f}")
-            for name, (length, part) in TABLES.items():
-                print(table(name, length, weights[part]))
-            weights = np.round(weights, 3)
-            data(candidates, weights, files)
-            if command == "put":
+            change, excess = np.abs(weights - tables), loss(tables) - loss(weights)
+            odds = np.sqrt(np.mean(log_odds(candidates, weights - tables) ** 2))
+            print(f"{len(candidates.count)} pictures, {len(candidates.picture)} candidates; loss {loss(weights):.6f}. The tables of "
+                  f"judge.rs: loss higher by {excess:.1e}, weights differ by {change.mean():.4f}, at most {change.max():.4f}, "
+                  f"odds by a factor of {np.exp(odds):.3f} (root mean square)", flush=True)
+            if command == "fit":
                 put(weights)
+            elif excess > STANDS[0] or change.max() > STANDS[1]:
+                sys.exit("They do not stand: fit again.")
         case _:
             sys.exit(__doc__)

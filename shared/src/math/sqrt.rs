@@ -10,8 +10,10 @@
 /// ```
 #[inline]
 pub fn sqrt(x: f32) -> f32 {
-    if !(0.0..f32::INFINITY).contains(&x) {
-        return if x > 0.0 { x } else { f32::NAN };
+    // One comparison: what is negative or not finite has larger bits than every positive number.
+    if x.to_bits() >= f32::INFINITY.to_bits() {
+        // Infinity and -0 are their own roots.
+        return if x >= 0.0 { x } else { f32::NAN };
     }
     // Halves and negates the exponent. Constants of this and the next line: the least error over all x after
     // that line (Walczyk, Moroz and Cieśliński 2021).

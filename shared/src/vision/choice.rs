@@ -30,7 +30,7 @@ const SAME: [f32; 2] = [2.5, 2.0];
 pub(super) struct Candidate {
     pub ellipse: Ellipse,
     /// Index of the end of a knob before it.
-    knob: Option<usize>,
+    pub knob: Option<usize>,
     /// Logarithm of how likely it is, over there being no circle.
     pub log_odds: f32,
 }

@@ -51,9 +51,14 @@ impl Polar {
             let [mut x, mut y] = at(from - 1.5).map(Image::fixed);
             let [dx, dy] = [unit * u, unit * v].map(Image::fixed);
             let [across, along] = [1.5 * u, 1.5 * v].map(|component| 2 * Image::fixed(component));
+            let is_inside = |index: usize| {
+                let [x, y] = at(from + index as f32 * unit);
+                image.contains(x, y, 2.0)
+            };
+            // Between two places inside the image all are.
+            let are_all_inside = is_inside(0) && is_inside(count - 1);
             for (index, place) in row.iter_mut().enumerate().take(count) {
-                let [px, py] = at(from + index as f32 * unit);
-                if image.contains(px, py, 2.0) {
+                if are_all_inside || is_inside(index) {
                     let contrast = (image.at(x + across, y + along) - image.at(x, y)) >> 12;
                     *place = contrast.clamp(-most, most) as i16;
                 }
@@ -85,7 +90,7 @@ impl Polar {
             let place = (shift + math::sqrt(square.max(0.0)) - self.from) * scale;
             let mut here = 0;
             if place >= 0.0
-                && let Some(&contrast) = row.get((place + 0.5) as usize)
+                && let Some(&contrast) = row.get((place + 0.5) as i32 as usize)
                 && contrast != UNSEEN
             {
                 here = i32::from(contrast);
