@@ -33,7 +33,7 @@ impl Ellipse {
     #[inline]
     pub fn reach(&self, root: f32, [u, v]: [f32; 2]) -> f32 {
         let [p, q] = self.flattening;
-        self.radius * math::sqrt(root / (1.0 + p * (u * u - v * v) + 2.0 * q * u * v))
+        self.radius * math::finite_sqrt(root / (1.0 + p * (u * u - v * v) + 2.0 * q * u * v))
     }
 
     /// The point at `reach` px from the centre in the direction of a unit vector.

@@ -25,22 +25,27 @@ const APART: usize = 16;
 /// Least contrast of an edge point [grey levels].
 const MIN_CONTRAST: f32 = 3.0;
 
-/// Directions of all rays.
-const DIRECTIONS: [[f32; 2]; RAYS] = {
+/// Directions of so many rays.
+const fn evenly<const N: usize>() -> [[f32; 2]; N] {
     let [cos, sin] = TURN;
-    let mut directions = [[1.0, 0.0]; RAYS];
-    let mut ray = 1;
+    let mut directions = [[1.0, 0.0]; N];
+    let [mut u, mut v] = directions[0];
+    let mut ray = 0;
     while ray < RAYS {
-        let [u, v] = directions[ray - 1];
-        directions[ray] = [u * cos - v * sin, u * sin + v * cos];
+        if ray % (RAYS / N) == 0 {
+            directions[ray * N / RAYS] = [u, v];
+        }
+        [u, v] = [u * cos - v * sin, u * sin + v * cos];
         ray += 1;
     }
     directions
-};
+}
 
 /// Directions of `rays` rays, 32 or 64.
-pub(super) fn directions(rays: usize) -> impl Iterator<Item = [f32; 2]> {
-    DIRECTIONS.chunks_exact(RAYS / rays).filter_map(|chunk| chunk.first().copied())
+pub(super) fn directions(rays: usize) -> &'static [[f32; 2]] {
+    static FEW: [[f32; 2]; FEW_RAYS] = evenly();
+    static ALL: [[f32; 2]; RAYS] = evenly();
+    if rays == FEW_RAYS { &FEW } else { &ALL }
 }
 
 /// Least contrast of an edge point [grey levels].
@@ -76,11 +81,13 @@ impl Ring {
             contrasts: [[0; PLACES]; RAYS],
         };
         let root = ellipse.root();
+        for (reach, direction) in ring.reaches.iter_mut().zip(directions(rays)) {
+            *reach = ellipse.reach(root, *direction);
+        }
         let mut visible = 0;
-        let places = ring.reaches.iter_mut().zip(&mut ring.contrasts).enumerate();
-        for ((ray, (reach, contrasts)), direction) in places.zip(directions(rays)) {
-            *reach = ellipse.reach(root, direction);
-            if sample(image, ellipse, (direction, *reach), (half, unit), contrasts) {
+        let places = ring.contrasts.iter_mut().zip(&ring.reaches).zip(directions(rays)).enumerate();
+        for (ray, ((contrasts, reach), direction)) in places {
+            if sample(image, ellipse, (*direction, *reach), (half, unit), contrasts) {
                 visible |= 1 << ray;
             }
         }
@@ -149,8 +156,8 @@ impl Ring {
         let least = (if self.unit < 1.0 { HALF_STEPS * least } else { least }) as i32;
         let worth = self.worth();
         let mut count = 0;
-        let rays = directions(self.rays).zip(self.reaches).zip(&self.contrasts).zip(&mut points);
-        for (ray, (((direction, reach), contrasts), (point, weight))) in rays.enumerate() {
+        let rays = directions(self.rays).iter().zip(&self.reaches).zip(&self.contrasts).zip(&mut points);
+        for (ray, (((&direction, reach), contrasts), (point, weight))) in rays.enumerate() {
             if self.visible >> ray & 1 == 0 {
                 continue;
             }
@@ -171,8 +178,10 @@ impl Ring {
         let Some(front) = front else { return self.visible };
         let is_hidden = |direction, reach| hides(front, self.ellipse.point(direction, reach));
         let hidden = (0..)
-            .zip(directions(self.rays).zip(self.reaches))
-            .fold(0, |mask, (ray, (direction, reach))| mask | u64::from(is_hidden(direction, reach)) << ray);
+            .zip(directions(self.rays).iter().zip(&self.reaches))
+            .fold(0, |mask, (ray, (&direction, &reach))| {
+                mask | u64::from(is_hidden(direction, reach)) << ray
+            });
         self.visible & !hidden
     }
 
