@@ -42,8 +42,8 @@ PRIOR = 1e-3
 STANDS = (1e-5, 0.1)
 # The best candidate's confidence is the probability of all that are nearer to it than this [px].
 SAME = (2.5, 2.0)
-# Pictures in data/circle_choice.in: of the doors, the last without a knob, and of the first set.
-SHOWN = [(21, 0), (22, 5), (23, 20), (24, 59)], [(0, 0), (0, 1)]
+# Pictures in data/circle_choice.in: of the doors, two of them without a knob, and of the first set.
+SHOWN = [(21, 0), (21, 56), (22, 8), (23, 20), (24, 59)], [(0, 0), (0, 1)]
 COLUMNS = """
 Pictures, each with its candidates, what the choice has to weigh, and the answer in double precision: index of the
 likeliest candidate, confidence; rows of centre x, y and radius [px], features of the circle, features of the end of a
@@ -151,7 +151,8 @@ def put(weights):
 def data(candidates, weights, files):
     """A few pictures with the answer of the weights."""
     shown = [(files[0], *key) for key in SHOWN[0]] + [(files[1], *key) for key in SHOWN[1]]
-    numbers = lambda values: ", ".join(np.format_float_positional(np.float32(value), trim="0") for value in values)
+    number = lambda value: np.format_float_positional(np.float32(value), trim="0")
+    numbers = lambda values: ", ".join(map(number, values))
     text = "&[\n"
     for key in shown:
         rows = np.flatnonzero(candidates.picture == candidates.keys.index(key))
@@ -160,10 +161,10 @@ def data(candidates, weights, files):
         away = candidates.circles[rows] - candidates.circles[rows[best]]
         same = (np.hypot(away[:, 0], away[:, 1]) < SAME[0]) & (np.abs(away[:, 2]) < SAME[1])
         confidence = np.exp(odds[same]).sum() / (np.exp(odds).sum() + 1)
-        text += f"({best}, {confidence:.7f}, &[\n"
+        text += f"({best}, {number(confidence)}, &[\n"
         for row, value in zip(rows, odds):
             knob = f"Some([{numbers(candidates.knob[row])}])" if candidates.behind[row] else "None"
-            text += f"([{numbers(candidates.circles[row])}], [{numbers(candidates.own[row])}], {knob}, {value:.6f}),\n"
+            text += f"([{numbers(candidates.circles[row])}], [{numbers(candidates.own[row])}], {knob}, {number(value)}),\n"
         text += "]),\n"
     write("circle_choice.in", __file__, COLUMNS, text + "]\n")
 

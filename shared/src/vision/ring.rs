@@ -25,7 +25,7 @@ const APART: usize = 16;
 /// Least contrast of an edge point [grey levels].
 const MIN_CONTRAST: f32 = 3.0;
 
-/// Directions of so many rays.
+/// Directions of so many rays, each turned from the one before; the same of 32 and of every other one of 64.
 const fn evenly<const N: usize>() -> [[f32; 2]; N] {
     let [cos, sin] = TURN;
     let mut directions = [[1.0, 0.0]; N];
