@@ -31,10 +31,12 @@ mod hand5_reach;
 mod hand5_teleop;
 mod knob_find;
 mod knob_grasp;
+mod knob_pictures;
 mod possible;
 mod unilateral;
 
 pub use grasping::scene;
+pub use knob_pictures::{KnobPicture, KnobPictures};
 pub use possible::Impossible;
 
 use std::path::Path;

@@ -1,14 +1,13 @@
 //! The circle finder on pictures of a door knob (Knob, section 3).
 
-use rapier3d::na::Vector3;
-use tesaki::vision::{CameraBuffers, Circle, CircleSearch, Image, Window, find_circle};
+use tesaki::vision::{CameraBuffers, Circle, CircleSearch, Image, find_circle};
 
 use super::common::require_duration;
 use super::film::picture_panel;
+use super::knob_pictures::{EMPTY, KnobPicture, KnobPictures};
 use super::{Outcome, Scenario, ScenarioError, Setting};
-use crate::camera::{self, Camera, CameraValues, CircleTruth, Optics, Scene, View};
+use crate::camera::{self, CameraValues, CircleTruth};
 use crate::motion::Motion;
-use crate::purpose::Purpose;
 use crate::report::{Column, Figure, Line, Metric, Panel, Summary, csv};
 
 pub(super) const SCENARIO: Scenario = Scenario {
@@ -35,25 +34,12 @@ pub(super) const SCENARIO: Scenario = Scenario {
 
 /// Pictures per second of the scenario's duration.
 const RATE: f64 = 10.0;
-/// Of these, as many show no knob.
-const EMPTY: usize = 5;
-/// Radii of roses [m], and how well the arm knows its distance from the door [m].
-const ROSES: [f64; 2] = [0.035, 0.045];
-const DISTANCE_ERROR: f64 = 0.03;
-/// How far the hand is turned from the axis of the knob about each of its axes, at most [rad].
-const AXIS_ERROR: f64 = 0.052;
 /// A circle is right up to these errors of centre and radius [px].
 const RIGHT: [f64; 2] = [3.0, 2.0];
 /// Share of the outline from which on a picture has to give a circle.
 const VISIBLE: f64 = 0.5;
 /// Circles of less confidence are not believed.
 const BELIEVED: f32 = 0.5;
-/// In the second search the last picture is known: the error of what it predicts, and the window about it
-/// [px].
-const PREDICTION_ERROR: f64 = 6.0;
-const REACH: f32 = 12.0;
-/// Angle of the open fingers of the gripper [rad].
-const OPEN: f64 = 0.22;
 /// Pictures of the film strip.
 const SHOWN: usize = 6;
 
@@ -87,15 +73,12 @@ impl Picture {
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     require_duration(&SCENARIO, setting)?;
     let values = CameraValues::load(setting.robot)?;
-    let (camera, scene) = (values.camera(), Scene::draw(setting.seed));
     let count = (setting.duration * RATE) as usize;
-    let mut finder =
-        Finder { camera: &camera, buffers: Box::default(), rng: Purpose::CircleSearch.rng(setting.seed) };
+    let mut buffers = Box::default();
     let mut pictures = Vec::new();
-    for number in 0..count {
-        let is_empty = number >= count - EMPTY;
-        pictures.push(finder.picture(&scene, &values, setting.seed, number, is_empty)?);
-        (setting.progress)((number + 1) as f64 / count as f64);
+    for seen in KnobPictures::new(values, setting.seed, count) {
+        pictures.push(search(seen, &mut buffers)?);
+        (setting.progress)(pictures.len() as f64 / count as f64);
     }
     let (empty, mut pictures) = (pictures.split_off(count - EMPTY), pictures);
     pictures.sort_by(|one, other| other.distance.total_cmp(&one.distance));
@@ -109,69 +92,25 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     Ok(Outcome { summary, figures, tables, motion: Motion::new(Vec::<String>::new()) })
 }
 
-struct Finder<'a> {
-    camera: &'a Camera,
-    buffers: Box<CameraBuffers>,
-    rng: tesaki_rng::Rng,
+/// Looks for the rose in the whole image, and in the window about a prediction.
+fn search(seen: KnobPicture, buffers: &mut CameraBuffers) -> Result<Picture, ScenarioError> {
+    let KnobPicture { distance, image, truth, search, window } = seen;
+    let whole = find(&image, &search, buffers)?;
+    let near = match window {
+        Some(window) => find(&image, &CircleSearch { window: Some(window), ..search }, buffers)?,
+        None => None,
+    };
+    Ok(Picture { distance, image, truth, found: [whole, near] })
 }
 
-impl Finder<'_> {
-    /// Takes a picture and looks for the rose.
-    fn picture(
-        &mut self,
-        scene: &Scene,
-        values: &CameraValues,
-        seed: u64,
-        number: usize,
-        is_empty: bool,
-    ) -> Result<Picture, ScenarioError> {
-        let own = seed.wrapping_add((number as u64 + 1) << 32);
-        let mut view = View::draw(own);
-        if is_empty {
-            // Along the door, away from its edge.
-            view.hand.translation.y -= 0.4 * scene.door.side;
-        }
-        let fingers = view.fingers(OPEN);
-        let pose = view.hand * values.mount();
-        let image = scene.photograph(self.camera, &Optics::draw(own), &pose, &fingers, (own, 0));
-        let truth = if is_empty { None } else { scene.truth(self.camera, &pose, &fingers).rose };
-        let distance = -pose.translation.z;
-        let known = distance + DISTANCE_ERROR * self.rng.symmetric();
-        let radius = [
-            self.camera.focal * ROSES[0] / (known + DISTANCE_ERROR),
-            self.camera.focal * ROSES[1] / (known - DISTANCE_ERROR),
-        ];
-        // The knob stands along the approach of the hand.
-        let approach = values.mount().inverse_transform_vector(&Vector3::z());
-        let axis = self.camera.project(&approach.into()).map(|place| Window {
-            center: place.map(|value| value as f32),
-            reach: (self.camera.focal * AXIS_ERROR) as f32,
-        });
-        let mut search = CircleSearch { radius: radius.map(|radius| radius as f32), window: None, axis };
-        let whole = self.find(&image, &search)?;
-        search.window = truth.map(|truth| {
-            let predicted =
-                truth.center.map(|center| (center + PREDICTION_ERROR * self.rng.symmetric()) as f32);
-            Window { center: predicted, reach: REACH }
-        });
-        let near = match search.window {
-            Some(window) if self.camera.contains(window.center.map(f64::from)) => {
-                self.find(&image, &search)?
-            }
-            _ => None,
-        };
-        Ok(Picture { distance, image, truth, found: [whole, near] })
-    }
-
-    fn find(
-        &mut self,
-        image: &camera::Image,
-        search: &CircleSearch,
-    ) -> Result<Option<Circle>, ScenarioError> {
-        let image = Image::new(&image.pixels, image.width, image.height)?;
-        let found = find_circle(&image, search, &mut self.buffers.scratch())?;
-        Ok(found.filter(|circle| circle.confidence >= BELIEVED))
-    }
+fn find(
+    image: &camera::Image,
+    search: &CircleSearch,
+    buffers: &mut CameraBuffers,
+) -> Result<Option<Circle>, ScenarioError> {
+    let image = Image::new(&image.pixels, image.width, image.height)?;
+    let found = find_circle(&image, search, &mut buffers.scratch())?;
+    Ok(found.filter(|circle| circle.confidence >= BELIEVED))
 }
 
 fn summary(pictures: &[Picture], empty: &[Picture], seed: u64) -> Summary {

@@ -20,6 +20,7 @@ pub(crate) use least_squares::{IncrementalQr, Svd};
 pub use sincos::sin_cos;
 pub(crate) use so3::{rotated_by, rotation_between};
 pub use so3::{rotation_matrix, rotation_vector};
+pub(crate) use sqrt::finite_sqrt;
 pub use sqrt::sqrt;
 
 /// `e^x`.

@@ -1,9 +1,13 @@
 //! The choice between circles.
 
 use super::ellipse::Ellipse;
+#[cfg(feature = "test-support")]
+use super::evidence::Evidence;
 use super::find::CircleSearch;
 use super::image::Image;
 use super::judge::{Knob, log_odds};
+#[cfg(feature = "test-support")]
+use super::judge::{behind, features};
 use super::knob::{hidden, roses};
 use super::refit::{Rims, noise};
 use super::ring::{FEW_RAYS, MAX_HALF, RAYS, Ring};
@@ -24,11 +28,11 @@ const SAME: [f32; 2] = [2.5, 2.0];
 /// What may be the rose.
 #[derive(Clone, Copy)]
 pub(super) struct Candidate {
-    ellipse: Ellipse,
+    pub ellipse: Ellipse,
     /// Index of the end of a knob before it.
-    knob: Option<usize>,
+    pub knob: Option<usize>,
     /// Logarithm of how likely it is, over there being no circle.
-    log_odds: f32,
+    pub log_odds: f32,
 }
 
 /// The search in a picture, stage by stage.
@@ -128,20 +132,30 @@ impl<'a> Choice<'a> {
         }
     }
 
-    /// The likeliest, and the probability of it and of those next to it: one of all is right, or none.
+    /// The likeliest circle with its confidence.
     pub fn best(&self) -> Option<(&Candidate, f32)> {
-        let all = || self.candidates.iter().flatten();
-        let best = all().max_by(|one, other| one.log_odds.total_cmp(&other.log_odds))?;
-        let reference = best.log_odds.max(0.0);
-        let (mut near, mut sum) = (0.0, math::exp(-reference));
-        for other in all() {
-            let likelihood = math::exp(other.log_odds - reference);
-            sum += likelihood;
-            if best.ellipse.is_near(&other.ellipse, SAME) {
-                near += likelihood;
+        best(&self.candidates)
+    }
+
+    /// What the judgement of each candidate rests on.
+    #[cfg(feature = "test-support")]
+    pub fn evidence(&self) -> impl Iterator<Item = Evidence> + '_ {
+        self.candidates.iter().flatten().map(|candidate| {
+            let Candidate { ellipse, knob, log_odds } = candidate;
+            let rim = Ring::new(self.image, ellipse, RAYS, (MAX_HALF, 1.0))
+                .rim(self.noise, self.front(*knob).as_ref());
+            let knob = knob.and_then(|knob| self.circles.get(knob).and_then(Option::as_ref));
+            let fine = self.refine(candidate);
+            Evidence {
+                center: ellipse.center,
+                radius: ellipse.radius,
+                fine_center: fine.center,
+                fine_radius: fine.radius,
+                features: features(self.search, ellipse, &rim),
+                behind: behind(self.search, ellipse, knob),
+                log_odds: *log_odds,
             }
-        }
-        Some((best, near / sum))
+        })
     }
 
     /// The ellipse to a fraction of a pixel.
@@ -151,4 +165,20 @@ impl<'a> Choice<'a> {
         let fine = rims.refine(&candidate.ellipse).filter(|fine| self.search.allows(fine));
         fine.unwrap_or(candidate.ellipse)
     }
+}
+
+/// The likeliest, and the probability of it and of those next to it: one of all is right, or none.
+pub(super) fn best(candidates: &[Option<Candidate>]) -> Option<(&Candidate, f32)> {
+    let all = || candidates.iter().flatten();
+    let best = all().max_by(|one, other| one.log_odds.total_cmp(&other.log_odds))?;
+    let reference = best.log_odds.max(0.0);
+    let (mut near, mut sum) = (0.0, math::exp(-reference));
+    for other in all() {
+        let likelihood = math::exp(other.log_odds - reference);
+        sum += likelihood;
+        if best.ellipse.is_near(&other.ellipse, SAME) {
+            near += likelihood;
+        }
+    }
+    Some((best, near / sum))
 }

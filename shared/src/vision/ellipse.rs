@@ -22,13 +22,18 @@ impl Ellipse {
         Self { center, radius, flattening: [0.0; 2] }
     }
 
-    /// Distance of the ellipse from its centre in the direction of a unit vector [px].
-    #[inline]
-    pub fn reach(&self, [u, v]: [f32; 2]) -> f32 {
+    /// Root of the determinant: it makes `radius²` the product of the semi-axes.
+    pub fn root(&self) -> f32 {
         let [p, q] = self.flattening;
-        // The determinant's root makes `radius²` the product of the semi-axes.
-        let square = math::sqrt(1.0 - p * p - q * q) / (1.0 + p * (u * u - v * v) + 2.0 * q * u * v);
-        self.radius * math::sqrt(square)
+        math::sqrt(1.0 - p * p - q * q)
+    }
+
+    /// Distance of the ellipse from its centre in the direction of a unit vector [px]; `root` is
+    /// [`Self::root`].
+    #[inline]
+    pub fn reach(&self, root: f32, [u, v]: [f32; 2]) -> f32 {
+        let [p, q] = self.flattening;
+        self.radius * math::finite_sqrt(root / (1.0 + p * (u * u - v * v) + 2.0 * q * u * v))
     }
 
     /// The point at `reach` px from the centre in the direction of a unit vector.

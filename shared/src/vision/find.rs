@@ -179,6 +179,23 @@ pub fn find_circle(
     search: &CircleSearch,
     scratch: &mut Scratch<'_>,
 ) -> Result<Option<Circle>, VisionError> {
+    let choice = choice(image, search, scratch)?;
+    let Some((best, confidence)) = choice.best().filter(|(_, confidence)| *confidence >= MIN_CONFIDENCE)
+    else {
+        return Ok(None);
+    };
+    let ellipse = choice.refine(best);
+    let (semi_axes, angle) = ellipse.axes();
+    let Ellipse { center, radius, .. } = ellipse;
+    Ok(Some(Circle { center, radius, semi_axes, angle, confidence }))
+}
+
+/// The candidates of a search, judged.
+pub(super) fn choice<'a>(
+    image: &'a Image<'a>,
+    search: &'a CircleSearch,
+    scratch: &mut Scratch<'_>,
+) -> Result<Choice<'a>, VisionError> {
     search.check(image, scratch)?;
     let mut starts = Starts::NONE;
     for level in LEVELS {
@@ -192,14 +209,7 @@ pub fn find_circle(
         choice.look_behind(knob);
     }
     choice.look_closer();
-    let Some((best, confidence)) = choice.best().filter(|(_, confidence)| *confidence >= MIN_CONFIDENCE)
-    else {
-        return Ok(None);
-    };
-    let ellipse = choice.refine(best);
-    let (semi_axes, angle) = ellipse.axes();
-    let Ellipse { center, radius, .. } = ellipse;
-    Ok(Some(Circle { center, radius, semi_axes, angle, confidence }))
+    Ok(choice)
 }
 
 /// Candidates of one level.

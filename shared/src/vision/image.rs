@@ -46,8 +46,9 @@ impl<'a> Image<'a> {
     #[inline(always)]
     pub(super) fn at(&self, x: i32, y: i32) -> i32 {
         let start = (y >> 16) as usize * self.width + (x >> 16) as usize;
-        let Some(block) = self.pixels.get(start..start + self.width + 2) else { return 0 };
-        let [a, b, c, d] = [block[0], block[1], block[self.width], block[self.width + 1]].map(i32::from);
+        // Two pixels of this row and of the next one, with the rest of the row between them.
+        let Some(&[a, b, .., c, d]) = self.pixels.get(start..start + self.width + 2) else { return 0 };
+        let [a, b, c, d] = [a, b, c, d].map(i32::from);
         let (fx, fy) = (x >> 8 & 0xFF, y >> 8 & 0xFF);
         let (top, bottom) = (256 * a + fx * (b - a), 256 * c + fx * (d - c));
         256 * top + fy * (bottom - top)

@@ -6,24 +6,24 @@ use super::ring::Rim;
 use crate::math;
 
 /// Numbers that say what the picture shows of a circle, and of the end of a knob before it.
-const FEATURES: usize = 16;
-const KNOB_FEATURES: usize = 12;
+pub(super) const FEATURES: usize = 16;
+pub(super) const KNOB_FEATURES: usize = 12;
 
 // The weights were fitted so that, over many pictures, the right circles are as likely as possible: see
 // docs/find-circle.md.
 /// Weights of [`features`] where no knob is known, or not its axis.
 const ALONE: [f32; FEATURES] = [
-    -0.317, 1.557, 0.843, 1.138, -0.681, 0.390, 0.033, 7.678, -0.513, -0.122, 0.324, -5.852, 0.809, -4.751,
-    5.836, -14.997,
+    0.082, 1.613, 0.832, 0.900, -0.725, 0.390, 0.067, 7.445, -0.476, -0.135, 0.285, -6.230, 1.963, -4.628,
+    5.712, -14.747,
 ];
 /// Weights of [`features`] behind the end of a knob, along its axis.
 const BEHIND: [f32; FEATURES] = [
-    0.344, -0.174, 0.531, 1.877, -0.049, 0.587, 0.197, 6.763, 0.154, -1.397, 1.903, -5.405, -0.512, -3.797,
-    4.425, -8.117,
+    0.461, -0.090, 0.487, 1.840, -0.090, 0.615, 0.209, 6.370, 0.128, -1.384, 1.886, -5.766, 0.204, -3.736,
+    4.309, -8.025,
 ];
 /// Weights of [`knob_features`].
 const KNOB: [f32; KNOB_FEATURES] =
-    [0.254, 0.961, -0.051, 0.001, 3.900, -1.629, 0.008, 1.409, -3.185, -8.277, 2.259, -1.538];
+    [0.257, 1.091, -0.067, -0.004, 4.457, -1.643, 0.393, 0.728, -3.203, -8.230, 2.321, -1.399];
 
 /// A circle with its rim: it may be the end of a knob.
 #[derive(Clone, Copy, Debug)]
@@ -34,12 +34,24 @@ pub(super) struct Knob {
 
 /// Logarithm of how likely a circle is, behind the end of a knob, over there being none.
 pub(super) fn log_odds(search: &CircleSearch, circle: &Ellipse, rim: &Rim, knob: Option<&Knob>) -> f32 {
-    let features = features(search, circle, rim);
-    match (knob, &search.axis) {
-        (Some(knob), Some(axis)) => {
-            weighted(&BEHIND, &features) + weighted(&KNOB, &knob_features(circle, knob, axis))
-        }
-        _ => weighted(&ALONE, &features),
+    let behind = behind(search, circle, knob);
+    weigh(&features(search, circle, rim), behind.as_ref())
+}
+
+/// [`knob_features`], where a knob and its axis are known.
+pub(super) fn behind(
+    search: &CircleSearch,
+    circle: &Ellipse,
+    knob: Option<&Knob>,
+) -> Option<[f32; KNOB_FEATURES]> {
+    Some(knob_features(circle, knob?, search.axis.as_ref()?))
+}
+
+/// Logarithm of the odds that [`features`] and [`knob_features`] give.
+pub(super) fn weigh(features: &[f32; FEATURES], behind: Option<&[f32; KNOB_FEATURES]>) -> f32 {
+    match behind {
+        Some(knob) => weighted(&BEHIND, features) + weighted(&KNOB, knob),
+        None => weighted(&ALONE, features),
     }
 }
 
@@ -48,7 +60,7 @@ fn weighted(weights: &[f32], features: &[f32]) -> f32 {
 }
 
 /// Of a circle.
-fn features(search: &CircleSearch, rose: &Ellipse, rim: &Rim) -> [f32; FEATURES] {
+pub(super) fn features(search: &CircleSearch, rose: &Ellipse, rim: &Rim) -> [f32; FEATURES] {
     let [from, to] = search.radius;
     let place = (rose.radius - math::sqrt(from * to)) / (to - from);
     let [p, q] = rose.flattening;

@@ -46,14 +46,19 @@ impl Polar {
         let most = (3.0 * 16.0 * least_contrast(noise)) as i32;
         let mut polar = Self { center: knob.center, from, unit, most, contrasts: [[UNSEEN; PLACES]; RAYS] };
         let count = (((to - from) / unit) as usize + 2).min(PLACES);
-        for ([u, v], row) in directions(RAYS).zip(&mut polar.contrasts) {
+        for (&[u, v], row) in directions(RAYS).iter().zip(&mut polar.contrasts) {
             let at = |reach: f32| [knob.center[0] + reach * u, knob.center[1] + reach * v];
             let [mut x, mut y] = at(from - 1.5).map(Image::fixed);
             let [dx, dy] = [unit * u, unit * v].map(Image::fixed);
             let [across, along] = [1.5 * u, 1.5 * v].map(|component| 2 * Image::fixed(component));
+            let is_inside = |index: usize| {
+                let [x, y] = at(from + index as f32 * unit);
+                image.contains(x, y, 2.0)
+            };
+            // Between two places inside the image all are.
+            let are_all_inside = is_inside(0) && is_inside(count - 1);
             for (index, place) in row.iter_mut().enumerate().take(count) {
-                let [px, py] = at(from + index as f32 * unit);
-                if image.contains(px, py, 2.0) {
+                if are_all_inside || is_inside(index) {
                     let contrast = (image.at(x + across, y + along) - image.at(x, y)) >> 12;
                     *place = contrast.clamp(-most, most) as i16;
                 }
@@ -79,13 +84,15 @@ impl Polar {
     fn score(&self, shifts: &[f32; RAYS], away: f32, radius: f32) -> f32 {
         let rest = radius * radius - away * away;
         let scale = 1.0 / self.unit;
-        let (mut open, mut sum, mut before) = (0, 0, 0);
-        for (shift, row) in shifts.iter().zip(&self.contrasts) {
+        let places = shifts.map(|shift| {
             let square = rest + shift * shift;
-            let place = (shift + math::sqrt(square.max(0.0)) - self.from) * scale;
+            (shift + math::finite_sqrt(square.max(0.0)) - self.from) * scale
+        });
+        let (mut open, mut sum, mut before) = (0, 0, 0);
+        for (place, row) in places.iter().zip(&self.contrasts) {
             let mut here = 0;
-            if place >= 0.0
-                && let Some(&contrast) = row.get((place + 0.5) as usize)
+            if *place >= 0.0
+                && let Some(&contrast) = row.get((place + 0.5) as i32 as usize)
                 && contrast != UNSEEN
             {
                 here = i32::from(contrast);

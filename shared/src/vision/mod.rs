@@ -41,6 +41,8 @@ mod choice;
 mod edges;
 mod ellipse;
 mod error;
+#[cfg(feature = "test-support")]
+mod evidence;
 mod find;
 mod hand_eye;
 mod hough;
@@ -55,6 +57,8 @@ mod tests;
 
 pub use edges::{EdgePoint, MAX_EDGES, row_len};
 pub use error::VisionError;
+#[cfg(feature = "test-support")]
+pub use evidence::{Evidence, evidence};
 pub use find::{Buffers, CameraBuffers, Circle, CircleSearch, Scratch, Window, find_circle};
 pub use hand_eye::{HandEyeError, HandEyeRow, HandEyeTable, MAX_HAND_EYE_ROWS};
 pub use hough::accumulator_len;

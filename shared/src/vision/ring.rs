@@ -25,14 +25,27 @@ const APART: usize = 16;
 /// Least contrast of an edge point [grey levels].
 const MIN_CONTRAST: f32 = 3.0;
 
-/// Directions of `rays` rays, 32 or 64.
-pub(super) fn directions(rays: usize) -> impl Iterator<Item = [f32; 2]> {
+/// Directions of so many rays, each turned from the one before; the same of 32 and of every other one of 64.
+const fn evenly<const N: usize>() -> [[f32; 2]; N] {
     let [cos, sin] = TURN;
-    core::iter::successors(Some([1.0, 0.0]), move |[u, v]: &[f32; 2]| {
-        Some([u * cos - v * sin, u * sin + v * cos])
-    })
-    .take(RAYS)
-    .step_by(RAYS / rays)
+    let mut directions = [[1.0, 0.0]; N];
+    let [mut u, mut v] = directions[0];
+    let mut ray = 0;
+    while ray < RAYS {
+        if ray % (RAYS / N) == 0 {
+            directions[ray * N / RAYS] = [u, v];
+        }
+        [u, v] = [u * cos - v * sin, u * sin + v * cos];
+        ray += 1;
+    }
+    directions
+}
+
+/// Directions of `rays` rays, 32 or 64.
+pub(super) fn directions(rays: usize) -> &'static [[f32; 2]] {
+    static FEW: [[f32; 2]; FEW_RAYS] = evenly();
+    static ALL: [[f32; 2]; RAYS] = evenly();
+    if rays == FEW_RAYS { &FEW } else { &ALL }
 }
 
 /// Least contrast of an edge point [grey levels].
@@ -46,6 +59,8 @@ pub(super) struct Ring {
     rays: usize,
     half: usize,
     unit: f32,
+    /// Distances of the ellipse from its centre along the rays [px].
+    reaches: [f32; RAYS],
     /// Rays inside the image, a bit for each.
     pub visible: u64,
     /// Derivative outwards, smoothed along the ellipse: the contrast of a sharp edge there.
@@ -56,15 +71,27 @@ impl Ring {
     /// Samples `half` steps of `unit` px to both sides of an ellipse, on 32 or 64 rays.
     pub fn new(image: &Image<'_>, ellipse: &Ellipse, rays: usize, (half, unit): (usize, f32)) -> Self {
         let half = half.min(MAX_HALF);
-        let mut ring =
-            Self { ellipse: *ellipse, rays, half, unit, visible: 0, contrasts: [[0; PLACES]; RAYS] };
-        for (ray, direction) in directions(rays).enumerate() {
-            if let Some(contrasts) = ring.contrasts.get_mut(ray)
-                && sample(image, ellipse, direction, (half, unit), contrasts)
-            {
-                ring.visible |= 1 << ray;
+        let mut ring = Self {
+            ellipse: *ellipse,
+            rays,
+            half,
+            unit,
+            reaches: [0.0; RAYS],
+            visible: 0,
+            contrasts: [[0; PLACES]; RAYS],
+        };
+        let root = ellipse.root();
+        for (reach, direction) in ring.reaches.iter_mut().zip(directions(rays)) {
+            *reach = ellipse.reach(root, *direction);
+        }
+        let mut visible = 0;
+        let places = ring.contrasts.iter_mut().zip(&ring.reaches).zip(directions(rays)).enumerate();
+        for (ray, ((contrasts, reach), direction)) in places {
+            if sample(image, ellipse, (*direction, *reach), (half, unit), contrasts) {
+                visible |= 1 << ray;
             }
         }
+        ring.visible = visible;
         ring.smooth();
         ring
     }
@@ -73,18 +100,18 @@ impl Ring {
     fn smooth(&mut self) {
         let last = self.rays - 1;
         let (first, mut before) = (self.contrasts[0], self.contrasts[last]);
-        let mut sees_before = self.visible >> last & 1 == 1;
+        let sees = |ray: usize| self.visible >> ray & 1 == 1;
+        let mut sees_before = sees(last);
         for ray in 0..self.rays {
             let here = self.contrasts[ray];
-            let after = if ray == last { first } else { self.contrasts[ray + 1] };
-            let sees_after = self.visible >> ((ray + 1) % self.rays) & 1 == 1;
-            let sees_here = self.visible >> ray & 1 == 1;
+            let (next, after) = if ray == last { (0, first) } else { (ray + 1, self.contrasts[ray + 1]) };
+            let sees_here = sees(ray);
             if sees_here {
                 let one = if sees_before { &before } else { &here };
-                let other = if sees_after { &after } else { &here };
-                for index in 0..=2 * self.half {
+                let other = if sees(next) { &after } else { &here };
+                for (index, contrast) in self.contrasts[ray].iter_mut().enumerate() {
                     let sum = i32::from(one[index]) + 2 * i32::from(here[index]) + i32::from(other[index]);
-                    self.contrasts[ray][index] = (sum >> 2) as i16;
+                    *contrast = (sum >> 2) as i16;
                 }
             }
             before = here;
@@ -92,16 +119,22 @@ impl Ring {
         }
     }
 
-    /// Offset from the ellipse, in steps, of the strongest edge along a ray.
-    fn edge(&self, ray: usize, least: i32) -> Option<f32> {
-        let contrasts = self.contrasts.get(ray)?;
+    /// What an edge counts at each place of a ray: half as much at the ends as in the middle, nothing beyond.
+    fn worth(&self) -> [i32; PLACES] {
         let middle = self.half as i32;
-        let (mut best, mut at) = (0, 0);
         let falloff = 512 / (middle * middle).max(1);
-        for (index, contrast) in contrasts.iter().enumerate().take(2 * self.half + 1) {
-            let away = index as i32 - middle;
-            // Half as good at the end.
-            let score = i32::from(*contrast).abs() * (1024 - falloff * away * away);
+        let mut worth = [0; PLACES];
+        for (worth, away) in worth.iter_mut().zip(-middle..=middle) {
+            *worth = 1024 - falloff * away * away;
+        }
+        worth
+    }
+
+    /// Offset from the ellipse, in steps, of the strongest edge along a ray; `worth` is [`Self::worth`].
+    fn edge(&self, contrasts: &[i16; PLACES], worth: &[i32; PLACES], least: i32) -> Option<f32> {
+        let (mut best, mut at) = (0, 0);
+        for (index, (contrast, worth)) in contrasts.iter().zip(worth).enumerate() {
+            let score = i32::from(*contrast).abs() * worth;
             if score > best {
                 (best, at) = (score, index);
             }
@@ -113,7 +146,7 @@ impl Ring {
         if heights[1] < least {
             return None;
         }
-        Some((at as i32 - middle) as f32 + peak(heights.map(|height| height as f32)))
+        Some((at as i32 - self.half as i32) as f32 + peak(heights.map(|height| height as f32)))
     }
 
     /// Edge points (x, y), with weights 0 or 1: not where `front` hides them. None if they are few.
@@ -121,13 +154,15 @@ impl Ring {
         let mut points = [([0.0; 2], 0.0); RAYS];
         let least = least_contrast(noise) * GREY_LEVEL;
         let least = (if self.unit < 1.0 { HALF_STEPS * least } else { least }) as i32;
+        let worth = self.worth();
         let mut count = 0;
-        for (ray, (direction, (point, weight))) in directions(self.rays).zip(&mut points).enumerate() {
+        let rays = directions(self.rays).iter().zip(&self.reaches).zip(&self.contrasts).zip(&mut points);
+        for (ray, (((&direction, reach), contrasts), (point, weight))) in rays.enumerate() {
             if self.visible >> ray & 1 == 0 {
                 continue;
             }
-            if let Some(offset) = self.edge(ray, least) {
-                let reach = self.ellipse.reach(direction) + offset * self.unit;
+            if let Some(offset) = self.edge(contrasts, &worth, least) {
+                let reach = reach + offset * self.unit;
                 *point = self.ellipse.point(direction, reach);
                 if !front.is_some_and(|front| hides(front, *point)) {
                     *weight = 1.0;
@@ -141,11 +176,12 @@ impl Ring {
     /// Rays whose point on the ellipse is in the image and not hidden by `front`.
     pub fn open(&self, front: Option<&Ellipse>) -> u64 {
         let Some(front) = front else { return self.visible };
-        let is_hidden =
-            |direction| hides(front, self.ellipse.point(direction, self.ellipse.reach(direction)));
+        let is_hidden = |direction, reach| hides(front, self.ellipse.point(direction, reach));
         let hidden = (0..)
-            .zip(directions(self.rays))
-            .fold(0, |mask, (ray, direction)| mask | u64::from(is_hidden(direction)) << ray);
+            .zip(directions(self.rays).iter().zip(&self.reaches))
+            .fold(0, |mask, (ray, (&direction, &reach))| {
+                mask | u64::from(is_hidden(direction, reach)) << ray
+            });
         self.visible & !hidden
     }
 
@@ -262,30 +298,31 @@ pub(super) fn hides(front: &Ellipse, point: [f32; 2]) -> bool {
     front.distance_to(point) < 0.03 * front.radius + 1.5
 }
 
-/// Derivative along a ray; false if that leaves the image.
+/// Derivative along a ray, about its point on the ellipse; false if that leaves the image.
 fn sample(
     image: &Image<'_>,
     ellipse: &Ellipse,
-    direction: [f32; 2],
+    (direction, reach): ([f32; 2], f32),
     (half, unit): (usize, f32),
     contrasts: &mut [i16; PLACES],
 ) -> bool {
-    let (reach, side) = (ellipse.reach(direction), (half + 2) as f32 * unit);
+    let side = (half + 2) as f32 * unit;
     let ends = [-side, side].map(|side| ellipse.point(direction, reach + side));
     if ends.iter().any(|[x, y]| !image.contains(*x, *y, 0.01)) {
         return false;
     }
     let [mut x, mut y] = ends[0].map(Image::fixed);
     let [dx, dy] = direction.map(|component| Image::fixed(unit * component));
-    let mut last = [0; 4];
-    for index in 0..2 * half + 5 {
-        let grey = image.at(x, y) >> 12;
-        if let Some(contrast) = index.checked_sub(4).and_then(|index| contrasts.get_mut(index)) {
-            *contrast = (2 * (last[3] - last[1]) + grey - last[0]) as i16;
-        }
-        last = [last[1], last[2], last[3], grey];
+    let mut greys = [0; PLACES + 4];
+    for grey in greys.iter_mut().take(2 * half + 5) {
+        *grey = image.at(x, y) >> 12;
         x += dx;
         y += dy;
+    }
+    // Also at places beyond `half`, where nothing is read: a fixed number takes less time.
+    for (place, contrast) in contrasts.iter_mut().enumerate() {
+        let difference = |away: usize| greys[place + 2 + away] - greys[place + 2 - away];
+        *contrast = (2 * difference(1) + difference(2)) as i16;
     }
     true
 }

@@ -29,6 +29,10 @@ impl Starts {
     pub const NONE: Self = Self { list: [None; MAX_CANDIDATES] };
 
     pub fn insert(&mut self, start: Start) {
+        // The last one is the worst: none is replaced by a worse one.
+        if self.list.last().is_some_and(|last| rank(last) >= start.score) {
+            return;
+        }
         let is_same = |known: &Start| {
             let near = 0.06 * start.ellipse.radius + 1.5;
             let [dx, dy] =

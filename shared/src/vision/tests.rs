@@ -2,6 +2,9 @@
 
 use tesaki_rng::Rng;
 
+use super::choice::{Candidate, best};
+use super::ellipse::Ellipse;
+use super::judge::weigh;
 use super::*;
 use crate::math;
 
@@ -13,6 +16,11 @@ const HEIGHT: usize = 240;
 type Row = (usize, usize, f32, f32, f32, f32, f32, f32, f32, f32);
 const ROWS: &[Row] = include!("../../../tests/oracles/data/find_circle.in");
 const PIXELS: &[u8] = include_bytes!("../../../tests/oracles/data/find_circle.bin");
+
+/// Candidates of pictures, by NumPy: index of the likeliest, its confidence; of each its circle, features of
+/// it and of the end of a knob before it, and the logarithm of the odds.
+type Judged = (usize, f32, &'static [([f32; 3], [f32; 16], Option<[f32; 12]>, f32)]);
+const JUDGED: &[Judged] = include!("../../../tests/oracles/data/circle_choice.in");
 
 /// An ellipse of one grey level.
 struct Disc {
@@ -282,4 +290,26 @@ fn what_an_independent_renderer_draws_is_found() {
     }
     assert_eq!(start, PIXELS.len());
     assert!(right >= opencv && right >= 8, "{right} right, OpenCV {opencv}");
+}
+
+/// The weights are those of the fit, and the confidence is the probability that they mean.
+#[test]
+fn the_choice_is_that_of_the_fitted_model() {
+    for (picture, &(likeliest, confidence, rows)) in JUDGED.iter().enumerate() {
+        let mut candidates = Vec::new();
+        for &([x, y, radius], features, behind, log_odds) in rows {
+            let found = weigh(&features, behind.as_ref());
+            assert!((found - log_odds).abs() < 2e-5 * (1.0 + log_odds.abs()), "{found}, not {log_odds}");
+            let ellipse = Ellipse::circle([x, y], radius);
+            candidates.push(Some(Candidate { ellipse, knob: None, log_odds: found }));
+        }
+        let (chosen, found) = best(&candidates).unwrap();
+        assert_eq!(
+            Some(chosen.ellipse),
+            candidates[likeliest].map(|candidate| candidate.ellipse),
+            "{picture}"
+        );
+        assert!((found - confidence).abs() < 2e-5, "picture {picture}: {found}, not {confidence}");
+    }
+    assert!(JUDGED.iter().any(|judged| judged.1 < 0.5) && JUDGED.iter().any(|judged| judged.1 > 0.9));
 }
