@@ -68,6 +68,7 @@ impl Node {
             let excess = joint.state.torque - weight;
             // In motion the torque may accelerate the joint as well.
             let acceleration = joint.config.acceleration(joint.state.change, velocity);
+            joint.state.begin_hold(excess);
             joint.state.pressed = abs(excess).max(abs(excess - joint.config.inertia * acceleration));
             let fading =
                 (0.5 * abs(excess) / joint.config.limits.torque_rate).min(MAX_FADING) + REACTION_TIME;
