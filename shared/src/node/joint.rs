@@ -528,8 +528,8 @@ impl Joint<'_> {
 
     /// Bounds the torque of a joint that is held after a fault, `before` in the last tick, by what it pressed
     /// with when the stop began, beside its `weight` [N·m]: against an obstacle it must not press harder. Nor
-    /// needs a joint that stands more than it has stood with before: what loads it anew moves its count, and
-    /// if that is dead the servo would drive the joint on.
+    /// needs a joint that stands, and grips nothing, more than it has stood with before: what loads it anew
+    /// moves its count, and if that is dead the servo would drive the joint on.
     /// What slows its motion down is not bounded, nor what a joint that stands still is to follow its
     /// reference with: its encoder may be dead, which shows by the torque.
     pub fn bound_hold(&mut self, before: f32, weight: f32) {
@@ -539,7 +539,10 @@ impl Joint<'_> {
         let moved = abs(state.moved_to - state.stood_at) > 0.0;
         (state.stood, state.stood_at) =
             (if moved { abs(excess) } else { state.stood.min(abs(excess)) }, state.moved_to);
-        let max = (state.pressed + config.coulomb).min(state.stood) + weight_error;
+        let pressed = state.pressed + config.coulomb;
+        // Forces that are fed forward are to act on what the joint grips.
+        let grips = self.target.feedforward != 0.0;
+        let max = weight_error + if grips { pressed } else { pressed.min(state.stood) };
         let is_led = abs(self.reference.velocity) >= STALL_SPEED;
         // A torque against a motion that goes on balances a push, or an encoder drifts.
         let slows = is_led || abs(state.change) + config.flicker < abs(velocity) * TICK;
