@@ -63,6 +63,8 @@ struct Stop {
     /// Work of the drives beyond the weight, and its allowance, since [J].
     work: f64,
     allowance: f64,
+    /// Torques beyond the weight at the beginning [N·m].
+    pressed: Vec<f64>,
     /// What the rate limits leave of each torque beyond the weight [N·m], and since when they act.
     fading: Vec<f64>,
     fades_from: Vec<u32>,
@@ -331,8 +333,11 @@ impl Oracle {
             let moved = was_true.is_some_and(|was| truth.wrapping_sub(*was).abs() > 2);
             let ends =
                 [sample, before].map(|sample| sample.positions.get(index).copied().unwrap_or_default());
-            // A load that helps the torque makes it no larger.
-            let unbalanced = excess.abs() + (load * excess.signum()).min(0.0);
+            // The torque is that for the load at the beginning of the tick. One that helps it makes it no
+            // larger.
+            let began = before.load.get(index).copied().unwrap_or_default();
+            let against = [began, load].map(|load| (load * excess.signum()).min(0.0));
+            let unbalanced = excess.abs() + against[0].min(against[1]);
             let pushed = unbalanced > breakaway && excess * (ends[0] - ends[1]) > 0.0;
             let dead = was_read == Some(read) && moved && sample.enabled && pushed;
             if let Some(ticks) = self.stuck.get_mut(index) {
@@ -370,6 +375,7 @@ impl Oracle {
                 energy: before.energy,
                 speed: reached_speed(self.before.iter().rev().nth(1), before),
                 work: 0.0,
+                pressed: excess(answered).collect(),
                 fading: torques_to_fade(answered),
                 fades_from: begin_to_fade(sample.tick, before),
                 allowance: before.energy + self.machine.tolerated_energy(),
@@ -449,7 +455,11 @@ impl Oracle {
         let stored = 2.0 * sample.stiffness * stop.energy;
         let reached = stop.contact + if after > FADING_TICKS { 0.0 } else { stop.rising };
         let limit = FORCE_RISE * (reached * reached + stored).sqrt() + self.machine.force_noise;
-        let force = in_contact && sample.contact > limit;
+        let rest = 0.5 * self.machine.mass * REST_SPEED * REST_SPEED;
+        // Forces of a robot at rest whose drives press no harder are redistributed by friction.
+        let presses = sample.energy > rest
+            || excess(sample).zip(&stop.pressed).any(|(now, then)| now.abs() > FORCE_RISE * then.abs());
+        let force = in_contact && presses && sample.contact > limit;
         stop.unnoticed = if wrong && (energy || speed || force) { stop.unnoticed + 1 } else { 0 };
         let noticeable = !wrong || stop.unnoticed > self.patience;
         if energy && noticeable {
@@ -460,7 +470,6 @@ impl Oracle {
             );
             broken.push((Rule::Energy, text));
         }
-        let rest = 0.5 * self.machine.mass * REST_SPEED * REST_SPEED;
         let holds = self.machine.model.safety.reaction == Reaction::Hold
             && sample.total == stop.total
             && !matches!(

@@ -187,6 +187,28 @@ fn a_rising_force_and_a_fast_tool_are_unsafe() {
     assert_eq!(broken(&oracle), [(Rule::ContactForce, 3), (Rule::ToolSpeed, 3)]);
 }
 
+/// Drives at rest that press no harder than at the fault are not what makes a force rise.
+#[test]
+fn only_drives_that_press_or_a_robot_in_motion_make_a_force_rise() {
+    let found = |torque: f64, energy: f64| {
+        let mut oracle = oracle();
+        for (tick, mode, contact, torque, energy) in [
+            (0, ENABLED, 2.0, 0.2, 0.0),
+            (1, Mode::Fault, 2.0, 0.2, 0.0),
+            (9, Mode::Fault, 3.0, torque, energy),
+        ] {
+            let mut next = Sample { contact, energy, ..sample(tick, mode, true) };
+            (next.torques[1], next.drives[1]) = (torque as f32, torque);
+            oracle.tick(next);
+        }
+        broken(&oracle)
+    };
+    assert_eq!(found(0.2, 0.0), []);
+    assert_eq!(found(0.22, 0.0), [(Rule::ContactForce, 9)]);
+    assert_eq!(found(-0.22, 0.0), [(Rule::ContactForce, 9)]);
+    assert_eq!(found(0.2, 2e-4), [(Rule::ContactForce, 9)]);
+}
+
 /// A force that rises by 1 N in a tick reaches 6 N before the torques fade: 6.8 N are allowed until then, and
 /// 4.7 N later.
 #[test]
@@ -275,6 +297,21 @@ fn pushing_a_joint_with_a_dead_encoder_is_unsafe() {
     // A load that balances the 0.4 N·m but for 0.05 N·m, which friction may take; one that leaves 0.15 N·m.
     assert!(!found(5e-3, -0.35));
     assert!(found(5e-3, -0.25));
+}
+
+/// The torque of the tick in which a load ends is for the load. Then three ticks are left.
+#[test]
+fn a_load_counts_in_the_tick_in_which_it_ends() {
+    let mut oracle = oracle();
+    for tick in 0..12_u8 {
+        let mut dead = sample(tick.into(), ENABLED, true);
+        dead.torques[2] = 0.4;
+        dead.counts[1][2] = 50 * i32::from(tick);
+        dead.positions[2] = 5e-3 * f64::from(tick);
+        dead.load[2] = if tick < 5 { -0.35 } else { 0.0 };
+        oracle.tick(dead);
+    }
+    assert_eq!(broken(&oracle), [(Rule::DeadEncoder, 9)]);
 }
 
 #[test]

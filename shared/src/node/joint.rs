@@ -57,6 +57,8 @@ pub(super) struct JointState {
     /// against its effort.
     gained_in: u32,
     running_away: u8,
+    /// The last tick in which the joint exceeded its velocity limit by more than its drive is capable of.
+    leapt_in: u32,
     /// How far the joint has been lifted against its weight since a stop began [rad].
     pub rise: f32,
     /// The torque beyond weight and acceleration when a stop began [N·m].
@@ -152,6 +154,7 @@ impl JointState {
             unchanged: 0,
             gained_in: 0,
             running_away: 0,
+            leapt_in: 0,
             rise: 0.0,
             pressed: 0.0,
             stood: 0.0,
@@ -163,7 +166,14 @@ impl JointState {
     /// The state with the longest encoding.
     #[cfg(test)]
     pub fn extreme() -> Self {
-        Self { zero: i32::MIN, count: i32::MIN, unchanged: u8::MAX, gained_in: u32::MAX, ..Self::new() }
+        Self {
+            zero: i32::MIN,
+            count: i32::MIN,
+            unchanged: u8::MAX,
+            gained_in: u32::MAX,
+            leapt_in: u32::MAX,
+            ..Self::new()
+        }
     }
 
     /// The state under a new model. The joint stays homed if name and encoder are unchanged.
@@ -331,7 +341,27 @@ impl Joint<'_> {
         if abs(state.change) > leap {
             return jumps(state, leap);
         }
+        if abs(config.velocity_step(state.change, velocity)) > config.largest_step() {
+            state.leapt_in = tick;
+        }
         Some((FaultCause::VelocityLimit, velocity, limit))
+    }
+
+    /// Whether what made the joint too fast in the last tick was an encoder that jumped: a push may be
+    /// stronger than the drive, but then the joint does not stop at once. Returns a fault: cause, value, limit.
+    pub fn check_leap(&mut self, tick: u32) -> Option<(FaultCause, f32, f32)> {
+        let (config, state) = (self.config, &mut *self.state);
+        let step = config.velocity_step(state.change, *self.velocity);
+        let before = state.change / TICK - step;
+        let is_back = state.leapt_in.wrapping_add(1) == tick
+            && abs(before) > config.limits.velocity
+            && before * step < 0.0
+            && abs(step) > config.largest_step();
+        if !is_back {
+            return None;
+        }
+        state.homed &= config.zero.is_some();
+        Some((FaultCause::EncoderJump, step * TICK, config.largest_step() * TICK))
     }
 
     /// Checks the control. Returns a fault: cause, value, limit.

@@ -481,6 +481,33 @@ fn a_leap_beyond_the_velocity_limit_is_an_encoder_error() {
     }
 }
 
+/// An encoder jumps by no more than a push could move the joint, and is back in the next tick; a joint is
+/// pushed and goes on; it stops at once, as at a wall, after it has got fast by and by.
+#[test]
+fn a_leap_that_ends_at_once_is_an_encoder_error() {
+    let mut model = model();
+    // 0.6 N·m make 1 g·m² faster by 6 rad/s in a tick.
+    model.joints[2].servo.observer.inertia = 1e-3;
+    model.joints[2].limits.following_error = 1.0;
+    let velocity = FaultCause::VelocityLimit;
+    let (spike, push): (&[f32], &[f32]) = (&[0.14, -0.14], &[0.14, 0.11]);
+    let crash: &[f32] = &[0.02, 0.04, 0.06, 0.08, 0.1, 0.12, 0.0];
+    let cases =
+        [(spike, &[velocity, FaultCause::EncoderJump][..]), (push, &[velocity]), (crash, &[velocity])];
+    for (changes, causes) in cases {
+        let mut rig = Rig::enabled(&model);
+        rig.tick();
+        let mut position = 0.0_f32;
+        for change in changes {
+            position += change;
+            rig.sensors.encoders[2] = libm::roundf(position * COUNTS_PER_RADIAN) as i32;
+            rig.tick();
+        }
+        let found: std::vec::Vec<_> = rig.node.faults().faults.iter().map(|fault| fault.cause).collect();
+        assert_eq!(found, causes, "{changes:?}: {:?}", rig.node.faults().faults);
+    }
+}
+
 #[test]
 fn a_low_supply_hides_no_missed_ticks() {
     let mut rig = Rig::enabled(&model());
