@@ -333,11 +333,8 @@ impl Oracle {
             let moved = was_true.is_some_and(|was| truth.wrapping_sub(*was).abs() > 2);
             let ends =
                 [sample, before].map(|sample| sample.positions.get(index).copied().unwrap_or_default());
-            // The torque is that for the load at the beginning of the tick. One that helps it makes it no
-            // larger.
-            let began = before.load.get(index).copied().unwrap_or_default();
-            let against = [began, load].map(|load| (load * excess.signum()).min(0.0));
-            let unbalanced = excess.abs() + against[0].min(against[1]);
+            // A load that helps the torque makes it no larger.
+            let unbalanced = excess.abs() + (load * excess.signum()).min(0.0);
             let pushed = unbalanced > breakaway && excess * (ends[0] - ends[1]) > 0.0;
             let dead = was_read == Some(read) && moved && sample.enabled && pushed;
             if let Some(ticks) = self.stuck.get_mut(index) {
@@ -456,9 +453,10 @@ impl Oracle {
         let reached = stop.contact + if after > FADING_TICKS { 0.0 } else { stop.rising };
         let limit = FORCE_RISE * (reached * reached + stored).sqrt() + self.machine.force_noise;
         let rest = 0.5 * self.machine.mass * REST_SPEED * REST_SPEED;
-        // Forces of a robot at rest whose drives press no harder are redistributed by friction.
+        // Where friction may take what the drives of a robot at rest do more, it redistributes the forces.
+        let mut torques = excess(sample).zip(&stop.pressed).zip(&self.machine.coulomb);
         let presses = sample.energy > rest
-            || excess(sample).zip(&stop.pressed).any(|(now, then)| now.abs() > FORCE_RISE * then.abs());
+            || torques.any(|((now, then), friction)| now.abs() > FORCE_RISE * then.abs() + friction);
         let force = in_contact && presses && sample.contact > limit;
         stop.unnoticed = if wrong && (energy || speed || force) { stop.unnoticed + 1 } else { 0 };
         let noticeable = !wrong || stop.unnoticed > self.patience;
