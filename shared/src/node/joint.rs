@@ -348,7 +348,8 @@ impl Joint<'_> {
     }
 
     /// Whether what made the joint too fast in the last tick was an encoder that jumped: a push may be
-    /// stronger than the drive, but then the joint does not stop at once. Returns a fault: cause, value, limit.
+    /// stronger than the drive, but then the joint does not stop at once. Returns a fault: cause, value,
+    /// limit.
     pub fn check_leap(&mut self, tick: u32) -> Option<(FaultCause, f32, f32)> {
         let (config, state) = (self.config, &mut *self.state);
         let step = config.velocity_step(state.change, *self.velocity);

@@ -80,7 +80,8 @@ impl Node {
     }
 
     /// Adds the work of the drives in the last period of a stop, and checks the encoders: of damped joints,
-    /// and those that may have jumped. Returns a fault when the work exceeds what is allowed, or of an encoder.
+    /// and those that may have jumped. Returns a fault when the work exceeds what is allowed, or of an
+    /// encoder.
     #[cold]
     #[inline(never)]
     pub(super) fn check_stop(&mut self) -> Option<Fault> {
