@@ -58,22 +58,22 @@ struct Stop {
     contact: f64,
     energy: f64,
     speed: f64,
+    /// How the force rises on while torques fade [N].
+    rising: f64,
     /// Work of the drives beyond the weight, and its allowance, since [J].
     work: f64,
     allowance: f64,
+    /// Torques beyond the weight at the beginning [N·m].
+    pressed: Vec<f64>,
     /// What the rate limits leave of each torque beyond the weight [N·m], and since when they act.
     fading: Vec<f64>,
-    fades_from: u32,
+    fades_from: Vec<u32>,
     /// The last disturbance.
     disturbed: u32,
     /// Whether anything but the board decides on the contact force.
     excused: bool,
     /// Whether an encoder has drifted: no robot with one encoder for each joint can tell that from motion.
     drifted: bool,
-    /// A sensor or a drive is wrong, or was so shortly before this tick; in how many ticks the board must
-    /// find it.
-    wrong_until: u32,
-    patience: u32,
     /// Ticks in which a joint has been too fast or has got too much energy, while a sensor or a drive was
     /// wrong.
     unnoticed: u32,
@@ -90,6 +90,10 @@ pub struct Oracle {
     overruled: Vec<(u32, u16)>,
     before: VecDeque<Sample>,
     stop: Option<Stop>,
+    /// A sensor or a drive is wrong, or was so shortly before this tick; in how many ticks the board must
+    /// find it.
+    wrong_until: u32,
+    patience: u32,
     /// Faults in the log, of every tick.
     total: u32,
     latest: Option<Fault>,
@@ -110,6 +114,8 @@ impl Oracle {
             overruled: Vec::new(),
             before: VecDeque::new(),
             stop: None,
+            wrong_until: 0,
+            patience: 0,
             total: 0,
             latest: None,
             stuck,
@@ -214,6 +220,13 @@ impl Oracle {
         }
         self.check_stops(&sample);
         self.check_encoders(&sample);
+        if sample.acting.encoders || sample.acting.drives {
+            // A late drive goes on for so long with what it was told before.
+            let patience = 2 * STUCK_TICKS + sample.acting.late;
+            let goes_on = sample.tick < self.wrong_until;
+            self.patience = if goes_on { self.patience.max(patience) } else { patience };
+            self.wrong_until = sample.tick + self.patience;
+        }
         self.check_stop(&sample);
         self.before.push_back(sample);
         if self.before.len() > BEFORE {
@@ -348,25 +361,25 @@ impl Oracle {
         let Some(before) = self.before.back() else { return };
         let acting = &sample.acting;
         if self.stop.is_none() {
+            let answered = self.before.iter().rev().find(|before| before.answered).unwrap_or(before);
             let contact = self.before.iter().fold(0.0, |force: f64, before| force.max(before.contact));
             self.stop = Some(Stop {
                 tick: sample.tick,
                 cause: sample.latest.map(|fault| fault.cause),
                 total: sample.total,
                 contact,
+                rising: FADING * rise(&self.before, |sample| sample.contact),
                 energy: before.energy,
-                speed: before.speed + FADING * rise(&self.before),
+                speed: reached_speed(self.before.iter().rev().nth(1), before),
                 work: 0.0,
-                fading: excess(self.before.iter().rev().find(|before| before.answered).unwrap_or(before))
-                    .collect(),
-                fades_from: sample.tick + FADING_TICKS,
+                pressed: excess(answered).collect(),
+                fading: torques_to_fade(answered),
+                fades_from: begin_to_fade(sample.tick, before),
                 allowance: before.energy + self.machine.tolerated_energy(),
                 found: sample.total,
                 disturbed: sample.tick,
                 excused: false,
                 drifted: false,
-                wrong_until: 0,
-                patience: 0,
                 unnoticed: 0,
             });
         }
@@ -377,7 +390,7 @@ impl Oracle {
             // Without a tick the robot falls: what counts is the motion at the next one.
             stop.allowance += (sample.energy - before.energy).max(0.0);
             stop.energy = stop.energy.max(sample.energy);
-            stop.speed = stop.speed.max(sample.speed + FADING * (sample.speed - before.speed).max(0.0));
+            stop.speed = stop.speed.max(reached_speed(Some(before), sample));
         }
         let unloads = acting.unloads || before.acting.held && !acting.held;
         if acting.changes || unloads {
@@ -388,13 +401,13 @@ impl Oracle {
             for (fading, balanced) in stop.fading.iter_mut().zip(excess(before)) {
                 *fading = if balanced.abs() > fading.abs() { balanced } else { *fading };
             }
-            stop.fades_from = sample.tick + STUCK_TICKS;
+            stop.fades_from.fill(sample.tick + STUCK_TICKS);
         }
         let moved = sample.positions.iter().zip(&before.positions).map(|(now, before)| now - before);
         let torques = sample.drives.iter().zip(&before.drives).map(|(now, before)| (now + before) / 2.0);
-        let fading = stop.fading.iter_mut().zip(&self.machine.model.joints);
+        let fading = stop.fading.iter_mut().zip(&stop.fades_from).zip(&self.machine.model.joints);
         if sample.enabled {
-            for (index, (((moved, torque), weight), (fading, joint))) in
+            for (index, (((moved, torque), weight), ((fading, fades_from), joint))) in
                 moved.zip(torques).zip(&sample.weight).zip(fading).enumerate()
             {
                 // The part of the weight that a weak drive does not bear is no work of the drive.
@@ -411,7 +424,7 @@ impl Oracle {
                 stop.allowance += WEIGHT_ERROR * (weight * moved).abs()
                     + modelled.max(truth) * moved.abs()
                     + (*fading * moved).max(0.0);
-                if sample.tick >= stop.fades_from {
+                if sample.tick >= *fades_from {
                     let step = f64::from(joint.limits.torque_rate) * T;
                     *fading -= fading.clamp(-step, step);
                 }
@@ -422,30 +435,31 @@ impl Oracle {
         }
         let after = sample.tick - stop.tick;
         let mut broken = Vec::new();
+        let wrong = sample.tick < self.wrong_until;
+        if wrong && sample.total > stop.found {
+            // The board has found it: from here on it must not get worse.
+            (stop.found, stop.work) = (sample.total, 0.0);
+            stop.allowance = sample.energy + self.machine.tolerated_energy();
+            stop.fading = torques_to_fade(sample);
+            stop.fades_from = begin_to_fade(sample.tick, sample);
+            stop.speed = stop.speed.max(sample.speed);
+        }
         let too_fast = REDUCED_SPEED.max(FORCE_RISE * stop.speed);
         let in_contact = !stop.excused && stop.contact > CONTACT && after > 0;
         let energy = stop.work > stop.allowance && !stop.drifted;
         let speed = in_contact && sample.speed > too_fast;
         // The motion goes on until its energy is in the wall's spring.
         let stored = 2.0 * sample.stiffness * stop.energy;
-        let limit = FORCE_RISE * (stop.contact * stop.contact + stored).sqrt() + self.machine.force_noise;
-        let force = in_contact && sample.contact > limit;
-        if acting.encoders || acting.drives {
-            // A late drive goes on for so long with what it was told before.
-            stop.patience = stop.patience.max(2 * STUCK_TICKS + acting.late);
-            stop.wrong_until = sample.tick + stop.patience;
-        }
-        let wrong = sample.tick < stop.wrong_until;
-        if wrong && sample.total > stop.found {
-            // The board has found it: from here on it must not get worse.
-            (stop.found, stop.work) = (sample.total, 0.0);
-            stop.allowance = sample.energy + self.machine.tolerated_energy();
-            stop.fading = excess(sample).collect();
-            stop.fades_from = sample.tick + FADING_TICKS;
-            stop.speed = stop.speed.max(sample.speed);
-        }
+        let reached = stop.contact + if after > FADING_TICKS { 0.0 } else { stop.rising };
+        let limit = FORCE_RISE * (reached * reached + stored).sqrt() + self.machine.force_noise;
+        let rest = 0.5 * self.machine.mass * REST_SPEED * REST_SPEED;
+        // Where friction may take what the drives of a robot at rest do more, it redistributes the forces.
+        let mut torques = excess(sample).zip(&stop.pressed).zip(&self.machine.coulomb);
+        let presses = sample.energy > rest
+            || torques.any(|((now, then), friction)| now.abs() > FORCE_RISE * then.abs() + friction);
+        let force = in_contact && presses && sample.contact > limit;
         stop.unnoticed = if wrong && (energy || speed || force) { stop.unnoticed + 1 } else { 0 };
-        let noticeable = !wrong || stop.unnoticed > stop.patience;
+        let noticeable = !wrong || stop.unnoticed > self.patience;
         if energy && noticeable {
             let text = format!(
                 "the drives brought {:.3} J into the robot within {after} ticks of the fault; \
@@ -454,7 +468,6 @@ impl Oracle {
             );
             broken.push((Rule::Energy, text));
         }
-        let rest = 0.5 * self.machine.mass * REST_SPEED * REST_SPEED;
         let holds = self.machine.model.safety.reaction == Reaction::Hold
             && sample.total == stop.total
             && !matches!(
@@ -497,9 +510,41 @@ fn excess(sample: &Sample) -> impl Iterator<Item = f64> {
     sample.drives.iter().zip(&sample.weight).map(|(drive, weight)| drive - weight)
 }
 
-/// By how much the tool got faster in the last tick [m/s].
-fn rise(before: &VecDeque<Sample>) -> f64 {
-    let mut last = before.iter().rev().map(|sample| sample.speed);
-    let [now, then] = [last.next(), last.next()].map(Option::unwrap_or_default);
-    (now - then).max(0.0)
+/// The torques of the drives beyond the weight that fade from a fault on [N·m]. A late drive has still to do
+/// what it was told before.
+fn torques_to_fade(sample: &Sample) -> Vec<f64> {
+    let told = sample.torques.iter().zip(&sample.weight).map(|(torque, weight)| f64::from(*torque) - weight);
+    let later = |(joint, (done, told)): (usize, (f64, f64))| {
+        let is_late = sample.acting.late_drives.contains(&joint);
+        if is_late && told.abs() > done.abs() { told } else { done }
+    };
+    excess(sample).zip(told).enumerate().map(later).collect()
+}
+
+/// When the torques of the joints begin to fade after a fault in `tick`.
+fn begin_to_fade(tick: u32, sample: &Sample) -> Vec<u32> {
+    let acting = &sample.acting;
+    let late = |joint| if acting.late_drives.contains(&joint) { acting.late } else { 0 };
+    (0..sample.torques.len()).map(|joint| tick + FADING_TICKS + late(joint)).collect()
+}
+
+/// The largest speed of a tool while it goes on for some ticks with the acceleration of the last one [m/s].
+fn reached_speed(before: Option<&Sample>, now: &Sample) -> f64 {
+    let then = before.map_or(&now.velocities, |before| &before.velocities);
+    let after = |ticks: u32| {
+        let tools = now.velocities.iter().zip(then);
+        let reached = move |now: f64, then: f64| now + f64::from(ticks) * (now - then);
+        tools.map(move |(now, then)| {
+            let parts = now.iter().zip(then).map(|(now, then)| reached(*now, *then));
+            parts.map(|part| part * part).sum::<f64>().sqrt()
+        })
+    };
+    (0..=FADING_TICKS).flat_map(after).fold(now.speed, f64::max)
+}
+
+/// By how much a value rose in the last tick.
+fn rise(before: &VecDeque<Sample>, value: impl Fn(&Sample) -> f64) -> f64 {
+    let mut last = before.iter().rev().map(value);
+    let [now, then] = [last.next(), last.next()];
+    now.zip(then).map_or(0.0, |(now, then)| (now - then).max(0.0))
 }

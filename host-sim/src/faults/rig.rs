@@ -380,6 +380,7 @@ impl Rig {
             drifts: is(|kind| matches!(kind, Kind::Drift { .. })),
             drives: self.acts(Family::Drive),
             late: self.acting().map(|fault| fault.kind.lateness()).max().unwrap_or(0),
+            late_drives: self.acting().filter_map(|fault| fault.kind.late_drive()).collect(),
             weak_drives: self.acting().filter_map(|fault| fault.kind.weak_drive()).collect(),
         };
         Sample {
@@ -397,6 +398,7 @@ impl Rig {
             weight: plant.weight_torques(),
             load: plant.load_torques(),
             energy: plant.kinetic_energy(),
+            velocities: tips.iter().map(|tip| tip.velocity).collect(),
             speed: tips.iter().map(|tip| norm(&tip.velocity)).fold(0.0, f64::max),
             contact,
             stiffness: plant.wall_stiffness(),

@@ -30,6 +30,8 @@ pub struct Acting {
     pub drives: bool,
     /// By how much the latest drive is late [ticks].
     pub late: u32,
+    /// The joints whose drives are late.
+    pub late_drives: Vec<usize>,
     /// The joints whose drives cannot carry the weight.
     pub weak_drives: Vec<usize>,
 }
@@ -65,7 +67,8 @@ pub struct Sample {
     pub load: Vec<f64>,
     /// Kinetic energy [J].
     pub energy: f64,
-    /// Largest speed of a tip [m/s].
+    /// Velocities of the tips, and the largest speed [m/s].
+    pub velocities: Vec<[f64; 3]>,
     pub speed: f64,
     /// Largest contact force on a tip [N].
     pub contact: f64,

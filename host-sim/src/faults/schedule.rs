@@ -206,6 +206,14 @@ impl Kind {
         }
     }
 
+    /// The joint whose drive is late.
+    pub const fn late_drive(&self) -> Option<usize> {
+        match *self {
+            Self::Late { joint, .. } => Some(joint),
+            _ => None,
+        }
+    }
+
     /// By how much a drive is late [ticks].
     pub const fn lateness(&self) -> u32 {
         match *self {

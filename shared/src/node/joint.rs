@@ -15,6 +15,8 @@ const MAX_COMPENSATED_LAG: f32 = 0.3;
 /// Ticks without a change of the angle, under a torque that moves the joint, after which the encoder is
 /// stuck. More ticks let a dead encoder accelerate the joint longer; fewer mistake quantisation for it.
 const STUCK_TICKS: u8 = 2;
+/// Share of the growth of an acceleration torque that keeps the number of such ticks.
+const EBB_SHARE: f32 = 0.4;
 /// In place of a number of such ticks: the encoder was found dead, and has not moved since.
 const FOUND_DEAD: u8 = u8::MAX;
 /// Ticks in which a joint gains speed against its torque, after which it runs away. More ticks let it gain
@@ -55,10 +57,16 @@ pub(super) struct JointState {
     /// against its effort.
     gained_in: u32,
     running_away: u8,
+    /// The last tick in which the joint exceeded its velocity limit by more than its drive is capable of.
+    leapt_in: u32,
     /// How far the joint has been lifted against its weight since a stop began [rad].
     pub rise: f32,
     /// The torque beyond weight and acceleration when a stop began [N·m].
     pub pressed: f32,
+    /// The least torque beyond the weight under which a held joint has stood since its count changed last
+    /// [N·m], and where [rad].
+    stood: f32,
+    stood_at: f32,
     pub servo: JointServoState,
 }
 
@@ -146,8 +154,11 @@ impl JointState {
             unchanged: 0,
             gained_in: 0,
             running_away: 0,
+            leapt_in: 0,
             rise: 0.0,
             pressed: 0.0,
+            stood: 0.0,
+            stood_at: 0.0,
             servo: JointServoState::at(0.0),
         }
     }
@@ -155,7 +166,14 @@ impl JointState {
     /// The state with the longest encoding.
     #[cfg(test)]
     pub fn extreme() -> Self {
-        Self { zero: i32::MIN, count: i32::MIN, unchanged: u8::MAX, gained_in: u32::MAX, ..Self::new() }
+        Self {
+            zero: i32::MIN,
+            count: i32::MIN,
+            unchanged: u8::MAX,
+            gained_in: u32::MAX,
+            leapt_in: u32::MAX,
+            ..Self::new()
+        }
     }
 
     /// The state under a new model. The joint stays homed if name and encoder are unchanged.
@@ -173,6 +191,11 @@ impl JointState {
     /// the damping.
     pub fn borne_weight(&self) -> f32 {
         1.0 - math::clamp(LESS_WEIGHT * self.rise, 0.0, MAX_UNBORNE)
+    }
+
+    /// Begins a stop in which the torque beyond the weight is `excess` [N·m].
+    pub fn begin_hold(&mut self, excess: f32) {
+        (self.stood, self.stood_at) = (abs(excess), self.moved_to);
     }
 
     /// Whether the angle is known.
@@ -318,7 +341,28 @@ impl Joint<'_> {
         if abs(state.change) > leap {
             return jumps(state, leap);
         }
+        if abs(config.velocity_step(state.change, velocity)) > config.largest_step() {
+            state.leapt_in = tick;
+        }
         Some((FaultCause::VelocityLimit, velocity, limit))
+    }
+
+    /// Whether what made the joint too fast in the last tick was an encoder that jumped: a push may be
+    /// stronger than the drive, but then the joint does not stop at once. Returns a fault: cause, value,
+    /// limit.
+    pub fn check_leap(&mut self, tick: u32) -> Option<(FaultCause, f32, f32)> {
+        let (config, state) = (self.config, &mut *self.state);
+        let step = config.velocity_step(state.change, *self.velocity);
+        let before = state.change / TICK - step;
+        let is_back = state.leapt_in.wrapping_add(1) == tick
+            && abs(before) > config.limits.velocity
+            && before * step < 0.0
+            && abs(step) > config.largest_step();
+        if !is_back {
+            return None;
+        }
+        state.homed &= config.zero.is_some();
+        Some((FaultCause::EncoderJump, step * TICK, config.largest_step() * TICK))
     }
 
     /// Checks the control. Returns a fault: cause, value, limit.
@@ -423,8 +467,18 @@ impl Joint<'_> {
             && abs(grown) > share * config.accelerating_growth
             && abs(effort) > 0.5 * config.growth
             && grown * effort > 0.0;
-        state.unchanged = if moves || accelerates { state.unchanged.saturating_add(1) } else { 0 };
-        if state.unchanged < ticks {
+        // What shows less for a tick, such as when a contact begins, is not gone.
+        let ebbs = situation.accelerates
+            && pushes
+            && abs(grown) > EBB_SHARE * config.accelerating_growth
+            && grown * effort > 0.0;
+        let shows = moves || accelerates;
+        state.unchanged = match (shows, ebbs) {
+            (true, _) => state.unchanged.saturating_add(1),
+            (false, true) => state.unchanged,
+            (false, false) => 0,
+        };
+        if !shows || state.unchanged < ticks {
             return None;
         }
         state.unchanged = FOUND_DEAD;
@@ -511,13 +565,22 @@ impl Joint<'_> {
     }
 
     /// Bounds the torque of a joint that is held after a fault, `before` in the last tick, by what it pressed
-    /// with when the stop began, beside its `weight` [N·m]: against an obstacle it must not press harder.
+    /// with when the stop began, beside its `weight` [N·m]: against an obstacle it must not press harder. Nor
+    /// needs a joint that stands, and grips nothing, more than it has stood with before: what loads it anew
+    /// moves its count, and if that is dead the servo would drive the joint on.
     /// What slows its motion down is not bounded, nor what a joint that stands still is to follow its
     /// reference with: its encoder may be dead, which shows by the torque.
     pub fn bound_hold(&mut self, before: f32, weight: f32) {
         let (config, state, velocity) = (self.config, &mut *self.state, *self.velocity);
         let excess = state.torque - weight;
-        let max = state.pressed + config.coulomb + HELD_WEIGHT_ERROR * abs(weight);
+        let weight_error = HELD_WEIGHT_ERROR * abs(weight);
+        let moved = abs(state.moved_to - state.stood_at) > 0.0;
+        (state.stood, state.stood_at) =
+            (if moved { abs(excess) } else { state.stood.min(abs(excess)) }, state.moved_to);
+        let pressed = state.pressed + config.coulomb;
+        // Forces that are fed forward are to act on what the joint grips.
+        let grips = self.target.feedforward != 0.0;
+        let max = weight_error + if grips { pressed } else { pressed.min(state.stood) };
         let is_led = abs(self.reference.velocity) >= STALL_SPEED;
         // A torque against a motion that goes on balances a push, or an encoder drifts.
         let slows = is_led || abs(state.change) + config.flicker < abs(velocity) * TICK;

@@ -68,6 +68,7 @@ impl Node {
             let excess = joint.state.torque - weight;
             // In motion the torque may accelerate the joint as well.
             let acceleration = joint.config.acceleration(joint.state.change, velocity);
+            joint.state.begin_hold(excess);
             joint.state.pressed = abs(excess).max(abs(excess - joint.config.inertia * acceleration));
             let fading =
                 (0.5 * abs(excess) / joint.config.limits.torque_rate).min(MAX_FADING) + REACTION_TIME;
@@ -78,8 +79,9 @@ impl Node {
         self.state.stop_energy = StopEnergy { work: 0.0, allowed };
     }
 
-    /// Adds the work of the drives in the last period of a stop, and checks the encoders of damped joints.
-    /// Returns a fault when the work exceeds what is allowed, or when an encoder is dead.
+    /// Adds the work of the drives in the last period of a stop, and checks the encoders: of damped joints,
+    /// and those that may have jumped. Returns a fault when the work exceeds what is allowed, or of an
+    /// encoder.
     #[cold]
     #[inline(never)]
     pub(super) fn check_stop(&mut self) -> Option<Fault> {
@@ -93,6 +95,9 @@ impl Node {
         for (index, (mut joint, weight)) in (0..).zip(all.each().zip(weight)) {
             let excess = joint.state.torque - weight;
             if damps && let Some((cause, value, limit)) = joint.check_damped_encoder(excess) {
+                return Some(Fault { cause, joint: Some(index), value, limit, tick });
+            }
+            if let Some((cause, value, limit)) = joint.check_leap(tick) {
                 return Some(Fault { cause, joint: Some(index), value, limit, tick });
             }
             let moved = joint.state.change;

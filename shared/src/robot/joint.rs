@@ -9,6 +9,8 @@ use crate::signal::PseudoDifferentiator;
 
 /// Cut-off frequency of the measured velocity [rad/s]. A higher one has less lag and more quantisation noise.
 const VELOCITY_CUTOFF: f32 = 100.0;
+/// What the filter of the velocity leaves of a change after a period: exp(−ω T).
+const FILTERED: f32 = 0.367_879_44;
 /// Tolerance of the encoder-jump check for noise [counts].
 const COUNT_NOISE: f32 = 2.0;
 /// An apparent velocity of this multiple of the velocity limit is an encoder error.
@@ -138,7 +140,18 @@ impl JointConfig {
     /// velocity is `velocity` at its end [rad/s]: as that took 63 % of the change of velocity, 2.7 times what
     /// the largest torque makes of it.
     pub(crate) fn max_leap(&self, velocity: f32) -> f32 {
-        (abs(velocity) + self.servo.acceleration(self.limits.torque) * TICK) * TICK
+        (abs(velocity) + self.largest_step()) * TICK
+    }
+
+    /// What the largest torque makes of the velocity in a period [rad/s].
+    pub(crate) fn largest_step(&self) -> f32 {
+        self.servo.acceleration(self.limits.torque) * TICK
+    }
+
+    /// What a `change` of the angle in the last period made of the velocity before, when the filtered one is
+    /// `velocity` since [rad/s].
+    pub(crate) fn velocity_step(&self, change: f32, velocity: f32) -> f32 {
+        (change / TICK - velocity) / FILTERED
     }
 
     /// The filtered acceleration [rad/s²] after a `change` of the angle in the last period [rad]; `velocity`

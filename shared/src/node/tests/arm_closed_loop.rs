@@ -43,6 +43,8 @@ pub(super) struct SimulatedArm {
     velocities: Joints,
     torques: Joints,
     pub wall: Option<Wall>,
+    /// Torques that the model does not know [N·m].
+    pub disturbance: Joints,
     /// Largest force on the wall [N] and speed of the tool [m/s] so far.
     pub max_force: f32,
     pub max_speed: f32,
@@ -65,8 +67,8 @@ impl SimulatedArm {
         let rotors = model.joints.iter().map(|joint| joint.motor.rotor_inertia);
         let chain = Chain::new(&model.joints, &model.chains[0].tip).with_rotor_inertia(rotors);
         let (angles, velocities, torques) = (Joints::from(ANGLES), Joints::zeros(), Joints::zeros());
-        let wall = None;
-        Self { model, chain, rig, angles, velocities, torques, wall, max_force: 0.0, max_speed: 0.0 }
+        let (wall, disturbance, max_force, max_speed) = (None, Joints::zeros(), 0.0, 0.0);
+        Self { model, chain, rig, angles, velocities, torques, wall, disturbance, max_force, max_speed }
     }
 
     /// Runs `ticks` under an external `force` on the tool [N].
@@ -132,7 +134,8 @@ impl SimulatedArm {
             self.max_speed = self.max_speed.max((jacobian * self.velocities).fixed_rows::<3>(0).norm());
             let external = jacobian.tr_mul(&wrench);
             let mass = self.chain.mass_matrix(angles).cholesky().unwrap();
-            let acceleration = mass.solve(&(torques - bias - self.velocities * VISCOUS + external));
+            let acceleration =
+                mass.solve(&(torques + self.disturbance - bias - self.velocities * VISCOUS + external));
             self.velocities += acceleration * (TICK / f32::from(STEPS));
             self.angles += self.velocities * (TICK / f32::from(STEPS));
         }

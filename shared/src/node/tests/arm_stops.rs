@@ -314,3 +314,24 @@ fn an_arm_that_is_stopped_on_its_way_into_a_wall_presses_only_with_its_momentum(
     assert!(arm.max_force < limit, "{} N of {limit} N; {before} N at {speed} m/s", arm.max_force);
     assert!(arm.wall_force().norm() < 5.0 && arm.speed() < 1e-2);
 }
+
+/// What the tracking has learnt of the errors of the model is as true after a missed tick as before it.
+#[test]
+fn a_missed_tick_does_not_let_the_arm_sag() {
+    let settings = ImpedanceSettings { max_deviation: [0.6, 1.0], ..SOFT };
+    let mut arm = SimulatedArm::enabled(&settings, Some(SENSOR));
+    arm.disturbance[3] = 2.0;
+    arm.run(300, Vector3::zeros());
+    let start = arm.tool();
+    let kept = arm.rig.node.telemetry().joints.iter().map(|joint| joint.torque).collect();
+    arm.advance(Vector3::zeros(), &ActuatorFrame { sequence: 0, enabled: true, torques: kept });
+    arm.rig.sensors.sequence += 1;
+    let mut farthest = 0.0_f32;
+    for _ in 0..50 {
+        arm.tick(Vector3::zeros());
+        farthest = farthest.max((arm.tool() - start).norm());
+    }
+    assert_eq!(arm.rig.node.faults().faults.last().unwrap().cause, FaultCause::LateTick);
+    assert_eq!(arm.rig.node.state.reaction, Reaction::Hold);
+    assert!(farthest < 1e-3, "{farthest} m");
+}

@@ -481,6 +481,33 @@ fn a_leap_beyond_the_velocity_limit_is_an_encoder_error() {
     }
 }
 
+/// An encoder jumps by no more than a push could move the joint, and is back in the next tick; a joint is
+/// pushed and goes on; it stops at once, as at a wall, after it has got fast by and by.
+#[test]
+fn a_leap_that_ends_at_once_is_an_encoder_error() {
+    let mut model = model();
+    // 0.6 N·m make 1 g·m² faster by 6 rad/s in a tick.
+    model.joints[2].servo.observer.inertia = 1e-3;
+    model.joints[2].limits.following_error = 1.0;
+    let velocity = FaultCause::VelocityLimit;
+    let (spike, push): (&[f32], &[f32]) = (&[0.14, -0.14], &[0.14, 0.11]);
+    let crash: &[f32] = &[0.02, 0.04, 0.06, 0.08, 0.1, 0.12, 0.0];
+    let cases =
+        [(spike, &[velocity, FaultCause::EncoderJump][..]), (push, &[velocity]), (crash, &[velocity])];
+    for (changes, causes) in cases {
+        let mut rig = Rig::enabled(&model);
+        rig.tick();
+        let mut position = 0.0_f32;
+        for change in changes {
+            position += change;
+            rig.sensors.encoders[2] = libm::roundf(position * COUNTS_PER_RADIAN) as i32;
+            rig.tick();
+        }
+        let found: std::vec::Vec<_> = rig.node.faults().faults.iter().map(|fault| fault.cause).collect();
+        assert_eq!(found, causes, "{changes:?}: {:?}", rig.node.faults().faults);
+    }
+}
+
 #[test]
 fn a_low_supply_hides_no_missed_ticks() {
     let mut rig = Rig::enabled(&model());
@@ -691,4 +718,26 @@ fn a_held_joint_whose_encoder_drifts_away_from_an_obstacle_presses_no_harder() {
         assert!(torque < pressed + 0.04, "{torque} N·m after {drift} ticks, {pressed} N·m before");
     }
     assert_eq!((rig.node.faults().total, rig.node.state.reaction), (1, Reaction::Hold));
+}
+
+/// The encoder of a joint dies under a torque that friction might hold. The servo, which learns the error as
+/// a disturbance, must not add to it; but where a force is fed forward it may.
+#[test]
+fn a_stop_does_not_press_on_with_a_joint_that_stands() {
+    for grips in [false, true] {
+        let mut rig = Rig::ready(&model());
+        assert_eq!(rig.ask(Request::Enable(TaskConfig::JointServo(ServoMode::Observer))), Reply::Done);
+        rig.tick();
+        for step in 1..=4_u8 {
+            assert_eq!(rig.ask(stream(1e-3 * f32::from(step), 0.1)), Reply::Done);
+            rig.tick();
+        }
+        assert_eq!(rig.ask(Request::Stop), Reply::Done);
+        rig.node.state.targets.joints[2].feedforward = if grips { 1e-6 } else { 0.0 };
+        let torques: std::vec::Vec<f32> = (0..60).map(|_| rig.tick().torques[2]).collect();
+        assert_eq!((rig.node.faults().total, rig.node.state.reaction), (1, Reaction::Hold));
+        let lowest = torques.iter().fold(f32::INFINITY, |lowest, torque| lowest.min(torque.abs()));
+        assert!(torques[59] > 1e-4, "{torques:?}");
+        assert_eq!(torques[59] > lowest + 1e-5, grips, "{lowest} N·m, then {torques:?}");
+    }
 }

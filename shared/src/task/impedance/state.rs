@@ -28,6 +28,8 @@ use crate::model::MAX_CHAIN_JOINTS;
 use redundancy::driven_joint;
 use stop::Release;
 
+pub(super) use stop::Reference;
+
 /// State of the impedance control.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize, Schema)]
 pub struct ImpedanceState {

@@ -2,6 +2,7 @@ use nalgebra::Vector3;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
+use super::state::Reference;
 use super::{
     Arm, ArmMeasurement, ForceSource, ImpedanceRefusal, ImpedanceSettings, ImpedanceState,
     ImpedanceTelemetry, SetpointError, own_mass,
@@ -119,8 +120,12 @@ impl Task for ImpedanceControl {
         );
         match Arm::of(io.robot) {
             Some(arm) if force_is_valid || self.state.estimates_force() => {
-                let lost = fault.cause.invalidates_reference() || fault.cause == FaultCause::LateTick;
-                self.state.halt(&arm, &ArmMeasurement::of(io.measured), lost);
+                let reference = match fault.cause {
+                    FaultCause::LateTick => Reference::Late,
+                    cause if cause.invalidates_reference() => Reference::Wrong,
+                    _ => Reference::Valid,
+                };
+                self.state.halt(&arm, &ArmMeasurement::of(io.measured), reference);
                 Halt::Task
             }
             // Without its force the control would press on what it touches.

@@ -13,6 +13,7 @@ use super::super::tuning::{RELEASE_ANGULAR_SPEED, RELEASE_SPEED};
 use super::super::{Arm, ArmAngle, ArmMeasurement};
 use super::ImpedanceState;
 use crate::TICK;
+use crate::control::ObserverState;
 use crate::kinematics::{ElbowSetpoint, PosePoint, Posture};
 use crate::math;
 
@@ -29,15 +30,32 @@ pub(super) enum Release {
     Done,
 }
 
+/// What a stop takes over of the reference arm.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Reference {
+    /// All of it.
+    Valid,
+    /// The disturbances: the arm moved on without control for some ticks. What balanced the errors of the
+    /// model does so on.
+    Late,
+    /// Nothing: what drove the arm away from it is not known.
+    Wrong,
+}
+
 impl ImpedanceState {
     /// Begins a controlled stop. The set-points are where tool and elbow are; in contact that of the tool
-    /// moves there slowly, which releases what the tool presses on. With `use_measured_state` the reference
-    /// arm, which has lost the real one, begins where that is.
-    pub fn halt(&mut self, arm: &Arm<'_>, measurement: &ArmMeasurement, use_measured_state: bool) {
-        if use_measured_state {
+    /// moves there slowly, which releases what the tool presses on. A reference arm that has lost the real
+    /// one begins where that is.
+    pub fn halt(&mut self, arm: &Arm<'_>, measurement: &ArmMeasurement, reference: Reference) {
+        if reference != Reference::Valid {
             (self.angles, self.velocities) = (measurement.angles, measurement.velocities);
-            self.observers = Self::NONE.observers;
             self.tool_acceleration = [0.0; 3];
+            for observer in &mut self.observers {
+                observer.reset_motion();
+                if reference == Reference::Wrong {
+                    *observer = ObserverState::new();
+                }
+            }
         }
         self.halted = true;
         self.take_own_mass(arm);
