@@ -31,7 +31,9 @@ pub(super) const SCENARIO: Scenario = Scenario {
          differs from the controller's model by up to 20 %.",
         "Time-domain passivity control: each port of the link counts the energy that enters and leaves there, \
          and limits its output to the energy that has entered at the other port, by damping at the handle \
-         and by holding back the arm's set-point. Each port has a reserve of 20 mJ. A deficit beyond it is \
+         and by holding back the arm's set-point. While a force is reflected, the handle is damped as much \
+         as the link's delay needs. In contact the arm's set-point has no velocity, so that only the spring \
+         pulls the arm, whose energy is counted. Each port has a reserve of 20 mJ. A deficit beyond it is \
          the energy of the first contact, which neither port could know of in time. The ports count with \
          the spring's force; the metrics use the true forces and displacements of handle and wall. The \
          handle has settled when it stays within 2 mm of its final position. The last run is without \
@@ -62,7 +64,8 @@ const SETTLING_BAND: f64 = 0.002;
 /// Without a reserve, the energy deficit of the first contact could hold back the arm's set-point for good.
 /// The damping at the handle stays below 150 N·s/m, the stability limit for a hand of 1.5 kg and a zero-order
 /// hold of 10 ms.
-const LIMITS: PowerPortLimits = PowerPortLimits { max_damping: 100.0, energy_reserve: 0.02 };
+const LIMITS: PowerPortLimits =
+    PowerPortLimits { max_damping: 100.0, contact_damping: 0.0, energy_reserve: 0.02 };
 
 /// State of master and link in a tick.
 #[derive(Clone, Copy)]
@@ -218,7 +221,7 @@ pub(super) fn press_wall(
     let link = LinkValues { delay, ..LinkValues::default() };
     let mut forward = Link::<ForwardMessage>::new(link, seed);
     let mut backward = Link::<BackwardMessage>::new(link, seed + 1000);
-    let mut ends = Ends::new(start, elbow, point, stiffness, passivity_control);
+    let mut ends = Ends::new(start, elbow, point, (stiffness, delay), passivity_control);
     for tick in 1..=((BEGIN + stroke.time + stroke.stay) / T).round() as usize {
         let time = tick as f64 * T;
         let measured = master.run(&motion, time).last().map(|(_, pose)| Vector3::from(pose.position));
@@ -250,6 +253,7 @@ pub(super) fn press_wall(
 struct Ends {
     master: PowerPort,
     slave: PowerPort,
+    limits: PowerPortLimits,
     passivity_control: bool,
     elbow: ElbowSetpoint,
     point: PosePoint,
@@ -278,11 +282,14 @@ impl Ends {
         start: Vector3<f64>,
         elbow: ElbowSetpoint,
         point: PosePoint,
-        stiffness: f32,
+        (stiffness, delay): (f32, f64),
         passivity_control: bool,
     ) -> Self {
         let zero = Vector3::zeros();
+        // What the operator's arm damps by itself is not known.
+        let limits = LIMITS.calm(0.0, stiffness, 2.0 * delay as f32);
         Self {
+            limits,
             master: PowerPort::new(),
             slave: PowerPort::new(),
             passivity_control,
@@ -320,7 +327,7 @@ impl Ends {
         let desired = (self.target - self.reference).map(|part| part as f32);
         let push_after = if contact { push + desired * stiffness } else { Vector3::zeros() };
         let displacement = if self.passivity_control {
-            self.slave.limit_displacement(&LIMITS, self.master_energy, &push_after, &desired)
+            self.slave.limit_displacement(&self.limits, self.master_energy, &push_after, &desired)
         } else {
             desired
         };
@@ -328,15 +335,19 @@ impl Ends {
         self.reference += displacement.map(f64::from);
         let mut setpoint = self.point;
         setpoint.position = self.reference.map(|part| part as f32).into();
-        let velocity = displacement / T as f32;
-        setpoint.velocity = [velocity.x, velocity.y, velocity.z, 0.0, 0.0, 0.0];
+        // In contact the damper of the impedance brakes the arm. Towards a moving set-point it would also pull
+        // the arm, with energy that the port does not count.
+        if !(contact && self.passivity_control) {
+            let velocity = displacement / T as f32;
+            setpoint.velocity = [velocity.x, velocity.y, velocity.z, 0.0, 0.0, 0.0];
+        }
         (setpoint, -push)
     }
 
     /// Force on the handle, damping included [N].
     fn handle_force(&mut self) -> Vector3<f32> {
         self.damping = if self.passivity_control {
-            self.master.damping_force(&LIMITS, self.slave_energy, &self.force, &self.velocity)
+            self.master.damping_force(&self.limits, self.slave_energy, &self.force, &self.velocity)
         } else {
             Vector3::zeros()
         };

@@ -49,6 +49,10 @@ pub struct PowerPortLimits {
     /// Maximum damping at the master [N·s/m]; less than the mass of handle and hand over the control period,
     /// for stability.
     pub max_damping: f32,
+    /// Damping at the master while the link exerts a force there, whatever the energies [N·s/m]: 0 to
+    /// `max_damping`. Without it a handle on a late spring swings until the reserve is used up;
+    /// [`PowerPortLimits::calm`] says how much a link needs.
+    pub contact_damping: f32,
     /// Energy that may leave before any entered [J]: lets the slave begin to compress a spring.
     pub energy_reserve: f32,
 }
@@ -142,6 +146,18 @@ impl PowerPortLimits {
     }
 }
 
+impl PowerPortLimits {
+    /// The same limits with the `contact_damping` with which a handle in contact comes to rest by itself:
+    /// `K·(τ + T/2)` less `own_damping`, its own [N·s/m], 0 for a bare one; `stiffness` K [N/m] and
+    /// `round_trip` τ [s] as in [`PowerPortLimits::check_link`], whose condition it is. At least 0, at most
+    /// `max_damping`.
+    #[must_use]
+    pub const fn calm(self, own_damping: f32, stiffness: f32, round_trip: f32) -> Self {
+        let damping = stiffness * (round_trip + 0.5 * TICK) - own_damping;
+        Self { contact_damping: math::clamp(damping, 0.0, self.max_damping), ..self }
+    }
+}
+
 impl PowerPort {
     /// No energy has passed yet.
     pub const fn new() -> Self {
@@ -185,8 +201,9 @@ impl PowerPort {
         (self.dissipated, self.uncounted_damping) = (self.dissipated.saturating_add(counted), rest);
     }
 
-    /// Damping force [N] to add to `force` at the master, whose handle moves with `velocity` [m/s].
-    /// `received` is the last known input at the other end [µJ].
+    /// Damping force [N] to add to `force` at the master, whose handle moves with `velocity` [m/s]: what
+    /// dissipates the energy that has left in excess, and at least the `contact_damping` where there is a
+    /// force. `received` is the last known input at the other end [µJ].
     pub fn damping_force(
         &self,
         limits: &PowerPortLimits,
@@ -197,10 +214,11 @@ impl PowerPort {
         let work = force.dot(velocity) * TICK;
         let excess = if work > 0.0 { work } else { 0.0 } - self.available_energy(limits, received);
         let square = velocity.norm_squared();
-        if excess <= 0.0 || square < REST_SPEED * REST_SPEED {
+        if square < REST_SPEED * REST_SPEED {
             return Vector3::zeros();
         }
-        velocity * -math::clamp(excess / (square * TICK), 0.0, limits.max_damping)
+        let least = if *force == Vector3::zeros() { 0.0 } else { limits.contact_damping };
+        velocity * -math::clamp(excess / (square * TICK), least, limits.max_damping)
     }
 
     /// The part of the `displacement` [m] that the available energy allows at the slave under the link
@@ -246,7 +264,8 @@ const fn split(energy: f32) -> (i64, f32) {
 mod tests {
     use super::*;
 
-    const LIMITS: PowerPortLimits = PowerPortLimits { max_damping: 50.0, energy_reserve: 0.0 };
+    const LIMITS: PowerPortLimits =
+        PowerPortLimits { max_damping: 50.0, contact_damping: 0.0, energy_reserve: 0.0 };
 
     /// Amplitude of a mass on a spring over a link with 60 ms of delay: unstable without the ports, passive
     /// with them.
@@ -316,7 +335,7 @@ mod tests {
 
     #[test]
     fn a_link_with_more_delay_than_the_damping_is_good_for_is_refused_with_the_one_that_would_do() {
-        let limits = PowerPortLimits { max_damping: 100.0, energy_reserve: 0.02 };
+        let limits = PowerPortLimits { max_damping: 100.0, contact_damping: 0.0, energy_reserve: 0.02 };
         // 100/300 s less 5 ms: both directions of 160 ms, and not of 170.
         assert_eq!(limits.check_link([1.5, 0.0], 300.0, 0.32), Ok(()));
         let UnsuitableLink::Delay { limit, stiffness, .. } =
@@ -347,6 +366,63 @@ mod tests {
     fn the_condition_separates_handles_that_rest_from_those_that_swing() {
         // 100/1500 s less 5 ms: 61.7 ms.
         assert!(comes_to_rest(0.055) && !comes_to_rest(0.068));
+    }
+
+    /// How far a handle still swings [m], two to three seconds after a person (1.5 kg, 15 N·s/m, 300 N/m) has
+    /// pressed it 3 cm into a spring of 300 N/m that is felt 100 ms later, over ports with a reserve of 20
+    /// mJ. The spring's end always has the energy: only the handle's end limits.
+    fn swings_in_contact(limits: &PowerPortLimits) -> f32 {
+        let still = Vector3::zeros();
+        let [mut master, mut slave] = [PowerPort::new(); 2];
+        let [mut position, mut velocity, mut force, mut reference] = [still; 4];
+        let mut late = [(still, 0_i64); 5].to_vec();
+        let mut back = late.clone();
+        let [mut least, mut most] = [f32::MAX, f32::MIN];
+        for tick in 0..400 {
+            late.push((position, master.energy_in()));
+            let (target, _) = late.remove(0);
+            slave.account(&((target + reference) * 150.0), &still, &(target - reference));
+            reference = target;
+            back.push((reference * -300.0, slave.energy_in()));
+            let (pushed, received) = back.remove(0);
+            force.copy_from(&pushed);
+            let damping = master.damping_force(limits, received, &force, &velocity);
+            let operator = (Vector3::new(0.03, 0.0, 0.0) - position) * 300.0 - velocity * 15.0;
+            let acceleration = (force + damping + operator) / 1.5;
+            let displacement = velocity * TICK + acceleration * (0.5 * TICK * TICK);
+            master.account(&force, &damping, &displacement);
+            position += displacement;
+            velocity += acceleration * TICK;
+            if (200..300).contains(&tick) {
+                (least, most) = (least.min(position.x), most.max(position.x));
+            }
+        }
+        most - least
+    }
+
+    #[test]
+    fn a_handle_in_contact_comes_to_rest_before_the_reserve_is_used_up() {
+        let reserve = PowerPortLimits { max_damping: 100.0, contact_damping: 0.0, energy_reserve: 0.02 };
+        // 300 N/m times 105 ms, less its own 15 N·s/m; none for a handle with more, and no more than the
+        // limit.
+        let calm = reserve.calm(15.0, 300.0, 0.1);
+        assert!((calm.contact_damping - 16.5).abs() < 1e-4, "{calm:?}");
+        assert!(reserve.calm(60.0, 300.0, 0.1).contact_damping.abs() < f32::EPSILON);
+        assert!((reserve.calm(0.0, 300.0, 1.0).contact_damping - 100.0).abs() < f32::EPSILON);
+        let [swinging, calm] = [reserve, calm].map(|limits| swings_in_contact(&limits));
+        assert!(swinging > 2e-3 && calm < 2e-4, "{swinging} {calm}");
+    }
+
+    #[test]
+    fn contact_damps_the_handle_and_free_motion_does_not() {
+        let limits = PowerPortLimits { max_damping: 100.0, contact_damping: 20.0, energy_reserve: 1.0 };
+        let (port, velocity) = (PowerPort::new(), Vector3::new(0.1, 0.0, 0.0));
+        let damping =
+            |force: f32, velocity| port.damping_force(&limits, 0, &Vector3::new(force, 0.0, 0.0), velocity).x;
+        assert!((damping(-3.0, &velocity) + 2.0).abs() < 1e-6);
+        assert!(damping(0.0, &velocity).abs() < f32::EPSILON);
+        // At rest there is only noise.
+        assert!(damping(-3.0, &(velocity * 5e-4)).abs() < f32::EPSILON);
     }
 
     #[test]
@@ -424,8 +500,10 @@ mod tests {
     /// % loss. On every sample the energy that has left at the slave is at most what had entered at the
     /// master, and the reserve.
     fn press(seed: u64) {
-        const LIMITS: PowerPortLimits = PowerPortLimits { max_damping: 100.0, energy_reserve: 0.02 };
         let mut draws = Draws(seed);
+        // With and without damping in contact.
+        let contact_damping = 100.0 * draws.next() * ((seed % 2) as f32);
+        let limits = PowerPortLimits { max_damping: 100.0, contact_damping, energy_reserve: 0.02 };
         // 50 to 50 000 N/m, evenly in the logarithm.
         let wall = 50.0 * math::exp(6.907_755 * draws.next());
         let mut forward = Line::random(&mut draws);
@@ -448,7 +526,7 @@ mod tests {
             });
             let desired = target - reference;
             let displacement =
-                slave.limit_displacement(&LIMITS, from_master, &push(&(reference + desired)), &desired);
+                slave.limit_displacement(&limits, from_master, &push(&(reference + desired)), &desired);
             // A spring beyond a gap: the work of the end's force over the displacement is an upper bound.
             let ends = push(&(reference + displacement));
             let (begin, length) = (push(&reference), displacement.norm());
@@ -470,7 +548,7 @@ mod tests {
                 force = pushed;
                 from_slave = from_slave.max(energy);
             });
-            let damping = master.damping_force(&LIMITS, from_slave, &force, &velocity);
+            let damping = master.damping_force(&limits, from_slave, &force, &velocity);
             // The operator: 300 N/m, 15 N·s/m, 1.5 kg; forwards for a second, back for another.
             let goal = Vector3::new(if tick % 200 < 100 { 0.05 } else { 0.0 }, 0.0, 0.0);
             let operator = (goal - position) * 300.0 - velocity * 15.0;

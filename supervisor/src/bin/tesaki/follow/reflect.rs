@@ -101,8 +101,9 @@ pub fn link(
     let of_slave = springs(&slave.impedance, &args.impedance)?;
     let least = |[x, y, z, ..]: [f32; 6]| x.min(y).min(z);
     let handle = [least(master.impedance.mass), least(master.impedance.damping)];
-    let limits = PowerPortLimits { max_damping: MAX_DAMPING * handle[0], energy_reserve: ENERGY_RESERVE };
-    check(&limits, handle, of_slave.max(), round_trip, args)?;
+    let max_damping = MAX_DAMPING * handle[0];
+    let limits = PowerPortLimits { max_damping, contact_damping: 0.0, energy_reserve: ENERGY_RESERVE };
+    let limits = check(&limits, handle, of_slave.max(), round_trip, args)?;
     let shared = Shared::default();
     let (sender, answer) = channel();
     let handle = Handle {
@@ -134,19 +135,20 @@ pub fn link(
 }
 
 /// Refuses links with more delay than the damping of the handle, with its mass [kg] and its own damping
-/// [N·s/m], is good for.
+/// [N·s/m], is good for. Returns the limits with the damping in contact for this delay.
 fn check(
     limits: &PowerPortLimits,
     handle: [f32; 2],
     stiffness: f32,
     round_trip: Duration,
     args: &Follow,
-) -> Result<(), Failure> {
+) -> Result<PowerPortLimits, Failure> {
     // Way and force are both scaled.
     let scaling = args.scale * args.scale;
     let delay = round_trip + HELD * PERIOD;
-    let Err(unsuitable) = limits.check_link(handle, stiffness * scaling, delay.as_secs_f32()) else {
-        return Ok(());
+    let (scaled, seconds) = (stiffness * scaling, delay.as_secs_f32());
+    let Err(unsuitable) = limits.check_link(handle, scaled, seconds) else {
+        return Ok(limits.calm(handle[1], scaled, seconds));
     };
     Err(Failure::Usage(match unsuitable {
         UnsuitableLink::Delay { round_trip: delay, limit, stiffness: allowed } => format!(
@@ -163,7 +165,7 @@ fn check(
                 "the handle is not calm even without delay".to_owned()
             },
             f64::from(allowed / scaling).floor(),
-            f64::from(stiffness * scaling * (delay + 0.5 * TICK) - limits.max_damping).ceil()
+            f64::from(scaled * (delay + 0.5 * TICK) - limits.max_damping).ceil()
         ),
         other => format!("--reflect: {other}"),
     }))
@@ -238,9 +240,11 @@ impl Reflection {
         let allowed = self.port.limit_displacement(&self.limits, received, &push, &desired);
         if allowed != desired {
             point.position = (setpoint + allowed).into();
-            point.velocity[..3].fill(0.0);
-            point.acceleration[..3].fill(0.0);
         }
+        // Towards a set-point that moves, the damper of the impedance would pull the tool with energy that the
+        // port does not count.
+        point.velocity[..3].fill(0.0);
+        point.acceleration[..3].fill(0.0);
         point
     }
 
