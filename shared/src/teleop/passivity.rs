@@ -410,7 +410,7 @@ mod tests {
         assert!(reserve.calm(60.0, 300.0, 0.1).contact_damping.abs() < f32::EPSILON);
         assert!((reserve.calm(0.0, 300.0, 1.0).contact_damping - 100.0).abs() < f32::EPSILON);
         let [swinging, calm] = [reserve, calm].map(|limits| swings_in_contact(&limits));
-        assert!(swinging > 2e-3 && calm < 2e-4, "{swinging} {calm}");
+        assert!(swinging > 1e-2 && calm < 1e-3, "{swinging} {calm}");
     }
 
     #[test]
