@@ -335,8 +335,8 @@ impl Ends {
         self.reference += displacement.map(f64::from);
         let mut setpoint = self.point;
         setpoint.position = self.reference.map(|part| part as f32).into();
-        // In contact the damper of the impedance brakes the arm. Towards a moving set-point it would also pull
-        // the arm, with energy that the port does not count.
+        // In contact the damper of the impedance brakes the arm. Towards a moving set-point it would also
+        // pull the arm, with energy that the port does not count.
         if !(contact && self.passivity_control) {
             let velocity = displacement / T as f32;
             setpoint.velocity = [velocity.x, velocity.y, velocity.z, 0.0, 0.0, 0.0];

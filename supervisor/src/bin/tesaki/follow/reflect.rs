@@ -241,8 +241,8 @@ impl Reflection {
         if allowed != desired {
             point.position = (setpoint + allowed).into();
         }
-        // Towards a set-point that moves, the damper of the impedance would pull the tool with energy that the
-        // port does not count.
+        // Towards a set-point that moves, the damper of the impedance would pull the tool with energy that
+        // the port does not count.
         point.velocity[..3].fill(0.0);
         point.acceleration[..3].fill(0.0);
         point
