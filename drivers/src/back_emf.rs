@@ -32,14 +32,16 @@ pub struct Period {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BackEmf {
     winding: Winding,
+    /// A count of the encoder in a control period, as a velocity [rad/s].
+    count: f32,
     /// The last two periods, the last one first.
     past: [Option<Period>; 2],
 }
 
 impl BackEmf {
-    /// For a motor of this winding.
-    pub const fn new(winding: Winding) -> Self {
-        Self { winding, past: [None; 2] }
+    /// For a motor of this winding and an encoder with a count of this angle [rad].
+    pub fn new(winding: Winding, angle: f32) -> Self {
+        Self { winding, count: math::abs(angle) / TICK, past: [None; 2] }
     }
 
     /// Takes the next period, `None` if the motor was not driven throughout. Returns whether the encoder has
@@ -62,7 +64,9 @@ impl BackEmf {
         let Winding { resistance, inductance, back_emf } = self.winding;
         let current = now.current - past.current;
         let of_current = RESISTANCE_ERROR * resistance + 2.0 * inductance / TICK;
-        let error = of_current * math::abs(current) + CONSTANT_ERROR * back_emf * lost + VOLTAGE_ERROR;
+        // Each velocity is off by up to a count.
+        let of_velocity = CONSTANT_ERROR * lost + 2.0 * self.count;
+        let error = of_current * math::abs(current) + back_emf * of_velocity + VOLTAGE_ERROR;
         let gained = direction * (now.voltage - past.voltage - resistance * current);
         gained + back_emf * lost > error
     }
@@ -94,6 +98,8 @@ mod tests {
         stop: f64,
         /// Angle by the encoder, and whether it is dead.
         encoder: f64,
+        /// Angle of a count [rad].
+        count: f64,
         is_dead: bool,
         watch: BackEmf,
         time: f64,
@@ -102,7 +108,8 @@ mod tests {
     }
 
     impl Joint {
-        fn new(kind: usize, errors: [f64; 3]) -> Self {
+        fn new(kind: usize, errors: [f64; 3], counts_per_turn: f64) -> Self {
+            let count = std::f64::consts::TAU / counts_per_turn;
             let winding = WINDINGS[kind];
             let (inertia, coulomb) = MECHANICS[kind];
             Self {
@@ -116,8 +123,9 @@ mod tests {
                 current: 0.0,
                 stop: f64::INFINITY,
                 encoder: 0.0,
+                count,
                 is_dead: false,
-                watch: BackEmf::new(winding),
+                watch: BackEmf::new(winding, count as f32),
                 time: 0.0,
                 last: 0.0,
                 noise: 1,
@@ -165,7 +173,7 @@ mod tests {
                 }
                 self.is_dead |= f64::from(step) >= 200.0 * dies;
                 if !self.is_dead {
-                    self.encoder = (self.angle / 1e-4).floor() * 1e-4;
+                    self.encoder = (self.angle / self.count).floor() * self.count;
                 }
             }
             self.time += 0.01;
@@ -193,14 +201,20 @@ mod tests {
             for (amplitude, frequency, stop) in
                 [(0.3, 0.5, 1.0), (0.1, 3.0, 1.0), (0.5, 1.0, 0.4), (0.5, 2.0, 0.1), (0.02, 4.0, 1.0)]
             {
-                let mut joint = Joint::new(kind, errors);
-                joint.stop = stop;
-                let rate = std::f64::consts::TAU * frequency;
-                for _ in 0..1000 {
-                    let phase = rate * joint.time;
-                    let reference = (amplitude * phase.sin(), amplitude * rate * phase.cos());
-                    let is_dead = joint.period(reference.0, reference.1, 2.0);
-                    assert!(!is_dead, "{kind} {errors:?} {amplitude} {frequency} at {} s", joint.time);
+                for counts_per_turn in [1000.0, 4000.0, 65536.0] {
+                    let mut joint = Joint::new(kind, errors, counts_per_turn);
+                    joint.stop = stop;
+                    let rate = std::f64::consts::TAU * frequency;
+                    for _ in 0..1000 {
+                        let phase = rate * joint.time;
+                        let reference = (amplitude * phase.sin(), amplitude * rate * phase.cos());
+                        let is_dead = joint.period(reference.0, reference.1, 2.0);
+                        let time = joint.time;
+                        assert!(
+                            !is_dead,
+                            "{kind} {errors:?} {amplitude} {frequency} {counts_per_turn} at {time}"
+                        );
+                    }
                 }
             }
         }
@@ -214,7 +228,7 @@ mod tests {
                 [1.0, 3.0].into_iter().flat_map(|v| (0..10).map(move |step| (v, f64::from(step) / 10.0)))
             {
                 let velocity = if kind == 0 { velocity } else { 5.0 * velocity };
-                let mut joint = Joint::new(kind, errors);
+                let mut joint = Joint::new(kind, errors, 65536.0);
                 let mut run = |periods: u32, dies: f64| {
                     (1..=periods).find(|_| {
                         let reference = velocity * joint.time;
@@ -236,7 +250,7 @@ mod tests {
     fn by_hand() {
         let past = Period { voltage: 3.0, current: 2.0, velocity: 10.0 };
         let says = |voltage: f32, current: f32, velocity: f32| {
-            let mut watch = BackEmf::new(WINDINGS[1]);
+            let mut watch = BackEmf::new(WINDINGS[1], 0.0);
             assert!(!watch.update(Some(past)));
             watch.update(Some(Period { voltage, current, velocity }))
         };
@@ -244,7 +258,7 @@ mod tests {
         assert!(says(1.66, 1.0, 0.0) && !says(1.64, 1.0, 0.0));
         assert!(!says(3.0, 2.0, 10.5), "faster");
         assert!(!says(3.0, -0.1, 0.0), "brushes");
-        let mut watch = BackEmf::new(WINDINGS[1]);
+        let mut watch = BackEmf::new(WINDINGS[1], 0.0);
         let stopped = Some(Period { velocity: 0.0, ..past });
         assert!(!watch.update(Some(past)) && !watch.update(None) && watch.update(stopped));
         assert!(!watch.update(None) && !watch.update(None) && !watch.update(stopped));

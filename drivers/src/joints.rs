@@ -137,12 +137,13 @@ impl<const N: usize> Joints<N> {
 impl Joint {
     fn new(joint: &JointModel) -> Self {
         let sign = if joint.encoder.reversed { -1.0 } else { 1.0 };
+        let angle = sign * TAU / joint.encoder.counts_per_turn;
         Self {
             torque_constant: joint.motor.torque_constant,
             current_resolution: joint.motor.current_resolution,
-            angle: sign * TAU / joint.encoder.counts_per_turn,
+            angle,
             velocity: 0.0,
-            back_emf: winding(&joint.motor).ok().map(BackEmf::new),
+            back_emf: winding(&joint.motor).ok().map(|winding| BackEmf::new(winding, angle)),
         }
     }
 }
@@ -241,7 +242,7 @@ mod tests {
     fn an_encoder_that_stands_while_its_motor_turns_is_told() {
         let mut joints = joints();
         let winding = Winding { resistance: 1.0, inductance: 1e-3, back_emf: 0.5 };
-        joints.joints.iter_mut().for_each(|joint| joint.back_emf = Some(BackEmf::new(winding)));
+        joints.joints.iter_mut().for_each(|joint| joint.back_emf = Some(BackEmf::new(winding, joint.angle)));
         let mut totals = Totals::new();
         let counts = |period: i32| [13 * period, -13 * period.min(3)];
         for period in 0..5 {

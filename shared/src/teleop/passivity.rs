@@ -144,9 +144,7 @@ impl PowerPortLimits {
         }
         Ok(())
     }
-}
 
-impl PowerPortLimits {
     /// The same limits with the `contact_damping` with which a handle in contact comes to rest by itself:
     /// `K·(τ + T/2)` less `own_damping`, its own [N·s/m], 0 for a bare one; `stiffness` K [N/m] and
     /// `round_trip` τ [s] as in [`PowerPortLimits::check_link`], whose condition it is. At least 0, at most
