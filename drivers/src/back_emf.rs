@@ -111,6 +111,8 @@ mod tests {
         fn new(kind: usize, errors: [f64; 3], counts_per_turn: f64) -> Self {
             let count = std::f64::consts::TAU / counts_per_turn;
             let winding = WINDINGS[kind];
+            #[expect(clippy::cast_possible_truncation, reason = "a test")]
+            let watch = BackEmf::new(winding, count as f32);
             let (inertia, coulomb) = MECHANICS[kind];
             Self {
                 winding,
@@ -125,7 +127,7 @@ mod tests {
                 encoder: 0.0,
                 count,
                 is_dead: false,
-                watch: BackEmf::new(winding, count as f32),
+                watch,
                 time: 0.0,
                 last: 0.0,
                 noise: 1,
