@@ -44,8 +44,20 @@ fn main() -> Result<(), Box<dyn Error>> {
         }
     } else {
         let folder = Path::new(&what);
-        let pixels = std::fs::read(folder.join("images.bin"))?;
-        let rows = std::fs::read_to_string(folder.join("truth.txt"))?;
+        let read = |name| {
+            let file = folder.join(name);
+            std::fs::read(&file).map_err(|error| {
+                let file = file.display();
+                format!("cannot read {file}: {error}; {what} is no range of machines, such as 21-160, either")
+            })
+        };
+        let (pixels, rows) = (read("images.bin")?, String::from_utf8(read("truth.txt")?)?);
+        let (bytes, expected) = (pixels.len(), rows.lines().count() * WIDTH * HEIGHT);
+        if bytes != expected {
+            return Err(
+                format!("{what}: images.bin has {bytes} bytes; its truth.txt needs {expected}").into()
+            );
+        }
         for (number, (pixels, row)) in pixels.chunks_exact(WIDTH * HEIGHT).zip(rows.lines()).enumerate() {
             let row = row.split(' ').map(str::parse).collect::<Result<Vec<f64>, _>>()?;
             let &[from, to, x, y, radius] = &row[..] else {

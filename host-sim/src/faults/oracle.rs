@@ -456,7 +456,10 @@ impl Oracle {
         // Where friction may take what the drives of a robot at rest do more, it redistributes the forces.
         let mut torques = excess(sample).zip(&stop.pressed).zip(&self.machine.coulomb);
         let presses = sample.energy > rest
-            || torques.any(|((now, then), friction)| now.abs() > FORCE_RISE * then.abs() + friction);
+            || torques.any(|((now, then), friction)| {
+                let as_before = if now * then > 0.0 { FORCE_RISE * then.abs() } else { 0.0 };
+                now.abs() > as_before + friction
+            });
         let force = in_contact && presses && sample.contact > limit;
         stop.unnoticed = if wrong && (energy || speed || force) { stop.unnoticed + 1 } else { 0 };
         let noticeable = !wrong || stop.unnoticed > self.patience;

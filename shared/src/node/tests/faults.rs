@@ -64,7 +64,7 @@ fn a_stuck_encoder_switches_the_outputs_off() {
     assert!(!rig.tick().enabled);
 }
 
-/// The board compares encoders with the voltages that the motors induce. Joint 15 is none of the robot's.
+/// The board compares encoders with the voltages that the motors induce. The robot has no joint 15.
 #[test]
 fn an_encoder_that_the_board_finds_dead_switches_the_outputs_off_in_its_tick() {
     let mut rig = Rig::enabled(&model());
