@@ -69,42 +69,34 @@ impl<const N: usize> Joints<N> {
         totals: &Totals<N>,
     ) -> Option<Vec<i16, MAX_JOINTS>> {
         let last = self.last.replace(Last { period, counts, totals: *totals });
-        let mut currents = Vec::new();
         self.dead_encoder = None;
-        for (index, joint) in self.joints.iter_mut().enumerate() {
-            let mut current = 0;
-            if let Some(last) = &last {
-                let elapsed = period.wrapping_sub(last.period);
-                let samples = totals.periods.wrapping_sub(last.totals.periods);
-                if samples.abs_diff(self.periods.wrapping_mul(elapsed)) > self.periods / 10 {
-                    return None;
-                }
-                #[expect(clippy::cast_precision_loss, reason = "changes of a period")]
-                let mean = |sums: &[i32; N], last: &[i32; N], resolution: f32| {
-                    sums[index].wrapping_sub(last[index]) as f32 * resolution / samples as f32
-                };
-                #[expect(clippy::cast_precision_loss, reason = "changes of a period")]
-                let [elapsed, change] =
-                    [elapsed as f32, counts[index].wrapping_sub(last.counts[index]) as f32];
-                joint.velocity = change * joint.angle / (elapsed * TICK);
-                let amperes = mean(&totals.currents, &last.totals.currents, SUM_RESOLUTION);
-                let was_driven = totals.driven.wrapping_sub(last.totals.driven) == samples;
-                let period = Period {
-                    voltage: mean(&totals.voltages, &last.totals.voltages, VOLTAGE_RESOLUTION),
-                    current: amperes,
-                    velocity: joint.velocity,
-                };
-                if joint.back_emf.as_mut().is_some_and(|watch| watch.update(was_driven.then_some(period))) {
-                    #[expect(clippy::cast_possible_truncation, reason = "a board has a few motors")]
-                    let index = index as u8;
-                    self.dead_encoder = self.dead_encoder.or(Some(index));
-                }
-                #[expect(clippy::cast_possible_truncation, reason = "saturates")]
-                let count = (amperes / joint.current_resolution) as i16;
-                current = count;
+        let mut currents = Vec::new();
+        let Some(last) = last else {
+            currents.resize_default(self.joints.len()).ok()?;
+            return Some(currents);
+        };
+        let elapsed = period.wrapping_sub(last.period);
+        let samples = totals.periods.wrapping_sub(last.totals.periods);
+        if samples.abs_diff(self.periods.wrapping_mul(elapsed)) > self.periods / 10 {
+            return None;
+        }
+        let was_driven = totals.driven.wrapping_sub(last.totals.driven) == samples;
+        let counts = changes(&counts, &last.counts);
+        let sums = changes(&totals.currents, &last.totals.currents);
+        let voltages = changes(&totals.voltages, &last.totals.voltages);
+        let motors = counts.iter().zip(&sums).zip(&voltages);
+        for (index, (joint, ((count, sum), voltage))) in (0..).zip(self.joints.iter_mut().zip(motors)) {
+            #[expect(clippy::cast_precision_loss, reason = "changes of a period")]
+            let (elapsed, samples) = (elapsed as f32, samples as f32);
+            joint.velocity = count * joint.angle / (elapsed * TICK);
+            let current = sum * SUM_RESOLUTION / samples;
+            let voltage = voltage * VOLTAGE_RESOLUTION / samples;
+            let measured = was_driven.then_some(Period { voltage, current, velocity: joint.velocity });
+            if joint.back_emf.as_mut().is_some_and(|watch| watch.update(measured)) {
+                self.dead_encoder = self.dead_encoder.or(Some(index));
             }
-            // Cannot fail: a board has no more joints than a frame.
-            let _ = currents.push(current);
+            #[expect(clippy::cast_possible_truncation, reason = "saturates")]
+            currents.push((current / joint.current_resolution) as i16).ok()?;
         }
         Some(currents)
     }
@@ -187,6 +179,12 @@ pub fn motors_for<const N: usize>(
         let joint = Some(index as u8);
         ModelError { joint, field, value, problem }
     })
+}
+
+/// What sums that wrap changed by since the `last` period.
+fn changes<const N: usize>(sums: &[i32; N], last: &[i32; N]) -> [f32; N] {
+    #[expect(clippy::cast_precision_loss, reason = "changes of a period")]
+    core::array::from_fn(|index| sums[index].wrapping_sub(last[index]) as f32)
 }
 
 #[cfg(test)]
