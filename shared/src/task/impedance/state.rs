@@ -28,7 +28,7 @@ use crate::model::MAX_CHAIN_JOINTS;
 use redundancy::driven_joint;
 use stop::Release;
 
-pub(super) use stop::Reference;
+pub(super) use stop::Takeover;
 
 /// State of the impedance control.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize, Schema)]
