@@ -16,8 +16,8 @@ use super::setpoint::{
 use super::settings::{ForceSource, ImpedanceSettings, InvalidSettings, Law, Redundancy};
 use super::tuning::{
     CONTACT_DISTURBANCE_GAIN, CONTACT_FRICTION_COMPENSATION, CONTACT_HYSTERESIS_SQUARED,
-    CONTACT_LOSS_SQUARED, CONTACT_REST_SPEED, IMPEDANCE_BLEND, LIMIT_APPROACH_RATE, MAX_TOOL_DISTURBANCE,
-    MISMATCH_TICKS, REST_ERROR, REST_SPEED, VELOCITY_LIMIT_FRACTION,
+    CONTACT_LOSS_SQUARED, CONTACT_REST_SPEED, FREE_BEFORE_READING, IMPEDANCE_BLEND, LIMIT_APPROACH_RATE,
+    MAX_TOOL_DISTURBANCE, MISMATCH_TICKS, REST_ERROR, REST_SPEED, VELOCITY_LIMIT_FRACTION,
 };
 use super::{Arm, ArmMeasurement, ArmOutput, SetpointError};
 use crate::TICK;
@@ -28,7 +28,7 @@ use crate::model::MAX_CHAIN_JOINTS;
 use redundancy::driven_joint;
 use stop::Release;
 
-pub(super) use stop::Reference;
+pub(super) use stop::Takeover;
 
 /// State of the impedance control.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize, Schema)]
@@ -209,6 +209,7 @@ impl ImpedanceState {
         if !wrench.iter().all(|value| value.is_finite()) {
             return Err(SetpointError::NotFinite);
         }
+        let force_before = self.squared_force;
         let use_measured_state = self.update_contact(&settings, &wrench);
         self.derating.update(math::sqrt(self.squared_force), self.contact, settings.contact_force);
         self.update_reference(arm, &settings, measurement, use_measured_state);
@@ -236,7 +237,13 @@ impl ImpedanceState {
         let force = if loaded { wrench } else { Vector6::zeros() };
         let velocities = Joints::from(self.velocities);
         let velocity = jacobian * velocities;
-        let acceleration = self.tool_command(&settings, posture.tip(), &error, &velocity, &force);
+        let mut acceleration = self.tool_command(&settings, posture.tip(), &error, &velocity, &force);
+        let is_lost = self.squared_force <= CONTACT_LOSS_SQUARED * force_before;
+        let rested = velocities.amax() < CONTACT_REST_SPEED;
+        if use_measured_state && !loaded && is_lost && rested && !self.estimates_force() {
+            // Let go at rest, before the reading: it gains the velocity of that time, too.
+            acceleration *= 1.0 + FREE_BEFORE_READING / TICK;
+        }
         self.update_tool_motion(&velocity, &acceleration, loaded);
         let bias = posture.bias_acceleration(velocities.as_slice());
         let mut accelerations =

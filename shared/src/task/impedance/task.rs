@@ -2,7 +2,7 @@ use nalgebra::Vector3;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-use super::state::Reference;
+use super::state::Takeover;
 use super::{
     Arm, ArmMeasurement, ForceSource, ImpedanceRefusal, ImpedanceSettings, ImpedanceState,
     ImpedanceTelemetry, SetpointError, own_mass,
@@ -120,12 +120,12 @@ impl Task for ImpedanceControl {
         );
         match Arm::of(io.robot) {
             Some(arm) if force_is_valid || self.state.estimates_force() => {
-                let reference = match fault.cause {
-                    FaultCause::LateTick => Reference::Late,
-                    cause if cause.invalidates_reference() => Reference::Wrong,
-                    _ => Reference::Valid,
+                let takeover = match fault.cause {
+                    FaultCause::LateTick => Takeover::Disturbances,
+                    cause if cause.invalidates_reference() => Takeover::Nothing,
+                    _ => Takeover::All,
                 };
-                self.state.halt(&arm, &ArmMeasurement::of(io.measured), reference);
+                self.state.halt(&arm, &ArmMeasurement::of(io.measured), takeover);
                 Halt::Task
             }
             // Without its force the control would press on what it touches.

@@ -32,27 +32,27 @@ pub(super) enum Release {
 
 /// What a stop takes over of the reference arm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Reference {
+pub enum Takeover {
     /// All of it.
-    Valid,
-    /// The disturbances: the arm moved on without control for some ticks. What balanced the errors of the
+    All,
+    /// Its disturbances: the arm moved on without control for some ticks. What balanced the errors of the
     /// model does so on.
-    Late,
+    Disturbances,
     /// Nothing: what drove the arm away from it is not known.
-    Wrong,
+    Nothing,
 }
 
 impl ImpedanceState {
     /// Begins a controlled stop. The set-points are where tool and elbow are; in contact that of the tool
     /// moves there slowly, which releases what the tool presses on. A reference arm that has lost the real
     /// one begins where that is.
-    pub fn halt(&mut self, arm: &Arm<'_>, measurement: &ArmMeasurement, reference: Reference) {
-        if reference != Reference::Valid {
+    pub fn halt(&mut self, arm: &Arm<'_>, measurement: &ArmMeasurement, takeover: Takeover) {
+        if takeover != Takeover::All {
             (self.angles, self.velocities) = (measurement.angles, measurement.velocities);
             self.tool_acceleration = [0.0; 3];
             for observer in &mut self.observers {
                 observer.reset_motion();
-                if reference == Reference::Wrong {
+                if takeover == Takeover::Nothing {
                     *observer = ObserverState::new();
                 }
             }

@@ -2,6 +2,7 @@
 
 mod arm_angle;
 mod fixture;
+mod loss;
 mod momentum;
 mod resolver;
 mod setpoints;
