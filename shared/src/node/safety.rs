@@ -226,7 +226,13 @@ impl Node {
         #[expect(clippy::cast_precision_loss, reason = "for display")]
         let late = || fault(FaultCause::LateTick, None, elapsed as f32, 1.0).filter(|_| elapsed != 1);
         let low = || fault(FaultCause::SupplyLow, None, supply, safety.supply_min);
+        // A stop that begins must know whether it may rely on the force.
+        let misleads = |found: &Fault| {
+            matches!(self.state.mode, Mode::Enabled(_))
+                && matches!(found.cause, FaultCause::ForceSaturated | FaultCause::ForceStuck)
+        };
         late()
+            .or(of_sensor(tip_fault).filter(misleads))
             .or_else(|| low().filter(|_| supply < safety.supply_min))
             .or(of_sensor(joint_fault.or(tip_fault)))
     }

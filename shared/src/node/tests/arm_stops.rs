@@ -335,3 +335,15 @@ fn a_missed_tick_does_not_let_the_arm_sag() {
     assert_eq!(arm.rig.node.state.reaction, Reaction::Hold);
     assert!(farthest < 1e-3, "{farthest} m");
 }
+
+/// The supply sags and the force sensor is saturated in the same tick: the stop does not rely on the force.
+#[test]
+fn a_low_supply_hides_no_saturated_force_sensor() {
+    let mut arm = pressing(20.0, 2e3);
+    arm.sense(arm.wall_force());
+    arm.rig.sensors.forces[0][0] = 32_767;
+    arm.rig.sensors.supply = 1_000;
+    assert!(arm.rig.tick().enabled);
+    assert_eq!(arm.rig.node.faults().faults.last().unwrap().cause, FaultCause::ForceSaturated);
+    assert_eq!(arm.rig.node.state.reaction, Reaction::Damp);
+}
