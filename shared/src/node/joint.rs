@@ -568,9 +568,10 @@ impl Joint<'_> {
     /// with when the stop began, beside its `weight` [N·m]: against an obstacle it must not press harder. Nor
     /// needs a joint that stands, and grips nothing, more than it has stood with before: what loads it anew
     /// moves its count, and if that is dead the servo would drive the joint on.
-    /// What slows its motion down is not bounded, nor what a joint that stands still is to follow its
+    /// What slows its motion down is not bounded, nor that against a motion with which the stop `begins`: a
+    /// joint must withstand the others that brake. Nor what a joint that stands still is to follow its
     /// reference with: its encoder may be dead, which shows by the torque.
-    pub fn bound_hold(&mut self, before: f32, weight: f32) {
+    pub fn bound_hold(&mut self, before: f32, weight: f32, begins: bool) {
         let (config, state, velocity) = (self.config, &mut *self.state, *self.velocity);
         let excess = state.torque - weight;
         let weight_error = HELD_WEIGHT_ERROR * abs(weight);
@@ -583,7 +584,7 @@ impl Joint<'_> {
         let max = weight_error + if grips { pressed } else { pressed.min(state.stood) };
         let is_led = abs(self.reference.velocity) >= STALL_SPEED;
         // A torque against a motion that goes on balances a push, or an encoder drifts.
-        let slows = is_led || abs(state.change) + config.flicker < abs(velocity) * TICK;
+        let slows = is_led || begins || abs(state.change) + config.flicker < abs(velocity) * TICK;
         let follows = is_led && state.change * excess <= 0.0;
         let brakes = slows && abs(velocity) * TICK > config.moving && excess * velocity < 0.0;
         if abs(excess) <= max || brakes || follows {

@@ -18,6 +18,9 @@ use crate::robot::{Actuation, JointSetpoint, Motion, Robot};
 const DRIVEN_SPEED: f32 = 0.2;
 const DRIVEN_SHARE: f32 = 0.5;
 
+/// Time in which the joints of a robot that is held brake, and drive each other by their inertia [ticks].
+const BRAKING_TICKS: u32 = 3;
+
 /// Time in which the servos learn the disturbance of a stop [ticks].
 const SETTLING_TICKS: u32 = 30;
 
@@ -112,10 +115,11 @@ impl Node {
         } else {
             self.servo::<true>(actuation);
         }
+        let begins = self.state.tick.wrapping_sub(self.state.reacting_since) < BRAKING_TICKS;
         let mut all = joints(&self.robot, &mut self.state);
         let weight = weight(&all);
         for (mut joint, (before, weight)) in all.each().zip(before.into_iter().zip(weight)) {
-            joint.bound_hold(before, weight);
+            joint.bound_hold(before, weight, begins);
         }
     }
 
