@@ -556,6 +556,29 @@ fn a_damped_joint_forgets_a_torque_that_drives_it() {
     }
 }
 
+/// Something pushes the joint back, against its torque, and is gone: the joint gains speed, and no more than
+/// has been taken out of its motion.
+#[test]
+fn a_damped_joint_gives_back_nothing_of_what_it_has_taken() {
+    let mut model = model();
+    model.safety.reaction = Reaction::Damp;
+    model.joints[2].servo.observer.inertia = 0.02;
+    model.joints[2].limits.following_error = 1.0;
+    let mut rig = Rig::enabled(&model);
+    press(&mut rig);
+    rig.ask(Request::Stop);
+    let mut advance = |speed: f32| {
+        rig.sensors.encoders[2] += libm::roundf(0.01 * speed * COUNTS_PER_RADIAN) as i32;
+        rig.tick();
+        rig.node.state.targets.joints[2].feedforward
+    };
+    let pushed = [-0.4, -0.4, -0.4, -0.4, -0.3, -0.2, -0.1].map(&mut advance);
+    assert!(pushed[6] > 0.03 && pushed[6] > 0.9 * 0.95 * pushed[5], "{pushed:?}");
+    // Slower than a robot that is driven in any case.
+    let driven = [0.05, 0.1, 0.15, 0.2, 0.25].map(&mut advance);
+    assert!(driven[4] < 0.3 * pushed[6], "{pushed:?}, then {driven:?} N·m");
+}
+
 #[test]
 fn what_a_damped_joint_has_pressed_with_fades() {
     // The tip is moved away with the obstacle.
