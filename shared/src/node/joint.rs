@@ -202,6 +202,23 @@ impl JointState {
         (self.stood, self.stood_at) = (abs(excess), self.moved_to);
     }
 
+    /// An encoder that counts from where it was switched on has lost its zero.
+    #[cold]
+    pub const fn lose_zero(&mut self, config: &JointConfig) {
+        self.homed &= config.zero.is_some();
+    }
+
+    /// Whether the encoder reads what that of `other` has read before, after a leap that no joint is capable
+    /// of.
+    #[cold]
+    pub fn reads_that_of(&self, config: &JointConfig, other: &Self, of_other: &JointConfig) -> bool {
+        let leaps = abs(self.change) > config.limits.velocity * TICK;
+        #[expect(clippy::cast_precision_loss, reason = "a difference of angles")]
+        let counts = self.count.wrapping_sub(other.count) as f32;
+        let moved = counts + other.change / of_other.radians_per_count;
+        leaps && abs(moved * config.radians_per_count) <= config.fast
+    }
+
     /// Whether the angle is known.
     pub const fn is_homed(&self) -> bool {
         self.homed

@@ -508,6 +508,24 @@ fn a_leap_that_ends_at_once_is_an_encoder_error() {
     }
 }
 
+/// Two joints leap by 0.1 rad each, where 0.08 rad is their velocity limit and 0.16 rad a jump: to where the
+/// other was, and not.
+#[test]
+fn swapped_encoders_are_found_in_their_tick() {
+    for (read, cause) in [([0.1, 0.0], Some(FaultCause::EncoderJump)), ([0.1, 0.2], None)] {
+        let counts = |angle: f32| libm::roundf(angle * COUNTS_PER_RADIAN) as i32;
+        let mut rig = Rig::ready(&model());
+        rig.sensors.encoders[2] = counts(0.1);
+        (0..30).for_each(|_| _ = rig.tick());
+        assert_eq!(rig.enable(), Reply::Done);
+        rig.tick();
+        (rig.sensors.encoders[1], rig.sensors.encoders[2]) = (counts(read[0]), counts(read[1]));
+        let enabled = rig.tick().enabled;
+        let found = rig.node.faults().faults.last().map(|fault| fault.cause);
+        assert_eq!((found, enabled), (cause, cause.is_none()), "{read:?}");
+    }
+}
+
 #[test]
 fn a_low_supply_hides_no_missed_ticks() {
     let mut rig = Rig::enabled(&model());
