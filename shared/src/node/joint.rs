@@ -34,6 +34,10 @@ const MAX_UNBORNE: f32 = 0.4;
 /// 15 % each.
 const HELD_WEIGHT_ERROR: f32 = 0.25;
 
+/// A joint that is to come to rest is not driven on at the speed of one that runs away, and less and less
+/// from this share of that speed on. Slower ones may press on what yields.
+const DRIVEN_FROM: f32 = 0.5;
+
 /// State of a joint: encoder and servo.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize, Schema)]
 pub(super) struct JointState {
@@ -196,6 +200,23 @@ impl JointState {
     /// Begins a stop in which the torque beyond the weight is `excess` [N·m].
     pub fn begin_hold(&mut self, excess: f32) {
         (self.stood, self.stood_at) = (abs(excess), self.moved_to);
+    }
+
+    /// An encoder that counts from where it was switched on has lost its zero.
+    #[cold]
+    pub const fn lose_zero(&mut self, config: &JointConfig) {
+        self.homed &= config.zero.is_some();
+    }
+
+    /// Whether the encoder reads what that of `other` has read before, after a leap that no joint is capable
+    /// of.
+    #[cold]
+    pub fn reads_that_of(&self, config: &JointConfig, other: &Self, of_other: &JointConfig) -> bool {
+        let leaps = abs(self.change) > config.limits.velocity * TICK;
+        #[expect(clippy::cast_precision_loss, reason = "a difference of angles")]
+        let counts = self.count.wrapping_sub(other.count) as f32;
+        let moved = counts + other.change / of_other.radians_per_count;
+        leaps && abs(moved * config.radians_per_count) <= config.fast
     }
 
     /// Whether the angle is known.
@@ -568,9 +589,10 @@ impl Joint<'_> {
     /// with when the stop began, beside its `weight` [N·m]: against an obstacle it must not press harder. Nor
     /// needs a joint that stands, and grips nothing, more than it has stood with before: what loads it anew
     /// moves its count, and if that is dead the servo would drive the joint on.
-    /// What slows its motion down is not bounded, nor what a joint that stands still is to follow its
+    /// What slows its motion down is not bounded, nor that against a motion with which the stop `begins`: a
+    /// joint must withstand the others that brake. Nor what a joint that stands still is to follow its
     /// reference with: its encoder may be dead, which shows by the torque.
-    pub fn bound_hold(&mut self, before: f32, weight: f32) {
+    pub fn bound_hold(&mut self, before: f32, weight: f32, begins: bool) {
         let (config, state, velocity) = (self.config, &mut *self.state, *self.velocity);
         let excess = state.torque - weight;
         let weight_error = HELD_WEIGHT_ERROR * abs(weight);
@@ -583,7 +605,7 @@ impl Joint<'_> {
         let max = weight_error + if grips { pressed } else { pressed.min(state.stood) };
         let is_led = abs(self.reference.velocity) >= STALL_SPEED;
         // A torque against a motion that goes on balances a push, or an encoder drifts.
-        let slows = is_led || abs(state.change) + config.flicker < abs(velocity) * TICK;
+        let slows = is_led || begins || abs(state.change) + config.flicker < abs(velocity) * TICK;
         let follows = is_led && state.change * excess <= 0.0;
         let brakes = slows && abs(velocity) * TICK > config.moving && excess * velocity < 0.0;
         if abs(excess) <= max || brakes || follows {
@@ -593,6 +615,38 @@ impl Joint<'_> {
             config.servo.limit_after(&mut state.servo, before, weight + math::clamp(excess, -max, max));
         state.effort += bounded - state.torque;
         state.torque = bounded;
+    }
+
+    /// Bounds the torque of a joint that is to come to rest, `before` in the last tick, where it moves with
+    /// it: what it balanced is gone, or another link drives it, and a torque beyond the `weight` and friction
+    /// brings energy into the robot [N·m]. It must not grow then, and decays while the joint gains speed. Slow
+    /// joints may press. Returns by how much the torque is less.
+    pub fn bound_drive(&mut self, before: f32, weight: f32) -> f32 {
+        let (config, state, velocity) = (self.config, &mut *self.state, *self.velocity);
+        let excess = state.torque - weight;
+        let share = math::clamp((1.0 - abs(state.change) / config.fast) / (1.0 - DRIVEN_FROM), 0.0, 1.0);
+        if excess * state.change <= 0.0 || share >= 1.0 {
+            return 0.0;
+        }
+        let friction = abs(config.servo.friction(&state.servo, velocity)).max(config.coulomb);
+        let passive = HELD_WEIGHT_ERROR * abs(weight) + friction;
+        let drove = if excess > 0.0 { before - weight } else { weight - before };
+        let decay = if abs(state.change) > abs(velocity) * TICK { DRIVING_DECAY } else { 1.0 };
+        let max = passive + (share * (abs(excess) - passive)).max(decay * (drove - passive)).max(0.0);
+        let bounded =
+            config.servo.limit_after(&mut state.servo, before, weight + math::clamp(excess, -max, max));
+        let less = state.torque - bounded;
+        state.torque = bounded;
+        less
+    }
+
+    /// Takes from the torque beyond the `weight` what driving torques lose in a period, after the torque
+    /// `before` of the last one [N·m]. Returns by how much it is less.
+    pub fn weaken(&mut self, before: f32, weight: f32) -> f32 {
+        let (config, state) = (self.config, &mut *self.state);
+        let weaker = weight + DRIVING_DECAY * (state.torque - weight);
+        let limited = config.servo.limit_after(&mut state.servo, before, weaker);
+        core::mem::replace(&mut state.torque, limited) - limited
     }
 
     /// Computes the torque without servo: feed-forward, damping and, if `compensated`, gravity and friction

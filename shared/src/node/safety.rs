@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use super::Node;
 use super::force_sensor::ForceSensorState;
 use super::handle::joints;
-use super::joint::Situation;
+use super::joint::{JointState, Situation};
 use super::state::State;
 use super::tick::weight;
 use crate::TICK;
@@ -13,7 +13,7 @@ use crate::fault::{Fault, FaultCause};
 use crate::math::abs;
 use crate::model::Reaction;
 use crate::protocol::{Mode, SensorFrame};
-use crate::robot::{Actuation, Measured, Postures, Robot, count};
+use crate::robot::{Actuation, JointConfig, Measured, Postures, Robot, count};
 use crate::task::Halt;
 
 /// A stop begins anew after missed ticks so many times; then the robot is damped.
@@ -226,7 +226,13 @@ impl Node {
         #[expect(clippy::cast_precision_loss, reason = "for display")]
         let late = || fault(FaultCause::LateTick, None, elapsed as f32, 1.0).filter(|_| elapsed != 1);
         let low = || fault(FaultCause::SupplyLow, None, supply, safety.supply_min);
+        // A stop that begins must know whether it may rely on the force.
+        let misleads = |found: &Fault| {
+            matches!(self.state.mode, Mode::Enabled(_))
+                && matches!(found.cause, FaultCause::ForceSaturated | FaultCause::ForceStuck)
+        };
         late()
+            .or(of_sensor(tip_fault).filter(misleads))
             .or_else(|| low().filter(|_| supply < safety.supply_min))
             .or(of_sensor(joint_fault.or(tip_fault)))
     }
@@ -376,7 +382,33 @@ fn check_joints(robot: &Robot, state: &mut State, sensors: &SensorFrame) -> Sens
             found = worse(found, (index, fault));
         }
     }
-    found
+    match check_swapped(robot, state) {
+        Some(swapped) => worse(found, swapped),
+        None => found,
+    }
+}
+
+/// The first of two encoders whose cables are swapped: each leaps to what the other has read. Joints that are
+/// stopped by such angles would be driven by each other's motion.
+#[cold]
+fn check_swapped(robot: &Robot, state: &mut State) -> SensorFault {
+    let all = robot.joints().iter().zip(&state.joints);
+    for (first, (config, joint)) in (0..).zip(all.clone()) {
+        let swapped = |(of_other, other): &(&JointConfig, &JointState)| {
+            joint.reads_that_of(config, other, of_other) && other.reads_that_of(of_other, joint, config)
+        };
+        if let Some(distance) = all.clone().skip(usize::from(first) + 1).position(|other| swapped(&other)) {
+            let fault = (FaultCause::EncoderJump, joint.change, config.limits.velocity * TICK);
+            for index in [usize::from(first), usize::from(first) + 1 + distance] {
+                if let (Some(config), Some(joint)) = (robot.joints().get(index), state.joints.get_mut(index))
+                {
+                    joint.lose_zero(config);
+                }
+            }
+            return Some((first, fault));
+        }
+    }
+    None
 }
 
 /// The fault that leaves no control, else the first one.

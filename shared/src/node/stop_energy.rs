@@ -115,6 +115,10 @@ impl Node {
         }
         let energy = &mut self.state.stop_energy;
         energy.work = MEMORY * energy.work + work;
+        if damps {
+            // What damping has taken it cannot give back: what the torques bring in then drives the robot.
+            energy.work = energy.work.max(0.0);
+        }
         energy.allowed = tolerated + MEMORY * (energy.allowed - tolerated) + allowed;
         let (value, limit) = (energy.work, energy.allowed);
         let fault = Fault { cause: FaultCause::EnergyGained, joint: Some(hardest), value, limit, tick };

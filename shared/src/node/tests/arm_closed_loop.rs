@@ -85,6 +85,11 @@ impl SimulatedArm {
         self.chain.posture(self.angles.as_slice()).tip().translation.vector
     }
 
+    /// Kinetic energy [J].
+    pub fn energy(&self) -> f32 {
+        0.5 * self.velocities.dot(&(self.chain.mass_matrix(self.angles.as_slice()) * self.velocities))
+    }
+
     /// Speed of the tool [m/s].
     pub fn speed(&self) -> f32 {
         let jacobian = self.chain.posture(self.angles.as_slice()).jacobian();

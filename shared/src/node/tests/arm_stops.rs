@@ -5,11 +5,14 @@ use nalgebra::Vector3;
 use super::arm::{SENSOR, enable, present_target, set_target};
 use super::arm_closed_loop::{SimulatedArm, Wall};
 use super::rig::refusal;
+use crate::control::{JointPoint, ServoMode};
 use crate::fault::FaultCause;
 use crate::model::Reaction;
 use crate::protocol::{ActuatorFrame, Mode, Refusal, Reply, Request};
 use crate::task::impedance::ImpedanceSettings;
 use crate::task::impedance::tests::SOFT;
+use crate::task::joint_servo::JointCommand;
+use crate::task::{TaskCommand, TaskConfig};
 
 /// An arm that presses on a wall with about `force` [N].
 fn pressing(force: f32, stiffness: f32) -> SimulatedArm {
@@ -334,4 +337,47 @@ fn a_missed_tick_does_not_let_the_arm_sag() {
     assert_eq!(arm.rig.node.faults().faults.last().unwrap().cause, FaultCause::LateTick);
     assert_eq!(arm.rig.node.state.reaction, Reaction::Hold);
     assert!(farthest < 1e-3, "{farthest} m");
+}
+
+/// The supply sags and the force sensor is saturated in the same tick: the stop does not rely on the force.
+#[test]
+fn a_low_supply_hides_no_saturated_force_sensor() {
+    let mut arm = pressing(20.0, 2e3);
+    arm.sense(arm.wall_force());
+    arm.rig.sensors.forces[0][0] = 32_767;
+    arm.rig.sensors.supply = 1_000;
+    assert!(arm.rig.tick().enabled);
+    assert_eq!(arm.rig.node.faults().faults.last().unwrap().cause, FaultCause::ForceSaturated);
+    assert_eq!(arm.rig.node.state.reaction, Reaction::Damp);
+}
+
+/// All joints brake at once; each must withstand what the others do to it.
+#[test]
+fn an_arm_that_is_held_gains_no_energy_as_its_joints_brake() {
+    for speed in [0.3_f32, 0.6] {
+        let mut arm = SimulatedArm::enabled(&SOFT, Some(SENSOR));
+        assert_eq!(arm.rig.ask(Request::Disable), Reply::Done);
+        assert_eq!(arm.rig.ask(Request::Enable(TaskConfig::JointServo(ServoMode::Observer))), Reply::Done);
+        let mut position = super::arm::ANGLES;
+        for tick in 1..=60_u8 {
+            let velocity = -speed * (f32::from(tick) / 40.0).min(1.0);
+            position.iter_mut().for_each(|position| *position += 0.01 * velocity);
+            let points =
+                position.iter().map(|&position| JointPoint { position, velocity, acceleration: 0.0 });
+            let stream = JointCommand::Stream { points: points.collect() };
+            assert_eq!(arm.rig.ask(Request::Task(TaskCommand::JointServo(stream))), Reply::Done);
+            arm.tick(Vector3::zeros());
+            assert!(matches!(arm.rig.node.mode(), Mode::Enabled(_)), "{:?}", arm.rig.node.faults());
+        }
+        let before = arm.energy();
+        assert_eq!(arm.rig.ask(Request::Stop), Reply::Done);
+        let energies: Vec<f32> = (0..6)
+            .map(|_| {
+                arm.tick(Vector3::zeros());
+                arm.energy()
+            })
+            .collect();
+        let most = energies.iter().fold(0.0_f32, |most, energy| most.max(*energy));
+        assert!(most < 1.1 * before, "{speed} rad/s: {before} J, then {energies:?}");
+    }
 }

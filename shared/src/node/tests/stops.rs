@@ -508,6 +508,24 @@ fn a_leap_that_ends_at_once_is_an_encoder_error() {
     }
 }
 
+/// Two joints leap by 0.1 rad each, where 0.08 rad is their velocity limit and 0.16 rad a jump: to where the
+/// other was, and not.
+#[test]
+fn swapped_encoders_are_found_in_their_tick() {
+    for (read, cause) in [([0.1, 0.0], Some(FaultCause::EncoderJump)), ([0.1, 0.2], None)] {
+        let counts = |angle: f32| libm::roundf(angle * COUNTS_PER_RADIAN) as i32;
+        let mut rig = Rig::ready(&model());
+        rig.sensors.encoders[2] = counts(0.1);
+        (0..30).for_each(|_| _ = rig.tick());
+        assert_eq!(rig.enable(), Reply::Done);
+        rig.tick();
+        (rig.sensors.encoders[1], rig.sensors.encoders[2]) = (counts(read[0]), counts(read[1]));
+        let enabled = rig.tick().enabled;
+        let found = rig.node.faults().faults.last().map(|fault| fault.cause);
+        assert_eq!((found, enabled), (cause, cause.is_none()), "{read:?}");
+    }
+}
+
 #[test]
 fn a_low_supply_hides_no_missed_ticks() {
     let mut rig = Rig::enabled(&model());
@@ -554,6 +572,29 @@ fn a_damped_joint_forgets_a_torque_that_drives_it() {
         let torque = rig.tick().torques[2];
         assert!(tick < 6 || torque < 0.05 * pressed, "tick {tick}: {torque} of {pressed} N·m");
     }
+}
+
+/// Something pushes the joint back, against its torque, and is gone: the joint gains speed, and no more than
+/// has been taken out of its motion.
+#[test]
+fn a_damped_joint_gives_back_nothing_of_what_it_has_taken() {
+    let mut model = model();
+    model.safety.reaction = Reaction::Damp;
+    model.joints[2].servo.observer.inertia = 0.02;
+    model.joints[2].limits.following_error = 1.0;
+    let mut rig = Rig::enabled(&model);
+    press(&mut rig);
+    rig.ask(Request::Stop);
+    let mut advance = |speed: f32| {
+        rig.sensors.encoders[2] += libm::roundf(0.01 * speed * COUNTS_PER_RADIAN) as i32;
+        rig.tick();
+        rig.node.state.targets.joints[2].feedforward
+    };
+    let pushed = [-0.4, -0.4, -0.4, -0.4, -0.3, -0.2, -0.1].map(&mut advance);
+    assert!(pushed[6] > 0.03 && pushed[6] > 0.9 * 0.95 * pushed[5], "{pushed:?}");
+    // Slower than a robot that is driven in any case.
+    let driven = [0.05, 0.1, 0.15, 0.2, 0.25].map(&mut advance);
+    assert!(driven[4] < 0.3 * pushed[6], "{pushed:?}, then {driven:?} N·m");
 }
 
 #[test]
@@ -617,15 +658,16 @@ fn what_a_damped_joint_presses_with_is_kept_while_the_obstacle_slows_it_down() {
     assert!(first > 0.0 && (last / first - 0.735_09).abs() < 1e-3, "{first} then {last} N·m");
 }
 
-/// The last joint, of 0.02 kg·m², and an obstacle of 20 N·m/rad at 0.1 rad.
+/// The last joint, of 0.02 kg·m², and an obstacle of 20 N·m/rad [rad].
 struct Obstructed {
     position: f32,
     velocity: f32,
+    obstacle: f32,
 }
 
 impl Obstructed {
     fn force(&self) -> f32 {
-        20.0 * (self.position - 0.1).max(0.0)
+        20.0 * (self.position - self.obstacle).max(0.0)
     }
 
     fn step(&mut self, rig: &mut Rig) {
@@ -648,7 +690,7 @@ fn a_held_joint_presses_on_an_obstacle_no_harder_than_before() {
             model.joints[2].servo.observer.inertia = 0.02;
             let mut rig = Rig::ready(&model);
             assert_eq!(rig.ask(Request::Enable(TaskConfig::JointServo(mode))), Reply::Done);
-            let mut joint = Obstructed { position: 0.0, velocity: 0.0 };
+            let mut joint = Obstructed { position: 0.0, velocity: 0.0, obstacle: 0.1 };
             let mut reference = 0.0;
             while joint.force() < 0.1 {
                 reference += 0.01 * speed;
@@ -670,6 +712,42 @@ fn a_held_joint_presses_on_an_obstacle_no_harder_than_before() {
             assert!(most < limit, "{mode:?} at {speed} rad/s: {most} N·m, {before} N·m before");
             assert!(joint.velocity.abs() < 1e-2, "{} rad/s", joint.velocity);
         }
+    }
+}
+
+/// The obstacle moves a held joint away from where it was stopped, and is gone: the joint goes back slowly.
+#[test]
+fn a_held_joint_that_was_pushed_away_does_not_whip_back() {
+    for mode in [ServoMode::Pid, ServoMode::Observer] {
+        let mut model = model();
+        model.joints[2].servo.observer.inertia = 0.02;
+        model.joints[2].limits.following_error = 1.0;
+        let mut rig = Rig::ready(&model);
+        assert_eq!(rig.ask(Request::Enable(TaskConfig::JointServo(mode))), Reply::Done);
+        let mut joint = Obstructed { position: 0.0, velocity: 0.0, obstacle: 0.1 };
+        let mut reference = 0.0;
+        while joint.force() < 0.3 {
+            reference += 0.001;
+            assert_eq!(rig.ask(stream(reference, 0.1)), Reply::Done);
+            joint.step(&mut rig);
+        }
+        rig.ask(Request::Stop);
+        for _ in 0..100 {
+            joint.obstacle -= 0.002;
+            joint.step(&mut rig);
+        }
+        let away = joint.position;
+        assert!(away < -0.05, "{away} rad");
+        joint.obstacle = 1.0;
+        let mut fastest = 0.0_f32;
+        for _ in 0..100 {
+            joint.step(&mut rig);
+            fastest = fastest.max(joint.velocity);
+        }
+        assert_eq!((rig.node.faults().total, rig.node.state.reaction), (1, Reaction::Hold));
+        // A tenth of its velocity limit of 8 rad/s, and what two ticks of 0.3 N·m add.
+        assert!(fastest < 0.8 + 0.3, "{mode:?}: {fastest} rad/s");
+        assert!(joint.position > away + 0.05, "{mode:?}: {} rad", joint.position);
     }
 }
 
@@ -700,7 +778,7 @@ fn a_held_joint_whose_encoder_drifts_away_from_an_obstacle_presses_no_harder() {
     model.joints[2].servo.observer.inertia = 0.02;
     let mut rig = Rig::ready(&model);
     assert_eq!(rig.ask(Request::Enable(TaskConfig::JointServo(ServoMode::Observer))), Reply::Done);
-    let mut joint = Obstructed { position: 0.0, velocity: 0.0 };
+    let mut joint = Obstructed { position: 0.0, velocity: 0.0, obstacle: 0.1 };
     let mut reference = 0.0;
     while joint.force() < 0.1 {
         reference += 0.001;
