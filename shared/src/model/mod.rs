@@ -161,6 +161,24 @@ pub struct ForceSensor {
     pub mass: f32,
     /// Its centre of mass in the tip's frame [m].
     pub center_of_mass: [f32; 3],
+    /// Its strain gauges, where the board converts them itself; `None` for a sensor that delivers wrenches.
+    pub gauges: Option<Gauges>,
+}
+
+/// Gauges of a six-axis force sensor.
+pub const GAUGES: usize = 6;
+/// Counts at the end of the range of a gauge's converter: 24 bits.
+pub const GAUGE_END: f32 = 8_388_607.0;
+
+/// The six strain gauges (full bridges) of a force sensor, converted by the board. Wrench = calibration
+/// matrix · counts; the tare takes what is left of the offset.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+pub struct Gauges {
+    /// The calibration (decoupling) matrix, row by row: forces along x, y, z of the tip's frame [N], then
+    /// torques [N·m], for one count of each gauge's converter at its gain.
+    pub calibration_matrix: [[f32; GAUGES]; 6],
+    /// Gain in front of the converter of each gauge: a power of two, at most 128.
+    pub gains: [u8; GAUGES],
 }
 
 /// One rotary joint, the link that it moves, and the drive that moves it.

@@ -1,7 +1,7 @@
 use nalgebra::Matrix3;
 
 use super::{
-    Encoder, Field, ForceSensor, Friction, Inertial, JointLimits, JointModel, MAX_CHAIN_JOINTS, MimicJoint,
+    Encoder, Field, ForceSensor, Friction, GAUGE_END, GAUGES, Gauges, Inertial, JointLimits, JointModel, MAX_CHAIN_JOINTS, MimicJoint,
     ModelError, Motor, Problem, RobotModel, Safety, ServoGains,
 };
 use crate::TICK;
@@ -44,6 +44,13 @@ const MAX_COUNTS: f32 = 1e9;
 const MAX_TIMEOUT: f32 = 10.0;
 /// Of the time of the trajectory filter [s].
 const MAX_FILTER_TIME: f32 = 100.0;
+/// Of the gain in front of a gauge's converter.
+const MAX_GAIN: f32 = 128.0;
+/// Of the range of the gauges, in force limits. A matrix for volts is a million times beyond.
+const MAX_GAUGE_RANGE: f32 = 1e4;
+/// What of each row of a calibration matrix must be independent of the others. With less, an error of one
+/// per cent in a gauge is as large as the wrench.
+const MIN_INDEPENDENCE: f32 = 0.01;
 /// Of the supply [V]: what a sensor frame can tell.
 const MAX_SUPPLY: f32 = 65.535;
 
@@ -184,8 +191,74 @@ impl ForceSensor {
         check.above(Field::Saturation, self.saturation as f32, 0.0)?;
         check.positive(Field::ForceLimit, self.force_limit, MAX_EFFORT)?;
         check.within(Field::TipMass, self.mass, 0.0, MAX_INERTIA)?;
-        check.all_within(Field::TipCenterOfMass, &self.center_of_mass, MAX_LENGTH)
+        check.all_within(Field::TipCenterOfMass, &self.center_of_mass, MAX_LENGTH)?;
+        self.gauges.as_ref().map_or(Ok(()), |gauges| gauges.validate(check, self.force_limit))
     }
+}
+
+impl Gauges {
+    fn validate(&self, check: Check, force_limit: f32) -> Result<(), ModelError> {
+        for row in &self.calibration_matrix {
+            check.all_within(Field::CalibrationMatrix, row, MAX_EFFORT)?;
+        }
+        let independence = independence(&self.calibration_matrix);
+        if independence < MIN_INDEPENDENCE {
+            return Err(check.error(Field::CalibrationMatrix, independence, Problem::Singular));
+        }
+        // More than all gauges together cannot show is never reached.
+        for row in self.calibration_matrix.iter().take(3) {
+            let range = GAUGE_END * row.iter().map(|value| abs(*value)).sum::<f32>();
+            check.within(Field::GaugeRange, range, force_limit, MAX_GAUGE_RANGE * force_limit)?;
+        }
+        for gain in self.gains {
+            check.within(Field::GaugeGains, f32::from(gain), 1.0, MAX_GAIN)?;
+            if !gain.is_power_of_two() {
+                return Err(check.error(Field::GaugeGains, f32::from(gain), Problem::NotSupported));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The smallest part of a row that is orthogonal to the rows before it, after columns and rows were scaled to
+/// length 1 (newtons and newton metres, gauges with different gains): the smallest pivot of the QR
+/// decomposition, by the modified Gram–Schmidt method. 0 for a singular matrix.
+fn independence(matrix: &[[f32; GAUGES]; 6]) -> f32 {
+    let mut rows = *matrix;
+    for column in 0..GAUGES {
+        let mut values = rows.map(|row| row.get(column).copied().unwrap_or(0.0));
+        if normalize(&mut values) == 0.0 {
+            return 0.0;
+        }
+        for (row, value) in rows.iter_mut().zip(values) {
+            row.iter_mut().skip(column).take(1).for_each(|place| *place = value);
+        }
+    }
+    rows.iter_mut().for_each(|row| drop(normalize(row)));
+    let mut smallest = 1.0_f32;
+    let mut rest = &mut rows[..];
+    while let Some((first, others)) = rest.split_first_mut() {
+        smallest = smallest.min(normalize(first));
+        for other in &mut *others {
+            let along: f32 = first.iter().zip(&*other).map(|(a, b)| a * b).sum();
+            other.iter_mut().zip(&*first).for_each(|(value, unit)| *value -= along * unit);
+        }
+        rest = others;
+    }
+    smallest
+}
+
+/// Scales a vector to length 1, unless it is 0. Returns the length that it had.
+fn normalize(vector: &mut [f32; GAUGES]) -> f32 {
+    // Squares of tiny values would be 0.
+    let scale = vector.iter().fold(0.0_f32, |max, value| max.max(abs(*value)));
+    if scale == 0.0 {
+        return 0.0;
+    }
+    vector.iter_mut().for_each(|value| *value /= scale);
+    let length = math::sqrt(vector.iter().map(|value| value * value).sum());
+    vector.iter_mut().for_each(|value| *value /= length);
+    length * scale
 }
 
 impl Motor {
