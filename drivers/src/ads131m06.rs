@@ -229,7 +229,7 @@ impl<S: SpiDevice> Ads131m06<S> {
         let (words, _) = frame.as_chunks_mut::<WORD>();
         let mut crc = SEED;
         let mut words = words.iter_mut();
-        for (word, half) in words.by_ref().zip([Some(command), value].iter().flatten()) {
+        for (half, word) in [Some(command), value].iter().flatten().zip(words.by_ref()) {
             let [high, low] = half.to_be_bytes();
             *word = [high, low, 0];
             crc = checksum(crc, word);

@@ -70,7 +70,7 @@ pub struct ForceGauges<S> {
     /// Conversions in this period, and those whose values can be trusted.
     seen: u8,
     trusted: u8,
-    /// The last fault of this period.
+    /// The last fault of this period, or the first certain one.
     fault: Option<ForceSensorFault>,
     /// The converter may have an old conversion.
     may_be_late: bool,
@@ -102,8 +102,7 @@ impl<S: SpiDevice> ForceGauges<S> {
         let Some((sensor, gauges)) = sensor.and_then(|sensor| Some((sensor, sensor.gauges?))) else {
             return Ok(());
         };
-        let settings =
-            Settings { gains: gauges.gains, oversampling: OVERSAMPLING, external_reference: true };
+        let settings = Settings { gains: gauges.gains, oversampling: OVERSAMPLING, external_reference: true };
         self.converter.configure(&settings)?;
         self.calibration = Calibration::of(sensor);
         Ok(())
@@ -135,16 +134,17 @@ impl<S: SpiDevice> ForceGauges<S> {
                 self.trusted += 1;
             }
             Err(error) => {
-                self.fault = Some(match error {
+                let fault = match error {
                     ReadError::Checksum => ForceSensorFault::Damaged,
                     ReadError::Restarted => ForceSensorFault::Restarted,
                     ReadError::Stuck(channel) => ForceSensorFault::Stuck(channel),
                     ReadError::Saturated(channel) => ForceSensorFault::Saturated(channel),
                     ReadError::Bus(_) | ReadError::NotReady => ForceSensorFault::Silent,
-                });
-                if error == ReadError::Restarted {
-                    self.is_started = false;
+                };
+                if !self.fault.is_some_and(is_certain) {
+                    self.fault = Some(fault);
                 }
+                self.is_started = fault != ForceSensorFault::Restarted;
             }
         }
         true
@@ -161,17 +161,23 @@ impl<S: SpiDevice> ForceGauges<S> {
         let found = self.fault.take();
         self.may_be_late |= seen < MIN_SEEN;
         let fault = match found {
-            Some(ForceSensorFault::Silent | ForceSensorFault::Damaged) if trusted >= MIN_TRUSTED => None,
-            None if trusted < MIN_TRUSTED => Some(ForceSensorFault::Silent),
-            found => found,
+            Some(fault) if is_certain(fault) => found,
+            _ if trusted >= MIN_TRUSTED => None,
+            found => found.or(Some(ForceSensorFault::Silent)),
         };
         if !self.is_started {
             // An error begins anew.
-            self.is_started = self.converter.start() == Ok(true);
+            self.is_started = matches!(self.converter.start(), Ok(true));
             self.may_be_late = true;
         }
         Some(Reading { wrench: calibration.wrench(&self.values), fault })
     }
+}
+
+/// Whether the converter itself says that its values are wrong. A line that is disturbed now and then says
+/// nothing about them.
+const fn is_certain(fault: ForceSensorFault) -> bool {
+    !matches!(fault, ForceSensorFault::Silent | ForceSensorFault::Damaged)
 }
 
 #[cfg(test)]

@@ -196,7 +196,9 @@ impl FaultCause {
             Self::CrystalStopped => "the crystal stopped and the board was reset",
             Self::WrongCrystal => "the crystal is not the board's and is not used",
             Self::PowerStage => "a power stage switched itself off",
-            Self::ForceSilent => "the force sensor of its tip gives no valid values: unplugged, disturbed or restarted",
+            Self::ForceSilent => {
+                "the force sensor of its tip gives no valid values: unplugged, disturbed or restarted"
+            }
         }
     }
 }

@@ -1,8 +1,8 @@
 use nalgebra::Matrix3;
 
 use super::{
-    Encoder, Field, ForceSensor, Friction, GAUGE_END, GAUGES, Gauges, Inertial, JointLimits, JointModel, MAX_CHAIN_JOINTS, MimicJoint,
-    ModelError, Motor, Problem, RobotModel, Safety, ServoGains,
+    Encoder, Field, ForceSensor, Friction, GAUGE_END, GAUGES, Gauges, Inertial, JointLimits, JointModel,
+    MAX_CHAIN_JOINTS, MimicJoint, ModelError, Motor, Problem, RobotModel, Safety, ServoGains,
 };
 use crate::TICK;
 use crate::math::{self, abs};
@@ -234,7 +234,9 @@ fn independence(matrix: &[[f32; GAUGES]; 6]) -> f32 {
             row.iter_mut().skip(column).take(1).for_each(|place| *place = value);
         }
     }
-    rows.iter_mut().for_each(|row| drop(normalize(row)));
+    for row in &mut rows {
+        normalize(row);
+    }
     let mut smallest = 1.0_f32;
     let mut rest = &mut rows[..];
     while let Some((first, others)) = rest.split_first_mut() {

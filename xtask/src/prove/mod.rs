@@ -43,7 +43,7 @@ const SUPERVISOR: u32 = INTERRUPTS + 7;
 
 /// What the image handles. Exceptions that end in a reset are not among them: they never return to what they
 /// interrupt, and [the fault's handler has a stack of its own](../../../firmware/src/crash.rs).
-const VECTORS: [Vector; 10] = [
+const VECTORS: [Vector; 11] = [
     Vector { name: "start and idle loop", index: 1, is_proved: false },
     Vector { name: "TIM2: instant of the period", index: INTERRUPTS + 28, is_proved: true },
     Vector { name: "ADC: current loops", index: INTERRUPTS + 18, is_proved: true },
@@ -51,7 +51,8 @@ const VECTORS: [Vector; 10] = [
     Vector { name: "USART2: plant link", index: INTERRUPTS + 38, is_proved: true },
     Vector { name: "UART4: supervisor's line", index: INTERRUPTS + 52, is_proved: true },
     Vector { name: "EXTI2: trip", index: INTERRUPTS + 8, is_proved: true },
-    Vector { name: "EXTI4: trip", index: INTERRUPTS + 10, is_proved: true },
+    Vector { name: "EXTI4: trip or data", index: INTERRUPTS + 10, is_proved: true },
+    Vector { name: "EXTI3: data of a converter", index: INTERRUPTS + 9, is_proved: true },
     Vector { name: "EXTI0: control", index: CONTROL, is_proved: true },
     Vector { name: "EXTI1: supervisor", index: SUPERVISOR, is_proved: false },
 ];
