@@ -1,7 +1,7 @@
 //! The six strain gauges of a force sensor: their converter's values to a wrench, period by period.
 
 use embedded_hal::spi::SpiDevice;
-use tesaki::model::{ForceSensor, GAUGES};
+use tesaki::model::{ForceSensor, GAUGES, Gauges};
 use tesaki::protocol::ForceSensorFault;
 
 use crate::ads131m06::{Ads131m06, InvalidSettings, ReadError, Settings};
@@ -23,14 +23,14 @@ const MAX_SEEN: u8 = EXPECTED + EXPECTED / 2;
 pub struct Calibration([[f32; GAUGES]; 6]);
 
 impl Calibration {
-    /// That of a sensor with gauges.
-    pub fn of(sensor: &ForceSensor) -> Option<Self> {
-        let mut rows = sensor.gauges?.calibration_matrix;
+    /// That of the gauges of a sensor.
+    pub fn new(sensor: &ForceSensor, gauges: &Gauges) -> Self {
+        let mut rows = gauges.calibration_matrix;
         for (axis, row) in rows.iter_mut().enumerate() {
             let resolution = if axis < 3 { sensor.force_resolution } else { sensor.torque_resolution };
             row.iter_mut().for_each(|value| *value /= resolution);
         }
-        Some(Self(rows))
+        Self(rows)
     }
 
     /// The wrench at these counts of the gauges, in counts of the sensor's resolutions, rounded: forces along
@@ -91,20 +91,18 @@ impl<S: SpiDevice> ForceGauges<S> {
         }
     }
 
-    /// Takes a robot's sensor, or that it has none. The converter is set up in the periods that follow.
+    /// Takes a robot's sensor with its gauges, or that it has none. The converter is set up in the periods that follow.
     ///
     /// # Errors
     /// The converter does not have this gain. A validated model has none such.
-    pub fn configure(&mut self, sensor: Option<&ForceSensor>) -> Result<(), InvalidSettings> {
+    pub fn configure(&mut self, of: Option<(&ForceSensor, &Gauges)>) -> Result<(), InvalidSettings> {
         self.calibration = None;
         self.is_started = false;
         self.values = [0; GAUGES];
-        let Some((sensor, gauges)) = sensor.and_then(|sensor| Some((sensor, sensor.gauges?))) else {
-            return Ok(());
-        };
+        let Some((sensor, gauges)) = of else { return Ok(()) };
         let settings = Settings { gains: gauges.gains, oversampling: OVERSAMPLING, external_reference: true };
         self.converter.configure(&settings)?;
-        self.calibration = Calibration::of(sensor);
+        self.calibration = Some(Calibration::new(sensor, gauges));
         Ok(())
     }
 

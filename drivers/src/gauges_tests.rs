@@ -4,7 +4,6 @@ use std::cell::RefCell;
 use std::convert::Infallible;
 
 use embedded_hal::spi::{ErrorType, Operation};
-use tesaki::model::Gauges;
 
 use super::*;
 
@@ -12,22 +11,27 @@ use super::*;
 type Sensor = ([[f32; 6]; 6], [f32; 2], &'static [([i32; 6], [f64; 6])], f64);
 const SENSORS: &[Sensor] = include!("../../tests/oracles/data/gauges.in");
 
-fn sensor((calibration_matrix, [force_resolution, torque_resolution], ..): Sensor) -> ForceSensor {
-    ForceSensor {
+fn sensor((calibration_matrix, [force_resolution, torque_resolution], ..): Sensor) -> (ForceSensor, Gauges) {
+    let sensor = ForceSensor {
         force_resolution,
         torque_resolution,
         saturation: 100_000,
         force_limit: 10.0,
         mass: 0.0,
         center_of_mass: [0.0; 3],
-        gauges: Some(Gauges { calibration_matrix, gains: [128, 128, 64, 64, 32, 32] }),
-    }
+    };
+    (sensor, Gauges { chain: 0, calibration_matrix, gains: [128, 128, 64, 64, 32, 32] })
+}
+
+fn calibration(of: Sensor) -> Calibration {
+    let (sensor, gauges) = sensor(of);
+    Calibration::new(&sensor, &gauges)
 }
 
 #[test]
 fn wrenches_are_those_of_numpy() {
     for of in SENSORS {
-        let calibration = Calibration::of(&sensor(*of)).unwrap();
+        let calibration = calibration(*of);
         for (gauges, expected) in of.2 {
             for (got, expected) in calibration.wrench(gauges).into_iter().zip(expected) {
                 // Rounded to a count, and six products of single precision.
@@ -42,8 +46,8 @@ fn wrenches_are_those_of_numpy() {
 #[test]
 fn counts_saturate() {
     let mut wild = sensor(SENSORS[0]);
-    wild.gauges.as_mut().unwrap().calibration_matrix[0][0] = 1e6;
-    let wrench = Calibration::of(&wild).unwrap().wrench(&[0x7F_FFFF, 0, 0, 0, 0, 0]);
+    wild.1.calibration_matrix[0][0] = 1e6;
+    let wrench = Calibration::new(&wild.0, &wild.1).wrench(&[0x7F_FFFF, 0, 0, 0, 0, 0]);
     assert_eq!(wrench[0], i32::MAX);
 }
 
@@ -129,7 +133,8 @@ fn period(
 
 fn started(converter: &RefCell<Converter>) -> ForceGauges<Bus<'_>> {
     let mut gauges = ForceGauges::new(Bus(converter));
-    gauges.configure(Some(&sensor(SENSORS[0]))).unwrap();
+    let (sensor, of_sensor) = sensor(SENSORS[0]);
+    gauges.configure(Some((&sensor, &of_sensor))).unwrap();
     for _ in 0..11 {
         let reading = period(&mut gauges, converter, 40, |_, _| {}).unwrap();
         assert_eq!(reading.fault, Some(ForceSensorFault::Silent));
@@ -143,8 +148,7 @@ fn a_period_gives_the_wrench_of_its_last_conversion() {
     let mut gauges = started(&converter);
     assert_eq!(converter.borrow().registers[3..], [0x3F56, 0x6677, 0x0055]);
     let reading = period(&mut gauges, &converter, 10, |_, _| {}).unwrap();
-    let expected =
-        Calibration::of(&sensor(SENSORS[0])).unwrap().wrench(&[1009, 2009, 3009, 4009, 5009, 6009]);
+    let expected = calibration(SENSORS[0]).wrench(&[1009, 2009, 3009, 4009, 5009, 6009]);
     assert_eq!(reading, Reading { wrench: expected, fault: None });
     assert_ne!(expected, [0; 6]);
 }

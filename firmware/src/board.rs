@@ -5,7 +5,7 @@
 
 use stm32f4xx_hal::pac;
 use stm32f4xx_hal::rcc::Rcc;
-use tesaki::model::{Field, GAUGES, ModelError, Problem, RobotModel};
+use tesaki::model::{Field, ModelError, Problem, RobotModel};
 use tesaki::protocol::{ActuatorFrame, SensorFrame};
 
 pub use crate::boards::ThisBoard;
@@ -172,15 +172,15 @@ impl Equipment {
             }
         }
         let mut force_sensors = 0;
-        for (chain, joints) in model.chains.iter().zip(model.chain_ranges()) {
-            let Some(sensor) = &chain.force_sensor else { continue };
+        for (index, (chain, joints)) in model.chains.iter().zip(model.chain_ranges()).enumerate() {
+            if chain.force_sensor.is_none() {
+                continue;
+            }
             force_sensors += 1;
             let last = Some(joints.end.saturating_sub(1) as u8);
-            let gauges = |problem| {
-                let value = sensor.gauges.map_or(0.0, |_| GAUGES as f32);
-                Err(ModelError { joint: last, field: Field::Gauges, value, problem })
-            };
-            match sensor.gauges {
+            let gauges =
+                |problem| Err(ModelError { joint: last, field: Field::Gauges, value: index as f32, problem });
+            match model.gauges_of(index) {
                 Some(_) if self.force_sensors == 0 => return gauges(Problem::NotSupported),
                 _ if force_sensors > self.force_sensors => {
                     let (value, limit) = (force_sensors.into(), self.force_sensors.into());

@@ -307,7 +307,6 @@ fn equipment_is_checked() -> bool {
             force_limit: 10.0,
             mass: 0.0,
             center_of_mass: [0.0; 3],
-            gauges: None,
         });
     };
     let unchanged = |_: &mut RobotModel| {};

@@ -183,8 +183,11 @@ impl Board for Weact {
     fn configure(&mut self, model: &RobotModel) -> Result<(), ModelError> {
         EQUIPMENT.check(model)?;
         let motors = motors_for(model, Sensing::Magnitude, TRIP, &SWITCHING, drv8874::WAKE)?;
-        let sensor = model.chains.iter().find_map(|chain| chain.force_sensor.as_ref());
-        self.gauges.configure(sensor).map_err(|_| ModelError {
+        let gauges = model.gauges.first().and_then(|gauges| {
+            let chain = model.chains.get(usize::from(gauges.chain))?;
+            Some((chain.force_sensor.as_ref()?, gauges))
+        });
+        self.gauges.configure(gauges).map_err(|_| ModelError {
             joint: None,
             field: Field::GaugeGains,
             value: 0.0,

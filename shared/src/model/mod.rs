@@ -31,6 +31,8 @@ pub const MAX_CHAIN_JOINTS: usize = 7;
 pub const MAX_CHAINS: usize = 6;
 /// Maximum number of mimic joints of one robot: two for each of five fingers.
 pub const MAX_MIMICS: usize = 10;
+/// Maximum number of force sensors whose gauges one board converts.
+pub const MAX_GAUGES: usize = 1;
 /// Maximum length of a name [bytes].
 pub const MAX_NAME: usize = 32;
 
@@ -49,6 +51,8 @@ pub struct RobotModel {
     pub safety: Safety,
     /// Joints of the chains that have no motor.
     pub mimics: Vec<MimicJoint, MAX_MIMICS>,
+    /// Gauges of the force sensors that the board converts itself; none of a sensor that delivers wrenches.
+    pub gauges: Vec<Gauges, MAX_GAUGES>,
 }
 
 /// A run of consecutive joints in series.
@@ -161,8 +165,6 @@ pub struct ForceSensor {
     pub mass: f32,
     /// Its centre of mass in the tip's frame [m].
     pub center_of_mass: [f32; 3],
-    /// Its strain gauges, where the board converts them itself; `None` for a sensor that delivers wrenches.
-    pub gauges: Option<Gauges>,
 }
 
 /// Gauges of a six-axis force sensor.
@@ -174,6 +176,8 @@ pub const GAUGE_END: f32 = 8_388_607.0;
 /// matrix · counts; the tare takes what is left of the offset.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Gauges {
+    /// The chain of the sensor, as index into [`RobotModel::chains`].
+    pub chain: u8,
     /// The calibration (decoupling) matrix, row by row: forces along x, y, z of the tip's frame [N], then
     /// torques [N·m], for one count of each gauge's converter at its gain.
     pub calibration_matrix: [[f32; GAUGES]; 6],
@@ -363,6 +367,11 @@ impl RobotModel {
     /// The mimic joints of a chain.
     pub fn mimics_of(&self, chain: usize) -> impl Iterator<Item = &MimicJoint> {
         self.mimics.iter().filter(move |mimic| usize::from(mimic.chain) == chain)
+    }
+
+    /// The gauges of the force sensor of a chain.
+    pub fn gauges_of(&self, chain: usize) -> Option<&Gauges> {
+        self.gauges.iter().find(|gauges| usize::from(gauges.chain) == chain)
     }
 
     /// All joints of a chain of a validated model, base to tip.

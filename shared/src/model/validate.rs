@@ -91,6 +91,11 @@ impl RobotModel {
             if let Some(sensor) = &chain.force_sensor {
                 sensor.validate(last)?;
             }
+            if let Some(gauges) = self.gauges_of(index) {
+                let gauges_error = |problem| last.error(Field::Gauges, f32::from(gauges.chain), problem);
+                let sensor = chain.force_sensor.as_ref().ok_or(gauges_error(Problem::NotSupported))?;
+                gauges.validate(last, sensor.force_limit)?;
+            }
             let all = usize::from(chain.joints) + self.mimics_of(index).count();
             for mimic in self.mimics_of(index) {
                 mimic.validate(last, self.joints.len())?;
@@ -114,6 +119,10 @@ impl RobotModel {
         }
         if let Some(stray) = self.mimics.iter().find(|mimic| usize::from(mimic.chain) >= self.chains.len()) {
             return Err(robot.error(Field::MimicChain, f32::from(stray.chain), Problem::NotSupported));
+        }
+        let known = |gauges: &&Gauges| usize::from(gauges.chain) >= self.chains.len();
+        if let Some(stray) = self.gauges.iter().find(known) {
+            return Err(robot.error(Field::Gauges, f32::from(stray.chain), Problem::NotSupported));
         }
         self.safety.validate()?;
         for (index, joint) in self.joints.iter().enumerate() {
@@ -191,8 +200,7 @@ impl ForceSensor {
         check.above(Field::Saturation, self.saturation as f32, 0.0)?;
         check.positive(Field::ForceLimit, self.force_limit, MAX_EFFORT)?;
         check.within(Field::TipMass, self.mass, 0.0, MAX_INERTIA)?;
-        check.all_within(Field::TipCenterOfMass, &self.center_of_mass, MAX_LENGTH)?;
-        self.gauges.as_ref().map_or(Ok(()), |gauges| gauges.validate(check, self.force_limit))
+        check.all_within(Field::TipCenterOfMass, &self.center_of_mass, MAX_LENGTH)
     }
 }
 

@@ -42,7 +42,6 @@ pub(super) const SENSOR: ForceSensor = ForceSensor {
     force_limit: 150.0,
     mass: 0.0,
     center_of_mass: [0.0; 3],
-    gauges: None,
 };
 
 fn arm_with_force_sensor() -> RobotModel {

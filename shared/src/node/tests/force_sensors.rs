@@ -17,7 +17,6 @@ pub const SENSOR: ForceSensor = ForceSensor {
     force_limit: 5.0,
     mass: 0.01,
     center_of_mass: [0.0, 0.0, 0.02],
-    gauges: None,
 };
 
 /// Two fingers with force sensors. Each tip has 10 g, with the centre of mass 20 mm along z; gravity along
