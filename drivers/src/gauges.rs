@@ -7,7 +7,7 @@ use tesaki::protocol::ForceSensorFault;
 use crate::ads131m06::{Ads131m06, InvalidSettings, ReadError, Settings};
 
 /// Samples of the modulator for a value: with the converter's clock of 8.192 MHz, 1000 values a second, each
-/// a mean over 1 ms that is 0.9 ms old when it is ready.
+/// of them 0.75 ms old when it is ready, which is the group delay of its filters.
 const OVERSAMPLING: u16 = 4096;
 /// Values in a control period of 10 ms.
 const EXPECTED: u8 = 10;

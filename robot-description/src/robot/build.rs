@@ -2,8 +2,8 @@
 
 use tesaki::kinematics::Chain;
 use tesaki::model::{
-    ChainJoint, ChainModel, Coupling, Field, ForceSensor, Friction, Gauges, JointModel, MimicJoint, ModelError,
-    ObserverGains, PidGains, Pose, RobotModel, ServoGains,
+    ChainJoint, ChainModel, Coupling, Field, ForceSensor, Friction, Gauges, JointModel, MimicJoint,
+    ModelError, ObserverGains, PidGains, Pose, RobotModel, ServoGains,
 };
 
 use super::settings::{GaugeSettings, JointSettings, Settings};

@@ -461,4 +461,93 @@ mod tests {
             assert_eq!(refused(0.5, inertia), None, "{inertia:?}");
         }
     }
+
+    /// Calibration matrix, resolutions, readings, smallest pivot, see the file.
+    type Sensor = ([[f32; 6]; 6], [f32; 2], &'static [([i32; 6], [f64; 6])], f32);
+    const SENSORS: &[Sensor] = include!("../../../tests/oracles/data/gauges.in");
+
+    fn refused_gauges(calibration_matrix: [[f32; 6]; 6], gains: [u8; 6]) -> Option<(Field, Problem)> {
+        let gauges = Gauges { chain: 0, calibration_matrix, gains };
+        let error = gauges.validate(Check { joint: Some(2) }, 10.0).err()?;
+        assert_eq!(error.joint, Some(2));
+        Some((error.field, error.problem))
+    }
+
+    #[test]
+    fn the_independence_of_rows_is_that_of_numpy() {
+        for (matrix, .., expected) in SENSORS {
+            assert!((independence(matrix) - expected).abs() < 1e-5, "{}", independence(matrix));
+            assert_eq!(refused_gauges(*matrix, [128; 6]), None);
+            // Neither units nor gains of the gauges matter.
+            let mut scaled = *matrix;
+            for (row, factor) in scaled.iter_mut().zip([1.0, 1.0, 1.0, 1e3, 1e3, 1e3]) {
+                let gains = [1.0, 8.0, 128.0, 1e-3, 1.0, 2.0];
+                row.iter_mut().zip(gains).for_each(|(value, gain)| *value *= factor * gain);
+            }
+            assert!((independence(&scaled) - expected).abs() < 1e-3, "{}", independence(&scaled));
+        }
+    }
+
+    #[test]
+    fn calibration_matrices_that_no_sensor_has_are_refused() {
+        let (matrix, ..) = SENSORS[0];
+        let with = |change: &dyn Fn(&mut [[f32; 6]; 6])| {
+            let mut changed = matrix;
+            change(&mut changed);
+            refused_gauges(changed, [128; 6])
+        };
+        let singular = Some((Field::CalibrationMatrix, Problem::Singular));
+        assert_eq!(with(&|rows| rows[4] = [0.0; 6]), singular);
+        assert_eq!(with(&|rows| rows.iter_mut().for_each(|row| row[3] = 0.0)), singular);
+        assert_eq!(with(&|rows| rows[1] = rows[0].map(|value| 2.0 * value)), singular);
+        assert_eq!(with(&|rows| rows.iter_mut().for_each(|row| row[5] = -row[2])), singular);
+        let nearly = |part: f32| {
+            with(&|rows| {
+                let mixed = core::array::from_fn(|gauge| rows[3][gauge] + part * rows[4][gauge]);
+                rows[4] = mixed;
+            })
+        };
+        assert_eq!(nearly(1e-3), singular);
+        assert_eq!(nearly(0.5), None);
+        let not_finite = Some((Field::CalibrationMatrix, Problem::NotFinite));
+        assert_eq!(with(&|rows| rows[5][5] = f32::NAN), not_finite);
+        // In millinewtons for a hundredth of the range; in volts.
+        let range = |factor: f32| {
+            with(&|rows| rows.iter_mut().flatten().for_each(|value| *value *= factor)).map(|(field, _)| field)
+        };
+        assert_eq!(range(1.0), None);
+        assert_eq!(range(0.01), Some(Field::GaugeRange));
+        assert_eq!(range(7e6), Some(Field::GaugeRange));
+    }
+
+    #[test]
+    fn gains_are_powers_of_two_up_to_128() {
+        let (matrix, ..) = SENSORS[0];
+        let with = |gain: u8| refused_gauges(matrix, [1, 2, 4, 64, 128, gain]);
+        assert_eq!(with(8), None);
+        assert_eq!(with(0), Some((Field::GaugeGains, Problem::Below(1.0))));
+        assert_eq!(with(3), Some((Field::GaugeGains, Problem::NotSupported)));
+        assert_eq!(with(255), Some((Field::GaugeGains, Problem::Above(128.0))));
+    }
+
+    #[test]
+    fn gauges_need_a_chain_with_a_force_sensor() {
+        let mut model = crate::test_support::finger();
+        let gauges = |chain| Gauges { chain, calibration_matrix: SENSORS[0].0, gains: [128; 6] };
+        model.gauges.push(gauges(1)).unwrap();
+        let stray =
+            ModelError { joint: None, field: Field::Gauges, value: 1.0, problem: Problem::NotSupported };
+        assert_eq!(model.validate(), Err(stray));
+        model.gauges[0] = gauges(0);
+        assert_eq!(model.validate(), Err(ModelError { joint: Some(2), value: 0.0, ..stray }));
+        model.chains[0].force_sensor = Some(ForceSensor {
+            force_resolution: 1e-3,
+            torque_resolution: 1e-5,
+            saturation: 30_000,
+            force_limit: 10.0,
+            mass: 0.0,
+            center_of_mass: [0.0; 3],
+        });
+        assert_eq!(model.validate(), Ok(()));
+    }
 }

@@ -207,3 +207,28 @@ pub struct LogStart {
     /// Seconds since 1970; 0 when unknown.
     pub unix_time: u64,
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_fault_of_the_gauges_has_a_code_of_its_own() {
+        let told = |code: u8| SensorFlags(code << 4 | 1).force_sensor();
+        assert_eq!(told(0), None);
+        for code in 1..16 {
+            let fault = told(code).unwrap();
+            assert_eq!(fault.code(), code);
+            let flags = SensorFlags(SensorFlags::EMERGENCY_STOP).with_force_sensor(fault);
+            assert_eq!((flags.0, flags.dead_encoder()), (code << 4 | 1, None));
+        }
+        assert_eq!(told(9), Some(ForceSensorFault::Stuck(5)));
+        assert_eq!(told(15), Some(ForceSensorFault::Saturated(5)));
+    }
+
+    #[test]
+    fn a_dead_encoder_is_told_before_the_gauges() {
+        let flags = SensorFlags(SensorFlags::of_dead_encoder(6)).with_force_sensor(ForceSensorFault::Silent);
+        assert_eq!((flags.dead_encoder(), flags.force_sensor()), (Some(6), None));
+    }
+}
