@@ -180,8 +180,12 @@ impl Chip {
         let timers = self.timers.iter().map(|timer| timer.next(self.rcc.timers(1)));
         let usarts = self.usart.iter().map(Usart::next);
         let fast = self.rcc.timers(2);
-        let rest =
-            [self.tim1.next(fast), self.tim8.next(fast), self.bench.next(), self.iwdg.end.unwrap_or(u64::MAX)];
+        let rest = [
+            self.tim1.next(fast),
+            self.tim8.next(fast),
+            self.bench.next(),
+            self.iwdg.end.unwrap_or(u64::MAX),
+        ];
         let (adc, spi) = (self.adc.iter().map(Adc::next), self.spi.iter().map(Spi::next));
         timers.chain(usarts).chain(adc).chain(spi).chain(rest).min().unwrap_or(u64::MAX)
     }

@@ -109,7 +109,9 @@ mod tests {
     #[test]
     fn a_matrix_times_its_inverse_is_one() {
         let matrix: [[f64; 6]; 6] = std::array::from_fn(|row| {
-            std::array::from_fn(|column| ((7 * row + 3 * column) % 11) as f64 + 5.0 * f64::from(row == column))
+            std::array::from_fn(|column| {
+                ((7 * row + 3 * column) % 11) as f64 + 5.0 * f64::from(row == column)
+            })
         });
         let inverse = inverse(&matrix);
         for row in 0..6 {

@@ -229,9 +229,7 @@ fn a_board_without_the_converter_cannot_be_enabled() {
     rig.client.push(&mut rig.machine, &model).unwrap();
     rig.client.demand(&mut rig.machine, Request::SetRate { stream: Stream::Log, every: 1 }).unwrap();
     rig.run(0.5);
-    rig.client
-        .demand(&mut rig.machine, Request::Home { positions: [0.0; 3].into_iter().collect() })
-        .unwrap();
+    rig.client.demand(&mut rig.machine, Request::Home { positions: [0.0; 3].into_iter().collect() }).unwrap();
     let reply = rig.ask(Request::Enable(TaskConfig::JointServo(ServoMode::Observer)));
     let Reply::Refused(Refusal::Unsafe(fault)) = reply else { panic!("{reply:?}") };
     assert_eq!((fault.cause, fault.joint, fault.value), (FaultCause::ForceSilent, Some(LAST), 1.0));
