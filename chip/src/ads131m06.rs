@@ -22,7 +22,6 @@ const GAIN1: usize = 4;
 const DEFAULTS: [u16; 6] = [0x2600, 0, 0x0510, 0x3F0E, 0, 0];
 const RESET_FLAG: u16 = 1 << 10;
 const CRC_ENABLED: u16 = 1 << 12;
-const CRC_ERROR: u16 = 1 << 12;
 /// DRDY is high for so many periods of the clock before it falls again, when nobody has read.
 const HIGH: u64 = 8;
 
@@ -50,8 +49,8 @@ pub struct Ads131m06 {
     last: [i32; CHANNELS],
     /// When the next conversion ends.
     next: u64,
-    /// DRDY is high before it falls for the next conversion.
-    pulse: bool,
+    /// DRDY is high before it falls for the next conversion; `None`: it is not time yet.
+    pulse: Option<bool>,
     is_selected: bool,
     input: Vec<u8>,
     output: [u8; FRAME],
@@ -72,7 +71,7 @@ impl Default for Ads131m06 {
             unread: VecDeque::new(),
             last: [0; CHANNELS],
             next: 0,
-            pulse: false,
+            pulse: None,
             is_selected: false,
             input: Vec::new(),
             output: [0; FRAME],
@@ -104,21 +103,21 @@ impl Ads131m06 {
     /// Conversions begin anew.
     fn begin(&mut self, now: u64) {
         self.next = now + self.modulator(256 + 44 + self.oversampling());
-        self.pulse = false;
+        self.pulse = None;
     }
 
     /// The next time at which it does something by itself.
     pub fn next(&self) -> u64 {
         let high = HIGH * SECOND / self.clock;
-        match (self.defects.stopped, self.is_low()) {
-            (true, _) => u64::MAX,
-            (false, true) => self.next.saturating_sub(high),
-            (false, false) => self.next,
+        match self.pulse {
+            _ if self.defects.stopped => u64::MAX,
+            None => self.next.saturating_sub(high),
+            Some(_) => self.next,
         }
     }
 
     fn is_low(&self) -> bool {
-        !self.unread.is_empty() && !self.pulse
+        !self.unread.is_empty() && self.pulse != Some(true)
     }
 
     /// The level of DRDY; `None` when nothing drives the line.
@@ -130,13 +129,9 @@ impl Ads131m06 {
     /// reference is used, 1: that of the gauges).
     pub fn advance(&mut self, now: u64, inputs: impl Fn(bool, usize) -> f64) {
         while self.next() <= now {
-            let is_read = !self.input.is_empty();
-            if self.is_low() && self.next > now {
-                // No pulse while conversion data are read.
-                if is_read {
-                    return;
-                }
-                self.pulse = true;
+            if self.pulse.is_none() {
+                // Not while conversion data are read.
+                self.pulse = Some(self.input.is_empty());
                 continue;
             }
             let gain = |channel: usize| self.registers[GAIN1 + channel / 4] >> (4 * (channel % 4)) & 7;
@@ -155,7 +150,7 @@ impl Ads131m06 {
             if self.unread.len() < 2 {
                 self.unread.push_back(values);
             }
-            self.pulse = false;
+            self.pulse = None;
             self.next += self.modulator(self.oversampling());
         }
     }

@@ -22,7 +22,7 @@ pub struct ForceSensor {
     /// Counts of each gauge without a wrench, at a gain of 1.
     pub offsets: [f64; 6],
     /// Even noise to either side, at a gain of 1 [counts].
-    noise: f64,
+    pub noise: f64,
     random: u32,
 }
 

@@ -71,7 +71,7 @@ pub trait Board: Sized {
     fn on_edge() {}
 
     /// EXTI3, which [`Board::on_edge`] has pended; it runs between control periods, never in one, and delays
-    /// them by 60 µs at most.
+    /// them by 70 µs at most.
     fn on_data(&mut self) {}
 }
 
