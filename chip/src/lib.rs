@@ -3,7 +3,8 @@
 //! Deterministic: time passes with the instructions.
 //!
 //! What it does not show: an instruction is taken for 1.5 cycles, whatever it is; no analogue effects, no
-//! errata, no DMA, of SPI only SPI1 and SPI3; no check of CPACR, no write buffers; PVU and RVU of the watchdog.
+//! errata, no DMA, of SPI only SPI1 and SPI3; no check of CPACR, no write buffers; PVU and RVU of the
+//! watchdog.
 
 pub mod adc;
 pub mod ads131m06;

@@ -91,7 +91,8 @@ impl<S: SpiDevice> ForceGauges<S> {
         }
     }
 
-    /// Takes a robot's sensor with its gauges, or that it has none. The converter is set up in the periods that follow.
+    /// Takes a robot's sensor with its gauges, or that it has none. The converter is set up in the periods
+    /// that follow.
     ///
     /// # Errors
     /// The converter does not have this gain. A validated model has none such.
