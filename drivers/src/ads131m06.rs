@@ -251,8 +251,9 @@ impl Settings {
                 return Err(InvalidSettings::Gain { channel, gain });
             }
             let bits = u16::from(gain.trailing_zeros().to_le_bytes()[0]);
-            let register = registers.iter_mut().nth(usize::from(channel / 4));
-            register.into_iter().for_each(|register| *register |= bits << (4 * (channel % 4)));
+            if let Some(register) = registers.get_mut(usize::from(channel / 4)) {
+                *register |= bits << (4 * (channel % 4));
+            }
         }
         Ok(registers)
     }

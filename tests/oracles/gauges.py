@@ -41,6 +41,10 @@ def floats(values):
     return "[" + ", ".join(f"{value:.9e}" for value in values) + "]"
 
 
+def single(values):
+    return "[" + ", ".join(np.format_float_scientific(np.float32(value)) for value in values) + "]"
+
+
 def main():
     rng = np.random.default_rng(20)
     rows = []
@@ -55,7 +59,7 @@ def main():
             counts = matrix @ gauges / np.repeat(resolutions, 3)
             samples.append(f"        ({list(map(int, gauges))}, {floats(counts)}),")
         listed = "\n".join(samples)
-        text = ",\n        ".join(map(floats, matrix))
+        text = ",\n        ".join(map(single, matrix))
         rows.append(f"    ([\n        {text},\n    ], [1e-3, 1e-5], &[\n{listed}\n    ], {independence(matrix):.6f}),")
     write("gauges.in", __file__, COLUMNS, "&[\n" + "\n".join(rows) + "\n]\n")
 

@@ -398,6 +398,7 @@ impl Check {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
 mod tests {
     use super::*;
     use crate::test_support::joint as test_joint;

@@ -103,12 +103,14 @@ pub enum ForceSensorFault {
 impl ForceSensorFault {
     /// The number on the wire: 1 to 15.
     pub const fn code(self) -> u8 {
+        const LAST: u8 = 5;
+        const _: () = assert!(GAUGES == LAST as usize + 1);
         match self {
             Self::Silent => 1,
             Self::Damaged => 2,
             Self::Restarted => 3,
-            Self::Stuck(gauge) => 4 + gauge % GAUGES as u8,
-            Self::Saturated(gauge) => 10 + gauge % GAUGES as u8,
+            Self::Stuck(gauge) => 4 + gauge % (LAST + 1),
+            Self::Saturated(gauge) => 10 + gauge % (LAST + 1),
         }
     }
 
@@ -209,6 +211,7 @@ pub struct LogStart {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
 mod tests {
     use super::*;
 
