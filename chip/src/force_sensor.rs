@@ -114,11 +114,9 @@ mod tests {
             })
         });
         let inverse = inverse(&matrix);
-        for row in 0..6 {
-            for column in 0..6 {
-                let product: f64 = (0..6).map(|k| matrix[row][k] * inverse[k][column]).sum();
-                assert!((product - f64::from(row == column)).abs() < 1e-12);
-            }
+        for (row, column) in (0..36).map(|place| (place / 6, place % 6)) {
+            let product: f64 = (0..6).map(|k| matrix[row][k] * inverse[k][column]).sum();
+            assert!((product - f64::from(row == column)).abs() < 1e-12);
         }
     }
 }
