@@ -302,7 +302,7 @@ fn the_gauges_of_the_page_become_those_of_the_model_and_wrong_ones_are_named() {
         RobotFolder::parse(&path, &urdf, &settings)
     };
     let model = with("arm7", section).unwrap().model;
-    let [gauges] = model.gauges[..] else { panic!("{:?}", model.gauges) };
+    let gauges = model.gauges.unwrap();
     assert_eq!((gauges.chain, gauges.gains), (0, [128; 6]));
     assert_eq!((gauges.calibration_matrix[0][5], gauges.calibration_matrix[5][0]), (6.93e-6, -3.68e-9));
     assert_eq!(chain_model(&model, 0).unwrap().gauges, model.gauges);

@@ -39,7 +39,7 @@ fn with_gauges() -> RobotModel {
         center_of_mass: [0.0; 3],
     });
     let calibration_matrix = CALIBRATION.map(|row| row.map(|value| value as f32));
-    model.gauges.push(Gauges { chain: 0, calibration_matrix, gains: GAINS }).unwrap();
+    model.gauges = Some(Gauges { chain: 0, calibration_matrix, gains: GAINS });
     model
 }
 
@@ -248,7 +248,7 @@ fn a_board_without_the_converter_cannot_be_enabled() {
 fn what_the_board_lacks_for_a_force_sensor_is_refused_at_the_push() {
     let mut rig = Rig::with_sensor(&[]);
     let refusals: [Refused; 2] = [
-        (|model| model.gauges.clear(), Some(LAST), Field::Gauges, Problem::Missing),
+        (|model| model.gauges = None, Some(LAST), Field::Gauges, Problem::Missing),
         (
             |model| {
                 let mut second = model.chains[0].clone();

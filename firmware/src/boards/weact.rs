@@ -183,7 +183,7 @@ impl Board for Weact {
     fn configure(&mut self, model: &RobotModel) -> Result<(), ModelError> {
         EQUIPMENT.check(model)?;
         let motors = motors_for(model, Sensing::Magnitude, TRIP, &SWITCHING, drv8874::WAKE)?;
-        let gauges = model.gauges.first().and_then(|gauges| {
+        let gauges = model.gauges.as_ref().and_then(|gauges| {
             let chain = model.chains.get(usize::from(gauges.chain))?;
             Some((chain.force_sensor.as_ref()?, gauges))
         });

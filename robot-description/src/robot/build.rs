@@ -6,7 +6,7 @@ use tesaki::model::{
     ModelError, ObserverGains, PidGains, Pose, RobotModel, ServoGains,
 };
 
-use super::settings::{GaugeSettings, JointSettings, Settings};
+use super::settings::{JointSettings, Settings};
 use super::tree::{SerialChain, SerialJoint, SerialMimic};
 use crate::finding::{Finding, Report};
 use crate::line::line_of;
@@ -20,7 +20,8 @@ pub fn model(urdf: &Urdf, chains: &[SerialChain], settings: &Settings) -> Option
         chains: heapless::Vec::new(),
         joints: heapless::Vec::new(),
         mimics: heapless::Vec::new(),
-        gauges: heapless::Vec::new(),
+        // One matrix is that of one sensor: `validate` reports more.
+        gauges: settings.force_sensor.as_ref().and_then(|sensor| sensor.gauges).map(Gauges::from),
         safety: settings.safety,
     };
     for chain in chains {
@@ -46,11 +47,6 @@ pub fn model(urdf: &Urdf, chains: &[SerialChain], settings: &Settings) -> Option
         for mimic in &chain.mimics {
             model.mimics.push(mimic_joint(mimic, model.chains.len() - 1, chains)?).ok()?;
         }
-    }
-    // One matrix is that of one sensor: `validate` reports more.
-    for settings in settings.force_sensor.iter().filter_map(|sensor| sensor.gauges.as_ref()) {
-        let GaugeSettings { calibration_matrix, gains } = *settings;
-        model.gauges.push(Gauges { chain: 0, calibration_matrix, gains }).ok()?;
     }
     complete_gains(&mut model, settings);
     add_mimics(&mut model, chains, settings);
@@ -126,7 +122,7 @@ fn add_mimics(model: &mut RobotModel, chains: &[SerialChain], settings: &Setting
 
 /// Reports what is wrong with the values, joint by joint: one finding each.
 pub fn validate(model: &RobotModel, urdf: &Urdf, text: &str, of_urdf: &mut Report, of_settings: &mut Report) {
-    if !model.gauges.is_empty() && model.chains.len() > 1 {
+    if model.gauges.is_some() && model.chains.len() > 1 {
         let message = format!("force_sensor.gauges: one calibration matrix for {} tips", model.chains.len());
         let advice = "a matrix is that of one sensor: only a robot with a single tip can have gauges";
         of_settings.dynamics(line_of(text, "force_sensor.gauges"), message, advice);
@@ -141,7 +137,7 @@ pub fn validate(model: &RobotModel, urdf: &Urdf, text: &str, of_urdf: &mut Repor
         let Some(chain) = alone.chains.first_mut() else { return };
         (chain.joints, chain.tip, chain.force_sensor) = (1, Pose::IDENTITY, None);
         alone.mimics.clear();
-        alone.gauges.clear();
+        alone.gauges = None;
         let _ = alone.joints.push(joint.clone());
         match alone.validate() {
             Err(error) if error.joint.is_some() => found.push((Some(joint), error)),

@@ -18,7 +18,7 @@ pub fn chain_model(robot: &RobotModel, index: usize) -> Option<RobotModel> {
         chains: [chain.clone()].into_iter().collect(),
         joints: joints.iter().cloned().collect(),
         mimics: robot.mimics_of(index).map(own).collect::<Option<_>>()?,
-        gauges: robot.gauges_of(index).map(|gauges| Gauges { chain: 0, ..*gauges }).into_iter().collect(),
+        gauges: robot.gauges_of(index).map(|gauges| Gauges { chain: 0, ..*gauges }),
         safety: robot.safety,
     })
 }

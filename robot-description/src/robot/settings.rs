@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
-use tesaki::model::{Encoder, GAUGES, Motor, PidGains, Safety};
+use tesaki::model::{Encoder, GAUGES, Gauges, Motor, PidGains, Safety};
 use toml::{Table, Value};
 
 use crate::file::{MAX_TOML, check_length};
@@ -49,6 +49,14 @@ pub struct GaugeSettings {
     pub calibration_matrix: [[f32; GAUGES]; 6],
     /// Gain of each gauge's converter.
     pub gains: [u8; GAUGES],
+}
+
+impl From<GaugeSettings> for Gauges {
+    /// Of the only chain.
+    fn from(settings: GaugeSettings) -> Self {
+        let GaugeSettings { calibration_matrix, gains } = settings;
+        Self { chain: 0, calibration_matrix, gains }
+    }
 }
 
 /// The settings of one joint.

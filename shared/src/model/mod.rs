@@ -31,8 +31,6 @@ pub const MAX_CHAIN_JOINTS: usize = 7;
 pub const MAX_CHAINS: usize = 6;
 /// Maximum number of mimic joints of one robot: two for each of five fingers.
 pub const MAX_MIMICS: usize = 10;
-/// Maximum number of force sensors whose gauges one board converts.
-pub const MAX_GAUGES: usize = 1;
 /// Maximum length of a name [bytes].
 pub const MAX_NAME: usize = 32;
 
@@ -51,8 +49,9 @@ pub struct RobotModel {
     pub safety: Safety,
     /// Joints of the chains that have no motor.
     pub mimics: Vec<MimicJoint, MAX_MIMICS>,
-    /// Gauges of the force sensors that the board converts itself; none of a sensor that delivers wrenches.
-    pub gauges: Vec<Gauges, MAX_GAUGES>,
+    /// Gauges of a force sensor that the board converts itself; `None` without, and where sensors deliver
+    /// wrenches.
+    pub gauges: Option<Gauges>,
 }
 
 /// A run of consecutive joints in series.
@@ -371,7 +370,7 @@ impl RobotModel {
 
     /// The gauges of the force sensor of a chain.
     pub fn gauges_of(&self, chain: usize) -> Option<&Gauges> {
-        self.gauges.iter().find(|gauges| usize::from(gauges.chain) == chain)
+        self.gauges.as_ref().filter(|gauges| usize::from(gauges.chain) == chain)
     }
 
     /// All joints of a chain of a validated model, base to tip.

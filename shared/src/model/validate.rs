@@ -120,9 +120,9 @@ impl RobotModel {
         if let Some(stray) = self.mimics.iter().find(|mimic| usize::from(mimic.chain) >= self.chains.len()) {
             return Err(robot.error(Field::MimicChain, f32::from(stray.chain), Problem::NotSupported));
         }
-        let known = |gauges: &&Gauges| usize::from(gauges.chain) >= self.chains.len();
-        if let Some(stray) = self.gauges.iter().find(known) {
-            return Err(robot.error(Field::Gauges, f32::from(stray.chain), Problem::NotSupported));
+        let stray = self.gauges.filter(|gauges| usize::from(gauges.chain) >= self.chains.len());
+        if let Some(Gauges { chain, .. }) = stray {
+            return Err(robot.error(Field::Gauges, f32::from(chain), Problem::NotSupported));
         }
         self.safety.validate()?;
         for (index, joint) in self.joints.iter().enumerate() {
@@ -398,7 +398,6 @@ impl Check {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used, reason = "tests")]
 mod tests {
     use super::*;
     use crate::test_support::joint as test_joint;
@@ -535,11 +534,11 @@ mod tests {
     fn gauges_need_a_chain_with_a_force_sensor() {
         let mut model = crate::test_support::finger();
         let gauges = |chain| Gauges { chain, calibration_matrix: SENSORS[0].0, gains: [128; 6] };
-        model.gauges.push(gauges(1)).unwrap();
+        model.gauges = Some(gauges(1));
         let stray =
             ModelError { joint: None, field: Field::Gauges, value: 1.0, problem: Problem::NotSupported };
         assert_eq!(model.validate(), Err(stray));
-        model.gauges[0] = gauges(0);
+        model.gauges = Some(gauges(0));
         assert_eq!(model.validate(), Err(ModelError { joint: Some(2), value: 0.0, ..stray }));
         model.chains[0].force_sensor = Some(ForceSensor {
             force_resolution: 1e-3,

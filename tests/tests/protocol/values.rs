@@ -113,7 +113,7 @@ pub fn finger(reaction: Reaction) -> RobotModel {
         chains: list([tip]),
         joints: list([knuckle]),
         mimics: list([]),
-        gauges: list([]),
+        gauges: None,
         safety: Safety { command_timeout: 0.1, reaction, damping: 0.01, supply_min: 20.0, supply_max: 28.0 },
     }
 }
