@@ -5,6 +5,7 @@
 //! Written from the datasheets of chip and power stage and from the board's wiring page, not from its driver.
 //! No analogue effects: switches switch at once, the current mirror is exact but for noise of the converter.
 
+use crate::force_sensor::ForceSensor;
 use crate::gpio::Gpio;
 use crate::odrive::{self, Odrive, Terminals};
 use crate::pins::Pin;
@@ -73,6 +74,8 @@ const ODRIVE_ENCODERS: [Encoder; 2] = [(Pin(1, 4), Pin(1, 5), "TIM3", 1), (Pin(1
 pub struct Bench {
     /// The board is an ODrive, which has no third motor.
     pub odrive: Option<Odrive>,
+    /// A force sensor at the tip, behind its converter.
+    pub force_sensor: Option<ForceSensor>,
     pub motors: [Motor; 3],
     pub states: [State; 3],
     /// Voltage and inner resistance of the supply [V], [Ω].
@@ -99,6 +102,7 @@ impl Bench {
     pub fn new(motors: [Motor; 3], seed: u32) -> Self {
         Self {
             odrive: None,
+            force_sensor: None,
             motors,
             states: [State::default(); 3],
             supply: 24.0,
@@ -135,13 +139,25 @@ impl Bench {
         if self.odrive.is_some() { 2 } else { 0 }
     }
 
-    /// A word over SPI3.
-    pub fn exchange(&mut self, sent: &Sent, gpio: &Gpio, now: u64) -> u32 {
-        self.odrive.as_mut().map_or(0, |odrive| odrive.exchange(sent, gpio, now))
+    /// A word over SPI1 or SPI3.
+    pub fn exchange(&mut self, bus: &str, sent: &Sent, gpio: &Gpio, now: u64) -> u32 {
+        match (&mut self.odrive, &mut self.force_sensor) {
+            (Some(odrive), _) if bus == "SPI3" => odrive.exchange(sent, gpio, now),
+            (None, Some(sensor)) if bus == "SPI1" => sensor.exchange(sent, gpio),
+            _ => 0,
+        }
+    }
+
+    /// The next time at which something outside changes by itself.
+    pub fn next(&self) -> u64 {
+        self.force_sensor.as_ref().map_or(u64::MAX, ForceSensor::next)
     }
 
     /// What follows from the levels of outputs at once.
     pub fn observe(&mut self, gpio: &Gpio, now: u64) {
+        if let Some(sensor) = &mut self.force_sensor {
+            sensor.observe(gpio, now);
+        }
         if let Some(odrive) = &mut self.odrive {
             odrive.observe(gpio, now);
             self.awake = (gpio.output(odrive::ENABLE) == Some(true)).then_some(0);
@@ -154,12 +170,13 @@ impl Bench {
     }
 
     /// What the chip's inputs show: the resistors at the emergency stop, and open drains at the trip.
-    pub fn inputs(&self, now: u64) -> [(Pin, bool); 2] {
+    pub fn inputs(&self, now: u64) -> [Option<(Pin, bool)>; 3] {
         if let Some(odrive) = &self.odrive {
             let fault = self.fault || odrive.tells_fault(now);
-            return [(odrive::STOP, !self.stop), (odrive::FAULT, !fault)];
+            return [Some((odrive::STOP, !self.stop)), Some((odrive::FAULT, !fault)), None];
         }
-        [(STOP, !self.stop), (TRIP, !self.stop && !self.fault)]
+        let data = self.force_sensor.as_ref().and_then(ForceSensor::data_line);
+        [Some((STOP, !self.stop)), Some((TRIP, !self.stop && !self.fault)), data]
     }
 
     /// Supply voltage at the stages [V].

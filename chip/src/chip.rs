@@ -32,6 +32,8 @@ const USARTS: [(&str, usize, Pin, Pin); 3] = [
     ("USART2", 1, Pin(0, 2), Pin(0, 3)),
     ("UART4", 1, Pin(0, 0), Pin(0, 1)),
 ];
+/// The SPIs: name, and bus.
+const SPIS: [(&str, usize); 2] = [("SPI1", 2), ("SPI3", 1)];
 /// EXTICR1 of SYSCFG: which port a line of EXTI is.
 const EXTICR: u32 = 0x4001_3808;
 
@@ -43,7 +45,8 @@ pub struct Chip {
     pub usart: [Usart; 3],
     pub tim1: Tim1,
     pub tim8: Tim1,
-    spi: Spi,
+    /// SPI1 and SPI3.
+    spi: [Spi; 2],
     exti: Exti,
     /// TIM2 to TIM5.
     timers: [Timer; 4],
@@ -76,6 +79,7 @@ fn clock(base: u32) -> Option<(usize, u32)> {
         0x4001_0000 => (0x44, 0),
         0x4001_0400 => (0x44, 1),
         0x4001_1000 => (0x44, 4),
+        0x4001_3000 => (0x44, 12),
         0x4001_3800 => (0x44, 14),
         0x4001_4800 => (0x44, 18),
         _ => return None,
@@ -91,7 +95,7 @@ impl Chip {
             usart: Default::default(),
             tim1: Tim1::new(),
             tim8: Tim1::new(),
-            spi: Spi::default(),
+            spi: Default::default(),
             exti: Exti::default(),
             timers: [u32::MAX, 0xFFFF, 0xFFFF, u32::MAX].map(Timer::new),
             tim11: Timer::new(0xFFFF),
@@ -116,7 +120,7 @@ impl Chip {
         self.nvic = Nvic::new();
         self.tim1 = Tim1::new();
         self.tim8 = Tim1::new();
-        self.spi = Spi::default();
+        self.spi = Default::default();
         self.exti = Exti::default();
         self.timers = [u32::MAX, 0xFFFF, 0xFFFF, u32::MAX].map(Timer::new);
         self.tim11 = Timer::new(0xFFFF);
@@ -176,9 +180,14 @@ impl Chip {
         let timers = self.timers.iter().map(|timer| timer.next(self.rcc.timers(1)));
         let usarts = self.usart.iter().map(Usart::next);
         let fast = self.rcc.timers(2);
-        let rest =
-            [self.tim1.next(fast), self.tim8.next(fast), self.spi.next(), self.iwdg.end.unwrap_or(u64::MAX)];
-        timers.chain(usarts).chain(self.adc.iter().map(Adc::next)).chain(rest).min().unwrap_or(u64::MAX)
+        let rest = [
+            self.tim1.next(fast),
+            self.tim8.next(fast),
+            self.bench.next(),
+            self.iwdg.end.unwrap_or(u64::MAX),
+        ];
+        let (adc, spi) = (self.adc.iter().map(Adc::next), self.spi.iter().map(Spi::next));
+        timers.chain(usarts).chain(adc).chain(spi).chain(rest).min().unwrap_or(u64::MAX)
     }
 
     /// Brings what is outside up to `now`, with the outputs as they are.
@@ -196,7 +205,7 @@ impl Chip {
                 self.timers[place].turn(edges);
             }
         }
-        for (pin, level) in self.bench.inputs(now) {
+        for (pin, level) in self.bench.inputs(now).into_iter().flatten() {
             self.gpio.drive(pin, level);
         }
         if self.exti.watched() != 0 {
@@ -232,9 +241,11 @@ impl Chip {
         self.timers.iter_mut().for_each(|timer| timer.advance(now, slow));
         self.tim1.advance(now, fast);
         self.tim8.advance(now, fast);
-        while let Some(sent) = self.spi.advance(now, self.rcc.pclk(1)) {
-            let answer = self.bench.exchange(&sent, &self.gpio, now);
-            self.spi.receive(answer);
+        for (spi, (name, bus)) in self.spi.iter_mut().zip(SPIS) {
+            while let Some(sent) = spi.advance(now, self.rcc.pclk(bus)) {
+                let answer = self.bench.exchange(name, &sent, &self.gpio, now);
+                spi.receive(answer);
+            }
         }
         let (adc_clock, gpio, bench) = (self.adc_clock(), &self.gpio, &self.bench);
         let inputs = |channel: u32| bench.analogue(gpio, channel);
@@ -296,7 +307,8 @@ impl Chip {
             0x4001_0000 => self.tim1.read(offset, now, fast),
             0x4001_0400 => self.tim8.read(offset, now, fast),
             0x4001_3C00 => self.exti.read(offset),
-            0x4000_3C00 => self.spi.read(offset),
+            0x4001_3000 => self.spi[0].read(offset),
+            0x4000_3C00 => self.spi[1].read(offset),
             0x4001_4800 => self.tim11.read(offset, now, fast, crystal),
             0x4001_2000 if offset < 0x300 => {
                 let index = offset as usize >> 8;
@@ -328,7 +340,7 @@ impl Chip {
 
     /// As a narrow write finds a register: it does not read one that reading changes.
     pub fn peek(&mut self, address: u32, now: u64) -> u32 {
-        const DATA: [u32; 4] = [0x4001_1004, 0x4000_4404, 0x4000_4C04, 0x4000_3C0C];
+        const DATA: [u32; 5] = [0x4001_1004, 0x4000_4404, 0x4000_4C04, 0x4001_300C, 0x4000_3C0C];
         if DATA.contains(&address) { 0 } else { self.read(address, now) }
     }
 
@@ -361,7 +373,8 @@ impl Chip {
                 self.exti.begin(levels);
                 done
             }
-            0x4000_3C00 => self.spi.write(offset, value, now, self.rcc.pclk(1)),
+            0x4001_3000 => self.spi[0].write(offset, value, now, self.rcc.pclk(2)),
+            0x4000_3C00 => self.spi[1].write(offset, value, now, self.rcc.pclk(1)),
             0x4001_4800 => self.tim11.write(offset, value, now, fast),
             0x4001_2000 if offset < 0x300 => {
                 let index = offset as usize >> 8;

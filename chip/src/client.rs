@@ -4,7 +4,7 @@ use tesaki::model::RobotModel;
 use tesaki::protocol::codec::{Decoder, MAX_FRAME, checksum, encode};
 use tesaki::protocol::{
     ActuatorFrame, FromBoard, LogEntry, LogRecord, MODEL_CHUNK, Reply, Request, RequestFrame, SCHEMA_KEY,
-    SensorFrame, Status,
+    SensorFrame, Status, Tips,
 };
 
 use crate::SECOND;
@@ -21,13 +21,23 @@ pub struct Client {
     /// The last sensor values and actuator frame that were logged.
     pub sensors: Option<SensorFrame>,
     pub actuators: Option<ActuatorFrame>,
+    /// The last tips.
+    pub tips: Option<Tips>,
     /// Messages that were damaged.
     pub damaged: u32,
 }
 
 impl Default for Client {
     fn default() -> Self {
-        Self { decoder: Decoder::new(), sequence: 0, reply: None, sensors: None, actuators: None, damaged: 0 }
+        Self {
+            decoder: Decoder::new(),
+            sequence: 0,
+            reply: None,
+            sensors: None,
+            actuators: None,
+            tips: None,
+            damaged: 0,
+        }
     }
 }
 
@@ -43,6 +53,7 @@ impl Client {
                 Some(Ok(FromBoard::Log(LogEntry { record: LogRecord::Actuators(frame), .. }))) => {
                     self.actuators = Some(frame);
                 }
+                Some(Ok(FromBoard::Tips(tips))) => self.tips = Some(tips),
                 Some(Err(_)) => self.damaged += 1,
                 _ => {}
             }

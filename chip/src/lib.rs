@@ -3,15 +3,18 @@
 //! Deterministic: time passes with the instructions.
 //!
 //! What it does not show: an instruction is taken for 1.5 cycles, whatever it is; no analogue effects, no
-//! errata, no DMA, no SPI but SPI3; no check of CPACR, no write buffers; PVU and RVU of the watchdog.
+//! errata, no DMA, of SPI only SPI1 and SPI3; no check of CPACR, no write buffers; PVU and RVU of the
+//! watchdog.
 
 pub mod adc;
+pub mod ads131m06;
 pub mod bench;
 pub mod chip;
 pub mod client;
 pub mod cpu;
 pub mod drv8301;
 pub mod exti;
+pub mod force_sensor;
 pub mod gpio;
 pub mod iwdg;
 pub mod mistake;

@@ -1,4 +1,4 @@
-//! SPI3 as a master: a word in the shift register, one that waits, flags.
+//! SPI1 and SPI3 as masters: a word in the shift register, one that waits, flags.
 
 use crate::SECOND;
 

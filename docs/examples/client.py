@@ -110,7 +110,7 @@ CAUSES = """command timeout; position limit; velocity limit; following error; en
 torque not finite; late tick; sensor count; emergency stop; supply low; supply high; over-current; watchdog
 reset; panic; CPU fault; clock fallback; stop; force sensor saturated; force sensor stuck; too much force;
 object lost; object moved; tool away; tool turned; runaway; force mismatch; stop gained energy;
-sensors silent; crystal stopped; wrong crystal; power stage""".replace("\n", " ").split("; ")
+sensors silent; crystal stopped; wrong crystal; power stage; force sensor silent""".replace("\n", " ").split("; ")
 
 
 def read_mode(r):

@@ -1,12 +1,14 @@
 //! The converter ADS131M06 (Texas Instruments, SBAS949): six channels of 24 bits, sampled at once, for six
 //! strain gauges. SPI mode 1, at most 25 MHz.
 //!
-//! A frame has eight words of 24 bits both ways: command and status, six values, checksum. Both sides check
-//! the other's; a frame that was damaged changes nothing. What a value cannot be trusted for is an error and
-//! never a value: the checksum, a restart (its settings are gone), a conversion that is late, a channel at
-//! its end, and one that stands still, which 24 bits never do.
+//! A frame has eight words of 24 bits both ways: to it a command, its value if it has one, and their
+//! checksum; from it the answer to the command before, which to no command is its status, six values, and
+//! their checksum. What a value cannot be trusted for is an error and never a value: the checksum, a restart
+//! (its settings are gone), a conversion that is late, a channel at its end, and one that stands still, which
+//! 24 bits never do.
+//!
+//! No call exchanges more than one frame: who sets it up calls [`Ads131m06::start`] once a period.
 
-use embedded_hal::delay::DelayNs;
 use embedded_hal::spi::{Operation, SpiDevice};
 
 /// Channels.
@@ -46,26 +48,21 @@ const COMMAND_DAMAGED: u16 = 1 << 12;
 const RESTARTED: u16 = 1 << 10;
 const READY: u16 = 0x3F;
 
-/// After a reset no frame may begin for five periods of its clock.
-const RESET_TIME: u32 = 1000;
-
 /// How it converts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Settings {
     /// Gain of each channel, a power of two up to 128.
     pub gains: [u8; CHANNELS],
     /// Samples of the modulator for a value, a power of two from 128 to 16 384: with a clock of 8.192 MHz,
-    /// 1024 make 4000 values a second.
+    /// 4096 make 1000 values a second.
     pub oversampling: u16,
     /// The gauges' supply is the reference, so that its drift has no effect.
     pub external_reference: bool,
 }
 
-/// Why it did not start.
+/// A setting that it does not have.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum StartError<E> {
-    /// The bus failed.
-    Bus(E),
+pub enum InvalidSettings {
     /// This gain of a channel does not exist.
     Gain {
         /// The channel.
@@ -75,13 +72,23 @@ pub enum StartError<E> {
     },
     /// This oversampling does not exist.
     Oversampling(u16),
-    /// It did not answer the reset as it must, or has another number of channels: what it said.
+}
+
+/// Why it did not start.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum StartError<E> {
+    /// The bus failed.
+    Bus(E),
+    /// It has no settings yet.
+    NoSettings,
+    /// It did not answer the reset as it must, or has another number of channels: what it said; 0 when that
+    /// was damaged.
     Absent(u16),
     /// A register did not keep what was written to it.
     NotKept {
         /// Its address.
         register: u16,
-        /// What it holds.
+        /// What it answered.
         value: u16,
     },
 }
@@ -107,57 +114,89 @@ pub enum ReadError<E> {
 #[derive(Debug)]
 pub struct Ads131m06<S> {
     spi: S,
+    /// Registers and their values; `None` without settings.
+    registers: Option<[(u16, u16); 4]>,
+    /// Frames of the start that have been exchanged.
+    step: u8,
     last: [i32; CHANNELS],
     /// How often each channel's value has repeated.
     repeats: [u8; CHANNELS],
 }
 
 impl<S: SpiDevice> Ads131m06<S> {
-    /// Resets it and sets it up.
-    ///
-    /// # Errors
-    /// A setting that it does not have, or it does not answer as it must.
-    pub fn start(
-        spi: S,
-        delay: &mut impl DelayNs,
-        settings: &Settings,
-    ) -> Result<Self, StartError<S::Error>> {
-        let [gain1, gain2] = settings.gain_registers()?;
-        let clock = settings.clock_register()?;
-        let mut this = Self { spi, last: [0; CHANNELS], repeats: [0; CHANNELS] };
-        this.exchange(RESET, 0).map_err(StartError::Bus)?;
-        delay.delay_us(RESET_TIME);
-        let answer = this.ask(NULL)?;
-        if answer != RESET_DONE {
-            return Err(StartError::Absent(answer));
-        }
-        let id = this.ask_register(ID)?;
-        if id >> 8 != SIX_CHANNELS {
-            return Err(StartError::Absent(id));
-        }
-        for (register, value) in [(MODE, CHECKED_MODE), (CLOCK, clock), (GAIN1, gain1), (GAIN2, gain2)] {
-            this.exchange(WRITE | register << 7, value).map_err(StartError::Bus)?;
-            let answer = this.ask(NULL)?;
-            let kept = this.ask_register(register)?;
-            if answer != WRITTEN | register << 7 || kept != value {
-                return Err(StartError::NotKept { register, value: kept });
-            }
-        }
-        Ok(this)
+    /// One that is not set up.
+    pub const fn new(spi: S) -> Self {
+        Self { spi, registers: None, step: 0, last: [0; CHANNELS], repeats: [0; CHANNELS] }
     }
 
-    /// The values of the last conversion [counts], of all channels or none.
+    /// Takes settings, with which it must be started.
+    ///
+    /// # Errors
+    /// A setting that it does not have; nothing is changed then.
+    pub fn configure(&mut self, settings: &Settings) -> Result<(), InvalidSettings> {
+        let [gain1, gain2] = settings.gain_registers()?;
+        let clock = settings.clock_register()?;
+        self.registers = Some([(MODE, CHECKED_MODE), (CLOCK, clock), (GAIN1, gain1), (GAIN2, gain2)]);
+        self.step = 0;
+        Ok(())
+    }
+
+    /// The next frame of its reset and set-up: eleven in all, at least 5 µs apart. Returns whether it was the
+    /// last one. After an error, and after the last one, the next call begins anew.
+    ///
+    /// # Errors
+    /// It does not answer as it must.
+    pub fn start(&mut self) -> Result<bool, StartError<S::Error>> {
+        let step = core::mem::take(&mut self.step);
+        let registers = self.registers.ok_or(StartError::NoSettings)?;
+        let register = |frame: u8| registers.get(usize::from(frame / 2)).copied();
+        // Each frame has the answer to that before.
+        let (command, value) = match step.checked_sub(2) {
+            None if step == 0 => (RESET, None),
+            None => (READ | ID << 7, None),
+            Some(frame) => match register(frame) {
+                Some((register, value)) if frame % 2 == 0 => (WRITE | register << 7, Some(value)),
+                Some((register, _)) => (READ | register << 7, None),
+                None => (NULL, None),
+            },
+        };
+        let answer = self.exchange(command, value).map_err(StartError::Bus)?;
+        // A damaged answer is none.
+        let answer = checked(&answer).unwrap_or(0);
+        match step.checked_sub(3) {
+            None if step == 0 => {}
+            None if step == 1 && answer == RESET_DONE || step == 2 && answer >> 8 == SIX_CHANNELS => {}
+            None => return Err(StartError::Absent(answer)),
+            Some(frame) => {
+                let (register, value) = register(frame).unwrap_or_default();
+                let expected = if frame % 2 == 0 { WRITTEN | register << 7 } else { value };
+                if answer != expected {
+                    return Err(StartError::NotKept { register, value: answer });
+                }
+            }
+        }
+        let is_last = command == NULL;
+        if is_last {
+            self.repeats = [0; CHANNELS];
+        } else {
+            self.step = step + 1;
+        }
+        Ok(is_last)
+    }
+
+    /// The values of a conversion [counts], of all channels or none. The converter keeps two: after a pause,
+    /// the first one that it gives is an old one.
     ///
     /// # Errors
     /// A value cannot be trusted.
     pub fn read(&mut self) -> Result<[i32; CHANNELS], ReadError<S::Error>> {
-        let frame = self.exchange(NULL, 0).map_err(ReadError::Bus)?;
+        let frame = self.exchange(NULL, None).map_err(ReadError::Bus)?;
         let Some(status) = checked(&frame) else { return Err(ReadError::Checksum) };
-        if status & COMMAND_DAMAGED != 0 {
-            return Err(ReadError::Checksum);
-        }
         if status & RESTARTED != 0 {
             return Err(ReadError::Restarted);
+        }
+        if status & COMMAND_DAMAGED != 0 {
+            return Err(ReadError::Checksum);
         }
         if status & READY != READY {
             return Err(ReadError::NotReady);
@@ -167,9 +206,9 @@ impl<S: SpiDevice> Ads131m06<S> {
         for (value, &[high, middle, low]) in values.iter_mut().zip(words.iter().skip(1)) {
             *value = i32::from_be_bytes([high, middle, low, 0]) >> 8;
         }
-        for ((repeats, last), value) in self.repeats.iter_mut().zip(&mut self.last).zip(values) {
-            *repeats = if *last == value { repeats.saturating_add(1) } else { 0 };
-            *last = value;
+        for ((repeats, last), value) in self.repeats.iter_mut().zip(&mut self.last).zip(&values) {
+            *repeats = if last == value { repeats.saturating_add(1) } else { 0 };
+            *last = *value;
         }
         let channels = || (0..).zip(values.iter().zip(&self.repeats));
         if let Some((channel, _)) =
@@ -183,51 +222,46 @@ impl<S: SpiDevice> Ads131m06<S> {
         Ok(values)
     }
 
-    fn ask_register(&mut self, register: u16) -> Result<u16, StartError<S::Error>> {
-        self.exchange(READ | register << 7, 0).map_err(StartError::Bus)?;
-        self.ask(NULL)
-    }
-
-    /// The answer to the command of the frame before.
-    fn ask(&mut self, command: u16) -> Result<u16, StartError<S::Error>> {
-        let frame = self.exchange(command, 0).map_err(StartError::Bus)?;
-        // A damaged answer is none.
-        Ok(checked(&frame).unwrap_or(0))
-    }
-
-    /// A frame both ways.
-    fn exchange(&mut self, command: u16, value: u16) -> Result<[u8; FRAME], S::Error> {
+    /// A frame both ways. The checksum follows what it is of; until the converter is told to check it, it
+    /// ignores it.
+    fn exchange(&mut self, command: u16, value: Option<u16>) -> Result<[u8; FRAME], S::Error> {
         let mut frame = [0; FRAME];
         let (words, _) = frame.as_chunks_mut::<WORD>();
-        for (word, half) in words.iter_mut().zip([command, value]) {
+        let mut crc = SEED;
+        let mut words = words.iter_mut();
+        for (half, word) in [Some(command), value].iter().flatten().zip(words.by_ref()) {
             let [high, low] = half.to_be_bytes();
             *word = [high, low, 0];
+            crc = checksum(crc, word);
         }
-        // Until it is told to check them, it ignores them.
-        let [high, low] = checksum(&frame).to_be_bytes();
-        [frame[CHECKED], frame[CHECKED + 1]] = [high, low];
+        if let Some(word) = words.next() {
+            let [high, low] = crc.to_be_bytes();
+            *word = [high, low, 0];
+        }
         self.spi.transaction(&mut [Operation::TransferInPlace(&mut frame)])?;
         Ok(frame)
     }
 }
 
 impl Settings {
-    fn gain_registers<E>(&self) -> Result<[u16; 2], StartError<E>> {
+    fn gain_registers(&self) -> Result<[u16; 2], InvalidSettings> {
         let mut registers = [0; 2];
         for (channel, &gain) in (0_u8..).zip(&self.gains) {
             if !gain.is_power_of_two() {
-                return Err(StartError::Gain { channel, gain });
+                return Err(InvalidSettings::Gain { channel, gain });
             }
             let bits = u16::from(gain.trailing_zeros().to_le_bytes()[0]);
-            registers[usize::from(channel / 4)] |= bits << (4 * (channel % 4));
+            if let Some(register) = registers.get_mut(usize::from(channel / 4)) {
+                *register |= bits << (4 * (channel % 4));
+            }
         }
         Ok(registers)
     }
 
-    fn clock_register<E>(&self) -> Result<u16, StartError<E>> {
+    fn clock_register(&self) -> Result<u16, InvalidSettings> {
         let Self { oversampling, external_reference, .. } = *self;
         if !oversampling.is_power_of_two() || !(128..=16_384).contains(&oversampling) {
-            return Err(StartError::Oversampling(oversampling));
+            return Err(InvalidSettings::Oversampling(oversampling));
         }
         let rate = u16::from(oversampling.trailing_zeros().to_le_bytes()[0]) - 7;
         Ok(ALL_CHANNELS | rate << 2 | if external_reference { EXTERNAL_REFERENCE } else { 0 })
@@ -236,20 +270,19 @@ impl Settings {
 
 /// The first half word of a frame whose checksum is right.
 fn checked(frame: &[u8; FRAME]) -> Option<u16> {
-    let [high, low] = checksum(frame).to_be_bytes();
+    let [high, low] = checksum(SEED, frame.get(..CHECKED)?).to_be_bytes();
     (frame[CHECKED..CHECKED + 2] == [high, low]).then(|| u16::from_be_bytes([frame[0], frame[1]]))
 }
 
-/// CRC-16 of CCITT over all words but the last.
-fn checksum(frame: &[u8; FRAME]) -> u16 {
-    let mut crc = 0xFFFF_u16;
-    for &byte in frame.iter().take(CHECKED) {
-        crc ^= u16::from(byte) << 8;
-        for _ in 0..8 {
-            crc = crc << 1 ^ if crc >> 15 == 1 { 0x1021 } else { 0 };
-        }
-    }
-    crc
+const SEED: u16 = 0xFFFF;
+
+/// CRC-16 of CCITT, whose polynomial x^16 + x^12 + x^5 + 1 takes a byte at once.
+fn checksum(crc: u16, bytes: &[u8]) -> u16 {
+    bytes.iter().fold(crc, |crc, &byte| {
+        let mut high = crc >> 8 ^ u16::from(byte);
+        high ^= high >> 4;
+        crc << 8 ^ high << 12 ^ high << 5 ^ high
+    })
 }
 
 #[cfg(test)]

@@ -1,6 +1,5 @@
 #![allow(clippy::unwrap_used, reason = "tests")]
 
-use embedded_hal_mock::eh1::delay::NoopDelay;
 use embedded_hal_mock::eh1::spi::{Mock, Transaction};
 
 use super::*;
@@ -8,11 +7,12 @@ use super::*;
 /// A frame of eight words with the checksum in the last.
 type Frame = [u8; 24];
 
-/// With a checksum that Python has computed: `binascii.crc_hqx(frame[:21], 0xFFFF)`.
-fn frame(first: u16, second: u16, crc: u16) -> Frame {
+/// Half words at the beginnings of words: place and value. Checksums are those that Python has computed:
+/// `binascii.crc_hqx(words, 0xFFFF)`.
+fn frame(halves: &[(usize, u16)]) -> Frame {
     let mut frame = [0; 24];
-    for (place, half) in [(0, first), (3, second), (21, crc)] {
-        frame[place..place + 2].copy_from_slice(&half.to_be_bytes());
+    for &(word, half) in halves {
+        frame[3 * word..3 * word + 2].copy_from_slice(&half.to_be_bytes());
     }
     frame
 }
@@ -29,54 +29,53 @@ fn exchanged(sent: Frame, received: Frame) -> [Transaction<u8>; 3] {
 const SETTINGS: Settings =
     Settings { gains: [128, 64, 32, 16, 1, 2], oversampling: 1024, external_reference: true };
 
-/// What it is told and says at the start: command, value, checksum of both directions.
-const START: [(Sent, Said); 15] = [
-    ((0x0011, 0, 0x6939), (0, 0, 0x37D9)),
-    ((0x0000, 0, 0x37D9), (0xFF26, 0, 0x34CF)),
-    ((0xA000, 0, 0x0C8E), (0, 0, 0x37D9)),
-    ((0x0000, 0, 0x37D9), (0x2683, 0, 0xD23A)),
-    ((0x6100, 0x1110, 0xE82D), (0, 0, 0x37D9)),
-    ((0x0000, 0, 0x37D9), (0x4100, 0, 0xF959)),
-    ((0xA100, 0, 0xD978), (0, 0, 0x37D9)),
-    ((0x0000, 0, 0x37D9), (0x1110, 0, 0x07B1)),
-    ((0x6180, 0x3F4E, 0x05DB), (0, 0, 0x37D9)),
-    ((0x0000, 0, 0x37D9), (0x4180, 0, 0x93A2)),
-    ((0xA180, 0, 0xB383), (0, 0, 0x37D9)),
-    ((0x0000, 0, 0x37D9), (0x3F4E, 0, 0xCF27)),
-    ((0x6200, 0x4567, 0x5778), (0, 0, 0x37D9)),
-    ((0x0000, 0, 0x37D9), (0x4200, 0, 0x9762)),
-    ((0xA200, 0, 0xB743), (0, 0, 0x37D9)),
+/// Command, value and their checksum, which follows them.
+type Sent = (u16, Option<u16>, u16);
+/// First word, and the checksum of a frame with no values.
+type Said = (u16, u16);
+
+/// What it is told and says at the start.
+const START: [(Sent, Said); 11] = [
+    ((0x0011, None, 0xFCDE), (0x0000, 0x37D9)),
+    ((0xA000, None, 0x7100), (0xFF26, 0x34CF)),
+    ((0x6100, Some(0x1110), 0x6388), (0x2683, 0xD23A)),
+    ((0xA100, None, 0x4630), (0x4100, 0xF959)),
+    ((0x6180, Some(0x3F4E), 0xF12F), (0x1110, 0x07B1)),
+    ((0xA180, None, 0x5DA8), (0x4180, 0x93A2)),
+    ((0x6200, Some(0x4567), 0xBEA8), (0x3F4E, 0xCF27)),
+    ((0xA200, None, 0x1F60), (0x4200, 0x9762)),
+    ((0x6280, Some(0x0010), 0xFBEB), (0x4567, 0x7D30)),
+    ((0xA280, None, 0x04F8), (0x4280, 0xFD99)),
+    ((0x0000, None, 0xCC9C), (0x0010, 0x5C8A)),
 ];
-/// Its end.
-const STARTED: [(Sent, Said); 5] = [
-    ((0x0000, 0, 0x37D9), (0x4567, 0, 0x7D30)),
-    ((0x6280, 0x0010, 0xEE23), (0, 0, 0x37D9)),
-    ((0x0000, 0, 0x37D9), (0x4280, 0, 0xFD99)),
-    ((0xA280, 0, 0xDDB8), (0, 0, 0x37D9)),
-    ((0x0000, 0, 0x37D9), (0x0010, 0, 0x5C8A)),
-];
-type Sent = (u16, u16, u16);
-type Said = (u16, u16, u16);
 
 fn talk(frames: &[(Sent, Said)]) -> Vec<Transaction<u8>> {
-    let of = |(first, second, crc)| frame(first, second, crc);
-    frames.iter().flat_map(|&(sent, said)| exchanged(of(sent), of(said))).collect()
+    let sent = |(command, value, crc): Sent| match value {
+        Some(value) => frame(&[(0, command), (1, value), (2, crc)]),
+        None => frame(&[(0, command), (1, crc)]),
+    };
+    let said = |(first, crc): Said| frame(&[(0, first), (7, crc)]);
+    frames.iter().flat_map(|&(to, from)| exchanged(sent(to), said(from))).collect()
 }
 
 /// A converter that has started and then says `frames`, each with its status, its values and its checksum.
 fn read<const N: usize>(
     frames: [(u16, [i32; 6], u16); N],
 ) -> [Result<[i32; 6], ReadError<embedded_hal::spi::ErrorKind>>; N] {
-    let mut expected = [talk(&START), talk(&STARTED)].concat();
+    let mut expected = talk(&START);
     for (status, values, crc) in frames {
-        let mut said = frame(status, 0, crc);
+        let mut said = frame(&[(0, status), (7, crc)]);
         for (word, value) in said[3..21].chunks_mut(3).zip(values) {
             word.copy_from_slice(&value.to_be_bytes()[1..]);
         }
-        expected.extend(exchanged(frame(0, 0, 0x37D9), said));
+        expected.extend(exchanged(frame(&[(1, 0xCC9C)]), said));
     }
     let mut spi = Mock::new(&expected);
-    let mut converter = Ads131m06::start(&mut spi, &mut NoopDelay::new(), &SETTINGS).unwrap();
+    let mut converter = Ads131m06::new(&mut spi);
+    converter.configure(&SETTINGS).unwrap();
+    for step in 0..START.len() {
+        assert_eq!(converter.start(), Ok(step == START.len() - 1));
+    }
     let values = frames.map(|_| converter.read());
     spi.done();
     values
@@ -131,25 +130,63 @@ fn a_channel_that_stands_still_is_a_fault() {
 
 #[test]
 fn it_tells_why_it_did_not_start() {
-    let started = |frames: &[(Sent, Said)], settings: &Settings| {
+    let started = |frames: &[(Sent, Said)]| {
         let mut spi = Mock::new(&talk(frames));
-        let result = Ads131m06::start(&mut spi, &mut NoopDelay::new(), settings).map(drop);
+        let mut converter = Ads131m06::new(&mut spi);
+        converter.configure(&SETTINGS).unwrap();
+        let result = frames.iter().map(|_| converter.start()).find(|result| *result != Ok(false));
+        spi.done();
+        result.unwrap()
+    };
+    // Nobody drives the line: no answer at all.
+    let mut silent = START;
+    silent[1].1 = (0xFFFF, 0xFFFF);
+    assert_eq!(started(&silent[..2]), Err(StartError::Absent(0)));
+    // Another one of the family, with four channels; and one that was not reset.
+    let mut other = START;
+    other[2].1 = (0x2483, 0x69F7);
+    assert_eq!(started(&other[..3]), Err(StartError::Absent(0x2483)));
+    let mut not_reset = START;
+    not_reset[1].1 = (0x0011, 0x6939);
+    assert_eq!(started(&not_reset[..2]), Err(StartError::Absent(0x0011)));
+    // A cable with a bad contact: CLOCK holds its value after a reset.
+    let mut not_kept = START;
+    not_kept[6].1 = (0x3F0E, 0x724A);
+    let expected = StartError::NotKept { register: 3, value: 0x3F0E };
+    assert_eq!(started(&not_kept[..7]), Err(expected));
+    // The command to write it was not understood.
+    let mut not_written = START;
+    not_written[5].1 = (0x0500, 0x8594);
+    let expected = StartError::NotKept { register: 3, value: 0x0500 };
+    assert_eq!(started(&not_written[..6]), Err(expected));
+}
+
+/// The next call begins with the reset.
+#[test]
+fn a_start_that_failed_begins_anew() {
+    let mut absent = START;
+    absent[1].1 = (0xFFFF, 0xFFFF);
+    let mut spi = Mock::new(&[talk(&absent[..2]), talk(&START)].concat());
+    let mut converter = Ads131m06::new(&mut spi);
+    assert_eq!(converter.start(), Err(StartError::NoSettings));
+    converter.configure(&SETTINGS).unwrap();
+    assert_eq!([converter.start(), converter.start()], [Ok(false), Err(StartError::Absent(0))]);
+    assert_eq!((0..11).map(|_| converter.start()).last(), Some(Ok(true)));
+    spi.done();
+}
+
+#[test]
+fn settings_that_it_does_not_have_are_refused() {
+    let refused = |settings: &Settings| {
+        let mut spi = Mock::new(&[]);
+        let result = Ads131m06::new(&mut spi).configure(settings);
         spi.done();
         result
     };
     let settings = Settings { gains: [1, 1, 3, 1, 1, 1], ..SETTINGS };
-    assert_eq!(started(&[], &settings), Err(StartError::Gain { channel: 2, gain: 3 }));
+    assert_eq!(refused(&settings), Err(InvalidSettings::Gain { channel: 2, gain: 3 }));
     for oversampling in [0, 64, 1000, 32_768] {
         let settings = Settings { oversampling, ..SETTINGS };
-        assert_eq!(started(&[], &settings), Err(StartError::Oversampling(oversampling)));
+        assert_eq!(refused(&settings), Err(InvalidSettings::Oversampling(oversampling)));
     }
-    // Nobody drives the line: no answer at all.
-    let mut silent = START;
-    silent[1].1 = (0xFFFF, 0xFFFF, 0xFFFF);
-    assert_eq!(started(&silent[..2], &SETTINGS), Err(StartError::Absent(0)));
-    // A cable with a bad contact: CLOCK holds its value after a reset.
-    let mut not_kept = START;
-    not_kept[11].1 = (0x3F0E, 0, 0x724A);
-    let expected = StartError::NotKept { register: 3, value: 0x3F0E };
-    assert_eq!(started(&not_kept[..12], &SETTINGS), Err(expected));
 }

@@ -7,6 +7,7 @@
 //! | [`motors`] | brushed motors on power stages: wake, current loops, trip, dead man |
 //! | [`current_sign`] | the sign of a current of which only the magnitude is measured |
 //! | [`ads131m06`] | converter for six strain gauges |
+//! | [`gauges`] | six strain gauges behind it, as the wrench of a force sensor |
 //! | [`drv8874`] | numbers of the power stage DRV8874 |
 //! | [`drv8301`] | gate driver and shunt amplifiers DRV8301 |
 //! | [`gates`] | gate drivers behind one enable line: when they wake, sleep and are asked |
@@ -23,6 +24,7 @@ pub mod current_sign;
 pub mod drv8301;
 pub mod drv8874;
 pub mod gates;
+pub mod gauges;
 pub mod handover;
 pub mod joints;
 pub mod motors;

@@ -66,8 +66,13 @@ pub trait Board: Sized {
 
     /// An edge at a line of the interrupts EXTI2 and EXTI4, which nothing delays but code with all interrupts
     /// off. For a board that cannot lead what trips its power stages to a timer's break input: it switches
-    /// them off and takes the edge back. Without such lines it is never called.
-    fn on_trip() {}
+    /// them off and takes the edge back. Or for one with a converter that tells when it has data: it takes
+    /// the edge back and pends EXTI3. Without such lines it is never called.
+    fn on_edge() {}
+
+    /// EXTI3, which [`Board::on_edge`] has pended; it runs between control periods, never in one, and delays
+    /// them by 70 µs at most.
+    fn on_data(&mut self) {}
 }
 
 /// Reads what must be read at the instant at which the control period begins.
@@ -136,7 +141,7 @@ pub struct Equipment {
     pub motors: u8,
     /// Whether its encoders know their angle after power-on.
     pub absolute_encoders: bool,
-    /// Number of force sensors.
+    /// Number of converters for the six gauges of a force sensor.
     pub force_sensors: u8,
     /// Largest current of a motor [A].
     pub current: f32,
@@ -167,16 +172,23 @@ impl Equipment {
             }
         }
         let mut force_sensors = 0;
-        for (chain, joints) in model.chains.iter().zip(model.chain_ranges()) {
-            force_sensors += u8::from(chain.force_sensor.is_some());
-            if force_sensors > self.force_sensors {
-                let last = joints.end.saturating_sub(1) as u8;
-                return refuse(
-                    Some(last),
-                    Field::ForceResolution,
-                    force_sensors.into(),
-                    self.force_sensors.into(),
-                );
+        for (index, (chain, joints)) in model.chains.iter().zip(model.chain_ranges()).enumerate() {
+            if chain.force_sensor.is_none() {
+                continue;
+            }
+            force_sensors += 1;
+            let last = Some(joints.end.saturating_sub(1) as u8);
+            let gauges =
+                |problem| Err(ModelError { joint: last, field: Field::Gauges, value: index as f32, problem });
+            match model.gauges_of(index) {
+                Some(_) if self.force_sensors == 0 => return gauges(Problem::NotSupported),
+                _ if force_sensors > self.force_sensors => {
+                    let (value, limit) = (force_sensors.into(), self.force_sensors.into());
+                    return refuse(last, Field::ForceResolution, value, limit);
+                }
+                // Nothing of the board delivers wrenches.
+                None => return gauges(Problem::Missing),
+                Some(_) => {}
             }
         }
         if model.safety.supply_max > self.supply {

@@ -4,11 +4,12 @@
 //!
 //! | priority | RTIC task | does |
 //! |---|---|---|
-//! | 6 | `EXTI2`, `EXTI4` | on boards whose trip lines have no break input: power stages off |
+//! | 6 | `EXTI2`, `EXTI4` | on boards whose trip lines have no break input: power stages off; else pends `EXTI3` |
 //! | 5 | `TIM2` | 10 ms timer: latches the sensors, pends the control task |
 //! | 4 | `ADC` | 40 kHz, on boards with motors: every second time the current loops |
 //! | 3 | `USART1`, `USART2`, `UART4` | bytes between UART and queue |
 //! | 2 | `EXTI0`: control | one [`Node::tick`](tesaki::node::Node::tick) |
+//! | 2 | `EXTI3`: data | on boards with a force sensor: a frame from its converter |
 //! | 1 | `EXTI1`: supervisor | requests, replies, telemetry |
 //! | 0 | idle | measuring the stack, sleep; on the plant link, feeding the watchdog |
 //!

@@ -161,15 +161,21 @@ mod app {
         cx.local.uart4.on_interrupt();
     }
 
-    /// Lines that switch the power stages off, on boards where no timer can.
+    /// Lines that switch the power stages off, on boards where no timer can, or that tell new data.
     #[task(binds = EXTI2, priority = 6)]
-    fn first_trip(_: first_trip::Context) {
-        ThisBoard::on_trip();
+    fn first_edge(_: first_edge::Context) {
+        ThisBoard::on_edge();
     }
 
     #[task(binds = EXTI4, priority = 6)]
-    fn second_trip(_: second_trip::Context) {
-        ThisBoard::on_trip();
+    fn second_edge(_: second_edge::Context) {
+        ThisBoard::on_edge();
+    }
+
+    /// Data of a converter, between two control periods.
+    #[task(binds = EXTI3, priority = 2, shared = [board])]
+    fn data(mut cx: data::Context) {
+        cx.shared.board.lock(|board| board.on_data());
     }
 
     /// One control period, of the timer or of the plant link.

@@ -286,3 +286,44 @@ fn a_joint_in_a_finger_follows_the_one_before_it() {
     assert_eq!((alone.joints.len(), alone.mimics[0].chain, alone.mimics[0].joint), (1, 0, 0));
     assert!(alone.validate().is_ok());
 }
+
+/// The section of docs/bring-your-own-hand.md at an arm, which has one tip, and at a hand.
+#[test]
+fn the_gauges_of_the_page_become_those_of_the_model_and_wrong_ones_are_named() {
+    const PAGE: &str = include_str!("../../docs/bring-your-own-hand.md");
+    let section = PAGE.split("### A force sensor with strain gauges").nth(1).unwrap();
+    let section = section.split("```toml\n").nth(1).unwrap().split("```").next().unwrap();
+    let with = |robot: &str, section: &str| {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots").join(robot);
+        let (urdf, settings) = RobotFolder::read(&path).unwrap();
+        let begin = settings.find("[force_sensor]").unwrap();
+        let length = settings[begin + 1..].find("\n[").unwrap() + 1;
+        let settings = settings[..begin].to_owned() + section + &settings[begin + length..];
+        RobotFolder::parse(&path, &urdf, &settings)
+    };
+    let model = with("arm7", section).unwrap().model;
+    let gauges = model.gauges.unwrap();
+    assert_eq!((gauges.chain, gauges.gains), (0, [128; 6]));
+    assert_eq!((gauges.calibration_matrix[0][5], gauges.calibration_matrix[5][0]), (6.93e-6, -3.68e-9));
+    assert_eq!(chain_model(&model, 0).unwrap().gauges, model.gauges);
+    let error = |robot: &str, from: &str, to: &str| {
+        assert!(section.contains(from), "{from}");
+        with(robot, &section.replacen(from, to, 1)).map(|_| ()).unwrap_err().to_string()
+    };
+    for (robot, from, to, expected) in [
+        ("hand3", "", "", "force_sensor.gauges: one calibration matrix for 3 tips"),
+        ("arm7", "[128, 128", "[100, 128", "force_sensor.gauges.gains = 100 is not supported"),
+        ("arm7", "[128, 128", "[128", "invalid length 5"),
+        (
+            "arm7",
+            "[5.32e-7, 6.40e-6, 5.75e-7, -3.53e-6, -7.63e-8, -3.86e-6]",
+            "[-1.26e-7, 4.82e-7, -2.52e-7, -5.00e-6, 2.67e-7, 6.93e-6]",
+            "does not depend on the others",
+        ),
+        ("arm7", "force_limit = 10.0", "force_limit = 300.0", "range of force_sensor.gauges"),
+        ("arm7", "gains =", "gain =", "gain"),
+    ] {
+        let told = error(robot, from, to);
+        assert!(told.contains(expected) && told.contains("controller.toml"), "{told}");
+    }
+}

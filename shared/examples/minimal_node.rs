@@ -58,6 +58,7 @@ fn model() -> Option<RobotModel> {
         chains: Vec::from_slice(&[chain]).ok()?,
         joints: Vec::from_slice(&[joint]).ok()?,
         mimics: Vec::new(),
+        gauges: None,
         safety: Safety { command_timeout: 0.1, reaction, damping, supply_min: 20.0, supply_max: 28.0 },
     })
 }

@@ -55,9 +55,11 @@ pub enum FaultCause {
     ClockFallback,
     /// 17: the supervisor asked for an immediate stop.
     Stop,
-    /// 18: a force sensor is saturated; the joint is the last of its chain. Value and limit in counts.
+    /// 18: a force sensor is saturated; the joint is the last of its chain. Value and limit in counts, those
+    /// of the converter when the board found a gauge at its end.
     ForceSaturated,
-    /// 19: the counts of a force sensor do not change: it is dead. Value and limit in ticks.
+    /// 19: the counts of a force sensor do not change: it is dead. Value and limit in ticks; limit 0 when the
+    /// board found a gauge that stands still.
     ForceStuck,
     /// 20: the force on a tip exceeds its limit. Value and limit in N.
     ForceLimit,
@@ -91,6 +93,9 @@ pub enum FaultCause {
     WrongCrystal,
     /// 31: a power stage reported a fault, or the board switched one off by itself. Value: 1.
     PowerStage,
+    /// 32: the converter of a force sensor's gauges gives no values that can be trusted; the joint is the
+    /// last of its chain. Value: 1 none came in time, 2 they are damaged, 3 it has restarted.
+    ForceSilent,
 }
 
 impl FaultCause {
@@ -191,6 +196,9 @@ impl FaultCause {
             Self::CrystalStopped => "the crystal stopped and the board was reset",
             Self::WrongCrystal => "the crystal is not the board's and is not used",
             Self::PowerStage => "a power stage switched itself off",
+            Self::ForceSilent => {
+                "the force sensor of its tip gives no valid values: unplugged, disturbed or restarted"
+            }
         }
     }
 }

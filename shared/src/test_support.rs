@@ -71,6 +71,7 @@ pub fn finger() -> RobotModel {
         .expect("fits"),
         joints,
         mimics: heapless::Vec::new(),
+        gauges: None,
         safety: Safety {
             command_timeout: 0.1,
             reaction: Reaction::Hold,

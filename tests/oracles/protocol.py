@@ -218,7 +218,7 @@ filter-time proportional integral derivative cutoff servo-inertia bandwidth obse
 damping supply-min supply-max rest-error
 chain-name tip-translation tip-rotation force-resolution torque-resolution saturation force-limit tip-mass
 tip-center-of-mass tip-radius mimic-joint mimic-multiplier mimic-offset mimic-force-sensor encoder-relative
-motor-resistance motor-inductance mimic-chain mimic-place""".split()
+motor-resistance motor-inductance mimic-chain mimic-place gauges calibration-matrix gauge-range gauge-gains""".split()
 
 
 def refusals():
@@ -246,6 +246,7 @@ def refusals():
         "model-not-supported": error(8, 49, 0.0, uint(9)),
         "model-board-limit": error(3, 0, 9.0, uint(10) + real(3.0)),
         "model-missing": error(2, 53, 0.0, uint(11)),
+        "model-singular": error(2, 58, 0.001, uint(12)),
         "model-transfer": uint(8) + uint(192) + uint(220),
         "model-checksum": uint(9) + uint(0x01020304) + uint(0xDEADBEEF),
         "model-unreadable": uint(10) + uint(5000) + uint(4096),
@@ -303,6 +304,7 @@ def from_board():
     golden("board-faults-0-to-15", reply(9, 1234, uint(4) + uint(16) + sequence(first)))
     second = [fault(cause, None, 2.0, 0.0, 0) for cause in range(16, 32)]
     golden("board-faults-16-to-31", reply(9, 1234, uint(4) + uint(4294967295) + sequence(second)))
+    golden("board-faults-32", reply(9, 1234, uint(4) + uint(33) + sequence([fault(32, 5, 3.0, 0.0, 70)])))
     exported = uint(5) + uint(220) + uint(0xDEADBEEF) + uint(2469) + uint(STATE)
     golden("board-exported", reply(9, 1234, exported))
     golden("board-chunk", reply(9, 1234, uint(6) + uint(192) + blob([0, 1, 254, 255])))

@@ -93,7 +93,7 @@ def model(reaction):
     tip = (text("finger_tip") + byte(1) + reals([0.0, 0.0, 0.05]) + reals([0.0, 0.0, 0.0, 1.0]) + real(0.0)
            + option(None))
     safety = real(0.1) + uint(reaction) + reals([0.01, 20.0, 28.0])
-    return text("finger") + reals([0.0, 0.0, 0.0]) + sequence([tip]) + sequence([joint]) + safety + sequence([])
+    return text("finger") + reals([0.0, 0.0, 0.0]) + sequence([tip]) + sequence([joint]) + safety + sequence([]) + option(None)
 
 
 FINGER = model(2)

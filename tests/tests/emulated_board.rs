@@ -114,6 +114,7 @@ fn model(name: &str) -> RobotModel {
         .collect(),
         joints: [joint].into_iter().collect(),
         mimics: heapless::Vec::new(),
+        gauges: None,
         safety: Safety {
             command_timeout: 10.0,
             reaction: Reaction::Hold,

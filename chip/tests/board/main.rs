@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "tests")]
 
 mod current;
+mod force;
 mod links;
 mod measures;
 mod mistakes;

@@ -51,8 +51,8 @@ use tesaki_drivers::offset::Offset;
 
 use crate::board::{Board, CurrentControl, Equipment, Latch, Peripherals, SupervisorLine};
 use crate::drivers::current_adc::{CurrentAdc, FULL_SCALE};
-use crate::drivers::gate_spi::GateSpi;
 use crate::drivers::half_bridges::HalfBridges;
+use crate::drivers::spi::{Device, Spi3OnC};
 
 /// Motors.
 const N: usize = 2;
@@ -117,7 +117,7 @@ const STOP_LINE: u32 = 1 << 4;
 pub struct Odrive {
     emergency_stop: PC4<Input>,
     fault: PD2<Input>,
-    gates: Gates<GateSpi, PB12<PinOutput>, N>,
+    gates: Gates<Device<Spi3OnC>, PB12<PinOutput>, N>,
     is_ready: bool,
     to_loops: Producer<'static, Motors<N>>,
     joints: Joints<N>,
@@ -186,7 +186,7 @@ impl Board for Odrive {
         c.pc10.into_alternate::<6>();
         c.pc11.into_alternate::<6>().internal_resistor(Pull::Down);
         c.pc12.into_alternate::<6>();
-        let devices = GateSpi::start(peripherals.spi3, rcc, [13, 14]);
+        let devices = Device::start(peripherals.spi3, rcc, [13, 14]);
         let gates = Gates::new(devices.map(|device| Drv8301::new(device, GATE_DRIVERS)), enable);
         pac::SYSCFG::enable(rcc);
         connect_trips(&peripherals.syscfg, &peripherals.exti);
@@ -274,7 +274,7 @@ impl Board for Odrive {
         HalfBridges::off();
     }
 
-    fn on_trip() {
+    fn on_edge() {
         Self::off();
         // SAFETY: ones clear bits in this register; the others stay.
         unsafe { (*pac::EXTI::ptr()).pr().write(|w| w.bits(FAULT_LINE | STOP_LINE)) };

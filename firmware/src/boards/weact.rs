@@ -13,13 +13,20 @@
 //! | PA0, PA1 | TIM5: encoder 3 |
 //! | PC0, PC1, PC2 | ADC1 to ADC3: currents, `CS` of the power stages (2.49 kΩ to ground) |
 //! | PC3 | ADC1: supply, through 100 kΩ and 10 kΩ |
+//! | PB3, PB4, PB5 | SPI1 SCK, MISO, MOSI of the force sensor's converter ADS131M06 |
+//! | PA15, PC4 | its `CS` and `DRDY`, which is EXTI4 |
 //! | PA9, PA10 | USART1 TX, RX: supervisor |
+//!
+//! The six gauges are full bridges, gauge 1 at channel 0 of the converter and so on; a part of their supply
+//! is its reference (`REFIN`), and its clock has 8.192 MHz. Nothing measures the gauges' temperature. Without
+//! a force sensor in the model its pins mean nothing and stay open.
 //!
 //! The carriers are in their PH/EN mode (`PMODE` low). The emergency stop opens a contact from 3.3 V to PC8;
 //! from there 4.7 kΩ go to PA6, which has 47 kΩ to ground. PC8 is a data line of the microSD slot that such
 //! boards may have: pull-ups on it must be removed, or an open contact reads as a closed one. There is no
 //! plant link.
 
+use cortex_m::peripheral::NVIC;
 use heapless::spsc::{Consumer, Producer, Queue};
 use static_cell::ConstStaticCell;
 use stm32f4xx_hal::gpio::{Input, Output as PinOutput, PB0, PB1, PB10, PC8, Pull};
@@ -27,11 +34,13 @@ use stm32f4xx_hal::hal_02::Qei as _;
 use stm32f4xx_hal::pac::{self, TIM3, TIM4, TIM5};
 use stm32f4xx_hal::prelude::*;
 use stm32f4xx_hal::qei::Qei;
+use stm32f4xx_hal::rcc::Enable;
 use tesaki::control::Switching;
-use tesaki::model::{ModelError, RobotModel};
+use tesaki::model::{Field, ModelError, Problem, RobotModel};
 use tesaki::protocol::{ActuatorFrame, SensorFlags, SensorFrame};
 use tesaki_drivers::counter::Counter;
 use tesaki_drivers::drv8874::{self, CurrentSense};
+use tesaki_drivers::gauges::ForceGauges;
 use tesaki_drivers::handover::Handover;
 use tesaki_drivers::joints::{Joints, motors_for};
 use tesaki_drivers::motors::{Command, Motors, Output, PowerStages, Sensing, Totals};
@@ -39,6 +48,7 @@ use tesaki_drivers::motors::{Command, Motors, Output, PowerStages, Sensing, Tota
 use crate::board::{Board, CurrentControl, Equipment, Latch, Peripherals, SupervisorLine};
 use crate::drivers::current_adc::{CurrentAdc, FULL_SCALE};
 use crate::drivers::pulses::Pulses;
+use crate::drivers::spi::{Device, Spi1OnA};
 
 /// Motors.
 const N: usize = 3;
@@ -71,7 +81,10 @@ const PERIODS: u32 = 200;
 
 /// What the board has. A trip must lie within the range of the current sense, 2.94 A.
 const EQUIPMENT: Equipment =
-    Equipment { motors: N as u8, absolute_encoders: false, force_sensors: 0, current: 2.5, supply: 36.0 };
+    Equipment { motors: N as u8, absolute_encoders: false, force_sensors: 1, current: 2.5, supply: 36.0 };
+
+/// Line of EXTI that tells values of the force sensor's converter.
+const DATA_LINE: u32 = 1 << 4;
 
 /// Currents and velocities of a control period, and whether the motors are on.
 static COMMAND: Handover<{ 2 * N + 1 }> = Handover::new();
@@ -86,6 +99,7 @@ pub struct Weact {
     to_loops: Producer<'static, Motors<N>>,
     joints: Joints<N>,
     counters: [Counter; 2],
+    gauges: ForceGauges<Device<Spi1OnA>>,
 }
 
 impl Board for Weact {
@@ -141,11 +155,21 @@ impl Board for Weact {
         b.pb14.into_alternate::<1>();
         b.pb15.into_alternate::<1>();
 
+        a.pa15.into_push_pull_output_in_state(true.into());
+        b.pb3.into_alternate::<5>();
+        b.pb4.into_alternate::<5>().internal_resistor(Pull::Down);
+        b.pb5.into_alternate::<5>();
+        c.pc4.into_pull_up_input();
+        let [converter] = Device::start(peripherals.spi1, rcc, [15]);
+        pac::SYSCFG::enable(rcc);
+        connect_data_line(&peripherals.syscfg, &peripherals.exti);
+
         let (to_loops, new_motors) = NEW_MOTORS.take().split();
         let stages = Stages { pulses, directions };
         let motors = Motors::none(&SWITCHING, drv8874::WAKE);
         let joints = Joints::new(PERIODS);
-        let board = Self { emergency_stop, to_loops, joints, counters: [Counter::new(); 2] };
+        let gauges = ForceGauges::new(converter);
+        let board = Self { emergency_stop, to_loops, joints, counters: [Counter::new(); 2], gauges };
         let loops = CurrentLoops { adc, samples: 0, stages, motors, new_motors, command: 0 };
         (board, encoders, loops)
     }
@@ -159,6 +183,16 @@ impl Board for Weact {
     fn configure(&mut self, model: &RobotModel) -> Result<(), ModelError> {
         EQUIPMENT.check(model)?;
         let motors = motors_for(model, Sensing::Magnitude, TRIP, &SWITCHING, drv8874::WAKE)?;
+        let gauges = model.gauges.as_ref().and_then(|gauges| {
+            let chain = model.chains.get(usize::from(gauges.chain))?;
+            Some((chain.force_sensor.as_ref()?, gauges))
+        });
+        self.gauges.configure(gauges).map_err(|_| ModelError {
+            joint: None,
+            field: Field::GaugeGains,
+            value: 0.0,
+            problem: Problem::NotSupported,
+        })?;
         self.joints.configure(model);
         // Full only if the current loop does not run, which `read` reports. Then nothing moves.
         let _ = self.to_loops.enqueue(motors);
@@ -180,13 +214,18 @@ impl Board for Weact {
         flags.0 |= if stopped { SensorFlags::EMERGENCY_STOP } else { 0 };
         flags.0 |= if tripped != 0 || trip_is_active() { SensorFlags::POWER_STAGE } else { 0 };
         flags.0 |= self.joints.dead_encoder().map_or(0, SensorFlags::of_dead_encoder);
+        let force = self.gauges.update();
+        watch_data_line(force.is_some());
+        if let Some(fault) = force.and_then(|reading| reading.fault) {
+            flags = flags.with_force_sensor(fault);
+        }
         Some(SensorFrame {
             sequence: period,
             flags,
             supply: (supply as f32 * SUPPLY_RESOLUTION * 1000.0) as u16,
             encoders: counts.into_iter().take(self.joints.count()).collect(),
             currents,
-            forces: heapless::Vec::new(),
+            forces: force.iter().map(|reading| reading.wrench).collect(),
         })
     }
 
@@ -205,6 +244,33 @@ impl Board for Weact {
         sleep();
         Pulses::off();
     }
+
+    fn on_edge() {
+        // SAFETY: ones clear bits in this register; the others stay.
+        unsafe { (*pac::EXTI::ptr()).pr().write(|w| w.bits(DATA_LINE)) };
+        NVIC::pend(pac::Interrupt::EXTI3);
+    }
+
+    fn on_data(&mut self) {
+        if !self.gauges.on_ready() {
+            watch_data_line(false);
+        }
+    }
+}
+
+/// EXTI4 is the falling edge of PC4; not watched yet.
+fn connect_data_line(syscfg: &pac::SYSCFG, exti: &pac::EXTI) {
+    // SAFETY: the port of the line, C is 2 (RM0090, 9.2); the bit of a line that the chip has.
+    unsafe {
+        syscfg.exticr2().modify(|_, w| w.exti4().bits(2));
+        exti.ftsr().modify(|r, w| w.bits(r.bits() | DATA_LINE));
+    }
+}
+
+/// Whether edges of the converter's line interrupt.
+fn watch_data_line(is_watched: bool) {
+    // SAFETY: only tasks of one priority change the mask; the bit of a line that the chip has.
+    unsafe { (*pac::EXTI::ptr()).imr().write(|w| w.bits(if is_watched { DATA_LINE } else { 0 })) };
 }
 
 /// Whether the line of the trip is active; the pin is the timer's, but its level can be read.

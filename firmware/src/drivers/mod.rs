@@ -6,8 +6,7 @@
 
 pub mod current_adc;
 #[cfg(feature = "board-odrive")]
-pub mod gate_spi;
-#[cfg(feature = "board-odrive")]
 pub mod half_bridges;
 #[cfg(feature = "board-weact")]
 pub mod pulses;
+pub mod spi;

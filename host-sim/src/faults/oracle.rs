@@ -476,7 +476,12 @@ impl Oracle {
             && sample.total == stop.total
             && !matches!(
                 stop.cause,
-                Some(FaultCause::ForceStuck | FaultCause::ForceSaturated | FaultCause::ForceMismatch)
+                Some(
+                    FaultCause::ForceStuck
+                        | FaultCause::ForceSaturated
+                        | FaultCause::ForceSilent
+                        | FaultCause::ForceMismatch
+                )
             )
             && !acting.encoders
             && !acting.drives;

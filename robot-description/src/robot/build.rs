@@ -2,8 +2,8 @@
 
 use tesaki::kinematics::Chain;
 use tesaki::model::{
-    ChainJoint, ChainModel, Coupling, Field, ForceSensor, Friction, JointModel, MimicJoint, ModelError,
-    ObserverGains, PidGains, Pose, RobotModel, ServoGains,
+    ChainJoint, ChainModel, Coupling, Field, ForceSensor, Friction, Gauges, JointModel, MimicJoint,
+    ModelError, ObserverGains, PidGains, Pose, RobotModel, ServoGains,
 };
 
 use super::settings::{JointSettings, Settings};
@@ -20,6 +20,8 @@ pub fn model(urdf: &Urdf, chains: &[SerialChain], settings: &Settings) -> Option
         chains: heapless::Vec::new(),
         joints: heapless::Vec::new(),
         mimics: heapless::Vec::new(),
+        // One matrix is that of one sensor: `validate` reports more.
+        gauges: settings.force_sensor.as_ref().and_then(|sensor| sensor.gauges).map(Gauges::from),
         safety: settings.safety,
     };
     for chain in chains {
@@ -120,6 +122,11 @@ fn add_mimics(model: &mut RobotModel, chains: &[SerialChain], settings: &Setting
 
 /// Reports what is wrong with the values, joint by joint: one finding each.
 pub fn validate(model: &RobotModel, urdf: &Urdf, text: &str, of_urdf: &mut Report, of_settings: &mut Report) {
+    if model.gauges.is_some() && model.chains.len() > 1 {
+        let message = format!("force_sensor.gauges: one calibration matrix for {} tips", model.chains.len());
+        let advice = "a matrix is that of one sensor: only a robot with a single tip can have gauges";
+        of_settings.dynamics(line_of(text, "force_sensor.gauges"), message, advice);
+    }
     // What is wrong with the URDF's own values has been told by line.
     let told = of_urdf.findings.iter().any(Finding::is_error);
     let mut found: Vec<(Option<&JointModel>, ModelError)> = Vec::new();
@@ -130,6 +137,7 @@ pub fn validate(model: &RobotModel, urdf: &Urdf, text: &str, of_urdf: &mut Repor
         let Some(chain) = alone.chains.first_mut() else { return };
         (chain.joints, chain.tip, chain.force_sensor) = (1, Pose::IDENTITY, None);
         alone.mimics.clear();
+        alone.gauges = None;
         let _ = alone.joints.push(joint.clone());
         match alone.validate() {
             Err(error) if error.joint.is_some() => found.push((Some(joint), error)),
@@ -194,6 +202,13 @@ const fn in_urdf(field: Field) -> Option<&'static str> {
 const fn in_settings(field: Field) -> &'static str {
     match field {
         Field::MimicForceSensor => "remove [force_sensor]: a chain with a mimic joint cannot have one",
+        Field::CalibrationMatrix => {
+            "mend the matrix: rows are Fx, Fy, Fz, Mx, My, Mz, columns the gauges, none of them zero or twice there"
+        }
+        Field::GaugeRange => {
+            "the matrix is for counts of the converter, of 24 bits: one for volts or for mV/V needs a factor"
+        }
+        Field::GaugeGains => "give six gains, each a power of two up to 128",
         Field::ServoInertia => "the links have no mass: give motor.rotor_inertia, or servo.inertia",
         _ => "mend the value; [joints.NAME] holds what is different for one joint",
     }

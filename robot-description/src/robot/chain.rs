@@ -1,4 +1,4 @@
-use tesaki::model::{MimicJoint, RobotModel};
+use tesaki::model::{Gauges, MimicJoint, RobotModel};
 
 /// The model of one chain of a robot, for a board of its own: base frame and gravity are the robot's.
 ///
@@ -18,6 +18,7 @@ pub fn chain_model(robot: &RobotModel, index: usize) -> Option<RobotModel> {
         chains: [chain.clone()].into_iter().collect(),
         joints: joints.iter().cloned().collect(),
         mimics: robot.mimics_of(index).map(own).collect::<Option<_>>()?,
+        gauges: robot.gauges_of(index).map(|gauges| Gauges { chain: 0, ..*gauges }),
         safety: robot.safety,
     })
 }

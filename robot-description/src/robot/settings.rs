@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
-use tesaki::model::{Encoder, Motor, PidGains, Safety};
+use tesaki::model::{Encoder, GAUGES, Gauges, Motor, PidGains, Safety};
 use toml::{Table, Value};
 
 use crate::file::{MAX_TOML, check_length};
@@ -37,6 +37,26 @@ pub struct ForceSensorSettings {
     pub saturation: u32,
     /// Largest force on a tip [N].
     pub force_limit: f32,
+    /// Its strain gauges, for a board that converts them itself; only with a single tip.
+    pub gauges: Option<GaugeSettings>,
+}
+
+/// See [`tesaki::model::Gauges`].
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GaugeSettings {
+    /// Rows: force along x, y, z [N] and torque [N·m] for a count of each gauge.
+    pub calibration_matrix: [[f32; GAUGES]; 6],
+    /// Gain of each gauge's converter.
+    pub gains: [u8; GAUGES],
+}
+
+impl From<GaugeSettings> for Gauges {
+    /// Of the only chain.
+    fn from(settings: GaugeSettings) -> Self {
+        let GaugeSettings { calibration_matrix, gains } = settings;
+        Self { chain: 0, calibration_matrix, gains }
+    }
 }
 
 /// The settings of one joint.

@@ -81,6 +81,10 @@ pub enum Field {
     MotorInductance,
     MimicChain,
     MimicPlace,
+    Gauges,
+    CalibrationMatrix,
+    GaugeRange,
+    GaugeGains,
 }
 
 impl Field {
@@ -144,6 +148,10 @@ impl Field {
             Self::MotorInductance => "motor.inductance",
             Self::MimicChain => "chain of a mimic joint",
             Self::MimicPlace => "place of a mimic joint in its chain",
+            Self::Gauges => "force_sensor.gauges",
+            Self::CalibrationMatrix => "force_sensor.gauges.calibration_matrix",
+            Self::GaugeRange => "range of force_sensor.gauges.calibration_matrix",
+            Self::GaugeGains => "force_sensor.gauges.gains",
         }
     }
 }
@@ -177,6 +185,9 @@ pub enum Problem {
     BoardLimit(f32),
     /// 11: not given, and this board needs it.
     Missing,
+    /// 12: a row of a matrix depends on the others, or nearly: the value is the part of it that does not,
+    /// after its columns and rows were scaled to length 1.
+    Singular,
 }
 
 impl fmt::Display for Problem {
@@ -194,6 +205,9 @@ impl fmt::Display for Problem {
             Self::NotUnique => write!(f, "must be a name of its own"),
             Self::NoSuchJoint => write!(f, "must be a joint with a motor"),
             Self::NotSupported => write!(f, "is not supported"),
+            Self::Singular => {
+                write!(f, "is the part of a row that does not depend on the others: it must be 0.01 at least")
+            }
             Self::Missing => write!(f, "is not given: this board cannot do without"),
             Self::BoardLimit(limit) => write!(f, "is more than this board can do: {limit}"),
         }

@@ -49,6 +49,9 @@ pub struct RobotModel {
     pub safety: Safety,
     /// Joints of the chains that have no motor.
     pub mimics: Vec<MimicJoint, MAX_MIMICS>,
+    /// Gauges of a force sensor that the board converts itself; `None` without, and where sensors deliver
+    /// wrenches.
+    pub gauges: Option<Gauges>,
 }
 
 /// A run of consecutive joints in series.
@@ -161,6 +164,24 @@ pub struct ForceSensor {
     pub mass: f32,
     /// Its centre of mass in the tip's frame [m].
     pub center_of_mass: [f32; 3],
+}
+
+/// Gauges of a six-axis force sensor.
+pub const GAUGES: usize = 6;
+/// Counts at the end of the range of a gauge's converter: 24 bits.
+pub const GAUGE_END: f32 = 8_388_607.0;
+
+/// The six strain gauges (full bridges) of a force sensor, converted by the board. Wrench = calibration
+/// matrix · counts; the tare takes what is left of the offset.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+pub struct Gauges {
+    /// The chain of the sensor, as index into [`RobotModel::chains`].
+    pub chain: u8,
+    /// The calibration (decoupling) matrix, row by row: forces along x, y, z of the tip's frame [N], then
+    /// torques [N·m], for one count of each gauge's converter at its gain.
+    pub calibration_matrix: [[f32; GAUGES]; 6],
+    /// Gain in front of the converter of each gauge: a power of two, at most 128.
+    pub gains: [u8; GAUGES],
 }
 
 /// One rotary joint, the link that it moves, and the drive that moves it.
@@ -345,6 +366,11 @@ impl RobotModel {
     /// The mimic joints of a chain.
     pub fn mimics_of(&self, chain: usize) -> impl Iterator<Item = &MimicJoint> {
         self.mimics.iter().filter(move |mimic| usize::from(mimic.chain) == chain)
+    }
+
+    /// The gauges of the force sensor of a chain.
+    pub fn gauges_of(&self, chain: usize) -> Option<&Gauges> {
+        self.gauges.as_ref().filter(|gauges| usize::from(gauges.chain) == chain)
     }
 
     /// All joints of a chain of a validated model, base to tip.

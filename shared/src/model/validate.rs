@@ -1,8 +1,8 @@
 use nalgebra::Matrix3;
 
 use super::{
-    Encoder, Field, ForceSensor, Friction, Inertial, JointLimits, JointModel, MAX_CHAIN_JOINTS, MimicJoint,
-    ModelError, Motor, Problem, RobotModel, Safety, ServoGains,
+    Encoder, Field, ForceSensor, Friction, GAUGE_END, GAUGES, Gauges, Inertial, JointLimits, JointModel,
+    MAX_CHAIN_JOINTS, MimicJoint, ModelError, Motor, Problem, RobotModel, Safety, ServoGains,
 };
 use crate::TICK;
 use crate::math::{self, abs};
@@ -44,6 +44,13 @@ const MAX_COUNTS: f32 = 1e9;
 const MAX_TIMEOUT: f32 = 10.0;
 /// Of the time of the trajectory filter [s].
 const MAX_FILTER_TIME: f32 = 100.0;
+/// Of the gain in front of a gauge's converter.
+const MAX_GAIN: f32 = 128.0;
+/// Of the range of the gauges, in force limits. A matrix for volts is a million times beyond.
+const MAX_GAUGE_RANGE: f32 = 1e4;
+/// What of each row of a calibration matrix must be independent of the others. With less, an error of one
+/// per cent in a gauge is as large as the wrench.
+const MIN_INDEPENDENCE: f32 = 0.01;
 /// Of the supply [V]: what a sensor frame can tell.
 const MAX_SUPPLY: f32 = 65.535;
 
@@ -84,6 +91,11 @@ impl RobotModel {
             if let Some(sensor) = &chain.force_sensor {
                 sensor.validate(last)?;
             }
+            if let Some(gauges) = self.gauges_of(index) {
+                let gauges_error = |problem| last.error(Field::Gauges, f32::from(gauges.chain), problem);
+                let sensor = chain.force_sensor.as_ref().ok_or(gauges_error(Problem::NotSupported))?;
+                gauges.validate(last, sensor.force_limit)?;
+            }
             let all = usize::from(chain.joints) + self.mimics_of(index).count();
             for mimic in self.mimics_of(index) {
                 mimic.validate(last, self.joints.len())?;
@@ -107,6 +119,10 @@ impl RobotModel {
         }
         if let Some(stray) = self.mimics.iter().find(|mimic| usize::from(mimic.chain) >= self.chains.len()) {
             return Err(robot.error(Field::MimicChain, f32::from(stray.chain), Problem::NotSupported));
+        }
+        let stray = self.gauges.filter(|gauges| usize::from(gauges.chain) >= self.chains.len());
+        if let Some(Gauges { chain, .. }) = stray {
+            return Err(robot.error(Field::Gauges, f32::from(chain), Problem::NotSupported));
         }
         self.safety.validate()?;
         for (index, joint) in self.joints.iter().enumerate() {
@@ -186,6 +202,73 @@ impl ForceSensor {
         check.within(Field::TipMass, self.mass, 0.0, MAX_INERTIA)?;
         check.all_within(Field::TipCenterOfMass, &self.center_of_mass, MAX_LENGTH)
     }
+}
+
+impl Gauges {
+    fn validate(&self, check: Check, force_limit: f32) -> Result<(), ModelError> {
+        for row in &self.calibration_matrix {
+            check.all_within(Field::CalibrationMatrix, row, MAX_EFFORT)?;
+        }
+        let independence = independence(&self.calibration_matrix);
+        if independence < MIN_INDEPENDENCE {
+            return Err(check.error(Field::CalibrationMatrix, independence, Problem::Singular));
+        }
+        // More than all gauges together cannot show is never reached.
+        for row in self.calibration_matrix.iter().take(3) {
+            let range = GAUGE_END * row.iter().map(|value| abs(*value)).sum::<f32>();
+            check.within(Field::GaugeRange, range, force_limit, MAX_GAUGE_RANGE * force_limit)?;
+        }
+        for gain in self.gains {
+            check.within(Field::GaugeGains, f32::from(gain), 1.0, MAX_GAIN)?;
+            if !gain.is_power_of_two() {
+                return Err(check.error(Field::GaugeGains, f32::from(gain), Problem::NotSupported));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The smallest part of a row that is orthogonal to the rows before it, after columns and rows were scaled to
+/// length 1 (newtons and newton metres, gauges with different gains): the smallest pivot of the QR
+/// decomposition, by the modified Gram–Schmidt method. 0 for a singular matrix.
+fn independence(matrix: &[[f32; GAUGES]; 6]) -> f32 {
+    let mut rows = *matrix;
+    for column in 0..GAUGES {
+        let mut values = rows.map(|row| row.get(column).copied().unwrap_or(0.0));
+        if normalize(&mut values) == 0.0 {
+            return 0.0;
+        }
+        for (row, value) in rows.iter_mut().zip(values) {
+            row.iter_mut().skip(column).take(1).for_each(|place| *place = value);
+        }
+    }
+    for row in &mut rows {
+        normalize(row);
+    }
+    let mut smallest = 1.0_f32;
+    let mut rest = &mut rows[..];
+    while let Some((first, others)) = rest.split_first_mut() {
+        smallest = smallest.min(normalize(first));
+        for other in &mut *others {
+            let along: f32 = first.iter().zip(&*other).map(|(a, b)| a * b).sum();
+            other.iter_mut().zip(&*first).for_each(|(value, unit)| *value -= along * unit);
+        }
+        rest = others;
+    }
+    smallest
+}
+
+/// Scales a vector to length 1, unless it is 0. Returns the length that it had.
+fn normalize(vector: &mut [f32; GAUGES]) -> f32 {
+    // Squares of tiny values would be 0.
+    let scale = vector.iter().fold(0.0_f32, |max, value| max.max(abs(*value)));
+    if scale == 0.0 {
+        return 0.0;
+    }
+    vector.iter_mut().for_each(|value| *value /= scale);
+    let length = math::sqrt(vector.iter().map(|value| value * value).sum());
+    vector.iter_mut().for_each(|value| *value /= length);
+    length * scale
 }
 
 impl Motor {
@@ -377,5 +460,94 @@ mod tests {
         for inertia in [plate, cut, [0.0, 1e-3, 1e-3, 0.0, 0.0, 0.0], [0.0; 6]] {
             assert_eq!(refused(0.5, inertia), None, "{inertia:?}");
         }
+    }
+
+    /// Calibration matrix, resolutions, readings, smallest pivot, see the file.
+    type Sensor = ([[f32; 6]; 6], [f32; 2], &'static [([i32; 6], [f64; 6])], f32);
+    const SENSORS: &[Sensor] = include!("../../../tests/oracles/data/gauges.in");
+
+    fn refused_gauges(calibration_matrix: [[f32; 6]; 6], gains: [u8; 6]) -> Option<(Field, Problem)> {
+        let gauges = Gauges { chain: 0, calibration_matrix, gains };
+        let error = gauges.validate(Check { joint: Some(2) }, 10.0).err()?;
+        assert_eq!(error.joint, Some(2));
+        Some((error.field, error.problem))
+    }
+
+    #[test]
+    fn the_independence_of_rows_is_that_of_numpy() {
+        for (matrix, .., expected) in SENSORS {
+            assert!((independence(matrix) - expected).abs() < 1e-5, "{}", independence(matrix));
+            assert_eq!(refused_gauges(*matrix, [128; 6]), None);
+            // The gains of the gauges do not matter.
+            let mut scaled = *matrix;
+            for row in &mut scaled {
+                let gains = [1.0, 8.0, 128.0, 1e-3, 1.0, 2.0];
+                row.iter_mut().zip(gains).for_each(|(value, gain)| *value *= gain);
+            }
+            assert!((independence(&scaled) - expected).abs() < 1e-5, "{}", independence(&scaled));
+        }
+    }
+
+    #[test]
+    fn calibration_matrices_that_no_sensor_has_are_refused() {
+        let (matrix, ..) = SENSORS[0];
+        let with = |change: &dyn Fn(&mut [[f32; 6]; 6])| {
+            let mut changed = matrix;
+            change(&mut changed);
+            refused_gauges(changed, [128; 6])
+        };
+        let singular = Some((Field::CalibrationMatrix, Problem::Singular));
+        assert_eq!(with(&|rows| rows[4] = [0.0; 6]), singular);
+        assert_eq!(with(&|rows| rows.iter_mut().for_each(|row| row[3] = 0.0)), singular);
+        assert_eq!(with(&|rows| rows[1] = rows[0].map(|value| 2.0 * value)), singular);
+        assert_eq!(with(&|rows| rows.iter_mut().for_each(|row| row[5] = -row[2])), singular);
+        let nearly = |part: f32| {
+            with(&|rows| {
+                let mixed = core::array::from_fn(|gauge| rows[3][gauge] + part * rows[4][gauge]);
+                rows[4] = mixed;
+            })
+        };
+        assert_eq!(nearly(1e-3), singular);
+        assert_eq!(nearly(0.5), None);
+        let not_finite = Some((Field::CalibrationMatrix, Problem::NotFinite));
+        assert_eq!(with(&|rows| rows[5][5] = f32::NAN), not_finite);
+        // In millinewtons for a hundredth of the range; in volts.
+        let range = |factor: f32| {
+            with(&|rows| rows.iter_mut().flatten().for_each(|value| *value *= factor)).map(|(field, _)| field)
+        };
+        assert_eq!(range(1.0), None);
+        assert_eq!(range(0.01), Some(Field::GaugeRange));
+        assert_eq!(range(7e6), Some(Field::GaugeRange));
+    }
+
+    #[test]
+    fn gains_are_powers_of_two_up_to_128() {
+        let (matrix, ..) = SENSORS[0];
+        let with = |gain: u8| refused_gauges(matrix, [1, 2, 4, 64, 128, gain]);
+        assert_eq!(with(8), None);
+        assert_eq!(with(0), Some((Field::GaugeGains, Problem::Below(1.0))));
+        assert_eq!(with(3), Some((Field::GaugeGains, Problem::NotSupported)));
+        assert_eq!(with(255), Some((Field::GaugeGains, Problem::Above(128.0))));
+    }
+
+    #[test]
+    fn gauges_need_a_chain_with_a_force_sensor() {
+        let mut model = crate::test_support::finger();
+        let gauges = |chain| Gauges { chain, calibration_matrix: SENSORS[0].0, gains: [128; 6] };
+        model.gauges = Some(gauges(1));
+        let stray =
+            ModelError { joint: None, field: Field::Gauges, value: 1.0, problem: Problem::NotSupported };
+        assert_eq!(model.validate(), Err(stray));
+        model.gauges = Some(gauges(0));
+        assert_eq!(model.validate(), Err(ModelError { joint: Some(2), value: 0.0, ..stray }));
+        model.chains[0].force_sensor = Some(ForceSensor {
+            force_resolution: 1e-3,
+            torque_resolution: 1e-5,
+            saturation: 30_000,
+            force_limit: 10.0,
+            mass: 0.0,
+            center_of_mass: [0.0; 3],
+        });
+        assert_eq!(model.validate(), Ok(()));
     }
 }

@@ -11,8 +11,8 @@ use super::tick::weight;
 use crate::TICK;
 use crate::fault::{Fault, FaultCause};
 use crate::math::abs;
-use crate::model::Reaction;
-use crate::protocol::{Mode, SensorFrame};
+use crate::model::{GAUGE_END, Reaction};
+use crate::protocol::{ForceSensorFault, Mode, SensorFrame};
 use crate::robot::{Actuation, JointConfig, Measured, Postures, Robot, count};
 use crate::task::Halt;
 
@@ -105,7 +105,9 @@ impl Node {
             | FaultCause::ToolPositionError
             | FaultCause::ToolOrientationError => true,
             // Held joints do not need the force sensors; a task does.
-            FaultCause::ForceSaturated | FaultCause::ForceStuck => self.state.halting,
+            FaultCause::ForceSaturated | FaultCause::ForceStuck | FaultCause::ForceSilent => {
+                self.state.halting
+            }
             // The state that was the fault lasts until the robot is at rest and the force released.
             FaultCause::ForceLimit | FaultCause::VelocityLimit | FaultCause::PositionLimit => {
                 self.state.faults.faults.last().is_none_or(|last| last.cause != cause)
@@ -176,7 +178,11 @@ impl Node {
             suspect |= joint.gains_speed() || joint.check_measurement(current).is_some();
         }
         let joint_fault = if suspect { check_joints(robot, &mut self.state, sensors) } else { None };
-        let tip_fault = if robot.force_sensors() == 0 { None } else { self.read_force_sensors(sensors) };
+        let tip_fault = match sensors.flags.force_sensor() {
+            _ if robot.force_sensors() == 0 => None,
+            None => self.read_force_sensors(sensors),
+            Some(fault) => gauge_fault(robot, fault),
+        };
         self.rank(sensors, joint_fault, tip_fault, elapsed.cast_signed())
     }
 
@@ -229,7 +235,10 @@ impl Node {
         // A stop that begins must know whether it may rely on the force.
         let misleads = |found: &Fault| {
             matches!(self.state.mode, Mode::Enabled(_))
-                && matches!(found.cause, FaultCause::ForceSaturated | FaultCause::ForceStuck)
+                && matches!(
+                    found.cause,
+                    FaultCause::ForceSaturated | FaultCause::ForceStuck | FaultCause::ForceSilent
+                )
         };
         late()
             .or(of_sensor(tip_fault).filter(misleads))
@@ -426,6 +435,22 @@ fn wrong_count(robot: &Robot, sensors: &SensorFrame) -> Option<(usize, usize)> {
     let counts =
         [(sensors.encoders.len(), joints), (sensors.currents.len(), joints), (sensors.forces.len(), forces)];
     counts.into_iter().find(|(got, expected)| got != expected)
+}
+
+/// What the board found wrong with the gauges of the first force sensor. Its last wrench stays.
+#[cold]
+#[inline(never)]
+fn gauge_fault(robot: &Robot, fault: ForceSensorFault) -> SensorFault {
+    let mut chains = robot.chains().iter().zip(&robot.model().chains);
+    let (config, _) = chains.find(|(_, chain)| chain.force_sensor.is_some())?;
+    let told = match fault {
+        ForceSensorFault::Silent | ForceSensorFault::Damaged | ForceSensorFault::Restarted => {
+            (FaultCause::ForceSilent, f32::from(fault.code()), 0.0)
+        }
+        ForceSensorFault::Stuck(_) => (FaultCause::ForceStuck, 1.0, 0.0),
+        ForceSensorFault::Saturated(_) => (FaultCause::ForceSaturated, GAUGE_END, GAUGE_END),
+    };
+    Some((count(config.joints().end) - 1, told))
 }
 
 /// Reads all force sensors into `measured` and stores the postures. `gravity` is relative to the acceleration

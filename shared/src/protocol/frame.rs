@@ -1,3 +1,5 @@
+use core::fmt;
+
 use heapless::Vec;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
@@ -5,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::reply::EXPORT_CHUNK;
 use super::request::RequestFrame;
 use super::status::Identity;
-use crate::model::{MAX_CHAINS, MAX_JOINTS};
+use crate::model::{GAUGES, MAX_CHAINS, MAX_JOINTS};
 
 /// Sensor values of all joints at one instant, as raw counts. The node converts them to SI units.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
@@ -41,7 +43,8 @@ impl SensorFlags {
     /// Bit 2: a power stage is off by itself, because of its own fault or of a current that was too high.
     pub const POWER_STAGE: u8 = 4;
 
-    /// Bit 3: the encoder of the joint in bits 4 to 7 stands, and its motor induces a voltage.
+    /// Bit 3: the encoder of the joint in bits 4 to 7 stands, and its motor induces a voltage. Without it,
+    /// bits 4 to 7 are a [`ForceSensorFault`], or 0.
     pub const DEAD_ENCODER: u8 = 8;
 
     /// The bits of a dead encoder of a `joint` below 16.
@@ -52,6 +55,17 @@ impl SensorFlags {
     /// The joint whose encoder stands while its motor induces a voltage.
     pub const fn dead_encoder(self) -> Option<u8> {
         if self.0 & Self::DEAD_ENCODER != 0 { Some(self.0 >> 4) } else { None }
+    }
+
+    /// These flags with the fault of the force sensor, unless they tell a dead encoder.
+    #[must_use]
+    pub const fn with_force_sensor(self, fault: ForceSensorFault) -> Self {
+        if self.dead_encoder().is_some() { self } else { Self(self.0 & 0x0F | fault.code() << 4) }
+    }
+
+    /// What is wrong with the gauges of the first force sensor. Its counts are old ones then.
+    pub const fn force_sensor(self) -> Option<ForceSensorFault> {
+        if self.0 & Self::DEAD_ENCODER != 0 { None } else { ForceSensorFault::from_code(self.0 >> 4) }
     }
 
     /// Whether the emergency stop is pressed.
@@ -67,6 +81,61 @@ impl SensorFlags {
     /// Whether the sensors could not be read.
     pub const fn silent(self) -> bool {
         self.0 & Self::SILENT != 0
+    }
+}
+
+/// What a board finds wrong with the gauges of a force sensor, or with their converter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum ForceSensorFault {
+    /// 1: too few values, or none, came in a control period.
+    Silent,
+    /// 2: the values are damaged.
+    Damaged,
+    /// 3: the converter has restarted, and has not been set up again.
+    Restarted,
+    /// 4 to 9: this gauge stands still, 0 to 5.
+    Stuck(u8),
+    /// 10 to 15: this gauge is at the end of its range, 0 to 5.
+    Saturated(u8),
+}
+
+impl ForceSensorFault {
+    /// The number on the wire: 1 to 15.
+    pub const fn code(self) -> u8 {
+        const LAST: u8 = 5;
+        const _: () = assert!(GAUGES == LAST as usize + 1);
+        match self {
+            Self::Silent => 1,
+            Self::Damaged => 2,
+            Self::Restarted => 3,
+            Self::Stuck(gauge) => 4 + gauge % (LAST + 1),
+            Self::Saturated(gauge) => 10 + gauge % (LAST + 1),
+        }
+    }
+
+    /// The fault of a number; `None` for any but 1 to 15.
+    pub const fn from_code(code: u8) -> Option<Self> {
+        Some(match code {
+            1 => Self::Silent,
+            2 => Self::Damaged,
+            3 => Self::Restarted,
+            4..=9 => Self::Stuck(code - 4),
+            10..=15 => Self::Saturated(code - 10),
+            _ => return None,
+        })
+    }
+}
+
+impl fmt::Display for ForceSensorFault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Silent => write!(f, "no values come from its converter in time"),
+            Self::Damaged => write!(f, "the values of its converter are damaged on the way"),
+            Self::Restarted => write!(f, "its converter has restarted"),
+            Self::Stuck(gauge) => write!(f, "gauge {} stands still", gauge + 1),
+            Self::Saturated(gauge) => write!(f, "gauge {} is at the end of its converter's range", gauge + 1),
+        }
     }
 }
 
@@ -139,4 +208,30 @@ pub struct LogStart {
     pub identity: Identity,
     /// Seconds since 1970; 0 when unknown.
     pub unix_time: u64,
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_fault_of_the_gauges_has_a_code_of_its_own() {
+        let told = |code: u8| SensorFlags(code << 4 | 1).force_sensor();
+        assert_eq!(told(0), None);
+        for code in 1..16 {
+            let fault = told(code).unwrap();
+            assert_eq!(fault.code(), code);
+            let flags = SensorFlags(SensorFlags::EMERGENCY_STOP).with_force_sensor(fault);
+            assert_eq!((flags.0, flags.dead_encoder()), (code << 4 | 1, None));
+        }
+        assert_eq!(told(9), Some(ForceSensorFault::Stuck(5)));
+        assert_eq!(told(15), Some(ForceSensorFault::Saturated(5)));
+    }
+
+    #[test]
+    fn a_dead_encoder_is_told_before_the_gauges() {
+        let flags = SensorFlags(SensorFlags::of_dead_encoder(6)).with_force_sensor(ForceSensorFault::Silent);
+        assert_eq!((flags.dead_encoder(), flags.force_sensor()), (Some(6), None));
+    }
 }

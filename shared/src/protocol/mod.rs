@@ -18,7 +18,7 @@ mod request;
 mod status;
 mod telemetry;
 
-pub use frame::{ActuatorFrame, LogRecord, LogStart, SensorFlags, SensorFrame};
+pub use frame::{ActuatorFrame, ForceSensorFault, LogRecord, LogStart, SensorFlags, SensorFrame};
 pub use longest::longest;
 pub use refusal::Refusal;
 pub use reply::{EXPORT_CHUNK, FromBoard, LogEntry, Reply, ReplyFrame};

@@ -82,6 +82,7 @@ impl Robot {
             chains: Vec::new(),
             joints: Vec::new(),
             mimics: Vec::new(),
+            gauges: None,
             safety: Safety {
                 command_timeout: 0.0,
                 reaction: Reaction::Off,

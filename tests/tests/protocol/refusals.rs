@@ -76,6 +76,7 @@ impl Messages {
         model("model-not-supported", Some(8), Field::MimicMultiplier, 0.0, Problem::NotSupported);
         model("model-board-limit", Some(3), Field::Joints, 9.0, Problem::BoardLimit(3.0));
         model("model-missing", Some(2), Field::MotorResistance, 0.0, Problem::Missing);
+        model("model-singular", Some(2), Field::CalibrationMatrix, 0.001, Problem::Singular);
         for (field, name) in FIELDS {
             model(&format!("field-{name}"), Some(7), field, 0.5, Problem::NotFinite);
         }

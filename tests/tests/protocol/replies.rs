@@ -38,7 +38,7 @@ impl Messages {
             tick: 100 + u32::from(number),
         });
         self.reply("faults-0-to-15", Reply::Faults(FaultLog { total: 16, faults: list(first) }));
-        let second = CAUSES.iter().skip(16).map(|&cause| Fault {
+        let second = CAUSES.iter().skip(16).take(16).map(|&cause| Fault {
             cause,
             joint: None,
             value: 2.0,
@@ -46,6 +46,8 @@ impl Messages {
             tick: 0,
         });
         self.reply("faults-16-to-31", Reply::Faults(FaultLog { total: u32::MAX, faults: list(second) }));
+        let last = Fault { cause: CAUSES[32], joint: Some(5), value: 3.0, limit: 0.0, tick: 70 };
+        self.reply("faults-32", Reply::Faults(FaultLog { total: 33, faults: list([last]) }));
         let (length, checksum, index) = (220, 0xdead_beef, 2469);
         self.reply("exported", Reply::Exported { length, checksum, index, key: STATE });
         self.reply("chunk", Reply::Chunk { offset: 192, data: list([0, 1, 254, 255]) });

@@ -113,6 +113,7 @@ pub fn finger(reaction: Reaction) -> RobotModel {
         chains: list([tip]),
         joints: list([knuckle]),
         mimics: list([]),
+        gauges: None,
         safety: Safety { command_timeout: 0.1, reaction, damping: 0.01, supply_min: 20.0, supply_max: 28.0 },
     }
 }
@@ -454,6 +455,10 @@ pub const FIELDS: [(Field, &str); Field::VARIANTS.len()] = [
     (Field::MotorInductance, "motor-inductance"),
     (Field::MimicChain, "mimic-chain"),
     (Field::MimicPlace, "mimic-place"),
+    (Field::Gauges, "gauges"),
+    (Field::CalibrationMatrix, "calibration-matrix"),
+    (Field::GaugeRange, "gauge-range"),
+    (Field::GaugeGains, "gauge-gains"),
 ];
 
 pub const CAUSES: [FaultCause; FaultCause::VARIANTS.len()] = [
@@ -489,6 +494,7 @@ pub const CAUSES: [FaultCause; FaultCause::VARIANTS.len()] = [
     FaultCause::CrystalStopped,
     FaultCause::WrongCrystal,
     FaultCause::PowerStage,
+    FaultCause::ForceSilent,
 ];
 
 pub fn quiet_board() -> BoardStatus {

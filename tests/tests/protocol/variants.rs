@@ -120,11 +120,12 @@ variants! {
         ObserverBandwidth, CommandTimeout, Damping, SupplyMin, SupplyMax, RestError,
         ChainName, TipTranslation, TipRotation, ForceResolution, TorqueResolution, Saturation, ForceLimit,
         TipMass, TipCenterOfMass, TipRadius, MimicJoint, MimicMultiplier, MimicOffset, MimicForceSensor,
-        EncoderRelative, MotorResistance, MotorInductance, MimicChain, MimicPlace,
+        EncoderRelative, MotorResistance, MotorInductance, MimicChain, MimicPlace, Gauges,
+        CalibrationMatrix, GaugeRange, GaugeGains,
     }
     Problem {
         NotFinite, Below, NotAbove, Above, NotUnit, NotPhysical, Count, NotUnique, NoSuchJoint, NotSupported,
-        BoardLimit, Missing,
+        BoardLimit, Missing, Singular,
     }
     Mode { Disabled, Enabled, Fault }
     FaultCause {
@@ -133,7 +134,7 @@ variants! {
         HardFault, ClockFallback, Stop, ForceSaturated, ForceStuck, ForceLimit,
         ObjectLost, ObjectMoved, ToolPositionError, ToolOrientationError, Runaway,
         ForceMismatch, EnergyGained, SensorsSilent, CrystalStopped, WrongCrystal,
-        PowerStage,
+        PowerStage, ForceSilent,
     }
     ClockSource { Crystal, InternalPll, Internal }
     ResetCause { PowerOn, Watchdog, Panic, HardFault, Software, CrystalStopped }

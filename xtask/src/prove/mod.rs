@@ -5,7 +5,8 @@
 //! calls itself; every call leads to known functions. The stack is the sum of the deepest paths of the idle
 //! loop and of all interrupts, each with what the processor pushes, because each of them is active once at
 //! most; but while the supervisor's task holds a lock the control period waits, so of these two it is the
-//! deeper: the first with its lock, or both without. What a panic itself needs, or a crystal that stops, is
+//! deeper: the first with its lock, or both without. The data of a converter have the priority of the control
+//! period, so of these two it is the deeper as well. What a panic itself needs, or a crystal that stops, is
 //! not in the sum: the 4 KiB that remain are for it.
 
 mod graph;
@@ -37,13 +38,14 @@ struct Vector {
 
 /// Interrupts begin behind the processor's own exceptions.
 const INTERRUPTS: u32 = 16;
-/// EXTI0 and EXTI1.
+/// EXTI0, EXTI1 and EXTI3.
 const CONTROL: u32 = INTERRUPTS + 6;
 const SUPERVISOR: u32 = INTERRUPTS + 7;
+const DATA: u32 = INTERRUPTS + 9;
 
 /// What the image handles. Exceptions that end in a reset are not among them: they never return to what they
 /// interrupt, and [the fault's handler has a stack of its own](../../../firmware/src/crash.rs).
-const VECTORS: [Vector; 10] = [
+const VECTORS: [Vector; 11] = [
     Vector { name: "start and idle loop", index: 1, is_proved: false },
     Vector { name: "TIM2: instant of the period", index: INTERRUPTS + 28, is_proved: true },
     Vector { name: "ADC: current loops", index: INTERRUPTS + 18, is_proved: true },
@@ -51,7 +53,8 @@ const VECTORS: [Vector; 10] = [
     Vector { name: "USART2: plant link", index: INTERRUPTS + 38, is_proved: true },
     Vector { name: "UART4: supervisor's line", index: INTERRUPTS + 52, is_proved: true },
     Vector { name: "EXTI2: trip", index: INTERRUPTS + 8, is_proved: true },
-    Vector { name: "EXTI4: trip", index: INTERRUPTS + 10, is_proved: true },
+    Vector { name: "EXTI4: trip or data", index: INTERRUPTS + 10, is_proved: true },
+    Vector { name: "EXTI3: data of a converter", index: DATA, is_proved: true },
     Vector { name: "EXTI0: control", index: CONTROL, is_proved: true },
     Vector { name: "EXTI1: supervisor", index: SUPERVISOR, is_proved: false },
 ];
@@ -135,7 +138,7 @@ pub fn check(file: &Path) -> Result<u32> {
         let frame = if index < INTERRUPTS { 0 } else { EXCEPTION_FRAME };
         let deepest = found.stack.all + frame;
         match index {
-            CONTROL => control = deepest,
+            CONTROL | DATA => control = control.max(deepest),
             SUPERVISOR => supervisor = Depth { all: deepest, open: found.stack.open + frame },
             _ => sum += deepest,
         }

@@ -98,7 +98,7 @@ impl Rig {
         Self::boot_image("weact", bench, mistakes, model(), 0.03)
     }
 
-    fn boot_image(board: &str, bench: Bench, mistakes: &[Mistake], model: RobotModel, wake: f64) -> Self {
+    pub fn boot_image(board: &str, bench: Bench, mistakes: &[Mistake], model: RobotModel, wake: f64) -> Self {
         let mut machine = Machine::load(&image(board), bench);
         machine.chip.mistakes = mistakes.to_vec();
         let mut rig = Self { machine, client: Client::default(), model, wake };

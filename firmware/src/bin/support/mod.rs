@@ -61,6 +61,7 @@ pub fn hand() -> RobotModel {
         chains: ["tip0", "tip1", "tip2"].into_iter().map(finger).collect(),
         joints: (0..9).map(joint).collect(),
         mimics: Vec::new(),
+        gauges: None,
         safety: Safety {
             command_timeout: 10.0,
             reaction: Reaction::Hold,

@@ -6,7 +6,7 @@ use super::fingertips::{ANGLES, TIPS, fingers};
 use super::rig::{COUNTS_PER_RADIAN, Rig, model, near, refusal};
 use crate::fault::FaultCause;
 use crate::model::ForceSensor;
-use crate::protocol::{Mode, Refusal, Reply, Request};
+use crate::protocol::{ForceSensorFault, Mode, Refusal, Reply, Request, SensorFlags};
 use crate::task::TaskCommand;
 use crate::task::joint_servo::JointCommand;
 
@@ -112,4 +112,40 @@ fn dead_saturated_and_overloaded_force_sensors_are_faults_by_name() {
     let missing = fault(&|rig, _| rig.sensors.forces.truncate(1), 2);
     assert_eq!((missing.cause, missing.value, missing.limit), (FaultCause::SensorCount, 1.0, 2.0));
     assert_eq!(refusal(Rig::ready(&model()).ask(Request::Tare)), Refusal::NoForceSensor);
+}
+
+#[test]
+fn what_the_board_finds_wrong_with_gauges_is_a_fault_by_name_and_a_hold() {
+    for (told, cause, value, limit) in [
+        (ForceSensorFault::Silent, FaultCause::ForceSilent, 1.0, 0.0),
+        (ForceSensorFault::Damaged, FaultCause::ForceSilent, 2.0, 0.0),
+        (ForceSensorFault::Restarted, FaultCause::ForceSilent, 3.0, 0.0),
+        (ForceSensorFault::Stuck(4), FaultCause::ForceStuck, 1.0, 0.0),
+        (ForceSensorFault::Saturated(1), FaultCause::ForceSaturated, 8_388_607.0, 8_388_607.0),
+    ] {
+        let mut rig = fingers_with_force_sensors([[300, 0, 0, 0, 0, 0], [0; 6]]);
+        assert_eq!(rig.enable(), Reply::Done);
+        rig.tick();
+        let felt = rig.node.tips().tips[0].force;
+        // What comes with the fault means nothing.
+        rig.sensors.flags = SensorFlags(0).with_force_sensor(told);
+        rig.sensors.forces[0] = [-900, 800, 700, 0, 0, 0];
+        let frame = rig.tick();
+        let fault = *rig.node.faults().faults.last().unwrap();
+        assert_eq!((fault.cause, fault.joint), (cause, Some(2)));
+        assert_eq!((fault.value, fault.limit), (value, limit));
+        assert_eq!(rig.node.mode(), Mode::Fault);
+        assert!(frame.enabled, "{told:?}: it can be held");
+        assert_eq!(rig.node.tips().tips[0].force, felt);
+    }
+}
+
+/// A joint robot has no gauges to be told of.
+#[test]
+fn a_robot_without_force_sensors_ignores_what_is_told_of_gauges() {
+    let mut rig = Rig::ready(&model());
+    assert_eq!(rig.enable(), Reply::Done);
+    rig.sensors.flags = SensorFlags(0).with_force_sensor(ForceSensorFault::Silent);
+    rig.tick();
+    assert_eq!(rig.node.mode(), Mode::Enabled(crate::task::TaskKind::JointServo));
 }

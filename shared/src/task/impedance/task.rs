@@ -116,7 +116,10 @@ impl Task for ImpedanceControl {
     fn halt(&mut self, io: Io<'_>, fault: &Fault) -> Halt {
         let force_is_valid = !matches!(
             fault.cause,
-            FaultCause::ForceSaturated | FaultCause::ForceStuck | FaultCause::ForceMismatch
+            FaultCause::ForceSaturated
+                | FaultCause::ForceStuck
+                | FaultCause::ForceSilent
+                | FaultCause::ForceMismatch
         );
         match Arm::of(io.robot) {
             Some(arm) if force_is_valid || self.state.estimates_force() => {

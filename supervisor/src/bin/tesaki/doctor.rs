@@ -261,6 +261,13 @@ fn check_sensors(
             "release it; while it is pressed the board cannot be enabled, and in fault it stays off",
         );
     }
+    if let Some(fault) = sensors.flags.force_sensor() {
+        doctor.bad(
+            5,
+            format!("the force sensor gives no wrench: {fault}"),
+            "check cable, supply and clock of its converter; the board sets it up again by itself",
+        );
+    }
     let force_sensors = model.chains.iter().filter(|chain| chain.force_sensor.is_some()).count();
     let (has, needs) = ((sensors.encoders.len(), sensors.forces.len()), (model.joints.len(), force_sensors));
     if has != needs {

@@ -54,6 +54,7 @@ pub fn arm7() -> RobotModel {
         chains: Vec::from_slice(&[hand]).unwrap(),
         joints,
         mimics: Vec::new(),
+        gauges: None,
         safety: Safety {
             command_timeout: 0.1,
             reaction: Reaction::Hold,

@@ -1,22 +1,75 @@
-//! SPI3 to gate drivers: short words, bounded waits, select lines on port C.
+//! SPI to a few devices: short words, bounded waits, select lines.
+
+use core::marker::PhantomData;
 
 use embedded_hal::spi::{Error, ErrorKind, ErrorType, Operation, SpiDevice};
 use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
 
 use crate::pac;
-use pac::{GPIOC, SPI3};
+use pac::spi1;
 
-/// Polls for a byte, which takes 1.5 µs: some 20 µs.
+/// Polls for a byte, which takes 1.5 µs at most: some 20 µs.
 const POLLS: u32 = 500;
 /// Time for which a select line is high at least, and before the first clock [cycles]: 0.6 µs.
 const PAUSE: u32 = 100;
-/// MSTR, SSM and SSI; CPHA, which is mode 1; BR: an eighth of 42 MHz.
+/// MSTR, SSM and SSI; CPHA, which is mode 1; BR: an eighth of the bus.
 const MODE_1: u16 = 1 << 2 | 1 << 9 | 1 << 8 | 1 | 0b010 << 3;
 
-/// A device on SPI3. All of them belong to the same RTIC task.
-pub struct GateSpi {
-    /// Bit of its select line in GPIOC.
+/// A peripheral, and the port of the select lines.
+pub trait Bus {
+    /// The peripheral.
+    type Spi: Enable + Reset;
+
+    /// Its registers.
+    fn registers() -> &'static spi1::RegisterBlock;
+
+    /// Writes the set and reset register of the port.
+    fn select(bits: u32);
+}
+
+/// SPI1 at 10.5 MHz, with select lines on port A.
+#[cfg(feature = "board-weact")]
+pub struct Spi1OnA;
+
+#[cfg(feature = "board-weact")]
+impl Bus for Spi1OnA {
+    type Spi = pac::SPI1;
+
+    fn registers() -> &'static spi1::RegisterBlock {
+        // SAFETY: only the task that owns the devices uses this peripheral.
+        unsafe { &*pac::SPI1::ptr() }
+    }
+
+    fn select(bits: u32) {
+        // SAFETY: a single store that changes the pins of its bits alone.
+        unsafe { (*pac::GPIOA::ptr()).bsrr().write(|w| w.bits(bits)) };
+    }
+}
+
+/// SPI3 at 5.25 MHz, with select lines on port C.
+#[cfg(feature = "board-odrive")]
+pub struct Spi3OnC;
+
+#[cfg(feature = "board-odrive")]
+impl Bus for Spi3OnC {
+    type Spi = pac::SPI3;
+
+    fn registers() -> &'static spi1::RegisterBlock {
+        // SAFETY: only the task that owns the devices uses this peripheral.
+        unsafe { &*pac::SPI3::ptr() }
+    }
+
+    fn select(bits: u32) {
+        // SAFETY: a single store that changes the pins of its bits alone.
+        unsafe { (*pac::GPIOC::ptr()).bsrr().write(|w| w.bits(bits)) };
+    }
+}
+
+/// A device on a bus. All of them belong to the same RTIC task.
+pub struct Device<B> {
+    /// Bit of its select line in the port.
     select: u32,
+    bus: PhantomData<B>,
 }
 
 /// A byte did not come: the bus is not set up.
@@ -29,24 +82,24 @@ impl Error for NoByte {
     }
 }
 
-impl ErrorType for GateSpi {
+impl<B> ErrorType for Device<B> {
     type Error = NoByte;
 }
 
-impl GateSpi {
-    /// Starts the bus, with its devices' pins of port C, which must be outputs that are high.
-    pub fn start<const N: usize>(spi: SPI3, rcc: &mut Rcc, pins: [u8; N]) -> [Self; N] {
-        SPI3::enable(rcc);
-        SPI3::reset(rcc);
+impl<B: Bus> Device<B> {
+    /// Starts the bus, with its devices' pins of the port, which must be outputs that are high.
+    pub fn start<const N: usize>(_spi: B::Spi, rcc: &mut Rcc, pins: [u8; N]) -> [Self; N] {
+        B::Spi::enable(rcc);
+        B::Spi::reset(rcc);
+        let spi = B::registers();
         // SAFETY: the bits of the reference manual (RM0090, 28.5.1).
         spi.cr1().write(|w| unsafe { w.bits(MODE_1) });
         spi.cr1().modify(|_, w| w.spe().set_bit());
-        pins.map(|pin| Self { select: 1 << pin })
+        pins.map(|pin| Self { select: 1 << pin, bus: PhantomData })
     }
 
     fn exchange(byte: u8) -> Result<u8, NoByte> {
-        // SAFETY: only the task that owns the devices uses this peripheral.
-        let spi = unsafe { &*SPI3::ptr() };
+        let spi = B::registers();
         wait(|| spi.sr().read().txe().bit_is_set())?;
         // SAFETY: any byte may be written.
         spi.dr().write(|w| unsafe { w.bits(byte.into()) });
@@ -81,17 +134,14 @@ impl GateSpi {
     }
 }
 
-impl SpiDevice for GateSpi {
+impl<B: Bus> SpiDevice for Device<B> {
     fn transaction(&mut self, operations: &mut [Operation<'_, u8>]) -> Result<(), NoByte> {
-        // SAFETY: single stores to the set and reset register, which change one pin.
-        let set = |bits| unsafe { (*GPIOC::ptr()).bsrr().write(|w| w.bits(bits)) };
-        set(self.select << 16);
+        B::select(self.select << 16);
         cortex_m::asm::delay(PAUSE);
         let result = operations.iter_mut().try_for_each(Self::run);
-        // SAFETY: as above; the last bit has ended when its byte is there, and the clock half a bit later.
-        let spi = unsafe { &*SPI3::ptr() };
-        let ended = wait(|| spi.sr().read().bsy().bit_is_clear());
-        set(self.select);
+        // The last bit has ended when its byte is there, and the clock half a bit later.
+        let ended = wait(|| B::registers().sr().read().bsy().bit_is_clear());
+        B::select(self.select);
         cortex_m::asm::delay(PAUSE);
         result.and(ended)
     }

@@ -1,0 +1,184 @@
+//! The six strain gauges of a force sensor: their converter's values to a wrench, period by period.
+
+use embedded_hal::spi::SpiDevice;
+use tesaki::model::{ForceSensor, GAUGES, Gauges};
+use tesaki::protocol::ForceSensorFault;
+
+use crate::ads131m06::{Ads131m06, InvalidSettings, ReadError, Settings};
+
+/// Samples of the modulator for a value: with the converter's clock of 8.192 MHz, 1000 values a second, each
+/// of them 0.75 ms old when it is ready, which is the group delay of its filters.
+const OVERSAMPLING: u16 = 4096;
+/// Values in a control period of 10 ms.
+const EXPECTED: u8 = 10;
+/// With fewer trusted ones in a control period there is none.
+const MIN_TRUSTED: u8 = EXPECTED / 2;
+/// With fewer than these, one was missed, and the converter has an old one still.
+const MIN_SEEN: u8 = EXPECTED - 1;
+/// More edges at the line that tells them are noise, such as on an open line.
+const MAX_SEEN: u8 = EXPECTED + EXPECTED / 2;
+
+/// The calibration matrix of a sensor, for counts of the frame.
+#[derive(Clone, Copy, Debug)]
+pub struct Calibration([[f32; GAUGES]; 6]);
+
+impl Calibration {
+    /// That of the gauges of a sensor.
+    pub fn new(sensor: &ForceSensor, gauges: &Gauges) -> Self {
+        let mut rows = gauges.calibration_matrix;
+        for (axis, row) in rows.iter_mut().enumerate() {
+            let resolution = if axis < 3 { sensor.force_resolution } else { sensor.torque_resolution };
+            row.iter_mut().for_each(|value| *value /= resolution);
+        }
+        Self(rows)
+    }
+
+    /// The wrench at these counts of the gauges, in counts of the sensor's resolutions, rounded: forces along
+    /// x, y, z, then torques.
+    pub fn wrench(&self, gauges: &[i32; GAUGES]) -> [i32; 6] {
+        let mut wrench = [0; 6];
+        for (count, row) in wrench.iter_mut().zip(&self.0) {
+            // Their 24 bits are exact.
+            #[expect(clippy::cast_precision_loss, reason = "24 bits")]
+            let sum: f32 = row.iter().zip(gauges).map(|(value, gauge)| value * *gauge as f32).sum();
+            #[expect(clippy::cast_possible_truncation, reason = "saturates")]
+            let rounded = (if sum < 0.0 { sum - 0.5 } else { sum + 0.5 }) as i32;
+            *count = rounded;
+        }
+        wrench
+    }
+}
+
+/// A control period of the sensor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Reading {
+    /// The wrench, see [`Calibration::wrench`]; an old one with a fault.
+    pub wrench: [i32; 6],
+    /// Why it cannot be trusted.
+    pub fault: Option<ForceSensorFault>,
+}
+
+/// The gauges of one sensor behind an ADS131M06.
+#[derive(Debug)]
+pub struct ForceGauges<S> {
+    converter: Ads131m06<S>,
+    /// `None` when the robot has no such sensor.
+    calibration: Option<Calibration>,
+    /// Whether the converter is set up.
+    is_started: bool,
+    values: [i32; GAUGES],
+    /// Conversions in this period, and those whose values can be trusted.
+    seen: u8,
+    trusted: u8,
+    /// The last fault of this period, or the first certain one.
+    fault: Option<ForceSensorFault>,
+    /// The converter may have an old conversion.
+    may_be_late: bool,
+}
+
+impl<S: SpiDevice> ForceGauges<S> {
+    /// Of no robot yet.
+    pub const fn new(spi: S) -> Self {
+        Self {
+            converter: Ads131m06::new(spi),
+            calibration: None,
+            is_started: false,
+            values: [0; GAUGES],
+            seen: 0,
+            trusted: 0,
+            fault: None,
+            may_be_late: true,
+        }
+    }
+
+    /// Takes a robot's sensor with its gauges, or that it has none. The converter is set up in the periods
+    /// that follow.
+    ///
+    /// # Errors
+    /// The converter does not have this gain. A validated model has none such.
+    pub fn configure(&mut self, of: Option<(&ForceSensor, &Gauges)>) -> Result<(), InvalidSettings> {
+        self.calibration = None;
+        self.is_started = false;
+        self.values = [0; GAUGES];
+        let Some((sensor, gauges)) = of else { return Ok(()) };
+        let settings = Settings { gains: gauges.gains, oversampling: OVERSAMPLING, external_reference: true };
+        self.converter.configure(&settings)?;
+        self.calibration = Some(Calibration::new(sensor, gauges));
+        Ok(())
+    }
+
+    /// Whether the robot has such a sensor.
+    pub const fn is_used(&self) -> bool {
+        self.calibration.is_some()
+    }
+
+    /// The converter tells a new conversion: one frame, or two after one was missed. Returns whether there
+    /// may be more in this control period; otherwise the line is noise and should not be looked at until the
+    /// next one.
+    pub fn on_ready(&mut self) -> bool {
+        if !self.is_used() || self.seen >= MAX_SEEN {
+            return false;
+        }
+        self.seen += 1;
+        if !self.is_started {
+            return true;
+        }
+        if core::mem::take(&mut self.may_be_late) {
+            // An old value, or there was none.
+            let _ = self.converter.read();
+        }
+        match self.converter.read() {
+            Ok(values) => {
+                self.values = values;
+                self.trusted += 1;
+            }
+            Err(error) => {
+                let fault = match error {
+                    ReadError::Checksum => ForceSensorFault::Damaged,
+                    ReadError::Restarted => ForceSensorFault::Restarted,
+                    ReadError::Stuck(channel) => ForceSensorFault::Stuck(channel),
+                    ReadError::Saturated(channel) => ForceSensorFault::Saturated(channel),
+                    ReadError::Bus(_) | ReadError::NotReady => ForceSensorFault::Silent,
+                };
+                if !self.fault.is_some_and(is_certain) {
+                    self.fault = Some(fault);
+                }
+                self.is_started = fault != ForceSensorFault::Restarted;
+            }
+        }
+        true
+    }
+
+    /// One control period: at most one frame, to set the converter up. `None` when the robot has no such
+    /// sensor.
+    ///
+    /// A value that comes late, or is damaged on the way, is left out; a period with fewer than half of them
+    /// is a fault. What the converter itself says of a value is one at once.
+    pub fn update(&mut self) -> Option<Reading> {
+        let calibration = self.calibration?;
+        let (seen, trusted) = (core::mem::take(&mut self.seen), core::mem::take(&mut self.trusted));
+        let found = self.fault.take();
+        self.may_be_late |= seen < MIN_SEEN;
+        let fault = match found {
+            Some(fault) if is_certain(fault) => found,
+            _ if trusted >= MIN_TRUSTED => None,
+            found => found.or(Some(ForceSensorFault::Silent)),
+        };
+        if !self.is_started {
+            // An error begins anew.
+            self.is_started = matches!(self.converter.start(), Ok(true));
+            self.may_be_late = true;
+        }
+        Some(Reading { wrench: calibration.wrench(&self.values), fault })
+    }
+}
+
+/// Whether the converter itself says that its values are wrong. A line that is disturbed now and then says
+/// nothing about them.
+const fn is_certain(fault: ForceSensorFault) -> bool {
+    !matches!(fault, ForceSensorFault::Silent | ForceSensorFault::Damaged)
+}
+
+#[cfg(test)]
+#[path = "gauges_tests.rs"]
+mod tests;
