@@ -640,15 +640,6 @@ impl Joint<'_> {
         less
     }
 
-    /// Takes from the torque beyond the `weight` what driving torques lose in a period, after the torque
-    /// `before` of the last one [N·m]. Returns by how much it is less.
-    pub fn weaken(&mut self, before: f32, weight: f32) -> f32 {
-        let (config, state) = (self.config, &mut *self.state);
-        let weaker = weight + DRIVING_DECAY * (state.torque - weight);
-        let limited = config.servo.limit_after(&mut state.servo, before, weaker);
-        core::mem::replace(&mut state.torque, limited) - limited
-    }
-
     /// Computes the torque without servo: feed-forward, damping and, if `compensated`, gravity and friction
     /// compensation.
     #[inline(never)]

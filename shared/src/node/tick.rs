@@ -2,7 +2,7 @@ use core::ops::Range;
 
 use super::Node;
 use super::handle::joints;
-use super::joint::{Joint, JointState, Joints};
+use super::joint::{JointState, Joints};
 use super::optional::Optional;
 use crate::TICK;
 use crate::control::{JointPoint, STALL_SPEED, ServoMode};
@@ -14,8 +14,7 @@ use crate::robot::{Actuation, JointSetpoint, Motion, Robot};
 
 /// Torques drive a damped robot whose joints have at least the kinetic energy of its mass at this speed
 /// [m/s]. Below it the robot may be coming to rest in a contact, unless they have brought in a share of the
-/// energy that is tolerated in a stop; a task that brings the robot to rest drives it when its torques bring
-/// in this share within a period.
+/// energy that is tolerated in a stop.
 const DRIVEN_SPEED: f32 = 0.2;
 const DRIVEN_SHARE: f32 = 0.5;
 
@@ -203,12 +202,6 @@ impl Node {
     #[inline(never)]
     fn accelerate(&mut self, friction: f32) {
         let robot = &self.robot;
-        let stops = self.state.mode == Mode::Fault;
-        let (mut before, mut tolerated) = ([0.0; MAX_JOINTS], 0.0);
-        if stops {
-            before.iter_mut().zip(&self.state.joints).for_each(|(before, joint)| *before = joint.torque);
-            tolerated = self.tolerated_energy();
-        }
         let mut all = joints(robot, &mut self.state);
         let [mut mean, mut added] = [[0.0; MAX_JOINTS]; 2];
         let [mut q, mut qd, mut qdd, mut torques] = [[0.0; MAX_CHAIN_JOINTS]; 4];
@@ -228,9 +221,6 @@ impl Node {
             for ((mut joint, torque), (mean, added)) in of_chain.zip(results) {
                 [*added, *mean] = joint.accelerate(friction, torque);
             }
-        }
-        if stops {
-            weaken(&mut all, tolerated, &before, &mut mean, &mut added);
         }
         self.state.task.applied(&self.robot, &mean, &added);
     }
@@ -258,34 +248,6 @@ fn coupled_torques(robot: &Robot, joints: &mut Joints<'_>) -> [f32; MAX_JOINTS] 
 #[inline(never)]
 pub(super) fn weight(joints: &Joints<'_>) -> [f32; MAX_JOINTS] {
     joints.robot.weight(joints.measured.angles(0..joints.robot.joints().len()))
-}
-
-/// Weakens the torques of a task that brings the robot to rest, after those `before`, while all together they
-/// drive it: the `mean` torques and the accelerations that the limits have `added` become less as well. Joint
-/// by joint the arm would swing, as the motion of one is that of the others.
-#[cold]
-#[inline(never)]
-fn weaken(
-    joints: &mut Joints<'_>,
-    tolerated: f32,
-    before: &[f32; MAX_JOINTS],
-    mean: &mut [f32; MAX_JOINTS],
-    added: &mut [f32; MAX_JOINTS],
-) {
-    let weight = weight(joints);
-    let work = |(joint, weight): (Joint<'_>, f32)| (joint.state.torque - weight) * joint.state.change;
-    let work: f32 = joints.each().zip(weight).map(work).sum();
-    if work <= DRIVEN_SHARE * tolerated {
-        return;
-    }
-    let results = mean.iter_mut().zip(added);
-    for ((mut joint, (before, weight)), (mean, added)) in
-        joints.each().zip(before.iter().zip(weight)).zip(results)
-    {
-        let less = joint.weaken(*before, weight);
-        *mean -= less;
-        *added -= joint.config.servo.acceleration(less);
-    }
 }
 
 /// The torques of the joints of one chain.
