@@ -34,10 +34,6 @@ const MAX_UNBORNE: f32 = 0.4;
 /// 15 % each.
 const HELD_WEIGHT_ERROR: f32 = 0.25;
 
-/// A joint that is to come to rest is not driven on at the speed of one that runs away, and less and less
-/// from this share of that speed on. Slower ones may press on what yields.
-const DRIVEN_FROM: f32 = 0.5;
-
 /// State of a joint: encoder and servo.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize, Schema)]
 pub(super) struct JointState {
@@ -615,29 +611,6 @@ impl Joint<'_> {
             config.servo.limit_after(&mut state.servo, before, weight + math::clamp(excess, -max, max));
         state.effort += bounded - state.torque;
         state.torque = bounded;
-    }
-
-    /// Bounds the torque of a joint that is to come to rest, `before` in the last tick, where it moves with
-    /// it: what it balanced is gone, or another link drives it, and a torque beyond the `weight` and friction
-    /// brings energy into the robot [N·m]. It must not grow then, and decays while the joint gains speed. Slow
-    /// joints may press. Returns by how much the torque is less.
-    pub fn bound_drive(&mut self, before: f32, weight: f32) -> f32 {
-        let (config, state, velocity) = (self.config, &mut *self.state, *self.velocity);
-        let excess = state.torque - weight;
-        let share = math::clamp((1.0 - abs(state.change) / config.fast) / (1.0 - DRIVEN_FROM), 0.0, 1.0);
-        if excess * state.change <= 0.0 || share >= 1.0 {
-            return 0.0;
-        }
-        let friction = abs(config.servo.friction(&state.servo, velocity)).max(config.coulomb);
-        let passive = HELD_WEIGHT_ERROR * abs(weight) + friction;
-        let drove = if excess > 0.0 { before - weight } else { weight - before };
-        let decay = if abs(state.change) > abs(velocity) * TICK { DRIVING_DECAY } else { 1.0 };
-        let max = passive + (share * (abs(excess) - passive)).max(decay * (drove - passive)).max(0.0);
-        let bounded =
-            config.servo.limit_after(&mut state.servo, before, weight + math::clamp(excess, -max, max));
-        let less = state.torque - bounded;
-        state.torque = bounded;
-        less
     }
 
     /// Computes the torque without servo: feed-forward, damping and, if `compensated`, gravity and friction

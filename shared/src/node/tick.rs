@@ -120,9 +120,6 @@ impl Node {
         let weight = weight(&all);
         for (mut joint, (before, weight)) in all.each().zip(before.into_iter().zip(weight)) {
             joint.bound_hold(before, weight, begins);
-            if abs(joint.reference.velocity) < STALL_SPEED {
-                joint.state.effort -= joint.bound_drive(before, weight);
-            }
         }
     }
 
