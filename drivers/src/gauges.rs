@@ -13,8 +13,6 @@ const OVERSAMPLING: u16 = 4096;
 const EXPECTED: u8 = 10;
 /// With fewer trusted ones in a control period there is none.
 const MIN_TRUSTED: u8 = EXPECTED / 2;
-/// With fewer than these, one was missed, and the converter has an old one still.
-const MIN_SEEN: u8 = EXPECTED - 1;
 /// More edges at the line that tells them are noise, such as on an open line.
 const MAX_SEEN: u8 = EXPECTED + EXPECTED / 2;
 
@@ -52,7 +50,8 @@ impl Calibration {
 /// A control period of the sensor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Reading {
-    /// The wrench, see [`Calibration::wrench`]; an old one with a fault.
+    /// The wrench of the last value that can be trusted, see [`Calibration::wrench`]: without a fault at most
+    /// half a control period older than undisturbed.
     pub wrench: [i32; 6],
     /// Why it cannot be trusted.
     pub fault: Option<ForceSensorFault>,
@@ -100,6 +99,7 @@ impl<S: SpiDevice> ForceGauges<S> {
         self.calibration = None;
         self.is_started = false;
         self.values = [0; GAUGES];
+        (self.seen, self.trusted, self.fault) = (0, 0, None);
         let Some((sensor, gauges)) = of else { return Ok(()) };
         let settings = Settings { gains: gauges.gains, oversampling: OVERSAMPLING, external_reference: true };
         self.converter.configure(&settings)?;
@@ -158,7 +158,8 @@ impl<S: SpiDevice> ForceGauges<S> {
         let calibration = self.calibration?;
         let (seen, trusted) = (core::mem::take(&mut self.seen), core::mem::take(&mut self.trusted));
         let found = self.fault.take();
-        self.may_be_late |= seen < MIN_SEEN;
+        // One was missed, and the converter has an old one still; or its clock has slipped by a conversion.
+        self.may_be_late |= seen != EXPECTED;
         let fault = match found {
             Some(fault) if is_certain(fault) => found,
             _ if trusted >= MIN_TRUSTED => None,

@@ -228,8 +228,19 @@ fn what_may_be_an_old_conversion_is_read_and_dropped() {
     };
     assert_eq!(
         [frames(10), frames(10), frames(8), frames(10), frames(9), frames(10)],
-        [11, 10, 8, 11, 9, 10]
+        [11, 10, 8, 11, 9, 11]
     );
+}
+
+#[test]
+fn values_of_before_a_push_are_not_believed() {
+    let converter = RefCell::default();
+    let mut gauges = started(&converter);
+    assert_eq!(period(&mut gauges, &converter, 10, |_, _| {}).unwrap().fault, None);
+    (0..7).for_each(|_| assert!(gauges.on_ready()));
+    let (sensor, of_sensor) = sensor(SENSORS[0]);
+    gauges.configure(Some((&sensor, &of_sensor))).unwrap();
+    assert_eq!(gauges.update().unwrap().fault, Some(ForceSensorFault::Silent));
 }
 
 #[test]

@@ -122,6 +122,11 @@ impl FaultCause {
         )
     }
 
+    /// Whether a force sensor tells nothing then.
+    pub const fn loses_force(self) -> bool {
+        matches!(self, Self::ForceSaturated | Self::ForceStuck | Self::ForceSilent)
+    }
+
     /// Whether the joints deviate from their references, or moved on without control, so that they must stop
     /// from where they are instead of along the reference.
     pub const fn invalidates_reference(self) -> bool {

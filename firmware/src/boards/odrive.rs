@@ -31,7 +31,7 @@
 
 use heapless::spsc::{Consumer, Producer, Queue};
 use static_cell::ConstStaticCell;
-use stm32f4xx_hal::gpio::{Input, Output as PinOutput, PB12, PC4, PD2, Pull};
+use stm32f4xx_hal::gpio::{Input, Output as PinOutput, PB12, PC4, PD2, Pull, Speed};
 use stm32f4xx_hal::hal_02::Qei as _;
 use stm32f4xx_hal::pac::{self, TIM3, TIM4};
 use stm32f4xx_hal::prelude::*;
@@ -183,9 +183,9 @@ impl Board for Odrive {
 
         c.pc13.into_push_pull_output_in_state(true.into());
         c.pc14.into_push_pull_output_in_state(true.into());
-        c.pc10.into_alternate::<6>();
+        c.pc10.into_alternate::<6>().speed(Speed::High);
         c.pc11.into_alternate::<6>().internal_resistor(Pull::Down);
-        c.pc12.into_alternate::<6>();
+        c.pc12.into_alternate::<6>().speed(Speed::High);
         let devices = Device::start(peripherals.spi3, rcc, [13, 14]);
         let gates = Gates::new(devices.map(|device| Drv8301::new(device, GATE_DRIVERS)), enable);
         pac::SYSCFG::enable(rcc);

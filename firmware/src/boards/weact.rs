@@ -29,7 +29,7 @@
 use cortex_m::peripheral::NVIC;
 use heapless::spsc::{Consumer, Producer, Queue};
 use static_cell::ConstStaticCell;
-use stm32f4xx_hal::gpio::{Input, Output as PinOutput, PB0, PB1, PB10, PC8, Pull};
+use stm32f4xx_hal::gpio::{Input, Output as PinOutput, PB0, PB1, PB10, PC8, Pull, Speed};
 use stm32f4xx_hal::hal_02::Qei as _;
 use stm32f4xx_hal::pac::{self, TIM3, TIM4, TIM5};
 use stm32f4xx_hal::prelude::*;
@@ -156,9 +156,9 @@ impl Board for Weact {
         b.pb15.into_alternate::<1>();
 
         a.pa15.into_push_pull_output_in_state(true.into());
-        b.pb3.into_alternate::<5>();
+        b.pb3.into_alternate::<5>().speed(Speed::High);
         b.pb4.into_alternate::<5>().internal_resistor(Pull::Down);
-        b.pb5.into_alternate::<5>();
+        b.pb5.into_alternate::<5>().speed(Speed::High);
         c.pc4.into_pull_up_input();
         let [converter] = Device::start(peripherals.spi1, rcc, [15]);
         pac::SYSCFG::enable(rcc);
@@ -200,6 +200,8 @@ impl Board for Weact {
     }
 
     fn read(&mut self, period: u32, sample: &Sample) -> Option<SensorFrame> {
+        let force = self.gauges.update();
+        watch_data_line(force.is_some());
         let (_, [totals @ .., supply, tripped]) = sample.measured?;
         let totals = Totals::take(&totals);
         let [first, second, third] = sample.counts;
@@ -214,8 +216,6 @@ impl Board for Weact {
         flags.0 |= if stopped { SensorFlags::EMERGENCY_STOP } else { 0 };
         flags.0 |= if tripped != 0 || trip_is_active() { SensorFlags::POWER_STAGE } else { 0 };
         flags.0 |= self.joints.dead_encoder().map_or(0, SensorFlags::of_dead_encoder);
-        let force = self.gauges.update();
-        watch_data_line(force.is_some());
         if let Some(fault) = force.and_then(|reading| reading.fault) {
             flags = flags.with_force_sensor(fault);
         }
@@ -248,13 +248,13 @@ impl Board for Weact {
     fn on_edge() {
         // SAFETY: ones clear bits in this register; the others stay.
         unsafe { (*pac::EXTI::ptr()).pr().write(|w| w.bits(DATA_LINE)) };
+        // A line that oscillates must not keep the current loops waiting.
+        watch_data_line(false);
         NVIC::pend(pac::Interrupt::EXTI3);
     }
 
     fn on_data(&mut self) {
-        if !self.gauges.on_ready() {
-            watch_data_line(false);
-        }
+        watch_data_line(self.gauges.on_ready());
     }
 }
 
@@ -269,7 +269,7 @@ fn connect_data_line(syscfg: &pac::SYSCFG, exti: &pac::EXTI) {
 
 /// Whether edges of the converter's line interrupt.
 fn watch_data_line(is_watched: bool) {
-    // SAFETY: only tasks of one priority change the mask; the bit of a line that the chip has.
+    // SAFETY: nothing else has a bit of the mask, so it is written whole; the bit of a line that the chip has.
     unsafe { (*pac::EXTI::ptr()).imr().write(|w| w.bits(if is_watched { DATA_LINE } else { 0 })) };
 }
 

@@ -474,15 +474,7 @@ impl Oracle {
         }
         let holds = self.machine.model.safety.reaction == Reaction::Hold
             && sample.total == stop.total
-            && !matches!(
-                stop.cause,
-                Some(
-                    FaultCause::ForceStuck
-                        | FaultCause::ForceSaturated
-                        | FaultCause::ForceSilent
-                        | FaultCause::ForceMismatch
-                )
-            )
+            && !stop.cause.is_some_and(|cause| cause.loses_force() || cause == FaultCause::ForceMismatch)
             && !acting.encoders
             && !acting.drives;
         if holds && sample.tick - stop.disturbed > REST_TIME && sample.energy > rest {

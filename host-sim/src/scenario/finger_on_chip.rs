@@ -145,7 +145,7 @@ fn stopped(board: &mut ChipBoard, model: &RobotModel, trial: &str, time: f64) ->
     }
 }
 
-/// The first finger. The board reads no force sensors.
+/// The first finger. Its force sensor has no gauges, which the board would refuse.
 fn finger_model(robot: &RobotModel) -> RobotModel {
     let mut model = chain_model(robot, 0).unwrap_or_else(|| robot.clone());
     for chain in &mut model.chains {

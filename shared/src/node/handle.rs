@@ -212,6 +212,11 @@ impl Node {
         if !self.state.sensed {
             return Err(Refusal::NoSensors);
         }
+        if let Optional::Some(fault) = self.state.alarm
+            && fault.cause.loses_force()
+        {
+            return Err(Refusal::Unsafe(fault));
+        }
         let sensors = robot.model().chains.iter().zip(&mut self.state.force_sensors);
         for (index, (chain, sensor)) in sensors.enumerate() {
             if chain.force_sensor.is_some() {

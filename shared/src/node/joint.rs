@@ -335,8 +335,7 @@ impl Joint<'_> {
         let is_opposed = self.is_opposed();
         let (config, state) = (self.config, &mut *self.state);
         let jumps = |state: &mut JointState, limit: f32| {
-            // An encoder that counts from where it was switched on has lost its zero.
-            state.homed &= config.zero.is_some();
+            state.lose_zero(config);
             Some((FaultCause::EncoderJump, state.change, limit))
         };
         if abs(state.change) > config.jump {
@@ -378,7 +377,7 @@ impl Joint<'_> {
         if !is_back {
             return None;
         }
-        state.homed &= config.zero.is_some();
+        state.lose_zero(config);
         Some((FaultCause::EncoderJump, step * TICK, config.largest_step() * TICK))
     }
 

@@ -105,9 +105,7 @@ impl Node {
             | FaultCause::ToolPositionError
             | FaultCause::ToolOrientationError => true,
             // Held joints do not need the force sensors; a task does.
-            FaultCause::ForceSaturated | FaultCause::ForceStuck | FaultCause::ForceSilent => {
-                self.state.halting
-            }
+            cause if cause.loses_force() => self.state.halting,
             // The state that was the fault lasts until the robot is at rest and the force released.
             FaultCause::ForceLimit | FaultCause::VelocityLimit | FaultCause::PositionLimit => {
                 self.state.faults.faults.last().is_none_or(|last| last.cause != cause)
@@ -181,7 +179,11 @@ impl Node {
         let tip_fault = match sensors.flags.force_sensor() {
             _ if robot.force_sensors() == 0 => None,
             None => self.read_force_sensors(sensors),
-            Some(fault) => gauge_fault(robot, fault),
+            Some(fault) => {
+                // The joints go on, and nothing else reads the postures anew.
+                self.postures.clear();
+                gauge_fault(robot, fault)
+            }
         };
         self.rank(sensors, joint_fault, tip_fault, elapsed.cast_signed())
     }
@@ -233,13 +235,8 @@ impl Node {
         let late = || fault(FaultCause::LateTick, None, elapsed as f32, 1.0).filter(|_| elapsed != 1);
         let low = || fault(FaultCause::SupplyLow, None, supply, safety.supply_min);
         // A stop that begins must know whether it may rely on the force.
-        let misleads = |found: &Fault| {
-            matches!(self.state.mode, Mode::Enabled(_))
-                && matches!(
-                    found.cause,
-                    FaultCause::ForceSaturated | FaultCause::ForceStuck | FaultCause::ForceSilent
-                )
-        };
+        let misleads =
+            |found: &Fault| matches!(self.state.mode, Mode::Enabled(_)) && found.cause.loses_force();
         late()
             .or(of_sensor(tip_fault).filter(misleads))
             .or_else(|| low().filter(|_| supply < safety.supply_min))

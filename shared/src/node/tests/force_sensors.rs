@@ -49,7 +49,10 @@ fn weight_of_the_tip_and_offset_of_the_sensor_are_compensated() {
     // The tare removes an offset of 0.3 N along the tip's x. Then 1 N along its z has the direction of the
     // link.
     rig.sensors.forces = [[weight[0] + 300, 0, -26, 0, 189, 0], [300, 0, 0, 0, 0, 0]].into_iter().collect();
-    (0..100).for_each(|_| drop(rig.tick()));
+    for tick in 0..100 {
+        rig.sensors.forces.iter_mut().for_each(|counts| counts[5] = tick % 2);
+        rig.tick();
+    }
     assert_eq!(rig.ask(Request::Tare), Reply::Done);
     rig.sensors.forces[0][2] += 1000;
     rig.tick();
@@ -138,6 +141,19 @@ fn what_the_board_finds_wrong_with_gauges_is_a_fault_by_name_and_a_hold() {
         assert!(frame.enabled, "{told:?}: it can be held");
         assert_eq!(rig.node.tips().tips[0].force, felt);
     }
+}
+
+/// What a sensor is tared by while nothing can be trusted would be missing from every force.
+#[test]
+fn a_sensor_that_gives_no_wrench_is_not_tared() {
+    let mut rig = fingers_with_force_sensors([[300, 0, 0, 0, 0, 0], [0; 6]]);
+    rig.sensors.flags = SensorFlags(0).with_force_sensor(ForceSensorFault::Restarted);
+    rig.tick();
+    let Refusal::Unsafe(fault) = refusal(rig.ask(Request::Tare)) else { panic!() };
+    assert_eq!(fault.cause, FaultCause::ForceSilent);
+    rig.sensors.flags = SensorFlags(0);
+    rig.tick();
+    assert_eq!(rig.ask(Request::Tare), Reply::Done);
 }
 
 /// A joint robot has no gauges to be told of.

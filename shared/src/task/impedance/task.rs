@@ -114,13 +114,7 @@ impl Task for ImpedanceControl {
     }
 
     fn halt(&mut self, io: Io<'_>, fault: &Fault) -> Halt {
-        let force_is_valid = !matches!(
-            fault.cause,
-            FaultCause::ForceSaturated
-                | FaultCause::ForceStuck
-                | FaultCause::ForceSilent
-                | FaultCause::ForceMismatch
-        );
+        let force_is_valid = !fault.cause.loses_force() && fault.cause != FaultCause::ForceMismatch;
         match Arm::of(io.robot) {
             Some(arm) if force_is_valid || self.state.estimates_force() => {
                 let takeover = match fault.cause {

@@ -7,8 +7,8 @@ use std::time::{Duration, Instant};
 use serde_json::{Value, json};
 use tesaki::model::{RobotModel, Safety};
 use tesaki::protocol::{
-    BoardStatus, ClockSource, FromBoard, Identity, LinkStatistics, LogRecord, Mode, NodeStatus, ResetCause,
-    SensorFlags, Status, Stream,
+    BoardStatus, ClockSource, ForceSensorFault, FromBoard, Identity, LinkStatistics, LogRecord, Mode,
+    NodeStatus, ResetCause, SensorFlags, Status, Stream,
 };
 use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::port::{self, Address};
@@ -265,7 +265,14 @@ fn check_sensors(
         doctor.bad(
             5,
             format!("the force sensor gives no wrench: {fault}"),
-            "check cable, supply and clock of its converter; the board sets it up again by itself",
+            match fault {
+                ForceSensorFault::Stuck(_) | ForceSensorFault::Saturated(_) => {
+                    "check this gauge, its wires and its gain"
+                }
+                ForceSensorFault::Silent | ForceSensorFault::Damaged | ForceSensorFault::Restarted => {
+                    "check cable, supply and clock of its converter; after a restart the board sets it up again"
+                }
+            },
         );
     }
     let force_sensors = model.chains.iter().filter(|chain| chain.force_sensor.is_some()).count();
