@@ -269,7 +269,7 @@ fn connect_data_line(syscfg: &pac::SYSCFG, exti: &pac::EXTI) {
 
 /// Whether edges of the converter's line interrupt.
 fn watch_data_line(is_watched: bool) {
-    // SAFETY: nothing else has a bit of the mask, so it is written whole; the bit of a line that the chip has.
+    // SAFETY: nothing else has a bit in the mask, so it is written whole; the chip has this line.
     unsafe { (*pac::EXTI::ptr()).imr().write(|w| w.bits(if is_watched { DATA_LINE } else { 0 })) };
 }
 
