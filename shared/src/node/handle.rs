@@ -213,7 +213,7 @@ impl Node {
             return Err(Refusal::NoSensors);
         }
         if let Optional::Some(fault) = self.state.alarm
-            && fault.cause.loses_force()
+            && fault.cause == FaultCause::ForceSilent
         {
             return Err(Refusal::Unsafe(fault));
         }
