@@ -9,8 +9,8 @@ COLUMNS = """
 Sensors with three beams, each with a bridge for bending about and one across its axis, at 120 degrees around z; the
 sensitivities of all bridges differ, and each sees a part of the others.
 Rows: calibration matrix [N and N m per count], resolutions [N, N m], a list of (counts of the gauges, wrench in counts of
-the resolutions, before rounding), and the smallest pivot of the QR decomposition of the transposed matrix, columns and
-then rows scaled to length 1.
+the resolutions, before rounding), and the smallest magnitude on the diagonal of R in the QR decomposition of the
+transposed matrix, columns and then rows scaled to length 1.
 """
 
 END = 2**23

@@ -447,7 +447,7 @@ impl Oracle {
         let too_fast = REDUCED_SPEED.max(FORCE_RISE * stop.speed);
         let in_contact = !stop.excused && stop.contact > CONTACT && after > 0;
         let energy = stop.work > stop.allowance && !stop.drifted;
-        // Whoever holds or damps a joint by an encoder that drifts moves it at the rate of the drift.
+        // A servo or a damper that uses an encoder that drifts moves the joint at the rate of the drift.
         let speed = in_contact && sample.speed > too_fast && !stop.drifted;
         // The motion goes on until its energy is in the wall's spring.
         let stored = 2.0 * sample.stiffness * stop.energy;

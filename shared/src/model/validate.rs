@@ -229,8 +229,8 @@ impl Gauges {
 }
 
 /// The smallest part of a row that is orthogonal to the rows before it, after columns and rows were scaled to
-/// length 1 (newtons and newton metres, gauges with different gains): the smallest pivot of the QR
-/// decomposition, by the modified Gram–Schmidt method. 0 for a singular matrix.
+/// length 1 (newtons and newton metres, gauges with different gains): the smallest magnitude on the diagonal of
+/// R in the QR decomposition, by the modified Gram–Schmidt method. 0 for a singular matrix.
 fn independence(matrix: &[[f32; GAUGES]; 6]) -> f32 {
     let mut rows = *matrix;
     for column in 0..GAUGES {
@@ -462,7 +462,7 @@ mod tests {
         }
     }
 
-    /// Calibration matrix, resolutions, readings, smallest pivot, see the file.
+    /// Calibration matrix, resolutions, readings, independence of the rows, see the file.
     type Sensor = ([[f32; 6]; 6], [f32; 2], &'static [([i32; 6], [f64; 6])], f32);
     const SENSORS: &[Sensor] = include!("../../../tests/oracles/data/gauges.in");
 

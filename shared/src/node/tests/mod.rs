@@ -13,6 +13,7 @@ mod grasp;
 mod lease;
 mod limits;
 mod model;
+mod pressing;
 mod replay;
 mod rig;
 mod setpoints;
