@@ -229,8 +229,8 @@ impl Gauges {
 }
 
 /// The smallest part of a row that is orthogonal to the rows before it, after columns and rows were scaled to
-/// length 1 (newtons and newton metres, gauges with different gains): the smallest magnitude on the diagonal of
-/// R in the QR decomposition, by the modified Gram–Schmidt method. 0 for a singular matrix.
+/// length 1 (newtons and newton metres, gauges with different gains): the smallest magnitude on the diagonal
+/// of R in the QR decomposition, by the modified Gram–Schmidt method. 0 for a singular matrix.
 fn independence(matrix: &[[f32; GAUGES]; 6]) -> f32 {
     let mut rows = *matrix;
     for column in 0..GAUGES {

@@ -11,8 +11,8 @@ pub(super) const CONTACT_HYSTERESIS_SQUARED: f32 = 4.0 / 9.0;
 /// contact at once. A smaller one detects the loss later, and the tool overshoots.
 pub(super) const CONTACT_LOSS_SQUARED: f32 = 0.1;
 /// Time for which a tool that was let go has been free at least, when the force sensor tells it [s]: the
-/// window of the simulated sensor's mean; `board-weact` tells it later. On average it is half a period more. A
-/// larger value makes up for more of that, and gives a tool that was let go just before too much velocity.
+/// window of the simulated sensor's mean; `board-weact` tells it later. On average it is half a period more.
+/// A larger value makes up for more of that, and gives a tool that was let go just before too much velocity.
 pub(super) const FREE_BEFORE_READING: f32 = 5e-4;
 /// Gain of the disturbance estimate during contact, as a fraction of that in free space. The measured force
 /// lags, and a faster estimate takes the lag for a disturbance.
