@@ -38,12 +38,12 @@
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
+use tesaki::behavior::{ApproachSettings, KnobExpectation};
 use tesaki::control::ServoMode;
 use tesaki::model::RobotModel;
 use tesaki::robot::{LimitRefusal, Robot};
 use tesaki::task::visual_approach::{
-    ApproachField, ApproachSettings, GripperSettings, KnobExpectation, VisualApproachRefusal,
-    VisualApproachSettings,
+    ApproachField, GripperSettings, VisualApproachRefusal, VisualApproachSettings,
 };
 
 use crate::file::{self, read_text};

@@ -27,6 +27,7 @@
 //! | [`fault`] | causes of faults, and their log |
 //! | [`robot`] | preprocessed model, measured state, targets of the joints |
 //! | [`task`] | what an enabled node does: joint servo, grasping, impedance control |
+//! | [`behavior`] | what leads the visual approach, beside the board |
 //! | [`protocol`] | messages and their framing |
 //! | [`node`] | modes, limits, faults, tick |
 //!
@@ -38,6 +39,7 @@
 #![doc = include_str!("papers.md")]
 #![cfg_attr(not(test), no_std)]
 
+pub mod behavior;
 mod collect;
 pub mod control;
 pub mod dynamics;

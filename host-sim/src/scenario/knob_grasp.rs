@@ -1,10 +1,9 @@
 //! An arm finds a door knob with the camera in its hand, approaches and grips it (Knob, sections 3 and 4).
 
 use rapier3d::na::{Isometry3, Vector3};
+use tesaki::behavior::{Approach, MIN_CONFIDENCE, Order, Phase};
 use tesaki::protocol::Refusal;
-use tesaki::task::visual_approach::{
-    Approach, GripperState, MIN_CONFIDENCE, Order, Phase, VisualApproachCommand, VisualApproachTelemetry,
-};
+use tesaki::task::visual_approach::{GripperState, VisualApproachCommand, VisualApproachTelemetry};
 use tesaki::task::{TaskConfig, TaskRefusal};
 use tesaki::vision::{CameraBuffers, Circle, Image, find_circle};
 use tesaki_description::approach::{self, ApproachFile};

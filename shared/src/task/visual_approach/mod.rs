@@ -10,7 +10,7 @@
 //!
 //! This is the manipulation module of the paper: it knows nothing of pictures. Who leads it sends a
 //! [latch](VisualApproachCommand::Latch) when a picture is taken, finds the rose in it, and sends where the
-//! hand shall go, from [`Approach`] or by a rule of its own. Targets are places in the base frame: one that
+//! hand shall go, from [`Approach`](crate::behavior::Approach) or by a rule of its own. Targets are places in the base frame: one that
 //! arrives late or twice does no harm.
 //!
 //! The hand keeps the orientation that it has when the task begins. Its references are found by the inverse
@@ -22,17 +22,11 @@
 //! [acknowledges](VisualApproachCommand::Acknowledge). So is a motion in a direction in which the posture
 //! shows no forces.
 
-mod approach;
-mod approach_settings;
 mod contact;
 mod gripper;
 mod motion;
-mod phase;
 mod reference;
-mod rose;
 mod settings;
-#[cfg(test)]
-mod tests;
 
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use postcard_schema::Schema;
@@ -45,15 +39,11 @@ use crate::model::Pose;
 use crate::robot::{Actuation, ChainConfig, JointSetpoint, JointTarget, Measured, Postures, Robot};
 use crate::teleop::MotionLimits;
 
-pub use approach::{Approach, MIN_CONFIDENCE, Order};
-pub use approach_settings::{ApproachSettings, InvalidApproach};
 use contact::{ContactEstimate, Learning, Sense};
 pub use gripper::GripperState;
 use gripper::{Gripper, GripperJoint};
 use motion::{MIN_SHOWN, MotionState};
-pub use phase::{Phase, Reason};
 use reference::{Arm, angles, pose};
-pub use rose::{KnobExpectation, Rim, RoseEstimate};
 pub use settings::{
     ApproachField, GripperSettings, MIN_SPEED, VisualApproachRefusal, VisualApproachSettings,
 };

@@ -8,12 +8,11 @@ use std::cell::RefCell;
 use std::time::{Duration, Instant};
 
 use serde_json::json;
+use tesaki::behavior::{Approach, MIN_CONFIDENCE, Phase};
 use tesaki::kinematics::Chain;
 use tesaki::model::{Pose, RobotModel};
 use tesaki::protocol::{Request, TaskReport};
-use tesaki::task::visual_approach::{
-    Approach, MIN_CONFIDENCE, Phase, VisualApproachSettings, VisualApproachTelemetry,
-};
+use tesaki::task::visual_approach::{VisualApproachSettings, VisualApproachTelemetry};
 use tesaki::task::{TaskCommand, TaskConfig, TaskRefusal, TaskTelemetry};
 use tesaki::vision::Circle;
 use tesaki_description::approach::{self, ApproachFile};

@@ -1,6 +1,6 @@
 //! Phases of the behaviour, and why it gives up.
 
-use super::VisualApproachRefusal;
+use crate::task::visual_approach::VisualApproachRefusal;
 
 /// Part of the behaviour.
 #[derive(Clone, Copy, Debug, PartialEq)]

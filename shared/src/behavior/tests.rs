@@ -5,6 +5,12 @@ use heapless::Vec;
 use nalgebra::Vector3;
 
 use super::*;
+use crate::math::sqrt;
+use crate::model::Pose;
+use crate::task::visual_approach::{
+    GripperState, HandMotion, VisualApproachCommand, VisualApproachRefusal, VisualApproachSettings,
+    VisualApproachTelemetry,
+};
 use crate::vision::{Circle, HandEyeRow, HandEyeTable};
 
 const STEP: f32 = 0.02;

@@ -2,8 +2,8 @@
 
 use super::approach::{DEEPER, DEEPER_TRIES};
 use super::rose::KnobExpectation;
-use super::{MIN_SPEED, VisualApproachSettings};
 use crate::math::sqrt;
+use crate::task::visual_approach::{MIN_SPEED, VisualApproachSettings};
 use crate::vision::HandEyeTable;
 
 /// Settings of the behaviour.

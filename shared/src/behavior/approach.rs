@@ -4,12 +4,12 @@ use heapless::Vec;
 use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 use super::rose::{Rim, RoseEstimate};
-use super::{
-    ApproachSettings, GripperState, HandMotion, Phase, Reason, VisualApproachCommand, VisualApproachRefusal,
-    VisualApproachTelemetry,
-};
+use super::{ApproachSettings, Phase, Reason};
 use crate::math::{abs, sqrt};
 use crate::model::Pose;
+use crate::task::visual_approach::{
+    GripperState, HandMotion, VisualApproachCommand, VisualApproachRefusal, VisualApproachTelemetry,
+};
 use crate::vision::{Circle, CircleSearch, Window};
 
 /// Circles of less confidence are not to be believed.
