@@ -20,6 +20,8 @@ pub use pid::{Pid, PidState};
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
+use crate::{TICK, math};
+
 /// One point of a joint's trajectory.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -30,6 +32,25 @@ pub struct JointPoint {
     pub velocity: f32,
     /// Its second derivative [rad/s²].
     pub acceleration: f32,
+}
+
+impl JointPoint {
+    /// A period later, with the same acceleration.
+    #[inline]
+    pub(crate) fn next(&self) -> Self {
+        let velocity = self.velocity + self.acceleration * TICK;
+        Self { position: self.position + 0.5 * (self.velocity + velocity) * TICK, velocity, ..*self }
+    }
+
+    /// Speeds downwards and upwards at the end of the period that begins [rad/s] from which half of
+    /// `acceleration` [rad/s²] brakes before the limits of the angle [rad].
+    pub(crate) fn stopping_speeds(&self, [lower, upper]: [f32; 2], acceleration: f32) -> [f32; 2] {
+        // (now + v) T/2 + v²/acceleration = space
+        let lag = 0.25 * acceleration * TICK;
+        let speed = |space: f32| math::sqrt(lag * lag + acceleration * space.max(0.0)) - lag;
+        let half = 0.5 * self.velocity * TICK;
+        [speed(self.position - lower + half), speed(upper - self.position - half)]
+    }
 }
 
 /// Feedback law of a joint servo.

@@ -28,9 +28,9 @@ const TRACKING: ObserverGains = ObserverGains { inertia: 1.0, bandwidth: 40.0, o
 
 /// Direction of the fingertips of a [`Hand`] in their frames.
 const POINTING: [f32; 3] = [0.0, 0.0, 1.0];
-/// How far the joints of a hand stay inside their limits [rad]. Homing may be as wrong, and a joint that is
-/// pressed against its stop looks blocked.
-const STOP_MARGIN: f32 = 5e-3;
+/// How far computed references stay inside the joints' limits [rad]. Homing may be as wrong, and a joint that
+/// is pressed against its stop looks blocked.
+pub(crate) const STOP_MARGIN: f32 = 5e-3;
 
 /// A validated model, preprocessed for computation; without joints before the first model.
 ///

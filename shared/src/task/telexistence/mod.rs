@@ -273,24 +273,20 @@ fn next(
     reference: &JointPoint,
     estimate: &JointEstimate,
 ) -> JointPoint {
-    let JointPoint { position: before, velocity: speed, acceleration } = *reference;
-    let now = speed + acceleration * TICK;
+    let before = reference.position;
+    let mut point = reference.next();
     // A joint that begins outside comes back without a jump.
-    let position = math::clamp(before + 0.5 * (speed + now) * TICK, lower.min(before), upper.max(before));
+    point.position = math::clamp(point.position, lower.min(before), upper.max(before));
+    let now = point.velocity;
     let target = MotionTarget {
-        offset: Vector1::new(estimate.angle - position),
+        offset: Vector1::new(estimate.angle - point.position),
         velocity: Vector1::new(estimate.velocity),
         acceleration: Vector1::zeros(),
     };
     let desired = limits.acceleration(&Vector1::new(now), &target).x;
-    // The speed `v` at the end of the period from which half of the acceleration `a` brakes before the limit
-    // of the angle: (now + v) T/2 + v²/a = space.
-    let lag = 0.25 * limits.acceleration * TICK;
-    let room = |space: f32| math::sqrt(lag * lag + limits.acceleration * space.max(0.0)) - lag;
-    let half = 0.5 * now * TICK;
-    let (down, up) = (room(position - lower + half), room(upper - position - half));
-    let acceleration = (math::clamp(now + desired * TICK, -down, up) - now) / TICK;
-    JointPoint { position, velocity: now, acceleration }
+    let [down, up] = point.stopping_speeds([lower, upper], limits.acceleration);
+    point.acceleration = (math::clamp(now + desired * TICK, -down, up) - now) / TICK;
+    point
 }
 
 /// A vector of the wire.

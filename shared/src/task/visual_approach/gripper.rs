@@ -151,17 +151,14 @@ impl Gripper {
             GripperState::Opening | GripperState::Open => open,
             GripperState::Closing => closed,
         };
-        let JointPoint { position, velocity, acceleration } = joint.reference;
-        let now = velocity + acceleration * TICK;
-        let position = position + 0.5 * (velocity + now) * TICK;
+        let mut point = joint.reference.next();
         let limits = MotionLimits { speed, acceleration: speed / START };
         let target = MotionTarget {
-            offset: Vector1::new(end - position),
+            offset: Vector1::new(end - point.position),
             velocity: Vector1::zeros(),
             acceleration: Vector1::zeros(),
         };
-        let acceleration = limits.acceleration(&Vector1::new(now), &target).x;
-        let point = JointPoint { position, velocity: now, acceleration };
+        point.acceleration = limits.acceleration(&Vector1::new(point.velocity), &target).x;
         *joint.target =
             JointTarget { setpoint: JointSetpoint::Point(point), feedforward: 0.0, restart: false };
     }

@@ -10,8 +10,8 @@ use crate::TICK;
 use crate::control::JointPoint;
 use crate::kinematics::{Jacobian, Posture};
 use crate::math::{self, Ldlt, abs};
-use crate::model::{MAX_CHAIN_JOINTS, MAX_JOINTS};
-use crate::robot::{JointConfig, Robot};
+use crate::model::{JointLimits, MAX_CHAIN_JOINTS, MAX_JOINTS};
+use crate::robot::{JointConfig, Robot, STOP_MARGIN};
 use crate::teleop::{MotionLimits, MotionTarget};
 
 /// Damping of the inverse Jacobian [m, rad].
@@ -22,8 +22,6 @@ const TURNING: f32 = 5.0;
 const SHARE: f32 = 0.8;
 /// Largest acceleration of a joint's reference, over its velocity limit [1/s].
 const JOINT_ACCELERATION: f32 = 8.0;
-/// How far references stay inside the limits of angle [rad].
-const STOP_MARGIN: f32 = 5e-3;
 
 /// The arm of a robot, whose gripper is taken as if it stood at 0.
 pub struct Arm<'a> {
@@ -99,10 +97,8 @@ impl<'a> Arm<'a> {
             let (Some(reference), Some(point)) = (references.get(index), points.get_mut(index)) else {
                 continue;
             };
-            let velocity = reference.velocity + reference.acceleration * TICK;
-            point.position = reference.position + 0.5 * (reference.velocity + velocity) * TICK;
-            point.velocity = velocity;
-            (angles[index], now[own]) = (point.position, velocity);
+            *point = reference.next();
+            (angles[index], now[own]) = (point.position, point.velocity);
         }
         let posture = self.posture(&angles);
         let jacobian = self.jacobian(&posture);
@@ -222,23 +218,19 @@ fn desired_twist(
 fn reachable(joint: &JointConfig, point: &JointPoint) -> [f32; 2] {
     let acceleration = JOINT_ACCELERATION * joint.limits.velocity;
     let change = acceleration * TICK;
-    let [down, up] = room(joint, point, acceleration);
+    let [down, up] = stopping_speeds(joint, point, acceleration);
     [(point.velocity - change).max(-down), (point.velocity + change).min(up)]
 }
 
-/// Speeds downwards and upwards from which half of the acceleration `a` brakes before the limit of the angle:
-/// `(now + v) T/2 + v²/a = space`.
-fn room(joint: &JointConfig, point: &JointPoint, acceleration: f32) -> [f32; 2] {
-    let lag = 0.25 * acceleration * TICK;
-    let room = |space: f32| math::sqrt(lag * lag + acceleration * space.max(0.0)) - lag;
-    let half = 0.5 * point.velocity * TICK;
-    let (lower, upper) = (joint.limits.lower + STOP_MARGIN, joint.limits.upper - STOP_MARGIN);
-    [room(point.position - lower + half), room(upper - point.position - half)]
+/// Speeds downwards and upwards at the end of the period from which the joint stops within its limits.
+fn stopping_speeds(joint: &JointConfig, point: &JointPoint, acceleration: f32) -> [f32; 2] {
+    let JointLimits { lower, upper, .. } = joint.limits;
+    point.stopping_speeds([lower + STOP_MARGIN, upper - STOP_MARGIN], acceleration)
 }
 
 /// Whether the limit of the angle is what holds a joint back that shall have `velocity` [rad/s].
 fn is_near_stop(joint: &JointConfig, point: &JointPoint, velocity: f32) -> bool {
-    let [down, up] = room(joint, point, JOINT_ACCELERATION * joint.limits.velocity);
+    let [down, up] = stopping_speeds(joint, point, JOINT_ACCELERATION * joint.limits.velocity);
     velocity < -down || velocity > up
 }
 
