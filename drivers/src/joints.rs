@@ -34,7 +34,7 @@ struct Last<const N: usize> {
 
 /// The joints of a robot on a board with `N` motors.
 #[derive(Clone, Debug)]
-pub struct Joints<const N: usize> {
+pub struct MotorJoints<const N: usize> {
     joints: Vec<Joint, N>,
     /// Periods of the current loops in a control period.
     periods: u32,
@@ -42,7 +42,7 @@ pub struct Joints<const N: usize> {
     dead_encoder: Option<u8>,
 }
 
-impl<const N: usize> Joints<N> {
+impl<const N: usize> MotorJoints<N> {
     /// No robot yet. `periods`: those of the current loops in a control period.
     pub const fn new(periods: u32) -> Self {
         Self { joints: Vec::new(), periods, last: None, dead_encoder: None }
@@ -195,7 +195,7 @@ mod tests {
     use super::*;
 
     /// A joint as in the model: 1000 counts a turn, 0.5 N·m/A, a count of current is 1 mA.
-    fn joints() -> Joints<2> {
+    fn joints() -> MotorJoints<2> {
         let joint = Joint {
             torque_constant: 0.5,
             current_resolution: 1e-3,
@@ -204,7 +204,7 @@ mod tests {
             back_emf: None,
         };
         let reversed = Joint { angle: -joint.angle, ..joint };
-        Joints {
+        MotorJoints {
             joints: [joint, reversed].into_iter().collect(),
             periods: 200,
             last: None,

@@ -45,7 +45,7 @@ use tesaki_drivers::counter::Counter;
 use tesaki_drivers::drv8301::{Drv8301, Gain, GateCurrent, Settings, ShuntSense};
 use tesaki_drivers::gates::Gates;
 use tesaki_drivers::handover::Handover;
-use tesaki_drivers::joints::{Joints, motors_for};
+use tesaki_drivers::joints::{MotorJoints, motors_for};
 use tesaki_drivers::motors::{Command, Motors, Output, PowerStages, Sensing, Totals};
 use tesaki_drivers::offset::Offset;
 
@@ -120,7 +120,7 @@ pub struct Odrive {
     gates: Gates<Device<Spi3OnC>, PB12<PinOutput>, N>,
     is_ready: bool,
     to_loops: Producer<'static, Motors<N>>,
-    joints: Joints<N>,
+    joints: MotorJoints<N>,
     counters: [Counter; N],
 }
 
@@ -192,7 +192,7 @@ impl Board for Odrive {
         connect_trips(&peripherals.syscfg, &peripherals.exti);
 
         let (to_loops, new_motors) = NEW_MOTORS.take().split();
-        let joints = Joints::new(PERIODS);
+        let joints = MotorJoints::new(PERIODS);
         let counters = [Counter::new(); N];
         let board = Self { emergency_stop, fault, gates, is_ready: false, to_loops, joints, counters };
         let loops = CurrentLoops {

@@ -42,7 +42,7 @@ use tesaki_drivers::counter::Counter;
 use tesaki_drivers::drv8874::{self, CurrentSense};
 use tesaki_drivers::gauges::ForceGauges;
 use tesaki_drivers::handover::Handover;
-use tesaki_drivers::joints::{Joints, motors_for};
+use tesaki_drivers::joints::{MotorJoints, motors_for};
 use tesaki_drivers::motors::{Command, Motors, Output, PowerStages, Sensing, Totals};
 
 use crate::board::{Board, CurrentControl, Equipment, Latch, Peripherals, SupervisorLine};
@@ -97,7 +97,7 @@ static NEW_MOTORS: ConstStaticCell<Queue<Motors<N>, 2>> = ConstStaticCell::new(Q
 pub struct Weact {
     emergency_stop: PC8<Input>,
     to_loops: Producer<'static, Motors<N>>,
-    joints: Joints<N>,
+    joints: MotorJoints<N>,
     counters: [Counter; 2],
     gauges: ForceGauges<Device<Spi1OnA>>,
 }
@@ -167,7 +167,7 @@ impl Board for Weact {
         let (to_loops, new_motors) = NEW_MOTORS.take().split();
         let stages = Stages { pulses, directions };
         let motors = Motors::none(&SWITCHING, drv8874::WAKE);
-        let joints = Joints::new(PERIODS);
+        let joints = MotorJoints::new(PERIODS);
         let gauges = ForceGauges::new(converter);
         let board = Self { emergency_stop, to_loops, joints, counters: [Counter::new(); 2], gauges };
         let loops = CurrentLoops { adc, samples: 0, stages, motors, new_motors, command: 0 };

@@ -16,7 +16,7 @@ use crate::task::impedance::{ForceSource, ImpedanceSettings};
 const STEPS: u16 = 12;
 /// Viscous friction [N·m·s/rad].
 const VISCOUS: f32 = 0.05;
-type Joints = SVector<f32, 7>;
+type JointVector = SVector<f32, 7>;
 
 /// A wall across the x axis of the base: a spring with little damping.
 #[derive(Clone, Copy)]
@@ -39,12 +39,12 @@ pub(super) struct SimulatedArm {
     model: RobotModel,
     pub chain: Chain,
     pub rig: Rig,
-    pub angles: Joints,
-    velocities: Joints,
-    torques: Joints,
+    pub angles: JointVector,
+    velocities: JointVector,
+    torques: JointVector,
     pub wall: Option<Wall>,
     /// Torques that the model does not know [N·m].
-    pub disturbance: Joints,
+    pub disturbance: JointVector,
     /// Largest force on the wall [N] and speed of the tool [m/s] so far.
     pub max_force: f32,
     pub max_speed: f32,
@@ -66,8 +66,9 @@ impl SimulatedArm {
         assert_eq!(rig.ask(enable(*settings)), Reply::Done);
         let rotors = model.joints.iter().map(|joint| joint.motor.rotor_inertia);
         let chain = Chain::new(&model.joints, &model.chains[0].tip).with_rotor_inertia(rotors);
-        let (angles, velocities, torques) = (Joints::from(ANGLES), Joints::zeros(), Joints::zeros());
-        let (wall, disturbance, max_force, max_speed) = (None, Joints::zeros(), 0.0, 0.0);
+        let (angles, velocities, torques) =
+            (JointVector::from(ANGLES), JointVector::zeros(), JointVector::zeros());
+        let (wall, disturbance, max_force, max_speed) = (None, JointVector::zeros(), 0.0, 0.0);
         Self { model, chain, rig, angles, velocities, torques, wall, disturbance, max_force, max_speed }
     }
 
@@ -126,10 +127,10 @@ impl SimulatedArm {
     /// Moves the arm by one period.
     pub fn advance(&mut self, force: Vector3<f32>, output: &ActuatorFrame) {
         let gravity = Vector3::from(self.model.gravity);
-        let commanded = Joints::from_iterator(output.torques.iter().copied());
+        let commanded = JointVector::from_iterator(output.torques.iter().copied());
         for step in 0..STEPS {
             let torques = if step == 0 { self.torques } else { commanded };
-            let mut bias = Joints::zeros();
+            let mut bias = JointVector::zeros();
             let (angles, velocities) = (self.angles.as_slice(), self.velocities.as_slice());
             self.chain.nonlinear_effects(&gravity, angles, velocities, bias.as_mut_slice());
             let total = force + self.wall_force();

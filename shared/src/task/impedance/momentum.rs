@@ -2,7 +2,7 @@ use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use super::Arm;
-use super::redundancy::Joints;
+use super::redundancy::JointVector;
 use super::tuning::REST_TICKS;
 use crate::control::{FrictionFeedforward, FrictionState};
 use crate::model::MAX_CHAIN_JOINTS;
@@ -74,10 +74,10 @@ impl MomentumObserver {
         if self.samples < SAMPLES {
             return;
         }
-        let [now, last, second_last] = [*angles, last, second_last].map(Joints::from);
+        let [now, last, second_last] = [*angles, last, second_last].map(JointVector::from);
         let velocity = (now - second_last) * (0.5 / TICK);
         let acceleration = (now - last * 2.0 + second_last) * (1.0 / (TICK * TICK));
-        let mut required = Joints::zeros();
+        let mut required = JointVector::zeros();
         arm.chain.inverse_dynamics(
             arm.gravity,
             last.as_slice(),
@@ -113,7 +113,11 @@ impl MomentumObserver {
     }
 
     /// External joint torques [N·m]; 0 before the first tare.
-    pub fn torques(&self) -> Joints {
-        if self.tared { Joints::from(self.residual) - Joints::from(self.tare) } else { Joints::zeros() }
+    pub fn torques(&self) -> JointVector {
+        if self.tared {
+            JointVector::from(self.residual) - JointVector::from(self.tare)
+        } else {
+            JointVector::zeros()
+        }
     }
 }

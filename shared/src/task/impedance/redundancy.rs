@@ -6,7 +6,7 @@ use crate::math::{self, Ldlt};
 use crate::model::MAX_CHAIN_JOINTS;
 
 /// One value per joint; 0 beyond the arm's joints.
-pub(super) type Joints = SVector<f32, MAX_CHAIN_JOINTS>;
+pub(super) type JointVector = SVector<f32, MAX_CHAIN_JOINTS>;
 
 /// Damped least-squares inverse of the tool's Jacobian (Nakamura and Hanafusa 1986). The damping grows from 0
 /// as the smallest singular value falls below a threshold, so the inverse is exact away from singular
@@ -57,18 +57,18 @@ impl Resolver {
     }
 
     /// Joint accelerations for the tool's `acceleration`, without the driven joint (Arm7 eq. 3).
-    pub fn solve(&self, acceleration: &Vector6<f32>) -> Joints {
+    pub fn solve(&self, acceleration: &Vector6<f32>) -> JointVector {
         self.jacobian.tr_mul(&self.factors.solve(acceleration))
     }
 
     /// The wrench on the tool that best explains these joint `torques`, without the driven joint.
-    pub fn wrench(&self, torques: &Joints) -> Vector6<f32> {
+    pub fn wrench(&self, torques: &JointVector) -> Vector6<f32> {
         self.factors.solve(&(self.jacobian * torques))
     }
 
     /// Projects `motion` to the null space of the Jacobian: the part that does not move the tool.
     #[inline]
-    pub fn project_to_null_space(&self, motion: &Joints) -> Joints {
+    pub fn project_to_null_space(&self, motion: &JointVector) -> JointVector {
         motion - self.solve(&(self.jacobian * motion))
     }
 }

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::contact::own_mass;
 use super::derating::Derating;
 use super::momentum::MomentumObserver;
-use super::redundancy::{Joints, Resolver};
+use super::redundancy::{JointVector, Resolver};
 use super::response::{in_axes, respond};
 use super::setpoint::{
     ORIGIN, at_rest, check_deviation, check_elbow, check_numbers, check_point, pose_error,
@@ -188,7 +188,7 @@ impl ImpedanceState {
         if settings.law.direct().is_some() || self.estimates_force() || self.halted {
             return 0.0;
         }
-        let disturbances = Joints::from(self.observers.map(|observer| observer.disturbance()));
+        let disturbances = JointVector::from(self.observers.map(|observer| observer.disturbance()));
         (jacobian.fixed_rows::<3>(0) * disturbances).norm_squared()
     }
 
@@ -235,7 +235,7 @@ impl ImpedanceState {
         let wrench = self.external_wrench(measurement);
         let loaded = self.contact || settings.law.direct().is_some();
         let force = if loaded { wrench } else { Vector6::zeros() };
-        let velocities = Joints::from(self.velocities);
+        let velocities = JointVector::from(self.velocities);
         let velocity = jacobian * velocities;
         let mut acceleration = self.tool_command(&settings, posture.tip(), &error, &velocity, &force);
         let is_lost = self.squared_force <= CONTACT_LOSS_SQUARED * force_before;
@@ -396,7 +396,7 @@ impl ImpedanceState {
     }
 
     /// Limits the joint accelerations so that the reference arm keeps to position and velocity limits.
-    fn limit_accelerations(&self, arm: &Arm<'_>, accelerations: &mut Joints) {
+    fn limit_accelerations(&self, arm: &Arm<'_>, accelerations: &mut JointVector) {
         let mut scale = 1.0_f32;
         let states = self.angles.iter().zip(&self.velocities);
         for ((&angle, &velocity), (acceleration, joint)) in
@@ -427,7 +427,7 @@ impl ImpedanceState {
         arm: &Arm<'_>,
         settings: &ImpedanceSettings,
         torques: [f32; MAX_CHAIN_JOINTS],
-        accelerations: &Joints,
+        accelerations: &JointVector,
     ) -> ArmOutput {
         let friction = match settings.law {
             Law::Direct(law) => law.friction,
@@ -449,8 +449,8 @@ impl ImpedanceState {
     }
 
     /// Integrates the reference arm over one period. Without a successor the set-points come to rest.
-    fn advance(&mut self, accelerations: &Joints) {
-        let velocities = Joints::from(self.velocities);
+    fn advance(&mut self, accelerations: &JointVector) {
+        let velocities = JointVector::from(self.velocities);
         add_scaled(&mut self.angles, &velocities, TICK);
         add_scaled(&mut self.angles, accelerations, 0.5 * TICK * TICK);
         add_scaled(&mut self.velocities, accelerations, TICK);
@@ -460,6 +460,6 @@ impl ImpedanceState {
 }
 
 #[inline]
-fn add_scaled(values: &mut [f32; MAX_CHAIN_JOINTS], change: &Joints, factor: f32) {
+fn add_scaled(values: &mut [f32; MAX_CHAIN_JOINTS], change: &JointVector, factor: f32) {
     values.iter_mut().zip(change.iter()).for_each(|(value, change)| *value += factor * change);
 }

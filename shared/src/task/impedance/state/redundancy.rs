@@ -3,7 +3,7 @@
 
 use nalgebra::Vector6;
 
-use super::super::redundancy::{Joints, Resolver};
+use super::super::redundancy::{JointVector, Resolver};
 use super::super::setpoint::wrap_angle;
 use super::super::settings::{ImpedanceSettings, Redundancy};
 use super::super::tuning::{ARM_ANGLE_DAMPING, INITIAL_ITERATIONS, MAX_ELBOW_ERROR};
@@ -24,8 +24,8 @@ impl ImpedanceState {
         resolver: &Resolver,
         jacobian: &Jacobian,
         tool: &Vector6<f32>,
-    ) -> Joints {
-        let velocities = Joints::from(self.velocities);
+    ) -> JointVector {
+        let velocities = JointVector::from(self.velocities);
         let arm_angle = match settings.redundancy {
             Redundancy::ArmAngle => ArmAngle::of(posture, arm.gravity),
             _ => None,

@@ -5,7 +5,7 @@ use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use super::super::contact::own_mass;
-use super::super::redundancy::Joints;
+use super::super::redundancy::JointVector;
 use super::super::response::respond;
 use super::super::setpoint::{at_rest, check_point, pose_error};
 use super::super::settings::Redundancy;
@@ -89,7 +89,7 @@ impl ImpedanceState {
     #[cold]
     #[inline(never)]
     fn relax_spring(&mut self, posture: &Posture, wrench: &Vector6<f32>) {
-        let velocity = posture.jacobian() * Joints::from(self.velocities);
+        let velocity = posture.jacobian() * JointVector::from(self.velocities);
         if velocity.fixed_rows::<3>(0).dot(&wrench.fixed_rows::<3>(0)) >= 0.0 {
             return;
         }

@@ -9,7 +9,7 @@ use crate::TICK;
 use crate::control::{ErrorObserver, Impedance};
 use crate::kinematics::{Chain, ElbowSetpoint, Jacobian, PosePoint};
 use crate::model::{ChainModel, MAX_CHAIN_JOINTS, ObserverGains, Pose, Reaction, RobotModel, Safety};
-use crate::task::impedance::redundancy::Joints;
+use crate::task::impedance::redundancy::JointVector;
 use crate::task::impedance::{
     Arm, ArmMeasurement, ArmOutput, ForceSource, ImpedanceSettings, ImpedanceState, Law, Redundancy,
 };
@@ -147,8 +147,8 @@ pub fn track(output: &ArmOutput) -> ArmMeasurement {
     measurement
 }
 
-pub fn accelerations(output: &ArmOutput) -> Joints {
-    Joints::from(output.points.map(|point| point.acceleration))
+pub fn accelerations(output: &ArmOutput) -> JointVector {
+    JointVector::from(output.points.map(|point| point.acceleration))
 }
 
 /// Elbow set-point at rest at the elbow's angle in the first posture.

@@ -4,7 +4,7 @@ use super::fixture::ArmFixture;
 use crate::TICK;
 use crate::model::MAX_CHAIN_JOINTS;
 use crate::task::impedance::momentum::MomentumObserver;
-use crate::task::impedance::redundancy::Joints;
+use crate::task::impedance::redundancy::JointVector;
 
 /// Per tick: joint angles, motor torques of the next period, and external joint torques half a period ago
 /// behind a filter of 30 rad/s (`tests/oracles/momentum.py`).
@@ -29,11 +29,11 @@ fn external_torques_are_estimated_from_motor_torques() {
         // An earlier tare has no effect.
         if tick < 42 {
             observer.tare();
-            assert!(tick == 41 || observer.torques() == Joints::zeros(), "0 before the tare");
+            assert!(tick == 41 || observer.torques() == JointVector::zeros(), "0 before the tare");
         }
-        let error = observer.torques() - Joints::from(*expected);
+        let error = observer.torques() - JointVector::from(*expected);
         max_error = max_error.max(error.amax());
-        max_torque = max_torque.max(Joints::from(*expected).amax());
+        max_torque = max_torque.max(JointVector::from(*expected).amax());
         observer.push(torques);
         last = *angles;
     }

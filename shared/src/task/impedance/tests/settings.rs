@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 
 use super::fixture::{ArmFixture, POSTURES, SOFT, accelerations, elbow_at_rest, track};
 use crate::model::MAX_CHAIN_JOINTS;
-use crate::task::impedance::redundancy::Joints;
+use crate::task::impedance::redundancy::JointVector;
 use crate::task::impedance::{
     ArmMeasurement, ArmOutput, DirectLaw, ImpedanceSettings, InvalidSettings, Law, Redundancy, own_mass,
 };
@@ -52,7 +52,7 @@ fn new_settings_do_not_step_the_torque() {
         measurement = track(&state.tick(&arm, &measurement).unwrap());
     }
     let telemetry = state.telemetry(&arm, &measurement, &fixture.chain.posture(&measurement.angles));
-    let velocity = fixture.jacobian(&measurement.angles) * Joints::from(measurement.velocities);
+    let velocity = fixture.jacobian(&measurement.angles) * JointVector::from(measurement.velocities);
     let mut firm = SOFT;
     firm.impedance.mass = [1.0, 1.0, 1.0, 0.05, 0.05, 0.05];
     firm.impedance.damping = [90.0, 90.0, 90.0, 1.0, 1.0, 1.0];
