@@ -12,6 +12,7 @@ mod impedance;
 mod init;
 mod look;
 mod retarget;
+mod udp;
 mod view;
 
 use std::path::PathBuf;
