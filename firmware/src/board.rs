@@ -77,8 +77,8 @@ pub trait Board: Sized {
 
 /// Reads what must be read at the instant at which the control period begins.
 ///
-/// Only [`Board::on_edge`] has a higher priority and can delay the instant, by some instructions. It must take
-/// 3 µs at most, as the UARTs wait meanwhile.
+/// Only [`Board::on_edge`] has a higher priority and can delay the instant, by some instructions. It must
+/// take 3 µs at most, as the UARTs wait meanwhile.
 pub trait Latch {
     /// Raw values. [`Board::read`] turns them into a frame later.
     type Sample: Copy + Send;

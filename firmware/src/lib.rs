@@ -20,8 +20,8 @@
 //! A current loop takes a few microseconds, less than a byte: nothing above the UARTs may take longer.
 //!
 //! The control task also waits while the supervisor task handles a request, as both use the node. Sampling
-//! does not wait: the timer's interrupt latches the sensors ([`board::Latch`]); only an edge at a trip line or a
-//! data line can delay it, by some instructions.
+//! does not wait: the timer's interrupt latches the sensors ([`board::Latch`]); only an edge at a trip line
+//! or a data line can delay it, by some instructions.
 
 #![no_std]
 

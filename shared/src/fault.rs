@@ -26,8 +26,8 @@ pub enum FaultCause {
     /// 4: an angle changed faster in one tick than the joint can move. Value and limit in rad.
     EncoderJump,
     /// 5: torque beyond friction without a change of the count: a dead encoder or a blocked joint. Value: the
-    /// torque beyond the weight, or the growth of that of an acceleration; limit: the one that moves the joint
-    /// [N·m], 0 when the board found it by the motor's voltage.
+    /// torque beyond the weight, or the growth of that of an acceleration; limit: the one that moves the
+    /// joint [N·m], 0 when the board found it by the motor's voltage.
     EncoderStuck,
     /// 6: a computed torque is not finite. Value: its magnitude, NaN or infinite.
     NotFinite,

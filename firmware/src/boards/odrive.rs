@@ -343,7 +343,7 @@ impl PowerStages<N> for Stages {
 
     /// The next sample finds out if a trip came before or meanwhile: then the gate drivers are asleep.
     fn enable_pulses(&mut self) {
-        self.0.enable_pulses();
+        self.0.enable();
         // SAFETY: reading this register has no effect.
         if unsafe { (*pac::GPIOB::ptr()).odr().read().bits() & 1 << 12 == 0 } {
             HalfBridges::off();

@@ -322,7 +322,7 @@ impl PowerStages<N> for Stages {
     }
 
     fn enable_pulses(&mut self) {
-        self.pulses.enable_pulses();
+        self.pulses.enable();
     }
 
     fn has_tripped(&self) -> bool {

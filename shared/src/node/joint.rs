@@ -15,8 +15,7 @@ const MAX_COMPENSATED_LAG: f32 = 0.3;
 /// Ticks without a change of the angle, under a torque that moves the joint, after which the encoder is
 /// stuck. More ticks let a dead encoder accelerate the joint longer; fewer mistake quantisation for it.
 const STUCK_TICKS: u8 = 2;
-/// Share of the growth of an acceleration torque from which on the number of such ticks stays: it neither rises
-/// nor begins anew.
+/// Share of the growth of an acceleration torque from which on the number of such ticks stays as it is.
 const HYSTERESIS_SHARE: f32 = 0.4;
 /// In place of a number of such ticks: the encoder was found dead, and has not moved since.
 const FOUND_DEAD: u8 = u8::MAX;
@@ -24,8 +23,8 @@ const FOUND_DEAD: u8 = u8::MAX;
 /// more; fewer mistake a rebound for it.
 const RUNAWAY_TICKS: u8 = 3;
 /// Decay per period of the feed-forward torques under [`Reaction::Damp`](crate::model::Reaction::Damp): four
-/// fifths of a contact force are released within 0.3 s. A step would let what is pressed whip the joints back.
-/// Torques that drive the robot balance no contact, and decay faster.
+/// fifths of a contact force are released within 0.3 s. A step would let what is pressed whip the joints
+/// back. Torques that drive the robot balance no contact, and decay faster.
 const FEEDFORWARD_DECAY: f32 = 0.95;
 const DRIVING_DECAY: f32 = 0.5;
 /// Decrease of the compensated share of the weight per rise of a damped joint [1/rad], and largest one.
@@ -187,7 +186,7 @@ impl JointState {
         Self { zero, homed, ..Self::new() }
     }
 
-    /// The share of the model's weight that damping compensates. Masses and torque constants may be wrong by 20 %
+    /// The share of the model's weight that damping bears. Masses and torque constants may be wrong by 20 %
     /// each: a joint that bears too much rises by 0.1 rad at most, one that bears too little sinks against
     /// the damping.
     pub fn borne_weight(&self) -> f32 {
@@ -484,7 +483,7 @@ impl Joint<'_> {
             && abs(grown) > share * config.accelerating_growth
             && abs(effort) > 0.5 * config.growth
             && grown * effort > 0.0;
-        // What shows less for a tick, such as when a contact begins, does not begin anew.
+        // What shows less for a tick, such as when a contact begins, does not count anew.
         let keeps_count = situation.accelerates
             && pushes
             && abs(grown) > HYSTERESIS_SHARE * config.accelerating_growth
@@ -581,8 +580,8 @@ impl Joint<'_> {
         self.state.effort = output.effort;
     }
 
-    /// Bounds the torque of a joint that is held after a fault, `before` in the last tick. Beside its `weight`
-    /// [N·m] and the error of that, it may press
+    /// Bounds the torque of a joint that is held after a fault, `before` in the last tick. Beside its
+    /// `weight` [N·m] and the error of that, it may press
     ///
     /// - with no more than when the stop began: against an obstacle it must not press harder;
     /// - where it stands, also with no more than the least torque under which it has stood since: a new load
@@ -688,7 +687,7 @@ impl Joint<'_> {
         is_dead.then_some((FaultCause::EncoderStuck, self.state.torque, self.config.excess))
     }
 
-    /// Prepares for a task: at rest where the joint is, with an encoder that is not [dead](Self::check_still_dead).
+    /// Prepares for a task: at rest where the joint is. Its encoder is not [dead](Self::check_still_dead).
     pub fn begin(&mut self) {
         self.state.unchanged = 0;
         self.hold_still();

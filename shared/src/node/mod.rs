@@ -9,8 +9,8 @@
 //!      └───────────────────────────────────────────────────┘
 //! ```
 //!
-//! In `Fault` the outputs follow the configured [`Reaction`]; `Disable` switches them off, but the fault remains
-//! until it was read and cleared.
+//! In `Fault` the outputs follow the configured [`Reaction`]; `Disable` switches them off, but the fault
+//! remains until it was read and cleared.
 //!
 //! A [`Node`] has no clock, no I/O and no waiting. [`Node::tick`] is a function of its state, one
 //! [`SensorFrame`](crate::protocol::SensorFrame) and the requests [handled](Node::handle) since the last

@@ -26,8 +26,9 @@ const WEIGHT_ERROR: f32 = 0.1;
 const REACTION_TIME: f32 = 2.0 * TICK;
 /// Torques that fade more slowly are not waited for [s].
 const MAX_FADING: f32 = 0.1;
-/// What is left after a period of work and of what is allowed beyond the tolerance: both are forgotten with a
-/// time constant of 2.5 s, or the noise of an encoder would let a robot that is held for hours gain any energy.
+/// What is left after a period of work and of what is allowed beyond the tolerance: both are forgotten with
+/// a time constant of 2.5 s, or the noise of an encoder would let a robot that is held for hours gain any
+/// energy.
 const MEMORY: f32 = 0.996;
 
 /// Work of the drives beyond the weight since a stop began, and how much of it is allowed [J].

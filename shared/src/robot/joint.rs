@@ -9,7 +9,8 @@ use crate::signal::PseudoDifferentiator;
 
 /// Cut-off frequency of the measured velocity [rad/s]. A higher one has less lag and more quantisation noise.
 const VELOCITY_CUTOFF: f32 = 100.0;
-/// What the filter of the velocity leaves out of a step in the first period: exp(−ω T) of [`VELOCITY_CUTOFF`].
+/// What the filter of the velocity leaves out of a step in the first period: exp(−ω T) of
+/// [`VELOCITY_CUTOFF`].
 const FILTERED: f32 = 0.367_879_44;
 /// Tolerance of the encoder-jump check for noise [counts].
 const COUNT_NOISE: f32 = 2.0;
