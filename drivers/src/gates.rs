@@ -4,10 +4,11 @@ use embedded_hal::digital::StatefulOutputPin;
 use embedded_hal::spi::SpiDevice;
 use tesaki::TICK;
 
-use crate::drv8301::{Drv8301, WAKE_TIME};
+use crate::drv8301::{Drv8301, RESET_TIME, WAKE_TIME};
 
-/// Control periods for which they sleep at least: [`crate::drv8301::RESET_TIME`] is much less than one.
+/// Control periods for which they sleep, so that they forget all settings: the first may be a short one.
 const SLEEP_PERIODS: u8 = 2;
+const _: () = assert!(TICK * 1e6 * (SLEEP_PERIODS as f32 - 1.0) >= RESET_TIME);
 /// Control periods until they are awake: the first may be a short one.
 const WAKE_PERIODS: u8 = 2;
 const _: () = assert!(TICK * 1e6 * (WAKE_PERIODS as f32 - 1.0) >= WAKE_TIME);

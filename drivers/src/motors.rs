@@ -48,7 +48,7 @@ pub trait PowerStages<const N: usize> {
     /// Awake, without pulses.
     fn wake(&mut self);
     /// Lets pulses pass until the hardware's trip stops them.
-    fn arm(&mut self);
+    fn enable_pulses(&mut self);
     /// Whether the hardware stopped the pulses.
     fn has_tripped(&self) -> bool;
     /// The next duties, which take effect after [`Switching::lag`], and the directions, which do at once.
@@ -277,7 +277,7 @@ impl<const N: usize> Motors<N> {
         match self.phase {
             Phase::Off | Phase::Tripped => {}
             Phase::Waking(0) => {
-                stages.arm();
+                stages.enable_pulses();
                 self.phase = Phase::Running;
             }
             Phase::Waking(periods) => self.phase = Phase::Waking(periods - 1),

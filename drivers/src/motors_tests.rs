@@ -11,7 +11,7 @@ const SUPPLY: f64 = 12.0;
 #[derive(Default)]
 struct Rig {
     awake: bool,
-    armed: bool,
+    pulses_pass: bool,
     tripped: bool,
     outputs: [Output; 2],
     duty: [f64; 2],
@@ -26,20 +26,21 @@ struct Rig {
 
 impl PowerStages<2> for Rig {
     fn off(&mut self) {
-        (self.awake, self.armed) = (false, false);
+        (self.awake, self.pulses_pass) = (false, false);
     }
     fn wake(&mut self) {
         self.awake = true;
     }
-    fn arm(&mut self) {
-        self.armed = true;
+    fn enable_pulses(&mut self) {
+        self.pulses_pass = true;
     }
     fn has_tripped(&self) -> bool {
         self.tripped
     }
     fn set(&mut self, outputs: &[Output; 2]) {
         for (last, next) in self.outputs.iter().zip(outputs) {
-            self.glitches += u32::from(self.armed && last.counts != 0 && last.positive != next.positive);
+            self.glitches +=
+                u32::from(self.pulses_pass && last.counts != 0 && last.positive != next.positive);
         }
         self.outputs = *outputs;
     }
@@ -67,7 +68,7 @@ impl Rig {
             let before = std::mem::replace(&mut self.duty[index], duty);
             for step in 0..100 {
                 let duty = if step < 50 { before } else { duty };
-                let voltage = if self.armed { duty * SUPPLY } else { 0.0 };
+                let voltage = if self.pulses_pass { duty * SUPPLY } else { 0.0 };
                 let emf = 0.3 * self.velocity[index];
                 self.current[index] +=
                     0.5e-6 * (voltage - self.resistance() * self.current[index] - emf) / 1.3e-3;
@@ -107,10 +108,10 @@ fn stages_wake_before_the_first_pulse() {
     // A millisecond is 20 periods.
     for _ in 0..21 {
         rig.step(&mut motors);
-        assert!(rig.awake && !rig.armed && rig.outputs == [Output::default(); 2]);
+        assert!(rig.awake && !rig.pulses_pass && rig.outputs == [Output::default(); 2]);
     }
     rig.step(&mut motors);
-    assert!(rig.armed);
+    assert!(rig.pulses_pass);
     run(&mut rig, &mut motors, &command([0.5, -0.5], [0.0; 2]), 200);
     let [first, second] = rig.current;
     assert!((first - 0.5).abs() < 0.005 && (second + 0.5).abs() < 0.005, "{first} {second}");
@@ -174,14 +175,14 @@ fn a_current_beyond_the_trip_switches_off_in_the_same_period_until_told_to_be_of
         run(&mut rig, &mut motors, &command([0.5; 2], [0.0; 2]), 400);
         rig.current[1] = broken;
         rig.step(&mut motors);
-        assert!(!rig.awake && !rig.armed && motors.has_tripped());
+        assert!(!rig.awake && !rig.pulses_pass && motors.has_tripped());
         rig.current = [0.0; 2];
         run(&mut rig, &mut motors, &command([0.5; 2], [0.0; 2]), 400);
         assert!(!rig.awake && motors.has_tripped());
         motors.command(None, &mut rig);
         assert!(!motors.has_tripped());
         run(&mut rig, &mut motors, &command([0.5; 2], [0.0; 2]), 400);
-        assert!(rig.armed && (rig.current[0] - 0.5).abs() < 0.01);
+        assert!(rig.pulses_pass && (rig.current[0] - 0.5).abs() < 0.01);
     }
 }
 
@@ -286,7 +287,7 @@ fn a_signed_current_is_taken_as_it_is() {
     // The trip is one of the magnitude.
     rig.current[1] = -1.3;
     rig.step(&mut motors);
-    assert!(!rig.armed && motors.has_tripped() && motors.are_off());
+    assert!(!rig.pulses_pass && motors.has_tripped() && motors.are_off());
 }
 
 #[test]

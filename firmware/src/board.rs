@@ -77,8 +77,8 @@ pub trait Board: Sized {
 
 /// Reads what must be read at the instant at which the control period begins.
 ///
-/// It has the highest priority, so that no other work delays the instant; it must take 3 µs at most, as the
-/// UARTs wait meanwhile.
+/// Only [`Board::on_edge`] has a higher priority and can delay the instant, by some instructions. It must
+/// take 3 µs at most, as the UARTs wait meanwhile.
 pub trait Latch {
     /// Raw values. [`Board::read`] turns them into a frame later.
     type Sample: Copy + Send;
@@ -89,7 +89,8 @@ pub trait Latch {
 
 /// Controls the currents, as often as the converters have sampled them.
 ///
-/// It runs above everything but the latch, and must take less than 10 µs, as the UARTs wait meanwhile.
+/// It runs above everything but the latch and [`Board::on_edge`], and must take less than 10 µs, as the UARTs
+/// wait meanwhile.
 pub trait CurrentControl {
     /// A sample is complete.
     fn on_sample(&mut self);

@@ -4,9 +4,9 @@
 //!
 //! | priority | RTIC task | does |
 //! |---|---|---|
-//! | 6 | `EXTI2`, `EXTI4` | on boards whose trip lines have no break input: power stages off; else pends `EXTI3` |
+//! | 6 | `EXTI2`, `EXTI4` | [`board::Board::on_edge`]: power stages off where a trip line has no break input; or pends `EXTI3` for data |
 //! | 5 | `TIM2` | 10 ms timer: latches the sensors, pends the control task |
-//! | 4 | `ADC` | 40 kHz, on boards with motors: every second time the current loops |
+//! | 4 | `ADC` | on boards with motors: the current loops, at 20 kHz; of the 40 kHz of `board-weact` every second time |
 //! | 3 | `USART1`, `USART2`, `UART4` | bytes between UART and queue |
 //! | 2 | `EXTI0`: control | one [`Node::tick`](tesaki::node::Node::tick) |
 //! | 2 | `EXTI3`: data | on boards with a force sensor: a frame from its converter |
@@ -20,7 +20,8 @@
 //! A current loop takes a few microseconds, less than a byte: nothing above the UARTs may take longer.
 //!
 //! The control task also waits while the supervisor task handles a request, as both use the node. Sampling
-//! does not wait: the timer's interrupt, above which only a trip is, latches the sensors ([`board::Latch`]).
+//! does not wait: the timer's interrupt latches the sensors ([`board::Latch`]); only an edge at a trip line
+//! or a data line can delay it, by some instructions.
 
 #![no_std]
 

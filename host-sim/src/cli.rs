@@ -36,10 +36,9 @@ enum Command {
     List,
     /// Run a scenario: prints a table of results, writes CSV, JSON and a page with figures
     Run(run::Run),
-    /// Tell for which limits of a scenario a machine leaves a controller no room, by its physics; runs
-    /// nothing
+    /// List the limits of a scenario that no controller can meet on a machine, by its physics; runs nothing
     Limits(Limits),
-    /// Measure how many seconds of a machine one core simulates in a second of its time
+    /// Measure how many seconds of a machine one core simulates per second
     Speed(speed::Speed),
     /// Draw the figures of the papers anew, for the pages in docs/papers/
     Papers(papers::Papers),
@@ -62,7 +61,7 @@ enum Command {
 struct Limits {
     /// Name of the scenario, see `host-sim list`
     scenario: String,
-    /// Seed of the machine; a range such as 1-20 is about all of them
+    /// Seed of the machine, or a range such as 1-20
     #[arg(long, default_value = "1", value_parser = seeds)]
     seed: RangeInclusive<u64>,
     /// Print one JSON object per seed: the metrics, each with the reason

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 /// Severity of a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Weight {
+pub enum Severity {
     /// Works, but deserves attention.
     Warning,
     /// Does not work.
@@ -28,7 +28,7 @@ pub enum Matter {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Finding {
     /// Its severity.
-    pub weight: Weight,
+    pub severity: Severity,
     /// What it prevents.
     pub matter: Matter,
     /// The file, or the folder if it concerns several files.
@@ -63,7 +63,7 @@ impl Finding {
 
     /// Whether it is an error.
     pub fn is_error(&self) -> bool {
-        self.weight == Weight::Error
+        self.severity == Severity::Error
     }
 }
 
@@ -88,22 +88,22 @@ impl Report {
 
     /// Adds a finding about the kinematics.
     pub fn kinematics(&mut self, line: Option<usize>, message: impl Into<String>, advice: impl Into<String>) {
-        self.push(Weight::Error, Matter::Kinematics, line, message.into(), advice.into());
+        self.push(Severity::Error, Matter::Kinematics, line, message.into(), advice.into());
     }
 
     /// Adds a finding about joint limits.
     pub fn limits(&mut self, line: Option<usize>, message: impl Into<String>, advice: impl Into<String>) {
-        self.push(Weight::Error, Matter::Limits, line, message.into(), advice.into());
+        self.push(Severity::Error, Matter::Limits, line, message.into(), advice.into());
     }
 
     /// Adds a finding about masses, torques or settings.
     pub fn dynamics(&mut self, line: Option<usize>, message: impl Into<String>, advice: impl Into<String>) {
-        self.push(Weight::Error, Matter::Dynamics, line, message.into(), advice.into());
+        self.push(Severity::Error, Matter::Dynamics, line, message.into(), advice.into());
     }
 
     /// Adds a warning.
     pub fn warning(&mut self, line: Option<usize>, message: impl Into<String>, advice: impl Into<String>) {
-        self.push(Weight::Warning, Matter::Dynamics, line, message.into(), advice.into());
+        self.push(Severity::Warning, Matter::Dynamics, line, message.into(), advice.into());
     }
 
     /// Whether nothing prevents the kinematics.
@@ -122,8 +122,15 @@ impl Report {
         self.findings.sort_by_key(|finding| finding.line);
     }
 
-    fn push(&mut self, weight: Weight, matter: Matter, line: Option<usize>, message: String, advice: String) {
+    fn push(
+        &mut self,
+        severity: Severity,
+        matter: Matter,
+        line: Option<usize>,
+        message: String,
+        advice: String,
+    ) {
         let path = self.path.clone();
-        self.findings.push(Finding { weight, matter, path, line, message, advice });
+        self.findings.push(Finding { severity, matter, path, line, message, advice });
     }
 }

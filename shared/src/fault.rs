@@ -26,10 +26,10 @@ pub enum FaultCause {
     /// 4: an angle changed faster in one tick than the joint can move. Value and limit in rad.
     EncoderJump,
     /// 5: torque beyond friction without a change of the count: a dead encoder or a blocked joint. Value: the
-    /// torque; limit: the torque that moves the joint [N·m], 0 when the board found it by the motor's
-    /// voltage.
+    /// torque beyond the weight, or the growth of that of an acceleration; limit: the one that moves the
+    /// joint [N·m], 0 when the board found it by the motor's voltage.
     EncoderStuck,
-    /// 6: a computed torque is not finite. Value: NaN.
+    /// 6: a computed torque is not finite. Value: its magnitude, NaN or infinite.
     NotFinite,
     /// 7: a tick came late, early or twice. Value: periods since the last tick; limit: 1.
     LateTick,
@@ -51,7 +51,8 @@ pub enum FaultCause {
     /// 15: a CPU fault reset the board. Value: the program counter.
     HardFault,
     /// 16: the clock fell back to a less accurate source at boot. Value: number of the
-    /// [`ClockSource`](crate::protocol::ClockSource). The board can still be enabled.
+    /// [`ClockSource`](crate::protocol::ClockSource). The board can still be enabled, but not one that drives
+    /// motors from the internal oscillator alone: its current loops run too slowly (28).
     ClockFallback,
     /// 17: the supervisor asked for an immediate stop.
     Stop,

@@ -15,19 +15,19 @@
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`math`] | elementary functions, SO(3), small solvers |
-//! | [`signal`] | trajectory filter, pseudo-differentiator, rate limiter |
-//! | [`model`] | the robot as data |
-//! | [`kinematics`] | forward, Jacobian, J̇q̇; inverse in closed form and iterative |
+//! | [`math`] | the only way to elementary functions: `sin_cos`, `atan2`, `sqrt`; rotations; small solvers |
+//! | [`signal`] | trajectory filter, pseudo-differentiator, rate limiter, minimum-jerk profile |
+//! | [`model`] | a robot as data, and its validation |
+//! | [`kinematics`] | forward, Jacobian, J̇q̇; inverse in closed form and iterated |
 //! | [`dynamics`] | Newton–Euler, mass matrix |
-//! | [`grasp`] | contacts and forces: grasp map, internal forces, the least grip |
-//! | [`control`] | PID, observer, friction feed-forward, joint servo |
-//! | [`teleop`] | unilateral master-slave control over a delayed link, passivity of bilateral links |
+//! | [`grasp`] | grasp map, internal forces, the least grip |
+//! | [`control`] | PID, observer, friction feed-forward, joint servo, current loop of a motor, impedance of one period |
+//! | [`teleop`] | following an operator's hand over a link; passivity of a link; fingertips of an operator's hand from a glove, and their calibration |
 //! | [`vision`] | circle finding in a grey image |
 //! | [`fault`] | causes of faults, and their log |
-//! | [`robot`] | preprocessed model, measured state, targets of the joints |
-//! | [`task`] | what an enabled node does: joint servo, grasping, impedance control |
-//! | [`behavior`] | what leads the visual approach, beside the board |
+//! | [`robot`] | the model made ready for control; `Measured` and `Targets` |
+//! | [`task`] | what an enabled node does: one module per task |
+//! | [`behavior`] | what leads a task from beside the board: the visual approach |
 //! | [`protocol`] | messages and their framing |
 //! | [`node`] | modes, limits, faults, tick |
 //!

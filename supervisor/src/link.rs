@@ -11,7 +11,7 @@ use tesaki::protocol::{FromBoard, Refusal, Reply, ReplyFrame, Request, RequestFr
 use crate::{Board, BoardError};
 
 /// How long the first sending of a request waits for its answer before the request is sent again: short
-/// enough that a lost reply does not cost an armed board its command timeout. Then it waits twice as long
+/// enough that a lost reply does not cost an enabled board its command timeout. Then it waits twice as long
 /// each time, up to [`MAX_PATIENCE`], so as not to choke a slow board.
 const PATIENCE: Duration = Duration::from_millis(40);
 /// See [`PATIENCE`].

@@ -163,7 +163,7 @@ fn warnings_alone_are_no_failure_and_json_is_a_list() {
     let (code, text) = check(&["--json"], &robot);
     assert_eq!(code, 0, "{text}");
     let list: serde_json::Value = serde_json::from_str(&text).unwrap();
-    let warning = list.as_array().unwrap().iter().find(|entry| entry["weight"] == "warning").unwrap();
+    let warning = list.as_array().unwrap().iter().find(|entry| entry["severity"] == "warning").unwrap();
     assert_eq!(warning["line"], 175);
     assert!(warning["file"].as_str().unwrap().ends_with("franka_panda.urdf"));
     contains(warning["finding"].as_str().unwrap(), &["panda_finger_joint1", "prismatic"]);

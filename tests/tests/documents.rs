@@ -1,10 +1,12 @@
 //! The documents name what there is: equations and the functions that compute them, faults and refusals, the
-//! example. They and the comments keep to their width.
+//! example. What stands twice says the same. Documents and comments keep to their width.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
 use std::collections::BTreeSet;
 use std::fs::read_to_string;
 use std::path::{Path, PathBuf};
+
+use tesaki::fault::FaultCause;
 
 #[allow(dead_code, reason = "the example's `main`")]
 #[path = "../../shared/examples/minimal_node.rs"]
@@ -49,9 +51,16 @@ fn has_word(text: &str, word: &str) -> bool {
 fn every_function_of_the_equations_is_in_its_file() {
     let page = document("equations.md");
     let mut functions = 0;
-    for line in page.lines().filter(|line| line.contains("`tesaki::") && line.starts_with('|')) {
+    let tables = page.split("\n\n").filter(|table| {
+        let header = table.lines().next().unwrap_or_default();
+        ["| eq. |", "| step |", "| section |"].iter().any(|first| header.starts_with(first))
+    });
+    for line in tables.flat_map(|table| table.lines().skip(2)) {
         let [.., function, file, _] = line.split('|').collect::<Vec<_>>()[..] else { panic!("{line}") };
-        let (path, file) = (quoted(function).unwrap(), quoted(file).unwrap());
+        let (Some(path), Some(file)) = (quoted(function), quoted(file)) else {
+            panic!("docs/equations.md: no function or no file in {line}")
+        };
+        assert!(path.starts_with("tesaki::"), "{line}");
         let text = read_to_string(root().join(file)).unwrap_or_else(|error| panic!("{file}: {error}"));
         let mut parts = path.rsplit("::");
         let name = parts.next().unwrap();
@@ -83,7 +92,13 @@ fn every_numbered_equation_of_the_papers_has_a_row() {
     // The two keys to the papers name the same ones.
     let key = read_to_string(root().join("shared/src/papers.md")).unwrap();
     for paper in ["Hand3", "Arm7", "Hand5", "Knob"] {
-        assert!(key.contains(&format!("| {paper} |")), "shared/src/papers.md has no {paper}");
+        let row = |text: &str| {
+            text.lines().find(|line| line.starts_with(&format!("| {paper} |"))).map(str::to_owned)
+        };
+        let short = row(&key).unwrap_or_else(|| panic!("shared/src/papers.md has no {paper}"));
+        let long = row(&page).unwrap_or_else(|| panic!("docs/equations.md has no {paper}"));
+        let [.., date, _] = long.split('|').map(str::trim).collect::<Vec<_>>()[..] else { panic!("{long}") };
+        assert!(date == "not stated" || short.contains(date), "shared/src/papers.md: {paper} is of {date}");
     }
 }
 
@@ -153,6 +168,83 @@ fn every_fault_and_every_refusal_has_an_entry_and_no_entry_is_about_another() {
         let heading = format!("\n### Fault {number}: `{cause}`\n");
         assert!(page.contains(&heading), "docs/troubleshooting.md has no heading {heading:?}");
     }
+}
+
+/// After which faults the outputs go off, whatever the reaction of the model.
+#[test]
+fn the_faults_that_leave_no_control_are_those_of_the_documents() {
+    let causes = (0..).map_while(|number: u8| postcard::from_bytes::<FaultCause>(&[number]).ok());
+    let off: Vec<u8> = causes.filter(|cause| !cause.leaves_control()).map(FaultCause::number).collect();
+    let numbers = |text: &str| -> Vec<u8> {
+        text.split(|c: char| !c.is_ascii_digit()).filter_map(|word| word.parse().ok()).collect()
+    };
+    let page = document("troubleshooting.md").replace('\n', " ");
+    let (_, list) = page.split_once("After faults ").unwrap();
+    assert_eq!(numbers(list.split_once(" they go off at once").unwrap().0), off, "docs/troubleshooting.md");
+    let page = document("protocol.md");
+    let rows = page.lines().filter(|line| line.split('|').nth(3).is_some_and(|cell| cell.trim() == "yes"));
+    let rows = rows.filter(|line| line.split('|').count() == 8);
+    let marked: Vec<u8> = rows.filter_map(|line| line.split('|').nth(1)?.trim().parse().ok()).collect();
+    assert_eq!(marked, off, "docs/protocol.md, column *always off*");
+}
+
+/// How many fault schedules break a rule.
+#[test]
+fn the_documents_count_the_recorded_fault_schedules() {
+    let record: serde_json::Value = serde_json::from_str(&document("fault-schedules.json")).unwrap();
+    let seeds = record["violations"].as_object().unwrap().values();
+    let seeds: BTreeSet<_> =
+        seeds.flat_map(|seeds| seeds.as_array().unwrap()).map(|seed| seed.as_u64().unwrap()).collect();
+    let (count, all) = (seeds.len(), record["schedules"].as_u64().unwrap());
+    let all = format!("{} {:03}", all / 1000, all % 1000);
+    for (page, sentence) in [
+        ("measurements.md", format!("that break a rule of safety, of {all} | 0 | {count} |")),
+        ("features.md", format!("- {count} of {all} [fault schedules](fault-schedules.md) break a rule;")),
+        ("fault-schedules.md", format!(". {count} of them break a rule, ")),
+    ] {
+        assert!(document(page).contains(&sentence), "docs/{page} lacks: {sentence}");
+    }
+}
+
+/// Copies of the architecture's diagram of modes, and of its table of layers.
+#[test]
+fn modes_and_layers_are_those_of_the_architecture() {
+    let page = document("architecture.md");
+    let section = |heading: &str| page.split_once(heading).unwrap().1.split("\n## ").next().unwrap();
+    let diagram = section("\n## Modes\n").split("```").nth(1).unwrap();
+    let comment = |path: &str| -> String {
+        let text = read_to_string(root().join(path)).unwrap();
+        text.lines()
+            .map_while(|line| line.strip_prefix("//!"))
+            .fold(String::new(), |text, line| text + line.strip_prefix(' ').unwrap_or(line) + "\n")
+    };
+    assert!(comment("shared/src/node/mod.rs").contains(diagram), "shared/src/node/mod.rs has other modes");
+    assert!(document("protocol.md").contains(diagram), "docs/protocol.md has other modes");
+    let rows = |text: &str| -> Vec<String> {
+        text.lines().filter(|line| line.starts_with("| ")).map(|line| line.replace(['[', ']'], "")).collect()
+    };
+    let layers = rows(section("\n## Layers of "));
+    assert!(layers.len() > 10, "{layers:?}");
+    assert_eq!(rows(&comment("shared/src/lib.rs")), layers, "shared/src/lib.rs has other layers");
+}
+
+/// Where a reference value comes from can be found.
+#[test]
+fn the_oracles_that_are_named_exist() {
+    let mut named = 0;
+    for crates in ["shared", "host-sim", "supervisor", "drivers", "recording", "robot-description", "tests"] {
+        for (path, text) in sources(&root().join(crates)) {
+            for rest in text.split("tests/oracles/").skip(1) {
+                let Some((name, _)) = rest.split_once(".py") else { continue };
+                if !name.is_empty() && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_') {
+                    let file = root().join(format!("tests/oracles/{name}.py"));
+                    assert!(file.exists(), "{}: no tests/oracles/{name}.py", path.display());
+                    named += 1;
+                }
+            }
+        }
+    }
+    assert!(named > 20, "only {named} oracles found");
 }
 
 /// A refusal of a new task is not forgotten: all of them implement `Concerns`.

@@ -165,7 +165,7 @@ fn no_damaged_frame_is_acted_on_and_the_second_good_one_always_arrives() {
     // Each way of being damaged occurred and was told from the others.
     assert!(counts.framing > 10_000 && counts.checksum > 10_000, "{counts:?}");
     assert!(requests.intact > 10_000 && answers.intact > 10_000, "the line must not be dead either");
-    assert_eq!(rig.mode(), Mode::Disabled, "nothing was armed by accident");
+    assert_eq!(rig.mode(), Mode::Disabled, "nothing was enabled by accident");
     println!("{burst} bursts: {counts:?}, injected {} and {}", forth.injected(), back.injected());
 }
 
@@ -343,7 +343,7 @@ fn lose(robot: &RobotFolder, reaction: Reaction, servo: ServoMode, streaming: bo
         assert_eq!(rig.board.handle(release, &mut Vec::new()).reply, Reply::Done, "{case}");
         rig.grants(Request::TakeCommand { by_force: false });
     }
-    // The same client goes on, without a restart: reads, clears, arms, and the joints stay where they are.
+    // The same client goes on, without a restart: reads, clears, enables, and the joints stay where they are.
     let Reply::Faults(log) = rig.ask(Request::ReadFaults) else { panic!() };
     rig.grants(Request::ClearFaults { total: log.total });
     assert!(!tick(&mut rig).0.enabled, "{case}: cleared is disarmed");

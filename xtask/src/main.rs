@@ -33,7 +33,7 @@ enum Task {
     Firmware,
     /// Prove from the instructions of the images: no panic, no recursion, bounded stack
     Prove(prove::Options),
-    /// Try the image of the board that drives motors on a model of its chip
+    /// Try the images of the boards that drive motors on a model of their chip
     Chip,
     /// Run scenarios on many machines; record, check and tabulate the results
     Sweep(sweep::Options),

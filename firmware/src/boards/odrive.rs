@@ -342,8 +342,8 @@ impl PowerStages<N> for Stages {
     fn wake(&mut self) {}
 
     /// The next sample finds out if a trip came before or meanwhile: then the gate drivers are asleep.
-    fn arm(&mut self) {
-        self.0.arm();
+    fn enable_pulses(&mut self) {
+        self.0.enable();
         // SAFETY: reading this register has no effect.
         if unsafe { (*pac::GPIOB::ptr()).odr().read().bits() & 1 << 12 == 0 } {
             HalfBridges::off();

@@ -82,6 +82,7 @@ const PERIODS: u32 = 200;
 /// What the board has. A trip must lie within the range of the current sense, 2.94 A.
 const EQUIPMENT: Equipment =
     Equipment { motors: N as u8, absolute_encoders: false, force_sensors: 1, current: 2.5, supply: 36.0 };
+const _: () = assert!(EQUIPMENT.supply <= drv8874::SUPPLY_MAX);
 
 /// Line of EXTI that tells values of the force sensor's converter.
 const DATA_LINE: u32 = 1 << 4;
@@ -320,8 +321,8 @@ impl PowerStages<N> for Stages {
         unsafe { (*pac::GPIOC::ptr()).bsrr().write(|w| w.bits(1 << 5)) };
     }
 
-    fn arm(&mut self) {
-        self.pulses.arm();
+    fn enable_pulses(&mut self) {
+        self.pulses.enable();
     }
 
     fn has_tripped(&self) -> bool {

@@ -16,10 +16,10 @@ pub struct HalfBridges(TIM1, TIM8);
 
 impl HalfBridges {
     /// Starts the counters, which count to `resolution` and back. All gates are off before
-    /// [`HalfBridges::arm`].
+    /// [`HalfBridges::enable`].
     ///
-    /// `AOE` stays 0, so that nothing but [`HalfBridges::arm`] switches them on; this, the dead time and the
-    /// outputs' idle level (off) are locked until the next reset.
+    /// `AOE` stays 0, so that nothing but [`HalfBridges::enable`] switches them on; this, the dead time and
+    /// the outputs' idle level (off) are locked until the next reset.
     pub fn start(timers: (TIM1, TIM8), rcc: &mut Rcc, resolution: u16) -> Self {
         let (first, second) = timers;
         TIM1::enable(rcc);
@@ -37,7 +37,7 @@ impl HalfBridges {
     }
 
     /// Switches the half bridges on.
-    pub fn arm(&mut self) {
+    pub fn enable(&mut self) {
         self.0.bdtr().modify(|_, w| w.moe().set_bit());
         self.1.bdtr().modify(|_, w| w.moe().set_bit());
     }
@@ -60,7 +60,7 @@ impl HalfBridges {
     /// All gates off. Called from any context, also before the clocks of the timers run: then it has no
     /// effect, and the gates are off anyway.
     pub fn off() {
-        // SAFETY: of what else changes these registers, only [`HalfBridges::arm`] can interrupt or be
+        // SAFETY: of what else changes these registers, only [`HalfBridges::enable`] can interrupt or be
         // interrupted here. If it is lost, the gates stay off; whoever interrupts it also takes the gate
         // drivers' enable line back.
         unsafe {

@@ -10,16 +10,16 @@ use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
 pub struct Pulses(TIM1);
 
 impl Pulses {
-    /// Starts the counter, which counts to `resolution` and back. No pulse passes before [`Pulses::arm`].
+    /// Starts the counter, which counts to `resolution` and back. No pulse passes before [`Pulses::enable`].
     ///
-    /// The break input is active when low. `AOE` stays 0: what it stopped returns only by [`Pulses::arm`];
+    /// The break input is active when low. `AOE` stays 0: what it stopped returns only by [`Pulses::enable`];
     /// this, its polarity and the outputs' idle level (low) are locked until the next reset.
     pub fn start(timer: TIM1, rcc: &mut Rcc, resolution: u16) -> Self {
         TIM1::enable(rcc);
         TIM1::reset(rcc);
         timer.cr1().write(|w| w.cms().center_aligned1().arpe().set_bit());
         // The trigger output is the fourth channel's reference. Its own event would need the main output
-        // enabled: before `arm`, and after a trip, nothing would be measured.
+        // enabled: before `enable`, and after a trip, nothing would be measured.
         timer.cr2().write(|w| w.mms().compare_oc4());
         timer.psc().write(|w| w.psc().set(0));
         timer.arr().write(|w| w.arr().set(resolution));
@@ -51,13 +51,13 @@ impl Pulses {
     }
 
     /// Lets pulses pass, unless the break input is active.
-    pub fn arm(&mut self) {
+    pub fn enable(&mut self) {
         // SAFETY: all flags but the break's stay; zeros clear in this register.
         self.0.sr().write(|w| unsafe { w.bits(!BREAK_FLAG) });
         self.0.bdtr().modify(|_, w| w.moe().set_bit());
     }
 
-    /// Whether no pulse passes: the break input was active since [`Pulses::arm`], or is.
+    /// Whether no pulse passes: the break input was active since [`Pulses::enable`], or is.
     pub fn has_tripped(&self) -> bool {
         self.0.bdtr().read().moe().bit_is_clear() || self.0.sr().read().bits() & BREAK_FLAG != 0
     }
@@ -72,7 +72,7 @@ impl Pulses {
     /// Lets no pulse pass. Called from any context, also before the clock of the timer runs: then it has no
     /// effect, and no pulse passes anyway.
     pub fn off() {
-        // SAFETY: of what else changes this register, only [`Pulses::arm`] can interrupt or be interrupted
+        // SAFETY: of what else changes this register, only [`Pulses::enable`] can interrupt or be interrupted
         // here. If it is lost, the outputs stay off.
         unsafe { (*TIM1::ptr()).bdtr().modify(|_, w| w.moe().clear_bit()) };
     }

@@ -18,7 +18,7 @@ use crate::report::{Figure, Line, Metric, Panel, Summary};
 pub(super) const SCENARIO: Scenario = Scenario {
     name: "hand3-weights",
     title: "Weights on a box in the three-finger hand",
-    about: "weights of 50 to 300 g are put on a held box and taken off, then all at once are on it, then it \
+    about: "weights of 50 to 300 g are put on a held box and taken off, then all are put on at once, then it \
             is pushed",
     robot: "hand3",
     duration: 35.0,

@@ -6,7 +6,7 @@ use tesaki::model::{Coupling, Inertial, MAX_CHAIN_JOINTS, Pose};
 use urdf_rs::{Joint, JointType};
 
 use super::{RigidBody, Urdf, UrdfError, axis, isometry, narrow, pose, single};
-use crate::finding::{Finding, Matter, Weight};
+use crate::finding::{Finding, Matter, Severity};
 
 /// The rotary joints in series from a base to a tip; what is fixed is folded in.
 #[derive(Clone, Debug)]
@@ -130,8 +130,8 @@ impl Urdf {
                     format!("tips that can be computed: {}", reachable.join(", "))
                 }
             });
-            let (weight, matter, path) = (Weight::Error, Matter::Kinematics, self.path.clone());
-            UrdfError::Path(Finding { weight, matter, path, line, message, advice })
+            let (severity, matter, path) = (Severity::Error, Matter::Kinematics, self.path.clone());
+            UrdfError::Path(Finding { severity, matter, path, line, message, advice })
         })
     }
 

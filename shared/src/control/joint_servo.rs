@@ -11,9 +11,9 @@ use crate::signal::{RateLimiter, TrajectoryFilter, TrajectoryState};
 
 /// Servo of one joint: trajectory filter, feed-forward, PID or observer, limits (Hand3 section 4, figure 6).
 ///
-/// Two calls a tick: [`JointServo::approach`] or [`JointServo::follow`] make the reference,
-/// [`JointServo::update`] the torque; between them the caller computes the model's torque for the references
-/// of all joints.
+/// Two calls a tick: [`JointServo::approach`] or [`JointServo::follow`] make the reference, `compute` or
+/// `bare_pid` the torque; between them the caller computes the model's torque for the references of all
+/// joints.
 #[derive(Clone, Copy, Debug)]
 pub struct JointServo {
     filter: TrajectoryFilter,
@@ -122,24 +122,8 @@ impl JointServo {
     }
 
     /// The torque that moves the joint, now at `measured` [rad], along `reference`. `model_torque` is what
-    /// the links need for that by the model [N·m]; rotor and friction are added here.
-    #[inline]
-    pub fn update(
-        &self,
-        state: &mut JointServoState,
-        mode: ServoMode,
-        reference: &JointPoint,
-        measured: f32,
-        model_torque: f32,
-    ) -> ServoOutput {
-        match mode {
-            ServoMode::BarePid => self.bare_pid::<true>(state, reference, measured, model_torque, 0.0),
-            mode => self.compute::<true>(state, mode, reference, measured, model_torque),
-        }
-    }
-
-    /// As [`update`](Self::update) but for [`ServoMode::BarePid`], which is [`bare_pid`](Self::bare_pid). It
-    /// learns nothing of the disturbance, unless it `LEARNS`.
+    /// the links need for that by the model [N·m]; rotor and friction are added here. Learns nothing of the
+    /// disturbance, unless it `LEARNS`. [`ServoMode::BarePid`] has [`bare_pid`](Self::bare_pid) instead.
     #[inline]
     pub(crate) fn compute<const LEARNS: bool>(
         &self,
@@ -267,13 +251,16 @@ mod tests {
         joint.servo.pid = PidGains { proportional: 2.0, integral: 5.0, derivative: 0.0, cutoff: 30.0 };
         let servo = JointServo::new(&joint);
         let reference = JointPoint { position: 1e-4, velocity: 0.0, acceleration: 0.0 };
-        for (mode, expected) in [(ServoMode::BarePid, 7e-4), (ServoMode::Pid, 2e-4)] {
-            let mut state = JointServoState::at(0.0);
-            let mut torque = f32::NAN;
-            for _ in 0..=100 {
-                torque = servo.update(&mut state, mode, &reference, 0.0, 0.0).torque;
-            }
-            assert!((torque - expected).abs() < 1e-6, "{mode:?}: {torque}");
+        let (mut bare, mut ours) = (JointServoState::at(0.0), JointServoState::at(0.0));
+        let mut torques = [f32::NAN; 2];
+        for _ in 0..=100 {
+            torques = [
+                servo.bare_pid::<true>(&mut bare, &reference, 0.0, 0.0, 0.0).torque,
+                servo.compute::<true>(&mut ours, ServoMode::Pid, &reference, 0.0, 0.0).torque,
+            ];
+        }
+        for (torque, expected) in torques.into_iter().zip([7e-4, 2e-4]) {
+            assert!((torque - expected).abs() < 1e-6, "{torque}, expected {expected}");
         }
     }
 }

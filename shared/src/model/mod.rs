@@ -349,8 +349,9 @@ pub struct Safety {
     pub supply_max: f32,
 }
 
-/// Reaction to a fault, weakest first. Sensor faults always lead to [`Reaction::Off`]. A further fault during
-/// a reaction leads to a weaker one.
+/// Reaction to a fault, weakest first. Faults that [leave no
+/// control](crate::fault::FaultCause::leaves_control), such as those of encoders and drives, always lead to
+/// [`Reaction::Off`]; those of force sensors do not. A further fault during a reaction leads to a weaker one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Reaction {

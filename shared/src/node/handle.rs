@@ -293,7 +293,7 @@ impl Node {
         }
         let tick = self.state.tick;
         for (index, joint) in (0..).zip(joints(robot, &mut self.state).each()) {
-            if let Some((cause, value, limit)) = joint.check_life() {
+            if let Some((cause, value, limit)) = joint.check_still_dead() {
                 return Err(Refusal::Unsafe(Fault { cause, joint: Some(index), value, limit, tick }));
             }
         }

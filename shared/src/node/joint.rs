@@ -15,21 +15,21 @@ const MAX_COMPENSATED_LAG: f32 = 0.3;
 /// Ticks without a change of the angle, under a torque that moves the joint, after which the encoder is
 /// stuck. More ticks let a dead encoder accelerate the joint longer; fewer mistake quantisation for it.
 const STUCK_TICKS: u8 = 2;
-/// Share of the growth of an acceleration torque that keeps the number of such ticks.
-const EBB_SHARE: f32 = 0.4;
+/// Share of the growth of an acceleration torque from which on the number of such ticks stays as it is.
+const HYSTERESIS_SHARE: f32 = 0.4;
 /// In place of a number of such ticks: the encoder was found dead, and has not moved since.
 const FOUND_DEAD: u8 = u8::MAX;
 /// Ticks in which a joint gains speed against its torque, after which it runs away. More ticks let it gain
 /// more; fewer mistake a rebound for it.
 const RUNAWAY_TICKS: u8 = 3;
-/// Decay per period of the feed-forward torques under [`Reaction::Damp`](crate::model::Reaction::Damp): a
-/// contact force is released within 0.3 s. A step would let what is pressed whip the joints back. Torques
-/// that drive the robot balance no contact, and decay faster.
+/// Decay per period of the feed-forward torques under [`Reaction::Damp`](crate::model::Reaction::Damp): four
+/// fifths of a contact force are released within 0.3 s. A step would let what is pressed whip the joints
+/// back. Torques that drive the robot balance no contact, and decay faster.
 const FEEDFORWARD_DECAY: f32 = 0.95;
 const DRIVING_DECAY: f32 = 0.5;
-/// Decrease of the weight that damping bears per rise of the joint [1/rad], and largest one.
+/// Decrease of the compensated share of the weight per rise of a damped joint [1/rad], and largest one.
 const LESS_WEIGHT: f32 = 4.0;
-const MAX_UNBORNE: f32 = 0.4;
+const MAX_UNCOMPENSATED: f32 = 0.4;
 /// Fraction by which the model's weight of a held joint may be wrong: masses and torque constants by 10 % to
 /// 15 % each.
 const HELD_WEIGHT_ERROR: f32 = 0.25;
@@ -190,7 +190,7 @@ impl JointState {
     /// each: a joint that bears too much rises by 0.1 rad at most, one that bears too little sinks against
     /// the damping.
     pub fn borne_weight(&self) -> f32 {
-        1.0 - math::clamp(LESS_WEIGHT * self.rise, 0.0, MAX_UNBORNE)
+        1.0 - math::clamp(LESS_WEIGHT * self.rise, 0.0, MAX_UNCOMPENSATED)
     }
 
     /// Begins a stop in which the torque beyond the weight is `excess` [N·m].
@@ -389,7 +389,7 @@ impl Joint<'_> {
         if abs(error) <= limit {
             return None;
         }
-        Some(if self.goes_astray() {
+        Some(if self.runs_away() {
             (FaultCause::Runaway, self.state.effort, self.config.breakaway)
         } else {
             (FaultCause::FollowingError, error, limit)
@@ -400,7 +400,7 @@ impl Joint<'_> {
     /// servo that is only too weak, or hindered, falls behind; one whose encoder or drive is reversed goes
     /// the other way. A reference at rest may have been left by a push, which slows down.
     #[cold]
-    fn goes_astray(&self) -> bool {
+    fn runs_away(&self) -> bool {
         let (velocity, lead) = (*self.velocity, self.reference.velocity * *self.velocity);
         let leaves = (self.reference.position - *self.position) * velocity < 0.0;
         let gains = abs(self.state.change) > abs(self.state.last_change) + self.config.flicker;
@@ -483,13 +483,13 @@ impl Joint<'_> {
             && abs(grown) > share * config.accelerating_growth
             && abs(effort) > 0.5 * config.growth
             && grown * effort > 0.0;
-        // What shows less for a tick, such as when a contact begins, is not gone.
-        let ebbs = situation.accelerates
+        // What shows less for a tick, such as when a contact begins, does not count anew.
+        let keeps_count = situation.accelerates
             && pushes
-            && abs(grown) > EBB_SHARE * config.accelerating_growth
+            && abs(grown) > HYSTERESIS_SHARE * config.accelerating_growth
             && grown * effort > 0.0;
         let shows = moves || accelerates;
-        state.unchanged = match (shows, ebbs) {
+        state.unchanged = match (shows, keeps_count) {
             (true, _) => state.unchanged.saturating_add(1),
             (false, true) => state.unchanged,
             (false, false) => 0,
@@ -519,7 +519,7 @@ impl Joint<'_> {
     }
 
     /// Computes the reference of this tick from the target; goals pass the trajectory filter. Returns `false`
-    /// for targets that [`advance_slowly`](Self::advance_slowly) has to advance.
+    /// for targets that [`advance_far_or_braking`](Self::advance_far_or_braking) has to advance.
     #[inline]
     pub fn advance(&mut self) -> bool {
         if self.target.restart {
@@ -535,7 +535,7 @@ impl Joint<'_> {
     }
 
     /// Computes the reference of this tick on the way to a goal that is far, or to rest.
-    pub fn advance_slowly(&mut self) {
+    pub fn advance_far_or_braking(&mut self) {
         let servo = &self.config.servo;
         *self.reference = match self.target.setpoint {
             JointSetpoint::FarGoal(goal) => {
@@ -580,13 +580,21 @@ impl Joint<'_> {
         self.state.effort = output.effort;
     }
 
-    /// Bounds the torque of a joint that is held after a fault, `before` in the last tick, by what it pressed
-    /// with when the stop began, beside its `weight` [N·m]: against an obstacle it must not press harder. Nor
-    /// needs a joint that stands, and grips nothing, more than it has stood with before: what loads it anew
-    /// moves its count, and if that is dead the servo would drive the joint on.
-    /// What slows its motion down is not bounded, nor that against a motion with which the stop `begins`: a
-    /// joint must withstand the others that brake. Nor what a joint that stands still is to follow its
-    /// reference with: its encoder may be dead, which shows by the torque.
+    /// Bounds the torque of a joint that is held after a fault, `before` in the last tick. Beside its
+    /// `weight` [N·m] and the error of that, it may press
+    ///
+    /// - with no more than when the stop began: against an obstacle it must not press harder;
+    /// - where it stands, also with no more than the least torque under which it has stood since: a new load
+    ///   moves the count of a living encoder, and after a dead one the servo would drive the joint on.
+    ///
+    /// Exceptions:
+    ///
+    /// - `grips`: forces that are fed forward act on what the joint grips, so the second bound does not hold;
+    /// - `brakes`: the torque slows the joint down;
+    /// - `begins`, part of `brakes`: in the first ticks of a stop also against a motion that goes on, as the
+    ///   joint must withstand the others that brake;
+    /// - `follows`: the reference still moves, and the joint stands still or moves against the torque: if the
+    ///   encoder is dead, the torque shows it.
     pub fn bound_hold(&mut self, before: f32, weight: f32, begins: bool) {
         let (config, state, velocity) = (self.config, &mut *self.state, *self.velocity);
         let excess = state.torque - weight;
@@ -595,7 +603,6 @@ impl Joint<'_> {
         (state.stood, state.stood_at) =
             (if moved { abs(excess) } else { state.stood.min(abs(excess)) }, state.moved_to);
         let pressed = state.pressed + config.coulomb;
-        // Forces that are fed forward are to act on what the joint grips.
         let grips = self.target.feedforward != 0.0;
         let max = weight_error + if grips { pressed } else { pressed.min(state.stood) };
         let is_led = abs(self.reference.velocity) >= STALL_SPEED;
@@ -647,10 +654,10 @@ impl Joint<'_> {
         [servo.acceleration(mean - desired), mean]
     }
 
-    /// Computes a damping torque, beside the borne part of the `gravity` torque [N·m] and the feed-forward,
-    /// which fades, faster if all together it is `driving` the robot. When damping `begins`, the feed-forward
-    /// becomes what the torque has balanced so far, such as a contact force; of torques that were `driving`
-    /// the robot, nothing.
+    /// Computes a damping torque, beside the compensated part of the `gravity` torque [N·m] and the
+    /// feed-forward, which fades, and faster if the feed-forward of all joints together is `driving` the
+    /// robot. When damping `begins`, the feed-forward becomes what the torque has balanced so far, such as a
+    /// contact force; nothing of it if that was `driving` the robot.
     pub fn damp(&mut self, gravity: f32, begins: bool, driving: bool) {
         if begins {
             // What the joint has balanced so far is no sign of a dead encoder: growth counts from here on.
@@ -674,13 +681,13 @@ impl Joint<'_> {
     /// Whether the encoder was found dead and has not moved since: the angle says nothing then, not even the
     /// weight. Returns the fault that the joint would be enabled with: cause, value, limit.
     #[cold]
-    pub fn check_life(&self) -> Option<(FaultCause, f32, f32)> {
+    pub fn check_still_dead(&self) -> Option<(FaultCause, f32, f32)> {
         let moved = abs(*self.position - self.state.moved_to) > self.config.flicker;
         let is_dead = self.state.unchanged == FOUND_DEAD && !moved;
         is_dead.then_some((FaultCause::EncoderStuck, self.state.torque, self.config.excess))
     }
 
-    /// Prepares for a task: at rest where the joint is, with an encoder that [lives](Self::check_life).
+    /// Prepares for a task: at rest where the joint is. Its encoder is not [dead](Self::check_still_dead).
     pub fn begin(&mut self) {
         self.state.unchanged = 0;
         self.hold_still();

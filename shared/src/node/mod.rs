@@ -1,15 +1,16 @@
 //! The node: state machine, limits, faults and control tick of a controller board.
 //!
 //! ```text
-//!              Enable                   fault, Stop
-//!  Disabled ─────────► Enabled(task) ─────────────────► Fault
-//!     ▲ ▲  Disable          │                             │
-//!     │ └───────────────────┘                 ClearFaults │
-//!     └───────────────────────────────────────────────────┘
+//!      ┌─────────────────── Stop ──────────────────────────┐
+//!      │        Enable                   fault, Stop       ▼
+//!   Disabled ─────────► Enabled(task) ─────────────────► Fault
+//!      ▲ ▲  Disable          │                             │
+//!      │ └───────────────────┘                 ClearFaults │
+//!      └───────────────────────────────────────────────────┘
 //! ```
 //!
-//! In `Fault` the outputs follow the configured [`Reaction`]; `Disable` switches them
-//! off, but the fault remains until it was read and cleared.
+//! In `Fault` the outputs follow the configured [`Reaction`]; `Disable` switches them off, but the fault
+//! remains until it was read and cleared.
 //!
 //! A [`Node`] has no clock, no I/O and no waiting. [`Node::tick`] is a function of its state, one
 //! [`SensorFrame`](crate::protocol::SensorFrame) and the requests [handled](Node::handle) since the last

@@ -59,7 +59,7 @@ pub struct State {
     pub(super) supply: u16,
     /// State of the last sensor frame that is a fault when enabled.
     pub(super) alarm: Optional<Fault>,
-    /// Ticks since the last accepted command of a running task.
+    /// Ticks since the last accepted command of a running task, or `Keep`.
     pub(super) silence: u32,
     pub(super) measured: Measured,
     pub(super) targets: Targets,

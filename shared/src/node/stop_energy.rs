@@ -26,8 +26,9 @@ const WEIGHT_ERROR: f32 = 0.1;
 const REACTION_TIME: f32 = 2.0 * TICK;
 /// Torques that fade more slowly are not waited for [s].
 const MAX_FADING: f32 = 0.1;
-/// What is left after a period of work and of what is allowed beyond the tolerance: both are forgotten within
-/// 2.5 s, or the noise of an encoder would let a robot that is held for hours gain any energy.
+/// What is left after a period of work and of what is allowed beyond the tolerance: both are forgotten with
+/// a time constant of 2.5 s, or the noise of an encoder would let a robot that is held for hours gain any
+/// energy.
 const MEMORY: f32 = 0.996;
 
 /// Work of the drives beyond the weight since a stop began, and how much of it is allowed [J].
@@ -102,12 +103,12 @@ impl Node {
             }
             let moved = joint.state.change;
             joint.state.rise += if weight > 0.0 { moved } else { -moved };
-            let unborne = if damps { 1.0 - joint.state.borne_weight() } else { 0.0 };
+            let uncompensated = if damps { 1.0 - joint.state.borne_weight() } else { 0.0 };
             let own = excess * moved;
             work += own;
             // What damping does not bear lets the robot sink.
             allowed += WEIGHT_ERROR * abs(weight * moved)
-                + unborne * (-weight * moved).max(0.0)
+                + uncompensated * (-weight * moved).max(0.0)
                 + abs(joint.config.servo.friction(&joint.state.servo, *joint.velocity) * moved);
             if own > largest {
                 (hardest, largest) = (index, own);

@@ -144,7 +144,7 @@ impl Node {
         let mut all_advanced = true;
         all.each().for_each(|mut joint| all_advanced &= joint.advance());
         if !all_advanced {
-            advance_slowly(&mut all);
+            advance_far_or_braking(&mut all);
         }
         let coupled = robot.has_mimics().then(|| coupled_torques(robot, &mut all));
         let [mut q, mut qd, mut qdd, mut torques] = [[0.0; MAX_CHAIN_JOINTS]; 4];
@@ -259,6 +259,6 @@ fn of_joints(torques: &[f32; MAX_JOINTS], joints: &Range<usize>) -> [f32; MAX_CH
 /// Advances the joints on the way to goals that are far, or to rest.
 #[cold]
 #[inline(never)]
-fn advance_slowly(joints: &mut Joints<'_>) {
-    joints.each().for_each(|mut joint| joint.advance_slowly());
+fn advance_far_or_braking(joints: &mut Joints<'_>) {
+    joints.each().for_each(|mut joint| joint.advance_far_or_braking());
 }

@@ -9,7 +9,8 @@ use crate::signal::PseudoDifferentiator;
 
 /// Cut-off frequency of the measured velocity [rad/s]. A higher one has less lag and more quantisation noise.
 const VELOCITY_CUTOFF: f32 = 100.0;
-/// What the filter of the velocity leaves of a change after a period: exp(−ω T).
+/// What the filter of the velocity leaves out of a step in the first period: exp(−ω T) of
+/// [`VELOCITY_CUTOFF`].
 const FILTERED: f32 = 0.367_879_44;
 /// Tolerance of the encoder-jump check for noise [counts].
 const COUNT_NOISE: f32 = 2.0;
@@ -136,9 +137,10 @@ impl JointConfig {
         }
     }
 
-    /// The largest change of the angle in a period that a joint is capable of [rad], when the filtered
-    /// velocity is `velocity` at its end [rad/s]: as that took 63 % of the change of velocity, 2.7 times what
-    /// the largest torque makes of it.
+    /// The largest change of the angle in a period that is no leap of the encoder [rad], when the filtered
+    /// velocity is `velocity` at its end [rad/s]. The filter has taken 63 % of a step of the velocity; the
+    /// rest, 37 %, may be as large as the whole step that the largest torque makes. So the step itself may be
+    /// 2.7 times that one.
     pub(crate) fn max_leap(&self, velocity: f32) -> f32 {
         (abs(velocity) + self.largest_step()) * TICK
     }
@@ -239,5 +241,20 @@ impl JointConfig {
         } else {
             Ok(())
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_the_filter_leaves_out_is_that_of_its_cutoff() {
+        assert!(abs(FILTERED - math::exp(-VELOCITY_CUTOFF * TICK)) < 1e-7);
+        // So velocities before and after a period tell the step between them.
+        let config = JointConfig::new(&crate::test_support::joint("joint"), 0.1);
+        let mut velocity = 2.0;
+        config.velocity.update(&mut velocity, 5.0 * TICK);
+        assert!(abs(config.velocity_step(5.0 * TICK, velocity) - 3.0) < 1e-5);
     }
 }

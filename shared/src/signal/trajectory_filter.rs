@@ -87,7 +87,7 @@ mod tests {
     use super::*;
 
     /// Columns: t [s], position, velocity, acceleration of the step response of `1/(0.2 s + 1)²`, from
-    /// `tests/oracles/signal.py` (`scipy.signal.step` of the continuous system).
+    /// `tests/oracles/signal_filters.py` (`scipy.signal.step` of the continuous system).
     const STEP: &[(usize, f64, f64, f64)] = include!("../../../tests/oracles/data/trajectory_filter.in");
 
     #[test]

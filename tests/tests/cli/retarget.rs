@@ -496,7 +496,14 @@ fn a_stream_with_losses_leads_the_hand_on_a_board() {
 #[test]
 fn a_source_that_goes_wrong_stops_the_hand_and_is_told() {
     let server = board();
-    // Datagrams, first good, then all in millimetres.
+    // Datagrams have no key: only this machine may send them.
+    for address in ["0.0.0.0:7500", "[::]:7500", "192.0.2.1:7500"] {
+        let words = ["is reachable from other machines", "tunnel"];
+        server.fails(&["retarget", "--live", "--udp", address], 2, &words);
+    }
+    server.fails(&["retarget", "--live", "--udp", "0"], 2, &["port 0 is none"]);
+    server.fails(&["retarget", "--live", "--udp", "hand"], 2, &["expected PORT or 127.0.0.1:PORT"]);
+    // First good, then all in millimetres.
     let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let child = follow(&server, &["--udp", &port.to_string()]);
     let socket = UdpSocket::bind("127.0.0.1:0").unwrap();

@@ -210,7 +210,7 @@ const GLOVE: &[Row] = &[
 const README: &[Row] = &[
     row("hand3-servo", "observer_error_peak", "joints step by 0.3 rad, friction adapted: largest error"),
     row("hand3-reach", "observer_circle_rms", "fingertips on a circle of 10 mm radius at 1 Hz: rms distance"),
-    row("hand3-grasp", "box_dropped", "a box is grasped, lifted, turned, shifted, put down: dropped"),
+    row("hand3-grasp", "box_dropped", "a box is grasped, lifted, turned, shifted, put down: number of drops"),
     row(
         "arm7-wall",
         "wall_10000_settling_time",

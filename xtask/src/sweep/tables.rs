@@ -183,6 +183,8 @@ fn cells(row: &Row, sweep: &Sweep) -> Result<[String; 4]> {
     let statistics = stats::of(row, sweep)?;
     let shown = |value: f64| with_unit(&digits(value, metric.limit), &metric.unit);
     let sign = match row.bound {
+        // Of a count or a share: neither is negative.
+        Bound::AtMost if metric.limit == Some(0.0) => "",
         Bound::AtMost => "≤ ",
         Bound::AtLeast => "≥ ",
         Bound::Within => "±",

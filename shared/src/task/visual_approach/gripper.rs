@@ -143,9 +143,7 @@ impl Gripper {
             return;
         }
         let end = match self.state {
-            GripperState::Still | GripperState::Empty | GripperState::Holding => return,
-            GripperState::Jammed => {
-                joint.target.restart = false;
+            GripperState::Still | GripperState::Empty | GripperState::Holding | GripperState::Jammed => {
                 return;
             }
             GripperState::Opening | GripperState::Open => open,

@@ -12,6 +12,7 @@ mod impedance;
 mod init;
 mod look;
 mod retarget;
+mod udp;
 mod view;
 
 use std::path::PathBuf;
@@ -130,10 +131,9 @@ pub enum Command {
     /// Calibrate the links of an operator's fingers from a glove's orientations and markers on the tips, or
     /// the camera in a robot's hand; needs no board
     Calibrate(Calibrate),
-    /// Joint angles of a hand for an operator's fingertips, from a file or live: glove, webcam landmarks or
-    /// positions
+    /// Retarget an operator's fingertips to a hand, from a file or live: glove, webcam landmarks or positions
     Retarget(Retarget),
-    /// Find the outermost circle in pictures, as that of a door knob; needs no board
+    /// Find the outermost circle in pictures, such as that of a door knob; needs no board
     FindCircle(FindCircle),
     /// Find the rose of a door knob in the pictures of a camera, for `tesaki approach`; needs no board
     Look(Look),

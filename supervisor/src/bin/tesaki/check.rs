@@ -6,7 +6,7 @@ use std::process::ExitCode;
 
 use serde_json::{Value, json};
 use tesaki::model::ChainJoint;
-use tesaki_description::finding::{Finding, Weight};
+use tesaki_description::finding::{Finding, Severity};
 use tesaki_description::read_text;
 use tesaki_description::retargeting::{self, RetargetingSettings};
 use tesaki_description::robot::RobotFolder;
@@ -26,7 +26,7 @@ struct Checked {
 pub fn run(options: &Options, robot: &Path) -> Result<ExitCode, Failure> {
     let checked = if is_there(&robot.join("controller.toml")) { folder(robot)? } else { urdf(robot)? };
     let wrong = checked.findings.iter().any(Finding::is_error);
-    let good = checked.good.iter().map(|text| json!({ "weight": "good", "finding": text }));
+    let good = checked.good.iter().map(|text| json!({ "severity": "good", "finding": text }));
     let list: Vec<Value> = good.chain(checked.findings.iter().map(object)).collect();
     output::result(options, &list, || text(&checked))?;
     Ok(ExitCode::from(u8::from(wrong)))
@@ -147,7 +147,7 @@ fn urdf(path: &Path) -> Result<Checked, Failure> {
         // If some tips cannot be computed, such as those of a gripper with prismatic joints, the others still
         // can.
         if !urdf.reachable_tips(None).is_empty() {
-            missed.iter_mut().for_each(|finding| finding.weight = Weight::Warning);
+            missed.iter_mut().for_each(|finding| finding.severity = Severity::Warning);
         }
         findings.extend(missed);
     }
@@ -174,7 +174,7 @@ fn follows(multiplier: f32, name: &str, offset: f32) -> String {
 /// A finding as JSON.
 pub fn object(finding: &Finding) -> Value {
     json!({
-        "weight": if finding.is_error() { "bad" } else { "warning" },
+        "severity": if finding.is_error() { "bad" } else { "warning" },
         "file": finding.path.display().to_string(),
         "line": finding.line,
         "finding": finding.message,

@@ -27,7 +27,7 @@ const MAX_STACK_USE: f32 = 0.9;
 
 /// Severity of a finding.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Weight {
+enum Severity {
     Good,
     /// Works, but needs attention.
     Warning,
@@ -36,7 +36,7 @@ enum Weight {
 }
 
 struct Finding {
-    weight: Weight,
+    severity: Severity,
     text: String,
     /// What to do.
     advice: String,
@@ -50,16 +50,16 @@ struct Doctor {
 
 impl Doctor {
     fn good(&mut self, text: impl Into<String>) {
-        self.findings.push(Finding { weight: Weight::Good, text: text.into(), advice: String::new() });
+        self.findings.push(Finding { severity: Severity::Good, text: text.into(), advice: String::new() });
     }
 
     fn warning(&mut self, text: impl Into<String>, advice: impl Into<String>) {
-        self.findings.push(Finding { weight: Weight::Warning, text: text.into(), advice: advice.into() });
+        self.findings.push(Finding { severity: Severity::Warning, text: text.into(), advice: advice.into() });
     }
 
     fn bad(&mut self, code: u8, text: impl Into<String>, advice: impl Into<String>) {
         self.failure.get_or_insert(code);
-        self.findings.push(Finding { weight: Weight::Bad, text: text.into(), advice: advice.into() });
+        self.findings.push(Finding { severity: Severity::Bad, text: text.into(), advice: advice.into() });
     }
 }
 
@@ -77,31 +77,31 @@ pub fn run(options: &Options, robot: Option<&Path>) -> Result<ExitCode, Failure>
 
 impl Finding {
     fn json(&self) -> Value {
-        let weight = match self.weight {
-            Weight::Good => "good",
-            Weight::Warning => "warning",
-            Weight::Bad => "bad",
+        let severity = match self.severity {
+            Severity::Good => "good",
+            Severity::Warning => "warning",
+            Severity::Bad => "bad",
         };
-        json!({ "weight": weight, "finding": self.text, "advice": self.advice })
+        json!({ "severity": severity, "finding": self.text, "advice": self.advice })
     }
 }
 
 impl Doctor {
     fn report(&self) -> String {
         let mut text = String::new();
-        for Finding { weight, text: finding, advice } in &self.findings {
-            let sign = match weight {
-                Weight::Good => "ok  ",
-                Weight::Warning => "warn",
-                Weight::Bad => "BAD ",
+        for Finding { severity, text: finding, advice } in &self.findings {
+            let sign = match severity {
+                Severity::Good => "ok  ",
+                Severity::Warning => "warn",
+                Severity::Bad => "BAD ",
             };
             text += &format!("{sign}  {finding}\n");
             if !advice.is_empty() {
                 text += &format!("      → {}\n", advice.replace('\n', "\n        "));
             }
         }
-        let count = |weight| self.findings.iter().filter(|finding| finding.weight == weight).count();
-        text + &match (count(Weight::Bad), count(Weight::Warning)) {
+        let count = |severity| self.findings.iter().filter(|finding| finding.severity == severity).count();
+        text + &match (count(Severity::Bad), count(Severity::Warning)) {
             (0, 0) => "no problems found".to_owned(),
             (0, warnings) => format!("works; {}", output::counted(warnings, "warning")),
             (bad, _) => format!("{} found", output::counted(bad, "problem")),
@@ -168,7 +168,11 @@ fn check_answer(
             return true;
         }
         Err(error @ BoardError::SchemaMismatch { .. }) => {
-            doctor.bad(4, error.to_string(), "build and flash the firmware with `cargo xtask firmware`");
+            doctor.bad(
+                4,
+                error.to_string(),
+                "flash the image of your board's feature, built from this checkout: firmware/README.md",
+            );
         }
         Err(BoardError::Timeout { seconds }) => {
             let counts = board.counts();
@@ -184,8 +188,8 @@ fn check_answer(
                 doctor.bad(
                     6,
                     format!("no answer within {seconds} s"),
-                    "is the board powered and flashed? Are RX and TX crossed (board PA9 to the adapter's RX, PA10 to \
-                     its TX), and the grounds connected?",
+                    "is the board powered and flashed? Are RX and TX crossed (the board's PA9 to the adapter's RX, \
+                     PA10 to its TX; of an ODrive GPIO1 to RX, GPIO2 to TX), and the grounds connected?",
                 );
             }
         }

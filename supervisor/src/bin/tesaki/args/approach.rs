@@ -27,15 +27,15 @@ pub struct Approach {
     /// Where the circles come from: unix://PATH or tcp://localhost:PORT to listen at, or - for standard input
     #[arg(long, value_name = "SOURCE", default_value = "tcp://localhost:7800", allow_hyphen_values = true)]
     pub from: SightSource,
-    /// Go on where the arm holds because this program was killed: clears the fault of the command timeout, no
-    /// other one, and enables the arm at once
+    /// Resume after this program was killed and the arm stopped: clears a command timeout, but no other
+    /// fault, and enables the arm at once
     #[arg(long)]
     pub resume: bool,
-    /// In the end, hold until Ctrl-C before disabling the outputs; the default where gravity pulls a joint
+    /// At the end, hold until Ctrl-C before disabling the outputs; the default where gravity pulls a joint
     /// with more than its friction
     #[arg(long)]
     pub hold: bool,
-    /// In the end, disable the outputs at once, even if the robot falls
+    /// At the end, disable the outputs at once, even if the robot falls
     #[arg(long, conflicts_with = "hold")]
     pub no_hold: bool,
 }

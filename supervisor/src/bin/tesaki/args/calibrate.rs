@@ -69,8 +69,8 @@ pub struct Calibrate {
 
 #[derive(Subcommand)]
 pub enum CalibrateCommand {
-    /// Calibrate the camera in a robot's hand from pictures of a round plate, as the rose of a door knob;
-    /// needs no board
+    /// Calibrate the camera in a robot's hand from pictures of a round plate, such as the rose of a door
+    /// knob; needs no board
     #[command(after_help = CAMERA_HELP)]
     Camera(CalibrateCamera),
 }
@@ -92,7 +92,7 @@ pub struct CalibrateCamera {
     /// Where the optical axis meets the picture [px]; default: its middle
     #[arg(long, value_name = "U,V", value_parser = principal)]
     pub principal: Option<[f64; 2]>,
-    /// About the focal length [px]; default: half to one and a half times the width
+    /// Approximate focal length [px]; default: half to one and a half times the width
     #[arg(long, value_name = "PX")]
     pub focal: Option<f64>,
     /// Distances of the table, from the origin of the hand frame along the approach [m]

@@ -28,8 +28,8 @@ pub struct FindCircle {
     /// Look for the centre only within REACH of (X, Y) [px]
     #[arg(long, value_name = "X,Y,REACH", value_parser = window)]
     pub window: Option<[f32; 3]>,
-    /// Where the axis of the knob vanishes: the point (X, Y) that shows its direction, known to REACH [px];
-    /// finds a rose that the knob hides in part
+    /// Vanishing point (X, Y) of the knob's axis, known to REACH [px]; finds a rose that the knob partly
+    /// hides
     #[arg(long, value_name = "X,Y,REACH", value_parser = window, allow_hyphen_values = true)]
     pub axis: Option<[f32; 3]>,
     /// Write the picture with the circle and its centre drawn in red; for one picture only

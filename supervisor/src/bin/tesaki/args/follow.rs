@@ -9,7 +9,7 @@ use clap::{Args, ValueEnum};
 use tesaki::teleop::Workspace;
 use tesaki_supervisor::port::Address;
 
-use super::seconds;
+use super::{seconds, udp};
 
 const HELP: &str = "\
 A line of the source is a JSON object:
@@ -106,29 +106,16 @@ impl FromStr for PoseSource {
             return Ok(Self::StandardInput);
         }
         match text.split_once(':') {
-            Some(("udp", address)) => udp(text, address.trim_start_matches("//")),
+            Some(("udp", address)) => {
+                let expected = "udp://127.0.0.1:PORT, for example udp://127.0.0.1:7600";
+                udp::local(text, address.trim_start_matches("//"), expected).map(Self::Udp)
+            }
             Some(("board", address)) => address.parse().map(Self::Board).map_err(|error| format!("{error}")),
             Some(("file", path)) if !path.is_empty() => Ok(Self::File(path.into())),
             _ => Err(format!(
                 "{text:?} is no source: expected -, udp://127.0.0.1:PORT, board:ADDRESS or file:FILE.csv"
             )),
         }
-    }
-}
-
-fn udp(text: &str, address: &str) -> Result<PoseSource, String> {
-    let numeric = address.replacen("localhost:", "127.0.0.1:", 1);
-    match numeric.parse::<SocketAddr>() {
-        Ok(address) if address.port() == 0 => {
-            Err(format!("{text:?}: port 0 is none: name the port that the poses are sent to"))
-        }
-        Ok(address) if address.ip().is_loopback() => Ok(PoseSource::Udp(address)),
-        Ok(address) => Err(format!(
-            "{} is reachable from other machines, and any program that reaches the UDP port leads the arm: use 127.0.0.1 or \
-             [::1], and a tunnel for other machines",
-            address.ip()
-        )),
-        Err(_) => Err(format!("{text:?}: expected udp://127.0.0.1:PORT, for example udp://127.0.0.1:7600")),
     }
 }
 

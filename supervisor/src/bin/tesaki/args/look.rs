@@ -37,15 +37,14 @@ pub struct Look {
     /// Time from the middle of the exposure to the arrival of a picture that does not tell its age [s]
     #[arg(long, value_name = "S", default_value = "0", value_parser = delay, allow_negative_numbers = true)]
     pub delay: Duration,
-    /// Pictures of files in a second
+    /// Pictures per second, of files
     #[arg(long, value_name = "N", default_value_t = 10.0, value_parser = rate, allow_negative_numbers = true)]
     pub rate: f32,
     /// Expected radius from … to [px], unless `tesaki approach` says it; without it, 10 px to half of the
     /// shorter side
     #[arg(long, value_name = "MIN..MAX", value_parser = radius)]
     pub radius: Option<[f32; 2]>,
-    /// Where the axis of the knob vanishes: the point (X, Y) that shows its direction, known to REACH [px],
-    /// unless `tesaki approach` says it
+    /// Vanishing point (X, Y) of the knob's axis, known to REACH [px], unless `tesaki approach` says it
     #[arg(long, value_name = "X,Y,REACH", value_parser = window, allow_hyphen_values = true)]
     pub axis: Option<[f32; 3]>,
     /// Size of the pictures of a V4L2 camera [px]

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use clap::Args;
 
-use super::seconds;
+use super::{seconds, udp};
 
 const HELP: &str = "\
 The source is told by what it contains. As JSON, one object a line, each with \"time\" [s] and
@@ -39,8 +39,8 @@ pub struct Retarget {
     /// Lead the hand on the board by JSON lines from standard input, until Ctrl-C or their end
     #[arg(long)]
     pub live: bool,
-    /// Receive the lines as datagrams at this port of this machine instead, or at ADDRESS:PORT
-    #[arg(long, value_name = "PORT", requires = "live", value_parser = udp)]
+    /// Receive the lines as datagrams at this port of this machine instead
+    #[arg(long, value_name = "PORT", requires = "live", value_parser = udp_address)]
     pub udp: Option<SocketAddr>,
     /// Calibration of the operator who wears the glove, as written by `tesaki calibrate`
     #[arg(long, value_name = "FILE")]
@@ -60,12 +60,9 @@ pub struct Retarget {
     pub no_hold: bool,
 }
 
-fn udp(text: &str) -> Result<SocketAddr, String> {
-    let address = match text.parse::<u16>() {
-        Ok(port) => Ok(SocketAddr::from(([127, 0, 0, 1], port))),
-        Err(_) => text.parse(),
-    };
-    address.map_err(|_| format!("{text:?}: expected PORT or ADDRESS:PORT, for example 7500 or 0.0.0.0:7500"))
+fn udp_address(text: &str) -> Result<SocketAddr, String> {
+    let address = text.parse::<u16>().map_or_else(|_| text.to_owned(), |port| format!("127.0.0.1:{port}"));
+    udp::local(text, &address, "PORT or 127.0.0.1:PORT, for example 7500")
 }
 
 fn bandwidth(text: &str) -> Result<f32, String> {

@@ -23,7 +23,7 @@ pub struct View {
 pub enum Listen {
     /// To programs that speak to the board.
     Programs(Address),
-    /// To Foxglove, which looks.
+    /// To Foxglove, which only watches.
     Foxglove(SocketAddr),
 }
 
