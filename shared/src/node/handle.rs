@@ -235,16 +235,21 @@ impl Node {
         }
     }
 
-    /// Stops the robot. Also with the outputs off this is a fault: a client that is about to enable them does
-    /// not know of it.
+    /// Stops the robot. Also with the outputs off this is a fault, and so it is after another one: a client
+    /// that is about to clear that one and to enable does not know of it.
     fn stop(&mut self) {
         let tick = self.state.tick;
         let fault = Fault { cause: FaultCause::Stop, joint: None, value: 0.0, limit: 0.0, tick };
-        if self.state.mode == Mode::Disabled && self.robot.loaded().is_some() {
-            self.state.faults.record(fault);
-            (self.state.mode, self.state.reaction) = (Mode::Fault, Reaction::Off);
-        } else {
-            self.fail(fault);
+        match self.state.mode {
+            Mode::Disabled if self.robot.loaded().is_none() => {}
+            Mode::Disabled => {
+                self.state.faults.record(fault);
+                (self.state.mode, self.state.reaction) = (Mode::Fault, Reaction::Off);
+            }
+            Mode::Enabled(_) => self.fail(fault),
+            // The reaction goes on as it is.
+            Mode::Fault if self.has_unread_stop() => {}
+            Mode::Fault => self.state.faults.record(fault),
         }
     }
 
@@ -258,6 +263,13 @@ impl Node {
     fn home(&mut self, positions: &[f32]) -> Result<(), Refusal> {
         self.require_disabled()?;
         let robot = self.robot.loaded().ok_or(Refusal::NoModel)?;
+    /// Whether the last fault is a stop that nobody has read of yet.
+    fn has_unread_stop(&self) -> bool {
+        let faults = &self.state.faults;
+        let last = faults.faults.last().map(|fault| fault.cause);
+        last == Some(FaultCause::Stop) && self.state.faults_read != faults.total
+    }
+
         robot.check_count(positions.len())?;
         for (index, (config, &position)) in (0..).zip(robot.joints().iter().zip(positions)) {
             config.check_position(index, position)?;
