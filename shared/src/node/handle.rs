@@ -205,8 +205,8 @@ impl Node {
         if loaded {
             return Err(Refusal::WrongMode(self.state.mode));
         }
-        let estimated = matches!(self.state.mode, Mode::Enabled(_)) && self.state.task.tare();
-        if robot.force_sensors() == 0 && !estimated {
+        let (enabled, has_sensor) = (matches!(self.state.mode, Mode::Enabled(_)), robot.force_sensors() != 0);
+        if !has_sensor && !enabled {
             return Err(Refusal::NoForceSensor);
         }
         if !self.state.sensed {
@@ -222,6 +222,11 @@ impl Node {
             if chain.force_sensor.is_some() {
                 sensor.tare();
                 self.state.measured.tared |= 1 << index;
+        // A task that estimates no forces does nothing here.
+        let estimated = enabled && self.state.task.tare();
+        if !has_sensor && !estimated {
+            return Err(Refusal::NoForceSensor);
+        }
             }
         }
         Ok(())
