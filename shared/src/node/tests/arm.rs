@@ -45,7 +45,7 @@ pub(super) const SENSOR: ForceSensor = ForceSensor {
     center_of_mass: [0.0; 3],
 };
 
-fn arm_with_force_sensor() -> RobotModel {
+pub(super) fn arm_with_force_sensor() -> RobotModel {
     let mut model = arm7();
     model.chains[0].force_sensor = Some(SENSOR);
     model
