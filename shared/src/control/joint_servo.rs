@@ -59,8 +59,8 @@ impl JointServoState {
         }
     }
 
-    /// Resets the servo at rest at `position` [rad]. Keeps only the adapted friction, and the last torque, from
-    /// which the torque rate counts.
+    /// Resets the servo at rest at `position` [rad]. Keeps the adapted friction, and the last torque: the
+    /// torque rate counts from there.
     pub const fn restart_under_torque(&mut self, position: f32) {
         *self = Self { friction: self.friction, torque: self.torque, ..Self::at(position) };
     }

@@ -117,7 +117,8 @@ impl State {
         }
     }
 
-    /// Whether the client has our schema key. The commander's hello is never dropped, but its next one counts.
+    /// Whether the client has our schema key. The commander's hello is never dropped, unless its next one has
+    /// another key.
     pub fn is_accepted(&self, client: u32) -> bool {
         let commands = self.lease.commander() == Some(client) && !self.lease.mismatched;
         commands || self.place(client).is_some()
