@@ -60,7 +60,7 @@ const MAX_SUPPLY: f32 = 65.534;
 const MAX_CURRENT_COUNT: f32 = 32_766.0;
 /// Of the counts of an angle from 0: half of those of an `i32`. Beyond it, an angle would be one of the other
 /// direction.
-const MAX_ANGLE_COUNTS: f32 = 2_147_483_648.0;
+const MAX_ANGLE_COUNTS: f32 = 65_536.0 * 32_768.0;
 
 impl RobotModel {
     /// Checks every field.
