@@ -33,7 +33,7 @@ pub enum FaultCause {
     NotFinite,
     /// 7: a tick came late, early or twice. Value: periods since the last tick; limit: 1.
     LateTick,
-    /// 8: a sensor frame with the wrong number of joints. Value and limit: numbers of joints.
+    /// 8: a sensor frame with the wrong number of joints or force sensors. Value and limit: their numbers.
     SensorCount,
     /// 9: the emergency stop is pressed.
     EmergencyStop,
@@ -174,7 +174,7 @@ impl FaultCause {
             Self::EncoderStuck => "torque beyond friction without motion: encoder dead or joint blocked",
             Self::NotFinite => "a computed torque was not a finite number",
             Self::LateTick => "the control tick came late, early or twice",
-            Self::SensorCount => "a sensor frame has the wrong number of joints",
+            Self::SensorCount => "a sensor frame has the wrong number of joints or force sensors",
             Self::EmergencyStop => "the emergency stop is pressed",
             Self::SupplyLow => "supply voltage too low",
             Self::SupplyHigh => "supply voltage too high",

@@ -22,9 +22,10 @@ use crate::digest::FramesDigest;
 use crate::plant::{Plant, Push};
 use crate::virtual_board::VirtualBoard;
 
-/// The client of the scenario, and the second one.
+/// The client of the scenario, the second one, and the first of the strangers.
 const CLIENT: u32 = 1;
 const SECOND: u32 = 2;
+const STRANGER: u32 = 3;
 /// Streams of random numbers.
 const LINK: u64 = 101;
 const PLANT: u64 = 102;
@@ -280,8 +281,12 @@ impl Rig {
                 }
                 Kind::Nonsense { probability } if self.strangers.chance(probability) => {
                     let client =
-                        if self.strangers.chance(0.7) { CLIENT } else { 3 + self.strangers.below(5) };
-                    (client, strangers::nonsense(&mut self.strangers, joints))
+                        if self.strangers.chance(0.7) { CLIENT } else { STRANGER + self.strangers.below(5) };
+                    match strangers::nonsense(&mut self.strangers, joints) {
+                        // Of the commander it would end its command, and the schedule.
+                        hello @ Request::Hello { .. } if client == CLIENT => (STRANGER, hello),
+                        request => (client, request),
+                    }
                 }
                 _ => continue,
             };

@@ -59,12 +59,8 @@ impl JointServoState {
         }
     }
 
-    /// Resets the servo at rest at `position` [rad]. Keeps only the adapted friction.
-    pub const fn restart(&mut self, position: f32) {
-        *self = Self { friction: self.friction, ..Self::at(position) };
-    }
-
-    /// As [`restart`](Self::restart), while the outputs are on: the torque rate counts from the last torque.
+    /// Resets the servo at rest at `position` [rad]. Keeps the adapted friction, and the last torque: the
+    /// torque rate counts from there.
     pub const fn restart_under_torque(&mut self, position: f32) {
         *self = Self { friction: self.friction, torque: self.torque, ..Self::at(position) };
     }

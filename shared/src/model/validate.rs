@@ -1,3 +1,5 @@
+use core::f32::consts::TAU;
+
 use nalgebra::Matrix3;
 
 use super::{
@@ -6,6 +8,7 @@ use super::{
 };
 use crate::TICK;
 use crate::math::{self, abs};
+use crate::robot::{CURRENT_MARGIN, JUMP_FACTOR};
 
 /// How far a unit vector's length may be from 1.
 const UNIT_TOLERANCE: f32 = 1e-3;
@@ -38,7 +41,7 @@ const MAX_MOTOR_BANDWIDTH: f32 = 1e5;
 const MAX_RESISTANCE: f32 = 1e3;
 /// Of its inductance [H].
 const MAX_INDUCTANCE: f32 = 1.0;
-/// Of encoder counts in a turn: an `i32` then holds two turns.
+/// Of encoder counts in a turn: an `i32` then holds two turns to each side.
 const MAX_COUNTS: f32 = 1e9;
 /// Of the time without a command [s].
 const MAX_TIMEOUT: f32 = 10.0;
@@ -51,8 +54,13 @@ const MAX_GAUGE_RANGE: f32 = 1e4;
 /// What of each row of a calibration matrix must be independent of the others. With less, an error of one
 /// per cent in a gauge is as large as the wrench.
 const MIN_INDEPENDENCE: f32 = 0.01;
-/// Of the supply [V]: what a sensor frame can tell.
-const MAX_SUPPLY: f32 = 65.535;
+/// Of the supply [V]: a sensor frame can tell of 65.535 V at most, which must be a fault.
+const MAX_SUPPLY: f32 = 65.534;
+/// Of the current that is a fault [counts]: a sensor frame can tell of 32 767, which must be one.
+const MAX_CURRENT_COUNT: f32 = 32_766.0;
+/// Of the counts of an angle from 0: half of those of an `i32`. Beyond it, an angle would be one of the other
+/// direction.
+const MAX_ANGLE_COUNTS: f32 = 65_536.0 * 32_768.0;
 
 impl RobotModel {
     /// Checks every field.
@@ -170,6 +178,7 @@ impl JointModel {
         self.friction.validate(check)?;
         self.encoder.validate(check)?;
         self.limits.validate(check)?;
+        self.encoder.validate_range(check, &self.limits)?;
         self.servo.validate(check)
     }
 }
@@ -277,6 +286,8 @@ impl Motor {
         check.positive(Field::TorqueConstant, self.torque_constant, MAX_EFFORT)?;
         check.positive(Field::CurrentLimit, self.current_limit, MAX_EFFORT)?;
         check.positive(Field::CurrentResolution, self.current_resolution, MAX_EFFORT)?;
+        let max_shown = MAX_CURRENT_COUNT / CURRENT_MARGIN * self.current_resolution;
+        check.at_most(Field::CurrentLimit, self.current_limit, max_shown)?;
         check.positive(Field::MotorBandwidth, self.bandwidth, MAX_MOTOR_BANDWIDTH)?;
         check.within(Field::MotorDelay, self.delay, 0.0, TICK)?;
         if let Some(resistance) = self.resistance {
@@ -299,6 +310,13 @@ impl Friction {
 impl Encoder {
     fn validate(&self, check: Check) -> Result<(), ModelError> {
         check.within(Field::CountsPerTurn, self.counts_per_turn, 1.0, MAX_COUNTS)
+    }
+
+    /// Every angle up to where it is a fault, and a tick beyond, has a count of its own.
+    fn validate_range(&self, check: Check, limits: &JointLimits) -> Result<(), ModelError> {
+        let beyond = limits.following_error + JUMP_FACTOR * limits.velocity * TICK;
+        let largest = abs(limits.lower).max(abs(limits.upper)) + beyond;
+        check.at_most(Field::CountsPerTurn, self.counts_per_turn, MAX_ANGLE_COUNTS * TAU / largest)
     }
 }
 
@@ -447,10 +465,44 @@ mod tests {
         refused(&|robot| robot.joints[0].limits.velocity = 158.0, Field::LimitVelocity, MAX_VELOCITY);
         refused(&|robot| robot.safety.command_timeout = 1e30, Field::CommandTimeout, 10.0);
         refused(&|robot| robot.safety.damping = 1e30, Field::Damping, 1e6);
-        refused(&|robot| robot.safety.supply_max = 66.0, Field::SupplyMax, 65.535);
+        refused(&|robot| robot.safety.supply_max = 66.0, Field::SupplyMax, 65.534);
         refused(&|robot| robot.gravity = [0.0, 0.0, 1e30], Field::Gravity, 100.0);
         robot.gravity = [0.0, -1e30, 0.0];
         assert_eq!(robot.validate().expect_err("accepted").problem, Problem::Below(-100.0));
+    }
+
+    /// A sensor frame has 16 bits for a current and for the supply.
+    #[test]
+    fn currents_and_voltages_that_a_sensor_frame_cannot_tell_of_are_no_limits() {
+        let robot = crate::test_support::finger();
+        let with = |change: &dyn Fn(&mut RobotModel)| {
+            let mut robot = robot.clone();
+            change(&mut robot);
+            robot.validate().map_err(|error| (error.joint, error.field))
+        };
+        // 32 767 counts of 1 mA are 1.25 times 26.2136 A: 26.2 A can be exceeded, 26.22 A cannot.
+        assert_eq!(with(&|robot| robot.joints[1].motor.current_limit = 26.2), Ok(()));
+        let current = Err((Some(1), Field::CurrentLimit));
+        assert_eq!(with(&|robot| robot.joints[1].motor.current_limit = 26.22), current);
+        assert_eq!(with(&|robot| robot.joints[1].motor.current_resolution = 5e-5), current);
+        assert_eq!(with(&|robot| robot.safety.supply_max = 65.534), Ok(()));
+        assert_eq!(with(&|robot| robot.safety.supply_max = 65.535), Err((None, Field::SupplyMax)));
+    }
+
+    /// 2³¹ counts, of 10⁹ a turn, are 13.4932 rad: the limits, 0.2 rad of following error and 0.16 rad of a
+    /// jump must be within.
+    #[test]
+    fn an_angle_that_has_no_count_is_no_limit() {
+        let mut joint = test_joint("wrist");
+        joint.encoder.counts_per_turn = 1e9;
+        let with = |lower: f32, upper: f32| {
+            let limits = JointLimits { lower, upper, ..joint.limits };
+            let error = JointModel { limits, ..joint.clone() }.validate(Check { joint: Some(0) }).err()?;
+            Some(error.field)
+        };
+        assert_eq!(with(-13.1, 13.1), None);
+        assert_eq!(with(-1.0, 13.2), Some(Field::CountsPerTurn));
+        assert_eq!(with(-13.2, 1.0), Some(Field::CountsPerTurn));
     }
 
     #[test]

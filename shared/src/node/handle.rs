@@ -38,6 +38,8 @@ impl Node {
         ReplyFrame { client: frame.client, sequence: frame.sequence, tick: self.state.tick, reply }
     }
 
+    // A new request needs an answer: Clippy reports a wildcard, the compiler a request that is missing.
+    #[deny(clippy::wildcard_enum_match_arm)]
     fn answer(
         &mut self,
         frame: &RequestFrame,
@@ -71,10 +73,14 @@ impl Node {
                     *rate = *every;
                 }
             }
-            Request::ReadStatus | Request::ReadFaults | Request::ReadTask => return self.read(frame, board),
+            Request::ReadStatus => return Ok(Reply::Status(self.status(board))),
+            Request::ReadFaults => {
+                self.state.faults_read = self.state.faults.total;
+                return Ok(Reply::Faults(self.state.faults.clone()));
+            }
+            Request::ReadTask => return self.task_report().map(Reply::Task).ok_or(Refusal::NoTask),
             Request::Export(item) => return self.export(*item),
             Request::ReadExport { offset } => return self.export.chunk(*offset),
-            // No wildcard: the compiler then reports each new request.
             Request::ModelBegin { .. }
             | Request::ModelChunk { .. }
             | Request::ModelCommit
@@ -103,18 +109,6 @@ impl Node {
         Ok(Reply::Done)
     }
 
-    /// Answers requests that only read.
-    fn read(&mut self, frame: &RequestFrame, board: &BoardStatus) -> Result<Reply, Refusal> {
-        match frame.request {
-            Request::ReadFaults => {
-                self.state.faults_read = self.state.faults.total;
-                Ok(Reply::Faults(self.state.faults.clone()))
-            }
-            Request::ReadTask => self.task_report().map(Reply::Task).ok_or(Refusal::NoTask),
-            _ => Ok(Reply::Status(self.status(board))),
-        }
-    }
-
     fn export(&mut self, item: Item) -> Result<Reply, Refusal> {
         let index = self.state.records;
         match item {
@@ -127,6 +121,7 @@ impl Node {
     }
 
     /// Executes a request of the commander.
+    #[deny(clippy::wildcard_enum_match_arm)]
     fn command(
         &mut self,
         request: &Request,
@@ -155,7 +150,17 @@ impl Node {
                 self.state.lease.release();
                 Ok(())
             }
-            _ => Ok(()),
+            // Answered before.
+            Request::Hello { .. }
+            | Request::Disable
+            | Request::Stop
+            | Request::TakeCommand { .. }
+            | Request::SetRate { .. }
+            | Request::ReadStatus
+            | Request::ReadFaults
+            | Request::ReadTask
+            | Request::Export(_)
+            | Request::ReadExport { .. } => Ok(()),
         }
     }
 
@@ -205,8 +210,8 @@ impl Node {
         if loaded {
             return Err(Refusal::WrongMode(self.state.mode));
         }
-        let estimated = matches!(self.state.mode, Mode::Enabled(_)) && self.state.task.tare();
-        if robot.force_sensors() == 0 && !estimated {
+        let (enabled, has_sensor) = (matches!(self.state.mode, Mode::Enabled(_)), robot.force_sensors() != 0);
+        if !has_sensor && !enabled {
             return Err(Refusal::NoForceSensor);
         }
         if !self.state.sensed {
@@ -216,6 +221,11 @@ impl Node {
             && fault.cause == FaultCause::ForceSilent
         {
             return Err(Refusal::Unsafe(fault));
+        }
+        // A task that estimates no forces does nothing here.
+        let estimated = enabled && self.state.task.tare();
+        if !has_sensor && !estimated {
+            return Err(Refusal::NoForceSensor);
         }
         let sensors = robot.model().chains.iter().zip(&mut self.state.force_sensors);
         for (index, (chain, sensor)) in sensors.enumerate() {
@@ -235,17 +245,29 @@ impl Node {
         }
     }
 
-    /// Stops the robot. Also with the outputs off this is a fault: a client that is about to enable them does
-    /// not know of it.
+    /// Stops the robot. Also with the outputs off this is a fault, and so it is after another one: a client
+    /// that is about to clear that one and to enable does not know of it.
     fn stop(&mut self) {
         let tick = self.state.tick;
         let fault = Fault { cause: FaultCause::Stop, joint: None, value: 0.0, limit: 0.0, tick };
-        if self.state.mode == Mode::Disabled && self.robot.loaded().is_some() {
-            self.state.faults.record(fault);
-            (self.state.mode, self.state.reaction) = (Mode::Fault, Reaction::Off);
-        } else {
-            self.fail(fault);
+        match self.state.mode {
+            Mode::Disabled if self.robot.loaded().is_none() => {}
+            Mode::Disabled => {
+                self.state.faults.record(fault);
+                (self.state.mode, self.state.reaction) = (Mode::Fault, Reaction::Off);
+            }
+            Mode::Enabled(_) => self.fail(fault),
+            // The reaction goes on as it is.
+            Mode::Fault if self.has_unread_stop() => {}
+            Mode::Fault => self.state.faults.record(fault),
         }
+    }
+
+    /// Whether the last fault is a stop that nobody has read of yet.
+    fn has_unread_stop(&self) -> bool {
+        let faults = &self.state.faults;
+        let last = faults.faults.last().map(|fault| fault.cause);
+        last == Some(FaultCause::Stop) && self.state.faults_read != faults.total
     }
 
     fn require_disabled(&self) -> Result<(), Refusal> {

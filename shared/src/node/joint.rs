@@ -524,7 +524,7 @@ impl Joint<'_> {
     pub fn advance(&mut self) -> bool {
         if self.target.restart {
             self.target.restart = false;
-            self.state.servo.restart(*self.position);
+            self.state.servo.restart_under_torque(*self.position);
         }
         *self.reference = match self.target.setpoint {
             JointSetpoint::Goal(goal) => self.config.servo.approach(&mut self.state.servo, goal),

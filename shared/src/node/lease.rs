@@ -17,6 +17,8 @@ const MAX_REPETITION_AGE: u16 = 1 << 14;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub(super) struct Lease {
     pub(super) held: bool,
+    /// Whether the last hello of the client had another schema key than ours.
+    pub(super) mismatched: bool,
     /// The commander, or the last one.
     pub(super) client: Option<u32>,
     /// Its last command, and the refusal of it.
@@ -42,6 +44,7 @@ impl Lease {
     pub const fn new() -> Self {
         Self {
             held: false,
+            mismatched: false,
             client: None,
             sequence: 0,
             refusal: Optional::None,
@@ -53,6 +56,13 @@ impl Lease {
     /// The commander.
     pub const fn commander(&self) -> Option<u32> {
         if self.held { self.client } else { None }
+    }
+
+    /// Registers a hello.
+    pub fn greet(&mut self, client: u32, accepted: bool) {
+        if self.client == Some(client) {
+            self.mismatched = !accepted;
+        }
     }
 
     /// Registers a request of any kind.
@@ -111,7 +121,7 @@ impl Lease {
                 core::mem::swap(entry, &mut moved);
             }
         }
-        (self.held, self.client, self.last_request) = (true, Some(client), now);
+        (self.held, self.mismatched, self.client, self.last_request) = (true, false, Some(client), now);
         (self.sequence, self.refusal) = (sequence, Optional::None);
         Ok(())
     }

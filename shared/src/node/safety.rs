@@ -108,10 +108,19 @@ impl Node {
             cause if cause.loses_force() => self.state.halting,
             // The state that was the fault lasts until the robot is at rest and the force released.
             FaultCause::ForceLimit | FaultCause::VelocityLimit | FaultCause::PositionLimit => {
-                self.state.faults.faults.last().is_none_or(|last| last.cause != cause)
+                self.reacting_to().is_none_or(|last| last.cause != cause)
             }
             _ => false,
         }
+    }
+
+    /// The fault to which the node reacts: a `Stop` during the reaction to another fault is recorded only.
+    fn reacting_to(&self) -> Option<&Fault> {
+        let (faults, since) = (&self.state.faults.faults, self.state.reacting_since);
+        let reacts = |fault: &&Fault| {
+            fault.cause != FaultCause::Stop && fault.tick.wrapping_sub(since).cast_signed() >= 0
+        };
+        faults.iter().rev().find(reacts).or(faults.last())
     }
 
     /// Begins the controlled stop of the running task. Returns the reaction.

@@ -117,13 +117,16 @@ impl State {
         }
     }
 
-    /// Whether the client has our schema key. The commander's hello is never dropped.
+    /// Whether the client has our schema key. The commander's hello is never dropped, unless its next one has
+    /// another key.
     pub fn is_accepted(&self, client: u32) -> bool {
-        self.place(client).is_some() || self.lease.commander() == Some(client)
+        let commands = self.lease.commander() == Some(client) && !self.lease.mismatched;
+        commands || self.place(client).is_some()
     }
 
     /// Stores whether the client's hello had our schema key.
     pub fn set_accepted(&mut self, client: u32, sequence: u16, accepted: bool) {
+        self.lease.greet(client, accepted);
         let own = self.place(client);
         let free = || self.accepted.iter().position(Option::is_none).unwrap_or(CLIENTS - 1);
         // In place of the client's own entry, of none, or of the oldest one.

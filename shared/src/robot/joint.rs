@@ -15,9 +15,9 @@ const FILTERED: f32 = 0.367_879_44;
 /// Tolerance of the encoder-jump check for noise [counts].
 const COUNT_NOISE: f32 = 2.0;
 /// An apparent velocity of this multiple of the velocity limit is an encoder error.
-const JUMP_FACTOR: f32 = 2.0;
+pub(crate) const JUMP_FACTOR: f32 = 2.0;
 /// Tolerance of the current check: overshoot of the current loop and error of the current sensor.
-const CURRENT_MARGIN: f32 = 1.25;
+pub(crate) const CURRENT_MARGIN: f32 = 1.25;
 
 /// Largest share of a joint's velocity that damping takes in a period. The velocity is that of the period
 /// before: from about one half on, damping swings instead.

@@ -30,7 +30,7 @@ pub enum LimitRefusal {
         /// The upper limit.
         upper: f32,
     },
-    /// 3: a speed above the limit [rad/s].
+    /// 3: a speed above the limit [rad/s]: that of a point, or that of the steps of a stream.
     TooFast {
         /// The joint.
         joint: u8,

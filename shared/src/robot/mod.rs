@@ -6,8 +6,8 @@ mod measured;
 mod mimic;
 mod targets;
 
-pub(crate) use joint::CONFIRMED_SHARE;
 pub use joint::JointConfig;
+pub(crate) use joint::{CONFIRMED_SHARE, CURRENT_MARGIN, JUMP_FACTOR};
 pub use limit::{Concerns, LimitRefusal};
 pub use measured::{Efforts, Measured, Postures};
 pub(crate) use mimic::Motion;

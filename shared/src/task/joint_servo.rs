@@ -7,8 +7,10 @@ use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use super::api::{Io, Task, TaskFault};
+use crate::TICK;
 use crate::control::{JointPoint, ServoMode};
 use crate::kinematics::{FingerError, TipPoint};
+use crate::math::{self, abs};
 use crate::model::{MAX_CHAINS, MAX_JOINTS};
 use crate::robot::{
     Actuation, Concerns, JointSetpoint, JointTarget, LimitRefusal, Measured, Postures, Robot, count,
@@ -22,7 +24,8 @@ pub enum JointCommand {
         /// Angle of each joint [rad].
         positions: Vec<f32, MAX_JOINTS>,
     },
-    /// 1: one point of the sender's own trajectory, without the trajectory filter. One per tick.
+    /// 1: one point of the sender's own trajectory, without the trajectory filter. One per tick; the steps
+    /// from point to point keep to the velocity limit, too, but for 100 ms: links deliver several at once.
     Stream {
         /// Point of each joint.
         points: Vec<JointPoint, MAX_JOINTS>,
@@ -126,9 +129,19 @@ impl fmt::Display for JointServoRefusal {
     }
 }
 
+/// So many ticks a stream may be ahead of the velocity limit: a link that has delivered late delivers what it
+/// kept back at once.
+const LINK_TICKS: f32 = 10.0;
+/// Ticks of the sender in a tick of the board, at most: clocks without a crystal differ by some per cent.
+const CLOCK_RATIO: f32 = 1.1;
+
 /// The task. The targets hold its set-points.
 #[derive(Clone, Debug, Serialize, Deserialize, Schema)]
 pub struct JointServoTask {
+    /// How far the stream is ahead of the velocity limit, and by what the points since the last tick bring it
+    /// forward: the time that the joints need for their step at that limit [ticks].
+    ahead: f32,
+    step: f32,
     /// Whether points arrived since the last tick.
     updated: bool,
     /// Whether the points of the targets may have a velocity.
@@ -140,7 +153,7 @@ impl Task for JointServoTask {
     type Command = JointCommand;
     type Telemetry = ();
     type Refusal = JointServoRefusal;
-    const IDLE: Self = Self { updated: false, moving: false };
+    const IDLE: Self = Self { ahead: 0.0, step: 0.0, updated: false, moving: false };
 
     fn check(_: &Robot, _: &Measured, _: &ServoMode) -> Result<(), JointServoRefusal> {
         Ok(())
@@ -191,6 +204,8 @@ impl Task for JointServoTask {
                 }
             }
         }
+        self.ahead = math::clamp(self.ahead + self.step - CLOCK_RATIO, 0.0, LINK_TICKS);
+        self.step = 0.0;
         Ok(())
     }
 
@@ -207,9 +222,19 @@ impl JointServoTask {
     ) -> Result<(), JointServoRefusal> {
         io.robot.check_count(points.len())?;
         let joints = io.robot.joints().iter().zip(io.references);
-        for (index, ((config, reference), point)) in (0..).zip(joints.zip(points)) {
-            config.check_point(index, point, reference)?;
+        // More than 0, see `tick`.
+        let available = LINK_TICKS - self.ahead;
+        let mut step = 0.0_f32;
+        for (joint, ((config, reference), point)) in (0..).zip(joints.zip(points)) {
+            config.check_point(joint, point, reference)?;
+            let limit = config.limits.velocity;
+            let needed = abs(point.position - reference.position) / (limit * TICK);
+            if needed > available {
+                return Err(LimitRefusal::TooFast { joint, value: limit * needed / available, limit }.into());
+            }
+            step = step.max(needed);
         }
+        self.step = step;
         for (target, &point) in io.targets.joints.iter_mut().zip(points) {
             *target = JointTarget { setpoint: JointSetpoint::Point(point), feedforward: 0.0, restart: false };
         }

@@ -9,6 +9,7 @@ use crate::TICK;
 use crate::fault::{Fault, FaultCause};
 use crate::kinematics::{Chain, ElbowSetpoint, PosePoint};
 use crate::model::{ForceSensor, MAX_CHAIN_JOINTS, Reaction, RobotModel};
+use crate::node::optional::Optional;
 use crate::protocol::{Mode, Refusal, Reply, Request};
 use crate::task::impedance::InvalidSettings;
 use crate::task::impedance::tests::{SOFT, arm7};
@@ -44,7 +45,7 @@ pub(super) const SENSOR: ForceSensor = ForceSensor {
     center_of_mass: [0.0; 3],
 };
 
-fn arm_with_force_sensor() -> RobotModel {
+pub(super) fn arm_with_force_sensor() -> RobotModel {
     let mut model = arm7();
     model.chains[0].force_sensor = Some(SENSOR);
     model
@@ -187,6 +188,33 @@ fn without_a_force_sensor_the_motor_torques_give_the_force() {
     let observing = ImpedanceSettings { force: ForceSource::Observer { bandwidth: 30.0 }, ..SOFT };
     assert_eq!(rig.ask(enable(observing)), Reply::Done);
     assert_eq!(rig.ask(Request::Tare), Reply::Done);
+}
+
+#[test]
+fn a_tare_that_is_refused_changes_nothing() {
+    let observing = ImpedanceSettings { force: ForceSource::Observer { bandwidth: 30.0 }, ..SOFT };
+    let mut rig = arm_rig(&arm_with_force_sensor());
+    assert_eq!(rig.ask(Request::Tare), Reply::Done);
+    assert_eq!(rig.ask(enable(observing)), Reply::Done);
+    assert_eq!(rig.ask(Request::Tare), Reply::Done);
+    for tick in 0..200 {
+        // Once the observer has tared itself at rest, the arm moves a little.
+        rig.sensors.encoders[3] += if tick > 180 { 2 } else { 0 };
+        rig.sensors.forces[0][0] = tick % 2;
+        rig.tick();
+        assert_eq!(rig.ask(KEEP), Reply::Done);
+    }
+    let state = |rig: &Rig| format!("{:?}", rig.node.state.task);
+    let (before, mut tared) = (state(&rig), rig.clone());
+    assert_eq!(tared.ask(Request::Tare), Reply::Done);
+    assert_ne!(state(&tared), before);
+    let silent = Fault { cause: FaultCause::ForceSilent, joint: Some(6), value: 1.0, limit: 0.0, tick: 9 };
+    rig.node.state.alarm = Optional::Some(silent);
+    assert_eq!(refusal(rig.ask(Request::Tare)), Refusal::Unsafe(silent));
+    assert_eq!(state(&rig), before);
+    (rig.node.state.alarm, rig.node.state.sensed) = (Optional::None, false);
+    assert_eq!(refusal(rig.ask(Request::Tare)), Refusal::NoSensors);
+    assert_eq!(state(&rig), before);
 }
 
 #[test]

@@ -232,6 +232,27 @@ fn a_fault_remains_until_it_was_read_and_cleared() {
     assert_eq!(restarted.faults(), &log);
 }
 
+/// Who has read of the first fault knows nothing of a stop that came since.
+#[test]
+fn a_stop_after_another_fault_is_read_of_before_the_robot_is_enabled() {
+    let mut rig = Rig::enabled(&model());
+    while rig.node.mode() != Mode::Fault {
+        rig.tick();
+    }
+    let Reply::Faults(log) = rig.ask(Request::ReadFaults) else { panic!() };
+    assert_eq!((log.total, log.faults[0].cause), (1, FaultCause::CommandTimeout));
+    assert_eq!(rig.send(99, 1, Request::Stop), Reply::Done);
+    assert_eq!(rig.send(99, 2, Request::Stop), Reply::Done, "nobody has read of the first one");
+    assert_eq!(refusal(rig.ask(Request::ClearFaults { total: 1 })), Refusal::FaultsUnread { total: 2 });
+    assert!(rig.tick().enabled, "it is still held");
+    let Reply::Faults(log) = rig.ask(Request::ReadFaults) else { panic!() };
+    assert_eq!(log.faults[1].cause, FaultCause::Stop);
+    assert_eq!(rig.send(99, 3, Request::Stop), Reply::Done);
+    assert_eq!(refusal(rig.ask(Request::ClearFaults { total: 2 })), Refusal::FaultsUnread { total: 3 });
+    rig.clear_faults();
+    assert_eq!(rig.enable(), Reply::Done);
+}
+
 #[test]
 fn disable_switches_the_outputs_off_but_keeps_the_fault() {
     let mut rig = Rig::enabled(&model());

@@ -5,7 +5,7 @@ use heapless::Vec;
 use super::fingertips::{ANGLES, TIPS, fingers};
 use super::rig::{COUNTS_PER_RADIAN, Rig, model, near, refusal};
 use crate::fault::FaultCause;
-use crate::model::ForceSensor;
+use crate::model::{ForceSensor, Reaction};
 use crate::protocol::{ForceSensorFault, Mode, Refusal, Reply, Request, SensorFlags};
 use crate::task::TaskCommand;
 use crate::task::joint_servo::JointCommand;
@@ -115,6 +115,26 @@ fn dead_saturated_and_overloaded_force_sensors_are_faults_by_name() {
     let missing = fault(&|rig, _| rig.sensors.forces.truncate(1), 2);
     assert_eq!((missing.cause, missing.value, missing.limit), (FaultCause::SensorCount, 1.0, 2.0));
     assert_eq!(refusal(Rig::ready(&model()).ask(Request::Tare)), Refusal::NoForceSensor);
+}
+
+/// A force that was the fault lasts while the robot is held: no sign that holding fails.
+#[test]
+fn a_stop_while_a_robot_is_held_leaves_it_held() {
+    let mut rig = fingers_with_force_sensors([[0; 6]; 2]);
+    assert_eq!(rig.ask(Request::Tare), Reply::Done);
+    assert_eq!(rig.enable(), Reply::Done);
+    rig.tick();
+    rig.sensors.forces[0][1] = 5500;
+    for tick in 0..10 {
+        rig.sensors.forces.iter_mut().for_each(|counts| counts[3] = tick % 2);
+        assert!(rig.tick().enabled);
+        assert_eq!(rig.node.reaction().0, Reaction::Hold, "{tick}");
+        if tick == 4 {
+            rig.ask(Request::Stop);
+        }
+    }
+    let causes: std::vec::Vec<_> = rig.node.faults().faults.iter().map(|fault| fault.cause).collect();
+    assert_eq!(causes, [FaultCause::ForceLimit, FaultCause::Stop]);
 }
 
 #[test]

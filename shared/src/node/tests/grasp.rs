@@ -8,10 +8,9 @@ use super::rig::{COUNTS_PER_RADIAN, Rig as Bench, model, refusal};
 use crate::control::{JointPoint, ServoMode};
 use crate::fault::{Fault, FaultCause};
 use crate::kinematics::TipPoint;
-use crate::model::{ChainModel, MAX_JOINTS, RobotModel};
+use crate::model::{ChainModel, JointModel, MAX_JOINTS, RobotModel};
 use crate::protocol::{Mode, Refusal, Reply, Request};
-use crate::robot::Concerns;
-use crate::robot::LimitRefusal;
+use crate::robot::{Actuation, Concerns, LimitRefusal};
 use crate::task::grasping::{
     Failure, GraspCommand, GraspPlan, GraspRefusal, GraspTelemetry, InternalForce, InvalidPlan, JointTargets,
     LoadSource, ObjectControl, ObjectFrame, Phase, PlanField, PlannedContact, WrenchGains,
@@ -298,9 +297,16 @@ fn run_pressed(bench: &mut Bench, ticks: u32, follows: bool) -> Vec<f32, MAX_JOI
 
 /// A hand that holds an object as `plan` says.
 fn holding_hand(plan: GraspPlan) -> Bench {
+    slow_holding_hand(plan, 200.0)
+}
+
+/// As [`holding_hand`], with this torque rate [N·m/s].
+pub fn slow_holding_hand(plan: GraspPlan, torque_rate: f32) -> Bench {
     let mut model = hand();
-    // Joints under torques follow no targets.
-    model.joints.iter_mut().for_each(|joint| joint.limits.following_error = 1.0);
+    for JointModel { limits, .. } in &mut model.joints {
+        // Joints under torques follow no targets.
+        (limits.following_error, limits.torque_rate) = (1.0, torque_rate);
+    }
     let mut bench = untared_hand();
     assert_eq!(bench.push(&model), Reply::Done);
     bench.tick();
@@ -319,7 +325,7 @@ fn holding_hand(plan: GraspPlan) -> Bench {
 }
 
 /// As the Hand3 paper holds an object.
-fn paper_plan() -> GraspPlan {
+pub fn paper_plan() -> GraspPlan {
     GraspPlan {
         internal: InternalForce::Normal { strength: 1.0 },
         feedback: false,
@@ -355,6 +361,34 @@ fn accumulated_joint_targets_move_the_contacts_with_the_object() {
     }
 }
 
+/// As [`paper_plan`], with the torques of the printed control of the object.
+pub fn wrench_plan() -> GraspPlan {
+    let gains =
+        WrenchGains { position: [200.0, 400.0], orientation: [2.0, 4.0], damping: 0.05, compensated: false };
+    GraspPlan {
+        control: ObjectControl::Wrench(gains),
+        load: LoadSource::Constant { mass: 0.05 },
+        joint_targets: JointTargets::ClosedForm,
+        ..paper_plan()
+    }
+}
+
+/// The servos of a hand restart before internal forces rise that nothing corrects, and after torque control.
+/// [`Bench::tick`] compares the torques.
+#[test]
+fn servos_that_restart_in_a_grasp_keep_the_torque_rate() {
+    for (plan, torques) in [(paper_plan(), false), (wrench_plan(), true)] {
+        // 1 mN·m a tick.
+        let mut bench = slow_holding_hand(plan, 0.1);
+        assert_eq!(bench.node.state.targets.actuation != Actuation::Servo, torques);
+        let held = run_pressed(&mut bench, 100, true);
+        assert!(held.iter().any(|torque| torque.abs() > 0.01), "{held:?}");
+        assert_eq!(bench.ask(task(GraspCommand::Open)), Reply::Done);
+        run_pressed(&mut bench, 200, true);
+        assert_eq!(bench.node.state.targets.actuation, Actuation::Servo);
+    }
+}
+
 /// Torques [N·m] from `tests/oracles/object_control.py` (NumPy: the pseudo-inverse of the grasp matrix,
 /// Jacobians by difference quotients).
 #[allow(clippy::excessive_precision, reason = "written by a script")]
@@ -364,15 +398,7 @@ const CONTROLLED: [f32; 9] = include!("../../../../tests/oracles/data/object_con
 /// fingers, beside the internal force and the load, and by nothing else.
 #[test]
 fn the_pose_of_the_object_is_controlled_by_torques_as_printed() {
-    let gains =
-        WrenchGains { position: [200.0, 400.0], orientation: [2.0, 4.0], damping: 0.05, compensated: false };
-    let plan = GraspPlan {
-        control: ObjectControl::Wrench(gains),
-        load: LoadSource::Constant { mass: 0.05 },
-        joint_targets: JointTargets::ClosedForm,
-        ..paper_plan()
-    };
-    let mut bench = holding_hand(plan);
+    let mut bench = holding_hand(wrench_plan());
     let (translation, rotation) = ([0.002, 0.001, 0.003], [0.0, 0.02, 0.0]);
     assert_eq!(bench.ask(task(GraspCommand::Move { translation, rotation, duration: 1.0 })), Reply::Done);
     let torques = run_pressed(&mut bench, 110, false);

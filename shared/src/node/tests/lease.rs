@@ -169,6 +169,27 @@ fn a_repeated_hello_pushes_no_other_client_out() {
     }
 }
 
+/// The program that commanded was replaced by one of another version, with its client number.
+#[test]
+fn a_commander_whose_hello_has_another_key_commands_no_more() {
+    let mut rig = Rig::enabled(&model());
+    rig.ask(Request::Hello { schema: SCHEMA_KEY ^ 1 });
+    assert!(matches!(refusal(rig.ask(Request::Keep)), Refusal::SchemaMismatch { .. }));
+    // Another client's hello brings nothing back; while enabled nobody else takes command.
+    rig.send(8, 1, Request::Hello { schema: SCHEMA_KEY });
+    assert_eq!(refusal(rig.send(8, 2, take(true))), Refusal::Commanded { by: 7 });
+    assert!(matches!(refusal(rig.ask(Request::ReadStatus)), Refusal::SchemaMismatch { .. }));
+    // Its own does.
+    rig.ask(Request::Hello { schema: SCHEMA_KEY });
+    assert_eq!(rig.ask(Request::Keep), Reply::Done);
+    rig.ask(Request::Hello { schema: SCHEMA_KEY ^ 1 });
+    assert_eq!(rig.ask(Request::Disable), Reply::Done);
+    assert!(matches!(refusal(rig.ask(enable())), Refusal::SchemaMismatch { .. }));
+    // Who commands next is accepted by its own hello.
+    assert_eq!(rig.send(8, 3, take(true)), Reply::Done);
+    assert_eq!(rig.send(8, 4, enable()), Reply::Done);
+}
+
 #[test]
 fn a_command_that_was_overtaken_by_a_quarter_of_the_numbers_is_not_answered_as_if_executed() {
     let mut rig = Rig::ready(&model());

@@ -1,34 +1,44 @@
 //! Limits under arbitrary requests and sensor values.
 
+use std::sync::LazyLock;
+
 use heapless::Vec;
 use proptest::prelude::*;
 
-use super::grasp::{KEEP, in_front};
+use super::arm::{arm_rig, arm_with_force_sensor, configure};
+use super::grasp::{KEEP, in_front, paper_plan, slow_holding_hand, wrench_plan};
 use super::rig::{Rig, model};
 use super::stream_torques::stream_torques;
 use crate::control::{JointPoint, ServoMode};
-use crate::model::MAX_JOINTS;
 use crate::protocol::{Item, Reply, Request, SCHEMA_KEY, SensorFlags, Stream};
-use crate::task::grasping::GraspCommand;
+use crate::robot::Actuation;
+use crate::task::grasping::{GraspCommand, GraspPlan};
+use crate::task::impedance::tests::SOFT;
 use crate::task::joint_servo::JointCommand;
 use crate::task::{TaskCommand, TaskConfig};
 
-fn any_request() -> impl Strategy<Value = Request> {
+/// Requests for a robot of `joints` joints, of any task.
+fn any_request(joints: usize) -> impl Strategy<Value = Request> {
     let value = prop_oneof![
-        4 => -1.5_f32..1.5, 1 => Just(f32::NAN), 1 => Just(f32::INFINITY), 1 => any::<f32>(), 3 => Just(0.0)
+        8 => -1.5_f32..1.5, 8 => -0.05_f32..0.05, 1 => Just(f32::NAN), 1 => Just(f32::INFINITY),
+        1 => any::<f32>(), 3 => Just(0.0)
     ];
-    let list = proptest::collection::vec(value.clone(), 0..5);
-    let points = proptest::collection::vec((value.clone(), value.clone(), value), 3);
-    let torques = proptest::collection::vec(prop_oneof![4 => -0.7_f32..0.7, 1 => any::<f32>()], 3);
-    prop_oneof![
-        Just(KEEP),
+    let small = [(); 3].map(|()| -0.01_f32..0.01);
+    let list = proptest::collection::vec(value.clone(), joints - 1..joints + 2);
+    let points = proptest::collection::vec((value.clone(), value.clone(), value.clone()), joints);
+    let torques = proptest::collection::vec(prop_oneof![8 => -0.7_f32..0.7, 1 => any::<f32>()], joints);
+    let enable = |config: TaskConfig| Just(Request::Enable(config));
+    let grasp = |command: GraspCommand| Request::Task(TaskCommand::Grasping(command));
+    let stream =
+        |points: std::vec::Vec<JointPoint>| JointCommand::Stream { points: points.into_iter().collect() };
+    let servo = |command: JointCommand| Request::Task(TaskCommand::JointServo(command));
+    let ordinary = prop_oneof![
         Just(Request::ReadTask),
-        Just(Request::Task(TaskCommand::Grasping(GraspCommand::Grasp(in_front())))),
-        torques.prop_map(|torques| stream_torques([0.0; 3], &torques)),
         Just(Request::Hello { schema: SCHEMA_KEY }),
         Just(Request::Disable),
         Just(Request::Stop),
         Just(Request::ReadFaults),
+        Just(Request::Tare),
         (0_u32..4).prop_map(|total| Request::ClearFaults { total }),
         any::<u16>().prop_map(|every| Request::SetRate { stream: Stream::Log, every }),
         any::<bool>().prop_map(|by_force| Request::TakeCommand { by_force }),
@@ -37,53 +47,144 @@ fn any_request() -> impl Strategy<Value = Request> {
         Just(Request::Export(Item::State)),
         any::<u32>().prop_map(|offset| Request::ReadExport { offset }),
         (any::<u32>(), any::<u32>()).prop_map(|(length, checksum)| Request::ModelBegin { length, checksum }),
-        Just(Request::Enable(TaskConfig::JointServo(ServoMode::Pid))),
-        Just(Request::Enable(TaskConfig::JointServo(ServoMode::Observer))),
-        list.clone().prop_map(|list| Request::Home { positions: Vec::from_slice(&list).unwrap() }),
-        list.prop_map(|list| Request::Task(TaskCommand::JointServo(JointCommand::Goal {
-            positions: Vec::from_slice(&list).unwrap()
-        }))),
-        points.prop_map(|points| {
-            let points = points.iter().map(|&(position, velocity, acceleration)| JointPoint {
-                position,
-                velocity,
-                acceleration,
-            });
-            Request::Task(TaskCommand::JointServo(JointCommand::Stream { points: points.collect() }))
+        list.clone().prop_map(|list| Request::Home { positions: list.into_iter().collect() }),
+    ];
+    let enabling = prop_oneof![
+        enable(TaskConfig::JointServo(ServoMode::Pid)),
+        enable(TaskConfig::JointServo(ServoMode::Observer)),
+        enable(TaskConfig::JointServo(ServoMode::BarePid)),
+        enable(TaskConfig::Grasping(())),
+        enable(TaskConfig::Impedance(SOFT)),
+    ];
+    let commands = prop_oneof![
+        torques.prop_map(move |torques| stream_torques(&std::vec![0.0; joints], &torques)),
+        list.prop_map(move |list| servo(JointCommand::Goal { positions: list.into_iter().collect() })),
+        points.prop_map(move |points| {
+            let point = |(position, velocity, acceleration)| JointPoint { position, velocity, acceleration };
+            servo(stream(points.into_iter().map(point).collect()))
         }),
-    ]
+        Just(grasp(GraspCommand::Grasp(in_front()))),
+        Just(grasp(GraspCommand::Grasp(paper_plan()))),
+        Just(grasp(GraspCommand::Open)),
+        Just(grasp(GraspCommand::PutDown)),
+        small.prop_map(move |translation| {
+            grasp(GraspCommand::Move { translation, rotation: [0.0; 3], duration: 1.0 })
+        }),
+        value.prop_map(|mass| {
+            let mut settings = SOFT;
+            settings.impedance.mass[0] = mass;
+            configure(settings)
+        }),
+    ];
+    prop_oneof![4 => ordinary, 1 => enabling, 4 => commands]
+}
+
+/// A tick: a request before it, and what the sensors read, most often what they read at the beginning.
+#[derive(Clone, Debug)]
+struct Step {
+    request: Option<Request>,
+    /// Whether the client shows that it lives.
+    keeps: bool,
+    count: i32,
+    force: i16,
+    current: i16,
+    /// 0: a current that may be too high; 1: the emergency stop; 2: a frame that is missing; 3: a leap of the
+    /// encoder.
+    special: u8,
+}
+
+fn any_steps(joints: usize) -> impl Strategy<Value = std::vec::Vec<Step>> {
+    let request = proptest::option::of(any_request(joints));
+    let sensors = (-40_i32..40, -2000_i16..2000, any::<i16>());
+    let step = (request, proptest::bool::weighted(0.8), sensors, 0_u8..120);
+    let step = step.prop_map(|(request, keeps, (count, force, current), special)| Step {
+        request,
+        keeps,
+        count,
+        force,
+        current,
+        special,
+    });
+    proptest::collection::vec(step, 1..120)
+}
+
+/// Ticks, and [`Rig::tick`] checks the torques.
+fn run(mut rig: Rig, steps: std::vec::Vec<Step>) {
+    let before = rig.sensors.clone();
+    for (tick, step) in (0..).zip(steps) {
+        if step.keeps {
+            rig.ask(KEEP);
+        }
+        if let Some(request) = step.request {
+            rig.ask(request);
+        }
+        let leap = if step.special == 3 { 1000 } else { 1 };
+        rig.sensors.encoders[1] = before.encoders[1] + step.count * leap;
+        rig.sensors.currents[0] = if step.special == 0 { step.current } else { 0 };
+        rig.sensors.flags = SensorFlags(u8::from(step.special == 1));
+        rig.sensors.sequence += u32::from(step.special == 2);
+        for (counts, before) in rig.sensors.forces.iter_mut().zip(&before.forces) {
+            // A sensor that never changes is dead.
+            (counts[0], counts[3]) = (before[0] + i32::from(step.force) / 10, before[3] + tick % 2);
+        }
+        rig.tick();
+    }
+}
+
+/// An enabled finger with 20 mN·m a tick.
+fn finger() -> Rig {
+    let mut model = model();
+    model.joints.iter_mut().for_each(|joint| joint.limits.torque_rate = 2.0);
+    Rig::enabled(&model)
+}
+
+/// An arm under impedance control, with 0.5 N·m a tick.
+fn arm() -> Rig {
+    let mut model = arm_with_force_sensor();
+    model.joints.iter_mut().for_each(|joint| joint.limits.torque_rate = 50.0);
+    let mut rig = arm_rig(&model);
+    assert_eq!(rig.ask(Request::Tare), Reply::Done);
+    assert_eq!(rig.ask(Request::Enable(TaskConfig::Impedance(SOFT))), Reply::Done);
+    rig.tick();
+    assert!(matches!(rig.node.state.targets.actuation, Actuation::Acceleration { .. }));
+    rig
+}
+
+/// A hand that holds something, with 1 mN·m a tick.
+fn hand(plan: GraspPlan) -> Rig {
+    let mut rig = slow_holding_hand(plan, 0.1);
+    assert_eq!(rig.ask(KEEP), Reply::Done);
+    rig
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(256))]
+    #![proptest_config(ProptestConfig::with_cases(128))]
 
-    /// For arbitrary requests and sensor values: no panic, and all torques finite and within their limits.
+    /// For arbitrary requests and sensor values: no panic, and all torques finite, within their limits and
+    /// within their rates.
     #[test]
-    fn torques_are_finite_and_within_limits(
-        steps in proptest::collection::vec(
-            (proptest::option::of(any_request()), -40_000_i32..40_000, any::<bool>(), any::<i16>(), 0_u8..30),
-            1..120,
-        )
-    ) {
-        let mut rig = Rig::enabled(&model());
-        let mut last = [0.0_f32; MAX_JOINTS];
-        for (request, count, wild, current, special) in steps {
-            if let Some(request) = request {
-                rig.ask(request);
-            }
-            rig.sensors.encoders[1] = if wild { count } else { count / 1000 };
-            rig.sensors.currents[0] = if special == 0 { current } else { 0 };
-            rig.sensors.flags = SensorFlags(u8::from(special == 1));
-            rig.sensors.sequence += u32::from(special == 2);
-            let output = rig.tick();
-            for (index, &torque) in output.torques.iter().enumerate() {
-                prop_assert!(torque.is_finite() && torque.abs() <= 0.6);
-                // Torque rate 200 N·m/s, except to 0.
-                prop_assert!(torque == 0.0 || (torque - last[index]).abs() <= 2.0 + 1e-5);
-                prop_assert!(output.enabled || torque == 0.0);
-                last[index] = torque;
-            }
-        }
+    fn torques_of_joint_servos_are_within_limits(steps in any_steps(3)) {
+        static RIG: LazyLock<Rig> = LazyLock::new(finger);
+        run(RIG.clone(), steps);
+    }
+
+    #[test]
+    fn torques_of_a_hand_that_holds_by_servos_are_within_limits(steps in any_steps(9)) {
+        static RIG: LazyLock<Rig> = LazyLock::new(|| hand(paper_plan()));
+        run(RIG.clone(), steps);
+    }
+
+    #[test]
+    fn torques_of_a_hand_that_holds_by_torques_are_within_limits(steps in any_steps(9)) {
+        static RIG: LazyLock<Rig> = LazyLock::new(|| hand(wrench_plan()));
+        assert!(matches!(RIG.node.state.targets.actuation, Actuation::Torque { .. }));
+        run(RIG.clone(), steps);
+    }
+
+    #[test]
+    fn torques_of_an_arm_are_within_limits(steps in any_steps(7)) {
+        static RIG: LazyLock<Rig> = LazyLock::new(arm);
+        run(RIG.clone(), steps);
     }
 }
 

@@ -2,9 +2,10 @@
 
 use heapless::Vec;
 
+use crate::TICK;
 use crate::control::ServoMode;
 use crate::fault::Fault;
-use crate::model::RobotModel;
+use crate::model::{MAX_JOINTS, RobotModel};
 use crate::node::Node;
 use crate::protocol::{
     ActuatorFrame, BoardStatus, Item, MODEL_CHUNK, Mode, Refusal, Reply, Request, RequestFrame, SCHEMA_KEY,
@@ -16,12 +17,16 @@ pub use crate::test_support::finger as model;
 
 pub const COUNTS_PER_RADIAN: f32 = 65536.0 / core::f32::consts::TAU;
 
-/// A node on a simulated board: sends requests, and ticks with the sensor values of the test.
+/// A node on a simulated board: sends requests, and ticks with the sensor values of the test. Checks the
+/// torques of every tick.
+#[derive(Clone)]
 pub struct Rig {
     pub node: Node,
     pub sensors: SensorFrame,
     pub client: u32,
     pub sequence: u16,
+    /// The torques of the last tick [N·m].
+    last: Vec<f32, MAX_JOINTS>,
 }
 
 impl Rig {
@@ -34,7 +39,7 @@ impl Rig {
             currents: Vec::from_slice(&[0; 3]).unwrap(),
             forces: Vec::new(),
         };
-        Self { node: Node::new(), sensors, client: 7, sequence: 0 }
+        Self { node: Node::new(), sensors, client: 7, sequence: 0, last: Vec::new() }
     }
 
     /// Ready to enable.
@@ -116,7 +121,24 @@ impl Rig {
 
     pub fn tick(&mut self) -> ActuatorFrame {
         self.sensors.sequence += 1;
-        self.node.tick(&self.sensors)
+        let frame = self.node.tick(&self.sensors);
+        self.check_torques(&frame);
+        self.last.clone_from(&frame.torques);
+        frame
+    }
+
+    /// Torques are finite and within the limits, and change within the torque rate while the outputs are on.
+    fn check_torques(&self, frame: &ActuatorFrame) {
+        let joints = self.node.robot().map_or(&[][..], |robot| &robot.model().joints);
+        let last = self.last.iter().copied().chain(core::iter::repeat(0.0));
+        for ((joint, &torque), last) in joints.iter().zip(&frame.torques).zip(last) {
+            let (limits, name) = (joint.limits, &joint.name);
+            assert!(frame.enabled || torque == 0.0, "{name}: {torque} N·m with outputs off");
+            assert!(torque.abs() <= limits.torque, "{name}: {torque} N·m, {limits:?}");
+            let max = limits.torque_rate * TICK * (1.0 + 1e-4) + 1e-6 * limits.torque;
+            let steps = frame.enabled && (torque - last).abs() > max;
+            assert!(!steps, "{name}: from {last} to {torque} N·m, {max} a tick");
+        }
     }
 
     /// Ticks with a goal each until a fault occurs.

@@ -59,6 +59,69 @@ fn setpoints_beyond_limits_are_refused_by_joint_and_change_nothing() {
     assert!(rig.node.telemetry().joints.iter().all(|joint| joint.reference == 0.0));
 }
 
+/// Streams joint 1 to `position` at rest.
+fn step_to(rig: &mut Rig, position: f32) -> Reply {
+    let point = JointPoint { position, ..JointPoint::default() };
+    let points = [JointPoint::default(), point, JointPoint::default()].into_iter().collect();
+    rig.ask(Request::Task(TaskCommand::JointServo(JointCommand::Stream { points })))
+}
+
+/// Streams joint 1 by `steps` [rad], one a tick; `None` is a tick without a point. The joint follows. Returns
+/// the first step that is refused, and why.
+fn stream_steps(steps: &[Option<f32>]) -> Option<(usize, Refusal)> {
+    let mut model = model();
+    (model.joints[1].limits.lower, model.joints[1].limits.upper) = (-100.0, 100.0);
+    let mut rig = Rig::enabled(&model);
+    let mut position = 0.0;
+    for (index, step) in steps.iter().enumerate() {
+        if let Some(step) = step {
+            if let Reply::Refused(refusal) = step_to(&mut rig, position + step) {
+                return Some((index, refusal));
+            }
+            position += step;
+        } else {
+            assert_eq!(rig.ask(Request::Keep), Reply::Done);
+        }
+        // The test is about the references: a joint that follows such a step is a fault.
+        rig.node.state.measured.positions[1] = position;
+        rig.sensors.encoders[1] = libm::roundf(position * COUNTS_PER_RADIAN) as i32;
+        rig.tick();
+        assert_eq!(rig.node.faults().total, 0, "{index}: {:?}", rig.node.faults());
+    }
+    None
+}
+
+/// The limit is 8 rad/s: 0.08 rad a tick. Steps of 0.2 rad, the following error, are 2.5 ticks of it; 1.1
+/// ticks pass in each, and 10 ticks may be ahead.
+#[test]
+fn a_stream_that_steps_faster_than_the_velocity_limit_is_refused() {
+    let (index, refusal) = stream_steps(&[Some(0.199); 10]).unwrap();
+    let LimitRefusal::TooFast { joint: 1, value, limit: 8.0 } = (match refusal {
+        Refusal::Task(TaskRefusal::JointServo(JointServoRefusal::Limit(refusal))) => refusal,
+        other => panic!("{other}"),
+    }) else {
+        panic!("{refusal}")
+    };
+    assert_eq!(index, 6);
+    // After six steps of 2.4875 ticks the points are 6 · (2.4875 − 1.1) = 8.325 ticks ahead: 1.675 remain.
+    assert!((value - 8.0 * 2.4875 / 1.675).abs() < 1e-3, "{value}");
+    // A fifth above the limit, in the end too.
+    assert!(stream_steps(&[Some(0.096); 1000]).is_some_and(|(index, _)| (80..100).contains(&index)));
+}
+
+/// What a link delays comes at once; clocks differ.
+#[test]
+fn a_stream_within_the_velocity_limit_is_accepted_as_links_deliver_it() {
+    let full = 0.08;
+    // A clock that is 5 % fast.
+    assert_eq!(stream_steps(&[Some(1.05 * full); 1000]), None);
+    // Each third point is late and comes with the next one; then two of three.
+    assert_eq!(stream_steps(&[Some(full), None, Some(2.0 * full)].repeat(100)), None);
+    assert_eq!(stream_steps(&[None, None, Some(2.99 * full / 1.2)].repeat(100)), None);
+    // A slower one, of which several come early: five of them at once.
+    assert_eq!(stream_steps(&[&[Some(0.04); 50][..], &[Some(0.199)], &[Some(0.04); 50]].concat()), None);
+}
+
 #[test]
 fn a_stream_is_followed_exactly_and_a_goal_continues_without_a_jump() {
     let mut rig = Rig::enabled(&model());

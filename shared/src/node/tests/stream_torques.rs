@@ -8,10 +8,10 @@ use crate::robot::LimitRefusal;
 use crate::task::joint_servo::{JointCommand, JointServoRefusal};
 use crate::task::{TaskCommand, TaskConfig, TaskRefusal};
 
-pub fn stream_torques(positions: [f32; 3], torques: &[f32]) -> Request {
-    let points = positions.map(|position| JointPoint { position, ..JointPoint::default() });
+pub fn stream_torques(positions: &[f32], torques: &[f32]) -> Request {
+    let points = positions.iter().map(|&position| JointPoint { position, ..JointPoint::default() });
     Request::Task(TaskCommand::JointServo(JointCommand::StreamTorques {
-        points: points.into_iter().collect(),
+        points: points.collect(),
         torques: torques.iter().copied().collect(),
     }))
 }
@@ -30,8 +30,8 @@ fn a_feedforward_torque_is_added_and_remains_in_the_reaction_until_disable() {
             let [loaded, free] = rigs.each_mut().map(|rig| rig.tick().torques);
             [0, 1, 2].map(|joint| loaded[joint] - free[joint])
         };
-        assert_eq!(rigs[0].ask(stream_torques([0.0; 3], &[0.0, 0.25, -0.125])), Reply::Done);
-        assert_eq!(rigs[1].ask(stream_torques([0.0; 3], &[0.0; 3])), Reply::Done);
+        assert_eq!(rigs[0].ask(stream_torques(&[0.0; 3], &[0.0, 0.25, -0.125])), Reply::Done);
+        assert_eq!(rigs[1].ask(stream_torques(&[0.0; 3], &[0.0; 3])), Reply::Done);
         for _ in 0..10 {
             let added = added(&mut rigs);
             assert!(near(added, [0.0, 0.25, -0.125], 1e-4), "{mode:?} {added:?}");
@@ -51,7 +51,7 @@ fn a_feedforward_torque_is_added_and_remains_in_the_reaction_until_disable() {
         }
         assert!(near(added(&mut rigs), [0.0; 3], 1e-6));
         // Another kind of set-point removes it.
-        assert_eq!(rigs[0].ask(stream_torques([0.0; 3], &[0.125; 3])), Reply::Done);
+        assert_eq!(rigs[0].ask(stream_torques(&[0.0; 3], &[0.125; 3])), Reply::Done);
         assert!(near(added(&mut rigs), [0.125; 3], 1e-4));
         let rest = [JointPoint::default(); 3].into_iter().collect();
         assert_eq!(
@@ -65,7 +65,7 @@ fn a_feedforward_torque_is_added_and_remains_in_the_reaction_until_disable() {
 #[test]
 fn a_refused_command_changes_neither_points_nor_torques() {
     let mut rig = Rig::enabled(&model());
-    assert_eq!(rig.ask(stream_torques([0.0; 3], &[0.125; 3])), Reply::Done);
+    assert_eq!(rig.ask(stream_torques(&[0.0; 3], &[0.125; 3])), Reply::Done);
     rig.tick();
     let too_much =
         Refusal::Task(TaskRefusal::JointServo(JointServoRefusal::Limit(LimitRefusal::TooMuchTorque {
@@ -74,9 +74,9 @@ fn a_refused_command_changes_neither_points_nor_torques() {
             limit: 0.6,
         })));
     let before = format!("{:?}", rig.node.state.joints);
-    assert_eq!(refusal(rig.ask(stream_torques([0.01; 3], &[0.0, -0.7, 0.0]))), too_much);
+    assert_eq!(refusal(rig.ask(stream_torques(&[0.01; 3], &[0.0, -0.7, 0.0]))), too_much);
     assert_eq!(
-        refusal(rig.ask(stream_torques([0.01; 3], &[0.0, 0.0, f32::NAN]))),
+        refusal(rig.ask(stream_torques(&[0.01; 3], &[0.0, 0.0, f32::NAN]))),
         Refusal::Task(TaskRefusal::JointServo(JointServoRefusal::Limit(LimitRefusal::NotFinite {
             joint: 2
         })))
@@ -86,12 +86,12 @@ fn a_refused_command_changes_neither_points_nor_torques() {
         value: 0.5,
         limit: 0.2,
     })));
-    assert_eq!(refusal(rig.ask(stream_torques([0.5; 3], &[0.0; 3]))), jump);
+    assert_eq!(refusal(rig.ask(stream_torques(&[0.5; 3], &[0.0; 3]))), jump);
     let count = Refusal::Task(TaskRefusal::JointServo(JointServoRefusal::Limit(LimitRefusal::JointCount {
         got: 2,
         expected: 3,
     })));
-    assert_eq!(refusal(rig.ask(stream_torques([0.01; 3], &[0.0; 2]))), count);
+    assert_eq!(refusal(rig.ask(stream_torques(&[0.01; 3], &[0.0; 2]))), count);
     let points = [JointPoint::default(); 2].into_iter().collect();
     let torques = [0.0; 3].into_iter().collect();
     assert_eq!(
@@ -101,7 +101,7 @@ fn a_refused_command_changes_neither_points_nor_torques() {
         count
     );
     assert_eq!(format!("{:?}", rig.node.state.joints), before);
-    assert_eq!(rig.ask(stream_torques([0.01; 3], &[0.6, -0.6, 0.0])), Reply::Done, "the limits themselves");
+    assert_eq!(rig.ask(stream_torques(&[0.01; 3], &[0.6, -0.6, 0.0])), Reply::Done, "the limits themselves");
 }
 
 #[test]
@@ -110,7 +110,7 @@ fn a_joint_at_rest_under_a_feedforward_torque_is_stuck_only_when_its_reference_m
         let mut rig = Rig::enabled(&model());
         for _ in 0..100 {
             rig.tick();
-            rig.ask(stream_torques([0.0, 0.0, reference], &[0.0, 0.0, torque]));
+            rig.ask(stream_torques(&[0.0, 0.0, reference], &[0.0, 0.0, torque]));
         }
         let cause = rig.node.faults().faults.last().map(|fault| fault.cause);
         assert_eq!(cause, stuck.then_some(FaultCause::EncoderStuck), "{torque} N·m, {reference} rad");

@@ -70,10 +70,6 @@ impl Rig {
             assert!(matches!(frame.request, Request::Enable(_)), "enabled by {frame:?}");
             self.may_be_enabled = true;
         }
-        if after == Mode::Disabled {
-            // Torques begin at 0 again, also when the next `Enable` comes before the next tick.
-            self.last = ActuatorFrame::default();
-        }
         match frame.request {
             Request::Disable => {
                 assert!(done, "Disable is always granted: {reply:?}");

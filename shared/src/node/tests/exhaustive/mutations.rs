@@ -56,6 +56,8 @@ pub enum Mutation {
     EnablesInFault,
     /// Faults need not be read.
     ClearsUnreadFaults,
+    /// A `Stop` after a fault is not recorded.
+    LosesStopAfterFault,
     /// A fault is recorded twice.
     RecordsTwice,
     /// A fault is not recorded.
@@ -69,7 +71,7 @@ pub enum Mutation {
 }
 
 /// All of them.
-pub const ALL: [Mutation; 28] = [
+pub const ALL: [Mutation; 29] = [
     Mutation::NoNumbers,
     Mutation::RepeatsCommands,
     Mutation::AcceptsLateCommands,
@@ -93,6 +95,7 @@ pub const ALL: [Mutation; 28] = [
     Mutation::EnablesInAlarm,
     Mutation::EnablesInFault,
     Mutation::ClearsUnreadFaults,
+    Mutation::LosesStopAfterFault,
     Mutation::RecordsTwice,
     Mutation::RecordsNothing,
     Mutation::DisableLeavesFaultsHeld,
@@ -178,6 +181,9 @@ pub fn handle(mutation: Option<Mutation>, node: &mut Node, frame: &RequestFrame)
             state.lease.last_request = old.lease.last_request;
         }
         M::ClearsUnreadFaults if clears && reply != Reply::Done => state.faults_read = old.faults_read,
+        M::LosesStopAfterFault if frame.request == Request::Stop && old.mode == Mode::Fault => {
+            state.faults.clone_from(&old.faults);
+        }
         M::DisableLeavesFaultsHeld if frame.request == Request::Disable && state.mode == Mode::Fault => {
             state.reaction = old.reaction;
         }

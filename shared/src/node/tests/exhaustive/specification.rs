@@ -62,6 +62,8 @@ pub struct Specification {
     pub alarm: bool,
     pub total: u8,
     pub read: u8,
+    /// The last fault is a `Stop`.
+    stopped: bool,
 }
 
 impl Rules {
@@ -87,6 +89,7 @@ impl Specification {
             alarm: false,
             total: 0,
             read: 0,
+            stopped: false,
         }
     }
 
@@ -210,10 +213,12 @@ impl Specification {
         let held = match self.mode {
             Mode::Enabled { .. } => rules.holds,
             Mode::Disabled => false,
-            Mode::Fault { .. } => return,
+            // Nobody has read yet that the robot was stopped.
+            Mode::Fault { .. } if self.stopped && self.read != self.total => return,
+            Mode::Fault { held } => held,
         };
         self.mode = Mode::Fault { held };
-        self.total += 1;
+        (self.total, self.stopped) = (self.total + 1, true);
     }
 
     /// 10 ms pass.
@@ -230,7 +235,7 @@ impl Specification {
         };
         if let Some(held) = fault {
             self.mode = Mode::Fault { held };
-            self.total += 1;
+            (self.total, self.stopped) = (self.total + 1, false);
         }
     }
 
