@@ -209,6 +209,22 @@ impl FaultCause {
     }
 }
 
+/// What a check finds wrong: the cause of a fault, with the value and the limit that it exceeds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Finding {
+    pub cause: FaultCause,
+    pub value: f32,
+    pub limit: f32,
+}
+
+impl Finding {
+    /// The fault of a joint, or of the whole robot, in a tick.
+    pub const fn at(self, joint: Option<u8>, tick: u32) -> Fault {
+        let Self { cause, value, limit } = self;
+        Fault { cause, joint, value, limit, tick }
+    }
+}
+
 /// A fault: cause, joint, value, limit, tick.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-use crate::fault::FaultCause;
+use crate::fault::{FaultCause, Finding};
 use crate::kinematics::Posture;
 use crate::math::{self, abs};
 use crate::model::ForceSensor;
@@ -42,7 +42,7 @@ impl ForceSensorState {
     }
 
     /// Reads the counts of a sensor on a tip in `posture`, under `gravity` [m/s², base frame]. Returns the
-    /// external wrench on the tip, in base axes [N, N·m], and a fault: cause, value, limit.
+    /// external wrench on the tip, in base axes [N, N·m], and what is wrong with it.
     pub fn read(
         &mut self,
         sensor: &ForceSensor,
@@ -50,7 +50,7 @@ impl ForceSensorState {
         posture: &Posture,
         gravity: &Vector3<f32>,
         tared: bool,
-    ) -> ([f32; 6], Option<(FaultCause, f32, f32)>) {
+    ) -> ([f32; 6], Option<Finding>) {
         let same = self.initialized && self.counts == *counts;
         self.unchanged = if same { self.unchanged.saturating_add(1) } else { 0 };
         self.counts = *counts;
@@ -77,25 +77,21 @@ impl ForceSensorState {
         (wrench, self.check(sensor, &force, tared))
     }
 
-    /// Checks the last reading. Returns a fault: cause, value, limit.
-    fn check(
-        &self,
-        sensor: &ForceSensor,
-        force: &Vector3<f32>,
-        tared: bool,
-    ) -> Option<(FaultCause, f32, f32)> {
+    /// Checks the last reading.
+    fn check(&self, sensor: &ForceSensor, force: &Vector3<f32>, tared: bool) -> Option<Finding> {
+        let found = |cause, value, limit| Some(Finding { cause, value, limit });
         #[expect(clippy::cast_precision_loss, reason = "for display")]
         {
             if let Some(&count) = self.counts.iter().find(|count| count.unsigned_abs() >= sensor.saturation) {
-                return Some((FaultCause::ForceSaturated, abs(count as f32), sensor.saturation as f32));
+                return found(FaultCause::ForceSaturated, abs(count as f32), sensor.saturation as f32);
             }
             if self.unchanged >= STUCK_TICKS {
-                return Some((FaultCause::ForceStuck, self.unchanged.into(), STUCK_TICKS.into()));
+                return found(FaultCause::ForceStuck, self.unchanged.into(), STUCK_TICKS.into());
             }
         }
         let size = math::sqrt(force.norm_squared());
         let overload = tared && size > sensor.force_limit;
-        overload.then_some((FaultCause::ForceLimit, size, sensor.force_limit))
+        if overload { found(FaultCause::ForceLimit, size, sensor.force_limit) } else { None }
     }
 
     /// Takes the filtered reading as the offset without contact.

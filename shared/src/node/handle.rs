@@ -287,7 +287,7 @@ impl Node {
         if !self.state.sensed {
             return Err(Refusal::NoSensors);
         }
-        for (mut joint, &position) in joints(robot, &mut self.state).each().zip(positions) {
+        for (mut joint, &position) in Joints::of(robot, &mut self.state).each().zip(positions) {
             // An absolute encoder knows its zero from the model.
             if joint.config.zero.is_none() {
                 joint.home(position);
@@ -314,14 +314,14 @@ impl Node {
             return Err(Refusal::Unsafe(fault));
         }
         let tick = self.state.tick;
-        for (index, joint) in (0..).zip(joints(robot, &mut self.state).each()) {
-            if let Some((cause, value, limit)) = joint.check_still_dead() {
-                return Err(Refusal::Unsafe(Fault { cause, joint: Some(index), value, limit, tick }));
+        for (index, joint) in (0..).zip(Joints::of(robot, &mut self.state).each()) {
+            if let Some(found) = joint.check_still_dead() {
+                return Err(Refusal::Unsafe(found.at(Some(index), tick)));
             }
         }
         TaskState::check(robot, &self.state.measured, config).map_err(Refusal::Task)?;
         self.state.targets.actuation = Actuation::Servo;
-        joints(robot, &mut self.state).each().for_each(|mut joint| joint.begin());
+        Joints::of(robot, &mut self.state).each().for_each(|mut joint| joint.begin());
         let (task, io) = self.task_and_io();
         task.begin(io, config);
         self.state.halting = false;
@@ -385,16 +385,5 @@ impl Node {
             supply: f32::from(self.state.supply) / 1000.0,
         };
         Status { node, board: board.clone() }
-    }
-}
-
-/// The joints of `robot` with their `state`.
-pub(super) const fn joints<'a>(robot: &'a Robot, state: &'a mut State) -> Joints<'a> {
-    Joints {
-        robot,
-        states: &mut state.joints,
-        measured: &mut state.measured,
-        references: &mut state.references,
-        targets: &mut state.targets,
     }
 }

@@ -1,27 +1,23 @@
+//! A joint of the robot: its state, its servo and its stops.
+
+mod encoder;
+
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
+use super::state::State;
 use crate::TICK;
 use crate::control::{JointPoint, JointServoState, STALL_SPEED, ServoMode};
-use crate::fault::FaultCause;
 use crate::math::{self, abs};
 use crate::model::MAX_JOINTS;
-use crate::robot::{
-    CONFIRMED_SHARE, Efforts, JointConfig, JointSetpoint, JointTarget, Measured, Robot, Targets,
-};
+use crate::robot::{Efforts, JointConfig, JointSetpoint, JointTarget, Measured, Robot, Targets};
+
+pub(super) use encoder::Situation;
 
 /// Maximum compensated lag of a drive, as a fraction of the period. A larger one amplifies torque steps more.
 const MAX_COMPENSATED_LAG: f32 = 0.3;
-/// Ticks without a change of the angle, under a torque that moves the joint, after which the encoder is
-/// stuck. More ticks let a dead encoder accelerate the joint longer; fewer mistake quantisation for it.
-const STUCK_TICKS: u8 = 2;
-/// Share of the growth of an acceleration torque from which on the number of such ticks stays as it is.
-const HYSTERESIS_SHARE: f32 = 0.4;
-/// In place of a number of such ticks: the encoder was found dead, and has not moved since.
+/// In place of a number of ticks without a change: the encoder was found dead, and has not moved since.
 const FOUND_DEAD: u8 = u8::MAX;
-/// Ticks in which a joint gains speed against its torque, after which it runs away. More ticks let it gain
-/// more; fewer mistake a rebound for it.
-const RUNAWAY_TICKS: u8 = 3;
 /// Decay per period of the feed-forward torques under [`Reaction::Damp`](crate::model::Reaction::Damp): four
 /// fifths of a contact force are released within 0.3 s. A step would let what is pressed whip the joints
 /// back. Torques that drive the robot balance no contact, and decay faster.
@@ -70,17 +66,6 @@ pub(super) struct JointState {
     pub servo: JointServoState,
 }
 
-/// What a standing joint's effort is judged by.
-#[derive(Clone, Copy)]
-pub(super) struct Situation {
-    /// The robot is brought to rest, and nothing has to press.
-    pub stops: bool,
-    /// The efforts are those of accelerations, without weight and contact forces.
-    pub accelerates: bool,
-    /// The force sensor of the joint's chain reads a contact, which may hold the joint.
-    pub presses: bool,
-}
-
 /// Configuration, state and targets of one joint.
 pub(super) struct Joint<'a> {
     pub config: &'a JointConfig,
@@ -107,7 +92,25 @@ impl Efforts for [JointState; MAX_JOINTS] {
     }
 }
 
-impl Joints<'_> {
+impl<'a> Joints<'a> {
+    /// The joints of `robot` with their `state`.
+    pub const fn of(robot: &'a Robot, state: &'a mut State) -> Self {
+        Self {
+            robot,
+            states: &mut state.joints,
+            measured: &mut state.measured,
+            references: &mut state.references,
+            targets: &mut state.targets,
+        }
+    }
+
+    /// The torques that balance the weight where the joints are [N·m].
+    #[cold]
+    #[inline(never)]
+    pub fn weight(&self) -> [f32; MAX_JOINTS] {
+        self.robot.weight(self.measured.angles(0..self.robot.joints().len()))
+    }
+
     /// Iterates over all joints.
     #[inline]
     pub fn each(&mut self) -> impl Iterator<Item = Joint<'_>> {
@@ -291,233 +294,6 @@ impl Joint<'_> {
         self.config.velocity.update(self.velocity, state.change);
     }
 
-    /// Whether the joint gains speed in a way that [`check_speed`](Self::check_speed) has to judge: against
-    /// its effort, or beyond its velocity limit. (The filtered velocity lags behind one that grows, and
-    /// exceeds the limit only after a change has.)
-    #[inline]
-    pub fn gains_speed(&self) -> bool {
-        let (config, state) = (self.config, &self.state);
-        let change = abs(state.change);
-        change > config.fast
-            && change >= abs(*self.velocity) * TICK
-            && (self.is_opposed() || change > config.limits.velocity * TICK)
-    }
-
-    /// Whether the effort of the last tick, one that moves the joint, is against its motion.
-    #[inline]
-    fn is_opposed(&self) -> bool {
-        let (effort, change) = (self.state.effort, self.state.change);
-        (if change > 0.0 { -effort } else { effort }) > self.config.breakaway
-    }
-
-    /// Checks the measurements. Returns a fault: cause, value, limit.
-    #[inline]
-    pub fn check_measurement(&self, current: i16) -> Option<(FaultCause, f32, f32)> {
-        let (config, state, position) = (self.config, &self.state, *self.position);
-        let current = f32::from(current);
-        if abs(current) > config.current_limit {
-            let scale = config.amperes_per_count;
-            return Some((FaultCause::OverCurrent, current * scale, config.current_limit * scale));
-        }
-        if state.homed && position < config.min_angle {
-            return Some((FaultCause::PositionLimit, position, config.limits.lower));
-        }
-        if state.homed && position > config.max_angle {
-            return Some((FaultCause::PositionLimit, position, config.limits.upper));
-        }
-        None
-    }
-
-    /// Checks a joint that [gains speed](Self::gains_speed): does its encoder jump, does it run away against
-    /// the effort of the last tick, does it exceed its velocity limit? Where the reference `follows` the
-    /// joint, its error says nothing. Returns a fault: cause, value, limit.
-    pub fn check_speed(&mut self, follows: bool, tick: u32) -> Option<(FaultCause, f32, f32)> {
-        let is_opposed = self.is_opposed();
-        let (config, state) = (self.config, &mut *self.state);
-        let jumps = |state: &mut JointState, limit: f32| {
-            state.lose_zero(config);
-            Some((FaultCause::EncoderJump, state.change, limit))
-        };
-        if abs(state.change) > config.jump {
-            return jumps(state, config.jump);
-        }
-        let deviates = follows || abs(self.reference.position - *self.position) > config.deviation;
-        let ticks = if state.gained_in.wrapping_add(1) == tick { state.running_away } else { 0 };
-        state.running_away = if deviates && is_opposed { ticks.saturating_add(1) } else { 0 };
-        state.gained_in = tick;
-        if state.running_away >= RUNAWAY_TICKS {
-            return Some((FaultCause::Runaway, state.effort, config.breakaway));
-        }
-        let (velocity, limit) = (*self.velocity, config.limits.velocity);
-        if abs(velocity) <= limit {
-            return None;
-        }
-        // Neither its drive nor a push makes a joint so fast in one tick.
-        let leap = config.max_leap(velocity);
-        if abs(state.change) > leap {
-            return jumps(state, leap);
-        }
-        if abs(config.velocity_step(state.change, velocity)) > config.largest_step() {
-            state.leapt_in = tick;
-        }
-        Some((FaultCause::VelocityLimit, velocity, limit))
-    }
-
-    /// Whether what made the joint too fast in the last tick was an encoder that jumped: a push may be
-    /// stronger than the drive, but then the joint does not stop at once. Returns a fault: cause, value,
-    /// limit.
-    pub fn check_leap(&mut self, tick: u32) -> Option<(FaultCause, f32, f32)> {
-        let (config, state) = (self.config, &mut *self.state);
-        let step = config.velocity_step(state.change, *self.velocity);
-        let before = state.change / TICK - step;
-        let is_back = state.leapt_in.wrapping_add(1) == tick
-            && abs(before) > config.limits.velocity
-            && before * step < 0.0
-            && abs(step) > config.largest_step();
-        if !is_back {
-            return None;
-        }
-        state.lose_zero(config);
-        Some((FaultCause::EncoderJump, step * TICK, config.largest_step() * TICK))
-    }
-
-    /// Checks the control. Returns a fault: cause, value, limit.
-    #[inline]
-    pub fn check_control(&self) -> Option<(FaultCause, f32, f32)> {
-        let error = self.reference.position - *self.position;
-        let limit = self.config.limits.following_error;
-        if abs(error) <= limit {
-            return None;
-        }
-        Some(if self.runs_away() {
-            (FaultCause::Runaway, self.state.effort, self.config.breakaway)
-        } else {
-            (FaultCause::FollowingError, error, limit)
-        })
-    }
-
-    /// Whether the joint moves against its effort, away from its reference, which does not lead it there: a
-    /// servo that is only too weak, or hindered, falls behind; one whose encoder or drive is reversed goes
-    /// the other way. A reference at rest may have been left by a push, which slows down.
-    #[cold]
-    fn runs_away(&self) -> bool {
-        let (velocity, lead) = (*self.velocity, self.reference.velocity * *self.velocity);
-        let leaves = (self.reference.position - *self.position) * velocity < 0.0;
-        let gains = abs(self.state.change) > abs(self.state.last_change) + self.config.flicker;
-        let astray = lead < 0.0 || lead == 0.0 && leaves && gains;
-        abs(velocity) * TICK > self.config.moving && astray && self.is_opposed()
-    }
-
-    /// Whether the angle stands still while the effort has grown by what moves the joint. A contact force, or
-    /// an error of the model, may balance an effort, but not its growth: what it presses on yields by some
-    /// counts.
-    #[inline]
-    pub fn resists(&mut self) -> bool {
-        let effort = self.state.effort;
-        if self.moves() {
-            self.state.moving_effort = effort;
-        } else if self.has_resisted() {
-            return true;
-        }
-        self.state.unchanged = 0;
-        false
-    }
-
-    /// What [`resists`](Self::resists) found in this tick.
-    #[inline]
-    pub fn has_resisted(&self) -> bool {
-        abs(self.state.effort - self.state.moving_effort) > self.config.least_growth
-    }
-
-    /// Whether the joint has moved on. A count that comes and goes is no motion: a dead encoder may flicker.
-    #[inline(always)]
-    fn moves(&mut self) -> bool {
-        let (position, state) = (*self.position, &mut *self.state);
-        let distance = position - state.moved_to;
-        if distance * state.last_change <= 0.0 && abs(distance) < self.config.flicker {
-            return false;
-        }
-        (state.moved_to, state.last_change) = (position, state.change);
-        true
-    }
-
-    /// Checks the encoder of a joint that [resists](Self::resists) a growing `effort`: its torque was
-    /// `excess` beyond the weight [N·m]. Returns a fault: cause, value, limit.
-    pub fn check_encoder(
-        &mut self,
-        effort: f32,
-        excess: f32,
-        situation: Situation,
-    ) -> Option<(FaultCause, f32, f32)> {
-        let (config, state) = (self.config, &mut *self.state);
-        let grown = effort - state.moving_effort;
-        let moved = abs(state.last_change) >= config.moving;
-        // What the joint took beyond the model along its last motion may be friction, which then holds it
-        // against the opposite torque as well.
-        let along = if state.last_change > 0.0 { state.moving_effort } else { -state.moving_effort };
-        // So may what has stopped its inertia within a period, unless that is more than friction.
-        let stopping = along + config.inertia * abs(state.last_change) / (TICK * TICK);
-        let shown = if stopping > config.max_friction + config.coulomb { along } else { stopping };
-        let reverses = state.last_change * excess < 0.0;
-        let friction = if reverses { math::clamp(shown, 0.0, config.max_friction) } else { 0.0 };
-        let growth = if situation.presses {
-            // Forces that are fed forward are balanced with an error of their own.
-            if self.target.feedforward == 0.0 { config.breakaway } else { 2.0 * config.breakaway }
-        } else if moved || situation.stops {
-            config.growth
-        } else if state.last_change == 0.0 {
-            // It has not moved since it was enabled: what holds it is not known.
-            config.breakaway
-        } else {
-            config.held_growth
-        };
-        let limit = if situation.stops { config.stop_excess } else { config.excess };
-        // An arm in motion balances the inertia of its other links: a torque that does so moves no joint.
-        let is_balance = situation.accelerates && !situation.stops;
-        let pushes = abs(excess) > limit && grown * excess > 0.0;
-        let moves = !is_balance && pushes && abs(grown) > growth + 2.0 * friction;
-        // Accelerations are noisy: less of them, and a tick less, will do where the torque shows the same.
-        let (share, ticks) = if pushes { (CONFIRMED_SHARE, STUCK_TICKS) } else { (1.0, STUCK_TICKS + 1) };
-        // A joint that brakes to rest stays there while its effort falls to what friction bears.
-        let accelerates = situation.accelerates
-            && abs(grown) > share * config.accelerating_growth
-            && abs(effort) > 0.5 * config.growth
-            && grown * effort > 0.0;
-        // What shows less for a tick, such as when a contact begins, does not count anew.
-        let keeps_count = situation.accelerates
-            && pushes
-            && abs(grown) > HYSTERESIS_SHARE * config.accelerating_growth
-            && grown * effort > 0.0;
-        let shows = moves || accelerates;
-        state.unchanged = match (shows, keeps_count) {
-            (true, _) => state.unchanged.saturating_add(1),
-            (false, true) => state.unchanged,
-            (false, false) => 0,
-        };
-        if !shows || state.unchanged < ticks {
-            return None;
-        }
-        state.unchanged = FOUND_DEAD;
-        let (value, limit) = if moves { (excess, limit) } else { (grown, config.accelerating_growth) };
-        Some((FaultCause::EncoderStuck, value, limit))
-    }
-
-    /// The encoder is dead, as the board has found. Returns the fault: cause, value, limit.
-    #[cold]
-    pub fn find_dead(&mut self) -> (FaultCause, f32, f32) {
-        (self.state.unchanged, self.state.moved_to) = (FOUND_DEAD, *self.position);
-        (FaultCause::EncoderStuck, self.state.torque, 0.0)
-    }
-
-    /// [`check_encoder`](Self::check_encoder) of a damped joint, whose effort is the `excess`.
-    pub fn check_damped_encoder(&mut self, excess: f32) -> Option<(FaultCause, f32, f32)> {
-        if self.moves() {
-            (self.state.moving_effort, self.state.unchanged) = (excess, 0);
-            return None;
-        }
-        self.check_encoder(excess, excess, Situation { stops: true, accelerates: false, presses: false })
-    }
-
     /// Computes the reference of this tick from the target; goals pass the trajectory filter. Returns `false`
     /// for targets that [`advance_far_or_braking`](Self::advance_far_or_braking) has to advance.
     #[inline]
@@ -676,15 +452,6 @@ impl Joint<'_> {
         let desired = gravity + self.target.feedforward + effort;
         self.state.torque = self.config.servo.limit(&mut self.state.servo, desired);
         self.state.effort = effort;
-    }
-
-    /// Whether the encoder was found dead and has not moved since: the angle says nothing then, not even the
-    /// weight. Returns the fault that the joint would be enabled with: cause, value, limit.
-    #[cold]
-    pub fn check_still_dead(&self) -> Option<(FaultCause, f32, f32)> {
-        let moved = abs(*self.position - self.state.moved_to) > self.config.flicker;
-        let is_dead = self.state.unchanged == FOUND_DEAD && !moved;
-        is_dead.then_some((FaultCause::EncoderStuck, self.state.torque, self.config.excess))
     }
 
     /// Prepares for a task: at rest where the joint is. Its encoder is not [dead](Self::check_still_dead).

@@ -4,12 +4,10 @@ use nalgebra::Vector3;
 
 use super::Node;
 use super::force_sensor::ForceSensorState;
-use super::handle::joints;
-use super::joint::{JointState, Situation};
+use super::joint::{JointState, Joints, Situation};
 use super::state::State;
-use super::tick::weight;
 use crate::TICK;
-use crate::fault::{Fault, FaultCause};
+use crate::fault::{Fault, FaultCause, Finding};
 use crate::math::abs;
 use crate::model::{GAUGE_END, Reaction};
 use crate::protocol::{ForceSensorFault, Mode, SensorFrame};
@@ -22,8 +20,8 @@ const MAX_RESTARTS: u8 = 10;
 /// Share of the force limit of a sensor above which it reads a contact.
 const CONTACT_SHARE: f32 = 0.02;
 
-/// A fault of the sensors: joint, cause, value, limit.
-type SensorFault = Option<(u8, (FaultCause, f32, f32))>;
+/// What is wrong with the sensors, and of which joint.
+type SensorFault = Option<(u8, Finding)>;
 
 impl Node {
     /// Records a fault and reacts to it: with a stop as the task needs it, or, when the reaction to an
@@ -83,8 +81,8 @@ impl Node {
             (Reaction::Hold, false) => {
                 self.hold_joints(fault);
                 // What the joints balanced is as it was: the servos begin with these torques.
-                let mut all = joints(&self.robot, &mut self.state);
-                let weight = weight(&all);
+                let mut all = Joints::of(&self.robot, &mut self.state);
+                let weight = all.weight();
                 all.each().zip(weight).for_each(|(joint, weight)| {
                     joint.target.feedforward = joint.state.torque - weight;
                 });
@@ -145,7 +143,7 @@ impl Node {
         let where_it_is = no_servo || fault.cause.invalidates_reference();
         self.state.targets.actuation = Actuation::Servo;
         let lost = fault.cause == FaultCause::ObjectLost;
-        joints(&self.robot, &mut self.state).each().for_each(|mut joint| {
+        Joints::of(&self.robot, &mut self.state).each().for_each(|mut joint| {
             joint.hold(where_it_is);
             if lost {
                 joint.target.feedforward = 0.0;
@@ -170,7 +168,7 @@ impl Node {
         let first = !core::mem::replace(&mut self.state.sensed, true);
         // The first frame has no tick before it.
         let elapsed = if first { 1 } else { tick.wrapping_sub(last) };
-        let mut all = joints(robot, &mut self.state);
+        let mut all = Joints::of(robot, &mut self.state);
         if first {
             all.each().zip(&sensors.encoders).for_each(|(mut joint, &count)| joint.first_read(count));
         } else if elapsed.cast_signed() > 1 {
@@ -220,8 +218,8 @@ impl Node {
         let fault =
             |cause, joint, value, limit| Some(Fault { cause, joint, value, limit, tick: self.state.tick });
         let of_sensor = |found: SensorFault| {
-            let (index, (cause, value, limit)) = found?;
-            fault(cause, Some(index), value, limit)
+            let (index, found) = found?;
+            Some(found.at(Some(index), self.state.tick))
         };
         let urgent = |found: &Fault| {
             !found.cause.leaves_control() || self.is_holding() && self.shows_that_holding_fails(found.cause)
@@ -265,9 +263,9 @@ impl Node {
         let robot = self.robot.loaded()?;
         let tick = self.state.tick;
         let mut resists = false;
-        for (index, mut joint) in (0..).zip(joints(robot, &mut self.state).each()) {
-            if let Some((cause, value, limit)) = joint.check_control() {
-                return Some(Fault { cause, joint: Some(index), value, limit, tick });
+        for (index, mut joint) in (0..).zip(Joints::of(robot, &mut self.state).each()) {
+            if let Some(found) = joint.check_control() {
+                return Some(found.at(Some(index), tick));
             }
             resists |= joint.resists();
         }
@@ -344,16 +342,16 @@ fn check_encoders(robot: &Robot, state: &mut State) -> Option<Fault> {
     // Servos that stop may press: a hand keeps its object.
     let stops = accelerates && state.mode == Mode::Fault;
     let pressing = pressing(robot, &state.measured);
-    let mut all = joints(robot, state);
-    let weight = weight(&all);
+    let mut all = Joints::of(robot, state);
+    let weight = all.weight();
     for (index, (mut joint, weight)) in (0..).zip(all.each().zip(weight)) {
         let presses = pressing >> index & 1 != 0;
         let situation = Situation { stops, accelerates, presses };
         if joint.has_resisted()
             && let (effort, excess) = (joint.state.effort, joint.state.torque - weight)
-            && let Some((cause, value, limit)) = joint.check_encoder(effort, excess, situation)
+            && let Some(found) = joint.check_encoder(effort, excess, situation)
         {
-            return Some(Fault { cause, joint: Some(index), value, limit, tick });
+            return Some(found.at(Some(index), tick));
         }
     }
     None
@@ -384,7 +382,7 @@ fn check_joints(robot: &Robot, state: &mut State, sensors: &SensorFrame) -> Sens
     let follows = damped || matches!(state.targets.actuation, Actuation::Acceleration { .. });
     let dead_encoder = sensors.flags.dead_encoder();
     let mut found = None;
-    for (index, (mut joint, &current)) in (0..).zip(joints(robot, state).each().zip(&sensors.currents)) {
+    for (index, (mut joint, &current)) in (0..).zip(Joints::of(robot, state).each().zip(&sensors.currents)) {
         if dead_encoder == Some(index) {
             found = worse(found, (index, joint.find_dead()));
         }
@@ -413,14 +411,14 @@ fn check_swapped(robot: &Robot, state: &mut State) -> SensorFault {
             joint.reads_that_of(config, other, of_other) && other.reads_that_of(of_other, joint, config)
         };
         if let Some(distance) = all.clone().skip(usize::from(first) + 1).position(|other| swapped(&other)) {
-            let fault = (FaultCause::EncoderJump, joint.change, config.limits.velocity * TICK);
+            let (value, limit) = (joint.change, config.limits.velocity * TICK);
             for index in [usize::from(first), usize::from(first) + 1 + distance] {
                 if let (Some(config), Some(joint)) = (robot.joints().get(index), state.joints.get_mut(index))
                 {
                     joint.lose_zero(config);
                 }
             }
-            return Some((first, fault));
+            return Some((first, Finding { cause: FaultCause::EncoderJump, value, limit }));
         }
     }
     None
@@ -428,9 +426,9 @@ fn check_swapped(robot: &Robot, state: &mut State) -> SensorFault {
 
 /// The fault that leaves no control, else the first one.
 #[cold]
-fn worse(first: SensorFault, other: (u8, (FaultCause, f32, f32))) -> SensorFault {
+fn worse(first: SensorFault, other: (u8, Finding)) -> SensorFault {
     match first {
-        Some((_, (cause, ..))) if other.1.0.leaves_control() || !cause.leaves_control() => first,
+        Some((_, found)) if other.1.cause.leaves_control() || !found.cause.leaves_control() => first,
         _ => Some(other),
     }
 }
@@ -449,14 +447,14 @@ fn wrong_count(robot: &Robot, sensors: &SensorFrame) -> Option<(usize, usize)> {
 fn gauge_fault(robot: &Robot, fault: ForceSensorFault) -> SensorFault {
     let mut chains = robot.chains().iter().zip(&robot.model().chains);
     let (config, _) = chains.find(|(_, chain)| chain.force_sensor.is_some())?;
-    let told = match fault {
+    let (cause, value, limit) = match fault {
         ForceSensorFault::Silent | ForceSensorFault::Damaged | ForceSensorFault::Restarted => {
             (FaultCause::ForceSilent, f32::from(fault.code()), 0.0)
         }
         ForceSensorFault::Stuck(_) => (FaultCause::ForceStuck, 1.0, 0.0),
         ForceSensorFault::Saturated(_) => (FaultCause::ForceSaturated, GAUGE_END, GAUGE_END),
     };
-    Some((count(config.joints().end) - 1, told))
+    Some((count(config.joints().end) - 1, Finding { cause, value, limit }))
 }
 
 /// Reads all force sensors into `measured` and stores the postures. `gravity` is relative to the acceleration

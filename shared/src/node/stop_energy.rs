@@ -9,10 +9,9 @@ use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use super::Node;
-use super::handle::joints;
-use super::tick::weight;
+use super::joint::Joints;
 use crate::TICK;
-use crate::fault::{Fault, FaultCause};
+use crate::fault::{Fault, FaultCause, Finding};
 use crate::math::abs;
 use crate::model::Reaction;
 use crate::robot::Motion;
@@ -55,8 +54,8 @@ impl Node {
     pub(super) fn begin_stop_energy(&mut self) {
         let mut allowed = self.tolerated_energy();
         let robot = &self.robot;
-        let mut all = joints(robot, &mut self.state);
-        let weight = weight(&all);
+        let mut all = Joints::of(robot, &mut self.state);
+        let weight = all.weight();
         let mut motion = Motion::default();
         for (motion, joint) in motion.iter_mut().zip(all.each()) {
             *motion = [*joint.position, 0.0, *joint.velocity];
@@ -89,17 +88,17 @@ impl Node {
         let tolerated = self.tolerated_energy();
         let damps = self.state.reaction == Reaction::Damp;
         let tick = self.state.tick;
-        let mut all = joints(&self.robot, &mut self.state);
-        let weight = weight(&all);
+        let mut all = Joints::of(&self.robot, &mut self.state);
+        let weight = all.weight();
         let [mut work, mut allowed] = [0.0; 2];
         let (mut hardest, mut largest) = (0, 0.0);
         for (index, (mut joint, weight)) in (0..).zip(all.each().zip(weight)) {
             let excess = joint.state.torque - weight;
-            if damps && let Some((cause, value, limit)) = joint.check_damped_encoder(excess) {
-                return Some(Fault { cause, joint: Some(index), value, limit, tick });
+            if damps && let Some(found) = joint.check_damped_encoder(excess) {
+                return Some(found.at(Some(index), tick));
             }
-            if let Some((cause, value, limit)) = joint.check_leap(tick) {
-                return Some(Fault { cause, joint: Some(index), value, limit, tick });
+            if let Some(found) = joint.check_leap(tick) {
+                return Some(found.at(Some(index), tick));
             }
             let moved = joint.state.change;
             joint.state.rise += if weight > 0.0 { moved } else { -moved };
@@ -122,7 +121,7 @@ impl Node {
         }
         energy.allowed = tolerated + MEMORY * (energy.allowed - tolerated) + allowed;
         let (value, limit) = (energy.work, energy.allowed);
-        let fault = Fault { cause: FaultCause::EnergyGained, joint: Some(hardest), value, limit, tick };
-        (value > limit).then_some(fault)
+        let found = Finding { cause: FaultCause::EnergyGained, value, limit };
+        (value > limit).then_some(found.at(Some(hardest), tick))
     }
 }

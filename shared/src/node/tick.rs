@@ -1,7 +1,6 @@
 use core::ops::Range;
 
 use super::Node;
-use super::handle::joints;
 use super::joint::{JointState, Joints};
 use super::optional::Optional;
 use crate::TICK;
@@ -116,8 +115,8 @@ impl Node {
             self.servo::<true>(actuation);
         }
         let begins = self.state.tick.wrapping_sub(self.state.reacting_since) < BRAKING_TICKS;
-        let mut all = joints(&self.robot, &mut self.state);
-        let weight = weight(&all);
+        let mut all = Joints::of(&self.robot, &mut self.state);
+        let weight = all.weight();
         for (mut joint, (before, weight)) in all.each().zip(before.into_iter().zip(weight)) {
             joint.bound_hold(before, weight, begins);
         }
@@ -140,7 +139,7 @@ impl Node {
     fn servo<const LEARN: bool>(&mut self, actuation: Actuation) {
         let robot = &self.robot;
         let mode = self.state.targets.servo_mode;
-        let mut all = joints(robot, &mut self.state);
+        let mut all = Joints::of(robot, &mut self.state);
         let mut all_advanced = true;
         all.each().for_each(|mut joint| all_advanced &= joint.advance());
         if !all_advanced {
@@ -179,7 +178,7 @@ impl Node {
         let drove =
             self.state.faults.faults.last().is_some_and(|last| last.cause == FaultCause::EnergyGained);
         let has_driven = self.state.stop_energy.work > DRIVEN_SHARE * self.tolerated_energy();
-        let mut all = joints(robot, &mut self.state);
+        let mut all = Joints::of(robot, &mut self.state);
         let [mut power, mut energy, mut gain] = [0.0; 3];
         for joint in all.each() {
             let (velocity, inertia) = (*joint.velocity, joint.config.inertia);
@@ -190,7 +189,7 @@ impl Node {
         let moves = energy > 0.5 * robot.mass() * DRIVEN_SPEED * DRIVEN_SPEED;
         // Torques that press a robot into a wall slow it down with the wall.
         let driving = if begins { drove } else { power > 0.0 && gain > 0.0 && (moves || has_driven) };
-        let weight = weight(&all);
+        let weight = all.weight();
         all.each().zip(weight).for_each(|(mut joint, weight)| joint.damp(weight, begins, driving));
     }
 
@@ -199,7 +198,7 @@ impl Node {
     #[inline(never)]
     fn accelerate(&mut self, friction: f32) {
         let robot = &self.robot;
-        let mut all = joints(robot, &mut self.state);
+        let mut all = Joints::of(robot, &mut self.state);
         let [mut mean, mut added] = [[0.0; MAX_JOINTS]; 2];
         let [mut q, mut qd, mut qdd, mut torques] = [[0.0; MAX_CHAIN_JOINTS]; 4];
         for config in robot.chains() {
@@ -238,13 +237,6 @@ fn coupled_torques(robot: &Robot, joints: &mut Joints<'_>) -> [f32; MAX_JOINTS] 
         *motion = [reference.position, reference.velocity, reference.acceleration];
     }
     robot.coupled_dynamics(&motion)
-}
-
-/// The torques that balance the weight where the joints are [N·m].
-#[cold]
-#[inline(never)]
-pub(super) fn weight(joints: &Joints<'_>) -> [f32; MAX_JOINTS] {
-    joints.robot.weight(joints.measured.angles(0..joints.robot.joints().len()))
 }
 
 /// The torques of the joints of one chain.
