@@ -2,7 +2,7 @@ use super::joint::Joints;
 use super::lease::Admitted;
 use super::optional::Optional;
 use super::transfer::Committed;
-use super::{Node, STATE_KEY, State};
+use super::{Node, STATE_KEY};
 use crate::fault::{Fault, FaultCause};
 use crate::math::abs;
 use crate::model::{MAX_CHAINS, ModelError, Reaction, RobotModel};

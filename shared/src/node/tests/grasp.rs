@@ -297,11 +297,16 @@ fn run_pressed(bench: &mut Bench, ticks: u32, follows: bool) -> Vec<f32, MAX_JOI
 
 /// A hand that holds an object as `plan` says.
 fn holding_hand(plan: GraspPlan) -> Bench {
-    slow_holding_hand(plan, 200.0)
+    hand_that_grasps(plan, Phase::Hold, 200.0)
 }
 
 /// As [`holding_hand`], with this torque rate [N·m/s].
 pub fn slow_holding_hand(plan: GraspPlan, torque_rate: f32) -> Bench {
+    hand_that_grasps(plan, Phase::Hold, torque_rate)
+}
+
+/// A hand with this torque rate [N·m/s] that grasps an object as `plan` says, up to a phase.
+fn hand_that_grasps(plan: GraspPlan, phase: Phase, torque_rate: f32) -> Bench {
     let mut model = hand();
     for JointModel { limits, .. } in &mut model.joints {
         // Joints under torques follow no targets.
@@ -316,11 +321,11 @@ pub fn slow_holding_hand(plan: GraspPlan, torque_rate: f32) -> Bench {
     assert_eq!(bench.ask(grasp(plan)), Reply::Done);
     for _ in 0..100 {
         run_pressed(&mut bench, 10, true);
-        if seen(&mut bench).phase == Phase::Hold {
+        if seen(&mut bench).phase == phase {
             break;
         }
     }
-    assert_eq!(seen(&mut bench).phase, Phase::Hold);
+    assert_eq!(seen(&mut bench).phase, phase);
     bench
 }
 
@@ -332,6 +337,34 @@ pub fn paper_plan() -> GraspPlan {
         object_frame: ObjectFrame::Triangle,
         joint_targets: JointTargets::Accumulated,
         ..in_front()
+    }
+}
+
+/// Forces that rise against dry friction move an object that stands on its support. Of 0.1 mm along x the
+/// joints of each finger make (0, 2.92, −4.21) mrad: of `x = 46 sin b + 51.78 sin(b + c)` and `z = 46 cos b +
+/// 51.78 cos(b + c)` [mm] the first grows, and the second stays, at `(b, c) = (0.5, 0.8)` and `(−0.5, −0.8)`.
+#[test]
+fn forces_without_feedback_are_as_commanded_wherever_the_object_has_moved_while_they_rose() {
+    let torques_after = |[bend, curl]: [f32; 2]| {
+        let plan = GraspPlan {
+            control: ObjectControl::Differential(ServoMode::Observer),
+            joint_targets: JointTargets::ClosedForm,
+            ..paper_plan()
+        };
+        let mut bench = hand_that_grasps(plan, Phase::Squeeze, 200.0);
+        run_pressed(&mut bench, 20, false);
+        for finger in bench.sensors.encoders.chunks_exact_mut(3) {
+            finger[1] += (bend * COUNTS_PER_RADIAN) as i32;
+            finger[2] += (curl * COUNTS_PER_RADIAN) as i32;
+        }
+        let torques = run_pressed(&mut bench, 280, false);
+        assert_eq!(seen(&mut bench).phase, Phase::Hold);
+        torques
+    };
+    let (at_rest, moved) = (torques_after([0.0; 2]), torques_after([0.002_92, -0.004_21]));
+    for (joint, (at_rest, moved)) in at_rest.iter().zip(&moved).enumerate() {
+        // Levers that are longer by 0.1 mm make 0.1 mN·m of 1 N; the weights of the links change as little.
+        assert!((moved - at_rest).abs() < 1e-3, "{joint}: {moved}, not {at_rest}");
     }
 }
 

@@ -79,6 +79,12 @@ impl GraspState {
         inverse: &WrenchInverse<'_>,
         fingers: &Fingers<'_>,
     ) -> PerFinger<Vector3<f32>> {
+        if self.begins_anew(plan) {
+            // Dry friction has moved the object while the forces rose: servos that pushed it back would
+            // change them.
+            self.origin = self.tracker.object;
+            self.trajectory = PoseTrajectory::resting(self.origin);
+        }
         let dither = if plan.only_feeds_forward() {
             self.forces.dither(inputs.map.contacts(), self.elapsed() - SQUEEZE_TIME)
         } else {

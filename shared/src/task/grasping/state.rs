@@ -4,9 +4,13 @@ use serde::{Deserialize, Serialize};
 
 use super::approach::TipPath;
 use super::forces::Forces;
+use super::plan::JointTargets;
 use super::pose::{MINIMUM_JERK_PEAK, PoseTrajectory};
 use super::tracker::Tracker;
-use super::tuning::{APPROACH_EXTRA_TIME, APPROACH_SPEED, ASSUMED_FRICTION, MAX_ANGULAR_SPEED, MAX_SPEED};
+use super::tuning::{
+    APPROACH_EXTRA_TIME, APPROACH_SPEED, ASSUMED_FRICTION, MAX_ANGULAR_SPEED, MAX_SPEED, TICKS_TO_DITHER,
+    TICKS_TO_DITHER_END,
+};
 use super::{
     Failure, FingerSense, Frame, GraspCommand, GraspFault, GraspPlan, GraspRefusal, GraspTelemetry, Hand,
     HandFinger, HandOutput, PerFinger, Phase,
@@ -126,12 +130,23 @@ impl GraspState {
         self.phase
     }
 
-    /// Whether the joint servos restart in this tick, before open-loop internal forces rise: their
-    /// disturbance observers have taken the touch force for a disturbance, and would go on applying it.
+    /// Whether the joint servos restart in this tick, before open-loop internal forces rise, and when the
+    /// grasp begins anew: their disturbance observers have taken the touch force, or the object's motion
+    /// under dry friction, for a disturbance, and would go on applying it.
     pub fn restarts_servos(&self) -> bool {
+        self.plan.is_some_and(|plan| {
+            let begins = self.phase == Phase::Squeeze && self.ticks == 0;
+            begins && plan.only_feeds_forward() || self.begins_anew(&plan)
+        })
+    }
+
+    /// Whether the grasp begins anew in this tick, with the object where it stands: when open-loop internal
+    /// forces have risen, and when their dither has ended. Joint targets that are sums of changes go on.
+    pub(super) fn begins_anew(&self, plan: &GraspPlan) -> bool {
         self.phase == Phase::Squeeze
-            && self.ticks == 0
-            && self.plan.is_some_and(|plan| plan.only_feeds_forward())
+            && matches!(self.ticks, TICKS_TO_DITHER | TICKS_TO_DITHER_END)
+            && plan.only_feeds_forward()
+            && plan.joint_targets == JointTargets::ClosedForm
     }
 
     /// The state as a supervisor sees it.

@@ -1,5 +1,7 @@
 //! Tuning constants of the task. Each says its unit, what it means, and what a larger or smaller value does.
 
+use crate::TICK;
+
 // Approach and search for the surface.
 
 /// Peak speed of the fingertips in `Approach` and `Open` [m/s]. Faster shortens a grasp and hits obstacles
@@ -199,6 +201,10 @@ pub(super) const NORMAL_DITHER: f32 = 0.5;
 pub(super) const TANGENTIAL_DITHER: f32 = 0.2;
 /// Duration of each of the two dithers [s]. Longer leaves less hysteresis.
 pub(super) const DITHER_TIME: f32 = 1.1;
+/// Ticks of `Squeeze` until the dither begins, and until it has ended.
+pub(super) const TICKS_TO_DITHER: u32 = ticks(SQUEEZE_TIME);
+/// See [`TICKS_TO_DITHER`].
+pub(super) const TICKS_TO_DITHER_END: u32 = ticks(SQUEEZE_TIME + 2.0 * DITHER_TIME);
 /// Period of the normal dither [s]. Shorter is filtered by the motors, longer moves the joints.
 pub(super) const NORMAL_DITHER_PERIOD: f32 = 0.06;
 /// Periods of the two directions of the tangential dither [s]; different, so that their peaks do not
@@ -206,3 +212,9 @@ pub(super) const NORMAL_DITHER_PERIOD: f32 = 0.06;
 pub(super) const TANGENTIAL_DITHER_PERIODS: [f32; 2] = [0.06, 0.08];
 /// Fraction of the friction limit that internal forces with tangential dither may take. Larger risks slip.
 pub(super) const DITHER_FRICTION_FRACTION: f32 = 0.8;
+
+/// The ticks of a time [s].
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive, and a few hundred")]
+const fn ticks(time: f32) -> u32 {
+    (time / TICK + 0.5) as u32
+}
