@@ -8,7 +8,6 @@ use std::path::Path;
 use std::process::Command;
 
 use anyhow::{Context, Result, ensure};
-use nix::sys::resource::{UsageWho, getrusage};
 use serde::{Deserialize, Serialize};
 use tesaki_output::say;
 
@@ -165,7 +164,7 @@ fn print_table(counts: &BTreeMap<String, f64>, last: Option<&Results>) {
 /// Simulated seconds per CPU second of hand3-servo with its control, on this machine.
 fn simulation_speed() -> Result<f64> {
     tools::run(Command::new("cargo").args(["build", "--release", "--quiet", "-p", "tesaki-sim"]))?;
-    let before = cpu_seconds()?;
+    let before = tools::cpu_time()?;
     let mut host_sim = Command::new("cargo");
     host_sim.args(["run", "--release", "--quiet", "-p", "tesaki-sim", "--bin", "host-sim", "--"]);
     host_sim.args(["run", "hand3-servo", "--seed", "1-5", "--json", "--out"]).arg(crate::test::out("bench"));
@@ -175,16 +174,5 @@ fn simulation_speed() -> Result<f64> {
         let summary: serde_json::Value = serde_json::from_str(line)?;
         ticks += summary["ticks"].as_f64().context("host-sim printed no number of ticks")?;
     }
-    Ok(ticks * 0.01 / (cpu_seconds()? - before))
-}
-
-/// CPU time of all child processes so far [s].
-fn cpu_seconds() -> Result<f64> {
-    let usage = getrusage(UsageWho::RUSAGE_CHILDREN)?;
-    let seconds = |time: nix::sys::time::TimeVal| {
-        #[expect(clippy::cast_precision_loss, reason = "a few hours at most")]
-        let micro = nix::sys::time::TimeValLike::num_microseconds(&time) as f64;
-        micro * 1e-6
-    };
-    Ok(seconds(usage.user_time()) + seconds(usage.system_time()))
+    Ok(ticks * 0.01 / (tools::cpu_time()? - before).as_secs_f64())
 }

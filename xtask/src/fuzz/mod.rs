@@ -151,7 +151,7 @@ impl Fuzzer {
         let out = out(target);
         let (corpus, crashes) = (out.join("corpus"), out.join("crashes"));
         std::fs::create_dir_all(&crashes)?;
-        let before = count(&crashes)?;
+        let known = count(&crashes)?;
         tools::run(self.command(&["unpack", &target.name]).arg(&out))?;
         let log = out.join("log");
         say!("{} for {} s; {} tells how it goes on", target.name, options.seconds, log.display());
@@ -165,12 +165,12 @@ impl Fuzzer {
         command
             .args(["-print_final_stats=1", "-rss_limit_mb=900", "-reload=0", "-len_control=0"])
             .arg(&corpus);
-        let start = std::time::Instant::now();
+        let before = tools::cpu_time()?;
         let status =
             command.stderr(std::fs::File::create(&log)?).status().context("cannot start the fuzzer")?;
-        let seconds = start.elapsed().as_secs();
+        let seconds = (tools::cpu_time()? - before).as_secs();
         let text = String::from_utf8_lossy(&std::fs::read(&log)?).into_owned();
-        let found = count(&crashes)? - before;
+        let found = count(&crashes)? - known;
         if !status.success() {
             let head = text.find("panicked at").or_else(|| text.find("ERROR: libFuzzer"));
             let tail = head.and_then(|head| text.get(head..)).unwrap_or(&text);

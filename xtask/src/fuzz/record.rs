@@ -21,7 +21,7 @@ const END: &str = "<!-- fuzz:end -->";
 pub struct Session {
     /// What was fuzzed.
     pub commit: String,
-    /// Time on one core [s].
+    /// Time that the fuzzer had a core [s].
     pub seconds: u64,
     /// Inputs that were run.
     pub executions: u64,
