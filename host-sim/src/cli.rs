@@ -105,7 +105,7 @@ fn seeds(text: &str) -> Result<RangeInclusive<u64>, String> {
 }
 
 fn default_image() -> PathBuf {
-    target().join("thumbv7em-none-eabihf/firmware/tesaki-firmware")
+    target().join("thumbv7em-none-eabihf/firmware/tesaki-firmware-board-bare")
 }
 
 /// Where cargo builds.
@@ -126,7 +126,7 @@ pub fn run() -> Result<bool, Box<dyn Error>> {
             say!("Scenarios; run one with `cargo sim run NAME`:\n");
             let width = SCENARIOS.iter().map(|scenario| scenario.name.len()).max().unwrap_or_default();
             for scenario in SCENARIOS {
-                say!("  {:<width$}  {} ({} s)", scenario.name, scenario.about, scenario.duration);
+                say!("  {:<width$}  {} ({} s simulated)", scenario.name, scenario.about, scenario.duration);
             }
             Ok(true)
         }

@@ -8,7 +8,7 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use tesaki::protocol::codec::{Decoder, MAX_FRAME, encode};
-use tesaki::protocol::{ActuatorFrame, FromBoard, Reply, Request, SensorFrame, Stream};
+use tesaki::protocol::{ActuatorFrame, FromBoard, Identity, Reply, Request, SensorFrame, Stream};
 use tesaki_supervisor::hand::{FingerBoard, News};
 use tesaki_supervisor::{Board, BoardError, ByteLink, LinkBoard};
 
@@ -38,6 +38,18 @@ pub enum QemuError {
     /// The board in it does not answer.
     #[error("the firmware in QEMU does not answer: {0}")]
     Silent(#[from] BoardError),
+    /// The image is of a board without plant link.
+    #[error(
+        "{} is the image of {board}, which does not answer on the plant link; give that of board-bare, which `cargo xtask firmware` \
+         builds",
+        image.display()
+    )]
+    OtherBoard {
+        /// The image.
+        image: PathBuf,
+        /// The feature of its board.
+        board: String,
+    },
     /// A file could not be made.
     #[error("cannot prepare the emulated board: {0}")]
     Files(#[from] io::Error),
@@ -52,6 +64,21 @@ pub struct Machine<'a> {
     /// A file to which QEMU writes each access to a peripheral that it does not have, such as the watchdog
     /// and the pins.
     pub accesses: Option<&'a Path>,
+}
+
+/// The module of the board in an image, by the names of its functions: their crate, their module `boards` and
+/// its module of the board, each behind the number of its letters.
+fn board_of(image: &[u8]) -> Option<String> {
+    const MODULE: &[u8] = b"tesaki_firmware6boards";
+    let after = |at| image.get(at + MODULE.len()..at + MODULE.len() + 32);
+    let starts = image.windows(MODULE.len()).enumerate().filter(|(_, bytes)| *bytes == MODULE);
+    let mut names = starts.filter_map(|(at, _)| {
+        let text = after(at)?;
+        let digits = text.iter().take_while(|letter| letter.is_ascii_digit()).count();
+        let length: usize = std::str::from_utf8(&text[..digits]).ok()?.parse().ok()?;
+        String::from_utf8(text.get(digits..digits + length)?.to_vec()).ok()
+    });
+    names.next()
 }
 
 /// The shipped image in QEMU: requests on USART1, sensors and actuators on USART2, in lock step.
@@ -69,12 +96,26 @@ pub struct Qemu {
 }
 
 impl Qemu {
-    /// Boots `image` and waits until it answers.
+    /// Boots `image`, which must be of a board with plant link, and waits until it answers.
     ///
     /// # Errors
     /// What is missing, and what to do.
     pub fn boot(image: &Path) -> Result<Self, QemuError> {
-        Self::boot_on(image, &Machine::default())
+        let other =
+            |board: &str| Err(QemuError::OtherBoard { image: image.to_owned(), board: board.to_owned() });
+        let named = || board_of(&std::fs::read(image).ok()?).map(|name| format!("board-{name}"));
+        let mut qemu = match Self::boot_on(image, &Machine::default()) {
+            Ok(qemu) => qemu,
+            // The supervisor's line of its board may be another UART.
+            Err(QemuError::Silent(error)) => {
+                return named().map_or(Err(QemuError::Silent(error)), |board| other(&board));
+            }
+            Err(error) => return Err(error),
+        };
+        if qemu.status()?.board.identity.capabilities & Identity::PLANT_LINK == 0 {
+            return other(named().as_deref().unwrap_or("another board"));
+        }
+        Ok(qemu)
     }
 
     /// Boots `image` on such a machine and waits until it answers.
@@ -350,5 +391,22 @@ impl Drop for Process {
         // It may have ended already.
         let _ = self.0.kill();
         let _ = self.0.wait();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::board_of;
+
+    #[test]
+    fn an_image_tells_its_board_by_the_names_of_its_functions() {
+        // As rustc mangles `<tesaki_firmware::boards::weact::Board as …>::start`, and one of the crate's own.
+        let names =
+            b"_RNvNtCs1_15tesaki_firmware4boot\0_RNvXNtNtCs1_15tesaki_firmware6boards5weactNtB2_5Board\0";
+        let padded = [&names[..], &[0; 32]].concat();
+        assert_eq!(board_of(&padded).as_deref(), Some("weact"));
+        assert_eq!(board_of(b"_RNvNtCs1_15tesaki_firmware4boot\0"), None);
+        // One that ends in the midst of the name.
+        assert_eq!(board_of(b"15tesaki_firmware6boards5we"), None);
     }
 }

@@ -153,6 +153,39 @@ fn a_machine_that_the_servo_cannot_hold_fails_its_metrics() {
     says(&output, 1, &["FAIL"]);
 }
 
+/// Another robot in the scenario of hand3 has neither its limits nor its words, and spoils no report of it.
+#[test]
+fn a_report_of_ones_own_robot_is_about_it_and_names_the_command_that_made_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let robot = folder.path().join("my hand");
+    std::fs::create_dir(&robot).unwrap();
+    let source = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/hand3"));
+    for name in ["robot.urdf", "plant.toml", "controller.toml"] {
+        let text = std::fs::read_to_string(source.join(name)).unwrap();
+        let own = text.replace("<robot name=\"hand3\"", "<robot name=\"my_hand\"");
+        std::fs::write(robot.join(name), own).unwrap();
+    }
+    let out = folder.path().join("out");
+    let run = ["run", "hand3-servo", "--duration", "32", "--robot", robot.to_str().unwrap(), "--out"];
+    let output = host_sim(&[&run[..], &[out.to_str().unwrap()]].concat());
+    says(&output, 0, &["reported only, no limits", "no limit: it is made for hand3"]);
+    let files = out.join("hand3-servo-my hand");
+    let page = std::fs::read_to_string(files.join("index.html")).unwrap();
+    let command = format!(
+        "cargo sim run hand3-servo --controller native --seed 1 --duration 32 --robot '{}'",
+        robot.display()
+    );
+    for words in [&*command, "hand3-servo with my_hand, 9 joints"] {
+        assert!(page.contains(words), "{words:?} is not in the page");
+    }
+    assert!(!page.contains("three-finger hand"));
+    let summary = std::fs::read_to_string(files.join("summary.json")).unwrap();
+    let summary: serde_json::Value = serde_json::from_str(&summary).unwrap();
+    let metrics = summary["metrics"].as_object().unwrap();
+    assert!(!metrics.is_empty() && metrics.values().all(|metric| metric["limit"].is_null()), "{summary}");
+    assert!(!out.join("hand3-servo").exists());
+}
+
 #[test]
 fn views_of_a_door_come_with_a_table_of_poses() {
     let folder = tempfile::tempdir().unwrap();

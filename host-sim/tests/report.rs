@@ -206,6 +206,34 @@ fn awkward() -> Vec<Figure> {
     ]
 }
 
+/// The limit of ±2 lies inside what is shown; its lines are the dotted ones.
+#[test]
+fn a_limit_begins_where_it_applies() {
+    let begins = |panel: Panel| {
+        let line = Line::solid("", 0, vec![0.0, 10.0], vec![-4.0, 4.0]);
+        let svg = Figure::stacked("", "", "time", "s").panel(panel.line(line)).svg();
+        let document = roxmltree::Document::parse(&svg).expect("the figure is well formed");
+        let number = |text: Option<&str>| {
+            let text = text.expect("it has a place").split(',').next().unwrap_or_default();
+            text.parse::<f64>().expect("a place is a number")
+        };
+        let dotted =
+            document.descendants().filter(|node| node.attribute("stroke-dasharray") == Some("2 2.5"));
+        let lines: Vec<f64> = dotted.map(|node| number(node.attribute("points"))).collect();
+        let bands = document.descendants().filter(|node| node.attribute("fill-opacity").is_some());
+        let bands: Vec<f64> = bands.map(|node| number(node.attribute("x"))).collect();
+        (lines, bands)
+    };
+    let (whole, whole_bands) = begins(Panel::new("", "", "").band(2.0, "limit"));
+    let (half, half_bands) = begins(Panel::new("", "", "").band_from(2.0, 5.0, "limit"));
+    assert_eq!((whole.len(), half.len(), whole_bands.len(), half_bands.len()), (2, 2, 1, 1));
+    assert_eq!((whole[0], whole_bands[0]), (66.0, 66.0), "the left end of the axes");
+    // The axes of 10 s are 860 px wide, less 66 px at their left and the label's margin at their right.
+    let label = 860.0 - 66.0 - 2.0 * (half[0] - 66.0);
+    assert!((16.0..80.0).contains(&label), "{label}");
+    assert!(half.iter().chain(&half_bands).all(|x| (x - half[0]).abs() < 0.1), "{half:?} {half_bands:?}");
+}
+
 #[test]
 fn figures_and_page_are_well_formed() {
     let figures = awkward();

@@ -58,14 +58,21 @@ pub(crate) fn parse<T: DeserializeOwned>(text: &str, advice: &str, report: &mut 
     if !check_length(text, MAX_TOML, report) {
         return None;
     }
+    parse_short(text, advice, report)
+}
+
+/// The same for a text that is short enough.
+pub(crate) fn parse_short<T: DeserializeOwned>(text: &str, advice: &str, report: &mut Report) -> Option<T> {
     let problem = |error: toml::de::Error| {
         let start = error.span().map_or(0, |span| span.start);
         let before = text.get(..start).unwrap_or(text);
         let line = before.matches('\n').count() + 1;
-        // What is unknown or missing is named by the message, what is of the wrong kind is not.
-        let key = key_of_value(before).filter(|_| error.message().starts_with("invalid"));
+        // A key that is unknown or missing is named by the message, that of a wrong value is not.
+        let message = error.message();
+        let is_value = message.starts_with("invalid") || message.starts_with("unknown variant");
+        let key = key_of_value(before).filter(|_| is_value);
         let key = key.map_or_else(String::new, |key| format!(", for {key}"));
-        report.dynamics(Some(line), error.message().to_owned() + &key, advice);
+        report.dynamics(Some(line), message.to_owned() + &key, advice);
     };
     toml::from_str(text).map_err(problem).ok()
 }

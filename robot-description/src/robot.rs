@@ -97,7 +97,10 @@ impl RobotFolder {
     ) -> (Option<Self>, Vec<Finding>) {
         let (folder, mut findings) = Self::read_texts(path, urdf, settings);
         match (folder.as_ref().filter(|folder| plausible::is_checkable(&folder.model)), plant) {
-            (Some(folder), _) => findings.extend(plausible::check(folder, settings, plant)),
+            (Some(folder), _) => {
+                let more = plausible::check(folder, settings, plant, &findings);
+                findings.extend(more);
+            }
             // What else is wrong can be told without the robot.
             (None, Some(plant)) => findings.extend(PlantValues::check(&path.join("plant.toml"), plant).1),
             (None, None) => {}

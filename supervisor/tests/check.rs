@@ -334,3 +334,103 @@ fn laws_and_impedances_of_an_arm_are_checked() {
         contains(&text, &[&format!("{}:{line}: {wrong}", path.display())]);
     }
 }
+
+/// Exit code and text for hand3 with one change, all of it.
+fn check_changed(file: &str, from: &str, to: &str) -> (i32, String) {
+    let folder = changed_plant(&[(file, from, to)]);
+    check(&[], folder.path())
+}
+
+#[test]
+fn a_motor_in_milliamperes_or_a_limit_in_newton_millimetres_is_told() {
+    // hand3: 1.4 A at 0.5 N·m/A are 0.7 N·m; its limits are 0.6 N·m.
+    let cases = [
+        (
+            "controller.toml",
+            "current_limit = 1.4",
+            "current_limit = 1400.0",
+            "is 700.0000 N·m; the torque limit is 0.6",
+        ),
+        (
+            "controller.toml",
+            "torque_constant = 0.5",
+            "torque_constant = 500.0",
+            "is 700.0000 N·m; the torque limit is 0.6",
+        ),
+        ("robot.urdf", "effort=\"0.6\"", "effort=\"600\"", "is 0.7000 N·m; the torque limit is 600 N·m"),
+        ("controller.toml", "current_limit = 1.4", "current_limit = 0.38", "is 0.1900 N·m"),
+    ];
+    for (file, from, to, words) in cases {
+        let (_, text) = check_changed(file, from, to);
+        contains(&text, &[words, "check the units: A, N·m/A at the joint"]);
+    }
+    // Up to a factor of three they are a matter of taste.
+    for current in ["0.42", "3.58"] {
+        let (_, text) =
+            check_changed("controller.toml", "current_limit = 1.4", &format!("current_limit = {current}"));
+        assert!(!text.contains("check the units"), "{text}");
+    }
+}
+
+#[test]
+fn our_robots_have_motors_that_fit_their_limits() {
+    for name in ["hand3", "arm7", "hand5", "knob-arm", "allegro", "leap", "inspire"] {
+        let (code, text) = check(&[], &workspace().join("robots").join(name));
+        assert_eq!(code, 0, "{text}");
+        assert!(!text.contains("check the units"), "{name}: {text}");
+    }
+}
+
+#[test]
+fn what_follows_from_a_wrong_value_is_not_told_again() {
+    // An inertia and a mass below 0: neither is missing.
+    for (from, to) in [("ixx=\"", "ixx=\"-"), ("<mass value=\"", "<mass value=\"-")] {
+        let (code, text) = check_changed("robot.urdf", from, to);
+        assert_eq!(code, 1, "{text}");
+        contains(&text, &["link finger1_knuckle: ", "1 problem found"]);
+        assert!(!text.contains("without mass or inertia"), "{text}");
+    }
+    // Grams: no motor can hold them, of course.
+    let (_, text) = check_changed("robot.urdf", "<mass value=\"0.02\"/>", "<mass value=\"2000\"/>");
+    contains(&text, &["grams?", "1 problem found"]);
+    // A rotor below 0 is there, and has no time constant.
+    let (_, text) = check_changed("controller.toml", "rotor_inertia = 2e-4", "rotor_inertia = -2e-4");
+    contains(&text, &["joint finger1_swing: motor.rotor_inertia = -0.0002 is below 0", "9 problems found"]);
+    // A joint without direction is in the URDF all the same.
+    let urdf = std::fs::read_to_string(workspace().join("robots/hand3/robot.urdf")).unwrap();
+    let folder = changed_plant(&[]);
+    let joints = urdf.matches("<axis xyz=").count();
+    let text = urdf.replace("<axis xyz=\"", "<axis xyz=\"0 0 0\" was=\"");
+    std::fs::write(folder.path().join("robot.urdf"), text).unwrap();
+    let (_, text) = check(&[], folder.path());
+    contains(&text, &["joint finger1_bend: its axis", &format!("{joints} problems found")]);
+    // The table of a misspelt joint holds what the common one lacks.
+    let (_, text) = check_changed("controller.toml", "[joint.servo.pid]", "[joints.finger1_bent.servo.pid]");
+    contains(&text, &["[joints.finger1_bent]: the URDF has no such joint", "1 problem found"]);
+}
+
+#[test]
+fn a_tip_on_the_axis_of_its_last_joint_is_told_of_a_finger() {
+    // The joint turns about y; a tip at y = 2 cm lies on its axis, one beside it does not.
+    let from = "<origin xyz=\"0 0 0.05178\"/>";
+    for (to, told) in [("0 0 0", true), ("0 0.02 0", true), ("0 0.02 0.001", false)] {
+        let (_, text) = check_changed("robot.urdf", from, &format!("<origin xyz=\"{to}\"/>"));
+        let words = "joint finger1_curl: the tip finger1_tip lies on its axis";
+        assert_eq!(text.contains(words), told, "{to}: {text}");
+    }
+}
+
+#[test]
+fn a_wrong_value_is_named_by_its_key_and_a_weight_by_its_link() {
+    for (from, to, words) in [
+        ("supply_min = 20.0", "supply_min = \"20\"", "expected f32, for supply_min"),
+        ("reaction = \"hold\"", "reaction = \"brake\"", "unknown variant `brake`, expected"),
+        ("reaction = \"hold\"", "reaction = \"brake\"", ", for reaction"),
+        ("following_error = 0.25", "following_error = 0.01", "several times 0.060 rad"),
+    ] {
+        let (_, text) = check_changed("controller.toml", from, to);
+        contains(&text, &[words]);
+    }
+    let (_, text) = check_changed("robot.urdf", "<mass value=\"0.02\"/>", "<mass value=\"30\"/>");
+    contains(&text, &["(the heaviest link is finger1_lower with 30 kg, robot.urdf:62)"]);
+}

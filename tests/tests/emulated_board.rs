@@ -127,6 +127,16 @@ fn model(name: &str) -> RobotModel {
 
 #[test]
 #[ignore = "needs the firmware image: cargo xtask test"]
+fn the_simulator_names_the_board_of_an_image_without_plant_link() {
+    let refused = Qemu::boot(&image("TESAKI_EMULATED_ELF")).err().unwrap().to_string();
+    assert!(
+        refused.contains("is the image of board-emulated, which does not answer on the plant link"),
+        "{refused}"
+    );
+}
+
+#[test]
+#[ignore = "needs the firmware image: cargo xtask test"]
 fn a_board_with_power_stages_starts_off_and_takes_only_what_it_can_serve() {
     let mut rig = Rig::boot("TESAKI_EMULATED_ELF");
     let status = rig.board.status().unwrap();

@@ -21,7 +21,7 @@ const SEEDS: &str = "1-2";
 /// `cargo xtask chip`.
 pub fn run() -> Result<()> {
     let mut host_sim = Command::new("cargo");
-    host_sim.args(["run", "--release", "--quiet", "-p", "tesaki-sim", "--bin", "host-sim", "--"]);
+    host_sim.args(["run", "--release", "-p", "tesaki-sim", "--bin", "host-sim", "--"]);
     check(ArmCompiler::provide()?, host_sim)
 }
 

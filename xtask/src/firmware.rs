@@ -5,13 +5,13 @@ use std::process::Command;
 
 use anyhow::{Context, Result, ensure};
 use sha2::{Digest, Sha256};
-use tesaki_output::say;
+use tesaki_output::{note, say};
 
 use crate::footprint::Footprint;
 use crate::prove;
 use crate::tools::{self, ArmCompiler, TARGET};
 
-/// The image that is flashed.
+/// The image that is flashed, as cargo calls it.
 pub const IMAGE: &str = "tesaki-firmware";
 /// The feature of the default board.
 pub const BOARD: &str = "board-bare";
@@ -39,21 +39,12 @@ fn built(target: &Path) -> Result<PathBuf> {
     std::path::absolute(target.join(TARGET).join("firmware")).context("the folder with the images")
 }
 
-/// Builds the image with `features`.
-fn build(compiler: ArmCompiler, features: &[&str]) -> Result<PathBuf> {
-    let mut command = compiler.cargo_build()?;
-    command.args(["--bin", IMAGE]);
-    if !features.is_empty() {
-        command.args(["--features", &features.join(",")]);
-    }
-    tools::run(&mut command)?;
-    Ok(built(&target())?.join(IMAGE))
-}
-
 /// Builds the image of a board: `board` is its feature. Cargo puts every board's image at the same path, so
-/// it is copied.
+/// it is copied to one with the feature in its name.
 pub fn build_for_board(compiler: ArmCompiler, board: &str) -> Result<PathBuf> {
-    let built = build(compiler, &[board])?;
+    let mut command = compiler.cargo_build()?;
+    tools::run(command.args(["--bin", IMAGE, "--features", board]))?;
+    let built = built(&target())?.join(IMAGE);
     let image = built.with_file_name(format!("{IMAGE}-{board}"));
     std::fs::copy(&built, &image).with_context(|| image.display().to_string())?;
     Ok(image)
@@ -69,9 +60,9 @@ pub fn sha256(file: &Path) -> Result<String> {
 pub fn run() -> Result<()> {
     let compiler = ArmCompiler::provide()?;
     tools::provide_qemu()?;
-    let image = build(compiler, &[])?;
+    let image = build_for_board(compiler, BOARD)?;
     let mut host_sim = Command::new("cargo");
-    host_sim.args(["run", "--release", "--quiet", "-p", "tesaki-sim", "--bin", "host-sim", "--"]);
+    host_sim.args(["run", "--release", "-p", "tesaki-sim", "--bin", "host-sim", "--"]);
     report(&image, host_sim)
 }
 
@@ -82,6 +73,7 @@ pub fn report(image: &Path, mut host_sim: Command) -> Result<()> {
     footprint.print();
     host_sim.args(["run", "hand3-servo", "--controller", "qemu", "--json", "--elf"]).arg(image);
     host_sim.args(["--out"]).arg(crate::test::out("firmware"));
+    note!("\nhand3-servo on the image in QEMU, for its stack; this takes minutes");
     let summary: serde_json::Value = serde_json::from_str(&tools::output(&mut host_sim)?)?;
     let stack = |name: &str| summary["metrics"][name]["value"].as_f64().unwrap_or(f64::NAN);
     say!("image    {}", image.display());
@@ -95,6 +87,7 @@ pub fn report(image: &Path, mut host_sim: Command) -> Result<()> {
         summary["ticks"]
     );
     footprint.check()?;
+    note!("\nwhat holds for the image, from its instructions");
     let bound = prove::check(image)?;
     ensure!(seen <= f64::from(bound), "{seen} bytes of stack were seen, and {bound} proved to be the most");
     Ok(())

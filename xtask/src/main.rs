@@ -15,7 +15,10 @@ mod test;
 mod tools;
 mod viewer;
 
+use std::process::ExitCode;
+
 use clap::{Parser, Subcommand};
+use tesaki_output::note;
 
 /// Builds, tests and measures tesaki.
 #[derive(Parser)]
@@ -51,7 +54,18 @@ enum Task {
     Bench(bench::Options),
 }
 
-fn main() -> anyhow::Result<()> {
+fn main() -> ExitCode {
+    match run() {
+        Ok(()) => ExitCode::SUCCESS,
+        // Where in this program it was found that another one failed is of no use to anybody.
+        Err(error) => {
+            note!("xtask: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run() -> anyhow::Result<()> {
     // All paths below are relative to the workspace.
     std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))?;
     match Cli::parse().task {

@@ -224,7 +224,7 @@ fn dependencies(python: &Path) -> Result<()> {
 
 fn host() -> Result<()> {
     // Many tests wait for a simulated board, which takes a twentieth of a core.
-    tools::run(cargo(&["test"]).args(HOST).env("RUST_TEST_THREADS", "4"))
+    tools::run(cargo(&["test", "--no-fail-fast"]).args(HOST).env("RUST_TEST_THREADS", "4"))
 }
 
 fn other_programs(python: &Path) -> Result<()> {

@@ -73,6 +73,79 @@ impl Run {
             elf: default_image(),
         }
     }
+
+    /// The command that gives the same numbers: with every option on which they depend, unless it is default.
+    fn command(&self) -> String {
+        let seed = if self.seed.start() == self.seed.end() {
+            self.seed.start().to_string()
+        } else {
+            format!("{}-{}", self.seed.start(), self.seed.end())
+        };
+        let controller = self.controller.name();
+        let mut command = format!("cargo sim run {} --controller {controller} --seed {seed}", self.scenario);
+        let mut add = |option: &str, value: &str| command.extend([" --", option, " ", &quoted(value)]);
+        if let Some(duration) = self.duration {
+            add("duration", &duration.to_string());
+        }
+        if let Some(robot) = &self.robot {
+            add("robot", &robot.display().to_string());
+        }
+        self.law.iter().for_each(|law| add("law", law));
+        if self.controller == ControllerKind::Qemu && self.elf != default_image() {
+            add("elf", &self.elf.display().to_string());
+        }
+        command
+    }
+}
+
+/// As a shell takes it for one word.
+fn quoted(word: &str) -> String {
+    let is_plain = |letter: char| letter.is_alphanumeric() || "-_./+,:=@%".contains(letter);
+    if !word.is_empty() && word.chars().all(is_plain) {
+        word.to_owned()
+    } else {
+        format!("'{}'", word.replace('\'', "'\\''"))
+    }
+}
+
+/// A robot of the user's in a scenario that was made for another one.
+pub(super) struct OtherRobot {
+    name: String,
+    joints: usize,
+}
+
+impl OtherRobot {
+    /// `None` for the robot of the scenario, and for a changed copy, which keeps its name.
+    ///
+    /// # Errors
+    /// The folder is wrong.
+    pub fn of(scenario: &Scenario, options: &Run) -> Result<Option<Self>, Box<dyn Error>> {
+        let Some(folder) = &options.robot else { return Ok(None) };
+        let model = RobotFolder::load(folder)?.model;
+        let other = Self { name: model.name.to_string(), joints: model.joints.len() };
+        Ok((other.name != scenario.robot).then_some(other))
+    }
+
+    /// The title of the report.
+    pub fn title(&self, scenario: &Scenario) -> String {
+        format!("{} with {}, {}", scenario.name, self.name, self.count())
+    }
+
+    fn count(&self) -> String {
+        format!("{} joint{}", self.joints, if self.joints == 1 { "" } else { "s" })
+    }
+
+    fn lead(&self, scenario: &Scenario) -> String {
+        format!(
+            "The motion of the scenario {}, which is made for {}, with the robot {} of {}. Limits and captions of \
+             the scenario are those of {}: the values here are reported, and none passes or fails.",
+            scenario.name,
+            scenario.robot,
+            self.name,
+            self.count(),
+            scenario.robot
+        )
+    }
 }
 
 /// Runs a scenario on each seed; `false` if a metric failed.
@@ -160,6 +233,9 @@ fn run_seed(
     let outcome = scenario.run(&mut setting)?;
     outcome.motion.show_last();
     let mut summary = outcome.summary.clone();
+    if OtherRobot::of(scenario, options)?.is_some() {
+        summary.waive_all(&format!("it is made for {}", scenario.robot));
+    }
     summary.controller = options.controller.name().to_owned();
     summary = summary.frames_sha256(watched.frames_sha256());
     if in_qemu {
@@ -212,19 +288,18 @@ fn save(
     outcome: &Outcome,
     record: &[u8],
 ) -> Result<PathBuf, Box<dyn Error>> {
-    let dir = options.out.join(scenario.name);
+    let folder = robot_folder(scenario, options);
+    let other = OtherRobot::of(scenario, options)?;
+    // Runs of another folder stand beside those of the scenario's own.
+    let name = options.robot.as_ref().and_then(|_| folder.canonicalize().ok());
+    let name = name.as_ref().and_then(|folder| folder.file_name()).map(|name| name.to_string_lossy());
+    let dir = match name.filter(|name| *name != scenario.robot) {
+        Some(name) => options.out.join(format!("{}-{name}", scenario.name)),
+        None => options.out.join(scenario.name),
+    };
     let lines: Vec<String> = summaries.iter().map(serde_json::to_string).collect::<Result<_, _>>()?;
     let json = lines.join("\n") + "\n";
-    let command = format!(
-        "cargo sim run {} --controller {} --seed {}",
-        scenario.name,
-        options.controller.name(),
-        if options.seed.start() == options.seed.end() {
-            options.seed.start().to_string()
-        } else {
-            format!("{}-{}", options.seed.start(), options.seed.end())
-        }
-    );
+    let command = options.command();
     let mut names = vec![("summary.json", "measured values and limits, one JSON object per seed")];
     for (name, _) in &outcome.tables {
         names.push((name, "recorded values of the first seed, one row per control period"));
@@ -235,12 +310,14 @@ fn save(
     ));
     names.push(("frames.log", "all inputs and outputs of the control core in the run of the first seed"));
     let commit = commit();
-    let page = Page::new(scenario.title, summaries)
-        .lead(scenario.lead)
+    let title = other.as_ref().map_or_else(|| scenario.title.to_owned(), |other| other.title(scenario));
+    let lead = other.map(|other| other.lead(scenario));
+    let own_lead = lead.as_deref().map(|lead| [lead]);
+    let page = Page::new(&title, summaries)
+        .lead(own_lead.as_ref().map_or(scenario.lead, |lead| lead.as_slice()))
         .figures(&outcome.figures)
         .command(&command)
         .files(&names);
-    let folder = robot_folder(scenario, options);
     let replay = replay(&folder, outcome)?;
     let page = replay.as_deref().map_or(page.clone(), |replay| page.replay(replay));
     let html = commit.as_deref().map_or(page.clone(), |commit| page.commit(commit)).html();

@@ -9,7 +9,7 @@ use tesaki_output::{note, say};
 use tesaki_sim::live_run::{self, About, LiveRun};
 use tesaki_sim::scenario::Scenario;
 
-use super::run::{Run, compute, robot_folder};
+use super::run::{OtherRobot, Run, compute, robot_folder};
 
 /// Where the page is unless it is said.
 pub const ADDRESS: &str = "localhost:7481";
@@ -30,8 +30,9 @@ pub fn run(scenario: &Scenario, options: &Run, address: SocketAddr) -> Result<bo
         .into());
     }
     let folder = RobotFolder::load(&robot_folder(scenario, options))?;
+    let other = OtherRobot::of(scenario, options)?.map(|other| other.title(scenario));
     let about = About {
-        title: scenario.title,
+        title: other.as_deref().unwrap_or(scenario.title),
         scenario: scenario.name,
         about: scenario.about,
         controller: options.controller.name(),

@@ -215,6 +215,7 @@ fn draw_axes(mut group: Group, figure: &Figure, panel: &Panel, axes: &Axes, x_la
     for rule in panel.rules.iter().filter(|rule| rule.band) {
         let (low, high) = ((-rule.value).max(axes.y.start), rule.value.min(axes.y.end));
         if high < axes.y.end && low < high {
+            let left = axes.begin_of(rule);
             let band = rectangle([(left, axes.at_y(high)), (right, axes.at_y(low))], BAND);
             // Phases show through.
             group = group.add(band.set("fill-opacity", 0.6));
@@ -266,7 +267,7 @@ fn draw_lines(mut group: Group, panel: &Panel, axes: &Axes, buckets: usize) -> G
         let values = [Some(rule.value), rule.band.then_some(-rule.value)];
         for value in values.into_iter().flatten().filter(shown) {
             let y = axes.at_y(value);
-            group = group.add(polyline([(axes.left, y), (axes.right, y)], LIMIT, RULE));
+            group = group.add(polyline([(axes.begin_of(rule), y), (axes.right, y)], LIMIT, RULE));
         }
     }
     for line in &panel.lines {

@@ -84,6 +84,8 @@ pub(super) struct Rule {
     pub value: f64,
     /// Drawn at `-value` too, with the space between the two shaded.
     pub band: bool,
+    /// Where on the horizontal axis it begins; at its left end without one.
+    pub from: Option<f64>,
     pub label: String,
 }
 
@@ -177,14 +179,21 @@ impl Panel {
     /// The same with a shaded band of ±`limit`; `label` says what limits.
     #[must_use]
     pub fn band(mut self, limit: f64, label: impl Into<String>) -> Self {
-        self.rules.push(Rule { value: limit.abs(), band: true, label: label.into() });
+        self.rules.push(Rule { value: limit.abs(), band: true, from: None, label: label.into() });
+        self
+    }
+
+    /// The same with a shaded band of ±`limit` that applies from `from` on the horizontal axis on.
+    #[must_use]
+    pub fn band_from(mut self, limit: f64, from: f64, label: impl Into<String>) -> Self {
+        self.rules.push(Rule { value: limit.abs(), band: true, from: Some(from), label: label.into() });
         self
     }
 
     /// The same with a horizontal line: a limit on one side, or the paper's value.
     #[must_use]
     pub fn rule(mut self, value: f64, label: impl Into<String>) -> Self {
-        self.rules.push(Rule { value, band: false, label: label.into() });
+        self.rules.push(Rule { value, band: false, from: None, label: label.into() });
         self
     }
 

@@ -4,7 +4,7 @@
 use std::ops::Range;
 
 use super::axis::{equal_ranges, shared_y_range, x_range};
-use super::figure::{Arrangement, Figure, Line, LineStyle, Panel};
+use super::figure::{Arrangement, Figure, Line, LineStyle, Panel, Rule};
 
 /// Of the drawing [px].
 pub(super) const WIDTH: f64 = 860.0;
@@ -43,6 +43,11 @@ pub(super) struct Axes {
 impl Axes {
     pub fn at_x(&self, x: f64) -> f64 {
         self.left + (x - self.x.start) / (self.x.end - self.x.start) * (self.right - self.left)
+    }
+
+    /// Where the line of a limit begins [px].
+    pub fn begin_of(&self, rule: &Rule) -> f64 {
+        rule.from.map_or(self.left, |from| self.at_x(from).clamp(self.left, self.right))
     }
 
     pub fn at_y(&self, y: f64) -> f64 {

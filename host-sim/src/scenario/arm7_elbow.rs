@@ -25,7 +25,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
         "The tool of the seven-joint arm is under impedance control (M = 1.5 kg, B = 30 N·s/m, K = 300 N/m), \
          without contact. The elbow swings by 30° within a second, rests, and swings back, along a \
          minimum-jerk trajectory. How far does the hand move?",
-        "Two ways to resolve the redundancy: as in the paper, the shoulder yaw is driven directly, and the \
+        "Two ways to resolve the redundancy: as in the Arm7 paper, the shoulder yaw is driven directly, and the \
          other six joints keep the hand in place, with accelerations that compensate the yaw; or the arm \
          angle, of the plane through shoulder, elbow and wrist, is changed by a null-space motion of all \
          seven joints. The machine differs from the controller's model by up to 20 %.",

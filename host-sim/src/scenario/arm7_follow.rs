@@ -36,7 +36,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
          link with up to 20 ms of jitter that loses 20 % of the samples in bursts of six; and a clutch that \
          opens and closes during the motion.",
         "Our law estimates the hand's motion from the samples, predicts it to the present, and commands \
-         position, velocity and acceleration; the paper's mass, damping and stiffness act on the error. The \
+         position, velocity and acceleration; the Arm7 paper's mass, damping and stiffness act on the error. The \
          paper's law takes the latest sample as the equilibrium position of the spring. All machines differ \
          from the model by up to 20 %; those under the paper's law have the friction that the paper's errors \
          imply.",

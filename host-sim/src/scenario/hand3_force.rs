@@ -26,7 +26,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
          fingertip forces of 2, 2 and 4 N along the box's x axis. The support is removed. Then nothing \
          moves, and the true contact forces over the last two of four seconds are compared with the \
          commanded ones.",
-        "Four controllers are compared. The paper's law: object pose control gives a wrench, which is \
+        "Four controllers are compared. The Hand3 paper's law: object pose control gives a wrench, which is \
          converted to joint torques together with the internal force; the fingers' weight and friction are \
          not compensated, and the joints have four times the nominal friction, as the paper's loss of force \
          implies. Feed-forward: joint servos with the forces fed forward, gravity and friction compensated. \

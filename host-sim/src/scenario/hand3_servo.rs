@@ -28,7 +28,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
          1/(T_f s + 1)² with T_f = 0.2 s shapes the steps, and the control period is 10 ms. Masses, \
          inertias, friction and torque constants of the simulated machine differ from the controller's model \
          by up to 20 %, each by its own factor; encoder and current readings are quantised.",
-        "Two servos are compared: the PID of the paper with its pseudo-differentiator (cut-off 30 rad/s), \
+        "Two servos are compared: the PID of the Hand3 paper with its pseudo-differentiator (cut-off 30 rad/s), \
          and state feedback with an observer of velocity and disturbance. Both use the same feed-forward of \
          gravity, inertia and friction. Each machine steps up and down twice: at first the servo only has \
          the model's friction, the second time it has adapted to the true one. The last two figures repeat \
@@ -334,6 +334,8 @@ fn figure(trial: &Trial, recording: &ServoLog, model: &RobotModel) -> Figure {
     let mut angles = Panel::new("Joint displacement from the start", "angle", "rad");
     let mut errors = Vec::new();
     let mut torques = Panel::new("Motor torque", "torque", "N·m");
+    let time = |step: Option<&usize>| step.map(|&step| step as f64 * T);
+    let (first, learnt) = (time(recording.steps.first()), time(recording.steps.get(FIRST_STEPS)));
     for joints in model.chain_ranges() {
         let (prefix, names) = split_names(joints.clone().map(|joint| model.joint_name(joint)).collect());
         let title = if prefix.is_empty() { "Error".to_owned() } else { format!("Error, {prefix}") };
@@ -344,9 +346,9 @@ fn figure(trial: &Trial, recording: &ServoLog, model: &RobotModel) -> Figure {
             panel = panel.line(line(recording.error(joint).collect()));
             torques = torques.line(line(recording.torque[joint].clone()));
         }
-        errors.push(match trial.limits {
-            Some((peak, _)) => panel.band(peak, format!("limit ±{peak} mrad")),
-            None => panel,
+        errors.push(match (trial.limits, learnt) {
+            (Some((peak, _)), Some(from)) => panel.band_from(peak, from, format!("limit ±{peak} mrad")),
+            _ => panel,
         });
     }
     let start = recording.reference[0].first().copied().unwrap_or(0.0);
@@ -357,8 +359,7 @@ fn figure(trial: &Trial, recording: &ServoLog, model: &RobotModel) -> Figure {
                    true friction for the first time; afterwards it has adapted to it, and the limit \
                    applies.";
     let mut figure = Figure::stacked(capitalized(trial.label), caption, "time", "s").panel(angles);
-    let time = |step: Option<&usize>| step.map(|&step| step as f64 * T);
-    if let (Some(from), Some(to)) = (time(recording.steps.first()), time(recording.steps.get(FIRST_STEPS))) {
+    if let (Some(from), Some(to)) = (first, learnt) {
         let end = recording.time.last().map_or(to, |last| last + T);
         figure = figure.phase(from, to, "").phase(to, end, "");
     }

@@ -23,7 +23,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
          hand's x axis and back; each motion takes one second and is followed by two and a half seconds of \
          rest. Errors are those of the true box relative to its position before the first motion, two \
          seconds after the end of each motion.",
-        "The paper's law: proportional-integral control of the object's pose gives a wrench, which is \
+        "The Hand3 paper's law: proportional-integral control of the object's pose gives a wrench, which is \
          converted to joint torques with some damping; the fingers' weight and friction are not compensated. \
          It runs on joints with four times the nominal friction, as the paper's loss of fingertip force \
          implies. The paper gives no gains. Those used here are the same for all machines and were chosen so \

@@ -17,7 +17,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     lead: &[
         "The hand locates and grasps a box that stands up to 5 mm away from its nominal position, probes its \
          friction, lifts it by 1 cm, and turns it by +0.1, −0.1, −0.1 and +0.1 rad about the hand's y axis. \
-         Each turn takes one second and is followed by two and a half seconds of rest. In the paper the \
+         Each turn takes one second and is followed by two and a half seconds of rest. In the Hand3 paper the \
          pitch of the box went from 0.769 rad to 0.868, back, to 0.673, and back.",
         "The error is that of the true box, two seconds after the end of each turn: its pitch relative to \
          that before the first turn, minus the commanded turn.",

@@ -24,7 +24,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     duration: 35.0,
     laws: None,
     lead: &[
-        "The hand locates and grasps a box of 23 g, probes its friction, and lifts it by 1 cm to the paper's \
+        "The hand locates and grasps a box of 23 g, probes its friction, and lifts it by 1 cm to the Hand3 paper's \
          position. Weights of 50, 100, 200 and 300 g are put on the middle of its top and removed, one at a \
          time, each within 0.3 s. Then all of them are added one after the other, 650 g in total, and \
          removed together. Finally the box is pushed from the side with 0.3 N. The hand only knows of this \

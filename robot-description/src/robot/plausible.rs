@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::Vector3;
 use tesaki::kinematics::Chain;
-use tesaki::model::{ChainJoint, JointModel, RobotModel};
+use tesaki::model::{ChainJoint, JointModel, Motor, RobotModel};
 
 use super::RobotFolder;
 use super::limits::{ImplausibleLimit, implausible_limits};
@@ -17,6 +17,13 @@ use crate::urdf::{RigidBody, Urdf};
 /// The shortest time in which a full torque can bring a bare rotor to the velocity limit [s]. The mechanical
 /// time constants of servo motors are 2 to 50 ms; a velocity limit may be a tenth of what the motor reaches.
 const FASTEST_ROTOR: f32 = 2e-4;
+/// Factor between the torque of the largest current and the torque limit from which one of them has another
+/// unit: mA, mN·m/A and N·mm are all off by 1000.
+const OTHER_UNIT: f32 = 3.0;
+/// Distance of a tip from the axis of its last joint below which the joint does not move it [m].
+const ON_AXIS: f32 = 1e-4;
+/// Joints of an arm, whose last one turns the tool about its own axis.
+const ARM_JOINTS: usize = 6;
 /// Coulomb friction above this fraction of the motor's torque is suspicious.
 const MUCH_FRICTION: f32 = 0.5;
 /// Distance from its target at which the position loop would overcome Coulomb friction [rad]: above this, the
@@ -44,14 +51,19 @@ pub fn is_checkable(model: &RobotModel) -> bool {
 }
 
 /// What is not plausible in `folder`, whose `controller.toml` is `settings` and whose `plant.toml` is `plant`
-/// if there is one. Also everything that is wrong in `plant.toml`.
-pub fn check(folder: &RobotFolder, settings: &str, plant: Option<&str>) -> Vec<Finding> {
+/// if there is one. Also everything that is wrong in `plant.toml`. What follows from values that are wrong by
+/// `known` is left out.
+pub fn check(folder: &RobotFolder, settings: &str, plant: Option<&str>, known: &[Finding]) -> Vec<Finding> {
     let mut reports = Reports {
         urdf: Report::new(&folder.path.join("robot.urdf")),
         settings: Report::new(&folder.path.join("controller.toml")),
         plant: Report::new(&folder.path.join("plant.toml")),
         text: settings,
         of_joints: Vec::new(),
+        heaviest: heaviest(&folder.urdf),
+        has_weights: !known.iter().any(|finding| {
+            finding.is_error() && finding.message.starts_with("link ") && finding.message.contains("mass")
+        }),
     };
     let path = folder.path.join("plant.toml");
     let mut start = None;
@@ -59,7 +71,7 @@ pub fn check(folder: &RobotFolder, settings: &str, plant: Option<&str>) -> Vec<F
         let (values, findings) = PlantValues::check(&path, text);
         reports.plant.findings = findings;
         if let Some(values) = values {
-            against_plant(&folder.model, &values, text, &mut reports.plant);
+            against_plant(&folder.model, &values, text, known, &mut reports.plant);
             start = Some((values.posture, text));
         }
     }
@@ -69,12 +81,15 @@ pub fn check(folder: &RobotFolder, settings: &str, plant: Option<&str>) -> Vec<F
     for chains in CoupledChains::groups(chains) {
         of_chains(&chains, model, start.as_ref(), &mut reports);
     }
+    for index in 0..model.chains.len() {
+        tip_on_axis(model, index, &folder.urdf, &mut reports.urdf);
+    }
     for limit in implausible_limits(&folder.model) {
         of_limit(&folder.model, limit, &mut reports);
     }
     links(&folder.urdf, &mut reports.urdf);
     if plant.is_some() {
-        bodies(&folder.urdf, &mut reports.urdf);
+        bodies(&folder.urdf, known, &mut reports.urdf);
     }
     reports.report_joints();
     let Reports { mut urdf, mut settings, mut plant, .. } = reports;
@@ -93,6 +108,10 @@ struct Reports<'a> {
     text: &'a str,
     /// What is said of joints in `controller.toml`, with the names of those of which the same is said.
     of_joints: Vec<(JointFinding, Vec<String>)>,
+    /// The heaviest link with its line, in brackets; nothing without any mass.
+    heaviest: String,
+    /// Whether the masses are right enough to compute weights.
+    has_weights: bool,
 }
 
 /// Something that is said of a joint.
@@ -165,6 +184,7 @@ fn of_chains(
     let loads = chains.joint_loads(gravity, &limits);
     for (&joint, load) in joints.iter().zip(&loads) {
         rotor(joint, reports);
+        units(joint, reports);
         motor(joint, &joints, load, reports);
         speed(joint, reports);
         sticking(joint, reports);
@@ -193,7 +213,7 @@ fn of_chains(
                 angle.clamp(lower, upper).midpoint(0.5 * (lower + upper))
             );
             reports.plant.dynamics(line, message, advice);
-        } else if torque.abs() > torque_limit(joint) {
+        } else if reports.has_weights && torque.abs() > torque_limit(joint) {
             let message = format!(
                 "joint {}: gravity needs {:.3} N·m in the start posture; the motor has {:.3} N·m",
                 joint.name,
@@ -233,6 +253,10 @@ fn rotor(joint: &JointModel, reports: &mut Reports<'_>) {
     let (inertia, torque) = (joint.motor.rotor_inertia, torque_limit(joint));
     let least = torque * FASTEST_ROTOR / joint.limits.velocity;
     let line = reports.line(joint, "motor.rotor_inertia");
+    if inertia < 0.0 {
+        // Told already.
+        return;
+    }
     if inertia <= 0.0 {
         let message = "motor.rotor_inertia = 0: every motor has a rotor".to_owned();
         let advice = "that of the motor's data sheet times the square of the gear ratio [kg·m²]";
@@ -248,6 +272,42 @@ fn rotor(joint: &JointModel, reports: &mut Reports<'_>) {
             format!("at least {least:.1e}: multiply that of the data sheet by the square of the gear ratio");
         reports.warning(joint, line, message, advice);
     }
+}
+
+/// A tip that its last joint turns and never moves: of a finger, whose origin was forgotten.
+fn tip_on_axis(model: &RobotModel, index: usize, urdf: &Urdf, report: &mut Report) {
+    let Some((chain, last)) = model.chains.get(index).zip(model.joints_of(index).last()) else { return };
+    let (axis, name) = match last {
+        ChainJoint::Driven(_, joint) => (joint.axis, joint.name.as_str()),
+        // The model has no names of mimic joints.
+        ChainJoint::Mimic(_) => return,
+    };
+    let (axis, tip) = (Vector3::from(axis), Vector3::from(chain.tip.translation));
+    if model.joints_of(index).count() >= ARM_JOINTS || axis.cross(&tip).norm() > ON_AXIS {
+        return;
+    }
+    let message = format!(
+        "joint {name}: the tip {} lies on its axis: it turns the tip, and never moves it",
+        chain.name
+    );
+    let advice = "give the fixed joint of the tip the <origin> of the fingertip in the last link";
+    report.warning(urdf.line_of_joint(name), message, advice);
+}
+
+/// A motor whose largest current makes quite another torque than the limit.
+fn units(joint: &JointModel, reports: &mut Reports<'_>) {
+    let Motor { current_limit, torque_constant, .. } = joint.motor;
+    let (torque, limit) = (current_limit * torque_constant, joint.limits.torque);
+    if torque <= 0.0 || (limit / OTHER_UNIT..=limit * OTHER_UNIT).contains(&torque) {
+        return;
+    }
+    let message = format!(
+        "motor.current_limit {current_limit} A times motor.torque_constant {torque_constant} N·m/A is \
+         {torque:.4} N·m; the torque limit is {limit} N·m"
+    );
+    let advice = "check the units: A, N·m/A at the joint (through the gear), N·m in effort of the URDF or in \
+        limits.torque";
+    reports.warning(joint, reports.line(joint, "motor.current_limit"), message, advice);
 }
 
 /// A motor too weak for friction and gravity.
@@ -279,6 +339,9 @@ fn motor(joint: &JointModel, joints: &[&JointModel], load: &JointLoad, reports: 
         );
         reports.warning(joint, line, message, hint);
     }
+    if !reports.has_weights {
+        return;
+    }
     let line = reports.line(joint, "motor.current_limit");
     if load.gravity > torque {
         let angles: Vec<String> = joints
@@ -291,8 +354,10 @@ fn motor(joint: &JointModel, joints: &[&JointModel], load: &JointLoad, reports: 
             load.gravity,
             angles.join(" ")
         );
-        let advice =
-            "check masses, gravity, torque_constant and current_limit; or narrow the limits of the joints";
+        let advice = format!(
+            "check masses{}, gravity, torque_constant and current_limit; or narrow the limits of the joints",
+            reports.heaviest
+        );
         reports.error(joint, line, message, advice);
     } else if load.gravity + coulomb > torque {
         let message = format!(
@@ -339,8 +404,16 @@ fn sticking(joint: &JointModel, reports: &mut Reports<'_>) {
 }
 
 /// Controller and plant must fit.
-fn against_plant(model: &RobotModel, plant: &PlantValues, text: &str, report: &mut Report) {
-    for name in plant.posture.keys() {
+fn against_plant(
+    model: &RobotModel,
+    plant: &PlantValues,
+    text: &str,
+    known: &[Finding],
+    report: &mut Report,
+) {
+    // A joint that is wrong is not in the model.
+    let is_told = |name: &str| known.iter().any(|finding| finding.is_error() && finding.is_about_joint(name));
+    for name in plant.posture.keys().filter(|name| !is_told(name)) {
         if !model.joints.iter().any(|joint| joint.name == name.as_str()) {
             let names: Vec<&str> = model.joints.iter().map(|joint| joint.name.as_str()).collect();
             let message = format!("[posture]: the URDF has no joint {name}");
@@ -349,7 +422,8 @@ fn against_plant(model: &RobotModel, plant: &PlantValues, text: &str, report: &m
         }
     }
     let time = |joint: &JointModel| f64::from(joint.motor.rotor_inertia / joint.friction.viscous.max(1e-9));
-    let fastest = model.joints.iter().min_by(|one, other| time(one).total_cmp(&time(other)));
+    let joints = model.joints.iter().filter(|joint| joint.motor.rotor_inertia >= 0.0);
+    let fastest = joints.min_by(|one, other| time(one).total_cmp(&time(other)));
     if let Some(joint) = fastest.filter(|joint| plant.integration.step > time(joint)) {
         let message = format!(
             "integration.step = {} s is too long for joint {}: its rotor ({:.1e} kg·m²) comes to rest by viscous \
@@ -417,9 +491,25 @@ fn links(urdf: &Urdf, report: &mut Report) {
     }
 }
 
-/// Bodies that cannot be simulated.
-fn bodies(urdf: &Urdf, report: &mut Report) {
+/// The link of the largest mass that a joint moves, and its line.
+fn heaviest(urdf: &Urdf) -> String {
+    let moved = urdf.robot.links.iter().filter(|link| link.name != urdf.base());
+    let heaviest = moved.max_by(|a, b| a.inertial.mass.value.total_cmp(&b.inertial.mass.value));
+    let Some(link) = heaviest.filter(|link| link.inertial.mass.value > 0.0) else { return String::new() };
+    let line = urdf.line_of_link(&link.name).map_or_else(String::new, |line| format!(", robot.urdf:{line}"));
+    format!(" (the heaviest link is {} with {} kg{line})", link.name, link.inertial.mass.value)
+}
+
+/// Bodies that cannot be simulated, without those of whose links something is wrong.
+fn bodies(urdf: &Urdf, known: &[Finding], report: &mut Report) {
+    let is_wrong = |link: &str| {
+        let start = format!("link {link}: ");
+        known.iter().any(|finding| finding.is_error() && finding.message.starts_with(&start))
+    };
     for (joint, link) in urdf.bodies_without_inertia() {
+        if RigidBody::new(&urdf.robot, &link).links.iter().any(|(link, _)| is_wrong(&link.name)) {
+            continue;
+        }
         let message =
             format!("link {link}, moved by joint {joint}: without mass or inertia it cannot be simulated");
         let advice = "give it an <inertial>; or accept a gram: its name in accept_inertia of controller.toml \

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use tesaki::model::{Encoder, GAUGES, Gauges, Motor, PidGains, Safety};
 use toml::{Table, Value};
 
-use crate::file::{MAX_TOML, check_length};
+use crate::file::{MAX_TOML, check_length, parse_short};
 use crate::finding::Report;
 use crate::line::line_of;
 
@@ -173,19 +173,13 @@ impl Settings {
         if !check_length(text, MAX_TOML, report) {
             return None;
         }
-        let file = toml::from_str::<File>(text).map_err(|error| {
-            let line =
-                error.span().map(|span| text.get(..span.start).unwrap_or(text).matches('\n').count() + 1);
-            report.dynamics(
-                line,
-                error.message(),
-                "docs/bring-your-own-hand.md has a complete controller.toml; `tesaki model init` writes one",
-            );
-        });
+        let advice =
+            "docs/bring-your-own-hand.md has a complete controller.toml; `tesaki model init` writes one";
+        let file = parse_short::<File>(text, advice, report);
         // The joints can be looked at all the same.
         let table = toml::from_str::<Table>(text).ok()?;
         let joints = joints(&table, text, names, report);
-        let file = file.ok().filter(|_| report.findings.len() == before)?;
+        let file = file.filter(|_| report.findings.len() == before)?;
         Some(Self {
             gravity: file.gravity,
             safety: file.safety.into(),
@@ -225,7 +219,8 @@ fn joints(file: &Table, text: &str, names: &[&str], report: &mut Report) -> BTre
     let (common, own) = (table("joint"), table("joints"));
     // Of a URDF without joints, or that cannot be read, its own finding says enough.
     let is_stranger = |name: &&String| !names.is_empty() && !names.contains(&name.as_str());
-    for stranger in own.keys().filter(is_stranger) {
+    let strangers: Vec<&String> = own.keys().filter(is_stranger).collect();
+    for stranger in &strangers {
         let message = format!("[joints.{stranger}]: the URDF has no such joint");
         let advice = format!("correct or remove it; the moving joints are {}", names.join(", "));
         report.dynamics(line_of(text, &format!("joints.{stranger}")), message, advice);
@@ -239,14 +234,15 @@ fn joints(file: &Table, text: &str, names: &[&str], report: &mut Report) -> BTre
         }
         let mut errors = Vec::new();
         joints.extend(JointSettings::read(&table, &mut errors).map(|settings| (name.to_owned(), settings)));
-        for error in errors {
+        // A table for a joint that is not there may hold what this one lacks.
+        for error in errors.into_iter().filter(|error| strangers.is_empty() || !error.is_missing) {
             match wrong.iter_mut().find(|(known, _)| *known == error) {
                 Some((_, names)) => names.push(name),
                 None => wrong.push((error, vec![name])),
             }
         }
     }
-    for (Wrong { key, message }, names) in wrong {
+    for (Wrong { key, message, .. }, names) in wrong {
         let line = match *names {
             [name] => line_of(text, &format!("joints.{name}.{key}")),
             _ => None,
@@ -265,6 +261,8 @@ fn joints(file: &Table, text: &str, names: &[&str], report: &mut Report) -> BTre
 struct Wrong {
     key: String,
     message: String,
+    /// Whether it is not there, rather than wrong.
+    is_missing: bool,
 }
 
 impl JointSettings {
@@ -273,10 +271,11 @@ impl JointSettings {
         let sections = ["motor", "encoder", "limits", "friction", "servo"];
         for key in table.keys().filter(|key| !sections.contains(&key.as_str())) {
             let message = format!("unknown section {key:?}, expected one of {}", sections.join(", "));
-            errors.push(Wrong { key: key.clone(), message });
+            errors.push(Wrong { key: key.clone(), message, is_missing: false });
         }
         if table.is_empty() {
-            errors.push(Wrong { key: "joint".to_owned(), message: "no settings given".to_owned() });
+            let message = "no settings given".to_owned();
+            errors.push(Wrong { key: "joint".to_owned(), message, is_missing: true });
             return None;
         }
         let (motor, encoder) = (section(table, "motor", errors), section(table, "encoder", errors));
@@ -294,7 +293,8 @@ where
     T: DeserializeOwned + Serialize,
 {
     let Some(value) = table.get(name) else {
-        errors.push(Wrong { key: name.to_owned(), message: format!("section {name} is missing") });
+        let message = format!("section {name} is missing");
+        errors.push(Wrong { key: name.to_owned(), message, is_missing: true });
         return None;
     };
     match value.clone().try_into() {
@@ -302,7 +302,7 @@ where
             // Not every part of the model refuses keys that it does not know.
             let known = Value::try_from(&section).unwrap_or(Value::Boolean(false));
             let Some(key) = stranger(value, &known, name) else { return Some(section) };
-            errors.push(Wrong { message: format!("unknown key {key}"), key });
+            errors.push(Wrong { message: format!("unknown key {key}"), key, is_missing: false });
             None
         }
         Err(error) => {
@@ -311,7 +311,8 @@ where
                 Some(key) => format!("{name}.{key}"),
                 None => name.to_owned(),
             };
-            errors.push(Wrong { key, message: format!("{name}: {message}") });
+            let is_missing = message.contains("missing field");
+            errors.push(Wrong { key, message: format!("{name}: {message}"), is_missing });
             None
         }
     }

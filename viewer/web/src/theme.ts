@@ -42,8 +42,9 @@ const DARK: Theme = {
   force: "#ee8b3c",
 };
 
-export const LINES = ["#0072b2", "#d55e00", "#009e73", "#c0659a", "#b07d00", "#3a93c8", "#7a7f87", "#8e6bbf"];
-const LINES_DARK = ["#4fa8dc", "#ee8b3c", "#2fc296", "#d88bb7", "#d3a02a", "#7cc0ea", "#9aa1aa", "#b096dc"];
+// Nine, as hand3 has joints.
+export const LINES = ["#0072b2", "#d55e00", "#009e73", "#c0659a", "#b07d00", "#3a93c8", "#7a7f87", "#8e6bbf", "#7a3b1d"];
+const LINES_DARK = ["#4fa8dc", "#ee8b3c", "#2fc296", "#d88bb7", "#d3a02a", "#7cc0ea", "#9aa1aa", "#b096dc", "#f0d5bd"];
 
 const query = matchMedia("(prefers-color-scheme: dark)");
 

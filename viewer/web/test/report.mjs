@@ -26,6 +26,15 @@ await run(async () => {
   const time = async () => Number.parseFloat(await clock());
   const picture = () => page.evaluate(() => window.tesaki.players[0].picture(160, 120));
   const still = await picture();
+  for (const colorScheme of ["light", "dark"]) {
+    await page.emulateMedia({ colorScheme });
+    const colours = await page.evaluate(() => {
+      const joints = [...document.querySelectorAll(".tv-chip")].filter((chip) => /_(swing|bend|curl)$/.test(chip.textContent));
+      return joints.map((joint) => getComputedStyle(joint.querySelector(".tv-swatch")).backgroundColor);
+    });
+    check(colours.length === 9 && new Set(colours).size === 9, `nine joints have nine colours on a ${colorScheme} page`);
+  }
+  await page.emulateMedia({ colorScheme: "light" });
   check((await time()) === 0, "it begins at the beginning");
   await page.getByRole("button", { name: "Play" }).click();
   const [from, begin] = await page.evaluate(() => [Number(document.querySelector(".tv-track input").value), performance.now()]);

@@ -214,7 +214,7 @@ fn check_board(
     if let Some(client) = node.commander {
         doctor.warning(
             format!("client {client:08x} commands the board"),
-            "watching works; to command, wait until it has finished, or use --take-over",
+            "watching works; to command, end that program first; if it is dead, use --take-over",
         );
     }
     if node.model.is_empty() {
