@@ -59,15 +59,22 @@ pub(crate) fn parse<T: DeserializeOwned>(text: &str, advice: &str, report: &mut 
         return None;
     }
     let problem = |error: toml::de::Error| {
-        let start = error.span().map_or(0, |span| span.start);
-        let before = text.get(..start).unwrap_or(text);
-        let line = before.matches('\n').count() + 1;
-        // What is unknown or missing is named by the message, what is of the wrong kind is not.
-        let key = key_of_value(before).filter(|_| error.message().starts_with("invalid"));
-        let key = key.map_or_else(String::new, |key| format!(", for {key}"));
-        report.dynamics(Some(line), error.message().to_owned() + &key, advice);
+        let (line, message) = problem(text, &error);
+        report.dynamics(line.or(Some(1)), message, advice);
     };
     toml::from_str(text).map_err(problem).ok()
+}
+
+/// Line, if it is known, and description of what is wrong in a TOML text.
+pub(crate) fn problem(text: &str, error: &toml::de::Error) -> (Option<usize>, String) {
+    let span = error.span();
+    let before = span.as_ref().and_then(|span| text.get(..span.start)).unwrap_or_default();
+    let line = span.map(|_| before.matches('\n').count() + 1);
+    // A key that is unknown or missing is named by the message, that of a wrong value is not.
+    let is_of_value = ["invalid", "unknown variant"].iter().any(|kind| error.message().starts_with(kind));
+    let key = key_of_value(before).filter(|_| is_of_value);
+    let key = key.map_or_else(String::new, |key| format!(", for {key}"));
+    (line, error.message().to_owned() + &key)
 }
 
 /// The key, with those of inline tables around it, of the value that begins where `text` ends.

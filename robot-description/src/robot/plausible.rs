@@ -26,6 +26,8 @@ const MUCH_STICKING: f32 = 0.5;
 const WIDE: f64 = 3.0;
 /// Sizes of links below this one are not trusted [m].
 const SMALL_LINK: f64 = 0.05;
+/// What is said of a motor that cannot carry the links begins so.
+const GRAVITY: &str = "gravity needs";
 /// Velocity of the trajectory filter after a step, per step and filter time: 1/e.
 const FILTER_PEAK: f32 = 0.367_879;
 
@@ -73,6 +75,9 @@ pub fn check(folder: &RobotFolder, settings: &str, plant: Option<&str>) -> Vec<F
         of_limit(&folder.model, limit, &mut reports);
     }
     links(&folder.urdf, &mut reports.urdf);
+    if reports.of_joints.iter().any(|(finding, _)| finding.is_error && finding.message.starts_with(GRAVITY)) {
+        heaviest(&folder.urdf, &mut reports.urdf);
+    }
     if plant.is_some() {
         bodies(&folder.urdf, &mut reports.urdf);
     }
@@ -287,7 +292,7 @@ fn motor(joint: &JointModel, joints: &[&JointModel], load: &JointLoad, reports: 
             .map(|(joint, angle)| format!("{}={angle:.2}", joint.name))
             .collect();
         let message = format!(
-            "gravity needs up to {:.3} N·m, at {}; the motor has {torque:.3} N·m",
+            "{GRAVITY} up to {:.3} N·m, at {}; the motor has {torque:.3} N·m",
             load.gravity,
             angles.join(" ")
         );
@@ -414,6 +419,21 @@ fn links(urdf: &Urdf, report: &mut Report) {
                 "compute it by the CAD program, or from the link's shape",
             );
         }
+    }
+}
+
+/// The heaviest link that moves, for motors that cannot carry it: its line is where to look for grams.
+fn heaviest(urdf: &Urdf, report: &mut Report) {
+    let moved = |link: &&urdf_rs::Link| urdf.robot.joints.iter().any(|joint| joint.child.link == link.name);
+    let mass = |link: &urdf_rs::Link| link.inertial.mass.value;
+    let heaviest =
+        urdf.robot.links.iter().filter(moved).max_by(|one, other| mass(one).total_cmp(&mass(other)));
+    if let Some(link) = heaviest {
+        let mass = mass(link);
+        let message =
+            format!("link {}: mass = {mass} kg, the largest that the motors carry: grams?", link.name);
+        let advice = format!("masses are in kg: {mass} g are {}", mass / 1000.0);
+        report.warning(urdf.line_of_link(&link.name), message, advice);
     }
 }
 

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use tesaki::model::{Encoder, GAUGES, Gauges, Motor, PidGains, Safety};
 use toml::{Table, Value};
 
-use crate::file::{MAX_TOML, check_length};
+use crate::file::{MAX_TOML, check_length, problem};
 use crate::finding::Report;
 use crate::line::line_of;
 
@@ -174,11 +174,10 @@ impl Settings {
             return None;
         }
         let file = toml::from_str::<File>(text).map_err(|error| {
-            let line =
-                error.span().map(|span| text.get(..span.start).unwrap_or(text).matches('\n').count() + 1);
+            let (line, message) = problem(text, &error);
             report.dynamics(
                 line,
-                error.message(),
+                message,
                 "docs/bring-your-own-hand.md has a complete controller.toml; `tesaki model init` writes one",
             );
         });
