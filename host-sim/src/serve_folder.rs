@@ -34,8 +34,8 @@ fn create_in(parent: &Path) -> io::Result<(TempDir, File)> {
     Ok((folder, lock))
 }
 
-/// Removes the folders that hold nothing but sockets at which nobody listens, and that nobody has locked. What
-/// cannot be removed stays. `user` is the number of their owner.
+/// Removes the folders that hold nothing but sockets at which nobody listens, and that nobody has locked.
+/// What cannot be removed stays. `user` is the number of their owner.
 fn remove_left(parent: &Path, user: u32, age: Duration) {
     let folders = fs::read_dir(parent).into_iter().flatten().flatten();
     for folder in folders.map(|entry| entry.path()).filter(|path| is_named_so(path)) {

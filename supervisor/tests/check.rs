@@ -127,7 +127,7 @@ fn a_link_that_the_motors_cannot_carry_is_named_with_its_line() {
     let folder = changed(&[("robot.urdf", "<mass value=\"0.02\"/>", "<mass value=\"20\"/>")]);
     let (code, text) = check(&[], folder.path());
     assert_eq!(code, 1, "{text}");
-    let named = "robot.urdf:65: link finger1_lower: mass = 20 kg, the largest that the motors carry: grams?";
+    let named = "robot.urdf:62: link finger1_lower: mass = 20 kg, the largest that the motors carry: grams?";
     contains(&text, &["gravity needs up to", named, "masses are in kg: 20 g are 0.02"]);
 }
 

@@ -79,7 +79,8 @@ impl Listener {
         }
     }
 
-    /// The file of the socket, which then no longer goes with the listener; empty for TCP, and the second time.
+    /// The file of the socket, which then no longer goes with the listener; empty for TCP, and the second
+    /// time.
     pub(crate) fn take_file(&mut self) -> SocketFile {
         match self {
             Self::Unix(_, _, file) => std::mem::take(file),

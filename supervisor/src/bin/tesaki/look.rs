@@ -87,8 +87,8 @@ impl Eye<'_> {
         }
     }
 
-    /// Whether a picture is too old for the behaviour, which would call the line bad: the camera was stopped, or
-    /// this program.
+    /// Whether a picture is too old for the behaviour, which would call the line bad: the camera was stopped,
+    /// or this program.
     fn is_old(&mut self, sight: &Sight) -> bool {
         let is_old = self.behavior.is_some() && sight.age > MAX_AGE;
         if is_old {

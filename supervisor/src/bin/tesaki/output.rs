@@ -106,8 +106,8 @@ pub fn notice(options: &Options, text: &str) {
     }
 }
 
-/// Prints to standard error, with `--json` too: what is printed on standard output stays as it is. That nobody
-/// reads it is no reason to end.
+/// Prints to standard error, with `--json` too: what is printed on standard output stays as it is. That
+/// nobody reads it is no reason to end.
 pub fn complain(text: &str) {
     let _ = queue::send(queue::Stream::Error, format!("{text}\n"));
 }
