@@ -207,3 +207,31 @@ fn listen(listener: &LocalListener, inlet: &Inlet<Content>) {
         });
     }
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
+mod tests {
+    use tesaki_supervisor::port::Address;
+
+    use super::*;
+
+    #[test]
+    fn a_line_that_its_sender_has_not_ended_is_none() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("circles");
+        let mut vision = Vision::open(&SightSource::Listen(Address::Unix(path.clone()))).unwrap();
+        let mut sender = UnixStream::connect(&path).unwrap();
+        sender.write_all(b"{\"picture\": 1, \"age\": 0}\n{\"picture\": 2, \"a").unwrap();
+        drop(sender);
+        let deadline = Instant::now() + Duration::from_secs(30);
+        let mut line = None;
+        while line.is_none() && Instant::now() < deadline {
+            line = vision.next();
+        }
+        assert_eq!(line.unwrap().text.trim(), "{\"picture\": 1, \"age\": 0}");
+        std::thread::sleep(Duration::from_millis(100));
+        assert!(vision.next().is_none());
+        drop(vision);
+        assert!(!path.exists());
+    }
+}
