@@ -27,6 +27,8 @@ pub mod scenario;
 #[cfg(unix)]
 pub mod serve;
 #[cfg(unix)]
+pub mod serve_folder;
+#[cfg(unix)]
 pub mod served_camera;
 pub mod stepped;
 pub mod virtual_board;

@@ -6,7 +6,7 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::{Duration, Instant};
 
 use rapier3d::na::Isometry3;
-use tesaki_supervisor::port::{Address, LocalListener};
+use tesaki_supervisor::port::{Address, LocalListener, SocketFile};
 
 use crate::camera::{CameraValues, Image};
 use crate::door::{KnobDoor, hand_pose};
@@ -21,6 +21,8 @@ const PATIENCE: Duration = Duration::from_millis(200);
 #[derive(Debug)]
 pub struct ServedCamera {
     address: Address,
+    /// Of the socket, whose listener is in the thread.
+    _file: SocketFile,
     exposures: SyncSender<Exposure>,
     door: Isometry3<f64>,
     /// Index of the tip that is the hand, and of the gripper's joint.
@@ -49,13 +51,14 @@ impl ServedCamera {
         door: KnobDoor,
         [hand, gripper]: [usize; 2],
     ) -> io::Result<Self> {
-        let listener = LocalListener::new(address)?;
+        let mut listener = LocalListener::new(address)?;
+        let file = listener.take_file();
         let address = listener.address().clone();
         // One waits while another one is drawn; those that find no room are not taken.
         let (exposures, waiting) = sync_channel(1);
         let pose = door.pose.inverse();
         std::thread::spawn(move || draw(&listener, &values, &door, &waiting));
-        Ok(Self { address, exposures, door: pose, hand, gripper })
+        Ok(Self { address, _file: file, exposures, door: pose, hand, gripper })
     }
 
     /// Where it listens.

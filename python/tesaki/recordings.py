@@ -11,6 +11,8 @@ from os import PathLike
 
 import numpy as np
 
+from ._tesaki import FileError
+
 __all__ = ["Joints", "load"]
 
 
@@ -38,8 +40,20 @@ def load(path: str | PathLike[str], topic: str = "/joint_states") -> Joints:
         topic: ``/joint_states`` for what was measured, ``/tesaki/reference`` for the references.
 
     Raises:
+        FileError: the file cannot be read, or is no MCAP file, such as the ``.log`` that is for ``tesaki replay``.
         ValueError: the recording has no such topic, or its joints change.
     """
+    from mcap.exceptions import McapError
+
+    try:
+        return _load(path, topic)
+    except OSError as error:
+        raise FileError(f"{path}: {error.strerror or error}") from error
+    except McapError as error:
+        raise FileError(f"{path} cannot be read as MCAP ({str(error) or 'it was cut'}); `tesaki record NAME` writes NAME.mcap") from error
+
+
+def _load(path: str | PathLike[str], topic: str) -> Joints:
     from mcap.reader import make_reader
 
     names: list[str] | None = None

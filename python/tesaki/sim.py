@@ -176,11 +176,12 @@ class Env(_gymnasium.Env if _gymnasium else object):
         self.action_space = box(-np.inf, np.inf, self._shape, np.float32)
         boxes = {name: box(-np.inf, np.inf, value.shape, np.float32) for name, value in self._observation(state).items()}
         self.observation_space = _gymnasium.spaces.Dict(boxes)
-        self._steps = None
+        self._steps, self._why = None, "no episode has begun"
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None):
         """Begins an episode on the machine of ``seed``; without one on a random machine."""
         super().reset(seed=seed)
+        self._why = "the episode is over"
         machine = seed if seed is not None else int(self.np_random.integers(1, 2**31))
         self._target, self._is_led = np.zeros(self._shape, np.float32), False
         state = self._begin(machine)
@@ -196,7 +197,7 @@ class Env(_gymnasium.Env if _gymnasium else object):
     def step(self, action):
         """One control period."""
         if self._steps is None:
-            raise SimulationError("the episode is over: reset")
+            raise SimulationError(f"{self._why}: reset")
         if action is None:
             state = self._steps.step()
         elif isinstance(action, tuple):

@@ -99,6 +99,15 @@ def test_a_joint_moves_and_is_recorded(serve, tmp_path):
         recordings.load(tmp_path / "r.mcap", "/nothing")
 
 
+def test_what_is_no_recording_is_a_file_error(tmp_path):
+    with pytest.raises(tesaki.FileError, match="nowhere.mcap: No such file or directory$"):
+        recordings.load(tmp_path / "nowhere.mcap")
+    log = tmp_path / "grip.log"
+    log.write_bytes(b"\x09no mcap file at all\x00" * 20)
+    with pytest.raises(tesaki.FileError, match="grip.log cannot be read as MCAP .*`tesaki record NAME` writes NAME.mcap"):
+        recordings.load(log)
+
+
 def test_an_exception_disables(serve):
     served = serve()
     with pytest.raises(RuntimeError, match="^on the way$"), tesaki.Board(served.port) as board:

@@ -104,6 +104,8 @@ def test_an_episode_of_joints():
 
 def test_a_fault_terminates():
     env = sim.make("hand3-reach")
+    with pytest.raises(tesaki.SimulationError, match="^no episode has begun: reset$"):
+        env.step(None)
     observation, info = env.reset(seed=1)
     assert env.kind == "tips" and env.action_space.shape == (3, 9)
     # A leap of 20 mm is refused: the set-point before remains.

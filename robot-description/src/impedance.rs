@@ -35,7 +35,7 @@ use tesaki::control::{Coupling, Impedance, ImpedanceAxes, ImpedanceTerm, Invalid
 use tesaki::kinematics::Chain;
 use tesaki::model::RobotModel;
 use tesaki::task::impedance::{
-    DirectLaw, ForceSource, ImpedanceSettings, InvalidSettings, Law, Redundancy, own_mass,
+    DirectLaw, ForceSource, ImpedanceRefusal, ImpedanceSettings, InvalidSettings, Law, Redundancy, own_mass,
 };
 
 use crate::file::{self, FileError, read_text};
@@ -211,6 +211,11 @@ pub fn check(path: &Path, text: &str, model: &RobotModel) -> (Option<ImpedanceSe
     let Some(table) = file::parse::<ImpedanceTable>(text, ADVICE, &mut report) else {
         return (None, report.findings);
     };
+    if model.chains.len() != 1 || model.joints.len() < 6 {
+        let message = format!("{}: {}", model.name, ImpedanceRefusal::NotAnArm);
+        report.dynamics(None, message, "only an arm has an impedance");
+        return (None, report.findings);
+    }
     match table.settings(model) {
         Ok(settings) => (Some(settings), report.findings),
         Err((key, message)) => {

@@ -69,7 +69,18 @@ fn nonsense_is_named_by_file_joint_and_field() {
             "motor.torque_constant = -0.5",
         ),
         ("controller.toml", "torque_constant = 0.5", "torque_konstant = 0.5", "torque_constant"),
-        ("controller.toml", "reaction = \"hold\"", "reaction = \"pray\"", "unknown variant `pray`"),
+        (
+            "controller.toml",
+            "reaction = \"hold\"",
+            "reaction = \"pray\"",
+            "unknown variant `pray`, expected one of `off`, `damp`, `hold`, for reaction",
+        ),
+        (
+            "controller.toml",
+            "command_timeout = 0.1 ",
+            "command_timeout = \"0.1\" ",
+            "expected f32, for command_timeout",
+        ),
         ("controller.toml", "gravity = [", "gravity = ", "controller.toml:4: "),
         (
             "controller.toml",

@@ -24,6 +24,7 @@ pub use announcement::Announcement;
 pub use error::PortError;
 pub use key::Key;
 pub use list::{Found, latency_timer, list};
+pub use listener::SocketFile;
 pub use local::{LocalListener, connect};
 pub use open::{Port, open};
 pub use reopening::Reopening;

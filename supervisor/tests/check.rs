@@ -121,6 +121,16 @@ fn values_that_make_no_sense_are_told_for_every_joint_with_the_line_of_their_fil
     );
 }
 
+/// Whoever writes grams looks for them in the URDF, not at the current limit.
+#[test]
+fn a_link_that_the_motors_cannot_carry_is_named_with_its_line() {
+    let folder = changed(&[("robot.urdf", "<mass value=\"0.02\"/>", "<mass value=\"20\"/>")]);
+    let (code, text) = check(&[], folder.path());
+    assert_eq!(code, 1, "{text}");
+    let named = "robot.urdf:62: link finger1_lower: mass = 20 kg, the largest that the motors carry: grams?";
+    contains(&text, &["gravity needs up to", named, "masses are in kg: 20 g are 0.02"]);
+}
+
 #[test]
 fn joints_without_settings_are_named() {
     let folder = changed(&[]);

@@ -403,6 +403,34 @@ fn the_self_test_finds_friction_in_told_torque_and_keeps_the_limits() {
     assert!(said.contains("weight of its links, at most 0.000 N·m, is too small"), "{said}");
 }
 
+/// 0.00 ± 1.00 mN·m·s/rad of a joint says nothing about its viscous friction.
+#[test]
+fn friction_that_is_not_larger_than_its_deviation_is_not_stored() {
+    let (_, mut model, readings) = self_test(0.0, |_| {});
+    let mut found = found(&model, &readings.unwrap(), false, None);
+    for (found, value) in found.iter_mut().zip([0.0, 0.0005, 0.0011]) {
+        found.friction.as_mut().unwrap().viscous = Estimate { value, deviation: 0.001 };
+    }
+    let mut file = open("[joints.finger1_bend]\nviscous = 0.004\n");
+    update_free(&mut file, &model, &found);
+    let text = file.to_string();
+    let of = |joint: &str| {
+        let table = text.split("[joints.").find(|table| table.starts_with(joint)).unwrap();
+        table.lines().find(|line| line.starts_with("viscous"))
+    };
+    let names = [0, 1, 2].map(|joint: usize| model.joints[joint].name.to_string());
+    let lines = names.each_ref().map(|name| of(name));
+    // The first has that of its robot folder, the second the one that the file had.
+    assert_eq!(lines[..2], [None, Some("viscous = 0.004")], "{text}");
+    assert!(lines[2].is_some_and(|line| line.starts_with("viscous = 0.001100")), "{text}");
+    assert!(text.contains("[joints.finger1_swing]\ncoulomb = "), "{text}");
+    let folder = model.joints[0].friction.viscous;
+    identified_free(&model, &found).apply(&mut model).unwrap();
+    assert_eq!(model.joints[0].friction.viscous.to_bits(), folder.to_bits());
+    let said = found[0].viscous().unwrap_err().to_string();
+    assert!(said.contains("0.00 ± 1.00 mN·m·s/rad"), "{said}");
+}
+
 fn open(text: &str) -> CalibrationFile {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("calibration.toml");

@@ -16,6 +16,7 @@ use tesaki_sim::plant::{Drive, ObjectValues, Plant, PlantOptions, PlantValues};
 use tesaki_sim::qemu::Qemu;
 use tesaki_sim::scenario::scene::{on_support, open_posture};
 use tesaki_sim::serve::{ServedBoard, home_command, input_lines, serve};
+use tesaki_sim::serve_folder;
 use tesaki_sim::served_camera::ServedCamera;
 use tesaki_sim::virtual_board::VirtualBoard;
 use tesaki_supervisor::hub::Hub;
@@ -84,7 +85,7 @@ pub fn run(options: &Serve) -> Result<(), Box<dyn Error>> {
             &mut qemu
         }
     };
-    let folder = tempfile::Builder::new().prefix("tesaki-").tempdir()?;
+    let (folder, _lock) = serve_folder::create()?;
     let camera = match served_door(options, &robot.model, &plant)? {
         Some((door, values, joints)) => {
             machine.fixtures = door.fixtures();
@@ -125,7 +126,7 @@ pub fn run(options: &Serve) -> Result<(), Box<dyn Error>> {
         )),
         shown(&options.robot).display(),
         home_command(&plant, &robot.model).map_or_else(String::new, |home| format!("  {home}\n")),
-        example_command(options, &robot.model),
+        example_command(options, &robot.model, camera.as_ref()),
     );
     let stop = || STOP.load(Ordering::Relaxed);
     serve(&mut hub, board, &mut plant, &robot.model, camera.as_ref(), &input_lines(), &stop)?;
@@ -179,10 +180,16 @@ fn machine_options(options: &Serve, model: &RobotModel) -> Result<PlantOptions, 
     Ok(machine)
 }
 
-/// A command to try on the machine once it is homed.
-fn example_command(options: &Serve, model: &RobotModel) -> String {
-    if options.door.is_some() {
-        return format!("tesaki approach --robot {}", shown(&options.robot).display());
+/// What to try on the machine once it is homed.
+fn example_command(options: &Serve, model: &RobotModel, camera: Option<&ServedCamera>) -> String {
+    if let Some(camera) = camera {
+        return format!(
+            "tesaki look --from {} --to unix://circles\n\
+             and in a third one:\n\
+             \x20 tesaki approach --robot {} --from unix://circles",
+            camera.address(),
+            shown(&options.robot).display()
+        );
     }
     let impedance = options.robot.join("impedances/soft.toml");
     if impedance.is_file() {

@@ -97,10 +97,10 @@ fn following_error(joint: &JointModel) -> Text {
     let (step, largest) = (velocity * TICK, NEVER * range(joint));
     if error < step {
         let message = format!(
-            "limits.following_error = {error} rad is less than the joint moves in a tick at its velocity limit, \
-             {step:.3} rad: a fault at once"
+            "limits.following_error = {error} rad is less than the joint moves in a tick at its velocity limit, {step:.3} \
+             rad: a fault at once"
         );
-        return Some((message, format!("several times {step:.3} rad")));
+        return Some((message, format!("at least {:.3} rad, three times that", 3.0 * step)));
     }
     (error > largest).then(|| {
         let message = format!(

@@ -45,18 +45,39 @@ impl FreeJoint {
         let friction = fit_free(&readings.iter().map(true_torque).collect::<Vec<_>>());
         Self { torque_constant, friction }
     }
+
+    /// Coulomb friction [N·m], or why it is not known.
+    ///
+    /// # Errors
+    /// The friction is not identified, or this part is not larger than its standard deviation.
+    pub fn coulomb(&self) -> Result<Estimate, NotIdentified> {
+        known(self.friction?.coulomb, "mN·m")
+    }
+
+    /// Viscous friction [N·m·s/rad], or why it is not known.
+    ///
+    /// # Errors
+    /// As [`coulomb`](Self::coulomb).
+    pub fn viscous(&self) -> Result<Estimate, NotIdentified> {
+        known(self.friction?.viscous, "mN·m·s/rad")
+    }
+}
+
+/// The estimate, if it is larger than its standard deviation.
+fn known(estimate: Estimate, unit: &'static str) -> Result<Estimate, NotIdentified> {
+    let Estimate { value, deviation } = estimate;
+    if value > deviation { Ok(estimate) } else { Err(NotIdentified::Uncertain { unit, value, deviation }) }
 }
 
 /// The identified values of the joints of `model` after the self-test.
 #[expect(clippy::cast_possible_truncation, reason = "the model is in single precision")]
 pub fn identified_free(model: &RobotModel, found: &[FreeJoint]) -> Calibration {
     let joint = |(joint, found): (&JointModel, &FreeJoint)| {
-        let friction = found.friction.ok();
         let constant = found.torque_constant.and_then(Result::ok);
         let values = JointCalibration {
             torque_constant: constant.map(|constant| constant.value as f32),
-            coulomb: friction.map(|friction| friction.coulomb.value as f32),
-            viscous: friction.map(|friction| friction.viscous.value as f32),
+            coulomb: found.coulomb().ok().map(|coulomb| coulomb.value as f32),
+            viscous: found.viscous().ok().map(|viscous| viscous.value as f32),
         };
         (joint.name.to_string(), values)
     };
@@ -74,8 +95,10 @@ pub fn update_free(file: &mut CalibrationFile, model: &RobotModel, found: &[Free
         if let Some(Ok(constant)) = found.torque_constant {
             set("torque_constant", constant, 5, "N·m/A");
         }
-        if let Ok(FreeFit { coulomb, viscous, .. }) = found.friction {
+        if let Ok(coulomb) = found.coulomb() {
             set("coulomb", coulomb, 6, "N·m");
+        }
+        if let Ok(viscous) = found.viscous() {
             set("viscous", viscous, 6, "N·m·s/rad");
         }
     }

@@ -114,6 +114,16 @@ pub enum NotIdentified {
         /// Largest weight [N·m].
         weight: f64,
     },
+    /// The value is not larger than its standard deviation.
+    #[error("{:.2} ± {:.2} {unit}; the present value stays", 1e3 * value, 1e3 * deviation)]
+    Uncertain {
+        /// A thousandth of the unit of the value.
+        unit: &'static str,
+        /// The value.
+        value: f64,
+        /// Its standard deviation.
+        deviation: f64,
+    },
     /// The number cannot be.
     #[error("{value:.3} {what} cannot be: are homing, tare, and the masses in the URDF right?")]
     Implausible {

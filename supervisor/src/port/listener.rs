@@ -12,10 +12,22 @@ use super::{Address, Key};
 /// A socket that accepts clients.
 #[derive(Debug)]
 pub(crate) enum Listener {
-    /// With its file, which goes with it.
-    Unix(UnixListener, PathBuf),
+    /// With its address for messages, and its file.
+    Unix(UnixListener, String, SocketFile),
     /// With the key that its clients need.
     Tcp(TcpListener, Option<Key>),
+}
+
+/// The file of a Unix socket, which is removed when this is dropped.
+#[derive(Debug, Default)]
+pub struct SocketFile(Option<PathBuf>);
+
+impl Drop for SocketFile {
+    fn drop(&mut self) {
+        if let Some(path) = &self.0 {
+            let _ = fs::remove_file(path);
+        }
+    }
 }
 
 /// A client that was accepted.
@@ -32,7 +44,11 @@ impl Listener {
     /// needs a key, unless only programs on this machine reach it.
     pub(crate) fn new(address: &Address, key: Option<&Key>) -> io::Result<(Self, Address)> {
         match address {
-            Address::Unix(path) => Ok((Self::Unix(listen_unix(path)?, path.clone()), address.clone())),
+            Address::Unix(path) => {
+                let listener = listen_unix(path)?;
+                let file = SocketFile(Some(path.clone()));
+                Ok((Self::Unix(listener, address.to_string(), file), address.clone()))
+            }
             Address::Tcp(host) => {
                 let fail = |error: io::Error| {
                     io::Error::new(error.kind(), format!("cannot listen at {address}: {error}"))
@@ -63,9 +79,18 @@ impl Listener {
         }
     }
 
+    /// The file of the socket, which then no longer goes with the listener; empty for TCP, and the second
+    /// time.
+    pub(crate) fn take_file(&mut self) -> SocketFile {
+        match self {
+            Self::Unix(_, _, file) => std::mem::take(file),
+            Self::Tcp(..) => SocketFile::default(),
+        }
+    }
+
     pub(crate) fn fd(&self) -> BorrowedFd<'_> {
         match self {
-            Self::Unix(listener, _) => listener.as_fd(),
+            Self::Unix(listener, ..) => listener.as_fd(),
             Self::Tcp(listener, _) => listener.as_fd(),
         }
     }
@@ -73,10 +98,10 @@ impl Listener {
     /// The next client.
     pub(crate) fn accept(&self) -> io::Result<Accepted> {
         match self {
-            Self::Unix(listener, path) => {
+            Self::Unix(listener, name, _) => {
                 let (socket, _) = listener.accept()?;
                 socket.set_nonblocking(true)?;
-                let name = format!("unix://{}", path.display());
+                let name = name.clone();
                 Ok(Accepted { name, socket: socket.into(), encryption: None })
             }
             Self::Tcp(listener, key) => {
@@ -94,14 +119,6 @@ impl Listener {
 fn is_loopback(host: IpAddr) -> bool {
     // An IPv4 address may be written as an IPv6 one.
     host.to_canonical().is_loopback()
-}
-
-impl Drop for Listener {
-    fn drop(&mut self) {
-        if let Self::Unix(_, path) = self {
-            let _ = fs::remove_file(path);
-        }
-    }
 }
 
 /// Listens at a socket file, replacing one left behind by a crashed program.

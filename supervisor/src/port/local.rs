@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use nix::poll::{PollFd, PollFlags};
 
-use super::listener::Listener;
+use super::listener::{Listener, SocketFile};
 use super::{Address, stream};
 
 /// A socket that other programs of this machine connect to. The file of a Unix socket goes with it.
@@ -40,6 +40,13 @@ impl LocalListener {
     /// Where it listens: with the port that the system chose, if port 0 was asked for.
     pub const fn address(&self) -> &Address {
         &self.address
+    }
+
+    /// The file of a Unix socket, which from then on goes when this value is dropped: for a listener in a
+    /// thread that does not end before the process.
+    #[must_use]
+    pub fn take_file(&mut self) -> SocketFile {
+        self.listener.take_file()
     }
 
     /// The next program that connects within this time.
@@ -109,6 +116,26 @@ mod tests {
             client.read_to_string(&mut answer).unwrap();
             assert_eq!(answer, "answered");
         }
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[test]
+    fn the_file_of_a_socket_goes_with_who_keeps_it() {
+        let folder = crate::port::tests::folder("socket-file");
+        std::fs::create_dir_all(&folder).unwrap();
+        let path = folder.join("socket");
+        let listen = || LocalListener::new(&Address::Unix(path.clone())).unwrap();
+        drop(listen());
+        assert!(!path.exists());
+        let mut listener = listen();
+        let file = listener.take_file();
+        assert!(path.exists());
+        drop(file);
+        assert!(!path.exists());
+        // What another program has put there meanwhile is its own.
+        let _again = listen();
+        drop(listener);
+        assert!(path.exists());
         std::fs::remove_dir_all(&folder).unwrap();
     }
 

@@ -55,10 +55,10 @@ impl Scene {
         Self { server, circles }
     }
 
-    fn look(&self) -> Child {
+    fn look(&self) -> Program {
         let camera = format!("unix://{}", self.server.folder.path().join("camera").display());
         let mut command = self.server.command(&["--json", "look", "--from", &camera, "--to", &self.circles]);
-        command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
+        Program::start(&mut command)
     }
 
     fn approach(&self, robot: &Path, arguments: &[&str]) -> Approach {
@@ -100,18 +100,49 @@ fn line(reader: &mut BufReader<UnixStream>) -> Value {
     serde_json::from_str(&text).unwrap_or_else(|_| panic!("{text:?}"))
 }
 
+/// A program that is killed when the test ends, however it ends.
+struct Program(Option<Child>);
+
+impl Program {
+    fn start(command: &mut Command) -> Self {
+        Self(Some(command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()))
+    }
+
+    fn child(&mut self) -> &mut Child {
+        self.0.as_mut().unwrap()
+    }
+
+    fn kill(&mut self) {
+        let _ = self.child().kill();
+        let _ = self.child().wait();
+    }
+
+    /// Exit code, and what it said.
+    fn finish(mut self) -> (i32, String) {
+        said(&finish(self.0.take().unwrap()))
+    }
+}
+
+impl Drop for Program {
+    fn drop(&mut self) {
+        if self.0.is_some() {
+            self.kill();
+        }
+    }
+}
+
 /// The behaviour while it runs.
 struct Approach {
-    child: Child,
+    program: Program,
     output: BufReader<std::process::ChildStdout>,
     said: Vec<Value>,
 }
 
 impl Approach {
     fn start(mut command: Command) -> Self {
-        let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-        let output = BufReader::new(child.stdout.take().unwrap());
-        Self { child, output, said: Vec::new() }
+        let mut program = Program::start(&mut command);
+        let output = BufReader::new(program.child().stdout.take().unwrap());
+        Self { program, output, said: Vec::new() }
     }
 
     /// The next line that it says; `None` at its end.
@@ -156,7 +187,7 @@ impl Approach {
     /// Exit code, and what it said last.
     fn finish(mut self) -> (i32, String) {
         while self.next().is_some() {}
-        let (code, errors) = said(&finish(self.child));
+        let (code, errors) = self.program.finish();
         let last = self.said.last().map_or_else(String::new, Value::to_string);
         (code, last + &errors)
     }
@@ -177,29 +208,23 @@ fn grips_although_vision_is_killed_on_the_way(door: u64) -> bool {
     let mut look = scene.look();
     let mut approach = scene.approach(&robot(), &["--hold"]);
     approach.until_phase("going before the knob");
-    look.kill().unwrap();
-    look.wait().unwrap();
+    look.kill();
     std::thread::sleep(Duration::from_millis(400));
     let mut look = scene.look();
     let Some(outcome) = approach.grips() else {
         // It goes on holding where it is.
-        for program in [&mut look, &mut approach.child] {
-            let _ = program.kill();
-            let _ = program.wait();
-        }
         return false;
     };
     assert!(outcome["bad"] == 0, "{outcome}");
     assert!(outcome["pictures"].as_u64().unwrap() > 15, "{outcome}");
     assert_eq!(scene.server.json(&["faults"])["total"], 0);
-    signal(&look, Signal::SIGINT);
-    let (code, text) = said(&finish(look));
+    signal(look.child(), Signal::SIGINT);
+    let (code, text) = look.finish();
     assert!(code == 0 && text.contains("\"found\""), "{code}: {text}");
     // It goes on holding.
     approach.until(|value| value["gripper"] == "Holding");
     scene.server.stop.store(true, std::sync::atomic::Ordering::Relaxed);
-    let _ = approach.child.kill();
-    let _ = approach.child.wait();
+    approach.program.kill();
     scene.assert_gripped();
     true
 }
@@ -215,8 +240,7 @@ fn the_next_one_grips(door: u64) -> bool {
     let mut first = scene.approach(&robot(), &[]);
     first.until_phase("going before the knob");
     std::thread::sleep(Duration::from_millis(200));
-    first.child.kill().unwrap();
-    first.child.wait().unwrap();
+    first.program.kill();
     scene.server.wait_for("in fault");
     let angles = || {
         let state = scene.server.json(&["read"]);
@@ -238,10 +262,8 @@ fn the_next_one_grips(door: u64) -> bool {
     );
     let mut second = scene.approach(&robot, &["--resume", "--hold"]);
     let is_gripped = second.grips().is_some();
-    let _ = look.kill();
-    let _ = look.wait();
-    let _ = second.child.kill();
-    let _ = second.child.wait();
+    look.kill();
+    second.program.kill();
     if !is_gripped {
         return false;
     }
@@ -251,16 +273,22 @@ fn the_next_one_grips(door: u64) -> bool {
 
 #[test]
 fn the_behaviour_gives_up_with_a_reason_when_vision_is_gone_for_good() {
-    let scene = Scene::new();
+    let mut scene = Scene::new();
     let robot = impatient(scene.server.folder.path());
     let mut look = scene.look();
     let mut approach = scene.approach(&robot, &["--no-hold"]);
     approach.until_phase("going before the knob");
-    look.kill().unwrap();
-    look.wait().unwrap();
+    look.kill();
     let (code, text) = approach.finish();
     assert!(code == 8 && text.contains("there were no pictures: look at the camera"), "{code}: {text}");
     assert_eq!(scene.server.json(&["faults"])["total"], 0);
+    // Its socket goes with it, and that of the camera with the simulator.
+    assert!(!scene.server.folder.path().join("circles").exists());
+    let camera = scene.server.folder.path().join("camera");
+    assert!(camera.exists());
+    scene.server.stop.store(true, std::sync::atomic::Ordering::Relaxed);
+    scene.server.thread.take().unwrap().join().unwrap();
+    assert!(!camera.exists());
 }
 
 #[test]
@@ -341,7 +369,7 @@ fn circles_that_come_before_the_arm_may_move_are_of_no_use() {
 #[test]
 fn what_is_wrong_with_a_line_is_answered_and_nothing_is_enabled() {
     let scene = Scene::new();
-    let approach = scene.approach(&robot(), &[]);
+    let mut approach = scene.approach(&robot(), &[]);
     let (mut stream, mut reader) = scene.detector();
     let mut ask = |text: &str| {
         stream.write_all(format!("{text}\n").as_bytes()).unwrap();
@@ -369,7 +397,7 @@ fn what_is_wrong_with_a_line_is_answered_and_nothing_is_enabled() {
     assert!(line(&mut reader)["error"].is_string());
     assert_eq!(reader.read_line(&mut String::new()).unwrap_or(0), 0);
     std::thread::sleep(Duration::from_millis(100));
-    signal(&approach.child, Signal::SIGINT);
+    signal(approach.program.child(), Signal::SIGINT);
     let (code, text) = approach.finish();
     assert!(code == 0, "{code}: {text}");
     scene.server.wait_for("disabled");

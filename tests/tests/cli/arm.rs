@@ -90,5 +90,5 @@ fn a_hand_is_not_an_arm() {
     let server = Server::ready();
     server.fails(&["impedance", "status"], 7, &["no task was enabled"]);
     let soft = arm7().join("impedances/soft.toml").to_str().unwrap().to_owned();
-    server.fails(&["impedance", "hold", &soft], 1, &["only an arm of seven joints has an arm angle"]);
+    server.fails(&["impedance", "hold", &soft], 1, &["hand3: the robot is not an arm"]);
 }

@@ -20,7 +20,7 @@ fn parameters_are_read_changed_and_refused_by_name() {
     let server = Server::ready();
     assert!(server.succeeds(&["read", "safety.command_timeout"]).contains("safety.command_timeout = 1"));
     server.succeeds(&["set", "safety.reaction", "off"]);
-    assert!(server.succeeds(&["read", "safety"]).contains("safety.reaction = \"Off\""));
+    assert!(server.succeeds(&["read", "safety"]).contains("safety.reaction = \"off\""));
     server.succeeds(&["set", "joints.*.limits.velocity", "4.5"]);
     assert!(server.succeeds(&["read", "joints.finger3_curl.limits"]).contains("limits.velocity = 4.5"));
     server.fails(&["set", "safety.damping", "-1"], 2, &["safety.damping", "-1"]);

@@ -112,8 +112,10 @@ fn a_bad_line_costs_repeats_and_nothing_else() {
 #[test]
 fn a_monitor_resumes_when_the_board_comes_back() {
     let mut server = Server::ready();
-    let mut monitor = server.start_command(&["--json", "monitor"]);
+    let mut monitor = server.start_command(&["--timeout", "1", "--json", "monitor"]);
     let lines = BufReader::new(monitor.stdout.take().unwrap()).lines();
+    let mut complaints = BufReader::new(monitor.stderr.take().unwrap()).lines();
+    let mut complaint = || complaints.next().unwrap().unwrap();
     let (sender, ticks) = std::sync::mpsc::channel();
     std::thread::spawn(move || {
         for line in lines.map_while(Result::ok) {
@@ -126,10 +128,15 @@ fn a_monitor_resumes_when_the_board_comes_back() {
     server.stop.store(true, Ordering::Relaxed);
     server.thread.take().unwrap().join().unwrap();
     while next(1).is_ok() {}
+    let said = complaint();
+    assert!(said.contains("no telemetry for") && said.contains("the port has disappeared"), "{said}");
     // Another board appears at the same address.
     let _ = std::fs::remove_file(server.folder.path().join("board"));
     let again = Server::start_at(std::mem::replace(&mut server.folder, tempfile::tempdir().unwrap()));
     next(30).expect("telemetry of the new board");
+    assert_eq!(complaint(), "the board is heard again");
+    let said = complaint();
+    assert!(said.contains("the board was reset: the board has no robot model: push one"), "{said}");
     monitor.kill().unwrap();
     monitor.wait().unwrap();
     drop(again);

@@ -1,6 +1,7 @@
 //! `tesaki look` without a board: its sources of pictures.
 
-use std::io::Write as _;
+use std::io::{BufRead as _, BufReader, Write as _};
+use std::os::unix::net::UnixListener;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
@@ -58,6 +59,42 @@ fn files_are_looked_at_one_by_one_in_the_order_of_their_numbers() {
     let (code, text) = look(&["--from", &source, "--rate", "100"], b"");
     let places: Vec<f64> = text.lines().map(|line| center(line)[0].round()).collect();
     assert!(code == 0 && places == [90.0, 150.0, 120.0], "{code}: {text}");
+}
+
+/// A picture that the camera, or the vision, has kept for too long is no bad line for the behaviour.
+#[test]
+fn a_picture_that_is_too_old_is_not_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("circles");
+    let behaviour = UnixListener::bind(&path).unwrap();
+    let heard = std::thread::spawn(move || {
+        let (stream, _) = behaviour.accept().unwrap();
+        let lines = BufReader::new(stream).lines();
+        lines.map_while(Result::ok).collect::<Vec<_>>()
+    });
+    let stream = [disc("# age 1.2\n", [90.0, 110.0]), disc("# age 0.1\n", [150.0, 120.0])];
+    let to = format!("unix://{}", path.display());
+    let mut child = tesaki_tests::tesaki()
+        .args(["--json", "look", "--to", &to])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut stdin = child.stdin.take().unwrap();
+    // The first has been looked at before the second takes its place.
+    for picture in stream {
+        stdin.write_all(&picture).unwrap();
+        std::thread::sleep(Duration::from_millis(500));
+    }
+    drop(stdin);
+    let (code, text) = said(&finish(child));
+    assert!(code == 0 && text.contains("\"skipped\":1"), "{code}: {text}");
+    let ages: Vec<f64> = { heard.join().unwrap() }
+        .iter()
+        .map(|line| serde_json::from_str::<Value>(line).unwrap()["age"].as_f64().unwrap())
+        .collect();
+    assert!(!ages.is_empty() && ages.iter().all(|age| *age <= 1.0), "{ages:?}");
 }
 
 #[test]

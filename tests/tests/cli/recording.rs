@@ -1,7 +1,9 @@
 //! Recordings and their interruptions.
 
+use std::io::{BufRead as _, BufReader};
 use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::process::{Command, Stdio};
+use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use mcap::{MessageStream, Summary};
@@ -199,6 +201,7 @@ fn a_recording_continues_after_a_reset_of_the_board() {
     let replayed = server.json(&["replay", log.to_str().unwrap()]);
     assert!(replayed["identical_ticks"].as_u64().unwrap() > 150, "{replayed}");
     assert_eq!(replayed["gaps"], 1, "{replayed}");
+    assert_eq!(replayed["board_lost"], false, "{replayed}");
 }
 
 #[test]
@@ -223,6 +226,40 @@ fn recorders_do_not_disturb_each_other() {
         let moved = records.iter().filter(enabled).count() > 50;
         assert_eq!(moved, *name != names[2], "{name}");
     }
+}
+
+#[test]
+fn a_recording_whose_board_was_lost_says_so() {
+    let mut server = Server::ready();
+    let name = server.folder.path().join("run");
+    let mut command = server.command(&["--timeout", "1", "record", name.to_str().unwrap()]);
+    let mut recorder = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut complaints = BufReader::new(recorder.stderr.take().unwrap()).lines();
+    let mut complaint = || complaints.next().unwrap().unwrap();
+    assert!(complaint().contains("Ctrl-C stops"));
+    std::thread::sleep(Duration::from_millis(500));
+    server.stop.store(true, Ordering::Relaxed);
+    server.thread.take().unwrap().join().unwrap();
+    let said = complaint();
+    assert!(said.contains("no data from the board for 1 s") && said.contains("silent for 30 s"), "{said}");
+    signal(&recorder, nix::sys::signal::Signal::SIGINT);
+    assert!(finish(recorder).status.success());
+    let log = name.with_extension("log");
+    let records = decode(&std::fs::read(&log).unwrap());
+    // Which older programs read, too.
+    let [.., LogRecord::Gap { missing: 0 }, LogRecord::End { ticks }] = records[..] else {
+        panic!("no gap before the end record")
+    };
+    let replay = |options: &[&str]| {
+        let (code, text) = server.run(&[options, &["replay", log.to_str().unwrap()]].concat());
+        assert_eq!(code, 0, "{text}");
+        text
+    };
+    let text = replay(&[]);
+    assert!(text.contains(&format!("{ticks} ticks identical")) && !text.contains("gap"), "{text}");
+    assert!(text.contains("the board was silent when the recording ended, after tick "), "{text}");
+    let value: serde_json::Value = serde_json::from_str(&replay(&["--json"])).unwrap();
+    assert!(value["board_lost"] == true && value["gaps"] == 0, "{value}");
 }
 
 pub fn decode(bytes: &[u8]) -> Vec<LogRecord> {

@@ -33,6 +33,12 @@ interface Options {
   marks?: { time: number; text: string }[];
 }
 
+/** The range of an axis: about the values, but ±0.1 where all are 0, which uPlot would draw as 0 to 100. */
+function heights(_: uPlot, low: number | null, high: number | null): [number, number] {
+  if (!low && !high) return [-0.1, 0.1];
+  return uPlot.rangeNum(low ?? 0, high ?? 0, 0.1, true) as [number, number];
+}
+
 export class Charts {
   private times: number[] = [];
   private readonly drawn: Drawn[];
@@ -227,7 +233,7 @@ export class Charts {
       padding: [8, 22, 0, 0],
       legend: { show: false },
       cursor: { sync: { key: "tesaki" }, points: { show: false }, drag: { x: false, y: false } },
-      scales: { x: { time: false, min: this.range[0], max: this.range[1] } },
+      scales: { x: { time: false, min: this.range[0], max: this.range[1] }, y: { range: heights } },
       series: [
         {},
         ...lines.map((line) => ({

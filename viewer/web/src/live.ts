@@ -275,7 +275,8 @@ export class Live {
 
   private setStatus(status: Status): void {
     this.status = status;
-    say(this.facts, `${status.port}, firmware ${status.firmware}, supply ${number(status.supply, 1)} V`);
+    const supply = this.hasData() && status.supply > 0 ? `, supply ${number(status.supply, 1)} V` : "";
+    say(this.facts, `${status.port}, firmware ${status.firmware}${supply}`);
     if (status.trouble) {
       say(this.badge, "no data");
       this.badge.dataset.mode = "lost";
@@ -312,6 +313,11 @@ export class Live {
     }
   }
 
+  /** Whether the board tells its state. */
+  private hasData(): boolean {
+    return this.state !== null && this.status?.trouble == null;
+  }
+
   /** The buttons that make sense now. They are made anew only when they are others, lest one vanish under a click. */
   private arrange(): void {
     const { status, state } = this;
@@ -319,11 +325,12 @@ export class Live {
     const { commander } = status;
     const mode = state?.mode ?? "disabled";
     const running = mode === "enabled" ? (state?.task ?? "") : "";
-    const layout = JSON.stringify([commander, mode, running, status.plans, status.falls !== null]);
+    const hasData = this.hasData();
+    const layout = JSON.stringify([commander, mode, running, status.plans, status.falls !== null, hasData]);
     if (layout === this.layout) return;
     this.layout = layout;
     const words = {
-      nobody: "Nobody commands the board. This page only looks.",
+      nobody: hasData ? "Nobody commands the board. This page only looks." : "There is no data from the board.",
       you: "This page commands the board.",
       page: "Another page commands the board. This page only looks.",
       program: "Another program commands the board. This page only looks.",
@@ -333,7 +340,7 @@ export class Live {
     const buttons: HTMLElement[] = [];
     const add = (text: string, command: Command, primary = false) =>
       buttons.push(button(text, primary ? "tv-primary" : "", () => this.send(command)));
-    if (commander === "nobody") add("Take command", { do: "take" }, true);
+    if (commander === "nobody" && hasData) add("Take command", { do: "take" }, true);
     if (commander === "you") {
       if (mode === "disabled") {
         add("Enable joints", { do: "enable", task: "joint servo" }, true);
@@ -397,7 +404,7 @@ export class Live {
     say(this.task, "");
     say(this.link, "");
     [this.arrivals, this.delays] = [[], []];
-    this.status = null;
+    [this.status, this.state] = [null, null];
     this.layout = "";
     this.commands.replaceChildren();
     say(this.commander, "");

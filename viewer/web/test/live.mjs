@@ -3,7 +3,7 @@
 import { board, browser, check, checkWithoutWebGl, cpu, run, until } from "./harness.mjs";
 
 await run(async () => {
-  const { tesaki, url, server } = await board("hand3");
+  const { tesaki, url, server, plant } = await board("hand3");
   const chrome = await browser();
   const errors = [];
   const open = async () => {
@@ -99,6 +99,12 @@ await run(async () => {
   check(true, "then the other page may take command");
 
   await checkWithoutWebGl(url);
+
+  check((await text(second, ".tv-facts")).includes(" V"), "the supply is shown while there is data");
+  plant.stdin.write("reset\n");
+  await second.getByText("There is no data from the board.").waitFor();
+  const offered = await second.getByRole("button", { name: "Take command" }).count();
+  check(offered === 0 && !(await text(second, ".tv-facts")).includes("supply"), "without data it shows no supply and offers no command");
   check(errors.length === 0, `no errors in the browser${errors.map((error) => `\n${error}`)}`);
   await chrome.close();
 });

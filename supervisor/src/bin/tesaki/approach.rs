@@ -228,14 +228,16 @@ impl<F: Fn(&[f32]) -> Option<Pose>> Leader<'_, F> {
         let rose = self.approach.rose().map(|rose| output::exact(&rose.radius()));
         let value = json!({
             "gripped": reason.is_none(), "reason": reason, "time": time, "tries": tries, "pictures": seen, "bad": bad,
-            "rose": rose,
+            "bad_line": self.vision.error(), "rose": rose,
         });
         output::result(self.options, &value, || {
             let what = reason
                 .as_ref()
                 .map_or_else(|| "the hand holds the knob".to_owned(), |reason| format!("given up: {reason}"));
             let pictures = output::counted(seen as usize, "picture");
-            format!("{what}; {time:.1} s, try {tries}, {pictures}, {bad} bad lines")
+            let error =
+                self.vision.error().map_or_else(String::new, |error| format!(", the last one: {error}"));
+            format!("{what}; {time:.1} s, try {tries}, {pictures}, {bad} bad lines{error}")
         })?;
         Ok(reason.map_or(Ok(()), |reason| Err(Failure::Grasp(format!("the knob is not held: {reason}")))))
     }

@@ -212,10 +212,13 @@ fn check_board(
     check_microcontroller(&state, doctor);
     check_frames(&state.supervisor_link, board.repeats(), doctor);
     if let Some(client) = node.commander {
-        doctor.warning(
-            format!("client {client:08x} commands the board"),
-            "watching works; to command, end that program first; if it is dead, use --take-over",
-        );
+        // Only the next one that asks for command learns whether the lease has expired.
+        let advice = if matches!(node.mode, Mode::Enabled(_)) {
+            "watching works; to command, wait until it has finished, or use --take-over"
+        } else {
+            "watching works; another program gets command 1 s after its last request, also if it was killed"
+        };
+        doctor.warning(format!("client {client:08x} commands the board, or did last"), advice);
     }
     if node.model.is_empty() {
         doctor.bad(1, "the board has no robot model", "tesaki model push robots/NAME");

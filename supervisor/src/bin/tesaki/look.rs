@@ -15,7 +15,7 @@ use crate::board_session::interrupted;
 use crate::failure::Failure;
 use crate::find_circle::{self, Known, search};
 use crate::output;
-use crate::sight::Sight;
+use crate::sight::{MAX_AGE, Sight};
 use behavior::Behavior;
 use pictures::{Pictures, Taken};
 
@@ -33,6 +33,7 @@ pub fn run(options: &Options, args: &Look) -> Result<(), Failure> {
         trouble: None,
         looked: 0,
         found: 0,
+        old: 0,
     };
     let ending = loop {
         if interrupted.load(Ordering::Relaxed) {
@@ -49,7 +50,7 @@ pub fn run(options: &Options, args: &Look) -> Result<(), Failure> {
     };
     eye.live.end();
     if eye.behavior.is_some() {
-        let (looked, found, skipped) = (eye.looked, eye.found, pictures.skipped());
+        let (looked, found, skipped) = (eye.looked, eye.found, pictures.skipped() + eye.old);
         let value = serde_json::json!({ "pictures": looked, "found": found, "skipped": skipped });
         output::result(options, &value, || {
             format!(
@@ -72,6 +73,8 @@ struct Eye<'a> {
     trouble: Option<String>,
     looked: usize,
     found: usize,
+    /// Pictures that were too old for the behaviour.
+    old: u64,
 }
 
 impl Eye<'_> {
@@ -84,9 +87,19 @@ impl Eye<'_> {
         }
     }
 
+    /// Whether a picture is too old for the behaviour, which would call the line bad: the camera was stopped,
+    /// or this program.
+    fn is_old(&mut self, sight: &Sight) -> bool {
+        let is_old = self.behavior.is_some() && sight.age > MAX_AGE;
+        if is_old {
+            self.old += 1;
+            self.complain(format!("pictures older than {MAX_AGE} s are skipped: do camera and PC keep up?"));
+        }
+        is_old
+    }
+
     fn look(&mut self, taken: &Taken) -> Result<(), Failure> {
         let number = self.looked as u64;
-        self.looked += 1;
         let size = [taken.picture.width, taken.picture.height];
         let sight = |circle: Option<Option<Circle>>| Sight {
             version: None,
@@ -95,8 +108,13 @@ impl Eye<'_> {
             size: Some(size),
             circle: circle.map(|circle| circle.map(Into::into)),
         };
+        let question = sight(None);
+        if self.is_old(&question) {
+            return Ok(());
+        }
+        self.looked += 1;
         let known = match &mut self.behavior {
-            Some(behavior) => behavior.ask(&sight(None), &self.known),
+            Some(behavior) => behavior.ask(&question, &self.known),
             None => Some(self.known),
         };
         let Some(known) = known else { return Ok(()) };
@@ -115,6 +133,10 @@ impl Eye<'_> {
             searched => searched?,
         };
         self.found += usize::from(circle.is_some());
+        let answer = sight(Some(circle));
+        if self.is_old(&answer) {
+            return Ok(());
+        }
         let Some(behavior) = &mut self.behavior else {
             return if self.options.json {
                 output::line(&find_circle::object(&taken.name, circle.as_ref(), milliseconds).to_string())
@@ -122,7 +144,7 @@ impl Eye<'_> {
                 output::line(&find_circle::line(&taken.name, circle.as_ref(), milliseconds))
             };
         };
-        behavior.tell(&sight(Some(circle)));
+        behavior.tell(&answer);
         let troubles: Vec<String> = behavior.troubles.drain(..).collect();
         let is_heard = behavior.is_connected();
         troubles.into_iter().for_each(|trouble| self.complain(trouble));

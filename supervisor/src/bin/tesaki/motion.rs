@@ -532,7 +532,7 @@ impl<'a> Motion<'a> {
     fn report(&self, news: &News) -> Option<String> {
         match (self.asks, news) {
             (None, News { telemetry: Some(telemetry), .. }) => {
-                Some(output::telemetry(telemetry, &self.model).to_string())
+                Some(output::telemetry(telemetry, Some(&self.model)).to_string())
             }
             (Some(_), News { task: Some(report), .. }) => Some(output::task(report).to_string()),
             _ => None,

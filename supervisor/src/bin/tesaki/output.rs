@@ -60,10 +60,11 @@ pub fn task(report: &TaskReport) -> serde_json::Value {
 }
 
 /// The state of the joints for JSON, each with its name.
-pub fn telemetry(telemetry: &Telemetry, model: &RobotModel) -> serde_json::Value {
+pub fn telemetry(telemetry: &Telemetry, model: Option<&RobotModel>) -> serde_json::Value {
     let mut value = exact(telemetry);
     let joints = value.get_mut("joints").and_then(serde_json::Value::as_array_mut);
-    for (state, joint) in joints.into_iter().flatten().zip(&model.joints) {
+    for (state, joint) in joints.into_iter().flatten().zip(model.into_iter().flat_map(|model| &model.joints))
+    {
         if let serde_json::Value::Object(state) = state {
             state.insert("name".to_owned(), joint.name.as_str().into());
         }
@@ -105,8 +106,9 @@ pub fn notice(options: &Options, text: &str) {
     }
 }
 
-/// Prints to standard error. That nobody reads it is no reason to end.
-fn complain(text: &str) {
+/// Prints to standard error, with `--json` too: what is printed on standard output stays as it is. That
+/// nobody reads it is no reason to end.
+pub fn complain(text: &str) {
     let _ = queue::send(queue::Stream::Error, format!("{text}\n"));
 }
 

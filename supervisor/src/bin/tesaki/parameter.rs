@@ -28,7 +28,7 @@ pub fn read(options: &Options, path: Option<&str>) -> Result<(), Failure> {
     output::result(options, &value, || {
         let mut text = String::new();
         for (name, value) in &found {
-            let _ = writeln!(text, "{name} = {value}");
+            let _ = writeln!(text, "{name} = {}", typed(name, value));
         }
         text
     })
@@ -38,7 +38,7 @@ fn state(options: &Options, session: &mut BoardSession, model: &RobotModel) -> R
     let telemetry = session.telemetry_now()?;
     let homed = session.board.status()?.node.homed;
     let tips = session.tips()?.tips;
-    let mut value = output::telemetry(&telemetry, model);
+    let mut value = output::telemetry(&telemetry, Some(model));
     value["tips"] = model
         .chains
         .iter()
@@ -164,6 +164,13 @@ fn check_stops(model: &RobotModel, changed: &RobotModel) -> Result<(), Failure> 
         }
     }
     Ok(())
+}
+
+/// A value as it is typed: names of variants in small letters, as `set` and the robot folder have them.
+fn typed(path: &str, value: &Value) -> Value {
+    let small = Value::String(value.as_str().unwrap_or_default().to_lowercase());
+    let is_name = path.rsplit('.').next() == Some("name");
+    if !is_name && parse(value, small.as_str().unwrap_or_default()) == *value { small } else { value.clone() }
 }
 
 /// The names of variants in an error of the decoder, as they are typed.

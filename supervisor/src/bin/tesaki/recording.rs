@@ -45,8 +45,12 @@ pub fn record(options: &Options, args: &Record) -> Result<(), Failure> {
         && args.duration.is_none_or(|duration| start.elapsed() < duration)
     {
         if let Err(failure) = recorder.step(&mut session) {
+            recorder.silent |= matches!(
+                failure,
+                Failure::Late(_) | Failure::Board(BoardError::Timeout { .. } | BoardError::Link(_))
+            );
             // What was recorded until then is whole.
-            let _ = recorder.log.end();
+            let _ = recorder.end_log();
             return Err(failure);
         }
     }
@@ -74,6 +78,8 @@ struct Recorder<'a> {
     /// When the rate of a stream was last requested.
     requested: Instant,
     last_tick: Option<u32>,
+    /// Whether the board is silent, which was told.
+    silent: bool,
 }
 
 impl<'a> Recorder<'a> {
@@ -128,6 +134,7 @@ impl<'a> Recorder<'a> {
             flushed: now,
             requested: now,
             last_tick: None,
+            silent: false,
         })
     }
 
@@ -155,6 +162,7 @@ impl<'a> Recorder<'a> {
             }
             Some(FromBoard::Reply(_)) | None => {}
         }
+        self.tell_silence(now);
         if now - self.heard > GONE {
             return Err(Failure::Late(format!(
                 "no data from the board for {} s; the recording up to then is in {}",
@@ -177,6 +185,21 @@ impl<'a> Recorder<'a> {
             output::line(&json!({ "ticks": ticks, "gaps": gaps, "lost": lost }).to_string())?;
         }
         Ok(())
+    }
+
+    /// Says once that the board is silent, and once that it is heard again.
+    fn tell_silence(&mut self, now: Instant) {
+        let silent = now - self.heard > self.options.timeout;
+        if silent && !self.silent {
+            output::complain(&format!(
+                "no data from the board for {} s; the recording ends when it is silent for {} s",
+                self.options.timeout.as_secs_f64(),
+                GONE.as_secs()
+            ));
+        } else if self.silent && !silent {
+            output::complain("the board is heard again");
+        }
+        self.silent = silent;
     }
 
     fn telemetry(&mut self, session: &mut BoardSession, telemetry: &Telemetry) -> Result<(), Failure> {
@@ -206,8 +229,16 @@ impl<'a> Recorder<'a> {
         Ok(())
     }
 
+    /// Ends the log. A gap before the end record says that the board was silent.
+    fn end_log(&mut self) -> std::io::Result<()> {
+        if self.silent {
+            self.log.write(&LogRecord::Gap { missing: 0 })?;
+        }
+        self.log.end()
+    }
+
     fn finish(mut self) -> Result<(), Failure> {
-        self.log.end().map_err(Failure::file(&self.log_path))?;
+        self.end_log().map_err(Failure::file(&self.log_path))?;
         self.viewer.publisher.finish().map_err(mcap_failure(&self.mcap_path))?;
         let ReplayLog { ticks, gaps, lost, .. } = self.log;
         let (log_path, mcap_path) = (&self.log_path, &self.mcap_path);

@@ -24,6 +24,10 @@ struct Found {
     skipped: u64,
     /// Entries that were lost when the log was recorded.
     gaps: u64,
+    /// Gaps since the last record that is none.
+    open_gaps: u64,
+    /// Whether the board was silent when the recording ended: a gap stands before the end record.
+    is_board_lost: bool,
     /// Records that cannot be read.
     damaged: u64,
     /// The last tick that was read, and the last before the first damaged record.
@@ -35,11 +39,19 @@ struct Found {
 
 impl Found {
     fn take(&mut self, record: &LogRecord, is_identical: bool) {
-        self.end = None;
+        (self.end, self.is_board_lost) = (None, false);
+        let open_gaps = std::mem::take(&mut self.open_gaps);
         match record {
-            LogRecord::End { ticks } => self.end = Some(*ticks),
+            LogRecord::End { ticks } => {
+                (self.end, self.is_board_lost) = (Some(*ticks), open_gaps > 0);
+                // Nothing is missing between two parts of the recording.
+                self.gaps -= open_gaps;
+            }
             LogRecord::Start(start) => self.start = Some(*start),
-            LogRecord::Gap { .. } => self.gaps += 1,
+            LogRecord::Gap { .. } => {
+                self.gaps += 1;
+                self.open_gaps = open_gaps + 1;
+            }
             LogRecord::Actuators(frame) => {
                 self.last_tick = Some(frame.sequence);
                 *(if is_identical { &mut self.identical } else { &mut self.skipped }) += 1;
@@ -95,7 +107,13 @@ impl Found {
             let gaps = output::counted(usize::try_from(self.gaps).unwrap_or(usize::MAX), "gap");
             format!("; {gaps}, {} ticks behind could not be compared", self.skipped)
         };
-        format!("{} ticks identical to the last bit{origin}{gaps}", self.identical)
+        let lost = if self.is_board_lost {
+            let last = self.last_tick.map_or_else(String::new, |tick| format!(", after tick {tick}"));
+            format!("\nthe board was silent when the recording ended{last}: what it did then is not recorded")
+        } else {
+            String::new()
+        };
+        format!("{} ticks identical to the last bit{origin}{gaps}{lost}", self.identical)
     }
 }
 
@@ -142,8 +160,10 @@ pub fn run(options: &Options, path: &Path) -> Result<(), Failure> {
     if let Some(problem) = found.problem() {
         return Err(Failure::Other(format!("{}: {problem}", path.display())));
     }
-    let Found { identical, skipped, gaps, start, .. } = &found;
-    let value =
-        json!({ "identical_ticks": identical, "skipped_ticks": skipped, "gaps": gaps, "start": start });
+    let Found { identical, skipped, gaps, is_board_lost, start, .. } = &found;
+    let value = json!({
+        "identical_ticks": identical, "skipped_ticks": skipped, "gaps": gaps, "board_lost": is_board_lost,
+        "start": start,
+    });
     output::result(options, &value, || found.text())
 }

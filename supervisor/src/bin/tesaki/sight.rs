@@ -8,7 +8,7 @@ use crate::find_circle::Known;
 /// The version of these lines.
 const VERSION: u32 = 1;
 /// Oldest picture [s].
-const MAX_AGE: f64 = 1.0;
+pub const MAX_AGE: f64 = 1.0;
 /// Largest coordinate [px].
 const FARTHEST: f32 = 1e5;
 

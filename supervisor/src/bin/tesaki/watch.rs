@@ -25,7 +25,7 @@ pub fn run(options: &Options) -> Result<(), Failure> {
     let mut session = BoardSession::open(options)?;
     let model = session.model()?;
     if options.json {
-        return stream(&mut session, &model);
+        return stream(options, &mut session, model);
     }
     let mut watch = Watch::new(&mut session, model)?;
     let mut screen =
@@ -54,10 +54,13 @@ pub fn run(options: &Options) -> Result<(), Failure> {
     Ok(())
 }
 
-/// One JSON object per line, until the reader closes the output.
-fn stream(session: &mut BoardSession, model: &RobotModel) -> Result<(), Failure> {
+/// One JSON object per line, until the reader closes the output. What is wrong with the board is told on
+/// standard error.
+fn stream(options: &Options, session: &mut BoardSession, model: RobotModel) -> Result<(), Failure> {
     session.board.set_rate(Stream::Telemetry, EVERY)?;
+    let mut model = Some(model);
     let mut last = None::<u32>;
+    let (mut heard, mut silent) = (Instant::now(), false);
     loop {
         match session.telemetry(Duration::from_secs(1)) {
             // Another program may need a higher rate.
@@ -66,9 +69,28 @@ fn stream(session: &mut BoardSession, model: &RobotModel) -> Result<(), Failure>
                     .is_some_and(|last| (1..EVERY.into()).contains(&telemetry.tick.wrapping_sub(last))) => {}
             Ok(telemetry) => {
                 last = Some(telemetry.tick);
-                output::line(&output::telemetry(&telemetry, model).to_string())?;
+                heard = Instant::now();
+                if std::mem::take(&mut silent) {
+                    output::complain("the board is heard again");
+                }
+                if telemetry.joints.is_empty() {
+                    if model.take().is_some() {
+                        output::complain(&format!("the board was reset: {}", Failure::NoModel));
+                    }
+                } else if model.is_none() {
+                    model = pushed(session)?;
+                }
+                output::line(&output::telemetry(&telemetry, model.as_ref()).to_string())?;
             }
             Err(Failure::Late(_)) => {
+                if heard.elapsed() >= options.timeout && !silent {
+                    silent = true;
+                    output::complain(&format!(
+                        "no telemetry for {:.0} s: {}",
+                        heard.elapsed().as_secs_f64(),
+                        no_telemetry(session)
+                    ));
+                }
                 session.reconnect(&[(Stream::Telemetry, EVERY)])?;
             }
             Err(failure) => return Err(failure),
@@ -76,8 +98,29 @@ fn stream(session: &mut BoardSession, model: &RobotModel) -> Result<(), Failure>
     }
 }
 
+/// The model that was pushed meanwhile; `None` when it cannot be read yet.
+fn pushed(session: &mut BoardSession) -> Result<Option<RobotModel>, Failure> {
+    match session.model() {
+        Ok(model) => Ok(Some(model)),
+        Err(Failure::NoModel | Failure::Board(BoardError::Timeout { .. } | BoardError::ExportDisturbed)) => {
+            Ok(None)
+        }
+        Err(failure) => Err(failure),
+    }
+}
+
+/// Why there is no telemetry, and what to do.
+fn no_telemetry(session: &BoardSession) -> &'static str {
+    if session.board.link().get_ref().is_open() {
+        "is the control loop running? Try `tesaki doctor`"
+    } else {
+        "the port has disappeared; when it is back, this goes on"
+    }
+}
+
 struct Watch {
-    model: RobotModel,
+    /// `None` when the board was reset, and no model was pushed since.
+    model: Option<RobotModel>,
     /// Of the model on the board.
     checksum: u32,
     view: View,
@@ -94,12 +137,12 @@ struct Watch {
 
 impl Watch {
     fn new(session: &mut BoardSession, model: RobotModel) -> Result<Self, Failure> {
-        let title = title(session, &model);
+        let title = title(session, Some(&model));
         let link = LinkView { open: true, expected_rate: 100.0 / f32::from(EVERY), ..LinkView::default() };
         let view = View { title, joints: joint_views(&model), link, ..View::default() };
         let now = Instant::now();
         let mut watch = Self {
-            model,
+            model: Some(model),
             checksum: 0,
             view,
             heard: now,
@@ -120,7 +163,12 @@ impl Watch {
     fn listen(&mut self, session: &mut BoardSession, deadline: Instant) -> Result<(), Failure> {
         while let Some(event) = session.board.next_event(deadline)? {
             match event {
-                FromBoard::Telemetry(telemetry) => self.telemetry(&telemetry),
+                FromBoard::Telemetry(telemetry) => {
+                    if telemetry.joints.is_empty() {
+                        self.forget_model(session);
+                    }
+                    self.telemetry(&telemetry);
+                }
                 FromBoard::Status(status) => {
                     self.refresh_model(session, &status)?;
                     self.status(&status);
@@ -144,11 +192,7 @@ impl Watch {
         }
         if silence > SILENCE {
             self.view.state = State::Lost;
-            self.view.hint = if link.open {
-                "no telemetry: is the control loop running? Try `tesaki doctor`".to_owned()
-            } else {
-                "the port has disappeared: reconnect it, and this view resumes".to_owned()
-            };
+            self.view.hint = format!("no telemetry: {}", no_telemetry(session));
             session.reconnect(STREAMS)?;
         }
         if self.known_faults.is_none() && silence < SILENCE {
@@ -159,23 +203,28 @@ impl Watch {
 
     /// Another program may have pushed another model; faults and joints have its names.
     fn refresh_model(&mut self, session: &mut BoardSession, status: &Status) -> Result<(), Failure> {
-        if status.node.model.is_empty() || status.node.model_checksum == self.checksum {
-            return Ok(());
+        if status.node.model.is_empty() {
+            self.forget_model(session);
+        } else if status.node.model_checksum != self.checksum
+            // Else the next status comes soon.
+            && let Some(model) = pushed(session)?
+        {
+            self.checksum = status.node.model_checksum;
+            self.view.joints = joint_views(&model);
+            self.view.title = title(session, Some(&model));
+            self.model = Some(model);
+            self.known_faults = None;
         }
-        match session.model() {
-            Ok(model) => {
-                self.checksum = status.node.model_checksum;
-                self.view.joints = joint_views(&model);
-                self.view.title = title(session, &model);
-                self.model = model;
-                self.known_faults = None;
-                Ok(())
-            }
-            // The next status comes soon.
-            Err(
-                Failure::NoModel | Failure::Board(BoardError::Timeout { .. } | BoardError::ExportDisturbed),
-            ) => Ok(()),
-            Err(failure) => Err(failure),
+        Ok(())
+    }
+
+    /// The board was reset: what is shown of its joints is no longer true.
+    fn forget_model(&mut self, session: &BoardSession) {
+        if self.model.take().is_some() {
+            self.checksum = 0;
+            self.view.joints.clear();
+            self.view.title = title(session, None);
+            self.known_faults = None;
         }
     }
 
@@ -194,6 +243,7 @@ impl Watch {
         self.view.time = f64::from(telemetry.tick) * 0.01;
         self.view.mode = telemetry.mode.to_string();
         (self.view.state, self.view.hint) = match telemetry.mode {
+            Mode::Disabled if self.model.is_none() => (State::Disabled, Failure::NoModel.to_string()),
             Mode::Disabled => (State::Disabled, String::new()),
             Mode::Enabled(_) => (State::Enabled, "space stops the robot".to_owned()),
             Mode::Fault => {
@@ -220,7 +270,7 @@ impl Watch {
         match session.board.faults() {
             Ok(log) => {
                 self.view.faults =
-                    log.faults.iter().map(|fault| describe(fault, Some(&self.model))).collect();
+                    log.faults.iter().map(|fault| describe(fault, self.model.as_ref())).collect();
                 self.known_faults = Some(log.total);
                 if let Some(last) = log.faults.last() {
                     self.entry = troubleshooting::fault(last.cause);
@@ -233,8 +283,9 @@ impl Watch {
     }
 }
 
-fn title(session: &BoardSession, model: &RobotModel) -> String {
-    format!("{} on {}, firmware {}", model.name, session.port, version(session.identity.firmware))
+fn title(session: &BoardSession, model: Option<&RobotModel>) -> String {
+    let robot = model.map_or("no robot", |model| &model.name);
+    format!("{robot} on {}, firmware {}", session.port, version(session.identity.firmware))
 }
 
 fn joint_views(model: &RobotModel) -> Vec<JointView> {

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use tesaki_supervisor::port::LocalListener;
+use tesaki_supervisor::port::{LocalListener, SocketFile};
 
 use crate::args::SightSource;
 use crate::failure::Failure;
@@ -62,20 +62,24 @@ fn send(mut stream: &UnixStream, answer: &Answer) {
 pub struct Vision {
     feed: Feed<Content>,
     taken: usize,
+    /// Of the socket, whose listener is in a thread.
+    _file: SocketFile,
 }
 
 impl Vision {
     pub fn open(source: &SightSource) -> Result<Self, Failure> {
         let what = "circle";
+        let mut file = SocketFile::default();
         let feed = match source {
             SightSource::StandardInput => Feed::standard_input(what, Duration::MAX),
             SightSource::Listen(address) => {
-                let listener = LocalListener::new(address).map_err(Failure::file(address.to_string()))?;
+                let mut listener = LocalListener::new(address).map_err(Failure::file(address.to_string()))?;
                 let place = listener.address().to_string();
+                file = listener.take_file();
                 Feed::spawn(place, what, Duration::MAX, move |inlet| listen(&listener, inlet))
             }
         };
-        Ok(Self { feed, taken: 0 })
+        Ok(Self { feed, taken: 0, _file: file })
     }
 
     pub fn place(&self) -> &str {
@@ -154,9 +158,14 @@ impl Vision {
         (self.feed.seen, self.feed.dropped)
     }
 
+    /// What is wrong with the last bad line.
+    pub fn error(&self) -> Option<&str> {
+        self.feed.error()
+    }
+
     /// Its rate, and what is wrong with it.
     pub fn one_line(&mut self) -> String {
-        let error = self.feed.error().map_or_else(String::new, |error| format!(" ({error})"));
+        let error = self.error().map_or_else(String::new, |error| format!(" ({error})"));
         format!("{:.0} pictures/s{error}", self.feed.rate(Instant::now()))
     }
 }
@@ -185,7 +194,10 @@ fn listen(listener: &LocalListener, inlet: &Inlet<Content>) {
         std::thread::spawn(move || {
             let mut input = BufReader::new(reader);
             let mut is_first = true;
-            while let Some(Ok(text)) = feed::line(&mut input) {
+            // Who is killed within a line has not sent it.
+            while let Some(Ok(text)) = feed::line(&mut input)
+                && text.ends_with('\n')
+            {
                 let content = Content { text, from: Some(Arc::clone(&stream)), is_first };
                 is_first = false;
                 if !inlet.send(Ok(content)) {
@@ -193,5 +205,33 @@ fn listen(listener: &LocalListener, inlet: &Inlet<Content>) {
                 }
             }
         });
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
+mod tests {
+    use tesaki_supervisor::port::Address;
+
+    use super::*;
+
+    #[test]
+    fn a_line_that_its_sender_has_not_ended_is_none() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("circles");
+        let mut vision = Vision::open(&SightSource::Listen(Address::Unix(path.clone()))).unwrap();
+        let mut sender = UnixStream::connect(&path).unwrap();
+        sender.write_all(b"{\"picture\": 1, \"age\": 0}\n{\"picture\": 2, \"a").unwrap();
+        drop(sender);
+        let deadline = Instant::now() + Duration::from_secs(30);
+        let mut line = None;
+        while line.is_none() && Instant::now() < deadline {
+            line = vision.next();
+        }
+        assert_eq!(line.unwrap().text.trim(), "{\"picture\": 1, \"age\": 0}");
+        std::thread::sleep(Duration::from_millis(100));
+        assert!(vision.next().is_none());
+        drop(vision);
+        assert!(!path.exists());
     }
 }

@@ -118,13 +118,13 @@ fn report(model: &RobotModel, found: &[FreeJoint], out: Option<&Path>) -> serde_
         let friction = found.friction.ok();
         let value = json!({
             "torque_constant": found.torque_constant.and_then(Result::ok).map(number),
-            "coulomb": friction.map(|fit| number(fit.coulomb)),
-            "viscous": friction.map(|fit| number(fit.viscous)),
+            "coulomb": found.coulomb().ok().map(number),
+            "viscous": found.viscous().ok().map(number),
             "offset": friction.map(|fit| number(fit.offset)),
             "inertia": friction.map(|fit| number(fit.inertia)),
             "residual": friction.map(|fit| fit.residual),
             "readings": friction.map(|fit| fit.readings),
-            "not_identified": doubts(found).next().map(|(_, doubt)| doubt.to_string()),
+            "not_identified": doubts(found).next().map(|(what, doubt)| format!("{what}: {doubt}")),
         });
         (joint.name.to_string(), value)
     };
@@ -135,9 +135,12 @@ fn report(model: &RobotModel, found: &[FreeJoint], out: Option<&Path>) -> serde_
 
 /// What was asked for and is not identified, and why.
 fn doubts(found: &FreeJoint) -> impl Iterator<Item = (&'static str, NotIdentified)> {
+    let part = |part: Result<Estimate, NotIdentified>| part.err().filter(|_| found.friction.is_ok());
     let doubts = [
         ("torque constant", found.torque_constant.and_then(Result::err)),
         ("friction", found.friction.err()),
+        ("Coulomb friction", part(found.coulomb())),
+        ("viscous friction", part(found.viscous())),
     ];
     doubts.into_iter().filter_map(|(what, doubt)| Some((what, doubt?)))
 }
@@ -173,7 +176,7 @@ fn table(model: &RobotModel, found: &[FreeJoint], weighed: bool) -> String {
         let constant = constants(&constant);
         let _ = writeln!(text, "{name:<18}{constant} {coulomb:>17} {viscous:>19} {forth:>13} {back:>13}");
         for (what, doubt) in doubts(found) {
-            let _ = writeln!(notes, "{name}: {what} not identified: {doubt}");
+            let _ = writeln!(notes, "{name}: {what} is not identified: {doubt}");
         }
     }
     text + &notes
