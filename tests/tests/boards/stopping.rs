@@ -43,7 +43,8 @@ fn lose(index: usize, moving: bool, trouble: Trouble) {
         _ => panic!("{case}: {error}"),
     }
     for (other, cable) in rig.hand().boards().iter().enumerate() {
-        let cause = cable.board.node().faults().faults.last().unwrap().cause;
+        // The hand then stops all boards, also the one in trouble.
+        let cause = cable.board.node().faults().faults.first().unwrap().cause;
         assert_eq!(cause, if other == index { trouble.cause() } else { FaultCause::Stop }, "{case}");
         // The model's reaction is to hold.
         let off = other == index && trouble == Trouble::EmergencyStop;
