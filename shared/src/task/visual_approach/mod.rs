@@ -10,8 +10,8 @@
 //!
 //! This is the manipulation module of the paper: it knows nothing of pictures. Who leads it sends a
 //! [latch](VisualApproachCommand::Latch) when a picture is taken, finds the rose in it, and sends where the
-//! hand shall go, from [`Approach`](crate::behavior::Approach) or by a rule of its own. Targets are places in the base frame: one that
-//! arrives late or twice does no harm.
+//! hand shall go, from [`Approach`](crate::behavior::Approach) or by a rule of its own. Targets are places in
+//! the base frame: one that arrives late or twice does no harm.
 //!
 //! The hand keeps the orientation that it has when the task begins. Its references are found by the inverse
 //! of the Jacobian, as in the paper (`dθ = J⁻¹ [mx my mz 0 0 0]ᵀ`, Knob §4.5), damped, within the limits of
