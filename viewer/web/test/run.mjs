@@ -36,7 +36,8 @@ await run(async () => {
     return page;
   };
   const tips = (page) => page.evaluate(() => window.tesaki.run.player?.tipPositions() ?? []);
-  const slider = (page) => page.evaluate(() => ["value", "max"].map((name) => Number(document.querySelector(".tv-track input")[name])));
+  const slider = (page) =>
+    page.evaluate(() => ["value", "max"].map((name) => Number(document.querySelector(".tv-track input")?.[name] ?? 0)));
   const badge = (page) => page.locator(".tv-badge").textContent();
 
   const [program, url] = await begin("arm7-straight", "localhost:0");
