@@ -257,17 +257,22 @@ impl Node {
                 (self.state.mode, self.state.reaction) = (Mode::Fault, Reaction::Off);
             }
             Mode::Enabled(_) => self.fail(fault),
-            // The reaction goes on as it is.
-            Mode::Fault if self.has_unread_stop() => {}
-            Mode::Fault => self.state.faults.record(fault),
+            Mode::Fault => self.stop_again(fault),
         }
     }
 
-    /// Whether the last fault is a stop that nobody has read of yet.
-    fn has_unread_stop(&self) -> bool {
-        let faults = &self.state.faults;
-        let last = faults.faults.last().map(|fault| fault.cause);
-        last == Some(FaultCause::Stop) && self.state.faults_read != faults.total
+    /// Records a stop during a reaction, which goes on as it is.
+    fn stop_again(&mut self, stop: Fault) {
+        let faults = &mut self.state.faults;
+        if faults.faults.last().is_some_and(|last| last.cause == FaultCause::Stop) {
+            if self.state.faults_read != faults.total {
+                // Nobody has read of that one yet.
+                return;
+            }
+            // In its place: stops alone never push the cause out of the log.
+            faults.faults.pop();
+        }
+        faults.record(stop);
     }
 
     fn require_disabled(&self) -> Result<(), Refusal> {

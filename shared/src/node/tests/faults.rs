@@ -4,7 +4,7 @@ use heapless::Vec;
 
 use super::rig::{COUNTS_PER_RADIAN, Rig, model, refusal};
 use crate::control::ServoMode;
-use crate::fault::FaultCause;
+use crate::fault::{FaultCause, MAX_FAULTS};
 use crate::model::Reaction;
 use crate::node::Node;
 use crate::protocol::{Mode, Refusal, Reply, Request, SensorFlags, SensorFrame};
@@ -251,6 +251,22 @@ fn a_stop_after_another_fault_is_read_of_before_the_robot_is_enabled() {
     assert_eq!(refusal(rig.ask(Request::ClearFaults { total: 2 })), Refusal::FaultsUnread { total: 3 });
     rig.clear_faults();
     assert_eq!(rig.enable(), Reply::Done);
+}
+
+#[test]
+fn stops_that_are_read_of_one_by_one_leave_the_cause_in_the_log() {
+    let mut rig = Rig::enabled(&model());
+    while rig.node.mode() != Mode::Fault {
+        rig.tick();
+    }
+    for sequence in 1..=2 * MAX_FAULTS as u16 {
+        assert!(matches!(rig.ask(Request::ReadFaults), Reply::Faults(_)));
+        assert_eq!(rig.send(99, sequence, Request::Stop), Reply::Done);
+    }
+    let log = rig.node.faults();
+    let causes = log.faults.iter().map(|fault| fault.cause);
+    assert!(causes.eq([FaultCause::CommandTimeout, FaultCause::Stop]), "{log:?}");
+    assert_eq!(log.total, 1 + 2 * MAX_FAULTS as u32, "each has to be read of");
 }
 
 #[test]
