@@ -57,14 +57,22 @@ impl Finding {
 
     /// Whether it is about the joint `name`.
     pub fn is_about_joint(&self, name: &str) -> bool {
-        let rest = self.joint().and_then(|message| message.strip_prefix(name));
-        rest.is_some_and(|rest| rest.starts_with([':', ' ']))
+        self.joint().is_some_and(|rest| begins_with_name(rest, name))
+    }
+
+    /// Whether it is about the link `name`.
+    pub fn is_about_link(&self, name: &str) -> bool {
+        self.message.strip_prefix("link ").is_some_and(|rest| begins_with_name(rest, name))
     }
 
     /// Whether it is an error.
     pub fn is_error(&self) -> bool {
         self.severity == Severity::Error
     }
+}
+
+fn begins_with_name(text: &str, name: &str) -> bool {
+    text.strip_prefix(name).is_some_and(|rest| rest.starts_with([':', ' ']))
 }
 
 impl fmt::Display for Finding {

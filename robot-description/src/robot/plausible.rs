@@ -502,10 +502,7 @@ fn heaviest(urdf: &Urdf) -> String {
 
 /// Bodies that cannot be simulated, without those of whose links something is wrong.
 fn bodies(urdf: &Urdf, known: &[Finding], report: &mut Report) {
-    let is_wrong = |link: &str| {
-        let start = format!("link {link}: ");
-        known.iter().any(|finding| finding.is_error() && finding.message.starts_with(&start))
-    };
+    let is_wrong = |link: &str| known.iter().any(|known| known.is_error() && known.is_about_link(link));
     for (joint, link) in urdf.bodies_without_inertia() {
         if RigidBody::new(&urdf.robot, &link).links.iter().any(|(link, _)| is_wrong(&link.name)) {
             continue;
