@@ -12,6 +12,7 @@ use crate::bench::Bench;
 use crate::chip::Chip;
 
 pub const FLASH: u64 = 0x0800_0000;
+const FLASH_SIZE: u64 = 0x10_0000;
 
 /// What the callbacks change while `emu_start` runs. Reached only through a raw pointer: were it a field of
 /// `Machine`, the compiler could (and does) assume that a call which is not given `&mut self` leaves it
@@ -77,13 +78,14 @@ pub struct Machine {
 
 impl Deref for Machine {
     type Target = Shared;
-    // SAFETY (both): made by Box::into_raw, never freed; no reference is held over `emu_start`.
     fn deref(&self) -> &Shared {
+        // SAFETY: made by Box::into_raw, never freed; no reference is held over `emu_start`.
         unsafe { &*self.shared }
     }
 }
 impl DerefMut for Machine {
     fn deref_mut(&mut self) -> &mut Shared {
+        // SAFETY: as above.
         unsafe { &mut *self.shared }
     }
 }
@@ -94,21 +96,12 @@ impl Machine {
     pub fn load(elf: &[u8], bench: Bench) -> Self {
         let mut owner = Unicorn::new(Arch::ARM, Mode::THUMB | Mode::MCLASS).expect("unicorn");
         owner.ctl_set_cpu_model(ArmCpuModel::CORTEX_M4 as i32).expect("cpu model");
-        owner.mem_map(FLASH, 0x10_0000, Prot::READ | Prot::EXEC).expect("flash");
+        owner.mem_map(FLASH, FLASH_SIZE, Prot::READ | Prot::EXEC).expect("flash");
         owner.mem_map(0x2000_0000, 0x2_0000, Prot::READ | Prot::WRITE | Prot::EXEC).expect("ram");
         owner.mem_map(0x1000_0000, 0x1_0000, Prot::READ | Prot::WRITE).expect("ccm");
         owner.mem_map(0x1FFF_0000, 0x8000, Prot::READ | Prot::EXEC).expect("system memory");
         let file = object::File::parse(elf).expect("elf");
-        let object::File::Elf32(elf32) = &file else { panic!("not a 32-bit ELF") };
-        // Load addresses, not virtual ones: .data lies in flash.
-        for header in elf32.elf_program_headers() {
-            use object::read::elf::ProgramHeader;
-            let data = header.data(elf32.endian(), elf).expect("segment");
-            let at = header.p_paddr(elf32.endian());
-            if header.p_type(elf32.endian()) == object::elf::PT_LOAD && !data.is_empty() {
-                owner.mem_write(at.into(), data).expect("segment fits");
-            }
-        }
+        flash(&mut owner, &file, elf);
         owner.mem_write(0x1FFF_7A10, b"tesaki-chip1").expect("unique id");
         owner.mem_write(0x1FFF_7A22, &1024u16.to_le_bytes()).expect("flash size");
         owner.mem_write(0x1FFF_7A2A, &1500u16.to_le_bytes()).expect("VREFINT calibration");
@@ -128,7 +121,7 @@ impl Machine {
             exception_return: false,
             other_exception: None,
             watch: false,
-            mask_sites: vec![0; 0x10_0000 / 2 / 64],
+            mask_sites: mask_sites(&file),
         }));
         let mut machine = Self {
             uc,
@@ -151,26 +144,6 @@ impl Machine {
         };
         hook(HookType::CODE, on_instruction as *mut c_void, 1, 0);
         hook(HookType::INTR, on_exception as *mut c_void, 1, 0);
-        let text: Vec<u8> = file
-            .segments()
-            .filter(|s| s.address() >= FLASH && s.address() < FLASH + 0x10_0000)
-            .max_by_key(|s| s.size())
-            .map(|s| s.data().unwrap_or_default().to_vec())
-            .unwrap_or_default();
-        let base = file
-            .segments()
-            .filter(|s| s.address() >= FLASH && s.address() < FLASH + 0x10_0000)
-            .max_by_key(ObjectSegment::size)
-            .map_or(0, |s| s.address());
-        let halves: Vec<u16> = text.chunks_exact(2).map(|b| u16::from_le_bytes([b[0], b[1]])).collect();
-        for (i, pair) in halves.windows(2).enumerate() {
-            if pair[0] & 0xFFF0 == 0xF380 && matches!(pair[1], 0x8810..=0x8813)
-                || matches!(pair[0], 0xB661..=0xB663)
-            {
-                machine.mask_sites[((base - FLASH) as usize / 2 + i) / 64] |=
-                    1 << (((base - FLASH) as usize / 2 + i) % 64);
-            }
-        }
         for (begin, size) in [
             (0x4000_0000u64, 0x8_0000u64),
             (0x4200_0000, 0x200_0000),
@@ -180,10 +153,8 @@ impl Machine {
             let at = Box::leak(Box::new(Region { shared, base: begin as u32 }));
             let at: *mut c_void = ptr::from_mut(at).cast();
             // SAFETY: as above; the region is leaked.
-            assert_eq!(
-                unsafe { uc_mmio_map(uc, begin, size, Some(on_read), at, Some(on_write), at) },
-                uc_error::OK
-            );
+            let error = unsafe { uc_mmio_map(uc, begin, size, Some(on_read), at, Some(on_write), at) };
+            assert_eq!(error, uc_error::OK);
         }
         machine.start_from_vectors();
         machine
@@ -442,7 +413,41 @@ struct Region {
     base: u32,
 }
 
+/// Writes the image's segments to their load addresses, not the virtual ones: `.data` lies in flash.
+fn flash(uc: &mut Unicorn<'_, ()>, file: &object::File<'_>, elf: &[u8]) {
+    use object::read::elf::ProgramHeader;
+    let object::File::Elf32(file) = file else { panic!("not a 32-bit ELF") };
+    for header in file.elf_program_headers() {
+        let data = header.data(file.endian(), elf).expect("segment");
+        if header.p_type(file.endian()) == object::elf::PT_LOAD && !data.is_empty() {
+            uc.mem_write(header.p_paddr(file.endian()).into(), data).expect("segment fits");
+        }
+    }
+}
+
+/// Where the image changes an interrupt mask, by `msr` or `cps`: a bit for each halfword of the flash.
+fn mask_sites(file: &object::File<'_>) -> Vec<u64> {
+    let mut sites = vec![0; FLASH_SIZE as usize / 2 / 64];
+    let segments = file.segments().filter(|s| (FLASH..FLASH + FLASH_SIZE).contains(&s.address()));
+    let Some(text) = segments.max_by_key(ObjectSegment::size) else { return sites };
+    let first = (text.address() - FLASH) as usize / 2;
+    let bytes = text.data().unwrap_or_default();
+    let halves: Vec<u16> = bytes.chunks_exact(2).map(|b| u16::from_le_bytes([b[0], b[1]])).collect();
+    for (site, pair) in (first..).zip(halves.windows(2)) {
+        if pair[0] & 0xFFF0 == 0xF380 && matches!(pair[1], 0x8810..=0x8813)
+            || matches!(pair[0], 0xB661..=0xB663)
+        {
+            sites[site / 64] |= 1 << (site % 64);
+        }
+    }
+    sites
+}
+
+// The callbacks: Unicorn calls them while `uc_emu_start` runs, one at a time, with the pointers that
+// `Machine::load` has given it. These are never freed, and nobody else holds a reference meanwhile.
+
 unsafe extern "C" fn on_instruction(uc: *mut uc_engine, address: u64, _size: u32, me: *mut c_void) {
+    // SAFETY: a callback, see above.
     let m = unsafe { &mut *me.cast::<Shared>() };
     m.calls += 1;
     m.last = address;
@@ -453,11 +458,13 @@ unsafe extern "C" fn on_instruction(uc: *mut uc_engine, address: u64, _size: u32
     }
     if m.left < 0 {
         m.stopped = true;
+        // SAFETY: the engine that calls.
         unsafe { uc_emu_stop(uc) };
     }
 }
 
 unsafe extern "C" fn on_exception(uc: *mut uc_engine, number: u32, me: *mut c_void) {
+    // SAFETY: a callback, see above.
     let m = unsafe { &mut *me.cast::<Shared>() };
     if number == 8 {
         m.exception_return = true;
@@ -465,6 +472,7 @@ unsafe extern "C" fn on_exception(uc: *mut uc_engine, number: u32, me: *mut c_vo
         m.other_exception = Some(number);
     }
     m.stopped = true;
+    // SAFETY: the engine that calls.
     unsafe { uc_emu_stop(uc) };
 }
 
@@ -475,7 +483,9 @@ fn bit(address: u32) -> (u32, u32) {
 }
 
 unsafe extern "C" fn on_read(_uc: *mut uc_engine, offset: u64, size: u32, region: *mut c_void) -> u64 {
+    // SAFETY: a callback, see above.
     let region = unsafe { &mut *region.cast::<Region>() };
+    // SAFETY: the same.
     let m = unsafe { &mut *region.shared };
     let address = region.base + offset as u32;
     let now = m.now();
@@ -490,7 +500,9 @@ unsafe extern "C" fn on_read(_uc: *mut uc_engine, offset: u64, size: u32, region
 }
 
 unsafe extern "C" fn on_write(_uc: *mut uc_engine, offset: u64, size: u32, value: u64, region: *mut c_void) {
+    // SAFETY: a callback, see above.
     let region = unsafe { &mut *region.cast::<Region>() };
+    // SAFETY: the same.
     let m = unsafe { &mut *region.shared };
     let address = region.base + offset as u32;
     let now = m.now();

@@ -216,7 +216,7 @@ impl<S: SpiDevice> Ads131m06<S> {
         {
             return Err(ReadError::Saturated(channel));
         }
-        if let Some((channel, _)) = channels().find(|(_, (_, repeats))| **repeats + 1 >= STANDING) {
+        if let Some((channel, _)) = channels().find(|(_, (_, repeats))| **repeats >= STANDING - 1) {
             return Err(ReadError::Stuck(channel));
         }
         Ok(values)

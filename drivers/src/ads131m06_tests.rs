@@ -113,11 +113,11 @@ fn what_cannot_be_trusted_is_no_value() {
     }
 }
 
-/// All channels move but the second.
+/// All channels move but the second. It is told for as long as it lasts: a count of repeats ends at 255.
 #[test]
 fn a_channel_that_stands_still_is_a_fault() {
     let other = [2, -1, 0x12_3457, -0x12_3457, 0x7F_FFFD, -0x7F_FFFE];
-    let frames: [_; 9] =
+    let frames: [_; 300] =
         core::array::from_fn(
             |index| {
                 if index % 2 == 0 { (0x013F, VALUES, 0xADAD) } else { (0x013F, other, 0x5998) }
@@ -125,7 +125,7 @@ fn a_channel_that_stands_still_is_a_fault() {
         );
     let read = read(frames);
     assert!(read[..7].iter().all(Result::is_ok), "{read:?}");
-    assert_eq!(read[7..], [Err(ReadError::Stuck(1)); 2]);
+    assert!(read[7..].iter().all(|read| *read == Err(ReadError::Stuck(1))), "{read:?}");
 }
 
 #[test]

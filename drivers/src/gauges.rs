@@ -6,11 +6,14 @@ use tesaki::protocol::ForceSensorFault;
 
 use crate::ads131m06::{Ads131m06, InvalidSettings, ReadError, Settings};
 
-/// Samples of the modulator for a value: with the converter's clock of 8.192 MHz, 1000 values a second, each
-/// of them 0.75 ms old when it is ready, which is the group delay of its filters.
+/// The converter's clock [Hz].
+const CLOCK: f32 = 8.192e6;
+/// Samples of the modulator for a value, each of two clocks: 1000 values a second, each of them 0.75 ms old
+/// when it is ready, which is the group delay of its filters.
 const OVERSAMPLING: u16 = 4096;
-/// Values in a control period of 10 ms.
-const EXPECTED: u8 = 10;
+/// Values in a control period.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "10")]
+const EXPECTED: u8 = (tesaki::TICK * CLOCK / (2.0 * OVERSAMPLING as f32) + 0.5) as u8;
 /// With fewer trusted ones in a control period there is none.
 const MIN_TRUSTED: u8 = EXPECTED / 2;
 /// More edges at the line that tells them are noise, such as on an open line.
@@ -94,16 +97,16 @@ impl<S: SpiDevice> ForceGauges<S> {
     /// that follow.
     ///
     /// # Errors
-    /// The converter does not have this gain. A validated model has none such.
+    /// The converter does not have this gain; nothing is changed then. A validated model has none such.
     pub fn configure(&mut self, of: Option<(&ForceSensor, &Gauges)>) -> Result<(), InvalidSettings> {
-        self.calibration = None;
+        if let Some((_, gauges)) = of {
+            let (gains, oversampling) = (gauges.gains, OVERSAMPLING);
+            self.converter.configure(&Settings { gains, oversampling, external_reference: true })?;
+        }
+        self.calibration = of.map(|(sensor, gauges)| Calibration::new(sensor, gauges));
         self.is_started = false;
         self.values = [0; GAUGES];
         (self.seen, self.trusted, self.fault) = (0, 0, None);
-        let Some((sensor, gauges)) = of else { return Ok(()) };
-        let settings = Settings { gains: gauges.gains, oversampling: OVERSAMPLING, external_reference: true };
-        self.converter.configure(&settings)?;
-        self.calibration = Some(Calibration::new(sensor, gauges));
         Ok(())
     }
 

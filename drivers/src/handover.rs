@@ -38,14 +38,22 @@ impl<const N: usize> Handover<N> {
 
     /// Publishes a value. One writer at a time.
     pub fn write(&self, value: [u32; N]) {
+        self.write_interrupted(value, || {});
+    }
+
+    /// Writes, and calls `interrupt` before each store, as a reader may interrupt there.
+    #[inline(always)]
+    fn write_interrupted(&self, value: [u32; N], mut interrupt: impl FnMut()) {
         // 0 means that nothing was written: the number 2 follows the largest odd one.
         let number = match self.published.load(Ordering::Relaxed) {
             u32::MAX => 2,
             last => last + 1,
         };
         for (word, value) in self.buffer(number).iter().zip(value) {
+            interrupt();
             word.store(value, Ordering::Relaxed);
         }
+        interrupt();
         self.published.store(number, Ordering::Release);
     }
 
@@ -73,13 +81,13 @@ mod tests {
         handover.write([7; 4]);
         for round in 8..40 {
             let old = handover.read(0).unwrap();
-            let next = handover.published.load(Ordering::Relaxed) + 1;
-            for word in handover.buffer(next) {
-                word.store(round, Ordering::Relaxed);
+            let mut interrupts = 0;
+            handover.write_interrupted([round; 4], || {
+                interrupts += 1;
                 assert_eq!(handover.read(0).unwrap(), old);
                 assert_eq!(handover.read(old.0), None);
-            }
-            handover.write([round; 4]);
+            });
+            assert_eq!(interrupts, 5);
             assert_eq!(handover.read(old.0).unwrap(), (old.0 + 1, [round; 4]));
         }
     }

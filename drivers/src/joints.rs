@@ -5,7 +5,7 @@ use core::f32::consts::TAU;
 
 use heapless::Vec;
 use tesaki::TICK;
-use tesaki::control::{InvalidCurrentLoop, Switching, Winding};
+use tesaki::control::{CurrentLoopField, InvalidCurrentLoop, Switching, Winding};
 use tesaki::math;
 use tesaki::model::{Field, JointModel, MAX_JOINTS, ModelError, Motor as MotorModel, Problem, RobotModel};
 
@@ -170,9 +170,11 @@ pub fn motors_for<const N: usize>(
     Motors::try_new(&motors, switching, wake).map_err(|(index, error)| {
         let InvalidCurrentLoop { field, value, limits: (lower, upper) } = error;
         let field = match field {
-            "resistance" => Field::MotorResistance,
-            "inductance" => Field::MotorInductance,
-            _ => Field::TorqueConstant,
+            CurrentLoopField::Resistance => Field::MotorResistance,
+            CurrentLoopField::Inductance => Field::MotorInductance,
+            CurrentLoopField::BackEmf => Field::TorqueConstant,
+            // The board's own: no motor has a current loop.
+            CurrentLoopField::Switching => Field::Joints,
         };
         let problem = if value < lower { Problem::Below(lower) } else { Problem::BoardLimit(upper) };
         #[expect(clippy::cast_possible_truncation, reason = "a board has no more motors than a robot joints")]

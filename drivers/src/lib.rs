@@ -3,6 +3,7 @@
 //! | module | what |
 //! |---|---|
 //! | [`handover`] | values from an RTIC task to one that preempts it, without a critical section |
+//! | [`exchange`] | what the control task and the current loops tell each other, as words of it |
 //! | [`joints`] | between the model's joints and brushed motors: units, velocities, refusals |
 //! | [`motors`] | brushed motors on power stages: wake, current loops, trip, dead man |
 //! | [`current_sign`] | the sign of a current of which only the magnitude is measured |
@@ -23,6 +24,7 @@ pub mod counter;
 pub mod current_sign;
 pub mod drv8301;
 pub mod drv8874;
+pub mod exchange;
 pub mod gates;
 pub mod gauges;
 pub mod handover;

@@ -1,12 +1,14 @@
 //! Brushed motors on power stages with a direction and a pulse each: wake, current loops, trip, dead man.
 
-use tesaki::control::{CurrentLoop, CurrentLoopState, Drive, InvalidCurrentLoop, Switching, Winding};
+use heapless::spsc::Consumer;
+use tesaki::control::{
+    CurrentLoop, CurrentLoopField, CurrentLoopState, Drive, InvalidCurrentLoop, SUPPLY_MIN, Switching,
+    Winding,
+};
 use tesaki::math;
 
 use crate::current_sign::CurrentSign;
 
-/// Supply that is taken for a voltage of 0 [V].
-const SUPPLY_MIN: f32 = 1.0;
 /// Part of an ampere in which currents are added up [A].
 pub const SUM_RESOLUTION: f32 = 1e-4;
 /// Part of a volt in which voltages are added up [V].
@@ -64,23 +66,6 @@ pub struct Command<const N: usize> {
     pub velocities: [f32; N],
 }
 
-impl<const N: usize> Command<N> {
-    /// Puts the bits of its `2 N` numbers into the first of `words`, for a
-    /// [`Handover`](crate::handover::Handover).
-    pub fn put(&self, words: &mut [u32]) {
-        for (word, value) in words.iter_mut().zip(self.currents.iter().chain(&self.velocities)) {
-            *word = value.to_bits();
-        }
-    }
-
-    /// What [`put`](Self::put) has put there. Words that are missing count as 0.
-    pub fn take(words: &[u32]) -> Self {
-        let mut values = words.iter().map(|word| f32::from_bits(*word));
-        let mut next = |_| values.next().unwrap_or_default();
-        Self { currents: core::array::from_fn(&mut next), velocities: core::array::from_fn(&mut next) }
-    }
-}
-
 /// What was measured since the start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Totals<const N: usize> {
@@ -98,24 +83,6 @@ impl<const N: usize> Totals<N> {
     /// Nothing measured.
     pub const fn new() -> Self {
         Self { currents: [0; N], voltages: [0; N], periods: 0, driven: 0 }
-    }
-
-    /// Puts its `2 N + 2` numbers into the first of `words`, for a [`Handover`](crate::handover::Handover).
-    pub fn put(&self, words: &mut [u32]) {
-        let sums = self.currents.iter().chain(&self.voltages).map(|sum| sum.cast_unsigned());
-        words.iter_mut().zip(sums.chain([self.periods, self.driven])).for_each(|(word, value)| *word = value);
-    }
-
-    /// What [`put`](Self::put) has put there. Words that are missing count as 0.
-    pub fn take(words: &[u32]) -> Self {
-        let mut words = words.iter().copied();
-        let mut next = || words.next().unwrap_or_default();
-        Self {
-            currents: core::array::from_fn(|_| next().cast_signed()),
-            voltages: core::array::from_fn(|_| next().cast_signed()),
-            periods: next(),
-            driven: next(),
-        }
     }
 }
 
@@ -178,7 +145,11 @@ fn ripple(winding: &Winding, switching: &Switching) -> Result<f32, InvalidCurren
     let x = winding.resistance * half / winding.inductance;
     if x > 1.0 {
         let limits = (winding.resistance * half, 1.0);
-        return Err(InvalidCurrentLoop { field: "inductance", value: winding.inductance, limits });
+        return Err(InvalidCurrentLoop {
+            field: CurrentLoopField::Inductance,
+            value: winding.inductance,
+            limits,
+        });
     }
     // The next term of the series is 1/5040 at most.
     Ok(1.0 + x * x / 6.0 + x * x * x * x / 120.0)
@@ -232,9 +203,14 @@ impl<const N: usize> Motors<N> {
         }
     }
 
-    /// Takes other motors into use; the counts of [`Totals`] go on.
-    pub const fn replace(&mut self, other: &Self) {
-        *self = Self { totals: self.totals, ..*other };
+    /// Takes other motors into use, if there are `new` ones: those until now are switched off. The counts of
+    /// [`Totals`] go on.
+    pub fn take_over(&mut self, new: &mut Consumer<'_, Self>, stages: &mut impl PowerStages<N>) {
+        if let Some(other) = new.peek() {
+            self.command(None, stages);
+            *self = Self { totals: self.totals, ..*other };
+            let _ = new.dequeue();
+        }
     }
 
     /// What was measured.

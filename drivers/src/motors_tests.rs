@@ -242,7 +242,7 @@ fn an_invalid_winding_is_refused_by_its_motor() {
     let good = Motor { winding: WINDING, sensing: Sensing::Magnitude, trip: 1.0 };
     let bad = Motor { winding: Winding { resistance: 0.0, ..WINDING }, ..good };
     let (index, error) = Motors::try_new(&[Some(good), Some(bad)], &SWITCHING, 1e-3).unwrap_err();
-    assert_eq!((index, error.field), (1, "resistance"));
+    assert_eq!((index, error.field), (1, CurrentLoopField::Resistance));
 }
 
 /// In closed form: the current of a winding under pulses of a supply, which shorts it between them.
@@ -267,7 +267,7 @@ fn the_mean_current_follows_from_a_sample_between_pulses() {
         1e-3,
     );
     let (index, refused) = refused.unwrap_err();
-    assert_eq!((index, refused.field), (0, "inductance"));
+    assert_eq!((index, refused.field), (0, CurrentLoopField::Inductance));
     assert!((refused.limits.0 - 0.1325e-3).abs() < 1e-7, "{refused}");
 }
 
@@ -288,20 +288,6 @@ fn a_signed_current_is_taken_as_it_is() {
     rig.current[1] = -1.3;
     rig.step(&mut motors);
     assert!(!rig.pulses_pass && motors.has_tripped() && motors.are_off());
-}
-
-#[test]
-fn a_command_is_handed_over_bit_by_bit() {
-    let command = Command { currents: [0.25, -1.5], velocities: [3.0, -0.0] };
-    let mut words = [7; 5];
-    command.put(&mut words);
-    // IEEE 754, by hand: sign, exponent with a bias of 127, fraction.
-    assert_eq!(words, [0x3E80_0000, 0xBFC0_0000, 0x4040_0000, 0x8000_0000, 7]);
-    assert_eq!(Command::take(&words), command);
-    let totals = Totals { currents: [-1, 2], voltages: [3, i32::MIN], periods: 4, driven: 5 };
-    let mut words = [0; 6];
-    totals.put(&mut words);
-    assert_eq!(Totals::take(&words), totals);
 }
 
 #[test]

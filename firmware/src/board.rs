@@ -23,9 +23,9 @@ pub enum SupervisorLine {
 pub trait Board: Sized {
     /// Frequency of the crystal [Hz]; whole megahertz.
     const CRYSTAL: u32;
-    /// Whether the board controls power stages. Such a board never uses the plant link, where torques are for
+    /// Whether the board switches power stages. Such a board never uses the plant link, where torques are for
     /// a simulation.
-    const OWNS_GATE_DRIVERS: bool;
+    const HAS_POWER_STAGES: bool;
 
     /// Which UART the supervisor's line is.
     const SUPERVISOR: SupervisorLine;
@@ -39,12 +39,15 @@ pub trait Board: Sized {
     /// ([`Board::SUPERVISOR`]) is connected, with a pull-up on its input; that of the plant link is not.
     fn start(peripherals: Peripherals) -> (Self, Self::Latch, Self::CurrentControl);
 
-    /// Whether the strap asks for the plant link.
-    fn is_strapped(&mut self) -> bool;
+    /// Whether the strap asks for the plant link. A board without a strap leaves this and the next one as
+    /// they are.
+    fn is_strapped(&mut self) -> bool {
+        false
+    }
 
     /// Connects the line of the plant link (USART2), with a pull-up on its input: an open one would receive
     /// noise.
-    fn connect_plant_link(&mut self);
+    fn connect_plant_link(&mut self) {}
 
     /// Prepares for a robot. It is called while the outputs are off.
     ///
@@ -65,7 +68,8 @@ pub trait Board: Sized {
     fn off();
 
     /// An edge at a line of the interrupts EXTI2 and EXTI4, which nothing delays but code with all interrupts
-    /// off. For a board that cannot lead what trips its power stages to a timer's break input: it switches
+    /// off. With latch and current control, which can follow it at once, it must take less than a byte of the
+    /// UARTs, 10.8 µs. For a board that cannot lead what trips its power stages to a timer's break input: it switches
     /// them off and takes the edge back. Or for one with a converter that tells when it has data: it takes
     /// the edge back and pends EXTI3. Without such lines it is never called.
     fn on_edge() {}
@@ -77,8 +81,9 @@ pub trait Board: Sized {
 
 /// Reads what must be read at the instant at which the control period begins.
 ///
-/// Only [`Board::on_edge`] has a higher priority and can delay the instant, by some instructions. It must
-/// take 3 µs at most, as the UARTs wait meanwhile.
+/// Only [`Board::on_edge`] has a higher priority and can delay the instant, by some instructions. The UARTs
+/// wait meanwhile, as in [`CurrentControl`], which may follow at once: together they must take less than a
+/// byte, 10.8 µs. 1.5 µs is a good share of it.
 pub trait Latch {
     /// Raw values. [`Board::read`] turns them into a frame later.
     type Sample: Copy + Send;
@@ -89,8 +94,8 @@ pub trait Latch {
 
 /// Controls the currents, as often as the converters have sampled them.
 ///
-/// It runs above everything but the latch and [`Board::on_edge`], and must take less than 10 µs, as the UARTs
-/// wait meanwhile.
+/// It runs above everything but the latch and [`Board::on_edge`]. The UARTs wait meanwhile, and lose a byte
+/// after 10.8 µs, in which those two must have room as well: 8 µs at most.
 pub trait CurrentControl {
     /// A sample is complete.
     fn on_sample(&mut self);
@@ -132,7 +137,7 @@ pub struct Peripherals {
 /// Whether sensors and drives are on the plant link: the strap asks for it, and the board has no power
 /// stages.
 pub fn uses_plant_link<B: Board>(board: &mut B) -> bool {
-    !B::OWNS_GATE_DRIVERS && board.is_strapped()
+    !B::HAS_POWER_STAGES && board.is_strapped()
 }
 
 /// What a board has for the joints of a robot; most refusals of [`Board::configure`].

@@ -6,10 +6,11 @@ use tesaki::fault::{Fault, FaultCause};
 use tesaki::node::Node;
 use tesaki::protocol::{BoardStatus, ClockSource, Identity, LinkStatistics, ResetCause};
 use tesaki_firmware::board::{Board, Peripherals, SupervisorLine, ThisBoard, uses_plant_link};
+use tesaki_firmware::clock::{self, Clocks};
 use tesaki_firmware::identity::identity;
 use tesaki_firmware::link::{Uart, Uarts};
+use tesaki_firmware::retained;
 use tesaki_firmware::watchdog::Watchdog;
-use tesaki_firmware::{clock, retained};
 
 /// The PLL's input is 1 MHz, and the chip takes 4 to 26 MHz.
 const _: () = assert!(
@@ -72,7 +73,7 @@ pub fn start(device: pac::Peripherals, syst: cortex_m::peripheral::SYST, node: &
     });
     let plant_link = uses_plant_link(&mut board);
     identity.capabilities |= if plant_link { Identity::PLANT_LINK } else { 0 };
-    identity.capabilities |= if ThisBoard::OWNS_GATE_DRIVERS { Identity::POWER_STAGES } else { 0 };
+    identity.capabilities |= if ThisBoard::HAS_POWER_STAGES { Identity::POWER_STAGES } else { 0 };
 
     let uarts = Uarts { usart1: device.USART1, usart2: device.USART2, uart4: device.UART4 };
     match ThisBoard::SUPERVISOR {
@@ -98,31 +99,11 @@ pub fn start(device: pac::Peripherals, syst: cortex_m::peripheral::SYST, node: &
         None if by_software => ResetCause::Software,
         None => ResetCause::PowerOn,
     };
-    if let Some((log, joints)) = retained::faults() {
-        node.restore_faults(log, joints);
-    }
-    let mut record = |cause, value: u32, limit: u32| {
-        #[expect(
-            clippy::cast_precision_loss,
-            reason = "a line number, an address or a frequency, for display"
-        )]
-        node.record_fault(Fault { cause, joint: None, value: value as f32, limit: limit as f32, tick: 0 });
-    };
-    if by_watchdog {
-        record(FaultCause::WatchdogReset, 0, 0);
-    }
-    if let Some(crash) = &crash {
-        record(crash.cause(), crash.place, 0);
-    }
-    if !plant_link {
-        if let Some(measured) = clocks.wrong_crystal {
-            record(FaultCause::WrongCrystal, measured, ThisBoard::CRYSTAL);
-        }
-        if clocks.source != ClockSource::Crystal {
-            record(FaultCause::ClockFallback, clocks.source as u32, 0);
-        }
-    }
-    retained::retain_faults(node.faults(), node.fault_joints());
+    // On the plant link no clock matters.
+    let clock_faults = if plant_link { [None; 2] } else { clock_faults(&clocks) };
+    let watchdog_fault = by_watchdog.then_some((FaultCause::WatchdogReset, 0, 0));
+    let crash_fault = crash.as_ref().map(|crash| (crash.cause(), crash.place, 0));
+    record_faults(node, [watchdog_fault, crash_fault].into_iter().chain(clock_faults).flatten());
     let text = crash.as_ref().map_or("", |crash| crash.text());
     let status = BoardStatus {
         identity,
@@ -137,11 +118,37 @@ pub fn start(device: pac::Peripherals, syst: cortex_m::peripheral::SYST, node: &
     Started { uarts, timer: device.TIM2, watchdog, board, latch, current_control, plant_link, status }
 }
 
+/// A fault of the start: cause, value and limit.
+type StartFault = (FaultCause, u32, u32);
+
+/// What is wrong with the clocks.
+fn clock_faults(clocks: &Clocks) -> [Option<StartFault>; 2] {
+    let wrong_crystal =
+        clocks.wrong_crystal.map(|measured| (FaultCause::WrongCrystal, measured, ThisBoard::CRYSTAL));
+    let fallback = clocks.source != ClockSource::Crystal;
+    [wrong_crystal, fallback.then_some((FaultCause::ClockFallback, clocks.source as u32, 0))]
+}
+
+/// Restores the faults from before the reset, and adds those of the start.
+fn record_faults(node: &mut Node, faults: impl Iterator<Item = StartFault>) {
+    if let Some((log, joints)) = retained::faults() {
+        node.restore_faults(log, joints);
+    }
+    for (cause, value, limit) in faults {
+        #[expect(
+            clippy::cast_precision_loss,
+            reason = "a line number, an address or a frequency, for display"
+        )]
+        node.record_fault(Fault { cause, joint: None, value: value as f32, limit: limit as f32, tick: 0 });
+    }
+    retained::retain_faults(node.faults(), node.fault_joints());
+}
+
 /// Period of the timer on the plant link [µs]: the idle loop wakes in time for the watchdog, whose time is 68
 /// ms at least.
 const IDLE_PERIOD: u16 = 50_000;
 /// The control period [µs].
-const PERIOD: u16 = 10_000;
+const PERIOD: u16 = (tesaki::TICK * 1e6) as u16;
 
 /// Starts the timer interrupt with `period` [µs].
 fn start_timer(timer: &pac::TIM2, clock: u32, period: u16) {

@@ -1,7 +1,7 @@
 //! A control period of a board with sensors and drives.
 
 use tesaki::node::Node;
-use tesaki::protocol::{ActuatorFrame, Mode, SensorFrame};
+use tesaki::protocol::{ActuatorFrame, SensorFrame};
 
 use crate::board::{Board, Latch};
 
@@ -9,20 +9,22 @@ use crate::board::{Board, Latch};
 #[derive(Debug, Default)]
 pub struct Periods {
     last: u32,
+    /// Whether the outputs were on in the last period with sensors.
+    drove: bool,
 }
 
 impl Periods {
     /// None yet.
     pub const fn new() -> Self {
-        Self { last: 0 }
+        Self { last: 0, drove: false }
     }
 
     /// Runs control period `period`: from the sample through `tick` to the drives. A period without sensors
     /// is a tick as well: it is a fault of the node, and the outputs are off.
     ///
     /// Returns whether the watchdog may be fed: the period came in time, and its sensors could be read or
-    /// nothing moves. So a board whose sensors stay silent while it moves something is reset, and then waits,
-    /// disabled, to be asked what happened.
+    /// nothing was driven when they could. So a board whose sensors fall silent while it moves something is
+    /// reset, and then waits, disabled, to be asked what happened; one that has none keeps its model.
     pub fn run<B: Board>(
         &mut self,
         board: &mut B,
@@ -41,6 +43,9 @@ impl Periods {
         // The sequence number reveals a missed period; the node raises a fault.
         let actuators = tick(node, sensors.unwrap_or_else(|| SensorFrame::silent(period)));
         board.write(&actuators);
-        in_time && (!silent || node.mode() == Mode::Disabled)
+        if !silent {
+            self.drove = actuators.enabled;
+        }
+        in_time && (!silent || !self.drove)
     }
 }

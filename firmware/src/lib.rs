@@ -17,7 +17,8 @@
 //! the next one arrives after 10.8 µs, a fraction of a tick. Their handlers take a few dozen instructions per
 //! byte, which delays a tick by less than 3 %.
 //!
-//! A current loop takes a few microseconds, less than a byte: nothing above the UARTs may take longer.
+//! Edge, latch and current loop can follow each other at once: all that is above the UARTs must together take
+//! less than a byte.
 //!
 //! The control task also waits while the supervisor task handles a request, as both use the node. Sampling
 //! does not wait: the timer's interrupt latches the sensors ([`board::Latch`]); only an edge at a trip line
@@ -29,7 +30,6 @@ pub mod board;
 pub mod boards;
 pub mod clock;
 pub mod control;
-#[cfg(any(feature = "board-odrive", feature = "board-weact"))]
 pub mod drivers;
 pub mod identity;
 pub mod link;

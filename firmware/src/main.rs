@@ -61,7 +61,6 @@ mod app {
         supervisor: Endpoint,
         plant: Endpoint,
         status: BoardStatus,
-        retained_faults: u32,
         ticks_in: Producer<'static, TickLog>,
         ticks_out: Consumer<'static, TickLog>,
     }
@@ -91,7 +90,6 @@ mod app {
         );
         let (ticks_in, ticks_out) = cx.local.ticks.split();
         let (samples_in, samples_out) = cx.local.samples.split();
-        let retained_faults = cx.local.node.faults().total;
         (
             Shared { node: cx.local.node, plant_statistics: Default::default(), watchdog, board, plant_link },
             Local {
@@ -106,7 +104,6 @@ mod app {
                 supervisor,
                 plant,
                 status,
-                retained_faults,
                 ticks_in,
                 ticks_out,
             },
@@ -210,11 +207,7 @@ mod app {
     }
 
     fn tick(node: &mut Node, sensors: SensorFrame, log: &mut Producer<'static, TickLog>) -> ActuatorFrame {
-        let faults = node.faults().total;
-        let actuators = node.tick(&sensors);
-        if node.faults().total != faults {
-            retained::retain_faults(node.faults(), node.fault_joints());
-        }
+        let actuators = retaining(node, |node| node.tick(&sensors));
         let logged = node.is_logged();
         if logged {
             // If the queue is full, the gap in the indices tells the receiver how many entries are missing.
@@ -226,9 +219,19 @@ mod app {
         actuators
     }
 
+    /// Does `work`, and retains the fault log when that has recorded a fault.
+    fn retaining<R>(node: &mut Node, work: impl FnOnce(&mut Node) -> R) -> R {
+        let before = node.faults().total;
+        let result = work(node);
+        if node.faults().total != before {
+            retained::retain_faults(node.faults(), node.fault_joints());
+        }
+        result
+    }
+
     /// Requests, telemetry and log.
     #[task(binds = EXTI1, priority = 1, shared = [node, board, plant_statistics],
-           local = [supervisor, status, retained_faults, ticks_out, sent_tick: Option<u32> = None])]
+           local = [supervisor, status, ticks_out, sent_tick: Option<u32> = None])]
     fn supervisor(mut cx: supervisor::Context) {
         let link = cx.local.supervisor;
         let ticks = cx.local.ticks_out;
@@ -242,14 +245,11 @@ mod app {
                 let plant = cx.shared.plant_statistics.lock(|statistics| *statistics);
                 refresh(status, link, plant);
                 let mut both = (&mut cx.shared.node, &mut cx.shared.board);
-                let (reply, faults, index, logged) = both.lock(|node, board| {
-                    let reply = node.handle_on(&request, status, &mut |model| board.configure(model));
-                    if node.faults().total != *cx.local.retained_faults {
-                        retained::retain_faults(node.faults(), node.fault_joints());
-                    }
-                    (reply, node.faults().total, node.records(), node.is_logged())
+                let (reply, index, logged) = both.lock(|node, board| {
+                    let configure = &mut |model: &_| board.configure(model);
+                    let reply = retaining(node, |node| node.handle_on(&request, status, configure));
+                    (reply, node.records(), node.is_logged())
                 });
-                *cx.local.retained_faults = faults;
                 link.send(&FromBoard::Reply(reply));
                 if logged {
                     send_ticks(link, ticks, index);

@@ -1,19 +1,20 @@
 //! Memory that a reset does not clear: the fault log, and the cause of a crash.
 //!
 //! After power-on its content is random, and after an update it is another firmware's; checksums and a key
-//! detect that.
+//! detect that, and a copy that a reset broke off.
 
 use core::fmt::{self, Write};
 use core::mem::MaybeUninit;
-use core::ptr::addr_of_mut;
+use core::ptr;
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use tesaki::fault::{FaultCause, FaultLog};
 use tesaki::protocol::codec::checksum;
 
-/// Longest postcard encoding of a [`FaultLog`] and the checksum of its joints.
-const LOG: usize = 328;
+/// Bytes of the longest postcard encoding of a [`FaultLog`] and the checksum of its joints: 16 faults of 16
+/// bytes, their number and two of 5 bytes, rounded up.
+const LOG: usize = 272;
 /// Maximum length of a retained message [bytes].
 pub const MAX_TEXT: usize = 96;
 
@@ -66,28 +67,29 @@ pub struct Crash {
 #[unsafe(link_section = ".uninit.RETAINED")]
 static mut RETAINED: MaybeUninit<Retained> = MaybeUninit::uninit();
 
-/// Calls `body` with interrupts off. The UARTs lose a byte after 10.8 µs: it must only copy.
-fn with<R>(body: impl FnOnce(&mut Retained) -> R) -> R {
-    cortex_m::interrupt::free(|_| {
-        // SAFETY: one core, interrupts off, and `body` cannot call `with` again: the reference is unique.
-        // Every field is made of integers, for which any bits are a value; the memory is always readable.
-        body(unsafe { (*addr_of_mut!(RETAINED)).assume_init_mut() })
-    })
+/// The memory. It is accessed by volatile reads and writes alone: for the compiler its content is undefined
+/// after a start, and it must not conclude anything from that.
+fn retained() -> *mut Retained {
+    (&raw mut RETAINED).cast()
 }
 
-/// Retains the fault log over a reset, and the checksum of the joints that it numbers.
+/// Retains the fault log over a reset, and the checksum of the joints that it numbers. Interrupts stay on:
+/// one RTIC task at a time calls it, as all hold the node's lock.
 pub fn retain_faults(log: &FaultLog, joints: u32) {
     if let Some(record) = Record::encode(&(log, joints), FaultLog::KEY) {
-        with(|retained| retained.log = record);
+        // SAFETY: the memory is there and aligned, and nobody else accesses the log now, see above.
+        unsafe { ptr::write_volatile(&raw mut (*retained()).log, record) }
     }
 }
 
 /// The fault log from before the reset and the checksum of its joints, if valid.
 pub fn faults() -> Option<(FaultLog, u32)> {
-    with(|retained| retained.log).decode(FaultLog::KEY)
+    // SAFETY: the memory is there and aligned; any bits are a value of its integers.
+    unsafe { ptr::read_volatile(&raw const (*retained()).log) }.decode(FaultLog::KEY)
 }
 
-/// Retains the cause of a crash over the reset.
+/// Retains the cause of a crash over the reset. Whoever calls it has switched the interrupts off, or is one
+/// that nothing interrupts.
 pub fn retain_crash(cause: FaultCause, place: u32, message: fmt::Arguments<'_>) {
     let mut text = Text { bytes: [0; MAX_TEXT], length: 0 };
     // A longer text is truncated.
@@ -95,17 +97,25 @@ pub fn retain_crash(cause: FaultCause, place: u32, message: fmt::Arguments<'_>) 
     let length = text.length as u32;
     let crash = Crash { cause: u32::from(cause.number()), place, length, text: text.bytes };
     let checksum = crash.checksum();
-    with(|retained| {
-        retained.crash = crash;
-        retained.crash_checksum = checksum;
-    });
+    // SAFETY: as for the log; nothing else runs any more.
+    unsafe {
+        ptr::write_volatile(&raw mut (*retained()).crash, crash);
+        ptr::write_volatile(&raw mut (*retained()).crash_checksum, checksum);
+    }
 }
 
 /// The crash before this start, if any. Later calls return `None`.
 pub fn take_crash() -> Option<Crash> {
-    let (crash, stored) = with(|retained| (retained.crash, retained.crash_checksum));
+    // SAFETY: as for the log; it is called before the first interrupt.
+    let (crash, stored) = unsafe {
+        (
+            ptr::read_volatile(&raw const (*retained()).crash),
+            ptr::read_volatile(&raw const (*retained()).crash_checksum),
+        )
+    };
     let checksum = crash.checksum();
-    with(|retained| retained.crash_checksum = !checksum);
+    // SAFETY: the same.
+    unsafe { ptr::write_volatile(&raw mut (*retained()).crash_checksum, !checksum) };
     (stored == checksum).then_some(crash)
 }
 

@@ -62,8 +62,8 @@ fn two_joints_step_by_0_3_rad_through_the_registers() {
     assert!(worst < 5e-3 && late < 1e-3, "{worst} {late}");
     // Name, exception, and what the firmware promises [µs].
     for (name, number, limit) in [
-        ("TIM2: instant of the period", 16 + 28, 3.0),
-        ("ADC: current loops", 16 + 18, 10.0),
+        ("TIM2: instant of the period", 16 + 28, 1.5),
+        ("ADC: current loops", 16 + 18, 8.0),
         ("UART4: supervisor's line", 16 + 52, 10.8),
         ("EXTI0: control", 16 + 6, 5000.0),
     ] {

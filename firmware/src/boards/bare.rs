@@ -22,7 +22,7 @@ pub struct Bare {
 
 impl Board for Bare {
     const CRYSTAL: u32 = 8_000_000;
-    const OWNS_GATE_DRIVERS: bool = false;
+    const HAS_POWER_STAGES: bool = false;
     const SUPERVISOR: SupervisorLine = SupervisorLine::Usart1;
 
     type Latch = NoSensors;

@@ -57,7 +57,7 @@ pub struct Emulated {
 
 impl Board for Emulated {
     const CRYSTAL: u32 = 8_000_000;
-    const OWNS_GATE_DRIVERS: bool = true;
+    const HAS_POWER_STAGES: bool = true;
     const SUPERVISOR: SupervisorLine = SupervisorLine::Usart1;
 
     type Latch = Instants;
@@ -78,11 +78,10 @@ impl Board for Emulated {
         (board, Instants { last: None, shortest: u32::MAX, longest: 0 }, NoCurrents)
     }
 
+    /// A strap is no reason to use the plant link on a board with power stages.
     fn is_strapped(&mut self) -> bool {
         true
     }
-
-    fn connect_plant_link(&mut self) {}
 
     fn configure(&mut self, model: &RobotModel) -> Result<(), ModelError> {
         EQUIPMENT.check(model)?;

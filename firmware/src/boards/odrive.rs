@@ -37,16 +37,18 @@ use stm32f4xx_hal::pac::{self, TIM3, TIM4};
 use stm32f4xx_hal::prelude::*;
 use stm32f4xx_hal::qei::Qei;
 use stm32f4xx_hal::rcc::Enable;
+use tesaki::TICK;
 use tesaki::control::Switching;
 use tesaki::math;
 use tesaki::model::{ModelError, RobotModel};
 use tesaki::protocol::{ActuatorFrame, SensorFlags, SensorFrame};
 use tesaki_drivers::counter::Counter;
 use tesaki_drivers::drv8301::{Drv8301, Gain, GateCurrent, Settings, ShuntSense};
+use tesaki_drivers::exchange::{Measured, Order, measured_words, order_words};
 use tesaki_drivers::gates::Gates;
 use tesaki_drivers::handover::Handover;
 use tesaki_drivers::joints::{MotorJoints, motors_for};
-use tesaki_drivers::motors::{Command, Motors, Output, PowerStages, Sensing, Totals};
+use tesaki_drivers::motors::{Motors, Output, PowerStages, Sensing};
 use tesaki_drivers::offset::Offset;
 
 use crate::board::{Board, CurrentControl, Equipment, Latch, Peripherals, SupervisorLine};
@@ -87,7 +89,7 @@ const SUPPLY_RESOLUTION: f32 = REFERENCE * 19.0 / FULL_SCALE as f32;
 /// A current of so many times its limit is a fault of the power stage.
 const TRIP: f32 = 1.15;
 /// Periods of the current loop in a control period.
-const PERIODS: u32 = 200;
+const PERIODS: u32 = (TICK / SWITCHING.period + 0.5) as u32;
 /// Back-EMF of a motor above which the gate drivers must not wake [V].
 const MAX_BACK_EMF: f32 = 5.0;
 
@@ -95,17 +97,10 @@ const MAX_BACK_EMF: f32 = 5.0;
 const EQUIPMENT: Equipment =
     Equipment { motors: N as u8, absolute_encoders: false, force_sensors: 0, current: 25.0, supply: 48.0 };
 
-/// What the current loops do, the last word of [`COMMAND`].
-const ASLEEP: u32 = 0;
-const ON: u32 = 1;
-/// Off, and the amplifiers work: their offsets are learnt.
-const LEARN: u32 = 2;
-/// Currents and velocities of a control period.
-static COMMAND: Handover<{ 2 * N + 1 }> = Handover::new();
-/// Totals of the current loop, supply [counts], and bits.
-static MEASURED: Handover<{ 2 * N + 4 }> = Handover::new();
-const TRIPPED: u32 = 1;
-const OFFSETS_KNOWN: u32 = 2;
+/// From the control task to the current loops.
+static ORDER: Handover<{ order_words(N) }> = Handover::new();
+/// Back.
+static MEASURED: Handover<{ measured_words(N) }> = Handover::new();
 /// Motors on their way to the current loop.
 static NEW_MOTORS: ConstStaticCell<Queue<Motors<N>, 2>> = ConstStaticCell::new(Queue::new());
 
@@ -126,7 +121,7 @@ pub struct Odrive {
 
 impl Board for Odrive {
     const CRYSTAL: u32 = 8_000_000;
-    const OWNS_GATE_DRIVERS: bool = true;
+    const HAS_POWER_STAGES: bool = true;
     const SUPERVISOR: SupervisorLine = SupervisorLine::Uart4;
 
     type Latch = Encoders;
@@ -200,18 +195,12 @@ impl Board for Odrive {
             stages: Stages(bridges),
             motors: Motors::none(&SWITCHING, 0.0),
             new_motors,
-            command: 0,
+            order: 0,
             learns: false,
             offsets: [OFFSET; 2 * N],
         };
         (board, encoders, loops)
     }
-
-    fn is_strapped(&mut self) -> bool {
-        false
-    }
-
-    fn connect_plant_link(&mut self) {}
 
     fn configure(&mut self, model: &RobotModel) -> Result<(), ModelError> {
         EQUIPMENT.check(model)?;
@@ -223,13 +212,15 @@ impl Board for Odrive {
     }
 
     fn read(&mut self, period: u32, sample: &Sample) -> Option<SensorFrame> {
-        let (_, [totals @ .., supply, bits]) = sample.measured?;
-        let totals = Totals::take(&totals);
+        // Until all of it was read.
+        self.is_ready = false;
+        let (_, words) = sample.measured?;
+        let measured = Measured::<N>::from_words(&words);
         let mut counts = [0; N];
         for (count, (counter, raw)) in counts.iter_mut().zip(self.counters.iter_mut().zip(sample.counts)) {
             *count = counter.extend(raw);
         }
-        let currents = self.joints.update(period, counts, &totals)?;
+        let currents = self.joints.update(period, counts, &measured.totals)?;
         let stopped = self.emergency_stop.is_low();
         if stopped {
             Self::off();
@@ -242,7 +233,7 @@ impl Board for Odrive {
             Self::off();
             self.is_ready = false;
         }
-        let can_drive = self.is_ready && bits & (TRIPPED | OFFSETS_KNOWN) == OFFSETS_KNOWN;
+        let can_drive = self.is_ready && measured.is_ready && !measured.has_tripped;
         let mut flags = SensorFlags(0);
         flags.0 |= if stopped { SensorFlags::EMERGENCY_STOP } else { 0 };
         flags.0 |= if can_drive { 0 } else { SensorFlags::POWER_STAGE };
@@ -250,7 +241,7 @@ impl Board for Odrive {
         Some(SensorFrame {
             sequence: period,
             flags,
-            supply: (supply as f32 * SUPPLY_RESOLUTION * 1000.0) as u16,
+            supply: (f32::from(measured.supply) * SUPPLY_RESOLUTION * 1000.0) as u16,
             encoders: counts.into_iter().take(self.joints.count()).collect(),
             currents,
             forces: heapless::Vec::new(),
@@ -258,15 +249,13 @@ impl Board for Odrive {
     }
 
     fn write(&mut self, actuators: &ActuatorFrame) {
-        let mut words = [0; 2 * N + 1];
-        if actuators.enabled && self.is_ready {
-            words[2 * N] = ON;
-            self.joints.command(&actuators.torques).put(&mut words);
+        let order = if actuators.enabled && self.is_ready {
+            Order::Drive(self.joints.command(&actuators.torques))
         } else {
             HalfBridges::off();
-            words[2 * N] = if self.is_ready { LEARN } else { ASLEEP };
-        }
-        COMMAND.write(words);
+            if self.is_ready { Order::Learn } else { Order::Off }
+        };
+        ORDER.write(order.words());
     }
 
     fn off() {
@@ -317,7 +306,7 @@ fn sleep() {
 #[derive(Clone, Copy)]
 pub struct Sample {
     counts: [u16; N],
-    measured: Option<(u32, [u32; 2 * N + 4])>,
+    measured: Option<(u32, [u32; measured_words(N)])>,
 }
 
 /// The encoders' counters.
@@ -366,8 +355,8 @@ pub struct CurrentLoops {
     stages: Stages,
     motors: Motors<N>,
     new_motors: Consumer<'static, Motors<N>>,
-    /// Number of the last command.
-    command: u32,
+    /// Number of the last order.
+    order: u32,
     learns: bool,
     /// Of the amplifiers: B and C of M0, then of M1.
     offsets: [Offset; 2 * N],
@@ -376,17 +365,13 @@ pub struct CurrentLoops {
 impl CurrentControl for CurrentLoops {
     fn on_sample(&mut self) {
         let [[b0, supply], [b1, c0], [c1, _]] = self.adc.sample();
-        if let Some(motors) = self.new_motors.peek() {
-            self.motors.command(None, &mut self.stages);
-            self.motors.replace(motors);
-            let _ = self.new_motors.dequeue();
-        }
-        if let Some((number, words)) = COMMAND.read(self.command) {
-            self.command = number;
-            let command = Command::take(&words);
-            self.motors.command((words[2 * N] == ON).then_some(&command), &mut self.stages);
-            self.learns = words[2 * N] == LEARN;
-            if words[2 * N] == ASLEEP {
+        self.motors.take_over(&mut self.new_motors, &mut self.stages);
+        if let Some((number, words)) = ORDER.read(self.order) {
+            self.order = number;
+            let order = Order::from_words(&words);
+            self.motors.command(order.command(), &mut self.stages);
+            self.learns = order == Order::Learn;
+            if order == Order::Off {
                 self.offsets.iter_mut().for_each(Offset::forget);
             }
         }
@@ -401,13 +386,9 @@ impl CurrentControl for CurrentLoops {
             f32::from(supply) * SUPPLY_RESOLUTION,
             &mut self.stages,
         );
-        let are_known = self.offsets.iter().all(Offset::is_known);
-        let bits =
-            if self.motors.has_tripped() { TRIPPED } else { 0 } | if are_known { OFFSETS_KNOWN } else { 0 };
-        let mut measured = [0; 2 * N + 4];
-        self.motors.totals().put(&mut measured);
-        [measured[2 * N + 2], measured[2 * N + 3]] = [supply.into(), bits];
-        MEASURED.write(measured);
+        let (totals, has_tripped) = (self.motors.totals(), self.motors.has_tripped());
+        let is_ready = self.offsets.iter().all(Offset::is_known);
+        MEASURED.write(Measured { totals, supply, has_tripped, is_ready }.words());
     }
 }
 

@@ -35,15 +35,17 @@ use stm32f4xx_hal::pac::{self, TIM3, TIM4, TIM5};
 use stm32f4xx_hal::prelude::*;
 use stm32f4xx_hal::qei::Qei;
 use stm32f4xx_hal::rcc::Enable;
+use tesaki::TICK;
 use tesaki::control::Switching;
 use tesaki::model::{Field, ModelError, Problem, RobotModel};
 use tesaki::protocol::{ActuatorFrame, SensorFlags, SensorFrame};
 use tesaki_drivers::counter::Counter;
 use tesaki_drivers::drv8874::{self, CurrentSense};
+use tesaki_drivers::exchange::{Measured, Order, measured_words, order_words};
 use tesaki_drivers::gauges::ForceGauges;
 use tesaki_drivers::handover::Handover;
 use tesaki_drivers::joints::{MotorJoints, motors_for};
-use tesaki_drivers::motors::{Command, Motors, Output, PowerStages, Sensing, Totals};
+use tesaki_drivers::motors::{Motors, Output, PowerStages, Sensing};
 
 use crate::board::{Board, CurrentControl, Equipment, Latch, Peripherals, SupervisorLine};
 use crate::drivers::current_adc::{CurrentAdc, FULL_SCALE};
@@ -77,7 +79,7 @@ const SUPPLY_RESOLUTION: f32 = REFERENCE * 11.0 / FULL_SCALE as f32;
 /// A current of so many times its limit is a fault of the power stage.
 const TRIP: f32 = 1.15;
 /// Periods of the current loop in a control period.
-const PERIODS: u32 = 200;
+const PERIODS: u32 = (TICK / SWITCHING.period + 0.5) as u32;
 
 /// What the board has. A trip must lie within the range of the current sense, 2.94 A.
 const EQUIPMENT: Equipment =
@@ -87,10 +89,10 @@ const _: () = assert!(EQUIPMENT.supply <= drv8874::SUPPLY_MAX);
 /// Line of EXTI that tells values of the force sensor's converter.
 const DATA_LINE: u32 = 1 << 4;
 
-/// Currents and velocities of a control period, and whether the motors are on.
-static COMMAND: Handover<{ 2 * N + 1 }> = Handover::new();
-/// Totals of the current loop, supply [counts], and whether it tripped.
-static MEASURED: Handover<{ 2 * N + 4 }> = Handover::new();
+/// From the control task to the current loops.
+static ORDER: Handover<{ order_words(N) }> = Handover::new();
+/// Back.
+static MEASURED: Handover<{ measured_words(N) }> = Handover::new();
 /// Motors on their way to the current loop.
 static NEW_MOTORS: ConstStaticCell<Queue<Motors<N>, 2>> = ConstStaticCell::new(Queue::new());
 
@@ -105,7 +107,7 @@ pub struct Weact {
 
 impl Board for Weact {
     const CRYSTAL: u32 = 8_000_000;
-    const OWNS_GATE_DRIVERS: bool = true;
+    const HAS_POWER_STAGES: bool = true;
     const SUPERVISOR: SupervisorLine = SupervisorLine::Usart1;
 
     type Latch = Encoders;
@@ -171,15 +173,9 @@ impl Board for Weact {
         let joints = MotorJoints::new(PERIODS);
         let gauges = ForceGauges::new(converter);
         let board = Self { emergency_stop, to_loops, joints, counters: [Counter::new(); 2], gauges };
-        let loops = CurrentLoops { adc, samples: 0, stages, motors, new_motors, command: 0 };
+        let loops = CurrentLoops { adc, samples: 0, stages, motors, new_motors, order: 0 };
         (board, encoders, loops)
     }
-
-    fn is_strapped(&mut self) -> bool {
-        false
-    }
-
-    fn connect_plant_link(&mut self) {}
 
     fn configure(&mut self, model: &RobotModel) -> Result<(), ModelError> {
         EQUIPMENT.check(model)?;
@@ -203,19 +199,19 @@ impl Board for Weact {
     fn read(&mut self, period: u32, sample: &Sample) -> Option<SensorFrame> {
         let force = self.gauges.update();
         watch_data_line(force.is_some());
-        let (_, [totals @ .., supply, tripped]) = sample.measured?;
-        let totals = Totals::take(&totals);
+        let (_, words) = sample.measured?;
+        let measured = Measured::<N>::from_words(&words);
         let [first, second, third] = sample.counts;
         let counts = [
             self.counters[0].extend(first as u16),
             self.counters[1].extend(second as u16),
             third.cast_signed(),
         ];
-        let currents = self.joints.update(period, counts, &totals)?;
+        let currents = self.joints.update(period, counts, &measured.totals)?;
         let stopped = self.emergency_stop.is_low();
         let mut flags = SensorFlags(0);
         flags.0 |= if stopped { SensorFlags::EMERGENCY_STOP } else { 0 };
-        flags.0 |= if tripped != 0 || trip_is_active() { SensorFlags::POWER_STAGE } else { 0 };
+        flags.0 |= if measured.has_tripped || trip_is_active() { SensorFlags::POWER_STAGE } else { 0 };
         flags.0 |= self.joints.dead_encoder().map_or(0, SensorFlags::of_dead_encoder);
         if let Some(fault) = force.and_then(|reading| reading.fault) {
             flags = flags.with_force_sensor(fault);
@@ -223,7 +219,7 @@ impl Board for Weact {
         Some(SensorFrame {
             sequence: period,
             flags,
-            supply: (supply as f32 * SUPPLY_RESOLUTION * 1000.0) as u16,
+            supply: (f32::from(measured.supply) * SUPPLY_RESOLUTION * 1000.0) as u16,
             encoders: counts.into_iter().take(self.joints.count()).collect(),
             currents,
             forces: force.iter().map(|reading| reading.wrench).collect(),
@@ -231,14 +227,13 @@ impl Board for Weact {
     }
 
     fn write(&mut self, actuators: &ActuatorFrame) {
-        let mut words = [0; 2 * N + 1];
-        if actuators.enabled {
-            words[2 * N] = 1;
-            self.joints.command(&actuators.torques).put(&mut words);
+        let order = if actuators.enabled {
+            Order::Drive(self.joints.command(&actuators.torques))
         } else {
             Self::off();
-        }
-        COMMAND.write(words);
+            Order::Off
+        };
+        ORDER.write(order.words());
     }
 
     fn off() {
@@ -290,7 +285,7 @@ fn sleep() {
 #[derive(Clone, Copy)]
 pub struct Sample {
     counts: [u32; N],
-    measured: Option<(u32, [u32; 2 * N + 4])>,
+    measured: Option<(u32, [u32; measured_words(N)])>,
 }
 
 /// The encoders' counters.
@@ -346,8 +341,8 @@ pub struct CurrentLoops {
     stages: Stages,
     motors: Motors<N>,
     new_motors: Consumer<'static, Motors<N>>,
-    /// Number of the last command.
-    command: u32,
+    /// Number of the last order.
+    order: u32,
 }
 
 impl CurrentControl for CurrentLoops {
@@ -358,21 +353,14 @@ impl CurrentControl for CurrentLoops {
             return;
         }
         self.samples = 0;
-        if let Some(motors) = self.new_motors.peek() {
-            self.motors.command(None, &mut self.stages);
-            self.motors.replace(motors);
-            let _ = self.new_motors.dequeue();
-        }
-        if let Some((number, words)) = COMMAND.read(self.command) {
-            self.command = number;
-            let command = Command::take(&words);
-            self.motors.command((words[2 * N] != 0).then_some(&command), &mut self.stages);
+        self.motors.take_over(&mut self.new_motors, &mut self.stages);
+        if let Some((number, words)) = ORDER.read(self.order) {
+            self.order = number;
+            self.motors.command(Order::from_words(&words).command(), &mut self.stages);
         }
         let magnitudes = [first, second, third].map(|counts| f32::from(counts) * CURRENT_SENSE.resolution());
         self.motors.update(&magnitudes, f32::from(supply) * SUPPLY_RESOLUTION, &mut self.stages);
-        let mut measured = [0; 2 * N + 4];
-        self.motors.totals().put(&mut measured);
-        [measured[2 * N + 2], measured[2 * N + 3]] = [supply.into(), self.motors.has_tripped().into()];
-        MEASURED.write(measured);
+        let (totals, has_tripped) = (self.motors.totals(), self.motors.has_tripped());
+        MEASURED.write(Measured { totals, supply, has_tripped, is_ready: true }.words());
     }
 }

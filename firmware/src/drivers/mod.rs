@@ -5,8 +5,6 @@
 //! conversions, and its SPI waits without a bound.
 
 pub mod current_adc;
-#[cfg(feature = "board-odrive")]
 pub mod half_bridges;
-#[cfg(feature = "board-weact")]
 pub mod pulses;
 pub mod spi;

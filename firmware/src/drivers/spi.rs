@@ -28,10 +28,8 @@ pub trait Bus {
 }
 
 /// SPI1 at 10.5 MHz, with select lines on port A.
-#[cfg(feature = "board-weact")]
 pub struct Spi1OnA;
 
-#[cfg(feature = "board-weact")]
 impl Bus for Spi1OnA {
     type Spi = pac::SPI1;
 
@@ -47,10 +45,8 @@ impl Bus for Spi1OnA {
 }
 
 /// SPI3 at 5.25 MHz, with select lines on port C.
-#[cfg(feature = "board-odrive")]
 pub struct Spi3OnC;
 
-#[cfg(feature = "board-odrive")]
 impl Bus for Spi3OnC {
     type Spi = pac::SPI3;
 

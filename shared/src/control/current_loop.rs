@@ -12,7 +12,7 @@ const BRAKING: f32 = 0.1;
 /// Ticks without a command after which a motor is braked.
 const SILENT_TICKS: f32 = 2.0;
 /// Supply below which no duty is computed: the stage does not switch there [V].
-const SUPPLY_MIN: f32 = 1.0;
+pub const SUPPLY_MIN: f32 = 1.0;
 
 /// The winding of a brushed motor.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -51,11 +51,24 @@ pub enum Drive {
     Off,
 }
 
+/// What a current loop is made from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CurrentLoopField {
+    /// Of the [`Winding`].
+    Resistance,
+    /// Of the [`Winding`].
+    Inductance,
+    /// Of the [`Winding`].
+    BackEmf,
+    /// A field of [`Switching`].
+    Switching,
+}
+
 /// Why a current loop cannot be made.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct InvalidCurrentLoop {
-    /// The field of [`Winding`] or [`Switching`].
-    pub field: &'static str,
+    /// What is outside its limits.
+    pub field: CurrentLoopField,
     /// Its value.
     pub value: f32,
     /// Its limits.
@@ -65,6 +78,12 @@ pub struct InvalidCurrentLoop {
 impl fmt::Display for InvalidCurrentLoop {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { field, value, limits: (lower, upper) } = self;
+        let field = match field {
+            CurrentLoopField::Resistance => "resistance",
+            CurrentLoopField::Inductance => "inductance",
+            CurrentLoopField::BackEmf => "back-EMF",
+            CurrentLoopField::Switching => "switching",
+        };
         write!(f, "{field} = {value} is not between {lower} and {upper}")
     }
 }
@@ -154,14 +173,14 @@ impl CurrentLoop {
             let valid = (lower..=upper).contains(&value);
             if valid { Ok(()) } else { Err(InvalidCurrentLoop { field, value, limits: (lower, upper) }) }
         };
-        check("resistance", winding.resistance, 1e-3, 1e3)?;
-        check("inductance", winding.inductance, 1e-6, 1.0)?;
-        check("back_emf", winding.back_emf, 0.0, 100.0)?;
-        check("period", switching.period, 1e-6, 1e-3)?;
-        check("lag", switching.lag, 0.0, 1.0)?;
-        check("pulses", f32::from(switching.pulses), 1.0, 100.0)?;
-        check("resolution", f32::from(switching.resolution), 100.0, 32_000.0)?;
-        check("max_duty", switching.max_duty, 0.1, 1.0)?;
+        check(CurrentLoopField::Resistance, winding.resistance, 1e-3, 1e3)?;
+        check(CurrentLoopField::Inductance, winding.inductance, 1e-6, 1.0)?;
+        check(CurrentLoopField::BackEmf, winding.back_emf, 0.0, 100.0)?;
+        check(CurrentLoopField::Switching, switching.period, 1e-6, 1e-3)?;
+        check(CurrentLoopField::Switching, switching.lag, 0.0, 1.0)?;
+        check(CurrentLoopField::Switching, f32::from(switching.pulses), 1.0, 100.0)?;
+        check(CurrentLoopField::Switching, f32::from(switching.resolution), 100.0, 32_000.0)?;
+        check(CurrentLoopField::Switching, switching.max_duty, 0.1, 1.0)?;
         let remains = math::exp(-winding.resistance * switching.period / winding.inductance);
         let before =
             math::exp(-winding.resistance * (1.0 - switching.lag) * switching.period / winding.inductance);

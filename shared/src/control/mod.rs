@@ -9,7 +9,10 @@ mod observer;
 mod pid;
 
 pub use coupling::Coupling;
-pub use current_loop::{CurrentLoop, CurrentLoopState, Drive, InvalidCurrentLoop, Switching, Winding};
+pub use current_loop::{
+    CurrentLoop, CurrentLoopField, CurrentLoopState, Drive, InvalidCurrentLoop, SUPPLY_MIN, Switching,
+    Winding,
+};
 pub(crate) use friction::STALL_SPEED;
 pub use friction::{FrictionFeedforward, FrictionState};
 pub use impedance::{DiscreteImpedance, Impedance, ImpedanceAxes, ImpedanceTerm, InvalidImpedance};

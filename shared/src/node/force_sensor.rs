@@ -26,7 +26,7 @@ pub(super) struct ForceSensorState {
     mean: [f32; 6],
     /// Offset: the filtered reading at the tare [N, N·m].
     tare: [f32; 6],
-    /// Whether there was a reading.
+    /// Whether there was a reading since the last one that could not be trusted.
     initialized: bool,
 }
 
@@ -92,6 +92,16 @@ impl ForceSensorState {
         let size = math::sqrt(force.norm_squared());
         let overload = tared && size > sensor.force_limit;
         if overload { found(FaultCause::ForceLimit, size, sensor.force_limit) } else { None }
+    }
+
+    /// What comes now is no reading: what was read before is not what the sensor reads next.
+    pub const fn lose(&mut self) {
+        self.initialized = false;
+    }
+
+    /// Whether the last tick had a reading.
+    pub const fn has_read(&self) -> bool {
+        self.initialized
     }
 
     /// Takes the filtered reading as the offset without contact.

@@ -217,10 +217,13 @@ impl Node {
         if !self.state.sensed {
             return Err(Refusal::NoSensors);
         }
-        if let Optional::Some(fault) = self.state.alarm
-            && fault.cause == FaultCause::ForceSilent
-        {
-            return Err(Refusal::Unsafe(fault));
+        let mut sensors = robot.model().chains.iter().zip(&self.state.force_sensors);
+        if sensors.any(|(chain, sensor)| chain.force_sensor.is_some() && !sensor.has_read()) {
+            // The alarm is this fault, or one that hides it.
+            return Err(match self.state.alarm {
+                Optional::Some(fault) => Refusal::Unsafe(fault),
+                Optional::None => Refusal::NoSensors,
+            });
         }
         // A task that estimates no forces does nothing here.
         let estimated = enabled && self.state.task.tare();

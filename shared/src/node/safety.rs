@@ -187,6 +187,7 @@ impl Node {
             _ if robot.force_sensors() == 0 => None,
             None => self.read_force_sensors(sensors),
             Some(fault) => {
+                self.state.force_sensors.iter_mut().for_each(ForceSensorState::lose);
                 // The joints go on, and nothing else reads the postures anew.
                 self.postures.clear();
                 gauge_fault(robot, fault)

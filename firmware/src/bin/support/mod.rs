@@ -77,7 +77,7 @@ pub fn ask(node: &mut Node, sequence: &mut u16, request: Request) {
     *sequence += 1;
     let frame = RequestFrame { client: 1, sequence: *sequence, request };
     let reply = node.handle(&frame, &BoardStatus::default()).reply;
-    assert!(matches!(reply, Reply::Done | Reply::Hello { .. }), "refused");
+    assert!(matches!(reply, Reply::Done | Reply::Hello { .. } | Reply::Faults(_)), "refused");
 }
 
 /// Takes command of a new node and gives it a model.

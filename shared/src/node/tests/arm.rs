@@ -210,6 +210,7 @@ fn a_tare_that_is_refused_changes_nothing() {
     assert_ne!(state(&tared), before);
     let silent = Fault { cause: FaultCause::ForceSilent, joint: Some(6), value: 1.0, limit: 0.0, tick: 9 };
     rig.node.state.alarm = Optional::Some(silent);
+    rig.node.state.force_sensors[0].lose();
     assert_eq!(refusal(rig.ask(Request::Tare)), Refusal::Unsafe(silent));
     assert_eq!(state(&rig), before);
     (rig.node.state.alarm, rig.node.state.sensed) = (Optional::None, false);

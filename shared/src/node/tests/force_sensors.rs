@@ -171,6 +171,16 @@ fn a_sensor_that_gives_no_wrench_is_not_tared() {
     rig.tick();
     let Refusal::Unsafe(fault) = refusal(rig.ask(Request::Tare)) else { panic!() };
     assert_eq!(fault.cause, FaultCause::ForceSilent);
+    // Another fault that hides that one, and one that comes with a wrench of before.
+    rig.sensors.flags = SensorFlags(SensorFlags::EMERGENCY_STOP).with_force_sensor(ForceSensorFault::Silent);
+    rig.tick();
+    let Refusal::Unsafe(fault) = refusal(rig.ask(Request::Tare)) else { panic!() };
+    assert_eq!(fault.cause, FaultCause::EmergencyStop);
+    rig.sensors.flags = SensorFlags(0).with_force_sensor(ForceSensorFault::Stuck(2));
+    rig.tick();
+    let Refusal::Unsafe(fault) = refusal(rig.ask(Request::Tare)) else { panic!() };
+    assert_eq!(fault.cause, FaultCause::ForceStuck);
+    assert!(rig.node.tips().tips.iter().all(|tip| !tip.tared));
     rig.sensors.flags = SensorFlags(0);
     rig.tick();
     assert_eq!(rig.ask(Request::Tare), Reply::Done);

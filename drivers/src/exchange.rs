@@ -1,0 +1,144 @@
+//! What the control task and the current loops tell each other, as the words of a
+//! [`Handover`](crate::handover::Handover).
+
+use crate::motors::{Command, Totals};
+
+/// What the control task demands of the current loops until its next period.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Order<const N: usize> {
+    /// The motors are off, and what measures their currents may sleep.
+    Off,
+    /// The motors are off, and what measures their currents works: its offsets can be learnt.
+    Learn,
+    /// The motors are driven.
+    Drive(Command<N>),
+}
+
+/// Number of words of an [`Order`] to `motors`.
+pub const fn order_words(motors: usize) -> usize {
+    2 * motors + 1
+}
+
+impl<const N: usize> Order<N> {
+    const OFF: u32 = 0;
+    const LEARN: u32 = 1;
+    const DRIVE: u32 = 2;
+
+    /// As `W` words, which must be [`order_words`].
+    pub fn words<const W: usize>(&self) -> [u32; W] {
+        const { assert!(W == order_words(N)) }
+        let mut words = [0; W];
+        let mut rest = words.iter_mut();
+        if let Some(first) = rest.next() {
+            *first = match self {
+                Self::Off => Self::OFF,
+                Self::Learn => Self::LEARN,
+                Self::Drive(_) => Self::DRIVE,
+            };
+        }
+        if let Self::Drive(command) = self {
+            let values = command.currents.iter().chain(&command.velocities);
+            rest.zip(values).for_each(|(word, value)| *word = value.to_bits());
+        }
+        words
+    }
+
+    /// That of these words.
+    pub fn from_words<const W: usize>(words: &[u32; W]) -> Self {
+        const { assert!(W == order_words(N)) }
+        let [what, values @ ..] = &words[..] else { return Self::Off };
+        let mut values = values.iter().map(|word| f32::from_bits(*word));
+        let mut next = |_| values.next().unwrap_or_default();
+        match *what {
+            Self::DRIVE => Self::Drive(Command {
+                currents: core::array::from_fn(&mut next),
+                velocities: core::array::from_fn(&mut next),
+            }),
+            Self::LEARN => Self::Learn,
+            _ => Self::Off,
+        }
+    }
+
+    /// The command to drive the motors.
+    pub const fn command(&self) -> Option<&Command<N>> {
+        if let Self::Drive(command) = self { Some(command) } else { None }
+    }
+}
+
+/// What the current loops have measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Measured<const N: usize> {
+    /// Since the start.
+    pub totals: Totals<N>,
+    /// The supply [counts].
+    pub supply: u16,
+    /// Whether the motors are off because of a trip.
+    pub has_tripped: bool,
+    /// Whether the currents can be measured: their offsets, where there are any, are known.
+    pub is_ready: bool,
+}
+
+/// Number of words of what was [`Measured`] of `motors`.
+pub const fn measured_words(motors: usize) -> usize {
+    2 * motors + 4
+}
+
+impl<const N: usize> Measured<N> {
+    const TRIPPED: u32 = 1;
+    const READY: u32 = 2;
+
+    /// As `W` words, which must be [`measured_words`].
+    pub fn words<const W: usize>(&self) -> [u32; W] {
+        const { assert!(W == measured_words(N)) }
+        let Totals { currents, voltages, periods, driven } = &self.totals;
+        let sums = currents.iter().chain(voltages).map(|sum| sum.cast_unsigned());
+        let tripped = if self.has_tripped { Self::TRIPPED } else { 0 };
+        let ready = if self.is_ready { Self::READY } else { 0 };
+        let all = sums.chain([*periods, *driven, self.supply.into(), tripped | ready]);
+        let mut words = [0; W];
+        words.iter_mut().zip(all).for_each(|(word, value)| *word = value);
+        words
+    }
+
+    /// That of these words.
+    pub fn from_words<const W: usize>(words: &[u32; W]) -> Self {
+        const { assert!(W == measured_words(N)) }
+        let mut words = words.iter().copied();
+        let mut next = || words.next().unwrap_or_default();
+        let totals = Totals {
+            currents: core::array::from_fn(|_| next().cast_signed()),
+            voltages: core::array::from_fn(|_| next().cast_signed()),
+            periods: next(),
+            driven: next(),
+        };
+        #[expect(clippy::cast_possible_truncation, reason = "it was of 16 bits")]
+        let supply = next() as u16;
+        let bits = next();
+        Self { totals, supply, has_tripped: bits & Self::TRIPPED != 0, is_ready: bits & Self::READY != 0 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_handed_over_arrives() {
+        let command = Command { currents: [0.25, -1.5], velocities: [3.0, -0.0] };
+        // IEEE 754, by hand: sign, exponent with a bias of 127, fraction.
+        let words = [2, 0x3E80_0000, 0xBFC0_0000, 0x4040_0000, 0x8000_0000];
+        assert_eq!(Order::Drive(command).words(), words);
+        for order in [Order::Off, Order::Learn, Order::Drive(command)] {
+            assert_eq!(Order::<2>::from_words(&order.words::<5>()), order);
+        }
+        assert_eq!(Order::Drive(command).command(), Some(&command));
+        assert_eq!(Order::<2>::Learn.command(), None);
+        // Nothing but zeros is off.
+        assert_eq!(Order::<2>::from_words(&[0; 5]), Order::Off);
+        let totals = Totals { currents: [1, -2], voltages: [i32::MIN, 4], periods: u32::MAX, driven: 6 };
+        for (has_tripped, is_ready) in [(false, false), (true, false), (false, true), (true, true)] {
+            let measured = Measured { totals, supply: u16::MAX, has_tripped, is_ready };
+            assert_eq!(Measured::<2>::from_words(&measured.words::<8>()), measured);
+        }
+    }
+}
