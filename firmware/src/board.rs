@@ -69,7 +69,9 @@ pub trait Board: Sized {
 
     /// An edge at a line of the interrupts EXTI2 and EXTI4, which nothing delays but code with all interrupts
     /// off. With latch and current control, which can follow it at once, it must take less than a byte of the
-    /// UARTs, 10.8 µs. For a board that cannot lead what trips its power stages to a timer's break input: it switches
+    /// UARTs, 10.8 µs.
+    ///
+    /// For a board that cannot lead what trips its power stages to a timer's break input: it switches
     /// them off and takes the edge back. Or for one with a converter that tells when it has data: it takes
     /// the edge back and pends EXTI3. Without such lines it is never called.
     fn on_edge() {}
