@@ -13,6 +13,7 @@ use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, Subcommand};
 use tesaki_output::say;
 
+use crate::commit::{SIMULATOR, commit};
 use crate::results::ResultsFile;
 use crate::sweep::{self, Simulator, Workload};
 use crate::test;
@@ -96,7 +97,7 @@ fn check(simulator: &Simulator) -> Result<()> {
 
 fn run_seeds(options: &FaultsOptions) -> Result<()> {
     let simulator = Simulator::build()?;
-    let commit = sweep::commit()?;
+    let commit = commit(SIMULATOR)?;
     let mut file =
         ResultsFile::create(&test::out("faults").join(format!("{}.jsonl", options.workload.partition)))?;
     let seeds = options.workload.partition.select(options.seeds.clone().collect());

@@ -10,6 +10,7 @@ use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use tesaki_output::say;
 
+use crate::commit::{FUZZER, commit};
 use crate::{test, tools};
 use coverage::Share;
 use record::{FILE, Record, Run, Session};
@@ -129,7 +130,7 @@ impl Fuzzer {
         cargo.args(["--profile", "fuzz", "--target", host, "--target-dir"]).arg(&folder);
         tools::run(cargo.env("RUSTFLAGS", INSTRUMENTATION))?;
         let path = std::path::absolute(folder.join(host).join("fuzz").join("tesaki-fuzz"))?;
-        Ok(Self { path, commit: commit()? })
+        Ok(Self { path, commit: commit(FUZZER)? })
     }
 
     fn command(&self, arguments: &[&str]) -> Command {
@@ -201,16 +202,4 @@ fn count(folder: &Path) -> Result<u64> {
 fn executions(log: &str) -> u64 {
     let total = log.lines().find_map(|line| line.strip_prefix("stat::number_of_executed_units:"));
     total.and_then(|number| number.trim().parse().ok()).unwrap_or(0)
-}
-
-/// The commit of the sources.
-fn commit() -> Result<String> {
-    let git = |arguments: &[&str]| {
-        tools::output(Command::new("git").args(arguments)).map(|text| text.trim().to_owned())
-    };
-    let commit = git(&["rev-parse", "--short=12", "HEAD"])?;
-    let sources =
-        ["shared", "robot-description", "robots", "tests/fuzz", "Cargo.lock", ":!tests/fuzz/corpus"];
-    let changed = git(&[&["status", "--porcelain", "--"], &sources[..]].concat())?;
-    Ok(if changed.is_empty() { commit } else { commit + "-dirty" })
 }
