@@ -151,14 +151,15 @@ impl Fuzzer {
     fn run(&self, target: &Target, options: &Options) -> Result<Run> {
         let out = out(target);
         let (corpus, crashes) = (out.join("corpus"), out.join("crashes"));
-        std::fs::create_dir_all(&crashes)?;
-        let known = count(&crashes)?;
+        // libFuzzer names an input by its hash: one that is known already would be written over.
+        std::fs::create_dir_all(&out)?;
+        let session = tempfile::Builder::new().prefix("session-").tempdir_in(&out)?;
         tools::run(self.command(&["unpack", &target.name]).arg(&out))?;
         let log = out.join("log");
         say!("{} for {} s; {} tells how it goes on", target.name, options.seconds, log.display());
         let mut command = self.command(&["run", &target.name]);
         command.arg(format!("-max_total_time={}", options.seconds)).arg(format!("-timeout={TIMEOUT}"));
-        command.arg(format!("-artifact_prefix={}/", crashes.display()));
+        command.arg(format!("-artifact_prefix={}/", session.path().display()));
         let words = out.join("words");
         if words.exists() {
             command.arg(format!("-dict={}", words.display()));
@@ -171,7 +172,7 @@ impl Fuzzer {
             command.stderr(std::fs::File::create(&log)?).status().context("cannot start the fuzzer")?;
         let seconds = (tools::cpu_time()? - before).as_secs();
         let text = String::from_utf8_lossy(&std::fs::read(&log)?).into_owned();
-        let found = count(&crashes)? - known;
+        let found = move_files(session.path(), &crashes)?;
         if !status.success() {
             let head = text.find("panicked at").or_else(|| text.find("ERROR: libFuzzer"));
             let tail = head.and_then(|head| text.get(head..)).unwrap_or(&text);
@@ -194,12 +195,42 @@ impl Fuzzer {
     }
 }
 
-fn count(folder: &Path) -> Result<u64> {
-    Ok(std::fs::read_dir(folder)?.map(|_| 1).sum())
+/// Moves all files of a folder to another one, in place of those with the same names. Returns how many.
+fn move_files(from: &Path, to: &Path) -> Result<u64> {
+    std::fs::create_dir_all(to)?;
+    let mut moved = 0;
+    for file in std::fs::read_dir(from)? {
+        let file = file?;
+        std::fs::rename(file.path(), to.join(file.file_name()))?;
+        moved += 1;
+    }
+    Ok(moved)
 }
 
 /// How many inputs were run, as libFuzzer says at its end.
 fn executions(log: &str) -> u64 {
     let total = log.lines().find_map(|line| line.strip_prefix("stat::number_of_executed_units:"));
     total.and_then(|number| number.trim().parse().ok()).unwrap_or(0)
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "tests")]
+
+    use super::*;
+
+    #[test]
+    fn a_known_crash_that_is_found_again_counts() {
+        let folder = tempfile::tempdir().unwrap();
+        let (session, crashes) = (folder.path().join("session"), folder.path().join("crashes"));
+        std::fs::create_dir(&session).unwrap();
+        assert_eq!(move_files(&session, &crashes).unwrap(), 0);
+        for others in [0, 1] {
+            std::fs::write(session.join("crash-1"), "same").unwrap();
+            (0..others).for_each(|_| std::fs::write(session.join("crash-2"), "new").unwrap());
+            assert_eq!(move_files(&session, &crashes).unwrap(), 1 + others);
+        }
+        assert_eq!(std::fs::read_dir(&session).unwrap().count(), 0);
+        assert_eq!(std::fs::read_dir(&crashes).unwrap().count(), 2);
+    }
 }
