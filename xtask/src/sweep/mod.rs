@@ -208,11 +208,11 @@ fn limits(simulator: &Simulator) -> Result<()> {
                 changed += usize::from(sweep.exempt(seed, &impossible)?);
             }
             if changed > 0 {
-                println!("{}: {changed} machines", sweep.save(Path::new(FOLDER))?.display());
+                say!("{}: {changed} machines", sweep.save(Path::new(FOLDER))?.display());
             }
         }
     }
-    println!("Now run `cargo xtask sweep tables`.");
+    say!("Now run `cargo xtask sweep tables`.");
     Ok(())
 }
 
