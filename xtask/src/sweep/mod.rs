@@ -21,7 +21,7 @@ use crate::commit::{SIMULATOR, commit};
 use crate::results::ResultsFile;
 use crate::test;
 use merge::Run;
-pub use pool::Simulator;
+pub use pool::{Simulator, for_each};
 use record::{FOLDER, Sweep};
 use set::Set;
 pub use set::Workload;
