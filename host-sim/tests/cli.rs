@@ -123,9 +123,16 @@ fn bad_input_is_answered_with_what_to_do() {
         (&["--view=7481"], "expected HOST:PORT, such as localhost:7481"),
         // Nothing has moved: there is nothing to stay for.
         (&["--view=localhost:0", "--duration", "3"], "--duration 3 is too short"),
+        (&["--duration", "inf"], "--duration inf is too long: hand3-servo runs at most 600 s"),
+        (&["--duration", "NaN"], "--duration NaN is too short"),
         (&[taken.as_str()], "choose another port, as in --view="),
     ] {
         says(&host_sim(&[&["run", "hand3-servo"], arguments].concat()), 2, &[told]);
+    }
+    for duration in ["60", "5", "inf"] {
+        let told =
+            format!("--duration {duration}: the time of hand3-turn is fixed, 20 s; leave the option out");
+        says(&host_sim(&["run", "hand3-turn", "--duration", duration]), 2, &[&told]);
     }
     let no_image = ["run", "hand3-servo", "--controller", "qemu", "--elf", "/nowhere/image"];
     says(&host_sim(&no_image), 2, &["no firmware image at /nowhere/image", "cargo xtask firmware"]);

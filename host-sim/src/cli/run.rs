@@ -31,7 +31,7 @@ pub struct Run {
     /// Seed of the machine's deviations and noise; a range such as 1-20 runs all of them in turn
     #[arg(long, default_value = "1", value_parser = seeds)]
     pub(super) seed: RangeInclusive<u64>,
-    /// Simulated time [s]; default: that of the scenario
+    /// Simulated time [s]; default: that of the scenario. Most scenarios have no other
     #[arg(long)]
     duration: Option<f64>,
     /// Folder for the results
