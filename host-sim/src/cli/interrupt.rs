@@ -1,5 +1,6 @@
 //! Ctrl-C, and the signals that ask a program to end.
 
+use std::error::Error;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
@@ -25,6 +26,14 @@ pub fn handle() -> Result<(), ctrlc::Error> {
 /// Whether a signal has come.
 pub fn asked() -> bool {
     ASKED.load(Ordering::Relaxed)
+}
+
+/// What a signal has ended failed for no other reason.
+///
+/// # Errors
+/// Those of `result`.
+pub fn told<T>(result: Result<T, Box<dyn Error>>) -> Result<T, Box<dyn Error>> {
+    if result.is_err() && asked() { Err("interrupted".into()) } else { result }
 }
 
 /// Waits for it.

@@ -157,11 +157,10 @@ pub fn run(options: &Run) -> Result<bool, Box<dyn Error>> {
         // It would outlive this program, in its folder, if a signal ended the run.
         interrupt::handle()?;
     }
-    let result = match options.view {
+    match options.view {
         Some(address) => view::run(scenario, options, address),
-        None => compute(scenario, options, None),
-    };
-    if result.is_err() && interrupt::asked() { Err("interrupted".into()) } else { result }
+        None => interrupt::told(compute(scenario, options, None)),
+    }
 }
 
 /// Runs all seeds and saves the report; `false` if a metric failed.

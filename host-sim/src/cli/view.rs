@@ -42,7 +42,7 @@ pub fn run(scenario: &Scenario, options: &Run, address: SocketAddr) -> Result<bo
     let live = LiveRun::default();
     let address = live_run::serve(address, &about, live.clone())?;
     say!("http://{address}");
-    let result = compute(scenario, options, Some(&live));
+    let result = interrupt::told(compute(scenario, options, Some(&live)));
     if interrupt::asked() {
         return result;
     }
