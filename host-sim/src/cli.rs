@@ -2,6 +2,7 @@
 
 mod chip;
 mod faults;
+mod interrupt;
 mod papers;
 mod render_knob;
 mod run;

@@ -1,5 +1,6 @@
 //! The shipped firmware image on an emulated STM32F405.
 
+use std::fs::File;
 use std::io::{self, Read, Write};
 use std::os::unix::net::UnixStream;
 use std::os::unix::process::CommandExt;
@@ -20,6 +21,10 @@ const TIMEOUT: Duration = Duration::from_secs(20);
 const GREETING: Duration = Duration::from_millis(300);
 /// Longest wait for QEMU to open its sockets.
 const START: Duration = Duration::from_secs(20);
+/// Name of the file that gets what QEMU says on standard error.
+const ERRORS: &str = "errors";
+/// So much of it is quoted [bytes].
+const MAX_QUOTED: u64 = 2000;
 
 /// Why the emulated board does not run.
 #[derive(Debug, thiserror::Error)]
@@ -36,8 +41,14 @@ pub enum QemuError {
     #[error("qemu-system-arm did not come up: {0}")]
     NotUp(String),
     /// The board in it does not answer.
-    #[error("the firmware in QEMU does not answer: {0}")]
-    Silent(#[from] BoardError),
+    #[error("the firmware in QEMU does not answer: {error}{}", quoted(errors))]
+    Silent {
+        /// Why.
+        #[source]
+        error: BoardError,
+        /// What QEMU said on standard error.
+        errors: String,
+    },
     /// The image is of a board without plant link.
     #[error(
         "{} is the image of {board}, which does not answer on the plant link; give that of board-bare, which `cargo xtask firmware` \
@@ -55,6 +66,11 @@ pub enum QemuError {
     Files(#[from] io::Error),
 }
 
+/// What QEMU said, behind another message.
+fn quoted(errors: &str) -> String {
+    if errors.is_empty() { String::new() } else { format!("; qemu-system-arm says: {errors}") }
+}
+
 /// How an emulated board runs.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Machine<'a> {
@@ -64,6 +80,8 @@ pub struct Machine<'a> {
     /// A file to which QEMU writes each access to a peripheral that it does not have, such as the watchdog
     /// and the pins.
     pub accesses: Option<&'a Path>,
+    /// Ctrl-C in the terminal does not reach QEMU: the caller handles it, and drops the board.
+    pub own_group: bool,
 }
 
 /// The module of the board in an image, by the names of its functions: their crate, their module `boards` and
@@ -96,29 +114,31 @@ pub struct Qemu {
 }
 
 impl Qemu {
-    /// Boots `image`, which must be of a board with plant link, and waits until it answers.
+    /// Boots `image`, which must be of a board with plant link, on such a machine, and waits until it
+    /// answers.
     ///
     /// # Errors
     /// What is missing, and what to do.
-    pub fn boot(image: &Path) -> Result<Self, QemuError> {
+    pub fn boot(image: &Path, machine: &Machine<'_>) -> Result<Self, QemuError> {
         let other =
             |board: &str| Err(QemuError::OtherBoard { image: image.to_owned(), board: board.to_owned() });
         let named = || board_of(&std::fs::read(image).ok()?).map(|name| format!("board-{name}"));
-        let mut qemu = match Self::boot_on(image, &Machine::default()) {
+        let mut qemu = match Self::boot_on(image, machine) {
             Ok(qemu) => qemu,
             // The supervisor's line of its board may be another UART.
-            Err(QemuError::Silent(error)) => {
-                return named().map_or(Err(QemuError::Silent(error)), |board| other(&board));
+            Err(silent @ QemuError::Silent { .. }) => {
+                return named().map_or(Err(silent), |board| other(&board));
             }
             Err(error) => return Err(error),
         };
-        if qemu.status()?.board.identity.capabilities & Identity::PLANT_LINK == 0 {
+        let status = qemu.status().map_err(|error| qemu.silent(error))?;
+        if status.board.identity.capabilities & Identity::PLANT_LINK == 0 {
             return other(named().as_deref().unwrap_or("another board"));
         }
         Ok(qemu)
     }
 
-    /// Boots `image` on such a machine and waits until it answers.
+    /// The same with an image of any board.
     ///
     /// # Errors
     /// What is missing, and what to do.
@@ -145,13 +165,19 @@ impl Qemu {
             command.args(["-serial", &format!("chardev:usart{index}")]);
         }
         command.arg("-kernel").arg(image);
-        command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped());
-        // Ctrl-C in a terminal is for this program, which ends QEMU.
-        command.process_group(0);
+        // A pipe that nobody reads would stop QEMU once it is full.
+        let errors = File::create(folder.path().join(ERRORS))?;
+        command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(errors);
+        if machine.own_group {
+            command.process_group(0);
+        }
         let mut process = Process(command.spawn().map_err(QemuError::NoQemu)?);
         let deadline = Instant::now() + START;
-        let board = process.connect(&sockets[0], deadline)?;
-        let plant = process.connect(&sockets[1], deadline)?;
+        let mut connect = |socket| {
+            let not_up = |why| QemuError::NotUp(format!("{why}{}", quoted(&errors_in(folder.path()))));
+            process.connect(socket, deadline)?.map_err(not_up)
+        };
+        let (board, plant) = (connect(&sockets[0])?, connect(&sockets[1])?);
         let mut qemu = Self {
             board: LinkBoard::new(board, GREETING),
             plant,
@@ -161,8 +187,13 @@ impl Qemu {
             _process: process,
             folder,
         };
-        qemu.greet(deadline)?;
+        qemu.greet(deadline).map_err(|error| qemu.silent(error))?;
         Ok(qemu)
+    }
+
+    /// The error of a board that does not answer.
+    fn silent(&self, error: BoardError) -> QemuError {
+        QemuError::Silent { error, errors: errors_in(self.folder.path()) }
     }
 
     /// Presses the reset button and waits until the board answers again. The memory keeps what it holds.
@@ -367,23 +398,28 @@ impl ByteLink for Socket {
 struct Process(Child);
 
 impl Process {
-    fn connect(&mut self, path: &Path, deadline: Instant) -> Result<Socket, QemuError> {
+    /// Connects to a socket that QEMU opens; or why it does not.
+    fn connect(&mut self, path: &Path, deadline: Instant) -> io::Result<Result<Socket, String>> {
         loop {
             match UnixStream::connect(path) {
-                Ok(stream) => return Ok(Socket(stream)),
-                Err(error) if Instant::now() > deadline => return Err(QemuError::NotUp(error.to_string())),
+                Ok(stream) => return Ok(Ok(Socket(stream))),
+                Err(error) if Instant::now() > deadline => return Ok(Err(error.to_string())),
                 Err(_) => {}
             }
             if let Some(status) = self.0.try_wait()? {
-                let mut message = String::new();
-                if let Some(stderr) = &mut self.0.stderr {
-                    stderr.read_to_string(&mut message)?;
-                }
-                return Err(QemuError::NotUp(format!("{status}: {}", message.trim())));
+                return Ok(Err(status.to_string()));
             }
             std::thread::sleep(Duration::from_millis(10));
         }
     }
+}
+
+/// The beginning of what QEMU has said on standard error.
+fn errors_in(folder: &Path) -> String {
+    let mut said = Vec::new();
+    // What cannot be read is not quoted.
+    let _ = File::open(folder.join(ERRORS)).and_then(|file| file.take(MAX_QUOTED).read_to_end(&mut said));
+    String::from_utf8_lossy(&said).trim().to_owned()
 }
 
 impl Drop for Process {

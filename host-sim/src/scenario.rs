@@ -58,6 +58,9 @@ use crate::plant::{PlantError, SharedIntervention};
 use crate::report::{Figure, Summary};
 use grasping::scene::SceneError;
 
+/// Longest time that can be asked for [s].
+const LONGEST: f64 = 600.0;
+
 /// A named experiment.
 pub struct Scenario {
     /// Its name on the command line.
@@ -70,6 +73,8 @@ pub struct Scenario {
     pub robot: &'static str,
     /// Simulated time when nothing else is asked for [s].
     pub duration: f64,
+    /// The shortest time that can be asked for [s]; `None`: its time is fixed.
+    pub shortest: Option<f64>,
     /// The laws of its robot that it compares when nothing else is asked for; `None`: it does not compare
     /// laws.
     pub laws: Option<&'static [&'static str]>,
@@ -234,6 +239,24 @@ pub enum ScenarioError {
         /// Needed [s].
         minimum: f64,
     },
+    /// The time is so long that its record fills the memory.
+    #[error("--duration {duration} is too long: {name} runs at most {LONGEST} s")]
+    TooLong {
+        /// As asked for [s].
+        duration: f64,
+        /// The scenario.
+        name: &'static str,
+    },
+    /// The scenario has no other time.
+    #[error("--duration {duration}: the time of {name} is fixed, {fixed} s; leave the option out")]
+    FixedDuration {
+        /// As asked for [s].
+        duration: f64,
+        /// The scenario.
+        name: &'static str,
+        /// Its own [s].
+        fixed: f64,
+    },
 }
 
 impl Scenario {
@@ -247,11 +270,26 @@ impl Scenario {
     /// # Errors
     /// Why it did not come to its end. Missing a goal is not an error but a failed metric.
     pub fn run(&self, setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
+        self.check_duration(setting.duration)?;
         let mut outcome = (self.run)(setting)?;
         for impossible in self.impossible(setting.robot, setting.seed)? {
             outcome.summary.waive(&impossible.metric, &impossible.why);
         }
         Ok(outcome)
+    }
+
+    /// Refuses a time [s] that the scenario cannot have.
+    fn check_duration(&self, duration: f64) -> Result<(), ScenarioError> {
+        let name = self.name;
+        match self.shortest {
+            _ if duration.to_bits() == self.duration.to_bits() => Ok(()),
+            None => Err(ScenarioError::FixedDuration { duration, name, fixed: self.duration }),
+            Some(minimum) if duration.is_nan() || duration < minimum => {
+                Err(ScenarioError::TooShort { duration, name, minimum })
+            }
+            Some(_) if duration > LONGEST => Err(ScenarioError::TooLong { duration, name }),
+            Some(_) => Ok(()),
+        }
     }
 
     /// The limits for which the machine of this seed leaves a controller no room, by the plant's truth alone:

@@ -261,13 +261,19 @@ impl SensorFaults {
 pub fn input_lines() -> Receiver<String> {
     let (sender, receiver) = channel();
     std::thread::spawn(move || {
-        for line in io::stdin().lock().lines().map_while(Result::ok) {
-            if sender.send(line).is_err() {
-                break;
-            }
-        }
+        let mut input = io::stdin().lock();
+        while let Some(line) = next_line(&mut input)
+            && sender.send(line).is_ok()
+        {}
     });
     receiver
+}
+
+/// `None` at the end. A line that is not UTF-8 is no command, and does not end them.
+fn next_line(input: &mut impl BufRead) -> Option<String> {
+    let mut bytes = Vec::new();
+    let length = input.read_until(b'\n', &mut bytes).ok()?;
+    (length > 0).then(|| String::from_utf8_lossy(&bytes).into_owned())
 }
 
 /// Runs plant and board in real time until `stop` returns true, and the camera if there is one. A board that
@@ -345,4 +351,28 @@ pub fn home_command(plant: &Plant, model: &RobotModel) -> Option<String> {
     let relative = model.joints.iter().zip(angles).filter(|(joint, _)| joint.encoder.relative);
     let words: Vec<String> = relative.map(|(joint, angle)| format!("{}={angle:.3}", joint.name)).collect();
     (!words.is_empty()).then(|| format!("tesaki home {}", words.join(" ")))
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "tests")]
+
+    use std::path::Path;
+
+    use tesaki_description::robot::RobotFolder;
+
+    use super::*;
+
+    #[test]
+    fn a_line_that_is_not_utf_8_is_refused_and_ends_nothing() {
+        let robot = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/hand3");
+        let model = RobotFolder::load(&robot).unwrap().model;
+        let mut input = &b"estop on\nestop \xff\n\nreset"[..];
+        let lines = std::iter::from_fn(|| next_line(&mut input));
+        let parsed: Vec<_> = lines.map(|line| parse(&line, &model)).collect();
+        let [stop, bad, empty, reset] = &parsed[..] else { panic!("{parsed:?}") };
+        assert_eq!(*stop, Ok(Some(Command::Fault(SensorFault::EmergencyStop(true)))));
+        assert!(bad.as_ref().unwrap_err().contains("unknown command"), "{bad:?}");
+        assert_eq!((empty, reset), (&Ok(None), &Ok(Some(Command::Reset))));
+    }
 }

@@ -123,12 +123,36 @@ fn bad_input_is_answered_with_what_to_do() {
         (&["--view=7481"], "expected HOST:PORT, such as localhost:7481"),
         // Nothing has moved: there is nothing to stay for.
         (&["--view=localhost:0", "--duration", "3"], "--duration 3 is too short"),
+        (&["--duration", "inf"], "--duration inf is too long: hand3-servo runs at most 600 s"),
+        (&["--duration", "NaN"], "--duration NaN is too short"),
         (&[taken.as_str()], "choose another port, as in --view="),
     ] {
         says(&host_sim(&[&["run", "hand3-servo"], arguments].concat()), 2, &[told]);
     }
+    for duration in ["60", "5", "inf"] {
+        let told =
+            format!("--duration {duration}: the time of hand3-turn is fixed, 20 s; leave the option out");
+        says(&host_sim(&["run", "hand3-turn", "--duration", duration]), 2, &[&told]);
+    }
     let no_image = ["run", "hand3-servo", "--controller", "qemu", "--elf", "/nowhere/image"];
     says(&host_sim(&no_image), 2, &["no firmware image at /nowhere/image", "cargo xtask firmware"]);
+}
+
+/// A QEMU that says more than a pipe holds would wait for a reader.
+#[cfg(unix)]
+#[test]
+fn what_qemu_says_before_it_ends_is_quoted() {
+    use std::os::unix::fs::PermissionsExt as _;
+    let folder = tempfile::tempdir().unwrap();
+    let qemu = folder.path().join("qemu-system-arm");
+    let script = "#!/bin/sh\necho no such machine >&2\nhead -c 200000 /dev/zero | tr '\\0' . >&2\nexit 3\n";
+    std::fs::write(&qemu, script).unwrap();
+    std::fs::set_permissions(&qemu, std::fs::Permissions::from_mode(0o755)).unwrap();
+    let path = format!("{}:{}", folder.path().display(), std::env::var("PATH").unwrap());
+    let mut command = Command::new(env!("CARGO_BIN_EXE_host-sim"));
+    command.args(["run", "hand3-servo", "--controller", "qemu", "--elf"]).arg(&qemu);
+    let output = command.arg("--out").arg(folder.path()).env("PATH", path).output().unwrap();
+    says(&output, 2, &["did not come up: exit status: 3; qemu-system-arm says: no such machine"]);
 }
 
 #[test]

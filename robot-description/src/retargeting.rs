@@ -201,8 +201,29 @@ impl File {
         report: &mut Report,
     ) -> RetargetingSettings {
         let mut task = TelexistenceSettings::DEFAULT;
-        let retargeting = &mut task.retargeting;
-        let fingers = hand.len();
+        self.set_fingers(&mut task.retargeting, hand.len(), text, report);
+        self.set_values(&mut task);
+        self.check_speeds(text, report);
+        let mut posture = hand.center();
+        set_joints("speeds", &self.speeds, &mut task.retargeting.speeds, model, text, report);
+        if let Some(angles) = &self.posture {
+            set_joints("posture", angles, posture.as_mut_slice(), model, text, report);
+        }
+        check_posture(&posture, hand, model, text, report);
+        let rotation = self.rotation(text, report);
+        if let Err(invalid) = task.validate(hand) {
+            self.out_of_range(&task, &invalid, text, report);
+        }
+        RetargetingSettings {
+            task,
+            operator_hand: self.operator_hand.unwrap_or_default(),
+            rotation,
+            posture: self.posture.is_some().then_some(posture),
+        }
+    }
+
+    /// What has one entry for each finger.
+    fn set_fingers(&self, settings: &mut RetargetSettings, fingers: usize, text: &str, report: &mut Report) {
         if let Some(follows) = self.list("follows", self.follows.as_ref(), fingers, text, report) {
             let thumbs = follows.iter().filter(|finger| **finger == Finger::Thumb).count();
             if follows.first() != Some(&Finger::Thumb) || thumbs != 1 {
@@ -212,13 +233,18 @@ impl File {
                     "correct it; another order of the chains is that of the joints at the base in robot.urdf";
                 report.dynamics(line_of(text, "follows"), message, advice);
             }
-            for (place, finger) in retargeting.follows.iter_mut().zip(follows) {
+            for (place, finger) in settings.follows.iter_mut().zip(follows) {
                 *place = *finger as u8;
             }
         }
         if let Some(weights) = self.list("weights", self.weights.as_ref(), fingers, text, report) {
-            retargeting.weights.iter_mut().zip(weights).for_each(|(place, weight)| *place = *weight);
+            settings.weights.iter_mut().zip(weights).for_each(|(place, weight)| *place = *weight);
         }
+    }
+
+    /// What has one value.
+    fn set_values(&self, task: &mut TelexistenceSettings) {
+        let retargeting = &mut task.retargeting;
         for (place, value) in [
             (&mut retargeting.scale, self.scale),
             (&mut retargeting.near, self.near),
@@ -233,6 +259,13 @@ impl File {
         }
         retargeting.directions = self.directions.unwrap_or(retargeting.directions);
         retargeting.speeds = [self.speed.unwrap_or(RetargetSettings::DEFAULT.speeds[0]); _];
+        task.servo_mode = match self.servo {
+            None | Some(FileServo::Observer) => ServoMode::Observer,
+            Some(FileServo::Pid) => ServoMode::Pid,
+        };
+    }
+
+    fn check_speeds(&self, text: &str, report: &mut Report) {
         let speeds = self.speeds.iter().map(|(joint, value)| (format!("speeds.{joint}"), *value));
         for (key, value) in self.speed.map(|value| ("speed".to_owned(), value)).into_iter().chain(speeds) {
             if !(1e-3..=1e3).contains(&value) {
@@ -240,52 +273,17 @@ impl File {
                 report.dynamics(line(text, &key), message, "correct the value");
             }
         }
-        task.servo_mode = match self.servo {
-            None | Some(FileServo::Observer) => ServoMode::Observer,
-            Some(FileServo::Pid) => ServoMode::Pid,
-        };
-        let mut posture = hand.center();
-        for (table, values, places) in [
-            ("speeds", Some(&self.speeds), &mut task.retargeting.speeds[..]),
-            ("posture", self.posture.as_ref(), posture.as_mut_slice()),
-        ] {
-            for (name, &value) in values.into_iter().flatten() {
-                let joint = model.joints.iter().position(|joint| joint.name == name.as_str());
-                match joint.and_then(|joint| places.get_mut(joint)) {
-                    Some(place) => *place = value,
-                    None => {
-                        let message = format!("{table}: {} has no joint {name}", model.name);
-                        let at = line(text, &format!("{table}.{name}"));
-                        report.dynamics(at, message, "correct or remove it");
-                    }
-                }
-            }
-        }
-        for ((angle, (lower, upper)), joint) in posture.iter().zip(hand.limits()).zip(&model.joints) {
-            if !(lower..=upper).contains(&angle) {
-                let key = format!("posture.{}", joint.name);
-                let message = format!(
-                    "{key} is {angle}; it must be {lower:.3} to {upper:.3} rad: the joint's limits, less the margin of a \
-                     hand"
-                );
-                report.limits(line(text, &key), message, "correct the value");
-            }
-        }
+    }
+
+    /// From the operator's hand frame to the robot's base frame.
+    fn rotation(&self, text: &str, report: &mut Report) -> UnitQuaternion<f32> {
         let rotation = self.rotation.unwrap_or_default();
         if let Some(angle) = rotation.into_iter().find(|angle| !(-TAU..=TAU).contains(angle)) {
             let message = format!("rotation holds {angle}; it must be -6.2832 to 6.2832 rad");
             report.dynamics(line_of(text, "rotation"), message, "correct the value");
         }
-        if let Err(invalid) = task.validate(hand) {
-            self.out_of_range(&task, &invalid, text, report);
-        }
         let [roll, pitch, yaw] = rotation;
-        RetargetingSettings {
-            task,
-            operator_hand: self.operator_hand.unwrap_or_default(),
-            rotation: UnitQuaternion::from_euler_angles(roll, pitch, yaw),
-            posture: self.posture.is_some().then_some(posture),
-        }
+        UnitQuaternion::from_euler_angles(roll, pitch, yaw)
     }
 
     /// A list with one entry for each finger; another length is reported.
@@ -351,6 +349,41 @@ impl File {
             "{default}: near {near} and 0.001, and twice what robot_contact {robot_contact} differs from \
              operator_contact {operator_contact}, over scale {scale}"
         )
+    }
+}
+
+/// Puts the values of joints by name, from the table `key`, in their places.
+fn set_joints(
+    key: &str,
+    values: &BTreeMap<String, f32>,
+    places: &mut [f32],
+    model: &RobotModel,
+    text: &str,
+    report: &mut Report,
+) {
+    for (name, &value) in values {
+        let joint = model.joints.iter().position(|joint| joint.name == name.as_str());
+        match joint.and_then(|joint| places.get_mut(joint)) {
+            Some(place) => *place = value,
+            None => {
+                let message = format!("{key}: {} has no joint {name}", model.name);
+                report.dynamics(line(text, &format!("{key}.{name}")), message, "correct or remove it");
+            }
+        }
+    }
+}
+
+/// Reports angles beyond the limits of their joints.
+fn check_posture(posture: &Angles, hand: &Hand, model: &RobotModel, text: &str, report: &mut Report) {
+    for ((angle, (lower, upper)), joint) in posture.iter().zip(hand.limits()).zip(&model.joints) {
+        if !(lower..=upper).contains(&angle) {
+            let key = format!("posture.{}", joint.name);
+            let message = format!(
+                "{key} is {angle}; it must be {lower:.3} to {upper:.3} rad: the joint's limits, less the margin of a \
+                 hand"
+            );
+            report.limits(line(text, &key), message, "correct the value");
+        }
     }
 }
 

@@ -54,7 +54,7 @@ impl Rig {
     fn boot_on(variable: &str, sleeps: bool) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let log = folder.path().join("accesses");
-        let machine = Machine { sleeps, accesses: Some(&log) };
+        let machine = Machine { sleeps, accesses: Some(&log), own_group: false };
         let board = Qemu::boot_on(&image(variable), &machine).unwrap();
         Self { board, log, _folder: folder }
     }
@@ -128,7 +128,7 @@ fn model(name: &str) -> RobotModel {
 #[test]
 #[ignore = "needs the firmware image: cargo xtask test"]
 fn the_simulator_names_the_board_of_an_image_without_plant_link() {
-    let refused = Qemu::boot(&image("TESAKI_EMULATED_ELF")).err().unwrap().to_string();
+    let refused = Qemu::boot(&image("TESAKI_EMULATED_ELF"), &Machine::default()).err().unwrap().to_string();
     assert!(
         refused.contains("is the image of board-emulated, which does not answer on the plant link"),
         "{refused}"

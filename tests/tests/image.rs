@@ -16,7 +16,7 @@ use tesaki::protocol::{FromBoard, Identity, Request, RequestFrame, ResetCause, S
 use tesaki::task::TaskConfig;
 use tesaki_sim::controller::{Controller, Native, Watched};
 use tesaki_sim::law::LawFile;
-use tesaki_sim::qemu::Qemu;
+use tesaki_sim::qemu::{Machine, Qemu};
 use tesaki_sim::scenario::{Outcome, SCENARIOS, Scenario, Setting, encode_record};
 use tesaki_supervisor::fault_injector::{Damage, LinkFaults};
 use tesaki_supervisor::{Board, ByteLink};
@@ -54,6 +54,49 @@ fn run(scenario: &Scenario, controller: &mut Watched<'_>, seed: u64) -> Outcome 
         .unwrap()
 }
 
+/// The processes that another one has started, as `/proc` tells.
+#[cfg(target_os = "linux")]
+fn children(parent: u32) -> Vec<u32> {
+    let numbers = std::fs::read_dir("/proc").unwrap().flatten();
+    let numbers = numbers.filter_map(|entry| entry.file_name().to_str()?.parse::<u32>().ok());
+    let is_child = |number: &u32| {
+        let stat = std::fs::read_to_string(format!("/proc/{number}/stat")).unwrap_or_default();
+        // Behind the name, which is in parentheses: the state, and the parent.
+        let parents = stat.rsplit(')').next().and_then(|rest| rest.split_whitespace().nth(1));
+        parents.is_some_and(|number| *number == parent.to_string())
+    };
+    numbers.filter(is_child).collect()
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+#[ignore = "needs the firmware image: cargo xtask test"]
+fn a_signal_ends_a_run_with_its_emulated_board() {
+    use nix::sys::signal::{Signal, kill};
+    use nix::unistd::Pid;
+    let temporary = tempfile::tempdir().unwrap();
+    let (out, folders) = (temporary.path().join("out"), temporary.path().join("tmp"));
+    std::fs::create_dir(&folders).unwrap();
+    let mut run = tesaki_tests::program("host-sim");
+    run.args(["run", "hand3-servo", "--controller", "qemu", "--out"]).arg(&out).arg("--elf");
+    run.arg(image("TESAKI_ELF")).env("TMPDIR", &folders).stderr(std::process::Stdio::piped());
+    let run = run.spawn().unwrap();
+    let deadline = Instant::now() + Duration::from_secs(60);
+    let qemu = loop {
+        if let [qemu] = *children(run.id()) {
+            break qemu;
+        }
+        assert!(Instant::now() < deadline, "QEMU was not started");
+        std::thread::sleep(Duration::from_millis(10));
+    };
+    kill(Pid::from_raw(run.id().try_into().unwrap()), Signal::SIGINT).unwrap();
+    let ended = run.wait_with_output().unwrap();
+    let errors = String::from_utf8_lossy(&ended.stderr);
+    assert_eq!((ended.status.code(), errors.trim()), (Some(2), "host-sim: interrupted"));
+    assert!(!Path::new(&format!("/proc/{qemu}")).exists(), "QEMU goes on");
+    assert_eq!(std::fs::read_dir(&folders).unwrap().count(), 0, "its folder is left");
+}
+
 /// Scenarios in which no board takes part, and the one that repeats the runs of two others on other machines.
 const NOT_REPLAYED: [&str; 3] = ["hand5-calibrate", "knob-find", "hand3-paper-curves"];
 
@@ -62,7 +105,7 @@ const NOT_REPLAYED: [&str; 3] = ["hand5-calibrate", "knob-find", "hand3-paper-cu
 fn the_image_answers_every_tick_of_a_run_with_the_bytes_of_the_native_core() {
     // The others by their recordings, which is as strict and much faster.
     for scenario in ["hand3-reach", "arm7-elbow"].map(|name| Scenario::find(name).unwrap()) {
-        let mut qemu = Qemu::boot(&image("TESAKI_ELF")).unwrap();
+        let mut qemu = Qemu::boot(&image("TESAKI_ELF"), &Machine::default()).unwrap();
         let mut watched = Watched::new(&mut qemu, true);
         let outcome = run(scenario, &mut watched, 1);
         assert_eq!(watched.identical(), Some(true), "{:?}", watched.difference);
@@ -148,7 +191,7 @@ fn replay(log: &Path) -> (bool, String) {
 #[ignore = "needs the firmware image: cargo xtask test"]
 fn faults_are_named_by_the_image_and_still_there_after_a_reset() {
     let model = robot("hand3").model;
-    let mut board = Qemu::boot(&image("TESAKI_ELF")).unwrap();
+    let mut board = Qemu::boot(&image("TESAKI_ELF"), &Machine::default()).unwrap();
     board.take_command(false).unwrap();
     board.push_model(&model).unwrap();
     let mut sensors = SensorFrame {
@@ -201,7 +244,7 @@ fn faults_are_named_by_the_image_and_still_there_after_a_reset() {
 #[ignore = "needs the firmware image: cargo xtask test"]
 fn the_image_acts_on_no_damaged_frame() {
     let damaged: u64 = std::env::var("TESAKI_DAMAGED_FRAMES").map_or(20_000, |count| count.parse().unwrap());
-    let mut qemu = Qemu::boot(&image("TESAKI_ELF")).unwrap();
+    let mut qemu = Qemu::boot(&image("TESAKI_ELF"), &Machine::default()).unwrap();
     // Commands change nothing here: this client has not taken the command.
     let before = qemu.status().unwrap();
     let faults: LinkFaults = "seed=4,flip=3e-2,drop=3e-2,splice=1e-1,duplicate=1e-1".parse().unwrap();

@@ -2,6 +2,7 @@
 
 mod bench;
 mod chip;
+mod commit;
 mod faults;
 mod firmware;
 mod footprint;

@@ -11,14 +11,14 @@ use crate::tools::{self, ArmCompiler};
 use crate::{bench, chip, faults, firmware, fuzz, prove, python, ros2, sweep, viewer};
 
 const EXAMPLES: &str = "Examples:
-  cargo xtask test --fast    while working: format, lints, host; needs nothing but Rust
+  cargo xtask test --fast    while working: format, lints, tables, host; needs nothing but Rust
   cargo xtask test           before a merge: also documents, dependencies, recorded sweeps, emulated board";
 
 /// Options of `cargo xtask test`.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Options {
-    /// Only format, lints and host tests, which need nothing installed
+    /// Only format, lints, tables and host tests, which need nothing installed
     #[arg(long)]
     fast: bool,
 }

@@ -13,11 +13,12 @@ use tesaki_output::{note, say};
 use tesaki_sim::controller::{Controller, Native, Watched};
 use tesaki_sim::law::LawFile;
 use tesaki_sim::live_run::LiveRun;
-use tesaki_sim::qemu::Qemu;
+use tesaki_sim::qemu::{Machine, Qemu};
 use tesaki_sim::report::{Metric, Page, Summary, Verdict, create, figure_files, table, write};
 use tesaki_sim::scenario::{Outcome, Scenario, Setting, encode_record};
 use tesaki_supervisor::Board;
 
+use super::interrupt::{self, Interruptible};
 use super::{ControllerKind, default_image, find_scenario, progress_bar, seeds, view, workspace};
 
 #[derive(Args)]
@@ -30,7 +31,7 @@ pub struct Run {
     /// Seed of the machine's deviations and noise; a range such as 1-20 runs all of them in turn
     #[arg(long, default_value = "1", value_parser = seeds)]
     pub(super) seed: RangeInclusive<u64>,
-    /// Simulated time [s]; default: that of the scenario
+    /// Simulated time [s]; default: that of the scenario. Most scenarios have no other
     #[arg(long)]
     duration: Option<f64>,
     /// Folder for the results
@@ -152,9 +153,13 @@ impl OtherRobot {
 pub fn run(options: &Run) -> Result<bool, Box<dyn Error>> {
     let scenario = find_scenario(&options.scenario)?;
     create(&options.out)?;
+    if options.controller == ControllerKind::Qemu {
+        // It would outlive this program, in its folder, if a signal ended the run.
+        interrupt::handle()?;
+    }
     match options.view {
         Some(address) => view::run(scenario, options, address),
-        None => compute(scenario, options, None),
+        None => interrupt::told(compute(scenario, options, None)),
     }
 }
 
@@ -207,15 +212,16 @@ fn run_seed(
     let progress = |fraction: f64| bar.set_position((fraction * 1000.0) as u64);
     let robot = robot_folder(scenario, options);
     let laws = LawFile::find(scenario, &robot, &options.law)?;
-    let (mut native, mut qemu);
+    let (mut native, mut qemu, mut interruptible);
     let controller: &mut dyn Controller = match options.controller {
         ControllerKind::Native => {
             native = Native::default();
             &mut native
         }
         ControllerKind::Qemu => {
-            qemu = Qemu::boot(&options.elf)?;
-            &mut qemu
+            qemu = Qemu::boot(&options.elf, &Machine { own_group: true, ..Machine::default() })?;
+            interruptible = Interruptible(&mut qemu);
+            &mut interruptible
         }
     };
     let in_qemu = options.controller == ControllerKind::Qemu;

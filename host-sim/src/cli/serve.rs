@@ -2,7 +2,6 @@
 
 use std::error::Error;
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::Args;
 use tesaki::model::RobotModel;
@@ -13,7 +12,7 @@ use tesaki_output::say;
 use tesaki_sim::camera::CameraValues;
 use tesaki_sim::door::{KnobDoor, hand_joints, hand_pose};
 use tesaki_sim::plant::{Drive, ObjectValues, Plant, PlantOptions, PlantValues};
-use tesaki_sim::qemu::Qemu;
+use tesaki_sim::qemu::{Machine, Qemu};
 use tesaki_sim::scenario::scene::{on_support, open_posture};
 use tesaki_sim::serve::{ServedBoard, home_command, input_lines, serve};
 use tesaki_sim::serve_folder;
@@ -22,7 +21,7 @@ use tesaki_sim::virtual_board::VirtualBoard;
 use tesaki_supervisor::hub::Hub;
 use tesaki_supervisor::port::{Address, Announcement, Key};
 
-use super::{ControllerKind, default_image, shown, workspace};
+use super::{ControllerKind, default_image, interrupt, shown, workspace};
 
 #[derive(Args)]
 pub struct Serve {
@@ -66,8 +65,7 @@ pub struct Serve {
 }
 
 pub fn run(options: &Serve) -> Result<(), Box<dyn Error>> {
-    static STOP: AtomicBool = AtomicBool::new(false);
-    ctrlc::set_handler(|| STOP.store(true, Ordering::Relaxed))?;
+    interrupt::handle()?;
     let robot = RobotFolder::load(&options.robot)?;
     let name = robot.model.name.as_str();
     let values = PlantValues::load(&options.robot)?;
@@ -81,7 +79,7 @@ pub fn run(options: &Serve) -> Result<(), Box<dyn Error>> {
             &mut native
         }
         ControllerKind::Qemu => {
-            qemu = Qemu::boot(&options.elf)?;
+            qemu = Qemu::boot(&options.elf, &Machine { own_group: true, ..Machine::default() })?;
             &mut qemu
         }
     };
@@ -128,8 +126,8 @@ pub fn run(options: &Serve) -> Result<(), Box<dyn Error>> {
         home_command(&plant, &robot.model).map_or_else(String::new, |home| format!("  {home}\n")),
         example_command(options, &robot.model, camera.as_ref()),
     );
-    let stop = || STOP.load(Ordering::Relaxed);
-    serve(&mut hub, board, &mut plant, &robot.model, camera.as_ref(), &input_lines(), &stop)?;
+    let lines = input_lines();
+    serve(&mut hub, board, &mut plant, &robot.model, camera.as_ref(), &lines, &interrupt::asked)?;
     Ok(())
 }
 

@@ -2,13 +2,13 @@
 
 use std::error::Error;
 use std::net::{SocketAddr, ToSocketAddrs as _};
-use std::sync::mpsc::channel;
 
 use tesaki_description::robot::RobotFolder;
 use tesaki_output::{note, say};
 use tesaki_sim::live_run::{self, About, LiveRun};
 use tesaki_sim::scenario::Scenario;
 
+use super::interrupt;
 use super::run::{OtherRobot, Run, compute, robot_folder};
 
 /// Where the page is unless it is said.
@@ -42,7 +42,10 @@ pub fn run(scenario: &Scenario, options: &Run, address: SocketAddr) -> Result<bo
     let live = LiveRun::default();
     let address = live_run::serve(address, &about, live.clone())?;
     say!("http://{address}");
-    let result = compute(scenario, options, Some(&live));
+    let result = interrupt::told(compute(scenario, options, Some(&live)));
+    if interrupt::asked() {
+        return result;
+    }
     if let Err(error) = &result {
         if !live.has_begun() {
             return result;
@@ -52,11 +55,7 @@ pub fn run(scenario: &Scenario, options: &Run, address: SocketAddr) -> Result<bo
     }
     note!("Ctrl-C ends the page");
     // Until here, Ctrl-C ends the run.
-    let (sender, interrupted) = channel();
-    ctrlc::set_handler(move || {
-        // Nobody waits any more once the program ends.
-        let _ = sender.send(());
-    })?;
-    interrupted.recv()?;
+    interrupt::handle()?;
+    interrupt::wait();
     result.map_err(|_| "the run had ended with the error above".into())
 }

@@ -9,7 +9,7 @@ use tesaki_supervisor::trajectory::minimum_jerk;
 use super::arm::{
     ArmLog, ArmRig, ArmSample, ArmTrial, ELBOW_TRIALS, ElbowTrial, Machine, impedance, settings,
 };
-use super::common::{T, capitalized, require_duration};
+use super::common::{T, capitalized};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::report::{Figure, Line, Metric, Panel, Summary};
 
@@ -20,6 +20,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
             by arm angle",
     robot: "arm7",
     duration: 15.0,
+    shortest: None,
     laws: None,
     lead: &[
         "The tool of the seven-joint arm is under impedance control (M = 1.5 kg, B = 30 N·s/m, K = 300 N/m), \
@@ -39,7 +40,6 @@ const TIME: f64 = 1.0;
 const REST: f64 = 1.5;
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
-    require_duration(&SCENARIO, setting)?;
     let mut rig = ArmRig::load(setting)?;
     let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
     let (mut figures, mut tables) = (Vec::new(), Vec::new());

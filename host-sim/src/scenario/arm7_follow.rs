@@ -8,7 +8,7 @@ use tesaki::task::impedance::{DirectLaw, ImpedanceSettings, Law};
 use tesaki::teleop::FollowerSettings;
 
 use super::arm::{ArmRig, ArmTrial, Machine, settings};
-use super::common::{T, capitalized, require_duration};
+use super::common::{T, capitalized};
 use super::unilateral::{Operator, Slave, Trace, displacements, tool_pose};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::operator::{ElbowMotion, ElbowSwing, LinkValues, OperatorHandMotion, Stroke};
@@ -21,6 +21,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
             law and ours",
     robot: "arm7",
     duration: 88.0,
+    shortest: None,
     laws: None,
     lead: &[
         "An operator moves the handle of a master arm, which is sampled at 240 Hz. A link delivers the \
@@ -146,7 +147,6 @@ impl HandTrajectory {
 }
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
-    require_duration(&SCENARIO, setting)?;
     let mut rig = ArmRig::load(setting)?;
     let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
     let (mut figures, mut tables) = (Vec::new(), Vec::new());

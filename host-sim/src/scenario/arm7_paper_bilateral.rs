@@ -10,7 +10,7 @@ use tesaki_rng::Rng;
 use super::arm::{ArmRig, ArmSample, ArmTrial, Machine};
 use super::arm7_bilateral::{self, BEGIN, LinkSample, wall_before};
 use super::arm7_paper::NamedLaw;
-use super::common::{T, capitalized, require_duration};
+use super::common::{T, capitalized};
 use super::unilateral::tool_pose;
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::operator::{Link, LinkValues, MasterArm, MasterArmValues, OperatorHandMotion, Stroke};
@@ -25,6 +25,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
             paper announces, and the reflected spring under passivity control",
     robot: "arm7",
     duration: 64.3,
+    shortest: None,
     laws: Some(&["paper", "matched", "tesaki"]),
     lead: &[
         "Section 4 of the paper announces bilateral control in which master and slave have the same impedance, so that \
@@ -80,7 +81,6 @@ fn wrench(sample: &ArmSample) -> Vector6<f64> {
 }
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
-    require_duration(&SCENARIO, setting)?;
     let mut rig = ArmRig::load(setting)?;
     let laws = NamedLaw::load_all(setting, &rig)?;
     let mut summary = Summary::new(SCENARIO.name, "", setting.seed);

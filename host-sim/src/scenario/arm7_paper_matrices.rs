@@ -7,7 +7,7 @@ use tesaki_description::law::arm::PushExperiment;
 
 use super::arm::{ArmRig, ArmSample, ArmTrial, Machine};
 use super::arm7_paper::{NamedLaw, Recorded, compare};
-use super::common::{T, capitalized, require_duration};
+use super::common::{T, capitalized};
 use super::unilateral::tool_pose;
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::plant::Push;
@@ -20,6 +20,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
             pushed, and yields as K⁻¹F says",
     robot: "arm7",
     duration: 103.0,
+    shortest: None,
     laws: Some(&["paper-coupled", "coupled", "tool-axes"]),
     lead: &[
         "M, B and K of equation (2) are symmetric matrices. Coupled: soft, 200 N/m, along the diagonal between x and y of \
@@ -165,7 +166,6 @@ fn translation(displacement: &Vector6<f64>) -> Vector3<f64> {
 }
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
-    require_duration(&SCENARIO, setting)?;
     let rig = ArmRig::load(setting)?;
     let laws = NamedLaw::load_all(setting, &rig)?;
     compare(setting, &SCENARIO, rig, &laws, push, add_metrics, |traces, name| {

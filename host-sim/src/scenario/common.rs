@@ -6,22 +6,13 @@ use tesaki::protocol::Request;
 use tesaki::task::TaskConfig;
 use tesaki_supervisor::{Board, BoardError};
 
-use super::{Scenario, ScenarioError, Setting};
+use super::ScenarioError;
 use crate::controller::{Controller, Watched};
 use crate::motion::Motion;
 use crate::plant::Plant;
 
 /// Control period [s].
 pub const T: f64 = 0.01;
-
-/// Refuses a duration that is shorter than the scenario's own.
-pub fn require_duration(scenario: &Scenario, setting: &Setting<'_, '_>) -> Result<(), ScenarioError> {
-    let Setting { duration, .. } = *setting;
-    if duration.is_nan() || duration < scenario.duration {
-        return Err(ScenarioError::TooShort { duration, name: scenario.name, minimum: scenario.duration });
-    }
-    Ok(())
-}
 
 /// Sets up and enables the controller; returns the joint angles that it holds [rad].
 pub fn prepare(

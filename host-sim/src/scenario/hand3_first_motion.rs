@@ -7,7 +7,7 @@ use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::Board;
 use tesaki_supervisor::identify::{FreeJoint, JointSettings, identified_free, identify_joints};
 
-use super::common::{T, capitalized, introduce, require_duration};
+use super::common::{T, capitalized, introduce};
 use super::grasping::SimulatedMachine;
 use super::hand3_servo::{FIRST_STEPS, INITIAL_REST, INTERVAL, ServoLog, ServoTrial, table};
 use super::{Outcome, Scenario, ScenarioError, Setting};
@@ -22,6 +22,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
             `tesaki identify --joints`",
     robot: "hand3",
     duration: 64.0,
+    shortest: None,
     laws: None,
     lead: &[
         "After power-on a servo has the friction of the robot's folder, and learns that of the machine while it \
@@ -54,7 +55,6 @@ const TRIALS: [Trial; 2] = [
 ];
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
-    require_duration(&SCENARIO, setting)?;
     let robot = RobotFolder::load(setting.robot)?;
     let values = PlantValues::load(setting.robot)?;
     let drives: Vec<Drive> = robot.model.joints.iter().map(Drive::from).collect();

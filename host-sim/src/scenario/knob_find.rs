@@ -2,7 +2,6 @@
 
 use tesaki::vision::{CameraBuffers, Circle, CircleSearch, Image, find_circle};
 
-use super::common::require_duration;
 use super::film::picture_panel;
 use super::knob_pictures::{EMPTY, KnobPicture, KnobPictures};
 use super::{Outcome, Scenario, ScenarioError, Setting};
@@ -16,6 +15,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "a circle finder on rendered pictures of a door knob, and of a door without one",
     robot: "knob-arm",
     duration: 6.0,
+    shortest: Some(6.0),
     laws: None,
     lead: &[
         "A camera in the hand of an arm takes pictures of a door knob on its round plate, the rose, from 6 to 25 cm \
@@ -71,7 +71,6 @@ impl Picture {
 }
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
-    require_duration(&SCENARIO, setting)?;
     let values = CameraValues::load(setting.robot)?;
     let count = (setting.duration * RATE) as usize;
     let mut buffers = Box::default();

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use tesaki::task::grasping::{GraspTelemetry, Phase};
 use tesaki_sim::controller::{Controller, Native};
-use tesaki_sim::qemu::Qemu;
+use tesaki_sim::qemu::{Machine, Qemu};
 use tesaki_supervisor::hand::FingerBoard;
 
 use super::rig::{Rig, distance};
@@ -26,7 +26,7 @@ fn three_images_grasp_and_hold_a_box() {
         assert!(distance(rig.box_now().position, start) < 1e-3);
         (rig.box_now().position, rig.hand().telemetry())
     }
-    let images = hold([(); 3].map(|()| Qemu::boot(&image()).unwrap()));
+    let images = hold([(); 3].map(|()| Qemu::boot(&image(), &Machine::default()).unwrap()));
     assert_eq!(images.1.phase, Phase::Hold);
     assert_eq!(images, hold([(); 3].map(|()| Native::default())), "not the same as here, bit for bit");
 }

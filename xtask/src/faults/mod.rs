@@ -6,13 +6,12 @@ use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, Subcommand};
 use tesaki_output::say;
 
+use crate::commit::{SIMULATOR, commit};
 use crate::results::ResultsFile;
 use crate::sweep::{self, Simulator, Workload};
 use crate::test;
@@ -96,7 +95,7 @@ fn check(simulator: &Simulator) -> Result<()> {
 
 fn run_seeds(options: &FaultsOptions) -> Result<()> {
     let simulator = Simulator::build()?;
-    let commit = sweep::commit()?;
+    let commit = commit(SIMULATOR)?;
     let mut file =
         ResultsFile::create(&test::out("faults").join(format!("{}.jsonl", options.workload.partition)))?;
     let seeds = options.workload.partition.select(options.seeds.clone().collect());
@@ -138,23 +137,17 @@ fn run_all(
     done: impl FnMut(&Run) -> Result<()> + Send,
 ) -> Result<Vec<Run>> {
     let batches: Vec<&[u64]> = seeds.chunks(BATCH).collect();
-    let (next, results) = (AtomicUsize::new(0), Mutex::new((Vec::new(), done)));
-    let work = || -> Result<()> {
-        while let Some(batch) = batches.get(next.fetch_add(1, Ordering::Relaxed)) {
-            let runs = batch_of(simulator, batch)?;
-            let mut results = results.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-            for run in runs {
-                (results.1)(&run)?;
-                results.0.push(run);
-            }
-        }
-        Ok(())
-    };
-    std::thread::scope(|scope| {
-        let workers: Vec<_> = (0..jobs.max(1)).map(|_| scope.spawn(work)).collect();
-        workers.into_iter().try_for_each(|worker| worker.join().expect("a worker does not panic"))
-    })?;
-    let (mut runs, _) = results.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
+    let (mut runs, mut done) = (Vec::new(), done);
+    sweep::for_each(
+        &batches,
+        jobs,
+        |batch| batch_of(simulator, batch),
+        |batch| {
+            batch.iter().try_for_each(&mut done)?;
+            runs.extend(batch);
+            Ok(())
+        },
+    )?;
     runs.sort_by_key(|run| run.seed);
     Ok(runs)
 }
@@ -167,14 +160,15 @@ fn batch_of(simulator: &Simulator, seeds: &[u64]) -> Result<Vec<Run>> {
     for piece in pieces {
         let (Some(first), Some(last)) = (piece.first(), piece.last()) else { continue };
         let mut command = Command::new(simulator.path());
-        command.args(["faults", "--json", "--seeds", &format!("{first}-{last}")]);
-        let output = command.stdin(Stdio::null()).stderr(Stdio::null()).output();
-        let output = output.context("cannot start the simulator")?;
+        command.args(["faults", "--json", "--no-shrink", "--seeds", &format!("{first}-{last}")]);
+        let output = command.stdin(Stdio::null()).output().context("cannot start the simulator")?;
         let text = String::from_utf8_lossy(&output.stdout);
         let lines = text.lines().map(serde_json::from_str).collect::<Result<Vec<Run>, _>>();
         let lines = lines.with_context(|| text.clone().into_owned())?;
         if lines.len() != piece.len() {
-            bail!("seeds {first} to {last}: {} of {} runs, {}", lines.len(), piece.len(), output.status);
+            let (told, status) = (String::from_utf8_lossy(&output.stderr), output.status);
+            let (done, all) = (lines.len(), piece.len());
+            bail!("seeds {first} to {last}: {done} of {all} runs, {status}: {}", told.trim());
         }
         runs.extend(lines);
     }
@@ -211,4 +205,24 @@ fn print(runs: &[Run]) -> usize {
         say!("  {count:>6} break {rule}");
     }
     broken
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "tests")]
+
+    use super::*;
+
+    #[cfg(unix)]
+    #[test]
+    fn the_error_of_the_simulator_is_told() {
+        use std::os::unix::fs::PermissionsExt as _;
+        let folder = tempfile::tempdir().unwrap();
+        let program = folder.path().join("host-sim");
+        std::fs::write(&program, "#!/bin/sh\necho host-sim: there is no robot >&2\nexit 2\n").unwrap();
+        std::fs::set_permissions(&program, std::fs::Permissions::from_mode(0o755)).unwrap();
+        let error = run_all(&Simulator::at(&program), (1..=5).collect(), 1, |_| Ok(())).unwrap_err();
+        let told = "seeds 1 to 5: 0 of 5 runs, exit status: 2: host-sim: there is no robot";
+        assert_eq!(error.to_string(), told);
+    }
 }

@@ -10,6 +10,7 @@ use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use tesaki_output::say;
 
+use crate::commit::{FUZZER, commit};
 use crate::{test, tools};
 use coverage::Share;
 use record::{FILE, Record, Run, Session};
@@ -129,7 +130,7 @@ impl Fuzzer {
         cargo.args(["--profile", "fuzz", "--target", host, "--target-dir"]).arg(&folder);
         tools::run(cargo.env("RUSTFLAGS", INSTRUMENTATION))?;
         let path = std::path::absolute(folder.join(host).join("fuzz").join("tesaki-fuzz"))?;
-        Ok(Self { path, commit: commit()? })
+        Ok(Self { path, commit: commit(FUZZER)? })
     }
 
     fn command(&self, arguments: &[&str]) -> Command {
@@ -150,14 +151,15 @@ impl Fuzzer {
     fn run(&self, target: &Target, options: &Options) -> Result<Run> {
         let out = out(target);
         let (corpus, crashes) = (out.join("corpus"), out.join("crashes"));
-        std::fs::create_dir_all(&crashes)?;
-        let known = count(&crashes)?;
+        // libFuzzer names an input by its hash: one that is known already would be written over.
+        std::fs::create_dir_all(&out)?;
+        let session = tempfile::Builder::new().prefix("session-").tempdir_in(&out)?;
         tools::run(self.command(&["unpack", &target.name]).arg(&out))?;
         let log = out.join("log");
         say!("{} for {} s; {} tells how it goes on", target.name, options.seconds, log.display());
         let mut command = self.command(&["run", &target.name]);
         command.arg(format!("-max_total_time={}", options.seconds)).arg(format!("-timeout={TIMEOUT}"));
-        command.arg(format!("-artifact_prefix={}/", crashes.display()));
+        command.arg(format!("-artifact_prefix={}/", session.path().display()));
         let words = out.join("words");
         if words.exists() {
             command.arg(format!("-dict={}", words.display()));
@@ -170,7 +172,7 @@ impl Fuzzer {
             command.stderr(std::fs::File::create(&log)?).status().context("cannot start the fuzzer")?;
         let seconds = (tools::cpu_time()? - before).as_secs();
         let text = String::from_utf8_lossy(&std::fs::read(&log)?).into_owned();
-        let found = count(&crashes)? - known;
+        let found = move_files(session.path(), &crashes)?;
         if !status.success() {
             let head = text.find("panicked at").or_else(|| text.find("ERROR: libFuzzer"));
             let tail = head.and_then(|head| text.get(head..)).unwrap_or(&text);
@@ -193,8 +195,16 @@ impl Fuzzer {
     }
 }
 
-fn count(folder: &Path) -> Result<u64> {
-    Ok(std::fs::read_dir(folder)?.map(|_| 1).sum())
+/// Moves all files of a folder to another one, in place of those with the same names. Returns how many.
+fn move_files(from: &Path, to: &Path) -> Result<u64> {
+    std::fs::create_dir_all(to)?;
+    let mut moved = 0;
+    for file in std::fs::read_dir(from)? {
+        let file = file?;
+        std::fs::rename(file.path(), to.join(file.file_name()))?;
+        moved += 1;
+    }
+    Ok(moved)
 }
 
 /// How many inputs were run, as libFuzzer says at its end.
@@ -203,14 +213,24 @@ fn executions(log: &str) -> u64 {
     total.and_then(|number| number.trim().parse().ok()).unwrap_or(0)
 }
 
-/// The commit of the sources.
-fn commit() -> Result<String> {
-    let git = |arguments: &[&str]| {
-        tools::output(Command::new("git").args(arguments)).map(|text| text.trim().to_owned())
-    };
-    let commit = git(&["rev-parse", "--short=12", "HEAD"])?;
-    let sources =
-        ["shared", "robot-description", "robots", "tests/fuzz", "Cargo.lock", ":!tests/fuzz/corpus"];
-    let changed = git(&[&["status", "--porcelain", "--"], &sources[..]].concat())?;
-    Ok(if changed.is_empty() { commit } else { commit + "-dirty" })
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "tests")]
+
+    use super::*;
+
+    #[test]
+    fn a_known_crash_that_is_found_again_counts() {
+        let folder = tempfile::tempdir().unwrap();
+        let (session, crashes) = (folder.path().join("session"), folder.path().join("crashes"));
+        std::fs::create_dir(&session).unwrap();
+        assert_eq!(move_files(&session, &crashes).unwrap(), 0);
+        for others in [0, 1] {
+            std::fs::write(session.join("crash-1"), "same").unwrap();
+            (0..others).for_each(|_| std::fs::write(session.join("crash-2"), "new").unwrap());
+            assert_eq!(move_files(&session, &crashes).unwrap(), 1 + others);
+        }
+        assert_eq!(std::fs::read_dir(&session).unwrap().count(), 0);
+        assert_eq!(std::fs::read_dir(&crashes).unwrap().count(), 2);
+    }
 }

@@ -7,7 +7,7 @@ use std::path::Path;
 use anyhow::{Context as _, Result, bail, ensure};
 use object::{Object, ObjectSection, ObjectSymbol, SymbolKind};
 
-use super::thumb::{Conditional, Flow, Lock, decode};
+use super::thumb::{Conditional, Flow, Instruction, Lock, decode};
 
 /// Address of a function, without the bit of the instruction set.
 pub type Address = u32;
@@ -70,6 +70,83 @@ impl Under {
 /// The condition of an `IT`.
 fn condition_of(code: u16) -> Option<u16> {
     (code >> 8 == 0xBF && code & 0xF != 0).then_some(code >> 4 & 0xF)
+}
+
+/// Where a path through a function has come to.
+#[derive(Clone, Copy, Debug)]
+struct Place {
+    address: Address,
+    /// Stack of the function there [bytes].
+    stack: i32,
+    /// Locks that it holds.
+    locks: u8,
+    under: Under,
+}
+
+impl Place {
+    /// Behind an `IT` of this condition: here the condition holds, if it is not known already whether it did
+    /// `before`. Returns the other side.
+    fn split(&mut self, conditional: Conditional, condition: Option<u16>, before: Under) -> Option<Self> {
+        self.under = Under { rest: conditional, holds: true, condition };
+        if before.condition.is_some() && before.condition == condition {
+            self.under.holds = before.holds;
+            return None;
+        }
+        Some(Self { under: Under { holds: false, ..self.under }, ..*self })
+    }
+
+    /// What an instruction does to stack and locks.
+    fn account(&mut self, instruction: &Instruction) -> Result<()> {
+        if instruction.new_stack {
+            self.stack = 0;
+        }
+        self.stack += instruction.push;
+        ensure!(self.stack >= 0, "the stack at {:#010x} shrinks below its beginning", self.address);
+        match instruction.lock {
+            Some(Lock::Begins) => self.locks += 1,
+            // Without a lock: the end of an interrupt's handler.
+            Some(Lock::Ends) => self.locks = self.locks.saturating_sub(1),
+            None => {}
+        }
+        Ok(())
+    }
+
+    const fn call(&self, target: Option<Address>) -> Call {
+        let Self { address: site, stack, locks, .. } = *self;
+        Call { site, target, stack: stack.unsigned_abs(), locked: locks > 0 }
+    }
+}
+
+/// A function whose paths are followed.
+#[derive(Default)]
+struct Paths {
+    function: Address,
+    result: Function,
+    /// Stack [bytes] and locks at each instruction, also for each side of what is executed under a condition.
+    seen: BTreeMap<(Address, Under), (i32, u8)>,
+    /// Where others go on.
+    open: Vec<Place>,
+}
+
+impl Paths {
+    /// Whether no path has been here. Stack and locks must not depend on the way.
+    fn is_new(&mut self, place: &Place) -> Result<bool> {
+        let Place { address, stack, locks, under } = *place;
+        let known = self.seen.insert((address, under), (stack, locks));
+        ensure!(
+            known.is_none_or(|known| known == (stack, locks)),
+            "the stack or the locks at {address:#010x} depend on the way there"
+        );
+        Ok(known.is_none())
+    }
+
+    fn note_depth(&mut self, place: &Place) {
+        let stack = place.stack.unsigned_abs();
+        self.result.stack = self.result.stack.max(stack);
+        if place.locks == 0 {
+            self.result.open_stack = self.result.open_stack.max(stack);
+        }
+    }
 }
 
 /// An image.
@@ -181,107 +258,83 @@ impl Image {
 
     /// Follows all paths from the function's first instruction.
     fn decoded(&mut self, function: Address) -> Result<Function> {
-        let mut result = Function::default();
-        // Stack at each instruction [bytes], also for each side of what is executed under a condition.
-        let mut seen: BTreeMap<(Address, Under), (i32, u8)> = BTreeMap::new();
-        let mut open = vec![(function, 0, 0_u8, Under::default())];
-        while let Some((mut address, mut stack, mut locks, mut under)) = open.pop() {
-            loop {
-                if let Some(known) = seen.insert((address, under), (stack, locks)) {
-                    ensure!(
-                        known == (stack, locks),
-                        "the stack or the locks at {address:#010x} depend on the way there"
-                    );
-                    break;
-                }
-                let halves = (self.half_word(address), self.half_word(address + 2));
-                let (Some(first), second) = (halves.0, halves.1.unwrap_or_default()) else {
-                    bail!("there is no code at {address:#010x}");
-                };
-                let Some(instruction) = decode(address, first, second) else {
-                    bail!("the instruction {first:04x} {second:04x} at {address:#010x} is not understood");
-                };
-                let next = address + instruction.size;
-                let (is_skipped, before) = (under.skips(), under);
-                // Moves of the stack and between registers; all others count as if they changed the flags.
-                let keeps = is_skipped || instruction.push != 0 || first >> 8 == 0x46;
-                under = under.after(keeps, self.half_word(next));
-                if is_skipped {
-                    address = next;
-                    continue;
-                }
-                if instruction.conditional.count > 0 {
-                    under =
-                        Under { rest: instruction.conditional, holds: true, condition: condition_of(first) };
-                    if before.condition.is_some() && before.condition == under.condition {
-                        under.holds = before.holds;
-                    } else {
-                        open.push((next, stack, locks, Under { holds: false, ..under }));
-                    }
-                }
-                if instruction.new_stack {
-                    stack = 0;
-                }
-                stack += instruction.push;
-                ensure!(stack >= 0, "the stack at {address:#010x} shrinks below its beginning");
-                result.stack = result.stack.max(stack.unsigned_abs());
-                match instruction.lock {
-                    Some(Lock::Begins) => locks += 1,
-                    // Without a lock: the end of an interrupt's handler.
-                    Some(Lock::Ends) => locks = locks.saturating_sub(1),
-                    None => {}
-                }
-                if locks == 0 {
-                    result.open_stack = result.open_stack.max(stack.unsigned_abs());
-                }
-                let from =
-                    |target| Call { site: address, target, stack: stack.unsigned_abs(), locked: locks > 0 };
-                let mut go = |image: &mut Self, to: Address| -> Result<()> {
-                    if to != function && image.names.contains_key(&to) {
-                        result.returns |= image.call(&mut result.calls, from(Some(to)))?;
-                    } else {
-                        open.push((to, stack, locks, Under::default()));
-                    }
-                    Ok(())
-                };
-                let goes_on = match instruction.flow {
-                    Flow::Next => true,
-                    Flow::Jump(to) => {
-                        go(self, to)?;
-                        false
-                    }
-                    Flow::Branch(to) => {
-                        go(self, to)?;
-                        true
-                    }
-                    Flow::Table(width) => {
-                        for to in self.table(next, width)? {
-                            go(self, to)?;
-                        }
-                        false
-                    }
-                    Flow::Call(to) => self.call(&mut result.calls, from(Some(to)))?,
-                    Flow::CallRegister => self.call(&mut result.calls, from(None))?,
-                    Flow::JumpRegister => {
-                        result.returns |= self.call(&mut result.calls, from(None))?;
-                        false
-                    }
-                    Flow::Return => {
-                        result.returns = true;
-                        false
-                    }
-                    Flow::Trap => {
-                        result.traps.push(address);
-                        false
-                    }
-                };
-                if !goes_on {
-                    break;
-                }
-                address = next;
-            }
+        let begin = Place { address: function, stack: 0, locks: 0, under: Under::default() };
+        let mut paths = Paths { function, open: vec![begin], ..Paths::default() };
+        while let Some(mut place) = paths.open.pop() {
+            while paths.is_new(&place)? && self.step(&mut place, &mut paths)? {}
         }
-        Ok(result)
+        Ok(paths.result)
+    }
+
+    /// Goes on to the next instruction. Returns whether the path does.
+    fn step(&mut self, place: &mut Place, paths: &mut Paths) -> Result<bool> {
+        let (first, instruction) = self.instruction(place.address)?;
+        let next = place.address + instruction.size;
+        let before = place.under;
+        let is_skipped = before.skips();
+        // Moves of the stack and between registers; all others count as if they changed the flags.
+        let keeps = is_skipped || instruction.push != 0 || first >> 8 == 0x46;
+        place.under = before.after(keeps, self.half_word(next));
+        if is_skipped {
+            place.address = next;
+            return Ok(true);
+        }
+        if instruction.conditional.count > 0 {
+            let other = place.split(instruction.conditional, condition_of(first), before);
+            paths.open.extend(other.map(|other| Place { address: next, ..other }));
+        }
+        place.account(&instruction)?;
+        paths.note_depth(place);
+        let goes_on = self.follow(instruction.flow, next, place, paths)?;
+        place.address = next;
+        Ok(goes_on)
+    }
+
+    /// The instruction at an address, with its first half word.
+    fn instruction(&self, address: Address) -> Result<(u16, Instruction)> {
+        let halves = (self.half_word(address), self.half_word(address + 2));
+        let (Some(first), second) = (halves.0, halves.1.unwrap_or_default()) else {
+            bail!("there is no code at {address:#010x}");
+        };
+        let Some(instruction) = decode(address, first, second) else {
+            bail!("the instruction {first:04x} {second:04x} at {address:#010x} is not understood");
+        };
+        Ok((first, instruction))
+    }
+
+    /// Notes where the instruction at `place` leads. Returns whether the path goes on with the `next` one.
+    fn follow(&mut self, flow: Flow, next: Address, place: &Place, paths: &mut Paths) -> Result<bool> {
+        match flow {
+            Flow::Next => return Ok(true),
+            Flow::Jump(to) => self.jump(to, place, paths)?,
+            Flow::Branch(to) => {
+                self.jump(to, place, paths)?;
+                return Ok(true);
+            }
+            Flow::Table(width) => {
+                for to in self.table(next, width)? {
+                    self.jump(to, place, paths)?;
+                }
+            }
+            Flow::Call(to) => return self.call(&mut paths.result.calls, place.call(Some(to))),
+            Flow::CallRegister => return self.call(&mut paths.result.calls, place.call(None)),
+            Flow::JumpRegister => {
+                paths.result.returns |= self.call(&mut paths.result.calls, place.call(None))?;
+            }
+            Flow::Return => paths.result.returns = true,
+            Flow::Trap => paths.result.traps.push(place.address),
+        }
+        Ok(false)
+    }
+
+    /// A jump within the function, or to another one, which then returns in its place.
+    fn jump(&mut self, to: Address, place: &Place, paths: &mut Paths) -> Result<()> {
+        if to != paths.function && self.names.contains_key(&to) {
+            paths.result.returns |= self.call(&mut paths.result.calls, place.call(Some(to)))?;
+        } else {
+            paths.open.push(Place { address: to, under: Under::default(), ..*place });
+        }
+        Ok(())
     }
 
     /// Notes a call. Returns whether it returns.

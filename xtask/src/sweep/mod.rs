@@ -12,16 +12,16 @@ mod tables;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 
 use anyhow::{Result, bail, ensure};
 use clap::{Args, Subcommand};
 use tesaki_output::say;
 
+use crate::commit::{SIMULATOR, commit};
 use crate::results::ResultsFile;
-use crate::{test, tools};
+use crate::test;
 use merge::Run;
-pub use pool::Simulator;
+pub use pool::{Simulator, for_each};
 use record::{FOLDER, Sweep};
 use set::Set;
 pub use set::Workload;
@@ -113,20 +113,6 @@ pub fn cores() -> usize {
     std::thread::available_parallelism().map_or(1, std::num::NonZero::get)
 }
 
-/// The commit, marked when what decides the results differs from it.
-///
-/// # Errors
-/// When git cannot be run.
-pub fn commit() -> Result<String> {
-    let git = |arguments: &[&str]| {
-        tools::output(Command::new("git").args(arguments)).map(|text| text.trim().to_owned())
-    };
-    let commit = git(&["rev-parse", "--short=12", "HEAD"])?;
-    let sources = ["shared", "supervisor", "host-sim", "robots", "Cargo.lock", "Cargo.toml"];
-    let changed = git(&[&["status", "--porcelain", "--"], &sources[..]].concat())?;
-    Ok(if changed.is_empty() { commit } else { commit + "-dirty" })
-}
-
 fn merge_files(files: &[PathBuf], commit: Option<&str>) -> Result<()> {
     let (runs, empty) = merge::read(files)?;
     for told in merge::merge(Path::new(FOLDER), runs, commit)? {
@@ -160,7 +146,7 @@ fn sweep(options: &SweepOptions) -> Result<()> {
     // Seed by seed, so that the time left can be told from the first ones.
     let each = |seed| scenarios.iter().map(move |scenario| (scenario.clone(), seed));
     let runs = options.workload.partition.select(set.seeds().into_iter().flat_map(each).collect());
-    let commit = commit()?;
+    let commit = commit(SIMULATOR)?;
     let name = format!("{}-{}.jsonl", set.name(), options.workload.partition);
     let mut file = ResultsFile::create(&test::out("sweep").join(name))?;
     let mut results = Vec::new();
@@ -222,11 +208,11 @@ fn limits(simulator: &Simulator) -> Result<()> {
                 changed += usize::from(sweep.exempt(seed, &impossible)?);
             }
             if changed > 0 {
-                println!("{}: {changed} machines", sweep.save(Path::new(FOLDER))?.display());
+                say!("{}: {changed} machines", sweep.save(Path::new(FOLDER))?.display());
             }
         }
     }
-    println!("Now run `cargo xtask sweep tables`.");
+    say!("Now run `cargo xtask sweep tables`.");
     Ok(())
 }
 

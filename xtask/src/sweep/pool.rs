@@ -42,6 +42,12 @@ impl Simulator {
         Self { path: firmware::target().join("release").join("host-sim") }
     }
 
+    /// Another program in its place.
+    #[cfg(test)]
+    pub fn at(path: &Path) -> Self {
+        Self { path: path.to_owned() }
+    }
+
     /// Where it is.
     pub fn path(&self) -> &Path {
         &self.path
@@ -77,9 +83,11 @@ impl Simulator {
     }
 
     /// One machine. Also a run that fails is a result.
-    fn run(&self, scenario: &str, seed: u64, out: &Path) -> Result<Run> {
+    fn run(&self, scenario: &str, seed: u64) -> Result<Run> {
+        // Other machines run beside this one.
+        let out = tempfile::tempdir()?;
         let mut command = Command::new(&self.path);
-        command.args(["run", scenario, "--seed", &seed.to_string(), "--json", "--out"]).arg(out);
+        command.args(["run", scenario, "--seed", &seed.to_string(), "--json", "--out"]).arg(out.path());
         let output = command.stdin(Stdio::null()).output().context("cannot start the simulator")?;
         let text = String::from_utf8_lossy(&output.stdout);
         if text.trim().is_empty() {
@@ -106,31 +114,47 @@ impl Simulator {
         done: impl FnMut(Run) -> Result<()> + Send,
     ) -> Result<()> {
         let bar = progress(runs.len());
-        let next = AtomicUsize::new(0);
-        let done = Mutex::new(done);
-        let work = || -> Result<()> {
-            // Other sweeps may run beside this one, on other machines with the same files too.
-            let out = tempfile::tempdir()?;
-            while let Some((scenario, seed)) = runs.get(next.fetch_add(1, Ordering::Relaxed)) {
-                let told = self.run(scenario, *seed, out.path()).and_then(|run| {
-                    let mut done = done.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-                    done(run)
-                });
-                if told.is_err() {
-                    next.store(runs.len(), Ordering::Relaxed);
-                }
-                told?;
-                bar.inc(1);
-            }
+        let run = |(scenario, seed): &(String, u64)| self.run(scenario, *seed);
+        let mut done = done;
+        for_each(runs, jobs, run, |run| {
+            done(run)?;
+            bar.inc(1);
             Ok(())
-        };
-        std::thread::scope(|scope| {
-            let workers: Vec<_> = (0..jobs.max(1)).map(|_| scope.spawn(work)).collect();
-            workers.into_iter().try_for_each(|worker| worker.join().expect("a worker does not panic"))
         })?;
         bar.finish_and_clear();
         Ok(())
     }
+}
+
+/// Calls `work` with each item in one of `jobs` threads, and `done` with each result as it comes, in any
+/// order.
+///
+/// # Errors
+/// When `work` or `done` fails. No other item is begun then, and those that were end first.
+pub fn for_each<T: Sync, R>(
+    items: &[T],
+    jobs: usize,
+    work: impl Fn(&T) -> Result<R> + Sync,
+    done: impl FnMut(R) -> Result<()> + Send,
+) -> Result<()> {
+    let (next, done) = (AtomicUsize::new(0), Mutex::new(done));
+    let worker = || -> Result<()> {
+        while let Some(item) = items.get(next.fetch_add(1, Ordering::Relaxed)) {
+            let told = work(item).and_then(|result| {
+                let mut done = done.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+                done(result)
+            });
+            if told.is_err() {
+                next.store(items.len(), Ordering::Relaxed);
+            }
+            told?;
+        }
+        Ok(())
+    };
+    std::thread::scope(|scope| {
+        let workers: Vec<_> = (0..jobs.max(1)).map(|_| scope.spawn(worker)).collect();
+        workers.into_iter().try_for_each(|worker| worker.join().expect("a worker does not panic"))
+    })
 }
 
 fn progress(length: usize) -> ProgressBar {
@@ -141,4 +165,51 @@ fn progress(length: usize) -> ProgressBar {
     }
     bar.enable_steady_tick(std::time::Duration::from_secs(1));
     bar
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "tests")]
+
+    use std::sync::atomic::AtomicBool;
+    use std::time::Duration;
+
+    use anyhow::bail;
+
+    use super::*;
+
+    #[test]
+    fn every_item_is_done_once() {
+        let items: Vec<u32> = (0..100).collect();
+        let mut results = Vec::new();
+        let collect = |square| {
+            results.push(square);
+            Ok(())
+        };
+        for_each(&items, 4, |item| Ok(item * item), collect).unwrap();
+        results.sort_unstable();
+        assert_eq!(results, items.iter().map(|item| item * item).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn after_an_error_no_other_item_is_begun() {
+        let items: Vec<u32> = (0..100).collect();
+        let (failed, begun) = (AtomicBool::new(false), AtomicUsize::new(0));
+        let work = |item: &u32| {
+            if *item == 0 {
+                failed.store(true, Ordering::Relaxed);
+                bail!("the first one")
+            }
+            while !failed.load(Ordering::Relaxed) {
+                std::thread::yield_now();
+            }
+            begun.fetch_add(1, Ordering::Relaxed);
+            // Time for the other thread to end.
+            std::thread::sleep(Duration::from_millis(20));
+            Ok(())
+        };
+        let error = for_each(&items, 2, work, |()| Ok(())).unwrap_err();
+        assert_eq!(error.to_string(), "the first one");
+        assert!(begun.into_inner() < items.len() / 2);
+    }
 }

@@ -5,7 +5,6 @@ use super::force::{hold, sensed};
 use super::motion::{Record, estimated_pose, move_box, shift_errors};
 use super::{Law, laws};
 use crate::report::{Figure, Line, Metric, Panel, Summary};
-use crate::scenario::common::require_duration;
 use crate::scenario::grasping::GraspRig;
 use crate::scenario::{Outcome, Scenario, ScenarioError, Setting};
 
@@ -15,6 +14,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "figures 11 and 15 of the Hand3 paper under its law, over the efficiency of the joints and the integral gain",
     robot: "hand3",
     duration: 150.0,
+    shortest: None,
     laws: Some(&["paper"]),
     lead: &[
         "The paper states neither how much of the motors' torques its joints lose nor its gains. Here its own law runs \
@@ -28,7 +28,6 @@ pub(super) const SCENARIO: Scenario = Scenario {
 };
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
-    require_duration(&SCENARIO, setting)?;
     let mut rig = GraspRig::load(setting)?;
     let laws = laws(setting, &rig.robot.model)?;
     let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
