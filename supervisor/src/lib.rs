@@ -4,6 +4,7 @@
 
 mod board;
 pub mod fault_injector;
+pub mod faults;
 pub mod gravity;
 pub mod hand;
 pub mod hand_eye;

@@ -1,10 +1,11 @@
 //! A connection to a board.
 
+use std::slice;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
-use tesaki::fault::{Fault, FaultCause};
+use tesaki::fault::FaultCause;
 use tesaki::model::RobotModel;
 use tesaki::protocol::{
     FromBoard, Identity, LogEntry, LogRecord, Mode, NodeStatus, Refusal, Reply, ReplyFrame, Request, Stream,
@@ -13,8 +14,8 @@ use tesaki::protocol::{
 use tesaki::task::TaskRefusal;
 use tesaki::task::impedance::ImpedanceRefusal;
 use tesaki_supervisor::fault_injector::FaultyLink;
+use tesaki_supervisor::faults::{self, FaultsBefore};
 use tesaki_supervisor::port::{Address, Key, Reopening};
-use tesaki_supervisor::troubleshooting;
 use tesaki_supervisor::{Board, BoardError, LinkBoard};
 
 use crate::args::Options;
@@ -116,23 +117,29 @@ impl BoardSession {
         }
     }
 
-    /// Description of the last fault, with the joint's name if the model is known, and the entry of the
-    /// document that explains it.
+    /// Description of the [faults to blame](faults::blamed), with the joint's name if the model is known, and
+    /// the entries of the document that explain them.
     pub fn fault(&mut self, model: Option<&RobotModel>) -> Result<String, Failure> {
         let log = self.board.faults()?;
-        Ok(explained(log.faults.last(), model))
+        Ok(faults::explain(faults::blamed(&log), model))
     }
 
-    /// As [`fault`](Self::fault), for the first fault after the board had seen `before` of them: what follows
-    /// may be a consequence.
-    pub fn fault_after(&mut self, before: u32, model: Option<&RobotModel>) -> Result<String, Failure> {
+    /// As [`fault`](Self::fault), for the first fault after those of `before`: what follows may be a
+    /// consequence.
+    pub fn fault_after(
+        &mut self,
+        before: FaultsBefore,
+        model: Option<&RobotModel>,
+    ) -> Result<String, Failure> {
         let log = self.board.faults()?;
-        let since = log.total.saturating_sub(before).max(1) as usize;
-        let first = log.faults.len().saturating_sub(since);
-        let text = explained(log.faults.get(first), model);
-        Ok(match since {
-            1 => text,
-            more => format!("{text}\nThen {} (`tesaki faults`)", output::counted(more - 1, "fault")),
+        Ok(match before.later(&log) {
+            [] => faults::explain(faults::blamed(&log), model),
+            [cause] => faults::explain(slice::from_ref(cause), model),
+            [cause, then @ ..] => format!(
+                "{}\nThen {} (`tesaki faults`)",
+                faults::explain(slice::from_ref(cause), model),
+                output::counted(then.len(), "fault")
+            ),
         })
     }
 
@@ -290,19 +297,6 @@ fn dial_at(options: &Options, port: &Address) -> Result<LinkBoard<BoardLink>, Fa
 pub fn port_address(board: &LinkBoard<BoardLink>) -> String {
     let port = board.link().get_ref().port();
     port.map_or_else(String::new, |port| port.address().to_string())
-}
-
-/// Description of a fault, and the entry of the document that explains it.
-fn explained(fault: Option<&Fault>, model: Option<&RobotModel>) -> String {
-    fault.map_or_else(
-        || "no fault is recorded".to_owned(),
-        |fault| format!("{}\nSee {}", describe(fault, model), troubleshooting::fault(fault.cause)),
-    )
-}
-
-/// Description of a fault.
-pub fn describe(fault: &Fault, model: Option<&RobotModel>) -> String {
-    model.map_or_else(|| fault.to_string(), |model| fault.named(model).to_string())
 }
 
 /// See [`interrupted`].

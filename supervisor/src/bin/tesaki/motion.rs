@@ -11,6 +11,7 @@ use tesaki::task::grasping::{GraspCommand, GraspTelemetry};
 use tesaki::task::impedance::ImpedanceTelemetry;
 use tesaki::task::joint_servo::JointCommand;
 use tesaki::task::{TaskCommand, TaskConfig, TaskRefusal, TaskTelemetry};
+use tesaki_supervisor::faults::FaultsBefore;
 use tesaki_supervisor::gravity::Load;
 use tesaki_supervisor::{Board, BoardError};
 
@@ -203,8 +204,8 @@ pub struct Motion<'a> {
     pub model: RobotModel,
     /// The latest joint angles [rad].
     angles: Vec<f32>,
-    /// Number of faults of the board before.
-    faults: u32,
+    /// Faults of the board before.
+    faults: FaultsBefore,
     /// Whether the board is in fault because the program before has ended, which enabling clears.
     resumes: bool,
     enabled: bool,
@@ -244,7 +245,7 @@ impl<'a> Motion<'a> {
             options,
             model,
             angles: Vec::new(),
-            faults: node.faults,
+            faults: FaultsBefore::from(&node),
             resumes,
             enabled: false,
             asks: None,
@@ -317,7 +318,7 @@ impl<'a> Motion<'a> {
             _ => Some(ASK),
         };
         if std::mem::take(&mut self.resumes) {
-            self.session.board.ask("clear its faults", Request::ClearFaults { total: self.faults })?;
+            self.session.board.ask("clear its faults", Request::ClearFaults { total: self.faults.total })?;
         }
         self.session.board.enable(task).map_err(|error| Failure::from(error).named(&self.model))?;
         self.enabled = true;
@@ -399,7 +400,7 @@ impl<'a> Motion<'a> {
                 telemetry = Watchdog::new(&self.session);
                 self.remember(latest);
                 // What was sent before the faults were cleared may still arrive.
-                if latest.mode != Mode::Fault || seen_enabled || latest.faults != self.faults {
+                if latest.mode != Mode::Fault || seen_enabled || latest.faults != self.faults.total {
                     self.check_mode(latest.mode, &mut seen_enabled)?;
                 }
             } else {

@@ -13,6 +13,7 @@ use std::time::{Duration, Instant};
 use tesaki::model::RobotModel;
 use tesaki::protocol::{FromBoard, Mode, Reply, Request, Status, Stream, Telemetry, Tips};
 use tesaki_description::robot::RobotFolder;
+use tesaki_supervisor::faults::describe;
 use tesaki_supervisor::gravity::Load;
 use tesaki_supervisor::task_report::{Report, report};
 use tesaki_supervisor::{Board, BoardError, troubleshooting};
@@ -20,7 +21,7 @@ use tesaki_viewer::server::{Server, Site};
 use tesaki_viewer::{LIVE_PAGE, SCRIPT, STYLE, Scene};
 
 use crate::args::{Options, View as Arguments};
-use crate::board_session::{BoardSession, describe, interrupted, version};
+use crate::board_session::{BoardSession, interrupted, version};
 use crate::failure::Failure;
 use crate::output;
 use commands::Commander;
