@@ -24,7 +24,7 @@ use tesaki_supervisor::{Board, BoardError};
 use super::View;
 use super::message::{Command, Plan};
 use crate::failure::Failure;
-use crate::motion;
+use crate::{joints, motion};
 pub use commander::Commander;
 use commander::{Stopping, ToolPath};
 
@@ -263,7 +263,7 @@ impl View {
                 model.name
             )));
         };
-        motion::check(joint, angle)?;
+        joints::check(joint, angle)?;
         *goal = angle;
         self.commander.next = Instant::now();
         Ok(String::new())
