@@ -267,9 +267,7 @@ impl Machine for BoardMachine<'_> {
         let begun = Instant::now();
         while begun.elapsed() < GONE {
             if self.interrupted.load(Ordering::Relaxed) {
-                return Err(Failure::Other(
-                    "interrupted: the board is disabled; nothing was identified".to_owned(),
-                ));
+                return Err(Failure::Interrupted("the board is disabled; nothing was identified".to_owned()));
             }
             self.session.board.post(request.clone())?;
             let deadline = Instant::now() + RETRY;

@@ -54,7 +54,7 @@ pub fn move_joints(options: &Options, args: &Move) -> Result<(), Failure> {
         arrival.has_come() || now >= deadline
     };
     if motion.drive(KEEP_ALIVE, |_| set_point.clone(), done)? == End::Interrupted {
-        return motion.end(true);
+        return motion.break_off();
     }
     let (joint, error) = farthest;
     let joint = motion.model.joint_name(joint).to_owned();

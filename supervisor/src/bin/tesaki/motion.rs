@@ -205,18 +205,17 @@ impl<'a> Motion<'a> {
         &self.session.port
     }
 
-    /// Keeps command of the board until it is to be enabled. Returns whether it is; after Ctrl-C it is not.
-    pub fn wait_until(&mut self, mut ready: impl FnMut() -> Result<bool, Failure>) -> Result<bool, Failure> {
+    /// Keeps command of the board until it is to be enabled; after Ctrl-C it is not.
+    pub fn wait_until(&mut self, mut ready: impl FnMut() -> Result<bool, Failure>) -> Result<(), Failure> {
         let interrupted = interrupted()?;
         while !ready()? {
             if interrupted.load(Ordering::Relaxed) {
-                output::notice(self.options, "\ninterrupted: nothing was enabled");
-                return Ok(false);
+                return Err(Failure::Interrupted("nothing was enabled".to_owned()));
             }
             self.positions()?;
             std::thread::sleep(PERIOD);
         }
-        Ok(true)
+        Ok(())
     }
 
     /// Sends a set-point in each period `every`, until `done`.
@@ -391,12 +390,24 @@ impl<'a> Motion<'a> {
     }
 
     /// Disables the board and releases command.
-    pub fn end(mut self, interrupted: bool) -> Result<(), Failure> {
-        self.switch_off()?;
-        let what = if interrupted { "\ninterrupted: disabled" } else { "disabled" };
-        let load = self.load().map_or_else(String::new, |load| format!("; {load}"));
-        output::notice(self.options, &format!("{what}{load}"));
+    pub fn end(self, interrupted: bool) -> Result<(), Failure> {
+        let options = self.options;
+        let disabled = self.disable()?;
+        let what = if interrupted { "\ninterrupted: " } else { "" };
+        output::notice(options, &format!("{what}{disabled}"));
         Ok(())
+    }
+
+    /// The same where Ctrl-C came before the motion was complete, which is a failure.
+    pub fn break_off(self) -> Result<(), Failure> {
+        Err(Failure::Interrupted(self.disable()?))
+    }
+
+    /// Disables the board and releases command. Returns what becomes of the robot.
+    fn disable(mut self) -> Result<String, Failure> {
+        self.switch_off()?;
+        let load = self.load().map_or_else(String::new, |load| format!("; {load}"));
+        Ok(format!("disabled{load}"))
     }
 }
 

@@ -163,7 +163,9 @@ pub fn failure(options: &Options, failure: &Failure) {
         let value = serde_json::json!({ "error": failure.to_string(), "exit_code": failure.number() });
         let _ = line(&value.to_string());
     } else {
-        complain(&format!("tesaki: {failure}"));
+        // Not behind the `^C` of the terminal.
+        let line = if matches!(failure, Failure::Interrupted(_)) { "\n" } else { "" };
+        complain(&format!("{line}tesaki: {failure}"));
     }
 }
 

@@ -109,7 +109,7 @@ pub fn run(options: &Options, args: &Reach) -> Result<(), Failure> {
         (arrival.has_come() && on_path >= end_of_path) || on_path >= end_of_path + ARRIVAL_TIMEOUT
     })?;
     if end == End::Interrupted {
-        return motion.end(true);
+        return motion.break_off();
     }
     let (tip, distance) = farthest;
     if !arrival.has_come() {
