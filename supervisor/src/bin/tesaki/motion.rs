@@ -170,9 +170,12 @@ impl<'a> Motion<'a> {
         if std::mem::take(&mut self.resumes) {
             self.session.board.ask("clear its faults", Request::ClearFaults { total: self.faults.total })?;
         }
-        self.session.board.enable(task).map_err(|error| Failure::from(error).named(&self.model))?;
+        // If the answer is lost, the board may be enabled: it is disabled in the end.
         self.enabled = true;
-        Ok(())
+        self.session.board.enable(task).map_err(|error| {
+            self.enabled = !matches!(error, BoardError::Refused { .. } | BoardError::Reset);
+            Failure::from(error).named(&self.model)
+        })
     }
 
     /// From now on asks for the task's telemetry as often as it changes.
