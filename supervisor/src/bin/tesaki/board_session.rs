@@ -8,8 +8,8 @@ use std::time::{Duration, Instant};
 use tesaki::fault::FaultCause;
 use tesaki::model::RobotModel;
 use tesaki::protocol::{
-    FromBoard, Identity, LogEntry, LogRecord, Mode, NodeStatus, Refusal, Reply, ReplyFrame, Request, Stream,
-    TaskReport, Telemetry, Tips,
+    FromBoard, Identity, LogEntry, LogRecord, Mode, Refusal, Reply, ReplyFrame, Request, Stream, TaskReport,
+    Telemetry, Tips,
 };
 use tesaki::task::TaskRefusal;
 use tesaki::task::impedance::ImpedanceRefusal;
@@ -24,9 +24,6 @@ use crate::output;
 
 /// The link to the board: reopened when it is lost, with injected faults if requested.
 pub type BoardLink = FaultyLink<Reopening>;
-
-/// [`tesaki::protocol::LEASE`] as a duration.
-const LEASE: Duration = Duration::from_millis(10 * tesaki::protocol::LEASE as u64);
 
 /// How often a round trip is measured.
 const ROUND_TRIPS: usize = 15;
@@ -43,6 +40,8 @@ pub struct BoardSession {
     pub refused: Option<TaskRefusal>,
     /// Whether this program commands the board.
     commands: bool,
+    /// How long an answer is waited for.
+    timeout: Duration,
 }
 
 /// Releases command, so that the next client does not wait for the lease to expire.
@@ -67,7 +66,8 @@ impl BoardSession {
         let mut board = dial_at(options, port)?;
         let identity = board.hello()?;
         let port = port_address(&board);
-        Ok(Self { board, identity, port, task: None, refused: None, commands: false })
+        let timeout = options.timeout;
+        Ok(Self { board, identity, port, task: None, refused: None, commands: false, timeout })
     }
 
     /// Opens the port, greets the board and takes command.
@@ -78,18 +78,7 @@ impl BoardSession {
     /// The same at another port.
     pub fn command_at(options: &Options, port: &Address) -> Result<Self, Failure> {
         let mut session = Self::open_at(options, port)?;
-        // The lease of a commander that has gone expires; one that is active keeps command.
-        let deadline = Instant::now() + LEASE + Duration::from_millis(200);
-        loop {
-            match session.board.take_command(options.take_over) {
-                Err(BoardError::Refused { refusal: Refusal::Commanded { .. }, .. })
-                    if Instant::now() < deadline =>
-                {
-                    std::thread::sleep(Duration::from_millis(50));
-                }
-                other => break other?,
-            }
-        }
+        session.board.await_command(options.take_over)?;
         session.commands = true;
         Ok(session)
     }
@@ -100,21 +89,6 @@ impl BoardSession {
             BoardError::Refused { refusal: Refusal::NoModel, .. } => Failure::NoModel,
             error => error.into(),
         })
-    }
-
-    /// Sends a model, and waits until the sensors have been read with it, so that the next command finds
-    /// readings.
-    pub fn push(&mut self, model: &RobotModel) -> Result<NodeStatus, Failure> {
-        self.board.push_model(model)?;
-        let before = self.board.status()?.node.tick;
-        let deadline = Instant::now() + Duration::from_millis(300);
-        loop {
-            let node = self.board.status()?.node;
-            if node.tick != before || Instant::now() > deadline {
-                return Ok(node);
-            }
-            std::thread::sleep(Duration::from_millis(5));
-        }
     }
 
     /// Description of the [faults to blame](faults::blamed), with the joint's name if the model is known, and
@@ -162,7 +136,9 @@ impl BoardSession {
             self.board.hello()?;
             streams.iter().try_for_each(|&(stream, every)| self.board.set_rate(stream, every))
         };
-        match ask() {
+        let answer = ask();
+        self.board.set_timeout(self.timeout);
+        match answer {
             Ok(()) => Ok(true),
             // The caller tries again later.
             Err(BoardError::Timeout { .. } | BoardError::Interrupted) => Ok(false),

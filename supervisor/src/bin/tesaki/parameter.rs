@@ -102,7 +102,7 @@ pub fn set(options: &Options, path: &str, value: &str) -> Result<(), Failure> {
     check_stops(&model, &changed)?;
     check_limits(&model, &changed)?;
     let tared = tared(&mut session, &model)?;
-    session.push(&changed)?;
+    session.board.push_model_and_sense(&changed)?;
     output::result(options, &json!({ "set": names, "no_longer_tared": tared }), || {
         format!("{} = {value} (until the next reset or push)", names.join(", "))
     })?;

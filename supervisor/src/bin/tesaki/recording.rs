@@ -172,7 +172,6 @@ impl<'a> Recorder<'a> {
             )));
         }
         if now - self.heard > REPORT && session.reconnect(&[&[(Stream::Log, 1)], STREAMS].concat())? {
-            session.board.set_timeout(self.options.timeout);
             self.log.gap(session, 0).map_err(log_failure(&self.log_path))?;
         }
         // A process that is killed loses one second at most.
