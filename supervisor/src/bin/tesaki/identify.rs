@@ -68,7 +68,7 @@ fn identify_hand(options: &Options, args: &Identify, grasp: &Path) -> Result<(),
     let calibration = identified(&model, &fits);
     update(&mut file, &calibration, &model, &fits);
     let text = with_head(&file.to_string(), &model.name, &board);
-    save(options, &args.out, &text, |out| {
+    output::save(&args.out, &text, |out| {
         output::result(options, &report(&model, &fits, &failed, out), || table(&model, &fits, &failed, out))
     })
 }
@@ -76,28 +76,8 @@ fn identify_hand(options: &Options, args: &Identify, grasp: &Path) -> Result<(),
 /// The calibration file, which can be written: checked before the measurements are at stake.
 fn open(path: &Path) -> Result<CalibrationFile, Failure> {
     let file = CalibrationFile::open(path)?;
-    let new = !path.exists();
-    std::fs::OpenOptions::new().append(true).create(true).open(path).map_err(Failure::file(path))?;
-    if new {
-        let _ = std::fs::remove_file(path);
-    }
+    output::require_writable(path)?;
     Ok(file)
-}
-
-/// Writes the file, and tells the results with its name if that worked.
-fn save(
-    options: &Options,
-    path: &Path,
-    text: &str,
-    tell: impl FnOnce(Option<&Path>) -> Result<(), Failure>,
-) -> Result<(), Failure> {
-    let kept = std::fs::write(path, text).map_err(Failure::file(path));
-    tell(kept.is_ok().then_some(path))?;
-    if kept.is_err() {
-        // The results are not lost: they can be copied from the terminal.
-        output::notice(options, text);
-    }
-    kept
 }
 
 fn check_grips(args: &Identify, file: &Path, force_limit: f32) -> Result<(), Failure> {

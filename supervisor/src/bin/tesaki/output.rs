@@ -1,5 +1,6 @@
 //! Output as text and as JSON.
 
+mod file;
 mod queue;
 
 use std::io::{self, IsTerminal, Write as _};
@@ -78,6 +79,7 @@ pub fn by_joint(values: &[f32], model: &RobotModel) -> serde_json::Value {
     serde_json::Value::Object(names.zip(values.iter().map(exact)).collect())
 }
 
+pub use file::{require_writable, save};
 pub use queue::set_controls;
 
 /// Prints a line.

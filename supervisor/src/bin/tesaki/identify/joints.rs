@@ -18,7 +18,7 @@ use tesaki_supervisor::identify::{
     identify_joints, update_free, with_head,
 };
 
-use super::{BoardMachine, open, save, saved};
+use super::{BoardMachine, open, saved};
 use crate::args::{Identify, Options};
 use crate::board_session::{BoardSession, hex};
 use crate::failure::Failure;
@@ -81,7 +81,7 @@ fn keep(
     };
     let found: Vec<FreeJoint> = model.joints.iter().zip(readings).map(joint).collect();
     update_free(&mut file, model, &found);
-    save(options, &args.out, &with_head(&file.to_string(), &model.name, board), |out| {
+    output::save(&args.out, &with_head(&file.to_string(), &model.name, board), |out| {
         output::result(options, &report(model, &found, out), || {
             table(model, &found, args.weighed) + &saved(out)
         })
