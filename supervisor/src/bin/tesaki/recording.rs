@@ -322,12 +322,14 @@ struct ReplayLog {
     ticks: u64,
     gaps: u64,
     lost: u64,
+    /// Of those, the ones in the gap that is still open: after it no state was written yet.
+    lost_in_gap: u32,
 }
 
 impl ReplayLog {
     fn new(file: File) -> Self {
         let file = BufWriter::new(file);
-        Self { file, model: None, last: 0, in_step: false, ticks: 0, gaps: 0, lost: 0 }
+        Self { file, model: None, last: 0, in_step: false, ticks: 0, gaps: 0, lost: 0, lost_in_gap: 0 }
     }
 
     /// Writes all that a replay needs to start from a node as after power-on: the origin of the recording,
@@ -381,7 +383,7 @@ impl ReplayLog {
     /// model if that has changed.
     fn gap(&mut self, session: &mut BoardSession, missing: u32) -> Result<(), LogError> {
         self.gaps += 1;
-        self.lost += u64::from(missing);
+        let missing = self.lose(missing);
         self.write(&LogRecord::Gap { missing })?;
         let mut resume = || {
             let known = self.model.as_ref().map_or(0, |(_, checksum)| *checksum);
@@ -398,6 +400,14 @@ impl ReplayLog {
         }
     }
 
+    /// Counts the entries that are missing in the open gap; returns how many of them were not counted before.
+    fn lose(&mut self, missing: u32) -> u32 {
+        let new = missing.saturating_sub(self.lost_in_gap);
+        self.lost_in_gap += new;
+        self.lost += u64::from(new);
+        new
+    }
+
     /// Writes the current state of the node. Older entries that still arrive are skipped.
     fn state(&mut self, session: &mut BoardSession) -> Result<(), LogError> {
         let tesaki_supervisor::Exported { bytes: state, index, key } = session.board.export(Item::State)?;
@@ -407,7 +417,7 @@ impl ReplayLog {
         }
         let length = u32::try_from(state.len()).unwrap_or(u32::MAX);
         self.write(&LogRecord::Restore { length, checksum: checksum(&state), key })?;
-        (self.last, self.in_step) = (index, false);
+        (self.last, self.in_step, self.lost_in_gap) = (index, false, 0);
         Ok(())
     }
 
@@ -435,5 +445,19 @@ impl ReplayLog {
         let mut frame = [0; MAX_FRAME];
         let length = encode(record, &mut frame).map_err(std::io::Error::other)?;
         self.file.write_all(&frame[..length])
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_entry_that_is_missing_in_a_gap_is_lost_once() {
+        let mut log = ReplayLog::new(tempfile::tempfile().unwrap());
+        // The state cannot be read, and the next entries reveal the gap again.
+        let new: Vec<u32> = [3, 4, 4, 9].map(|missing| log.lose(missing)).into();
+        assert_eq!((new, log.lost), (vec![3, 1, 0, 5], 9));
     }
 }
