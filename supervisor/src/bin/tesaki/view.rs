@@ -399,10 +399,10 @@ impl View {
         let own = |folder: &&RobotFolder| model.is_some_and(|model| folder.model.name == model.name);
         let folder = self.folder.as_ref().filter(own);
         if let (Some(model), Some(other), None) = (model, &self.folder, folder) {
-            eprintln!(
+            output::complain(&format!(
                 "the board is {}, and --robot is the folder of {}: its solids, grasps and impedances are left out",
                 model.name, other.model.name
-            );
+            ));
         }
         let scene = model.map(|model| {
             let scene = Scene::new(model);
