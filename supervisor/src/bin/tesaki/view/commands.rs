@@ -231,7 +231,10 @@ impl View {
             Some(TaskKind::Impedance) => {
                 let settings = impedance::load(&file?, model)?;
                 board.enable(TaskConfig::Impedance(settings))?;
-                let tool = board.read_impedance()?;
+                let tool = board.read_impedance().inspect_err(|_| {
+                    // Enabled for nothing.
+                    let _ = board.disable();
+                })?;
                 let from = PosePoint {
                     position: tool.position,
                     rotation: tool.rotation,
