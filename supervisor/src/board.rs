@@ -237,8 +237,8 @@ pub trait Board {
         self.ask("use the model", Request::ModelCommit)
     }
 
-    /// As [`push_model`](Self::push_model), but waits until the sensors have been read with the model, so that
-    /// the next request finds readings; for 0.3 s at most. Returns the status then.
+    /// As [`push_model`](Self::push_model), but waits until the sensors have been read with the model, so
+    /// that the next request finds readings; for 0.3 s at most. Returns the status then.
     ///
     /// # Errors
     /// As [`push_model`](Self::push_model).

@@ -32,8 +32,8 @@ pub fn save(
     kept
 }
 
-/// Writes beside the file and then puts the new one in its place: whatever happens, the old one or the new one
-/// is there.
+/// Writes beside the file and then puts the new one in its place: whatever happens, the old one or the new
+/// one is there.
 fn replace(path: &Path, text: &str) -> io::Result<()> {
     // A link stays one.
     let place = path.canonicalize().unwrap_or_else(|_| path.to_owned());
