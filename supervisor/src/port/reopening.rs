@@ -16,8 +16,8 @@ const NETWORK_LIMIT: Duration = Duration::from_millis(300);
 ///
 /// While the port is away, nothing is received, and what is sent is lost and counted, as on a bad wire. It
 /// fails only when the other end requires a key ([`PortError::KeyNeeded`]). An attempt to open a TCP port
-/// again takes up to 0.3 s, also where less is waited for. [`Address::Auto`] is looked up
-/// anew each time, as an adapter may come back under another number.
+/// again takes up to 0.3 s, also where less is waited for. [`Address::Auto`] is looked up anew each time, as
+/// an adapter may come back under another number.
 #[derive(Debug)]
 pub struct Reopening {
     address: Address,
