@@ -1,5 +1,6 @@
 //! The node: what the board sends goes out as messages, and what clients want goes to the board.
 
+use std::slice;
 use std::time::{Duration, Instant};
 
 use tesaki::model::RobotModel;
@@ -7,6 +8,7 @@ use tesaki::protocol::{FromBoard, Mode, Refusal, Reply, Request, SCHEMA_KEY, Sta
 use tesaki::task::joint_servo::JointCommand;
 use tesaki::task::{TaskCommand, TaskKind};
 use tesaki_recording::{Live, LogLevel, Publisher, Topic};
+use tesaki_supervisor::faults::{self, FaultsBefore};
 use tesaki_supervisor::publication::{Publication, STREAMS, require_own};
 use tesaki_supervisor::{Board as _, BoardError};
 
@@ -16,7 +18,7 @@ use crate::controller::Controller;
 use crate::dds::{Dds, Writer, dds_type, qos};
 use crate::messages::{Uuid, nanoseconds_since_1970};
 use crate::requests::Services;
-use crate::session::{Failure, Session, describe, robot_folder, say};
+use crate::session::{Failure, Session, describe, robot_folder, say, untold};
 
 /// How long the board is listened to before clients are served.
 const TURN: Duration = Duration::from_millis(2);
@@ -93,7 +95,7 @@ pub struct Node<'a> {
     asked: Instant,
     is_lost: bool,
     pub enabled: Option<Enabled>,
-    known_faults: Option<u32>,
+    known_faults: Option<FaultsBefore>,
     tally: Tally,
 }
 
@@ -223,27 +225,42 @@ impl<'a> Node<'a> {
             self.tally.missing += u64::from(step) - 1;
         }
         self.publication.telemetry(&telemetry)?;
-        let faults = telemetry.faults;
-        let is_new = self.known_faults.replace(faults).is_some_and(|known| known != faults);
-        let tick = telemetry.tick;
+        let known = *self.known_faults.get_or_insert_with(|| FaultsBefore::from(&telemetry));
+        let now = FaultsBefore::from(&telemetry);
         self.telemetry = Some(telemetry);
-        if is_new {
-            let text = self.fault_text();
-            self.publication.fault(tick, &text)?;
-            if self.enabled.is_none() {
-                say(&text);
+        if known.total != now.total {
+            for text in self.later_faults(known, now) {
+                self.publication.fault(now.tick, &text)?;
+                if self.enabled.is_none() {
+                    say(&text);
+                }
             }
         }
         self.follow_mode()?;
         self.step_controller()
     }
 
-    /// The last fault in words.
+    /// Each fault after the known ones in words; from `now` on they are known.
+    fn later_faults(&mut self, known: FaultsBefore, now: FaultsBefore) -> Vec<String> {
+        let model = self.on_board.as_ref().map(|on_board| &on_board.model);
+        let log = self.session.board.faults();
+        // Those of the telemetry may be fewer.
+        self.known_faults =
+            Some(log.as_ref().map_or(now, |log| FaultsBefore { total: log.total, tick: now.tick }));
+        match log {
+            Ok(log) => {
+                known.later(&log).iter().map(|fault| describe(slice::from_ref(fault), model)).collect()
+            }
+            Err(error) => vec![untold(&error)],
+        }
+    }
+
+    /// The faults to blame in words.
     pub fn fault_text(&mut self) -> String {
         let model = self.on_board.as_ref().map(|on_board| &on_board.model);
         match self.session.board.faults() {
-            Ok(log) => log.faults.last().map_or_else(String::new, |fault| describe(fault, model)),
-            Err(error) => format!("the board does not tell its fault: {error}"),
+            Ok(log) => describe(faults::blamed(&log), model),
+            Err(error) => untold(&error),
         }
     }
 
