@@ -8,7 +8,7 @@ use tesaki::protocol::{FromBoard, Mode, Refusal, Reply, Request, SCHEMA_KEY, Sta
 use tesaki::task::joint_servo::JointCommand;
 use tesaki::task::{TaskCommand, TaskKind};
 use tesaki_recording::{Live, LogLevel, Publisher, Topic};
-use tesaki_supervisor::faults::{self, FaultsBefore};
+use tesaki_supervisor::faults::{self, FaultFollower};
 use tesaki_supervisor::publication::{Publication, STREAMS, require_own};
 use tesaki_supervisor::{Board as _, BoardError};
 
@@ -95,7 +95,7 @@ pub struct Node<'a> {
     asked: Instant,
     is_lost: bool,
     pub enabled: Option<Enabled>,
-    known_faults: Option<FaultsBefore>,
+    faults: Option<FaultFollower>,
     tally: Tally,
 }
 
@@ -140,7 +140,7 @@ impl<'a> Node<'a> {
             asked: now,
             is_lost: false,
             enabled: None,
-            known_faults: None,
+            faults: None,
             tally: Tally::default(),
         };
         node.request_streams(true)?;
@@ -225,33 +225,34 @@ impl<'a> Node<'a> {
             self.tally.missing += u64::from(step) - 1;
         }
         self.publication.telemetry(&telemetry)?;
-        let known = *self.known_faults.get_or_insert_with(|| FaultsBefore::from(&telemetry));
-        let now = FaultsBefore::from(&telemetry);
+        let tick = telemetry.tick;
+        let faults = self.faults.get_or_insert_with(|| FaultFollower::new((&telemetry).into()));
+        let texts = if faults.is_due(&telemetry) { self.new_faults(&telemetry) } else { Vec::new() };
         self.telemetry = Some(telemetry);
-        if known.total != now.total {
-            for text in self.later_faults(known, now) {
-                self.publication.fault(now.tick, &text)?;
-                if self.enabled.is_none() {
-                    say(&text);
-                }
+        for text in texts {
+            self.publication.fault(tick, &text)?;
+            if self.enabled.is_none() {
+                say(&text);
             }
         }
         self.follow_mode()?;
         self.step_controller()
     }
 
-    /// Each fault after the known ones in words; from `now` on they are known.
-    fn later_faults(&mut self, known: FaultsBefore, now: FaultsBefore) -> Vec<String> {
+    /// Each new fault in words.
+    fn new_faults(&mut self, telemetry: &Telemetry) -> Vec<String> {
         let model = self.on_board.as_ref().map(|on_board| &on_board.model);
-        let log = self.session.board.faults();
-        // Those of the telemetry may be fewer.
-        self.known_faults =
-            Some(log.as_ref().map_or(now, |log| FaultsBefore { total: log.total, tick: now.tick }));
-        match log {
-            Ok(log) => {
-                known.later(&log).iter().map(|fault| describe(slice::from_ref(fault), model)).collect()
+        match (self.session.board.faults(), &mut self.faults) {
+            (Ok(log), Some(faults)) => {
+                let new = faults.take(telemetry, &log).iter();
+                new.map(|fault| describe(slice::from_ref(fault), model)).collect()
             }
-            Err(error) => vec![untold(&error)],
+            (Ok(_), None) => Vec::new(),
+            (Err(error), faults) => {
+                // Told once.
+                *faults = Some(FaultFollower::new(telemetry.into()));
+                vec![untold(&error)]
+            }
         }
     }
 

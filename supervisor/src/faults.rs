@@ -2,6 +2,9 @@
 //!
 //! A stop in mode fault is one more fault: the last one in the log need not be the cause.
 
+use std::cmp::Ordering;
+use std::time::{Duration, Instant};
+
 use tesaki::fault::{Fault, FaultCause, FaultLog};
 use tesaki::model::RobotModel;
 use tesaki::protocol::{NodeStatus, Telemetry};
@@ -45,6 +48,43 @@ impl FaultsBefore {
     }
 }
 
+/// For so long after the log was read, fewer faults in the telemetry are those of before: it was on its way.
+const ON_ITS_WAY: Duration = Duration::from_secs(1);
+
+/// Follows the faults of a board by its telemetry, so that each is told once.
+#[derive(Clone, Copy, Debug)]
+pub struct FaultFollower {
+    known: FaultsBefore,
+    /// When the log was read.
+    read: Option<Instant>,
+}
+
+impl FaultFollower {
+    /// Tells the faults after those of `known`.
+    pub const fn new(known: FaultsBefore) -> Self {
+        Self { known, read: None }
+    }
+
+    /// Whether the board's log is to be read, because the telemetry tells of other faults: of more, or of
+    /// fewer because the board was switched off.
+    pub fn is_due(&self, telemetry: &Telemetry) -> bool {
+        match telemetry.faults.cmp(&self.known.total) {
+            Ordering::Greater => true,
+            Ordering::Equal => false,
+            Ordering::Less => self.read.is_none_or(|read| read.elapsed() > ON_ITS_WAY),
+        }
+    }
+
+    /// The new faults in the log, which was read after the telemetry had come; from now on they are known.
+    pub fn take<'a>(&mut self, telemetry: &Telemetry, log: &'a FaultLog) -> &'a [Fault] {
+        let later = self.known.later(log);
+        // Those of the telemetry may be fewer.
+        self.known = FaultsBefore { total: log.total, tick: telemetry.tick };
+        self.read = Some(Instant::now());
+        later
+    }
+}
+
 /// The faults to blame for a board in fault: the last one, and if that is a stop the one before it too, which
 /// the stop may have followed.
 pub fn blamed(log: &FaultLog) -> &[Fault] {
@@ -85,6 +125,8 @@ pub fn entries(faults: &[Fault]) -> String {
 
 #[cfg(test)]
 mod tests {
+    use tesaki::protocol::Mode;
+
     use super::*;
 
     /// A log with faults of these causes in these ticks, the last of `total`.
@@ -121,6 +163,26 @@ mod tests {
         let full = log(40, &[(SupplyLow, 10); 16]);
         assert_eq!(FaultsBefore::default().later(&full).len(), 16);
         assert_later((0, 0), &FaultLog::new(), &[]);
+    }
+
+    #[test]
+    fn each_fault_is_told_once_whatever_telemetry_is_still_on_its_way() {
+        use FaultCause::{FollowingError, Stop, SupplyLow};
+        let telemetry =
+            |faults, tick| Telemetry { tick, mode: Mode::Fault, faults, joints: heapless::Vec::new() };
+        let mut follower = FaultFollower::new(FaultsBefore { total: 1, tick: 40 });
+        assert!(!follower.is_due(&telemetry(1, 41)));
+        // The log is read when the first of two faults shows.
+        assert!(follower.is_due(&telemetry(2, 50)));
+        let read = log(3, &[(SupplyLow, 10), (FollowingError, 50), (Stop, 52)]);
+        assert_eq!(follower.take(&telemetry(2, 50), &read), &read.faults[1..]);
+        assert!(!follower.is_due(&telemetry(2, 51)));
+        assert!(!follower.is_due(&telemetry(3, 52)));
+        // A board that was switched off meanwhile.
+        follower.read = Instant::now().checked_sub(2 * ON_ITS_WAY);
+        assert!(follower.is_due(&telemetry(0, 5)));
+        assert!(follower.take(&telemetry(0, 5), &FaultLog::new()).is_empty());
+        assert!(follower.is_due(&telemetry(1, 9)));
     }
 
     #[test]

@@ -16,7 +16,7 @@ use tesaki::protocol::{FromBoard, Request, Status, Telemetry};
 use tesaki_description::read_text;
 use tesaki_description::robot::RobotFolder;
 use tesaki_recording::{Live, LiveMessage, McapError, Publisher};
-use tesaki_supervisor::faults::{FaultsBefore, describe};
+use tesaki_supervisor::faults::{FaultFollower, describe};
 use tesaki_supervisor::publication::{Publication, STREAMS, require_own};
 use tesaki_supervisor::{Board as _, BoardError};
 use tesaki_viewer::server::{Event, Server, Site};
@@ -86,8 +86,7 @@ struct Share {
     clients: BTreeMap<u64, Client>,
     publication: Publication<Live>,
     model: Option<(RobotModel, u32)>,
-    /// Faults of the board that are told.
-    faults: Option<FaultsBefore>,
+    faults: Option<FaultFollower>,
     /// Whether the streams are requested, and when telemetry came last.
     streams: bool,
     heard: Instant,
@@ -187,16 +186,14 @@ impl Share {
     fn telemetry(&mut self, telemetry: &Telemetry) -> Result<(), Failure> {
         self.heard = Instant::now();
         self.publication.telemetry(telemetry).map_err(failure)?;
-        let told = *self.faults.get_or_insert_with(|| telemetry.into());
-        if told.total != telemetry.faults {
+        let faults = self.faults.get_or_insert_with(|| FaultFollower::new(telemetry.into()));
+        if faults.is_due(telemetry) {
             let model = self.model.as_ref().map(|(model, _)| model);
             // Without an answer, the number says so again with the next telemetry.
             let Ok(log) = self.session.board.faults() else { return Ok(()) };
-            for fault in told.later(&log) {
+            for fault in faults.take(telemetry, &log) {
                 self.publication.fault(telemetry.tick, &describe(fault, model)).map_err(failure)?;
             }
-            // Those of the telemetry may be fewer.
-            self.faults = Some(FaultsBefore { total: log.total, tick: telemetry.tick });
         }
         Ok(())
     }

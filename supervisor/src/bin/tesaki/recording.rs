@@ -17,7 +17,7 @@ use tesaki::protocol::{
 use tesaki_description::read_text;
 use tesaki_description::robot::RobotFolder;
 use tesaki_recording::{McapError, McapFile, Recording};
-use tesaki_supervisor::faults::{FaultsBefore, describe};
+use tesaki_supervisor::faults::{FaultFollower, FaultsBefore, describe};
 use tesaki_supervisor::publication::{Publication, STREAMS, require_own};
 use tesaki_supervisor::{Board, BoardError};
 
@@ -66,8 +66,7 @@ struct Recorder<'a> {
     mcap_path: PathBuf,
     log: ReplayLog,
     viewer: Publication<McapFile>,
-    /// Faults of the board that are written.
-    faults: FaultsBefore,
+    faults: FaultFollower,
     /// When a line of JSON was last printed.
     reported: Instant,
     /// When the board was last heard.
@@ -111,7 +110,7 @@ impl<'a> Recorder<'a> {
             Recording::create_compressed(&mcap_path, urdf.as_deref()).map_err(mcap_failure(&mcap_path))?;
         recording.metadata("tesaki", metadata).map_err(mcap_failure(&mcap_path))?;
         let viewer = Publication::new(recording, robot);
-        let faults = FaultsBefore::from(&session.board.status()?.node);
+        let faults = FaultFollower::new(FaultsBefore::from(&session.board.status()?.node));
         // Before the log starts: what comes meanwhile is dropped.
         for &(stream, every) in STREAMS {
             session.board.set_rate(stream, every)?;
@@ -205,15 +204,13 @@ impl<'a> Recorder<'a> {
     fn telemetry(&mut self, session: &mut BoardSession, telemetry: &Telemetry) -> Result<(), Failure> {
         let Self { log, viewer, faults, mcap_path, .. } = self;
         viewer.use_model(log.model.as_ref().map(|(model, checksum)| (model, *checksum)));
-        if telemetry.faults != faults.total {
+        if faults.is_due(telemetry) {
             let read = session.board.faults()?;
-            for fault in faults.later(&read) {
+            for fault in faults.take(telemetry, &read) {
                 let text = describe(fault, log.robot());
                 viewer.fault(telemetry.tick, &text).map_err(mcap_failure(mcap_path))?;
                 output::notice(self.options, &text);
             }
-            // Those of the telemetry may be fewer.
-            *faults = FaultsBefore { total: read.total, tick: telemetry.tick };
         }
         viewer.telemetry(telemetry).map_err(mcap_failure(mcap_path))?;
         // The board was reset, or what shares it has started again: others may have asked since.
