@@ -17,6 +17,8 @@ use tesaki::task::grasping::GraspCommand;
 use tesaki::task::impedance::ImpedanceCommand;
 use tesaki_description::{grasp, impedance};
 use tesaki_recording::{McapError, Recording};
+use tesaki_supervisor::arrival::{Arrival, farthest_joint};
+use tesaki_supervisor::faults::FaultsBefore;
 use tesaki_supervisor::port::{Address, Key, Reopening};
 use tesaki_supervisor::publication::Publication;
 use tesaki_supervisor::{Board as _, BoardError as Failure, LinkBoard};
@@ -27,10 +29,7 @@ use crate::error::{BoardError, board, file};
 use crate::robot::Robot;
 use crate::value::dictionary;
 use arguments::seconds;
-use conversation::{await_event, take_command};
-
-/// Telemetries in a row within the tolerance that count as arrival.
-const ARRIVED: u32 = 10;
+use conversation::await_event;
 
 /// A controller board, real or served by ``cargo sim serve``.
 ///
@@ -56,8 +55,8 @@ pub struct Board {
     model: Option<RobotModel>,
     is_open: bool,
     is_enabled: bool,
-    /// Faults of the board before it was enabled.
-    faults: u32,
+    /// Its faults before it was enabled.
+    faults: FaultsBefore,
     /// Number of the last sample of fingertips.
     sample: u16,
     timeout: Duration,
@@ -93,13 +92,13 @@ impl Board {
                 Reopening::open(address, key).map_err(|error| BoardError::new_err(error.to_string()))?;
             let mut link = LinkBoard::new(link, timeout);
             link.hello().map_err(board)?;
-            take_command(&mut link, take_over).map_err(board)?;
+            link.await_command(take_over).map_err(board)?;
             let model = match link.model() {
                 Ok(model) => Some(model),
                 Err(Failure::Refused { refusal: Refusal::NoModel, .. }) => None,
                 Err(error) => return Err(board(error)),
             };
-            let (is_open, is_enabled, faults, sample) = (true, false, 0, 0);
+            let (is_open, is_enabled, faults, sample) = (true, false, FaultsBefore::default(), 0);
             Ok(Self { board: link, model, is_open, is_enabled, faults, sample, timeout })
         })
     }
@@ -155,15 +154,7 @@ impl Board {
     ///     robot: the robot.
     fn push(&mut self, py: Python<'_>, robot: &Robot) -> PyResult<()> {
         let model = &robot.folder.model;
-        self.call(py, |link| {
-            link.push_model(model)?;
-            let before = link.status()?.node.tick;
-            let deadline = Instant::now() + Duration::from_millis(300);
-            while link.status()?.node.tick == before && Instant::now() < deadline {
-                std::thread::sleep(Duration::from_millis(5));
-            }
-            Ok(())
-        })?;
+        self.call(py, |link| link.push_model_and_sense(model))?;
         self.model = Some(model.clone());
         Ok(())
     }
@@ -202,15 +193,23 @@ impl Board {
     #[pyo3(signature = (task="joints", *, servo="observer", file=None))]
     fn enable(&mut self, py: Python<'_>, task: &str, servo: &str, file: Option<PathBuf>) -> PyResult<()> {
         let config = self.config(task, servo, file)?;
-        self.faults = self.call(py, |link| link.status())?.node.faults;
+        self.faults = FaultsBefore::from(&self.call(py, |link| link.status())?.node);
         self.call(py, |link| {
             // What came before belongs to the time before.
             link.set_rate(Stream::Telemetry, 1)?;
             while link.next_event(Instant::now())?.is_some() {}
-            link.enable(config)
+            Ok(())
         })?;
-        self.is_enabled = true;
-        Ok(())
+        // If the answer is lost, the board may be enabled: it is disabled in the end.
+        let before = std::mem::replace(&mut self.is_enabled, true);
+        let refused = self.call(py, |link| match link.enable(config) {
+            Err(error @ (Failure::Refused { .. } | Failure::Reset)) => Ok(Some(error)),
+            other => other.map(|()| None),
+        })?;
+        refused.map_or(Ok(()), |refusal| {
+            self.is_enabled = before;
+            Err(board(refusal))
+        })
     }
 
     /// Ends the task and switches the outputs off. A robot that gravity pulls falls unless it is supported.
@@ -268,20 +267,16 @@ impl Board {
             heapless::Vec::from_slice(&goal).map_err(|_| board(Failure::TooManyJoints(goal.len())))?;
         let command = tesaki::task::joint_servo::JointCommand::Goal { positions };
         let command = Request::Task(TaskCommand::JointServo(command));
-        let (mut near, mut worst) = (0, (0, f32::INFINITY));
+        let (mut arrival, mut farthest) = (Arrival::default(), (0, f32::INFINITY));
         let until = Instant::now() + within;
         self.drive(py, until, &command, |event| {
             let FromBoard::Telemetry(telemetry) = event else { return false };
-            let errors =
-                telemetry.joints.iter().zip(&goal).map(|(joint, goal)| (goal - joint.position).abs());
-            worst = errors
-                .enumerate()
-                .fold((0, 0.0), |worst, error| if error.1 > worst.1 { error } else { worst });
-            near = if worst.1 <= tolerance { near + 1 } else { 0 };
-            near >= ARRIVED
+            farthest = farthest_joint(telemetry, &goal);
+            arrival.update(farthest.1, tolerance);
+            arrival.has_come()
         })?;
-        if near < ARRIVED {
-            let (joint, error) = worst;
+        let (joint, error) = farthest;
+        if !arrival.has_come() {
             let name = names.get(joint).map_or("", String::as_str);
             return Err(BoardError::new_err(format!(
                 "{name} is still {error:.4} rad from its target after {} s (tolerance {tolerance} rad). Is the joint \
@@ -289,7 +284,7 @@ impl Board {
                 within.as_secs_f64()
             )));
         }
-        Ok(worst.1)
+        Ok(error)
     }
 
     /// Sends one command to the running task, and returns at once.
@@ -392,15 +387,17 @@ impl Board {
     /// The tips now: a dictionary of arrays ``position`` [m], ``force`` [N] and ``torque`` [N·m], each (tips,
     /// 3).
     fn tips<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let timeout = self.timeout;
         let tips = self.call(py, |link| {
             link.set_rate(Stream::Tips, 1)?;
-            let found = await_event(link, |event| match event {
+            let found = await_event(link, timeout, |event| match event {
                 FromBoard::Tips(tips) => Some(tips),
                 _ => None,
             });
             link.set_rate(Stream::Tips, 0)?;
             found
         })?;
+        let tips = tips.ok_or_else(|| self.no_readings("telemetry of the tips"))?;
         let found = PyDict::new(py);
         let rows = |value: &(dyn Fn(usize) -> [f32; 3] + Sync)| {
             output(py, [tips.tips.len(), 3], |places| {

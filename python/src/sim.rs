@@ -41,14 +41,16 @@ pub fn scenarios(py: Python<'_>) -> PyResult<Bound<'_, PyList>> {
 /// which ``summary()`` has what it measured. In a state are
 ///
 /// - what the board tells of its last tick: ``position``, ``velocity``, ``reference``, ``torque`` (joints,)
-/// [rad, rad/s,
-///   rad, N·m], ``tip_position``, ``tip_force``, ``tip_torque`` (tips, 3) [m, N, N·m], ``report`` (the task's
-///   telemetry), ``task`` and ``tick``;
+///   [rad, rad/s, rad, N·m], ``tip_position``, ``tip_force``, ``tip_torque`` (tips, 3) [m, N, N·m],
+///   ``report`` (the task's telemetry), ``task`` and ``tick``;
 /// - ``truth``: what the plant knows and no sensor tells, a dictionary of arrays, ``None`` before the machine
-/// has moved; - ``scripted``: the command that the scenario is about to send, as ``(kind, values)``; ``None``
-/// if it sends nothing; - ``refused``: why the board refused the last command of the caller, and ``fault``:
-/// the fault that ends the trial; - ``trial``, from 1, and ``is_over``: the trial ends here, and what is
-/// commanded now is not sent.
+///   has moved;
+/// - ``scripted``: the command that the scenario is about to send, as ``(kind, values)``; ``None`` if it
+///   sends nothing;
+/// - ``refused``: why the board refused the last command of the caller;
+/// - ``fault``: the fault that ends the trial;
+/// - ``trial``, from 1;
+/// - ``is_over``: the trial ends here, and what is commanded now is not sent.
 ///
 /// Args:
 ///     scenario: its name.

@@ -1,7 +1,9 @@
 """A board: the simulated one that ``host-sim serve`` gives, whose program TESAKI_SIM names."""
 
+import contextlib
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -135,6 +137,45 @@ def test_a_fault_is_an_exception_with_its_words(serve):
         time.sleep(0.1)
         assert "emergency" in board.clear_faults()[-1]
         board.enable()
+
+
+def only_replies(path, port):
+    """A socket in front of a board's, for one program: it gets the board's replies, and none of its streams."""
+    listener = socket.socket(socket.AF_UNIX)
+    listener.bind(str(path))
+    listener.listen(1)
+
+    def carry():
+        program, _ = listener.accept()
+        board = socket.socket(socket.AF_UNIX)
+        board.connect(port.removeprefix("unix://"))
+
+        def back():
+            rest = b""
+            with contextlib.suppress(OSError):
+                while data := board.recv(4096):
+                    *frames, rest = (rest + data).split(b"\0")
+                    # Number 0 of what a board sends; COBS has 1 for a zero at once.
+                    program.sendall(b"".join(frame + b"\0" for frame in frames if frame.startswith(b"\x01")))
+
+        threading.Thread(target=back, daemon=True).start()
+        with contextlib.suppress(OSError):
+            while data := program.recv(4096):
+                board.sendall(data)
+            board.shutdown(socket.SHUT_RDWR)
+
+    threading.Thread(target=carry, daemon=True).start()
+    return f"unix://{path}"
+
+
+def test_a_board_that_answers_without_readings_has_no_broken_cable(serve, tmp_path):
+    served = serve()
+    with tesaki.Board(only_replies(tmp_path / "replies.sock", served.port), timeout=0.3) as board:
+        for read in (board.telemetry, board.tips):
+            begun = time.monotonic()
+            with pytest.raises(tesaki.BoardError, match=r"^no telemetry.* within 0\.3 s: the board has no sensor readings"):
+                read()
+            assert 0.25 < time.monotonic() - begun < 0.9
 
 
 def test_a_killed_program_stops_the_robot(serve):

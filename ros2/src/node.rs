@@ -1,5 +1,6 @@
 //! The node: what the board sends goes out as messages, and what clients want goes to the board.
 
+use std::slice;
 use std::time::{Duration, Instant};
 
 use tesaki::model::RobotModel;
@@ -7,6 +8,7 @@ use tesaki::protocol::{FromBoard, Mode, Refusal, Reply, Request, SCHEMA_KEY, Sta
 use tesaki::task::joint_servo::JointCommand;
 use tesaki::task::{TaskCommand, TaskKind};
 use tesaki_recording::{Live, LogLevel, Publisher, Topic};
+use tesaki_supervisor::faults::{self, FaultFollower};
 use tesaki_supervisor::publication::{Publication, STREAMS, require_own};
 use tesaki_supervisor::{Board as _, BoardError};
 
@@ -16,7 +18,7 @@ use crate::controller::Controller;
 use crate::dds::{Dds, Writer, dds_type, qos};
 use crate::messages::{Uuid, nanoseconds_since_1970};
 use crate::requests::Services;
-use crate::session::{Failure, Session, describe, robot_folder, say};
+use crate::session::{Failure, Session, describe, robot_folder, say, untold};
 
 /// How long the board is listened to before clients are served.
 const TURN: Duration = Duration::from_millis(2);
@@ -93,7 +95,7 @@ pub struct Node<'a> {
     asked: Instant,
     is_lost: bool,
     pub enabled: Option<Enabled>,
-    known_faults: Option<u32>,
+    faults: Option<FaultFollower>,
     tally: Tally,
 }
 
@@ -138,7 +140,7 @@ impl<'a> Node<'a> {
             asked: now,
             is_lost: false,
             enabled: None,
-            known_faults: None,
+            faults: None,
             tally: Tally::default(),
         };
         node.request_streams(true)?;
@@ -223,12 +225,11 @@ impl<'a> Node<'a> {
             self.tally.missing += u64::from(step) - 1;
         }
         self.publication.telemetry(&telemetry)?;
-        let faults = telemetry.faults;
-        let is_new = self.known_faults.replace(faults).is_some_and(|known| known != faults);
         let tick = telemetry.tick;
+        let faults = self.faults.get_or_insert_with(|| FaultFollower::new((&telemetry).into()));
+        let texts = if faults.is_due(&telemetry) { self.new_faults(&telemetry) } else { Vec::new() };
         self.telemetry = Some(telemetry);
-        if is_new {
-            let text = self.fault_text();
+        for text in texts {
             self.publication.fault(tick, &text)?;
             if self.enabled.is_none() {
                 say(&text);
@@ -238,12 +239,29 @@ impl<'a> Node<'a> {
         self.step_controller()
     }
 
-    /// The last fault in words.
+    /// Each new fault in words.
+    fn new_faults(&mut self, telemetry: &Telemetry) -> Vec<String> {
+        let model = self.on_board.as_ref().map(|on_board| &on_board.model);
+        match (self.session.board.faults(), &mut self.faults) {
+            (Ok(log), Some(faults)) => {
+                let new = faults.take(telemetry, &log).iter();
+                new.map(|fault| describe(slice::from_ref(fault), model)).collect()
+            }
+            (Ok(_), None) => Vec::new(),
+            (Err(error), faults) => {
+                // Told once.
+                *faults = Some(FaultFollower::new(telemetry.into()));
+                vec![untold(&error)]
+            }
+        }
+    }
+
+    /// The faults to blame in words.
     pub fn fault_text(&mut self) -> String {
         let model = self.on_board.as_ref().map(|on_board| &on_board.model);
         match self.session.board.faults() {
-            Ok(log) => log.faults.last().map_or_else(String::new, |fault| describe(fault, model)),
-            Err(error) => format!("the board does not tell its fault: {error}"),
+            Ok(log) => describe(faults::blamed(&log), model),
+            Err(error) => untold(&error),
         }
     }
 

@@ -11,6 +11,7 @@ use tesaki::robot::Concerns as _;
 use tesaki_description::read_text;
 use tesaki_description::robot::{RobotError, RobotFolder};
 use tesaki_recording::McapError;
+use tesaki_supervisor::faults;
 use tesaki_supervisor::port::{Address, Key, PortError, Reopening};
 use tesaki_supervisor::publication::OtherRobot;
 use tesaki_supervisor::{Board as _, BoardError, LinkBoard, troubleshooting};
@@ -129,10 +130,17 @@ pub fn words(error: &BoardError, model: Option<&RobotModel>) -> String {
     format!("{}{hint}. See {}", named.unwrap_or(text), troubleshooting::refusal(refusal))
 }
 
-/// A fault with the joint's name, and where it is explained.
-pub fn describe(fault: &Fault, model: Option<&RobotModel>) -> String {
-    let text = model.map_or_else(|| fault.to_string(), |model| fault.named(model).to_string());
-    format!("{text}. See {}", troubleshooting::fault(fault.cause))
+/// Faults with the joints' names, the last one first, and where they are explained.
+pub fn describe(faults: &[Fault], model: Option<&RobotModel>) -> String {
+    if faults.is_empty() {
+        return String::new();
+    }
+    format!("{}. See {}", faults::in_words(faults, model), faults::entries(faults))
+}
+
+/// The faults are not known.
+pub fn untold(error: &BoardError) -> String {
+    format!("the board does not tell its fault: {error}")
 }
 
 /// A line for people. Nobody has to read it.

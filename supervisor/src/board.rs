@@ -1,8 +1,12 @@
+use std::thread;
+use std::time::{Duration, Instant};
+
 use tesaki::fault::FaultLog;
 use tesaki::kinematics::{ElbowSetpoint, PosePoint, TipPoint};
 use tesaki::model::{MAX_CHAINS, MAX_JOINTS, RobotModel};
 use tesaki::protocol::{
-    Identity, Item, MODEL_CHUNK, Refusal, Reply, Request, SCHEMA_KEY, Status, Stream, TaskReport, codec,
+    Identity, Item, LEASE, MODEL_CHUNK, NodeStatus, Refusal, Reply, Request, SCHEMA_KEY, Status, Stream,
+    TaskReport, codec,
 };
 use tesaki::task::grasping::{GraspCommand, GraspTelemetry};
 use tesaki::task::impedance::{ImpedanceCommand, ImpedanceSettings, ImpedanceTelemetry};
@@ -153,6 +157,25 @@ pub trait Board {
         self.ask("be commanded", Request::TakeCommand { by_force })
     }
 
+    /// As [`take_command`](Self::take_command), but lets the lease of a commander that has gone expire first;
+    /// one that is active keeps command.
+    ///
+    /// # Errors
+    /// When another client commands the board.
+    fn await_command(&mut self, by_force: bool) -> Result<(), BoardError> {
+        let deadline = Instant::now() + Duration::from_millis(10 * u64::from(LEASE) + 200);
+        loop {
+            match self.take_command(by_force) {
+                Err(BoardError::Refused { refusal: Refusal::Commanded { .. }, .. })
+                    if Instant::now() < deadline =>
+                {
+                    thread::sleep(Duration::from_millis(50));
+                }
+                other => return other,
+            }
+        }
+    }
+
     /// Sets the period of `stream` in ticks; 0 stops it.
     ///
     /// # Errors
@@ -212,6 +235,24 @@ pub trait Board {
             self.ask("receive a piece of the model", Request::ModelChunk { offset, data })?;
         }
         self.ask("use the model", Request::ModelCommit)
+    }
+
+    /// As [`push_model`](Self::push_model), but waits until the sensors have been read with the model, so
+    /// that the next request finds readings; for 0.3 s at most. Returns the status then.
+    ///
+    /// # Errors
+    /// As [`push_model`](Self::push_model).
+    fn push_model_and_sense(&mut self, model: &RobotModel) -> Result<NodeStatus, BoardError> {
+        self.push_model(model)?;
+        let before = self.status()?.node.tick;
+        let deadline = Instant::now() + Duration::from_millis(300);
+        loop {
+            let node = self.status()?.node;
+            if node.tick != before || Instant::now() > deadline {
+                return Ok(node);
+            }
+            thread::sleep(Duration::from_millis(5));
+        }
     }
 
     /// Sets the current joint angles [rad] (homing).

@@ -30,6 +30,7 @@ pub use board::{FingerBoard, News};
 pub use error::HandError;
 pub use model::HandModel;
 
+use crate::faults::FaultsBefore;
 use crate::{BoardError, troubleshooting};
 
 /// Steps without new data of a board after which its data are stale: so many telemetries may be lost in a
@@ -52,6 +53,8 @@ struct FingerState<B> {
     tared: bool,
     /// Steps since that tick.
     age: u32,
+    /// Its faults before it was enabled.
+    before: FaultsBefore,
 }
 
 /// Measurements of a finger.
@@ -95,6 +98,7 @@ impl<B: FingerBoard> MultiBoardHand<B> {
                 measured: FingerMeasurement::default(),
                 tared: false,
                 age: 0,
+                before: FaultsBefore::default(),
             }
         });
         Ok(Self { fingers, model, state: GraspState::NONE, steps: 0, enabled: false })
@@ -168,17 +172,20 @@ impl<B: FingerBoard> MultiBoardHand<B> {
             if !finger.tared {
                 return Err(HandError::NotTared { board: finger.name.clone() });
             }
+            finger.before = finger.telemetry.as_ref().map_or(finger.before, FaultsBefore::from);
         }
         let enabled = self.each(|finger| finger.board.enable(TaskConfig::JointServo(servo)));
+        // Telemetry sent before the boards were enabled may still arrive.
+        let enabled = enabled.and_then(|()| {
+            self.each(|finger| {
+                (finger.telemetry, finger.tips) = (None, None);
+                finger.board.listen().map(|_| ())
+            })
+        });
         if let Err(error) = enabled {
             self.disable();
             return Err(error);
         }
-        // Telemetry sent before the boards were enabled may still arrive.
-        self.each(|finger| {
-            (finger.telemetry, finger.tips) = (None, None);
-            finger.board.listen().map(|_| ())
-        })?;
         self.state = GraspState::at(self.fingers.each_ref().map(|finger| finger.measured.angles));
         self.enabled = true;
         Ok(())
@@ -277,14 +284,15 @@ impl<B: FingerBoard> MultiBoardHand<B> {
         }
     }
 
-    /// Reads the fault of the board in fault, after the others have been stopped.
+    /// Reads why the board is in fault, after all boards have been stopped: that stop is one more fault.
     fn add_fault(&mut self, error: &mut HandError) {
         let HandError::Fault { board, fault } = error else { return };
         if let Some(finger) = self.fingers.iter_mut().find(|finger| finger.name == *board)
             && let Ok(log) = finger.board.faults()
         {
-            *fault = log.faults.last().map(|last| {
-                format!("{}; see {}", last.named(&finger.model), troubleshooting::fault(last.cause))
+            let cause = finger.before.later(&log).first().or(log.faults.last());
+            *fault = cause.map(|cause| {
+                format!("{}; see {}", cause.named(&finger.model), troubleshooting::fault(cause.cause))
             });
         }
     }

@@ -2,8 +2,10 @@
 //! programs, a fault injector for the link, a hand of several boards, identification of joints, and
 //! calibration of an operator's hand and of a camera in the robot's hand.
 
+pub mod arrival;
 mod board;
 pub mod fault_injector;
+pub mod faults;
 pub mod gravity;
 pub mod hand;
 pub mod hand_eye;

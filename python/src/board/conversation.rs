@@ -1,14 +1,16 @@
 //! The link to a board: requests, what keeps it enabled, its faults.
 
+use std::slice;
 use std::time::{Duration, Instant};
 
 use pyo3::prelude::*;
-use tesaki::protocol::{FromBoard, LEASE, Mode, Refusal, Reply, ReplyFrame, Request, Stream, Telemetry};
+use tesaki::protocol::{FromBoard, Mode, Refusal, Reply, ReplyFrame, Request, Stream, Telemetry};
 use tesaki::task::TaskCommand;
 use tesaki::task::impedance::ImpedanceCommand;
+use tesaki_supervisor::faults;
 use tesaki_supervisor::port::Reopening;
 use tesaki_supervisor::publication::STREAMS;
-use tesaki_supervisor::{Board as _, BoardError as Failure, LinkBoard, troubleshooting};
+use tesaki_supervisor::{Board as _, BoardError as Failure, LinkBoard};
 
 use super::Board;
 use crate::error::{BoardError, FaultError, RefusedError, board};
@@ -111,7 +113,7 @@ impl Board {
                 heard = Instant::now();
                 was_enabled |= matches!(telemetry.mode, Mode::Enabled(_));
                 if self.is_enabled
-                    && (was_enabled || telemetry.faults != self.faults)
+                    && (was_enabled || telemetry.faults != self.faults.total)
                     && telemetry.mode == Mode::Fault
                 {
                     return Err(self.fault(py));
@@ -137,11 +139,7 @@ impl Board {
                 }
             }
             if heard.elapsed() > self.timeout {
-                return Err(BoardError::new_err(format!(
-                    "no telemetry within {} s: the board has no sensor readings, or its control loop does not run (try \
-                     `tesaki doctor`)",
-                    self.timeout.as_secs_f64()
-                )));
+                return Err(self.no_readings("telemetry"));
             }
         }
         Ok(())
@@ -149,35 +147,43 @@ impl Board {
 
     /// The next telemetry.
     pub(super) fn telemetry_now(&mut self, py: Python<'_>) -> PyResult<Telemetry> {
-        self.call(py, |link| {
+        let timeout = self.timeout;
+        let telemetry = self.call(py, |link| {
             link.set_rate(Stream::Telemetry, 1)?;
             while link.next_event(Instant::now())?.is_some() {}
-            await_event(link, |event| match event {
+            await_event(link, timeout, |event| match event {
                 FromBoard::Telemetry(telemetry) => Some(telemetry),
                 _ => None,
             })
-        })
+        })?;
+        telemetry.ok_or_else(|| self.no_readings("telemetry"))
+    }
+
+    /// The board answers, but does not send `what`.
+    pub(super) fn no_readings(&self, what: &str) -> PyErr {
+        BoardError::new_err(format!(
+            "no {what} within {} s: the board has no sensor readings, or its control loop does not run (try \
+             `tesaki doctor`)",
+            self.timeout.as_secs_f64()
+        ))
     }
 
     /// The fault that stopped the board, as an exception.
     pub(super) fn fault(&mut self, py: Python<'_>) -> PyErr {
         self.is_enabled = false;
-        let before = self.faults;
         let log = match self.call(py, |link| link.faults()) {
             Ok(log) => log,
             Err(error) => return error,
         };
-        let since = log.total.saturating_sub(before).max(1) as usize;
-        let fault = log.faults.get(log.faults.len().saturating_sub(since));
-        let text = fault.map_or_else(
-            || "no fault is recorded".to_owned(),
-            |fault| format!("{}\nSee {}", self.described(fault), troubleshooting::fault(fault.cause)),
-        );
-        FaultError::new_err(format!("the board is in fault: {text}"))
+        let cause = match self.faults.later(&log) {
+            [] => faults::blamed(&log),
+            [cause, ..] => slice::from_ref(cause),
+        };
+        FaultError::new_err(format!("the board is in fault: {}", faults::explain(cause, self.model.as_ref())))
     }
 
     pub(super) fn described(&self, fault: &tesaki::fault::Fault) -> String {
-        self.model.as_ref().map_or_else(|| fault.to_string(), |model| fault.named(model).to_string())
+        faults::describe(fault, self.model.as_ref())
     }
 
     /// Disables, and releases command, so that the next client does not wait for the lease to expire.
@@ -193,29 +199,17 @@ impl Board {
     }
 }
 
-/// Takes command; that of a commander that has gone expires.
-pub(super) fn take_command(link: &mut LinkBoard<Reopening>, by_force: bool) -> Result<(), Failure> {
-    let deadline = Instant::now() + Duration::from_millis(10 * u64::from(LEASE) + 200);
-    loop {
-        match link.take_command(by_force) {
-            Err(Failure::Refused { refusal: Refusal::Commanded { .. }, .. }) if Instant::now() < deadline => {
-                std::thread::sleep(Duration::from_millis(50));
-            }
-            other => return other,
-        }
-    }
-}
-
-/// What `find` finds first in what the board sends.
+/// What `find` finds first in what the board sends, if it comes within `timeout`.
 pub(super) fn await_event<T>(
     link: &mut LinkBoard<Reopening>,
+    timeout: Duration,
     find: impl Fn(FromBoard) -> Option<T>,
-) -> Result<T, Failure> {
-    let deadline = Instant::now() + Duration::from_secs(1);
+) -> Result<Option<T>, Failure> {
+    let deadline = Instant::now() + timeout;
     while let Some(event) = link.next_event(deadline)? {
         if let Some(found) = find(event) {
-            return Ok(found);
+            return Ok(Some(found));
         }
     }
-    Err(Failure::Timeout { seconds: 1.0 })
+    Ok(None)
 }

@@ -8,12 +8,16 @@ use crate::ByteLink;
 
 /// How often a lost port is tried.
 const RETRY: Duration = Duration::from_millis(100);
+/// For so long an attempt over the network may go on beyond the caller's deadline: some round trips, for the
+/// connection and the handshake. The board is away, so that nothing of it is delayed.
+const NETWORK_LIMIT: Duration = Duration::from_millis(300);
 
 /// A link that survives unplugging and plugging in again, or a simulator's restart.
 ///
 /// While the port is away, nothing is received, and what is sent is lost and counted, as on a bad wire. It
-/// fails only when the other end requires a key ([`PortError::KeyNeeded`]). [`Address::Auto`] is looked up
-/// anew each time, as an adapter may come back under another number.
+/// fails only when the other end requires a key ([`PortError::KeyNeeded`]). An attempt to open a TCP port
+/// again takes up to 0.3 s, also where less is waited for. [`Address::Auto`] is looked up anew each time, as
+/// an adapter may come back under another number.
 #[derive(Debug)]
 pub struct Reopening {
     address: Address,
@@ -72,8 +76,9 @@ impl Reopening {
     }
 
     fn reopen(&mut self, deadline: Instant) {
-        let now = Instant::now();
-        match open_within(&self.address, self.key.as_ref(), deadline.saturating_duration_since(now)) {
+        let limit = deadline.saturating_duration_since(Instant::now());
+        let limit = if matches!(self.address, Address::Tcp(_)) { limit.max(NETWORK_LIMIT) } else { limit };
+        match open_within(&self.address, self.key.as_ref(), limit) {
             Ok(port) => {
                 self.port = Some(port);
                 self.error = None;
@@ -81,7 +86,7 @@ impl Reopening {
             }
             Err(error) => self.error = Some(error),
         }
-        self.next_try = now + RETRY;
+        self.next_try = Instant::now() + RETRY;
     }
 }
 

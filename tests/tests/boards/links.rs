@@ -15,17 +15,21 @@ use tesaki_supervisor::{Board, BoardError, ByteLink, LinkBoard};
 pub struct Cable<B> {
     pub board: B,
     pub cut: bool,
+    /// Whether the link fails where the board is listened to after it was enabled.
+    pub breaks: bool,
+    was_enabled: bool,
     pub actuators: ActuatorFrame,
 }
 
 impl<B> Cable<B> {
     pub fn new(board: B) -> Self {
-        Self { board, cut: false, actuators: ActuatorFrame::default() }
+        Self { board, cut: false, breaks: false, was_enabled: false, actuators: ActuatorFrame::default() }
     }
 }
 
 impl<B: Board> Board for Cable<B> {
     fn request(&mut self, request: Request) -> Result<Reply, BoardError> {
+        self.was_enabled = matches!(request, Request::Enable(_));
         if self.cut { Err(BoardError::Timeout { seconds: 2.0 }) } else { self.board.request(request) }
     }
 }
@@ -36,6 +40,9 @@ impl<B: FingerBoard> FingerBoard for Cable<B> {
     }
 
     fn listen(&mut self) -> Result<News, BoardError> {
+        if self.breaks && std::mem::take(&mut self.was_enabled) {
+            return Err(io::Error::from(io::ErrorKind::UnexpectedEof).into());
+        }
         if self.cut { Ok(News::default()) } else { self.board.listen() }
     }
 }

@@ -1,5 +1,6 @@
 //! What three boards do not do together.
 
+use tesaki::control::ServoMode;
 use tesaki::protocol::{Mode, Request};
 use tesaki::task::grasping::{GraspCommand, GraspPlan, ObjectControl, WrenchGains};
 use tesaki_description::robot::chain_model;
@@ -28,4 +29,19 @@ fn what_three_boards_cannot_do_is_said() {
     let none = MultiBoardHand::new(&finger, natives().unwrap()).map(|_| ()).unwrap_err();
     assert!(none.to_string().starts_with("hand3.finger1_tip is not a hand for grasping"), "{none}");
     assert!(chain_model(&finger, 1).is_none());
+}
+
+#[test]
+fn a_link_that_breaks_when_all_boards_are_enabled_leaves_none_enabled() {
+    let mut rig = Rig::new(1, natives());
+    rig.hand().disable();
+    rig.machine();
+    rig.hand().boards_mut()[1].breaks = true;
+    let broken = rig.hand().enable(ServoMode::Observer).unwrap_err();
+    assert!(matches!(&broken, HandError::Board { board, .. } if board == "finger2_tip"), "{broken}");
+    let modes = rig.hand().boards().map(|cable| cable.board.node().mode());
+    assert_eq!(modes, [Mode::Disabled; 3]);
+    rig.hand().boards_mut()[1].breaks = false;
+    rig.machine();
+    rig.hand().enable(ServoMode::Observer).unwrap();
 }

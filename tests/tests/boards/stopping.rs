@@ -38,7 +38,8 @@ fn lose(index: usize, moving: bool, trouble: Trouble) {
     match &error {
         HandError::Stale { board, .. } => assert!(trouble == Trouble::CutLink && *board == name, "{error}"),
         HandError::Fault { board, fault } => {
-            assert!(*board == name && fault.as_ref().unwrap().contains("fault"), "{error}");
+            let cause = trouble.cause().description();
+            assert!(*board == name && fault.as_ref().unwrap().contains(cause), "{error}");
         }
         _ => panic!("{case}: {error}"),
     }

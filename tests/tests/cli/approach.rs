@@ -399,6 +399,6 @@ fn what_is_wrong_with_a_line_is_answered_and_nothing_is_enabled() {
     std::thread::sleep(Duration::from_millis(100));
     signal(approach.program.child(), Signal::SIGINT);
     let (code, text) = approach.finish();
-    assert!(code == 0, "{code}: {text}");
+    assert!(code == 130 && text.contains("interrupted: disabled"), "{code}: {text}");
     scene.server.wait_for("disabled");
 }

@@ -220,3 +220,11 @@ fn a_silent_glove_is_told() {
     drop(stdin);
     assert_eq!(child.wait().unwrap().code(), Some(1));
 }
+
+#[test]
+fn a_file_that_cannot_be_written_is_told_before_the_first_pose() {
+    let folder = tempfile::tempdir().unwrap();
+    let (code, out, error) = run(folder.path(), &["--live", "--out", "none/operator.toml"], "");
+    assert!(code == 1 && out.is_empty(), "{code}: {out}{error}");
+    assert!(error.contains("none/operator.toml") && !error.contains("No pose yet"), "{error}");
+}

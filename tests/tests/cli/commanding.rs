@@ -1,7 +1,15 @@
 //! Command of a board, and what happens when the commander leaves.
 
+use std::io::{Read as _, Write as _};
+use std::net::Shutdown;
+use std::os::unix::net::{UnixListener, UnixStream};
 use std::process::Child;
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
+
+use tesaki::protocol::codec::Decoder;
+use tesaki::protocol::{Request, RequestFrame};
+use tesaki_supervisor::port::Address;
 
 use super::server::{Server, finish, said, signal};
 
@@ -83,5 +91,60 @@ fn a_reader_that_pauses_for_too_long_disables_the_board() {
     let (_, text) = said(&finish(command));
     assert!(text.contains("nobody read the output for too long; the board is disabled"), "{text}");
     assert_eq!(server.json(&["info"])["status"]["node"]["mode"], "Disabled");
+    assert_eq!(server.json(&["faults"])["total"], 0);
+}
+
+/// A socket in front of the board's, for one program. After the first request to enable the board, what the
+/// board says is lost for so long.
+fn losing_answers(server: &Server, time: Duration) -> Address {
+    let path = server.folder.path().join("lossy");
+    let listener = UnixListener::bind(&path).unwrap();
+    let Address::Unix(board) = server.address.clone() else { panic!("no socket") };
+    std::thread::spawn(move || {
+        let (mut from_program, _) = listener.accept().unwrap();
+        let mut to_program = from_program.try_clone().unwrap();
+        let mut to_board = UnixStream::connect(board).unwrap();
+        let mut from_board = to_board.try_clone().unwrap();
+        let hears_from = Arc::new(Mutex::new(Instant::now()));
+        let hears = Arc::clone(&hears_from);
+        std::thread::spawn(move || {
+            let mut buffer = [0; 4096];
+            while let Ok(length @ 1..) = from_board.read(&mut buffer) {
+                if Instant::now() >= *hears.lock().unwrap()
+                    && to_program.write_all(&buffer[..length]).is_err()
+                {
+                    break;
+                }
+            }
+        });
+        let (mut decoder, mut was_enabled) = (Decoder::new(), false);
+        let mut buffer = [0; 4096];
+        while let Ok(length @ 1..) = from_program.read(&mut buffer) {
+            let bytes = &buffer[..length];
+            let mut frames = bytes.iter().filter_map(|&byte| decoder.push::<RequestFrame>(byte));
+            let enables = frames.any(|frame| {
+                frame.is_ok_and(|RequestFrame { request, .. }| matches!(request, Request::Enable(_)))
+            });
+            if enables && !std::mem::replace(&mut was_enabled, true) {
+                *hears_from.lock().unwrap() = Instant::now() + time;
+            }
+            to_board.write_all(bytes).unwrap();
+        }
+        to_board.shutdown(Shutdown::Both).unwrap();
+    });
+    Address::Unix(path)
+}
+
+#[test]
+fn a_board_whose_answer_to_enable_is_lost_is_disabled() {
+    let server = Server::ready();
+    let lossy = losing_answers(&server, Duration::from_millis(700)).to_string();
+    server.fails(
+        &["--port", &lossy, "--timeout", "0.5", "enable"],
+        6,
+        &["no answer from the board within 0.5 s"],
+    );
+    let info = server.succeeds(&["info"]);
+    assert!(info.contains("mode           disabled"), "{info}");
     assert_eq!(server.json(&["faults"])["total"], 0);
 }

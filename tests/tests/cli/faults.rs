@@ -1,6 +1,10 @@
 //! Faults of the robot as the command line reports them.
 
-use super::server::{Server, arm7, finish, said};
+use std::time::Duration;
+
+use nix::sys::signal::Signal;
+
+use super::server::{Server, arm7, finish, said, signal};
 
 #[test]
 fn faults_of_the_machine_are_named_by_joint_value_and_limit() {
@@ -48,4 +52,35 @@ fn the_doctor_sees_the_model_of_another_machine() {
         "push the model of this",
     ];
     server.fails(&["doctor"], 1, &words);
+}
+
+#[test]
+fn a_stop_hides_no_fault_before_it() {
+    let server = Server::ready();
+    let name = server.folder.path().join("run");
+    let recorder = server.start_command(&["record", name.to_str().unwrap()]);
+    let log = name.with_extension("log");
+    while !std::fs::metadata(&log).is_ok_and(|log| log.len() > 0) {
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    let enabled = server.wait_with(server.start_command(&["enable"]), "enabled");
+    // The recorder finds both faults at once.
+    signal(&recorder, Signal::SIGSTOP);
+    server.make_trouble("encoder finger2_curl 9000");
+    let (code, text) = said(&finish(enabled));
+    assert!(code == 5 && text.contains("finger2_curl: the encoder jumped"), "{text}");
+    server.succeeds(&["stop"]);
+    signal(&recorder, Signal::SIGCONT);
+    let words = ["fault 17 in tick ", "; before it: fault 4 in tick ", "#fault-17-stop and ", "#fault-4-"];
+    server.fails(&["enable"], 5, &words);
+    server.fails(&["doctor"], 1, &words);
+    std::thread::sleep(Duration::from_millis(500));
+    signal(&recorder, Signal::SIGINT);
+    let (code, text) = said(&finish(recorder));
+    assert_eq!(code, 0, "{text}");
+    let told: Vec<&str> = text.lines().filter(|line| line.starts_with("fault ")).collect();
+    assert!(
+        matches!(told[..], [jump, stop] if jump.starts_with("fault 4 ") && stop.starts_with("fault 17 ")),
+        "{told:?}"
+    );
 }

@@ -25,6 +25,17 @@ fn steps_that_are_none_are_refused_before_anything_moves() {
 }
 
 #[test]
+fn a_grasp_that_ctrl_c_breaks_off_fails() {
+    let server = Server::ready_to_grasp(false);
+    server.succeeds(&["tare"]);
+    let run = server.wait_with(server.start_command(&["grasp", "run", &box_grasp()]), "enabled");
+    signal(&run, nix::sys::signal::Signal::SIGINT);
+    let (code, text) = said(&finish(run));
+    assert!(code == 130 && text.contains("interrupted: the steps were not completed"), "{code}: {text}");
+    assert!(text.contains("interrupted: disabled"), "{text}");
+}
+
+#[test]
 fn ctrl_c_puts_the_box_down_and_a_fault_says_what_became_of_it() {
     let server = Server::ready_to_grasp(true);
     server.succeeds(&["tare"]);

@@ -18,7 +18,7 @@ fn a_hand_tells_its_friction_without_an_object() {
     let interrupted = server.wait_with(server.start_command(&arguments), "enabled");
     signal(&interrupted, Signal::SIGINT);
     let (code, text) = said(&finish(interrupted));
-    assert!(code == 1 && text.contains("interrupted: the board is disabled"), "{code}: {text}");
+    assert!(code == 130 && text.contains("interrupted: the board is disabled"), "{code}: {text}");
     server.wait_for("disabled");
     let disturbed = server.wait_with(server.start_command(&arguments), "enabled");
     server.fails(&["--take-over", "tare"], 7, &["command"]);

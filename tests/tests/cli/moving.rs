@@ -186,3 +186,20 @@ fn the_example_client_in_python_moves_a_joint_and_is_told_why_not() {
     let (code, text) = client(&["--move", "0", "9"]);
     assert!(code != 0 && text.contains("outside the limits"), "{text}");
 }
+
+#[test]
+fn a_motion_that_ctrl_c_breaks_off_fails() {
+    let server = Server::ready();
+    server.succeeds(&["move", "finger1_curl=1.3"]);
+    for command in [
+        // It never comes so near.
+        &["move", "--within", "60", "--tolerance", "1e-12", "finger2_bend=0.2"][..],
+        &["reach", "--relative", "--speed", "1e-4", "finger1_tip=0.01,0,0.01"],
+    ] {
+        let child = server.wait_with(server.start_command(command), "enabled");
+        signal(&child, nix::sys::signal::Signal::SIGINT);
+        let (code, text) = said(&finish(child));
+        assert!(code == 130 && text.contains("interrupted: disabled"), "{command:?}: {code}: {text}");
+        server.wait_for("disabled");
+    }
+}

@@ -104,3 +104,13 @@ fn this_machine_needs_no_key() {
     server.fails(&["--port", &share.port, "--key", key, "info"], 3, &["is not encrypted", "leave --key out"]);
     share.stop();
 }
+
+#[test]
+fn a_shared_board_that_is_away_is_told_once() {
+    let server = Server::start();
+    let share = Share::start(&server, &["share", "tcp://localhost:0"]);
+    server.stop();
+    std::thread::sleep(std::time::Duration::from_secs(1));
+    let heard = share.stop();
+    assert_eq!(heard.matches("the board is away: ").count(), 1, "{heard}");
+}

@@ -563,7 +563,7 @@ fn a_source_that_goes_wrong_stops_the_hand_and_is_told() {
     });
     assert!(told.any(|line| line.contains("none shows the thumb")));
     signal(&child, nix::sys::signal::Signal::SIGINT);
-    assert_eq!(child.wait().unwrap().code(), Some(0));
+    assert_eq!(child.wait().unwrap().code(), Some(130));
     writer.join().unwrap();
     // Nothing is enabled for a source that gives no good frame.
     let mut child = follow(&server, &[]);

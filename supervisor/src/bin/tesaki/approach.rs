@@ -35,10 +35,7 @@ pub fn run(options: &Options, args: &Arguments) -> Result<(), Failure> {
     let approach = Approach::new(behavior);
     output::notice(options, &format!("waiting for circles at {}", vision.place()));
     let initial = Search::from(approach.search(&Pose::IDENTITY));
-    let sees = motion.wait_until(|| vision.greet(initial, size))?;
-    if !sees {
-        return Ok(());
-    }
+    motion.wait_until(|| vision.greet(initial, size))?;
     let question = format!("The hand of {} will go to a door knob and grip it. Continue?", motion.model.name);
     vision.greet_during(initial, size, || output::confirm(options, &question))?;
     motion.enable(TaskConfig::VisualApproach(task))?;
@@ -72,7 +69,7 @@ pub fn run(options: &Options, args: &Arguments) -> Result<(), Failure> {
     leader.live.end();
     let end = end?;
     if end == End::Interrupted {
-        return motion.end(true);
+        return motion.break_off();
     }
     let outcome = leader.tell_outcome()?;
     let load = motion.load();

@@ -9,12 +9,13 @@ use tesaki::protocol::{Identity, Mode, Request, ResetCause, Status};
 use tesaki::task::TaskKind;
 use tesaki::task::grasping::Phase;
 use tesaki_supervisor::Board;
+use tesaki_supervisor::faults::describe;
 use tesaki_supervisor::gravity::Load;
 use tesaki_supervisor::port;
 use tesaki_supervisor::troubleshooting;
 
 use crate::args::Options;
-use crate::board_session::{BoardSession, describe, hex, version};
+use crate::board_session::{BoardSession, hex, version};
 use crate::failure::Failure;
 use crate::output;
 

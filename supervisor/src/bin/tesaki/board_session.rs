@@ -1,20 +1,21 @@
 //! A connection to a board.
 
+use std::slice;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
-use tesaki::fault::{Fault, FaultCause};
+use tesaki::fault::FaultCause;
 use tesaki::model::RobotModel;
 use tesaki::protocol::{
-    FromBoard, Identity, LogEntry, LogRecord, Mode, NodeStatus, Refusal, Reply, ReplyFrame, Request, Stream,
-    TaskReport, Telemetry, Tips,
+    FromBoard, Identity, LogEntry, LogRecord, Mode, Refusal, Reply, ReplyFrame, Request, Stream, TaskReport,
+    Telemetry, Tips,
 };
 use tesaki::task::TaskRefusal;
 use tesaki::task::impedance::ImpedanceRefusal;
 use tesaki_supervisor::fault_injector::FaultyLink;
+use tesaki_supervisor::faults::{self, FaultsBefore};
 use tesaki_supervisor::port::{Address, Key, Reopening};
-use tesaki_supervisor::troubleshooting;
 use tesaki_supervisor::{Board, BoardError, LinkBoard};
 
 use crate::args::Options;
@@ -23,9 +24,6 @@ use crate::output;
 
 /// The link to the board: reopened when it is lost, with injected faults if requested.
 pub type BoardLink = FaultyLink<Reopening>;
-
-/// [`tesaki::protocol::LEASE`] as a duration.
-const LEASE: Duration = Duration::from_millis(10 * tesaki::protocol::LEASE as u64);
 
 /// How often a round trip is measured.
 const ROUND_TRIPS: usize = 15;
@@ -42,6 +40,8 @@ pub struct BoardSession {
     pub refused: Option<TaskRefusal>,
     /// Whether this program commands the board.
     commands: bool,
+    /// How long an answer is waited for.
+    timeout: Duration,
 }
 
 /// Releases command, so that the next client does not wait for the lease to expire.
@@ -66,7 +66,8 @@ impl BoardSession {
         let mut board = dial_at(options, port)?;
         let identity = board.hello()?;
         let port = port_address(&board);
-        Ok(Self { board, identity, port, task: None, refused: None, commands: false })
+        let timeout = options.timeout;
+        Ok(Self { board, identity, port, task: None, refused: None, commands: false, timeout })
     }
 
     /// Opens the port, greets the board and takes command.
@@ -77,18 +78,7 @@ impl BoardSession {
     /// The same at another port.
     pub fn command_at(options: &Options, port: &Address) -> Result<Self, Failure> {
         let mut session = Self::open_at(options, port)?;
-        // The lease of a commander that has gone expires; one that is active keeps command.
-        let deadline = Instant::now() + LEASE + Duration::from_millis(200);
-        loop {
-            match session.board.take_command(options.take_over) {
-                Err(BoardError::Refused { refusal: Refusal::Commanded { .. }, .. })
-                    if Instant::now() < deadline =>
-                {
-                    std::thread::sleep(Duration::from_millis(50));
-                }
-                other => break other?,
-            }
-        }
+        session.board.await_command(options.take_over)?;
         session.commands = true;
         Ok(session)
     }
@@ -101,38 +91,29 @@ impl BoardSession {
         })
     }
 
-    /// Sends a model, and waits until the sensors have been read with it, so that the next command finds
-    /// readings.
-    pub fn push(&mut self, model: &RobotModel) -> Result<NodeStatus, Failure> {
-        self.board.push_model(model)?;
-        let before = self.board.status()?.node.tick;
-        let deadline = Instant::now() + Duration::from_millis(300);
-        loop {
-            let node = self.board.status()?.node;
-            if node.tick != before || Instant::now() > deadline {
-                return Ok(node);
-            }
-            std::thread::sleep(Duration::from_millis(5));
-        }
-    }
-
-    /// Description of the last fault, with the joint's name if the model is known, and the entry of the
-    /// document that explains it.
+    /// Description of the [faults to blame](faults::blamed), with the joint's name if the model is known, and
+    /// the entries of the document that explain them.
     pub fn fault(&mut self, model: Option<&RobotModel>) -> Result<String, Failure> {
         let log = self.board.faults()?;
-        Ok(explained(log.faults.last(), model))
+        Ok(faults::explain(faults::blamed(&log), model))
     }
 
-    /// As [`fault`](Self::fault), for the first fault after the board had seen `before` of them: what follows
-    /// may be a consequence.
-    pub fn fault_after(&mut self, before: u32, model: Option<&RobotModel>) -> Result<String, Failure> {
+    /// As [`fault`](Self::fault), for the first fault after those of `before`: what follows may be a
+    /// consequence.
+    pub fn fault_after(
+        &mut self,
+        before: FaultsBefore,
+        model: Option<&RobotModel>,
+    ) -> Result<String, Failure> {
         let log = self.board.faults()?;
-        let since = log.total.saturating_sub(before).max(1) as usize;
-        let first = log.faults.len().saturating_sub(since);
-        let text = explained(log.faults.get(first), model);
-        Ok(match since {
-            1 => text,
-            more => format!("{text}\nThen {} (`tesaki faults`)", output::counted(more - 1, "fault")),
+        Ok(match before.later(&log) {
+            [] => faults::explain(faults::blamed(&log), model),
+            [cause] => faults::explain(slice::from_ref(cause), model),
+            [cause, then @ ..] => format!(
+                "{}\nThen {} (`tesaki faults`)",
+                faults::explain(slice::from_ref(cause), model),
+                output::counted(then.len(), "fault")
+            ),
         })
     }
 
@@ -155,7 +136,9 @@ impl BoardSession {
             self.board.hello()?;
             streams.iter().try_for_each(|&(stream, every)| self.board.set_rate(stream, every))
         };
-        match ask() {
+        let answer = ask();
+        self.board.set_timeout(self.timeout);
+        match answer {
             Ok(()) => Ok(true),
             // The caller tries again later.
             Err(BoardError::Timeout { .. } | BoardError::Interrupted) => Ok(false),
@@ -290,19 +273,6 @@ fn dial_at(options: &Options, port: &Address) -> Result<LinkBoard<BoardLink>, Fa
 pub fn port_address(board: &LinkBoard<BoardLink>) -> String {
     let port = board.link().get_ref().port();
     port.map_or_else(String::new, |port| port.address().to_string())
-}
-
-/// Description of a fault, and the entry of the document that explains it.
-fn explained(fault: Option<&Fault>, model: Option<&RobotModel>) -> String {
-    fault.map_or_else(
-        || "no fault is recorded".to_owned(),
-        |fault| format!("{}\nSee {}", describe(fault, model), troubleshooting::fault(fault.cause)),
-    )
-}
-
-/// Description of a fault.
-pub fn describe(fault: &Fault, model: Option<&RobotModel>) -> String {
-    model.map_or_else(|| fault.to_string(), |model| fault.named(model).to_string())
 }
 
 /// See [`interrupted`].

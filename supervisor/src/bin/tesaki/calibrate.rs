@@ -8,8 +8,8 @@ use std::time::Duration;
 
 use serde_json::{Value, json};
 use tesaki::teleop::{
-    CalibrationAccuracy, CalibrationError, CalibrationSettings, FINGERS, Finger, GloveError, GloveSample,
-    GloveSensor,
+    CalibrationAccuracy, CalibrationError, CalibrationSettings, FINGERS, Finger, FingerLinks, GloveError,
+    GloveSample, GloveSensor,
 };
 use tesaki_supervisor::operator::{CalibrationGuide, Markers, OperatorFile, Pose, PoseDetector};
 
@@ -45,34 +45,36 @@ pub fn run(options: &Options, args: &Calibrate) -> Result<(), Failure> {
     if let Some(poses) = &args.poses {
         output::keep_input(out, "--out", poses, "POSES")?;
     }
+    output::require_writable(out)?;
     match &args.poses {
         Some(path) => read_poses(path, &mut guide)?,
         None => lead(options, &mut guide)?,
     }
     let solved = guide.finish(args.proportions).map_err(|error| refused(&error, args.proportions))?;
     let file = OperatorFile::new(&args.operator, &solved);
-    std::fs::write(out, file.to_toml()).map_err(Failure::file(out))?;
-    let value = json!({
-        "operator": args.operator,
-        "file": out,
-        "poses": guide.poses(),
-        "fingers": Value::Object(named(&solved.map(|(_, accuracy)| accuracy_json(&accuracy)))),
-    });
-    output::result(options, &value, || {
-        let mut text = String::from("finger   poses  rank  condition  residual  deviation of the tip\n");
-        for (finger, (_, accuracy)) in Finger::ALL.iter().zip(&solved) {
-            let CalibrationAccuracy { poses, rank, condition, residual, tip_deviation, .. } = accuracy;
-            let [residual, deviation] = [residual, tip_deviation].map(|length| 1e3 * length);
-            let inferred = if *poses == 0 { ", by proportions" } else { "" };
-            let _ = writeln!(
-                text,
-                "{:<7} {poses:>6} {rank:>5} {condition:>10.1} {residual:>6.2} mm  {deviation:.2} mm{inferred}",
-                finger.name()
-            );
-        }
-        let _ = write!(text, "written to {}", out.display());
-        text
+    output::save(out, &file.to_toml(), |out| {
+        let fingers = named(&solved.map(|(_, accuracy)| accuracy_json(&accuracy)));
+        let value =
+            json!({ "operator": args.operator, "file": out, "poses": guide.poses(), "fingers": fingers });
+        output::result(options, &value, || table(&solved, out))
     })
+}
+
+/// The accuracy of each finger, and where the calibration is.
+fn table(solved: &[(FingerLinks, CalibrationAccuracy); FINGERS], out: Option<&Path>) -> String {
+    let mut text = String::from("finger   poses  rank  condition  residual  deviation of the tip\n");
+    for (finger, (_, accuracy)) in Finger::ALL.iter().zip(solved) {
+        let CalibrationAccuracy { poses, rank, condition, residual, tip_deviation, .. } = accuracy;
+        let [residual, deviation] = [residual, tip_deviation].map(|length| 1e3 * length);
+        let inferred = if *poses == 0 { ", by proportions" } else { "" };
+        let _ = writeln!(
+            text,
+            "{:<7} {poses:>6} {rank:>5} {condition:>10.1} {residual:>6.2} mm  {deviation:.2} mm{inferred}",
+            finger.name()
+        );
+    }
+    let written = out.map(|out| format!("written to {}", out.display()));
+    text + &written.unwrap_or_else(|| "not written to a file".to_owned())
 }
 
 /// Why there is no calibration, and what to do.

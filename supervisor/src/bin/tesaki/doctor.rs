@@ -11,8 +11,9 @@ use tesaki::protocol::{
     NodeStatus, ResetCause, SensorFlags, Status, Stream,
 };
 use tesaki_description::robot::RobotFolder;
+use tesaki_supervisor::faults;
 use tesaki_supervisor::port::{self, Address};
-use tesaki_supervisor::{Board, BoardError, LinkBoard, troubleshooting};
+use tesaki_supervisor::{Board, BoardError, LinkBoard};
 
 use crate::args::Options;
 use crate::board_session::{BoardLink, dial, find_in_log, port_address, version};
@@ -231,16 +232,11 @@ fn check_board(
     check_homing(node.homed, &model, doctor);
     if node.mode == Mode::Fault {
         let log = board.faults()?;
-        let last = log.faults.last();
-        let text = last.map_or_else(String::new, |fault| fault.named(&model).to_string());
-        let entry = last.map_or_else(
-            || troubleshooting::DOCUMENT.to_owned(),
-            |fault| troubleshooting::fault(fault.cause),
-        );
+        let blamed = faults::blamed(&log);
         doctor.bad(
             5,
-            format!("the board is in fault: {text}"),
-            format!("see {entry}; clear it with `tesaki faults --clear`"),
+            format!("the board is in fault: {}", faults::in_words(blamed, Some(&model))),
+            format!("see {}; clear it with `tesaki faults --clear`", faults::entries(blamed)),
         );
     } else if !node.faults_read {
         doctor.warning(format!("{} faults since power-on, some unread", node.faults), "tesaki faults");

@@ -89,6 +89,9 @@ pub enum Failure {
         /// Why.
         source: io::Error,
     },
+    /// Ctrl-C, or a request to terminate, before it was done: what became of the robot.
+    #[error("interrupted: {0}")]
+    Interrupted(String),
     /// Anything else.
     #[error("{0}")]
     Other(String),
@@ -151,6 +154,8 @@ impl Failure {
             Self::Board(_) | Self::Refused(_) | Self::NoModel => 7,
             Self::Grasp(_)
             | Self::Identify(IdentifyError::Grasp { .. } | IdentifyError::TooFewGrips { .. }) => 8,
+            // What a shell says of a program that Ctrl-C has ended.
+            Self::Interrupted(_) => 130,
             Self::OtherBoard(_, failure) => failure.number(),
             Self::Pipe => 0,
         }
@@ -210,6 +215,7 @@ mod tests {
             timeout(),
             Failure::Board(refused),
             Failure::Grasp("dropped".to_owned()),
+            Failure::Interrupted("disabled".to_owned()),
         ];
         let numbers: Vec<u8> = failures.iter().map(Failure::number).collect();
         assert_eq!(codes, numbers);

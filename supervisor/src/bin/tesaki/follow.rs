@@ -44,14 +44,11 @@ pub fn run(options: &Options, args: &Follow) -> Result<(), Failure> {
     let source = Source::open(options, args, &mut motion, &settings)?;
     let mut lead = Lead::new(source, follower, args, &settings);
     output::notice(options, &format!("waiting for {}", lead.source.feed.place));
-    let is_there = motion.wait_until(|| {
+    motion.wait_until(|| {
         let is_there = lead.take();
         let ending = lead.source.feed.ending();
         ending.map_or(Ok(is_there), |ending| Err(ending.before_enabling(NO_SAMPLES)))
     })?;
-    if !is_there {
-        return Ok(());
-    }
     let reflects = args.reflect.as_ref().map_or_else(String::new, |file| {
         format!(
             " The master will be powered, too, and yield as specified in {}; at the end it falls unless it is supported.",

@@ -16,13 +16,14 @@ use tesaki::protocol::{FromBoard, Request, Status, Telemetry};
 use tesaki_description::read_text;
 use tesaki_description::robot::RobotFolder;
 use tesaki_recording::{Live, LiveMessage, McapError, Publisher};
+use tesaki_supervisor::faults::{FaultFollower, describe};
 use tesaki_supervisor::publication::{Publication, STREAMS, require_own};
 use tesaki_supervisor::{Board as _, BoardError};
 use tesaki_viewer::server::{Event, Server, Site};
 use tungstenite::Message;
 
 use crate::args::Options;
-use crate::board_session::{BoardSession, describe, interrupted};
+use crate::board_session::{BoardSession, interrupted};
 use crate::failure::Failure;
 use crate::output;
 
@@ -85,7 +86,7 @@ struct Share {
     clients: BTreeMap<u64, Client>,
     publication: Publication<Live>,
     model: Option<(RobotModel, u32)>,
-    faults: Option<u32>,
+    faults: Option<FaultFollower>,
     /// Whether the streams are requested, and when telemetry came last.
     streams: bool,
     heard: Instant,
@@ -185,14 +186,15 @@ impl Share {
     fn telemetry(&mut self, telemetry: &Telemetry) -> Result<(), Failure> {
         self.heard = Instant::now();
         self.publication.telemetry(telemetry).map_err(failure)?;
-        if self.faults.is_some_and(|faults| faults != telemetry.faults) {
+        let faults = self.faults.get_or_insert_with(|| FaultFollower::new(telemetry.into()));
+        if faults.is_due(telemetry) {
             let model = self.model.as_ref().map(|(model, _)| model);
             // Without an answer, the number says so again with the next telemetry.
             let Ok(log) = self.session.board.faults() else { return Ok(()) };
-            let text = log.faults.last().map_or_else(String::new, |fault| describe(fault, model));
-            self.publication.fault(telemetry.tick, &text).map_err(failure)?;
+            for fault in faults.take(telemetry, &log) {
+                self.publication.fault(telemetry.tick, &describe(fault, model)).map_err(failure)?;
+            }
         }
-        self.faults = Some(telemetry.faults);
         Ok(())
     }
 

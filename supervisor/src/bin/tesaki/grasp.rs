@@ -63,8 +63,16 @@ fn grasp_object(options: &Options, args: &Run) -> Result<(), Failure> {
             return Err(failure);
         }
     };
-    let mut course =
-        Course { options, motion, begun, tick, last, held_since: None, held_for: Duration::ZERO };
+    let mut course = Course {
+        options,
+        motion,
+        begun,
+        tick,
+        last,
+        held_since: None,
+        held_for: Duration::ZERO,
+        is_complete: false,
+    };
     course.report_phase();
     let result = course.run(&args.file, &steps);
     course.end(&args.file, result)
@@ -126,6 +134,8 @@ struct Course<'a> {
     /// When the hand first held the object, and for how long.
     held_since: Option<Instant>,
     held_for: Duration,
+    /// Whether all steps are carried out; a hold at their end goes on until Ctrl-C.
+    is_complete: bool,
 }
 
 impl Course<'_> {
@@ -182,7 +192,7 @@ impl Course<'_> {
             return Ok(End::Interrupted);
         }
         self.check(file)?;
-        for step in steps {
+        for (left, step) in (0..steps.len()).rev().zip(steps) {
             if let Some(command) = step.command {
                 self.command(command)?;
                 if self.wait_until_idle()? == End::Interrupted {
@@ -193,11 +203,13 @@ impl Course<'_> {
             let until = step.wait.map(|wait| Instant::now() + wait);
             if until.is_none() {
                 output::notice(self.options, "holding; Ctrl-C puts the object down");
+                self.is_complete = left == 0;
             }
             if self.follow(|_, now| until.is_some_and(|until| now >= until))? == End::Interrupted {
                 return Ok(End::Interrupted);
             }
         }
+        self.is_complete = true;
         Ok(End::Done)
     }
 
@@ -241,9 +253,14 @@ impl Course<'_> {
             }
             Ok(()) => {}
         }
-        let (last, held_for) = (self.last, self.held_for.as_secs_f32());
+        let (last, held_for, is_complete) = (self.last, self.held_for.as_secs_f32(), self.is_complete);
         self.motion.end(was_interrupted)?;
         result?;
+        if !is_complete {
+            return Err(Failure::Interrupted(
+                "the steps were not completed; the board is disabled".to_owned(),
+            ));
+        }
         let value = json!({
             "held_seconds": output::exact(&held_for),
             "friction": output::exact(&last.friction),

@@ -6,7 +6,7 @@ use tesaki_supervisor::Board;
 use crate::args::{Home, Options};
 use crate::board_session::BoardSession;
 use crate::failure::Failure;
-use crate::motion::{check, each_once, find};
+use crate::joints::{check, each_once, find};
 use crate::output;
 
 pub fn home(options: &Options, args: &Home) -> Result<(), Failure> {

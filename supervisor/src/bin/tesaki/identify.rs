@@ -15,6 +15,7 @@ use tesaki::task::grasping::GraspTelemetry;
 use tesaki_description::calibration::CalibrationFile;
 use tesaki_description::grasp;
 use tesaki_supervisor::Board;
+use tesaki_supervisor::faults::FaultsBefore;
 use tesaki_supervisor::identify::{
     Estimate, FailedGrip, Fit, Identification, Machine, Sense, Settings, identified, identify, update,
     with_head,
@@ -42,8 +43,8 @@ fn identify_hand(options: &Options, args: &Identify, grasp: &Path) -> Result<(),
     check_grips(args, grasp, plan.force_limit)?;
     let mut session = BoardSession::command(options)?;
     let model = session.model()?;
-    let mode = session.board.status()?.node.mode;
-    session.require_no_fault(mode, Some(&model))?;
+    let node = session.board.status()?.node;
+    session.require_no_fault(node.mode, Some(&model))?;
     let mut file = open(&args.out)?;
     output::confirm(
         options,
@@ -56,7 +57,7 @@ fn identify_hand(options: &Options, args: &Identify, grasp: &Path) -> Result<(),
         ),
     )?;
     let settings = Settings { amplitude: args.amplitude, strengths: args.grips.clone() };
-    let mut machine = BoardMachine::new(session, options, &model)?;
+    let mut machine = BoardMachine::new(session, options, &model, FaultsBefore::from(&node))?;
     let found = identify(&mut machine, &model, &plan, &settings);
     let board = hex(&machine.session.identity.board, "without a number");
     if found.is_err() {
@@ -67,7 +68,7 @@ fn identify_hand(options: &Options, args: &Identify, grasp: &Path) -> Result<(),
     let calibration = identified(&model, &fits);
     update(&mut file, &calibration, &model, &fits);
     let text = with_head(&file.to_string(), &model.name, &board);
-    save(options, &args.out, &text, |out| {
+    output::save(&args.out, &text, |out| {
         output::result(options, &report(&model, &fits, &failed, out), || table(&model, &fits, &failed, out))
     })
 }
@@ -75,28 +76,8 @@ fn identify_hand(options: &Options, args: &Identify, grasp: &Path) -> Result<(),
 /// The calibration file, which can be written: checked before the measurements are at stake.
 fn open(path: &Path) -> Result<CalibrationFile, Failure> {
     let file = CalibrationFile::open(path)?;
-    let new = !path.exists();
-    std::fs::OpenOptions::new().append(true).create(true).open(path).map_err(Failure::file(path))?;
-    if new {
-        let _ = std::fs::remove_file(path);
-    }
+    output::require_writable(path)?;
     Ok(file)
-}
-
-/// Writes the file, and tells the results with its name if that worked.
-fn save(
-    options: &Options,
-    path: &Path,
-    text: &str,
-    tell: impl FnOnce(Option<&Path>) -> Result<(), Failure>,
-) -> Result<(), Failure> {
-    let kept = std::fs::write(path, text).map_err(Failure::file(path));
-    tell(kept.is_ok().then_some(path))?;
-    if kept.is_err() {
-        // The results are not lost: they can be copied from the terminal.
-        output::notice(options, text);
-    }
-    kept
 }
 
 fn check_grips(args: &Identify, file: &Path, force_limit: f32) -> Result<(), Failure> {
@@ -197,6 +178,8 @@ struct BoardMachine<'a> {
     session: BoardSession,
     options: &'a Options,
     model: &'a RobotModel,
+    /// Faults of the board before.
+    faults: FaultsBefore,
     interrupted: Arc<AtomicBool>,
     /// Whether telemetry of the enabled board has come: older telemetry may still arrive.
     seen_enabled: bool,
@@ -208,7 +191,12 @@ struct BoardMachine<'a> {
 
 impl<'a> BoardMachine<'a> {
     /// With the telemetry that an identification needs, and Ctrl-C handled from here on.
-    fn new(mut session: BoardSession, options: &'a Options, model: &'a RobotModel) -> Result<Self, Failure> {
+    fn new(
+        mut session: BoardSession,
+        options: &'a Options,
+        model: &'a RobotModel,
+        faults: FaultsBefore,
+    ) -> Result<Self, Failure> {
         output::set_controls(true);
         let rates = [(Stream::Telemetry, 1), (Stream::Tips, 1)];
         rates.iter().try_for_each(|&(stream, every)| session.board.set_rate(stream, every))?;
@@ -217,6 +205,7 @@ impl<'a> BoardMachine<'a> {
             session,
             options,
             model,
+            faults,
             interrupted,
             seen_enabled: false,
             is_lost: false,
@@ -258,9 +247,7 @@ impl Machine for BoardMachine<'_> {
         let begun = Instant::now();
         while begun.elapsed() < GONE {
             if self.interrupted.load(Ordering::Relaxed) {
-                return Err(Failure::Other(
-                    "interrupted: the board is disabled; nothing was identified".to_owned(),
-                ));
+                return Err(Failure::Interrupted("the board is disabled; nothing was identified".to_owned()));
             }
             self.session.board.post(request.clone())?;
             let deadline = Instant::now() + RETRY;
@@ -268,7 +255,8 @@ impl Machine for BoardMachine<'_> {
                 match event {
                     FromBoard::Telemetry(telemetry) => {
                         if telemetry.mode == Mode::Fault {
-                            return Err(Failure::Fault(self.session.fault(Some(self.model))?));
+                            let cause = self.session.fault_after(self.faults, Some(self.model))?;
+                            return Err(Failure::Fault(cause));
                         }
                         if self.seen_enabled && telemetry.mode == Mode::Disabled {
                             return Err(self.lost());

@@ -19,6 +19,7 @@ mod home;
 mod identify;
 mod impedance;
 mod init;
+mod joints;
 mod look;
 mod model;
 mod motion;
@@ -67,10 +68,10 @@ fn run(cli: &Cli) -> Result<ExitCode, Failure> {
         Command::Doctor { robot } => return doctor::run(options, robot.as_deref()),
         Command::Monitor => watch::run(options),
         Command::View(args) => view::run(options, args),
-        Command::Enable(args) => motion::enable(options, args),
+        Command::Enable(args) => joints::enable(options, args),
         Command::Disable => board::disable(options),
         Command::Stop => board::stop(options),
-        Command::Move(args) => motion::move_joints(options, args),
+        Command::Move(args) => joints::move_joints(options, args),
         Command::Reach(args) => reach::run(options, args),
         Command::Grasp(command) => grasp::run(options, command),
         Command::Identify(args) => identify::run(options, args),

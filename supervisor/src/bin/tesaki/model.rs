@@ -6,7 +6,7 @@ use serde_json::json;
 use tesaki::model::RobotModel;
 use tesaki_description::calibration::Calibration;
 use tesaki_description::robot::{RobotFolder, chain_model};
-use tesaki_supervisor::BoardError;
+use tesaki_supervisor::{Board as _, BoardError};
 
 use crate::args::Options;
 use crate::board_session::BoardSession;
@@ -32,7 +32,7 @@ pub fn push(
         })?;
     }
     let mut session = BoardSession::command(options)?;
-    let node = session.push(&model)?;
+    let node = session.board.push_model_and_sense(&model)?;
     let checksum = checksum(&model)?;
     if node.model_checksum != checksum {
         return Err(Failure::Other(format!(

@@ -1,20 +1,18 @@
-//! The commands `enable` and `move`, and the control loop of all commands that move.
+//! The control loop of all commands that move.
 
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
-use serde_json::json;
-use tesaki::math::abs;
-use tesaki::model::{JointModel, RobotModel};
+use tesaki::model::RobotModel;
 use tesaki::protocol::{Mode, Refusal, Request, Stream, TaskReport, Telemetry};
 use tesaki::task::grasping::{GraspCommand, GraspTelemetry};
 use tesaki::task::impedance::ImpedanceTelemetry;
-use tesaki::task::joint_servo::JointCommand;
-use tesaki::task::{TaskCommand, TaskConfig, TaskRefusal, TaskTelemetry};
+use tesaki::task::{TaskConfig, TaskRefusal, TaskTelemetry};
+use tesaki_supervisor::faults::FaultsBefore;
 use tesaki_supervisor::gravity::Load;
 use tesaki_supervisor::{Board, BoardError};
 
-use crate::args::{Enable, Move, Options};
+use crate::args::Options;
 use crate::board_session::{BoardSession, interrupted};
 use crate::failure::Failure;
 use crate::output;
@@ -34,146 +32,6 @@ const SILENCE: Duration = Duration::from_millis(300);
 const LAST_WORD: Duration = Duration::from_millis(500);
 /// How long a board that has not answered that is told again.
 const FAREWELL: Duration = Duration::from_secs(2);
-/// Telemetries in a row within the tolerance that count as arrival.
-const ARRIVED: u32 = 10;
-
-pub fn enable(options: &Options, args: &Enable) -> Result<(), Failure> {
-    let mut motion = Motion::begin(options)?;
-    output::confirm(
-        options,
-        &format!("The joints of {} will be powered and hold their angles. Continue?", motion.model.name),
-    )?;
-    // The joints may have moved during the question.
-    let goal = motion.positions()?;
-    motion.enable(TaskConfig::JointServo(args.servo.into()))?;
-    output::notice(options, "enabled: the joints hold");
-    motion.announce_ctrl_c(Load::at(&motion.model, &goal).as_ref());
-    let until = args.duration.map(|duration| Instant::now() + duration);
-    let hold = goal_request(&goal)?;
-    let end = motion.drive(KEEP_ALIVE, |_| hold.clone(), |_, now| until.is_some_and(|until| now >= until))?;
-    motion.end(end == End::Interrupted)
-}
-
-/// How near the joints are to their goals.
-#[derive(Default)]
-struct Progress {
-    /// Telemetries in a row within the tolerance.
-    within_tolerance: u32,
-    /// The joint with the largest error [rad].
-    worst: (usize, f32),
-}
-
-impl Progress {
-    fn update(&mut self, telemetry: &Telemetry, goal: &[f32], tolerance: f32) {
-        let errors = telemetry.joints.iter().zip(goal).map(|(joint, goal)| abs(goal - joint.position));
-        self.worst = errors.enumerate().fold(
-            (0, 0.0),
-            |worst, (index, error)| {
-                if error > worst.1 { (index, error) } else { worst }
-            },
-        );
-        self.within_tolerance = if self.worst.1 <= tolerance { self.within_tolerance + 1 } else { 0 };
-    }
-
-    const fn arrived(&self) -> bool {
-        self.within_tolerance >= ARRIVED
-    }
-}
-
-pub fn move_joints(options: &Options, args: &Move) -> Result<(), Failure> {
-    let mut motion = Motion::begin(options)?;
-    motion.goal(args)?;
-    let count = output::counted(args.joints.len(), "joint");
-    output::confirm(options, &format!("{count} of {} will move. Continue?", motion.model.name))?;
-    // The joints may have moved during the question.
-    let goal = motion.goal(args)?;
-    motion.enable(TaskConfig::JointServo(args.servo.into()))?;
-    let load = Load::at(&motion.model, &goal);
-    motion.announce_ctrl_c(load.as_ref());
-    let deadline = Instant::now() + args.within;
-    let mut progress = Progress::default();
-    let set_point = goal_request(&goal)?;
-    let done = |news: &News, now| {
-        if let Some(telemetry) = &news.telemetry {
-            progress.update(telemetry, &goal, args.tolerance);
-        }
-        progress.arrived() || now >= deadline
-    };
-    if motion.drive(KEEP_ALIVE, |_| set_point.clone(), done)? == End::Interrupted {
-        return motion.end(true);
-    }
-    let (joint, error) = progress.worst;
-    let joint = motion.model.joint_name(joint).to_owned();
-    if !progress.arrived() {
-        let late = format!(
-            "{joint} is still {error:.4} rad from its target after {} s (tolerance {} rad)",
-            args.within.as_secs_f64(),
-            args.tolerance
-        );
-        // Not at the goal, where something may be in the way.
-        let here = goal_request(&motion.angles_within_limits())?;
-        if motion.load().is_some() && !args.no_hold {
-            output::notice(options, &format!("{late}; it holds where it is until Ctrl-C"));
-            motion.drive(KEEP_ALIVE, |_| here.clone(), |_, _| false)?;
-        }
-        motion.end(false)?;
-        return Err(Failure::Late(format!(
-            "{late}; the board is disabled. Is the joint blocked, or --within too short?"
-        )));
-    }
-    let value = json!({ "arrived": true, "joint": joint, "largest_error": output::exact(&error) });
-    output::result(options, &value, || format!("arrived: the largest error is {error:.4} rad, of {joint}"))?;
-    motion.stay(args.hold, args.no_hold, load.as_ref(), KEEP_ALIVE, |_| set_point.clone())?;
-    motion.end(false)
-}
-
-/// Replaces the angles of the joints that are named.
-fn set_goals(goal: &mut [f32], model: &RobotModel, args: &Move) -> Result<(), Failure> {
-    let unit = if args.degrees { core::f32::consts::PI / 180.0 } else { 1.0 };
-    each_once(&args.joints, "joint")?;
-    for (name, angle) in &args.joints {
-        let (index, joint) = find(model, name)?;
-        let base = if args.relative { goal[index] } else { 0.0 };
-        goal[index] = base + angle * unit;
-        check(joint, goal[index])?;
-    }
-    Ok(())
-}
-
-/// Refuses what is named twice.
-pub fn each_once<T>(named: &[(String, T)], what: &str) -> Result<(), Failure> {
-    for (index, (name, _)) in named.iter().enumerate() {
-        if named.iter().take(index).any(|(earlier, _)| earlier == name) {
-            return Err(Failure::Usage(format!("the {what} {name} is given twice: which is meant?")));
-        }
-    }
-    Ok(())
-}
-
-fn goal_request(goal: &[f32]) -> Result<Request, Failure> {
-    let positions = heapless::Vec::from_slice(goal).map_err(|_| BoardError::TooManyJoints(goal.len()))?;
-    Ok(Request::Task(TaskCommand::JointServo(JointCommand::Goal { positions })))
-}
-
-/// The joint called `name`.
-pub fn find<'a>(model: &'a RobotModel, name: &str) -> Result<(usize, &'a JointModel), Failure> {
-    model.joints.iter().enumerate().find(|(_, joint)| joint.name == name).ok_or_else(|| {
-        let names: Vec<&str> = model.joints.iter().map(|joint| joint.name.as_str()).collect();
-        Failure::Usage(format!("{} has no joint {name:?}; its joints are {}", model.name, names.join(", ")))
-    })
-}
-
-/// The board checks this too, but cannot name the joint.
-pub fn check(joint: &JointModel, angle: f32) -> Result<(), Failure> {
-    let limits = joint.limits;
-    if angle >= limits.lower && angle <= limits.upper {
-        return Ok(());
-    }
-    Err(Failure::Usage(format!(
-        "{}: {angle} rad is outside its limits {} to {} rad",
-        joint.name, limits.lower, limits.upper
-    )))
-}
 
 /// How a motion ended without a failure.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -203,8 +61,8 @@ pub struct Motion<'a> {
     pub model: RobotModel,
     /// The latest joint angles [rad].
     angles: Vec<f32>,
-    /// Number of faults of the board before.
-    faults: u32,
+    /// Faults of the board before.
+    faults: FaultsBefore,
     /// Whether the board is in fault because the program before has ended, which enabling clears.
     resumes: bool,
     enabled: bool,
@@ -244,7 +102,7 @@ impl<'a> Motion<'a> {
             options,
             model,
             angles: Vec::new(),
-            faults: node.faults,
+            faults: FaultsBefore::from(&node),
             resumes,
             enabled: false,
             asks: None,
@@ -259,19 +117,12 @@ impl<'a> Motion<'a> {
         Ok(self.angles_within_limits())
     }
 
-    /// The present angles, with those of `args` in their place [rad].
-    fn goal(&mut self, args: &Move) -> Result<Vec<f32>, Failure> {
-        let mut goal = self.positions()?;
-        set_goals(&mut goal, &self.model, args)?;
-        Ok(goal)
-    }
-
     fn remember(&mut self, telemetry: &Telemetry) {
         self.angles = telemetry.joints.iter().map(|joint| joint.position).collect();
     }
 
     /// The latest angles. A joint at its stop may measure slightly outside.
-    fn angles_within_limits(&self) -> Vec<f32> {
+    pub fn angles_within_limits(&self) -> Vec<f32> {
         let joints = self.angles.iter().zip(&self.model.joints);
         joints.map(|(angle, joint)| angle.clamp(joint.limits.lower, joint.limits.upper)).collect()
     }
@@ -317,11 +168,14 @@ impl<'a> Motion<'a> {
             _ => Some(ASK),
         };
         if std::mem::take(&mut self.resumes) {
-            self.session.board.ask("clear its faults", Request::ClearFaults { total: self.faults })?;
+            self.session.board.ask("clear its faults", Request::ClearFaults { total: self.faults.total })?;
         }
-        self.session.board.enable(task).map_err(|error| Failure::from(error).named(&self.model))?;
+        // If the answer is lost, the board may be enabled: it is disabled in the end.
         self.enabled = true;
-        Ok(())
+        self.session.board.enable(task).map_err(|error| {
+            self.enabled = !matches!(error, BoardError::Refused { .. } | BoardError::Reset);
+            Failure::from(error).named(&self.model)
+        })
     }
 
     /// From now on asks for the task's telemetry as often as it changes.
@@ -354,18 +208,17 @@ impl<'a> Motion<'a> {
         &self.session.port
     }
 
-    /// Keeps command of the board until it is to be enabled. Returns whether it is; after Ctrl-C it is not.
-    pub fn wait_until(&mut self, mut ready: impl FnMut() -> Result<bool, Failure>) -> Result<bool, Failure> {
+    /// Keeps command of the board until it is to be enabled; after Ctrl-C it is not.
+    pub fn wait_until(&mut self, mut ready: impl FnMut() -> Result<bool, Failure>) -> Result<(), Failure> {
         let interrupted = interrupted()?;
         while !ready()? {
             if interrupted.load(Ordering::Relaxed) {
-                output::notice(self.options, "\ninterrupted: nothing was enabled");
-                return Ok(false);
+                return Err(Failure::Interrupted("nothing was enabled".to_owned()));
             }
             self.positions()?;
             std::thread::sleep(PERIOD);
         }
-        Ok(true)
+        Ok(())
     }
 
     /// Sends a set-point in each period `every`, until `done`.
@@ -399,7 +252,7 @@ impl<'a> Motion<'a> {
                 telemetry = Watchdog::new(&self.session);
                 self.remember(latest);
                 // What was sent before the faults were cleared may still arrive.
-                if latest.mode != Mode::Fault || seen_enabled || latest.faults != self.faults {
+                if latest.mode != Mode::Fault || seen_enabled || latest.faults != self.faults.total {
                     self.check_mode(latest.mode, &mut seen_enabled)?;
                 }
             } else {
@@ -540,12 +393,24 @@ impl<'a> Motion<'a> {
     }
 
     /// Disables the board and releases command.
-    pub fn end(mut self, interrupted: bool) -> Result<(), Failure> {
-        self.switch_off()?;
-        let what = if interrupted { "\ninterrupted: disabled" } else { "disabled" };
-        let load = self.load().map_or_else(String::new, |load| format!("; {load}"));
-        output::notice(self.options, &format!("{what}{load}"));
+    pub fn end(self, interrupted: bool) -> Result<(), Failure> {
+        let options = self.options;
+        let disabled = self.disable()?;
+        let what = if interrupted { "\ninterrupted: " } else { "" };
+        output::notice(options, &format!("{what}{disabled}"));
         Ok(())
+    }
+
+    /// The same where Ctrl-C came before the motion was complete, which is a failure.
+    pub fn break_off(self) -> Result<(), Failure> {
+        Err(Failure::Interrupted(self.disable()?))
+    }
+
+    /// Disables the board and releases command. Returns what becomes of the robot.
+    fn disable(mut self) -> Result<String, Failure> {
+        self.switch_off()?;
+        let load = self.load().map_or_else(String::new, |load| format!("; {load}"));
+        Ok(format!("disabled{load}"))
     }
 }
 

@@ -1,5 +1,6 @@
 //! Output as text and as JSON.
 
+mod file;
 mod queue;
 
 use std::io::{self, IsTerminal, Write as _};
@@ -78,6 +79,7 @@ pub fn by_joint(values: &[f32], model: &RobotModel) -> serde_json::Value {
     serde_json::Value::Object(names.zip(values.iter().map(exact)).collect())
 }
 
+pub use file::{require_writable, save};
 pub use queue::set_controls;
 
 /// Prints a line.
@@ -163,7 +165,9 @@ pub fn failure(options: &Options, failure: &Failure) {
         let value = serde_json::json!({ "error": failure.to_string(), "exit_code": failure.number() });
         let _ = line(&value.to_string());
     } else {
-        complain(&format!("tesaki: {failure}"));
+        // Not behind the `^C` of the terminal.
+        let line = if matches!(failure, Failure::Interrupted(_)) { "\n" } else { "" };
+        complain(&format!("{line}tesaki: {failure}"));
     }
 }
 

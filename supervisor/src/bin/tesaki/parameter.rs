@@ -102,7 +102,7 @@ pub fn set(options: &Options, path: &str, value: &str) -> Result<(), Failure> {
     check_stops(&model, &changed)?;
     check_limits(&model, &changed)?;
     let tared = tared(&mut session, &model)?;
-    session.push(&changed)?;
+    session.board.push_model_and_sense(&changed)?;
     output::result(options, &json!({ "set": names, "no_longer_tared": tared }), || {
         format!("{} = {value} (until the next reset or push)", names.join(", "))
     })?;
@@ -217,17 +217,27 @@ fn from_tree(mut tree: Value) -> Result<RobotModel, serde_json::Error> {
     serde_json::from_value(tree)
 }
 
-/// The paths that match `path`: `*` stands for every joint.
+/// The paths that match `path`: each `*` stands for every joint, or every member of another group.
 fn expand(tree: &Value, path: &str) -> Result<Vec<String>, Failure> {
     let Some((before, after)) = path.split_once('*') else {
         at(tree, path)?;
         return Ok(vec![path.to_owned()]);
     };
     let group = at(tree, before.strip_suffix('.').unwrap_or(before))?;
-    let names = group.as_object().into_iter().flat_map(|group| group.keys());
-    names
-        .map(|name| expand(tree, &format!("{before}{name}{after}")).map(|mut paths| paths.remove(0)))
-        .collect()
+    let Value::Object(members) = group else {
+        let single = before.trim_end_matches('.');
+        return Err(Failure::Usage(format!(
+            "{path}: {single} is a single parameter, `*` stands for nothing in it"
+        )));
+    };
+    let mut paths = Vec::new();
+    for name in members.keys() {
+        paths.extend(expand(tree, &format!("{before}{name}{after}"))?);
+    }
+    if paths.is_empty() {
+        return Err(Failure::Usage(format!("{path} names no parameter: the group is empty")));
+    }
+    Ok(paths)
 }
 
 /// The member of a group that `path` begins with, and the rest of the path. A name may contain points.
@@ -282,5 +292,39 @@ fn leaves(path: &str, value: &Value, found: &mut Vec<(String, Value)>) {
             }
         }
         value => found.push((path.to_owned(), value.clone())),
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_star_stands_for_all_members_of_its_group() {
+        let joint = json!({ "name": "a", "limits": { "lower": -1.0, "upper": 1.0 } });
+        let tree = json!({ "joints": { "left.a": joint, "right.a": joint }, "none": {} });
+        let paths = |path: &str| expand(&tree, path).unwrap();
+        assert_eq!(
+            paths("joints.*.limits.upper"),
+            ["joints.left.a.limits.upper", "joints.right.a.limits.upper"]
+        );
+        assert_eq!(
+            paths("joints.*.limits.*"),
+            [
+                "joints.left.a.limits.lower",
+                "joints.left.a.limits.upper",
+                "joints.right.a.limits.lower",
+                "joints.right.a.limits.upper",
+            ]
+        );
+        for (path, words) in [
+            ("joints.*.name.*", "joints.left.a.name is a single parameter"),
+            ("none.*", "none.* names no parameter"),
+            ("joints.*.torque", "there is no parameter \"torque\" in joints.left.a"),
+        ] {
+            let error = expand(&tree, path).unwrap_err();
+            assert!(matches!(&error, Failure::Usage(text) if text.contains(words)), "{path}: {error}");
+        }
     }
 }

@@ -11,11 +11,13 @@ use tesaki::model::{MAX_CHAINS, RobotModel};
 use tesaki::protocol::{Request, Telemetry};
 use tesaki::task::joint_servo::JointCommand;
 use tesaki::task::{TaskCommand, TaskConfig};
+use tesaki_supervisor::arrival::Arrival;
 use tesaki_supervisor::trajectory::minimum_jerk;
 
 use crate::args::{Options, Reach};
 use crate::failure::Failure;
-use crate::motion::{End, Motion, PERIOD, each_once};
+use crate::joints::each_once;
+use crate::motion::{End, Motion, PERIOD};
 use crate::output;
 
 /// Longest step along the path from a set-point to the next: a late one must not let the joints jump.
@@ -29,8 +31,6 @@ const MIN_DURATION: f32 = 0.5;
 const MAX_DURATION: f32 = 600.0;
 /// Longest wait for arrival after the end of the path.
 const ARRIVAL_TIMEOUT: Duration = Duration::from_secs(3);
-/// Telemetries in a row within the tolerance that count as arrival.
-const ARRIVED: u32 = 10;
 
 /// The path of one fingertip: a straight line with a minimum-jerk profile.
 struct TipPath {
@@ -98,21 +98,21 @@ pub fn run(options: &Options, args: &Reach) -> Result<(), Failure> {
         }))
     };
     let end_of_path = Duration::from_secs_f32(duration);
-    let (mut near, mut farthest) = (0, (String::new(), 0.0_f32));
+    let (mut arrival, mut farthest) = (Arrival::default(), (String::new(), 0.0_f32));
     let end = motion.drive(PERIOD, set_point, |news, _| {
         if let Some(telemetry) = &news.telemetry {
             clock.set(clock.get().heard(telemetry.tick));
             farthest = distance(&paths, telemetry);
-            near = if farthest.1 <= args.tolerance { near + 1 } else { 0 };
+            arrival.update(farthest.1, args.tolerance);
         }
         let on_path = clock.get().on_path;
-        (near >= ARRIVED && on_path >= end_of_path) || on_path >= end_of_path + ARRIVAL_TIMEOUT
+        (arrival.has_come() && on_path >= end_of_path) || on_path >= end_of_path + ARRIVAL_TIMEOUT
     })?;
     if end == End::Interrupted {
-        return motion.end(true);
+        return motion.break_off();
     }
     let (tip, distance) = farthest;
-    if near < ARRIVED {
+    if !arrival.has_come() {
         if motion.load().is_some() && !args.no_hold {
             output::notice(options, &format!("{tip} has not arrived; the robot holds until Ctrl-C"));
             motion.drive(PERIOD, set_point, |_, _| false)?;

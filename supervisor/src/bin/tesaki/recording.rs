@@ -17,11 +17,12 @@ use tesaki::protocol::{
 use tesaki_description::read_text;
 use tesaki_description::robot::RobotFolder;
 use tesaki_recording::{McapError, McapFile, Recording};
+use tesaki_supervisor::faults::{FaultFollower, FaultsBefore, describe};
 use tesaki_supervisor::publication::{Publication, STREAMS, require_own};
 use tesaki_supervisor::{Board, BoardError};
 
 use crate::args::{Options, Record};
-use crate::board_session::{BoardSession, describe, hex, interrupted, version};
+use crate::board_session::{BoardSession, hex, interrupted, version};
 use crate::failure::Failure;
 use crate::output;
 
@@ -65,8 +66,7 @@ struct Recorder<'a> {
     mcap_path: PathBuf,
     log: ReplayLog,
     viewer: Publication<McapFile>,
-    /// Faults that the board had when the last one was written.
-    faults: u32,
+    faults: FaultFollower,
     /// When a line of JSON was last printed.
     reported: Instant,
     /// When the board was last heard.
@@ -110,7 +110,7 @@ impl<'a> Recorder<'a> {
             Recording::create_compressed(&mcap_path, urdf.as_deref()).map_err(mcap_failure(&mcap_path))?;
         recording.metadata("tesaki", metadata).map_err(mcap_failure(&mcap_path))?;
         let viewer = Publication::new(recording, robot);
-        let faults = session.board.faults()?.total;
+        let faults = FaultFollower::new(FaultsBefore::from(&session.board.status()?.node));
         // Before the log starts: what comes meanwhile is dropped.
         for &(stream, every) in STREAMS {
             session.board.set_rate(stream, every)?;
@@ -171,7 +171,6 @@ impl<'a> Recorder<'a> {
             )));
         }
         if now - self.heard > REPORT && session.reconnect(&[&[(Stream::Log, 1)], STREAMS].concat())? {
-            session.board.set_timeout(self.options.timeout);
             self.log.gap(session, 0).map_err(log_failure(&self.log_path))?;
         }
         // A process that is killed loses one second at most.
@@ -205,12 +204,13 @@ impl<'a> Recorder<'a> {
     fn telemetry(&mut self, session: &mut BoardSession, telemetry: &Telemetry) -> Result<(), Failure> {
         let Self { log, viewer, faults, mcap_path, .. } = self;
         viewer.use_model(log.model.as_ref().map(|(model, checksum)| (model, *checksum)));
-        if telemetry.faults != *faults {
-            *faults = telemetry.faults;
-            let fault = session.board.faults()?.faults.last().copied();
-            let text = fault.map_or_else(String::new, |fault| describe(&fault, log.robot()));
-            viewer.fault(telemetry.tick, &text).map_err(mcap_failure(mcap_path))?;
-            output::notice(self.options, &text);
+        if faults.is_due(telemetry) {
+            let read = session.board.faults()?;
+            for fault in faults.take(telemetry, &read) {
+                let text = describe(fault, log.robot());
+                viewer.fault(telemetry.tick, &text).map_err(mcap_failure(mcap_path))?;
+                output::notice(self.options, &text);
+            }
         }
         viewer.telemetry(telemetry).map_err(mcap_failure(mcap_path))?;
         // The board was reset, or what shares it has started again: others may have asked since.
@@ -319,12 +319,14 @@ struct ReplayLog {
     ticks: u64,
     gaps: u64,
     lost: u64,
+    /// Of those, the ones in the gap that is still open: after it no state was written yet.
+    lost_in_gap: u32,
 }
 
 impl ReplayLog {
     fn new(file: File) -> Self {
         let file = BufWriter::new(file);
-        Self { file, model: None, last: 0, in_step: false, ticks: 0, gaps: 0, lost: 0 }
+        Self { file, model: None, last: 0, in_step: false, ticks: 0, gaps: 0, lost: 0, lost_in_gap: 0 }
     }
 
     /// Writes all that a replay needs to start from a node as after power-on: the origin of the recording,
@@ -378,7 +380,7 @@ impl ReplayLog {
     /// model if that has changed.
     fn gap(&mut self, session: &mut BoardSession, missing: u32) -> Result<(), LogError> {
         self.gaps += 1;
-        self.lost += u64::from(missing);
+        let missing = self.lose(missing);
         self.write(&LogRecord::Gap { missing })?;
         let mut resume = || {
             let known = self.model.as_ref().map_or(0, |(_, checksum)| *checksum);
@@ -395,6 +397,14 @@ impl ReplayLog {
         }
     }
 
+    /// Counts the entries that are missing in the open gap; returns how many of them were not counted before.
+    fn lose(&mut self, missing: u32) -> u32 {
+        let new = missing.saturating_sub(self.lost_in_gap);
+        self.lost_in_gap += new;
+        self.lost += u64::from(new);
+        new
+    }
+
     /// Writes the current state of the node. Older entries that still arrive are skipped.
     fn state(&mut self, session: &mut BoardSession) -> Result<(), LogError> {
         let tesaki_supervisor::Exported { bytes: state, index, key } = session.board.export(Item::State)?;
@@ -404,7 +414,7 @@ impl ReplayLog {
         }
         let length = u32::try_from(state.len()).unwrap_or(u32::MAX);
         self.write(&LogRecord::Restore { length, checksum: checksum(&state), key })?;
-        (self.last, self.in_step) = (index, false);
+        (self.last, self.in_step, self.lost_in_gap) = (index, false, 0);
         Ok(())
     }
 
@@ -432,5 +442,19 @@ impl ReplayLog {
         let mut frame = [0; MAX_FRAME];
         let length = encode(record, &mut frame).map_err(std::io::Error::other)?;
         self.file.write_all(&frame[..length])
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_entry_that_is_missing_in_a_gap_is_lost_once() {
+        let mut log = ReplayLog::new(tempfile::tempfile().unwrap());
+        // The state cannot be read, and the next entries reveal the gap again.
+        let new: Vec<u32> = [3, 4, 4, 9].map(|missing| log.lose(missing)).into();
+        assert_eq!((new, log.lost), (vec![3, 1, 0, 5], 9));
     }
 }

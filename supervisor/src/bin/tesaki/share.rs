@@ -38,9 +38,23 @@ pub fn share(options: &Options, listen: &Address) -> Result<(), Failure> {
             hub.address()
         ),
     );
+    let mut is_away = false;
     while !interrupted.load(Ordering::Relaxed) {
         hub.pump(&mut board, Duration::from_millis(1), Instant::now() + Duration::from_millis(200))
             .map_err(BoardError::Link)?;
+        match board.error() {
+            Some(error) if !is_away => {
+                output::complain(&format!(
+                    "the board is away: {error}\nIts port is tried again until it is there"
+                ));
+                is_away = true;
+            }
+            None if is_away && board.is_open() => {
+                output::complain("the board is there again");
+                is_away = false;
+            }
+            _ => {}
+        }
         for message in hub.messages() {
             output::notice(options, &message);
         }

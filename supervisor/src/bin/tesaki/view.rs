@@ -13,6 +13,7 @@ use std::time::{Duration, Instant};
 use tesaki::model::RobotModel;
 use tesaki::protocol::{FromBoard, Mode, Reply, Request, Status, Stream, Telemetry, Tips};
 use tesaki_description::robot::RobotFolder;
+use tesaki_supervisor::faults::describe;
 use tesaki_supervisor::gravity::Load;
 use tesaki_supervisor::task_report::{Report, report};
 use tesaki_supervisor::{Board, BoardError, troubleshooting};
@@ -20,7 +21,7 @@ use tesaki_viewer::server::{Server, Site};
 use tesaki_viewer::{LIVE_PAGE, SCRIPT, STYLE, Scene};
 
 use crate::args::{Options, View as Arguments};
-use crate::board_session::{BoardSession, describe, interrupted, version};
+use crate::board_session::{BoardSession, interrupted, version};
 use crate::failure::Failure;
 use crate::output;
 use commands::Commander;
@@ -398,10 +399,10 @@ impl View {
         let own = |folder: &&RobotFolder| model.is_some_and(|model| folder.model.name == model.name);
         let folder = self.folder.as_ref().filter(own);
         if let (Some(model), Some(other), None) = (model, &self.folder, folder) {
-            eprintln!(
+            output::complain(&format!(
                 "the board is {}, and --robot is the folder of {}: its solids, grasps and impedances are left out",
                 model.name, other.model.name
-            );
+            ));
         }
         let scene = model.map(|model| {
             let scene = Scene::new(model);

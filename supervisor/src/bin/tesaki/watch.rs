@@ -4,11 +4,12 @@ use std::time::{Duration, Instant};
 
 use tesaki::model::RobotModel;
 use tesaki::protocol::{FromBoard, Mode, Request, Status, Stream, Telemetry};
+use tesaki_supervisor::faults::{self, describe};
 use tesaki_supervisor::monitor::{JointView, Key, LinkView, Overlay, Screen, State, View};
 use tesaki_supervisor::{Board, BoardError, troubleshooting};
 
 use crate::args::Options;
-use crate::board_session::{BoardSession, describe, version};
+use crate::board_session::{BoardSession, version};
 use crate::failure::Failure;
 use crate::output;
 
@@ -272,9 +273,7 @@ impl Watch {
                 self.view.faults =
                     log.faults.iter().map(|fault| describe(fault, self.model.as_ref())).collect();
                 self.known_faults = Some(log.total);
-                if let Some(last) = log.faults.last() {
-                    self.entry = troubleshooting::fault(last.cause);
-                }
+                self.entry = faults::entries(faults::blamed(&log));
                 Ok(())
             }
             Err(BoardError::Timeout { .. } | BoardError::Refused { .. }) => Ok(()),

@@ -6,8 +6,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 
 use super::*;
-use crate::port::PortError;
 use crate::port::channel::GREETING;
+use crate::port::{PortError, Reopening};
 
 fn tcp(text: &str) -> Address {
     Address::Tcp(text.to_owned())
@@ -116,7 +116,7 @@ fn who_has_the_key_talks_to_the_board_and_nobody_else() {
         "{error}"
     );
     // A link that opens itself again says so, too: waiting does not help.
-    let mut plain = crate::port::Reopening::open(echo.address.clone(), None).unwrap();
+    let mut plain = Reopening::open(echo.address.clone(), None).unwrap();
     ByteLink::receive(&mut plain, &mut [0; 4096], within(1000)).unwrap_err();
     drop(plain);
 
@@ -213,5 +213,53 @@ fn a_client_that_does_not_read_loses_whole_messages_only() {
     echoes(&mut client);
     let hub = echo.stop();
     assert!(hub.dropped() > 0);
+    fs::remove_dir_all(folder).unwrap();
+}
+
+/// A hub behind a network: it does something only every 20 ms.
+fn far_hub(address: &Address, key: &Key, until: &Arc<AtomicBool>) -> JoinHandle<()> {
+    let mut hub = Hub::listen(address, Some(key)).unwrap();
+    let stop = Arc::clone(until);
+    thread::spawn(move || {
+        while !stop.load(Ordering::Relaxed) {
+            thread::sleep(Duration::from_millis(20));
+            hub.receive(&mut Vec::new(), Instant::now()).unwrap();
+            hub.broadcast(&[7, 0]);
+        }
+    })
+}
+
+#[test]
+fn a_board_behind_an_encrypted_network_is_found_again_while_it_is_pumped() {
+    let folder = folder("hub-away");
+    let key = key(&folder, "key");
+    let board = Hub::listen(&tcp("127.0.0.1:0"), Some(&key)).unwrap();
+    let address = board.address().clone();
+    drop(board);
+    let [first, second] = [(); 2].map(|()| Arc::new(AtomicBool::new(false)));
+    let far = far_hub(&address, &key, &first);
+    let mut hub = Hub::listen(&tcp("127.0.0.1:0"), None).unwrap();
+    let mut client = open(hub.address(), None).unwrap();
+    let mut board = Reopening::open(address.clone(), Some(key.clone())).unwrap();
+    let turn = Duration::from_millis(1);
+    hub.pump(&mut board, turn, within(100)).unwrap();
+    assert_eq!(received(&mut client, 2), [7, 0]);
+    first.store(true, Ordering::Relaxed);
+    far.join().unwrap();
+    hub.pump(&mut board, turn, within(300)).unwrap();
+    assert!(!board.is_open() && board.error().is_some());
+    // With what was sent before.
+    while client.receive(&mut [0; 64], within(0)).unwrap() > 0 {}
+
+    let far = far_hub(&address, &key, &second);
+    let given_up = within(10_000);
+    while !board.is_open() && Instant::now() < given_up {
+        hub.pump(&mut board, turn, within(100)).unwrap();
+    }
+    assert_eq!(board.reopened(), 1, "{:?}", board.error());
+    hub.pump(&mut board, turn, within(200)).unwrap();
+    assert_eq!(received(&mut client, 2), [7, 0]);
+    second.store(true, Ordering::Relaxed);
+    far.join().unwrap();
     fs::remove_dir_all(folder).unwrap();
 }

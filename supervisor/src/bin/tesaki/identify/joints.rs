@@ -11,13 +11,14 @@ use tesaki::task::TaskCommand;
 use tesaki::task::joint_servo::JointCommand;
 use tesaki_description::calibration::{Calibration, CalibrationFile};
 use tesaki_supervisor::Board;
+use tesaki_supervisor::faults::FaultsBefore;
 use tesaki_supervisor::gravity::Load;
 use tesaki_supervisor::identify::{
     Estimate, FreeFit, FreeJoint, IdentifyError, JointSettings, Machine, NotIdentified, Reading, duration,
     identify_joints, update_free, with_head,
 };
 
-use super::{BoardMachine, open, save, saved};
+use super::{BoardMachine, open, saved};
 use crate::args::{Identify, Options};
 use crate::board_session::{BoardSession, hex};
 use crate::failure::Failure;
@@ -27,8 +28,8 @@ pub fn run(options: &Options, args: &Identify) -> Result<(), Failure> {
     let settings = JointSettings { amplitude: args.amplitude, torque: args.torque };
     let mut session = BoardSession::command(options)?;
     let model = session.model()?;
-    let mode = session.board.status()?.node.mode;
-    session.require_no_fault(mode, Some(&model))?;
+    let node = session.board.status()?.node;
+    session.require_no_fault(node.mode, Some(&model))?;
     let file = open(&args.out)?;
     let angles: Vec<f32> = session.telemetry_now()?.joints.iter().map(|joint| joint.position).collect();
     let within =
@@ -46,7 +47,7 @@ pub fn run(options: &Options, args: &Identify) -> Result<(), Failure> {
     let load = Load::at(&model, &angles).filter(|_| !args.no_hold);
     let falls = load.as_ref().map_or_else(String::new, |load| format!("; {load}"));
     output::notice(options, &format!("this takes {time:.0} s; Ctrl-C disables{falls}"));
-    let mut machine = BoardMachine::new(session, options, &model)?;
+    let mut machine = BoardMachine::new(session, options, &model, FaultsBefore::from(&node))?;
     let ended = match identify_joints(&mut machine, &model, &settings) {
         Ok(readings) => {
             let kept = keep(options, args, file, (&model, &board), &readings);
@@ -80,7 +81,7 @@ fn keep(
     };
     let found: Vec<FreeJoint> = model.joints.iter().zip(readings).map(joint).collect();
     update_free(&mut file, model, &found);
-    save(options, &args.out, &with_head(&file.to_string(), &model.name, board), |out| {
+    output::save(&args.out, &with_head(&file.to_string(), &model.name, board), |out| {
         output::result(options, &report(model, &found, out), || {
             table(model, &found, args.weighed) + &saved(out)
         })

@@ -51,7 +51,7 @@ pub fn run(options: &Options, args: &Retarget) -> Result<(), Failure> {
         &format!("waiting for the operator's hand at {}: hold it like the robot's", stream.feed.place),
     );
     let (begin, mut told) = (Instant::now(), None);
-    let sees_hand = motion.wait_until(|| {
+    motion.wait_until(|| {
         stream.take();
         let ending = stream.feed.ending();
         ending.map_or(Ok(()), |ending| Err(ending.before_enabling(NO_FILE)))?;
@@ -62,9 +62,6 @@ pub fn run(options: &Options, args: &Retarget) -> Result<(), Failure> {
         }
         Ok(shows_thumb)
     })?;
-    if !sees_hand {
-        return Ok(());
-    }
     output::confirm(options, &format!("{} will follow the operator's hand. Continue?", motion.model.name))?;
     motion.enable(TaskConfig::Telexistence(settings.task))?;
     motion.announce_ctrl_c(motion.load().as_ref());

@@ -19,12 +19,13 @@ use tesaki::task::{TaskConfig, TaskKind};
 use tesaki_description::robot::RobotFolder;
 use tesaki_description::{grasp, impedance};
 use tesaki_supervisor::task_report::Grasped;
-use tesaki_supervisor::{Board, BoardError};
+use tesaki_supervisor::{Board, BoardError, LinkBoard};
 
 use super::View;
 use super::message::{Command, Plan};
+use crate::board_session::BoardLink;
 use crate::failure::Failure;
-use crate::motion;
+use crate::{joints, motion};
 pub use commander::Commander;
 use commander::{Stopping, ToolPath};
 
@@ -215,11 +216,11 @@ impl View {
                         now.position.clamp(joint.limits.lower, joint.limits.upper)
                     };
                 self.commander.goal = joints.map(within).collect();
-                board.enable(TaskConfig::JointServo(ServoMode::Observer))?;
+                enable(board, TaskConfig::JointServo(ServoMode::Observer))?;
             }
             Some(TaskKind::Grasping) => {
                 let plan = grasp::load(&file?)?;
-                board.enable(TaskConfig::Grasping(()))?;
+                enable(board, TaskConfig::Grasping(()))?;
                 self.commander.grasped = Some(Grasped::new(plan));
                 self.commander.object = (Vector3::zeros(), UnitQuaternion::identity());
                 if let Err(error) = board.grasp(GraspCommand::Grasp(plan)) {
@@ -230,8 +231,11 @@ impl View {
             }
             Some(TaskKind::Impedance) => {
                 let settings = impedance::load(&file?, model)?;
-                board.enable(TaskConfig::Impedance(settings))?;
-                let tool = board.read_impedance()?;
+                enable(board, TaskConfig::Impedance(settings))?;
+                let tool = board.read_impedance().inspect_err(|_| {
+                    // Enabled for nothing.
+                    let _ = board.disable();
+                })?;
                 let from = PosePoint {
                     position: tool.position,
                     rotation: tool.rotation,
@@ -263,7 +267,7 @@ impl View {
                 model.name
             )));
         };
-        motion::check(joint, angle)?;
+        joints::check(joint, angle)?;
         *goal = angle;
         self.commander.next = Instant::now();
         Ok(String::new())
@@ -416,6 +420,16 @@ impl View {
             let _ = self.session.board.ask("release command", Request::ReleaseCommand);
         }
     }
+}
+
+/// Enables the board; one whose answer does not come may be enabled, and is told to disable.
+fn enable(board: &mut LinkBoard<BoardLink>, task: TaskConfig) -> Result<(), BoardError> {
+    let enabled = board.enable(task);
+    // Where a stop has interrupted the wait for the answer, it is sent next.
+    if matches!(enabled, Err(BoardError::Timeout { .. } | BoardError::WrongReply { .. })) {
+        board.post(Request::Disable)?;
+    }
+    enabled
 }
 
 /// The file of a plan; only those that the page was offered.

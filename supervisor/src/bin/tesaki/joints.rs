@@ -1,0 +1,137 @@
+//! The commands `enable` and `move`.
+
+use std::time::Instant;
+
+use serde_json::json;
+use tesaki::model::{JointModel, RobotModel};
+use tesaki::protocol::Request;
+use tesaki::task::joint_servo::JointCommand;
+use tesaki::task::{TaskCommand, TaskConfig};
+use tesaki_supervisor::BoardError;
+use tesaki_supervisor::arrival::{Arrival, farthest_joint};
+use tesaki_supervisor::gravity::Load;
+
+use crate::args::{Enable, Move, Options};
+use crate::failure::Failure;
+use crate::motion::{End, KEEP_ALIVE, Motion, News};
+use crate::output;
+
+pub fn enable(options: &Options, args: &Enable) -> Result<(), Failure> {
+    let mut motion = Motion::begin(options)?;
+    output::confirm(
+        options,
+        &format!("The joints of {} will be powered and hold their angles. Continue?", motion.model.name),
+    )?;
+    // The joints may have moved during the question.
+    let goal = motion.positions()?;
+    motion.enable(TaskConfig::JointServo(args.servo.into()))?;
+    output::notice(options, "enabled: the joints hold");
+    motion.announce_ctrl_c(Load::at(&motion.model, &goal).as_ref());
+    let until = args.duration.map(|duration| Instant::now() + duration);
+    let hold = goal_request(&goal)?;
+    let end = motion.drive(KEEP_ALIVE, |_| hold.clone(), |_, now| until.is_some_and(|until| now >= until))?;
+    motion.end(end == End::Interrupted)
+}
+
+pub fn move_joints(options: &Options, args: &Move) -> Result<(), Failure> {
+    let mut motion = Motion::begin(options)?;
+    goal(&mut motion, args)?;
+    let count = output::counted(args.joints.len(), "joint");
+    output::confirm(options, &format!("{count} of {} will move. Continue?", motion.model.name))?;
+    // The joints may have moved during the question.
+    let goal = goal(&mut motion, args)?;
+    motion.enable(TaskConfig::JointServo(args.servo.into()))?;
+    let load = Load::at(&motion.model, &goal);
+    motion.announce_ctrl_c(load.as_ref());
+    let deadline = Instant::now() + args.within;
+    let (mut arrival, mut farthest) = (Arrival::default(), (0, 0.0));
+    let set_point = goal_request(&goal)?;
+    let done = |news: &News, now| {
+        if let Some(telemetry) = &news.telemetry {
+            farthest = farthest_joint(telemetry, &goal);
+            arrival.update(farthest.1, args.tolerance);
+        }
+        arrival.has_come() || now >= deadline
+    };
+    if motion.drive(KEEP_ALIVE, |_| set_point.clone(), done)? == End::Interrupted {
+        return motion.break_off();
+    }
+    let (joint, error) = farthest;
+    let joint = motion.model.joint_name(joint).to_owned();
+    if !arrival.has_come() {
+        let late = format!(
+            "{joint} is still {error:.4} rad from its target after {} s (tolerance {} rad)",
+            args.within.as_secs_f64(),
+            args.tolerance
+        );
+        // Not at the goal, where something may be in the way.
+        let here = goal_request(&motion.angles_within_limits())?;
+        if motion.load().is_some() && !args.no_hold {
+            output::notice(options, &format!("{late}; it holds where it is until Ctrl-C"));
+            motion.drive(KEEP_ALIVE, |_| here.clone(), |_, _| false)?;
+        }
+        motion.end(false)?;
+        return Err(Failure::Late(format!(
+            "{late}; the board is disabled. Is the joint blocked, or --within too short?"
+        )));
+    }
+    let value = json!({ "arrived": true, "joint": joint, "largest_error": output::exact(&error) });
+    output::result(options, &value, || format!("arrived: the largest error is {error:.4} rad, of {joint}"))?;
+    motion.stay(args.hold, args.no_hold, load.as_ref(), KEEP_ALIVE, |_| set_point.clone())?;
+    motion.end(false)
+}
+
+/// The present angles, with those of `args` in their place [rad].
+fn goal(motion: &mut Motion, args: &Move) -> Result<Vec<f32>, Failure> {
+    let mut goal = motion.positions()?;
+    set_goals(&mut goal, &motion.model, args)?;
+    Ok(goal)
+}
+
+/// Replaces the angles of the joints that are named.
+fn set_goals(goal: &mut [f32], model: &RobotModel, args: &Move) -> Result<(), Failure> {
+    let unit = if args.degrees { core::f32::consts::PI / 180.0 } else { 1.0 };
+    each_once(&args.joints, "joint")?;
+    for (name, angle) in &args.joints {
+        let (index, joint) = find(model, name)?;
+        let base = if args.relative { goal[index] } else { 0.0 };
+        goal[index] = base + angle * unit;
+        check(joint, goal[index])?;
+    }
+    Ok(())
+}
+
+/// Refuses what is named twice.
+pub fn each_once<T>(named: &[(String, T)], what: &str) -> Result<(), Failure> {
+    for (index, (name, _)) in named.iter().enumerate() {
+        if named.iter().take(index).any(|(earlier, _)| earlier == name) {
+            return Err(Failure::Usage(format!("the {what} {name} is given twice: which is meant?")));
+        }
+    }
+    Ok(())
+}
+
+fn goal_request(goal: &[f32]) -> Result<Request, Failure> {
+    let positions = heapless::Vec::from_slice(goal).map_err(|_| BoardError::TooManyJoints(goal.len()))?;
+    Ok(Request::Task(TaskCommand::JointServo(JointCommand::Goal { positions })))
+}
+
+/// The joint called `name`.
+pub fn find<'a>(model: &'a RobotModel, name: &str) -> Result<(usize, &'a JointModel), Failure> {
+    model.joints.iter().enumerate().find(|(_, joint)| joint.name == name).ok_or_else(|| {
+        let names: Vec<&str> = model.joints.iter().map(|joint| joint.name.as_str()).collect();
+        Failure::Usage(format!("{} has no joint {name:?}; its joints are {}", model.name, names.join(", ")))
+    })
+}
+
+/// The board checks this too, but cannot name the joint.
+pub fn check(joint: &JointModel, angle: f32) -> Result<(), Failure> {
+    let limits = joint.limits;
+    if angle >= limits.lower && angle <= limits.upper {
+        return Ok(());
+    }
+    Err(Failure::Usage(format!(
+        "{}: {angle} rad is outside its limits {} to {} rad",
+        joint.name, limits.lower, limits.upper
+    )))
+}
