@@ -1,7 +1,7 @@
 //! A control period of a board with sensors and drives.
 
 use tesaki::node::Node;
-use tesaki::protocol::{ActuatorFrame, SensorFrame};
+use tesaki::protocol::{ActuatorFrame, Mode, SensorFrame};
 
 use crate::board::{Board, Latch};
 
@@ -9,7 +9,7 @@ use crate::board::{Board, Latch};
 #[derive(Debug, Default)]
 pub struct Periods {
     last: u32,
-    /// Whether the outputs were on in the last period with sensors.
+    /// Whether the outputs were on in the last period with sensors, and the node was not disabled since.
     drove: bool,
 }
 
@@ -24,7 +24,7 @@ impl Periods {
     ///
     /// Returns whether the watchdog may be fed: the period came in time, and its sensors could be read or
     /// nothing was driven when they could. So a board whose sensors fall silent while it moves something is
-    /// reset, and then waits, disabled, to be asked what happened; one that has none keeps its model.
+    /// reset, and then waits, disabled, to be asked what happened; one that was idle keeps its model.
     pub fn run<B: Board>(
         &mut self,
         board: &mut B,
@@ -43,7 +43,7 @@ impl Periods {
         // The sequence number reveals a missed period; the node raises a fault.
         let actuators = tick(node, sensors.unwrap_or_else(|| SensorFrame::silent(period)));
         board.write(&actuators);
-        if !silent {
+        if !silent || node.mode() == Mode::Disabled {
             self.drove = actuators.enabled;
         }
         in_time && (!silent || !self.drove)

@@ -310,6 +310,9 @@ fn periods_feed_the_watchdog_while_healthy() -> bool {
     // The joints may move still.
     support::ask(node, &mut 110, Request::Disable);
     passed &= run(&mut board, node, 11) == (false, false, Some(FaultCause::SensorsSilent));
+    support::ask(node, &mut 111, Request::ReadFaults);
+    support::ask(node, &mut 112, Request::ClearFaults { total: 3 });
+    passed &= run(&mut board, node, 12) == (true, false, Some(FaultCause::SensorsSilent));
     passed && OFF.load(Ordering::Relaxed)
 }
 
