@@ -207,7 +207,9 @@ mod app {
     }
 
     fn tick(node: &mut Node, sensors: SensorFrame, log: &mut Producer<'static, TickLog>) -> ActuatorFrame {
-        let actuators = retaining(node, |node| node.tick(&sensors));
+        let before = node.faults().total;
+        let actuators = node.tick(&sensors);
+        retain_later(node, before);
         let logged = node.is_logged();
         if logged {
             // If the queue is full, the gap in the indices tells the receiver how many entries are missing.
@@ -219,14 +221,11 @@ mod app {
         actuators
     }
 
-    /// Does `work`, and retains the fault log when that has recorded a fault.
-    fn retaining<R>(node: &mut Node, work: impl FnOnce(&mut Node) -> R) -> R {
-        let before = node.faults().total;
-        let result = work(node);
+    /// Retains the fault log if it has other faults than the `before` ones.
+    fn retain_later(node: &Node, before: u32) {
         if node.faults().total != before {
             retained::retain_faults(node.faults(), node.fault_joints());
         }
-        result
     }
 
     /// Requests, telemetry and log.
@@ -246,8 +245,9 @@ mod app {
                 refresh(status, link, plant);
                 let mut both = (&mut cx.shared.node, &mut cx.shared.board);
                 let (reply, index, logged) = both.lock(|node, board| {
-                    let configure = &mut |model: &_| board.configure(model);
-                    let reply = retaining(node, |node| node.handle_on(&request, status, configure));
+                    let before = node.faults().total;
+                    let reply = node.handle_on(&request, status, &mut |model| board.configure(model));
+                    retain_later(node, before);
                     (reply, node.records(), node.is_logged())
                 });
                 link.send(&FromBoard::Reply(reply));
