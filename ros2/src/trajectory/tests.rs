@@ -25,7 +25,7 @@ pub fn point(time: f64, positions: &[f64], velocities: &[f64], accelerations: &[
 }
 
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "split into its digits")]
-fn duration(seconds: f64) -> Time {
+pub fn duration(seconds: f64) -> Time {
     Time { sec: seconds.floor() as i32, nanosec: (1e9 * (seconds - seconds.floor())).round() as u32 }
 }
 
