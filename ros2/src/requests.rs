@@ -136,7 +136,8 @@ impl Node<'_> {
         }
         let now = Instant::now();
         let controller = Controller::hold(robot, &positions);
-        self.enabled = Some(Enabled { controller, seen: false, faults, goal: None, told: now, kept: now });
+        let (seen, goal) = (false, None);
+        self.enabled = Some(Enabled { controller, since: now, seen, faults, goal, told: now, kept: now });
         let falls = load.map_or_else(String::new, |load| format!("; {load}"));
         Ok(format!("enabled: the joints hold{falls}"))
     }
