@@ -88,6 +88,16 @@ fn a_joint_that_does_not_arrive_fails_the_goal_after_its_time() {
 }
 
 #[test]
+fn a_goal_may_take_any_time_to_arrive() {
+    let mut board = Board { behind: 0.02, ..Board::new() };
+    let goal = Goal { goal_time_tolerance: Time { sec: -1, nanosec: 0 }, ..swing(0.5, 0.2) };
+    board.controller.follow(&goal, NOW, &DEFAULTS).unwrap();
+    (0..1000).for_each(|_| assert_eq!(board.step(), None));
+    board.behind = 0.0;
+    assert_eq!(board.step(), Some(Outcome::Succeeded));
+}
+
+#[test]
 fn a_joint_that_leaves_its_path_fails_the_goal_and_all_brake() {
     let tolerance =
         JointTolerance { name: "finger1_swing".into(), position: 0.05, ..JointTolerance::default() };
