@@ -67,8 +67,8 @@ pub struct Enabled {
 }
 
 impl Enabled {
-    /// Whether telemetry with this mode and so many faults says that the board is not enabled by this node any
-    /// more.
+    /// Whether telemetry with this mode and so many faults says that the board is not enabled any more, or by
+    /// somebody else.
     fn is_over(&mut self, mode: Mode, faults: u32) -> bool {
         self.seen |= mode == Mode::Enabled(TaskKind::JointServo);
         // What was sent before the board was enabled may still arrive.

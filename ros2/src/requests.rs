@@ -82,9 +82,10 @@ impl Node<'_> {
                 self.services.all()[number].reply(caller, &response);
             }
         }
-        for wish in self.action.take() {
+        // One at a time: to check a goal takes a while, in which the board is not listened to.
+        if let Some(wish) = self.action.take() {
             match wish {
-                Wish::Cancel(id) => self.cancel(&id)?,
+                Wish::Cancel(ids) => ids.iter().try_for_each(|id| self.cancel(id))?,
                 Wish::Goal(caller, id, goal) => match self.begin(&id, &goal) {
                     Ok(()) => self.action.accept(caller, id),
                     Err(refused) => {
@@ -100,10 +101,8 @@ impl Node<'_> {
 
     /// Answers what clients ask at the end.
     pub fn refuse_goals(&mut self) {
-        for wish in self.action.take() {
-            if let Wish::Goal(caller, ..) = wish {
-                self.action.refuse(caller);
-            }
+        if let Some(Wish::Goal(caller, ..)) = self.action.take() {
+            self.action.refuse(caller);
         }
     }
 
