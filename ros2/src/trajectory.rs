@@ -214,7 +214,8 @@ fn knot(number: usize, point: &Point, names: &[String]) -> Result<Vec<Knot>, Ref
         .collect())
 }
 
-/// A first point at time 0 says how the motion begins: from where the joints are, which must be near it.
+/// A first point at time 0 says how the motion begins: from where the joints are, which must be near it, and
+/// as they move there. What it does not state is left open.
 fn begin_with(start: &mut [Knot], first: &[Knot], names: &[String]) -> Result<(), Refused> {
     for ((start, first), name) in start.iter_mut().zip(first).zip(names) {
         let distance = (first.position - start.position).abs();
@@ -225,7 +226,8 @@ fn begin_with(start: &mut [Knot], first: &[Knot], names: &[String]) -> Result<()
                 start.position, first.position
             ));
         }
-        (start.velocity, start.acceleration) = (first.velocity, first.acceleration);
+        start.velocity = start.velocity.filter(|_| first.velocity.is_some());
+        start.acceleration = start.acceleration.filter(|_| first.acceleration.is_some());
     }
     Ok(())
 }

@@ -129,6 +129,23 @@ fn a_planner_that_begins_where_the_joint_is_measured_is_understood() {
 }
 
 #[test]
+fn a_first_point_at_time_0_does_not_change_how_a_joint_moves() {
+    let mut references = at_zero();
+    references[0] = JointPoint { position: 0.0, velocity: 2.0, acceleration: 3.0 };
+    let begin = |velocities: &[f64], accelerations: &[f64]| {
+        let end: &[f64] = &[0.0];
+        let points = [
+            point(0.0, &[0.01], velocities, accelerations),
+            point(1.0, &[0.3], end, end.get(..accelerations.len()).unwrap()),
+        ];
+        Trajectory::check(&message(SWING, &points), &hand(), &references).unwrap().at(0.0)[0].1
+    };
+    assert_near(begin(&[0.5], &[0.0]), [0.0, 2.0, 3.0]);
+    // A cubic has its own acceleration: 6·0.3 − 4·2 + 0, by hand.
+    assert_near(begin(&[0.5], &[]), [0.0, 2.0, -6.2]);
+}
+
+#[test]
 fn what_cannot_be_followed_is_refused_with_the_reason() {
     let one = |time, position| message(SWING, &[point(time, &[position], &[], &[])]);
     refused(
