@@ -154,7 +154,7 @@ impl Controller {
         // One that was reset meanwhile begins anew, and is disabled.
         let ticks = tick.wrapping_sub(*motion.begun.get_or_insert(tick));
         let time = f64::from(TICK) * (f64::from(ticks) + 1.0);
-        for (joint, point) in motion.trajectory.at(time) {
+        for (joint, point) in motion.trajectory.points(time) {
             if let Some(reference) = self.references.get_mut(joint) {
                 *reference = point;
             }

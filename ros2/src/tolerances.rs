@@ -74,7 +74,7 @@ impl Tolerances {
         late: f64,
         name: impl Fn(usize) -> &'a str,
     ) -> Option<Outcome> {
-        let away = trajectory.end().into_iter().zip(&self.goal).find_map(|((joint, goal), tolerance)| {
+        let away = trajectory.end().zip(&self.goal).find_map(|((joint, goal), tolerance)| {
             let state = joints.get(joint)?;
             let distance = f64::from((goal.position - state.position).abs());
             let speed = f64::from(state.velocity.abs());
