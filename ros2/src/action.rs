@@ -29,8 +29,8 @@ struct Known {
 pub enum Wish {
     /// That a goal be carried out: to be [accepted](ActionServer::accept) or [refused](ActionServer::refuse).
     Goal(Caller, Uuid, Box<Goal>),
-    /// That the goal that is carried out be cancelled.
-    Cancel(Uuid),
+    /// That these goals be cancelled.
+    Cancel(Vec<Uuid>),
 }
 
 /// The action `…/follow_joint_trajectory` of a controller.
@@ -66,14 +66,14 @@ impl ActionServer {
         Ok(server)
     }
 
-    /// What clients want, in order.
-    pub fn take(&mut self) -> Vec<Wish> {
-        let mut wishes = Vec::new();
-        while let Some((caller, request)) = self.send_goal.take::<SendGoalRequest>() {
-            wishes.push(Wish::Goal(caller, request.goal_id, Box::new(request.goal)));
+    /// What a client wants next. Goals come first: whoever cancels, or asks for a result, may mean one that
+    /// came just before.
+    pub fn take(&mut self) -> Option<Wish> {
+        if let Some((caller, request)) = self.send_goal.take::<SendGoalRequest>() {
+            return Some(Wish::Goal(caller, request.goal_id, Box::new(request.goal)));
         }
-        while let Some((caller, request)) = self.cancel_goal.take::<CancelGoalRequest>() {
-            wishes.extend(self.cancel(caller, &request.goal_info).into_iter().map(Wish::Cancel));
+        if let Some((caller, request)) = self.cancel_goal.take::<CancelGoalRequest>() {
+            return Some(Wish::Cancel(self.cancel(caller, &request.goal_info)));
         }
         while let Some((caller, request)) = self.get_result.take::<GetResultRequest>() {
             match self.goals.iter().find(|goal| goal.info.goal_id == request.goal_id) {
@@ -86,7 +86,7 @@ impl ActionServer {
                 }
             }
         }
-        wishes
+        None
     }
 
     /// Whether there is such a goal already.
@@ -191,5 +191,52 @@ fn result(goal: Option<&Known>) -> GetResultResponse {
             error_code: ErrorCode::InvalidGoal,
             error_string: "there is no such goal, or it ended too long ago".to_owned(),
         },
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
+mod tests {
+    use std::time::Duration;
+
+    use super::*;
+
+    #[test]
+    fn all_goals_that_are_cancelled_include_one_that_came_just_before() {
+        let _alone = crate::dds::tests::alone();
+        let (here, there) = (Dds::open(232, None).unwrap(), Dds::open(232, None).unwrap());
+        let mut server = ActionServer::offer(&here, "/test").unwrap();
+        let writer = |part: &str, kind: &str| {
+            let name = format!("rq/test/_action/{part}Request");
+            there.writer(&name, &dds_type(&format!("{kind}_Request")), &qos(10, false)).unwrap()
+        };
+        let goals = writer("send_goal", &format!("{ACTION}_SendGoal"));
+        let cancels = writer("cancel_goal", "action_msgs/srv/CancelGoal");
+        // Nothing here takes so long.
+        for round in 1..100 {
+            let id = [round; 16];
+            goals.write(encode(&SendGoalRequest { goal_id: id, goal: Goal::default() }), None).unwrap();
+            std::thread::sleep(Duration::from_millis(200));
+            // All of them.
+            let all = GoalInfo { goal_id: Uuid::default(), stamp: Time::default() };
+            cancels.write(encode(&all), None).unwrap();
+            std::thread::sleep(Duration::from_millis(200));
+            let (mut accepted, mut cancelled) = (Vec::new(), None);
+            while let Some(wish) = server.take() {
+                match wish {
+                    Wish::Goal(caller, id, _) => {
+                        server.accept(caller, id);
+                        accepted.push(id);
+                    }
+                    Wish::Cancel(ids) => cancelled = Some(ids),
+                }
+            }
+            // Until both ends know each other, requests are lost.
+            if let Some(cancelled) = cancelled.filter(|_| accepted.contains(&id)) {
+                assert_eq!(cancelled, accepted);
+                return;
+            }
+        }
+        panic!("no request has come");
     }
 }

@@ -5,12 +5,14 @@ use tesaki::control::JointPoint;
 use tesaki::protocol::JointTelemetry;
 use tesaki::robot::{JointConfig, Robot};
 
-use crate::messages::{ErrorCode, Goal, Point, Time};
+use crate::messages::{ErrorCode, Goal, JointTrajectory, Point, Time};
 use crate::tolerances::Tolerances;
 use crate::trajectory::{Refused, Trajectory};
 
 /// Below this speed a joint rests [rad/s].
 const AT_REST: f32 = 1e-6;
+/// A control period [ns].
+const PERIOD: u64 = 10_000_000;
 
 /// How a goal ended.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -28,6 +30,8 @@ struct Motion {
     tolerances: Tolerances,
     /// When it begins [ns since 1970]; 0 at once.
     stamp: u64,
+    /// What it is made of, until it begins.
+    delayed: Option<JointTrajectory>,
     /// The tick at which it began.
     begun: Option<u32>,
 }
@@ -93,10 +97,25 @@ impl Controller {
                 "the trajectory begins in the past by its stamp: a stamp of 0 means at once",
             ));
         }
-        let trajectory = Trajectory::check(&goal.trajectory, &self.robot, &self.references)?;
+        let references = self.braked(stamp.saturating_sub(now) / PERIOD);
+        let trajectory = Trajectory::check(&goal.trajectory, &self.robot, &references)?;
         let tolerances = Tolerances::of(goal, defaults)?;
-        (self.motion, self.cancels) = (Some(Motion { trajectory, tolerances, stamp, begun: None }), false);
+        let delayed = (stamp != 0).then(|| goal.trajectory.clone());
+        self.motion = Some(Motion { trajectory, tolerances, stamp, delayed, begun: None });
+        self.cancels = false;
         Ok(())
+    }
+
+    /// The references after so many `periods` in which the joints brake.
+    fn braked(&self, periods: u64) -> Vec<JointPoint> {
+        let mut references = self.references.clone();
+        for _ in 0..periods {
+            if references.iter().all(|point| point.velocity.abs() < AT_REST) {
+                break;
+            }
+            brake(&self.robot, &mut references);
+        }
+        references
     }
 
     /// Brakes; the goal has ended as soon as the joints are at rest.
@@ -118,9 +137,11 @@ impl Controller {
     /// Goes on to the period after `tick`, in which the joints were as measured. Returns how the goal ended,
     /// if it did.
     pub fn step(&mut self, tick: u32, now: u64, joints: &[JointTelemetry]) -> Option<Outcome> {
-        for (config, point) in self.robot.joints().iter().zip(&mut self.references) {
-            let next = config.brake(point);
-            *point = if next.velocity.abs() < AT_REST { rest(next.position) } else { next };
+        let begun = self.begin_delayed(now);
+        brake(&self.robot, &mut self.references);
+        if let Err(refused) = begun {
+            self.motion = None;
+            return Some(Outcome::Failed(refused));
         }
         let Some(motion) = &mut self.motion else {
             let is_canceled = self.cancels && self.is_at_rest();
@@ -133,7 +154,7 @@ impl Controller {
         // One that was reset meanwhile begins anew, and is disabled.
         let ticks = tick.wrapping_sub(*motion.begun.get_or_insert(tick));
         let time = f64::from(TICK) * (f64::from(ticks) + 1.0);
-        for (joint, point) in motion.trajectory.at(time) {
+        for (joint, point) in motion.trajectory.points(time) {
             if let Some(reference) = self.references.get_mut(joint) {
                 *reference = point;
             }
@@ -152,6 +173,16 @@ impl Controller {
         outcome
     }
 
+    /// A goal whose stamp has come begins from where the references are by now.
+    fn begin_delayed(&mut self, now: u64) -> Result<(), Refused> {
+        if let Some(motion) = self.motion.as_mut().filter(|motion| motion.stamp <= now)
+            && let Some(message) = motion.delayed.take()
+        {
+            motion.trajectory = Trajectory::check(&message, &self.robot, &self.references)?;
+        }
+        Ok(())
+    }
+
     /// Feedback on the goal: its joints' names, and where they are to be and are.
     pub fn feedback(&self, joints: &[JointTelemetry]) -> Option<(Vec<String>, [Point; 3])> {
         let own = self.motion.as_ref()?.trajectory.joints();
@@ -168,6 +199,14 @@ impl Controller {
         };
         let error = Point { positions: values(|joint| joint.reference - joint.position), ..Point::default() };
         Some((names.collect(), [desired, actual, error]))
+    }
+}
+
+/// Brakes all joints for a period.
+fn brake(robot: &Robot, references: &mut [JointPoint]) {
+    for (config, point) in robot.joints().iter().zip(references) {
+        let next = config.brake(point);
+        *point = if next.velocity.abs() < AT_REST { rest(next.position) } else { next };
     }
 }
 

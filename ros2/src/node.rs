@@ -26,6 +26,8 @@ const TURN: Duration = Duration::from_millis(2);
 const KEEP_ALIVE: Duration = Duration::from_millis(20);
 /// Without telemetry for this time, nothing is commanded any more.
 const BLIND: Duration = Duration::from_millis(500);
+/// Telemetry that was sent before the board was enabled may arrive for so long after.
+const LATE: Duration = Duration::from_millis(200);
 /// Without telemetry for this time, the streams are requested again.
 const SILENCE: Duration = Duration::from_millis(700);
 /// How long a board that may be gone is asked.
@@ -50,6 +52,8 @@ const GLOBAL: &[&str] = &["/tf", "/tf_static", "/diagnostics", "/rosout"];
 /// A board that this node has enabled.
 pub struct Enabled {
     pub controller: Controller,
+    /// When the board said so.
+    pub since: Instant,
     /// Whether the telemetry has shown that.
     pub seen: bool,
     /// Faults of the board before.
@@ -60,6 +64,21 @@ pub struct Enabled {
     pub told: Instant,
     /// When the board was last kept enabled.
     pub kept: Instant,
+}
+
+impl Enabled {
+    /// Whether telemetry with this mode and so many faults says that the board is not enabled any more, or by
+    /// somebody else.
+    fn is_over(&mut self, mode: Mode, faults: u32) -> bool {
+        self.seen |= mode == Mode::Enabled(TaskKind::JointServo);
+        // What was sent before the board was enabled may still arrive.
+        let is_current = self.seen || self.since.elapsed() > LATE;
+        match mode {
+            Mode::Enabled(TaskKind::JointServo) => false,
+            Mode::Fault => is_current || faults != self.faults,
+            Mode::Disabled | Mode::Enabled(_) => is_current,
+        }
+    }
 }
 
 /// The model on the board.
@@ -268,18 +287,13 @@ impl<'a> Node<'a> {
     /// Notices that the board is not enabled any more, or by somebody else.
     fn follow_mode(&mut self) -> Result<(), Failure> {
         let (Some(enabled), Some(telemetry)) = (&mut self.enabled, &self.telemetry) else { return Ok(()) };
+        if !enabled.is_over(telemetry.mode, telemetry.faults) {
+            return Ok(());
+        }
         let why = match telemetry.mode {
-            Mode::Enabled(TaskKind::JointServo) => {
-                enabled.seen = true;
-                return Ok(());
-            }
-            // What was sent before the board was enabled may still arrive.
-            Mode::Fault if enabled.seen || telemetry.faults != enabled.faults => {
-                format!("the board is in fault: {}", self.fault_text())
-            }
-            Mode::Disabled if enabled.seen => "another program disabled the board".to_owned(),
-            Mode::Enabled(task) if enabled.seen => format!("another program enabled {task}"),
-            _ => return Ok(()),
+            Mode::Fault => format!("the board is in fault: {}", self.fault_text()),
+            Mode::Disabled => "another program disabled the board".to_owned(),
+            Mode::Enabled(task) => format!("another program enabled {task}"),
         };
         self.forget_enabled(&why)
     }
@@ -458,5 +472,34 @@ impl<'a> Node<'a> {
             std::thread::sleep(TURN);
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
+mod tests {
+    use super::*;
+    use crate::trajectory::tests::hand;
+
+    /// A board that was enabled so long ago.
+    fn enabled(ago: Duration) -> Enabled {
+        let (controller, now) = (Controller::hold(hand(), &[0.0; 9]), Instant::now());
+        let since = now.checked_sub(ago).unwrap();
+        Enabled { controller, since, seen: false, faults: 3, goal: None, told: now, kept: now }
+    }
+
+    #[test]
+    fn a_board_that_is_disabled_right_after_it_was_enabled_is_not_taken_for_enabled() {
+        let servo = Mode::Enabled(TaskKind::JointServo);
+        // Telemetry of before.
+        let mut new = enabled(Duration::ZERO);
+        assert!(!new.is_over(Mode::Disabled, 3) && !new.is_over(Mode::Fault, 3));
+        assert!(new.is_over(Mode::Fault, 4));
+        // It was enabled before.
+        assert!(!new.is_over(servo, 3) && new.is_over(Mode::Disabled, 3));
+        // It never was, as far as can be seen.
+        assert!(enabled(2 * LATE).is_over(Mode::Disabled, 3));
+        assert!(enabled(2 * LATE).is_over(Mode::Enabled(TaskKind::Impedance), 3));
+        assert!(!enabled(2 * LATE).is_over(servo, 3));
     }
 }

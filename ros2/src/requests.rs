@@ -82,9 +82,10 @@ impl Node<'_> {
                 self.services.all()[number].reply(caller, &response);
             }
         }
-        for wish in self.action.take() {
+        // One at a time: to check a goal takes a while, in which the board is not listened to.
+        if let Some(wish) = self.action.take() {
             match wish {
-                Wish::Cancel(id) => self.cancel(&id)?,
+                Wish::Cancel(ids) => ids.iter().try_for_each(|id| self.cancel(id))?,
                 Wish::Goal(caller, id, goal) => match self.begin(&id, &goal) {
                     Ok(()) => self.action.accept(caller, id),
                     Err(refused) => {
@@ -100,10 +101,8 @@ impl Node<'_> {
 
     /// Answers what clients ask at the end.
     pub fn refuse_goals(&mut self) {
-        for wish in self.action.take() {
-            if let Wish::Goal(caller, ..) = wish {
-                self.action.refuse(caller);
-            }
+        if let Some(Wish::Goal(caller, ..)) = self.action.take() {
+            self.action.refuse(caller);
         }
     }
 
@@ -136,7 +135,8 @@ impl Node<'_> {
         }
         let now = Instant::now();
         let controller = Controller::hold(robot, &positions);
-        self.enabled = Some(Enabled { controller, seen: false, faults, goal: None, told: now, kept: now });
+        let (seen, goal) = (false, None);
+        self.enabled = Some(Enabled { controller, since: now, seen, faults, goal, told: now, kept: now });
         let falls = load.map_or_else(String::new, |load| format!("; {load}"));
         Ok(format!("enabled: the joints hold{falls}"))
     }

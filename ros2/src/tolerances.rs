@@ -21,7 +21,7 @@ struct Tolerance {
 pub struct Tolerances {
     path: Vec<Tolerance>,
     goal: Vec<Tolerance>,
-    /// Time after the last point within which all joints must have arrived [s].
+    /// Time after the last point within which all joints must have arrived [s]; infinite without a limit.
     time: f64,
 }
 
@@ -33,9 +33,6 @@ impl Tolerances {
     pub fn of(goal: &Goal, defaults: &Defaults) -> Result<Self, Refused> {
         let names = &goal.trajectory.joint_names;
         let time = goal.goal_time_tolerance.seconds();
-        if time < 0.0 {
-            return Err(Refused::new(ErrorCode::InvalidGoal, format!("goal_time_tolerance is {time} s")));
-        }
         Ok(Self {
             path: each(names, &goal.path_tolerance, "path_tolerance", Tolerance::default())?,
             goal: each(
@@ -44,7 +41,7 @@ impl Tolerances {
                 "goal_tolerance",
                 Tolerance { position: Some(defaults.tolerance), velocity: None },
             )?,
-            time: if time > 0.0 { time } else { defaults.time },
+            time: limit(time, Some(defaults.time)).unwrap_or(f64::INFINITY),
         })
     }
 
@@ -77,7 +74,7 @@ impl Tolerances {
         late: f64,
         name: impl Fn(usize) -> &'a str,
     ) -> Option<Outcome> {
-        let away = trajectory.end().into_iter().zip(&self.goal).find_map(|((joint, goal), tolerance)| {
+        let away = trajectory.end().zip(&self.goal).find_map(|((joint, goal), tolerance)| {
             let state = joints.get(joint)?;
             let distance = f64::from((goal.position - state.position).abs());
             let speed = f64::from(state.velocity.abs());
@@ -96,6 +93,15 @@ impl Tolerances {
             ))),
             Some(_) => None,
         }
+    }
+}
+
+/// The limit that a number means.
+fn limit(value: f64, default: Option<f64>) -> Option<f64> {
+    match value {
+        value if value > 0.0 => Some(value),
+        value if value < 0.0 => None,
+        _ => default,
     }
 }
 
@@ -123,11 +129,6 @@ fn each(
             return Err(Refused::new(ErrorCode::InvalidGoal, text));
         }
     }
-    let limit = |value: f64, default: Option<f64>| match value {
-        value if value > 0.0 => Some(value),
-        value if value < 0.0 => None,
-        _ => default,
-    };
     let of = |name: &String| match given.iter().find(|tolerance| tolerance.name == *name) {
         Some(own) => Tolerance {
             position: limit(own.position, default.position),

@@ -9,8 +9,8 @@ use tesaki::robot::{Concerns as _, LimitRefusal, Robot};
 
 use crate::messages::{ErrorCode, JointTrajectory, Point, Time};
 
-/// The longest trajectory [s].
-const MAX_DURATION: f64 = 3600.0;
+/// The longest trajectory [s]: while it is checked, the board is not listened to.
+const MAX_DURATION: f64 = 300.0;
 /// A first point at time 0 may be so far from where the joint is [rad]: planners begin at measured angles.
 pub const START_TOLERANCE: f64 = 0.02;
 /// A trajectory ends at rest: below this speed [rad/s].
@@ -115,7 +115,7 @@ impl Trajectory {
         let mut time = 0.0;
         while time < self.duration() {
             time += f64::from(TICK);
-            for (joint, point) in self.at(time) {
+            for (joint, point) in self.points(time) {
                 let (Some(config), Some(before)) = (robot.joints().get(joint), before.get_mut(joint)) else {
                     continue;
                 };
@@ -140,23 +140,21 @@ impl Trajectory {
         &self.joints
     }
 
-    /// Where its joints are to be at `time` [s], each with its index.
-    pub fn at(&self, time: f64) -> Vec<(usize, JointPoint)> {
+    /// Where its joints are to be at `time` [s], each with its index; at rest from its end on.
+    pub fn points(&self, time: f64) -> impl Iterator<Item = (usize, JointPoint)> {
+        let last = self.times.len().saturating_sub(1);
         let next = self.times.partition_point(|&knot| knot <= time);
-        let (Some(times), Some(knots)) =
-            (self.times.get(next.saturating_sub(1)..=next), self.knots.get(next.saturating_sub(1)..=next))
-        else {
-            return self.end();
-        };
-        let (from, to) = (knots[0].iter(), knots[1].iter());
-        let spline = |(a, b)| narrow(spline(a, b, times[1] - times[0], time - times[0]));
-        self.joints.iter().copied().zip(from.zip(to).map(spline)).collect()
+        let (from, to) = (next.saturating_sub(1), next.min(last));
+        let (start, duration) = (self.times[from], self.times[to] - self.times[from]);
+        let knots = self.knots[from].iter().zip(&self.knots[to]);
+        self.joints.iter().copied().zip(knots.map(move |(a, b)| {
+            narrow(if from == to { [b.position, 0.0, 0.0] } else { spline(a, b, duration, time - start) })
+        }))
     }
 
     /// Where its joints are at its end, at rest.
-    pub fn end(&self) -> Vec<(usize, JointPoint)> {
-        let rest = |knot: &Knot| narrow([knot.position, 0.0, 0.0]);
-        self.joints.iter().copied().zip(self.knots.last().into_iter().flatten().map(rest)).collect()
+    pub fn end(&self) -> impl Iterator<Item = (usize, JointPoint)> {
+        self.points(f64::INFINITY)
     }
 }
 
@@ -214,7 +212,8 @@ fn knot(number: usize, point: &Point, names: &[String]) -> Result<Vec<Knot>, Ref
         .collect())
 }
 
-/// A first point at time 0 says how the motion begins: from where the joints are, which must be near it.
+/// A first point at time 0 says how the motion begins: from where the joints are, which must be near it, and
+/// as they move there. What it does not state is left open.
 fn begin_with(start: &mut [Knot], first: &[Knot], names: &[String]) -> Result<(), Refused> {
     for ((start, first), name) in start.iter_mut().zip(first).zip(names) {
         let distance = (first.position - start.position).abs();
@@ -225,7 +224,8 @@ fn begin_with(start: &mut [Knot], first: &[Knot], names: &[String]) -> Result<()
                 start.position, first.position
             ));
         }
-        (start.velocity, start.acceleration) = (first.velocity, first.acceleration);
+        start.velocity = start.velocity.filter(|_| first.velocity.is_some());
+        start.acceleration = start.acceleration.filter(|_| first.acceleration.is_some());
     }
     Ok(())
 }

@@ -5,7 +5,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use tesaki::model::RobotModel;
 use tesaki::protocol::{JointTelemetry, Mode, Status, Stream, TaskReport, Telemetry, Tips};
 use tesaki_description::frames::{Frames, Placed};
-use tesaki_description::robot::RobotFolder;
+use tesaki_description::robot::{RobotFolder, chain_model};
 use tesaki_recording::{Diagnostic, Health, LogLevel, McapError, Publisher, Sink, Transform};
 
 use crate::task_report::{Pose, Report, report};
@@ -34,12 +34,18 @@ pub struct OtherRobot {
 /// # Errors
 /// It is another one.
 pub fn require_own(folder: Option<&RobotFolder>, model: &RobotModel) -> Result<(), OtherRobot> {
-    match folder.filter(|folder| folder.model.name != model.name) {
+    match folder.filter(|folder| !is_of(folder, model)) {
         Some(other) => {
             Err(OtherRobot { board: model.name.to_string(), folder: other.model.name.to_string() })
         }
         None => Ok(()),
     }
+}
+
+/// Whether a model is that of the folder, or of one of its chains.
+fn is_of(folder: &RobotFolder, model: &RobotModel) -> bool {
+    let chain = |index| chain_model(&folder.model, index).is_some_and(|chain| chain.name == model.name);
+    folder.model.name == model.name || (0..folder.model.chains.len()).any(chain)
 }
 
 /// Makes messages of what a board sends.
@@ -95,7 +101,7 @@ impl<S: Sink> Publication<S> {
         self.tips =
             chains.iter().map(|chain| (chain.name.to_string(), chain.force_sensor.is_some())).collect();
         self.frames = model.map_or_else(Frames::default, |(model, _)| {
-            let own = self.folder.as_ref().filter(|folder| folder.model.name == model.name);
+            let own = self.folder.as_ref().filter(|folder| is_of(folder, model));
             own.map_or_else(
                 || Frames::of_model(model),
                 |folder| Frames::of_urdf(&folder.urdf.robot, &self.names),
@@ -259,4 +265,35 @@ fn transform(placed: &Placed) -> Transform {
 fn wide(pose: Pose) -> tesaki_recording::Pose {
     let [x, y, z, a, b, c, d] = pose.map(f64::from);
     ([x, y, z], [a, b, c, d])
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
+mod tests {
+    use std::path::Path;
+
+    use tesaki_recording::Live;
+
+    use super::*;
+
+    fn folder(name: &str) -> RobotFolder {
+        RobotFolder::load(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots").join(name)).unwrap()
+    }
+
+    #[test]
+    fn a_board_of_one_finger_has_the_links_of_the_hands_folder() {
+        let (hand, arm) = (folder("hand3"), folder("arm7"));
+        let finger = chain_model(&hand.model, 1).unwrap();
+        require_own(Some(&hand), &hand.model).unwrap();
+        require_own(Some(&hand), &finger).unwrap();
+        let refused = require_own(Some(&arm), &finger).unwrap_err().to_string();
+        assert!(refused.contains("--robot is the folder of arm7"), "{refused}");
+
+        let links = hand.urdf.robot.links.clone();
+        let mut publication = Publication::new(Publisher::new(Live::default(), None), Some(hand));
+        publication.use_model(Some((&finger, 1)));
+        let moving = publication.frames.moving(&vec![0.0; finger.joints.len()]);
+        assert_eq!(moving.len(), 3);
+        assert!(moving.iter().all(|placed| links.iter().any(|link| link.name == placed.child)));
+    }
 }

@@ -56,6 +56,11 @@ impl Board {
     fn swing(&self) -> JointPoint {
         self.controller.references()[0]
     }
+
+    /// Where the joint comes to rest if it brakes from now on [rad].
+    fn swing_at_rest(&self) -> f64 {
+        f64::from(self.controller.braked(u64::MAX)[0].position)
+    }
 }
 
 #[test]
@@ -80,6 +85,16 @@ fn a_joint_that_does_not_arrive_fails_the_goal_after_its_time() {
     let goal = Goal { goal_tolerance: vec![tolerance], ..swing(0.5, 0.0) };
     board.controller.follow(&goal, NOW, &DEFAULTS).unwrap();
     assert_eq!(board.run().0, Outcome::Succeeded);
+}
+
+#[test]
+fn a_goal_may_take_any_time_to_arrive() {
+    let mut board = Board { behind: 0.02, ..Board::new() };
+    let goal = Goal { goal_time_tolerance: Time { sec: -1, nanosec: 0 }, ..swing(0.5, 0.2) };
+    board.controller.follow(&goal, NOW, &DEFAULTS).unwrap();
+    (0..1000).for_each(|_| assert_eq!(board.step(), None));
+    board.behind = 0.0;
+    assert_eq!(board.step(), Some(Outcome::Succeeded));
 }
 
 #[test]
@@ -147,6 +162,57 @@ fn a_stamp_delays_a_goal_and_one_in_the_past_is_refused() {
     let state = board.state();
     assert_eq!(board.controller.step(108, NOW + 1, &state), None);
     assert!(board.swing().velocity > 0.0);
+}
+
+#[test]
+fn a_goal_with_a_stamp_goes_on_from_where_the_joints_are_when_it_begins() {
+    // It begins in motion, or once the joints are at rest, with a first point where they are then.
+    for (delay, is_at_rest) in [(0.005, false), (0.02, true), (0.5, true)] {
+        let mut board = Board::new();
+        board.controller.follow(&swing(1.0, 0.5), NOW, &DEFAULTS).unwrap();
+        (0..50).for_each(|_| assert_eq!(board.step(), None));
+        assert!(board.swing().velocity > 0.7);
+        let first = is_at_rest.then(|| point(0.0, &[board.swing_at_rest()], &[0.0], &[]));
+        let points: Vec<Point> = first.into_iter().chain([point(1.0, &[0.1], &[0.0], &[])]).collect();
+        let mut delayed = goal(message(&["finger1_swing"], &points));
+        let stamp = NOW + nanoseconds(crate::trajectory::tests::duration(delay));
+        delayed.trajectory.header.stamp = Time::of_nanoseconds(stamp);
+        board.controller.follow(&delayed, NOW, &DEFAULTS).unwrap();
+        let torque = board.controller.robot().joints()[0].limits.torque;
+        let most = board.controller.robot().joints()[0].servo.acceleration(torque) * TICK;
+        let outcome = (1..300).find_map(|period| {
+            let (before, state) = (board.swing(), board.state());
+            board.tick += 1;
+            let outcome = board.controller.step(board.tick, NOW + period * PERIOD, &state);
+            let after = board.swing();
+            let moved = (after.position - before.position) / TICK;
+            let mean = 0.5 * (before.velocity + after.velocity);
+            assert!((after.velocity - before.velocity).abs() <= most, "{period} {before:?} {after:?}");
+            assert!((moved - mean).abs() < 0.05, "{period} {before:?} {after:?}");
+            outcome
+        });
+        assert_eq!(outcome, Some(Outcome::Succeeded));
+    }
+}
+
+#[test]
+fn a_goal_with_a_stamp_fails_where_it_cannot_begin() {
+    let mut board = Board::new();
+    board.controller.follow(&swing(0.5, 0.9), NOW, &DEFAULTS).unwrap();
+    (0..25).for_each(|_| assert_eq!(board.step(), None));
+    // Near enough to where it comes to rest, and too far from where it is.
+    let first = board.swing_at_rest() + 0.019;
+    let mut delayed = swing(0.2, first);
+    delayed.trajectory.points.insert(0, point(0.0, &[first], &[0.0], &[]));
+    delayed.trajectory.header.stamp = Time::of_nanoseconds(NOW + 1_000_000_000);
+    board.controller.follow(&delayed, NOW, &DEFAULTS).unwrap();
+    // The clock was set: the joints have not come to rest.
+    let (before, state) = (board.swing(), board.state());
+    let outcome = board.controller.step(board.tick + 1, NOW + 2_000_000_000, &state);
+    let Some(Outcome::Failed(refused)) = outcome else { panic!("{outcome:?}") };
+    assert!(refused.reason.contains("the trajectory begins at"), "{refused}");
+    let braked = board.controller.robot().joints()[0].brake(&before);
+    assert_eq!((board.swing().position, board.swing().velocity), (braked.position, braked.velocity));
 }
 
 #[test]
