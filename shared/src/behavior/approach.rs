@@ -235,6 +235,10 @@ impl Approach {
     /// The board has refused a command. That of a contact which is not reported yet is no news; others end
     /// the try.
     pub fn refused(&mut self, refusal: &VisualApproachRefusal) {
+        if matches!(self.phase, Phase::Done | Phase::Failed(_)) {
+            // It is of a command before the end.
+            return;
+        }
         self.refused += 1;
         match *refusal {
             // The contact that stopped the pull was there before a report of the motion.

@@ -332,6 +332,14 @@ fn what_the_hand_runs_into_ends_the_try() {
 }
 
 #[test]
+fn a_refusal_that_comes_after_the_end_changes_nothing() {
+    let mut world = World::new();
+    assert_eq!(world.run(|world| Some(world.rose_seen())), Phase::Done);
+    world.approach.refused(&VisualApproachRefusal::Target { distance: 1.0, reach: 0.5 });
+    assert_eq!(world.run(|world| Some(world.rose_seen())), Phase::Done);
+}
+
+#[test]
 fn from_beside_a_knob_that_is_not_held_the_hand_goes_straight_back_and_slowly() {
     // The world fails when the fingers go into the knob, or fast beside it.
     let mut world = World { slips: true, ..World::new() };

@@ -79,19 +79,24 @@ impl ForceSensorState {
 
     /// Checks the last reading.
     fn check(&self, sensor: &ForceSensor, force: &Vector3<f32>, tared: bool) -> Option<Finding> {
-        let found = |cause, value, limit| Some(Finding { cause, value, limit });
-        #[expect(clippy::cast_precision_loss, reason = "for display")]
-        {
-            if let Some(&count) = self.counts.iter().find(|count| count.unsigned_abs() >= sensor.saturation) {
-                return found(FaultCause::ForceSaturated, abs(count as f32), sensor.saturation as f32);
-            }
-            if self.unchanged >= STUCK_TICKS {
-                return found(FaultCause::ForceStuck, self.unchanged.into(), STUCK_TICKS.into());
-            }
-        }
+        let fault = self.counts_fault(sensor);
         let size = math::sqrt(force.norm_squared());
-        let overload = tared && size > sensor.force_limit;
-        if overload { found(FaultCause::ForceLimit, size, sensor.force_limit) } else { None }
+        if fault.is_some() || !tared || size <= sensor.force_limit {
+            return fault;
+        }
+        Some(Finding { cause: FaultCause::ForceLimit, value: size, limit: sensor.force_limit })
+    }
+
+    /// What the counts alone show.
+    #[expect(clippy::cast_precision_loss, reason = "for display")]
+    fn counts_fault(&self, sensor: &ForceSensor) -> Option<Finding> {
+        if let Some(&count) = self.counts.iter().find(|count| count.unsigned_abs() >= sensor.saturation) {
+            let (value, limit) = (abs(count as f32), sensor.saturation as f32);
+            return Some(Finding { cause: FaultCause::ForceSaturated, value, limit });
+        }
+        let stuck = self.unchanged >= STUCK_TICKS;
+        let (value, limit) = (self.unchanged.into(), STUCK_TICKS.into());
+        stuck.then_some(Finding { cause: FaultCause::ForceStuck, value, limit })
     }
 
     /// What comes now is no reading: what was read before is not what the sensor reads next.
@@ -99,9 +104,9 @@ impl ForceSensorState {
         self.initialized = false;
     }
 
-    /// Whether the last tick had a reading.
-    pub const fn has_read(&self) -> bool {
-        self.initialized
+    /// Whether the last tick had a reading, of a sensor that lives and is within its range.
+    pub fn has_read(&self, sensor: &ForceSensor) -> bool {
+        self.initialized && self.counts_fault(sensor).is_none()
     }
 
     /// Takes the filtered reading as the offset without contact.

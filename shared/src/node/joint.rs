@@ -283,6 +283,13 @@ impl Joint<'_> {
         *self.velocity = last;
     }
 
+    /// Whether no joint can have come from its last position to `count` in so many periods.
+    #[cold]
+    pub fn leaps_to(&self, count: i32, periods: f32) -> bool {
+        let change = self.state.angle(self.config, count) - *self.position;
+        abs(change) > self.config.jump * periods
+    }
+
     /// Reads the encoder in a tick.
     #[inline]
     pub fn read(&mut self, count: i32) {

@@ -162,6 +162,8 @@ impl Node {
         let robot = self.robot.loaded()?;
         let fault = |cause, joint, value, limit| Some(Fault { cause, joint, value, limit, tick });
         if let Some((got, expected)) = wrong_count(robot, sensors) {
+            // Whose counts these are is not known: nothing is homed by those of before.
+            self.state.sensed = false;
             #[expect(clippy::cast_precision_loss, reason = "at most 16")]
             return fault(FaultCause::SensorCount, None, got as f32, expected as f32);
         }
@@ -174,8 +176,10 @@ impl Node {
         } else if elapsed.cast_signed() > 1 {
             #[expect(clippy::cast_precision_loss, reason = "exact for hours")]
             let periods = elapsed as f32;
+            // A leap shows as one of this tick.
             let joints = all.each().zip(&sensors.encoders);
-            joints.for_each(|(mut joint, &count)| joint.catch_up(count, periods));
+            let moved = joints.filter(|(joint, count)| !joint.leaps_to(**count, periods));
+            moved.for_each(|(mut joint, &count)| joint.catch_up(count, periods));
         }
         let mut suspect = sensors.flags.dead_encoder().is_some();
         for ((mut joint, &count), &current) in all.each().zip(&sensors.encoders).zip(&sensors.currents) {
@@ -439,7 +443,12 @@ fn wrong_count(robot: &Robot, sensors: &SensorFrame) -> Option<(usize, usize)> {
     let (joints, forces) = (robot.joints().len(), robot.force_sensors());
     let counts =
         [(sensors.encoders.len(), joints), (sensors.currents.len(), joints), (sensors.forces.len(), forces)];
-    counts.into_iter().find(|(got, expected)| got != expected)
+    // A board that tells of an encoder beyond them has more.
+    let dead = sensors.flags.dead_encoder().map(|index| (usize::from(index) + 1, joints));
+    counts
+        .into_iter()
+        .find(|(got, expected)| got != expected)
+        .or(dead.filter(|(got, expected)| got > expected))
 }
 
 /// What the board found wrong with the gauges of the first force sensor. Its last wrench stays.

@@ -100,6 +100,11 @@ pub trait Task {
         true
     }
 
+    /// Whether the tool touches something, as far as the task knows: force sensors are not tared then.
+    fn is_in_contact(&self) -> bool {
+        false
+    }
+
     /// Tares the force estimate of the task. `false` if the task estimates no forces.
     fn tare(&mut self) -> bool {
         false

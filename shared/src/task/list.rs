@@ -165,6 +165,11 @@ macro_rules! tasks {
                 match self { $(Self::$name(task) => task.may_tare()),* }
             }
 
+            /// See [`Task::is_in_contact`].
+            pub fn is_in_contact(&self) -> bool {
+                match self { $(Self::$name(task) => task.is_in_contact()),* }
+            }
+
             /// See [`Task::tare`].
             pub fn tare(&mut self) -> bool {
                 match self { $(Self::$name(task) => task.tare()),* }

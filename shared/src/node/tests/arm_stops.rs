@@ -9,8 +9,8 @@ use crate::control::{JointPoint, ServoMode};
 use crate::fault::FaultCause;
 use crate::model::Reaction;
 use crate::protocol::{ActuatorFrame, Mode, Refusal, Reply, Request};
-use crate::task::impedance::ImpedanceSettings;
 use crate::task::impedance::tests::SOFT;
+use crate::task::impedance::{ForceSource, ImpedanceSettings};
 use crate::task::joint_servo::JointCommand;
 use crate::task::{TaskCommand, TaskConfig};
 
@@ -82,6 +82,21 @@ fn force_sensors_are_not_tared_in_contact() {
     assert!(matches!(refusal(arm.rig.ask(Request::Tare)), Refusal::WrongMode(Mode::Enabled(_))));
     assert_eq!(arm.rig.ask(Request::Stop), Reply::Done);
     assert_eq!(refusal(arm.rig.ask(Request::Tare)), Refusal::WrongMode(Mode::Fault));
+}
+
+/// An estimate that is wrong by a constant looks like a contact.
+#[test]
+fn in_contact_the_estimate_is_tared_and_the_force_sensor_is_not() {
+    let observing = ImpedanceSettings { force: ForceSource::Observer { bandwidth: 30.0 }, ..SOFT };
+    let mut arm = SimulatedArm::enabled(&observing, Some(SENSOR));
+    let push = Vector3::new(0.0, 0.0, 20.0);
+    arm.run(100, Vector3::zeros());
+    arm.run(60, push);
+    let read = |arm: &SimulatedArm| Vector3::from(arm.rig.node.tips().tips[0].force);
+    assert!((read(&arm) - push).norm() < 1.0, "{}", read(&arm));
+    assert_eq!(arm.rig.ask(Request::Tare), Reply::Done);
+    arm.run(1, push);
+    assert!((read(&arm) - push).norm() < 1.0, "{}", read(&arm));
 }
 
 #[test]

@@ -186,6 +186,25 @@ fn a_sensor_that_gives_no_wrench_is_not_tared() {
     assert_eq!(rig.ask(Request::Tare), Reply::Done);
 }
 
+/// Its own counts show as much as what the board tells.
+#[test]
+fn a_dead_or_saturated_sensor_is_not_tared() {
+    let mut rig = fingers_with_force_sensors([[300, 0, 0, 0, 0, 0], [0; 6]]);
+    for tick in 0..60 {
+        rig.sensors.forces[1][5] = tick % 2;
+        rig.tick();
+    }
+    let Refusal::Unsafe(fault) = refusal(rig.ask(Request::Tare)) else { panic!() };
+    assert_eq!((fault.cause, fault.joint), (FaultCause::ForceStuck, Some(2)));
+    rig.sensors.forces[0][0] = 20_000;
+    rig.tick();
+    let Refusal::Unsafe(fault) = refusal(rig.ask(Request::Tare)) else { panic!() };
+    assert_eq!((fault.cause, fault.joint), (FaultCause::ForceSaturated, Some(2)));
+    rig.sensors.forces[0][0] = 301;
+    rig.tick();
+    assert_eq!(rig.ask(Request::Tare), Reply::Done);
+}
+
 /// A joint robot has no gauges to be told of.
 #[test]
 fn a_robot_without_force_sensors_ignores_what_is_told_of_gauges() {

@@ -307,7 +307,16 @@ pub fn slow_holding_hand(plan: GraspPlan, torque_rate: f32) -> Bench {
 
 /// A hand with this torque rate [N·m/s] that grasps an object as `plan` says, up to a phase.
 fn hand_that_grasps(plan: GraspPlan, phase: Phase, torque_rate: f32) -> Bench {
-    let mut model = hand();
+    hand_of_model_that_grasps(hand(), plan, phase, torque_rate)
+}
+
+/// As [`hand_that_grasps`], one of this model.
+fn hand_of_model_that_grasps(
+    mut model: RobotModel,
+    plan: GraspPlan,
+    phase: Phase,
+    torque_rate: f32,
+) -> Bench {
     for JointModel { limits, .. } in &mut model.joints {
         // Joints under torques follow no targets.
         (limits.following_error, limits.torque_rate) = (1.0, torque_rate);
@@ -325,7 +334,7 @@ fn hand_that_grasps(plan: GraspPlan, phase: Phase, torque_rate: f32) -> Bench {
             break;
         }
     }
-    assert_eq!(seen(&mut bench).phase, phase);
+    assert_eq!(seen(&mut bench).phase, phase, "{:?}", seen(&mut bench).failure);
     bench
 }
 
@@ -391,6 +400,35 @@ fn accumulated_joint_targets_move_the_contacts_with_the_object() {
         let moved = after - before;
         // Tips that were points, or closed-form targets, would be off by up to 0.15 rad.
         assert!((moved - changes[joint]).abs() < 3e-3, "{joint}: {moved}, not {}", changes[joint]);
+    }
+}
+
+/// The tip of a finger whose second joint is at `b` and whose third one turns from 0.8 to 1.2 rad moves by
+/// 51.78 mm · (sin(b + 1.2) − sin(b + 0.8), cos(b + 1.2) − cos(b + 0.8)). On the straight line the second
+/// joint must go back by 26 mrad in between.
+#[test]
+fn a_motion_through_what_is_out_of_reach_ends_where_it_was_and_the_hand_can_open() {
+    let servo = GraspPlan { joint_targets: JointTargets::ClosedForm, ..paper_plan() };
+    for plan in [servo, wrench_plan()] {
+        let mut model = hand();
+        model.joints[1].limits.lower = 0.495;
+        let mut bench = hand_of_model_that_grasps(model, plan, Phase::Hold, 200.0);
+        let translation = [0.001_455, 0.0, -0.020_52];
+        let request =
+            |translation| task(GraspCommand::Move { translation, rotation: [0.0; 3], duration: 1.0 });
+        assert_eq!(bench.ask(request(translation)), Reply::Done);
+        run_pressed(&mut bench, 110, true);
+        let stopped = seen(&mut bench);
+        assert_eq!((stopped.phase, stopped.failure), (Phase::Hold, Some(Failure::OutOfReach { finger: 0 })));
+        let angle = |bench: &Bench| bench.node.state.references[1].position;
+        assert!((angle(&bench) - 0.495).abs() < 2e-3, "{}", angle(&bench));
+        // Back, which is no failure, and open.
+        assert_eq!(bench.ask(request([0.0, 0.0, 0.002])), Reply::Done);
+        run_pressed(&mut bench, 110, true);
+        assert_eq!((seen(&mut bench).phase, seen(&mut bench).failure), (Phase::Hold, None));
+        assert_eq!(bench.ask(task(GraspCommand::Open)), Reply::Done);
+        run_pressed(&mut bench, 100, true);
+        assert_eq!(seen(&mut bench).phase, Phase::Ready);
     }
 }
 

@@ -188,7 +188,8 @@ fn a_stop_whose_ticks_are_missed_again_and_again_is_damped() {
 
 #[test]
 fn a_relative_encoder_that_jumps_has_lost_its_zero() {
-    for relative in [true, false] {
+    // Also while periods are missed.
+    for (relative, missed) in [(true, 0), (false, 0), (true, 1), (false, 1), (true, 20)] {
         let mut model = model();
         model.joints[1].encoder.relative = relative;
         let mut rig = Rig::ready(&model);
@@ -198,9 +199,11 @@ fn a_relative_encoder_that_jumps_has_lost_its_zero() {
         }
         assert_eq!(rig.enable(), Reply::Done);
         rig.tick();
-        rig.sensors.encoders[1] += 10_000;
+        // 0.96 rad in each of them.
+        rig.sensors.encoders[1] += 10_000 * (1 + missed);
+        rig.sensors.sequence += missed.cast_unsigned();
         rig.tick();
-        assert_eq!(rig.node.faults().faults[0].cause, FaultCause::EncoderJump);
+        assert_eq!(rig.node.faults().faults[0].cause, FaultCause::EncoderJump, "{missed}");
         (0..50).for_each(|_| _ = rig.tick());
         let Reply::Faults(log) = rig.ask(Request::ReadFaults) else { panic!() };
         assert_eq!(rig.ask(Request::ClearFaults { total: log.total }), Reply::Done);

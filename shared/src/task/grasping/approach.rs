@@ -162,7 +162,7 @@ impl GraspState {
         for (index, finger, reference, points, [position, velocity, acceleration]) in
             zip((0.., &hand.fingers, &mut self.reference, &mut output.points, setpoints))
         {
-            let angles = finger.inverse.nearest(position, reference).map_err(|_| index)?;
+            let angles = finger.target(position, reference).ok_or(index)?;
             let motion = TipPoint {
                 position: (*position).into(),
                 velocity: (*velocity).into(),

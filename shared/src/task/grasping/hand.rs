@@ -1,8 +1,10 @@
 use nalgebra::Vector3;
 
+use super::tuning::MAX_TARGET_STEP;
 use super::{FINGERS, PerFinger};
 use crate::control::JointPoint;
 use crate::kinematics::{Chain, Finger, Posture};
+use crate::math::abs;
 use crate::robot::{Actuation, Measured, Postures, Robot};
 
 /// The hand, as grasping needs it.
@@ -54,6 +56,17 @@ impl<'a> Hand<'a> {
             fingers.push(finger).ok()?;
         }
         Some(Self { fingers: fingers.into_array().ok()?, gravity: robot.gravity() })
+    }
+}
+
+impl HandFinger<'_> {
+    /// The joints' targets for a set-point of the tip's center, a tick after their `last` ones [rad]. `None`
+    /// out of reach; or where the limits of the joints forbid all postures but one that is far from the last.
+    #[inline]
+    pub fn target(&self, center: &Vector3<f32>, last: &[f32; 3]) -> Option<[f32; 3]> {
+        let angles = self.inverse.nearest(center, last).ok()?;
+        let is_near = angles.iter().zip(last).all(|(angle, last)| abs(angle - last) <= MAX_TARGET_STEP);
+        is_near.then_some(angles)
     }
 }
 

@@ -54,15 +54,22 @@ impl GraspState {
             JointTargets::ClosedForm => None,
             JointTargets::Accumulated => Some(self.trajectory.point().frame),
         };
+        let reached = self.trajectory;
         let target = self.trajectory.advance();
         let (forces, actuation) = self.control_object(plan, &inputs, &inverse, grip, &object, &target.frame);
         let mut output =
             HandOutput { torques: three.torques(&forces).map(Into::into), actuation, ..self.stand() };
         let step = previous.map(|previous| twist_between(&previous, &target.frame));
         if let Err(finger) = self.follow(hand, &three, &levers, &target, step.as_ref(), &mut output) {
-            // The motion ends; the grip stays.
+            // The motion ends at its last point; the grip stays, unless there was none yet.
+            self.trajectory = reached;
             self.trajectory.stop();
-            self.fail(Failure::OutOfReach { finger }, Phase::Hold);
+            let failure = Failure::OutOfReach { finger };
+            match self.phase {
+                Phase::Open => self.failure = Some(failure),
+                Phase::Squeeze | Phase::ProbeFriction => self.fail(failure, Phase::Open),
+                _ => self.fail(failure, Phase::Hold),
+            }
         }
         Ok(output)
     }
@@ -191,7 +198,7 @@ impl GraspState {
                 (Vector3::from(*reference) + change).into()
             } else {
                 let center = target.frame.transform_point(&(*center).into()).coords;
-                finger.inverse.nearest(&center, reference).map_err(|_| index)?
+                finger.target(&center, reference).ok_or(index)?
             };
             for (point, &position, &velocity, &acceleration) in
                 zip((points, &*reference, velocities, accelerations))

@@ -42,8 +42,11 @@ impl Task for Grasping {
     fn command(&mut self, io: Io<'_>, command: &GraspCommand) -> Result<(), GraspRefusal> {
         let hand = Hand::of(io.robot).ok_or(GraspRefusal::NotAHand)?;
         self.state.command(&hand, command)?;
-        if let GraspCommand::Grasp(GraspPlan { control: ObjectControl::Differential(mode), .. }) = command {
-            io.targets.servo_mode = *mode;
+        if let GraspCommand::Grasp(GraspPlan { control, .. }) = command {
+            io.targets.servo_mode = match control {
+                ObjectControl::Differential(mode) => *mode,
+                ObjectControl::Wrench(_) => ServoMode::Observer,
+            };
         }
         Ok(())
     }

@@ -65,6 +65,9 @@ pub(super) const MAX_ANGULAR_SPEED: f32 = 2.0;
 /// Fraction of the joints' torque limits that forces on the object may take. The rest is for gravity,
 /// friction and motion.
 pub(super) const TORQUE_FRACTION: f32 = 0.9;
+/// Change of a joint's target in a tick beyond which it is that of another posture [rad]. Larger lets a
+/// finger fold over; smaller ends fast motions.
+pub(super) const MAX_TARGET_STEP: f32 = 0.2;
 /// Bound of the integral part of (Hand3 eq. 19) against wind-up: force [N] and moment [N·m].
 pub(super) const MAX_INTEGRAL_FORCE: f32 = 10.0;
 /// See [`MAX_INTEGRAL_FORCE`].

@@ -146,6 +146,10 @@ impl Task for ImpedanceControl {
         !self.state.contact || self.state.estimates_force()
     }
 
+    fn is_in_contact(&self) -> bool {
+        self.state.contact
+    }
+
     fn tare(&mut self) -> bool {
         self.state.tare()
     }
