@@ -69,6 +69,28 @@ pub fn implausible_limits(model: &RobotModel) -> Vec<ImplausibleLimit> {
 
 type Text = Option<(String, String)>;
 
+/// A lower bound in three digits. It keeps the bound itself: rounded up.
+pub(super) fn at_least(bound: f32) -> String {
+    rounded(bound, f64::ceil)
+}
+
+/// An upper bound in three digits: rounded down.
+pub(super) fn at_most(bound: f32) -> String {
+    rounded(bound, f64::floor)
+}
+
+fn rounded(bound: f32, round: fn(f64) -> f64) -> String {
+    let bound = f64::from(bound);
+    #[expect(clippy::cast_possible_truncation, reason = "of a single-precision number")]
+    let decimals = 2 - bound.abs().log10().floor().clamp(-9.0, 2.0) as i32;
+    let unit = 10_f64.powi(-decimals);
+    // What is a multiple of the unit but for the last bits stays one.
+    let nearest = (bound / unit).round();
+    let exact = (bound / unit - nearest).abs() < 1e-4;
+    let multiple = if exact { nearest } else { round(bound / unit) };
+    format!("{:.*}", decimals.unsigned_abs() as usize, multiple * unit)
+}
+
 fn range(joint: &JointModel) -> f32 {
     joint.limits.upper - joint.limits.lower
 }
@@ -87,7 +109,7 @@ fn torque_rate(joint: &JointModel) -> Text {
             range(joint)
         );
         let least = 2.0 * torque * limits.velocity / (TRAVEL * range(joint));
-        (message, format!("{least:.1} N·m/s or more: a gear bears a full torque within some 10 ms"))
+        (message, format!("{} N·m/s or more: a gear bears a full torque within some 10 ms", at_least(least)))
     })
 }
 
@@ -100,7 +122,7 @@ fn following_error(joint: &JointModel) -> Text {
             "limits.following_error = {error} rad is less than the joint moves in a tick at its velocity limit, {step:.3} \
              rad: a fault at once"
         );
-        return Some((message, format!("at least {:.3} rad, three times that", 3.0 * step)));
+        return Some((message, format!("at least {} rad, three times that", at_least(3.0 * step))));
     }
     (error > largest).then(|| {
         let message = format!(
@@ -108,7 +130,7 @@ fn following_error(joint: &JointModel) -> Text {
              rad: never a fault",
             range(joint)
         );
-        (message, format!("at most {largest:.2} rad"))
+        (message, format!("at most {} rad", at_most(largest)))
     })
 }
 
@@ -189,5 +211,39 @@ mod tests {
         let found = implausible_limits(&deaf);
         assert_eq!(found.len(), 1);
         assert!(found[0].message.contains("20 N") && found[0].joint.is_none(), "{found:?}");
+    }
+
+    /// Whoever follows the advice is not given it again.
+    #[test]
+    fn what_is_advised_is_on_the_right_side_of_the_bound() {
+        for (bound, least, most) in [
+            (0.122_6, "0.123", "0.122"),
+            (0.18, "0.180", "0.180"),
+            (2.996, "3.00", "2.99"),
+            (0.003_001, "0.00301", "0.00300"),
+            (4.966, "4.97", "4.96"),
+            (123.4, "124", "123"),
+            (12_345.0, "12345", "12345"),
+        ] {
+            assert_eq!((at_least(bound).as_str(), at_most(bound).as_str()), (least, most), "{bound}");
+        }
+        let mut robot = robot("hand3");
+        for (torque, velocity) in [(0.02, 1.0), (0.6, 6.0), (0.37, 0.013)] {
+            let limits = &mut robot.joints[1].limits;
+            (limits.torque, limits.velocity) = (torque, velocity);
+            (limits.torque_rate, limits.following_error) = (1e-4, 1e-6);
+            for _ in 0..2 {
+                for limit in implausible_limits(&robot).iter().filter(|limit| limit.joint == Some(1)) {
+                    let number = |word: &str| word.parse::<f32>().ok();
+                    let advised = limit.advice.split(' ').find_map(number).unwrap();
+                    let limits = &mut robot.joints[1].limits;
+                    match limit.key {
+                        "limits.torque_rate" => limits.torque_rate = advised,
+                        _ => limits.following_error = advised,
+                    }
+                }
+            }
+            assert_eq!(implausible_limits(&robot), [], "{torque} N·m, {velocity} rad/s");
+        }
     }
 }

@@ -7,7 +7,7 @@ use tesaki::kinematics::Chain;
 use tesaki::model::{ChainJoint, JointModel, Motor, RobotModel};
 
 use super::RobotFolder;
-use super::limits::{ImplausibleLimit, implausible_limits};
+use super::limits::{ImplausibleLimit, at_least, implausible_limits};
 use crate::finding::{Finding, Report};
 use crate::line::line_of;
 use crate::load::{CoupledChains, JointLoad};
@@ -379,7 +379,8 @@ fn speed(joint: &JointModel, reports: &mut Reports<'_>) {
             "a move over half of its range reaches {peak:.2} rad/s, above its limit of {} rad/s: a fault",
             joint.limits.velocity
         );
-        let advice = format!("servo.filter_time = {:.2} or more", FILTER_PEAK * half / joint.limits.velocity);
+        let least = FILTER_PEAK * half / joint.limits.velocity;
+        let advice = format!("servo.filter_time = {} or more", at_least(least));
         reports.warning(joint, line, message, advice);
     }
 }

@@ -46,6 +46,7 @@ export class Charts {
   private readonly hidden = new Set<string>();
   private cursor: number | null = null;
   private range: [number, number] = [0, 1];
+  private readonly end = new AbortController();
 
   constructor(private readonly root: HTMLElement, panels: Panel[], private readonly options: Options = {}) {
     this.drawn = panels.map((panel) => {
@@ -57,8 +58,17 @@ export class Charts {
     });
     this.root.append(this.picker(), el("div", { class: "tv-panels" }, ...this.drawn.map(({ box }) => box)));
     for (const drawn of this.drawn) drawn.box.hidden = !drawn.panel.shown;
-    new ResizeObserver(() => this.resize()).observe(this.root);
-    onThemeChange(() => this.rebuild());
+    const resizes = new ResizeObserver(() => this.resize());
+    resizes.observe(this.root);
+    this.end.signal.addEventListener("abort", () => resizes.disconnect());
+    onThemeChange(() => this.rebuild(), this.end.signal);
+  }
+
+  /** Leaves nothing that would hold its values: listeners, and plots in the group with a common cursor. */
+  destroy(): void {
+    this.end.abort();
+    for (const { plot } of this.drawn) plot?.destroy();
+    this.root.replaceChildren();
   }
 
   /** Which quantities, and which of their signals. */

@@ -167,8 +167,8 @@ export class Live {
 
   private setScene(scene: Scene | null): void {
     this.scene = scene;
+    this.charts?.destroy();
     this.charts = null;
-    this.plots.replaceChildren();
     this.joints.replaceChildren();
     this.sliders = [];
     this.layout = "";
@@ -326,9 +326,6 @@ export class Live {
     const mode = state?.mode ?? "disabled";
     const running = mode === "enabled" ? (state?.task ?? "") : "";
     const hasData = this.hasData();
-    const layout = JSON.stringify([commander, mode, running, status.plans, status.falls !== null, hasData]);
-    if (layout === this.layout) return;
-    this.layout = layout;
     const words = {
       nobody: hasData ? "Nobody commands the board. This page only looks." : "There is no data from the board.",
       you: "This page commands the board.",
@@ -337,6 +334,9 @@ export class Live {
     }[commander];
     const { falls } = status;
     say(this.commander, falls && commander === "you" && mode !== "disabled" ? `${words} Mind: ${falls}.` : words);
+    const layout = JSON.stringify([commander, mode, running, status.plans, hasData]);
+    if (layout === this.layout) return;
+    this.layout = layout;
     const buttons: HTMLElement[] = [];
     const add = (text: string, command: Command, primary = false) =>
       buttons.push(button(text, primary ? "tv-primary" : "", () => this.send(command)));
@@ -410,6 +410,8 @@ export class Live {
     say(this.commander, "");
     for (const { input } of this.sliders) input.disabled = true;
     this.tell(reason || "`tesaki view` does not answer. This page tries again every second.", false);
+    // It goes with the next status.
+    this.notice.dataset.trouble = "yes";
   }
 
   /** Where the tips are [m], as drawn: for the tests of this page. */

@@ -75,7 +75,10 @@ export class RunView {
   private finish(end: NonNullable<Part["end"]>): void {
     this.isOver = true;
     this.player?.finish();
-    if (this.has.samples === 0) this.replay.replaceChildren(el("p", { class: "tv-excuse" }, "Nothing moves in this scenario."));
+    if (this.has.samples === 0) {
+      const excuse = "error" in end ? "The run ended before anything moved." : "Nothing moves in this scenario.";
+      this.replay.replaceChildren(el("p", { class: "tv-excuse" }, excuse));
+    }
     if ("error" in end) {
       this.setBadge("ended early", "fault");
       this.tell(end.error, false);

@@ -274,8 +274,11 @@ export class Stage {
 
   /** Shows a robot. */
   load(scene: Scene): void {
-    for (const figure of [this.figure, this.ghost]) if (figure) this.graph.remove(figure.root);
-    for (const { group } of this.objects) this.graph.remove(group);
+    for (const root of [this.figure?.root, this.ghost?.root, ...this.objects.map(({ group }) => group)]) {
+      if (!root) continue;
+      this.graph.remove(root);
+      root.traverse((part) => part instanceof Mesh && part.geometry.dispose());
+    }
     this.objects = [];
     this.scene = scene;
     const gravity = new Vector3(...scene.gravity);

@@ -51,4 +51,4 @@ const query = matchMedia("(prefers-color-scheme: dark)");
 export const theme = (): Theme => (query.matches ? DARK : LIGHT);
 export const light = LIGHT;
 export const lineColour = (index: number): string => (query.matches ? LINES_DARK : LINES)[index % LINES.length];
-export const onThemeChange = (action: () => void): void => query.addEventListener("change", action);
+export const onThemeChange = (action: () => void, signal?: AbortSignal): void => query.addEventListener("change", action, { signal });
