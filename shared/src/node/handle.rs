@@ -120,8 +120,8 @@ impl Node {
         }
     }
 
-    /// Executes a request of the commander. Inlined, as a model is taken over on top of its frame, at the end of
-    /// the stack.
+    /// Executes a request of the commander. Inlined, as a model is taken over on top of its frame, at the end
+    /// of the stack.
     #[inline(always)]
     #[deny(clippy::wildcard_enum_match_arm)]
     fn command(
