@@ -2,8 +2,18 @@
 
 use crate::kinematics::{Chain, FingerDescription, Hand};
 use crate::model::{
-    ChainModel, Coupling, Encoder, Friction, Inertial, JointLimits, JointModel, Motor, ObserverGains,
-    PidGains, Pose, Reaction, RobotModel, Safety, ServoGains,
+    ChainModel, Coupling, Encoder, ForceSensor, Friction, Inertial, JointLimits, JointModel, Motor,
+    ObserverGains, PidGains, Pose, Reaction, RobotModel, Safety, ServoGains,
+};
+
+/// A force sensor of a fingertip with typical values: up to 30 N and 0.3 N·m, without a mass on it.
+pub const FORCE_SENSOR: ForceSensor = ForceSensor {
+    force_resolution: 1e-3,
+    torque_resolution: 1e-5,
+    saturation: 30_000,
+    force_limit: 10.0,
+    mass: 0.0,
+    center_of_mass: [0.0; 3],
 };
 
 /// A joint with typical values.

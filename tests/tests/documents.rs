@@ -47,6 +47,55 @@ fn has_word(text: &str, word: &str) -> bool {
         .any(|(at, _)| !text[..at].ends_with(part) && !text[at + word.len()..].starts_with(part))
 }
 
+/// Beginnings of rows with instructions on the Cortex-M4F, and the benchmarks that they are of.
+const BENCHMARKS: [(&str, &[&str]); 16] = [
+    ("| PID; trajectory filter;", &["pid", "trajectory_filter", "sin_cos", "node_tick_9_observer"]),
+    (
+        "| inverse kinematics of a finger;",
+        &["finger_nearest", "forward_and_jacobian_7", "bias_acceleration_7"],
+    ),
+    ("| torques of 7 joints under a wrench;", &["inverse_dynamics_7_wrench", "mass_matrix_7"]),
+    ("| encoding and decoding the largest telemetry |", &["codec_largest_telemetry"]),
+    ("| encoding and decoding the largest telemetry,", &["codec_largest_telemetry"]),
+    ("| least grip of three contacts", &["least_grip_3_warm", "least_grip_3_infeasible"]),
+    ("| retargeting five fingers,", &["retarget_longest", "retarget_unreachable_longest"]),
+    (
+        "| the same with directions |",
+        &["retarget_directions_longest", "retarget_directions_unreachable_longest"],
+    ),
+    (
+        "| the first frame of a stretched hand",
+        &["retarget_first_unreachable_longest", "retarget_first_directions_unreachable_longest"],
+    ),
+    ("| longest frame of the Inspire", &["retarget_mimics_longest", "retarget_mimics_unreachable_longest"]),
+    ("| longest tick of a board whose Inspire", &["node_tick_mimics_following_longest"]),
+    ("| whole, with the grasp map (3", &["least_grip_3_warm", "least_grip_6_warm"]),
+    ("| whole, with the grasp map: from", &["least_grip_3_cold", "least_grip_6_cold"]),
+    ("| whole, with the grasp map: proof", &["least_grip_3_infeasible", "least_grip_3_too_heavy"]),
+    ("| longest call from nothing:", &["least_grip_3_slice_cold", "least_grip_3_slice_infeasible"]),
+    ("| longest call of the stored", &["least_grip_3_slice_worst", "least_grip_6_slice_worst"]),
+];
+
+#[test]
+fn instructions_are_those_of_the_last_recorded_benchmark() {
+    let (page, records) = (document("measurements.md"), document("benchmarks.jsonl"));
+    let record: serde_json::Value = serde_json::from_str(records.lines().last().unwrap()).unwrap();
+    for (beginning, names) in BENCHMARKS {
+        let [row] = page.lines().filter(|line| line.starts_with(beginning)).collect::<Vec<_>>()[..] else {
+            panic!("{beginning}")
+        };
+        // The last numbers of the row, of one or two columns.
+        let without_limits = row.split("instructions |").last().unwrap().replace("instructions", "");
+        let cells = without_limits.split(['|', ';']).map(|cell| cell.replace(' ', ""));
+        let numbers: Vec<f64> = cells.filter_map(|cell| cell.parse().ok()).collect();
+        for (index, name) in names.iter().enumerate() {
+            let recorded = record["instructions"][name].as_f64().unwrap_or_else(|| panic!("{name}"));
+            let told = numbers[numbers.len() - names.len() + index];
+            assert!((told - recorded).abs() <= 0.5, "{row}\n{name}: {recorded} of {}", record["commit"]);
+        }
+    }
+}
+
 #[test]
 fn every_function_of_the_equations_is_in_its_file() {
     let page = document("equations.md");

@@ -2,9 +2,10 @@
 
 use tesaki::control::ServoMode;
 use tesaki::fault::FaultCause;
-use tesaki::model::{Field, ForceSensor, Gauges, Problem, RobotModel};
+use tesaki::model::{Field, Gauges, Problem, RobotModel};
 use tesaki::protocol::{ForceSensorFault, Mode, Refusal, Reply, Request, Stream};
 use tesaki::task::TaskConfig;
+use tesaki::test_support::FORCE_SENSOR;
 use tesaki_chip::SECOND;
 use tesaki_chip::ads131m06::Defects;
 use tesaki_chip::bench::Bench;
@@ -30,14 +31,7 @@ const LAST: u8 = 2;
 
 fn with_gauges() -> RobotModel {
     let mut model = model();
-    model.chains[0].force_sensor = Some(ForceSensor {
-        force_resolution: 1e-3,
-        torque_resolution: 1e-5,
-        saturation: 30_000,
-        force_limit: 10.0,
-        mass: 0.0,
-        center_of_mass: [0.0; 3],
-    });
+    model.chains[0].force_sensor = Some(FORCE_SENSOR);
     let calibration_matrix = CALIBRATION.map(|row| row.map(|value| value as f32));
     model.gauges = Some(Gauges { chain: 0, calibration_matrix, gains: GAINS });
     model

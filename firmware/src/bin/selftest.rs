@@ -14,11 +14,12 @@ use cortex_m_semihosting::{debug, hprintln};
 use tesaki::control::ServoMode;
 use tesaki::fault::{Fault, FaultCause, FaultLog};
 use tesaki::math;
-use tesaki::model::{Field, ForceSensor, ModelError, Problem, RobotModel};
+use tesaki::model::{Field, ModelError, Problem, RobotModel};
 use tesaki::node::Node;
 use tesaki::protocol::codec::checksum;
 use tesaki::protocol::{ActuatorFrame, ClockSource, Request, SensorFrame};
 use tesaki::task::TaskConfig;
+use tesaki::test_support::FORCE_SENSOR;
 use tesaki_firmware::board::{Board, Equipment, Latch, NoCurrents, Peripherals, SupervisorLine};
 use tesaki_firmware::clock::{bring_up, frequency};
 use tesaki_firmware::control::Periods;
@@ -325,14 +326,7 @@ fn equipment_is_checked() -> bool {
         equipment.check(&model).err().map(|error| (error.joint, error.field, error.problem))
     };
     let sensor = |model: &mut RobotModel| {
-        model.chains[1].force_sensor = Some(ForceSensor {
-            force_resolution: 1e-3,
-            torque_resolution: 1e-5,
-            saturation: 30_000,
-            force_limit: 10.0,
-            mass: 0.0,
-            center_of_mass: [0.0; 3],
-        });
+        model.chains[1].force_sensor = Some(FORCE_SENSOR);
     };
     let unchanged = |_: &mut RobotModel| {};
     refused(equipment, unchanged).is_none()

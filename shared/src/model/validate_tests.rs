@@ -172,13 +172,6 @@ fn gauges_need_a_chain_with_a_force_sensor() {
     assert_eq!(model.validate(), Err(stray));
     model.gauges = Some(gauges(0));
     assert_eq!(model.validate(), Err(ModelError { joint: Some(2), value: 0.0, ..stray }));
-    model.chains[0].force_sensor = Some(ForceSensor {
-        force_resolution: 1e-3,
-        torque_resolution: 1e-5,
-        saturation: 30_000,
-        force_limit: 10.0,
-        mass: 0.0,
-        center_of_mass: [0.0; 3],
-    });
+    model.chains[0].force_sensor = Some(crate::test_support::FORCE_SENSOR);
     assert_eq!(model.validate(), Ok(()));
 }
