@@ -85,7 +85,8 @@ fn instructions_are_those_of_the_last_recorded_benchmark() {
             panic!("{beginning}")
         };
         // The last numbers of the row, of one or two columns.
-        let without_limits = row.split("instructions |").last().unwrap().replace("instructions", "");
+        let without_unit = row.trim_end_matches('|').trim_end().trim_end_matches(" instructions");
+        let without_limits = without_unit.split("instructions |").last().unwrap();
         let cells = without_limits.split(['|', ';']).map(|cell| cell.replace(' ', ""));
         let numbers: Vec<f64> = cells.filter_map(|cell| cell.parse().ok()).collect();
         for (index, name) in names.iter().enumerate() {
