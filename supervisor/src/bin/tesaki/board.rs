@@ -228,7 +228,7 @@ pub fn faults(options: &Options, clear: bool) -> Result<(), Failure> {
         }
         let dropped = log.total as usize - log.faults.len().min(log.total as usize);
         if dropped > 0 {
-            let _ = writeln!(text, "and {dropped} older faults, no longer stored");
+            let _ = writeln!(text, "no longer stored: {dropped}, older ones or stops before a further stop");
         }
         let faults = if log.total == 1 { "fault" } else { "faults" };
         let _ = write!(text, "{} {faults} since power-on. The board is {mode}.", log.total);
