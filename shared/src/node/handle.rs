@@ -1,6 +1,7 @@
 use super::joint::Joints;
 use super::lease::Admitted;
 use super::optional::Optional;
+use super::state::Sensing;
 use super::transfer::Committed;
 use super::{Node, STATE_KEY};
 use crate::fault::{Fault, FaultCause};
@@ -187,7 +188,7 @@ impl Node {
         self.state.task.clone_from(&TaskState::NONE);
         self.state.has_task = false;
         self.state.alarm = Optional::None;
-        self.state.sensed = false;
+        self.state.sensing = Sensing::None;
         Ok(())
     }
 
@@ -216,7 +217,7 @@ impl Node {
         if !has_sensor && !enabled {
             return Err(Refusal::NoForceSensor);
         }
-        if !self.state.sensed {
+        if self.state.sensing != Sensing::Read {
             return Err(Refusal::NoSensors);
         }
         let mut sensors = robot.model().chains.iter().zip(&self.state.force_sensors);
@@ -298,7 +299,7 @@ impl Node {
         for (index, (config, &position)) in (0..).zip(robot.joints().iter().zip(positions)) {
             config.check_position(index, position)?;
         }
-        if !self.state.sensed {
+        if self.state.sensing != Sensing::Read {
             return Err(Refusal::NoSensors);
         }
         for (mut joint, &position) in Joints::of(robot, &mut self.state).each().zip(positions) {
@@ -314,7 +315,7 @@ impl Node {
     fn enable(&mut self, config: &TaskConfig) -> Result<(), Refusal> {
         self.require_disabled()?;
         let robot = self.robot.loaded().ok_or(Refusal::NoModel)?;
-        if !self.state.sensed {
+        if self.state.sensing != Sensing::Read {
             return Err(Refusal::NoSensors);
         }
         let mut homed = (0..).zip(robot.joints().iter().zip(&self.state.joints));

@@ -255,16 +255,13 @@ impl Joint<'_> {
         let counts = libm::roundf(position / self.config.radians_per_count) as i32;
         self.state.zero = self.state.count.wrapping_sub(counts);
         self.state.homed = true;
-        self.restart();
+        *self.position = self.state.angle(self.config, self.state.count);
+        self.hold_still();
     }
 
     /// Reads the encoder for the first time, without change and velocity.
     pub fn first_read(&mut self, count: i32) {
         self.state.count = count;
-        self.restart();
-    }
-
-    fn restart(&mut self) {
         *self.position = self.state.angle(self.config, self.state.count);
         *self.velocity = 0.0;
         self.state.change = 0.0;

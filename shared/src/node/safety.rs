@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use super::Node;
 use super::force_sensor::ForceSensorState;
 use super::joint::{JointState, Joints, Situation};
-use super::state::State;
+use super::state::{Sensing, State};
 use crate::TICK;
 use crate::fault::{Fault, FaultCause, Finding};
 use crate::math::abs;
@@ -156,6 +156,7 @@ impl Node {
         let tick = sensors.sequence;
         let last = core::mem::replace(&mut self.state.tick, tick);
         if sensors.flags.silent() {
+            self.state.sensing.lose(last);
             return self.silent(tick);
         }
         self.state.supply = sensors.supply;
@@ -163,16 +164,16 @@ impl Node {
         let fault = |cause, joint, value, limit| Some(Fault { cause, joint, value, limit, tick });
         if let Some((got, expected)) = wrong_count(robot, sensors) {
             // Whose counts these are is not known: nothing is homed by those of before.
-            self.state.sensed = false;
+            self.state.sensing.lose(last);
             #[expect(clippy::cast_precision_loss, reason = "at most 16")]
             return fault(FaultCause::SensorCount, None, got as f32, expected as f32);
         }
-        let first = !core::mem::replace(&mut self.state.sensed, true);
+        let sensing = core::mem::replace(&mut self.state.sensing, Sensing::Read);
         // The first frame has no tick before it.
-        let elapsed = if first { 1 } else { tick.wrapping_sub(last) };
+        let elapsed = if sensing == Sensing::Read { tick.wrapping_sub(last) } else { 1 };
         let mut all = Joints::of(robot, &mut self.state);
-        if first {
-            all.each().zip(&sensors.encoders).for_each(|(mut joint, &count)| joint.first_read(count));
+        if sensing != Sensing::Read {
+            first_read(&mut all, sensing, sensors);
         } else if elapsed.cast_signed() > 1 {
             #[expect(clippy::cast_precision_loss, reason = "exact for hours")]
             let periods = elapsed as f32;
@@ -200,12 +201,10 @@ impl Node {
         self.rank(sensors, joint_fault, tip_fault, elapsed.cast_signed())
     }
 
-    /// Sensors that do not answer, unless there is no robot yet. Where the joints are and how fast is not
-    /// known any more: the next frame is read like the first.
+    /// Sensors that do not answer, unless there is no robot yet.
     #[cold]
     #[inline(never)]
     fn silent(&mut self, tick: u32) -> Option<Fault> {
-        self.state.sensed = false;
         self.robot.loaded()?;
         Some(Fault { cause: FaultCause::SensorsSilent, joint: None, value: 1.0, limit: 0.0, tick })
     }
@@ -335,6 +334,24 @@ impl Node {
             sensors,
             &gravity,
         )
+    }
+}
+
+/// Reads the encoders as the first frame, or the first one after some that could not be read. A leap in
+/// between shows as one of this tick.
+#[cold]
+#[inline(never)]
+fn first_read(all: &mut Joints<'_>, sensing: Sensing, sensors: &SensorFrame) {
+    let silence = match sensing {
+        Sensing::Silent { since } => Some(sensors.sequence.wrapping_sub(since)),
+        Sensing::None | Sensing::Read => None,
+    };
+    for (mut joint, &count) in all.each().zip(&sensors.encoders) {
+        #[expect(clippy::cast_precision_loss, reason = "exact for hours")]
+        let leaps = silence.is_some_and(|ticks| joint.leaps_to(count, ticks as f32));
+        if !leaps {
+            joint.first_read(count);
+        }
     }
 }
 

@@ -32,6 +32,26 @@ pub const STATE_KEY: u64 = {
     hash ^ (MAX_JOINTS as u64) << 8 ^ (MAX_CHAINS as u64) << 16 ^ (CLIENTS as u64) << 24
 };
 
+/// What is known of where the joints are.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
+pub(super) enum Sensing {
+    /// Nothing since the commit of the model.
+    None,
+    /// They were read in the last tick.
+    Read,
+    /// They were read up to this tick, and not since.
+    Silent { since: u32 },
+}
+
+impl Sensing {
+    /// One more tick without a frame that could be read; `tick` was the last one.
+    pub(super) const fn lose(&mut self, tick: u32) {
+        if let Self::Read = self {
+            *self = Self::Silent { since: tick };
+        }
+    }
+}
+
 /// The state of a [`Node`](super::Node). Together with the model it determines all further outputs.
 // `repr(C)` and this order: the fields of every tick are within the immediate offset of a load. A new state
 // is all zero, which places a node in a static in `.bss`.
@@ -53,8 +73,7 @@ pub struct State {
     pub(super) reacting_since: u32,
     /// Sequence number of the last sensor frame; 0 before the first.
     pub(super) tick: u32,
-    /// Whether the joints were read since the commit of the model.
-    pub(super) sensed: bool,
+    pub(super) sensing: Sensing,
     /// Supply voltage of the last sensor frame [mV].
     pub(super) supply: u16,
     /// State of the last sensor frame that is a fault when enabled.
@@ -96,7 +115,7 @@ impl State {
             damped: false,
             reacting_since: 0,
             tick: 0,
-            sensed: false,
+            sensing: Sensing::None,
             supply: 0,
             alarm: Optional::None,
             silence: 0,

@@ -10,6 +10,7 @@ use crate::fault::{Fault, FaultCause};
 use crate::kinematics::{Chain, ElbowSetpoint, PosePoint};
 use crate::model::{ForceSensor, MAX_CHAIN_JOINTS, Reaction, RobotModel};
 use crate::node::optional::Optional;
+use crate::node::state::Sensing;
 use crate::protocol::{Mode, Refusal, Reply, Request};
 use crate::task::impedance::InvalidSettings;
 use crate::task::impedance::tests::{SOFT, arm7};
@@ -213,7 +214,7 @@ fn a_tare_that_is_refused_changes_nothing() {
     rig.node.state.force_sensors[0].lose();
     assert_eq!(refusal(rig.ask(Request::Tare)), Refusal::Unsafe(silent));
     assert_eq!(state(&rig), before);
-    (rig.node.state.alarm, rig.node.state.sensed) = (Optional::None, false);
+    (rig.node.state.alarm, rig.node.state.sensing) = (Optional::None, Sensing::None);
     assert_eq!(refusal(rig.ask(Request::Tare)), Refusal::NoSensors);
     assert_eq!(state(&rig), before);
 }

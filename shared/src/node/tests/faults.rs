@@ -7,6 +7,7 @@ use crate::control::ServoMode;
 use crate::fault::{FaultCause, MAX_FAULTS};
 use crate::model::Reaction;
 use crate::node::Node;
+use crate::node::optional::Optional;
 use crate::protocol::{Mode, Refusal, Reply, Request, SensorFlags, SensorFrame};
 use crate::task::TaskConfig;
 
@@ -194,11 +195,53 @@ fn a_node_whose_sensors_are_silent_cannot_be_enabled_and_reads_them_anew_when_th
     assert_eq!(refusal(rig.enable()), Refusal::NoSensors);
     // The joint was turned by hand meanwhile; that is no jump of its encoder.
     rig.sensors = SensorFrame { sequence: rig.sensors.sequence, ..read };
-    rig.sensors.encoders[0] += 5000;
+    rig.sensors.encoders[0] += libm::roundf(0.5 * COUNTS_PER_RADIAN) as i32;
     rig.tick();
     assert_eq!(rig.enable(), Reply::Done);
     assert!(rig.tick().enabled);
     assert_eq!(rig.node.faults().total, log.total);
+}
+
+/// Five periods from read to read, of 16 rad/s at most. A relative encoder then has lost its zero.
+#[test]
+fn a_leap_while_sensors_are_silent_is_an_encoder_error() {
+    let mut model = model();
+    model.joints[1].encoder.relative = true;
+    let home = Request::Home { positions: Vec::from_slice(&[0.0; 3]).unwrap() };
+    for (moved, leaps) in [(0.7, false), (0.9, true)] {
+        let mut rig = Rig::ready(&model);
+        assert_eq!(rig.ask(home.clone()), Reply::Done);
+        for flags in [SensorFlags::SILENT; 4].into_iter().chain([0]) {
+            rig.sensors.flags = SensorFlags(flags);
+            if flags == 0 {
+                rig.sensors.encoders[1] += libm::roundf(moved * COUNTS_PER_RADIAN) as i32;
+            }
+            rig.tick();
+        }
+        let Optional::Some(alarm) = rig.node.state.alarm else {
+            assert!(!leaps);
+            assert_eq!(rig.enable(), Reply::Done, "{moved} rad");
+            continue;
+        };
+        assert_eq!((alarm.cause, alarm.joint, leaps), (FaultCause::EncoderJump, Some(1), true), "{alarm:?}");
+        (0..20).for_each(|_| _ = rig.tick());
+        assert_eq!(refusal(rig.enable()), Refusal::NotHomed { joint: 1 });
+    }
+}
+
+/// The new angle says nothing about the speed.
+#[test]
+fn a_joint_that_moves_is_not_enabled_by_a_new_zero() {
+    let mut model = model();
+    model.joints[1].encoder.relative = true;
+    let mut rig = Rig::ready(&model);
+    for _ in 0..20 {
+        rig.sensors.encoders[1] += libm::roundf(0.03 * COUNTS_PER_RADIAN) as i32;
+        rig.tick();
+    }
+    assert_eq!(rig.ask(Request::Home { positions: Vec::from_slice(&[0.0; 3]).unwrap() }), Reply::Done);
+    let Refusal::Unsafe(fault) = refusal(rig.enable()) else { panic!() };
+    assert_eq!((fault.cause, fault.joint), (FaultCause::VelocityLimit, Some(1)));
 }
 
 #[test]
