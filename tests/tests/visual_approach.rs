@@ -480,6 +480,12 @@ fn the_gripper_opens_closes_on_nothing_and_holds_what_is_in_it() {
     run(&mut board, VisualApproachCommand::Open, GripperState::Open);
     run(&mut board, VisualApproachCommand::Close, GripperState::Empty);
     assert!((board.telemetry().opening - 0.35).abs() < 0.03);
+    // It has arrived: a reference that went on would feed friction forward for ever.
+    for _ in 0..100 {
+        board.step();
+    }
+    let resting = board.rig.node.telemetry().joints[6];
+    assert!(resting.velocity.abs() < 1e-3 && resting.torque.abs() < 0.02, "{resting:?}");
     // A leader that repeats the command, and reads right behind it, learns that it is empty.
     assert_eq!(board.task(VisualApproachCommand::Close), Reply::Done);
     assert_eq!(board.telemetry().gripper, GripperState::Empty);

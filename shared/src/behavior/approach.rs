@@ -46,7 +46,7 @@ const FINGERS_REST: f32 = 0.01;
 const SETTLING: f32 = 0.15;
 /// The knob is held when the gripper still holds it this long after the pull was stopped [s].
 const HELD: f32 = 0.2;
-/// Motions in a row that a board may refuse because of a contact that it has not reported yet.
+/// Motions in a phase that a board may refuse because of a contact that it has not reported yet.
 const LATE_REPORTS: u8 = 5;
 /// The hand has withdrawn from beside the knob, and gone back, within these distances [m].
 const WITHDRAWN: f32 = 3e-3;
@@ -89,7 +89,7 @@ pub struct Approach {
     /// Whether a motion was ordered in this phase, and whether the hand has moved since then.
     has_ordered: bool,
     has_moved: bool,
-    /// Contacts in this phase, and motions in a row that were refused.
+    /// Contacts, and refused motions, in this phase.
     blocks: u8,
     refused: u8,
     /// Opening of the fingers, and for how long they have rested there [rad, s].

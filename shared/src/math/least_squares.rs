@@ -35,10 +35,11 @@ impl<const N: usize> IncrementalQr<N> {
     pub(crate) fn add(&mut self, mut row: SVector<f32, N>, mut value: f32) {
         for k in 0..N {
             let (pivot, entry) = (self.factor[(k, k)], row[k]);
-            if entry == 0.0 {
+            let length = sqrt(pivot * pivot + entry * entry);
+            // Also 0 for an entry whose square is.
+            if entry == 0.0 || length == 0.0 {
                 continue;
             }
-            let length = sqrt(pivot * pivot + entry * entry);
             let (cosine, sine) = (pivot / length, entry / length);
             for column in k..N {
                 let (upper, lower) = (self.factor[(k, column)], row[column]);

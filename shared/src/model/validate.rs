@@ -10,10 +10,12 @@ use crate::TICK;
 use crate::math::{self, abs};
 use crate::robot::{CURRENT_MARGIN, JUMP_FACTOR};
 
+/// Smallest value, in SI units, of what must be positive.
+const SMALLEST: f32 = 1e-12;
 /// How far a unit vector's length may be from 1.
 const UNIT_TOLERANCE: f32 = 1e-3;
 
-// Bounds by physics: no robot is beyond them, and the arithmetic of the tick stays finite and exact within.
+// Bounds by physics: no robot is beyond them.
 
 /// Of accelerations of gravity [m/s²]: ten times that of the earth.
 const MAX_GRAVITY: f32 = 100.0;
@@ -383,10 +385,11 @@ impl Check {
         self.at_most(field, value, max)
     }
 
-    /// Above 0.
+    /// Above 0, and by so much that its reciprocal is a number to calculate with.
     #[inline(never)]
     fn positive(self, field: Field, value: f32, max: f32) -> Result<(), ModelError> {
         self.above(field, value, 0.0)?;
+        self.at_least(field, value, SMALLEST)?;
         self.at_most(field, value, max)
     }
 

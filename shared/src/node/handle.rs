@@ -1,3 +1,4 @@
+use super::force_sensor::ForceSensorState;
 use super::joint::Joints;
 use super::lease::Admitted;
 use super::optional::Optional;
@@ -182,7 +183,7 @@ impl Node {
         for (index, (config, state)) in self.robot.joints().iter().zip(&mut self.state.joints).enumerate() {
             *state = state.configured(config, same_encoders >> index & 1 != 0);
         }
-        self.state.force_sensors = [super::force_sensor::ForceSensorState::new(); MAX_CHAINS];
+        self.state.force_sensors = [ForceSensorState::new(); MAX_CHAINS];
         self.state.measured = Measured::NONE;
         self.postures.clear();
         self.state.task.clone_from(&TaskState::NONE);
@@ -217,6 +218,7 @@ impl Node {
         if !has_sensor && !enabled {
             return Err(Refusal::NoForceSensor);
         }
+        self.require_homed(robot)?;
         if self.state.sensing != Sensing::Read {
             return Err(Refusal::NoSensors);
         }
@@ -292,6 +294,12 @@ impl Node {
         }
     }
 
+    fn require_homed(&self, robot: &Robot) -> Result<(), Refusal> {
+        let mut states = (0..).zip(self.state.joints.iter().take(robot.joints().len()));
+        let unknown = states.find(|(_, state)| !state.is_homed());
+        unknown.map_or(Ok(()), |(joint, _)| Err(Refusal::NotHomed { joint }))
+    }
+
     fn home(&mut self, positions: &[f32]) -> Result<(), Refusal> {
         self.require_disabled()?;
         let robot = self.robot.loaded().ok_or(Refusal::NoModel)?;
@@ -309,6 +317,9 @@ impl Node {
             }
         }
         self.postures.clear();
+        // The weight on the force sensors was taken away in postures that are others now.
+        self.state.measured.tared = 0;
+        self.state.force_sensors.iter_mut().for_each(ForceSensorState::lose);
         Ok(())
     }
 
@@ -318,10 +329,7 @@ impl Node {
         if self.state.sensing != Sensing::Read {
             return Err(Refusal::NoSensors);
         }
-        let mut homed = (0..).zip(robot.joints().iter().zip(&self.state.joints));
-        if let Some((joint, _)) = homed.find(|(_, (_, state))| !state.is_homed()) {
-            return Err(Refusal::NotHomed { joint });
-        }
+        self.require_homed(robot)?;
         if let Optional::Some(fault) = self.state.alarm {
             return Err(Refusal::Unsafe(fault));
         }

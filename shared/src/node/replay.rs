@@ -134,9 +134,10 @@ impl<'a> Replay<'a> {
             }
             LogRecord::Start(_) => {
                 self.node.reset();
-                self.synchronized = true;
+                (self.computed, self.synchronized) = (None, true);
+                self.state.clear();
             }
-            LogRecord::Gap { .. } => self.synchronized = false,
+            LogRecord::Gap { .. } => (self.computed, self.synchronized) = (None, false),
             LogRecord::State { offset, data } => {
                 if *offset == 0 {
                     self.state.clear();
@@ -156,7 +157,7 @@ impl<'a> Replay<'a> {
                 if !whole || !self.node.restore(&self.state) {
                     return Err(ReplayError::State);
                 }
-                self.synchronized = true;
+                (self.computed, self.synchronized) = (None, true);
             }
             LogRecord::Request(request) => {
                 self.node.handle(request, &self.board);

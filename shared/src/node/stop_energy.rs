@@ -14,11 +14,13 @@ use crate::TICK;
 use crate::fault::{Fault, FaultCause, Finding};
 use crate::math::abs;
 use crate::model::Reaction;
-use crate::robot::Motion;
+use crate::robot::{JointConfig, Motion};
 
 /// Speed of the robot's mass whose energy is tolerated [m/s]: the model has errors, drives and sensors are
 /// late.
 const TOLERATED_SPEED: f32 = 0.12;
+/// Of a robot whose links have no mass: share of the speed limits at which the energy of its joints is tolerated.
+const TOLERATED_SHARE: f32 = 0.1;
 /// Fraction by which the model's weight may be wrong.
 const WEIGHT_ERROR: f32 = 0.1;
 /// Time in which the torques at the beginning go on unchanged [s].
@@ -44,7 +46,15 @@ impl StopEnergy {
 impl Node {
     /// Energy that is tolerated at any time [J].
     pub(super) fn tolerated_energy(&self) -> f32 {
-        0.5 * self.robot.mass() * TOLERATED_SPEED * TOLERATED_SPEED
+        let mass = self.robot.mass();
+        if mass > 0.0 {
+            return 0.5 * mass * TOLERATED_SPEED * TOLERATED_SPEED;
+        }
+        let of_joint = |joint: &JointConfig| {
+            let speed = TOLERATED_SHARE * joint.limits.velocity;
+            0.5 * joint.inertia * speed * speed
+        };
+        self.robot.joints().iter().map(of_joint).sum()
     }
 
     /// Begins to count the energy of a stop: that of the motion is allowed, and what the torques do until

@@ -154,7 +154,7 @@ impl fmt::Display for Refusal {
                 write!(f, "{length} bytes are not a robot model of this version (at most {limit} bytes)")
             }
             Self::NoSensors => write!(f, "no sensor readings yet: check encoders and supply"),
-            Self::Unsafe(fault) => write!(f, "enabling now would end at once in {fault}"),
+            Self::Unsafe(fault) => write!(f, "not with what the sensors show: {fault}"),
             Self::NotHomed { joint } => write!(
                 f,
                 "joint {joint} has a relative encoder and was not homed since power-on: home it first"

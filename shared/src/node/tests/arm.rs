@@ -295,6 +295,26 @@ fn a_setpoint_that_jumps_is_refused_by_name_and_the_arm_holds() {
     assert_eq!(fault(&arm.rig).cause, FaultCause::CommandTimeout);
 }
 
+/// Gravity along the line from shoulder to wrist: the set-point of the elbow means nothing, that of the tool does.
+#[test]
+fn an_undefined_arm_angle_refuses_no_set_point_of_the_tool() {
+    let mut model = arm_with_force_sensor();
+    let posture = Chain::new(&model.joints, &model.chains[0].tip).posture(&ANGLES);
+    let line = posture.joint(5).unwrap().1 - posture.joint(0).unwrap().1;
+    for (gravity, undefined) in [(line.normalize() * 9.81, true), (Vector3::new(0.0, 0.0, -9.81), false)] {
+        model.gravity = gravity.into();
+        let mut rig = arm_rig(&model);
+        assert_eq!(rig.ask(Request::Tare), Reply::Done);
+        let settings = ImpedanceSettings { redundancy: Redundancy::ArmAngle, ..SOFT };
+        assert_eq!(rig.ask(enable(settings)), Reply::Done);
+        rig.tick();
+        let (point, elbow) = present_target(&mut rig);
+        let away = ElbowSetpoint { angle: elbow.angle + 2.0, ..elbow };
+        let reply = rig.ask(set_target(point, away));
+        assert_eq!(reply == Reply::Done, undefined, "{reply:?}");
+    }
+}
+
 #[test]
 fn an_arm_follows_its_setpoint_and_yields_to_a_force() {
     let mut arm = IdealArm::enabled();

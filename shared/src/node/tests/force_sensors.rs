@@ -186,6 +186,36 @@ fn a_sensor_that_gives_no_wrench_is_not_tared() {
     assert_eq!(rig.ask(Request::Tare), Reply::Done);
 }
 
+/// 200 g on a sensor of a finger that was believed to point elsewhere. In the first reading with the true angle,
+/// 2 N of weight are taken away where 0 N are.
+#[test]
+fn a_sensor_is_tared_in_a_posture_that_is_known() {
+    let mut model = fingers();
+    for chain in &mut model.chains {
+        chain.force_sensor = Some(ForceSensor { mass: 0.2, ..SENSOR });
+    }
+    model.joints[1].encoder.relative = true;
+    let mut rig = fingers_with_force_sensors([[0; 6]; 2]);
+    assert_eq!(rig.push(&model), Reply::Done);
+    rig.tick();
+    assert_eq!(refusal(rig.ask(Request::Tare)), Refusal::NotHomed { joint: 1 });
+    let home =
+        |angle| Request::Home { positions: Vec::from_slice(&[0.0, angle, 0.0, 0.0, 0.0, 0.0]).unwrap() };
+    assert_eq!(rig.ask(home(0.0)), Reply::Done);
+    (0..20).for_each(|_| _ = rig.tick());
+    assert_eq!(rig.ask(Request::Tare), Reply::Done);
+    assert!(rig.node.tips().tips.iter().all(|tip| tip.tared));
+    // Another zero: the tare of before does not count, nor what was read before.
+    assert_eq!(rig.ask(home(0.5)), Reply::Done);
+    assert!(rig.node.tips().tips.iter().all(|tip| !tip.tared));
+    assert_eq!(refusal(rig.ask(Request::Tare)), Refusal::NoSensors);
+    rig.tick();
+    assert_eq!(rig.ask(Request::Tare), Reply::Done);
+    rig.tick();
+    let force = rig.node.tips().tips[0].force;
+    assert!(force.iter().all(|value| value.abs() < 1e-4), "{force:?}");
+}
+
 /// Its own counts show as much as what the board tells.
 #[test]
 fn a_dead_or_saturated_sensor_is_not_tared() {

@@ -460,6 +460,28 @@ fn servos_that_restart_in_a_grasp_keep_the_torque_rate() {
     }
 }
 
+/// 0.05 rad away from where the hand was enabled, under the observer: for the PID of the plan that is no speed.
+/// Its 0.01 N·m·s/rad, cut off at 30 rad/s, would make 15 mN·m of it, beside 20 mN·m for the error.
+#[test]
+fn a_plan_with_the_other_servo_begins_it_where_the_joints_are() {
+    let mut bench = tared_hand();
+    assert_eq!(bench.ask(GRASP), Reply::Done);
+    for _ in 0..10 {
+        bench.sensors.encoders.iter_mut().for_each(|count| *count += (0.005 * COUNTS_PER_RADIAN) as i32);
+        assert_eq!(bench.ask(KEEP), Reply::Done);
+        assert!(bench.tick().enabled);
+    }
+    assert_eq!(bench.ask(grasp(in_front())), Reply::Done);
+    for _ in 0..2 {
+        assert!(bench.tick().enabled);
+        for (joint, reference) in bench.node.state.references.iter().take(9).enumerate() {
+            let error = reference.position - bench.node.state.measured.positions[joint];
+            let effort = bench.node.state.joints[joint].effort;
+            assert!(error < -0.049 && (effort - 0.4 * error).abs() < 2e-3, "{joint}: {effort} N·m, {error}");
+        }
+    }
+}
+
 /// Torques [N·m] from `tests/oracles/object_control.py` (NumPy: the pseudo-inverse of the grasp matrix,
 /// Jacobians by difference quotients).
 #[allow(clippy::excessive_precision, reason = "written by a script")]

@@ -529,6 +529,25 @@ fn swapped_encoders_are_found_in_their_tick() {
     }
 }
 
+/// What weighs nothing in its model has the energy of its joints: a count that flickers is no gain of it.
+#[test]
+fn a_robot_of_links_without_mass_stays_held() {
+    let mut model = model();
+    for joint in &mut model.joints {
+        (joint.link.mass, joint.link.inertia) = (0.0, [0.0; 6]);
+        (joint.friction.coulomb, joint.friction.viscous) = (0.0, 0.0);
+    }
+    let mut rig = Rig::enabled(&model);
+    rig.sensors.encoders[1] += 40;
+    rig.tick();
+    assert_eq!(rig.ask(Request::Stop), Reply::Done);
+    for tick in 0..200 {
+        rig.sensors.encoders[1] += if tick % 2 == 0 { 1 } else { -1 };
+        assert!(rig.tick().enabled);
+    }
+    assert_eq!((rig.node.faults().total, rig.node.state.reaction), (1, Reaction::Hold));
+}
+
 #[test]
 fn a_low_supply_hides_no_missed_ticks() {
     let mut rig = Rig::enabled(&model());

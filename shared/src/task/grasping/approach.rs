@@ -159,8 +159,9 @@ impl GraspState {
     /// The finger whose tip cannot reach its set-point.
     fn follow_tips(&mut self, hand: &Hand<'_>, setpoints: &PerFinger<TipSetpoint>) -> Result<HandOutput, u8> {
         let mut output = self.stand();
+        let mut reference = self.reference;
         for (index, finger, reference, points, [position, velocity, acceleration]) in
-            zip((0.., &hand.fingers, &mut self.reference, &mut output.points, setpoints))
+            zip((0.., &hand.fingers, &mut reference, &mut output.points, setpoints))
         {
             let angles = finger.target(position, reference).ok_or(index)?;
             let motion = TipPoint {
@@ -176,6 +177,8 @@ impl GraspState {
                 *point = JointPoint { position, velocity, acceleration };
             }
         }
+        // All fingers move, or none.
+        self.reference = reference;
         Ok(output)
     }
 }

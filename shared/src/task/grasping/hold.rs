@@ -189,19 +189,23 @@ impl GraspState {
             Phase::ProbeFriction | Phase::Open => &self.tracker.anchors,
             _ => &self.tracker.centers,
         };
-        let motions = velocities.iter().zip(&accelerations);
-        let fingers =
-            zip((0.., &hand.fingers, centers, &mut self.reference, output.points.iter_mut().zip(motions)));
-        for (index, finger, center, reference, (points, (velocities, accelerations))) in fingers {
+        // All fingers move, or none.
+        let mut angles = self.reference;
+        for (index, finger, center, angles) in zip((0.., &hand.fingers, centers, &mut angles)) {
             let change = changes.as_ref().and_then(|changes| changes.get(usize::from(index)));
-            *reference = if let Some(change) = change {
-                (Vector3::from(*reference) + change).into()
+            *angles = if let Some(change) = change {
+                (Vector3::from(*angles) + change).into()
             } else {
                 let center = target.frame.transform_point(&(*center).into()).coords;
-                finger.target(&center, reference).ok_or(index)?
+                finger.target(&center, angles).ok_or(index)?
             };
+        }
+        self.reference = angles;
+        for (points, angles, velocities, accelerations) in
+            zip((&mut output.points, &angles, &velocities, &accelerations))
+        {
             for (point, &position, &velocity, &acceleration) in
-                zip((points, &*reference, velocities, accelerations))
+                zip((points, angles, velocities, accelerations))
             {
                 *point = JointPoint { position, velocity, acceleration };
             }

@@ -43,10 +43,14 @@ impl Task for Grasping {
         let hand = Hand::of(io.robot).ok_or(GraspRefusal::NotAHand)?;
         self.state.command(&hand, command)?;
         if let GraspCommand::Grasp(GraspPlan { control, .. }) = command {
-            io.targets.servo_mode = match control {
+            let mode = match control {
                 ObjectControl::Differential(mode) => *mode,
                 ObjectControl::Wrench(_) => ServoMode::Observer,
             };
+            if core::mem::replace(&mut io.targets.servo_mode, mode) != mode {
+                // The states of the other law are those of its last tick, whenever that was.
+                io.targets.joints.iter_mut().for_each(|target| target.restart = true);
+            }
         }
         Ok(())
     }
@@ -62,6 +66,7 @@ impl Task for Grasping {
         let restart = servo && (io.targets.actuation != Actuation::Servo || self.state.restarts_servos());
         let joints = output.points.iter().flatten().zip(output.torques.iter().flatten());
         for (target, (point, torque)) in io.targets.joints.iter_mut().zip(joints) {
+            let restart = restart || target.restart;
             *target = JointTarget { setpoint: JointSetpoint::Point(*point), feedforward: *torque, restart };
         }
         io.targets.actuation = output.actuation;

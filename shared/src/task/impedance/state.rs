@@ -13,7 +13,7 @@ use super::response::{in_axes, respond};
 use super::setpoint::{
     ORIGIN, at_rest, check_deviation, check_elbow, check_numbers, check_point, pose_error,
 };
-use super::settings::{ForceSource, ImpedanceSettings, InvalidSettings, Law, Redundancy};
+use super::settings::{ForceSource, ImpedanceSettings, InvalidSettings, Law};
 use super::tuning::{
     CONTACT_DISTURBANCE_GAIN, CONTACT_FRICTION_COMPENSATION, CONTACT_HYSTERESIS_SQUARED,
     CONTACT_LOSS_SQUARED, CONTACT_REST_SPEED, FREE_BEFORE_READING, IMPEDANCE_BLEND, LIMIT_APPROACH_RATE,
@@ -112,10 +112,8 @@ impl ImpedanceState {
             self.observers = Self::NONE.observers;
         }
         if before.redundancy != settings.redundancy {
-            // The elbow holds its position.
             let posture = arm.chain.posture(&self.angles);
-            let angle = self.elbow_angle(arm, &posture, &self.angles);
-            self.elbow_setpoint = ElbowSetpoint { angle, ..ElbowSetpoint::default() };
+            self.hold_elbow(arm, &posture);
             self.initialize_singular_value(&posture);
         }
         if self.impedance.axes != settings.impedance.axes {
@@ -131,7 +129,7 @@ impl ImpedanceState {
         (self.settings, self.impedance, self.angles) = (*settings, settings.impedance, *angles);
         let posture = arm.chain.posture(angles);
         self.setpoint = at_rest(posture.tip());
-        self.elbow_setpoint.angle = self.elbow_angle(arm, &posture, angles);
+        self.hold_elbow(arm, &posture);
         self.initialize_singular_value(&posture);
     }
 
@@ -151,9 +149,9 @@ impl ImpedanceState {
         for point in [point, &point.ahead()] {
             check_point(posture.tip(), point, &self.settings)?;
         }
-        if self.settings.redundancy != Redundancy::None {
+        if let Some(angle) = self.elbow_angle(arm, &posture, &self.angles) {
             let [_, limit] = self.settings.max_deviation;
-            check_elbow(elbow, self.elbow_angle(arm, &posture, &self.angles), limit)?;
+            check_elbow(elbow, angle, limit)?;
         }
         (self.setpoint, self.elbow_setpoint) = (*point, *elbow);
         Ok(())

@@ -60,7 +60,7 @@ impl ImpedanceState {
             wrench: self.external_wrench(measurement).into(),
             contact: self.contact,
             sigma_min: self.sigma_min,
-            elbow: self.elbow_angle(arm, posture, &measurement.angles),
+            elbow: self.elbow_angle(arm, posture, &measurement.angles).unwrap_or(0.0),
             derating: self.derating.factor(),
         }
     }

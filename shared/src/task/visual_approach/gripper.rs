@@ -109,7 +109,11 @@ impl Gripper {
         let is_jammed = self.is_jammed(settings, &joint);
         match self.state {
             GripperState::Opening if at(open) => self.state = GripperState::Open,
-            GripperState::Closing if at(closed) => self.state = GripperState::Empty,
+            GripperState::Closing if at(closed) => {
+                self.state = GripperState::Empty;
+                *joint.target = JointTarget::at(closed);
+                return;
+            }
             GripperState::Closing if joint.effort * direction > TOUCH * torque => {
                 self.state = GripperState::Holding;
             }

@@ -80,19 +80,26 @@ impl ImpedanceState {
                 * math::clamp(wrap_angle(setpoint.angle - angle), -MAX_ELBOW_ERROR, MAX_ELBOW_ERROR)
     }
 
-    /// Elbow angle at joint `angles` [rad]; `posture` belongs to these.
+    /// Elbow angle at joint `angles` [rad]; `posture` belongs to these. `None` without elbow control, and where
+    /// the arm angle is undefined.
     #[inline(never)]
     pub(in super::super) fn elbow_angle(
         &self,
         arm: &Arm<'_>,
         posture: &Posture,
         angles: &[f32; MAX_CHAIN_JOINTS],
-    ) -> f32 {
+    ) -> Option<f32> {
         match self.settings.redundancy {
-            Redundancy::DrivenJoint { joint } => angles.get(usize::from(joint)).copied().unwrap_or(0.0),
-            Redundancy::ArmAngle => ArmAngle::of(posture, arm.gravity).map_or(0.0, |arm| arm.angle),
-            Redundancy::None => 0.0,
+            Redundancy::DrivenJoint { joint } => angles.get(usize::from(joint)).copied(),
+            Redundancy::ArmAngle => ArmAngle::of(posture, arm.gravity).map(|arm| arm.angle),
+            Redundancy::None => None,
         }
+    }
+
+    /// The elbow holds its position in `posture`.
+    pub(in super::super) fn hold_elbow(&mut self, arm: &Arm<'_>, posture: &Posture) {
+        let angle = self.elbow_angle(arm, posture, &self.angles).unwrap_or(0.0);
+        self.elbow_setpoint = ElbowSetpoint { angle, ..ElbowSetpoint::default() };
     }
 
     /// Finds the smallest singular value by inverse iteration; each tick then adds one step.

@@ -14,7 +14,7 @@ use super::super::{Arm, ArmAngle, ArmMeasurement};
 use super::ImpedanceState;
 use crate::TICK;
 use crate::control::ObserverState;
-use crate::kinematics::{ElbowSetpoint, PosePoint, Posture};
+use crate::kinematics::{PosePoint, Posture};
 use crate::math;
 
 /// Release, in a stop, of what the tool presses on.
@@ -68,8 +68,7 @@ impl ImpedanceState {
             self.release = Release::NotNeeded;
             self.setpoint = at_rest(posture.tip());
         }
-        let angle = self.elbow_angle(arm, &posture, &self.angles);
-        self.elbow_setpoint = ElbowSetpoint { angle, ..ElbowSetpoint::default() };
+        self.hold_elbow(arm, &posture);
         self.arm_angle_undefined =
             self.settings.redundancy == Redundancy::ArmAngle && ArmAngle::of(&posture, arm.gravity).is_none();
     }
