@@ -19,7 +19,8 @@ use crate::robot::{JointConfig, Motion};
 /// Speed of the robot's mass whose energy is tolerated [m/s]: the model has errors, drives and sensors are
 /// late.
 const TOLERATED_SPEED: f32 = 0.12;
-/// Of a robot whose links have no mass: share of the speed limits at which the energy of its joints is tolerated.
+/// Of a robot whose links have no mass: share of the speed limits at which the energy of its joints is
+/// tolerated.
 const TOLERATED_SHARE: f32 = 0.1;
 /// Fraction by which the model's weight may be wrong.
 const WEIGHT_ERROR: f32 = 0.1;

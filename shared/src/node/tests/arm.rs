@@ -295,7 +295,8 @@ fn a_setpoint_that_jumps_is_refused_by_name_and_the_arm_holds() {
     assert_eq!(fault(&arm.rig).cause, FaultCause::CommandTimeout);
 }
 
-/// Gravity along the line from shoulder to wrist: the set-point of the elbow means nothing, that of the tool does.
+/// Gravity along the line from shoulder to wrist: the set-point of the elbow means nothing, that of the tool
+/// does.
 #[test]
 fn an_undefined_arm_angle_refuses_no_set_point_of_the_tool() {
     let mut model = arm_with_force_sensor();

@@ -186,8 +186,8 @@ fn a_sensor_that_gives_no_wrench_is_not_tared() {
     assert_eq!(rig.ask(Request::Tare), Reply::Done);
 }
 
-/// 200 g on a sensor of a finger that was believed to point elsewhere. In the first reading with the true angle,
-/// 2 N of weight are taken away where 0 N are.
+/// 200 g on a sensor of a finger that was believed to point elsewhere: the weight of one posture would be
+/// taken from the readings in another.
 #[test]
 fn a_sensor_is_tared_in_a_posture_that_is_known() {
     let mut model = fingers();

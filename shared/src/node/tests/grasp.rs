@@ -460,7 +460,8 @@ fn servos_that_restart_in_a_grasp_keep_the_torque_rate() {
     }
 }
 
-/// 0.05 rad away from where the hand was enabled, under the observer: for the PID of the plan that is no speed.
+/// 0.05 rad away from where the hand was enabled, under the observer: for the PID of the plan that is no
+/// speed.
 /// Its 0.01 N·m·s/rad, cut off at 30 rad/s, would make 15 mN·m of it, beside 20 mN·m for the error.
 #[test]
 fn a_plan_with_the_other_servo_begins_it_where_the_joints_are() {

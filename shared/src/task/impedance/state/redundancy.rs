@@ -80,8 +80,8 @@ impl ImpedanceState {
                 * math::clamp(wrap_angle(setpoint.angle - angle), -MAX_ELBOW_ERROR, MAX_ELBOW_ERROR)
     }
 
-    /// Elbow angle at joint `angles` [rad]; `posture` belongs to these. `None` without elbow control, and where
-    /// the arm angle is undefined.
+    /// Elbow angle at joint `angles` [rad]; `posture` belongs to these. `None` without elbow control, and
+    /// where the arm angle is undefined.
     #[inline(never)]
     pub(in super::super) fn elbow_angle(
         &self,
