@@ -541,7 +541,7 @@ fn a_robot_of_links_without_mass_stays_held() {
     rig.sensors.encoders[1] += 40;
     rig.tick();
     assert_eq!(rig.ask(Request::Stop), Reply::Done);
-    for tick in 0..200 {
+    for tick in 0..3000 {
         rig.sensors.encoders[1] += if tick % 2 == 0 { 1 } else { -1 };
         assert!(rig.tick().enabled);
     }
