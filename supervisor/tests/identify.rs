@@ -473,6 +473,27 @@ fn weighed_links_tell_the_torque_constants_that_they_can() {
     assert!((model.joints[1].motor.torque_constant / (GAIN * told) - 1.0).abs() < 0.01);
 }
 
+/// The self-test of a joint must not need, for its inertia, the torque that shows something in the way.
+#[test]
+fn heavy_joints_sweep_more_slowly() {
+    let settings = JointSettings::default();
+    for (robot, time) in [("hand3", 10.8), ("arm7", 25.2)] {
+        let folder = Path::new(ROBOT).parent().unwrap().join(robot);
+        let mut model = RobotFolder::load(&folder).unwrap().model;
+        let start = vec![0.4; model.joints.len()];
+        let usual = duration(&model, &start, &settings).unwrap();
+        assert!((usual - time).abs() < 0.1, "{robot}: {usual} s");
+        for joint in &mut model.joints {
+            joint.servo.observer.inertia *= 1000.0;
+        }
+        let slow = duration(&model, &start, &settings).unwrap();
+        assert!(slow > 1.5 * usual, "{robot}: {slow} s");
+        let less = JointSettings { torque: 0.5 * settings.torque, ..settings };
+        let ratio = duration(&model, &start, &less).unwrap() / slow;
+        assert!((ratio - 2.0_f64.sqrt()).abs() < 0.01, "{robot}: {ratio}");
+    }
+}
+
 #[test]
 fn the_self_test_ends_where_something_is_in_the_way() {
     let (_, _, readings) = self_test(0.0, |machine| machine.blocked = 50);

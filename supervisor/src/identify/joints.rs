@@ -44,10 +44,16 @@ fn groups(model: &RobotModel) -> Vec<Vec<usize>> {
 /// Joints that move at the same time, and their ways.
 type Group = (Vec<usize>, Vec<Leg>);
 
-fn all_legs(model: &RobotModel, start: &[f64], amplitude: f64) -> Result<Vec<Group>, IdentifyError> {
-    let ranges = ranges(model, start, amplitude)?;
+fn all_legs(
+    model: &RobotModel,
+    start: &[f64],
+    settings: &JointSettings,
+) -> Result<Vec<Group>, IdentifyError> {
+    let ranges = ranges(model, start, settings.amplitude)?;
+    // The other half is for friction, and for what is in the way.
+    let torque = 0.5 * settings.torque;
     let legs = |joints: Vec<usize>| {
-        let sweep = Sweep { model, start, ranges: &ranges, joints: &joints };
+        let sweep = Sweep { model, start, ranges: &ranges, joints: &joints, torque };
         let legs = sweep.legs(&SWEEPS, BACK);
         (joints, legs)
     };
@@ -59,7 +65,7 @@ fn all_legs(model: &RobotModel, start: &[f64], amplitude: f64) -> Result<Vec<Gro
 /// # Errors
 /// A joint has no room.
 pub fn duration(model: &RobotModel, start: &[f64], settings: &JointSettings) -> Result<f64, IdentifyError> {
-    let legs = all_legs(model, start, settings.amplitude)?;
+    let legs = all_legs(model, start, settings)?;
     Ok(legs.iter().flat_map(|(_, legs)| legs).map(|leg| f64::from(leg.ticks()) * TICK).sum())
 }
 
@@ -85,7 +91,7 @@ pub fn identify_joints<M: Machine>(
     let start = references(model, &first.telemetry);
     let readings = vec![Vec::new(); model.joints.len()];
     let mut test = SelfTest { model, robot, settings, readings, motion: 0, latest: Vec::new() };
-    for (joints, legs) in all_legs(model, &start, settings.amplitude)? {
+    for (joints, legs) in all_legs(model, &start, settings)? {
         let names: Vec<&str> = joints.iter().map(|&joint| model.joint_name(joint)).collect();
         machine.progress(&format!("{} sweep", names.join(", ")));
         for leg in legs {

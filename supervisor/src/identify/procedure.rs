@@ -19,6 +19,8 @@ use crate::BoardError;
 pub(super) const TICK: f64 = 0.01;
 /// Times of a sweep from one end to the other [s]: two speeds, so that viscous friction shows.
 const SWEEPS: [f64; 2] = [1.0, 0.4];
+/// Largest torque for a joint's inertia in a sweep, as a fraction of its limit.
+const SWEEP_TORQUE: f64 = 0.125;
 /// Sweeps to and fro at each.
 const REPEATS: usize = 2;
 /// Ticks from one question after the object in the hand to the next.
@@ -377,7 +379,7 @@ impl<M: Machine> Course<'_, M> {
         let ranges = ranges(model, &start, amplitude)?;
         for (index, joint) in model.joints.iter().enumerate() {
             self.machine.progress(&format!("{} sweeps", joint.name));
-            let sweep = Sweep { model, start: &start, ranges: &ranges, joints: &[index] };
+            let sweep = Sweep { model, start: &start, ranges: &ranges, joints: &[index], torque: SWEEP_TORQUE };
             for leg in sweep.legs(&SWEEPS.map(|time| (time, REPEATS)), SWEEPS[0]) {
                 self.motion += 1;
                 leg.requests().try_for_each(|request| self.tick(request))?;

@@ -16,6 +16,8 @@ const CLEAR: f64 = 0.02;
 const SPEED: f64 = 0.5;
 /// Peak of a minimum-jerk motion's speed over its mean.
 const PEAK: f64 = 1.875;
+/// Peak of its acceleration, 10/√3, over distance by squared time.
+const PEAK_ACCELERATION: f64 = 5.773_502_7;
 
 /// The joints' references, where they stand [rad].
 pub fn references(model: &RobotModel, telemetry: &Telemetry) -> Vec<f64> {
@@ -52,6 +54,8 @@ pub struct Sweep<'a> {
     pub ranges: &'a [(f64, f64)],
     /// Which of them move.
     pub joints: &'a [usize],
+    /// Largest torque for the inertia that a joint's servo assumes, as a fraction of its limit.
+    pub torque: f64,
 }
 
 /// One way of the joints that move.
@@ -63,7 +67,8 @@ pub struct Leg {
 }
 
 impl Sweep<'_> {
-    /// To and fro as often as `times` tell for each time of one way [s], and back within another.
+    /// To and fro as often as `times` tell for each time of one way [s], and back within another; all of them
+    /// longer by the same factor where a joint cannot be so fast.
     pub fn legs(&self, times: &[(f64, usize)], back: f64) -> Vec<Leg> {
         let both = times.iter().flat_map(|&(time, repeats)| std::iter::repeat_n(time, repeats));
         let end = |high: bool| {
@@ -83,17 +88,24 @@ impl Sweep<'_> {
         let mut at = self.start.to_vec();
         let leg = |(to, time): (Vec<f64>, f64)| {
             let ways: Vec<(f64, f64)> = std::mem::replace(&mut at, to.clone()).into_iter().zip(to).collect();
-            Leg { time: self.possible(&ways, time), ways }
+            Leg { ways, time }
         };
-        ways.chain([(self.start.to_vec(), back)]).map(leg).collect()
+        let mut legs: Vec<Leg> = ways.chain([(self.start.to_vec(), back)]).map(leg).collect();
+        let stretch = legs.iter().map(|leg| self.least_time(leg) / leg.time).fold(1.0, f64::max);
+        legs.iter_mut().for_each(|leg| leg.time *= stretch);
+        legs
     }
 
-    /// The time, or a longer one that the joints' speeds allow [s].
-    fn possible(&self, ways: &[(f64, f64)], time: f64) -> f64 {
+    /// The time that the joints' speeds and torques allow [s].
+    fn least_time(&self, leg: &Leg) -> f64 {
         let least = |((from, to), joint): (&(f64, f64), &JointModel)| {
-            PEAK * (to - from).abs() / (SPEED * f64::from(joint.limits.velocity))
+            let (way, limits) = ((to - from).abs(), &joint.limits);
+            let by_speed = PEAK * way / (SPEED * f64::from(limits.velocity));
+            let acceleration =
+                self.torque * f64::from(limits.torque) / f64::from(joint.servo.observer.inertia);
+            by_speed.max((PEAK_ACCELERATION * way / acceleration).sqrt())
         };
-        ways.iter().zip(&self.model.joints).map(least).fold(time, f64::max)
+        leg.ways.iter().zip(&self.model.joints).map(least).fold(0.0, f64::max)
     }
 }
 
