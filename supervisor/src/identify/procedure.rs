@@ -379,7 +379,8 @@ impl<M: Machine> Course<'_, M> {
         let ranges = ranges(model, &start, amplitude)?;
         for (index, joint) in model.joints.iter().enumerate() {
             self.machine.progress(&format!("{} sweeps", joint.name));
-            let sweep = Sweep { model, start: &start, ranges: &ranges, joints: &[index], torque: SWEEP_TORQUE };
+            let sweep =
+                Sweep { model, start: &start, ranges: &ranges, joints: &[index], torque: SWEEP_TORQUE };
             for leg in sweep.legs(&SWEEPS.map(|time| (time, REPEATS)), SWEEPS[0]) {
                 self.motion += 1;
                 leg.requests().try_for_each(|request| self.tick(request))?;
