@@ -90,7 +90,7 @@ impl GraspState {
                 path.contact_ticks = if pushes { path.contact_ticks + 1 } else { 0 };
                 path.in_contact = path.contact_ticks >= TOUCH_TICKS;
                 path.end = if path.in_contact {
-                    // It stops where it is, and presses no harder.
+                    // It stops here and presses no harder.
                     (*tip).into()
                 } else {
                     (all_in_contact, *velocity) = (false, normal * TOUCH_SPEED);
@@ -177,7 +177,7 @@ impl GraspState {
                 *point = JointPoint { position, velocity, acceleration };
             }
         }
-        // All fingers move, or none.
+        // Stored only if all fingers reach their set-points.
         self.reference = reference;
         Ok(output)
     }

@@ -60,8 +60,8 @@ impl<'a> Hand<'a> {
 }
 
 impl HandFinger<'_> {
-    /// The joints' targets for a set-point of the tip's center, a tick after their `last` ones [rad]. `None`
-    /// out of reach; or where the limits of the joints forbid all postures but one that is far from the last.
+    /// The joints' targets for a set-point of the tip's center, one tick after their `last` ones [rad].
+    /// `None` if it is out of reach, or if the joint limits permit only a posture that is far from the last.
     #[inline]
     pub fn target(&self, center: &Vector3<f32>, last: &[f32; 3]) -> Option<[f32; 3]> {
         let angles = self.inverse.nearest(center, last).ok()?;

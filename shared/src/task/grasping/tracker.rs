@@ -8,7 +8,7 @@ use crate::grasp::{ObjectFrameError, object_frame};
 use crate::math;
 use crate::zip::zip;
 
-/// Tracks an object by the fingertips that hold it.
+/// Tracks the pose of an object by the fingertips that hold it.
 ///
 /// The fingertips' triangle gives the object's frame. A round tip rolls: without slip its center moves along
 /// the surface by `(ω_F − ω_o) × r n`, with `ω` of fingertip and object and `n` the normal out of the object.
@@ -80,7 +80,7 @@ impl Tracker {
         self.roll(&previous, tips, radii);
         let measured = object_frame(&tips.each_ref().map(|tip| tip.center))?;
         let object = measured * object_frame(&self.anchors.map(Vector3::from))?.inverse();
-        // The sine of the angle is the angle: the rotation is small.
+        // Small rotation: the sine of the angle is the angle.
         let step = object.rotation.matrix() * previous.rotation.matrix().transpose();
         let twice = Vector3::new(step.m32 - step.m23, step.m13 - step.m31, step.m21 - step.m12);
         self.rotation = (twice * 0.5).into();
@@ -98,7 +98,7 @@ impl Tracker {
         Ok(object)
     }
 
-    /// Moves anchors and centers as tips that roll without slip.
+    /// Moves anchors and centers as for tips that roll without slip.
     fn roll(&mut self, object: &IsometryMatrix3<f32>, tips: &PerFinger<TipMotion>, radii: &PerFinger<f32>) {
         let rotation = Vector3::from(self.rotation);
         for (anchor, center, normal, tip, radius) in

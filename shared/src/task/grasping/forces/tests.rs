@@ -48,7 +48,7 @@ fn with_inputs<T>(
     })
 }
 
-/// A tick; returns the commanded internal forces [N].
+/// Runs one tick and returns the commanded internal forces [N].
 fn tick(forces: &mut Forces, torque: f32, measured: &PerFinger<Vector3<f32>>) -> PerFinger<Vector3<f32>> {
     with_inputs(torque, measured, |inputs| {
         forces.update_estimates(inputs);
@@ -189,13 +189,13 @@ fn tangential_dither_makes_no_contact_slide() {
 
 #[test]
 fn tangential_dither_has_no_wrench() {
-    // The paper's box: from finger 1 to finger 3 98 mm along x and 40 mm along y.
+    // The paper's box: 98 mm along x and 40 mm along y from finger 1 to finger 3.
     let (contacts, _) = grasp(0.0, 0.4);
     let found = tangential_directions(&contacts);
     for (found, expected) in found.iter().flatten().zip(directions().iter().flatten()) {
         assert!((found - expected).norm() < 1e-5, "{found} {expected}");
     }
-    // And for contacts anywhere, with any normals, about any point.
+    // The same for arbitrary contacts and normals, about any point.
     let at = |x, y, z| Contact::try_new(Vector3::new(x, y, z), Vector3::new(y, z, x), 0.4, 9.0).unwrap();
     let contacts = [at(0.03, 0.05, -0.02), at(-0.06, 0.01, 0.04), at(0.02, -0.07, 0.03)];
     let directions = tangential_directions(&contacts);
@@ -246,7 +246,7 @@ fn a_known_load_makes_the_force_that_the_paper_commands() {
         let internal = InternalForce::Normal { strength: 4.0 };
         let inputs = ForceInputs { map: &map, internal, known_load, feedback: false, ..*inputs };
         let mut forces = Forces::new(0.6);
-        // What the sensors measure, 9 N of weight, does not count.
+        // The measured weight of 9 N does not count.
         forces.update_estimates(&inputs);
         forces.solve_grip(&inputs, &map.inverse(), 1.0, &[Vector3::zeros(); 3]);
         Vector3::from(forces.target[0])
