@@ -28,7 +28,7 @@
 //! [`Retargeting`] maps an operator's fingertips to a robot hand (Hand5).
 //!
 //! With force feedback, a [`PowerPort`] at each end keeps the link passive. [`MatchedImpedance`] is the
-//! bilateral control that the paper announces.
+//! bilateral control that the paper proposes as future work.
 //!
 //! # The operator's fingers
 //!
