@@ -1,7 +1,7 @@
 //! tesaki: the control core of robot hands and arms.
 //!
-//! One core, written once, `no_std`, without allocation, free of I/O and of clocks. A board, a simulator and
-//! a replay tool call the same code and get the same bits:
+//! One core, `no_std`, without allocation, I/O or clocks. A board, a simulator and a replay tool call the
+//! same code and get bit-identical results:
 //!
 //! ```text
 //!          bytes                    Request                   SensorFrame

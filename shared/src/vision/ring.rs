@@ -22,7 +22,7 @@ pub(super) const CONTRAST_NOISE: f32 = 0.5;
 const HALF_STEPS: f32 = 0.6;
 /// The common contrast is that of rays a 16th of the circle apart.
 const APART: usize = 16;
-/// Least contrast of an edge point [grey levels].
+/// Minimum contrast of an edge point [grey levels].
 const MIN_CONTRAST: f32 = 3.0;
 
 /// Directions of `N` rays, each rotated from the previous one; those of 32 are every other one of 64.
@@ -48,7 +48,7 @@ pub(super) fn directions(rays: usize) -> &'static [[f32; 2]] {
     if rays == FEW_RAYS { &FEW } else { &ALL }
 }
 
-/// Least contrast of an edge point [grey levels].
+/// Minimum contrast of an edge point [grey levels].
 pub(super) fn least_contrast(noise: f32) -> f32 {
     math::clamp(1.5 * CONTRAST_NOISE * noise, MIN_CONTRAST, 255.0)
 }
