@@ -67,15 +67,15 @@ pub enum FaultCause {
     /// 21: a finger lost contact with the object in the hand; the joint is the last of the finger. Value: its
     /// normal force; limit: the minimum normal force of a contact [N].
     ObjectLost,
-    /// 22: the object slid between the fingers, or something moved it. Value: displacement, infinite when the
-    /// fingertips are collinear; limit: maximum displacement [m].
+    /// 22: the object slid between the fingers, or an external force moved it. Value: displacement, infinite
+    /// when the fingertips are collinear; limit: maximum displacement [m].
     ObjectMoved,
     /// 23: the tool of an arm is too far from its set-point. Value and limit in m.
     ToolPositionError,
     /// 24: the tool of an arm is rotated too far from its set-point. Value and limit in rad.
     ToolOrientationError,
     /// 25: a joint runs away: it gains speed against the torque that should bring it back, because its drive
-    /// is reversed, its encoder is another joint's, or something stronger moves it. Value: the torque; limit:
+    /// is reversed, its encoder is another joint's, or a stronger force moves it. Value: the torque; limit:
     /// the torque that moves the joint [N·m].
     Runaway,
     /// 26: a force acts on an arm that its force sensor does not measure: the sensor reads too little, or a

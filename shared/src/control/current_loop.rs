@@ -90,12 +90,12 @@ impl fmt::Display for InvalidCurrentLoop {
 
 impl core::error::Error for InvalidCurrentLoop {}
 
-/// Current loop of a brushed motor: a PI controller whose zero cancels the winding's pole, designed in
-/// discrete time.
+/// Current loop of a brushed motor: a PI controller whose zero cancels the winding's pole, by exact
+/// discretisation.
 ///
 /// With `a = e^(−R·T/L)` the winding is `i⁺ = a·i + (1 − a)/R·v`; the controller `K·(z − a)/(z − 1)` with
 /// `K = g·R/(1 − a)` leaves `g/(z − 1)`. A duty takes effect after the fraction `ℓ` of a period: the previous
-/// duty makes the share `s = (a^(1−ℓ) − a)/(1 − a)` of the current change in a period, and the characteristic
+/// duty contributes the share `s = (a^(1−ℓ) − a)/(1 − a)` of a period's input, and the characteristic
 /// polynomial of the closed loop is `z² − (1 − g·(1 − s))·z + g·s`, whose poles are equal for
 /// `g = 1/(1 + √s)²` (Åström, Wittenmark, *Computer-Controlled Systems*). The back-EMF is fed forward. The
 /// duty is limited by the measured supply and rounded to timer counts; the integrator is conditioned on the

@@ -426,7 +426,7 @@ impl Problem<'_> {
             if place == point.postures.len() {
                 let _ = point.postures.push(FingerPosture::default());
             }
-            // There are as many places as fingers.
+            // There are as many entries as fingers.
             let Some(posture) = point.postures.get_mut(place) else { break };
             finger.update_posture(&point.angles, target.direction.is_some(), posture);
             *evaluations = evaluations.saturating_add(1);

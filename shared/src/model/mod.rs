@@ -11,7 +11,7 @@
 //! - *joint frame*: the frame of a link, at its joint, as in URDF; at joint angle 0 it stands at `origin` in
 //!   the frame of the link before it;
 //! - *mimic joint*: a joint without motor that follows one with a motor, of the same chain or another;
-//! - *reflected*: seen from the joint, that is, through the gear.
+//! - *reflected*: referred to the joint side of the gear.
 
 mod error;
 mod validate;

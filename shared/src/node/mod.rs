@@ -92,7 +92,7 @@ impl Node {
         self.state.mode
     }
 
-    /// What the outputs do in [`Mode::Fault`], and whether the task itself brings the robot to rest.
+    /// Reaction of the outputs in [`Mode::Fault`], and whether the task itself brings the robot to rest.
     pub const fn reaction(&self) -> (Reaction, bool) {
         (self.state.reaction, self.state.halting)
     }

@@ -63,7 +63,7 @@ pub struct State {
     pub(super) accepted: [Option<(u32, u16)>; CLIENTS],
     pub(super) lease: Lease,
     pub(super) mode: Mode,
-    /// What the outputs do in [`Mode::Fault`].
+    /// Reaction of the outputs in [`Mode::Fault`].
     pub(super) reaction: Reaction,
     /// Whether the task itself brings the robot to rest under [`Reaction::Hold`].
     pub(super) halting: bool,

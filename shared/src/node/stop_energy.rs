@@ -57,8 +57,8 @@ impl Node {
         self.robot.joints().iter().map(of_joint).sum()
     }
 
-    /// Begins the energy balance of a stop. The limit is the kinetic energy plus the work of the initial
-    /// torques until they have decayed.
+    /// Begins the energy balance of a stop. The limit is the tolerance, plus the kinetic energy, plus the
+    /// work of the initial torques until they have decayed.
     #[cold]
     #[inline(never)]
     pub(super) fn begin_stop_energy(&mut self) {

@@ -68,7 +68,7 @@ impl Node {
         for joint in self.state.joints.iter().take(self.robot.joints().len()) {
             // 0 · ∞ and 0 · NaN are NaN, and so is the sum.
             sum += 0.0 * joint.torque;
-            // Cannot fail: one place per joint. (`collect` would add a panic.)
+            // Cannot fail: capacity for every joint. (`collect` would add a panic.)
             let _ = frame.torques.push(joint.torque);
         }
         sum == 0.0

@@ -61,7 +61,7 @@ mod tests {
     use crate::model::{ChainModel, Field, Inertial, MimicJoint, Pose, Problem, RobotModel};
     use crate::test_support;
 
-    /// One joint turns a link of 20 g whose centre of mass is 20 mm away. A second chain has a mimic joint
+    /// One joint moves a link of 20 g whose centre of mass is 20 mm away. A second chain has a mimic joint
     /// that follows it with ratio −0.4, and 50 mm further a joint with a motor. All axes are y: the links
     /// rise and fall.
     fn robot() -> RobotModel {
@@ -145,7 +145,7 @@ mod tests {
         assert_eq!(refused(|mimic| mimic.multiplier = 0.0), (Field::MimicMultiplier, Problem::NotSupported));
         assert_eq!(refused(|mimic| mimic.offset = f32::NAN), (Field::MimicOffset, Problem::NotFinite));
         assert_eq!(refused(|mimic| mimic.axis = [0.0; 3]), (Field::Axis, Problem::NotUnit));
-        // Two at one place.
+        // Two at the same place in the chain.
         let mut model = robot();
         let mimic = model.mimics[0];
         model.mimics.push(mimic).unwrap();

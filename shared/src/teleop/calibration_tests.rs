@@ -123,7 +123,7 @@ fn fingers_that_were_not_spread_are_refused_with_that_movement() {
     assert_eq!(motion.to_string(), "spread the index finger sideways");
 }
 
-/// A finger whose joints turn about y, with a base that spreads about z.
+/// A finger whose joints rotate about y, with a base that spreads about z.
 fn posture([base, spread, middle, end]: [f32; 4]) -> FingerRotations {
     let about_y = |angle| math::rotation_matrix(&Vector3::new(0.0, angle, 0.0));
     let spread = math::rotation_matrix(&Vector3::new(0.0, 0.0, spread));

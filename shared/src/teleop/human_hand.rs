@@ -55,7 +55,7 @@ impl fmt::Display for Finger {
 pub enum GloveSensor {
     /// On the back of the hand.
     Back,
-    /// On a segment of a finger: 0 next to the palm (of the thumb: the metacarpal), 2 at the tip.
+    /// On a segment of a finger: 0 next to the palm (for the thumb: the metacarpal), 2 at the tip.
     Segment(Finger, u8),
 }
 
@@ -66,7 +66,7 @@ impl GloveSensor {
         core::iter::once(Self::Back).chain(Finger::ALL.into_iter().flat_map(segments))
     }
 
-    /// Its place in [`GloveSensor::all`].
+    /// Its position in [`GloveSensor::all`].
     const fn index(self) -> usize {
         match self {
             Self::Back => 0,

@@ -117,8 +117,8 @@ fn reduce(image: &Image<'_>, level: u32, y: usize, from: usize, cells: &mut [i16
         return;
     }
     cells.fill(0);
-    // At level 2 the sum of 16 pixels already has the scale of a cell; the sums of all rows at level 4 remain
-    // below 2¹⁵.
+    // At level 2 the sum of 16 pixels already has the scale of a cell. At every level the sum over all rows
+    // is at most 16 · 255.
     let shift = 2 * level - 4;
     for line in 0..side {
         let pixels = image.row(side * y + line).get(side * from..).unwrap_or_default();

@@ -55,7 +55,7 @@ pub struct Circle {
     pub semi_axes: [f32; 2],
     /// Direction of the larger semi-axis, from x towards y [rad].
     pub angle: f32,
-    /// Probability that this is the circle that was searched for, see `docs/find-circle.md`.
+    /// Probability that this is the outermost circle with an expected radius, see `docs/find-circle.md`.
     pub confidence: f32,
 }
 

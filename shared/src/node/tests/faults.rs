@@ -22,7 +22,7 @@ fn an_encoder_jump_switches_the_outputs_off() {
         (fault.cause, fault.joint, fault.tick),
         (FaultCause::EncoderJump, Some(1), rig.sensors.sequence)
     );
-    // 10 000 counts of 65 536 a turn are 0.9587 rad; the limit is twice 8 rad/s · 10 ms and two counts.
+    // 10 000 counts of 65 536 per turn are 0.9587 rad; the limit is twice 8 rad/s · 10 ms and two counts.
     assert!((fault.value - 0.958_738).abs() < 1e-5 && (fault.limit - 0.160_192).abs() < 1e-5, "{fault:?}");
     assert!(!output.enabled && output.torques == [0.0; 3]);
 }

@@ -385,7 +385,7 @@ fn forces_without_feedback_are_as_commanded_wherever_the_object_has_moved_while_
 #[allow(clippy::excessive_precision, reason = "written by a script")]
 const ACCUMULATED: [[f32; 9]; 2] = include!("../../../../tests/oracles/data/accumulated_targets.in");
 
-/// The accumulated joint targets move the contact points, 8 mm from the centers of the tips, with an object
+/// The accumulated joint targets move the contact points, 8 mm from the centres of the tips, with an object
 /// that is translated and rotated.
 #[test]
 fn accumulated_joint_targets_move_the_contacts_with_the_object() {
@@ -400,7 +400,7 @@ fn accumulated_joint_targets_move_the_contacts_with_the_object() {
     for (joint, (before, after)) in before.into_iter().zip(angles(&bench)).enumerate() {
         assert!((before - start[joint]).abs() < 2e-3, "{joint}: begins at {before}, not {}", start[joint]);
         let moved = after - before;
-        // Point contacts at the centers, or closed-form targets, would differ by up to 0.15 rad.
+        // Point contacts at the centres, or closed-form targets, would differ by up to 0.15 rad.
         assert!((moved - changes[joint]).abs() < 3e-3, "{joint}: {moved}, not {}", changes[joint]);
     }
 }

@@ -45,7 +45,7 @@ fn only_the_commander_may_command_but_every_client_may_read_and_stop() {
     let Reply::Status(status) = rig.send(other, 5, Request::ReadStatus) else { panic!() };
     assert_eq!(status.node.commander, Some(7));
     assert_eq!(rig.send(other, 6, Request::SetRate { stream: Stream::Telemetry, every: 1 }), Reply::Done);
-    // The commander keeps its hello and its lease, however many other clients come.
+    // The commander stays accepted and keeps its lease, however many other clients say hello.
     for client in 100..120 {
         rig.send(client, 1, Request::Hello { schema: SCHEMA_KEY });
     }

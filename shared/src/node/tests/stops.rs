@@ -489,7 +489,7 @@ fn a_leap_beyond_the_velocity_limit_is_an_encoder_error() {
 #[test]
 fn a_leap_that_ends_at_once_is_an_encoder_error() {
     let mut model = model();
-    // 0.6 N·m make 1 g·m² faster by 6 rad/s in a tick.
+    // 0.6 N·m change the velocity of 1 g·m² by 6 rad/s in a tick.
     model.joints[2].servo.observer.inertia = 1e-3;
     model.joints[2].limits.following_error = 1.0;
     let velocity = FaultCause::VelocityLimit;

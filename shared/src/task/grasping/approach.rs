@@ -19,16 +19,16 @@ use crate::zip::zip;
 /// Straight path of a fingertip.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize, Schema)]
 pub(super) struct TipPath {
-    /// Start of the tip's center [m].
+    /// Start of the tip's centre [m].
     pub start: [f32; 3],
-    /// End of the tip's center [m].
+    /// End of the tip's centre [m].
     pub end: [f32; 3],
     /// Consecutive ticks with contact.
     contact_ticks: u8,
     in_contact: bool,
 }
 
-/// Set-point of a tip's center: position [m], velocity [m/s] and acceleration [m/s²].
+/// Set-point of a tip's centre: position [m], velocity [m/s] and acceleration [m/s²].
 type TipSetpoint = [Vector3<f32>; 3];
 
 impl TipPath {

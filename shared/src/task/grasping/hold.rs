@@ -16,7 +16,7 @@ use crate::kinematics::Jacobian;
 use crate::robot::Actuation;
 use crate::zip::zip;
 
-/// Jacobian of a fingertip, and the lever of its contact from the tip's center [m].
+/// Jacobian of a fingertip, and the lever of its contact from the tip's centre [m].
 type FingerContact = (Jacobian, Vector3<f32>);
 
 impl GraspState {
@@ -182,7 +182,7 @@ impl GraspState {
         if let Some(step) = step {
             changes = Some(three.joint_velocities(levers, step).map_err(|error| error.finger)?);
         }
-        // With the measured centers in the object frame, force control determines the distances between the
+        // With the measured centres in the object frame, force control determines the distances between the
         // fingertips. While probing and opening, the anchors fix these distances.
         let centers = match self.phase {
             Phase::ProbeFriction | Phase::Open => &self.tracker.anchors,

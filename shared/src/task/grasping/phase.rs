@@ -87,7 +87,7 @@ pub enum GraspFault {
         /// Its limit [m].
         limit: f32,
     },
-    /// The object is away from its target: something moved it.
+    /// The object is away from its target: an external force moved it.
     Displaced {
         /// Its distance from the target [m].
         distance: f32,

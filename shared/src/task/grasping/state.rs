@@ -63,7 +63,7 @@ pub struct GraspState {
 /// Measurements of the fingers in a tick.
 pub(super) struct Fingers<'a> {
     pub postures: PerFinger<&'a Posture>,
-    /// Centers of the fingertips [m].
+    /// Centres of the fingertips [m].
     pub tips: PerFinger<Vector3<f32>>,
     /// Forces of the fingertips on the object [N].
     pub forces: PerFinger<Vector3<f32>>,

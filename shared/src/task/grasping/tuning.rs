@@ -51,8 +51,8 @@ pub(super) const CONTACT_LOSS_TICKS: u8 = 10;
 /// Change of a side of the fingertips' triangle beyond which the object slid or rotated between the fingers
 /// [m]. Smaller detects a slip earlier; rolling tips must stay below it.
 pub(super) const MAX_DEFORMATION: f32 = 0.012;
-/// Distance of the object from its target beyond which something moved it [m]. Smaller tolerates weaker
-/// pushes.
+/// Distance of the object from its target beyond which an external force has moved it [m]. Smaller tolerates
+/// weaker pushes.
 pub(super) const MAX_DISPLACEMENT: f32 = 0.015;
 
 // Motion of the object.
@@ -88,7 +88,7 @@ pub(super) const CENTER_FILTER_GAIN: f32 = 0.4;
 /// Gain of the first-order filter of the load, per tick. Larger follows faster and passes more noise.
 pub(super) const LOAD_FILTER_GAIN: f32 = 0.5;
 /// Gain of the filter of the earlier load, with which the present one is compared, per tick: a time constant
-/// of some 80 ms. Smaller sees slower growth of the load.
+/// of some 80 ms. Smaller detects slower growth of the load.
 pub(super) const EARLIER_LOAD_FILTER_GAIN: f32 = 0.12;
 /// Gain of the filter of the object's weight, per tick: a time constant of some 0.5 s. Larger mistakes pushes
 /// for weight.

@@ -108,8 +108,8 @@ mod tests {
 
     #[test]
     fn what_is_no_oscillation_leaves_the_impedance_as_it_is() {
-        // A bounce that fades by itself, one push and release, and a person who shakes the tool by 20 N at 3
-        // Hz.
+        // A bounce that decays by itself, one push and release, and a person who shakes the tool with 20 N at
+        // 3 Hz.
         assert!((after(bounces(60.0, 0.6, 10)) - 1.0).abs() < f32::EPSILON);
         assert!((after(bounces(60.0, 1.0, 1)) - 1.0).abs() < f32::EPSILON);
         let shaken = (0..500_u16).map(|tick| 20.0 * abs(crate::math::sin_cos(f32::from(tick) * 0.188).0));

@@ -22,7 +22,7 @@ pub const LEARNABLE: f32 = 0.5;
 /// underestimated.
 const DAMPING: f32 = 0.05;
 
-/// What the estimate learns in a period.
+/// Learning mode of the estimate in a period.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Learning {
     /// The efforts without contact: the hand has not moved yet.

@@ -70,7 +70,7 @@ impl MotionState {
         rest: ([0.0; 3], 0.0),
     };
 
-    /// Sends the hand, whose reference is at `place`, to a target.
+    /// Moves the hand, whose reference is at `place`, to a target.
     ///
     /// # Errors
     /// The target is beyond the obstacle that ended a motion.

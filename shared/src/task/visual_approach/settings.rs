@@ -18,8 +18,8 @@ const MAX_OFFSET: f32 = 1e-3;
 /// Settings of a gripper with one joint.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct GripperSettings {
-    /// Its joint: the last one of the arm's chain, which turns the tip about the approach, or the only one of
-    /// another chain.
+    /// Its joint: the last one of the arm's chain, which rotates the tip about the approach direction, or the
+    /// only one of another chain.
     pub joint: u8,
     /// Angle of the open gripper [rad].
     pub open: f32,

@@ -74,7 +74,7 @@ impl Forces {
         })
     }
 
-    /// Internal part of target less measured forces [N].
+    /// Internal part of target minus measured forces [N].
     fn internal_force_error(
         &self,
         inputs: &ForceInputs<'_>,

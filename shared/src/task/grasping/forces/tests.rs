@@ -69,7 +69,7 @@ fn forces_of_a_support_do_not_count_as_an_error_of_internal_forces() {
     let forces = Forces { target, ..Forces::new(0.5) };
     let have_converged =
         |measured| with_inputs(1.0, &measured, |inputs| forces.have_converged(inputs, &inputs.map.inverse()));
-    // Something pushes the box with 1.5 N, a third on each finger: the internal forces stay on target.
+    // An external force of 1.5 N on the box, a third on each finger: the internal forces stay on target.
     let [one, two, three] = pressing(2.0, 0.0);
     let push = Vector3::new(0.5, 0.0, 0.0);
     assert!(have_converged([one, two, three]));
@@ -99,8 +99,8 @@ fn feedback_rests_in_the_dead_band() {
 #[test]
 fn feedback_exceeds_no_limit_of_a_contact() {
     let (_, mut forces) = grasp(0.0, 0.5);
-    // A load that needs a grip near the limit of 9 N, and sensors that read half of what the fingers press
-    // with.
+    // A load that needs a grip near the limit of 9 N, and sensors that read half of the forces of the
+    // fingers.
     let mut command = [Vector3::zeros(); 3];
     for _ in 0..1000 {
         let measured = pressing(4.0, 3.0);

@@ -30,7 +30,7 @@ pub(super) enum Release {
     Done,
 }
 
-/// What a stop keeps of the reference arm.
+/// The part of the reference arm's state that a stop keeps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Takeover {
     /// All of it.
