@@ -68,7 +68,7 @@ pub struct RoseEstimate {
 struct Measurement {
     /// Measured minus estimated position [m].
     innovation: Vector3<f32>,
-    /// Jacobian of the innovation with respect to the state, the measurement matrix.
+    /// Measurement matrix: Jacobian with respect to the state.
     slope: Matrix3x4<f32>,
     /// Inverse covariance of the innovation.
     weight: Matrix3<f32>,
@@ -189,8 +189,8 @@ impl RoseEstimate {
         let mut depth = abs(nearer) / (0.02 * circle.radius) * RADIUS_ERROR + TABLE_ERROR;
         let mut aside = radius / circle.radius * CENTER_ERROR + TABLE_ERROR;
         let located = |radius: f32| hand * Point3::from(table.locate(circle, radius));
-        // The innovation as a function of the state is position − located(radius), up to sign; its Jacobian
-        // follows.
+        // Implicit measurement: position − located(radius) is zero but for noise, and `slope` is its
+        // Jacobian.
         let mut slope = Matrix3x4::zeros();
         slope.fixed_view_mut::<3, 3>(0, 0).fill_with_identity();
         let measured = if rim == Rim::Rose {

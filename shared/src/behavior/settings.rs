@@ -21,7 +21,7 @@ pub struct ApproachSettings {
     pub tolerance: f32,
     /// Speed of the hand up to the guard distance [m/s].
     pub speed: f32,
-    /// Speed of the hand beyond the guard distance, while it pulls, and while it withdraws from the knob
+    /// Speed of the hand inside the guard distance, while it pulls, and while it withdraws from the knob
     /// [m/s].
     pub near_speed: f32,
     /// Range of the gripper's angle while it holds the knob, minimum and maximum [rad].

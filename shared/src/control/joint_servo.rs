@@ -48,7 +48,7 @@ pub struct ServoOutput {
 }
 
 impl JointServoState {
-    /// At rest at `position` [rad], without adapted friction or disturbance.
+    /// The state at rest at `position` [rad], without adapted friction or disturbance.
     pub const fn at(position: f32) -> Self {
         Self {
             trajectory: TrajectoryState::at(position),

@@ -43,7 +43,7 @@ pub struct PidState {
 }
 
 impl PidState {
-    /// At rest at the measured angle.
+    /// The state at rest at the measured angle.
     pub const fn at(measured: f32) -> Self {
         Self { integral: 0.0, derivative: 0.0, measured, error: 0.0 }
     }

@@ -26,7 +26,7 @@ const DRIVING_DECAY: f32 = 0.5;
 /// Decrease of the compensated share of the weight per rise of a damped joint [1/rad], and its maximum.
 const LESS_WEIGHT: f32 = 4.0;
 const MAX_UNCOMPENSATED: f32 = 0.4;
-/// Relative error of the model's weight of a held joint: masses and torque constants by 10 % to 15 % each.
+/// Relative error of the model's weight of a held joint: 10 % to 15 % each of masses and torque constants.
 const HELD_WEIGHT_ERROR: f32 = 0.25;
 
 /// State of a joint: encoder and servo.

@@ -165,7 +165,7 @@ impl Lease {
         self.held = false;
     }
 
-    /// Whether `sequence` is older than the last command: behind it by up to half of the number range, modulo
+    /// Whether `sequence` is older than the last command: behind it by up to half of the number range, with
     /// wrap-around.
     fn is_older(&self, sequence: u16) -> bool {
         sequence.wrapping_sub(self.sequence).cast_signed() < 0

@@ -14,7 +14,7 @@ use crate::protocol::{ForceSensorFault, Mode, SensorFrame};
 use crate::robot::{Actuation, JointConfig, Measured, Postures, Robot, count};
 use crate::task::Halt;
 
-/// How often a stop restarts after missed ticks; then the robot is damped.
+/// Maximum number of restarts of a stop after missed ticks; then the robot is damped.
 const MAX_RESTARTS: u8 = 10;
 
 /// Share of the force limit of a sensor above which it reads a contact.
@@ -178,7 +178,7 @@ impl Node {
         } else if elapsed.cast_signed() > 1 {
             #[expect(clippy::cast_precision_loss, reason = "exact for hours")]
             let periods = elapsed as f32;
-            // A jump appears as a jump in this tick.
+            // A jump is left in the positions, and detected below.
             let joints = all.each().zip(&sensors.encoders);
             let moved = joints.filter(|(joint, count)| !joint.leaps_to(**count, periods));
             moved.for_each(|(mut joint, &count)| joint.catch_up(count, periods));
@@ -339,7 +339,7 @@ impl Node {
 }
 
 /// Reads the encoders from the first frame, or from the first one after frames that could not be read. A jump
-/// in between appears as a jump in this tick.
+/// in between is left in the positions, and detected in this tick.
 #[cold]
 #[inline(never)]
 fn first_read(all: &mut Joints<'_>, sensing: Sensing, sensors: &SensorFrame) {
@@ -456,7 +456,7 @@ fn worse(first: SensorFault, other: (u8, Finding)) -> SensorFault {
     }
 }
 
-/// A number of sensors that differs from the robot's, and the robot's.
+/// A wrong number of sensors, and that of the robot.
 fn wrong_count(robot: &Robot, sensors: &SensorFrame) -> Option<(usize, usize)> {
     let (joints, forces) = (robot.joints().len(), robot.force_sensors());
     let counts =

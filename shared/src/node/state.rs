@@ -44,7 +44,7 @@ pub(super) enum Sensing {
 }
 
 impl Sensing {
-    /// Notes a tick without a readable frame; `tick` is the previous one.
+    /// Registers a tick without a readable frame; `tick` is the previous one.
     pub(super) const fn lose(&mut self, tick: u32) {
         if let Self::Read = self {
             *self = Self::Silent { since: tick };
@@ -95,7 +95,7 @@ pub struct State {
     pub(super) rates: [u16; Stream::ALL.len()],
     /// Number of requests and frames so far: the index of the log.
     pub(super) records: u32,
-    /// Whether a task was enabled since the commit of the model; only then there is task telemetry.
+    /// Whether a task was enabled since the commit of the model; only then is there task telemetry.
     pub(super) has_task: bool,
     pub(super) stop_energy: StopEnergy,
     /// How often the stop restarted after missed ticks.

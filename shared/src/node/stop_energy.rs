@@ -3,7 +3,7 @@
 //! A servo, a damper or a task that brings a robot to rest is passive as long as encoders and drives are
 //! correct: the torque beyond gravity compensation takes energy out of the motion. Work that exceeds the
 //! initial kinetic energy shows that an encoder or a drive is wrong, that the control oscillates, or that the
-//! load which the torques balanced is gone.
+//! load balanced by the torques is gone.
 
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};

@@ -78,7 +78,7 @@ impl Targets {
 }
 
 impl JointTarget {
-    /// At rest at an angle [rad].
+    /// The target at rest at an angle [rad].
     pub const fn at(position: f32) -> Self {
         Self { setpoint: JointSetpoint::Goal(position), feedforward: 0.0, restart: false }
     }

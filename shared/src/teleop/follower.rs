@@ -154,7 +154,8 @@ struct ClutchOffset {
 }
 
 impl FollowerState {
-    /// Clutch open and tool at rest at `position` [m], orientation `[x, y, z, w]` and elbow angle [rad].
+    /// The state with open clutch and the tool at rest at `position` [m], orientation `[x, y, z, w]` and
+    /// elbow angle [rad].
     pub fn at(position: [f32; 3], [x, y, z, w]: [f32; 4], elbow: f32) -> Self {
         Self {
             hand: None,

@@ -76,7 +76,7 @@ mod tests {
 
     const LIMITS: MotionLimits = MotionLimits { speed: 1.0, acceleration: 8.0 };
 
-    /// From rest to a target at rest: settling time to 0.1 % and relative overshoot.
+    /// Step response from rest to a target at rest: settling time to 0.1 % and relative overshoot.
     fn step_response(distance: f32) -> (f32, f32) {
         let (mut position, mut velocity, mut overshoot, mut time) = (0.0, 0.0, 0.0_f32, None);
         for tick in 0..400_u16 {

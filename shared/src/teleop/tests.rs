@@ -136,7 +136,7 @@ fn always(_: f32) -> bool {
     true
 }
 
-/// With the clutch closed at 0.5 s.
+/// A run with the clutch closed at 0.5 s.
 fn following() -> Run {
     let mut run = Run::new();
     run.until(0.5, &resting, &always);

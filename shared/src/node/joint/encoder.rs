@@ -16,7 +16,7 @@ const HYSTERESIS_SHARE: f32 = 0.4;
 /// ticks it gains more speed; with fewer a rebound is mistaken for it.
 const RUNAWAY_TICKS: u8 = 3;
 
-/// Conditions that decide which effort a joint at rest may have.
+/// Conditions that determine the effort that a joint at rest may have.
 #[derive(Clone, Copy)]
 pub struct Situation {
     /// The robot is brought to rest, and no joint has to press on anything.

@@ -84,8 +84,8 @@ impl ImpedanceState {
         self.settings.impedance = self.impedance;
     }
 
-    /// While the tool still moves into the contact, moves the set-point so near to it that the spring presses
-    /// no harder than the contact force.
+    /// If the tool still moves into the contact, moves the set-point so near to the tool that the spring
+    /// presses no harder than the contact force.
     #[cold]
     #[inline(never)]
     fn relax_spring(&mut self, posture: &Posture, wrench: &Vector6<f32>) {
