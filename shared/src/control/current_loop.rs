@@ -54,11 +54,11 @@ pub enum Drive {
 /// A parameter of a current loop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CurrentLoopField {
-    /// Of the [`Winding`].
+    /// Resistance of the [`Winding`].
     Resistance,
-    /// Of the [`Winding`].
+    /// Inductance of the [`Winding`].
     Inductance,
-    /// Of the [`Winding`].
+    /// Back-EMF of the [`Winding`].
     BackEmf,
     /// A field of [`Switching`].
     Switching,

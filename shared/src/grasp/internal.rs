@@ -365,7 +365,7 @@ mod tests {
             .collect();
         let map = GraspMap::try_new(&one_way, Vector3::zeros()).unwrap();
         assert!(matches!(map.normal_grip(1e-3), Err(NormalGripError::Unbalanced { .. })));
-        // Of collinear contacts one would have to pull.
+        // One of the collinear contacts would have to pull.
         let line: std::vec::Vec<Contact> =
             [0.0, 0.02, 0.06].iter().map(|&y| contact([0.0, y, 0.0], [1.0, 0.0, 0.0], 0.5, 9.0)).collect();
         let map = GraspMap::try_new(&line, Vector3::zeros()).unwrap();

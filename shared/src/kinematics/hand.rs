@@ -93,8 +93,8 @@ pub enum InvalidHand {
         /// The finger.
         finger: u8,
     },
-    /// A coupling to a joint that does not exist, or with a multiplier or offset that is not finite or a
-    /// multiplier of 0.
+    /// A coupling to a joint that does not exist, with a multiplier of 0, or with a multiplier or offset that
+    /// is not finite.
     Coupling {
         /// The finger.
         finger: u8,

@@ -186,7 +186,7 @@ impl Hand {
         self.run(targets, options, angles, false)
     }
 
-    /// As [`Hand::solve`], but if a tip does not reach its target also from other starts, for the global
+    /// As [`Hand::solve`], but also from other starts if a tip does not reach its target, for the global
     /// minimum. For the first target, and for those far from the previous one.
     pub fn search(
         &self,

@@ -364,7 +364,7 @@ impl GloveFilter {
     /// the first sensor whose sample could not be used; the sensor is bridged, and all others are filtered.
     ///
     /// # Errors
-    /// That error; or a period that is not within 0 to 1 s: the state is then unchanged.
+    /// The error of a sensor, as above, or a period that is not within 0 to 1 s; the state is then unchanged.
     pub fn update(
         &self,
         state: &mut GloveFilterState,

@@ -89,7 +89,7 @@ fn a_link_with_more_delay_than_the_damping_is_good_for_is_refused_with_the_one_t
     };
     assert!((limit - 0.328_333).abs() < 1e-5 && (stiffness - 289.855).abs() < 1e-2, "{limit} {stiffness}");
     assert_eq!(limits.check_link([1.5, 0.0], stiffness * 0.9999, 0.34), Ok(()));
-    // 20 N·s/m of its own: 120/300 s less 5 ms.
+    // With 20 N·s/m of its own: 120/300 s less 5 ms.
     assert_eq!(limits.check_link([1.5, 20.0], 300.0, 0.39), Ok(()));
     assert!(limits.check_link([1.5, 20.0], 300.0, 0.4).is_err());
     let told = limits.check_link([1.5, 0.0], 300.0, 0.34).unwrap_err().to_string();

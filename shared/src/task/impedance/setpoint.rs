@@ -66,7 +66,7 @@ pub(super) fn pose_error(tool: &IsometryMatrix3<f32>, point: &PosePoint) -> Vect
 /// Checks a pose error against the maximum deviation of the settings.
 ///
 /// # Errors
-/// It is larger.
+/// The error is larger.
 #[inline]
 pub(super) fn check_deviation(
     error: &Vector6<f32>,
@@ -87,7 +87,7 @@ pub(super) fn check_deviation(
 /// Checks the pose error of a set-point against the maximum deviation of the settings.
 ///
 /// # Errors
-/// It is larger.
+/// The error is larger.
 #[inline(never)]
 pub(super) fn check_point(
     tool: &IsometryMatrix3<f32>,

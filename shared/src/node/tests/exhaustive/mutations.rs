@@ -46,7 +46,7 @@ pub enum Mutation {
     LeaseAlwaysExpired,
     /// No command timeout.
     NoCommandTimeout,
-    /// The command timeout comes a tick late.
+    /// The command timeout is one tick late.
     LateCommandTimeout,
     /// The emergency stop is ignored while enabled.
     IgnoresEmergencyStop,

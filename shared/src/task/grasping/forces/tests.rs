@@ -129,7 +129,7 @@ fn a_growing_load_tightens_the_grip_at_once() {
 #[test]
 fn saturated_joints_scale_the_forces_and_stop_the_integrator() {
     let (_, mut forces) = grasp(0.0, 0.5);
-    // Of 3 N finger 3 carries a half, and has to press with 3.75 N, 0.375 N·m. Motors that are weaker than in
+    // Finger 3 carries half of 3 N, and has to press with 3.75 N, 0.375 N·m. Motors that are weaker than in
     // the model make 3.2 N.
     let mut command = 0.0;
     for _ in 0..300 {
@@ -168,7 +168,7 @@ fn normal_dither_exceeds_no_limit() {
 fn tangential_dither_makes_no_contact_slide() {
     let (contacts, forces) = grasp(4.0, 0.8);
     assert!((forces.max_tangential_dither(&contacts, &directions(), 0.4) - 0.4).abs() < 1e-6);
-    // Of fingers 1 and 2, 0.8 · 0.05 · (2 − 0.92585 s) = 1.37790 s.
+    // For fingers 1 and 2, 0.8 · 0.05 · (2 − 0.92585 s) = 1.37790 s.
     let (contacts, forces) = grasp(4.0, 0.05);
     let amplitude = forces.max_tangential_dither(&contacts, &directions(), 0.4);
     assert!((amplitude - 0.056_540).abs() < 1e-5, "{amplitude}");
