@@ -129,7 +129,7 @@ impl FaultCause {
     }
 
     /// Whether the joints deviate from their references, or moved on without control, so that they must stop
-    /// from where they are instead of along the reference.
+    /// from their measured state instead of along the reference.
     pub const fn invalidates_reference(self) -> bool {
         matches!(
             self,

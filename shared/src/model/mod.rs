@@ -8,8 +8,8 @@
 //! - *joint*: one rotary degree of freedom together with the link that it moves;
 //! - *chain*: joints in series from the base (a finger, an arm); chains split the joint list into consecutive
 //!   runs;
-//! - *joint frame*: the frame of a link, at its joint, as in URDF; at joint angle 0 it stands at `origin` in
-//!   the frame of the link before it;
+//! - *joint frame*: the frame of a link, at its joint, as in URDF; at joint angle 0 its pose in the frame of
+//!   the link before it is `origin`;
 //! - *mimic joint*: a joint without motor that follows one with a motor, of the same chain or another;
 //! - *reflected*: referred to the joint side of the gear.
 
@@ -121,9 +121,9 @@ impl Coupling {
 /// A joint of a chain.
 #[derive(Clone, Copy, Debug)]
 pub enum ChainJoint<'a> {
-    /// One with a motor, and its index into [`RobotModel::joints`].
+    /// A joint with a motor, and its index into [`RobotModel::joints`].
     Driven(usize, &'a JointModel),
-    /// One without.
+    /// A joint without motor.
     Mimic(&'a MimicJoint),
 }
 
@@ -158,7 +158,7 @@ pub struct ForceSensor {
     pub torque_resolution: f32,
     /// Magnitude of the count at which the sensor saturates.
     pub saturation: u32,
-    /// A larger force on the tip is a fault [N].
+    /// Maximum force on the tip [N]; a larger one is a fault.
     pub force_limit: f32,
     /// Mass on the measuring side of the sensor [kg].
     pub mass: f32,

@@ -12,7 +12,7 @@ use crate::robot::{CURRENT_MARGIN, JUMP_FACTOR};
 
 /// Smallest value, in SI units, of a quantity that must be positive.
 const SMALLEST: f32 = 1e-12;
-/// How far a unit vector's length may be from 1.
+/// Tolerance of a unit vector's length.
 const UNIT_TOLERANCE: f32 = 1e-3;
 
 // Physical bounds that no robot exceeds.

@@ -123,8 +123,8 @@ impl Node {
         }
     }
 
-    /// Executes a request of the commander. Inlined, as a model is taken over on top of its frame, at the end
-    /// of the stack.
+    /// Executes a request of the commander. Inlined to save a stack frame: taking over a model is where the
+    /// stack is deepest.
     #[inline(always)]
     #[deny(clippy::wildcard_enum_match_arm)]
     fn command(
@@ -250,7 +250,7 @@ impl Node {
         Ok(())
     }
 
-    /// Switches the outputs off. A fault remains until it was read and cleared.
+    /// Switches the outputs off. A fault remains until it is read and cleared.
     fn disable(&mut self) {
         self.state.reaction = Reaction::Off;
         if self.state.mode != Mode::Fault {

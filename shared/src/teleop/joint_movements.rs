@@ -34,7 +34,7 @@ impl JointMovements {
         let covariance = self.squares[joint] / weight - mean * mean.transpose();
         let svd = Svd::new(&covariance);
         let mut bend: Vector3<f32> = svd.right.column(0).into();
-        // From the flat hand a finger bends one way.
+        // From the flat hand a finger bends in one direction only.
         if bend.dot(&mean) < 0.0 {
             bend = -bend;
         }

@@ -154,7 +154,7 @@ impl CircleSearch {
                 to: [(bound(0, 1.0) + 1).min(size[0]), (bound(1, 1.0) + 1).min(size[1])],
             }
         };
-        // One cell more, for the smoothing; for the edge points, the circle and Sobel's margin.
+        // One more cell for the smoothing; for the edge points also the circle and Sobel's margin.
         let cell = (1_u32 << level) as f32;
         let near = window.reach + 2.0 * cell;
         (around(near), around(near + (radius + 3) as f32 * cell))

@@ -1,4 +1,4 @@
-//! Fingers that hold nothing: their paths to the object, the search for its surface, and the way back.
+//! Fingers without an object: their paths to it, the search for its surface, and the return.
 
 use nalgebra::Vector3;
 use postcard_schema::Schema;

@@ -145,7 +145,7 @@ impl GraspState {
         -down(hand).dot(&Vector3::new(x, y, z))
     }
 
-    /// Whether the object is above where it was grasped.
+    /// Whether the object is above the position at which it was grasped.
     pub(super) fn is_lifted(&self, hand: &Hand<'_>) -> bool {
         let displacement =
             Vector3::from(self.tracker.object.translation) - Vector3::from(self.origin.translation);

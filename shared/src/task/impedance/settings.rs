@@ -164,7 +164,7 @@ pub enum InvalidSettings {
         /// The value.
         value: f32,
     },
-    /// 9: the mass of the impedance along an axis is far below the arm's own there [kg].
+    /// 9: the mass of the impedance along an axis is far below the arm's own mass [kg].
     MassInContact {
         /// 0 to 2: along x, y, z.
         axis: u8,
