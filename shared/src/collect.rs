@@ -1,4 +1,4 @@
-//! Lists without a way to panic.
+//! Lists that cannot panic.
 
 use heapless::Vec;
 

@@ -26,8 +26,8 @@ pub enum FaultCause {
     /// 4: an angle changed faster in one tick than the joint can move. Value and limit in rad.
     EncoderJump,
     /// 5: torque beyond friction without a change of the count: a dead encoder or a blocked joint. Value: the
-    /// torque beyond the weight, or the growth of that of an acceleration; limit: the one that moves the
-    /// joint [N·m], 0 when the board found it by the motor's voltage.
+    /// torque beyond the weight, or the growth of an acceleration torque; limit: the torque or growth that
+    /// must move the joint [N·m], 0 when the board found the fault by the motor's voltage.
     EncoderStuck,
     /// 6: a computed torque is not finite. Value: its magnitude, NaN or infinite.
     NotFinite,
@@ -51,13 +51,13 @@ pub enum FaultCause {
     /// 15: a CPU fault reset the board. Value: the program counter.
     HardFault,
     /// 16: the clock fell back to a less accurate source at boot. Value: number of the
-    /// [`ClockSource`](crate::protocol::ClockSource). The board can still be enabled, but not one that drives
-    /// motors from the internal oscillator alone: its current loops run too slowly (28).
+    /// [`ClockSource`](crate::protocol::ClockSource). The board can still be enabled, unless it drives motors
+    /// and runs on the internal oscillator alone: its current loops are too slow then (28).
     ClockFallback,
     /// 17: the supervisor asked for an immediate stop.
     Stop,
-    /// 18: a force sensor is saturated; the joint is the last of its chain. Value and limit in counts, those
-    /// of the converter when the board found a gauge at its end.
+    /// 18: a force sensor is saturated; the joint is the last of its chain. Value and limit in counts; in
+    /// those of the converter if the board found a gauge at the end of its range.
     ForceSaturated,
     /// 19: the counts of a force sensor do not change: it is dead. Value and limit in ticks; limit 0 when the
     /// board found a gauge that stands still.
@@ -67,23 +67,23 @@ pub enum FaultCause {
     /// 21: a finger lost contact with the object in the hand; the joint is the last of the finger. Value: its
     /// normal force; limit: the minimum normal force of a contact [N].
     ObjectLost,
-    /// 22: the object slid between the fingers, or something moved it. Value: displacement, infinite when the
-    /// fingertips are collinear; limit: maximum displacement [m].
+    /// 22: the object slid between the fingers, or an external force moved it. Value: displacement, infinite
+    /// when the fingertips are collinear; limit: maximum displacement [m].
     ObjectMoved,
     /// 23: the tool of an arm is too far from its set-point. Value and limit in m.
     ToolPositionError,
     /// 24: the tool of an arm is rotated too far from its set-point. Value and limit in rad.
     ToolOrientationError,
     /// 25: a joint runs away: it gains speed against the torque that should bring it back, because its drive
-    /// is reversed, its encoder is another joint's, or something stronger moves it. Value: the torque; limit:
+    /// is reversed, its encoder is another joint's, or a stronger force moves it. Value: the torque; limit:
     /// the torque that moves the joint [N·m].
     Runaway,
-    /// 26: something acts on an arm that its force sensor does not see: the sensor reads too little, or a
-    /// link is pushed. Value: the acceleration of the tool that the control made up for; limit [m/s²].
+    /// 26: a force acts on an arm that its force sensor does not measure: the sensor reads too little, or a
+    /// link is pushed. Value: the acceleration of the tool that the control compensated; limit [m/s²].
     ForceMismatch,
-    /// 27: the drives brought energy into a robot that was to come to rest, because an encoder or a drive
-    /// lies, the control swings, or what it pressed on is gone. The joint is the one that did most in the
-    /// last tick. Value and limit in J.
+    /// 27: the drives brought energy into a robot that was to come to rest, because an encoder or a drive is
+    /// wrong, the control oscillates, or an object that the robot pressed on is gone. The joint is the one
+    /// that did most work in the last tick. Value and limit in J.
     EnergyGained,
     /// 28: the board could not read its sensors in a control period. Value: 1.
     SensorsSilent,
@@ -95,7 +95,7 @@ pub enum FaultCause {
     /// 31: a power stage reported a fault, or the board switched one off by itself. Value: 1.
     PowerStage,
     /// 32: the converter of a force sensor's gauges gives no values that can be trusted; the joint is the
-    /// last of its chain. Value: 1 none came in time, 2 they are damaged, 3 it has restarted.
+    /// last of its chain. Value: 1: none came in time, 2: they are damaged, 3: it has restarted.
     ForceSilent,
 }
 
@@ -123,13 +123,13 @@ impl FaultCause {
         )
     }
 
-    /// Whether a force sensor tells nothing then.
+    /// Whether the reading of a force sensor is invalid after this fault.
     pub const fn loses_force(self) -> bool {
         matches!(self, Self::ForceSaturated | Self::ForceStuck | Self::ForceSilent)
     }
 
     /// Whether the joints deviate from their references, or moved on without control, so that they must stop
-    /// from where they are instead of along the reference.
+    /// from their measured state instead of along the reference.
     pub const fn invalidates_reference(self) -> bool {
         matches!(
             self,
@@ -209,7 +209,7 @@ impl FaultCause {
     }
 }
 
-/// What a check finds wrong: the cause of a fault, with the value and the limit that it exceeds.
+/// Result of a check: the cause of a fault, with the value and the limit that it exceeds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Finding {
     pub cause: FaultCause,
@@ -286,8 +286,8 @@ pub struct FaultLog {
 }
 
 impl FaultLog {
-    /// Identifies the layout of a log and the checksum of its joints: memory that outlives a firmware may
-    /// hold another's.
+    /// Identifies the layout of a log with the checksum of its joints: retained memory may hold the log of
+    /// another firmware.
     pub const KEY: u64 =
         u64::from_le_bytes(postcard_schema::key::Key::for_path::<(Self, u32)>("tesaki/faults").to_bytes());
 

@@ -1,7 +1,7 @@
 //! tesaki: the control core of robot hands and arms.
 //!
-//! One core, written once, `no_std`, without allocation, free of I/O and of clocks. A board, a simulator and
-//! a replay tool call the same code and get the same bits:
+//! One core, `no_std`, without allocation, I/O or clocks. A board, a simulator and a replay tool call the
+//! same code and get bit-identical results:
 //!
 //! ```text
 //!          bytes                    Request                   SensorFrame
@@ -25,9 +25,9 @@
 //! | [`teleop`] | following an operator's hand over a link; passivity of a link; fingertips of an operator's hand from a glove, and their calibration |
 //! | [`vision`] | circle finding in a grey image |
 //! | [`fault`] | causes of faults, and their log |
-//! | [`robot`] | the model made ready for control; `Measured` and `Targets` |
+//! | [`robot`] | the model preprocessed for control; `Measured` and `Targets` |
 //! | [`task`] | what an enabled node does: one module per task |
-//! | [`behavior`] | what leads a task from beside the board: the visual approach |
+//! | [`behavior`] | behaviours that guide a task from outside the board: the visual approach |
 //! | [`protocol`] | messages and their framing |
 //! | [`node`] | modes, limits, faults, tick |
 //!

@@ -1,4 +1,4 @@
-//! The behaviour that leads the task: look, centre, advance, grip, verify (Knob §4.5).
+//! The behaviour that guides the task: look, centre, advance, grip, verify (Knob §4.5).
 
 use heapless::Vec;
 use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
@@ -12,79 +12,77 @@ use crate::task::visual_approach::{
 };
 use crate::vision::{Circle, CircleSearch, Window};
 
-/// Circles of less confidence are not to be believed.
+/// Circles with less confidence are ignored.
 pub const MIN_CONFIDENCE: f32 = 0.35;
-/// Circles that are compared at the begin, and of these, as many must agree.
+/// Number of first circles that are compared, and how many of them must agree.
 const FIRST_LOOKS: usize = 7;
 const AGREEING: usize = 4;
-/// They agree when their centres are this near, and their radii by this share [px; 1].
+/// Circles agree if their centres differ by less than this [px], and their radii by less than this share.
 const SAME_CENTER: f32 = 4.0;
 const SAME_RADIUS: f32 = 0.12;
-/// One explanation of the circles is right when the other one costs so much more.
+/// One explanation of the circles is accepted when the cost of the other is higher by this amount.
 const DECIDED: f32 = 15.0;
-/// Waiting before what may be the knob, this near to the place [m], the likelier explanation is taken for
-/// right after this time [s].
+/// After the hand has waited for this time [s], within this distance of its target before the possible knob
+/// [m], the likelier explanation is accepted.
 const DECISION_PLACE: f32 = 5e-3;
 const DECISION_TIME: f32 = 0.7;
-/// Without a picture, or without the rose in one, for this time, it is lost [s].
+/// The rose is lost after this time without a picture, or without the rose in one [s].
 const LOST: f32 = 1.5;
-/// Arrived at the place to grip: way left [m].
+/// Remaining distance at which the hand has arrived at the grip position [m].
 const AT_GRIP: f32 = 2e-3;
-/// After a contact next to the place to grip, which the hand believes to be so much farther at most [m], it
-/// grips.
+/// A contact within this distance of the estimated grip position [m] starts the grip.
 const NEAR_GRIP: f32 = 0.015;
-/// From where the rose is looked for in further tries, in the frame of the hand at the begin [m]: reflections
-/// and shadows are others there.
+/// Positions from which further tries look for the rose, in the frame of the hand at the start [m]:
+/// reflections and shadows look different from there.
 const VIEWS: [[f32; 3]; 4] = [[0.03, 0.0, -0.02], [0.0, 0.03, 0.0], [0.0, -0.03, 0.02], [-0.02, 0.0, 0.0]];
-/// When nothing was between the fingers, the hand goes on by as much, so often [m].
+/// After an empty grip the hand advances by this distance [m], at most this often.
 pub const DEEPER: f32 = 0.02;
 pub const DEEPER_TRIES: u8 = 2;
-/// The hand closes only when it knows the distance so well [m].
+/// Maximum standard deviation of the distance with which the hand advances [m].
 const DEPTH_ERROR: f32 = 0.015;
-/// A grip is tried when the fingers have stayed within this angle for this time [rad, s].
+/// The grip is tested by a pull once the fingers have stayed within this angle for this time [rad, s].
 const FINGERS_REST: f32 = 0.01;
 const SETTLING: f32 = 0.15;
-/// The knob is held when the gripper still holds it this long after the pull was stopped [s].
+/// The grip is verified when the gripper still holds the knob this long after the pull was stopped [s].
 const HELD: f32 = 0.2;
-/// Motions in a phase that a board may refuse because of a contact that it has not reported yet.
+/// Number of motions in a phase that the board may refuse because of a contact that it has not reported yet.
 const LATE_REPORTS: u8 = 5;
-/// The hand has withdrawn from beside the knob, and gone back, within these distances [m].
+/// Distances from the goal within which the hand has withdrawn from the knob, and has retreated [m].
 const WITHDRAWN: f32 = 3e-3;
 const RETREATED: f32 = 0.01;
-/// Contacts on the way back with which it fails.
+/// Number of contacts during the retreat with which the behaviour fails.
 const MAX_BLOCKS: u8 = 2;
 
-/// What the behaviour asks for.
+/// Output of the behaviour.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Order {
-    /// For the board.
+    /// Command for the board.
     pub command: Option<VisualApproachCommand>,
     /// Whether pictures are needed.
     pub look: bool,
 }
 
-/// The master behaviour of the paper: what it sees and what the board reports in, commands out. It reads no
-/// clock and sends nothing itself.
+/// The master behaviour of the paper: its inputs are circles and the board's reports, its outputs commands.
+/// It reads no clock and sends nothing itself.
 #[derive(Clone, Debug)]
 pub struct Approach {
     settings: ApproachSettings,
     phase: Phase,
-    /// Time in this phase [s]. The way to the knob, centring and advancing, counts as one.
+    /// Time in this phase [s]. Centring and advancing count as one.
     time: f32,
-    /// Where the hand was at the begin.
+    /// Pose of the hand at the start.
     home: Option<Isometry3<f32>>,
     /// The first circles of a try.
     first: Vec<(Isometry3<f32>, Circle), FIRST_LOOKS>,
-    /// What the circles may be: the likelier one first.
+    /// Possible explanations of the circles, the likelier one first.
     rose: Vec<RoseEstimate, 2>,
-    /// Time since the last picture, and since the last one in which the rose was [s], while there should be
-    /// some.
+    /// Time since the last picture, and since the last one that showed the rose [s], in phases that need
+    /// pictures.
     blind: f32,
     missed: f32,
-    /// For how long the hand has been waiting before the knob [s].
+    /// Time for which the hand has been waiting before the knob [s].
     waiting: f32,
-    /// Depth along the approach at which the fingers were last before the knob [m]: from there on they are
-    /// beside it.
+    /// Depth along the approach direction beyond which the fingers are beside the knob [m].
     beside: Option<f32>,
     /// Whether a motion was ordered in this phase, and whether the hand has moved since then.
     has_ordered: bool,
@@ -92,23 +90,23 @@ pub struct Approach {
     /// Contacts, and refused motions, in this phase.
     blocks: u8,
     refused: u8,
-    /// Opening of the fingers, and for how long they have rested there [rad, s].
+    /// Opening of the fingers [rad], and time for which they have rested there [s].
     fingers: (f32, f32),
     /// Tries so far.
     tries: u8,
-    /// How often the hand has gone on in this try, because nothing was between the fingers.
+    /// How often the hand has advanced in this try after an empty grip.
     deeper: u8,
     /// Why the last try ended.
     reason: Reason,
-    /// Where the hand is, and where it pulls to or goes back to [m].
+    /// Position of the hand, and its goal while it pulls or retreats [m].
     hand: Vector3<f32>,
     goal: Vector3<f32>,
-    /// Where it goes first on its way back: straight away from the knob [m].
+    /// First goal of a retreat: straight back from the knob [m].
     withdrawal: Option<Vector3<f32>>,
 }
 
 impl Approach {
-    /// At the begin.
+    /// The behaviour at its start.
     pub const fn new(settings: ApproachSettings) -> Self {
         Self {
             settings,
@@ -135,12 +133,12 @@ impl Approach {
         }
     }
 
-    /// What it does.
+    /// The present phase.
     pub const fn phase(&self) -> Phase {
         self.phase
     }
 
-    /// Where the rose is, once it was found.
+    /// Estimate of the rose; `None` until it is found.
     pub fn rose(&self) -> Option<&RoseEstimate> {
         self.rose.first()
     }
@@ -150,7 +148,7 @@ impl Approach {
         &self.settings
     }
 
-    /// In how many ways the circles may still be explained.
+    /// Number of remaining explanations of the circles.
     pub fn explanations(&self) -> usize {
         self.rose.len()
     }
@@ -160,11 +158,11 @@ impl Approach {
         self.tries
     }
 
-    /// What to look for in a picture that was taken from `hand`.
+    /// The circle to search for in a picture that was taken from `hand`.
     pub fn search(&self, hand: &Pose) -> CircleSearch {
         let (table, expectation) = (&self.settings.table, &self.settings.expectation);
         let hand = isometry(hand);
-        // Undecided, each explanation may be the right one.
+        // Until it is decided, each explanation may be right.
         let searches = self.rose.iter().map(|rose| rose.search(table, expectation, &hand));
         if let Some(search) = searches.reduce(|one, other| union(&one, &other)) {
             return search;
@@ -175,7 +173,7 @@ impl Approach {
         CircleSearch { radius: [radius(far, small), radius(near, large)], window: None, ..expected }
     }
 
-    /// Takes what was found in a picture from `hand`.
+    /// Takes the circle that was found in a picture from `hand`, if any.
     pub fn look(&mut self, hand: &Pose, circle: Option<&Circle>) {
         let hand = isometry(hand);
         self.blind = 0.0;
@@ -209,8 +207,8 @@ impl Approach {
         }
     }
 
-    /// Begins with the largest group of first circles that agree, once there are enough: they are the rose,
-    /// or all the end of the knob.
+    /// Creates the estimates from the largest group of first circles that agree, once it is large enough. One
+    /// estimate assumes that they are all the rose, the other that they are all the end of the knob.
     fn begin_estimates(&mut self) {
         let agree = |one: &Circle, other: &Circle| {
             (0..2).all(|axis| abs(one.center[axis] - other.center[axis]) < SAME_CENTER)
@@ -232,16 +230,16 @@ impl Approach {
         self.missed = 0.0;
     }
 
-    /// The board has refused a command. That of a contact which is not reported yet is no news; others end
-    /// the try.
+    /// Handles a refused command. A refusal because of a contact that is not reported yet is expected; others
+    /// end the try.
     pub fn refused(&mut self, refusal: &VisualApproachRefusal) {
         if matches!(self.phase, Phase::Done | Phase::Failed(_)) {
-            // It is of a command before the end.
+            // It concerns a command from before the end.
             return;
         }
         self.refused += 1;
         match *refusal {
-            // The contact that stopped the pull was there before a report of the motion.
+            // The pull was stopped by a contact before its motion was reported.
             VisualApproachRefusal::Blocked { .. } if self.phase == Phase::Verify => self.has_moved = true,
             VisualApproachRefusal::Blocked { .. } if self.refused < LATE_REPORTS => {}
             VisualApproachRefusal::Blocked { .. } => self.retry(Reason::Blocked),
@@ -297,7 +295,7 @@ impl Approach {
         self.fingers = (0.0, 0.0);
     }
 
-    /// Gives up this try: goes back for another one, or for good.
+    /// Gives up this try: retreats for another one, or fails.
     fn retry(&mut self, reason: Reason) {
         let Some(home) = self.home.filter(|_| self.phase != Phase::Retreat) else {
             self.enter(Phase::Failed(reason));
@@ -313,7 +311,7 @@ impl Approach {
         self.enter(Phase::Retreat);
     }
 
-    /// The knob was not held: it may be farther than it seems, unless a contact was there.
+    /// Handles a grip without the knob: it may be farther away than estimated, unless there was a contact.
     fn miss(&mut self, report: &VisualApproachTelemetry) -> Order {
         let is_free = report.motion != HandMotion::Blocked;
         if self.deeper < DEEPER_TRIES && self.rose.len() == 1 && is_free && self.phase == Phase::Grip {
@@ -351,13 +349,13 @@ impl Approach {
         let ahead = home.rotation * Vector3::z();
         let is_known = rose.deviation(&ahead) < DEPTH_ERROR;
         let may_advance = aside < tolerance && is_known && self.rose.len() == 1;
-        // Once beside the knob, the hand stays there.
+        // Once beside the knob, the fingers stay there.
         if may_advance && distance < guard_distance - tolerance && self.beside.is_none() {
             self.beside = Some(ahead.dot(&self.hand));
         }
         let goes_on = may_advance || self.beside.is_some();
         let stop = if goes_on { grip_distance } else { guard_distance };
-        // Until it is decided what the circles are, the hand does not come too near to either.
+        // Until the explanation is decided, the hand keeps its distance from both.
         let nearest = self
             .rose
             .iter()
@@ -385,7 +383,7 @@ impl Approach {
         }
         if goes_on && distance < grip_distance + AT_GRIP {
             if report.motion == HandMotion::Moving {
-                // It comes to rest where it was sent.
+                // The hand still comes to rest at its target.
                 return wait;
             }
             self.enter(Phase::Grip);
@@ -398,13 +396,13 @@ impl Approach {
         } else if self.waiting > DECISION_TIME {
             self.rose.truncate(1);
         }
-        // Sideways and forward motion end together.
+        // The motion is straight, so its sideways and forward parts end together.
         let speed = if distance < guard_distance + 0.5 * tolerance { near_speed } else { speed };
         let command = VisualApproachCommand::Move { position: position.into(), speed };
         Order { command: Some(command), look: true }
     }
 
-    /// Whether the fingers are as far apart as on a knob.
+    /// Whether the opening of the fingers is that on a knob.
     fn is_on_knob(&self, report: &VisualApproachTelemetry) -> bool {
         let [least, most] = self.settings.opening;
         (least..=most).contains(&report.opening)
@@ -418,7 +416,7 @@ impl Approach {
                 let rest = abs(report.opening - opening) < FINGERS_REST;
                 self.fingers = if rest { (opening, time + elapsed) } else { (report.opening, 0.0) };
                 if self.fingers.1 > SETTLING && !self.is_on_knob(report) {
-                    // Something else is between the fingers, or the side of the knob: deeper it is no better.
+                    // The fingers hold another object, or the side of the knob: advancing would not help.
                     self.retry(Reason::NotHeld);
                     return Order { command: Some(VisualApproachCommand::Open), look: false };
                 }
@@ -451,11 +449,11 @@ impl Approach {
     }
 
     fn retreat(&mut self, report: &VisualApproachTelemetry) -> Order {
-        // The fingers open before the hand goes.
+        // The fingers open before the hand moves.
         if !matches!(report.gripper, GripperState::Open) {
             return Order { command: Some(VisualApproachCommand::Open), look: false };
         }
-        // A contact that ended the try is behind; another one may be.
+        // The contact that ended the try is behind; there may be another one.
         if self.has_moved && report.motion == HandMotion::Blocked {
             (self.has_moved, self.blocks) = (false, self.blocks + 1);
             if self.blocks >= MAX_BLOCKS {
@@ -469,7 +467,7 @@ impl Approach {
             return self.ended();
         }
         let left = |goal: &Vector3<f32>| sqrt((goal - self.hand).norm_squared());
-        // Straight away from the knob first, slowly.
+        // First slowly straight back from the knob.
         self.withdrawal = self.withdrawal.filter(|goal| left(goal) > WITHDRAWN);
         let (goal, speed) = match self.withdrawal {
             Some(goal) => (goal, self.settings.near_speed),
@@ -496,7 +494,7 @@ impl Approach {
     }
 }
 
-/// A search that finds what either finds.
+/// A search that covers both searches.
 fn union(one: &CircleSearch, other: &CircleSearch) -> CircleSearch {
     let radius = [one.radius[0].min(other.radius[0]), one.radius[1].max(other.radius[1])];
     let window = one.window.zip(other.window).map(|(one, other)| {
@@ -506,7 +504,7 @@ fn union(one: &CircleSearch, other: &CircleSearch) -> CircleSearch {
     CircleSearch { radius, window, ..*one }
 }
 
-/// A pose of the wire.
+/// Converts a pose from the wire format.
 fn isometry(pose: &Pose) -> Isometry3<f32> {
     let [x, y, z, w] = pose.rotation;
     let rotation = UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z));

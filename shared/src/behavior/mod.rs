@@ -1,7 +1,7 @@
-//! The behaviour that leads the [visual approach](crate::task::visual_approach): from the circles that vision
-//! finds and from what the board reports it decides where the hand goes (Knob §4.5).
+//! The behaviour that guides the [visual approach](crate::task::visual_approach): it computes the targets of
+//! the hand from the circles that vision finds and from the board's reports (Knob §4.5).
 //!
-//! It is the master behaviour of the paper, and runs beside the board: on the PC, or in a simulator.
+//! It is the master behaviour of the paper, and does not run on the board but on the PC or in a simulator.
 
 mod approach;
 mod phase;

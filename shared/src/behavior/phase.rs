@@ -2,24 +2,24 @@
 
 use crate::task::visual_approach::VisualApproachRefusal;
 
-/// Part of the behaviour.
+/// Phase of the behaviour.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Phase {
-    /// The gripper opens, and the rose is looked for.
+    /// The gripper opens, and the camera searches for the rose.
     Look,
-    /// The hand goes before the knob.
+    /// The hand moves in front of the knob.
     Center,
-    /// The fingers go beside the knob.
+    /// The fingers move beside the knob.
     Advance,
     /// The gripper closes.
     Grip,
-    /// The hand pulls at what it holds.
+    /// The hand pulls the held knob.
     Verify,
-    /// It goes back for another try.
+    /// The hand retreats for another try.
     Retreat,
-    /// It holds the knob.
+    /// The hand holds the knob.
     Done,
-    /// It has given up, and stands.
+    /// The behaviour has given up, and the hand stands.
     Failed(Reason),
 }
 
@@ -28,15 +28,15 @@ pub enum Phase {
 pub enum Reason {
     /// No rose was found.
     NotFound,
-    /// It was lost on the way, again and again.
+    /// The rose was lost on the way, in all tries.
     Lost,
     /// There were no pictures.
     NoPictures,
-    /// Contacts stopped the hand before it was at the knob, or on its way back.
+    /// Contacts stopped the hand before it reached the knob, or during its retreat.
     Blocked,
     /// The knob is out of the arm's reach.
     OutOfReach,
-    /// Nothing was between the fingers, or it gave way to a pull.
+    /// The fingers held nothing, or the held object gave way to the pull.
     NotHeld,
     /// The gripper did not open.
     Gripper,

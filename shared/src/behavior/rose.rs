@@ -1,73 +1,74 @@
-//! Where the rose is, from all pictures so far.
+//! Estimate of the rose from all pictures so far.
 
 use nalgebra::{Isometry3, Matrix3, Matrix3x4, Matrix4, Point3, Vector3, Vector4};
 
 use crate::math::{abs, sqrt};
 use crate::vision::{Circle, CircleSearch, HandEyeTable, Window};
 
-/// Standard deviation of a circle's centre and of its radius [px], and of what the table makes of them [m].
+/// Standard deviations of a circle's centre and radius [px], and of the table [m].
 const CENTER_ERROR: f32 = 2.0;
 const RADIUS_ERROR: f32 = 1.0;
 const TABLE_ERROR: f32 = 1e-3;
 /// Standard deviation of the length of the knob [m], and of the direction of its axis [rad].
 const LENGTH_ERROR: f32 = 4e-3;
 const AXIS_ERROR: f32 = 0.04;
-/// Standard deviation by which the place of the rose, as the arm's angles tell it, and its radius change from
-/// picture to picture [m]: the arm gives way, and errors of successive pictures are alike.
+/// Process noise per picture: standard deviations of the position of the rose relative to the arm and of its
+/// radius [m]. The arm is compliant, and errors of successive pictures are correlated.
 const PLACE_CHANGE: f32 = 1e-3;
 const RADIUS_CHANGE: f32 = 1e-4;
-/// A circle is another one beyond this many standard deviations.
+/// Gate: beyond this many standard deviations a circle is rejected.
 const GATE: f32 = 4.0;
-/// Of what earlier pictures cost, this share counts after a further one.
+/// Forgetting factor per picture of the cost of earlier pictures.
 const MEMORY: f32 = 0.98;
-/// Of the search: least reach of its window [px], and how far the axis of the knob may be off the approach
-/// [rad].
+/// Minimum reach of the search window [px], and maximum angle between the axis of the knob and the approach
+/// direction [rad].
 const LEAST_REACH: f32 = 12.0;
 const AXIS_REACH: f32 = 0.07;
 
-/// What is known of the knob before the first picture. Distances and lengths are along the approach.
+/// Prior knowledge of the knob before the first picture. Distances and lengths are along the approach
+/// direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct KnobExpectation {
-    /// Radius of the rose, from … to [m].
+    /// Radius of the rose, minimum and maximum [m].
     pub rose: [f32; 2],
     /// Radius of the knob's end [m].
     pub radius: f32,
-    /// From the rim of the rose to the rim of the knob's end [m].
+    /// Length from the rim of the rose to the rim of the knob's end [m].
     pub length: f32,
-    /// Distance of the rose from the origin of the hand frame, from … to [m].
+    /// Distance of the rose from the origin of the hand frame, minimum and maximum [m].
     pub distance: [f32; 2],
-    /// How far it may be aside, along x and y of the hand frame [m].
+    /// Maximum offset of the rose along x and y of the hand frame [m].
     pub aside: f32,
 }
 
 /// The circles of a knob.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Rim {
-    /// Of the rose.
+    /// That of the rose.
     Rose,
-    /// Of the knob's end.
+    /// That of the knob's end.
     Knob,
 }
 
-/// Place and radius of a rose: an extended Kalman filter over the pictures of a camera that moves.
+/// Position and radius of a rose: an extended Kalman filter over the pictures of a moving camera.
 ///
-/// One picture tells the place only for a known radius (Knob §4.5). As the hand comes nearer, the growth of
-/// the radius in the image tells the radius of the rose, which differs from door to door. A circle that fits
-/// the end of the knob better than the rose is taken for that.
+/// One picture determines the position only for a known radius (Knob §4.5). As the hand approaches, the
+/// growth of the radius in the image determines the radius of the rose, which differs from door to door. A
+/// circle that fits the end of the knob better than the rose is attributed to that end.
 #[derive(Clone, Debug)]
 pub struct RoseEstimate {
     /// Centre of its front rim in the base frame, and radius [m].
     mean: Vector4<f32>,
     covariance: Matrix4<f32>,
-    /// Squared deviations of the circles so far, in standard deviations.
+    /// Sum of the squared deviations of the circles so far, in standard deviations, with forgetting.
     cost: f32,
 }
 
-/// A circle as a measurement of the place.
+/// A circle as a measurement of the position.
 struct Measurement {
-    /// Measured less estimated place [m].
+    /// Measured minus estimated position [m].
     innovation: Vector3<f32>,
-    /// How the measured place depends on the state.
+    /// Measurement matrix: Jacobian with respect to the state.
     slope: Matrix3x4<f32>,
     /// Inverse covariance of the innovation.
     weight: Matrix3<f32>,
@@ -76,7 +77,7 @@ struct Measurement {
 }
 
 impl RoseEstimate {
-    /// As expected before a hand at `hand` in the base frame.
+    /// The prior estimate in front of a hand at `hand` in the base frame.
     pub fn expected(expectation: &KnobExpectation, hand: &Isometry3<f32>) -> Self {
         let [near, far] = expectation.distance;
         let [small, large] = expectation.rose;
@@ -99,18 +100,18 @@ impl RoseEstimate {
         self.mean.w
     }
 
-    /// How badly the circles of late fit: their squared deviations, in standard deviations.
+    /// Misfit of the recent circles: sum of their squared deviations, in standard deviations.
     pub const fn cost(&self) -> f32 {
         self.cost
     }
 
-    /// Standard deviation of the place along a direction of the base frame [m].
+    /// Standard deviation of the position along a direction of the base frame [m].
     pub fn deviation(&self, direction: &Vector3<f32>) -> f32 {
         let covariance: Matrix3<f32> = self.covariance.fixed_view::<3, 3>(0, 0).into_owned();
         sqrt((direction.transpose() * covariance * direction).x.max(0.0))
     }
 
-    /// What to look for in a picture from `hand`.
+    /// The circle to search for in a picture from `hand`.
     pub fn search(
         &self,
         table: &HandEyeTable,
@@ -122,7 +123,7 @@ impl RoseEstimate {
         let scale = radius / self.radius();
         let [x, y, z] = [Vector3::x(), Vector3::y(), Vector3::z()].map(|axis| self.deviation(&(hand * axis)));
         let reach = (3.0 * scale * x.max(y)).max(LEAST_REACH);
-        // The radius in the image follows from radius and distance, whose errors belong together.
+        // The radius in the image depends on radius and distance, whose errors are correlated.
         let nearer = [place[0], place[1], place[2] - 3.0 * z];
         let farther = [place[0], place[1], place[2] + 3.0 * z];
         let [small, large] = expectation.rose;
@@ -136,8 +137,8 @@ impl RoseEstimate {
         }
     }
 
-    /// Takes a circle in a picture from `hand` for the rim that it fits better. Returns it; `None` if it fits
-    /// neither, and nothing but the cost changes.
+    /// Corrects the estimate by a circle in a picture from `hand`, as the rim that it fits better. Returns
+    /// that rim; `None` if it fits neither: then only the cost changes.
     pub fn update(
         &mut self,
         table: &HandEyeTable,
@@ -149,7 +150,7 @@ impl RoseEstimate {
             [Rim::Rose, Rim::Knob].map(|rim| (rim, self.measure(table, expectation, hand, circle, rim)));
         let [(_, Some(rose)), (_, Some(knob))] = &rims else { return None };
         let (rim, best) = if knob.square < rose.square { (Rim::Knob, knob) } else { (Rim::Rose, rose) };
-        // Nor a circle that is no number.
+        // Rejects NaN as well.
         let fits = best.square < GATE * GATE;
         self.cost = MEMORY * self.cost + if fits { best.square } else { GATE * GATE };
         fits.then(|| {
@@ -158,7 +159,7 @@ impl RoseEstimate {
         })
     }
 
-    /// Takes a circle for this rim, whether it fits or not.
+    /// Corrects the estimate by a circle as this rim, whether it fits or not.
     pub fn assume(
         &mut self,
         table: &HandEyeTable,
@@ -182,14 +183,14 @@ impl RoseEstimate {
         rim: Rim,
     ) -> Option<Measurement> {
         let radius = if rim == Rim::Rose { self.radius() } else { expectation.radius };
-        // How the distance changes with the radius in the image.
+        // Sensitivity of the distance to the radius in the image.
         let larger = Circle { radius: circle.radius * 1.02, ..*circle };
         let nearer = table.locate(circle, radius)[2] - table.locate(&larger, radius)[2];
         let mut depth = abs(nearer) / (0.02 * circle.radius) * RADIUS_ERROR + TABLE_ERROR;
         let mut aside = radius / circle.radius * CENTER_ERROR + TABLE_ERROR;
         let located = |radius: f32| hand * Point3::from(table.locate(circle, radius));
-        // The located place minus the true one is noise; as a function of the state it is place −
-        // located(radius).
+        // Implicit measurement: position − located(radius) is zero but for noise, and `slope` is its
+        // Jacobian.
         let mut slope = Matrix3x4::zeros();
         slope.fixed_view_mut::<3, 3>(0, 0).fill_with_identity();
         let measured = if rim == Rim::Rose {
@@ -221,7 +222,7 @@ impl RoseEstimate {
     }
 }
 
-/// A covariance with these standard deviations along the axes of the hand, in the base frame.
+/// Covariance in the base frame for standard deviations along the axes of the hand.
 fn in_base(hand: &Isometry3<f32>, deviation: &Vector3<f32>) -> Matrix3<f32> {
     let turn = hand.rotation.to_rotation_matrix();
     turn.matrix() * Matrix3::from_diagonal(&deviation.component_mul(deviation)) * turn.matrix().transpose()

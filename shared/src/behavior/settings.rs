@@ -9,27 +9,28 @@ use crate::vision::HandEyeTable;
 /// Settings of the behaviour.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ApproachSettings {
-    /// What the camera sees of a rose straight before the hand.
+    /// Appearance of a rose straight in front of the hand in the camera.
     pub table: HandEyeTable,
-    /// What is known of the knob at the begin.
+    /// Prior knowledge of the knob.
     pub expectation: KnobExpectation,
-    /// Distance of the hand frame from the rim of the rose at which the gripper closes [m].
+    /// Distance from the hand frame to the rim of the rose at which the gripper closes [m].
     pub grip_distance: f32,
-    /// The hand comes no nearer to the rim until it is centred [m]: the length of the knob, and a margin.
+    /// Minimum distance to the rim until the hand is centred [m]: the length of the knob, and a margin.
     pub guard_distance: f32,
-    /// It is centred within this distance from the axis of the approach through the rose [m].
+    /// Maximum sideways distance of the rose at which the hand counts as centred [m].
     pub tolerance: f32,
-    /// Speed of the hand up to the guard distance, and from there on [m/s].
+    /// Speed of the hand up to the guard distance [m/s].
     pub speed: f32,
-    /// See above.
+    /// Speed of the hand inside the guard distance, while it pulls, and while it withdraws from the knob
+    /// [m/s].
     pub near_speed: f32,
-    /// Angle of the gripper while it holds the knob, from … to [rad].
+    /// Range of the gripper's angle while it holds the knob, minimum and maximum [rad].
     pub opening: [f32; 2],
-    /// Way by which the hand pulls at what it holds [m]: it must be stopped before.
+    /// Distance by which the hand tries to pull the held knob [m]: the knob must stop it before.
     pub pull: f32,
     /// Tries after the first one.
     pub retries: u8,
-    /// Longest time of a part of a try [s]: looking, the way to the knob, gripping, pulling, going back.
+    /// Maximum time of each part of a try [s]: look, centre and advance, grip, pull, retreat.
     pub patience: f32,
 }
 
@@ -40,9 +41,9 @@ pub struct InvalidApproach {
     pub name: &'static str,
     /// The value.
     pub value: f32,
-    /// The least.
+    /// Minimum.
     pub lower: f32,
-    /// The largest.
+    /// Maximum.
     pub upper: f32,
 }
 
@@ -59,11 +60,12 @@ impl ApproachSettings {
     /// Checks the settings for a board whose task has the settings `task`.
     ///
     /// # Errors
-    /// The first one that is out of its range.
+    /// The first setting that is out of range.
     pub fn validate(&self, task: &VisualApproachSettings) -> Result<(), InvalidApproach> {
         let KnobExpectation { rose: [small, large], radius, length, distance: [near, far], aside } =
             self.expectation;
-        // The farthest knob is within the reach: when it is aside along both axes, and the hand goes deeper.
+        // The farthest knob must be within reach, even if it is aside along both axes and the hand advances
+        // after empty grips.
         let reach = task.reach * task.reach - 2.0 * aside * aside;
         let farthest = sqrt(reach.max(0.0)) + self.grip_distance - DEEPER * f32::from(DEEPER_TRIES);
         for (name, value, lower, upper) in [

@@ -1,5 +1,5 @@
-//! The behaviour before an imagined door: a hand that goes where it is sent, and a camera whose circles are
-//! worked out point by point.
+//! The behaviour before a simulated door: a hand that follows its commands, and a camera whose circles are
+//! computed point by point.
 
 use heapless::Vec;
 use nalgebra::Vector3;
@@ -57,7 +57,7 @@ fn settings() -> ApproachSettings {
     }
 }
 
-/// A hand before a door with a knob of 25 mm radius that stands 56 mm off the rim of its rose.
+/// A hand in front of a door with a knob of 25 mm radius whose end is 56 mm from the rim of its rose.
 struct World {
     approach: Approach,
     rose: Vector3<f32>,
@@ -68,19 +68,19 @@ struct World {
     speed: f32,
     motion: HandMotion,
     gripper: GripperState,
-    /// Time until the gripper has done what it does [s].
+    /// Time until the gripper has finished its motion [s].
     working: f32,
     time: f32,
-    /// Of the noise.
+    /// State of the noise generator.
     random: u32,
-    /// What goes wrong: the camera takes no pictures; the gripper is stuck; what it holds slips out at once;
-    /// the hand goes nowhere once it holds something; it is held fast beside the knob.
+    /// Simulated faults: the camera takes no pictures; the gripper is stuck; the held object slips out at
+    /// once; the hand cannot move once it holds an object; the hand is stuck beside the knob.
     is_blind: bool,
     is_stuck: bool,
     slips: bool,
     is_stalled: bool,
     is_wedged: bool,
-    /// Whether it has been pressing since the last step, and motions that a contact has ended.
+    /// Whether it has been pressing since the last step, and the number of motions that a contact has ended.
     presses: bool,
     blocks: u8,
 }
@@ -110,7 +110,7 @@ impl World {
         }
     }
 
-    /// From −1 to 1.
+    /// Random number from −1 to 1.
     fn noise(&mut self) -> f32 {
         self.random = self.random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
         f32::from((self.random >> 16) as u16) / 32_768.0 - 1.0
@@ -137,14 +137,14 @@ impl World {
         circle
     }
 
-    /// Where the hand is before the knob: distance of the fingertips from the rim of the rose, and from the
-    /// axis.
+    /// Position of the hand relative to the knob: distance of the fingertips from the rim of the rose, and
+    /// from the axis.
     fn place(&self) -> [f32; 2] {
         let place = self.rose - self.hand;
         [place.z, sqrt(place.x * place.x + place.y * place.y)]
     }
 
-    /// Lets the behaviour run until it ends, with what the camera finds.
+    /// Runs the behaviour with the simulated camera until it ends.
     fn run(&mut self, mut camera: impl FnMut(&mut Self) -> Option<Circle>) -> Phase {
         for step in 0..5000 {
             let report = self.report();
@@ -220,7 +220,7 @@ impl World {
         assert!(!beside || self.speed <= self.approach.settings().near_speed, "{} m/s beside", self.speed);
         let is_held = self.gripper == GripperState::Holding && way.norm() > 1e-3;
         if is_held || self.is_wedged && beside && way.z < 0.0 {
-            // A contact is noticed in the next step.
+            // A contact is detected in the next step.
             if self.presses {
                 (self.motion, self.blocks) = (HandMotion::Blocked, self.blocks + 1);
             }
@@ -238,8 +238,7 @@ impl World {
             self.hand.z = self.rose.z - 2e-3;
             self.motion = HandMotion::Blocked;
         }
-        // The open fingers go past a knob that is within 20 mm of their middle, and the palm not into the
-        // door.
+        // The open fingers pass a knob within 20 mm of their centre, and the palm stops at the door.
         let [distance, aside] = self.place();
         assert!(
             !self.has_knob || distance > 0.056 || aside < 0.02,
@@ -278,7 +277,7 @@ fn circles_of_the_knob_in_place_of_the_rose_do_not_mislead() {
 fn where_there_is_no_rose_the_hand_stays() {
     let mut world = World::new();
     assert_eq!(world.run(|_| None), Phase::Failed(Reason::NotFound));
-    // It has looked from a few centimetres aside, and never gone towards the door.
+    // It has looked from positions a few centimetres aside, and never moved towards the door.
     assert!(world.hand.norm() < 0.05 && world.hand.z < 0.021, "{:?}", world.hand);
 }
 
@@ -314,7 +313,7 @@ fn a_knob_that_is_not_there_is_not_held() {
     let phase = world.run(|world| Some(world.rose_seen()));
     assert_eq!(phase, Phase::Failed(Reason::NotHeld));
     assert_eq!(world.approach.tries(), 3);
-    // Back where it began.
+    // Back at its start.
     assert!(world.hand.norm() < 0.05, "{:?}", world.hand);
 }
 
@@ -327,7 +326,7 @@ fn what_the_hand_runs_into_ends_the_try() {
         }
         Some(world.rose_seen())
     });
-    // On its way back to where another picture is taken, too.
+    // Also during the retreat to the next position for pictures.
     assert!(matches!(phase, Phase::Failed(Reason::Blocked | Reason::Late)), "{phase:?}");
 }
 
@@ -341,7 +340,7 @@ fn a_refusal_that_comes_after_the_end_changes_nothing() {
 
 #[test]
 fn from_beside_a_knob_that_is_not_held_the_hand_goes_straight_back_and_slowly() {
-    // The world fails when the fingers go into the knob, or fast beside it.
+    // The simulation panics when the fingers hit the knob, or move fast beside it.
     let mut world = World { slips: true, ..World::new() };
     assert_eq!(world.run(|world| Some(world.rose_seen())), Phase::Failed(Reason::NotHeld));
     assert_eq!(world.approach.tries(), 3);
@@ -390,7 +389,7 @@ fn a_gripper_that_never_opens_is_named() {
 fn the_way_to_the_knob_has_one_deadline_however_often_it_is_centred_again() {
     let mut world = World { has_knob: false, ..World::new() };
     let (mut side, mut way, mut longest) = (0.012, 0.0_f32, 0.0_f32);
-    // The rose seems to jump aside again and again.
+    // The rose seems to jump aside repeatedly.
     world.run(|world| {
         if world.time % 1.2 < 0.1 {
             side = -side;
@@ -405,7 +404,7 @@ fn the_way_to_the_knob_has_one_deadline_however_often_it_is_centred_again() {
 #[test]
 fn standing_before_the_knob_counts_anew_in_every_try() {
     let mut world = World::new();
-    // The hand has stood for long before the rose is seen: still both explanations count.
+    // The hand has stood for a long time before the rose is seen: both explanations must still be considered.
     let mut looks = 0;
     let mut explanations = Vec::<usize, 64>::new();
     world.run(|world| {
@@ -434,7 +433,7 @@ fn a_refused_command_ends_the_try_with_its_reason() {
     let mut approach = begun();
     approach.refused(&VisualApproachRefusal::Target { distance: 0.6, reach: 0.5 });
     assert_eq!((approach.phase(), approach.tries()), (Phase::Retreat, 1));
-    // A report of the contact may be on its way.
+    // A report of the contact may still be on its way.
     let mut approach = begun();
     for _ in 0..4 {
         approach.refused(&VisualApproachRefusal::Blocked { ahead: 0.1 });

@@ -6,18 +6,19 @@ use crate::math::{abs, sqrt};
 
 /// Elements of a symmetric 6 × 6 matrix below its diagonal.
 pub(super) const ELEMENTS: usize = 15;
-/// Coupling of two axes, relative to the root of the product of their diagonal elements, that has no effect.
+/// A coupling of two axes that is smaller than this, relative to the root of the product of their diagonal
+/// elements, is negligible.
 const NEGLIGIBLE: f32 = 1e-5;
 
 /// Elements of the matrices of an [`Impedance`](super::Impedance) below their diagonals, row by row: (y, x),
-/// (z, x), (z, y), and so on to (about z, about y). Those above are the same.
+/// (z, x), (z, y), and so on to (about z, about y). The matrices are symmetric.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Coupling {
-    /// Of `M` [kg, kg·m, kg·m²].
+    /// Elements of `M` [kg, kg·m, kg·m²].
     pub mass: [f32; ELEMENTS],
-    /// Of `B` [N·s/m, N·s, N·m·s].
+    /// Elements of `B` [N·s/m, N·s, N·m·s].
     pub damping: [f32; ELEMENTS],
-    /// Of `K` [N/m, N, N·m].
+    /// Elements of `K` [N/m, N, N·m].
     pub stiffness: [f32; ELEMENTS],
 }
 
@@ -39,7 +40,7 @@ fn places() -> impl Iterator<Item = (usize, usize)> {
     (1..6).flat_map(|row| (0..row).map(move |column| (row, column)))
 }
 
-/// The symmetric matrix of a diagonal and of the elements below it.
+/// The symmetric matrix with this diagonal and these elements below it.
 pub(super) fn symmetric(diagonal: &[f32; 6], below: &[f32; ELEMENTS]) -> Matrix6<f32> {
     let mut matrix = Matrix6::from_diagonal(&(*diagonal).into());
     for ((row, column), &value) in places().zip(below) {
@@ -56,7 +57,7 @@ pub(super) fn split(matrix: &Matrix6<f32>) -> ([f32; 6], [f32; ELEMENTS]) {
     (matrix.diagonal().into(), below)
 }
 
-/// Whether the elements `below` a `diagonal` have no effect.
+/// Whether the elements `below` a `diagonal` are negligible.
 pub(super) fn is_negligible(below: &[f32; ELEMENTS], diagonal: &[f32; 6]) -> bool {
     places().zip(below).all(|((row, column), value)| {
         let [a, b] = [row, column].map(|axis| diagonal.get(axis).copied().unwrap_or(0.0));
@@ -65,12 +66,12 @@ pub(super) fn is_negligible(below: &[f32; ELEMENTS], diagonal: &[f32; 6]) -> boo
 }
 
 /// The first pivot of the factorisation `L D Lᵀ` of a symmetric matrix that is less than `min`, with its row.
-/// Without one, all eigenvalues are positive, for a `min` of 0 or more.
+/// If there is none and `min` is not negative, all eigenvalues are positive.
 pub(super) fn small_pivot(matrix: &Matrix6<f32>, min: f32) -> Option<(u8, f32)> {
     let mut rest = *matrix;
     for (axis, column) in (0_u8..).zip(0..6) {
         let pivot = rest[(column, column)];
-        // NaN is no pivot either.
+        // NaN is rejected, too.
         if pivot.is_nan() || pivot < min || pivot <= 0.0 {
             return Some((axis, pivot));
         }

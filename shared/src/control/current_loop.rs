@@ -3,9 +3,9 @@ use core::fmt;
 use crate::TICK;
 use crate::math;
 
-/// Gain as a share of that at which both poles of the closed loop are equal: two real poles, which hardly
-/// overshoot when the winding is not quite the one given. At 40 kHz and a lag of a whole period that is a
-/// bandwidth of 1.6 kHz.
+/// Gain as a share of that at which both poles of the closed loop are equal: two real poles, with little
+/// overshoot even if the parameters of the winding are inexact. At 40 kHz and a lag of one period the
+/// bandwidth is 1.6 kHz.
 const GAIN_SHARE: f32 = 0.72;
 /// Time for which a motor without commands is braked before its stage is switched off [s].
 const BRAKING: f32 = 0.1;
@@ -25,22 +25,22 @@ pub struct Winding {
     pub back_emf: f32,
 }
 
-/// How the power stage is switched.
+/// Switching of the power stage.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Switching {
-    /// Period of the loop [s]; the current is sampled and the duty changed once in it.
+    /// Period of the loop [s]; the current is sampled and the duty changed once per period.
     pub period: f32,
-    /// Part of a period from the sample until a duty that follows from it takes effect, at most 1.
+    /// Fraction of a period from a sample until the duty that is computed from it takes effect, at most 1.
     pub lag: f32,
-    /// Pulses in a period.
+    /// PWM pulses per period.
     pub pulses: u16,
     /// Timer counts of a duty of 1.
     pub resolution: u16,
-    /// Largest duty: the rest is for sampling the current [1].
+    /// Largest duty [1]; the rest of the time is for sampling the current.
     pub max_duty: f32,
 }
 
-/// What the power stage does in the next period.
+/// Command of the power stage for the next period.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Drive {
     /// PWM, in timer counts with the sign of the voltage.
@@ -51,23 +51,23 @@ pub enum Drive {
     Off,
 }
 
-/// What a current loop is made from.
+/// A parameter of a current loop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CurrentLoopField {
-    /// Of the [`Winding`].
+    /// Resistance of the [`Winding`].
     Resistance,
-    /// Of the [`Winding`].
+    /// Inductance of the [`Winding`].
     Inductance,
-    /// Of the [`Winding`].
+    /// Back-EMF of the [`Winding`].
     BackEmf,
     /// A field of [`Switching`].
     Switching,
 }
 
-/// Why a current loop cannot be made.
+/// Why a current loop is refused.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct InvalidCurrentLoop {
-    /// What is outside its limits.
+    /// The parameter that is outside its limits.
     pub field: CurrentLoopField,
     /// Its value.
     pub value: f32,
@@ -90,17 +90,19 @@ impl fmt::Display for InvalidCurrentLoop {
 
 impl core::error::Error for InvalidCurrentLoop {}
 
-/// Current loop of a brushed motor: PI whose zero cancels the winding's pole, sampled exactly.
+/// Current loop of a brushed motor: a PI controller whose zero cancels the winding's pole, by exact
+/// discretisation.
 ///
-/// With `a = e^(−R·T/L)` the winding is `i⁺ = a·i + (1 − a)/R·v`; the controller `K·(z − a)/(z − 1)` with `K
-/// = g·R/(1 − a)` leaves `g/(z − 1)`. A duty takes effect after the part `ℓ` of a period: a share `s =
-/// (a^(1−ℓ) − a)/(1 − a)` of what the winding gets in a period is of the duty before, and the closed loop is
-/// `z² − (1 − g·(1 − s))·z + g·s`, whose poles are equal for `g = 1/(1 + √s)²` (Åström, Wittenmark,
-/// *Computer-Controlled Systems*). The back-EMF is fed forward. The duty is limited by the measured supply
-/// and rounded to timer counts; the integrator is conditioned on the limited voltage, not on the rounded one,
-/// so that what is rounded away comes later.
+/// With `a = e^(−R·T/L)` the winding is `i⁺ = a·i + (1 − a)/R·v`; the controller `K·(z − a)/(z − 1)` with
+/// `K = g·R/(1 − a)` leaves `g/(z − 1)`. A duty takes effect after the fraction `ℓ` of a period: the previous
+/// duty contributes the share `s = (a^(1−ℓ) − a)/(1 − a)` of a period's input, and the characteristic
+/// polynomial of the closed loop is `z² − (1 − g·(1 − s))·z + g·s`, whose poles are equal for
+/// `g = 1/(1 + √s)²` (Åström, Wittenmark, *Computer-Controlled Systems*). The back-EMF is fed forward. The
+/// duty is limited by the measured supply and rounded to timer counts; the integrator is conditioned on the
+/// limited voltage, not on the rounded one, so that rounding errors are made up later.
 ///
-/// A dead man of its own: without a new command for two ticks the motor is braked, then its stage is off.
+/// It has its own command timeout: without a new command for two ticks the motor is braked, then its stage is
+/// switched off.
 ///
 /// ```
 /// use tesaki::control::{CurrentLoop, CurrentLoopState, Drive, Switching, Winding};
@@ -145,12 +147,12 @@ impl Default for CurrentLoopState {
 }
 
 impl CurrentLoopState {
-    /// Never commanded: the stage is off.
+    /// Before the first command: the stage is off.
     pub const fn new() -> Self {
         Self { target: 0.0, velocity: 0.0, integral: 0.0, age: u32::MAX }
     }
 
-    /// A new command: `current` [A] at a joint velocity [rad/s].
+    /// Sets a new command: `current` [A] at a joint velocity [rad/s].
     pub const fn command(&mut self, current: f32, velocity: f32) {
         self.target = current;
         self.velocity = velocity;
@@ -205,7 +207,8 @@ impl CurrentLoop {
         })
     }
 
-    /// One period: from the `measured` current [A] and the `supply` [V] to the duty of the next period.
+    /// Runs one period: computes the duty of the next period from the `measured` current [A] and the `supply`
+    /// [V].
     #[inline]
     pub fn update(&self, state: &mut CurrentLoopState, measured: f32, supply: f32) -> Drive {
         state.age = state.age.saturating_add(1);
@@ -243,7 +246,7 @@ mod tests {
     const SWITCHING: Switching =
         Switching { period: 25e-6, lag: 1.0, pulses: 1, resolution: 2000, max_duty: 0.95 };
 
-    /// A winding in the power stage: what the loop does takes effect one period later.
+    /// A winding with its power stage: commands take effect one period later.
     struct Plant {
         a: f64,
         b: f64,
@@ -260,7 +263,7 @@ mod tests {
             Self { a, b, current: 0.0, duty: 0.0, emf: 0.0, supply: f64::from(supply), noise: 1 }
         }
 
-        /// One period; `deviation` [A] is that of the measurement. Returns the current at its beginning.
+        /// Runs one period; `deviation` [A] is the measurement error. Returns the current at its start.
         fn step(&mut self, current_loop: &CurrentLoop, state: &mut CurrentLoopState, deviation: f64) -> f64 {
             let sampled = self.current;
             let drive = current_loop.update(state, (sampled + deviation) as f32, self.supply as f32);
@@ -273,7 +276,7 @@ mod tests {
             sampled
         }
 
-        /// Between −1 and 1, even.
+        /// Random number between −1 and 1, uniform.
         fn random(&mut self) -> f64 {
             self.noise = self.noise.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
             f64::from(self.noise >> 8) / f64::from(1 << 23) - 1.0
@@ -286,7 +289,7 @@ mod tests {
             let winding = Winding { resistance, inductance, back_emf };
             let current_loop = CurrentLoop::try_new(&winding, &SWITCHING).unwrap();
             for &(r, l, a, b, response) in deviations {
-                // A tenth of what the supply drives through the winding at standstill.
+                // A tenth of the current that the supply drives through the winding at standstill.
                 let step = 0.1 * supply / resistance;
                 test(name, &current_loop, step, (r, l), Plant::new(a, b, supply), response);
                 windings += 1;
@@ -321,7 +324,7 @@ mod tests {
                 let phase = core::f64::consts::TAU * f64::from(sample % 40) / 40.0;
                 let (s, c) = (libm::sin(phase), libm::cos(phase));
                 state.command(step * s as f32, 0.0);
-                // A 12-bit converter of five times the step: half a count, even.
+                // A 12-bit converter with five times the step as range: half a count, uniform.
                 let noise = plant.random() * f64::from(step) * 5.0 / 4096.0;
                 let current = plant.step(current_loop, &mut state, noise);
                 if sample >= 400 {
@@ -355,7 +358,7 @@ mod tests {
             // The voltage of the step is a tenth of the supply: 60 % of it suffice.
             let (lowest, highest) = run(&mut plant, 0.6 * full, 200);
             assert!(lowest > 0.98 && highest < 1.02, "{name} {deviation:?}: {lowest} to {highest}");
-            // 5 % do not; whatever was missing does not come afterwards.
+            // 5 % do not; the missing voltage is not made up afterwards.
             let (_, highest) = run(&mut plant, 0.05 * full, 2000);
             assert!(highest < 1.02, "{name} {deviation:?}: {highest}");
             let (_, highest) = run(&mut plant, full, 400);
@@ -395,7 +398,7 @@ mod tests {
                 _ => assert_eq!(drive, Drive::Off, "{period}"),
             }
         }
-        // It begins without what it had learned.
+        // The integrator starts at 0 again.
         state.command(0.0, 0.0);
         assert_eq!(current_loop.update(&mut state, 0.0, 12.0), Drive::Duty(0));
     }

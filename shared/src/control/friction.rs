@@ -4,8 +4,8 @@ use serde::{Deserialize, Serialize};
 use crate::model::Friction;
 use crate::{TICK, math};
 
-/// Below this reference speed the Coulomb term falls linearly to 0 [rad/s]; larger is smoother, but weaker at
-/// starts.
+/// Below this reference speed the Coulomb term falls linearly to 0 [rad/s]. A larger one is smoother, but
+/// compensates less at the start of a motion.
 pub(crate) const STALL_SPEED: f32 = 0.002;
 /// Minimum reference speed of the adaptation [rad/s]; slower motion is dominated by stiction.
 const LEARNING_SPEED: f32 = 0.05;
@@ -37,14 +37,14 @@ pub struct FrictionState {
 }
 
 impl FrictionState {
-    /// Nothing learnt.
+    /// The state without adaptation.
     pub const fn new() -> Self {
         Self { learnt: 0.0 }
     }
 }
 
 impl FrictionFeedforward {
-    /// For the friction of the model.
+    /// The feed-forward of the model's friction.
     pub const fn new(friction: &Friction) -> Self {
         Self { coulomb: friction.coulomb, viscous: friction.viscous }
     }
@@ -65,9 +65,8 @@ impl FrictionFeedforward {
         (self.coulomb + state.learnt) * direction + self.viscous * velocity
     }
 
-    /// Takes over a part of the
-    /// `disturbance` [N·m] that the feedback had to make up for at a reference `velocity` [rad/s]; returns
-    /// that part, which the feedback then need not supply.
+    /// Takes over a part of the `disturbance` [N·m] that the feedback compensates at a reference `velocity`
+    /// [rad/s]. Returns that part, which the feedback then need not supply.
     #[inline]
     pub const fn learn(&self, state: &mut FrictionState, velocity: f32, disturbance: f32) -> f32 {
         if math::abs(velocity) < LEARNING_SPEED {
@@ -87,8 +86,8 @@ mod tests {
 
     #[test]
     fn learns_what_changes_its_sign_with_the_direction_and_not_what_stays() {
-        // A joint with 24 mN·m of friction where the model says 20, and 2 mN·m of gravity that nobody knows:
-        // 20 motions of 0.4 s to and fro, with a feedback that always knows the whole disturbance.
+        // A joint with 24 mN·m of friction instead of the model's 20, and 2 mN·m of unmodelled gravity: 20
+        // motions of 0.4 s back and forth, with a feedback that estimates the whole disturbance exactly.
         let feedforward = FrictionFeedforward::new(&Friction { coulomb: 0.02, viscous: 0.0 });
         let mut state = FrictionState::new();
         for motion in 0..20 {
@@ -99,7 +98,8 @@ mod tests {
                 feedforward.learn(&mut state, velocity, disturbance);
             }
         }
-        // Learnt: 4 mN·m, and of the 2 mN·m a share of tanh(0.8/2) that swings with the last motion.
+        // Learnt: 4 mN·m, and a share tanh(0.8/2) of the 2 mN·m that alternates with the direction of the
+        // last motion.
         assert!((state.learnt - 0.004).abs() < 0.000_77, "{}", state.learnt);
     }
 

@@ -8,13 +8,13 @@ use super::coupling::{self, Coupling};
 use crate::math::Ldlt;
 use crate::{TICK, math};
 
-/// Minimum mass [kg, kg·m²]; a smaller one has no effect beside the arm's own inertia.
+/// Minimum mass [kg, kg·m²]; a smaller one is negligible compared with the arm's own inertia.
 const MIN_MASS: f32 = 1e-3;
 /// Maximum mass [kg, kg·m²]; excludes overflow.
 const MAX_MASS: f32 = 1e4;
 /// Largest `K/M` [1/s²]: a natural frequency of 50 rad/s, half a radian in a control period.
 const MAX_STIFFNESS_TO_MASS: f32 = 2500.0;
-/// Largest `B/M` [1/s]: one control period takes `1/e` of a velocity.
+/// Largest `B/M` [1/s]: a velocity decays to `1/e` in one control period.
 const MAX_DAMPING_TO_MASS: f32 = 100.0;
 /// Below this `|z|` the functions of `√z` come from their series.
 const SERIES_RANGE: f32 = 0.05;
@@ -49,7 +49,7 @@ pub struct Impedance {
 pub enum ImpedanceAxes {
     /// 0: of the base.
     Base,
-    /// 1: of the tool, as it is oriented at the time.
+    /// 1: of the tool, in its present orientation.
     Tool,
 }
 
@@ -57,18 +57,18 @@ pub enum ImpedanceAxes {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct InvalidImpedance {
-    /// Which of its numbers.
+    /// The invalid number.
     pub term: ImpedanceTerm,
     /// The axis: 0 to 2 along x, y, z; 3 to 5 about them.
     pub axis: u8,
-    /// As given; of a matrix the pivot.
+    /// The value; for a matrix, the pivot.
     pub value: f32,
-    /// Largest possible; of a pivot the smallest.
+    /// Maximum; for a pivot, the minimum.
     pub limit: f32,
 }
 
-/// A number of an [`Impedance`], or a pivot of one of its matrices: the element on the diagonal that the
-/// factorisation `L D Lᵀ` leaves, in the unit of its axis.
+/// A number of an [`Impedance`], or a pivot of one of its matrices: a diagonal element of `D` in the
+/// factorisation `L D Lᵀ`, in the unit of its axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ImpedanceTerm {
@@ -145,7 +145,7 @@ impl fmt::Display for InvalidImpedance {
 }
 
 impl Impedance {
-    /// The impedance on each of the axes of the base, without coupling.
+    /// An impedance in the axes of the base, without coupling.
     pub const fn diagonal(mass: [f32; 6], damping: [f32; 6], stiffness: [f32; 6]) -> Self {
         Self { mass, damping, stiffness, axes: ImpedanceAxes::Base, coupling: None }
     }
@@ -209,9 +209,9 @@ impl Impedance {
         Ok(())
     }
 
-    /// Raises the masses along x, y and z to these at least [kg], and the damping in the same relation, so
-    /// that motions fade as they did; the stiffness remains. An impedance with coupled axes is not changed,
-    /// and does not ask for them.
+    /// Raises the masses along x, y and z to at least these [kg], and the damping in the same ratio, so that
+    /// free motions decay at the same rate; the stiffness is unchanged. An impedance with coupled axes is not
+    /// changed, and `masses` is not called.
     pub fn raise_mass(&mut self, masses: impl FnOnce() -> [f32; 3]) {
         if self.coupling.is_some() {
             return;
@@ -245,8 +245,8 @@ impl Impedance {
         result
     }
 
-    /// The acceleration, held for one control period, after which the velocity is that of the continuous-time
-    /// impedance under a constant force.
+    /// The acceleration to hold for one control period so that the final velocity is that of the
+    /// continuous-time impedance under a constant force.
     #[inline]
     pub fn held_acceleration(
         &self,
@@ -283,7 +283,7 @@ impl Impedance {
             sum += next * order;
             (before, last, forces) = (last, next, Vector6::zeros());
         }
-        // Of the velocity over the period.
+        // The sum is the change of the velocity times the period.
         sum * (1.0 / (TICK * TICK))
     }
 
@@ -301,7 +301,7 @@ impl Impedance {
         for (((error, velocity), force), ((mass, damping), stiffness)) in gains.zip(terms) {
             let inverse = 1.0 / mass;
             let half = 0.5 * TICK * damping * inverse;
-            // e(t) = exp(−half) (… cos √z …), z positive when it oscillates.
+            // e(T) = exp(−half) (… cos √z …); z is positive for an oscillation.
             let z = TICK * TICK * stiffness * inverse - half * half;
             let (cosine, sine) = cosine_and_sinc(z);
             let fade = math::exp(-half);
@@ -335,7 +335,7 @@ impl Impedance {
         self.coupling = (goal.is_some() || !is_negligible).then_some(coupling);
     }
 
-    /// The same impedance in other axes; `rotation` turns vectors into these.
+    /// The same impedance in other axes; `rotation` transforms vectors to these.
     #[inline(never)]
     pub fn in_axes(&self, axes: ImpedanceAxes, rotation: &Matrix3<f32>) -> Self {
         let of_matrix = |matrix: &Matrix6<f32>| {
@@ -379,7 +379,7 @@ impl DiscreteImpedance {
     }
 }
 
-/// `cos √z` and `sin √z / √z`, also for negative `z`, where they are those of the hyperbolic functions.
+/// `cos √z` and `sin √z / √z`; for negative `z`, the corresponding hyperbolic functions.
 fn cosine_and_sinc(z: f32) -> (f32, f32) {
     if math::abs(z) < SERIES_RANGE {
         let cosine = 1.0 - z * (0.5 - z * (1.0 / 24.0 - z * (1.0 / 720.0)));

@@ -11,8 +11,8 @@ use crate::signal::{RateLimiter, TrajectoryFilter, TrajectoryState};
 
 /// Servo of one joint: trajectory filter, feed-forward, PID or observer, limits (Hand3 section 4, figure 6).
 ///
-/// Two calls a tick: [`JointServo::approach`] or [`JointServo::follow`] make the reference, `compute` or
-/// `bare_pid` the torque; between them the caller computes the model's torque for the references of all
+/// Two calls per tick: [`JointServo::approach`] or [`JointServo::follow`] compute the reference, `compute` or
+/// `bare_pid` the torque. Between them the caller computes the model's torques for the references of all
 /// joints.
 #[derive(Clone, Copy, Debug)]
 pub struct JointServo {
@@ -43,12 +43,12 @@ pub struct JointServoState {
 pub struct ServoOutput {
     /// Torque within every limit [N·m].
     pub torque: f32,
-    /// The part of it that the feed-forward does not account for [N·m].
+    /// The part of it beyond the feed-forward [N·m].
     pub effort: f32,
 }
 
 impl JointServoState {
-    /// At rest at `position` [rad], without adapted friction or disturbance.
+    /// The state at rest at `position` [rad], without adapted friction or disturbance.
     pub const fn at(position: f32) -> Self {
         Self {
             trajectory: TrajectoryState::at(position),
@@ -59,8 +59,8 @@ impl JointServoState {
         }
     }
 
-    /// Resets the servo at rest at `position` [rad]. Keeps the adapted friction, and the last torque: the
-    /// torque rate counts from there.
+    /// Resets the servo at rest at `position` [rad]. Keeps the adapted friction, and the last torque, from
+    /// which the rate limit continues.
     pub const fn restart_under_torque(&mut self, position: f32) {
         *self = Self { friction: self.friction, torque: self.torque, ..Self::at(position) };
     }
@@ -109,7 +109,7 @@ impl JointServo {
         }
     }
 
-    /// The reference of this tick is `point`; the trajectory filter is carried along, so that a later
+    /// The reference of this tick is `point`. The trajectory filter is set to it, so that a later
     /// [`JointServo::approach`] continues without a jump.
     #[inline]
     pub const fn follow(&self, state: &mut JointServoState, point: JointPoint) -> JointPoint {
@@ -117,9 +117,9 @@ impl JointServo {
         point
     }
 
-    /// The torque that moves the joint, now at `measured` [rad], along `reference`. `model_torque` is what
-    /// the links need for that by the model [N·m]; rotor and friction are added here. Learns nothing of the
-    /// disturbance, unless it `LEARNS`. [`ServoMode::BarePid`] has [`bare_pid`](Self::bare_pid) instead.
+    /// The torque that moves the joint, now at `measured` [rad], along `reference`. `model_torque` is the
+    /// inverse dynamics of the links [N·m]; rotor and friction are added here. The disturbance estimate is
+    /// adapted only if it `LEARNS`. [`ServoMode::BarePid`] has [`bare_pid`](Self::bare_pid) instead.
     #[inline]
     pub(crate) fn compute<const LEARNS: bool>(
         &self,
@@ -155,8 +155,8 @@ impl JointServo {
         }
     }
 
-    /// [`ServoMode::BarePid`]: no torque but the PID's and that for `contact` forces [N·m]. As with the other
-    /// modes, the effort is what the model does not explain.
+    /// [`ServoMode::BarePid`]: only the torque of the PID and that for `contact` forces [N·m]. As in the
+    /// other modes, the effort is the torque beyond the model.
     #[inline(never)]
     pub(crate) fn bare_pid<const LEARNS: bool>(
         &self,
@@ -196,13 +196,13 @@ impl JointServo {
         self.rotor_inertia * acceleration
     }
 
-    /// Torque against friction at a reference `velocity` [rad/s], by the model and what was learnt [N·m].
+    /// Friction compensation at a reference `velocity` [rad/s], from the model and its adaptation [N·m].
     pub const fn friction(&self, state: &JointServoState, velocity: f32) -> f32 {
         self.friction.torque(&state.friction, velocity)
     }
 
     /// The torque [N·m] nearest to `requested` within torque, current and torque-rate limits. Every torque
-    /// passes here last.
+    /// passes through this function last.
     #[inline]
     pub const fn limit(&self, state: &mut JointServoState, requested: f32) -> f32 {
         let requested = math::clamp(requested, -self.torque_limit, self.torque_limit);
@@ -210,8 +210,8 @@ impl JointServo {
         state.torque
     }
 
-    /// [`limit`](Self::limit) of another torque for this tick, after the torque `before` of the last one
-    /// [N·m].
+    /// As [`limit`](Self::limit), for a second torque in the same tick; `before` is the torque of the last
+    /// tick [N·m].
     pub(crate) const fn limit_after(&self, state: &mut JointServoState, before: f32, requested: f32) -> f32 {
         state.torque = before;
         self.limit(state, requested)
@@ -223,8 +223,8 @@ mod tests {
     use super::*;
     use crate::model::PidGains;
 
-    /// The three ticks that the test of [`Pid`] works out by hand: 2, 2.004 082 and 1.968 463 N·m. Of the
-    /// model's torque of 5 N·m nothing is fed forward, of the contact's 0.25 N·m all.
+    /// The three ticks that the test of [`Pid`] calculates by hand: 2, 2.004 082 and 1.968 463 N·m. The
+    /// model's torque of 5 N·m is not fed forward, the contact's 0.25 N·m is.
     #[test]
     fn the_bare_pid_adds_nothing_but_the_contact_torque() {
         let mut joint = crate::test_support::joint("joint");
@@ -240,7 +240,7 @@ mod tests {
     }
 
     /// An error of 0.1 mrad is in the dead band of our PID, 0.5 mrad, but is integrated by the bare one:
-    /// after 100 ticks 5·0.01·100·1e-4 = 0.5 mN·m, beside 2·1e-4.
+    /// after 100 ticks it gives 5·0.01·100·1e-4 = 0.5 mN·m, in addition to 2·1e-4 N·m.
     #[test]
     fn the_bare_pid_has_no_dead_band() {
         let mut joint = crate::test_support::joint("joint");

@@ -1,4 +1,4 @@
-//! Control laws of single joints, the current of their motors, and the target impedance of a tool.
+//! Control laws of single joints, current control of their motors, and the target impedance of a tool.
 
 mod coupling;
 mod current_loop;
@@ -38,14 +38,14 @@ pub struct JointPoint {
 }
 
 impl JointPoint {
-    /// A period later, with the same acceleration.
+    /// The point one period later, with the same acceleration.
     #[inline]
     pub(crate) fn next(&self) -> Self {
         let velocity = self.velocity + self.acceleration * TICK;
         Self { position: self.position + 0.5 * (self.velocity + velocity) * TICK, velocity, ..*self }
     }
 
-    /// Speeds downwards and upwards at the end of the period that begins [rad/s] from which half of
+    /// Maximum downward and upward speeds at the end of the starting period [rad/s] from which half of
     /// `acceleration` [rad/s²] brakes before the limits of the angle [rad].
     pub(crate) fn stopping_speeds(&self, [lower, upper]: [f32; 2], acceleration: f32) -> [f32; 2] {
         // (now + v) T/2 + v²/acceleration = space

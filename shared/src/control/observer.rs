@@ -12,7 +12,7 @@ use crate::{TICK, math};
 /// `u` is the *effort*, the torque beyond the feed-forward, and `d` the disturbance (unmodelled friction,
 /// gravity, inertia, coupling). An observer of the error adds no lag to the reference.
 ///
-/// - Observer: one prediction with the effort that really acted (after every limit, shifted by the delay of
+/// - Observer: one prediction with the effort that actually acted (after every limit, shifted by the delay of
 ///   the motor's inner loop), then a correction with three equal poles at `e^(−ω_o·T)`, the critically damped
 ///   fading-memory filter (Morrison 1969).
 /// - Feedback: `u = d + J·(k₁·e + k₂·ė)` with two equal poles at `γ = e^(−ω·T)` for the held-input double
@@ -70,18 +70,18 @@ impl ObserverState {
 }
 
 impl ErrorObserver {
-    /// Acceleration [rad/s²] that `torque` [N·m] gives the inertia that the feedback sees.
+    /// Acceleration [rad/s²] that `torque` [N·m] gives the inertia that the feedback assumes.
     pub const fn acceleration(&self, torque: f32) -> f32 {
         torque * self.velocity_per_effort / TICK
     }
 
-    /// With the gains and the motor of a validated model.
+    /// The observer with the gains and the motor of a validated model.
     pub fn new(gains: &ObserverGains, motor: &Motor) -> Self {
         let lag = motor.delay + 1.0 / (core::f32::consts::TAU * motor.bandwidth);
         Self::with_lag(gains, lag)
     }
 
-    /// With the gains, for efforts that act after a `lag` [s].
+    /// The observer with these gains, for efforts that act after a `lag` [s].
     pub fn with_lag(gains: &ObserverGains, lag: f32) -> Self {
         let inertia = gains.inertia;
         let beta = math::exp(-gains.observer_bandwidth * TICK);
@@ -145,8 +145,8 @@ impl ErrorObserver {
 mod tests {
     use super::*;
 
-    /// `(error, effort)` a tick of a joint under this feedback, starting 1 mrad off with 5 mN·m of
-    /// disturbance; from `tests/oracles/observer.py` (matrix exponential and Ackermann's formula).
+    /// `(error, effort)` per tick of a joint under this feedback, with an initial error of 1 mrad and a
+    /// disturbance of 5 mN·m; from `tests/oracles/observer.py` (matrix exponential and Ackermann's formula).
     const RESPONSE: &[(f64, f64)] = include!("../../../tests/oracles/data/observer.in");
 
     #[test]
@@ -154,7 +154,7 @@ mod tests {
     fn closes_the_loop_as_designed_by_ackermann() {
         let inertia = 2.1e-4;
         let gains = ObserverGains { inertia, bandwidth: 50.0, observer_bandwidth: 120.0 };
-        // An inner loop without lag, as the oracle has it.
+        // An inner loop without lag, as in the oracle.
         let motor = Motor { bandwidth: 1e9, delay: 0.0, ..crate::test_support::joint("joint").motor };
         let observer = ErrorObserver::new(&gains, &motor);
         let mut state = ObserverState::new();

@@ -43,7 +43,7 @@ pub struct PidState {
 }
 
 impl PidState {
-    /// At rest at the measured angle.
+    /// The state at rest at the measured angle.
     pub const fn at(measured: f32) -> Self {
         Self { integral: 0.0, derivative: 0.0, measured, error: 0.0 }
     }
@@ -60,7 +60,7 @@ impl PidState {
 }
 
 impl Pid {
-    /// With the gains of a validated model.
+    /// The PID with the gains of a validated model.
     pub fn new(gains: &PidGains) -> Self {
         let integral_step = gains.integral * TICK;
         // Tracking time constant of the back-calculation: K_p/K_i, the usual choice.
@@ -86,9 +86,9 @@ impl Pid {
         self.proportional * error + state.integral + self.derivative * rate
     }
 
-    /// Closes the tick: integrates, and takes back the share of the torque that the limits cut off.
-    /// `requested` and `applied` are the torque before and after *every* limit [N·m]; while `at_rest` the
-    /// error is not integrated.
+    /// Closes the tick: integrates, with back-calculation of the torque that the limits cut off. `requested`
+    /// and `applied` are the torque before and after *every* limit [N·m]; while `at_rest` the error is not
+    /// integrated.
     #[inline]
     pub const fn integrate(&self, state: &mut PidState, requested: f32, applied: f32, at_rest: bool) {
         let error = if at_rest { 0.0 } else { state.error };
@@ -104,8 +104,7 @@ mod tests {
 
     #[test]
     fn three_ticks_worked_by_hand() {
-        // a = e^(−0.3) = 0.740 818; (1−a)/T = 25.918 18. The reference stands at 1; the joint reads 0, 0.01,
-        // 0.03.
+        // a = e^(−0.3) = 0.740 818; (1−a)/T = 25.918 18. The reference is 1; the joint reads 0, 0.01, 0.03.
         let pid = Pid::new(&GAINS);
         let mut state = PidState::at(0.0);
         let reference = JointPoint { position: 1.0, velocity: 0.0, acceleration: 0.0 };

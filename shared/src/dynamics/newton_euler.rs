@@ -19,9 +19,9 @@ impl Chain {
     /// torques [N·m] that give the accelerations `qdd` [rad/s²] at angles `q` [rad] and velocities
     /// `qd` [rad/s] under `gravity` [m/s², base frame].
     ///
-    /// The slices hold one value per joint, base to tip; the shortest decides how many joints are computed.
-    /// For a tilted base, pass `gravity` in its frame. Rotor inertia is included if the chain has it
-    /// ([`Chain::with_rotor_inertia`]); friction is added by
+    /// The slices hold one value per joint, base to tip; the shortest determines how many joints are
+    /// computed. For a tilted base, pass `gravity` in its frame. Rotor inertia is included if the chain has
+    /// it ([`Chain::with_rotor_inertia`]); friction is added by
     /// [`FrictionFeedforward`](crate::control::FrictionFeedforward).
     pub fn inverse_dynamics(
         &self,
@@ -85,7 +85,7 @@ impl Chain {
         // Outward pass: angular velocity and acceleration, and the acceleration of the origin, of each link
         // in its own frame. Gravity enters as upward acceleration of the base.
         let (mut omega, mut alpha, mut acceleration) = (zero, zero, -gravity);
-        // The tip's wrench is rotated along.
+        // The tip's wrench is rotated to each link's frame.
         let mut wrench = wrench.map(|w| (Vector3::new(w.x, w.y, w.z), Vector3::new(w.w, w.a, w.b)));
         for (index, (((link, &q), &qd), &qdd)) in self.links.iter().zip(q).zip(qd).zip(qdd).enumerate() {
             let (sine, cosine) = math::sin_cos(q);

@@ -7,12 +7,12 @@ use crate::math;
 
 /// Bound of the rounding errors of the sums, over the sum of their terms' norms.
 const ROUNDING: f32 = 4e-7;
-/// Relative distance from the feasible set below which a load is not refused.
+/// A load within this relative distance of the feasible set is not refused.
 const NEAR: f32 = 2e-5;
 
 /// Proof that no contact forces hold a load: a twist `y` with which the load has more power than any forces
-/// inside cones and limits, `y·w > max y·(G f)`. If forces held the load, both would be equal. The twist is
-/// the normal of a hyperplane that separates the load from the feasible wrenches.
+/// inside cones and limits, `y·w > max y·(G f)`. If forces held the load, both sides would be equal. The
+/// twist is the normal of a hyperplane that separates the load from the feasible wrenches.
 ///
 /// The object accelerates along `−y`.
 #[derive(Clone, Debug, PartialEq)]

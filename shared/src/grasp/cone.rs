@@ -74,7 +74,7 @@ impl Cone {
         }
         let inverse = if square > f32::MIN_POSITIVE { 1.0 / tangential } else { 0.0 };
         across *= inverse;
-        // Projection onto the lateral surface: the result for points outside it, unless an end face is
+        // Projection onto the lateral surface. It is the result for points outside, unless an end face is
         // nearer.
         let foot = (along + friction * tangential) * flatness;
         let surface = tangential > friction * along;

@@ -9,9 +9,9 @@ use crate::zip::zip;
 /// Threshold of singularity: determinant of a finger's block over the product of its columns' norms.
 const MIN_DETERMINANT: f32 = 1e-4;
 
-/// `[1 −r^]`, 3 × 6 [1, m]: the velocity of a point at `lever` [m] from a frame's origin, of the frame's
-/// twist `[v; ω]`. `D_Fi` with the lever from the fingertip's frame, `D_oi` with that from the object's, both
-/// in the axes of the hand; (Hand3 eq. 13) without the rows of the rotation, which a point contact does not
+/// `[1 −r^]`, 3 × 6 [1, m]: maps a frame's twist `[v; ω]` to the velocity of a point at `lever` [m] from its
+/// origin. `D_Fi` with the lever from the fingertip's frame, `D_oi` with that from the object's, both in the
+/// axes of the hand; (Hand3 eq. 13) without the rows of the rotation, which a point contact does not
 /// constrain.
 pub fn contact_map(lever: &Vector3<f32>) -> SMatrix<f32, 3, 6> {
     let mut map = SMatrix::<f32, 3, 6>::zeros();
@@ -43,8 +43,8 @@ pub struct SingularFinger {
 }
 
 impl ThreeFingers {
-    /// `fingers`: Jacobian of the tip, of which the first three columns count, and lever from the tip to the
-    /// contact [m], in the axes of the Jacobian.
+    /// `fingers`: Jacobian of the tip, of which the first three columns are used, and lever from the tip to
+    /// the contact [m], in the axes of the Jacobian.
     pub fn new(fingers: &[(Jacobian, Vector3<f32>); 3]) -> Self {
         let block = |(jacobian, lever): &(Jacobian, Vector3<f32>)| {
             let mut block = Matrix3::zeros();
@@ -98,7 +98,7 @@ impl ThreeFingers {
     }
 }
 
-/// Cramer's rule; `None` for a singular matrix, one that is not finite included.
+/// Solves by Cramer's rule; `None` for a singular matrix or one that is not finite.
 fn solve(matrix: &Matrix3<f32>, right: &Vector3<f32>) -> Option<Vector3<f32>> {
     let (a, b, c) = (matrix.column(0), matrix.column(1), matrix.column(2));
     let across = b.cross(&c);

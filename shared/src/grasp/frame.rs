@@ -15,7 +15,7 @@ pub enum ObjectFrameError {
         /// The finger, 0 to 2.
         finger: u8,
     },
-    /// They are collinear.
+    /// The fingertips are collinear.
     InLine {
         /// The triangle's area over half the product of its two sides at finger 3.
         sine: f32,
@@ -24,9 +24,9 @@ pub enum ObjectFrameError {
     NoDirection,
 }
 
-/// The object's frame, in the frame of the `tips` [m] of fingers 1 to 3 (Hand3 section 5.1): its origin is
-/// the centroid of their triangle, z the triangle's normal (fingers 1, 2, 3 go round it counterclockwise), x
-/// points to finger 3, y = z × x.
+/// The object's frame from the `tips` [m] of fingers 1 to 3, in the frame of these (Hand3 section 5.1): its
+/// origin is the centroid of their triangle, z the triangle's normal (fingers 1, 2, 3 go round it
+/// counterclockwise), x points to finger 3, y = z × x.
 ///
 /// # Errors
 /// The tips span no triangle.

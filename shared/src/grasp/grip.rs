@@ -23,7 +23,7 @@ const MIN_LOAD: f32 = 0.01;
 ///
 /// The problem is strictly convex: the solution is unique, and continuous in contacts and load. The forces of
 /// the pseudo-inverse are orthogonal to all internal forces (Hand3 eq. 18), so it is also the solution with
-/// the smallest *internal* force.
+/// the smallest *internal* forces.
 ///
 /// # Algorithm
 /// The dual problem has six unknowns for any number of contacts, a twist `y`, and no constraints:
@@ -44,8 +44,8 @@ pub struct LeastGrip {
 /// Warm start of the next search, and a search interrupted by its budget.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, Schema)]
 pub struct GripState {
-    /// Twist about the centroid, the angular part times the length, over the load: invariant when the whole
-    /// grasp moves.
+    /// Twist about the centroid, the angular part times the length, over the load: invariant under motions of
+    /// the whole grasp.
     pub(super) twist: [f32; 6],
     pub(super) search: Option<SearchState>,
 }
@@ -108,8 +108,8 @@ impl LeastGrip {
     /// Budget of [`Self::advance`] per tick in instructions: about four steps with three contacts.
     pub const INSTRUCTIONS_PER_TICK: u32 = 25_000;
 
-    /// `margin`: unused fraction of the friction, 0 (inclusive) to 1 (exclusive). `min_force`: minimum normal
-    /// force of each contact [N], which keeps it closed.
+    /// Sets `margin`, the unused fraction of the friction, 0 (inclusive) to 1 (exclusive), and `min_force`,
+    /// the minimum normal force of each contact [N], which keeps it closed.
     ///
     /// # Errors
     /// The first invalid value.

@@ -14,7 +14,7 @@ const CASES: &[(f32, f32, [f32; 6], &[StoredContact], Option<f32>, bool)] =
 
 const FREE: LeastGrip = LeastGrip { margin: 0.0, min_force: 0.0, tolerance: 0.0 };
 
-/// An object of 40 mm between two fingers that face each other along x.
+/// An object of 40 mm between two opposing fingers along x.
 fn pinch(friction: f32, limit: f32) -> GraspMap {
     let contacts = [
         contact([-0.02, 0.0, 0.1], [1.0, 0.0, 0.0], friction, limit),
@@ -78,8 +78,7 @@ fn two_fingers_pinch_with_the_weight_over_twice_the_friction() {
 
 #[test]
 fn three_fingers_share_a_weight_as_worked_by_hand() {
-    // The weight hangs half way: finger 3 carries half of it, and what it needs to push the others push
-    // together.
+    // The weight is centred: finger 3 carries half of it, and the others together push as hard as finger 3.
     let (weight, friction) = (2.0, 0.4);
     let load = Vector6::new(0.0, 0.0, weight, 0.0, -0.03 * weight, 0.0);
     let grip = solve(&FREE, &hand3_grasp(friction), &load).unwrap();
@@ -135,7 +134,7 @@ fn infeasible_loads_are_refused_with_a_certificate() {
     ] {
         let Err(GripError::CannotHold(certificate)) = solve(&FREE, &map, &load) else { panic!("{load}") };
         assert!(certificate.is_valid(&FREE, &map, &load));
-        // It proves nothing about a load that can be held, nor in the other direction.
+        // It is no proof for a load that can be held, nor in the opposite direction.
         assert!(!certificate.is_valid(&FREE, &map, &(load * 0.0)));
         assert!(!certificate.is_valid(&FREE, &map, &-load));
     }
@@ -167,7 +166,7 @@ fn the_next_search_starts_where_the_last_one_ended() {
     let first = FREE.solve(&map, &load, &mut state).unwrap();
     let again = FREE.solve(&map, &load, &mut state).unwrap();
     assert!(first.steps > 1 && again.steps == 0, "{} {}", first.steps, again.steps);
-    // A state with NaN does no harm, and a refusal leaves the state as it was.
+    // A state with NaN does no harm, and a refusal leaves the state unchanged.
     let before = state.clone();
     assert!(FREE.solve(&map, &(load * 100.0), &mut state).is_err());
     assert_eq!(state, before);
@@ -367,7 +366,7 @@ fn is_as_small_as_cvxpys_and_refuses_what_cvxpy_finds_infeasible() {
                     "{index} can be held"
                 );
             }
-            // Not converged: on the boundary, or where only forces of many times the load could hold it.
+            // Not converged: on the boundary, or where only forces of many times the load could hold.
             (Err(error), _) => {
                 open += 1;
                 println!("{index}, on the boundary: {boundary}: {error}");

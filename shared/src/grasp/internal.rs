@@ -14,13 +14,13 @@ const MAX_INTERNAL: usize = 3 * MAX_CONTACTS - 5;
 const SWEEPS: usize = 6;
 
 /// A basis of the internal forces, the null space of the grasp map: orthonormal sets of contact forces whose
-/// wrench is 0. There are 3n − 6 of them, or 3n − 5 for contacts in line.
+/// wrench is 0. There are 3n − 6 of them, or 3n − 5 for collinear contacts.
 #[derive(Clone, Debug)]
 pub struct InternalForces {
     basis: Vec<ContactForces, MAX_INTERNAL>,
 }
 
-/// The pairwise form needs three contacts; the value is their number.
+/// The pairwise form needs three contacts; the value is the actual number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ContactCountError(pub usize);
 
@@ -339,7 +339,8 @@ mod tests {
         for (force, expected) in grip.forces(4.0).iter().zip(&expected) {
             assert!((force - expected).norm() < 4e-6, "{force}");
         }
-        // Finger 3 nearer to finger 1, on their line: finger 1 carries more. Beside the line: no balance.
+        // Finger 3 nearer to finger 1, in the plane of the normals: finger 1 carries more. Beside that plane:
+        // no balance.
         let aside = |y: f32, z: f32| {
             let mut contacts: std::vec::Vec<Contact> = hand3_grasp(0.5).contacts().to_vec();
             contacts[2].position = Vector3::new(0.06, y, z);
@@ -364,7 +365,7 @@ mod tests {
             .collect();
         let map = GraspMap::try_new(&one_way, Vector3::zeros()).unwrap();
         assert!(matches!(map.normal_grip(1e-3), Err(NormalGripError::Unbalanced { .. })));
-        // Of collinear contacts one would have to pull.
+        // One of the collinear contacts would have to pull.
         let line: std::vec::Vec<Contact> =
             [0.0, 0.02, 0.06].iter().map(|&y| contact([0.0, y, 0.0], [1.0, 0.0, 0.0], 0.5, 9.0)).collect();
         let map = GraspMap::try_new(&line, Vector3::zeros()).unwrap();

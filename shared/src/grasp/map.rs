@@ -6,8 +6,8 @@ use nalgebra::{SMatrix, Vector3, Vector6};
 use super::{Contact, ContactForces, MAX_CONTACTS};
 use crate::math;
 
-/// The grasp map `G`, moments in [N·m] about the grasp's origin: `w = G f`. Three columns a contact; columns
-/// beyond the contacts are 0.
+/// The grasp map `G`, moments in [N·m] about the grasp's origin: `w = G f`. Three columns per contact;
+/// columns beyond the contacts are 0.
 pub type GraspMatrix = SMatrix<f32, 6, { 3 * MAX_CONTACTS }>;
 
 /// Contacts closer than this fraction of their mean distance from the centroid coincide.
@@ -32,7 +32,7 @@ pub struct GraspMap {
 /// Why contacts have no grasp map.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum GraspMapError {
-    /// There are not 2 to [`MAX_CONTACTS`] of them.
+    /// The number of contacts is not 2 to [`MAX_CONTACTS`].
     Contacts(usize),
     /// The origin is not finite.
     Origin,

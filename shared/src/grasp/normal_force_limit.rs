@@ -18,9 +18,9 @@ pub struct NormalForceLimitError {
 /// [`Contact`](super::Contact).
 ///
 /// - `block`: `D_Fi J_Fi` [m/rad], see [`ThreeFingers::blocks`](super::ThreeFingers::blocks).
-/// - `normal`: unit vector into the object; `friction`: coefficient, less the margin of the
+/// - `normal`: unit vector into the object; `friction`: coefficient, reduced by the margin of the
 ///   [`LeastGrip`](super::LeastGrip).
-/// - `used`, `limits`: joint torques for gravity and motion, and the largest ones [N·m].
+/// - `used`, `limits`: joint torques for gravity and motion, and maximum joint torques [N·m].
 ///
 /// Let `c` and `s` be the normal and tangential parts of column j of the block. Forces with normal part `a`
 /// load joint j with `a (c − μ s)` to `a (c + μ s)`, both attained, so each joint limits `a` by a quotient.

@@ -14,7 +14,7 @@ use crate::zip::zip;
 /// Maximum number of Newton steps in all calls; then a residual below `MAX_RESIDUAL` is accepted, or the
 /// search fails.
 const MAX_STEPS: u8 = 39;
-/// Step at which the line through collinear contacts is tried as a certificate.
+/// Step at which a rotation about the line of collinear contacts is tried as a certificate.
 const AXIS_PROOF_STEP: u8 = 8;
 /// Step at which a warm-started search restarts at 0.
 const RESTART_STEP: u8 = 12;
@@ -54,8 +54,8 @@ const RAY_LENGTHS: [f32; 2] = [10.0, 1000.0];
 #[derive(Clone, Copy)]
 struct Cost(u32, u32);
 
-/// Scaling and cones; a point; the direction of a step; whether a twist separates, and whether it proves; the
-/// axis of contacts in line.
+/// Costs of scaling and cones; of a point; of the direction of a step; of the check whether a twist
+/// separates, and whether it is a proof; of the axis of collinear contacts.
 const START: Cost = Cost(500, 25);
 const EVALUATION: Cost = Cost(390, 180);
 const DIRECTION: Cost = Cost(1720, 140);
@@ -73,8 +73,8 @@ impl Cost {
     }
 }
 
-/// Maximum cost of a step with the certificates tried after it. A restart, which never coincides with the
-/// trial of the axis, costs less.
+/// Maximum cost of a step with the certificates that are tried after it. A restart, which never coincides
+/// with the trial of the axis, costs less.
 const STEP: Cost = DIRECTION
     .and(EVALUATION.times(1 + MAX_BACKTRACKS))
     .and(SEPARATION.times(4))
@@ -153,7 +153,8 @@ impl SearchState {
 
 impl Search<'_> {
     /// Continues Newton's method until it ends or a further step might exceed `max_instructions`
-    /// instructions; takes at least one step. `proves` checks a twist as certificate of infeasibility.
+    /// instructions; takes at least one step. `proves` checks whether a twist is a certificate of
+    /// infeasibility.
     pub fn run(
         &self,
         state: &mut SearchState,

@@ -32,8 +32,7 @@ pub fn contact(position: [f32; 3], normal: [f32; 3], friction: f32, limit: f32) 
     Contact::try_new(position.into(), normal.into(), friction, limit).unwrap()
 }
 
-/// Fingers 1 and 2 at x = 0, 80 mm from each other, finger 3 opposite their midpoint; the object between
-/// them.
+/// Fingers 1 and 2 at x = 0, 80 mm apart, finger 3 opposite their midpoint, with the object between them.
 pub fn hand3_grasp(friction: f32) -> GraspMap {
     let contacts = [
         contact([0.0, 0.04, 0.0], [1.0, 0.0, 0.0], friction, 20.0),
@@ -90,7 +89,7 @@ fn the_papers_maps_agree_with_the_grasp_map() {
     for finger in 0..3 {
         assert!((followed[finger] - expected[finger]).norm() < 1e-5);
     }
-    // Two joints with the same effect.
+    // A singular finger: two joints with the same effect.
     let mut stretched = fingers;
     let column = stretched[1].0.column(1).into_owned();
     stretched[1].0.set_column(2, &column);

@@ -23,7 +23,7 @@ pub struct Chain {
 pub(crate) struct Link {
     /// Orientation of the joint frame at angle 0 in the frame of the link before it.
     pub rotation: Matrix3<f32>,
-    /// Whether that is none, as between parallel axes.
+    /// Whether that is the identity, as between parallel axes.
     pub is_aligned: bool,
     /// Its origin there [m].
     pub translation: Vector3<f32>,
@@ -36,7 +36,7 @@ pub(crate) struct Link {
 }
 
 impl Link {
-    /// Takes `rotation`, the orientation of the link before, to that of this link at `angle` [rad].
+    /// Transforms `rotation` from the orientation of the link before to that of this link at `angle` [rad].
     #[inline(always)]
     pub fn turn(&self, rotation: &mut Matrix3<f32>, angle: f32) {
         if !self.is_aligned {
@@ -46,7 +46,7 @@ impl Link {
     }
 }
 
-/// Turns a frame about its own z by `angle` [rad].
+/// Rotates a frame about its own z by `angle` [rad].
 #[inline(always)]
 fn turn_about_z(rotation: &mut Matrix3<f32>, angle: f32) {
     let (sine, cosine) = math::sin_cos(angle);
@@ -58,26 +58,26 @@ fn turn_about_z(rotation: &mut Matrix3<f32>, angle: f32) {
 impl Chain {
     /// The chain of `joints`, base to tip, of a validated model; at most [`MAX_CHAIN_JOINTS`]. `tip`: the
     /// tip's frame in that of the last link. Without the rotors, which
-    /// [`JointServo`](crate::control::JointServo) knows itself: [`Chain::with_rotor_inertia`] adds them.
+    /// [`JointServo`](crate::control::JointServo) includes itself; [`Chain::with_rotor_inertia`] adds them.
     pub fn new(joints: &[JointModel], tip: &Pose) -> Self {
         Self::from_links(joints.iter().map(|joint| (&joint.origin, &joint.axis, &joint.link)), tip)
     }
 
-    /// A chain of a validated model with all its joints, those without motor included; without joints if the
-    /// model has no such chain.
+    /// A chain of a validated model with all its joints, including those without motor; empty if the model
+    /// has no such chain.
     pub fn of_model(model: &RobotModel, chain: usize) -> Self {
         let tip = model.chains.get(chain).map_or(&Pose::IDENTITY, |chain| &chain.tip);
         Self::from_links(model.joints_of(chain).map(ChainJoint::body), tip)
     }
 
-    /// The chain of links given as [`JointModel`] has them: joint frame in the frame of the link before, axis
-    /// (a unit vector), mass distribution.
+    /// The chain of links given as in [`JointModel`]: joint frame in the frame of the link before, axis (a
+    /// unit vector), mass distribution.
     pub fn from_links<'a>(
         links: impl IntoIterator<Item = (&'a Pose, &'a [f32; 3], &'a Inertial)>,
         tip: &Pose,
     ) -> Self {
         let mut own = Vec::new();
-        // Turns vectors of the previous link's frame as the model has it into that frame as used here.
+        // Transforms vectors from the previous link's frame in the model to the frame used here.
         let mut previous = Matrix3::identity();
         for (origin, axis, inertial) in links {
             // The model's joint frame → the frame with z along the axis.
@@ -123,7 +123,7 @@ impl Chain {
         Posture { joints, reach, tip: self.tip_frame(&reach, &rotation) }
     }
 
-    /// [`Chain::posture`] in place: writes over any posture and does not move 230 bytes.
+    /// [`Chain::posture`] in place: overwrites any posture, and avoids a move of 230 bytes.
     pub fn update_posture(&self, q: &[f32], posture: &mut Posture) {
         let Posture { joints, reach, tip } = posture;
         joints.clear();
@@ -132,8 +132,8 @@ impl Chain {
         *tip = self.tip_frame(reach, &rotation);
     }
 
-    /// Gives axis and origin of each joint to `write`, base to tip, the origins relative to the first one.
-    /// Returns the position of the tip, relative likewise, and the orientation of the last link.
+    /// Calls `write` with axis and origin of each joint, base to tip; origins are relative to the first one.
+    /// Returns the position of the tip, also relative to it, and the orientation of the last link.
     #[inline(always)]
     pub(super) fn forward(
         &self,
@@ -184,10 +184,10 @@ fn rotation(pose: &Pose) -> Rotation3<f32> {
     UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z)).to_rotation_matrix()
 }
 
-/// A rotation that takes the unit vector `axis` to z.
+/// A rotation that maps the unit vector `axis` to z.
 fn align_with_z(axis: &Vector3<f32>) -> Matrix3<f32> {
     // Rodrigues' formula with sin = |axis × z| and cos = axis · z; no angle is computed, so small ones keep
-    // their digits.
+    // their significant digits.
     let rotation = |axis: &Vector3<f32>| {
         let cross = axis.cross(&Vector3::z()).cross_matrix();
         Matrix3::identity() + cross + cross * cross / (1.0 + axis.z)

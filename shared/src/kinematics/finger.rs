@@ -9,11 +9,12 @@ use super::inverse::MAX_DISTANCE;
 use crate::collect::collect;
 use crate::math::{self, abs};
 
-/// Tolerance of the geometry check over the finger's length; solutions are inexact by as much.
+/// Tolerance of the geometry check over the finger's length; solutions may have errors of this size.
 const SHAPE_TOLERANCE: f32 = 1e-4;
 /// Distance from the first axis over the finger's length below which the first joint is singular.
 const ON_AXIS: f32 = 1e-6;
-/// Points beyond reach by less than this fraction of the finger's length are solved by the straight finger.
+/// Points beyond reach by less than this fraction of the finger's length get the solution of the straight
+/// finger.
 const REACH_TOLERANCE: f32 = 1e-6;
 /// Solutions outside a limit by less than this are moved to it [rad].
 const LIMIT_TOLERANCE: f32 = 1e-5;
@@ -25,25 +26,23 @@ const LIMIT_TOLERANCE: f32 = 1e-5;
 /// may have an offset from that of joint 1; the tip lies in the plane of flexion.
 #[derive(Clone, Debug)]
 pub struct Finger {
-    /// Place of the finger's frame in the base frame: z along the first axis, y along the second at angle 0,
-    /// origin on the first axis at the height of the second.
+    /// The finger's frame in the base frame: z along the first axis, y along the second at angle 0, origin on
+    /// the first axis at the height of the second.
     root: IsometryMatrix3<f32>,
     /// Distance of the second axis from the first, along x [m].
     offset: f32,
     /// Lengths of the two links that bend [m].
     lengths: [f32; 2],
-    /// Squared distances of the tip from the second joint when the finger is straight and when it is folded
-    /// [m²].
+    /// Squared distances of the tip from the second joint with the finger straight and folded [m²].
     straight: f32,
     folded: f32,
     /// Sum and difference of the lengths' squares [m²].
     sum: f32,
     difference: f32,
-    /// Direction of the first link at angle 0, from z towards x, and by how much the second is turned from it
-    /// [rad].
+    /// Direction of the first link at angle 0, from z towards x, and angle of the second link from it [rad].
     direction: f32,
     bent: f32,
-    /// Whether the third joint turns against the second.
+    /// Whether the third axis is opposite to the second.
     opposed: bool,
     /// Lower and upper limit of each joint [rad].
     limits: [(f32, f32); 3],
@@ -55,14 +54,13 @@ pub type FingerSolutions = Vec<[f32; 3], 4>;
 /// Why a chain has no closed-form inverse as a [`Finger`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FingerShapeError {
-    /// It has another number of joints than three.
+    /// The number of joints is not three.
     Joints(usize),
     /// The second axis is not at right angles to the first.
     NotAcross,
     /// The third axis is not parallel to the second.
     NotParallel,
-    /// Second joint, third joint or tip stand beside the plane through the first axis in which the finger
-    /// bends.
+    /// Second joint, third joint or tip are outside the plane of flexion through the first axis.
     NotPlanar,
     /// A link without length.
     NoLength,
@@ -73,15 +71,15 @@ pub enum FingerShapeError {
 /// Why the inverse kinematics of a [`Finger`] has no solution.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum FingerError {
-    /// The place is NaN, infinite or more than 1e6 m away, or an angle of where the finger is is NaN or
-    /// infinite.
+    /// The point is NaN, infinite or more than 1e6 m away, or a present angle is NaN or infinite.
     NotFinite,
     /// Too far from the second joint, or too near to it.
     OutOfReach {
-        /// The nearest place that would be within reach without limits [m, base frame].
+        /// The nearest point within reach without joint limits [m, base frame].
         nearest: Vector3<f32>,
     },
-    /// Within reach, but only with this angle of the joint (0 to 2); of all ways to reach it the nearest.
+    /// Within reach, but only with an angle outside the limits of a joint (0 to 2); the solution nearest to
+    /// the present angles is reported.
     OutsideLimits {
         /// The joint.
         joint: u8,
@@ -95,7 +93,7 @@ pub enum FingerError {
 }
 
 impl Finger {
-    /// The finger that `chain` is, with lower and upper limits of its joints [rad].
+    /// Recognises `chain` as a finger, with lower and upper limits of its joints [rad].
     ///
     /// # Errors
     /// The property of the chain that rules out the closed form.
@@ -121,7 +119,7 @@ impl Finger {
         if lengths.iter().any(|&length| length <= tolerance) {
             return Err(FingerShapeError::NoLength);
         }
-        // z × x = y: x is where the finger bends to at angle 0 of the first joint.
+        // z × x = y: x is the direction of flexion at angle 0 of the first joint.
         let x = across.cross(&axis).normalize();
         let beside = [second - first, links[0], links[1]].map(|step| abs(step.dot(&across)));
         if beside.iter().any(|&distance| distance > tolerance) {
@@ -208,7 +206,7 @@ impl Finger {
                 return Ok(angles);
             }
         }
-        // There is a first one: none at all is an error.
+        // There is a first one: no solution is an error.
         self.inverse(point, near).map(|found| found.first().copied().unwrap_or(*near))
     }
 
@@ -238,7 +236,7 @@ impl Finger {
     fn bends(&self, place: &Place) -> Option<[[f32; 3]; 2]> {
         let (along, height) = (place.radius - self.offset, place.height);
         let squared = along * along + height * height;
-        // Heron: accurate for the straight and for the folded finger, too, where a cosine's arc would not be.
+        // Heron's formula: accurate also for the straight and the folded finger, unlike the arc cosine.
         let mut area = (self.straight - squared) * (squared - self.folded);
         if area < 0.0 {
             if !self.nearly_reaches(squared) {
@@ -246,8 +244,8 @@ impl Finger {
             }
             area = 0.0;
         }
-        // Both angles' tangents: that between the links, and that by which the first link is turned from the
-        // direction of the tip.
+        // The angle between the links, and that of the first link from the direction of the tip, by their
+        // tangents.
         let sine = math::sqrt(area);
         let between = math::atan2(sine, squared - self.sum);
         let lead = math::atan2(sine, squared + self.difference);
@@ -268,8 +266,8 @@ impl Finger {
         distance <= a + b + tolerance && distance >= abs(a - b) - tolerance
     }
 
-    /// Squared distance of a joint's angle from `near`; infinite when it is outside the limits, NaN when a
-    /// whole turn may bring it inside or nearer.
+    /// Squared distance of a joint's angle from `near`; infinite if it is outside the limits, NaN if a whole
+    /// turn may bring it inside or nearer.
     #[inline(always)]
     fn distance(angle: f32, near: f32, (lower, upper): (f32, f32)) -> f32 {
         let away = angle - near;
@@ -346,7 +344,7 @@ impl Place {
 struct Failure {
     /// The nearest solution outside the limits.
     outside: Option<(f32, FingerError)>,
-    /// The gap to the nearest place within reach, and that place.
+    /// The gap to the nearest point within reach, and that point.
     beyond: Option<(f32, Place)>,
 }
 

@@ -43,8 +43,8 @@ fn the_papers_finger_by_hand() {
     let point = Vector3::new(0.052_460_0, 0.030_287_8, 0.108_115_9);
     let finger = finger(&hand3(), FREE);
     let [swing, bend, curl] = [30.0_f32, 20.0, 40.0].map(f32::to_radians);
-    // The other way to bend the same side: d = √(60.5756² + 69.1159²) = 91.9044, α = 48.7675°, so the first
-    // link stands 90° − α + (90° − α − 20°) = 62.4651° off z, and the second bends back by 40°.
+    // The other flexion branch on the same side: d = √(60.5756² + 69.1159²) = 91.9044, α = 48.7675°, so the
+    // first link stands 90° − α + (90° − α − 20°) = 62.4651° off z, and the second bends back by 40°.
     let (other, back) = (62.465_07_f32.to_radians(), -40.0_f32.to_radians());
     let expected =
         [[swing, bend, curl], [swing, other, back], [swing - PI, -other, -back], [swing - PI, -bend, -curl]];
@@ -113,7 +113,7 @@ fn where_the_finger_is_need_not_be_within_its_limits() {
         assert!(close(&finger.nearest(&point, &near).unwrap(), &[0.2, 0.5, 0.8], 1e-5), "{near:?}");
     }
     assert_eq!(finger.nearest(&point, &[f32::NAN, 0.0, 0.0]), Err(FingerError::NotFinite));
-    // On its axis any angle of the first joint will do, so its limit is no obstacle.
+    // On its axis any angle of the first joint is a solution, so its limit does not matter.
     let on_axis = Vector3::new(0.0, 0.0, 0.1);
     let found = finger.inverse(&on_axis, &[1.000_02, -0.5, 0.9]).unwrap();
     assert!(found.iter().all(|angles| abs(angles[0] - 1.0) < 1e-9), "{found:?}");
@@ -151,8 +151,9 @@ fn other_shapes_are_told_what_is_wrong_with_them() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(4000))]
 
-    /// Any shape with a closed form, whatever its size, frames, zero angles and directions, anywhere within
-    /// reach: the angles that made the point are among the solutions, and every solution leads to the point.
+    /// For any shape with a closed form, of any size, frames, zero angles and directions, and any point
+    /// within reach: the angles that generated the point are among the solutions, and every solution leads to
+    /// the point.
     #[test]
     fn forward_and_inverse_belong_together(
         size in 0.01_f32..2.0,
@@ -180,7 +181,7 @@ proptest! {
         let found = finger.inverse(&point, &near).unwrap();
         for angles in &found {
             let miss = (tip(angles) - point).norm();
-            // Some angles were just outside their limits.
+            // Some angles are just outside their limits.
             let tolerance = if angles.iter().any(|&angle| abs(angle) >= PI) { 4e-5 } else { 1e-5 };
             prop_assert!(miss < tolerance * size, "{miss} m at {angles:?}");
         }

@@ -27,19 +27,18 @@ pub(super) fn set_angle(angles: &mut Angles, joint: u8, value: f32) {
     }
 }
 
-/// A finger: a chain, and what moves each of its joints.
+/// A finger: a chain, and the coupling of each of its joints.
 #[derive(Clone, Debug)]
 pub struct HandFinger {
     /// Its chain, coupled joints included.
     pub(super) chain: Chain,
-    /// What moves its joints, base to tip: [`Coupling`] with the index into `variables` for the actuated
-    /// joint.
+    /// Couplings of its joints, base to tip; the actuated joint is an index into `variables`.
     pub(super) joints: Vec<Coupling, MAX_CHAIN_JOINTS>,
     /// The actuated joints that move this finger; the shared one, if it is among them, is the last.
     pub(super) variables: Vec<u8, MAX_CHAIN_JOINTS>,
     /// The range of each of them.
     pub(super) ranges: Vec<Range, MAX_CHAIN_JOINTS>,
-    /// Whether the last of `variables` moves other fingers, too.
+    /// Whether the last of `variables` also moves other fingers.
     pub(super) shares: bool,
     /// Direction in which the fingertip points, in the frame of the last link; a unit vector.
     pub(super) pointing: Vector3<f32>,
@@ -55,19 +54,19 @@ pub(super) struct Range {
     pub(super) center: f32,
 }
 
-/// A finger at certain angles, as far as the inverse kinematics needs it.
+/// The posture of a finger, as needed by the inverse kinematics.
 #[derive(Clone, Debug, Default)]
 pub(super) struct FingerPosture {
     /// Axis (unit vector) and origin of each joint of the chain; origins relative to the first joint [m].
     pub(super) joints: [(Vector3<f32>, Vector3<f32>); MAX_CHAIN_JOINTS],
     /// Position of the tip relative to the first joint [m].
     pub(super) reach: Vector3<f32>,
-    /// Direction in which the tip points, if it was asked for.
+    /// Direction in which the tip points, if requested.
     pub(super) pointing: Vector3<f32>,
 }
 
-/// Fingers on a common palm: serial chains, of which one actuated joint may move several, as the actuator
-/// that spreads the fingers of a hand does. A validated configuration without state.
+/// Fingers on a common palm: serial chains, several of which may share one actuated joint, such as the
+/// actuator that spreads the fingers of a hand. A validated configuration without state.
 #[derive(Clone, Debug)]
 pub struct Hand {
     pub(super) fingers: Vec<HandFinger, MAX_FINGERS>,
@@ -94,8 +93,8 @@ pub enum InvalidHand {
         /// The finger.
         finger: u8,
     },
-    /// A coupling to a joint that does not exist, or with a multiplier or offset that is not finite or a
-    /// multiplier of 0.
+    /// A coupling to a joint that does not exist, with a multiplier of 0, or with a multiplier or offset that
+    /// is not finite.
     Coupling {
         /// The finger.
         finger: u8,
@@ -114,22 +113,22 @@ pub enum InvalidHand {
         /// The actuated joint.
         joint: u8,
     },
-    /// The direction of a fingertip is no unit vector.
+    /// The direction of a fingertip is not a unit vector.
     Pointing {
         /// The finger.
         finger: u8,
     },
 }
 
-/// What a [`Hand`] is built from: one finger.
+/// Description of one finger of a [`Hand`].
 #[derive(Clone, Debug)]
 pub struct FingerDescription<'a> {
     /// The chain, base to tip, coupled joints included, in the frame of the hand.
     pub chain: Chain,
-    /// What moves each of its joints.
+    /// Coupling of each of its joints.
     pub couplings: &'a [Coupling],
-    /// Limits of the joints that an actuated joint moves by a coupling [rad], one for each joint of the
-    /// chain; `None` where only the limits of the actuated joint count.
+    /// Limits of the coupled joints [rad], one entry for each joint of the chain; `None` where only the
+    /// limits of the actuated joint apply.
     pub limits: &'a [Option<(f32, f32)>],
     /// Direction in which the fingertip points, in the tip's frame; a unit vector.
     pub pointing: [f32; 3],
@@ -139,7 +138,7 @@ impl Hand {
     /// The hand of `fingers` whose actuated joints have `limits` [rad].
     ///
     /// # Errors
-    /// What is wrong, by finger and joint.
+    /// The first problem, with finger and joint.
     pub fn try_new<'a>(
         fingers: impl IntoIterator<Item = FingerDescription<'a>>,
         limits: &[(f32, f32)],
@@ -220,7 +219,7 @@ impl Hand {
                 let ends = [(low - offset) / multiplier, (high - offset) / multiplier];
                 *lower = lower.max(ends[0].min(ends[1]));
                 *upper = upper.min(ends[0].max(ends[1]));
-                // Also when a limit is no number.
+                // Rejects NaN as well.
                 if !(*lower < *upper && low <= high) {
                     return Err(InvalidHand::CoupledLimits { finger: index, joint });
                 }
@@ -296,7 +295,7 @@ impl Hand {
         self.fingers.get(finger).map_or(&[], |finger| &finger.variables)
     }
 
-    /// A finger at the angles of the actuated joints.
+    /// The posture of a finger at the angles of the actuated joints.
     pub fn posture(&self, finger: usize, angles: &Angles) -> Option<Posture> {
         let finger = self.fingers.get(finger)?;
         Some(finger.chain.posture(&finger.angles(angles)))
@@ -340,7 +339,8 @@ impl HandFinger {
         own
     }
 
-    /// The finger at `angles` [rad] of the actuated joints; where it points only if `directed`.
+    /// Updates the posture for `angles` [rad] of the actuated joints; its pointing direction only if
+    /// `directed`.
     pub(super) fn update_posture(&self, angles: &Angles, directed: bool, posture: &mut FingerPosture) {
         let FingerPosture { joints, reach, pointing } = posture;
         let mut places = joints.iter_mut();

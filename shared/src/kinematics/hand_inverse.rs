@@ -1,16 +1,16 @@
 //! Inverse kinematics of a [`Hand`]: the weighted least squares of all fingertips under joint limits.
 //!
-//! The cost is `Σ wᵢ (½‖eᵢ‖² + μᵢ sᵢ)` with the position errors `e` and, at a weight `μ` so small that it
-//! decides only what the positions leave free, the secondary objective `s`: the distance from the middle of
-//! the joints' ranges or the deviation of the fingertip's direction. The minimum is found by Newton's method
-//! with the exact Hessian, which for a serial chain costs one cross product a joint: `∂²p/∂qᵢ∂qⱼ = aᵢ × (aⱼ ×
-//! (p − oⱼ))`, `i ≤ j`. It converges quadratically also for targets out of reach, where Gauss–Newton does
-//! not. Joints at a limit beyond which the cost falls are fixed (projected Newton method, Bertsekas 1982),
-//! and a step that raises the cost is repeated with Levenberg's damping.
+//! The cost is `Σ wᵢ (½‖eᵢ‖² + μᵢ sᵢ)` with the position errors `e` and the secondary objective `s`: the
+//! distance from the middle of the joints' ranges, or the deviation of the fingertip's direction. Its weight
+//! `μ` is so small that it only resolves the redundancy. The minimum is found by Newton's method with the
+//! exact Hessian, which for a serial chain costs one cross product per pair of joints:
+//! `∂²p/∂qᵢ∂qⱼ = aᵢ × (aⱼ × (p − oⱼ))`, `i ≤ j`. It converges quadratically even for targets out of reach,
+//! where Gauss–Newton does not. Joints at a limit beyond which the cost falls are fixed (projected Newton
+//! method, Bertsekas 1982), and a step that raises the cost is repeated with Levenberg's damping.
 //!
-//! One joint that several fingers share makes the Hessian an arrow: each finger has a block of its own, and
-//! only the last row couples them. The Schur complement of that row is one number, so the cost of a step
-//! grows linearly with the fingers.
+//! With one joint that several fingers share, the Hessian is an arrow matrix: each finger has its own block,
+//! and only the last row couples them. The Schur complement of that row is a scalar, so the cost of a step
+//! grows linearly with the number of fingers.
 
 use heapless::Vec;
 use nalgebra::Vector3;
@@ -22,41 +22,39 @@ use crate::math::{self, abs};
 
 /// Factor of `μ` in the first iterations for directions.
 const EMPHASIS: f32 = 1e3;
-/// An undamped step below this ends the iterations [rad]: the error that it leaves is of the order of its
-/// square.
+/// An undamped step below this ends the iterations [rad]: the remaining error is of the order of its square.
 const CONVERGED: f32 = 1e-2;
-/// Damping below this is none, over the squared length of the finger.
+/// Damping below this counts as none, over the squared length of the finger.
 const LEAST_DAMPING: f32 = 1e-3;
 /// First damping after a step that raised the cost, over the squared length of the finger.
 const FIRST_DAMPING: f32 = 3e-3;
 /// The same in the last iterations, which follow a narrow valley where the finger is nearly stretched.
 const FIRST_FINAL_DAMPING: f32 = 1e-5;
-/// Iterations end after one that changes less of the cost.
+/// Iterations end after one that changes the cost by a smaller fraction.
 const STALLED: f32 = 1e-3;
-/// Errors above this are not worked on by the last iterations [m]: the tip is out of reach.
+/// The last iterations ignore errors above this [m]: the tip is out of reach.
 const FINAL_RANGE: f32 = 2e-3;
-/// Maximum number of last iterations.
+/// Maximum number of the last iterations.
 const FINAL_ITERATIONS: usize = 10;
-/// A first solution is sought without the secondary objective where no tip is farther from its target than
-/// this, over the length of its finger.
+/// A first solution is computed without the secondary objective if no tip is farther than this from its
+/// target, over the length of its finger.
 const NEARBY: f32 = 0.3;
-/// Maximum number of iterations of that.
+/// Maximum number of these iterations.
 const NEARBY_ITERATIONS: usize = 4;
-/// Square of the cosine between the error and what the joints can reduce, below which the exact Hessian
-/// serves.
+/// The exact Hessian is used if the squared cosine between the error and its reducible part is below this.
 const IRREDUCIBLE: f32 = 0.1;
-/// A search ends when the direction is that near [rad²/2].
+/// A search ends when the direction error is below this [rad²/2].
 const DIRECTION_TOLERANCE: f32 = 6e-6;
 
-/// Where a fingertip shall be.
+/// Target of a fingertip.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FingertipTarget {
     /// Position [m], in the frame of the hand.
     pub position: Vector3<f32>,
     /// Weight of the square of its error, above 0.
     pub weight: f32,
-    /// Direction of the fingertip, a unit vector: approached as far as the position leaves it free. Without
-    /// it the joints tend to the middle of their ranges.
+    /// Direction of the fingertip, a unit vector, followed as far as the position leaves it free. Without it
+    /// the joints tend to the middle of their ranges.
     pub direction: Option<Vector3<f32>>,
 }
 
@@ -66,14 +64,14 @@ pub type FingertipTargets = [Option<FingertipTarget>; MAX_FINGERS];
 /// Tolerance and iteration limits of the inverse kinematics of a [`Hand`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HandOptions {
-    /// A fingertip that near its target is there [m].
+    /// A fingertip within this distance of its target has reached it [m].
     pub tolerance: f32,
-    /// Maximum iterations for each start, twice for directions; at most ten more remove what the secondary
-    /// objective left.
+    /// Maximum iterations for each start, twice as many with directions; at most ten more remove the position
+    /// errors that the secondary objective causes.
     pub iterations: u8,
     /// Maximum number of random starts of a search, after those on the grid of the shared joint.
     pub restarts: u8,
-    /// Evaluations of a finger's kinematics after which the iterations end; at least one for each finger.
+    /// Maximum number of evaluations of a finger's kinematics; at least one is made for each finger.
     pub evaluations: u16,
 }
 
@@ -101,32 +99,32 @@ impl HandReport {
     }
 }
 
-/// Angles and what follows from them.
+/// Angles and the resulting postures, errors and costs.
 #[derive(Clone, Debug)]
 pub(super) struct Point {
     pub(super) angles: Angles,
-    /// Of the fingers with a target, in their order; what follows is not used.
+    /// Postures of the fingers with a target, in their order; further entries are unused.
     pub(super) postures: Vec<FingerPosture, MAX_FINGERS>,
     pub(super) errors: [Vector3<f32>; MAX_FINGERS],
-    /// What falls in each iteration: `primary`, and `secondary` times its emphasis.
+    /// The minimised cost: `primary` plus `secondary` times its emphasis.
     pub(super) cost: f32,
     /// `Σ wᵢ ½‖eᵢ‖²`.
     pub(super) primary: f32,
     /// `Σ wᵢ μᵢ sᵢ`.
     pub(super) secondary: f32,
-    /// Whether all tips are within the tolerance, and whether the directions are, too.
+    /// Whether all tips are within the tolerance, and whether all directions are.
     pub(super) reached: bool,
     pub(super) directed: bool,
 }
 
-/// The point that is improved, and room for the next: points are too large to be copied in each iteration.
+/// The present point, and memory for the next: points are too large to be copied in each iteration.
 pub(super) struct Points<'a> {
     pub(super) here: &'a mut Point,
     there: &'a mut Point,
 }
 
 impl Point {
-    /// Does not copy the places of the postures, as a derived `Default` does.
+    /// Unlike a derived `Default`, does not initialise the memory of the postures.
     #[inline(always)]
     fn new() -> Self {
         Self {
@@ -150,7 +148,7 @@ impl Point {
     }
 }
 
-/// What is solved for.
+/// The optimisation problem.
 #[derive(Clone, Copy)]
 pub(super) struct Problem<'a> {
     pub(super) hand: &'a Hand,
@@ -158,17 +156,17 @@ pub(super) struct Problem<'a> {
     pub(super) options: &'a HandOptions,
     /// Whether the shared joint may move.
     pub(super) moves_shared: bool,
-    /// The exact Hessian serves where the square of the cosine between a finger's error and what its joints
-    /// can reduce is below this.
+    /// The exact Hessian is used if the squared cosine between a finger's error and its reducible part is
+    /// below this.
     pub(super) irreducible: f32,
     /// Factor of the weight of the secondary objectives.
     pub(super) emphasis: f32,
-    /// Whether the joints need not come to the middle of their ranges: a first solution is as good elsewhere,
-    /// and the frames after it bring them there.
+    /// Whether the joints need not reach the middle of their ranges yet: the solutions after the first move
+    /// them there.
     pub(super) is_first: bool,
 }
 
-/// Which terms the cost has.
+/// Terms of the cost.
 #[derive(Clone, Copy, PartialEq)]
 pub(super) enum Terms {
     All,
@@ -176,10 +174,9 @@ pub(super) enum Terms {
 }
 
 impl Hand {
-    /// Moves `angles` [rad] from where they are, limited first, to the nearest minimum of the weighted
-    /// squared errors of the fingertips. For targets that move a little from call to call: the angles move
-    /// continuously. Bounded by [`HandOptions`]. Angles and targets that are not finite are left as
-    /// they are.
+    /// Moves `angles` [rad], which are limited first, to the nearest minimum of the weighted squared errors
+    /// of the fingertips. For targets that move little from call to call: the angles then move continuously.
+    /// Bounded by [`HandOptions`]. If angles or targets are not finite, the angles are unchanged.
     pub fn solve(
         &self,
         targets: &FingertipTargets,
@@ -189,8 +186,8 @@ impl Hand {
         self.run(targets, options, angles, false)
     }
 
-    /// As [`Hand::solve`], and when a tip is not reached also from other starts, for the global minimum. For
-    /// the first target, and for those far from the one before.
+    /// As [`Hand::solve`], but also from other starts if a tip does not reach its target, for the global
+    /// minimum. For the first target, and for those far from the previous one.
     pub fn search(
         &self,
         targets: &FingertipTargets,
@@ -223,7 +220,7 @@ impl Hand {
         self.limit(angles);
         let (mut here, mut there) = (Point::new(), Point::new());
         let mut points = Points { here: &mut here, there: &mut there };
-        // What one finger does not use of its share is left to the next.
+        // The part of its share that a finger does not use is available to the next.
         #[expect(clippy::cast_possible_truncation, reason = "at most 5")]
         let count = |targets: &FingertipTargets| targets.iter().flatten().count() as u16;
         let (share, mut begun) = (options.evaluations / count(targets).max(1), 0);
@@ -309,21 +306,22 @@ impl Problem<'_> {
         let iterations = self.options.iterations.into();
         let with_directions = self.targets.iter().flatten().any(|target| target.direction.is_some());
         if with_directions {
-            // First with almost equal weights: where both can be reached, this is the solution, and the way
-            // to it is short. A small weight alone would let the joints creep along the positions.
+            // First with almost equal weights: if both can be reached, this is the solution, and it converges
+            // fast. With the small weight alone the joints would move slowly along the set of equal
+            // positions.
             let equal = Problem { emphasis: EMPHASIS, ..*self };
             equal.weigh(points.here);
             equal.iterate(points, Terms::All, iterations, evaluations);
             self.weigh(points.here);
         }
-        // Where both are reached, their weights do not matter.
+        // If both are reached, their weights do not matter.
         if !(with_directions && points.here.reached && points.here.directed) {
             self.iterate(points, Terms::All, iterations, evaluations);
         }
         self.finish(points, FINAL_ITERATIONS, evaluations);
     }
 
-    /// Removes the errors that the secondary objective left.
+    /// Removes the position errors that the secondary objective causes.
     pub(super) fn finish(&self, points: &mut Points<'_>, iterations: usize, evaluations: &mut u16) {
         let here = &mut *points.here;
         let tolerance = self.options.tolerance;
@@ -333,7 +331,7 @@ impl Problem<'_> {
         }
     }
 
-    /// Iterations for the positions alone, whose steps are too small to matter to the secondary objective.
+    /// Iterates for the positions alone. The steps are too small to affect the secondary objective.
     fn iterate_positions(&self, points: &mut Points<'_>, iterations: usize, evaluations: &mut u16) {
         let secondary = points.here.secondary;
         points.here.cost = points.here.primary;
@@ -342,7 +340,7 @@ impl Problem<'_> {
         self.weigh(points.here);
     }
 
-    /// Writes the cost of both objectives.
+    /// Updates the cost from both objectives.
     fn weigh(&self, point: &mut Point) {
         point.cost = point.primary + self.emphasis * point.secondary;
     }
@@ -351,8 +349,8 @@ impl Problem<'_> {
         let Points { here, there } = points;
         let first = if terms == Terms::All { FIRST_DAMPING } else { FIRST_FINAL_DAMPING };
         let mut damping = 0.0;
-        // Where evaluations run short, the last ones are for the positions: a step after the secondary
-        // objective, and two more after its first iterations.
+        // If evaluations are limited, the last ones are reserved for the positions: one step after the
+        // secondary objective, and two more after its first iterations.
         #[expect(clippy::cast_possible_truncation, reason = "at most 5")]
         let fingers = self.fingers().count() as u16;
         let steps = match terms {
@@ -386,8 +384,8 @@ impl Problem<'_> {
         }
     }
 
-    /// Whether a few steps for the positions alone can be expected to reach all tips from `point`, and no
-    /// direction is to be followed.
+    /// Whether a few steps for the positions alone are expected to reach all targets from `point`, and there
+    /// are no directions to follow.
     fn starts_near(&self, point: &Point) -> bool {
         self.fingers().all(|(index, finger, target)| {
             let range = NEARBY * finger.length;
@@ -396,19 +394,19 @@ impl Problem<'_> {
         })
     }
 
-    /// Whether the last iterations can reach all tips from `point`, and no direction is left to follow.
+    /// Whether the last iterations can reach all targets from `point`, and there are no directions to follow.
     fn ends_near(&self, point: &Point) -> bool {
         point.errors.iter().all(|error| error.norm_squared() < FINAL_RANGE * FINAL_RANGE)
             && self.fingers().all(|(_, _, target)| target.direction.is_none())
     }
 
-    /// Adds `step` to the angles of `here` within their limits. Returns the largest change of one.
+    /// Adds `step` to the angles of `here` within their limits. Returns the largest change of an angle.
     fn advance(&self, here: &Point, step: &Angles, angles: &mut Angles) -> f32 {
         *angles = here.angles;
         let mut largest = 0.0_f32;
         for (_, finger, _) in self.fingers() {
             for (&joint, range) in finger.variables.iter().zip(&finger.ranges) {
-                // Not added twice where fingers share the joint.
+                // From `here`, so that a shared joint is not moved twice.
                 let before = angle(&here.angles, joint);
                 let moved = math::clamp(before + angle(step, joint), range.lower, range.upper);
                 let change = abs(moved - before);
@@ -419,7 +417,7 @@ impl Problem<'_> {
         largest
     }
 
-    /// Writes what follows from the angles of `point` to it.
+    /// Computes postures, errors and costs of `point` from its angles.
     fn evaluate(&self, terms: Terms, point: &mut Point, evaluations: &mut u16) {
         point.errors = [Vector3::zeros(); MAX_FINGERS];
         (point.primary, point.secondary, point.reached, point.directed) = (0.0, 0.0, true, true);
@@ -428,7 +426,7 @@ impl Problem<'_> {
             if place == point.postures.len() {
                 let _ = point.postures.push(FingerPosture::default());
             }
-            // There are as many places as fingers.
+            // There are as many entries as fingers.
             let Some(posture) = point.postures.get_mut(place) else { break };
             finger.update_posture(&point.angles, target.direction.is_some(), posture);
             *evaluations = evaluations.saturating_add(1);

@@ -3,14 +3,14 @@
 use super::hand::{Angles, MAX_FINGERS, angle, set_angle};
 use super::hand_inverse::{Point, Points, Problem};
 
-/// Maximum number of last iterations where a search found no start from which a tip is reached.
+/// Maximum number of the last iterations if the search found no start from which all targets are reached.
 const MAX_FINAL_ITERATIONS: usize = 60;
 /// Values of the shared joint from which a search starts.
 const GRID: u8 = 7;
-/// Starts for each finger at each of these values.
+/// Starts of each finger at each of these values.
 const FINGER_STARTS: u8 = 3;
 
-/// Linear congruential generator of Numerical Recipes; the upper 24 bits suffice for a start.
+/// Random starts: linear congruential generator of Numerical Recipes; the upper 24 bits suffice.
 struct Starts(u32);
 
 impl Starts {
@@ -23,9 +23,9 @@ impl Starts {
 }
 
 impl Problem<'_> {
-    /// Searches beyond the local minimum `best`. For a given angle of the shared joint the fingers are
-    /// independent, so that each can be searched alone: a grid over that angle, then all fingers together
-    /// from its two best values; then random starts.
+    /// Searches beyond the local minimum. For a given angle of the shared joint the fingers are independent,
+    /// so each can be searched alone: a grid over that angle, then all fingers together from its two best
+    /// values; then random starts.
     pub(super) fn search(&self, points: &mut Points<'_>, evaluations: &mut u16) {
         let exact = Problem { irreducible: f32::INFINITY, ..*self };
         exact.finish(points, MAX_FINAL_ITERATIONS, evaluations);
@@ -81,7 +81,7 @@ impl Problem<'_> {
     }
 
     /// Solves each finger alone at the angle of the shared joint in `angles`, from several starts. Returns
-    /// the sum of the costs of positions.
+    /// the sum of the position costs.
     fn fingers_alone(&self, angles: &mut Angles, starts: &mut Starts, points: &mut Points<'_>) -> f32 {
         let mut sum = 0.0;
         let center = self.hand.center();

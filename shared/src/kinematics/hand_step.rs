@@ -9,10 +9,9 @@ use crate::model::MAX_CHAIN_JOINTS;
 /// Weight `μ` of the secondary objective over the squared length of the finger. Position errors that it
 /// causes are removed by the last iterations.
 const SECONDARY: f32 = 1e-5;
-/// Weight of the middle of the ranges where a direction is the secondary objective, over that of the
-/// direction.
+/// Weight of the middle of the ranges if a direction is the secondary objective, over that of the direction.
 pub(super) const TERTIARY: f32 = 1e-4;
-/// Damping of joints that neither position nor direction decides, over the weight of the direction.
+/// Damping of joints that neither position nor direction determines, over the weight of the direction.
 const DIRECTION_DAMPING: f32 = 0.05;
 /// Damping of the last iterations over `μ`.
 const FINAL_DAMPING: f32 = 0.1;
@@ -26,7 +25,7 @@ struct Block {
     hessian: [[f32; MAX_CHAIN_JOINTS]; MAX_CHAIN_JOINTS],
 }
 
-/// How a finger's own joints move: `step` − `follow` · step of the shared joint.
+/// Motion of a finger's own joints: `step` − `follow` · step of the shared joint.
 #[derive(Default)]
 struct Move {
     step: [f32; MAX_CHAIN_JOINTS],
@@ -34,8 +33,8 @@ struct Move {
 }
 
 impl Problem<'_> {
-    /// One step of Newton's method; of Gauss and Newton's where the Hessian is not positive definite or not
-    /// needed.
+    /// One step of Newton's method, or of the Gauss–Newton method where the Hessian is not positive definite
+    /// or not needed.
     pub(super) fn step(&self, here: &Point, terms: Terms, damping: f32) -> Angles {
         let step = self.try_step(here, terms, damping, self.irreducible);
         step.or_else(|| self.try_step(here, terms, damping, 0.0)).unwrap_or_else(Angles::zeros)
@@ -76,7 +75,7 @@ impl Problem<'_> {
             }
         }
         if let Some(shared) = shared.filter(|_| curvature != 0.0) {
-            // Also when it is not a number.
+            // Rejects NaN as well.
             if curvature.is_nan() || curvature <= 0.0 {
                 return None;
             }
@@ -97,7 +96,8 @@ impl Problem<'_> {
         Some(if largest > MAX_STEP { step * (MAX_STEP / largest) } else { step })
     }
 
-    /// Gradient and Hessian of one finger's cost, with damping, without the joints that are held at a limit.
+    /// Computes gradient and Hessian of one finger's cost, with damping, without the joints that are held at
+    /// a limit.
     fn build(
         &self,
         (index, finger, target): (usize, &HandFinger, &FingertipTarget),
@@ -133,7 +133,7 @@ impl Problem<'_> {
 }
 
 impl Range {
-    /// Whether a joint at `angle` stands at a limit beyond which the cost falls.
+    /// Whether a joint at `angle` is at a limit beyond which the cost falls.
     fn holds(&self, angle: f32, gradient: f32) -> bool {
         angle <= self.lower && gradient < 0.0 || angle >= self.upper && gradient > 0.0
     }
@@ -145,15 +145,15 @@ impl HandFinger {
         SECONDARY * self.length * self.length
     }
 
-    /// Negative gradient and Hessian of `½‖e‖²`. The Hessian is without the second derivatives of the
-    /// position (Gauss and Newton) unless the square of the cosine between the error and what the joints can
-    /// reduce is below `irreducible`.
+    /// Computes negative gradient and Hessian of `½‖e‖²`. The Hessian omits the second derivatives of the
+    /// position (Gauss–Newton) unless the squared cosine between the error and its reducible part is below
+    /// `irreducible`.
     #[inline]
     #[allow(clippy::needless_range_loop, reason = "rows and columns as in the formulae")]
     fn block(&self, posture: &FingerPosture, error: &Vector3<f32>, irreducible: f32, block: &mut Block) {
         let count = self.joints.len().min(MAX_CHAIN_JOINTS);
         let variables = self.variables.len().min(MAX_CHAIN_JOINTS);
-        // How the tip moves with each joint of the chain, and with each variable.
+        // Velocity of the tip per joint of the chain, and per variable.
         let [mut of_joints, mut columns] = [[Vector3::zeros(); MAX_CHAIN_JOINTS]; 2];
         let mut size = 0.0;
         for ((of_joint, joint), (axis, origin)) in of_joints.iter_mut().zip(&self.joints).zip(&posture.joints)
@@ -182,7 +182,7 @@ impl HandFinger {
             let factor = error.cross(axis) * joint.multiplier;
             for other in index..count {
                 let actuated = self.joints[other].actuated;
-                // A pair of joints that move as one counts twice.
+                // A pair of joints with the same variable counts twice.
                 let twice = other > index && actuated == joint.actuated;
                 let value = factor.dot(&of_joints[other]);
                 block.add(joint.actuated, actuated, if twice { -2.0 * value } else { -value });
@@ -207,7 +207,8 @@ impl HandFinger {
                 *sum += axis.cross(pointing) * joint.multiplier;
             }
         }
-        // Gauss–Newton: the deviation is small or the target out of reach, where speed does not matter.
+        // Gauss–Newton suffices: either the deviation is small, or the target is out of reach, where
+        // convergence speed does not matter.
         let rows = block.gradient.iter_mut().zip(&mut block.hessian).zip(&sums);
         for (length, ((gradient, row), sum)) in (1..).zip(rows).take(self.variables.len()) {
             *gradient += weight * sum.dot(&direction);
@@ -230,7 +231,7 @@ impl Block {
         }
     }
 
-    /// Takes a variable out.
+    /// Removes a variable.
     fn fix(&mut self, slot: usize, variables: usize) {
         for (index, row) in self.hessian.iter_mut().enumerate().take(variables) {
             if index == slot {
@@ -245,7 +246,7 @@ impl Block {
         }
     }
 
-    /// Solves for the first `n` variables by LDLᵀ, with the gradient and with row `n` at the right; `None`
+    /// Solves for the first `n` variables by LDLᵀ, with the gradient and row `n` as right-hand sides; `None`
     /// if the Hessian is not positive definite.
     #[inline]
     #[allow(clippy::needless_range_loop, reason = "rows and columns as in the formulae")]
@@ -254,7 +255,7 @@ impl Block {
         let mut inverse = [0.0; MAX_CHAIN_JOINTS];
         let coupling = self.hessian.get(n).copied().unwrap_or_default();
         for row in 0..n {
-            // The rows before hold L, this one L·D at first.
+            // The previous rows hold L, this one L·D at first.
             for column in 1..row {
                 let mut value = self.hessian[row][column];
                 for other in 0..column {
@@ -272,7 +273,7 @@ impl Block {
                 values.0 -= scaled * solution.step[column];
                 values.1 -= scaled * solution.follow[column];
             }
-            // Below the rounding of its terms, or not a number.
+            // NaN, or below the rounding error of its terms.
             if pivot.is_nan() || pivot <= 3e-7 * full {
                 return None;
             }

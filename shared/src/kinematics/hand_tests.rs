@@ -50,7 +50,7 @@ fn the_tips_are_where_an_independent_model_has_them() {
 
 #[test]
 fn every_finger_reaches_what_it_can_reach() {
-    // 100 000 targets a finger: `examples/hand_speed.rs`.
+    // For 100 000 targets per finger see `examples/hand_speed.rs`.
     let hand = hand5();
     let mut rng = Rng::new(21, 0);
     for round in 0..4000 {
@@ -67,7 +67,7 @@ fn every_finger_reaches_what_it_can_reach() {
 
 #[test]
 fn a_thumb_in_a_corner_of_its_range_is_found_from_the_middle() {
-    // A minimum 0.1 mm beside has most starts to itself.
+    // Most starts lead to a local minimum 0.1 mm beside it.
     let hand = hand5();
     let mut goal = hand.center();
     for (angle, corner) in
@@ -96,7 +96,7 @@ fn a_search_that_begins_near_takes_few_steps() {
         assert!(error < 5e-5 && within_limits(&hand, &angles), "{round}: {error} {report:?}");
         evaluations += u32::from(report.evaluations);
     }
-    // 3.4 on average; 5.2 with the joints led to the middle of their ranges.
+    // 3.4 on average; 5.2 if the joints move to the middle of their ranges.
     assert!(evaluations < 2000 * 4, "{evaluations}");
 }
 
@@ -127,7 +127,7 @@ fn tips_that_cannot_be_reached_together_are_missed_by_the_least() {
         }
         let mut angles = hand.center();
         let report = hand.search(&targets, &HandOptions::default(), &mut angles);
-        // As computed from the angles, not as reported.
+        // Computed from the angles, not as reported.
         let errors = targets.iter().enumerate().map(|(finger, target)| {
             let target = target.unwrap();
             f64::from(target.weight)
@@ -163,7 +163,7 @@ fn directions_are_followed_where_positions_leave_them_free() {
         }
         assert_eq!(followed, 500, "finger {finger}");
     }
-    // A direction that cannot be had does not move the tip.
+    // A direction that cannot be reached does not move the tip.
     let goal = hand.center();
     let mut both = targets(&hand, &goal, &[0, 1, 2, 3, 4]);
     both.iter_mut().flatten().for_each(|target| target.direction = Some(-Vector3::z()));
@@ -178,7 +178,7 @@ fn directions_are_followed_where_positions_leave_them_free() {
 #[test]
 fn joints_that_follow_a_joint_of_their_own_finger_count_in_the_solution() {
     // As in tests/robots/inspire_right.urdf: yaw, pitch, and two joints that follow the pitch. The limits of
-    // the followers leave the pitch half a radian.
+    // the mimic joints restrict the pitch to half a radian.
     let follow = |multiplier| Coupling { actuated: 1, multiplier, offset: 0.0 };
     let finger = FingerDescription {
         chain: chain_of("inspire_thumb"),
@@ -210,7 +210,7 @@ fn the_hand_of_a_model_stays_inside_its_limits() {
     }
     (model.joints[1].limits.lower, model.joints[1].limits.upper) = (0.1, 0.108);
     let hand = Hand::of_model(&model, [0.0, 0.0, 1.0], 0.005).unwrap();
-    // Of a range of 8 mrad the middle half.
+    // The middle half of a range of 8 mrad.
     for ((lower, upper), expected) in hand.limits().iter().zip([(-0.495, 0.695), (0.102, 0.106)]) {
         assert!((lower - expected.0).abs() < 1e-6 && (upper - expected.1).abs() < 1e-6, "{lower} {upper}");
     }

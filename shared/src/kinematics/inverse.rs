@@ -14,7 +14,7 @@ const DAMPING_FACTOR: f32 = 0.5;
 const MIN_DAMPING: f32 = 1e-7;
 /// Largest change of an angle in one iteration [rad].
 const MAX_STEP: f32 = 1.0;
-/// Restarts after this many successive iterations that reduced the squared error by less than a tenth.
+/// Restarts after this many consecutive iterations that reduced the squared error by less than a tenth.
 const MAX_STALLS: u8 = 4;
 
 /// Maximum distance of a target [m]; squares of larger values overflow.
@@ -47,7 +47,7 @@ pub struct SolverOptions {
     pub position_tolerance: f32,
     /// Orientation tolerance [rad].
     pub rotation_tolerance: f32,
-    /// Weight of position against orientation [rad/m]; 1 to 2 over the chain's length works well.
+    /// Weight of position relative to orientation [rad/m]; 1 to 2 over the chain's length works well.
     pub radians_per_metre: f32,
     /// Maximum iterations per start.
     pub iterations: u16,
@@ -67,7 +67,7 @@ impl Default for SolverOptions {
     }
 }
 
-/// Limits of a joint [rad] and, for a mimic joint, by index into the joints of the chain, what it follows.
+/// Limits of a joint [rad] and, for a mimic joint, its coupling to another joint of the chain, by index.
 #[derive(Clone, Copy, Debug)]
 struct Joint {
     lower: f32,
@@ -103,7 +103,7 @@ pub enum InvalidJoint {
 pub struct SolveReport {
     /// Distance from the target [m].
     pub position_error: f32,
-    /// Angle from the target's orientation [rad]; 0 when it had none.
+    /// Angle from the target's orientation [rad]; 0 for a target without one.
     pub rotation_error: f32,
     /// Total number of iterations.
     pub iterations: u32,
@@ -287,8 +287,8 @@ impl InverseKinematics {
         self.limit(angles);
     }
 
-    /// The Jacobian with its linear rows scaled like the error, the columns of joints that follow others
-    /// added to those, and without the joints that stand at a limit beyond which the error pulls them.
+    /// The Jacobian with its linear rows scaled like the error, the columns of mimic joints added to those of
+    /// the joints that they follow, and without the joints at a limit beyond which the error pulls them.
     fn jacobian<const M: usize>(
         &self,
         posture: &Posture,
@@ -314,7 +314,7 @@ impl InverseKinematics {
         jacobian
     }
 
-    /// Moves angles into their limits, and those that follow others to where they belong.
+    /// Limits the angles, and sets the mimic joints by their couplings.
     fn limit(&self, angles: &mut [f32; MAX_CHAIN_JOINTS]) {
         for (angle, joint) in angles.iter_mut().zip(&self.joints) {
             *angle = math::clamp(*angle, joint.lower, joint.upper);

@@ -3,7 +3,7 @@ use tesaki_rng::Rng;
 
 use crate::kinematics::tests::chain_of;
 
-/// A number from `lower` to `upper`.
+/// Random number from `lower` to `upper`.
 fn between(rng: &mut Rng, lower: f32, upper: f32) -> f32 {
     lower + (upper - lower) * rng.uniform() as f32
 }
@@ -94,8 +94,8 @@ fn a_target_out_of_reach_ends_at_the_nearest_pose() {
     let min = (0..20_000)
         .map(|_| distance(&limits.map(|(lower, upper)| between(&mut rng, lower, upper))))
         .fold(f32::INFINITY, f32::min);
-    // The descent ends after a fixed number of iterations. With these samples the best random posture is 20
-    // µm nearer to the target, which is 5 m away.
+    // The descent ends after a fixed number of iterations. For these samples the best random posture is 20 µm
+    // nearer to the target, which is 5 m away.
     assert!(nearest.position_error < min + 1e-4, "{} {min}", nearest.position_error);
 }
 

@@ -1,12 +1,12 @@
 //! Kinematics of serial chains: forward, differential and inverse.
 //!
 //! - [`Chain::posture`] is the forward kinematics; the [`Posture`] gives Jacobian and bias acceleration.
-//! - [`Finger`] has the inverse in closed form for a three-joint finger, all branches.
-//! - [`InverseKinematics`] iterates for any chain, to a position or a pose, within limits.
+//! - [`Finger`] has the closed-form inverse of a three-joint finger, with all branches.
+//! - [`InverseKinematics`] is an iterative solver for any chain, to a position or a pose, within limits.
 //! - [`Hand`] solves all fingers of a hand together, with a joint that several of them share.
 //!
 //! Frames: the base frame of the chain, which is that of the robot. Velocities and accelerations of six
-//! components are `[v; ω]`, linear first, in base axes, of the tip's point.
+//! components are `[v; ω]` of the tip's point, linear first, in base axes.
 
 mod chain;
 mod finger;

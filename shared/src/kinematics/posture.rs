@@ -6,10 +6,10 @@ use serde::{Deserialize, Serialize};
 use crate::math::{self, abs};
 use crate::model::MAX_CHAIN_JOINTS;
 
-/// Threshold of singularity: determinant of the Jacobian over the product of equal orthogonal columns.
+/// Threshold of singularity: determinant of the Jacobian over that of orthogonal columns of equal length.
 const SINGULAR: f32 = 1e-3;
 
-/// Jacobian of a chain's tip: `[v; ω] = J q̇`. A column a joint; columns beyond the chain's joints are 0.
+/// Jacobian of a chain's tip: `[v; ω] = J q̇`. One column per joint; columns beyond the chain's joints are 0.
 pub type Jacobian = SMatrix<f32, 6, MAX_CHAIN_JOINTS>;
 
 /// One point of a tip's trajectory, in the base frame.

@@ -28,7 +28,7 @@ fn chain(joints: &[Joint], &(translation, rotation): &Tip) -> Chain {
     Chain::from_links(links, &Pose { translation, rotation })
 }
 
-/// Largest difference, as a share of the largest expected value, which counts at least `least`.
+/// Largest difference, as a share of the largest expected value, or of `least` if that is larger.
 fn difference(got: impl IntoIterator<Item = f32>, expected: &[f64], least: f64) -> f64 {
     let scale = expected.iter().fold(least, |scale, value| scale.max(value.abs()));
     let got: Vec<f32> = got.into_iter().collect();

@@ -25,7 +25,7 @@ pub fn atan2(y: f32, x: f32) -> f32 {
     } else {
         (smaller, larger, 0.0)
     };
-    // At the origin 0 / 0 would be NaN; beside larger numbers the smallest one vanishes.
+    // At the origin 0 / 0 would be NaN; added to larger numbers the smallest one vanishes.
     let t = numerator / (denominator + f32::MIN_POSITIVE);
     let z = t * t;
     let series = -3.333_295_6e-1 + z * (1.997_792_6e-1 + z * (-1.387_984_5e-1 + z * 8.060_293e-2));

@@ -61,7 +61,7 @@ mod tests {
         let lower = SMatrix::<f32, 3, 3>::new(2.0, 0.0, 0.0, 1.0, 3.0, 0.0, -1.0, 0.5, 1.0);
         let (matrix, x) = (lower * lower.transpose(), SVector::<f32, 3>::new(1.0, -2.0, 3.0));
         assert!((Ldlt::new(&matrix, 1e-6).solve(&(matrix * x)) - x).norm() < 1e-5);
-        // The upper triangle is not read; a singular matrix gives something finite.
+        // The upper triangle is not read; a singular matrix gives a finite result.
         let zero = SMatrix::<f32, 3, 3>::zeros();
         assert!(Ldlt::new(&zero, 1e-6).solve(&x).iter().all(|x| x.is_finite()));
     }

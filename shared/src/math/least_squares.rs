@@ -14,7 +14,7 @@ pub(crate) struct IncrementalQr<const N: usize> {
     factor: SMatrix<f32, N, N>,
     /// Qᵀb.
     right: SVector<f32, N>,
-    /// `‖b − Ax‖²` at the least squares.
+    /// `‖b − Ax‖²` at the least-squares solution.
     residual: f32,
 }
 
@@ -36,7 +36,7 @@ impl<const N: usize> IncrementalQr<N> {
         for k in 0..N {
             let (pivot, entry) = (self.factor[(k, k)], row[k]);
             let length = sqrt(pivot * pivot + entry * entry);
-            // Also 0 for an entry whose square is.
+            // The length is also 0 if the square of the entry underflows.
             if entry == 0.0 || length == 0.0 {
                 continue;
             }
@@ -53,12 +53,12 @@ impl<const N: usize> IncrementalQr<N> {
         self.residual += value * value;
     }
 
-    /// Sum of squared residuals of the least squares without truncation.
+    /// Sum of squared residuals of the least-squares solution without truncation.
     pub(crate) const fn residual(&self) -> f32 {
         self.residual
     }
 
-    /// Solution of minimum norm of the system without the singular values below `threshold`.
+    /// Minimum-norm solution of the system without the singular values below `threshold`.
     pub(crate) fn solve(&self, threshold: f32) -> TruncatedSolution<N> {
         let svd = Svd::new(&self.factor);
         let (mut x, mut rank) = (SVector::zeros(), 0);

@@ -1,7 +1,7 @@
 //! Elementary functions, SO(3) and small solvers, with identical bits on every machine.
 //!
-//! All mathematics of the crate goes through this module. The methods of
-//! `f32` call the platform's library, so `clippy.toml` bans them, and the fused multiply-add with them.
+//! All elementary functions of the crate are here. The methods of `f32` call the platform's library, so
+//! `clippy.toml` bans them, and with them the fused multiply-add.
 //!
 //! `sin_cos` is implemented here because libm computes the single-precision sine in double precision, for
 //! which the Cortex-M4F has no hardware. `atan2` and `sqrt` are implemented here for speed. All other

@@ -62,8 +62,7 @@ fn slow(x: f32) -> (f32, f32) {
     }
     let bits = x.to_bits();
     let mantissa = bits & 0x7F_FFFF | 0x80_0000;
-    // |x| = mantissa · 2^(exponent − 150). The digits of 2/π before the first whole pair of quarter turns count
-    // full turns.
+    // |x| = mantissa · 2^(exponent − 150). The digits of 2/π before `first` contribute only full turns.
     let first = (bits >> 23 & 0xFF) - 120;
     let word = |index: u32| u64::from(TWO_OVER_PI.get(index as usize).copied().unwrap_or(0));
     let (index, shift) = (first / 32, first % 32);

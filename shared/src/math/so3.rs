@@ -113,7 +113,7 @@ mod tests {
                 for angle in [angle, 1e-3 * angle, std::f64::consts::PI - 1e-3 * angle] {
                     let vector = rotation_vector(&matrix(axis, angle));
                     let expected = Vector3::from(axis).map(|x| (x / length * angle) as f32);
-                    // Half a turn goes either way round.
+                    // Half a turn has two rotation vectors.
                     let miss = (vector - expected).norm().min(if angle > std::f64::consts::PI - 1e-4 {
                         (vector + expected).norm()
                     } else {

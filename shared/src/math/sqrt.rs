@@ -2,7 +2,7 @@
 /// root is tiny but inexact.
 ///
 /// An approximate `1/√x` from the exponent, two Newton steps, and one for the root itself. The processor's
-/// own instruction cannot be had without unstable Rust, and libm's function takes three times as many
+/// own instruction is not available in stable Rust, and libm's function takes three times as many
 /// instructions.
 ///
 /// ```
@@ -10,7 +10,8 @@
 /// ```
 #[inline]
 pub fn sqrt(x: f32) -> f32 {
-    // One comparison: what is negative or not finite has larger bits than every positive number.
+    // One comparison: the bits of negative and non-finite numbers are larger than those of every positive
+    // number.
     if x.to_bits() >= f32::INFINITY.to_bits() {
         // Infinity and -0 are their own roots.
         return if x >= 0.0 { x } else { f32::NAN };
@@ -18,12 +19,12 @@ pub fn sqrt(x: f32) -> f32 {
     finite_sqrt(x)
 }
 
-/// The same for what is known to be finite and not negative: no branch, so that the compiler can compute
-/// several at once.
+/// The same for arguments that are known to be finite and not negative: without a branch, so that the
+/// compiler can vectorise it.
 #[inline]
 pub(crate) fn finite_sqrt(x: f32) -> f32 {
-    // Halves and negates the exponent. Constants of this and the next line: the least error over all x after
-    // that line (Walczyk, Moroz and Cieśliński 2021).
+    // Halves and negates the exponent. The constants of this and the next line minimise the largest error
+    // after that line over all x (Walczyk, Moroz and Cieśliński 2021).
     let y = f32::from_bits(0x5f1f_fff9_u32.wrapping_sub(x.to_bits() >> 1));
     let y = y * (1.681_912_4 - 0.703_952_25 * x * y * y);
     let y = y * (1.5 - 0.5 * x * y * y);

@@ -173,20 +173,20 @@ pub enum Problem {
     /// 5: no mass distribution has this inertia: a principal moment is negative, or larger than the sum of
     /// the other two. The value is the smallest such margin.
     NotPhysical,
-    /// 6: a number of things that does not fit: the limit given is what was expected.
+    /// 6: a wrong number of elements; the limit given is the expected number.
     Count(f32),
     /// 7: empty, or the same as another's.
     NotUnique,
     /// 8: not a joint of the robot.
     NoSuchJoint,
-    /// 9: cannot be, or is not supported.
+    /// 9: impossible, or not supported.
     NotSupported,
-    /// 10: more than this board has or bears: the limit given.
+    /// 10: more than this board has or can bear; the limit given.
     BoardLimit(f32),
     /// 11: not given, and this board needs it.
     Missing,
-    /// 12: a row of a matrix depends on the others, or nearly: the value is the part of it that does not,
-    /// after its columns and rows were scaled to length 1.
+    /// 12: a row of a matrix is linearly dependent on the others, or nearly; the value is its independent
+    /// part after columns and rows are scaled to length 1.
     Singular,
 }
 

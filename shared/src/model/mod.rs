@@ -8,10 +8,10 @@
 //! - *joint*: one rotary degree of freedom together with the link that it moves;
 //! - *chain*: joints in series from the base (a finger, an arm); chains split the joint list into consecutive
 //!   runs;
-//! - *joint frame*: the frame of a link, at its joint, as in URDF; at joint angle 0 it stands at `origin` in
-//!   the frame of the link before it;
+//! - *joint frame*: the frame of a link, at its joint, as in URDF; at joint angle 0 its pose in the frame of
+//!   the link before it is `origin`;
 //! - *mimic joint*: a joint without motor that follows one with a motor, of the same chain or another;
-//! - *reflected*: seen from the joint, that is, through the gear.
+//! - *reflected*: referred to the joint side of the gear.
 
 mod error;
 mod validate;
@@ -49,15 +49,15 @@ pub struct RobotModel {
     pub safety: Safety,
     /// Joints of the chains that have no motor.
     pub mimics: Vec<MimicJoint, MAX_MIMICS>,
-    /// Gauges of a force sensor that the board converts itself; `None` without, and where sensors deliver
-    /// wrenches.
+    /// Strain gauges of a force sensor that the board converts itself; `None` without any, or if the sensors
+    /// deliver wrenches.
     pub gauges: Option<Gauges>,
 }
 
 /// A run of consecutive joints in series.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct ChainModel {
-    /// Name of its tip (fingertip, hand), as of the link in the URDF.
+    /// Name of its tip (fingertip, hand): that of the link in the URDF.
     pub name: String<MAX_NAME>,
     /// Number of its own joints in [`RobotModel::joints`], at least 1; with its mimic joints at most
     /// [`MAX_CHAIN_JOINTS`].
@@ -77,13 +77,13 @@ pub struct ChainModel {
 pub struct MimicJoint {
     /// Its chain, as index into [`RobotModel::chains`].
     pub chain: u8,
-    /// How many joints of that chain, mimic joints included, are before it.
+    /// Number of joints of that chain before it, mimic joints included.
     pub place: u8,
     /// The joint that it follows, of the same chain or another one, as index into [`RobotModel::joints`].
     pub joint: u8,
     /// Ratio of the velocities; not 0.
     pub multiplier: f32,
-    /// Angle at which it stands when the other is at 0 [rad].
+    /// Its angle when the other joint is at 0 [rad].
     pub offset: f32,
     /// Joint frame in the frame of the link before it (of the base, for the first joint of a chain) at angle
     /// 0.
@@ -94,14 +94,14 @@ pub struct MimicJoint {
     pub link: Inertial,
 }
 
-/// What moves a joint of a chain: its angle is `multiplier` · angle of a joint with a motor + `offset`.
+/// Coupling of a joint to a motor: its angle is `multiplier` · angle of a joint with a motor + `offset`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Coupling {
     /// The joint with a motor, as index into the robot's.
     pub actuated: u8,
     /// Factor; 1 for the joint with the motor itself.
     pub multiplier: f32,
-    /// Angle at which the joint stands when that with the motor is at 0 [rad].
+    /// Angle of the joint when that with the motor is at 0 [rad].
     pub offset: f32,
 }
 
@@ -121,9 +121,9 @@ impl Coupling {
 /// A joint of a chain.
 #[derive(Clone, Copy, Debug)]
 pub enum ChainJoint<'a> {
-    /// One with a motor, and its index into [`RobotModel::joints`].
+    /// A joint with a motor, and its index into [`RobotModel::joints`].
     Driven(usize, &'a JointModel),
-    /// One without.
+    /// A joint without motor.
     Mimic(&'a MimicJoint),
 }
 
@@ -136,7 +136,7 @@ impl<'a> ChainJoint<'a> {
         }
     }
 
-    /// What moves it.
+    /// Its coupling to a joint with a motor.
     pub const fn coupling(self) -> Coupling {
         match self {
             #[expect(clippy::cast_possible_truncation, reason = "at most 16")]
@@ -158,7 +158,7 @@ pub struct ForceSensor {
     pub torque_resolution: f32,
     /// Magnitude of the count at which the sensor saturates.
     pub saturation: u32,
-    /// A larger force on the tip is a fault [N].
+    /// Maximum force on the tip [N]; a larger one is a fault.
     pub force_limit: f32,
     /// Mass on the measuring side of the sensor [kg].
     pub mass: f32,
@@ -172,7 +172,7 @@ pub const GAUGES: usize = 6;
 pub const GAUGE_END: f32 = 8_388_607.0;
 
 /// The six strain gauges (full bridges) of a force sensor, converted by the board. Wrench = calibration
-/// matrix · counts; the tare takes what is left of the offset.
+/// matrix · counts; the tare removes the residual offset.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Gauges {
     /// The chain of the sensor, as index into [`RobotModel::chains`].
@@ -326,7 +326,7 @@ pub struct PidGains {
 /// Gains of [`crate::control::ErrorObserver`] and of the state feedback behind it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct ObserverGains {
-    /// Inertia that the feedback sees [kg·m²]: rotor and the links that the joint moves.
+    /// Inertia that the feedback assumes [kg·m²]: rotor and the links that the joint moves.
     pub inertia: f32,
     /// Bandwidth of the position loop [rad/s].
     pub bandwidth: f32,

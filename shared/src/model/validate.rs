@@ -10,65 +10,68 @@ use crate::TICK;
 use crate::math::{self, abs};
 use crate::robot::{CURRENT_MARGIN, JUMP_FACTOR};
 
-/// Smallest value, in SI units, of what must be positive.
+/// Smallest value, in SI units, of a quantity that must be positive.
 const SMALLEST: f32 = 1e-12;
-/// How far a unit vector's length may be from 1.
+/// Tolerance of a unit vector's length.
 const UNIT_TOLERANCE: f32 = 1e-3;
 
-// Bounds by physics: no robot is beyond them.
+// Physical bounds that no robot exceeds.
 
-/// Of accelerations of gravity [m/s²]: ten times that of the earth.
+/// Upper bound of the acceleration of gravity [m/s²]: ten times that of the earth.
 const MAX_GRAVITY: f32 = 100.0;
-/// Of lengths [m].
+/// Upper bound of lengths [m].
 const MAX_LENGTH: f32 = 100.0;
-/// Of masses [kg] and inertias [kg·m²].
+/// Upper bound of masses [kg] and inertias [kg·m²].
 const MAX_INERTIA: f32 = 1e4;
-/// Of torques [N·m], forces [N], their derivatives and coefficients, and gains.
+/// Upper bound of torques [N·m], forces [N], their derivatives and coefficients, and gains.
 const MAX_EFFORT: f32 = 1e6;
-/// Of torque rates [N·m/s]: the largest torque within a tick.
+/// Upper bound of torque rates [N·m/s]: the largest torque within a tick.
 const MAX_TORQUE_RATE: f32 = MAX_EFFORT / TICK;
-/// Of joint angles [rad]: 160 turns. Beyond it single precision has fewer digits than an encoder.
+/// Upper bound of joint angles [rad]: 160 turns. Beyond it single precision is coarser than an encoder.
 const MAX_ANGLE: f32 = 1000.0;
-/// Of the ratio of a mimic joint.
+/// Upper bound of the ratio of a mimic joint.
 const MAX_MULTIPLIER: f32 = 100.0;
-/// Of joint velocities [rad/s]: a quarter turn in a tick. A faster joint cannot be told from a jump.
+/// Upper bound of joint velocities [rad/s]: a quarter turn per tick. A faster motion cannot be distinguished
+/// from a jump.
 const MAX_VELOCITY: f32 = core::f32::consts::FRAC_PI_2 / TICK;
-/// Of differences between angle and reference [rad].
+/// Upper bound of differences between angle and reference [rad].
 const MAX_ERROR: f32 = core::f32::consts::PI;
-/// Of bandwidths [rad/s]: half the control frequency.
+/// Upper bound of bandwidths [rad/s]: half the control frequency.
 const MAX_BANDWIDTH: f32 = core::f32::consts::PI / TICK;
-/// Of the bandwidth of a current loop [Hz].
+/// Upper bound of the bandwidth of a current loop [Hz].
 const MAX_MOTOR_BANDWIDTH: f32 = 1e5;
-/// Of the resistance of a winding [Ω].
+/// Upper bound of the resistance of a winding [Ω].
 const MAX_RESISTANCE: f32 = 1e3;
-/// Of its inductance [H].
+/// Upper bound of the inductance of a winding [H].
 const MAX_INDUCTANCE: f32 = 1.0;
-/// Of encoder counts in a turn: an `i32` then holds two turns to each side.
+/// Upper bound of encoder counts per turn: an `i32` then holds two turns in each direction.
 const MAX_COUNTS: f32 = 1e9;
-/// Of the time without a command [s].
+/// Upper bound of the time without a command [s].
 const MAX_TIMEOUT: f32 = 10.0;
-/// Of the time of the trajectory filter [s].
+/// Upper bound of the time constant of the trajectory filter [s].
 const MAX_FILTER_TIME: f32 = 100.0;
-/// Of the gain in front of a gauge's converter.
+/// Upper bound of the gain in front of a gauge's converter.
 const MAX_GAIN: f32 = 128.0;
-/// Of the range of the gauges, in force limits. A matrix for volts is a million times beyond.
+/// Upper bound of the range of the gauges, as a multiple of the force limit. A matrix for volts exceeds it a
+/// million times.
 const MAX_GAUGE_RANGE: f32 = 1e4;
-/// What of each row of a calibration matrix must be independent of the others. With less, an error of one
-/// per cent in a gauge is as large as the wrench.
+/// Minimum linearly independent part of each normalised row of the calibration matrix. Below it, an error of
+/// one per cent in a gauge would be as large as the wrench.
 const MIN_INDEPENDENCE: f32 = 0.01;
-/// Of the supply [V]: a sensor frame can tell of 65.535 V at most, which must be a fault.
+/// Upper bound of the supply limit [V]: a sensor frame can report at most 65.535 V, which must be a fault.
 const MAX_SUPPLY: f32 = 65.534;
-/// Of the current that is a fault [counts]: a sensor frame can tell of 32 767, which must be one.
+/// Upper bound of the current limit [counts]: a sensor frame can report at most 32 767, which must be a
+/// fault.
 const MAX_CURRENT_COUNT: f32 = 32_766.0;
-/// Of the counts of an angle from 0: half of those of an `i32`. Beyond it, an angle would be one of the other
-/// direction.
+/// Upper bound of the counts of an angle from 0: half of the range of an `i32`. Beyond it the sign of an
+/// angle would be ambiguous.
 const MAX_ANGLE_COUNTS: f32 = 65_536.0 * 32_768.0;
 
 impl RobotModel {
     /// Checks every field.
     ///
     /// # Errors
-    /// The first thing that is wrong, by joint and field, with its value and the limit that it breaks.
+    /// The first invalid field and its joint, with the value and the violated limit.
     pub fn validate(&self) -> Result<(), ModelError> {
         let robot = Check { joint: None };
         robot.all_within(Field::Gravity, &self.gravity, MAX_GRAVITY)?;
@@ -153,7 +156,7 @@ impl RobotModel {
 }
 
 impl MimicJoint {
-    /// `joints`: how many the robot has.
+    /// `joints`: number of joints of the robot.
     fn validate(&self, check: Check, joints: usize) -> Result<(), ModelError> {
         if usize::from(self.joint) >= joints {
             return Err(check.error(Field::MimicJoint, f32::from(self.joint), Problem::NoSuchJoint));
@@ -224,7 +227,7 @@ impl Gauges {
         if independence < MIN_INDEPENDENCE {
             return Err(check.error(Field::CalibrationMatrix, independence, Problem::Singular));
         }
-        // More than all gauges together cannot show is never reached.
+        // A force limit above the range of all gauges together could never trip.
         for row in self.calibration_matrix.iter().take(3) {
             let range = GAUGE_END * row.iter().map(|value| abs(*value)).sum::<f32>();
             check.within(Field::GaugeRange, range, force_limit, MAX_GAUGE_RANGE * force_limit)?;
@@ -239,7 +242,7 @@ impl Gauges {
     }
 }
 
-/// The smallest part of a row that is orthogonal to the rows before it, after columns and rows were scaled to
+/// The smallest part of a row that is orthogonal to the rows before it, after columns and rows are scaled to
 /// length 1 (newtons and newton metres, gauges with different gains): the smallest magnitude on the diagonal
 /// of R in the QR decomposition, by the modified Gram–Schmidt method. 0 for a singular matrix.
 fn independence(matrix: &[[f32; GAUGES]; 6]) -> f32 {
@@ -269,9 +272,9 @@ fn independence(matrix: &[[f32; GAUGES]; 6]) -> f32 {
     smallest
 }
 
-/// Scales a vector to length 1, unless it is 0. Returns the length that it had.
+/// Scales a vector to length 1, unless it is 0. Returns its previous length.
 fn normalize(vector: &mut [f32; GAUGES]) -> f32 {
-    // Squares of tiny values would be 0.
+    // Scaled first: squares of tiny values would underflow to 0.
     let scale = vector.iter().fold(0.0_f32, |max, value| max.max(abs(*value)));
     if scale == 0.0 {
         return 0.0;
@@ -314,7 +317,7 @@ impl Encoder {
         check.within(Field::CountsPerTurn, self.counts_per_turn, 1.0, MAX_COUNTS)
     }
 
-    /// Every angle up to where it is a fault, and a tick beyond, has a count of its own.
+    /// Checks that every angle up to the fault limit, and one tick beyond, has a unique count.
     fn validate_range(&self, check: Check, limits: &JointLimits) -> Result<(), ModelError> {
         let beyond = limits.following_error + JUMP_FACTOR * limits.velocity * TICK;
         let largest = abs(limits.lower).max(abs(limits.upper)) + beyond;
@@ -359,7 +362,7 @@ impl Safety {
     }
 }
 
-/// Makes errors that know their joint.
+/// Checks fields of one joint, or of the whole robot, and creates the errors.
 #[derive(Clone, Copy)]
 struct Check {
     joint: Option<u8>,
@@ -374,7 +377,7 @@ impl Check {
         if value.is_finite() { Ok(()) } else { Err(self.error(field, value, Problem::NotFinite)) }
     }
 
-    /// From 0 to ±`max`.
+    /// Checks that all values are within ±`max`.
     fn all_within(self, field: Field, values: &[f32], max: f32) -> Result<(), ModelError> {
         values.iter().try_for_each(|&value| self.within(field, value, -max, max))
     }
@@ -385,7 +388,7 @@ impl Check {
         self.at_most(field, value, max)
     }
 
-    /// Above 0, and by so much that its reciprocal is a number to calculate with.
+    /// Checks that the value is positive, and large enough that its reciprocal is finite.
     #[inline(never)]
     fn positive(self, field: Field, value: f32, max: f32) -> Result<(), ModelError> {
         self.above(field, value, 0.0)?;

@@ -70,8 +70,8 @@ fn currents_and_voltages_that_a_sensor_frame_cannot_tell_of_are_no_limits() {
     assert_eq!(with(&|robot| robot.safety.supply_max = 65.535), Err((None, Field::SupplyMax)));
 }
 
-/// 2³¹ counts, of 10⁹ a turn, are 13.4932 rad: the limits, 0.2 rad of following error and 0.16 rad of a
-/// jump must be within.
+/// 2³¹ counts, at 10⁹ per turn, are 13.4932 rad. They must cover the limits, 0.2 rad of following error and
+/// 0.16 rad of a jump.
 #[test]
 fn an_angle_that_has_no_count_is_no_limit() {
     let mut joint = test_joint("wrist");
@@ -95,7 +95,7 @@ fn rods_plates_points_and_cut_digits_are_bodies() {
     }
 }
 
-/// Calibration matrix, resolutions, readings, independence of the rows, see the file.
+/// Calibration matrix, resolutions, readings, independence of the rows; see the data file.
 type Sensor = ([[f32; 6]; 6], [f32; 2], &'static [([i32; 6], [f64; 6])], f32);
 const SENSORS: &[Sensor] = include!("../../../tests/oracles/data/gauges.in");
 

@@ -26,7 +26,7 @@ impl Export {
         Self { bytes: [0; MAX_EXPORT], length: 0 }
     }
 
-    /// Copies `item`, whose layout `key` identifies, after entry `index` of the log.
+    /// Copies `item` after entry `index` of the log; `key` identifies its layout.
     #[inline(never)]
     pub fn begin<T: Serialize>(&mut self, item: &T, index: u32, key: u64) -> Result<Reply, Refusal> {
         self.length = 0;

@@ -9,11 +9,11 @@ use crate::kinematics::Posture;
 use crate::math::{self, abs};
 use crate::model::ForceSensor;
 
-/// Ticks without a change of any count after which the sensor is dead: noise alone changes those of a live
-/// sensor.
+/// Ticks without a change of any count after which the sensor counts as dead: in a live sensor noise alone
+/// changes them.
 const STUCK_TICKS: u16 = 50;
-/// Gain of the low-pass filter for the tare: a time constant of 16 ticks. A smaller one suppresses more noise
-/// and requires a longer time without contact.
+/// Gain of the low-pass filter for the tare: a time constant of 16 ticks. A smaller gain suppresses more
+/// noise and requires a longer time without contact.
 const TARE_FILTER_GAIN: f32 = 1.0 / 16.0;
 
 /// State of a force sensor.
@@ -26,7 +26,7 @@ pub(super) struct ForceSensorState {
     mean: [f32; 6],
     /// Offset: the filtered reading at the tare [N, N·m].
     tare: [f32; 6],
-    /// Whether there was a reading since the last one that could not be trusted.
+    /// Whether there was a valid reading since the state was created or invalidated.
     initialized: bool,
 }
 
@@ -42,7 +42,7 @@ impl ForceSensorState {
     }
 
     /// Reads the counts of a sensor on a tip in `posture`, under `gravity` [m/s², base frame]. Returns the
-    /// external wrench on the tip, in base axes [N, N·m], and what is wrong with it.
+    /// external wrench on the tip, in base axes [N, N·m], and its fault, if any.
     pub fn read(
         &mut self,
         sensor: &ForceSensor,
@@ -87,7 +87,7 @@ impl ForceSensorState {
         Some(Finding { cause: FaultCause::ForceLimit, value: size, limit: sensor.force_limit })
     }
 
-    /// What the counts alone show.
+    /// Checks the counts alone: saturated or stuck.
     #[expect(clippy::cast_precision_loss, reason = "for display")]
     fn counts_fault(&self, sensor: &ForceSensor) -> Option<Finding> {
         if let Some(&count) = self.counts.iter().find(|count| count.unsigned_abs() >= sensor.saturation) {
@@ -99,12 +99,12 @@ impl ForceSensorState {
         stuck.then_some(Finding { cause: FaultCause::ForceStuck, value, limit })
     }
 
-    /// What comes now is no reading: what was read before is not what the sensor reads next.
+    /// Invalidates the last reading: filter and stuck counter restart with the next valid one.
     pub const fn lose(&mut self) {
         self.initialized = false;
     }
 
-    /// Whether the last tick had a reading, of a sensor that lives and is within its range.
+    /// Whether the last tick had a reading from a sensor that is neither stuck nor saturated.
     pub fn has_read(&self, sensor: &ForceSensor) -> bool {
         self.initialized && self.counts_fault(sensor).is_none()
     }

@@ -15,8 +15,8 @@ use crate::protocol::{
 use crate::robot::{Actuation, Measured, Robot};
 use crate::task::{TaskCommand, TaskConfig, TaskState};
 
-/// Share of its velocity limit above which a joint must not be enabled: a servo that begins at rest would
-/// swing.
+/// Share of its velocity limit above which a joint must not be enabled: the servo, whose reference starts at
+/// rest, would overshoot.
 const ENABLE_SPEED: f32 = 0.2;
 
 impl Node {
@@ -26,8 +26,8 @@ impl Node {
     }
 
     /// Answers one request on a board that cannot serve every robot: `configure` is called with a valid model
-    /// before it is taken, and can refuse it. A replay does not know the board and takes that model: what the
-    /// recorded node then did with an older model is reported as a difference.
+    /// before the node takes it over, and can refuse it. A replay does not know the board and takes that
+    /// model: what the recorded node then did with an older model is reported as a difference.
     pub fn handle_on(
         &mut self,
         frame: &RequestFrame,
@@ -40,7 +40,7 @@ impl Node {
         ReplyFrame { client: frame.client, sequence: frame.sequence, tick: self.state.tick, reply }
     }
 
-    // A new request needs an answer: Clippy reports a wildcard, the compiler a request that is missing.
+    // Every request needs an answer: Clippy reports a wildcard, the compiler a missing request.
     #[deny(clippy::wildcard_enum_match_arm)]
     fn answer(
         &mut self,
@@ -101,7 +101,8 @@ impl Node {
                     }
                     Ok(Admitted::Repeated(result)) => result?,
                     Err(refusal) => {
-                        // A repetition is not executed once the client commands.
+                        // A refused request must not be executed when it is repeated after the client has
+                        // taken command.
                         self.state.outdate(client, frame.sequence);
                         return Err(refusal);
                     }
@@ -122,8 +123,8 @@ impl Node {
         }
     }
 
-    /// Executes a request of the commander. Inlined, as a model is taken over on top of its frame, at the end
-    /// of the stack.
+    /// Executes a request of the commander. Inlined to save a stack frame: taking over a model is where the
+    /// stack is deepest.
     #[inline(always)]
     #[deny(clippy::wildcard_enum_match_arm)]
     fn command(
@@ -177,7 +178,7 @@ impl Node {
             self.transfer.commit(&mut self.robot, configure)?;
         self.model_checksum = checksum;
         if core::mem::replace(&mut self.state.fault_joints, names) != names {
-            // By its number, a fault of before would be told of another joint.
+            // Joint indices of earlier faults refer to the old model.
             self.state.faults.faults.iter_mut().for_each(|fault| fault.joint = None);
         }
         for (index, (config, state)) in self.robot.joints().iter().zip(&mut self.state.joints).enumerate() {
@@ -205,7 +206,7 @@ impl Node {
 
     fn tare(&mut self) -> Result<(), Refusal> {
         let robot = self.robot.loaded().ok_or(Refusal::NoModel)?;
-        // What a loaded sensor is tared by is missing from every force afterwards.
+        // Taring a loaded sensor subtracts that load from every later force.
         let loaded = match self.state.mode {
             Mode::Disabled => false,
             Mode::Enabled(_) => !self.state.task.may_tare(),
@@ -224,19 +225,19 @@ impl Node {
         }
         let mut sensors = robot.model().chains.iter().zip(&self.state.force_sensors);
         if sensors.any(|(chain, sensor)| chain.force_sensor.is_some_and(|config| !sensor.has_read(&config))) {
-            // The alarm is this fault, or one that hides it.
+            // The alarm is this fault, or one that masks it.
             return Err(match self.state.alarm {
                 Optional::Some(fault) => Refusal::Unsafe(fault),
                 Optional::None => Refusal::NoSensors,
             });
         }
-        // A task that estimates no forces does nothing here.
+        // Does nothing for a task that estimates no forces.
         let estimated = enabled && self.state.task.tare();
         if !has_sensor && !estimated {
             return Err(Refusal::NoForceSensor);
         }
         if enabled && self.state.task.is_in_contact() {
-            // What the sensors read may be true, and the estimate's error what looks like a contact.
+            // The contact may be an error of the estimate, or real: the sensors keep their tare.
             return Ok(());
         }
         let sensors = robot.model().chains.iter().zip(&mut self.state.force_sensors);
@@ -249,7 +250,7 @@ impl Node {
         Ok(())
     }
 
-    /// Switches the outputs off. A fault remains until it was read and cleared.
+    /// Switches the outputs off. A fault remains until it is read and cleared.
     fn disable(&mut self) {
         self.state.reaction = Reaction::Off;
         if self.state.mode != Mode::Fault {
@@ -257,8 +258,8 @@ impl Node {
         }
     }
 
-    /// Stops the robot. Also with the outputs off this is a fault, and so it is after another one: a client
-    /// that is about to clear that one and to enable does not know of it.
+    /// Stops the robot. A fault even when the outputs are off or another fault is active; otherwise a client
+    /// that is about to clear and enable would miss the stop.
     fn stop(&mut self) {
         let tick = self.state.tick;
         let fault = Fault { cause: FaultCause::Stop, joint: None, value: 0.0, limit: 0.0, tick };
@@ -273,15 +274,15 @@ impl Node {
         }
     }
 
-    /// Records a stop during a reaction, which goes on as it is.
+    /// Records a stop during a reaction, which continues unchanged.
     fn stop_again(&mut self, stop: Fault) {
         let faults = &mut self.state.faults;
         if faults.faults.last().is_some_and(|last| last.cause == FaultCause::Stop) {
             if self.state.faults_read != faults.total {
-                // Nobody has read of that one yet.
+                // No client has read the earlier stop yet.
                 return;
             }
-            // In its place: stops alone never push the cause out of the log.
+            // Replaces it: repeated stops never push the cause of a fault out of the log.
             faults.faults.pop();
         }
         faults.record(stop);
@@ -317,7 +318,7 @@ impl Node {
             }
         }
         self.postures.clear();
-        // The weight on the force sensors was taken away in postures that are others now.
+        // Homing changes the postures, with which the weight on the force sensors was compensated.
         self.state.measured.tared = 0;
         self.state.force_sensors.iter_mut().for_each(ForceSensorState::lose);
         Ok(())

@@ -16,18 +16,17 @@ pub(super) use encoder::Situation;
 
 /// Maximum compensated lag of a drive, as a fraction of the period. A larger one amplifies torque steps more.
 const MAX_COMPENSATED_LAG: f32 = 0.3;
-/// In place of a number of ticks without a change: the encoder was found dead, and has not moved since.
+/// Special value of the tick counter: the encoder was found dead and has not moved since.
 const FOUND_DEAD: u8 = u8::MAX;
-/// Decay per period of the feed-forward torques under [`Reaction::Damp`](crate::model::Reaction::Damp): four
-/// fifths of a contact force are released within 0.3 s. A step would let what is pressed whip the joints
-/// back. Torques that drive the robot balance no contact, and decay faster.
+/// Decay per period of the feed-forward torques under [`Reaction::Damp`](crate::model::Reaction::Damp): a
+/// contact force falls by four fifths within 0.3 s. After a sudden release, an elastic contact would throw
+/// the joints back. Torques that drive the robot balance no contact, and decay faster.
 const FEEDFORWARD_DECAY: f32 = 0.95;
 const DRIVING_DECAY: f32 = 0.5;
-/// Decrease of the compensated share of the weight per rise of a damped joint [1/rad], and largest one.
+/// Decrease of the compensated share of the weight per rise of a damped joint [1/rad], and its maximum.
 const LESS_WEIGHT: f32 = 4.0;
 const MAX_UNCOMPENSATED: f32 = 0.4;
-/// Fraction by which the model's weight of a held joint may be wrong: masses and torque constants by 10 % to
-/// 15 % each.
+/// Relative error of the model's weight of a held joint: 10 % to 15 % each of masses and torque constants.
 const HELD_WEIGHT_ERROR: f32 = 0.25;
 
 /// State of a joint: encoder and servo.
@@ -39,28 +38,30 @@ pub(super) struct JointState {
     count: i32,
     /// Change of the angle in the last tick [rad].
     pub change: f32,
-    /// Torque of the last tick, and its part beyond the feed-forward [N·m].
+    /// Torque of the last tick, and its part beyond the feed-forward, the effort [N·m].
     pub torque: f32,
     pub effort: f32,
-    /// Where the joint was when it moved last, the change of the angle in that tick [rad], and the effort
-    /// then; of a damped joint, the torque beyond the weight [N·m].
+    /// Angle at the last motion and its change in that tick [rad], and the effort then [N·m] (of a damped
+    /// joint: the torque beyond the weight).
     moved_to: f32,
     last_change: f32,
     moving_effort: f32,
-    /// Ticks in a row without a change under a torque that moves the joint, or [`FOUND_DEAD`].
+    /// Consecutive ticks without a change under a torque that must move the joint, or [`FOUND_DEAD`].
     unchanged: u8,
-    /// The last tick in which the joint gained speed, and the ticks in a row up to there in which it did so
-    /// against its effort.
+    /// The last tick in which the joint gained speed, and the number of consecutive ticks up to it in which
+    /// it did so against its effort.
     gained_in: u32,
     running_away: u8,
-    /// The last tick in which the joint exceeded its velocity limit by more than its drive is capable of.
+    /// The last tick in which the joint exceeded its velocity limit after a velocity step larger than its
+    /// drive can make.
     leapt_in: u32,
     /// How far the joint has been lifted against its weight since a stop began [rad].
     pub rise: f32,
-    /// The torque beyond weight and acceleration when a stop began [N·m].
+    /// Magnitude of the torque beyond the weight when a stop began, before or after subtracting the
+    /// acceleration torque, whichever is larger [N·m].
     pub pressed: f32,
-    /// The least torque beyond the weight under which a held joint has stood since its count changed last
-    /// [N·m], and where [rad].
+    /// Smallest torque beyond the weight under which a held joint has stood still since its last motion
+    /// [N·m], and the angle there [rad].
     stood: f32,
     stood_at: f32,
     pub servo: JointServoState,
@@ -104,7 +105,7 @@ impl<'a> Joints<'a> {
         }
     }
 
-    /// The torques that balance the weight where the joints are [N·m].
+    /// Gravity torques at the measured angles [N·m].
     #[cold]
     #[inline(never)]
     pub fn weight(&self) -> [f32; MAX_JOINTS] {
@@ -189,8 +190,8 @@ impl JointState {
         Self { zero, homed, ..Self::new() }
     }
 
-    /// The share of the model's weight that damping bears. Masses and torque constants may be wrong by 20 %
-    /// each: a joint that bears too much rises by 0.1 rad at most, one that bears too little sinks against
+    /// The compensated share of the model's weight under damping. Masses and torque constants may be wrong by
+    /// 20 % each: an overcompensated joint rises by at most 0.1 rad, an undercompensated one sinks against
     /// the damping.
     pub fn borne_weight(&self) -> f32 {
         1.0 - math::clamp(LESS_WEIGHT * self.rise, 0.0, MAX_UNCOMPENSATED)
@@ -201,14 +202,13 @@ impl JointState {
         (self.stood, self.stood_at) = (abs(excess), self.moved_to);
     }
 
-    /// An encoder that counts from where it was switched on has lost its zero.
+    /// Marks a relative encoder as not homed: its zero is lost.
     #[cold]
     pub const fn lose_zero(&mut self, config: &JointConfig) {
         self.homed &= config.zero.is_some();
     }
 
-    /// Whether the encoder reads what that of `other` has read before, after a leap that no joint is capable
-    /// of.
+    /// Whether the encoder now reads the previous value of `other`'s, after a jump that no joint can make.
     #[cold]
     pub fn reads_that_of(&self, config: &JointConfig, other: &Self, of_other: &JointConfig) -> bool {
         let leaps = abs(self.change) > config.limits.velocity * TICK;
@@ -238,7 +238,7 @@ impl JointState {
         self.servo.clear_torque();
     }
 
-    /// Forgets what the servo has learnt. It begins anew when the joint is enabled.
+    /// Resets the servo, with all that it has learnt. It starts again when the joint is enabled.
     #[cold]
     pub fn forget(&mut self) {
         self.servo = JointServoState::at(0.0);
@@ -268,8 +268,8 @@ impl Joint<'_> {
         self.hold_still();
     }
 
-    /// Prepares for a tick that comes several periods after the last one: position and velocity become those
-    /// of one period ago, at the constant acceleration of a joint whose drive was off.
+    /// Prepares for a tick that comes several periods after the last one: estimates position and velocity one
+    /// period ago, under the constant acceleration of a joint whose drive was off.
     pub fn catch_up(&mut self, count: i32, periods: f32) {
         let (before, max) = (*self.velocity, self.config.limits.velocity);
         let position = self.state.angle(self.config, count);
@@ -280,7 +280,7 @@ impl Joint<'_> {
         *self.velocity = last;
     }
 
-    /// Whether no joint can have come from its last position to `count` in so many periods.
+    /// Whether the joint cannot have moved from its last position to `count` in so many periods.
     #[cold]
     pub fn leaps_to(&self, count: i32, periods: f32) -> bool {
         let change = self.state.angle(self.config, count) - *self.position;
@@ -299,7 +299,7 @@ impl Joint<'_> {
     }
 
     /// Computes the reference of this tick from the target; goals pass the trajectory filter. Returns `false`
-    /// for targets that [`advance_far_or_braking`](Self::advance_far_or_braking) has to advance.
+    /// for targets that need [`advance_far_or_braking`](Self::advance_far_or_braking) instead.
     #[inline]
     pub fn advance(&mut self) -> bool {
         if self.target.restart {
@@ -314,7 +314,7 @@ impl Joint<'_> {
         true
     }
 
-    /// Computes the reference of this tick on the way to a goal that is far, or to rest.
+    /// Computes the reference of this tick for a far goal or while braking.
     pub fn advance_far_or_braking(&mut self) {
         let servo = &self.config.servo;
         *self.reference = match self.target.setpoint {
@@ -339,7 +339,7 @@ impl Joint<'_> {
         };
     }
 
-    /// Computes the torque by the servo, which goes on learning the disturbance if it `LEARNS`.
+    /// Computes the torque of the servo, which adapts its disturbance estimate only if it `LEARNS`.
     /// `model_torque` is the inverse dynamics at the reference [N·m].
     #[inline]
     pub fn control<const LEARNS: bool>(&mut self, mode: ServoMode, model_torque: f32) {
@@ -360,19 +360,20 @@ impl Joint<'_> {
         self.state.effort = output.effort;
     }
 
-    /// Bounds the torque of a joint that is held after a fault, `before` in the last tick. Beside its
-    /// `weight` [N·m] and the error of that, it may press
+    /// Bounds the torque of a joint that is held after a fault; `before` is the torque of the last tick
+    /// [N·m]. Beyond its `weight` [N·m] and the error of that, the joint may press
     ///
-    /// - with no more than when the stop began: against an obstacle it must not press harder;
-    /// - where it stands, also with no more than the least torque under which it has stood since: a new load
-    ///   moves the count of a living encoder, and after a dead one the servo would drive the joint on.
+    /// - at most as hard as when the stop began: it must not press harder against an obstacle;
+    /// - while it stands still, at most with the smallest torque under which it has stood still since its
+    ///   last motion: a new load moves the count of a working encoder, whereas behind a dead one the servo
+    ///   would drive the joint on.
     ///
     /// Exceptions:
     ///
-    /// - `grips`: forces that are fed forward act on what the joint grips, so the second bound does not hold;
+    /// - `grips`: feed-forward forces act on a gripped object, so the second bound does not apply;
     /// - `brakes`: the torque slows the joint down;
-    /// - `begins`, part of `brakes`: in the first ticks of a stop also against a motion that goes on, as the
-    ///   joint must withstand the others that brake;
+    /// - `begins`, part of `brakes`: in the first ticks of a stop, also if the motion does not slow down yet,
+    ///   because other joints that brake may drive this one;
     /// - `follows`: the reference still moves, and the joint stands still or moves against the torque: if the
     ///   encoder is dead, the torque shows it.
     pub fn bound_hold(&mut self, before: f32, weight: f32, begins: bool) {
@@ -386,7 +387,7 @@ impl Joint<'_> {
         let grips = self.target.feedforward != 0.0;
         let max = weight_error + if grips { pressed } else { pressed.min(state.stood) };
         let is_led = abs(self.reference.velocity) >= STALL_SPEED;
-        // A torque against a motion that goes on balances a push, or an encoder drifts.
+        // If the motion does not slow down, the opposing torque balances a push, or the encoder drifts.
         let slows = is_led || begins || abs(state.change) + config.flicker < abs(velocity) * TICK;
         let follows = is_led && state.change * excess <= 0.0;
         let brakes = slows && abs(velocity) * TICK > config.moving && excess * velocity < 0.0;
@@ -399,8 +400,8 @@ impl Joint<'_> {
         state.torque = bounded;
     }
 
-    /// Computes the torque without servo: feed-forward, damping and, if `compensated`, gravity and friction
-    /// compensation.
+    /// Computes the torque without the servo: feed-forward, damping and, if `compensated`, gravity and
+    /// friction compensation.
     #[inline(never)]
     pub fn push(&mut self, damping: f32, compensated: bool, model_torque: f32) {
         let compensation = if compensated {
@@ -410,7 +411,8 @@ impl Joint<'_> {
         };
         let effort = self.target.feedforward - damping * *self.velocity;
         self.state.torque = self.config.servo.limit(&mut self.state.servo, compensation + effort);
-        // Contact forces balance what is fed forward: a count that stands still says nothing.
+        // A contact may balance the feed-forward torque, so a count that stands still is no sign of a dead
+        // encoder.
         self.state.effort = 0.0;
     }
 
@@ -434,13 +436,13 @@ impl Joint<'_> {
         [servo.acceleration(mean - desired), mean]
     }
 
-    /// Computes a damping torque, beside the compensated part of the `gravity` torque [N·m] and the
-    /// feed-forward, which fades, and faster if the feed-forward of all joints together is `driving` the
-    /// robot. When damping `begins`, the feed-forward becomes what the torque has balanced so far, such as a
-    /// contact force; nothing of it if that was `driving` the robot.
+    /// Computes the torque of a damped joint: damping, the compensated part of the `gravity` torque [N·m],
+    /// and a feed-forward torque that decays, faster if the feed-forward of all joints together is `driving`
+    /// the robot. When damping `begins`, the feed-forward becomes the torque that has balanced a load so far,
+    /// such as a contact force, or 0 if it was `driving` the robot.
     pub fn damp(&mut self, gravity: f32, begins: bool, driving: bool) {
         if begins {
-            // What the joint has balanced so far is no sign of a dead encoder: growth counts from here on.
+            // The load so far is no sign of a dead encoder: growth counts from here on.
             self.state.moving_effort = self.state.torque - gravity;
         }
         let gravity = self.state.borne_weight() * gravity;
@@ -458,14 +460,15 @@ impl Joint<'_> {
         self.state.effort = effort;
     }
 
-    /// Prepares for a task: at rest where the joint is. Its encoder is not [dead](Self::check_still_dead).
+    /// Prepares for a task: at rest at the present position. Requires an encoder that is not
+    /// [dead](Self::check_still_dead).
     pub fn begin(&mut self) {
         self.state.unchanged = 0;
         self.hold_still();
     }
 
-    /// Sets target and reference to the present position at rest. Keeps the adapted friction, and the torque
-    /// of outputs that are on: its rate counts from there.
+    /// Sets target and reference to the present position at rest. Keeps the adapted friction, and the present
+    /// torque, from which the rate limit continues.
     pub fn hold_still(&mut self) {
         let position = *self.position;
         *self.target = JointTarget::at(position);
@@ -480,9 +483,9 @@ impl Joint<'_> {
         }
     }
 
-    /// Brings the joint to rest: where it is, if it has left its reference, else along the reference. Keeps
-    /// the feed-forward torque. A joint that has left its reference forgets the disturbance torque, which may
-    /// be that of pressing on something.
+    /// Brings the joint to rest: from its measured state if it has left its reference or `where_it_is` is
+    /// set, else along the reference. Keeps the feed-forward torque. In the first case the disturbance
+    /// estimate is reset, because it may be the force of pressing on an obstacle.
     pub fn hold(&mut self, where_it_is: bool) {
         let error = self.reference.position - *self.position;
         if where_it_is || abs(error) > self.config.limits.following_error {

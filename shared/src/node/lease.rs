@@ -6,14 +6,14 @@ use crate::protocol::{LEASE, Refusal};
 
 /// Number of former commanders whose late requests are recognised.
 const FORMER: usize = 4;
-/// A command this many numbers back is not repeated any more.
+/// A command whose sequence number is this far back is no longer repeated.
 const MAX_REPETITION_AGE: u16 = 1 << 14;
 
 /// The lease of the commander, and its last command.
 ///
 /// Commands are idempotent: a repeated command, whose reply was lost, gets the same reply and is not executed
-/// again; a command that arrives after a newer one is refused. So clients may repeat requests, and links may
-/// delay and duplicate them.
+/// again; a command that arrives after a newer one is refused. Clients may therefore repeat requests, and
+/// links may delay and duplicate them.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub(super) struct Lease {
     pub(super) held: bool,
@@ -21,12 +21,12 @@ pub(super) struct Lease {
     pub(super) mismatched: bool,
     /// The commander, or the last one.
     pub(super) client: Option<u32>,
-    /// Its last command, and the refusal of it.
+    /// Sequence number of its last command, and the refusal of that command.
     pub(super) sequence: u16,
     pub(super) refusal: Optional<Refusal>,
     /// The tick of its last request.
     pub(super) last_request: u32,
-    /// The commanders before, the latest first, with the last command of each.
+    /// The former commanders, the latest first, each with the sequence number of its last command.
     pub(super) former: [Option<(u32, u16)>; FORMER],
 }
 
@@ -76,9 +76,10 @@ impl Lease {
             return;
         }
         self.last_request = now;
-        // Requests other than commands use sequence numbers, too. After half of the numbers the next command
-        // would appear older than the last one, so the last one is moved up. This request may itself be a
-        // command. The number before it may be that of a command that comes late: it was not executed.
+        // Requests other than commands use sequence numbers, too. After half of the number range the next
+        // command would appear older than the last one, so the last number is moved up, to just before this
+        // request, which may itself be a command. A late command with that number was not executed, so it is
+        // refused.
         if is_far_ahead(sequence, self.sequence) {
             let latest = sequence.wrapping_sub(1);
             (self.sequence, self.refusal) = (latest, Optional::Some(Refusal::Stale { latest }));
@@ -113,7 +114,7 @@ impl Lease {
             return Err(Refusal::Commanded { by });
         }
         if let Some(former) = self.client.filter(|former| *former != client) {
-            // In place of the taker's own entry, or of the oldest one.
+            // Replaces the new commander's own entry, or the oldest one.
             let own = |entry: &Option<(u32, u16)>| entry.is_some_and(|(former, _)| former == client);
             let end = self.former.iter().position(own).unwrap_or(FORMER - 1);
             let mut moved = Some((former, self.sequence));
@@ -126,8 +127,8 @@ impl Lease {
         Ok(())
     }
 
-    /// A request that anybody may send at any time: commands that the same client sent before it, and that
-    /// arrive after it, must not be executed; after a stop they would switch the outputs on again.
+    /// Registers a request that any client may send at any time. Commands that the client sent before it but
+    /// that arrive later must not be executed: after a stop they would switch the outputs on again.
     pub fn overrule(&mut self, client: u32, sequence: u16) {
         for (former, latest) in self.former.iter_mut().flatten() {
             if *former == client && sequence.wrapping_sub(*latest).cast_signed() > 0 {
@@ -164,14 +165,14 @@ impl Lease {
         self.held = false;
     }
 
-    /// Whether `sequence` is older than the last command: up to half of the numbers behind it, with
+    /// Whether `sequence` is older than the last command: behind it by up to half of the number range, with
     /// wrap-around.
     fn is_older(&self, sequence: u16) -> bool {
         sequence.wrapping_sub(self.sequence).cast_signed() < 0
     }
 }
 
-/// Whether `sequence` is so far ahead of `latest` that nothing before it is repeated any more.
+/// Whether `sequence` is so far ahead of `latest` that requests up to `latest` are no longer repeated.
 pub(super) fn is_far_ahead(sequence: u16, latest: u16) -> bool {
     (MAX_REPETITION_AGE..1 << 15).contains(&sequence.wrapping_sub(latest))
 }
@@ -245,7 +246,7 @@ mod tests {
         assert_eq!(lease.commander(), Some(2));
         assert_eq!(lease.take(1, 13, true, false, 7), Ok(()), "a new request");
         assert_eq!(lease.take(2, 500, true, false, 8), Err(Refusal::Stale { latest: 500 }));
-        // A disable that overtook a take of the same client.
+        // A `Disable` overtook a `TakeCommand` of the same client.
         lease.overrule(2, 503);
         assert_eq!(lease.take(2, 502, true, false, 9), Err(Refusal::Stale { latest: 503 }));
     }

@@ -10,7 +10,7 @@
 //! ```
 //!
 //! In `Fault` the outputs follow the configured [`Reaction`]; `Disable` switches them off, but the fault
-//! remains until it was read and cleared.
+//! remains until it is read and cleared.
 //!
 //! A [`Node`] has no clock, no I/O and no waiting. [`Node::tick`] is a function of its state, one
 //! [`SensorFrame`](crate::protocol::SensorFrame) and the requests [handled](Node::handle) since the last
@@ -92,7 +92,7 @@ impl Node {
         self.state.mode
     }
 
-    /// What the outputs do in [`Mode::Fault`], and whether the task itself brings the robot to rest.
+    /// Reaction of the outputs in [`Mode::Fault`], and whether the task itself brings the robot to rest.
     pub const fn reaction(&self) -> (Reaction, bool) {
         (self.state.reaction, self.state.halting)
     }
@@ -107,8 +107,8 @@ impl Node {
         &self.state.faults
     }
 
-    /// Checksum of the names of the joints that the faults number: what a board retains over a reset beside
-    /// the faults.
+    /// Checksum of the names of the joints that the faults refer to by index. A board retains it over a
+    /// reset, with the faults.
     pub const fn fault_joints(&self) -> u32 {
         self.state.fault_joints
     }
@@ -119,7 +119,7 @@ impl Node {
         (self.state.faults, self.state.fault_joints) = (log, joints);
     }
 
-    /// Records a fault of the board that does not change the mode, for instance the cause of a reset.
+    /// Records a fault of the board without a change of the mode, for instance the cause of a reset.
     pub fn record_fault(&mut self, fault: Fault) {
         self.state.faults.record(fault);
     }

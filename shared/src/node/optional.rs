@@ -2,7 +2,7 @@ use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 /// An [`Option`] whose `None` is all zero. A `None` in a niche of `T` may not be, and one nonzero byte would
-/// place the whole node in `.data`, and so in flash.
+/// move the whole node from `.bss` to `.data`, which also takes flash.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, Schema)]
 #[repr(u8)]
 pub(super) enum Optional<T> {

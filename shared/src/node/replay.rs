@@ -15,7 +15,7 @@ pub struct Replay<'a> {
     state: Vec<u8, MAX_STATE>,
     /// Output for the last sensor frame.
     computed: Option<ActuatorFrame>,
-    /// Whether the node has the state of the recorded one.
+    /// Whether the node's state matches the recording.
     synchronized: bool,
 }
 
@@ -65,7 +65,7 @@ pub enum Difference {
         /// As computed now.
         computed: usize,
     },
-    /// A torque, if only in its last bit.
+    /// A torque; one bit is enough.
     Torque {
         /// The joint.
         joint: usize,

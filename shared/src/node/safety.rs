@@ -14,18 +14,18 @@ use crate::protocol::{ForceSensorFault, Mode, SensorFrame};
 use crate::robot::{Actuation, JointConfig, Measured, Postures, Robot, count};
 use crate::task::Halt;
 
-/// A stop begins anew after missed ticks so many times; then the robot is damped.
+/// Maximum number of restarts of a stop after missed ticks; then the robot is damped.
 const MAX_RESTARTS: u8 = 10;
 
 /// Share of the force limit of a sensor above which it reads a contact.
 const CONTACT_SHARE: f32 = 0.02;
 
-/// What is wrong with the sensors, and of which joint.
+/// A finding of the sensors, and the joint that it concerns.
 type SensorFault = Option<(u8, Finding)>;
 
 impl Node {
-    /// Records a fault and reacts to it: with a stop as the task needs it, or, when the reaction to an
-    /// earlier fault has failed, with a weaker one.
+    /// Records a fault and reacts to it with the stop that the task needs, or, if the reaction to an earlier
+    /// fault has failed, with a weaker reaction.
     pub(super) fn fail(&mut self, fault: Fault) {
         let strongest = match self.robot.loaded() {
             Some(robot) if fault.cause.leaves_control() => robot.model().safety.reaction,
@@ -54,7 +54,7 @@ impl Node {
                     _ if failed => Reaction::Damp,
                     _ => Reaction::Hold,
                 });
-                // A state that lasts, such as a low supply, is no further fault.
+                // A lasting condition, such as a low supply, is no further fault.
                 if reaction >= self.state.reaction {
                     return;
                 }
@@ -72,7 +72,7 @@ impl Node {
         }
     }
 
-    /// Begins a stop anew after missed ticks, in which the motion went on without control. Returns the
+    /// Restarts a stop after missed ticks, in which the motion continued without control. Returns the
     /// reaction.
     fn restart_stop(&mut self, fault: &Fault) -> Reaction {
         self.begin_stop_energy();
@@ -80,7 +80,7 @@ impl Node {
             (Reaction::Hold, true) => self.halt(fault),
             (Reaction::Hold, false) => {
                 self.hold_joints(fault);
-                // What the joints balanced is as it was: the servos begin with these torques.
+                // The loads are unchanged: the servos start from the torques that balanced them.
                 let mut all = Joints::of(&self.robot, &mut self.state);
                 let weight = all.weight();
                 all.each().zip(weight).for_each(|(joint, weight)| {
@@ -104,7 +104,7 @@ impl Node {
             | FaultCause::ToolOrientationError => true,
             // Held joints do not need the force sensors; a task does.
             cause if cause.loses_force() => self.state.halting,
-            // The state that was the fault lasts until the robot is at rest and the force released.
+            // The condition that caused the fault lasts until the robot is at rest and the force is released.
             FaultCause::ForceLimit | FaultCause::VelocityLimit | FaultCause::PositionLimit => {
                 self.reacting_to().is_none_or(|last| last.cause != cause)
             }
@@ -112,7 +112,7 @@ impl Node {
         }
     }
 
-    /// The fault to which the node reacts: a `Stop` during the reaction to another fault is recorded only.
+    /// The fault to which the node reacts. A `Stop` during the reaction to another fault is only recorded.
     fn reacting_to(&self) -> Option<&Fault> {
         let (faults, since) = (&self.state.faults.faults, self.state.reacting_since);
         let reacts = |fault: &&Fault| {
@@ -163,13 +163,14 @@ impl Node {
         let robot = self.robot.loaded()?;
         let fault = |cause, joint, value, limit| Some(Fault { cause, joint, value, limit, tick });
         if let Some((got, expected)) = wrong_count(robot, sensors) {
-            // Whose counts these are is not known: nothing is homed by those of before.
+            // It is unknown which joints these counts belong to, so the old counts must not be used for
+            // homing.
             self.state.sensing.lose(last);
             #[expect(clippy::cast_precision_loss, reason = "at most 16")]
             return fault(FaultCause::SensorCount, None, got as f32, expected as f32);
         }
         let sensing = core::mem::replace(&mut self.state.sensing, Sensing::Read);
-        // The first frame has no tick before it.
+        // No tick precedes the first frame.
         let elapsed = if sensing == Sensing::Read { tick.wrapping_sub(last) } else { 1 };
         let mut all = Joints::of(robot, &mut self.state);
         if sensing != Sensing::Read {
@@ -177,7 +178,7 @@ impl Node {
         } else if elapsed.cast_signed() > 1 {
             #[expect(clippy::cast_precision_loss, reason = "exact for hours")]
             let periods = elapsed as f32;
-            // A leap shows as one of this tick.
+            // A jump is left in the positions, and detected below.
             let joints = all.each().zip(&sensors.encoders);
             let moved = joints.filter(|(joint, count)| !joint.leaps_to(**count, periods));
             moved.for_each(|(mut joint, &count)| joint.catch_up(count, periods));
@@ -193,7 +194,7 @@ impl Node {
             None => self.read_force_sensors(sensors),
             Some(fault) => {
                 self.state.force_sensors.iter_mut().for_each(ForceSensorState::lose);
-                // The joints go on, and nothing else reads the postures anew.
+                // The joints move on, and the cache is updated only with the force sensors.
                 self.postures.clear();
                 gauge_fault(robot, fault)
             }
@@ -201,7 +202,7 @@ impl Node {
         self.rank(sensors, joint_fault, tip_fault, elapsed.cast_signed())
     }
 
-    /// Sensors that do not answer, unless there is no robot yet.
+    /// The fault of sensors that could not be read; `None` before the first model.
     #[cold]
     #[inline(never)]
     fn silent(&mut self, tick: u32) -> Option<Fault> {
@@ -209,8 +210,8 @@ impl Node {
         Some(Fault { cause: FaultCause::SensorsSilent, joint: None, value: 1.0, limit: 0.0, tick })
     }
 
-    /// The fault of a sensor frame to react to: a state that lasts, such as a low supply, must not hide what
-    /// a stop has to be told.
+    /// The fault of a sensor frame to react to: a lasting condition, such as a low supply, must not mask a
+    /// fault that changes how the robot has to stop.
     fn rank(
         &self,
         sensors: &SensorFrame,
@@ -245,7 +246,7 @@ impl Node {
         #[expect(clippy::cast_precision_loss, reason = "for display")]
         let late = || fault(FaultCause::LateTick, None, elapsed as f32, 1.0).filter(|_| elapsed != 1);
         let low = || fault(FaultCause::SupplyLow, None, supply, safety.supply_min);
-        // A stop that begins must know whether it may rely on the force.
+        // A stop that begins must know whether the force sensors are valid.
         let misleads =
             |found: &Fault| matches!(self.state.mode, Mode::Enabled(_)) && found.cause.loses_force();
         late()
@@ -297,7 +298,7 @@ impl Node {
         self.state.mode == Mode::Fault && self.state.reaction != Reaction::Off
     }
 
-    /// Whether a fault ended in [`Reaction::Hold`].
+    /// Whether the robot is held after a fault.
     pub(super) fn is_holding(&self) -> bool {
         self.state.mode == Mode::Fault && self.state.reaction == Reaction::Hold
     }
@@ -337,8 +338,8 @@ impl Node {
     }
 }
 
-/// Reads the encoders as the first frame, or the first one after some that could not be read. A leap in
-/// between shows as one of this tick.
+/// Reads the encoders from the first frame, or from the first one after frames that could not be read. A jump
+/// in between is left in the positions, and detected in this tick.
 #[cold]
 #[inline(never)]
 fn first_read(all: &mut Joints<'_>, sensing: Sensing, sensors: &SensorFrame) {
@@ -361,7 +362,7 @@ fn first_read(all: &mut Joints<'_>, sensing: Sensing, sensors: &SensorFrame) {
 fn check_encoders(robot: &Robot, state: &mut State) -> Option<Fault> {
     let tick = state.tick;
     let accelerates = matches!(state.targets.actuation, Actuation::Acceleration { .. });
-    // Servos that stop may press: a hand keeps its object.
+    // Servos may keep pressing during a stop: a hand keeps its object.
     let stops = accelerates && state.mode == Mode::Fault;
     let pressing = pressing(robot, &state.measured);
     let mut all = Joints::of(robot, state);
@@ -399,7 +400,7 @@ fn pressing(robot: &Robot, measured: &Measured) -> u16 {
 #[inline(never)]
 fn check_joints(robot: &Robot, state: &mut State, sensors: &SensorFrame) -> SensorFault {
     let tick = state.tick;
-    // A reference arm that touches something takes the measured state, as joints do that are damped.
+    // The reference takes the measured state when an arm makes contact, and for damped joints.
     let damped = state.mode == Mode::Fault && state.reaction == Reaction::Damp;
     let follows = damped || matches!(state.targets.actuation, Actuation::Acceleration { .. });
     let dead_encoder = sensors.flags.dead_encoder();
@@ -423,8 +424,8 @@ fn check_joints(robot: &Robot, state: &mut State, sensors: &SensorFrame) -> Sens
     }
 }
 
-/// The first of two encoders whose cables are swapped: each leaps to what the other has read. Joints that are
-/// stopped by such angles would be driven by each other's motion.
+/// The first of two encoders whose cables are swapped: each jumps to the previous reading of the other. A
+/// stop that used such angles would drive each joint by the motion of the other.
 #[cold]
 fn check_swapped(robot: &Robot, state: &mut State) -> SensorFault {
     let all = robot.joints().iter().zip(&state.joints);
@@ -446,7 +447,7 @@ fn check_swapped(robot: &Robot, state: &mut State) -> SensorFault {
     None
 }
 
-/// The fault that leaves no control, else the first one.
+/// The worse of two findings: one that leaves no control, else the first.
 #[cold]
 fn worse(first: SensorFault, other: (u8, Finding)) -> SensorFault {
     match first {
@@ -455,12 +456,12 @@ fn worse(first: SensorFault, other: (u8, Finding)) -> SensorFault {
     }
 }
 
-/// A number of sensors that differs from the robot's: that number, and the robot's.
+/// A wrong number of sensors, and that of the robot.
 fn wrong_count(robot: &Robot, sensors: &SensorFrame) -> Option<(usize, usize)> {
     let (joints, forces) = (robot.joints().len(), robot.force_sensors());
     let counts =
         [(sensors.encoders.len(), joints), (sensors.currents.len(), joints), (sensors.forces.len(), forces)];
-    // A board that tells of an encoder beyond them has more.
+    // A dead-encoder flag with a higher index means that the board has more joints.
     let dead = sensors.flags.dead_encoder().map(|index| (usize::from(index) + 1, joints));
     counts
         .into_iter()
@@ -468,7 +469,7 @@ fn wrong_count(robot: &Robot, sensors: &SensorFrame) -> Option<(usize, usize)> {
         .or(dead.filter(|(got, expected)| got > expected))
 }
 
-/// What the board found wrong with the gauges of the first force sensor. Its last wrench stays.
+/// The board's fault of the gauges of the first force sensor. The last wrench is kept.
 #[cold]
 #[inline(never)]
 fn gauge_fault(robot: &Robot, fault: ForceSensorFault) -> SensorFault {
@@ -484,8 +485,8 @@ fn gauge_fault(robot: &Robot, fault: ForceSensorFault) -> SensorFault {
     Some((count(config.joints().end) - 1, Finding { cause, value, limit }))
 }
 
-/// Reads all force sensors into `measured` and stores the postures. `gravity` is relative to the acceleration
-/// of the sensors [m/s²].
+/// Reads all force sensors into `measured` and stores the postures. `gravity` is gravity minus the
+/// acceleration of the sensors [m/s²].
 fn read_forces(
     robot: &Robot,
     states: &mut [ForceSensorState],

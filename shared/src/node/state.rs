@@ -32,19 +32,19 @@ pub const STATE_KEY: u64 = {
     hash ^ (MAX_JOINTS as u64) << 8 ^ (MAX_CHAINS as u64) << 16 ^ (CLIENTS as u64) << 24
 };
 
-/// What is known of where the joints are.
+/// Whether the joint angles are known.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub(super) enum Sensing {
     /// Nothing since the commit of the model.
     None,
     /// They were read in the last tick.
     Read,
-    /// They were read up to this tick, and not since.
+    /// They were last read in tick `since`.
     Silent { since: u32 },
 }
 
 impl Sensing {
-    /// One more tick without a frame that could be read; `tick` was the last one.
+    /// Registers a tick without a readable frame; `tick` is the previous one.
     pub(super) const fn lose(&mut self, tick: u32) {
         if let Self::Read = self {
             *self = Self::Silent { since: tick };
@@ -58,12 +58,12 @@ impl Sensing {
 #[repr(C)]
 #[derive(Clone, Debug, Serialize, Deserialize, Schema)]
 pub struct State {
-    /// The clients whose hello had our schema key, the latest first, each with the number of a request: with
-    /// one that it sent before, it does not take command any more.
+    /// The clients whose hello had our schema key, the latest first, each with a sequence number: requests up
+    /// to it can no longer take command.
     pub(super) accepted: [Option<(u32, u16)>; CLIENTS],
     pub(super) lease: Lease,
     pub(super) mode: Mode,
-    /// What the outputs do in [`Mode::Fault`].
+    /// Reaction of the outputs in [`Mode::Fault`].
     pub(super) reaction: Reaction,
     /// Whether the task itself brings the robot to rest under [`Reaction::Hold`].
     pub(super) halting: bool,
@@ -76,7 +76,7 @@ pub struct State {
     pub(super) sensing: Sensing,
     /// Supply voltage of the last sensor frame [mV].
     pub(super) supply: u16,
-    /// State of the last sensor frame that is a fault when enabled.
+    /// Fault that the last sensor frame would cause if the node were enabled.
     pub(super) alarm: Optional<Fault>,
     /// Ticks since the last accepted command of a running task, or `Keep`.
     pub(super) silence: u32,
@@ -87,7 +87,7 @@ pub struct State {
     pub(super) joints: [JointState; MAX_JOINTS],
     pub(super) force_sensors: [ForceSensorState; MAX_CHAINS],
     pub(super) faults: FaultLog,
-    /// Checksum of the names of the joints that they number; 0 before the first model.
+    /// Checksum of the names of the joints that the faults refer to by index; 0 before the first model.
     pub(super) fault_joints: u32,
     /// Total number of faults at the last read.
     pub(super) faults_read: u32,
@@ -95,10 +95,10 @@ pub struct State {
     pub(super) rates: [u16; Stream::ALL.len()],
     /// Number of requests and frames so far: the index of the log.
     pub(super) records: u32,
-    /// Whether a task was enabled since the commit of the model, so that its telemetry exists.
+    /// Whether a task was enabled since the commit of the model; only then is there task telemetry.
     pub(super) has_task: bool,
     pub(super) stop_energy: StopEnergy,
-    /// How often the stop began anew after missed ticks.
+    /// How often the stop restarted after missed ticks.
     pub(super) restarts: u8,
     pub(super) task: TaskState,
 }
@@ -136,7 +136,7 @@ impl State {
         }
     }
 
-    /// Whether the client has our schema key. The commander's hello is never dropped, unless its next one has
+    /// Whether the client has our schema key. The commander stays accepted until it sends a hello with
     /// another key.
     pub fn is_accepted(&self, client: u32) -> bool {
         let commands = self.lease.commander() == Some(client) && !self.lease.mismatched;
@@ -148,7 +148,7 @@ impl State {
         self.lease.greet(client, accepted);
         let own = self.place(client);
         let free = || self.accepted.iter().position(Option::is_none).unwrap_or(CLIENTS - 1);
-        // In place of the client's own entry, of none, or of the oldest one.
+        // Replaces the client's own entry, an empty one, or the oldest one.
         let Some(place) = own.or_else(|| accepted.then(free)) else { return };
         let entry = own.and_then(|place| *self.accepted.get(place)?).unwrap_or((client, sequence));
         let mut moved = accepted.then_some(entry);
@@ -172,8 +172,8 @@ impl State {
         }
     }
 
-    /// What the client sent before this request does not take command any more, so that no repetition or late
-    /// request of it is executed.
+    /// Requests that the client sent up to `sequence` can no longer take command: a late or repeated one must
+    /// not be executed.
     pub fn outdate(&mut self, client: u32, sequence: u16) {
         for (known, latest) in self.accepted.iter_mut().flatten() {
             if *known == client && sequence.wrapping_sub(*latest).cast_signed() > 0 {
@@ -182,8 +182,8 @@ impl State {
         }
     }
 
-    /// A request that anybody may send at any time: commands that the same client sent before it, and that
-    /// arrive after it, are not executed.
+    /// Registers a request that any client may send at any time. Commands that the client sent before it but
+    /// that arrive later are not executed.
     pub fn overrule(&mut self, client: u32, sequence: u16) {
         self.lease.overrule(client, sequence);
         self.outdate(client, sequence);
@@ -201,7 +201,7 @@ impl State {
         let enabled = matches!(self.mode, Mode::Enabled(_));
         let taken = self.lease.take(client, sequence, by_force, enabled, self.tick);
         if taken.is_err() {
-            // The request itself may be repeated.
+            // The same request may succeed when it is repeated.
             self.outdate(client, sequence.wrapping_sub(1));
         }
         taken

@@ -1,9 +1,9 @@
-//! Supervision of a stop by its energy: the drives may bring none into a robot that is to come to rest.
+//! Supervision of a stop by its energy: the drives must not add energy to a robot that is to come to rest.
 //!
-//! A servo, a damper or a task that brings a robot to rest is passive as long as encoders and drives tell the
-//! truth: what the drives do beyond bearing the weight takes energy out of the motion. A sum that exceeds
-//! what was in the motion shows that something lies, that control swings, or that what the torques balanced
-//! is gone.
+//! A servo, a damper or a task that brings a robot to rest is passive as long as encoders and drives are
+//! correct: the torque beyond gravity compensation takes energy out of the motion. Work that exceeds the
+//! initial kinetic energy shows that an encoder or a drive is wrong, that the control oscillates, or that the
+//! load balanced by the torques is gone.
 
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
@@ -16,24 +16,23 @@ use crate::math::abs;
 use crate::model::Reaction;
 use crate::robot::{JointConfig, Motion};
 
-/// Speed of the robot's mass whose energy is tolerated [m/s]: the model has errors, drives and sensors are
-/// late.
+/// The kinetic energy of the robot's mass at this speed [m/s] is tolerated: the model has errors, and drives
+/// and sensors have delays.
 const TOLERATED_SPEED: f32 = 0.12;
-/// Of a robot whose links have no mass: share of the speed limits at which the energy of its joints is
-/// tolerated.
+/// For a robot whose links have no mass: the kinetic energy of its joints at this share of their velocity
+/// limits is tolerated.
 const TOLERATED_SHARE: f32 = 0.1;
-/// Fraction by which the model's weight may be wrong.
+/// Relative error of the model's weight.
 const WEIGHT_ERROR: f32 = 0.1;
-/// Time in which the torques at the beginning go on unchanged [s].
+/// Time for which the initial torques continue unchanged [s].
 const REACTION_TIME: f32 = 2.0 * TICK;
-/// Torques that fade more slowly are not waited for [s].
+/// Upper bound of the time that is allowed for the initial torques to decay [s].
 const MAX_FADING: f32 = 0.1;
-/// What is left after a period of work and of what is allowed beyond the tolerance: both are forgotten with
-/// a time constant of 2.5 s, or the noise of an encoder would let a robot that is held for hours gain any
-/// energy.
+/// Decay per period of both sums (time constant 2.5 s). Without it, encoder noise would accumulate while a
+/// robot is held for hours.
 const MEMORY: f32 = 0.996;
 
-/// Work of the drives beyond the weight since a stop began, and how much of it is allowed [J].
+/// Work of the drives beyond gravity compensation since a stop began, and its limit [J].
 #[derive(Clone, Copy, Debug, Serialize, Deserialize, Schema)]
 pub(super) struct StopEnergy {
     pub work: f32,
@@ -58,8 +57,8 @@ impl Node {
         self.robot.joints().iter().map(of_joint).sum()
     }
 
-    /// Begins to count the energy of a stop: that of the motion is allowed, and what the torques do until
-    /// they have faded.
+    /// Begins the energy balance of a stop. The limit is the tolerance, plus the kinetic energy, plus the
+    /// work of the initial torques until they have decayed.
     #[cold]
     #[inline(never)]
     pub(super) fn begin_stop_energy(&mut self) {
@@ -77,7 +76,7 @@ impl Node {
             let velocity = *joint.velocity;
             let momentum = torque - weight + joint.config.servo.rotor_torque(velocity);
             let excess = joint.state.torque - weight;
-            // In motion the torque may accelerate the joint as well.
+            // In motion, part of the torque may accelerate the joint.
             let acceleration = joint.config.acceleration(joint.state.change, velocity);
             joint.state.begin_hold(excess);
             joint.state.pressed = abs(excess).max(abs(excess - joint.config.inertia * acceleration));
@@ -90,9 +89,8 @@ impl Node {
         self.state.stop_energy = StopEnergy { work: 0.0, allowed };
     }
 
-    /// Adds the work of the drives in the last period of a stop, and checks the encoders: of damped joints,
-    /// and those that may have jumped. Returns a fault when the work exceeds what is allowed, or of an
-    /// encoder.
+    /// Adds the work of the drives in the last period of a stop, and checks the encoders of damped joints and
+    /// those that may have jumped. Returns a fault of an encoder, or of the work if it exceeds its limit.
     #[cold]
     #[inline(never)]
     pub(super) fn check_stop(&mut self) -> Option<Fault> {
@@ -116,7 +114,7 @@ impl Node {
             let uncompensated = if damps { 1.0 - joint.state.borne_weight() } else { 0.0 };
             let own = excess * moved;
             work += own;
-            // What damping does not bear lets the robot sink.
+            // The robot sinks under the weight that damping does not compensate.
             allowed += WEIGHT_ERROR * abs(weight * moved)
                 + uncompensated * (-weight * moved).max(0.0)
                 + abs(joint.config.servo.friction(&joint.state.servo, *joint.velocity) * moved);
@@ -127,7 +125,7 @@ impl Node {
         let energy = &mut self.state.stop_energy;
         energy.work = MEMORY * energy.work + work;
         if damps {
-            // What damping has taken it cannot give back: what the torques bring in then drives the robot.
+            // Energy that damping has dissipated is lost: it does not offset work that the torques do later.
             energy.work = energy.work.max(0.0);
         }
         energy.allowed = tolerated + MEMORY * (energy.allowed - tolerated) + allowed;

@@ -11,20 +11,20 @@ use crate::model::{MAX_CHAIN_JOINTS, MAX_JOINTS, Reaction};
 use crate::protocol::{ActuatorFrame, Mode, SensorFrame};
 use crate::robot::{Actuation, JointSetpoint, Motion, Robot};
 
-/// Torques drive a damped robot whose joints have at least the kinetic energy of its mass at this speed
-/// [m/s]. Below it the robot may be coming to rest in a contact, unless they have brought in a share of the
-/// energy that is tolerated in a stop.
+/// A damped robot counts as driven by its torques above the kinetic energy of its mass at this speed [m/s].
+/// Below it the robot may be coming to rest in a contact, unless the torques have added more than this share
+/// of the energy that is tolerated in a stop.
 const DRIVEN_SPEED: f32 = 0.2;
 const DRIVEN_SHARE: f32 = 0.5;
 
-/// Time in which the joints of a robot that is held brake, and drive each other by their inertia [ticks].
+/// Ticks at the start of a hold in which the braking joints drive each other by their inertia.
 const BRAKING_TICKS: u32 = 3;
 
-/// Time in which the servos learn the disturbance of a stop [ticks].
+/// Ticks for which the servos adapt their disturbance estimates during a stop.
 const SETTLING_TICKS: u32 = 30;
 
 impl Node {
-    /// One control period: reads the sensors, checks for faults, runs the task, computes the torques.
+    /// Runs one control period: reads the sensors, checks for faults, runs the task, computes the torques.
     ///
     /// Bounded in time, without allocation and without panics.
     pub fn tick(&mut self, sensors: &SensorFrame) -> ActuatorFrame {
@@ -66,15 +66,15 @@ impl Node {
         frame.torques.clear();
         let mut sum = 0.0;
         for joint in self.state.joints.iter().take(self.robot.joints().len()) {
-            // 0 times what is not finite is not a number.
+            // 0 · ∞ and 0 · NaN are NaN, and so is the sum.
             sum += 0.0 * joint.torque;
-            // Cannot fail: one place per joint. (`collect` would add a panic.)
+            // Cannot fail: capacity for every joint. (`collect` would add a panic.)
             let _ = frame.torques.push(joint.torque);
         }
         sum == 0.0
     }
 
-    /// Runs the task while it is enabled, or brings the robot to rest. Returns the fault that stops it.
+    /// Runs the task while it is enabled or brings the robot to rest. Returns the fault that stops it.
     fn tick_task(&mut self) -> Option<Fault> {
         if !self.ticks_task() {
             return None;
@@ -122,8 +122,8 @@ impl Node {
         }
     }
 
-    /// Whether a stop is over and the joints stay where they are. What they would learn of the disturbance
-    /// from then on would make them press harder against what holds them, or after an encoder that has died.
+    /// Whether the stop is complete and the joints hold their position. If the servos kept integrating, they
+    /// would press ever harder against an obstacle, or because of a dead encoder.
     fn stays(&self) -> bool {
         self.state.tick.wrapping_sub(self.state.reacting_since) >= SETTLING_TICKS
             && self.references().iter().all(|reference| abs(reference.velocity) < STALL_SPEED)
@@ -134,8 +134,8 @@ impl Node {
         self.state.references.get(..self.robot.joints().len()).unwrap_or_default()
     }
 
-    /// The torques of [`Actuation::Servo`] and [`Actuation::Torque`]; the servos go on learning the
-    /// disturbance if they `LEARN`.
+    /// Computes the torques of [`Actuation::Servo`] and [`Actuation::Torque`]. The servos adapt their
+    /// disturbance estimates only if they `LEARN`.
     fn servo<const LEARN: bool>(&mut self, actuation: Actuation) {
         let robot = &self.robot;
         let mode = self.state.targets.servo_mode;
@@ -170,7 +170,7 @@ impl Node {
         }
     }
 
-    /// Damping torques, with gravity compensation at the measured angles.
+    /// Computes damping torques, with gravity compensation at the measured angles.
     #[inline(never)]
     fn damp(&mut self) {
         let Some(robot) = self.robot.loaded() else { return };
@@ -187,14 +187,15 @@ impl Node {
             gain += inertia * velocity * (joint.state.change - velocity * TICK);
         }
         let moves = energy > 0.5 * robot.mass() * DRIVEN_SPEED * DRIVEN_SPEED;
-        // Torques that press a robot into a wall slow it down with the wall.
+        // Torques that press the robot against a wall do positive work while the wall slows it down: they do
+        // not drive it.
         let driving = if begins { drove } else { power > 0.0 && gain > 0.0 && (moves || has_driven) };
         let weight = all.weight();
         all.each().zip(weight).for_each(|(mut joint, weight)| joint.damp(weight, begins, driving));
     }
 
-    /// The torques of [`Actuation::Acceleration`], by the inverse dynamics of each chain. Only for robots
-    /// without mimic joints: the tasks that use it refuse others.
+    /// Computes the torques of [`Actuation::Acceleration`] by the inverse dynamics of each chain. Only for
+    /// robots without mimic joints: the tasks that use it refuse others.
     #[inline(never)]
     fn accelerate(&mut self, friction: f32) {
         let robot = &self.robot;
@@ -228,7 +229,7 @@ impl Node {
     }
 }
 
-/// The torques that the references need on a robot with mimic joints, by inverse dynamics [N·m].
+/// Computes the torques for the references on a robot with mimic joints, by inverse dynamics [N·m].
 #[cold]
 #[inline(never)]
 fn coupled_torques(robot: &Robot, joints: &mut Joints<'_>) -> [f32; MAX_JOINTS] {
@@ -248,7 +249,7 @@ fn of_joints(torques: &[f32; MAX_JOINTS], joints: &Range<usize>) -> [f32; MAX_CH
     own
 }
 
-/// Advances the joints on the way to goals that are far, or to rest.
+/// Advances the joints that have far goals or brake.
 #[cold]
 #[inline(never)]
 fn advance_far_or_braking(joints: &mut Joints<'_>) {

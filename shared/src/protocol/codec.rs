@@ -47,7 +47,7 @@ static CRC_TABLES: [[u32; 256]; 4] = {
 };
 
 /// The checksum of frames and of pushed models: CRC-32/ISO-HDLC, that of zlib.
-// Four bytes a step: half the instructions of the `crc` crate, which is the reference in the tests.
+// Four bytes per step: half the instructions of the `crc` crate, which is the reference in the tests.
 pub fn checksum(bytes: &[u8]) -> u32 {
     let [one, two, three, four] = &CRC_TABLES;
     let change = |table: &[u32; 256], byte: u8| table[usize::from(byte)];
@@ -84,7 +84,7 @@ impl core::error::Error for TooLong {}
 /// # Errors
 /// [`TooLong`]; cannot happen with a buffer of [`MAX_FRAME`] bytes and the messages of [`super`].
 pub fn encode<T: Serialize>(message: &T, frame: &mut [u8]) -> Result<usize, TooLong> {
-    // Behind the place of the first COBS code; what COBS changes, it changes there.
+    // Behind the position of the first COBS code: COBS is applied in place.
     let payload = frame.get_mut(1..).ok_or(TooLong)?;
     let room = payload.len().min(MAX_MESSAGE);
     let length =
@@ -107,7 +107,7 @@ fn stuff(frame: &mut [u8], mut end: usize) -> Option<usize> {
             return Some(end);
         }
         if next == code + GROUP {
-            // A full group stands for no zero: the next one's code needs a place of its own.
+            // A full group stands for no zero, so the code of the next group needs an additional byte.
             let group = frame.get_mut(next..=end).filter(|group| !group.is_empty())?;
             group.rotate_right(1);
             end += 1;
@@ -116,7 +116,7 @@ fn stuff(frame: &mut [u8], mut end: usize) -> Option<usize> {
     }
 }
 
-/// The reverse, for a frame without zeros: returns the payload. `None` when the codes do not fit the length.
+/// The inverse, for a frame without zeros: returns the payload; `None` if the codes do not match the length.
 fn unstuff(frame: &mut [u8]) -> Option<&[u8]> {
     let mut end = frame.len();
     let mut place = 0;
@@ -128,7 +128,7 @@ fn unstuff(frame: &mut [u8]) -> Option<&[u8]> {
         }
         let following = usize::from(core::mem::replace(frame.get_mut(next)?, 0));
         if code == GROUP {
-            // The place of a code behind a full group stands for nothing.
+            // The code behind a full group stands for no zero: its byte is removed.
             frame.get_mut(next..end)?.rotate_left(1);
             end -= 1;
             place = next - 1;
@@ -218,12 +218,12 @@ impl Decoder {
     /// Adds one received byte. Returns the message or its error at the end of a frame, else `None`.
     #[inline]
     pub fn push<T: DeserializeOwned>(&mut self, byte: u8) -> Option<Result<T, FrameError>> {
-        // Split so that the many bytes that end no frame never touch a place for a message.
+        // Split, so that bytes that do not end a frame need no memory for a message.
         if self.collect(&[byte]) { Some(self.message()) } else { None }
     }
 
-    /// Takes received bytes up to the end of the first frame among them, whose message is then to be taken
-    /// with [`message`](Self::message), and leaves the others in `bytes`. `false` when no frame ends in them.
+    /// Takes received bytes up to the end of the first frame, and leaves the others in `bytes`. Returns
+    /// `true` if a frame ends in them; decode it with [`message`](Self::message).
     pub fn take(&mut self, bytes: &mut &[u8]) -> bool {
         while let Some((frame, rest)) = find_zero(bytes).and_then(|end| bytes.split_at_checked(end)) {
             *bytes = rest.get(1..).unwrap_or_default();

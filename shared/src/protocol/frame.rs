@@ -15,7 +15,7 @@ use crate::model::{GAUGES, MAX_CHAINS, MAX_JOINTS};
 pub struct SensorFrame {
     /// Number of the control period; increments by one per tick.
     pub sequence: u32,
-    /// Flags of switches.
+    /// Switch and fault flags.
     pub flags: SensorFlags,
     /// Supply voltage [mV].
     pub supply: u16,
@@ -37,33 +37,33 @@ impl SensorFlags {
     /// Bit 0: the emergency stop is pressed.
     pub const EMERGENCY_STOP: u8 = 1;
 
-    /// Bit 1: the sensors could not be read; all other values mean nothing.
+    /// Bit 1: the sensors could not be read; all other values are invalid.
     pub const SILENT: u8 = 2;
 
-    /// Bit 2: a power stage is off by itself, because of its own fault or of a current that was too high.
+    /// Bit 2: a power stage has switched itself off, because of an internal fault or an overcurrent.
     pub const POWER_STAGE: u8 = 4;
 
-    /// Bit 3: the encoder of the joint in bits 4 to 7 stands, and its motor induces a voltage. Without it,
-    /// bits 4 to 7 are a [`ForceSensorFault`], or 0.
+    /// Bit 3: the encoder of the joint in bits 4 to 7 stands still while its motor induces a voltage. If it
+    /// is not set, bits 4 to 7 are a [`ForceSensorFault`], or 0.
     pub const DEAD_ENCODER: u8 = 8;
 
-    /// The bits of a dead encoder of a `joint` below 16.
+    /// The bits of a dead encoder of `joint`, which is below 16.
     pub const fn of_dead_encoder(joint: u8) -> u8 {
         joint << 4 | Self::DEAD_ENCODER
     }
 
-    /// The joint whose encoder stands while its motor induces a voltage.
+    /// The joint whose encoder stands still while its motor induces a voltage.
     pub const fn dead_encoder(self) -> Option<u8> {
         if self.0 & Self::DEAD_ENCODER != 0 { Some(self.0 >> 4) } else { None }
     }
 
-    /// These flags with the fault of the force sensor, unless they tell a dead encoder.
+    /// These flags with the fault of the force sensor, unless they report a dead encoder.
     #[must_use]
     pub const fn with_force_sensor(self, fault: ForceSensorFault) -> Self {
         if self.dead_encoder().is_some() { self } else { Self(self.0 & 0x0F | fault.code() << 4) }
     }
 
-    /// What is wrong with the gauges of the first force sensor. Its counts are old ones then.
+    /// The fault of the gauges of the first force sensor, if any. Its counts are then outdated.
     pub const fn force_sensor(self) -> Option<ForceSensorFault> {
         if self.0 & Self::DEAD_ENCODER != 0 { None } else { ForceSensorFault::from_code(self.0 >> 4) }
     }
@@ -73,7 +73,7 @@ impl SensorFlags {
         self.0 & Self::EMERGENCY_STOP != 0
     }
 
-    /// Whether a power stage is off by itself.
+    /// Whether a power stage has switched itself off.
     pub const fn power_stage(self) -> bool {
         self.0 & Self::POWER_STAGE != 0
     }
@@ -84,7 +84,7 @@ impl SensorFlags {
     }
 }
 
-/// What a board finds wrong with the gauges of a force sensor, or with their converter.
+/// Fault of the gauges of a force sensor, or of their converter, found by the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ForceSensorFault {
@@ -94,9 +94,9 @@ pub enum ForceSensorFault {
     Damaged,
     /// 3: the converter has restarted, and has not been set up again.
     Restarted,
-    /// 4 to 9: this gauge stands still, 0 to 5.
+    /// 4 to 9: this gauge (0 to 5) stands still.
     Stuck(u8),
-    /// 10 to 15: this gauge is at the end of its range, 0 to 5.
+    /// 10 to 15: this gauge (0 to 5) is at the end of its range.
     Saturated(u8),
 }
 
@@ -114,7 +114,7 @@ impl ForceSensorFault {
         }
     }
 
-    /// The fault of a number; `None` for any but 1 to 15.
+    /// The fault with this number; `None` for any but 1 to 15.
     pub const fn from_code(code: u8) -> Option<Self> {
         Some(match code {
             1 => Self::Silent,
@@ -153,7 +153,7 @@ impl SensorFrame {
 pub struct ActuatorFrame {
     /// [`SensorFrame::sequence`] of the sensor frame of this tick.
     pub sequence: u32,
-    /// Whether the power stages are on. Off, a joint moves freely.
+    /// Whether the power stages are on. If not, the joints move freely.
     pub enabled: bool,
     /// Joint torques [N·m], within the limits of the model, always finite; all 0 when not enabled.
     pub torques: Vec<f32, MAX_JOINTS>,

@@ -3,22 +3,22 @@ use postcard_schema::schema::{DataModelType, DataModelVariant, NamedType, NamedV
 use crate::fault::MAX_FAULTS;
 use crate::model::{MAX_CHAINS, MAX_JOINTS, MAX_NAME};
 
-/// The most entries that a list of bounded length has in a model or a state.
+/// Maximum number of entries of a list of bounded length in a model or a state.
 const MAX_LIST: usize = {
     let longest = if MAX_JOINTS > MAX_FAULTS { MAX_JOINTS } else { MAX_FAULTS };
     if longest > MAX_CHAINS { longest } else { MAX_CHAINS }
 };
 
-/// Bytes of the varint of a number of so many bits.
+/// Bytes of the varint of a number with this many bits.
 const fn varint(bits: usize) -> usize {
     bits.div_ceil(7)
 }
 
-/// The longest postcard encoding of a model or a state in bytes, by its schema: with it the size of a buffer
-/// follows from the types at compile time.
+/// The longest postcard encoding of a model or a state in bytes, from its schema, so that buffer sizes follow
+/// from the types at compile time.
 ///
-/// A schema does not know the capacities of lists and strings: each counts as the longest that a model or a
-/// state has. Types whose encoding has no bound stop the compilation.
+/// A schema does not contain the capacities of lists and strings: each counts as the longest in a model or a
+/// state. Types whose encoding has no bound are a compile-time error.
 pub const fn longest(of: &NamedType) -> usize {
     match of.ty {
         DataModelType::Bool | DataModelType::U8 | DataModelType::I8 => 1,
@@ -94,8 +94,7 @@ mod tests {
         choice: Choice,
     }
 
-    /// Worked by hand: 1 + 32, 3 · 5, 1 + 16 · (3 + 4), 1 + (5 + 1 + 1); and the longest value has just that
-    /// length.
+    /// By hand: 1 + 32, 3 · 5, 1 + 16 · (3 + 4), 1 + (5 + 1 + 1); the longest value has exactly that length.
     #[test]
     fn bound_is_that_of_the_longest_value() {
         let mut name = String::new();

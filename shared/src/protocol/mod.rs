@@ -35,7 +35,7 @@ pub const SCHEMA_KEY: u64 = {
     const fn key<T: postcard_schema::Schema>() -> u64 {
         u64::from_le_bytes(postcard_schema::key::Key::for_path::<T>("tesaki").to_bytes())
     }
-    // The model is the payload of chunks and therefore included. The state has a key of its own.
+    // The model is the payload of chunks and therefore included. The state has its own key.
     key::<RequestFrame>()
         ^ key::<FromBoard>().rotate_left(13)
         ^ key::<SensorFrame>().rotate_left(26)

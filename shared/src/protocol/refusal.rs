@@ -34,7 +34,7 @@ pub enum Refusal {
         /// Sequence number of the later one.
         latest: u16,
     },
-    /// 5: not all faults were read.
+    /// 5: not all faults have been read.
     FaultsUnread {
         /// Their number since power-on.
         total: u32,
@@ -66,7 +66,7 @@ pub enum Refusal {
     },
     /// 11: no sensor frame has arrived yet.
     NoSensors,
-    /// 12: the last sensor frame shows a state that is a fault while enabled.
+    /// 12: the last sensor frame shows a condition that would be a fault while enabled.
     Unsafe(Fault),
     /// 13: a relative encoder that was not homed since power-on.
     NotHomed {

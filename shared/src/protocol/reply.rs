@@ -78,8 +78,8 @@ pub enum Reply {
         checksum: u32,
         /// [`LogEntry::index`] of the last entry before the copy was made.
         index: u32,
-        /// Identifies the layout of the bytes: of a state [`STATE_KEY`](crate::node::STATE_KEY), of a model
-        /// [`super::SCHEMA_KEY`].
+        /// Identifies the layout of the bytes: [`STATE_KEY`](crate::node::STATE_KEY) for a state,
+        /// [`super::SCHEMA_KEY`] for a model.
         key: u64,
     },
     /// 6: answers [`Request::ReadExport`].

@@ -56,9 +56,9 @@ pub enum Request {
         /// The bytes.
         data: Vec<u8, MODEL_CHUNK>,
     },
-    /// 7: validates the model and takes it into use.
+    /// 7: validates the model and takes it over.
     ModelCommit,
-    /// 8: homes the joints: their present angles are these. Only while disabled.
+    /// 8: homes the joints: defines their present angles. Only while disabled.
     Home {
         /// Angle of each joint [rad].
         positions: Vec<f32, MAX_JOINTS>,

@@ -158,8 +158,8 @@ pub struct Identity {
     pub image: [u8; 8],
     /// The microcontroller's unique number; 0 when it has none.
     pub board: [u8; 12],
-    /// Bit 0: sensors and drives are on the plant link. Bit 1: the board has power stages of its own. From
-    /// bit 2 on: the tasks, by the numbers of [`TaskKind`]. The others are 0.
+    /// Bit 0: sensors and drives are on the plant link. Bit 1: the board has its own power stages. From bit 2
+    /// on: the supported tasks, by the numbers of [`TaskKind`]. All other bits are 0.
     pub capabilities: u32,
 }
 

@@ -9,25 +9,25 @@ use crate::signal::PseudoDifferentiator;
 
 /// Cut-off frequency of the measured velocity [rad/s]. A higher one has less lag and more quantisation noise.
 const VELOCITY_CUTOFF: f32 = 100.0;
-/// What the filter of the velocity leaves out of a step in the first period: exp(−ω T) of
-/// [`VELOCITY_CUTOFF`].
+/// Pole of the velocity filter, exp(−ωT) of [`VELOCITY_CUTOFF`]: the fraction of a velocity step that is
+/// still missing after one period.
 const FILTERED: f32 = 0.367_879_44;
 /// Tolerance of the encoder-jump check for noise [counts].
 const COUNT_NOISE: f32 = 2.0;
-/// An apparent velocity of this multiple of the velocity limit is an encoder error.
+/// An apparent velocity above this multiple of the velocity limit is an encoder error.
 pub(crate) const JUMP_FACTOR: f32 = 2.0;
 /// Tolerance of the current check: overshoot of the current loop and error of the current sensor.
 pub(crate) const CURRENT_MARGIN: f32 = 1.25;
 
-/// Largest share of a joint's velocity that damping takes in a period. The velocity is that of the period
-/// before: from about one half on, damping swings instead.
+/// Largest share of a joint's velocity that damping removes in a period. The velocity is one period old:
+/// above about one half, damping would oscillate.
 const MAX_DAMPED_SHARE: f32 = 0.3;
 
-/// Share of the velocity limit with which a joint approaches a goal. The rest is a margin for tracking.
+/// Share of the velocity limit at which a joint approaches a goal. The rest is a margin for tracking.
 const GOAL_SPEED: f32 = 0.8;
 
-/// A joint runs away only beyond this share of its following-error limit, and above this share of its
-/// velocity limit. Smaller ones find it sooner, and mistake a push for it.
+/// A joint counts as running away only beyond this share of its following-error limit, and above this share
+/// of its velocity limit. Smaller shares detect it sooner, but mistake a push for it.
 const RUNAWAY_DEVIATION: f32 = 0.25;
 const RUNAWAY_SPEED: f32 = 0.1;
 
@@ -55,49 +55,49 @@ pub struct JointConfig {
     pub(crate) damping: f32,
     /// Inertia about the axis [kg·m²].
     pub(crate) inertia: f32,
-    /// Effort of a servo, whose feed-forward has errors, that overcomes stiction [N·m].
+    /// Effort that overcomes stiction, with a margin for errors of the feed-forward [N·m].
     pub(crate) breakaway: f32,
-    /// The encoder of a joint that stands still is dead when the torque beyond the weight is larger than
+    /// Thresholds for a dead encoder of a joint that stands still [N·m]: the torque beyond the weight exceeds
     /// `excess`, and the effort has grown by more than `growth` if the joint moved before, by more than
-    /// `held_growth` if not; or by more than `accelerating_growth` if it is that of an acceleration, without
-    /// weight and contact [N·m]. A stop in which nothing has to press has the smaller `stop_excess`.
+    /// `held_growth` if not; or an effort of an acceleration, without weight and contact, has grown by more
+    /// than `accelerating_growth`. In a stop in which no joint has to press, the smaller `stop_excess`
+    /// applies.
     pub(crate) excess: f32,
     pub(crate) stop_excess: f32,
     pub(crate) growth: f32,
     pub(crate) held_growth: f32,
     pub(crate) accelerating_growth: f32,
-    /// The least of them.
+    /// The smallest growth that has to be checked.
     pub(crate) least_growth: f32,
     /// Coulomb friction of the model [N·m].
     pub(crate) coulomb: f32,
-    /// The change of the angle per tick of a joint that moves, and the largest one of a dead encoder, that
-    /// may flicker by a count [rad].
+    /// Minimum change of the angle per tick of a joint that moves, and maximum one of a dead encoder, which
+    /// may flicker by one count [rad].
     pub(crate) moving: f32,
     pub(crate) flicker: f32,
-    /// Friction beyond the model's that a motion may show [N·m].
+    /// Maximum friction beyond the model's [N·m].
     pub(crate) max_friction: f32,
-    /// Deviation from the reference from which on the joint may run away [rad], and the change of the angle
-    /// per tick of one that does [rad].
+    /// Minimum deviation from the reference of a joint that runs away, and its minimum change of the angle
+    /// per tick [rad].
     pub(crate) deviation: f32,
     pub(crate) fast: f32,
 }
 
-/// Shares of the torque limit beyond twice the Coulomb friction, from which on a torque beyond the weight,
-/// and the growth of one, move a joint whatever the errors of the model. Smaller ones find a dead encoder
-/// sooner, and mistake a grip for it: `docs/fault-schedules.md` has the trade.
+/// A torque beyond the weight, or its growth, must move a joint despite the errors of the model when it
+/// exceeds twice the Coulomb friction plus this share of the torque limit. Smaller shares detect a dead
+/// encoder sooner, but mistake a grip for it: `docs/fault-schedules.md` reports the trade-off.
 const EXCESS_SHARE: f32 = 0.08;
 const GROWTH_SHARE: f32 = 0.015;
 const HELD_GROWTH_SHARE: f32 = 0.05;
-/// Share of the growth of an acceleration torque that will do when the torque beyond the weight shows the
-/// same.
+/// Share of `accelerating_growth` that suffices when the torque beyond the weight confirms it.
 pub(crate) const CONFIRMED_SHARE: f32 = 0.75;
-/// A joint moves from this speed on [rad/s], and from so many counts a tick, below which a coarse encoder
-/// does not tell. Slower ones may come to rest in a grip.
+/// A joint counts as moving from this speed on [rad/s], and from this number of counts per tick, the
+/// resolution of a coarse encoder. A slower joint may be coming to rest in a grip.
 const MOVING_SPEED: f32 = 0.0767;
 const MOVING_COUNTS: f32 = 2.0;
 /// The largest change of a dead encoder in a tick [counts].
 const FLICKER_COUNTS: f32 = 1.5;
-/// The largest Coulomb friction that the check of dead encoders allows for, as a multiple of the model's.
+/// Largest Coulomb friction that the check for dead encoders allows, as a multiple of the model's.
 const MAX_FRICTION: f32 = 5.0;
 
 impl JointConfig {
@@ -137,21 +137,21 @@ impl JointConfig {
         }
     }
 
-    /// The largest change of the angle in a period that is no leap of the encoder [rad], when the filtered
-    /// velocity is `velocity` at its end [rad/s]. The filter has taken 63 % of a step of the velocity; the
-    /// rest, 37 %, may be as large as the whole step that the largest torque makes. So the step itself may be
-    /// 2.7 times that one.
+    /// The largest change of the angle in a period that is no jump of the encoder [rad], if the filtered
+    /// velocity is `velocity` at its end [rad/s]. The filter has passed 63 % of a velocity step. The missing
+    /// 37 % may be as large as the step that the largest torque makes in a period, so steps up to 2.7 times
+    /// as large are accepted.
     pub(crate) fn max_leap(&self, velocity: f32) -> f32 {
         (abs(velocity) + self.largest_step()) * TICK
     }
 
-    /// What the largest torque makes of the velocity in a period [rad/s].
+    /// Change of the velocity by the largest torque in a period [rad/s].
     pub(crate) fn largest_step(&self) -> f32 {
         self.servo.acceleration(self.limits.torque) * TICK
     }
 
-    /// What a `change` of the angle in the last period made of the velocity before, when the filtered one is
-    /// `velocity` since [rad/s].
+    /// Step of the velocity in the last period, from the `change` of the angle [rad] and the filtered
+    /// `velocity` at its end [rad/s].
     pub(crate) fn velocity_step(&self, change: f32, velocity: f32) -> f32 {
         (change / TICK - velocity) / FILTERED
     }
@@ -162,14 +162,14 @@ impl JointConfig {
         VELOCITY_CUTOFF * (change / TICK - velocity)
     }
 
-    /// How far a goal may be ahead of the reference [rad]. The trajectory filter follows one that stays `d`
-    /// ahead with a velocity of `d/(2 T_f)`, and reaches `d/(e·T_f)` at first.
+    /// How far a goal may be ahead of the reference [rad]. The trajectory filter follows a goal that stays
+    /// `d` ahead at the velocity `d/(2 T_f)`, after a first peak of `d/(e·T_f)`.
     pub(crate) fn max_goal_distance(&self) -> f32 {
         2.0 * GOAL_SPEED * self.limits.velocity * self.servo.filter_time()
     }
 
-    /// The reference one period after `reference`, braked: with half of the torque, or more where the joint
-    /// limit is near.
+    /// The reference one period after `reference` while braking with half of the torque, or more near a joint
+    /// limit.
     pub fn brake(&self, reference: &JointPoint) -> JointPoint {
         let JointPoint { position, velocity, .. } = *reference;
         let max = self.servo.acceleration(self.servo.torque_limit());
@@ -251,7 +251,7 @@ mod tests {
     #[test]
     fn what_the_filter_leaves_out_is_that_of_its_cutoff() {
         assert!(abs(FILTERED - math::exp(-VELOCITY_CUTOFF * TICK)) < 1e-7);
-        // So velocities before and after a period tell the step between them.
+        // Hence the step follows from the change of the angle and the filtered velocity.
         let config = JointConfig::new(&crate::test_support::joint("joint"), 0.1);
         let mut velocity = 2.0;
         config.velocity.update(&mut velocity, 5.0 * TICK);

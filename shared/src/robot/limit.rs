@@ -30,7 +30,7 @@ pub enum LimitRefusal {
         /// The upper limit.
         upper: f32,
     },
-    /// 3: a speed above the limit [rad/s]: that of a point, or that of the steps of a stream.
+    /// 3: a speed above the limit [rad/s]: of a point, or from the differences of a stream.
     TooFast {
         /// The joint.
         joint: u8,
@@ -48,7 +48,7 @@ pub enum LimitRefusal {
         /// The limit.
         limit: f32,
     },
-    /// 5: an acceleration that requires more than the maximum torque, by the joint's own inertia [rad/s²].
+    /// 5: an acceleration that requires more than the maximum torque, for the joint's own inertia [rad/s²].
     TooMuchAcceleration {
         /// The joint.
         joint: u8,

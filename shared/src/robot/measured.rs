@@ -60,14 +60,14 @@ impl Measured {
     }
 }
 
-/// What the drives of the joints do beyond the model.
+/// Torques of the drives beyond the model.
 pub trait Efforts {
-    /// The part of a joint's last torque that its feed-forward does not explain [N·m]: friction and weight
-    /// that the model does not have, and forces from outside.
+    /// The part of a joint's last torque beyond its feed-forward [N·m]: friction and weight that the model
+    /// lacks, and external forces.
     fn effort(&self, joint: usize) -> f32;
 }
 
-/// Postures at the measured angles of the chains with a force sensor, which need them in every tick.
+/// Postures, at the measured angles, of the chains with a force sensor, which need them in every tick.
 ///
 /// A cache outside the state: it depends on the angles only, and is cleared when these change between ticks.
 #[derive(Clone, Debug)]
@@ -77,8 +77,7 @@ impl Postures {
     /// Empty.
     pub const NONE: Self = Self([const { None }; MAX_CHAINS]);
 
-    /// Computes the posture of `chain`, the chain number `index` of the robot, at `angles` [rad], and stores
-    /// it.
+    /// Computes and stores the posture of `chain`, the robot's chain number `index`, at `angles` [rad].
     pub(crate) fn update(&mut self, index: usize, chain: &Chain, angles: &[f32]) -> Option<&Posture> {
         let entry = self.0.get_mut(index)?;
         let Some(posture) = entry else { return Some(entry.insert(chain.posture(angles))) };

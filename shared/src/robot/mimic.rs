@@ -45,7 +45,7 @@ impl Robot {
         sum
     }
 
-    /// The torques of the actuated joints that balance the weight at these angles of theirs [N·m; rad].
+    /// Gravity torques of the actuated joints [N·m] at their angles [rad].
     pub fn weight(&self, angles: &[f32]) -> [f32; MAX_JOINTS] {
         let mut motion = Motion::default();
         motion.iter_mut().zip(angles).for_each(|([position, ..], angle)| *position = *angle);
@@ -61,8 +61,9 @@ mod tests {
     use crate::model::{ChainModel, Field, Inertial, MimicJoint, Pose, Problem, RobotModel};
     use crate::test_support;
 
-    /// One joint turns a link of 20 g with its centre 20 mm away; a second chain follows it with ratio −0.4
-    /// and has a joint of its own 50 mm on. All axes are y: the links rise and fall.
+    /// One joint moves a link of 20 g whose centre of mass is 20 mm away. A second chain has a mimic joint
+    /// that follows it with ratio −0.4, and 50 mm further a joint with a motor. All axes are y: the links
+    /// rise and fall.
     fn robot() -> RobotModel {
         let mut model = test_support::finger();
         let place = |x: f32| Pose { translation: [x, 0.0, 0.0], ..Pose::IDENTITY };
@@ -96,8 +97,8 @@ mod tests {
         let motion: Motion =
             core::array::from_fn(|joint| [[driving, own].get(joint).copied().unwrap_or(0.0), 0.0, 0.0]);
         let torques = robot.coupled_dynamics(&motion);
-        // By hand: about +y a weight at x turns by −g m x; the motor holds against it. A link at angle q from
-        // x has its centre at x = 0.02 cos q.
+        // By hand: a weight at x has the moment −g m x about +y, as the motor must balance it. A link at
+        // angle q from x has its centre at x = 0.02 cos q.
         let weight = 0.02 * 9.81;
         let cos = |angle: f32| math::sin_cos(angle).1;
         let follower = -0.4 * driving + 0.1;
@@ -107,8 +108,8 @@ mod tests {
         for (got, expected) in torques.iter().zip(expected) {
             assert!(math::abs(got - expected) < 1e-6, "{got} {expected}");
         }
-        // Acceleration: each point mass counts with the square of the ratio (all angles so that the links are
-        // in line: offset 0.1 − 0.4 · 0.25 = 0).
+        // Acceleration: each point mass counts with the square of the ratio. The angles align the links:
+        // offset 0.1 − 0.4 · 0.25 = 0.
         let at = |acceleration| {
             let motion: Motion =
                 core::array::from_fn(|joint| if joint == 0 { [0.25, 0.0, acceleration] } else { [0.0; 3] });
@@ -124,7 +125,7 @@ mod tests {
         let robot = configured(&robot());
         let config = &robot.chains()[1];
         let tip = robot.posture(1, &[0.3, 0.2]).unwrap().tip().translation.vector;
-        // The tip's frame is that of the last joint: 50 mm along the link that follows.
+        // The tip's frame is that of the last joint: 50 mm along the link of the mimic joint.
         let (sine, cosine) = math::sin_cos(-0.4 * 0.3 + 0.1);
         assert!((tip - nalgebra::Vector3::new(0.05 * cosine, 0.0, -0.05 * sine)).norm() < 1e-7, "{tip}");
         assert!(config.finger.is_none());
@@ -144,14 +145,14 @@ mod tests {
         assert_eq!(refused(|mimic| mimic.multiplier = 0.0), (Field::MimicMultiplier, Problem::NotSupported));
         assert_eq!(refused(|mimic| mimic.offset = f32::NAN), (Field::MimicOffset, Problem::NotFinite));
         assert_eq!(refused(|mimic| mimic.axis = [0.0; 3]), (Field::Axis, Problem::NotUnit));
-        // Two at one place.
+        // Two at the same place in the chain.
         let mut model = robot();
         let mimic = model.mimics[0];
         model.mimics.push(mimic).unwrap();
         assert_eq!(model.validate().unwrap_err().field, Field::MimicPlace);
     }
 
-    /// The same links in one chain: a joint at the base, and 50 mm on one that follows it with ratio 0.5.
+    /// The same links in one chain: a joint at the base, and 50 mm further a mimic joint with ratio 0.5.
     fn curling() -> RobotModel {
         let mut model = robot();
         model.chains.truncate(1);

@@ -26,10 +26,10 @@ use crate::model::{MAX_CHAINS, MAX_JOINTS, ModelError, ObserverGains, Reaction, 
 /// higher bandwidth tracks more closely and amplifies more measurement noise.
 const TRACKING: ObserverGains = ObserverGains { inertia: 1.0, bandwidth: 40.0, observer_bandwidth: 160.0 };
 
-/// Direction of the fingertips of a [`Hand`] in their frames.
+/// Pointing direction of the fingertips of a [`Hand`] in their frames.
 const POINTING: [f32; 3] = [0.0, 0.0, 1.0];
-/// How far computed references stay inside the joints' limits [rad]. Homing may be as wrong, and a joint that
-/// is pressed against its stop looks blocked.
+/// How far computed references stay inside the joints' limits [rad]. Homing may have an error of this size,
+/// and a joint that is pressed against its mechanical stop looks blocked.
 pub(crate) const STOP_MARGIN: f32 = 5e-3;
 
 /// A validated model, preprocessed for computation; without joints before the first model.
@@ -46,8 +46,7 @@ pub struct Robot {
     chains: Vec<ChainConfig, MAX_CHAINS>,
     joints: Vec<JointConfig, MAX_JOINTS>,
     model: RobotModel,
-    /// At most one. (No hand is all zero as a list, which places a new node in `.bss`; as an option it is
-    /// not.)
+    /// At most one. (An empty list is all zero, which places a new node in `.bss`; `None` is not.)
     hand: Vec<Hand, 1>,
 }
 
@@ -154,7 +153,7 @@ impl Robot {
         self.chains.iter().flat_map(|config| &config.chain.links).map(|link| link.mass).sum()
     }
 
-    /// A frame of its own on the stack: a hand takes 5 kB of it.
+    /// Not inlined: it needs a stack frame of 5 kB for a hand.
     #[inline(never)]
     fn configure_hand(&mut self, model: &RobotModel) {
         self.hand.clear();
@@ -225,7 +224,7 @@ impl Robot {
     }
 }
 
-/// A number of joints or chains in the type of the wire.
+/// Converts a number of joints or chains to the type on the wire.
 #[expect(clippy::cast_possible_truncation, reason = "lists and robots have at most 16 joints")]
 pub(crate) const fn count(number: usize) -> u8 {
     number as u8

@@ -36,7 +36,7 @@ pub enum JointSetpoint {
     Point(JointPoint),
     /// 2: brakes the reference to rest within the joint limits.
     Brake,
-    /// 3: as a goal, but the reference keeps to the velocity limit. It becomes a goal once that is near
+    /// 3: as a goal, but the reference keeps to the velocity limit. It becomes a `Goal` once it is near
     /// enough.
     FarGoal(f32),
 }
@@ -69,7 +69,7 @@ impl Targets {
         joints: [JointTarget::at(0.0); MAX_JOINTS],
     };
 
-    /// All joints at rest at these angles [rad].
+    /// Sets all joints to rest at these angles [rad].
     pub fn stand_at(&mut self, positions: &[f32; MAX_JOINTS]) {
         for (target, position) in self.joints.iter_mut().zip(positions) {
             *target = JointTarget::at(*position);
@@ -78,7 +78,7 @@ impl Targets {
 }
 
 impl JointTarget {
-    /// At rest at an angle [rad].
+    /// The target at rest at an angle [rad].
     pub const fn at(position: f32) -> Self {
         Self { setpoint: JointSetpoint::Goal(position), feedforward: 0.0, restart: false }
     }

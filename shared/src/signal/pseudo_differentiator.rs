@@ -13,7 +13,7 @@ pub struct PseudoDifferentiator {
 }
 
 impl PseudoDifferentiator {
-    /// With cut-off `cutoff` [rad/s], which must be positive and finite.
+    /// The differentiator with `cutoff` [rad/s], which must be positive and finite.
     pub fn new(cutoff: f32) -> Self {
         let a = math::exp(-cutoff * TICK);
         Self { a, gain: (1.0 - a) / TICK }
@@ -53,7 +53,7 @@ mod tests {
 
     #[test]
     fn matches_scipy_on_a_recorded_motion() {
-        /// `(input, output)` a tick, from `tests/oracles/signal_filters.py` (`scipy.signal.cont2discrete`,
+        /// `(input, output)` per tick, from `tests/oracles/signal_filters.py` (`scipy.signal.cont2discrete`,
         /// method `foh`).
         const MOTION: &[(f32, f64)] = include!("../../../tests/oracles/data/pseudo_differentiator.in");
         let h = PseudoDifferentiator::new(30.0);

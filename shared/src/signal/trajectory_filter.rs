@@ -36,12 +36,13 @@ pub struct TrajectoryState {
 }
 
 impl TrajectoryState {
-    /// At rest at `position`.
+    /// The state at rest at `position`.
     pub const fn at(position: f32) -> Self {
         Self { x1: position, x2: position }
     }
 
-    /// At `position` with `velocity` per second, for a filter with the time constant `filter_time` [s].
+    /// The state at `position` with `velocity` per second, for a filter with the time constant `filter_time`
+    /// [s].
     pub const fn moving(position: f32, velocity: f32, filter_time: f32) -> Self {
         Self { x1: position + velocity * filter_time, x2: position }
     }

@@ -15,7 +15,7 @@ pub struct Io<'a> {
     pub measured: &'a Measured,
     /// Postures of its chains at the measured angles.
     pub postures: &'a Postures,
-    /// What the drives did in the last tick beyond the model.
+    /// Torques of the drives beyond the model in the last tick.
     pub efforts: &'a dyn Efforts,
     /// Reference of each joint in the last tick. Entries beyond the robot's joints are meaningless.
     pub references: &'a [JointPoint; MAX_JOINTS],
@@ -36,14 +36,14 @@ pub struct TaskFault {
     pub limit: f32,
 }
 
-/// How a robot that may hold its position comes to rest after a fault.
+/// How a robot that can still be controlled comes to rest after a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Halt {
     /// The joint servos bring each joint to rest. Their feed-forward torques remain.
     Joints,
-    /// The task does it: it is ticked on. Another fault of it leads to damping.
+    /// The task brings the robot to rest: its ticks continue. Another fault of the task leads to damping.
     Task,
-    /// Nothing can hold the robot: it is damped.
+    /// The task cannot hold the robot: it is damped.
     Damp,
 }
 
@@ -79,7 +79,7 @@ pub trait Task {
     /// Why it is refused; the state is unchanged then.
     fn command(&mut self, io: Io<'_>, command: &Self::Command) -> Result<(), Self::Refusal>;
 
-    /// One control period: sets the targets of this tick.
+    /// Runs one control period: sets the targets of this tick.
     ///
     /// # Errors
     /// The fault that stops the task.
@@ -95,12 +95,12 @@ pub trait Task {
     /// torques until the next tick [N·m], and the accelerations that the limits added [rad/s²].
     fn applied(&mut self, _robot: &Robot, _torques: &[f32; MAX_JOINTS], _added: &[f32; MAX_JOINTS]) {}
 
-    /// Whether the force sensors may be tared now: not while they carry a load.
+    /// Whether the force sensors may be tared now. They must not be while they carry a load.
     fn may_tare(&self) -> bool {
         true
     }
 
-    /// Whether the tool touches something, as far as the task knows: force sensors are not tared then.
+    /// Whether the task detects a contact. The force sensors are not tared then.
     fn is_in_contact(&self) -> bool {
         false
     }

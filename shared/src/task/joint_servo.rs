@@ -24,8 +24,9 @@ pub enum JointCommand {
         /// Angle of each joint [rad].
         positions: Vec<f32, MAX_JOINTS>,
     },
-    /// 1: one point of the sender's own trajectory, without the trajectory filter. One per tick; the steps
-    /// from point to point keep to the velocity limit, too, but for 100 ms: links deliver several at once.
+    /// 1: one point of the sender's own trajectory per tick, without the trajectory filter. The steps from
+    /// point to point keep to the velocity limit as well, with a tolerance of 100 ms for delayed links, which
+    /// deliver several points at once.
     Stream {
         /// Point of each joint.
         points: Vec<JointPoint, MAX_JOINTS>,
@@ -36,7 +37,7 @@ pub enum JointCommand {
         /// Point of each chain's tip.
         tips: Vec<TipPoint, MAX_CHAINS>,
     },
-    /// 3: as 1, with feed-forward torques: for forces on an object that several boards hold together.
+    /// 3: as 1, with feed-forward torques, for example for an object that several boards hold together.
     StreamTorques {
         /// Point of each joint.
         points: Vec<JointPoint, MAX_JOINTS>,
@@ -129,17 +130,18 @@ impl fmt::Display for JointServoRefusal {
     }
 }
 
-/// So many ticks a stream may be ahead of the velocity limit: a link that has delivered late delivers what it
-/// kept back at once.
+/// How far a stream may run ahead of the velocity limit [ticks]: a delayed link delivers several points at
+/// once.
 const LINK_TICKS: f32 = 10.0;
-/// Ticks of the sender in a tick of the board, at most: clocks without a crystal differ by some per cent.
+/// Maximum number of the sender's ticks per tick of the board: clocks without a crystal differ by some per
+/// cent.
 const CLOCK_RATIO: f32 = 1.1;
 
 /// The task. The targets hold its set-points.
 #[derive(Clone, Debug, Serialize, Deserialize, Schema)]
 pub struct JointServoTask {
-    /// How far the stream is ahead of the velocity limit, and by what the points since the last tick bring it
-    /// forward: the time that the joints need for their step at that limit [ticks].
+    /// How far the stream is ahead of the velocity limit, and the advance by the points since the last tick:
+    /// the time that the joints need for their step at that limit [ticks].
     ahead: f32,
     step: f32,
     /// Whether points arrived since the last tick.
@@ -197,7 +199,7 @@ impl Task for JointServoTask {
             (self.updated, self.moving) = (false, true);
         } else if self.moving {
             self.moving = false;
-            // A point without a successor holds: velocity and acceleration are 0.
+            // Without a successor the joints hold the point: velocity and acceleration are 0.
             for target in io.targets.joints.iter_mut().take(io.robot.joints().len()) {
                 if let JointSetpoint::Point(point) = &mut target.setpoint {
                     (point.velocity, point.acceleration) = (0.0, 0.0);
@@ -222,7 +224,7 @@ impl JointServoTask {
     ) -> Result<(), JointServoRefusal> {
         io.robot.check_count(points.len())?;
         let joints = io.robot.joints().iter().zip(io.references);
-        // More than 0, see `tick`.
+        // Always positive, see `tick`.
         let available = LINK_TICKS - self.ahead;
         let mut step = 0.0_f32;
         for (joint, ((config, reference), point)) in (0..).zip(joints.zip(points)) {

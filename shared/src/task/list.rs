@@ -1,4 +1,4 @@
-//! The list of tasks: the one place that names them all.
+//! The list of tasks: the only place that names them all.
 
 use core::fmt;
 
@@ -69,7 +69,7 @@ macro_rules! tasks {
         }
 
         impl TaskTelemetry {
-            /// The task that this is about.
+            /// The task of this telemetry.
             pub const fn kind(&self) -> TaskKind {
                 match self { $(Self::$name(_) => TaskKind::$name),* }
             }
@@ -206,6 +206,6 @@ tasks! {
     Impedance(ImpedanceControl) = 2: "impedance control",
     /// 3: the operator's fingertips on a hand ([`super::telexistence`]).
     Telexistence(Telexistence) = 3: "telexistence",
-    /// 4: the hand goes where a camera on it says ([`super::visual_approach`]).
+    /// 4: visual guidance of a hand by its camera ([`super::visual_approach`]).
     VisualApproach(VisualApproach) = 4: "visual approach",
 }

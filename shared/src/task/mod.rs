@@ -10,7 +10,7 @@
 //! | grasping | [`grasping`] | three fingers approach, grasp, hold, move and release an object |
 //! | impedance | [`impedance`] | Cartesian impedance control of an arm |
 //! | telexistence | [`telexistence`] | a hand reproduces the fingertips of an operator |
-//! | visual approach | [`visual_approach`] | a hand goes where a camera on it says, and grips |
+//! | visual approach | [`visual_approach`] | a hand moves to targets from a camera on it, and grips |
 //!
 //! A new task is a module that implements [`Task`], and a line in the list (`list.rs`).
 

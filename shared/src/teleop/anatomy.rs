@@ -1,4 +1,4 @@
-//! What the markers of some fingers say about the others: proportions of the hand.
+//! Anthropometry: infers the links of fingers without markers from the proportions of the hand.
 
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
@@ -12,7 +12,7 @@ type Points = [Vector3<f32>; 4];
 
 /// Mean lengths [mm] of metacarpal and phalanges between the centres of the joints on radiographs of 66
 /// adults (A. Buryanov, V. Kotiuk, *Proportions of hand segments*, Int. J. Morphol. 28(3), 2010, table I);
-/// the last one with the soft tissue of the tip. The thumb's metacarpal is its first link.
+/// the last one includes the soft tissue of the tip. The thumb's metacarpal is its first link.
 const BONES: [[f32; 4]; FINGERS] = [
     [0.0, 46.22, 31.57, 27.34],
     [68.12, 39.78, 22.38, 19.66],
@@ -20,20 +20,22 @@ const BONES: [[f32; 4]; FINGERS] = [
     [58.00, 41.37, 25.65, 21.25],
     [53.69, 32.74, 18.11, 19.69],
 ];
-/// Where the metacarpals begin [mm], distal and radial of the wrist, and their splay in the flat hand [°].
-/// The paper does not give these; they are estimates that make the palm 56 mm wide between the outer joints.
+/// Proximal ends of the metacarpals [mm], distal and radial of the wrist, and their splay in the flat hand
+/// [°]. The paper does not give these; they are estimates that make the palm 56 mm wide between the outer
+/// joints.
 const METACARPALS: [[f32; 3]; FINGERS] =
     [[20.0, 25.0, 45.0], [25.0, 14.0, 9.0], [25.0, 3.0, 2.0], [25.0, -9.0, -6.0], [25.0, -19.0, -13.0]];
-/// Standard deviation of the first joint about its place in the fitted hand, along each axis [m].
+/// Standard deviation of the first joint from its position in the fitted hand, along each axis [m].
 const JOINT_DEVIATION: f32 = 4e-3;
-/// Standard deviation of a bone's ratio to the hand: 5 to 8 % beside the common factor of size.
+/// Standard deviation of a bone's length relative to the scaled mean hand: 5 to 8 %.
 const RATIO_DEVIATION: f32 = 0.065;
-/// Of a link's end across the bone [m].
+/// Standard deviation of a link's end across the bone [m].
 const ACROSS_DEVIATION: f32 = 1e-3;
 
-/// Infers the links of all fingers from those that are calibrated by markers. The mean hand is scaled, turned
-/// and moved to fit the joints and tips of the calibrated fingers but the thumb in the flat hand (least
-/// squares; Umeyama 1991); the orientations in the flat hand take its bones into the frames of the sensors.
+/// Infers the links of all fingers from those that are calibrated by markers. The mean hand is scaled,
+/// rotated and translated to fit the joints and tips of the calibrated fingers except the thumb in the flat
+/// hand (least squares; Umeyama 1991). The orientations in the flat hand transform its bones to the frames of
+/// the sensors.
 ///
 /// `calibrated` and `flat`: thumb to little finger.
 ///
@@ -108,7 +110,7 @@ fn points(links: &FingerLinks, rotations: &FingerRotations) -> Points {
     [base, second, third, tip]
 }
 
-/// The rotation `Q` that maximises `tr(QᵀM)`, and that trace. For points of a plane, too.
+/// The rotation `Q` that maximises `tr(QᵀM)`, and that trace. Works for coplanar points, too.
 fn nearest_rotation(matrix: &Matrix3<f32>) -> (Matrix3<f32>, f32) {
     let svd = Svd::new(matrix);
     let unit = |k: usize| svd.scaled.column(k) / svd.values[k].max(f32::MIN_POSITIVE);

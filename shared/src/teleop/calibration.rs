@@ -2,12 +2,12 @@
 //!
 //! A pose gives three equations `A x = p`, `A = [I, R1, R1R2, R1R2R3]`, for the twelve components of a
 //! finger's links. They are added one after another to a triangular factor ([`IncrementalQr`]), so
-//! calibration goes on in use, optionally with forgetting.
+//! calibration can continue during use, optionally with forgetting.
 //!
 //! A finger's joints are hinges. A component of link `k − 1` along the axis of hinge `k` moves the tip
-//! exactly as the same component of link `k` does, so `A` has rank 10, without spreading 9, whatever the
-//! poses. Noise hides that: see [`CalibrationSettings::orientation_noise`]. The solution of minimum norm
-//! without the directions that noise alone made predicts the tip all the same.
+//! exactly as the same component of link `k` does, so `A` has rank 10, or 9 without spreading, whatever the
+//! poses. Noise hides that: see [`CalibrationSettings::orientation_noise`]. The minimum-norm solution without
+//! the directions that are due to noise still predicts the tip.
 
 use nalgebra::{SMatrix, SVector, Vector3};
 
@@ -16,43 +16,43 @@ use super::human_hand::{Finger, FingerLinks, FingerRotations};
 use super::joint_movements::{JointMovements, JointRange};
 use crate::math::{self, IncrementalQr};
 
-/// Poses for twelve unknowns.
+/// Minimum number of poses for twelve unknowns.
 const MIN_POSES: u32 = 4;
 /// Maximum standard deviation of the predicted tip over the joints' range [m].
 pub const MAX_TIP_DEVIATION: f32 = 2e-3;
-/// Prior standard deviation of what the poses leave undetermined [m]: a component of a link along a hinge is
-/// shorter than a phalanx.
+/// Prior standard deviation of components that the poses leave undetermined [m]: a component of a link along
+/// a hinge is shorter than a phalanx.
 const UNKNOWN_LINK: f32 = 0.03;
-/// Noise may be larger than stated.
+/// Margin for noise that is larger than stated.
 const NOISE_MARGIN: f32 = 1.5;
 /// Residuals above this many standard deviations are not noise.
 const MAX_RESIDUAL_RATIO: f32 = 4.0;
 /// Links of a typical finger, for the noise of an equation before the links are known.
 pub(super) const TYPICAL_LINKS: FingerLinks =
     FingerLinks([[0.0; 3], [0.045, 0.0, 0.0], [0.025, 0.0, 0.0], [0.02, 0.0, 0.0]]);
-/// Rotations of a joint below this standard deviation [rad] are no movement: 2°.
+/// Rotations of a joint with a smaller standard deviation [rad] do not count as movement: 2°.
 const MIN_MOVEMENT: f32 = 0.035;
 
-/// What a calibration assumes about its measurements.
+/// Assumptions about the measurements of a calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CalibrationSettings {
     /// Noise of one sensor's orientation in one pose: root mean square of the rotation angle [rad], 0 to 0.2.
-    /// Less than that of a sample if a pose is the mean over a time.
+    /// It is smaller than that of a single sample if a pose is a mean over time.
     ///
-    /// With standard deviation `σ = noise/√3` about each axis, a unit vector `v` has `E|δA v|² = 2σ²` a pose:
-    /// a rotation error `e` displaces `v` by `e × v`, and the error of the back of the hand acts on `−v0`
-    /// where `A v = 0`. So in `N` poses noise alone makes singular values of about `σ_n = noise √(2N/3)`, and
-    /// random matrix theory (Marchenko and Pastur 1967) spreads them up to `σ_n (1 + 2/√N)` for 12 columns of
-    /// 3N rows. Singular values below 1.5 times that are truncated.
+    /// With standard deviation `σ = noise/√3` about each axis, a unit vector `v` has `E|δA v|² = 2σ²` per
+    /// pose: a rotation error `e` displaces `v` by `e × v`, and the error of the back of the hand acts on
+    /// `−v0` where `A v = 0`. Noise alone therefore causes singular values in `N` poses of about
+    /// `σ_n = noise √(2N/3)`, and random matrix theory (Marchenko and Pastur 1967) spreads them up to
+    /// `σ_n (1 + 2/√N)` for 12 columns of 3N rows. Singular values below 1.5 times that are truncated.
     pub orientation_noise: f32,
     /// Standard deviation of a marker along each axis [m], 10⁻⁶ to 0.01.
     pub marker_noise: f32,
-    /// Factor on the weight of all earlier poses with each new one, 0.5 to 1; 1 forgets nothing.
+    /// Forgetting factor of all earlier poses with each new one, 0.5 to 1; 1: no forgetting.
     pub forgetting: f32,
 }
 
 impl CalibrationSettings {
-    /// One and a half degree, 0.3 mm, nothing forgotten.
+    /// 1.5°, 0.3 mm, no forgetting.
     pub const DEFAULT: Self = Self { orientation_noise: 0.0262, marker_noise: 3e-4, forgetting: 1.0 };
 
     pub(super) fn check(&self) -> Result<(), CalibrationError> {
@@ -69,8 +69,8 @@ impl CalibrationSettings {
         Ok(())
     }
 
-    /// Standard deviation of an equation along each axis for links like these [m]. Orientation noise acts
-    /// with each link as lever, for its own sensor and for that of the back of the hand: `(2/3) σ² Σ 2|l|²`.
+    /// Standard deviation of an equation along each axis for links like these [m]. Orientation noise acts on
+    /// each link as a lever, from its own sensor and from that of the back of the hand: `(2/3) σ² Σ 2|l|²`.
     pub(super) fn equation_deviation(&self, links: &FingerLinks) -> f32 {
         let [_, moving @ ..] = links.0.map(Vector3::from);
         let levers: f32 = moving.iter().map(Vector3::norm_squared).sum();
@@ -79,26 +79,27 @@ impl CalibrationSettings {
     }
 }
 
-/// How well a finger is calibrated.
+/// Accuracy of a finger's calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CalibrationAccuracy {
     /// Number of poses.
     pub poses: u32,
     /// Number of singular values above the noise; 9 or 10 for a finger with hinges, 12 with a prior.
     pub rank: u8,
-    /// Ratio of the largest to the smallest singular value that is kept.
+    /// Condition number: largest over smallest singular value that is not truncated.
     pub condition: f32,
     /// Root mean square of the tip's residual [m].
     pub residual: f32,
-    /// Standard deviation of the predicted tip [m]: the largest over 81 postures of the joints' range. From
-    /// the flat hand, fingers: base 0, 40, 80° bent and −10, 0, 10° spread; middle 0, 45, 90°; end 2/3 of the
-    /// middle −10, 0, 10°. Thumb: base 0, 20, 40° and −20, 0, 20°; middle 0, 25, 50°; end 0, 35, 70°.
+    /// Standard deviation of the predicted tip [m]: the largest over 81 postures of the joints' range, with
+    /// angles from the flat hand. Fingers: base bent by 0, 40, 80° and spread by −10, 0, 10°; middle 0, 45,
+    /// 90°; end 2/3 of the middle plus −10, 0, 10°. Thumb: base 0, 20, 40° and −20, 0, 20°; middle 0, 25,
+    /// 50°; end 0, 35, 70°.
     pub tip_deviation: f32,
     /// The movement that would improve it most.
     pub weakest: FingerMotion,
 }
 
-/// What is known of a finger's links without a marker: mean and standard deviation of each component [m].
+/// Prior of a finger's links, known without a marker: mean and standard deviation of each component [m].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LinkPrior {
     /// Mean.
@@ -121,7 +122,7 @@ pub struct FingerCalibration {
 }
 
 impl FingerCalibration {
-    /// No pose yet.
+    /// A calibration without poses.
     ///
     /// # Errors
     /// A setting outside its limits.
@@ -130,7 +131,7 @@ impl FingerCalibration {
         Ok(Self::new(finger, settings))
     }
 
-    /// With settings that are checked.
+    /// As `try_new`, with valid settings.
     pub(super) fn new(finger: Finger, settings: &CalibrationSettings) -> Self {
         Self {
             finger,
@@ -158,11 +159,11 @@ impl FingerCalibration {
         Ok(())
     }
 
-    /// Adds a posture in which the tip touches a place that is known [m], within a standard deviation along
-    /// each axis [m]. It helps to tell lengths, and is no pose: a prior must say the rest.
+    /// Adds a posture in which the tip touches a known position [m], with a standard deviation along each
+    /// axis [m]. It improves the lengths but does not count as a pose: the calibration also needs a prior.
     ///
     /// # Errors
-    /// A place that is not finite or more than 0.4 m from the back of the hand, or a standard deviation
+    /// A position that is not finite or more than 0.4 m from the back of the hand, or a standard deviation
     /// outside 0.1 mm to 0.1 m.
     pub fn add_contact(
         &mut self,
@@ -175,13 +176,13 @@ impl FingerCalibration {
             let field = "standard deviation of the contact";
             return Err(CalibrationError::Setting { field, value: deviation, min: 1e-4, max: 0.1 });
         }
-        // In the unit of the poses' equations.
+        // In units of the standard deviation of the poses' equations.
         let weight = self.settings.equation_deviation(&TYPICAL_LINKS) / deviation;
         add_equations(&mut self.equations, rotations, place, weight.min(1.0));
         Ok(())
     }
 
-    /// Adds what is known of the links: regularised least squares.
+    /// Adds a prior of the links: regularised least squares.
     ///
     /// # Errors
     /// A mean that is not finite, or a standard deviation outside 0.1 mm to 0.1 m.
@@ -191,7 +192,7 @@ impl FingerCalibration {
                 let field = "standard deviation of the prior";
                 return Err(CalibrationError::Setting { field, value: deviation, min: 1e-4, max: 0.1 });
             }
-            // In the unit of the poses' equations, whose standard deviation is that of noise.
+            // In units of the standard deviation of the poses' equations, that of the noise.
             let weight = self.settings.equation_deviation(&prior.mean) / deviation;
             for (axis, mean) in mean.iter().enumerate() {
                 let mut row = SVector::zeros();
@@ -208,10 +209,10 @@ impl FingerCalibration {
         self.poses
     }
 
-    /// The links, and how well they predict the tip, whatever the accuracy.
+    /// Estimates the links and their accuracy, without requirements on the accuracy.
     ///
     /// # Errors
-    /// Too few poses, or poses that are all alike; neither with a prior.
+    /// Without a prior: too few poses, or poses that are all alike.
     pub fn estimate(&self) -> Result<(FingerLinks, CalibrationAccuracy), CalibrationError> {
         let Self { finger, poses, .. } = *self;
         if !self.has_prior {
@@ -224,7 +225,7 @@ impl FingerCalibration {
         }
         let noise = self.settings.orientation_noise * math::sqrt(2.0 / 3.0 * self.weight);
         let spread = 1.0 + 2.0 / math::sqrt(self.weight.max(1.0));
-        // Rounding of single precision.
+        // Rounding errors of single precision.
         let rounding = 1e-4 * math::sqrt(self.weight.max(1.0));
         let threshold = if self.has_prior { 0.0 } else { (NOISE_MARGIN * spread * noise).max(rounding) };
         let solution = self.equations.solve(threshold);
@@ -260,7 +261,7 @@ impl FingerCalibration {
         Ok((links, accuracy))
     }
 
-    /// The links, if they predict the tip well enough.
+    /// Estimates the links, and requires that they predict the tip accurately enough.
     ///
     /// # Errors
     /// Too few poses; poses that are all alike; residuals that are not noise; a predicted tip whose standard
@@ -281,8 +282,8 @@ impl FingerCalibration {
         Ok((links, accuracy))
     }
 
-    /// Largest standard deviation of the tip over the postures, and the movement about which the tip's
-    /// displacement is known least. `scaled`: square root of the covariance of the links.
+    /// Largest standard deviation of the tip over the postures, and the movement with the most uncertain
+    /// displacement of the tip. `scaled`: square root of the covariance of the links.
     fn tip_deviation(&self, scaled: &SMatrix<f32, 12, 12>) -> (f32, Movement) {
         let range = JointRange::of(self.finger);
         let mut largest = 0.0_f32;

@@ -6,9 +6,9 @@ use super::human_hand::{Finger, GloveError};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Movement {
-    /// Bend the joint at the palm; of the thumb that at the wrist.
+    /// Bend the joint at the palm; for the thumb, the joint at the wrist.
     BendBase,
-    /// Spread the fingers; of the thumb, about the second axis of the joint at the wrist.
+    /// Spread the fingers; for the thumb, rotate about the second axis of the joint at the wrist.
     Spread,
     /// Bend the middle joint.
     BendMiddle,
@@ -48,9 +48,9 @@ impl fmt::Display for FingerMotion {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum CalibrationError {
-    /// An orientation.
+    /// An invalid orientation.
     Glove(GloveError),
-    /// A marker that is not finite or not at a hand.
+    /// A marker that is not finite or too far from the hand.
     Marker {
         /// Its finger.
         finger: Finger,
@@ -74,7 +74,7 @@ pub enum CalibrationError {
         finger: Finger,
         /// Number of poses.
         poses: u32,
-        /// Needed.
+        /// Minimum number.
         min: u32,
     },
     /// No joint of the finger moved by more than 2°.
@@ -82,7 +82,7 @@ pub enum CalibrationError {
         /// The finger.
         finger: Finger,
     },
-    /// The poses lack a movement, so that the tip would be predicted badly.
+    /// The poses lack a movement, so the tip would be predicted badly.
     MissingMotion {
         /// The movement to make.
         motion: FingerMotion,
@@ -91,7 +91,7 @@ pub enum CalibrationError {
         /// Limit [m].
         limit: f32,
     },
-    /// The residual is no noise.
+    /// The residual is larger than noise explains.
     Residual {
         /// The finger.
         finger: Finger,
@@ -100,18 +100,18 @@ pub enum CalibrationError {
         /// Limit for the stated noise [m].
         limit: f32,
     },
-    /// A finger's orientations belong to another finger's marker.
+    /// A finger's orientations fit another finger's marker.
     Swapped {
         /// The finger.
         finger: Finger,
-        /// Whose marker fits better.
+        /// The finger whose marker fits better.
         marker_of: Finger,
         /// Residual with its own marker [m].
         own: f32,
         /// Residual with the other's [m].
         other: f32,
     },
-    /// Fewer than two fingers are calibrated, of which others could be inferred.
+    /// Fewer than two calibrated fingers, from which others could be inferred.
     TooFewFingers,
 }
 

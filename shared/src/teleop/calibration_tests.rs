@@ -3,7 +3,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::*;
 use crate::math;
 
-/// Cases of `tests/oracles/hand5_calibration.py`; its columns stand at the top of the data.
+/// Cases of `tests/oracles/hand5_calibration.py`; the data begin with a description of the columns.
 type Case = (
     &'static str,
     f32,
@@ -123,7 +123,7 @@ fn fingers_that_were_not_spread_are_refused_with_that_movement() {
     assert_eq!(motion.to_string(), "spread the index finger sideways");
 }
 
-/// A finger whose joints turn about y, with a base that spreads about z.
+/// A finger whose joints rotate about y, with a base that spreads about z.
 fn posture([base, spread, middle, end]: [f32; 4]) -> FingerRotations {
     let about_y = |angle| math::rotation_matrix(&Vector3::new(0.0, angle, 0.0));
     let spread = math::rotation_matrix(&Vector3::new(0.0, 0.0, spread));
@@ -208,7 +208,7 @@ fn what_is_no_measurement_is_refused_by_name() {
             calibration.add_pose(&broken(quaternion), &markers),
             Err(CalibrationError::Glove(expected))
         );
-        // Nobody needs the orientations of a finger without marker.
+        // The orientations of a finger without marker are not needed.
         let mut unmarked = markers;
         unmarked[2] = None;
         before.clone().add_pose(&broken(quaternion), &unmarked).unwrap();
@@ -247,7 +247,7 @@ fn swapped_markers_are_named() {
             let mut markers = [None; FINGERS];
             #[allow(clippy::needless_range_loop, reason = "of two arrays")]
             for finger in 0..FINGERS {
-                // Each finger has the poses in an order of its own.
+                // Each finger has the poses in a different order.
                 let rotations = posture(angles[if pose == 0 { 0 } else { (pose * (finger + 1)) % 29 + 1 }]);
                 sample.segments[finger] = rotations.0.each_ref().map(quaternion);
                 markers[finger] = Some(LINKS.tip(&rotations));
@@ -272,7 +272,7 @@ fn a_filtered_fingertip_is_where_the_links_put_it_and_moves_as_it_does() {
     let filter = GloveFilter { bandwidth: 100.0, ..GloveFilter::PROMPT };
     let period = 0.01;
     let at = |time: f32| {
-        // The hand turns as a whole, and each joint bends at a steady rate.
+        // The hand rotates as a whole, and each joint bends at a constant rate.
         let back = math::rotation_matrix(&Vector3::new(0.5 * time, 0.0, 1.0));
         let rotations = posture([0.8 * time, 0.2, 1.1 * time, 0.7 * time]);
         let segments = rotations.0.each_ref().map(|segment| quaternion(&(back * segment)));
@@ -294,7 +294,7 @@ fn a_filtered_fingertip_is_where_the_links_put_it_and_moves_as_it_does() {
     assert!(distance(tip.velocity, velocity.into()) < 0.02 * velocity.norm(), "{tip:?} {velocity}");
     let last = at(now).0.0[2] * Vector3::from(LINKS.0[3]).normalize();
     assert!(distance(tip.direction, last.into()) < 5e-3);
-    // A sensor that stops is bridged for a tenth of a second, and then named.
+    // A sensor that stops is bridged for a tenth of a second and then reported.
     let sensor = GloveSensor::Segment(Finger::Index, 2);
     for step in 1..30_u8 {
         let mut sample = at(now + period * f32::from(step)).1;
@@ -323,8 +323,8 @@ fn links_that_no_hand_has_are_refused() {
     assert_eq!(HumanHand::try_new(links).unwrap_err().link, 3);
 }
 
-/// The hand of 110 % of the mean proportions, its first joints moved by a few millimetres: metacarpal's
-/// begin, splay and bones as in the paper's table [mm].
+/// A hand of 110 % of the mean proportions, with first joints displaced by a few millimetres: proximal end of
+/// the metacarpal, splay, and bones as in the paper's table [mm].
 fn large_hand() -> [FingerLinks; FINGERS] {
     let fingers: [([f32; 2], f32, [f32; 4]); FINGERS] = [
         ([20.0, 25.0], 45.0, [0.0, 46.22, 31.57, 27.34]),
@@ -389,7 +389,7 @@ fn fingers_without_marker_follow_from_the_size_and_the_place_of_the_others() {
     assert_eq!(one_marker.solve_with_proportions(&flat), Err(CalibrationError::TooFewFingers));
 }
 
-/// A ring finger whose knuckle is 8 mm from where the mean hand has it.
+/// A ring finger whose knuckle is 8 mm from its position in the mean hand.
 #[test]
 fn touches_of_the_thumb_correct_the_proportions() {
     let mut hand = large_hand();
@@ -406,7 +406,7 @@ fn touches_of_the_thumb_correct_the_proportions() {
     };
     let before = worst(&calibration);
     for angles in all_movements().step_by(3) {
-        // The thumb is where it has to be for its tip to be at the ring finger's.
+        // The thumb is placed so that its tip is at the ring finger's.
         let rotations = posture(angles);
         let place = hand[3].tip(&rotations);
         calibration.finger_mut(Finger::Ring).add_contact(&rotations, place, 2e-3).unwrap();

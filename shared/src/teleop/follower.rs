@@ -23,7 +23,7 @@ const MAX_DISTANCE: f32 = 100.0;
 /// Maximum elbow angle [rad].
 const MAX_ELBOW_ANGLE: f32 = 100.0;
 
-/// A time of the clock that master and slave share: microseconds, which may wrap around.
+/// A time of the clock that master and slave share, in microseconds. It may wrap around.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Instant(pub u32);
@@ -81,7 +81,8 @@ pub struct FollowerSettings {
     pub rotation_limits: MotionLimits,
     /// Limits of the elbow's angle [rad/s, rad/s²].
     pub elbow_limits: MotionLimits,
-    /// Box in which the set-point of the tool stays. Beyond it the hand is followed along the border.
+    /// Box in which the set-point of the tool stays. If the hand is beyond it, the tool follows along the
+    /// border.
     pub workspace: Option<Workspace>,
 }
 
@@ -89,7 +90,7 @@ impl FollowerSettings {
     /// Settings for a human operator, a master with 16-bit encoders and a gravity sensor at the elbow.
     ///
     /// Strokes of ±0.1 m at 0.5 Hz change the jerk by 10 m/s³ per second, the ends of a stroke of 0.2 m in
-    /// 1.5 s by 4 to 7 m/s³ at once; the tremor of an unsupported hand is about 0.05 mm per axis.
+    /// 1.5 s by a step of 4 to 7 m/s³; the tremor of an unsupported hand is about 0.05 mm per axis.
     pub const HUMAN: Self = Self {
         position_model: OperatorModel { jerk_diffusion: 30.0, tremor: 2e-4, noise: 2e-5 },
         rotation_model: OperatorModel { jerk_diffusion: 80.0, tremor: 2e-4, noise: 1e-4 },
@@ -153,7 +154,8 @@ struct ClutchOffset {
 }
 
 impl FollowerState {
-    /// Clutch open and tool at rest at `position` [m], orientation `[x, y, z, w]` and elbow angle [rad].
+    /// The state with open clutch and the tool at rest at `position` [m], orientation `[x, y, z, w]` and
+    /// elbow angle [rad].
     pub fn at(position: [f32; 3], [x, y, z, w]: [f32; 4], elbow: f32) -> Self {
         Self {
             hand: None,
@@ -169,7 +171,7 @@ impl FollowerState {
     }
 
     /// Moves the set-point of the elbow to an angle [rad] at rest, for an arm whose elbow is elsewhere. The
-    /// elbow is not led until the clutch closes again.
+    /// elbow does not follow the operator until the clutch closes again.
     pub fn reset_elbow(&mut self, angle: f32) {
         (self.elbow_angle, self.elbow_velocity) = (Vector1::new(angle), Vector1::zeros());
         if let Some(clutch) = &mut self.clutch {

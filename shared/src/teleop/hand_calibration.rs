@@ -8,13 +8,13 @@ use super::calibration_error::CalibrationError;
 use super::human_hand::{FINGERS, Finger, FingerLinks, FingerRotations, GloveSample};
 use crate::math::{self, IncrementalQr};
 
-/// Poses from which residuals tell whether markers are swapped: as many equations again as unknowns.
+/// Minimum number of poses for the detection of swapped markers: twice as many equations as unknowns.
 const MIN_POSES_OF_SWAP: u32 = 8;
-/// A finger's residual that is this much larger than with another finger's marker means that they are
-/// swapped.
+/// Markers count as swapped if a finger's residual is larger by this factor than with another finger's
+/// marker.
 const SWAP_RATIO: f32 = 2.0;
 
-/// Calibration of a hand: each finger, and whether markers are swapped.
+/// Calibration of a hand: all fingers, and the detection of swapped markers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HandCalibration {
     fingers: [FingerCalibration; FINGERS],
@@ -24,7 +24,7 @@ pub struct HandCalibration {
 }
 
 impl HandCalibration {
-    /// No pose yet.
+    /// A calibration without poses.
     ///
     /// # Errors
     /// A setting outside its limits.
@@ -37,11 +37,11 @@ impl HandCalibration {
         })
     }
 
-    /// Adds a pose: orientations, and the markers that are seen, in the frame of the back of the hand [m].
-    /// The first pose is the flat hand.
+    /// Adds a pose: orientations, and the visible markers in the frame of the back of the hand [m]. The first
+    /// pose is the flat hand.
     ///
     /// # Errors
-    /// An orientation of a finger whose marker is seen, or a marker, that cannot be used. Nothing is added.
+    /// An invalid orientation of a finger with a visible marker, or an invalid marker. Nothing is added.
     pub fn add_pose(
         &mut self,
         sample: &GloveSample,
@@ -70,11 +70,11 @@ impl HandCalibration {
         Ok(())
     }
 
-    /// Adds a posture in which the tip of the thumb, which is calibrated, touches that of a finger, within a
-    /// standard deviation along each axis [m]. For fingers without marker.
+    /// Adds a posture in which the tip of the calibrated thumb touches that of a finger without marker, with
+    /// a standard deviation along each axis [m].
     ///
     /// # Errors
-    /// A thumb that is not calibrated yet, or orientations that cannot be used. Nothing is added.
+    /// The thumb is not calibrated yet, or orientations are invalid. Nothing is added.
     pub fn add_touch(
         &mut self,
         finger: Finger,
@@ -91,12 +91,12 @@ impl HandCalibration {
         &self.fingers[finger as usize]
     }
 
-    /// One finger, to add a prior or a pose of its own.
+    /// One finger, for adding a prior or a pose.
     pub const fn finger_mut(&mut self, finger: Finger) -> &mut FingerCalibration {
         &mut self.fingers[finger as usize]
     }
 
-    /// Refuses markers that are on other fingers than their columns say.
+    /// Detects markers that are assigned to the wrong fingers.
     ///
     /// # Errors
     /// The residual of a finger's orientations is twice as large with its own marker as with another's, and
@@ -125,20 +125,20 @@ impl HandCalibration {
     /// Links and accuracy of all fingers.
     ///
     /// # Errors
-    /// Swapped markers; else that of the first finger that is not calibrated.
+    /// Swapped markers; else the error of the first finger that is not calibrated.
     pub fn solve(&self) -> Result<[(FingerLinks, CalibrationAccuracy); FINGERS], CalibrationError> {
         self.check_markers()?;
         let [thumb, index, middle, ring, little] = &self.fingers;
         Ok([thumb.solve()?, index.solve()?, middle.solve()?, ring.solve()?, little.solve()?])
     }
 
-    /// Links and accuracy of all fingers with the proportions of the hand for those without markers, or whose
-    /// poses lack a movement. The accuracy of these is that of the proportions: its rank is 12, and its
-    /// deviation may exceed 2 mm. The thumb needs its marker, and two other fingers theirs. `flat`: the
-    /// orientations of the flat hand.
+    /// Links and accuracy of all fingers. Those without markers, or whose poses lack a movement, are inferred
+    /// from the proportions of the hand; their rank is 12, and their deviation may exceed 2 mm. The thumb and
+    /// two other fingers must be calibrated by markers. `flat`: the orientations of the flat hand.
     ///
     /// # Errors
-    /// Swapped markers; a marked finger whose residual is no noise; fewer calibrated fingers than needed.
+    /// Swapped markers; a residual of a marked finger that noise does not explain; too few calibrated
+    /// fingers.
     pub fn solve_with_proportions(
         &self,
         flat: &GloveSample,

@@ -7,7 +7,7 @@ use crate::math;
 
 /// Fingers of a hand, the thumb included.
 pub const FINGERS: usize = 5;
-/// Orientation sensors of a glove: the back of the hand, and three a finger.
+/// Orientation sensors of a glove: one on the back of the hand, and three per finger.
 pub const SENSORS: usize = 1 + 3 * FINGERS;
 /// Maximum length of a link [m]; metacarpals are some 70 mm long.
 const MAX_LINK: f32 = 0.3;
@@ -55,7 +55,7 @@ impl fmt::Display for Finger {
 pub enum GloveSensor {
     /// On the back of the hand.
     Back,
-    /// On a segment of a finger: 0 next to the palm (of the thumb: the metacarpal), 2 at the tip.
+    /// On a segment of a finger: 0 next to the palm (for the thumb: the metacarpal), 2 at the tip.
     Segment(Finger, u8),
 }
 
@@ -66,7 +66,7 @@ impl GloveSensor {
         core::iter::once(Self::Back).chain(Finger::ALL.into_iter().flat_map(segments))
     }
 
-    /// Its place in [`GloveSensor::all`].
+    /// Its position in [`GloveSensor::all`].
     const fn index(self) -> usize {
         match self {
             Self::Back => 0,
@@ -101,7 +101,7 @@ pub enum GloveError {
         /// Norm of its quaternion.
         norm: f32,
     },
-    /// The matrix is no rotation: its columns are not orthonormal and right-handed.
+    /// The matrix is not a rotation: its columns are not orthonormal and right-handed.
     NotRotation(GloveSensor),
     /// The time since the last sample is not within 0 to 1 s [s].
     Period(f32),
@@ -132,21 +132,21 @@ impl fmt::Display for GloveError {
     }
 }
 
-/// Orientations of all sensors at one time: unit quaternions x, y, z, w in one frame that does not move.
-/// `None` where a sensor gave no sample.
+/// Orientations of all sensors at one time: unit quaternions x, y, z, w in one fixed frame. `None` where a
+/// sensor gave no sample.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct GloveSample {
-    /// Of the back of the hand.
+    /// Orientation of the back of the hand.
     pub back: Option<[f32; 4]>,
-    /// Of the segments, thumb to little finger, each from palm to tip.
+    /// Orientations of the segments, thumb to little finger, each from palm to tip.
     pub segments: [[Option<[f32; 4]>; 3]; FINGERS],
 }
 
 impl GloveSample {
-    /// The orientation that a sensor gave.
+    /// The orientation of a sensor.
     ///
     /// # Errors
-    /// None, a number that is not finite, or a quaternion whose norm is more than 0.01 off 1.
+    /// No sample, a number that is not finite, or a quaternion whose norm differs from 1 by more than 0.01.
     pub fn orientation(&self, sensor: GloveSensor) -> Result<UnitQuaternion<f32>, GloveError> {
         let given = match sensor {
             GloveSensor::Back => self.back,
@@ -173,7 +173,7 @@ impl GloveSample {
 pub struct FingerRotations(pub(super) [Matrix3<f32>; 3]);
 
 impl FingerRotations {
-    /// From the absolute orientations of the back of the hand and of the finger's segments.
+    /// Computes them from the absolute orientations of the back of the hand and of the finger's segments.
     ///
     /// # Errors
     /// An orientation that is missing or cannot be used.
@@ -186,10 +186,10 @@ impl FingerRotations {
         Ok(Self([segment(0)?, segment(1)?, segment(2)?]))
     }
 
-    /// From matrices `R1`, `R1R2`, `R1R2R3`, given by rows.
+    /// Takes the matrices `R1`, `R1R2`, `R1R2R3`, given by rows.
     ///
     /// # Errors
-    /// A matrix that is no rotation.
+    /// A matrix that is not a rotation.
     pub fn try_from_matrices(finger: Finger, rows: &[[[f32; 3]; 3]; 3]) -> Result<Self, GloveError> {
         let mut rotations = [Matrix3::zeros(); 3];
         for ((rotation, rows), segment) in rotations.iter_mut().zip(rows).zip(0..) {
@@ -212,7 +212,7 @@ impl FingerRotations {
         [*first, first.transpose() * second, second.transpose() * third]
     }
 
-    /// From the rotations of the joints.
+    /// Computes them from the rotations of the joints.
     pub(super) fn from_joints([first, second, third]: [Matrix3<f32>; 3]) -> Self {
         let middle = first * second;
         Self([first, middle, middle * third])
@@ -230,8 +230,8 @@ impl FingerRotations {
 }
 
 /// Link vectors `l0` … `l3` of a finger [m] (Hand5 eq. 1): `l0` from the origin to the first joint in the
-/// frame of the back of the hand, each other in the frame of the sensor on its segment. How a sensor is
-/// mounted on its segment is part of them.
+/// frame of the back of the hand, each other in the frame of the sensor on its segment. They include the
+/// mounting orientation of each sensor on its segment.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct FingerLinks(pub [[f32; 3]; 4]);
 
@@ -248,7 +248,7 @@ impl FingerLinks {
     }
 }
 
-/// A link that cannot be of a hand.
+/// A link that is implausible for a hand.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct InvalidLink {
@@ -287,7 +287,7 @@ pub struct HumanHand {
 }
 
 impl HumanHand {
-    /// Thumb to little finger.
+    /// A hand with these links, thumb to little finger.
     ///
     /// # Errors
     /// A link that is not finite or longer than 0.3 m, or a last link of no length, which has no direction.
@@ -312,7 +312,7 @@ impl HumanHand {
     /// Fingertips, thumb to little finger, from orientations that [`GloveFilter`] has filtered (Hand5 eq. 1).
     ///
     /// # Errors
-    /// For each finger: a sensor of it, or of the back of the hand, that has given no sample for too long.
+    /// For each finger: its sensor, or that of the back of the hand, that has given no sample for too long.
     pub fn fingertips(&self, state: &GloveFilterState) -> [Result<Fingertip, GloveError>; FINGERS] {
         Finger::ALL.map(|finger| self.fingertip(state, finger))
     }
@@ -339,18 +339,18 @@ impl HumanHand {
     }
 }
 
-/// Low-pass filter of the glove's orientations, each on its own: a critically damped observer of orientation
-/// and angular velocity with bandwidth `ω`, whose output is the orientation `d` before the sample, `(2ωs + ω²
-/// − dω²s)/(s + ω)²`. Steady motion passes with the delay `d` exactly. The longer the delay, the less noise:
-/// with `d = 1/ω` it is a first-order low-pass filter, with `2/ω` two of them. A sensor without sample is
-/// bridged for a time at its last angular velocity, which decays.
+/// Low-pass filter of each of the glove's orientations: a critically damped observer of orientation and
+/// angular velocity with bandwidth `ω`, whose output is the orientation `d` before the sample,
+/// `(2ωs + ω² − dω²s)/(s + ω)²`. A constant angular velocity is delayed by exactly `d`. A longer delay passes
+/// less noise: with `d = 1/ω` it is a first-order low-pass filter, with `2/ω` two of them in series. A
+/// missing sample is bridged for a limited time with the last angular velocity, which decays.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GloveFilter {
     /// `ω` [rad/s], 1 to 1000.
     pub bandwidth: f32,
     /// `d` [s], 0 to 2/ω.
     pub delay: f32,
-    /// How long a sensor is bridged [s].
+    /// Maximum time for which a sensor is bridged [s].
     pub hold: f32,
 }
 
@@ -360,11 +360,11 @@ impl GloveFilter {
     /// 5 Hz and a delay of 1/ω, 32 ms; bridges a tenth of a second.
     pub const SMOOTH: Self = Self { delay: 1.0 / Self::PROMPT.bandwidth, ..Self::PROMPT };
 
-    /// Takes the sample that comes `period` after the one before [s]. Returns the error of the first sensor
-    /// whose sample could not be used; the sensor is bridged, and all others are filtered.
+    /// Updates the state with a sample that comes `period` [s] after the previous one. Returns the error of
+    /// the first sensor whose sample could not be used; the sensor is bridged, and all others are filtered.
     ///
     /// # Errors
-    /// See above; and a period that is not within 0 to 1 s, whose sample changes nothing.
+    /// The error of a sensor, as above, or a period that is not within 0 to 1 s; the state is then unchanged.
     pub fn update(
         &self,
         state: &mut GloveFilterState,
@@ -405,7 +405,7 @@ pub struct GloveFilterState {
     sensors: [Option<Tracked>; SENSORS],
 }
 
-/// Estimate of one sensor's motion, in the frame that does not move.
+/// Estimate of one sensor's motion, in the fixed frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Tracked {
     rotation: UnitQuaternion<f32>,
@@ -413,7 +413,7 @@ struct Tracked {
     velocity: Vector3<f32>,
     /// Time since the last sample [s].
     gap: f32,
-    /// The orientation before the delay.
+    /// The output: the estimated orientation of `delay` ago.
     output: UnitQuaternion<f32>,
 }
 
@@ -422,7 +422,7 @@ impl Tracked {
         Self { rotation, velocity: Vector3::zeros(), gap: 0.0, output: rotation }
     }
 
-    /// Alpha-beta filter with a double pole at `decay`.
+    /// Updates the estimate: alpha-beta filter with a double pole at `decay`.
     fn correct(&mut self, measured: &UnitQuaternion<f32>, period: f32, decay: f32) {
         let predicted = math::rotated_by(&self.rotation, &(self.velocity * period));
         let innovation = math::rotation_between(&predicted, measured);
@@ -431,7 +431,7 @@ impl Tracked {
         self.gap = 0.0;
     }
 
-    /// False if the sensor has given no sample for longer than `hold`.
+    /// Extrapolates a missing sample. Returns `false` if there was none for longer than `hold`.
     fn bridge(&mut self, period: f32, hold: f32) -> bool {
         self.gap += period;
         self.rotation = math::rotated_by(&self.rotation, &(self.velocity * period));

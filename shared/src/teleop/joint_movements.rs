@@ -3,8 +3,8 @@ use nalgebra::{Matrix3, Vector3};
 use super::human_hand::{Finger, FingerRotations};
 use crate::math::{self, Svd};
 
-/// How the joints of a finger moved in the poses: rotation vectors from the first pose, their mean and
-/// scatter.
+/// Statistics of a finger's joint movements in the poses: sums and scatter of the rotation vectors from the
+/// first pose.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct JointMovements {
     pub first: Option<[Matrix3<f32>; 3]>,
@@ -26,14 +26,15 @@ impl JointMovements {
         }
     }
 
-    /// Principal axes of a joint's rotations, that of bending first, and standard deviation about that.
+    /// Principal axes of a joint's rotations, bending first, and the standard deviation about the bending
+    /// axis.
     fn axes(&self, joint: usize) -> ([Vector3<f32>; 2], f32) {
         let weight = self.weight.max(1.0);
         let mean = self.sum[joint] / weight;
         let covariance = self.squares[joint] / weight - mean * mean.transpose();
         let svd = Svd::new(&covariance);
         let mut bend: Vector3<f32> = svd.right.column(0).into();
-        // From the flat hand a finger bends one way.
+        // From the flat hand a finger bends in one direction only.
         if bend.dot(&mean) < 0.0 {
             bend = -bend;
         }
@@ -49,7 +50,8 @@ impl JointMovements {
         let first = self.first.unwrap_or([Matrix3::identity(); 3]);
         let [([principal, second], _), ([middle_axis, _], _), ([end_axis, _], _)] =
             [0, 1, 2].map(|joint| self.axes(joint));
-        // A finger that was spread and not bent at the palm: it would bend there as at the middle joint.
+        // If the finger was spread but not bent at the palm, it is assumed to bend there about the axis of
+        // the middle joint.
         let parallel = first[1] * middle_axis;
         let [bend_axis, spread_axis] = if math::abs(principal.dot(&parallel)) < 0.3 {
             [parallel, principal]
@@ -63,13 +65,13 @@ impl JointMovements {
     }
 }
 
-/// Angles of a finger from the flat hand [°], least, middle and largest.
+/// Angles of a finger from the flat hand [°]: minimum, middle and maximum.
 pub(super) struct JointRange {
     base: [f32; 3],
     spread: [f32; 3],
     middle: [f32; 3],
     end: [f32; 3],
-    /// Bending of the end joint with each degree of the middle one.
+    /// Bending of the end joint per bending of the middle one.
     coupling: f32,
 }
 

@@ -2,18 +2,18 @@ use nalgebra::Vector6;
 
 use crate::control::{Impedance, ImpedanceAxes};
 
-/// Bilateral control with matched impedances (Arm7 section 4, which names the idea without equations): master
-/// and slave both have the target impedance (Arm7 eq. 2) towards each other's pose, and the measured wrenches
-/// of operator `F_op` and environment `F_ext` act on both:
+/// Bilateral control with matched impedances (Arm7 section 4, which mentions the idea without equations):
+/// master and slave both have the target impedance (Arm7 eq. 2) towards each other's pose, and the measured
+/// wrenches of operator `F_op` and environment `F_ext` act on both:
 ///
 /// ```text
 /// M Ẍ_m + B Ẋ_m + K (X_m − X_s) = F_op + F_ext      M Ẍ_s + B Ẋ_s + K (X_s − X_m) = F_op + F_ext
 /// ```
 ///
 /// Without delay the difference of the poses follows `M Δ̈ + B Δ̇ + 2 K Δ = 0`, whatever the wrenches: it
-/// fades. At rest `F_op = −F_ext`, so the operator feels exactly what the slave does, and `X_m = X_s`. In
-/// motion the operator feels `M` and `B` of both ends. Nothing protects against the energy that a delayed
-/// link makes ([`super::PowerPort`] does).
+/// decays. At rest `F_op = −F_ext`, so the operator feels exactly the force on the slave, and `X_m = X_s`. In
+/// motion the operator feels `M` and `B` of both ends. The law itself does not limit the energy that a
+/// delayed link generates ([`super::PowerPort`] does).
 ///
 /// Wrenches and errors along and about the axes of the base: translation, then rotation [N, N·m; m, rad].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,8 +23,8 @@ pub struct MatchedImpedance {
 }
 
 impl MatchedImpedance {
-    /// With the impedance of both ends. `None` unless it is in the axes of the base without coupling, and has
-    /// a spring along and about each of them.
+    /// The law for this impedance of both ends. `None` unless the impedance is in the axes of the base
+    /// without coupling, with a positive stiffness along and about each of them.
     pub fn new(impedance: &Impedance) -> Option<Self> {
         let Impedance { damping, stiffness, axes: ImpedanceAxes::Base, coupling: None, .. } = *impedance
         else {
@@ -71,12 +71,12 @@ mod tests {
         [30.0, 30.0, 30.0, 0.5, 0.5, 0.5],
         [300.0, 300.0, 300.0, 16.0, 16.0, 16.0],
     );
-    /// Mass, damping, stiffness of the operator's arm; stiffness and damping of the wall; where the operator
-    /// leads.
+    /// Mass, damping, stiffness of the operator's arm; stiffness and damping of the wall; target of the
+    /// operator.
     const ALONG: [f64; 6] = [1.5, 15.0, 300.0, 2000.0, 20.0, 0.05];
     const ABOUT: [f64; 6] = [0.004, 0.1, 3.0, 20.0, 0.1, 0.2];
 
-    /// Both ends in small steps, along z (2) or about it (5): row by row, master, slave, operator, wall.
+    /// Simulates both ends in small steps, along z (2) or about it (5). Rows: master, slave, operator, wall.
     #[expect(clippy::cast_possible_truncation, reason = "the law works in single precision")]
     fn simulate(
         axis: usize,

@@ -28,7 +28,7 @@
 //! [`Retargeting`] maps an operator's fingertips to a robot hand (Hand5).
 //!
 //! With force feedback, a [`PowerPort`] at each end keeps the link passive. [`MatchedImpedance`] is the
-//! bilateral control that the paper announces.
+//! bilateral control that the paper proposes as future work.
 //!
 //! # The operator's fingers
 //!
@@ -45,12 +45,12 @@
 //! ```
 //! use tesaki::teleop::{Follower, FollowerSettings, FollowerState, Instant, MasterSample};
 //! let follower = Follower::try_new(FollowerSettings::HUMAN)?;
-//! // The tool stands in the origin.
+//! // The tool rests at the origin.
 //! let mut state = FollowerState::at([0.0; 3], [0.0, 0.0, 0.0, 1.0], 0.0);
 //! let mut point = None;
 //! for millisecond in 0..2000 {
 //!     let now = Instant(1000 * millisecond);
-//!     // A hand at x = 0.5 m, from 1 s on at 0.1 m/s; 240 samples a second come 20 ms late.
+//!     // A hand at x = 0.5 m, from 1 s on at 0.1 m/s; 250 samples per second arrive 20 ms late.
 //!     if millisecond % 4 == 0 && millisecond >= 20 {
 //!         let time = 1e-3 * (millisecond as f32 - 20.0);
 //!         let position = [0.5 + 0.1 * (time - 1.0).max(0.0), 0.0, 0.0];
@@ -65,7 +65,7 @@
 //!         point = Some(follower.tick(&mut state, now).0);
 //!     }
 //! }
-//! // At 1.99 s the hand went 99 mm.
+//! // By 1.99 s the hand has moved 99 mm.
 //! assert!((point.unwrap().position[0] - 0.099).abs() < 1e-4);
 //! # Ok::<(), Box<dyn core::error::Error>>(())
 //! ```

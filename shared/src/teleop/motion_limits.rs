@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::follower::Setting;
 use crate::{TICK, math};
 
-/// Bandwidth of the set-point's tracking loop [rad/s], close to the limit of the control period; a lower one
+/// Bandwidth of the set-point's tracking loop [rad/s], close to the limit of the control period. A lower one
 /// adds delay to that of the link.
 const BANDWIDTH: f32 = 120.0;
 
@@ -76,7 +76,7 @@ mod tests {
 
     const LIMITS: MotionLimits = MotionLimits { speed: 1.0, acceleration: 8.0 };
 
-    /// From rest to a target at rest: settling time to 0.1 % and relative overshoot.
+    /// Step response from rest to a target at rest: settling time to 0.1 % and relative overshoot.
     fn step_response(distance: f32) -> (f32, f32) {
         let (mut position, mut velocity, mut overshoot, mut time) = (0.0, 0.0, 0.0_f32, None);
         for tick in 0..400_u16 {
@@ -101,7 +101,8 @@ mod tests {
 
     #[test]
     fn the_target_is_reached_within_the_limits_and_without_overshoot() {
-        // Half a metre: 0.13 s to reach 1 m/s, 0.31 s at that, 0.25 s to brake with half of 8 m/s²: 0.69 s.
+        // Half a metre: 0.13 s to reach 1 m/s, 0.31 s at that speed, 0.25 s to brake with half of 8 m/s²:
+        // 0.69 s.
         let (time, overshoot) = step_response(0.5);
         assert!((0.62..0.72).contains(&time) && overshoot < 2e-3, "{time} {overshoot}");
         let (time, overshoot) = step_response(1e-5);

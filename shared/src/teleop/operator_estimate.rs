@@ -15,7 +15,7 @@ const TREMOR_BANDWIDTH: f32 = 3.0;
 const INITIAL_VARIANCES: [f32; ORDER] = [1e-6, 1e-2, 1.0, 100.0];
 /// Position and three derivatives.
 const ORDER: usize = 4;
-/// With the tremor and its quadrature.
+/// Number of states, with the tremor and its quadrature.
 const SIZE: usize = ORDER + 2;
 const FACTORIALS: [f32; ORDER] = [1.0, 1.0, 2.0, 6.0];
 const INTEGERS: [f32; 2 * ORDER - 1] = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
@@ -28,10 +28,10 @@ const REST_TIME: f32 = 0.08;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct OperatorModel {
-    /// Diffusion of the jerk: its standard deviation after one second [m/s³, rad/s³]; after `t` it is `√t` of
-    /// it. A larger one detects a new motion sooner and follows more of the tremor. 0.01 to 10⁴.
+    /// Diffusion of the jerk: its standard deviation after one second [m/s³, rad/s³]; after `t` seconds it is
+    /// `√t` times that. A larger one detects a new motion sooner and follows more of the tremor. 0.01 to 10⁴.
     pub jerk_diffusion: f32,
-    /// Root mean square of the tremor [m, rad]; rather too large than too small. 10⁻⁶ to 0.1.
+    /// Root mean square of the tremor [m, rad]; better too large than too small. 10⁻⁶ to 0.1.
     pub tremor: f32,
     /// Standard deviation of a sample [m, rad]: 10⁻⁶ to 0.1.
     pub noise: f32,

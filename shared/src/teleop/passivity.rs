@@ -20,8 +20,8 @@ const MICRO: f32 = 1e-6;
 ///
 /// Under zero-order hold the work over a control period is exactly force times displacement. Each end counts
 /// the energy that enters ([`PowerPort::energy_in`], sent to the other end with the force or position) and
-/// the energy that leaves. The count of the other end arrives late and therefore never too large, so limiting
-/// the output to it keeps the link passive for any delay.
+/// the energy that leaves. The count of the other end arrives late and is therefore never too large, so
+/// limiting the output to it keeps the link passive for any delay.
 ///
 /// The counts are integers in microjoules: an `f32` at 16 kJ has a resolution of a millijoule only.
 ///
@@ -46,34 +46,34 @@ pub struct PowerPort {
 /// Limits of the passivity controller.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PowerPortLimits {
-    /// Maximum damping at the master [N·s/m]; less than the mass of handle and hand over the control period,
-    /// for stability.
+    /// Maximum damping at the master [N·s/m]. For stability it must be less than the mass of handle and hand
+    /// over the control period.
     pub max_damping: f32,
-    /// Damping at the master while the link exerts a force there, whatever the energies [N·s/m]: 0 to
-    /// `max_damping`. Without it a handle on a late spring swings until the reserve is used up;
-    /// [`PowerPortLimits::calm`] says how much a link needs.
+    /// Damping at the master while the link exerts a force there, independent of the energies [N·s/m]: 0 to
+    /// `max_damping`. Without it a handle on a delayed spring oscillates until the reserve is used up;
+    /// [`PowerPortLimits::calm`] computes the required damping.
     pub contact_damping: f32,
-    /// Energy that may leave before any entered [J]: lets the slave begin to compress a spring.
+    /// Energy that may leave before any has entered [J]: allows the slave to begin to compress a spring.
     pub energy_reserve: f32,
 }
 
-/// Why the passivity controller is not good for a link.
+/// Why the passivity controller is unsuitable for a link.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum UnsuitableLink {
     /// The damping would destabilise the handle [N·s/m].
     Damping {
         /// Maximum damping.
         value: f32,
-        /// It must stay below this.
+        /// Exclusive upper bound.
         limit: f32,
     },
-    /// The link takes too long there and back [s].
+    /// The round-trip delay of the link is too long [s].
     Delay {
         /// Delay of both directions together.
         round_trip: f32,
-        /// The largest that the damping is good for.
+        /// Maximum round-trip delay for the damping.
         limit: f32,
-        /// The largest stiffness that the damping is good for with this delay [N/m].
+        /// Maximum stiffness for the damping and this delay [N/m].
         stiffness: f32,
     },
     /// A value is negative, zero where it must not be, or not finite.
@@ -108,18 +108,18 @@ impl fmt::Display for UnsuitableLink {
 }
 
 impl PowerPortLimits {
-    /// Checks that the damping at the master can dissipate what the link makes, for a handle with the hand's
-    /// `mass` [kg] and a damping of its own [N·s/m], 0 for a bare one, a slave whose set-point pulls with
-    /// `stiffness` K [N/m], and a delay of both directions together of `round_trip` τ [s].
+    /// Checks that the damping at the master can dissipate the energy that the link generates, for a handle
+    /// with the hand's `mass` [kg] and its own damping [N·s/m], 0 for none, a slave whose set-point pulls
+    /// with `stiffness` K [N/m], and a round-trip delay `round_trip` τ [s].
     ///
-    /// At the handle the link is a spring that is felt τ + T/2 later, half a control period T for the hold.
-    /// With the damping b, of port and handle together, its impedance has the real part `b − K·sin(ω(τ +
-    /// T/2))/ω`, which no frequency makes negative when `b ≥ K·(τ + T/2)` (without delay: Colgate and
-    /// Schenkel 1997). Beyond it the port still counts what it cannot dissipate, but the handle may
-    /// oscillate.
+    /// At the handle the link acts as a spring with the delay τ + T/2, where T/2, half a control period, is
+    /// due to the zero-order hold. With the damping b of port and handle together, its impedance has the real
+    /// part `b − K·sin(ω(τ + T/2))/ω`, which is not negative at any frequency if `b ≥ K·(τ + T/2)` (without
+    /// delay: Colgate and Schenkel 1997). Otherwise the port still counts the energy that it cannot
+    /// dissipate, but the handle may oscillate.
     ///
     /// # Errors
-    /// The value that is out of bounds, and the one that would do.
+    /// The value that is out of bounds, and the permitted one.
     pub fn check_link(
         &self,
         [mass, own_damping]: [f32; 2],
@@ -145,10 +145,9 @@ impl PowerPortLimits {
         Ok(())
     }
 
-    /// The same limits with the `contact_damping` with which a handle in contact comes to rest by itself:
-    /// `K·(τ + T/2)` less `own_damping`, its own [N·s/m], 0 for a bare one; `stiffness` K [N/m] and
-    /// `round_trip` τ [s] as in [`PowerPortLimits::check_link`], whose condition it is. At least 0, at most
-    /// `max_damping`.
+    /// Sets `contact_damping` so that a handle in contact comes to rest by itself, by the condition of
+    /// [`PowerPortLimits::check_link`]: `K·(τ + T/2)` minus the handle's `own_damping` [N·s/m], 0 for none,
+    /// with `stiffness` K [N/m] and `round_trip` τ [s]; at least 0, at most `max_damping`.
     #[must_use]
     pub const fn calm(self, own_damping: f32, stiffness: f32, round_trip: f32) -> Self {
         let damping = stiffness * (round_trip + 0.5 * TICK) - own_damping;
@@ -157,7 +156,7 @@ impl PowerPortLimits {
 }
 
 impl PowerPort {
-    /// No energy has passed yet.
+    /// A port through which no energy has passed yet.
     pub const fn new() -> Self {
         Self { energy_in: 0, energy_out: 0, dissipated: 0, uncounted_output: 0.0, uncounted_damping: 0.0 }
     }
@@ -199,9 +198,9 @@ impl PowerPort {
         (self.dissipated, self.uncounted_damping) = (self.dissipated.saturating_add(counted), rest);
     }
 
-    /// Damping force [N] to add to `force` at the master, whose handle moves with `velocity` [m/s]: what
-    /// dissipates the energy that has left in excess, and at least the `contact_damping` where there is a
-    /// force. `received` is the last known input at the other end [µJ].
+    /// Damping force [N] to add to `force` at the master, whose handle moves with `velocity` [m/s]. It
+    /// dissipates the excess of the energy that has left, with at least the `contact_damping` where there is
+    /// a force. `received` is the last known input at the other end [µJ].
     pub fn damping_force(
         &self,
         limits: &PowerPortLimits,

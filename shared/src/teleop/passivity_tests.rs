@@ -58,9 +58,9 @@ fn the_ports_make_a_delayed_spring_passive() {
     assert!(with < 0.03, "{with}");
 }
 
-/// Whether a handle of 100 kg on a spring of 1500 N/m, felt `round_trip` [s] later and held for a control
-/// period, comes to rest under a damping of 100 N·s/m: the true motion in steps of 0.1 ms. A heavy handle
-/// swings slowly, where the condition is sharp.
+/// Whether a handle of 100 kg on a spring of 1500 N/m, with the delay `round_trip` [s] and a zero-order hold,
+/// comes to rest under a damping of 100 N·s/m. Simulated in steps of 0.1 ms. A heavy handle oscillates
+/// slowly, where the condition is sharp.
 fn comes_to_rest(round_trip: f64) -> bool {
     const STEP: f64 = 1e-4;
     let (mass, stiffness, damping) = (100.0, 1500.0, 100.0);
@@ -80,7 +80,7 @@ fn comes_to_rest(round_trip: f64) -> bool {
 #[test]
 fn a_link_with_more_delay_than_the_damping_is_good_for_is_refused_with_the_one_that_would_do() {
     let limits = PowerPortLimits { max_damping: 100.0, contact_damping: 0.0, energy_reserve: 0.02 };
-    // 100/300 s less 5 ms: both directions of 160 ms, and not of 170.
+    // 100/300 s less 5 ms: 160 ms in each direction, but not 170 ms.
     assert_eq!(limits.check_link([1.5, 0.0], 300.0, 0.32), Ok(()));
     let UnsuitableLink::Delay { limit, stiffness, .. } =
         limits.check_link([1.5, 0.0], 300.0, 0.34).unwrap_err()
@@ -89,7 +89,7 @@ fn a_link_with_more_delay_than_the_damping_is_good_for_is_refused_with_the_one_t
     };
     assert!((limit - 0.328_333).abs() < 1e-5 && (stiffness - 289.855).abs() < 1e-2, "{limit} {stiffness}");
     assert_eq!(limits.check_link([1.5, 0.0], stiffness * 0.9999, 0.34), Ok(()));
-    // 20 N·s/m of its own: 120/300 s less 5 ms.
+    // With 20 N·s/m of its own: 120/300 s less 5 ms.
     assert_eq!(limits.check_link([1.5, 20.0], 300.0, 0.39), Ok(()));
     assert!(limits.check_link([1.5, 20.0], 300.0, 0.4).is_err());
     let told = limits.check_link([1.5, 0.0], 300.0, 0.34).unwrap_err().to_string();
@@ -109,9 +109,9 @@ fn the_condition_separates_handles_that_rest_from_those_that_swing() {
     assert!(comes_to_rest(0.055) && !comes_to_rest(0.068));
 }
 
-/// How far a handle still swings [m], two to three seconds after a person (1.5 kg, 15 N·s/m, 300 N/m) has
-/// pressed it 3 cm into a spring of 300 N/m that is felt 100 ms later, over ports with a reserve of 20
-/// mJ. The spring's end always has the energy: only the handle's end limits.
+/// Residual amplitude of a handle [m], two to three seconds after a person (1.5 kg, 15 N·s/m, 300 N/m) has
+/// pressed it 3 cm into a spring of 300 N/m with a delay of 100 ms, over ports with a reserve of 20 mJ. The
+/// port at the spring always has enough energy: only the port at the handle limits.
 fn swings_in_contact(limits: &PowerPortLimits) -> f32 {
     let still = Vector3::zeros();
     let [mut master, mut slave] = [PowerPort::new(); 2];
@@ -144,8 +144,7 @@ fn swings_in_contact(limits: &PowerPortLimits) -> f32 {
 #[test]
 fn a_handle_in_contact_comes_to_rest_before_the_reserve_is_used_up() {
     let reserve = PowerPortLimits { max_damping: 100.0, contact_damping: 0.0, energy_reserve: 0.02 };
-    // 300 N/m times 105 ms, less its own 15 N·s/m; none for a handle with more, and no more than the
-    // limit.
+    // 300 N/m times 105 ms, less its own 15 N·s/m; 0 for a handle with more damping, and at most the limit.
     let calm = reserve.calm(15.0, 300.0, 0.1);
     assert!((calm.contact_damping - 16.5).abs() < 1e-4, "{calm:?}");
     assert!(reserve.calm(60.0, 300.0, 0.1).contact_damping.abs() < f32::EPSILON);
@@ -200,7 +199,7 @@ fn a_millijoule_counts_after_megajoules() {
     assert!((damped - 1_100_000).abs() < 100, "{damped}");
 }
 
-/// Numbers from 0 to 1.
+/// Random numbers from 0 to 1.
 struct Draws(u64);
 
 impl Draws {
@@ -237,15 +236,15 @@ impl<M: Copy> Line<M> {
     }
 }
 
-/// A person presses the slave's spring against a wall and withdraws, again and again, over a link with 20
-/// % loss. On every sample the energy that has left at the slave is at most what had entered at the
-/// master, and the reserve.
+/// A person repeatedly presses the slave's spring against a wall and withdraws, over a link with 20 % loss.
+/// In every sample the energy that has left at the slave is at most the energy that had entered at the master
+/// plus the reserve.
 fn press(seed: u64) {
     let mut draws = Draws(seed);
     // With and without damping in contact.
     let contact_damping = 100.0 * draws.next() * ((seed % 2) as f32);
     let limits = PowerPortLimits { max_damping: 100.0, contact_damping, energy_reserve: 0.02 };
-    // 50 to 50 000 N/m, evenly in the logarithm.
+    // 50 to 50 000 N/m, logarithmically uniform.
     let wall = 50.0 * math::exp(6.907_755 * draws.next());
     let mut forward = Line::random(&mut draws);
     let mut back = Line::random(&mut draws);
@@ -261,7 +260,7 @@ fn press(seed: u64) {
     let (mut entered, mut left) = (0.0_f64, 0.0_f64);
     for tick in 0..2000 {
         forward.pass(&mut draws, tick, (position, master.energy_in()), |(pose, energy)| {
-            // The last pose to come; the largest energy.
+            // The last pose to arrive; the largest energy.
             target = pose;
             from_master = from_master.max(energy);
         });

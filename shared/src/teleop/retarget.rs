@@ -1,18 +1,18 @@
 //! Retargeting of an operator's fingertips to a robot hand (Hand5 sections 2.2 and 2.3).
 //!
-//! All positions are in the frame of the hand (at the wrist), which is the same for operator and robot;
-//! bringing the wrist to its pose is the arm's work. In this order:
+//! All positions are in the frame of the hand (at the wrist), which is the same for operator and robot; the
+//! arm positions the wrist. In this order:
 //!
-//! 1. the thumb's tip goes to the operator's, shifted by `d_ini = p_robot,ini − p_human,ini`, so that a hand
+//! 1. the thumb's tip follows the operator's, shifted by `d_ini = p_robot,ini − p_human,ini`, so that a hand
 //!    of another size keeps its range;
-//! 2. the vectors from the thumb's tip *where it is* to the other fingertips become the operator's: the least
-//!    weighted sum of squared deviations within the limits of the joints.
+//! 2. the vectors from the *actual* tip of the thumb to the other fingertips follow the operator's: weighted
+//!    least squares within the limits of the joints.
 //!
-//! **Precision pinch.** Where operator's thumb and finger come close, exact vectors matter more than anything
-//! else. Below the gap `far` the error of the finger counts relative to the gap, so that the finger that
-//! touches decides about the joint that the fingers share. From there to the gap `near` the distance between
-//! the tips becomes that of the robot's surfaces, and the thumb yields when the finger cannot reach it, both
-//! with the smooth step `β = 3x² − 2x³` of the gap, so that no target jumps.
+//! **Precision pinch.** Where the operator's thumb and a finger come close, exact vectors have priority.
+//! Below the gap `far` the error of the finger is weighted relative to the gap, so that the pinching finger
+//! determines the joint that the fingers share. From `far` to `near` the distance between the tips is blended
+//! to that of the robot's surfaces, and the thumb yields if the finger cannot reach it. Both use the smooth
+//! step `β = 3x² − 2x³` of the gap, so that no target jumps.
 
 use core::fmt;
 
@@ -25,17 +25,17 @@ use crate::kinematics::{Angles, FingertipTarget, FingertipTargets, Hand, HandOpt
 use crate::math::{self, abs};
 use crate::model::MAX_JOINTS;
 
-/// Added to the gap between thumb and finger in the weight of the finger, which bounds it [m].
+/// Added to the gap between thumb and finger in the weight of the finger, to bound the weight [m].
 const SMALLEST_GAP: f32 = 5e-4;
 /// Maximum number of times that the thumb yields in a frame.
 const MAX_YIELDS: u8 = 8;
 /// Maximum iterations of the inverse kinematics after the thumb has yielded, which is a small step.
 const YIELD_ITERATIONS: u8 = 3;
-/// [`RetargetState::budget`] of a state that shall fit into a control period.
+/// [`RetargetState::budget`] with which a frame fits into a control period.
 const NEARBY_BUDGET: u16 = 28;
-/// The thumb yields again only if so many evaluations are left.
+/// The thumb yields again only if at least this number of evaluations is left.
 const YIELD_EVALUATIONS: u16 = 10;
-/// The thumb yields to a pinching finger that misses it by more [m].
+/// The thumb yields to a pinching finger that misses it by more than this [m].
 const YIELD_ERROR: f32 = 5e-5;
 /// Maximum coordinate of an operator's fingertip [m].
 const MAX_COORDINATE: f32 = 1.0;
@@ -43,38 +43,38 @@ const MAX_COORDINATE: f32 = 1.0;
 /// The operator's fingertips, thumb to little finger, in the frame of the hand.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct OperatorFingertips {
-    /// Positions [m]; `None` for a tip that is not known now.
+    /// Positions [m]; `None` for a tip that is currently unknown.
     pub positions: [Option<Vector3<f32>>; MAX_FINGERS],
     /// Directions in which the tips point, unit vectors.
     pub directions: [Option<Vector3<f32>>; MAX_FINGERS],
 }
 
-/// A fingertip of the operator that is not a number, more than 1 m from the wrist, or whose direction is no
-/// unit vector. The state is unchanged.
+/// A fingertip of the operator that is not finite or more than 1 m from the wrist, or whose direction is not
+/// a unit vector. The state is unchanged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InvalidFingertip {
     /// The operator's finger: 0 is the thumb.
     pub finger: u8,
 }
 
-/// What a frame of retargeting achieved.
+/// Result of a frame of retargeting.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RetargetReport {
-    /// Target minus tip for the thumb, target minus vector from the thumb's tip for each other finger, at the
-    /// angles that are put out [m]; 0 for fingers without target.
+    /// Errors at the output angles [m]: target minus tip for the thumb, target minus vector from the thumb's
+    /// tip for each other finger; 0 for fingers without target.
     pub errors: [Vector3<f32>; MAX_FINGERS],
     /// Bit `i`: finger `i` has a target and does not reproduce it within the tolerance.
     pub missed: u8,
     /// Bit `i`: the speed limit holds back actuated joint `i`.
     pub limited: u16,
-    /// How far the thumb yielded to a finger that pinches [m].
+    /// Distance by which the thumb yielded to a pinching finger [m].
     pub yielded: f32,
     /// Number of evaluations of a finger's kinematics.
     pub evaluations: u16,
 }
 
 impl RetargetReport {
-    /// How far a finger is from its target [m].
+    /// Distance of a finger from its target [m].
     pub fn distance(&self, finger: usize) -> f32 {
         self.errors.get(finger).map_or(0.0, |error| math::sqrt(error.norm_squared()))
     }
@@ -85,15 +85,16 @@ impl RetargetReport {
 pub struct RetargetState {
     /// Solution of the last frame [rad]: the next search starts there.
     solution: [f32; MAX_JOINTS],
-    /// Angles put out last [rad].
+    /// Last output angles [rad].
     output: [f32; MAX_JOINTS],
     /// `d_ini` [m].
     offset: [f32; 3],
-    /// The operator's thumb when it was last known [m].
+    /// Last known position of the operator's thumb [m].
     thumb: Option<[f32; 3]>,
-    /// Whether a frame has passed, or none shall search from more than one start as the first one does.
+    /// Whether the multi-start search of the first frame is done, or is skipped.
     begun: bool,
-    /// Evaluations of a finger's kinematics after which the search ends in a frame: the next one continues.
+    /// Maximum number of evaluations of a finger's kinematics in a frame; the next frame continues the
+    /// search.
     budget: u16,
 }
 
@@ -119,7 +120,7 @@ pub struct Retargeting<'a> {
 struct Vector {
     /// From the thumb's tip to the finger's [m].
     vector: Vector3<f32>,
-    /// How much it pinches, 0 to 1.
+    /// Degree of pinch, 0 to 1.
     pinch: f32,
     weight: f32,
     direction: Option<Vector3<f32>>,
@@ -150,14 +151,14 @@ impl Retargeting<'_> {
         }
     }
 
-    /// As [`begin`](Self::begin), but for a control period: no frame searches beyond the nearest solution,
-    /// and each ends after a number of evaluations, from where the next one continues.
+    /// As [`begin`](Self::begin), but for use within a control period: only the nearest solution is searched,
+    /// and each frame ends after a number of evaluations; the next one continues.
     pub fn begin_nearby(&self, angles: &Angles, offset: &Vector3<f32>) -> RetargetState {
         RetargetState { begun: true, budget: NEARBY_BUDGET, ..self.begin(angles, offset) }
     }
 
-    /// Moves the hand to the operator's fingertips as far as limits and `period` [s] allow. A finger whose
-    /// tip is not known keeps its own joints.
+    /// Moves the hand towards the operator's fingertips as far as the limits allow within `period` [s]. A
+    /// finger whose tip is unknown keeps the joints that it does not share.
     ///
     /// # Errors
     /// A fingertip is invalid.
@@ -182,11 +183,12 @@ impl Retargeting<'_> {
                 options.iterations = YIELD_ITERATIONS;
             }
             let left = state.budget.saturating_sub(report.evaluations);
-            // The fingers need more: there are four of them. (3/8 of `left`, which may be `u16::MAX`.)
+            // The four fingers need more than the thumb, which gets 3/8 of `left` (computed without
+            // overflow).
             options.evaluations = left / 8 * 3 + left % 8 * 3 / 8;
             let yielded = self.solve_thumb(state, thumb_target, operator, &options, &mut report);
             report.yielded = wish.map_or(0.0, |wish| math::sqrt((wish - yielded).norm_squared()));
-            // The vectors begin where the thumb will be.
+            // The vectors start at the next position of the thumb.
             state.output = before;
             report.limited = 0;
             self.limit_speed(state, 0..1, period, &mut report);
@@ -195,14 +197,14 @@ impl Retargeting<'_> {
             options.evaluations = state.budget.saturating_sub(report.evaluations);
             let missed = self.solve_fingers(state, &thumb, &vectors, &options, &mut report);
             state.begun |= given;
-            // The thumb yields to where the pinching fingers need it, as far as there is time.
+            // The thumb yields towards the pinching fingers, while evaluations are left.
             let enough = round == MAX_YIELDS
                 || report.limited != 0
                 || report.evaluations.saturating_add(YIELD_EVALUATIONS) > state.budget;
             if enough || math::sqrt(missed.norm_squared()) < YIELD_ERROR {
                 break;
             }
-            // Added up, so that a thumb at the limit of its reach slides along it.
+            // Accumulated, so that a thumb at the limit of its reach slides along it.
             thumb_target = thumb_target.map(|target| target - missed);
         }
         self.limit_speed(state, 1..self.hand.len(), period, &mut report);
@@ -221,7 +223,7 @@ impl Retargeting<'_> {
         self.hand.tip(finger, &Angles::from(*angles)).map_or_else(Vector3::zeros, |(tip, _)| tip)
     }
 
-    /// The vectors from the thumb's tip to the fingertips that the robot shall have.
+    /// Targets of the robot's fingers: vectors from the thumb's tip.
     fn vectors(
         &self,
         thumb: Option<Vector3<f32>>,
@@ -235,7 +237,8 @@ impl Retargeting<'_> {
             let between = position - thumb?;
             let length = math::sqrt(between.norm_squared());
             let gap = math::clamp(length - operator_contact, 0.0, far);
-            // Errors count relative to the gap: millimetres matter where the tips are millimetres apart.
+            // Errors are weighted relative to the gap: millimetres matter where the tips are millimetres
+            // apart.
             let ratio = (far + SMALLEST_GAP) / (gap + SMALLEST_GAP);
             let x = math::clamp((far - gap) / (far - near), 0.0, 1.0);
             let pinch = x * x * (3.0 - 2.0 * x);
@@ -256,7 +259,7 @@ impl Retargeting<'_> {
         )
     }
 
-    /// Solves the thumb for its target. Returns where its tip is [m].
+    /// Solves the thumb for its target. Returns the position of its tip [m].
     fn solve_thumb(
         &self,
         state: &mut RetargetState,
@@ -272,8 +275,8 @@ impl Retargeting<'_> {
         position - self.solve(state, &targets, options, report)[0]
     }
 
-    /// Solves the fingers for their vectors from `thumb` and reports their errors. Returns how far the
-    /// pinching ones miss it, as weighted mean [m].
+    /// Solves the fingers for their vectors from `thumb` and reports their errors. Returns the weighted mean
+    /// error of the pinching ones [m].
     fn solve_fingers(
         &self,
         state: &mut RetargetState,
@@ -324,7 +327,7 @@ impl Retargeting<'_> {
         period: f32,
         report: &mut RetargetReport,
     ) {
-        // The joint that fingers share is met in each of them and moves once.
+        // The shared joint occurs in several fingers, but moves once.
         let mut moved = 0_u16;
         for &joint in fingers.flat_map(|finger| self.hand.actuated(finger)) {
             let (index, bit) = (usize::from(joint), 1 << joint);
@@ -347,7 +350,8 @@ impl Retargeting<'_> {
         }
     }
 
-    /// The errors of the fingers at angles that are not the solution because limits of speed hold them back.
+    /// Computes the errors of the fingers at output angles that differ from the solution because of speed
+    /// limits.
     fn measure(
         &self,
         state: &RetargetState,

@@ -17,21 +17,21 @@ pub struct RetargetSettings {
     pub follows: [u8; MAX_FINGERS],
     /// Weight of each finger's vector, 0.001 to 1000; that of the thumb has no effect.
     pub weights: [f32; MAX_FINGERS],
-    /// Length on the robot over length on the operator's hand, 0.1 to 10; 1 in the paper.
+    /// Scale from the operator's hand to the robot's, 0.1 to 10; 1 in the paper.
     pub scale: f32,
     /// Gap between the operator's thumb and a fingertip below which precision pinch has full priority [m].
     pub near: f32,
-    /// Gap above which it has none [m].
+    /// Gap above which precision pinch has no priority [m].
     pub far: f32,
-    /// Distance of the measured points in the operator's thumb and fingertips when these touch [m].
+    /// Distance between the measured points of the operator's thumb and fingertip when these touch [m].
     pub operator_contact: f32,
-    /// Distance of the tips of the hand when their surfaces touch: twice their radius [m].
+    /// Distance between the centres of the robot's tips when their surfaces touch: twice their radius [m].
     pub robot_contact: f32,
     /// Maximum speed of each actuated joint [rad/s], 0.001 to 1000.
     pub speeds: [f32; MAX_JOINTS],
-    /// A fingertip farther from its target is reported as not reproduced [m].
+    /// Maximum distance of a fingertip from its target; a larger one is reported as missed [m].
     pub tolerance: f32,
-    /// Whether directions of fingertips are followed where the positions leave them free.
+    /// Whether the directions of fingertips are followed as far as their positions leave them free.
     pub directions: bool,
 }
 

@@ -39,7 +39,7 @@ fn tip(angles: &Angles, finger: usize) -> Vector3<f32> {
     hand5().tip(finger, angles).unwrap().0
 }
 
-/// A posture in which the fingers oppose the thumb, as a hand that works.
+/// A working posture, in which the fingers oppose the thumb.
 fn opposed(rng: &mut Rng) -> Angles {
     let mut angles = random_angles(rng);
     let mut set = |joint: usize, lower: f32, upper: f32| {
@@ -92,13 +92,13 @@ fn the_initial_offset_shifts_the_thumb_and_leaves_the_vectors() {
     retargeting.update(&mut state, &tips, PERIOD).unwrap();
     assert!((tip(&state.angles(), 0) - tip(&robot, 0) - step).norm() < 5e-5);
     assert!((tip(&state.angles(), 1) - tip(&robot, 1)).norm() < 1e-4);
-    // Fingers that are not known keep their joints, but for the one that all share.
+    // Unknown fingers keep their joints, except for the one that all share.
     assert!(
         (8..16).filter(|&joint| joint > 8).all(|joint| (state.angles()[joint] - robot[joint]).abs() < 1e-9)
     );
 }
 
-/// From one random posture to the next within half a second each, 100 frames a second.
+/// Moves from one random posture to the next within half a second, at 100 frames per second.
 fn path(rng: &mut Rng, frames: u16) -> Vec<Angles> {
     let (mut from, mut to) = (random_angles(rng), random_angles(rng));
     let at = |frame: u16| {
@@ -113,7 +113,7 @@ fn path(rng: &mut Rng, frames: u16) -> Vec<Angles> {
 
 #[test]
 fn frames_of_a_control_period_end_in_time_and_lose_no_accuracy() {
-    // Directions take evaluations from the positions where a finger passes its stretched posture.
+    // Where a finger passes its stretched posture, directions use up evaluations that the positions need.
     for (directions, at_reach) in [(false, 2), (true, 15)] {
         let retargeting = retargeting(RetargetSettings { directions, ..FREE });
         let mut rng = Rng::new(37, 0);
@@ -124,7 +124,7 @@ fn frames_of_a_control_period_end_in_time_and_lose_no_accuracy() {
             let mut missed = 0;
             for angles in &path {
                 let report = retargeting.update(&mut state, &operator(angles, size), PERIOD).unwrap();
-                // The first evaluation of each finger takes place in any case.
+                // Each finger is evaluated at least once.
                 assert!(report.evaluations <= 33, "{report:?}");
                 missed += u32::from(report.missed != 0);
             }
@@ -157,7 +157,7 @@ fn a_precision_pinch_stays_closed_whatever_the_other_fingers_do() {
     for round in 0..500 {
         let finger = 1;
         let mut tips = operator(&pinching(&mut rng, finger), 1.0);
-        // The other fingers do something else, some of it out of reach.
+        // The other fingers have other targets, some of them out of reach.
         let others = operator(&opposed(&mut rng), 1.1);
         for other in (1..5).filter(|&other| other != finger) {
             tips.positions[other] = others.positions[other];
@@ -226,8 +226,8 @@ fn a_closing_pinch_moves_the_joints_without_jumps() {
             retargeting.update(&mut state, &tips, PERIOD).unwrap();
             if let Some(before) = before {
                 let step = (state.angles() - before).amax();
-                // The tip moves by 1 mm a frame; a finger that is nearly stretched, or whose
-                // thumb yields, needs most for it.
+                // The tip moves by 1 mm per frame. A finger that is nearly stretched, or whose thumb yields,
+                // needs the largest joint motion for it.
                 assert!(step < 0.6, "frame {frame}: {step} rad");
             }
             before = Some(state.angles());
@@ -290,7 +290,7 @@ fn bad_input_is_refused_by_name_and_changes_nothing() {
     tips.directions[1] = Some(Vector3::zeros());
     assert_eq!(retargeting.update(&mut state, &tips, PERIOD), Err(InvalidFingertip { finger: 1 }));
     assert_eq!(state, before);
-    // Nothing known: nothing moves.
+    // If nothing is known, nothing moves.
     retargeting.update(&mut state, &OperatorFingertips::default(), PERIOD).unwrap();
     assert_eq!(state.angles(), before.angles());
 
@@ -301,6 +301,6 @@ fn bad_input_is_refused_by_name_and_changes_nothing() {
         RetargetField::Weights
     );
     assert_eq!(refused(RetargetSettings { scale: f32::NAN, ..FREE }), RetargetField::Scale);
-    // 20 mm of difference cannot be made up within 20 mm of approach without turning back.
+    // A difference of 20 mm cannot be blended within 20 mm of approach without a reversal.
     assert_eq!(refused(RetargetSettings { robot_contact: 0.02, ..FREE }), RetargetField::Far);
 }

@@ -7,7 +7,7 @@ use super::*;
 use crate::kinematics::PosePoint;
 use crate::{TICK, math};
 
-/// Time [µs] and place [m] of each sample; place, velocity and acceleration 25 ms later
+/// Time [µs] and position [m] of each sample; position, velocity and acceleration 25 ms later
 /// (`tests/oracles/hand_estimate.py`).
 const ESTIMATE: &[(u32, f64, [f64; 3])] = include!("../../../tests/oracles/data/hand_estimate.in");
 
@@ -80,7 +80,8 @@ impl Run {
         self.follower.close_clutch(&mut self.state, now)
     }
 
-    /// Until a time [s]; the hand as a function of time, and whether its sample of that time arrives.
+    /// Runs until a time [s], with the hand as a function of time, and whether its sample of that time
+    /// arrives.
     fn until(&mut self, end: f32, hand: &dyn Fn(f32) -> Pose, arrives: &dyn Fn(f32) -> bool) {
         while (self.now as f32) < end * 1e6 {
             self.now += 2000;
@@ -135,7 +136,7 @@ fn always(_: f32) -> bool {
     true
 }
 
-/// With the clutch closed at 0.5 s.
+/// A run with the clutch closed at 0.5 s.
 fn following() -> Run {
     let mut run = Run::new();
     run.until(0.5, &resting, &always);
@@ -450,7 +451,7 @@ fn settings_and_samples_outside_their_limits_are_refused() {
     assert_eq!(twisted, FollowerError::Angle { value: 1e38, limit: 100.0 });
 }
 
-/// A hand that goes 0.4 m beyond a border and returns, while it moves along the border.
+/// A hand that moves 0.4 m beyond a border and returns, while it also moves along the border.
 #[test]
 fn the_set_point_stays_in_the_workspace_and_follows_along_its_border() {
     let workspace = Workspace { lower: [-1.0; 3], upper: [0.1, 1.0, 1.0] };
@@ -485,7 +486,7 @@ fn the_set_point_stays_in_the_workspace_and_follows_along_its_border() {
     // It has not slipped along x.
     assert!(point.position[0].abs() < 1e-3, "{:?}", point.position);
 
-    // Outside it only comes back.
+    // Outside the box it can only return.
     let mut state = FollowerState::at([0.15, 0.0, 0.0], IDENTITY, 0.0);
     for millisecond in (0..800_u32).step_by(10) {
         let (time, now) = (millisecond as f32 * 1e-3, Instant(1000 * millisecond));
@@ -510,7 +511,7 @@ fn the_set_point_stays_in_the_workspace_and_follows_along_its_border() {
     }
 }
 
-/// The elbow alone begins anew; the tool goes on.
+/// Only the elbow restarts; the tool continues.
 #[test]
 fn the_elbow_can_be_reset_while_the_tool_follows() {
     let mut run = Run::new();

@@ -25,9 +25,9 @@ impl Workspace {
         axes.all(|(value, (lower, upper))| (lower..=upper).contains(&value))
     }
 
-    /// The acceleration, held for one period, of a set-point that would leave the box: along each axis it
-    /// approaches the border at no more than the speed from which half of the acceleration limit brakes in
-    /// time. Outside it only comes back.
+    /// Limits the acceleration, held for one period, so that the set-point stays in the box: along each axis
+    /// it approaches the border no faster than the speed from which half of the acceleration limit brakes in
+    /// time. Outside the box it can only return.
     pub(super) fn limit(
         &self,
         limits: &MotionLimits,
@@ -40,7 +40,7 @@ impl Workspace {
         let states = position.iter().zip(velocity.iter()).zip(borders);
         for (acceleration, ((&position, &velocity), (&lower, &upper))) in limited.iter_mut().zip(states) {
             let next = position + velocity * TICK;
-            // As comparisons: an acceleration that stays inside keeps its bits.
+            // Comparisons, so that an acceleration that stays inside keeps its exact bits.
             let most = (max_speed(limits, upper - next) - velocity) * (1.0 / TICK);
             let least = (-max_speed(limits, next - lower) - velocity) * (1.0 / TICK);
             if *acceleration > most {

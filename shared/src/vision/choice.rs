@@ -1,4 +1,4 @@
-//! The choice between circles.
+//! The choice between candidate circles.
 
 use super::ellipse::Ellipse;
 #[cfg(feature = "test-support")]
@@ -14,24 +14,24 @@ use super::ring::{FEW_RAYS, MAX_HALF, RAYS, Ring};
 use super::starts::{MAX_CANDIDATES, Starts};
 use crate::math;
 
-/// Circles that may be the end of a knob behind which a rose is looked for.
+/// Maximum number of circles that are tried as the end of a knob in front of a rose.
 pub(super) const MAX_KNOBS: usize = 4;
-/// Roses that are fitted behind each.
+/// Maximum number of roses that are fitted behind each.
 const MAX_BEHIND: usize = 12;
-/// Candidates that are looked at closer.
+/// Maximum number of candidates that are examined closely.
 const MAX_CLOSE: usize = 8;
 /// Candidates that differ by less in centre and radius lead to the same circle [px].
 const REPEATED: [f32; 2] = [0.8, 0.6];
 /// Circles that differ by less in centre and radius are the same one [px].
 const SAME: [f32; 2] = [2.5, 2.0];
 
-/// What may be the rose.
+/// A candidate for the rose.
 #[derive(Clone, Copy)]
 pub(super) struct Candidate {
     pub ellipse: Ellipse,
-    /// Index of the end of a knob before it.
+    /// Index of the end of a knob in front of it.
     pub knob: Option<usize>,
-    /// Logarithm of how likely it is, over there being no circle.
+    /// Logarithm of the likelihood ratio of this circle to no circle.
     pub log_odds: f32,
 }
 
@@ -63,7 +63,7 @@ impl<'a> Choice<'a> {
         log_odds(self.search, ellipse, &rim, knob)
     }
 
-    /// Keeps the likeliest candidates, of several that are the same circle one.
+    /// Keeps the likeliest candidates, and only one for each circle.
     fn insert(&mut self, candidate: Candidate) {
         let is_same = |known: &Option<Candidate>| {
             known.is_some_and(|known| known.ellipse.is_near(&candidate.ellipse, REPEATED))
@@ -83,7 +83,7 @@ impl<'a> Choice<'a> {
         }
     }
 
-    /// Fits circles that nothing hides.
+    /// Fits unoccluded circles.
     pub fn begin(&mut self, starts: &Starts) {
         let rims = Rims { image: self.image, noise: self.noise, front: None };
         let mut circles = [None::<Knob>; MAX_CANDIDATES];
@@ -102,7 +102,7 @@ impl<'a> Choice<'a> {
         self.circles = circles;
     }
 
-    /// Fits circles that one of the others hides in part.
+    /// Fits circles that one of the others partly hides.
     pub fn look_behind(&mut self, knob: usize) {
         let Some(Some(front)) = self.circles.get(knob).copied() else { return };
         let behind = match &self.search.axis {
@@ -118,7 +118,7 @@ impl<'a> Choice<'a> {
         }
     }
 
-    /// Fits and judges the likeliest again, on all rays.
+    /// Refits and re-evaluates the likeliest candidates on all rays.
     pub fn look_closer(&mut self) {
         for index in 0..MAX_CLOSE {
             let Some(mut candidate) = self.candidates[index] else { break };
@@ -137,7 +137,7 @@ impl<'a> Choice<'a> {
         best(&self.candidates)
     }
 
-    /// What the judgement of each candidate rests on.
+    /// The features on which the evaluation of each candidate is based.
     #[cfg(feature = "test-support")]
     pub fn evidence(&self) -> impl Iterator<Item = Evidence> + '_ {
         self.candidates.iter().flatten().map(|candidate| {
@@ -158,7 +158,7 @@ impl<'a> Choice<'a> {
         })
     }
 
-    /// The ellipse to a fraction of a pixel.
+    /// Refines the ellipse of a candidate to a fraction of a pixel.
     pub fn refine(&self, candidate: &Candidate) -> Ellipse {
         let front = self.front(candidate.knob);
         let rims = Rims { image: self.image, noise: self.noise, front: front.as_ref() };
@@ -167,7 +167,8 @@ impl<'a> Choice<'a> {
     }
 }
 
-/// The likeliest, and the probability of it and of those next to it: one of all is right, or none.
+/// The likeliest candidate, and the probability of it and its near duplicates, given that at most one circle
+/// is right.
 pub(super) fn best(candidates: &[Option<Candidate>]) -> Option<(&Candidate, f32)> {
     let all = || candidates.iter().flatten();
     let best = all().max_by(|one, other| one.log_odds.total_cmp(&other.log_odds))?;

@@ -1,14 +1,14 @@
 use super::image::Image;
 use crate::math;
 
-/// Most edge points of a search: the strongest ones.
+/// Maximum number of edge points of a search; the strongest are kept.
 pub const MAX_EDGES: usize = 1280;
 
-/// Least contrast of an edge, in Sobel's units on cells with [`FRACTION`]: about 6 grey levels.
+/// Minimum squared gradient of an edge, in Sobel's units on cells with [`FRACTION`]: about 6 grey levels.
 const THRESHOLD: u32 = 300 * 300;
-/// Fraction of a grey level in a cell.
+/// Units of a cell per grey level.
 const FRACTION: u32 = 16;
-/// Rows of 16-bit numbers that the computation keeps: cells, and both components of the gradient.
+/// Number of 16-bit rows that the computation stores: cells, and both components of the gradient.
 const ROWS: usize = 9;
 /// Buckets of the histogram of squared gradients, four for each power of two.
 const BUCKETS: usize = 128;
@@ -33,7 +33,7 @@ pub struct EdgePoint {
 }
 
 impl EdgePoint {
-    /// Points of no edge, for buffers.
+    /// An empty entry, for buffers.
     pub const NONE: Self = Self { x: 0, y: 0, gx: 0, gy: 0, weight: 0, bucket: 0 };
 }
 
@@ -55,7 +55,7 @@ impl Cells {
 }
 
 /// Edge points in the image reduced by 2^`level`, `level` at least 1, in a rectangle of cells: local maxima
-/// of Sobel's gradient across the edge. Returns their number: of too many, the strongest.
+/// of Sobel's gradient across the edge. Returns their number; if there are too many, the strongest are kept.
 pub(super) fn edges(
     image: &Image<'_>,
     level: u32,
@@ -117,8 +117,8 @@ fn reduce(image: &Image<'_>, level: u32, y: usize, from: usize, cells: &mut [i16
         return;
     }
     cells.fill(0);
-    // At level 2 the sum of 16 pixels has just the fraction that a cell has; four rows of 16 pixels at level
-    // 4 remain below 2¹⁵.
+    // At level 2 the sum of 16 pixels already has the scale of a cell. At every level the sum over all rows
+    // is at most 16 · 255.
     let shift = 2 * level - 4;
     for line in 0..side {
         let pixels = image.row(side * y + line).get(side * from..).unwrap_or_default();
@@ -157,8 +157,7 @@ fn squared(gradients: Gradients<'_>, x: usize) -> u32 {
     (gx * gx + gy * gy) as u32
 }
 
-/// Appends the points of a row whose gradient is over the threshold and not below that of both neighbours
-/// across the edge.
+/// Appends the points of a row whose gradient exceeds the threshold and is a maximum across the edge.
 fn maxima(
     above: Gradients<'_>,
     here: Gradients<'_>,
@@ -224,7 +223,7 @@ impl List<'_> {
         }
     }
 
-    /// Drops at least an eighth of the points, the weakest.
+    /// Drops the weakest points, at least an eighth of all.
     fn drop_weakest(&mut self) {
         let mut dropped = 0;
         while dropped < self.length.div_ceil(8) && usize::from(self.least) < BUCKETS {
@@ -244,7 +243,7 @@ impl List<'_> {
         self.length = kept;
     }
 
-    /// Weights: the squared gradient in powers of two, 4 at the median, 1 to 8.
+    /// Sets the weights: the squared gradient in powers of two, 4 at the median, 1 to 8.
     fn weigh(&mut self) {
         let (mut below, mut median) = (0, 0);
         for (bucket, &count) in self.histogram.iter().enumerate() {

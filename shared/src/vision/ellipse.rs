@@ -4,7 +4,7 @@ use crate::math::{self, Ldlt};
 
 /// Largest flattening `(a² − b²)/(a² + b²)` of semi-axes a, b: a/b = 1.36.
 const MAX_FLATTENING: f32 = 0.3;
-/// Deviation of an edge point [px].
+/// Standard deviation of an edge point [px].
 const DEVIATION: f32 = 0.4;
 
 /// `u² + v² + p (u² − v²) + 2 q uv = radius² √(1 − p² − q²)` about the centre.
@@ -22,7 +22,7 @@ impl Ellipse {
         Self { center, radius, flattening: [0.0; 2] }
     }
 
-    /// Root of the determinant: it makes `radius²` the product of the semi-axes.
+    /// Root of the determinant; with it `radius²` is the product of the semi-axes.
     pub fn root(&self) -> f32 {
         let [p, q] = self.flattening;
         math::sqrt(1.0 - p * p - q * q)
@@ -52,13 +52,13 @@ impl Ellipse {
         0.5 * (square / self.radius - self.radius)
     }
 
-    /// How far apart two are in centre and radius [px].
+    /// Distance between two ellipses: of the centres plus difference of the radii [px].
     pub fn distance(&self, other: &Self) -> f32 {
         let [dx, dy] = [0, 1].map(|axis| self.center[axis] - other.center[axis]);
         math::sqrt(dx * dx + dy * dy) + math::abs(self.radius - other.radius)
     }
 
-    /// Whether another has nearly the same centre and radius [px].
+    /// Whether centre and radius differ by less than these limits [px].
     pub fn is_near(&self, other: &Self, [center, radius]: [f32; 2]) -> bool {
         let [dx, dy] = [0, 1].map(|axis| self.center[axis] - other.center[axis]);
         dx * dx + dy * dy < center * center && math::abs(self.radius - other.radius) < radius
@@ -73,8 +73,8 @@ impl Ellipse {
     }
 
     /// Weighted least squares of `u² + v² + p (u² − v²) + 2 q uv = a + b u + c v` over edge points (x, y,
-    /// weight), in units of this ellipse about its centre. The flattening is expected to deviate from zero by
-    /// `flattening`. None if the result is no ellipse near this one.
+    /// weight), in units of this ellipse about its centre. `flattening` is the prior standard deviation of
+    /// the flattening. `None` if the result is not an ellipse near this one.
     pub fn refit(&self, points: impl Iterator<Item = ([f32; 2], f32)>, flattening: f32) -> Option<Self> {
         let mut matrix = SMatrix::<f32, 5, 5>::zeros();
         let mut right = SVector::<f32, 5>::zeros();

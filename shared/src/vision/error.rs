@@ -16,16 +16,16 @@ pub enum VisionError {
     },
     /// The number of pixels is not width × height.
     Pixels {
-        /// How many there are.
+        /// Their number.
         pixels: usize,
         /// Width × height.
         expected: usize,
     },
     /// The expected radii are not a range within the limits.
     Radius {
-        /// From [px].
+        /// Minimum [px].
         from: f32,
-        /// To [px].
+        /// Maximum [px].
         to: f32,
         /// Largest radius in this image [px].
         limit: f32,
@@ -37,7 +37,7 @@ pub enum VisionError {
         /// Its reach [px].
         reach: f32,
     },
-    /// The place where the axis vanishes is not finite.
+    /// The vanishing point of the axis is not finite.
     Axis {
         /// Its centre [px].
         center: [f32; 2],
@@ -46,7 +46,7 @@ pub enum VisionError {
     },
     /// A buffer is too short.
     Buffer {
-        /// Which.
+        /// Its name.
         name: &'static str,
         /// Its length.
         length: usize,

@@ -11,13 +11,13 @@ use crate::math;
 pub(super) const MIN_RADIUS: f32 = 5.0;
 /// Largest radius [px]: that of the last level.
 const MAX_RADIUS: f32 = 400.0;
-/// Radii of the levels of the pyramid, in cells; the first level takes smaller ones too.
+/// Radii at each level of the pyramid, in cells; the first level also has smaller ones.
 const CELL_RADII: [usize; 2] = [6, 25];
 /// Levels of the pyramid: cells of 2 to 16 px.
 const LEVELS: core::ops::RangeInclusive<u32> = 1..=4;
-/// Least confidence of a circle that is found.
+/// Minimum confidence of a circle that is returned.
 const MIN_CONFIDENCE: f32 = 0.1;
-/// The end of a knob is looked for down to this part of the smallest radius of a rose.
+/// The end of a knob is searched down to this share of the smallest radius of a rose.
 const KNOB_RADIUS: f32 = 0.65;
 
 /// Where the centre is expected: within `reach` of `center` along both axes.
@@ -30,16 +30,16 @@ pub struct Window {
     pub reach: f32,
 }
 
-/// What is looked for.
+/// The circle to search for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct CircleSearch {
-    /// The radius is expected from … to [px]: from the distance of the camera, as the arm's pose tells it.
+    /// Expected range of the radius [px], from the distance of the camera by the arm's pose.
     pub radius: [f32; 2],
-    /// Near the last result; None searches the whole image.
+    /// A window about the last result; `None`: the whole image.
     pub window: Option<Window>,
-    /// Where the axis of the knob vanishes: the point of the image that shows its direction, as the arm knows
-    /// it; its centre may lie outside the image. With it, a rose is also found that the knob hides in part.
+    /// Vanishing point of the axis of the knob, that is, its direction by the arm's pose; it may lie outside
+    /// the image. With it, a rose that the knob partly hides is found, too.
     pub axis: Option<Window>,
 }
 
@@ -55,7 +55,7 @@ pub struct Circle {
     pub semi_axes: [f32; 2],
     /// Direction of the larger semi-axis, from x towards y [rad].
     pub angle: f32,
-    /// Probability that this is the outermost circle that was looked for, see `docs/find-circle.md`.
+    /// Probability that this is the outermost circle with an expected radius, see `docs/find-circle.md`.
     pub confidence: f32,
 }
 
@@ -70,7 +70,7 @@ pub struct Scratch<'a> {
     pub rows: &'a mut [i16],
 }
 
-/// Owned buffers: of [`accumulator_len`], number of points, [`row_len`].
+/// Owned buffers: [`accumulator_len`] votes, a number of points, [`row_len`] row elements.
 #[derive(Debug)]
 pub struct Buffers<const A: usize, const P: usize, const R: usize> {
     accumulator: [u16; A],
@@ -87,7 +87,7 @@ impl<const A: usize, const P: usize, const R: usize> Buffers<A, P, R> {
         Self { accumulator: [0; A], points: [EdgePoint::NONE; P], rows: [0; R] }
     }
 
-    /// Lends all of them.
+    /// Borrows all buffers.
     pub const fn scratch(&mut self) -> Scratch<'_> {
         Scratch { accumulator: &mut self.accumulator, points: &mut self.points, rows: &mut self.rows }
     }
@@ -130,7 +130,7 @@ impl CircleSearch {
         Ok(())
     }
 
-    /// Radii of a level, in cells, if any are looked for there.
+    /// Radii that are searched at a level, in cells, if any.
     fn radii(&self, level: u32) -> Option<[usize; 2]> {
         let side = (1_u32 << level) as f32;
         let least = if level == *LEVELS.start() { 2 } else { CELL_RADII[0] };
@@ -139,7 +139,7 @@ impl CircleSearch {
         (from < to).then_some([from, to])
     }
 
-    /// Cells in which a level looks for centres and for edge points.
+    /// Cells in which centres, and in which edge points, are searched at a level.
     fn cells(&self, image: &Image<'_>, level: u32, radius: usize) -> (Cells, Cells) {
         let size = [image.width() >> level, image.height() >> level];
         let all = Cells { from: [0; 2], to: size };
@@ -154,7 +154,7 @@ impl CircleSearch {
                 to: [(bound(0, 1.0) + 1).min(size[0]), (bound(1, 1.0) + 1).min(size[1])],
             }
         };
-        // One cell more, for the smoothing; for the edge points, the circle and Sobel's margin.
+        // One more cell for the smoothing; for the edge points also the circle and Sobel's margin.
         let cell = (1_u32 << level) as f32;
         let near = window.reach + 2.0 * cell;
         (around(near), around(near + (radius + 3) as f32 * cell))
@@ -170,7 +170,8 @@ impl CircleSearch {
     }
 }
 
-/// The outermost circle with an expected radius; None if there is no circle. At most a fixed number of steps.
+/// Finds the outermost circle with an expected radius; `None` if there is no circle. The number of steps is
+/// bounded.
 ///
 /// # Errors
 /// [`VisionError`]: radii or a window outside the limits, a buffer that is too short.
@@ -190,7 +191,7 @@ pub fn find_circle(
     Ok(Some(Circle { center, radius, semi_axes, angle, confidence }))
 }
 
-/// The candidates of a search, judged.
+/// The evaluated candidates of a search.
 pub(super) fn choice<'a>(
     image: &'a Image<'a>,
     search: &'a CircleSearch,
@@ -212,7 +213,7 @@ pub(super) fn choice<'a>(
     Ok(choice)
 }
 
-/// Candidates of one level.
+/// Finds the candidates of one level.
 fn candidates(
     image: &Image<'_>,
     search: &CircleSearch,

@@ -5,27 +5,27 @@ use heapless::Vec;
 use super::Circle;
 use crate::math;
 
-/// Most rows of a [`HandEyeTable`].
+/// Maximum number of rows of a [`HandEyeTable`].
 pub const MAX_HAND_EYE_ROWS: usize = 16;
 
-/// How a rose straight before the hand looks at one distance.
+/// Appearance of a rose straight in front of the hand at one distance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct HandEyeRow {
-    /// Radius of its front rim in the image [px], as [`Circle::radius`].
+    /// Radius of its front rim in the image [px], see [`Circle::radius`].
     pub radius: f32,
-    /// Its centre there [px], as [`Circle::center`].
+    /// Centre of the rim in the image [px], see [`Circle::center`].
     pub center: [f32; 2],
-    /// Distance of the rim's plane from the origin of the hand frame, along the approach [m].
+    /// Distance of the rim's plane from the origin of the hand frame, along the approach direction [m].
     pub distance: f32,
 }
 
-/// What the hand-eye camera sees of a rose that is straight before the hand: a table from the radius in the
-/// image to the place of its centre (Knob §4.5), and to its distance.
+/// Appearance of a rose straight in front of the hand in the hand-eye camera: a table from the radius in the
+/// image to the position of its centre (Knob §4.5) and to its distance.
 ///
-/// The approach is the hand frame's z, the image's right nearly its y, the image's up nearly its x. Between
-/// rows the centre is linear in the radius and the distance in its inverse, which is exact for a pinhole
-/// camera; so two rows suffice for one.
+/// The approach direction is the hand frame's z, the image's right nearly its y, the image's up nearly its x.
+/// Between rows the centre is interpolated linearly in the radius, and the distance in the inverse radius.
+/// This is exact for a pinhole camera, for which two rows suffice.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HandEyeTable {
     rose: f32,
@@ -38,21 +38,21 @@ pub struct HandEyeTable {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum HandEyeError {
-    /// Number of rows.
+    /// Wrong number of rows.
     Rows {
-        /// How many there are.
+        /// Their number.
         got: usize,
     },
     /// A value that is out of its range.
     Value {
-        /// Which.
+        /// Its name.
         name: &'static str,
         /// The value.
         value: f32,
-        /// Least and largest.
+        /// Minimum and maximum.
         range: [f32; 2],
     },
-    /// The radius does not grow from row to row, or the distance does not shrink.
+    /// The radius does not increase from row to row, or the distance does not decrease.
     Order {
         /// Index of the row.
         row: usize,
@@ -112,11 +112,11 @@ impl HandEyeTable {
         Ok(Self { rose, tilt, turn, rows })
     }
 
-    /// Place of the centre of a rose in the hand frame [m] that is seen as `circle`; `rose` is its radius
+    /// Position in the hand frame [m] of the centre of a rose that appears as `circle`; `rose` is its radius
     /// [m].
     ///
     /// The lateral part is the displacement `(mx, my) = rose/R · (MX, MY)` of Knob §4.5, with the image error
-    /// turned into the axes of the hand; the tilt is taken into account.
+    /// rotated to the axes of the hand and corrected for the tilt.
     pub fn locate(&self, circle: &Circle, rose: f32) -> [f32; 3] {
         let (center, distance) = self.at_radius(circle.radius * self.rose / rose);
         let scale = rose / circle.radius;
@@ -124,14 +124,14 @@ impl HandEyeTable {
         let (sin, cos) = math::sin_cos(self.turn);
         let (y, below) = (right * cos + down * sin, down * cos - right * sin);
         let (sin, cos) = math::sin_cos(self.tilt);
-        // A rose higher by x is farther from the camera, which looks downwards, by x sin(tilt), at the same
-        // distance.
+        // The camera looks downwards: at the same distance along the approach, a rose higher by x has a depth
+        // larger by x sin(tilt).
         let x = -below * cos;
         [x, y, distance + x * sin / cos]
     }
 
-    /// Where a rose of radius `rose` [m], whose centre is at `place` in the hand frame [m], is seen: centre
-    /// and radius [px]. The inverse of [`locate`](Self::locate).
+    /// Centre and radius [px] in the image of a rose of radius `rose` [m] whose centre is at `place` in the
+    /// hand frame [m]. The inverse of [`locate`](Self::locate).
     pub fn appearance(&self, place: &[f32; 3], rose: f32) -> ([f32; 2], f32) {
         let [x, y, z] = *place;
         let (sin, cos) = math::sin_cos(self.tilt);
@@ -143,8 +143,8 @@ impl HandEyeTable {
         ([center[0] + (y * cos - below * sin) * scale, center[1] + (below * cos + y * sin) * scale], radius)
     }
 
-    /// Where the approach vanishes in the image [px]: a rose straight before the hand is seen there from far
-    /// away.
+    /// Vanishing point of the approach direction in the image [px]: the limit of a distant rose straight in
+    /// front of the hand.
     pub fn vanishing_point(&self) -> [f32; 2] {
         let [one, next] = self.segment(|_| false);
         between(one.center, next.center, -one.radius / (next.radius - one.radius))
@@ -158,11 +158,11 @@ impl HandEyeTable {
         (one.distance - last.distance) * cos / (self.rose * (1.0 / one.radius - 1.0 / last.radius))
     }
 
-    /// Centre [px] and distance [m] of a rose of the table's radius that is seen with `radius` [px].
+    /// Centre [px] and distance [m] of a rose of the table's radius that appears with `radius` [px].
     fn at_radius(&self, radius: f32) -> ([f32; 2], f32) {
         let [one, next] = self.segment(|row| row.radius < radius);
         let part = (radius - one.radius) / (next.radius - one.radius);
-        // In the inverse radius.
+        // Linear in the inverse radius.
         let share = part * next.radius / radius;
         (between(one.center, next.center, part), one.distance + share * (next.distance - one.distance))
     }
@@ -172,13 +172,13 @@ impl HandEyeTable {
         let [one, next] = self.segment(|row| row.distance > distance);
         let share = (distance - one.distance) / (next.distance - one.distance);
         let inverse = 1.0 / one.radius + share * (1.0 / next.radius - 1.0 / one.radius);
-        // From behind the camera on, nothing is seen.
+        // Behind the camera nothing is visible.
         let radius = 1.0 / inverse.max(1e-4);
         let part = (radius - one.radius) / (next.radius - one.radius);
         (between(one.center, next.center, part), radius)
     }
 
-    /// The two rows about the first that is not `before`; at the ends, the outermost two.
+    /// The two rows around the first that is not `before`; at the ends, the outermost two.
     fn segment(&self, before: impl Fn(&HandEyeRow) -> bool) -> [HandEyeRow; 2] {
         let first = self.rows.iter().position(|row| !before(row)).unwrap_or(self.rows.len());
         let first = first.clamp(1, self.rows.len().max(2) - 1);
@@ -187,7 +187,7 @@ impl HandEyeTable {
     }
 }
 
-/// Stands for a row that does not exist: a table has two rows at least.
+/// Placeholder for a missing row. It is never used: a table has at least two rows.
 const NO_ROW: HandEyeRow = HandEyeRow { radius: 1.0, center: [0.0; 2], distance: 0.0 };
 
 fn between(one: [f32; 2], next: [f32; 2], part: f32) -> [f32; 2] {
@@ -202,7 +202,7 @@ mod tests {
     /// by 10°.
     const TILT: f32 = 0.174_532_93;
 
-    /// A small circle's image by that pinhole camera, worked out point by point: its centre and radius.
+    /// Centre and radius of the image of a small circle by that pinhole camera, computed directly.
     fn seen(place: [f32; 3], rose: f32) -> Circle {
         let (sin, cos) = (0.173_648_2, 0.984_807_8);
         let [x, y, z] = place;
@@ -250,7 +250,7 @@ mod tests {
         for rows in [2, 9] {
             let table = table(rows);
             assert!((table.focal_length() - 140.0).abs() < 0.01, "{}", table.focal_length());
-            // 140 tan 10° = 24.686 above the middle.
+            // 140 tan 10° = 24.686 above the centre.
             let [x, y] = table.vanishing_point();
             assert!((x - 127.5).abs() < 1e-3 && (y - (119.5 - 24.686)).abs() < 0.01, "{x} {y}");
         }
@@ -261,7 +261,7 @@ mod tests {
         let mut table = table(2);
         table.tilt = 0.0;
         let straight = table.locate(&seen([0.01, 0.02, 0.2], 0.04), 0.04);
-        // The image turned by a right angle about the place of a rose straight ahead.
+        // The image rotated by 90° about the position of a rose straight ahead.
         table.turn = core::f32::consts::FRAC_PI_2;
         let mut circle = seen([0.01, 0.02, 0.2], 0.04);
         let (center, _) = table.at_radius(circle.radius);

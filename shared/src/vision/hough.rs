@@ -1,13 +1,13 @@
 use super::edges::{Cells, EdgePoint};
 use crate::math;
 
-/// Most centres of a level.
+/// Maximum number of centres of a level.
 pub(super) const MAX_CENTERS: usize = 12;
-/// Most radii of a level, in cells.
+/// Maximum number of radii of a level, in cells.
 const MAX_RADII: usize = 40;
-/// Least distance of two centres, in cells.
+/// Minimum distance of two centres, in cells.
 const SEPARATION: i32 = 2;
-/// Cosine, squared, of the largest angle between a gradient and the direction to the centre: 25°.
+/// Squared cosine of the largest angle between a gradient and the direction to the centre: 25°.
 const ALIGNMENT: f32 = 0.82;
 
 /// Elements of [`Scratch::accumulator`](super::Scratch::accumulator) for images of this size [px].
@@ -21,18 +21,18 @@ pub(super) struct Candidate {
     pub x: f32,
     pub y: f32,
     pub radius: f32,
-    /// Sectors of 32 with edge points of the circle.
+    /// Number of sectors, of 32, with edge points of the circle.
     pub sectors: u32,
 }
 
-/// Votes of the edge points for centres at `radii` along ± their gradient. The accumulator has the cells
+/// Lets the edge points vote for centres at `radii` along ± their gradient. The accumulator covers the cells
 /// `centers`.
 pub(super) fn vote(points: &[EdgePoint], centers: &Cells, radii: [usize; 2], accumulator: &mut [u16]) {
     let (width, height) = (centers.width(), centers.height());
     let Some(accumulator) = accumulator.get_mut(..width * height) else { return };
     accumulator.fill(0);
     for point in points {
-        // 16 bits of fraction; half a cell, so that cutting the fraction off rounds.
+        // 16 bits of fraction; half a cell is added so that truncation rounds.
         let x = ((i32::from(point.x) - centers.from[0] as i32) << 16) + 0x8000;
         let y = ((i32::from(point.y) - centers.from[1] as i32) << 16) + 0x8000;
         let (dx, dy) = (i32::from(point.gx) * 516, i32::from(point.gy) * 516);
@@ -77,7 +77,7 @@ pub(super) fn maxima(centers: &Cells, accumulator: &[u16]) -> [(i32, i32, u32); 
     best
 }
 
-/// Keeps the list sorted and its members apart.
+/// Inserts a cell; keeps the list sorted and its members apart.
 fn insert(best: &mut [(i32, i32, u32); MAX_CENTERS], cell: (i32, i32, u32)) {
     let is_near = |known: &(i32, i32, u32)| {
         known.2 > 0 && (known.0 - cell.0).abs() < SEPARATION && (known.1 - cell.1).abs() < SEPARATION
@@ -98,7 +98,7 @@ fn insert(best: &mut [(i32, i32, u32); MAX_CENTERS], cell: (i32, i32, u32)) {
     best[place] = cell;
 }
 
-/// Sector of 32 of a direction.
+/// The sector of a direction, one of 32.
 #[inline]
 const fn sector(dx: i32, dy: i32) -> u32 {
     let (wide, high) = (dx.abs(), dy.abs());
@@ -111,7 +111,7 @@ const fn sector(dx: i32, dy: i32) -> u32 {
     4 * octant + part
 }
 
-/// Sectors of the circles about a centre in which edge points point at it.
+/// Counts, for the circles about a centre, the sectors in which edge points point at it.
 pub(super) fn radii_about(
     points: &[EdgePoint],
     center: (i32, i32),

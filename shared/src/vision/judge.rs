@@ -1,17 +1,16 @@
-//! How likely a circle is the rose: a logistic model of what the picture says for it.
+//! Probability that a circle is the rose: a logistic model of image features.
 
 use super::ellipse::Ellipse;
 use super::find::{CircleSearch, Window};
 use super::ring::Rim;
 use crate::math;
 
-/// Numbers that say what the picture shows of a circle, and of the end of a knob before it.
+/// Number of features of a circle, and of the end of a knob in front of it.
 pub(super) const FEATURES: usize = 16;
 pub(super) const KNOB_FEATURES: usize = 12;
 
-// The weights were fitted so that, over many pictures, the right circles are as likely as possible: see
-// docs/find-circle.md.
-/// Weights of [`features`] where no knob is known, or not its axis.
+// The weights maximise the likelihood of the right circles over many pictures: see docs/find-circle.md.
+/// Weights of [`features`] if no knob or no axis is known.
 const ALONE: [f32; FEATURES] = [
     0.082, 1.613, 0.832, 0.900, -0.725, 0.390, 0.067, 7.445, -0.476, -0.135, 0.285, -6.230, 1.963, -4.628,
     5.712, -14.747,
@@ -32,13 +31,13 @@ pub(super) struct Knob {
     pub rim: Rim,
 }
 
-/// Logarithm of how likely a circle is, behind the end of a knob, over there being none.
+/// Logarithm of the likelihood ratio of a circle, behind the end of a knob if given, to no circle.
 pub(super) fn log_odds(search: &CircleSearch, circle: &Ellipse, rim: &Rim, knob: Option<&Knob>) -> f32 {
     let behind = behind(search, circle, knob);
     weigh(&features(search, circle, rim), behind.as_ref())
 }
 
-/// [`knob_features`], where a knob and its axis are known.
+/// [`knob_features`], if a knob and its axis are known.
 pub(super) fn behind(
     search: &CircleSearch,
     circle: &Ellipse,
@@ -59,7 +58,7 @@ fn weighted(weights: &[f32], features: &[f32]) -> f32 {
     weights.iter().zip(features).fold(0.0, |sum, (weight, feature)| sum + weight * feature)
 }
 
-/// Of a circle.
+/// Features of a circle.
 pub(super) fn features(search: &CircleSearch, rose: &Ellipse, rim: &Rim) -> [f32; FEATURES] {
     let [from, to] = search.radius;
     let place = (rose.radius - math::sqrt(from * to)) / (to - from);
@@ -84,7 +83,7 @@ pub(super) fn features(search: &CircleSearch, rose: &Ellipse, rim: &Rim) -> [f32
     ]
 }
 
-/// Of the end of the knob before it, and whether both lie on the axis as they should.
+/// Features of the end of the knob in front of it, and of the position of both along the axis.
 fn knob_features(rose: &Ellipse, knob: &Knob, axis: &Window) -> [f32; KNOB_FEATURES] {
     /// Usual radius of a knob over that of its rose, and distance of the rose over that of the knob's end.
     const USUAL_SIZE: f32 = 0.63;

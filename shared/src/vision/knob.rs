@@ -8,34 +8,34 @@ use super::ring::{directions, least_contrast};
 use super::starts::{Start, Starts};
 use crate::math;
 
-/// Radius of a rose over that of its knob, both on the door.
+/// Ratio of the true radii of a rose and its knob, minimum and maximum.
 const ROSE_RADIUS: [f32; 2] = [1.05, 2.2];
-/// Length of a knob over the distance of the camera from its foot, at most.
+/// Maximum length of a knob over the distance of the camera from its foot.
 const MAX_LENGTH: f32 = 0.6;
-/// Steps of the centre along the axis and of the radius [px], and at least, over the radius.
+/// Steps of the centre along the axis and of the radius: minimum [px], and share of the radius.
 const CENTER_STEP: (f32, f32) = (1.75, 0.07);
 const RADIUS_STEP: (f32, f32) = (1.25, 0.05);
-/// Distance of two fits to the same rim, over its radius.
+/// Maximum distance of two fits to the same rim, over its radius.
 const SAME_RIM: f32 = 0.12;
-/// Least share of the contrast that counts most.
+/// Minimum score, as a share of the score with the limited contrast on all rays.
 const MIN_SCORE: f32 = 0.12;
-/// Rays of a glance, and places on each.
+/// Rays of a coarse check, and samples on each.
 const RAYS: usize = 32;
 const PLACES: usize = 64;
-/// Open rays without which a circle gets no glance, and that are as good as all.
+/// Minimum number of open rays for a coarse check, and the number that counts as full.
 const FEWEST_RAYS: i32 = 10;
 const MANY_RAYS: i32 = 20;
-/// A place outside the image.
+/// A sample outside the image.
 const UNSEEN: i16 = i16::MIN;
 
-/// The image about the centre of a knob's end: contrasts on rays from it.
+/// Polar image about the centre of a knob's end: contrasts on rays from it.
 struct Polar {
     center: [f32; 2],
     from: f32,
     unit: f32,
-    /// The contrast that counts most.
+    /// Limit of the contrast.
     most: i32,
-    /// In sixteenths of a grey level.
+    /// Contrasts in sixteenths of a grey level.
     contrasts: [[i16; PLACES]; RAYS],
 }
 
@@ -55,7 +55,7 @@ impl Polar {
                 let [x, y] = at(from + index as f32 * unit);
                 image.contains(x, y, 2.0)
             };
-            // Between two places inside the image all are.
+            // If both ends are inside the image, all samples are.
             let are_all_inside = is_inside(0) && is_inside(count - 1);
             for (index, place) in row.iter_mut().enumerate().take(count) {
                 if are_all_inside || is_inside(index) {
@@ -69,7 +69,7 @@ impl Polar {
         polar
     }
 
-    /// Along each ray, what a circle about `center` is displaced.
+    /// Displacement of a circle about `center` along each ray.
     fn shifts(&self, center: [f32; 2]) -> [f32; RAYS] {
         let [ox, oy] = [center[0] - self.center[0], center[1] - self.center[1]];
         let mut shifts = [0.0; RAYS];
@@ -79,8 +79,9 @@ impl Polar {
         shifts
     }
 
-    /// How well an edge follows the part of a circle that the knob leaves open, 0 to 1: the contrast that
-    /// neighbouring rays have in common. `shifts` are those of its centre, `away` is the distance of that.
+    /// How well an edge follows the part of a circle that the knob does not hide, 0 to 1: the common contrast
+    /// of neighbouring rays. `shifts` are the displacements by its centre, `away` is the distance of the
+    /// centre.
     fn score(&self, shifts: &[f32; RAYS], away: f32, radius: f32) -> f32 {
         let rest = radius * radius - away * away;
         let scale = 1.0 / self.unit;
@@ -98,7 +99,7 @@ impl Polar {
                 here = i32::from(contrast);
                 open += 1;
             }
-            // Twice the smaller one, of the same sign.
+            // Twice the smaller magnitude if both have the same sign.
             sum += (here + before).abs() - (here - before).abs();
             before = here;
         }
@@ -106,8 +107,8 @@ impl Polar {
     }
 }
 
-/// Roses behind the end of a knob at which a glance finds an edge. They are farther along the axis, and so
-/// nearer to where it vanishes, in proportion to their depth.
+/// Finds roses behind the end of a knob by a coarse check for an edge. They are farther along the axis, and
+/// therefore nearer to its vanishing point, in proportion to their depth.
 pub(super) fn roses(
     image: &Image<'_>,
     search: &CircleSearch,
@@ -127,7 +128,7 @@ pub(super) fn roses(
         // Depth of the knob's end over that of the rose.
         let depth = 1.0 - math::clamp(away / length, 0.0, MAX_LENGTH);
         let [from, to] = ROSE_RADIUS.map(|ratio| ratio * depth * knob.radius);
-        // The axis is not known exactly.
+        // The axis is uncertain.
         let spread = 0.5 + axis.reach * (1.0 - depth);
         for aside in [-spread, 0.0, spread] {
             let center = [knob.center[0] - away * u - aside * v, knob.center[1] - away * v + aside * u];
@@ -153,7 +154,7 @@ pub(super) fn roses(
     starts
 }
 
-/// Circles that the end of a knob hides in part: not much smaller, and at another place.
+/// Circles that the end of a knob may partly hide: not much smaller, and at another position.
 pub(super) fn hidden(circles: &[Option<Knob>], knob: &Knob) -> Starts {
     let mut starts = Starts::NONE;
     let front = &knob.ellipse;

@@ -1,33 +1,33 @@
 //! Circle finding in a grey image (Knob §4.4): the rose of a door knob, seen by a camera on the hand.
 //!
-//! The paper lets every point over a threshold vote with its squared gradient for the centres and radii along
-//! ± its gradient (a Hough transform) and takes the maximum. [`find_circle`] does so in two steps that need
-//! no three-dimensional accumulator:
+//! In the paper every point above a threshold votes with its squared gradient for the centres and radii along
+//! ± its gradient (a Hough transform), and the maximum is taken. [`find_circle`] works in four steps, without
+//! a three-dimensional accumulator:
 //!
-//! 1. *Centres*. The image is reduced 2, 4, 8 … times (a pyramid), so that the radii at each level are some 6
-//!    to 25 cells. Edge points vote for centres, with a limited squared gradient: a specular streak weighs no
-//!    more than a rim. Around each maximum of the accumulator, the sectors in which edge points point at it
-//!    are counted radius by radius.
-//! 2. *Fits*. At full resolution, rays from the centre look for the edge next to the candidate; an ellipse
-//!    is fitted to them, with outliers rejected. Behind each clear circle, which may be the end of the knob,
-//!    circles are fitted that it hides in part: when it is known where the axis of the knob vanishes, along
-//!    that axis; otherwise those of the others.
-//! 3. *Choice*. Of each ellipse is measured what the image shows along its rim: how much contrast, how sharp,
-//!    how near to the ellipse, what lies beside it (the rose darkens the door at its foot, which a shadow's
-//!    own outline does not), and the same of the knob's end, with how both lie on the axis. A logistic model,
-//!    fitted to rendered door knobs, weighs it. One of the candidates is right, or there is no circle: its
-//!    probability is the confidence.
+//! 1. *Centres*. The image is reduced by factors of 2, 4, 8 … (a pyramid), so that the radii at each level
+//!    are some 6 to 25 cells. Edge points vote for centres with a limited squared gradient, so that a
+//!    specular streak has no more weight than a rim. Around each maximum of the accumulator, the sectors with
+//!    edge points that point at it are counted for each radius.
+//! 2. *Fits*. At full resolution, the edge next to the candidate is searched along rays from the centre, and
+//!    an ellipse is fitted to the edge points, with outliers rejected. A clear circle may be the end of the
+//!    knob, so circles that it partly hides are fitted as well: along the axis of the knob if its vanishing
+//!    point is known, otherwise among the other candidates.
+//! 3. *Choice*. Features of each ellipse are measured along its rim: contrast, sharpness, distance of the
+//!    edge from the ellipse, and shading beside it (the rose darkens the door at its foot, the outline of a
+//!    shadow does not); also those of the knob's end, and the position of both relative to the axis. A
+//!    logistic model, fitted to rendered door knobs, weighs the features. Either one of the candidates is
+//!    right or there is no circle; the probability of the best one is the confidence.
 //! 4. *Refit* of the likeliest, in steps of half a pixel.
 //!
-//! A prior of the radius, from the arm's own pose, and a window about the last result exclude other circles.
+//! A prior of the radius, from the arm's pose, and a window about the last result exclude other circles.
 //!
-//! The front rim of the rose is an ellipse in the image, because the camera looks at it obliquely.
+//! The front rim of the rose is an ellipse in the image because the camera views it obliquely.
 //! [`Circle::center`] is the ellipse's centre, [`Circle::radius`] the root of the product of its semi-axes.
 //! The centre of the pixel in the corner is at (0, 0).
 //!
-//! [`HandEyeTable`] turns a circle into the place of the rose before the hand.
+//! [`HandEyeTable`] converts a circle to the position of the rose in front of the hand.
 //!
-//! All buffers are lent by the caller: [`Buffers`], whose sizes follow from the size of the image
+//! The caller provides all buffers: [`Buffers`], whose sizes follow from the size of the image
 //! ([`accumulator_len`], [`row_len`]).
 #![allow(
     clippy::cast_possible_truncation,

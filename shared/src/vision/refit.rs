@@ -4,20 +4,20 @@ use super::ring::{FEW_RAYS, RAYS, Ring};
 use super::starts::{MAX_CANDIDATES, Start};
 use crate::math;
 
-/// Candidates that are as near to each other after the first step lead to the same rim [px].
+/// Candidates this near to each other after the first step lead to the same rim [px].
 const SAME_START: f32 = 0.8;
-/// Fits with new weights.
+/// Number of reweighted fits.
 const FITS: usize = 3;
-/// Bounds of the residual in Tukey's weights, fit by fit, over the band that was searched.
+/// Bounds of the residual in Tukey's weights for each fit, relative to the searched band.
 const TUKEY: [f32; FITS] = [1.0, 0.6, 0.4];
-/// The same for the last fit, outside [px], and those inside, over these.
+/// The same for the refinement, outside the ellipse [px], and ratio of the bounds inside to those.
 const FINE_BOUNDS: [f32; FITS] = [0.8, 0.6, 0.6];
 const INSIDE: f32 = 3.0;
-/// Least bound outside, over the mean distance of the edge points.
+/// Minimum bound outside, relative to the mean distance of the edge points.
 const SCATTER: f32 = 2.0;
 
-/// Deviation of the noise [grey levels]: mean absolute value of a difference that is blind to slopes
-/// (Immerkær 1996), at every fourth pixel in both directions.
+/// Standard deviation of the noise [grey levels]: from the mean absolute value of a difference operator that
+/// is insensitive to slopes (Immerkær 1996), at every fourth pixel in both directions.
 pub(super) fn noise(image: &Image<'_>) -> f32 {
     let (mut sum, mut count) = (0, 0);
     for y in (1..image.height() - 1).step_by(4) {
@@ -27,7 +27,7 @@ pub(super) fn noise(image: &Image<'_>) -> f32 {
             if let (&[a, b, c], &[d, e, f], &[g, h, i]) = (above, here, below) {
                 let [a, b, c, d, e, f, g, h, i] = [a, b, c, d, e, f, g, h, i].map(i32::from);
                 let value = a + c + g + i - 2 * (b + d + f + h) + 4 * e;
-                // Edges do not count as noise.
+                // Limited, so that edges do not count as noise.
                 sum += value.abs().min(80);
                 count += 1;
             }
@@ -37,7 +37,7 @@ pub(super) fn noise(image: &Image<'_>) -> f32 {
     0.208_9 * sum as f32 / count.max(1) as f32
 }
 
-/// A picture in which rims are looked for; where `front` hides them, no edge counts.
+/// An image in which rims are searched. Edges that `front` hides are ignored.
 pub(super) struct Rims<'a> {
     pub image: &'a Image<'a>,
     pub noise: f32,
@@ -45,15 +45,15 @@ pub(super) struct Rims<'a> {
 }
 
 impl Rims<'_> {
-    /// Fits to each of the candidates, the best first, an ellipse. Where several lead to one rim, the first
-    /// of them.
+    /// Fits an ellipse to each candidate, the best first. If several lead to the same rim, only the first is
+    /// returned.
     pub fn fit_all<'a>(
         &'a self,
         starts: &'a [Option<Start>; MAX_CANDIDATES],
     ) -> impl Iterator<Item = Ellipse> + 'a {
         let mut known = [None::<Ellipse>; MAX_CANDIDATES];
         starts.iter().flatten().zip(0..).filter_map(move |(start, index)| {
-            // The first step: a circle, as a mixture of two rims would be a fine ellipse.
+            // The first step fits a circle: an ellipse could fit a mixture of two rims.
             let (band, unit) = start.band();
             let near = self.step(&start.ellipse, (band, unit), FEW_RAYS, 0.003)?;
             let is_known = |other: &Ellipse| other.distance(&near) < SAME_START;
@@ -70,12 +70,12 @@ impl Rims<'_> {
         self.step(ellipse, (2, 1.0), RAYS, 0.02)
     }
 
-    /// Fits to the edge next to an ellipse in steps of half a pixel. A shadow beside the rim draws the edge
-    /// outwards: an edge point outside the ellipse counts less than one inside.
+    /// Fits to the edge next to an ellipse in steps of half a pixel. A shadow beside the rim displaces the
+    /// edge outwards, so edge points outside the ellipse have tighter bounds than those inside.
     pub fn refine(&self, ellipse: &Ellipse) -> Option<Ellipse> {
         let ring = Ring::new(self.image, ellipse, RAYS, (4, 0.5));
         let points = ring.edge_points(self.noise, self.front)?;
-        // In a noisy image the edge points scatter more.
+        // In a noisy image the edge points have more scatter.
         let (mut sum, mut count) = (0.0, 0.0);
         for (point, weight) in &points {
             sum += weight * math::abs(ellipse.distance_to(*point)).min(2.0);
@@ -100,8 +100,8 @@ impl Rims<'_> {
     }
 }
 
-/// The robust fit to edge points with Tukey's weights; `bounds` of the residual inside and outside, fit by
-/// fit [px]; the expected deviation of the flattening.
+/// Robust fit to edge points with Tukey's weights. `bounds`: of the residual inside and outside for each fit
+/// [px]; `flattening`: its prior standard deviation.
 fn fit(
     start: &Ellipse,
     points: &[([f32; 2], f32)],

@@ -1,31 +1,31 @@
-//! An image along an ellipse: its derivative across the rim.
+//! The image along an ellipse: its derivative across the rim.
 
 use super::ellipse::Ellipse;
 use super::image::Image;
 use crate::math;
 
-/// Rays from the centre, at most.
+/// Maximum number of rays from the centre.
 pub(super) const RAYS: usize = 64;
 /// Rays on which candidates are compared.
 pub(super) const FEW_RAYS: usize = 32;
-/// Cosine and sine of the angle between two of them.
+/// Cosine and sine of the angle between two rays.
 const TURN: [f32; 2] = [0.995_184_7, 0.098_017_14];
-/// Most steps of a ray to each side of the ellipse.
+/// Maximum number of steps of a ray to each side of the ellipse.
 pub(super) const MAX_HALF: usize = 4;
-/// Places of a ray.
+/// Samples of a ray.
 const PLACES: usize = 2 * MAX_HALF + 1;
-/// What a contrast of a grey level is in [`Ring::contrasts`].
+/// Unit of [`Ring::contrasts`]: the value for a contrast of one grey level.
 const GREY_LEVEL: f32 = 48.0;
 /// Standard deviation of a contrast, over that of the pixels.
 pub(super) const CONTRAST_NOISE: f32 = 0.5;
-/// Contrast of an edge with a blur of 1 px that steps of half a pixel see, over that of whole steps.
+/// Measured contrast of an edge with a blur of 1 px in steps of half a pixel, relative to whole steps.
 const HALF_STEPS: f32 = 0.6;
-/// A ray shares contrast with the one that is a 16th of the circle away.
+/// The common contrast is that of rays a 16th of the circle apart.
 const APART: usize = 16;
-/// Least contrast of an edge point [grey levels].
+/// Minimum contrast of an edge point [grey levels].
 const MIN_CONTRAST: f32 = 3.0;
 
-/// Directions of so many rays, each turned from the one before; the same of 32 and of every other one of 64.
+/// Directions of `N` rays, each rotated from the previous one; those of 32 are every other one of 64.
 const fn evenly<const N: usize>() -> [[f32; 2]; N] {
     let [cos, sin] = TURN;
     let mut directions = [[1.0, 0.0]; N];
@@ -48,7 +48,7 @@ pub(super) fn directions(rays: usize) -> &'static [[f32; 2]] {
     if rays == FEW_RAYS { &FEW } else { &ALL }
 }
 
-/// Least contrast of an edge point [grey levels].
+/// Minimum contrast of an edge point [grey levels].
 pub(super) fn least_contrast(noise: f32) -> f32 {
     math::clamp(1.5 * CONTRAST_NOISE * noise, MIN_CONTRAST, 255.0)
 }
@@ -61,7 +61,7 @@ pub(super) struct Ring {
     unit: f32,
     /// Distances of the ellipse from its centre along the rays [px].
     reaches: [f32; RAYS],
-    /// Rays inside the image, a bit for each.
+    /// Rays inside the image, one bit each.
     pub visible: u64,
     /// Derivative outwards, smoothed along the ellipse: the contrast of a sharp edge there.
     contrasts: [[i16; PLACES]; RAYS],
@@ -96,7 +96,8 @@ impl Ring {
         ring
     }
 
-    /// Mean over three neighbours with weights 1, 2, 1; in place of one outside the image, the ray itself.
+    /// Smooths along the ellipse with weights 1, 2, 1; a neighbour outside the image is replaced by the ray
+    /// itself.
     fn smooth(&mut self) {
         let last = self.rays - 1;
         let (first, mut before) = (self.contrasts[0], self.contrasts[last]);
@@ -119,7 +120,7 @@ impl Ring {
         }
     }
 
-    /// What an edge counts at each place of a ray: half as much at the ends as in the middle, nothing beyond.
+    /// Weight of an edge at each sample of a ray: half as much at the ends as in the middle.
     fn worth(&self) -> [i32; PLACES] {
         let middle = self.half as i32;
         let falloff = 512 / (middle * middle).max(1);
@@ -149,7 +150,7 @@ impl Ring {
         Some((at as i32 - self.half as i32) as f32 + peak(heights.map(|height| height as f32)))
     }
 
-    /// Edge points (x, y), with weights 0 or 1: not where `front` hides them. None if they are few.
+    /// Edge points (x, y) with weights 0 or 1; 0 if `front` hides them. `None` if there are too few.
     pub fn edge_points(&self, noise: f32, front: Option<&Ellipse>) -> Option<[([f32; 2], f32); RAYS]> {
         let mut points = [([0.0; 2], 0.0); RAYS];
         let least = least_contrast(noise) * GREY_LEVEL;
@@ -185,7 +186,7 @@ impl Ring {
         self.visible & !hidden
     }
 
-    /// What the picture says for a rim on the ellipse: of a ring with the most steps, each of 1 px.
+    /// Features of a rim on the ellipse. The ring must have the maximum number of steps, each of 1 px.
     pub fn rim(&self, noise: f32, front: Option<&Ellipse>) -> Rim {
         let open = self.open(front);
         let count = open.count_ones();
@@ -210,13 +211,13 @@ impl Ring {
     }
 }
 
-/// What the picture says for a rim: means over the open rays. Contrasts are those of a sharp edge, over the
-/// least of an edge point, and limited.
+/// Features of a rim: means over the open rays. Contrasts are those of a sharp edge, relative to the minimum
+/// of an edge point, and limited.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Rim {
     /// Share of the rays that are open.
     pub open: f32,
-    /// Contrast at the ellipse, and what it has in common with the next but three rays.
+    /// Contrast at the ellipse, and its common part with that of the ray a 16th of the circle away.
     pub contrast: f32,
     pub common: f32,
     /// Contrast 2 px inside and outside, and 4 px inside.
@@ -225,13 +226,13 @@ pub(super) struct Rim {
     pub far_in: f32,
     /// Contrast within 1 px, over the sum within 3 px.
     pub sharp: f32,
-    /// Whether it becomes brighter outwards: 2 px inside, at the ellipse, and 2 to 3 px outside.
+    /// Brightening outwards: 2 px inside, at the ellipse, and 2 to 3 px outside.
     pub shade_in: f32,
     pub shade: f32,
     pub shade_out: f32,
     /// Distance of the strongest edge from the ellipse; 2 without one within 2 px [px].
     pub jitter: f32,
-    /// Longest part without an edge within 1 px.
+    /// Longest share of the rim without an edge within 1 px.
     pub gap: f32,
 }
 
@@ -262,7 +263,7 @@ impl Rim {
         offset
     }
 
-    /// From the sums over open rays.
+    /// Computes the means from the sums over open rays.
     fn means(&self, mean: f32, open: f32, gap: f32) -> Self {
         Self {
             open,
@@ -281,24 +282,25 @@ impl Rim {
     }
 }
 
-/// What two contrasts have in common, up to 3, over 3.
+/// Common part of two contrasts: the smaller magnitude if the signs agree, limited to 3, over 3.
 fn common(one: f32, other: f32) -> f32 {
     let [one, other] = [one, other].map(|contrast| math::clamp(contrast, -3.0, 3.0));
     (math::abs(one + other) - math::abs(one - other)) * (1.0 / 6.0)
 }
 
-/// Place of the maximum of a parabola through three heights, from the middle.
+/// Offset from the middle of the maximum of a parabola through three heights.
 fn peak([before, here, after]: [f32; 3]) -> f32 {
     let curvature = before + after - 2.0 * here;
     if curvature < 0.0 { math::clamp(0.5 * (before - after) / curvature, -0.5, 0.5) } else { 0.0 }
 }
 
-/// Whether the end of a knob hides a point, or has its own rim there.
+/// Whether the end of a knob hides a point or has its own rim there.
 pub(super) fn hides(front: &Ellipse, point: [f32; 2]) -> bool {
     front.distance_to(point) < 0.03 * front.radius + 1.5
 }
 
-/// Derivative along a ray, about its point on the ellipse; false if that leaves the image.
+/// Samples the derivative along a ray, about its point on the ellipse. Returns `false` if that leaves the
+/// image.
 fn sample(
     image: &Image<'_>,
     ellipse: &Ellipse,
@@ -319,7 +321,7 @@ fn sample(
         x += dx;
         y += dy;
     }
-    // Also at places beyond `half`, where nothing is read: a fixed number takes less time.
+    // Also beyond `half`, where the values are unused: a fixed number of samples is faster.
     for (place, contrast) in contrasts.iter_mut().enumerate() {
         let difference = |away: usize| greys[place + 2 + away] - greys[place + 2 - away];
         *contrast = (2 * difference(1) + difference(2)) as i16;

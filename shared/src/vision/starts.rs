@@ -1,7 +1,7 @@
 use super::ellipse::Ellipse;
 use crate::math;
 
-/// Most candidates that are fitted.
+/// Maximum number of candidates that are fitted.
 pub(super) const MAX_CANDIDATES: usize = 14;
 
 /// A candidate at full resolution.
@@ -14,7 +14,7 @@ pub(super) struct Start {
 }
 
 impl Start {
-    /// Where the edge is looked for: steps to both sides, each of so many pixels.
+    /// Band in which the edge is searched: number of steps to each side, and step size [px].
     pub fn band(&self) -> (usize, f32) {
         if self.side > 4.0 { (6, 0.25 * self.side) } else { (self.side as usize + 2, 1.0) }
     }
@@ -29,7 +29,7 @@ impl Starts {
     pub const NONE: Self = Self { list: [None; MAX_CANDIDATES] };
 
     pub fn insert(&mut self, start: Start) {
-        // The last one is the worst: none is replaced by a worse one.
+        // The last candidate is the worst, and is never replaced by a worse one.
         if self.list.last().is_some_and(|last| rank(last) >= start.score) {
             return;
         }

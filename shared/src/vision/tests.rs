@@ -11,14 +11,14 @@ use crate::math;
 const WIDTH: usize = 256;
 const HEIGHT: usize = 240;
 
-/// Images and what is true of them, by OpenCV and NumPy: width, height, expected radius from, to; true centre
+/// Images and their ground truth, by OpenCV and NumPy: width, height, expected radius from, to; true centre
 /// x, y, radius; OpenCV's centre x, y, radius.
 type Row = (usize, usize, f32, f32, f32, f32, f32, f32, f32, f32);
 const ROWS: &[Row] = include!("../../../tests/oracles/data/find_circle.in");
 const PIXELS: &[u8] = include_bytes!("../../../tests/oracles/data/find_circle.bin");
 
-/// Candidates of pictures, by NumPy: index of the likeliest, its confidence; of each its circle, features of
-/// it and of the end of a knob before it, and the logarithm of the odds.
+/// Candidates of pictures, by NumPy: index of the likeliest, its confidence; for each its circle, its
+/// features and those of the end of a knob in front of it, and the log-odds.
 type Judged = (usize, f32, &'static [([f32; 3], [f32; 16], Option<[f32; 12]>, f32)]);
 const JUDGED: &[Judged] = include!("../../../tests/oracles/data/circle_choice.in");
 
@@ -111,7 +111,7 @@ fn the_ellipse_of_an_oblique_disc_is_found() {
 
 #[test]
 fn of_concentric_circles_the_outermost_is_found() {
-    // The rose, and a knob with much more contrast that hides a part of it.
+    // The rose, and a knob with much more contrast that partly hides it.
     let rose = Disc::round(120.0, 110.0, 50.0, 130.0);
     let knob = Disc::round(126.0, 118.0, 36.0, 240.0);
     let pixels = draw(&[rose, knob], 100.0, 3.0, 1);
@@ -121,7 +121,7 @@ fn of_concentric_circles_the_outermost_is_found() {
 }
 
 /// A knob whose end is as large as its rose in the picture and hides four tenths of its rim: only the axis
-/// tells which is which.
+/// distinguishes them.
 #[test]
 fn a_rose_behind_its_knob_is_found_along_the_axis() {
     let rose = Disc::round(126.0, 120.0, 26.0, 130.0);
@@ -129,14 +129,14 @@ fn a_rose_behind_its_knob_is_found_along_the_axis() {
     let pixels = draw(&[rose, knob], 170.0, 2.0, 1);
     let image = Image::new(&pixels, WIDTH, HEIGHT).unwrap();
     let mut buffers = Box::new(CameraBuffers::new());
-    // It vanishes at (128, 90), where rose and knob would be if they were infinitely far; known to 5 px.
+    // The vanishing point is (128, 90), the limit of rose and knob at infinity; known to 5 px.
     for center in [[128.0, 90.0], [132.0, 88.0], [125.0, 94.0]] {
         let axis = Some(Window { center, reach: 5.0 });
         let search = CircleSearch { radius: [19.0, 34.0], window: None, axis };
         let found = find_circle(&image, &search, &mut buffers.scratch()).unwrap();
         assert_near(found, [126.0, 120.0, 26.0], 0.5);
     }
-    // Without a rose, the end of the knob is what there is.
+    // Without a rose, only the end of the knob can be found.
     let pixels = draw(&[Disc::round(124.0, 136.0, 26.0, 60.0)], 170.0, 2.0, 1);
     let image = Image::new(&pixels, WIDTH, HEIGHT).unwrap();
     let axis = Some(Window { center: [128.0, 90.0], reach: 5.0 });
@@ -180,7 +180,7 @@ fn the_window_chooses_one_of_many_circles() {
     }
     let nowhere = Window { center: [125.0, 120.0], reach: 10.0 };
     assert_eq!(find_in(&pixels, [25.0, 36.0], Some(nowhere)), None);
-    // Without a window it is one of them.
+    // Without a window either of them is found.
     let any = find_in(&pixels, [25.0, 36.0], None).unwrap();
     assert!(places.iter().any(|[x, y]| apart(any.center, [*x, *y]) < 0.3), "{any:?}");
 }
@@ -197,7 +197,7 @@ fn without_a_circle_none_is_found() {
     assert_eq!(find_in(&edge, [15.0, 90.0], None), None);
 }
 
-/// Random bytes and extreme settings: an answer or an error, within the limits that were asked for.
+/// Random bytes and extreme settings give a result within the requested limits, or an error.
 #[test]
 fn any_image_has_an_answer() {
     let mut rng = Rng::new(1, 0);
@@ -292,7 +292,7 @@ fn what_an_independent_renderer_draws_is_found() {
     assert!(right >= opencv && right >= 8, "{right} right, OpenCV {opencv}");
 }
 
-/// The weights are those of the fit, and the confidence is the probability that they mean.
+/// The weights are those of the fit, and the confidence is the probability by the logistic model.
 #[test]
 fn the_choice_is_that_of_the_fitted_model() {
     for (picture, &(likeliest, confidence, rows)) in JUDGED.iter().enumerate() {

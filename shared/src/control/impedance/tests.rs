@@ -1,4 +1,4 @@
-//! The impedance against scipy, and what is refused.
+//! The impedance against scipy, and the refusals.
 
 use super::*;
 
@@ -88,7 +88,7 @@ fn coupled_axes_have_the_accelerations_of_the_exact_motion() {
         };
         close(impedance.acceleration(&e, &v, &f), printed);
         close(impedance.held_acceleration(&e, &v, &f), held);
-        // The two differ by more than either's error.
+        // The two differ by more than the error of each.
         let difference = Vector6::from(*printed) - Vector6::from(*held);
         assert!(difference.norm() > 1e-2 * Vector6::from(*held).norm());
     }
@@ -128,7 +128,7 @@ fn matrices_that_are_not_definite_are_named_with_the_pivot() {
         refused(|c| c.mass[0] = 2.0),
         "the mass matrix is not positive definite: its pivot along y is -1.1666667 kg; it must be at least 0.001 kg"
     );
-    // 7.5 − 9²/7.5; 300 − 400²/300; with what counts as rounding on the diagonal.
+    // 7.5 − 9²/7.5; 300 − 400²/300; with the tolerance for rounding on the diagonal.
     let said = refused(|c| c.damping[3] = 9.0);
     let expected = "the damping matrix is not positive semi-definite: its pivot about x is -3.29";
     assert!(said.starts_with(expected) && said.ends_with("N·m·s/rad; it must not be negative"), "{said}");
@@ -139,7 +139,7 @@ fn matrices_that_are_not_definite_are_named_with_the_pivot() {
     assert!(said.contains("its pivot about z is NaN"), "{said}");
     // Semi-definite: a spring along the diagonal of x and y only.
     assert!(with(|c| c.stiffness[0] = 300.0).is_ok() && with(|c| c.damping[0] = -7.5).is_ok());
-    // Too stiff for the mass only in that direction: 3600 of (1.5 − 0.8) · 2500 = 1750.
+    // Too stiff for the mass in that direction only: 3600 instead of (1.5 − 0.8) · 2500 = 1750.
     let mut stiff = Impedance { stiffness: [1800.0; 6], ..SOFT };
     stiff.coupling = Some(Coupling { mass: [0.0; 15], damping: [0.0; 15], stiffness: [0.0; 15] });
     assert!(stiff.validate().is_ok());

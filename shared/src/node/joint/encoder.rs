@@ -1,4 +1,4 @@
-//! What a joint's encoder and motion tell of faults.
+//! Fault detection from a joint's encoder and motion.
 
 use super::{FOUND_DEAD, Joint, JointState};
 use crate::TICK;
@@ -6,19 +6,20 @@ use crate::fault::{FaultCause, Finding};
 use crate::math::{self, abs};
 use crate::robot::CONFIRMED_SHARE;
 
-/// Ticks without a change of the angle, under a torque that moves the joint, after which the encoder is
-/// stuck. More ticks let a dead encoder accelerate the joint longer; fewer mistake quantisation for it.
+/// Ticks without a change of the angle, under a torque that must move the joint, after which the encoder
+/// counts as stuck. With more ticks a joint with a dead encoder accelerates longer; with fewer, quantisation
+/// is mistaken for a dead encoder.
 const STUCK_TICKS: u8 = 2;
-/// Share of the growth of an acceleration torque from which on the number of such ticks stays as it is.
+/// Hysteresis: above this share of `accelerating_growth` the tick counter is held instead of reset.
 const HYSTERESIS_SHARE: f32 = 0.4;
-/// Ticks in which a joint gains speed against its torque, after which it runs away. More ticks let it gain
-/// more; fewer mistake a rebound for it.
+/// Consecutive ticks in which a joint gains speed against its torque, after which it runs away. With more
+/// ticks it gains more speed; with fewer a rebound is mistaken for it.
 const RUNAWAY_TICKS: u8 = 3;
 
-/// What a standing joint's effort is judged by.
+/// Conditions that determine the effort that a joint at rest may have.
 #[derive(Clone, Copy)]
 pub struct Situation {
-    /// The robot is brought to rest, and nothing has to press.
+    /// The robot is brought to rest, and no joint has to press on anything.
     pub stops: bool,
     /// The efforts are those of accelerations, without weight and contact forces.
     pub accelerates: bool,
@@ -28,8 +29,8 @@ pub struct Situation {
 
 impl Joint<'_> {
     /// Whether the joint gains speed in a way that [`check_speed`](Self::check_speed) has to judge: against
-    /// its effort, or beyond its velocity limit. (The filtered velocity lags behind one that grows, and
-    /// exceeds the limit only after a change has.)
+    /// its effort, or beyond its velocity limit. (The filtered velocity lags: it exceeds the limit only after
+    /// the unfiltered one.)
     #[inline]
     pub fn gains_speed(&self) -> bool {
         let (config, state) = (self.config, &self.state);
@@ -39,7 +40,7 @@ impl Joint<'_> {
             && (self.is_opposed() || change > config.limits.velocity * TICK)
     }
 
-    /// Whether the effort of the last tick, one that moves the joint, is against its motion.
+    /// Whether the effort of the last tick opposes the motion and exceeds the breakaway torque.
     #[inline]
     fn is_opposed(&self) -> bool {
         let (effort, change) = (self.state.effort, self.state.change);
@@ -76,9 +77,9 @@ impl Joint<'_> {
         None
     }
 
-    /// Checks a joint that [gains speed](Self::gains_speed): does its encoder jump, does it run away against
-    /// the effort of the last tick, does it exceed its velocity limit? Where the reference `follows` the
-    /// joint, its error says nothing.
+    /// Checks a joint that [gains speed](Self::gains_speed): whether its encoder jumps, it runs away against
+    /// the effort of the last tick, or it exceeds its velocity limit. If the reference `follows` the joint,
+    /// the tracking error carries no information.
     pub fn check_speed(&mut self, follows: bool, tick: u32) -> Option<Finding> {
         let is_opposed = self.is_opposed();
         let (config, state) = (self.config, &mut *self.state);
@@ -104,7 +105,7 @@ impl Joint<'_> {
         if abs(velocity) <= limit {
             return None;
         }
-        // Neither its drive nor a push makes a joint so fast in one tick.
+        // Neither the drive nor a push can accelerate a joint so much in one tick.
         let leap = config.max_leap(velocity);
         if abs(state.change) > leap {
             return jumps(state, leap);
@@ -115,8 +116,8 @@ impl Joint<'_> {
         Some(Finding { cause: FaultCause::VelocityLimit, value: velocity, limit })
     }
 
-    /// Whether what made the joint too fast in the last tick was an encoder that jumped: a push may be
-    /// stronger than the drive, but then the joint does not stop at once.
+    /// Checks whether the excessive velocity of the last tick was an encoder jump. A push may accelerate the
+    /// joint more than its drive can, but then the joint does not stop again within one tick.
     pub fn check_leap(&mut self, tick: u32) -> Option<Finding> {
         let (config, state) = (self.config, &mut *self.state);
         let step = config.velocity_step(state.change, *self.velocity);
@@ -151,9 +152,10 @@ impl Joint<'_> {
         })
     }
 
-    /// Whether the joint moves against its effort, away from its reference, which does not lead it there: a
-    /// servo that is only too weak, or hindered, falls behind; one whose encoder or drive is reversed goes
-    /// the other way. A reference at rest may have been left by a push, which slows down.
+    /// Whether the joint moves against its effort and away from its reference: a servo that is only too weak,
+    /// or obstructed, lags behind the reference; one whose encoder or drive is reversed moves the other way.
+    /// If the reference is at rest, the joint must also gain speed, because a joint that was pushed away
+    /// slows down.
     #[cold]
     fn runs_away(&self) -> bool {
         let (velocity, lead) = (*self.velocity, self.reference.velocity * *self.velocity);
@@ -163,9 +165,9 @@ impl Joint<'_> {
         abs(velocity) * TICK > self.config.moving && astray && self.is_opposed()
     }
 
-    /// Whether the angle stands still while the effort has grown by what moves the joint. A contact force, or
-    /// an error of the model, may balance an effort, but not its growth: what it presses on yields by some
-    /// counts.
+    /// Whether the angle stands still although the effort has grown by more than can hold the joint. A
+    /// contact force or a model error may balance a constant effort, but not its growth: any contact yields
+    /// by some counts.
     #[inline]
     pub fn resists(&mut self) -> bool {
         let effort = self.state.effort;
@@ -178,13 +180,13 @@ impl Joint<'_> {
         false
     }
 
-    /// What [`resists`](Self::resists) found in this tick.
+    /// The result of [`resists`](Self::resists) in this tick.
     #[inline]
     pub fn has_resisted(&self) -> bool {
         abs(self.state.effort - self.state.moving_effort) > self.config.least_growth
     }
 
-    /// Whether the joint has moved on. A count that comes and goes is no motion: a dead encoder may flicker.
+    /// Whether the joint has moved. One count back and forth is no motion: a dead encoder may flicker.
     #[inline(always)]
     fn moves(&mut self) -> bool {
         let (position, state) = (*self.position, &mut *self.state);
@@ -196,25 +198,27 @@ impl Joint<'_> {
         true
     }
 
-    /// Checks the encoder of a joint that [resists](Self::resists) a growing `effort`: its torque was
-    /// `excess` beyond the weight [N·m]. `docs/fault-schedules.md` tells how well that finds dead encoders.
+    /// Checks the encoder of a joint that [resists](Self::resists) a growing `effort`; `excess` is its torque
+    /// beyond the weight [N·m]. `docs/fault-schedules.md` reports how reliably this detects dead encoders.
     pub fn check_encoder(&mut self, effort: f32, excess: f32, situation: Situation) -> Option<Finding> {
         let growth = self.growth_that_holds(situation) + 2.0 * self.friction_against(excess);
         let (config, state) = (self.config, &mut *self.state);
         let grown = effort - state.moving_effort;
         let limit = if situation.stops { config.stop_excess } else { config.excess };
         let pushes = abs(excess) > limit && grown * excess > 0.0;
-        // An arm in motion balances the inertia of its other links: a torque that does so moves no joint.
+        // In a moving arm the torque of a joint also balances the inertial forces of the other links, without
+        // moving that joint.
         let is_balance = situation.accelerates && !situation.stops;
         let should_move = !is_balance && pushes && abs(grown) > growth;
-        // Accelerations are noisy: less of them, and a tick less, will do where the torque shows the same.
+        // Accelerations are noisy. If the torque confirms them, a smaller growth and one tick less suffice.
         let (share, ticks) = if pushes { (CONFIRMED_SHARE, STUCK_TICKS) } else { (1.0, STUCK_TICKS + 1) };
-        // A joint that brakes to rest stays there while its effort falls to what friction bears.
+        // A joint that has braked to rest stays there while its effort falls below friction: falling efforts
+        // do not count.
         let should_accelerate = situation.accelerates
             && abs(grown) > share * config.accelerating_growth
             && abs(effort) > 0.5 * config.growth
             && grown * effort > 0.0;
-        // What shows less for a tick, such as when a contact begins, does not count anew.
+        // A weaker sign for one tick, as at the start of a contact, does not reset the counter.
         let keeps_count = situation.accelerates
             && pushes
             && abs(grown) > HYSTERESIS_SHARE * config.accelerating_growth
@@ -233,35 +237,37 @@ impl Joint<'_> {
         Some(Finding { cause: FaultCause::EncoderStuck, value, limit })
     }
 
-    /// What the joint took beyond the model along its last motion [N·m]: it may be friction, which then holds
-    /// it against a torque of the opposite direction, `excess`, as well.
+    /// Torque beyond the model that the last motion needed [N·m]. It may be friction, which then also holds
+    /// the joint against an `excess` in the opposite direction.
     fn friction_against(&self, excess: f32) -> f32 {
         let (config, state) = (self.config, &self.state);
         let along = if state.last_change > 0.0 { state.moving_effort } else { -state.moving_effort };
-        // So may what has stopped its inertia within a period, unless that is more than friction.
+        // The torque that stopped the joint's inertia within one period may be friction too, unless it is too
+        // large.
         let stopping = along + config.inertia * abs(state.last_change) / (TICK * TICK);
         let shown = if stopping > config.max_friction + config.coulomb { along } else { stopping };
         let reverses = state.last_change * excess < 0.0;
         if reverses { math::clamp(shown, 0.0, config.max_friction) } else { 0.0 }
     }
 
-    /// By how much the effort of a standing joint may grow [N·m] before it must move, but for that friction.
+    /// How much the effort of a joint at rest may grow before the joint must move [N·m], apart from that
+    /// friction.
     fn growth_that_holds(&self, situation: Situation) -> f32 {
         let (config, last_change) = (self.config, self.state.last_change);
         if situation.presses {
-            // Forces that are fed forward are balanced with an error of their own.
+            // The contact balances the feed-forward force only with an error, which adds to the growth.
             if self.target.feedforward == 0.0 { config.breakaway } else { 2.0 * config.breakaway }
         } else if abs(last_change) >= config.moving || situation.stops {
             config.growth
         } else if last_change == 0.0 {
-            // It has not moved since it was enabled: what holds it is not known.
+            // It has not moved since it was enabled: the torque that holds it is unknown.
             config.breakaway
         } else {
             config.held_growth
         }
     }
 
-    /// The encoder is dead, as the board has found.
+    /// Marks the encoder as dead, as reported by the board. Returns the finding.
     #[cold]
     pub fn find_dead(&mut self) -> Finding {
         (self.state.unchanged, self.state.moved_to) = (FOUND_DEAD, *self.position);
@@ -277,8 +283,8 @@ impl Joint<'_> {
         self.check_encoder(excess, excess, Situation { stops: true, accelerates: false, presses: false })
     }
 
-    /// Whether the encoder was found dead and has not moved since: the angle says nothing then, not even the
-    /// weight. Returns what the joint would be enabled with.
+    /// Returns a finding if the encoder was found dead and has not moved since: the angle is then invalid,
+    /// and so is the weight computed from it.
     #[cold]
     pub fn check_still_dead(&self) -> Option<Finding> {
         let moved = abs(*self.position - self.state.moved_to) > self.config.flicker;

@@ -98,7 +98,7 @@ impl IdealArm {
             *velocity += TICK * acceleration;
         }
         set_encoders(&mut self.rig, &self.angles);
-        // The sensor measures in the axes of the tool. Constant counts would be a fault: noise.
+        // The sensor measures in the axes of the tool. Noise: constant counts would be a fault.
         let model = arm7();
         let chain = Chain::new(&model.joints, &model.chains[0].tip);
         let to_tool = chain.posture(&self.angles).tip().rotation.inverse();
@@ -295,8 +295,8 @@ fn a_setpoint_that_jumps_is_refused_by_name_and_the_arm_holds() {
     assert_eq!(fault(&arm.rig).cause, FaultCause::CommandTimeout);
 }
 
-/// Gravity along the line from shoulder to wrist: the set-point of the elbow means nothing, that of the tool
-/// does.
+/// Gravity along the line from shoulder to wrist: the set-point of the elbow is ignored, that of the tool is
+/// not.
 #[test]
 fn an_undefined_arm_angle_refuses_no_set_point_of_the_tool() {
     let mut model = arm_with_force_sensor();
@@ -334,7 +334,7 @@ fn an_arm_follows_its_setpoint_and_yields_to_a_force() {
         assert_eq!(arm.rig.ask(KEEP), Reply::Done);
         assert!(arm.tick([0.0, 15.0, 0.0, 0.0, 0.0, 0.0]));
     }
-    // 15 N on 300 N/m.
+    // 15 N on a spring of 300 N/m.
     let pushed = telemetry(&mut arm.rig);
     assert!(pushed.contact && (pushed.error[1] - 0.05).abs() < 3e-3, "{pushed:?}");
     assert!((pushed.wrench[1] - 15.0).abs() < 0.1, "{pushed:?}");
@@ -371,7 +371,7 @@ fn a_deviation_beyond_the_maximum_is_a_fault_and_the_arm_comes_to_rest() {
         assert!(found.value > limit && found.value < 1.3 * limit, "{found}");
         assert!(found.to_string().contains(cause.description()), "{found}");
         assert_eq!(arm.rig.node.mode(), Mode::Fault);
-        // The task brings the arm to rest: the tool comes to a set-point near it, and stays there.
+        // The task brings the arm to rest: the tool reaches a set-point near it and stays there.
         (0..600).for_each(|_| assert!(!arm.tick([0.0; 6])));
         assert_eq!(arm.rig.node.state.reaction, Reaction::Hold, "{:?}", arm.rig.node.faults());
         let rest = telemetry(&mut arm.rig);

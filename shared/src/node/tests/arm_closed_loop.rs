@@ -18,7 +18,7 @@ const STEPS: u16 = 12;
 const VISCOUS: f32 = 0.05;
 type JointVector = SVector<f32, 7>;
 
-/// A wall across the x axis of the base: a spring with little damping.
+/// A wall perpendicular to the x axis of the base: a spring with little damping.
 #[derive(Clone, Copy)]
 pub(super) struct Wall {
     /// [m].
@@ -43,7 +43,7 @@ pub(super) struct SimulatedArm {
     velocities: JointVector,
     torques: JointVector,
     pub wall: Option<Wall>,
-    /// Torques that the model does not know [N·m].
+    /// Unmodelled torques [N·m].
     pub disturbance: JointVector,
     /// Largest force on the wall [N] and speed of the tool [m/s] so far.
     pub max_force: f32,
@@ -105,7 +105,7 @@ impl SimulatedArm {
         Vector3::x() * self.wall.map_or(0.0, |wall| wall.force(x, velocity.x))
     }
 
-    /// One tick under an external `force` on the tool [N], beside that of the wall.
+    /// Runs one tick under an external `force` on the tool [N], in addition to that of the wall.
     pub fn tick(&mut self, force: Vector3<f32>) {
         self.sense(force + self.wall_force());
         let output = self.rig.tick();
@@ -118,7 +118,7 @@ impl SimulatedArm {
         let Some(sensor) = &self.model.chains[0].force_sensor else { return };
         let to_tool = self.chain.posture(self.angles.as_slice()).tip().rotation.inverse();
         let counts = to_tool * force / sensor.force_resolution;
-        // Constant counts would be a fault: noise.
+        // Noise: constant counts would be a fault.
         let noise = self.rig.sensors.sequence as i32 % 2;
         let [x, y, z] = <[f32; 3]>::from(counts).map(|value| value as i32 + noise);
         self.rig.sensors.forces[0] = [x, y, z, noise, noise, noise];
@@ -154,7 +154,7 @@ fn an_arm_without_a_force_sensor_yields_to_an_external_force() {
     let estimating =
         ImpedanceSettings { force: ForceSource::Observer { bandwidth: 30.0 }, contact_force: 3.0, ..SOFT };
     let mut arm = SimulatedArm::enabled(&estimating, None);
-    // Without effect: the observer tares itself once the arm has been at rest.
+    // No effect: the observer tares itself once the arm has been at rest.
     assert_eq!(arm.rig.ask(Request::Tare), Reply::Done);
     arm.run(60, Vector3::zeros());
     let free = telemetry(&mut arm.rig);

@@ -1,4 +1,4 @@
-//! Faults while an arm presses on a wall: it releases the wall, slowly, and never presses harder.
+//! Faults while an arm presses on a wall: it slowly releases the contact and never presses harder.
 
 use nalgebra::Vector3;
 
@@ -84,7 +84,7 @@ fn force_sensors_are_not_tared_in_contact() {
     assert_eq!(refusal(arm.rig.ask(Request::Tare)), Refusal::WrongMode(Mode::Fault));
 }
 
-/// An estimate that is wrong by a constant looks like a contact.
+/// A constant error of the estimate looks like a contact.
 #[test]
 fn in_contact_the_estimate_is_tared_and_the_force_sensor_is_not() {
     let observing = ImpedanceSettings { force: ForceSource::Observer { bandwidth: 30.0 }, ..SOFT };
@@ -133,14 +133,14 @@ fn an_arm_that_is_stopped_on_its_way_does_not_go_on() {
 
 #[test]
 fn a_dead_encoder_under_impedance_control_switches_the_outputs_off() {
-    // Elbow, shoulder and wrist, pushed by hand or led by the set-point.
+    // Elbow, shoulder and wrist, pushed by hand or moved by the set-point.
     for (joint, push, lead) in [(3, 10.0, 0.0), (0, 10.0, 0.0), (3, 0.0, 0.1), (5, 0.0, 0.1)] {
         let settings = ImpedanceSettings { max_deviation: [0.6, 1.0], ..SOFT };
         let mut arm = SimulatedArm::enabled(&settings, Some(SENSOR));
         arm.run(50, Vector3::zeros());
         let (mut point, elbow) = present_target(&mut arm.rig);
         let start = point.position[0];
-        // The encoder dies in tick 30, and shows it when the set-point moves, or from tick 50 on under the
+        // The encoder dies in tick 30. This shows when the set-point moves, or from tick 50 on under the
         // push.
         let shown = if lead == 0.0 { 50 } else { 30 };
         let mut dead = None;
@@ -171,7 +171,7 @@ fn a_dead_encoder_under_impedance_control_switches_the_outputs_off() {
 
 #[test]
 fn a_reversed_drive_under_impedance_control_switches_the_outputs_off() {
-    // That of the shoulder; the counts of lighter joints jump before they have run away for three ticks.
+    // The shoulder: the counts of lighter joints jump before these have run away for three ticks.
     let settings = ImpedanceSettings { max_deviation: [0.6, 1.0], ..SOFT };
     let mut arm = SimulatedArm::enabled(&settings, Some(SENSOR));
     arm.run(50, Vector3::zeros());
@@ -224,7 +224,7 @@ fn a_force_sensor_that_reads_too_little_is_found_by_what_the_tracking_makes_up_f
                 arm.rig.ask(Request::Keep);
             }
             arm.sense(arm.wall_force() * share);
-            // Noise: it is not stuck.
+            // Noise: constant counts would be a fault.
             arm.rig.sensors.forces[0][2] += tick % 2;
             let output = arm.rig.tick();
             arm.advance(Vector3::zeros(), &output);
@@ -232,7 +232,7 @@ fn a_force_sensor_that_reads_too_little_is_found_by_what_the_tracking_makes_up_f
         let faults = &arm.rig.node.faults().faults;
         assert_eq!(faults.last().map(|fault| fault.cause), Some(FaultCause::ForceMismatch));
         assert_eq!(arm.rig.node.state.reaction, Reaction::Damp);
-        // It comes to 77 N, or 44 N, by itself. Its momentum presses for some ticks more.
+        // Without a stop the force would reach 77 N, or 44 N. The momentum presses for some further ticks.
         assert!(before < 40.0 && arm.max_force < 1.2 * before, "{before} N, then {} N", arm.max_force);
         assert!(arm.wall_force().norm() < 5.0, "{} N remain", arm.wall_force().norm());
     }
@@ -243,7 +243,7 @@ fn a_stop_begins_anew_after_missed_ticks() {
     let mut arm = pressing(40.0, 2e3);
     assert_eq!(arm.rig.ask(Request::Stop), Reply::Done);
     (0..10).for_each(|_| arm.tick(Vector3::zeros()));
-    // The board misses eight ticks: the drives keep their torques for two, then they are off.
+    // The board misses eight ticks: the drives keep their torques for two of them and are then off.
     let kept = arm.rig.node.telemetry().joints.iter().map(|joint| joint.torque).collect();
     let mut frame = ActuatorFrame { sequence: 0, enabled: true, torques: kept };
     for missed in 0..8 {
@@ -278,7 +278,7 @@ fn a_stopped_arm_is_no_lighter_than_it_is() {
     push[axis] = 40.0;
     arm.max_speed = 0.0;
     (0..4).for_each(|_| arm.tick(push));
-    // What 40 N do in 40 ms to the arm alone; damping takes some of it.
+    // The velocity of the arm alone after 40 ms under 40 N; damping reduces it.
     let free = (mobility * push).norm() * 0.04;
     assert!(arm.max_speed < 1.1 * free, "{} m/s, the arm alone {free} m/s", arm.max_speed);
     assert_eq!(arm.rig.node.state.reaction, Reaction::Hold, "{:?}", arm.rig.node.faults());
@@ -291,7 +291,7 @@ fn a_stopped_arm_presses_no_harder_with_time() {
     arm.run(50, Vector3::zeros());
     assert_eq!(arm.rig.ask(Request::Stop), Reply::Done);
     (0..100).for_each(|_| arm.tick(Vector3::zeros()));
-    // Something holds the shoulder 2 mrad from where it was.
+    // An obstacle holds the shoulder 2 mrad from its position.
     arm.angles[0] += 2e-3;
     let held = |arm: &mut SimulatedArm, ticks: u32| {
         (0..ticks).for_each(|_| {
@@ -327,13 +327,13 @@ fn an_arm_that_is_stopped_on_its_way_into_a_wall_presses_only_with_its_momentum(
     arm.max_force = 0.0;
     assert_eq!(arm.rig.ask(Request::Stop), Reply::Done);
     (0..300).for_each(|_| arm.tick(Vector3::zeros()));
-    // 3.4 kg along x; 2 N for what is read a tick late.
+    // 3.4 kg along x; 2 N for the delay of one tick.
     let limit = 1.05 * libm::sqrtf(before * before + 2e3 * 3.4 * speed * speed) + 2.0;
     assert!(arm.max_force < limit, "{} N of {limit} N; {before} N at {speed} m/s", arm.max_force);
     assert!(arm.wall_force().norm() < 5.0 && arm.speed() < 1e-2);
 }
 
-/// What the tracking has learnt of the errors of the model is as true after a missed tick as before it.
+/// The disturbance estimates, which compensate model errors, remain valid after a missed tick.
 #[test]
 fn a_missed_tick_does_not_let_the_arm_sag() {
     let settings = ImpedanceSettings { max_deviation: [0.6, 1.0], ..SOFT };
@@ -366,7 +366,7 @@ fn a_low_supply_hides_no_saturated_force_sensor() {
     assert_eq!(arm.rig.node.state.reaction, Reaction::Damp);
 }
 
-/// All joints brake at once; each must withstand what the others do to it.
+/// All joints brake at the same time; each must withstand the inertial torques of the others.
 #[test]
 fn an_arm_that_is_held_gains_no_energy_as_its_joints_brake() {
     for speed in [0.3_f32, 0.6] {

@@ -26,7 +26,7 @@ fn an_export_has_the_bytes_and_the_length_of_its_item() {
     assert_eq!(refusal(empty.ask(Request::Export(Item::Model))), Refusal::NoModel);
 }
 
-/// The largest encoding: full lists, and numbers with the longest varints.
+/// The longest encoding: full lists, and numbers with the longest varints.
 #[test]
 fn the_largest_state_and_the_largest_model_can_be_exported() {
     let mut rig = Rig::ready(&model());

@@ -22,16 +22,16 @@ fn an_encoder_jump_switches_the_outputs_off() {
         (fault.cause, fault.joint, fault.tick),
         (FaultCause::EncoderJump, Some(1), rig.sensors.sequence)
     );
-    // 10 000 counts of 65 536 a turn are 0.9587 rad; the limit is twice 8 rad/s · 10 ms and two counts.
+    // 10 000 counts of 65 536 per turn are 0.9587 rad; the limit is twice 8 rad/s · 10 ms and two counts.
     assert!((fault.value - 0.958_738).abs() < 1e-5 && (fault.limit - 0.160_192).abs() < 1e-5, "{fault:?}");
     assert!(!output.enabled && output.torques == [0.0; 3]);
 }
 
-/// What the servos learnt from such a torque is no number either, and is forgotten.
+/// The servo states that result from such a torque are not finite either, and are reset.
 #[test]
 fn a_torque_that_is_no_number_switches_the_outputs_off_in_its_tick() {
     let mut rig = Rig::enabled(&model());
-    // In motion the servo learns the friction.
+    // In motion the servo adapts its friction.
     let mut ticks = 0;
     while rig.node.state.references[1].velocity < 0.06 {
         assert_eq!(rig.goal([0.0, 0.3, 0.0]), Reply::Done);
@@ -74,7 +74,7 @@ fn a_dead_encoder_that_the_robot_does_not_have_is_a_fault() {
     assert_eq!((fault.cause, fault.value, fault.limit), (FaultCause::SensorCount, 4.0, 3.0));
 }
 
-/// Joints may move while nobody knows whose counts come.
+/// Joints may move while it is unknown which joints the counts belong to.
 #[test]
 fn nothing_is_homed_by_the_counts_before_a_frame_of_another_robot() {
     let mut rig = Rig::ready(&model());
@@ -88,7 +88,7 @@ fn nothing_is_homed_by_the_counts_before_a_frame_of_another_robot() {
     assert_eq!(rig.enable(), Reply::Done);
 }
 
-/// The board compares encoders with the voltages that the motors induce.
+/// The board compares encoders with the back-EMF of the motors.
 #[test]
 fn an_encoder_that_the_board_finds_dead_switches_the_outputs_off_in_its_tick() {
     let mut rig = Rig::enabled(&model());
@@ -97,7 +97,7 @@ fn an_encoder_that_the_board_finds_dead_switches_the_outputs_off_in_its_tick() {
     let fault = *rig.node.faults().faults.last().unwrap();
     assert_eq!((fault.cause, fault.joint), (FaultCause::EncoderStuck, Some(1)));
     assert!(!output.enabled && output.torques == [0.0; 3], "{output:?}");
-    // A motor that is not driven induces nothing that the board could compare.
+    // With the outputs off the board cannot compare.
     rig.sensors.flags = SensorFlags(0);
     rig.clear_faults();
     rig.tick();
@@ -108,8 +108,8 @@ fn an_encoder_that_the_board_finds_dead_switches_the_outputs_off_in_its_tick() {
     assert_eq!(rig.enable(), Reply::Done);
 }
 
-/// While the outputs are off, nothing tells where a joint with a dead encoder is, nor what its weight is: an
-/// arm would be enabled with the torque of another posture.
+/// While the outputs are off, the angle of a joint with a dead encoder is unknown, and so is its gravity
+/// torque: an arm would be enabled with the torque of another posture.
 #[test]
 fn a_joint_whose_encoder_was_found_dead_is_enabled_again_once_it_has_moved() {
     let mut model = model();
@@ -127,7 +127,7 @@ fn a_joint_whose_encoder_was_found_dead_is_enabled_again_once_it_has_moved() {
     };
     rig.clear_faults();
     assert!(refused(&mut rig));
-    // A count that flickers, sensors that were silent and a new zero are no motion.
+    // A flickering count, silent sensors and a new zero are no motion.
     rig.sensors.encoders[2] += 1;
     assert!(refused(&mut rig));
     rig.sensors.flags = SensorFlags(SensorFlags::SILENT);
@@ -140,7 +140,7 @@ fn a_joint_whose_encoder_was_found_dead_is_enabled_again_once_it_has_moved() {
     rig.sensors.encoders[2] += 3;
     rig.tick();
     assert_eq!(rig.enable(), Reply::Done);
-    // Or with a model that is pushed again, where nobody can turn it.
+    // Or the model is pushed again, if the joint cannot be turned.
     let mut rig = Rig::enabled(&self::model());
     rig.tick();
     rig.tick_until_fault([0.0, 0.0, 0.19], 400);
@@ -193,7 +193,7 @@ fn a_node_whose_sensors_are_silent_cannot_be_enabled_and_reads_them_anew_when_th
     assert_eq!(rig.ask(Request::ClearFaults { total: log.total }), Reply::Done);
     rig.tick();
     assert_eq!(refusal(rig.enable()), Refusal::NoSensors);
-    // The joint was turned by hand meanwhile; that is no jump of its encoder.
+    // The joint was turned by hand in the meantime; that is no jump of its encoder.
     rig.sensors = SensorFrame { sequence: rig.sensors.sequence, ..read };
     rig.sensors.encoders[0] += libm::roundf(0.5 * COUNTS_PER_RADIAN) as i32;
     rig.tick();
@@ -202,7 +202,8 @@ fn a_node_whose_sensors_are_silent_cannot_be_enabled_and_reads_them_anew_when_th
     assert_eq!(rig.node.faults().total, log.total);
 }
 
-/// Five periods from read to read, of 16 rad/s at most. A relative encoder then has lost its zero.
+/// Five periods between two reads, at most 16 rad/s in each. Beyond that a relative encoder has lost its
+/// zero.
 #[test]
 fn a_leap_while_sensors_are_silent_is_an_encoder_error() {
     let mut model = model();
@@ -229,7 +230,7 @@ fn a_leap_while_sensors_are_silent_is_an_encoder_error() {
     }
 }
 
-/// The new angle says nothing about the speed.
+/// The velocity cannot be computed from the new angle.
 #[test]
 fn a_joint_that_moves_is_not_enabled_by_a_new_zero() {
     let mut model = model();
@@ -296,7 +297,7 @@ fn a_fault_remains_until_it_was_read_and_cleared() {
     assert_eq!(restarted.faults(), &log);
 }
 
-/// Who has read of the first fault knows nothing of a stop that came since.
+/// A client that has read the first fault does not know of a later stop.
 #[test]
 fn a_stop_after_another_fault_is_read_of_before_the_robot_is_enabled() {
     let mut rig = Rig::enabled(&model());
@@ -348,7 +349,7 @@ fn disable_switches_the_outputs_off_but_keeps_the_fault() {
 fn an_error_of_the_model_that_holds_a_joint_where_it_stands_is_no_dead_encoder() {
     let mut rig = Rig::enabled(&model());
     let breakaway = rig.node.robot().unwrap().joints()[2].breakaway;
-    // The servo learns a torque beyond that of the model, while the angle creeps.
+    // The servo adapts to a torque beyond the model while the angle changes slowly.
     let mut ticks = 0;
     while rig.node.telemetry().joints[2].torque < 2.5 * breakaway {
         rig.goal([0.0, 0.0, 0.15]);
@@ -357,7 +358,7 @@ fn an_error_of_the_model_that_holds_a_joint_where_it_stands_is_no_dead_encoder()
         ticks += 1;
         assert!(ticks < 400 && rig.node.mode() != Mode::Fault, "{:?}", rig.node.faults());
     }
-    // The reference comes to where the joint is, which then stands still under what was learnt.
+    // The reference reaches the joint, which then stands still under the adapted torque.
     for tick in 0..130 {
         rig.goal([0.0; 3]);
         rig.tick();
@@ -377,12 +378,12 @@ struct Rubbing {
 }
 
 impl Rubbing {
-    /// Goes on for a period under the torque of the last tick.
+    /// Moves for a period under the torque of the last tick.
     fn step(&mut self, rig: &mut Rig) {
         self.step_of(rig, 0.02);
     }
 
-    /// As [`step`](Self::step), of another inertia [kg·m²].
+    /// As [`step`](Self::step), with another inertia [kg·m²].
     fn step_of(&mut self, rig: &mut Rig, inertia: f32) {
         let torque = rig.node.telemetry().joints[2].torque;
         for _ in 0..20 {
@@ -403,7 +404,7 @@ fn a_dead_encoder_that_flickers_by_a_count_is_found() {
         for tick in 0..400 {
             rig.goal([0.0, 0.0, 0.19]);
             rig.tick();
-            // It dies after some counts.
+            // The encoder dies after some counts.
             if tick < 4 {
                 rig.sensors.encoders[2] += 1;
             } else if tick % every == 0 {
@@ -431,7 +432,7 @@ fn moving_means_the_same_speed_for_a_fine_and_a_coarse_encoder() {
     assert!((moving(4096.0) - 3.067_96e-3).abs() < 1e-7);
 }
 
-/// A reversed encoder turns the servo into one that drives the joint away.
+/// With a reversed encoder the servo drives the joint away from the reference.
 #[test]
 fn a_reversed_encoder_is_named_before_anything_holds_by_it() {
     for mode in [ServoMode::Pid, ServoMode::Observer] {
@@ -455,11 +456,11 @@ fn a_reversed_encoder_is_named_before_anything_holds_by_it() {
     }
 }
 
-/// Friction beyond the model's that a motion has shown holds the joint against the opposite torque, too, also
-/// when its count has gone back by one since.
+/// Friction beyond the model that a motion has needed also holds the joint against the opposite torque, even
+/// if its count has gone back by one since.
 #[test]
 fn a_count_that_goes_back_hides_no_friction() {
-    // Of the model: 0.02 N·m.
+    // The model has 0.02 N·m.
     for friction in [0.088, 0.096] {
         let mut model = model();
         model.joints[2].servo.observer.inertia = 0.02;
@@ -486,7 +487,7 @@ fn a_reversed_encoder_is_named_also_where_the_reference_rests() {
         model.joints[2].servo.observer.inertia = 0.02;
         let mut rig = Rig::ready(&model);
         assert_eq!(rig.ask(Request::Enable(TaskConfig::JointServo(mode))), Reply::Done);
-        // Something touches it.
+        // The joint is in contact.
         let mut joint = Rubbing { friction: 0.02, position: 0.0, velocity: 0.5 };
         let mut ticks = 0;
         while rig.node.mode() != Mode::Fault {
@@ -503,11 +504,11 @@ fn a_reversed_encoder_is_named_also_where_the_reference_rests() {
     }
 }
 
-/// A joint that coasts to rest shows less than its friction by its effort.
+/// The effort of a joint that coasts to rest is smaller than its friction.
 #[test]
 fn friction_that_stops_a_coasting_joint_is_no_dead_encoder() {
-    // Friction [N·m], 4.25 to 5 times the model's; inertia [kg·m²]; ticks between the goals at 0 and beside
-    // it [rad].
+    // Friction [N·m], 4.25 to 5 times the model's; inertia [kg·m²]; ticks between the goals; goal beside 0
+    // [rad].
     for (mode, friction, inertia, wait, goal) in [
         (ServoMode::Pid, 0.085, 0.02, 200, 0.1),
         (ServoMode::Pid, 0.09, 0.005, 60, 0.3),
@@ -524,7 +525,7 @@ fn friction_that_stops_a_coasting_joint_is_no_dead_encoder() {
             rig.goal([0.0, 0.0, if tick / wait % 2 == 0 { goal } else { 0.0 }]);
             rig.tick();
             joint.step_of(&mut rig, inertia);
-            // It may well fall behind.
+            // A following error is permitted.
             let faults = &rig.node.faults().faults;
             let dead = faults.iter().any(|fault| fault.cause == FaultCause::EncoderStuck);
             assert!(!dead, "{mode:?}, {friction} N·m, {inertia} kg·m², tick {tick}: {faults:?}");

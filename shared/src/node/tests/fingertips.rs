@@ -11,7 +11,7 @@ use crate::robot::LimitRefusal;
 use crate::task::joint_servo::{JointCommand, JointServoRefusal};
 use crate::task::{TaskCommand, TaskRefusal};
 
-/// Two fingers of Hand3, side by side.
+/// Two fingers of the Hand3 paper, side by side.
 pub fn fingers() -> RobotModel {
     let mut model = model();
     model.joints.extend_from_slice(&model.joints.clone()).unwrap();

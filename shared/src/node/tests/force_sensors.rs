@@ -117,7 +117,7 @@ fn dead_saturated_and_overloaded_force_sensors_are_faults_by_name() {
     assert_eq!(refusal(Rig::ready(&model()).ask(Request::Tare)), Refusal::NoForceSensor);
 }
 
-/// A force that was the fault lasts while the robot is held: no sign that holding fails.
+/// A force that caused the fault lasts while the robot is held: it is no sign that holding fails.
 #[test]
 fn a_stop_while_a_robot_is_held_leaves_it_held() {
     let mut rig = fingers_with_force_sensors([[0; 6]; 2]);
@@ -150,7 +150,7 @@ fn what_the_board_finds_wrong_with_gauges_is_a_fault_by_name_and_a_hold() {
         assert_eq!(rig.enable(), Reply::Done);
         rig.tick();
         let felt = rig.node.tips().tips[0].force;
-        // What comes with the fault means nothing.
+        // The counts that come with the fault are invalid.
         rig.sensors.flags = SensorFlags(0).with_force_sensor(told);
         rig.sensors.forces[0] = [-900, 800, 700, 0, 0, 0];
         let frame = rig.tick();
@@ -163,7 +163,7 @@ fn what_the_board_finds_wrong_with_gauges_is_a_fault_by_name_and_a_hold() {
     }
 }
 
-/// What a sensor is tared by while nothing can be trusted would be missing from every force.
+/// A tare with invalid readings would be an error of every later force.
 #[test]
 fn a_sensor_that_gives_no_wrench_is_not_tared() {
     let mut rig = fingers_with_force_sensors([[300, 0, 0, 0, 0, 0], [0; 6]]);
@@ -171,7 +171,7 @@ fn a_sensor_that_gives_no_wrench_is_not_tared() {
     rig.tick();
     let Refusal::Unsafe(fault) = refusal(rig.ask(Request::Tare)) else { panic!() };
     assert_eq!(fault.cause, FaultCause::ForceSilent);
-    // Another fault that hides that one, and one that comes with a wrench of before.
+    // Another fault that masks that one, and one that comes with an outdated wrench.
     rig.sensors.flags = SensorFlags(SensorFlags::EMERGENCY_STOP).with_force_sensor(ForceSensorFault::Silent);
     rig.tick();
     let Refusal::Unsafe(fault) = refusal(rig.ask(Request::Tare)) else { panic!() };
@@ -186,8 +186,8 @@ fn a_sensor_that_gives_no_wrench_is_not_tared() {
     assert_eq!(rig.ask(Request::Tare), Reply::Done);
 }
 
-/// 200 g on a sensor of a finger that was believed to point elsewhere: the weight of one posture would be
-/// taken from the readings in another.
+/// 200 g on the sensor of a finger with a wrong zero: the weight for one posture would be subtracted from the
+/// readings in another.
 #[test]
 fn a_sensor_is_tared_in_a_posture_that_is_known() {
     let mut model = fingers();
@@ -205,7 +205,7 @@ fn a_sensor_is_tared_in_a_posture_that_is_known() {
     (0..20).for_each(|_| _ = rig.tick());
     assert_eq!(rig.ask(Request::Tare), Reply::Done);
     assert!(rig.node.tips().tips.iter().all(|tip| tip.tared));
-    // Another zero: the tare of before does not count, nor what was read before.
+    // After a new zero the earlier tare and the earlier readings are invalid.
     assert_eq!(rig.ask(home(0.5)), Reply::Done);
     assert!(rig.node.tips().tips.iter().all(|tip| !tip.tared));
     assert_eq!(refusal(rig.ask(Request::Tare)), Refusal::NoSensors);
@@ -216,7 +216,7 @@ fn a_sensor_is_tared_in_a_posture_that_is_known() {
     assert!(force.iter().all(|value| value.abs() < 1e-4), "{force:?}");
 }
 
-/// Its own counts show as much as what the board tells.
+/// The counts alone show the faults that the board reports.
 #[test]
 fn a_dead_or_saturated_sensor_is_not_tared() {
     let mut rig = fingers_with_force_sensors([[300, 0, 0, 0, 0, 0], [0; 6]]);
@@ -235,7 +235,7 @@ fn a_dead_or_saturated_sensor_is_not_tared() {
     assert_eq!(rig.ask(Request::Tare), Reply::Done);
 }
 
-/// A joint robot has no gauges to be told of.
+/// A fault of gauges is ignored for a robot without force sensor.
 #[test]
 fn a_robot_without_force_sensors_ignores_what_is_told_of_gauges() {
     let mut rig = Rig::ready(&model());

@@ -18,7 +18,7 @@ use crate::task::grasping::{
 use crate::task::joint_servo::{JointCommand, JointServoRefusal};
 use crate::task::{TaskCommand, TaskConfig, TaskKind, TaskRefusal, TaskTelemetry};
 
-/// Three such fingers; the third stands opposite the middle between the others.
+/// Three such fingers; the third is opposite the midpoint between the others.
 fn hand() -> RobotModel {
     let mut model = fingers();
     for (index, name) in ["g", "h", "i"].into_iter().enumerate() {
@@ -59,13 +59,13 @@ const GRASP: Request = Request::Enable(TaskConfig::Grasping(()));
 
 pub const KEEP: Request = Request::Keep;
 
-/// What is 2 mm in front of the tips of [`untared_hand`].
+/// An object 2 mm in front of the tips of [`untared_hand`].
 pub fn in_front() -> GraspPlan {
     let contact = |x: f32, y: f32, normal: f32| PlannedContact {
         position: [x, y, 0.093_219_9],
         normal: [normal, 0.0, 0.0],
     };
-    // 8 mm of the tips and 2 mm from them.
+    // The radius of the tips, 8 mm, and 2 mm of distance.
     let near = 0.071_946_6 + 0.01;
     GraspPlan {
         contacts: [contact(near, 0.0, 1.0), contact(near, 0.1, 1.0), contact(0.3 - near, 0.05, -1.0)],
@@ -237,7 +237,7 @@ fn commands_that_are_not_possible_leave_the_hand_ready() {
 fn an_obstacle_stops_the_approach_and_an_open_command_turns_it_back() {
     let mut bench = tared_hand();
     assert_eq!(bench.ask(GRASP), Reply::Done);
-    // A grasp counts as a sign of life: with the tick before, eleven ticks without another.
+    // A grasp command resets the command timeout: with the tick before, eleven ticks without another.
     bench.tick();
     assert_eq!(bench.ask(grasp(in_front())), Reply::Done);
     assert_eq!(seen(&mut bench).phase, Phase::Approach);
@@ -267,8 +267,8 @@ fn an_obstacle_stops_the_approach_and_an_open_command_turns_it_back() {
     assert_eq!(seen(&mut bench).phase, Phase::Open);
 }
 
-/// Runs a hand whose joints follow their references exactly, or stay where they are, with an object that
-/// presses on a tip with 1 N once it is touched. Returns the last torques [N·m].
+/// Runs a hand whose joints follow their references exactly, or do not move, with an object that presses on a
+/// tip with 1 N once it is touched. Returns the last torques [N·m].
 #[allow(clippy::disallowed_methods, reason = "the independent formula")]
 fn run_pressed(bench: &mut Bench, ticks: u32, follows: bool) -> Vec<f32, MAX_JOINTS> {
     let mut torques = Vec::new();
@@ -284,7 +284,7 @@ fn run_pressed(bench: &mut Bench, ticks: u32, follows: bool) -> Vec<f32, MAX_JOI
         for finger in 0..3 {
             let angle = references[3 * finger + 1].position + references[3 * finger + 2].position;
             let push = if finger == 2 { presses } else { -presses };
-            // Noise of a count: a sensor that never changes is dead.
+            // Noise of one count: constant counts would be a fault.
             let noise = (tick % 2) as i32;
             bench.sensors.forces[finger][0] = (push * angle.cos()) as i32 + noise;
             bench.sensors.forces[finger][2] = (push * angle.sin()) as i32;
@@ -295,7 +295,7 @@ fn run_pressed(bench: &mut Bench, ticks: u32, follows: bool) -> Vec<f32, MAX_JOI
     torques
 }
 
-/// A hand that holds an object as `plan` says.
+/// A hand that holds an object by `plan`.
 fn holding_hand(plan: GraspPlan) -> Bench {
     hand_that_grasps(plan, Phase::Hold, 200.0)
 }
@@ -305,12 +305,12 @@ pub fn slow_holding_hand(plan: GraspPlan, torque_rate: f32) -> Bench {
     hand_that_grasps(plan, Phase::Hold, torque_rate)
 }
 
-/// A hand with this torque rate [N·m/s] that grasps an object as `plan` says, up to a phase.
+/// A hand with this torque rate [N·m/s] that grasps an object by `plan`, up to a phase.
 fn hand_that_grasps(plan: GraspPlan, phase: Phase, torque_rate: f32) -> Bench {
     hand_of_model_that_grasps(hand(), plan, phase, torque_rate)
 }
 
-/// As [`hand_that_grasps`], one of this model.
+/// As [`hand_that_grasps`], for this model.
 fn hand_of_model_that_grasps(
     mut model: RobotModel,
     plan: GraspPlan,
@@ -318,7 +318,7 @@ fn hand_of_model_that_grasps(
     torque_rate: f32,
 ) -> Bench {
     for JointModel { limits, .. } in &mut model.joints {
-        // Joints under torques follow no targets.
+        // Under torque control the joints do not follow their targets.
         (limits.following_error, limits.torque_rate) = (1.0, torque_rate);
     }
     let mut bench = untared_hand();
@@ -338,7 +338,7 @@ fn hand_of_model_that_grasps(
     bench
 }
 
-/// As the Hand3 paper holds an object.
+/// The plan of the Hand3 paper.
 pub fn paper_plan() -> GraspPlan {
     GraspPlan {
         internal: InternalForce::Normal { strength: 1.0 },
@@ -349,9 +349,10 @@ pub fn paper_plan() -> GraspPlan {
     }
 }
 
-/// Forces that rise against dry friction move an object that stands on its support. Of 0.1 mm along x the
-/// joints of each finger make (0, 2.92, −4.21) mrad: of `x = 46 sin b + 51.78 sin(b + c)` and `z = 46 cos b +
-/// 51.78 cos(b + c)` [mm] the first grows, and the second stays, at `(b, c) = (0.5, 0.8)` and `(−0.5, −0.8)`.
+/// Forces that rise against dry friction move an object on its support. A motion of 0.1 mm along x requires
+/// (0, 2.92, −4.21) mrad of the joints of each finger: of `x = 46 sin b + 51.78 sin(b + c)` and
+/// `z = 46 cos b + 51.78 cos(b + c)` [mm] the first grows and the second is constant, at
+/// `(b, c) = (0.5, 0.8)` and `(−0.5, −0.8)`.
 #[test]
 fn forces_without_feedback_are_as_commanded_wherever_the_object_has_moved_while_they_rose() {
     let torques_after = |[bend, curl]: [f32; 2]| {
@@ -372,7 +373,8 @@ fn forces_without_feedback_are_as_commanded_wherever_the_object_has_moved_while_
     };
     let (at_rest, moved) = (torques_after([0.0; 2]), torques_after([0.002_92, -0.004_21]));
     for (joint, (at_rest, moved)) in at_rest.iter().zip(&moved).enumerate() {
-        // Levers that are longer by 0.1 mm make 0.1 mN·m of 1 N; the weights of the links change as little.
+        // Levers that are longer by 0.1 mm change the torque of 1 N by 0.1 mN·m; the gravity torques of the
+        // links change as little.
         assert!((moved - at_rest).abs() < 1e-3, "{joint}: {moved}, not {at_rest}");
     }
 }
@@ -383,8 +385,8 @@ fn forces_without_feedback_are_as_commanded_wherever_the_object_has_moved_while_
 #[allow(clippy::excessive_precision, reason = "written by a script")]
 const ACCUMULATED: [[f32; 9]; 2] = include!("../../../../tests/oracles/data/accumulated_targets.in");
 
-/// The sum of the joints' changes moves the points of contact, 8 mm from the centers of the tips, with an
-/// object that is shifted and turned.
+/// The accumulated joint targets move the contact points, 8 mm from the centres of the tips, with an object
+/// that is translated and rotated.
 #[test]
 fn accumulated_joint_targets_move_the_contacts_with_the_object() {
     let mut bench = holding_hand(paper_plan());
@@ -398,14 +400,14 @@ fn accumulated_joint_targets_move_the_contacts_with_the_object() {
     for (joint, (before, after)) in before.into_iter().zip(angles(&bench)).enumerate() {
         assert!((before - start[joint]).abs() < 2e-3, "{joint}: begins at {before}, not {}", start[joint]);
         let moved = after - before;
-        // Tips that were points, or closed-form targets, would be off by up to 0.15 rad.
+        // Point contacts at the centres, or closed-form targets, would differ by up to 0.15 rad.
         assert!((moved - changes[joint]).abs() < 3e-3, "{joint}: {moved}, not {}", changes[joint]);
     }
 }
 
 /// The tip of a finger whose second joint is at `b` and whose third one turns from 0.8 to 1.2 rad moves by
 /// 51.78 mm · (sin(b + 1.2) − sin(b + 0.8), cos(b + 1.2) − cos(b + 0.8)). On the straight line the second
-/// joint must go back by 26 mrad in between.
+/// joint must move back by 26 mrad in between.
 #[test]
 fn a_motion_through_what_is_out_of_reach_ends_where_it_was_and_the_hand_can_open() {
     let servo = GraspPlan { joint_targets: JointTargets::ClosedForm, ..paper_plan() };
@@ -444,12 +446,12 @@ pub fn wrench_plan() -> GraspPlan {
     }
 }
 
-/// The servos of a hand restart before internal forces rise that nothing corrects, and after torque control.
+/// The servos of a hand restart before open-loop internal forces rise, and after torque control.
 /// [`Bench::tick`] compares the torques.
 #[test]
 fn servos_that_restart_in_a_grasp_keep_the_torque_rate() {
     for (plan, torques) in [(paper_plan(), false), (wrench_plan(), true)] {
-        // 1 mN·m a tick.
+        // 1 mN·m per tick.
         let mut bench = slow_holding_hand(plan, 0.1);
         assert_eq!(bench.node.state.targets.actuation != Actuation::Servo, torques);
         let held = run_pressed(&mut bench, 100, true);
@@ -460,9 +462,9 @@ fn servos_that_restart_in_a_grasp_keep_the_torque_rate() {
     }
 }
 
-/// 0.05 rad away from where the hand was enabled, under the observer: for the PID of the plan that is no
-/// speed.
-/// Its 0.01 N·m·s/rad, cut off at 30 rad/s, would make 15 mN·m of it, beside 20 mN·m for the error.
+/// The hand is 0.05 rad from the position at which it was enabled under the observer. The PID of the plan
+/// must not take that difference for a velocity: its 0.01 N·m·s/rad, cut off at 30 rad/s, would add 15 mN·m
+/// to the 20 mN·m for the error.
 #[test]
 fn a_plan_with_the_other_servo_begins_it_where_the_joints_are() {
     let mut bench = tared_hand();
@@ -488,8 +490,8 @@ fn a_plan_with_the_other_servo_begins_it_where_the_joints_are() {
 #[allow(clippy::excessive_precision, reason = "written by a script")]
 const CONTROLLED: [f32; 9] = include!("../../../../tests/oracles/data/object_control.in");
 
-/// Equations (16) to (20): an object that stays behind its target is pushed towards it by the torques of all
-/// fingers, beside the internal force and the load, and by nothing else.
+/// Equations (16) to (20): the torques of all fingers push an object that lags behind its target towards it,
+/// in addition to internal force and load, and contain nothing else.
 #[test]
 fn the_pose_of_the_object_is_controlled_by_torques_as_printed() {
     let mut bench = holding_hand(wrench_plan());
@@ -497,7 +499,7 @@ fn the_pose_of_the_object_is_controlled_by_torques_as_printed() {
     assert_eq!(bench.ask(task(GraspCommand::Move { translation, rotation, duration: 1.0 })), Reply::Done);
     let torques = run_pressed(&mut bench, 110, false);
     for (joint, (torque, expected)) in torques.iter().zip(CONTROLLED).enumerate() {
-        // A tick more or less of the integral is 0.4 mN·m.
+        // One tick of the integral is 0.4 mN·m.
         assert!((torque - expected).abs() < 1e-3, "{joint}: {torque}, not {expected}");
     }
 }

@@ -45,7 +45,7 @@ fn only_the_commander_may_command_but_every_client_may_read_and_stop() {
     let Reply::Status(status) = rig.send(other, 5, Request::ReadStatus) else { panic!() };
     assert_eq!(status.node.commander, Some(7));
     assert_eq!(rig.send(other, 6, Request::SetRate { stream: Stream::Telemetry, every: 1 }), Reply::Done);
-    // The commander keeps its hello and its lease, however many other clients come.
+    // The commander stays accepted and keeps its lease, however many other clients say hello.
     for client in 100..120 {
         rig.send(client, 1, Request::Hello { schema: SCHEMA_KEY });
     }
@@ -134,10 +134,10 @@ fn after_a_reset_and_a_new_hello_nothing_from_before_enables() {
     rig.tick();
     rig.ask(Request::ReleaseCommand);
     rig.send(8, 10, Request::Hello { schema: SCHEMA_KEY });
-    // Sent and executed before the reset; they arrive again.
+    // Requests that were sent and executed before the reset arrive again.
     assert_eq!(refusal(rig.send(8, 2, take(true))), Refusal::Stale { latest: 10 });
     assert_eq!(refusal(rig.send(8, 3, enable())), Refusal::NotCommander);
-    // The old hello as well.
+    // So does the old hello.
     rig.send(8, 1, Request::Hello { schema: SCHEMA_KEY });
     assert_eq!(refusal(rig.send(8, 2, take(true))), Refusal::Stale { latest: 10 });
     assert_eq!(rig.send(8, 11, take(false)), Reply::Done);
@@ -156,11 +156,11 @@ fn a_repeated_hello_pushes_no_other_client_out() {
     for client in [21, 22, 23, 24] {
         assert!(matches!(rig.send(client, 2, Request::ReadStatus), Reply::Status(_)), "{client}");
     }
-    // A fifth one pushes out the client whose hello was the longest ago.
+    // A fifth client replaces the one with the oldest hello.
     rig.send(25, 1, Request::Hello { schema: SCHEMA_KEY });
     assert!(matches!(refusal(rig.send(21, 3, Request::ReadStatus)), Refusal::SchemaMismatch { .. }));
     assert!(matches!(rig.send(23, 3, Request::ReadStatus), Reply::Status(_)));
-    // One that does not speak our schema any more leaves its place.
+    // A client whose new hello has another schema key is removed.
     rig.send(23, 4, Request::Hello { schema: SCHEMA_KEY ^ 1 });
     assert!(matches!(refusal(rig.send(23, 5, Request::ReadStatus)), Refusal::SchemaMismatch { .. }));
     rig.send(26, 1, Request::Hello { schema: SCHEMA_KEY });
@@ -169,13 +169,13 @@ fn a_repeated_hello_pushes_no_other_client_out() {
     }
 }
 
-/// The program that commanded was replaced by one of another version, with its client number.
+/// The commanding program was replaced by another version with the same client number.
 #[test]
 fn a_commander_whose_hello_has_another_key_commands_no_more() {
     let mut rig = Rig::enabled(&model());
     rig.ask(Request::Hello { schema: SCHEMA_KEY ^ 1 });
     assert!(matches!(refusal(rig.ask(Request::Keep)), Refusal::SchemaMismatch { .. }));
-    // Another client's hello brings nothing back; while enabled nobody else takes command.
+    // Another client's hello does not restore it; while enabled no other client can take command.
     rig.send(8, 1, Request::Hello { schema: SCHEMA_KEY });
     assert_eq!(refusal(rig.send(8, 2, take(true))), Refusal::Commanded { by: 7 });
     assert!(matches!(refusal(rig.ask(Request::ReadStatus)), Refusal::SchemaMismatch { .. }));
@@ -185,7 +185,7 @@ fn a_commander_whose_hello_has_another_key_commands_no_more() {
     rig.ask(Request::Hello { schema: SCHEMA_KEY ^ 1 });
     assert_eq!(rig.ask(Request::Disable), Reply::Done);
     assert!(matches!(refusal(rig.ask(enable())), Refusal::SchemaMismatch { .. }));
-    // Who commands next is accepted by its own hello.
+    // The next commander is accepted by its own hello.
     assert_eq!(rig.send(8, 3, take(true)), Reply::Done);
     assert_eq!(rig.send(8, 4, enable()), Reply::Done);
 }
@@ -211,7 +211,7 @@ fn a_program_that_restarts_with_its_old_client_number_can_disable_but_not_enable
     assert_eq!(rig.node.mode(), Mode::Disabled);
     assert_eq!(refusal(rig.send(7, 4, enable())), Refusal::Stale { latest });
     assert!(!rig.tick().enabled);
-    // With a client number of its own.
+    // With its own client number.
     rig.send(31, 1, Request::Hello { schema: SCHEMA_KEY });
     assert_eq!(rig.send(31, 2, take(true)), Reply::Done);
     assert_eq!(rig.send(31, 3, enable()), Reply::Done);

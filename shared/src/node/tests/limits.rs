@@ -79,16 +79,16 @@ fn any_request(joints: usize) -> impl Strategy<Value = Request> {
     prop_oneof![4 => ordinary, 1 => enabling, 4 => commands]
 }
 
-/// A tick: a request before it, and what the sensors read, most often what they read at the beginning.
+/// A tick: a request before it, and the sensor values, most often those of the start.
 #[derive(Clone, Debug)]
 struct Step {
     request: Option<Request>,
-    /// Whether the client shows that it lives.
+    /// Whether the client sends a `Keep`.
     keeps: bool,
     count: i32,
     force: i16,
     current: i16,
-    /// 0: a current that may be too high; 1: the emergency stop; 2: a frame that is missing; 3: a leap of the
+    /// 0: a current that may be too high; 1: the emergency stop; 2: a missing frame; 3: a jump of the
     /// encoder.
     special: u8,
 }
@@ -108,7 +108,7 @@ fn any_steps(joints: usize) -> impl Strategy<Value = std::vec::Vec<Step>> {
     proptest::collection::vec(step, 1..120)
 }
 
-/// Ticks, and [`Rig::tick`] checks the torques.
+/// Runs the ticks; [`Rig::tick`] checks the torques.
 fn run(mut rig: Rig, steps: std::vec::Vec<Step>) {
     let before = rig.sensors.clone();
     for (tick, step) in (0..).zip(steps) {
@@ -124,21 +124,21 @@ fn run(mut rig: Rig, steps: std::vec::Vec<Step>) {
         rig.sensors.flags = SensorFlags(u8::from(step.special == 1));
         rig.sensors.sequence += u32::from(step.special == 2);
         for (counts, before) in rig.sensors.forces.iter_mut().zip(&before.forces) {
-            // A sensor that never changes is dead.
+            // Constant counts would be a fault.
             (counts[0], counts[3]) = (before[0] + i32::from(step.force) / 10, before[3] + tick % 2);
         }
         rig.tick();
     }
 }
 
-/// An enabled finger with 20 mN·m a tick.
+/// An enabled finger with a torque rate of 20 mN·m per tick.
 fn finger() -> Rig {
     let mut model = model();
     model.joints.iter_mut().for_each(|joint| joint.limits.torque_rate = 2.0);
     Rig::enabled(&model)
 }
 
-/// An arm under impedance control, with 0.5 N·m a tick.
+/// An arm under impedance control, with a torque rate of 0.5 N·m per tick.
 fn arm() -> Rig {
     let mut model = arm_with_force_sensor();
     model.joints.iter_mut().for_each(|joint| joint.limits.torque_rate = 50.0);
@@ -150,7 +150,7 @@ fn arm() -> Rig {
     rig
 }
 
-/// A hand that holds something, with 1 mN·m a tick.
+/// A hand that holds an object, with a torque rate of 1 mN·m per tick.
 fn hand(plan: GraspPlan) -> Rig {
     let mut rig = slow_holding_hand(plan, 0.1);
     assert_eq!(rig.ask(KEEP), Reply::Done);
@@ -160,8 +160,8 @@ fn hand(plan: GraspPlan) -> Rig {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(128))]
 
-    /// For arbitrary requests and sensor values: no panic, and all torques finite, within their limits and
-    /// within their rates.
+    /// For arbitrary requests and sensor values there is no panic, and all torques are finite, within their
+    /// limits and within their rates.
     #[test]
     fn torques_of_joint_servos_are_within_limits(steps in any_steps(3)) {
         static RIG: LazyLock<Rig> = LazyLock::new(finger);

@@ -53,7 +53,7 @@ fn a_fault_of_before_a_push_is_not_told_of_another_joint() {
     other.joints[2].name = "another".try_into().unwrap();
     assert_eq!(rig.push(&other), Reply::Done);
     assert_eq!((joint(&rig), rig.node.faults().total), (None, 1));
-    // Nor after a reset, with the joints of before only.
+    // After a reset the joint is known only if the joints are unchanged.
     for (pushed, known) in [(&stiffer, Some(2)), (&other, None)] {
         let mut rig = Rig::enabled(&model());
         rig.sensors.encoders[2] += 10_000;

@@ -10,8 +10,8 @@ use crate::protocol::{Mode, Reply, Request};
 use crate::task::joint_servo::JointCommand;
 use crate::task::{TaskCommand, TaskConfig};
 
-/// The last joint presses on an obstacle with its integral action. The obstacle yields by a count each tick:
-/// the encoder is not dead.
+/// The last joint presses on an obstacle with its integral action. The obstacle yields by one count per tick,
+/// so the encoder does not look dead.
 fn press(rig: &mut Rig) {
     for _ in 0..60 {
         rig.goal([0.0, 0.0, 0.15]);
@@ -33,7 +33,7 @@ fn damped_when_pressing() -> Rig {
 
 #[test]
 fn a_damped_joint_forgets_a_torque_that_drives_it() {
-    // The obstacle is gone, and the joint goes where it is driven.
+    // The obstacle is removed, and the torque drives the joint.
     let mut rig = damped_when_pressing();
     rig.ask(Request::Stop);
     let pressed = rig.tick().torques[2];
@@ -45,8 +45,8 @@ fn a_damped_joint_forgets_a_torque_that_drives_it() {
     }
 }
 
-/// Something pushes the joint back, against its torque, and is gone: the joint gains speed, and no more than
-/// has been taken out of its motion.
+/// A push moves the joint back against its torque and ends: the joint then gains at most the energy that the
+/// torque has taken out of its motion.
 #[test]
 fn a_damped_joint_gives_back_nothing_of_what_it_has_taken() {
     let mut rig = damped_when_pressing();
@@ -58,14 +58,14 @@ fn a_damped_joint_gives_back_nothing_of_what_it_has_taken() {
     };
     let pushed = [-0.4, -0.4, -0.4, -0.4, -0.3, -0.2, -0.1].map(&mut advance);
     assert!(pushed[6] > 0.03 && pushed[6] > 0.9 * 0.95 * pushed[5], "{pushed:?}");
-    // Slower than a robot that is driven in any case.
+    // Slower than the speed above which a robot always counts as driven.
     let driven = [0.05, 0.1, 0.15, 0.2, 0.25].map(&mut advance);
     assert!(driven[4] < 0.3 * pushed[6], "{pushed:?}, then {driven:?} N·m");
 }
 
 #[test]
 fn what_a_damped_joint_has_pressed_with_fades() {
-    // The tip is moved away with the obstacle.
+    // The obstacle moves the tip away.
     let mut model = model();
     model.safety.reaction = Reaction::Damp;
     let mut rig = Rig::enabled(&model);
@@ -88,7 +88,7 @@ fn a_robot_that_is_enabled_out_of_a_stop_keeps_the_torque_rate() {
     rig.ask(Request::Stop);
     let held = rig.tick().torques[2];
     assert!(held > 0.05, "{held} N·m");
-    // Between two ticks: the outputs are never off.
+    // Cleared and enabled between two ticks: the outputs are never off.
     let Reply::Faults(log) = rig.ask(Request::ReadFaults) else { panic!() };
     assert_eq!(rig.ask(Request::ClearFaults { total: log.total }), Reply::Done);
     assert_eq!(rig.enable(), Reply::Done);
@@ -104,7 +104,7 @@ fn what_a_damped_joint_presses_with_is_kept_while_the_obstacle_slows_it_down() {
         rig.tick();
         rig.node.state.targets.joints[2].feedforward
     };
-    // It still moves into the obstacle, at 1 rad/s in the beginning.
+    // It still moves into the obstacle, initially at 1 rad/s.
     for _ in 0..4 {
         rig.ask(Request::Keep);
         advance(&mut rig, 0.01);
@@ -167,7 +167,7 @@ fn a_held_joint_presses_on_an_obstacle_no_harder_than_before() {
                 most = most.max(joint.force());
             }
             assert_eq!((rig.node.faults().total, rig.node.state.reaction), (1, Reaction::Hold));
-            // The motion goes into the obstacle's spring; 0.02 N·m are the friction.
+            // The kinetic energy compresses the obstacle's spring; 0.02 N·m are the friction.
             let limit = 1.05 * libm::sqrtf(before * before + 2.0 * 20.0 * energy) + 0.02;
             assert!(most < limit, "{mode:?} at {speed} rad/s: {most} N·m, {before} N·m before");
             assert!(joint.velocity.abs() < 1e-2, "{} rad/s", joint.velocity);
@@ -184,7 +184,7 @@ fn a_hold_that_begins_anew_after_missed_ticks_keeps_its_torques() {
     assert_eq!(rig.ask(Request::Task(TaskCommand::JointServo(pressing))), Reply::Done);
     rig.tick();
     rig.ask(Request::Stop);
-    // What it pressed on yields by a count a tick: the servo learns the rest.
+    // The obstacle yields by one count per tick, and the servo adapts to the remaining force.
     for _ in 0..25 {
         rig.sensors.encoders[2] += 20;
         rig.tick();
@@ -212,7 +212,7 @@ fn a_held_joint_whose_encoder_drifts_away_from_an_obstacle_presses_no_harder() {
     let pressed = rig.node.telemetry().joints[2].torque;
     rig.ask(Request::Stop);
     (0..40).for_each(|_| joint.step(&mut rig));
-    // 0.2 rad/s: seen from the servo the joint yields.
+    // 0.2 rad/s: for the servo the joint seems to yield.
     for drift in 1..80 {
         joint.step(&mut rig);
         rig.sensors.encoders[2] -= 20 * drift;
@@ -222,8 +222,8 @@ fn a_held_joint_whose_encoder_drifts_away_from_an_obstacle_presses_no_harder() {
     assert_eq!((rig.node.faults().total, rig.node.state.reaction), (1, Reaction::Hold));
 }
 
-/// The encoder of a joint dies under a torque that friction might hold. The servo, which learns the error as
-/// a disturbance, must not add to it; but where a force is fed forward it may.
+/// The encoder of a joint dies under a torque that friction might balance. The servo, which estimates the
+/// error as a disturbance, must not increase that torque, except where a force is fed forward.
 #[test]
 fn a_stop_does_not_press_on_with_a_joint_that_stands() {
     for grips in [false, true] {

@@ -42,7 +42,7 @@ impl Rig {
         Self { node: Node::new(), sensors, client: 7, sequence: 0, last: Vec::new() }
     }
 
-    /// Ready to enable.
+    /// A rig that is ready to be enabled.
     pub fn ready(model: &RobotModel) -> Self {
         let mut rig = Self::new();
         rig.command();
@@ -141,7 +141,7 @@ impl Rig {
         }
     }
 
-    /// Ticks with a goal each until a fault occurs.
+    /// Sends a goal in every tick until a fault occurs.
     pub fn tick_until_fault(&mut self, goal: [f32; 3], ticks: usize) -> Fault {
         for _ in 0..ticks {
             self.tick();

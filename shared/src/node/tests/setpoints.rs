@@ -66,8 +66,8 @@ fn step_to(rig: &mut Rig, position: f32) -> Reply {
     rig.ask(Request::Task(TaskCommand::JointServo(JointCommand::Stream { points })))
 }
 
-/// Streams joint 1 by `steps` [rad], one a tick; `None` is a tick without a point. The joint follows. Returns
-/// the first step that is refused, and why.
+/// Streams joint 1 by `steps` [rad], one per tick; `None` is a tick without a point. The joint follows.
+/// Returns the first refused step and the reason.
 fn stream_steps(steps: &[Option<f32>]) -> Option<(usize, Refusal)> {
     let mut model = model();
     (model.joints[1].limits.lower, model.joints[1].limits.upper) = (-100.0, 100.0);
@@ -82,7 +82,7 @@ fn stream_steps(steps: &[Option<f32>]) -> Option<(usize, Refusal)> {
         } else {
             assert_eq!(rig.ask(Request::Keep), Reply::Done);
         }
-        // The test is about the references: a joint that follows such a step is a fault.
+        // Only the references are tested: a joint that followed such a step would cause a fault.
         rig.node.state.measured.positions[1] = position;
         rig.sensors.encoders[1] = libm::roundf(position * COUNTS_PER_RADIAN) as i32;
         rig.tick();
@@ -91,8 +91,8 @@ fn stream_steps(steps: &[Option<f32>]) -> Option<(usize, Refusal)> {
     None
 }
 
-/// The limit is 8 rad/s: 0.08 rad a tick. Steps of 0.2 rad, the following error, are 2.5 ticks of it; 1.1
-/// ticks pass in each, and 10 ticks may be ahead.
+/// The limit is 8 rad/s: 0.08 rad per tick. Steps of 0.2 rad, the following error, take 2.5 ticks at the
+/// limit; each tick subtracts 1.1, and the stream may be 10 ticks ahead.
 #[test]
 fn a_stream_that_steps_faster_than_the_velocity_limit_is_refused() {
     let (index, refusal) = stream_steps(&[Some(0.199); 10]).unwrap();
@@ -105,20 +105,20 @@ fn a_stream_that_steps_faster_than_the_velocity_limit_is_refused() {
     assert_eq!(index, 6);
     // After six steps of 2.4875 ticks the points are 6 · (2.4875 − 1.1) = 8.325 ticks ahead: 1.675 remain.
     assert!((value - 8.0 * 2.4875 / 1.675).abs() < 1e-3, "{value}");
-    // A fifth above the limit, in the end too.
+    // A constant excess of a fifth is refused in the end, too.
     assert!(stream_steps(&[Some(0.096); 1000]).is_some_and(|(index, _)| (80..100).contains(&index)));
 }
 
-/// What a link delays comes at once; clocks differ.
+/// Links deliver delayed points at once, and clocks differ.
 #[test]
 fn a_stream_within_the_velocity_limit_is_accepted_as_links_deliver_it() {
     let full = 0.08;
     // A clock that is 5 % fast.
     assert_eq!(stream_steps(&[Some(1.05 * full); 1000]), None);
-    // Each third point is late and comes with the next one; then two of three.
+    // Every third point is late and arrives with the next one; then two of three.
     assert_eq!(stream_steps(&[Some(full), None, Some(2.0 * full)].repeat(100)), None);
     assert_eq!(stream_steps(&[None, None, Some(2.99 * full / 1.2)].repeat(100)), None);
-    // A slower one, of which several come early: five of them at once.
+    // A slower stream with five points at once.
     assert_eq!(stream_steps(&[&[Some(0.04); 50][..], &[Some(0.199)], &[Some(0.04); 50]].concat()), None);
 }
 
@@ -149,7 +149,7 @@ fn a_stream_is_followed_exactly_and_a_goal_continues_without_a_jump() {
 #[test]
 fn a_goal_that_is_far_is_reached_within_the_velocity_limit() {
     let mut model = model();
-    // By the filter alone the reference would reach 3 rad/(e · 0.05 s) = 22 rad/s; the limit is 8.
+    // With the filter alone the reference would reach 3 rad/(e · 0.05 s) = 22 rad/s; the limit is 8 rad/s.
     model.joints[2].servo.filter_time = 0.05;
     let mut rig = Rig::enabled(&model);
     assert_eq!(rig.goal([0.0, 0.0, -1.5]), Reply::Done);

@@ -1,4 +1,4 @@
-//! Reactions to faults: controlled stops that are supervised themselves.
+//! Reactions to faults: controlled stops, and their supervision.
 
 use heapless::Vec;
 
@@ -17,7 +17,7 @@ pub(super) fn stream(position: f32, velocity: f32) -> Request {
     Request::Task(TaskCommand::JointServo(JointCommand::Stream { points }))
 }
 
-/// Ticks with joints that are where their references are.
+/// Ticks with joints that follow their references exactly.
 fn tick_ideally(rig: &mut Rig) {
     for (count, joint) in rig.sensors.encoders.iter_mut().zip(rig.node.telemetry().joints) {
         *count = libm::roundf(joint.reference * COUNTS_PER_RADIAN) as i32;
@@ -38,7 +38,7 @@ fn a_stop_while_streaming_brakes_within_the_joint_limits() {
         tick_ideally(&mut rig);
     }
     assert_eq!(rig.ask(Request::Stop), Reply::Done);
-    // 2 rad/s within 0.12 rad: 16.7 rad/s², a little more than half of what there is, for 0.12 s.
+    // 2 rad/s within 0.12 rad: 16.7 rad/s², a little more than half of the maximum, for 0.12 s.
     let mut before = position;
     for tick in 0..20 {
         tick_ideally(&mut rig);
@@ -62,7 +62,7 @@ fn an_encoder_that_dies_during_a_stop_lets_the_servo_push_for_three_ticks_at_mos
             tick_ideally(&mut rig);
         }
         assert_eq!(rig.ask(Request::Stop), Reply::Done);
-        // From here the count stands still, while the reference brakes.
+        // From here on the count stands still while the reference brakes.
         let mut beyond_friction = 0;
         for _ in 0..60 {
             rig.tick();
@@ -95,7 +95,7 @@ fn a_held_joint_does_not_press_harder_with_time() {
         let (soon, later) = (lean(&mut rig, 20), lean(&mut rig, 200));
         assert_eq!(rig.node.faults().total, 1);
         assert!(soon < -1e-4 && (later / soon - 1.0).abs() < 0.01, "{mode:?}: {soon} {later}");
-        // Enabled, it brings the joint back.
+        // While enabled, the servo brings the joint back.
         let mut rig = Rig::enabled(&model());
         rig.ask(Request::Disable);
         assert_eq!(rig.ask(Request::Enable(TaskConfig::JointServo(mode))), Reply::Done);
@@ -107,7 +107,7 @@ fn a_held_joint_does_not_press_harder_with_time() {
     }
 }
 
-/// A finger that lies along x, with gravity across it.
+/// A finger along x, with gravity perpendicular to it.
 fn lying() -> RobotModel {
     let mut model = model();
     model.gravity = [0.0, -9.81, 0.0];
@@ -134,8 +134,8 @@ fn damping_compensates_gravity_and_lets_the_feedforward_fade() {
     }
     // 0.1 N·m at the tip, 5 % less in each tick.
     assert!((torques[0][2] - 0.098_9).abs() < 2e-4 && (torques[1][2] - 0.094_2).abs() < 2e-4, "{torques:?}");
-    // Moved at 1 rad/s for a while, it resists: with 0.01 N·m would take half of its speed in a tick, 0.3 is
-    // the most.
+    // Moved at 1 rad/s for a while, it resists. 0.01 N·m would remove half of its speed in a tick; the
+    // maximum is 0.3 of it.
     let inertia = model.joints[0].servo.observer.inertia;
     assert!(0.01 > 0.3 * inertia / 0.01);
     for step in 1..=60_u8 {
@@ -143,7 +143,7 @@ fn damping_compensates_gravity_and_lets_the_feedforward_fade() {
         rig.tick();
     }
     let torque = rig.node.telemetry().joints[0].torque;
-    // All links turn with the first joint: cos 0.6. As they have risen, 60 % of the weight is borne.
+    // All links rotate with the first joint: cos 0.6. As they have risen, 60 % of the weight is compensated.
     assert!((torque - (0.6 * 3.0 * 3.924e-3 * 0.825_3 - 0.3 * inertia / 0.01)).abs() < 1e-4, "{torque}");
 }
 
@@ -188,7 +188,7 @@ fn a_stop_whose_ticks_are_missed_again_and_again_is_damped() {
 
 #[test]
 fn a_relative_encoder_that_jumps_has_lost_its_zero() {
-    // Also while periods are missed.
+    // Also when periods are missed.
     for (relative, missed) in [(true, 0), (false, 0), (true, 1), (false, 1), (true, 20)] {
         let mut model = model();
         model.joints[1].encoder.relative = relative;
@@ -218,7 +218,7 @@ fn a_joint_that_cannot_be_held_is_damped_and_the_first_cause_stays_in_the_log() 
     rig.tick();
     rig.ask(Request::Stop);
     rig.tick();
-    // Something stronger than the servo moves the tip, within its velocity limit.
+    // A force that is stronger than the servo moves the tip within its velocity limit.
     for step in 1..=5_u8 {
         rig.sensors.encoders[2] = libm::roundf(0.06 * f32::from(step) * COUNTS_PER_RADIAN) as i32;
         rig.tick();
@@ -226,7 +226,7 @@ fn a_joint_that_cannot_be_held_is_damped_and_the_first_cause_stays_in_the_log() 
     let causes: std::vec::Vec<_> = rig.node.faults().faults.iter().map(|fault| fault.cause).collect();
     assert_eq!(causes, [FaultCause::Stop, FaultCause::FollowingError]);
     assert_eq!(rig.node.state.reaction, Reaction::Damp);
-    // Reactions only become weaker, and a state that lasts is recorded once.
+    // Reactions only become weaker, and a lasting condition is recorded once.
     rig.sensors.flags = SensorFlags(1);
     (0..5).for_each(|_| _ = rig.tick());
     assert_eq!((rig.node.state.reaction, rig.node.faults().total), (Reaction::Off, 3));
@@ -252,7 +252,7 @@ fn a_joint_that_left_its_reference_is_held_without_the_learnt_disturbance() {
     assert_eq!(rig.node.faults().faults[0].cause, FaultCause::FollowingError);
     rig.tick();
     let torque = rig.node.telemetry().joints[2].torque;
-    // What remains is at most the Coulomb friction.
+    // At most the Coulomb friction remains.
     assert!(pressing > 0.025 && torque.abs() < 0.021, "{pressing} {torque}");
 }
 
@@ -300,7 +300,7 @@ fn a_stop_of_a_disabled_board_by_another_client_is_known_before_it_is_enabled() 
     assert_eq!(refusal(rig.enable()), Refusal::WrongMode(Mode::Fault));
     assert!(!rig.tick().enabled);
     assert_eq!(rig.node.faults().faults.last().unwrap().cause, FaultCause::Stop);
-    // A second one is no second fault.
+    // A second stop is no second fault.
     assert_eq!(rig.send(99, 2, Request::Stop), Reply::Done);
     assert_eq!(rig.node.faults().total, 1);
     rig.clear_faults();
@@ -311,8 +311,9 @@ fn a_stop_of_a_disabled_board_by_another_client_is_known_before_it_is_enabled() 
 fn a_late_tick_is_no_jump_and_its_velocity_counts_all_periods() {
     let mut rig = Rig::enabled(&model());
     rig.tick();
-    // 0.2 rad in five periods are more than a joint moves in one. From rest, at constant acceleration: 8
-    // rad/s at their end, 6.4 rad/s one period before, 7.2 rad/s between, of which the filter takes 63 %.
+    // 0.2 rad in five periods is more than a joint can move in one. From rest at constant acceleration: 8
+    // rad/s at the end, 6.4 rad/s one period before, a mean of 7.2 rad/s in between; the filter passes 63 %
+    // of the step.
     rig.sensors.encoders[0] = libm::roundf(0.2 * COUNTS_PER_RADIAN) as i32;
     rig.sensors.sequence += 4;
     assert!(rig.tick().enabled);
@@ -332,8 +333,8 @@ fn after_missed_ticks_a_joint_is_stopped_where_it_is() {
             rig.ask(Request::Stop);
             rig.tick();
         }
-        // The drives were off for five periods, and the joint fell by 0.1 rad; then it rests. One torque
-        // meets the velocity that a falling joint would have.
+        // The drives were off for five periods, and the joint fell by 0.1 rad; then it rests. For one tick
+        // the torque opposes the velocity of a falling joint.
         rig.sensors.encoders[0] = libm::roundf(0.1 * COUNTS_PER_RADIAN) as i32;
         rig.sensors.sequence += 4;
         let torques: std::vec::Vec<f32> = (0..10).map(|_| rig.tick().torques[0]).collect();
@@ -348,7 +349,7 @@ fn after_missed_ticks_a_joint_is_stopped_where_it_is() {
 fn a_joint_beyond_its_limit_is_held_and_is_one_fault() {
     let mut rig = Rig::enabled(&model());
     rig.tick();
-    // 1.75 rad, where 1.5 and a following error of 0.2 are allowed; 5 rad/s.
+    // 1.75 rad, where 1.5 rad plus a following error of 0.2 rad is allowed, at 5 rad/s.
     for step in 1..=35_u8 {
         rig.sensors.encoders[1] = libm::roundf(0.05 * f32::from(step) * COUNTS_PER_RADIAN) as i32;
         let points = [0.0, 0.05 * f32::from(step), 0.0]
@@ -439,10 +440,9 @@ fn a_stop_that_gains_energy_is_weakened() {
         model.joints[2].servo.observer.inertia = 0.02;
         let mut rig = Rig::enabled(&model);
         assert_eq!(rig.ask(Request::Stop), Reply::Done);
-        // As if it had pressed with its largest torque.
+        // As if it had pressed with its maximum torque.
         rig.node.state.joints[2].pressed = 0.6;
-        // 0.02 kg·m² under a noisy encoder: the servo pushes against an error that is another one in the next
-        // tick.
+        // 0.02 kg·m² with a noisy encoder: the servo acts against an error that changes in every tick.
         let [mut position, mut velocity] = [0.0_f32; 2];
         let mut random = 1_u32;
         for _ in 0..100 {
@@ -467,7 +467,7 @@ fn a_leap_beyond_the_velocity_limit_is_an_encoder_error() {
         let mut rig = Rig::enabled(&model);
         rig.tick();
         let [mut position, mut velocity] = [0.0_f32; 2];
-        // To 15 rad/s, where 8 are permitted and 16 in a tick are a jump.
+        // To 15 rad/s, where 8 rad/s are permitted and 16 rad/s in a tick are a jump.
         while rig.node.mode() != Mode::Fault {
             velocity = (velocity + 15.0 / f32::from(steps)).min(15.0);
             position += 0.01 * velocity;
@@ -484,12 +484,12 @@ fn a_leap_beyond_the_velocity_limit_is_an_encoder_error() {
     }
 }
 
-/// An encoder jumps by no more than a push could move the joint, and is back in the next tick; a joint is
-/// pushed and goes on; it stops at once, as at a wall, after it has got fast by and by.
+/// Three cases: an encoder jumps by no more than a push could move the joint, and returns in the next tick; a
+/// pushed joint keeps moving; a joint that has accelerated gradually stops at once, as at a wall.
 #[test]
 fn a_leap_that_ends_at_once_is_an_encoder_error() {
     let mut model = model();
-    // 0.6 N·m make 1 g·m² faster by 6 rad/s in a tick.
+    // 0.6 N·m change the velocity of 1 g·m² by 6 rad/s in a tick.
     model.joints[2].servo.observer.inertia = 1e-3;
     model.joints[2].limits.following_error = 1.0;
     let velocity = FaultCause::VelocityLimit;
@@ -511,8 +511,8 @@ fn a_leap_that_ends_at_once_is_an_encoder_error() {
     }
 }
 
-/// Two joints leap by 0.1 rad each, where 0.08 rad is their velocity limit and 0.16 rad a jump: to where the
-/// other was, and not.
+/// Two encoders jump by 0.1 rad each, where 0.08 rad is the velocity limit and 0.16 rad a jump: to the
+/// previous angle of the other joint, or not.
 #[test]
 fn swapped_encoders_are_found_in_their_tick() {
     for (read, cause) in [([0.1, 0.0], Some(FaultCause::EncoderJump)), ([0.1, 0.2], None)] {
@@ -529,7 +529,8 @@ fn swapped_encoders_are_found_in_their_tick() {
     }
 }
 
-/// What weighs nothing in its model has the energy of its joints: a count that flickers is no gain of it.
+/// For a model without masses the tolerated energy is that of the joints: a flickering count is no gain of
+/// energy.
 #[test]
 fn a_robot_of_links_without_mass_stays_held() {
     let mut model = model();

@@ -19,7 +19,7 @@ pub fn stream_torques(positions: &[f32], torques: &[f32]) -> Request {
 #[test]
 fn a_feedforward_torque_is_added_and_remains_in_the_reaction_until_disable() {
     for mode in [ServoMode::Pid, ServoMode::Observer] {
-        // Two nodes with joints at rest, one with torques.
+        // Two nodes with joints at rest, one of them with torques.
         let mut rigs = [(); 2].map(|()| {
             let mut rig = Rig::ready(&model());
             assert_eq!(rig.ask(Request::Enable(TaskConfig::JointServo(mode))), Reply::Done);

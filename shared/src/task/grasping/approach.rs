@@ -1,4 +1,4 @@
-//! Fingers that hold nothing: their paths to the object, the search for its surface, and the way back.
+//! Fingers without an object: their paths to it, the search for its surface, and the return.
 
 use nalgebra::Vector3;
 use postcard_schema::Schema;
@@ -19,16 +19,16 @@ use crate::zip::zip;
 /// Straight path of a fingertip.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize, Schema)]
 pub(super) struct TipPath {
-    /// Start of the tip's center [m].
+    /// Start of the tip's centre [m].
     pub start: [f32; 3],
-    /// End of the tip's center [m].
+    /// End of the tip's centre [m].
     pub end: [f32; 3],
     /// Consecutive ticks with contact.
     contact_ticks: u8,
     in_contact: bool,
 }
 
-/// Set-point of a tip's center: position [m], velocity [m/s] and acceleration [m/s²].
+/// Set-point of a tip's centre: position [m], velocity [m/s] and acceleration [m/s²].
 type TipSetpoint = [Vector3<f32>; 3];
 
 impl TipPath {
@@ -90,7 +90,7 @@ impl GraspState {
                 path.contact_ticks = if pushes { path.contact_ticks + 1 } else { 0 };
                 path.in_contact = path.contact_ticks >= TOUCH_TICKS;
                 path.end = if path.in_contact {
-                    // It stops where it is, and presses no harder.
+                    // It stops here and presses no harder.
                     (*tip).into()
                 } else {
                     (all_in_contact, *velocity) = (false, normal * TOUCH_SPEED);
@@ -177,7 +177,7 @@ impl GraspState {
                 *point = JointPoint { position, velocity, acceleration };
             }
         }
-        // All fingers move, or none.
+        // Stored only if all fingers reach their set-points.
         self.reference = reference;
         Ok(output)
     }

@@ -25,7 +25,7 @@ pub struct HandFinger<'a> {
     pub inverse: &'a Finger,
     /// Torque limits of the joints [N·m].
     pub torque_limits: [f32; 3],
-    /// Radius of the tip, whose center is the chain's tip [m]; 0 for a point.
+    /// Radius of the tip, whose centre is the chain's tip [m]; 0 for a point.
     pub radius: f32,
 }
 
@@ -60,8 +60,8 @@ impl<'a> Hand<'a> {
 }
 
 impl HandFinger<'_> {
-    /// The joints' targets for a set-point of the tip's center, a tick after their `last` ones [rad]. `None`
-    /// out of reach; or where the limits of the joints forbid all postures but one that is far from the last.
+    /// The joints' targets for a set-point of the tip's centre, one tick after their `last` ones [rad].
+    /// `None` if it is out of reach, or if the joint limits permit only a posture that is far from the last.
     #[inline]
     pub fn target(&self, center: &Vector3<f32>, last: &[f32; 3]) -> Option<[f32; 3]> {
         let angles = self.inverse.nearest(center, last).ok()?;
@@ -88,7 +88,7 @@ impl<'a> FingerSense<'a> {
 pub struct HandOutput {
     /// Set-points of the joints.
     pub points: PerFinger<[JointPoint; 3]>,
-    /// Feedforward torques for the forces on the object [N·m].
+    /// Feed-forward torques for the forces on the object [N·m].
     pub torques: PerFinger<[f32; 3]>,
     /// How the motor torques are computed.
     pub actuation: Actuation,

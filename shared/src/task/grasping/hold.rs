@@ -1,4 +1,4 @@
-//! Fingers that hold an object: its pose, the contact forces, and the joints' set-points and torques.
+//! Holding an object: its pose, the contact forces, and the joints' set-points and torques.
 
 use nalgebra::{IsometryMatrix3, Vector3, Vector6};
 
@@ -16,11 +16,11 @@ use crate::kinematics::Jacobian;
 use crate::robot::Actuation;
 use crate::zip::zip;
 
-/// Jacobian of a fingertip, and the lever of its contact from the tip's center [m].
+/// Jacobian of a fingertip, and the lever of its contact from the tip's centre [m].
 type FingerContact = (Jacobian, Vector3<f32>);
 
 impl GraspState {
-    /// All phases with an object in the hand, and the release of it.
+    /// Runs all phases with an object in the hand, and its release.
     pub(super) fn hold(
         &mut self,
         hand: &Hand<'_>,
@@ -110,7 +110,7 @@ impl GraspState {
             measured: &fingers.forces,
             anchor_errors: self.tracker.anchor_errors,
             internal: plan.internal,
-            // A finger that slides would wind the integrator up.
+            // A sliding finger would cause integrator wind-up.
             feedback: plan.feedback && self.phase != Phase::ProbeFriction,
             is_held,
             known_load: match plan.load {
@@ -127,7 +127,7 @@ impl GraspState {
         }
     }
 
-    /// Contact forces for the grip and for the object's motion [N], and how the joints make them.
+    /// Contact forces for the grip and for the object's motion [N], and the actuation that produces them.
     fn control_object(
         &mut self,
         plan: &GraspPlan,
@@ -139,8 +139,8 @@ impl GraspState {
     ) -> (PerFinger<Vector3<f32>>, Actuation) {
         let mut forces = grip.internal;
         let actuation = match &plan.control {
-            // The joint servos control the pose, and so carry the load; feedforward of the measured load
-            // makes them faster.
+            // The joint servos control the pose and thereby carry the load; feed-forward of the measured load
+            // speeds them up.
             ObjectControl::Differential(_) => {
                 let fraction = Forces::load_feedforward(inputs);
                 forces.iter_mut().zip(&grip.load).for_each(|(force, load)| *force += load * fraction);
@@ -159,8 +159,7 @@ impl GraspState {
     }
 
     /// Set-points of joints that follow the object (Hand3 eq. 22 to 25). Their angles are the sum of the
-    /// changes for a `step` of the object [m, rad], or by the closed-form inverse kinematics, so that they do
-    /// not drift.
+    /// changes for each `step` of the object [m, rad], or, without drift, the closed-form inverse kinematics.
     ///
     /// # Errors
     /// The finger that cannot follow.
@@ -183,13 +182,13 @@ impl GraspState {
         if let Some(step) = step {
             changes = Some(three.joint_velocities(levers, step).map_err(|error| error.finger)?);
         }
-        // The measured centers in the object leave the distances between the fingertips to force control.
-        // While probing and opening, the anchors hold them.
+        // With the measured centres in the object frame, force control determines the distances between the
+        // fingertips. While probing and opening, the anchors fix these distances.
         let centers = match self.phase {
             Phase::ProbeFriction | Phase::Open => &self.tracker.anchors,
             _ => &self.tracker.centers,
         };
-        // All fingers move, or none.
+        // Stored only if all fingers reach their set-points.
         let mut angles = self.reference;
         for (index, finger, center, angles) in zip((0.., &hand.fingers, centers, &mut angles)) {
             let change = changes.as_ref().and_then(|changes| changes.get(usize::from(index)));
@@ -214,8 +213,8 @@ impl GraspState {
     }
 }
 
-/// Maximum normal forces by force limit and joint torques [N]. They assume forces along the normals; the grip
-/// checks tangential forces once they are known.
+/// Maximum normal forces from the force limit and the joint torques [N]. They assume forces along the
+/// normals; the grip checks tangential forces once they are known.
 fn normal_force_limits(
     plan: &GraspPlan,
     three: &ThreeFingers,

@@ -10,18 +10,18 @@
 //! ```
 //!
 //! [`GraspState::tick`] is a function of its state and of the measurements of the fingers ([`FingerSense`]).
-//! Its output are set-points of the joints, and feedforward torques for the forces on the object
-//! ([`HandOutput`]). It runs on a board with all nine joints, or on a PC over three boards with a finger
-//! each: both have the same joint servos below it.
+//! Its outputs are set-points of the joints, and feed-forward torques for the forces on the object
+//! ([`HandOutput`]). It runs on a board with all nine joints, or on a PC that commands three boards with a
+//! finger each. Both use the same joint servos.
 //!
 //! Glossary
 //! - *object frame*: the paper's frame of the fingertips' triangle
 //!   ([`object_frame`](crate::grasp::object_frame)), fixed to the object when it is grasped;
-//! - *anchor*: position of a fingertip's center in the object frame without slip. It moves as the tip rolls;
+//! - *anchor*: position of a fingertip's centre in the object frame without slip. It moves as the tip rolls;
 //! - *load*: the wrench of the fingers on the object, against gravity, pushes and inertia;
 //! - *internal forces*: contact forces without a resulting wrench, the null space of the grasp map. Control
-//!   is hybrid: of position in the six directions in which the object moves, of force in the three internal
-//!   ones.
+//!   is hybrid: position control in the six directions of the object's motion, force control in the three
+//!   internal ones.
 
 mod approach;
 mod forces;

@@ -18,7 +18,7 @@ pub enum Phase {
     Touch,
     /// 3: the internal forces rise to those of the plan.
     Squeeze,
-    /// 4: fingers 1 and 2 press towards each other until one slides, which shows the friction.
+    /// 4: fingers 1 and 2 press towards each other until one slides, which gives the coefficient of friction.
     ProbeFriction,
     /// 5: the object is held at rest.
     Hold,
@@ -30,7 +30,7 @@ pub enum Phase {
     Open,
 }
 
-/// Failure that is no fault: the hand has opened, or holds the object as before.
+/// Failure that is not a fault: the hand has opened, or holds the object as before.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Failure {
@@ -48,7 +48,7 @@ pub enum Failure {
         /// Distance along which it searched [m].
         distance: f32,
     },
-    /// 2: the internal forces did not converge within the time. The hand opens.
+    /// 2: the internal forces did not converge in time. The hand opens.
     NoGrip {
         /// The smallest normal force [N].
         force: f32,
@@ -60,14 +60,15 @@ pub enum Failure {
         /// Distance by which it was lowered [m].
         distance: f32,
     },
-    /// 4: a fingertip cannot reach its set-point. The object is held where it is, or the fingers stop.
+    /// 4: a fingertip cannot reach its set-point. The object is held at its present pose, or the fingers
+    /// stop.
     OutOfReach {
         /// The finger, 0 to 2.
         finger: u8,
     },
 }
 
-/// Fault: the object is lost, or moved in the hand.
+/// Fault: the object is lost, or has moved in the hand.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum GraspFault {
     /// A contact is lost.
@@ -86,7 +87,7 @@ pub enum GraspFault {
         /// Its limit [m].
         limit: f32,
     },
-    /// The object is away from its target: something moved it.
+    /// The object is away from its target: an external force moved it.
     Displaced {
         /// Its distance from the target [m].
         distance: f32,
@@ -97,7 +98,7 @@ pub enum GraspFault {
     NoFrame,
 }
 
-/// Why a command is refused; the state is as before.
+/// Why a command is refused; the state is unchanged.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum GraspRefusal {
@@ -216,7 +217,7 @@ impl fmt::Display for Failure {
     }
 }
 
-/// State of a grasp as a supervisor sees it.
+/// Telemetry of a grasp.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct GraspTelemetry {
     /// The present phase.

@@ -48,7 +48,7 @@ impl GraspState {
         Ok(())
     }
 
-    /// Goes from phase to phase. Returns internal forces to superpose on the grip [N].
+    /// Advances the phases. Returns internal forces to superpose on the grip [N].
     pub(super) fn advance_phase(
         &mut self,
         hand: &Hand<'_>,
@@ -70,8 +70,7 @@ impl GraspState {
         [Vector3::zeros(); 3]
     }
 
-    /// Raises the internal forces until they have converged. Returns the dither of forces that nothing
-    /// corrects.
+    /// Raises the internal forces until they have converged. Returns the dither of open-loop forces.
     fn squeeze(
         &mut self,
         plan: &GraspPlan,
@@ -80,8 +79,8 @@ impl GraspState {
         fingers: &Fingers<'_>,
     ) -> PerFinger<Vector3<f32>> {
         if self.begins_anew(plan) {
-            // Dry friction has moved the object while the forces rose: servos that pushed it back would
-            // change them.
+            // Dry friction has moved the object while the forces rose. If the servos pushed it back, the
+            // forces would change.
             self.origin = self.tracker.object;
             self.trajectory = PoseTrajectory::resting(self.origin);
         }
@@ -146,7 +145,7 @@ impl GraspState {
         -down(hand).dot(&Vector3::new(x, y, z))
     }
 
-    /// Whether the object is above where it was grasped.
+    /// Whether the object is above the position at which it was grasped.
     pub(super) fn is_lifted(&self, hand: &Hand<'_>) -> bool {
         let displacement =
             Vector3::from(self.tracker.object.translation) - Vector3::from(self.origin.translation);

@@ -6,13 +6,13 @@ use serde::{Deserialize, Serialize};
 use super::PerFinger;
 use crate::control::ServoMode;
 
-/// What to grasp, where, and how.
+/// A grasp: contacts, forces and control.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct GraspPlan {
-    /// Contacts of the fingers, as far as known.
+    /// Expected contacts of the fingers.
     pub contacts: PerFinger<PlannedContact>,
-    /// Distance in front of its contact at which a fingertip begins to search for the surface, and behind it
-    /// at which it gives up [m].
+    /// A fingertip searches for the surface from this distance in front of its contact to the same distance
+    /// behind it [m].
     pub clearance: f32,
     /// Normal force that counts as contact [N].
     pub touch_force: f32,
@@ -28,7 +28,7 @@ pub struct GraspPlan {
     pub control: ObjectControl,
     /// Estimate of the object's pose.
     pub object_frame: ObjectFrame,
-    /// What the load on the fingers is taken to be.
+    /// Source of the load on the fingers.
     pub load: LoadSource,
     /// Joint angles of [`ObjectControl::Differential`].
     pub joint_targets: JointTargets,
@@ -51,8 +51,8 @@ pub enum InternalForce {
         /// Fraction of the friction that stays unused.
         margin: f32,
         /// Minimum tangential capacity of each contact while the object is held at rest [N]: the normal force
-        /// is at least this over the coefficient of friction. It allows for a load that grows faster than the
-        /// grip, and for errors of the forces by the joints' friction.
+        /// is at least this over the coefficient of friction. It allows for loads that grow faster than the
+        /// grip, and for force errors due to the joints' friction.
         capacity_at_rest: f32,
         /// The same while the object moves [N].
         capacity_in_motion: f32,
@@ -64,7 +64,7 @@ pub enum InternalForce {
     },
     /// 2: along the lines between the contacts, with three degrees of freedom (Hand3 eq. 18).
     Pairwise {
-        /// Of the pairs of contacts 2 and 3, 1 and 3, 1 and 2 [N].
+        /// Forces of the pairs of contacts 2 and 3, 1 and 3, 1 and 2 [N].
         strengths: [f32; 3],
     },
 }
@@ -89,32 +89,32 @@ pub enum ObjectFrame {
     Triangle,
 }
 
-/// What the load on the fingers, `F_o` of (Hand3 eq. 19), is taken to be.
+/// Source of the load on the fingers, `F_o` of (Hand3 eq. 19).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, Schema)]
 pub enum LoadSource {
-    /// 0: what the force sensors measure.
+    /// 0: the force sensors.
     #[default]
     Measured,
-    /// 1: the weight of a known mass at the origin of the object frame, whatever the sensors say. The least
-    /// grip, and the search for a support, go by the sensors all the same.
+    /// 1: the weight of a known mass at the origin of the object frame. The least grip and the search for a
+    /// support still use the sensors.
     Constant {
         /// [kg]
         mass: f32,
     },
 }
 
-/// How [`ObjectControl::Differential`] finds the joints' angles.
+/// Computation of the joint angles under [`ObjectControl::Differential`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub enum JointTargets {
-    /// 0: by the closed-form inverse kinematics of the fingertips' positions, which do not drift.
+    /// 0: closed-form inverse kinematics of the fingertips' positions, without drift.
     #[default]
     ClosedForm,
-    /// 1: as the sum of their changes in each tick (Hand3 eq. 23 to 25).
+    /// 1: sum of their changes in each tick (Hand3 eq. 23 to 25).
     Accumulated,
 }
 
-/// Gains of [`ObjectControl::Wrench`]. With all of them 0 the joint torques are those of the contact forces
-/// alone, `τ = (D_F J_F)ᵀ f_c` (Hand3 eq. 16, section 6.1).
+/// Gains of [`ObjectControl::Wrench`]. If all are 0, the joint torques balance only the contact forces,
+/// `τ = (D_F J_F)ᵀ f_c` (Hand3 eq. 16, section 6.1).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct WrenchGains {
     /// Proportional and integral gain of the position [N/m, N/(m·s)].
@@ -143,7 +143,7 @@ pub enum GraspCommand {
     },
     /// 2: lower the object until a support carries it, then open.
     PutDown,
-    /// 3: open at once; during the approach: go back.
+    /// 3: open at once; during the approach: return.
     Open,
 }
 
@@ -220,8 +220,7 @@ impl PlanField {
 }
 
 impl GraspPlan {
-    /// Whether the internal forces are open loop: the joint servos control positions, and nothing corrects
-    /// forces.
+    /// Whether the internal forces are open loop: the joint servos control positions, without force feedback.
     pub(super) const fn only_feeds_forward(&self) -> bool {
         !self.feedback && matches!(self.control, ObjectControl::Differential(_))
     }

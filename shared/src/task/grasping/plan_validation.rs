@@ -7,7 +7,7 @@ use crate::grasp::{
 };
 
 impl GraspPlan {
-    /// Checks all values, and whether the contacts can grip.
+    /// Checks all values, and that a grip with these contacts exists.
     ///
     /// # Errors
     /// The first problem.

@@ -62,12 +62,12 @@ pub(super) struct PoseTrajectoryPoint {
 }
 
 impl PoseTrajectory {
-    /// At rest at `frame`.
+    /// A trajectory at rest at `frame`.
     pub const fn resting(frame: Frame) -> Self {
         Self { start: frame, translation: [0.0; 3], rotation: [0.0; 3], duration: 0.0, time: 0.0 }
     }
 
-    /// From one frame to the other within `duration` [s], with the smaller rotation.
+    /// The trajectory from one frame to the other within `duration` [s], with the smaller rotation.
     pub fn between(from: &IsometryMatrix3<f32>, to: &IsometryMatrix3<f32>, duration: f32) -> Self {
         let rotation = to.rotation.matrix() * from.rotation.matrix().transpose();
         Self {
@@ -84,7 +84,7 @@ impl PoseTrajectory {
         self.time >= self.duration
     }
 
-    /// Stops at the present point, at once.
+    /// Stops immediately at the present point.
     pub fn stop(&mut self) {
         *self = Self::resting((&self.point().frame).into());
     }
@@ -154,7 +154,7 @@ mod tests {
             let step = (point.frame.translation.vector - before.frame.translation.vector) / TICK;
             let rotated = point.frame.rotation.matrix() * before.frame.rotation.matrix().transpose();
             let spin = math::rotation_vector(&rotated) / TICK;
-            // The mean of both ends' velocities, but for the third derivative: jerk · T²/12 and rounding.
+            // The mean of the velocities at both ends, up to jerk · T²/12 and rounding.
             let mean = (point.twist + before.twist) * 0.5;
             assert!(
                 (step - mean.fixed_rows::<3>(0)).norm() < 1e-4

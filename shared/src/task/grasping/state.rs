@@ -38,7 +38,7 @@ pub struct GraspState {
     pub(super) reference: PerFinger<[f32; 3]>,
     /// Measured joint angles of the last tick [rad].
     pub(super) angles: PerFinger<[f32; 3]>,
-    /// Paths of the fingertips while they hold nothing.
+    /// Paths of the fingertips without an object.
     pub(super) tip_paths: PerFinger<TipPath>,
     /// Duration of these paths [s].
     pub(super) path_duration: f32,
@@ -52,9 +52,9 @@ pub struct GraspState {
     pub(super) integral: [f32; 6],
     /// Fraction of the internal forces that is applied.
     pub(super) grip_fraction: f32,
-    /// Force by which fingers 1 and 2 press towards each other to probe the friction [N].
+    /// Force with which fingers 1 and 2 press towards each other to probe the friction [N].
     pub(super) probe_force: f32,
-    /// Distance of fingertips 1 and 2 before that [m].
+    /// Distance between fingertips 1 and 2 before probing [m].
     pub(super) initial_width: f32,
     /// Weight on the fingers before the object was lowered [N].
     pub(super) initial_weight: f32,
@@ -63,7 +63,7 @@ pub struct GraspState {
 /// Measurements of the fingers in a tick.
 pub(super) struct Fingers<'a> {
     pub postures: PerFinger<&'a Posture>,
-    /// Centers of the fingertips [m].
+    /// Centres of the fingertips [m].
     pub tips: PerFinger<Vector3<f32>>,
     /// Forces of the fingertips on the object [N].
     pub forces: PerFinger<Vector3<f32>>,
@@ -113,7 +113,7 @@ impl GraspState {
         initial_weight: 0.0,
     };
 
-    /// Fingers at rest at these angles [rad].
+    /// The state of fingers at rest at these angles [rad].
     pub const fn at(angles: PerFinger<[f32; 3]>) -> Self {
         let mut state = Self::NONE;
         state.stand_at(angles);
@@ -130,9 +130,9 @@ impl GraspState {
         self.phase
     }
 
-    /// Whether the joint servos restart in this tick, before open-loop internal forces rise, and when the
-    /// grasp begins anew: their disturbance observers have taken the touch force, or the object's motion
-    /// under dry friction, for a disturbance, and would go on applying it.
+    /// Whether the joint servos restart in this tick: before open-loop internal forces rise, and when the
+    /// grasp begins anew. Their disturbance observers have mistaken the touch force, or the object's motion
+    /// under dry friction, for a disturbance, and would keep compensating it.
     pub fn restarts_servos(&self) -> bool {
         self.plan.is_some_and(|plan| {
             let begins = self.phase == Phase::Squeeze && self.ticks == 0;
@@ -140,8 +140,8 @@ impl GraspState {
         })
     }
 
-    /// Whether the grasp begins anew in this tick, with the object where it stands: when open-loop internal
-    /// forces have risen, and when their dither has ended. Joint targets that are sums of changes go on.
+    /// Whether the grasp restarts in this tick from the present pose of the object: when open-loop internal
+    /// forces have risen, and when their dither has ended. Accumulated joint targets do not restart.
     pub(super) fn begins_anew(&self, plan: &GraspPlan) -> bool {
         self.phase == Phase::Squeeze
             && matches!(self.ticks, TICKS_TO_DITHER | TICKS_TO_DITHER_END)
@@ -169,7 +169,7 @@ impl GraspState {
     /// Starts a command.
     ///
     /// # Errors
-    /// Why it is refused; the state is as before.
+    /// Why it is refused; the state is unchanged.
     pub fn command(&mut self, hand: &Hand<'_>, command: &GraspCommand) -> Result<(), GraspRefusal> {
         match command {
             GraspCommand::Grasp(plan) => self.begin(hand, plan),
@@ -327,7 +327,7 @@ impl GraspState {
     }
 }
 
-/// Checks that a fingertip can be at `position` [m]. `reference`: its joint angles now [rad].
+/// Checks that a fingertip can reach `position` [m]. `reference`: its present joint angles [rad].
 fn check_reach(
     index: u8,
     finger: &HandFinger<'_>,

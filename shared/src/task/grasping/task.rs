@@ -48,7 +48,7 @@ impl Task for Grasping {
                 ObjectControl::Wrench(_) => ServoMode::Observer,
             };
             if core::mem::replace(&mut io.targets.servo_mode, mode) != mode {
-                // The states of the other law are those of its last tick, whenever that was.
+                // The state of the newly selected law is outdated: it dates from its last tick.
                 io.targets.joints.iter_mut().for_each(|target| target.restart = true);
             }
         }
@@ -62,7 +62,7 @@ impl Task for Grasping {
         let Some(senses) = FingerSense::of_all(io.measured, io.postures) else { return Ok(()) };
         let output = self.state.tick(&hand, &senses)?;
         let servo = output.actuation == Actuation::Servo;
-        // Servos restart after torque control, and when their observers hold the touch force.
+        // Servos restart after torque control, and when their observers contain the touch force.
         let restart = servo && (io.targets.actuation != Actuation::Servo || self.state.restarts_servos());
         let joints = output.points.iter().flatten().zip(output.torques.iter().flatten());
         for (target, (point, torque)) in io.targets.joints.iter_mut().zip(joints) {

@@ -8,11 +8,11 @@ use crate::grasp::{ObjectFrameError, object_frame};
 use crate::math;
 use crate::zip::zip;
 
-/// Tracks an object by the fingertips that hold it.
+/// Tracks the pose of an object by the fingertips that hold it.
 ///
-/// The fingertips' triangle gives the object's frame. A round tip rolls: without slip its center moves along
+/// The fingertips' triangle gives the object's frame. A round tip rolls: without slip its centre moves along
 /// the surface by `(ω_F − ω_o) × r n`, with `ω` of fingertip and object and `n` the normal out of the object.
-/// The anchors, the centers' positions in the object frame, move accordingly. (For a tip of 8 mm radius, 0.1
+/// The anchors, the centres' positions in the object frame, move accordingly. (For a tip of 8 mm radius, 0.1
 /// rad of relative rotation are 0.8 mm.) A change of the triangle beyond that cannot be rolling.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize, Schema)]
 pub(super) struct Tracker {
@@ -20,13 +20,13 @@ pub(super) struct Tracker {
     pub object: Frame,
     /// Rotation of the object in the last tick, in base axes [rad].
     rotation: [f32; 3],
-    /// Positions of the tips' centers in the object frame without slip [m].
+    /// Positions of the tips' centres in the object frame without slip [m].
     pub anchors: PerFinger<[f32; 3]>,
     /// Normals into the object, in the object frame.
     pub normals: PerFinger<[f32; 3]>,
-    /// Measured positions of the tips' centers in the object frame, filtered [m].
+    /// Measured positions of the tips' centres in the object frame, filtered [m].
     pub centers: PerFinger<[f32; 3]>,
-    /// Distance of each tip's center from its anchor [m].
+    /// Distance of each tip's centre from its anchor [m].
     pub anchor_errors: PerFinger<f32>,
     /// Sides of the triangle at the start [m].
     initial_sides: PerFinger<f32>,
@@ -34,7 +34,7 @@ pub(super) struct Tracker {
 
 /// Position and motion of a fingertip.
 pub(super) struct TipMotion {
-    /// Center of the tip [m].
+    /// Centre of the tip [m].
     pub center: Vector3<f32>,
     /// Rotation vector since the last tick, in base axes [rad].
     pub rotation: Vector3<f32>,
@@ -80,7 +80,7 @@ impl Tracker {
         self.roll(&previous, tips, radii);
         let measured = object_frame(&tips.each_ref().map(|tip| tip.center))?;
         let object = measured * object_frame(&self.anchors.map(Vector3::from))?.inverse();
-        // The sine of the angle is the angle: the rotation is small.
+        // Small rotation: the sine of the angle is the angle.
         let step = object.rotation.matrix() * previous.rotation.matrix().transpose();
         let twice = Vector3::new(step.m32 - step.m23, step.m13 - step.m31, step.m21 - step.m12);
         self.rotation = (twice * 0.5).into();
@@ -98,7 +98,7 @@ impl Tracker {
         Ok(object)
     }
 
-    /// Moves anchors and centers as tips that roll without slip.
+    /// Moves anchors and centres as for tips that roll without slip.
     fn roll(&mut self, object: &IsometryMatrix3<f32>, tips: &PerFinger<TipMotion>, radii: &PerFinger<f32>) {
         let rotation = Vector3::from(self.rotation);
         for (anchor, center, normal, tip, radius) in
@@ -117,7 +117,7 @@ impl Tracker {
         side > 0.0
     }
 
-    /// Sets the anchors to the present centers, after slip that was intended.
+    /// Sets the anchors to the present centres, after slip that was intended.
     pub fn reset_anchors(&mut self) {
         (self.anchors, self.anchor_errors) = (self.centers, [0.0; 3]);
     }
@@ -158,7 +158,7 @@ mod tests {
 
     const RADIUS: f32 = 0.008;
 
-    /// Centers of tips that touch a box of 98 mm: fingers 1 and 2 at x = −57 mm, finger 3 opposite.
+    /// Centres of tips that touch a box of 98 mm: fingers 1 and 2 at x = −57 mm, finger 3 opposite.
     fn tips() -> PerFinger<Vector3<f32>> {
         [Vector3::new(-0.057, 0.04, 0.1), Vector3::new(-0.057, -0.04, 0.1), Vector3::new(0.057, 0.0, 0.1)]
     }

@@ -1,4 +1,4 @@
-//! Tuning constants of the task. Each says its unit, what it means, and what a larger or smaller value does.
+//! Tuning constants of the task: unit, meaning, and effect of a change.
 
 use crate::TICK;
 
@@ -9,15 +9,15 @@ use crate::TICK;
 pub(super) const APPROACH_SPEED: f32 = 0.1;
 /// Time beyond that of the fastest minimum-jerk motion of the approach [s]. More slows short approaches down.
 pub(super) const APPROACH_EXTRA_TIME: f32 = 0.2;
-/// Time for the fingertips to come to rest at the end of a path [s]. Too little, and the search for the
+/// Time for the fingertips to come to rest at the end of a path [s]. If it is too short, the search for the
 /// surface begins with vibrating force sensors.
 pub(super) const REST_TIME: f32 = 0.3;
 /// Speed of a fingertip that searches for the surface [m/s]. Faster makes the impact harder.
 pub(super) const TOUCH_SPEED: f32 = 0.02;
 /// Consecutive ticks above the touch force that count as contact. More rejects noise and delays the stop.
 pub(super) const TOUCH_TICKS: u8 = 2;
-/// Force on a fingertip that stops the approach, as a multiple of the touch force. Smaller stops earlier, and
-/// at inertial forces of the tip too.
+/// Force on a fingertip that stops the approach, as a multiple of the touch force. Smaller stops earlier, but
+/// also at inertial forces of the tip.
 pub(super) const OBSTACLE_FACTOR: f32 = 3.0;
 
 // Phases with an object.
@@ -30,8 +30,8 @@ pub(super) const OPEN_TIME: f32 = 0.3;
 pub(super) const CONVERGED_TICKS: u8 = 10;
 /// Duration of `Squeeze` that counts as failure [s]. Less refuses grips that converge slowly.
 pub(super) const SQUEEZE_TIMEOUT: f32 = 3.0;
-/// Height above the pose at the grasp from which the object counts as lifted [m]: nothing else carries it.
-/// Smaller than the tracker's error, an object on its support counts as lifted.
+/// Height above the pose at the grasp from which the object counts as lifted [m]: no support carries it. If
+/// it is smaller than the tracker's error, an object on its support counts as lifted.
 pub(super) const LIFT_HEIGHT: f32 = 0.002;
 /// Mean speed at which the object is lowered [m/s]. Faster sets it down harder.
 pub(super) const LOWER_SPEED: f32 = 0.01;
@@ -40,7 +40,7 @@ pub(super) const MAX_LOWERING: f32 = 0.05;
 /// The object stands on a support when its weight on the fingers is below this fraction of that before.
 /// Smaller presses it onto the support.
 pub(super) const SUPPORTED_FRACTION: f32 = 0.5;
-/// Time at the start of `Lower` in which the weight is not evaluated [s]. Less takes inertial forces for a
+/// Time at the start of `Lower` in which the weight is not evaluated [s]. Less mistakes inertial forces for a
 /// support.
 pub(super) const LOWER_START_TIME: f32 = 0.3;
 /// Contact is lost when a normal force is below this fraction of the touch force, for [`CONTACT_LOSS_TICKS`].
@@ -51,8 +51,8 @@ pub(super) const CONTACT_LOSS_TICKS: u8 = 10;
 /// Change of a side of the fingertips' triangle beyond which the object slid or rotated between the fingers
 /// [m]. Smaller detects a slip earlier; rolling tips must stay below it.
 pub(super) const MAX_DEFORMATION: f32 = 0.012;
-/// Distance of the object from its target beyond which something moved it [m]. Smaller tolerates weaker
-/// pushes.
+/// Distance of the object from its target beyond which an external force has moved it [m]. Smaller tolerates
+/// weaker pushes.
 pub(super) const MAX_DISPLACEMENT: f32 = 0.015;
 
 // Motion of the object.
@@ -65,7 +65,7 @@ pub(super) const MAX_ANGULAR_SPEED: f32 = 2.0;
 /// Fraction of the joints' torque limits that forces on the object may take. The rest is for gravity,
 /// friction and motion.
 pub(super) const TORQUE_FRACTION: f32 = 0.9;
-/// Change of a joint's target in a tick beyond which it is that of another posture [rad]. Larger lets a
+/// Change of a joint's target in a tick beyond which it belongs to another posture [rad]. Larger lets a
 /// finger fold over; smaller ends fast motions.
 pub(super) const MAX_TARGET_STEP: f32 = 0.2;
 /// Bound of the integral part of (Hand3 eq. 19) against wind-up: force [N] and moment [N·m].
@@ -75,11 +75,12 @@ pub(super) const MAX_INTEGRAL_MOMENT: f32 = 1.0;
 
 // Tracking of the object.
 
-/// Leakage of the anchors towards the measured fingertips, per tick. Larger forgets a slip sooner and hides
-/// it.
+/// Leakage of the anchors towards the measured fingertips, per tick. Larger forgets a slip sooner and so
+/// hides it.
 pub(super) const ANCHOR_LEAKAGE: f32 = 0.1;
-/// Gain of the first-order filter of the fingertips in the object frame, per tick. Too small, position
-/// control works against the internal forces; too large, it does not hold back a finger that comes free.
+/// Gain of the first-order filter of the fingertips in the object frame, per tick. If it is too small,
+/// position control works against the internal forces; if too large, it does not hold back a finger that
+/// loses contact.
 pub(super) const CENTER_FILTER_GAIN: f32 = 0.4;
 
 // Load.
@@ -87,14 +88,14 @@ pub(super) const CENTER_FILTER_GAIN: f32 = 0.4;
 /// Gain of the first-order filter of the load, per tick. Larger follows faster and passes more noise.
 pub(super) const LOAD_FILTER_GAIN: f32 = 0.5;
 /// Gain of the filter of the earlier load, with which the present one is compared, per tick: a time constant
-/// of some 80 ms. Smaller sees slower growth of the load.
+/// of some 80 ms. Smaller detects slower growth of the load.
 pub(super) const EARLIER_LOAD_FILTER_GAIN: f32 = 0.12;
-/// Gain of the filter of the object's weight, per tick: a time constant of some 0.5 s. Larger takes pushes
+/// Gain of the filter of the object's weight, per tick: a time constant of some 0.5 s. Larger mistakes pushes
 /// for weight.
 pub(super) const WEIGHT_FILTER_GAIN: f32 = 0.02;
-/// Fraction of the load that is fed forward once nothing else carries the object. Larger makes the servos
-/// faster; but with all of it, joints with larger torque constants than in the model would lift a heavy
-/// object by themselves: the sensors measure the excess as load, which is positive feedback.
+/// Fraction of the load that is fed forward once no support carries the object. Larger makes the servos
+/// faster. With 1, joints with larger torque constants than in the model would lift a heavy object: the
+/// sensors measure the excess as load, which is positive feedback.
 pub(super) const LOAD_FEEDFORWARD: f32 = 0.9;
 /// Growth of the load that exceeds sensor noise [N]. Smaller lets noise tighten the grip.
 pub(super) const LOAD_GROWTH_THRESHOLD: f32 = 0.09;
@@ -104,24 +105,25 @@ pub(super) const ANTICIPATION_GAIN: f32 = 1.3;
 /// Time constant with which the anticipated increase decays [s]. Longer keeps the firmer grip longer.
 pub(super) const ANTICIPATION_DECAY_TIME: f32 = 0.25;
 
-/// Largest mass of an object whose weight is not measured [kg]. Larger accepts weights that no finger
-/// carries.
+/// Largest mass of an object whose weight is not measured [kg]. Larger accepts weights that no finger can
+/// carry.
 pub(super) const MAX_MASS: f32 = 5.0;
 
 // Grip.
 
-/// Additional minimum normal force for each newton of anticipated load. The joints' dry friction takes the
+/// Additional minimum normal force for each newton of anticipated load. The joints' dry friction absorbs the
 /// first part of a rising force.
 pub(super) const PRELOAD_GAIN: f32 = 4.0;
 /// Maximum of that additional force [N]. Larger protects against faster loads and may crush soft objects.
 pub(super) const MAX_PRELOAD: f32 = 0.5;
-/// Tolerance of the least grip: residual over load. The load is measured no better. Smaller takes more Newton
-/// steps.
+/// Tolerance of the least grip: residual over load. The load is not measured more accurately. Smaller needs
+/// more Newton steps.
 pub(super) const GRIP_TOLERANCE: f32 = 0.02;
 /// Budget of a tick for the least grip [instructions]; one Newton step is taken in any case. More finishes
 /// searches in fewer ticks.
 pub(super) const GRIP_BUDGET: u32 = 9_000;
-/// Time constant with which an excess of grip decays [s]. Less releases before the forces are exact again.
+/// Time constant with which an excess of grip decays [s]. Less releases the grip before the forces are exact
+/// again.
 pub(super) const GRIP_RELEASE_TIME: f32 = 0.3;
 /// Largest residual wrench of forces along the normals, over the forces. Larger accepts contacts that oppose
 /// each other less exactly.
@@ -154,15 +156,15 @@ pub(super) const ASSUMED_FRICTION: f32 = 0.4;
 pub(super) const MIN_FRICTION: f32 = 0.15;
 /// Upper bound of the probed coefficient of friction; probing ends there. Larger allows lighter grips.
 pub(super) const MAX_FRICTION: f32 = 1.0;
-/// Normal forces below this say nothing about friction [N]. Smaller lets noise pass for slip.
+/// Normal forces below this do not determine the friction [N]. Smaller mistakes noise for slip.
 pub(super) const MIN_NORMAL_FORCE: f32 = 0.1;
 /// Gain of the first-order filter of tangential over normal force, per tick. Larger detects slip earlier, and
 /// passes more noise.
 pub(super) const FORCE_RATIO_FILTER_GAIN: f32 = 0.5;
-/// A contact slides soon when its tangential force exceeds this fraction of the friction limit, and
+/// Slip is incipient when the tangential force of a contact exceeds this fraction of the friction limit, and
 /// [`FORCE_NOISE`] more. Smaller tightens the grip earlier.
 pub(super) const INCIPIENT_SLIP_FRACTION: f32 = 0.97;
-/// Noise of the force sensors [N]. Smaller lets noise pass for incipient slip.
+/// Noise of the force sensors [N]. Smaller mistakes noise for incipient slip.
 pub(super) const FORCE_NOISE: f32 = 0.05;
 /// Growing distance of a fingertip from its anchor that counts as slip [m], if its force ratio is above
 /// [`SLIP_MIN_FRACTION`] of the friction.
@@ -185,19 +187,19 @@ pub(super) const PROBE_RATE: f32 = 0.5;
 /// Rate of the probe force while it falls [N/s]. Faster ends the phase earlier, with a larger step of the
 /// force.
 pub(super) const PROBE_RELEASE_RATE: f32 = 2.0;
-/// Decrease of the distance between fingers 1 and 2 that counts as slip [m]. Smaller takes elastic motion for
-/// slip, larger slides farther.
+/// Decrease of the distance between fingers 1 and 2 that counts as slip [m]. Smaller mistakes elastic motion
+/// for slip, larger slides farther.
 pub(super) const PROBE_SLIP_DISTANCE: f32 = 6e-5;
 /// Fraction of the probe force that stays when a finger slides. Smaller stops the slip earlier.
 pub(super) const PROBE_STOP_FRACTION: f32 = 0.5;
-/// Duration of the rise of the probe force after which [`ASSUMED_FRICTION`] counts [s]. Longer probes firmer
+/// Duration of the rise of the probe force after which [`ASSUMED_FRICTION`] is used [s]. Longer probes firmer
 /// grips.
 pub(super) const PROBE_TIMEOUT: f32 = 5.0;
 
 // Dither.
 
 /// Amplitude of the normal dither at its start, as a fraction of the internal forces. It must exceed the
-/// joints' dry friction; larger comes nearer to the force limit.
+/// joints' dry friction. Larger comes nearer to the force limit.
 pub(super) const NORMAL_DITHER: f32 = 0.5;
 /// Amplitude of the tangential dither at its start, as a fraction of the smallest internal force. Larger
 /// reaches more friction, and comes nearer to slip.
@@ -216,7 +218,7 @@ pub(super) const TANGENTIAL_DITHER_PERIODS: [f32; 2] = [0.06, 0.08];
 /// Fraction of the friction limit that internal forces with tangential dither may take. Larger risks slip.
 pub(super) const DITHER_FRICTION_FRACTION: f32 = 0.8;
 
-/// The ticks of a time [s].
+/// Converts a time [s] to ticks.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive, and a few hundred")]
 const fn ticks(time: f32) -> u32 {
     (time / TICK + 0.5) as u32

@@ -37,7 +37,7 @@ mod tests {
     use super::*;
 
     /// 2 mm and 0.02 rad off for three ticks: −(1000·2e-3 + 3·500·0.01·2e-3) N, −(20·0.02 + 3·10·0.01·0.02)
-    /// N·m; and with gains of 0 the contact forces are all that there is.
+    /// N·m; and no wrench with gains of 0.
     #[test]
     fn the_wrench_is_proportional_and_integral() {
         let target = IsometryMatrix3::identity();

@@ -1,4 +1,4 @@
-//! Stability of the sampled loop in contact: which surface an impedance can bear.
+//! Stability of the sampled loop in contact: the largest surface stiffness for an impedance.
 
 use nalgebra::{Vector3, Vector6};
 
@@ -14,12 +14,13 @@ use crate::model::JointModel;
 const STEPS: usize = 24;
 /// Smallest pivot of the mass matrix [kg·m²].
 const MIN_INERTIA: f32 = 1e-9;
-/// Smallest mobility that is told from 0 [1/kg].
+/// Smallest mobility that is distinguished from 0 [1/kg].
 const MIN_MOBILITY: f32 = 1e-6;
 
-/// Own mass of an arm at its tool along x, y and z of `axes` [kg] at joint `angles` [rad]: `1 / (J M⁻¹
-/// Jᵀ)ᵢᵢ`, the force along an axis per acceleration along it while the tool is free otherwise (Khatib 1995).
-/// It grows without bound towards singular postures; at most five times the mean is returned.
+/// Own mass of an arm at its tool along x, y and z of `axes` [kg] at joint `angles` [rad]:
+/// `1 / (J M⁻¹ Jᵀ)ᵢᵢ`, the force along an axis per acceleration along it while the tool is free in all other
+/// directions (Khatib 1995). It grows without bound towards singular postures; the result is limited to five
+/// times the mean.
 ///
 /// `chain` without the rotors, which are those of the `joints`.
 pub fn own_mass(chain: &Chain, joints: &[JointModel], angles: &[f32], axes: ImpedanceAxes) -> [f32; 3] {
@@ -45,7 +46,7 @@ pub fn own_mass(chain: &Chain, joints: &[JointModel], angles: &[f32], axes: Impe
 
 impl ImpedanceSettings {
     /// Checks the masses of the impedance against the arm's [own](own_mass) along its axes [kg]. With a mass
-    /// far below it the contact with a stiff surface cannot be made stable, also not by derating.
+    /// far below it, contact with a stiff surface cannot be stabilised, not even by derating.
     ///
     /// # Errors
     /// The first axis whose mass is too small.
@@ -59,9 +60,10 @@ impl ImpedanceSettings {
         Ok(())
     }
 
-    /// Largest stiffness [N/m] of a surface across `axis` (0 to 2) on which the sampled loop is stable for
-    /// certain, for an arm whose own mass along the axis is `own_mass` [kg]; 0 when there is none. Beyond it
-    /// the impedance is derated. Axes count without their coupling. docs/equations.md derives the condition.
+    /// Largest stiffness [N/m] of a surface normal to `axis` (0 to 2) on which the sampled loop is guaranteed
+    /// to be stable, for an arm whose own mass along the axis is `own_mass` [kg]; 0 if there is none. Beyond
+    /// it the impedance is derated. The coupling between axes is neglected. docs/equations.md derives the
+    /// condition.
     pub fn max_contact_stiffness(&self, axis: usize, own_mass: f32) -> f32 {
         let impedance = &self.impedance;
         let (e, v, f) = match axis {
@@ -82,7 +84,7 @@ impl ImpedanceSettings {
             velocity: -law(&zero, &v, &zero),
             force: law(&zero, &zero, &f),
         };
-        // A larger own mass is multiplied more; a smaller one moves too far in a period.
+        // A larger own mass has a higher loop gain; a smaller one moves too far in a period.
         let [heavy, light] = [OWN_MASS_MARGIN, 1.0 / OWN_MASS_MARGIN]
             .map(|factor| loop_gains.max_stiffness(factor * own_mass));
         if heavy < light { heavy } else { light }
@@ -99,7 +101,7 @@ struct ContactLoop {
 impl ContactLoop {
     /// Largest stiffness below which the loop is stable on every surface, for an own mass [kg].
     fn max_stiffness(&self, own_mass: f32) -> f32 {
-        // Frequencies ω T/2 of the own mass on the surface; at π/2 the sampling ends.
+        // Frequencies ω T/2 of the own mass on the surface, up to the Nyquist frequency, π/2.
         let [mut stable, mut unstable] = [0.0_f32, core::f32::consts::FRAC_PI_2];
         for _ in 0..STEPS {
             let middle = 0.5 * (stable + unstable);
@@ -109,7 +111,7 @@ impl ContactLoop {
         own_mass * frequency * frequency
     }
 
-    /// Jury's conditions at the surface on which the own mass has the frequency ω, with `half` = ω T/2:
+    /// Jury's conditions for the surface on which the own mass has the frequency ω, with `half` = ω T/2:
     /// `velocity < ω cot half` and `force·k + error < ω² + velocity·ω cot half`, `k = own_mass·ω²`.
     fn is_stable(&self, own_mass: f32, half: f32) -> bool {
         let (sine, cosine) = math::sin_cos(half);

@@ -10,28 +10,28 @@ use crate::math::abs;
 /// Derating of the impedance on a surface that is too stiff for it.
 ///
 /// Beyond [a stiffness](super::ImpedanceSettings::max_contact_stiffness) that depends on impedance and arm a
-/// contact oscillates. That of the surface is not known; but the oscillation is: the force jumps up and down,
-/// and the jumps do not get smaller. Each of them raises mass and damping by the same factor, until the
-/// contact is stable. The stiffness of the impedance remains, and with it the force at rest. The factor fades
-/// once the tool has been free for a while.
+/// contact oscillates. The stiffness of the surface is unknown, but the oscillation can be detected: the
+/// force jumps up and down, and the jumps do not get smaller. Each of them raises mass and damping by the
+/// same factor, until the contact is stable. The stiffness of the impedance is unchanged, and so is the force
+/// at rest. The factor decays once the tool has been free for a while.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize, Schema)]
 pub(super) struct Derating {
     /// Factor of mass and damping: 1 to `MAX_DERATING`.
     factor: f32,
-    /// Force of the last tick, and the largest one, which fades [N].
+    /// Force of the last tick, and its decaying peak [N].
     force: f32,
     peak: f32,
-    /// Last jump downwards and upwards [N].
+    /// Last downward and last upward jump [N].
     jumps: [f32; 2],
     /// Whether the last jump was upwards, and ticks since then.
     is_upwards: bool,
     ticks: u8,
-    /// Jumps of one oscillation.
+    /// Number of undamped jumps of the present oscillation.
     alternations: u8,
 }
 
 impl Derating {
-    /// None.
+    /// No derating.
     pub const NONE: Self = Self {
         factor: 1.0,
         force: 0.0,
@@ -47,7 +47,8 @@ impl Derating {
         self.factor
     }
 
-    /// One tick with the magnitude of the external force [N]. Changes below `threshold` [N] are no jumps.
+    /// Updates the derating with the magnitude of the external force [N]. Changes below `threshold` [N] are
+    /// no jumps.
     pub fn update(&mut self, force: f32, contact: bool, threshold: f32) {
         let change = force - core::mem::replace(&mut self.force, force);
         let faded = FORCE_FADE * self.peak;
@@ -58,12 +59,12 @@ impl Derating {
             self.add_jump(jump);
         } else if self.factor > 1.0 && !contact && self.ticks > DERATING_END {
             let factor = 1.0 + DERATING_FADE * (self.factor - 1.0);
-            // Exactly 1 in the end: the impedance as it was set.
+            // Ends at exactly 1: the impedance as configured.
             self.factor = if factor > MIN_DERATING { factor } else { 1.0 };
         }
     }
 
-    /// A jump against the last one [N].
+    /// Adds a jump [N] in the opposite direction of the last one.
     fn add_jump(&mut self, jump: f32) {
         self.is_upwards = !self.is_upwards;
         let [down, up] = &mut self.jumps;
@@ -91,7 +92,7 @@ mod tests {
         derating.factor()
     }
 
-    /// A tool that bounces: in contact for one tick in eight.
+    /// A bouncing tool: in contact for one tick in eight.
     fn bounces(peak: f32, kept: f32, count: usize) -> impl Iterator<Item = f32> {
         let peaks = core::iter::successors(Some(peak), move |peak| Some(peak * kept)).take(count);
         peaks.flat_map(|peak| core::iter::once(peak).chain([0.0; 7]))
@@ -99,16 +100,16 @@ mod tests {
 
     #[test]
     fn jumps_that_do_not_fade_raise_the_factor_to_its_limit() {
-        // Up and down, up and down: the fourth jump that follows another is the fifth. 1.3 for each from then
-        // on.
+        // Up and down, up and down: the fifth jump is the fourth that follows another. From then on a factor
+        // of 1.3 for each.
         assert!((after(bounces(60.0, 1.0, 3)) - 1.3 * 1.3).abs() < 1e-5);
         assert!((after(bounces(60.0, 1.0, 20)) - MAX_DERATING).abs() < 1e-5);
     }
 
     #[test]
     fn what_is_no_oscillation_leaves_the_impedance_as_it_is() {
-        // A bounce that fades by itself, one push and release, and a person who shakes the tool by 20 N at 3
-        // Hz.
+        // A bounce that decays by itself, one push and release, and a person who shakes the tool with 20 N at
+        // 3 Hz.
         assert!((after(bounces(60.0, 0.6, 10)) - 1.0).abs() < f32::EPSILON);
         assert!((after(bounces(60.0, 1.0, 1)) - 1.0).abs() < f32::EPSILON);
         let shaken = (0..500_u16).map(|tick| 20.0 * abs(crate::math::sin_cos(f32::from(tick) * 0.188).0));
@@ -120,7 +121,7 @@ mod tests {
         let mut derating = Derating::NONE;
         bounces(60.0, 1.0, 6).for_each(|force| derating.update(force, force > 1.5, 1.5));
         let raised = derating.factor();
-        // Pressed, it keeps the factor.
+        // In contact it keeps the factor.
         (0..500).for_each(|_| derating.update(6.0, true, 1.5));
         assert!(raised > 2.0 && (derating.factor() - raised).abs() < f32::EPSILON);
         (0..600).for_each(|_| derating.update(0.0, false, 1.5));

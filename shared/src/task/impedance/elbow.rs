@@ -23,8 +23,8 @@ pub struct ArmAngle {
 
 impl ArmAngle {
     /// The arm angle of a seven-joint arm in `posture`; `down` is a vector along gravity. `None` for another
-    /// number of joints, and where the line from shoulder to wrist is vertical: there is no unique vertical
-    /// plane then.
+    /// number of joints, and where the line from shoulder to wrist is vertical: there is then no unique
+    /// vertical plane.
     pub fn of(posture: &Posture, down: &Vector3<f32>) -> Option<Self> {
         let [shoulder, elbow, wrist] = [SHOULDER, ELBOW, WRIST].map(|joint| posture.joint(joint));
         let (shoulder, elbow, wrist) = (shoulder?.1, elbow?.1, wrist?.1);

@@ -51,7 +51,7 @@ pub enum ImpedanceRefusal {
         /// Index of the chain.
         chain: u8,
     },
-    /// 2: the settings name the force sensor as source, and the robot has none.
+    /// 2: the settings require a force sensor, and the robot has none.
     NoForceSensor,
     /// 3: the force source cannot change while the arm is enabled.
     ForceSourceInUse,

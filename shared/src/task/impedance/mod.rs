@@ -8,12 +8,12 @@
 //!                                  └─► disturbance observer ┘
 //! ```
 //!
-//! [`Law::Direct`] is the paper's loop: the impedance acts on the measured state. Its [`DirectLaw`] says
-//! which of the paper's omissions are made up for. [`Law::ModelFollowing`] adds a *reference arm*: joint
-//! angles and velocities that follow the target impedance exactly. The real arm tracks them under a
-//! disturbance observer, so that friction and model errors do not change the motion of the tool in free
-//! space. During *contact* the reference arm is reset to the measured state: the tool then has the target
-//! impedance, and the environment may be stiff.
+//! [`Law::Direct`] is the paper's loop: the impedance acts on the measured state. Its [`DirectLaw`] selects
+//! which of the terms that the paper omits are added. [`Law::ModelFollowing`] adds a *reference arm*:
+//! simulated joint angles and velocities that follow the target impedance exactly. The real arm tracks them
+//! under a disturbance observer, so that friction and model errors do not change the motion of the tool in
+//! free space. During *contact* the reference arm is reset to the measured state: the tool then has the
+//! target impedance, and the environment may be stiff.
 //!
 //! [`ImpedanceState::tick`] is a function of the state and of one measurement.
 

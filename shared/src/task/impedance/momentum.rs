@@ -33,7 +33,7 @@ pub(super) struct MomentumObserver {
     tare: [f32; MAX_CHAIN_JOINTS],
     /// Samples so far, at most [`SAMPLES`].
     samples: u8,
-    /// Successive ticks at rest, and whether the observer was tared after [`REST_TICKS`] of them.
+    /// Consecutive ticks at rest, and whether the observer was tared after [`REST_TICKS`] of them.
     rest_ticks: u8,
     tared: bool,
 }
@@ -50,13 +50,13 @@ impl MomentumObserver {
         tared: false,
     };
 
-    /// Stores the mean motor torques of the period that begins [N·m].
+    /// Stores the mean motor torques of the starting period [N·m].
     pub const fn push(&mut self, torques: &[f32; MAX_CHAIN_JOINTS]) {
         self.torques = [*torques, self.torques[0]];
     }
 
     /// Updates the residual with the joint `angles` [rad]. Friction is computed from `velocities` [rad/s];
-    /// `bandwidth` is that of the filter [rad/s]. After [`REST_TICKS`] successive ticks `at_rest` the
+    /// `bandwidth` is that of the filter [rad/s]. After [`REST_TICKS`] consecutive ticks `at_rest` the
     /// observer tares itself, once.
     pub fn update(
         &mut self,
@@ -105,7 +105,7 @@ impl MomentumObserver {
         }
     }
 
-    /// Takes the present residual for model error. Without effect before the first tare at rest.
+    /// Defines the present residual as model error. Has no effect before the first tare at rest.
     pub const fn tare(&mut self) {
         if self.tared {
             self.tare = self.residual;

@@ -17,8 +17,8 @@ pub(super) struct Resolver {
 }
 
 impl Resolver {
-    /// For `jacobian` without the column of the driven joint. Improves the estimates of the smallest singular
-    /// value `sigma_min` and of its left singular vector, a unit vector, by one step of the inverse
+    /// Factorises `jacobian` without the column of the driven joint. Improves the estimates of the smallest
+    /// singular value `sigma_min` and of its left singular vector, a unit vector, by one step of the inverse
     /// iteration.
     pub fn new(
         jacobian: &Jacobian,

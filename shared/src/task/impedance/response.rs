@@ -5,8 +5,8 @@ use nalgebra::{IsometryMatrix3, Matrix3, Vector6};
 use super::Law;
 use crate::control::{Impedance, ImpedanceAxes};
 
-/// Acceleration of the `tool` for its displacement, the velocity of that and an external force, all in base
-/// axes, as `law` holds it for a control period (Arm7 step 3).
+/// Acceleration of the `tool` for its displacement, velocity error and external force, all in base axes, as
+/// the discretisation of `law` requires (Arm7 step 3).
 #[inline]
 pub(super) fn respond(
     impedance: &Impedance,
@@ -31,7 +31,7 @@ pub(super) fn respond(
     }
 }
 
-/// The same impedance in other `axes`, so that a new one in these axes can be blended in.
+/// Transforms an impedance to other `axes`, so that a new one in these axes can be blended in.
 #[inline(never)]
 pub(super) fn in_axes(impedance: &Impedance, axes: ImpedanceAxes, tool: &IsometryMatrix3<f32>) -> Impedance {
     let to_base = tool.rotation.matrix();
@@ -41,7 +41,7 @@ pub(super) fn in_axes(impedance: &Impedance, axes: ImpedanceAxes, tool: &Isometr
     }
 }
 
-/// Translational and rotational part of `value` in the axes to which `rotation` leads.
+/// Applies `rotation` to the translational and the rotational part of `value`.
 fn rotated(rotation: &Matrix3<f32>, value: &Vector6<f32>) -> Vector6<f32> {
     let [linear, angular] = [0, 3].map(|axis| rotation * value.fixed_rows::<3>(axis));
     Vector6::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z)

@@ -10,7 +10,7 @@ use crate::TICK;
 use crate::kinematics::{ElbowSetpoint, PosePoint};
 use crate::math::{self, abs};
 
-/// At rest at the origin of the base frame.
+/// The set-point at rest at the origin of the base frame.
 pub(super) const ORIGIN: PosePoint = PosePoint {
     position: [0.0; 3],
     rotation: [0.0, 0.0, 0.0, 1.0],
@@ -18,7 +18,7 @@ pub(super) const ORIGIN: PosePoint = PosePoint {
     acceleration: [0.0; 6],
 };
 
-/// At rest at the pose of a tool.
+/// The set-point at rest at the pose of a tool.
 #[inline(never)]
 pub(super) fn at_rest(tool: &IsometryMatrix3<f32>) -> PosePoint {
     let rotation = UnitQuaternion::from_rotation_matrix(&tool.rotation);
@@ -66,7 +66,7 @@ pub(super) fn pose_error(tool: &IsometryMatrix3<f32>, point: &PosePoint) -> Vect
 /// Checks a pose error against the maximum deviation of the settings.
 ///
 /// # Errors
-/// It is larger.
+/// The error is larger.
 #[inline]
 pub(super) fn check_deviation(
     error: &Vector6<f32>,
@@ -87,7 +87,7 @@ pub(super) fn check_deviation(
 /// Checks the pose error of a set-point against the maximum deviation of the settings.
 ///
 /// # Errors
-/// It is larger.
+/// The error is larger.
 #[inline(never)]
 pub(super) fn check_point(
     tool: &IsometryMatrix3<f32>,

@@ -72,10 +72,10 @@ pub enum Law {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct DirectLaw {
     /// Fraction of the model's friction at the measured velocity that the torques compensate: 0 to 1. The
-    /// paper blames the error of this term for its own at the reversals (Arm7, section 3.2.1).
+    /// paper attributes its errors at velocity reversals to this term (Arm7, section 3.2.1).
     pub friction: f32,
-    /// Whether the other joints make up for the acceleration of the driven one: the term `j_yaw θ̈*_yaw`,
-    /// which step 4 of the paper leaves out.
+    /// Whether the other joints compensate the acceleration of the driven one: the term `j_yaw θ̈*_yaw`,
+    /// which step 4 of the paper omits.
     pub driven_term: bool,
     /// Whether motion in the null space is damped where the elbow has no set-point. The pseudo-inverse alone
     /// (Arm7 eq. 3) does not.
@@ -85,7 +85,7 @@ pub struct DirectLaw {
 impl DirectLaw {
     /// As printed.
     pub const PRINTED: Self = Self { friction: 1.0, driven_term: false, null_space_damping: false };
-    /// With the terms that it lacks, and without friction compensation.
+    /// With the terms that the paper omits, and without friction compensation.
     pub const CORRECTED: Self = Self { friction: 0.0, driven_term: true, null_space_damping: true };
 }
 
@@ -108,7 +108,7 @@ pub enum Redundancy {
     None,
     /// 1: one of seven joints follows [`ElbowSetpoint`](crate::kinematics::ElbowSetpoint), the other six move
     /// the tool (Arm7, section 2.2: shoulder yaw). Not the elbow joint: no other joint changes the distance
-    /// of wrist and shoulder.
+    /// from wrist to shoulder.
     DrivenJoint {
         /// Index of the driven joint.
         joint: u8,
@@ -157,14 +157,14 @@ pub enum InvalidSettings {
         /// Maximum.
         limit: f32,
     },
-    /// 7: a driven joint needs an arm of seven joints: the pose of the tool takes six.
+    /// 7: a driven joint needs an arm of seven joints: the pose of the tool requires six.
     NoRedundantJoint,
     /// 8: the fraction of the friction that the direct law compensates.
     Friction {
         /// The value.
         value: f32,
     },
-    /// 9: the mass of the impedance along an axis is far below the arm's own there [kg].
+    /// 9: the mass of the impedance along an axis is far below the arm's own mass [kg].
     MassInContact {
         /// 0 to 2: along x, y, z.
         axis: u8,

@@ -62,9 +62,9 @@ pub struct ImpedanceState {
     /// Force estimate without a sensor: the observer and its last wrench.
     momentum_observer: MomentumObserver,
     estimated_wrench: [f32; 6],
-    /// Squared acceleration of the tool that the disturbance observers make up for [m²/s⁴].
+    /// Squared acceleration of the tool that the disturbance observers compensate [m²/s⁴].
     tool_disturbance: f32,
-    /// Successive ticks in which that was more than the force sensor leaves unseen.
+    /// Consecutive ticks in which that was beyond its limit.
     mismatch_ticks: u8,
 }
 
@@ -102,7 +102,7 @@ impl ImpedanceState {
     pub fn configure(&mut self, arm: &Arm<'_>, settings: &ImpedanceSettings) -> Result<(), InvalidSettings> {
         settings.validate(arm.chain.len())?;
         let [old, new] = [&self.settings.impedance, &settings.impedance];
-        // A mass that was accepted stays so: near a singular posture the arm's own grows beyond every one.
+        // An accepted mass stays valid: near a singular posture the arm's own mass grows without bound.
         if (old.axes, old.mass) != (new.axes, new.mass) {
             settings.check_mass(&own_mass(arm.chain, arm.joints, &self.angles, new.axes))?;
         }
@@ -165,12 +165,12 @@ impl ImpedanceState {
         check_deviation(&self.pose_error.into(), &self.settings)
     }
 
-    /// Checks that the force sensor sees what acts on the tool. A contact that it does not see is a
-    /// disturbance to the tracking, which would press on: `J·d` at the tool.
+    /// Checks that the force sensor measures the forces on the tool. A contact that it does not measure
+    /// appears as a disturbance `d`, `J·d` at the tool; the tracking would press against it.
     ///
     /// # Errors
-    /// For `MISMATCH_TICKS` the tracking made up for more than `MAX_TOOL_DISTURBANCE`: disturbance and
-    /// limit [m/s²].
+    /// For `MISMATCH_TICKS` the tracking compensated more than `MAX_TOOL_DISTURBANCE`: disturbance and limit
+    /// [m/s²].
     pub fn check_disturbance(&mut self) -> Result<(), (f32, f32)> {
         let is_mismatch = self.tool_disturbance > MAX_TOOL_DISTURBANCE * MAX_TOOL_DISTURBANCE;
         self.mismatch_ticks = if is_mismatch { self.mismatch_ticks.saturating_add(1) } else { 0 };
@@ -180,8 +180,8 @@ impl ImpedanceState {
         Err((math::sqrt(self.tool_disturbance), MAX_TOOL_DISTURBANCE))
     }
 
-    /// Squared linear acceleration of the tool that the disturbance observers make up for [m²/s⁴]; 0 without
-    /// a force sensor that should see its cause, and in a stop, which may begin with any motion.
+    /// Squared linear acceleration of the tool that the disturbance observers compensate [m²/s⁴]; 0 without a
+    /// force sensor that should measure its cause, and in a stop, which may begin with any motion.
     fn squared_tool_disturbance(&self, settings: &ImpedanceSettings, jacobian: &Jacobian) -> f32 {
         if settings.law.direct().is_some() || self.estimates_force() || self.halted {
             return 0.0;
@@ -196,7 +196,7 @@ impl ImpedanceState {
         self.tool_acceleration.into()
     }
 
-    /// One control period.
+    /// Runs one control period.
     ///
     /// # Errors
     /// Why the control must stop.
@@ -239,7 +239,8 @@ impl ImpedanceState {
         let is_lost = self.squared_force <= CONTACT_LOSS_SQUARED * force_before;
         let rested = velocities.amax() < CONTACT_REST_SPEED;
         if use_measured_state && !loaded && is_lost && rested && !self.estimates_force() {
-            // Let go at rest, before the reading: it gains the velocity of that time, too.
+            // The tool was released at rest some time before the reading: adds the velocity that it gained in
+            // that time.
             acceleration *= 1.0 + FREE_BEFORE_READING / TICK;
         }
         self.update_tool_motion(&velocity, &acceleration, loaded);
@@ -328,7 +329,8 @@ impl ImpedanceState {
         let joints = reference.zip(self.observers.iter_mut().zip(&measurement.angles));
         for ((angle, velocity), (observer, measured)) in joints.take(arm.chain.len()) {
             let error = *angle - measured;
-            // What a stopped arm learnt of what holds it, it would press with.
+            // In a stop the observer must not learn the force that holds the arm: the arm would press with
+            // it.
             let at_rest = abs(*velocity) < rest_speed && (self.halted || abs(error) < REST_ERROR);
             let gain = match (at_rest, use_measured_state) {
                 (true, _) => 0.0,
@@ -345,7 +347,7 @@ impl ImpedanceState {
         }
     }
 
-    /// Updates the wrench that is estimated from the motor torques, if that is the source.
+    /// Updates the wrench estimate from the motor torques, if that is the source.
     fn update_force_estimate(
         &mut self,
         arm: &Arm<'_>,
@@ -373,7 +375,7 @@ impl ImpedanceState {
         let acceleration = Vector6::from(self.setpoint.acceleration);
         let derating = self.derating.factor();
         if derating > 1.0 {
-            // Mass and damping times the derating: the same as force and error divided by it.
+            // Multiplying mass and damping by the derating equals dividing force and error by it.
             let [error, force] = [error, force].map(|value| value * (1.0 / derating));
             return acceleration
                 + respond(&self.impedance, settings.law, tool, &error, &velocity_error, &force);

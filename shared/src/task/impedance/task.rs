@@ -103,7 +103,7 @@ impl Task for ImpedanceControl {
             (target.setpoint, target.feedforward) = (JointSetpoint::Point(point), *torque);
         }
         io.targets.actuation = Actuation::Acceleration { friction: output.friction };
-        // The targets of this tick are set: the arm comes to rest from where it is.
+        // Checked after the targets of this tick are set, so that a stop begins from a consistent state.
         self.state.check_deviation()?;
         self.state.check_disturbance().map_err(|(value, limit)| TaskFault {
             cause: FaultCause::ForceMismatch,
@@ -125,7 +125,7 @@ impl Task for ImpedanceControl {
                 self.state.halt(&arm, &ArmMeasurement::of(io.measured), takeover);
                 Halt::Task
             }
-            // Without its force the control would press on what it touches.
+            // Without a valid force the control would press against a contact.
             _ => Halt::Damp,
         }
     }
@@ -142,7 +142,7 @@ impl Task for ImpedanceControl {
     }
 
     fn may_tare(&self) -> bool {
-        // An estimate that is wrong by a constant looks like a contact.
+        // A constant error of the estimate looks like a contact.
         !self.state.contact || self.state.estimates_force()
     }
 

@@ -16,7 +16,7 @@ pub struct ImpedanceTelemetry {
     /// Pose error in the last tick of the control: displacement of the tool from its set-point, translation
     /// and rotation vector [m, rad].
     pub error: [f32; 6],
-    /// External wrench on the tool, in base axes, from the source that the settings name [N, N·m].
+    /// External wrench on the tool, in base axes, from the configured source [N, N·m].
     pub wrench: [f32; 6],
     /// Whether the last tick of the control detected contact.
     pub contact: bool,
@@ -25,8 +25,8 @@ pub struct ImpedanceTelemetry {
     pub sigma_min: f32,
     /// Elbow angle: of the driven joint, or the arm angle [rad].
     pub elbow: f32,
-    /// Factor by which mass and damping of the impedance are raised on a surface that is too stiff for it; 1:
-    /// not at all.
+    /// Factor by which mass and damping of the impedance are raised on a surface that is too stiff for it; 1
+    /// if they are not.
     pub derating: f32,
 }
 

@@ -7,15 +7,15 @@ pub(super) const IMPEDANCE_BLEND: f32 = 0.05;
 /// Contact ends when the squared force falls below this fraction of the squared contact force: a hysteresis
 /// of two thirds in force. A larger one lets contact detection chatter.
 pub(super) const CONTACT_HYSTERESIS_SQUARED: f32 = 4.0 / 9.0;
-/// Contact also ends when the squared force falls below this fraction of its last value: the tool has lost
-/// contact at once. A smaller one detects the loss later, and the tool overshoots.
+/// Contact also ends when the squared force falls below this fraction of its last value: a sudden loss of
+/// contact. A smaller one detects the loss later, and the tool overshoots.
 pub(super) const CONTACT_LOSS_SQUARED: f32 = 0.1;
-/// Time for which a tool that was let go has been free at least, when the force sensor tells it [s]: the
-/// window of the simulated sensor's mean; `board-weact` tells it later. On average it is half a period more.
-/// A larger value makes up for more of that, and gives a tool that was let go just before too much velocity.
+/// Minimum time between the release of a tool and the first reading that shows it [s]: the averaging window
+/// of the simulated sensor; the delay of `board-weact` is longer. On average it is half a period more. A
+/// larger value compensates more of that, but gives a tool that was released just before too much velocity.
 pub(super) const FREE_BEFORE_READING: f32 = 5e-4;
 /// Gain of the disturbance estimate during contact, as a fraction of that in free space. The measured force
-/// lags, and a faster estimate takes the lag for a disturbance.
+/// lags, and a faster estimate mistakes the lag for a disturbance.
 pub(super) const CONTACT_DISTURBANCE_GAIN: f32 = 0.15;
 /// Fraction of the friction that is compensated during contact. Overcompensation causes a limit cycle against
 /// the environment.
@@ -26,7 +26,7 @@ pub(super) const CONTACT_FRICTION_COMPENSATION: f32 = 0.7;
 pub(super) const REST_ERROR: f32 = 1e-4;
 /// Speed below which a joint of the reference arm is at rest [rad/s].
 pub(super) const REST_SPEED: f32 = 2e-3;
-/// The same during a contact that the force sensor feels. There the reference is the measured state, whose
+/// The same during a contact that the force sensor measures. There the reference is the measured state, whose
 /// speed is uncertain by some counts of the encoder. A smaller one lets the force on a stiff wall change by a
 /// newton when a joint breaks away late; a larger one leaves a larger error of the force at rest.
 pub(super) const CONTACT_REST_SPEED: f32 = 4e-2;
@@ -44,12 +44,13 @@ pub(super) const ARM_ANGLE_DAMPING: f32 = 1e-4;
 /// bounded [m].
 pub(super) const MIN_ELBOW_OFFSET: f32 = 0.01;
 
-/// Acceleration of the tool that the disturbance observers may make up for [m/s²]. A larger one lets a sensor
-/// that reads nothing press harder; a smaller one mistakes errors of the model for a contact, which
-/// come to 5.2 in the scenarios.
+/// Acceleration of the tool that the disturbance observers may compensate [m/s²]. With a larger one the tool
+/// presses harder if its sensor reads nothing; a smaller one mistakes errors of the model, up to 5.2 in the
+/// scenarios, for a contact.
 pub(super) const MAX_TOOL_DISTURBANCE: f32 = 7.5;
-/// Successive ticks of such a disturbance that are a fault. More let the arm press longer; fewer come before
-/// the three ticks after which a joint that runs away is switched off.
+/// Consecutive ticks of such a disturbance that are a fault. With more the arm presses longer; with fewer
+/// this fault would precede the detection of a joint that runs away, after three ticks, which switches the
+/// outputs off.
 pub(super) const MISMATCH_TICKS: u8 = 4;
 
 /// Fraction of a joint's velocity limit that the reference arm uses. The rest is a margin for tracking.
@@ -58,8 +59,8 @@ pub(super) const VELOCITY_LIMIT_FRACTION: f32 = 0.6;
 /// brakes later and harder.
 pub(super) const LIMIT_APPROACH_RATE: f32 = 5.0;
 
-/// Speeds at which the set-point moves to the tool after a fault [m/s, rad/s]. Faster ones release what the
-/// tool presses on sooner, and let it spring back faster.
+/// Speeds at which the set-point moves to the tool after a fault [m/s, rad/s]. Faster ones release the
+/// contact force sooner, but let the tool spring back faster.
 pub(super) const RELEASE_SPEED: f32 = 0.1;
 pub(super) const RELEASE_ANGULAR_SPEED: f32 = 0.5;
 
@@ -82,17 +83,17 @@ pub(super) const MIN_FORCE_BANDWIDTH: f32 = 10.0;
 /// Maximum bandwidth of momentum observer and elbow [rad/s]: half a radian per control period.
 pub(super) const MAX_BANDWIDTH: f32 = 50.0;
 
-/// Smallest jump of the force, as a fraction of the recent peak, that counts for derating. A smaller one
-/// derates for a person who shakes the tool at 4 Hz.
+/// Smallest jump of the force, as a fraction of the recent peak, that counts for derating. With a smaller
+/// one, a person who shakes the tool at 4 Hz would cause derating.
 pub(super) const MIN_JUMP: f32 = 0.25;
 /// Fraction of the peak that remains after a tick.
 pub(super) const FORCE_FADE: f32 = 0.98;
-/// Longest time between two jumps of one oscillation [ticks]: 0.3 s, the flight of a tool that bounces.
+/// Longest time between two jumps of one oscillation [ticks]: 0.3 s, the flight time of a bouncing tool.
 pub(super) const OSCILLATION_TICKS: u8 = 30;
-/// A jump below this fraction of the one before in the same direction is that of an oscillation that fades by
-/// itself.
+/// A jump below this fraction of the previous one in the same direction belongs to an oscillation that decays
+/// by itself.
 pub(super) const UNDAMPED: f32 = 0.8;
-/// Jumps of one oscillation before derating begins. Fewer derate for a tool that bounces once.
+/// Jumps of one oscillation before derating begins. With fewer, a tool that bounces once would be derated.
 pub(super) const MIN_ALTERNATIONS: u8 = 4;
 /// Growth of the derating with each further jump. A larger one ends the oscillation sooner, and makes the
 /// tool heavier than necessary.
@@ -100,19 +101,19 @@ pub(super) const DERATING_GROWTH: f32 = 1.3;
 /// Maximum derating: four times [`MAX_MASS_RATIO`], as the arm's own mass grows as it moves and is larger
 /// between the axes.
 pub(super) const MAX_DERATING: f32 = 16.0;
-/// Ticks without contact and jumps after which the derating fades: 1 s.
+/// Ticks without contact and jumps after which the derating decays: 1 s.
 pub(super) const DERATING_END: u8 = 100;
-/// Fraction of the derating that remains after a tick of fading, and the derating that is negligible.
+/// Fraction of the derating that remains after a tick of decay, and the derating that is negligible.
 pub(super) const DERATING_FADE: f32 = 0.97;
 pub(super) const MIN_DERATING: f32 = 1.01;
 
-/// Largest ratio of the arm's own mass along an axis to the mass of the impedance there. A larger one lets a
-/// contact with 50 000 N/m reach 150 N, the force limit of robots/arm7, before the derating has ended its
+/// Largest ratio of the arm's own mass along an axis to the mass of the impedance there. With a larger one a
+/// contact with 50 000 N/m would reach 150 N, the force limit of robots/arm7, before derating ends the
 /// oscillation.
 pub(super) const MAX_MASS_RATIO: f32 = 4.0;
 /// Largest own mass along an axis that counts, as a multiple of the mean: at a singular posture it is
 /// infinite, and the damped inverse does not move the tool.
 pub(super) const MAX_OWN_MASS_RATIO: f32 = 5.0;
 /// Factor of the arm's own mass in the condition for a stable contact: errors of the model of 20 %, and the
-/// lag of drives and velocity estimate, which the condition leaves out.
+/// lag of drives and velocity estimate, which the condition neglects.
 pub(super) const OWN_MASS_MARGIN: f32 = 1.3;

@@ -9,16 +9,16 @@ use crate::kinematics::MAX_FINGERS;
 use crate::math::abs;
 use crate::teleop::OperatorFingertips;
 
-/// A fingertip goes on with its velocity for this time after its measurement [s].
+/// A fingertip is extrapolated with its velocity for this time after its measurement [s].
 pub const MAX_EXTRAPOLATION: f32 = 0.05;
 /// Largest coordinate of a fingertip [m].
 const MAX_COORDINATE: f32 = 1.0;
-/// Largest velocity of a fingertip along an axis [m/s]; what hands reach is a tenth of it.
+/// Largest velocity of a fingertip along an axis [m/s]; hands reach a tenth of it.
 const MAX_VELOCITY: f32 = 20.0;
 /// Largest age of a sample on arrival [s].
 const MAX_AGE: f32 = 1.0;
 
-/// A fingertip of the operator, in the frame of the hand.
+/// A fingertip of the operator, in the frame of the operator's hand.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct FingertipPoint {
     /// Position [m].
@@ -36,7 +36,7 @@ pub struct FingertipSample {
     pub number: u16,
     /// Time since the measurement [s]: delay of filter and link.
     pub age: f32,
-    /// The fingertips, thumb to little finger; `None` for one that is not known now.
+    /// The fingertips, thumb to little finger; `None` for one that is not visible now.
     pub tips: [Option<FingertipPoint>; MAX_FINGERS],
 }
 
@@ -71,12 +71,12 @@ struct Measurement {
     age: f32,
 }
 
-/// What is known of the operator's fingertips.
+/// The last known fingertips of the operator.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub(super) struct Fingertips {
     /// Number of the last sample.
     number: Option<u16>,
-    /// Ticks since it came.
+    /// Ticks since its arrival.
     ticks: u8,
     tips: [Option<Measurement>; MAX_FINGERS],
 }
@@ -84,7 +84,7 @@ pub(super) struct Fingertips {
 impl Fingertips {
     pub const NONE: Self = Self { number: None, ticks: 0, tips: [None; MAX_FINGERS] };
 
-    /// Takes a valid sample over; `false` if it is not newer than the last.
+    /// Stores a valid sample. Returns `false` if it is not newer than the last.
     pub fn take(&mut self, sample: &FingertipSample) -> bool {
         let is_newer = |last| (1..0x8000).contains(&sample.number.wrapping_sub(last));
         if !self.number.is_none_or(is_newer) {
@@ -99,12 +99,12 @@ impl Fingertips {
         true
     }
 
-    /// Forgets where the fingertips are, but not the number of the last sample.
+    /// Discards the positions of the fingertips, but not the number of the last sample.
     pub const fn forget(&mut self) {
         self.tips = [None; MAX_FINGERS];
     }
 
-    /// One period later. What is older than `max_age` [s] is no longer known.
+    /// Advances by one period. Measurements older than `max_age` [s] are discarded.
     pub fn advance(&mut self, max_age: f32) {
         self.ticks = self.ticks.saturating_add(1);
         for tip in &mut self.tips {
@@ -117,7 +117,7 @@ impl Fingertips {
         }
     }
 
-    /// Where the fingertips are now.
+    /// The extrapolated fingertips.
     pub fn present(&self) -> OperatorFingertips {
         let mut present = OperatorFingertips::default();
         let places = present.positions.iter_mut().zip(&mut present.directions);

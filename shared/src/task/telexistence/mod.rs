@@ -6,9 +6,10 @@
 //! ```
 //!
 //! The first sample with a thumb defines the offset `d_ini`, so that the robot's thumb stays where it is.
-//! Lost and late samples are bridged: a fingertip goes on with its velocity for [`MAX_EXTRAPOLATION`], then
-//! it waits, and after the time of the settings its finger keeps its joints. The references of the joints
-//! keep limits of angle, speed and acceleration whatever comes.
+//! Lost and late samples are bridged: a fingertip is extrapolated with its velocity for
+//! [`MAX_EXTRAPOLATION`], then it stays, and after the maximum age in the settings the joints of its finger
+//! stay. The references of the joints keep their limits of angle, speed and acceleration whatever samples
+//! arrive.
 
 mod fingertips;
 mod settings;
@@ -33,8 +34,8 @@ pub use fingertips::{FingertipPoint, FingertipSample, MAX_EXTRAPOLATION};
 use settings::REVERSING_LAG;
 pub use settings::{InvalidTelexistenceSettings, TelexistenceSettings};
 
-/// `e^(−ω·T)` of the filter of the joints' motion, with `ω` = 25 rad/s: what fingers do passes, most of a
-/// glove's noise, which nearly straight fingers magnify, does not.
+/// Pole `e^(−ω·T)` of the filter of the joints' motion, with `ω` = 25 rad/s: it passes the motion of fingers,
+/// but not most of a glove's noise, which nearly straight fingers amplify.
 const DECAY: f32 = 0.778_801;
 
 /// Commands of telexistence.
@@ -52,9 +53,9 @@ pub enum TelexistenceCommand {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum TelexistenceRefusal {
-    /// 0: the robot is no hand of two to five fingers.
+    /// 0: the robot is not a hand of two to five fingers.
     NotAHand,
-    /// 1: a setting.
+    /// 1: a setting is invalid.
     Settings(InvalidTelexistenceSettings),
     /// 2: the tip of one of the operator's fingers is not finite or too far from the wrist, its velocity too
     /// large, or its direction no unit vector.
@@ -89,7 +90,7 @@ impl fmt::Display for TelexistenceRefusal {
     }
 }
 
-/// What became of the operator's fingertips.
+/// Telemetry of telexistence.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, Schema)]
 pub struct TelexistenceTelemetry {
     /// Samples that were taken over.
@@ -98,8 +99,8 @@ pub struct TelexistenceTelemetry {
     pub ignored: u32,
     /// Ticks since the last sample, at most 255.
     pub age: u8,
-    /// How far each finger of the hand is from its target [m]; for all but the thumb, of the vector from the
-    /// thumb's tip.
+    /// Distance of each fingertip of the hand from its target [m]; for all but the thumb, of the vector from
+    /// the thumb's tip.
     pub errors: [f32; MAX_FINGERS],
     /// Bit `i`: finger `i` does not reproduce its target within the tolerance.
     pub missed: u8,
@@ -114,9 +115,9 @@ pub struct TelexistenceTelemetry {
 pub struct Telexistence {
     settings: TelexistenceSettings,
     fingertips: Fingertips,
-    /// `None` until the first sample with a thumb after the begin or a release.
+    /// `None` until the first sample with a thumb after the start or a release.
     retargeting: Option<RetargetState>,
-    /// Motion of the joints that the fingertips need.
+    /// Smoothed motion of the joints for the fingertips.
     motion: [JointEstimate; MAX_JOINTS],
     telemetry: TelexistenceTelemetry,
 }
@@ -211,7 +212,7 @@ impl Task for Telexistence {
 }
 
 impl Telexistence {
-    /// Moves the solution to the operator's fingertips.
+    /// Updates the retargeting solution with the operator's fingertips.
     fn retarget(&mut self, hand: &Hand, io: &Io<'_>) -> RetargetReport {
         let operator = self.fingertips.present();
         let retargeting = Retargeting { hand, settings: &self.settings.retargeting };
@@ -223,7 +224,7 @@ impl Telexistence {
             self.retargeting = Some(retargeting.begin_nearby(&angles, &offset));
         }
         let Some(state) = &mut self.retargeting else { return RetargetReport::default() };
-        // Samples are valid, and so is what they are extrapolated to.
+        // Cannot fail: samples are valid, and so are their extrapolations.
         let report = retargeting.update(state, &operator, TICK).unwrap_or_default();
         for (estimate, angle) in self.motion.iter_mut().zip(&state.angles()) {
             estimate.update(*angle);
@@ -232,8 +233,8 @@ impl Telexistence {
     }
 }
 
-/// A joint's motion as the solutions show it, smoothed: an alpha-beta filter with a double pole at [`DECAY`],
-/// which follows a steady motion without delay.
+/// Estimate of a joint's motion from the solutions: an alpha-beta filter with a double pole at [`DECAY`],
+/// which follows a constant velocity without delay.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 struct JointEstimate {
     /// [rad]
@@ -247,7 +248,7 @@ impl JointEstimate {
         Self { angle, velocity: 0.0 }
     }
 
-    /// Takes the solution of the next tick [rad].
+    /// Updates the estimate with the solution of the next tick [rad].
     fn update(&mut self, solution: f32) {
         let predicted = self.angle + self.velocity * TICK;
         let innovation = solution - predicted;
@@ -265,8 +266,8 @@ fn angles(io: &Io<'_>) -> [f32; MAX_JOINTS] {
     angles
 }
 
-/// The reference after `reference` on the way to the estimated motion: where position and velocity have come
-/// to, with the acceleration of the period that begins, which keeps the limits.
+/// The reference one period after `reference` that follows the estimated motion: position and velocity at the
+/// start of the period, and its acceleration within the limits.
 fn next(
     limits: &MotionLimits,
     (lower, upper): (f32, f32),
@@ -275,7 +276,7 @@ fn next(
 ) -> JointPoint {
     let before = reference.position;
     let mut point = reference.next();
-    // A joint that begins outside comes back without a jump.
+    // A joint that begins outside its limits returns without a jump.
     point.position = math::clamp(point.position, lower.min(before), upper.max(before));
     let now = point.velocity;
     let target = MotionTarget {
@@ -289,7 +290,7 @@ fn next(
     point
 }
 
-/// A vector of the wire.
+/// Converts a vector from the wire.
 fn vector(values: &[f32; 3]) -> Vector3<f32> {
     Vector3::from(*values)
 }

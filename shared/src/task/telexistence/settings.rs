@@ -7,23 +7,23 @@ use crate::control::ServoMode;
 use crate::kinematics::Hand;
 use crate::teleop::{InvalidRetargetSettings, RetargetSettings};
 
-/// A joint may be behind its reference by this time [s]; while it catches up it is faster, by what it has
-/// gained in this time.
+/// Lag of a joint behind its reference [s]. While it catches up it is faster than the reference, by the
+/// acceleration times this lag.
 pub(super) const LAG: f32 = 0.025;
-/// The same of a joint whose speed limit is so low that it reverses at full acceleration again and again:
-/// what one reversal leaves adds to the next [s].
+/// The same for a joint whose speed limit is so low that it reverses repeatedly at full acceleration, so that
+/// the lags of successive reversals add up [s].
 pub(super) const REVERSING_LAG: f32 = 0.03;
 
 /// Settings of telexistence.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct TelexistenceSettings {
-    /// How the operator's fingertips become those of the hand.
+    /// Mapping of the operator's fingertips to those of the hand.
     pub retargeting: RetargetSettings,
     /// Feedback law of the joint servos.
     pub servo_mode: ServoMode,
     /// Largest acceleration of the joints' references [rad/s²]: 1 to 10⁴.
     pub acceleration: f32,
-    /// A fingertip without a sample for this time is no longer known [s]: 0.02 to 2.
+    /// A fingertip without a sample for this time counts as unknown [s]: 0.02 to 2.
     pub max_sample_age: f32,
 }
 
@@ -37,7 +37,7 @@ impl TelexistenceSettings {
     };
 
     /// Lowers the speeds of the joints' references so that the joints keep their velocity limits [rad/s]
-    /// while they catch up; to half of the limit at most, for which the task lowers the acceleration instead.
+    /// while they catch up, but not below half of the limit: there the task lowers the acceleration instead.
     pub fn limit_speeds(&mut self, velocity_limits: impl Iterator<Item = f32>) {
         for (speed, limit) in self.retargeting.speeds.iter_mut().zip(velocity_limits) {
             *speed = speed.min((limit - LAG * self.acceleration).max(0.5 * limit));
@@ -66,7 +66,7 @@ impl TelexistenceSettings {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum InvalidTelexistenceSettings {
-    /// 0: of the retargeting.
+    /// 0: a setting of the retargeting.
     Retargeting(InvalidRetargetSettings),
     /// 1: the acceleration [rad/s²].
     Acceleration {

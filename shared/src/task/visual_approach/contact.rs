@@ -1,4 +1,4 @@
-//! Contact of the hand, as the torques of the joints show it.
+//! Contact of the hand, estimated from the torques of the joints.
 
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 use postcard_schema::Schema;
@@ -11,17 +11,18 @@ use crate::math::{Ldlt, sqrt};
 use crate::model::MAX_CHAIN_JOINTS;
 use crate::robot::Efforts;
 
-/// Times in which a change of the force is taken for an error of the model, while the hand moves and while it
-/// stands, and in which the efforts before the first motion are learnt [s].
+/// Time constants with which a change of the force is attributed to model errors: while the hand moves, and
+/// while it stands; the latter is also that of learning the efforts before the first motion [s].
 const MOVING_TIME: f32 = 1.0;
 const STANDING_TIME: f32 = 0.15;
-/// Share of the contact force that may be taken for errors of the model, which the posture and the direction
-/// of friction change: 7.5 N of 15 N. Masses that are wrong by 20 % look like 5 N on robots/knob-arm.
+/// Share of the contact force that may be attributed to model errors, which change with the posture and the
+/// direction of friction: 7.5 N of 15 N. Masses that are wrong by 20 % appear as 5 N on robots/knob-arm.
 pub const LEARNABLE: f32 = 0.5;
-/// Damping of the inverse Jacobian [m, rad]: what moves the joints less shows little of its force.
+/// Damping of the inverse Jacobian [m, rad]. Forces along directions that move the joints less are
+/// underestimated.
 const DAMPING: f32 = 0.05;
 
-/// What the estimate learns in a period.
+/// Learning mode of the estimate in a period.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Learning {
     /// The efforts without contact: the hand has not moved yet.
@@ -30,49 +31,49 @@ pub enum Learning {
     Standing,
     /// Errors of the model, while it moves: slow changes of a small force.
     Moving,
-    /// Nothing: it is loaded.
+    /// Nothing: the hand may carry a load.
     Nothing,
 }
 
-/// Estimates the force on the hand from the efforts of the arm's joints: what their drives do beyond what the
-/// model explains, less what they did before the first motion.
+/// Estimates the force on the hand from the efforts of the arm's joints: their torques beyond the model,
+/// minus those before the first motion.
 ///
-/// Later changes are taken for errors of the model up to [`LEARNABLE`] of the contact force, however long
-/// they last. So a force that grows by more than `LEARNABLE · limit / MOVING_TIME` (7.5 N/s of 15 N) is not
-/// learnt at all once it is beyond that share, and one that grows more slowly is noticed at `(1 + LEARNABLE)
-/// · limit` at the latest.
+/// Later changes are attributed to model errors up to [`LEARNABLE`] of the contact force, however long they
+/// last. A force that grows by more than `LEARNABLE · limit / MOVING_TIME` (7.5 N/s of 15 N) is therefore not
+/// learnt once it exceeds that share, and one that grows more slowly is detected at `(1 + LEARNABLE) · limit`
+/// at the latest.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct ContactEstimate {
     /// Efforts before the first motion [N·m].
     unloaded: [f32; MAX_CHAIN_JOINTS],
-    /// Force since then that is taken for errors of the model, in base axes [N].
+    /// Force since then that is attributed to model errors, in base axes [N].
     learnt: [f32; 3],
 }
 
-/// What the joints feel at a posture.
+/// Sensitivity of the joint torques to forces on the hand, in one posture.
 pub struct Sense {
     /// Factors of `J Jᵀ + λ²`.
     factors: Ldlt<6>,
 }
 
 impl Sense {
-    /// Of the arm at `posture`; `jacobian` is that of the arm's own joints.
+    /// The sensitivity of the arm at `posture`.
     pub fn new(arm: &Arm<'_>, posture: &Posture) -> Self {
         let jacobian = arm.jacobian(posture);
         let damped = jacobian * jacobian.transpose() + Matrix6::from_diagonal_element(DAMPING * DAMPING);
         Self { factors: Ldlt::new(&damped, 1e-9) }
     }
 
-    /// Share of a force along this unit vector that the estimate shows: 1 far from singular postures, 0 when
-    /// the joints bear it without any torque. The same share of a motion along it is left: force and velocity
-    /// are dual.
+    /// Share of a force along this unit vector that the estimate shows: 1 far from singular postures, 0 if
+    /// the structure bears it without joint torques. By duality the damped inverse keeps the same share of a
+    /// motion along it.
     pub fn shown(&self, direction: &Vector3<f32>) -> f32 {
         let force = Vector6::new(direction.x, direction.y, direction.z, 0.0, 0.0, 0.0);
         // fᵀ (J Jᵀ + λ²)⁻¹ J Jᵀ f
         1.0 - DAMPING * DAMPING * force.dot(&self.factors.solve(&force))
     }
 
-    /// The least share of a force that the estimate shows, over all directions, is `least` or more.
+    /// Whether the estimate shows at least the share `least` of a force in every direction.
     pub fn shows(&self, least: f32) -> bool {
         let mut shares = Matrix3::from_diagonal_element(1.0 - least);
         for axis in 0..3 {
@@ -81,7 +82,7 @@ impl Sense {
                 shares[(row, axis)] -= hidden[row];
             }
         }
-        // Sylvester's criterion.
+        // Sylvester's criterion for a positive definite matrix.
         let minor = shares.m11 * shares.m22 - shares.m12 * shares.m21;
         shares.m11 > 0.0 && minor > 0.0 && shares.determinant() > 0.0
     }
@@ -90,8 +91,8 @@ impl Sense {
 impl ContactEstimate {
     pub const NONE: Self = Self { unloaded: [0.0; MAX_CHAIN_JOINTS], learnt: [0.0; 3] };
 
-    /// The force on the hand in base axes [N], as of the last period, at `posture`. `limit` is the contact
-    /// force [N].
+    /// Updates and returns the force on the hand in the last period, in base axes [N], at `posture`. `limit`
+    /// is the contact force [N].
     pub fn update(
         &mut self,
         arm: &Arm<'_>,
@@ -103,7 +104,7 @@ impl ContactEstimate {
     ) -> Vector3<f32> {
         let mut beyond = nalgebra::SVector::<f32, MAX_CHAIN_JOINTS>::zeros();
         for (index, own) in arm.indices() {
-            // What the drives do balances the force.
+            // The drives balance the force: opposite sign.
             beyond[own] = self.unloaded[own] - efforts.effort(index);
             if learning == Learning::Unloaded {
                 self.unloaded[own] -= beyond[own] * (TICK / STANDING_TIME);

@@ -1,4 +1,4 @@
-//! The gripper: opening, closing until something is between the fingers, holding it with a torque.
+//! The gripper: opening, closing until an object is between the fingers, holding it with a torque.
 
 use nalgebra::Vector1;
 use postcard_schema::Schema;
@@ -11,25 +11,25 @@ use crate::math::{abs, clamp};
 use crate::robot::{JointSetpoint, JointTarget};
 use crate::teleop::{MotionLimits, MotionTarget};
 
-/// Effort at which the gripper has closed on something, over the torque with which it holds it.
+/// Effort at which the gripper has closed on an object, as a fraction of the holding torque.
 const TOUCH: f32 = 0.25;
-/// Times in which the torque of the grip builds up, and is let go [s].
+/// Times in which the holding torque rises and falls [s].
 const BUILD_UP: f32 = 0.2;
 const LET_GO: f32 = 0.04;
 /// Damping of the joint under that torque, over its inertia and per period: fingers that spring back, or lose
-/// what they held, gain no speed.
+/// the object, gain no speed.
 const DAMPING: f32 = 0.3;
 /// Time in which opening and closing reach their speed [s].
 const START: f32 = 0.1;
-/// It is jammed when it opens with more than this part of the torque of the grip for this time [s], or opens
-/// or closes for twice the time that the way takes, and this one [s].
+/// The gripper is jammed if it needs more than this share of the holding torque to open, for this time [s],
+/// or if it opens or closes for more than twice the nominal time plus this delay [s].
 const RESISTANCE: f32 = 0.5;
 const OVERLOAD: f32 = 0.1;
 const DELAY: f32 = 1.0;
-/// Distance from an end of the gripper's range that counts as there [rad], as a share of the range.
+/// Distance from an end of the gripper's range that counts as reached, as a share of the range.
 const AT_END: f32 = 0.02;
 
-/// What the gripper does.
+/// State of the gripper.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum GripperState {
@@ -41,11 +41,12 @@ pub enum GripperState {
     Open,
     /// 3: it closes.
     Closing,
-    /// 4: something is between the fingers, and is pressed with the torque of the settings.
+    /// 4: an object is between the fingers and is held with the torque of the settings.
     Holding,
-    /// 5: it has closed, or has lost what it held.
+    /// 5: it has closed without an object, or has lost it.
     Empty,
-    /// 6: something kept it from opening or closing; it stands. Only the opposite command moves it again.
+    /// 6: an obstacle stopped it while it opened or closed; it stands. Only the opposite command moves it
+    /// again.
     Jammed,
 }
 
@@ -55,9 +56,9 @@ pub struct Gripper {
     pub state: GripperState,
     /// Torque with which it presses [N·m].
     press: f32,
-    /// Whether it was sent to open last.
+    /// Whether the last command was to open.
     opens: bool,
-    /// For how long it has been opening or closing, and doing so under too large a torque [s].
+    /// Time for which it has been opening or closing, and for which it has needed too large a torque [s].
     time: f32,
     overload: f32,
 }
@@ -67,7 +68,7 @@ pub struct GripperJoint<'a> {
     /// Measured angle [rad] and velocity [rad/s].
     pub position: f32,
     pub velocity: f32,
-    /// Torque beyond what the model explains [N·m].
+    /// Torque beyond the model [N·m].
     pub effort: f32,
     /// [kg·m²]
     pub inertia: f32,
@@ -87,8 +88,7 @@ impl Gripper {
     }
 
     pub fn close(&mut self) {
-        // A repeated command changes nothing, also where it comes before the leader has read that nothing is
-        // there.
+        // A repeated command changes nothing, even before the leader has read that there is no object.
         let ended = matches!(self.state, GripperState::Empty | GripperState::Jammed) && !self.opens;
         let goes_on = ended || self.state == GripperState::Closing;
         if !goes_on && self.state != GripperState::Holding {
@@ -119,11 +119,11 @@ impl Gripper {
             }
             GripperState::Opening | GripperState::Closing if is_jammed => {
                 self.state = GripperState::Jammed;
-                // The servo forgets what it has pressed with.
+                // Resets the disturbance estimate of the servo, which it has pressed with.
                 *joint.target = JointTarget { restart: true, ..JointTarget::at(joint.position) };
                 return;
             }
-            // What gives way, or slips out, is not held.
+            // An object that gives way or slips out is not held.
             GripperState::Holding if at(closed) || joint.velocity * direction > speed => {
                 self.state = GripperState::Empty;
             }
@@ -136,7 +136,7 @@ impl Gripper {
         if desired != 0.0 || self.press != 0.0 {
             let step = torque * (TICK / time);
             self.press += clamp(desired - self.press, -step, step);
-            // The servo follows, so that it does not work against the torque.
+            // The servo's reference follows the joint, so that the servo does not work against the torque.
             let point = JointPoint { position: joint.position, velocity: 0.0, acceleration: 0.0 };
             let feedforward = self.press - DAMPING / TICK * joint.inertia * joint.velocity;
             *joint.target =
@@ -165,10 +165,10 @@ impl Gripper {
             JointTarget { setpoint: JointSetpoint::Point(point), feedforward: 0.0, restart: false };
     }
 
-    /// Counts the time of opening or closing, and tells when that is too long.
+    /// Counts the time of opening or closing. Returns whether it takes too long.
     fn is_jammed(&mut self, settings: &GripperSettings, joint: &GripperJoint<'_>) -> bool {
         let GripperSettings { open, closed, speed, torque, .. } = *settings;
-        // Closing ends at what is between the fingers.
+        // Only opening can be overloaded: closing ends at an object between the fingers.
         let opens = if closed > open { -1.0 } else { 1.0 };
         let is_overloaded = self.opens && joint.effort * opens > RESISTANCE * torque;
         self.time = (self.time + TICK).min(1e3);

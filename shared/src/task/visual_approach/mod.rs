@@ -1,4 +1,4 @@
-//! Visual approach: the hand goes where a camera on it says, and grips (Knob).
+//! Visual approach: the hand moves to targets from a camera on it, and grips (Knob).
 //!
 //! ```text
 //! latch ──► pose of the hand, when a picture is taken
@@ -8,19 +8,19 @@
 //! grip  ──► gripper
 //! ```
 //!
-//! This is the manipulation module of the paper: it knows nothing of pictures. Who leads it sends a
-//! [latch](VisualApproachCommand::Latch) when a picture is taken, finds the rose in it, and sends where the
-//! hand shall go, from [`Approach`](crate::behavior::Approach) or by a rule of its own. Targets are places in
-//! the base frame: one that arrives late or twice does no harm.
+//! This is the manipulation module of the paper: it does not process pictures. The leader, the client that
+//! guides the hand, sends a [latch](VisualApproachCommand::Latch) when a picture is taken, finds the rose in
+//! it, and sends the target of the hand, from [`Approach`](crate::behavior::Approach) or by its own rule.
+//! Targets are positions in the base frame: a late or repeated one does no harm.
 //!
-//! The hand keeps the orientation that it has when the task begins. Its references are found by the inverse
-//! of the Jacobian, as in the paper (`dθ = J⁻¹ [mx my mz 0 0 0]ᵀ`, Knob §4.5), damped, within the limits of
-//! the joints; the motion is continuous, so that it goes on while a picture is looked at.
+//! The hand keeps the orientation that it has when the task begins. Its references are computed by the
+//! inverse of the Jacobian, as in the paper (`dθ = J⁻¹ [mx my mz 0 0 0]ᵀ`, Knob §4.5), with damping and
+//! within the limits of the joints. The motion is continuous: it does not wait for the next picture.
 //!
-//! A contact against the motion ends it: the reference jumps to where the hand is, which goes back by 2 mm.
-//! Targets in the direction that was ended are refused until the hand has gone back by 10 mm or the leader
-//! [acknowledges](VisualApproachCommand::Acknowledge). So is a motion in a direction in which the posture
-//! shows no forces.
+//! A contact that opposes the motion ends it: the reference jumps to the measured position, and the hand
+//! retreats by 2 mm. A motion in a direction in which the posture cannot sense forces is ended as well.
+//! Targets in the blocked direction are refused until the hand has retreated by 10 mm or the leader
+//! [acknowledges](VisualApproachCommand::Acknowledge).
 
 mod contact;
 mod gripper;
@@ -48,34 +48,34 @@ pub use settings::{
     ApproachField, GripperSettings, MIN_SPEED, VisualApproachRefusal, VisualApproachSettings,
 };
 
-/// The hand stands for at least this long before its first motion, and learns the efforts without contact
-/// [s].
+/// The hand stands still for at least this time before its first motion, and learns the efforts without
+/// contact [s].
 const BEFORE_MOTION: f32 = 0.5;
 
 /// Commands of the visual approach. All but the latch may be repeated.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub enum VisualApproachCommand {
-    /// 0: a picture is taken now: keeps the pose of the hand.
+    /// 0: a picture is taken now: stores the pose of the hand.
     Latch {
         /// Number of the picture.
         number: u16,
     },
-    /// 1: moves the hand on a straight line. After a contact, targets against it are refused until the hand
-    /// has gone back, or the contact is acknowledged.
+    /// 1: moves the hand on a straight line. After a contact, targets towards it are refused until the hand
+    /// has retreated or the contact is acknowledged.
     Move {
-        /// Where it shall come to rest, in the base frame [m].
+        /// Target position, in the base frame [m].
         position: [f32; 3],
         /// Largest speed [m/s]: at least [`MIN_SPEED`].
         speed: f32,
     },
-    /// 2: brings the hand to rest. One that a contact has stopped goes on to go back.
+    /// 2: brings the hand to rest. A hand that a contact has stopped completes its retreat.
     Stand,
     /// 3: opens the gripper.
     Open,
-    /// 4: closes the gripper, and holds what is between the fingers. If nothing was, it must open before the
-    /// next time.
+    /// 4: closes the gripper and holds an object between the fingers. If there was none, it must open before
+    /// it can close again.
     Close,
-    /// 5: the leader knows of the contact that ended a motion: targets against it are accepted again.
+    /// 5: the leader has noticed the contact that ended a motion: targets towards it are accepted again.
     Acknowledge,
 }
 
@@ -88,25 +88,25 @@ pub enum HandMotion {
     Standing,
     /// 1: it moves.
     Moving,
-    /// 2: a contact has ended its motion; it waits for another target.
+    /// 2: a contact has ended its motion; the hand waits for another target.
     Blocked,
-    /// 3: it stands, because limits of the joints hold it back, or because the posture shows no force against
-    /// its motion.
+    /// 3: it stands because limits of the joints hold it back, or because the posture cannot sense a force
+    /// against its motion.
     Limited,
 }
 
-/// What the hand does.
+/// Telemetry of the visual approach.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct VisualApproachTelemetry {
-    /// Pose of the hand in the base frame, by the measured angles; the gripper counts as at 0.
+    /// Pose of the hand in the base frame, by the measured angles, with the gripper at 0.
     pub hand: Pose,
-    /// Number of the last latch and the pose of the hand then.
+    /// Number of the last latch, and the pose of the hand at that time.
     pub latched: Option<(u16, Pose)>,
     /// Its motion.
     pub motion: HandMotion,
-    /// Way of the measured hand to the target [m].
+    /// Distance from the measured hand to the target [m].
     pub remaining: f32,
-    /// Force on the hand as the efforts of the joints show it, in the base frame [N].
+    /// Force on the hand estimated from the efforts of the joints, in the base frame [N].
     pub force: [f32; 3],
     /// The gripper.
     pub gripper: GripperState,
@@ -118,7 +118,7 @@ pub struct VisualApproachTelemetry {
 #[derive(Clone, Debug, Serialize, Deserialize, Schema)]
 pub struct VisualApproach {
     settings: VisualApproachSettings,
-    /// Where the hand was when the task began.
+    /// Pose of the hand when the task began.
     begin: Pose,
     latched: Option<(u16, Pose)>,
     /// Largest speed of the present motion [m/s].
@@ -189,7 +189,7 @@ impl Task for VisualApproach {
                 let distance =
                     (Vector3::from(position) - Vector3::from(self.begin.translation)).norm_squared();
                 let (distance, reach) = (sqrt(distance), self.settings.reach);
-                // Nor a place that is no number.
+                // Rejects NaN as well.
                 if distance.is_nan() || distance > reach {
                     return Err(VisualApproachRefusal::Target { distance, reach });
                 }
@@ -276,7 +276,7 @@ impl VisualApproach {
         arm.map_or_else(Isometry3::identity, |arm| pose(&arm.posture(&angles(io.references))))
     }
 
-    /// What the estimate of the force learns in this period: nothing while the hand may be loaded.
+    /// What the force estimate learns in this period: nothing while the hand may carry a load.
     const fn learning(&self) -> Learning {
         if !self.has_moved {
             return Learning::Unloaded;
@@ -291,13 +291,13 @@ impl VisualApproach {
     }
 }
 
-/// A pose of the wire.
+/// Converts a pose to the wire format.
 fn to_wire(pose: &Isometry3<f32>) -> Pose {
     let turn = pose.rotation.coords;
     Pose { translation: pose.translation.vector.into(), rotation: [turn.x, turn.y, turn.z, turn.w] }
 }
 
-/// A rotation of the wire.
+/// Converts a rotation from the wire format.
 fn rotation(&[x, y, z, w]: &[f32; 4]) -> UnitQuaternion<f32> {
     UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z))
 }

@@ -1,4 +1,4 @@
-//! How the hand's motion goes: what ends it, and what counts as rest.
+//! Supervision of the hand's motion: contacts, arrival and rest.
 
 use nalgebra::Vector3;
 use postcard_schema::Schema;
@@ -12,31 +12,31 @@ use crate::math::sqrt;
 
 /// The reference has arrived within this distance [m].
 const ARRIVED: f32 = 5e-4;
-/// A reference that is slower gives no direction of motion [m/s].
+/// A slower reference defines no direction of motion [m/s].
 const SLOWEST: f32 = 1e-3;
 /// The hand is at rest when it has stayed within this distance for this time: 2 mm/s [m, s].
 const REST_DISTANCE: f32 = 2e-4;
 const REST_TIME: f32 = 0.1;
-/// After a contact the hand goes back by this much from where it was [m].
+/// After a contact the hand retreats by this distance [m].
 const RELIEF: f32 = 2e-3;
-/// Gone back by this much, it may go against the obstacle again [m].
+/// After a retreat by this distance it may move towards the obstacle again [m].
 const CLEAR: f32 = 0.01;
-/// Share of a force against the motion that the estimate must show: below the first the hand stops, and below
-/// the second it is slower. The force is taken for larger by its inverse, and so are the errors of the model.
+/// Share of a force against the motion that the estimate must show: below the first the hand stops, below the
+/// second it is slower. The contact limit is scaled by this share, which also amplifies errors of the model.
 pub const MIN_SHOWN: f32 = 0.5;
 const WELL_SHOWN: f32 = 0.75;
 
-/// What a motion was ended by.
+/// The obstacle that ended a motion.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 struct Obstacle {
-    /// Unit vector of the motion that it ended.
+    /// Unit vector of the blocked motion.
     direction: [f32; 3],
-    /// Where the hand goes back to [m].
+    /// Position to which the hand retreats [m].
     place: [f32; 3],
 }
 
 impl Obstacle {
-    /// How far a place is ahead of where the hand went back to [m].
+    /// Distance of a position beyond the retreat position, along the blocked direction [m].
     fn ahead(&self, place: &Vector3<f32>) -> f32 {
         Vector3::from(self.direction).dot(&(place - Vector3::from(self.place)))
     }
@@ -46,16 +46,16 @@ impl Obstacle {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct MotionState {
     pub motion: HandMotion,
-    /// Way of the measured hand to its target [m].
+    /// Distance from the measured hand to its target [m].
     pub remaining: f32,
-    /// Where the hand goes [m].
+    /// Target of the hand [m].
     pub target: [f32; 3],
-    /// Its motion was ended: it waits for another target.
+    /// Whether its motion was ended and it waits for another target.
     is_ended: bool,
     obstacle: Option<Obstacle>,
     /// Direction of the last motion, or 0.
     direction: [f32; 3],
-    /// Where the hand was when it began to rest, and for how long it has rested [s].
+    /// Position at the start of the present rest [m], and its duration [s].
     rest: ([f32; 3], f32),
 }
 
@@ -70,10 +70,10 @@ impl MotionState {
         rest: ([0.0; 3], 0.0),
     };
 
-    /// Sends the hand, whose reference is at `place`, to a target.
+    /// Moves the hand, whose reference is at `place`, to a target.
     ///
     /// # Errors
-    /// The target is against the obstacle that ended a motion.
+    /// The target is beyond the obstacle that ended a motion.
     pub fn send(&mut self, place: &Vector3<f32>, target: &Vector3<f32>) -> Result<(), VisualApproachRefusal> {
         let ahead = self.obstacle.map_or(0.0, |obstacle| obstacle.ahead(target));
         if ahead > ARRIVED {
@@ -96,7 +96,7 @@ impl MotionState {
         }
     }
 
-    /// The leader knows of the obstacle.
+    /// Clears the obstacle: the leader has noticed it.
     pub const fn acknowledge(&mut self) {
         self.obstacle = None;
     }
@@ -113,23 +113,22 @@ impl MotionState {
         })
     }
 
-    /// The share of a force against the motion that the joints show, 1 when the hand goes back.
+    /// The share of a force against the motion that the estimate shows; 1 while the hand retreats.
     fn shown(&self, sense: &Sense) -> f32 {
         let direction = Vector3::from(self.direction);
         let goes = self.motion != HandMotion::Standing && !self.is_ended && !self.leads_away();
         if goes && direction != Vector3::zeros() { sense.shown(&direction) } else { 1.0 }
     }
 
-    /// The speed at which a hand that may be as fast as `speed` goes on [m/s]: slower where contacts are felt
-    /// badly.
+    /// Reduces the permitted `speed` [m/s] where the estimate shows contacts badly.
     pub fn speed(&self, speed: f32, sense: &Sense) -> f32 {
         let share = (self.shown(sense) - MIN_SHOWN) / (WELL_SHOWN - MIN_SHOWN);
         if share < 1.0 { speed.min((speed * share).max(MIN_SPEED)) } else { speed }
     }
 
-    /// Takes a period of motion: `step` of the reference, measured `hand` [m], `force` on it [N]. Ends the
-    /// motion against a contact of more than `limit` [N], and where none would be felt; `true` in the period
-    /// in which it does.
+    /// Supervises a period of motion: `step` of the reference, measured `hand` [m], `force` on it [N]. Ends
+    /// the motion at a contact force of more than `limit` [N], and where the estimate could not show one.
+    /// Returns `true` in the period in which it does.
     pub fn supervise(
         &mut self,
         step: &Step,
@@ -154,7 +153,7 @@ impl MotionState {
         }
         let direction = Vector3::from(self.direction);
         let shown = self.shown(sense);
-        // The reference may have arrived, and the servos still press.
+        // Checked even if the reference has arrived: the servos may still press.
         if self.motion != HandMotion::Standing && force.dot(&direction) < -limit * shown {
             self.end(HandMotion::Blocked, hand - direction * RELIEF);
             return true;

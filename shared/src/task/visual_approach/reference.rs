@@ -16,14 +16,14 @@ use crate::teleop::{MotionLimits, MotionTarget};
 
 /// Damping of the inverse Jacobian [m, rad].
 const DAMPING: f32 = 0.01;
-/// Rate at which errors of the orientation vanish [1/s].
+/// Rate at which orientation errors decay [1/s].
 const TURNING: f32 = 5.0;
-/// Of a joint's velocity limit; the rest is a margin for tracking.
+/// Usable share of a joint's velocity limit; the rest is a margin for tracking.
 const SHARE: f32 = 0.8;
 /// Largest acceleration of a joint's reference, over its velocity limit [1/s].
 const JOINT_ACCELERATION: f32 = 8.0;
 
-/// The arm of a robot, whose gripper is taken as if it stood at 0.
+/// The arm of a robot. Its gripper is assumed at 0.
 pub struct Arm<'a> {
     pub config: &'a ChainConfig,
     joints: &'a [JointConfig],
@@ -31,13 +31,13 @@ pub struct Arm<'a> {
     gripper: usize,
 }
 
-/// How the hand moves in a period.
+/// Motion of the hand in a period.
 pub struct Step {
     /// Its velocity [m/s].
     pub velocity: Vector3<f32>,
-    /// Way to its target [m].
+    /// Distance to its target [m].
     pub remaining: f32,
-    /// Whether limits of angle hold joints back.
+    /// Whether angle limits hold joints back.
     pub limited: bool,
 }
 
@@ -45,7 +45,7 @@ pub struct Step {
 type Velocities = [f32; MAX_CHAIN_JOINTS];
 
 impl<'a> Arm<'a> {
-    /// `None` without such a chain.
+    /// The arm that is this chain; `None` without it.
     pub fn new(robot: &'a Robot, chain: u8, gripper: u8) -> Option<Self> {
         let config = robot.chains().get(usize::from(chain))?;
         let range = config.joints();
@@ -117,8 +117,8 @@ impl<'a> Arm<'a> {
         }
     }
 
-    /// The references stop at once where the joints are: their servos brake as hard as they can, and press no
-    /// more.
+    /// Sets the references to the measured angles, at rest: the servos brake as hard as they can and stop
+    /// pressing.
     pub fn stop(&self, positions: &[f32; MAX_JOINTS], points: &mut [JointPoint; MAX_JOINTS]) {
         for (index, _) in self.indices() {
             if let (Some(point), Some(&position)) = (points.get_mut(index), positions.get(index)) {
@@ -127,8 +127,8 @@ impl<'a> Arm<'a> {
         }
     }
 
-    /// How far the axis of a gripper in the chain is off the z axis of the hand, as the sine of the angle,
-    /// and off its origin [m]; 0 when the gripper is no part of the chain.
+    /// Deviation of the gripper's axis from the z axis of the hand: sine of the angle, and distance from the
+    /// origin [m]; 0 if the gripper is not part of the chain.
     pub fn gripper_axis(&self) -> [f32; 2] {
         let posture = self.config.chain.posture(&[]);
         let jacobian = posture.jacobian();
@@ -140,8 +140,9 @@ impl<'a> Arm<'a> {
         [axis.cross(&approach), offset].map(|error| math::sqrt(error.norm_squared()))
     }
 
-    /// Joint velocities for a `twist` of the hand by the damped inverse of the Jacobian, within the limits of
-    /// speed, acceleration and angle. A joint that a limit of angle holds back leaves its part to the others.
+    /// Computes joint velocities for a `twist` of the hand by the damped inverse of the Jacobian, within the
+    /// limits of speed, acceleration and angle. The other joints compensate for a joint that its angle limit
+    /// holds back.
     fn joint_velocities(
         &self,
         jacobian: &Jacobian,
@@ -153,11 +154,11 @@ impl<'a> Arm<'a> {
         let mut result: Velocities = [0.0; MAX_CHAIN_JOINTS];
         let mut held = [false; MAX_CHAIN_JOINTS];
         let mut limited = false;
-        // One joint more may be held each time.
+        // Each iteration may add a held joint.
         for _ in 0..3 {
             let damped = free * free.transpose() + Matrix6::from_diagonal_element(DAMPING * DAMPING);
             let desired = free.transpose() * Ldlt::new(&damped, 1e-9).solve(&rest);
-            // All are slower when one is too fast, so that the hand moves straight.
+            // If one joint is too fast, all are slowed down, so that the hand moves straight.
             let mut share = 1.0_f32;
             for (_, own) in self.indices() {
                 if let Some(joint) = self.joints.get(own) {
@@ -191,7 +192,7 @@ impl<'a> Arm<'a> {
     }
 }
 
-/// The twist of the hand at the end of the period.
+/// The desired twist of the hand at the end of the period.
 fn desired_twist(
     posture: &Posture,
     twist: &Vector6<f32>,
@@ -205,7 +206,7 @@ fn desired_twist(
         velocity: Vector3::zeros(),
         acceleration: Vector3::zeros(),
     };
-    // A lower speed than the present one is reached by braking.
+    // A speed limit below the present speed is reached by braking.
     let speed = math::sqrt(velocity.norm_squared()) - limits.acceleration * TICK;
     let limits = MotionLimits { speed: limits.speed.max(speed), ..*limits };
     let linear = velocity + limits.acceleration(&velocity, &motion) * TICK;
@@ -214,7 +215,7 @@ fn desired_twist(
     Vector6::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z)
 }
 
-/// Velocities that a joint may have at the end of the period: least and largest [rad/s].
+/// Minimum and maximum velocity of a joint at the end of the period [rad/s].
 fn reachable(joint: &JointConfig, point: &JointPoint) -> [f32; 2] {
     let acceleration = JOINT_ACCELERATION * joint.limits.velocity;
     let change = acceleration * TICK;
@@ -228,7 +229,7 @@ fn stopping_speeds(joint: &JointConfig, point: &JointPoint, acceleration: f32) -
     point.stopping_speeds([lower + STOP_MARGIN, upper - STOP_MARGIN], acceleration)
 }
 
-/// Whether the limit of the angle is what holds a joint back that shall have `velocity` [rad/s].
+/// Whether the angle limit prevents `velocity` of a joint [rad/s].
 fn is_near_stop(joint: &JointConfig, point: &JointPoint, velocity: f32) -> bool {
     let [down, up] = stopping_speeds(joint, point, JOINT_ACCELERATION * joint.limits.velocity);
     velocity < -down || velocity > up

@@ -7,19 +7,19 @@ use crate::control::ServoMode;
 use crate::math::abs;
 use crate::robot::{Concerns, LimitRefusal, Robot};
 
-/// Least speed of a motion [m/s]: a contact stops only a hand that moves.
+/// Minimum speed of a motion [m/s]: contacts are detected only while the hand moves.
 pub const MIN_SPEED: f32 = 5e-3;
 
-/// The axis of a gripper in the arm's chain is the z axis of the hand frame: up to this angle [rad] and
-/// distance [m].
+/// Tolerances of the axis of a gripper in the arm's chain, which must be the z axis of the hand frame: angle
+/// [rad] and distance [m].
 const MAX_TILT: f32 = 0.01;
 const MAX_OFFSET: f32 = 1e-3;
 
-/// Settings of the gripper, which one joint opens and closes.
+/// Settings of a gripper with one joint.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct GripperSettings {
-    /// Its joint: the last one of the arm's chain, which turns the tip about the approach, or the only one of
-    /// another chain.
+    /// Its joint: the last one of the arm's chain, which rotates the tip about the approach direction, or the
+    /// only one of another chain.
     pub joint: u8,
     /// Angle of the open gripper [rad].
     pub open: f32,
@@ -34,8 +34,8 @@ pub struct GripperSettings {
 /// Settings of the visual approach.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct VisualApproachSettings {
-    /// The arm's chain, of at least six joints beside the gripper. Its tip is the hand frame: the approach is
-    /// its z.
+    /// The arm's chain, of at least six joints beside the gripper. Its tip is the hand frame, with the
+    /// approach direction z.
     pub chain: u8,
     /// The gripper.
     pub gripper: GripperSettings,
@@ -47,7 +47,7 @@ pub struct VisualApproachSettings {
     pub acceleration: f32,
     /// Largest force against the motion of the hand, estimated from the torques of the joints [N]: 1 to 500.
     pub contact_force: f32,
-    /// How far the hand may go from where the task begins [m]: 0.01 to 2.
+    /// Maximum distance of the hand from its position at the start of the task [m]: 0.01 to 2.
     pub reach: f32,
 }
 
@@ -83,13 +83,13 @@ impl VisualApproachSettings {
         if !(is_alone || is_own && index + 1 == joints.end) {
             return Err(VisualApproachRefusal::NoGripper { joint });
         }
-        // Fewer can neither keep an orientation nor show a force in any direction.
+        // With fewer joints the hand can neither keep its orientation nor sense forces in every direction.
         if joints.len() - usize::from(is_own) < 6 {
             return Err(VisualApproachRefusal::NoChain { chain: self.chain });
         }
         let arm = super::Arm::new(robot, self.chain, joint);
         let [tilt, offset] = arm.map_or([0.0; 2], |arm| arm.gripper_axis());
-        // Nor an axis that is no number.
+        // Rejects NaN as well.
         if !(tilt <= MAX_TILT && offset <= MAX_OFFSET) {
             return Err(VisualApproachRefusal::GripperAxis { joint, tilt, offset });
         }
@@ -125,7 +125,7 @@ pub enum ApproachField {
     ContactForce,
     /// 3: reach [m].
     Reach,
-    /// 4: between the open and the closed gripper [rad].
+    /// 4: angle between the open and the closed gripper [rad].
     GripperRange,
     /// 5: speed of the gripper [rad/s].
     GripperSpeed,
@@ -165,18 +165,18 @@ pub enum VisualApproachRefusal {
     Limit(LimitRefusal),
     /// 3: a setting is out of its range.
     Value {
-        /// Which.
+        /// The setting.
         field: ApproachField,
         /// The value.
         value: f32,
-        /// The least.
+        /// Minimum.
         lower: f32,
-        /// The largest.
+        /// Maximum.
         upper: f32,
     },
-    /// 4: the target is not finite, or farther than the reach from where the task began.
+    /// 4: the target is not finite, or out of reach.
     Target {
-        /// Its distance [m].
+        /// Its distance from the hand's position at the start of the task [m].
         distance: f32,
         /// The reach [m].
         reach: f32,
@@ -188,8 +188,8 @@ pub enum VisualApproachRefusal {
         /// The largest [m/s].
         limit: f32,
     },
-    /// 6: the target is against the contact that ended a motion, or in a direction in which the posture shows
-    /// no forces.
+    /// 6: the target is beyond the contact that ended a motion, or in a direction in which the posture cannot
+    /// sense forces.
     Blocked {
         /// How far [m].
         ahead: f32,
@@ -203,7 +203,7 @@ pub enum VisualApproachRefusal {
         /// Distance of the axis from the origin of the hand frame [m].
         offset: f32,
     },
-    /// 8: the arm is near a singular posture: its joints do not show forces in every direction.
+    /// 8: the arm is near a singular posture, in which it cannot sense forces in every direction.
     Singular {
         /// The arm's chain.
         chain: u8,

@@ -1,8 +1,8 @@
 //! The real node as a finite automaton.
 //!
-//! A state of the automaton is the whole [`State`] of the node, exactly, except for three numbers without
-//! effect: the tick's (all ticks are counted relative to the present one; ages beyond the lease are equal),
-//! the log's index, and the faults before the last one, whose total stays. The robot stands still.
+//! A state of the automaton is the complete [`State`] of the node, except for three numbers without effect:
+//! the tick (all ticks are relative to the present one; ages beyond the lease are equal), the index of the
+//! log, and the faults before the last one, of which only the total is kept. The robot stands still.
 
 use std::collections::HashMap;
 use std::vec::Vec;
@@ -27,10 +27,10 @@ use crate::task::TaskConfig;
 pub const TIMEOUT: u8 = 2;
 /// The tick of every state.
 const NOW: u32 = 1000;
-/// Who pushes the model after a reset, and reads the faults.
+/// The client that pushes the model after a reset and reads the faults.
 pub const OPERATOR: u32 = 9;
 
-/// What a client can say.
+/// A message of a client.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Word {
     Hello,
@@ -41,7 +41,7 @@ pub enum Word {
     Disable,
     Stop,
     Keep,
-    /// Clears the faults, of which the sender read so many.
+    /// Clears the faults, of which the sender has read this number.
     Clear(u8),
     ReadStatus,
     ReadFaults,
@@ -52,7 +52,7 @@ impl Word {
         matches!(self, Self::Take | Self::TakeByForce)
     }
 
-    /// Only the commander may send it, and it is carried out once.
+    /// Whether only the commander may send it and it is executed once.
     pub const fn is_command(self) -> bool {
         matches!(self, Self::Release | Self::Enable | Self::Keep | Self::Clear(_))
     }
@@ -132,7 +132,7 @@ pub enum Input {
     },
 }
 
-/// What an input leads to.
+/// The result of an input.
 #[derive(Clone, Copy, Debug)]
 pub struct Outcome {
     pub next: u32,
@@ -143,7 +143,7 @@ pub struct Outcome {
     pub cause: Option<FaultCause>,
 }
 
-/// What a client can see of the node.
+/// The state of the node that a client can see.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct View {
     pub mode: Mode,
@@ -164,7 +164,7 @@ struct Control {
     silence: u32,
     faults: FaultLog,
     faults_read: u32,
-    /// Index of all the rest.
+    /// Index of the remaining state.
     rest: u32,
 }
 
@@ -172,7 +172,7 @@ struct Control {
 pub struct Machine {
     pub node: Node,
     pub mutation: Option<Mutation>,
-    /// A number after all that the clients used so far.
+    /// A sequence number after all that the clients have used so far.
     pub unused: u16,
     model: RobotModel,
     states: Vec<(Control, View)>,
@@ -202,7 +202,7 @@ impl Machine {
         self.states.len()
     }
 
-    /// What a client sees of the state.
+    /// The part of the state that a client sees.
     pub fn view(&self, id: u32) -> View {
         self.states[id as usize].1
     }
@@ -244,7 +244,7 @@ impl Machine {
         (state.tick, state.reacting_since) = (NOW, NOW - 1);
     }
 
-    /// The state in which the node is.
+    /// Stores the state of the node, and returns its index.
     fn store(&mut self) -> u32 {
         let view = self.look();
         let state = &self.node.state;
@@ -283,7 +283,7 @@ impl Machine {
         id
     }
 
-    /// All of the state that is not in [`Control`].
+    /// Stores the part of the state that is not in [`Control`].
     fn store_rest(&mut self) -> u32 {
         let none = State::new();
         let mut rest = self.node.state.clone();
@@ -299,7 +299,7 @@ impl Machine {
         id
     }
 
-    /// What a client sees of the node.
+    /// The part of the node that a client sees.
     pub fn look(&self) -> View {
         let status = self.node.status(&BoardStatus::default()).node;
         View {
@@ -316,7 +316,7 @@ impl Machine {
         mutations::handle(self.mutation, &mut self.node, &frame)
     }
 
-    /// A tick of the robot at rest. Whether the power stages are on.
+    /// Ticks the robot at rest. Returns whether the power stages are on.
     pub fn tick(&mut self, pressed: bool) -> bool {
         let sensors = SensorFrame {
             sequence: self.node.state.tick.wrapping_add(1),
@@ -331,7 +331,7 @@ impl Machine {
         frame.enabled
     }
 
-    /// What `input` leads to. The error names the rule that is broken whatever happened before.
+    /// Applies `input`. The error names a rule that is violated regardless of the history.
     pub fn step(&mut self, id: u32, input: Input) -> Result<Outcome, &'static str> {
         if let Some(outcome) = self.outcomes.get(&(id, input)) {
             return Ok(*outcome);
@@ -376,7 +376,7 @@ impl Machine {
             let (control, _) = &self.states[outcome.next as usize];
             outcome.cause = control.faults.faults.last().map(|fault| fault.cause);
         }
-        // Whatever is reached is left again.
+        // Every reached state must have a way out.
         while self.checked < self.len() {
             recovery::check(self, self.checked as u32)?;
             self.checked += 1;
@@ -385,13 +385,13 @@ impl Machine {
         Ok(outcome)
     }
 
-    /// What a client that does not command changes.
+    /// Checks the effect of a client that does not command.
     fn check_stranger(&self, id: u32, next: u32, client: u32, word: Word) -> Result<(), &'static str> {
         let commands = self.view(id).commander == Some(client) || self.view(next).commander == Some(client);
         if commands || matches!(word, Word::Disable | Word::Stop) {
             return Ok(());
         }
-        // The numbers that the node remembers of the client may change.
+        // The sequence numbers that the node stores for the client may change.
         let visible = |id: u32| {
             let mut control = self.states[id as usize].0.clone();
             control.accepted = [None; 4];

@@ -1,8 +1,8 @@
-//! All ways in which requests may arrive, a stop may be pressed and time may pass, searched breadth first on
-//! the real node: nothing enables without the commander's newest word.
+//! Breadth-first search, on the real node, of all orders in which requests arrive, the emergency stop is
+//! pressed and time passes: only the commander's newest message can enable the robot.
 //!
-//! The clients' messages may arrive late, in any order, any number of times or never. What a message says is
-//! decided when it arrives for the first time; its place in the order of sending is its *slot*.
+//! The clients' messages may arrive late, in any order, any number of times or never. The content of a
+//! message is chosen when it arrives for the first time; its position in the order of sending is its *slot*.
 
 mod machine;
 mod mutations;
@@ -21,7 +21,7 @@ use specification::{COMMANDERS, Numbers};
 
 use crate::model::Reaction;
 
-/// The client numbers of those that may command.
+/// Client numbers of the clients that may command.
 const CLIENTS: [u32; COMMANDERS] = [11, 12];
 /// A client that never says hello.
 const STRANGER: u32 = 13;
@@ -37,11 +37,11 @@ const WORDS: &[Word] = &[
     Word::Clear(0),
 ];
 
-/// Numbers one after the other.
+/// Consecutive numbers.
 const ORDINARY: Numbers = [1, 2, 3, 4, 5, 6];
-/// They wrap around.
+/// Numbers that wrap around.
 const WRAPPING: Numbers = [65_534, 65_535, 0, 1, 2, 3];
-/// A client that reads much in between: after slot 1 a quarter of the numbers passes.
+/// A client that sends many reads in between: a quarter of the number range passes after slot 1.
 const FAR_APART: Numbers = [1, 2, 16_390, 16_391, 16_392, 16_393];
 
 const BASE: Variation = Variation {
@@ -84,7 +84,7 @@ const RESET: Variation = Variation {
     ..BASE
 };
 
-/// The time of a few repetitions.
+/// Tests the command timeout.
 const TIMEOUT: Variation = Variation {
     name: "repetitions are no sign of life",
     slots: [4, 0],
@@ -96,7 +96,7 @@ const TIMEOUT: Variation = Variation {
 const TWINS: Variation =
     Variation { name: "two programs with one number", slots: [2, 1], twins: true, emergency: false, ..BASE };
 
-/// Where errors are looked for.
+/// The variation in which the mutations are searched.
 const WIDE: Variation = Variation { slots: [3, 2], depth: 6, ..BASE };
 
 /// Searches with the bounds of the variation, or with those in `TESAKI_SEARCH`: the numbers of messages of

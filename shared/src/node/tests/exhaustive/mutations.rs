@@ -1,4 +1,4 @@
-//! Nodes with an error, which the search must find.
+//! Nodes with an error that the search must find.
 
 use crate::fault::{Fault, FaultCause};
 use crate::node::Node;
@@ -12,11 +12,11 @@ use crate::protocol::{
 pub enum Mutation {
     /// Every command of the commander counts as new.
     NoNumbers,
-    /// A repetition of the last command is carried out.
+    /// A repetition of the last command is executed.
     RepeatsCommands,
-    /// A command that a newer one overtook is carried out.
+    /// A command that a newer one has overtaken is executed.
     AcceptsLateCommands,
-    /// A repetition of the last `Keep` counts as sign of life.
+    /// A repetition of the last `Keep` resets the command timeout.
     RepeatedKeepCounts,
     /// Numbers of former commanders are forgotten.
     ForgetsFormerCommanders,
@@ -24,37 +24,37 @@ pub enum Mutation {
     DisableOverrulesNothing,
     /// Numbers of clients that do not command are forgotten.
     ForgetsOtherClients,
-    /// What a client sent before its hello may arrive after it.
+    /// Messages that a client sent before its hello are accepted after it.
     HelloOutdatesNothing,
-    /// A repeated hello makes room for one more client.
+    /// A repeated hello removes another client.
     HelloPushesOthersOut,
-    /// A quarter of the numbers later, the last command is what it was.
+    /// The last command is still remembered after a quarter of the number range.
     RemembersForTooLong,
-    /// A command from a time that is forgotten gets the answer `Done`.
+    /// A command that is too old to be remembered is answered with `Done`.
     AnswersForWhatItNeverExecuted,
-    /// `Disable` and `Stop` are for the commander alone.
+    /// `Disable` and `Stop` are accepted from the commander only.
     DeafToStrangers,
-    /// Everybody commands.
+    /// Every client commands.
     EverybodyCommands,
     /// Command is taken while enabled.
     TakesWhileEnabled,
     /// Command is released while enabled.
     ReleasesWhileEnabled,
-    /// Nobody loses command by silence.
+    /// The lease never expires.
     LeaseNeverExpires,
     /// Command can be taken at any time, without force.
     LeaseAlwaysExpired,
     /// No command timeout.
     NoCommandTimeout,
-    /// The command timeout comes a tick late.
+    /// The command timeout is one tick late.
     LateCommandTimeout,
-    /// The emergency stop is overlooked while enabled.
+    /// The emergency stop is ignored while enabled.
     IgnoresEmergencyStop,
     /// An alarm of the last sensor frame does not prevent enabling.
     EnablesInAlarm,
     /// `Enable` clears a fault.
     EnablesInFault,
-    /// Faults need not be read.
+    /// Faults can be cleared without being read.
     ClearsUnreadFaults,
     /// A `Stop` after a fault is not recorded.
     LosesStopAfterFault,
@@ -70,7 +70,7 @@ pub enum Mutation {
     NeverClears,
 }
 
-/// All of them.
+/// All mutations.
 pub const ALL: [Mutation; 29] = [
     Mutation::NoNumbers,
     Mutation::RepeatsCommands,
@@ -221,7 +221,7 @@ pub fn tick(mutation: Option<Mutation>, node: &mut Node, sensors: &SensorFrame) 
     frame
 }
 
-/// Whether a reset is overlooked.
+/// Whether a reset is ignored.
 pub fn resets_nothing(mutation: Option<Mutation>) -> bool {
     mutation == Some(Mutation::ResetsNothing)
 }

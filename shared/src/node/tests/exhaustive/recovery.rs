@@ -1,11 +1,11 @@
-//! From every state of the node there is a way out: stopping works at once, and a client that does what the
-//! protocol says gets the robot enabled.
+//! From every state of the node, a stop works immediately, and a client that follows the protocol can enable
+//! the robot.
 
 use super::machine::{Machine, Word};
 use crate::model::Reaction;
 use crate::protocol::{Mode, Reply};
 
-/// A client that never said anything before.
+/// A client that has sent nothing before.
 const STRANGER: u32 = 77;
 
 /// Checks the ways out of a state.
@@ -30,7 +30,7 @@ pub fn check(machine: &mut Machine, id: u32) -> Result<(), &'static str> {
     Ok(())
 }
 
-/// The client gets the robot enabled, with new numbers.
+/// Enables the robot as this client, with new sequence numbers.
 fn recover(machine: &mut Machine, client: u32) -> Option<()> {
     let mut number = machine.unused;
     let mut ask = |machine: &mut Machine, word: Word| {

@@ -12,13 +12,13 @@ use crate::fault::{FaultCause, FaultLog};
 use crate::model::Reaction;
 use crate::protocol;
 
-/// What is searched.
+/// A variation of the search.
 #[derive(Clone, Copy, Debug)]
 pub struct Variation {
     pub name: &'static str,
     /// Number of different messages of each client.
     pub slots: [u8; COMMANDERS],
-    /// What they may be.
+    /// Possible contents of these messages.
     pub words: &'static [Word],
     pub numbers: Numbers,
     pub reaction: Reaction,
@@ -34,7 +34,7 @@ pub struct Variation {
     pub depth: usize,
 }
 
-/// What happens.
+/// An event.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Event {
     /// The message in the slot of the client arrives, for the first time or again.
@@ -54,7 +54,7 @@ pub enum Event {
     Reset,
 }
 
-/// A rule that is broken, and the shortest way there.
+/// A violated rule, and the shortest path to it.
 #[derive(Debug)]
 pub struct Violation {
     pub rule: &'static str,
@@ -74,7 +74,7 @@ pub struct Figures {
     pub complete: bool,
 }
 
-/// A hash of small numbers, quick without optimisation.
+/// A hash of small numbers, fast without optimisation.
 #[derive(Default)]
 struct FastHasher(u64);
 
@@ -104,12 +104,12 @@ impl Hasher for FastHasher {
     }
 
     fn finish(&self) -> u64 {
-        // The table looks at the upper bits as well as at the lower ones.
+        // The hash table uses the upper bits as well as the lower ones.
         self.0 ^ self.0 >> 32
     }
 }
 
-/// All paths from a board that was just set up.
+/// Searches all paths from a board that was just set up.
 pub fn search(variation: &Variation, mutation: Option<Mutation>) -> Result<Figures, Violation> {
     let rules = Rules { numbers: variation.numbers, holds: variation.reaction == Reaction::Hold };
     let mut machine = Machine::new(variation.reaction, mutation, variation.numbers[SLOTS]);
@@ -156,7 +156,7 @@ pub fn search(variation: &Variation, mutation: Option<Mutation>) -> Result<Figur
     Ok(figures)
 }
 
-/// The node with a model and the hello of both clients.
+/// Sets up the node with a model and the hello of both clients.
 fn set_up(machine: &mut Machine, rules: &Rules) -> Result<u32, &'static str> {
     let mut id = machine.reset(FaultLog::new(), false);
     for client in CLIENTS {
@@ -166,7 +166,7 @@ fn set_up(machine: &mut Machine, rules: &Rules) -> Result<u32, &'static str> {
     Ok(id)
 }
 
-/// What may happen next.
+/// Lists the possible next events.
 fn list_events(variation: &Variation, past: &Specification, events: &mut Vec<Event>) {
     if past.total > variation.faults {
         return;
@@ -176,7 +176,7 @@ fn list_events(variation: &Variation, past: &Specification, events: &mut Vec<Eve
             let index = usize::from(client);
             let heard = past.heard[index][usize::from(slot) - 1];
             if let Some(heard) = heard.filter(|_| !variation.twins) {
-                // No hello crosses a reset.
+                // No hello arrives across a reset.
                 if heard.word != Word::Hello || slot > past.before_reset[index] {
                     events.push(Event::Deliver { client, slot, word: heard.word });
                 }
@@ -187,7 +187,7 @@ fn list_events(variation: &Variation, past: &Specification, events: &mut Vec<Eve
             for &word in variation.words {
                 match word {
                     Word::Hello if slot <= past.before_reset[index] || later => {}
-                    // Sent after the last fault was read, or before it.
+                    // Sent after, or before, the last fault was read.
                     Word::Clear(_) => {
                         events.push(Event::Deliver { client, slot, word: Word::Clear(past.total) });
                         if let Some(total) = past.total.checked_sub(1) {
@@ -209,7 +209,7 @@ fn list_events(variation: &Variation, past: &Specification, events: &mut Vec<Eve
     }
 }
 
-/// One event: the node and the specification after it.
+/// Applies one event to the node and the specification.
 fn step(
     machine: &mut Machine,
     rules: &Rules,
@@ -269,7 +269,7 @@ fn is_enabled(view: View) -> bool {
     matches!(view.mode, protocol::Mode::Enabled(_))
 }
 
-/// What switches the outputs on.
+/// Checks that only permitted events switch the outputs on.
 fn check_enabling(
     variation: &Variation,
     past: &Specification,
@@ -301,7 +301,7 @@ fn check_enabling(
     rules.iter().find(|(holds, _)| !holds).map_or(Ok(()), |(_, rule)| Err(*rule))
 }
 
-/// While the outputs follow a task, the commander has not said otherwise.
+/// Checks that while the outputs follow a task, the commander has sent no later message that ends it.
 fn check_newest_word(variation: &Variation, now: &Specification, after: View) -> Result<(), &'static str> {
     if !is_enabled(after) || variation.twins {
         return Ok(());
@@ -315,7 +315,7 @@ fn check_newest_word(variation: &Variation, now: &Specification, after: View) ->
     says_so.then_some(()).ok_or("the newest word of the commander is to enable")
 }
 
-/// A fault leaves `Enabled` and is recorded once, with its cause.
+/// Checks that a fault leaves `Enabled` and is recorded once, with its cause.
 fn check_faults(
     now: &Specification,
     before: View,
@@ -338,7 +338,7 @@ fn check_faults(
     Ok(())
 }
 
-/// The node is where the specification says.
+/// Checks that the node is in the state of the specification.
 fn compare(
     variation: &Variation,
     past: &Specification,
@@ -370,7 +370,7 @@ fn is_right(past: &Specification, said: Said, event: Event, right: Said) -> bool
     let Event::Deliver { client, slot, word } = event else { return said == right };
     let before = past.heard[usize::from(client)][usize::from(slot) - 1];
     match before {
-        // A repetition gets the answer that it had, or is refused.
+        // A repetition gets the same answer as before, or is refused.
         Some(heard) if word.is_command() => match right {
             Said::Done => said == Said::Done,
             Said::NotCommander => said != Said::Done || heard.done,

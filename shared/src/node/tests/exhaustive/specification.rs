@@ -1,5 +1,5 @@
-//! What docs/protocol.md says of modes, command, numbers and faults, written down a second time: a small
-//! automaton of what a client can see. It knows nothing of the node's code.
+//! A second, independent specification of modes, command, numbers and faults in docs/protocol.md: a small
+//! automaton of the state that a client can see. It shares no code with the node.
 
 use super::machine::{Said, TIMEOUT, Word};
 
@@ -8,7 +8,7 @@ pub const COMMANDERS: usize = 2;
 /// Largest number of messages of such a client.
 pub const SLOTS: usize = 5;
 
-/// The mode, as the specification knows it.
+/// The mode in the specification.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Mode {
     Disabled,
@@ -41,7 +41,7 @@ pub struct Rules {
     pub holds: bool,
 }
 
-/// What the specification knows of the past.
+/// The state of the specification.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Specification {
     pub mode: Mode,
@@ -93,7 +93,7 @@ impl Specification {
         }
     }
 
-    /// The message in `slot` of `client` arrives. Returns the kinds of answer that are right.
+    /// Delivers the message in `slot` of `client`. Returns the permitted kinds of answer.
     pub fn deliver(&mut self, rules: &Rules, client: u8, slot: u8, word: Word) -> Said {
         let (index, at) = (usize::from(client), usize::from(slot) - 1);
         if self.commander == Some(client) {
@@ -107,7 +107,8 @@ impl Specification {
         said
     }
 
-    /// The last command counts as that before this message when it is a quarter of the numbers behind.
+    /// If the last command is a quarter of the number range behind, the number just before this message
+    /// replaces it.
     fn forget_old_numbers(&mut self, rules: &Rules, index: usize, slot: u8) {
         let newest = &mut self.newest[index];
         if (1 << 14..1 << 15).contains(&rules.number(2 * slot).wrapping_sub(rules.number(*newest))) {
@@ -200,7 +201,7 @@ impl Specification {
         }
     }
 
-    /// `Disable`, from anybody.
+    /// `Disable`, from any client.
     pub fn disable(&mut self) {
         self.mode = match self.mode {
             Mode::Fault { .. } => Mode::Fault { held: false },
@@ -208,12 +209,12 @@ impl Specification {
         };
     }
 
-    /// `Stop`, from anybody.
+    /// `Stop`, from any client.
     pub fn stop(&mut self, rules: &Rules) {
         let held = match self.mode {
             Mode::Enabled { .. } => rules.holds,
             Mode::Disabled => false,
-            // Nobody has read yet that the robot was stopped.
+            // The earlier stop has not been read yet.
             Mode::Fault { .. } if self.stopped && self.read != self.total => return,
             Mode::Fault { held } => held,
         };

@@ -1,10 +1,10 @@
 //! Dither: decaying oscillations of the internal forces that remove the hysteresis of dry friction.
 //!
-//! While forces without feedback rise, the joints' dry friction takes up to its whole magnitude of them. A
-//! decaying oscillation leads it around ever smaller hysteresis loops, so that it ends near zero: the
-//! mechanical counterpart of demagnetisation by a decaying alternating field. First all internal forces
-//! oscillate together, then two tangential directions in which other joints take part. The amplitude is
-//! smaller where a finger would exceed its limit or slide.
+//! While open-loop forces rise, the joints' dry friction absorbs up to its full magnitude of them. A decaying
+//! oscillation takes it through ever smaller hysteresis loops, so that it ends near zero: the mechanical
+//! counterpart of demagnetisation by a decaying alternating field. First all internal forces oscillate
+//! together, then two tangential directions, which involve other joints. The amplitude is smaller where a
+//! finger would exceed its limit or slide.
 
 use core::f32::consts::TAU;
 
@@ -44,7 +44,7 @@ impl Forces {
         math::sqrt(squares.fold(f32::INFINITY, |min, square| if square < min { square } else { min }))
     }
 
-    /// This fraction of the internal forces of the last solution [N].
+    /// The internal forces of the last solution, scaled by `fraction` [N].
     pub(super) fn scaled_base(&self, fraction: f32) -> PerFinger<Vector3<f32>> {
         self.base.map(|force| Vector3::from(force) * fraction)
     }

@@ -34,8 +34,8 @@ impl Forces {
         }
     }
 
-    /// A load that grows faster than noise is expected to go on growing; otherwise the anticipated increase
-    /// decays.
+    /// Anticipates that a load that grows faster than noise continues to grow; otherwise the anticipated
+    /// increase decays.
     fn anticipate_load(&mut self, is_lifted: bool) {
         let decay = 1.0 - TICK / ANTICIPATION_DECAY_TIME;
         let (mut growth, mut anticipated_square) = (0.0, 0.0);
@@ -54,7 +54,7 @@ impl Forces {
         }
     }
 
-    /// Whether a contact slides or is about to. A slip of a held object lowers the friction estimate.
+    /// Detects whether a contact slides or is about to. A slip of a held object lowers the friction estimate.
     fn detect_slip(&mut self, inputs: &ForceInputs<'_>) -> bool {
         let mut slip = false;
         let contacts = inputs.map.contacts().iter().zip(inputs.measured);

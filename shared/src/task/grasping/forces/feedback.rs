@@ -12,8 +12,8 @@ use crate::task::grasping::{InternalForce, PerFinger};
 use crate::zip::zip;
 
 impl Forces {
-    /// Integral control of the `internal` forces by the force sensors; returns their commands [N]. Beside the
-    /// `load` forces they keep the limits of contacts and joints.
+    /// Integral control of the `internal` forces by the force sensors; returns their commands [N]. Together
+    /// with the `load` forces they keep the limits of contacts and joints.
     pub(super) fn apply_feedback(
         &mut self,
         inputs: &ForceInputs<'_>,
@@ -74,7 +74,7 @@ impl Forces {
         })
     }
 
-    /// Internal part of target less measured forces [N].
+    /// Internal part of target minus measured forces [N].
     fn internal_force_error(
         &self,
         inputs: &ForceInputs<'_>,

@@ -28,8 +28,8 @@ impl Forces {
                 self.update_least_grip(inputs.map, inverse, margin, min_force, &load);
                 return self.scaled_least_grip(inputs, load_torques, &load);
             }
-            // When the contacts have moved so far that a form has no solution, the last one stays: the grip
-            // does not open.
+            // If the contacts have moved so far that no solution exists, the last one is kept: the grip does
+            // not open.
             InternalForce::Normal { strength } => {
                 if let Ok(grip) = inputs.map.normal_grip(NORMAL_TOLERANCE) {
                     let forces = grip.forces(strength);
@@ -54,7 +54,7 @@ impl Forces {
         if preload < MAX_PRELOAD { preload } else { MAX_PRELOAD }
     }
 
-    /// Continues the search for the least grip, and keeps its internal forces.
+    /// Continues the search for the least grip, and stores its internal forces.
     fn update_least_grip(
         &mut self,
         map: &GraspMap,
@@ -68,18 +68,18 @@ impl Forces {
             Ok(Ok(grip)) => {
                 let mut forces = [Vector3::zeros(); 3];
                 forces.iter_mut().zip(&grip.forces).for_each(|(force, found)| *force = *found);
-                // The anticipated part of the load is prepared for by internal forces, not balanced.
+                // Internal forces prepare for the anticipated part of the load; they do not balance it.
                 inverse.project_to_null_space(&mut forces);
                 self.base = forces.map(Into::into);
                 self.base_load = math::sqrt(load.norm_squared());
             }
             Ok(Err(GripError::CannotHold(_) | GripError::Limit { .. })) => self.overloaded = true,
-            // While a search is under way, and at the boundary of the feasible set, the last forces stay.
+            // During a search, and at the boundary of the feasible set, the last forces are kept.
             _ => {}
         }
     }
 
-    /// The least grip of the last solution, scaled for slips and for a load that is larger by now.
+    /// The least grip of the last solution, scaled for slips and for a load that has grown since.
     fn scaled_least_grip(
         &mut self,
         inputs: &ForceInputs<'_>,
@@ -92,7 +92,7 @@ impl Forces {
         let magnitude = math::sqrt(forces.iter().map(Vector3::norm_squared).sum());
         let load = math::sqrt(load.norm_squared());
         if load > self.base_load && magnitude > f32::MIN_POSITIVE {
-            // The solution is for a smaller load.
+            // The solution was for a smaller load.
             let unit = if magnitude > self.base_load { magnitude } else { self.base_load };
             scale *= 1.0 + (load - self.base_load) / unit;
         }

@@ -56,7 +56,7 @@ pub(super) struct Forces {
     pub slips: u16,
 }
 
-/// What the forces of a tick are computed from.
+/// Inputs of the contact forces of a tick.
 pub(super) struct ForceInputs<'a> {
     pub map: &'a GraspMap,
     /// Measured forces of the fingertips on the object [N].
@@ -70,8 +70,8 @@ pub(super) struct ForceInputs<'a> {
     pub is_held: bool,
     /// The load where it is not measured [N, N·m].
     pub known_load: Option<Vector6<f32>>,
-    /// Whether nothing else carries the object. Internal forces between fingers and a support look like a
-    /// load; a grip that followed them would grow without bound.
+    /// Whether no support carries the object. Internal forces between fingers and a support look like a load;
+    /// a grip that followed them would grow without bound.
     pub is_lifted: bool,
     /// Whether to grip as for a motion.
     pub in_motion: bool,
@@ -110,7 +110,7 @@ impl Forces {
         slips: 0,
     };
 
-    /// Before the grasp of an object with this coefficient of friction.
+    /// The state before the grasp of an object with this coefficient of friction.
     pub const fn new(friction: f32) -> Self {
         Self { friction, ..Self::NONE }
     }
@@ -229,7 +229,7 @@ fn limit_scale(scale: f32, rate: f32, headroom: f32) -> f32 {
     if scale * rate > headroom { headroom / rate } else { scale }
 }
 
-/// The grasp map of contacts at `levers` from `origin` with these `normals`; `None` if they make no grasp.
+/// The grasp map of contacts at `levers` from `origin` with these `normals`; `None` if they are invalid.
 pub(super) fn grasp_map(
     origin: Vector3<f32>,
     levers: &PerFinger<Vector3<f32>>,

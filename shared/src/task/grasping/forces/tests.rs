@@ -48,7 +48,7 @@ fn with_inputs<T>(
     })
 }
 
-/// A tick; returns the commanded internal forces [N].
+/// Runs one tick and returns the commanded internal forces [N].
 fn tick(forces: &mut Forces, torque: f32, measured: &PerFinger<Vector3<f32>>) -> PerFinger<Vector3<f32>> {
     with_inputs(torque, measured, |inputs| {
         forces.update_estimates(inputs);
@@ -69,7 +69,7 @@ fn forces_of_a_support_do_not_count_as_an_error_of_internal_forces() {
     let forces = Forces { target, ..Forces::new(0.5) };
     let have_converged =
         |measured| with_inputs(1.0, &measured, |inputs| forces.have_converged(inputs, &inputs.map.inverse()));
-    // Something pushes the box with 1.5 N, a third on each finger: the internal forces stay on target.
+    // An external force of 1.5 N on the box, a third on each finger: the internal forces stay on target.
     let [one, two, three] = pressing(2.0, 0.0);
     let push = Vector3::new(0.5, 0.0, 0.0);
     assert!(have_converged([one, two, three]));
@@ -99,8 +99,8 @@ fn feedback_rests_in_the_dead_band() {
 #[test]
 fn feedback_exceeds_no_limit_of_a_contact() {
     let (_, mut forces) = grasp(0.0, 0.5);
-    // A load that needs a grip near the limit of 9 N, and sensors that read half of what the fingers press
-    // with.
+    // A load that needs a grip near the limit of 9 N, and sensors that read half of the forces of the
+    // fingers.
     let mut command = [Vector3::zeros(); 3];
     for _ in 0..1000 {
         let measured = pressing(4.0, 3.0);
@@ -129,7 +129,7 @@ fn a_growing_load_tightens_the_grip_at_once() {
 #[test]
 fn saturated_joints_scale_the_forces_and_stop_the_integrator() {
     let (_, mut forces) = grasp(0.0, 0.5);
-    // Of 3 N finger 3 carries a half, and has to press with 3.75 N, 0.375 N·m. Motors that are weaker than in
+    // Finger 3 carries half of 3 N, and has to press with 3.75 N, 0.375 N·m. Motors that are weaker than in
     // the model make 3.2 N.
     let mut command = 0.0;
     for _ in 0..300 {
@@ -168,7 +168,7 @@ fn normal_dither_exceeds_no_limit() {
 fn tangential_dither_makes_no_contact_slide() {
     let (contacts, forces) = grasp(4.0, 0.8);
     assert!((forces.max_tangential_dither(&contacts, &directions(), 0.4) - 0.4).abs() < 1e-6);
-    // Of fingers 1 and 2, 0.8 · 0.05 · (2 − 0.92585 s) = 1.37790 s.
+    // For fingers 1 and 2, 0.8 · 0.05 · (2 − 0.92585 s) = 1.37790 s.
     let (contacts, forces) = grasp(4.0, 0.05);
     let amplitude = forces.max_tangential_dither(&contacts, &directions(), 0.4);
     assert!((amplitude - 0.056_540).abs() < 1e-5, "{amplitude}");
@@ -189,13 +189,13 @@ fn tangential_dither_makes_no_contact_slide() {
 
 #[test]
 fn tangential_dither_has_no_wrench() {
-    // The paper's box: from finger 1 to finger 3 98 mm along x and 40 mm along y.
+    // The paper's box: 98 mm along x and 40 mm along y from finger 1 to finger 3.
     let (contacts, _) = grasp(0.0, 0.4);
     let found = tangential_directions(&contacts);
     for (found, expected) in found.iter().flatten().zip(directions().iter().flatten()) {
         assert!((found - expected).norm() < 1e-5, "{found} {expected}");
     }
-    // And for contacts anywhere, with any normals, about any point.
+    // The same for arbitrary contacts and normals, about any point.
     let at = |x, y, z| Contact::try_new(Vector3::new(x, y, z), Vector3::new(y, z, x), 0.4, 9.0).unwrap();
     let contacts = [at(0.03, 0.05, -0.02), at(-0.06, 0.01, 0.04), at(0.02, -0.07, 0.03)];
     let directions = tangential_directions(&contacts);
@@ -246,7 +246,7 @@ fn a_known_load_makes_the_force_that_the_paper_commands() {
         let internal = InternalForce::Normal { strength: 4.0 };
         let inputs = ForceInputs { map: &map, internal, known_load, feedback: false, ..*inputs };
         let mut forces = Forces::new(0.6);
-        // What the sensors measure, 9 N of weight, does not count.
+        // The measured weight of 9 N does not count.
         forces.update_estimates(&inputs);
         forces.solve_grip(&inputs, &map.inverse(), 1.0, &[Vector3::zeros(); 3]);
         Vector3::from(forces.target[0])

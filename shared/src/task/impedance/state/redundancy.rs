@@ -1,5 +1,4 @@
-//! Resolution of the redundancy: what the joints do that the tool does not need, and the control of the
-//! elbow.
+//! Resolution of the redundancy: null-space motion of the joints, and control of the elbow.
 
 use nalgebra::Vector6;
 
@@ -14,8 +13,8 @@ use crate::math;
 use crate::model::MAX_CHAIN_JOINTS;
 
 impl ImpedanceState {
-    /// Resolves the redundancy (Arm7 step 4): joint accelerations for the acceleration `tool`, without its
-    /// bias `J̇ q̇`, and for the elbow's control law.
+    /// Resolves the redundancy (Arm7 step 4): computes joint accelerations for the acceleration `tool`,
+    /// without its bias `J̇ q̇`, and for the elbow's control law.
     pub(super) fn resolve(
         &mut self,
         arm: &Arm<'_>,
@@ -96,7 +95,7 @@ impl ImpedanceState {
         }
     }
 
-    /// The elbow holds its position in `posture`.
+    /// Sets the elbow's set-point to its angle in `posture`, at rest.
     pub(in super::super) fn hold_elbow(&mut self, arm: &Arm<'_>, posture: &Posture) {
         let angle = self.elbow_angle(arm, posture, &self.angles).unwrap_or(0.0);
         self.elbow_setpoint = ElbowSetpoint { angle, ..ElbowSetpoint::default() };
@@ -114,7 +113,7 @@ impl ImpedanceState {
     }
 }
 
-/// The joint that an elbow sensor drives, if one does.
+/// The joint that follows the elbow's set-point directly, if any.
 pub(super) fn driven_joint(redundancy: Redundancy) -> Option<usize> {
     match redundancy {
         Redundancy::DrivenJoint { joint } => Some(joint.into()),

@@ -1,4 +1,4 @@
-//! A controlled stop: set-points where the arm is, and release of what the tool presses on.
+//! A controlled stop: set-points at the present pose, and release of contact forces.
 
 use nalgebra::Vector6;
 use postcard_schema::Schema;
@@ -17,35 +17,35 @@ use crate::control::ObserverState;
 use crate::kinematics::{PosePoint, Posture};
 use crate::math;
 
-/// Release, in a stop, of what the tool presses on.
+/// Release of the contact force of the tool in a stop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub(super) enum Release {
-    /// The tool pressed on nothing, or no stop has begun.
+    /// The tool was not in contact, or no stop has begun.
     NotNeeded,
-    /// The set-point of the tool moves to the tool. That counts as contact, however small the force: else
-    /// the arm would come to rest pressing a little, and friction raise it again.
+    /// The set-point of the tool moves to the tool. That counts as contact, however small the force:
+    /// otherwise the arm would come to rest with a small contact force, which friction would raise again.
     Moving,
-    /// The set-point has reached the tool. The residual force counts no more as contact: at a stiff wall a
-    /// force that lags would make the arm oscillate.
+    /// The set-point has reached the tool. The residual force no longer counts as contact: at a stiff wall
+    /// the lag of the measured force would make the arm oscillate.
     Done,
 }
 
-/// What a stop takes over of the reference arm.
+/// The part of the reference arm's state that a stop keeps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Takeover {
     /// All of it.
     All,
-    /// Its disturbances: the arm moved on without control for some ticks. What balanced the errors of the
-    /// model does so on.
+    /// Its disturbance estimates, which compensate model errors. The arm moved without control for some
+    /// ticks.
     Disturbances,
-    /// Nothing: what drove the arm away from it is not known.
+    /// Nothing: it is unknown what drove the arm away from it.
     Nothing,
 }
 
 impl ImpedanceState {
-    /// Begins a controlled stop. The set-points are where tool and elbow are; in contact that of the tool
-    /// moves there slowly, which releases what the tool presses on. A reference arm that has lost the real
-    /// one begins where that is.
+    /// Begins a controlled stop. The set-points become the poses of tool and elbow; in contact the set-point
+    /// of the tool moves there slowly, which releases the contact force. Unless `takeover` keeps it, the
+    /// reference arm restarts at the measured state.
     pub fn halt(&mut self, arm: &Arm<'_>, measurement: &ArmMeasurement, takeover: Takeover) {
         if takeover != Takeover::All {
             (self.angles, self.velocities) = (measurement.angles, measurement.velocities);
@@ -73,8 +73,9 @@ impl ImpedanceState {
             self.settings.redundancy == Redundancy::ArmAngle && ArmAngle::of(&posture, arm.gravity).is_none();
     }
 
-    /// Makes the tool as heavy as the arm itself, where it is lighter: it would yield to a push faster than
-    /// the push alone moves the arm, and the drives would bring in the difference of the energies.
+    /// Raises the mass of the impedance to the arm's own mass where it is lighter. Otherwise the tool would
+    /// accelerate more under a push than the push alone accelerates the arm, and the drives would add the
+    /// difference in energy.
     #[cold]
     #[inline(never)]
     fn take_own_mass(&mut self, arm: &Arm<'_>) {
@@ -83,8 +84,8 @@ impl ImpedanceState {
         self.settings.impedance = self.impedance;
     }
 
-    /// Moves the set-point of a tool that moves on into what it touches so near that its spring presses no
-    /// harder than the contact does.
+    /// If the tool still moves into the contact, moves the set-point so near to the tool that the spring
+    /// presses no harder than the contact force.
     #[cold]
     #[inline(never)]
     fn relax_spring(&mut self, posture: &Posture, wrench: &Vector6<f32>) {
@@ -105,7 +106,7 @@ impl ImpedanceState {
         }
     }
 
-    /// Moves the set-point of the tool a period's way along the pose `error`, until it is at the tool.
+    /// Moves the set-point along the pose `error` by the way of one period, until it is at the tool.
     #[inline(never)]
     pub(super) fn release(&mut self, error: &Vector6<f32>) {
         let [distance, angle] = [0, 3].map(|axis| math::sqrt(error.fixed_rows::<3>(axis).norm_squared()));

@@ -1,10 +1,10 @@
-//! The tool is let go.
+//! Release of the tool.
 
 use super::fixture::{ArmFixture, POSTURES, SOFT, accelerations, elbow_at_rest};
 use crate::TICK;
 use crate::task::impedance::{ArmMeasurement, DirectLaw, ImpedanceSettings, Law};
 
-/// Acceleration along x [m/s²] in the first tick without force, after a hand has held the tool 3 cm off its
+/// Acceleration along x [m/s²] in the first tick without force, after the tool was held 3 cm off its
 /// set-point, while the elbow turns at `speed` [rad/s].
 fn first_acceleration(settings: &ImpedanceSettings, speed: f32) -> f32 {
     let fixture = ArmFixture::new();
@@ -24,7 +24,7 @@ fn first_acceleration(settings: &ImpedanceSettings, speed: f32) -> f32 {
     acceleration
 }
 
-/// Velocity [m/s] after a `time` [s] in the exact solution of 1.5 kg, 30 N·s/m, 300 N/m, let go at 3 cm.
+/// Velocity [m/s] after a `time` [s] in the exact solution of 1.5 kg, 30 N·s/m, 300 N/m, released at 3 cm.
 fn exact_velocity(time: f32) -> f32 {
     // Decay 10/s, frequency 10/s.
     let (sine, _) = crate::math::sin_cos(10.0 * time);

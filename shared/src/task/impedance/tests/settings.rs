@@ -67,7 +67,7 @@ fn new_settings_do_not_step_the_torque() {
     let of_velocity = blend(90.0, 30.0) / mass - 30.0 / 1.5;
     let size = |values: &[f32]| Vector3::from_column_slice(values).norm();
     let tool = of_error * size(&telemetry.error[..3]) + of_velocity * size(&velocity.as_slice()[..3]);
-    // The joint accelerations have this effect on the tool.
+    // The tool acceleration that the joint accelerations cause.
     let change = new - old;
     let of_tool = (fixture.jacobian(&measurement.angles) * change).norm();
     assert!(of_tool > 0.2 * tool && of_tool <= 1.05 * tool, "{of_tool} {tool}");
@@ -107,7 +107,7 @@ fn a_change_of_the_law_resets_the_disturbance_observers() {
     assert!(max_feedback(&state.tick(&arm, &measurement).unwrap()) < 0.3 * before);
 }
 
-/// The mass that counts includes the rotors of the motors.
+/// The arm's own mass includes the rotors of the motors.
 #[test]
 fn a_mass_far_below_the_arms_own_is_not_configured() {
     let fixture = ArmFixture::new();
@@ -127,8 +127,8 @@ fn a_mass_far_below_the_arms_own_is_not_configured() {
     assert_eq!(state.configure(&fixture.arm(), &light), Ok(()));
 }
 
-/// A straight arm hangs down: along z nothing moves its tool, so that its own mass there is five times the
-/// mean.
+/// A straight arm hangs down: no joint moves its tool along z, so its own mass there has the limit, five
+/// times the mean.
 #[test]
 fn an_arm_that_has_moved_to_a_singular_posture_keeps_its_mass() {
     let (fixture, straight) = (ArmFixture::new(), [0.0; MAX_CHAIN_JOINTS]);
@@ -139,7 +139,7 @@ fn an_arm_that_has_moved_to_a_singular_posture_keeps_its_mass() {
     let mut stiffer = SOFT;
     stiffer.impedance.stiffness[2] = 400.0;
     assert_eq!(state.configure(&arm, &stiffer), Ok(()));
-    // Another mass, also a larger one, is checked against the arm as it stands.
+    // Any other mass, even a larger one, is checked against the arm in its present posture.
     stiffer.impedance.mass[0] = 1.01 * SOFT.impedance.mass[0];
     assert!(matches!(state.configure(&arm, &stiffer), Err(InvalidSettings::MassInContact { axis: 2, .. })));
 }

@@ -15,10 +15,10 @@ type Case = (Seven, Seven, [f32; 6], f32, Seven, Seven, Seven);
 #[allow(clippy::excessive_precision, reason = "the digits of the script")]
 const CASES: &[Case] = include!("../../../../../tests/oracles/data/arm_step4.in");
 
-/// Without impedance but for the set-point's acceleration: with damping and stiffness 0, step 3 gives that.
+/// Damping and stiffness 0: step 3 then gives the set-point's acceleration.
 const FREE: Impedance = Impedance::diagonal([1.0; 6], [0.0; 6], [0.0; 6]);
 
-/// Joint accelerations for a tool `acceleration`, with a driven joint that is given its own.
+/// Joint accelerations for a tool `acceleration` and a given acceleration of the driven joint.
 fn resolved(case: &Case, redundancy: Redundancy, law: DirectLaw) -> SVector<f32, 7> {
     let (angles, velocities, acceleration, driven, ..) = case;
     let fixture = ArmFixture::new();
@@ -26,7 +26,7 @@ fn resolved(case: &Case, redundancy: Redundancy, law: DirectLaw) -> SVector<f32,
     let mut state = fixture.state(&settings, angles);
     let mut point = fixture.point(angles);
     point.acceleration = *acceleration;
-    // The elbow's control has no error.
+    // The elbow has no control error.
     let elbow = ElbowSetpoint { angle: angles[2], velocity: velocities[2], acceleration: *driven };
     state.set_target(&fixture.arm(), &point, &elbow).unwrap();
     let measurement =
@@ -46,7 +46,7 @@ fn step_4_is_that_of_the_paper_as_printed_and_with_its_missing_terms() {
         close(resolved(case, driven, printed), &expected[0]);
         close(resolved(case, driven, corrected), &expected[1]);
         close(resolved(case, Redundancy::None, printed), &expected[2]);
-        // The damping that the paper does not have acts against the motion, and only in the null space.
+        // The damping, which the paper omits, acts against the motion, and only in the null space.
         let fixture = ArmFixture::new();
         let damping = resolved(case, Redundancy::None, corrected) - expected[2];
         assert!(damping.dot(&velocities) < 0.0 && damping.norm() > 1.0, "{damping}");
@@ -54,8 +54,9 @@ fn step_4_is_that_of_the_paper_as_printed_and_with_its_missing_terms() {
     }
 }
 
-/// The elbow at 90°: the tool is at (0.36, 0, −0.3) from the axis of the yaw, which points up. So the hand is
-/// moved by (0, 0.36, 0) m and turned by (0, 0, 1) for each radian that the others do not make up for.
+/// The elbow at 90°: the tool is at (0.36, 0, −0.3) from the axis of the yaw, which points up. Each radian
+/// that the other joints do not compensate therefore moves the tool by (0, 0.36, 0) m and turns it by (0, 0,
+/// 1).
 #[test]
 fn without_its_term_the_driven_joint_moves_the_hand() {
     let mut case = CASES[0];
@@ -87,7 +88,7 @@ fn the_direct_law_compensates_the_fraction_of_friction_in_its_settings() {
     }
 }
 
-/// Stiff along z of the tool, 1000 N/m, soft across, 100 N/m; the hand is turned.
+/// Stiff along z of the tool, 1000 N/m, soft along x and y, 100 N/m; the tool is rotated.
 fn along_the_tool() -> ImpedanceSettings {
     let mut settings = ImpedanceSettings { law: Law::Direct(DirectLaw::CORRECTED), ..SOFT };
     settings.impedance.mass[..3].fill(2.0);
@@ -96,7 +97,7 @@ fn along_the_tool() -> ImpedanceSettings {
     settings
 }
 
-/// Acceleration of the tool without motion, its set-point displaced.
+/// Acceleration of a tool at rest with a displaced set-point.
 fn tool_acceleration(state: &mut ImpedanceState, displacement: &Vector3<f32>) -> Vector3<f32> {
     let fixture = ArmFixture::new();
     let mut point = fixture.point(&POSTURES[2]);
