@@ -9,18 +9,19 @@ const NOISE: u32 = 300;
 /// Bytes that stand at an edge of something.
 const EDGES: &[u8] = &[0, 1, 0x7f, 0x80, 0xff];
 
-/// Inputs of a target, without end: one in eight is noise; the others are kept inputs and those to begin with,
-/// changed in some places.
+/// Inputs of a target, without end: one in eight is noise; of the others half are kept inputs, half those to
+/// begin with, changed in some places.
 pub struct Inputs {
     target: &'static Target,
-    known: Vec<Vec<u8>>,
+    /// Those to begin with, and those that are kept.
+    known: [Vec<Vec<u8>>; 2],
     rng: Rng,
 }
 
 impl Inputs {
     /// For `target`.
     pub fn new(target: &'static Target) -> Self {
-        let known = [(target.seeds)(), corpus::kept(target)].concat();
+        let known = [(target.seeds)(), corpus::kept(target)];
         Self { target, known, rng: Rng::new(1, 0) }
     }
 
@@ -39,8 +40,9 @@ impl Inputs {
     }
 
     fn known(&mut self) -> Vec<u8> {
-        let place = self.below(self.known.len());
-        self.known.get(place).cloned().unwrap_or_default()
+        let kind = self.below(2);
+        let place = self.below(self.known[kind].len());
+        self.known[kind].get(place).cloned().unwrap_or_default()
     }
 
     /// Changes `bytes` in one place.
@@ -85,7 +87,7 @@ impl Iterator for Inputs {
 
     fn next(&mut self) -> Option<Vec<u8>> {
         let mut bytes = if self.one_in(8) { self.noise(NOISE) } else { self.known() };
-        for _ in 0..=self.below(4) {
+        for _ in 0..=self.below(3) {
             self.change(&mut bytes);
         }
         bytes.truncate(self.target.max_len);

@@ -36,8 +36,8 @@ pub struct Rig {
     may_be_enabled: bool,
     /// Ticks since the commander was last heard.
     silence: u32,
-    /// Whether the model is one that was measured: with others, numbers leave the range of floats.
-    measured: bool,
+    /// Whether the model is still the first one: with others, numbers leave the range of floats.
+    first_model: bool,
 }
 
 impl Rig {
@@ -55,7 +55,7 @@ impl Rig {
             last: ActuatorFrame::default(),
             may_be_enabled: false,
             silence: 0,
-            measured: true,
+            first_model: true,
         }
     }
 
@@ -96,7 +96,7 @@ impl Rig {
             }
             Request::Stop => assert!(done && !matches!(after, Mode::Enabled(_)), "{reply:?}, {after:?}"),
             Request::Enable(_) | Request::Task(_) | Request::Keep if done => self.silence = 0,
-            Request::ModelCommit => self.measured &= !done,
+            Request::ModelCommit => self.first_model &= !done,
             _ => {}
         }
         if commander == Some(frame.client) {
@@ -168,7 +168,7 @@ impl Rig {
 
     /// Everything that is computed of the readings is finite, whatever they are.
     fn check_numbers(&self) {
-        if !self.measured {
+        if !self.first_model {
             return;
         }
         let task = self.node.task_report().map(|report| report.telemetry);
