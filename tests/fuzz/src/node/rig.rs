@@ -151,8 +151,8 @@ impl Rig {
         }
     }
 
-    /// Settings of an impedance are accepted only where they are valid, and called invalid only where they are
-    /// not; that a mass is too small for the arm's own depends on the posture.
+    /// Settings of an impedance are accepted only where they are valid, and called invalid only where they
+    /// are not; that a mass is too small for the arm's own depends on the posture.
     fn check_settings(&self, settings: &ImpedanceSettings, reply: &Reply) {
         let Some(robot) = self.node.robot() else { return };
         let valid = settings.validate(robot.model().joints.len()).is_ok();
