@@ -1,13 +1,17 @@
 //! Frames and messages, in both directions.
 
 use std::fmt::Debug;
+use std::iter::repeat_n;
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
-use tesaki::model::RobotModel;
+use tesaki::control::JointPoint;
+use tesaki::model::{MAX_JOINTS, RobotModel};
 use tesaki::node::State;
 use tesaki::protocol::codec::{Decoder, MAX_FRAME, MAX_MESSAGE, checksum, encode};
 use tesaki::protocol::{ActuatorFrame, FromBoard, LogRecord, Request, RequestFrame, SensorFrame};
+use tesaki::task::TaskCommand;
+use tesaki::task::joint_servo::JointCommand;
 use tesaki_tests::{robot, set_up, zero_sensors};
 
 use crate::input::Input;
@@ -67,24 +71,32 @@ fn accepts<T: DeserializeOwned + Serialize + Debug>(pieces: usize, bytes: &[u8])
         }
     }
     assert_eq!((&one, by_byte.counts()), (&other, in_pieces.counts()));
-    let mut fresh = Decoder::new();
     for message in one.iter().flatten() {
         let decoded: T = postcard::from_bytes(message).expect("an encoded message can be decoded");
-        let mut frame = [0; MAX_FRAME];
-        let length = encode(&decoded, &mut frame).expect("a message that came in a frame fits one");
-        let again = frame[..length].iter().find_map(|&byte| fresh.push::<T>(byte));
-        let again = again.expect("a frame ends").expect("an encoded frame is intact");
-        assert_eq!(encoded(again), *message);
+        let framed = in_a_frame(&decoded).expect("a message that came in a frame fits one");
+        assert_eq!(encoded(framed), *message);
     }
 }
 
-/// Decoding, encoding and decoding again gives the same message.
+/// A message that went through a frame; `None` when it fits none.
+fn in_a_frame<T: DeserializeOwned + Serialize>(message: &T) -> Option<T> {
+    let mut frame = [0; MAX_FRAME];
+    let length = encode(message, &mut frame).ok()?;
+    let mut decoder = Decoder::new();
+    let again = frame[..length].iter().find_map(|&byte| decoder.push::<T>(byte));
+    Some(again.expect("a frame ends").expect("an encoded frame is intact"))
+}
+
+/// Decoding, encoding and decoding again gives the same message, also through a frame.
 fn message<T: DeserializeOwned + Serialize + Debug>(bytes: &[u8]) {
     let Ok((message, _)) = postcard::take_from_bytes::<T>(bytes) else { return };
     let encoded = postcard::to_stdvec(&message).expect("a decoded message has an encoding");
     let (again, rest) = postcard::take_from_bytes::<T>(&encoded).expect("an encoded message can be decoded");
     assert!(rest.is_empty(), "{} bytes too many", rest.len());
     assert_eq!(postcard::to_stdvec(&again).expect("it has an encoding"), encoded);
+    if let Some(framed) = in_a_frame(&message) {
+        assert_eq!(postcard::to_stdvec(&framed).expect("it has an encoding"), encoded);
+    }
     // Names and units of everything that a log prints.
     let _ = format!("{message:?}");
 }
@@ -94,7 +106,12 @@ pub fn seeds() -> Vec<Vec<u8>> {
     let model = robot("arm7").model;
     let mut payloads: Vec<Vec<u8>> = Vec::new();
     let mut add = |bytes: Result<Vec<u8>, postcard::Error>| payloads.extend(bytes);
-    for request in set_up(&model).into_iter().take(5).chain([Request::Tare, Request::Stop, Request::Keep]) {
+    // Without a zero in more bytes than COBS counts at once.
+    let point = JointPoint { position: 0.1, velocity: 0.1, acceleration: 0.1 };
+    let (points, torques) = (repeat_n(point, MAX_JOINTS).collect(), repeat_n(0.1, MAX_JOINTS).collect());
+    let long = TaskCommand::JointServo(JointCommand::StreamTorques { points, torques });
+    let others = [Request::Tare, Request::Stop, Request::Keep, Request::Task(long)];
+    for request in set_up(&model).into_iter().take(5).chain(others) {
         let frame = RequestFrame { client: 1, sequence: 300, request };
         add(postcard::to_stdvec(&frame));
         add(postcard::to_stdvec(&LogRecord::Request(frame)));

@@ -1,7 +1,8 @@
 //! The other files that users write: grasps, impedances, calibrations.
 
-use std::path::PathBuf;
+use std::io::Write;
 
+use tempfile::NamedTempFile;
 use tesaki::protocol::Request;
 use tesaki::task::grasping::GraspCommand;
 use tesaki::task::impedance::ImpedanceCommand;
@@ -18,7 +19,7 @@ pub fn run(data: &[u8]) {
     let Some((kind, text)) = data.split_first() else { return };
     let file = write(text);
     match kind % 3 {
-        0 => match grasp::load_placed(&file) {
+        0 => match grasp::load_placed(file.path()) {
             Err(error) => assert!(!error.to_string().is_empty()),
             Ok(placed) => {
                 placed.plan.validate().expect("an accepted grasp is valid");
@@ -26,7 +27,7 @@ pub fn run(data: &[u8]) {
                 try_on(&mut machines()[0].rig(false), TaskConfig::Grasping(()), command);
             }
         },
-        1 => match impedance::load(&file, &machines()[1].model) {
+        1 => match impedance::load(file.path(), &machines()[1].model) {
             Err(error) => assert!(!error.to_string().is_empty()),
             Ok(settings) => {
                 settings.validate(machines()[1].model.joints.len()).expect("accepted settings are valid");
@@ -34,10 +35,10 @@ pub fn run(data: &[u8]) {
                 try_on(&mut machines()[1].rig(false), TaskConfig::Impedance(settings), command);
             }
         },
-        _ => match Calibration::load(&file) {
+        _ => match Calibration::load(file.path()) {
             Err(error) => {
                 assert!(!error.to_string().is_empty());
-                assert!(CalibrationFile::open(&file).is_err(), "not a calibration, and yet opened");
+                assert!(CalibrationFile::open(file.path()).is_err(), "not a calibration, and yet opened");
             }
             Ok(calibration) => {
                 let mut model = machines()[0].model.clone();
@@ -45,7 +46,10 @@ pub fn run(data: &[u8]) {
                     Err(error) => assert!(!error.to_string().is_empty()),
                     Ok(()) => model.validate().expect("a calibrated robot is valid"),
                 }
-                change(&mut CalibrationFile::open(&file).expect("a calibration can be opened"), &calibration);
+                change(
+                    &mut CalibrationFile::open(file.path()).expect("a calibration can be opened"),
+                    &calibration,
+                );
             }
         },
     }
@@ -59,8 +63,8 @@ fn change(file: &mut CalibrationFile, calibration: &Calibration) {
         file.set(name, "viscous", None, "");
         file.remark(name, "on this day");
     }
-    let path = write(file.to_string().as_bytes());
-    let again = Calibration::load(&path).unwrap_or_else(|error| panic!("{error}\n{file}"));
+    let written = write(file.to_string().as_bytes());
+    let again = Calibration::load(written.path()).unwrap_or_else(|error| panic!("{error}\n{file}"));
     for joint in again.joints.values() {
         assert_eq!((joint.coulomb, joint.viscous), (Some(0.25), None), "{file}");
     }
@@ -82,12 +86,12 @@ fn try_on(rig: &mut Rig, task: TaskConfig, command: TaskCommand) {
     }
 }
 
-/// A file with this content; it is overwritten by the next one of this thread.
-fn write(content: &[u8]) -> PathBuf {
-    let name = format!("tesaki-fuzz-{}-{:?}.toml", std::process::id(), std::thread::current().id());
-    let path = std::env::temp_dir().join(name);
-    std::fs::write(&path, content).expect("there is room for temporary files");
-    path
+/// A file with this content, until it is dropped.
+fn write(content: &[u8]) -> NamedTempFile {
+    let file = tempfile::Builder::new().prefix("tesaki-fuzz-").suffix(".toml").tempfile();
+    let mut file = file.expect("there is room for temporary files");
+    file.write_all(content).expect("there is room for temporary files");
+    file
 }
 
 /// The files that come with the robots.

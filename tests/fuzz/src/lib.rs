@@ -1,7 +1,8 @@
 //! Coverage-guided fuzzing: the targets, and the corpora that come with them.
 //!
 //! A target is a function that takes any bytes and panics when something does not hold. `cargo xtask fuzz`
-//! lets libFuzzer look for such bytes; `tests/corpora.rs` runs the kept ones in every test.
+//! lets libFuzzer look for such bytes; `tests/corpora.rs` runs the kept ones in every test, `tests/random.rs`
+//! some that nothing guides.
 
 mod codec;
 pub mod corpus;
@@ -9,8 +10,11 @@ mod files;
 mod input;
 pub mod large;
 mod node;
+pub mod random;
 mod recording;
 mod robot;
+
+pub use node::reached;
 
 /// Longest text of a file [bytes].
 const MAX_TEXT: usize = 16_384;

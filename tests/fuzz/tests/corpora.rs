@@ -1,4 +1,4 @@
-//! Every kept input, and every one that once crashed a target, runs without a panic.
+//! Every input that a target begins with, that is kept, or that once crashed it, runs without a panic.
 
 use tesaki_fuzz::{TARGETS, Target, corpus};
 
@@ -11,6 +11,9 @@ fn replay(name: &str) {
     let crashes = corpus::crashes(target);
     for (crash, input) in &crashes {
         run(target, crash, input);
+    }
+    for (index, input) in (target.seeds)().iter().enumerate() {
+        run(target, &format!("input {index} of those to begin with"), input);
     }
     for (index, input) in kept.iter().enumerate() {
         run(target, &format!("input {index} of its corpus"), input);

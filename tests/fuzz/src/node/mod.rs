@@ -4,9 +4,11 @@ pub mod machine;
 pub mod rig;
 mod seeds;
 
+use std::collections::BTreeSet;
+
 use tesaki::control::{Coupling, ImpedanceAxes, JointPoint, ServoMode};
 use tesaki::kinematics::{ElbowSetpoint, PosePoint, TipPoint};
-use tesaki::protocol::{Item, Request, RequestFrame};
+use tesaki::protocol::{Item, Reply, Request, RequestFrame};
 use tesaki::task::grasping::{
     GraspCommand, GraspPlan, InternalForce, JointTargets, LoadSource, ObjectControl, ObjectFrame, WrenchGains,
 };
@@ -25,13 +27,26 @@ const MAX_TICKS: u32 = 1200;
 
 /// The first byte names the robot, and whether the run is repeated. Each step is a byte and what it needs.
 pub fn run(data: &[u8]) {
+    walk(data, None).finish();
+}
+
+/// Runs, and returns the phases of a grasp, contacts of an arm, and faults on the way.
+pub fn reached(data: &[u8]) -> BTreeSet<String> {
+    let mut rig = walk(data, Some(BTreeSet::new()));
+    let reached = rig.reached.take().unwrap_or_default();
+    rig.finish();
+    reached
+}
+
+fn walk(data: &[u8], reached: Option<BTreeSet<String>>) -> Rig {
     let mut input = Input(data);
     let first = input.byte();
     let mut rig = start(first);
+    rig.reached = reached;
     while !input.is_empty() && rig.ticks < MAX_TICKS {
         step(&mut rig, &machine(first).encoded, &mut input);
     }
-    rig.finish();
+    rig
 }
 
 fn machine(first: u8) -> &'static Machine {
@@ -45,7 +60,8 @@ fn start(first: u8) -> Rig {
         rig.tick();
         rig.tick();
         home(&mut rig, 0.0, &mut Input(&[]));
-        rig.ask(Request::Tare);
+        let tared = rig.ask(Request::Tare);
+        assert_eq!(tared == Reply::Done, !rig.sensors.forces.is_empty(), "{tared:?}");
     }
     rig
 }
@@ -144,10 +160,10 @@ fn step(rig: &mut Rig, encoded: &[u8], input: &mut Input<'_>) {
     }
 }
 
-fn home(rig: &mut Rig, step: f32, input: &mut Input<'_>) {
+fn home(rig: &mut Rig, step: f32, input: &mut Input<'_>) -> Reply {
     let positions = rig.sensors.encoders.iter().map(|_| if step > 0.0 { input.number(step) } else { 0.0 });
     let positions = positions.collect();
-    rig.ask(Request::Home { positions });
+    rig.ask(Request::Home { positions })
 }
 
 fn task(rig: &Rig, input: &mut Input<'_>) -> TaskConfig {

@@ -1,12 +1,17 @@
 //! A node, and what must hold whatever it is asked and whatever its sensors read.
 
+use std::collections::BTreeSet;
+
+use tesaki::fault::FaultCause;
 use tesaki::model::{MAX_JOINTS, RobotModel};
 use tesaki::node::{MAX_STATE, Node, Replay};
 use tesaki::protocol::codec::{MAX_FRAME, checksum, encode};
 use tesaki::protocol::{
-    ActuatorFrame, BoardStatus, FromBoard, Item, LogRecord, MODEL_CHUNK, Mode, Reply, Request, RequestFrame,
-    SensorFrame, Stream,
+    ActuatorFrame, BoardStatus, FromBoard, Item, LogRecord, MODEL_CHUNK, Mode, Refusal, Reply, Request,
+    RequestFrame, SensorFrame, Stream, TaskReport, Telemetry,
 };
+use tesaki::task::impedance::{ImpedanceCommand, ImpedanceRefusal, ImpedanceSettings, InvalidSettings};
+use tesaki::task::{TaskCommand, TaskConfig, TaskKind, TaskRefusal, TaskTelemetry};
 
 /// Period of the ticks [s].
 const TICK: f32 = 0.01;
@@ -19,6 +24,8 @@ pub struct Rig {
     pub sensors: SensorFrame,
     /// Ticks so far.
     pub ticks: u32,
+    /// The phases, contacts and faults so far, where somebody asks for them.
+    pub reached: Option<BTreeSet<String>>,
     /// Of the last request of client 1.
     sequence: u16,
     twin: Option<Box<Node>>,
@@ -29,6 +36,8 @@ pub struct Rig {
     may_be_enabled: bool,
     /// Ticks since the commander was last heard.
     silence: u32,
+    /// Whether the model is still the first one: with others, numbers leave the range of floats.
+    first_model: bool,
 }
 
 impl Rig {
@@ -39,12 +48,14 @@ impl Rig {
             node: Box::new(node.clone()),
             sensors,
             ticks: 0,
+            reached: None,
             sequence,
             twin: repeat.then(|| Box::new(node.clone())),
             records: Vec::new(),
             last: ActuatorFrame::default(),
             may_be_enabled: false,
             silence: 0,
+            first_model: true,
         }
     }
 
@@ -56,14 +67,22 @@ impl Rig {
 
     /// Sends a request of any client.
     pub fn send(&mut self, frame: RequestFrame) -> Reply {
+        let face = Face::of(&self.node);
         let before = self.node.mode();
+        let commander = self.node.status(&BoardStatus::default()).node.commander;
         let reply = self.node.handle(&frame, &BoardStatus::default());
         fits_a_frame(&FromBoard::Reply(reply.clone()));
         let reply = reply.reply;
         let (after, done) = (self.node.mode(), reply == Reply::Done);
-        if let Reply::Refused(refusal) = &reply {
-            assert_eq!(before, after, "refused, but the mode changed: {frame:?}");
-            let _ = refusal.to_string();
+        match &reply {
+            Reply::Refused(refusal) => {
+                assert_eq!(face.encoded(), Face::of(&self.node).encoded(), "refused: {frame:?}");
+                let _ = refusal.to_string();
+            }
+            Reply::Exported { length, .. } if matches!(frame.request, Request::Export(Item::State)) => {
+                assert!(usize::try_from(*length).is_ok_and(|length| length <= MAX_STATE), "{length} bytes");
+            }
+            _ => {}
         }
         if let (Mode::Disabled | Mode::Fault, Mode::Enabled(_)) = (before, after) {
             assert!(before == Mode::Disabled && done, "{before:?} to {after:?} with {reply:?}");
@@ -77,7 +96,14 @@ impl Rig {
             }
             Request::Stop => assert!(done && !matches!(after, Mode::Enabled(_)), "{reply:?}, {after:?}"),
             Request::Enable(_) | Request::Task(_) | Request::Keep if done => self.silence = 0,
+            Request::ModelCommit => self.first_model &= !done,
             _ => {}
+        }
+        if commander == Some(frame.client) {
+            check_command(before, &frame.request, &reply);
+        }
+        if let Some(settings) = settings(&frame.request) {
+            self.check_settings(settings, &reply);
         }
         if self.twin.is_some() {
             self.records.push(LogRecord::Request(frame));
@@ -113,6 +139,8 @@ impl Rig {
             let silence = self.silence as f32 * TICK;
             assert!(!enabled || silence <= timeout + 2.0 * TICK, "no command for {silence} s");
         }
+        self.check_numbers();
+        self.note();
         self.last = actuators.clone();
         if self.twin.is_some() {
             self.records.push(LogRecord::Sensors(frame));
@@ -121,6 +149,56 @@ impl Rig {
         if self.ticks.is_multiple_of(8) {
             self.read();
         }
+    }
+
+    /// Settings of an impedance are accepted only where they are valid, and called invalid only where they
+    /// are not; that a mass is too small for the arm's own depends on the posture.
+    fn check_settings(&self, settings: &ImpedanceSettings, reply: &Reply) {
+        let Some(robot) = self.node.robot() else { return };
+        let valid = settings.validate(robot.model().joints.len()).is_ok();
+        let refused = match reply {
+            Reply::Refused(Refusal::Task(TaskRefusal::Impedance(ImpedanceRefusal::Settings(why)))) => {
+                !matches!(why, InvalidSettings::MassInContact { .. })
+            }
+            Reply::Done => false,
+            _ => return,
+        };
+        assert_eq!(valid, !refused, "{reply:?}: {settings:?}");
+    }
+
+    /// Everything that is computed of the readings is finite, whatever they are.
+    fn check_numbers(&self) {
+        if !self.first_model {
+            return;
+        }
+        let task = self.node.task_report().map(|report| report.telemetry);
+        let numbers = match &task {
+            Some(TaskTelemetry::Grasping(grasp)) => {
+                [&grasp.position[..], &grasp.orientation, &grasp.load, grasp.target_forces.as_flattened()]
+                    .concat()
+            }
+            Some(TaskTelemetry::Impedance(tool)) => {
+                let scalars = [tool.sigma_min, tool.elbow, tool.derating];
+                [&tool.position[..], &tool.rotation, &tool.error, &tool.wrench, &scalars].concat()
+            }
+            _ => Vec::new(),
+        };
+        assert!(numbers.iter().all(|number| number.is_finite()), "{task:?}");
+        let fault = self.node.faults().faults.iter().find(|fault| fault.cause == FaultCause::NotFinite);
+        assert!(fault.is_none(), "{}", fault.map(ToString::to_string).unwrap_or_default());
+    }
+
+    /// Notes the phase of a grasp, whether an arm is in contact, and the last fault.
+    fn note(&mut self) {
+        let Some(reached) = &mut self.reached else { return };
+        match self.node.task_report().map(|report| report.telemetry) {
+            Some(TaskTelemetry::Grasping(grasp)) => reached.insert(format!("{:?}", grasp.phase)),
+            Some(TaskTelemetry::Impedance(tool)) if matches!(self.node.mode(), Mode::Enabled(_)) => {
+                reached.insert(if tool.contact { "contact" } else { "free" }.to_owned())
+            }
+            _ => false,
+        };
+        reached.extend(self.node.faults().faults.last().map(|fault| format!("{:?}", fault.cause)));
     }
 
     /// Finite, within the limits and their rates, and 0 while the outputs are off.
@@ -187,12 +265,11 @@ impl Rig {
         accepted
     }
 
-    /// Reads the whole state; it is as long as announced, and no longer than there is room.
+    /// Reads the whole state or model; it is as long as announced.
     pub fn export(&mut self, item: Item) {
         let Reply::Exported { length, checksum: announced, .. } = self.ask(Request::Export(item)) else {
             return;
         };
-        assert!(item == Item::Model || usize::try_from(length).is_ok_and(|length| length <= MAX_STATE));
         let mut bytes = Vec::new();
         while bytes.len() < usize::try_from(length).unwrap_or(usize::MAX) {
             let offset = u32::try_from(bytes.len()).unwrap_or(u32::MAX);
@@ -218,4 +295,57 @@ impl Rig {
 fn fits_a_frame(message: &FromBoard) {
     let mut frame = [0; MAX_FRAME];
     encode(message, &mut frame).unwrap_or_else(|error| panic!("{error}: {message:?}"));
+}
+
+/// A running task refuses its own commands only for reasons of its own, unless they come late, or of one who
+/// since said hello with another schema.
+fn check_command(mode: Mode, request: &Request, reply: &Reply) {
+    let (Mode::Enabled(kind), Request::Task(command)) = (mode, request) else { return };
+    let own = matches!(
+        (kind, command),
+        (TaskKind::JointServo, TaskCommand::JointServo(_))
+            | (TaskKind::Grasping, TaskCommand::Grasping(_))
+            | (TaskKind::Impedance, TaskCommand::Impedance(_))
+    );
+    let heard = match reply {
+        Reply::Refused(refusal) => {
+            matches!(refusal, Refusal::Stale { .. } | Refusal::SchemaMismatch { .. } | Refusal::Task(_))
+        }
+        reply => *reply == Reply::Done,
+    };
+    assert!(!own || heard, "{kind:?}: {reply:?} to {command:?}");
+}
+
+/// The settings of an impedance in a request.
+const fn settings(request: &Request) -> Option<&ImpedanceSettings> {
+    match request {
+        Request::Enable(TaskConfig::Impedance(settings))
+        | Request::Task(TaskCommand::Impedance(ImpedanceCommand::Configure(settings))) => Some(settings),
+        _ => None,
+    }
+}
+
+/// What a refused request leaves as it is.
+struct Face {
+    mode: Mode,
+    telemetry: Telemetry,
+    task: Option<TaskReport>,
+    model: Option<RobotModel>,
+}
+
+impl Face {
+    fn of(node: &Node) -> Self {
+        Self {
+            mode: node.mode(),
+            telemetry: node.telemetry(),
+            task: node.task_report(),
+            model: node.robot().map(|robot| robot.model().clone()),
+        }
+    }
+
+    /// Every bit of it.
+    fn encoded(&self) -> Vec<u8> {
+        let parts = (self.mode, &self.telemetry, &self.task, &self.model);
+        postcard::to_stdvec(&parts).expect("all of it has an encoding")
+    }
 }

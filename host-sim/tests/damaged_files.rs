@@ -1,10 +1,12 @@
-//! Damaged files of the simulator: recorded motions of an operator's hand, and objects.
+//! Damaged files of the simulator are refused, or are what they should be: recorded motions of an operator's
+//! hand, and objects.
+#![allow(clippy::unwrap_used, reason = "tests")]
 
+use std::path::Path;
+
+use tesaki_rng::Rng;
 use tesaki_sim::operator::Recorded;
 use tesaki_sim::plant::ObjectValues;
-use tesaki_tests::robot_folder;
-
-use super::random::Random;
 
 /// Files of each kind; the same ones each time.
 const RUNS: u64 = 3000;
@@ -37,16 +39,18 @@ const WORDS: &[&str] = &[
 ];
 
 /// `text` with some of its pieces removed, repeated or replaced.
-fn damaged(random: &mut Random, text: &str) -> String {
+fn damaged(seed: u64, text: &str) -> String {
+    let mut rng = Rng::new(seed, 0);
+    let mut below = |limit: usize| rng.below(limit.try_into().unwrap()) as usize;
     let mut chars: Vec<char> = text.chars().collect();
-    for _ in 0..1 + random.below(4) {
-        let start = random.below(chars.len() + 1);
-        let end = chars.len().min(start + random.below(12));
-        let piece: Vec<char> = match random.below(4) {
+    for _ in 0..=below(4) {
+        let start = below(chars.len() + 1);
+        let end = chars.len().min(start + below(12));
+        let piece: Vec<char> = match below(4) {
             0 => Vec::new(),
             1 => chars[start..end].repeat(2),
-            2 => (0..random.below(4)).map(|_| char::from(random.below(128) as u8)).collect(),
-            _ => WORDS[random.below(WORDS.len())].chars().collect(),
+            2 => (0..below(4)).map(|_| char::from_u32(below(128).try_into().unwrap()).unwrap()).collect(),
+            _ => WORDS[below(WORDS.len())].chars().collect(),
         };
         chars.splice(start..end, piece);
     }
@@ -54,7 +58,7 @@ fn damaged(random: &mut Random, text: &str) -> String {
 }
 
 #[test]
-fn a_damaged_motion_is_refused_or_has_finite_poses() {
+fn a_damaged_motion_is_refused_or_takes_time() {
     let mut good = "time,x,y,z,qx,qy,qz,qw\n".to_owned();
     for n in 0..6 {
         good += &format!("{n}.5,0.{n},0,-1e-1,0,0,0.{n},1\n");
@@ -62,7 +66,7 @@ fn a_damaged_motion_is_refused_or_has_finite_poses() {
     assert!(Recorded::from_csv(&good).is_ok());
     let mut accepted = 0;
     for seed in 0..RUNS {
-        let text = damaged(&mut Random(seed), &good);
+        let text = damaged(seed, &good);
         match Recorded::from_csv(&text) {
             Ok(motion) => {
                 accepted += 1;
@@ -78,18 +82,16 @@ fn a_damaged_motion_is_refused_or_has_finite_poses() {
 fn a_damaged_object_is_refused_or_valid() {
     let mut accepted = 0;
     for name in ["box", "cylinder", "wedge"] {
-        let file = robot_folder("hand3").join("objects").join(name).with_extension("toml");
-        let good = std::fs::read_to_string(file).unwrap();
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/hand3/objects");
+        let good = std::fs::read_to_string(folder.join(name).with_extension("toml")).unwrap();
         assert!(ObjectValues::from_toml(&good).is_ok());
         for seed in 0..RUNS / 3 {
-            match ObjectValues::from_toml(&damaged(&mut Random(seed), &good)) {
+            match ObjectValues::from_toml(&damaged(seed, &good)) {
                 Ok(object) => {
                     accepted += 1;
-                    assert!(object.mass > 0.0 && object.mass.is_finite(), "{name}, seed {seed}: {object:?}");
-                    assert!(
-                        object.size.iter().all(|size| size.is_finite() && *size > 0.0),
-                        "{name}, seed {seed}"
-                    );
+                    let numbers = [&[object.mass][..], &object.size].concat();
+                    let all = numbers.iter().all(|number| number.is_finite() && *number > 0.0);
+                    assert!(all, "{name}, seed {seed}: {object:?}");
                 }
                 Err(error) => assert!(!error.to_string().is_empty()),
             }
