@@ -134,6 +134,13 @@ fn bad_input_is_answered_with_what_to_do() {
             format!("--duration {duration}: the time of hand3-turn is fixed, 20 s; leave the option out");
         says(&host_sim(&["run", "hand3-turn", "--duration", duration]), 2, &[&told]);
     }
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("file");
+    std::fs::write(&file, "mass = -1").unwrap();
+    let (below, file) = (file.join("below"), file.to_str().unwrap());
+    let grasp = concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/hand3/grasps/box.toml");
+    says(&host_sim(&["render-knob", "--out", below.to_str().unwrap()]), 2, &[below.to_str().unwrap()]);
+    says(&host_sim(&["serve", "--grasp", grasp, "--object", file]), 2, &[file]);
     let no_image = ["run", "hand3-servo", "--controller", "qemu", "--elf", "/nowhere/image"];
     says(&host_sim(&no_image), 2, &["no firmware image at /nowhere/image", "cargo xtask firmware"]);
 }

@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use sha2::{Digest, Sha256};
+use tesaki_description::read_text;
 use tesaki_description::robot::RobotFolder;
 use tesaki_output::{note, say};
 use tesaki_sim::controller::{Controller, Native, Watched};
@@ -19,7 +20,7 @@ use tesaki_sim::scenario::{Outcome, Scenario, Setting, encode_record};
 use tesaki_supervisor::Board;
 
 use super::interrupt::{self, Interruptible};
-use super::{ControllerKind, default_image, find_scenario, progress_bar, seeds, view, workspace};
+use super::{ControllerKind, default_image, find_scenario, of_file, progress_bar, seeds, view, workspace};
 
 #[derive(Args)]
 pub struct Run {
@@ -256,7 +257,7 @@ fn run_seed(
             "plant_link_damage",
             Metric::at_most("Damaged plant-link frames", damaged.into(), 0.0, ""),
         );
-        let digest = Sha256::digest(std::fs::read(&options.elf)?);
+        let digest = Sha256::digest(std::fs::read(&options.elf).map_err(of_file(&options.elf))?);
         summary = summary.elf_sha256(digest.iter().map(|byte| format!("{byte:02x}")).collect::<String>());
     }
     if let Some(identical) = watched.identical() {
@@ -331,8 +332,10 @@ fn save(
     files.extend(outcome.tables.iter().map(|(name, text)| (name.as_str(), text.as_str())));
     write(&dir, &files)?;
     write(&dir.join("figures"), &figure_files(&outcome.figures))?;
-    std::fs::write(dir.join("frames.log"), record)?;
-    let urdf = std::fs::read_to_string(folder.join("robot.urdf"))?;
+    let log = dir.join("frames.log");
+    std::fs::write(&log, record).map_err(of_file(&log))?;
+    let urdf = folder.join("robot.urdf");
+    let urdf = read_text(&urdf).map_err(of_file(&urdf))?;
     outcome.motion.write(&dir.join("recording.mcap"), &urdf)?;
     Ok(std::path::absolute(dir.join("index.html"))?)
 }

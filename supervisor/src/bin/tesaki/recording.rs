@@ -14,7 +14,6 @@ use tesaki::protocol::{
     EXPORT_CHUNK, FromBoard, Item, LogEntry, LogRecord, LogStart, MODEL_CHUNK, Refusal, Request,
     RequestFrame, SCHEMA_KEY, Stream, Telemetry,
 };
-use tesaki_description::read_text;
 use tesaki_description::robot::RobotFolder;
 use tesaki_recording::{McapError, McapFile, Recording};
 use tesaki_supervisor::faults::{FaultFollower, FaultsBefore, describe};
@@ -24,6 +23,7 @@ use tesaki_supervisor::{Board, BoardError};
 use crate::args::{Options, Record};
 use crate::board_session::{BoardSession, hex, interrupted, version};
 use crate::failure::Failure;
+use crate::model::urdf_text;
 use crate::output;
 
 /// Period of the lines of JSON, and of requests for streams that have stopped.
@@ -87,8 +87,7 @@ impl<'a> Recorder<'a> {
         let model = session.model()?;
         let robot = args.robot.as_deref().map(RobotFolder::load).transpose()?;
         require_own(robot.as_ref(), &model)?;
-        let urdf = robot.as_ref().map(|robot| read_text(&robot.path.join("robot.urdf")));
-        let urdf = urdf.transpose().map_err(Failure::file("robot.urdf"))?;
+        let urdf = robot.as_ref().map(urdf_text).transpose()?;
         let [log_path, mcap_path] = ["log", "mcap"].map(|extension| with_extension(&args.name, extension));
         if !args.force
             && let Some(path) = [&log_path, &mcap_path].into_iter().find(|path| path.exists())
