@@ -18,6 +18,7 @@ mod view;
 use std::path::PathBuf;
 use std::time::Duration;
 
+use clap::builder::FalseyValueParser;
 use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};
 use tesaki::control::ServoMode;
 use tesaki_supervisor::fault_injector::LinkFaults;
@@ -78,13 +79,13 @@ pub struct Options {
     #[arg(long, global = true, env = "TESAKI_TIMEOUT", default_value = "2", value_parser = seconds, allow_negative_numbers = true)]
     pub timeout: Duration,
     /// Print JSON: a single object, or one per line while a command runs
-    #[arg(long, global = true, env = "TESAKI_JSON")]
+    #[arg(long, global = true, env = "TESAKI_JSON", value_parser = FalseyValueParser::new())]
     pub json: bool,
     /// Do not ask for confirmation (never asked for without a terminal)
-    #[arg(long, global = true, env = "TESAKI_NON_INTERACTIVE")]
+    #[arg(long, global = true, env = "TESAKI_NON_INTERACTIVE", value_parser = FalseyValueParser::new())]
     pub non_interactive: bool,
     /// Take command even if another program holds it; refused while the board is enabled
-    #[arg(long, global = true, env = "TESAKI_TAKE_OVER")]
+    #[arg(long, global = true, env = "TESAKI_TAKE_OVER", value_parser = FalseyValueParser::new())]
     pub take_over: bool,
     /// Inject faults into the link, for example seed=1,flip=1e-4,drop=1e-4 or all=1e-3
     #[arg(long, global = true, env = "TESAKI_LINK_FAULTS", value_name = "FAULTS")]
