@@ -101,6 +101,12 @@ impl BoardError {
             refusal => Self::Refused { action, refusal },
         }
     }
+
+    /// Whether the same question may be answered soon, without anything being done about it: for programs
+    /// that watch a board, and outlive its silence and its resets.
+    pub const fn passes(&self) -> bool {
+        matches!(self, Self::Timeout { .. } | Self::Interrupted | Self::ExportDisturbed | Self::Reset)
+    }
 }
 
 /// Data exported by a board.
@@ -458,4 +464,17 @@ const fn wrong(action: &'static str, reply: &Reply) -> BoardError {
         Reply::Task(_) => "a report on its task",
     };
     BoardError::WrongReply { action, reply }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn who_watches_outlives_a_reset_and_not_another_version() {
+        let greet = |board| Refusal::SchemaMismatch { board, firmware: [0, 1, 0] };
+        let refused = |refusal| BoardError::refused("export", refusal);
+        assert!(refused(greet(SCHEMA_KEY)).passes() && BoardError::Timeout { seconds: 1.0 }.passes());
+        assert!(!refused(greet(!SCHEMA_KEY)).passes() && !refused(Refusal::NoModel).passes());
+    }
 }

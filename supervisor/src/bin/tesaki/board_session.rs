@@ -91,6 +91,17 @@ impl BoardSession {
         })
     }
 
+    /// The model on the board; `None` where there is none, or where it cannot be read just now: the next
+    /// status tells whether there is one.
+    pub fn model_if_there(&mut self) -> Result<Option<RobotModel>, Failure> {
+        match self.model() {
+            Ok(model) => Ok(Some(model)),
+            Err(Failure::NoModel) => Ok(None),
+            Err(Failure::Board(error)) if error.passes() => Ok(None),
+            Err(failure) => Err(failure),
+        }
+    }
+
     /// Description of the [faults to blame](faults::blamed), with the joint's name if the model is known, and
     /// the entries of the document that explain them.
     pub fn fault(&mut self, model: Option<&RobotModel>) -> Result<String, Failure> {
@@ -141,7 +152,7 @@ impl BoardSession {
         match answer {
             Ok(()) => Ok(true),
             // The caller tries again later.
-            Err(BoardError::Timeout { .. } | BoardError::Interrupted) => Ok(false),
+            Err(error) if error.passes() => Ok(false),
             Err(error) => Err(error.into()),
         }
     }

@@ -17,7 +17,7 @@ use tesaki_description::robot::RobotFolder;
 use tesaki_recording::{Live, LiveMessage, McapError, Publisher};
 use tesaki_supervisor::faults::{FaultFollower, describe};
 use tesaki_supervisor::publication::{Publication, STREAMS, require_own};
-use tesaki_supervisor::{Board as _, BoardError};
+use tesaki_supervisor::Board as _;
 use tesaki_viewer::server::{Event, Server, Site};
 use tungstenite::Message;
 
@@ -202,20 +202,10 @@ impl Share {
         if self.model.as_ref().map(|(_, checksum)| *checksum) == checksum {
             return Ok(());
         }
-        self.model = match checksum.map(|checksum| (self.session.model(), checksum)) {
-            Some((Ok(model), checksum)) => Some((model, checksum)),
-            // The next status comes soon.
-            None
-            | Some((
-                Err(
-                    Failure::NoModel
-                    | Failure::Board(
-                        BoardError::Timeout { .. } | BoardError::ExportDisturbed | BoardError::Reset,
-                    ),
-                ),
-                _,
-            )) => None,
-            Some((Err(failure), _)) => return Err(failure),
+        self.model = match checksum {
+            // Where it cannot be read, the next status comes soon.
+            Some(checksum) => self.session.model_if_there()?.map(|model| (model, checksum)),
+            None => None,
         };
         self.publication.use_model(self.model.as_ref().map(|(model, checksum)| (model, *checksum)));
         Ok(())
