@@ -164,16 +164,24 @@ pub fn run(options: &Run) -> Result<bool, Box<dyn Error>> {
     }
 }
 
-/// Runs all seeds and saves the report; `false` if a metric failed.
+/// Runs all seeds and saves the report, also of those before one that errs; `false` if a metric failed.
 pub(super) fn compute(
     scenario: &Scenario,
     options: &Run,
     live: Option<&LiveRun>,
 ) -> Result<bool, Box<dyn Error>> {
     let mut summaries = Vec::new();
-    let mut written = None;
+    let (mut written, mut failed) = (None, None);
     for seed in options.seed.clone() {
-        let (summary, outcome, record) = run_seed(scenario, options, seed, live)?;
+        let (summary, outcome, record) = match run_seed(scenario, options, seed, live) {
+            Ok(result) => result,
+            // What came to its end is not lost.
+            Err(error) if !summaries.is_empty() => {
+                failed = Some(format!("seed {seed}: {error}; it and those after it are not in the report"));
+                break;
+            }
+            Err(error) => return Err(error),
+        };
         if options.json {
             say!("{}", serde_json::to_string(&summary)?);
         }
@@ -193,7 +201,7 @@ pub(super) fn compute(
             say!("Report: {}", page.display());
         }
     }
-    Ok(passed)
+    failed.map_or(Ok(passed), |error| Err(error.into()))
 }
 
 pub(super) fn robot_folder(scenario: &Scenario, options: &Run) -> PathBuf {
