@@ -266,7 +266,7 @@ fn run_seed(
             Metric::at_most("Damaged plant-link frames", damaged.into(), 0.0, ""),
         );
         let digest = Sha256::digest(std::fs::read(&options.elf).map_err(of_file(&options.elf))?);
-        summary = summary.elf_sha256(digest.iter().map(|byte| format!("{byte:02x}")).collect::<String>());
+        summary = summary.elf_sha256(format!("{digest:x}"));
     }
     if let Some(identical) = watched.identical() {
         summary = summary.identical(identical);
