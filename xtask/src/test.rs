@@ -1,6 +1,6 @@
 //! `cargo xtask test`: everything, in the order in which a mistake shows soonest.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::{Duration, Instant};
 
