@@ -100,10 +100,15 @@ fn circles_and_poses_become_a_table_of_the_robot() {
         assert!(out.contains(words), "{words}: {out}");
     }
     tesaki_description::hand_eye::load(folder).unwrap();
+    // Who has the old file has it whole.
+    std::fs::write(folder.join("hand_eye.toml"), "old").unwrap();
+    std::fs::hard_link(folder.join("hand_eye.toml"), folder.join("old")).unwrap();
     let (_, out, _) = run(folder, &[&CIRCLES[..], &["--json", "--out", "hand_eye.toml"]].concat());
     let value: Value = serde_json::from_str(&out).unwrap();
     assert!((value["camera"]["focal"].as_f64().unwrap() - ORACLE.1[6].0).abs() < 0.01, "{out}");
     assert_eq!((&value["circles"], &value["rejected"][1]["line"]), (&30.into(), &22.into()));
+    tesaki_description::hand_eye::load(folder).unwrap();
+    assert_eq!(std::fs::read_to_string(folder.join("old")).unwrap(), "old");
     // The robot's table is not lost by the default, nor is the input.
     let (code, _, error) = run(folder, &CIRCLES);
     assert!(code == 2 && error.contains("hand_eye.toml exists, and would be lost"), "{error}");

@@ -102,8 +102,13 @@ fn wrong_names_and_folders_that_exist_are_refused() {
     let again = ["model", "init", urdf, "--accept-inertia", "all", "--out", out.to_str().unwrap()];
     let (code, text) = run(&again);
     assert!(code == 1 && text.contains("robot.urdf exists") && text.contains("--force"), "{text}");
+    // Who has an old file has it whole.
+    std::fs::write(out.join("plant.toml"), "old").unwrap();
+    std::fs::hard_link(out.join("plant.toml"), folder.path().join("old")).unwrap();
     let (code, text) = run(&[&again[..], &["--force"]].concat());
     assert_eq!(code, 0, "{text}");
+    assert_eq!(std::fs::read_to_string(folder.path().join("old")).unwrap(), "old");
+    check(&out);
 }
 
 /// The URDF of the hand, with another name.

@@ -73,8 +73,7 @@ fn table(solved: &[(FingerLinks, CalibrationAccuracy); FINGERS], out: Option<&Pa
             finger.name()
         );
     }
-    let written = out.map(|out| format!("written to {}", out.display()));
-    text + &written.unwrap_or_else(|| "not written to a file".to_owned())
+    text + &output::written_to(out)
 }
 
 /// Why there is no calibration, and what to do.

@@ -99,7 +99,7 @@ fn write(folder: &Path, urdf: &Path, texts: &RobotTexts, force: bool) -> Result<
         return Err(Failure::Other(message));
     }
     for (file, text) in &files {
-        std::fs::write(file, text).map_err(Failure::file(file))?;
+        output::replace(file, text).map_err(Failure::file(file))?;
     }
     Ok(files.into_iter().map(|(file, _)| file).collect())
 }

@@ -79,7 +79,7 @@ pub fn by_joint(values: &[f32], model: &RobotModel) -> serde_json::Value {
     serde_json::Value::Object(names.zip(values.iter().map(exact)).collect())
 }
 
-pub use file::{require_writable, save};
+pub use file::{replace, require_writable, save, written_to};
 pub use queue::set_controls;
 
 /// Prints a line.
