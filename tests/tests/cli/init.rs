@@ -101,7 +101,7 @@ fn wrong_names_and_folders_that_exist_are_refused() {
     init(Path::new(urdf), &out, &["--accept-inertia", "all"]);
     let again = ["model", "init", urdf, "--accept-inertia", "all", "--out", out.to_str().unwrap()];
     let (code, text) = run(&again);
-    assert!(code == 1 && text.contains("robot.urdf exists") && text.contains("--force"), "{text}");
+    assert!(code == 2 && text.contains("robot.urdf exists") && text.contains("--force"), "{text}");
     // Who has an old file has it whole.
     std::fs::write(out.join("plant.toml"), "old").unwrap();
     std::fs::hard_link(out.join("plant.toml"), folder.path().join("old")).unwrap();

@@ -75,7 +75,7 @@ fn a_board_is_shared_with_other_machines_by_a_key_only() {
     let (key, wrong) = (path("lab.key"), path("wrong.key"));
     assert!(server.succeeds(&["key", &key]).contains(&format!("--key {key}")));
     server.succeeds(&["key", &wrong]);
-    server.fails(&["key", &key], 1, &[&key, "exists already"]);
+    server.fails(&["key", &key], 2, &[&key, "exists already"]);
 
     let share = Share::start(&server, &["share", "tcp://0.0.0.0:0", "--key", &key]);
     assert!(share.said.contains("every program with this key may command the board"), "{}", share.said);

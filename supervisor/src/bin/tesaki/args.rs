@@ -45,7 +45,7 @@ Exit codes:
   0  done
   1  failed: unreadable file, invalid robot folder, differing or damaged recording, problem found by
      `doctor`, board that was reset meanwhile
-  2  invalid arguments
+  2  invalid arguments, or a file that exists and is not to be replaced
   3  no device found, or it cannot be opened
   4  the board and this program use different versions of the protocol
   5  the board is in fault

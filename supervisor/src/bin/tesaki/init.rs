@@ -96,7 +96,7 @@ fn write(folder: &Path, urdf: &Path, texts: &RobotTexts, force: bool) -> Result<
             "{} exists: choose another folder with --out, or overwrite it with --force",
             file.display()
         );
-        return Err(Failure::Other(message));
+        return Err(Failure::Usage(message));
     }
     for (file, text) in &files {
         output::replace(file, text).map_err(Failure::file(file))?;

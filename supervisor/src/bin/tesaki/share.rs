@@ -63,7 +63,10 @@ pub fn share(options: &Options, listen: &Address) -> Result<(), Failure> {
 }
 
 pub fn create_key(options: &Options, file: &Path) -> Result<(), Failure> {
-    Key::create(file).map_err(Failure::file(file))?;
+    Key::create(file).map_err(|error| match error.kind() {
+        io::ErrorKind::AlreadyExists => Failure::Usage(format!("{}: {error}", file.display())),
+        _ => Failure::file(file)(error),
+    })?;
     output::result(options, &json!({ "key": file }), || {
         format!(
             "{0}: a new key. Copy it to the other machines over a safe way, and give it with `--key {0}` at \
