@@ -503,3 +503,13 @@ fn wrong_masses_do_not_matter_and_wrong_limits_do_for_the_inverse_alone() {
     let (code, _, err) = tesaki(&["eval", "fk", "--robot", robot, "--in", "-"], "finger_joint\n0\n");
     assert!(code == 1 && err.contains("robot.urdf:") && err.contains("does not exist"), "{err}");
 }
+
+#[test]
+fn a_table_without_end_is_not_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let table = folder.path().join("huge.csv");
+    std::fs::File::create(&table).unwrap().set_len(1 << 30).unwrap();
+    let arguments = ["eval", "fk", "--robot", &robot(ROBOTS[0].0), "--in", table.to_str().unwrap()];
+    let (code, _, error) = tesaki(&arguments, "");
+    assert!(code == 1 && error.contains("huge.csv: larger than 128 MiB"), "{error}");
+}

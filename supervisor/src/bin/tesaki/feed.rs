@@ -220,6 +220,17 @@ pub fn read<T: From<String>>(inlet: &Inlet<T>) {
     {}
 }
 
+/// All of `input`, unless it has more than `most` bytes, as a device may have.
+pub fn read_all(input: impl Read, most: u64) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    input.take(most + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > most {
+        let message = format!("larger than {} MiB: is it the right file?", most >> 20);
+        return Err(io::Error::new(io::ErrorKind::FileTooLarge, message));
+    }
+    Ok(bytes)
+}
+
 /// The next line; `None` at the end.
 pub fn line(input: &mut impl BufRead) -> Option<io::Result<String>> {
     let mut bytes = Vec::new();

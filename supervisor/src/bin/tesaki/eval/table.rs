@@ -1,12 +1,17 @@
 //! Tables of numbers as CSV, with errors that name file, line and column.
 
-use std::io::{self, Read};
+use std::fs::File;
+use std::io;
 use std::path::Path;
 use std::str::FromStr;
 
 use csv::{ReaderBuilder, StringRecord, Trim};
 
 use crate::failure::Failure;
+use crate::feed::read_all;
+
+/// Most bytes of a table: a million rows of sixteen numbers.
+const MAX_TABLE: u64 = 1 << 27;
 
 /// A CSV file: a header of names, rows of numbers.
 pub struct Table {
@@ -24,13 +29,12 @@ pub struct Row {
 impl Table {
     /// Reads the file at `path`; `-` is standard input.
     pub fn read(path: &Path) -> Result<Self, Failure> {
-        let mut text = Vec::new();
         if path == Path::new("-") {
-            io::stdin().read_to_end(&mut text).map_err(Failure::file("standard input"))?;
+            let text = read_all(io::stdin(), MAX_TABLE).map_err(Failure::file("standard input"))?;
             Self::parse("standard input", &text)
         } else {
-            text = std::fs::read(path).map_err(Failure::file(path))?;
-            Self::parse(&path.display().to_string(), &text)
+            let text = File::open(path).and_then(|file| read_all(file, MAX_TABLE));
+            Self::parse(&path.display().to_string(), &text.map_err(Failure::file(path))?)
         }
     }
 
