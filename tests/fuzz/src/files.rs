@@ -1,6 +1,6 @@
 //! The other files that users write: grasps, impedances, calibrations.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use tesaki::protocol::Request;
 use tesaki::task::grasping::GraspCommand;
@@ -16,7 +16,7 @@ use crate::node::rig::Rig;
 /// The first byte says what the text behind it is.
 pub fn run(data: &[u8]) {
     let Some((kind, text)) = data.split_first() else { return };
-    let file = write(text);
+    let file = write("input", text);
     match kind % 3 {
         0 => match grasp::load_placed(&file) {
             Err(error) => assert!(!error.to_string().is_empty()),
@@ -59,7 +59,7 @@ fn change(file: &mut CalibrationFile, calibration: &Calibration) {
         file.set(name, "viscous", None, "");
         file.remark(name, "on this day");
     }
-    let path = write(file.to_string().as_bytes());
+    let path = write("changed", file.to_string().as_bytes());
     let again = Calibration::load(&path).unwrap_or_else(|error| panic!("{error}\n{file}"));
     for joint in again.joints.values() {
         assert_eq!((joint.coulomb, joint.viscous), (Some(0.25), None), "{file}");
@@ -82,12 +82,29 @@ fn try_on(rig: &mut Rig, task: TaskConfig, command: TaskCommand) {
     }
 }
 
-/// A file with this content; it is overwritten by the next one of this thread.
-fn write(content: &[u8]) -> PathBuf {
-    let name = format!("tesaki-fuzz-{}-{:?}.toml", std::process::id(), std::thread::current().id());
+/// A file that is removed when it is no longer needed.
+struct Scratch(PathBuf);
+
+impl std::ops::Deref for Scratch {
+    type Target = Path;
+
+    fn deref(&self) -> &Path {
+        &self.0
+    }
+}
+
+impl Drop for Scratch {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_file(&self.0);
+    }
+}
+
+/// A file with this content. A thread has one of each kind at a time.
+fn write(kind: &str, content: &[u8]) -> Scratch {
+    let name = format!("tesaki-fuzz-{}-{:?}-{kind}.toml", std::process::id(), std::thread::current().id());
     let path = std::env::temp_dir().join(name);
     std::fs::write(&path, content).expect("there is room for temporary files");
-    path
+    Scratch(path)
 }
 
 /// The files that come with the robots.
