@@ -332,7 +332,7 @@ fn what_does_not_fit_is_told_with_file_line_column_and_advice() {
             &[],
             "finger_joint\n0.1\nNaN\n",
             1,
-            &["standard input:3", "column finger_joint", "NaN is no finite number"],
+            &["standard input:3", "column finger_joint", "NaN is not a finite number"],
         ),
         (
             "fk",
@@ -340,7 +340,7 @@ fn what_does_not_fit_is_told_with_file_line_column_and_advice() {
             &[],
             "finger_joint\n0.1\n30°\n",
             1,
-            &["standard input:3", "column finger_joint", "\"30°\" is no number"],
+            &["standard input:3", "column finger_joint", "\"30°\" is not a number"],
         ),
         (
             "fk",
@@ -429,7 +429,7 @@ fn what_does_not_fit_is_told_with_file_line_column_and_advice() {
             pads,
             "finger_joint,finger_joint.velocity\n0,fast\n",
             1,
-            &["standard input:2", "column finger_joint.velocity", "\"fast\" is no number"],
+            &["standard input:2", "column finger_joint.velocity", "\"fast\" is not a number"],
         ),
         (
             "rnea",

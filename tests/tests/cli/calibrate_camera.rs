@@ -184,7 +184,7 @@ fn what_is_wrong_with_a_table_is_said_by_row() {
         &|rows| rows[0] = "a,b,c,d,e,f,g,u,v,radius".to_owned(),
         "or angles [rad] of the joints base_yaw, ",
     );
-    refused(&|rows| set(&mut rows[3], 2, "NaN"), "circles.csv:4: column z: NaN is no finite number");
+    refused(&|rows| set(&mut rows[3], 2, "NaN"), "circles.csv:4: column z: NaN is not a finite number");
     refused(&|rows| set(&mut rows[3], 9, ""), "circles.csv:4: column radius is empty");
     refused(&|rows| set(&mut rows[5], 6, "1.5"), "circles.csv:6: a quaternion of norm 1.");
     refused(&|rows| set(&mut rows[5], 0, "700"), "circles.csv:6: a position of 700 m: is it in metres?");

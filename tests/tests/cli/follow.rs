@@ -540,12 +540,12 @@ fn what_cannot_be_followed_is_refused_before_anything_is_enabled() {
         all.extend(arguments);
         server.fails(&all, code, words);
     };
-    refused(&["--from", "tracker"], 2, &["is no source", "udp://127.0.0.1:PORT"]);
+    refused(&["--from", "tracker"], 2, &["is not a source", "udp://127.0.0.1:PORT"]);
     refused(&["--from", "udp://127.0.0.1:0"], 2, &["port 0 is none"]);
     refused(&["--from", "udp://0.0.0.0:7600"], 2, &["0.0.0.0 is reachable from other machines"]);
     refused(&["--from", "udp://127.0.0.1"], 2, &["expected udp://127.0.0.1:PORT"]);
     refused(&["--scale", "0"], 2, &["scale is 0; it must be between 0.001 and 100"]);
-    refused(&["--workspace", "0,1,0"], 2, &["is no box"]);
+    refused(&["--workspace", "0,1,0"], 2, &["is not a box"]);
     refused(
         &["--workspace", "1,0,0,1,0,1"],
         2,

@@ -140,7 +140,7 @@ fn what_is_wrong_with_a_file_is_said_by_line_and_column() {
     };
     refused(
         &table(&|table| table[3][2] = "nan".to_owned()),
-        &["standard input:4: column thumb_y: nan is no finite"],
+        &["standard input:4: column thumb_y: nan is not a finite"],
     );
     refused(&table(&|table| table[3][2].clear()), &["standard input:4: column thumb_y is empty"]);
     refused(
@@ -227,7 +227,7 @@ fn what_is_wrong_with_a_file_is_said_by_line_and_column() {
     assert!(code == 1 && out.contains(words), "{out}");
     let arm = tesaki_tests::robot_folder("arm7");
     let (code, _, error) = tesaki(&["retarget", "--robot", arm.to_str().unwrap(), "--in", "-"]);
-    assert!(code == 1 && error.contains("arm7 is no hand, which has two to five chains"), "{error}");
+    assert!(code == 1 && error.contains("arm7 is not a hand, which has two to five chains"), "{error}");
     assert!(error.contains("arm7/retargeting.toml is not there") && error.contains("follows = ["), "{error}");
     let (code, _, error) = tesaki(&["retarget", "--in", "-"]);
     assert!(code == 2 && error.contains("--robot"), "{error}");

@@ -55,7 +55,7 @@ impl FromStr for SightSource {
         match text.parse() {
             _ if text == "-" => Ok(Self::StandardInput),
             Ok(address @ (Address::Unix(_) | Address::Tcp(_))) => Ok(Self::Listen(address)),
-            _ => Err(format!("{text:?} is no source: expected -, unix://PATH or tcp://localhost:PORT")),
+            _ => Err(format!("{text:?} is not a source: expected -, unix://PATH or tcp://localhost:PORT")),
         }
     }
 }

@@ -113,7 +113,7 @@ impl FromStr for PoseSource {
             Some(("board", address)) => address.parse().map(Self::Board).map_err(|error| format!("{error}")),
             Some(("file", path)) if !path.is_empty() => Ok(Self::File(path.into())),
             _ => Err(format!(
-                "{text:?} is no source: expected -, udp://127.0.0.1:PORT, board:ADDRESS or file:FILE.csv"
+                "{text:?} is not a source: expected -, udp://127.0.0.1:PORT, board:ADDRESS or file:FILE.csv"
             )),
         }
     }
@@ -124,7 +124,7 @@ fn workspace(text: &str) -> Result<Workspace, String> {
     match numbers.as_deref() {
         Some(&[x0, x1, y0, y1, z0, z1]) => Ok(Workspace { lower: [x0, y0, z0], upper: [x1, y1, z1] }),
         _ => Err(format!(
-            "{text:?} is no box: expected X0,X1,Y0,Y1,Z0,Z1 in m, for example 0.2,0.5,-0.2,0.2,0,0.4"
+            "{text:?} is not a box: expected X0,X1,Y0,Y1,Z0,Z1 in m, for example 0.2,0.5,-0.2,0.2,0,0.4"
         )),
     }
 }

@@ -158,13 +158,13 @@ impl Table {
             Ok(value) if is_finite(&value) => Ok(value),
             Ok(_) => {
                 Err(self
-                    .error(row.line, &format!("column {name}: {text} is no finite number: mend the value")))
+                    .error(row.line, &format!("column {name}: {text} is not a finite number: mend the value")))
             }
             Err(_) if text.is_empty() => {
                 Err(self.error(row.line, &format!("column {name} is empty: fill in a number")))
             }
             Err(_) => {
-                let message = format!("column {name}: {text:?} is no number: write it as 0.5 or 5e-1");
+                let message = format!("column {name}: {text:?} is not a number: write it as 0.5 or 5e-1");
                 Err(self.error(row.line, &message))
             }
         }
@@ -201,9 +201,9 @@ mod tests {
             ("a,a\n1,2\n", "states.csv:1: two columns are called \"a\""),
             ("a,b\n1,2\n3\n", "states.csv:3: 1 values, but the header has 2 columns"),
             ("a,b\n1,2\n\n3,4,5\n", "states.csv:4: 3 values, but the header has 2 columns"),
-            ("a,b\n1,2\nNaN,2\n", "states.csv:3: column a: NaN is no finite number"),
-            ("a,b\n1e60,2\n", "states.csv:2: column a: 1e60 is no finite number"),
-            ("b,a\n1,2\n1,left\n", "states.csv:3: column a: \"left\" is no number"),
+            ("a,b\n1,2\nNaN,2\n", "states.csv:3: column a: NaN is not a finite number"),
+            ("a,b\n1e60,2\n", "states.csv:2: column a: 1e60 is not a finite number"),
+            ("b,a\n1,2\n1,left\n", "states.csv:3: column a: \"left\" is not a number"),
             ("b,a\n1,\n", "states.csv:2: column a is empty"),
         ] {
             let said = said(text);

@@ -38,7 +38,7 @@ pub fn run(options: &Options, args: &Retarget) -> Result<(), Failure> {
         None => {
             RetargetingSettings::check("the settings".as_ref(), "", &motion.model).0.ok_or_else(|| {
                 Failure::Usage(format!(
-                    "{} on the board is no hand of two to five fingers",
+                    "{} on the board is not a hand of two to five fingers",
                     motion.model.name
                 ))
             })?
