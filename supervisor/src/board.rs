@@ -64,7 +64,7 @@ pub enum BoardError {
     /// The wait for an answer was interrupted, see
     /// [`LinkBoard::interrupt_by`](crate::LinkBoard::interrupt_by).
     #[error(
-        "something more urgent came before the board's answer: whether this was carried out is not known"
+        "a stop was sent before the board answered: this request may or may not have been carried out"
     )]
     Interrupted,
     /// The board runs another task.

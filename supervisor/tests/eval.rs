@@ -348,7 +348,7 @@ fn what_does_not_fit_is_told_with_file_line_column_and_advice() {
             &[],
             "finger_joint,a\n0.1\n",
             1,
-            &["standard input:2", "1 values, but the header has 2 columns"],
+            &["standard input:2", "the row has 1 value, the header 2 columns"],
         ),
         (
             "fk",

@@ -345,7 +345,7 @@ fn what_does_not_fit_is_told_with_line_column_value_and_what_is_allowed() {
             "x1;y1\n0;0\n".to_owned(),
             "1: no column x1 (place of a contact [m]): separate the columns by commas",
         ),
-        (format!("{PINCH}1,2\n"), "2: 2 values, but the header has 19 columns"),
+        (format!("{PINCH}1,2\n"), "2: the row has 2 values, the header 19 columns"),
     ] {
         let (code, out, err) = tesaki(&["eval", "grip", "--in", "-"], &input);
         assert_eq!((code, out.as_str()), (1, ""), "{err}");

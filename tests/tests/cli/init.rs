@@ -135,7 +135,7 @@ fn the_name_of_a_robot_is_no_path() {
         let urdf = named(folder.path(), name);
         let (code, text) = run_inside(&urdf, &[]);
         assert!(
-            code == 2 && text.contains("no plain name") && text.contains("--out"),
+            code == 2 && text.contains("cannot be the name of a folder") && text.contains("--out"),
             "{name}: {code} {text}"
         );
         assert_eq!(std::fs::read_dir(&inner).unwrap().count(), 0, "{name}");

@@ -322,7 +322,7 @@ pub struct Home {
     /// Current joint angles, JOINT=ANGLE in rad
     #[arg(value_name = "JOINT=ANGLE", value_parser = joint_angle)]
     pub joints: Vec<(String, f32)>,
-    /// Angle of all joints that are not named [rad]
+    /// Angle of all joints that are not named, in rad, or in degrees with --degrees
     #[arg(long, allow_hyphen_values = true)]
     pub others: Option<f32>,
     /// The angles are in degrees

@@ -201,13 +201,13 @@ impl<T> Feed<T> {
             // A source may take its time to begin.
             (_, None) => (self.seen > 0 && self.heard.elapsed() > self.silence).then(|| Ending {
                 kind: EndingKind::Silent,
-                reason: format!("{} is silent for {} s", self.place, self.silence.as_secs_f64()),
+                reason: format!("{} has sent nothing for {} s", self.place, self.silence.as_secs_f64()),
             }),
         }
     }
 
     fn bad_ending(&self, error: &str) -> Ending {
-        let reason = format!("{} gives no good {} any more; {error}", self.place, self.what);
+        let reason = format!("{} sends no valid {} any more; the last error: {error}", self.place, self.what);
         Ending { kind: EndingKind::Bad, reason }
     }
 }

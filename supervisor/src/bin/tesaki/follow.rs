@@ -204,7 +204,7 @@ impl Session<'_> {
                 (_, Some(Ok(Entry::Clutch(closed)))) => self.lead.ask(closed),
                 (other, _) => output::notice(
                     self.options,
-                    &format!("standard input: {other:?} is not a command: type closed or open, for the clutch"),
+                    &format!("standard input: unknown command {other:?}: type `closed` or `open` to work the clutch"),
                 ),
             }
         }

@@ -67,7 +67,7 @@ fn folder(args: &Init, urdf: &Path, name: &str) -> Result<PathBuf, Failure> {
         (None, None) if is_plain(name) => PathBuf::from(name),
         (None, None) => {
             return Err(Failure::Usage(format!(
-                "the URDF calls the robot {name:?}, which is no plain name of a folder: name the folder with --out"
+                "the robot's name in the URDF, {name:?}, cannot be the name of a folder: give one with --out DIR"
             )));
         }
     })

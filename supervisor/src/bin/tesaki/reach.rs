@@ -175,9 +175,9 @@ fn paths(model: &RobotModel, start: &[f32], args: &Reach) -> Result<Vec<TipPath>
         let chain = Chain::new(models, &tip.tip);
         let not_a_finger = |why: String| {
             Failure::Usage(format!(
-                "the tips of {} cannot be moved along lines, because every chain must be a finger and the one to \
-                 {} is none: {why}. Use `tesaki eval ik` to find joint angles for `tesaki move`",
-                model.name, tip.name
+                "`tesaki reach` needs fingers of three joints; the chain to {} is not one: {why}. Use `tesaki eval \
+                 ik` to find joint angles for `tesaki move`",
+                tip.name
             ))
         };
         if model.mimics_of(index).next().is_some() {

@@ -53,8 +53,8 @@ pub struct Follow {
     #[arg(long, value_name = "FILE")]
     pub reflect: Option<PathBuf>,
     /// Time there and back on the links of master and slave together for --reflect [s], in place of the one
-    /// measured at the start: with links whose delay varies, the longest. More than the damping of the handle
-    /// is good for is refused
+    /// measured at the start: with links whose delay varies, the longest. If the links delay more than the
+    /// damping of the handle allows, the command is refused
     #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true, requires = "reflect")]
     pub round_trip: Option<Duration>,
     /// End after this time [s]; without it, at Ctrl-C or with the source

@@ -45,7 +45,7 @@ pub fn run(options: &Options, args: &CalibrateCamera) -> Result<(), Failure> {
     let out = args.out.as_deref().unwrap_or(&default);
     if args.out.is_none() && out.symlink_metadata().is_ok() {
         return Err(Failure::Usage(format!(
-            "{} exists, and would be lost: name the file with --out, this one to replace it",
+            "{0} exists: choose another file with --out FILE, or give --out {0} to replace it",
             out.display()
         )));
     }
