@@ -276,7 +276,7 @@ pub fn input_lines() -> Receiver<String> {
 /// does not end them.
 fn next_line(input: &mut impl BufRead) -> Option<String> {
     let mut bytes = Vec::new();
-    let length = input.take(MAX_LINE).read_until(b'\n', &mut bytes).ok()?;
+    let length = io::Read::take(&mut *input, MAX_LINE).read_until(b'\n', &mut bytes).ok()?;
     let mut line = String::from_utf8_lossy(&bytes).into_owned();
     if length as u64 == MAX_LINE && bytes.last() != Some(&b'\n') {
         line.push('…');

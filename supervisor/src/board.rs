@@ -63,9 +63,7 @@ pub enum BoardError {
     },
     /// The wait for an answer was interrupted, see
     /// [`LinkBoard::interrupt_by`](crate::LinkBoard::interrupt_by).
-    #[error(
-        "a stop was sent before the board answered: this request may or may not have been carried out"
-    )]
+    #[error("a stop was sent before the board answered: this request may or may not have been carried out")]
     Interrupted,
     /// The board runs another task.
     #[error("the board's task is {reported}, not {expected}: {expected} has to be enabled first")]

@@ -96,10 +96,7 @@ pub fn run(options: &Serve) -> Result<(), Box<dyn Error>> {
         None => None,
     };
     let listen = options.listen.clone().unwrap_or_else(|| Address::Unix(folder.path().join("board")));
-    let key = options
-        .key
-        .as_ref()
-        .map(|path| Key::read(path).map_err(of_file(path)));
+    let key = options.key.as_ref().map(|path| Key::read(path).map_err(of_file(path)));
     let mut hub = Hub::listen(&listen, key.transpose()?.as_ref())?;
     let terminal = hub.add_pty()?;
     let kind = match options.controller {

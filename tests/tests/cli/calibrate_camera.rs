@@ -111,7 +111,11 @@ fn circles_and_poses_become_a_table_of_the_robot() {
     assert_eq!(std::fs::read_to_string(folder.join("old")).unwrap(), "old");
     // The robot's table is not lost by the default, nor is the input.
     let (code, _, error) = run(folder, &CIRCLES);
-    assert!(code == 2 && error.contains("hand_eye.toml exists: choose another file with --out FILE, or give --out "), "{error}");
+    assert!(
+        code == 2
+            && error.contains("hand_eye.toml exists: choose another file with --out FILE, or give --out "),
+        "{error}"
+    );
     let (code, _, error) = run(folder, &[&CIRCLES[..], &["--out", "circles.csv"]].concat());
     assert!(code == 2 && error.contains("--in and --out are both circles.csv"), "{error}");
 }

@@ -194,7 +194,10 @@ fn what_is_wrong_with_a_file_is_said_by_line_and_column() {
     );
     refused("{\"time\": 1, \"back\": null}", &["need --operator FILE"]);
     refused("{\"time\": 1, \"landmarks\": [[0, 0, 0]]}", &["must be 21 positions"]);
-    refused("{\"time\": 1, \"landmarks\": null, \"handedness\": \"L\"}\n{", &["standard input:2: not valid JSON"]);
+    refused(
+        "{\"time\": 1, \"landmarks\": null, \"handedness\": \"L\"}\n{",
+        &["standard input:2: not valid JSON"],
+    );
     // Lines of another shape are not taken for fingers that were not measured.
     let nothing = "{\"time\": 1, \"tips\": null}\n";
     for (line, words) in [

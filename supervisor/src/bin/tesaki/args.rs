@@ -282,13 +282,8 @@ pub struct Move {
     /// Fail if the targets are not reached within this time [s]
     #[arg(long, default_value = "20", value_parser = seconds, allow_negative_numbers = true)]
     pub within: Duration,
-    /// After arrival, hold until Ctrl-C before disabling the outputs; the default where gravity pulls a joint
-    /// with more than its friction
-    #[arg(long)]
-    pub hold: bool,
-    /// After arrival, disable the outputs at once, even if the robot falls
-    #[arg(long, conflicts_with = "hold")]
-    pub no_hold: bool,
+    #[command(flatten)]
+    pub stay: Stay,
 }
 
 #[derive(Args)]
@@ -300,7 +295,7 @@ pub struct Reach {
     #[arg(long)]
     pub relative: bool,
     /// Maximum speed along the path [m/s]
-    #[arg(long, default_value_t = 0.05)]
+    #[arg(long, default_value_t = 0.05, value_parser = positive, allow_negative_numbers = true)]
     pub speed: f32,
     /// Joint servo law
     #[arg(long, value_enum, default_value_t = Servo::Observer)]
@@ -308,11 +303,18 @@ pub struct Reach {
     /// Position tolerance [m]
     #[arg(long, default_value_t = 0.002, value_parser = positive, allow_negative_numbers = true)]
     pub tolerance: f32,
-    /// After arrival, hold until Ctrl-C before disabling the outputs; the default where gravity pulls a joint
+    #[command(flatten)]
+    pub stay: Stay,
+}
+
+/// What a robot does that has done its task.
+#[derive(Args)]
+pub struct Stay {
+    /// At the end, hold until Ctrl-C before disabling the outputs; the default where gravity pulls a joint
     /// with more than its friction
     #[arg(long)]
     pub hold: bool,
-    /// After arrival, disable the outputs at once, even if the robot falls
+    /// At the end, disable the outputs at once, even if the robot falls
     #[arg(long, conflicts_with = "hold")]
     pub no_hold: bool,
 }

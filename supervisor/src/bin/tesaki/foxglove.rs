@@ -15,9 +15,9 @@ use tesaki::model::RobotModel;
 use tesaki::protocol::{FromBoard, Request, Status, Telemetry};
 use tesaki_description::robot::RobotFolder;
 use tesaki_recording::{Live, LiveMessage, McapError, Publisher};
+use tesaki_supervisor::Board as _;
 use tesaki_supervisor::faults::{FaultFollower, describe};
 use tesaki_supervisor::publication::{Publication, STREAMS, require_own};
-use tesaki_supervisor::Board as _;
 use tesaki_viewer::server::{Event, Server, Site};
 use tungstenite::Message;
 

@@ -63,13 +63,8 @@ pub struct Follow {
     /// End if the source is silent for this time [s]
     #[arg(long, value_name = "S", default_value = "5", value_parser = seconds, allow_negative_numbers = true)]
     pub silence: Duration,
-    /// At the end of the source, hold until Ctrl-C before disabling the outputs; the default where gravity
-    /// pulls a joint with more than its friction
-    #[arg(long)]
-    pub hold: bool,
-    /// At the end of the source, disable the outputs at once, even if the robot falls
-    #[arg(long, conflicts_with = "hold")]
-    pub no_hold: bool,
+    #[command(flatten)]
+    pub stay: super::Stay,
 }
 
 /// State of the clutch.

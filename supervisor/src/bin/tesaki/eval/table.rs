@@ -73,7 +73,11 @@ impl Table {
                     "the row has {}, the header {}: {}",
                     counted(row.record.len(), "value"),
                     counted(columns, "column"),
-                    if row.record.len() < columns { "add what is missing" } else { "remove what is too much" }
+                    if row.record.len() < columns {
+                        "add what is missing"
+                    } else {
+                        "remove what is too much"
+                    }
                 );
                 Err(self.error(row.line, &message))
             }

@@ -38,7 +38,10 @@ impl Camera {
             // What a file that is no V4L2 device answers.
             let is_other = error.raw_os_error() == Some(nix::errno::Errno::ENOTTY as i32);
             let error = if is_other {
-                Error::new(ErrorKind::InvalidInput, "it is not a camera; `v4l2-ctl --list-devices` lists them")
+                Error::new(
+                    ErrorKind::InvalidInput,
+                    "it is not a camera; `v4l2-ctl --list-devices` lists them",
+                )
             } else {
                 error
             };
