@@ -200,7 +200,7 @@ pub enum ScenarioError {
     #[error(transparent)]
     Calibration(#[from] CalibrationError),
     /// The robot has no fingers to lead.
-    #[error("{robot} is no hand: {reason}")]
+    #[error("{robot} is not a hand: {reason}")]
     NoHand {
         /// Its folder.
         robot: String,

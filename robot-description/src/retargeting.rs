@@ -107,7 +107,7 @@ pub enum RetargetingFileError {
     Wrong(Vec<Finding>),
     /// It is not there, and the robot is no hand.
     #[error(
-        "{robot} is no hand, {NEEDS}; {} is not there: give the folder of a hand, where this file names the \
+        "{robot} is not a hand, {NEEDS}; {} is not there: give the folder of a hand, where this file names the \
          operator's finger of each chain, as `follows = [\"thumb\", \"index\"]`", path.display()
     )]
     NoHand {
@@ -181,7 +181,7 @@ impl RetargetingSettings {
         let mut robot = Box::new(Robot::NONE);
         let hand = robot.configure(model).ok().and_then(|()| robot.hand());
         let Some(hand) = hand else {
-            let message = format!("{} is no hand, {NEEDS}", model.name);
+            let message = format!("{} is not a hand, {NEEDS}", model.name);
             report.dynamics(None, message, "remove the file, or use a hand");
             return (None, report.findings);
         };
@@ -482,10 +482,10 @@ mod tests {
     fn an_arm_is_no_hand() {
         let model = RobotFolder::load(&folder("arm7")).unwrap().model;
         let said = RetargetingSettings::load(&folder("arm7"), &model).unwrap_err().to_string();
-        assert!(said.starts_with("arm7 is no hand, which has two to five chains"), "{said}");
+        assert!(said.starts_with("arm7 is not a hand, which has two to five chains"), "{said}");
         assert!(said.contains("retargeting.toml is not there") && said.contains("follows = ["), "{said}");
         let (_, findings) = RetargetingSettings::check(Path::new(FILE), "scale = 1.0\n", &model);
         let said = urdf::list(&findings);
-        assert!(said.contains("arm7 is no hand") && said.contains("remove the file"), "{said}");
+        assert!(said.contains("arm7 is not a hand") && said.contains("remove the file"), "{said}");
     }
 }

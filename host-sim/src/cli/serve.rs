@@ -7,6 +7,7 @@ use clap::Args;
 use tesaki::model::RobotModel;
 use tesaki_description::approach;
 use tesaki_description::grasp::load_placed;
+use tesaki_description::read_text;
 use tesaki_description::robot::RobotFolder;
 use tesaki_output::say;
 use tesaki_sim::camera::CameraValues;
@@ -21,7 +22,7 @@ use tesaki_sim::virtual_board::VirtualBoard;
 use tesaki_supervisor::hub::Hub;
 use tesaki_supervisor::port::{Address, Announcement, Key};
 
-use super::{ControllerKind, default_image, interrupt, shown, workspace};
+use super::{ControllerKind, default_image, interrupt, of_file, shown, workspace};
 
 #[derive(Args)]
 pub struct Serve {
@@ -95,10 +96,7 @@ pub fn run(options: &Serve) -> Result<(), Box<dyn Error>> {
         None => None,
     };
     let listen = options.listen.clone().unwrap_or_else(|| Address::Unix(folder.path().join("board")));
-    let key = options
-        .key
-        .as_ref()
-        .map(|path| Key::read(path).map_err(|error| format!("{}: {error}", path.display())));
+    let key = options.key.as_ref().map(|path| Key::read(path).map_err(of_file(path)));
     let mut hub = Hub::listen(&listen, key.transpose()?.as_ref())?;
     let terminal = hub.add_pty()?;
     let kind = match options.controller {
@@ -170,9 +168,9 @@ fn machine_options(options: &Serve, model: &RobotModel) -> Result<PlantOptions, 
         let grasp = load_placed(path)?;
         machine.posture = Some(open_posture(model, &grasp.plan)?);
         if let Some(object) = &options.object {
-            let text =
-                std::fs::read_to_string(object).map_err(|error| format!("{}: {error}", object.display()))?;
-            machine.object = Some(on_support(ObjectValues::from_toml(&text)?, &grasp));
+            let text = read_text(object).map_err(of_file(object))?;
+            let values = ObjectValues::from_toml(&text).map_err(of_file(object))?;
+            machine.object = Some(on_support(values, &grasp));
         }
     }
     Ok(machine)

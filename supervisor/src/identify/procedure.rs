@@ -115,7 +115,7 @@ pub struct FailedGrip {
 pub enum IdentifyError {
     /// No hand that grasps.
     #[error(
-        "{robot} is no hand that grasps: three fingers of three joints with a force sensor each are needed"
+        "{robot} is not a hand that grasps: three fingers of three joints with a force sensor each are needed"
     )]
     NotAHand {
         /// Its name.

@@ -140,7 +140,7 @@ fn what_is_wrong_with_a_file_is_said_by_line_and_column() {
     };
     refused(
         &table(&|table| table[3][2] = "nan".to_owned()),
-        &["standard input:4: column thumb_y: nan is no finite"],
+        &["standard input:4: column thumb_y: nan is not a finite"],
     );
     refused(&table(&|table| table[3][2].clear()), &["standard input:4: column thumb_y is empty"]);
     refused(
@@ -187,14 +187,17 @@ fn what_is_wrong_with_a_file_is_said_by_line_and_column() {
     );
     refused("{\"time\": 1}", &["none of \"back\""]);
     refused("{\"tips\": {}}", &["standard input:1: no number \"time\""]);
-    refused("{\"time\": 0.5, \"tips\": {\"thumb\": [NaN, 0, 0]}}", &["no JSON", "write null"]);
+    refused("{\"time\": 0.5, \"tips\": {\"thumb\": [NaN, 0, 0]}}", &["not valid JSON", "write null"]);
     refused(
         "{\"time\": 1, \"tips\": null}\n\n{\"time\": 2, \"landmarks\": null}",
         &["standard input:3: it is of another kind"],
     );
     refused("{\"time\": 1, \"back\": null}", &["need --operator FILE"]);
     refused("{\"time\": 1, \"landmarks\": [[0, 0, 0]]}", &["must be 21 positions"]);
-    refused("{\"time\": 1, \"landmarks\": null, \"handedness\": \"L\"}\n{", &["standard input:2: no JSON"]);
+    refused(
+        "{\"time\": 1, \"landmarks\": null, \"handedness\": \"L\"}\n{",
+        &["standard input:2: not valid JSON"],
+    );
     // Lines of another shape are not taken for fingers that were not measured.
     let nothing = "{\"time\": 1, \"tips\": null}\n";
     for (line, words) in [
@@ -227,7 +230,7 @@ fn what_is_wrong_with_a_file_is_said_by_line_and_column() {
     assert!(code == 1 && out.contains(words), "{out}");
     let arm = tesaki_tests::robot_folder("arm7");
     let (code, _, error) = tesaki(&["retarget", "--robot", arm.to_str().unwrap(), "--in", "-"]);
-    assert!(code == 1 && error.contains("arm7 is no hand, which has two to five chains"), "{error}");
+    assert!(code == 1 && error.contains("arm7 is not a hand, which has two to five chains"), "{error}");
     assert!(error.contains("arm7/retargeting.toml is not there") && error.contains("follows = ["), "{error}");
     let (code, _, error) = tesaki(&["retarget", "--in", "-"]);
     assert!(code == 2 && error.contains("--robot"), "{error}");
@@ -526,7 +529,7 @@ fn a_source_that_goes_wrong_stops_the_hand_and_is_told() {
     }
     bad.lines().cycle().take(60).for_each(send);
     let (code, out) = said(&finish(child));
-    assert!(code == 1 && out.contains("gives no good frame any more"), "{code}: {out}");
+    assert!(code == 1 && out.contains("sends no valid frame any more; the last error: "), "{code}: {out}");
     assert!(out.contains("would have this in mm") && out.contains("the board is disabled"), "{out}");
 
     // Silence; and Ctrl-C while the source is silent.
@@ -535,7 +538,7 @@ fn a_source_that_goes_wrong_stops_the_hand_and_is_told() {
     let mut stdin = child.stdin.take().unwrap();
     stdin.write_all(format!("{first}\n").as_bytes()).unwrap();
     let (code, out) = said(&finish(child));
-    assert!(code == 6 && out.contains("is silent for 0.5 s"), "{code}: {out}");
+    assert!(code == 6 && out.contains("has sent nothing for 0.5 s"), "{code}: {out}");
     drop(stdin);
     server.wait_for_rest();
     let mut child = follow(&server, &["--silence", "60"]);

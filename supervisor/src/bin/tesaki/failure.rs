@@ -96,7 +96,9 @@ pub enum Failure {
     #[error("{0}")]
     Other(String),
     /// The reader of the output has paused for too long.
-    #[error("nobody read the output for too long; the board is disabled. Does what reads it hang?")]
+    #[error(
+        "standard output was not read for too long, so the board was disabled: does the program that reads it hang?"
+    )]
     Stalled,
     /// The reader of the output has closed it, which is no error.
     #[error("the output was closed")]

@@ -67,7 +67,7 @@ fn folder(args: &Init, urdf: &Path, name: &str) -> Result<PathBuf, Failure> {
         (None, None) if is_plain(name) => PathBuf::from(name),
         (None, None) => {
             return Err(Failure::Usage(format!(
-                "the URDF calls the robot {name:?}, which is no plain name of a folder: name the folder with --out"
+                "the robot's name in the URDF, {name:?}, cannot be the name of a folder: give one with --out DIR"
             )));
         }
     })
@@ -96,10 +96,10 @@ fn write(folder: &Path, urdf: &Path, texts: &RobotTexts, force: bool) -> Result<
             "{} exists: choose another folder with --out, or overwrite it with --force",
             file.display()
         );
-        return Err(Failure::Other(message));
+        return Err(Failure::Usage(message));
     }
     for (file, text) in &files {
-        std::fs::write(file, text).map_err(Failure::file(file))?;
+        output::replace(file, text).map_err(Failure::file(file))?;
     }
     Ok(files.into_iter().map(|(file, _)| file).collect())
 }
