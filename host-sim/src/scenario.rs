@@ -43,10 +43,8 @@ use std::path::Path;
 
 use tesaki::model::RobotModel;
 use tesaki::protocol::LogRecord;
+use tesaki_description::FileError;
 use tesaki_description::calibration::CalibrationError;
-use tesaki_description::grasp::GraspFileError;
-use tesaki_description::law::LawFileError;
-use tesaki_description::robot::RobotError;
 use tesaki_supervisor::BoardError;
 use tesaki_supervisor::identify::IdentifyError;
 
@@ -156,15 +154,9 @@ pub struct Outcome {
 /// Why a scenario did not come to its end.
 #[derive(Debug, thiserror::Error)]
 pub enum ScenarioError {
-    /// `plant.toml` cannot be used.
+    /// A file of the robot cannot be used.
     #[error(transparent)]
-    PlantFile(#[from] tesaki_description::plant::PlantFileError),
-    /// The robot's folder.
-    #[error(transparent)]
-    Robot(#[from] RobotError),
-    /// A law of the robot.
-    #[error(transparent)]
-    Law(#[from] LawFileError),
+    File(#[from] FileError),
     /// A law lacks the section of an experiment.
     #[error(
         "the law {law} has no {section}, which this scenario runs: add it as in robots/arm7/laws/paper.toml"
@@ -175,15 +167,9 @@ pub enum ScenarioError {
         /// What is missing.
         section: &'static str,
     },
-    /// The grasp.
-    #[error(transparent)]
-    Grasp(#[from] GraspFileError),
     /// Where a grasp is to begin.
     #[error(transparent)]
     Scene(#[from] SceneError),
-    /// `approach.toml`, or `hand_eye.toml`, cannot be used.
-    #[error(transparent)]
-    Approach(#[from] tesaki_description::approach::ApproachFileError),
     /// The plant.
     #[error(transparent)]
     Plant(#[from] PlantError),
@@ -210,9 +196,6 @@ pub enum ScenarioError {
     /// The operator's hand.
     #[error("the operator's hand: {0}")]
     Operator(#[from] crate::operator::calibration_trial::TrialError),
-    /// `camera.toml` cannot be used.
-    #[error(transparent)]
-    CameraFile(#[from] crate::camera::CameraFileError),
     /// A search for circles.
     #[error(transparent)]
     Vision(#[from] tesaki::vision::VisionError),

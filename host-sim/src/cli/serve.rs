@@ -170,9 +170,7 @@ fn machine_options(options: &Serve, model: &RobotModel) -> Result<PlantOptions, 
         let grasp = load_placed(path)?;
         machine.posture = Some(open_posture(model, &grasp.plan)?);
         if let Some(object) = &options.object {
-            let text =
-                std::fs::read_to_string(object).map_err(|error| format!("{}: {error}", object.display()))?;
-            machine.object = Some(on_support(ObjectValues::from_toml(&text)?, &grasp));
+            machine.object = Some(on_support(ObjectValues::load(object)?, &grasp));
         }
     }
     Ok(machine)

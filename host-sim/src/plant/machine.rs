@@ -16,12 +16,12 @@ use super::fixture;
 use super::force::ForceSensors;
 use super::intervention::SharedIntervention;
 use super::linkage;
-use super::object::ObjectValues;
 use super::push::{Load, Push};
 use super::tree::{self, Body};
 use super::values::{Drive, Noise, PlantOptions, PlantValues, steps};
 use super::world::{JointValues, World};
 use crate::purpose::Purpose;
+use tesaki_description::object::ObjectValues;
 
 /// A simulated robot. Joints are in the order of its drives.
 pub struct Plant {
@@ -86,7 +86,10 @@ impl Plant {
             &world_posture,
         );
         world.insert_linkages(linkages);
-        options.object.as_ref().map_or(Ok(()), ObjectValues::validate)?;
+        if let Some(problem) = options.object.as_ref().and_then(ObjectValues::problem) {
+            let PlantProblem { field, value, expected } = problem;
+            return Err(PlantError::Value { field: format!("object: {field}"), value, expected });
+        }
         let object = options.object.as_ref().map(|object| (object, friction(object, options)));
         let mut tips = tips(&urdf.robot, &bodies);
         for tip in &mut tips {

@@ -13,7 +13,7 @@ use tesaki_supervisor::{Board, BoardError};
 use super::common::{T, clear_faults, fault_error, introduce};
 use super::film::picture_panel;
 use super::{Outcome, Scenario, ScenarioError, Setting};
-use crate::camera::{self, CameraValues, CircleTruth};
+use crate::camera::{self, Camera, CameraValues, CircleTruth};
 use crate::controller::{Controller, Watched};
 use crate::door::{KNOB, KnobDoor, hand_joints, hand_pose};
 use crate::motion::{Motion, Transform};
@@ -283,7 +283,7 @@ impl<'a, 'b, 'c> Trial<'a, 'b, 'c> {
         let truth = self.door.truth(self.machine.camera, &hand, opening).rose;
         let search = self.approach.search(&latched);
         // A rose that is expected outside of the picture is not looked for.
-        let is_outside = |center: [f32; 2]| !self.machine.camera.camera().contains(center.map(f64::from));
+        let is_outside = |center: [f32; 2]| !Camera::of(self.machine.camera).contains(center.map(f64::from));
         let found = if search.window.is_some_and(|window| is_outside(window.center)) {
             None
         } else {

@@ -61,8 +61,8 @@ impl<B: FingerBoard + Controller> Rig<B> {
         let grasp = load_placed(&robot_folder("hand3").join("grasps/box.toml")).unwrap();
         let mut options = PlantOptions::mismatched(seed);
         options.posture = Some(open_posture(&robot.model, &grasp.plan).unwrap());
-        let text = std::fs::read_to_string(robot_folder("hand3").join("objects/box.toml")).unwrap();
-        options.object = Some(on_support(ObjectValues::from_toml(&text).unwrap(), &grasp));
+        let object = ObjectValues::load(&robot_folder("hand3").join("objects/box.toml")).unwrap();
+        options.object = Some(on_support(object, &grasp));
         let drives: Vec<Drive> = robot.model.joints.iter().map(Drive::from).collect();
         let values = PlantValues::load(&robot_folder("hand3")).unwrap();
         let plant = Plant::new(&robot.urdf, &drives, &values, &options).unwrap();
