@@ -455,9 +455,9 @@ fn a_tip_on_the_axis_of_its_last_joint_is_told_of_a_finger() {
 #[test]
 fn a_wrong_value_is_named_by_its_key_and_a_weight_by_its_link() {
     for (from, to, words) in [
-        ("supply_min = 20.0", "supply_min = \"20\"", "expected f32, for supply_min"),
+        ("supply_min = 20.0", "supply_min = \"20\"", "expected f32, for safety.supply_min"),
         ("reaction = \"hold\"", "reaction = \"brake\"", "unknown variant `brake`, expected"),
-        ("reaction = \"hold\"", "reaction = \"brake\"", ", for reaction"),
+        ("reaction = \"hold\"", "reaction = \"brake\"", ", for safety.reaction"),
         ("following_error = 0.25", "following_error = 0.01", "at least 0.180 rad, three times that"),
     ] {
         let (_, text) = check_changed("controller.toml", from, to);
