@@ -4,6 +4,7 @@ use rapier3d::na::Isometry3;
 use tesaki::model::{MAX_CHAINS, MAX_JOINTS};
 use tesaki::protocol::{ActuatorFrame, SensorFlags, SensorFrame};
 use tesaki_description::plant::PlantProblem;
+use tesaki_description::robot::RobotFolder;
 use tesaki_description::urdf::Urdf;
 use tesaki_rng::Rng;
 
@@ -40,6 +41,15 @@ pub struct Plant {
 }
 
 impl Plant {
+    /// Builds the plant of the robot in a folder, with the motors of its model and its `plant.toml`.
+    ///
+    /// # Errors
+    /// What is wrong with URDF, values or options, and where.
+    pub fn of(robot: &RobotFolder, options: &PlantOptions) -> Result<Self, PlantError> {
+        let drives: Vec<Drive> = robot.model.joints.iter().map(Drive::from).collect();
+        Self::new(&robot.urdf, &drives, &PlantValues::load(&robot.path)?, options)
+    }
+
     /// Builds the plant of a robot.
     ///
     /// # Errors
