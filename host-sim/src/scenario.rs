@@ -132,7 +132,13 @@ pub struct Setting<'a, 'b> {
     pub live: Option<&'a LiveRun>,
 }
 
-impl Setting<'_, '_> {
+impl<'a, 'b> Setting<'a, 'b> {
+    /// A robot without laws, for so long [s]; nobody looks on or interferes.
+    pub const fn plain(robot: &'a Path, controller: &'a mut Watched<'b>, seed: u64, duration: f64) -> Self {
+        let progress = &|_| {};
+        Self { robot, controller, seed, duration, laws: &[], progress, intervention: None, live: None }
+    }
+
     /// What is going to move: the joints of a robot.
     pub fn motion(&self, robot: &RobotModel) -> Motion {
         Motion::new(robot.joints.iter().map(|joint| joint.name.as_str())).shown_to(self.live)
@@ -248,13 +254,19 @@ impl Scenario {
         SCENARIOS.iter().find(|scenario| scenario.name == name)
     }
 
-    /// Runs it.
+    /// Runs it; the summary is that of a controller in this process.
     ///
     /// # Errors
     /// Why it did not come to its end. Missing a goal is not an error but a failed metric.
     pub fn run(&self, setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
         self.check_duration(setting.duration)?;
         let mut outcome = (self.run)(setting)?;
+        let summary = &mut outcome.summary;
+        self.name.clone_into(&mut summary.scenario);
+        "native".clone_into(&mut summary.controller);
+        summary.seed = setting.seed;
+        summary.ticks = outcome.motion.ticks().into();
+        summary.frames_sha256 = Some(setting.controller.frames_sha256());
         for impossible in self.impossible(setting.robot, setting.seed)? {
             outcome.summary.waive(&impossible.metric, &impossible.why);
         }

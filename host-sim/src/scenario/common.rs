@@ -114,15 +114,7 @@ pub mod tests {
         let laws: Vec<LawFile> = laws.iter().map(file).collect();
         let mut native = Native::default();
         let mut controller = Watched::new(&mut native, false);
-        run(&mut Setting {
-            robot: &robot,
-            controller: &mut controller,
-            seed,
-            duration: f64::INFINITY,
-            laws: &laws,
-            progress: &|_| (),
-            intervention: None,
-            live: None,
-        })
+        let plain = Setting::plain(&robot, &mut controller, seed, f64::INFINITY);
+        run(&mut Setting { laws: &laws, ..plain })
     }
 }

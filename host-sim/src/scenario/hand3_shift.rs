@@ -80,7 +80,7 @@ impl Record {
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let mut rig = GraspRig::load(setting)?;
-    let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
+    let mut summary = Summary::default();
     let paper = rig.paper_law()?;
     let mut records = Vec::new();
     for trial in &TRIALS {
@@ -105,7 +105,6 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     }
     let tables = TRIALS.iter().zip(&records);
     let tables = tables.map(|(trial, record)| (format!("{}.csv", trial.name), table(&record.log))).collect();
-    let summary = summary.ticks(u64::from(rig.motion.ticks()));
     Ok(Outcome { summary, figures: vec![figure(&records)], tables, motion: rig.motion })
 }
 

@@ -46,7 +46,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
         grasp_trial.wait(MOVE + REST)?;
     }
     let log = grasp_trial.end()?;
-    let mut summary = Summary::new(SCENARIO.name, "", setting.seed).ticks(u64::from(rig.motion.ticks()));
+    let mut summary = Summary::default();
     add_metrics(&mut summary, &log, &begins);
     let figures = vec![figure(&log, begins[0])];
     Ok(Outcome { summary, figures, tables: vec![("turn.csv".to_owned(), table(&log))], motion: rig.motion })

@@ -82,7 +82,6 @@ struct Record {
 }
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
-    let seed = setting.seed;
     let mut rig = GraspRig::load(setting)?;
     let gravity = Vector3::from(rig.values.gravity);
     let model = rig.robot.model.clone();
@@ -110,7 +109,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     push(&mut grasp_trial, &mut record)?;
     let log = grasp_trial.end()?;
 
-    let mut summary = Summary::new(SCENARIO.name, "", seed).ticks(u64::from(rig.motion.ticks()));
+    let mut summary = Summary::default();
     add_metrics(&mut summary, &log, &record);
     let begin = record.parts.first().map_or(0.0, |part| part.span.start);
     let figures = vec![loads(&log, &record, begin), forces(&log, &record, begin)];

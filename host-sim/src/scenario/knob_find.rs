@@ -81,7 +81,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     }
     let (empty, mut pictures) = (pictures.split_off(count - EMPTY), pictures);
     pictures.sort_by(|one, other| other.distance.total_cmp(&one.distance));
-    let summary = summary(&pictures, &empty, setting.seed);
+    let summary = summary(&pictures, &empty);
     let figures = vec![
         film_strip(&pictures, 0, "Film strip: from far")?,
         film_strip(&pictures, SHOWN / 2, "Film strip: to near")?,
@@ -112,8 +112,8 @@ fn find(
     Ok(found.filter(|circle| circle.confidence >= BELIEVED))
 }
 
-fn summary(pictures: &[Picture], empty: &[Picture], seed: u64) -> Summary {
-    let mut summary = Summary::new(SCENARIO.name, "", seed);
+fn summary(pictures: &[Picture], empty: &[Picture]) -> Summary {
+    let mut summary = Summary::default();
     let clear = || pictures.iter().filter(|picture| picture.is_clear());
     let share = |number: usize, of: usize| 100.0 * number as f64 / of.max(1) as f64;
     for (search, key, label) in [(0, "whole", "Whole image"), (1, "window", "Window")] {

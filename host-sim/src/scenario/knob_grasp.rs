@@ -76,7 +76,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
         logs.push(trial.log);
         (setting.progress)((number + 1) as f64 / DOORS as f64);
     }
-    let summary = summary(&logs, setting.seed).ticks(u64::from(motion.ticks()));
+    let summary = summary(&logs);
     let mut figures = Vec::new();
     if let Some(first) = logs.first() {
         figures = vec![film_strip(first, 0)?, film_strip(first, SHOWN / 2)?, approach_figure(first)];
@@ -357,8 +357,8 @@ impl<'a, 'b, 'c> Trial<'a, 'b, 'c> {
     }
 }
 
-fn summary(logs: &[Log], seed: u64) -> Summary {
-    let mut summary = Summary::new(SCENARIO.name, "", seed);
+fn summary(logs: &[Log]) -> Summary {
+    let mut summary = Summary::default();
     let share = |count: usize| 100.0 * count as f64 / logs.len().max(1) as f64;
     let gripped: Vec<&Log> = logs.iter().filter(|log| log.succeeded()).collect();
     summary.insert("gripped", Metric::at_least("Knobs that are gripped", share(gripped.len()), 99.0, "%"));

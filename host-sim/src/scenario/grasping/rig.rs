@@ -136,16 +136,7 @@ mod tests {
             for seed in 1..=20 {
                 let mut native = Native::default();
                 let mut controller = Watched::new(&mut native, false);
-                let setting = Setting {
-                    robot,
-                    controller: &mut controller,
-                    seed,
-                    duration: 0.0,
-                    laws: &[],
-                    progress: &|_| {},
-                    intervention: None,
-                    live: None,
-                };
+                let setting = Setting::plain(robot, &mut controller, seed, 0.0);
                 let rig = GraspRig::load(&setting).unwrap();
                 assert_eq!(rig.base(), "palm");
                 let held = GraspedObject::new(object, object);

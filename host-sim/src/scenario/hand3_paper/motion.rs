@@ -72,7 +72,7 @@ pub(super) fn estimated_pose(sample: &GraspSample) -> Pose {
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let mut rig = GraspRig::load(setting)?;
     let laws = laws(setting, &rig.robot.model)?;
-    let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
+    let mut summary = Summary::default();
     let mut figures = vec![step::run(setting, &mut rig, &laws, &mut summary)?];
     let mut tables = Vec::new();
     let parts: [(&str, &str, Experiment); 2] = [
@@ -90,7 +90,6 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
         figures.push(attitude(&laws, place, &records));
         figures.push(position(&laws, place, &records));
     }
-    let summary = summary.ticks(u64::from(rig.motion.ticks()));
     Ok(Outcome { summary, figures, tables, motion: rig.motion })
 }
 
