@@ -6,6 +6,7 @@ use std::ops::Range;
 use rapier3d::na::Vector3;
 use tesaki_description::grasp::PlacedGrasp;
 
+use super::common::worst;
 use super::grasping::{
     GraspLog, GraspRig, GraspTrial, GraspedObject, GripRatio, LIFT, component_targets, components,
     grip_ratio, internal_forces, table,
@@ -182,8 +183,7 @@ fn add_metrics(summary: &mut Summary, log: &GraspLog, record: &Record) {
     for part in record.parts.iter().filter(|part| part.name != "push") {
         let weights = || record.weights.iter().filter(|weight| weight.part == part.name);
         let all = |value: fn(&GripRatio) -> f64| {
-            let values = weights().map(|weight| weight.grip.as_ref().map_or(f64::NAN, value));
-            values.fold(0.0, |a: f64, b| if b.is_nan() || a.is_nan() { f64::NAN } else { a.max(b) })
+            worst(weights().map(|weight| weight.grip.as_ref().map_or(f64::NAN, value)))
         };
         let text = format!("{}: largest grip ratio", part.label);
         let key = format!("{}_grip_ratio", part.name);

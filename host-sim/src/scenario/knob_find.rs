@@ -2,6 +2,7 @@
 
 use tesaki::vision::{CameraBuffers, Circle, CircleSearch, Image, find_circle};
 
+use super::common::median;
 use super::film::picture_panel;
 use super::knob_pictures::{EMPTY, KnobPicture, KnobPictures};
 use super::{Outcome, Scenario, ScenarioError, Setting};
@@ -138,12 +139,6 @@ fn summary(pictures: &[Picture], empty: &[Picture]) -> Summary {
     let text = "Doors without a knob in which a circle is found";
     summary.insert("empty_found", Metric::at_most(text, share(found, empty.len()), 1.0, "%"));
     summary
-}
-
-fn median(values: impl Iterator<Item = f64>) -> f64 {
-    let mut values: Vec<f64> = values.collect();
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
 /// Three of the pictures that are shown, with the true and the found outline.

@@ -10,7 +10,7 @@ use tesaki_description::approach::{self, ApproachFile};
 use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::{Board, BoardError};
 
-use super::common::{T, clear_faults, fault_error, introduce};
+use super::common::{T, clear_faults, fault_error, introduce, median};
 use super::film::picture_panel;
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::camera::{self, Camera, CameraValues, CircleTruth};
@@ -369,7 +369,10 @@ fn summary(logs: &[Log]) -> Summary {
     let text = "Doors of which the behaviour says that it holds the knob, and does not";
     summary.insert("wrong_claims", Metric::at_most(text, share(claims), 0.0, "%"));
     let times: Vec<f64> = gripped.iter().map(|log| log.time).collect();
-    summary.insert("time", Metric::at_most("Time of an approach, median", median(&times), 10.0, "s"));
+    summary.insert(
+        "time",
+        Metric::at_most("Time of an approach, median", median(times.iter().copied()), 10.0, "s"),
+    );
     let longest = times.iter().copied().fold(f64::NAN, f64::max);
     summary.insert("longest", Metric::at_most("Longest time of an approach", longest, 10.0, "s"));
     let peak = logs.iter().map(Log::peak_force).fold(0.0, f64::max);
@@ -378,20 +381,14 @@ fn summary(logs: &[Log]) -> Summary {
     let grips =
         |which: usize| -> Vec<f64> { logs.iter().filter_map(|log| Some(1e3 * log.grip?[which])).collect() };
     let text = "Distance of the fingertips from the axis of the knob when they close, median";
-    summary.insert("aside", Metric::reported(text, median(&grips(1)), "mm"));
+    summary.insert("aside", Metric::reported(text, median(grips(1)), "mm"));
     let text = "Distance of the fingertips from the rim of the rose when they close, median";
-    summary.insert("depth", Metric::reported(text, median(&grips(0)), "mm"));
+    summary.insert("depth", Metric::reported(text, median(grips(0)), "mm"));
     let [found, pictures] =
         [Log::found, |log: &Log| log.pictures.len()].map(|count| logs.iter().map(count).sum::<usize>());
     let text = "Pictures in which a circle is found";
     summary.insert("found", Metric::reported(text, 100.0 * found as f64 / pictures.max(1) as f64, "%"));
     summary
-}
-
-fn median(values: &[f64]) -> f64 {
-    let mut values = values.to_vec();
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
 /// Three of the pictures that are shown of a door.

@@ -5,6 +5,7 @@ use tesaki_description::law::hand::MotionExperiment;
 
 use super::{LAWS, Law, Metrics, compare, hold_box, laws, step};
 use crate::report::{Figure, Line, Panel, Summary};
+use crate::scenario::common::worst;
 use crate::scenario::grasping::{GraspLog, GraspRig, GraspSample, table, xyz};
 use crate::scenario::{Outcome, Scenario, ScenarioError, Setting};
 
@@ -154,11 +155,6 @@ impl Record {
         }
         displacements
     }
-}
-
-/// The largest; NaN if one is.
-fn worst(values: impl Iterator<Item = f64>) -> f64 {
-    values.fold(0.0, |a: f64, b| if a.is_nan() || b.is_nan() { f64::NAN } else { a.max(b) })
 }
 
 /// Errors of the displacements along x [mm].
