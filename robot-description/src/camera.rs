@@ -66,6 +66,7 @@ impl CameraValues {
     fn problem(&self) -> Option<(&'static str, f64, &'static str)> {
         let outside =
             |values: &[f64], is_good: fn(f64) -> bool| values.iter().copied().find(|value| !is_good(*value));
+        #[expect(clippy::cast_precision_loss, reason = "pixels")]
         let sides = self.size.map(|side| side as f64);
         let tilt = |tilt: f64| tilt.abs() < 1.5;
         [

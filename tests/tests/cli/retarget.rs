@@ -225,7 +225,8 @@ fn what_is_wrong_with_a_file_is_said_by_line_and_column() {
     let arm = tesaki_tests::robot_folder("arm7");
     let (code, _, error) = tesaki(&["retarget", "--robot", arm.to_str().unwrap(), "--in", "-"]);
     assert!(code == 1 && error.contains("arm7 is no hand, which has two to five chains"), "{error}");
-    assert!(error.contains("arm7/retargeting.toml is not there") && error.contains("follows = ["), "{error}");
+    assert!(error.contains("arm7/retargeting.toml: ") && error.contains("the file is not there"), "{error}");
+    assert!(error.contains("follows = ["), "{error}");
     let (code, _, error) = tesaki(&["retarget", "--in", "-"]);
     assert!(code == 2 && error.contains("--robot"), "{error}");
 }
