@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use tesaki_output::say;
-use tesaki_sim::camera::{CameraValues, ImageTruth, Optics, Scene, View};
+use tesaki_sim::camera::{Camera, CameraValues, ImageTruth, Optics, Scene, View};
 use tesaki_sim::report::create;
 
 use super::{of_file, seeds, workspace};
@@ -117,7 +117,7 @@ impl Door<'_> {
 
     fn truth(&self, view: &View) -> ImageTruth {
         let pose = view.hand * self.values.mount();
-        self.scene.truth(&self.values.camera(), &pose, &view.fingers(Self::OPEN))
+        self.scene.truth(&Camera::of(&self.values), &pose, &view.fingers(Self::OPEN))
     }
 
     fn shows_enough(&self, view: &View) -> bool {
@@ -128,7 +128,7 @@ impl Door<'_> {
     fn photograph(&self, view: &View, number: u32, name: String) -> Result<String, Box<dyn Error>> {
         let (pose, fingers) = (view.hand * self.values.mount(), view.fingers(Self::OPEN));
         let noise = (self.seed, number);
-        let image = self.scene.photograph(&self.values.camera(), &self.optics, &pose, &fingers, noise);
+        let image = self.scene.photograph(&Camera::of(&self.values), &self.optics, &pose, &fingers, noise);
         let file = self.out.join(&name);
         std::fs::write(&file, image.png()?).map_err(of_file(&file))?;
         let (place, turn): ([f64; 3], [f64; 4]) =

@@ -235,16 +235,9 @@ fn run_seed(
     };
     let in_qemu = options.controller == ControllerKind::Qemu;
     let mut watched = Watched::new(controller, in_qemu);
-    let mut setting = Setting {
-        robot: &robot,
-        controller: &mut watched,
-        seed,
-        duration: options.duration.unwrap_or(scenario.duration),
-        laws: &laws,
-        progress: &progress,
-        intervention: None,
-        live,
-    };
+    let duration = options.duration.unwrap_or(scenario.duration);
+    let plain = Setting::plain(&robot, &mut watched, seed, duration);
+    let mut setting = Setting { laws: &laws, progress: &progress, live, ..plain };
     let outcome = scenario.run(&mut setting)?;
     outcome.motion.show_last();
     let mut summary = outcome.summary.clone();
@@ -252,7 +245,6 @@ fn run_seed(
         summary.waive_all(&format!("it is made for {}", scenario.robot));
     }
     summary.controller = options.controller.name().to_owned();
-    summary = summary.frames_sha256(watched.frames_sha256());
     if in_qemu {
         let board = watched.status()?.board;
         let stack =

@@ -7,7 +7,7 @@ use serde_json::Value;
 use tesaki::kinematics::Chain;
 use tesaki_description::robot::RobotFolder;
 use tesaki_rng::Rng;
-use tesaki_sim::camera::{CameraValues, Circle};
+use tesaki_sim::camera::{Camera, CameraValues, Circle};
 
 fn robot() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/knob-arm")
@@ -63,7 +63,7 @@ fn circles_by_joints() -> String {
             axes: [turned(x).into(), turned(y).into()],
             radius: 0.04,
         };
-        let seen = rose.transformed(&values.mount().inverse()).image(&values.camera()).unwrap();
+        let seen = rose.transformed(&values.mount().inverse()).image(&Camera::of(&values)).unwrap();
         let numbers = angles.map(|angle| angle.to_string()).join(",");
         let [u, v] = seen.center;
         let _ = writeln!(text, "{numbers},{u},{v},{}", seen.radius());

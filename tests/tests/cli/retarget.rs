@@ -11,7 +11,7 @@ use tesaki::teleop::Finger;
 use tesaki_rng::Rng;
 use tesaki_sim::operator::calibration_trial::CalibrationPlan;
 use tesaki_sim::operator::{FingersMotion, Glove, GloveValues, OperatorHand};
-use tesaki_sim::plant::{Drive, Plant, PlantOptions, PlantValues};
+use tesaki_sim::plant::{Plant, PlantOptions};
 
 use super::calibrate::{table, text};
 use super::feed::feed;
@@ -64,18 +64,15 @@ fn joint_angles_reproduce_the_fingertips() {
         assert!(said.contains(words), "{words}: {said}");
     }
     let joints = std::fs::read_to_string(&out).unwrap();
-    let path = tesaki_tests::robot_folder("hand5");
     let robot = tesaki_tests::robot("hand5");
     let names: Vec<&str> = robot.model.joints.iter().map(|joint| joint.name.as_str()).collect();
     assert_eq!(joints.lines().next().unwrap(), format!("time,{}", names.join(",")));
-    let drives: Vec<Drive> = robot.model.joints.iter().map(Drive::from).collect();
-    let values = PlantValues::load(&path).unwrap();
     let mut worst = 0.0_f64;
     let (angles, desired) = (rows(&joints), rows(TIPS));
     assert_eq!(angles.len(), desired.len());
     for (angles, desired) in angles.into_iter().zip(desired) {
         let options = PlantOptions { posture: Some(angles), ..PlantOptions::exact() };
-        let plant = Plant::new(&robot.urdf, &drives, &values, &options).unwrap();
+        let plant = Plant::of(&robot, &options).unwrap();
         let tips: Vec<f64> = plant.tips().into_iter().flat_map(|tip| tip.position).collect();
         let errors =
             vectors(&tips).into_iter().zip(vectors(&desired)).map(|(found, desired)| found - desired);
@@ -231,7 +228,8 @@ fn what_is_wrong_with_a_file_is_said_by_line_and_column() {
     let arm = tesaki_tests::robot_folder("arm7");
     let (code, _, error) = tesaki(&["retarget", "--robot", arm.to_str().unwrap(), "--in", "-"]);
     assert!(code == 1 && error.contains("arm7 is not a hand, which has two to five chains"), "{error}");
-    assert!(error.contains("arm7/retargeting.toml is not there") && error.contains("follows = ["), "{error}");
+    assert!(error.contains("arm7/retargeting.toml: ") && error.contains("the file is not there"), "{error}");
+    assert!(error.contains("follows = ["), "{error}");
     let (code, _, error) = tesaki(&["retarget", "--in", "-"]);
     assert!(code == 2 && error.contains("--robot"), "{error}");
 }
