@@ -112,7 +112,7 @@ impl<S: SpiDevice> ForceGauges<S> {
         Ok(())
     }
 
-    /// Whether the robot has such a sensor.
+    /// Returns whether the robot has such a sensor.
     pub const fn is_used(&self) -> bool {
         self.calibration.is_some()
     }

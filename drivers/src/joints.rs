@@ -55,7 +55,7 @@ impl<const N: usize> MotorJoints<N> {
         self.last = None;
     }
 
-    /// Number of joints.
+    /// Returns the number of joints.
     pub fn count(&self) -> usize {
         self.joints.len()
     }

@@ -52,7 +52,7 @@ pub trait PowerStages<const N: usize> {
     fn wake(&mut self);
     /// Lets pulses pass until the hardware's trip stops them.
     fn enable_pulses(&mut self);
-    /// Whether the hardware stopped the pulses.
+    /// Returns whether the hardware stopped the pulses.
     fn has_tripped(&self) -> bool;
     /// Sets the next duties, which take effect after [`Switching::lag`], and the directions, which take
     /// effect at once.
@@ -220,12 +220,12 @@ impl<const N: usize> Motors<N> {
         self.totals
     }
 
-    /// Whether the motors are off, and no command will switch them on before the next period.
+    /// Returns whether the motors are off, and no command will switch them on before the next period.
     pub fn are_off(&self) -> bool {
         matches!(self.phase, Phase::Off | Phase::Tripped)
     }
 
-    /// Whether the motors are off because of a trip.
+    /// Returns whether the motors are off because of a trip.
     pub fn has_tripped(&self) -> bool {
         self.phase == Phase::Tripped
     }
