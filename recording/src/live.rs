@@ -23,7 +23,7 @@ pub struct Live {
 }
 
 impl Live {
-    /// The topics so far.
+    /// Returns the topics so far.
     pub fn topics(&self) -> &[Topic] {
         &self.topics
     }

@@ -28,7 +28,7 @@ fn metadata() -> BTreeMap<String, String> {
     BTreeMap::from([("robot".to_owned(), "hand3".to_owned()), ("操作者".to_owned(), String::new())])
 }
 
-/// The messages of [`MESSAGES`].
+/// Writes the messages of [`MESSAGES`].
 fn write_further<S: Sink>(publisher: &mut Publisher<S>) {
     publisher.wrench(START, "finger1_tip", [1.0, -2.0, 0.5], [0.0, 0.25, -1e-3]).unwrap();
     let pose = ([0.1, 0.2, -0.3], [0.0, 0.6, 0.0, 0.8]);
