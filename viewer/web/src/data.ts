@@ -139,9 +139,9 @@ export interface Status {
   homed: boolean[];
   /** Which client commands the board. */
   commander: "nobody" | "you" | "page" | "program";
-  /** Files with which the page may enable a task. */
   /** Parts that fall without power. */
   falls: string | null;
+  /** Files with which the page may enable a task. */
   plans: { task: string; name: string }[];
   faults: Fault[];
   /** Why there is nothing to show, if so. */
