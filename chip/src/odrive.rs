@@ -43,7 +43,7 @@ enum Bridge {
     Off,
 }
 
-/// What is at the terminals of a motor.
+/// State of the terminals of a motor.
 pub enum Terminals {
     /// A voltage from B to C [V].
     Driven(f64),

@@ -88,7 +88,7 @@ pub enum StartError<E> {
     NotKept {
         /// Its address.
         register: u16,
-        /// What it answered.
+        /// The value that was read back.
         value: u16,
     },
 }

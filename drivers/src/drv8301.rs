@@ -132,7 +132,7 @@ pub enum Error<E> {
     NotKept {
         /// Its address.
         register: u8,
-        /// What it holds.
+        /// Its value.
         value: u16,
     },
     /// The chip reports a fault: its two status registers.

@@ -16,7 +16,7 @@ const _: () = assert!(TICK * 1e6 * (WAKE_PERIODS as f32 - 1.0) >= WAKE_TIME);
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Phase {
-    /// For this many more periods.
+    /// Asleep for at least this many more periods.
     Asleep(u8),
     Waking(u8),
     Ready,

@@ -68,7 +68,7 @@ pub struct Command<const N: usize> {
     pub velocities: [f32; N],
 }
 
-/// What was measured since the start.
+/// Sums of the measurements since the start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Totals<const N: usize> {
     /// Sums of the currents in [`SUM_RESOLUTION`]; they wrap.

@@ -20,8 +20,8 @@ macro_rules! note {
     ($($text:tt)*) => { $crate::complain(format_args!("{}\n", format_args!($($text)*))) };
 }
 
-/// Prints to standard output. Ends the program when nobody reads it any more, with exit code 0, or when it
-/// cannot be written, with exit code 2.
+/// Prints to standard output. Ends the program with exit code 0 if the reader has gone, or with exit code 2
+/// if writing fails.
 pub fn print(text: Arguments<'_>) {
     let mut output = io::stdout().lock();
     match output.write_fmt(text).and_then(|()| output.flush()) {

@@ -65,7 +65,7 @@ pub enum LogLevel {
     Warn = 30,
     /// Something failed.
     Error = 40,
-    /// Nothing works any more.
+    /// The program cannot continue.
     Fatal = 50,
 }
 

@@ -31,7 +31,7 @@ pub enum DdsError {
     /// The library could not create something.
     #[error("cannot create the DDS {what}: {error}")]
     Create {
-        /// What.
+        /// What could not be created.
         what: String,
         /// The reason.
         error: String,

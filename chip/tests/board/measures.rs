@@ -96,7 +96,7 @@ fn pulses_end_without_an_instruction() {
     }
 }
 
-/// The control task is dead, the timer goes on: the loops brake after two periods without a command.
+/// The control task is dead, but the timer continues: the loops brake after two periods without a command.
 #[test]
 fn a_dead_control_task_is_off_within_20_ms() {
     let mut rig = Rig::enabled();

@@ -169,7 +169,7 @@ fn noise_is_counted() -> bool {
 
 fn no_partial_frames() -> bool {
     let (_isr, mut endpoint) = link!(FakeUart { next: 0, lost: false });
-    // 128 bytes make a frame of some 140; seven fit into a queue that nobody empties.
+    // 128 bytes make a frame of some 140; seven fit into a queue that is not emptied.
     let message: heapless::Vec<u8, 128> = core::iter::repeat_n(1, 128).collect();
     let sent = (0..9).filter(|_| endpoint.send(&message)).count();
     sent == 7 && endpoint.statistics().send_overflow == 2

@@ -6,7 +6,7 @@
 //!
 //! | model | what happens |
 //! |---|---|
-//! | `silent` | the sensors cannot be read any more |
+//! | `silent` | the sensors can no longer be read |
 //! | `overflow` | the stack overflows |
 //! | `crystal` | the interrupt for a stopped crystal is raised |
 //! | `panic` | a panic |
@@ -31,7 +31,7 @@ const HEALTHY_PERIODS: u32 = 50;
 const EQUIPMENT: Equipment =
     Equipment { motors: 1, absolute_encoders: true, force_sensors: 0, current: 10.0, supply: 60.0 };
 
-/// What goes wrong.
+/// The defect that the model's name selects.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Defect {
     None,

@@ -88,7 +88,7 @@ fn set_up(timer: &tim1::RegisterBlock, resolution: u16) {
     timer.ccer().write(|w| w.cc2e().set_bit().cc2ne().set_bit().cc3e().set_bit().cc3ne().set_bit());
     timer.egr().write(|w| w.ug().set_bit());
     // SAFETY: the dead time is in steps of the timer's clock up to 127; 1 is a valid lock level: dead time,
-    // AOE, polarity and idle levels cannot be changed any more.
+    // AOE, polarity and idle levels can no longer be changed.
     timer.bdtr().write(|w| unsafe {
         w.dtg().bits(DEAD_TIME).ossi().set_bit().bke().clear_bit().aoe().clear_bit().lock().bits(1)
     });

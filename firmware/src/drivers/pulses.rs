@@ -43,7 +43,7 @@ impl Pulses {
         // CCxNE 1).
         timer.ccer().write(|w| w.cc1ne().set_bit().cc2ne().set_bit().cc3ne().set_bit());
         timer.egr().write(|w| w.ug().set_bit());
-        // SAFETY: 1 is a valid lock level: polarity and idle levels cannot be changed any more.
+        // SAFETY: 1 is a valid lock level: polarity and idle levels can no longer be changed.
         timer.bdtr().write(|w| unsafe {
             w.ossi().set_bit().bke().set_bit().bkp().clear_bit().aoe().clear_bit().lock().bits(1)
         });

@@ -33,8 +33,9 @@ interface Options {
   marks?: { time: number; text: string }[];
 }
 
-/** Returns the range of an axis: around the values, but ±0.1 if all are 0, which uPlot would draw as 0 to
-/** 100. */
+/**
+ * Returns the range of an axis: around the values, but ±0.1 if all are 0, which uPlot would draw as 0 to 100.
+ */
 function heights(_: uPlot, low: number | null, high: number | null): [number, number] {
   if (!low && !high) return [-0.1, 0.1];
   return uPlot.rangeNum(low ?? 0, high ?? 0, 0.1, true) as [number, number];
@@ -65,8 +66,10 @@ export class Charts {
     onThemeChange(() => this.rebuild(), this.end.signal);
   }
 
-  /** Removes everything that would keep its values alive: listeners, and plots in the group with a common
-  /** cursor. */
+  /**
+   * Removes everything that would keep its values alive: listeners, and plots in the group with a common
+   * cursor.
+   */
   destroy(): void {
     this.end.abort();
     for (const { plot } of this.drawn) plot?.destroy();

@@ -290,8 +290,10 @@ export class Live {
     this.arrange();
   }
 
-  /** Shows the last fault, with earlier ones folded away. Rebuilt only if they have changed, lest they fold
-  /** while being used. */
+  /**
+   * Shows the last fault, with earlier ones folded away. Rebuilt only if changed, so that they do not fold
+   * while in use.
+   */
   private setFaults(faults: Fault[]): void {
     const shown = JSON.stringify(faults);
     if (shown === this.shownFaults) return;
@@ -319,8 +321,7 @@ export class Live {
     return this.state !== null && this.status?.trouble == null;
   }
 
-  /** Shows the buttons that make sense now. Rebuilt only if they have changed, lest one vanish under a click.
-  /** */
+  /** Shows the buttons that make sense now. Rebuilt only if changed, so that none vanishes under a click. */
   private arrange(): void {
     const { status, state } = this;
     if (!status) return;

@@ -246,8 +246,10 @@ export class Player {
     return this.stage?.picture(width, height) ?? "";
   }
 
-  /** Returns the times of the pictures: well within the phases if there are about as many phases as pictures,
-  /** otherwise evenly spread. */
+  /**
+   * Returns the times of the pictures: well within the phases if there are about as many phases as pictures,
+   * otherwise evenly spread.
+   */
   private moments(): number[] {
     const even = Array.from({ length: PICTURES }, (_, index) => ((index + 0.5) * this.length) / PICTURES);
     const begins = this.replay.notes.map((note) => note.time);

@@ -1,4 +1,4 @@
-//! What a board must do, in one run. Each part fails with a sentence.
+//! The acceptance test of a board, in one run. Each part fails with a message.
 
 use tesaki::fault::FaultCause;
 use tesaki::protocol::{ClockSource, Mode, Reply, Request, ResetCause, Stream};

@@ -1,4 +1,4 @@
-//! A `board-odrive` with two joints, and what it must do in one run. Each part fails with a sentence.
+//! A `board-odrive` with two joints, and its acceptance test in one run. Each part fails with a message.
 
 use tesaki::fault::FaultCause;
 use tesaki::model::RobotModel;
