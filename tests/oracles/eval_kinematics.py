@@ -7,7 +7,8 @@ For each robot, in data/eval:
 - ROBOT_fk.csv: for each tip its position [m] and orientation (quaternion, w not negative) in the base's frame, columns
   TIP.x .. TIP.qw.
 - ROBOT_jacobian.csv: for each tip, row and independent joint that moves it a column TIP.ROW.JOINT. Rows vx vy vz wx wy
-  wz: linear velocity of the tip, angular velocity, base axes, per rad/s of the joint. A mimic joint contributes to the column of the joint that it follows.
+  wz: linear velocity of the tip, angular velocity, base axes, per rad/s of the joint. A mimic joint
+  contributes to the column of the joint that it follows.
 
 A tip is a leaf link with a moving joint before it and no prismatic one. Prismatic joints stay at zero. Names may
 contain dots; tips are in the order of their links in the file, joints in the order of the joints.
