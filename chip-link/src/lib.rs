@@ -1,25 +1,25 @@
 //! The link between a simulated machine and the process that runs the image of its board on a modelled chip.
 //!
-//! The chip is in a process of its own because its licence is another one: this crate is all that both know.
-//! The machine calls over the standard input of that process, and each call has one answer on its standard
-//! output. Time passes only in [`Call::Advance`], so that both are in lock step and a run repeats to the last
-//! bit.
+//! The chip runs in a separate process because it has another licence: this crate is all that both share. The
+//! machine calls over the standard input of that process, and each call has one answer on its standard
+//! output. Time passes only in [`Call::Advance`], so that both run in lockstep and a run can be repeated to
+//! the last bit.
 //!
-//! What goes over it is what is at the terminals of the motors and at the connector of the supervisor: how
-//! the joints move and the bytes of the line one way, torques and the bytes the other way. Pulses, currents
-//! and encoder signals stay on the side of the chip.
+//! The link carries the signals at the motors' terminals and at the supervisor's connector: joint motion and
+//! serial bytes to the chip, torques and serial bytes from it. Pulses, currents and encoder signals stay on
+//! the chip's side.
 //!
-//! A message is its length (four bytes, little-endian) and itself in postcard's encoding.
+//! A message is its length (four bytes, little-endian) followed by its postcard encoding.
 
 use std::io::{self, Read, Write};
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-/// Motors of a board.
+/// Number of motors of a board.
 pub const MOTORS: usize = 3;
 
-/// Largest message [bytes]: what comes on the serial line in a second, and room.
+/// Largest message [bytes]: the serial line's data of a second, and a reserve.
 const MAX_LENGTH: usize = 1 << 20;
 
 /// A motor at the board's terminals, seen from its joint. Its inertia and friction belong to the machine.
@@ -31,7 +31,7 @@ pub struct Motor {
     pub inductance: f64,
     /// Torque per current [N·m/A], which is the back-EMF per velocity [V·s/rad].
     pub constant: f64,
-    /// Counts of the encoder for a turn of the joint.
+    /// Counts of the encoder per turn of the joint.
     pub counts: f64,
 }
 
@@ -40,11 +40,11 @@ pub struct Motor {
 pub struct Motion {
     /// Angle [rad].
     pub angle: f64,
-    /// Velocity, which stays for the time of the call [rad/s].
+    /// Velocity, constant during the call [rad/s].
     pub velocity: f64,
 }
 
-/// What is at the terminals of the board.
+/// The devices at the terminals of the board.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Terminals {
     /// The motors.
@@ -53,11 +53,11 @@ pub struct Terminals {
     pub supply: f64,
     /// Its inner resistance [Ω].
     pub supply_resistance: f64,
-    /// Decides the noise of the converters.
+    /// Seed of the converters' noise.
     pub seed: u32,
 }
 
-/// From the machine.
+/// A call from the machine.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Call {
     /// Power on; the first call.
@@ -73,14 +73,14 @@ pub enum Call {
     },
 }
 
-/// From the chip.
+/// The chip's answer.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Answer {
-    /// Torques of the motors, mean over the time of the call [N·m].
+    /// Mean torques of the motors over the call [N·m].
     pub torques: [f64; MOTORS],
     /// Bytes from the board on the supervisor's line.
     pub serial: Vec<u8>,
-    /// Whether the power stages are awake at its end.
+    /// Whether the power stages are awake at the end of the call.
     pub awake: bool,
     /// Time since power-on at which the last control period began [ps]; 0 before the first.
     pub instant: u64,
@@ -100,10 +100,10 @@ pub fn send<T: Serialize>(to: &mut impl Write, message: &T) -> io::Result<()> {
     to.flush()
 }
 
-/// Reads a message; `None` where the other end has closed the link between two.
+/// Reads a message. Returns `None` if the other end has closed the link between two messages.
 ///
 /// # Errors
-/// The link ends within a message, or what came is none.
+/// The link ends within a message, or the bytes are not a message.
 pub fn receive<T: DeserializeOwned>(from: &mut impl Read) -> io::Result<Option<T>> {
     let mut length = [0; 4];
     match from.read_exact(&mut length) {

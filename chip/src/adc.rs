@@ -1,8 +1,9 @@
-//! ADC1 to ADC3: injected conversions by the trigger of TIM1 or by software. Regular ones are not there.
+//! ADC1 to ADC3: injected conversions by the trigger of TIM1 or by software. Regular conversions are not
+//! modelled.
 
 use crate::SECOND;
 
-/// What an analogue input shows at a time: by channel (0 to 18), as a part of full scale.
+/// The levels of the analogue inputs by channel (0 to 18), as fractions of full scale.
 pub type Inputs<'a> = &'a dyn Fn(u32) -> f64;
 
 const SR: usize = 0;
@@ -14,14 +15,14 @@ const JDR: usize = 0xF;
 #[derive(Default)]
 pub struct Adc {
     registers: [u32; 0x14],
-    /// Channels that are still to convert, and when the present one ends.
+    /// Channels to convert, how many are done, and when the present one ends.
     sequence: Vec<u32>,
     converted: usize,
     end: Option<u64>,
 }
 
 impl Adc {
-    /// `clock` is that of the converter. The level is held at the beginning of each conversion.
+    /// Begins a conversion, at whose beginning the level is held. `clock` is that of the converter.
     fn begin(&mut self, now: u64, clock: u64, inputs: Inputs<'_>) {
         let Some(&channel) = self.sequence.get(self.converted) else { return };
         let times = [3, 15, 28, 56, 84, 112, 144, 480];
@@ -36,7 +37,7 @@ impl Adc {
         self.end = Some(self.end.unwrap_or(now) + cycles * SECOND / clock);
     }
 
-    /// TIM1's fourth channel and its trigger output: rising and falling edges.
+    /// Handles rising and falling edges of TIM1's fourth channel and of its trigger output.
     pub fn trigger(&mut self, triggers: [(bool, bool); 2], now: u64, clock: u64, inputs: Inputs<'_>) {
         let control = self.registers[CR2];
         let Some(&edges) = triggers.get((control >> 16 & 15) as usize) else { return };

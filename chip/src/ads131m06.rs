@@ -1,8 +1,8 @@
-//! The converter ADS131M06: frames, registers, checksums, conversions, DRDY. From the data sheets of the
-//! family (Texas Instruments, SBAS949 and SBAS950), not from the driver.
+//! The converter ADS131M06: frames, registers, checksums, conversions, DRDY. Written from the data sheets of
+//! the family (Texas Instruments, SBAS949 and SBAS950), not from the driver.
 //!
-//! The sheets do not say which of three conversions is lost when nobody reads; here it is the last one.
-//! Its filters are not there: a conversion is what the inputs are at its end.
+//! The sheets do not say which of three conversions is lost if none is read; here it is the last one. The
+//! filters are not modelled: a conversion shows the inputs at its end.
 
 use std::collections::VecDeque;
 
@@ -18,23 +18,23 @@ const FASTEST: u64 = 25_000_000;
 const MODE: usize = 2;
 const CLOCK: usize = 3;
 const GAIN1: usize = 4;
-/// Registers after a reset, from ID on; STATUS is made up when it is asked for.
+/// Registers after a reset, from ID on; STATUS is composed when it is read.
 const DEFAULTS: [u16; 6] = [0x2600, 0, 0x0510, 0x3F0E, 0, 0];
 const RESET_FLAG: u16 = 1 << 10;
 const CRC_ENABLED: u16 = 1 << 12;
-/// DRDY is high for so many periods of the clock before it falls again, when nobody has read.
+/// Periods of the clock for which DRDY is high before it falls again, when nothing was read.
 const HIGH: u64 = 8;
 
-/// What goes wrong.
+/// Defects of the converter.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Defects {
-    /// A bit of each frame from it is another one.
+    /// A bit of each frame from the converter is flipped.
     pub damaged: bool,
     /// Its clock has stopped.
     pub stopped: bool,
     /// The cable is unplugged.
     pub unplugged: bool,
-    /// This channel's input is not connected to the modulator any more.
+    /// This channel's input is no longer connected to the modulator.
     pub standing: Option<usize>,
     /// This channel's input is beyond its range.
     pub beyond: Option<usize>,
@@ -49,14 +49,14 @@ pub struct Ads131m06 {
     last: [i32; CHANNELS],
     /// When the next conversion ends.
     next: u64,
-    /// DRDY is high before it falls for the next conversion; `None`: it is not time yet.
+    /// Whether DRDY is high before it falls for the next conversion; `None`: not yet determined.
     pulse: Option<bool>,
     is_selected: bool,
     input: Vec<u8>,
     output: [u8; FRAME],
     /// The answer to the last command; `None`: the status.
     answer: Option<u16>,
-    /// What the frame has in front was the status.
+    /// Whether the first word of the frame was the status.
     told_status: bool,
     /// Frequency of its clock [Hz].
     clock: u64,
@@ -83,7 +83,7 @@ impl Default for Ads131m06 {
 }
 
 impl Ads131m06 {
-    /// A reset, such as by a dip of its supply.
+    /// Resets the converter, as a dip of its supply does.
     pub fn restart(&mut self, now: u64) {
         self.registers = DEFAULTS;
         (self.crc_error, self.answer) = (false, None);
@@ -95,18 +95,18 @@ impl Ads131m06 {
         128 << (self.registers[CLOCK] >> 2 & 7)
     }
 
-    /// Two periods of the clock for a sample of the modulator.
+    /// Returns the duration of modulator samples, each of which takes two periods of the clock.
     fn modulator(&self, samples: u64) -> u64 {
         2 * samples * SECOND / self.clock
     }
 
-    /// Conversions begin anew.
+    /// Restarts the conversions.
     fn begin(&mut self, now: u64) {
         self.next = now + self.modulator(256 + 44 + self.oversampling());
         self.pulse = None;
     }
 
-    /// The next time at which it does something by itself.
+    /// Returns the next time at which it does something by itself.
     pub fn next(&self) -> u64 {
         let high = HIGH * SECOND / self.clock;
         match self.pulse {
@@ -120,13 +120,13 @@ impl Ads131m06 {
         !self.unread.is_empty() && self.pulse != Some(true)
     }
 
-    /// The level of DRDY; `None` when nothing drives the line.
+    /// Returns the level of DRDY; `None` when nothing drives the line.
     pub fn ready_line(&self) -> Option<bool> {
         (!self.defects.unplugged).then(|| !self.is_low())
     }
 
-    /// Conversions up to `now`. `inputs`: counts that the channels would have at a gain of 1 (0: the internal
-    /// reference is used, 1: that of the gauges).
+    /// Performs the conversions up to `now`. `inputs` returns the counts of a channel at a gain of 1; its
+    /// first argument is true if the reference is that of the gauges, false for the internal one.
     pub fn advance(&mut self, now: u64, inputs: impl Fn(bool, usize) -> f64) {
         while self.next() <= now {
             if self.pulse.is_none() {
@@ -160,7 +160,7 @@ impl Ads131m06 {
         self.registers[MODE] & (RESET_FLAG | 3 << 8) | u16::from(self.crc_error) << 12 | ready
     }
 
-    /// Its select line: low is selected. A command is taken when it rises.
+    /// Sets the select line, which is active low. A command is taken when it rises.
     pub fn select(&mut self, is_low: bool, now: u64) {
         if is_low == self.is_selected {
             return;
@@ -235,7 +235,8 @@ impl Ads131m06 {
         }
     }
 
-    /// Bits of a word from the master; `None` when it does not answer.
+    /// Takes the bits of a word from the master and returns the answer; `None` when the converter does not
+    /// answer.
     pub fn exchange(&mut self, sent: &Sent) -> Option<u32> {
         if !self.is_selected || self.defects.unplugged {
             return None;
@@ -246,7 +247,7 @@ impl Ads131m06 {
             answer = answer << 8 | u32::from(self.output.get(self.input.len()).copied().unwrap_or(0));
             self.input.push(byte);
         }
-        // Another edge samples bits that are just changing; a clock that is too fast does as well.
+        // A wrong edge samples bits that are just changing, and so does a clock that is too fast.
         let is_right = mode == 1 && is_high_first && frequency <= FASTEST;
         if !is_right && let Some(last) = self.input.last_mut() {
             *last >>= 1;
@@ -255,7 +256,7 @@ impl Ads131m06 {
     }
 }
 
-/// CCITT, bit by bit.
+/// Computes the CRC of CCITT, bit by bit.
 fn crc(bytes: &[u8]) -> u16 {
     let mut crc = 0xFFFF_u16;
     for byte in bytes {
@@ -271,7 +272,7 @@ fn crc(bytes: &[u8]) -> u16 {
 mod tests {
     use super::*;
 
-    /// A frame with these words in front; what comes back.
+    /// Sends a frame that begins with these words, and returns the answer.
     fn frame(chip: &mut Ads131m06, words: &[u16], now: u64) -> [u16; 8] {
         chip.select(true, now);
         let mut bytes = [0; FRAME];
@@ -315,7 +316,7 @@ mod tests {
         let mut chip = Ads131m06::default();
         chip.restart(0);
         assert_eq!(chip.ready_line(), Some(true));
-        // 4000 a second, of which the first one is late.
+        // 4000 per second, of which the first one is late.
         let late = 300 * 2 * SECOND / 8_192_000;
         let time = |conversion: u64| late + conversion * SECOND / 4000 + 1000;
         for conversion in 1..4 {
@@ -328,7 +329,7 @@ mod tests {
         frame(&mut chip, &[0], time(3));
         assert_eq!(chip.ready_line(), Some(true));
         assert_eq!(frame(&mut chip, &[0], time(3))[0], 0x0500, "no new one");
-        // Nobody reads: high for a moment before it falls again.
+        // Nothing was read: DRDY is high for a moment before it falls again.
         chip.advance(time(4), |_, _| 0.0);
         let next = chip.next();
         chip.advance(next, |_, _| 0.0);

@@ -1,9 +1,10 @@
-//! What is at the pins of a board: brushed motors with an encoder each, a supply, an emergency stop; and what
-//! is between, three power stages DRV8874 in PH/EN mode (`board-weact`) or those of `odrive.rs`
+//! What is connected to the pins of a board: brushed motors with an encoder each, a supply and an emergency
+//! stop, with the power stages between, three DRV8874 in PH/EN mode (`board-weact`) or those of `odrive.rs`
 //! (`board-odrive`).
 //!
 //! Written from the datasheets of chip and power stage and from the board's wiring page, not from its driver.
-//! No analogue effects: switches switch at once, the current mirror is exact but for noise of the converter.
+//! No analogue effects: transistors switch at once, and the current mirror is exact except for the noise of
+//! the converter.
 
 use crate::force_sensor::ForceSensor;
 use crate::gpio::Gpio;
@@ -16,11 +17,11 @@ use crate::tim1::{Level, Tim1};
 const MIRROR: f64 = 450e-6;
 const RESISTOR: f64 = 2490.0;
 const REFERENCE: f64 = 3.3;
-/// Of the divider at the supply.
+/// Ratio of the voltage divider at the supply.
 const DIVIDER: f64 = 11.0;
 /// Time to wake [s].
 const WAKE: f64 = 1e-3;
-/// Of the body diodes through which a sleeping stage lets the current decay [V].
+/// Voltage of the body diodes through which the current of a sleeping stage decays [V].
 const DIODES: f64 = 1.4;
 
 const ENABLE: [(Pin, &str); 3] = [(Pin(1, 13), "CH1N"), (Pin(1, 14), "CH2N"), (Pin(1, 15), "CH3N")];
@@ -37,14 +38,14 @@ pub struct Motor {
     pub inductance: f64,
     /// [N·m/A] and [V·s/rad].
     pub constant: f64,
-    /// [kg·m²]; infinite where something else moves the joint: its velocity stays.
+    /// [kg·m²]; infinite if something else moves the joint: its velocity stays constant.
     pub inertia: f64,
     /// Coulomb friction [N·m] and viscous friction [N·m·s/rad].
     pub coulomb: f64,
     pub viscous: f64,
-    /// Counts of the encoder for a turn of the joint.
+    /// Counts of the encoder per turn of the joint.
     pub counts: f64,
-    /// A torque from outside [N·m].
+    /// External torque [N·m].
     pub load: f64,
     /// The joint cannot move.
     pub blocked: bool,
@@ -59,9 +60,9 @@ pub struct State {
     pub angle: f64,
     /// Integral of the motor's torque since power-on [N·m·s].
     pub impulse: f64,
-    /// Whether the power stage drives: a voltage is at the motor.
+    /// Whether the power stage applies a voltage to the motor.
     pub driven: bool,
-    /// Its direction.
+    /// Direction of that voltage.
     positive: bool,
 }
 
@@ -85,9 +86,9 @@ pub struct Bench {
     pub stop: bool,
     /// A power stage pulls its nFAULT down.
     pub fault: bool,
-    /// The encoders' cables are unplugged: their counts stay.
+    /// The encoders' cables are unplugged: their counts freeze.
     pub unplugged: [bool; 3],
-    /// Current into the terminals is added to the measured one, such as by a short [A].
+    /// Current that is added to the measured one, such as by a short circuit [A].
     pub leak: [f64; 3],
     counts: [i64; 3],
     /// When the stages are awake; `None`: asleep.
@@ -119,27 +120,27 @@ impl Bench {
         }
     }
 
-    /// An ODrive with two motors.
+    /// Creates an ODrive with two motors.
     pub fn with_odrive([first, second]: [Motor; 2], seed: u32) -> Self {
         Self { odrive: Some(Odrive::default()), ..Self::new([first, second, second], seed) }
     }
 
-    /// Whether the power stages are awake, or their gate drivers enabled.
+    /// Returns whether the power stages are awake, or their gate drivers enabled.
     pub fn is_awake(&self) -> bool {
         self.awake.is_some()
     }
 
-    /// The encoders.
+    /// Returns the encoders.
     pub fn encoders(&self) -> &'static [Encoder] {
         if self.odrive.is_some() { &ODRIVE_ENCODERS } else { &ENCODERS }
     }
 
-    /// The place of the supervisor's line among USART1, USART2, UART4.
+    /// Returns the index of the supervisor's line among USART1, USART2, UART4.
     pub fn supervisor(&self) -> usize {
         if self.odrive.is_some() { 2 } else { 0 }
     }
 
-    /// A word over SPI1 or SPI3.
+    /// Exchanges a word over SPI1 or SPI3.
     pub fn exchange(&mut self, bus: &str, sent: &Sent, gpio: &Gpio, now: u64) -> u32 {
         match (&mut self.odrive, &mut self.force_sensor) {
             (Some(odrive), _) if bus == "SPI3" => odrive.exchange(sent, gpio, now),
@@ -148,12 +149,12 @@ impl Bench {
         }
     }
 
-    /// The next time at which something outside changes by itself.
+    /// Returns the next time at which something at the pins changes by itself.
     pub fn next(&self) -> u64 {
         self.force_sensor.as_ref().map_or(u64::MAX, ForceSensor::next)
     }
 
-    /// What follows from the levels of outputs at once.
+    /// Applies the immediate effects of the levels of outputs.
     pub fn observe(&mut self, gpio: &Gpio, now: u64) {
         if let Some(sensor) = &mut self.force_sensor {
             sensor.observe(gpio, now);
@@ -164,12 +165,12 @@ impl Bench {
         }
     }
 
-    /// Counts of an encoder since power-on.
+    /// Returns the counts of an encoder since power-on.
     pub fn counts(&self, motor: usize) -> i64 {
         self.counts[motor]
     }
 
-    /// What the chip's inputs show: the resistors at the emergency stop, and open drains at the trip.
+    /// Returns the levels of the chip's inputs: resistors at the emergency stop, and open drains at the trip.
     pub fn inputs(&self, now: u64) -> [Option<(Pin, bool)>; 3] {
         if let Some(odrive) = &self.odrive {
             let fault = self.fault || odrive.tells_fault(now);
@@ -179,14 +180,14 @@ impl Bench {
         [Some((STOP, !self.stop)), Some((TRIP, !self.stop && !self.fault)), data]
     }
 
-    /// Supply voltage at the stages [V].
+    /// Returns the supply voltage at the stages [V].
     fn voltage(&self) -> f64 {
         let drawn: f64 =
             self.states.iter().filter(|state| state.driven).map(|state| state.current.abs()).sum();
         self.supply - self.supply_resistance * drawn
     }
 
-    /// The part of full scale at a converter's channel.
+    /// Returns the level at a converter's channel as a fraction of full scale.
     pub fn analogue(&self, gpio: &Gpio, channel: u32) -> f64 {
         let volts = if let Some(odrive) = &self.odrive {
             let currents = [0, 1].map(|motor| self.states[motor].current + self.leak[motor]);
@@ -194,13 +195,13 @@ impl Bench {
         } else {
             self.mirrored(gpio, channel)
         };
-        // Even noise of a count and a half to either side.
+        // Uniform noise of ±1.5 counts.
         let random = self.noise.get().wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
         self.noise.set(random);
         volts / REFERENCE + (f64::from(random >> 8) / f64::from(1 << 23) - 1.0) * 1.5 / 4095.0
     }
 
-    /// Volts at a converter's channel of `board-weact`.
+    /// Returns the voltage at a converter's channel of `board-weact`.
     fn mirrored(&self, gpio: &Gpio, channel: u32) -> f64 {
         let Some(port_pin) = channel.checked_sub(10).map(|number| Pin(2, number)) else { return 0.0 };
         if gpio.mode(port_pin) != crate::gpio::Mode::Analog {
@@ -210,8 +211,8 @@ impl Bench {
             10..=12 => {
                 let motor = channel as usize - 10;
                 let State { current, driven, positive, .. } = self.states[motor];
-                // The low sides' currents from drain to source: all of it while shorted, and of a driven
-                // motor what flows with the voltage.
+                // The mirror shows the low sides' currents from drain to source: the whole current while the
+                // motor is shorted, and only a current in the direction of the voltage while it is driven.
                 let along = if positive { current } else { -current };
                 let current = if driven { along.max(0.0) } else { current.abs() };
                 let seen = if self.awake.is_some() { current + self.leak[motor] } else { 0.0 };
@@ -222,7 +223,7 @@ impl Bench {
         }
     }
 
-    /// Motors up to `now`, with what the chip's outputs are since the last call.
+    /// Simulates the motors up to `now`, with the chip's outputs as they were since the last call.
     pub fn advance(&mut self, timers: [&Tim1; 2], gpio: &Gpio, now: u64, clock: u64) {
         if now <= self.now {
             return;
@@ -248,7 +249,7 @@ impl Bench {
             let seconds = (end - self.now) as f64 * 1e-12;
             let voltage = self.voltage();
             for motor in 0..3 {
-                // Without a level the stage's own resistor keeps the input low.
+                // While nothing drives the input, the stage's own resistor keeps it low.
                 let on = pulsed[motor] && timer.complementary(motor, middle, clock) == Level::High
                     || gpio.output(ENABLE[motor].0) == Some(true);
                 let positive = gpio.output(PHASE[motor]).unwrap_or(false);
@@ -295,8 +296,8 @@ impl Bench {
         }
     }
 
-    /// A motor with a voltage, or with a stage that sleeps. Where diodes conduct, the current does not
-    /// reverse.
+    /// Simulates a motor with a voltage, or with `None` while the stage sleeps. While diodes conduct, the
+    /// current does not reverse.
     fn step(&mut self, motor: usize, volts: Option<f64>, may_reverse: bool, seconds: f64) {
         let supply = self.voltage();
         let Motor { resistance, inductance, constant, inertia, coulomb, viscous, load, blocked, counts } =
@@ -317,12 +318,12 @@ impl Bench {
         if blocked {
             state.velocity = 0.0;
         } else if state.velocity == 0.0 && torque.abs() <= coulomb {
-            // It sticks.
+            // Stiction holds the joint.
         } else {
             let direction = if state.velocity == 0.0 { torque.signum() } else { state.velocity.signum() };
             let next = state.velocity
                 + seconds * (torque - direction * coulomb - viscous * state.velocity) / inertia;
-            // Friction stops a joint; it does not turn it back.
+            // Friction stops a joint; it does not reverse it.
             state.velocity = if next * state.velocity < 0.0 { 0.0 } else { next };
         }
         state.angle += seconds * state.velocity;

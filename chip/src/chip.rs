@@ -1,6 +1,6 @@
-//! The peripherals at their addresses, with their clocks, their interrupts and what is at the pins.
+//! The peripherals at their addresses, with their clocks and interrupts, and the devices at the pins.
 //!
-//! Time is in picoseconds since power-on. A peripheral without clock takes no write and reads as 0.
+//! Time is in picoseconds since power-on. A peripheral without clock ignores writes and reads as 0.
 
 use std::collections::BTreeMap;
 
@@ -34,7 +34,7 @@ const USARTS: [(&str, usize, Pin, Pin); 3] = [
 ];
 /// The SPIs: name, and bus.
 const SPIS: [(&str, usize); 2] = [("SPI1", 2), ("SPI3", 1)];
-/// EXTICR1 of SYSCFG: which port a line of EXTI is.
+/// EXTICR1 of SYSCFG: selects the port of each EXTI line.
 const EXTICR: u32 = 0x4001_3808;
 
 pub struct Chip {
@@ -54,21 +54,21 @@ pub struct Chip {
     adc: [Adc; 3],
     adc_prescaler: u32,
     pub iwdg: Iwdg,
-    /// What is at the pins.
+    /// The devices at the pins.
     pub bench: Bench,
     /// Registers that only keep what is written, such as those of FLASH and PWR.
     kept: BTreeMap<u32, u32>,
-    /// Accesses to what is not there, by address.
+    /// Accesses to unknown registers, by address.
     pub unknown: BTreeMap<u32, u64>,
-    /// What goes wrong with writes to registers.
+    /// Changes that are applied to register writes.
     pub mistakes: Vec<Mistake>,
-    /// Counts of the encoders, as the timers have taken them.
+    /// Counts of the encoders that the timers have seen.
     turned: [i64; 3],
     pub now: u64,
 }
 
-/// The enable register and bit of the peripheral at a base address; `None` if it always runs, or is not
-/// there.
+/// Returns the enable register and bit of the peripheral at a base address; `None` if it always runs, or does
+/// not exist.
 fn clock(base: u32) -> Option<(usize, u32)> {
     Some(match base {
         0x4002_0000..=0x4002_2000 => (0x30, (base - 0x4002_0000) >> 10),
@@ -111,7 +111,7 @@ impl Chip {
         }
     }
 
-    /// A reset; `flag` tells its cause in RCC_CSR. Time, and what is outside, go on.
+    /// Resets the chip; `flag` is the cause in RCC_CSR. Time and the devices at the pins continue.
     pub fn reset(&mut self, flag: u32) {
         self.settle(self.now);
         self.rcc.reset(flag);
@@ -130,7 +130,7 @@ impl Chip {
         self.kept.clear();
     }
 
-    /// The crystal stops.
+    /// Stops the crystal.
     pub fn stop_crystal(&mut self) {
         let now = self.now;
         self.settle(now);
@@ -140,16 +140,16 @@ impl Chip {
         }
     }
 
-    /// The UART of the supervisor's line.
+    /// Returns the UART of the supervisor's line.
     pub fn supervisor(&mut self) -> &mut Usart {
         &mut self.usart[self.bench.supervisor()]
     }
 
-    /// What the datasheet forbids, and the chip is set up for.
+    /// Returns a setting of the chip that the datasheet forbids, if any.
     pub fn violation(&self) -> Option<String> {
         let (hclk, wait_states) = (self.rcc.hclk(), self.kept.get(&0x4002_3C00).copied().unwrap_or(0) & 7);
         let converters = self.adc_clock();
-        // A wait state for each 30 MHz that have begun after the first (RM0090, table 10, 2.7 to 3.6 V).
+        // One wait state per started 30 MHz after the first (RM0090, table 10, 2.7 to 3.6 V).
         if u64::from(wait_states) + 1 < hclk.div_ceil(30_000_000) {
             return Some(format!("{wait_states} wait states at {hclk} Hz"));
         }
@@ -175,7 +175,7 @@ impl Chip {
         self.rcc.pclk(2) / (2 * (u64::from(self.adc_prescaler) + 1))
     }
 
-    /// The next time at which something happens in the chip.
+    /// Returns the next time at which something happens in the chip.
     pub fn next(&self) -> u64 {
         let timers = self.timers.iter().map(|timer| timer.next(self.rcc.timers(1)));
         let usarts = self.usart.iter().map(Usart::next);
@@ -190,7 +190,7 @@ impl Chip {
         timers.chain(usarts).chain(adc).chain(spi).chain(rest).min().unwrap_or(u64::MAX)
     }
 
-    /// Brings what is outside up to `now`, with the outputs as they are.
+    /// Simulates the devices at the pins up to `now`, with the outputs as they are.
     fn settle(&mut self, now: u64) {
         self.bench.advance([&self.tim1, &self.tim8], &self.gpio, now, self.rcc.timers(2));
         self.bench.observe(&self.gpio, now);
@@ -218,7 +218,7 @@ impl Chip {
         self.tim1.set_break_input(level);
     }
 
-    /// Levels of the lines of EXTI that are watched.
+    /// Returns the levels of the watched EXTI lines.
     fn exti_levels(&self) -> u32 {
         let watched = self.exti.watched();
         let port = |line: u32| {
@@ -233,7 +233,7 @@ impl Chip {
         })
     }
 
-    /// Everything up to `now`. Returns whether the watchdog bites.
+    /// Simulates everything up to `now`. Returns whether the watchdog resets the chip.
     pub fn advance(&mut self, now: u64) -> bool {
         self.now = now;
         self.settle(now);
@@ -269,7 +269,7 @@ impl Chip {
         self.iwdg.end.is_some_and(|end| end <= now)
     }
 
-    /// Level-sensitive lines: pending while high and not being served.
+    /// Pends level-sensitive interrupts, while their line is high and they are not being served.
     fn lines(&mut self) {
         let timers = IRQ_TIMERS.into_iter().zip(self.timers.iter().map(Timer::line));
         let usarts = IRQ_USARTS.into_iter().zip(self.usart.iter().map(Usart::line));
@@ -338,7 +338,7 @@ impl Chip {
         })
     }
 
-    /// As a narrow write finds a register: it does not read one that reading changes.
+    /// Returns a register as a narrow write sees it, without the side effects of reading it.
     pub fn peek(&mut self, address: u32, now: u64) -> u32 {
         const DATA: [u32; 5] = [0x4001_1004, 0x4000_4404, 0x4000_4C04, 0x4001_300C, 0x4000_3C0C];
         if DATA.contains(&address) { 0 } else { self.read(address, now) }
@@ -368,7 +368,7 @@ impl Chip {
             0x4001_3C00 => {
                 self.settle(now);
                 let done = self.exti.write(offset, value);
-                // What begins to be watched has no edge.
+                // A line that is newly watched has no edge.
                 let levels = self.exti_levels();
                 self.exti.begin(levels);
                 done

@@ -1,4 +1,4 @@
-//! A supervisor at the board's line: requests, and their replies.
+//! A supervisor on the board's serial line: requests, and their replies.
 
 use tesaki::model::RobotModel;
 use tesaki::protocol::codec::{Decoder, MAX_FRAME, checksum, encode};
@@ -10,7 +10,7 @@ use tesaki::protocol::{
 use crate::SECOND;
 use crate::cpu::Machine;
 
-/// Time within which a reply comes.
+/// Time within which a reply must come.
 const PATIENCE: u64 = SECOND / 2;
 const STEP: u64 = SECOND / 10_000;
 
@@ -21,7 +21,7 @@ pub struct Client {
     /// The last sensor values and actuator frame that were logged.
     pub sensors: Option<SensorFrame>,
     pub actuators: Option<ActuatorFrame>,
-    /// The last tips.
+    /// The last message about the tips.
     pub tips: Option<Tips>,
     /// Messages that were damaged.
     pub damaged: u32,
@@ -42,7 +42,7 @@ impl Default for Client {
 }
 
 impl Client {
-    /// Takes what the board has sent.
+    /// Takes the messages that the board has sent.
     pub fn receive(&mut self, machine: &mut Machine) {
         for byte in std::mem::take(&mut machine.chip.supervisor().outgoing) {
             match self.decoder.push::<FromBoard>(byte) {
@@ -60,7 +60,7 @@ impl Client {
         }
     }
 
-    /// Sends a request and does not wait.
+    /// Sends a request without waiting for the reply.
     pub fn send(&mut self, machine: &mut Machine, request: Request) {
         self.sequence = self.sequence.wrapping_add(1);
         let mut frame = [0; MAX_FRAME];
@@ -69,7 +69,7 @@ impl Client {
         machine.chip.supervisor().incoming.extend(&frame[..length]);
     }
 
-    /// A request and its reply.
+    /// Sends a request and returns its reply.
     ///
     /// # Errors
     /// No reply, or the chip has stopped.
@@ -86,10 +86,10 @@ impl Client {
         Err("no reply".to_owned())
     }
 
-    /// A request that must be granted.
+    /// Sends a request that must be granted.
     ///
     /// # Errors
-    /// It was not.
+    /// It was not granted.
     pub fn demand(&mut self, machine: &mut Machine, request: Request) -> Result<(), String> {
         match self.ask(machine, request)? {
             Reply::Done | Reply::Hello { schema: SCHEMA_KEY, .. } => Ok(()),
@@ -97,7 +97,7 @@ impl Client {
         }
     }
 
-    /// The status.
+    /// Reads the status.
     ///
     /// # Errors
     /// No reply.
@@ -111,7 +111,7 @@ impl Client {
     /// Greets, takes command and pushes a model.
     ///
     /// # Errors
-    /// What was refused.
+    /// The reply that refuses it.
     pub fn push(&mut self, machine: &mut Machine, model: &RobotModel) -> Result<(), String> {
         match self.offer(machine, model)? {
             Reply::Done => Ok(()),
@@ -119,10 +119,10 @@ impl Client {
         }
     }
 
-    /// Greets, takes command and sends a model. Returns what the board says to the whole of it.
+    /// Greets, takes command and sends a model. Returns the board's reply to the complete model.
     ///
     /// # Errors
-    /// No reply, or it does not even listen.
+    /// No reply, or an earlier request was refused.
     pub fn offer(&mut self, machine: &mut Machine, model: &RobotModel) -> Result<Reply, String> {
         self.demand(machine, Request::Hello { schema: SCHEMA_KEY })?;
         self.demand(machine, Request::TakeCommand { by_force: true })?;

@@ -14,9 +14,9 @@ use crate::chip::Chip;
 pub const FLASH: u64 = 0x0800_0000;
 const FLASH_SIZE: u64 = 0x10_0000;
 
-/// What the callbacks change while `emu_start` runs. Reached only through a raw pointer: were it a field of
-/// `Machine`, the compiler could (and does) assume that a call which is not given `&mut self` leaves it
-/// alone.
+/// What the callbacks change while `emu_start` runs. It is accessed only through a raw pointer: if it were a
+/// field of `Machine`, the compiler could (and does) assume that a call without `&mut self` leaves it
+/// unchanged.
 pub struct Shared {
     pub chip: Chip,
     /// Instructions that may still run in this slice; hooks set it to 0 to stop before the next one.
@@ -25,17 +25,17 @@ pub struct Shared {
     calls: u64,
     last: u64,
     start: u64,
-    /// Picoseconds an instruction, for the clock in force.
+    /// Picoseconds per instruction at the present clock.
     cost: u64,
-    /// A hook asked for the stop.
+    /// Whether a hook requested the stop.
     stopped: bool,
     exception_return: bool,
     other_exception: Option<u32>,
-    /// An interrupt waits behind PRIMASK, FAULTMASK or BASEPRI.
+    /// Whether an interrupt is masked by PRIMASK, FAULTMASK or BASEPRI.
     watch: bool,
-    /// Unicorn has no hook for MSR and CPS on this core: their addresses in flash, by halfword, found by
-    /// encoding. (One hook an address would cost 10 x: the engine walks the list of all code hooks at each
-    /// instruction.)
+    /// Unicorn has no hook for MSR and CPS on this core: their addresses in flash, a bit per halfword, are
+    /// found by their encoding. (One hook per address would be 10 times slower: the engine walks the list of
+    /// all code hooks at each instruction.)
     mask_sites: Vec<u64>,
 }
 
@@ -49,7 +49,7 @@ impl Shared {
     }
 }
 
-/// What a handler has executed.
+/// The instructions that a handler has executed.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Work {
     pub times: u64,
@@ -62,16 +62,16 @@ pub struct Machine {
     uc: *mut uc_engine,
     shared: *mut Shared,
     pub instructions: u64,
-    /// What the handlers have executed, by number of the exception.
+    /// The instructions that the handlers have executed, by number of the exception.
     pub work: Vec<Work>,
-    /// Handlers that run: number, instructions at the entry, those of others since.
+    /// Active handlers: number, instruction count at the entry, instructions of other handlers since.
     running: Vec<(u32, u64, u64)>,
     pub resets: Vec<&'static str>,
     /// When the handlers were last entered [ps since power-on], by number of the exception.
     pub entered: Vec<u64>,
     pub sleeping: bool,
-    /// 1: handlers find garbage in the float registers, as they may; 2: and leave it there, as a check of the
-    /// check.
+    /// 1: handlers find garbage in the float registers, which is allowed; 2: they also leave it there, to
+    /// check that this is detected.
     pub scribble: u8,
     _owner: Unicorn<'static, ()>,
 }
@@ -105,7 +105,7 @@ impl Machine {
         owner.mem_write(0x1FFF_7A10, b"tesaki-chip1").expect("unique id");
         owner.mem_write(0x1FFF_7A22, &1024u16.to_le_bytes()).expect("flash size");
         owner.mem_write(0x1FFF_7A2A, &1500u16.to_le_bytes()).expect("VREFINT calibration");
-        // SRAM after power-on is noise.
+        // SRAM contains noise after power-on.
         let noise: Vec<u8> = (0u32..0x2_0000).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
         owner.mem_write(0x2000_0000, &noise).expect("ram");
 
@@ -177,10 +177,10 @@ impl Machine {
         unsafe { uc_mem_read(self.uc, address.into(), bytes.as_mut_ptr().cast(), 4) };
         u32::from_le_bytes(bytes)
     }
-    /// Writes words; false when there is no memory.
+    /// Writes words. Returns false when there is no memory.
     pub fn put(&mut self, address: u32, words: &[u32]) -> bool {
         let bytes: Vec<u8> = words.iter().flat_map(|w| w.to_le_bytes()).collect();
-        // SAFETY: as many bytes as there are.
+        // SAFETY: the length is that of the slice.
         unsafe {
             uc_mem_write(self.uc, address.into(), bytes.as_ptr().cast(), bytes.len() as u64) == uc_error::OK
         }
@@ -208,8 +208,7 @@ impl Machine {
         self.start_from_vectors();
     }
 
-    /// Runs until something outside has to look: `until` [ps], sleep with nothing due before `until`, or an
-    /// error.
+    /// Runs until `until` [ps], until the CPU sleeps with nothing due before `until`, or until an error.
     pub fn run(&mut self, until: u64) -> Result<(), String> {
         use RegisterARM as R;
         loop {
@@ -252,7 +251,7 @@ impl Machine {
         }
     }
 
-    /// Time passes, and the CPU executes nothing: what the hardware does alone.
+    /// Lets time pass while the CPU executes nothing: shows what the hardware does alone.
     pub fn pass(&mut self, duration: u64) {
         let until = self.now() + duration;
         loop {
@@ -273,7 +272,7 @@ impl Machine {
         // SAFETY: the engine lives; callbacks only touch `self` through the pointer given at `load`.
         let error = unsafe { uc_emu_start(self.uc, u64::from(pc) | 1, u64::MAX >> 1, 0, 0) };
         let after = self.get(RegisterARM::R15);
-        // The hook of an instruction before which we stopped was called all the same.
+        // The hook was also called for the instruction before which we stopped.
         if self.stopped && u64::from(after) == self.last && !self.exception_return {
             self.calls -= 1;
         }
@@ -286,7 +285,7 @@ impl Machine {
                 | uc_error::WRITE_PROT
                 | uc_error::INSN_INVALID
         ) {
-            // The fault exceptions are not enabled by the firmware: all escalate.
+            // The firmware does not enable the configurable fault exceptions: all escalate to a hard fault.
             if self.chip.nvic.active_priority() < 0 {
                 return Err(format!("lockup: {error:?} at {after:#x}"));
             }
@@ -384,7 +383,7 @@ impl Machine {
         Ok(())
     }
 
-    /// Adds up the instructions of a handler, without those of what preempted it.
+    /// Adds up the instructions of a handler, without those of handlers that preempted it.
     fn count(&mut self, number: u32) {
         let Some((_, since, others)) = self.running.pop() else { return };
         let all = self.instructions - since;
@@ -425,7 +424,7 @@ fn flash(uc: &mut Unicorn<'_, ()>, file: &object::File<'_>, elf: &[u8]) {
     }
 }
 
-/// Where the image changes an interrupt mask, by `msr` or `cps`: a bit for each halfword of the flash.
+/// Finds where the image changes an interrupt mask, by `msr` or `cps`: a bit for each halfword of the flash.
 fn mask_sites(file: &object::File<'_>) -> Vec<u64> {
     let mut sites = vec![0; FLASH_SIZE as usize / 2 / 64];
     let segments = file.segments().filter(|s| (FLASH..FLASH + FLASH_SIZE).contains(&s.address()));
@@ -444,7 +443,7 @@ fn mask_sites(file: &object::File<'_>) -> Vec<u64> {
 }
 
 // The callbacks: Unicorn calls them while `uc_emu_start` runs, one at a time, with the pointers that
-// `Machine::load` has given it. These are never freed, and nobody else holds a reference meanwhile.
+// `Machine::load` has given it. These are never freed, and there is no other reference meanwhile.
 
 unsafe extern "C" fn on_instruction(uc: *mut uc_engine, address: u64, _size: u32, me: *mut c_void) {
     // SAFETY: a callback, see above.
@@ -452,7 +451,7 @@ unsafe extern "C" fn on_instruction(uc: *mut uc_engine, address: u64, _size: u32
     m.calls += 1;
     m.last = address;
     m.left -= 1;
-    // An interrupt waits behind a mask: look again after each instruction that may lower it.
+    // An interrupt is masked: check again after each instruction that may lower the mask.
     if m.watch && m.writes_mask(address) {
         m.left = m.left.min(0);
     }
@@ -476,7 +475,7 @@ unsafe extern "C" fn on_exception(uc: *mut uc_engine, number: u32, me: *mut c_vo
     unsafe { uc_emu_stop(uc) };
 }
 
-/// The bit behind an address in the peripheral bit band.
+/// Returns the bit to which an address in the peripheral bit band maps.
 fn bit(address: u32) -> (u32, u32) {
     let offset = address - 0x4200_0000;
     (0x4000_0000 + ((offset / 32) & !3), offset / 4 % 32)
@@ -514,14 +513,13 @@ unsafe extern "C" fn on_write(_uc: *mut uc_engine, offset: u64, size: u32, value
     } else if size == 4 || region.base == 0xE000_0000 {
         m.chip.write(address, size, value, now);
     } else {
-        // The peripheral buses of the chip take narrow writes as a whole word with the value repeated,
-        // mostly.
+        // Most peripheral buses of the chip take a narrow write as a whole word with the value repeated.
         let shift = 8 * (address & 3);
         let mask = ((1u32 << (8 * size)) - 1) << shift;
         let old = m.chip.peek(address & !3, now);
         m.chip.write(address & !3, 4, old & !mask | value << shift & mask, now);
     }
-    // An event, an interrupt or the clock may have changed: look before the next instruction.
+    // An event, an interrupt or the clock may have changed: check before the next instruction.
     let clock = (0x4002_3800..=0x4002_3808).contains(&address);
     if clock || m.chip.nvic.waits() || m.chip.nvic.reset_requested {
         m.left = 0;

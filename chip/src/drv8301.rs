@@ -1,10 +1,10 @@
-//! The gate driver DRV8301: registers, wake, faults, amplifiers. From its data sheet (Texas Instruments,
-//! SLOS719), not from the driver.
+//! The gate driver DRV8301: registers, wake, faults, amplifiers. Written from the data sheet (Texas
+//! Instruments, SLOS719), not from the driver.
 
 use crate::SECOND;
 use crate::spi::Sent;
 
-/// Time until it is awake: less than the 10 ms that it may take. `nFAULT` is low meanwhile.
+/// Time until the chip is awake: less than the allowed 10 ms. `nFAULT` is low meanwhile.
 const WAKE: u64 = 9 * SECOND / 1000;
 /// Fastest clock [Hz].
 const FASTEST: u64 = 10_000_000;
@@ -14,13 +14,13 @@ const FAULT: u16 = 1 << 10;
 
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Drv8301 {
-    /// Since when `EN_GATE` is high.
+    /// Time since which `EN_GATE` has been high.
     enabled: Option<u64>,
     control: [u16; 2],
     /// Faults that last until the next reset, as bits of status register 1.
     faults: u16,
     is_selected: bool,
-    /// What came since it was selected, and how many bits; what it answers to them.
+    /// Received bits since it was selected, their number, and its answer.
     shift: u32,
     bits: u32,
     answer: u16,
@@ -28,8 +28,8 @@ pub struct Drv8301 {
 }
 
 impl Drv8301 {
-    /// `EN_GATE` at a time: a low one forgets everything. (Lows of less than 20 µs, which do not, are not
-    /// there.)
+    /// Sets `EN_GATE`: while it is low, everything is forgotten. (Low pulses shorter than 20 µs, which only
+    /// clear faults, are not modelled.)
     pub fn enable(&mut self, is_high: bool, now: u64) {
         match (is_high, self.enabled) {
             (true, None) => self.enabled = Some(now),
@@ -42,37 +42,37 @@ impl Drv8301 {
         self.enabled.is_some_and(|since| since + WAKE <= now)
     }
 
-    /// Whether it pulls `nFAULT` down.
+    /// Returns whether it pulls `nFAULT` down.
     pub fn tells_fault(&self, now: u64) -> bool {
         self.enabled.is_some() && (!self.is_awake(now) || self.faults != 0)
     }
 
-    /// Too much current in the transistor of a bit of status register 1. Its half bridge is off in the mode
-    /// of a latched shutdown.
+    /// Reports an overcurrent in the transistor of a bit of status register 1. With latched shutdown its half
+    /// bridge is off.
     pub fn overload(&mut self, bit: u32) {
         self.faults |= 1 << bit | FAULT;
     }
 
-    /// Whether a half bridge (0 is A) works.
+    /// Returns whether a half bridge (0 is A) works.
     pub fn drives(&self, half_bridge: usize, now: u64) -> bool {
         let overloaded = self.faults >> (4 - 2 * half_bridge) & 3 != 0;
         let latches = self.control[0] >> 4 & 3 == 1;
-        // Three inputs: the low sides' are not looked at. Nobody has wired it that way.
+        // With three inputs the low sides' inputs would be ignored; the board is not wired that way.
         let six_inputs = self.control[0] & 1 << 3 == 0;
         self.is_awake(now) && six_inputs && !(overloaded && latches)
     }
 
-    /// Gain of the amplifiers; `None` while they sleep.
+    /// Returns the gain of the amplifiers; `None` while they sleep.
     pub fn gain(&self, now: u64) -> Option<f64> {
         self.is_awake(now).then(|| f64::from(10 << (self.control[1] >> 2 & 3)))
     }
 
-    /// Settings are gone, as they were seen to go.
+    /// Loses the settings, as some chips were seen to do.
     pub fn forget(&mut self) {
         self.control = [0; 2];
     }
 
-    /// Its select line: low is selected. A word is taken when it rises.
+    /// Sets the select line, which is active low. A word is taken when it rises.
     pub fn select(&mut self, is_low: bool, now: u64) {
         if is_low == self.is_selected {
             return;
@@ -102,7 +102,7 @@ impl Drv8301 {
         }
     }
 
-    /// Bits of a word from the master; `None` when it is not selected.
+    /// Takes the bits of a word from the master and returns the answer; `None` when the chip is not selected.
     pub fn exchange(&mut self, sent: &Sent, now: u64) -> Option<u32> {
         if !self.is_selected {
             return None;
@@ -112,7 +112,7 @@ impl Drv8301 {
         let answer = answer >> 16_u32.saturating_sub(self.bits + length) & ((1 << length) - 1);
         self.bits += length;
         self.shift = self.shift << length | bits;
-        // Another edge samples bits that are just changing; a clock that is too fast does as well.
+        // A wrong edge samples bits that are just changing, and so does a clock that is too fast.
         let is_right = mode == 1 && is_high_first && frequency <= FASTEST;
         if !is_right {
             self.shift >>= 1;
@@ -152,7 +152,7 @@ mod tests {
         assert_eq!(word(&mut chip, 0x8800, WAKE), 0x0801);
         assert_eq!(chip.gain(WAKE), Some(80.0));
         chip.overload(0);
-        // Latched shutdown is not set: it only tells.
+        // Latched shutdown is not set: the chip only reports the fault.
         assert!(chip.tells_fault(WAKE) && chip.drives(2, WAKE));
         word(&mut chip, 0x1010, WAKE);
         assert!(!chip.drives(2, WAKE) && chip.drives(1, WAKE));

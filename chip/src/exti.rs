@@ -1,4 +1,4 @@
-//! The lines of EXTI that are pins: edges, and their interrupts.
+//! The EXTI lines of pins: edges, and their interrupts.
 
 const IMR: usize = 0;
 const RTSR: usize = 2;
@@ -20,19 +20,19 @@ pub struct Exti {
 }
 
 impl Exti {
-    /// Lines that react to edges.
+    /// Returns the lines that react to edges.
     pub fn watched(&self) -> u32 {
         (self.registers[RTSR] | self.registers[FTSR]) & LINES
     }
 
-    /// Levels of the watched lines.
+    /// Sets the levels of the watched lines.
     pub fn set_levels(&mut self, levels: u32) {
         let (rising, falling) = (levels & !self.levels, !levels & self.levels);
         self.registers[PR] |= rising & self.registers[RTSR] & LINES | falling & self.registers[FTSR] & LINES;
         self.levels = levels;
     }
 
-    /// Whether an interrupt with these lines is asked for.
+    /// Returns whether an interrupt of these lines is requested.
     pub fn line(&self, lines: u32) -> bool {
         self.registers[PR] & self.registers[IMR] & lines != 0
     }
@@ -41,7 +41,7 @@ impl Exti {
         self.registers.get(offset as usize / 4).copied()
     }
 
-    /// Levels of the watched lines from which edges count.
+    /// Sets the levels of the watched lines without causing edges.
     pub fn begin(&mut self, levels: u32) {
         self.levels = levels;
     }
@@ -72,7 +72,7 @@ mod tests {
         assert_eq!(exti.read(0x14), Some(0x14));
         exti.write(0x14, 1 << 4);
         assert_eq!(exti.read(0x14), Some(0x04));
-        // Up again is no falling edge.
+        // A rising edge is not a falling one.
         exti.set_levels(0x14);
         assert!(!exti.line(1 << 4));
     }

@@ -10,24 +10,25 @@ use crate::spi::Sent;
 const SELECT: Pin = Pin(0, 15);
 const DATA: Pin = Pin(2, 4);
 const SPI: [(Pin, &str); 3] = [(Pin(1, 3), "SCK"), (Pin(1, 4), "MISO"), (Pin(1, 5), "MOSI")];
-/// What the converter's own reference is, in parts of the gauges'.
+/// The converter's own reference as a fraction of the gauges'.
 const REFERENCE: f64 = 0.85;
 
 pub struct ForceSensor {
     pub converter: Ads131m06,
-    /// On the tip: forces along x, y, z [N] and torques [N·m].
+    /// Wrench on the tip: forces along x, y, z [N] and torques [N·m].
     pub wrench: [f64; 6],
     /// Counts of each gauge for 1 N and 1 N·m, at a gain of 1.
     sensitivity: [[f64; 6]; 6],
     /// Counts of each gauge without a wrench, at a gain of 1.
     pub offsets: [f64; 6],
-    /// Even noise to either side, at a gain of 1 [counts].
+    /// Amplitude of the uniform noise, at a gain of 1 [counts].
     pub noise: f64,
     random: u32,
 }
 
 impl ForceSensor {
-    /// With gauges whose wrench is `calibration` · counts, of converters with these gains.
+    /// Creates a sensor with gauges whose wrench is `calibration` · counts, where the converter has these
+    /// gains.
     pub fn new(calibration: &[[f64; 6]; 6], gains: [u8; 6]) -> Self {
         let mut sensitivity = inverse(calibration);
         for (row, gain) in sensitivity.iter_mut().zip(gains) {
@@ -47,7 +48,7 @@ impl ForceSensor {
         self.converter.next()
     }
 
-    /// Levels of the chip's outputs, and conversions up to `now`.
+    /// Takes the levels of the chip's outputs, and performs the conversions up to `now`.
     pub fn observe(&mut self, gpio: &Gpio, now: u64) {
         if self.converter.next() <= now {
             let Self { wrench, sensitivity, offsets, noise, .. } = *self;
@@ -63,13 +64,13 @@ impl ForceSensor {
         self.converter.select(gpio.output(SELECT) == Some(false), now);
     }
 
-    /// The line that tells new values.
+    /// Returns the line that signals new values.
     pub fn data_line(&self) -> Option<(Pin, bool)> {
         // A resistor of the chip holds an open line.
         Some((DATA, self.converter.ready_line().unwrap_or(true)))
     }
 
-    /// A word over the bus, if the pins are the bus's.
+    /// Exchanges a word over the bus, if the pins are set up for it.
     pub fn exchange(&mut self, sent: &Sent, gpio: &Gpio) -> u32 {
         let [clock, answer, data] = SPI.map(|(pin, name)| gpio.signal(pin) == Some(("SPI1", name)));
         if !clock || !data {
@@ -80,7 +81,7 @@ impl ForceSensor {
     }
 }
 
-/// By elimination with pivots.
+/// Inverts by elimination with pivoting.
 fn inverse(matrix: &[[f64; 6]; 6]) -> [[f64; 6]; 6] {
     let (mut left, mut right) = (*matrix, [[0.0; 6]; 6]);
     (0..6).for_each(|place| right[place][place] = 1.0);

@@ -1,4 +1,4 @@
-//! The ports: modes, outputs, and what the pins show.
+//! The ports: modes, outputs, and levels of the pins.
 
 use crate::pins::{self, Pin, Signal};
 
@@ -15,7 +15,7 @@ pub enum Mode {
 pub struct Gpio {
     /// Registers of a port, by offset / 4.
     ports: [[u32; 10]; 9],
-    /// What something outside drives: which pins, and their levels.
+    /// Externally driven pins, and their levels.
     driven: [(u32, u32); 9],
 }
 
@@ -30,12 +30,12 @@ impl Gpio {
         Self { ports, driven: [(0, 0); 9] }
     }
 
-    /// After a reset of the chip; what is outside stays.
+    /// Resets the ports; externally driven levels stay.
     pub fn reset(&mut self) {
         self.ports = Self::new().ports;
     }
 
-    /// Something outside drives a pin.
+    /// Drives a pin externally.
     pub fn drive(&mut self, Pin(port, number): Pin, level: bool) {
         let (pins, levels) = &mut self.driven[port];
         *pins |= 1 << number;
@@ -55,12 +55,12 @@ impl Gpio {
         }
     }
 
-    /// 1: up, 2: down.
+    /// Returns the pull resistor of a pin; 1: up, 2: down.
     pub fn pull(&self, Pin(port, number): Pin) -> u32 {
         self.ports[port][3] >> (2 * number) & 3
     }
 
-    /// The peripheral's signal at a pin, if it is set up for one.
+    /// Returns the peripheral's signal at a pin, if it is set up for one.
     pub fn signal(&self, pin: Pin) -> Option<Signal> {
         match self.mode(pin) {
             Mode::Alternate(function) => pins::signal(pin, function),
@@ -68,12 +68,12 @@ impl Gpio {
         }
     }
 
-    /// The level of an output; `None` if the port does not drive the pin.
+    /// Returns the level of an output; `None` if the port does not drive the pin.
     pub fn output(&self, pin: Pin) -> Option<bool> {
         (self.mode(pin) == Mode::Output).then(|| self.ports[pin.0][5] >> pin.1 & 1 == 1)
     }
 
-    /// The level that an input shows.
+    /// Returns the level that an input shows.
     pub fn input(&self, pin: Pin) -> bool {
         let (pins, levels) = self.driven[pin.0];
         if let Some(level) = self.output(pin) {
@@ -98,7 +98,7 @@ impl Gpio {
         let registers = &mut self.ports[port];
         match offset {
             0x10 => {}
-            // Setting wins over resetting.
+            // Setting has priority over resetting.
             0x18 => registers[5] = registers[5] & !(value >> 16) | value & 0xFFFF,
             0x00..=0x24 => registers[offset as usize / 4] = value,
             _ => return None,

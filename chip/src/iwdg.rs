@@ -6,7 +6,7 @@ pub struct Iwdg {
     prescaler: u32,
     reload: u32,
     writable: bool,
-    /// When it bites.
+    /// When it resets the chip.
     pub end: Option<u64>,
 }
 
@@ -30,7 +30,7 @@ impl Iwdg {
             (0, 0xAAAA | 0xCCCC) => {
                 self.writable &= value == 0xCCCC;
                 if self.end.is_some() || value == 0xCCCC {
-                    // It starts from 0xFFF, whatever was set; only the other key reloads.
+                    // It starts from 0xFFF, whatever was set; only the reload key takes the reload value.
                     let counts = if value == 0xCCCC { 0xFFF } else { self.reload };
                     let periods = (u64::from(counts) + 1) * (4 << self.prescaler.min(6));
                     self.end = Some(now + periods * SECOND / 32_000);

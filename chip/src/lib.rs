@@ -1,10 +1,9 @@
-//! An STM32F405 for the image that is flashed: the instruction set by Unicorn, the registers that the image
-//! uses by models of this crate, and at the pins the motors of the boards `board-weact` and `board-odrive`.
-//! Deterministic: time passes with the instructions.
+//! A simulated STM32F405 that runs the flashed image: Unicorn executes the instructions, this crate models
+//! the registers that the image uses, and the motors of the boards `board-weact` and `board-odrive` are at
+//! the pins. Deterministic: time advances with the instructions.
 //!
-//! What it does not show: an instruction is taken for 1.5 cycles, whatever it is; no analogue effects, no
-//! errata, no DMA, of SPI only SPI1 and SPI3; no check of CPACR, no write buffers; PVU and RVU of the
-//! watchdog.
+//! Limitations: every instruction takes 1.5 cycles; there are no analogue effects, no errata, no DMA, no SPI
+//! but SPI1 and SPI3, no check of CPACR, no write buffers, and no PVU and RVU of the watchdog.
 
 pub mod adc;
 pub mod ads131m06;

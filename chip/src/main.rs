@@ -1,4 +1,4 @@
-//! `tesaki-chip IMAGE`: runs the image of `board-weact` for a simulated machine that calls over standard
+//! `tesaki-chip IMAGE`: runs the image of `board-weact` for a simulated machine that is connected to standard
 //! input and output.
 
 use std::io::{self, BufReader, BufWriter};

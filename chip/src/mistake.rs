@@ -1,6 +1,6 @@
 //! Mistakes in a driver, seeded into the image by changing what it writes to a register.
 
-/// What a write to an address becomes: the bits of `mask` are those of `value` instead.
+/// Changes the writes to an address: the bits of `mask` are replaced by those of `value`.
 #[derive(Clone, Copy, Debug)]
 pub struct Mistake {
     pub address: u32,

@@ -1,5 +1,5 @@
-//! NVIC, SCB, SysTick (registers only) and the exception rules of ARMv7-M: who is pending, who may preempt
-//! whom.
+//! NVIC, SCB, SysTick (registers only) and the exception rules of ARMv7-M: which exceptions are pending, and
+//! which may preempt which.
 
 pub const THREAD: i32 = 256;
 
@@ -18,7 +18,7 @@ pub struct Nvic {
     pub shcsr: u32,
     pub prigroup: u32,
     pub reset_requested: bool,
-    /// SysTick: counts the core clock; `None` of the events when off.
+    /// Registers of SysTick.
     pub systick: [u32; 3],
 }
 
@@ -42,7 +42,8 @@ impl Nvic {
         }
     }
 
-    /// Priority of an exception number; lower is more urgent. STM32F4: the upper four bits count.
+    /// Returns the priority of an exception number; lower is more urgent. On an STM32F4 only the upper four
+    /// bits count.
     fn priority_of(&self, number: u32) -> i32 {
         match number {
             2 => -2,
@@ -52,14 +53,15 @@ impl Nvic {
         }
     }
 
-    /// PRIGROUP is 0 to 3 on reset: all four bits preempt.
+    /// Returns the priority of the active exception. PRIGROUP is 0 to 3 after reset: all four bits are
+    /// preemption priority.
     pub fn active_priority(&self) -> i32 {
         let system = (2..16).filter(|n| self.system_active >> n & 1 == 1);
         let external = bits(&self.active).map(|n| n + 16);
         system.chain(external).map(|n| self.priority_of(n)).min().unwrap_or(THREAD)
     }
 
-    /// The most urgent pending exception and its priority.
+    /// Returns the most urgent pending exception and its priority.
     fn best(&self) -> Option<(i32, u32)> {
         let system = (2..16).filter(|n| self.system_pending >> n & 1 == 1);
         let mut ready = [0; 8];
@@ -72,13 +74,13 @@ impl Nvic {
             .min()
     }
 
-    /// Whether an exception waits that would run if nothing masked it.
+    /// Returns whether an exception is pending that would run if nothing masked it.
     pub fn waits(&self) -> bool {
         (self.system_pending != 0 || self.pending.iter().zip(&self.enabled).any(|(p, e)| p & e != 0))
             && self.best().is_some_and(|(priority, _)| priority < self.active_priority())
     }
 
-    /// The exception to enter now, if any.
+    /// Returns the exception to enter now, if any.
     pub fn due(&self, primask: bool, faultmask: bool, basepri: u8) -> Option<u32> {
         let (priority, number) = self.best()?;
         let mut limit = self.active_priority();
@@ -114,11 +116,11 @@ impl Nvic {
         }
     }
 
-    /// A level at the interrupt line `n`; a line that stays high pends again when its handler returns.
+    /// Pends interrupt `n`. A line that stays high pends again when its handler returns.
     pub fn pend(&mut self, n: u32) {
         self.pending[n as usize / 32] |= 1 << (n % 32);
     }
-    /// A system exception.
+    /// Pends a system exception.
     pub fn pend_system(&mut self, number: u32) {
         self.system_pending |= 1 << number;
     }
@@ -159,7 +161,7 @@ impl Nvic {
         })
     }
 
-    /// `size` matters: the priority registers are written by bytes.
+    /// Writes a register. `size` matters, because the priority registers are written by bytes.
     pub fn write(&mut self, offset: u32, size: u32, value: u32) -> Option<()> {
         let word = |base: u32| (offset - base) as usize / 4;
         match offset {

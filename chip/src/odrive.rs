@@ -1,5 +1,5 @@
-//! What is at the pins of an ODrive v3.6 for 56 V: two stages of three half bridges behind gate drivers
-//! DRV8301, shunts, a divider at the supply. Brushed motors are between the half bridges B and C.
+//! The devices at the pins of an ODrive v3.6 for 56 V: two stages of three half bridges behind gate drivers
+//! DRV8301, shunts, a divider at the supply. Brushed motors are connected between the half bridges B and C.
 //!
 //! Written from the data sheets of chip and gate driver and from the public header of the board
 //! (`Firmware/Board/v3/Inc/main.h`), not from its driver.
@@ -15,23 +15,23 @@ pub const FAULT: Pin = Pin(3, 2);
 pub const STOP: Pin = Pin(2, 4);
 const SELECT: [Pin; 2] = [Pin(2, 13), Pin(2, 14)];
 const SPI: [(Pin, &str); 3] = [(Pin(2, 10), "SCK"), (Pin(2, 11), "MISO"), (Pin(2, 12), "MOSI")];
-/// Of the brake resistor.
+/// Gates of the brake resistor.
 const BRAKE: [Pin; 2] = [Pin(1, 10), Pin(1, 11)];
-/// By motor and half bridge (A, B, C): gates of the high and of the low side.
+/// Gates of the high and of the low side, by motor and half bridge (A, B, C).
 const GATES: [[[Pin; 2]; 3]; 2] = [
     [[Pin(0, 8), Pin(1, 13)], [Pin(0, 9), Pin(1, 14)], [Pin(0, 10), Pin(1, 15)]],
     [[Pin(2, 6), Pin(0, 7)], [Pin(2, 7), Pin(1, 0)], [Pin(2, 8), Pin(1, 1)]],
 ];
 const TIMERS: [&str; 2] = ["TIM1", "TIM8"];
 const CHANNELS: [[&str; 2]; 3] = [["CH1", "CH1N"], ["CH2", "CH2N"], ["CH3", "CH3N"]];
-/// [Ω].
+/// Shunt [Ω].
 const SHUNT: f64 = 0.5e-3;
-/// Of the amplifiers [V], and of the converters.
+/// Reference of the amplifiers and of the converters [V].
 const REFERENCE: f64 = 3.3;
 const DIVIDER: f64 = 19.0;
-/// Of a body diode [V].
+/// Voltage of a body diode [V].
 const DIODE: f64 = 0.7;
-/// Shortest time between the gates of a half bridge [ps].
+/// Minimum dead time between the gates of a half bridge [ps].
 const PAUSE: u64 = 100_000;
 
 /// A half bridge.
@@ -43,11 +43,11 @@ enum Bridge {
     Off,
 }
 
-/// What is at the terminals of a motor.
+/// State of the terminals of a motor.
 pub enum Terminals {
     /// A voltage from B to C [V].
     Driven(f64),
-    /// The same, but diodes conduct: the current does not change its sign.
+    /// The same, but diodes conduct: the current does not reverse.
     Blocked(f64),
     /// No current flows.
     Open,
@@ -58,13 +58,13 @@ pub struct Odrive {
     pub drivers: [Drv8301; 2],
     /// Offsets at the inputs of the amplifiers of B and C, by motor [V].
     pub offsets: [[f64; 2]; 2],
-    /// Amplifiers that are dead: their output stays in the middle.
+    /// Dead amplifiers: their output stays in the middle.
     pub dead: [[bool; 2]; 2],
-    /// By motor: B and C.
+    /// The half bridges B and C of each motor.
     bridges: [[Bridge; 2]; 2],
     /// When each gate was on for the last time, by motor, half bridge and side.
     on: [[[u64; 2]; 3]; 2],
-    /// What must never happen.
+    /// A violation of what must never happen.
     pub violation: Option<&'static str>,
 }
 
@@ -82,7 +82,7 @@ impl Default for Odrive {
 }
 
 impl Odrive {
-    /// The lines of the gate drivers.
+    /// Updates the lines of the gate drivers.
     pub fn observe(&mut self, gpio: &Gpio, now: u64) {
         let is_enabled = gpio.output(ENABLE) == Some(true);
         for (driver, select) in self.drivers.iter_mut().zip(SELECT) {
@@ -98,7 +98,7 @@ impl Odrive {
         self.drivers.iter().any(|driver| driver.tells_fault(now))
     }
 
-    /// A word over the bus, if the pins are the bus's.
+    /// Exchanges a word over the bus, if the pins are set up for it.
     pub fn exchange(&mut self, sent: &Sent, gpio: &Gpio, now: u64) -> u32 {
         let [clock, answer, data] = SPI.map(|(pin, name)| gpio.signal(pin) == Some(("SPI3", name)));
         if !clock || !data {
@@ -106,12 +106,12 @@ impl Odrive {
         }
         let answers: Vec<u32> =
             self.drivers.iter_mut().filter_map(|driver| driver.exchange(sent, now)).collect();
-        // Two at a time pull against each other.
+        // Two selected drivers would work against each other.
         let [word] = answers[..] else { return 0 };
         if answer { word } else { 0 }
     }
 
-    /// A level of a gate's input, which a resistor in the gate driver holds low.
+    /// Returns the level of a gate's input, which a resistor in the gate driver holds low.
     fn is_on(gpio: &Gpio, timers: [&Tim1; 2], place: (usize, usize, usize), now: u64, clock: u64) -> bool {
         let (motor, bridge, side) = place;
         let pin = GATES[motor][bridge][side];
@@ -120,7 +120,7 @@ impl Odrive {
             || gpio.output(pin) == Some(true)
     }
 
-    /// What is at a motor with this current between two edges, around `now`.
+    /// Returns what is at the terminals of a motor with this current between two edges.
     pub fn terminals(
         &mut self,
         motor: usize,
@@ -135,7 +135,7 @@ impl Odrive {
             let last = self.on[motor][bridge];
             for (side, _) in gates.into_iter().enumerate().filter(|(_, is_on)| *is_on) {
                 let other = last[1 - side];
-                // It goes on: the other one must have been off for a while.
+                // It switches on: the other one must have been off for the dead time.
                 let goes_on = last[side] < begin;
                 if drives && goes_on && other != 0 && other + PAUSE > begin {
                     self.violation = Some("a half bridge without dead time");
@@ -174,18 +174,18 @@ impl Odrive {
         }
     }
 
-    /// Whether a transistor is on.
+    /// Returns whether a transistor is on.
     pub fn is_any_gate_on(&self) -> bool {
         self.bridges.iter().flatten().any(|bridge| *bridge != Bridge::Off)
     }
 
-    /// Whether the supply drives a motor.
+    /// Returns whether the supply drives a motor.
     pub fn is_driven(&self, motor: usize) -> bool {
         let [b, c] = self.bridges[motor];
         b != c && (b == Bridge::High || c == Bridge::High)
     }
 
-    /// Volts at a converter's channel: `currents` from B to C, and the supply.
+    /// Returns the voltage at a converter's channel; `currents` flow from B to C.
     pub fn volts(&self, gpio: &Gpio, channel: u32, currents: [f64; 2], supply: f64, now: u64) -> f64 {
         let (pin, place) = match channel {
             6 => (Pin(0, 6), None),

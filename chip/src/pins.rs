@@ -1,5 +1,5 @@
 //! Which peripheral a pin belongs to: the alternate functions of the STM32F405 (datasheet DS8626, table 9),
-//! for the peripherals that this crate has.
+//! for the peripherals that this crate models.
 
 use std::sync::LazyLock;
 
@@ -8,7 +8,7 @@ use std::sync::LazyLock;
 pub struct Pin(pub usize, pub u32);
 
 impl Pin {
-    /// From a name such as `PB13`.
+    /// Parses a name such as `PB13`.
     pub fn named(name: &str) -> Option<Self> {
         let mut characters = name.strip_prefix('P')?.chars();
         let port = (characters.next()? as usize).checked_sub('A' as usize)?;
@@ -23,7 +23,7 @@ impl std::fmt::Display for Pin {
     }
 }
 
-/// What a signal is, by peripheral and name.
+/// A signal, by peripheral and name.
 pub type Signal = (&'static str, &'static str);
 
 /// Pin, number of the alternate function, signal.
@@ -102,7 +102,7 @@ const TABLE: &[(&str, u32, Signal)] = &[
     ("PC11", 8, ("UART4", "RX")),
 ];
 
-/// [`TABLE`] by port, number and alternate function: it is looked up at each event of the chip.
+/// [`TABLE`] by port, number and alternate function: a fast lookup, as it is used at each event of the chip.
 static SIGNALS: LazyLock<Vec<Option<Signal>>> = LazyLock::new(|| {
     let mut signals = vec![None; PORTS * 16 * 16];
     for &(name, function, signal) in TABLE {
@@ -118,7 +118,7 @@ fn index(Pin(port, number): Pin, function: u32) -> usize {
     (port * 16 + number as usize) * 16 + function as usize
 }
 
-/// The signal of a pin with this alternate function, if this crate knows one.
+/// Returns the signal of a pin with this alternate function, if this crate knows one.
 pub fn signal(pin: Pin, function: u32) -> Option<Signal> {
     SIGNALS[index(pin, function)]
 }

@@ -24,19 +24,19 @@ impl Rcc {
         Self { registers, crystal }
     }
 
-    /// A reset; `flag` tells its cause in CSR.
+    /// Resets the registers; `flag` is the cause in CSR.
     pub fn reset(&mut self, flag: u32) {
         let flags = self.registers[CSR] & 0xFE00_0000 | flag | 1 << 26;
         *self = Self::new(self.crystal);
         self.registers[CSR] = flags;
     }
 
-    /// Whether the clock of a peripheral is on: by the offset of its register and the bit.
+    /// Returns whether the clock of a peripheral is on, given the offset of its register and the bit.
     pub fn enables(&self, offset: usize, bit: u32) -> bool {
         self.registers[offset / 4] >> bit & 1 == 1
     }
 
-    /// Whether a peripheral is held in reset.
+    /// Returns whether a peripheral is held in reset.
     pub fn resets(&self, offset: usize, bit: u32) -> bool {
         self.registers[(offset - 0x20) / 4] >> bit & 1 == 1
     }
@@ -61,22 +61,22 @@ impl Rcc {
         if bits < 4 { 1 } else { 2 << (bits - 4) }
     }
 
-    /// Clock of bus 1 or 2.
+    /// Returns the clock of bus 1 or 2.
     pub fn pclk(&self, bus: usize) -> u64 {
         self.hclk() / self.divider(bus)
     }
 
-    /// Clock of the timers at bus 1 or 2.
+    /// Returns the clock of the timers on bus 1 or 2.
     pub fn timers(&self, bus: usize) -> u64 {
         self.pclk(bus) * if self.divider(bus) == 1 { 1 } else { 2 }
     }
 
-    /// The divider of the crystal for TIM11.
+    /// Returns the divider of the crystal for TIM11.
     pub fn rtc_divider(&self) -> u64 {
         (self.registers[CFGR] >> 16 & 31).into()
     }
 
-    /// The crystal stops. Returns whether the clock security system raises the NMI.
+    /// Stops the crystal. Returns whether the clock security system raises the NMI.
     pub fn stop_crystal(&mut self) -> bool {
         self.crystal = None;
         let supervised = self.registers[CR] & (1 << 19 | 1 << 16) == 1 << 19 | 1 << 16;
@@ -90,7 +90,7 @@ impl Rcc {
         supervised
     }
 
-    /// Whether the NMI is asked for.
+    /// Returns whether the NMI is requested.
     pub fn nmi(&self) -> bool {
         self.registers[CIR] >> 7 & 1 == 1
     }

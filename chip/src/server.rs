@@ -10,10 +10,10 @@ use crate::cpu::Machine;
 /// The exception of the timer's interrupt with which a control period begins.
 const INSTANT: usize = 16 + 28;
 
-/// Answers calls until the link ends.
+/// Answers calls until the link is closed.
 ///
 /// # Errors
-/// The link breaks, or a call comes that is none or out of turn.
+/// The link breaks, or a call is invalid or out of order.
 pub fn serve(elf: &[u8], from: &mut impl Read, to: &mut impl Write) -> Result<(), String> {
     let broken = |error: std::io::Error| error.to_string();
     let Some(first) = receive(from).map_err(broken)? else { return Ok(()) };
@@ -69,7 +69,7 @@ impl Board {
         }
         self.until += duration;
         machine.run(self.until)?;
-        // A CPU that sleeps leaves what is outside where it was when it fell asleep.
+        // While the CPU sleeps, the devices at the pins are not simulated: bring them up to date.
         machine.pass(0);
         let seconds = duration as f64 * 1e-12;
         let states = machine.chip.bench.states;

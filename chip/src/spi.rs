@@ -1,4 +1,4 @@
-//! SPI1 and SPI3 as masters: a word in the shift register, one that waits, flags.
+//! SPI1 and SPI3 as masters: a word in the shift register, one waiting, and flags.
 
 use crate::SECOND;
 
@@ -10,7 +10,7 @@ const DR: usize = 3;
 pub struct Spi {
     registers: [u32; 8],
     waiting: Option<u32>,
-    /// In the shift register, until when.
+    /// The word in the shift register, and when it ends.
     shifting: Option<(u32, u64)>,
     received: Option<u32>,
     overrun: bool,
@@ -20,7 +20,7 @@ pub struct Spi {
 pub struct Sent {
     pub bits: u32,
     pub length: u32,
-    /// SPI mode, 0 to 3; the most significant bit comes first; frequency [Hz].
+    /// SPI mode, 0 to 3; whether the most significant bit comes first; frequency [Hz].
     pub mode: u32,
     pub is_high_first: bool,
     pub frequency: u64,
@@ -35,7 +35,7 @@ impl Spi {
         clock >> ((self.registers[CR1] >> 3 & 7) + 1)
     }
 
-    /// Enabled, and a master that is selected by itself.
+    /// Returns whether it is enabled as a master with software slave management.
     fn runs(&self) -> bool {
         let needed = 1 << 6 | 1 << 2;
         self.registers[CR1] & needed == needed && self.registers[CR1] >> 8 & 3 == 3
@@ -50,7 +50,7 @@ impl Spi {
         self.shifting.map_or(u64::MAX, |(_, end)| end)
     }
 
-    /// The word that ends by `now`, if one does. [`Spi::receive`] must follow.
+    /// Returns the word whose transfer ends by `now`, if any. [`Spi::receive`] must follow.
     pub fn advance(&mut self, now: u64, clock: u64) -> Option<Sent> {
         let (bits, end) = self.shifting.filter(|(_, end)| *end <= now)?;
         self.shifting = None;

@@ -33,23 +33,23 @@ pub enum Level {
 
 pub struct Tim1 {
     registers: [u32; 0x14],
-    /// What is in force: prescaler, top, compare values.
+    /// Active values: prescaler, top, compare values.
     prescaler: u64,
     top: u64,
     compare: [u64; 4],
     repetitions: u32,
-    /// Ticks at `since`, and up to which events were handled.
+    /// Ticks at `since`, the time up to which events were handled.
     phase: u64,
     since: u64,
     handled: u64,
     /// Level of the break input; `None` when no pin is set up for it.
     break_input: Option<bool>,
-    /// Rising and falling edges of the fourth channel's reference that were not fetched yet.
+    /// Whether the fourth channel's reference has had rising and falling edges that were not fetched yet.
     triggers: (bool, bool),
-    /// When the references of the first three channels changed for the last time, at new compare values or
-    /// before them.
+    /// When the references of the first three channels last changed, at or before the last new compare
+    /// values.
     changed: [Option<u64>; 3],
-    /// When those came into force.
+    /// When those values took effect.
     updated: u64,
 }
 
@@ -88,7 +88,7 @@ impl Tim1 {
         self.registers[CR1] & 1 == 1
     }
 
-    /// Ticks since the counter began.
+    /// Returns the ticks since the counter began.
     fn ticks(&self, now: u64, clock: u64) -> u64 {
         if !self.runs() {
             return self.phase;
@@ -98,7 +98,7 @@ impl Tim1 {
         self.phase + passed as u64
     }
 
-    /// When so many ticks have passed.
+    /// Returns the time at which this many ticks have passed.
     fn time(&self, ticks: u64, clock: u64) -> u64 {
         let passed = u128::from(ticks.saturating_sub(self.phase)) * u128::from(SECOND * self.prescaler);
         self.since + passed.div_ceil(u128::from(clock)) as u64
@@ -112,7 +112,7 @@ impl Tim1 {
         self.registers[CCMR1 + channel / 2] >> (8 * (channel % 2) + 4) & 7
     }
 
-    /// The reference of a channel at a phase of the period.
+    /// Returns the reference of a channel at a phase of the period.
     fn reference(&self, channel: usize, phase: u64) -> bool {
         let below = self.count(phase) < self.compare[channel];
         match self.mode(channel) {
@@ -123,14 +123,14 @@ impl Tim1 {
         }
     }
 
-    /// Phases at which the count crosses a channel's compare value: upwards and downwards.
+    /// Returns the phases at which the count crosses a channel's compare value, upwards and downwards.
     fn crossings(&self, channel: usize) -> [u64; 2] {
         let compare = self.compare[channel];
         let down = if self.is_centred() { 2 * self.top + 1 - compare.min(2 * self.top) } else { 0 };
         [compare, down]
     }
 
-    /// The next tick after `ticks` at which one of `phases` is reached.
+    /// Returns the next tick after `ticks` at which one of `phases` is reached.
     fn after(&self, ticks: u64, phases: impl IntoIterator<Item = u64>) -> u64 {
         let period = self.period();
         let (round, phase) = (ticks / period * period, ticks % period);
@@ -142,7 +142,7 @@ impl Tim1 {
         [0, if self.is_centred() { self.top } else { 0 }]
     }
 
-    /// The next time at which something happens inside: an update, or an edge of the trigger.
+    /// Returns the time of the next update or edge of the trigger.
     pub fn next(&self, clock: u64) -> u64 {
         if !self.runs() {
             return u64::MAX;
@@ -151,7 +151,7 @@ impl Tim1 {
         self.time(self.after(self.handled, phases), clock)
     }
 
-    /// The dead time between the outputs of a pair [ticks], with CKD 0.
+    /// Returns the dead time between the outputs of a pair [ticks], with CKD 0.
     fn dead_time(&self) -> u64 {
         let bits = u64::from(self.registers[BDTR] & 0xFF);
         match bits >> 5 {
@@ -162,8 +162,8 @@ impl Tim1 {
         }
     }
 
-    /// The next time after `now` at which one of the first three references changes, or an output after its
-    /// dead time.
+    /// Returns the next time after `now` at which one of the first three references changes, or an output
+    /// after its dead time.
     pub fn next_edge(&self, now: u64, clock: u64) -> u64 {
         if !self.runs() {
             return u64::MAX;
@@ -178,8 +178,8 @@ impl Tim1 {
         dead_ends.filter(|end| *end > now).fold(next, u64::min)
     }
 
-    /// When the count crossed a channel's compare value for the last time, and the reference changed; `None`:
-    /// not since that value is in force.
+    /// Returns when the count last crossed a channel's compare value so that the reference changed; `None`:
+    /// not since that value took effect.
     fn last_crossing(&self, channel: usize, phase: u64, now: u64, clock: u64) -> Option<u64> {
         let period = self.period();
         let changes = |edge: &u64| {
@@ -193,7 +193,7 @@ impl Tim1 {
         (time >= self.updated).then_some(time)
     }
 
-    /// Whether the reference of a channel has been what it is for the dead time.
+    /// Returns whether the reference of a channel has been constant for the dead time.
     fn is_settled(&self, channel: usize, phase: u64, now: u64, clock: u64) -> bool {
         let last = self.last_crossing(channel, phase, now, clock).max(self.changed[channel]);
         last.is_none_or(|time| time + self.dead_time() * SECOND / clock <= now)
@@ -220,7 +220,7 @@ impl Tim1 {
         }
     }
 
-    /// The update event: what was preloaded comes into force.
+    /// Performs the update event: preloaded values take effect.
     fn update(&mut self, now: u64, clock: u64) {
         if self.registers[CR1] & 2 != 0 {
             return;
@@ -250,25 +250,25 @@ impl Tim1 {
         self.updated = now;
         self.repetitions = self.registers[RCR] & 0xFF;
         self.registers[SR] |= 1;
-        // AOE: what a break stopped comes back by itself.
+        // AOE: outputs that a break stopped come back by themselves.
         if self.registers[BDTR] & AOE != 0 && !self.breaks() {
             self.registers[BDTR] |= MOE;
         }
     }
 
-    /// Whether the break input is active now. Without a pin it is not.
+    /// Returns whether the break input is active now. Without a pin it is not.
     fn breaks(&self) -> bool {
         let active = self.registers[BDTR] & BKP != 0;
         self.registers[BDTR] & BKE != 0 && self.break_input == Some(active)
     }
 
-    /// The level at the break input; `None` when no pin is set up for it.
+    /// Sets the level at the break input; `None` when no pin is set up for it.
     pub fn set_break_input(&mut self, level: Option<bool>) {
         self.break_input = level;
         self.trip();
     }
 
-    /// No instruction is needed for this.
+    /// Applies an active break input, without an instruction.
     fn trip(&mut self) {
         if self.breaks() {
             self.registers[SR] |= BIF;
@@ -276,9 +276,9 @@ impl Tim1 {
         }
     }
 
-    /// Rising and falling edges since the last call: of the fourth channel's event, which is that of an
-    /// output and so needs CC4E and MOE, and of the trigger output, when it is the fourth channel's
-    /// reference.
+    /// Returns the rising and falling edges since the last call: of the fourth channel's event, which needs
+    /// CC4E and MOE because it is that of the output, and of the trigger output, if it is the fourth
+    /// channel's reference.
     pub fn take_triggers(&mut self) -> [(bool, bool); 2] {
         let edges = std::mem::take(&mut self.triggers);
         let passes = |open: bool| if open { edges } else { (false, false) };
@@ -286,12 +286,12 @@ impl Tim1 {
         [passes(is_output), passes(self.registers[CR2] >> 4 & 7 == 7)]
     }
 
-    /// Level of the complementary output of channel 0 to 2 (RM0090, table 75).
+    /// Returns the level of the complementary output of channel 0 to 2 (RM0090, table 75).
     pub fn complementary(&self, channel: usize, now: u64, clock: u64) -> Level {
         self.outputs(channel, now, clock)[1]
     }
 
-    /// Levels of the output of channel 0 to 2 and of its complementary one (RM0090, table 75).
+    /// Returns the levels of the output of channel 0 to 2 and of its complementary one (RM0090, table 75).
     pub fn outputs(&self, channel: usize, now: u64, clock: u64) -> [Level; 2] {
         let enabled = |bit: u32| self.registers[CCER] >> (4 * channel as u32 + bit) & 1 == 1;
         let (main, own) = (enabled(0), enabled(2));
@@ -305,8 +305,8 @@ impl Tim1 {
         }
         let phase = self.ticks(now, clock) % self.period();
         let reference = self.reference(channel, phase);
-        // A pair: each goes on a dead time after the other goes off. Alone, the complementary one is not the
-        // complement.
+        // In a pair, each output switches on a dead time after the other switches off. Alone, the
+        // complementary output is not inverted.
         let [first, second] = if main && own {
             let is_settled = self.is_settled(channel, phase, now, clock);
             [reference && is_settled, !reference && is_settled]
@@ -374,8 +374,8 @@ impl Tim1 {
                 }
             }
             0x44 => {
-                // Level 1 of the lock: dead time, break and its polarity, AOE. The lock itself is written
-                // once.
+                // Level 1 of the lock: dead time, break and its polarity, AOE. The lock itself can be written
+                // only once.
                 let locked = if self.lock() >= 1 { 0x7000 | 0x0FF | 0x300 } else { 0 };
                 self.registers[BDTR] = self.registers[BDTR] & locked | value & !locked;
                 self.trip();

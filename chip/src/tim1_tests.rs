@@ -2,7 +2,8 @@ use super::*;
 
 const CLOCK: u64 = 168_000_000;
 
-/// Centre-aligned at 20 kHz with a duty of a quarter on channel 1, its pulse around the underflow.
+/// Returns a timer that is centre-aligned at 20 kHz, with a duty of a quarter on channel 1 and its pulse
+/// around the underflow.
 fn pulses(main: bool) -> Tim1 {
     let mut timer = Tim1::new();
     let writes = [
@@ -63,7 +64,7 @@ fn outputs_of_a_pair_are_never_on_together() {
     }
 }
 
-/// A pulse that is shorter than the dead time does not come, and one that begins in its middle waits.
+/// A pulse that is shorter than the dead time is suppressed, and one that begins within it is delayed.
 #[test]
 fn short_and_changed_pulses_keep_the_dead_time() {
     let mut timer = pulses(true);

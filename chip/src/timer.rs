@@ -23,7 +23,7 @@ pub struct Timer {
     top: u64,
     count: u64,
     since: u64,
-    /// TIM11: the captures that were taken.
+    /// TIM11: number of captures.
     captures: u64,
     running_since: u64,
 }
@@ -44,8 +44,8 @@ impl Timer {
         self.registers[CR1] & 1 == 1 && !self.is_encoder()
     }
 
-    /// Counts of quadrature decoding for a shaft that turned by `edges` of both channels together. Both
-    /// inputs must be mapped to their channels.
+    /// Counts `edges`, the quadrature edges of both channels together. Both inputs must be mapped to their
+    /// channels.
     pub fn turn(&mut self, edges: i64) {
         let mapped = self.registers[CCMR1] & 0x303 == 0x101;
         if edges == 0 || !self.is_encoder() || self.registers[CR1] & 1 == 0 || !mapped {
@@ -66,7 +66,7 @@ impl Timer {
         self.count + ticks as u64
     }
 
-    /// When the counter overflows.
+    /// Returns when the counter overflows.
     pub fn next(&self, clock: u64) -> u64 {
         if !self.counts_clock() || self.registers[DIER] & 1 == 0 {
             return u64::MAX;
@@ -94,12 +94,12 @@ impl Timer {
         self.registers[DIER] & self.registers[SR] & 0x5F != 0
     }
 
-    /// The clock changes: what was counted so far was counted with the old one.
+    /// Latches the count before the clock changes, because it was counted with the old one.
     pub fn hold(&mut self, now: u64, clock: u64) {
         (self.count, self.since) = (self.now(now, clock), now);
     }
 
-    /// TIM11: captures of the crystal divided by `divider`, an input that is there if `crystal` [Hz].
+    /// TIM11: captures the crystal divided by `divider`, if there is a `crystal` [Hz].
     fn capture(&mut self, now: u64, clock: u64, crystal: Option<u64>, divider: u64) {
         let captures = self.registers[CCMR1] & 0x3 == 1 && self.registers[CCER] & 1 == 1;
         let selected = self.registers[OR] & 3 == 2 && divider >= 2;
@@ -121,7 +121,7 @@ impl Timer {
         }
     }
 
-    /// `crystal` [Hz] and its divider for TIM11.
+    /// Reads a register. `crystal` is its frequency [Hz] and its divider for TIM11.
     pub fn read(&mut self, offset: u32, now: u64, clock: u64, crystal: (Option<u64>, u64)) -> Option<u32> {
         self.capture(now, clock, crystal.0, crystal.1);
         let index = offset as usize / 4;
@@ -137,7 +137,7 @@ impl Timer {
     }
 
     pub fn write(&mut self, offset: u32, value: u32, now: u64, clock: u64) -> Option<()> {
-        // The fraction of a tick is lost only where the counting changes.
+        // The fraction of a tick is lost only if the counting changes.
         if matches!(offset, 0x00 | 0x08 | 0x14 | 0x24 | 0x2C) {
             self.hold(now, clock);
         }

@@ -10,13 +10,13 @@ pub struct Usart {
     brr: u32,
     received: Option<u8>,
     overrun: bool,
-    /// In the data register, and in the shift register until when.
+    /// The byte in the data register, and the one in the shift register with its end.
     waiting: Option<u8>,
     shifting: Option<(u8, u64)>,
-    /// From outside, not on the wire yet; and when the byte on the wire is complete.
+    /// Incoming bytes that are not complete yet, and when the byte on the wire is complete.
     pub incoming: VecDeque<u8>,
     arriving: Option<u64>,
-    /// What was sent.
+    /// The bytes that were sent.
     pub outgoing: Vec<u8>,
     /// Received bytes that were lost.
     pub lost: u64,
@@ -25,7 +25,7 @@ pub struct Usart {
 }
 
 impl Usart {
-    /// After a reset of the chip; what is outside stays.
+    /// Resets the UART; external state stays.
     pub fn reset(&mut self) {
         let (outgoing, lost) = (std::mem::take(&mut self.outgoing), self.lost);
         *self = Self { outgoing, lost, ..Self::default() };
@@ -43,7 +43,7 @@ impl Usart {
             | u32::from(self.waiting.is_none()) << 7
     }
 
-    /// Whether it asks for its interrupt.
+    /// Returns whether it requests its interrupt.
     pub fn line(&self) -> bool {
         let on = |enable: u32, flag: u32| self.cr[0] >> enable & (self.status() >> flag) & 1 == 1;
         self.cr[0] & 1 << 13 != 0 && (on(5, 5) || on(5, 3) || on(6, 6) || on(7, 7))
@@ -63,7 +63,7 @@ impl Usart {
             }
             self.shifting = self.waiting.take().map(|byte| (byte, end + self.byte_time(clock)));
         }
-        // UE and RE, and the pin: otherwise bytes pass unheard.
+        // Without UE, RE and the pin, bytes are not received.
         if self.cr[0] & (1 << 13 | 1 << 2) != 1 << 13 | 1 << 2 || !self.pins.1 {
             self.incoming.clear();
             self.arriving = None;

@@ -1,21 +1,22 @@
 //! The converter ADS131M06 (Texas Instruments, SBAS949): six channels of 24 bits, sampled at once, for six
 //! strain gauges. SPI mode 1, at most 25 MHz.
 //!
-//! A frame has eight words of 24 bits both ways: to it a command, its value if it has one, and their
-//! checksum; from it the answer to the command before, which to no command is its status, six values, and
-//! their checksum. What a value cannot be trusted for is an error and never a value: the checksum, a restart
-//! (its settings are gone), a conversion that is late, a channel at its end, and one that stands still, which
-//! 24 bits never do.
+//! A frame has eight words of 24 bits both ways. The host sends a command, its value if it has one, and their
+//! checksum; the converter sends the answer to the previous command (its status, if there was none), six
+//! values, and their checksum. A value that cannot be trusted is reported as an error: a wrong checksum, a
+//! restart (the settings are gone), a late conversion, a channel at the end of its range, and one that stands
+//! still, which 24 bits never do.
 //!
-//! No call exchanges more than one frame: who sets it up calls [`Ads131m06::start`] once a period.
+//! No call exchanges more than one frame, so to set the converter up, [`Ads131m06::start`] is called once a
+//! period.
 
 use embedded_hal::spi::{Operation, SpiDevice};
 
 /// Channels.
 pub const CHANNELS: usize = 6;
-/// Values of the ends of the range.
+/// Values at the ends of the range.
 pub const RANGE: (i32, i32) = (-0x80_0000, 0x7F_FFFF);
-/// So many equal values of a channel in a row are a fault. The noise is larger than a count at each gain.
+/// This many equal values of a channel in a row are a fault. The noise is larger than a count at each gain.
 pub const STANDING: u8 = 8;
 
 const WORD: usize = 3;
@@ -43,12 +44,12 @@ const CHECKED_MODE: u16 = 1 << 12 | 1 << 8 | 1 << 4;
 const ALL_CHANNELS: u16 = 0x3F << 8 | 2;
 const EXTERNAL_REFERENCE: u16 = 1 << 6;
 
-/// Status: a command was damaged; it restarted; channels with a new value.
+/// Status: a command was damaged; the converter restarted; channels with a new value.
 const COMMAND_DAMAGED: u16 = 1 << 12;
 const RESTARTED: u16 = 1 << 10;
 const READY: u16 = 0x3F;
 
-/// How it converts.
+/// Settings of the converter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Settings {
     /// Gain of each channel, a power of two up to 128.
@@ -60,7 +61,7 @@ pub struct Settings {
     pub external_reference: bool,
 }
 
-/// A setting that it does not have.
+/// A setting that the converter does not have.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum InvalidSettings {
     /// This gain of a channel does not exist.
@@ -74,21 +75,20 @@ pub enum InvalidSettings {
     Oversampling(u16),
 }
 
-/// Why it did not start.
+/// Why the converter did not start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StartError<E> {
     /// The bus failed.
     Bus(E),
     /// It has no settings yet.
     NoSettings,
-    /// It did not answer the reset as it must, or has another number of channels: what it said; 0 when that
-    /// was damaged.
+    /// The answer to the reset or the number of channels was wrong: the answer, 0 when it was damaged.
     Absent(u16),
     /// A register did not keep what was written to it.
     NotKept {
         /// Its address.
         register: u16,
-        /// What it answered.
+        /// The value that was read back.
         value: u16,
     },
 }
@@ -98,7 +98,7 @@ pub enum StartError<E> {
 pub enum ReadError<E> {
     /// The bus failed.
     Bus(E),
-    /// The frame is damaged, or that with the command was.
+    /// The frame is damaged, or the one with the command was.
     Checksum,
     /// It has restarted since [`Ads131m06::start`]: its settings are gone.
     Restarted,
@@ -124,15 +124,15 @@ pub struct Ads131m06<S> {
 }
 
 impl<S: SpiDevice> Ads131m06<S> {
-    /// One that is not set up.
+    /// Creates a converter that is not set up.
     pub const fn new(spi: S) -> Self {
         Self { spi, registers: None, step: 0, last: [0; CHANNELS], repeats: [0; CHANNELS] }
     }
 
-    /// Takes settings, with which it must be started.
+    /// Takes settings; the converter must then be started with them.
     ///
     /// # Errors
-    /// A setting that it does not have; nothing is changed then.
+    /// A setting that the converter does not have. Nothing is changed then.
     pub fn configure(&mut self, settings: &Settings) -> Result<(), InvalidSettings> {
         let [gain1, gain2] = settings.gain_registers()?;
         let clock = settings.clock_register()?;
@@ -141,8 +141,8 @@ impl<S: SpiDevice> Ads131m06<S> {
         Ok(())
     }
 
-    /// The next frame of its reset and set-up: eleven in all, at least 5 µs apart. Returns whether it was the
-    /// last one. After an error, and after the last one, the next call begins anew.
+    /// Exchanges the next frame of the reset and set-up: eleven in all, at least 5 µs apart. Returns whether
+    /// it was the last one. After an error, and after the last one, the next call begins again.
     ///
     /// # Errors
     /// It does not answer as it must.
@@ -150,7 +150,7 @@ impl<S: SpiDevice> Ads131m06<S> {
         let step = core::mem::take(&mut self.step);
         let registers = self.registers.ok_or(StartError::NoSettings)?;
         let register = |frame: u8| registers.get(usize::from(frame / 2)).copied();
-        // Each frame has the answer to that before.
+        // Each frame has the answer to the previous one.
         let (command, value) = match step.checked_sub(2) {
             None if step == 0 => (RESET, None),
             None => (READ | ID << 7, None),
@@ -161,7 +161,7 @@ impl<S: SpiDevice> Ads131m06<S> {
             },
         };
         let answer = self.exchange(command, value).map_err(StartError::Bus)?;
-        // A damaged answer is none.
+        // A damaged answer counts as none.
         let answer = checked(&answer).unwrap_or(0);
         match step.checked_sub(3) {
             None if step == 0 => {}
@@ -184,8 +184,8 @@ impl<S: SpiDevice> Ads131m06<S> {
         Ok(is_last)
     }
 
-    /// The values of a conversion [counts], of all channels or none. The converter keeps two: after a pause,
-    /// the first one that it gives is an old one.
+    /// Returns the values of a conversion [counts], of all channels or of none. The converter keeps two
+    /// conversions: after a pause, the first one that it gives is old.
     ///
     /// # Errors
     /// A value cannot be trusted.
@@ -222,8 +222,8 @@ impl<S: SpiDevice> Ads131m06<S> {
         Ok(values)
     }
 
-    /// A frame both ways. The checksum follows what it is of; until the converter is told to check it, it
-    /// ignores it.
+    /// Exchanges a frame. The checksum follows the words that it covers; the converter ignores it until it is
+    /// set up to check it.
     fn exchange(&mut self, command: u16, value: Option<u16>) -> Result<[u8; FRAME], S::Error> {
         let mut frame = [0; FRAME];
         let (words, _) = frame.as_chunks_mut::<WORD>();
@@ -268,7 +268,7 @@ impl Settings {
     }
 }
 
-/// The first half word of a frame whose checksum is right.
+/// Returns the first half word of a frame, if its checksum is right.
 fn checked(frame: &[u8; FRAME]) -> Option<u16> {
     let [high, low] = checksum(SEED, frame.get(..CHECKED)?).to_be_bytes();
     (frame[CHECKED..CHECKED + 2] == [high, low]).then(|| u16::from_be_bytes([frame[0], frame[1]]))
@@ -276,7 +276,7 @@ fn checked(frame: &[u8; FRAME]) -> Option<u16> {
 
 const SEED: u16 = 0xFFFF;
 
-/// CRC-16 of CCITT, whose polynomial x^16 + x^12 + x^5 + 1 takes a byte at once.
+/// Computes the CRC-16 of CCITT (x^16 + x^12 + x^5 + 1), a byte at a time.
 fn checksum(crc: u16, bytes: &[u8]) -> u16 {
     bytes.iter().fold(crc, |crc, &byte| {
         let mut high = crc >> 8 ^ u16::from(byte);

@@ -7,7 +7,7 @@ use super::*;
 /// A frame of eight words with the checksum in the last.
 type Frame = [u8; 24];
 
-/// Half words at the beginnings of words: place and value. Checksums are those that Python has computed:
+/// Half words at the beginnings of words: place and value. Checksums computed with Python:
 /// `binascii.crc_hqx(words, 0xFFFF)`.
 fn frame(halves: &[(usize, u16)]) -> Frame {
     let mut frame = [0; 24];
@@ -31,10 +31,10 @@ const SETTINGS: Settings =
 
 /// Command, value and their checksum, which follows them.
 type Sent = (u16, Option<u16>, u16);
-/// First word, and the checksum of a frame with no values.
+/// First word, and the checksum of a frame whose values are zero.
 type Said = (u16, u16);
 
-/// What it is told and says at the start.
+/// Words sent and received at the start.
 const START: [(Sent, Said); 11] = [
     ((0x0011, None, 0xFCDE), (0x0000, 0x37D9)),
     ((0xA000, None, 0x7100), (0xFF26, 0x34CF)),
@@ -58,7 +58,8 @@ fn talk(frames: &[(Sent, Said)]) -> Vec<Transaction<u8>> {
     frames.iter().flat_map(|&(to, from)| exchanged(sent(to), said(from))).collect()
 }
 
-/// A converter that has started and then says `frames`, each with its status, its values and its checksum.
+/// Reads from a converter that has started and then sends `frames`, each with its status, its values and its
+/// checksum.
 fn read<const N: usize>(
     frames: [(u16, [i32; 6], u16); N],
 ) -> [Result<[i32; 6], ReadError<embedded_hal::spi::ErrorKind>>; N] {
@@ -113,7 +114,8 @@ fn what_cannot_be_trusted_is_no_value() {
     }
 }
 
-/// All channels move but the second. It is told for as long as it lasts: a count of repeats ends at 255.
+/// All channels move but the second. The fault is reported for as long as it lasts: the count of repeats
+/// saturates at 255.
 #[test]
 fn a_channel_that_stands_still_is_a_fault() {
     let other = [2, -1, 0x12_3457, -0x12_3457, 0x7F_FFFD, -0x7F_FFFE];
@@ -154,7 +156,7 @@ fn it_tells_why_it_did_not_start() {
     not_kept[6].1 = (0x3F0E, 0x724A);
     let expected = StartError::NotKept { register: 3, value: 0x3F0E };
     assert_eq!(started(&not_kept[..7]), Err(expected));
-    // The command to write it was not understood.
+    // The command to write the register was not understood.
     let mut not_written = START;
     not_written[5].1 = (0x0500, 0x8594);
     let expected = StartError::NotKept { register: 3, value: 0x0500 };

@@ -1,12 +1,12 @@
-//! Dead encoders, by the back-EMF of their motors.
+//! Detection of dead encoders by the back-EMF of their motors.
 
 use tesaki::TICK;
 use tesaki::control::Winding;
 use tesaki::math;
 
-/// Largest error of a resistance, as a share of it: copper takes 0.4 % more with each kelvin.
+/// Largest relative error of a resistance: that of copper rises by 0.4 % per kelvin.
 const RESISTANCE_ERROR: f32 = 0.25;
-/// Largest error of a back-EMF constant, as a share of it.
+/// Largest relative error of a back-EMF constant.
 const CONSTANT_ERROR: f32 = 0.25;
 /// Largest error of the change of a mean voltage [V], by converter and transistors.
 const VOLTAGE_ERROR: f32 = 0.05;
@@ -22,30 +22,31 @@ pub struct Period {
     pub velocity: f32,
 }
 
-/// Compares a joint's encoder with what its motor induces.
+/// Compares a joint's encoder with the voltage that its motor induces.
 ///
-/// Averaged over a period of a brushed motor `v = R·i + k·ω`, but for `L·Δi/T`. Brushes, transistors and a
-/// warm winding make `v − R·i` too inexact for a velocity at low speed. Its change within a period or two is
-/// exact enough: most of these errors stay the same. So where the encoder says that the joint became slower,
-/// the back-EMF must have fallen, too. If it has not, by more than the errors of all constants explain, then
-/// not the joint became slower, but its encoder stands.
+/// Averaged over a period, a brushed motor has `v = R·i + k·ω`, except for `L·Δi/T`. Brushes, transistors and
+/// a warm winding make `v − R·i` too inaccurate to give a velocity at low speed. Its change within a period
+/// or two is accurate enough, as most of these errors stay the same. So if the encoder shows that the joint
+/// has slowed down, the back-EMF must have fallen, too. If it has not, by more than the errors of all
+/// constants explain, the encoder has stopped and not the joint.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BackEmf {
     winding: Winding,
-    /// A count of the encoder in a control period, as a velocity [rad/s].
+    /// One count of the encoder per control period, as a velocity [rad/s].
     count: f32,
     /// The last two periods, the last one first.
     past: [Option<Period>; 2],
 }
 
 impl BackEmf {
-    /// For a motor of this winding and an encoder with a count of this angle [rad].
+    /// Creates the comparison for a motor with this winding and an encoder of which one count is this `angle`
+    /// [rad].
     pub fn new(winding: Winding, angle: f32) -> Self {
         Self { winding, count: math::abs(angle) / TICK, past: [None; 2] }
     }
 
     /// Takes the next period, `None` if the motor was not driven throughout. Returns whether the encoder has
-    /// stopped alone.
+    /// stopped while the motor turns.
     pub fn update(&mut self, period: Option<Period>) -> bool {
         let [last, before] = self.past;
         self.past = [period, last];
@@ -53,18 +54,18 @@ impl BackEmf {
         [last, before].iter().flatten().any(|past| self.has_stopped_alone(past, &now))
     }
 
-    /// Whether the encoder has stopped since a `past` period, and the motor has not.
+    /// Returns whether the encoder has stopped since a `past` period, but the motor has not.
     fn has_stopped_alone(&self, past: &Period, now: &Period) -> bool {
         let direction = if past.velocity < 0.0 { -1.0 } else { 1.0 };
         let lost = direction * (past.velocity - now.velocity);
-        // With the sign of the current the voltage at the brushes changes.
+        // The voltage across the brushes changes with the sign of the current.
         if lost <= 0.0 || past.current * now.current < 0.0 {
             return false;
         }
         let Winding { resistance, inductance, back_emf } = self.winding;
         let current = now.current - past.current;
         let of_current = RESISTANCE_ERROR * resistance + 2.0 * inductance / TICK;
-        // Each velocity is off by up to a count.
+        // Each velocity has an error of up to one count.
         let of_velocity = CONSTANT_ERROR * lost + 2.0 * self.count;
         let error = of_current * math::abs(current) + back_emf * of_velocity + VOLTAGE_ERROR;
         let gained = direction * (now.voltage - past.voltage - resistance * current);
@@ -76,7 +77,7 @@ impl BackEmf {
 mod tests {
     use super::*;
 
-    /// Coreless, behind a gear; iron-core; both as data sheets give such motors.
+    /// Coreless with a gear; iron-core; both typical of data sheets.
     const WINDINGS: [Winding; 2] = [
         Winding { resistance: 10.6, inductance: 2.3e-4, back_emf: 0.5 },
         Winding { resistance: 1.0, inductance: 5e-4, back_emf: 0.1 },
@@ -139,8 +140,8 @@ mod tests {
             f64::from(self.noise >> 16) / 32768.0 - 1.0
         }
 
-        /// A control period towards an angle of `reference`, with a velocity. Returns whether the watch says
-        /// that the encoder is dead. The encoder dies after the share `dies` of the period.
+        /// Runs a control period towards an angle of `reference`, with a velocity. Returns whether the watch
+        /// reports the encoder dead. The encoder dies after the fraction `dies` of the period.
         fn period(&mut self, reference: f64, velocity: f64, dies: f64) -> bool {
             let measured = (self.encoder - self.last) / 0.01;
             let torque = self.inertia * (900.0 * (reference - self.encoder) + 60.0 * (velocity - measured))
@@ -149,7 +150,7 @@ mod tests {
             self.last = self.encoder;
             let (mut voltages, mut currents) = (0.0, 0.0);
             for step in 0..200 {
-                // A loop that is at its target within a millisecond.
+                // A current loop that reaches its target within a millisecond.
                 let voltage = (self.resistance * self.current
                     + self.constant * self.velocity
                     + 2e3 * f64::from(self.winding.inductance) * (target - self.current))
@@ -190,13 +191,13 @@ mod tests {
         }
     }
 
-    /// Errors of resistance, back-EMF constant and inertia.
+    /// Returns the errors of resistance, back-EMF constant and inertia.
     fn errors() -> impl Iterator<Item = [f64; 3]> {
         let two = [-0.2, 0.2];
         two.into_iter().flat_map(move |r| two.into_iter().flat_map(move |k| two.map(move |m| [r, k, m])))
     }
 
-    /// Strokes to and fro, reversals, and hits against a rigid stop.
+    /// Oscillations, reversals, and impacts on a rigid stop.
     #[test]
     fn an_encoder_that_lives_is_believed() {
         for (kind, errors) in (0..2).flat_map(|kind| errors().map(move |errors| (kind, errors))) {
@@ -222,7 +223,7 @@ mod tests {
         }
     }
 
-    /// At 1 and 3 rad/s behind the gear, 5 and 15 rad/s without one, wherever in a period it dies.
+    /// At 1 and 3 rad/s with the gear, 5 and 15 rad/s without one, wherever in a period it dies.
     #[test]
     fn an_encoder_that_dies_in_motion_is_found_within_two_periods() {
         for (kind, errors) in (0..2).flat_map(|kind| errors().map(move |errors| (kind, errors))) {
@@ -244,10 +245,10 @@ mod tests {
         }
     }
 
-    /// Of 1 Ω and 0.1 V·s/rad: an encoder that stops at 10 rad/s claims that 1 V of back-EMF is gone, or 0.75
-    /// V with the error of the constant; 0.05 V are an error of the voltage. So a voltage that falls by less
-    /// than 0.7 V contradicts it. If the current falls by 1 A the voltage falls by 1 V more, with errors of
-    /// 0.25 V by the resistance and 0.1 V by the inductance.
+    /// With 1 Ω and 0.1 V·s/rad, an encoder that stops at 10 rad/s claims that 1 V of back-EMF is gone, at
+    /// least 0.75 V with the error of the constant; the voltage has an error of 0.05 V. So a voltage that
+    /// falls by less than 0.7 V contradicts the encoder. If the current falls by 1 A, the voltage falls by
+    /// another 1 V, with errors of 0.25 V from the resistance and 0.1 V from the inductance.
     #[test]
     fn by_hand() {
         let past = Period { voltage: 3.0, current: 2.0, velocity: 10.0 };

@@ -1,6 +1,6 @@
-//! Counters of 16 bits as long ones.
+//! Extension of 16-bit counters to 32 bits.
 
-/// Continues a counter of 16 bits beyond its range. It must be read at least every 32 767 counts.
+/// Extends a 16-bit counter beyond its range. It must be read at least every 32 767 counts.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Counter {
     last: u16,
@@ -8,12 +8,12 @@ pub struct Counter {
 }
 
 impl Counter {
-    /// Begins at 0, where the counter begins after its reset.
+    /// Creates the extension at 0, where the counter begins after its reset.
     pub const fn new() -> Self {
         Self { last: 0, total: 0 }
     }
 
-    /// The long count at `raw`; it wraps as an `i32` does.
+    /// Returns the extended count at `raw`; it wraps as an `i32` does.
     pub const fn extend(&mut self, raw: u16) -> i32 {
         let change = raw.wrapping_sub(self.last).cast_signed();
         self.last = raw;

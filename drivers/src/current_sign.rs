@@ -3,18 +3,19 @@
 use tesaki::control::Winding;
 use tesaki::math;
 
-/// How much of the past decides: the cost of a period counts a tenth after 44 periods.
+/// Forgetting factor of the costs: the cost of a period counts a tenth after 44 periods.
 const MEMORY: f32 = 0.95;
 
 /// Gives the magnitude that a power stage measures the sign that the current must have.
 ///
-/// The direction of the voltage does not tell it: a motor that brakes takes a current against its voltage. So
-/// the winding is computed along, exactly over a period at constant voltage: `i⁺ = a·i + (1 − a)/R·(v − e)`
-/// with `a = e^(−R·T/L)` (Åström, Wittenmark, *Computer-Controlled Systems*, 2.3). Both signs of the last
-/// current and both of this one are compared with it; the cheapest sequence of signs wins (the Viterbi
-/// algorithm, with squares of what the model does not explain). A sign that was wrong while there was hardly
-/// any current is found out as soon as a voltage changes it: the magnitude then grows where it should fall. A
-/// filter that only follows its own last sign would stay with it, and the current loop would run away.
+/// The direction of the voltage does not determine it: in a braking motor the current opposes the voltage. So
+/// the current is predicted from the winding, exactly for a period at constant voltage: `i⁺ = a·i + (1 −
+/// a)/R·(v − e)` with `a = e^(−R·T/L)` (Åström, Wittenmark, *Computer-Controlled Systems*, 2.3). All
+/// combinations of the signs of the last current and of this one are compared with the prediction; the
+/// sequence of signs with the lowest cost wins (the Viterbi algorithm with squared prediction errors). A sign
+/// that was wrong while there was hardly any current is corrected as soon as a voltage changes the current:
+/// the magnitude then grows where it should fall. A filter that only follows its own last sign would keep the
+/// wrong one, and the current loop would run away.
 #[derive(Clone, Copy, Debug)]
 pub struct CurrentSign {
     remains: f32,
@@ -26,21 +27,21 @@ pub struct CurrentSign {
 }
 
 impl CurrentSign {
-    /// For a winding that is sampled each `period` [s].
+    /// Creates the filter for a winding whose current is sampled each `period` [s].
     pub fn new(winding: &Winding, period: f32) -> Self {
         let remains = math::exp(-winding.resistance * period / winding.inductance);
         let gain = (1.0 - remains) / winding.resistance;
         Self { remains, gain, back_emf: winding.back_emf, magnitude: 0.0, costs: [0.0; 2] }
     }
 
-    /// The motor had no current.
+    /// Restarts the filter at zero current.
     pub const fn reset(&mut self) {
         self.magnitude = 0.0;
         self.costs = [0.0; 2];
     }
 
-    /// The current [A] from its measured `magnitude` [A], after a period of `voltage` [V] at a joint velocity
-    /// [rad/s].
+    /// Returns the current [A] from its measured `magnitude` [A], after a period of `voltage` [V] at a joint
+    /// velocity [rad/s].
     pub fn resolve(&mut self, magnitude: f32, voltage: f32, velocity: f32) -> f32 {
         let [positive, negative] = self.costs;
         let remains = self.remains * self.magnitude;
@@ -68,7 +69,7 @@ mod tests {
     const WINDING: Winding = Winding { resistance: 4.0, inductance: 1.6e-3, back_emf: 0.3 };
     const PERIOD: f32 = 50e-6;
 
-    /// The winding in double precision: by 20 % another one, solved in small steps.
+    /// Simulates the winding in double precision and small steps, with parameters that differ by 20 %.
     fn wind(current: f64, voltage: f64, velocity: f64) -> f64 {
         (0..100).fold(current, |i, _| i + 50e-8 * (voltage - 4.8 * i - 0.3 * velocity) / 1.3e-3)
     }
@@ -80,7 +81,7 @@ mod tests {
         let (mut against, mut worst) = (0, 0.0_f64);
         for period in 0..20_000_u32 {
             let time = f64::from(period) * 50e-6;
-            // Current and velocity swing with other frequencies, so that all quadrants come.
+            // Current and velocity oscillate at different frequencies, so that all quadrants occur.
             let velocity = 20.0 * libm::sin(5.0 * time);
             let voltage = 6.0 * libm::sin(40.0 * time) + 0.3 * velocity;
             current = wind(current, voltage, velocity);
@@ -91,7 +92,7 @@ mod tests {
             worst = worst.max((f64::from(found) - current).abs());
         }
         assert!(against > 2000, "{against}");
-        // At the zero crossing the sign may be wrong by what the current changes in a period.
+        // Around the zero crossing the sign may be wrong by the change of the current in a period.
         assert!(worst < 0.02, "{worst}");
     }
 }

@@ -2,22 +2,22 @@
 //! the shunts of two of them. SPI mode 1, at most 10 MHz.
 //!
 //! A word has 16 bits both ways; the answer to a command comes with the next word, and the chip takes a
-//! command when its select line rises. It protects the transistors by their voltage while they conduct. It
-//! forgets its settings with each longer low of `EN_GATE`, and some were seen to forget them while a motor
-//! runs: then the amplifiers have another gain, and the currents are not those that are measured. So
-//! [`Drv8301::check`] reads the settings again and again.
+//! command when its select line rises. It protects the transistors by monitoring their voltage while they
+//! conduct. It loses its settings whenever `EN_GATE` is low for longer, and some chips were seen to lose them
+//! while a motor runs: then the amplifiers have another gain and the currents are measured wrongly. So
+//! [`Drv8301::check`] reads the settings repeatedly.
 
 use embedded_hal::spi::{Operation, SpiDevice};
 
-/// A longer low of `EN_GATE` is a complete reset [µs]; a shorter one only takes back latched faults.
+/// A longer low pulse of `EN_GATE` is a complete reset [µs]; a shorter one only clears latched faults.
 pub const RESET_TIME: f32 = 20.0;
-/// Time from `EN_GATE` high until it works and answers, at most [µs].
+/// Maximum time from `EN_GATE` high until the chip works and answers [µs].
 pub const WAKE_TIME: f32 = 10_000.0;
 /// The amplifiers' outputs reach this far to both sides of the middle [V], with a reference of 3.3 V.
 pub const AMPLIFIER_SWING: f32 = 1.35;
 
 const READ: u16 = 1 << 15;
-/// In an answer: the command before it had another length.
+/// In an answer: the previous command had a wrong length.
 const FRAME_FAULT: u16 = 1 << 15;
 const DATA: u16 = 0x7FF;
 
@@ -27,7 +27,8 @@ const STATUS_2: u8 = 1;
 const CONTROL_1: u8 = 2;
 const CONTROL_2: u8 = 3;
 
-/// CONTROL_1: a transistor with too much voltage switches its half bridge off until the next reset.
+/// CONTROL_1: an overcurrent (too much voltage across a transistor) switches its half bridge off until the
+/// next reset.
 const LATCHED_SHUTDOWN: u16 = 1 << 4;
 /// STATUS_1: a warning that is no fault.
 const TEMPERATURE_WARNING: u16 = 1 << 6;
@@ -48,7 +49,7 @@ pub enum Gain {
 }
 
 impl Gain {
-    /// [V/V].
+    /// Returns the gain [V/V].
     pub const fn factor(self) -> f32 {
         match self {
             Self::Ten => 10.0,
@@ -70,30 +71,30 @@ pub enum GateCurrent {
     Low = 2,
 }
 
-/// How it is set up: six inputs, and a half bridge with an overcurrent stays off.
+/// Settings of the chip. Fixed: six inputs, and a half bridge with an overcurrent stays off.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Settings {
-    /// How hard it switches.
+    /// Peak current into the gates.
     pub gate_current: GateCurrent,
-    /// Row of the table of voltages of a conducting transistor that are an overcurrent, 0 to 31: row 0 is
-    /// 0.060 V, 12 is 0.250 V, 31 is 2.4 V.
+    /// Row, 0 to 31, of the table of voltages across a conducting transistor that are an overcurrent: row 0
+    /// is 0.060 V, 12 is 0.250 V, 31 is 2.4 V.
     pub overcurrent: u8,
-    /// Of both amplifiers.
+    /// Gain of both amplifiers.
     pub gain: Gain,
 }
 
 impl Settings {
-    /// The two control registers.
+    /// Returns the two control registers.
     const fn registers(self) -> [u16; 2] {
         let overcurrent = (self.overcurrent & 31) as u16;
         [self.gate_current as u16 | LATCHED_SHUTDOWN | overcurrent << 6, (self.gain as u16) << 2]
     }
 }
 
-/// Shunts of a converter that sits behind the amplifiers.
+/// Current measurement by shunts, amplifiers and a converter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ShuntSense {
-    /// A shunt [Ω].
+    /// Resistance of a shunt [Ω].
     pub shunt: f32,
     /// Gain of the amplifier.
     pub gain: Gain,
@@ -104,12 +105,12 @@ pub struct ShuntSense {
 }
 
 impl ShuntSense {
-    /// Current for one count [A].
+    /// Returns the current per count [A].
     pub fn resolution(&self) -> f32 {
         self.reference / f32::from(self.counts) / (self.gain.factor() * self.shunt)
     }
 
-    /// Current at which an amplifier is at its end [A].
+    /// Returns the current at which an amplifier saturates [A].
     pub fn range(&self) -> f32 {
         AMPLIFIER_SWING / (self.gain.factor() * self.shunt)
     }
@@ -120,21 +121,21 @@ impl ShuntSense {
 pub enum Error<E> {
     /// The bus failed.
     Bus(E),
-    /// This is no answer to a question for the register: it is asleep, or a line is broken.
+    /// The word is no answer to a query of the register: the chip is asleep, or a line is broken.
     NoAnswer {
         /// Its address.
         register: u8,
-        /// What came.
+        /// The received word.
         word: u16,
     },
-    /// A control register holds something else than what it was set to.
+    /// A control register does not hold the value written to it.
     NotKept {
         /// Its address.
         register: u8,
-        /// What it holds.
+        /// Its value.
         value: u16,
     },
-    /// It tells a fault: its two status registers.
+    /// The chip reports a fault: its two status registers.
     Fault([u16; 2]),
 }
 
@@ -146,15 +147,15 @@ pub struct Drv8301<S> {
 }
 
 impl<S: SpiDevice> Drv8301<S> {
-    /// With these settings, which it does not have yet.
+    /// Creates a gate driver with these settings, which are not written yet.
     pub const fn new(spi: S, settings: Settings) -> Self {
         Self { spi, control: settings.registers() }
     }
 
-    /// Sets it up and reads back what it holds. It must be awake.
+    /// Writes the settings and reads them back. The chip must be awake.
     ///
     /// # Errors
-    /// It must not be used.
+    /// Why the gate driver must not be used.
     pub fn set_up(&mut self) -> Result<(), Error<S::Error>> {
         for (register, value) in [CONTROL_1, CONTROL_2].into_iter().zip(self.control) {
             self.exchange(u16::from(register) << 11 | value)?;
@@ -162,17 +163,16 @@ impl<S: SpiDevice> Drv8301<S> {
         self.check()
     }
 
-    /// Reads whether it still has its settings, and no fault. That takes six words; status registers forget
-    /// when they are read.
+    /// Checks that the chip still has its settings and no fault. This takes five words and clears the status
+    /// registers.
     ///
     /// # Errors
-    /// It must not be used.
+    /// Why the gate driver must not be used.
     pub fn check(&mut self) -> Result<(), Error<S::Error>> {
         let registers = [STATUS_1, STATUS_2, CONTROL_1, CONTROL_2];
         let mut values = [0; 4];
         self.exchange(READ | u16::from(STATUS_1) << 11)?;
-        // The answer to each question comes with the next one, and to the last one with that to the last one
-        // again.
+        // The answer to each query comes with the next one; the last query is repeated to get its answer.
         let next = registers.into_iter().skip(1).chain([CONTROL_2]);
         for ((register, next), value) in registers.into_iter().zip(next).zip(&mut values) {
             let word = self.exchange(READ | u16::from(next) << 11)?;
@@ -194,7 +194,7 @@ impl<S: SpiDevice> Drv8301<S> {
         Ok(())
     }
 
-    /// A word both ways.
+    /// Exchanges a word.
     fn exchange(&mut self, word: u16) -> Result<u16, Error<S::Error>> {
         let mut bytes = word.to_be_bytes();
         self.spi.transaction(&mut [Operation::TransferInPlace(&mut bytes)]).map_err(Error::Bus)?;

@@ -10,11 +10,11 @@ const SETTINGS: Settings =
 /// Words to the chip and from it, by hand from the tables of the data sheet. CONTROL_1 is address 2: 0.7 A is
 /// 1, latched shutdown 1 << 4, row 12 is 12 << 6. CONTROL_2 is address 3: gain 80 is 3 << 2.
 const SET_UP: [(u16, u16); 2] = [(0x1311, 0x0000), (0x180C, 0x1000)];
-/// Questions for status 1 and 2, control 1 and 2, and the last one again. Its number is 1 in status 2.
+/// Queries of status 1 and 2, control 1 and 2, and the last one again. Status 2 holds the device number, 1.
 const CHECK: [(u16, u16); 5] =
     [(0x8000, 0x1800), (0x8800, 0x0000), (0x9000, 0x0801), (0x9800, 0x1311), (0x9800, 0x180C)];
 
-/// Runs `call` on a chip that says what stands beside each word it is told.
+/// Runs `call` on a chip that answers each word with the one beside it.
 fn talk<T>(words: &[(u16, u16)], call: impl FnOnce(&mut Drv8301<Mock<u8>>) -> T) -> T {
     let exchanged = |&(sent, said): &(u16, u16)| {
         let (sent, said) = (sent.to_be_bytes().to_vec(), said.to_be_bytes().to_vec());
@@ -41,13 +41,14 @@ fn a_check_changes_nothing() {
     assert_eq!(talk(&CHECK, Drv8301::check), Ok(()));
 }
 
-/// The word of [`CHECK`] that is another one, that word, how many words are exchanged, and what it means.
+/// Name, index of the word of [`CHECK`] that is replaced, the new word, how many words are exchanged, and the
+/// error.
 type Wrong = (&'static str, usize, u16, usize, Error<embedded_hal::spi::ErrorKind>);
 
 #[test]
 fn whatever_is_wrong_is_an_error() {
     let wrong: [Wrong; 9] = [
-        // The line is low: the first answer is a good one, of no fault.
+        // The line is low: the first answer looks like a valid one without faults.
         ("asleep", 2, 0x0000, 3, Error::NoAnswer { register: 1, word: 0 }),
         ("nobody drives the line", 1, 0xFFFF, 2, Error::NoAnswer { register: 0, word: 0xFFFF }),
         ("a word was too short", 1, 0x8000, 2, Error::NoAnswer { register: 0, word: 0x8000 }),
@@ -63,7 +64,7 @@ fn whatever_is_wrong_is_an_error() {
         said[place].1 = word;
         assert_eq!(talk(&said[..words], Drv8301::check), Err(expected), "{name}");
     }
-    // Warm, and no fault.
+    // A temperature warning is no fault.
     let mut warm = CHECK;
     warm[1].1 = 0x0040;
     assert_eq!(talk(&warm, Drv8301::check), Ok(()));

@@ -1,13 +1,13 @@
-//! Numbers of the power stage DRV8874 (Texas Instruments, SLVSF66) in its PH/EN mode, slow decay.
+//! Constants of the power stage DRV8874 (Texas Instruments, SLVSF66) in its PH/EN mode, slow decay.
 //!
 //! `EN` high drives in the direction of `PH`; `EN` low turns both low sides on, which shorts the motor.
 //! `nSLEEP` low turns everything off, and the motor coasts. `IPROPI` is a current proportional to the sum of
-//! those that flow through the low sides from drain to source: while the motor is shorted that is the
-//! magnitude of its current in either direction.
+//! the currents through the low sides from drain to source: while the motor is shorted, that is the magnitude
+//! of its current, whatever its direction.
 
 /// Current at `IPROPI` per current of the motor: 450 µA/A.
 pub const MIRROR: f32 = 450e-6;
-/// Time from `nSLEEP` high to working outputs, at most [s].
+/// Maximum time from `nSLEEP` high to working outputs [s].
 pub const WAKE: f32 = 1e-3;
 /// Largest supply [V].
 pub const SUPPLY_MAX: f32 = 37.0;
@@ -24,12 +24,12 @@ pub struct CurrentSense {
 }
 
 impl CurrentSense {
-    /// Motor current for one count [A].
+    /// Returns the motor current per count [A].
     pub fn resolution(&self) -> f32 {
         self.reference / f32::from(self.counts) / (MIRROR * self.resistor)
     }
 
-    /// Motor current of full scale [A].
+    /// Returns the motor current at full scale [A].
     pub fn range(&self) -> f32 {
         self.reference / (MIRROR * self.resistor)
     }

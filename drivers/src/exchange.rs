@@ -1,20 +1,20 @@
-//! What the control task and the current loops tell each other, as the words of a
+//! Messages between the control task and the current loops, as the words of a
 //! [`Handover`](crate::handover::Handover).
 
 use crate::motors::{Command, Totals};
 
-/// What the control task demands of the current loops until its next period.
+/// The control task's order to the current loops until its next period.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Order<const N: usize> {
-    /// The motors are off, and what measures their currents may sleep.
+    /// The motors are off, and the current measurement may sleep.
     Off,
-    /// The motors are off, and what measures their currents works: its offsets can be learnt.
+    /// The motors are off, and the current measurement works: its offsets can be learnt.
     Learn,
     /// The motors are driven.
     Drive(Command<N>),
 }
 
-/// Number of words of an [`Order`] to `motors`.
+/// Returns the number of words of an [`Order`] to `motors` motors.
 pub const fn order_words(motors: usize) -> usize {
     2 * motors + 1
 }
@@ -24,7 +24,7 @@ impl<const N: usize> Order<N> {
     const LEARN: u32 = 1;
     const DRIVE: u32 = 2;
 
-    /// As `W` words, which must be [`order_words`].
+    /// Encodes the order as `W` words, which must be [`order_words`].
     pub fn words<const W: usize>(&self) -> [u32; W] {
         const { assert!(W == order_words(N)) }
         let mut words = [0; W];
@@ -43,7 +43,7 @@ impl<const N: usize> Order<N> {
         words
     }
 
-    /// That of these words.
+    /// Decodes these words.
     pub fn from_words<const W: usize>(words: &[u32; W]) -> Self {
         const { assert!(W == order_words(N)) }
         let [what, values @ ..] = &words[..] else { return Self::Off };
@@ -59,16 +59,16 @@ impl<const N: usize> Order<N> {
         }
     }
 
-    /// The command to drive the motors.
+    /// Returns the command of [`Order::Drive`].
     pub const fn command(&self) -> Option<&Command<N>> {
         if let Self::Drive(command) = self { Some(command) } else { None }
     }
 }
 
-/// What the current loops have measured.
+/// The measurements of the current loops.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Measured<const N: usize> {
-    /// Since the start.
+    /// Totals since the start.
     pub totals: Totals<N>,
     /// The supply [counts].
     pub supply: u16,
@@ -78,7 +78,7 @@ pub struct Measured<const N: usize> {
     pub is_ready: bool,
 }
 
-/// Number of words of what was [`Measured`] of `motors`.
+/// Returns the number of words of [`Measured`] for `motors` motors.
 pub const fn measured_words(motors: usize) -> usize {
     2 * motors + 4
 }
@@ -87,7 +87,7 @@ impl<const N: usize> Measured<N> {
     const TRIPPED: u32 = 1;
     const READY: u32 = 2;
 
-    /// As `W` words, which must be [`measured_words`].
+    /// Encodes the measurements as `W` words, which must be [`measured_words`].
     pub fn words<const W: usize>(&self) -> [u32; W] {
         const { assert!(W == measured_words(N)) }
         let Totals { currents, voltages, periods, driven } = &self.totals;
@@ -100,7 +100,7 @@ impl<const N: usize> Measured<N> {
         words
     }
 
-    /// That of these words.
+    /// Decodes these words.
     pub fn from_words<const W: usize>(words: &[u32; W]) -> Self {
         const { assert!(W == measured_words(N)) }
         let mut words = words.iter().copied();
@@ -133,7 +133,7 @@ mod tests {
         }
         assert_eq!(Order::Drive(command).command(), Some(&command));
         assert_eq!(Order::<2>::Learn.command(), None);
-        // Nothing but zeros is off.
+        // All zeros mean off.
         assert_eq!(Order::<2>::from_words(&[0; 5]), Order::Off);
         let totals = Totals { currents: [1, -2], voltages: [i32::MIN, 4], periods: u32::MAX, driven: 6 };
         for (has_tripped, is_ready) in [(false, false), (true, false), (false, true), (true, true)] {

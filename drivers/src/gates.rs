@@ -1,4 +1,5 @@
-//! Gate drivers behind one enable line: awake, set up, watched; asleep as soon as something is wrong.
+//! Gate drivers behind one enable line: they are woken, set up and watched, and put to sleep at the first
+//! fault.
 
 use embedded_hal::digital::StatefulOutputPin;
 use embedded_hal::spi::SpiDevice;
@@ -6,16 +7,16 @@ use tesaki::TICK;
 
 use crate::drv8301::{Drv8301, RESET_TIME, WAKE_TIME};
 
-/// Control periods for which they sleep, so that they forget all settings: the first may be a short one.
+/// Control periods for which the drivers sleep, so that they forget all settings. The first may be cut short.
 const SLEEP_PERIODS: u8 = 2;
 const _: () = assert!(TICK * 1e6 * (SLEEP_PERIODS as f32 - 1.0) >= RESET_TIME);
-/// Control periods until they are awake: the first may be a short one.
+/// Control periods until the drivers are awake. The first may be cut short.
 const WAKE_PERIODS: u8 = 2;
 const _: () = assert!(TICK * 1e6 * (WAKE_PERIODS as f32 - 1.0) >= WAKE_TIME);
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Phase {
-    /// For so many periods more.
+    /// Asleep for at least this many more periods.
     Asleep(u8),
     Waking(u8),
     Ready,
@@ -23,8 +24,8 @@ enum Phase {
 
 /// `N` gate drivers that one line enables.
 ///
-/// Whoever finds something wrong, in whatever context, pulls the line low. That alone switches the
-/// transistors off; [`Gates::update`] sees it, and lets the drivers wake again with all their settings.
+/// Code that finds a fault, in any context, pulls the line low. That alone switches the transistors off;
+/// [`Gates::update`] notices it, and later wakes the drivers again with all their settings.
 #[derive(Debug)]
 pub struct Gates<S, E, const N: usize> {
     drivers: [Drv8301<S>; N],
@@ -33,12 +34,12 @@ pub struct Gates<S, E, const N: usize> {
 }
 
 impl<S: SpiDevice, E: StatefulOutputPin, const N: usize> Gates<S, E, N> {
-    /// Drivers that sleep: `enable` must be low.
+    /// Creates sleeping drivers: `enable` must be low.
     pub const fn new(drivers: [Drv8301<S>; N], enable: E) -> Self {
         Self { drivers, enable, phase: Phase::Asleep(SLEEP_PERIODS) }
     }
 
-    /// One control period. Returns whether the drivers are set up and have no fault.
+    /// Runs one control period. Returns whether the drivers are set up and have no fault.
     ///
     /// They may not wake while `is_waking_allowed` is false: a DRV8301 that is enabled while a motor drives
     /// its terminals above 8.5 V may not start (SLOS719, 8.1.1).
@@ -60,12 +61,12 @@ impl<S: SpiDevice, E: StatefulOutputPin, const N: usize> Gates<S, E, N> {
         self.phase == Phase::Ready
     }
 
-    /// Calls each driver; asleep at the first error.
+    /// Calls each driver, and puts all to sleep at the first error.
     fn finish<T>(&mut self, call: impl Fn(&mut Drv8301<S>) -> Result<(), T>) {
         if self.drivers.iter_mut().all(|driver| call(driver).is_ok()) {
             self.phase = Phase::Ready;
         } else {
-            // If that fails, nothing else is left to do here: the board does not use them.
+            // If that fails, nothing else can be done here: the board does not use the drivers.
             let _ = self.enable.set_low();
             self.phase = Phase::Asleep(SLEEP_PERIODS);
         }
@@ -85,11 +86,11 @@ mod tests {
     use super::*;
     use crate::drv8301::{Gain, GateCurrent, Settings};
 
-    /// The enable line, and what hangs on it.
+    /// The enable line, and a gate driver behind it.
     #[derive(Default)]
     struct Board {
         enabled: Cell<bool>,
-        /// Control registers, and the last question.
+        /// Control registers.
         control: Cell<[u16; 2]>,
         status: Cell<u16>,
         asked: Cell<u16>,
@@ -148,7 +149,7 @@ mod tests {
         Gates::new([Drv8301::new(Chip(board), SETTINGS)], Line(board))
     }
 
-    /// Periods until they are ready.
+    /// Returns the number of periods until the drivers are ready.
     fn wake(gates: &mut Gates<Chip<'_>, Line<'_>, 1>) -> u32 {
         (1..20).find(|_| gates.update(true)).unwrap()
     }
@@ -172,7 +173,7 @@ mod tests {
         let mut gates = gates(&board);
         assert!((0..20).all(|_| !gates.update(false)) && !board.enabled.get());
         assert_eq!(wake(&mut gates), 3);
-        // What was awake stays so.
+        // Once awake, they stay awake.
         assert!(gates.update(false));
     }
 

@@ -1,4 +1,5 @@
-//! The six strain gauges of a force sensor: their converter's values to a wrench, period by period.
+//! The six strain gauges of a force sensor: computes a wrench from their converter's values each control
+//! period.
 
 use embedded_hal::spi::SpiDevice;
 use tesaki::model::{ForceSensor, GAUGES, Gauges};
@@ -8,23 +9,23 @@ use crate::ads131m06::{Ads131m06, InvalidSettings, ReadError, Settings};
 
 /// The converter's clock [Hz].
 const CLOCK: f32 = 8.192e6;
-/// Samples of the modulator for a value, each of two clocks: 1000 values a second, each of them 0.75 ms old
-/// when it is ready, which is the group delay of its filters.
+/// Samples of the modulator per value, each of two clocks: 1000 values a second. A value is 0.75 ms old when
+/// it is ready, the group delay of the converter's filters.
 const OVERSAMPLING: u16 = 4096;
 /// Values in a control period.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "10")]
 const EXPECTED: u8 = (tesaki::TICK * CLOCK / (2.0 * OVERSAMPLING as f32) + 0.5) as u8;
-/// With fewer trusted ones in a control period there is none.
+/// With fewer trusted values, a control period has a fault.
 const MIN_TRUSTED: u8 = EXPECTED / 2;
-/// More edges at the line that tells them are noise, such as on an open line.
+/// More edges on the data-ready line are noise, such as on an open line.
 const MAX_SEEN: u8 = EXPECTED + EXPECTED / 2;
 
-/// The calibration matrix of a sensor, for counts of the frame.
+/// The calibration matrix of a sensor, scaled to the counts of the sensor frame.
 #[derive(Clone, Copy, Debug)]
 pub struct Calibration([[f32; GAUGES]; 6]);
 
 impl Calibration {
-    /// That of the gauges of a sensor.
+    /// Scales the matrix of a sensor's gauges.
     pub fn new(sensor: &ForceSensor, gauges: &Gauges) -> Self {
         let mut rows = gauges.calibration_matrix;
         for (axis, row) in rows.iter_mut().enumerate() {
@@ -34,12 +35,12 @@ impl Calibration {
         Self(rows)
     }
 
-    /// The wrench at these counts of the gauges, in counts of the sensor's resolutions, rounded: forces along
-    /// x, y, z, then torques.
+    /// Computes the wrench from the counts of the gauges, in counts of the sensor's resolutions, rounded:
+    /// forces along x, y, z, then torques.
     pub fn wrench(&self, gauges: &[i32; GAUGES]) -> [i32; 6] {
         let mut wrench = [0; 6];
         for (count, row) in wrench.iter_mut().zip(&self.0) {
-            // Their 24 bits are exact.
+            // 24 bits are exact in an `f32`.
             #[expect(clippy::cast_precision_loss, reason = "24 bits")]
             let sum: f32 = row.iter().zip(gauges).map(|(value, gauge)| value * *gauge as f32).sum();
             #[expect(clippy::cast_possible_truncation, reason = "saturates")]
@@ -50,11 +51,11 @@ impl Calibration {
     }
 }
 
-/// A control period of the sensor.
+/// The result of a control period.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Reading {
-    /// The wrench of the last value that can be trusted, see [`Calibration::wrench`]: without a fault at most
-    /// half a control period older than undisturbed.
+    /// The wrench of the last trusted value, see [`Calibration::wrench`]. Without a fault, disturbances make
+    /// it at most half a control period older.
     pub wrench: [i32; 6],
     /// Why it cannot be trusted.
     pub fault: Option<ForceSensorFault>,
@@ -69,17 +70,17 @@ pub struct ForceGauges<S> {
     /// Whether the converter is set up.
     is_started: bool,
     values: [i32; GAUGES],
-    /// Conversions in this period, and those whose values can be trusted.
+    /// Conversions in this period, and how many of them can be trusted.
     seen: u8,
     trusted: u8,
-    /// The last fault of this period, or the first certain one.
+    /// The first certain fault of this period, or else the last one.
     fault: Option<ForceSensorFault>,
-    /// The converter may have an old conversion.
+    /// Whether the converter may still hold an old conversion.
     may_be_late: bool,
 }
 
 impl<S: SpiDevice> ForceGauges<S> {
-    /// Of no robot yet.
+    /// Creates gauges without a robot.
     pub const fn new(spi: S) -> Self {
         Self {
             converter: Ads131m06::new(spi),
@@ -93,11 +94,12 @@ impl<S: SpiDevice> ForceGauges<S> {
         }
     }
 
-    /// Takes a robot's sensor with its gauges, or that it has none. The converter is set up in the periods
+    /// Takes a robot's sensor with its gauges, or `None` without one. The converter is set up in the periods
     /// that follow.
     ///
     /// # Errors
-    /// The converter does not have this gain; nothing is changed then. A validated model has none such.
+    /// The converter does not have this gain; nothing is changed then. A validated model has only valid
+    /// gains.
     pub fn configure(&mut self, of: Option<(&ForceSensor, &Gauges)>) -> Result<(), InvalidSettings> {
         if let Some((_, gauges)) = of {
             let (gains, oversampling) = (gauges.gains, OVERSAMPLING);
@@ -110,13 +112,13 @@ impl<S: SpiDevice> ForceGauges<S> {
         Ok(())
     }
 
-    /// Whether the robot has such a sensor.
+    /// Returns whether the robot has such a sensor.
     pub const fn is_used(&self) -> bool {
         self.calibration.is_some()
     }
 
-    /// The converter tells a new conversion: one frame, or two after one was missed. Returns whether there
-    /// may be more in this control period; otherwise the line is noise and should not be looked at until the
+    /// Handles the signal for a new conversion: reads one frame, or two after one was missed. Returns whether
+    /// there may be more in this control period; otherwise the line is noisy and should be ignored until the
     /// next one.
     pub fn on_ready(&mut self) -> bool {
         if !self.is_used() || self.seen >= MAX_SEEN {
@@ -127,7 +129,7 @@ impl<S: SpiDevice> ForceGauges<S> {
             return true;
         }
         if core::mem::take(&mut self.may_be_late) {
-            // An old value, or there was none.
+            // The value is old, or there is none.
             let _ = self.converter.read();
         }
         match self.converter.read() {
@@ -152,16 +154,16 @@ impl<S: SpiDevice> ForceGauges<S> {
         true
     }
 
-    /// One control period: at most one frame, to set the converter up. `None` when the robot has no such
-    /// sensor.
+    /// Ends a control period. Exchanges at most one frame, to set the converter up. Returns `None` when the
+    /// robot has no such sensor.
     ///
-    /// A value that comes late, or is damaged on the way, is left out; a period with fewer than half of them
-    /// is a fault. What the converter itself says of a value is one at once.
+    /// Values that come late or are damaged on the way are left out; a period with fewer than half of its
+    /// values is a fault. An error that the converter itself reports is a fault at once.
     pub fn update(&mut self) -> Option<Reading> {
         let calibration = self.calibration?;
         let (seen, trusted) = (core::mem::take(&mut self.seen), core::mem::take(&mut self.trusted));
         let found = self.fault.take();
-        // One was missed, and the converter has an old one still; or its clock has slipped by a conversion.
+        // One was missed, and the converter still holds it; or its clock has slipped by a conversion.
         self.may_be_late |= seen != EXPECTED;
         let fault = match found {
             Some(fault) if is_certain(fault) => found,
@@ -169,7 +171,7 @@ impl<S: SpiDevice> ForceGauges<S> {
             found => found.or(Some(ForceSensorFault::Silent)),
         };
         if !self.is_started {
-            // An error begins anew.
+            // After an error, the set-up begins again.
             self.is_started = matches!(self.converter.start(), Ok(true));
             self.may_be_late = true;
         }
@@ -177,8 +179,8 @@ impl<S: SpiDevice> ForceGauges<S> {
     }
 }
 
-/// Whether the converter itself says that its values are wrong. A line that is disturbed now and then says
-/// nothing about them.
+/// Returns whether the converter itself reports that its values are wrong. Occasional disturbances of the
+/// line say nothing about them.
 const fn is_certain(fault: ForceSensorFault) -> bool {
     !matches!(fault, ForceSensorFault::Silent | ForceSensorFault::Damaged)
 }

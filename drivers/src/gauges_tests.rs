@@ -7,7 +7,7 @@ use embedded_hal::spi::{ErrorType, Operation};
 
 use super::*;
 
-/// What this file holds, it says at its top.
+/// The included file describes its contents at its top.
 type Sensor = ([[f32; 6]; 6], [f32; 2], &'static [([i32; 6], [f64; 6])], f64);
 const SENSORS: &[Sensor] = include!("../../tests/oracles/data/gauges.in");
 
@@ -42,7 +42,7 @@ fn wrenches_are_those_of_numpy() {
     }
 }
 
-/// What does not fit into the frame is its end, and no wrap.
+/// A wrench beyond the range of the frame saturates; it does not wrap.
 #[test]
 fn counts_saturate() {
     let mut wild = sensor(SENSORS[0]);
@@ -51,7 +51,7 @@ fn counts_saturate() {
     assert_eq!(wrench[0], i32::MAX);
 }
 
-/// A converter that does as it is told: registers, what it says next, and what goes wrong.
+/// A model of the converter: registers, next answer, and defects.
 #[derive(Default)]
 struct Converter {
     registers: [u16; 6],
@@ -113,7 +113,7 @@ impl SpiDevice for Bus<'_> {
     }
 }
 
-/// A control period with so many conversions, of which `change` is told the number.
+/// Runs a control period with this many conversions, before each of which `change` is called with its number.
 fn period(
     gauges: &mut ForceGauges<Bus<'_>>,
     converter: &RefCell<Converter>,

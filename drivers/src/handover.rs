@@ -2,11 +2,10 @@
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
-/// A double buffer of `N` words on a single core: whoever writes never waits and never stops the reader.
+/// A double buffer of `N` words on a single core: the writer never waits and never blocks the reader.
 ///
-/// The reader must have the higher priority, or the same. Then a reading is never interrupted by a writing,
-/// and finds the last complete value: the writer fills the buffer that is not published, and then publishes
-/// it.
+/// The reader must have the higher priority, or the same. Then a write never interrupts a read, which always
+/// finds the last complete value: the writer fills the unpublished buffer and then publishes it.
 ///
 /// ```
 /// use tesaki_drivers::handover::Handover;
@@ -19,7 +18,7 @@ use core::sync::atomic::{AtomicU32, Ordering};
 /// ```
 pub struct Handover<const N: usize> {
     buffers: [[AtomicU32; N]; 2],
-    /// Number of writings; its lowest bit tells the buffer. 0: none yet.
+    /// Number of writes; its lowest bit selects the buffer. 0: none yet.
     published: AtomicU32,
 }
 
@@ -30,13 +29,13 @@ impl<const N: usize> Default for Handover<N> {
 }
 
 impl<const N: usize> Handover<N> {
-    /// Nothing written.
+    /// Creates a buffer to which nothing was written.
     pub const fn new() -> Self {
         let buffers = [const { [const { AtomicU32::new(0) }; N] }; 2];
         Self { buffers, published: AtomicU32::new(0) }
     }
 
-    /// Publishes a value. One writer at a time.
+    /// Publishes a value. There must be only one writer at a time.
     pub fn write(&self, value: [u32; N]) {
         self.write_interrupted(value, || {});
     }
@@ -57,7 +56,7 @@ impl<const N: usize> Handover<N> {
         self.published.store(number, Ordering::Release);
     }
 
-    /// The last value with its number, if it is another one than `seen`.
+    /// Returns the last value with its number, if that is not `seen`.
     pub fn read(&self, seen: u32) -> Option<(u32, [u32; N])> {
         let number = self.published.load(Ordering::Acquire);
         let buffer = self.buffer(number);

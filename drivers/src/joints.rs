@@ -1,5 +1,5 @@
-//! Between the joints of a model and a board's brushed motors: what a robot needs, counts to velocities,
-//! torques to currents.
+//! Connects the joints of a model to a board's brushed motors: checks what the robot needs, and converts
+//! counts to velocities and torques to currents.
 
 use core::f32::consts::TAU;
 
@@ -12,15 +12,15 @@ use tesaki::model::{Field, JointModel, MAX_JOINTS, ModelError, Motor as MotorMod
 use crate::back_emf::{BackEmf, Period};
 use crate::motors::{Command, Motor, Motors, SUM_RESOLUTION, Sensing, Totals, VOLTAGE_RESOLUTION};
 
-/// What a joint needs every period.
+/// Data of a joint for every period.
 #[derive(Clone, Copy, Debug)]
 struct Joint {
     torque_constant: f32,
     current_resolution: f32,
-    /// Angle of a count [rad].
+    /// Angle of one count [rad].
     angle: f32,
     velocity: f32,
-    /// Where the winding is known.
+    /// Present if the winding is known.
     back_emf: Option<BackEmf>,
 }
 
@@ -43,7 +43,8 @@ pub struct MotorJoints<const N: usize> {
 }
 
 impl<const N: usize> MotorJoints<N> {
-    /// No robot yet. `periods`: those of the current loops in a control period.
+    /// Creates the joints without a robot. `periods` is the number of periods of the current loops in a
+    /// control period.
     pub const fn new(periods: u32) -> Self {
         Self { joints: Vec::new(), periods, last: None, dead_encoder: None }
     }
@@ -54,13 +55,13 @@ impl<const N: usize> MotorJoints<N> {
         self.last = None;
     }
 
-    /// Number of joints.
+    /// Returns the number of joints.
     pub fn count(&self) -> usize {
         self.joints.len()
     }
 
-    /// One control period, from the encoders' `counts` and the `totals` of the current loops. Returns the
-    /// mean currents [counts of the model]; `None` when the loops do not run at their rate: then nobody
+    /// Runs one control period from the encoders' `counts` and the `totals` of the current loops. Returns the
+    /// mean currents [counts of the model], or `None` if the loops do not run at their rate: then nothing
     /// controls the currents.
     pub fn update(
         &mut self,
@@ -101,20 +102,19 @@ impl<const N: usize> MotorJoints<N> {
         Some(currents)
     }
 
-    /// The first joint whose encoder does not show what its motor induced in the last period
+    /// Returns the first joint whose encoder contradicted the back-EMF of its motor in the last period
     /// ([`BackEmf`]).
     pub const fn dead_encoder(&self) -> Option<u8> {
         self.dead_encoder
     }
 
-    /// Whether every motor's back-EMF is less than `voltage` [V]. Without a robot nothing is known, and it is
-    /// not.
+    /// Returns whether every motor's back-EMF is known to be less than `voltage` [V]; false without a robot.
     pub fn are_slow(&self, voltage: f32) -> bool {
         let back_emf = |joint: &Joint| math::abs(joint.torque_constant * joint.velocity);
         self.last.is_some() && !self.joints.is_empty() && self.joints.iter().all(|j| back_emf(j) < voltage)
     }
 
-    /// The currents for `torques` [N·m].
+    /// Returns the command for `torques` [N·m].
     pub fn command(&self, torques: &[f32]) -> Command<N> {
         let mut command = Command { currents: [0.0; N], velocities: [0.0; N] };
         let motors = command.currents.iter_mut().zip(&mut command.velocities);
@@ -140,7 +140,7 @@ impl Joint {
     }
 }
 
-/// The winding of a motor, or the field that is missing.
+/// Returns the winding of a motor, or the field that is missing.
 fn winding(motor: &MotorModel) -> Result<Winding, Field> {
     Ok(Winding {
         resistance: motor.resistance.ok_or(Field::MotorResistance)?,
@@ -149,11 +149,11 @@ fn winding(motor: &MotorModel) -> Result<Winding, Field> {
     })
 }
 
-/// The motors for a robot on these power stages. A current of `trip` times its limit is a fault of the power
-/// stage; `wake` is the time until one works [s].
+/// Creates the motors for a robot on these power stages. A current of `trip` times its limit is a fault of
+/// the power stage; `wake` is the time that a stage takes to wake [s].
 ///
 /// # Errors
-/// What is missing, or what the current loop cannot do, by joint and field.
+/// What is missing, or is outside the current loop's limits, by joint and field.
 pub fn motors_for<const N: usize>(
     model: &RobotModel,
     sensing: Sensing,
@@ -173,7 +173,7 @@ pub fn motors_for<const N: usize>(
             CurrentLoopField::Resistance => Field::MotorResistance,
             CurrentLoopField::Inductance => Field::MotorInductance,
             CurrentLoopField::BackEmf => Field::TorqueConstant,
-            // The board's own: no motor has a current loop.
+            // The board's own settings are invalid, for all motors.
             CurrentLoopField::Switching => Field::Joints,
         };
         let problem = if value < lower { Problem::Below(lower) } else { Problem::BoardLimit(upper) };
@@ -183,7 +183,7 @@ pub fn motors_for<const N: usize>(
     })
 }
 
-/// What sums that wrap changed by since the `last` period.
+/// Returns the changes of wrapping sums since the `last` period.
 fn changes<const N: usize>(sums: &[i32; N], last: &[i32; N]) -> [f32; N] {
     #[expect(clippy::cast_precision_loss, reason = "changes of a period")]
     core::array::from_fn(|index| sums[index].wrapping_sub(last[index]) as f32)
@@ -196,7 +196,7 @@ mod tests {
 
     use super::*;
 
-    /// A joint as in the model: 1000 counts a turn, 0.5 N·m/A, a count of current is 1 mA.
+    /// Returns two joints as in the model: 1000 counts per turn, 0.5 N·m/A, 1 mA per count of current.
     fn joints() -> MotorJoints<2> {
         let joint = Joint {
             torque_constant: 0.5,
@@ -214,8 +214,8 @@ mod tests {
         }
     }
 
-    /// By hand: 5 counts of 1000 in two periods of 10 ms are a half π a second; 400 samples of 0.3 A are
-    /// 1 200 000 parts of 0.1 mA.
+    /// By hand: 5 counts of 1000 in two periods of 10 ms are π/2 rad/s; 400 samples of 0.3 A are 1 200 000
+    /// times 0.1 mA.
     #[test]
     fn velocities_and_mean_currents_by_hand() {
         let mut joints = joints();
@@ -237,7 +237,8 @@ mod tests {
         assert!(joints.are_slow(0.79) && !joints.are_slow(0.78));
     }
 
-    /// Of 1 Ω: 5 V and 1 A at 8 rad/s and 0.5 V·s/rad. Then the second encoder stands, and 5 V drive 1 A on.
+    /// 5 V drive 1 A through 1 Ω at 8 rad/s and 0.5 V·s/rad. Then the second encoder stops, while voltage and
+    /// current stay.
     #[test]
     fn an_encoder_that_stands_while_its_motor_turns_is_told() {
         let mut joints = joints();
@@ -252,7 +253,7 @@ mod tests {
             totals.voltages = totals.voltages.map(|sum| sum + 1_000_000);
             (totals.periods, totals.driven) = (totals.periods + 200, totals.driven + 200);
         }
-        // Not driven throughout, nothing is known.
+        // If the motors are not driven throughout, nothing is known.
         totals.driven -= 1;
         joints.update(5, counts(5), &totals).unwrap();
         assert_eq!(joints.dead_encoder(), None);

@@ -1,4 +1,5 @@
-//! Brushed motors on power stages with a direction and a pulse each: wake, current loops, trip, dead man.
+//! Brushed motors on power stages with a direction and a pulse each: wake, current loops, trip, command
+//! timeout.
 
 use heapless::spsc::Consumer;
 use tesaki::control::{
@@ -9,12 +10,12 @@ use tesaki::math;
 
 use crate::current_sign::CurrentSign;
 
-/// Part of an ampere in which currents are added up [A].
+/// Resolution of the sums of currents [A].
 pub const SUM_RESOLUTION: f32 = 1e-4;
-/// Part of a volt in which voltages are added up [V].
+/// Resolution of the sums of voltages [V].
 pub const VOLTAGE_RESOLUTION: f32 = 1e-3;
 
-/// What the power stage measures of a current.
+/// How the power stage measures a current.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sensing {
     /// Its magnitude. [`CurrentSign`] finds the sign.
@@ -30,14 +31,14 @@ pub struct Motor {
     pub winding: Winding,
     /// How its current is measured.
     pub sensing: Sensing,
-    /// A larger current switches all motors off [A].
+    /// Current above which all motors are switched off [A].
     pub trip: f32,
 }
 
-/// What a power stage does until the next period.
+/// Output of a power stage until the next period.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Output {
-    /// Direction of the voltage: positive.
+    /// Whether the voltage is positive.
     pub positive: bool,
     /// Duty in timer counts; 0 shorts the motor.
     pub counts: u16,
@@ -45,15 +46,16 @@ pub struct Output {
 
 /// The power stages of `N` motors, which sleep and wake together.
 pub trait PowerStages<const N: usize> {
-    /// Asleep: the motors coast, whatever the outputs are.
+    /// Puts the stages to sleep: the motors coast, whatever the outputs are.
     fn off(&mut self);
-    /// Awake, without pulses.
+    /// Wakes the stages, without pulses.
     fn wake(&mut self);
     /// Lets pulses pass until the hardware's trip stops them.
     fn enable_pulses(&mut self);
-    /// Whether the hardware stopped the pulses.
+    /// Returns whether the hardware stopped the pulses.
     fn has_tripped(&self) -> bool;
-    /// The next duties, which take effect after [`Switching::lag`], and the directions, which do at once.
+    /// Sets the next duties, which take effect after [`Switching::lag`], and the directions, which take
+    /// effect at once.
     fn set(&mut self, outputs: &[Output; N]);
 }
 
@@ -66,7 +68,7 @@ pub struct Command<const N: usize> {
     pub velocities: [f32; N],
 }
 
-/// What was measured since the start.
+/// Sums of the measurements since the start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Totals<const N: usize> {
     /// Sums of the currents in [`SUM_RESOLUTION`]; they wrap.
@@ -80,7 +82,7 @@ pub struct Totals<const N: usize> {
 }
 
 impl<const N: usize> Totals<N> {
-    /// Nothing measured.
+    /// Creates totals of zero.
     pub const fn new() -> Self {
         Self { currents: [0; N], voltages: [0; N], periods: 0, driven: 0 }
     }
@@ -95,7 +97,7 @@ impl<const N: usize> Default for Totals<N> {
 #[derive(Clone, Copy, Debug)]
 struct Axis {
     current_loop: CurrentLoop,
-    /// Where only the magnitude is measured.
+    /// Present if only the magnitude is measured.
     sign: Option<CurrentSign>,
     /// Mean of the current as a multiple of a sample.
     ripple: f32,
@@ -109,18 +111,19 @@ struct Axis {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Phase {
     Off,
-    /// Until the power stages work, in periods.
+    /// Waits this many periods until the power stages work.
     Waking(u16),
     Running,
-    /// Off by itself, until the next command to be off.
+    /// Switched off by a trip, until the next command to switch off.
     Tripped,
 }
 
 /// Drives the motors, a sample of their currents at a time.
 ///
-/// They are off until the first command. The power stages have their time to wake before the first pulse. A
-/// current beyond the trip, or a trip of the hardware, switches all of them off until [`Motors::command`] was
-/// told to be off. Without commands [`CurrentLoop`] brakes, and then they are off.
+/// The motors are off until the first command. The power stages get their time to wake before the first
+/// pulse. A current beyond the trip, or a trip of the hardware, switches all motors off until
+/// [`Motors::command`] has been called with `None`. If commands stop, [`CurrentLoop`] first brakes, and then
+/// the motors are switched off.
 #[derive(Clone, Copy, Debug)]
 pub struct Motors<const N: usize> {
     axes: [Option<Axis>; N],
@@ -132,14 +135,14 @@ pub struct Motors<const N: usize> {
     totals: Totals<N>,
 }
 
-/// The mean current as a multiple of that in the middle between two pulses.
+/// Computes the mean current as a multiple of the current in the middle between two pulses.
 ///
-/// While the motor is shorted its current decays with the time constant of the winding, `i·e^(−t·R/L)`. Over
+/// While the motor is shorted, its current decays with the time constant of the winding, `i·e^(−t·R/L)`. Over
 /// a period `T` of short pulses that is `sinh(x)/x` times the current in its middle, with `x = R·T/(2·L)`;
 /// longer pulses leave less.
 ///
 /// # Errors
-/// For a winding that is faster than the pulses: its current is gone before it is sampled.
+/// The winding is faster than the pulses: its current would be gone before it is sampled.
 fn ripple(winding: &Winding, switching: &Switching) -> Result<f32, InvalidCurrentLoop> {
     let half = 0.5 * switching.period / f32::from(switching.pulses.max(1));
     let x = winding.resistance * half / winding.inductance;
@@ -156,8 +159,8 @@ fn ripple(winding: &Winding, switching: &Switching) -> Result<f32, InvalidCurren
 }
 
 impl<const N: usize> Motors<N> {
-    /// Motors for these windings; a board may have more power stages than motors. `wake` is the time until a
-    /// power stage works [s].
+    /// Creates motors with these windings; a board may have more power stages than motors. `wake` is the time
+    /// that a power stage takes to wake [s].
     ///
     /// # Errors
     /// The motor and the value for which there is no current loop.
@@ -187,7 +190,7 @@ impl<const N: usize> Motors<N> {
         Ok(all)
     }
 
-    /// Power stages without motors, until [`replace`](Self::replace). `wake` as for
+    /// Creates power stages without motors, until [`take_over`](Self::take_over). `wake` as for
     /// [`try_new`](Self::try_new).
     pub fn none(switching: &Switching, wake: f32) -> Self {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
@@ -203,8 +206,7 @@ impl<const N: usize> Motors<N> {
         }
     }
 
-    /// Takes other motors into use, if there are `new` ones: those until now are switched off. The counts of
-    /// [`Totals`] go on.
+    /// Switches the motors off and replaces them, if there are `new` ones. The [`Totals`] continue.
     pub fn take_over(&mut self, new: &mut Consumer<'_, Self>, stages: &mut impl PowerStages<N>) {
         if let Some(other) = new.peek() {
             self.command(None, stages);
@@ -213,22 +215,22 @@ impl<const N: usize> Motors<N> {
         }
     }
 
-    /// What was measured.
+    /// Returns the totals since the start.
     pub const fn totals(&self) -> Totals<N> {
         self.totals
     }
 
-    /// Whether the motors are off, and no command will switch them on before the next period.
+    /// Returns whether the motors are off, and no command will switch them on before the next period.
     pub fn are_off(&self) -> bool {
         matches!(self.phase, Phase::Off | Phase::Tripped)
     }
 
-    /// Whether the motors are off because of a trip.
+    /// Returns whether the motors are off because of a trip.
     pub fn has_tripped(&self) -> bool {
         self.phase == Phase::Tripped
     }
 
-    /// The command of a control period; `None`: off.
+    /// Takes the command of a control period; `None` switches the motors off.
     pub fn command(&mut self, command: Option<&Command<N>>, stages: &mut impl PowerStages<N>) {
         let Some(Command { currents, velocities }) = command else {
             self.switch_off(Phase::Off, stages);
@@ -246,8 +248,8 @@ impl<const N: usize> Motors<N> {
         }
     }
 
-    /// One period, from the currents as they are measured [A] and the supply [V]. A current that is no number
-    /// is beyond the trip.
+    /// Runs one period of the current loops from the measured currents [A] and the supply [V]. A current that
+    /// is NaN trips.
     pub fn update(&mut self, measured: &[f32; N], supply: f32, stages: &mut impl PowerStages<N>) {
         self.totals.periods = self.totals.periods.wrapping_add(1);
         match self.phase {
@@ -286,7 +288,7 @@ impl<const N: usize> Motors<N> {
             )]
             let counts = (current / SUM_RESOLUTION) as i32;
             *total = total.wrapping_add(counts);
-            // What is no number is not.
+            // False for NaN.
             let is_permitted = math::abs(measured) <= axis.trip;
             tripped |= !is_permitted;
             let duty = match axis.current_loop.update(&mut axis.state, current, supply) {
@@ -297,8 +299,8 @@ impl<const N: usize> Motors<N> {
                     0
                 }
             };
-            // The direction takes effect at once, in the pulse of the last duty: it changes when there is
-            // none.
+            // The direction takes effect at once, during the pulse of the last duty, so it changes only when
+            // there is no pulse.
             if duty != 0 && (duty > 0) != output.positive && output.counts != 0 {
                 output.counts = 0;
             } else {

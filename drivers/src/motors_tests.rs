@@ -20,7 +20,7 @@ struct Rig {
     noise: u32,
     warm: bool,
     signed: bool,
-    /// A pulse changed its direction while it lasted.
+    /// Pulses that changed their direction while they lasted.
     glitches: u32,
 }
 
@@ -47,13 +47,13 @@ impl PowerStages<2> for Rig {
 }
 
 impl Rig {
-    /// By a fifth another one than the motors' model says.
+    /// Differs by a fifth from the motors' model.
     fn resistance(&self) -> f64 {
         if self.warm { 4.8 } else { 3.2 }
     }
 
     fn step(&mut self, motors: &mut Motors<2>) {
-        // A converter with a count of 0.72 mA, and noise of two to either side; it knows no negative voltage.
+        // A converter with 0.72 mA per count and noise of ±2 counts; it cannot measure negative voltages.
         let signed = self.signed;
         let measured = self.current.map(|current| {
             self.noise = self.noise.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
@@ -89,7 +89,7 @@ const fn command(currents: [f32; 2], velocities: [f32; 2]) -> Command<2> {
     Command { currents, velocities }
 }
 
-/// Runs some periods with a command each control period.
+/// Runs some periods, with a command in each control period.
 fn run(rig: &mut Rig, motors: &mut Motors<2>, command: &Command<2>, periods: u32) {
     for period in 0..periods {
         if period % 200 == 0 {
@@ -117,7 +117,7 @@ fn stages_wake_before_the_first_pulse() {
     assert!((first - 0.5).abs() < 0.005 && (second + 0.5).abs() < 0.005, "{first} {second}");
 }
 
-/// Without current its sign is unknown: noise must not decide it for long.
+/// Without a current, its sign is unknown: noise must not determine it for long.
 #[test]
 fn currents_around_zero_stay_there() {
     for warm in [false, true] {
@@ -135,8 +135,7 @@ fn currents_around_zero_stay_there() {
     }
 }
 
-/// A motor that turns against its current, and one that is driven by its load: the voltage has the other
-/// sign.
+/// A motor turns against its current, or is driven by its load, so that current and voltage differ in sign.
 #[test]
 fn currents_follow_in_all_four_quadrants_without_glitches() {
     let (mut rig, mut motors) = (Rig::default(), motors());
@@ -200,7 +199,7 @@ fn a_trip_of_the_hardware_is_kept() {
 fn without_commands_the_motors_are_shorted_after_two_ticks_and_then_off() {
     let (mut rig, mut motors) = (Rig::default(), motors());
     run(&mut rig, &mut motors, &command([0.5; 2], [0.0; 2]), 201);
-    // The last command is one period old: 20 ms are 400 periods, 100 ms of braking 2000.
+    // The last command is one period old; 20 ms are 400 periods, and 100 ms of braking are 2000.
     for _ in 1..400 {
         rig.step(&mut motors);
     }
@@ -245,7 +244,7 @@ fn an_invalid_winding_is_refused_by_its_motor() {
     assert_eq!((index, error.field), (1, CurrentLoopField::Resistance));
 }
 
-/// In closed form: the current of a winding under pulses of a supply, which shorts it between them.
+/// Closed form of the current of a winding under pulses, which is shorted between them.
 #[test]
 fn the_mean_current_follows_from_a_sample_between_pulses() {
     let winding = Winding { resistance: 10.6, inductance: 0.23e-3, back_emf: 0.5 };
@@ -255,7 +254,8 @@ fn the_mean_current_follows_from_a_sample_between_pulses() {
     for duty in [0.01, 0.1, 0.3] {
         let decays = |time: f64| libm::exp(-time / time_constant);
         let (on, off) = (decays(duty * period), decays((1.0 - duty) * period));
-        // As parts of what the supply drives through the winding at standstill, where the mean is the duty.
+        // As fractions of the current that the supply drives through the winding at standstill, so the mean
+        // is the duty.
         let peak = (1.0 - on) / (1.0 - on * off);
         let sample = peak * decays(0.5 * (1.0 - duty) * period);
         assert!((ripple * sample / duty - 1.0).abs() < 0.006, "{duty}: {}", ripple * sample / duty);
@@ -271,7 +271,7 @@ fn the_mean_current_follows_from_a_sample_between_pulses() {
     assert!((refused.limits.0 - 0.1325e-3).abs() < 1e-7, "{refused}");
 }
 
-/// The sign is measured too, with an offset that the model of the winding does not know.
+/// The sign is measured, too, with an offset that the model of the winding does not include.
 #[test]
 fn a_signed_current_is_taken_as_it_is() {
     let motor = Motor { winding: WINDING, sensing: Sensing::Signed, trip: 1.25 };
@@ -284,7 +284,7 @@ fn a_signed_current_is_taken_as_it_is() {
         assert!((first - 0.4).abs() < 0.01 && (second + 0.8).abs() < 0.01, "{first} {second}");
     }
     assert_eq!(rig.glitches, 0);
-    // The trip is one of the magnitude.
+    // The trip acts on the magnitude.
     rig.current[1] = -1.3;
     rig.step(&mut motors);
     assert!(!rig.pulses_pass && motors.has_tripped() && motors.are_off());

@@ -1,6 +1,6 @@
-//! The offset of a measured current, found while there is none.
+//! The offset of a current measurement, learnt while no current flows.
 
-/// Samples that are left out after a current has flown, and those of a mean.
+/// Number of samples that are left out after a current has flowed, and of samples in a mean.
 const SETTLING: u16 = 64;
 const MEAN: u16 = 256;
 
@@ -11,28 +11,28 @@ pub struct Offset {
     tolerance: u16,
     sum: u32,
     samples: u16,
-    /// The last mean; `None`: none yet, or too far from what is expected.
+    /// The last mean; `None`: none yet, or too far from the expected value.
     value: Option<f32>,
 }
 
 impl Offset {
-    /// Nothing known; it must lie within `tolerance` of `expected` [counts].
+    /// Creates an unknown offset, which must lie within `tolerance` of `expected` [counts].
     pub const fn new(expected: u16, tolerance: u16) -> Self {
         Self { expected, tolerance, sum: 0, samples: 0, value: None }
     }
 
-    /// The current begins to flow, or what was learnt does not count any more: the next mean begins anew.
+    /// Restarts the mean, because a current flows or the samples are no longer valid.
     pub const fn interrupt(&mut self) {
         (self.sum, self.samples) = (0, 0);
     }
 
-    /// Forgets what was learnt.
+    /// Forgets the offset.
     pub const fn forget(&mut self) {
         self.interrupt();
         self.value = None;
     }
 
-    /// A sample without current.
+    /// Takes a sample without current.
     pub fn learn(&mut self, counts: u16) {
         self.samples += 1;
         if self.samples <= SETTLING {
@@ -49,12 +49,12 @@ impl Offset {
         }
     }
 
-    /// `counts` without the offset; what is no number while that is not known.
+    /// Returns `counts` minus the offset, or NaN while that is unknown.
     pub fn remove(&self, counts: u16) -> f32 {
         self.value.map_or(f32::NAN, |value| f32::from(counts) - value)
     }
 
-    /// Whether it is known.
+    /// Returns whether the offset is known.
     pub const fn is_known(&self) -> bool {
         self.value.is_some()
     }
@@ -74,7 +74,7 @@ mod tests {
             offset.learn(2050 + sample % 2);
         }
         assert!((offset.remove(2060) - 9.5).abs() < 1e-6);
-        // It lasts until another one is known, and drifts with the amplifier.
+        // It is kept until a new one is known, which follows the amplifier's drift.
         offset.interrupt();
         (0..319).for_each(|_| offset.learn(2052));
         assert!((offset.remove(2060) - 9.5).abs() < 1e-6);
@@ -84,7 +84,7 @@ mod tests {
         assert!(!offset.is_known());
     }
 
-    /// An amplifier that is dead, or a current that does not end.
+    /// The amplifier is dead, or a current keeps flowing.
     #[test]
     fn an_offset_far_from_the_middle_is_none() {
         for (counts, is_known) in

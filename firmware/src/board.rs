@@ -1,7 +1,7 @@
-//! What differs from board to board: crystal, pins, sensors, drives.
+//! The [`Board`] trait: what differs between boards, namely crystal, pins, sensors and drives.
 //!
-//! Every pin belongs to the [`Board`], also those of the UARTs and of the strap: on one board a pin is a
-//! serial line, on another it switches a power stage.
+//! Every pin belongs to the [`Board`], including those of the UARTs and the strap, because a pin that is a
+//! serial line on one board switches a power stage on another.
 
 use stm32f4xx_hal::pac;
 use stm32f4xx_hal::rcc::Rcc;
@@ -15,7 +15,7 @@ pub use crate::boards::ThisBoard;
 pub enum SupervisorLine {
     /// USART1.
     Usart1,
-    /// UART4, for boards where the pins of USART1 are others.
+    /// UART4, for boards that use the pins of USART1 otherwise.
     Uart4,
 }
 
@@ -23,97 +23,97 @@ pub enum SupervisorLine {
 pub trait Board: Sized {
     /// Frequency of the crystal [Hz]; whole megahertz.
     const CRYSTAL: u32;
-    /// Whether the board switches power stages. Such a board never uses the plant link, where torques are for
-    /// a simulation.
+    /// Whether the board switches power stages. Such a board never uses the plant link, whose torques are
+    /// meant for a simulation.
     const HAS_POWER_STAGES: bool;
 
-    /// Which UART the supervisor's line is.
+    /// The UART of the supervisor's line.
     const SUPERVISOR: SupervisorLine;
 
     /// The part that the timer's interrupt calls.
     type Latch: Latch;
-    /// The part that the interrupt of the converters calls.
+    /// The part that the ADC interrupt calls.
     type CurrentControl: CurrentControl;
 
     /// Takes all pins. The power stages are off when it returns. The line of the supervisor
     /// ([`Board::SUPERVISOR`]) is connected, with a pull-up on its input; that of the plant link is not.
     fn start(peripherals: Peripherals) -> (Self, Self::Latch, Self::CurrentControl);
 
-    /// Whether the strap asks for the plant link. A board without a strap leaves this and the next one as
-    /// they are.
+    /// Returns whether the strap requests the plant link. A board without a strap keeps the defaults of this
+    /// function and of [`Board::connect_plant_link`].
     fn is_strapped(&mut self) -> bool {
         false
     }
 
-    /// Connects the line of the plant link (USART2), with a pull-up on its input: an open one would receive
+    /// Connects the line of the plant link (USART2), with a pull-up on its input: an open input would receive
     /// noise.
     fn connect_plant_link(&mut self) {}
 
-    /// Prepares for a robot. It is called while the outputs are off.
+    /// Prepares the board for a robot. Called while the outputs are off.
     ///
     /// # Errors
-    /// What the board lacks for it, by joint and field. Nothing is changed then.
+    /// What the board lacks for this robot, by joint and field. Nothing is changed then.
     fn configure(&mut self, model: &RobotModel) -> Result<(), ModelError>;
 
-    /// The sensors at the instant of `sample`, in period `period`; `None` when they could not be read, which
-    /// is a fault that switches the outputs off.
+    /// Returns the sensor values at the instant of `sample`, in period `period`, or `None` if they could not
+    /// be read, which is a fault that switches the outputs off.
     fn read(&mut self, period: u32, sample: &<Self::Latch as Latch>::Sample) -> Option<SensorFrame>;
 
-    /// Sets the torques of the drives, or switches the power stages off when the frame is not enabled.
-    /// Current: torque divided by `motor.torque_constant` of the model.
+    /// Sets the torques of the drives, or switches the power stages off when the frame is not enabled. The
+    /// current of a drive is its torque divided by the model's `motor.torque_constant`.
     fn write(&mut self, actuators: &ActuatorFrame);
 
     /// Switches the power stages off. Called from any context, also after a panic or a CPU fault, and before
     /// [`Board::start`].
     fn off();
 
-    /// An edge at a line of the interrupts EXTI2 and EXTI4, which nothing delays but code with all interrupts
-    /// off. With latch and current control, which can follow it at once, it must take less than a byte of the
-    /// UARTs, 10.8 µs.
+    /// Handles an edge on a line of EXTI2 or EXTI4. Only code with all interrupts off can delay it. Latch and
+    /// current control can follow at once, and all three together must take less than a byte of the UARTs,
+    /// 10.8 µs.
     ///
-    /// For a board that cannot lead what trips its power stages to a timer's break input: it switches
-    /// them off and takes the edge back. Or for one with a converter that tells when it has data: it takes
-    /// the edge back and pends EXTI3. Without such lines it is never called.
+    /// A board whose trip lines reach no timer's break input switches the power stages off here and clears
+    /// the edge. A board with a converter that signals new data clears the edge and pends EXTI3. Without such
+    /// lines it is never called.
     fn on_edge() {}
 
-    /// EXTI3, which [`Board::on_edge`] has pended; it runs between control periods, never in one, and delays
-    /// them by 70 µs at most.
+    /// Handles EXTI3, which [`Board::on_edge`] has pended. It runs between control periods, never within one,
+    /// and delays them by at most 70 µs.
     fn on_data(&mut self) {}
 }
 
-/// Reads what must be read at the instant at which the control period begins.
+/// Samples what must be read at the instant at which a control period begins.
 ///
-/// Only [`Board::on_edge`] has a higher priority and can delay the instant, by some instructions. The UARTs
-/// wait meanwhile, as in [`CurrentControl`], which may follow at once: together they must take less than a
-/// byte, 10.8 µs. 1.5 µs is a good share of it.
+/// Only [`Board::on_edge`] has a higher priority; it can delay the instant by a few instructions. The UARTs
+/// wait meanwhile, as they do for [`CurrentControl`], which may follow at once: together they must take less
+/// than a byte, 10.8 µs. Latching should take at most 1.5 µs of that.
 pub trait Latch {
     /// Raw values. [`Board::read`] turns them into a frame later.
     type Sample: Copy + Send;
 
-    /// Reads them.
+    /// Reads the raw values.
     fn latch(&mut self) -> Self::Sample;
 }
 
-/// Controls the currents, as often as the converters have sampled them.
+/// Controls the currents, once per sample of the converters.
 ///
-/// It runs above everything but the latch and [`Board::on_edge`]. The UARTs wait meanwhile, and lose a byte
-/// after 10.8 µs, in which those two must have room as well: 8 µs at most.
+/// It preempts everything but the latch and [`Board::on_edge`]. The UARTs wait meanwhile and lose a byte
+/// after 10.8 µs. Those two must fit into that time as well, so current control may take at most 8 µs.
 pub trait CurrentControl {
-    /// A sample is complete.
+    /// Called when a sample is complete.
     fn on_sample(&mut self);
 }
 
-/// Of a board that controls no currents; its converters never interrupt.
+/// For a board that controls no currents; its converters never interrupt.
 pub struct NoCurrents;
 
 impl CurrentControl for NoCurrents {
     fn on_sample(&mut self) {}
 }
 
-/// What the boards have in common leaves these peripherals to them.
+/// The peripherals that the common code leaves to the boards.
 #[allow(missing_docs, reason = "the names are those of the chip")]
 pub struct Peripherals {
-    /// Enables and resets peripherals. Its frequencies are not those of the chip: [`crate::clock`] sets them.
+    /// Enables and resets peripherals. Its frequencies are not the actual ones, which [`crate::clock`] sets.
     pub rcc: Rcc,
     pub exti: pac::EXTI,
     pub syscfg: pac::SYSCFG,
@@ -136,18 +136,18 @@ pub struct Peripherals {
     pub spi3: pac::SPI3,
 }
 
-/// Whether sensors and drives are on the plant link: the strap asks for it, and the board has no power
-/// stages.
+/// Returns whether sensors and drives are on the plant link: the strap requests it, and the board has no
+/// power stages.
 pub fn uses_plant_link<B: Board>(board: &mut B) -> bool {
     !B::HAS_POWER_STAGES && board.is_strapped()
 }
 
-/// What a board has for the joints of a robot; most refusals of [`Board::configure`].
+/// The equipment of a board. Its check makes most of the refusals of [`Board::configure`].
 #[derive(Clone, Copy, Debug)]
 pub struct Equipment {
     /// Number of motors with an encoder and a current sensor each.
     pub motors: u8,
-    /// Whether its encoders know their angle after power-on.
+    /// Whether the encoders are absolute, that is, know their angle after power-on.
     pub absolute_encoders: bool,
     /// Number of converters for the six gauges of a force sensor.
     pub force_sensors: u8,
@@ -161,7 +161,7 @@ impl Equipment {
     /// Checks that the board has what the robot needs.
     ///
     /// # Errors
-    /// The first field that it lacks.
+    /// The first field of the model that the board does not support.
     pub fn check(&self, model: &RobotModel) -> Result<(), ModelError> {
         let refuse = |joint, field, value, limit: f32| {
             Err(ModelError { joint, field, value, problem: Problem::BoardLimit(limit) })
@@ -194,7 +194,7 @@ impl Equipment {
                     let (value, limit) = (force_sensors.into(), self.force_sensors.into());
                     return refuse(last, Field::ForceResolution, value, limit);
                 }
-                // Nothing of the board delivers wrenches.
+                // The board has no other source of wrenches.
                 None => return gauges(Problem::Missing),
                 Some(_) => {}
             }

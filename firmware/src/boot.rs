@@ -27,7 +27,7 @@ pub struct Started {
     pub board: ThisBoard,
     pub latch: <ThisBoard as Board>::Latch,
     pub current_control: <ThisBoard as Board>::CurrentControl,
-    /// Whether sensors and drives are on the plant link; until the next reset.
+    /// Whether sensors and drives are on the plant link; fixed until the next reset.
     pub plant_link: bool,
     pub status: BoardStatus,
 }
@@ -99,7 +99,7 @@ pub fn start(device: pac::Peripherals, syst: cortex_m::peripheral::SYST, node: &
         None if by_software => ResetCause::Software,
         None => ResetCause::PowerOn,
     };
-    // On the plant link no clock matters.
+    // On the plant link the host controls time, so the accuracy of the clock does not matter.
     let clock_faults = if plant_link { [None; 2] } else { clock_faults(&clocks) };
     let watchdog_fault = by_watchdog.then_some((FaultCause::WatchdogReset, 0, 0));
     let crash_fault = crash.as_ref().map(|crash| (crash.cause(), crash.place, 0));
@@ -118,10 +118,10 @@ pub fn start(device: pac::Peripherals, syst: cortex_m::peripheral::SYST, node: &
     Started { uarts, timer: device.TIM2, watchdog, board, latch, current_control, plant_link, status }
 }
 
-/// A fault of the start: cause, value and limit.
+/// A fault found at the start: cause, value and limit.
 type StartFault = (FaultCause, u32, u32);
 
-/// What is wrong with the clocks.
+/// Returns the faults of the clocks.
 fn clock_faults(clocks: &Clocks) -> [Option<StartFault>; 2] {
     let wrong_crystal =
         clocks.wrong_crystal.map(|measured| (FaultCause::WrongCrystal, measured, ThisBoard::CRYSTAL));
@@ -129,7 +129,7 @@ fn clock_faults(clocks: &Clocks) -> [Option<StartFault>; 2] {
     [wrong_crystal, fallback.then_some((FaultCause::ClockFallback, clocks.source as u32, 0))]
 }
 
-/// Restores the faults from before the reset, and adds those of the start.
+/// Restores the faults from before the reset, and adds those found at the start.
 fn record_faults(node: &mut Node, faults: impl Iterator<Item = StartFault>) {
     if let Some((log, joints)) = retained::faults() {
         node.restore_faults(log, joints);
@@ -144,8 +144,8 @@ fn record_faults(node: &mut Node, faults: impl Iterator<Item = StartFault>) {
     retained::retain_faults(node.faults(), node.fault_joints());
 }
 
-/// Period of the timer on the plant link [µs]: the idle loop wakes in time for the watchdog, whose time is 68
-/// ms at least.
+/// Period of the timer on the plant link [µs]: the idle loop wakes in time for the watchdog, whose timeout is
+/// at least 68 ms.
 const IDLE_PERIOD: u16 = 50_000;
 /// The control period [µs].
 const PERIOD: u16 = (tesaki::TICK * 1e6) as u16;

@@ -6,8 +6,8 @@ use tesaki::protocol::ClockSource;
 use crate::pac;
 use pac::{flash, rcc, tim11};
 
-/// Polls before the crystal counts as failed: about 20 ms at 16 MHz and ten cycles per poll. One starts
-/// within 2 to 5 ms. All waits together must be shorter than the watchdog's time.
+/// Polls before the crystal counts as failed: about 20 ms at 16 MHz and ten cycles per poll. A working one
+/// starts within 2 to 5 ms. All waits together must be shorter than the watchdog's timeout.
 const CRYSTAL_POLLS: u32 = 32_000;
 /// The same for the PLL, about 2 ms. It locks within 0.3 ms.
 const PLL_POLLS: u32 = 3_200;
@@ -32,9 +32,9 @@ pub struct Clocks {
     pub baud: u32,
 }
 
-/// Starts the PLL with 168 MHz from the crystal, which must have `crystal` Hz as `measure` tells, or, if that
-/// fails, from the internal oscillator. Without PLL the clock stays at 16 MHz, too slow for 921 600 baud: the
-/// UARTs then run at 115 200. A crystal that stops later raises the NMI (clock security system).
+/// Starts the PLL at 168 MHz, from the crystal if `measure` confirms its frequency `crystal` [Hz], else from
+/// the internal oscillator. Without PLL the clock stays at 16 MHz, too slow for 921 600 baud: the UARTs then
+/// run at 115 200. A crystal that stops later raises the NMI (clock security system).
 pub fn bring_up(
     rcc: &rcc::RegisterBlock,
     flash: &flash::RegisterBlock,
@@ -74,8 +74,9 @@ pub fn bring_up(
     }
 }
 
-/// PLL: 1 MHz · 336 / 2 = 168 MHz. AHB undivided, APB1 a quarter, APB2 a half. `crystal` is its frequency
-/// [Hz].
+/// Starts the PLL: 1 MHz · 336 / 2 = 168 MHz. AHB undivided, APB1 a quarter, APB2 a half. `crystal` is the
+/// frequency of the crystal [Hz], or `None` for the internal oscillator. Returns whether the PLL is the
+/// system clock.
 fn start_pll(rcc: &rcc::RegisterBlock, flash: &flash::RegisterBlock, crystal: Option<u32>) -> bool {
     rcc.cr().modify(|_, w| w.pllon().clear_bit());
     let divider = crystal.unwrap_or(INTERNAL) / 1_000_000;
@@ -100,18 +101,18 @@ fn wait(polls: u32, ready: impl Fn() -> bool) -> bool {
     (0..polls).any(|_| ready())
 }
 
-/// Whether a measured frequency is that of the board's crystal, within a tenth: the internal oscillator
-/// measures no better, and the crystals in use differ by more.
+/// Returns whether a measured frequency is that of the board's crystal, within a tenth: the internal
+/// oscillator is no more accurate, and the crystals in use differ by more.
 fn is_near(measured: u32, crystal: u32) -> bool {
     measured.abs_diff(crystal) <= crystal / 10
 }
 
-/// A capture comes every 16 · 8 periods of the crystal; the measurement takes so many intervals.
+/// Number of capture intervals in a measurement. A capture comes every 16 · 8 periods of the crystal.
 const INTERVALS: u32 = 16;
 const PERIODS: u32 = 16 * 8;
 
-/// Frequency of the crystal [Hz] from `counts` of the internal oscillator in [`INTERVALS`] captures; `None`
-/// for 0.
+/// Computes the frequency of the crystal [Hz] from `counts` of the internal oscillator in [`INTERVALS`]
+/// captures; `None` for 0.
 pub fn frequency(counts: u16) -> Option<u32> {
     let periods = u64::from(INTERNAL) * u64::from(INTERVALS * PERIODS);
     u32::try_from(periods.checked_div(counts.into())?).ok()
@@ -133,7 +134,7 @@ pub fn measure_crystal(rcc: &rcc::RegisterBlock, timer: &tim11::RegisterBlock) -
         timer.ccer().write(|w| w.bits(1));
     }
     timer.cr1().write(|w| w.cen().set_bit());
-    // An interval is 256 cycles with 8 MHz: the loop must not miss one, which the over-capture flag tells.
+    // With an 8 MHz crystal an interval is 256 cycles. If the loop misses one, the over-capture flag is set.
     let capture = || {
         let captured = (0..1000).any(|_| timer.sr().read().cc1if().bit_is_set());
         captured.then(|| timer.ccr1().read().bits() as u16)

@@ -14,7 +14,7 @@ pub struct Periods {
 }
 
 impl Periods {
-    /// None yet.
+    /// Creates the state before the first period.
     pub const fn new() -> Self {
         Self { last: 0, drove: false }
     }
@@ -22,9 +22,9 @@ impl Periods {
     /// Runs control period `period`: from the sample through `tick` to the drives. A period without sensors
     /// is a tick as well: it is a fault of the node, and the outputs are off.
     ///
-    /// Returns whether the watchdog may be fed: the period came in time, and its sensors could be read or
-    /// nothing was driven when they could. So a board whose sensors fall silent while it moves something is
-    /// reset, and then waits, disabled, to be asked what happened; one that was idle keeps its model.
+    /// Returns whether the watchdog may be fed: the period came in time, and its sensors could be read, or
+    /// the outputs were off when they last could. So a board whose sensors fall silent while its outputs are
+    /// on is reset, and then waits, disabled, for the supervisor; an idle board keeps its model.
     pub fn run<B: Board>(
         &mut self,
         board: &mut B,

@@ -27,8 +27,8 @@ const EMERGENCY: usize = 2048;
 #[unsafe(link_section = ".uninit.EMERGENCY")]
 static mut EMERGENCY_STACK: MaybeUninit<[u64; EMERGENCY / 8]> = MaybeUninit::uninit();
 
-/// The first instructions after a CPU fault. They use no stack: after an overflow a push would be a fault in
-/// the handler of faults, which locks the CPU up with the outputs on.
+/// The first instructions after a CPU fault. They use no stack: after a stack overflow a push would fault
+/// within the fault handler, which locks the CPU up with the outputs on.
 #[unsafe(naked)]
 #[unsafe(export_name = "HardFault")]
 #[unsafe(link_section = ".HardFault.user")]
@@ -45,8 +45,8 @@ extern "C" fn enter_hard_fault() -> ! {
     )
 }
 
-/// `frame`: the stack pointer of the code that failed, where the CPU has pushed its registers, if there was
-/// room.
+/// Handles a CPU fault. `frame` is the stack pointer of the failed code, where the CPU has pushed its
+/// registers if there was room.
 extern "C" fn hard_fault(frame: usize) -> ! {
     cortex_m::interrupt::disable();
     ThisBoard::off();
@@ -62,7 +62,7 @@ extern "C" fn hard_fault(frame: usize) -> ! {
     SCB::sys_reset()
 }
 
-/// Whether the CPU could not push its registers at an exception: STKERR or MSTKERR.
+/// Returns whether the CPU could not push its registers at an exception: STKERR or MSTKERR.
 fn failed_to_push() -> bool {
     const STACKING: u32 = 1 << 12 | 1 << 4;
     // SAFETY: reading this register has no effect.

@@ -14,7 +14,8 @@ unsafe extern "C" {
 /// Address of the 96-bit unique number of an STM32F405 (reference manual RM0090, 39.1).
 const UNIQUE_NUMBER: *const [u8; 12] = 0x1FFF_7A10 as *const [u8; 12];
 
-/// The identity of this board. A chip whose internal oscillator is not ready is emulated, and has no number.
+/// Returns the identity of this board. A chip whose internal oscillator is not ready is emulated and has no
+/// number.
 pub fn identity(rcc: &pac::RCC, capabilities: u32) -> Identity {
     // SAFETY: the linker placed the note there; volatile, because the compiler does not know its content.
     let note = unsafe { read_volatile(addr_of!(__build_id)) };

@@ -6,7 +6,7 @@
 //! |---|---|---|
 //! | 6 | `EXTI2`, `EXTI4` | [`board::Board::on_edge`]: power stages off where a trip line has no break input; or pends `EXTI3` for data |
 //! | 5 | `TIM2` | 10 ms timer: latches the sensors, pends the control task |
-//! | 4 | `ADC` | on boards with motors: the current loops, at 20 kHz; of the 40 kHz of `board-weact` every second time |
+//! | 4 | `ADC` | on boards with motors: the current loops, at 20 kHz; on `board-weact` at every second of its 40 kHz interrupts |
 //! | 3 | `USART1`, `USART2`, `UART4` | bytes between UART and queue |
 //! | 2 | `EXTI0`: control | one [`Node::tick`](tesaki::node::Node::tick) |
 //! | 2 | `EXTI3`: data | on boards with a force sensor: a frame from its converter |
@@ -17,12 +17,12 @@
 //! the next one arrives after 10.8 µs, a fraction of a tick. Their handlers take a few dozen instructions per
 //! byte, which delays a tick by less than 3 %.
 //!
-//! Edge, latch and current loop can follow each other at once: all that is above the UARTs must together take
-//! less than a byte.
+//! Edge, latch and current loop can follow each other at once: together, all handlers above the UARTs must
+//! take less than a byte.
 //!
 //! The control task also waits while the supervisor task handles a request, as both use the node. Sampling
 //! does not wait: the timer's interrupt latches the sensors ([`board::Latch`]); only an edge at a trip line
-//! or a data line can delay it, by some instructions.
+//! or a data line can delay it, by a few instructions.
 
 #![no_std]
 

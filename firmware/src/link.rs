@@ -1,8 +1,8 @@
 //! UARTs, and the queues between their interrupts and the RTIC tasks.
 //!
 //! The interrupt owns the UART; an RTIC task owns the other ends of two queues, and each pends the other. A
-//! full queue drops further data and counts it. RTIC binds the interrupts of all UARTs that can be a line;
-//! the board says which of them is the supervisor's ([`SupervisorLine`]), and the others stay off.
+//! full queue drops further data and counts it. RTIC binds the interrupts of all UARTs that a board may use;
+//! the board says which of them is the supervisor's ([`SupervisorLine`]), and unused ones stay off.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
@@ -43,14 +43,14 @@ impl Default for Storage {
 }
 
 impl Storage {
-    /// Empty queues.
+    /// Creates empty queues.
     pub const fn new() -> Self {
         let counters = Counters { overflow: AtomicU32::new(0), errors: AtomicU32::new(0) };
         Self { receive: Queue::new(), send: Queue::new(), counters }
     }
 
-    /// The ends of the UART's interrupt and of an RTIC task; the interrupt pends `task` when a frame has
-    /// ended.
+    /// Returns the ends for the UART's interrupt and for an RTIC task; the interrupt pends `task` when a
+    /// frame has ended.
     pub fn split<U: Uart>(&'static mut self, uart: U, task: Interrupt) -> (Line<U>, Endpoint) {
         let (received, incoming) = self.receive.split();
         let (outgoing, waiting) = self.send.split();
@@ -105,7 +105,7 @@ impl Uarts {
     }
 }
 
-/// What the interrupt of a UART does, whether a line uses it or not.
+/// The interrupt handler of a UART; it does nothing if the UART is unused.
 pub struct Line<U>(Option<UartIsr<U>>);
 
 impl<U: Uart> Line<U> {
@@ -127,11 +127,11 @@ pub trait Uart {
     fn start(&self, clock: u32, baud: u32);
     /// Reads a received byte, and whether bytes were lost: `(byte, lost)`.
     fn receive(&mut self) -> (Option<u8>, bool);
-    /// Whether the next byte may be written.
+    /// Returns whether the next byte may be written.
     fn ready(&self) -> bool;
     /// Sends a byte.
     fn send(&mut self, byte: u8);
-    /// Enables the interrupt for a free transmit register.
+    /// Enables or disables the interrupt that signals a free transmit register.
     fn interrupt_when_ready(&mut self, enabled: bool);
 }
 
@@ -214,7 +214,7 @@ impl<U: Uart> UartIsr<U> {
         }
     }
 
-    /// Always: tells the compiler that the queues, which divide by their sizes, have ones.
+    /// Always true; tells the compiler that the sizes of the queues, by which they divide, are not zero.
     fn have_sizes(&self) -> bool {
         self.received.capacity() < RECEIVE_QUEUE && self.waiting.capacity() < SEND_QUEUE
     }
@@ -222,7 +222,7 @@ impl<U: Uart> UartIsr<U> {
 
 /// The RTIC task's half of a link: messages instead of bytes.
 pub struct Endpoint {
-    /// Of the UART.
+    /// Interrupt of the UART.
     interrupt: Interrupt,
     incoming: Consumer<'static, u8>,
     outgoing: Producer<'static, u8>,
@@ -232,7 +232,7 @@ pub struct Endpoint {
 }
 
 impl Endpoint {
-    /// The next received message, or its error; `None` without a complete frame.
+    /// Returns the next received message, or its error; `None` without a complete frame.
     pub fn receive<T: DeserializeOwned>(&mut self) -> Option<Result<T, FrameError>> {
         while let Some(byte) = self.incoming.dequeue() {
             if let Some(result) = self.decoder.push(byte) {
@@ -268,12 +268,12 @@ impl Endpoint {
         NVIC::pend(self.interrupt);
     }
 
-    /// Always: tells the compiler that the queue, which divides by its size, has one.
+    /// Always true; tells the compiler that the size of the queue, by which it divides, is not zero.
     fn has_size(&self) -> bool {
         self.outgoing.capacity() < SEND_QUEUE
     }
 
-    /// Statistics of the link.
+    /// Returns the statistics of the link.
     pub fn statistics(&self) -> LinkStatistics {
         LinkStatistics {
             frames: self.decoder.counts(),

@@ -32,9 +32,9 @@ mod app {
     const TICK_LOGS: usize = 8;
 
     type BoardLatch = <ThisBoard as Board>::Latch;
-    /// What the timer's interrupt has read, with the number of the period.
+    /// Number of a period, and what the timer's interrupt has latched in it.
     type Sample = (u32, <BoardLatch as Latch>::Sample);
-    /// Capacity plus one of the queue of samples. Only the last one counts: those before it come too late.
+    /// Capacity plus one of the queue of samples. Only the last one is used: earlier ones are out of date.
     const SAMPLES: usize = 4;
 
     #[shared]
@@ -133,7 +133,7 @@ mod app {
         }
         let sample = cx.local.latch.latch();
         *cx.local.period = cx.local.period.wrapping_add(1);
-        // A queue that is full shows in the numbers of the periods.
+        // A full queue shows as a gap in the numbers of the periods.
         let _ = cx.local.samples_in.enqueue((*cx.local.period, sample));
         rtic::pend(Interrupt::EXTI0);
     }
@@ -158,7 +158,7 @@ mod app {
         cx.local.uart4.on_interrupt();
     }
 
-    /// Lines that switch the power stages off, on boards where no timer can, or that tell new data.
+    /// Edges that switch the power stages off, on boards where no timer can, or that signal new data.
     #[task(binds = EXTI2, priority = 6)]
     fn first_edge(_: first_edge::Context) {
         ThisBoard::on_edge();
@@ -221,7 +221,7 @@ mod app {
         actuators
     }
 
-    /// Retains the fault log if it has other faults than the `before` ones.
+    /// Retains the fault log if there are more faults than `before`.
     fn retain_later(node: &Node, before: u32) {
         if node.faults().total != before {
             retained::retain_faults(node.faults(), node.fault_joints());
@@ -262,7 +262,7 @@ mod app {
             let plant = cx.shared.plant_statistics.lock(|statistics| *statistics);
             refresh(status, link, plant);
         }
-        // All streams of one tick, and each tick once.
+        // Sends all streams of a tick together, and each tick once.
         let sent_tick = &mut *cx.local.sent_tick;
         let (messages, index) = cx.shared.node.lock(|node| {
             let mut messages = Vec::<FromBoard, { Stream::ALL.len() }>::new();

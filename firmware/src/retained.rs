@@ -1,7 +1,7 @@
 //! Memory that a reset does not clear: the fault log, and the cause of a crash.
 //!
-//! After power-on its content is random, and after an update it is another firmware's; checksums and a key
-//! detect that, and a copy that a reset broke off.
+//! After power-on its content is random, and after an update it is that of another firmware. Checksums and a
+//! key detect both, and also a write that a reset interrupted.
 
 use core::fmt::{self, Write};
 use core::mem::MaybeUninit;
@@ -67,14 +67,14 @@ pub struct Crash {
 #[unsafe(link_section = ".uninit.RETAINED")]
 static mut RETAINED: MaybeUninit<Retained> = MaybeUninit::uninit();
 
-/// The memory. It is accessed by volatile reads and writes alone: for the compiler its content is undefined
-/// after a start, and it must not conclude anything from that.
+/// Returns the memory. All accesses are volatile: to the compiler its content is undefined after a start, and
+/// it must not conclude anything from that.
 fn retained() -> *mut Retained {
     (&raw mut RETAINED).cast()
 }
 
-/// Retains the fault log over a reset, and the checksum of the joints that it numbers. Interrupts stay on:
-/// one RTIC task at a time calls it, as all hold the node's lock.
+/// Retains the fault log, and the checksum of the joints that it numbers, over a reset. Interrupts stay on:
+/// all callers hold the node's lock, so there is only one at a time.
 pub fn retain_faults(log: &FaultLog, joints: u32) {
     if let Some(record) = Record::encode(&(log, joints), FaultLog::KEY) {
         // SAFETY: the memory is there and aligned, and nobody else accesses the log now, see above.
@@ -82,14 +82,14 @@ pub fn retain_faults(log: &FaultLog, joints: u32) {
     }
 }
 
-/// The fault log from before the reset and the checksum of its joints, if valid.
+/// Returns the fault log from before the reset and the checksum of its joints, if valid.
 pub fn faults() -> Option<(FaultLog, u32)> {
-    // SAFETY: the memory is there and aligned; any bits are a value of its integers.
+    // SAFETY: the memory is there and aligned; any bits are valid integers.
     unsafe { ptr::read_volatile(&raw const (*retained()).log) }.decode(FaultLog::KEY)
 }
 
-/// Retains the cause of a crash over the reset. Whoever calls it has switched the interrupts off, or is one
-/// that nothing interrupts.
+/// Retains the cause of a crash over the reset. The caller must have interrupts off, or be an interrupt that
+/// nothing else can interrupt.
 pub fn retain_crash(cause: FaultCause, place: u32, message: fmt::Arguments<'_>) {
     let mut text = Text { bytes: [0; MAX_TEXT], length: 0 };
     // A longer text is truncated.
@@ -104,7 +104,7 @@ pub fn retain_crash(cause: FaultCause, place: u32, message: fmt::Arguments<'_>) 
     }
 }
 
-/// The crash before this start, if any. Later calls return `None`.
+/// Returns the crash before this start, if any. Later calls return `None`.
 pub fn take_crash() -> Option<Crash> {
     // SAFETY: as for the log; it is called before the first interrupt.
     let (crash, stored) = unsafe {
@@ -120,7 +120,7 @@ pub fn take_crash() -> Option<Crash> {
 }
 
 impl Crash {
-    /// Panic, stopped crystal or CPU fault, as a fault cause.
+    /// Returns the fault cause: panic, stopped crystal or CPU fault.
     pub fn cause(&self) -> FaultCause {
         [FaultCause::Panic, FaultCause::CrystalStopped]
             .into_iter()
@@ -128,13 +128,13 @@ impl Crash {
             .unwrap_or(FaultCause::HardFault)
     }
 
-    /// The message.
+    /// Returns the message.
     pub fn text(&self) -> &str {
         let bytes = self.text.get(..self.length as usize).unwrap_or_default();
         core::str::from_utf8(bytes).unwrap_or_default()
     }
 
-    /// With the key of the fault log, whose causes it names.
+    /// Computes the checksum. It includes the key of the fault log, as that fixes the numbers of the causes.
     fn checksum(&self) -> u32 {
         checksum(&self.text)
             ^ self.cause.rotate_left(8)

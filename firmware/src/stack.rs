@@ -1,4 +1,4 @@
-//! Stack usage: the stack is painted at boot, and overwritten paint was used.
+//! Stack usage: the stack is painted at boot; where the paint is gone, the stack was used.
 
 use core::ptr::{addr_of, read_volatile, write_volatile};
 use core::sync::atomic::{AtomicUsize, Ordering};
@@ -6,7 +6,7 @@ use core::sync::atomic::{AtomicUsize, Ordering};
 const PAINT: u32 = 0x5AC4_0FF5;
 /// Unpainted margin below the stack pointer, for an interrupt during painting [bytes].
 const MARGIN: usize = 256;
-/// Words that one scan looks at.
+/// Words that one scan examines.
 const CHUNK: usize = 256;
 
 /// Lowest address known to have been used; 0 before [`paint`].
@@ -20,7 +20,7 @@ unsafe extern "C" {
     static _stack_end: u32;
 }
 
-/// Lowest address of the stack, and the address above it.
+/// Returns the lowest address of the stack, and the address above it.
 pub fn bounds() -> (usize, usize) {
     (addr_of!(_stack_end) as usize, addr_of!(_stack_start) as usize)
 }
@@ -38,8 +38,8 @@ pub fn paint() {
     }
 }
 
-/// Looks at the next part of the stack that was never used so far. Only the idle loop calls it: 52 calls see
-/// the whole stack, and none takes long.
+/// Examines the next part of the stack that is not known to be used. Only the idle loop calls it: 52 short
+/// calls cover the whole stack.
 pub fn scan() {
     let (end, _) = bounds();
     let mark = MARK.load(Ordering::Relaxed);
@@ -54,7 +54,7 @@ pub fn scan() {
     CURSOR.store(if found.is_some() { end } else { to }, Ordering::Relaxed);
 }
 
-/// Maximum number of bytes used so far, as far as [`scan`] has seen, and the size of the stack.
+/// Returns the maximum number of bytes used so far, as far as [`scan`] has seen, and the size of the stack.
 pub fn usage() -> (u32, u32) {
     let (end, start) = bounds();
     ((start - MARK.load(Ordering::Relaxed).clamp(end, start)) as u32, (start - end) as u32)

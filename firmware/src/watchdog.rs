@@ -1,7 +1,7 @@
 //! The independent watchdog: resets the board unless it is fed.
 //!
-//! Its oscillator (LSI) has 32 kHz, but a chip's own may have between 17 and 47 kHz (datasheet): the time is
-//! 100 ms, on some chips 68 ms, on others 188 ms.
+//! Its oscillator (LSI) nominally has 32 kHz, but can have between 17 and 47 kHz (datasheet): the timeout is
+//! nominally 100 ms, between 68 ms and 188 ms.
 //!
 //! With sensors and drives on the board, each healthy control tick feeds it. On the plant link the host
 //! controls time and may pause, so the idle loop feeds it, which shows that no RTIC task hangs; the timer
@@ -9,7 +9,7 @@
 
 use crate::pac;
 
-/// Periods of the oscillator, in steps of 32: 3200 of 32 kHz are 100 ms.
+/// Timeout in steps of 32 periods of the oscillator: 3200 of 32 kHz are 100 ms.
 const STEPS: u16 = 100;
 /// Polls until the settings have arrived in the watchdog: five periods of its oscillator, 0.3 ms at 17 kHz.
 const MAX_POLLS: u32 = 2000;
@@ -18,8 +18,8 @@ const MAX_POLLS: u32 = 2000;
 pub struct Watchdog(pac::IWDG);
 
 impl Watchdog {
-    /// Starts the watchdog, with its full time from here on: the counter begins with 4 s and takes the new
-    /// time only when it is reloaded.
+    /// Starts the watchdog and reloads it: the counter begins with 4 s and takes the new timeout only at a
+    /// reload.
     pub fn start(iwdg: pac::IWDG) -> Self {
         let watchdog = Self(iwdg);
         let registers = &watchdog.0;

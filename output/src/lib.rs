@@ -1,7 +1,7 @@
-//! What programs print.
+//! Output of programs.
 //!
-//! `std::println!` panics when the reader of a pipe leaves, as `head` does. [`say!`](crate::say) ends the
-//! program then, quietly and with exit code 0, because the reader has all that it needs.
+//! `std::println!` panics when the reader of a pipe closes it, as `head` does. [`say!`](crate::say) then ends
+//! the program quietly with exit code 0, because the reader has all that it needs.
 
 use std::fmt::Arguments;
 use std::io::{self, ErrorKind, Write};
@@ -14,14 +14,14 @@ macro_rules! say {
     ($($text:tt)*) => { $crate::print(format_args!("{}\n", format_args!($($text)*))) };
 }
 
-/// Prints a line to standard error, as `std::eprintln!` does. That nobody reads it is no reason to end.
+/// Prints a line to standard error, as `std::eprintln!` does. A missing reader does not end the program.
 #[macro_export]
 macro_rules! note {
     ($($text:tt)*) => { $crate::complain(format_args!("{}\n", format_args!($($text)*))) };
 }
 
-/// Prints to standard output. Ends the program when nobody reads it any more, with exit code 0, or when it
-/// cannot be written, with exit code 2.
+/// Prints to standard output. Ends the program with exit code 0 if the reader has gone, or with exit code 2
+/// if writing fails.
 pub fn print(text: Arguments<'_>) {
     let mut output = io::stdout().lock();
     match output.write_fmt(text).and_then(|()| output.flush()) {

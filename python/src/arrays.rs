@@ -1,4 +1,4 @@
-//! Arrays of numpy as arguments and results.
+//! NumPy arrays as arguments and results.
 
 use std::fmt::Write as _;
 
@@ -8,12 +8,12 @@ use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-/// An expected length along an axis: any, by the letter it has in messages, or this one.
+/// The expected length along an axis.
 #[derive(Clone, Copy)]
 pub enum Length {
-    /// `n`, for example.
+    /// Any length, with its letter in messages, for example `n`.
     Any(&'static str),
-    /// Exactly so many.
+    /// Exactly this length.
     Just(usize),
 }
 
@@ -21,10 +21,10 @@ pub enum Length {
 pub struct Input<'py>(PyReadonlyArrayDyn<'py, f32>);
 
 impl<'py> Input<'py> {
-    /// The argument `name`. A contiguous array of float32 is used as it is; others are converted.
+    /// Reads the argument `name`. A contiguous array of float32 is used as it is; others are converted.
     ///
     /// # Errors
-    /// No numbers, or another shape; named by the argument, with `what` is expected.
+    /// The value has no numbers, or another shape. The message names the argument and `what` is expected.
     pub fn new(value: &Bound<'py, PyAny>, name: &str, shape: &[Length], what: &str) -> PyResult<Self> {
         let array = contiguous(value, name)?;
         let fits = |(got, expected): (&usize, &Length)| match expected {
@@ -44,18 +44,18 @@ impl<'py> Input<'py> {
         Ok(Self(array.readonly()))
     }
 
-    /// Length of the first axis.
+    /// Returns the length of the first axis.
     pub fn rows(&self) -> usize {
         self.0.shape().first().copied().unwrap_or(0)
     }
 
-    /// All numbers, the last axis fastest.
+    /// Returns all numbers, the last axis fastest.
     pub fn values(&self) -> &[f32] {
         // Contiguous, see `new`.
         self.0.as_slice().unwrap_or_default()
     }
 
-    /// The same of exactly so many.
+    /// Returns exactly `N` numbers.
     pub fn array<const N: usize>(&self) -> [f32; N] {
         let mut array = [0.0; N];
         array.iter_mut().zip(self.values()).for_each(|(place, value)| *place = *value);
@@ -63,7 +63,7 @@ impl<'py> Input<'py> {
     }
 }
 
-/// A contiguous array of float32: the argument itself if it is one.
+/// Returns a contiguous array of float32: the argument itself if it is one.
 pub fn contiguous<'py>(value: &Bound<'py, PyAny>, name: &str) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
     let py = value.py();
     let options = PyDict::new(py);
@@ -75,7 +75,7 @@ pub fn contiguous<'py>(value: &Bound<'py, PyAny>, name: &str) -> PyResult<Bound<
     Ok(array.cast_into()?)
 }
 
-/// As Python writes a tuple.
+/// Formats a tuple as Python does.
 fn tuple(parts: impl Iterator<Item = String>) -> String {
     let parts: Vec<String> = parts.collect();
     let mut text = format!("({}", parts.join(", "));
@@ -83,7 +83,7 @@ fn tuple(parts: impl Iterator<Item = String>) -> String {
     text
 }
 
-/// An argument that must have as many rows as another one.
+/// Checks an argument that must have as many rows as another one.
 pub fn same_rows(name: &str, rows: usize, other: &str, expected: usize) -> PyResult<()> {
     if rows == expected {
         return Ok(());
@@ -91,7 +91,7 @@ pub fn same_rows(name: &str, rows: usize, other: &str, expected: usize) -> PyRes
     Err(PyValueError::new_err(format!("{name} has {rows} rows, but {other} has {expected}: one for each")))
 }
 
-/// An array whose numbers `fill` computes while other threads of Python run.
+/// Returns an array whose numbers `fill` computes while other Python threads run.
 pub fn output<'py, D: Dimension>(
     py: Python<'py>,
     shape: impl numpy::ndarray::IntoDimension<Dim = D>,

@@ -33,17 +33,17 @@ use conversation::await_event;
 
 /// A controller board, real or served by ``cargo sim serve``.
 ///
-/// Takes command of the board. As a context manager it disables the board and gives command back at the end,
+/// Takes command of the board. As a context manager it disables the board and releases command at the end,
 /// also after an exception. An enabled board must hear from its commander: ``move``, ``wait`` and ``record``
-/// see to that while they run, and nothing does in between, on purpose: when this program hangs or is killed,
+/// ensure that while they run. Nothing does so in between, on purpose: if this program hangs or is killed,
 /// the board's command timeout (``safety.command_timeout``) stops the robot.
 ///
-/// Not to be used by two threads at once.
+/// It must not be used by two threads at once.
 ///
 /// Args:
 ///     port: ``auto``, a serial port, ``unix:///PATH`` or ``tcp://HOST:PORT``.
-///     timeout: how long an answer is waited for [s].
-///     take_over: replaces another commander, unless the board is enabled.
+///     timeout: how long to wait for an answer [s].
+///     take_over: replace another commander, unless the board is enabled.
 ///     key: file with the key of an encrypted TCP port.
 ///
 /// Raises:
@@ -57,12 +57,12 @@ pub struct Board {
     is_enabled: bool,
     /// Its faults before it was enabled.
     faults: FaultsBefore,
-    /// Number of the last sample of fingertips.
+    /// Number of the last fingertip sample.
     sample: u16,
     timeout: Duration,
 }
 
-/// However it ends, the outputs are off if the board can be told.
+/// Switches the outputs off, however the program ends, if the board can be reached.
 impl Drop for Board {
     fn drop(&mut self) {
         let _ = self.leave();
@@ -117,19 +117,20 @@ impl Board {
     ) -> PyResult<bool> {
         let _ = (error, trace);
         let left = py.detach(|| self.leave());
-        // What went wrong before says more than that the board could not be told.
+        // An earlier exception says more than a failure to disable the board.
         if kind.is_none() {
             left.map_err(board)?;
         }
         Ok(false)
     }
 
-    /// Disables the board and gives command back. Nothing can be done with it afterwards.
+    /// Disables the board and releases command. The board cannot be used afterwards.
     fn close(&mut self, py: Python<'_>) -> PyResult<()> {
         py.detach(|| self.leave()).map_err(board)
     }
 
-    /// The board's status as a dictionary: ``node`` with mode, model, faults, supply [V], and ``board``.
+    /// Returns the board's status as a dictionary: ``node`` with mode, model, faults, supply [V], and
+    /// ``board``.
     fn status<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let status = self.call(py, |link| link.status())?;
         dictionary(py, &status)
@@ -151,7 +152,7 @@ impl Board {
     /// Sends a robot's model and waits until the sensors have been read with it.
     ///
     /// Args:
-    ///     robot: the robot.
+    ///     robot: the robot whose model is sent.
     fn push(&mut self, py: Python<'_>, robot: &Robot) -> PyResult<()> {
         let model = &robot.folder.model;
         self.call(py, |link| link.push_model_and_sense(model))?;
@@ -162,7 +163,7 @@ impl Board {
     /// Tells the board where the joints are now, for relative encoders.
     ///
     /// Args:
-    ///     angles: present angle of each joint by name [rad]; all of them.
+    ///     angles: present angle of every joint by name [rad].
     fn home(&mut self, py: Python<'_>, angles: &Bound<'_, PyDict>) -> PyResult<()> {
         let names = self.joints();
         let mut positions = vec![f32::NAN; names.len()];
@@ -189,13 +190,13 @@ impl Board {
     ///         folder.
     ///
     /// Raises:
-    ///     RefusedError: the board is not ready, and what is missing.
+    ///     RefusedError: the board is not ready; the message says what is missing.
     #[pyo3(signature = (task="joints", *, servo="observer", file=None))]
     fn enable(&mut self, py: Python<'_>, task: &str, servo: &str, file: Option<PathBuf>) -> PyResult<()> {
         let config = self.config(task, servo, file)?;
         self.faults = FaultsBefore::from(&self.call(py, |link| link.status())?.node);
         self.call(py, |link| {
-            // What came before belongs to the time before.
+            // Earlier messages belong to the time before.
             link.set_rate(Stream::Telemetry, 1)?;
             while link.next_event(Instant::now())?.is_some() {}
             Ok(())
@@ -212,7 +213,7 @@ impl Board {
         })
     }
 
-    /// Ends the task and switches the outputs off. A robot that gravity pulls falls unless it is supported.
+    /// Ends the task and switches the outputs off. A robot under gravity falls unless it is supported.
     fn disable(&mut self, py: Python<'_>) -> PyResult<()> {
         self.call(py, |link| link.disable())?;
         self.is_enabled = false;
@@ -222,16 +223,16 @@ impl Board {
     /// Moves joints and waits until all have arrived; the joint servo must be enabled.
     ///
     /// Args:
-    ///     goals: goal of each joint that is to move, by name [rad]; the others stay.
+    ///     goals: goal of each joint to be moved, by name [rad]; the others stay.
     ///     within: how long it may take [s].
-    ///     tolerance: how near counts as arrived [rad].
-    ///     relative: goals are changes of the present angles.
+    ///     tolerance: error at which a joint has arrived [rad].
+    ///     relative: whether goals are relative to the present angles.
     ///
     /// Returns:
     ///     the largest remaining error [rad].
     ///
     /// Raises:
-    ///     FaultError: the board stopped, and why.
+    ///     FaultError: the board stopped; the message says why.
     ///     BoardError: it took too long.
     #[pyo3(name = "move", signature = (goals, *, within=5.0, tolerance=0.02, relative=false))]
     fn move_joints(
@@ -291,10 +292,10 @@ impl Board {
     ///
     /// Args:
     ///     kind: what is commanded; see ``tesaki.COMMANDS`` for the kinds and the shapes of their values.
-    ///     values: its numbers.
+    ///     values: the numbers of the command.
     ///
     /// Raises:
-    ///     RefusedError: the task refuses it; the command before remains.
+    ///     RefusedError: the task refuses it; the previous command remains.
     #[pyo3(signature = (kind, values=None))]
     fn command(&mut self, py: Python<'_>, kind: &str, values: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
         self.sample = self.sample.wrapping_add(1);
@@ -303,7 +304,7 @@ impl Board {
         self.send(py, command)
     }
 
-    /// Sends the next point of the trajectory of each fingertip; one a tick (10 ms).
+    /// Sends the next point of the trajectory of each fingertip; one per tick (10 ms).
     ///
     /// Args:
     ///     tips: (tips, 9) position [m], velocity [m/s] and acceleration [m/s²] of each tip.
@@ -312,7 +313,7 @@ impl Board {
         self.send(py, command)
     }
 
-    /// Sends the next point of the trajectory of each joint, without the trajectory filter; one a tick (10
+    /// Sends the next point of the trajectory of each joint, without the trajectory filter; one per tick (10
     /// ms).
     ///
     /// Args:
@@ -322,7 +323,8 @@ impl Board {
         self.send(py, command)
     }
 
-    /// Grasps as a grasp file says; ``task()`` tells the phase. The task ``grasping`` must be enabled.
+    /// Grasps as specified by a grasp file; ``task()`` returns the phase. The task ``grasping`` must be
+    /// enabled.
     ///
     /// Args:
     ///     file: grasp file, for example ``robots/hand3/grasps/box.toml``.
@@ -351,7 +353,7 @@ impl Board {
         self.send(py, command)
     }
 
-    /// Tells an enabled board that its commander lives: needed at least every half command timeout when
+    /// Tells an enabled board that its commander is alive: needed at least every half command timeout if
     /// nothing else is sent.
     fn keep(&mut self, py: Python<'_>) -> PyResult<()> {
         self.call(py, |link| link.keep())
@@ -363,14 +365,14 @@ impl Board {
     ///     duration: [s].
     ///
     /// Raises:
-    ///     FaultError: the board stopped, and why.
+    ///     FaultError: the board stopped; the message says why.
     fn wait(&mut self, py: Python<'_>, duration: f64) -> PyResult<()> {
         let until = Instant::now() + seconds("duration", duration)?;
         self.drive(py, until, &Request::Keep, |_| false)
     }
 
-    /// The joints now: a dictionary with ``tick``, ``mode`` and the arrays ``position`` [rad], ``velocity``
-    /// [rad/s], ``reference`` [rad] and ``torque`` [N·m], each (joints,).
+    /// Returns the state of the joints: a dictionary with ``tick``, ``mode`` and the arrays ``position``
+    /// [rad], ``velocity`` [rad/s], ``reference`` [rad] and ``torque`` [N·m], each (joints,).
     fn telemetry<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let telemetry = self.telemetry_now(py)?;
         let found = PyDict::new(py);
@@ -384,8 +386,8 @@ impl Board {
         Ok(found)
     }
 
-    /// The tips now: a dictionary of arrays ``position`` [m], ``force`` [N] and ``torque`` [N·m], each (tips,
-    /// 3).
+    /// Returns the state of the tips: a dictionary of arrays ``position`` [m], ``force`` [N] and ``torque``
+    /// [N·m], each (tips, 3).
     fn tips<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let timeout = self.timeout;
         let tips = self.call(py, |link| {
@@ -413,13 +415,13 @@ impl Board {
         Ok(found)
     }
 
-    /// Telemetry of the running task, or of the last one, as a dictionary.
+    /// Returns the telemetry of the running task, or of the last one, as a dictionary.
     fn task<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let report = self.call(py, |link| link.read_task())?;
         dictionary(py, &report.telemetry)
     }
 
-    /// The faults since power-on, the oldest first, in words. They count as read.
+    /// Returns the faults since power-on in words, the oldest first. They then count as read.
     fn faults(&mut self, py: Python<'_>) -> PyResult<Vec<String>> {
         let log = self.call(py, |link| link.faults())?;
         Ok(log.faults.iter().map(|fault| self.described(fault)).collect())
@@ -438,20 +440,21 @@ impl Board {
 
     /// Records what the board sends, as MCAP for ROS 2; keeps an enabled board alive meanwhile.
     ///
-    /// The recording has, as that of ``tesaki record``: joints, references and links in each tick, the wrench
-    /// on each tip with a tared sensor, the frame that the task controls and its set-point, phases and modes
-    /// in words, and ``/diagnostics`` with the numbers of the task. It is whole also when a fault ends it.
+    /// The recording contains, like that of ``tesaki record``: joints, references and links in each tick, the
+    /// wrench on each tip with a tared sensor, the frame that the task controls and its set-point, phases and
+    /// modes in words, and ``/diagnostics`` with the numbers of the task. It is complete even if a fault ends
+    /// it.
     ///
     /// Args:
     ///     path: the file to write.
     ///     duration: [s].
-    ///     robot: puts its URDF into the recording, and its names of the links.
+    ///     robot: its URDF and names of links are put into the recording.
     ///
     /// Returns:
     ///     the number of recorded ticks; ``tesaki.recordings.load`` reads them.
     ///
     /// Raises:
-    ///     ValueError: ``robot`` is another one than the board's.
+    ///     ValueError: ``robot`` is not the board's robot.
     #[pyo3(signature = (path, duration, robot=None))]
     fn record(
         &mut self,
@@ -475,7 +478,7 @@ impl Board {
         let urdf = urdf.transpose().map_err(file)?;
         let recording = Recording::create(&path, urdf.as_deref()).map_err(wrong)?;
         let mut publication = Publication::new(recording, folder);
-        // Nobody else pushes a model meanwhile, so that any checksum will do.
+        // Nobody else pushes a model meanwhile, so any checksum will do.
         publication.use_model(self.model.as_ref().map(|model| (model, 0)));
         self.stream_recorded(py, true)?;
         let (mut count, mut failed, mut last) = (0, None, None);

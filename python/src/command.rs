@@ -1,4 +1,4 @@
-//! Commands to tasks as arrays.
+//! Commands to tasks, as arrays.
 
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -13,9 +13,9 @@ use tesaki::task::visual_approach::VisualApproachCommand;
 
 use crate::arrays::{Input, Length};
 
-/// The kinds of commands, with the shape of their arrays and what these hold.
+/// The kinds of commands, with the shape and the meaning of their arrays.
 ///
-/// `tesaki.sim` says the same to Python.
+/// `tesaki.COMMANDS` says the same in Python.
 const KINDS: &[(&str, &[Length], &str)] = &[
     ("joints", &[Length::Any("joints")], "a goal for each joint [rad]"),
     ("points", &[Length::Any("joints"), Length::Just(3)], "angle, velocity and acceleration of each joint"),
@@ -40,10 +40,10 @@ const KINDS: &[(&str, &[Length], &str)] = &[
     ("acknowledge", &[Length::Just(0)], "nothing"),
 ];
 
-/// A command from its kind and numbers; `number` is that of a sample of fingertips.
+/// Decodes a command from its kind and numbers; `number` is that of a fingertip sample.
 ///
 /// # Errors
-/// No such kind, or numbers of another shape, named by the argument `name`.
+/// There is no such kind, or the shape is wrong; the message names the argument `name`.
 pub fn decode(kind: &str, name: &str, values: &Bound<'_, PyAny>, number: u16) -> PyResult<TaskCommand> {
     let Some((_, shape, what)) = KINDS.iter().find(|(known, ..)| *known == kind) else {
         let known: Vec<&str> = KINDS.iter().map(|(kind, ..)| *kind).collect();
@@ -115,7 +115,7 @@ pub fn decode(kind: &str, name: &str, values: &Bound<'_, PyAny>, number: u16) ->
     })
 }
 
-/// A command's kind and numbers, with their shape; `None` for one that has no such form.
+/// Returns a command's kind and numbers, with their shape; `None` for a command without such a form.
 pub fn encode(command: &TaskCommand) -> Option<(&'static str, Vec<f32>, Vec<usize>)> {
     let plain = |kind| Some((kind, Vec::new(), vec![0]));
     match command {
@@ -162,7 +162,7 @@ pub fn encode(command: &TaskCommand) -> Option<(&'static str, Vec<f32>, Vec<usiz
     }
 }
 
-/// So many numbers from `first` on. The shapes were checked.
+/// Returns `N` numbers from `first` on. The shapes were checked.
 fn part<const N: usize>(values: &[f32], first: usize) -> [f32; N] {
     std::array::from_fn(|index| values.get(first + index).copied().unwrap_or(f32::NAN))
 }

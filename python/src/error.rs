@@ -13,12 +13,12 @@ create_exception!(tesaki, RefusedError, BoardError, "The board refused a request
 create_exception!(tesaki, FaultError, BoardError, "The board is in fault: its task has ended.");
 create_exception!(tesaki, SimulationError, TesakiError, "A scenario did not come to its end.");
 
-/// As a [`FileError`].
+/// Converts an error to a [`FileError`].
 pub fn file(error: impl Error) -> PyErr {
     FileError::new_err(error.to_string())
 }
 
-/// As a [`BoardError`], with the entry of the document that explains a refusal.
+/// Converts an error to a [`BoardError`], with the entry of the document that explains a refusal.
 pub fn board(error: impl Into<Failure>) -> PyErr {
     match error.into() {
         Failure::Refused { action, refusal } => {

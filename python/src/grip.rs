@@ -8,10 +8,10 @@ use tesaki::grasp::{Contact, GraspMap, GripError, GripState, LeastGrip};
 
 use crate::arrays::{Input, Length, output};
 
-/// The contact forces that `least_grip` finds [N], and the twist that proves that there are none.
+/// The contact forces that `least_grip` finds [N], or the twist that proves that there are none.
 type Answer<'py> = (Option<Bound<'py, PyArray2<f32>>>, Option<Bound<'py, PyArray1<f32>>>);
 
-/// The smallest contact forces that hold a load, each within its friction cone.
+/// Computes the smallest contact forces that hold a load, each within its friction cone.
 ///
 /// Minimises the sum of the squared forces subject to their wrench, friction cones and limits (Hand3, section
 /// 6).

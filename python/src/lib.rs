@@ -1,11 +1,11 @@
 //! The Python package `tesaki`: robots, boards and scenarios, with the control core's own numbers.
 //!
 //! Each module holds the classes and functions that Python sees; their doc comments are Python's docstrings,
-//! and `tesaki/_tesaki.pyi` their types. What is only arithmetic of Python's (environments, recordings) is in
+//! and `tesaki/_tesaki.pyi` their types. Parts that need only Python (environments, recordings) are in
 //! `tesaki/`.
 //!
-//! Arrays go in and out without a copy, in single precision as the core computes. Whatever waits or computes
-//! long lets other threads of Python run.
+//! Arrays are passed without a copy, in single precision as the core computes. Long waits and computations
+//! let other Python threads run.
 #![allow(clippy::disallowed_methods, reason = "not the control core")]
 
 mod arrays;

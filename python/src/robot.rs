@@ -15,13 +15,13 @@ use tesaki_description::robot::RobotFolder;
 use crate::arrays::{Input, Length, contiguous, output, same_rows};
 use crate::error::{FileError, file};
 
-/// How far a quaternion's length may be from 1.
+/// Maximum deviation of a quaternion's length from 1.
 const LENGTH_TOLERANCE: f32 = 1e-2;
 
 /// Poses and Jacobians.
 type Forward<'py> = (Bound<'py, PyArray2<f32>>, Bound<'py, PyArray3<f32>>);
 
-/// Angles found, and for each target whether it was reached, its distance [m] and its angle [rad].
+/// Angles found, and for each target whether it was reached, the distance [m] and the angle [rad] to it.
 type Found<'py> = (
     Bound<'py, PyArray2<f32>>,
     Bound<'py, PyArray1<bool>>,
@@ -33,15 +33,14 @@ type Found<'py> = (
 /// control core, in single precision as on the board.
 ///
 /// Postures come as an array ``q`` of shape (n, k): n postures of the k joints of one tip, in the order of
-/// ``joints_of(tip)``. An array of float32 in C order is read in place, others are converted. Everything is
-/// in the frame of the robot's base: m, rad, N, N·m, kg. Angles outside of their limits are computed all the
-/// same.
+/// ``joints_of(tip)``. An array of float32 in C order is read in place; others are converted. Everything is
+/// in the frame of the robot's base: m, rad, N, N·m, kg. Angles outside their limits are accepted.
 ///
 /// Args:
 ///     folder: path of the robot's folder.
 ///
 /// Raises:
-///     FileError: everything that is wrong in the folder, by file and line.
+///     FileError: all errors in the folder, by file and line.
 #[pyclass(frozen, module = "tesaki")]
 pub struct Robot {
     pub folder: RobotFolder,
@@ -50,14 +49,13 @@ pub struct Robot {
     chains: Vec<Chain>,
 }
 
-/// A tip's chain with the joints that Python counts: those with a motor that move it. Mimic joints follow
-/// them.
+/// A tip's chain with the joints that Python sees: those with a motor that move it. Mimic joints follow them.
 struct Tip<'a> {
     chain: &'a Chain,
     name: &'a str,
-    /// Names and limits [rad] of the joints that Python counts.
+    /// Names and limits [rad] of the joints that Python sees.
     joints: Vec<(&'a str, (f32, f32))>,
-    /// What moves each joint of the chain, base to tip, by the index into `joints`.
+    /// The coupling of each joint of the chain, base to tip, to an index into `joints`.
     couplings: Vec<Coupling>,
 }
 
@@ -70,7 +68,7 @@ impl Tip<'_> {
         [Length::Any("n"), Length::Just(self.count())]
     }
 
-    /// What an array of its joints is, for messages.
+    /// Returns the meaning of an array of its joints, for messages.
     fn meaning(&self, quantity: &str) -> String {
         let names: Vec<&str> = self.joints.iter().map(|(name, _)| *name).collect();
         format!("{quantity} of the joints {} of {}", names.join(", "), self.name)
@@ -80,14 +78,14 @@ impl Tip<'_> {
         Input::new(value, name, &self.shape(), &self.meaning(quantity))
     }
 
-    /// The angles of the chain.
+    /// Returns the angles of the chain.
     fn angles(&self, q: &[f32]) -> [f32; MAX_CHAIN_JOINTS] {
         self.of_chain(|coupling| {
             coupling.angle(q.get(usize::from(coupling.actuated)).copied().unwrap_or(0.0))
         })
     }
 
-    /// The velocities or accelerations of the chain.
+    /// Returns the velocities or accelerations of the chain.
     fn rates(&self, values: &[f32]) -> [f32; MAX_CHAIN_JOINTS] {
         self.of_chain(|coupling| {
             coupling.multiplier * values.get(usize::from(coupling.actuated)).copied().unwrap_or(0.0)
@@ -104,8 +102,8 @@ impl Tip<'_> {
         self.couplings.len()
     }
 
-    /// Poses into `poses`, 7 a posture, and Jacobians into `jacobians`, 6 k a posture; an empty slice is left
-    /// out.
+    /// Writes poses to `poses`, 7 numbers per posture, and Jacobians to `jacobians`, 6 k per posture; an
+    /// empty slice is left out.
     fn forward(&self, q: &[f32], poses: &mut [f32], jacobians: &mut [f32]) {
         let count = self.count();
         let mut posture = Posture::default();
@@ -128,7 +126,7 @@ impl Tip<'_> {
         }
     }
 
-    /// The solver of the inverse kinematics, within the joints' limits.
+    /// Returns the solver of the inverse kinematics, within the joints' limits.
     fn solver(&self) -> PyResult<InverseKinematics> {
         let limits = self.couplings.iter().map(|coupling| {
             let (_, (lower, upper)) = self.joints[usize::from(coupling.actuated)];
@@ -151,7 +149,7 @@ impl Tip<'_> {
         Ok(solver)
     }
 
-    /// The first joint of the chain that `column` moves.
+    /// Returns the first joint of the chain that `column` moves.
     fn leader(&self, column: usize) -> usize {
         self.couplings.iter().position(|coupling| usize::from(coupling.actuated) == column).unwrap_or(0)
     }
@@ -161,14 +159,14 @@ impl Tip<'_> {
     }
 }
 
-/// As many as a chain can have; 0 beyond the given ones.
+/// Returns as many values as a chain can have joints; 0 beyond the given ones.
 fn fixed(values: &[f32]) -> [f32; MAX_CHAIN_JOINTS] {
     let mut all = [0.0; MAX_CHAIN_JOINTS];
     all.iter_mut().zip(values).for_each(|(place, value)| *place = *value);
     all
 }
 
-/// `x, y, z, qx, qy, qz, qw` with qw ≥ 0.
+/// Returns `x, y, z, qx, qy, qz, qw` with qw ≥ 0.
 fn flat(posture: &Posture) -> [f32; 7] {
     let place = posture.tip().translation.vector;
     let [x, y, z, w]: [f32; 4] = UnitQuaternion::from_rotation_matrix(&posture.tip().rotation).coords.into();
@@ -223,9 +221,8 @@ impl Robot {
         })
     }
 
-    /// Names of the joints with a motor that move a tip, base to tip: the columns of ``q``. A joint without
-    /// motor (a mimic joint) is no column; where only the joint that it follows moves it, that one stands in
-    /// its place.
+    /// Names of the joints with a motor that move a tip, base to tip: the columns of ``q``. A joint without a
+    /// motor (a mimic joint) has no column; its column is that of the joint that it follows.
     ///
     /// Args:
     ///     tip: name of the tip; needed where there are several.
@@ -295,7 +292,7 @@ impl Robot {
     }
 
     /// Inverse kinematics: angles that bring a tip to places or poses. Searches within the joints' limits,
-    /// each target from the angles before it.
+    /// each target from the previous angles.
     ///
     /// Args:
     ///     targets: (n, 3) places x, y, z [m], or (n, 7) poses with the quaternion qx, qy, qz, qw.
@@ -305,7 +302,7 @@ impl Robot {
     ///
     /// Returns:
     ///     ``(q, reached, distance, angle)``: angles (n, k) [rad], whether each target was reached (n,), and
-    ///     how far the tip is from it, (n,) [m] and (n,) [rad]. Where it was not reached, the angles are the
+    ///     how far the tip is from it, (n,) [m] and (n,) [rad]. If it was not reached, the angles are the
     ///     best ones found.
     #[pyo3(signature = (targets, tip=None, start=None))]
     fn ik<'py>(
@@ -459,8 +456,8 @@ impl Robot {
         })
     }
 
-    /// Time of the loop of ``fk_jacobian`` in Rust alone, with lists of Rust's [s]: what its test compares
-    /// with.
+    /// Measures the time of the loop of ``fk_jacobian`` in Rust alone, with Rust's own arrays [s], for its
+    /// test.
     #[pyo3(signature = (q, tip=None))]
     fn _time_fk_jacobian<'py>(
         &self,
@@ -523,7 +520,7 @@ impl Robot {
     }
 }
 
-/// The target in a row of `targets`.
+/// Reads the target in a row of `targets`.
 fn aim(row: usize, target: &[f32]) -> PyResult<Target> {
     let [x, y, z, qx, qy, qz, qw] = fixed(target);
     let position = Vector3::new(x, y, z);

@@ -16,10 +16,10 @@ use crate::command::{decode, encode};
 use crate::error::{SimulationError, file};
 use crate::value::dictionary;
 
-/// Control periods between two looks for Ctrl-C.
+/// Control periods between two checks for Ctrl-C.
 const STRETCH: usize = 200;
 
-/// All scenarios: dictionaries with ``name``, ``about``, ``robot`` (its folder in ``robots/``) and
+/// Returns all scenarios: dictionaries with ``name``, ``about``, ``robot`` (its folder in ``robots/``) and
 /// ``duration`` [s].
 #[pyfunction]
 pub fn scenarios(py: Python<'_>) -> PyResult<Bound<'_, PyList>> {
@@ -35,27 +35,27 @@ pub fn scenarios(py: Python<'_>) -> PyResult<Bound<'_, PyList>> {
     Ok(list)
 }
 
-/// A scenario that stands still in each control period of an enabled task; see ``tesaki.sim``.
+/// A scenario that pauses in each control period of an enabled task; see ``tesaki.sim``.
 ///
 /// ``begin()`` and each ``step()`` return the state as a dictionary, or ``None`` at the scenario's end, after
-/// which ``summary()`` has what it measured. In a state are
+/// which ``summary()`` returns what it measured. A state contains
 ///
-/// - what the board tells of its last tick: ``position``, ``velocity``, ``reference``, ``torque`` (joints,)
+/// - what the board reports of its last tick: ``position``, ``velocity``, ``reference``, ``torque`` (joints,)
 ///   [rad, rad/s, rad, N·m], ``tip_position``, ``tip_force``, ``tip_torque`` (tips, 3) [m, N, N·m],
 ///   ``report`` (the task's telemetry), ``task`` and ``tick``;
-/// - ``truth``: what the plant knows and no sensor tells, a dictionary of arrays, ``None`` before the machine
-///   has moved;
+/// - ``truth``: the plant's true state, which no sensor shows, a dictionary of arrays, ``None`` before the
+///   machine has moved;
 /// - ``scripted``: the command that the scenario is about to send, as ``(kind, values)``; ``None`` if it
 ///   sends nothing;
 /// - ``refused``: why the board refused the last command of the caller;
 /// - ``fault``: the fault that ends the trial;
 /// - ``trial``, from 1;
-/// - ``is_over``: the trial ends here, and what is commanded now is not sent.
+/// - ``is_over``: the trial ends here, and a command now is not sent.
 ///
 /// Args:
 ///     scenario: its name.
 ///     robot: path of the robot's folder.
-///     seed: decides the machine's deviations and noise.
+///     seed: determines the machine's deviations and noise.
 #[pyclass(frozen, module = "tesaki")]
 pub struct Run(Mutex<State>);
 
@@ -64,7 +64,7 @@ struct State {
     robot: RobotFolder,
     seed: u64,
     run: Option<Stepped>,
-    /// Number of the next sample of fingertips.
+    /// Number of the next fingertip sample.
     sample: u16,
     summary: Option<String>,
 }
@@ -84,7 +84,7 @@ impl Run {
         Ok(Self(Mutex::new(State { scenario, robot, seed, run: None, sample: 0, summary: None })))
     }
 
-    /// Begins the scenario, or begins it anew; returns its first state.
+    /// Begins the scenario, or begins it again; returns its first state.
     fn begin<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyDict>>> {
         self.turn(py, |state| {
             state.run = None;
@@ -97,11 +97,11 @@ impl Run {
         })
     }
 
-    /// Goes on by one control period; returns the state after it.
+    /// Advances by one control period; returns the state after it.
     ///
     /// Args:
-    ///     kind: what is commanded in place of the scenario's own command, see ``tesaki.COMMANDS``;
-    ///         ``nothing`` commands nothing, ``None`` leaves the scenario its own.
+    ///     kind: the command in place of the scenario's own, see ``tesaki.COMMANDS``; ``nothing`` sends no
+    ///         command, ``None`` keeps the scenario's own.
     ///     values: the command's numbers.
     ///
     /// Raises:
@@ -130,7 +130,7 @@ impl Run {
         })
     }
 
-    /// Goes on to the end without stopping, with the scenario's own commands; begins if it has not.
+    /// Runs to the end with the scenario's own commands; begins the scenario if necessary.
     fn finish(&self, py: Python<'_>) -> PyResult<()> {
         let is_new = self.state().run.is_none() && self.state().summary.is_none();
         if is_new {
@@ -154,8 +154,8 @@ impl Run {
         Ok(())
     }
 
-    /// What was measured, as JSON: the summary of ``cargo sim run --json``, and the tables as CSV; ``None``
-    /// before the end.
+    /// Returns what was measured, as JSON: the summary of ``cargo sim run --json``, and the tables as CSV;
+    /// ``None`` before the end.
     fn summary(&self) -> Option<String> {
         self.state().summary.clone()
     }
@@ -166,7 +166,7 @@ impl Run {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Lets the scenario run while other threads of Python do too, and tells where it stands then.
+    /// Lets the scenario run while other Python threads do too, and returns its new state.
     fn turn<'py>(
         &self,
         py: Python<'py>,
@@ -187,7 +187,7 @@ impl Run {
     }
 }
 
-/// A state as a dictionary.
+/// Returns a state as a dictionary.
 fn shown<'py>(py: Python<'py>, view: &View, robot: &RobotFolder) -> PyResult<Bound<'py, PyDict>> {
     let state = PyDict::new(py);
     state.set_item("trial", view.trial)?;
@@ -226,7 +226,7 @@ fn shown<'py>(py: Python<'py>, view: &View, robot: &RobotFolder) -> PyResult<Bou
     Ok(state)
 }
 
-/// What the plant knows, as a dictionary of arrays.
+/// Returns the true state of the plant as a dictionary of arrays.
 fn true_state<'py>(py: Python<'py>, truth: &MachineTruth) -> PyResult<Bound<'py, PyDict>> {
     let state = PyDict::new(py);
     let list = |values: &[f64]| PyArray1::from_slice(py, values);

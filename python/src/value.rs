@@ -1,4 +1,4 @@
-//! What the protocol's types hold, as Python's dictionaries and lists.
+//! Values of the protocol's types as Python dictionaries and lists.
 
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -6,7 +6,7 @@ use pyo3::types::{PyDict, PyList};
 use serde::Serialize;
 use serde_json::Value;
 
-/// A value with the names of its fields. An enum's variant is `{name: content}`, or just its name.
+/// Converts a value, with the names of its fields. An enum's variant is `{name: content}`, or just its name.
 pub fn dictionary<'py>(py: Python<'py>, value: &impl Serialize) -> PyResult<Bound<'py, PyAny>> {
     let value = serde_json::to_value(value).map_err(|error| PyValueError::new_err(error.to_string()))?;
     convert(py, &value)

@@ -61,5 +61,5 @@ COMMANDS = {
 
 
 def robots() -> Path:
-    """The folder of this package's robots: hand3, arm7, hand5, knob-arm, and others' hands."""
+    """Returns the folder of this package's robots: hand3, arm7, hand5, knob-arm, and third-party hands."""
     return Path(__file__).resolve().parent / "robots"

@@ -18,7 +18,7 @@ __all__ = ["Joints", "load"]
 
 @dataclass(frozen=True)
 class Joints:
-    """Joints over time: n samples of k joints. What a recording does not hold is NaN."""
+    """Joints over time: n samples of k joints. Values that a recording does not contain are NaN."""
 
     names: list[str]
     """Names of the joints."""
@@ -33,7 +33,7 @@ class Joints:
 
 
 def load(path: str | PathLike[str], topic: str = "/joint_states") -> Joints:
-    """The joints in a recording of ``Board.record``, ``tesaki record`` or ``cargo sim run``.
+    """Loads the joints from a recording of ``Board.record``, ``tesaki record`` or ``cargo sim run``.
 
     Args:
         path: the file.
@@ -76,7 +76,7 @@ def _load(path: str | PathLike[str], topic: str) -> Joints:
 
 
 def _joint_state(data: bytes):
-    """Time, names, position, velocity and effort of a JointState in little-endian CDR."""
+    """Decodes time, names, position, velocity and effort of a JointState in little-endian CDR."""
     body = memoryview(data)[4:]
     place = 0
 

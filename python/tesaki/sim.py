@@ -1,8 +1,8 @@
 """The scenarios of the simulator: run as they are, stepped, or as Gymnasium environments.
 
-Machine and control core are those of ``cargo sim``, in this process: the frames of a run are the same, bit by bit. A
-scenario stands still in each control period (10 ms) of an enabled task. There its own command can be replaced; what it
-does to the machine (walls, weights, a tool that is let go) happens all the same.
+Machine and control core are those of ``cargo sim``, in this process: the frames of a run are the same, bit by
+bit. A scenario pauses in each control period (10 ms) of an enabled task. There its own command can be
+replaced; what it does to the machine (walls, weights, a tool that is released) still happens.
 
 Environments need PyPI's ``gymnasium``: ``pip install tesaki[sim]``.
 """
@@ -33,14 +33,14 @@ _KINDS = {
     "telexistence": "fingertips",
     "visual approach": "hand",
 }
-"""What an environment commands in each task, if its scenario does not say otherwise."""
+"""The kind of command of an environment in each task, unless its scenario specifies another."""
 
 _OF_SCENARIO = {"hand3-reach": "tips"}
 
 
 @dataclass(frozen=True)
 class Result:
-    """What a scenario measured."""
+    """The results of a scenario."""
 
     summary: dict[str, Any]
     """As ``cargo sim run --json`` prints it: metrics with limits, and ``frames_sha256``."""
@@ -49,11 +49,11 @@ class Result:
 
     @property
     def frames_sha256(self) -> str:
-        """Digest of all that the control core answered: equal digests are equal bits."""
+        """Digest of all answers of the control core: equal digests mean equal bits."""
         return self.summary["frames_sha256"]
 
     def table(self, name: str) -> np.ndarray:
-        """A table as a structured array, a field for each column."""
+        """Returns a table as a structured array, with a field per column."""
         from io import StringIO
 
         return np.genfromtxt(StringIO(self.tables[name]), delimiter=",", names=True)
@@ -63,7 +63,7 @@ def _folder(name: str, robot: str | PathLike[str] | None) -> Path:
     if robot is not None:
         return Path(robot)
     found = [scenario["robot"] for scenario in scenarios() if scenario["name"] == name]
-    # An unknown scenario is told by `Run`, with the known ones.
+    # `Run` reports an unknown scenario, with the known ones.
     return robots() / (found[0] if found else "hand3")
 
 
@@ -78,7 +78,7 @@ def run(
 
     Args:
         scenario: its name; ``scenarios()`` lists them.
-        seed: decides the machine's deviations and noise.
+        seed: determines the machine's deviations and noise.
         robot: another robot's folder.
         on_tick: called with the state in each control period of an enabled task, before its tick; see ``Run``.
 
@@ -102,7 +102,7 @@ def _result(steps: Run) -> Result:
 
 
 def make(scenario: str, **options: Any) -> "Env":
-    """The Gymnasium environment of a scenario; see ``Env`` for the options."""
+    """Returns the Gymnasium environment of a scenario; see ``Env`` for the options."""
     return Env(scenario, **options)
 
 
@@ -118,7 +118,7 @@ _gymnasium = _environment()
 
 
 class Env(_gymnasium.Env if _gymnasium else object):
-    """A scenario as a Gymnasium environment: one trial an episode, one control period (10 ms) a step.
+    """A scenario as a Gymnasium environment: one trial per episode, one control period (10 ms) per step.
 
     An action is a command to the running task, with the values of its kind in ``tesaki.COMMANDS``; the kind is
     ``env.kind``. A tuple ``(kind, values)`` commands another kind, ``("nothing",)`` nothing, and ``None`` leaves the
@@ -135,13 +135,13 @@ class Env(_gymnasium.Env if _gymnasium else object):
     The reward is minus the true distance from the scenario's target: of joints the mean [rad], of tips and tool [m],
     of an object from where it was grasped [m]; 0 where there is none. ``reward`` replaces it.
 
-    An episode is terminated by a fault, and truncated at the end of the scenario's trial. The first step of an episode
-    is where the task takes its first commands; with ``object`` where the hand holds.
+    An episode is terminated by a fault, and truncated at the end of the scenario's trial. The first step of
+    an episode is when the task takes its first commands; with ``object``, when the hand holds the object.
 
     Args:
         scenario: its name.
         robot: another robot's folder.
-        kind: what actions command; by default what suits the scenario's task.
+        kind: the kind of command of the actions; by default the one that suits the scenario's task.
         trial: which of the scenario's trials, from 1. Those before run first, as the scenario requires.
         reward: ``reward(observation, info) -> float``.
     """
@@ -167,7 +167,7 @@ class Env(_gymnasium.Env if _gymnasium else object):
         self._folder = _folder(scenario, robot)
         self._reward = reward or self._distance
         self._kind = kind
-        # One machine tells the shapes.
+        # One machine determines the shapes.
         state = self._begin(1)
         self.kind: str = kind or _OF_SCENARIO.get(scenario) or _KINDS[state["task"]]
         self._shape = _shape(self.kind, state)
@@ -179,7 +179,7 @@ class Env(_gymnasium.Env if _gymnasium else object):
         self._steps, self._why = None, "no episode has begun"
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None):
-        """Begins an episode on the machine of ``seed``; without one on a random machine."""
+        """Begins an episode on the machine of ``seed``, or on a random machine without one."""
         super().reset(seed=seed)
         self._why = "the episode is over"
         machine = seed if seed is not None else int(self.np_random.integers(1, 2**31))
@@ -195,7 +195,7 @@ class Env(_gymnasium.Env if _gymnasium else object):
         return self._told(state)
 
     def step(self, action):
-        """One control period."""
+        """Advances by one control period."""
         if self._steps is None:
             raise SimulationError(f"{self._why}: reset")
         if action is None:
@@ -219,7 +219,7 @@ class Env(_gymnasium.Env if _gymnasium else object):
         self._steps = None
 
     def _begin(self, seed: int) -> dict[str, Any]:
-        """The first state of the trial."""
+        """Returns the first state of the trial."""
         self._steps = None
         self._steps = Run(self.scenario, self._folder, seed)
         state = self._steps.begin()
@@ -234,7 +234,7 @@ class Env(_gymnasium.Env if _gymnasium else object):
         return state
 
     def _starts(self, state: dict[str, Any]) -> bool:
-        """Whether the first step of an episode is here."""
+        """Returns whether the first step of an episode is here."""
         if self.kind == "object":
             return (state["report"] or {}).get("Grasping", {}).get("phase") == "Hold"
         if self.kind == "tips":
@@ -246,7 +246,7 @@ class Env(_gymnasium.Env if _gymnasium else object):
         return {**{name: state[name] for name in names}, "target": self._target.copy()}
 
     def _told(self, state: dict[str, Any]):
-        """Observation and info."""
+        """Returns observation and info."""
         self._last = state
         scripted = state["scripted"]
         if scripted is not None and scripted[0] == self.kind:
@@ -255,7 +255,7 @@ class Env(_gymnasium.Env if _gymnasium else object):
         return self._observation(state), {name: state[name] for name in names}
 
     def _distance(self, observation: dict[str, np.ndarray], info: dict[str, Any]) -> float:
-        """Minus the true distance from the target."""
+        """Returns minus the true distance from the target."""
         target, truth = observation["target"], info["truth"]
         if not self._is_led or truth is None:
             return 0.0
@@ -274,7 +274,7 @@ class Env(_gymnasium.Env if _gymnasium else object):
 
 
 def _shape(kind: str, state: dict[str, Any]) -> tuple[int, ...]:
-    """The shape of a kind's values on this robot."""
+    """Returns the shape of a kind's values on this robot."""
     joints, tips = len(state["position"]), len(state["tip_position"])
     shapes = {
         "joints": (joints,),

@@ -1,7 +1,7 @@
-"""The speed of the package: the ratio to Rust of a batch, and steps of a scenario over real time.
+"""The speed of the package: a batch compared with Rust, and steps of a scenario compared with real time.
 
-``cargo xtask python --speed`` builds the package and runs this. Times are of one core; the best of several turns
-counts, because other programs take time, too.
+``cargo xtask python --speed`` builds the package and runs this. Times are for one core; the best of several
+rounds counts, because other programs take time, too.
 """
 
 import time
@@ -15,7 +15,7 @@ PERIOD = 0.01  # s, of control
 
 
 def batch():
-    """Poses and Jacobians of a batch beside the same loop in Rust, in turns."""
+    """Compares poses and Jacobians of a batch with the same loop in Rust, in alternation."""
     robot = tesaki.Robot(tesaki.robots() / "arm7")
     q = np.random.default_rng(3).uniform(-1, 1, (BATCH, 7)).astype(np.float32)
     rust, python = [], []
@@ -28,7 +28,7 @@ def batch():
 
 
 def step():
-    """A step of hand3-servo: 10 ms of plant and control core."""
+    """Measures a step of hand3-servo: 10 ms of plant and control core."""
     env = sim.make("hand3-servo")
     observation, _ = env.reset(seed=1)
     goal, best = observation["position"], np.inf

@@ -1,4 +1,4 @@
-"""A board: the simulated one that ``host-sim serve`` gives, whose program TESAKI_SIM names."""
+"""A simulated board, served by ``host-sim serve``; TESAKI_SIM names the program."""
 
 import contextlib
 import os
@@ -27,7 +27,7 @@ class Served:
         command = [PROGRAM, "serve", "--robot", tesaki.robots() / robot, "--listen", self.port, *options]
         self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         self.angles = {}
-        # It says how to home the machine where it stands, if its encoders are relative.
+        # If its encoders are relative, it prints how to home the machine where it is.
         for line in self.process.stdout:
             if line.strip().startswith("tesaki home "):
                 self.angles = {name: float(angle) for name, angle in (word.split("=") for word in line.split()[2:])}
@@ -89,7 +89,7 @@ def test_a_joint_moves_and_is_recorded(serve, tmp_path):
             board.reach(np.zeros((2, 9)))
     with pytest.raises(tesaki.BoardError, match="^the board was closed: make another Board$"):
         board.telemetry()
-    # Disabled at the end of the block, and free for the next.
+    # Disabled at the end of the block, and free for the next client.
     with tesaki.Board(served.port) as board:
         assert board.telemetry()["mode"] == "disabled"
     joints = recordings.load(tmp_path / "r.mcap")
@@ -140,7 +140,8 @@ def test_a_fault_is_an_exception_with_its_words(serve):
 
 
 def only_replies(path, port):
-    """A socket in front of a board's, for one program: it gets the board's replies, and none of its streams."""
+    """A socket in front of a board's, for one program, which gets the board's replies but none of its
+    streams."""
     listener = socket.socket(socket.AF_UNIX)
     listener.bind(str(path))
     listener.listen(1)
@@ -155,7 +156,7 @@ def only_replies(path, port):
             with contextlib.suppress(OSError):
                 while data := board.recv(4096):
                     *frames, rest = (rest + data).split(b"\0")
-                    # Number 0 of what a board sends; COBS has 1 for a zero at once.
+                    # Replies have number 0 among a board's messages; COBS encodes a leading zero as 1.
                     program.sendall(b"".join(frame + b"\0" for frame in frames if frame.startswith(b"\x01")))
 
         threading.Thread(target=back, daemon=True).start()
@@ -202,7 +203,7 @@ board.wait(60)
 
 
 def messages(path):
-    """The messages of a recording by topic."""
+    """Returns the messages of a recording by topic."""
     held = {}
     with open(path, "rb") as file:
         for _, channel, message in make_reader(file).iter_messages():
@@ -226,7 +227,7 @@ def test_an_arm_yields_and_is_led(serve, tmp_path):
         np.testing.assert_allclose(tool["position"], arm.fk([board.telemetry()["position"]])[0, :3], atol=2e-3)
         target = np.zeros(22, np.float32)
         target[:3], target[3:7], target[19] = tool["position"], tool["rotation"], tool["elbow"]
-        # A set-point a tick, along x at 20 mm/s for half a second.
+        # A set-point per tick, along x at 20 mm/s for half a second.
         for step in range(50):
             target[0], target[7] = tool["position"][0] - 0.0002 * (step + 1), -0.02
             board.command("tool", target)
@@ -249,7 +250,7 @@ def test_an_arm_yields_and_is_led(serve, tmp_path):
     assert len(held["/tesaki/task/frame"]) > 10 and len(held["/tesaki/task/target"]) > 10
     assert any(b"the tool is free" in text or b"the tool is in contact" in text for text in held["/rosout"])
     assert any(b"smallest singular value" in values for values in held["/diagnostics"])
-    # Whole, with the fault that ended it.
+    # Complete, with the fault that ended it.
     assert any(b"in fault after enabled" in text for text in messages(tmp_path / "fault.mcap")["/rosout"])
 
 

@@ -1,4 +1,5 @@
-"""Robots against kinematics and dynamics of their own, written from the URDF with numpy alone, in double precision."""
+"""Compares robots with independent kinematics and dynamics, computed from the URDF with numpy alone, in
+double precision."""
 
 import tomllib
 import tracemalloc
@@ -23,7 +24,7 @@ def turn(axis, angle):
 
 
 def origin(element):
-    """Rotation and translation of an <origin>."""
+    """Returns rotation and translation of an <origin>."""
     if element is None:
         return np.eye(3), np.zeros(3)
     roll, pitch, yaw = vector(element.get("rpy", "0 0 0"))
@@ -48,7 +49,7 @@ class Urdf:
         return joints[::-1]
 
     def frames(self, tip, angles):
-        """Name, rotation and translation of each link on the way to the tip, and the axes that turn before it."""
+        """Name, rotation and translation of each link on the way to the tip, and the preceding joint axes."""
         rotation, place, axes = np.eye(3), np.zeros(3), []
         for joint in self.path(tip):
             turned, shifted = origin(joint.find("origin"))
@@ -66,7 +67,8 @@ class Urdf:
             yield joint.find("child").get("link"), rotation, place, axes
 
     def bodies(self, tip, angles):
-        """As `frames`, with what else the links carry: a gripper, its joints at 0. The base carries nothing."""
+        """As `frames`, with everything else that the links carry: a gripper, its joints at 0. The base
+        carries nothing."""
         path = {joint.get("name") for joint in self.path(tip)}
 
         def carried(link, rotation, place, axes):
@@ -82,7 +84,7 @@ class Urdf:
             yield from carried(*frame)
 
     def mass(self, tip, names, angles):
-        """Of the kinetic energy, body by body, without rotors."""
+        """Computes the mass matrix of the kinetic energy, body by body, without rotors."""
         matrix = np.zeros((len(names), len(names)))
         for link, rotation, place, axes in self.bodies(tip, angles):
             inertial = self.links[link].find("inertial")
@@ -113,7 +115,8 @@ class Urdf:
 
 
 def rotors(folder, robot, tip):
-    """Inertia of the motors' rotors, from the settings; a joint that another finger has too counts there."""
+    """Returns the inertia of the motors' rotors, from the settings; a joint shared with another finger counts
+    there."""
     with open(folder / "controller.toml", "rb") as file:
         settings = tomllib.load(file)
     values = []
@@ -121,7 +124,7 @@ def rotors(folder, robot, tip):
         own = settings.get("joints", {}).get(name, {}).get("motor", {})
         values.append({**settings.get("joint", {}).get("motor", {}), **own}["rotor_inertia"])
         if all(joint.get("name") != name for joint in Urdf(folder).path(tip)):
-            # Another finger's motor, which a mimic joint follows.
+            # The motor of another finger, which a mimic joint follows.
             values[-1] = 0.0
     return np.diag(values)
 
@@ -199,7 +202,7 @@ def test_a_mimic_finger_comes_back():
 
 
 def allocated(compute):
-    """Bytes of arrays that a computation allocates."""
+    """Returns the bytes of arrays that a computation allocates."""
     tracemalloc.start()
     result = compute()
     _, peak = tracemalloc.get_traced_memory()

@@ -12,7 +12,7 @@ SWEEPS = Path(__file__).resolve().parents[2] / "docs" / "sweeps" / "development"
 
 
 def recorded(scenario, seed):
-    """What ``cargo sim`` answered when the sweeps were recorded."""
+    """Returns the results of ``cargo sim`` when the sweeps were recorded."""
     machines = json.loads((SWEEPS / f"{scenario}.json").read_text())["machines"]
     return next(machine for machine in machines if machine["seed"] == seed)["frames_sha256"]
 
@@ -28,7 +28,7 @@ def test_a_run_is_bit_for_bit_that_of_cargo_sim(scenario):
 
 
 def test_commands_sent_from_python_give_the_same_bits():
-    """Every command of the fingertips' scenario goes through Python's arrays."""
+    """Every command of the fingertip scenario passes through Python's arrays."""
     steps = sim.Run("hand3-reach", tesaki.robots() / "hand3", 1)
     state = steps.begin()
     kinds = set()
@@ -49,7 +49,7 @@ def test_on_tick_sees_every_period_and_changes_nothing():
         ticks.append(state["tick"])
         trials.add(state["trial"])
         assert state["truth"]["position"].shape == state["position"].shape == (9,)
-        # The board's values are a period older, and homing is off by up to 2 mrad.
+        # The board's values are one period older, and homing has an error of up to 2 mrad.
         period = abs(state["truth"]["velocity"]).max() * sim.PERIOD
         assert abs(state["truth"]["position"] - state["position"]).max() < 0.005 + 1.5 * period
 
@@ -108,12 +108,12 @@ def test_a_fault_terminates():
         env.step(None)
     observation, info = env.reset(seed=1)
     assert env.kind == "tips" and env.action_space.shape == (3, 9)
-    # A leap of 20 mm is refused: the set-point before remains.
+    # A jump of 20 mm is refused: the previous set-point remains.
     leap = observation["target"].copy()
     leap[:, 2] += 0.02
     _, _, terminated, _, info = env.step(leap)
     assert info["refused"] and not terminated
-    # Nobody commands: the command timeout of ten ticks.
+    # Without commands: the command timeout of ten ticks.
     steps = 0
     while not terminated:
         _, _, terminated, truncated, info = env.step(("nothing",))
@@ -150,7 +150,7 @@ def test_an_object_is_moved():
     _, _, _, _, info = env.step([*up, 0.0, 0.0, 0.0, 1.0])
     assert info["refused"] is None
     for _ in range(150):
-        # Not what the scenario would command.
+        # Not the scenario's own command.
         _, _, terminated, truncated, info = env.step(("nothing",))
         assert not (terminated or truncated)
     moved = info["truth"]["object_position"] - before

@@ -1,4 +1,4 @@
-"""docs/python.md, as one program. What needs a board has one if TESAKI_SIM names host-sim."""
+"""Runs docs/python.md as one program. Parts that need a board have one if TESAKI_SIM names host-sim."""
 
 import re
 from pathlib import Path

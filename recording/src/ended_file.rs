@@ -1,4 +1,4 @@
-//! A file that ends as an MCAP file should after every flush, so that every reader opens it when its writer
+//! A file that is a valid MCAP file after every flush, so that every reader can open it even if its writer
 //! was killed.
 
 use std::fs::File;
@@ -7,7 +7,7 @@ use std::io::{BufWriter, Result, Seek, SeekFrom, Write};
 /// First and last bytes of an MCAP file.
 const MAGIC: [u8; 8] = *b"\x89MCAP0\r\n";
 
-/// What follows the data of a file without summary: the records `DataEnd` (0x0f, with 4 bytes) and `Footer`
+/// The end of a file without summary, after the data: the records `DataEnd` (0x0f, with 4 bytes) and `Footer`
 /// (0x02, with 20 bytes), all fields 0, and the magic.
 const END: [u8; 50] = {
     let mut end = [0; 50];
@@ -23,15 +23,15 @@ const END: [u8; 50] = {
     end
 };
 
-/// From behind [`END`] to its start.
+/// Seeks from the end of [`END`] back to its start.
 const BACK: SeekFrom = SeekFrom::Current(-50);
 
-/// Each flush puts an end behind the data, and the next data overwrite it.
+/// Each flush writes an end after the data, which the next data overwrite.
 pub struct EndedFile {
     file: BufWriter<File>,
-    /// Whether [`END`] stands in the file, behind the data.
+    /// Whether [`END`] follows the data in the file.
     is_ended: bool,
-    /// The last bytes written: a file that ends with the magic has an end of its own.
+    /// The last bytes written: data that end with the magic have their own end.
     last: [u8; MAGIC.len()],
 }
 

@@ -10,11 +10,11 @@ use ::mcap::{Compression, WriteOptions, Writer};
 use crate::ended_file::EndedFile;
 use crate::{McapError, Publisher, Sink, Topic};
 
-/// Recorded time after which data go to the operating system [ns].
+/// Interval of recorded time at which data are flushed to the operating system [ns].
 const FLUSH_INTERVAL: u64 = 1_000_000_000;
 
-/// What rosbag2 calls `offered_qos_profiles`: one reliable publisher. Policies are numbers, which every
-/// rosbag2 reads; those before Jazzy do not know names.
+/// Returns rosbag2's `offered_qos_profiles` for one reliable publisher. Policies are numbers, which every
+/// version of rosbag2 reads; versions before Jazzy do not know names.
 fn quality_of_service(depth: u32, transient_local: bool) -> String {
     let durability = if transient_local { 1 } else { 2 };
     let forever = "\n    sec: 9223372036\n    nsec: 854775807";
@@ -25,9 +25,9 @@ fn quality_of_service(depth: u32, transient_local: bool) -> String {
     )
 }
 
-/// A recording being written. When the program dies, at most a second of recorded time is lost, and the file
-/// is one without index; dropped without [`finish`](Publisher::finish), the file is completed but errors go
-/// unseen.
+/// A recording being written. If the program dies, at most a second of recorded time is lost, and the file
+/// has no index. If the recording is dropped without [`finish`](Publisher::finish), the file is completed,
+/// but errors are ignored.
 pub type Recording = Publisher<McapFile>;
 
 /// A file in MCAP.
@@ -40,7 +40,7 @@ impl McapFile {
     fn create(path: &Path, compression: Option<Compression>) -> Result<Self, McapError> {
         let file =
             File::create(path).map_err(|source| McapError::Create { path: path.to_owned(), source })?;
-        // Without seeking, chunks reach the file whole: one cut short is just missing.
+        // Without seeking, chunks are written whole: one that is cut short is just missing.
         let writer = WriteOptions::new()
             .profile("ros2")
             .library(concat!("tesaki/", env!("CARGO_PKG_VERSION")))
@@ -64,7 +64,7 @@ impl Sink for McapFile {
     fn write(&mut self, topic: u16, sequence: u32, time: u64, message: &[u8]) -> Result<(), McapError> {
         let header = MessageHeader { channel_id: topic, sequence, log_time: time, publish_time: time };
         self.writer.write_to_known_channel(&header, message)?;
-        // A clock that was set back counts too.
+        // A flush is also due if the clock was set back.
         if self.flushed.is_none_or(|flushed| time.abs_diff(flushed) >= FLUSH_INTERVAL) {
             self.flushed = Some(time);
             self.writer.flush()?;
@@ -74,24 +74,24 @@ impl Sink for McapFile {
 }
 
 impl Recording {
-    /// Starts the file `path`, replacing what was there. The robot's URDF goes before all other messages.
+    /// Starts the file `path`, replacing an existing one. The robot's URDF goes before all other messages.
     pub fn create(path: impl AsRef<Path>, urdf: Option<&str>) -> Result<Self, McapError> {
         Ok(Self::new(McapFile::create(path.as_ref(), None)?, urdf))
     }
 
-    /// The same with what is written in a second compressed by zstd.
+    /// As [`create`](Self::create), with the data of each second compressed by zstd.
     #[cfg(feature = "zstd")]
     pub fn create_compressed(path: impl AsRef<Path>, urdf: Option<&str>) -> Result<Self, McapError> {
         Ok(Self::new(McapFile::create(path.as_ref(), Some(Compression::Zstd))?, urdf))
     }
 
-    /// Notes facts about the recording under a name.
+    /// Writes metadata about the recording under a name.
     pub fn metadata(&mut self, name: &str, entries: BTreeMap<String, String>) -> Result<(), McapError> {
         self.sink.writer.write_metadata(&Metadata { name: name.to_owned(), metadata: entries })?;
         self.flush()
     }
 
-    /// Hands everything so far to the operating system.
+    /// Flushes everything so far to the operating system.
     pub fn flush(&mut self) -> Result<(), McapError> {
         Ok(self.sink.writer.flush()?)
     }

@@ -1,7 +1,7 @@
-//! A robot as ROS 2 messages: recorded in MCAP, as Foxglove, PlotJuggler, Rerun and `ros2 bag` open it, or
-//! kept for who looks on.
+//! A robot as ROS 2 messages: recorded in MCAP, for Foxglove, PlotJuggler, Rerun and `ros2 bag`, or kept for
+//! live viewers.
 //!
-//! A [`Publisher`] makes the messages, for a [`Sink`]: [`McapFile`] (together a [`Recording`]) or [`Live`].
+//! A [`Publisher`] creates the messages for a [`Sink`]: [`McapFile`] (together a [`Recording`]) or [`Live`].
 
 mod ended_file;
 mod file;
@@ -18,13 +18,13 @@ use messages::Definition;
 pub use file::{McapFile, Recording};
 pub use live::{Live, LiveMessage};
 
-/// In front of every message: CDR, little-endian. Alignment counts from behind it.
+/// Precedes every message: CDR, little-endian. Alignment is counted from its end.
 const ENCAPSULATION: [u8; 4] = [0, 1, 0, 0];
 
 /// Why a message could not be written.
 #[derive(Debug, thiserror::Error)]
 pub enum McapError {
-    /// There is no file to write to.
+    /// The file cannot be created.
     #[error("cannot create the recording {}: {source}", path.display())]
     Create {
         /// Where it should have been.
@@ -32,7 +32,7 @@ pub enum McapError {
         /// The system's reason.
         source: std::io::Error,
     },
-    /// The file took no more.
+    /// The file cannot be written.
     #[error("cannot write the recording: {0}")]
     Write(#[from] ::mcap::McapError),
     /// A message has no encoding.
@@ -65,11 +65,11 @@ pub enum LogLevel {
     Warn = 30,
     /// Something failed.
     Error = 40,
-    /// Nothing works any more.
+    /// The program cannot continue.
     Fatal = 50,
 }
 
-/// Where a frame is in another one.
+/// The pose of a frame in another frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Transform {
     /// The frame it is given in.
@@ -85,7 +85,7 @@ pub struct Transform {
 /// Position [m] and unit quaternion, its real part last.
 pub type Pose = ([f64; 3], [f64; 4]);
 
-/// How well something is, on `/diagnostics`.
+/// The health of something, on `/diagnostics`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u8)]
 pub enum Health {
@@ -93,20 +93,20 @@ pub enum Health {
     Ok = 0,
     /// Worth a look.
     Warn = 1,
-    /// It failed.
+    /// It has failed.
     Error = 2,
-    /// Nothing is heard of it.
+    /// There is no recent information about it.
     Stale = 3,
 }
 
 /// An entry of `/diagnostics`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Diagnostic {
-    /// How well it is.
+    /// Its health.
     pub health: Health,
-    /// What.
+    /// Name of the component.
     pub name: String,
-    /// In words.
+    /// Its state in words.
     pub message: String,
     /// Names with values.
     pub values: Vec<(String, String)>,
@@ -115,7 +115,7 @@ pub struct Diagnostic {
 /// A body to be drawn.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Marker {
-    /// Another one for each.
+    /// Unique number of the body.
     pub id: i32,
     /// The frame with which it moves.
     pub frame: String,
@@ -147,26 +147,26 @@ pub struct Topic {
     pub schema: &'static str,
     /// The definition of that type and of those inside it, as `.msg` files.
     pub definition: String,
-    /// By what ROS 2 compares types (REP 2016).
+    /// Hash by which ROS 2 compares types (REP 2016).
     pub hash: &'static str,
     /// How many messages a publisher keeps.
     pub depth: u32,
-    /// Whether who comes late gets the last one.
+    /// Whether late subscribers get the last message.
     pub transient_local: bool,
 }
 
-/// Where messages go.
+/// A destination of messages.
 pub trait Sink {
     /// Takes a new topic. Returns the number by which it is written to.
     ///
     /// # Errors
-    /// It can take no more.
+    /// The sink cannot take more.
     fn open(&mut self, topic: Topic) -> Result<u16, McapError>;
 
     /// Takes a message of an open topic: in CDR, with its time [ns since 1970].
     ///
     /// # Errors
-    /// It can take no more.
+    /// The sink cannot take more.
     fn write(&mut self, topic: u16, sequence: u32, time: u64, message: &[u8]) -> Result<(), McapError>;
 }
 
@@ -188,7 +188,7 @@ impl Kind {
         Self { name: Cow::Borrowed(name), definition, depth, transient_local }
     }
 
-    /// With a name that is made up at run time.
+    /// Creates a topic whose name is composed at run time.
     const fn named(name: String, definition: &'static Definition) -> Self {
         Self { name: Cow::Owned(name), definition, depth: 10, transient_local: false }
     }
@@ -209,33 +209,33 @@ struct Channel {
     sequence: u32,
 }
 
-/// Makes the messages. Times are nanoseconds since 1970.
+/// Creates the messages. Times are nanoseconds since 1970.
 pub struct Publisher<S> {
     sink: S,
     channels: BTreeMap<Cow<'static, str>, Channel>,
-    /// Waits for the first message, whose time it gets.
+    /// Waits for the first message, to be published with its time.
     urdf: Option<String>,
     buffer: Vec<u8>,
 }
 
 impl<S: Sink> Publisher<S> {
-    /// Begins. The robot's URDF goes before all other messages.
+    /// Creates a publisher. The robot's URDF is published before all other messages.
     pub fn new(sink: S, urdf: Option<&str>) -> Self {
         Self { sink, channels: BTreeMap::new(), urdf: urdf.map(str::to_owned), buffer: Vec::new() }
     }
 
-    /// Where the messages go.
+    /// Returns the destination of the messages.
     pub const fn sink(&self) -> &S {
         &self.sink
     }
 
-    /// Where the messages go, to take them from there.
+    /// Returns the destination of the messages, to take them from it.
     pub const fn sink_mut(&mut self) -> &mut S {
         &mut self.sink
     }
 
-    /// Measured joints on `/joint_states`: angles [rad], speeds [rad/s], torques [N·m]. Unknown quantities
-    /// are left empty.
+    /// Publishes the measured joints on `/joint_states`: angles [rad], speeds [rad/s], torques [N·m]. Unknown
+    /// quantities are left empty.
     pub fn joint_states(
         &mut self,
         time: u64,
@@ -247,7 +247,8 @@ impl<S: Sink> Publisher<S> {
         self.joints(JOINT_STATES, time, names, [position, velocity, effort])
     }
 
-    /// What the joints should do, on `/tesaki/reference`, given as for [`joint_states`](Self::joint_states).
+    /// Publishes the references of the joints on `/tesaki/reference`; arguments as for
+    /// [`joint_states`](Self::joint_states).
     pub fn references(
         &mut self,
         time: u64,
@@ -276,7 +277,7 @@ impl<S: Sink> Publisher<S> {
         self.write(topic, time, &messages::JointState { header, name: names, position, velocity, effort })
     }
 
-    /// A line of text on `/rosout`; `name` says who speaks.
+    /// Publishes a line of text on `/rosout`; `name` is its source.
     pub fn log(&mut self, time: u64, level: LogLevel, name: &str, text: &str) -> Result<(), McapError> {
         let message = messages::Log {
             stamp: time.into(),
@@ -290,12 +291,12 @@ impl<S: Sink> Publisher<S> {
         self.write(ROSOUT, time, &message)
     }
 
-    /// Frames on `/tf`, all at one time.
+    /// Publishes frames on `/tf`, all with the same time.
     pub fn tf(&mut self, time: u64, transforms: &[Transform]) -> Result<(), McapError> {
         self.transforms(TF, time, transforms)
     }
 
-    /// Frames that do not move, on `/tf_static`: all of them at once.
+    /// Publishes the fixed frames on `/tf_static`, all of them in one message.
     pub fn tf_static(&mut self, time: u64, transforms: &[Transform]) -> Result<(), McapError> {
         self.transforms(TF_STATIC, time, transforms)
     }
@@ -310,8 +311,8 @@ impl<S: Sink> Publisher<S> {
         self.write(topic, time, &messages::Transforms { transforms: transforms.collect() })
     }
 
-    /// The wrench on a frame, on `/tesaki/wrench/FRAME`: force [N] and torque [N·m] about its origin, in its
-    /// axes.
+    /// Publishes the wrench on a frame on `/tesaki/wrench/FRAME`: force [N] and torque [N·m] about its
+    /// origin, in its axes.
     pub fn wrench(
         &mut self,
         time: u64,
@@ -324,14 +325,14 @@ impl<S: Sink> Publisher<S> {
         self.write(topic, time, &messages::WrenchStamped { header, force, torque })
     }
 
-    /// A pose in a frame, on `/tesaki/NAME`.
+    /// Publishes a pose in a frame on `/tesaki/NAME`.
     pub fn pose(&mut self, time: u64, name: &str, frame: &str, pose: Pose) -> Result<(), McapError> {
         let topic = Kind::named(format!("/tesaki/{name}"), &messages::POSE_STAMPED);
         let header = messages::Header { stamp: time.into(), frame_id: frame };
         self.write(topic, time, &messages::PoseStamped { header, pose })
     }
 
-    /// How everything is, on `/diagnostics`.
+    /// Publishes the health of all components on `/diagnostics`.
     pub fn diagnostics(
         &mut self,
         time: u64,
@@ -349,7 +350,7 @@ impl<S: Sink> Publisher<S> {
         self.write(DIAGNOSTICS, time, &messages::DiagnosticArray { header, status: status.collect() })
     }
 
-    /// Bodies to be drawn, on `/tesaki/objects`, in place of all before.
+    /// Publishes bodies to be drawn on `/tesaki/objects`, which replace all previous ones.
     pub fn objects(&mut self, time: u64, markers: &[Marker]) -> Result<(), McapError> {
         let shown = markers.iter().map(|marker| messages::Marker::new(time, marker));
         let markers = std::iter::once(messages::Marker::none(time)).chain(shown).collect();

@@ -2,38 +2,38 @@ use std::collections::BTreeMap;
 
 use crate::{McapError, Sink, Topic};
 
-/// A message for who looks on.
+/// A message for live viewers.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LiveMessage {
-    /// Place of its topic in [`Live::topics`].
+    /// Index of its topic in [`Live::topics`].
     pub topic: u16,
     /// Its time [ns since 1970].
     pub time: u64,
-    /// In CDR.
+    /// The message in CDR.
     pub data: Vec<u8>,
 }
 
-/// Messages for who looks on: they wait here until they are taken.
+/// Messages for live viewers: they wait here until they are taken.
 #[derive(Debug, Default)]
 pub struct Live {
     topics: Vec<Topic>,
     waiting: Vec<LiveMessage>,
-    /// The last message of each topic that keeps it for who comes late.
+    /// The last message of each topic that keeps it for late subscribers.
     kept: BTreeMap<u16, LiveMessage>,
 }
 
 impl Live {
-    /// The topics so far.
+    /// Returns the topics so far.
     pub fn topics(&self) -> &[Topic] {
         &self.topics
     }
 
-    /// What was written since the last call.
+    /// Returns the messages written since the last call.
     pub fn take(&mut self) -> Vec<LiveMessage> {
         std::mem::take(&mut self.waiting)
     }
 
-    /// The last message of a topic that keeps it for who comes late.
+    /// Returns the last message of a topic that keeps it for late subscribers.
     pub fn kept(&self, topic: u16) -> Option<&LiveMessage> {
         self.kept.get(&topic)
     }

@@ -14,7 +14,7 @@ pub(super) struct Time {
 }
 
 impl From<u64> for Time {
-    /// From nanoseconds since 1970; ROS counts seconds up to 2038.
+    /// Converts nanoseconds since 1970; ROS counts seconds up to 2038.
     fn from(time: u64) -> Self {
         match (i32::try_from(time / NANOSECONDS), u32::try_from(time % NANOSECONDS)) {
             (Ok(sec), Ok(nanosec)) => Self { sec, nanosec },
@@ -58,7 +58,8 @@ pub(super) struct Log<'a> {
     pub line: u32,
 }
 
-/// `geometry_msgs/msg/TransformStamped`; vector and quaternion are structures of numbers, so arrays here.
+/// `geometry_msgs/msg/TransformStamped`; vector and quaternion are structures of numbers, so they are arrays
+/// here.
 #[derive(Serialize)]
 pub(super) struct TransformStamped<'a> {
     pub header: Header<'a>,
@@ -153,7 +154,7 @@ impl<'a> Marker<'a> {
         }
     }
 
-    /// Takes all markers away.
+    /// Creates the marker that removes all others.
     pub(super) fn none(time: u64) -> Self {
         Self {
             header: Header { stamp: time.into(), frame_id: "" },
@@ -185,18 +186,18 @@ pub(super) struct MarkerArray<'a> {
     pub markers: Vec<Marker<'a>>,
 }
 
-/// A message type as readers learn it from the file.
+/// The definition of a message type, as stored in the file.
 pub(super) struct Definition {
     pub name: &'static str,
-    /// What ROS 2 compares types by: a hash over field names and types (REP 2016).
+    /// Hash over field names and types by which ROS 2 compares types (REP 2016).
     pub hash: &'static str,
     fields: &'static str,
-    /// Name and fields of every type used inside.
+    /// Names and fields of all nested types.
     parts: &'static [(&'static str, &'static str)],
 }
 
 impl Definition {
-    /// The `.msg` texts, this type's first, each other one under a line of `=` and its name.
+    /// Returns the `.msg` texts: this type's first, then each other one after a line of `=` and its name.
     pub(super) fn text(&self) -> String {
         let mut text = self.fields.to_owned();
         for (name, fields) in self.parts {

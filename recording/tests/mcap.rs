@@ -10,7 +10,7 @@ use tesaki_recording::{
 
 /// Two messages in hexadecimal digits, from `tests/oracles/mcap_joint_state.py` (rosbags).
 const JOINT_STATES: &[&str] = include!("../../tests/oracles/data/mcap_joint_state.in");
-/// A message each of four further types, from `tests/oracles/mcap_messages.py` (rosbags).
+/// One message of each of four further types, from `tests/oracles/mcap_messages.py` (rosbags).
 const MESSAGES: &[&str] = include!("../../tests/oracles/data/mcap_messages.in");
 const START: u64 = 1_700_000_000_123_456_789;
 const SECOND: u64 = 1_000_000_000;
@@ -28,7 +28,7 @@ fn metadata() -> BTreeMap<String, String> {
     BTreeMap::from([("robot".to_owned(), "hand3".to_owned()), ("操作者".to_owned(), String::new())])
 }
 
-/// The messages of [`MESSAGES`].
+/// Writes the messages of [`MESSAGES`].
 fn write_further<S: Sink>(publisher: &mut Publisher<S>) {
     publisher.wrench(START, "finger1_tip", [1.0, -2.0, 0.5], [0.0, 0.25, -1e-3]).unwrap();
     let pose = ([0.1, 0.2, -0.3], [0.0, 0.6, 0.0, 0.8]);
@@ -77,7 +77,7 @@ fn who_looks_on_gets_each_message_and_who_comes_late_the_last() {
     assert_eq!(publisher.sink().kept(4).unwrap().time, START + 1);
 }
 
-/// All topics, three seconds of joints.
+/// Writes all topics, with three seconds of joint states.
 fn write(path: &Path) {
     let mut recording = Recording::create(path, Some(URDF)).unwrap();
     recording.metadata("tesaki", metadata()).unwrap();
@@ -112,7 +112,7 @@ fn of_topic<'a>(messages: &'a [Message<'a>], topic: &str) -> Vec<&'a Message<'a>
 
 #[test]
 fn what_was_written_is_read_back() {
-    // Stays there for other readers: tests/oracles/read_mcap.py.
+    // The file is kept for another reader: tests/oracles/read_mcap.py.
     let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join("all.mcap");
     write(&path);
     let file = std::fs::read(&path).unwrap();
@@ -163,7 +163,7 @@ fn what_was_written_is_read_back() {
     }
 
     let summary = Summary::read(&file).unwrap().unwrap();
-    // One at once, three for the seconds, one for the step back in time.
+    // One at the beginning, three for the seconds, one for the step back in time.
     let statistics = summary.stats.unwrap();
     assert_eq!((statistics.message_count, statistics.chunk_count), (43, 5));
     assert_eq!(summary.chunk_indexes.len(), 5);
@@ -181,7 +181,7 @@ fn a_second_at_most_is_lost_without_an_end() {
     for step in 0..=25 {
         recording.joint_states(START + step * SECOND / 10, &joint, &[0.0], &[], &[]).unwrap();
     }
-    // A whole file, without index.
+    // The file is valid, but without index.
     let file = std::fs::read(&path).unwrap();
     assert!(Summary::read(&file).unwrap().is_none_or(|summary| summary.chunk_indexes.is_empty()));
     let messages: Vec<Message> = MessageStream::new(&file).unwrap().map(Result::unwrap).collect();

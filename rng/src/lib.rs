@@ -17,20 +17,20 @@ use rand_chacha::rand_core::{Rng as _, SeedableRng as _};
 pub struct Rng(ChaCha8Rng);
 
 impl Rng {
-    /// The `stream`-th of many independent sequences of one seed. Uses that have a stream each do not shift
-    /// each other's numbers.
+    /// Creates the `stream`-th of many independent sequences of one seed. Users with separate streams do not
+    /// shift each other's numbers.
     pub fn new(seed: u64, stream: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(stream);
         Self(rng)
     }
 
-    /// 64 random bits.
+    /// Returns 64 random bits.
     pub fn next_u64(&mut self) -> u64 {
         self.0.next_u64()
     }
 
-    /// Uniform from 0 to below 1.
+    /// Returns a number that is uniformly distributed from 0 to below 1.
     pub fn uniform(&mut self) -> f64 {
         const SCALE: f64 = 1.0 / 9_007_199_254_740_992.0; // 2⁻⁵³
         #[expect(clippy::cast_precision_loss, reason = "53 bits are exact")]
@@ -38,25 +38,25 @@ impl Rng {
         bits * SCALE
     }
 
-    /// Uniform from −1 to below 1.
+    /// Returns a number that is uniformly distributed from −1 to below 1.
     pub fn symmetric(&mut self) -> f64 {
         2.0 * self.uniform() - 1.0
     }
 
-    /// Normal with mean 0 and standard deviation 1 (Box and Muller 1958).
+    /// Returns a normally distributed number with mean 0 and standard deviation 1 (Box and Muller 1958).
     pub fn normal(&mut self) -> f64 {
         let (radius, angle) = (1.0 - self.uniform(), self.uniform());
         libm::sqrt(-2.0 * libm::log(radius)) * libm::cos(core::f64::consts::TAU * angle)
     }
 
-    /// A whole number from 0 to below `limit`, which must not be 0.
+    /// Returns an integer from 0 to below `limit`, which must not be 0.
     pub fn below(&mut self, limit: u32) -> u32 {
         // The high half of a 32 × 32 bit product: below 2³².
         (((self.next_u64() >> 32) * u64::from(limit)) >> 32) as u32
     }
 
-    /// True with a probability. Takes a number also where that is 0 or 1, so that one probability does not
-    /// shift others' numbers.
+    /// Returns true with a probability. Consumes a number even if that is 0 or 1, so that the probability
+    /// does not shift the numbers that follow.
     pub fn chance(&mut self, probability: f64) -> bool {
         self.uniform() < probability
     }
@@ -83,7 +83,7 @@ mod tests {
         assert_eq!((certain, never), (1000, 0));
     }
 
-    /// A recorded seed means these numbers.
+    /// Recorded seeds must keep producing these numbers.
     #[test]
     fn the_numbers_of_a_seed_stay() {
         let mut rng = Rng::new(1, 3);

@@ -1,6 +1,6 @@
 //! The server of an action: its three services and two topics
-//! (<https://design.ros2.org/articles/actions.html>). It keeps the states of goals; what they mean to the
-//! robot is the caller's.
+//! (<https://design.ros2.org/articles/actions.html>). It keeps the states of goals; the caller carries them
+//! out.
 
 use crate::dds::{Dds, DdsError, Writer, dds_type, encode, qos};
 use crate::messages::{
@@ -11,9 +11,9 @@ use crate::service::{Caller, Service};
 
 /// Its type.
 const ACTION: &str = "control_msgs/action/FollowJointTrajectory";
-/// So many goals that have ended are remembered, with their results.
+/// Maximum number of ended goals that are kept, with their results.
 const MAX_ENDED: usize = 50;
-/// So many may wait for results.
+/// Maximum number of clients that may wait for results.
 const MAX_WAITING: usize = 200;
 
 /// A goal that was accepted.
@@ -21,15 +21,15 @@ const MAX_WAITING: usize = 200;
 struct Known {
     info: GoalInfo,
     status: Status,
-    /// Once it has ended.
+    /// Its result, once it has ended.
     result: Option<(ErrorCode, String)>,
 }
 
-/// What a client wants.
+/// A request of a client.
 pub enum Wish {
-    /// That a goal be carried out: to be [accepted](ActionServer::accept) or [refused](ActionServer::refuse).
+    /// Carry out a goal: to be [accepted](ActionServer::accept) or [refused](ActionServer::refuse).
     Goal(Caller, Uuid, Box<Goal>),
-    /// That these goals be cancelled.
+    /// Cancel these goals.
     Cancel(Vec<Uuid>),
 }
 
@@ -42,7 +42,7 @@ pub struct ActionServer {
     status: Writer,
     /// Goals in the order in which they were accepted.
     goals: Vec<Known>,
-    /// Who waits for the result of which goal.
+    /// Callers that wait for the result of a goal.
     waiting: Vec<(Caller, Uuid)>,
 }
 
@@ -66,8 +66,8 @@ impl ActionServer {
         Ok(server)
     }
 
-    /// What a client wants next. Goals come first: whoever cancels, or asks for a result, may mean one that
-    /// came just before.
+    /// Returns the next request of a client. Goals come first, because a request to cancel, or for a result,
+    /// may refer to a goal that came just before.
     pub fn take(&mut self) -> Option<Wish> {
         if let Some((caller, request)) = self.send_goal.take::<SendGoalRequest>() {
             return Some(Wish::Goal(caller, request.goal_id, Box::new(request.goal)));
@@ -89,12 +89,12 @@ impl ActionServer {
         None
     }
 
-    /// Whether there is such a goal already.
+    /// Returns whether there already is such a goal.
     pub fn knows(&self, id: &Uuid) -> bool {
         self.goals.iter().any(|goal| goal.info.goal_id == *id)
     }
 
-    /// A goal is carried out from now on.
+    /// Accepts a goal, which is carried out from now on.
     pub fn accept(&mut self, caller: Caller, id: Uuid) {
         let stamp = Time::now();
         let info = GoalInfo { goal_id: id, stamp };
@@ -109,12 +109,12 @@ impl ActionServer {
         self.send_goal.reply(caller, &SendGoalResponse { accepted: true, stamp });
     }
 
-    /// A goal is not carried out.
+    /// Refuses a goal.
     pub fn refuse(&mut self, caller: Caller) {
         self.send_goal.reply(caller, &SendGoalResponse { accepted: false, stamp: Time::now() });
     }
 
-    /// A goal has ended.
+    /// Ends a goal with its result.
     pub fn end(&mut self, id: &Uuid, status: Status, code: ErrorCode, text: &str) {
         let Some(goal) = self.goals.iter_mut().find(|goal| goal.info.goal_id == *id) else { return };
         (goal.status, goal.result) = (status, Some((code, text.to_owned())));
@@ -129,20 +129,20 @@ impl ActionServer {
         }
     }
 
-    /// How the goal is getting on.
+    /// Publishes the progress of the goal.
     pub fn feed_back(&self, feedback: &Feedback) {
-        // The next comes soon.
+        // If it fails, the next feedback follows soon.
         let _ = self.feedback.write(encode(feedback), None);
     }
 
-    /// Whether every answer has been sent.
+    /// Returns whether every answer has been sent.
     pub fn is_idle(&mut self) -> bool {
         [&mut self.send_goal, &mut self.cancel_goal, &mut self.get_result]
             .into_iter()
             .all(|service| service.is_idle())
     }
 
-    /// A request to cancel: all goals, one of them, or all that are no younger than a stamp.
+    /// Handles a request to cancel all goals, one of them, or all that are not newer than a stamp.
     fn cancel(&mut self, caller: Caller, request: &GoalInfo) -> Vec<Uuid> {
         let (id, stamp) = (request.goal_id, request.stamp);
         let any = id == Uuid::default();
@@ -170,12 +170,12 @@ impl ActionServer {
     fn publish_status(&self) {
         let status = |goal: &Known| GoalStatus { goal_info: goal.info, status: goal.status };
         let message = GoalStatusArray { status_list: self.goals.iter().map(status).collect() };
-        // The last one is kept for whoever comes late, too.
+        // The last message is also kept for late subscribers.
         let _ = self.status.write(encode(&message), None);
     }
 }
 
-/// The result of a goal, as it is asked for.
+/// Returns the response to a request for the result of a goal.
 fn result(goal: Option<&Known>) -> GetResultResponse {
     match goal {
         Some(Known { status, result: Some((code, text)), .. }) => {
@@ -212,12 +212,12 @@ mod tests {
         };
         let goals = writer("send_goal", &format!("{ACTION}_SendGoal"));
         let cancels = writer("cancel_goal", "action_msgs/srv/CancelGoal");
-        // Nothing here takes so long.
+        // More rounds than are ever needed.
         for round in 1..100 {
             let id = [round; 16];
             goals.write(encode(&SendGoalRequest { goal_id: id, goal: Goal::default() }), None).unwrap();
             std::thread::sleep(Duration::from_millis(200));
-            // All of them.
+            // Cancels all goals.
             let all = GoalInfo { goal_id: Uuid::default(), stamp: Time::default() };
             cancels.write(encode(&all), None).unwrap();
             std::thread::sleep(Duration::from_millis(200));
@@ -231,7 +231,7 @@ mod tests {
                     Wish::Cancel(ids) => cancelled = Some(ids),
                 }
             }
-            // Until both ends know each other, requests are lost.
+            // Requests are lost until both ends have discovered each other.
             if let Some(cancelled) = cancelled.filter(|_| accepted.contains(&id)) {
                 assert_eq!(cancelled, accepted);
                 return;

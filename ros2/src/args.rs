@@ -66,12 +66,12 @@ pub struct Options {
 }
 
 impl Options {
-    /// What holds where a goal says nothing.
+    /// Returns what applies where a goal states nothing.
     pub const fn defaults(&self) -> Defaults {
         Defaults { tolerance: self.goal_tolerance, time: self.goal_time }
     }
 
-    /// A name of this node in its namespace, as `/tesaki/enable`.
+    /// Returns a name of this node in its namespace, such as `/tesaki/enable`.
     pub fn full_name(&self, name: &str) -> String {
         format!("{}/{}", self.namespace, name.trim_start_matches('/'))
     }
@@ -88,7 +88,7 @@ fn positive(text: &str) -> Result<f64, String> {
     }
 }
 
-/// A name of ROS 2, without slashes.
+/// Parses a name of ROS 2, without slashes.
 fn name(text: &str) -> Result<String, String> {
     let is_word = |c: char| c.is_ascii_alphanumeric() || c == '_';
     if !text.is_empty() && text.chars().all(is_word) && !text.starts_with(|c: char| c.is_ascii_digit()) {
@@ -98,7 +98,7 @@ fn name(text: &str) -> Result<String, String> {
     }
 }
 
-/// A namespace, as `/a/b`; nothing for the root.
+/// Parses a namespace, such as `/a/b`; empty for the root.
 fn namespace(text: &str) -> Result<String, String> {
     let names = text.trim_matches('/');
     if names.is_empty() {

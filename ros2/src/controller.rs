@@ -1,4 +1,4 @@
-//! What the joints are commanded to do while the board is enabled: follow a trajectory, brake, or hold.
+//! Commands the joints while the board is enabled: they follow a trajectory, brake, or hold.
 
 use tesaki::TICK;
 use tesaki::control::JointPoint;
@@ -9,7 +9,7 @@ use crate::messages::{ErrorCode, Goal, JointTrajectory, Point, Time};
 use crate::tolerances::Tolerances;
 use crate::trajectory::{Refused, Trajectory};
 
-/// Below this speed a joint rests [rad/s].
+/// Speed below which a joint counts as at rest [rad/s].
 const AT_REST: f32 = 1e-6;
 /// A control period [ns].
 const PERIOD: u64 = 10_000_000;
@@ -18,9 +18,9 @@ const PERIOD: u64 = 10_000_000;
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Outcome {
     Succeeded,
-    /// At rest after it was to be cancelled.
+    /// The joints are at rest after a cancellation.
     Canceled,
-    /// Why, and the joints brake.
+    /// The goal failed for this reason, and the joints brake.
     Failed(Refused),
 }
 
@@ -28,9 +28,9 @@ pub enum Outcome {
 struct Motion {
     trajectory: Trajectory,
     tolerances: Tolerances,
-    /// When it begins [ns since 1970]; 0 at once.
+    /// When it begins [ns since 1970]; 0: at once.
     stamp: u64,
-    /// What it is made of, until it begins.
+    /// The goal's trajectory message, until it begins.
     delayed: Option<JointTrajectory>,
     /// The tick at which it began.
     begun: Option<u32>,
@@ -39,10 +39,10 @@ struct Motion {
 /// The joints of an enabled board.
 pub struct Controller {
     robot: Box<Robot>,
-    /// The last point that each joint was sent.
+    /// The last point that was sent to each joint.
     references: Vec<JointPoint>,
     motion: Option<Motion>,
-    /// Whether what ends once the joints are at rest was cancelled.
+    /// Whether the goal that ends once the joints are at rest was cancelled.
     cancels: bool,
 }
 
@@ -54,30 +54,30 @@ impl Controller {
         controller
     }
 
-    /// Ends what the joints do, and holds them at `positions` [rad].
+    /// Ends the motion, and holds the joints at `positions` [rad].
     pub fn hold_at(&mut self, positions: &[f32]) {
         self.brake();
-        // A joint at its stop may measure slightly outside.
+        // A joint at its stop may measure an angle slightly outside its limits.
         let at = |(&position, config): (&f32, &JointConfig)| {
             rest(position.clamp(config.limits.lower, config.limits.upper))
         };
         self.references = positions.iter().zip(self.robot.joints()).map(at).collect();
     }
 
-    /// The points that were sent last.
+    /// Returns the points that were sent last.
     pub fn references(&self) -> &[JointPoint] {
         &self.references
     }
 
-    /// The robot.
+    /// Returns the robot.
     pub const fn robot(&self) -> &Robot {
         &self.robot
     }
 
-    /// Checks a goal that would begin `now` [ns since 1970], and takes it in place of the one before.
+    /// Checks a goal that would begin `now` [ns since 1970], and replaces the present one with it.
     ///
     /// # Errors
-    /// Why it is refused; the one before goes on.
+    /// Why it is refused. The present goal continues.
     pub fn follow(&mut self, goal: &Goal, now: u64, defaults: &Defaults) -> Result<(), Refused> {
         let several = &goal.multi_dof_trajectory;
         let components = [&goal.component_path_tolerance, &goal.component_goal_tolerance];
@@ -106,7 +106,7 @@ impl Controller {
         Ok(())
     }
 
-    /// The references after so many `periods` in which the joints brake.
+    /// Returns the references after this number of `periods` in which the joints brake.
     fn braked(&self, periods: u64) -> Vec<JointPoint> {
         let mut references = self.references.clone();
         for _ in 0..periods {
@@ -118,24 +118,24 @@ impl Controller {
         references
     }
 
-    /// Brakes; the goal has ended as soon as the joints are at rest.
+    /// Brakes; the goal ends as soon as the joints are at rest.
     pub fn cancel(&mut self) {
         self.motion = None;
         self.cancels = true;
     }
 
-    /// Brakes; what becomes of the goal is for the caller to say.
+    /// Brakes; the caller decides the outcome of the goal.
     pub fn brake(&mut self) {
         (self.motion, self.cancels) = (None, false);
     }
 
-    /// Whether all references are at rest.
+    /// Returns whether all references are at rest.
     pub fn is_at_rest(&self) -> bool {
         self.motion.is_none() && self.references.iter().all(|point| point.velocity.abs() < AT_REST)
     }
 
-    /// Goes on to the period after `tick`, in which the joints were as measured. Returns how the goal ended,
-    /// if it did.
+    /// Advances to the period after `tick`, in which `joints` were measured. Returns how the goal ended, if
+    /// it did.
     pub fn step(&mut self, tick: u32, now: u64, joints: &[JointTelemetry]) -> Option<Outcome> {
         let begun = self.begin_delayed(now);
         brake(&self.robot, &mut self.references);
@@ -151,7 +151,7 @@ impl Controller {
         if motion.begun.is_none() && motion.stamp > now {
             return None;
         }
-        // One that was reset meanwhile begins anew, and is disabled.
+        // A board that was reset meanwhile begins again at tick 0, and is disabled.
         let ticks = tick.wrapping_sub(*motion.begun.get_or_insert(tick));
         let time = f64::from(TICK) * (f64::from(ticks) + 1.0);
         for (joint, point) in motion.trajectory.points(time) {
@@ -173,7 +173,7 @@ impl Controller {
         outcome
     }
 
-    /// A goal whose stamp has come begins from where the references are by now.
+    /// Begins a goal whose stamp has come, from the present references.
     fn begin_delayed(&mut self, now: u64) -> Result<(), Refused> {
         if let Some(motion) = self.motion.as_mut().filter(|motion| motion.stamp <= now)
             && let Some(message) = motion.delayed.take()
@@ -183,7 +183,7 @@ impl Controller {
         Ok(())
     }
 
-    /// Feedback on the goal: its joints' names, and where they are to be and are.
+    /// Returns feedback on the goal: its joints' names, and desired, actual and error points.
     pub fn feedback(&self, joints: &[JointTelemetry]) -> Option<(Vec<String>, [Point; 3])> {
         let own = self.motion.as_ref()?.trajectory.joints();
         let names =
@@ -210,17 +210,17 @@ fn brake(robot: &Robot, references: &mut [JointPoint]) {
     }
 }
 
-/// At rest there.
+/// Returns a point at rest at a position.
 fn rest(position: f32) -> JointPoint {
     JointPoint { position, ..JointPoint::default() }
 }
 
-/// A time since 1970 [ns].
+/// Converts a time since 1970 to nanoseconds.
 fn nanoseconds(time: Time) -> u64 {
     1_000_000_000 * u64::try_from(time.sec).unwrap_or_default() + u64::from(time.nanosec)
 }
 
-/// What holds where a goal says nothing.
+/// What applies where a goal states nothing.
 #[derive(Clone, Copy, Debug)]
 pub struct Defaults {
     /// Distance from its goal at which a joint has arrived [rad].

@@ -19,9 +19,10 @@ use rustdds::{
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-/// How long a write may wait for a reader that is slow.
+/// How long a write may wait for a slow reader.
 const MAX_BLOCKING: Duration = Duration::from_millis(20);
-/// The sockets of a participant: two each that listen for one and for many, and at least one that sends.
+/// Minimum number of sockets of a participant, which receives unicast and multicast on two each and sends on
+/// further ones.
 const LEAST_SOCKETS: usize = 4;
 
 /// Why there is no DDS.
@@ -30,9 +31,9 @@ pub enum DdsError {
     /// The library could not create something.
     #[error("cannot create the DDS {what}: {error}")]
     Create {
-        /// What.
+        /// What could not be created.
         what: String,
-        /// Why.
+        /// The reason.
         error: String,
     },
     /// The sockets cannot be kept on this machine.
@@ -44,12 +45,12 @@ pub enum DdsError {
     Loopback(String),
 }
 
-/// Writes messages that are encoded already.
+/// Writes messages that are already encoded.
 pub type Writer = DataWriter<Vec<u8>, Encoded>;
 /// Reads messages without decoding them.
 pub type Reader = SimpleDataReader<Vec<u8>, Encoded>;
 
-/// A message in CDR, little-endian, as every computer that ROS 2 runs on sends it.
+/// A message in CDR, little-endian, the byte order of every computer that runs ROS 2.
 pub struct Encoded;
 
 impl SerializerAdapter<Vec<u8>> for Encoded {
@@ -94,18 +95,18 @@ impl DefaultDecoder<Vec<u8>> for Encoded {
     const DECODER: Copied = Copied;
 }
 
-/// A message in CDR.
+/// Encodes a message in CDR.
 pub fn encode(message: &impl Serialize) -> Vec<u8> {
-    // Fails only for types that CDR has not, such as maps.
+    // Fails only for types that CDR does not have, such as maps.
     cdr_encoding::to_vec::<_, LittleEndian>(message).unwrap_or_default()
 }
 
-/// A message from CDR; `None` if it is damaged.
+/// Decodes a message from CDR; `None` if it is damaged.
 pub fn decode<T: DeserializeOwned>(bytes: &[u8]) -> Option<T> {
     cdr_encoding::from_bytes::<T, LittleEndian>(bytes).ok().map(|(message, _)| message)
 }
 
-/// The quality of service of a topic; all are reliable, as ROS 2 has it.
+/// Returns the quality of service of a topic; all are reliable, which is the default of ROS 2.
 pub fn qos(depth: i32, transient_local: bool) -> QosPolicies {
     QosPolicyBuilder::new()
         .reliable(MAX_BLOCKING)
@@ -114,7 +115,7 @@ pub fn qos(depth: i32, transient_local: bool) -> QosPolicies {
         .build()
 }
 
-/// A ROS 2 type as DDS calls it: `std_msgs/msg/String` is `std_msgs::msg::dds_::String_`.
+/// Returns the DDS name of a ROS 2 type: `std_msgs/msg/String` is `std_msgs::msg::dds_::String_`.
 pub fn dds_type(name: &str) -> String {
     match name.rsplit_once('/') {
         Some((package, name)) => format!("{}::dds_::{name}_", package.replace('/', "::")),
@@ -130,7 +131,8 @@ pub struct Dds {
 }
 
 impl Dds {
-    /// Joins a domain; with the address of an interface in `network`, one that other machines reach.
+    /// Joins a domain. With the address of an interface in `network`, other machines can reach the
+    /// participant.
     pub fn open(domain: u16, network: Option<Ipv4Addr>) -> Result<Self, DdsError> {
         let create = |what: &str, error: &dyn std::fmt::Display| DdsError::Create {
             what: what.to_owned(),
@@ -151,7 +153,7 @@ impl Dds {
         Ok(Self { participant, publisher, subscriber })
     }
 
-    /// A topic to write to, by its names in DDS.
+    /// Creates a writer of a topic, by its names in DDS.
     pub fn writer(&self, name: &str, kind: &str, qos: &QosPolicies) -> Result<Writer, DdsError> {
         let fail = |error: &dyn std::fmt::Display| DdsError::Create {
             what: format!("writer of {name}"),
@@ -162,7 +164,7 @@ impl Dds {
         self.publisher.create_datawriter_no_key(&topic, None).map_err(|error| fail(&error))
     }
 
-    /// A topic to read from, by its names in DDS.
+    /// Creates a reader of a topic, by its names in DDS.
     pub fn reader(&self, name: &str, kind: &str, qos: &QosPolicies) -> Result<Reader, DdsError> {
         let fail = |error: &dyn std::fmt::Display| DdsError::Create {
             what: format!("reader of {name}"),
@@ -174,9 +176,9 @@ impl Dds {
     }
 }
 
-/// Binds every UDP socket of this process to the loopback interface: the kernel drops what comes from others,
-/// and sends nothing to them. (The library listens on all interfaces, and its filter holds for what it
-/// announces only.)
+/// Binds every UDP socket of this process to the loopback interface: the kernel drops packets from other
+/// interfaces, and sends nothing to them. (The library listens on all interfaces, and its filter applies only
+/// to what it announces.)
 fn stay_on_loopback() -> Result<(), String> {
     let sockets = udp_sockets().map_err(|error| format!("/proc/self/fd: {error}"))?;
     if sockets.len() < LEAST_SOCKETS {
@@ -189,7 +191,7 @@ fn stay_on_loopback() -> Result<(), String> {
     Ok(())
 }
 
-/// The UDP sockets of this process.
+/// Returns the UDP sockets of this process.
 fn udp_sockets() -> std::io::Result<Vec<RawFd>> {
     let mut sockets = Vec::new();
     for entry in std::fs::read_dir("/proc/self/fd")? {
@@ -211,7 +213,7 @@ pub mod tests {
 
     use super::*;
 
-    /// A participant binds all sockets of the process: one test at a time.
+    /// Lets one test run at a time, because a participant binds all sockets of the process.
     pub fn alone() -> MutexGuard<'static, ()> {
         static ALONE: Mutex<()> = Mutex::new(());
         ALONE.lock().unwrap_or_else(PoisonError::into_inner)

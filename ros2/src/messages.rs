@@ -1,5 +1,5 @@
-//! The messages of services and actions, field by field as CDR lays them out. Those of topics are made by
-//! `tesaki-recording`.
+//! The messages of services and actions, field by field as CDR lays them out. `tesaki-recording` has those of
+//! topics.
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -13,25 +13,25 @@ pub struct Time {
 }
 
 impl Time {
-    /// The time since 1970.
+    /// Returns the time since 1970.
     pub fn now() -> Self {
         Self::of_nanoseconds(nanoseconds_since_1970())
     }
 
-    /// From nanoseconds; ROS counts seconds up to 2038.
+    /// Converts nanoseconds; ROS counts seconds up to 2038.
     pub fn of_nanoseconds(nanoseconds: u64) -> Self {
         let sec = i32::try_from(nanoseconds / 1_000_000_000).unwrap_or(i32::MAX);
         let nanosec = u32::try_from(nanoseconds % 1_000_000_000).unwrap_or(0);
         Self { sec, nanosec }
     }
 
-    /// In seconds.
+    /// Converts to seconds.
     pub fn seconds(self) -> f64 {
         f64::from(self.sec) + 1e-9 * f64::from(self.nanosec)
     }
 }
 
-/// What the stamps of messages count.
+/// Returns the time since 1970 [ns], as in the stamps of messages.
 pub fn nanoseconds_since_1970() -> u64 {
     let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     u64::try_from(since.as_nanos()).unwrap_or(u64::MAX)

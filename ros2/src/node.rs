@@ -1,4 +1,4 @@
-//! The node: what the board sends goes out as messages, and what clients want goes to the board.
+//! The node: publishes what the board sends, and passes requests of clients to the board.
 
 use std::slice;
 use std::time::{Duration, Instant};
@@ -22,56 +22,56 @@ use crate::session::{Failure, Session, describe, robot_folder, say, untold};
 
 /// How long the board is listened to before clients are served.
 const TURN: Duration = Duration::from_millis(2);
-/// Without telemetry for this time, an enabled board is kept enabled; it may only be late.
+/// Without telemetry for this time, an enabled board is still kept enabled: the telemetry may only be late.
 const KEEP_ALIVE: Duration = Duration::from_millis(20);
-/// Without telemetry for this time, nothing is commanded any more.
+/// Without telemetry for this time, nothing more is commanded.
 const BLIND: Duration = Duration::from_millis(500);
-/// Telemetry that was sent before the board was enabled may arrive for so long after.
+/// For this time after the board was enabled, telemetry from before may still arrive.
 const LATE: Duration = Duration::from_millis(200);
 /// Without telemetry for this time, the streams are requested again.
 const SILENCE: Duration = Duration::from_millis(700);
-/// How long a board that may be gone is asked.
+/// How long to wait for an answer of a board that may be gone.
 const GLANCE: Duration = Duration::from_millis(200);
 /// How long the board may take for an answer at the end.
 const LAST_WORD: Duration = Duration::from_millis(500);
-/// How long joints brake at the end, and answers to clients may take then.
+/// Maximum time at the end for joints to brake, and for answers to clients.
 const FAREWELL: Duration = Duration::from_secs(1);
-/// How long clients may still ask how their goals ended, and what was written last may be repeated.
+/// Time at the end in which clients may still ask for results, and lost messages may be repeated.
 const LINGER: Duration = Duration::from_millis(400);
-/// So many messages of a topic are kept for readers that are slow: a second of telemetry.
+/// Minimum number of messages of a topic that are kept for slow readers: a second of telemetry.
 const MIN_DEPTH: u32 = 100;
-/// More missing ticks than these are a board that was reset.
+/// More missing ticks than this mean that the board was reset.
 const MAX_MISSING: u32 = 10_000;
-/// The payload of DDS comes without this.
+/// Length of the encapsulation header [bytes], which a DDS payload does not include.
 const ENCAPSULATION: usize = 4;
-/// The topic that is counted.
+/// The topic whose messages are counted.
 const JOINT_STATES: &str = "/joint_states";
-/// Topics that are not in the namespace, as in all of ROS 2.
+/// Topics outside of the namespace, as is usual in ROS 2.
 const GLOBAL: &[&str] = &["/tf", "/tf_static", "/diagnostics", "/rosout"];
 
 /// A board that this node has enabled.
 pub struct Enabled {
     pub controller: Controller,
-    /// When the board said so.
+    /// When the board confirmed it.
     pub since: Instant,
-    /// Whether the telemetry has shown that.
+    /// Whether the telemetry has shown it.
     pub seen: bool,
-    /// Faults of the board before.
+    /// Number of faults before it was enabled.
     pub faults: u32,
     /// The goal that is carried out, or cancelled.
     pub goal: Option<Uuid>,
-    /// When it was told of last.
+    /// When feedback on the goal was last sent.
     pub told: Instant,
     /// When the board was last kept enabled.
     pub kept: Instant,
 }
 
 impl Enabled {
-    /// Whether telemetry with this mode and so many faults says that the board is not enabled any more, or by
-    /// somebody else.
+    /// Returns whether telemetry with this mode and number of faults shows that the board is no longer
+    /// enabled, or was enabled by another client.
     fn is_over(&mut self, mode: Mode, faults: u32) -> bool {
         self.seen |= mode == Mode::Enabled(TaskKind::JointServo);
-        // What was sent before the board was enabled may still arrive.
+        // Telemetry from before the board was enabled may still arrive.
         let is_current = self.seen || self.since.elapsed() > LATE;
         match mode {
             Mode::Enabled(TaskKind::JointServo) => false,
@@ -87,13 +87,13 @@ pub struct OnBoard {
     checksum: u32,
 }
 
-/// What was published.
+/// Counts of what was published.
 #[derive(Default)]
 struct Tally {
     joint_states: u64,
-    /// Control periods of which no telemetry came.
+    /// Control periods without telemetry.
     missing: u64,
-    /// Messages that DDS did not take.
+    /// Messages that DDS did not accept.
     unsent: u64,
 }
 
@@ -109,7 +109,7 @@ pub struct Node<'a> {
     pub action: ActionServer,
     pub on_board: Option<OnBoard>,
     pub telemetry: Option<Telemetry>,
-    /// When telemetry came last, and when it was requested.
+    /// When telemetry last came, and when it was last requested.
     pub heard: Instant,
     asked: Instant,
     is_lost: bool,
@@ -163,7 +163,7 @@ impl<'a> Node<'a> {
             tally: Tally::default(),
         };
         node.request_streams(true)?;
-        // A client that comes at once finds the model, and where the joints are.
+        // A client that connects at once already finds the model and the joint angles.
         let status = node.session.board.status()?;
         node.read_model(&status)?;
         while node.telemetry.is_none() && now.elapsed() < SILENCE {
@@ -190,7 +190,7 @@ impl<'a> Node<'a> {
         Ok(())
     }
 
-    /// A line for people and for `/rosout`.
+    /// Prints a line, and publishes it on `/rosout`.
     pub fn note(&mut self, level: LogLevel, text: &str) -> Result<(), Failure> {
         say(text);
         Ok(self.publication.publisher.log(nanoseconds_since_1970(), level, "tesaki", text)?)
@@ -203,7 +203,7 @@ impl<'a> Node<'a> {
         self.send()
     }
 
-    /// Takes what the board sends for a while.
+    /// Receives from the board for a while.
     fn listen(&mut self) -> Result<(), Failure> {
         let deadline = Instant::now() + TURN;
         while let Some(event) = self.session.board.next_event(deadline)? {
@@ -258,7 +258,7 @@ impl<'a> Node<'a> {
         self.step_controller()
     }
 
-    /// Each new fault in words.
+    /// Returns each new fault in words.
     fn new_faults(&mut self, telemetry: &Telemetry) -> Vec<String> {
         let model = self.on_board.as_ref().map(|on_board| &on_board.model);
         match (self.session.board.faults(), &mut self.faults) {
@@ -268,14 +268,14 @@ impl<'a> Node<'a> {
             }
             (Ok(_), None) => Vec::new(),
             (Err(error), faults) => {
-                // Told once.
+                // Report the error only once.
                 *faults = Some(FaultFollower::new(telemetry.into()));
                 vec![untold(&error)]
             }
         }
     }
 
-    /// The faults to blame in words.
+    /// Returns the faults that stopped the board, in words.
     pub fn fault_text(&mut self) -> String {
         let model = self.on_board.as_ref().map(|on_board| &on_board.model);
         match self.session.board.faults() {
@@ -284,7 +284,7 @@ impl<'a> Node<'a> {
         }
     }
 
-    /// Notices that the board is not enabled any more, or by somebody else.
+    /// Detects that the board is no longer enabled, or was enabled by another client.
     fn follow_mode(&mut self) -> Result<(), Failure> {
         let (Some(enabled), Some(telemetry)) = (&mut self.enabled, &self.telemetry) else { return Ok(()) };
         if !enabled.is_over(telemetry.mode, telemetry.faults) {
@@ -311,10 +311,10 @@ impl<'a> Node<'a> {
         }
     }
 
-    /// A set-point was refused.
+    /// Handles the refusal of a set-point.
     fn take_refusal(&mut self, refusal: Refusal) -> Result<(), Failure> {
         match refusal {
-            // The telemetry tells.
+            // The telemetry will show the reason.
             Refusal::Stale { .. } | Refusal::WrongMode(_) => Ok(()),
             Refusal::SchemaMismatch { board: SCHEMA_KEY, .. } => Ok(()),
             Refusal::NotCommander | Refusal::Commanded { .. } => {
@@ -366,7 +366,7 @@ impl<'a> Node<'a> {
         })
     }
 
-    /// Reads the model on the board when it is another one.
+    /// Reads the model on the board if it has changed.
     fn read_model(&mut self, status: &Status) -> Result<(), Failure> {
         let node = &status.node;
         let checksum = (!node.model.is_empty()).then_some(node.model_checksum);
@@ -375,7 +375,7 @@ impl<'a> Node<'a> {
         }
         self.on_board = match checksum.map(|checksum| (self.session.board.model(), checksum)) {
             Some((Ok(model), checksum)) => Some(OnBoard { model, checksum }),
-            // The next status comes soon.
+            // The next status follows soon.
             None
             | Some((
                 Err(
@@ -393,7 +393,7 @@ impl<'a> Node<'a> {
         Ok(())
     }
 
-    /// Publishes what has come together.
+    /// Publishes the messages that have accumulated.
     fn send(&mut self) -> Result<(), Failure> {
         let live = self.publication.publisher.sink_mut();
         let messages = live.take();
@@ -415,7 +415,7 @@ impl<'a> Node<'a> {
         Ok(())
     }
 
-    /// The writer of a topic, if it is to be published.
+    /// Returns the writer of a topic, if it is to be published.
     fn writer(&self, topic: &Topic) -> Result<Option<Writer>, Failure> {
         if self.options.no_tf && topic.name.starts_with("/tf") {
             return Ok(None);
@@ -427,7 +427,7 @@ impl<'a> Node<'a> {
         Ok(Some(self.dds.writer(&format!("rt{name}"), &dds_type(topic.schema), &qos)?))
     }
 
-    /// Ends whatever the board does for this node, tells clients, and says what was done.
+    /// Ends the board's motion for this node, informs clients, and prints a summary.
     pub fn end(mut self, why: &str) {
         let result = self.say_farewell(why);
         if let Err(failure) = result {
@@ -481,7 +481,7 @@ mod tests {
     use super::*;
     use crate::trajectory::tests::hand;
 
-    /// A board that was enabled so long ago.
+    /// Returns a board that was enabled `ago`.
     fn enabled(ago: Duration) -> Enabled {
         let (controller, now) = (Controller::hold(hand(), &[0.0; 9]), Instant::now());
         let since = now.checked_sub(ago).unwrap();
@@ -491,13 +491,13 @@ mod tests {
     #[test]
     fn a_board_that_is_disabled_right_after_it_was_enabled_is_not_taken_for_enabled() {
         let servo = Mode::Enabled(TaskKind::JointServo);
-        // Telemetry of before.
+        // Telemetry from before.
         let mut new = enabled(Duration::ZERO);
         assert!(!new.is_over(Mode::Disabled, 3) && !new.is_over(Mode::Fault, 3));
         assert!(new.is_over(Mode::Fault, 4));
-        // It was enabled before.
+        // The telemetry has shown it as enabled.
         assert!(!new.is_over(servo, 3) && new.is_over(Mode::Disabled, 3));
-        // It never was, as far as can be seen.
+        // The telemetry has never shown it as enabled.
         assert!(enabled(2 * LATE).is_over(Mode::Disabled, 3));
         assert!(enabled(2 * LATE).is_over(Mode::Enabled(TaskKind::Impedance), 3));
         assert!(!enabled(2 * LATE).is_over(servo, 3));

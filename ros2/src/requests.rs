@@ -1,4 +1,4 @@
-//! What clients ask for: services, and goals of the action.
+//! Requests of clients: services, and goals of the action.
 
 use std::time::{Duration, Instant};
 
@@ -23,7 +23,7 @@ use crate::service::Service;
 use crate::session::{Failure, words};
 use crate::trajectory::{Refused, named};
 
-/// Age at which telemetry still says where the joints are.
+/// Maximum age at which telemetry still shows where the joints are.
 const FRESH: Duration = Duration::from_millis(200);
 /// Period of the feedback on a goal, as that of joint_trajectory_controller.
 const FEEDBACK: Duration = Duration::from_millis(50);
@@ -37,7 +37,7 @@ pub struct Services {
 }
 
 impl Services {
-    /// Offers them.
+    /// Offers the services.
     pub fn offer(dds: &Dds, options: &Options) -> Result<Self, DdsError> {
         let offer = |name: &str| {
             Service::offer(dds, &options.full_name(&format!("tesaki/{name}")), "std_srvs/srv/Trigger")
@@ -54,17 +54,17 @@ impl Services {
         [&mut self.disable, &mut self.enable, &mut self.tare, &mut self.clear_faults]
     }
 
-    /// Whether every answer has been sent.
+    /// Returns whether every answer has been sent.
     pub fn are_idle(&mut self) -> bool {
         self.all().into_iter().all(Service::is_idle)
     }
 }
 
-/// What a service did, or why not.
+/// What a service did, or why it failed.
 type Answer = Result<String, String>;
 
 impl Node<'_> {
-    /// Answers the services and carries out what the action is asked for.
+    /// Answers the services and carries out the requests of the action.
     pub fn serve(&mut self) -> Result<(), Failure> {
         // Disabling comes first.
         for (number, run) in
@@ -82,7 +82,7 @@ impl Node<'_> {
                 self.services.all()[number].reply(caller, &response);
             }
         }
-        // One at a time: to check a goal takes a while, in which the board is not listened to.
+        // One at a time: checking a goal takes a while, in which nothing is received from the board.
         if let Some(wish) = self.action.take() {
             match wish {
                 Wish::Cancel(ids) => ids.iter().try_for_each(|id| self.cancel(id))?,
@@ -99,7 +99,7 @@ impl Node<'_> {
         Ok(())
     }
 
-    /// Answers what clients ask at the end.
+    /// Refuses new goals at the end.
     pub fn refuse_goals(&mut self) {
         if let Some(Wish::Goal(caller, ..)) = self.action.take() {
             self.action.refuse(caller);
@@ -113,7 +113,7 @@ impl Node<'_> {
         let Some(on_board) = &self.on_board else {
             return Err("the board has no model: push one with `tesaki model push robots/NAME`".to_owned());
         };
-        // Old angles would be goals to which the joints move.
+        // With old angles, the joints would move to them.
         let telemetry = self.telemetry.as_ref().filter(|_| self.heard.elapsed() < FRESH);
         let Some(telemetry) = telemetry else {
             return Err("no telemetry from the board: where the joints are is not known".to_owned());
@@ -141,12 +141,12 @@ impl Node<'_> {
         Ok(format!("enabled: the joints hold{falls}"))
     }
 
-    /// The service `disable`, also where another program commands.
+    /// Runs the service `disable`, which works even if another program has command.
     fn stop(&mut self) -> Answer {
         self.disable("the board was disabled")
     }
 
-    /// Disables the board and ends the goal, because of `why`.
+    /// Disables the board and ends the goal, for the reason `why`.
     pub fn disable(&mut self, why: &str) -> Answer {
         let model = self.on_board.as_ref().map(|on_board| &on_board.model);
         self.session.board.disable().map_err(|error| words(&error, model))?;
@@ -178,7 +178,7 @@ impl Node<'_> {
         Ok(if text.is_empty() { "no fault to clear".to_owned() } else { format!("cleared: {text}") })
     }
 
-    /// Does what needs command of the board, which is given back unless the board is enabled.
+    /// Runs an operation that needs command of the board, which is then released unless the board is enabled.
     fn command(
         &mut self,
         run: impl FnOnce(&mut Self) -> Result<(), tesaki_supervisor::BoardError>,
@@ -190,7 +190,7 @@ impl Node<'_> {
         result.map_err(|error| words(&error, self.on_board.as_ref().map(|on_board| &on_board.model)))
     }
 
-    /// Begins a goal, in place of the one before.
+    /// Begins a goal, in place of the present one.
     fn begin(&mut self, id: &Uuid, goal: &Goal) -> Result<(), Refused> {
         let invalid = |text: String| Err(Refused::new(ErrorCode::InvalidGoal, text));
         if self.action.knows(id) {
@@ -225,7 +225,7 @@ impl Node<'_> {
         }
     }
 
-    /// The goal has ended.
+    /// Ends the goal with its outcome.
     pub fn end_goal(&mut self, outcome: &Outcome) -> Result<(), Failure> {
         let Some(goal) = self.enabled.as_mut().and_then(|enabled| enabled.goal.take()) else { return Ok(()) };
         let (status, code, text) = match outcome {
@@ -240,7 +240,7 @@ impl Node<'_> {
         self.note(level, &format!("a goal has ended: {text}"))
     }
 
-    /// The board is not enabled any more, or nothing may be sent to it.
+    /// Notes that the board is no longer enabled, or that nothing may be sent to it.
     pub fn forget_enabled(&mut self, why: &str) -> Result<(), Failure> {
         let Some(enabled) = self.enabled.take() else { return Ok(()) };
         if let Some(goal) = enabled.goal {
@@ -250,7 +250,7 @@ impl Node<'_> {
         self.note(LogLevel::Error, why)
     }
 
-    /// A point was refused: the joints hold where the board has them, and the goal has failed.
+    /// Handles a refused point: the joints hold where the board has them, and the goal fails.
     pub fn hold_after(&mut self, refusal: &Refusal) -> Result<(), Failure> {
         let (Some(enabled), Some(telemetry)) = (&mut self.enabled, &self.telemetry) else { return Ok(()) };
         let text = match refusal {
@@ -266,7 +266,7 @@ impl Node<'_> {
         self.end_goal(&Outcome::Failed(Refused::new(ErrorCode::InvalidGoal, text)))
     }
 
-    /// Tells how the goal is getting on, now and then.
+    /// Sends feedback on the goal from time to time.
     fn feed_back(&mut self) {
         let (Some(enabled), Some(telemetry)) = (&mut self.enabled, &self.telemetry) else { return };
         let Some(goal_id) = enabled.goal.filter(|_| enabled.told.elapsed() >= FEEDBACK) else { return };

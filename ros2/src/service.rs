@@ -1,9 +1,9 @@
 //! A ROS 2 service over DDS: a topic of requests and a topic of replies.
 //!
-//! How a reply says to which request it belongs is the choice of each RMW, and which one a caller uses is
-//! told by the vendor of its DDS, the first bytes of every GUID. `rmw_cyclonedds_cpp` puts a header in front
-//! of request and reply: half a GUID and a number, which come back as they are. All others, among them
-//! `rmw_fastrtps_cpp`, name the request in the inline QoS of the reply (DDS-RPC, enhanced mapping).
+//! How a reply identifies its request depends on the caller's RMW, which is known from the vendor of its DDS,
+//! the first bytes of every GUID. `rmw_cyclonedds_cpp` puts a header before request and reply: half a GUID
+//! and a number, which are returned unchanged. All others, among them `rmw_fastrtps_cpp`, name the request in
+//! the inline QoS of the reply (DDS-RPC, enhanced mapping).
 
 use std::collections::{HashSet, VecDeque};
 use std::time::{Duration, Instant};
@@ -17,16 +17,16 @@ use crate::dds::{Dds, DdsError, Reader, Writer, dds_type, decode, encode, qos};
 
 /// The quality of service of services in ROS 2.
 const DEPTH: i32 = 10;
-/// Length of the header in front of the messages of `rmw_cyclonedds_cpp`.
+/// Length of the header before the messages of `rmw_cyclonedds_cpp` [bytes].
 const HEADER: usize = 16;
 /// The vendor of Cyclone DDS.
 const CYCLONE: [u8; 2] = [0x01, 0x10];
-/// So many requests that cannot be read are dropped at once.
+/// Maximum number of unreadable requests that are dropped at once.
 const MAX_DAMAGED: usize = 100;
-/// A reply waits so long for its caller's reader to be discovered.
+/// Time for which a reply waits for its caller's reader to be discovered.
 const PATIENCE: Duration = Duration::from_secs(30);
 
-/// Who asked, and what the reply must say for it to be theirs.
+/// Who asked, and how the reply must identify the request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Caller {
     /// The writer of the request.
@@ -48,7 +48,7 @@ impl Caller {
             None if is_cyclone => return None,
             _ => None,
         };
-        // Fast DDS names the reader of the replies here, and leaves the number open.
+        // Fast DDS names the reader of the replies here, and leaves the number unset.
         let writer_guid = related
             .map(|related| related.writer_guid)
             .filter(|guid| *guid != GUID::GUID_UNKNOWN)
@@ -66,15 +66,15 @@ pub struct Service {
     name: String,
     requests: Reader,
     replies: Writer,
-    /// Readers of the replies that are known.
+    /// Discovered readers of the replies.
     readers: HashSet<GUID>,
-    /// Replies to callers whose readers are not known yet.
+    /// Replies to callers whose readers are not yet discovered.
     waiting: VecDeque<(Instant, Caller, Vec<u8>)>,
 }
 
 impl Service {
-    /// Offers the service `name`, as `/tesaki/enable`; its type is given without `_Request` and `_Response`,
-    /// as `std_srvs/srv/Trigger`.
+    /// Offers the service `name`, such as `/tesaki/enable`; its type is given without `_Request` and
+    /// `_Response`, such as `std_srvs/srv/Trigger`.
     pub fn offer(dds: &Dds, name: &str, kind: &str) -> Result<Self, DdsError> {
         let qos = qos(DEPTH, false);
         let requests =
@@ -89,12 +89,12 @@ impl Service {
         })
     }
 
-    /// Its name.
+    /// Returns its name.
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// The next request. One that cannot be read is dropped.
+    /// Returns the next request. Unreadable ones are dropped.
     pub fn take<T: DeserializeOwned>(&mut self) -> Option<(Caller, T)> {
         self.deliver();
         self.requests.drain_read_notifications();
@@ -123,13 +123,14 @@ impl Service {
         self.deliver();
     }
 
-    /// Whether no reply waits.
+    /// Returns whether no reply waits.
     pub fn is_idle(&mut self) -> bool {
         self.deliver();
         self.waiting.is_empty()
     }
 
-    /// Sends the replies whose readers are known: a reader that is not gets nothing of what was sent before.
+    /// Sends the replies whose readers are known: a reader does not receive replies sent before its
+    /// discovery.
     fn deliver(&mut self) {
         while let Some(status) = self.replies.try_recv_status() {
             if let DataWriterStatus::PublicationMatched { reader, current, .. } = status {
@@ -144,7 +145,7 @@ impl Service {
             let Some((since, caller, bytes)) = self.waiting.pop_front() else { return };
             if self.readers.iter().any(|reader| reader.prefix == caller.writer.prefix) {
                 let options = WriteOptionsBuilder::new().related_sample_identity(caller.request).build();
-                // A caller that does not hear of it asks again.
+                // If it fails, the caller asks again.
                 let _ = self.replies.write_with_options(bytes, options);
             } else if since.elapsed() < PATIENCE {
                 self.waiting.push_back((since, caller, bytes));
@@ -160,7 +161,7 @@ mod tests {
     use crate::messages::{TriggerRequest, TriggerResponse};
 
     const TRIGGER: &str = "std_srvs/srv/Trigger";
-    /// Nothing here takes so long.
+    /// Longer than anything here takes.
     const FOREVER: Duration = Duration::from_secs(60);
 
     fn guid(vendor: [u8; 2], entity: u8) -> GUID {
@@ -205,7 +206,7 @@ mod tests {
         let mut sent = Vec::new();
         let reply = loop {
             assert!(Instant::now() < deadline);
-            // Until both ends know each other, requests are lost.
+            // Requests are lost until both ends have discovered each other.
             let options = WriteOptionsBuilder::new().build();
             sent.push(requests.write_with_options(vec![0], options).unwrap());
             if let Some((caller, TriggerRequest { .. })) = service.take() {
@@ -218,7 +219,7 @@ mod tests {
             }
             std::thread::sleep(Duration::from_millis(20));
         };
-        // Filled up to a multiple of four bytes.
+        // Padded to a multiple of four bytes.
         let expected = encode(&TriggerResponse { success: true, message: "done".to_owned() });
         assert!(reply.sample.starts_with(&expected), "{:?}", reply.sample);
         assert!(sent.contains(&reply.write_options.related_sample_identity().unwrap()));

@@ -43,7 +43,7 @@ pub enum Failure {
 }
 
 impl Failure {
-    /// The exit code, as that of `tesaki`.
+    /// Returns the exit code, the same as that of `tesaki`.
     pub const fn number(&self) -> u8 {
         match self {
             Self::Usage(_) | Self::OtherRobot(_) => 2,
@@ -79,7 +79,7 @@ impl Session {
         Ok(Self { board, port, timeout: options.timeout, take_over: options.take_over, commands: false })
     }
 
-    /// Takes command, if it has not.
+    /// Takes command, unless it already has it.
     pub fn take_command(&mut self) -> Result<(), BoardError> {
         if !self.commands {
             self.board.take_command(self.take_over)?;
@@ -88,25 +88,25 @@ impl Session {
         Ok(())
     }
 
-    /// Gives command back. A board that does not answer forgets its commander by itself.
+    /// Releases command. A board that does not answer forgets its commander by itself.
     pub fn release_command(&mut self) {
         if std::mem::take(&mut self.commands) {
             let _ = self.board.ask("release command", Request::ReleaseCommand);
         }
     }
 
-    /// Another program commands, or none.
+    /// Notes that this program no longer has command.
     pub const fn lose_command(&mut self) {
         self.commands = false;
     }
 
-    /// From now on the board has `patience` for an answer, or what the user allows.
+    /// Sets the time that the board has for an answer to `patience`, at most to what the user allows.
     pub fn set_patience(&mut self, patience: Option<Duration>) {
         self.board.set_timeout(patience.map_or(self.timeout, |patience| patience.min(self.timeout)));
     }
 }
 
-/// The robot folder of the options, with its URDF.
+/// Reads the robot folder of the options, with its URDF.
 pub fn robot_folder(options: &Options) -> Result<Option<(RobotFolder, String)>, Failure> {
     let Some(path) = &options.robot else { return Ok(None) };
     let folder = RobotFolder::load(path)?;
@@ -115,7 +115,7 @@ pub fn robot_folder(options: &Options) -> Result<Option<(RobotFolder, String)>, 
     Ok(Some((folder, text)))
 }
 
-/// An error of the board with the joint's name, and where it is explained.
+/// Describes an error of the board, with the joint's name and where it is explained.
 pub fn words(error: &BoardError, model: Option<&RobotModel>) -> String {
     let text = error.to_string();
     let BoardError::Refused { refusal, .. } = error else { return text };
@@ -130,7 +130,7 @@ pub fn words(error: &BoardError, model: Option<&RobotModel>) -> String {
     format!("{}{hint}. See {}", named.unwrap_or(text), troubleshooting::refusal(refusal))
 }
 
-/// Faults with the joints' names, the last one first, and where they are explained.
+/// Describes faults, the last one first, with the joints' names and where they are explained.
 pub fn describe(faults: &[Fault], model: Option<&RobotModel>) -> String {
     if faults.is_empty() {
         return String::new();
@@ -138,12 +138,12 @@ pub fn describe(faults: &[Fault], model: Option<&RobotModel>) -> String {
     format!("{}. See {}", faults::in_words(faults, model), faults::entries(faults))
 }
 
-/// The faults are not known.
+/// Says that the faults are not known.
 pub fn untold(error: &BoardError) -> String {
     format!("the board does not tell its fault: {error}")
 }
 
-/// A line for people. Nobody has to read it.
+/// Prints a line. A failure to print it is ignored.
 pub fn say(text: &str) {
     let _ = writeln!(io::stderr(), "{text}");
 }

@@ -1,5 +1,5 @@
-//! The tolerances of a goal. Of each number, 0 means the default and a negative one no limit, as in
-//! `control_msgs/JointTolerance`.
+//! The tolerances of a goal. As in `control_msgs/JointTolerance`, 0 means the default and a negative number
+//! means no limit.
 
 use tesaki::protocol::JointTelemetry;
 
@@ -16,7 +16,7 @@ struct Tolerance {
     velocity: Option<f64>,
 }
 
-/// Those of a goal, for its joints in their order.
+/// The tolerances of a goal, in the order of its joints.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tolerances {
     path: Vec<Tolerance>,
@@ -26,10 +26,10 @@ pub struct Tolerances {
 }
 
 impl Tolerances {
-    /// Checks those of a goal.
+    /// Checks the tolerances of a goal.
     ///
     /// # Errors
-    /// The first that cannot be kept.
+    /// The first tolerance that cannot be kept.
     pub fn of(goal: &Goal, defaults: &Defaults) -> Result<Self, Refused> {
         let names = &goal.trajectory.joint_names;
         let time = goal.goal_time_tolerance.seconds();
@@ -45,7 +45,7 @@ impl Tolerances {
         })
     }
 
-    /// What is violated on the way.
+    /// Returns the first violation of the path tolerances.
     pub fn path<'a>(
         &self,
         own: &[usize],
@@ -66,7 +66,7 @@ impl Tolerances {
         })
     }
 
-    /// Whether all joints have arrived; it is `late` seconds after the last point.
+    /// Returns whether all joints have arrived, `late` seconds after the last point.
     pub fn goal<'a>(
         &self,
         trajectory: &Trajectory,
@@ -96,7 +96,7 @@ impl Tolerances {
     }
 }
 
-/// The limit that a number means.
+/// Returns the limit that a number stands for.
 fn limit(value: f64, default: Option<f64>) -> Option<f64> {
     match value {
         value if value > 0.0 => Some(value),
@@ -105,7 +105,7 @@ fn limit(value: f64, default: Option<f64>) -> Option<f64> {
     }
 }
 
-/// The tolerance of each joint.
+/// Returns the tolerance of each joint.
 fn each(
     names: &[String],
     given: &[JointTolerance],

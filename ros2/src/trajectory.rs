@@ -1,5 +1,5 @@
-//! A joint trajectory as ros2_control's joint_trajectory_controller takes it: points in time, and between
-//! them the spline of the lowest order that has what both points state. Positions alone are joined by lines,
+//! A joint trajectory, interpreted as by ros2_control's joint_trajectory_controller: points in time, joined
+//! by splines of the lowest order that meets what both points state. Positions alone are joined by lines,
 //! positions and velocities by cubic, positions, velocities and accelerations by quintic polynomials
 //! (Siciliano 4.2).
 
@@ -9,11 +9,12 @@ use tesaki::robot::{Concerns as _, LimitRefusal, Robot};
 
 use crate::messages::{ErrorCode, JointTrajectory, Point, Time};
 
-/// The longest trajectory [s]: while it is checked, the board is not listened to.
+/// Maximum duration of a trajectory [s]: while it is checked, nothing is received from the board.
 const MAX_DURATION: f64 = 300.0;
-/// A first point at time 0 may be so far from where the joint is [rad]: planners begin at measured angles.
+/// Maximum distance of a first point at time 0 from the present reference [rad]: planners begin at measured
+/// angles.
 pub const START_TOLERANCE: f64 = 0.02;
-/// A trajectory ends at rest: below this speed [rad/s].
+/// Speed below which a trajectory ends at rest [rad/s].
 const AT_REST: f64 = 1e-3;
 
 /// Why a goal is refused.
@@ -54,10 +55,10 @@ pub struct Trajectory {
 }
 
 impl Trajectory {
-    /// Checks a trajectory that is to go on from the `references` of all joints.
+    /// Checks a trajectory that continues from the `references` of all joints.
     ///
     /// # Errors
-    /// The first thing that is wrong with it.
+    /// The first error in it.
     pub fn check(
         message: &JointTrajectory,
         robot: &Robot,
@@ -109,7 +110,7 @@ impl Trajectory {
         Ok(trajectory)
     }
 
-    /// Every point that would be sent to the board, by the board's own rules.
+    /// Checks every point that would be sent to the board, by the board's own rules.
     fn check_limits(&self, robot: &Robot, references: &[JointPoint]) -> Result<(), Refused> {
         let mut before = references.to_vec();
         let mut time = 0.0;
@@ -130,17 +131,17 @@ impl Trajectory {
         Ok(())
     }
 
-    /// How long it takes [s].
+    /// Returns its duration [s].
     pub fn duration(&self) -> f64 {
         self.times.last().copied().unwrap_or_default()
     }
 
-    /// Indices of its joints.
+    /// Returns the indices of its joints.
     pub fn joints(&self) -> &[usize] {
         &self.joints
     }
 
-    /// Where its joints are to be at `time` [s], each with its index; at rest from its end on.
+    /// Returns the points of its joints at `time` [s], each with its index; at rest from its end on.
     pub fn points(&self, time: f64) -> impl Iterator<Item = (usize, JointPoint)> {
         let last = self.times.len().saturating_sub(1);
         let next = self.times.partition_point(|&knot| knot <= time);
@@ -152,13 +153,13 @@ impl Trajectory {
         }))
     }
 
-    /// Where its joints are at its end, at rest.
+    /// Returns the points of its joints at its end, at rest.
     pub fn end(&self) -> impl Iterator<Item = (usize, JointPoint)> {
         self.points(f64::INFINITY)
     }
 }
 
-/// The joints called so.
+/// Returns the indices of the joints with these names.
 fn indices(names: &[String], robot: &Robot) -> Result<Vec<usize>, Refused> {
     let known = || robot.model().joints.iter().map(|joint| joint.name.as_str());
     let refuse = |reason| Err(Refused::new(ErrorCode::InvalidJoints, reason));
@@ -183,7 +184,7 @@ fn indices(names: &[String], robot: &Robot) -> Result<Vec<usize>, Refused> {
     Ok(joints)
 }
 
-/// A point of the message for each joint.
+/// Converts a point of the message to a knot for each joint.
 fn knot(number: usize, point: &Point, names: &[String]) -> Result<Vec<Knot>, Refused> {
     let count = names.len();
     let lists = [
@@ -212,8 +213,8 @@ fn knot(number: usize, point: &Point, names: &[String]) -> Result<Vec<Knot>, Ref
         .collect())
 }
 
-/// A first point at time 0 says how the motion begins: from where the joints are, which must be near it, and
-/// as they move there. What it does not state is left open.
+/// Applies a first point at time 0, which must be near the present references: the motion begins from those,
+/// with their velocity and acceleration if the point states them; otherwise these are left open.
 fn begin_with(start: &mut [Knot], first: &[Knot], names: &[String]) -> Result<(), Refused> {
     for ((start, first), name) in start.iter_mut().zip(first).zip(names) {
         let distance = (first.position - start.position).abs();
@@ -230,7 +231,7 @@ fn begin_with(start: &mut [Knot], first: &[Knot], names: &[String]) -> Result<()
     Ok(())
 }
 
-/// Position, velocity and acceleration at `time` between knots that are `duration` apart [s].
+/// Computes position, velocity and acceleration at `time` between knots that are `duration` apart [s].
 fn spline(a: &Knot, b: &Knot, duration: f64, time: f64) -> [f64; 3] {
     let distance = b.position - a.position;
     let (t, s) = (time, time / duration);
@@ -261,14 +262,14 @@ fn spline(a: &Knot, b: &Knot, duration: f64, time: f64) -> [f64; 3] {
     }
 }
 
-/// In the single precision of the wire.
+/// Converts to the single precision of the protocol.
 #[expect(clippy::cast_possible_truncation, reason = "single precision on the wire")]
 fn narrow(values: [f64; 3]) -> JointPoint {
     let [position, velocity, acceleration] = values.map(|value| value as f32);
     JointPoint { position, velocity, acceleration }
 }
 
-/// A refusal with the name of its joint.
+/// Describes a refusal with the name of its joint.
 pub fn named(refusal: &LimitRefusal, robot: &Robot) -> String {
     let text = refusal.to_string();
     match refusal.joint() {

@@ -1,4 +1,5 @@
-"""Waits for a joint state as another machine would: `outside.py ADDRESS DOMAIN SECONDS` says whether one came.
+"""Waits for a joint state as another machine would: `outside.py ADDRESS DOMAIN SECONDS` reports whether one
+came.
 
 Of this machine's interfaces it uses the one with that address.
 """

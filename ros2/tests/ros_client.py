@@ -21,12 +21,12 @@ LOCALHOST = """<CycloneDDS><Domain>
 <Discovery><ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>
 <Peers><Peer address="localhost"/></Peers></Discovery></Domain></CycloneDDS>"""
 
-#: Nothing here takes so long, on any machine that works.
+# : Longer than anything here takes, on any working machine.
 PATIENCE = 120.0
 
 
 def wait_for(what, condition, patience=PATIENCE):
-    """Returns the first value of `condition` that is true."""
+    """Waits for `condition`, and returns its first true value."""
     deadline = time.monotonic() + patience
     while True:
         value = condition()
@@ -61,12 +61,12 @@ class Node:
 
 
 def take(reader):
-    """What has come; not that a writer has gone."""
+    """Returns the received messages, without notices that a writer has gone."""
     return [message for message in reader.take(N=10_000) if not isinstance(message, InvalidSample)]
 
 
 def first(reader, what="a message", accept=lambda message: True):
-    """The first message that is accepted."""
+    """Returns the first message that is accepted."""
 
     def look():
         return next((message for message in take(reader) if accept(message)), None)
@@ -75,7 +75,7 @@ def first(reader, what="a message", accept=lambda message: True):
 
 
 class Client:
-    """Of a service."""
+    """A client of a service."""
 
     def __init__(self, node, name, request, reply):
         self.name, self.request, self.seq = name, request, 0
@@ -142,7 +142,7 @@ EXECUTING, CANCELING, SUCCEEDED, CANCELED, ABORTED = 2, 3, 4, 5, 6
 
 
 class ActionClient:
-    """Of …/follow_joint_trajectory."""
+    """A client of …/follow_joint_trajectory."""
 
     def __init__(self, node, name):
         part = f"{name}/_action"
@@ -165,7 +165,7 @@ class ActionClient:
         self.status = node.reader(f"{part}/status", ros.GoalStatusArray, transient_local=True)
 
     def send(self, goal):
-        """Whether the goal is accepted, and its ID."""
+        """Returns whether the goal is accepted, and its ID."""
         goal_id = ros.UUID(list(uuid.uuid4().bytes))
         return self.send_goal.call(goal_id=goal_id, goal=goal).accepted, goal_id
 

@@ -1,8 +1,8 @@
 """`tesaki-ros2` on a simulated board, as Cyclone DDS sees it.
 
 The programs are named by TESAKI_SIM (host-sim), TESAKI (tesaki) and TESAKI_ROS2 (tesaki-ros2).
-TESAKI_ROS2_SECONDS is for how long joint states are received at least. No test measures time: a slow machine
-only takes longer.
+TESAKI_ROS2_SECONDS is the minimum time for which joint states are received. No test measures time: a slow
+machine only takes longer.
 """
 
 import os
@@ -35,7 +35,7 @@ SWINGS = ["finger1_swing", "finger2_swing"]
 
 
 class Served:
-    """A simulated board in real time, with a model and homed."""
+    """A simulated board in real time, homed and with a model."""
 
     def __init__(self, folder):
         self.port = f"unix://{folder}/board"
@@ -66,7 +66,7 @@ class Served:
 
 
 class Program:
-    """`tesaki-ros2` with what it says."""
+    """`tesaki-ros2`, with its output."""
 
     started = []
 
@@ -98,7 +98,7 @@ class Program:
 def board(tmp_path_factory):
     board = Served(tmp_path_factory.mktemp("board"))
     yield board
-    # Also those of a test that failed.
+    # Including those of a failed test.
     for process in Program.started:
         process.kill()
     board.end()
@@ -117,7 +117,7 @@ def node(domain):
 
 @pytest.fixture(scope="module")
 def joints(node):
-    """Joint states from the first one on."""
+    """Receives joint states from the first one on."""
     reader = node.reader("/joint_states", ros.JointState)
     return Joints(reader)
 
@@ -131,7 +131,7 @@ class Joints:
         return self.all
 
     def now(self):
-        """The next joint state, by joint."""
+        """Returns the next joint state, by joint."""
         count = len(self.take())
         wait_for("joint states", lambda: len(self.take()) > count)
         return dict(zip(self.all[-1].name, zip(self.all[-1].position, self.all[-1].velocity)))
@@ -219,7 +219,7 @@ def test_tared_force_sensors_have_wrenches_and_diagnostics_tell_the_model(progra
 
 
 def refusal(action, log, goal):
-    """The reason for which a goal is refused."""
+    """Returns the reason for which a goal is refused."""
     take(log)
     accepted, _ = action.send(goal)
     assert not accepted
@@ -346,7 +346,7 @@ def test_ctrl_c_brakes_and_disables_and_every_period_was_received(program, board
     assert accepted
     action.feedback_of(goal_id)
     waiting = action.ask_result(goal_id)
-    # It has come by then.
+    # It has arrived by then.
     for _ in range(5):
         action.feedback_of(goal_id)
     assert program.end() == 0
@@ -369,7 +369,7 @@ def test_ctrl_c_brakes_and_disables_and_every_period_was_received(program, board
 
 def test_the_command_timeout_ends_the_motion_of_a_program_that_is_killed(board, domain):
     program = Program(board, domain)
-    # Who knows the program before may take it for this one.
+    # A client that knows the previous program may take it for this one.
     node = client.Node(domain)
     action = client.ActionClient(node, ACTION)
     assert Trigger(node, "/tesaki/enable")().success

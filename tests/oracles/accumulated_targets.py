@@ -17,7 +17,7 @@ Nine joint angles [rad] before a motion of the held object by (2, 1, 3) mm and 0
 ROOTS = np.array([[0, 0, 0], [0, 0.1, 0], [0.3, 0.05, 0]])
 L1, L2, L3, RADIUS = 0.039, 0.046, 0.05178, 0.008
 SHIFT, TURN = np.array([0.002, 0.001, 0.003]), np.array([0, 0.06, 0.03])
-# Where the approach begins, and how far it comes until the object presses [m]; rows: fingers.
+# Where the approach begins, and how far it proceeds until the object presses [m]; rows: fingers.
 BEGIN = np.array([[0, 0.5, 0.8], [0, 0.5, 0.8], [0, -0.5, -0.8]])
 AHEAD = np.array([1.9e-4, 1.9e-4, -1.9e-4])
 NORMALS = np.array([[1.0, 0, 0], [1, 0, 0], [-1, 0, 0]])
@@ -30,7 +30,8 @@ def tip(root, q):
 
 
 def link_rotation(q):
-    """Angular velocity of the last link per joint velocity: about z, and twice about the turned y axis."""
+    """Returns the angular velocity of the last link per joint velocity: about z, and twice about the turned y
+    axis."""
     y = [-np.sin(q[0]), np.cos(q[0]), 0]
     return np.array([[0, 0, 1], y, y]).T
 
@@ -41,7 +42,7 @@ def jacobian(root, q):
 
 
 def triangle(centers):
-    """Frame of the fingertips (section 5.1): origin, columns x towards finger 3, y, z."""
+    """Returns the frame of the fingertips (section 5.1): origin, columns x towards finger 3, y, z."""
     origin = centers.mean(axis=0)
     z = np.cross(centers[1] - centers[0], centers[2] - centers[0])
     z /= np.linalg.norm(z)

@@ -1,16 +1,17 @@
 #!/usr/bin/env python3
 """Motions of the seven-joint arm from MuJoCo (double precision, Runge-Kutta, steps of 0.05 ms).
 
-MuJoCo reads the same URDF as the simulator; everything after that is its own. Rotor inertia, viscous and Coulomb friction
-are those of robots/arm7. Torques pass a delay of 0.3 ms and a lag of 300 Hz, integrated exactly, as in the plant. Every
-control period of 10 ms the torque is
+MuJoCo reads the same URDF as the simulator, but shares nothing else with it. Rotor inertia, viscous and
+Coulomb friction are those of robots/arm7. Torques pass a delay of 0.3 ms and a lag of 300 Hz, integrated
+exactly, as in the plant. Every control period of 10 ms the torque is
 
     torque = feedforward + stiffness * (reference - position) + damping * (change of that difference) / 10 ms
 
 with matrices that make the hand a spring of 300 N/m and 30 N s/m about the basic posture. Each row of the result has
 feedforward, reference and position at the start of the period, the hand's end, and the force of the wall on it, a mean
-over the period before. The motions: a release 3 cm off the reference; the hand following 0.1 m to and fro at 0.5 Hz; the shoulder's
-yaw, and with it the elbow, swinging 30 degrees in 1 s about a hand that stays; the hand pressed against walls.
+over the period before. The motions: a release 3 cm off the reference; the hand following an oscillation of
+0.1 m at 0.5 Hz; the shoulder's yaw, and with it the elbow, swinging by 30 degrees in 1 s about a hand at
+rest; the hand pressed against walls.
 """
 
 from pathlib import Path
@@ -71,7 +72,7 @@ def hand(model, data, q):
 
 
 def angles(model, data, place, yaw, q):
-    """The joints that put the hand at a place, turned as at the start, with the yaw given."""
+    """Returns the joint angles that put the hand at a position, oriented as at the start, for a given yaw."""
     q = q.copy()
     q[YAW] = yaw
     turned = hand(model, data, START)[1]
@@ -90,9 +91,9 @@ def minimum_jerk(s):
 
 
 def reference(name, t):
-    """Where the hand is off its start along x, and the yaw."""
+    """Returns the displacement of the hand along x from its start, and the yaw."""
     if name == "follow":
-        # Begins softly.
+        # Begins smoothly.
         return 0.1 * np.sin(np.pi * t) * minimum_jerk(t), 0.0
     if name == "elbow":
         return 0.0, np.radians(30) * minimum_jerk(t)
@@ -105,7 +106,7 @@ def gains(model, data):
     jacobian = hand(model, data, START)[2]
     spring = np.diag([300, 300, 300, 5, 5, 5])
     damper = np.diag([30, 30, 30, 0.3, 0.3, 0.3])
-    # The yaw is held too.
+    # The yaw is held, too.
     own = np.diag([0, 0, 5, 0, 0, 0, 0])
     return jacobian.T @ spring @ jacobian + own, jacobian.T @ damper @ jacobian + 0.1 * own
 
@@ -136,12 +137,12 @@ def run(case, stiffness, damping):
     output, target = np.zeros(7), np.zeros(7)
     rows, before, pressed = [], None, 0.0
     for tick in range(ticks):
-        # Torques of the middle of the period, which is what is held over it.
+        # Torques for the middle of the period, held over the period.
         ahead, middle, behind = path[2 * tick + 3], path[2 * tick + 2], path[2 * tick + 1]
         scratch.qpos[:], scratch.qvel[:] = middle, (ahead - behind) / PERIOD
         scratch.qacc[:] = (ahead - 2 * middle + behind) / (PERIOD / 2) ** 2
         mujoco.set_mjcb_passive(None)
-        # Not mj_inverse, which counts Coulomb friction as if it had a stiffness.
+        # Not mj_inverse, which treats Coulomb friction as if it had a stiffness.
         mujoco.mj_forward(model, scratch)
         mass = np.zeros((7, 7))
         mujoco.mj_fullM(model, scratch, mass)

@@ -26,7 +26,7 @@ def turn(axis, angle):
 
 
 def tool(angles):
-    """Rotation and position of the tip."""
+    """Returns rotation and position of the tip."""
     rotation, position = np.eye(3), np.zeros(3)
     for axis, height, angle in zip(AXES, HEIGHTS, angles):
         position = position + rotation @ [0, 0, height]

@@ -26,7 +26,7 @@ def quaternion(rotation):
 
 
 def row(random, distance):
-    """A camera 50 mm above the axis, tilted by 10 degrees and a few more about every axis."""
+    """Returns a camera 50 mm above the axis, tilted by 10 degrees and by a few more about every axis."""
     tilt = np.radians(10)
     mount = np.array([[0, -np.cos(tilt), -np.sin(tilt)], [1, 0, 0], [0, -np.sin(tilt), np.cos(tilt)]])
     rotation = cv2.Rodrigues(random.uniform(-0.15, 0.15, 3))[0] @ mount

@@ -32,9 +32,9 @@ JUDGE = Path(__file__).parents[2] / "shared/src/vision/judge.rs"
 TABLES = {"ALONE": ("FEATURES", slice(0, 16)), "BEHIND": ("FEATURES", slice(16, 32)), "KNOB": ("KNOB_FEATURES", slice(32, 44))}
 # Largest errors of centre and radius of a right circle, after and before the last fit [px].
 RIGHT, RIGHT_BEFORE = (3.0, 2.0), (4.0, 3.0)
-# A right candidate counts 0.2, and up to 1 more where its errors are small against these [px].
+# A right candidate has the weight 0.2, and up to 1 more if its errors are small compared with these [px].
 NEAR = (1.5, 0.8)
-# How often a picture of a set counts.
+# Weight of a picture of a set.
 SET_WEIGHT = 5.0
 # Strength of the prior, for features in units of their root mean square.
 PRIOR = 1e-3
@@ -52,7 +52,7 @@ knob before it, logarithm of the odds.
 
 
 class Candidates:
-    """Rows of several files; `picture` counts their pictures."""
+    """Reads the rows of several files; `picture` numbers their pictures."""
 
     def __init__(self, files):
         rows, self.keys, picture, count = [], [], [], []
@@ -74,7 +74,7 @@ class Candidates:
         self.behind = ~np.isnan(self.knob[:, :1])
 
     def features(self):
-        """Columns as in the tables: of circles alone, of those behind a knob, of the knob."""
+        """Returns the columns as in the tables: of circles alone, of those behind a knob, of the knob."""
         own, knob = self.own, np.nan_to_num(self.knob)
         return np.hstack([np.where(self.behind, 0.0, own), np.where(self.behind, own, 0.0), knob])
 
@@ -84,7 +84,7 @@ def log_odds(candidates, weights):
 
 
 def loss_of(candidates):
-    """The loss over scaled weights, with its gradient, and the scale."""
+    """Returns the loss as a function of scaled weights, with its gradient, and the scale."""
     features, picture, total = candidates.features(), candidates.picture, candidates.count.sum()
     weight = candidates.count[picture]
     scale = np.sqrt(weight @ features**2 / weight.sum()) + 1e-9
@@ -121,14 +121,14 @@ def pattern(name, length):
 
 
 def written():
-    """The weights in judge.rs."""
+    """Reads the weights in judge.rs."""
     text = JUDGE.read_text()
     tables = [re.search(pattern(name, length), text, re.S)[1] for name, (length, _) in TABLES.items()]
     return np.array([float(word) for table in tables for word in table.split(",") if word.strip()])
 
 
 def table(name, length, weights):
-    """As rustfmt leaves it."""
+    """Formats a table as rustfmt does."""
     numbers = ", ".join(f"{weight:.3f}" for weight in weights)
     if len(numbers) <= 103:
         return f"const {name}: [f32; {length}] =\n    [{numbers}];"
@@ -149,7 +149,7 @@ def put(weights):
 
 
 def data(candidates, weights, files):
-    """A few pictures with the answer of the weights."""
+    """Returns a few pictures with the answer that the weights give."""
     shown = [(files[0], *key) for key in SHOWN[0]] + [(files[1], *key) for key in SHOWN[1]]
     number = lambda value: np.format_float_positional(np.float32(value), trim="0")
     numbers = lambda values: ", ".join(map(number, values))

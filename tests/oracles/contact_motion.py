@@ -48,8 +48,8 @@ PINCH = [
     ("slides and turns", 1.0, 0.0, (0.0, 1.4, 0.3), (0.0, 0.0, 0.001), 0.1, 0.05, 0.01, 0.3),
     ("swings", 2.0, -0.015, (0.0, 0.05, 0.0), (0.0, 0.0, -0.03), 0.05, 0.1, 0.1, 1.0),
 ]
-# The hand: middle and pitch of the box, squeeze [N], stiffness [N m/rad], viscous friction [N m s/rad]; way of the box
-# [m], turn about y [rad] and duration [s].
+# The hand: middle and pitch of the box, squeeze [N], stiffness [N m/rad], viscous friction [N m s/rad];
+# displacement of the box [m], rotation about y [rad] and duration [s].
 MIDDLE, PITCH = np.array([0.090, 0.0, 0.085]), 0.769
 SQUEEZE, STIFFNESS, VISCOUS = 1.5, 0.6, 0.03
 WAY, TURN, DURATION = np.array([0.004, 0.003, 0.004]), 0.1, 0.6
@@ -57,7 +57,7 @@ GRAVITY = 6.936718
 
 
 class Drives:
-    """Delay and lag of the current loops."""
+    """The delay and the lag of the current loops."""
 
     def __init__(self, joints):
         self.output, self.target = np.zeros(joints), np.zeros(joints)
@@ -106,7 +106,7 @@ def pinch(case):
 
     def push():
         force = push_force(case, data.time)
-        # mj_step has not run yet for this state: place and turn of the free body come from qpos.
+        # mj_step has not run yet for this state: position and orientation of the free body come from qpos.
         turn = np.zeros(9)
         mujoco.mju_quat2Mat(turn, data.qpos[5:9])
         arm = turn.reshape(3, 3) @ np.array(point)
@@ -156,7 +156,7 @@ def hand_model():
     for finger in (1, 2, 3):
         upper = spec.body(f"finger{finger}_upper")
         geom = upper.add_geom(name=f"tip{finger}", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[RADIUS, 0, 0], mass=0)
-        # Bits that match no other's: a geom without any counts as decoration in a URDF.
+        # Bits that match no other geom: in a URDF, a geom without bits counts as decoration.
         geom.pos, geom.contype, geom.conaffinity = [0, 0, 0.05178], 2, 0
         tips.append(geom.name)
     body = spec.worldbody.add_body(name="box", pos=MIDDLE, quat=[np.cos(PITCH / 2), 0, np.sin(PITCH / 2), 0])

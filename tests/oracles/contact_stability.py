@@ -22,7 +22,7 @@ T, MARGIN = 0.01, 1.3
 
 
 def gains(direct, mass, damping, stiffness):
-    """Of displacement, velocity and force."""
+    """Returns the feedback of displacement, velocity and force."""
     if direct:
         return np.array([-stiffness, -damping, 1.0]) / mass
     target = expm(np.array([[0, 1, 0], [-stiffness / mass, -damping / mass, 1 / mass], [0, 0, 0]]) * T)
@@ -30,7 +30,7 @@ def gains(direct, mass, damping, stiffness):
 
 
 def radius(surface, law, own):
-    # Displacement, velocity, where the period began, commanded acceleration.
+    # States: displacement, velocity, displacement at the beginning of the period, commanded acceleration.
     motion = np.zeros((4, 4))
     motion[0, 1] = 1
     motion[1] = [-surface / own, 0, surface / own, 1]

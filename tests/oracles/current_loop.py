@@ -27,7 +27,7 @@ MOTORS = [
 
 
 def sampled(resistance, inductance):
-    """The winding 1/(L s + R), sampled: numerator and denominator in z."""
+    """Returns the sampled winding 1/(L s + R): numerator and denominator in z."""
     num, den, _ = signal.cont2discrete(([1.0], [inductance, resistance]), T, method="zoh")
     return num.ravel(), den
 

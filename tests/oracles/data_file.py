@@ -1,4 +1,4 @@
-"""Writes the files in data/, each with a header that says what made it and what it holds."""
+"""Writes the files in data/, each with a header that names its script and describes its contents."""
 
 from pathlib import Path
 

@@ -10,7 +10,8 @@ For each robot, in data/eval, of random motions within the limits:
 - ROBOT_bias.csv: TIP.ax .. TIP.alphaz, acceleration of the tip's origin and angular acceleration without joint
   acceleration, in axes of the base.
 
-In these robots nothing but what is fixed hangs on the way to a tip. Other fingers hang on the palm, which does not move.
+In these robots, only fixed parts are attached along the way to a tip. Other fingers are attached to the palm,
+which does not move.
 """
 
 import numpy as np
@@ -23,7 +24,7 @@ BIAS = ["ax", "ay", "az", "alphax", "alphay", "alphaz"]
 
 
 class Motion:
-    """All joints of a robot in a random motion, mimic joints with those that they follow."""
+    """All joints of a robot in a random motion; mimic joints move with those that they follow."""
 
     def __init__(self, robot, rng):
         names = [joint.name for joint in robot.independent]
@@ -38,7 +39,7 @@ class Motion:
         self.wrenches = {tip: [round(rng.uniform(-s, s), 4) for s in scales] for tip in robot.tips}
         gravity = rng.normal(size=3)
         self.gravity = [round(g, 4) for g in 9.81 * gravity / np.linalg.norm(gravity)]
-        # Joints of the model, moved by the independent ones.
+        # Joints of the model that the independent ones move.
         self.joints = {joint.name: self.model.joints[self.model.getJointId(joint.name)].idx_v for joint in robot.joints
                        if joint.type in ("revolute", "continuous")}
         self.model.gravity.linear = np.array(self.gravity)
@@ -57,7 +58,7 @@ class Motion:
         return vector
 
     def results(self, tip):
-        """Torques and mass matrix of the drivers, bias."""
+        """Returns torques and mass matrix of the independent joints, and the bias."""
         model, data, frame = self.model, self.model.createData(), self.model.getFrameId(tip)
         jacobian = pin.computeFrameJacobian(model, data, self.q, frame, WORLD).reshape(6, -1)
         torques = pin.rnea(model, data, self.q, self.v, self.a) - jacobian.T @ self.wrenches[tip]

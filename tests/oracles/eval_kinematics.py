@@ -7,8 +7,8 @@ For each robot, in data/eval:
 - ROBOT_fk.csv: for each tip its position [m] and orientation (quaternion, w not negative) in the base's frame, columns
   TIP.x .. TIP.qw.
 - ROBOT_jacobian.csv: for each tip, row and independent joint that moves it a column TIP.ROW.JOINT. Rows vx vy vz wx wy
-  wz: linear velocity of the tip, angular velocity, base axes, per rad/s of the joint. A mimic joint counts through the
-  joint that it follows.
+  wz: linear velocity of the tip, angular velocity, base axes, per rad/s of the joint. A mimic joint
+  contributes to the column of the joint that it follows.
 
 A tip is a leaf link with a moving joint before it and no prismatic one. Prismatic joints stay at zero. Names may
 contain dots; tips are in the order of their links in the file, joints in the order of the joints.
@@ -50,7 +50,7 @@ class Robot:
         self.mimicking = pin.buildModelFromUrdf(str(path), mimic=True)
 
     def followed(self, joint):
-        """The independent joint behind a joint, the factor and the offset."""
+        """Returns the independent joint that determines a joint, the factor and the offset."""
         if joint.mimic is None:
             return joint.name, 1.0, 0.0
         name, factor, offset = joint.mimic
@@ -82,11 +82,12 @@ class Robot:
         return [joint.name for joint in self.independent if joint.name in sources]
 
     def evaluate(self, tip, angles):
-        """Place of the tip, Jacobian by joint; once with mimic joints by hand, once with Pinocchio's own."""
+        """Returns the pose of the tip and the Jacobian by joint; once with mimic joints by hand, once with
+        Pinocchio's own."""
         columns, places = [], []
         for model in (self.plain, self.mimicking):
             data, frame, q = model.createData(), model.getFrameId(tip), self.configuration(model, angles)
-            # A single column comes as a plain vector.
+            # Pinocchio returns a single column as a plain vector.
             j = pin.computeFrameJacobian(model, data, q, frame, WORLD).reshape(6, -1)
             pin.framesForwardKinematics(model, data, q)
             places.append(data.oMf[frame].copy())
@@ -97,7 +98,7 @@ class Robot:
                 source, factor, _ = self.followed(joint)
                 by_joint[source] += factor * j[:, model.joints[model.getJointId(joint.name)].idx_v]
             if model is self.mimicking:
-                # A joint that moves the tip through mimic joints only is not on its way to the base.
+                # A joint that moves the tip only through mimic joints is not on the tip's path to the base.
                 for name in by_joint:
                     by_joint[name] = j[:, model.joints[model.getJointId(name)].idx_v]
             columns.append(by_joint)

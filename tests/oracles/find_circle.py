@@ -28,7 +28,7 @@ KNOB_RADIUS, KNOB_LENGTH = 25.0, 60.0
 
 
 def rotation(rng, tilt):
-    """The camera looks at the door (along -z of the door), turned a little."""
+    """Returns a camera that looks at the door (along -z of the door), slightly rotated."""
     wobble = np.radians(rng.uniform(-3, 3, 3))
     angles = wobble + [np.radians(tilt), 0, 0]
     matrix = cv2.Rodrigues(np.array([np.pi, 0, 0]))[0]
@@ -38,7 +38,7 @@ def rotation(rng, tilt):
 
 
 def texture(rng, x, y):
-    """Grain of wood: stripes along the door, bent."""
+    """Draws the grain of wood: bent stripes along the door."""
     kind = rng.integers(3)
     if kind == 0:
         return np.zeros_like(x)
@@ -49,7 +49,7 @@ def texture(rng, x, y):
 
 
 def draw(rng, width, height):
-    """Image, its true (x, y, radius), and the scene's hardness for reports."""
+    """Returns an image, its true (x, y, radius), and the difficulty of the scene for reports."""
     while True:
         distance = rng.uniform(170, 480)
         rose, thickness = rng.uniform(35, 45), rng.uniform(2, 8)
@@ -71,7 +71,7 @@ def draw(rng, width, height):
     v = (np.arange(height)[:, None] + step).ravel()
     u, v = np.meshgrid(u, v)
     dirs = np.stack([(u - width / 2) / focal, (v - height / 2) / focal, np.ones_like(u)], -1) @ turned
-    # Grey levels, light from a side.
+    # Grey levels, with light from one side.
     door, contrast = rng.uniform(60, 190), rng.choice([-1, 1]) * np.exp(rng.uniform(np.log(15), np.log(90)))
     rose_level = door + contrast
     if not 10 < rose_level < 245:
@@ -137,7 +137,7 @@ def draw(rng, width, height):
         exposure = 1
     image = cv2.GaussianBlur(image * exposure, (0, 0), rng.uniform(0.5, 1.5)) + rng.normal(0, rng.uniform(0, 6), image.shape)
     image = np.clip(np.rint(image), 0, 255).astype(np.uint8)
-    # The rim's ellipse from many of its points.
+    # Fit the rim's ellipse to many of its points.
     turn = np.linspace(0, 2 * np.pi, 721)[:-1]
     points = np.stack([rose * np.cos(turn), rose * np.sin(turn), np.full_like(turn, thickness)], -1) - camera
     points = points @ turned.T
@@ -147,7 +147,8 @@ def draw(rng, width, height):
 
 
 def scene(rng, width, height, least):
-    """An image whose rim is seen by at least that part, and a prior of the radius within 25 %."""
+    """Returns an image in which at least that fraction of the rim is visible, and a prior of the radius
+    within 25 %."""
     while True:
         image, truth = draw(rng, width, height)
         turn = np.linspace(0, 2 * np.pi, 100)
@@ -159,7 +160,7 @@ def scene(rng, width, height, least):
 
 
 def opencv(image, low, high):
-    """The largest circle of the expected radius; its parameters were not tuned."""
+    """Finds the largest circle of the expected radius; the parameters were not tuned."""
     found = cv2.HoughCircles(cv2.GaussianBlur(image, (5, 5), 1), cv2.HOUGH_GRADIENT_ALT, 1.5, 4, param1=60, param2=0.5,
                              minRadius=int(low), maxRadius=int(np.ceil(high)))
     if found is None:

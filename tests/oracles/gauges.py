@@ -17,8 +17,8 @@ END = 2**23
 
 
 def sensitivity(rng, radius, capacity):
-    """Counts of the six bridges for 1 N and 1 N m: of the beam at each angle, the force along z and the tangential one,
-    by equilibrium of a ring on three beams."""
+    """Returns the counts of the six bridges for 1 N and 1 N m: of the beam at each angle, the force along z
+    and the tangential one, by equilibrium of a ring on three beams."""
     rows = []
     for angle in 2 * np.pi * np.arange(3) / 3:
         c, s = np.cos(angle), np.sin(angle)

@@ -30,7 +30,7 @@ Contacts: position [m], normal, friction [1], force limit [N].
 HERE = Path(__file__).parent
 ROOT = HERE.parent.parent
 MAX_CONTACTS = 6
-# A load this near to the largest one that can be held, as a share of it, is on the boundary.
+# A load is on the boundary if it differs from the largest one that can be held by less than this fraction.
 BOUNDARY = 0.01
 
 
@@ -43,7 +43,7 @@ def unit(v):
 
 
 class Grasp:
-    """Contacts as rows (position, normal, friction, limit), and the load they are to balance."""
+    """Contacts as rows (position, normal, friction, limit), and the load to be balanced."""
 
     def __init__(self, margin, least, load, contacts):
         self.margin, self.least, self.load, self.contacts = margin, least, load, contacts
@@ -55,7 +55,8 @@ class Grasp:
         return positions, normals, friction, self.contacts[:, 7]
 
     def map(self):
-        """The grasp map about the contacts' centroid, moments over their mean distance, and the load likewise."""
+        """Returns the grasp map about the contacts' centroid, with moments divided by their mean distance,
+        and the load likewise."""
         positions = self.contacts[:, 0:3]
         center = positions.mean(axis=0)
         arms = positions - center
@@ -75,10 +76,10 @@ class Grasp:
         return conditions
 
     def solve(self, solver="CLARABEL"):
-        """How far the load is from what cannot be held, and half the least sum of squares.
+        """Returns how far the load is from one that cannot be held, and half the least sum of squares.
 
-        The first is the factor by which the load can grow or, where each contact has a least force, shrink: at least 1
-        when it can be held; `None` when the solver failed.
+        The first is the factor by which the load can grow or, if each contact has a least force, shrink: at
+        least 1 when it can be held; `None` when the solver failed.
         """
         G, w = self.map()
         U, s, _ = np.linalg.svd(G)
@@ -91,7 +92,7 @@ class Grasp:
         conditions = [U.T @ G @ f == factor * (U.T @ w), factor <= 1e3, factor >= 0] + self.conditions(f)
         problem = cp.Problem(cp.Maximize(factor), conditions)
         if not solved(problem, solver):
-            # With a least force at each contact even no load may be out of reach.
+            # With a least force at each contact, even a load of zero may be impossible to hold.
             return (None, None) if problem.status not in ("infeasible", "infeasible_inaccurate") else (0.0, None)
         distance = float(factor.value)
         if self.least > 0 and distance >= 1:
@@ -154,7 +155,7 @@ def random_contacts(rng, n):
 
 
 def load_of_forces(rng, contacts):
-    """What some forces inside the cones add up to, so that a load in this direction can be held."""
+    """Returns the sum of some forces inside the cones, so that a load in this direction can be held."""
     load = np.zeros(6)
     for c in contacts:
         normal = unit(c[3:6])
@@ -188,7 +189,7 @@ def random_grasp(seed):
     least = float(f32(rng.choice([0.0, 0.05], p=[0.8, 0.2])))
     grasp = Grasp(margin, least, load, contacts)
     factor, _ = grasp.solve()
-    # Loads from a tenth of the largest to three times it, some very near to it.
+    # Loads from a tenth of the largest to three times the largest, some very near to it.
     if factor is not None and 1e-3 < factor < 1e3:
         ratio = np.exp(rng.uniform(np.log(0.1), np.log(3))) if rng.random() < 0.85 else 1 + rng.uniform(-0.02, 0.02)
         load = load * factor * ratio
@@ -230,7 +231,7 @@ def read_csv(path):
 
 
 def violations(grasp, forces):
-    """Worst violations over the load: balance, cones, normal forces."""
+    """Returns the worst violations relative to the load: balance, cones, normal forces."""
     positions, normals, friction, limits = grasp.arrays()
     G, w = grasp.map()
     load = np.linalg.norm(w)
@@ -241,7 +242,8 @@ def violations(grasp, forces):
 
 
 def separates(grasp, y):
-    """How far the certificate's bound stays below the load's power, as a share of the load's power."""
+    """Returns how far the certificate's bound is below the load's power, as a fraction of the load's
+    power."""
     positions, normals, friction, limits = grasp.arrays()
     center = positions.mean(axis=0)
     v = y[:3] + np.cross(y[3:], positions - center)

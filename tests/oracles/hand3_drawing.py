@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """Draws robots/hand3/placement.svg, the three-finger hand at its initial posture, to scale.
 
-The points come from the paper's forward kinematics and from nothing else. Before drawing, the tips are compared with
-those of the URDF, and the pitch and the centroid of the fingertip triangle with the numbers in robots/hand3/README.md.
+The points come from the paper's forward kinematics alone. Before drawing, the tips are compared with those of
+the URDF, and the pitch and the centroid of the fingertip triangle with the numbers in robots/hand3/README.md.
 """
 
 import xml.etree.ElementTree as ET
@@ -21,7 +21,7 @@ POSTURE = np.radians([[0, 19, 39], [0, 19, 39], [0, 19, 49]])
 
 
 def finger(i):
-    """Root, second joint, third joint and tip of a finger in the hand's frame [mm]."""
+    """Returns root, second joint, third joint and tip of a finger in the hand's frame [mm]."""
     q1, q2, q3 = POSTURE[i]
     r = np.cumsum([0, 0, L2 * np.sin(q2), L3 * np.sin(q2 + q3)])
     z = np.cumsum([0, L1, L2 * np.cos(q2), L3 * np.cos(q2 + q3)])
@@ -36,7 +36,7 @@ def rotation(axis, angle):
 
 
 def tip_of_urdf(i):
-    """The same tip by the chain of the URDF's joints [mm]."""
+    """Returns the same tip by the chain of the URDF's joints [mm]."""
     angles = dict(zip([f"finger{i + 1}_{joint}" for joint in ("swing", "bend", "curl")], POSTURE[i]))
     position, turn = np.zeros(3), np.eye(3)
     for joint in ET.parse(ROBOT / "robot.urdf").findall("joint"):
@@ -106,7 +106,7 @@ class View:
         )
 
     def dimension(self, a, b, text, offset=(0, 0), **where):
-        """An arrow between two points shifted by `offset`, with thin lines back to where they came from."""
+        """Draws an arrow between two points shifted by `offset`, with thin lines back to the points."""
         a, b, offset = np.array(a, float), np.array(b, float), np.array(offset, float)
         if offset.any():
             for p in (a, b):
@@ -116,7 +116,8 @@ class View:
         self.text((a + b) / 2 + offset, text, **where)
 
     def angle(self, centre, start, end, radius, text, reach=1.0):
-        """An arc from direction `start` to `end` [rad, from the first axis], a dashed line along `start`."""
+        """Draws an arc from direction `start` to `end` [rad, from the first axis], a dashed line along
+        `start`."""
         centre = np.array(centre)
         ray = lambda a, r: centre + r * np.array([np.cos(a), np.sin(a)])
         self.line(centre, ray(start, radius * 1.25), GREY, 1, 'stroke-dasharray="4 3"')
@@ -231,7 +232,7 @@ def top(view):
 
 
 def frame(view):
-    """The hand's frame, with its two visible axes."""
+    """Draws the hand's frame, with its two visible axes."""
     names = ["xyz"[a] for a in view.axes]
     for axis, name, (dx, dy) in zip(((14, 0), (0, 14)), names, ((4, 14), (9, 6))):
         view.line((0, 0), axis, INK, 2, 'marker-end="url(#arrow)"')

@@ -19,7 +19,7 @@ random = np.random.default_rng(5)
 
 
 def finger(noise, marker_noise, poses, spread=0.2):
-    """Links, quaternions of each pose with noise, and markers."""
+    """Returns links, quaternions of each pose with noise, and markers."""
     links = np.array([[0.09, 0.02, 0.0], [0.042, 0.002, -0.003], [0.025, -0.002, 0.002], [0.02, 0.001, -0.004]])
     links += 0.003 * random.normal(size=(4, 3))
     tilt = [Rotation.from_rotvec(0.1 * random.normal(size=3)) for _ in range(3)]
@@ -71,7 +71,8 @@ def case(name, noise, marker_noise, poses, prior=0.0, forgetting=1.0, spread=0.2
     mean = links + 0.004 * random.normal(size=(4, 3)) if prior else np.zeros((4, 3))
     total = weights.sum() / 3
     if prior:
-        # An equation's standard deviation: the marker's, and the orientations' with each link as lever.
+        # Standard deviation of an equation: that of the marker, and that of the orientations with each link
+        # as lever.
         deviation = np.sqrt(marker_noise**2 + 4 / 9 * noise**2 * (mean[1:] ** 2).sum())
         matrix = np.vstack([matrix, np.eye(12) * deviation / prior])
         right = np.hstack([right, mean.ravel() * deviation / prior])

@@ -2,8 +2,8 @@
 """Global minima of the weighted position errors of the five-finger hand's fingertips under joint limits, for
 arbitrary targets: scipy's bounded least squares from many starts, in double precision.
 
-The geometry is that of robots/hand5/robot.urdf, written down here a second time. Needs numpy and scipy; takes some
-minutes.
+The geometry is that of robots/hand5/robot.urdf, repeated here independently. Needs numpy and scipy; takes
+some minutes.
 """
 
 import numpy as np
@@ -57,7 +57,7 @@ def finger(base, spread, bends, lengths, last_bend=0.0):
 
 
 def fingers(q):
-    """Tips of the four fingers, for the angles of the joints from the sixth on."""
+    """Returns the tips of the four fingers, for the angles of the joints from the sixth on."""
     spread = q[0]
     return [
         finger([0, 0.025, 0.090], spread, q[1:4], [0.03978, 0.02238, 0.01966]),
@@ -71,7 +71,7 @@ def tips(q):
 
 
 def minimum(targets, weights, rng):
-    """The least weighted sum of squares. The thumb shares no joint with the fingers."""
+    """Returns the least weighted sum of squares. The thumb shares no joint with the fingers."""
     root = np.sqrt(weights)[:, None]
     total = 0.0
     groups = ((slice(0, 5), slice(0, 1), lambda q: [thumb(q)]), (slice(5, 16), slice(1, 5), fingers))
@@ -95,7 +95,7 @@ def main():
         lines.append(f"    ({q.tolist()}, {np.round(tips(q), 9).tolist()}),")
     lines.append("], &[")
     for frame in range(FRAMES):
-        # Tips of different postures, moved: in general not reachable together, some not at all.
+        # Displaced tips of different postures: in general not reachable together, some not at all.
         targets = np.array([tips(rng.uniform(*LIMITS.T))[finger] for finger in range(5)])
         targets = np.round(targets + rng.uniform(-1, 1, (5, 3)) * (0.03 if frame % 2 else 0.005), 6)
         weights = np.round(rng.uniform(0.5, 2.0, 5), 3) if frame % 3 else np.ones(5)

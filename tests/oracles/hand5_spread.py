@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
-"""What the motor that spreads the fingers of robots/hand5 feels: its own finger and three that follow it by <mimic>. Mass
-matrix M and gravity of all joints by Pinocchio, which takes them as independent here; T takes the velocities of the joints
-with a motor to those of all: Tᵀ M T with the rotors, over all combinations of the limits."""
+"""The load of the motor that spreads the fingers of robots/hand5: its own finger and three that follow it by
+<mimic>. Mass matrix M and gravity of all joints by Pinocchio, which takes them as independent here; T takes
+the velocities of the joints with a motor to those of all: Tᵀ M T with the rotors, over all combinations of
+the limits."""
 
 import itertools
 from pathlib import Path
@@ -16,7 +17,7 @@ The joint `spread` of robots/hand5, upright: inertia with the other joints held,
 of all combinations of the joints' limits the largest, the smallest, the largest. With the rotors of `tesaki model init`.
 """
 FOLLOWERS = {"middle_spread": 0.3, "ring_spread": -0.4, "little_spread": -1.0}
-# By torque [N m]: the rotors of maxon-16mm, xl330-m288, and of the generic motor for 0.8 N m [kg m²].
+# Rotors by torque [N m]: of maxon-16mm, xl330-m288, and of the generic motor for 0.8 N m [kg m²].
 ROTORS = {0.6: 0.0014, 0.5: 0.00096, 0.4: 0.00096, 0.8: 0.004}
 
 

@@ -25,7 +25,7 @@ FRAMES, PERIOD = 40, 0.05
 
 
 def load():
-    """The model with all joints free, what each mimic joint follows, and the names of the others."""
+    """Returns the model with all joints free, what each mimic joint follows, and the names of the others."""
     path = HAND / "robot.urdf"
     model = pin.buildModelFromUrdf(str(path))
     mimics = {joint.get("name"): joint.find("mimic") for joint in ET.parse(path).getroot().findall("joint")}

@@ -1,11 +1,11 @@
-"""Circles of a rose seen by a camera in a hand, and what SciPy makes of them.
+"""Circles of a rose seen by a camera in a hand, and SciPy's estimate from them.
 
 A rose on a wall is seen from random postures: points on its rim are projected one by one, and the ellipse through them
 is fitted algebraically. To centre and radius (root of the product of the semi-axes) normally distributed noise is added;
 some rows have the circle of a knob's end in place of that of the rose. Camera and rose are estimated by
-`scipy.optimize.least_squares`, first with Cauchy's loss, then without the rows that are off by more than 4.5 standard
-deviations; the standard deviations come from the Jacobian. Writes data/hand_eye.in: the circles, and the values that
-`tesaki_supervisor::hand_eye::calibrate` must find in them.
+`scipy.optimize.least_squares`, first with Cauchy's loss, then without the rows with errors of more than 4.5
+standard deviations; the standard deviations come from the Jacobian. Writes data/hand_eye.in: the circles, and
+the values that `tesaki_supervisor::hand_eye::calibrate` must find in them.
 
     python3 tests/oracles/hand_eye.py
 """
@@ -23,13 +23,14 @@ Rows: position of the hand [m], quaternion x, y, z, w, centre and radius of the 
 the same of the rose's centre [m]; indices of the rows that do not fit; root mean square of centres and radii [px].
 """
 ROSE, KNOB, PRINCIPAL = 0.04, 0.025, np.array([127.5, 119.5])
-# Place, tilt, pan, turn, focal length, centre of the rose, slopes of its axis.
+# Position, tilt, pan, turn, focal length, centre of the rose, slopes of its axis.
 TRUTH = np.array([0.052, 0.003, -0.118, 0.17, -0.02, 0.05, 143.0, 0.93, 0.1, 0.15, 0.03, -0.02])
 NOISE, ROWS, WRONG = 0.2, 32, (5, 20)
 
 
 def axes(values):
-    """Normal of the rose, which hangs on a wall across the base's x, and two directions in its plane."""
+    """Returns the normal of the rose, which is on a wall across the base's x, and two directions in its
+    plane."""
     normal = np.array([1.0, values[10], values[11]])
     normal /= np.linalg.norm(normal)
     first = np.cross(normal, [0.0, 0.0, 1.0])
@@ -38,7 +39,7 @@ def axes(values):
 
 
 def circle(values, position, quaternion, radius=ROSE, before=0.0):
-    """Centre and radius in the picture, of a rim so far before the rose."""
+    """Returns centre and radius in the picture of a rim at this distance in front of the rose."""
     normal, first, second = axes(values)
     angles = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)[:, None]
     rim = values[7:10] - before * normal + radius * (np.cos(angles) * first + np.sin(angles) * second)
@@ -78,7 +79,7 @@ def draw(rng):
         inside = all(seen[2] < place < side - seen[2] for place, side in zip(seen, (256, 240)))
         if inside:
             numbers = np.concatenate([position, quaternion, seen + rng.normal(0.0, NOISE, 3)])
-            # What the file has is what is solved.
+            # The rounded values of the file are also used for the solution.
             rows.append(np.round(numbers, 9))
     return np.array(rows)
 

@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
-"""Makes allegro_tips.csv, leap_tips.csv and inspire_tips.csv: fingertips of an operator whom these hands can reproduce
-exactly, and where the robot's tips then are, by Pinocchio's forward kinematics along a slow motion of the joints: the
-fingers move, then the thumb pinches with each finger in turn, down to the distance at which the robot's tips touch.
+"""Makes allegro_tips.csv, leap_tips.csv and inspire_tips.csv: an operator's fingertips that these hands can
+reproduce exactly, and the corresponding tips of the robot, by Pinocchio's forward kinematics along a slow
+motion of the joints: the fingers move, then the thumb pinches with each finger in turn, down to the distance
+at which the robot's tips touch.
 
 The operator's vectors from the thumb are the robot's, shortened by `scale`; near contact, by the distance that
 the retargeting adds (Hand5 section 2.3), which is inverted here by bisection. Time [s], positions [m] in the frame of
@@ -30,8 +31,8 @@ TIPS = {
     "inspire": [f"R_{finger}_tip" for finger in ("thumb", "index", "middle", "ring", "pinky")],
 }
 PERIOD = 1 / 30
-SECONDS = 3.0  # Of a motion there and back.
-THUMB = np.array([0.04, 0.05, 0.07])  # The operator's, at the begin.
+SECONDS = 3.0  # Duration of a motion there and back.
+THUMB = np.array([0.04, 0.05, 0.07])  # The operator's thumb at the beginning.
 SMALLEST = 1e-4  # Gap of the operator's tips in a pinch.
 
 
@@ -42,7 +43,7 @@ class Hand:
         self.data = self.model.createData()
         self.frames = [self.model.getFrameId(tip) for tip in TIPS[name]]
         self.settings = tomllib.loads((ROBOTS / name / "retargeting.toml").read_text())
-        # From the operator's frame of the hand to the robot's base.
+        # From the operator's hand frame to the robot's base.
         self.turn = pin.rpy.rpyToMatrix(*self.settings["rotation"])
         # The angles of all joints are `couple` times those with a motor, plus `offset`: mimic joints follow.
         mimics = {
@@ -61,7 +62,7 @@ class Hand:
         own = [names.index(joint) for joint in self.driven]
         self.lower, self.upper = self.model.lowerPositionLimit[own], self.model.upperPositionLimit[own]
         self.open = np.array([self.settings["posture"][joint] for joint in self.driven])
-        # All joints bend the fingers further when they go to these limits.
+        # Towards these limits, all joints bend the fingers further.
         bends = np.abs(self.upper) > np.abs(self.lower)
         self.closed = np.where(bends, self.upper, self.lower)
 
@@ -70,7 +71,7 @@ class Hand:
         return np.array([self.data.oMf[frame].translation for frame in self.frames])
 
     def pinch(self, finger):
-        """The posture nearest to the open one in which the tips of thumb and finger touch."""
+        """Returns the posture nearest to the open one in which the tips of thumb and finger touch."""
         contact = self.settings["robot_contact"] + self.settings["scale"] * SMALLEST
 
         def residuals(q):
@@ -83,7 +84,7 @@ class Hand:
         return q
 
     def operator(self, vector):
-        """The operator's vector for one of the robot."""
+        """Returns the operator's vector for one of the robot."""
         s = self.settings
 
         def robot(length):

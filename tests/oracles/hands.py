@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
-"""Makes robot.urdf of robots/allegro, robots/leap and robots/inspire from public descriptions, with the thumb first: its
-chain must be the first one of a hand that follows an operator. What robots.py drops is dropped. LEAP V1 KAIZEN has no frames in
-its tips: they are added in the middle of the soft tips, 7.5 mm before their end. The thumb of the Inspire hand bends as far as the
-limits of the joints that follow it allow. Nothing else is changed.
+"""Makes robot.urdf of robots/allegro, robots/leap and robots/inspire from public descriptions, with the thumb
+first: its chain must be the first one of a hand that follows an operator. The same parts are dropped as by
+robots.py. LEAP V1 KAIZEN has no frames in its tips: they are added in the middle of the soft tips, 7.5 mm
+before their end. The thumb of the Inspire hand bends as far as the limits of the joints that follow it allow.
+Nothing else is changed.
 
     pip download --no-deps -d DIR example-robot-data==6.0.0 ghand==0.1.0
     python3 tests/oracles/hands.py DIR

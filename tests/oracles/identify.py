@@ -1,4 +1,5 @@
-"""Readings of joints that move to and fro, free and under load, and what least squares makes of them.
+"""Readings of joints that move back and forth, free and under load, and the least-squares estimates from
+them.
 
 The estimate is numpy's lstsq; the standard deviations are cluster-robust (Liang
 and Zeger 1986: a motion is a cluster, factor G/(G-1)), with the delta method for the friction. Writes
@@ -27,7 +28,7 @@ def readings():
     random = np.random.default_rng(7)
     rows = []
     for motion in range(24):
-        # Every fourth pair of motions is free, the others press with 1, 2, 3 N at 70 mm.
+        # Every fourth pair of motions is free; the others press with 1, 2, 3 N at 70 mm.
         force = float(motion // 2 % 4)
         way = 1.0 if motion % 2 == 0 else -1.0
         slip = 0.0004 * random.standard_normal()
@@ -44,7 +45,7 @@ def readings():
 
 
 def least_squares(motion, x, y):
-    """Solution, its cluster-robust covariance, and the root mean square of the rest."""
+    """Returns the solution, its cluster-robust covariance, and the root mean square of the residual."""
     beta, _, rank, _ = np.linalg.lstsq(x, y, rcond=None)
     assert rank == x.shape[1]
     rest = y - x @ beta
@@ -56,7 +57,7 @@ def least_squares(motion, x, y):
 
 
 def derived(function, beta, covariance):
-    """A function of the solution, and its standard deviation."""
+    """Returns a function of the solution, and its standard deviation."""
     steps = [1e-6 * max(abs(b), 1e-3) for b in beta]
     change = [
         (function(beta + np.eye(len(beta))[i] * h) - function(beta - np.eye(len(beta))[i] * h)) / (2 * h)
@@ -92,7 +93,8 @@ FREE_GAIN, INERTIA = 0.92, 4e-4
 
 
 def free_readings():
-    """Minimum-jerk sweeps of 0.2 rad in 0.8 and 0.4 s, sensed every 10 ms, under a weight of about 0.4 N m."""
+    """Returns minimum-jerk sweeps of 0.2 rad in 0.8 and 0.4 s, sampled every 10 ms, under a weight of about
+    0.4 N m."""
     random = np.random.default_rng(11)
     rows, motion = [], 0
     for time in (0.8, 0.4, 0.4):

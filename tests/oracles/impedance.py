@@ -1,5 +1,5 @@
-"""Writes data/impedance.in: positions of a mass on a spring and a damper that is released 30 mm off its place, every
-10 ms, by scipy's matrix exponential. M 1.5 kg, K 300 N/m; B 7.5, 30 and 90 N·s/m."""
+"""Writes data/impedance.in: positions of a mass on a spring and a damper that is released 30 mm off its
+equilibrium, every 10 ms, by scipy's matrix exponential. M 1.5 kg, K 300 N/m; B 7.5, 30 and 90 N·s/m."""
 
 import numpy as np
 from scipy.linalg import expm

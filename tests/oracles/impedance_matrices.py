@@ -21,7 +21,7 @@ SCALE = np.diag(np.sqrt([1.5] * 3 + [0.02] * 3))
 
 
 def random_matrix(random, eigenvalues):
-    """A symmetric matrix with these eigenvalues relative to SCALE squared."""
+    """Returns a symmetric matrix with these eigenvalues relative to SCALE squared."""
     q, _ = np.linalg.qr(random.normal(size=(6, 6)))
     return SCALE @ q @ np.diag(eigenvalues) @ q.T @ SCALE
 
@@ -51,7 +51,7 @@ for case in range(6):
     velocity = rounded(random.uniform(-0.3, 0.3, 6))
     force = rounded(random.uniform(-5.0, 5.0, 6) * [1, 1, 1, 0.1, 0.1, 0.1])
     printed = np.linalg.solve(mass, force - damping @ velocity - stiffness @ error)
-    # State (e, v) with the constant force as third part.
+    # State (e, v), with the constant force as a third part.
     system = np.zeros((18, 18))
     system[:6, 6:12] = np.eye(6)
     system[6:12, :6] = -np.linalg.solve(mass, stiffness)

@@ -2,9 +2,9 @@
 """Joint torques and mass matrices of serial chains from Pinocchio (double precision).
 
 Random chains have 1 to 7 joints with arbitrary axes, origins and mass distributions, one of them a finger's size and
-one an arm's. The arms of tests/robots follow, at random postures within their limits, each on a base tilted in its own
-way, with rotors; an arm whose file has no masses gets random ones. Every number is rounded to single precision before
-Pinocchio sees it, so that both sides compute the same thing.
+one an arm's. The arms of tests/robots follow, at random postures within their limits, each on a differently
+tilted base, with rotors; an arm whose file has no masses gets random ones. Every number is rounded to single
+precision before Pinocchio sees it, so that both sides compute the same thing.
 
 The file holds, for each chain: its name; gravity; its joints as (translation, rotation as quaternion x y z w, axis,
 mass, centre of mass, inertia xx yy zz xy xz yz, rotor inertia); the tip's frame in the last joint's as (translation,
@@ -44,7 +44,7 @@ def random_quaternion():
 
 
 def random_axis(index):
-    # The special directions, too: z, x, -z.
+    # Including the special directions z, x, -z.
     special = {0: [0, 0, 1], 1: [1, 0, 0], 2: [0, 0, -1]}
     if index in special and rng.random() < 0.7:
         return np.array(special[index], dtype=float)
@@ -91,7 +91,7 @@ def real_joints(path, tip):
             inertial = m, f32(rng.uniform(-0.1, 0.1, 3)), random_inertia(m, 0.05)
         else:
             inertial = float(f32(body.mass)), f32(body.lever), f32(body.inertia)
-        # Rotors in the middle of what the arm's links have about its axes.
+        # Rotor inertias of the same order as those of the arm's links about its axes.
         rotor = float(f32(rng.uniform(0.05, 0.5) if len(moving) > 4 else rng.uniform(1e-5, 3e-4)))
         joints.append((*frame, *inertial, rotor))
     limits = np.array([(max(joint.lower, -np.pi), min(joint.upper, np.pi)) for joint, _ in moving])
@@ -108,7 +108,7 @@ def model_of(gravity, joints, tip):
 
 
 def check_against_loader(model, loaded, moving, bodies):
-    """Torques of the folded chain alone are those of the file, when nothing else in it moves."""
+    """Checks that the torques of the folded chain are those of the file, if nothing else in it moves."""
     if loaded.nv != len(moving) or loaded.nq != loaded.nv or all(body.mass == 0 for body in bodies):
         return
     loaded.gravity, loaded.armature = model.gravity, model.armature
@@ -156,7 +156,7 @@ def case(name, gravity, joints, tip, limits, speed, acceleration, wrench, count)
 def random_case(n, size, mass):
     gravity, joints = f32(rng.normal(size=3) * 6), random_joints(n, size, mass)
     tip, limits = (f32(rng.uniform(-size, size, 3)), random_quaternion()), np.array([[-3.0, 3.0]] * n)
-    # Wrenches of the weight's size.
+    # Wrenches of the order of the weight.
     wrench = 10 * mass * np.array([1, 1, 1, size, size, size])
     return case(f"random_{n}", gravity, joints, tip, limits, 3, 20, wrench, 4)
 

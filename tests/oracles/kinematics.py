@@ -10,8 +10,8 @@ The file holds, for each chain: its name; its moving joints as (translation, rot
 the joint's frame); the tip's frame in the last joint's as (translation, rotation); the states as (angles, velocities,
 tip position, rotation matrix by rows, Jacobian by rows, bias). The Jacobian's rows: linear velocity of the tip, then
 angular velocity, in base axes. The bias is the tip's acceleration at these velocities without joint acceleration:
-linear (of the tip as a point), then angular, in base axes. First the zero posture, be it within the limits or not,
-then one close to a singularity, then random ones within the limits.
+linear (of the tip as a point), then angular, in base axes. First the zero posture, even if outside the
+limits, then one close to a singularity, then random ones within the limits.
 """
 
 import xml.etree.ElementTree as ET
@@ -63,7 +63,7 @@ def vector(element, tag, attribute, default):
 
 
 def rotation(rpy):
-    """Roll, pitch, yaw about fixed axes."""
+    """Returns the rotation of roll, pitch, yaw about fixed axes."""
     (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
     about_x = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
     about_y = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
@@ -100,7 +100,8 @@ def joints_of(path):
 
 
 def fold(path, tip):
-    """The moving joints from the base to the tip, each with its frame in the last moving joint's; the tip's frame."""
+    """Returns the moving joints from the base to the tip, each with its frame in the previous moving joint's,
+    and the tip's frame."""
     to_link = {joint.child: joint for joint in joints_of(path)}
     way = []
     while tip in to_link:
@@ -140,7 +141,7 @@ def jacobian(model, data, q, frame):
 
 
 def check_against_loader(path, tip, names, model):
-    """The chain agrees with what Pinocchio itself reads from the file, in pose and Jacobian."""
+    """Checks that the chain agrees with what Pinocchio itself reads from the file, in pose and Jacobian."""
     loaded = pin.buildModelFromUrdf(str(path))
     data, loaded_data = model.createData(), loaded.createData()
     ids = [loaded.getJointId(name) for name in names]
@@ -164,7 +165,7 @@ def check_against_loader(path, tip, names, model):
 
 
 def near_singular(model, lower, upper, rng):
-    """A posture within the limits, a little beside that of the least singular value of the Jacobian.
+    """Returns a posture within the limits, close to that of the least singular value of the Jacobian.
 
     Of the whole Jacobian for an arm, of the linear part for a finger.
     """

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Bilateral control with matched impedances along one axis and about another: master and slave as masses on springs and
-dampers, the operator's hand at one end, a wall at the other. One linear system, discretised by the matrix exponential;
-what is sampled is held for 10 ms. Reference values for tesaki::teleop::MatchedImpedance."""
+dampers, the operator's hand at one end, a wall at the other. One linear system, discretised by the matrix
+exponential; sampled values are held for 10 ms. Reference values for tesaki::teleop::MatchedImpedance."""
 
 import numpy as np
 from scipy.linalg import expm

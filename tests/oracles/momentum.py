@@ -36,7 +36,8 @@ data = model.createData()
 
 
 def wrench(time):
-    """Of the world on the tool, in base axes: comes within 0.2 s, swings, goes within 0.1 s."""
+    """Returns the wrench on the tool, in base axes: it rises within 0.2 s, oscillates, and falls within 0.1
+    s."""
     on = np.clip((time - 0.5) / 0.2, 0, 1) * np.clip((1.1 - time) / 0.1, 0, 1)
     return on * np.array([8.0, -5.0 * np.cos(9 * time), 6.0, 0.3, 0.4 * np.sin(7 * time), -0.5])
 

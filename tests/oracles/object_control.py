@@ -25,7 +25,7 @@ def cross(v):
 def torques(gravity=GRAVITY):
     progress = lambda s: s**3 * (10 - 15 * s + 6 * s**2)
     integral = sum(progress(min(tick * T, 1.0)) * T for tick in range(1, 111))
-    # The object is behind its target by the motion.
+    # The object lags its target by the motion.
     force = SHIFT * (GAINS[0] @ [1, integral]) - MASS * gravity
     moment = TURN * (GAINS[1] @ [1, integral])
     centers = np.array([tip(root, q) for root, q in zip(ROOTS, start)])

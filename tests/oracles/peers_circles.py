@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""What OpenCV's HoughCircles finds in rendered pictures of door knobs. First
-`cargo sim render-knob --seed 1-300 --out DIR > DIR/truth.jsonl`, then `peers_circles.py DIR/truth.jsonl`.
+"""Counts what OpenCV's HoughCircles finds in rendered pictures of door knobs. First run `cargo sim
+render-knob --seed 1-300 --out DIR > DIR/truth.jsonl`, then `peers_circles.py DIR/truth.jsonl`.
 
 Right: centre within 3 px and radius within 2 px of the rose. Needs numpy and opencv-python-headless.
 """

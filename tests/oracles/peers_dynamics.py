@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
-"""Times of Pinocchio's dynamics in C++ beside the core's own, same arm, same machine, one thread: prints a table.
+"""Compares the times of Pinocchio's dynamics in C++ with the core's: same arm, same machine, one thread.
+Prints a table.
 
 Needs a C++ compiler, Eigen's headers (apt-get install g++ libeigen3-dev), the wheel `pin`, which brings headers and
-library, and cargo. The two run in turns, as other work on the machine slows both; the best of all rounds counts. The arm
-is the Franka Panda of data/inverse_dynamics.in, at the first of its motions. The C++ program is compiled for the same
-processors as Rust's default (x86-64), or for this one with --native.
+library, and cargo. The two run alternately, as other work on the machine slows both; the best of all rounds
+counts. The arm is the Franka Panda of data/inverse_dynamics.in, at the first of its motions. The C++ program
+is compiled for the same processors as Rust's default (x86-64), or for this one with --native.
 """
 
 import ast
@@ -96,7 +97,7 @@ int main() {
 
 
 def arm():
-    """The Panda of the data file, whose Rust tuples and arrays are Python's."""
+    """Reads the Panda of the data file, whose Rust tuples and arrays are valid Python."""
     lines = (HERE / "data/inverse_dynamics.in").read_text().splitlines()
     text = "\n".join(line for line in lines if not line.startswith("//"))
     return next(case for case in ast.literal_eval(text.replace("&", "")) if case[0] == "franka_panda")
@@ -129,7 +130,7 @@ def build(folder, native):
     source, peer = folder / "peer.cpp", folder / "peer"
     source.write_text(program())
     flags = ["-O3", "-DNDEBUG", "-std=c++17"] + ["-march=native"] * native
-    # As the wheel's CMake files have them.
+    # As in the wheel's CMake files.
     limits = "MPL_LIMIT_LIST_SIZE=30", "MPL_LIMIT_VECTOR_SIZE=30", "FUSION_INVOKE_MAX_ARITY=12"
     flags += [f"-DBOOST_{limit}" for limit in (*limits, "MPL_CFG_NO_PREPROCESSED_HEADERS")]
     includes = [f"-I{prefix}/include", "-I/usr/include/eigen3"]

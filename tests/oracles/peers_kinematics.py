@@ -1,13 +1,13 @@
 #!/usr/bin/env python3
 """Times of other libraries' kinematics on this machine, on one thread: prints tables, makes no file.
 
-Runs what is installed, for the two may need environments of their own:
+Runs what is installed, because the two may need separate environments:
 
     pip install pin                            # forward kinematics with Jacobian of the Panda
     pip install roboticstoolbox-python         # inverse kinematics of the UR5e: ik_LM, its core in C++
 
-Pinocchio is timed through Python, so the call's own cost is part of it; the same call on the first few joints of the
-same arm shows how much: none at all is a model without joints.
+Pinocchio is timed through Python, so the call's own cost is part of it; the same call on the first few joints
+of the same arm, down to a model without joints, shows how much.
 """
 
 import os
@@ -32,7 +32,7 @@ def processor():
 
 
 def best_time(function, calls, repetitions=30):
-    """Seconds a call, the best of several repetitions."""
+    """Returns the time per call [s], the best of several repetitions."""
     best = np.inf
     for _ in range(repetitions):
         start = time.perf_counter()

@@ -34,7 +34,7 @@ PALM = "palm_link"
 
 
 def load():
-    """Targets of all tips in the palm's frame [m], frame by frame."""
+    """Returns the targets of all tips in the palm's frame [m], frame by frame."""
     rows = np.loadtxt(DATA / f"{NAME}_tips.csv", delimiter=",", skiprows=1)
     hand = Hand(NAME)
     thumb = hand.tips(hand.open)[0] + hand.settings["scale"] * (rows[:, 1:4] - THUMB) @ hand.turn.T

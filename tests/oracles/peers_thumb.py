@@ -1,18 +1,20 @@
 #!/usr/bin/env python3
-"""Inverse kinematics of the thumb of robots/hand5 (five joints, position of the tip) beside damped least squares on
-Pinocchio in C++: same targets, same starts, same tolerance, same machine, one thread. Prints a table, makes no file.
+"""Inverse kinematics of the thumb of robots/hand5 (five joints, position of the tip) compared with damped
+least squares on Pinocchio in C++: same targets, same starts, same tolerance, same machine, one thread. Prints
+a table, makes no file.
 
 Needs a C++ compiler, Eigen's headers (apt-get install g++ libeigen3-dev), the wheel `pin`, which brings headers and
-library, numpy, and cargo. The two run in turns, as other work on the machine slows both; the best of all rounds counts.
+library, numpy, and cargo. The two run alternately, as other work on the machine slows both; the best of all
+rounds counts.
 
-4000 tips of random postures each: near, each search starts within 0.1 rad of the posture; cold, at the middle of the
-ranges; path, 100 targets a second from one random posture to the next within half a second, each search starts where
-the one before ended. Success is checked here, with the geometry that hand5_retarget.py has written down in double
-precision: within 0.05 mm (tolerance of both: 0.01 mm) and within the limits.
+4000 tips of random postures each: near: each search starts within 0.1 rad of the posture; cold: at the middle
+of the ranges; path: 100 targets per second from one random posture to the next within half a second, each
+search starting where the previous one ended. Success is checked here, with the geometry of hand5_retarget.py
+in double precision: within 0.05 mm (tolerance of both: 0.01 mm) and within the limits.
 
-Both search on from random postures, at most 30, when they end elsewhere. The peer's damping is Sugihara's (2011), the
-squared error times a factor, plus a least one; of several factors the table has the one that is fastest among those with
-the most successes.
+Both restart from random postures, at most 30, if they end elsewhere. The peer's damping is Sugihara's (2011),
+the squared error times a factor, plus a minimum; of several factors, the table has the fastest among those
+with the most successes.
 """
 
 import os
@@ -34,7 +36,7 @@ TOLERANCE, CHECKED = 1e-5, 5e-5
 FACTORS = 1.0, 10.0
 STARTS = "near", "cold", "path"
 
-# The first two axes of the thumb are turned round: the angles have the other sign.
+# The first two axes of the thumb are reversed: the angles have the opposite sign.
 PROGRAM = r"""
 #include <pinocchio/multibody.hpp>
 #include <pinocchio/algorithm/frames.hpp>
@@ -143,7 +145,7 @@ int main(int, char ** arguments) {
 
 
 def targets():
-    """Places of the tip and starts, for each of STARTS."""
+    """Returns positions of the tip and starts, for each of STARTS."""
     rng = np.random.default_rng(7)
     lower, upper = LIMITS[:5].T
     random = lambda number: rng.uniform(lower, upper, (number, 5))
@@ -165,7 +167,7 @@ def build(folder):
     prefix = Path(sysconfig.get_path("purelib")) / "cmeel.prefix"
     source, peer = folder / "peer.cpp", folder / "peer"
     source.write_text(text)
-    # As the wheel's CMake files have them.
+    # As in the wheel's CMake files.
     limits = "MPL_LIMIT_LIST_SIZE=30", "MPL_LIMIT_VECTOR_SIZE=30", "FUSION_INVOKE_MAX_ARITY=12"
     flags = ["-O3", "-DNDEBUG", "-std=c++17"]
     flags += [f"-DBOOST_{limit}" for limit in (*limits, "MPL_CFG_NO_PREPROCESSED_HEADERS")]
@@ -179,7 +181,7 @@ def build(folder):
 
 
 def judged(places, file):
-    """Share of successes, by start."""
+    """Returns the fraction of successes, by start."""
     lower, upper = LIMITS[:5].T
     solutions = np.loadtxt(file)
     errors = np.array([np.linalg.norm(thumb(q) - place) for q, place in zip(solutions, places)])

@@ -1,14 +1,14 @@
 #!/usr/bin/env python3
 """Motions of the three-finger hand from MuJoCo (double precision, Runge-Kutta, steps of 0.05 ms).
 
-MuJoCo reads the same URDF as the simulator; everything after that is its own: the folding of fixed joints, the
-dynamics, the integration. Torques pass a delay of 0.3 ms and a lag of 300 Hz, integrated exactly, as in the plant.
-Every control period of 10 ms the torque is
+MuJoCo reads the same URDF as the simulator, but shares nothing else with it: folding of fixed joints,
+dynamics and integration are its own. Torques pass a delay of 0.3 ms and a lag of 300 Hz, integrated exactly,
+as in the plant. Every control period of 10 ms the torque is
 
     torque = feedforward + stiffness * (reference - position)
 
 and each row of the result has feedforward, reference and position at the start of the period, for nine joints.
-The script also prints what one may ask about the hand: gravity torques and inertias at the initial posture.
+The script also prints gravity torques and inertias of the hand at the initial posture.
 """
 
 from pathlib import Path
@@ -85,7 +85,7 @@ def run(case):
     rows = []
     for tick in range(round(1.2 * case[5] / PERIOD)):
         t = tick * PERIOD
-        # Torques of the middle of the period, which is what is held over it.
+        # Torques for the middle of the period, held over the period.
         forward = feedforward(model, scratch, case, t + PERIOD / 2)
         forward = forward.astype(np.float32).astype(float)
         desired = reference(case, t)[0]

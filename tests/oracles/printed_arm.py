@@ -14,7 +14,7 @@ Rows: B [N s/m]; overshoot of a release from 3 cm; largest error at the reversal
 
 T, M, K = 0.01, 1.5, 300.0
 AMPLITUDE, FREQUENCY, DURATION = 0.1, 0.5, 6.0
-MASTER = 240.0  # Hz, of the samples of the master
+MASTER = 240.0  # Hz, sampling rate of the master
 
 
 def minimum_jerk(s):

@@ -7,7 +7,7 @@ import zlib
 
 
 def uint(value):
-    """u16, u32, u64, lengths and numbers of variants: seven bits a byte, the lowest first."""
+    """u16, u32, u64, lengths and numbers of variants: seven bits per byte, the lowest first."""
     out = bytearray()
     while value > 127:
         out.append(value & 127 | 128)
@@ -17,7 +17,7 @@ def uint(value):
 
 
 def sint(value):
-    """i16, i32: zigzag, then as above."""
+    """i16, i32: zigzag, then like the unsigned ones."""
     return uint(2 * value if value >= 0 else -2 * value - 1)
 
 
@@ -69,7 +69,7 @@ def cobs(data):
         while len(run) >= 254:  # a full group stands for no zero
             out, run = out + b"\xff" + run[:254], run[254:]
         out += bytes([len(run) + 1]) + run
-    # Nothing follows a full group at the end.
+    # A full group at the end is not followed by another one.
     return out[:-1] if runs[-1] and len(runs[-1]) % 254 == 0 else out
 
 

@@ -140,7 +140,7 @@ FAILURES = {
 
 
 def grasp(phase, failure, pose, load, target_forces, friction, slips, overloaded):
-    """What the supervisor sees of a grasp. `pose`: position and quaternion."""
+    """Report of a grasp to the supervisor. `pose`: position and quaternion."""
     return (GRASPING + uint(phase) + option(failure) + reals(pose) + reals(load)
             + b"".join(map(reals, target_forces)) + real(friction) + uint(slips) + boolean(overloaded))
 
@@ -161,7 +161,7 @@ def direct(friction, driven_term, null_space_damping):
 
 def settings(mass, damping, stiffness, law, redundancy, elbow_bandwidth, force, contact_force, max_deviation,
              axes=0, coupling=None):
-    """How an arm is to behave. Six numbers each for the impedance, fifteen each for its coupling."""
+    """Settings of impedance control. Six numbers each for the impedance, fifteen each for its coupling."""
     return (reals(mass) + reals(damping) + reals(stiffness) + uint(axes)
             + option(None if coupling is None else b"".join(map(reals, coupling))) + law + redundancy
             + real(elbow_bandwidth) + force + real(contact_force) + reals(max_deviation))
@@ -174,7 +174,7 @@ def target(position, rotation, velocity, acceleration, elbow):
 
 
 def impedance(position, rotation, error, wrench, contact, sigma_min, elbow, derating):
-    """What the supervisor sees of impedance control."""
+    """Report of impedance control to the supervisor."""
     return (IMPEDANCE + reals(position) + reals(rotation) + reals(error) + reals(wrench) + boolean(contact)
             + reals([sigma_min, elbow, derating]))
 
@@ -194,7 +194,7 @@ def fingertips(number, age, tips):
 
 
 def reproduced(samples, ignored, age, errors, missed, unknown, limited):
-    """What the supervisor sees of telexistence."""
+    """Report of telexistence to the supervisor."""
     return (TELEXISTENCE + uint(samples) + uint(ignored) + byte(age) + reals(errors) + byte(missed)
             + byte(unknown) + uint(limited))
 
@@ -206,7 +206,8 @@ def approach(chain, joint, gripper, servo, hand):
 
 
 def hand(pose, latched, motion, remaining, force, gripper, opening):
-    """What the supervisor sees of the visual approach. Poses: position and quaternion; latched: number and pose."""
+    """Report of the visual approach to the supervisor. Poses: position and quaternion; latched: number and
+    pose."""
     kept = None if latched is None else uint(latched[0]) + reals(latched[1])
     return (VISUAL_APPROACH + reals(pose) + option(kept) + uint(motion) + real(remaining) + reals(force)
             + uint(gripper) + real(opening))

@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
 """The largest normal force of a finger whose joints have torque limits, by brute force in double precision.
 
-Forces of normal part 1 are sampled all over the friction cone, the best of them ever more finely around it; each may grow
-until a joint is at its limit, and the least of these factors is the answer. Nothing here knows the closed form. Every
-number is rounded to single precision first. Writes data/push.in: block by rows, normal, friction, torques used, limits,
-largest normal force, and the force that attains it.
+Forces with a normal part of 1 are sampled all over the friction cone, and ever more finely around the best
+one. Each may grow until a joint is at its limit; the smallest of these factors is the answer. Nothing here
+uses the closed form. Every number is rounded to single precision first. Writes data/push.in: block by rows,
+normal, friction, torques used, limits, largest normal force, and the force that attains it.
 """
 
 import numpy as np
@@ -23,7 +23,7 @@ def f32(x):
 
 
 def growth(block, used, limits, forces):
-    """By how much each of the forces may grow before a joint is at its limit."""
+    """Returns the factors by which each of the forces may grow until a joint is at its limit."""
     torques = forces @ block
     with np.errstate(divide="ignore"):
         room = np.where(torques > 0, limits - used, -limits - used) / torques
@@ -38,7 +38,7 @@ def largest(block, normal, friction, used, limits):
     best = np.inf, None
     for _ in range(12):
         grid = center + width * np.stack(np.meshgrid(*[np.linspace(-1, 1, 121)] * 2), axis=-1).reshape(-1, 2)
-        # Points beyond the cone's edge are drawn back to it, so that the edge itself is sampled.
+        # Points beyond the cone's edge are moved back to it, so that the edge itself is sampled.
         radius = np.linalg.norm(grid, axis=1, keepdims=True)
         grid = grid / np.maximum(radius, 1.0)
         forces = normal + friction * (grid @ np.stack([first, second]))
@@ -55,12 +55,12 @@ def case(rng):
     scale = rng.choice([0.02, 0.1])
     block = f32(rng.uniform(-scale, scale, (3, 3)))
     if rng.random() < 0.2:
-        # A joint whose axis meets the contact.
+        # A joint whose axis passes through the contact.
         block[:, rng.integers(3)] = 0.0
     normal = rng.normal(size=3)
     normal = f32(normal / np.linalg.norm(normal))
     if rng.random() < 0.2:
-        # A joint that feels only the sideways part.
+        # A joint that is loaded only by the tangential part.
         column = rng.integers(3)
         block[:, column] = f32(block[:, column] - normal * (normal @ block[:, column]))
     friction = float(f32(rng.choice([0.0, rng.uniform(0.05, 1.2)], p=[0.1, 0.9])))

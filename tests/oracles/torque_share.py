@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """The least share of their torque that the joints of a hand need to hold an object: SciPy's linear programs (HiGHS).
 
-Random hands of three fingers of three joints at random contacts, with friction cones as pyramids of 720 edges, which is as
-good as round. Writes data/torque_share.in.
+Random hands of three fingers of three joints at random contacts, with friction cones as pyramids of 720
+edges, which is close enough to round. Writes data/torque_share.in.
 """
 
 import numpy as np
@@ -18,7 +18,7 @@ EDGES = 720
 
 
 def rounded(values):
-    """As they are written."""
+    """Rounds values as they are written."""
     return np.vectorize(lambda value: float(f"{value:.7e}"))(values)
 
 
@@ -50,7 +50,8 @@ def main():
     rows = []
     for case in range(16):
         friction = rounded(random.uniform(0.2, 0.9))
-        # Every fourth hand has its fingers on one side, and holds only what is pressed on them.
+        # Every fourth hand has its fingers on one side, and holds only an object that is pressed against
+        # them.
         around = [0.0, 40.0, 80.0] if case % 4 == 3 else [0.0, 120.0, 240.0]
         directions = np.radians(around) + random.uniform(-0.4, 0.4, 3)
         fingers = []

@@ -1,10 +1,9 @@
-//! The page that shows a robot in a browser: live (`tesaki view`), in a run while it is computed (`cargo sim
+//! The page that shows a robot in a browser: live (`tesaki view`), for a run while it is computed (`cargo sim
 //! run --view`), and in the reports of the simulator. [`server`] serves it.
 //!
-//! The page is one script and one style sheet, [`SCRIPT`] and [`STYLE`], made by esbuild from the sources in
-//! `viewer/web` (`npm run build` there). Both are committed, so that nothing but Rust is needed to build this
-//! crate, and the page loads nothing from anywhere. It draws what it is given as JSON: a [`Scene`], and for a
-//! report a [`Replay`].
+//! The page is one script and one style sheet, [`SCRIPT`] and [`STYLE`], built by esbuild from the sources in
+//! `viewer/web` (`npm run build` there). Both are committed, so that only Rust is needed to build this crate,
+//! and the page loads nothing from elsewhere. Its input is JSON: a [`Scene`], and for a report a [`Replay`].
 
 mod replay;
 mod scene;
@@ -18,7 +17,7 @@ pub const SCRIPT: &str = include_str!("../bundle/viewer.js");
 /// The style sheet. Every class begins with `tv-`.
 pub const STYLE: &str = include_str!("../bundle/viewer.css");
 
-/// A page that loads both from its server.
+/// Builds a page that loads both from its server.
 macro_rules! served_page {
     ($class:literal) => {
         concat!(
@@ -37,10 +36,10 @@ pub const LIVE_PAGE: &str = served_page!("tv-live");
 /// The page of a run that is being computed.
 pub const RUN_PAGE: &str = served_page!("tv-run");
 
-/// JSON that may stand inside a `<script>` element of HTML.
+/// Returns JSON that is safe inside a `<script>` element of HTML.
 ///
 /// # Errors
-/// When the value cannot be written as JSON.
+/// The value cannot be written as JSON.
 pub fn script_json(value: &impl serde::Serialize) -> Result<String, serde_json::Error> {
     Ok(serde_json::to_string(value)?.replace('<', "\\u003c"))
 }

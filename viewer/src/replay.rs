@@ -2,7 +2,7 @@ use serde::Serialize;
 
 use crate::scene::Scene;
 
-/// Samples of a replay at most: beyond, it is resampled, so that a report stays small.
+/// Maximum number of samples of a replay: longer ones are resampled, so that a report stays small.
 const MAX_SAMPLES: usize = 2000;
 
 /// The motion of a run, for the page of a report. Lengths in m, angles in rad, forces in N.
@@ -10,11 +10,12 @@ const MAX_SAMPLES: usize = 2000;
 pub struct Replay {
     /// The robot.
     pub scene: Scene,
-    /// From one sample to the next [s].
+    /// Interval between samples [s].
     pub period: f64,
-    /// What is grasped, opened or leaned on. The last ones by [`Object::since`] are there.
+    /// Objects that are grasped, opened or leaned on. At any time, those with the latest [`Object::since`]
+    /// are shown.
     pub objects: Vec<Object>,
-    /// What begins when.
+    /// Notes on what begins when.
     pub notes: Vec<Note>,
     /// The samples, the first of them at time 0.
     pub samples: Vec<Sample>,
@@ -23,9 +24,9 @@ pub struct Replay {
 /// A body that is no link of the robot.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Object {
-    /// From when on it is there, in place of those before [s].
+    /// Time from which it replaces earlier objects [s].
     pub since: f64,
-    /// The frame in [`Sample::frames`] that it moves with; `None` for one that stays where it is.
+    /// The frame in [`Sample::frames`] that it moves with; `None` for a fixed object.
     pub frame: Option<String>,
     /// Its shape.
     pub shape: Shape,
@@ -41,7 +42,7 @@ pub enum Shape {
     Box([f64; 3]),
     /// A cylinder along z: radius and length.
     Cylinder([f64; 2]),
-    /// A cuboid whose faces across x lean inwards: extents, and the width at the top over that at the bottom.
+    /// A cuboid whose faces across x lean inwards: extents, and the ratio of the widths at top and bottom.
     Wedge([f64; 4]),
 }
 
@@ -50,7 +51,7 @@ pub enum Shape {
 pub struct Note {
     /// When [s].
     pub time: f64,
-    /// What begins.
+    /// The text.
     pub text: String,
 }
 
@@ -58,8 +59,8 @@ pub struct Note {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Frame(pub String, pub [f64; 7]);
 
-/// A force that acts on an object, or on a tip: where, the force, the direction into the object (0 where it
-/// is not known), and the coefficient of friction (0 where it is not known).
+/// A force that acts on an object or on a tip, with the direction into the object and the coefficient of
+/// friction (each 0 if unknown).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Contact {
     /// Index of the tip.
@@ -68,13 +69,13 @@ pub struct Contact {
     pub point: [f64; 3],
     /// The force, in the base frame.
     pub force: [f64; 3],
-    /// Unit vector of the axis of its friction cone; 0 without.
+    /// Unit vector along the axis of its friction cone; 0 without one.
     pub normal: [f64; 3],
     /// Coefficient of friction.
     pub friction: f64,
 }
 
-/// What is so at a time.
+/// The state at one time.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Sample {
     /// Joint angles.
@@ -98,7 +99,7 @@ pub struct Sample {
 }
 
 impl Sample {
-    /// With no more digits than a page can show.
+    /// Rounds to as many digits as a page can show.
     #[must_use]
     pub fn rounded(&self) -> Self {
         let all = |values: &[f64]| values.iter().copied().map(round).collect();
@@ -120,14 +121,14 @@ impl Sample {
     }
 }
 
-/// To a tenth of a millimetre, milliradian or millinewton-metre.
+/// Rounds to a tenth of a millimetre, milliradian or millinewton-metre.
 fn round(value: f64) -> f64 {
     (value * 1e4).round() / 1e4
 }
 
 impl Replay {
-    /// The replay of samples that are `period` apart [s]: at most 50 a second, and not more than a page
-    /// holds.
+    /// Creates the replay of samples that are `period` apart [s], resampled to at most 50 per second and to
+    /// what a page can hold.
     pub fn new(scene: Scene, period: f64, samples: &[Sample]) -> Self {
         let every = samples.len().div_ceil(MAX_SAMPLES).max(2);
         let samples: Vec<Sample> = samples.iter().step_by(every).map(Sample::rounded).collect();
@@ -155,7 +156,7 @@ mod tests {
             .map(|tick| Sample { positions: vec![f64::from(tick) + 0.123_456], ..Sample::default() })
             .collect();
         let replay = Replay::new(scene.clone(), 0.01, &samples);
-        // 12 001 samples, seven of which become one: 1715 of them, 70 ms apart.
+        // Every seventh of 12 001 samples is kept: 1715 of them, 70 ms apart.
         assert_eq!((replay.samples.len(), replay.period), (1715, 0.07));
         assert_eq!(replay.samples[2].positions, [14.123_5]);
         let short = Replay::new(scene, 0.01, &samples[..100]);

@@ -4,14 +4,14 @@ use tesaki::model::{ChainJoint, JointModel, MimicJoint, Pose, RobotModel};
 use tesaki_description::urdf::{RigidBody, Urdf, followed, isometry};
 use urdf_rs::Geometry;
 
-/// A robot to draw: kinematics from the model of the board, and solids where its URDF is known.
+/// A robot to draw: kinematics from the model of the board, and solids if its URDF is known.
 ///
 /// A pose is `[x, y, z, qx, qy, qz, qw]`: position [m] and unit quaternion.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Scene {
     /// Name of the robot.
     pub name: String,
-    /// Acceleration of gravity in the base frame [m/s²]: where down is.
+    /// Acceleration of gravity in the base frame [m/s²]; defines what is down.
     pub gravity: [f32; 3],
     /// The joints of the model in their order, then the mimic joints.
     pub joints: Vec<SceneJoint>,
@@ -19,7 +19,7 @@ pub struct Scene {
     pub driven: usize,
     /// The tips, in the order of the chains.
     pub tips: Vec<Tip>,
-    /// What the links look like. Without any, the page draws a rod from joint to joint.
+    /// The shapes of the links. Without any, the page draws a rod from joint to joint.
     pub solids: Vec<Solid>,
 }
 
@@ -28,9 +28,9 @@ pub struct Scene {
 pub struct SceneJoint {
     /// Name.
     pub name: String,
-    /// The joint before it; `None` for one on the base.
+    /// The parent joint; `None` for a joint on the base.
     pub parent: Option<usize>,
-    /// Its frame at angle 0 in the frame before it.
+    /// Its frame at angle 0, in the parent's frame.
     pub origin: [f32; 7],
     /// Axis of rotation, in its frame.
     pub axis: [f32; 3],
@@ -81,7 +81,7 @@ pub enum SolidShape {
 }
 
 impl Scene {
-    /// The robot of a model, without solids.
+    /// Creates the scene of a model, without solids.
     pub fn new(model: &RobotModel) -> Self {
         let own = |joint: &JointModel, parent| SceneJoint {
             name: joint.name.to_string(),
@@ -92,7 +92,7 @@ impl Scene {
             torque: joint.limits.torque,
             follows: None,
         };
-        // The model has no names for them.
+        // The model has no names for mimic joints.
         let follower = |mimic: &MimicJoint, parent| SceneJoint {
             name: format!("mimic of {}", model.joint_name(usize::from(mimic.joint))),
             parent,
@@ -137,15 +137,15 @@ impl Scene {
         }
     }
 
-    /// The same with the solids of its URDF: boxes, cylinders and spheres of `<visual>`. Meshes are left out.
-    /// Joints that follow one of the model, as those of a gripper's fingers, come along.
+    /// Adds the solids of the URDF: boxes, cylinders and spheres of `<visual>`. Meshes are left out. Joints
+    /// that follow a joint of the model, such as those of a gripper's fingers, are added as well.
     #[must_use]
     pub fn with_solids(mut self, urdf: &Urdf) -> Self {
         self.collect(urdf, urdf.base(), None);
         self
     }
 
-    /// Adds the solids of the body of `link`, which `joint` moves, and of all behind it.
+    /// Adds the solids of the body of `link`, which `joint` moves, and of all links beyond it.
     fn collect(&mut self, urdf: &Urdf, link: &str, joint: Option<usize>) {
         let body = RigidBody::new(&urdf.robot, link);
         for (link, place) in &body.links {
@@ -194,8 +194,8 @@ impl Scene {
         Some(self.joints.len() - 1)
     }
 
-    /// The joint of the model for one of the URDF, behind `parent` at `place`. A mimic joint has no name
-    /// there: it is the one with the same place.
+    /// Returns the joint of the model for a joint of the URDF that follows `parent` at `place`. Mimic joints
+    /// have no name in the model and are found by their place.
     fn index(&self, joint: &urdf_rs::Joint, parent: Option<usize>, place: &Isometry3<f64>) -> Option<usize> {
         let origin = of_isometry(&(place * isometry(&joint.origin)));
         let same = |other: &SceneJoint| {

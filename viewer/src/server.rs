@@ -1,8 +1,9 @@
-//! What browsers look at: a few fixed files over HTTP, the files of a report, and a WebSocket for each page.
+//! The web server of the pages: a few fixed files over HTTP, the files of a report, and a WebSocket for each
+//! page.
 //!
-//! It has no threads: [`Server::turn`] does what can be done without waiting. A browser sends what any page
-//! makes it send, so only pages of this server may open a WebSocket (`Origin`), and only under the names of
-//! this machine (`Host`), which keeps out names of others that lead here (DNS rebinding).
+//! It has no threads: [`Server::turn`] does what can be done without waiting. Any web page can make a browser
+//! send requests, so only pages of this server may open a WebSocket (`Origin`), and only under the names of
+//! this machine (`Host`), which prevents DNS rebinding.
 
 use std::collections::BTreeMap;
 use std::io::{self, Read as _, Write as _};
@@ -16,60 +17,60 @@ use sha1::{Digest as _, Sha1};
 use tungstenite::protocol::{Role, WebSocket, WebSocketConfig};
 use tungstenite::{Error, Message};
 
-/// Longest head of a request [bytes].
+/// Maximum length of a request's head [bytes].
 const MAX_HEAD: usize = 8192;
 /// Longest message of a page [bytes].
 const MAX_MESSAGE: usize = 4096;
-/// What may wait for a page [bytes].
+/// Maximum amount of data that may wait for a page [bytes].
 const MAX_WAITING: usize = 1 << 20;
-/// Messages of a page that are read in one turn: others, with a stop perhaps, have theirs then.
+/// Messages of a page that are read in one turn, so that other pages, which may send a stop, get their turn.
 const MAX_READ: usize = 16;
-/// Connections at most: further ones are dropped.
+/// Maximum number of connections: further ones are dropped.
 const MAX_CONNECTIONS: usize = 32;
-/// How long a request, and sending the answer, may take.
+/// Maximum time for a request, and for sending the answer.
 const PATIENCE: Duration = Duration::from_secs(10);
-/// Of every WebSocket (RFC 6455, 1.3).
+/// The GUID of the WebSocket protocol (RFC 6455, 1.3).
 const GUID: &str = "258EAFA5-E914-47DA-95CA-C5AB0DC85B11";
 
-/// What pages with files of their own may load.
+/// Content security policy of pages with files of their own.
 const OWN_PAGE: &str = "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; \
                         connect-src 'self'; img-src data:";
-/// What a report may load, which is one file: nothing.
+/// Content security policy of a report, which is a single file and loads nothing.
 const REPORT_PAGE: &str =
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:";
 
 /// A file that is served: its path, its type, its content.
 pub type File = (&'static str, &'static str, &'static str);
 
-/// What is served, and to whom.
+/// The files that are served, and to whom.
 #[derive(Debug)]
 pub struct Site {
     /// The files.
     pub files: &'static [File],
     /// Path of the WebSocket.
     pub socket: &'static str,
-    /// What is spoken there, if that has a name; the first that a page knows too is chosen.
+    /// Names of the protocols spoken there, if any; the first one that the page also offers is chosen.
     pub protocols: &'static [&'static str],
-    /// Origins of pages that may look beside its own; one that ends with `:` with any port.
+    /// Further origins whose pages may connect; one that ends with `:` stands for any port.
     pub origins: &'static [&'static str],
-    /// What it is, for messages.
+    /// Its name, for messages.
     pub name: &'static str,
-    /// What holds the address when it is not free, and how another one is chosen, for messages.
+    /// What may occupy the address, and how to choose another one, for messages.
     pub choose: &'static str,
 }
 
-/// What happened since the last turn.
+/// An event since the last turn.
 #[derive(Debug)]
 pub enum Event {
-    /// A page has come.
+    /// A page has connected.
     Opened(u64),
-    /// A page says something.
+    /// A page has sent a message.
     Said(u64, String),
-    /// A page has gone.
+    /// A page has disconnected.
     Closed(u64),
 }
 
-/// A connection before it is a page.
+/// A connection that is not yet a page.
 #[derive(Debug)]
 struct Visitor {
     stream: TcpStream,
@@ -77,7 +78,7 @@ struct Visitor {
     head: Vec<u8>,
     /// The answer, and how much of it was sent.
     answer: Option<(Vec<u8>, usize)>,
-    /// Whether it is a page once the answer is sent.
+    /// Whether it becomes a page once the answer is sent.
     is_page: bool,
 }
 
@@ -98,7 +99,7 @@ impl Server {
     /// Listens at an address that only this machine reaches.
     ///
     /// # Errors
-    /// The address is not free, or other machines reach it.
+    /// The address is not free, or can be reached from other machines.
     pub fn listen(address: SocketAddr, site: &'static Site) -> io::Result<Self> {
         if !address.ip().to_canonical().is_loopback() {
             return Err(io::Error::new(
@@ -121,8 +122,8 @@ impl Server {
         Ok(Self { listener, address, site, report, visitors, pages, next: 1 })
     }
 
-    /// Serves the files that are now in a folder, and in the folders in it, below `prefix` (`/report/`): a
-    /// report that was written there. Links to elsewhere are left out.
+    /// Serves the present files of a report's folder and of its subfolders below `prefix` (`/report/`). Links
+    /// to elsewhere are left out.
     ///
     /// # Errors
     /// The folder cannot be read.
@@ -140,12 +141,12 @@ impl Server {
         Ok(())
     }
 
-    /// Where it listens.
+    /// Returns the address at which it listens.
     pub const fn address(&self) -> SocketAddr {
         self.address
     }
 
-    /// Whether nobody is there.
+    /// Returns whether there are no connections.
     pub fn is_idle(&self) -> bool {
         self.visitors.is_empty() && self.pages.is_empty()
     }
@@ -207,7 +208,7 @@ fn page(stream: TcpStream) -> WebSocket<TcpStream> {
     WebSocket::from_raw_socket(stream, Role::Server, Some(limits))
 }
 
-/// Reads what a page says, and sends what waits for it. False when it has gone.
+/// Reads a page's messages, and sends those that wait for it. Returns false when it has gone.
 fn read_page(id: u64, page: &mut WebSocket<TcpStream>, events: &mut Vec<Event>) -> bool {
     for _ in 0..MAX_READ {
         match page.read() {
@@ -221,7 +222,7 @@ fn read_page(id: u64, page: &mut WebSocket<TcpStream>, events: &mut Vec<Event>) 
     survives(page.flush())
 }
 
-/// Whether the connection goes on. What cannot be written now waits.
+/// Returns whether the connection continues. Data that cannot be written now wait.
 fn survives(result: Result<(), Error>) -> bool {
     match result {
         Err(Error::Io(error)) => error.kind() == io::ErrorKind::WouldBlock,
@@ -261,7 +262,7 @@ impl Visitor {
     }
 }
 
-/// The answer to a request; `None` until its head is complete.
+/// Returns the answer to a request; `None` until its head is complete.
 fn answer(
     head: &[u8],
     site: &Site,
@@ -289,12 +290,12 @@ fn answer(
     if request.method != Some("GET") {
         return Some(refuse("405 Method Not Allowed", "only GET"));
     }
-    // From behind a tunnel (ssh -L) the page has the name that the browser knows.
+    // Through a tunnel (ssh -L) the page has the name that the browser uses.
     let may_look = |origin: &str| origin == format!("http://{host}") || site.admits(origin);
     if header("origin").is_some_and(|origin| !may_look(origin)) {
         return Some(refuse("403 Forbidden", "pages of other servers may not look here"));
     }
-    // What others put behind the address, such as `?utm_source=…`, names no other file.
+    // A query after the path, such as `?utm_source=…`, does not select another file.
     let path = request.path.unwrap_or_default().split('?').next().unwrap_or_default();
     let file = site.files.iter().find(|(name, ..)| *name == path);
     if path == site.socket && (file.is_none() || header("upgrade").is_some()) {
@@ -318,7 +319,7 @@ fn answer(
 }
 
 impl Site {
-    /// Whether pages from there may look.
+    /// Returns whether pages of this origin may connect.
     fn admits(&self, origin: &str) -> bool {
         self.origins.iter().any(|own| {
             origin == own.trim_end_matches(':')
@@ -328,7 +329,7 @@ impl Site {
     }
 }
 
-/// Whether a `Host` is a name of this machine: with any port, as that of a tunnel is another one.
+/// Returns whether a `Host` is a name of this machine, with any port, as a tunnel has another one.
 fn is_ours(host: &str, address: SocketAddr) -> bool {
     let name =
         host.rsplit_once(':').filter(|(_, port)| port.parse::<u16>().is_ok()).map_or(host, |(name, _)| name);
@@ -339,7 +340,7 @@ fn is_ours(host: &str, address: SocketAddr) -> bool {
     ["localhost", "127.0.0.1", "[::1]", &own].contains(&name)
 }
 
-/// Agrees to a WebSocket (RFC 6455, 4.2).
+/// Accepts a WebSocket (RFC 6455, 4.2).
 fn upgrade(
     site: &Site,
     protocols: &str,
@@ -384,7 +385,7 @@ fn respond(status: &str, kind: &str, policy: &str, body: &[u8]) -> Vec<u8> {
     [head.as_bytes(), body].concat()
 }
 
-/// What a file of a report is, by the end of its name.
+/// Returns the content type of a file of a report, by its extension.
 fn content_type(path: &Path) -> &'static str {
     match path.extension().and_then(|extension| extension.to_str()) {
         Some("html") => "text/html; charset=utf-8",

@@ -1,4 +1,4 @@
-// Makes ../bundle from src. With --check: fails when the committed bundle is another one.
+// Builds ../bundle from src. With --check: fails if the committed bundle differs.
 import { readFileSync, writeFileSync } from "node:fs";
 import { build } from "esbuild";
 

@@ -1,5 +1,5 @@
-// Makes an animated picture of a run: node film.mjs REPORT.html OUT.gif [FROM TO [SPEED]]
-// The report is one of `cargo sim run`; FROM and TO are seconds of the run. Needs Chromium.
+// Makes an animation of a run: node film.mjs REPORT.html OUT.gif [FROM TO [SPEED]] The report is one of
+// `cargo sim run`; FROM and TO are seconds of the run. Needs Chromium.
 
 import { writeFileSync } from "node:fs";
 import { resolve } from "node:path";
@@ -42,7 +42,8 @@ for (let time = Number(from); time <= end; time += Number(speed) / RATE) {
   pictures.push(new Uint8Array(Buffer.from(pixels, "base64")));
 }
 
-// One palette for all pictures: what stands still must not flicker. Bright colours are few and have a part of their own.
+// One palette for all pictures, so that static parts do not flicker. The few bright colours have a part of
+// their own.
 const grouped = { grey: [], bright: [] };
 for (const rgba of pictures) {
   for (let at = 0; at < rgba.length; at += 4 * 7) {
@@ -60,7 +61,7 @@ const gif = GIFEncoder();
 let last;
 for (const rgba of pictures) {
   const picture = applyPalette(rgba, palette.slice(0, COLOURS));
-  // What is as before is left out.
+  // Unchanged pixels are left out.
   const change = last ? picture.map((colour, at) => (colour === last[at] ? COLOURS : colour)) : picture;
   last = picture;
   gif.writeFrame(change, WIDTH, HEIGHT, { palette, delay: 1000 / RATE, transparent: true, transparentIndex: COLOURS, dispose: 1 });

@@ -1,4 +1,4 @@
-//! Steps of the currents of three real motors, through the registers.
+//! Current steps of three real motors, through the registers.
 
 use tesaki::control::JointPoint;
 use tesaki::model::{RobotModel, Safety};
@@ -10,7 +10,7 @@ use tesaki_chip::bench::{Bench, Motor};
 
 use crate::rig::{MOTOR, Rig, model};
 
-/// A motor as its data sheet says: name, resistance [Ω], inductance [H], torque constant [N·m/A] at the
+/// A motor according to its data sheet: name, resistance [Ω], inductance [H], torque constant [N·m/A] at the
 /// joint.
 ///
 /// FAULHABER 1524 T 009 SR, coreless, behind 58.5:1: data sheet of the series 1524 … SR. Pololu micro metal
@@ -25,7 +25,7 @@ const MOTORS: [(&str, f64, f64, f64); 3] = [
 /// The step [A], and the supply [V] with its resistance [Ω].
 const STEP: f64 = 0.4;
 const SUPPLY: (f64, f64) = (12.0, 0.3);
-/// Time in which the mean current is taken: a period of the loop [ps]. Means are taken so many times in it,
+/// Time over which the current is averaged: a period of the loop [ps]. `PARTS` means are taken per window,
 /// since it begins anywhere in a period.
 const WINDOW: u64 = SECOND / 20_000;
 const PARTS: usize = 10;
@@ -41,8 +41,8 @@ fn real_motors() -> RobotModel {
     model
 }
 
-/// Currents after a step of the torques, means over a period of the loop, [`PARTS`] in a period, from the
-/// last one before it [A].
+/// Returns the currents around a step of the torques: means over a period of the loop, [`PARTS`] per period,
+/// from the last one before the step [A].
 fn step(resistance: f64, inductance: f64) -> Vec<[f64; 3]> {
     let motors = MOTORS.map(|(_, r, l, constant)| Motor {
         resistance: r * resistance,
@@ -80,8 +80,8 @@ fn step(resistance: f64, inductance: f64) -> Vec<[f64; 3]> {
     currents
 }
 
-/// Windings as given and by a fifth beside it, with noise of the converters and a supply that sags. A
-/// bandwidth of a kilohertz is a rise to 63 % in 0.16 ms, after the period in which the command comes.
+/// Windings as given and differing by a fifth, with noise of the converters and a supply that sags. A
+/// bandwidth of 1 kHz means a rise to 63 % in 0.16 ms, after the period in which the command comes.
 #[test]
 fn currents_rise_as_with_a_kilohertz_and_overshoot_by_a_tenth_at_most() {
     for (resistance, inductance) in [(1.0, 1.0), (0.8, 0.8), (0.8, 1.2), (1.2, 0.8), (1.2, 1.2)] {
@@ -98,15 +98,15 @@ fn currents_rise_as_with_a_kilohertz_and_overshoot_by_a_tenth_at_most() {
                 100.0 * overshoot
             );
             assert!((last - STEP).abs() < 0.06 * STEP, "{name}: {last} A");
-            // 0.16 ms and a part.
+            // 0.16 ms and one part.
             assert!(rise < 3.35, "{name}: {rise:.1} periods of 50 µs");
             assert!(overshoot < 0.1, "{name}: {overshoot}");
         }
     }
 }
 
-/// Mean torques of a coreless motor at each joint against those that the core has computed, while the joints
-/// move and rest.
+/// Compares the mean torques of a coreless motor at each joint with those that the core has computed, while
+/// the joints move and rest.
 #[test]
 fn torques_are_those_that_the_core_computes() {
     let (_, resistance, inductance, constant) = MOTORS[0];
@@ -120,7 +120,8 @@ fn torques_are_those_that_the_core_computes() {
     rig.enable_with(&robot).unwrap();
     rig.client.demand(&mut rig.machine, Request::SetRate { stream: Stream::Log, every: 1 }).unwrap();
     rig.goal([0.3, -0.2, 0.1]);
-    // To a millisecond after the instant of a period: the core has computed, and the loop has followed.
+    // Run until a millisecond after the instant of a period: the core has computed, and the loop has
+    // followed.
     let next = rig.machine.entered[16 + 28] + 11 * SECOND / 1000;
     rig.machine.run(next).unwrap();
     let mut worst = 0.0_f64;

@@ -1,4 +1,4 @@
-//! A six-axis force sensor behind an ADS131M06 at the image of `board-weact`.
+//! A six-axis force sensor behind an ADS131M06, with the image of `board-weact`.
 
 use tesaki::control::ServoMode;
 use tesaki::fault::FaultCause;
@@ -15,8 +15,8 @@ use crate::links::run_with_full_lines;
 use crate::rig::acceptance::demand;
 use crate::rig::{MOTOR, Refused, Rig, model};
 
-/// A sensor with three beams and two bridges at each, of which no two are alike, for 20 N and 0.16 N·m: the
-/// first one of `tests/oracles/gauges.py`, rounded.
+/// A sensor for 20 N and 0.16 N·m with three beams and two bridges on each, no two of them alike: the first
+/// one of `tests/oracles/gauges.py`, rounded.
 const CALIBRATION: [[f64; 6]; 6] = [
     [-1.26e-7, 4.82e-7, -2.52e-7, -5.0e-6, 2.67e-7, 6.93e-6],
     [5.32e-7, 6.4e-6, 5.75e-7, -3.53e-6, -7.63e-8, -3.86e-6],
@@ -26,7 +26,7 @@ const CALIBRATION: [[f64; 6]; 6] = [
     [-3.68e-9, 5.59e-8, 1.17e-9, 4.9e-8, -6.25e-9, 7.54e-8],
 ];
 const GAINS: [u8; 6] = [128, 128, 64, 64, 32, 128];
-/// Of the three joints' chain.
+/// Last joint of the chain.
 const LAST: u8 = 2;
 
 fn with_gauges() -> RobotModel {
@@ -46,7 +46,7 @@ fn bench() -> Bench {
 }
 
 impl Rig {
-    /// A board with a sensor that has just started; the converter is set up 0.15 s after a push.
+    /// Returns a board with a sensor that has just started; the converter is set up 0.15 s after a push.
     fn with_sensor(mistakes: &[Mistake]) -> Self {
         Self::boot_image("weact", bench(), mistakes, with_gauges(), 0.15)
     }
@@ -55,7 +55,7 @@ impl Rig {
         self.machine.chip.bench.force_sensor.as_mut().unwrap()
     }
 
-    /// What the noise of two readings does to their difference in an axis, and a count [N, N·m].
+    /// Returns the error of the difference of two readings in an axis: noise and a count [N, N·m].
     fn tolerance(&mut self, axis: usize) -> f64 {
         let noise = self.sensor().noise;
         let gauges = CALIBRATION[axis].into_iter().zip(GAINS);
@@ -68,7 +68,7 @@ impl Rig {
     }
 }
 
-/// The wrenches of the sensor frames are those on the tip, and what the core tells of them after a tare.
+/// Checks that the wrenches in the sensor frames are those on the tip, as are the core's values after a tare.
 fn feels(rig: &mut Rig) -> Result<(), String> {
     let model = rig.model.clone();
     rig.client.push(&mut rig.machine, &model)?;
@@ -96,11 +96,11 @@ fn feels(rig: &mut Rig) -> Result<(), String> {
         [1.5, 2.5, -3.5, 0.01, 0.02, -0.03],
     ] {
         rig.sensor().wrench = wrench;
-        // What is told of a period is what its last millisecond was.
+        // The value reported for a period is that of its last millisecond.
         rig.try_run(0.03)?;
         let felt = told(rig)?;
         let tip = rig.client.tips.as_ref().and_then(|tips| tips.tips.first()).copied().ok_or("no tips")?;
-        // The joints are where the frames of base and tip have the same axes.
+        // At these joint angles the frames of base and tip have the same axes.
         let [fx, fy, fz] = tip.force.map(f64::from);
         let [mx, my, mz] = tip.torque.map(f64::from);
         for (axis, core) in [fx, fy, fz, mx, my, mz].into_iter().enumerate() {
@@ -123,7 +123,7 @@ fn the_wrench_on_the_tip_is_the_one_that_the_core_tells() {
     feels(&mut Rig::with_sensor(&[])).unwrap();
 }
 
-/// What is wrong, address, mask, value.
+/// Description, address, mask, value.
 const MISTAKES: &[(&str, u32, u32, u32)] = &[
     ("SPI1 CR1: mode 0", 0x4001_3000, 1, 0),
     ("SPI1 CR1: 42 MHz", 0x4001_3000, 7 << 3, 0),
@@ -146,7 +146,7 @@ fn mistakes_in_what_it_is_connected_with_are_found() {
     assert!(missed.is_empty(), "missed: {missed:?}");
 }
 
-/// What goes wrong, the fault, and its value.
+/// Description, failure, fault, and value of the fault.
 type Failure = (&'static str, fn(&mut Rig), FaultCause, f32);
 
 const FAILURES: [Failure; 6] = [
@@ -166,8 +166,8 @@ const FAILURES: [Failure; 6] = [
     ("gauge 6 is at its end", |rig| rig.defects().beyond = Some(5), FaultCause::ForceSaturated, 8_388_607.0),
 ];
 
-/// While joints move: a fault by name within two control periods, the joints come to rest and are held, and
-/// when it is mended the board goes on.
+/// Each failure while joints move gives the named fault within two control periods, the joints come to rest
+/// and are held, and once the failure is repaired the board continues.
 #[test]
 fn what_goes_wrong_with_it_is_a_fault_by_name_and_a_controlled_stop() {
     let mut rig = Rig::with_sensor(&[]);
@@ -179,7 +179,7 @@ fn what_goes_wrong_with_it_is_a_fault_by_name_and_a_controlled_stop() {
         assert!(moved.iter().any(|velocity| velocity.abs() > 0.1), "{name}: {moved:?}");
         assert_eq!(rig.status().node.mode, Rig::running(), "{name}: {:?}", rig.faults());
         fail(&mut rig);
-        // The period in which it happens may have all its values still.
+        // The period in which it happens may still have all its values.
         rig.run(0.025);
         let fault = *rig.faults().last().unwrap();
         assert_eq!((fault.cause, fault.joint, fault.value), (cause, Some(LAST), value), "{name}");
@@ -188,7 +188,7 @@ fn what_goes_wrong_with_it_is_a_fault_by_name_and_a_controlled_stop() {
         rig.run(0.45);
         let states = rig.machine.chip.bench.states;
         assert!(states.iter().all(|state| state.velocity.abs() < 1e-3), "{name}: {states:?}");
-        // It is told for as long as it lasts; a restart is over by now.
+        // It is reported for as long as it lasts; a restart is over by now.
         if name != "it restarts" {
             let refused = rig.recover().unwrap_err();
             assert!(refused.contains("Unsafe"), "{name}: {refused}");
@@ -204,7 +204,7 @@ fn what_goes_wrong_with_it_is_a_fault_by_name_and_a_controlled_stop() {
     }
 }
 
-/// Frames that are damaged now and then are left out.
+/// Frames that are damaged occasionally are left out.
 #[test]
 fn a_disturbed_line_is_no_fault() {
     let mut rig = Rig::with_sensor(&[]);
@@ -226,7 +226,7 @@ fn a_disturbed_line_is_no_fault() {
     assert!((told - 5.0).abs() < rig.tolerance(2), "{told}");
 }
 
-/// The model is taken, as with encoders that are not connected: the board can be asked, and not enabled.
+/// The model is accepted, as with disconnected encoders: the board answers but cannot be enabled.
 #[test]
 fn a_board_without_the_converter_cannot_be_enabled() {
     let mut rig = Rig::boot_image("weact", Bench::new([MOTOR; 3], 1), &[], with_gauges(), 0.15);
@@ -283,7 +283,7 @@ fn what_the_board_lacks_for_a_force_sensor_is_refused_at_the_push() {
     odrive.refuses(&refusals);
 }
 
-/// The frames take their time between the control periods, and delay nothing that must not wait.
+/// The frames are exchanged between the control periods, and delay nothing that must not wait.
 #[test]
 fn timing_with_a_force_sensor() {
     const MICROSECONDS: f64 = 1.5 / 168.0;
@@ -303,7 +303,7 @@ fn timing_with_a_force_sensor() {
         ("TIM2: instant of the period", 28, 1.5),
         ("ADC: current loops", 18, 8.0),
         ("EXTI4: a value is ready", 10, 1.0),
-        // It polls the bus: 18 µs of clocks for 24 bytes.
+        // It polls the bus: the clocks of 24 bytes take 18 µs.
         ("EXTI3: a frame of the converter", 9, 35.0),
         ("EXTI0: control", 6, 5000.0),
     ];

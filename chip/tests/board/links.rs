@@ -1,4 +1,4 @@
-//! The serial lines: nothing is lost beside the current loops, and a plant link that is silent harms nothing.
+//! The serial lines: nothing is lost while the current loops run, and a silent plant link does no harm.
 
 use tesaki::protocol::codec::{Decoder, FrameCounts, MAX_FRAME, encode};
 use tesaki::protocol::{ActuatorFrame, LinkStatistics, Mode, Request, SensorFrame, Stream};
@@ -10,7 +10,7 @@ use tesaki_chip::pins::Pin;
 
 use crate::rig::{MOTOR, Rig, image};
 
-/// No byte of `link` was lost or damaged.
+/// Asserts that no byte of `link` was lost or damaged.
 fn assert_whole(link: &LinkStatistics) {
     let LinkStatistics { frames, receive_overflow, receive_errors, .. } = *link;
     assert_eq!((receive_overflow, receive_errors), (0, 0), "{link:?}");
@@ -18,8 +18,8 @@ fn assert_whole(link: &LinkStatistics) {
     assert_eq!([overlong, framing, checksum, malformed], [0; 4], "{link:?}");
 }
 
-/// Runs with 921 600 baud as full as it can be both ways. `each` is called with the bench and the
-/// millisecond. Returns the number of bytes that the board has sent.
+/// Runs with both directions of the line, at 921 600 baud, as full as possible. `each` is called with the
+/// bench and the millisecond. Returns the number of bytes that the board has sent.
 pub fn run_with_full_lines(rig: &mut Rig, milliseconds: u64, each: fn(&mut Bench, u64)) -> usize {
     for stream in Stream::ALL {
         rig.client.demand(&mut rig.machine, Request::SetRate { stream, every: 1 }).unwrap();
@@ -44,7 +44,7 @@ pub fn run_with_full_lines(rig: &mut Rig, milliseconds: u64, each: fn(&mut Bench
     received
 }
 
-/// A second, while three joints move; then a fault, which is kept.
+/// For a second, while three joints move; then for a fault, which is retained.
 #[test]
 fn no_byte_is_lost_beside_the_current_loops() {
     let mut rig = Rig::enabled();
@@ -63,12 +63,12 @@ fn no_byte_is_lost_beside_the_current_loops() {
     assert!(frames > 5000 && received > 50_000, "{frames} {received}");
 }
 
-/// The host of a plant link may be stopped in a debugger: the board waits, an hour of its time, and then goes
-/// on.
+/// The host of a plant link may be stopped in a debugger: the board waits for an hour of its time, and then
+/// continues.
 #[test]
 fn an_hour_of_silence_on_the_plant_link_resets_nothing() {
     let mut machine = Machine::load(&image("bare"), Bench::new([MOTOR; 3], 1));
-    // The strap.
+    // The strap requests the plant link.
     machine.chip.gpio.drive(Pin(1, 12), false);
     machine.run(SECOND / 10).unwrap();
     let mut decoder = Decoder::new();

@@ -1,4 +1,4 @@
-//! How soon the motors are off, by what happens.
+//! How soon the motors are off after each kind of failure.
 
 use tesaki::fault::FaultCause;
 use tesaki_chip::SECOND;
@@ -8,7 +8,7 @@ use crate::rig::Rig;
 
 const MICROSECOND: u64 = SECOND / 1_000_000;
 
-/// Time until `is_off`, in steps [ps]; `None`: not within `limit`.
+/// Returns the time until `is_off`, in steps [ps]; `None`: not within `limit`.
 fn time_until(rig: &mut Rig, step: u64, limit: u64, is_off: impl Fn(&Rig) -> bool) -> Option<u64> {
     let begin = rig.machine.now();
     while rig.machine.now() - begin < limit {
@@ -46,8 +46,8 @@ fn a_high_current_is_off_within_100_microseconds() {
     assert!(worst <= 100 * MICROSECOND, "{worst} ps");
 }
 
-/// An encoder whose cable is unplugged while its joint moves, at 0.3 to 0.55 rad/s: the motor induces enough
-/// for the board to see that it turns on.
+/// The cable of an encoder is unplugged while its joint moves at 0.3 to 0.55 rad/s: the back-EMF is large
+/// enough for the board to see that the motor still turns.
 #[test]
 fn a_dead_encoder_in_motion_is_named_and_off_within_2_periods() {
     let mut worst = 0;
@@ -85,7 +85,7 @@ fn pulses_end_without_an_instruction() {
         let Bench { stop, fault, .. } = &mut rig.machine.chip.bench;
         *(if name == "nFAULT" { fault } else { stop }) = true;
         let pressed = rig.machine.now();
-        // The inputs change now, and not with the next event.
+        // The inputs change now, not at the next event.
         rig.machine.pass(0);
         rig.machine.pass(SECOND / 1000);
         assert_eq!(rig.machine.instructions, executed);
@@ -96,7 +96,7 @@ fn pulses_end_without_an_instruction() {
     }
 }
 
-/// The control task is dead, the timer goes on: the loops brake after two periods without a command.
+/// The control task is dead, but the timer continues: the loops brake after two periods without a command.
 #[test]
 fn a_dead_control_task_is_off_within_20_ms() {
     let mut rig = Rig::enabled();

@@ -4,7 +4,7 @@ use crate::rig::Rig;
 use crate::rig::acceptance::accept;
 use tesaki_chip::mistake::Mistake;
 
-/// What is wrong, address, mask, value.
+/// Description, address, mask, value.
 const MISTAKES: &[(&str, u32, u32, u32)] = &[
     ("TIM1 BDTR: no MOE", 0x4001_0044, 1 << 15, 0),
     ("TIM1 BDTR: AOE", 0x4001_0044, 1 << 14, 1 << 14),

@@ -27,8 +27,8 @@ fn it_answers_on_its_line_and_refuses_what_it_lacks() {
     assert_eq!((status.board.clock, status.node.mode), (ClockSource::Crystal, Mode::Disabled));
 }
 
-/// Both joints by 0.3 rad, for so many ticks: the largest distance from the reference and the largest one
-/// from the goal after two seconds [rad].
+/// Moves both joints by 0.3 rad, for this many ticks. Returns the largest distance from the reference and the
+/// largest one from the goal after two seconds [rad].
 fn step(rig: &mut Rig, ticks: u32) -> (f64, f64) {
     let goals = [0.3_f32, -0.3];
     rig.goal(goals);
@@ -51,7 +51,7 @@ fn step(rig: &mut Rig, ticks: u32) -> (f64, f64) {
     (worst, late)
 }
 
-/// The servo's table: 5 mrad at most, and 1 mrad after a second.
+/// As in the servo's table: at most 5 mrad, and 1 mrad after a second.
 #[test]
 fn two_joints_step_by_0_3_rad_through_the_registers() {
     let mut rig = Rig::odrive(&[]);
@@ -74,7 +74,7 @@ fn two_joints_step_by_0_3_rad_through_the_registers() {
     }
 }
 
-/// Windings, inertia and friction up to a fifth beside the model, the torque constant by a twentieth.
+/// Windings, inertia and friction differ from the model by up to a fifth, the torque constant by a twentieth.
 #[test]
 fn four_odrives_step_whose_motors_differ_from_the_model() {
     for (seed, signs) in [(1, [1.0, 1.0]), (2, [1.0, -1.0]), (3, [-1.0, 1.0]), (4, [-1.0, -1.0])] {
@@ -99,8 +99,8 @@ fn the_odrive_does_all_that_it_must() {
     accept(&mut Rig::odrive(&[])).unwrap();
 }
 
-/// From the edge to the last gate, in executed instructions, wherever it meets the CPU. There is no other
-/// path: without an instruction nothing happens.
+/// Measures the time from the edge to the last gate, wherever it interrupts the CPU. There is no other path:
+/// without instructions nothing switches off.
 #[test]
 fn a_trip_takes_some_instructions() {
     for name in ["emergency stop", "nFAULT"] {
@@ -131,7 +131,7 @@ fn a_trip_takes_some_instructions() {
             rig.run(0.2);
             rig.recover().unwrap();
         }
-        // In the model an interrupt begins without the twelve cycles of a CPU.
+        // The model omits the twelve cycles of interrupt entry.
         let handler = rig.machine.work[if name == "nFAULT" { 16 + 8 } else { 16 + 10 }].longest;
         let time = longest as f64 * 1e-6;
         println!(
@@ -141,7 +141,7 @@ fn a_trip_takes_some_instructions() {
     }
 }
 
-/// What is wrong, address, mask, value.
+/// Description, address, mask, value.
 const MISTAKES: &[(&str, u32, u32, u32)] = &[
     ("TIM1 BDTR: no dead time", 0x4001_0044, 0xFF, 0),
     ("TIM8 BDTR: AOE", 0x4001_0444, 1 << 14, 1 << 14),

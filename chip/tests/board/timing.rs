@@ -1,13 +1,14 @@
-//! What the handlers of the image take, while three joints move and the supervisor's line is full both ways.
+//! Execution times of the image's handlers, while three joints move and both directions of the supervisor's
+//! line are full.
 
 use crate::links::run_with_full_lines;
 use crate::rig::Rig;
 
-/// Frequency of the CPU [MHz], and cycles that an instruction is taken for.
+/// Frequency of the CPU [MHz], and assumed cycles per instruction.
 const CLOCK: f64 = 168.0;
 const CYCLES: f64 = 1.5;
 
-/// A byte of the UARTs, which wait while what is above them runs [µs].
+/// Time of a byte of the UARTs, which wait while handlers of a higher priority run [µs].
 const BYTE: f64 = 10.8;
 const INSTANT: usize = 16 + 28;
 const LOOPS: usize = 16 + 18;
@@ -15,7 +16,7 @@ const LOOPS: usize = 16 + 18;
 const HANDLERS: [(&str, usize, f64); 5] = [
     ("TIM2: instant of the period", INSTANT, 1.5),
     ("ADC: current loops", LOOPS, 8.0),
-    // Between two bytes.
+    // Must fit between two bytes.
     ("USART1: supervisor's line", 16 + 37, BYTE),
     ("EXTI0: control", 16 + 6, 5000.0),
     ("EXTI1: supervisor", 16 + 7, f64::INFINITY),
@@ -24,7 +25,7 @@ const HANDLERS: [(&str, usize, f64); 5] = [
 #[test]
 fn timing_of_the_handlers() {
     let mut rig = Rig::enabled();
-    // It has just taken a model over.
+    // The loops have just taken over a model.
     let taking_over = rig.machine.work[LOOPS].longest;
     rig.goal([0.3, -0.3, 0.15]);
     rig.machine.work.iter_mut().for_each(|work| *work = Default::default());
@@ -47,7 +48,7 @@ fn timing_of_the_handlers() {
         assert!(work.times > 0 && longest < limit, "{name}: {longest} µs");
     }
     println!("{:>44.1} %  in all", 100.0 * all);
-    // Both can follow each other at once, and an edge at a line beside.
+    // Both can follow each other at once, together with an edge on a line.
     let [instant, loops] = [INSTANT, LOOPS].map(|number| rig.machine.work[number].longest);
     let waits = (instant + loops.max(taking_over)) as f64 * CYCLES / CLOCK;
     println!("{waits:.1} µs until a byte is taken, of {BYTE}");

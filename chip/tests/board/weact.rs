@@ -1,5 +1,5 @@
-//! The image of `board-weact` on the modelled chip: what a driver must do, and that each seeded mistake in
-//! one is found.
+//! The image of `board-weact` on the modelled chip: what a driver must do, and a check that each seeded
+//! mistake is found.
 
 use tesaki::model::{Field, Problem};
 use tesaki::protocol::{ClockSource, Mode, ResetCause};
@@ -20,7 +20,7 @@ fn boots_from_the_crystal() {
     assert_eq!(rig.machine.chip.unknown, Default::default());
 }
 
-/// Steps by at most 0.3 rad, and for so long. Returns the largest distance from the reference of the
+/// Steps by at most 0.3 rad, for this many ticks. Returns the largest distance from the reference of the
 /// trajectory filter, and the largest one from the goal after two seconds [rad]; the angle is that of the
 /// motor, not of the encoder.
 fn step(rig: &mut Rig, ticks: u32) -> (f64, f64) {
@@ -46,7 +46,8 @@ fn step(rig: &mut Rig, ticks: u32) -> (f64, f64) {
     (worst, late)
 }
 
-/// The servo's table: 5 mrad at most, and 1 mrad after a second; paper's values of the observer mode.
+/// As in the servo's table: at most 5 mrad, and 1 mrad after a second; the observer mode has the paper's
+/// values.
 #[test]
 fn joints_step_by_0_3_rad_through_the_registers() {
     let (worst, late) = step(&mut Rig::enabled(), 300);
@@ -54,8 +55,8 @@ fn joints_step_by_0_3_rad_through_the_registers() {
     assert!(worst < 5e-3 && late < 1e-3, "{worst} {late}");
 }
 
-/// No late tick and no other fault either. The table's 5 mrad are for motors as the model says: these were up
-/// to 9.9 mrad beside the reference.
+/// There must be no fault, such as a late tick. The table's 5 mrad are for motors that match the model: these
+/// were up to 9.9 mrad off the reference.
 #[test]
 fn twenty_boards_step_whose_motors_differ_from_the_model() {
     let errors: Vec<f64> = (1..=20).map(|seed| step(&mut Rig::deviating(seed), 60).0).collect();
@@ -71,7 +72,7 @@ fn the_board_does_all_that_it_must() {
     eprintln!("ADC {adc:?}\nTIM2 {timer:?}\nEXTI0 {control:?}");
 }
 
-/// Refused at the push, by joint and field; then a robot that the board can drive is taken.
+/// A model is refused at the push, by joint and field; then a robot that the board can drive is accepted.
 #[test]
 fn what_the_board_lacks_is_refused_at_the_push() {
     let mut rig = Rig::boot();

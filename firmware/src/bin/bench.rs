@@ -45,15 +45,15 @@ const COUNTS: f32 = 454_656.0;
 struct Stopwatch(SYST);
 
 impl Stopwatch {
-    /// Executed instructions of one call of `body`, on average; the loop around it is not counted.
+    /// Prints the executed instructions of one call of `body`, on average; the loop around it is not counted.
     fn measure(&mut self, name: &str, body: impl FnMut(f32)) {
         self.compare(name, body, |x| {
             black_box(x);
         });
     }
 
-    /// Executed instructions by which a call of `body` exceeds one of `baseline`. With a baseline that calls
-    /// an empty function in the same way, what remains is the function's own.
+    /// Prints by how many executed instructions a call of `body` exceeds one of `baseline`. If the baseline
+    /// calls an empty function in the same way, the difference is that of the function alone.
     fn compare(&mut self, name: &str, mut body: impl FnMut(f32), mut baseline: impl FnMut(f32)) {
         let empty = self.run(&mut baseline);
         let full = self.run(&mut body);
@@ -137,7 +137,7 @@ fn main() -> ! {
     follow_hand5();
     codec(&mut watch);
 
-    // The RAM has no room for two, nor the stack for one: the second is copied from flash.
+    // The RAM has no room for two nodes, nor the stack for one: the next ones are copied from flash.
     static mut NODE: Node = Node::new();
     static NEW: Node = Node::new();
     // SAFETY: the only reference, in the only thread.
@@ -155,9 +155,9 @@ fn main() -> ! {
     }
 }
 
-/// Control, dynamics and kinematics of few joints.
+/// Measures control, dynamics and kinematics of a few joints.
 ///
-/// Functions of their own leave the stack to the node.
+/// Not inlined, so that its stack is free again when the node runs.
 #[inline(never)]
 fn kernels(watch: &mut Stopwatch) {
     let pid =
@@ -274,7 +274,7 @@ fn kernels(watch: &mut Stopwatch) {
     });
 }
 
-/// Encodes and decodes the largest telemetry.
+/// Measures encoding and decoding of the largest telemetry.
 #[inline(never)]
 fn codec(watch: &mut Stopwatch) {
     let joint = |joint| {
@@ -302,7 +302,7 @@ fn codec(watch: &mut Stopwatch) {
     });
 }
 
-/// The first `count` of six contacts of a hand whose tips have moved by `x`, the grasp map included.
+/// Returns the grasp map of the first `count` of six contacts of a hand whose tips have moved by `x`.
 fn held(count: usize, x: f32, friction: f32) -> GraspMap {
     const PLACES: [([f32; 3], [f32; 3]); 6] = [
         ([0.09, 0.04, 0.085], [1.0, 0.1, 0.55]),
@@ -323,8 +323,8 @@ fn held(count: usize, x: f32, friction: f32) -> GraspMap {
     GraspMap::try_new(&contacts, Vector3::new(0.11, 0.0, 0.1)).expect("a grasp")
 }
 
-/// Grasp map, its inverse, and the least grip: from the last tick's, from nothing, and when nothing holds the
-/// load.
+/// Measures the grasp map, its inverse, and the least grip: with a warm start, a cold start, and when no
+/// forces hold the load.
 fn grasp(watch: &mut Stopwatch) {
     watch.measure("grasp_map_3", |x| {
         black_box(held(3, black_box(x), 0.6));
@@ -341,7 +341,7 @@ fn grasp(watch: &mut Stopwatch) {
         let _ = black_box(&black_box(&map).normal_grip(1.0));
     });
     let grip = LeastGrip::try_new(0.1, 0.05).expect("settings");
-    // Contacts and load move every time.
+    // Contacts and load change in each call.
     for (count, warm, cold) in
         [(3, "least_grip_3_warm", "least_grip_3_cold"), (6, "least_grip_6_warm", "least_grip_6_cold")]
     {
@@ -372,8 +372,8 @@ type StoredContact = ([f32; 3], [f32; 3], f32, f32);
 const CASES: &[(f32, f32, [f32; 6], &[StoredContact], Option<f32>, bool)] =
     include!("../../../tests/oracles/data/grip.in");
 
-/// The calls that take most when the least grip is searched for in slices, from nothing: when forces hold the
-/// load, when nothing does, and over all stored grasps by the number of their contacts.
+/// Measures the longest slice of the search for the least grip from a cold start: when forces hold the load,
+/// when none do, and over all stored grasps by the number of their contacts.
 fn slices() {
     let grip = LeastGrip::try_new(0.1, 0.05).expect("settings");
     let load = Vector6::new(1.0, 0.0, 1.2, 0.01, -0.01, 0.0);
@@ -403,7 +403,7 @@ fn slices() {
     print_slice("least_grip_6_slice_worst", six);
 }
 
-/// Ticks of the longest call, up to 6 instructions each.
+/// Returns the duration of the longest call [ticks of up to 6 instructions].
 fn longest_slice(grip: &LeastGrip, map: &GraspMap, load: &Vector6<f32>) -> u32 {
     let (mut state, mut longest) = (GripState::default(), 0);
     loop {
@@ -421,7 +421,7 @@ fn print_slice(name: &str, ticks: u32) {
     hprintln!("{} {}.0", name, ticks * 1000 / 168);
 }
 
-/// Retargeting for the hand whose fingers share one motor.
+/// Measures retargeting for the hand whose fingers share one motor.
 #[inline(never)]
 fn follow_hand5() {
     let hand = hand5();
@@ -437,9 +437,9 @@ fn follow_hand5() {
     retargeting("retarget_first_directions_unreachable", &hand, 1.5, true, true);
 }
 
-/// Frames of a hand that follows an operator whose hand is `size` times as large and moves, with or without
-/// the directions of the fingertips: all on average, and the longest. Each one may be the `first`, for which
-/// the hand is stretched.
+/// Measures frames of a hand that follows an operator whose moving hand is `size` times as large, with or
+/// without the directions of the fingertips: their mean and the longest. If `first`, each frame is the first
+/// one, which begins with the hand stretched.
 #[inline(never)]
 fn retargeting(name: &str, hand: &Hand, size: f32, directions: bool, first: bool) {
     let settings = RetargetSettings { speeds: [1e3; 16], directions, ..RetargetSettings::DEFAULT };
@@ -463,7 +463,7 @@ fn retargeting(name: &str, hand: &Hand, size: f32, directions: bool, first: bool
     });
 }
 
-/// Position and direction of the fingertips while each joint swings about the middle of its range.
+/// Returns position and direction of the fingertips while each joint swings about the middle of its range.
 fn tips(hand: &Hand, frame: u16) -> [Option<(Vector3<f32>, Vector3<f32>)>; 5] {
     let mut angles = hand.center();
     for (joint, (angle, (lower, upper))) in (0_u8..).zip(angles.iter_mut().zip(hand.limits())) {
@@ -473,7 +473,7 @@ fn tips(hand: &Hand, frame: u16) -> [Option<(Vector3<f32>, Vector3<f32>)>; 5] {
     core::array::from_fn(|finger| hand.tip(finger, &angles))
 }
 
-/// Prints the instructions of 500 frames, of which `frame` returns the ticks: on average, and the longest.
+/// Prints the instructions of 500 frames, their mean and the longest; `frame` runs one and returns its ticks.
 fn measure_frames(name: &str, mut frame: impl FnMut(u16) -> u32) {
     const FRAMES: u16 = 500;
     let (mut longest, mut sum) = (0, 0);
@@ -487,16 +487,16 @@ fn measure_frames(name: &str, mut frame: impl FnMut(u16) -> u32) {
     hprintln!("{}_longest {}.0", name, u64::from(longest) * 1000 / 168);
 }
 
-/// Ticks of SysTick since `start`.
+/// Returns the ticks of SysTick since `start`.
 fn since(start: u32) -> u32 {
     start.wrapping_sub(SYST::get_current()) & 0xFF_FFFF
 }
 
-/// A hand whose six motors move six mimic joints: retargeting of a frame, and the tick of a node that follows
-/// an operator, retargeting included.
+/// Measures a hand whose six motors also move six mimic joints: retargeting of a frame, and the tick of a
+/// node that follows an operator, retargeting included.
 #[inline(never)]
 fn mimics(node: &mut Node) {
-    /// robots/inspire as it goes over the wire: `tests/tests/telexistence.rs` compares.
+    /// robots/inspire as it is sent; `tests/tests/telexistence.rs` checks that it is up to date.
     const INSPIRE: &[u8] = include_bytes!("support/inspire.model");
     support::push_bytes(node, INSPIRE);
     let hand = || node.robot().and_then(Robot::hand).expect("a hand");
@@ -537,7 +537,7 @@ fn mimics(node: &mut Node) {
     assert!(matches!(node.mode(), Mode::Enabled(_)), "the node left its task");
 }
 
-/// Tick of a node with three chains of three joints, enabled and in motion.
+/// Measures the tick of a node with three chains of three joints, enabled and in motion.
 fn tick(watch: &mut Stopwatch, node: &mut Node, name: &str, mode: ServoMode) {
     support::push(node, &support::hand());
     let mut sensors = support::sensors(1);

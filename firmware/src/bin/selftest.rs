@@ -169,14 +169,14 @@ fn noise_is_counted() -> bool {
 
 fn no_partial_frames() -> bool {
     let (_isr, mut endpoint) = link!(FakeUart { next: 0, lost: false });
-    // 128 bytes make a frame of some 140; seven fit into a queue that nobody empties.
+    // 128 bytes make a frame of some 140; seven fit into a queue that is not emptied.
     let message: heapless::Vec<u8, 128> = core::iter::repeat_n(1, 128).collect();
     let sent = (0..9).filter(|_| endpoint.send(&message)).count();
     sent == 7 && endpoint.statistics().send_overflow == 2
 }
 
 fn stack_is_measured() -> bool {
-    // Enough to see the whole stack.
+    // Enough calls to scan the whole stack.
     let scan = || (0..60).for_each(|_| stack::scan());
     scan();
     let (before, size) = stack::usage();
@@ -237,7 +237,7 @@ fn interrupts_are_not_kept_off() -> bool {
     timer.disable_counter();
     let instructions = LATENCY.load(Ordering::Relaxed) * 1000 / 168;
     hprintln!("     interrupts were off for at most {} instructions", instructions);
-    // Some are what the handler itself takes before it reads the counter.
+    // The handler itself takes some before it reads the counter.
     INTERRUPTS.load(Ordering::Relaxed) > 100 && instructions < 20
 }
 
@@ -308,7 +308,7 @@ fn periods_feed_the_watchdog_while_healthy() -> bool {
     board.silent = true;
     OFF.store(false, Ordering::Relaxed);
     passed &= run(&mut board, node, 10) == (false, false, Some(FaultCause::SensorsSilent));
-    // The joints may move still.
+    // The joints may still move.
     support::ask(node, &mut 110, Request::Disable);
     passed &= run(&mut board, node, 11) == (false, false, Some(FaultCause::SensorsSilent));
     support::ask(node, &mut 111, Request::ReadFaults);
@@ -357,7 +357,7 @@ fn wrong_crystals_are_refused() -> bool {
     const SUPERVISED: u32 = 1 << 19;
     const PLL_READY: u32 = 1 << 25;
     const FROM_CRYSTAL: u32 = 1 << 22;
-    /// What a chip whose oscillators do this ends up with: source, refused crystal, CR, PLLCFGR.
+    /// Returns what a chip with such oscillators ends up with: source, refused crystal, CR, PLLCFGR.
     fn end(ready: u32, crystal: u32, measured: Option<u32>) -> (ClockSource, Option<u32>, u32, u32) {
         // SAFETY: registers in ordinary memory; all their bits may be zero.
         let (rcc, flash) = unsafe {

@@ -1,6 +1,6 @@
-//! The circle finder on a picture of a door knob, on the emulated Cortex-M4F with `-icount shift=0`: executed
-//! instructions, one `name instructions` per line, and the bits that the host computed. The picture lies in
-//! flash; the buffers take 44 kB of RAM, which the other programs do not have.
+//! The circle finder on a picture of a door knob, on the emulated Cortex-M4F with `-icount shift=0`: prints
+//! the executed instructions, one `name instructions` per line, and checks for the bits that the host
+//! computed. The picture lies in flash; the buffers take 44 kB of RAM, which the other programs do not have.
 
 #![no_std]
 #![no_main]

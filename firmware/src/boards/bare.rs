@@ -1,4 +1,4 @@
-//! The microcontroller alone, without drives and without sensors: its node cannot be enabled but on the plant
+//! The microcontroller alone, without drives and without sensors: its node can be enabled only on the plant
 //! link.
 //!
 //! | pin | use |
@@ -49,7 +49,7 @@ impl Board for Bare {
         }
     }
 
-    /// Any robot: the plant link has sensors and drives for all.
+    /// Accepts any robot: the plant link has sensors and drives for all.
     fn configure(&mut self, _model: &RobotModel) -> Result<(), ModelError> {
         Ok(())
     }
@@ -63,7 +63,7 @@ impl Board for Bare {
     fn off() {}
 }
 
-/// Nothing to latch.
+/// The latch of a board without sensors.
 pub struct NoSensors;
 
 impl Latch for NoSensors {

@@ -1,17 +1,16 @@
-//! A board for tests in QEMU, where no sensor and no drive is: one joint is computed, with a rotor and
-//! nothing else.
+//! A board for tests in QEMU, which has no sensors and no drives: one joint is simulated, a bare rotor.
 //!
-//! It runs what the plant link does not: the timer's interrupt, the latch, periods without sensors, the
-//! outputs' way off. The name of the robot's model chooses what goes wrong, half a second after the joint was
-//! enabled:
+//! It exercises what the plant link does not: the timer's interrupt, the latch, periods without sensors, and
+//! the ways in which the outputs are switched off. The name of the robot's model selects what goes wrong half
+//! a second after the joint was enabled:
 //!
 //! | model | what happens |
 //! |---|---|
-//! | `silent` | the sensors cannot be read any more |
+//! | `silent` | the sensors can no longer be read |
 //! | `overflow` | the stack overflows |
-//! | `crystal` | the crystal is said to have stopped |
+//! | `crystal` | the interrupt for a stopped crystal is raised |
 //! | `panic` | a panic |
-//! | `instants` | nothing; the encoder counts by how much the instants of sampling have varied [168 MHz] |
+//! | `instants` | nothing; the encoder shows by how much the sampling intervals have varied [cycles of 168 MHz] |
 //!
 //! The power stage's line is PC5: low is off. QEMU logs what is written there.
 
@@ -28,11 +27,11 @@ use crate::board::{Board, Equipment, Latch, NoCurrents, Peripherals, SupervisorL
 /// Enabled periods after which something goes wrong.
 const HEALTHY_PERIODS: u32 = 50;
 
-/// What the board has.
+/// The board's equipment.
 const EQUIPMENT: Equipment =
     Equipment { motors: 1, absolute_encoders: true, force_sensors: 0, current: 10.0, supply: 60.0 };
 
-/// What goes wrong.
+/// The defect that the model's name selects.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Defect {
     None,
@@ -47,7 +46,7 @@ enum Defect {
 pub struct Emulated {
     defect: Defect,
     enabled: u32,
-    /// Counts for a radian, and inertia [kg·m²].
+    /// Counts per radian, and inertia [kg·m²].
     counts: f32,
     inertia: f32,
     angle: f32,
@@ -78,7 +77,7 @@ impl Board for Emulated {
         (board, Instants { last: None, shortest: u32::MAX, longest: 0 }, NoCurrents)
     }
 
-    /// A strap is no reason to use the plant link on a board with power stages.
+    /// Returns `true`: a board with power stages must ignore the strap.
     fn is_strapped(&mut self) -> bool {
         true
     }
@@ -113,7 +112,7 @@ impl Board for Emulated {
         }
         self.velocity += self.torque / self.inertia * TICK;
         self.angle += self.velocity * TICK;
-        // Never at rest under torque, which would be a fault.
+        // The count always changes: standing still under torque would be a fault.
         let noise = (period % 2) as i32;
         let count = (self.angle * self.counts) as i32 + noise;
         let count = if self.defect == Defect::Instants { *variation as i32 } else { count };
@@ -150,7 +149,7 @@ fn set_pending(bit: u32) {
     unsafe { (*SCB::PTR).icsr.write(bit) };
 }
 
-/// Calls itself until the stack is at its end.
+/// Recurses until the stack overflows.
 #[inline(never)]
 #[expect(unconditional_recursion, reason = "that is what it is for")]
 fn overflow(depth: u32) {
@@ -159,7 +158,7 @@ fn overflow(depth: u32) {
     core::hint::black_box(room);
 }
 
-/// Measures how regularly it is called.
+/// Measures the variation of the intervals between its calls.
 pub struct Instants {
     last: Option<u32>,
     shortest: u32,

@@ -25,7 +25,7 @@ compile_error!("choose a board: one feature of those that firmware/src/boards/mo
 #[cfg(all(feature = "board-odrive", feature = "board-weact"))]
 compile_error!("choose one of the boards with motors: their pins differ");
 
-/// The board of this image. A board that is asked for replaces the default one.
+/// The board of this image. A selected board replaces the default one.
 #[cfg(not(any(feature = "board-emulated", feature = "board-odrive", feature = "board-weact")))]
 pub type ThisBoard = bare::Bare;
 /// The board of this image.

@@ -1,4 +1,4 @@
-//! ODrive v3.6 for 56 V: two brushed motors with a quadrature encoder each, between the half bridges B and C
+//! ODrive v3.6 for 56 V: two brushed motors, each with a quadrature encoder, between the half bridges B and C
 //! of its two stages.
 //!
 //! | pin | use |
@@ -21,13 +21,13 @@
 //! | PA6 | supply, divided by 19 |
 //! | PA0, PA1 | GPIO1, GPIO2: UART4 TX, RX: supervisor |
 //!
-//! Pins by the public header of the board (odriverobotics/ODrive, `Firmware/Board/v3/Inc/main.h`). A motor is
-//! at the terminals B (positive) and C; A stays open. The emergency stop is a contact from 3.3 V to GPIO5.
-//! There is no plant link.
+//! The pins are those in the public header of the board (odriverobotics/ODrive,
+//! `Firmware/Board/v3/Inc/main.h`). A motor is connected to the terminals B (positive) and C; A stays open.
+//! The emergency stop is a contact from 3.3 V to GPIO5. There is no plant link.
 //!
-//! **No trip without the CPU.** No line of this board reaches a break input. What switches off without an
-//! instruction is a gate driver: the half bridge with an overcurrent, no other one. For all the rest, the
-//! emergency stop included, an interrupt of the highest priority pulls `EN_GATE` low.
+//! **No trip without the CPU.** No line of this board reaches a break input. Without the CPU, a gate driver
+//! switches off only a half bridge that has an overcurrent. For everything else, including the emergency
+//! stop, an interrupt of the highest priority pulls `EN_GATE` low.
 
 use heapless::spsc::{Consumer, Producer, Queue};
 use static_cell::ConstStaticCell;
@@ -56,7 +56,7 @@ use crate::drivers::current_adc::{CurrentAdc, FULL_SCALE};
 use crate::drivers::half_bridges::HalfBridges;
 use crate::drivers::spi::{Device, Spi3OnC};
 
-/// Motors.
+/// Number of motors.
 const N: usize = 2;
 /// Frequency of TIM1 and TIM8 [Hz].
 const TIMER: f32 = 168e6;
@@ -73,35 +73,36 @@ const SWITCHING: Switching = Switching {
 };
 /// Reference of the converters and of the amplifiers [V].
 const REFERENCE: f32 = 3.3;
-/// A transistor that conducts with 0.25 V has an overcurrent: some 50 to 100 A, by its temperature.
+/// A voltage of 0.25 V across a conducting transistor is an overcurrent: some 50 to 100 A, depending on
+/// temperature.
 const GATE_DRIVERS: Settings =
     Settings { gate_current: GateCurrent::High, overcurrent: 12, gain: Gain::Eighty };
 const SENSE: ShuntSense =
     ShuntSense { shunt: 0.5e-3, gain: GATE_DRIVERS.gain, reference: REFERENCE, counts: FULL_SCALE };
-/// Amplifiers without current give half the reference, as far from it as this at most [counts]: 4 mV at their
+/// Without current the amplifiers give half the reference, within this tolerance [counts]: 4 mV at their
 /// inputs.
 const OFFSET: Offset = Offset::new(FULL_SCALE / 2 + 1, 400);
-/// What leaves a motor at one terminal comes in at the other. Another sum of both currents [counts], 2 A, is
-/// a short circuit or a broken amplifier.
+/// A motor's current enters at one terminal and leaves at the other. A larger sum of both currents [counts],
+/// 2 A, is a short circuit or a broken amplifier.
 const MAX_SUM: f32 = 100.0;
-/// Supply for a count [V].
+/// Supply voltage per count [V].
 const SUPPLY_RESOLUTION: f32 = REFERENCE * 19.0 / FULL_SCALE as f32;
-/// A current of so many times its limit is a fault of the power stage.
+/// A current of this many times its limit is a fault of the power stage.
 const TRIP: f32 = 1.15;
 /// Periods of the current loop in a control period.
 const PERIODS: u32 = (TICK / SWITCHING.period + 0.5) as u32;
-/// Back-EMF of a motor above which the gate drivers must not wake [V].
+/// Back-EMF of a motor above which the gate drivers must not be woken [V].
 const MAX_BACK_EMF: f32 = 5.0;
 
-/// What the board has. A trip must lie within the amplifiers' range, 33 A.
+/// The board's equipment. A trip must lie within the amplifiers' range, 33 A.
 const EQUIPMENT: Equipment =
     Equipment { motors: N as u8, absolute_encoders: false, force_sensors: 0, current: 25.0, supply: 48.0 };
 
 /// From the control task to the current loops.
 static ORDER: Handover<{ order_words(N) }> = Handover::new();
-/// Back.
+/// From the current loops to the control task.
 static MEASURED: Handover<{ measured_words(N) }> = Handover::new();
-/// Motors on their way to the current loop.
+/// New motors, from the control task to the current loops.
 static NEW_MOTORS: ConstStaticCell<Queue<Motors<N>, 2>> = ConstStaticCell::new(Queue::new());
 
 /// Lines of EXTI.
@@ -133,7 +134,7 @@ impl Board for Odrive {
         let b = peripherals.gpiob.split(rcc);
         let c = peripherals.gpioc.split(rcc);
         let d = peripherals.gpiod.split(rcc);
-        // First of all: asleep, and no gate of what is not used.
+        // First of all: the gate drivers are asleep, and unused gates are off.
         let enable = b.pb12.into_push_pull_output();
         a.pa8.into_push_pull_output();
         b.pb13.into_push_pull_output();
@@ -166,7 +167,7 @@ impl Board for Odrive {
         let converters = (peripherals.adc1, peripherals.adc2, peripherals.adc3, peripherals.adc_common);
         let adc = CurrentAdc::start(converters, rcc, [&[10, 6], &[13, 11], &[12]]);
         let bridges = HalfBridges::start((peripherals.tim1, peripherals.tim8), rcc, RESOLUTION);
-        // The outputs idle low before their pins show them.
+        // The outputs already idle low when they are connected to their pins.
         a.pa9.into_alternate::<1>();
         a.pa10.into_alternate::<1>();
         b.pb14.into_alternate::<1>();
@@ -206,13 +207,13 @@ impl Board for Odrive {
         EQUIPMENT.check(model)?;
         let motors = motors_for(model, Sensing::Signed, TRIP, &SWITCHING, 0.0)?;
         self.joints.configure(model);
-        // Full only if the current loop does not run, which `read` reports. Then nothing moves.
+        // The queue is full only if the current loop does not run, which `read` reports. Then nothing moves.
         let _ = self.to_loops.enqueue(motors);
         Ok(())
     }
 
     fn read(&mut self, period: u32, sample: &Sample) -> Option<SensorFrame> {
-        // Until all of it was read.
+        // Not ready until everything was read.
         self.is_ready = false;
         let (_, words) = sample.measured?;
         let measured = Measured::<N>::from_words(&words);
@@ -229,7 +230,7 @@ impl Board for Odrive {
         self.is_ready = self.gates.update(may_wake);
         watch_fault_line(self.is_ready);
         if self.is_ready && self.fault.is_low() {
-            // It may have been low before its edges counted.
+            // It may have been low since before its edges were watched.
             Self::off();
             self.is_ready = false;
         }
@@ -270,7 +271,7 @@ impl Board for Odrive {
     }
 }
 
-/// Whether an edge of `nFAULT` trips: while the gate drivers wake it may be low.
+/// Sets whether an edge of `nFAULT` trips: the line may be low while the gate drivers wake.
 fn watch_fault_line(is_watched: bool) {
     // SAFETY: only the control task changes the mask after the start.
     let exti = unsafe { &*pac::EXTI::ptr() };
@@ -285,7 +286,7 @@ fn watch_fault_line(is_watched: bool) {
     }
 }
 
-/// EXTI2 is the falling edge of PD2, EXTI4 that of PC4.
+/// Connects EXTI2 to the falling edge of PD2, and EXTI4 to that of PC4.
 fn connect_trips(syscfg: &pac::SYSCFG, exti: &pac::EXTI) {
     // SAFETY: the ports of the lines, C is 2 and D is 3 (RM0090, 9.2); bits of lines that the chip has.
     unsafe {
@@ -296,13 +297,13 @@ fn connect_trips(syscfg: &pac::SYSCFG, exti: &pac::EXTI) {
     }
 }
 
-/// `EN_GATE` low.
+/// Pulls `EN_GATE` low.
 fn sleep() {
     // SAFETY: a single store that resets PB12.
     unsafe { (*pac::GPIOB::ptr()).bsrr().write(|w| w.bits(1 << 28)) };
 }
 
-/// What is latched: the encoders, and the last measurement of the current loop.
+/// A latched sample: the encoders, and the last measurement of the current loops.
 #[derive(Clone, Copy)]
 pub struct Sample {
     counts: [u16; N],
@@ -320,7 +321,7 @@ impl Latch for Encoders {
     }
 }
 
-/// The power stages: of a motor's half bridges one gives pulses, and the other's low side is on.
+/// The power stages: one half bridge of a motor gives pulses, and the low side of the other is on.
 struct Stages(HalfBridges);
 
 impl PowerStages<N> for Stages {
@@ -330,7 +331,8 @@ impl PowerStages<N> for Stages {
 
     fn wake(&mut self) {}
 
-    /// The next sample finds out if a trip came before or meanwhile: then the gate drivers are asleep.
+    /// If a trip came before or meanwhile, the gate drivers are asleep: then the half bridges stay off, and
+    /// the next sample reports the trip.
     fn enable_pulses(&mut self) {
         self.0.enable();
         // SAFETY: reading this register has no effect.
@@ -358,7 +360,7 @@ pub struct CurrentLoops {
     /// Number of the last order.
     order: u32,
     learns: bool,
-    /// Of the amplifiers: B and C of M0, then of M1.
+    /// Offsets of the amplifiers: B and C of M0, then of M1.
     offsets: [Offset; 2 * N],
 }
 
@@ -392,9 +394,9 @@ impl CurrentControl for CurrentLoops {
     }
 }
 
-/// A motor's current [A] from those out of its half bridges [counts]; no number if that is not one current.
-/// An output above the middle is a current out of the half bridge, as the board's own firmware takes it
-/// (`Firmware/MotorControl/motor.cpp`).
+/// Returns a motor's current [A] from the currents out of its half bridges [counts], or NaN if those do not
+/// match. As in the board's own firmware (`Firmware/MotorControl/motor.cpp`), an output above the middle is a
+/// current out of the half bridge.
 fn current(b: f32, c: f32) -> f32 {
     if math::abs(b + c) <= MAX_SUM { 0.5 * (b - c) * SENSE.resolution() } else { f32::NAN }
 }

@@ -17,9 +17,9 @@
 //! | PA15, PC4 | its `CS` and `DRDY`, which is EXTI4 |
 //! | PA9, PA10 | USART1 TX, RX: supervisor |
 //!
-//! The six gauges are full bridges, gauge 1 at channel 0 of the converter and so on; a part of their supply
-//! is its reference (`REFIN`), and its clock has 8.192 MHz. Nothing measures the gauges' temperature. Without
-//! a force sensor in the model its pins mean nothing and stay open.
+//! The six gauges are full bridges, gauge 1 on channel 0 of the converter and so on; a fraction of their
+//! supply is its reference (`REFIN`), and its clock is 8.192 MHz. Nothing measures the gauges' temperature.
+//! Without a force sensor in the model its pins are unused and stay open.
 //!
 //! The carriers are in their PH/EN mode (`PMODE` low). The emergency stop opens a contact from 3.3 V to PC8;
 //! from there 4.7 kΩ go to PA6, which has 47 kΩ to ground. PC8 is a data line of the microSD slot that such
@@ -52,7 +52,7 @@ use crate::drivers::current_adc::{CurrentAdc, FULL_SCALE};
 use crate::drivers::pulses::Pulses;
 use crate::drivers::spi::{Device, Spi1OnA};
 
-/// Motors.
+/// Number of motors.
 const N: usize = 3;
 /// Frequency of TIM1 [Hz].
 const TIMER: f32 = 168e6;
@@ -61,8 +61,8 @@ const TIMER: f32 = 168e6;
 const RESOLUTION: u16 = 2100;
 /// Pulses in a period of the current loops, which run at 20 kHz.
 const PULSES: u16 = 2;
-/// A duty takes effect in the middle of the pulse after the sample. Duties end 2.5 µs before the sample: the
-/// current has its magnitude in `CS` while the motor is shorted.
+/// A duty takes effect in the middle of the pulse after the sample. Duties end 2.5 µs before the sample: `CS`
+/// shows the magnitude of the current while the motor is shorted.
 const SWITCHING: Switching = Switching {
     period: 2.0 * PULSES as f32 * RESOLUTION as f32 / TIMER,
     lag: 0.5 / PULSES as f32,
@@ -74,26 +74,26 @@ const SWITCHING: Switching = Switching {
 const REFERENCE: f32 = 3.3;
 const CURRENT_SENSE: CurrentSense =
     CurrentSense { resistor: 2490.0, reference: REFERENCE, counts: FULL_SCALE };
-/// Supply for a count [V]: the divider is 11.
+/// Supply voltage per count [V]: the divider is 11.
 const SUPPLY_RESOLUTION: f32 = REFERENCE * 11.0 / FULL_SCALE as f32;
-/// A current of so many times its limit is a fault of the power stage.
+/// A current of this many times its limit is a fault of the power stage.
 const TRIP: f32 = 1.15;
 /// Periods of the current loop in a control period.
 const PERIODS: u32 = (TICK / SWITCHING.period + 0.5) as u32;
 
-/// What the board has. A trip must lie within the range of the current sense, 2.94 A.
+/// The board's equipment. A trip must lie within the range of the current sense, 2.94 A.
 const EQUIPMENT: Equipment =
     Equipment { motors: N as u8, absolute_encoders: false, force_sensors: 1, current: 2.5, supply: 36.0 };
 const _: () = assert!(EQUIPMENT.supply <= drv8874::SUPPLY_MAX);
 
-/// Line of EXTI that tells values of the force sensor's converter.
+/// EXTI line on which the force sensor's converter signals new values.
 const DATA_LINE: u32 = 1 << 4;
 
 /// From the control task to the current loops.
 static ORDER: Handover<{ order_words(N) }> = Handover::new();
-/// Back.
+/// From the current loops to the control task.
 static MEASURED: Handover<{ measured_words(N) }> = Handover::new();
-/// Motors on their way to the current loop.
+/// New motors, from the control task to the current loops.
 static NEW_MOTORS: ConstStaticCell<Queue<Motors<N>, 2>> = ConstStaticCell::new(Queue::new());
 
 /// See the module.
@@ -118,7 +118,7 @@ impl Board for Weact {
         let a = peripherals.gpioa.split(rcc);
         let b = peripherals.gpiob.split(rcc);
         let c = peripherals.gpioc.split(rcc);
-        // First of all: asleep.
+        // First of all: the power stages are asleep.
         c.pc5.into_push_pull_output();
         a.pa9.into_alternate::<7>();
         a.pa10.into_alternate::<7>().internal_resistor(Pull::Up);
@@ -153,7 +153,7 @@ impl Board for Weact {
         let converters = (peripherals.adc1, peripherals.adc2, peripherals.adc3, peripherals.adc_common);
         let adc = CurrentAdc::start(converters, rcc, [&[10, 13], &[11], &[12]]);
         let pulses = Pulses::start(peripherals.tim1, rcc, RESOLUTION);
-        // The outputs idle low before their pins show them.
+        // The outputs already idle low when they are connected to their pins.
         b.pb13.into_alternate::<1>();
         b.pb14.into_alternate::<1>();
         b.pb15.into_alternate::<1>();
@@ -191,7 +191,7 @@ impl Board for Weact {
             problem: Problem::NotSupported,
         })?;
         self.joints.configure(model);
-        // Full only if the current loop does not run, which `read` reports. Then nothing moves.
+        // The queue is full only if the current loop does not run, which `read` reports. Then nothing moves.
         let _ = self.to_loops.enqueue(motors);
         Ok(())
     }
@@ -254,7 +254,7 @@ impl Board for Weact {
     }
 }
 
-/// EXTI4 is the falling edge of PC4; not watched yet.
+/// Connects EXTI4 to the falling edge of PC4, which is not watched yet.
 fn connect_data_line(syscfg: &pac::SYSCFG, exti: &pac::EXTI) {
     // SAFETY: the port of the line, C is 2 (RM0090, 9.2); the bit of a line that the chip has.
     unsafe {
@@ -263,25 +263,25 @@ fn connect_data_line(syscfg: &pac::SYSCFG, exti: &pac::EXTI) {
     }
 }
 
-/// Whether edges of the converter's line interrupt.
+/// Sets whether edges of the converter's line raise an interrupt.
 fn watch_data_line(is_watched: bool) {
     // SAFETY: nothing else has a bit in the mask, so it is written whole; the chip has this line.
     unsafe { (*pac::EXTI::ptr()).imr().write(|w| w.bits(if is_watched { DATA_LINE } else { 0 })) };
 }
 
-/// Whether the line of the trip is active; the pin is the timer's, but its level can be read.
+/// Returns whether the trip line is active. The pin belongs to the timer, but its level can be read.
 fn trip_is_active() -> bool {
     // SAFETY: reading this register has no effect.
     unsafe { (*pac::GPIOA::ptr()).idr().read().bits() & 1 << 6 == 0 }
 }
 
-/// `nSLEEP` low.
+/// Pulls `nSLEEP` low.
 fn sleep() {
     // SAFETY: a single store that resets PC5.
     unsafe { (*pac::GPIOC::ptr()).bsrr().write(|w| w.bits(1 << 21)) };
 }
 
-/// What is latched: the encoders, and the last measurement of the current loop.
+/// A latched sample: the encoders, and the last measurement of the current loops.
 #[derive(Clone, Copy)]
 pub struct Sample {
     counts: [u32; N],

@@ -7,8 +7,8 @@ use stm32f4xx_hal::rcc::{Enable, Rcc};
 /// Counts of full scale.
 pub const FULL_SCALE: u16 = 4095;
 
-/// Injected conversions of three converters, all started by TIM1's trigger. Those of the first one must end
-/// last: they end with an interrupt.
+/// Injected conversions of three converters, all started by TIM1's trigger. Those of the first converter must
+/// end last: their end raises the interrupt.
 pub struct CurrentAdc(ADC1, ADC2, ADC3);
 
 impl CurrentAdc {
@@ -31,8 +31,8 @@ impl CurrentAdc {
         Self(first, second, third)
     }
 
-    /// The last sample by converter and place in its sequence [counts]; beyond its end a value means nothing.
-    /// It clears the interrupt.
+    /// Returns the last sample by converter and place in its sequence [counts], and clears the interrupt.
+    /// Values beyond the end of a sequence are meaningless.
     pub fn sample(&mut self) -> [[u16; 2]; 3] {
         let Self(first, second, third) = self;
         // SAFETY: zeros clear flags in this register; the others stay.
@@ -47,7 +47,7 @@ impl CurrentAdc {
 /// JEOC in ADC_SR: the injected conversions have ended.
 const JEOC: u32 = 1 << 2;
 
-/// Converts `channels` one after another at each trigger.
+/// Sets a converter up to convert `channels` one after another at each trigger.
 fn sequence(converter: &adc1::RegisterBlock, channels: &[u8]) {
     converter.cr1().write(|w| w.scan().set_bit());
     for &channel in channels {
@@ -63,7 +63,7 @@ fn sequence(converter: &adc1::RegisterBlock, channels: &[u8]) {
     for (entry, &channel) in (4 - length..).zip(channels) {
         bits |= u32::from(channel) << (5 * entry);
     }
-    // SAFETY: entries of five bits, and their number less 1 behind them, as the reference manual says.
+    // SAFETY: entries of five bits, and above them their number minus 1, as in the reference manual.
     converter.jsqr().write(|w| unsafe { w.bits(bits) });
     converter.cr2().write(|w| w.adon().set_bit());
     converter.cr2().modify(|_, w| w.jextsel().tim1trgo().jexten().rising_edge());

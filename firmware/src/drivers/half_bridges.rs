@@ -4,12 +4,12 @@ use crate::pac;
 use pac::{TIM1, TIM8, tim1};
 use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
 
-/// Counts for which both gates of a half bridge are off before one goes on: 0.12 µs.
+/// Dead time, for which both gates of a half bridge are off before one switches on [counts]: 0.12 µs.
 const DEAD_TIME: u8 = 20;
 
 /// Channels 2 and 3 of both timers on their pairs of complementary outputs, centre-aligned: high sides are on
-/// around the instant at which the counter is 0. The trigger of the converters is at the other end: there all
-/// low sides are on, and the motors' currents flow through the shunts.
+/// around the instant at which the counter is 0. The trigger of the converters is at the other end of the
+/// count: there all low sides are on, and the motors' currents flow through the shunts.
 ///
 /// Both timers count in step. Neither has a break input here.
 pub struct HalfBridges(TIM1, TIM8);
@@ -31,7 +31,7 @@ impl HalfBridges {
         // The trigger output is the fourth channel's reference, see `pulses.rs`.
         first.cr2().write(|w| w.mms().compare_oc4());
         first.cr1().modify(|_, w| w.cen().set_bit());
-        // A few cycles later, the same at each start: interrupts are off.
+        // This is a few cycles later, always as many, as interrupts are off.
         second.cr1().modify(|_, w| w.cen().set_bit());
         Self(first, second)
     }
@@ -42,13 +42,14 @@ impl HalfBridges {
         self.1.bdtr().modify(|_, w| w.moe().set_bit());
     }
 
-    /// Whether all of them are on.
+    /// Returns whether all half bridges are on.
     pub fn are_on(&self) -> bool {
         let is_on = |timer: &tim1::RegisterBlock| timer.bdtr().read().moe().bit_is_set();
         is_on(&self.0) && is_on(&self.1)
     }
 
-    /// Duties of channels 2 and 3 of both timers [timer counts], from the middle of the next pulse on.
+    /// Sets the duties of channels 2 and 3 of both timers [timer counts] from the middle of the next pulse
+    /// on.
     pub fn set(&mut self, duties: [[u16; 2]; 2]) {
         for (timer, duties) in [&*self.0, &*self.1].into_iter().zip(duties) {
             let [second, third] = duties;
@@ -57,12 +58,12 @@ impl HalfBridges {
         }
     }
 
-    /// All gates off. Called from any context, also before the clocks of the timers run: then it has no
-    /// effect, and the gates are off anyway.
+    /// Switches all gates off. Called from any context, even before the clocks of the timers run: then it has
+    /// no effect, and the gates are off anyway.
     pub fn off() {
-        // SAFETY: of what else changes these registers, only [`HalfBridges::enable`] can interrupt or be
-        // interrupted here. If it is lost, the gates stay off; whoever interrupts it also takes the gate
-        // drivers' enable line back.
+        // SAFETY: of the other writers of these registers, only [`HalfBridges::enable`] can interrupt this
+        // code or be interrupted by it. If its write is lost, the gates stay off; the code that interrupts it
+        // also pulls the gate drivers' enable line low.
         unsafe {
             (*TIM1::ptr()).bdtr().modify(|_, w| w.moe().clear_bit());
             (*TIM8::ptr()).bdtr().modify(|_, w| w.moe().clear_bit());
@@ -74,8 +75,8 @@ fn set_up(timer: &tim1::RegisterBlock, resolution: u16) {
     timer.cr1().write(|w| w.cms().center_aligned1().arpe().set_bit());
     timer.psc().write(|w| w.psc().set(0));
     timer.arr().write(|w| w.arr().set(resolution));
-    // Duties are taken over at both ends of the count: one that is written at the trigger, at the pulse's
-    // middle.
+    // Duties are taken over at both ends of the count: one written at the trigger takes effect in the middle
+    // of the pulse.
     timer.rcr().write(|w| w.rep().set(0));
     timer.ccmr1_output().write(|w| w.oc2m().pwm_mode1().oc2pe().set_bit());
     timer
@@ -86,8 +87,8 @@ fn set_up(timer: &tim1::RegisterBlock, resolution: u16) {
     timer.ccr4().write(|w| w.ccr().set(resolution - 1));
     timer.ccer().write(|w| w.cc2e().set_bit().cc2ne().set_bit().cc3e().set_bit().cc3ne().set_bit());
     timer.egr().write(|w| w.ug().set_bit());
-    // SAFETY: the dead time is in steps of the timer's clock up to 127; 1 is a level of the lock: dead time,
-    // AOE, polarity and idle levels cannot be changed any more.
+    // SAFETY: the dead time is in steps of the timer's clock up to 127; 1 is a valid lock level: dead time,
+    // AOE, polarity and idle levels can no longer be changed.
     timer.bdtr().write(|w| unsafe {
         w.dtg().bits(DEAD_TIME).ossi().set_bit().bke().clear_bit().aoe().clear_bit().lock().bits(1)
     });

@@ -1,7 +1,7 @@
-//! Drivers of peripherals that the HAL cannot use as motor drives need them. They go through the registers.
+//! Register-level drivers of peripherals that the HAL cannot use as motor drives need them.
 //!
 //! The HAL's PWM has no break input, switches `AOE` on, so that outputs return by themselves after a trip,
-//! and takes the main pin of a channel together with its complementary one; the HAL's ADC has no injected
+//! and requires the main pin of a channel together with its complementary one; the HAL's ADC has no injected
 //! conversions, and its SPI waits without a bound.
 
 pub mod current_adc;

@@ -5,15 +5,16 @@ use pac::TIM1;
 use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
 
 /// Three channels on their complementary pins (CH1N to CH3N), centre-aligned: a pulse lies around the instant
-/// at which the counter is 0, the trigger of the converters at the other end, as far from all switching as
-/// can be.
+/// at which the counter is 0. The trigger of the converters is at the other end of the count, as far from all
+/// switching as possible.
 pub struct Pulses(TIM1);
 
 impl Pulses {
     /// Starts the counter, which counts to `resolution` and back. No pulse passes before [`Pulses::enable`].
     ///
-    /// The break input is active when low. `AOE` stays 0: what it stopped returns only by [`Pulses::enable`];
-    /// this, its polarity and the outputs' idle level (low) are locked until the next reset.
+    /// The break input is active when low. `AOE` stays 0: pulses that it stopped return only by
+    /// [`Pulses::enable`]. `AOE`, the polarity of the break input and the outputs' idle level (low) are
+    /// locked until the next reset.
     pub fn start(timer: TIM1, rcc: &mut Rcc, resolution: u16) -> Self {
         TIM1::enable(rcc);
         TIM1::reset(rcc);
@@ -23,8 +24,8 @@ impl Pulses {
         timer.cr2().write(|w| w.mms().compare_oc4());
         timer.psc().write(|w| w.psc().set(0));
         timer.arr().write(|w| w.arr().set(resolution));
-        // Duties are taken over at both ends of the count: one that is written at the trigger, at the pulse's
-        // middle.
+        // Duties are taken over at both ends of the count: one written at the trigger takes effect in the
+        // middle of the pulse.
         timer.rcr().write(|w| w.rep().set(0));
         timer.ccmr1_output().write(|w| {
             w.oc1m().pwm_mode1().oc1pe().set_bit();
@@ -42,7 +43,7 @@ impl Pulses {
         // CCxNE 1).
         timer.ccer().write(|w| w.cc1ne().set_bit().cc2ne().set_bit().cc3ne().set_bit());
         timer.egr().write(|w| w.ug().set_bit());
-        // SAFETY: 1 is a level of this field: polarity and idle levels cannot be changed any more.
+        // SAFETY: 1 is a valid lock level: polarity and idle levels can no longer be changed.
         timer.bdtr().write(|w| unsafe {
             w.ossi().set_bit().bke().set_bit().bkp().clear_bit().aoe().clear_bit().lock().bits(1)
         });
@@ -52,28 +53,28 @@ impl Pulses {
 
     /// Lets pulses pass, unless the break input is active.
     pub fn enable(&mut self) {
-        // SAFETY: all flags but the break's stay; zeros clear in this register.
+        // SAFETY: zeros clear flags in this register; all but the break's stay.
         self.0.sr().write(|w| unsafe { w.bits(!BREAK_FLAG) });
         self.0.bdtr().modify(|_, w| w.moe().set_bit());
     }
 
-    /// Whether no pulse passes: the break input was active since [`Pulses::enable`], or is.
+    /// Returns whether no pulse passes: the break input is active, or was since [`Pulses::enable`].
     pub fn has_tripped(&self) -> bool {
         self.0.bdtr().read().moe().bit_is_clear() || self.0.sr().read().bits() & BREAK_FLAG != 0
     }
 
-    /// Duties [timer counts], from the middle of the next pulse on.
+    /// Sets the duties [timer counts] from the middle of the next pulse on.
     pub fn set(&mut self, duties: [u16; 3]) {
         for (channel, duty) in duties.into_iter().enumerate() {
             self.0.ccr(channel).write(|w| w.ccr().set(duty));
         }
     }
 
-    /// Lets no pulse pass. Called from any context, also before the clock of the timer runs: then it has no
+    /// Blocks all pulses. Called from any context, even before the clock of the timer runs: then it has no
     /// effect, and no pulse passes anyway.
     pub fn off() {
-        // SAFETY: of what else changes this register, only [`Pulses::enable`] can interrupt or be interrupted
-        // here. If it is lost, the outputs stay off.
+        // SAFETY: of the other writers of this register, only [`Pulses::enable`] can interrupt this code or
+        // be interrupted by it. If its write is lost, the outputs stay off.
         unsafe { (*TIM1::ptr()).bdtr().modify(|_, w| w.moe().clear_bit()) };
     }
 }

@@ -8,9 +8,10 @@ use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
 use crate::pac;
 use pac::spi1;
 
-/// Polls for a byte, which takes 1.5 µs at most: some 20 µs.
+/// Maximum number of polls for a byte, some 20 µs; a byte takes at most 1.5 µs.
 const POLLS: u32 = 500;
-/// Time for which a select line is high at least, and before the first clock [cycles]: 0.6 µs.
+/// Minimum time for which a select line is high, and from its falling edge to the first clock [cycles]: 0.6
+/// µs.
 const PAUSE: u32 = 100;
 /// MSTR, SSM and SSI; CPHA, which is mode 1; BR: an eighth of the bus.
 const MODE_1: u16 = 1 << 2 | 1 << 9 | 1 << 8 | 1 | 0b010 << 3;
@@ -20,7 +21,7 @@ pub trait Bus {
     /// The peripheral.
     type Spi: Enable + Reset;
 
-    /// Its registers.
+    /// Returns its registers.
     fn registers() -> &'static spi1::RegisterBlock;
 
     /// Writes the set and reset register of the port.
@@ -39,7 +40,7 @@ impl Bus for Spi1OnA {
     }
 
     fn select(bits: u32) {
-        // SAFETY: a single store that changes the pins of its bits alone.
+        // SAFETY: a single store that changes only the pins of its bits.
         unsafe { (*pac::GPIOA::ptr()).bsrr().write(|w| w.bits(bits)) };
     }
 }
@@ -56,7 +57,7 @@ impl Bus for Spi3OnC {
     }
 
     fn select(bits: u32) {
-        // SAFETY: a single store that changes the pins of its bits alone.
+        // SAFETY: a single store that changes only the pins of its bits.
         unsafe { (*pac::GPIOC::ptr()).bsrr().write(|w| w.bits(bits)) };
     }
 }
@@ -68,7 +69,7 @@ pub struct Device<B> {
     bus: PhantomData<B>,
 }
 
-/// A byte did not come: the bus is not set up.
+/// A byte did not arrive: the bus is not set up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NoByte;
 
@@ -83,7 +84,7 @@ impl<B> ErrorType for Device<B> {
 }
 
 impl<B: Bus> Device<B> {
-    /// Starts the bus, with its devices' pins of the port, which must be outputs that are high.
+    /// Starts the bus. `pins` are its devices' select lines in the port, which must be outputs that are high.
     pub fn start<const N: usize>(_spi: B::Spi, rcc: &mut Rcc, pins: [u8; N]) -> [Self; N] {
         B::Spi::enable(rcc);
         B::Spi::reset(rcc);
@@ -122,7 +123,7 @@ impl<B: Bus> Device<B> {
                 Ok(())
             }),
             Operation::DelayNs(time) => {
-                // 168 MHz: less than a fifth of the nanoseconds.
+                // A cycle of 168 MHz is longer than 5 ns.
                 cortex_m::asm::delay(*time / 5 + 1);
                 Ok(())
             }
@@ -135,7 +136,7 @@ impl<B: Bus> SpiDevice for Device<B> {
         B::select(self.select << 16);
         cortex_m::asm::delay(PAUSE);
         let result = operations.iter_mut().try_for_each(Self::run);
-        // The last bit has ended when its byte is there, and the clock half a bit later.
+        // The last byte arrives with its last bit, and the clock ends half a bit later.
         let ended = wait(|| B::registers().sr().read().bsy().bit_is_clear());
         B::select(self.select);
         cortex_m::asm::delay(PAUSE);

@@ -1,4 +1,4 @@
-//! The link to a board: requests, what keeps it enabled, its faults.
+//! The link to a board: requests, keeping it enabled, its faults.
 
 use std::slice;
 use std::time::{Duration, Instant};
@@ -15,13 +15,13 @@ use tesaki_supervisor::{Board as _, BoardError as Failure, LinkBoard};
 use super::Board;
 use crate::error::{BoardError, FaultError, RefusedError, board};
 
-/// Period of what is sent again and again to an enabled board: well below its command timeout.
+/// Period of the repeated request to an enabled board: well below its command timeout.
 const KEEP_ALIVE: Duration = Duration::from_millis(20);
-/// How long a board that may be gone is told to disable.
+/// Time limit for disabling a board that may be gone.
 const LAST_WORD: Duration = Duration::from_millis(500);
 
 impl Board {
-    /// Talks to the board while other threads of Python run.
+    /// Talks to the board while other Python threads run.
     pub(super) fn call<T: Send>(
         &mut self,
         py: Python<'_>,
@@ -34,8 +34,7 @@ impl Board {
         py.detach(|| ask(link)).map_err(board)
     }
 
-    /// Asks for what a recording is made of, or for no more of it than the joints, and drops what came
-    /// before.
+    /// Requests all streams of a recording, or only that of the joints, and drops earlier messages.
     pub(super) fn stream_recorded(&mut self, py: Python<'_>, begins: bool) -> PyResult<()> {
         self.call(py, |link| {
             for &(stream, every) in STREAMS {
@@ -58,7 +57,7 @@ impl Board {
             TaskCommand::VisualApproach(_) => "move its hand",
         };
         let asked = self.call(py, |link| link.ask(action, Request::Task(command)));
-        // A board in fault refuses everything: the fault says why.
+        // A board in fault refuses everything: the fault is the reason.
         match asked {
             Err(error) if error.is_instance_of::<RefusedError>(py) && self.is_enabled => {
                 let mode = self.call(py, |link| link.status())?.node.mode;
@@ -68,7 +67,7 @@ impl Board {
         }
     }
 
-    /// Sends `request` every 20 ms until `done` says so of what the board sends, or `until`.
+    /// Sends `request` every 20 ms until `done` accepts a message of the board, or until `until`.
     pub(super) fn drive(
         &mut self,
         py: Python<'_>,
@@ -79,7 +78,7 @@ impl Board {
         self.call(py, |link| link.set_rate(Stream::Telemetry, 1))?;
         let mut heard = Instant::now();
         let mut next = Instant::now();
-        // A fault of before is in telemetry that is still on its way.
+        // Telemetry that is still on its way may contain an earlier fault.
         let mut was_enabled = false;
         while Instant::now() < until {
             py.check_signals()?;
@@ -129,7 +128,7 @@ impl Board {
             match refused {
                 None | Some(Refusal::Stale { .. } | Refusal::WrongMode(Mode::Fault)) => {}
                 Some(refusal) => {
-                    // `wait` and `record` keep enabled, or read.
+                    // `wait` and `record` keep the board enabled, or read.
                     let action = match request {
                         Request::Keep => "stay enabled",
                         Request::ReadStatus => "tell its state",
@@ -145,7 +144,7 @@ impl Board {
         Ok(())
     }
 
-    /// The next telemetry.
+    /// Returns the next telemetry.
     pub(super) fn telemetry_now(&mut self, py: Python<'_>) -> PyResult<Telemetry> {
         let timeout = self.timeout;
         let telemetry = self.call(py, |link| {
@@ -159,7 +158,7 @@ impl Board {
         telemetry.ok_or_else(|| self.no_readings("telemetry"))
     }
 
-    /// The board answers, but does not send `what`.
+    /// Returns the error that the board answers, but does not send `what`.
     pub(super) fn no_readings(&self, what: &str) -> PyErr {
         BoardError::new_err(format!(
             "no {what} within {} s: the board has no sensor readings, or its control loop does not run (try \
@@ -168,7 +167,7 @@ impl Board {
         ))
     }
 
-    /// The fault that stopped the board, as an exception.
+    /// Returns the fault that stopped the board, as an exception.
     pub(super) fn fault(&mut self, py: Python<'_>) -> PyErr {
         self.is_enabled = false;
         let log = match self.call(py, |link| link.faults()) {
@@ -186,7 +185,8 @@ impl Board {
         faults::describe(fault, self.model.as_ref())
     }
 
-    /// Disables, and releases command, so that the next client does not wait for the lease to expire.
+    /// Disables the board and releases command, so that the next client does not wait for the lease to
+    /// expire.
     pub(super) fn leave(&mut self) -> Result<(), Failure> {
         if !std::mem::take(&mut self.is_open) {
             return Ok(());
@@ -199,7 +199,7 @@ impl Board {
     }
 }
 
-/// What `find` finds first in what the board sends, if it comes within `timeout`.
+/// Returns what `find` first finds in the board's messages within `timeout`.
 pub(super) fn await_event<T>(
     link: &mut LinkBoard<Reopening>,
     timeout: Duration,

@@ -13,12 +13,12 @@ fn goal(trajectory: JointTrajectory) -> Goal {
     Goal { trajectory, ..Goal::default() }
 }
 
-/// Swings the first finger to `position` within `time`.
+/// Returns a goal that swings the first finger to `position` within `time`.
 fn swing(time: f64, position: f64) -> Goal {
     goal(message(&["finger1_swing"], &[point(time, &[position], &[0.0], &[])]))
 }
 
-/// A board that follows, with the first joint `behind` its reference [rad].
+/// A board whose joints follow, the first one `behind` its reference [rad].
 struct Board {
     controller: Controller,
     tick: u32,
@@ -48,7 +48,7 @@ impl Board {
         self.controller.step(self.tick, NOW, &state)
     }
 
-    /// The outcome, and after how many ticks it came.
+    /// Runs until the goal ends. Returns the outcome and the number of ticks.
     fn run(&mut self) -> (Outcome, u32) {
         (1..2000).find_map(|ticks| Some((self.step()?, ticks))).unwrap()
     }
@@ -57,7 +57,7 @@ impl Board {
         self.controller.references()[0]
     }
 
-    /// Where the joint comes to rest if it brakes from now on [rad].
+    /// Returns where the joint comes to rest if it brakes from now on [rad].
     fn swing_at_rest(&self) -> f64 {
         f64::from(self.controller.braked(u64::MAX)[0].position)
     }
@@ -79,7 +79,7 @@ fn a_joint_that_does_not_arrive_fails_the_goal_after_its_time() {
     assert_eq!(refused.code, ErrorCode::GoalToleranceViolated);
     assert!(refused.reason.contains("finger1_swing is 0.0200 rad from its goal"), "{refused}");
     assert!((250..=252).contains(&ticks), "{ticks}");
-    // A goal that says so is content with less.
+    // A goal with a larger tolerance is reached.
     let tolerance =
         JointTolerance { name: "finger1_swing".into(), position: 0.03, ..JointTolerance::default() };
     let goal = Goal { goal_tolerance: vec![tolerance], ..swing(0.5, 0.0) };
@@ -200,7 +200,7 @@ fn a_goal_with_a_stamp_fails_where_it_cannot_begin() {
     let mut board = Board::new();
     board.controller.follow(&swing(0.5, 0.9), NOW, &DEFAULTS).unwrap();
     (0..25).for_each(|_| assert_eq!(board.step(), None));
-    // Near enough to where it comes to rest, and too far from where it is.
+    // Near enough to where the joint comes to rest, but too far from where it is.
     let first = board.swing_at_rest() + 0.019;
     let mut delayed = swing(0.2, first);
     delayed.trajectory.points.insert(0, point(0.0, &[first], &[0.0], &[]));

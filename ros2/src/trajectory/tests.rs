@@ -6,7 +6,7 @@ use tesaki_description::robot::RobotFolder;
 
 use super::*;
 
-/// hand3, whose joints are limited to ±1 rad (swing) and 6 rad/s.
+/// Returns hand3, whose joints are limited to ±1 rad (swing) and 6 rad/s.
 pub fn hand() -> Box<Robot> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/hand3");
     let mut robot = Box::new(Robot::NONE);
@@ -47,7 +47,7 @@ fn check(message: &JointTrajectory) -> Result<Trajectory, Refused> {
     Trajectory::check(message, &hand(), &at_zero())
 }
 
-/// Its only joint at that time.
+/// Returns the point of its only joint at that time.
 fn swing(trajectory: &Trajectory, time: f64) -> JointPoint {
     trajectory.points(time).next().unwrap().1
 }
@@ -124,7 +124,7 @@ fn a_planner_that_begins_where_the_joint_is_measured_is_understood() {
     let begin =
         |position: f64| message(SWING, &[point(0.0, &[position], &[], &[]), point(1.0, &[0.3], &[], &[])]);
     let trajectory = check(&begin(0.015)).unwrap();
-    // A line from where the reference is.
+    // A line from the present reference.
     assert_near(swing(&trajectory, 0.5), [0.15, 0.3, 0.0]);
     refused(
         &begin(0.03),

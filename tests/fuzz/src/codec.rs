@@ -16,7 +16,8 @@ use tesaki_tests::{robot, set_up, zero_sensors};
 
 use crate::input::Input;
 
-/// The first byte says what the others are: a stream of bytes, messages to be framed, or one message.
+/// Runs an input, whose first byte says what the others are: a stream of bytes, messages to be framed, or one
+/// message.
 pub fn run(data: &[u8]) {
     let mut input = Input(data);
     match input.byte() % 3 {
@@ -42,7 +43,7 @@ pub fn run(data: &[u8]) {
     }
 }
 
-/// `payload` with its checksum, by another implementation of COBS.
+/// Frames `payload` with its checksum, by another implementation of COBS.
 pub fn framed(payload: &[u8]) -> Vec<u8> {
     let mut frame = cobs::encode_vec(&[payload, &checksum(payload).to_le_bytes()].concat());
     frame.push(0);
@@ -57,7 +58,7 @@ fn stream(pieces: usize, bytes: &[u8]) {
     accepts::<LogRecord>(pieces, bytes);
 }
 
-/// Whatever is accepted is a message, and byte by byte the same one as in pieces.
+/// Checks that whatever is accepted is a message, and the same one whether fed byte by byte or in pieces.
 fn accepts<T: DeserializeOwned + Serialize + Debug>(pieces: usize, bytes: &[u8]) {
     let encoded = |message: T| postcard::to_stdvec(&message).expect("a decoded message has an encoding");
     let mut by_byte = Decoder::new();
@@ -78,7 +79,7 @@ fn accepts<T: DeserializeOwned + Serialize + Debug>(pieces: usize, bytes: &[u8])
     }
 }
 
-/// A message that went through a frame; `None` when it fits none.
+/// Sends a message through a frame; `None` if it does not fit.
 fn in_a_frame<T: DeserializeOwned + Serialize>(message: &T) -> Option<T> {
     let mut frame = [0; MAX_FRAME];
     let length = encode(message, &mut frame).ok()?;
@@ -87,7 +88,7 @@ fn in_a_frame<T: DeserializeOwned + Serialize>(message: &T) -> Option<T> {
     Some(again.expect("a frame ends").expect("an encoded frame is intact"))
 }
 
-/// Decoding, encoding and decoding again gives the same message, also through a frame.
+/// Checks that decoding, encoding and decoding again gives the same message, also through a frame.
 fn message<T: DeserializeOwned + Serialize + Debug>(bytes: &[u8]) {
     let Ok((message, _)) = postcard::take_from_bytes::<T>(bytes) else { return };
     let encoded = postcard::to_stdvec(&message).expect("a decoded message has an encoding");
@@ -97,16 +98,16 @@ fn message<T: DeserializeOwned + Serialize + Debug>(bytes: &[u8]) {
     if let Some(framed) = in_a_frame(&message) {
         assert_eq!(postcard::to_stdvec(&framed).expect("it has an encoding"), encoded);
     }
-    // Names and units of everything that a log prints.
+    // Formats everything that a log prints.
     let _ = format!("{message:?}");
 }
 
-/// A message of each kind, as a stream and to be framed.
+/// Returns a message of each kind, as a stream and to be framed.
 pub fn seeds() -> Vec<Vec<u8>> {
     let model = robot("arm7").model;
     let mut payloads: Vec<Vec<u8>> = Vec::new();
     let mut add = |bytes: Result<Vec<u8>, postcard::Error>| payloads.extend(bytes);
-    // Without a zero in more bytes than COBS counts at once.
+    // More bytes without a zero than one COBS code can span.
     let point = JointPoint { position: 0.1, velocity: 0.1, acceleration: 0.1 };
     let (points, torques) = (repeat_n(point, MAX_JOINTS).collect(), repeat_n(0.1, MAX_JOINTS).collect());
     let long = TaskCommand::JointServo(JointCommand::StreamTorques { points, torques });

@@ -1,20 +1,20 @@
-//! Corpora: the inputs of a target in one file, each behind its length.
+//! Corpora: the inputs of a target in one file, each preceded by its length.
 
 use std::path::{Path, PathBuf};
 
 use crate::Target;
 
-/// The folder of this crate.
+/// Returns the folder of this crate.
 fn folder() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }
 
-/// The file with the corpus of a target.
+/// Returns the file with the corpus of a target.
 pub fn path(target: &Target) -> PathBuf {
     folder().join("corpus").join(target.name).with_extension("bin")
 }
 
-/// The kept inputs of a target; none when there is no corpus yet.
+/// Returns the kept inputs of a target; none if there is no corpus yet.
 ///
 /// # Panics
 /// The file is damaged.
@@ -23,7 +23,7 @@ pub fn kept(target: &Target) -> Vec<Vec<u8>> {
     unpack(&bytes).unwrap_or_else(|| panic!("{} is damaged", path(target).display()))
 }
 
-/// The inputs that crashed a target once, by name.
+/// Returns the inputs that once crashed a target, by name.
 pub fn crashes(target: &Target) -> Vec<(String, Vec<u8>)> {
     let files = std::fs::read_dir(folder().join("crashes").join(target.name)).into_iter().flatten().flatten();
     let mut crashes: Vec<_> = files
@@ -36,7 +36,7 @@ pub fn crashes(target: &Target) -> Vec<(String, Vec<u8>)> {
     crashes
 }
 
-/// Inputs as one file.
+/// Packs inputs into one file.
 pub fn pack(inputs: &[Vec<u8>]) -> Vec<u8> {
     let mut bytes = Vec::new();
     for input in inputs {

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use tesaki_fuzz::{Target, corpus};
 
-/// Longest corpus that is kept [bytes].
+/// Maximum size of a kept corpus [bytes].
 const MAX_CORPUS: usize = 190_000;
 
 unsafe extern "C" {
@@ -14,13 +14,13 @@ unsafe extern "C" {
     static mut COUNTERS: u8;
     #[link_name = "__stop___sancov_cntrs"]
     static mut COUNTERS_END: u8;
-    /// For each counter, the address of its edge, and whether that is where a function begins.
+    /// For each counter, the address of its edge, and whether a function begins there.
     #[link_name = "__start___sancov_pcs"]
     static EDGES: [usize; 2];
 }
 
 fn counters() -> &'static mut [u8] {
-    // SAFETY: the linker puts the two symbols around the counters, which nothing else holds a reference to.
+    // SAFETY: the linker puts the two symbols around the counters, to which there is no other reference.
     unsafe {
         let start = &raw mut COUNTERS;
         let length = (&raw mut COUNTERS_END).offset_from_unsigned(start);
@@ -33,14 +33,14 @@ fn edges() -> &'static [[usize; 2]] {
     unsafe { std::slice::from_raw_parts(&raw const EDGES, counters().len()) }
 }
 
-/// Runs every file in the folder `corpus` in `folder`. Of them, the shortest ones that cover everything
-/// become `packed.bin`; `edges` says what is covered: address, whether a function begins there, whether it is
+/// Runs every file in the subfolder `corpus` of `folder`. The shortest ones that cover everything become
+/// `packed.bin`; the file `edges` lists each edge: address, whether a function begins there, whether it is
 /// covered.
 pub fn pack(target: &Target, folder: &Path) {
     let files = std::fs::read_dir(folder.join("corpus")).into_iter().flatten().flatten();
     let mut inputs: Vec<Vec<u8>> = files.filter_map(|file| std::fs::read(file.path()).ok()).collect();
     inputs.sort_by_key(|input| (input.len(), input.clone()));
-    // What is computed once is not the first input's merit.
+    // Code that runs only once must not be attributed to the first input.
     inputs.iter().take(1).for_each(|input| (target.run)(input));
     let mut covered = vec![false; counters().len()];
     let mut kept = Vec::new();

@@ -14,7 +14,7 @@ use tesaki_tests::robot_folder;
 use crate::node::machine::{follow, machines};
 use crate::node::rig::Rig;
 
-/// The first byte says what the text behind it is.
+/// Runs an input, whose first byte says what the text after it is.
 pub fn run(data: &[u8]) {
     let Some((kind, text)) = data.split_first() else { return };
     let file = write(text);
@@ -55,7 +55,7 @@ pub fn run(data: &[u8]) {
     }
 }
 
-/// Changes values of a calibration; the result is one.
+/// Changes values of a calibration; the result must be a valid calibration.
 fn change(file: &mut CalibrationFile, calibration: &Calibration) {
     let names = calibration.joints.keys().map(String::as_str).chain(["a new one"]);
     for name in names {
@@ -70,7 +70,7 @@ fn change(file: &mut CalibrationFile, calibration: &Calibration) {
     }
 }
 
-/// A node takes what was accepted, or refuses it, and keeps its limits.
+/// Gives accepted values to a node, which must take or refuse them and keep its limits.
 fn try_on(rig: &mut Rig, task: TaskConfig, command: TaskCommand) {
     rig.tick();
     rig.tick();
@@ -86,7 +86,7 @@ fn try_on(rig: &mut Rig, task: TaskConfig, command: TaskCommand) {
     }
 }
 
-/// A file with this content, until it is dropped.
+/// Writes a file with this content, which is deleted when dropped.
 fn write(content: &[u8]) -> NamedTempFile {
     let file = tempfile::Builder::new().prefix("tesaki-fuzz-").suffix(".toml").tempfile();
     let mut file = file.expect("there is room for temporary files");
@@ -94,7 +94,7 @@ fn write(content: &[u8]) -> NamedTempFile {
     file
 }
 
-/// The files that come with the robots.
+/// Returns the files that come with the robots.
 pub fn seeds() -> Vec<Vec<u8>> {
     let mut seeds = vec![
         b"\x02".to_vec(),

@@ -1,6 +1,6 @@
-//! Texts that make work for their readers: nested, expanding, wide.
+//! Texts that are expensive to read: nested, expanding, wide.
 
-/// XML of about `size` bytes, of each kind.
+/// Returns XML of about `size` bytes, of each kind.
 pub fn urdfs(size: usize) -> Vec<String> {
     let robot = |inside: &str| format!("<robot name=\"r\">{inside}</robot>");
     let entities: String =
@@ -15,7 +15,7 @@ pub fn urdfs(size: usize) -> Vec<String> {
     let count = size / 190;
     let chain: String = (1..count).map(|n| joint(n, n - 1, n)).collect();
     let star: String = (1..count).map(|n| joint(n, 0, n)).collect();
-    // A spine with a rib at every link.
+    // A chain with a branch at every link.
     let comb: String = (1..count).map(|n| joint(n, if n % 2 == 1 { n - 1 } else { n - 2 }, n)).collect();
     let ring = joint(1, 0, 1) + &joint(2, 1, 0);
     vec![
@@ -38,7 +38,7 @@ pub fn urdfs(size: usize) -> Vec<String> {
     ]
 }
 
-/// TOML of about `size` bytes, of each kind.
+/// Returns TOML of about `size` bytes, of each kind.
 pub fn tomls(size: usize) -> Vec<String> {
     vec![
         format!("gravity = {}", "[".repeat(size)),

@@ -1,8 +1,8 @@
 //! Coverage-guided fuzzing: the targets, and the corpora that come with them.
 //!
-//! A target is a function that takes any bytes and panics when something does not hold. `cargo xtask fuzz`
-//! lets libFuzzer look for such bytes; `tests/corpora.rs` runs the kept ones in every test, `tests/random.rs`
-//! some that nothing guides.
+//! A target is a function that takes any bytes and panics when a property is violated. `cargo xtask fuzz`
+//! lets libFuzzer search for such bytes; `tests/corpora.rs` runs the kept inputs in every test, and
+//! `tests/random.rs` unguided ones.
 
 mod codec;
 pub mod corpus;
@@ -16,23 +16,23 @@ mod robot;
 
 pub use node::reached;
 
-/// Longest text of a file [bytes].
+/// Maximum length of a file's text [bytes].
 const MAX_TEXT: usize = 16_384;
 
-/// Something to fuzz.
+/// A fuzz target.
 #[derive(Clone, Copy, Debug)]
 pub struct Target {
     /// Its name.
     pub name: &'static str,
-    /// Runs it on an input; panics when something does not hold.
+    /// Runs it on an input; panics when a property is violated.
     pub run: fn(&[u8]),
-    /// Inputs to begin with.
+    /// Returns the initial inputs.
     pub seeds: fn() -> Vec<Vec<u8>>,
-    /// Longest input in bytes.
+    /// Maximum length of an input [bytes].
     pub max_len: usize,
-    /// Paths of the modules it is about, for the share that is covered.
+    /// Paths of the modules that it tests, for the covered fraction.
     pub modules: &'static [&'static str],
-    /// Words for the fuzzer to put in.
+    /// Words for the fuzzer to insert.
     pub words: &'static [&'static str],
 }
 

@@ -11,7 +11,7 @@ use std::sync::OnceLock;
 use libfuzzer_sys as _;
 use tesaki_fuzz::{TARGETS, Target, corpus};
 
-/// Memory of a run, instrumentation included [bytes].
+/// Maximum memory of a run, including the instrumentation [bytes].
 const MEMORY: u64 = 1 << 30;
 /// Stack of the handler that saves the input after a stack overflow [bytes].
 const HANDLER_STACK: usize = 256 * 1024;
@@ -26,7 +26,7 @@ unsafe extern "C" {
     ) -> c_int;
 }
 
-/// What the crate of libFuzzer calls; this program calls libFuzzer's driver itself.
+/// Called by libFuzzer's crate, but unused: this program calls libFuzzer's driver itself.
 // SAFETY: no other function has this name.
 #[unsafe(no_mangle)]
 extern "Rust" fn rust_fuzzer_test_input(_: &[u8]) -> i32 {
@@ -95,7 +95,7 @@ fn fuzz(target: Target, options: &[&str]) {
     let mut count = c_int::try_from(pointers.len()).unwrap_or(c_int::MAX);
     pointers.push(std::ptr::null_mut());
     let mut start = pointers.as_mut_ptr();
-    // SAFETY: `argc` pointers to strings, and a null behind them; all live until the driver returns.
+    // SAFETY: `argc` pointers to strings, followed by a null; all live until the driver returns.
     exit(unsafe { LLVMFuzzerRunDriver(&raw mut count, &raw mut start, run) });
 }
 

@@ -1,25 +1,25 @@
-//! Inputs that nothing guides, the same ones each time.
+//! Unguided inputs, the same ones each time.
 
 use tesaki_rng::Rng;
 
 use crate::{Target, corpus};
 
-/// Longest noise [bytes].
+/// Maximum length of noise [bytes].
 const NOISE: u32 = 300;
-/// Bytes that stand at an edge of something.
+/// Boundary values of bytes.
 const EDGES: &[u8] = &[0, 1, 0x7f, 0x80, 0xff];
 
-/// Inputs of a target, without end: one in eight is noise; of the others half are kept inputs, half those to
-/// begin with, changed in some places.
+/// An endless sequence of inputs of a target: one in eight is noise; of the others, half are kept inputs and
+/// half initial inputs, changed in some places.
 pub struct Inputs {
     target: &'static Target,
-    /// Those to begin with, and those that are kept.
+    /// The initial inputs, and the kept ones.
     known: [Vec<Vec<u8>>; 2],
     rng: Rng,
 }
 
 impl Inputs {
-    /// For `target`.
+    /// Creates the inputs of `target`.
     pub fn new(target: &'static Target) -> Self {
         let known = [(target.seeds)(), corpus::kept(target)];
         Self { target, known, rng: Rng::new(1, 0) }
@@ -65,10 +65,10 @@ impl Inputs {
                 let word = self.target.words[self.below(self.target.words.len())];
                 drop(bytes.splice(start..start, word.bytes()));
             }
-            // A number that is no multiple of a step.
+            // A number that is not a multiple of a step.
             6 => drop(bytes.splice(start..start, [&[0x80], &self.noise(4)[..]].concat())),
             7 => {
-                // Another input goes on from here.
+                // Another input continues from here.
                 let other = self.known();
                 let from = self.below(other.len() + 1);
                 bytes.truncate(start);

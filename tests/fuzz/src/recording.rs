@@ -1,4 +1,4 @@
-//! Recordings, read and replayed as by `tesaki replay`.
+//! Recordings, read and replayed as `tesaki replay` does.
 
 use tesaki::control::ServoMode;
 use tesaki::node::{Node, Replay, STATE_KEY};
@@ -13,8 +13,8 @@ use crate::codec::framed;
 use crate::input::Input;
 use crate::node::machine::machines;
 
-/// The first byte says whether the others are a file, or records to be framed, each behind its length. In a
-/// third kind, announced checksums are put right and differences do not end the replay.
+/// Runs an input, whose first byte says whether the others are a file, or records to be framed, each preceded
+/// by its length. In a third kind, announced checksums are corrected and differences do not end the replay.
 pub fn run(data: &[u8]) {
     let mut input = Input(data);
     let kind = input.byte() % 3;
@@ -29,7 +29,7 @@ pub fn run(data: &[u8]) {
     replay(&file, kind == 2);
 }
 
-/// As `tesaki replay` does.
+/// Replays a file as `tesaki replay` does.
 fn replay(file: &[u8], repaired: bool) {
     let mut node = Box::new(Node::new());
     let mut replay = Replay::new(&mut node);
@@ -60,7 +60,7 @@ fn replay(file: &[u8], repaired: bool) {
     }
 }
 
-/// Recordings from the start, and from the middle of a run.
+/// Returns recordings from the start, and from the middle of a run.
 pub fn seeds() -> Vec<Vec<u8>> {
     let start = LogStart { schema: SCHEMA_KEY, ..LogStart::default() };
     let mut seeds = Vec::new();
@@ -110,7 +110,7 @@ pub fn seeds() -> Vec<Vec<u8>> {
     seeds
 }
 
-/// The records that give a node the state of `node`.
+/// Returns the records that give a node the state of `node`.
 fn state(node: &Node) -> Vec<LogRecord> {
     let mut node = Box::new(node.clone());
     let mut ask = |request| {

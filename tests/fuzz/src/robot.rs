@@ -15,14 +15,14 @@ use crate::large;
 use crate::node::machine::{follow, minimal};
 use crate::node::rig::Rig;
 
-/// Between the texts of a folder.
+/// Separates the texts of a folder.
 const SEPARATOR: char = '\u{1e}';
 
-/// Only shorter texts [bytes] are read in every way: that is slow.
+/// Texts longer than this [bytes] are not read in every way, because that is slow.
 const SHORT: usize = 2000;
 
-/// The first byte says what the text behind it is: a URDF, settings, a plant, a URDF for which a folder is
-/// written, or all three files. The others are those of the robot of one joint.
+/// Runs an input, whose first byte says what the text after it is: a URDF, settings, a plant, a URDF for
+/// which a folder is written, or all three files. The other files are those of the one-joint robot.
 pub fn run(data: &[u8]) {
     let Some((kind, text)) = data.split_first() else { return };
     let text = String::from_utf8_lossy(text);
@@ -58,13 +58,13 @@ fn urdf(text: &str) {
             }
         }
     }
-    // Settings of another robot: everything that differs is told.
+    // Settings of another robot: every difference is reported.
     if text.len() < SHORT {
         folder(text, &minimal().controller, None);
     }
 }
 
-/// Writes the settings of a URDF; what is written can be read.
+/// Writes the settings of a URDF, and checks that they can be read.
 fn init(text: &str) {
     let options = InitOptions { accept_inertia: vec!["all".to_owned()], ..InitOptions::default() };
     for options in [InitOptions::default(), options] {
@@ -75,7 +75,7 @@ fn init(text: &str) {
     }
 }
 
-/// A folder is a robot, which a node takes and ticks, or there is an error.
+/// Checks that a folder is either a robot, which a node takes and ticks, or gives an error.
 fn folder(urdf: &str, settings: &str, plant: Option<&str>) {
     let (folder, findings) = RobotFolder::check_all(Path::new("robot"), urdf, settings, plant);
     findings.iter().for_each(|finding| drop(finding.to_string()));
@@ -114,7 +114,7 @@ fn folder(urdf: &str, settings: &str, plant: Option<&str>) {
     rig.finish();
 }
 
-/// The files of all robots, and those of the robot of one joint damaged in the known ways.
+/// Returns the files of all robots, and those of the one-joint robot damaged in the known ways.
 pub fn seeds() -> Vec<Vec<u8>> {
     let base = minimal();
     let mut seeds = vec![

@@ -1,4 +1,4 @@
-//! Every input that a target begins with, that is kept, or that once crashed it, runs without a panic.
+//! Every initial, kept or once crashing input of a target runs without a panic.
 
 use tesaki_fuzz::{TARGETS, Target, corpus};
 

@@ -1,10 +1,10 @@
-//! Large files made to be slow end in a result, and soon.
+//! Large files designed to be slow give a result, and soon.
 
 use std::time::{Duration, Instant};
 
 use tesaki_fuzz::{TARGETS, large};
 
-/// Each file takes a small part of it, also in an unoptimised build on a busy machine.
+/// Each file takes a small part of this, even in an unoptimised build on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(20);
 
 #[test]

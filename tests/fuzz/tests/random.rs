@@ -1,4 +1,4 @@
-//! Whatever bytes come, what the targets check holds: inputs that nothing guides, the same ones each time.
+//! The properties that the targets check hold for any bytes: unguided inputs, the same ones each time.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -10,7 +10,7 @@ fn target(name: &str) -> &'static Target {
     TARGETS.iter().find(|target| target.name == name).unwrap_or_else(|| panic!("no target {name}"))
 }
 
-/// Calls `run` with `count` inputs of a target; keeps the one that fails.
+/// Calls `run` with `count` inputs of a target; saves the one that fails.
 fn feed(name: &str, count: usize, mut run: impl FnMut(&[u8])) {
     for (index, input) in Inputs::new(target(name)).take(count).enumerate() {
         let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| run(&input)));
@@ -31,7 +31,8 @@ fn codec() {
     feed_target("codec", 300_000);
 }
 
-/// Runs that are all refused would show nothing: they reach every phase of a grasp, contact and deviation.
+/// Runs in which everything is refused would show nothing, so they must reach every phase of a grasp, contact
+/// and deviation.
 #[test]
 fn node() {
     let mut seen = BTreeMap::<String, u32>::new();

@@ -1,4 +1,4 @@
-// Strip charts of any signal, one panel for each quantity.
+// Strip charts of any signals, one panel per quantity.
 
 import uPlot from "uplot";
 import { el, number, say } from "./dom";
@@ -7,13 +7,13 @@ import { lineColour, onThemeChange, theme } from "./theme";
 /** A quantity with a line for each of its signals. */
 export interface Panel {
   title: string;
-  /** What has the quantity. */
+  /** What the quantity belongs to. */
   of: "Joints" | "Tips";
   unit: string;
-  /** Digits after the point. */
+  /** Number of decimals. */
   digits: number;
   lines: { label: string; colour: number; dashed?: boolean }[];
-  /** Shown at first. */
+  /** Whether it is shown initially. */
   shown: boolean;
 }
 
@@ -27,13 +27,15 @@ interface Drawn {
 }
 
 interface Options {
-  /** What a click on a chart at a time does. */
+  /** Called when a chart is clicked at a time. */
   seek?: (time: number) => void;
   /** Where phases begin. */
   marks?: { time: number; text: string }[];
 }
 
-/** The range of an axis: about the values, but ±0.1 where all are 0, which uPlot would draw as 0 to 100. */
+/**
+ * Returns the range of an axis: around the values, but ±0.1 if all are 0, which uPlot would draw as 0 to 100.
+ */
 function heights(_: uPlot, low: number | null, high: number | null): [number, number] {
   if (!low && !high) return [-0.1, 0.1];
   return uPlot.rangeNum(low ?? 0, high ?? 0, 0.1, true) as [number, number];
@@ -42,7 +44,7 @@ function heights(_: uPlot, low: number | null, high: number | null): [number, nu
 export class Charts {
   private times: number[] = [];
   private readonly drawn: Drawn[];
-  /** Lines that are not shown, by `key`. */
+  /** Hidden lines, by `key`. */
   private readonly hidden = new Set<string>();
   private cursor: number | null = null;
   private range: [number, number] = [0, 1];
@@ -64,14 +66,17 @@ export class Charts {
     onThemeChange(() => this.rebuild(), this.end.signal);
   }
 
-  /** Leaves nothing that would hold its values: listeners, and plots in the group with a common cursor. */
+  /**
+   * Removes everything that would keep its values alive: listeners, and plots in the group with a common
+   * cursor.
+   */
   destroy(): void {
     this.end.abort();
     for (const { plot } of this.drawn) plot?.destroy();
     this.root.replaceChildren();
   }
 
-  /** Which quantities, and which of their signals. */
+  /** The controls that select quantities and their signals. */
   private picker(): HTMLElement {
     const quantities = this.drawn.map(({ panel, box }) => {
       const input = el("input", { type: "checkbox" });
@@ -91,7 +96,7 @@ export class Charts {
     );
   }
 
-  /** A chip for each joint, or for each tip. */
+  /** A button for each joint, or for each tip. */
   private signals(of: Panel["of"]): HTMLElement[] {
     const lines = this.drawn.filter(({ panel }) => panel.of === of).flatMap(({ panel }) => panel.lines);
     const labels = [...new Set(lines.map((line) => line.label))];
@@ -106,7 +111,7 @@ export class Charts {
       });
       const chip = el("label", { class: "tv-chip", title: "Double click: this one alone" }, input, swatch, el("span", {}, label));
       chip.addEventListener("dblclick", () => {
-        // As in other viewers: a double click leaves this signal alone, or shows all again.
+        // As in other viewers, a double click shows only this signal, or all again.
         const alone = labels.every((other) => (other === label) !== this.hidden.has(key(of, other)));
         signals.forEach(({ input }, index) => {
           input.checked = alone || labels[index] === label;
@@ -120,7 +125,7 @@ export class Charts {
     return signals.map(({ chip }) => chip);
   }
 
-  /** All values at once, one row for each line of each panel. */
+  /** Sets all values at once, one row per line of each panel. */
   load(times: number[], values: (number | null)[][][]): void {
     this.times = times;
     this.range = [times[0] ?? 0, times.at(-1) ?? 1];
@@ -128,21 +133,21 @@ export class Charts {
     this.rebuild();
   }
 
-  /** More values behind those that are there, drawn by `refresh`. */
+  /** Appends values, which `refresh` draws. */
   append(times: number[], values: (number | null)[][][]): void {
     this.times.push(...times);
     this.drawn.forEach((drawn, panel) => drawn.values.forEach((line, index) => line.push(...values[panel][index])));
     this.range[1] = this.times.at(-1) ?? this.range[1];
   }
 
-  /** One value more for each line; what is older than `span` goes. */
+  /** Appends one value to each line, and drops what is older than `span`. */
   push(time: number, values: (number | null)[][], span: number): void {
-    // Time went back: the board was reset.
+    // Time has gone back: the board was reset.
     if (time < (this.times.at(-1) ?? -Infinity)) this.clear();
     this.times.push(time);
     this.drawn.forEach((drawn, panel) => drawn.values.forEach((line, index) => line.push(values[panel]?.[index] ?? null)));
     const stale = this.times.findIndex((other) => other >= time - span);
-    // In portions, as it costs a copy of the rest.
+    // In batches, because it copies the rest.
     if (stale > 200) {
       this.times.splice(0, stale);
       for (const { values: lines } of this.drawn) for (const line of lines) line.splice(0, stale);
@@ -155,7 +160,7 @@ export class Charts {
     for (const { values } of this.drawn) for (const line of values) line.length = 0;
   }
 
-  /** Draws what was pushed. */
+  /** Draws the pushed values. */
   refresh(): void {
     for (const { plot, box, values, panel } of this.drawn) {
       if (box.hidden) continue;
@@ -169,7 +174,7 @@ export class Charts {
     this.tell();
   }
 
-  /** Puts the line of the present time. */
+  /** Places the line of the present time. */
   setCursor(time: number): void {
     this.cursor = time;
     for (const { plot } of this.drawn) plot?.redraw(false);
@@ -181,7 +186,7 @@ export class Charts {
     return [this.times, ...shown];
   }
 
-  /** The present values in words, as long as they are few. */
+  /** Shows the present values as text, as long as they are few. */
   private tell(): void {
     const at = this.cursor === null ? this.times.length - 1 : this.nearest(this.cursor);
     for (const { panel, values, readout, box } of this.drawn) {
@@ -273,7 +278,7 @@ export class Charts {
     return plot;
   }
 
-  /** Beginnings of phases, and the present time. */
+  /** Draws the beginnings of phases, and the present time. */
   private drawMarks(plot: uPlot): void {
     const { ctx, bbox } = plot;
     const colours = theme();
@@ -294,10 +299,10 @@ export class Charts {
   }
 }
 
-/** A tip may have the name of a joint. */
+/** The key also names the kind, because a tip may have the name of a joint. */
 const key = (of: Panel["of"], label: string): string => `${of}/${label}`;
 
-/** As few digits as tell ticks apart. */
+/** Uses as few digits as distinguish the ticks. */
 function short(value: number): string {
   const text = Math.abs(value) >= 1e4 || (value !== 0 && Math.abs(value) < 1e-3) ? value.toExponential(0) : String(Number(value.toPrecision(4)));
   return text.replace("-", "−");

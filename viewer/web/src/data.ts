@@ -1,4 +1,4 @@
-// What the page is given: the JSON of `tesaki-viewer` (Rust) and of `tesaki view`.
+// The input of the page: the JSON of `tesaki-viewer` (Rust) and of `tesaki view`.
 
 /** Position [m] and unit quaternion x, y, z, w. */
 export type Pose = [number, number, number, number, number, number, number];
@@ -59,22 +59,22 @@ export interface Sample {
 export interface Replay {
   scene: Scene;
   period: number;
-  /** The last ones by `since` are there, with their frame or, without one, at rest. */
+  /** Those with the latest `since` are shown, in their frame or, without one, fixed. */
   objects: { since: number; frame: string | null; shape: ObjectShape; pose: Pose }[];
   notes: { time: number; text: string }[];
   samples: Sample[];
 }
 
-/** What the page of a run is told first. */
+/** The first message to the page of a run. */
 export interface Run {
   kind: "run";
-  /** Another one is another run. */
+  /** Identifies the run. */
   id: string;
   period: number;
   about: { title: string; scenario: string; about: string; controller: string; seed: number; scene: Scene };
 }
 
-/** What was computed since. */
+/** What was computed since the last message. */
 export interface Part {
   kind: "part";
   samples: Sample[];
@@ -104,18 +104,18 @@ export interface State {
   /** For each tip: position, force on it, and whether its sensor was tared. */
   tips: { position: Vec; force: Vec; tared: boolean }[];
   report: TaskReport | null;
-  /** From the tick to the server, at most; from server to page and back, half of it [ms]. */
+  /** Maximum time from the tick to the server; half the time from server to page and back [ms]. */
   delay: [number, number];
 }
 
 export interface TaskReport {
   task: string;
-  /** What it does, in words. */
+  /** What the task does, in words. */
   phase: string | null;
-  /** A frame that it controls, and the set-point of it. */
+  /** A frame that it controls, and its set-point. */
   frame?: Pose;
   target?: Pose;
-  /** Forces that a grasp aims at, on the object. */
+  /** Desired forces of a grasp on the object. */
   forces?: Vec[];
   /** Directions of the contacts, into the object, and the friction there. */
   normals?: Vec[];
@@ -137,14 +137,14 @@ export interface Status {
   firmware: string;
   supply: number;
   homed: boolean[];
-  /** Who commands the board. */
+  /** Which client commands the board. */
   commander: "nobody" | "you" | "page" | "program";
-  /** Files with which the page may enable a task. */
-  /** What falls without power. */
+  /** Parts that fall without power. */
   falls: string | null;
+  /** Files with which the page may enable a task. */
   plans: { task: string; name: string }[];
   faults: Fault[];
-  /** Why there is nothing to see, if so. */
+  /** Why there is nothing to show, if so. */
   trouble: string | null;
 }
 

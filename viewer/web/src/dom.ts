@@ -1,6 +1,6 @@
 type Child = Node | string | null;
 
-/** An element with attributes and children. Text is text, never markup. */
+/** Creates an element with attributes and children. Text is never interpreted as markup. */
 export function el<K extends keyof HTMLElementTagNameMap>(
   tag: K,
   attributes: Record<string, string> = {},
@@ -18,19 +18,19 @@ export function button(text: string, classes: string, action: () => void): HTMLB
   return element;
 }
 
-/** Sets the text only when it is another one, so that nothing is laid out anew. */
+/** Sets the text only if it has changed, to avoid a new layout. */
 export function say(element: Element, text: string): void {
   if (element.textContent !== text) element.textContent = text;
 }
 
-/** A number with a true minus sign. */
+/** Formats a number with a true minus sign. */
 export function number(value: number, digits: number): string {
   if (!Number.isFinite(value)) return "–";
   const text = value.toFixed(digits);
   return /^-0\.?0*$/.test(text) ? text.slice(1) : text.replace("-", "−");
 }
 
-/** A socket to the server of this page. */
+/** Opens a socket to the server of this page. */
 export function openSocket(): WebSocket {
   const url = new URL("live", location.href);
   url.protocol = location.protocol === "https:" ? "wss:" : "ws:";

@@ -1,4 +1,4 @@
-// The live page: looks at a board, and commands it once it has taken command.
+// The live page: shows a board, and controls it after taking command.
 
 import { Charts, type Panel } from "./charts";
 import type { Contact, Fault, FromServer, Scene, State, Status, Vec } from "./data";
@@ -8,11 +8,11 @@ import { NoWebGL, Stage } from "./stage";
 
 /** Span of the charts [s]. */
 const SPAN = 20;
-/** From one redrawing of the charts to the next [ms]. */
+/** Interval between redraws of the charts [ms]. */
 const CHART_PERIOD = 80;
-/** Without a message for so long the server is gone [ms]. */
+/** Time without a message after which the server counts as gone [ms]. */
 const SILENCE = 1500;
-/** Messages over which rate and latency are taken. */
+/** Number of messages over which rate and latency are averaged. */
 const WINDOW = 250;
 
 type Command = { do: string } & Record<string, unknown>;
@@ -129,7 +129,7 @@ export class Live {
   private setState(state: State): void {
     const arrived = performance.now();
     this.state = state;
-    // At once, as it measures the way and keeps the robot enabled: not delayed by drawing.
+    // Sent at once, not delayed by drawing, because it measures the latency and keeps the robot enabled.
     this.send({ do: "seen", n: state.n });
     this.arrivals.push(arrived);
     if (this.arrivals.length > WINDOW) this.arrivals.shift();
@@ -290,7 +290,10 @@ export class Live {
     this.arrange();
   }
 
-  /** The last fault, with earlier ones folded away; made anew only when they are others, lest they fold under a finger. */
+  /**
+   * Shows the last fault, with earlier ones folded away. Rebuilt only if changed, so that they do not fold
+   * while in use.
+   */
   private setFaults(faults: Fault[]): void {
     const shown = JSON.stringify(faults);
     if (shown === this.shownFaults) return;
@@ -313,12 +316,12 @@ export class Live {
     }
   }
 
-  /** Whether the board tells its state. */
+  /** Whether the board sends its state. */
   private hasData(): boolean {
     return this.state !== null && this.status?.trouble == null;
   }
 
-  /** The buttons that make sense now. They are made anew only when they are others, lest one vanish under a click. */
+  /** Shows the buttons that make sense now. Rebuilt only if changed, so that none vanishes under a click. */
   private arrange(): void {
     const { status, state } = this;
     if (!status) return;
@@ -410,7 +413,7 @@ export class Live {
     say(this.commander, "");
     for (const { input } of this.sliders) input.disabled = true;
     this.tell(reason || "`tesaki view` does not answer. This page tries again every second.", false);
-    // It goes with the next status.
+    // It disappears with the next status.
     this.notice.dataset.trouble = "yes";
   }
 

@@ -1,4 +1,4 @@
-// Begins what the page is for: a live view, a run that is computed, or the replays in a report.
+// Starts the page: a live view, a run that is being computed, or the replays in a report.
 
 import type { Replay } from "./data";
 import { Live } from "./live";

@@ -8,9 +8,9 @@ import { NoWebGL, Stage } from "./stage";
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4];
 /** As fast as it is computed. */
 const COMPUTED = "Infinity";
-/** From one redrawing of the charts to the next while a run is computed [ms]. */
+/** Interval between redraws of the charts while a run is computed [ms]. */
 const CHART_PERIOD = 250;
-/** Pictures of the strip for print. */
+/** Number of pictures in the printed strip. */
 const PICTURES = 6;
 
 export class Player {
@@ -25,7 +25,7 @@ export class Player {
   private readonly clock = el("output", { class: "tv-clock" });
   private readonly phase = el("output", { class: "tv-phase" });
   private readonly strip = el("div", { class: "tv-strip" });
-  /** What is there [s]. */
+  /** Duration available so far [s]. */
   private length = 0;
   private readonly kinds: Kinds = { reference: false, force: false, cone: false };
   private charted = 0;
@@ -33,7 +33,7 @@ export class Player {
   private speed = 1;
   private last: number | null = null;
 
-  /** With `isGrowing` more comes by `extend`, until `finish`. */
+  /** With `isGrowing`, `extend` adds samples until `finish`. */
   constructor(root: HTMLElement, private readonly replay: Replay, private isGrowing = false) {
     const view = el("div", { class: "tv-stage" });
     this.slider = el("input", { type: "range", min: "0", step: String(replay.period), value: "0", "aria-label": "Time" });
@@ -55,7 +55,7 @@ export class Player {
     if (this.stage && !isGrowing) this.preparePrint();
   }
 
-  /** Takes what was computed since. */
+  /** Adds what was computed since. */
   extend({ samples, objects, notes }: Pick<Part, "samples" | "objects" | "notes">): void {
     const { replay } = this;
     const known = replay.samples.length;
@@ -73,7 +73,7 @@ export class Player {
     this.seek(this.time);
   }
 
-  /** No more comes. */
+  /** Ends the growing replay. */
   finish(): void {
     if (!this.isGrowing) return;
     this.isGrowing = false;
@@ -88,7 +88,7 @@ export class Player {
     if (this.stage) this.preparePrint();
   }
 
-  /** Notes what kinds of values there are; whether one of them is new. */
+  /** Records which kinds of values there are. Returns whether one of them is new. */
   private tellKinds(samples: Sample[]): boolean {
     const { kinds } = this;
     const before = JSON.stringify(kinds);
@@ -98,7 +98,7 @@ export class Player {
     return JSON.stringify(kinds) !== before;
   }
 
-  /** Slider and marks of what is there. */
+  /** Updates the slider and the marks. */
   private measure(): void {
     const { samples, period } = this.replay;
     this.length = Math.max(0, samples.length - 1) * period;
@@ -106,7 +106,7 @@ export class Player {
     this.marks();
   }
 
-  /** Charts and legend of all that is there. */
+  /** Updates the charts and the legend. */
   private draw(): void {
     const { samples, period, notes } = this.replay;
     const panels = this.panels(samples);
@@ -124,7 +124,7 @@ export class Player {
     this.charts?.refresh();
   }
 
-  /** The quantities of the run, those without values left out. */
+  /** Returns the quantities of the run that have values. */
   private panels(samples: Sample[]): { panel: Panel; values: (number | null)[][] }[] {
     const { scene } = this.replay;
     const names = scene.joints.slice(0, scene.driven).map((joint) => joint.name);
@@ -156,7 +156,7 @@ export class Player {
     return panels;
   }
 
-  /** Where phases begin, above the slider. */
+  /** Marks where phases begin, above the slider. */
   private marks(): void {
     const { ticks } = this;
     this.replay.notes.forEach(({ time, text }, index) => {
@@ -189,7 +189,7 @@ export class Player {
       const time = passed > 0 ? Math.min(this.length, this.time + this.speed * passed) : this.time;
       this.last = now;
       if (time > this.time) this.seek(time);
-      // At the end of what is there it waits for more.
+      // At the end of the available samples it waits for more.
       if (time >= this.length && !this.isGrowing) this.toggle();
       else requestAnimationFrame(advance);
     };
@@ -213,7 +213,7 @@ export class Player {
     const first = samples[Math.min(Math.floor(at), samples.length - 1)];
     const second = samples[Math.min(Math.floor(at) + 1, samples.length - 1)];
     const part = at - Math.floor(at);
-    // Between two trials the robot is at another place at once.
+    // Between two trials the robot jumps to another posture.
     const jumps = first.q.some((value, joint) => Math.abs((second.q[joint] ?? value) - value) > 12 * period);
     const between = (a: number[], b: number[]) => a.map((value, joint) => (jumps ? value : value + part * ((b[joint] ?? value) - value)));
     this.stage.setFrames(time, (part < 0.5 || jumps ? first : second).f ?? []);
@@ -221,7 +221,7 @@ export class Player {
     this.stage.setContacts(first.c ?? []);
   }
 
-  /** Pictures of the run for paper, made once the page is at rest. */
+  /** Makes the pictures of the run for print, once the page is idle. */
   private preparePrint(): void {
     const make = () => {
       if (this.strip.childElementCount > 0 || this.last !== null) return;
@@ -246,7 +246,10 @@ export class Player {
     return this.stage?.picture(width, height) ?? "";
   }
 
-  /** Times for pictures: well within the phases if there are about as many as pictures, else evenly spread. */
+  /**
+   * Returns the times of the pictures: well within the phases if there are about as many phases as pictures,
+   * otherwise evenly spread.
+   */
   private moments(): number[] {
     const even = Array.from({ length: PICTURES }, (_, index) => ((index + 0.5) * this.length) / PICTURES);
     const begins = this.replay.notes.map((note) => note.time);
@@ -258,7 +261,7 @@ export class Player {
   }
 }
 
-/** What samples hold that not all do. */
+/** Optional contents of samples. */
 interface Kinds {
   reference: boolean;
   force: boolean;
@@ -283,7 +286,7 @@ function open(view: HTMLElement, replay: Replay, isLive: boolean): Stage | null 
   }
 }
 
-/** Why there is no picture. */
+/** Returns the reason why there is no picture. */
 export function excuse(reason: string): HTMLElement {
   return el(
     "p",

@@ -8,7 +8,7 @@ export class RunView {
   player: Player | null = null;
   private socket: WebSocket | null = null;
   private shown: string | null = null;
-  /** How much is here. */
+  /** How much has been received. */
   private readonly has = { samples: 0, objects: 0, notes: 0 };
   private isOver = false;
 
@@ -16,7 +16,7 @@ export class RunView {
   private readonly badge = el("output", { class: "tv-badge", "data-mode": "lost" }, "connecting");
   private readonly facts = el("output", { class: "tv-task" });
   private readonly notice = el("output", { class: "tv-notice", role: "status" });
-  /** How many limits were met, and the way to the report. */
+  /** How many limits were met, and the link to the report. */
   private readonly outcome = el("span", { class: "tv-outcome" });
   private readonly verdict = el("section", { class: "tv-card tv-verdict", id: "quantities" });
   private readonly replay = el("div", { class: "tv-replay" });
@@ -51,7 +51,7 @@ export class RunView {
       this.tell("", true);
       return;
     }
-    // Another run has taken the address of the one that is shown.
+    // Another run has taken the address of the run that is shown.
     if (this.shown !== null) location.reload();
     this.shown = id;
     document.title = `${about.scenario} – tesaki`;
@@ -105,7 +105,7 @@ export class RunView {
 
   private lost(): void {
     if (this.isOver) {
-      // All is here, but for the report.
+      // Everything is here except the report.
       this.outcome.querySelector(".tv-report")?.replaceWith(el("span", {}, "The program has ended; the report is in its folder."));
       return;
     }

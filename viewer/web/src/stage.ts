@@ -35,7 +35,7 @@ import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 import type { Contact, ObjectShape, Pose, Replay, Scene, SolidShape, Vec } from "./data";
 import { light, onThemeChange, theme, type Theme } from "./theme";
 
-/** Materials that are shared, so that a change of theme is a change of their colours. */
+/** Shared materials: a change of theme only changes their colours. */
 interface Paints {
   link: MeshStandardMaterial;
   base: MeshStandardMaterial;
@@ -52,7 +52,7 @@ interface Paints {
 /** A robot whose joints can be set. */
 class Figure {
   readonly root = new Group();
-  /** Frames behind the joints. */
+  /** Frames moved by the joints. */
   readonly frames: Group[] = [];
   readonly tips: Object3D[] = [];
   private readonly axes: Vector3[] = [];
@@ -86,7 +86,7 @@ class Figure {
     return joint === null ? this.root : (this.frames[joint] ?? this.root);
   }
 
-  /** Without geometry: a hub along each axis, and a rod from each joint to what it carries. */
+  /** Draws a robot without geometry: a hub along each axis, and a rod from each joint to what it carries. */
   private addRods(paint: (base: boolean) => MeshStandardMaterial): void {
     const thickness = 0.022 * extent(this.scene);
     const rod = (joint: number | null, pose: Pose) => {
@@ -122,7 +122,7 @@ function placed<T extends Object3D>(object: T, pose: Pose): T {
   return object;
 }
 
-/** About how far the robot reaches [m]: its longest chain stretched. */
+/** Returns about how far the robot reaches [m]: the length of its longest chain. */
 function extent(scene: Scene): number {
   const reach = scene.joints.map(() => 0);
   const length = (pose: Pose) => Math.hypot(pose[0], pose[1], pose[2]);
@@ -138,17 +138,17 @@ function solid(shape: SolidShape | ObjectShape): BufferGeometry {
   if ("box" in shape) return new BoxGeometry(...shape.box);
   if ("sphere" in shape) return new SphereGeometry(shape.sphere, 32, 20);
   if ("cylinder" in shape) {
-    // That of three.js is along y.
+    // The cylinder of three.js is along y.
     return new CylinderGeometry(shape.cylinder[0], shape.cylinder[0], shape.cylinder[1], 40).rotateX(Math.PI / 2);
   }
   const [x, y, z, top] = shape.wedge;
   const outline = new Shape();
   outline.moveTo(-x / 2, -z / 2).lineTo(x / 2, -z / 2).lineTo((top * x) / 2, z / 2).lineTo((-top * x) / 2, z / 2);
-  // In the plane of x and z, and then along −y.
+  // Rotated into the plane of x and z, so that it extends along −y.
   return new ExtrudeGeometry(outline, { depth: y, bevelEnabled: false }).rotateX(Math.PI / 2).translate(0, y / 2, 0);
 }
 
-/** Whether the processor draws, as there is no graphics card. */
+/** Whether rendering is done in software, without a graphics card. */
 function isSoftware(): boolean {
   const gl = document.createElement("canvas").getContext("webgl2");
   const info = gl?.getExtension("WEBGL_debug_renderer_info");
@@ -178,7 +178,7 @@ export class Stage {
   private fitted = false;
   private frames: { measured: AxesHelper; target: AxesHelper; line: Line } | null = null;
 
-  /** With `isLive` a picture that is in time matters more than smooth edges. */
+  /** With `isLive`, timely pictures matter more than smooth edges. */
   constructor(private readonly container: HTMLElement, isLive = false) {
     const isSlow = isLive && isSoftware();
     try {
@@ -206,7 +206,7 @@ export class Stage {
     };
     const key = new DirectionalLight("#ffffff", 2.2);
     const fill = new DirectionalLight("#ffffff", 0.7);
-    // They come with the camera, so that no side is ever dark.
+    // The lights move with the camera, so that no side is ever dark.
     key.position.set(-1, 2, 2);
     fill.position.set(2, -0.5, 1);
     this.camera.add(key, fill);
@@ -221,7 +221,7 @@ export class Stage {
     requestAnimationFrame(loop);
   }
 
-  /** Called when the picture has gone, as when a driver was reset. */
+  /** Called when the WebGL context is lost, for example by a driver reset. */
   onLost(action: () => void): void {
     this.renderer.domElement.addEventListener("webglcontextlost", action);
   }
@@ -249,7 +249,7 @@ export class Stage {
       this.grid.dispose();
     }
     if (!this.figure) return;
-    // Cells of 5 cm or 20 cm, below everything.
+    // A grid of 5 cm or 20 cm cells, below everything.
     const cell = this.size > 0.6 ? 0.2 : 0.05;
     const count = 2 * Math.ceil((1.3 * this.size) / cell);
     const colour = new Color(colours.grid);
@@ -284,7 +284,7 @@ export class Stage {
     const gravity = new Vector3(...scene.gravity);
     if (gravity.length() > 1) this.up.copy(gravity).multiplyScalar(-1).normalize();
     this.camera.up.copy(this.up);
-    // They read `up` only when they are made.
+    // The controls read `up` only when they are created.
     this.controls?.dispose();
     this.controls = new OrbitControls(this.camera, this.renderer.domElement);
     this.controls.addEventListener("change", () => (this.dirty = true));
@@ -298,7 +298,7 @@ export class Stage {
     this.dirty = true;
   }
 
-  /** Adds bodies that are no links; they show when it is their time. */
+  /** Adds bodies that are not links; each is shown at its time. */
   addObjects(objects: Replay["objects"]): void {
     for (const { since, frame, shape, pose } of objects) {
       const geometry = solid(shape);
@@ -322,7 +322,7 @@ export class Stage {
     this.dirty = true;
   }
 
-  /** Shows the bodies of a time, those that move at their frames. */
+  /** Shows the bodies of a time, the moving ones at their frames. */
   setFrames(time: number, frames: [string, Pose][]): void {
     const since = Math.max(...this.objects.map((object) => object.since).filter((other) => other <= time + 1e-9));
     for (const object of this.objects) {
@@ -333,14 +333,14 @@ export class Stage {
     this.dirty = true;
   }
 
-  /** Forces as arrows, each with its friction cone where it is known. */
+  /** Shows forces as arrows, each with its friction cone if known. */
   setContacts(contacts: Contact[], aims: { point: Vec; force: Vec }[] = []): void {
     for (const old of this.overlay.children.filter((child) => child.userData.contact)) {
       this.overlay.remove(old);
       old.traverse((part) => (part as Mesh).geometry?.dispose?.());
     }
     const colours = theme();
-    // Noise of a sensor is no long arrow: those of arms measure larger forces than those of fingers.
+    // Sensor noise must not give a long arrow; sensors of arms measure larger forces than those of fingers.
     const floor = this.size > 0.5 ? 10 : 0.6;
     const largest = Math.max(floor, ...contacts.map((contact) => Math.hypot(...contact.force)));
     const scale = (0.3 * this.size) / largest;
@@ -350,7 +350,7 @@ export class Stage {
       if (axis.length() > 0.5 && friction > 0) {
         const height = 0.2 * this.size;
         const cone = new Mesh(new ConeGeometry(height * friction, height, 40, 1, true), this.paints.cone);
-        // Its point at the contact, open into the object.
+        // Its apex is at the contact, and it opens into the object.
         cone.geometry.translate(0, -height / 2, 0);
         cone.quaternion.setFromUnitVectors(new Vector3(0, -1, 0), axis.normalize());
         cone.position.set(...point);
@@ -369,7 +369,7 @@ export class Stage {
     if (!(length > 0.012 * this.size)) return;
     const head = Math.min(0.4 * length, 0.05 * this.size);
     const arrow = new ArrowHelper(vector.normalize(), new Vector3(...point), length, colour, head, 0.6 * head);
-    // Readable although it is inside of an object.
+    // Visible even inside an object.
     for (const part of [arrow.line, arrow.cone]) {
       Object.assign(part.material as MeshBasicMaterial, { depthTest: false, transparent: true });
       part.renderOrder = 2;
@@ -378,7 +378,7 @@ export class Stage {
     this.overlay.add(arrow);
   }
 
-  /** A frame that a task controls, and its set-point. */
+  /** Shows a frame that a task controls, and its set-point. */
   setTaskFrame(frame: Pose | undefined, target: Pose | undefined): void {
     if (!this.frames) {
       const length = 0.18 * this.size;
@@ -409,11 +409,11 @@ export class Stage {
     return (this.figure?.tips ?? []).map((tip) => tip.getWorldPosition(new Vector3()).toArray() as Vec);
   }
 
-  /** Puts the camera where everything is in sight. */
+  /** Places the camera so that everything is in view. */
   fit(): void {
     if (!this.figure || !this.scene || !this.controls) return;
     const box = new Box3().setFromObject(this.figure.root);
-    // What stands around, as a door, may be much larger than the robot.
+    // Fixed bodies, such as a door, may be much larger than the robot.
     for (const { group, frame } of this.objects) if (group.visible && frame !== null) box.expandByObject(group);
     const center = box.getCenter(new Vector3());
     const radius = 0.5 * box.getSize(new Vector3()).length();
@@ -443,13 +443,13 @@ export class Stage {
     this.draw();
   }
 
-  /** Draws at once; else it is drawn in the next frame if something has changed. */
+  /** Draws at once; otherwise the next frame is drawn if something has changed. */
   draw(): void {
     this.dirty = false;
     this.renderer.render(this.graph, this.camera);
   }
 
-  /** A picture of what is shown now, on white. */
+  /** Returns a picture of what is shown now, on white. */
   picture(width: number, height: number, background = "#ffffff"): string {
     const { clientWidth, clientHeight } = this.container;
     const aspect = this.camera.aspect;

@@ -14,7 +14,7 @@ export function check(holds, what) {
   console.log(`  ${what}`);
 }
 
-/** Waits until something holds, and returns it. */
+/** Waits until a condition holds, and returns its value. */
 export async function until(what, test, patience = 8000) {
   const begin = Date.now();
   while (Date.now() - begin < patience) {
@@ -25,11 +25,11 @@ export async function until(what, test, patience = 8000) {
   throw new Error(`not within ${patience / 1000} s: ${what}`);
 }
 
-/** A test that takes longer has failed [ms]. */
+/** Maximum duration of a test [ms]. */
 const PATIENCE = 90_000;
 const started = [];
 
-/** A program of this workspace, and in `text` what it says. */
+/** A program of this workspace, with its output in `text`. */
 export function start(program, args, env = {}) {
   const child = spawn(join(built, program), args, { cwd: root, env: { ...process.env, ...env } });
   child.text = "";
@@ -38,7 +38,7 @@ export function start(program, args, env = {}) {
   return child;
 }
 
-/** A simulated robot with its model, homed where it needs that, and `tesaki view` before it. */
+/** A simulated robot with its model, homed if necessary, and a `tesaki view` of it. */
 export async function board(robot, { serve = [], view = [] } = {}) {
   const socket = join(mkdtempSync(join(tmpdir(), "tesaki-page-")), "board");
   const port = `unix://${socket}`;
@@ -58,7 +58,7 @@ export async function board(robot, { serve = [], view = [] } = {}) {
 
 export async function browser(args = []) {
   const executablePath = process.env.CHROMIUM ?? "/usr/bin/chromium";
-  // Without a display card: SwiftShader draws.
+  // Without a graphics card, SwiftShader draws.
   return chromium.launch({ executablePath, args: ["--no-sandbox", "--enable-unsafe-swiftshader", ...args] });
 }
 
@@ -97,6 +97,6 @@ export async function run(test) {
   for (const child of started) child.kill("SIGINT");
   await new Promise((resolve) => setTimeout(resolve, 500));
   for (const child of started) child.kill("SIGKILL");
-  // Also when a browser is still open.
+  // Even if a browser is still open.
   process.exit();
 }

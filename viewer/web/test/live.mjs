@@ -1,4 +1,5 @@
-// The live page in a browser: what it shows is so, what it commands happens, and only one page commands.
+// The live page in a browser: it shows the true state, its commands are carried out, and only one page has
+// command.
 
 import { board, browser, check, checkWithoutWebGl, cpu, run, until } from "./harness.mjs";
 
@@ -46,7 +47,7 @@ await run(async () => {
   check(true, "a joint moves in the simulator and on the page when its slider is moved");
   check(Math.hypot(...after[2].map((part, axis) => part - before[2][axis])) < 0.004, "another finger stands still");
 
-  // The rate and the age of the pictures, and what they cost. A busy machine gets some time to be less busy.
+  // The rate, the age and the cost of the pictures. A busy machine gets some time to become less busy.
   const used = [cpu(server), Date.now()];
   const link = async () => (await text(first, ".tv-link")).match(/(\d+) Hz, (\d+) ms/)?.slice(1).map(Number) ?? [0, 1e3];
   const [rate, latency] = await until("50 updates a second, and pictures that are not older than 50 ms", async () => {

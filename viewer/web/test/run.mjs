@@ -1,4 +1,4 @@
-// A run on its page while it is computed, and afterwards.
+// The page of a run, while it is computed and afterwards.
 
 import { mkdtempSync, readFileSync } from "node:fs";
 import { tmpdir } from "node:os";
@@ -7,7 +7,7 @@ import { browser, check, checkWithoutWebGl, root, run, start, until } from "./ha
 
 const out = mkdtempSync(join(tmpdir(), "tesaki-run-"));
 
-/** A run that shows itself, and its address. */
+/** A run with `--view`, and its address. */
 async function begin(scenario, address) {
   const program = start("host-sim", ["run", scenario, `--view=${address}`, "--out", out]);
   const url = await until("the page is served", () => program.text.match(/http:\S+/)?.[0]);
@@ -21,7 +21,7 @@ await run(async () => {
     const page = await chrome.newPage({ viewport: { width: 800, height: 480 } });
     page.on("pageerror", (error) => errors.push(String(error)));
     await page.addInitScript(() => {
-      // How far the slider could go, each time that it could go farther.
+      // The range of the slider, each time that it grows.
       window.ends = [];
       const max = Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, "max");
       Object.defineProperty(HTMLInputElement.prototype, "max", {
@@ -87,7 +87,7 @@ await run(async () => {
   await first.getByText("The program has ended").waitFor();
   check((await slider(first))[1] === max, "the page keeps the run");
 
-  // The longest one: it is not over before it is interrupted.
+  // The longest run, so that it is not over before it is interrupted.
   const [other] = await begin("arm7-paper", new URL(url).host);
   await first.getByText("arm7-paper, seed 1").waitFor();
   await until("the page that was left open shows the next run", async () => (await slider(first))[1] > 0);

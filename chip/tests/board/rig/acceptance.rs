@@ -1,4 +1,4 @@
-//! What a board must do, in one run. Each part fails with a sentence.
+//! The acceptance test of a board, in one run. Each part fails with a message.
 
 use tesaki::fault::FaultCause;
 use tesaki::protocol::{ClockSource, Mode, Reply, Request, ResetCause, Stream};
@@ -8,7 +8,7 @@ use tesaki_chip::tim1::Level;
 
 use super::Rig;
 
-/// Demands a condition.
+/// Returns an error unless the condition is true.
 macro_rules! demand {
     ($condition:expr, $($message:tt)*) => {
         let holds: bool = $condition;
@@ -20,7 +20,7 @@ macro_rules! demand {
 
 pub(crate) use demand;
 
-/// Everything.
+/// Runs the whole acceptance test.
 pub fn accept(rig: &mut Rig) -> Result<(), String> {
     starts(rig)?;
     moves(rig)?;
@@ -52,7 +52,7 @@ pub fn starts(rig: &mut Rig) -> Result<(), String> {
     Ok(())
 }
 
-/// Each joint its own way, within 6 mrad of the reference.
+/// Moves each joint on its own path, within 6 mrad of the reference.
 pub fn moves(rig: &mut Rig) -> Result<(), String> {
     rig.enable()?;
     demand!(bench(rig).is_awake(), "power stages sleep");
@@ -75,7 +75,7 @@ pub fn moves(rig: &mut Rig) -> Result<(), String> {
     Ok(())
 }
 
-/// The currents of the sensor frames are those of the motors.
+/// Checks that the currents in the sensor frames are those of the motors.
 pub fn tells_currents(rig: &mut Rig) -> Result<(), String> {
     rig.client.demand(&mut rig.machine, Request::SetRate { stream: Stream::Log, every: 1 })?;
     for (joint, load) in [0.05, -0.04, 0.04].into_iter().enumerate() {
@@ -89,17 +89,18 @@ pub fn tells_currents(rig: &mut Rig) -> Result<(), String> {
     for (joint, told) in sensors.currents.iter().enumerate() {
         let current = bench(rig).states[joint].current;
         let told = f64::from(*told) * 1e-3;
-        // Parts of the ripple, and of the larger counts of shunts.
+        // Covers the ripple, and the larger counts of the shunts.
         let tolerance = if bench(rig).odrive.is_some() { 0.06 } else { 0.02 };
         demand!((told - current).abs() < tolerance, "joint {joint}: {told} A told, {current} A flow");
     }
-    // What is off would turn on under them.
+    // The loads would keep turning motors that are off.
     bench(rig).motors.iter_mut().for_each(|motor| motor.load = 0.0);
     rig.try_run(0.2)?;
     rig.client.demand(&mut rig.machine, Request::SetRate { stream: Stream::Log, every: 0 })
 }
 
-/// The emergency stop, without an instruction; and what it stopped does not come back by itself.
+/// Checks that the emergency stop works without instructions, and that the motors do not restart by
+/// themselves.
 fn stops_by_hardware(rig: &mut Rig) -> Result<(), String> {
     bench(rig).stop = true;
     rig.machine.pass(10);
@@ -134,7 +135,7 @@ fn reports_power_stages(rig: &mut Rig) -> Result<(), String> {
     rig.recover()
 }
 
-/// Within 100 µs, on each motor.
+/// Checks that each motor trips within 100 µs.
 fn trips_at_high_currents(rig: &mut Rig) -> Result<(), String> {
     for motor in 0..3 {
         bench(rig).leak[motor] = 2.0;
@@ -160,7 +161,7 @@ pub fn survives_the_crystal(rig: &mut Rig) -> Result<(), String> {
     rig.enable()
 }
 
-/// No control tick any more: no voltage after 20 ms, a reset within 200 ms.
+/// Checks that without control ticks there is no voltage after 20 ms, and a reset within 200 ms.
 pub fn is_watched(rig: &mut Rig) -> Result<(), String> {
     bench(rig).motors[0].load = 0.05;
     for _ in 0..10 {

@@ -30,7 +30,7 @@ pub const MOTOR: Motor = Motor {
     blocked: false,
 };
 
-/// Three joints that move nothing but themselves.
+/// Returns a model of three joints without load.
 pub fn model() -> RobotModel {
     let mut model = tesaki::test_support::finger();
     model.gravity = [0.0; 3];
@@ -45,8 +45,8 @@ pub fn model() -> RobotModel {
     model
 }
 
-/// The image of a board: the file that `TESAKI_BOARD_ELF` names, with the board's name, or where the xtask
-/// builds it.
+/// Returns the image of a board: the file that `TESAKI_BOARD_ELF` names, with the board's name, or where the
+/// xtask builds it.
 pub fn image(board: &str) -> Vec<u8> {
     let image = std::env::var_os(format!("TESAKI_{}_ELF", board.to_uppercase())).map_or_else(
         || format!("../target/thumbv7em-none-eabihf/firmware/tesaki-firmware-board-{board}").into(),
@@ -58,17 +58,17 @@ pub fn image(board: &str) -> Vec<u8> {
 pub struct Rig {
     pub machine: Machine,
     pub client: Client,
-    /// What is pushed when it is enabled.
+    /// The model that is pushed.
     pub model: RobotModel,
     /// Time from a push, or from a fault, until the power stages can be enabled [s].
     pub wake: f64,
 }
 
-/// A change of the model that the board refuses, and by which joint, field and reason.
+/// A change of the model that the board refuses, and joint, field and reason of the refusal.
 pub type Refused = (fn(&mut RobotModel), Option<u8>, Field, Problem);
 
 impl Rig {
-    /// Pushes the model with each of these changes, which the board must refuse, and then without.
+    /// Pushes the model with each of these changes, which the board must refuse, and then without changes.
     pub fn refuses(&mut self, changes: &[Refused]) {
         for (change, joint, field, problem) in changes {
             let mut changed = self.model.clone();
@@ -84,7 +84,7 @@ impl Rig {
         assert_eq!(self.client.offer(&mut self.machine, &self.model), Ok(Reply::Done));
     }
 
-    /// A board that has just started.
+    /// Returns a board that has just started.
     pub fn boot() -> Self {
         Self::boot_with(&[])
     }
@@ -93,7 +93,7 @@ impl Rig {
         Self::boot_on(Bench::new([MOTOR; 3], 1), mistakes)
     }
 
-    /// A board that has just started, with this at its pins.
+    /// Returns a board that has just started, with this `bench` at its pins.
     pub fn boot_on(bench: Bench, mistakes: &[Mistake]) -> Self {
         Self::boot_image("weact", bench, mistakes, model(), 0.03)
     }
@@ -102,13 +102,13 @@ impl Rig {
         let mut machine = Machine::load(&image(board), bench);
         machine.chip.mistakes = mistakes.to_vec();
         let mut rig = Self { machine, client: Client::default(), model, wake };
-        // A board that cannot even start shows in what follows.
+        // If the board cannot even start, later calls fail.
         let _ = rig.try_run(0.1);
         rig
     }
 
-    /// Enabled, with motors and loads that differ from the model: windings, inertia and friction by up to a
-    /// fifth, the torque constant by a twentieth, and the supply by a tenth.
+    /// Returns an enabled board whose motors and loads differ from the model: windings, inertia and friction
+    /// by up to a fifth, the torque constant by a twentieth, and the supply by a tenth.
     pub fn deviating(seed: u32) -> Self {
         let mut state = seed.wrapping_mul(0x9E37_79B9);
         let mut within = |share: f64| {
@@ -131,14 +131,14 @@ impl Rig {
         rig
     }
 
-    /// With a supervisor that has greeted.
+    /// Returns a board whose supervisor has sent a greeting.
     pub fn greeted() -> Self {
         let mut rig = Self::boot();
         rig.client.demand(&mut rig.machine, Request::Hello { schema: tesaki::protocol::SCHEMA_KEY }).unwrap();
         rig
     }
 
-    /// With a model, homed, and enabled at rest.
+    /// Returns a board that has a model, is homed, and is enabled at rest.
     pub fn enabled() -> Self {
         let mut rig = Self::boot();
         rig.enable().unwrap();
@@ -164,7 +164,7 @@ impl Rig {
         self.try_run(0.05)
     }
 
-    /// Leaves the fault, and enables again.
+    /// Clears the fault and enables again.
     pub fn recover(&mut self) -> Result<(), String> {
         let total = match self.client.ask(&mut self.machine, Request::ReadFaults)? {
             Reply::Faults(log) => log.total,
@@ -174,7 +174,7 @@ impl Rig {
         self.switch_on()
     }
 
-    /// The interrupt of the control task is off: the timer goes on, and nobody commands the motors.
+    /// Disables the interrupt of the control task: the timer continues, but nothing commands the motors.
     pub fn stop_control(&mut self) {
         self.machine.chip.nvic.enabled[0] &= !(1 << 6);
     }

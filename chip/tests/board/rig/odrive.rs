@@ -1,4 +1,4 @@
-//! A board `board-odrive` with two joints, and what it must do in one run. Each part fails with a sentence.
+//! A `board-odrive` with two joints, and its acceptance test in one run. Each part fails with a message.
 
 use tesaki::fault::FaultCause;
 use tesaki::model::RobotModel;
@@ -15,10 +15,10 @@ use super::{MOTOR, Rig, model};
 
 /// A gear motor for some amperes: the shunts are small.
 pub const LARGE: Motor = Motor { resistance: 1.0, inductance: 0.5e-3, constant: 0.1, ..MOTOR };
-/// After an edge, all gates are off [s].
+/// Time after an edge within which all gates are off [s].
 pub const TRIP_TIME: f64 = 5e-6;
 
-/// The first two joints of [`model`], with such motors.
+/// Returns the first two joints of [`model`], with such motors.
 pub fn two_joints() -> RobotModel {
     let mut model = model();
     model.joints.truncate(2);
@@ -33,7 +33,7 @@ pub fn two_joints() -> RobotModel {
 }
 
 impl Rig {
-    /// An ODrive that has just started.
+    /// Returns an ODrive that has just started.
     pub fn odrive(mistakes: &[Mistake]) -> Self {
         Self::odrive_on(Bench::with_odrive([LARGE; 2], 1), mistakes)
     }
@@ -47,7 +47,7 @@ impl Rig {
     }
 }
 
-/// Everything.
+/// Runs the whole acceptance test.
 pub fn accept(rig: &mut Rig) -> Result<(), String> {
     starts(rig)?;
     is_off_until_enabled(rig)?;
@@ -59,7 +59,7 @@ pub fn accept(rig: &mut Rig) -> Result<(), String> {
     rig.machine.chip.violation().map_or(Ok(()), Err)
 }
 
-/// The gate drivers wake with a model; their gates stay off.
+/// Checks that the gate drivers wake once there is a model, and that their gates stay off.
 fn is_off_until_enabled(rig: &mut Rig) -> Result<(), String> {
     demand!(!rig.machine.chip.bench.is_awake(), "awake without a model");
     let model = rig.model.clone();
@@ -70,7 +70,7 @@ fn is_off_until_enabled(rig: &mut Rig) -> Result<(), String> {
     Ok(())
 }
 
-/// What goes wrong, when all gates must be off [s], which fault it is, and how it is mended.
+/// Description, failure, time by which all gates must be off [s], fault, and repair.
 type Trip = (&'static str, fn(&mut Bench), f64, FaultCause, fn(&mut Bench));
 
 fn stages(bench: &mut Bench) -> &mut Odrive {
@@ -96,11 +96,12 @@ const TRIPS: [Trip; 7] = [
             b.leak[1] = 0.0;
         },
     ),
-    // Two periods: the next one may just be over.
+    // Two periods: the next check may just have passed.
     ("forgotten settings of M1", |b| stages(b).drivers[1].forget(), 21e-3, FaultCause::PowerStage, |_| {}),
 ];
 
-/// Off in time, named, and off until it is enabled again.
+/// Checks that each failure switches the gates off in time, is named, and leaves them off until the next
+/// enable.
 fn trips(rig: &mut Rig) -> Result<(), String> {
     for (name, fail, limit, cause, mend) in TRIPS {
         demand!(rig.stages().is_any_gate_on(), "{name}: not on before");

@@ -25,7 +25,7 @@ fn panic(info: &PanicInfo<'_>) -> ! {
     }
 }
 
-/// A joint of the hand; axes alternate.
+/// Returns a joint of the hand; axes alternate.
 pub fn joint(index: usize) -> JointModel {
     const NAMES: [&str; 9] = ["j0", "j1", "j2", "j3", "j4", "j5", "j6", "j7", "j8"];
     let typical = tesaki::test_support::joint(NAMES[index]);
@@ -53,7 +53,7 @@ fn finger(name: &str) -> ChainModel {
     ChainModel { name: name.try_into().expect("short"), joints: 3, tip, tip_radius: 0.0, force_sensor: None }
 }
 
-/// Three chains of three joints.
+/// Returns a hand of three chains of three joints.
 pub fn hand() -> RobotModel {
     RobotModel {
         name: "bench".try_into().expect("short"),
@@ -72,7 +72,7 @@ pub fn hand() -> RobotModel {
     }
 }
 
-/// A request that is not refused; `sequence` counts.
+/// Sends a request, which must not be refused, with the next `sequence` number.
 pub fn ask(node: &mut Node, sequence: &mut u16, request: Request) {
     *sequence += 1;
     let frame = RequestFrame { client: 1, sequence: *sequence, request };
@@ -86,7 +86,7 @@ pub fn push(node: &mut Node, model: &RobotModel) {
     push_bytes(node, postcard::to_slice(model, &mut bytes).expect("fits"));
 }
 
-/// As [`push`], with the bytes of the model as they go over the wire.
+/// As [`push`], with the bytes of the model as they are sent.
 pub fn push_bytes(node: &mut Node, bytes: &[u8]) {
     let sequence = &mut 0;
     ask(node, sequence, Request::Hello { schema: SCHEMA_KEY });
@@ -104,7 +104,7 @@ pub fn enable(node: &mut Node, task: TaskConfig) {
     ask(node, &mut 100, Request::Enable(task));
 }
 
-/// Sensors of [`hand`] at rest.
+/// Returns the sensors of [`hand`] at rest.
 pub fn sensors(sequence: u32) -> SensorFrame {
     SensorFrame {
         sequence,

@@ -17,7 +17,7 @@ use tesaki_tests::{robot, robot_folder, set_up, zero_sensors};
 
 use super::rig::Rig;
 
-/// A robot of one joint.
+/// A one-joint robot.
 pub const MINIMAL_URDF: &str = include_str!("minimal.urdf");
 
 /// A robot with its model in a node that client 1 commands.
@@ -33,7 +33,7 @@ pub struct Machine {
     pub supply: u16,
 }
 
-/// Texts of the folder of the robot of one joint.
+/// Returns the texts of the folder of the one-joint robot.
 pub fn minimal() -> &'static RobotTexts {
     static TEXTS: OnceLock<RobotTexts> = OnceLock::new();
     TEXTS.get_or_init(|| {
@@ -41,7 +41,7 @@ pub fn minimal() -> &'static RobotTexts {
     })
 }
 
-/// hand3, arm7, and the robot of one joint.
+/// Returns hand3, arm7, and the one-joint robot.
 pub fn machines() -> &'static [Machine; 3] {
     static MACHINES: OnceLock<[Machine; 3]> = OnceLock::new();
     MACHINES.get_or_init(|| {
@@ -53,7 +53,7 @@ pub fn machines() -> &'static [Machine; 3] {
     })
 }
 
-/// The grasp of a box by hand3.
+/// Returns the grasp of a box by hand3.
 pub fn box_plan() -> GraspPlan {
     static PLAN: OnceLock<GraspPlan> = OnceLock::new();
     *PLAN.get_or_init(|| {
@@ -62,7 +62,7 @@ pub fn box_plan() -> GraspPlan {
     })
 }
 
-/// The soft impedance of arm7.
+/// Returns the soft impedance of arm7.
 pub fn soft() -> ImpedanceSettings {
     static SETTINGS: OnceLock<ImpedanceSettings> = OnceLock::new();
     *SETTINGS.get_or_init(|| {
@@ -84,18 +84,18 @@ impl Machine {
         Self { model, encoded, node, sequence, supply }
     }
 
-    /// A node with this robot.
+    /// Returns a node with this robot.
     pub fn rig(&self, repeat: bool) -> Rig {
         Rig::new(&self.node, self.sequence, zero_sensors(&self.model, self.supply), repeat)
     }
 }
 
-/// Moves the joints to where their references are, and presses the tips as the task requires. Readings that
-/// never change would be faults.
+/// Moves the joints to where their references are, and presses the tips as the task requires. Constant
+/// readings would be faults.
 pub fn follow(rig: &mut Rig) {
     let tick = rig.sensors.sequence;
     let touching = tick % 100 > 50;
-    // From 0 to 15, in no order.
+    // Pseudo-random, from 0 to 15.
     let noise =
         |place: usize| tick.wrapping_mul(0x9e37).wrapping_add(place.to_le_bytes()[0].into()) >> 3 & 15;
     let Some(robot) = rig.node.robot() else { return };
@@ -136,7 +136,7 @@ pub fn follow(rig: &mut Rig) {
     }
 }
 
-/// Angles of hand3 with the tips some way in front of the contacts of [`box_plan`].
+/// Returns angles of hand3 at which the tips are some distance in front of the contacts of [`box_plan`].
 pub fn before_the_box() -> &'static [f32] {
     static ANGLES: OnceLock<Vec<f32>> = OnceLock::new();
     ANGLES.get_or_init(|| {
@@ -153,7 +153,7 @@ pub fn before_the_box() -> &'static [f32] {
     })
 }
 
-/// A frame in which a bit of `mask` spoils each kind of reading.
+/// Corrupts a frame: each bit of `mask` spoils one kind of reading.
 pub fn spoil(frame: &mut SensorFrame, mask: u8, input: &mut crate::input::Input<'_>) {
     if mask & 1 != 0 {
         let place = input.below(frame.encoders.len());

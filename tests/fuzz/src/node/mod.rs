@@ -22,15 +22,16 @@ use rig::Rig;
 
 pub use seeds::seeds;
 
-/// Ticks of a run: a longer one is slow and shows no more.
+/// Maximum ticks of a run: a longer one is slow and reveals nothing more.
 const MAX_TICKS: u32 = 1200;
 
-/// The first byte names the robot, and whether the run is repeated. Each step is a byte and what it needs.
+/// Runs an input, whose first byte selects the robot and whether the run is repeated. Each step is a byte and
+/// its arguments.
 pub fn run(data: &[u8]) {
     walk(data, None).finish();
 }
 
-/// Runs, and returns the phases of a grasp, contacts of an arm, and faults on the way.
+/// Runs an input. Returns the phases of a grasp, contacts of an arm, and faults that it reached.
 pub fn reached(data: &[u8]) -> BTreeSet<String> {
     let mut rig = walk(data, Some(BTreeSet::new()));
     let reached = rig.reached.take().unwrap_or_default();
@@ -53,7 +54,7 @@ fn machine(first: u8) -> &'static Machine {
     &machines()[usize::from(first & 3) % 3]
 }
 
-/// A node, perhaps homed and tared.
+/// Creates a node, perhaps homed and tared.
 fn start(first: u8) -> Rig {
     let mut rig = machine(first).rig(first & 4 != 0);
     if first & 8 != 0 {
@@ -176,7 +177,7 @@ fn task(rig: &Rig, input: &mut Input<'_>) -> TaskConfig {
     }
 }
 
-/// A point of each joint, not far from its reference.
+/// Reads a point for each joint, not far from its reference.
 fn points(rig: &Rig, input: &mut Input<'_>) -> heapless::Vec<JointPoint, 16> {
     let joints = rig.node.telemetry().joints;
     let point = |position: f32, input: &mut Input<'_>| JointPoint {
@@ -230,7 +231,7 @@ fn grasp_command(input: &mut Input<'_>) -> GraspCommand {
     }
 }
 
-/// The grasp of a box in another way.
+/// Reads a variant of the grasp of a box.
 fn plan(input: &mut Input<'_>) -> GraspPlan {
     let mut plan = box_plan();
     let what = input.byte();
@@ -301,7 +302,7 @@ fn impedance_command(rig: &Rig, input: &mut Input<'_>) -> ImpedanceCommand {
     }
 }
 
-/// The soft impedance in another way.
+/// Reads a variant of the soft impedance.
 fn settings(joints: usize, input: &mut Input<'_>) -> ImpedanceSettings {
     let mut settings = soft();
     let what = input.byte();
@@ -342,7 +343,7 @@ fn settings(joints: usize, input: &mut Input<'_>) -> ImpedanceSettings {
     settings
 }
 
-/// Options of the direct law.
+/// Reads options of the direct law.
 fn direct(input: &mut Input<'_>) -> DirectLaw {
     let what = input.byte();
     let friction = 0.25 * f32::from(what & 7);

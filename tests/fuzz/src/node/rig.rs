@@ -1,4 +1,4 @@
-//! A node, and what must hold whatever it is asked and whatever its sensors read.
+//! A node, and the properties that must hold for all requests and sensor readings.
 
 use std::collections::BTreeSet;
 
@@ -16,17 +16,17 @@ use tesaki::task::{TaskCommand, TaskConfig, TaskKind, TaskRefusal, TaskTelemetry
 /// Period of the ticks [s].
 const TICK: f32 = 0.01;
 
-/// A node that is judged at every step.
+/// A node that is checked at every step.
 pub struct Rig {
     /// The node under test.
     pub node: Box<Node>,
-    /// What the sensors read next.
+    /// The next sensor readings.
     pub sensors: SensorFrame,
     /// Ticks so far.
     pub ticks: u32,
-    /// The phases, contacts and faults so far, where somebody asks for them.
+    /// The phases, contacts and faults so far, if they are requested.
     pub reached: Option<BTreeSet<String>>,
-    /// Of the last request of client 1.
+    /// Sequence number of the last request of client 1.
     sequence: u16,
     twin: Option<Box<Node>>,
     records: Vec<LogRecord>,
@@ -36,13 +36,13 @@ pub struct Rig {
     may_be_enabled: bool,
     /// Ticks since the commander was last heard.
     silence: u32,
-    /// Whether the model is still the first one: with others, numbers leave the range of floats.
+    /// Whether the model is still the first one: with others, numbers may exceed the range of floats.
     first_model: bool,
 }
 
 impl Rig {
-    /// Around `node`, in which `sequence` requests of client 1 were handled. With `repeat`, the run is
-    /// repeated at the end, and must give the same.
+    /// Creates a rig around `node`, which has handled `sequence` requests of client 1. With `repeat`, the run
+    /// is repeated at the end and must give the same results.
     pub fn new(node: &Node, sequence: u16, sensors: SensorFrame, repeat: bool) -> Self {
         Self {
             node: Box::new(node.clone()),
@@ -111,7 +111,7 @@ impl Rig {
         reply
     }
 
-    /// Ticks with the sensors as they are, and counts them on.
+    /// Ticks with the present sensor values, and increments their sequence number.
     pub fn tick(&mut self) {
         let frame = self.sensors.clone();
         self.tick_with(frame);
@@ -151,8 +151,8 @@ impl Rig {
         }
     }
 
-    /// Settings of an impedance are accepted only where they are valid, and called invalid only where they
-    /// are not; that a mass is too small for the arm's own depends on the posture.
+    /// Checks that settings of an impedance are accepted only if they are valid, and called invalid only if
+    /// they are not. Whether a mass is too small for the arm's own mass depends on the posture.
     fn check_settings(&self, settings: &ImpedanceSettings, reply: &Reply) {
         let Some(robot) = self.node.robot() else { return };
         let valid = settings.validate(robot.model().joints.len()).is_ok();
@@ -166,7 +166,7 @@ impl Rig {
         assert_eq!(valid, !refused, "{reply:?}: {settings:?}");
     }
 
-    /// Everything that is computed of the readings is finite, whatever they are.
+    /// Checks that everything computed from the readings is finite, whatever they are.
     fn check_numbers(&self) {
         if !self.first_model {
             return;
@@ -188,7 +188,7 @@ impl Rig {
         assert!(fault.is_none(), "{}", fault.map(ToString::to_string).unwrap_or_default());
     }
 
-    /// Notes the phase of a grasp, whether an arm is in contact, and the last fault.
+    /// Records the phase of a grasp, whether an arm is in contact, and the last fault.
     fn note(&mut self) {
         let Some(reached) = &mut self.reached else { return };
         match self.node.task_report().map(|report| report.telemetry) {
@@ -201,7 +201,8 @@ impl Rig {
         reached.extend(self.node.faults().faults.last().map(|fault| format!("{:?}", fault.cause)));
     }
 
-    /// Finite, within the limits and their rates, and 0 while the outputs are off.
+    /// Checks that the torques are finite, within the limits and their rates, and 0 while the outputs are
+    /// off.
     fn check_torques(&self, actuators: &ActuatorFrame) {
         let Some(robot) = self.node.robot() else {
             return assert!(actuators.torques.is_empty() && !actuators.enabled);
@@ -218,7 +219,7 @@ impl Rig {
                 continue;
             }
             let change = joint.limits.torque_rate * TICK * 1.0001;
-            // What is lost in the subtraction of large numbers.
+            // Cancellation error in the subtraction of large numbers.
             let rounding = limit * 1e-6;
             assert!(
                 (torque - last).abs() <= change + rounding,
@@ -228,7 +229,7 @@ impl Rig {
         }
     }
 
-    /// Everything that can be read has finite size and a frame to go in.
+    /// Checks that everything that can be read fits into a frame.
     fn read(&self) {
         for stream in Stream::ALL {
             if let Some(message) = self.node.due(stream, &BoardStatus::default()) {
@@ -245,7 +246,7 @@ impl Rig {
         }
     }
 
-    /// Pushes `bytes` as a model; whether it was accepted.
+    /// Pushes `bytes` as a model. Returns whether it was accepted.
     pub fn push(&mut self, bytes: &[u8]) -> bool {
         let length = u32::try_from(bytes.len()).unwrap_or(u32::MAX);
         self.ask(Request::ModelBegin { length, checksum: checksum(bytes) });
@@ -265,7 +266,7 @@ impl Rig {
         accepted
     }
 
-    /// Reads the whole state or model; it is as long as announced.
+    /// Reads the whole state or model, and checks that it is as long as announced.
     pub fn export(&mut self, item: Item) {
         let Reply::Exported { length, checksum: announced, .. } = self.ask(Request::Export(item)) else {
             return;
@@ -281,7 +282,7 @@ impl Rig {
         assert_eq!(checksum(&bytes), announced);
     }
 
-    /// The same again gives the same again.
+    /// Checks that the same inputs give the same outputs again.
     pub fn finish(mut self) {
         self.read();
         let Some(twin) = &mut self.twin else { return };
@@ -297,8 +298,8 @@ fn fits_a_frame(message: &FromBoard) {
     encode(message, &mut frame).unwrap_or_else(|error| panic!("{error}: {message:?}"));
 }
 
-/// A running task refuses its own commands only for reasons of its own, unless they come late, or of one who
-/// since said hello with another schema.
+/// Checks that a running task refuses its own commands only for its own reasons, unless they are late or from
+/// a client that has since said hello with another schema.
 fn check_command(mode: Mode, request: &Request, reply: &Reply) {
     let (Mode::Enabled(kind), Request::Task(command)) = (mode, request) else { return };
     let own = matches!(
@@ -316,7 +317,7 @@ fn check_command(mode: Mode, request: &Request, reply: &Reply) {
     assert!(!own || heard, "{kind:?}: {reply:?} to {command:?}");
 }
 
-/// The settings of an impedance in a request.
+/// Returns the settings of an impedance in a request.
 const fn settings(request: &Request) -> Option<&ImpedanceSettings> {
     match request {
         Request::Enable(TaskConfig::Impedance(settings))
@@ -325,7 +326,7 @@ const fn settings(request: &Request) -> Option<&ImpedanceSettings> {
     }
 }
 
-/// What a refused request leaves as it is.
+/// The state that a refused request must not change.
 struct Face {
     mode: Mode,
     telemetry: Telemetry,
@@ -343,7 +344,7 @@ impl Face {
         }
     }
 
-    /// Every bit of it.
+    /// Encodes all of it, to compare every bit.
     fn encoded(&self) -> Vec<u8> {
         let parts = (self.mode, &self.telemetry, &self.task, &self.model);
         postcard::to_stdvec(&parts).expect("all of it has an encoding")

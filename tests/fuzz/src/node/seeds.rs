@@ -3,10 +3,10 @@
 use tesaki::protocol::{Request, RequestFrame};
 use tesaki::task::TaskConfig;
 
-/// Ticks that follow, with commands between them.
+/// A step that ticks repeatedly.
 const RUN: [u8; 2] = [0, 64 + 63];
 
-/// Runs of each robot and each task.
+/// Returns runs of each robot and each task.
 pub fn seeds() -> Vec<Vec<u8>> {
     let mut seeds = Vec::new();
     for robot in 0..3 {
@@ -27,7 +27,7 @@ pub fn seeds() -> Vec<Vec<u8>> {
             add(&[&[6, servo], &RUN, &[9, 2], &RUN, &[1, 1, 0, 255, 255, 255, 127], &RUN, &[8], &RUN]);
             add(&[&[6, servo], &[9, 3], &RUN, &[1, 32, 5], &RUN, &[1, 16, 1], &RUN, &[15, 0], &[8], &RUN]);
         }
-        // Model, export, commands by others.
+        // Model, export, commands of other clients.
         add(&[&[12, 1, 40, 0, 2], &RUN, &[13, 0], &[13, 1], &[6, 0], &RUN]);
         add(&[&[15, 4], &[15, 3], &[6, 0], &[2, 1, 1, 1], &[2, 255, 255], &RUN]);
         let other = RequestFrame { client: 2, sequence: 1, request: Request::TakeCommand { by_force: true } };
@@ -79,7 +79,7 @@ pub fn seeds() -> Vec<Vec<u8>> {
             seeds.push([start, &*steps.concat()].concat());
         }
     }
-    // So soft along or about an axis that the noise of the readings takes it farther than it may go.
+    // So soft along or about an axis that the noise of the readings exceeds the permitted deviation.
     for enable in [[6, 4, 0x8c, 0, 136, 0, 0, 227, 0], [6, 4, 0x8c, 4, 136, 0, 0, 0, 157]] {
         seeds.push([&*bent, &enable, &RUN, &RUN].concat());
     }
