@@ -1,4 +1,4 @@
-//! The object to be grasped, as data.
+//! Description of the object to be grasped.
 
 use rapier3d::na::{Matrix3, Vector3};
 use serde::Deserialize;
@@ -7,7 +7,8 @@ use super::error::{PlantError, check};
 
 /// A free rigid body with its friction and support.
 ///
-/// Its frame is in the middle of its extents. Position and orientation are in the frame of the base.
+/// The origin of its frame is in the middle of its extents. Position and orientation are in the frame of the
+/// base.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ObjectValues {
@@ -15,7 +16,7 @@ pub struct ObjectValues {
     pub shape: Shape,
     /// Extents along its x, y and z [m].
     pub size: [f64; 3],
-    /// Mass, spread evenly [kg].
+    /// Mass, evenly distributed [kg].
     pub mass: f64,
     /// Coefficient of friction with fingertips and support.
     pub friction: f64,
@@ -48,7 +49,7 @@ pub enum Shape {
     },
 }
 
-/// A fixed cuboid that carries the object. Fingertips pass through it.
+/// A fixed cuboid that supports the object. Fingertips pass through it.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Support {
@@ -66,17 +67,18 @@ const fn unturned() -> [f64; 4] {
 }
 
 impl ObjectValues {
-    /// Reads a description and checks it.
+    /// Reads and checks a description.
     ///
     /// # Errors
-    /// What is wrong, with line or key.
+    /// The description is invalid; the error names the line or key.
     pub fn from_toml(text: &str) -> Result<Self, PlantError> {
         let values: Self = toml::from_str(text).map_err(|error| PlantError::Object(error.to_string()))?;
         values.validate()?;
         Ok(values)
     }
 
-    /// The same object elsewhere: position [m] and orientation `[x, y, z, w]` in the frame of the base.
+    /// Returns the same object elsewhere: position [m] and orientation `[x, y, z, w]` in the frame of the
+    /// base.
     #[must_use]
     pub const fn at(mut self, position: [f64; 3], orientation: [f64; 4]) -> Self {
         self.position = position;
@@ -84,14 +86,14 @@ impl ObjectValues {
         self
     }
 
-    /// The same object on a support.
+    /// Returns the same object on a support.
     #[must_use]
     pub const fn on(mut self, support: Support) -> Self {
         self.support = Some(support);
         self
     }
 
-    /// Centre of mass [m] and inertia about it [kg·m²], in its own frame.
+    /// Computes the centre of mass [m] and the inertia about it [kg·m²], in the object's frame.
     pub(super) fn inertia(&self) -> (Vector3<f64>, Matrix3<f64>) {
         let [x, y, z] = self.size;
         let (middle, mean) = match self.shape {
