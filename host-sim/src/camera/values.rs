@@ -5,7 +5,7 @@ use serde::Deserialize;
 
 use super::geometry::Camera;
 
-/// A hand-eye camera as data, a robot's `camera.toml`.
+/// A hand-eye camera as data: a robot's `camera.toml`.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CameraValues {
@@ -13,11 +13,11 @@ pub struct CameraValues {
     pub size: [usize; 2],
     /// Focal length [px].
     pub focal: f64,
-    /// Where the optical axis meets the image [px].
+    /// Intersection of the optical axis with the image [px].
     pub principal: [f64; 2],
     /// Optical centre in the hand frame [m].
     pub position: [f64; 3],
-    /// Rotation from the approach towards the hand's axis, about the hand's y [rad].
+    /// Rotation from the approach direction towards the hand's axis, about the hand's y [rad].
     pub tilt: f64,
 }
 
@@ -33,25 +33,25 @@ pub enum CameraFileError {
     Read {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The reason.
         source: std::io::Error,
     },
-    /// It is no TOML, or a key is wrong.
+    /// It is not TOML, or a key is wrong.
     #[error("{}: {source}", path.display())]
     Syntax {
         /// The file.
         path: PathBuf,
-        /// What is wrong, with its line.
+        /// The error, with its line.
         source: Box<toml::de::Error>,
     },
-    /// A value that no camera has.
+    /// A value that no camera can have.
     #[error("{}: {field} is {value}: it must be {expected}", path.display())]
     Value {
         /// The file.
         path: PathBuf,
         /// The key.
         field: &'static str,
-        /// What was found.
+        /// The value.
         value: f64,
         /// The allowed values.
         expected: &'static str,
@@ -62,7 +62,7 @@ impl CameraValues {
     /// Reads `camera.toml` in a robot's folder.
     ///
     /// # Errors
-    /// It cannot be read, or what is wrong in it.
+    /// The file cannot be read, or its content is invalid.
     pub fn load(robot: &Path) -> Result<Self, CameraFileError> {
         let path = robot.join("camera.toml");
         let text = std::fs::read_to_string(&path)
@@ -102,8 +102,8 @@ impl CameraValues {
         Camera { width, height, focal: self.focal, principal: self.principal }
     }
 
-    /// Pose of the camera frame in the hand frame. Without tilt the image's right is the hand's y and the
-    /// image's up the hand's x.
+    /// Pose of the camera frame in the hand frame. Without tilt, right in the image is the hand's y, and up
+    /// in the image is the hand's x.
     pub fn mount(&self) -> Isometry3<f64> {
         let (sin, cos) = (libm::sin(self.tilt), libm::cos(self.tilt));
         let axes = Matrix3::new(0.0, -cos, -sin, 1.0, 0.0, 0.0, 0.0, -sin, cos);
