@@ -58,7 +58,7 @@ pub enum QemuError {
     OtherBoard {
         /// The image.
         image: PathBuf,
-        /// The feature of its board.
+        /// The Cargo feature of its board.
         board: String,
     },
     /// A file could not be created.

@@ -1,4 +1,5 @@
-//! The camera of a served arm: pictures of a door for programs that connect, as PGM one after the other.
+//! The camera of a served arm: sends pictures of a door to programs that connect, as a sequence of PGM
+//! images.
 
 use std::io::{self, Write as _};
 use std::os::unix::net::UnixStream;
@@ -12,16 +13,16 @@ use crate::camera::{CameraValues, Image};
 use crate::door::{KnobDoor, hand_pose};
 use crate::plant::Plant;
 
-/// Ticks from picture to picture: ten a second.
+/// Period of the pictures: ten per second [ticks].
 pub const PICTURE_TICKS: u32 = 10;
-/// Who does not read for this time is left.
+/// A client that does not read for this time is disconnected.
 const PATIENCE: Duration = Duration::from_millis(200);
 
-/// A camera in the hand of an arm before a door. Pictures are drawn in a thread of its own.
+/// A camera in the hand of an arm in front of a door. Pictures are drawn in a separate thread.
 #[derive(Debug)]
 pub struct ServedCamera {
     address: Address,
-    /// Of the socket, whose listener is in the thread.
+    /// The socket's file; its listener is in the thread.
     _file: SocketFile,
     exposures: SyncSender<Exposure>,
     door: Isometry3<f64>,
@@ -30,21 +31,21 @@ pub struct ServedCamera {
     gripper: usize,
 }
 
-/// What a picture is drawn from.
+/// Inputs for drawing a picture.
 struct Exposure {
     taken: Instant,
     number: u32,
-    /// The hand in the door frame.
+    /// Pose of the hand in the door frame.
     hand: Isometry3<f64>,
     /// Angle of the gripper [rad].
     opening: f64,
 }
 
 impl ServedCamera {
-    /// A camera whose pictures are for who connects to `address`.
+    /// Creates a camera that sends its pictures to the clients of `address`.
     ///
     /// # Errors
-    /// The address cannot be listened at.
+    /// It cannot listen at the address.
     pub fn listen(
         address: &Address,
         values: CameraValues,
@@ -54,14 +55,14 @@ impl ServedCamera {
         let mut listener = LocalListener::new(address)?;
         let file = listener.take_file();
         let address = listener.address().clone();
-        // One waits while another one is drawn; those that find no room are not taken.
+        // One exposure waits while another is drawn; further ones are skipped.
         let (exposures, waiting) = sync_channel(1);
         let pose = door.pose.inverse();
         std::thread::spawn(move || draw(&listener, &values, &door, &waiting));
         Ok(Self { address, _file: file, exposures, door: pose, hand, gripper })
     }
 
-    /// Where it listens.
+    /// The address at which it listens.
     pub const fn address(&self) -> &Address {
         &self.address
     }
@@ -80,7 +81,7 @@ impl ServedCamera {
     }
 }
 
-/// Sends every picture to all who have connected.
+/// Sends every picture to all connected clients.
 fn draw(listener: &LocalListener, values: &CameraValues, door: &KnobDoor, exposures: &Receiver<Exposure>) {
     let mut viewers: Vec<UnixStream> = Vec::new();
     while let Ok(Exposure { taken, number, hand, opening }) = exposures.recv() {
@@ -97,7 +98,7 @@ fn draw(listener: &LocalListener, values: &CameraValues, door: &KnobDoor, exposu
     }
 }
 
-/// Writes a PGM picture with its age, the time since it was exposed [s].
+/// Writes a PGM picture with its age, the time since its exposure [s].
 fn send(mut viewer: &UnixStream, picture: &Image, taken: Instant) -> io::Result<()> {
     let Image { width, height, pixels } = picture;
     let header = format!("P5\n# age {:.6}\n{width} {height}\n255\n", taken.elapsed().as_secs_f64());

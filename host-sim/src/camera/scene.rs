@@ -68,9 +68,9 @@ pub struct Finish {
 /// The surface of the door.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Door {
-    /// Share of the light that is scattered.
+    /// Fraction of the light that is scattered.
     pub diffuse: f64,
-    /// Share of the light that is reflected.
+    /// Fraction of the light that is reflected.
     pub specular: f64,
     /// Its pattern.
     pub texture: Texture,

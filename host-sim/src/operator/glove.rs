@@ -105,7 +105,7 @@ impl OperatorHand {
         (core::array::from_fn(|k| segments[k] * mounts[k]), tip)
     }
 
-    /// The posture whose fingertips are nearest to given ones [m], from half-bent fingers.
+    /// Returns the posture whose fingertips are nearest to given ones [m], starting from half-bent fingers.
     pub fn imitate(&self, tips: &[Vector3<f64>; FINGERS]) -> [FingerAngles; FINGERS] {
         let half =
             core::array::from_fn(|number| self.fingers[number].range.map(|[low, high]| 0.5 * (low + high)));
