@@ -91,7 +91,7 @@ fn over(frame: &mut Frame, title: &str, width: u16, lines: Vec<Line>) {
     }
     let width = width.min(screen.width - 2);
     let inside = usize::from(width - 4);
-    // Lines break between words, which takes some room.
+    // Lines are broken between words, which wastes some space.
     let height = |line: &Line| if line.width() <= inside { 1 } else { line.width().div_ceil(inside - 8) };
     let rows: usize = lines.iter().map(height).sum();
     let height = u16::try_from(rows + 2).unwrap_or(u16::MAX).min(screen.height - 2);

@@ -29,9 +29,9 @@ pub struct PalmFrame {
 }
 
 impl PalmFrame {
-    /// The frame of the palm with these points [m], wrist first, in any frame: that of the mean hand which is
-    /// scaled, turned and moved to fit them (least squares; Umeyama 1991). `None` for fewer than three of
-    /// them, or if they lie in one line.
+    /// Fits the mean hand, scaled, rotated and translated, to the points of a palm [m], wrist first, in any
+    /// frame (least squares; Umeyama 1991), and returns its frame. `None` for fewer than three points, or if
+    /// they are collinear.
     pub fn fit(side: Side, points: &[Option<Vector3<f32>>; POINTS]) -> Option<Self> {
         let pairs = || {
             let mean = MEAN.iter().map(|&[x, y, z]| Vector3::new(x, thumbward(side, y), z));
