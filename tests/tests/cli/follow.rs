@@ -118,7 +118,7 @@ impl Hand {
     }
 
     fn say(&mut self, line: &Value) {
-        // Nobody reads it any more when the program ends.
+        // Near the program's end, nobody reads it.
         let _ = self.stdin.write_all(format!("{line}\n").as_bytes());
         std::thread::sleep(Duration::from_millis(8));
     }
