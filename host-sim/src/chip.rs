@@ -4,7 +4,6 @@
 //! alternately by one sub-step of the physics: the chip is given the motion of the joints, and returns the
 //! mean torques of its motors during that time. Thus a torque acts in the sub-step in which it is made, and
 //! the chip sees an acceleration one sub-step late.
-//! sees an acceleration one sub-step late.
 
 use std::io;
 use std::path::{Path, PathBuf};

@@ -76,8 +76,8 @@ pub struct CalibrationTrial {
     pub time: f64,
     /// Accuracy of each finger.
     pub accuracy: [CalibrationAccuracy; FINGERS],
-    /// Estimated and true vectors from the thumb's tip to the tips of index to little finger [m], one pair per
-    /// sample.
+    /// Estimated and true vectors from the thumb's tip to the tips of index to little finger [m], one pair
+    /// per sample.
     pub vectors: [Vec<[Vector3<f64>; 2]>; 4],
     /// Times at which the index finger's vectors were estimated [s].
     pub times: Vec<f64>,

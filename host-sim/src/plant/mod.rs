@@ -11,6 +11,7 @@
 //!  SensorFrame ◄─────────────────────────────────────────────────────────────────────── links ◄─┘
 //! ```
 //!
+//! # Time
 //! [`Plant::sensors`] reads the state at the start of a control period, and [`Plant::apply`] advances over
 //! the period; the commanded torque begins to act [`InnerLoop::delay`] after the reading. The physics'
 //! sub-step `h` is a leapfrog: angles belong to the ends of a sub-step, velocities to its middle. The torque
@@ -26,9 +27,9 @@
 //! the angle of the link plus the deflection under the motor's torque. The deflection is quasi-static; the
 //! vibration of the link against the rotor is not modelled.
 //!
+//! # Contact
 //! With an object in [`PlantOptions`], each spherical fingertip of the URDF touches it; Coulomb friction is
 //! again a constraint.
-//! again as a constraint.
 //!
 //! With [`PlantOptions::fixtures`], the boxes, cylinders and spheres among the `<collision>` elements of the
 //! moving links touch these fixed bodies, with Coulomb friction at each point of a face or an edge; meshes

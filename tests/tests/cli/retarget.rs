@@ -515,7 +515,7 @@ fn a_source_that_goes_wrong_stops_the_hand_and_is_told() {
     let send = |line: &str| {
         let mut value: Value = serde_json::from_str(line).unwrap();
         value["time"] = json!(begin.elapsed().as_secs_f64());
-        // Nobody listens before the program does.
+        // Before the program runs, nobody listens.
         let _ = socket.send_to(value.to_string().as_bytes(), ("127.0.0.1", port));
         std::thread::sleep(Duration::from_millis(20));
     };

@@ -13,7 +13,7 @@ pub type Part = [u64; 2];
 pub struct Share {
     /// Edges in the functions of the project.
     pub edges: Part,
-    /// Functions of the project that are in the program.
+    /// Functions of the project in the program.
     pub functions: Part,
     /// Functions of the modules that the target tests.
     pub of_target: Part,

@@ -78,7 +78,7 @@ impl Run {
     }
 }
 
-/// The value rounded to six significant digits.
+/// Rounds a value to six significant digits.
 fn six_digits(value: f64) -> f64 {
     format!("{value:.5e}").parse().unwrap_or(value)
 }

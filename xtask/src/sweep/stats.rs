@@ -12,9 +12,9 @@ pub struct Statistics {
     pub median: f64,
     /// 95 % of the machines are not worse.
     pub percentile_95: f64,
-    /// Machines that meet the limit; none for a metric without one.
+    /// Number of machines that meet the limit; `None` for a metric without one.
     pub met: Option<usize>,
-    /// Machines that were run.
+    /// Number of machines that were run.
     pub machines: usize,
     /// Number of machines to which the scenario's limit does not apply.
     pub exempt: usize,
