@@ -1,6 +1,5 @@
 //! Seeded schedules of faults, and an oracle of safety that judges the runs.
 //!
-//! A seed draws a [`Schedule`]: a scenario, or a board that is served to a client, and one to four faults at
 //! A seed draws a [`Schedule`]: a scenario, or a board that is served to a client, with one to four faults at
 //! random times. The rig runs it: every request passes through a faulty link, the frames between board and
 //! plant are corrupted by the faults, and the oracle compares the board's behaviour with the plant's true

@@ -135,7 +135,7 @@ impl World {
         };
         world.set_posture(posture);
         world.set_values(values, step);
-        // Otherwise rapier would use the mass with which a body was built in the first step.
+        // Otherwise, in the first step, rapier would use the mass properties with which a body was built.
         for joint in &world.joints {
             if let Some(body) = world.physics.bodies.get_mut(joint.body) {
                 body.recompute_mass_properties_from_colliders(&world.physics.colliders);

@@ -143,7 +143,7 @@ fn a_recording_has_frames_wrenches_phases_and_diagnostics() {
         messages.iter().any(|message| message.channel.topic == "/rosout" && holds(message))
     };
     assert!(says("enabled: joint servo after disabled"));
-    // The time stamps are in UTC.
+    // The time stamps are those of the wall clock.
     let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap();
     // Up to the delay of a busy machine before the first tick and here.
     let difference = now.as_nanos().abs_diff(u128::from(messages.last().unwrap().log_time));

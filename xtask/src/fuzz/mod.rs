@@ -29,8 +29,8 @@ target/xtask/fuzz.";
 /// Folder of libFuzzer's targets.
 const CRATE: &str = "tests/fuzz";
 /// Flags that count edges, as set by `cargo fuzz`; only the sanitizers, which safe code hardly needs, would
-/// require a nightly toolchain. Comparisons are not traced, because that takes more than half of the time. The
-/// mangling of names allows reading them back completely.
+/// require a nightly toolchain. Comparisons are not traced, because that takes more than half of the time.
+/// The mangling of names allows reading them back completely.
 const INSTRUMENTATION: &str = "-Cpasses=sancov-module -Cllvm-args=-sanitizer-coverage-level=4 \
      -Cllvm-args=-sanitizer-coverage-inline-8bit-counters -Cllvm-args=-sanitizer-coverage-pc-table \
      -Csymbol-mangling-version=v0";
