@@ -22,7 +22,7 @@ pub enum PlantError {
     Value {
         /// Table and key, as in the file.
         field: String,
-        /// What was found.
+        /// The value.
         value: f64,
         /// The allowed values.
         expected: &'static str,

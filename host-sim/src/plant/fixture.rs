@@ -101,7 +101,7 @@ impl Fixture {
         let solid = match self.shape {
             FixtureShape::Box { size } => cuboid(size),
             FixtureShape::Cylinder { radius, length } => cylinder(radius, length),
-            // One that is valid has a volume.
+            // A valid one has a volume, so the fallback is not needed.
             FixtureShape::BevelledCylinder { radius, length, chamfer } => {
                 bevelled_cylinder(radius, length, chamfer).unwrap_or_else(|| cylinder(radius, length))
             }

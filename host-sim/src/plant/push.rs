@@ -103,7 +103,7 @@ pub struct Disturbances {
     own: (f64, Vector3<f64>, Matrix3<f64>),
     pushes: Vec<(f64, Push)>,
     weights: Vec<Weight>,
-    /// What rapier was last told [kg].
+    /// Mass of the weights that was last passed to rapier [kg].
     mass: f64,
 }
 

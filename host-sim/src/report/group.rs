@@ -80,7 +80,7 @@ impl Row<'_> {
         self.passed == self.values.len()
     }
 
-    /// Returns `pass`, `FAIL`, `reported`, or the number of passes if some of several seeds fail.
+    /// Returns `pass`, `FAIL`, `reported`, with the number of failing seeds if there are several.
     pub fn verdict(&self) -> String {
         match (self.pass(), self.metric.limit) {
             (true, Some(_)) => "✓ pass".into(),

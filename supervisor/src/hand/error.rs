@@ -17,7 +17,7 @@ pub enum HandError {
     NotAHand {
         /// Its name.
         robot: String,
-        /// What is missing.
+        /// The missing property.
         why: String,
     },
     /// The link to a board failed, or the board refused.

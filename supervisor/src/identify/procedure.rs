@@ -173,7 +173,7 @@ pub enum IdentifyError {
     /// The hand did not reach the requested phase.
     #[error("with a grip of {strength} N the hand {phase}, and not as asked{}", because(.failure))]
     Grasp {
-        /// Which grip [N].
+        /// The grip [N].
         strength: f32,
         /// The phase it is in.
         phase: Phase,

@@ -119,7 +119,7 @@ impl FaultStop {
         for (index, (((moved, torque), weight), ((fading, fades_from), joint))) in
             moved.zip(torques).zip(&sample.weight).zip(fading).enumerate()
         {
-            // Of the weight, a weak drive bears only this part.
+            // A weak drive bears only this part of the weight.
             let borne = if sample.acting.weak_drives.contains(&index) {
                 torque.clamp(weight.min(0.0), weight.max(0.0))
             } else {
