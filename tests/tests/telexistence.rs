@@ -78,8 +78,8 @@ impl Board {
         for (index, joint) in now.joints.iter().enumerate() {
             let [position, velocity] = self.references.get(index).copied().unwrap_or([joint.reference, 0.0]);
             let new = (joint.reference - position) / TICK;
-            // The velocity limit of 6 rad/s minus 25 ms of the acceleration; for `spread`, half of its limit of
-            // 4 rad/s. `spread` takes at least 30 ms to reach its speed.
+            // The velocity limit of 6 rad/s minus 25 ms of the acceleration; for `spread`, half of its limit
+            // of 4 rad/s. `spread` takes at least 30 ms to reach its speed.
             let (speed, acceleration) = if index == 5 { (2.0, 2.0 / 0.03) } else { (3.5, 100.0) };
             assert!(new.abs() < 1.001 * speed + 1e-3, "joint {index}: {new} rad/s");
             let change = (new - velocity) / TICK;
