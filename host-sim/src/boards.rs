@@ -1,4 +1,4 @@
-//! One machine on several boards, a chain each.
+//! One machine on several boards, with one chain each.
 
 use tesaki::model::RobotModel;
 use tesaki::protocol::{ActuatorFrame, SensorFrame};
@@ -7,18 +7,18 @@ use tesaki_supervisor::BoardError;
 use crate::controller::Controller;
 use crate::plant::{Plant, PlantError};
 
-/// Why boards and machine stopped.
+/// Why the boards or the machine stopped.
 #[derive(Debug, thiserror::Error)]
 pub enum BoardsError {
-    /// A board.
+    /// A board failed.
     #[error(transparent)]
     Board(#[from] BoardError),
-    /// The plant.
+    /// The plant failed.
     #[error(transparent)]
     Plant(#[from] PlantError),
 }
 
-/// The frame of each chain's board: what is read of its joints and of its fingertip.
+/// Splits a sensor frame into one per chain's board: the readings of its joints and its fingertip.
 pub fn share_sensors(robot: &RobotModel, frame: &SensorFrame) -> Vec<SensorFrame> {
     let mut forces = frame.forces.iter();
     let chains = robot.chains.iter().zip(robot.chain_ranges());
@@ -33,7 +33,8 @@ pub fn share_sensors(robot: &RobotModel, frame: &SensorFrame) -> Vec<SensorFrame
     chains.map(of_chain).collect()
 }
 
-/// The boards' frames as one for the whole machine; a board that is off, or without a model, moves nothing.
+/// Joins the boards' frames into one for the whole machine; the joints of a board that is off, or has no
+/// model, get no torque.
 pub fn join_actuators(robot: &RobotModel, sequence: u32, frames: &[ActuatorFrame]) -> ActuatorFrame {
     let mut joined = ActuatorFrame { sequence, ..ActuatorFrame::default() };
     for (range, frame) in robot.chain_ranges().zip(frames) {
@@ -41,18 +42,18 @@ pub fn join_actuators(robot: &RobotModel, sequence: u32, frames: &[ActuatorFrame
         joined.enabled |= drives;
         for index in 0..range.len() {
             let torque = if drives { frame.torques.get(index).copied().unwrap_or(0.0) } else { 0.0 };
-            // Never full: a robot has no more joints than a frame.
+            // Never full, because a robot has no more joints than a frame.
             let _ = joined.torques.push(torque);
         }
     }
     joined
 }
 
-/// One control period of a machine whose chains are on these boards, in their order. `spoil` may falsify what
-/// a board reads.
+/// Runs one control period of a machine whose chains are on these boards, in their order. `spoil` may falsify
+/// the readings of a board.
 ///
 /// # Errors
-/// When a board or the plant fails.
+/// A board or the plant fails.
 pub fn tick<'a>(
     robot: &RobotModel,
     plant: &mut Plant,

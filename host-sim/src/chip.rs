@@ -1,9 +1,9 @@
-//! A board on a modelled chip: the image that is flashed, and at its motors a simulated machine.
+//! A board on a modelled chip: the image that is flashed, with a simulated machine at its motors.
 //!
-//! The chip runs in a process of its own (`chip/`), which [`tesaki_chip_link`] connects. Machine and chip
-//! advance in turn by a sub-step of the physics: the chip is told how the joints move, and tells the mean
-//! torques of its motors while they do. So the torque acts in the sub-step in which it is made, and the chip
-//! sees an acceleration one sub-step late.
+//! The chip runs in a separate process (`chip/`), connected by [`tesaki_chip_link`]. Machine and chip advance
+//! alternately by one sub-step of the physics: the chip is given the motion of the joints, and returns the
+//! mean torques of its motors during that time. Thus a torque acts in the sub-step in which it is made, and
+//! the chip sees an acceleration one sub-step late.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -19,8 +19,8 @@ use crate::plant::{Plant, PlantError};
 /// The control period, and the time from power-on until the image answers [ps].
 const PERIOD: u64 = 10_000_000_000;
 const BOOT: u64 = 10 * PERIOD;
-/// So long before the board samples its sensors a control period of the machine begins: its interrupt may be
-/// late by some microseconds [ps].
+/// A control period of the machine begins this long before the board samples its sensors, because the board's
+/// interrupt may be late by some microseconds [ps].
 const MARGIN: u64 = 20_000_000;
 /// Longest wait for a reply [control periods].
 const PATIENCE: u32 = 50;
@@ -30,13 +30,13 @@ const CLIENT: u32 = 1;
 /// Why the board on the modelled chip does not run.
 #[derive(Debug, thiserror::Error)]
 pub enum ChipError {
-    /// The program or the image is not there.
+    /// The program or the image does not exist.
     #[error("there is no {}: build it with `cargo xtask chip`", .0.display())]
     Missing(PathBuf),
     /// The process ended, or what it said is no answer.
     #[error("the chip model stopped: {0}")]
     Link(#[from] io::Error),
-    /// The machine.
+    /// The machine failed.
     #[error(transparent)]
     Plant(#[from] PlantError),
     /// The machine has other joints than the board has motors.
@@ -63,25 +63,26 @@ pub struct ChipBoard {
     pub plant: Plant,
     decoder: Decoder,
     sequence: u16,
-    /// What goes to the board in the next sub-step.
+    /// Bytes that go to the board in the next sub-step.
     outgoing: Vec<u8>,
     reply: Option<(u16, Reply)>,
-    /// Whether the power stages have been awake: something holds the joints until then.
+    /// Whether the power stages have been enabled; until then the joints are held.
     released: bool,
-    /// Time since power-on, and the last instant of a control period that the chip told [ps].
+    /// Time since power-on, and the last control instant that the chip reported [ps].
     now: u64,
     instant: u64,
-    /// Largest distance of such an instant from its time [ps].
+    /// Largest deviation of such an instant from its scheduled time [ps].
     worst_instant: u64,
     /// Torques of the last sub-step [N·m].
     torques: [f64; MOTORS],
 }
 
 impl ChipBoard {
-    /// Powers `image` on, in a process of `program`. Its control periods begin with those of the caller.
+    /// Powers on a board with `image`, in a process of `program`. Its control periods begin with those of the
+    /// caller.
     ///
     /// # Errors
-    /// What is missing, or why the process ended.
+    /// A file is missing, or the process ended.
     pub fn start(
         program: &Path,
         image: &Path,
@@ -107,13 +108,13 @@ impl ChipBoard {
         };
         board.chip.call(&Call::Start(terminals))?;
         board.advance(BOOT)?;
-        // To where the next control period begins.
+        // Advances to the start of the next control period.
         let next = board.instant + PERIOD - MARGIN;
         board.advance(next - board.now)?;
         Ok(board)
     }
 
-    /// Time passes, and the machine stands still.
+    /// Advances the time while the machine stands still.
     fn advance(&mut self, duration: u64) -> Result<(), ChipError> {
         let truth = self.plant.truth();
         let motion =
@@ -140,7 +141,8 @@ impl ChipBoard {
         Ok(())
     }
 
-    /// One control period of chip and machine. The board samples its sensors 20 µs after its beginning.
+    /// Runs one control period of chip and machine. The board samples its sensors 20 µs after the period
+    /// begins.
     ///
     /// # Errors
     /// The process ended, or the period did not begin in time.
@@ -162,7 +164,7 @@ impl ChipBoard {
         Ok(())
     }
 
-    /// Sends a request now, and does not wait.
+    /// Sends a request now, without waiting for the reply.
     ///
     /// # Errors
     /// It is too long for a frame.
@@ -175,7 +177,7 @@ impl ChipBoard {
         Ok(())
     }
 
-    /// The reply to the last request, if it has come.
+    /// Takes the reply to the last request, if it has come.
     pub fn reply(&mut self) -> Option<Reply> {
         self.reply.take_if(|(sequence, _)| *sequence == self.sequence).map(|(_, reply)| reply)
     }
@@ -185,13 +187,13 @@ impl ChipBoard {
         self.torques
     }
 
-    /// Largest distance of the beginning of a control period from its time [µs].
+    /// Largest deviation of the start of a control period from its scheduled time [µs].
     pub fn worst_instant(&self) -> f64 {
         self.worst_instant as f64 * 1e-6
     }
 }
 
-/// Control periods pass until the reply comes.
+/// Runs control periods until the reply comes.
 impl Board for ChipBoard {
     fn request(&mut self, request: Request) -> Result<Reply, BoardError> {
         self.post(request)?;
@@ -229,14 +231,14 @@ impl Process {
     fn call(&mut self, call: &Call) -> Result<Answer, ChipError> {
         send(&mut self.to, call)?;
         let answer = receive(&mut self.from)?;
-        // Why, it has told on standard error.
+        // The process has printed the reason on standard error.
         answer.ok_or_else(|| io::Error::other("it ended").into())
     }
 }
 
 impl Drop for Process {
     fn drop(&mut self) {
-        // It may have ended by itself.
+        // The process may already have ended.
         let _ = self.child.kill();
         let _ = self.child.wait();
     }

@@ -1,4 +1,4 @@
-//! Where the control core runs.
+//! Ways to run the control core.
 
 use tesaki::node::Node;
 use tesaki::protocol::{
@@ -12,12 +12,12 @@ use crate::digest::FramesDigest;
 /// The only client of a node in this process.
 const CLIENT: u32 = 1;
 
-/// A board whose sensors and drives are the simulated ones.
+/// A board with simulated sensors and drives.
 pub trait Controller: FingerBoard {
-    /// One control period.
+    /// Runs one control period.
     ///
     /// # Errors
-    /// When the link to the controller fails.
+    /// The link to the controller fails.
     fn tick(&mut self, sensors: &SensorFrame) -> Result<ActuatorFrame, BoardError>;
 }
 
@@ -27,7 +27,7 @@ pub struct Native {
     node: Box<Node>,
     board: BoardStatus,
     sequence: u16,
-    /// Of what was posted.
+    /// News of the posted requests.
     news: News,
 }
 
@@ -75,23 +75,23 @@ impl FingerBoard for Native {
     }
 }
 
-/// A controller watched by a second one, which gets the same requests and sensor frames: do both answer with
-/// the same bytes? Keeps the recording from which the run can be replayed.
+/// A controller that is compared with a second one, which gets the same requests and sensor frames: both must
+/// answer with the same bytes. Keeps the recording from which the run can be replayed.
 pub struct Watched<'a> {
     first: &'a mut dyn Controller,
     second: Option<Native>,
-    /// Ticks in which both answered alike.
+    /// Number of ticks in which both answers were equal.
     pub alike: u64,
-    /// The first tick in which they did not, with both answers.
+    /// The first tick in which they differed, with both answers.
     pub difference: Option<(u32, ActuatorFrame, ActuatorFrame)>,
-    /// Of all answers of the first.
+    /// Digest of all answers of the first.
     digest: FramesDigest,
     record: Vec<LogRecord>,
     sequence: u16,
 }
 
 impl<'a> Watched<'a> {
-    /// Watches `first`; with `compare`, against the core in this process.
+    /// Watches `first`; with `compare`, compares it with the core in this process.
     pub fn new(first: &'a mut dyn Controller, compare: bool) -> Self {
         let second = compare.then(Native::default);
         let identity = BoardStatus::default().identity;
@@ -108,7 +108,7 @@ impl<'a> Watched<'a> {
         }
     }
 
-    /// Whether all ticks so far were alike; `None` when nothing is compared.
+    /// Whether all ticks so far were equal; `None` without a comparison.
     pub fn identical(&self) -> Option<bool> {
         self.second.is_some().then(|| self.difference.is_none() && self.alike > 0)
     }
@@ -118,7 +118,7 @@ impl<'a> Watched<'a> {
         self.digest.hex()
     }
 
-    /// Everything that went in and came out, in order: a whole recording.
+    /// Returns all inputs and outputs, in order: a complete recording.
     pub fn into_record(mut self) -> Vec<LogRecord> {
         let outputs = self.record.iter().filter(|record| matches!(record, LogRecord::Actuators(_)));
         let ticks = u32::try_from(outputs.count()).unwrap_or(u32::MAX);
@@ -175,7 +175,7 @@ impl Controller for Watched<'_> {
     }
 }
 
-/// The frame as it goes over the plant link: equal bytes are equal bits.
+/// Encodes the frame as on the plant link: equal bytes mean equal bits.
 fn bytes(frame: &ActuatorFrame) -> Result<Vec<u8>, postcard::Error> {
     postcard::to_stdvec(frame)
 }

@@ -1,4 +1,4 @@
-//! A digest of everything that a controller answered in a run: the lock on its behaviour.
+//! A digest of all answers of a controller in a run, which detects any change of its behaviour.
 
 use std::fmt::Display;
 
@@ -8,11 +8,11 @@ use tesaki::protocol::{ActuatorFrame, Reply};
 
 /// SHA-256 over all actuator frames and replies of a run, in order.
 ///
-/// Only *values* are hashed: numbers bit by bit (any NaN as one), flags, lengths of lists, positions of plain
-/// variants. Names, and the enum variants that values are wrapped in, are not. So a renamed field, or a reply
-/// that travels in another message, leaves the digest as it is, and a torque that differs in its last bit
-/// changes it. Left out is what says where the controller ran ([`Reply::Hello`], [`Reply::Status`], exports),
-/// and [`Reply::Done`]: what was done shows in the frames.
+/// Only *values* are hashed: numbers bit by bit (every NaN as the same), flags, lengths of lists, positions
+/// of plain variants. Names, and the enum variants that wrap values, are not. So a renamed field, or a reply
+/// that is sent in another message, does not change the digest, but a torque that differs in its last bit
+/// does. Replies that depend on where the controller ran are excluded ([`Reply::Hello`], [`Reply::Status`],
+/// exports), and so is [`Reply::Done`]: its effects show in the frames.
 #[derive(Clone, Debug, Default)]
 pub struct FramesDigest(Sha256);
 
@@ -22,7 +22,7 @@ impl FramesDigest {
         self.add(0, frame);
     }
 
-    /// Adds a reply, if it is the control core's alone.
+    /// Adds a reply, if it depends on the control core alone.
     pub fn reply(&mut self, reply: &Reply) {
         match reply {
             Reply::Hello { .. }
@@ -199,7 +199,7 @@ impl<'a> Serializer for Values<'a> {
     }
 }
 
-/// Parts of a compound value, one after the other.
+/// Serialises the parts of a compound value, one after the other.
 macro_rules! parts {
     ($($part:ident $method:ident ($($name:ident)?)),*) => {
         $(impl ser::$part for Values<'_> {
@@ -265,7 +265,7 @@ mod tests {
         assert_ne!(hello.hex(), digest(&one));
     }
 
-    /// Worked by hand: kind 0, sequence 7, enabled, one torque of 1.0; then kind 2 and the refused joint 3
+    /// Computed by hand: kind 0, sequence 7, enabled, one torque of 1.0; then kind 2 and the refused joint 3
     /// with its numbers.
     #[test]
     fn values_are_hashed_without_names_and_wrappers() {

@@ -1,4 +1,5 @@
-//! A door with a knob before an arm: what the camera in its hand sees, and what the hand touches.
+//! A door with a knob in front of an arm: the pictures of its hand camera, and the bodies that the hand
+//! touches.
 
 use rapier3d::na::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use tesaki::model::RobotModel;
@@ -8,46 +9,46 @@ use crate::camera::{Camera, CameraValues, Image, ImageTruth, Optics, Scene, View
 use crate::plant::{Fixture, FixtureShape, Plant};
 use crate::purpose::Purpose;
 
-/// Distance of the fingertips from the door in the start posture, with the base where it should be [m].
+/// Distance of the fingertips from the door in the start posture, with the base at its nominal pose [m].
 const START: f64 = 0.21;
-/// The base is displaced by as much along x and y [m], and turned in heading and tilted by as much [rad].
+/// Largest displacement of the base along x and y [m], and largest error of its heading and tilt [rad].
 const DISPLACEMENT: f64 = 0.05;
 const TURN: f64 = 3.0 * core::f64::consts::PI / 180.0;
-/// Coefficient of friction of the fingers on everything.
+/// Coefficient of friction between the fingers and everything else.
 const FRICTION: f64 = 0.8;
 /// Height, width and thickness of the door [m].
 const DOOR: [f64; 3] = [2.0, 0.9, 0.05];
-/// A finger turns by as much of the gripper's angle.
+/// Ratio of a finger's rotation to the gripper's angle.
 const LINKAGE: f64 = -0.25;
 /// Index of the knob in [`KnobDoor::fixtures`].
 pub const KNOB: usize = 2;
 
-/// A door, its surfaces and light, and where it is.
+/// A door with its surfaces, light and pose.
 #[derive(Clone, Debug)]
 pub struct KnobDoor {
     /// Door, rose and knob.
     pub scene: Scene,
     /// Light and camera.
     pub optics: Optics,
-    /// The door in the base frame.
+    /// Pose of the door in the base frame.
     pub pose: Isometry3<f64>,
     seed: u64,
 }
 
 impl KnobDoor {
-    /// A random door; the base stands before it wrongly by centimetres and degrees. `start` is the pose of
-    /// the hand in the base frame.
+    /// Draws a random door; the pose of the base in front of it has errors of centimetres and degrees.
+    /// `start` is the pose of the hand in the base frame.
     pub fn draw(seed: u64, start: &Isometry3<f64>) -> Self {
         let pose = base_in_door(start, seed).inverse();
         Self { scene: Scene::draw(seed), optics: Optics::draw(seed), pose, seed }
     }
 
-    /// Door, rose and knob in the base frame.
+    /// Returns door, rose and knob in the base frame.
     pub fn fixtures(&self) -> Vec<Fixture> {
         let Scene { door, rose, knob, .. } = &self.scene;
         let at = |y: f64, z: f64| self.pose * Isometry3::translation(0.0, y, z);
         let middle = door.side * (door.edge - 0.5 * DOOR[1]);
-        // With the edges that the camera sees; those of the rose as far as it is thick enough.
+        // Uses the bevels that the camera sees; that of the rose is limited by its thickness.
         let cylinder = |radius: f64, length: f64, chamfer: f64| {
             let chamfer = chamfer.min(0.4 * length);
             (FixtureShape::BevelledCylinder { radius, length, chamfer }, at(0.0, -0.5 * length))
@@ -62,7 +63,7 @@ impl KnobDoor {
         parts.map(fixture).into()
     }
 
-    /// The picture of this number from a hand at `hand` in the door frame, whose gripper is at the angle
+    /// Takes picture number `number` from a hand at `hand` in the door frame, with the gripper at the angle
     /// `opening` [rad].
     pub fn photograph(
         &self,
@@ -76,22 +77,22 @@ impl KnobDoor {
         self.scene.photograph(&Camera::of(camera), &self.optics, &pose, &fingers, (self.seed, number))
     }
 
-    /// What is true of that picture.
+    /// Returns the true circles in that picture.
     pub fn truth(&self, camera: &CameraValues, hand: &Isometry3<f64>, opening: f64) -> ImageTruth {
         let fingers = View { hand: *hand }.fingers(LINKAGE * opening);
         self.scene.truth(&Camera::of(camera), &(hand * camera.mount()), &fingers)
     }
 }
 
-/// Indices of the plant's tip that is the hand, and of the gripper's joint.
+/// Returns the index of the plant's tip that is the hand, and that of the gripper's joint.
 pub fn hand_joints(model: &RobotModel, task: &VisualApproachSettings, plant: &Plant) -> [usize; 2] {
     let name = model.chains.get(usize::from(task.chain)).map(|chain| chain.name.as_str());
     let hand = plant.tips().iter().position(|tip| Some(tip.link.as_str()) == name);
     [hand.unwrap_or_default(), usize::from(task.gripper.joint)]
 }
 
-/// True pose of the hand frame in the base frame, as if the gripper stood at 0. `hand` is the index of the
-/// tip that is the hand, `gripper` that of the joint.
+/// Returns the true pose of the hand frame in the base frame, as if the gripper were at 0. `hand` is the
+/// index of the hand's tip, `gripper` that of the gripper's joint.
 pub fn hand_pose(plant: &Plant, hand: usize, gripper: usize) -> Isometry3<f64> {
     let Some(tip) = plant.tips().into_iter().nth(hand) else { return Isometry3::identity() };
     let [x, y, z, w] = tip.orientation;
@@ -101,8 +102,8 @@ pub fn hand_pose(plant: &Plant, hand: usize, gripper: usize) -> Isometry3<f64> {
     Isometry3::from_parts(Translation3::from(tip.position), turn * screw)
 }
 
-/// Pose in the door frame of a base that is wrong by centimetres and degrees. `start` is that of the hand in
-/// the base frame.
+/// Returns the pose, in the door frame, of a base with errors of centimetres and degrees. `start` is that of
+/// the hand in the base frame.
 fn base_in_door(start: &Isometry3<f64>, seed: u64) -> Isometry3<f64> {
     let mut rng = Purpose::BasePlace.rng(seed);
     let right = Isometry3::translation(0.0, 0.0, -START) * start.inverse();

@@ -1,4 +1,4 @@
-//! Which laws a run compares: files of the robot, or of one's own.
+//! Selection of the control laws that a run compares: files of the robot or the user.
 
 use std::path::{Path, PathBuf};
 
@@ -7,36 +7,36 @@ use crate::scenario::{SCENARIOS, Scenario};
 /// A file that describes a control law and the experiments of a paper.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LawFile {
-    /// Its name in tables and figures: that of the file without the extension.
+    /// Its name in tables and figures: the file name without the extension.
     pub name: String,
-    /// Where it is.
+    /// Path of the file.
     pub path: PathBuf,
 }
 
 /// Why a law was not found.
 #[derive(Debug, thiserror::Error)]
 pub enum LawError {
-    /// The scenario compares none.
+    /// The scenario compares no laws.
     #[error("--law {law}: {scenario} does not compare laws; scenarios that do: {known}")]
     NotCompared {
-        /// As asked for.
+        /// The requested law.
         law: String,
         /// The scenario.
         scenario: &'static str,
-        /// Those that do.
+        /// Scenarios that compare laws.
         known: String,
     },
-    /// The robot has none of the laws that the scenario compares by itself.
+    /// The robot lacks a law that the scenario compares by default.
     #[error(
         "{} has no law {law}, which {scenario} compares; its laws are {known}. Choose others with --law",
         folder.display()
     )]
     Missing {
-        /// The scenario's choice.
+        /// The default law.
         law: String,
         /// The scenario.
         scenario: &'static str,
-        /// The robot's laws.
+        /// Folder of the robot's laws.
         folder: PathBuf,
         /// Their names.
         known: String,
@@ -44,9 +44,9 @@ pub enum LawError {
     /// There is no such file.
     #[error("--law {law}: neither a file nor a law of {}; its laws are: {known}", folder.display())]
     Unknown {
-        /// As asked for.
+        /// The requested law.
         law: String,
-        /// The robot's laws.
+        /// Folder of the robot's laws.
         folder: PathBuf,
         /// Their names.
         known: String,
@@ -56,19 +56,19 @@ pub enum LawError {
         "--law {law}: a second law called {name:?}; results are told apart by name: give each law once, by a name of its own"
     )]
     SameName {
-        /// As asked for.
+        /// The requested law.
         law: String,
-        /// The name of both.
+        /// The name of both laws.
         name: String,
     },
 }
 
 impl LawFile {
-    /// Finds what was `asked` for in the folder of the `robot`: the names of files in its `laws/`, or paths.
-    /// When nothing is asked for, the scenario's own choice.
+    /// Finds the laws `asked` for in the folder of the `robot`: names of files in its `laws/`, or paths. If
+    /// none are given, returns the scenario's defaults.
     ///
     /// # Errors
-    /// The first law that is not there or cannot be compared.
+    /// A law does not exist or cannot be compared; the error describes the first.
     pub fn find(scenario: &Scenario, robot: &Path, asked: &[String]) -> Result<Vec<Self>, LawError> {
         let Some(default) = scenario.laws else {
             return match asked.first() {
@@ -115,7 +115,7 @@ impl LawFile {
     }
 }
 
-/// Tells laws with the same title apart, by the names of their files; `laws` are names and titles.
+/// Makes equal titles of laws distinct by adding the file names; `laws` are names and titles.
 pub fn tell_apart<'a>(laws: impl Iterator<Item = (&'a str, &'a mut String)>) {
     let laws: Vec<(&str, &mut String)> = laws.collect();
     let titles: Vec<String> = laws.iter().map(|(_, title)| (*title).clone()).collect();
@@ -126,7 +126,7 @@ pub fn tell_apart<'a>(laws: impl Iterator<Item = (&'a str, &'a mut String)>) {
     }
 }
 
-/// Names, sorted, in a sentence.
+/// Lists names in sorted order.
 fn list(mut names: Vec<String>) -> String {
     names.sort();
     if names.is_empty() { "none".to_owned() } else { names.join(", ") }
@@ -137,7 +137,7 @@ fn list(mut names: Vec<String>) -> String {
 mod tests {
     use super::*;
 
-    /// A folder with the laws `a` and `b`, and one elsewhere that is called `a` too.
+    /// A folder with the laws `a` and `b`, and another file elsewhere that is also called `a`.
     fn robot() -> tempfile::TempDir {
         let robot = tempfile::tempdir().unwrap();
         std::fs::create_dir_all(robot.path().join("laws")).unwrap();

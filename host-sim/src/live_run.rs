@@ -1,8 +1,8 @@
-//! A run on a page in a browser while it is computed: `cargo sim run SCENARIO --view`.
+//! Shows a run in a browser while it is computed: `cargo sim run SCENARIO --view`.
 //!
-//! The run writes down what it has computed ([`LiveRun`]) and waits for nobody, so that it is the same with
-//! pages and without. A thread gives each page what it lacks, at the page's pace: a page says how much it
-//! has, and gets what comes behind that. So a page that is slow, or opened late, misses nothing.
+//! The run stores its results ([`LiveRun`]) and waits for no page, so it is the same with and without pages.
+//! A thread sends each page the data that it lacks, at the page's pace: a page reports how much it has, and
+//! gets the following data. So a page that is slow, or opened late, misses nothing.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -17,15 +17,15 @@ use tesaki_viewer::{Note, Object, RUN_PAGE, SCRIPT, STYLE, Sample, Scene};
 
 use crate::report::Verdict;
 
-/// From one sample that is shown to the next [ticks], as in the replay of a report.
+/// Interval of the samples that are shown [ticks], as in the replay of a report.
 pub const EVERY: usize = 2;
 /// The same [s].
 const PERIOD: f64 = 0.02;
-/// Samples in a message: some hundred kilobytes.
+/// Maximum number of samples in a message: some hundred kilobytes.
 const MAX_SAMPLES: usize = 400;
-/// From one look at the pages to the next.
+/// Interval at which the pages are served.
 const TURN: Duration = Duration::from_millis(10);
-/// Where the report is.
+/// Path of the report.
 const REPORT: &str = "/report/";
 
 static SITE: Site = Site {
@@ -41,7 +41,7 @@ static SITE: Site = Site {
     choose: ": another program listens there, perhaps another run; choose another port, as in --view=localhost:7482",
 };
 
-/// What a run has computed so far, for who looks on.
+/// The results of a run so far, shared with the pages.
 #[derive(Clone, Debug, Default)]
 pub struct LiveRun(Arc<Mutex<Computed>>);
 
@@ -55,7 +55,7 @@ struct Computed {
     report: Option<PathBuf>,
 }
 
-/// How a run ended.
+/// Result of a run.
 #[derive(Clone, Debug, Serialize)]
 #[serde(rename_all = "lowercase")]
 enum End {
@@ -65,7 +65,7 @@ enum End {
     Error(String),
 }
 
-/// How much a page has.
+/// Amounts of data that a page has.
 #[derive(Clone, Copy, Debug, Default, Deserialize)]
 struct Has {
     samples: usize,
@@ -73,14 +73,14 @@ struct Has {
     notes: usize,
 }
 
-/// What a page is told first.
+/// First message to a page.
 #[derive(Debug, Serialize)]
 pub struct About<'a> {
     /// Title of the scenario.
     pub title: &'a str,
     /// Its name.
     pub scenario: &'a str,
-    /// What it shows.
+    /// Description of the scenario.
     pub about: &'a str,
     /// Where the control core runs.
     pub controller: &'a str,
@@ -95,40 +95,40 @@ impl LiveRun {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The next sample.
+    /// Adds a sample.
     pub fn sample(&self, sample: Sample) {
         self.computed().samples.push(sample);
     }
 
-    /// A body that is there from now on.
+    /// Adds a body that exists from now on.
     pub fn object(&self, object: Object) {
         self.computed().objects.push(object);
     }
 
-    /// What begins.
+    /// Adds a note.
     pub fn note(&self, note: Note) {
         self.computed().notes.push(note);
     }
 
-    /// Whether something has moved.
+    /// Whether there are samples yet.
     pub fn has_begun(&self) -> bool {
         !self.computed().samples.is_empty()
     }
 
-    /// The run has ended, with a report in a folder.
+    /// Ends the run with a report in a folder.
     pub fn end(&self, verdict: Verdict, report: &Path) {
         let mut computed = self.computed();
         (computed.end, computed.report) = (Some(End::Verdict(verdict)), Some(report.to_owned()));
     }
 
-    /// The run has ended with an error.
+    /// Ends the run with an error.
     pub fn fail(&self, error: &str) {
         self.computed().end = Some(End::Error(error.to_owned()));
     }
 }
 
 impl Computed {
-    /// The message with what a page lacks; `None` if it has all that there is.
+    /// Returns the message with the data that a page lacks; `None` if it has everything.
     fn behind(&self, has: Has) -> Option<String> {
         let last = self.samples.len().min(has.samples.saturating_add(MAX_SAMPLES));
         let samples = self.samples.get(has.samples..last).unwrap_or_default();
@@ -145,15 +145,15 @@ impl Computed {
     }
 }
 
-/// Serves the pages of a run, from a thread of its own, until the program ends; returns where.
+/// Serves the pages of a run from a separate thread until the program ends; returns the address.
 ///
 /// # Errors
-/// The address is not free, or other machines reach it.
+/// The address is in use, or reachable from other machines.
 pub fn serve(address: SocketAddr, about: &About<'_>, run: LiveRun) -> io::Result<SocketAddr> {
     let server = Server::listen(address, &SITE)?;
     let address = server.address();
     let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-    // A page that is left open tells by it that another run has taken the address.
+    // A page that is left open uses this to detect that another run has taken the address.
     let id = format!("{}-{}", std::process::id(), since.as_nanos());
     let first = serde_json::json!({ "kind": "run", "id": id, "period": PERIOD, "about": about }).to_string();
     std::thread::Builder::new().name("pages".to_owned()).spawn(move || look_after(server, &first, &run))?;
@@ -161,7 +161,7 @@ pub fn serve(address: SocketAddr, about: &About<'_>, run: LiveRun) -> io::Result
 }
 
 fn look_after(mut server: Server, first: &str, run: &LiveRun) {
-    // Those that wait for more.
+    // Pages that wait for more data.
     let mut waiting: BTreeMap<u64, Has> = BTreeMap::new();
     loop {
         std::thread::sleep(TURN);
@@ -180,7 +180,7 @@ fn look_after(mut server: Server, first: &str, run: &LiveRun) {
         }
         let mut computed = run.computed();
         if let Some(report) = computed.report.take() {
-            // What cannot be read is missing, as the page that links to it says then.
+            // Files that cannot be read are missing; the page that links to them reports it.
             let _ = server.add_report(REPORT, &report);
         }
         waiting.retain(|&id, has| {
@@ -238,7 +238,7 @@ mod tests {
         assert_eq!(positions, expected);
         assert_eq!((has.notes, run.computed().notes[0].time), (1, 7.0));
         assert_eq!(end["verdict"]["pass"], false);
-        // A page of another run, or a mad one, asks for what is not there.
+        // A page of another run, or a faulty one, asks for data that does not exist.
         let mad = Has { samples: usize::MAX, objects: 9, notes: 9 };
         assert!(part(&run, mad).is_some_and(|part| part["samples"] == serde_json::json!([])));
     }

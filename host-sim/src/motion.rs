@@ -1,7 +1,7 @@
-//! What moved in a run, and its recording in MCAP.
+//! The motion of a run, and its recording in MCAP.
 //!
-//! A scenario calls [`Motion::tick`] once a control period, and where it has them adds reference and further
-//! frames:
+//! A scenario calls [`Motion::tick`] once per control period, and adds reference and further frames if it has
+//! them:
 //!
 //! ```
 //! use tesaki_sim::motion::{Motion, Transform};
@@ -33,7 +33,7 @@ use tesaki_viewer::{Contact, Frame, Note, Object, Replay, Scene, Shape};
 use crate::live_run::{EVERY, LiveRun};
 use crate::plant::{Fixture, FixtureShape, ObjectValues, Plant, Shape as Solid, Truth};
 
-/// Smaller forces are not shown [N].
+/// Forces smaller than this are not shown [N].
 const SHOWN_FORCE: f64 = 0.01;
 
 /// One control period [ns].
@@ -41,20 +41,20 @@ const PERIOD: u64 = 10_000_000;
 /// The same [s].
 const SECONDS: f64 = 0.01;
 
-/// What moved in a run, one sample a tick.
+/// The motion of a run, one sample per tick.
 #[derive(Clone, Debug, Default)]
 pub struct Motion {
     names: Vec<String>,
     samples: Vec<Sample>,
     objects: Vec<Object>,
-    /// Who looks on.
+    /// The live view of the run.
     live: Option<LiveRun>,
 }
 
 #[derive(Clone, Debug)]
 struct Sample {
     truth: Truth,
-    /// Empty where there is none.
+    /// Empty if there is none.
     reference: Vec<f64>,
     frames: Vec<Transform>,
     notes: Vec<String>,
@@ -62,7 +62,7 @@ struct Sample {
 }
 
 impl Sample {
-    /// For a page.
+    /// Converts the sample for a page.
     fn shown(&self) -> tesaki_viewer::Sample {
         tesaki_viewer::Sample {
             positions: self.truth.positions.clone(),
@@ -79,33 +79,33 @@ impl Sample {
     }
 }
 
-/// Why the recording could not be written.
+/// Reasons why the recording could not be written.
 #[derive(Debug, thiserror::Error)]
 pub enum MotionError {
-    /// The robot's description is none.
+    /// The robot's description is not a URDF.
     #[error("the URDF of the recording: {0}")]
     Urdf(#[from] urdf_rs::UrdfError),
-    /// The file.
+    /// The file could not be written.
     #[error(transparent)]
     Mcap(#[from] McapError),
 }
 
 impl Motion {
-    /// Of the joints with these names, in the order in which all values come.
+    /// Creates a motion of joints with these names, in the order of all values.
     pub fn new(names: impl IntoIterator<Item: Into<String>>) -> Self {
         Self { names: names.into_iter().map(Into::into).collect(), ..Self::default() }
     }
 
-    /// The same for who looks on while it is computed, if anybody does.
+    /// Also shows the motion in a live view, if there is one.
     #[must_use]
     pub fn shown_to(self, live: Option<&LiveRun>) -> Self {
         Self { live: live.cloned(), ..self }
     }
 
-    /// Adds the state at the start of a control period; returns the number of the tick, from 1, as the sensor
-    /// frames carry it.
+    /// Adds the state at the start of a control period; returns the number of the tick, from 1, as in the
+    /// sensor frames.
     pub fn tick(&mut self, truth: &Truth) -> u32 {
-        // The last sample is whole only now.
+        // Only now is the last sample complete.
         self.show_last();
         let truth = truth.clone();
         self.samples.push(Sample {
@@ -118,7 +118,8 @@ impl Motion {
         self.ticks()
     }
 
-    /// Shows the last sample, if it is one of those that are shown, to who looks on: for the end of a run.
+    /// Sends the last sample to the live view, if it is one of those that are shown; also for the end of a
+    /// run.
     pub fn show_last(&self) {
         if let (Some(live), Some(last)) = (&self.live, self.samples.last())
             && (self.samples.len() - 1).is_multiple_of(EVERY)
@@ -134,21 +135,21 @@ impl Motion {
         self.objects.push(object);
     }
 
-    /// Where the joints should be in the last tick [rad].
+    /// Sets the joints' reference positions of the last tick [rad].
     pub fn reference(&mut self, positions: Vec<f64>) {
         if let Some(sample) = self.samples.last_mut() {
             sample.reference = positions;
         }
     }
 
-    /// A frame that is no link of the robot, in the last tick.
+    /// Adds a frame that is not a link of the robot to the last tick.
     pub fn frame(&mut self, frame: Transform) {
         if let Some(sample) = self.samples.last_mut() {
             sample.frames.push(frame);
         }
     }
 
-    /// A line of text, in the last tick: what begins here.
+    /// Adds a line of text to the last tick, which says what begins here.
     pub fn note(&mut self, text: impl Into<String>) {
         let time = f64::from(self.ticks().saturating_sub(1)) * SECONDS;
         let Some(sample) = self.samples.last_mut() else { return };
@@ -159,7 +160,7 @@ impl Motion {
         sample.notes.push(text);
     }
 
-    /// What acts on the tips, in the last tick: contacts with the object, else walls, holds and pushes.
+    /// Adds the forces on the tips to the last tick: contacts with the object, else walls, holds and pushes.
     pub fn forces(&mut self, plant: &Plant) {
         let Some(sample) = self.samples.last_mut() else { return };
         let friction = plant.object().map_or(0.0, |object| object.friction);
@@ -184,7 +185,7 @@ impl Motion {
         sample.contacts.retain(|contact| Vector3::from(contact.force).norm() > SHOWN_FORCE);
     }
 
-    /// The object that is grasped from here on, in the frame `object` of each tick, with its support.
+    /// Adds the object that is grasped from now on, in the frame `object` of each tick, with its support.
     pub fn object(&mut self, object: &ObjectValues, is_supported: bool) {
         let [x, y, z] = object.size;
         let shape = match object.shape {
@@ -202,7 +203,7 @@ impl Motion {
         }
     }
 
-    /// The fixed bodies that are there from here on.
+    /// Adds the fixed bodies that exist from now on.
     pub fn fixtures(&mut self, fixtures: &[Fixture]) {
         for fixture in fixtures {
             let shape = match fixture.shape {
@@ -220,7 +221,7 @@ impl Motion {
         f64::from(self.ticks()) * SECONDS
     }
 
-    /// The motion for the page of a report.
+    /// Creates the replay for the page of a report.
     pub fn replay(&self, scene: Scene) -> Replay {
         let samples: Vec<_> = self.samples.iter().map(Sample::shown).collect();
         let mut replay = Replay::new(scene, SECONDS, &samples);
@@ -233,17 +234,17 @@ impl Motion {
         replay
     }
 
-    /// How many there are.
+    /// Number of ticks.
     pub fn ticks(&self) -> u32 {
         u32::try_from(self.samples.len()).unwrap_or(u32::MAX)
     }
 
-    /// Writes all as MCAP for ROS 2: `/robot_description`, `/tf_static`, each tick `/joint_states`,
-    /// `/tesaki/reference` and `/tf` with all links that move, and the bodies on `/tesaki/objects`. Simulated
-    /// time: tick `n` is at `n` times 10 ms. The same motion gives the same bytes.
+    /// Writes the motion as MCAP for ROS 2: `/robot_description`, `/tf_static`, in each tick `/joint_states`,
+    /// `/tesaki/reference` and `/tf` with all moving links, and the bodies on `/tesaki/objects`. Times are
+    /// simulated: tick `n` is at `n` times 10 ms. The same motion yields the same bytes.
     ///
     /// # Errors
-    /// The text of the URDF is none, or the file cannot be written.
+    /// The text is not a URDF, or the file cannot be written.
     pub fn write(&self, path: &Path, urdf: &str) -> Result<(), MotionError> {
         let frames = Frames::of_urdf(&urdf_rs::read_from_string(urdf)?, &self.names);
         let mut recording = Recording::create(path, Some(urdf))?;
@@ -262,10 +263,10 @@ impl Motion {
             let mut moving: Vec<Transform> = frames.moving(positions).iter().map(transform).collect();
             moving.extend_from_slice(&sample.frames);
             recording.tf(time, &moving)?;
-            // As in a replay, the objects of a time are those that came last.
+            // As in a replay, the latest objects replace earlier ones.
             let since = objects.peek().map(|object| object.since);
             let mut markers = Vec::new();
-            // What came after tick n is there from tick n + 1 on.
+            // An object added after tick n is shown from tick n + 1 on.
             let now = (number as f64 - 0.5) * SECONDS;
             while let Some(object) =
                 objects.next_if(|object| Some(object.since) == since && object.since < now)
@@ -284,7 +285,7 @@ impl Motion {
     }
 }
 
-/// Position and quaternion in one.
+/// Joins position and quaternion.
 const fn flat([x, y, z]: [f64; 3], [a, b, c, d]: [f64; 4]) -> [f64; 7] {
     [x, y, z, a, b, c, d]
 }
@@ -298,7 +299,7 @@ fn transform(placed: &Placed) -> Transform {
     }
 }
 
-/// What a viewer draws for a body.
+/// Returns a viewer's marker for a body.
 fn marker(id: i32, object: &Object, base: &str) -> Marker {
     let [x, y, z, a, b, c, d] = object.pose;
     let shape = match object.shape {
@@ -306,13 +307,13 @@ fn marker(id: i32, object: &Object, base: &str) -> Marker {
         Shape::Cylinder(size) => MarkerShape::Cylinder(size),
         Shape::Wedge(size) => MarkerShape::Triangles(wedge(size)),
     };
-    // What is grasped stands out from what does not move.
+    // Grasped objects get a different colour from fixed bodies.
     let colour = if object.frame.is_some() { [0.85, 0.55, 0.2, 1.0] } else { [0.6, 0.6, 0.6, 0.8] };
     let frame = object.frame.as_deref().unwrap_or(base).to_owned();
     Marker { id, frame, pose: ([x, y, z], [a, b, c, d]), shape, colour }
 }
 
-/// The surface of a cuboid whose width along x is `top` times as large at its top.
+/// Returns the surface of a cuboid whose width along x is scaled by `top` at its top.
 fn wedge([x, y, z, top]: [f64; 4]) -> Vec<[f64; 3]> {
     let corner = |index: usize| {
         let sign = |bit: usize| if index >> bit & 1 == 0 { -0.5 } else { 0.5 };
@@ -402,7 +403,7 @@ mod tests {
 
     #[test]
     fn the_surface_of_a_wedge_encloses_its_volume() {
-        // Six times the volume of the tetrahedra with the origin, and positive only if all faces look
+        // Six times the volume of the tetrahedra with the origin, which is positive only if all faces point
         // outwards.
         let corners = wedge([0.06, 0.05, 0.1, 0.5]);
         let volumes: Vec<f64> = corners

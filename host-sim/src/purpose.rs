@@ -1,9 +1,9 @@
-//! What random numbers are for.
+//! Purposes of random numbers.
 
 use tesaki_rng::Rng;
 
-/// What a random number is for. Each purpose has a stream of its own, so that a new use never shifts
-/// another's numbers. The numbers are part of every recorded seed: never reuse one.
+/// Purpose of a random number. Each purpose has a separate stream, so that a new use never shifts the numbers
+/// of another. The discriminants are part of every recorded seed: never reuse one.
 #[derive(Clone, Copy)]
 pub(crate) enum Purpose {
     Factors = 0,
@@ -36,7 +36,7 @@ pub(crate) enum Purpose {
 }
 
 impl Purpose {
-    /// The random numbers of a seed for this purpose.
+    /// Creates the random numbers of a seed for this purpose.
     pub(crate) fn rng(self, seed: u64) -> Rng {
         Rng::new(seed, self as u64)
     }

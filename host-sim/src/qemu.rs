@@ -17,22 +17,22 @@ use crate::controller::Controller;
 
 /// Longest wait for an answer of the emulated board; a busy machine emulates slowly.
 const TIMEOUT: Duration = Duration::from_secs(20);
-/// How long one greeting waits for its answer.
+/// Time that one greeting waits for its answer.
 const GREETING: Duration = Duration::from_millis(300);
 /// Longest wait for QEMU to open its sockets.
 const START: Duration = Duration::from_secs(20);
-/// Name of the file that gets what QEMU says on standard error.
+/// Name of the file for QEMU's standard error.
 const ERRORS: &str = "errors";
-/// So much of it is quoted [bytes].
+/// Maximum length of the quoted part [bytes].
 const MAX_QUOTED: u64 = 2000;
 
-/// Why the emulated board does not run.
+/// Reasons why the emulated board does not run.
 #[derive(Debug, thiserror::Error)]
 pub enum QemuError {
-    /// The image is not there.
+    /// The image does not exist.
     #[error("there is no firmware image at {0}: build it with `cargo xtask firmware`")]
     NoImage(PathBuf),
-    /// QEMU is not there.
+    /// QEMU is not installed.
     #[error(
         "cannot start qemu-system-arm: {0}; install QEMU for ARM (Debian: apt-get install qemu-system-arm)"
     )]
@@ -40,16 +40,16 @@ pub enum QemuError {
     /// QEMU started and ended, or never opened its sockets.
     #[error("qemu-system-arm did not come up: {0}")]
     NotUp(String),
-    /// The board in it does not answer.
+    /// The emulated board does not answer.
     #[error("the firmware in QEMU does not answer: {error}{}", quoted(errors))]
     Silent {
-        /// Why.
+        /// The error of the link.
         #[source]
         error: BoardError,
-        /// What QEMU said on standard error.
+        /// QEMU's output on standard error.
         errors: String,
     },
-    /// The image is of a board without plant link.
+    /// The image belongs to a board without a plant link.
     #[error(
         "{} is the image of {board}, which does not answer on the plant link; give that of board-bare, which `cargo xtask firmware` \
          builds",
@@ -58,34 +58,34 @@ pub enum QemuError {
     OtherBoard {
         /// The image.
         image: PathBuf,
-        /// The feature of its board.
+        /// The Cargo feature of its board.
         board: String,
     },
-    /// A file could not be made.
+    /// A file could not be created.
     #[error("cannot prepare the emulated board: {0}")]
     Files(#[from] io::Error),
 }
 
-/// What QEMU said, behind another message.
+/// Formats QEMU's output as an addition to another message.
 fn quoted(errors: &str) -> String {
     if errors.is_empty() { String::new() } else { format!("; qemu-system-arm says: {errors}") }
 }
 
-/// How an emulated board runs.
+/// Settings of an emulated board.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Machine<'a> {
-    /// It sleeps while it waits, so that its timer does not run ahead of who talks to it. In lock step over
-    /// the plant link no timer matters.
+    /// Whether it sleeps while it waits, so that its timer does not run ahead of its clients. In lock step
+    /// over the plant link, no timer matters.
     pub sleeps: bool,
-    /// A file to which QEMU writes each access to a peripheral that it does not have, such as the watchdog
-    /// and the pins.
+    /// A file to which QEMU writes each access to an unimplemented peripheral, such as the watchdog and the
+    /// pins.
     pub accesses: Option<&'a Path>,
-    /// Ctrl-C in the terminal does not reach QEMU: the caller handles it, and drops the board.
+    /// Whether QEMU ignores Ctrl-C in the terminal: the caller handles it, and drops the board.
     pub own_group: bool,
 }
 
-/// The module of the board in an image, by the names of its functions: their crate, their module `boards` and
-/// its module of the board, each behind the number of its letters.
+/// Finds the board module of an image from the mangled names of its functions: crate, module `boards` and the
+/// module of the board, each preceded by its length.
 fn board_of(image: &[u8]) -> Option<String> {
     const MODULE: &[u8] = b"tesaki_firmware6boards";
     let after = |at| image.get(at + MODULE.len()..at + MODULE.len() + 32);
@@ -104,28 +104,28 @@ pub struct Qemu {
     board: LinkBoard<Socket>,
     plant: Socket,
     decoder: Decoder,
-    /// Ticks from one telemetry and one word of the tips to the next.
+    /// Periods of the telemetry and of the tips' messages [ticks].
     rates: [u16; 2],
-    /// What came unasked.
+    /// Unsolicited messages.
     news: News,
-    // Dropped last, in this order: first the process, then its folder.
+    // Dropped last, in this order: the process before its folder.
     _process: Process,
     folder: tempfile::TempDir,
 }
 
 impl Qemu {
-    /// Boots `image`, which must be of a board with plant link, on such a machine, and waits until it
+    /// Boots `image`, which must be of a board with a plant link, on the given machine, and waits until it
     /// answers.
     ///
     /// # Errors
-    /// What is missing, and what to do.
+    /// Something is missing; the error says what, and what to do.
     pub fn boot(image: &Path, machine: &Machine<'_>) -> Result<Self, QemuError> {
         let other =
             |board: &str| Err(QemuError::OtherBoard { image: image.to_owned(), board: board.to_owned() });
         let named = || board_of(&std::fs::read(image).ok()?).map(|name| format!("board-{name}"));
         let mut qemu = match Self::boot_on(image, machine) {
             Ok(qemu) => qemu,
-            // The supervisor's line of its board may be another UART.
+            // The board may use another UART for the supervisor link.
             Err(silent @ QemuError::Silent { .. }) => {
                 return named().map_or(Err(silent), |board| other(&board));
             }
@@ -138,10 +138,10 @@ impl Qemu {
         Ok(qemu)
     }
 
-    /// The same with an image of any board.
+    /// Boots an image of any board.
     ///
     /// # Errors
-    /// What is missing, and what to do.
+    /// Something is missing; the error says what, and what to do.
     pub fn boot_on(image: &Path, machine: &Machine<'_>) -> Result<Self, QemuError> {
         if !image.is_file() {
             return Err(QemuError::NoImage(image.to_owned()));
@@ -154,7 +154,7 @@ impl Qemu {
             "-monitor",
             &format!("unix:{},server=on,wait=off", folder.path().join("monitor").display()),
         ]);
-        // One instruction is one nanosecond: the run is repeatable, and UART traffic does not crawl.
+        // One instruction takes one nanosecond: the run is repeatable, and UART traffic stays fast.
         command.args(["-icount", if machine.sleeps { "shift=0,sleep=on" } else { "shift=0,sleep=off" }]);
         if let Some(file) = machine.accesses {
             command.args(["-d", "unimp", "-D"]).arg(file);
@@ -165,7 +165,7 @@ impl Qemu {
             command.args(["-serial", &format!("chardev:usart{index}")]);
         }
         command.arg("-kernel").arg(image);
-        // A pipe that nobody reads would stop QEMU once it is full.
+        // A pipe that is not read would block QEMU once it is full.
         let errors = File::create(folder.path().join(ERRORS))?;
         command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(errors);
         if machine.own_group {
@@ -191,37 +191,37 @@ impl Qemu {
         Ok(qemu)
     }
 
-    /// The error of a board that does not answer.
+    /// Creates the error for a board that does not answer.
     fn silent(&self, error: BoardError) -> QemuError {
         QemuError::Silent { error, errors: errors_in(self.folder.path()) }
     }
 
-    /// Presses the reset button and waits until the board answers again. The memory keeps what it holds.
+    /// Presses the reset button and waits until the board answers again. The memory keeps its content.
     ///
     /// # Errors
-    /// When the board does not come back.
+    /// The board does not answer again.
     pub fn reset(&mut self) -> Result<(), BoardError> {
         self.rates = [0; 2];
         let mut monitor = UnixStream::connect(self.folder.path().join("monitor"))?;
         monitor.write_all(b"system_reset\n")?;
-        // The monitor acts on a line once it reads it, and tells so with its next prompt.
+        // The monitor executes a line after reading it, and then prints its next prompt.
         monitor.set_read_timeout(Some(GREETING))?;
         let mut said = [0; 512];
         while monitor.read(&mut said).is_ok_and(|length| length > 0) {}
         self.greet(Instant::now() + START)
     }
 
-    /// The supervisor link, for who speaks the protocol by themselves.
+    /// The supervisor link, for callers that implement the protocol themselves.
     pub fn link_mut(&mut self) -> &mut impl ByteLink {
         self.board.link_mut()
     }
 
-    /// The line of the plant link.
+    /// The plant link.
     pub fn plant_mut(&mut self) -> &mut impl ByteLink {
         &mut self.plant
     }
 
-    /// The next message that the board sends unasked; `None` at the deadline.
+    /// Waits for the next unsolicited message of the board; `None` at the deadline.
     ///
     /// # Errors
     /// QEMU ended.
@@ -229,7 +229,7 @@ impl Qemu {
         self.board.next_event(deadline)
     }
 
-    /// Takes what the board says unasked after this tick: the next one would come while it still talks.
+    /// Receives the unsolicited messages after this tick, so that they are complete before the next one.
     fn hear(&mut self, tick: u32) -> Result<(), BoardError> {
         let mut due = self.rates.map(|every| tick.checked_rem(every.into()) == Some(0));
         let deadline = Instant::now() + TIMEOUT;
@@ -250,7 +250,7 @@ impl Qemu {
         Ok(())
     }
 
-    /// A UART that is not set up yet drops what it is sent: greets until there is an answer.
+    /// Greets until there is an answer, because a UART that is not set up yet drops its input.
     fn greet(&mut self, deadline: Instant) -> Result<(), BoardError> {
         self.board.set_timeout(GREETING);
         while let Err(error) = self.hello() {
@@ -275,9 +275,9 @@ impl Board for Qemu {
 }
 
 impl Qemu {
-    /// One control period, in which the supervisor link is read, too: its bytes are appended to `out`. QEMU
-    /// sends single bytes, and less than 300 of them fill the socket; then the board waits in the midst of
-    /// them, and does not answer on the plant link.
+    /// Runs one control period while reading the supervisor link, whose bytes are appended to `out`. QEMU
+    /// sends single bytes, and less than 300 of them fill the socket; the board would then block while
+    /// sending, and not answer on the plant link.
     ///
     /// # Errors
     /// The board does not answer.
@@ -299,7 +299,7 @@ impl Qemu {
         }
     }
 
-    /// Appends to `out` what has come on the supervisor link.
+    /// Appends the bytes received on the supervisor link to `out`.
     ///
     /// # Errors
     /// QEMU ended.
@@ -316,7 +316,7 @@ impl Qemu {
         Ok(self.plant.send(&frame[..length])?)
     }
 
-    /// The answer to `sensors`, if its last byte comes before the deadline.
+    /// Receives the answer to `sensors`, if its last byte arrives before the deadline.
     fn receive_actuators(
         &mut self,
         sensors: &SensorFrame,
@@ -353,7 +353,8 @@ impl Controller for Qemu {
     }
 }
 
-/// In lock step: what is posted has been taken before the next tick, and what came is of the last one.
+/// In lock step: posted requests are handled before the next tick, and received messages belong to the last
+/// one.
 impl FingerBoard for Qemu {
     fn post(&mut self, request: Request) -> Result<(), BoardError> {
         if let Reply::Refused(refusal) = self.request(request)? {
@@ -384,7 +385,7 @@ impl ByteLink for Socket {
             Err(error) if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut) => {
                 Ok(0)
             }
-            // A signal, such as Ctrl-C, is no failure of the link.
+            // A signal, such as Ctrl-C, does not mean that the link failed.
             Err(error) if error.kind() == io::ErrorKind::Interrupted && Instant::now() < deadline => {
                 self.receive(buffer, deadline)
             }
@@ -394,11 +395,11 @@ impl ByteLink for Socket {
     }
 }
 
-/// The QEMU process, which must not outlive us.
+/// The QEMU process, which is killed when this is dropped.
 struct Process(Child);
 
 impl Process {
-    /// Connects to a socket that QEMU opens; or why it does not.
+    /// Connects to a socket that QEMU opens; returns the reason if it does not.
     fn connect(&mut self, path: &Path, deadline: Instant) -> io::Result<Result<Socket, String>> {
         loop {
             match UnixStream::connect(path) {
@@ -414,17 +415,17 @@ impl Process {
     }
 }
 
-/// The beginning of what QEMU has said on standard error.
+/// Returns the beginning of QEMU's output on standard error.
 fn errors_in(folder: &Path) -> String {
     let mut said = Vec::new();
-    // What cannot be read is not quoted.
+    // If it cannot be read, nothing is quoted.
     let _ = File::open(folder.join(ERRORS)).and_then(|file| file.take(MAX_QUOTED).read_to_end(&mut said));
     String::from_utf8_lossy(&said).trim().to_owned()
 }
 
 impl Drop for Process {
     fn drop(&mut self) {
-        // It may have ended already.
+        // The process may already have ended.
         let _ = self.0.kill();
         let _ = self.0.wait();
     }
@@ -436,13 +437,14 @@ mod tests {
 
     #[test]
     fn an_image_tells_its_board_by_the_names_of_its_functions() {
-        // As rustc mangles `<tesaki_firmware::boards::weact::Board as …>::start`, and one of the crate's own.
+        // Mangled as by rustc: `<tesaki_firmware::boards::weact::Board as …>::start`, and a function outside
+        // `boards`.
         let names =
             b"_RNvNtCs1_15tesaki_firmware4boot\0_RNvXNtNtCs1_15tesaki_firmware6boards5weactNtB2_5Board\0";
         let padded = [&names[..], &[0; 32]].concat();
         assert_eq!(board_of(&padded).as_deref(), Some("weact"));
         assert_eq!(board_of(b"_RNvNtCs1_15tesaki_firmware4boot\0"), None);
-        // One that ends in the midst of the name.
+        // An image that ends within the name.
         assert_eq!(board_of(b"15tesaki_firmware6boards5we"), None);
     }
 }

@@ -1,4 +1,5 @@
-//! The folder for the sockets of a simulator that serves, and the folders that killed simulators have left.
+//! The folder for the sockets of a simulator that serves boards, and clean-up of folders left by killed
+//! simulators.
 
 use std::fs::{self, File};
 use std::io;
@@ -9,16 +10,16 @@ use std::time::Duration;
 
 use tempfile::TempDir;
 
-/// Name of the folders, before what is drawn.
+/// Name of the folders, before the random part.
 const PREFIX: &str = "tesaki-";
-/// A folder that is younger may be about to be locked.
+/// A younger folder may be about to be locked.
 const AGE: Duration = Duration::from_secs(60);
 
-/// A new folder, and its lock, which goes with this process however it ends. Removes what other simulators of
-/// this user have left.
+/// Creates a folder with a lock that is released whenever this process ends. Removes the folders that other
+/// simulators of this user have left.
 ///
 /// # Errors
-/// There is no room for it.
+/// The folder cannot be created.
 pub fn create() -> io::Result<(TempDir, File)> {
     let parent = std::env::temp_dir();
     let created = create_in(&parent)?;
@@ -29,13 +30,13 @@ pub fn create() -> io::Result<(TempDir, File)> {
 fn create_in(parent: &Path) -> io::Result<(TempDir, File)> {
     let folder = tempfile::Builder::new().prefix(PREFIX).tempdir_in(parent)?;
     let lock = File::open(folder.path())?;
-    // A file system without locks: an old simulator is known by its socket, too.
+    // On a file system without locks, an abandoned folder is still recognised by its sockets.
     let _ = lock.try_lock();
     Ok((folder, lock))
 }
 
-/// Removes the folders that hold nothing but sockets at which nobody listens, and that nobody has locked.
-/// What cannot be removed stays. `user` is the number of their owner.
+/// Removes the folders that are not locked, and contain only sockets without a listener. Folders that cannot
+/// be removed stay. `user` is the numeric ID of their owner.
 fn remove_left(parent: &Path, user: u32, age: Duration) {
     let folders = fs::read_dir(parent).into_iter().flatten().flatten();
     for folder in folders.map(|entry| entry.path()).filter(|path| is_named_so(path)) {
@@ -47,12 +48,12 @@ fn remove_left(parent: &Path, user: u32, age: Duration) {
 
 fn is_named_so(path: &Path) -> bool {
     let name = path.file_name().and_then(|name| name.to_str());
-    // As `tempfile` names it: six letters and digits.
+    // The random part as `tempfile` creates it: six letters and digits.
     name.and_then(|name| name.strip_prefix(PREFIX))
         .is_some_and(|drawn| drawn.len() == 6 && drawn.bytes().all(|byte| byte.is_ascii_alphanumeric()))
 }
 
-/// The sockets of a folder that a killed simulator has left; `None` for any other one.
+/// Returns the sockets of a folder that a killed simulator has left; `None` for any other folder.
 fn left(folder: &Path, user: u32, age: Duration) -> Option<Vec<PathBuf>> {
     let found = fs::symlink_metadata(folder).ok()?;
     if !found.is_dir() || found.uid() != user || found.modified().ok()?.elapsed().ok()? < age {

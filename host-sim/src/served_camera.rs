@@ -1,4 +1,5 @@
-//! The camera of a served arm: pictures of a door for programs that connect, as PGM one after the other.
+//! The camera of a served arm: sends pictures of a door to programs that connect, as a sequence of PGM
+//! images.
 
 use std::error::Error;
 use std::io::{self, Write as _};
@@ -15,9 +16,9 @@ use crate::camera::{CameraValues, Image};
 use crate::door::{KnobDoor, hand_joints, hand_pose};
 use crate::plant::{Plant, PlantOptions};
 
-/// Ticks from picture to picture: ten a second.
+/// Period of the pictures: ten per second [ticks].
 pub const PICTURE_TICKS: u32 = 10;
-/// Who does not read for this time is left.
+/// A client that does not read for this time is disconnected.
 const PATIENCE: Duration = Duration::from_millis(200);
 
 /// A door for an arm, and the camera in its hand.
@@ -61,7 +62,7 @@ impl ServedDoor {
 #[derive(Debug)]
 pub struct ServedCamera {
     address: Address,
-    /// Of the socket, whose listener is in the thread.
+    /// The socket's file; its listener is in the thread.
     _file: SocketFile,
     exposures: SyncSender<Exposure>,
     door: Isometry3<f64>,
@@ -70,11 +71,11 @@ pub struct ServedCamera {
     gripper: usize,
 }
 
-/// What a picture is drawn from.
+/// Inputs for drawing a picture.
 struct Exposure {
     taken: Instant,
     number: u32,
-    /// The hand in the door frame.
+    /// Pose of the hand in the door frame.
     hand: Isometry3<f64>,
     /// Angle of the gripper [rad].
     opening: f64,
@@ -91,14 +92,14 @@ impl ServedCamera {
         let mut listener = LocalListener::new(address)?;
         let file = listener.take_file();
         let address = listener.address().clone();
-        // One waits while another one is drawn; those that find no room are not taken.
+        // One exposure waits while another is drawn; further ones are skipped.
         let (exposures, waiting) = sync_channel(1);
         let pose = door.pose.inverse();
         std::thread::spawn(move || draw(&listener, &values, &door, &waiting));
         Ok(Self { address, _file: file, exposures, door: pose, hand, gripper })
     }
 
-    /// Where it listens.
+    /// The address at which it listens.
     pub const fn address(&self) -> &Address {
         &self.address
     }
@@ -117,7 +118,7 @@ impl ServedCamera {
     }
 }
 
-/// Sends every picture to all who have connected.
+/// Sends every picture to all connected clients.
 fn draw(listener: &LocalListener, values: &CameraValues, door: &KnobDoor, exposures: &Receiver<Exposure>) {
     let mut viewers: Vec<UnixStream> = Vec::new();
     while let Ok(Exposure { taken, number, hand, opening }) = exposures.recv() {
@@ -134,7 +135,7 @@ fn draw(listener: &LocalListener, values: &CameraValues, door: &KnobDoor, exposu
     }
 }
 
-/// Writes a PGM picture with its age, the time since it was exposed [s].
+/// Writes a PGM picture with its age, the time since its exposure [s].
 fn send(mut viewer: &UnixStream, picture: &Image, taken: Instant) -> io::Result<()> {
     let Image { width, height, pixels } = picture;
     let header = format!("P5\n# age {:.6}\n{width} {height}\n255\n", taken.elapsed().as_secs_f64());

@@ -1,4 +1,4 @@
-//! A board in this process: bytes in, bytes out, as over the supervisor link of the firmware.
+//! A board in this process, with bytes in and bytes out as on the supervisor link of the firmware.
 
 use tesaki::node::Node;
 use tesaki::protocol::codec::{Decoder, MAX_FRAME, encode};
@@ -26,14 +26,14 @@ impl VirtualBoard {
         &self.node
     }
 
-    /// The reset button. Like a board's retained memory, it keeps the faults.
+    /// Resets the board. Like a board's retained memory, it keeps the faults.
     pub fn reset(&mut self) {
         let (faults, joints) = (self.node.faults().clone(), self.node.fault_joints());
         *self = Self::default();
         self.node.restore_faults(faults, joints);
     }
 
-    /// Takes bytes from the supervisor, and appends what the board answers to `out`.
+    /// Takes bytes from the supervisor, and appends the board's replies to `out`.
     pub fn receive(&mut self, mut bytes: &[u8], out: &mut Vec<u8>) {
         while self.decoder.take(&mut bytes) {
             let request = self.decoder.message::<RequestFrame>();
@@ -54,7 +54,7 @@ impl VirtualBoard {
         reply
     }
 
-    /// One control period; what the board sends unasked is appended to `out`.
+    /// Runs one control period; unsolicited messages of the board are appended to `out`.
     pub fn tick(&mut self, sensors: &SensorFrame, out: &mut Vec<u8>) -> ActuatorFrame {
         let actuators = self.node.tick(sensors);
         if self.node.is_logged() {
@@ -69,7 +69,7 @@ impl VirtualBoard {
         actuators
     }
 
-    /// `before`: entries that follow this one.
+    /// Sends a log entry. `before` is the number of entries from this one to the end of the log.
     fn log(&self, before: u32, record: LogRecord, out: &mut Vec<u8>) {
         let index = self.node.records().wrapping_sub(before);
         send(&FromBoard::Log(LogEntry { index, record }), out);
@@ -78,7 +78,7 @@ impl VirtualBoard {
 
 fn send(message: &FromBoard, out: &mut Vec<u8>) {
     let mut frame = [0; MAX_FRAME];
-    // Cannot fail: every message of a board fits a frame.
+    // Cannot fail, because every message of a board fits into a frame.
     let length = encode(message, &mut frame).unwrap_or(0);
     out.extend_from_slice(&frame[..length]);
 }

@@ -1,4 +1,4 @@
-//! The hand-eye camera before the door.
+//! The hand-eye camera in front of the door.
 #![allow(
     clippy::unwrap_used,
     clippy::indexing_slicing,
@@ -45,7 +45,7 @@ fn points_and_ellipses_are_those_of_opencv() {
             assert!(distance(image, *expected) < 1e-5, "{image:?} {expected:?}");
         }
         let ellipse = circle.image(&CAMERA).unwrap();
-        // OpenCV fits in single precision.
+        // OpenCV fits ellipses in single precision.
         assert!(distance(ellipse.center, *center) < 2e-3, "{ellipse:?} {center:?}");
         for (axis, expected) in ellipse.semi_axes.iter().zip(semi_axes) {
             assert!((axis - expected).abs() < 2e-3, "{ellipse:?} {semi_axes:?}");
@@ -67,7 +67,8 @@ fn flat() -> Scene {
     scene
 }
 
-/// Smoothed by 1 2 1 in both directions: interpolation between the pixels of a sharp edge is not exact.
+/// Smooths by 1 2 1 in both directions, because interpolation between the pixels of a sharp edge is not
+/// exact.
 fn smoothed(image: &[f32]) -> Vec<f32> {
     let around = |from: &[f32], step: usize| -> Vec<f32> {
         let at = |index: usize| from[index.min(from.len() - 1)];
@@ -78,8 +79,8 @@ fn smoothed(image: &[f32]) -> Vec<f32> {
     around(&around(image, 1), CAMERA.width)
 }
 
-/// Where the edge of a bright ellipse is, along the normal at an angle, off the ellipse [px]: by the integral
-/// of the brightness from 4 px inside to 4 px outside.
+/// Returns the distance of a bright ellipse's edge from the ellipse, along the normal at an angle [px],
+/// computed from the integral of the brightness from 4 px inside to 4 px outside.
 fn edge(radiances: &[f32], ellipse: &Ellipse, angle: f64) -> f64 {
     let ([major, minor], turn) = (ellipse.semi_axes, ellipse.angle);
     let rotate = |[x, y]: [f64; 2]| [x * turn.cos() - y * turn.sin(), x * turn.sin() + y * turn.cos()];
@@ -111,8 +112,8 @@ fn the_rendered_edge_of_the_rose_is_the_analytic_ellipse() {
         let radiances = smoothed(&scene.radiances(&CAMERA, &pose, &[]));
         let ellipse = scene.rose_rim().transformed(&pose.inverse()).image(&CAMERA).unwrap();
         let angles = (0..90).map(|index| f64::from(index) * core::f64::consts::TAU / 90.0);
-        // Pixel, smoothing and interpolation blur with the variances 1/12, 1/2 and 1/6 px², which draws the
-        // edge of a disc inwards by the variance over the diameter.
+        // Pixel, smoothing and interpolation blur with the variances 1/12, 1/2 and 1/6 px², which moves the
+        // edge of a disc inwards by the variance divided by the diameter.
         let bias = 0.75 / (2.0 * ellipse.radius());
         let errors: Vec<f64> = angles.map(|angle| edge(&radiances, &ellipse, angle) + bias).collect();
         let mean = errors.iter().sum::<f64>() / errors.len() as f64;
@@ -123,7 +124,7 @@ fn the_rendered_edge_of_the_rose_is_the_analytic_ellipse() {
 
 #[test]
 fn the_hand_starts_where_the_rose_has_the_radius_of_the_papers_sample() {
-    // Hand 15 cm before the knob's tip, rose 40 mm: R = 17 px (Knob section 4.4).
+    // Hand 15 cm in front of the knob's tip, rose 40 mm: R = 17 px (Knob section 4.4).
     let mut scene = Scene::draw(1);
     scene.rose.radius = 0.04;
     let pose = Isometry3::translation(0.0, 0.0, -0.21) * robot().mount();
@@ -139,10 +140,10 @@ fn the_knob_and_the_border_of_the_image_hide_parts_of_the_rose() {
         let pose = Isometry3::translation(up, right, -0.21) * robot().mount();
         scene.truth(&CAMERA, &pose, &[]).rose.unwrap().visible
     };
-    // From high above, the knob stands before the lower part.
+    // Seen from high above, the knob covers the lower part of the rose.
     assert!(share(0.1, 0.0) < share(-0.05, 0.0));
-    // Half of the rose is beside an image that is 128 px wide from its middle: 0.3 m at a depth of about 0.33
-    // m.
+    // Half of the rose is outside an image that extends 128 px from its centre: 0.3 m at a depth of about
+    // 0.33 m.
     let half = share(-0.05, 0.301);
     assert!((0.2..0.8).contains(&half), "{half}");
     assert!(share(-0.05, 0.5) < 1e-9);
@@ -158,7 +159,7 @@ fn a_seed_means_the_same_picture_and_another_another() {
     };
     let first = picture(3, 0);
     assert!(first == picture(3, 0) && first != picture(4, 0));
-    // The same but for the noise.
+    // Equal except for the noise.
     let changed = first.iter().zip(picture(3, 1)).map(|(one, other)| one.abs_diff(other));
     assert!(changed.clone().any(|difference| difference > 0) && changed.max().unwrap() < 40);
 }
@@ -177,7 +178,7 @@ fn a_wrong_camera_file_says_what_and_where() {
     assert!(missing.contains("has a camera.toml in its folder"), "{missing}");
 }
 
-/// Knob section 4.5 needs the place of the rose in millimetres.
+/// Knob section 4.5 requires the position of the rose within millimetres.
 #[test]
 fn the_calibrated_table_of_the_arm_is_that_of_its_camera() {
     let HandEyeFile { table, size } = tesaki_description::hand_eye::load(&folder()).unwrap();

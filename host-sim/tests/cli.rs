@@ -25,7 +25,8 @@ fn lists_its_scenarios() {
     says(&host_sim(&["list"]), 0, &names);
 }
 
-/// As `host-sim list | head` does it, but the reader is certain to be gone.
+/// As in `host-sim list
+/// head`, but the reader has certainly gone.
 #[test]
 fn a_reader_that_leaves_ends_it_quietly() {
     for arguments in [&["list"][..], &["faults", "--seeds", "2", "--json"]] {
@@ -62,7 +63,7 @@ fn runs_the_joint_servo_within_its_limits_and_leaves_a_report() {
         for (name, limit) in limits {
             let metric = &run["metrics"][name];
             assert_eq!((metric["limit"].as_f64(), metric["unit"].as_str()), (Some(limit), Some("mrad")));
-            // A servo that tracks better than the encoder resolves would be a sign of a plant without
+            // A servo that tracks better than the encoder's resolution would indicate a plant without
             // friction.
             assert!((0.05..=limit).contains(&metric["value"].as_f64().unwrap()), "{name}: {metric}");
         }
@@ -122,7 +123,7 @@ fn bad_input_is_answered_with_what_to_do() {
         (&["--view", "--json"], "cannot be used with"),
         (&["--view=0.0.0.0:7481"], "ssh -L 7481:localhost:7481"),
         (&["--view=7481"], "expected HOST:PORT, such as localhost:7481"),
-        // Nothing has moved: there is nothing to stay for.
+        // Nothing moves, so there is nothing to show.
         (&["--view=localhost:0", "--duration", "3"], "--duration 3 is too short"),
         (&["--duration", "inf"], "--duration inf is too long: hand3-servo runs at most 600 s"),
         (&["--duration", "NaN"], "--duration NaN is too short"),
@@ -146,7 +147,7 @@ fn bad_input_is_answered_with_what_to_do() {
     says(&host_sim(&no_image), 2, &["no firmware image at /nowhere/image", "cargo xtask firmware"]);
 }
 
-/// A QEMU that says more than a pipe holds would wait for a reader.
+/// QEMU would block if it wrote more than a pipe holds.
 #[cfg(unix)]
 #[test]
 fn what_qemu_says_before_it_ends_is_quoted() {
@@ -165,7 +166,7 @@ fn what_qemu_says_before_it_ends_is_quoted() {
 
 #[test]
 fn a_machine_that_the_servo_cannot_hold_fails_its_metrics() {
-    // A tenth of the stiffness and no integral: friction wins.
+    // A tenth of the stiffness and no integral action: the servo cannot overcome friction.
     let folder = tempfile::tempdir().unwrap();
     let robot = folder.path().join("robot");
     std::fs::create_dir(&robot).unwrap();
@@ -280,7 +281,8 @@ fn laws_are_compared_side_by_side_and_one_may_be_ones_own() {
     says(&output, 0, &[]);
     let run: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     let value = |name: &str| run["metrics"][name]["value"].as_f64().unwrap_or_else(|| panic!("no {name}"));
-    // Without its term the driven joint moves the hand; with equation (3) the elbow stays where it is.
+    // Without its compensation term the driven joint moves the hand; with equation (3) the elbow stays in
+    // place.
     assert!(value("paper_matched_hand_displacement") > 2.0 * value("own_matched_hand_displacement"));
     assert!(
         value("paper_mismatched_elbow_turn").abs()
@@ -297,7 +299,7 @@ fn a_law_of_ones_own_holds_the_box_and_what_is_wrong_in_it_is_named() {
     let folder = tempfile::tempdir().unwrap();
     let paper = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/hand3/laws/paper.toml");
     let text = std::fs::read_to_string(paper).unwrap();
-    // A stronger grip, for a short time, and a light weight.
+    // A stronger grip for a short time, and a light weight.
     let changes = [
         ("hold = 4.0 ", "hold = 1.0 "),
         ("evaluated = 2.0", "evaluated = 0.5"),

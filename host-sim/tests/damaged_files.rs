@@ -1,5 +1,5 @@
-//! Damaged files of the simulator are refused, or are what they should be: recorded motions of an operator's
-//! hand, and objects.
+//! Damaged files of the simulator are refused or still valid: recorded motions of an operator's hand, and
+//! objects.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
 use std::path::Path;
@@ -8,10 +8,10 @@ use tesaki_rng::Rng;
 use tesaki_sim::operator::Recorded;
 use tesaki_sim::plant::ObjectValues;
 
-/// Files of each kind; the same ones each time.
+/// Number of files of each kind; the same ones in each run.
 const RUNS: u64 = 3000;
 
-/// What is put into files.
+/// Words that are inserted into files.
 const WORDS: &[&str] = &[
     "nan",
     "inf",
@@ -38,7 +38,7 @@ const WORDS: &[&str] = &[
     "9999999999999999999999",
 ];
 
-/// `text` with some of its pieces removed, repeated or replaced.
+/// Returns `text` with some of its pieces removed, repeated or replaced.
 fn damaged(seed: u64, text: &str) -> String {
     let mut rng = Rng::new(seed, 0);
     let mut below = |limit: usize| rng.below(limit.try_into().unwrap()) as usize;

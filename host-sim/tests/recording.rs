@@ -1,10 +1,10 @@
-//! The MCAP recording of a run as another program reads it: rosbags, in Python.
+//! The MCAP recording of a run, read by another program: rosbags, in Python.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
 use std::path::Path;
 use std::process::{Command, Output};
 
-/// Rows and last true angles of a table that the run left, `(joint, angle)`.
+/// Returns the number of rows and the last true angles of a table from the run, as `(joint, angle)`.
 fn table(path: &Path) -> (usize, Vec<(String, f64)>) {
     let text = std::fs::read_to_string(path).unwrap();
     let mut rows = text.lines();
@@ -48,7 +48,7 @@ fn rosbags_reads_what_the_tables_say() {
     assert!(output.status.success(), "{said}");
     assert!(said.contains("12 links"), "{said}");
 
-    // Or the test could not fail.
+    // A wrong value must be detected.
     joints[4].1 += 1e-5;
     let output = read(&recording, ticks + 1, 4 * rows, &joints);
     let said = String::from_utf8_lossy(&output.stderr);

@@ -1,4 +1,4 @@
-//! The report of a run: what it says, and that it is well formed whatever is in it.
+//! The report of a run: its content, and that it is well formed for any input.
 
 use std::path::Path;
 
@@ -154,8 +154,7 @@ fn what_is_not_a_number_never_passes() {
     assert!(!run(1, 8.0).identical(false).pass());
 }
 
-/// Everything that is hard to draw: markup in names, gaps, limits out of sight, nothing at all, many long
-/// lines.
+/// Figures that are hard to draw: markup in names, gaps, limits outside the range, no data, many long lines.
 fn awkward() -> Vec<Figure> {
     let time: Vec<f64> = (0..100_000).map(|k| f64::from(k) * 1e-3).collect();
     let wave = |i: i32| time.iter().map(|t| f64::from(i) + (t * f64::from(i + 1)).sin()).collect::<Vec<_>>();
@@ -206,7 +205,7 @@ fn awkward() -> Vec<Figure> {
     ]
 }
 
-/// The limit of ±2 lies inside what is shown; its lines are the dotted ones.
+/// The limit of ±2 lies within the visible range; its lines are dotted.
 #[test]
 fn a_limit_begins_where_it_applies() {
     let begins = |panel: Panel| {
@@ -228,7 +227,7 @@ fn a_limit_begins_where_it_applies() {
     let (half, half_bands) = begins(Panel::new("", "", "").band_from(2.0, 5.0, "limit"));
     assert_eq!((whole.len(), half.len(), whole_bands.len(), half_bands.len()), (2, 2, 1, 1));
     assert_eq!((whole[0], whole_bands[0]), (66.0, 66.0), "the left end of the axes");
-    // The axes of 10 s are 860 px wide, less 66 px at their left and the label's margin at their right.
+    // The axes of 10 s are 860 px wide, minus 66 px at the left and the label's margin at the right.
     let label = 860.0 - 66.0 - 2.0 * (half[0] - 66.0);
     assert!((16.0..80.0).contains(&label), "{label}");
     assert!(half.iter().chain(&half_bands).all(|x| (x - half[0]).abs() < 0.1), "{half:?} {half_bands:?}");
@@ -319,12 +318,12 @@ fn a_page_with_a_replay_stays_below_five_megabytes() {
     let replay = tesaki_viewer::Replay::new(scene, 0.01, &samples);
     let json = tesaki_viewer::script_json(&replay).expect("it is data");
     let page = Page::new("Long", &[]).replay(&json).html();
-    // Figures take 2 MB at most.
+    // Figures take at most 2 MB.
     assert!(page.len() < 3_000_000, "{} bytes", page.len());
     let (_, rest) = page.split_once(r#"<script type="application/json">"#).expect("the data are there");
     let (data, rest) = rest.split_once("</script>").expect("they end");
     assert_eq!(data, json);
-    // The script of the page ends with the page.
+    // The page's script ends with the page.
     assert_eq!(rest.matches("</script>").count(), 1);
     assert!(!Page::new("Without", &[]).html().contains("<script"));
 }

@@ -1,31 +1,31 @@
-//! Whether a motion has arrived at its goal.
+//! Detection of a motion's arrival at its goal.
 
 use tesaki::math::abs;
 use tesaki::protocol::Telemetry;
 
-/// Telemetries in a row within the tolerance that count as arrival.
+/// Number of successive telemetries within the tolerance that count as arrival.
 const ENOUGH: u32 = 10;
 
-/// An arrival: the error is within the tolerance in ten telemetries in a row.
+/// Detects an arrival: the error is within the tolerance in ten successive telemetries.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Arrival {
-    /// Telemetries in a row within the tolerance.
+    /// Number of successive telemetries within the tolerance.
     near: u32,
 }
 
 impl Arrival {
-    /// Takes in the error in the latest telemetry, and the tolerance in the same unit.
+    /// Updates with the error in the latest telemetry, and the tolerance in the same unit.
     pub fn update(&mut self, error: f32, tolerance: f32) {
         self.near = if error <= tolerance { self.near.saturating_add(1) } else { 0 };
     }
 
-    /// Whether it has come.
+    /// Returns whether the motion has arrived.
     pub const fn has_come(&self) -> bool {
         self.near >= ENOUGH
     }
 }
 
-/// The joint that is farthest from its goal, and how far [rad]; goals in rad.
+/// Returns the joint that is farthest from its goal, and its distance [rad]; goals in rad.
 pub fn farthest_joint(telemetry: &Telemetry, goals: &[f32]) -> (usize, f32) {
     let errors = telemetry.joints.iter().zip(goals).map(|(joint, goal)| abs(goal - joint.position));
     errors.enumerate().fold((0, 0.0), |farthest, error| if error.1 > farthest.1 { error } else { farthest })

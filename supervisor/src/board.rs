@@ -44,7 +44,7 @@ pub enum BoardError {
     SchemaMismatch {
         /// The board's schema key.
         board: u64,
-        /// This program's.
+        /// This program's schema key.
         here: u64,
         /// The board's firmware version.
         firmware: [u8; 3],
@@ -112,7 +112,7 @@ impl BoardError {
 pub struct Exported {
     /// The data.
     pub bytes: Vec<u8>,
-    /// Index of the last log entry before it was made.
+    /// Index of the last log entry before the export.
     pub index: u32,
     /// Identifies its layout, see [`Reply::Exported`].
     pub key: u64,
@@ -242,7 +242,7 @@ pub trait Board {
     }
 
     /// As [`push_model`](Self::push_model), but waits until the sensors have been read with the model, so
-    /// that the next request finds readings; for 0.3 s at most. Returns the status then.
+    /// that the next request finds readings; for 0.3 s at most. Returns the status at that time.
     ///
     /// # Errors
     /// As [`push_model`](Self::push_model).

@@ -1,8 +1,8 @@
 //! Fault injection for a link: loses, flips, repeats and delays bytes, reproducibly for a seed.
 //!
-//! [`LinkFaults`] says how bad, [`Damage`] does it to bytes alone, and [`FaultyLink`] does it to both
-//! directions of a [`ByteLink`](crate::ByteLink), and delays them too. A frame here is anything that ends
-//! with a zero byte.
+//! [`LinkFaults`] describes the faults, [`Damage`] applies them to bytes, and [`FaultyLink`] applies them to
+//! both directions of a [`ByteLink`](crate::ByteLink), and also delays the bytes. A frame here is anything
+//! that ends with a zero byte.
 
 mod damage;
 mod faults;

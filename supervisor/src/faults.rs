@@ -1,6 +1,6 @@
-//! Which faults of a board are new, and which ones to blame.
+//! Which faults of a board are new, and which of them are the cause of a stop.
 //!
-//! A stop in mode fault is one more fault: the last one in the log need not be the cause.
+//! A stop in mode fault is recorded as another fault, so the last one in the log need not be the cause.
 
 use std::cmp::Ordering;
 use std::time::{Duration, Instant};
@@ -11,7 +11,7 @@ use tesaki::protocol::{NodeStatus, Telemetry};
 
 use crate::troubleshooting;
 
-/// How many faults a board had had by some tick: those that it had later are new.
+/// Number of faults of a board at a tick: later ones are new.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FaultsBefore {
     /// Their number since power-on.
@@ -33,13 +33,13 @@ impl From<&NodeStatus> for FaultsBefore {
 }
 
 impl FaultsBefore {
-    /// The new faults in `log`, the oldest first: that one is the cause, and what follows may be a
-    /// consequence. All of them when the board was switched off meanwhile.
+    /// Returns the new faults in `log`, the oldest first: that one is the cause, and the following ones may
+    /// be consequences. Returns all if the board was switched off in between.
     pub fn later<'a>(&self, log: &'a FaultLog) -> &'a [Fault] {
         let Some(count) = log.total.checked_sub(self.total) else { return &log.faults };
         let faults = last(log, usize::try_from(count).unwrap_or(usize::MAX));
-        // A stop that takes the place of another one counts too, so that they may be fewer. After a reset the
-        // ticks begin anew, and tell nothing.
+        // A stop that replaces another one counts too, so there may be fewer faults than counted. After a
+        // reset, the ticks begin again and cannot be compared.
         let is_old = |fault: &&Fault| fault.tick.wrapping_sub(self.tick).cast_signed() < 0;
         if faults.last().as_ref().is_none_or(is_old) {
             return faults;
@@ -48,25 +48,25 @@ impl FaultsBefore {
     }
 }
 
-/// For so long after the log was read, fewer faults in the telemetry are those of before: it was on its way.
+/// For this time after the log was read, telemetry with fewer faults is ignored, because it was sent earlier.
 const ON_ITS_WAY: Duration = Duration::from_secs(1);
 
-/// Follows the faults of a board by its telemetry, so that each is told once.
+/// Follows the faults of a board by its telemetry, so that each is reported once.
 #[derive(Clone, Copy, Debug)]
 pub struct FaultFollower {
     known: FaultsBefore,
-    /// When the log was read.
+    /// Time at which the log was read.
     read: Option<Instant>,
 }
 
 impl FaultFollower {
-    /// Tells the faults after those of `known`.
+    /// Reports the faults after those of `known`.
     pub const fn new(known: FaultsBefore) -> Self {
         Self { known, read: None }
     }
 
-    /// Whether the board's log is to be read, because the telemetry tells of other faults: of more, or of
-    /// fewer because the board was switched off.
+    /// Returns whether the board's log must be read, because the telemetry counts other faults: more, or
+    /// fewer after the board was switched off.
     pub fn is_due(&self, telemetry: &Telemetry) -> bool {
         match telemetry.faults.cmp(&self.known.total) {
             Ordering::Greater => true,
@@ -75,18 +75,19 @@ impl FaultFollower {
         }
     }
 
-    /// The new faults in the log, which was read after the telemetry had come; from now on they are known.
+    /// Returns the new faults in the log, which was read after the telemetry had arrived; they are then
+    /// known.
     pub fn take<'a>(&mut self, telemetry: &Telemetry, log: &'a FaultLog) -> &'a [Fault] {
         let later = self.known.later(log);
-        // Those of the telemetry may be fewer.
+        // The telemetry may count fewer.
         self.known = FaultsBefore { total: log.total, tick: telemetry.tick };
         self.read = Some(Instant::now());
         later
     }
 }
 
-/// The faults to blame for a board in fault: the last one, and if that is a stop the one before it too, which
-/// the stop may have followed.
+/// Returns the faults that explain why a board is in fault: the last one, and if that is a stop also the one
+/// before it, which may have caused the stop.
 pub fn blamed(log: &FaultLog) -> &[Fault] {
     let is_stop = log.faults.last().is_some_and(|fault| fault.cause == FaultCause::Stop);
     last(log, if is_stop { 2 } else { 1 })
@@ -96,12 +97,12 @@ fn last(log: &FaultLog, count: usize) -> &[Fault] {
     &log.faults[log.faults.len().saturating_sub(count)..]
 }
 
-/// A fault in words, with the joint's name if the model is known.
+/// Describes a fault, with the joint's name if the model is known.
 pub fn describe(fault: &Fault, model: Option<&RobotModel>) -> String {
     model.map_or_else(|| fault.to_string(), |model| fault.named(model).to_string())
 }
 
-/// Faults in words, the last one first, and the entries of the document that explain them.
+/// Describes faults, the last one first, with the entries of the document that explain them.
 pub fn explain(faults: &[Fault], model: Option<&RobotModel>) -> String {
     if faults.is_empty() {
         return "no fault is recorded".to_owned();
@@ -109,13 +110,14 @@ pub fn explain(faults: &[Fault], model: Option<&RobotModel>) -> String {
     format!("{}\nSee {}", in_words(faults, model), entries(faults))
 }
 
-/// Faults in words, the last one first.
+/// Describes faults, the last one first.
 pub fn in_words(faults: &[Fault], model: Option<&RobotModel>) -> String {
     let texts: Vec<String> = faults.iter().rev().map(|fault| describe(fault, model)).collect();
     texts.join("; before it: ")
 }
 
-/// The entries of the document that explain the faults, the last one first; the document if there are none.
+/// Returns the entries of the document that explain the faults, the last one first; the document itself if
+/// there are none.
 pub fn entries(faults: &[Fault]) -> String {
     let mut entries: Vec<String> =
         faults.iter().rev().map(|fault| troubleshooting::fault(fault.cause)).collect();
@@ -129,7 +131,7 @@ mod tests {
 
     use super::*;
 
-    /// A log with faults of these causes in these ticks, the last of `total`.
+    /// Creates a log whose last faults have these causes and ticks, with `total` faults since power-on.
     fn log(total: u32, faults: &[(FaultCause, u32)]) -> FaultLog {
         let fault = |&(cause, tick)| Fault { cause, joint: None, value: 0.0, limit: 0.0, tick };
         FaultLog { total, faults: faults.iter().map(fault).collect() }
@@ -149,17 +151,17 @@ mod tests {
         assert_later((0, 0), &three, &[10, 50, 52]);
         assert_later((1, 40), &three, &[50, 52]);
         assert_later((3, 60), &three, &[]);
-        // Four more stops, each of which took the place of the one before.
+        // Four more stops, each of which replaced the one before.
         let stopped = log(7, &[(SupplyLow, 10), (FollowingError, 50), (Stop, 300)]);
         assert_later((1, 40), &stopped, &[50, 300]);
         assert_later((3, 60), &stopped, &[300]);
-        // A reset, which keeps the faults: the ticks are those of another time.
+        // A reset, which keeps the faults: their ticks belong to different times.
         let reset =
             log(5, &[(SupplyLow, 10), (FollowingError, 50), (Stop, 52), (EmergencyStop, 3), (Stop, 5)]);
         assert_later((3, 60), &reset, &[3, 5]);
-        // A board that was switched off.
+        // A board that was switched off in between.
         assert_later((7, 9000), &three, &[10, 50, 52]);
-        // More than the log holds.
+        // More faults than the log holds.
         let full = log(40, &[(SupplyLow, 10); 16]);
         assert_eq!(FaultsBefore::default().later(&full).len(), 16);
         assert_later((0, 0), &FaultLog::new(), &[]);
@@ -172,13 +174,13 @@ mod tests {
             |faults, tick| Telemetry { tick, mode: Mode::Fault, faults, joints: heapless::Vec::new() };
         let mut follower = FaultFollower::new(FaultsBefore { total: 1, tick: 40 });
         assert!(!follower.is_due(&telemetry(1, 41)));
-        // The log is read when the first of two faults shows.
+        // The log is read when the telemetry counts the first of two faults.
         assert!(follower.is_due(&telemetry(2, 50)));
         let read = log(3, &[(SupplyLow, 10), (FollowingError, 50), (Stop, 52)]);
         assert_eq!(follower.take(&telemetry(2, 50), &read), &read.faults[1..]);
         assert!(!follower.is_due(&telemetry(2, 51)));
         assert!(!follower.is_due(&telemetry(3, 52)));
-        // A board that was switched off meanwhile.
+        // A board that was switched off in between.
         follower.read = Instant::now().checked_sub(2 * ON_ITS_WAY);
         assert!(follower.is_due(&telemetry(0, 5)));
         assert!(follower.take(&telemetry(0, 5), &FaultLog::new()).is_empty());

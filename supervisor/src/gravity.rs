@@ -1,4 +1,4 @@
-//! What gravity does to a robot whose outputs are switched off.
+//! The effect of gravity on a robot whose outputs are switched off.
 
 use std::fmt;
 
@@ -6,7 +6,7 @@ use tesaki::math::abs;
 use tesaki::model::RobotModel;
 use tesaki::robot::Robot;
 
-/// The joint at which gravity exceeds friction most: without power it falls.
+/// The joint at which gravity exceeds friction most: without power it moves down.
 pub struct Load {
     robot: String,
     joint: String,
@@ -17,7 +17,7 @@ pub struct Load {
 }
 
 impl Load {
-    /// The load of `model` at rest at `angles` [rad]; `None` if friction holds every joint.
+    /// Computes the load of `model` at rest at `angles` [rad]; `None` if friction holds every joint.
     pub fn at(model: &RobotModel, angles: &[f32]) -> Option<Self> {
         let mut robot = Box::new(Robot::NONE);
         robot.configure(model).ok()?;
@@ -71,7 +71,7 @@ mod tests {
         for angle in [-0.5, 0.0, 0.5, 1.0] {
             assert!(Load::at(&hand, &[angle; 9]).is_none(), "{angle}");
         }
-        // Without friction, a finger does not stay.
+        // Without friction, a finger falls.
         let mut slippery = hand;
         slippery.joints.iter_mut().for_each(|joint| joint.friction.coulomb = 0.0);
         assert!(Load::at(&slippery, &[0.3; 9]).is_some());

@@ -33,8 +33,8 @@ pub use model::HandModel;
 use crate::faults::FaultsBefore;
 use crate::{BoardError, troubleshooting};
 
-/// Steps without new data of a board after which its data are stale: so many telemetries may be lost in a
-/// row.
+/// Steps without new data of a board after which its data are stale: this many telemetries may be lost in
+/// succession.
 pub const MAX_AGE: u32 = 3;
 /// Maximum wait for the first telemetry of a board.
 const FIRST_TELEMETRY_TIMEOUT: Duration = Duration::from_millis(300);
@@ -76,7 +76,7 @@ pub struct MultiBoardHand<B> {
 }
 
 impl<B: FingerBoard> MultiBoardHand<B> {
-    /// A hand of `robot`, whose chains are on these boards, in their order.
+    /// Creates a hand of `robot`, whose chains are on these boards, in their order.
     ///
     /// # Errors
     /// The robot is not a hand of three fingers with force sensors.
@@ -175,7 +175,7 @@ impl<B: FingerBoard> MultiBoardHand<B> {
             finger.before = finger.telemetry.as_ref().map_or(finger.before, FaultsBefore::from);
         }
         let enabled = self.each(|finger| finger.board.enable(TaskConfig::JointServo(servo)));
-        // Telemetry sent before the boards were enabled may still arrive.
+        // Telemetry that was sent before the boards were enabled may still arrive.
         let enabled = enabled.and_then(|()| {
             self.each(|finger| {
                 (finger.telemetry, finger.tips) = (None, None);
@@ -194,7 +194,7 @@ impl<B: FingerBoard> MultiBoardHand<B> {
     /// Carries out a grasp command.
     ///
     /// # Errors
-    /// Why it is refused; nothing has changed then.
+    /// The command is refused; nothing has changed then.
     pub fn command(&mut self, command: &GraspCommand) -> Result<(), HandError> {
         if !self.enabled {
             return Err(HandError::NotEnabled);
@@ -205,7 +205,7 @@ impl<B: FingerBoard> MultiBoardHand<B> {
         self.state.command(&self.model.hand(), command).map_err(HandError::GraspRefusal)
     }
 
-    /// One control period: reads the measurements of all fingers, and sends each board its set-points.
+    /// Runs one control period: reads the measurements of all fingers, and sends each board its set-points.
     ///
     /// # Errors
     /// A board is in fault, disabled or silent, or refuses; or the object was lost. All boards have been
@@ -260,7 +260,8 @@ impl<B: FingerBoard> MultiBoardHand<B> {
             let torques = torques.iter().zip(&finger.torque_limits);
             *guide = Request::Task(TaskCommand::JointServo(JointCommand::StreamTorques {
                 points: points.iter().copied().collect(),
-                // A board refuses torques beyond the limits; the servo of a single board would saturate them.
+                // A board refuses torques beyond the limits, whereas the servo of a single board would
+                // saturate them.
                 torques: torques.map(|(torque, limit)| torque.clamp(-limit, *limit)).collect(),
             }));
         }
@@ -271,7 +272,7 @@ impl<B: FingerBoard> MultiBoardHand<B> {
     pub fn stop(&mut self) {
         self.enabled = false;
         for finger in &mut self.fingers {
-            // A board that is not reached stops by its command timeout.
+            // A board that cannot be reached stops by its command timeout.
             let _ = finger.board.post(Request::Stop);
         }
     }
@@ -284,7 +285,8 @@ impl<B: FingerBoard> MultiBoardHand<B> {
         }
     }
 
-    /// Reads why the board is in fault, after all boards have been stopped: that stop is one more fault.
+    /// Reads the reason for the fault, after all boards have been stopped: that stop is recorded as another
+    /// fault.
     fn add_fault(&mut self, error: &mut HandError) {
         let HandError::Fault { board, fault } = error else { return };
         if let Some(finger) = self.fingers.iter_mut().find(|finger| finger.name == *board)
@@ -309,7 +311,7 @@ impl<B: FingerBoard> MultiBoardHand<B> {
 }
 
 impl<B: FingerBoard> FingerState<B> {
-    /// Takes in the data received from the board.
+    /// Updates from the data received from the board.
     fn listen(&mut self) -> Result<(), HandError> {
         let board = || self.name.clone();
         let news = self.board.listen().map_err(|source| HandError::Board { board: board(), source })?;
@@ -323,7 +325,7 @@ impl<B: FingerBoard> FingerState<B> {
         self.tips = news.tips.or_else(|| self.tips.take());
         match self.telemetry.as_ref().map(|telemetry| telemetry.mode) {
             Some(Mode::Fault) => return Err(HandError::Fault { board: board(), fault: None }),
-            // `enable` takes in nothing between the first tick and enabling.
+            // `enable` updates nothing between the first tick and enabling.
             Some(Mode::Disabled) if self.tick.is_some() => {
                 return Err(HandError::Disabled { board: board() });
             }

@@ -1,15 +1,16 @@
-//! Calibration of a camera in the hand, from circles: one round plate, as the rose of a door knob, is seen
-//! from many postures of the hand. Knob §4.5 measures a table of what the camera sees of a rose straight
-//! before the hand; here the camera itself is estimated, and the [`HandEyeTable`] computed from it.
+//! Calibration of a camera in the hand, from circles: one round plate, such as the rose of a door knob, is
+//! seen from many postures of the hand. Knob §4.5 measures a table of how a rose straight in front of the
+//! hand appears to the camera; here the camera itself is estimated, and the [`HandEyeTable`] computed from
+//! it.
 //!
-//! Unknown are the camera's place and rotation in the hand, its focal length, the place of the rose and the
-//! direction of its axis. Each picture gives three numbers: centre and radius of the ellipse that the rim of
-//! the rose is in it. A pinhole camera with square pixels and no distortion is assumed, with a known
+//! Unknown are the camera's position and rotation in the hand, its focal length, the position of the rose and
+//! the direction of its axis. Each picture gives three numbers: centre and radius of the ellipse that is the
+//! image of the rose's rim. A pinhole camera with square pixels and no distortion is assumed, with a known
 //! principal point.
 //!
-//! Sum of squares by Levenberg–Marquardt (Moré 1978), from several starts, because nothing need be known
-//! about the camera but that it sees the rose; first with Cauchy's weight, narrower from round to round, so
-//! that wrong circles have little weight; then without the rows that do not fit.
+//! The sum of squares is minimised by Levenberg–Marquardt (Moré 1978) from several starts, because nothing
+//! need be known about the camera except that it sees the rose; first with Cauchy's weight, narrower in each
+//! round, so that wrong circles have little weight; then without the rows that do not fit.
 
 mod solve;
 #[cfg(test)]
@@ -21,58 +22,59 @@ use std::fmt::{self, Write as _};
 use nalgebra::{Isometry3, Matrix3, Point3, Quaternion, Rotation3, Translation3, UnitQuaternion, Vector3};
 use tesaki::vision::{HandEyeError, HandEyeRow, HandEyeTable};
 
-/// Least number of rows.
+/// Minimum number of rows.
 pub const MIN_ROWS: usize = 6;
-/// Largest share of rows that may not fit.
+/// Largest fraction of rows that may not fit.
 const MAX_REJECTED: f64 = 0.4;
-/// Largest standard deviation of a circle over the focal length: 20 mrad.
+/// Largest standard deviation of a circle, relative to the focal length: 20 mrad.
 const MAX_NOISE: f64 = 0.02;
-/// A circle is never taken to be better known than this [px].
+/// Smallest standard deviation that is assumed for a circle [px].
 const LEAST_NOISE: f64 = 0.1;
-/// Largest standard deviation of a place that the table tells [m].
+/// Largest standard deviation of a position computed from the table [m].
 pub const MAX_DEVIATION: f64 = 0.005;
-/// Rows of a table.
+/// Number of rows of a table.
 const TABLE_ROWS: usize = 8;
 
-/// A rose that was seen.
+/// An observation of a rose.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Observation {
-    /// Origin of the hand frame in a frame in which the rose does not move, as the robot's base [m].
+    /// Origin of the hand frame in a frame in which the rose is at rest, such as the robot's base [m].
     pub position: [f64; 3],
     /// Orientation of the hand frame there: unit quaternion x, y, z, w.
     pub orientation: [f64; 4],
-    /// Centre of the ellipse that the rim is in the picture [px].
+    /// Centre of the ellipse that is the image of the rim [px].
     pub center: [f64; 2],
-    /// Root of the product of its semi-axes [px].
+    /// Square root of the product of its semi-axes [px].
     pub radius: f64,
 }
 
-/// What is known before.
+/// Known quantities.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HandEyeSettings {
     /// Radius of the rose's front rim [m].
     pub rose: f64,
     /// Width and height of the pictures [px].
     pub size: [u32; 2],
-    /// Where the optical axis meets the picture [px].
+    /// Intersection of the optical axis with the picture [px].
     pub principal: [f64; 2],
-    /// Focal lengths from which the search starts [px]: the true one is within a factor of two of one of
+    /// Focal lengths from which the search starts [px]: the true one must be within a factor of two of one of
     /// them.
     pub focal: [f64; 2],
-    /// Smallest and largest distance of the table [m].
+    /// Smallest and largest distance in the table [m].
     pub distances: [f64; 2],
 }
 
-/// A camera in the hand; also the standard deviations of its values.
+/// A camera in the hand; also used for the standard deviations of its values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HandEyeCamera {
     /// Optical centre in the hand frame [m].
     pub position: [f64; 3],
-    /// Rotation of the optical axis from the approach, about the hand's y towards the hand's axis [rad].
+    /// Rotation of the optical axis from the approach direction, about the hand's y towards the hand's axis
+    /// [rad].
     pub tilt: f64,
     /// Rotation of the optical axis towards the hand's y, after the tilt [rad].
     pub pan: f64,
-    /// Direction in the picture in which a rose moves that moves along the hand's y, from the picture's x
+    /// Direction in which a rose that moves along the hand's y moves in the picture, from the picture's x
     /// towards its y [rad].
     pub turn: f64,
     /// Focal length [px].
@@ -88,14 +90,14 @@ pub struct Rose {
     pub normal: [f64; 3],
 }
 
-/// How a rose looks.
+/// Appearance of a rose in a picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Appearance {
     /// Centre of the ellipse [px].
     pub center: [f64; 2],
-    /// Root of the product of its semi-axes [px].
+    /// Square root of the product of its semi-axes [px].
     pub radius: f64,
-    /// Where its axis vanishes [px].
+    /// Vanishing point of its axis [px].
     pub axis: [f64; 2],
 }
 
@@ -110,15 +112,15 @@ pub struct HandEye {
     pub deviation: HandEyeCamera,
     /// The rose.
     pub rose: Rose,
-    /// Standard deviation of its place along each axis [m].
+    /// Standard deviation of its position along each axis [m].
     pub rose_deviation: [f64; 3],
-    /// Root mean square of the distance of the centres, and of the difference of the radii [px].
+    /// Root mean square of the errors of the centres, and of the radii [px].
     pub residuals: [f64; 2],
     /// Number of circles that fit.
     pub used: usize,
-    /// Indices of the rows that do not fit, and how far their circles are off [px].
+    /// Indices of the rows that do not fit, and the errors of their circles [px].
     pub rejected: Vec<(usize, f64)>,
-    /// Largest standard deviation of a place that the table tells [m].
+    /// Largest standard deviation of a position computed from the table [m].
     pub table_deviation: f64,
     /// The table.
     pub rows: Vec<HandEyeRow>,
@@ -127,7 +129,7 @@ pub struct HandEye {
 /// A motion of the hand, along or about the axes of its frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Motion {
-    /// Along z, the approach.
+    /// Along z, the approach direction.
     Approach,
     /// Along y.
     Sideways,
@@ -154,33 +156,33 @@ impl fmt::Display for Motion {
     }
 }
 
-/// Why there is no calibration.
+/// Reasons why the calibration failed.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum HandEyeFailure {
     /// A setting that is out of its range.
     #[error("{name} is {value}; it must be {least} to {most}")]
     Setting {
-        /// Which.
+        /// Its name.
         name: &'static str,
         /// The value.
         value: f64,
-        /// Least value.
+        /// Smallest allowed value.
         least: f64,
-        /// Largest value.
+        /// Largest allowed value.
         most: f64,
     },
-    /// A row that cannot be.
+    /// A row that is impossible.
     #[error("{problem}")]
     Row {
         /// Its index.
         row: usize,
-        /// What is wrong.
+        /// The problem.
         problem: String,
     },
     /// Too few rows.
     #[error("{got} circles: at least {MIN_ROWS} are needed, and some 30 are good")]
     TooFew {
-        /// How many.
+        /// Their number.
         got: usize,
     },
     /// The rows contradict each other.
@@ -192,24 +194,24 @@ pub enum HandEyeFailure {
     NoFit {
         /// Rows that do not fit the others.
         rejected: usize,
-        /// All rows.
+        /// Number of all rows.
         of: usize,
         /// Standard deviation of the others [px].
         noise: f64,
     },
-    /// Other cameras would explain the rows as well.
+    /// The rows can be explained equally well by other cameras.
     #[error(
         "the postures do not determine the camera: the place of a rose would be uncertain by {:.0} mm, the limit is \
          {:.0} mm; add pictures{}",
         1e3 * deviation, 1e3 * MAX_DEVIATION, list(motions)
     )]
     Undetermined {
-        /// Standard deviation of a place that the table would tell [m].
+        /// Standard deviation of a position computed from the table [m].
         deviation: f64,
-        /// What is missing, the most useful motion first.
+        /// Missing motions, the most useful one first.
         motions: Vec<Motion>,
     },
-    /// The camera does not see the rose at a distance of the table.
+    /// The camera does not see the rose at a distance in the table.
     #[error(
         "the camera does not see a rose that is {distance} m straight before the hand: choose other distances"
     )]
@@ -217,7 +219,7 @@ pub enum HandEyeFailure {
         /// The distance [m].
         distance: f64,
     },
-    /// No table can be made.
+    /// The table cannot be created.
     #[error(transparent)]
     Table(#[from] HandEyeError),
 }
@@ -227,12 +229,11 @@ fn list(motions: &[Motion]) -> String {
     if motions.is_empty() { String::new() } else { format!(" with the hand {}", motions.join(", ")) }
 }
 
-/// Estimates camera and rose. The order of the observations does not matter; a few percent of them may show
-/// another circle.
+/// Estimates camera and rose. The order of the observations does not matter; a few percent of them may show a
+/// different circle.
 ///
 /// # Errors
-/// [`HandEyeFailure`]: a setting or a row that cannot be, rows that contradict each other, or motion that is
-/// missing.
+/// [`HandEyeFailure`]: an invalid setting or row, rows that contradict each other, or a lack of motion.
 pub fn calibrate(
     observations: &[Observation],
     settings: &HandEyeSettings,
@@ -266,7 +267,7 @@ impl Observation {
     }
 }
 
-/// The rotation of a quaternion x, y, z, w; what is wrong if its norm is not 1.
+/// Returns the rotation of a quaternion x, y, z, w, or an error if its norm is not 1.
 fn unit_quaternion(components: [f64; 4]) -> Result<UnitQuaternion<f64>, String> {
     let quaternion = Quaternion::from(components);
     let norm = quaternion.norm();
@@ -278,8 +279,8 @@ fn unit_quaternion(components: [f64; 4]) -> Result<UnitQuaternion<f64>, String> 
 }
 
 impl HandEyeSettings {
-    /// For pictures of `size` pixels and a rose of radius `rose` [m]: the principal point in the middle, any
-    /// usual lens, distances of 0.02 to 0.3 m.
+    /// Settings for pictures of `size` pixels and a rose of radius `rose` [m]: principal point in the middle,
+    /// any usual lens, distances of 0.02 to 0.3 m.
     #[must_use]
     pub fn for_pictures([width, height]: [u32; 2], rose: f64) -> Self {
         let [columns, rows] = [width, height].map(f64::from);
@@ -314,7 +315,7 @@ impl HandEyeSettings {
 
 impl HandEyeCamera {
     /// Pose of the camera frame in the hand frame: x right and y down in the picture, z along the optical
-    /// axis. Without rotations the picture's right is the hand's y, and its up the hand's x.
+    /// axis. Without rotations, right in the picture is the hand's y, and up in the picture is the hand's x.
     fn mount(&self) -> Isometry3<f64> {
         let level = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
         let level = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(level));
@@ -326,8 +327,8 @@ impl HandEyeCamera {
         Isometry3::from_parts(Translation3::from(self.position), rotation)
     }
 
-    /// How a circle looks; `None` unless all of it is before the camera, and its plane not seen from its
-    /// edge. `center` and the unit vector `normal` in the camera frame.
+    /// Computes the appearance of a circle; `None` unless the whole circle is in front of the camera, and its
+    /// plane is not seen edge-on. `center` and the unit vector `normal` are in the camera frame.
     ///
     /// The circle is the dual conic `K (r² (I − n nᵀ) − c cᵀ) Kᵀ` (Hartley and Zisserman, *Multiple View
     /// Geometry*, section 8.2.2); of an ellipse with centre `m` and semi-axes in `A` it is
@@ -356,8 +357,8 @@ impl HandEyeCamera {
         })
     }
 
-    /// A table for roses straight before the hand, their axis along the approach, at distances so that the
-    /// radii are evenly spaced, the farthest first.
+    /// Creates a table for roses straight in front of the hand, with their axis along the approach direction,
+    /// at distances that make the radii evenly spaced, the farthest first.
     #[expect(clippy::cast_possible_truncation, clippy::cast_precision_loss, reason = "pixels and metres")]
     fn rows(&self, settings: &HandEyeSettings) -> Result<Vec<HandEyeRow>, HandEyeFailure> {
         let seen = |distance: f64| self.ahead(settings, distance).ok_or(HandEyeFailure::Unseen { distance });
@@ -374,7 +375,7 @@ impl HandEyeCamera {
         rows.collect()
     }
 
-    /// A rose straight before the hand.
+    /// Appearance of a rose straight in front of the hand.
     fn ahead(&self, settings: &HandEyeSettings, distance: f64) -> Option<Appearance> {
         let mount = self.mount();
         let center = mount.inverse_transform_point(&Point3::new(0.0, 0.0, distance));
@@ -387,14 +388,14 @@ impl HandEye {
     /// The table that the control core uses.
     ///
     /// # Errors
-    /// A value that is out of its range.
+    /// A value is out of its range.
     #[expect(clippy::cast_possible_truncation, reason = "radians and metres")]
     pub fn table(&self) -> Result<HandEyeTable, HandEyeError> {
         let HandEyeCamera { tilt, turn, .. } = self.camera;
         HandEyeTable::try_new(self.settings.rose as f32, tilt as f32, turn as f32, &self.rows)
     }
 
-    /// Camera, rose and residuals in lines of text, with standard deviations.
+    /// Formats camera, rose and residuals as lines of text, with standard deviations.
     pub fn summary(&self) -> String {
         let line = |name: &str, values: [f64; 3], deviations: [f64; 3]| {
             let one = |(value, deviation): (f64, f64)| format!("{value:.4} ±{deviation:.4}");
@@ -424,8 +425,8 @@ impl HandEye {
         text
     }
 
-    /// The content of a `hand_eye.toml`, which [`tesaki_description::hand_eye`] reads. `source`: where the
-    /// circles come from, in a line.
+    /// Returns the content of a `hand_eye.toml`, which [`tesaki_description::hand_eye`] reads. `source`
+    /// states the origin of the circles in one line.
     pub fn to_toml(&self, source: &str) -> String {
         let mut text =
             String::from("# What the camera in the hand sees of a rose straight before the hand.\n");
@@ -445,8 +446,8 @@ impl HandEye {
         text + "]\n"
     }
 
-    /// How the rose looks from a pose of the hand, as in [`Observation`]; `None` if the camera does not see
-    /// it, or the quaternion is none.
+    /// Returns the appearance of the rose from a pose of the hand, as in [`Observation`]; `None` if the
+    /// camera does not see it, or the quaternion is invalid.
     pub fn appearance(&self, position: [f64; 3], orientation: [f64; 4]) -> Option<Appearance> {
         let rotation = unit_quaternion(orientation).ok()?;
         let hand = Isometry3::from_parts(Translation3::from(position), rotation);
@@ -454,7 +455,7 @@ impl HandEye {
     }
 }
 
-/// How the rose looks from a pose of the hand.
+/// Computes the appearance of the rose from a pose of the hand.
 fn seen(
     settings: &HandEyeSettings,
     camera: &HandEyeCamera,

@@ -1,8 +1,8 @@
 //! One link shared by several programs.
 //!
-//! To its board a [`Hub`] looks like a single link: it forwards whole frames from every client, and sends the
-//! board's frames to all clients. What the board has only once, it shares out: the rates of streams and the
-//! copy of an export. Clients over TCP need its [`Key`], if it has one. A simulator calls
+//! To its board, a [`Hub`] looks like a single link: it forwards whole frames from every client, and sends
+//! the board's frames to all clients. It arbitrates the resources of which the board has only one: the rates
+//! of streams and the copy of an export. Clients over TCP need its [`Key`], if it has one. A simulator calls
 //! [`Hub::receive`] and [`Hub::broadcast`] itself; for a board behind another link, [`Hub::pump`] carries the
 //! bytes. It has no threads: clients are served inside these calls.
 
@@ -24,7 +24,7 @@ use crate::port::{Address, Key, stream};
 use arbiter::Arbiter;
 use client::Client;
 
-/// The longest frame that passes, its zero included. Longer ones are dropped whole.
+/// Length of the longest frame that is forwarded, including its zero. Longer ones are dropped as a whole.
 pub const LONGEST_FRAME: usize = 512;
 
 /// While this many bytes wait for the board, clients are not read: back-pressure instead of losses.
@@ -44,7 +44,7 @@ struct Whole {
 }
 
 impl Whole {
-    /// Takes bytes and passes on the frames that they complete.
+    /// Takes bytes and forwards the frames that they complete.
     fn push(&mut self, bytes: &[u8], out: &mut impl FnMut(&[u8])) {
         for &byte in bytes {
             if self.partial.len() < LONGEST_FRAME {
@@ -71,13 +71,13 @@ pub struct Hub {
     /// The number of the next client.
     next_id: u64,
     arbiter: Arbiter,
-    /// Whether the clients have got a part of a frame.
+    /// Whether the clients have received only a part of a frame.
     in_frame: bool,
-    /// Why clients were dropped.
+    /// Messages about dropped clients.
     messages: Vec<String>,
     /// Whole frames from clients.
     waiting: VecDeque<u8>,
-    /// By clients that are gone.
+    /// Bytes lost by clients that have left.
     dropped: u64,
 }
 
@@ -116,16 +116,16 @@ impl Hub {
     /// as the hub, however often it is opened and closed.
     ///
     /// # Errors
-    /// When the system has none left.
+    /// The system has no pseudo-terminal left.
     pub fn add_pty(&mut self) -> io::Result<PathBuf> {
         let pty = nix::pty::openpty(None, None)?;
-        // Raw from the start: a terminal's echo would send the board's bytes back to it.
+        // Raw from the start, because a terminal's echo would send the board's bytes back to it.
         let mut settings = tcgetattr(&pty.slave)?;
         cfmakeraw(&mut settings);
         tcsetattr(&pty.slave, SetArg::TCSANOW, &settings)?;
         let path = nix::unistd::ttyname(&pty.slave)?;
         fcntl(&pty.master, FcntlArg::F_SETFL(OFlag::O_RDWR | OFlag::O_NONBLOCK))?;
-        // A child process that kept it would keep the terminal alive.
+        // A child process that inherited an end would keep the terminal open.
         for end in [&pty.master, &pty.slave] {
             fcntl(end, FcntlArg::F_SETFD(FdFlag::FD_CLOEXEC))?;
         }
@@ -134,27 +134,27 @@ impl Hub {
         Ok(path)
     }
 
-    /// Where it listens first; with the port that the system chose, if port 0 was asked for.
+    /// The first address at which it listens, with the port that the system chose for port 0.
     pub fn address(&self) -> &Address {
         self.listeners.first().map_or(&Address::Auto, |(_, address)| address)
     }
 
-    /// How many clients there are, pseudo-terminals included.
+    /// Number of clients, including pseudo-terminals.
     pub const fn clients(&self) -> usize {
         self.clients.len()
     }
 
-    /// Which clients were dropped and why, since the last call: without the key, or after damage.
+    /// Returns messages about clients dropped since the last call: for a missing key, or for damaged data.
     pub fn messages(&mut self) -> Vec<String> {
         std::mem::take(&mut self.messages)
     }
 
-    /// How many bytes clients were too slow for.
+    /// Number of bytes that were dropped because clients were too slow.
     pub fn dropped(&self) -> u64 {
         self.clients.iter().fold(self.dropped, |sum, client| sum.wrapping_add(client.dropped))
     }
 
-    /// Sends to every client what it takes, without waiting.
+    /// Sends to every client as much as it accepts, without waiting.
     pub fn broadcast(&mut self, bytes: &[u8]) {
         // Includes clients that have connected since the last call.
         self.accept();
@@ -168,7 +168,7 @@ impl Hub {
         }
     }
 
-    /// Sends what the arbiter answers, between two frames of the board.
+    /// Sends the arbiter's answers between two frames of the board.
     fn answer(&mut self) {
         if self.in_frame {
             return;
@@ -178,11 +178,11 @@ impl Hub {
         }
     }
 
-    /// Appends whole frames from clients to `frames`, waiting for the first until `deadline`, and says how
-    /// many bytes came.
+    /// Appends whole frames from clients to `frames`, waiting for the first until `deadline`; returns their
+    /// number of bytes.
     ///
     /// # Errors
-    /// When the system cannot wait.
+    /// The system cannot wait.
     pub fn receive(&mut self, frames: &mut Vec<u8>, deadline: Instant) -> io::Result<usize> {
         self.serve(deadline)?;
         let length = self.waiting.len();
@@ -191,10 +191,10 @@ impl Hub {
     }
 
     /// Carries bytes between the clients and a board behind another link until `deadline`. The two sides are
-    /// waited for in turn, so that a client's frame may lie here for up to `turn`; 1 ms costs little.
+    /// polled in turn, so that a client's frame may wait here for up to `turn`; 1 ms costs little.
     ///
     /// # Errors
-    /// When the board's link is gone.
+    /// The board's link is gone.
     pub fn pump<L: ByteLink>(&mut self, board: &mut L, turn: Duration, deadline: Instant) -> io::Result<()> {
         let (mut frames, mut buffer) = (Vec::new(), [0; 4096]);
         loop {
@@ -234,7 +234,7 @@ impl Hub {
 
     fn accept(&mut self) {
         for (listener, _) in &self.listeners {
-            // So many at a time, as others are to be served in between.
+            // Limited, so that other clients are served in between.
             for _ in 0..MAX_HANDSHAKES {
                 // An error means that one client has gone, or that there is none.
                 let Ok(Accepted { name, socket, encryption }) = listener.accept() else { break };
@@ -256,7 +256,7 @@ impl Hub {
             let Err(error) = client.read(&mut |frame: &[u8]| arbiter.request(id, frame, waiting)) else {
                 return true;
             };
-            // What is neither is a client that has left.
+            // With any other error the client has left.
             if matches!(error.kind(), io::ErrorKind::InvalidData | io::ErrorKind::TimedOut) {
                 note(messages, client, &error.to_string());
             }
@@ -264,7 +264,7 @@ impl Hub {
             *dropped = dropped.wrapping_add(client.dropped);
             false
         });
-        // Now that who has finished its handshake is admitted.
+        // Checked after clients that have finished their handshake are admitted.
         let handshakes = clients.iter().filter(|client| !client.is_admitted()).count();
         let mut excess = handshakes.saturating_sub(MAX_HANDSHAKES);
         clients.retain(|client| {
@@ -278,14 +278,14 @@ impl Hub {
     }
 }
 
-/// Notes why a client is dropped.
+/// Records why a client is dropped.
 fn note(messages: &mut Vec<String>, client: &Client, why: &str) {
     if messages.len() < MAX_MESSAGES {
         messages.push(format!("dropped the client at {}: {why}", client.name));
     }
 }
 
-/// The clients as the board sees them.
+/// The clients, as a link that the board uses.
 impl ByteLink for Hub {
     fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
         self.broadcast(bytes);

@@ -1,19 +1,19 @@
 //! Identification of torque constants and friction of a hand's joints from its telemetry.
 //!
-//! A joint's torque is `gain · commanded = weight + load + coulomb · sign(velocity) + viscous · velocity`:
-//! `commanded` is the torque sent to the drive (`JointTelemetry::torque`), `load` the measured tip wrench
-//! mapped through the Jacobian, `weight` that of the links by the URDF, with an unknown fraction for each
-//! link. Gain and friction follow by least squares from readings of the joint in motion, free and under load,
-//! in both directions ([`fit`]); [`identify`] makes the motions. The reference is the force sensor: its gain
-//! error appears in every torque constant.
+//! The torque of a joint is `gain · commanded = weight + load + coulomb · sign(velocity) + viscous ·
+//! velocity`: `commanded` is the torque sent to the drive (`JointTelemetry::torque`), `load` the measured tip
+//! wrench mapped through the Jacobian, `weight` the weight of the links according to the URDF, with an
+//! unknown factor for each link. Gain and friction are found by least squares from readings of the joint in
+//! motion, free and under load, in both directions ([`fit`]); [`identify`] makes the motions. The reference
+//! is the force sensor: its gain error appears in every torque constant.
 //!
-//! The result is a [`Calibration`](tesaki_description::calibration::Calibration), a file of the machine, and
-//! with it a model for the board. A drive makes a current of torque over `motor.torque_constant` of that
-//! model; so from then on it makes the torque that it is told.
+//! The result is a [`Calibration`](tesaki_description::calibration::Calibration), a file of the machine,
+//! which yields a model for the board. A drive sets its current to the torque divided by
+//! `motor.torque_constant` of that model, so with the calibrated value it makes the commanded torque.
 //!
 //! Without an object only the weight of the links loads a joint. [`identify_joints`] moves the joints of any
-//! robot alone, and [`fit_free`] finds their friction in commanded torque, which is what a feed-forward
-//! needs; where the masses in the URDF were weighed, [`fit_gain`] finds the torque constant, too.
+//! robot without an object, and [`fit_free`] finds their friction in commanded torque, which is what a
+//! feed-forward needs; if the masses in the URDF were weighed, [`fit_gain`] finds the torque constant, too.
 
 mod calibration;
 mod joints;

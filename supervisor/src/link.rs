@@ -10,17 +10,16 @@ use tesaki::protocol::{FromBoard, Refusal, Reply, ReplyFrame, Request, RequestFr
 
 use crate::{Board, BoardError};
 
-/// How long the first sending of a request waits for its answer before the request is sent again: short
-/// enough that a lost reply does not cost an enabled board its command timeout. Then it waits twice as long
-/// each time, up to [`MAX_PATIENCE`], so as not to choke a slow board.
+/// Time that the first sending of a request waits for its answer before the request is repeated: short enough
+/// that a lost reply does not cost an enabled board its command timeout. The wait is doubled for each
+/// repetition, up to [`MAX_PATIENCE`], so as not to flood a slow board.
 const PATIENCE: Duration = Duration::from_millis(40);
 /// See [`PATIENCE`].
 const MAX_PATIENCE: Duration = Duration::from_millis(160);
-/// Maximum number of queued messages; the oldest are dropped. Some twenty seconds of everything a board
-/// sends.
+/// Maximum number of queued messages; the oldest are dropped. About twenty seconds of all streams of a board.
 const INBOX: usize = 8192;
 
-/// From one look at the flag of [`LinkBoard::interrupt_by`] to the next.
+/// Interval at which the flag of [`LinkBoard::interrupt_by`] is checked.
 const GLANCE: Duration = Duration::from_millis(5);
 
 /// A two-way stream of bytes: serial port, socket, pseudo-terminal.
@@ -31,7 +30,7 @@ pub trait ByteLink {
     /// When the link is gone.
     fn send(&mut self, bytes: &[u8]) -> io::Result<()>;
 
-    /// Receives what is there, waiting for the first byte until `deadline`; 0 when none came.
+    /// Receives available bytes, waiting for the first one until `deadline`; returns 0 if none came.
     ///
     /// # Errors
     /// When the link is gone.
@@ -45,21 +44,21 @@ pub struct LinkBoard<L> {
     decoder: Decoder,
     client: u32,
     sequence: u16,
-    /// The last request whose answer was waited for and came.
+    /// The last request whose answer was awaited and received.
     answered: u16,
     timeout: Duration,
     inbox: VecDeque<FromBoard>,
-    /// Requests that were sent again.
+    /// Number of repeated requests.
     repeats: u64,
     round_trip: Option<Duration>,
     interrupt: Option<Arc<AtomicBool>>,
 }
 
 impl<L: ByteLink> LinkBoard<L> {
-    /// A board that answers within `timeout`, over a link that may damage and lose: what is not answered is
-    /// sent again until then.
+    /// Creates a board that answers within `timeout`, over a link that may damage and lose frames: a request
+    /// is repeated until it is answered, or the time is over.
     pub fn new(link: L, timeout: Duration) -> Self {
-        // Two programs must not choose the same number, and it needs no secrecy.
+        // Two programs must not choose the same number; it need not be secret.
         #[expect(clippy::cast_possible_truncation, reason = "any bits will do")]
         let client = RandomState::new().build_hasher().finish() as u32 | 1;
         Self {
@@ -82,7 +81,7 @@ impl<L: ByteLink> LinkBoard<L> {
         self.interrupt = Some(flag);
     }
 
-    /// Answers are waited for so long from now on.
+    /// Sets the time limit for answers.
     pub const fn set_timeout(&mut self, timeout: Duration) {
         self.timeout = timeout;
     }
@@ -97,28 +96,28 @@ impl<L: ByteLink> LinkBoard<L> {
         &self.link
     }
 
-    /// The link, to be used by hand.
+    /// The link, for direct use.
     pub const fn link_mut(&mut self) -> &mut L {
         &mut self.link
     }
 
-    /// Frames received, by kind of damage.
+    /// Number of received frames, by kind of damage.
     pub const fn counts(&self) -> FrameCounts {
         self.decoder.counts()
     }
 
-    /// Requests that had to be sent again.
+    /// Number of requests that had to be repeated.
     pub const fn repeats(&self) -> u64 {
         self.repeats
     }
 
-    /// From the last request to its reply.
+    /// Time from the last request to its reply.
     pub const fn round_trip(&self) -> Option<Duration> {
         self.round_trip
     }
 
-    /// Sends a request without waiting for the answer; returns its number. For set-points, each of which says
-    /// the whole aim: one that is lost is made up for by the next. A refusal comes as an
+    /// Sends a request without waiting for the answer; returns its number. For set-points, each of which
+    /// states the complete target: the next one replaces a lost one. A refusal comes as an
     /// [event](Self::next_event).
     ///
     /// # Errors
@@ -129,8 +128,8 @@ impl<L: ByteLink> LinkBoard<L> {
         Ok(self.sequence)
     }
 
-    /// The next thing that came unasked, or a refusal of what was [posted](Self::post); `None` when nothing
-    /// comes until `deadline`.
+    /// Returns the next unsolicited message, or a refusal of a [posted](Self::post) request; `None` if
+    /// nothing comes until `deadline`.
     ///
     /// # Errors
     /// When the link fails.
@@ -150,8 +149,8 @@ impl<L: ByteLink> LinkBoard<L> {
         Ok(self.link.send(&frame[..length])?)
     }
 
-    /// Takes what comes until `deadline`, but not more than once: returns the reply to request `sequence`,
-    /// and puts what came unasked and refusals into the inbox.
+    /// Receives once, waiting until `deadline`: returns the reply to request `sequence`, and puts unsolicited
+    /// messages and refusals into the inbox.
     fn receive(&mut self, deadline: Instant, sequence: Option<u16>) -> Result<Option<Reply>, BoardError> {
         let mut buffer = [0; 4096];
         let received = self.link.receive(&mut buffer, deadline)?;
@@ -159,12 +158,12 @@ impl<L: ByteLink> LinkBoard<L> {
         let mut answer = None;
         while self.decoder.take(&mut bytes) {
             match self.decoder.message() {
-                // Damaged frames are counted by the decoder; what is missing is asked for again.
+                // Damaged frames are counted by the decoder; requests without an answer are repeated.
                 Err(_) => {}
                 Ok(FromBoard::Reply(ReplyFrame { client, .. })) if client != self.client => {}
                 Ok(FromBoard::Reply(reply)) if sequence == Some(reply.sequence) => answer = Some(reply.reply),
                 Ok(FromBoard::Reply(ReplyFrame { reply: Reply::Done, .. })) => {}
-                // The answer to a repetition of a request that was answered, or to an earlier one.
+                // The answer to a repetition of an answered request, or to an earlier request.
                 Ok(FromBoard::Reply(reply)) if self.answered.wrapping_sub(reply.sequence) < 1 << 15 => {}
                 Ok(event) => {
                     if self.inbox.len() >= INBOX {
@@ -181,11 +180,11 @@ impl<L: ByteLink> LinkBoard<L> {
 impl<L: ByteLink> Board for LinkBoard<L> {
     fn request(&mut self, request: Request) -> Result<Reply, BoardError> {
         match self.exchange(request.clone())? {
-            // It was reset, or many others have talked to it since: it has forgotten our hello.
+            // The board was reset, or has since talked to many other clients: it has forgotten our hello.
             Reply::Refused(Refusal::SchemaMismatch { board: SCHEMA_KEY, .. }) => {
                 self.exchange(Request::Hello { schema: SCHEMA_KEY })?;
                 match self.exchange(request)? {
-                    // A commander is forgotten in a reset only.
+                    // A board forgets its commander only in a reset.
                     Reply::Refused(Refusal::NotCommander) => Err(BoardError::Reset),
                     reply => Ok(reply),
                 }

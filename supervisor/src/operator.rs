@@ -1,5 +1,5 @@
-//! An operator's hand. Calibration of its links: held poses out of a glove's stream, what to do next, and
-//! what is kept of it. Then its fingertips out of the frames of any source ([`Tracker`]).
+//! An operator's hand: calibration of its links (detection of held poses in a glove's stream, guidance of the
+//! person, and the calibration file), and its fingertips from the frames of any source ([`Tracker`]).
 
 mod error;
 mod fingertips;
@@ -26,10 +26,10 @@ pub use error::FrameError;
 pub use landmarks::{LANDMARKS, Landmarks};
 pub use tracker::{Fingertips, Observation, Tracker, TrackerSettings, Wearer, operator_fingertips};
 
-/// Positions of the markers that are seen, thumb to little finger, in the frame of the back of the hand [m].
+/// Positions of the visible markers, thumb to little finger, in the frame of the back of the hand [m].
 pub type Markers = [Option<[f32; 3]>; FINGERS];
 
-/// A posture of the hand, with the markers that are seen.
+/// A posture of the hand, with the visible markers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
     /// Orientations, relative to the back of the hand.
@@ -38,23 +38,23 @@ pub struct Pose {
     pub markers: Markers,
 }
 
-/// How long a pose must be held [s].
+/// Time for which a pose must be held [s].
 const HOLD: f64 = 1.0;
-/// Samples that a held pose has at least.
+/// Minimum number of samples of a held pose.
 const MIN_SAMPLES: usize = 20;
-/// Largest rotation between the means of the halves of a held pose [rad]: 2°.
+/// Largest rotation between the means of the two halves of a held pose [rad]: 2°.
 const STILL: f64 = 0.035;
-/// Rotation of a segment from the pose before that makes another pose [rad]: 10°.
+/// Rotation of a segment from the previous pose that makes a new pose [rad]: 10°.
 const DIFFERENT: f64 = 0.175;
-/// Poses from which a calibration is offered as complete.
+/// Number of poses from which a calibration is offered as complete.
 const MIN_POSES: u32 = 12;
-/// A pose whose tip is this far from the calibrated one is taken again [m].
+/// A pose whose tip is this far from the calibrated position must be repeated [m].
 const REDO: f32 = 0.015;
 
-/// Standard deviation of two tips that touch, along each axis [m].
+/// Standard deviation of the distance of two touching tips, along each axis [m].
 const TOUCH: f32 = 2.5e-3;
 
-/// Finds the poses that are held for a second in a stream of samples, and averages them.
+/// Finds poses in a stream of samples that are held for a second, and averages them.
 #[derive(Clone, Debug, Default)]
 pub struct PoseDetector {
     window: VecDeque<(f64, Pose)>,
@@ -62,9 +62,9 @@ pub struct PoseDetector {
 }
 
 impl PoseDetector {
-    /// Takes a sample at a time [s]; returns the mean of a new pose that has been held.
+    /// Takes a sample at a time [s]; returns the mean of a new held pose.
     pub fn add(&mut self, time: f64, orientations: GloveSample, markers: Markers) -> Option<Pose> {
-        // What was done in a gap is not known.
+        // Motion during a gap is unknown.
         let goes_on = |before: f64| time > before && time - before < HOLD;
         if !self.window.back().is_none_or(|(before, _)| goes_on(*before)) {
             self.window.clear();
@@ -92,14 +92,14 @@ impl PoseDetector {
         Some(Pose { orientations: mean, markers })
     }
 
-    /// Lets the pose that was found last be taken once more.
+    /// Allows the last pose to be taken again.
     pub fn again(&mut self) {
         self.last = None;
     }
 }
 
-/// Mean orientations of the segments relative to the back of the hand, which is the identity in the result. A
-/// segment without any sample is missing in it.
+/// Returns the mean orientations of the segments relative to the back of the hand, which is the identity in
+/// the result. A segment without samples is missing.
 #[expect(clippy::cast_possible_truncation, reason = "samples are in single precision")]
 pub fn mean_orientations(samples: &[GloveSample]) -> GloveSample {
     let mean = |finger: usize, segment: usize| {
@@ -137,7 +137,7 @@ fn mean_markers<'a>(samples: impl Iterator<Item = &'a Markers> + Clone) -> Marke
     })
 }
 
-/// Largest rotation of a segment from one sample to another [rad].
+/// Returns the largest rotation of a segment from one sample to another [rad].
 fn rotation(one: &GloveSample, other: &GloveSample) -> f64 {
     let pairs = one.segments.iter().flatten().zip(other.segments.iter().flatten());
     let angles = pairs.filter_map(|(one, other)| {
@@ -147,7 +147,7 @@ fn rotation(one: &GloveSample, other: &GloveSample) -> f64 {
     angles.fold(0.0, f64::max)
 }
 
-/// What to do first, one pose after another.
+/// Instructions for the first poses, in order.
 const FIRST_POSES: [&str; 8] = [
     "hold the hand flat, all fingers straight and together",
     "spread the fingers and the thumb",
@@ -159,7 +159,7 @@ const FIRST_POSES: [&str; 8] = [
     "bend each finger differently, from the index to the little finger more and more",
 ];
 
-/// Guides a person through the poses and judges each.
+/// Guides a person through the poses and checks each of them.
 #[derive(Clone, Debug)]
 pub struct CalibrationGuide {
     calibration: HandCalibration,
@@ -170,10 +170,10 @@ pub struct CalibrationGuide {
 }
 
 impl CalibrationGuide {
-    /// No pose yet.
+    /// Creates a guide without poses.
     ///
     /// # Errors
-    /// A setting outside its limits.
+    /// A setting is outside its limits.
     pub fn try_new(settings: &CalibrationSettings) -> Result<Self, CalibrationError> {
         let calibration = HandCalibration::try_new(settings)?;
         Ok(Self { calibration, flat: None, poses: 0, marked: [false; FINGERS] })
@@ -182,7 +182,7 @@ impl CalibrationGuide {
     /// Adds a pose.
     ///
     /// # Errors
-    /// An orientation or a marker that cannot be used, or markers where the calibrated hand cannot have them.
+    /// An orientation or a marker cannot be used, or markers are where the calibrated hand cannot have them.
     /// Nothing is added: the pose can be taken again.
     pub fn add(&mut self, pose: &Pose) -> Result<(), CalibrationError> {
         self.calibration.add_pose(&pose.orientations, &pose.markers)?;
@@ -192,11 +192,11 @@ impl CalibrationGuide {
         Ok(())
     }
 
-    /// As [`Self::add`], but refuses a pose in which a finger that is calibrated is more than 15 mm off: a
-    /// person who did not hold still, or a marker that was taken for another.
+    /// As [`Self::add`], but refuses a pose in which the tip of a calibrated finger is more than 15 mm off:
+    /// the person did not hold still, or a marker was mistaken for another.
     ///
     /// # Errors
-    /// Also this.
+    /// As [`Self::add`], or the pose is refused.
     pub fn add_live(&mut self, pose: &Pose) -> Result<(), CalibrationError> {
         for (finger, marker) in Finger::ALL.into_iter().zip(pose.markers) {
             let Some(tip) = marker else { continue };
@@ -216,21 +216,21 @@ impl CalibrationGuide {
         self.poses
     }
 
-    /// Adds a posture in which the tip of the thumb touches that of a finger without marker, after the poses
-    /// that calibrate the thumb.
+    /// Adds a posture in which the tip of the thumb touches that of a finger without a marker, after the
+    /// poses that calibrate the thumb.
     ///
     /// # Errors
-    /// A thumb that is not calibrated yet, or orientations that cannot be used. Nothing is added.
+    /// The thumb is not calibrated yet, or orientations cannot be used. Nothing is added.
     pub fn touch(&mut self, finger: Finger, orientations: &GloveSample) -> Result<(), CalibrationError> {
         self.calibration.add_touch(finger, orientations, TOUCH)
     }
 
-    /// Links and accuracy so far; `None` for a finger with too few poses.
+    /// Returns links and accuracy so far; `None` for a finger with too few poses.
     pub fn estimates(&self) -> [Option<(FingerLinks, CalibrationAccuracy)>; FINGERS] {
         Finger::ALL.map(|finger| self.calibration.finger(finger).estimate().ok())
     }
 
-    /// What the person is to do next; `None` if all fingers with markers are calibrated.
+    /// Returns the next instruction for the person; `None` if all fingers with markers are calibrated.
     pub fn instruction(&self) -> Option<String> {
         if let Some(first) = FIRST_POSES.get(self.poses as usize) {
             return Some((*first).to_owned());
@@ -249,10 +249,10 @@ impl CalibrationGuide {
         }
     }
 
-    /// The calibration. With `proportions`, fingers without marker are inferred.
+    /// Returns the calibration. With `proportions`, fingers without a marker are inferred.
     ///
     /// # Errors
-    /// Why a finger is not calibrated.
+    /// A finger is not calibrated; the error says why.
     pub fn finish(
         &self,
         proportions: bool,
@@ -270,15 +270,15 @@ impl CalibrationGuide {
 pub struct OperatorFile {
     /// The person.
     pub operator: String,
-    /// The fingers.
+    /// The thumb (I).
     pub thumb: FingerEntry,
-    /// II
+    /// The index finger (II).
     pub index: FingerEntry,
-    /// III
+    /// The middle finger (III).
     pub middle: FingerEntry,
-    /// IV
+    /// The ring finger (IV).
     pub ring: FingerEntry,
-    /// V
+    /// The little finger (V).
     pub little: FingerEntry,
 }
 
@@ -288,14 +288,14 @@ pub struct OperatorFile {
 pub struct FingerEntry {
     /// `l0` to `l3` [m].
     pub links: FingerLinks,
-    /// Poses that showed its marker; 0 for a finger that was inferred.
+    /// Number of poses that showed its marker; 0 for a finger that was inferred.
     pub poses: u32,
     /// Standard deviation of the predicted tip [m].
     pub tip_deviation: f32,
 }
 
 impl OperatorFile {
-    /// From a calibration.
+    /// Creates the file of a calibration.
     pub fn new(operator: &str, solved: &[(FingerLinks, CalibrationAccuracy); FINGERS]) -> Self {
         let [thumb, index, middle, ring, little] = solved.map(|(links, accuracy)| FingerEntry {
             links,
@@ -305,12 +305,12 @@ impl OperatorFile {
         Self { operator: operator.to_owned(), thumb, index, middle, ring, little }
     }
 
-    /// Links, thumb to little finger.
+    /// Returns the links, thumb to little finger.
     pub const fn links(&self) -> [FingerLinks; FINGERS] {
         [self.thumb.links, self.index.links, self.middle.links, self.ring.links, self.little.links]
     }
 
-    /// As TOML.
+    /// Formats the file as TOML.
     pub fn to_toml(&self) -> String {
         let name = self.operator.replace('\\', "\\\\").replace('"', "\\\"").replace(char::is_control, " ");
         let mut text =

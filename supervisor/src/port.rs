@@ -1,10 +1,10 @@
 //! Finding and opening the board's end of the link: serial ports, sockets, pseudo-terminals.
 //!
-//! [`open`] opens an [`Address`] once; [`Reopening`] keeps it open. [`list`] says what is there, simulated
-//! boards included, which make themselves known by an [`Announcement`]. With a [`Key`], a TCP connection is
+//! [`open`] opens an [`Address`] once; [`Reopening`] keeps it open. [`list`] returns the available ports,
+//! including simulated boards, which publish an [`Announcement`]. With a [`Key`], a TCP connection is
 //! encrypted.
 //!
-//! [`LocalListener`] and [`connect`] join programs of this machine by plain streams: pictures, circles.
+//! [`LocalListener`] and [`connect`] connect programs on this machine by plain streams: pictures, circles.
 
 mod address;
 mod announcement;

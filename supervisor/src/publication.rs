@@ -1,4 +1,4 @@
-//! A board as ROS 2 messages: in recordings, and for who looks on.
+//! A board as ROS 2 messages, for recordings and live viewers.
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -12,27 +12,27 @@ use crate::task_report::{Pose, Report, report};
 
 /// A control period [ns].
 const TICK: u64 = 10_000_000;
-/// From one tick to the next, if the board was reset in between: this or less [ticks].
+/// A smaller difference of successive ticks means that the board was reset in between [ticks].
 const RESET: i32 = -100;
 
-/// What it is made of.
+/// The streams that it uses, with their periods [ticks].
 pub const STREAMS: &[(Stream, u16)] =
     &[(Stream::Telemetry, 1), (Stream::Tips, 1), (Stream::Task, 2), (Stream::Status, 20)];
 
-/// The folder is that of another robot.
+/// The given folder belongs to another robot.
 #[derive(Debug, thiserror::Error)]
 #[error("the board is {board}, and --robot is the folder of {folder}: give the folder of {board}, or none")]
 pub struct OtherRobot {
     /// The robot of the model on the board.
     pub board: String,
-    /// That of the folder.
+    /// The robot of the folder.
     pub folder: String,
 }
 
-/// Refuses the folder of another robot: its URDF and the board's angles do not belong together.
+/// Refuses the folder of another robot, whose URDF would not match the board's angles.
 ///
 /// # Errors
-/// It is another one.
+/// The folder belongs to another robot.
 pub fn require_own(folder: Option<&RobotFolder>, model: &RobotModel) -> Result<(), OtherRobot> {
     match folder.filter(|folder| !is_of(folder, model)) {
         Some(other) => {
@@ -42,26 +42,26 @@ pub fn require_own(folder: Option<&RobotFolder>, model: &RobotModel) -> Result<(
     }
 }
 
-/// Whether a model is that of the folder, or of one of its chains.
+/// Returns whether a model is that of the folder, or of one of its chains.
 fn is_of(folder: &RobotFolder, model: &RobotModel) -> bool {
     let chain = |index| chain_model(&folder.model, index).is_some_and(|chain| chain.name == model.name);
     folder.model.name == model.name || (0..folder.model.chains.len()).any(chain)
 }
 
-/// Makes messages of what a board sends.
+/// Converts the board's messages.
 pub struct Publication<S> {
-    /// Where they go.
+    /// The publisher of the messages.
     pub publisher: Publisher<S>,
     folder: Option<RobotFolder>,
-    /// Checksum of the model that names and frames are of.
+    /// Checksum of the model to which names and frames belong.
     checksum: Option<u32>,
     names: Vec<String>,
-    /// The tips by name, and whether each has a force sensor.
+    /// Names of the tips, and whether each has a force sensor.
     tips: Vec<(String, bool)>,
     frames: Frames,
-    /// Whether the frames that do not move are still to be told.
+    /// Whether the fixed frames have yet to be published.
     frames_are_new: bool,
-    /// When tick 0 was [ns since 1970].
+    /// Time of tick 0 [ns since 1970].
     epoch: Option<u64>,
     last: Option<u32>,
     mode: Option<Mode>,
@@ -70,7 +70,7 @@ pub struct Publication<S> {
 }
 
 impl<S: Sink> Publication<S> {
-    /// With the folder of the robot, links have their names from its URDF.
+    /// Creates a publication. With the folder of the robot, links have their names from its URDF.
     pub fn new(publisher: Publisher<S>, folder: Option<RobotFolder>) -> Self {
         Self {
             publisher,
@@ -88,7 +88,7 @@ impl<S: Sink> Publication<S> {
         }
     }
 
-    /// The model on the board, with its checksum.
+    /// Sets the model on the board, with its checksum.
     pub fn use_model(&mut self, model: Option<(&RobotModel, u32)>) {
         let checksum = model.map(|(_, checksum)| checksum);
         if self.checksum == checksum {
@@ -111,10 +111,10 @@ impl<S: Sink> Publication<S> {
         self.frames_are_new = !self.frames.fixed().is_empty();
     }
 
-    /// The time of a tick [ns since 1970].
+    /// Returns the time of a tick [ns since 1970].
     fn time(&mut self, tick: u32) -> u64 {
         if self.last.is_some_and(|last| tick.wrapping_sub(last).cast_signed() < RESET) {
-            // Its ticks begin anew.
+            // Its ticks restarted.
             self.epoch = None;
         }
         self.last = Some(tick);
@@ -124,10 +124,10 @@ impl<S: Sink> Publication<S> {
         *self.epoch.get_or_insert(now.saturating_sub(since_start)) + since_start
     }
 
-    /// Joints and links.
+    /// Publishes joints and links.
     ///
     /// # Errors
-    /// The sink's; so with all that follows.
+    /// An error of the sink; also in all following functions.
     pub fn telemetry(&mut self, telemetry: &Telemetry) -> Result<(), McapError> {
         let time = self.time(telemetry.tick);
         if let Some(before) = self.mode.replace(telemetry.mode).filter(|mode| *mode != telemetry.mode) {
@@ -156,7 +156,7 @@ impl<S: Sink> Publication<S> {
         self.publisher.tf(time, &moving)
     }
 
-    /// The wrench on each tip that has a tared sensor, in the tip's axes.
+    /// Publishes the wrench on each tip that has a tared sensor, in the tip's axes.
     pub fn tips(&mut self, tips: &Tips) -> Result<(), McapError> {
         if self.tips.len() != tips.tips.len() || self.positions.is_empty() {
             return Ok(());
@@ -173,9 +173,9 @@ impl<S: Sink> Publication<S> {
         Ok(())
     }
 
-    /// What the task controls, and each of its phases in words.
+    /// Publishes the variables of the task, and each of its phases as text.
     pub fn task(&mut self, task: &TaskReport) -> Result<(), McapError> {
-        // The stream goes on with the last task.
+        // After the task has ended, the stream continues with its last state.
         let runs = matches!(self.mode, Some(Mode::Enabled(kind)) if kind == task.telemetry.kind());
         let report = runs.then(|| report(&task.telemetry, None));
         let phase = |report: &Option<Report>| report.as_ref().and_then(|report| report.phase.clone());
@@ -193,7 +193,7 @@ impl<S: Sink> Publication<S> {
         Ok(())
     }
 
-    /// How the board and its task are.
+    /// Publishes the status of board and task.
     pub fn status(&mut self, status: &Status) -> Result<(), McapError> {
         let (node, board) = (&status.node, &status.board);
         let homed = self.names.iter().enumerate().filter(|(joint, _)| node.homed >> joint & 1 != 0).count();
@@ -238,7 +238,7 @@ impl<S: Sink> Publication<S> {
         self.publisher.diagnostics(time, &node.model, &entries)
     }
 
-    /// A fault in words.
+    /// Publishes a fault as text.
     pub fn fault(&mut self, tick: u32, text: &str) -> Result<(), McapError> {
         let time = self.time(tick);
         self.publisher.log(time, LogLevel::Error, "board", text)

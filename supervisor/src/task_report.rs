@@ -1,4 +1,4 @@
-//! What a task says of itself, for people, pages and recordings.
+//! A task's report for people, pages and recordings.
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use tesaki::task::TaskTelemetry;
@@ -12,12 +12,12 @@ use serde::Serialize;
 /// Position and unit quaternion `[x, y, z, w]`.
 pub type Pose = [f32; 7];
 
-/// What a task says of itself.
+/// A task's report.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Report {
     /// Its name.
     pub task: String,
-    /// What it does, in words.
+    /// Its phase as text.
     pub phase: Option<String>,
     /// A frame that it controls.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -38,7 +38,7 @@ pub struct Report {
     pub values: Vec<(&'static str, f32, &'static str)>,
 }
 
-/// The plan of a grasp that the page has begun, and the orientation of the object frame when it was first
+/// The plan of a grasp that the page has started, and the orientation of the object frame when it was first
 /// held.
 #[derive(Clone, Copy, Debug)]
 pub struct Grasped {
@@ -48,12 +48,12 @@ pub struct Grasped {
 }
 
 impl Grasped {
-    /// A grasp that has just begun.
+    /// Creates a grasp that has just begun.
     pub const fn new(plan: GraspPlan) -> Self {
         Self { plan, at_grasp: None }
     }
 
-    /// The directions of the contacts, turned with the object.
+    /// Returns the directions of the contacts, rotated with the object.
     fn normals(&mut self, grasp: &GraspTelemetry) -> Option<Vec<[f32; 3]>> {
         if !matches!(
             grasp.phase,
@@ -68,7 +68,7 @@ impl Grasped {
     }
 }
 
-/// What a task says, for people and for the picture.
+/// Creates the report of a task for people and for the picture.
 pub fn report(telemetry: &TaskTelemetry, grasped: Option<&mut Grasped>) -> Report {
     let report = match telemetry {
         TaskTelemetry::JointServo(_) => Report::default(),
@@ -158,7 +158,7 @@ fn of_approach(hand: &VisualApproachTelemetry) -> Report {
     }
 }
 
-/// Norm of the linear part of a wrench or deviation [N or m].
+/// Returns the norm of the linear part of a wrench or deviation [N or m].
 fn norm(six: &[f32; 6]) -> f32 {
     Vector3::from_column_slice(&six[..3]).norm()
 }

@@ -13,36 +13,37 @@ use tesaki::task::joint_servo::JointServoRefusal;
 pub const DOCUMENT: &str = "docs/troubleshooting.md";
 const TEXT: &str = include_str!("../../docs/troubleshooting.md");
 
-/// The entry of a fault, such as `docs/troubleshooting.md#fault-3-followingerror`.
+/// Returns the entry of a fault, such as `docs/troubleshooting.md#fault-3-followingerror`.
 pub fn fault(cause: FaultCause) -> String {
     entry("FaultCause", &cause)
 }
 
-/// What the document says of a fault, each part as one line.
+/// The document's explanation of a fault, each part as one line.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Explanation {
-    /// What has happened.
+    /// Description of the event.
     pub what: String,
-    /// What usually causes it.
+    /// Likely causes.
     pub likely: String,
     /// What to do.
     pub remedy: String,
 }
 
-/// The text of the entry of a fault.
+/// Returns the text of a fault's entry.
 pub fn explanation(cause: FaultCause) -> Explanation {
     let heading = format!("### Fault {}: ", cause.number());
     let entry = TEXT.split_once(&heading).map_or("", |(_, rest)| rest);
     let entry = entry.split_once('\n').map_or("", |(_, body)| body);
     let entry = entry.split("\n#").next().unwrap_or_default();
-    // Markdown's line breaks and its signs for code mean nothing on a line.
+    // Markdown's line breaks and backticks are removed.
     let line = |text: &str| text.split_whitespace().collect::<Vec<_>>().join(" ").replace('`', "");
     let (entry, remedy) = entry.split_once("- *Do:*").unwrap_or((entry, ""));
     let (what, likely) = entry.split_once("- *Likely:*").unwrap_or((entry, ""));
     Explanation { what: line(what), likely: line(likely), remedy: line(remedy) }
 }
 
-/// The entry of a refusal. For a refusal that contains another one, or a fault, the entry of the inner one.
+/// Returns the entry of a refusal. If it contains another refusal or a fault, returns the entry of the inner
+/// one.
 pub fn refusal(refusal: &Refusal) -> String {
     match refusal {
         Refusal::Unsafe(inner) => fault(inner.cause),
@@ -64,7 +65,7 @@ fn task_refusal(refusal: &TaskRefusal) -> String {
     }
 }
 
-/// The entry of a refused grasp command.
+/// Returns the entry of a refused grasp command.
 pub fn grasp_refusal(refusal: &GraspRefusal) -> String {
     match refusal {
         GraspRefusal::Plan(plan) => entry("InvalidPlan", plan),
@@ -80,7 +81,8 @@ fn impedance_refusal(refusal: &ImpedanceRefusal) -> String {
     }
 }
 
-/// The entry of a variant in the section of its enumeration; the document alone if there is no such entry.
+/// Returns the entry of a variant in the section of its enumeration; the document alone if there is no such
+/// entry.
 fn entry(section: &str, variant: &impl Debug) -> String {
     let debug = format!("{variant:?}");
     let name = debug.split(|c: char| !c.is_alphanumeric()).next().unwrap_or_default();
@@ -102,8 +104,8 @@ struct Heading<'a> {
     anchor: String,
 }
 
-/// The headings of a Markdown document with the anchors that GitHub gives them: lower case, without
-/// punctuation, spaces as hyphens; a repeated anchor is numbered.
+/// Returns the headings of a Markdown document with GitHub's anchors: lower case, without punctuation, spaces
+/// as hyphens; a repeated anchor is numbered.
 fn headings(text: &str) -> Vec<Heading<'_>> {
     let mut slugs: Vec<String> = Vec::new();
     let mut headings = Vec::new();

@@ -1,5 +1,5 @@
-//! The documents name what there is: equations and the functions that compute them, faults and refusals, the
-//! example. What stands twice says the same. Documents and comments keep to their width.
+//! The documents match the code: equations and the functions that compute them, faults and refusals, the
+//! example. Copies are identical. Documents and comments keep to the maximum width.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
 use std::collections::BTreeSet;
@@ -20,7 +20,7 @@ fn document(name: &str) -> String {
     read_to_string(root().join("docs").join(name)).unwrap()
 }
 
-/// The Rust files under a folder, with their text.
+/// Returns the Rust files under a folder, with their text.
 fn sources(folder: &Path) -> Vec<(PathBuf, String)> {
     let mut found = Vec::new();
     for entry in folder.read_dir().unwrap() {
@@ -35,19 +35,19 @@ fn sources(folder: &Path) -> Vec<(PathBuf, String)> {
     found
 }
 
-/// The text between the first pair of backticks.
+/// Returns the text between the first pair of backticks.
 fn quoted(text: &str) -> Option<&str> {
     text.split('`').nth(1)
 }
 
-/// Whether `word` stands in `text` by itself.
+/// Returns whether `text` contains `word` as a whole word.
 fn has_word(text: &str, word: &str) -> bool {
     let part = |c: char| c.is_alphanumeric() || c == '_';
     text.match_indices(word)
         .any(|(at, _)| !text[..at].ends_with(part) && !text[at + word.len()..].starts_with(part))
 }
 
-/// Beginnings of rows with instructions on the Cortex-M4F, and the benchmarks that they are of.
+/// Beginnings of rows with instruction counts on the Cortex-M4F, and the corresponding benchmarks.
 const BENCHMARKS: [(&str, &[&str]); 16] = [
     ("| PID; trajectory filter;", &["pid", "trajectory_filter", "sin_cos", "node_tick_9_observer"]),
     (
@@ -84,7 +84,7 @@ fn instructions_are_those_of_the_last_recorded_benchmark() {
         let [row] = page.lines().filter(|line| line.starts_with(beginning)).collect::<Vec<_>>()[..] else {
             panic!("{beginning}")
         };
-        // The last numbers of the row, of one or two columns.
+        // The last numbers of the row, in one or two columns.
         let without_unit = row.trim_end_matches('|').trim_end().trim_end_matches(" instructions");
         let without_limits = without_unit.split("instructions |").last().unwrap();
         let cells = without_limits.split(['|', ';']).map(|cell| cell.replace(' ', ""));
@@ -131,7 +131,7 @@ fn every_numbered_equation_of_the_papers_has_a_row() {
     for (paper, count) in [("Hand3", 25), ("Arm7", 3), ("Hand5", 2), ("Knob", 2)] {
         let (_, section) = page.split_once(&format!("\n## {paper}\n")).unwrap();
         let section = section.split("\n## ").next().unwrap();
-        // The numbered ones stand in the section's first table.
+        // The numbered equations are in the section's first table.
         let rows = section.lines().skip_while(|line| !line.starts_with("| eq.")).skip(2);
         let numbers: BTreeSet<u32> = rows
             .take_while(|line| line.starts_with('|'))
@@ -139,7 +139,7 @@ fn every_numbered_equation_of_the_papers_has_a_row() {
             .collect();
         assert_eq!(numbers, (1..=count).collect(), "{paper}");
     }
-    // The two keys to the papers name the same ones.
+    // The two keys to the papers agree.
     let key = read_to_string(root().join("shared/src/papers.md")).unwrap();
     for paper in ["Hand3", "Arm7", "Hand5", "Knob"] {
         let row = |text: &str| {
@@ -152,7 +152,7 @@ fn every_numbered_equation_of_the_papers_has_a_row() {
     }
 }
 
-/// The variants of an enumeration, in order.
+/// Returns the variants of an enumeration, in order.
 fn variants(source: &str, name: &str) -> Option<Vec<String>> {
     let (_, body) = source.split_once(&format!("pub enum {name} {{\n"))?;
     let (body, _) = body.split_once("\n}\n")?;
@@ -163,8 +163,7 @@ fn variants(source: &str, name: &str) -> Option<Vec<String>> {
     Some(body.lines().filter_map(variant).collect())
 }
 
-/// What docs/troubleshooting.md says under the heading of an enumeration: the name of each entry, and its
-/// text.
+/// Returns the entries of docs/troubleshooting.md under the heading of an enumeration: name and text of each.
 fn entries<'a>(page: &'a str, name: &str) -> Vec<(&'a str, &'a str)> {
     let heading = page.lines().find(|line| line.starts_with("## ") && quoted(line) == Some(name));
     let heading = heading.unwrap_or_else(|| panic!("docs/troubleshooting.md has no section for `{name}`"));
@@ -172,7 +171,7 @@ fn entries<'a>(page: &'a str, name: &str) -> Vec<(&'a str, &'a str)> {
     section.split("\n### ").skip(1).map(|entry| (quoted(entry).unwrap(), entry)).collect()
 }
 
-/// Sections of docs/troubleshooting.md: an entry for each variant.
+/// Sections of docs/troubleshooting.md with an entry for each variant.
 const EXPLAINED: &[&str] = &[
     "FaultCause",
     "Refusal",
@@ -201,7 +200,7 @@ fn every_fault_and_every_refusal_has_an_entry_and_no_entry_is_about_another() {
         let names: Vec<_> = entries.iter().map(|(name, _)| *name).collect();
         assert_eq!(names, variants, "docs/troubleshooting.md, section {name}");
         for (entry, text) in entries {
-            // A heading, then what it means and what to do.
+            // A heading, then the meaning and the remedy.
             let words = text.lines().skip(1).flat_map(str::split_whitespace).count();
             assert!(words >= 8, "docs/troubleshooting.md: {name}, {entry}: too short to help");
         }
@@ -220,7 +219,7 @@ fn every_fault_and_every_refusal_has_an_entry_and_no_entry_is_about_another() {
     }
 }
 
-/// After which faults the outputs go off, whatever the reaction of the model.
+/// The faults after which the outputs are switched off regardless of the model's reaction.
 #[test]
 fn the_faults_that_leave_no_control_are_those_of_the_documents() {
     let causes = (0..).map_while(|number: u8| postcard::from_bytes::<FaultCause>(&[number]).ok());
@@ -238,7 +237,7 @@ fn the_faults_that_leave_no_control_are_those_of_the_documents() {
     assert_eq!(marked, off, "docs/protocol.md, column *always off*");
 }
 
-/// How many fault schedules break a rule.
+/// The number of fault schedules that break a rule.
 #[test]
 fn the_documents_count_the_recorded_fault_schedules() {
     let record: serde_json::Value = serde_json::from_str(&document("fault-schedules.json")).unwrap();
@@ -256,7 +255,7 @@ fn the_documents_count_the_recorded_fault_schedules() {
     }
 }
 
-/// Copies of the architecture's diagram of modes, and of its table of layers.
+/// Copies of the architecture's mode diagram, and of its table of layers.
 #[test]
 fn modes_and_layers_are_those_of_the_architecture() {
     let page = document("architecture.md");
@@ -278,7 +277,7 @@ fn modes_and_layers_are_those_of_the_architecture() {
     assert_eq!(rows(&comment("shared/src/lib.rs")), layers, "shared/src/lib.rs has other layers");
 }
 
-/// Where a reference value comes from can be found.
+/// The sources of reference values exist.
 #[test]
 fn the_oracles_that_are_named_exist() {
     let mut named = 0;
@@ -297,7 +296,7 @@ fn the_oracles_that_are_named_exist() {
     assert!(named > 20, "only {named} oracles found");
 }
 
-/// A refusal of a new task is not forgotten: all of them implement `Concerns`.
+/// No refusal of a new task is forgotten, because all of them implement `Concerns`.
 #[test]
 fn the_refusals_of_every_task_are_explained() {
     let mut found = 0;
@@ -322,7 +321,7 @@ fn the_smallest_node_prints_what_the_documents_quote() {
     );
 }
 
-/// The pages at the top and in docs/.
+/// Returns the pages at the top level and in docs/.
 fn pages() -> Vec<PathBuf> {
     let mut pages = vec![root().join("README.md"), root().join("CONTRIBUTING.md")];
     let docs = root().join("docs").read_dir().unwrap().map(|entry| entry.unwrap().path());
@@ -330,7 +329,7 @@ fn pages() -> Vec<PathBuf> {
     pages
 }
 
-/// Rustfmt holds the code to 110 columns, and leaves comments alone. Tables, listings, pictures and single
+/// Rustfmt limits code to 110 columns, but does not wrap comments. Tables, listings, pictures and single
 /// words may be longer.
 #[test]
 fn comments_and_prose_end_at_110_columns() {
@@ -364,7 +363,7 @@ fn comments_and_prose_end_at_110_columns() {
     assert!(too_long.is_empty(), "beyond 110 columns:\n{}", too_long.join("\n"));
 }
 
-/// Every relative link of the documents leads to a file.
+/// Every relative link of the documents points to a file.
 #[test]
 fn links_between_documents_lead_somewhere() {
     let mut links = 0;
@@ -382,7 +381,7 @@ fn links_between_documents_lead_somewhere() {
     assert!(links >= 20, "only {links} links found");
 }
 
-/// The pins named in `text` by a port's letter and a number, such as PB13 with `prefix` "P".
+/// Returns the pins named in `text` by a port's letter and a number, such as PB13 with `prefix` "P".
 fn pins(text: &str, prefix: &str) -> BTreeSet<String> {
     let name = |(at, _): (usize, &str)| {
         let end = text[at + prefix.len()..].find(|c: char| !c.is_alphanumeric())? + at + prefix.len();
@@ -393,7 +392,7 @@ fn pins(text: &str, prefix: &str) -> BTreeSet<String> {
     text.match_indices(prefix).filter_map(name).collect()
 }
 
-/// A pin that a table forgets, or that no code takes, may be a gate signal.
+/// A pin that is missing in a table, or unused by the code, may be a gate signal.
 #[test]
 fn the_pins_of_each_board_are_those_of_its_table() {
     let firmware = root().join("firmware");

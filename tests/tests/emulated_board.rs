@@ -1,6 +1,6 @@
-//! The firmware around the control core, in QEMU: on a board whose sensors and drives are computed by itself
-//! (`firmware/src/boards/emulated.rs`), and on the shipped image, whose idle loop feeds the watchdog. QEMU
-//! logs what is written to the peripherals that it does not have: watchdog and pins.
+//! The firmware around the control core, in QEMU: on a board that computes its own sensors and drives
+//! (`firmware/src/boards/emulated.rs`), and with the shipped image, whose idle loop feeds the watchdog. QEMU
+//! logs writes to peripherals that it does not implement: watchdog and pins.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
 use std::fs::read_to_string;
@@ -17,9 +17,9 @@ use tesaki_sim::qemu::{Machine, Qemu};
 use tesaki_supervisor::{Board, ByteLink};
 use tesaki_tests::robot;
 
-/// What QEMU calls the place of the watchdog, whose registers it does not have.
+/// QEMU's name for the address range of the watchdog, whose registers it does not implement.
 const WATCHDOG: &str = "I2S2ext";
-/// Reloading the watchdog, and switching the outputs on and off, as QEMU logs it.
+/// QEMU's log lines for reloading the watchdog, and for switching the outputs on and off.
 const FEED: &str = "I2S2ext: unimplemented device write (size 2, offset 0x000, value 0xaaaa)";
 const ON: &str = "GPIOC: unimplemented device write (size 4, offset 0x018, value 0x00000020)";
 const OFF: &str = "GPIOC: unimplemented device write (size 4, offset 0x018, value 0x00200000)";
@@ -30,7 +30,7 @@ fn image(variable: &str) -> PathBuf {
         .into()
 }
 
-/// Waits until something holds; the emulated board may be slow.
+/// Waits until a condition holds; the emulated board may be slow.
 fn until(what: &str, mut holds: impl FnMut() -> bool) {
     let deadline = Instant::now() + Duration::from_secs(20);
     while !holds() {
@@ -39,7 +39,7 @@ fn until(what: &str, mut holds: impl FnMut() -> bool) {
     }
 }
 
-/// A board of its own, with QEMU's log.
+/// An emulated board with QEMU's log.
 struct Rig {
     board: Qemu,
     log: PathBuf,
@@ -59,7 +59,7 @@ impl Rig {
         Self { board, log, _folder: folder }
     }
 
-    /// The emulated joint, enabled; `name` says what goes wrong then.
+    /// Boots and enables the emulated joint; `name` selects the failure that follows.
     fn enabled(name: &str) -> Self {
         let mut rig = Self::boot("TESAKI_EMULATED_ELF");
         rig.board.take_command(false).unwrap();
@@ -70,22 +70,22 @@ impl Rig {
         rig
     }
 
-    /// How often QEMU has logged this.
+    /// Returns how often QEMU has logged this access.
     fn count(&self, access: &str) -> usize {
         read_to_string(&self.log).unwrap().lines().filter(|line| *line == access).count()
     }
 
-    /// Waits for so many control periods.
+    /// Waits for this number of control periods.
     fn wait(&mut self, periods: u32) {
         let first = self.board.status().unwrap().node.tick;
         until("no periods", || self.board.status().unwrap().node.tick >= first + periods);
     }
 
-    /// Waits until the board was reset by itself, and returns why.
+    /// Waits until the board has reset itself, and returns the cause.
     fn reset(&mut self) -> (ResetCause, String, Vec<FaultCause>) {
         let mut found = None;
         until("the board was not reset", || {
-            // Right after a reset it does not know this program.
+            // Directly after a reset the board does not know this program.
             let status = self.board.hello().and_then(|_| self.board.status());
             found = status.ok().filter(|status| status.board.reset != ResetCause::PowerOn);
             found.is_some()
@@ -140,7 +140,7 @@ fn the_simulator_names_the_board_of_an_image_without_plant_link() {
 fn a_board_with_power_stages_starts_off_and_takes_only_what_it_can_serve() {
     let mut rig = Rig::boot("TESAKI_EMULATED_ELF");
     let status = rig.board.status().unwrap();
-    // QEMU has no crystal and no PLL; the strap, which is closed there, is not for boards with power stages.
+    // QEMU has no crystal and no PLL; its closed strap does not apply to boards with power stages.
     let Identity { capabilities, .. } = status.board.identity;
     assert_eq!(capabilities, Identity::POWER_STAGES | Identity::TASKS);
     assert_eq!((status.board.clock, status.node.mode), (ClockSource::Internal, Mode::Disabled));
@@ -186,7 +186,7 @@ fn silent_sensors_switch_the_outputs_off_and_the_watchdog_is_not_fed_any_more() 
     let (fed, on) = (rig.count(FEED), rig.count(ON));
     rig.wait(100);
     assert_eq!((rig.count(FEED), rig.count(ON)), (fed, on));
-    // Who clears the fault gets a board that can be asked again, and is fed.
+    // After the fault is cleared, the board can be used again, and is fed.
     rig.board.ask("clear", Request::ClearFaults { total: faults.total }).unwrap();
     rig.wait(2);
     assert!(rig.count(FEED) > fed);
@@ -194,10 +194,10 @@ fn silent_sensors_switch_the_outputs_off_and_the_watchdog_is_not_fed_any_more() 
     assert!(refused.contains("sensor"), "{refused}");
 }
 
-/// Whether the outputs went off after they were on, before the board started anew.
+/// Returns whether the outputs were switched off after they were on, before the board restarted.
 fn off_before_reset(log: &Path) -> bool {
     let log = read_to_string(log).unwrap();
-    // What starts the watchdog; the board was started twice.
+    // This line starts the watchdog; the board was started twice.
     let start = format!("{WATCHDOG}: unimplemented device write (size 2, offset 0x000, value 0xcccc)");
     let [_, first, _] = log.split(&start).collect::<Vec<_>>()[..] else { return false };
     first.lines().rfind(|line| [ON, OFF].contains(line)) == Some(OFF) && first.contains(ON)
@@ -225,13 +225,14 @@ fn stack_overflow_panic_and_a_stopped_crystal_switch_off_reset_and_are_told_afte
     }
 }
 
-/// By how many instructions the instants of sampling vary from boot on, while requests copy the node's state.
+/// Returns the jitter of the sampling instants since boot [instructions], while requests copy the node's
+/// state.
 fn variation_of_the_instants() -> f64 {
     let mut rig = Rig::boot_on("TESAKI_EMULATED_ELF", false);
     rig.board.take_command(false).unwrap();
     let model = model("instants");
     rig.board.push_model(&model).unwrap();
-    // Each copies the node's state while the control task waits.
+    // Each request copies the node's state while the control task waits.
     for _ in 0..300 {
         rig.board.ask("copy", Request::Export(Item::State)).ok();
     }
@@ -242,7 +243,7 @@ fn variation_of_the_instants() -> f64 {
             break telemetry;
         }
     };
-    // The encoder counts the variation, in periods of 168 MHz; one instruction takes 1 ns here.
+    // The encoder counts the jitter in periods of 168 MHz; one instruction takes 1 ns here.
     let per_turn = f64::from(model.joints[0].encoder.counts_per_turn);
     let counts = f64::from(telemetry.joints[0].position).abs() / std::f64::consts::TAU * per_turn;
     counts.round() * 1000.0 / 168.0
@@ -251,9 +252,9 @@ fn variation_of_the_instants() -> f64 {
 #[test]
 #[ignore = "needs the firmware image: cargo xtask test"]
 fn requests_do_not_delay_the_instants_of_sampling() {
-    // The timer's interrupt comes at the very instruction. But in one boot of ten or so one instant is late,
-    // by 1530 or 2042 instructions and no other number; why is not known. What a request delays, it delays in
-    // each boot.
+    // The timer's interrupt comes at the exact instruction. But in about one boot of ten, one instant is
+    // late, always by 1530 or 2042 instructions; the cause is unknown. A delay caused by a request would
+    // occur in each boot.
     let variations = [(); 3].map(|()| variation_of_the_instants());
     println!("the instants of sampling vary by {variations:.0?} instructions");
     assert!(variations.iter().any(|variation| *variation <= 300.0), "{variations:?} instructions");
@@ -278,7 +279,7 @@ fn on_the_plant_link_the_watchdog_is_fed_while_the_host_pauses() {
     let rig = Rig::boot("TESAKI_ELF");
     let fed = rig.count(FEED);
     until("not fed", || rig.count(FEED) >= fed + 10);
-    // Started, set, and reloaded at once: else the first time would be 4 s.
+    // Started, set, and reloaded at once; otherwise the first timeout would be 4 s.
     let log = read_to_string(&rig.log).unwrap();
     let writes = log.lines().filter_map(|line| line.strip_prefix(WATCHDOG)?.split_once("device write"));
     let words: Vec<_> = writes.filter_map(|(_, write)| Some(write.split_once("value ")?.1)).take(5).collect();

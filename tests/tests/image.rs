@@ -1,5 +1,5 @@
 //! The firmware image in QEMU. `cargo xtask test` builds the images and runs these tests; plain `cargo test`
-//! leaves them out, because they need a compiler for the microcontroller and QEMU.
+//! skips them, because they need a compiler for the microcontroller and QEMU.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
 use std::collections::HashSet;
@@ -22,12 +22,13 @@ use tesaki_supervisor::fault_injector::{Damage, LinkFaults};
 use tesaki_supervisor::{Board, ByteLink};
 use tesaki_tests::{robot, robot_folder};
 
-/// Most instructions of a tick with an object in the hand, and of one with an arm under impedance control.
+/// Maximum number of instructions of a tick with an object in the hand, and of one with an arm under
+/// impedance control.
 const GRASP_TICK: u32 = 40_000;
 const ARM_TICK: u32 = 22_000;
-/// The same with coupled matrices, which are discretised by a power series; 27 333 were counted.
+/// The same with coupled matrices, which are discretised by a power series; 27 333 were measured.
 const COUPLED_ARM_TICK: u32 = 30_000;
-/// Most instructions of a tick of telexistence: a tenth of the control period at 168 MHz.
+/// Maximum number of instructions of a tick of telexistence: a tenth of the control period at 168 MHz.
 const TELEXISTENCE_TICK: u32 = 130_000;
 
 fn image(variable: &str) -> PathBuf {
@@ -43,14 +44,14 @@ fn run(scenario: &Scenario, controller: &mut Watched<'_>, seed: u64) -> Outcome 
     scenario.run(&mut Setting { laws: &laws, ..plain }).unwrap()
 }
 
-/// The processes that another one has started, as `/proc` tells.
+/// Returns the child processes of another process, from `/proc`.
 #[cfg(target_os = "linux")]
 fn children(parent: u32) -> Vec<u32> {
     let numbers = std::fs::read_dir("/proc").unwrap().flatten();
     let numbers = numbers.filter_map(|entry| entry.file_name().to_str()?.parse::<u32>().ok());
     let is_child = |number: &u32| {
         let stat = std::fs::read_to_string(format!("/proc/{number}/stat")).unwrap_or_default();
-        // Behind the name, which is in parentheses: the state, and the parent.
+        // After the name, which is in parentheses, follow the state and the parent.
         let parents = stat.rsplit(')').next().and_then(|rest| rest.split_whitespace().nth(1));
         parents.is_some_and(|number| *number == parent.to_string())
     };
@@ -86,13 +87,13 @@ fn a_signal_ends_a_run_with_its_emulated_board() {
     assert_eq!(std::fs::read_dir(&folders).unwrap().count(), 0, "its folder is left");
 }
 
-/// Scenarios in which no board takes part, and the one that repeats the runs of two others on other machines.
+/// Scenarios without a board, and one that repeats the runs of two others on other machines.
 const NOT_REPLAYED: [&str; 3] = ["hand5-calibrate", "knob-find", "hand3-paper-curves"];
 
 #[test]
 #[ignore = "needs the firmware image: cargo xtask test"]
 fn the_image_answers_every_tick_of_a_run_with_the_bytes_of_the_native_core() {
-    // The others by their recordings, which is as strict and much faster.
+    // The others are tested by replaying recordings, which is as strict and much faster.
     for scenario in ["hand3-reach", "arm7-elbow"].map(|name| Scenario::find(name).unwrap()) {
         let mut qemu = Qemu::boot(&image("TESAKI_ELF"), &Machine::default()).unwrap();
         let mut watched = Watched::new(&mut qemu, true);
@@ -111,7 +112,7 @@ fn recordings_of_other_seeds_replay_on_the_emulated_board_bit_for_bit() {
     replayed.into_par_iter().for_each(replays);
 }
 
-/// Runs a scenario on the native core, replays its recording, and does so with a spoilt one.
+/// Runs a scenario on the native core, and replays its recording and a corrupted copy of it.
 fn replays(scenario: &Scenario) {
     let folder = tempfile::tempdir().unwrap();
     let log = folder.path().join("frames.log");
@@ -135,13 +136,13 @@ fn replays(scenario: &Scenario) {
     let longest: u32 = longest.trim_end_matches(" instructions\n").parse().unwrap();
     assert!(longest <= limit, "{}: a tick of {longest} instructions", scenario.name);
     println!("{}: {ticks} ticks, the longest {longest} instructions", scenario.name);
-    // One flipped bit in a torque must be found, or the test could not fail.
+    // One flipped bit in a torque must be found, to show that the test can fail.
     std::fs::write(&log, spoilt(&bytes)).unwrap();
     let (same, said) = replay(&log);
     assert!(!same && said.contains("torque of joint "), "{said}");
 }
 
-/// The digest of a development machine's run in docs/sweeps.
+/// Returns the digest of a development machine's run in docs/sweeps.
 fn recorded(scenario: &str, seed: u64) -> Option<String> {
     let file = robot_folder("../docs/sweeps/development").join(scenario).with_extension("json");
     let sweep: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(file).unwrap()).unwrap();
@@ -149,7 +150,8 @@ fn recorded(scenario: &str, seed: u64) -> Option<String> {
     machine["frames_sha256"].as_str().map(str::to_owned)
 }
 
-/// The recording with the last bit of one torque turned, in its first second, and a checksum that fits.
+/// Returns the recording with a valid checksum, but with the last bit of one torque flipped in its first
+/// second.
 fn spoilt(bytes: &[u8]) -> Vec<u8> {
     use tesaki::protocol::LogRecord;
     let mut decoder = Decoder::new();
@@ -208,7 +210,8 @@ fn faults_are_named_by_the_image_and_still_there_after_a_reset() {
         let log = board.faults().unwrap();
         let fault = *log.faults.iter().find(|fault| fault.cause == FaultCause::EncoderJump).unwrap();
         assert_eq!((fault.joint, fault.tick), (Some(4), 3));
-        // 5000 of 65 536 counts a turn are 0.479 37 rad; the limit is twice 6 rad/s · 10 ms and two counts.
+        // 5000 of 65 536 counts per turn are 0.479 37 rad; the limit is twice 6 rad/s · 10 ms plus two
+        // counts.
         assert!((fault.value - 0.479_37).abs() < 1e-5 && (fault.limit - 0.120_19).abs() < 1e-5, "{fault}");
         log.total
     };
@@ -222,19 +225,19 @@ fn faults_are_named_by_the_image_and_still_there_after_a_reset() {
     board.take_command(false).unwrap();
     let refused = board.enable(TaskConfig::JointServo(ServoMode::Pid)).unwrap_err();
     assert!(refused.to_string().contains("no robot model"), "{refused}");
-    // The log is only cleared by who has read it.
+    // The log can only be cleared after it has been read.
     assert!(board.ask("clear", Request::ClearFaults { total: total + 1 }).is_err());
     board.ask("clear", Request::ClearFaults { total }).unwrap();
 }
 
-/// The line to the image under heavy damage: nothing damaged is answered, and the link works again at once.
-/// `TESAKI_DAMAGED_FRAMES` makes it longer.
+/// The line to the image under heavy damage: no damaged frame is answered, and the link recovers at once.
+/// `TESAKI_DAMAGED_FRAMES` makes the test longer.
 #[test]
 #[ignore = "needs the firmware image: cargo xtask test"]
 fn the_image_acts_on_no_damaged_frame() {
     let damaged: u64 = std::env::var("TESAKI_DAMAGED_FRAMES").map_or(20_000, |count| count.parse().unwrap());
     let mut qemu = Qemu::boot(&image("TESAKI_ELF"), &Machine::default()).unwrap();
-    // Commands change nothing here: this client has not taken the command.
+    // Commands have no effect here, because this client has not taken command.
     let before = qemu.status().unwrap();
     let faults: LinkFaults = "seed=4,flip=3e-2,drop=3e-2,splice=1e-1,duplicate=1e-1".parse().unwrap();
     let mut damage = Damage::new(&faults, 0);
@@ -251,7 +254,7 @@ fn the_image_acts_on_no_damaged_frame() {
             (sequence, bytes[..length].to_vec())
         };
         for index in 0..60 {
-            // Short ones, as the emulated UART is slow.
+            // Short ones, because the emulated UART is slow.
             let request = if index % 2 == 0 { Request::Disable } else { Request::ReadExport { offset: 7 } };
             damage.pass(&frame(request).1, &mut wire);
             sent += 1;
@@ -260,8 +263,8 @@ fn the_image_acts_on_no_damaged_frame() {
         good.iter().for_each(|(_, bytes)| wire.extend(bytes));
         let mut answered = HashSet::new();
         let deadline = Instant::now() + Duration::from_secs(30);
-        // The emulated UART has no baud rate and would go on while the board computes: never more than its
-        // queue holds.
+        // The emulated UART has no baud rate and would continue while the board computes: never send more
+        // than its queue holds.
         assert!(wire.len() < 1000);
         qemu.link_mut().send(&wire).unwrap();
         while !answered.contains(&good[1].0) {

@@ -1,8 +1,8 @@
-//! The worked example of docs/architecture.md: a complete task, driven through `Io` on the arm that comes
-//! with tesaki.
+//! The worked example of docs/architecture.md: a complete task, run through `Io` on the arm that comes with
+//! tesaki.
 //!
-//! Hand guiding: the weight of the arm is compensated at the measured angles, so that a person can lead it;
-//! damping takes energy out of what the compensation gets wrong.
+//! Hand guiding: the weight of the arm is compensated at the measured angles, so that a person can guide it;
+//! damping dissipates the energy that errors of the compensation would add.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
 use std::f32::consts::FRAC_PI_2;
@@ -21,19 +21,19 @@ use tesaki::task::{Io, Task, TaskFault};
 /// Settings of the task.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct GuidingSettings {
-    /// Torque per speed [N·m·s/rad].
+    /// Damping torque per velocity [N·m·s/rad].
     damping: f32,
-    /// A faster joint is a fault [rad/s].
+    /// Velocity above which a joint causes a fault [rad/s].
     speed_limit: f32,
 }
 
-/// What a supervisor may ask while the task runs.
+/// Commands while the task runs.
 enum GuidingCommand {
-    /// 0: another damping [N·m·s/rad].
+    /// 0: sets the damping [N·m·s/rad].
     SetDamping(f32),
 }
 
-/// Why settings or a command were refused.
+/// Reasons why settings or a command were refused.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum GuidingRefusal {
     /// 0: the damping is negative or not finite.
@@ -55,7 +55,7 @@ impl fmt::Display for GuidingRefusal {
     }
 }
 
-/// The task: its settings and the torques of the last tick are its whole state.
+/// The task. Its whole state consists of its settings and the torques of the last tick.
 struct HandGuiding {
     settings: GuidingSettings,
     weight: [f32; MAX_JOINTS],
@@ -103,7 +103,7 @@ impl Task for HandGuiding {
             config.chain.inverse_dynamics(io.robot.gravity(), angles, &still, &still, &mut torques);
             self.weight.iter_mut().skip(config.joints().start).zip(torques).for_each(|(to, from)| *to = from);
         }
-        // The reference follows the joint: after a fault it stands where it is.
+        // The reference follows the joint, so that after a fault the joint stays in place.
         let joints = io.targets.joints.iter_mut().zip(&io.measured.positions).zip(&self.weight);
         for ((target, &angle), &feedforward) in joints {
             *target = JointTarget { feedforward, ..JointTarget::at(angle) };
@@ -125,14 +125,14 @@ fn check_damping(value: f32) -> Result<(), GuidingRefusal> {
 
 const SETTINGS: GuidingSettings = GuidingSettings { damping: 0.3, speed_limit: 2.0 };
 
-/// The arm with a node's memory around the task.
+/// The arm, with the memory that a node has around the task.
 struct Rig {
     robot: Box<Robot>,
     measured: Measured,
     targets: Targets,
 }
 
-/// Drives that do what the model says.
+/// Drives that match the model.
 #[derive(Debug)]
 struct NoEfforts;
 
@@ -164,7 +164,7 @@ impl Rig {
         }
     }
 
-    /// The task after one tick.
+    /// Returns the task after one tick.
     fn ticked(&mut self) -> HandGuiding {
         let mut task = HandGuiding::IDLE;
         HandGuiding::check(&self.robot, &self.measured, &SETTINGS).unwrap();
@@ -174,7 +174,8 @@ impl Rig {
     }
 }
 
-/// Masses [kg] and where their centres are [m]: from the shoulder along the upper arm, and from the elbow on.
+/// Masses [kg] and distances of their centres [m], from the shoulder along the upper arm, and from the elbow
+/// on.
 const UPPER_ARM: [(f32, f32); 1] = [(1.5, 0.150)];
 const BEYOND_ELBOW: [(f32, f32); 5] = [(0.9, 0.090), (0.4, 0.220), (0.2, 0.260), (0.5, 0.305), (0.1, 0.3525)];
 const GRAVITY: f32 = 9.81;
@@ -195,7 +196,8 @@ fn assert_torques(targets: &Targets, expected: [f32; 7]) {
 fn the_weight_of_a_bent_arm_is_that_worked_by_hand() {
     let mut rig = Rig::new([0.0, 0.0, 0.0, FRAC_PI_2, 0.0, 0.0, 0.0]);
     let task = rig.ticked();
-    // The forearm is horizontal, forward; the upper arm hangs in the line of the shoulder. 4.01 N·m.
+    // The forearm is horizontal and points forward; the upper arm hangs straight down from the shoulder: 4.01
+    // N·m.
     let forearm = moment(&BEYOND_ELBOW, 0.0);
     assert!((forearm - 4.0098).abs() < 1e-3);
     let hand = GRAVITY * (0.5 * 0.045 + 0.1 * 0.0925);
@@ -211,7 +213,7 @@ fn the_weight_of_a_bent_arm_is_that_worked_by_hand() {
 fn the_weight_follows_the_measured_angles() {
     let mut rig = Rig::new([FRAC_PI_2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
     rig.ticked();
-    // Stretched out forward: 12.4 N·m in the shoulder, as robots/arm7/README.md says.
+    // Stretched out forward: 12.4 N·m in the shoulder, as in robots/arm7/README.md.
     let forearm = moment(&BEYOND_ELBOW, 0.0);
     let shoulder = moment(&UPPER_ARM, 0.0) + moment(&BEYOND_ELBOW, 0.300);
     assert!((shoulder - 12.397).abs() < 1e-3);

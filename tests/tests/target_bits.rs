@@ -1,4 +1,4 @@
-//! The elementary functions give the bits that the on-target self-test compares with.
+//! The elementary functions return the same bits as in the on-target self-test.
 #![allow(clippy::cast_precision_loss, reason = "small integers")]
 
 use tesaki::math;

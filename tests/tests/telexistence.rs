@@ -30,14 +30,14 @@ fn the_benchmark_has_the_inspire_hand_of_today() {
     }
 }
 
-/// A board whose joints are where their references are.
+/// A board whose joints are at their references.
 struct Board {
     rig: Rig,
     hand: Hand,
     references: Vec<[f32; 2]>,
 }
 
-/// A relaxed posture, in which the hand is homed: the fingers are half bent.
+/// Returns a relaxed posture with half-bent fingers, in which the hand is homed.
 fn relaxed(hand: &Hand) -> Angles {
     hand.center()
 }
@@ -61,12 +61,12 @@ impl Board {
         self.ask(Request::Task(TaskCommand::Telexistence(command)))
     }
 
-    /// A tick with the joints at these angles from where they were homed [rad].
+    /// Runs a tick with the joints at these angles relative to their homed position [rad].
     fn sense(&mut self, angles: &[f32]) {
         self.rig.sense(angles.iter().map(|angle| (angle * 65_536.0 / std::f32::consts::TAU).round() as i32));
     }
 
-    /// A tick; checks speed and acceleration of the references.
+    /// Runs a tick; checks velocity and acceleration of the references.
     fn tick(&mut self) {
         let home = relaxed(&self.hand);
         let now = self.rig.node.telemetry();
@@ -78,8 +78,8 @@ impl Board {
         for (index, joint) in now.joints.iter().enumerate() {
             let [position, velocity] = self.references.get(index).copied().unwrap_or([joint.reference, 0.0]);
             let new = (joint.reference - position) / TICK;
-            // 25 ms of the acceleration below the velocity limit of 6 rad/s; half of that of `spread`, 4
-            // rad/s. `spread` reaches its speed in 30 ms at the soonest.
+            // The velocity limit of 6 rad/s minus 25 ms of the acceleration; for `spread`, half of its limit
+            // of 4 rad/s. `spread` takes at least 30 ms to reach its speed.
             let (speed, acceleration) = if index == 5 { (2.0, 2.0 / 0.03) } else { (3.5, 100.0) };
             assert!(new.abs() < 1.001 * speed + 1e-3, "joint {index}: {new} rad/s");
             let change = (new - velocity) / TICK;
@@ -118,7 +118,8 @@ impl Board {
     }
 }
 
-/// An operator with the hand of the robot, who bends the fingers and spreads them to and fro.
+/// Returns the posture of an operator with the robot's hand, who bends the fingers and spreads them to and
+/// fro.
 fn operator(hand: &Hand, time: f32) -> Angles {
     let mut angles = relaxed(hand);
     for (index, (angle, (lower, upper))) in angles.iter_mut().zip(hand.limits()).enumerate() {
@@ -128,7 +129,7 @@ fn operator(hand: &Hand, time: f32) -> Angles {
     angles
 }
 
-/// The sample of the operator at `time` [s], `away` from where the robot's hand has it [m].
+/// Returns the operator's sample at `time` [s], displaced by `away` from the robot's hand [m].
 fn sample(hand: &Hand, number: u16, time: f32, away: [f32; 3]) -> FingertipSample {
     let (here, soon) = (operator(hand, time), operator(hand, time + 1e-3));
     let tip = |finger| {
@@ -140,7 +141,8 @@ fn sample(hand: &Hand, number: u16, time: f32, away: [f32; 3]) -> FingertipSampl
     FingertipSample { number, age: 0.0, tips: [0, 1, 2, 3, 4].map(tip) }
 }
 
-/// Largest deviation of the vectors between the thumb's tip and the others from the operator's [m].
+/// Returns the largest deviation of the vectors between the thumb's tip and the others from the operator's
+/// [m].
 fn deviation(hand: &Hand, robot: &Angles, operator: &Angles) -> f32 {
     let vector =
         |angles: &Angles, finger| hand.tip(finger, angles).unwrap().0 - hand.tip(0, angles).unwrap().0;
@@ -152,7 +154,7 @@ fn the_hand_follows_and_reproduces_the_fingertips_at_rest() {
     let mut board = Board::new();
     board.enable();
     let away = [0.02, -0.01, 0.03];
-    // At rest, so that the offset is exact: then all fingertips can be reached together.
+    // At rest, so that the offset is exact and all fingertips can be reached together.
     let mut first = sample(&board.hand, u16::MAX, 0.0, away);
     first.tips.iter_mut().flatten().for_each(|tip| tip.velocity = [0.0; 3]);
     assert_eq!(board.task(TelexistenceCommand::Follow(first)), Reply::Done);
@@ -163,12 +165,12 @@ fn the_hand_follows_and_reproduces_the_fingertips_at_rest() {
         let sample = sample(&board.hand, tick, time, away);
         assert_eq!(board.task(TelexistenceCommand::Follow(sample)), Reply::Done);
         board.tick();
-        // The operator begins at full speed, the hand at rest.
+        // The operator starts at full speed, the hand at rest.
         if tick > 30 {
             worst = worst.max(deviation(&board.hand, &board.angles(), &operator(&board.hand, time)));
         }
     }
-    // The fingertips move with up to 0.5 m/s; a lag of two ticks is 10 mm.
+    // The fingertips move at up to 0.5 m/s; a lag of two ticks is 10 mm.
     assert!(worst < 6e-3, "{worst} m in motion");
     for number in 300..350 {
         let mut sample = sample(&board.hand, number, 3.0, away);
@@ -196,7 +198,7 @@ fn lost_late_and_repeated_samples_are_bridged() {
             // The sensor has lost a finger.
             new.tips[usize::from(tick) % 5] = None;
         }
-        // Lost, sent at once or a little later, or twice.
+        // Lost, sent at once, sent slightly later, or sent twice.
         let chance = rng.uniform();
         if tick == 0 || chance < 0.5 {
             waiting.push((tick, new));
@@ -213,7 +215,7 @@ fn lost_late_and_repeated_samples_are_bridged() {
         }
         let _ = board.ask(Request::Keep);
         board.tick();
-        // The operator begins at full speed, the hand at rest.
+        // The operator starts at full speed, the hand at rest.
         if tick > 30 {
             worst = worst.max(deviation(&board.hand, &board.angles(), &operator(&board.hand, time)));
         }
@@ -296,7 +298,7 @@ fn bad_input_is_refused_by_name_and_moves_nothing() {
     board.tick();
     assert_eq!((board.angles(), board.telemetry().samples), (before, 0));
 
-    // An arm is no hand.
+    // An arm is not a hand.
     let arm = robot("arm7").model;
     let mut rig = Rig::new(&arm);
     let mut sensors = tesaki_tests::zero_sensors(&arm, 48_000);

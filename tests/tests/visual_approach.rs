@@ -32,11 +32,11 @@ const SETTINGS: VisualApproachSettings = VisualApproachSettings {
     reach: 0.5,
 };
 
-/// The start posture of the robot's folder: the hand is level, 0.72 m before the base and 0.15 m above it.
+/// The start posture of the robot's folder: the hand is level, 0.72 m in front of the base and 0.15 m above
+/// it.
 const START: [f32; 7] = [0.0, -0.529_777, 0.0, 1.891_18, -1.361_402, 0.0, -0.9];
 
-/// A board whose joints are where their references are, but for those that are held, and less by what they
-/// lag.
+/// A board whose joints are at their references minus their lag, except for held joints.
 struct Board {
     rig: Rig,
     angles: Vec<f32>,
@@ -84,7 +84,7 @@ impl Board {
         assert_eq!(self.task(VisualApproachCommand::Move { position, speed }), Reply::Done);
     }
 
-    /// A tick with the joints at their angles.
+    /// Runs a tick with the joints at their angles.
     fn sense(&mut self) {
         let counts: Vec<i32> = (self.angles.iter().enumerate())
             .map(|(joint, angle)| (f64::from(*angle) / Self::count(joint)).round() as i32)
@@ -92,12 +92,13 @@ impl Board {
         self.rig.sense(counts.into_iter());
     }
 
-    /// The angle of a count of a joint's encoder [rad].
+    /// Returns the angle of one count of a joint's encoder [rad].
     fn count(joint: usize) -> f64 {
         std::f64::consts::TAU / if joint == 6 { 65_536.0 } else { 262_144.0 }
     }
 
-    /// A control period. What holds a joint yields by a count every other one: its encoder lives.
+    /// Runs a control period. A held joint moves by one count every other period, so that its encoder does
+    /// not seem dead.
     fn step(&mut self) {
         assert_eq!(self.ask(Request::Keep), Reply::Done);
         self.sense();
@@ -107,7 +108,7 @@ impl Board {
             if held {
                 self.angles[joint] += (self.rig.tick() % 2) as f32 * Self::count(joint) as f32;
             } else {
-                // Where the reference will be in the next tick.
+                // Position of the reference in the next tick.
                 self.angles[joint] = 2.0 * now.reference - self.references[joint] - self.lag[joint];
             }
             self.references[joint] = now.reference;
@@ -121,7 +122,7 @@ impl Board {
         }
     }
 
-    /// Place and orientation of the hand where the references are; the gripper at 0.
+    /// Position and orientation of the hand at the references, with the gripper at 0.
     fn hand(&self) -> (Vector3<f32>, Matrix3<f32>) {
         let mut angles: Vec<f32> =
             self.rig.node.telemetry().joints.iter().map(|joint| joint.reference).collect();
@@ -147,7 +148,7 @@ fn the_hand_goes_straight_at_a_constant_orientation() {
         let (place, now) = board.hand();
         let along = (place - start).dot(&way) / way.norm();
         let aside = (place - start - way * (along / way.norm())).norm();
-        // The damping of the inverse bends the line by a hundredth of its length.
+        // The damped inverse bends the line by a hundredth of its length.
         assert!(aside < 2.2e-3, "{aside} m off the line");
         let error = rotation_vector(&(now * turn.transpose())).norm();
         assert!(error < 1e-3, "{error} rad");
@@ -159,8 +160,8 @@ fn the_hand_goes_straight_at_a_constant_orientation() {
     }
     let (place, _) = board.hand();
     assert!((place - target).norm() < 1e-3 && fastest > 0.099, "{place} {fastest}");
-    // 143 mm at 0.1 m/s, with 0.5 s before the first motion, 0.2 s to start, 0.4 s to brake, and 0.1 s of
-    // rest.
+    // 143 mm at 0.1 m/s, with 0.5 s before the first motion, 0.2 s to accelerate, 0.4 s to brake, and 0.1 s
+    // of rest.
     assert!((210..260).contains(&ticks), "{ticks} ticks");
 }
 
@@ -178,7 +179,7 @@ fn another_target_on_the_way_changes_the_motion_without_a_jump() {
             board.move_to((start + Vector3::new(0.0, 0.1, 0.02)).into(), 0.1);
         }
         if tick == 60 {
-            // The same once more, as a link may deliver it.
+            // The same command once more, as a link may deliver it.
             board.move_to((start + Vector3::new(0.0, 0.1, 0.02)).into(), 0.1);
         }
         board.step();
@@ -195,7 +196,7 @@ fn another_target_on_the_way_changes_the_motion_without_a_jump() {
 #[test]
 fn joint_limits_hold_the_hand_back_without_a_fault() {
     let mut board = Board::new();
-    // Near the limits some joints are fast, and what they lag behind looks like a force.
+    // Near the limits some joints are fast, and their lag looks like a force.
     let settings = VisualApproachSettings { reach: 1.0, contact_force: 500.0, ..SETTINGS };
     assert_eq!(board.ask(Request::Enable(TaskConfig::VisualApproach(settings))), Reply::Done);
     board.step();
@@ -240,7 +241,7 @@ fn a_contact_ends_the_motion_and_the_hand_goes_back() {
         board.step();
     }
     assert_eq!(board.telemetry().motion, HandMotion::Moving);
-    // What the joints cannot move pushes back.
+    // The joints are blocked and push back.
     board.held = true;
     let mut ticks = 0;
     while board.telemetry().motion == HandMotion::Moving {
@@ -252,11 +253,11 @@ fn a_contact_ends_the_motion_and_the_hand_goes_back() {
     assert_eq!(stopped.motion, HandMotion::Blocked);
     assert!(stopped.force[0] < -20.0 && stopped.force[1].abs() < 3.0, "{:?}", stopped.force);
     let held = Vector3::from(stopped.hand.translation);
-    // It presses no more: the references are where the joints are.
+    // It no longer presses: the references are at the joints' positions.
     let (reference, _) = board.hand();
     assert!((reference - held).norm() < 1e-4, "{}", (reference - held).norm());
-    // Nothing presses again: neither the same target, nor another one, and to stand does not end the way
-    // back.
+    // Nothing makes it press again: neither the same target nor another one, and standing still does not
+    // clear the contact.
     for _ in 0..100 {
         for ahead in [0.0, 0.02, -0.05] {
             let target = [target[0] + ahead, target[1], target[2]];
@@ -271,7 +272,7 @@ fn a_contact_ends_the_motion_and_the_hand_goes_back() {
     assert!((held.x - reference.x - 2e-3).abs() < 3e-4, "{} m before the contact", held.x - reference.x);
     board.held = false;
     let run = |board: &mut Board| (0..300).for_each(|_| board.step());
-    // Aside and a little back is away, but not far enough to press again.
+    // Sideways and slightly back is a retreat, but not far enough to allow another press.
     board.move_to((held + Vector3::new(-5e-3, 0.02, 0.0)).into(), 0.05);
     run(&mut board);
     assert_eq!(board.telemetry().motion, HandMotion::Standing);
@@ -279,7 +280,7 @@ fn a_contact_ends_the_motion_and_the_hand_goes_back() {
         board.refused(VisualApproachCommand::Move { position: target, speed: 0.05 }),
         VisualApproachRefusal::Blocked { .. }
     ));
-    // From 10 mm back it may.
+    // After 10 mm back it may press again.
     board.move_to((held + Vector3::new(-0.013, 0.02, 0.0)).into(), 0.05);
     run(&mut board);
     board.move_to(target, 0.05);
@@ -316,7 +317,7 @@ fn a_force_that_grows_slowly_is_noticed_at_one_and_a_half_times_the_limit() {
         let (start, _) = board.hand();
         board.move_to((start + Vector3::new(0.2, 0.0, 0.0)).into(), 0.006);
         (0..60).for_each(|_| board.step());
-        // An integrator under a constant error grows: P·e at once, and then I·e each second.
+        // An integrator under a constant error grows: P·e at once, and I·e per second.
         let posture = board.rig.node.robot().unwrap().chains()[0].chain.posture(&board.angles);
         let torques = posture.jacobian().fixed_rows::<3>(0).transpose() * Vector3::new(rate, 0.0, 0.0);
         let mut at_once = 0.0_f32;
@@ -333,8 +334,8 @@ fn a_force_that_grows_slowly_is_noticed_at_one_and_a_half_times_the_limit() {
         }
         assert_eq!(board.telemetry().motion, HandMotion::Blocked);
         let force = rate * time + at_once;
-        // The limit is 20 N; up to 10 N are taken for errors of the model, and the posture has changed
-        // meanwhile.
+        // The limit is 20 N; up to 10 N are attributed to errors of the model, and the posture has changed in
+        // the meantime.
         assert!((19.0..33.0).contains(&force), "{rate} N/s: {force} N");
     }
 }
@@ -354,14 +355,15 @@ fn where_the_joints_show_no_force_the_hand_goes_no_farther_but_back() {
     }
     assert_eq!(board.telemetry().motion, HandMotion::Limited);
     let (end, _) = board.hand();
-    // Worked out with NumPy: at 1.020 m the efforts show 0.72 of a force along x, at 1.038 m 0.46.
+    // Computed with NumPy: at 1.020 m the efforts show a fraction of 0.72 of a force along x, at 1.038 m
+    // 0.46.
     assert!((1.02..1.04).contains(&end.x), "{end}");
     let farther = VisualApproachCommand::Move { position: [1.06, start.y, start.z], speed: 0.1 };
     assert!(matches!(board.refused(farther), VisualApproachRefusal::Blocked { .. }));
     board.move_to(start.into(), 0.1);
     (0..800).for_each(|_| board.step());
     assert_eq!(board.telemetry().motion, HandMotion::Standing);
-    // Nor does it begin there.
+    // Nor can the task start there.
     let stretched = [0.0, -0.4, 0.0, 0.06, 0.34, 0.0, -0.9];
     let mut board = Board::of(&robot("knob-arm").model, &stretched);
     let reply = board.ask(Request::Enable(TaskConfig::VisualApproach(SETTINGS)));
@@ -378,7 +380,7 @@ fn a_hand_that_is_pushed_about_does_not_stand() {
     (0..200).for_each(|_| board.step());
     assert_eq!(board.telemetry().motion, HandMotion::Standing);
     for tick in 0..100_u16 {
-        // 1 mm to and fro, ten times a second, while the reference rests.
+        // 1 mm to and fro, ten times per second, while the reference is at rest.
         board.lag[0] = if tick / 5 % 2 == 0 { 1.4e-3 } else { -1.4e-3 };
         board.step();
         if tick > 5 {
@@ -398,7 +400,7 @@ fn a_gripper_that_something_keeps_from_opening_is_jammed() {
         let open = |board: &mut Board, ticks| {
             let mut largest = 0.0_f32;
             for _ in 0..ticks {
-                // Repeated, as a leader does.
+                // Repeated, as by a leader.
                 assert_eq!(board.task(VisualApproachCommand::Open), Reply::Done);
                 board.step();
                 largest = largest.max(board.rig.node.telemetry().joints[6].torque.abs());
@@ -410,7 +412,7 @@ fn a_gripper_that_something_keeps_from_opening_is_jammed() {
         board.gripper_held = true;
         let largest = open(&mut board, 350);
         assert_eq!(board.telemetry().gripper, GripperState::Jammed);
-        // 0.1 s beyond half the torque, while it grows on.
+        // 0.1 s above half the torque, while it still grows.
         assert!(largest < 3.0 && (torque > 1.0 || largest < 1.8), "{largest} N·m");
         board.gripper_held = false;
         open(&mut board, 100);
@@ -480,13 +482,13 @@ fn the_gripper_opens_closes_on_nothing_and_holds_what_is_in_it() {
     run(&mut board, VisualApproachCommand::Open, GripperState::Open);
     run(&mut board, VisualApproachCommand::Close, GripperState::Empty);
     assert!((board.telemetry().opening - 0.35).abs() < 0.03);
-    // It has arrived: a reference that went on would feed friction forward for ever.
+    // It has arrived: a moving reference would cause a constant friction feed-forward.
     for _ in 0..100 {
         board.step();
     }
     let resting = board.rig.node.telemetry().joints[6];
     assert!(resting.velocity.abs() < 1e-3 && resting.torque.abs() < 0.02, "{resting:?}");
-    // A leader that repeats the command, and reads right behind it, learns that it is empty.
+    // A leader that repeats the command, and reads directly after it, learns that the gripper is empty.
     assert_eq!(board.task(VisualApproachCommand::Close), Reply::Done);
     assert_eq!(board.telemetry().gripper, GripperState::Empty);
     run(&mut board, VisualApproachCommand::Open, GripperState::Open);
@@ -501,13 +503,13 @@ fn the_gripper_opens_closes_on_nothing_and_holds_what_is_in_it() {
     }
     let torque = board.rig.node.telemetry().joints[6].torque;
     assert!((torque - 0.8).abs() < 0.25, "{torque} N·m");
-    // What vanishes is not held: the joint is free, and moves on.
+    // An object that vanishes is not held: the joint is free, and continues to move.
     for _ in 0..20 {
         board.angles[6] += 0.025;
         board.step();
     }
     assert_eq!(board.telemetry().gripper, GripperState::Empty);
-    // It presses no more, and brakes.
+    // It no longer presses, and brakes.
     let torque = board.rig.node.telemetry().joints[6].torque;
     assert!(torque < 0.1, "{torque} N·m");
 }
@@ -600,7 +602,7 @@ fn a_finger_is_no_arm() {
     let gripper = GripperSettings { joint: 2, open: 0.0, closed: 0.3, ..SETTINGS.gripper };
     let refusal = VisualApproachSettings { gripper, ..SETTINGS }.validate(&robot);
     assert_eq!(refusal, Err(VisualApproachRefusal::NoChain { chain: 0 }));
-    // Nor is a joint of another finger a gripper.
+    // A joint of another finger is not a gripper either.
     let gripper = GripperSettings { joint: 5, ..gripper };
     let refusal = VisualApproachSettings { gripper, ..SETTINGS }.validate(&robot);
     assert_eq!(refusal, Err(VisualApproachRefusal::NoGripper { joint: 5 }));

@@ -1,4 +1,4 @@
-//! The supervisor link under damage, and supervisors that die, hang, go and come back.
+//! The supervisor link under damage, and supervisors that crash, hang, disconnect and return.
 #![allow(
     clippy::unwrap_used,
     clippy::cast_possible_truncation,
@@ -47,7 +47,7 @@ struct Rig {
 }
 
 impl Rig {
-    /// With a model; its joints are where the encoders say.
+    /// Creates a board with a model, whose joints are where the encoders indicate.
     fn new(model: &RobotModel) -> Self {
         let sensors = zero_sensors(model, 24_000);
         let mut rig = Self { board: VirtualBoard::default(), sequence: 0, sensors, model: model.clone() };
@@ -82,13 +82,13 @@ impl Rig {
     }
 }
 
-/// Live force sensors never read the same for long.
+/// Adds noise, because readings of a live force sensor never stay the same for long.
 fn tremble(sensors: &mut SensorFrame) {
     let noise = (sensors.sequence % 3).cast_signed();
     sensors.forces.iter_mut().for_each(|counts| counts[0] = noise);
 }
 
-/// What left one end, by number, and how much of it arrived at the other as it was.
+/// Frames that one end sent, by number, and how many of them arrived intact at the other.
 #[derive(Default)]
 struct Line {
     intact: u64,
@@ -123,7 +123,7 @@ fn no_damaged_frame_is_acted_on_and_the_second_good_one_always_arrives() {
             sent.insert(frame.sequence, frame);
             requests.sent += 1;
         }
-        // Two good ones behind the damage: at the latest the second arrives.
+        // Two intact frames after the damage: the second arrives at the latest.
         let good = [rig.frame(Request::ReadStatus), rig.frame(Request::ReadStatus)];
         let damaged_part = wire.len();
         for frame in &good {
@@ -162,7 +162,7 @@ fn no_damaged_frame_is_acted_on_and_the_second_good_one_always_arrives() {
         }
     }
     let counts = board.counts();
-    // Each way of being damaged occurred and was told from the others.
+    // Every kind of damage occurred and was recognised.
     assert!(counts.framing > 10_000 && counts.checksum > 10_000, "{counts:?}");
     assert!(requests.intact > 10_000 && answers.intact > 10_000, "the line must not be dead either");
     assert_eq!(rig.mode(), Mode::Disabled, "nothing was enabled by accident");
@@ -178,7 +178,7 @@ fn an_hour_at_100_hz_with_a_damaged_percent_loses_nothing_that_matters() {
     rig.tick();
     rig.grants(Request::SetRate { stream: Stream::Telemetry, every: 1 });
     rig.grants(Request::Enable(TaskConfig::JointServo(ServoMode::Pid)));
-    // About one frame in a hundred is hit.
+    // About one frame in a hundred is damaged.
     let faults: LinkFaults = "seed=2,flip=1e-4,drop=5e-5,splice=3e-3,duplicate=3e-3".parse().unwrap();
     let (mut forth, mut back) = (Damage::new(&faults, 0), Damage::new(&faults, 1));
     let mut pc = Decoder::new();
@@ -193,9 +193,9 @@ fn an_hour_at_100_hz_with_a_damaged_percent_loses_nothing_that_matters() {
         rig.board.receive(&wire, &mut out);
         rig.sensors.sequence += 1;
         tremble(&mut rig.sensors);
-        // Joints that follow exactly: the link is what is tested here.
+        // The joints follow exactly, because this tests the link.
         for (count, joint) in rig.sensors.encoders.iter_mut().zip(rig.board.node().telemetry().joints) {
-            // A count that never moves would be a dead encoder.
+            // A count that never changes would be taken for a dead encoder.
             *count = (joint.reference * 65_536.0 / core::f32::consts::TAU) as i32 + (index % 2).cast_signed();
         }
         rig.board.tick(&rig.sensors, &mut out);
@@ -221,7 +221,7 @@ fn an_hour_at_100_hz_with_a_damaged_percent_loses_nothing_that_matters() {
     }
     let damaged = forth.injected().total() + back.injected().total();
     assert!(damaged > u64::from(TICKS) / 100, "{damaged}");
-    // No missed tick, nothing stuck, nothing growing: the node has no memory that could.
+    // No missed tick, nothing stuck, nothing growing: the node allocates no memory.
     assert_eq!(rig.board.node().last_tick(), TICKS + 1);
     assert!(telemetries > TICKS * 95 / 100 && replies > TICKS * 95 / 100, "{telemetries} {replies}");
     assert!(longest_gap < 10, "{longest_gap} ticks without telemetry");
@@ -230,14 +230,14 @@ fn an_hour_at_100_hz_with_a_damaged_percent_loses_nothing_that_matters() {
     );
 }
 
-/// What happens to the supervisor.
+/// Ways of losing the supervisor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Loss {
-    /// It is gone for good; another takes over.
+    /// It does not return; another takes over.
     Killed,
-    /// The line is cut for a second and a half; what is sent meanwhile is lost.
+    /// The line is cut for 1.5 s; bytes sent in this time are lost.
     Unplugged,
-    /// The line holds everything back for a second and a half, and then delivers it.
+    /// The line holds everything back for 1.5 s, and then delivers it.
     Stalled,
 }
 
@@ -255,7 +255,7 @@ fn the_loss_of_the_supervisor_ends_in_the_configured_reaction_and_never_in_a_jum
     }
 }
 
-/// A moving hand loses its supervisor.
+/// Runs a case in which a moving hand loses its supervisor.
 fn lose(robot: &RobotFolder, reaction: Reaction, servo: ServoMode, streaming: bool, loss: Loss) {
     let case = format!("{reaction:?} {servo:?} streaming {streaming} {loss:?}");
     let mut model = robot.model.clone();
@@ -282,7 +282,7 @@ fn lose(robot: &RobotFolder, reaction: Reaction, servo: ServoMode, streaming: bo
     rig.grants(Request::Home { positions: heapless::Vec::from_slice(&start).unwrap() });
     tick(&mut rig);
     rig.grants(Request::Enable(TaskConfig::JointServo(servo)));
-    // Under way: 0.3 rad/s when the last set-point comes.
+    // In motion: 0.3 rad/s at the last set-point.
     let point = |index: u32| -> Request {
         let moved = 0.003 * index as f32;
         if streaming {
@@ -300,7 +300,7 @@ fn lose(robot: &RobotFolder, reaction: Reaction, servo: ServoMode, streaming: bo
         rig.grants(point(index));
         assert!(tick(&mut rig).0.enabled, "{case}");
     }
-    // 100 ms are allowed: ten more ticks, and the eleventh reacts.
+    // 100 ms are allowed: the board reacts in the eleventh tick.
     let (mut held_back, mut resting) = (Vec::new(), Vec::new());
     for silent in 1..=150_u32 {
         let frame = rig.frame(point(30 + silent));
@@ -319,20 +319,20 @@ fn lose(robot: &RobotFolder, reaction: Reaction, servo: ServoMode, streaming: bo
         if silent == 100 {
             resting = truth.positions;
         } else if silent == 150 && reaction == Reaction::Hold {
-            // A PID that has not learnt the friction yet lets a joint slip by some hundredths before it
-            // holds.
+            // A PID that has not yet adapted to the friction lets a joint slip by some hundredths of a radian
+            // before it holds.
             for (now, then) in truth.positions.iter().zip(&resting) {
                 assert!((now - then).abs() < 0.05, "{case}: still moves: {}", now - then);
             }
         }
     }
-    // What was held back is refused: it is too late for it.
+    // Delayed requests are refused, because they are too late.
     for frame in held_back {
         let reply = rig.board.handle(frame, &mut Vec::new()).reply;
         assert_eq!(reply, Reply::Refused(Refusal::WrongMode(Mode::Fault)), "{case}");
     }
     if loss == Loss::Killed {
-        // Somebody else commands in between.
+        // Another client commands in between.
         let other = RequestFrame { client: 2, sequence: 1, request: Request::Hello { schema: SCHEMA_KEY } };
         rig.board.handle(other, &mut Vec::new());
         let take = RequestFrame { client: 2, sequence: 2, request: Request::TakeCommand { by_force: true } };
@@ -341,7 +341,8 @@ fn lose(robot: &RobotFolder, reaction: Reaction, servo: ServoMode, streaming: bo
         assert_eq!(rig.board.handle(release, &mut Vec::new()).reply, Reply::Done, "{case}");
         rig.grants(Request::TakeCommand { by_force: false });
     }
-    // The same client goes on, without a restart: reads, clears, enables, and the joints stay where they are.
+    // The same client continues without a restart: it reads, clears and enables, and the joints stay in
+    // place.
     let Reply::Faults(log) = rig.ask(Request::ReadFaults) else { panic!() };
     rig.grants(Request::ClearFaults { total: log.total });
     assert!(!tick(&mut rig).0.enabled, "{case}: cleared is disarmed");

@@ -1,17 +1,17 @@
-//! Where rays meet the scene.
+//! Intersections of rays with the scene.
 
 use rapier3d::na::{Matrix3, Point3, Vector3};
 
 use super::scene::{Rose, Scene};
 use super::view::Finger;
 
-/// A finger for many rays from one point.
+/// A finger, prepared for many rays from one point.
 pub struct Obstacle {
     origin: Vector3<f64>,
     to_finger: Matrix3<f64>,
     half: [f64; 3],
-    /// Towards its bounding sphere as seen from the origin, and the squared cosine of the half angle of that;
-    /// 0 where the origin is within.
+    /// Direction to its bounding sphere as seen from the origin, and the squared cosine of the sphere's half
+    /// angle; 0 if the origin is inside.
     axis: Vector3<f64>,
     cos2: f64,
 }
@@ -29,7 +29,7 @@ impl Obstacle {
         }
     }
 
-    /// Distance to the finger, and the axis of the face's normal with its sign.
+    /// Returns the distance to the finger, and the axis of the face's normal with its sign.
     fn meet(&self, ray: &Ray) -> Option<(f64, i8)> {
         let along = self.axis.dot(&ray.direction);
         if self.cos2 > 0.0 && (along < 0.0 || along * along < self.cos2 * ray.direction.norm_squared()) {
@@ -56,7 +56,7 @@ pub fn obstacles(fingers: &[Finger], origin: &Point3<f64>) -> Vec<Obstacle> {
     fingers.iter().map(|finger| Obstacle::new(finger, origin)).collect()
 }
 
-/// What a ray meets.
+/// A surface that a ray can meet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Surface {
     KnobFace,
@@ -69,13 +69,13 @@ pub enum Surface {
     Gap,
     Frame,
     Wall,
-    /// Of a finger: its index, and the axis of the face's normal with its sign.
+    /// A finger: its index, and the axis of the face's normal with its sign.
     Finger(u8, i8),
 }
 
 #[derive(Clone, Copy, Debug)]
 pub struct Hit {
-    /// The point is origin + `distance` · direction.
+    /// The intersection is at origin + `distance` · direction.
     pub distance: f64,
     pub surface: Surface,
 }
@@ -118,7 +118,7 @@ impl Ray {
 }
 
 impl Scene {
-    /// What a ray towards the door meets first.
+    /// Returns the first intersection of a ray towards the door.
     pub(super) fn cast(&self, ray: &Ray, fingers: &[Obstacle]) -> Hit {
         let hit = self.cast_fixed(ray);
         let mut nearest = hit;
@@ -154,7 +154,7 @@ impl Scene {
         Hit { distance, surface }
     }
 
-    /// Whether a ray enters the smallest cylinder about knob and rose.
+    /// Returns whether a ray enters the smallest cylinder about knob and rose.
     fn passes_near(&self, ray: &Ray) -> bool {
         let [from, to] = [-self.knob.length, 0.0].map(|z| ray.at(ray.to_plane(z)));
         let (x, y) = (to.x - from.x, to.y - from.y);
@@ -165,7 +165,8 @@ impl Scene {
         x * x + y * y <= radius * radius
     }
 
-    /// The knob stands before the rose, as seen from where the rays come.
+    /// Returns the intersection with the knob, which is in front of the rose as seen from the origin of the
+    /// rays.
     fn cast_knob(&self, ray: &Ray) -> Option<(f64, Surface)> {
         let knob = Disc {
             radius: self.knob.radius,
@@ -190,7 +191,7 @@ struct Disc {
 }
 
 impl Disc {
-    /// Where a ray meets it; the surfaces are face, edge and side.
+    /// Returns where a ray meets it; the given surfaces are those of face, edge and side.
     fn cast(&self, ray: &Ray, [on_face, on_edge, on_side]: [Surface; 3]) -> Option<(f64, Surface)> {
         let [top, foot] = self.z;
         let face = ray.to_plane(top);

@@ -6,13 +6,13 @@ use super::optics::Optics;
 use super::scene::{Door, Finish, Frame, Knob, Lamp, Rose, Scene, Texture};
 use crate::purpose::Purpose;
 
-/// Uniform within a range.
+/// Draws a value uniformly within a range.
 pub fn within(rng: &mut Rng, [low, high]: [f64; 2]) -> f64 {
     low + (high - low) * rng.uniform()
 }
 
 impl Scene {
-    /// The door of a seed.
+    /// Draws the door of a seed.
     pub fn draw(seed: u64) -> Self {
         let mut rng = Purpose::DoorScene.rng(seed);
         let rng = &mut rng;
@@ -53,7 +53,7 @@ impl Scene {
     }
 }
 
-/// Turned metal, polished metal, or plastic.
+/// Draws turned metal, polished metal, or plastic.
 fn finish(rng: &mut Rng) -> Finish {
     let kind = rng.uniform();
     let (diffuse, specular, widths) = match kind {
@@ -87,7 +87,7 @@ fn door(rng: &mut Rng) -> Door {
     }
 }
 
-/// Before the door and mostly above the knob.
+/// Draws a lamp in front of the door and usually above the knob.
 fn lamp(rng: &mut Rng, brightness: f64) -> Lamp {
     let position = [within(rng, [-0.2, 1.4]), within(rng, [-1.2, 1.2]), within(rng, [-2.0, -0.35])];
     let brightness = brightness * within(rng, [0.2, 1.0]);
@@ -101,14 +101,14 @@ fn window(rng: &mut Rng) -> ([f64; 3], f64) {
 }
 
 impl Optics {
-    /// The camera's errors in the pictures of a seed.
+    /// Draws the camera's errors for the pictures of a seed.
     pub fn draw(seed: u64) -> Self {
         let mut rng = Purpose::Optics.rng(seed);
         let rng = &mut rng;
         let angle = within(rng, [0.0, core::f64::consts::TAU]);
         let path = within(rng, [0.0, 1.0]);
         let gamma = within(rng, [0.45, 1.0]);
-        // The exposure control aims at a medium grey and is wrong either way.
+        // The exposure control aims at a medium grey, and errs in both directions.
         let grey = within(rng, [0.27, 0.6]);
         Self {
             blur: within(rng, [0.4, 0.9]),

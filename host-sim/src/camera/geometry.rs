@@ -10,7 +10,7 @@ pub struct Camera {
     pub height: usize,
     /// Focal length [px].
     pub focal: f64,
-    /// Where the optical axis meets the image [px].
+    /// Intersection of the optical axis with the image [px].
     pub principal: [f64; 2],
 }
 
@@ -28,13 +28,13 @@ impl Camera {
         (point.z > 0.0).then(|| [u + scale * point.x, v + scale * point.y])
     }
 
-    /// Direction of the ray through a point of the image, in the camera frame; its z is 1.
+    /// Returns the direction of the ray through a point of the image, in the camera frame; its z is 1.
     pub fn ray(&self, [u, v]: [f64; 2]) -> Vector3<f64> {
         let [u0, v0] = self.principal;
         Vector3::new((u - u0) / self.focal, (v - v0) / self.focal, 1.0)
     }
 
-    /// Whether a point is in the image.
+    /// Returns whether a point is in the image.
     pub const fn contains(&self, [u, v]: [f64; 2]) -> bool {
         u >= -0.5 && v >= -0.5 && u < self.width as f64 - 0.5 && v < self.height as f64 - 0.5
     }
@@ -52,24 +52,25 @@ pub struct Circle {
 }
 
 impl Circle {
-    /// A circle about the z axis.
+    /// Creates a circle about the z axis.
     pub fn about_z(z: f64, radius: f64) -> Self {
         Self { center: Point3::new(0.0, 0.0, z), axes: [Vector3::x(), Vector3::y()], radius }
     }
 
-    /// The same circle in another frame.
+    /// Returns the circle in another frame.
     #[must_use]
     pub fn transformed(&self, pose: &Isometry3<f64>) -> Self {
         Self { center: pose * self.center, axes: self.axes.map(|axis| pose * axis), radius: self.radius }
     }
 
-    /// The point at an angle from the first axis [rad].
+    /// Returns the point at an angle from the first axis [rad].
     pub fn point(&self, angle: f64) -> Point3<f64> {
         let [first, second] = self.axes;
         self.center + (first * libm::cos(angle) + second * libm::sin(angle)) * self.radius
     }
 
-    /// Image of the circle, which is given in the camera frame. `None` unless all of it is before the camera.
+    /// Computes the image of the circle, which is given in the camera frame. `None` unless the whole circle
+    /// is in front of the camera.
     ///
     /// The image of the unit circle of the plane under the homography `H = K [r·a  r·b  c]` has the dual
     /// conic `H diag(1, 1, −1) Hᵀ` (Hartley and Zisserman, *Multiple View Geometry*, section 8.2.2): an

@@ -14,10 +14,10 @@ pub struct Image {
 }
 
 impl Image {
-    /// As a PNG file.
+    /// Encodes the image as a PNG file.
     ///
     /// # Errors
-    /// An image without pixels.
+    /// The image has no pixels.
     pub fn png(&self) -> Result<Vec<u8>, png::EncodingError> {
         let mut file = Vec::new();
         let mut encoder = png::Encoder::new(&mut file, self.width as u32, self.height as u32);
@@ -30,33 +30,33 @@ impl Image {
     }
 }
 
-/// From light to grey values: what lens, sensor and amplifier add.
+/// The effects of lens, sensor and amplifier between light and grey values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Optics {
     /// Standard deviation of the lens's point spread function, a Gaussian [px].
     pub blur: f64,
-    /// How far the image moves while it is exposed [px].
+    /// Motion of the image during the exposure [px].
     pub motion: [f64; 2],
-    /// Share of the natural vignetting, cos⁴ of the angle to the optical axis; 0 for none.
+    /// Fraction of the natural vignetting, cos⁴ of the angle to the optical axis; 0 for none.
     pub vignetting: f64,
-    /// Mean of the exposed image, where 1 saturates.
+    /// Mean of the exposed image; 1 is saturation.
     pub mean: f64,
-    /// Exponent from light to grey value.
+    /// Exponent of the conversion from light to grey value.
     pub gamma: f64,
-    /// Standard deviation of the read noise, where 1 saturates.
+    /// Standard deviation of the read noise; 1 is saturation.
     pub read_noise: f64,
-    /// Electrons at saturation, which decide the shot noise.
+    /// Number of electrons at saturation, which determines the shot noise.
     pub full_well: f64,
 }
 
 impl Optics {
-    /// No blur, no noise, no vignetting, and grey values proportional to light.
+    /// Optics without blur, noise and vignetting, with grey values proportional to light.
     pub const fn ideal(mean: f64) -> Self {
         let (blur, vignetting, gamma, read_noise, full_well) = (0.0, 0.0, 1.0, 0.0, f64::INFINITY);
         Self { blur, motion: [0.0; 2], vignetting, mean, gamma, read_noise, full_well }
     }
 
-    /// The image of radiances, row by row. `noise` gives the sensor's noise.
+    /// Computes the image of radiances, given row by row. `noise` generates the sensor's noise.
     pub fn expose(&self, camera: &Camera, mut radiances: Vec<f32>, noise: &mut Rng) -> Image {
         let &Camera { width, height, .. } = camera;
         self.darken_corners(camera, &mut radiances);
@@ -89,7 +89,7 @@ impl Optics {
         }
     }
 
-    /// The mean along the path of the image during the exposure, five points of it.
+    /// Averages over five points of the image's path during the exposure.
     fn smear(&self, width: usize, height: usize, radiances: Vec<f32>) -> Vec<f32> {
         let [u, v] = self.motion;
         if libm::hypot(u, v) < 0.1 {
@@ -116,7 +116,7 @@ impl Optics {
     }
 }
 
-/// Steps of the square root of light that are told apart before the gamma.
+/// Number of steps into which the square root of light is quantised before the gamma correction.
 const GREY_STEPS: usize = 4096;
 
 /// A translation with bilinear interpolation.
@@ -150,7 +150,7 @@ impl Shift {
     }
 }
 
-/// Convolution with a Gaussian; the border is continued.
+/// Convolves with a Gaussian; the border pixels are extended outwards.
 fn blurred(width: usize, height: usize, image: Vec<f32>, deviation: f64) -> Vec<f32> {
     if deviation <= 0.0 {
         return image;
@@ -184,8 +184,8 @@ fn blurred(width: usize, height: usize, image: Vec<f32>, deviation: f64) -> Vec<
     both
 }
 
-/// Nearly normal with standard deviation 1: the sum of four uniform numbers, which never exceeds 3.5. Much
-/// faster than [`Rng::normal`], which matters for 61 440 pixels.
+/// Draws an approximately normal value with standard deviation 1: the sum of four uniform numbers, which
+/// never exceeds 3.5. Much faster than [`Rng::normal`], which matters for 61 440 pixels.
 fn normal(rng: &mut Rng) -> f32 {
     let bits = rng.next_u64();
     let sum: u64 = [0, 16, 32, 48].iter().map(|shift| bits >> shift & 0xFFFF).sum();

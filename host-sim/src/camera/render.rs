@@ -6,9 +6,9 @@ use super::scene::Scene;
 use super::view::Finger;
 
 /// Rays through a pixel at an edge. They form a square lattice that is turned by atan(1/6): it has 37
-/// different columns, rows and diagonals, so that edges along those are as exact as others.
+/// different columns, rows and diagonals, so that edges along those directions are as accurate as others.
 const RAYS: u32 = 37;
-/// Rows from ray to ray.
+/// Rows between successive rays.
 const STRIDE: u32 = 6;
 
 /// Rays of a camera in the door frame.
@@ -36,8 +36,8 @@ impl Rays {
 }
 
 impl Scene {
-    /// Mean radiance of each pixel, row by row, for a camera with a pose in the door frame. It must stand
-    /// before the knob and look towards the door.
+    /// Computes the mean radiance of each pixel, row by row, for a camera with a pose in the door frame. The
+    /// camera must be in front of the knob and look towards the door.
     pub fn radiances(&self, camera: &Camera, pose: &Isometry3<f64>, fingers: &[Finger]) -> Vec<f32> {
         let rays = Rays::new(camera, pose);
         let boxes = obstacles(fingers, &rays.origin);
@@ -69,8 +69,8 @@ impl Scene {
         radiances
     }
 
-    /// Mean radiance of a pixel. Surfaces change little within a pixel: unless `each`, one ray tells the
-    /// radiance of each surface, and the others its share.
+    /// Mean radiance of a pixel. Surfaces change little within a pixel: unless `each` is set, one ray
+    /// determines the radiance of each surface, and the others only its area fraction.
     fn mean_radiance(
         &self,
         rays: &Rays,
@@ -96,7 +96,7 @@ impl Scene {
         sum / f64::from(RAYS)
     }
 
-    /// Whether the groove around the button is near.
+    /// Returns whether the groove around the button is near.
     fn has_fine_edge(&self, ray: &Ray, hit: &Hit) -> bool {
         if hit.surface != Surface::KnobFace || self.knob.button <= 0.0 {
             return false;

@@ -1,9 +1,10 @@
 use super::geometry::Circle;
 
-/// What stands before the camera. Lengths in m; brightness is relative, as the camera sets its exposure.
+/// The scene in front of the camera. Lengths in m; brightness is relative, because the camera sets its
+/// exposure.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scene {
-    /// Decides the patterns of the surfaces.
+    /// Seed of the surface patterns.
     pub pattern: u32,
     /// The knob.
     pub knob: Knob,
@@ -11,13 +12,13 @@ pub struct Scene {
     pub rose: Rose,
     /// The door.
     pub door: Door,
-    /// What is beside the door.
+    /// The surroundings of the door.
     pub frame: Frame,
     /// The lamps: two near ones that cast shadows.
     pub lamps: [Lamp; 2],
-    /// Directions to bright windows, and how bright they are.
+    /// Directions to bright windows, and their brightness.
     pub windows: [([f64; 3], f64); 3],
-    /// Light from everywhere.
+    /// Uniform ambient light.
     pub ambient: f64,
 }
 
@@ -26,9 +27,9 @@ pub struct Scene {
 pub struct Knob {
     /// Radius.
     pub radius: f64,
-    /// How far its tip stands off the door.
+    /// Distance of its tip from the door.
     pub length: f64,
-    /// Of the edge of its tip.
+    /// Chamfer of the edge of its tip.
     pub chamfer: f64,
     /// Radius of the button or lock in its tip; 0 for none.
     pub button: f64,
@@ -41,9 +42,9 @@ pub struct Knob {
 pub struct Rose {
     /// Radius.
     pub radius: f64,
-    /// How far its face stands off the door.
+    /// Distance of its face from the door.
     pub thickness: f64,
-    /// Of the edge of its face.
+    /// Chamfer of the edge of its face.
     pub chamfer: f64,
     /// Its surface.
     pub finish: Finish,
@@ -52,13 +53,13 @@ pub struct Rose {
 /// A surface that was turned on a lathe, or moulded.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Finish {
-    /// Share of the light that is scattered.
+    /// Fraction of the light that is scattered.
     pub diffuse: f64,
-    /// Share of the light that is reflected.
+    /// Fraction of the light that is reflected.
     pub specular: f64,
     /// Width of reflections along the grooves of the lathe.
     pub along: f64,
-    /// Width across the grooves: larger than `along`, lamps become radial streaks.
+    /// Width across the grooves: if larger than `along`, lamps appear as radial streaks.
     pub across: f64,
     /// Contrast of grooves and stains.
     pub stains: f64,
@@ -67,24 +68,24 @@ pub struct Finish {
 /// The surface of the door.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Door {
-    /// Share of the light that is scattered.
+    /// Fraction of the light that is scattered.
     pub diffuse: f64,
-    /// Share of the light that is reflected.
+    /// Fraction of the light that is reflected.
     pub specular: f64,
     /// Its pattern.
     pub texture: Texture,
     /// Contrast of the pattern.
     pub contrast: f64,
-    /// From the axis of the knob to the edge.
+    /// Distance from the axis of the knob to the edge.
     pub edge: f64,
-    /// Where the edge is: 1 right, −1 left.
+    /// Side of the edge: 1 right, −1 left.
     pub side: f64,
 }
 
 /// Pattern of a surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Texture {
-    /// Upright grain.
+    /// Vertical grain.
     Wood,
     /// Brush strokes and dirt.
     Paint,
@@ -95,20 +96,20 @@ pub enum Texture {
 pub struct Frame {
     /// Width of the gap.
     pub gap: f64,
-    /// Width of the frame; the wall follows.
+    /// Width of the frame; beyond it is the wall.
     pub width: f64,
-    /// How far it is behind the surface of the door.
+    /// Its depth behind the surface of the door.
     pub depth: f64,
-    /// Share of the light that frame and wall scatter.
+    /// Fractions of the light that frame and wall scatter.
     pub diffuse: [f64; 2],
 }
 
 /// A lamp.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lamp {
-    /// Where it is in the door frame.
+    /// Position in the door frame.
     pub position: [f64; 3],
-    /// Brightness where it falls on the knob.
+    /// Its brightness at the knob.
     pub brightness: f64,
     /// Its radius, which softens shadows.
     pub radius: f64,
@@ -120,7 +121,7 @@ impl Scene {
         Circle::about_z(self.rose.chamfer - self.rose.thickness, self.rose.radius)
     }
 
-    /// In place of knob and rose a black disc on white paper, 40 mm in radius: a target that anybody can
+    /// Replaces knob and rose by a black disc of 40 mm radius on white paper: a target that anybody can
     /// print.
     #[must_use]
     pub const fn with_disc(mut self) -> Self {

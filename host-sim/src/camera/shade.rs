@@ -1,4 +1,4 @@
-//! How bright a point of the scene is.
+//! Radiance of the points of the scene.
 
 use rapier3d::na::{Point3, Vector3};
 
@@ -7,7 +7,7 @@ use super::scene::{Finish, Lamp, Scene, Texture};
 use super::view::Finger;
 
 impl Scene {
-    /// Radiance along a ray that meets the scene.
+    /// Returns the radiance along a ray that meets the scene.
     pub(super) fn radiance(&self, ray: &Ray, hit: &Hit, fingers: &[Finger]) -> f64 {
         let point = ray.at(hit.distance);
         let view = -ray.direction.normalize();
@@ -35,20 +35,20 @@ impl Scene {
         }
     }
 
-    /// The face of the knob, with its button.
+    /// Returns the light from the face of the knob, with its button.
     fn face(&self, point: &Point3<f64>, view: &Vector3<f64>, finish: &Finish, layer: u32) -> f64 {
         let distance = from_axis(point);
         let groove = distance - self.knob.button;
         if self.knob.button > 0.0 && groove.abs() < 0.0006 {
             return 0.1 * self.ambient * finish.diffuse;
         }
-        // The button is a little convex.
+        // The button is slightly convex.
         let dome = if groove < 0.0 { 0.15 * distance / self.knob.button } else { 0.0 };
         self.turned(point, &(radial(point) * dome - Vector3::z()), view, finish, layer)
     }
 
-    /// Light from a turned surface: scattered, and reflected with different widths along and across the
-    /// grooves (Ward, SIGGRAPH 1992).
+    /// Returns the light from a turned surface: scattered, and reflected with different widths along and
+    /// across the grooves (Ward, SIGGRAPH 1992).
     fn turned(
         &self,
         point: &Point3<f64>,
@@ -94,7 +94,8 @@ impl Scene {
         light * stain
     }
 
-    /// What a polished surface mirrors besides lamps: a bright ceiling, a dim room, a dark floor.
+    /// Returns the surroundings that a polished surface mirrors, except lamps: a bright ceiling, a dim room,
+    /// a dark floor.
     fn surroundings(&self, normal: &Vector3<f64>, view: &Vector3<f64>) -> f64 {
         let reflected = normal * (2.0 * normal.dot(view)) - view;
         let up = smooth((reflected.x + 0.35) / 0.7);
@@ -122,7 +123,7 @@ impl Scene {
             let to = (Vector3::from(lamp.position) - point.coords).normalize();
             let lit = to.dot(&normal);
             if lit > 0.0 {
-                // Blinn's lobe: half is the cosine between the normal and the bisector.
+                // Blinn's lobe: `half` is the cosine of the angle between the normal and the bisector.
                 let half = (to + view).normalize().dot(&normal);
                 let fall = 60.0 * (1.0 - half);
                 let gloss = if fall > 12.0 { 0.0 } else { door.specular * 8.0 * libm::exp(-fall) };
@@ -149,14 +150,14 @@ impl Scene {
         lamp.shadow_of(point, self.rose.radius, self.rose.thickness)
     }
 
-    /// Grooves of the lathe and stains, −1 to 1.
+    /// Returns the pattern of lathe grooves and stains, −1 to 1.
     fn stain(&self, point: &Point3<f64>, layer: u32) -> f64 {
         let distance = from_axis(point) + 0.3 * point.z;
         let grooves = self.noise([1500.0 * distance, 0.0], layer + 20);
         0.6 * grooves + 0.6 * self.noise([250.0 * point.x, 250.0 * (point.y + point.z)], layer + 30)
     }
 
-    /// Smooth random values of a plane, −1 to 1; their grid has the width 1.
+    /// Returns smooth random values over a plane, −1 to 1, on a grid of width 1.
     fn noise(&self, [x, y]: [f64; 2], layer: u32) -> f64 {
         let (column, row) = (x.floor(), y.floor());
         let (right, up) = (smooth(x - column), smooth(y - row));
@@ -176,17 +177,17 @@ impl Scene {
 }
 
 impl Lamp {
-    /// Light on a point of a surface.
+    /// Returns the light on a point of a surface.
     fn on(&self, point: &Point3<f64>, normal: &Vector3<f64>) -> f64 {
         let to = (Vector3::from(self.position) - point.coords).normalize();
         self.brightness * to.dot(normal).max(0.0)
     }
 
-    /// Share of the lamp that a cylinder about the z axis leaves visible from a point behind it. The penumbra
-    /// is that of the distance between the axis and the ray to the lamp's middle.
+    /// Returns the fraction of the lamp that is visible past a cylinder about the z axis from a point behind
+    /// it. The penumbra follows from the distance between the axis and the ray to the lamp's centre.
     fn shadow_of(&self, point: &Point3<f64>, radius: f64, length: f64) -> f64 {
         let to = Vector3::from(self.position) - point.coords;
-        // Where the ray is above the cylinder.
+        // Where the ray leaves the height of the cylinder.
         let end = if to.z < 0.0 { (-length - point.z) / to.z } else { 1.0 };
         if end <= 0.0 {
             return 1.0;
@@ -208,13 +209,13 @@ fn from_axis(point: &Point3<f64>) -> f64 {
     (point.x * point.x + point.y * point.y).sqrt()
 }
 
-/// Away from the axis of knob and rose.
+/// Unit vector away from the axis of knob and rose.
 fn radial(point: &Point3<f64>) -> Vector3<f64> {
     let norm = from_axis(point).max(1e-9);
     Vector3::new(point.x / norm, point.y / norm, 0.0)
 }
 
-/// From 0 to 1 with slopes of 0 at the ends.
+/// Rises smoothly from 0 to 1, with slopes of 0 at the ends.
 fn smooth(value: f64) -> f64 {
     let value = value.clamp(0.0, 1.0);
     value * value * (3.0 - 2.0 * value)

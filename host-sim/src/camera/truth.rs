@@ -11,7 +11,7 @@ use super::scene::Scene;
 use super::view::Finger;
 use crate::purpose::Purpose;
 
-/// Points of a rim that are looked at for its visible share.
+/// Number of points of a rim that are tested for visibility.
 const POINTS: u32 = 360;
 
 /// The image of a circle.
@@ -23,13 +23,13 @@ pub struct CircleTruth {
     pub radius: f64,
     /// The larger and the smaller semi-axis [px].
     pub semi_axes: [f64; 2],
-    /// Direction of the larger one, from x to y [rad].
+    /// Direction of the larger one, from the image's x to its y [rad].
     pub angle: f64,
-    /// Share of the rim that is in the image with nothing before it.
+    /// Fraction of the rim that is in the image and not covered.
     pub visible: f64,
 }
 
-/// What is so in an image. A circle that is not wholly before the camera is `None`.
+/// True circles in an image. A circle that is not wholly in front of the camera is `None`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ImageTruth {
     /// The outer rim of the rose's face.
@@ -39,7 +39,7 @@ pub struct ImageTruth {
 }
 
 impl Scene {
-    /// The picture that a camera takes, by a pose in the door frame. `number` tells apart the noise in the
+    /// Takes the picture of a camera with a pose in the door frame. `number` selects the noise among the
     /// pictures of a seed.
     pub fn photograph(
         &self,
@@ -54,7 +54,7 @@ impl Scene {
         optics.expose(camera, self.radiances(camera, pose, fingers), &mut noise)
     }
 
-    /// Where the circles are in the image of a camera, by its pose in the door frame.
+    /// Returns the true circles in the image of a camera, given its pose in the door frame.
     pub fn truth(&self, camera: &Camera, pose: &Isometry3<f64>, fingers: &[Finger]) -> ImageTruth {
         let circle = |circle: Circle| {
             let ellipse = circle.transformed(&pose.inverse()).image(camera)?;
@@ -77,7 +77,7 @@ impl Scene {
         pose: &Isometry3<f64>,
         fingers: &[Finger],
     ) -> f64 {
-        // Just off the surface, which is before its own rim on the far side.
+        // A point slightly outside the surface, because on the far side the surface hides its own rim.
         let outside = Circle { radius: circle.radius * (1.0 + 1e-6), ..*circle };
         let origin = pose.translation.vector.into();
         let fingers = obstacles(fingers, &origin);

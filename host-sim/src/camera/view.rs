@@ -3,18 +3,18 @@ use rapier3d::na::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use super::draw::within;
 use crate::purpose::Purpose;
 
-/// A box of the gripper.
+/// A box-shaped finger of the gripper.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Finger {
-    /// Pose of its middle in the door frame.
+    /// Pose of its centre in the door frame.
     pub pose: Isometry3<f64>,
-    /// Half its extents [m].
+    /// Half of its extents [m].
     pub half: [f64; 3],
-    /// Share of the light that it scatters.
+    /// Fraction of the light that it scatters.
     pub diffuse: f64,
 }
 
-/// Where the hand is before the door.
+/// The place of the hand in front of the door.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
     /// Pose of the hand frame in the door frame.
@@ -22,9 +22,9 @@ pub struct View {
 }
 
 impl View {
-    /// A random place on the way to the knob: 6 to 25 cm from the fingertips to the door. At the start, 21 cm
-    /// off, the base is wrong by ±50 mm to the side and in height and ±3° in tilt, heading and roll; the
-    /// offset shrinks with the distance, as it does on the way.
+    /// Draws a random place on the way to the knob: 6 to 25 cm from the fingertips to the door. At the start,
+    /// 21 cm away, the base has errors of ±50 mm sideways and in height, and of ±3° in tilt, heading and
+    /// roll; the offset shrinks with the distance, as it does on the way.
     pub fn draw(seed: u64) -> Self {
         const START: f64 = 0.21;
         let mut rng = Purpose::HandView.rng(seed);
@@ -36,9 +36,9 @@ impl View {
         Self { hand: Isometry3::from_parts(place, UnitQuaternion::new(turn)) }
     }
 
-    /// Another place for each `number`, from which a camera in the hand can be calibrated: 4 to 28 cm before
-    /// the door, up to 40 % of the camera's distance aside, turned by up to 30° about the approach and up to
-    /// 14° about the other axes.
+    /// Returns a different place for each `number`, for the calibration of a camera in the hand: 4 to 28 cm
+    /// from the door, up to 40 % of the camera's distance to the side, rotated by up to 30° about the
+    /// approach direction and up to 14° about the other axes.
     pub fn for_calibration(seed: u64, number: u64) -> Self {
         let mut rng = Purpose::CalibrationViews.rng(seed.wrapping_add(number << 32));
         let distance = within(&mut rng, [0.04, 0.28]);
@@ -49,8 +49,8 @@ impl View {
         Self { hand: Isometry3::from_parts(Translation3::new(up, right, -distance), turn) }
     }
 
-    /// The fingers of the gripper of `robots/knob-arm`, each turned outwards by `angle` from where the pads
-    /// are parallel, 50 mm apart [rad].
+    /// Returns the fingers of the gripper of `robots/knob-arm`, each turned outwards by `angle` from parallel
+    /// pads 50 mm apart [rad].
     pub fn fingers(&self, angle: f64) -> [Finger; 2] {
         const HALF: [f64; 3] = [0.009, 0.005, 0.05];
         [-1.0, 1.0].map(|side| {

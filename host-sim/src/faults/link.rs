@@ -14,12 +14,12 @@ const MAX_LATENESS: u32 = 5;
 pub struct Link {
     rng: Rng,
     damage: Option<Damage>,
-    /// When each arrives, its place in the order of sending, and its bytes.
+    /// Arrival tick of each, its place in the order of sending, and its bytes.
     frames: Vec<(u32, u64, Vec<u8>)>,
     sent: u64,
 }
 
-/// The frame as bytes.
+/// Encodes a request frame as bytes.
 pub fn frame(request: &RequestFrame) -> Vec<u8> {
     let mut frame = [0; MAX_FRAME];
     // Every request fits.
@@ -32,7 +32,7 @@ impl Link {
         Self { rng, damage: None, frames: Vec::new(), sent: 0 }
     }
 
-    /// Sends bytes in `tick`, under the faults that act.
+    /// Sends bytes in `tick`, under the active faults.
     pub fn send<'a>(&mut self, mut bytes: Vec<u8>, tick: u32, acting: impl Iterator<Item = &'a Kind>) {
         let (mut delay, mut copies, mut order) = (0, 1, self.sent);
         self.sent += 1;
@@ -67,7 +67,7 @@ impl Link {
         damaged
     }
 
-    /// What has arrived by `tick`, in its order.
+    /// Returns the frames that have arrived by `tick`, in order of arrival.
     pub fn receive(&mut self, tick: u32) -> Vec<Vec<u8>> {
         let (mut arrived, waiting): (Vec<_>, Vec<_>) =
             std::mem::take(&mut self.frames).into_iter().partition(|(due, ..)| *due <= tick);

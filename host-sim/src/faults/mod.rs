@@ -1,9 +1,9 @@
 //! Seeded schedules of faults, and an oracle of safety that judges the runs.
 //!
-//! A seed draws a [`Schedule`]: a scenario, or a board that is served to a client, and one to four faults at
-//! random times. The rig runs it: every request passes a link, every frame between board and plant passes the
-//! faults, and the oracle compares what the board does with the plant's truth. `docs/fault-schedules.md` has
-//! the rules.
+//! A seed draws a [`Schedule`]: a scenario, or a board that is served to a client, with one to four faults at
+//! random times. The rig runs it: every request passes through a faulty link, the frames between board and
+//! plant are corrupted by the faults, and the oracle compares the board's behaviour with the plant's true
+//! state. `docs/fault-schedules.md` has the rules.
 
 mod link;
 mod oracle;
@@ -33,24 +33,24 @@ use crate::scenario::{Scenario, ScenarioError, Setting};
 use schedule::SERVED;
 use shared_rig::SharedRig;
 
-/// What a schedule came to.
+/// Result of a schedule.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Report {
     /// The seed of the schedule.
     pub seed: u64,
-    /// Where it ran.
+    /// Scenario in which it ran.
     pub scenario: String,
     /// Families of its faults.
     pub families: Vec<Family>,
-    /// Digest of all that the board answered.
+    /// Digest of all the board's answers.
     pub frames_sha256: String,
-    /// Ticks that were run of those planned.
+    /// Ticks that were run, and ticks planned.
     pub ticks: [u32; 2],
     /// Broken rules.
     pub violations: Vec<Violation>,
     /// The fault log of the board at the end.
     pub faults: Vec<String>,
-    /// Why the run ended before its time, if it did.
+    /// Why the run ended early, if it did.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub error: Option<String>,
 }
@@ -63,8 +63,9 @@ pub fn run(schedule: &Schedule, robots: &Path) -> Result<Report, ScenarioError> 
     run_traced(schedule, robots, None).map(|(report, _)| report)
 }
 
-/// [`run`] with a trace: for each tick mode, outputs, faults, kinetic energy, speed and force of the tools,
-/// and for each joint torque as commanded and as made, torque of the weight, and angle.
+/// Runs a schedule as [`run`] does, with a trace: for each tick the mode, outputs, faults, kinetic energy,
+/// and speed and force of the tools; and for each joint its commanded and actual torque, the torque of its
+/// weight, and its angle.
 ///
 /// # Errors
 /// As [`run`].
@@ -109,7 +110,7 @@ pub fn run_traced(
     Ok((report, trace))
 }
 
-/// The smallest schedule found that breaks the same rule as `violation`.
+/// Returns the smallest schedule found that breaks the same rule as `violation`.
 pub fn shrink(schedule: &Schedule, violation: &Violation, robots: &Path) -> Schedule {
     let breaks = |candidate: &Schedule| {
         let report = run(candidate, robots);

@@ -15,14 +15,14 @@ use fault_stop::FaultStop;
 
 /// Control period [s].
 const T: f64 = 0.01;
-/// Fraction of weight and friction by which the model may be wrong.
+/// Fraction by which the model of weight and friction may be wrong.
 const WEIGHT_ERROR: f64 = 0.25;
 /// How far a joint may press into its stop [rad].
 const STOP_COMPLIANCE: f64 = 0.02;
-/// The contact force before a fault is the largest in this time [ticks].
+/// The contact force before a fault is the maximum over this time [ticks].
 const BEFORE: usize = 20;
-/// Ticks in which a joint with a dead encoder may be pushed. An encoder that lies otherwise, or a drive that
-/// does not what it is told, is found by the motion that follows, in twice this time.
+/// Ticks for which a joint with a dead encoder may be driven. Other encoder faults, and a drive that does not
+/// follow its command, are detected by the resulting motion, within twice this time.
 const STUCK_TICKS: u32 = 3;
 
 /// Whether outputs may be on.
@@ -41,20 +41,20 @@ pub struct Oracle {
     machine: Machine,
     permission: Permission,
     commander: Option<u32>,
-    /// Commands that were answered: a second answer is to a repetition.
+    /// Commands that were answered: a second answer belongs to a repeated request.
     answered: BTreeSet<(u32, u16)>,
     /// The newest `Disable` or `Stop` of each client, by its number.
     overruled: Vec<(u32, u16)>,
     before: VecDeque<Sample>,
     stop: Option<FaultStop>,
-    /// A sensor or a drive is wrong, or was so shortly before this tick; in how many ticks the board must
-    /// find it.
+    /// Tick until which a sensor or drive fault counts as present, and the time in which the board must
+    /// detect it [ticks].
     wrong_until: u32,
     patience: u32,
-    /// Faults in the log, of every tick.
+    /// Number of faults logged since power-on, and the latest fault.
     total: u32,
     latest: Option<Fault>,
-    /// Ticks since each joint's count stood still although it should move.
+    /// Number of successive ticks in which each joint's count stood still although it should have changed.
     stuck: Vec<u32>,
     broken: Vec<Violation>,
 }
@@ -80,7 +80,7 @@ impl Oracle {
         }
     }
 
-    /// The broken rules, each with its first violation.
+    /// The first violation of each broken rule.
     pub fn violations(&self) -> &[Violation] {
         &self.broken
     }
@@ -90,14 +90,14 @@ impl Oracle {
         self.stop.as_ref().map(FaultStop::work)
     }
 
-    /// Adds a violation, the first of its rule only.
+    /// Records a violation, unless its rule is already broken.
     pub fn violate(&mut self, rule: Rule, tick: u32, text: String) {
         if self.broken.iter().all(|violation| violation.rule != rule) {
             self.broken.push(Violation { rule, tick, text });
         }
     }
 
-    /// The board was reset.
+    /// Handles a reset of the board.
     pub fn reset(&mut self) {
         (self.permission, self.commander, self.stop) = (Permission::None, None, None);
         self.answered.clear();
@@ -105,13 +105,13 @@ impl Oracle {
         self.before.clear();
     }
 
-    /// A reply of the board to request number `sequence` of `client`, in `tick`.
+    /// Handles the board's reply to request number `sequence` of `client`, in `tick`.
     pub fn reply(&mut self, client: u32, sequence: u16, request: &Request, reply: &Reply, tick: u32) {
         if *reply != Reply::Done {
             return;
         }
         let first = match request {
-            // Carried out each time.
+            // These are carried out each time they arrive.
             Request::Disable | Request::Stop | Request::TakeCommand { .. } => true,
             _ => self.answered.insert((client, sequence)),
         };
@@ -178,7 +178,7 @@ impl Oracle {
         self.check_end_stops(&sample);
         self.check_encoders(&sample);
         if sample.acting.encoders || sample.acting.drives {
-            // A late drive goes on for so long with what it was told before.
+            // A late drive keeps following its earlier command for this long.
             let patience = 2 * STUCK_TICKS + sample.acting.late;
             let goes_on = sample.tick < self.wrong_until;
             self.patience = if goes_on { self.patience.max(patience) } else { patience };
@@ -191,7 +191,7 @@ impl Oracle {
         }
     }
 
-    /// Checks that the log still holds what was recorded, and the reason of a stop.
+    /// Checks that the log has lost no fault, and that it holds the cause of a stop.
     fn check_log(&mut self, sample: &Sample) {
         let (total, tick) = (sample.total, sample.tick);
         if total < self.total {
@@ -267,9 +267,9 @@ impl Oracle {
         }
     }
 
-    /// A dead encoder is detectable when the joint moves and its count does not, under a torque that moves
-    /// it. One against the motion takes energy out of it: something else moves the joint. And one that a load
-    /// balances, such as a grip or a push, moves nothing.
+    /// Checks for dead encoders. One is detectable when the joint moves and its count does not, under a
+    /// torque that moves it. A torque against the motion takes energy out of the joint, so something else
+    /// moves it; and a torque that is balanced by a load, such as a grip or a push, moves nothing.
     fn check_encoders(&mut self, sample: &Sample) {
         let Some(before) = self.before.back() else { return };
         let mut found = Vec::new();
@@ -290,7 +290,7 @@ impl Oracle {
             let moved = was_true.is_some_and(|was| truth.wrapping_sub(*was).abs() > 2);
             let ends =
                 [sample, before].map(|sample| sample.positions.get(index).copied().unwrap_or_default());
-            // A load that helps the torque makes it no larger.
+            // A load in the direction of the torque does not count as additional torque.
             let unbalanced = excess.abs() + (load * excess.signum()).min(0.0);
             let pushed = unbalanced > breakaway && excess * (ends[0] - ends[1]) > 0.0;
             let dead = was_read == Some(read) && moved && sample.enabled && pushed;
@@ -309,7 +309,7 @@ impl Oracle {
         }
     }
 
-    /// The rules of a robot that stopped with a fault.
+    /// Checks the rules for a robot that stopped with a fault.
     fn check_fault_stop(&mut self, sample: &Sample) {
         if sample.mode != Mode::Fault {
             self.stop = None;

@@ -1,4 +1,4 @@
-//! The rig: the board under test, what is around it, and the oracle that watches both.
+//! The rig: the board under test, its surroundings, and the oracle that watches both.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -22,7 +22,7 @@ use crate::digest::FramesDigest;
 use crate::plant::{Plant, Push};
 use crate::virtual_board::VirtualBoard;
 
-/// The client of the scenario, the second one, and the first of the strangers.
+/// The scenario's client, the second commander, and the first client that must not command.
 const CLIENT: u32 = 1;
 const SECOND: u32 = 2;
 const STRANGER: u32 = 3;
@@ -30,7 +30,7 @@ const STRANGER: u32 = 3;
 const LINK: u64 = 101;
 const PLANT: u64 = 102;
 const STRANGERS: u64 = 103;
-/// The drives keep their last torque for so long without a frame, then they switch themselves off [ticks].
+/// Without a frame the drives keep their last torque for this time, then switch off [ticks].
 const DRIVE_PATIENCE: u32 = 2;
 
 /// Board, link, plant link and oracle of one run.
@@ -42,31 +42,31 @@ pub struct Rig {
     pub(super) link: Link,
     pub(super) plant_link: PlantLink,
     pub(super) strangers: Rng,
-    /// Trials that have begun; tick of the present one.
+    /// Number of trials begun, and tick of the present one.
     pub(super) trials: u32,
     pub(super) tick: u32,
-    /// Last number of a request of each client.
+    /// Last sequence number of each client.
     pub(super) sequences: BTreeMap<u32, u16>,
-    /// Requests without answer.
+    /// Requests without a reply.
     pub(super) sent: BTreeMap<(u32, u16), Request>,
-    /// Replies that have come.
+    /// Replies received.
     pub(super) replies: Vec<(u32, u16, Reply)>,
-    /// The last report of the task.
+    /// The last task report.
     pub(super) report: Option<Reply>,
-    /// What the board answered, in how many ticks before it has not, and what the drives do.
+    /// Last answer of the board, number of ticks since without one, and what the drives apply.
     pub(super) answer: ActuatorFrame,
     pub(super) missed: u32,
     pub(super) driven: ActuatorFrame,
     pub(super) counts: [Vec<i32>; 2],
     pub(super) oracle: Option<Oracle>,
     pub(super) digest: FramesDigest,
-    /// A fault has begun.
+    /// Whether a fault has begun.
     pub(super) disturbed: bool,
-    /// The environment was disturbed.
+    /// Whether the environment was disturbed.
     pub(super) touched: bool,
     pub(super) is_over: bool,
     pub(super) panicked: bool,
-    /// A line a tick, if asked for.
+    /// One line per tick, if requested.
     pub trace: Option<Vec<String>>,
 }
 
@@ -101,7 +101,7 @@ impl Rig {
         }
     }
 
-    /// Whether the run came to its end.
+    /// Whether the run has ended.
     pub const fn is_over(&self) -> bool {
         self.is_over
     }
@@ -111,17 +111,17 @@ impl Rig {
         self.tick
     }
 
-    /// What was broken.
+    /// The violations so far.
     pub fn violations(&self) -> Vec<Violation> {
         self.oracle.as_ref().map_or_else(Vec::new, |oracle| oracle.violations().to_vec())
     }
 
-    /// Digest of all that the board answered.
+    /// Digest of all the board's answers.
     pub fn digest(&self) -> String {
         self.digest.hex()
     }
 
-    /// The fault log, in words.
+    /// The fault log as text.
     pub fn faults(&self) -> Vec<String> {
         let node = self.board.node();
         let Some(model) = node.robot().map(Robot::model) else { return Vec::new() };
@@ -132,7 +132,7 @@ impl Rig {
             .collect()
     }
 
-    /// Whether the trial of the schedule runs.
+    /// Whether the scheduled trial is running.
     pub(super) const fn runs(&self) -> bool {
         self.trials == self.schedule.trial + 1
     }
@@ -146,7 +146,7 @@ impl Rig {
         self.acting().any(|fault| fault.kind.family() == family)
     }
 
-    /// Something of the board, which must not panic.
+    /// Runs an action on the board, and catches a panic.
     fn guarded(&mut self, action: impl FnOnce(&mut VirtualBoard)) {
         if self.panicked {
             return;
@@ -179,7 +179,7 @@ impl Rig {
         }
     }
 
-    /// The next request frame of a client.
+    /// Creates the next request frame of a client.
     fn number(&mut self, client: u32, request: Request) -> RequestFrame {
         let sequence = self.sequences.entry(client).or_default();
         *sequence = sequence.wrapping_add(1);
@@ -197,17 +197,17 @@ impl Rig {
         self.receive();
     }
 
-    /// The next frame of the scenario's client.
+    /// Creates the next frame of the scenario's client.
     pub fn own(&mut self, request: Request) -> RequestFrame {
         self.number(CLIENT, request)
     }
 
-    /// Whether the commander lives.
+    /// Whether the commanding program is alive.
     pub fn is_commanded(&self) -> bool {
         !self.acting().any(|fault| matches!(fault.kind, Kind::Killed))
     }
 
-    /// Passes on what has arrived.
+    /// Delivers the requests that have arrived.
     fn receive(&mut self) {
         for bytes in self.link.receive(self.tick) {
             self.deliver(&bytes);
@@ -221,7 +221,7 @@ impl Rig {
         Some(self.replies.swap_remove(place).2)
     }
 
-    /// A request without link faults: its reply, at once.
+    /// Sends a request without link faults, and returns its reply at once.
     fn ask(&mut self, request: Request) -> Option<Reply> {
         let request = self.number(CLIENT, request);
         self.replies.clear();
@@ -235,7 +235,7 @@ impl Rig {
         }
         let is_command = matches!(request, Request::Task(_) | Request::Keep);
         if !self.disturbed && self.runs() {
-            // Nothing has failed yet: what a scenario does is answered as it is.
+            // Nothing has failed yet: the scenario gets the board's own answers.
             let reply = self.ask(request).ok_or_else(over)?;
             if let Reply::Task(_) = reply {
                 self.report = Some(reply.clone());
@@ -250,7 +250,7 @@ impl Rig {
             return Ok(Reply::Done);
         }
         if matches!(request, Request::Disable) && self.runs() {
-            // The scenario is at its end, or gives up.
+            // The scenario has ended or given up.
             self.is_over = true;
             return Err(over());
         }
@@ -263,14 +263,14 @@ impl Rig {
                 self.report.clone().ok_or_else(over)
             }
             Some(Reply::Refused(_)) if reads => self.report.clone().ok_or_else(over),
-            // The scenario does not learn of it.
+            // The refusal is hidden from the scenario.
             Some(Reply::Refused(_)) => Ok(Reply::Done),
             Some(reply) => Ok(reply),
             None => Err(over()),
         }
     }
 
-    /// What programs in error send in this tick.
+    /// Sends the requests of faulty programs in this tick.
     fn disturb_command(&mut self) {
         let kinds: Vec<Kind> = self.acting().map(|fault| fault.kind).collect();
         let joints = self.board.node().robot().map_or(0, |robot| robot.joints().len());
@@ -283,7 +283,7 @@ impl Rig {
                     let client =
                         if self.strangers.chance(0.7) { CLIENT } else { STRANGER + self.strangers.below(5) };
                     match strangers::nonsense(&mut self.strangers, joints) {
-                        // Of the commander it would end its command, and the schedule.
+                        // From the commander, a Hello would end its command and thereby the schedule.
                         hello @ Request::Hello { .. } if client == CLIENT => (STRANGER, hello),
                         request => (client, request),
                     }
@@ -295,7 +295,7 @@ impl Rig {
         }
     }
 
-    /// A control period of the board.
+    /// Runs a control period of the board.
     pub(super) fn tick(&mut self, sensors: &SensorFrame) {
         let runs = self.runs();
         if runs {
@@ -332,13 +332,13 @@ impl Rig {
         self.driven = self.plant_link.drive(&answer, &faults, self.tick);
     }
 
-    /// What happens around the robot in this tick.
+    /// Applies the environment faults of this tick.
     pub(super) fn disturb_plant(&mut self, plant: &mut Plant) {
         let begins: Vec<Fault> = self.acting().filter(|fault| fault.begin == self.tick).copied().collect();
         for fault in begins {
             let hold = f64::from(fault.ticks.unwrap_or(100)) * 0.01;
             let push = |force| Push { force, point: [0.0; 3], ramp: 0.02, hold };
-            // Values are finite and within their limits.
+            // The values are finite and within their limits, so no call fails.
             let _ = match fault.kind {
                 Kind::Push { joint, force } => plant.push_link(joint, push(force)),
                 Kind::Pull { force } if plant.object().is_some() => plant.push(push(force)),

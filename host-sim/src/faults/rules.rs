@@ -15,11 +15,11 @@ pub enum Rule {
     Rest,
     /// The drives bring no energy into a stopped robot.
     Energy,
-    /// No joint beyond its stops.
+    /// No joint passes its stops.
     Stops,
     /// The contact force does not rise.
     ContactForce,
-    /// The tool is slow in contact.
+    /// The tool moves slowly in contact.
     ToolSpeed,
     /// The cause is in the fault log.
     Cause,
@@ -27,12 +27,12 @@ pub enum Rule {
     Enabled,
     /// No panic.
     Panic,
-    /// A dead encoder's joint is pushed no more.
+    /// A joint with a dead encoder is no longer driven.
     DeadEncoder,
 }
 
 impl Rule {
-    /// All of them.
+    /// All rules.
     pub const ALL: [Self; 11] = [
         Self::Torque,
         Self::TorqueRate,
@@ -47,7 +47,7 @@ impl Rule {
         Self::DeadEncoder,
     ];
 
-    /// Its number in the documents.
+    /// Its number in the documentation.
     pub const fn number(self) -> u8 {
         self as u8 + 1
     }
@@ -75,10 +75,10 @@ impl fmt::Display for Rule {
 /// A broken rule.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Violation {
-    /// Which.
+    /// The rule.
     pub rule: Rule,
-    /// When, in ticks of the trial.
+    /// Tick of the trial in which it was broken.
     pub tick: u32,
-    /// The values.
+    /// The values that broke it.
     pub text: String,
 }

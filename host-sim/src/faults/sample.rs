@@ -1,4 +1,4 @@
-//! What the oracle sees.
+//! The oracle's observations.
 
 use std::fmt;
 
@@ -9,26 +9,26 @@ use tesaki::protocol::Mode;
 /// Reduced speed, at which people may be near (ISO 10218-1) [m/s].
 pub const REDUCED_SPEED: f64 = 0.25;
 
-/// What the schedule does in a tick.
+/// Effects of the schedule in a tick.
 #[derive(Clone, Debug, Default)]
 pub struct Acting {
     /// A fault begins or ends.
     pub changes: bool,
-    /// The environment is disturbed, now or before.
+    /// The environment is disturbed, or was before.
     pub environment: bool,
     /// Something pushes the robot or its object.
     pub pushed: bool,
-    /// Something of the scenario holds the tool.
+    /// Something in the scenario holds the tool.
     pub held: bool,
-    /// What loaded the robot is gone.
+    /// A load on the robot was removed.
     pub unloads: bool,
-    /// An encoder lies.
+    /// An encoder gives wrong counts.
     pub encoders: bool,
     /// An encoder drifts.
     pub drifts: bool,
-    /// A drive does not do what it is told.
+    /// A drive does not follow its command.
     pub drives: bool,
-    /// By how much the latest drive is late [ticks].
+    /// Largest delay of a drive [ticks].
     pub late: u32,
     /// The joints whose drives are late.
     pub late_drives: Vec<usize>,
@@ -51,9 +51,9 @@ pub struct Sample {
     pub torques: Vec<f32>,
     /// Encoder counts as the board read them, and as they truly are.
     pub counts: [Vec<i32>; 2],
-    /// What the outputs do in a stop, and whether the task brings the robot to rest; for a trace.
+    /// Reaction to a fault, and whether the task brings the robot to rest; for a trace.
     pub reaction: (Reaction, bool),
-    /// Total of the fault log.
+    /// Number of faults logged since power-on.
     pub total: u32,
     /// The latest fault.
     pub latest: Option<Fault>,
@@ -61,25 +61,25 @@ pub struct Sample {
     pub positions: Vec<f64>,
     /// Torques of the drives [N·m].
     pub drives: Vec<f64>,
-    /// Torques of the weight [N·m].
+    /// Torques that balance the weight [N·m].
     pub weight: Vec<f64>,
-    /// Torques about the joints of what touches, pushes and pulls the robot [N·m].
+    /// Joint torques caused by contacts, pushes and pulls on the robot [N·m].
     pub load: Vec<f64>,
     /// Kinetic energy [J].
     pub energy: f64,
-    /// Velocities of the tips, and the largest speed [m/s].
+    /// Velocities of the tips, and the largest of their speeds [m/s].
     pub velocities: Vec<[f64; 3]>,
     pub speed: f64,
     /// Largest contact force on a tip [N].
     pub contact: f64,
     /// Stiffness of the stiffest wall [N/m].
     pub stiffness: f64,
-    /// What the schedule does.
+    /// Effects of the schedule.
     pub acting: Acting,
 }
 
 impl fmt::Display for Sample {
-    /// A line of a trace.
+    /// Writes a line of a trace.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { tick, mode, total, energy, speed, contact, .. } = self;
         let state = match (self.mode, self.reaction) {
@@ -102,7 +102,7 @@ impl fmt::Display for Sample {
     }
 }
 
-/// What the oracle knows of the machine.
+/// The oracle's knowledge of the machine.
 #[derive(Clone, Debug)]
 pub struct Machine {
     /// The robot's model, for its limits.
@@ -118,7 +118,7 @@ pub struct Machine {
 }
 
 impl Machine {
-    /// Kinetic energy of the robot at a tolerated speed of all its mass [J].
+    /// Kinetic energy of the robot's whole mass at the tolerated speed [J].
     pub fn tolerated_energy(&self) -> f64 {
         0.5 * self.mass * REDUCED_SPEED * REDUCED_SPEED
     }

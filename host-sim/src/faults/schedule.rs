@@ -1,42 +1,42 @@
-//! Schedules: what is run, and which faults begin when.
+//! Schedules: the scenario to run, and the times at which faults begin.
 
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
 use tesaki_rng::Rng;
 
-/// Stream of the random numbers that make a schedule.
+/// Random number stream that draws a schedule.
 const SCHEDULE: u64 = 100;
-/// Seed of the machine of schedule 0.
+/// Seed of the machine in schedule 0.
 const FIRST_MACHINE: u64 = 1_000_000;
 /// Largest number of faults in a schedule.
 const MAX_FAULTS: u32 = 4;
 /// All faults begin within this time of the first one [ticks].
 const SPREAD: u32 = 60;
-/// The run goes on for this time after the last fault has begun [ticks].
+/// The run continues for this time after the last fault has begun [ticks].
 pub const AFTERMATH: u32 = 150;
 
-/// Where a schedule runs.
+/// A scenario in which schedules run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Place {
-    /// Name of the scenario, or `served`.
+    /// Its name, or `served`.
     pub scenario: &'static str,
     /// Folder of its robot.
     pub robot: &'static str,
-    /// Trials that a schedule may run in; those before the chosen one are skipped.
+    /// Number of trials to choose from; those before the chosen one are skipped.
     trials: u32,
     /// First and last tick of a trial in which a fault may begin.
     ticks: [u32; 2],
 }
 
-/// The place that is no scenario: a client of a board that enables it again after each fault.
+/// Name of the place without a scenario: a client enables a served board again after each fault.
 pub const SERVED: &str = "served";
 
 const fn place(scenario: &'static str, robot: &'static str, trials: u32, ticks: [u32; 2]) -> Place {
     Place { scenario, robot, trials, ticks }
 }
 
-/// All places. Seeds go through them in turn.
+/// All places; consecutive seeds take them in turn.
 pub const PLACES: &[Place] = &[
     place("hand3-servo", "hand3", 4, [5, 500]),
     place("hand3-reach", "hand3", 2, [5, 600]),
@@ -72,16 +72,16 @@ pub enum Family {
     Supply,
     /// Drives.
     Drive,
-    /// The program that commands.
+    /// The commanding program.
     Commander,
     /// The board itself.
     Board,
-    /// What the robot touches.
+    /// Things that the robot touches.
     Environment,
 }
 
 impl Family {
-    /// All of them.
+    /// All families.
     pub const ALL: [Self; 7] = [
         Self::Link,
         Self::Sensors,
@@ -107,7 +107,7 @@ impl fmt::Display for Family {
     }
 }
 
-/// What fails. A `joint` or `sensor` is an index.
+/// Kinds of fault. A `joint` or `sensor` is an index.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", tag = "kind")]
 #[allow(missing_docs, reason = "a variant's line says what its fields are")]
@@ -124,7 +124,7 @@ pub enum Kind {
     Damage { probability: f64 },
     /// Link: nothing arrives.
     Cut,
-    /// Sensors: an encoder's count no longer changes.
+    /// Sensors: an encoder's count freezes.
     Stuck { joint: usize },
     /// Sensors: an encoder's count jumps.
     Jump { joint: usize, counts: i32 },
@@ -150,12 +150,11 @@ pub enum Kind {
     Dead { joint: usize },
     /// Drive: the torque comes late [ticks].
     Late { joint: usize, late: u32 },
-    /// Commander: it sends nothing more.
+    /// Commander: it stops sending.
     Killed,
-    /// Commander: a second program wants to command, too, and sends something with this probability each
-    /// tick.
+    /// Commander: a second program tries to command, and sends a request with this probability each tick.
     Second { probability: f64 },
-    /// Commander: it, or a program without command, sends nonsense with this probability each tick.
+    /// Commander: it, or a program without command, sends invalid requests with this probability each tick.
     Nonsense { probability: f64 },
     /// Board: it is reset.
     Reset,
@@ -214,7 +213,7 @@ impl Kind {
         }
     }
 
-    /// By how much a drive is late [ticks].
+    /// Delay of the drive [ticks].
     pub const fn lateness(&self) -> u32 {
         match *self {
             Self::Late { late, .. } => late,
@@ -222,7 +221,7 @@ impl Kind {
         }
     }
 
-    /// Simpler variants, for shrinking: half of a magnitude.
+    /// Returns simpler variants, for shrinking, for example with half the magnitude.
     pub fn simpler(&self) -> Vec<Self> {
         let half = |vector: [f64; 3]| vector.map(|part| (part / 2.0).round());
         let is_large = |vector: [f64; 3]| vector.iter().any(|part| part.abs() >= 2.0);
@@ -250,23 +249,23 @@ impl Kind {
 /// A fault of a schedule.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Fault {
-    /// What fails.
+    /// Its kind.
     #[serde(flatten)]
     pub kind: Kind,
     /// First tick of the trial in which it acts.
     pub begin: u32,
-    /// For how long [ticks]; none: to the end.
+    /// Duration [ticks]; none: to the end.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ticks: Option<u32>,
 }
 
 impl Fault {
-    /// Whether it acts in a tick.
+    /// Returns whether it acts in a tick.
     pub fn acts(&self, tick: u32) -> bool {
         tick >= self.begin && self.ticks.is_none_or(|ticks| tick - self.begin < ticks)
     }
 
-    /// Whether it takes a load off the robot in a tick.
+    /// Returns whether it takes a load off the robot in a tick.
     pub fn unloads(&self, tick: u32) -> bool {
         self.changes(tick)
             && match self.kind {
@@ -276,16 +275,16 @@ impl Fault {
             }
     }
 
-    /// Whether it begins or ends in a tick.
+    /// Returns whether it begins or ends in a tick.
     pub fn changes(&self, tick: u32) -> bool {
         tick == self.begin || self.ticks.is_some_and(|ticks| tick == self.begin.saturating_add(ticks))
     }
 }
 
-/// A run with its faults.
+/// A run with faults.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Schedule {
-    /// Decides the machine, and the random parts of the faults.
+    /// Determines the machine and the random parts of the faults.
     pub seed: u64,
     /// Name of the scenario, or `served`.
     pub scenario: String,
@@ -293,14 +292,14 @@ pub struct Schedule {
     pub robot: String,
     /// Trial of the scenario, from 0.
     pub trial: u32,
-    /// Ticks of the trial that are run.
+    /// Number of ticks of the trial that are run.
     pub end: u32,
     /// The faults.
     pub faults: Vec<Fault>,
 }
 
 impl Schedule {
-    /// The schedule of a seed.
+    /// Draws the schedule of a seed.
     pub fn draw(seed: u64) -> Self {
         let mut rng = Rng::new(seed, SCHEDULE);
         let place = &PLACES[usize::try_from(seed % PLACES.len() as u64).unwrap_or(0)];
@@ -314,7 +313,7 @@ impl Schedule {
                 let lasting = rng.chance(0.5);
                 let ticks = 1 + rng.below(80);
                 let kind = draw_kind(&mut rng, Size::of(place.robot));
-                // A board is reset once.
+                // Instantaneous faults act for one tick.
                 let ticks = match kind {
                     Kind::Reset | Kind::Removed => Some(1),
                     Kind::Skip => Some(1 + ticks % 12),
@@ -330,18 +329,18 @@ impl Schedule {
         Self { seed, scenario: place.scenario.into(), robot: place.robot.into(), trial, end, faults }
     }
 
-    /// The seed of its machine: of neither the development nor the evaluation set.
+    /// Seed of its machine, outside the development and evaluation sets.
     pub const fn machine(&self) -> u64 {
         FIRST_MACHINE + self.seed
     }
 
-    /// The one command that repeats it.
+    /// The command that repeats it.
     pub fn command(&self) -> String {
         let text = serde_json::to_string(self).unwrap_or_default();
         format!("cargo sim faults --schedule '{text}'")
     }
 
-    /// The families of its faults, each once.
+    /// The families of its faults, without duplicates.
     pub fn families(&self) -> Vec<Family> {
         Family::ALL
             .into_iter()
@@ -350,16 +349,16 @@ impl Schedule {
     }
 }
 
-/// What the faults of a robot are drawn from.
+/// Ranges from which the faults of a robot are drawn.
 #[derive(Clone, Copy)]
 struct Size {
     joints: u32,
     force_sensors: u32,
-    /// Of an encoder [counts].
+    /// Counts per turn of an encoder.
     turn: f64,
-    /// Of the supply [V].
+    /// Supply voltage [V].
     voltage: f64,
-    /// Largest force that something exerts on it [N].
+    /// Largest external force [N].
     force: f64,
 }
 
@@ -381,7 +380,7 @@ fn draw_kind(rng: &mut Rng, of: Size) -> Kind {
     let joint = index(rng, joints);
     let sensor = index(rng, force_sensors.max(1));
     let variant = rng.below(7);
-    // Of every size: from small ones, which are hard to detect, to large ones.
+    // Covers all magnitudes: small ones, which are hard to detect, to large ones.
     let size = rng.uniform() * rng.uniform();
     let sign = if rng.chance(0.5) { 1.0 } else { -1.0 };
     let direction: [f64; 3] = core::array::from_fn(|_| rng.symmetric());

@@ -1,4 +1,4 @@
-//! Faults of sensors, supply and drives, on the frames between board and plant.
+//! Faults of sensors, supply and drives, applied to the frames between board and plant.
 
 use std::collections::VecDeque;
 
@@ -12,13 +12,13 @@ pub struct PlantLink {
     rng: Rng,
     /// The last true frame.
     last: SensorFrame,
-    /// Counts at which encoders are stuck, with the fault's index.
+    /// Indices of the faults that freeze encoders, and the counts.
     stuck: Vec<(usize, i32)>,
-    /// Commanded torques of the last ticks.
+    /// Commanded torques of the last ticks, the newest first.
     torques: VecDeque<Vec<f32>>,
 }
 
-/// Most ticks by which a drive is late.
+/// Number of ticks for which commands are kept, for late drives.
 const MAX_LATE: usize = 16;
 
 impl PlantLink {
@@ -26,7 +26,7 @@ impl PlantLink {
         Self { rng, last: SensorFrame::default(), stuck: Vec::new(), torques: VecDeque::new() }
     }
 
-    /// What the board reads instead of `frame`.
+    /// Returns the frame that the board reads instead of `frame`.
     pub fn sense(&mut self, frame: &SensorFrame, faults: &[Fault], tick: u32) -> SensorFrame {
         let mut read = frame.clone();
         for (index, fault) in faults.iter().enumerate().filter(|(_, fault)| fault.acts(tick)) {
@@ -67,7 +67,7 @@ impl PlantLink {
         read
     }
 
-    /// What the drives do instead of `frame`.
+    /// Returns the frame that the drives execute instead of `frame`.
     pub fn drive(&mut self, frame: &ActuatorFrame, faults: &[Fault], tick: u32) -> ActuatorFrame {
         let mut driven = frame.clone();
         self.torques.push_front(frame.torques.to_vec());

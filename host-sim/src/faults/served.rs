@@ -14,17 +14,17 @@ use crate::plant::{Plant, PlantOptions};
 use crate::scenario::ScenarioError;
 use tesaki_supervisor::Board;
 
-/// A request is repeated after this time without answer [ticks].
+/// A request is repeated after this time without an answer [ticks].
 const PATIENCE: u32 = 4;
-/// A goal is sent so often [ticks].
+/// Period of the goals [ticks].
 const COMMAND_EVERY: u32 = 2;
-/// After a fault the client waits before it enables again [ticks].
+/// Time that the client waits after a fault before it enables again [ticks].
 const RECOVERY: u32 = 40;
 /// Amplitude of the motion [rad], and its period [ticks].
 const AMPLITUDE: f64 = 0.3;
 const PERIOD: f64 = 300.0;
 
-/// What the client does.
+/// Step of the client.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Step {
     Hello,
@@ -34,13 +34,13 @@ enum Step {
     Move,
     ReadFaults,
     ClearFaults(u32),
-    /// Until a tick.
+    /// Waits until this tick.
     Wait(u32),
 }
 
 struct Client {
     step: Step,
-    /// The request without answer, and when it was sent.
+    /// The request without an answer, and the tick in which it was sent.
     open: Option<(RequestFrame, u32)>,
     start: Vec<f32>,
 }
@@ -64,7 +64,7 @@ impl Client {
         Request::Task(TaskCommand::JointServo(JointCommand::Goal { positions }))
     }
 
-    /// The step after a reply.
+    /// Selects the step after a reply.
     fn answer(&mut self, reply: &Reply, tick: u32) {
         self.step = match (self.step, reply) {
             (_, Reply::Refused(Refusal::SchemaMismatch { .. })) => Step::Hello,
@@ -91,7 +91,7 @@ impl Client {
         if let Some((frame, sent)) = self.open.take() {
             match rig.take_reply(frame.sequence) {
                 Some(reply) => self.answer(&reply, tick),
-                // A later goal makes up for a lost one.
+                // A lost goal is not repeated, because later ones replace it.
                 None if self.step == Step::Move => {}
                 None if tick - sent < PATIENCE => self.open = Some((frame, sent)),
                 None => {

@@ -1,4 +1,4 @@
-//! The rig as board of a scenario, and as intervention on its plant.
+//! The rig as the board of a scenario, and as an intervention on its plant.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -19,7 +19,8 @@ use crate::virtual_board::VirtualBoard;
 /// Noise of a contact force [N].
 const FORCE_NOISE: [(&str, f64); 2] = [("arm7", 2.0), ("hand3", 0.5)];
 
-/// Sweeps over the constraints of a grasp: the grip matters here, not its accuracy.
+/// Solver sweeps over the constraints of a grasp: only the existence of the grip matters here, not its
+/// accuracy.
 const SWEEPS: usize = 256;
 
 /// A rig that board and plant share.
@@ -32,7 +33,7 @@ impl SharedRig {
         Self(Arc::new(Mutex::new(Rig::new(schedule, model))))
     }
 
-    /// For the plant.
+    /// The rig as an intervention on the plant.
     pub fn intervention(&self) -> SharedIntervention {
         Arc::new(Mutex::new(self.clone()))
     }
@@ -112,7 +113,8 @@ impl Controller for SharedRig {
             return Err(over());
         }
         rig.tick(sensors);
-        // What the scenario sees: it goes on until the run is over. The plant gets what the drives do.
+        // The scenario sees enabled outputs until the run ends. The plant gets the torques that the drives
+        // apply.
         let mut seen = rig.driven.clone();
         seen.enabled = true;
         Ok(seen)

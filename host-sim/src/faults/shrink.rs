@@ -2,10 +2,10 @@
 
 use super::schedule::Schedule;
 
-/// Most schedules that are tried.
+/// Maximum number of schedules that are tried.
 const MAX_TRIES: usize = 60;
 
-/// The smallest schedule found that `fails`, as `schedule` does: fewer faults, a shorter run, shorter and
+/// Returns the smallest schedule found that still `fails`: with fewer faults, a shorter run, shorter and
 /// smaller faults.
 pub fn shrink(schedule: &Schedule, mut fails: impl FnMut(&Schedule) -> bool) -> Schedule {
     let mut smallest = schedule.clone();
@@ -22,7 +22,7 @@ pub fn shrink(schedule: &Schedule, mut fails: impl FnMut(&Schedule) -> bool) -> 
     }
 }
 
-/// Schedules that are one step smaller, the largest step first.
+/// Returns schedules that are one step smaller, the largest step first.
 fn candidates(schedule: &Schedule) -> Vec<Schedule> {
     let mut smaller = Vec::new();
     if schedule.faults.len() > 1 {
@@ -53,7 +53,7 @@ mod tests {
     use super::*;
     use crate::faults::schedule::{Fault, Kind};
 
-    /// Only a jump of at least 100 counts fails, whatever else there is.
+    /// Only a jump of at least 100 counts fails, regardless of the other faults.
     #[test]
     fn a_schedule_shrinks_to_its_one_cause() {
         let fault = |kind, begin| Fault { kind, begin, ticks: Some(40) };

@@ -1,4 +1,4 @@
-//! Requests of programs that are in error: a second commander, and nonsense.
+//! Requests of faulty programs: a second commander, and invalid requests.
 
 use tesaki::control::{JointPoint, ServoMode};
 use tesaki::protocol::{Item, Request, SCHEMA_KEY, Stream};
@@ -10,7 +10,7 @@ use tesaki::task::telexistence::{
 use tesaki::task::{TaskCommand, TaskConfig};
 use tesaki_rng::Rng;
 
-/// A request of a second program that wants to command `joints` joints.
+/// Draws a request of a second program that tries to command `joints` joints.
 pub fn second(rng: &mut Rng, joints: usize) -> Request {
     match rng.below(17) {
         0..=2 => Request::Hello { schema: SCHEMA_KEY },
@@ -30,7 +30,7 @@ pub fn second(rng: &mut Rng, joints: usize) -> Request {
     }
 }
 
-/// A request that makes no sense. A board refuses it, or it does no harm.
+/// Draws an invalid request. A board must refuse it, or it must do no harm.
 pub fn nonsense(rng: &mut Rng, joints: usize) -> Request {
     const WILD: [f32; 6] = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, -1e30, 1e9];
     let wild = WILD[usize::try_from(rng.below(6)).unwrap_or(0)];

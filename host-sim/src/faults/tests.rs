@@ -1,4 +1,4 @@
-//! The oracle must fail on what is unsafe.
+//! The oracle must detect unsafe behaviour.
 
 #![allow(clippy::unwrap_used, clippy::indexing_slicing, reason = "tests")]
 
@@ -23,12 +23,12 @@ fn robots() -> &'static Path {
     Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../robots"))
 }
 
-/// An oracle of the hand whose commander, client 1, has enabled it.
+/// An oracle for the hand, which its commander, client 1, has enabled.
 fn oracle() -> Oracle {
     oracle_with(0.02)
 }
 
-/// With a true friction [N·m].
+/// Such an oracle with a given true friction [N·m].
 fn oracle_with(coulomb: f64) -> Oracle {
     let model = RobotFolder::load(&robots().join("hand3")).unwrap().model;
     let stops = model.joints.iter().map(|_| Some([-1.0, 1.0])).collect();
@@ -43,7 +43,7 @@ fn enable() -> Request {
     Request::Enable(TaskConfig::JointServo(ServoMode::Pid))
 }
 
-/// A hand at rest, without weight, whose log holds a fault where it stopped.
+/// A hand at rest, without weight, whose log holds a fault if it has stopped.
 fn sample(tick: u32, mode: Mode, enabled: bool) -> Sample {
     let fault = Fault { cause: FaultCause::Stop, joint: None, value: 0.0, limit: 0.0, tick };
     let stopped = mode == Mode::Fault;
@@ -84,7 +84,7 @@ fn a_robot_that_stops_and_rests_is_safe() {
 
 #[test]
 fn torques_beyond_their_limits_are_unsafe() {
-    // Limits of the hand: 0.6 N·m, and 0.6 N·m in a tick.
+    // Limits of the hand: 0.6 N·m, and a change of 0.6 N·m per tick.
     let check = |before: f32, torque: f32, enabled: bool| {
         let mut oracle = oracle();
         for (tick, torque, enabled) in [(0, before, true), (1, torque, enabled)] {
@@ -106,7 +106,7 @@ fn torques_beyond_their_limits_are_unsafe() {
 fn outputs_that_nobody_enabled_are_unsafe() {
     let disable =
         |oracle: &mut Oracle, sequence| oracle.reply(7, sequence, &Request::Disable, &Reply::Done, 5);
-    // After a Disable of anybody, in every mode.
+    // After a Disable from any client, in every mode.
     for mode in [ENABLED, Mode::Fault, Mode::Disabled] {
         let mut oracle = oracle();
         disable(&mut oracle, 1);
@@ -124,7 +124,7 @@ fn outputs_that_nobody_enabled_are_unsafe() {
     repeated.reply(1, 2, &enable(), &Reply::Done, 6);
     repeated.tick(sample(7, ENABLED, true));
     assert_eq!(broken(&repeated), [(Rule::Enabled, 7)]);
-    // By a client without command, and by an Enable that was sent before a Disable.
+    // An Enable from a client without command, and one that was sent before a Disable.
     let mut other = oracle();
     disable(&mut other, 1);
     other.reply(8, 1, &enable(), &Reply::Done, 9);
@@ -150,7 +150,7 @@ fn a_controller_that_keeps_pushing_after_a_fault_is_unsafe() {
     assert!(matches!(found[..], [(Rule::Energy, 5..=12)]), "{found:?}");
 }
 
-/// 0.012 J for 0.1 rad at 0.12 N·m, and again: what the true friction takes accelerates nothing.
+/// 0.012 J for 0.1 rad at 0.12 N·m, twice: work lost to true friction accelerates nothing.
 #[test]
 fn leading_a_joint_against_its_true_friction_is_safe() {
     let found = |coulomb: f64| {
@@ -189,7 +189,7 @@ fn a_rising_force_and_a_fast_tool_are_unsafe() {
     assert_eq!(broken(&oracle), [(Rule::ContactForce, 3), (Rule::ToolSpeed, 3)]);
 }
 
-/// Drives at rest that press no harder than at the fault are not what makes a force rise.
+/// The drives of a robot at rest cause no rise of a force if they press no harder than at the fault.
 #[test]
 fn only_drives_that_press_or_a_robot_in_motion_make_a_force_rise() {
     let found = |torque: f64, energy: f64| {
@@ -208,7 +208,7 @@ fn only_drives_that_press_or_a_robot_in_motion_make_a_force_rise() {
     assert_eq!(found(0.2, 0.0), []);
     assert_eq!(found(0.22, 0.0), []);
     assert_eq!(found(0.24, 0.0), [(Rule::ContactForce, 9)]);
-    // The other way it pressed with nothing.
+    // In the opposite direction it did not press before.
     assert_eq!(found(-0.2, 0.0), [(Rule::ContactForce, 9)]);
     assert_eq!(found(0.2, MOVING), [(Rule::ContactForce, 9)]);
 }
@@ -232,7 +232,8 @@ fn a_force_rises_on_for_two_ticks() {
     assert_eq!(found([6.7, 6.7, 4.8]), [(Rule::ContactForce, 5)]);
 }
 
-/// A tool that swings back: −0.8, then −0.3 m/s; with the same acceleration it comes to 0.7 m/s in two ticks.
+/// A tool that swings back, first at −0.8, then at −0.3 m/s: the same acceleration takes it to 0.7 m/s in two
+/// ticks.
 #[test]
 fn a_tool_goes_on_with_its_acceleration_for_two_ticks() {
     let found = |reached: f64| {
@@ -286,7 +287,7 @@ fn pushing_a_joint_with_a_dead_encoder_is_unsafe() {
         for tick in 0..12_u8 {
             let mut dead = sample(tick.into(), ENABLED, true);
             dead.torques[2] = 0.4;
-            // The truth moves, what is read does not.
+            // The true count changes; the count that is read does not.
             dead.counts[1][2] = 50 * i32::from(tick);
             dead.positions[2] = motion * f64::from(tick);
             dead.load[2] = load;
@@ -295,10 +296,11 @@ fn pushing_a_joint_with_a_dead_encoder_is_unsafe() {
         broken(&oracle).contains(&(Rule::DeadEncoder, 4))
     };
     assert!(found(5e-3, 0.0));
-    // Something else moves it, against its torque, or with it.
+    // Something else moves it: against its torque, then with it.
     assert!(!found(-5e-3, 0.0));
     assert!(found(5e-3, 0.3));
-    // A load that balances the 0.4 N·m but for 0.05 N·m, which friction may take; one that leaves 0.15 N·m.
+    // A load that balances the 0.4 N·m up to 0.05 N·m, which friction can hold; then one that leaves 0.15
+    // N·m.
     assert!(!found(5e-3, -0.35));
     assert!(found(5e-3, -0.25));
 }
@@ -314,13 +316,13 @@ fn a_late_drive_goes_on_with_what_it_was_told_before() {
         }
         broken(&oracle)
     };
-    // From the second tick on: more than six ticks, and the delay.
+    // From the second tick on: more than six ticks, plus the delay.
     assert_eq!(found(0), [(Rule::ToolSpeed, 8)]);
     assert_eq!(found(5), [(Rule::ToolSpeed, 13)]);
 }
 
-/// 0.2 N·m on its way to a drive that is four ticks late drive a joint by 0.1 rad in each of them: 0.08 J,
-/// where 0.016 J are tolerated, and 0.025 J for friction.
+/// A command of 0.2 N·m that is still on its way to a drive with four ticks of delay moves a joint by 0.1 rad
+/// in each of them: 0.08 J, where 0.016 J are tolerated, and 0.025 J for friction.
 #[test]
 fn what_is_on_its_way_to_a_late_drive_fades_later() {
     let found = |late: usize| {
@@ -359,7 +361,8 @@ fn a_lie_that_ended_before_the_stop_is_still_to_be_found() {
     assert_eq!(found(3), [(Rule::ToolSpeed, 11)]);
 }
 
-/// The board finds in the seventh tick what violates a rule from tick 2 on: it is judged by the motion then.
+/// In the seventh tick the board detects the fault that has violated a rule since tick 2: from then on, the
+/// oracle compares with the motion at that time.
 #[test]
 fn what_is_found_in_the_last_tick_is_found() {
     let found = |total: u32| {
@@ -376,7 +379,7 @@ fn what_is_found_in_the_last_tick_is_found() {
     assert_eq!(found(1), [(Rule::ToolSpeed, 8)]);
 }
 
-/// Schedules that are hard for a stop.
+/// Seeds of schedules in which stopping safely is difficult.
 #[test]
 fn hard_schedules_break_no_rule() {
     let seeds = [

@@ -1,4 +1,4 @@
-//! Calibration of simulated hands, and how well it then measures the vectors from the thumb's tip to the
+//! Calibration of simulated hands, and the resulting accuracy of the vectors from the thumb's tip to the
 //! other fingertips (Hand5 section 3.1).
 
 use rapier3d::na::Vector3;
@@ -10,31 +10,31 @@ use tesaki_supervisor::operator::{CalibrationGuide, Pose, mean_orientations};
 
 use super::glove::{FingersMotion, FingertipMarkers, Glove, GloveValues, OperatorHand};
 
-/// Vectors shorter than this have no direction worth comparing [m].
+/// The direction of a vector is evaluated only above this length [m].
 pub(crate) const MIN_DISTANCE: f64 = 0.025;
-/// How long a pose is held [s], and the range of the time to the next.
+/// Time for which a pose is held [s], and range of the time to the next.
 const HOLD: f64 = 1.0;
 const MOVEMENT: [f64; 2] = [0.8, 1.2];
-/// Noise of a pose that is the mean of [`HOLD`]: of a Gauss-Markov process with bandwidth `B`, `1/√(π B t)`
-/// of that of a sample.
+/// Noise of a pose that is averaged over [`HOLD`], relative to that of a sample: `1/√(π B t)` for a
+/// Gauss-Markov process with bandwidth `B`.
 const POSE_NOISE: f64 = 0.178;
 
-/// How a hand is calibrated.
+/// Plan of a hand's calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CalibrationPlan {
     /// Number of poses after the flat hand.
     pub poses: usize,
     /// The fingers with a marker.
     pub marked: [bool; FINGERS],
-    /// How often the thumb touches each finger without marker.
+    /// Number of times that the thumb touches each finger without a marker.
     pub touches: usize,
 }
 
 impl CalibrationPlan {
-    /// A marker on every finger: two minutes.
+    /// A marker on every finger; takes two minutes.
     pub const FULL: Self = Self { poses: 60, marked: [true; FINGERS], touches: 0 };
-    /// Markers on thumb, index and little finger: under two minutes. Proportions of the hand, and
-    /// six touches of the thumb with each, give the others.
+    /// Markers on thumb, index and little finger; takes less than two minutes. The others follow from the
+    /// proportions of the hand, and from six touches of the thumb with each.
     pub const QUICK: Self = Self { poses: 40, marked: [true, true, false, false, true], touches: 6 };
 }
 
@@ -43,14 +43,14 @@ impl CalibrationPlan {
 pub struct VectorError {
     /// Number of instants with the tips at least 25 mm apart.
     pub count: u32,
-    /// Of its length [m].
+    /// Error of its length [m].
     pub length: [f64; 2],
-    /// Of the angle between the estimated and the true vector [rad].
+    /// Angle between the estimated and the true vector [rad].
     pub direction: [f64; 2],
 }
 
 impl VectorError {
-    /// Of pairs of an estimated and a true vector.
+    /// Computes the errors of pairs of an estimated and a true vector.
     pub fn of(pairs: impl Iterator<Item = [Vector3<f64>; 2]> + Clone) -> Self {
         let pairs = pairs.filter(|[_, truth]| truth.norm() >= MIN_DISTANCE);
         let statistics = |values: &mut dyn Iterator<Item = f64>| {
@@ -69,19 +69,19 @@ impl VectorError {
     }
 }
 
-/// What a trial gave.
+/// Result of a trial.
 #[derive(Clone, Debug)]
 pub struct CalibrationTrial {
-    /// Time that the poses took [s].
+    /// Duration of the poses [s].
     pub time: f64,
-    /// Of each finger.
+    /// Accuracy of each finger.
     pub accuracy: [CalibrationAccuracy; FINGERS],
-    /// Estimated and true vectors from the thumb's tip to the tips of index to little finger [m], one of each
+    /// Estimated and true vectors from the thumb's tip to the tips of index to little finger [m], one pair
     /// per sample.
     pub vectors: [Vec<[Vector3<f64>; 2]>; 4],
-    /// When the index finger's were estimated [s].
+    /// Times at which the index finger's vectors were estimated [s].
     pub times: Vec<f64>,
-    /// Delay that explains the estimated vectors best [s].
+    /// Delay that best explains the estimated vectors [s].
     pub delay: f64,
 }
 
@@ -91,19 +91,19 @@ pub enum TrialError {
     /// The calibration was refused.
     #[error(transparent)]
     Calibration(#[from] CalibrationError),
-    /// Its links are not a hand's.
+    /// The links do not form a hand.
     #[error(transparent)]
     Link(#[from] InvalidLink),
 }
 
-/// A hand that was calibrated.
+/// A calibrated hand.
 #[derive(Clone, Debug)]
 pub struct Calibrated {
     /// Its links.
     pub human: HumanHand,
-    /// Of each finger.
+    /// Accuracy of each finger.
     pub accuracy: [CalibrationAccuracy; FINGERS],
-    /// Time that the poses took [s].
+    /// Duration of the poses [s].
     pub time: f64,
 }
 
@@ -139,7 +139,7 @@ pub fn run(
 ) -> Result<CalibrationTrial, TrialError> {
     let hand = OperatorHand::random(seed);
     let Calibrated { human, accuracy, time } = calibrate(plan, values, seed)?;
-    // Half-second movements, as in fast finger work.
+    // Movements of about half a second, as in fast finger work.
     let count = libm::ceil(duration / 0.75) as usize;
     let motion = FingersMotion::random(&hand, seed, 1, count, [0.4, 0.9], 0.1);
     let mut glove = Glove::new(values, seed.wrapping_add(1 << 32));
@@ -151,7 +151,7 @@ pub fn run(
         if time >= duration {
             break;
         }
-        // A sensor that gave no sample is bridged.
+        // A missing sample of a sensor is bridged.
         let _ = filter.update(&mut state, (1.0 / values.rate) as f32, &sample);
         let tips = human.fingertips(&state);
         let Ok(thumb) = tips[0] else { continue };
@@ -169,8 +169,8 @@ pub fn run(
     Ok(CalibrationTrial { time, accuracy, vectors, times, delay })
 }
 
-/// The poses of a calibration, each the mean of the time that it is held, and how long they took [s]. The
-/// first one is the flat hand.
+/// Returns the poses of a calibration, each averaged over the time for which it is held, and their duration
+/// [s]. The first one is the flat hand.
 pub fn poses(plan: &CalibrationPlan, values: GloveValues, seed: u64) -> (Vec<Pose>, f64) {
     let hand = OperatorHand::random(seed);
     let motion = FingersMotion::random(&hand, seed, 0, plan.poses, MOVEMENT, HOLD);
@@ -184,8 +184,8 @@ pub fn poses(plan: &CalibrationPlan, values: GloveValues, seed: u64) -> (Vec<Pos
     (poses.collect(), motion.duration())
 }
 
-/// The touches of thumb and fingers without marker, and how long they took [s]. The tips' ends are up to some
-/// 2 mm off each other, along each axis.
+/// Returns the touches of the thumb with fingers without a marker, and their duration [s]. The fingertips
+/// miss each other by up to about 2 mm along each axis.
 pub fn touches(plan: &CalibrationPlan, values: GloveValues, seed: u64) -> (Vec<(Finger, GloveSample)>, f64) {
     let hand = OperatorHand::random(seed);
     let unmarked = Finger::ALL.into_iter().zip(plan.marked).filter(|(_, marked)| !marked);
@@ -197,7 +197,7 @@ pub fn touches(plan: &CalibrationPlan, values: GloveValues, seed: u64) -> (Vec<(
     (fingers.into_iter().zip(means.into_iter().skip(1)).collect(), time)
 }
 
-/// Mean orientations of each posture that is held.
+/// Returns the mean orientations of each held posture.
 fn held(hand: &OperatorHand, motion: &FingersMotion, glove: &mut Glove) -> Vec<GloveSample> {
     let mut next = glove.sample(hand, motion);
     let means = motion.holds().map(|[begin, end]| {
@@ -224,7 +224,8 @@ fn true_vectors(hand: &OperatorHand, motion: &FingersMotion, time: f64) -> [Vect
     core::array::from_fn(|number| tips[number + 1] - tips[0])
 }
 
-/// The delay of the true motion, in steps of a millisecond from −20 to 60 ms, with the least squared error.
+/// Returns the delay of the true motion with the least squared error, in steps of a millisecond from −20 to
+/// 60 ms.
 fn best_delay(
     hand: &OperatorHand,
     motion: &FingersMotion,
@@ -247,8 +248,8 @@ fn best_delay(
 mod tests {
     use super::*;
 
-    /// Errors of the vectors from the thumb to the other fingers on the development machines, and the time of
-    /// the calibration [s].
+    /// Returns the errors of the vectors from the thumb to the other fingers on the development machines, and
+    /// the duration of the calibration [s].
     fn errors(plan: &CalibrationPlan, filter: GloveFilter) -> ([VectorError; 4], f64) {
         let mut all = [const { Vec::new() }; 4];
         let mut time = 0.0_f64;
@@ -261,7 +262,7 @@ mod tests {
         (all.map(|vectors| VectorError::of(vectors.into_iter())), time)
     }
 
-    /// The paper: 0.9 ± 3.8 mm, 2.4 ± 1.6° (Hand5 section 3.1).
+    /// Results of the paper: 0.9 ± 3.8 mm, 2.4 ± 1.6° (Hand5 section 3.1).
     #[test]
     fn a_calibrated_hand_measures_the_vectors_between_its_tips_better_than_the_paper() {
         for (error, finger) in errors(&CalibrationPlan::FULL, GloveFilter::SMOOTH).0.iter().zip(1..) {

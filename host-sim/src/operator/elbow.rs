@@ -14,11 +14,11 @@ const GRAVITY: f64 = 9.81;
 /// A swing of the elbow about the line from shoulder to wrist, from rest to rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ElbowSwing {
-    /// When it begins [s].
+    /// Start time [s].
     pub begin: f64,
-    /// How long it takes [s].
+    /// Duration [s].
     pub duration: f64,
-    /// By how much the tilt changes [rad].
+    /// Change of the tilt [rad].
     pub angle: f64,
 }
 
@@ -32,7 +32,7 @@ pub struct ElbowMotion {
 }
 
 impl ElbowMotion {
-    /// Tilt [rad] and its first and second derivative at a time [s].
+    /// Returns the tilt [rad] and its first and second derivative at a time [s].
     pub fn at(&self, time: f64) -> [f64; 3] {
         let mut sum = [self.start, 0.0, 0.0];
         for ElbowSwing { begin, duration, angle } in &self.swings {
@@ -67,7 +67,7 @@ impl Default for ElbowSensorValues {
     }
 }
 
-/// The sensor.
+/// A simulated tilt sensor.
 #[derive(Clone, Debug)]
 pub struct ElbowSensor {
     values: ElbowSensorValues,
@@ -79,7 +79,7 @@ pub struct ElbowSensor {
 }
 
 impl ElbowSensor {
-    /// A sensor that samples from a seeded phase on.
+    /// Creates a sensor with a seeded sampling phase.
     pub fn new(values: ElbowSensorValues, seed: u64) -> Self {
         let mut rng = Purpose::ElbowSensor.rng(seed);
         let sampling = Sampling::new(values.rate, 0.5 + 0.5 * rng.symmetric());
@@ -92,7 +92,7 @@ impl ElbowSensor {
         self.offset
     }
 
-    /// The samples since the last call, up to a time [s]: time [s] and tilt [rad].
+    /// Returns the samples since the last call, up to a time [s]: time [s] and tilt [rad].
     pub fn run(&mut self, motion: &ElbowMotion, until: f64) -> Vec<(f64, f64)> {
         let mut samples = Vec::new();
         while let Some(time) = self.sampling.next(until) {
@@ -139,7 +139,7 @@ mod tests {
         assert!(largest > 0.015 && largest < 0.0205, "{largest}");
     }
 
-    /// 30° in 1 s: at the end the lag of 1/(2π 10 Hz) is over; during the swing the tilt is late by it.
+    /// 30° in 1 s: at the end, the lag of 1/(2π 10 Hz) has decayed; during the swing the tilt is late by it.
     #[test]
     fn a_swing_comes_late_and_acceleration_tilts_it() {
         let values =

@@ -1,4 +1,5 @@
-//! The operator's hand, the glove that measures its orientations, and the markers on its fingertips.
+//! The operator's hand, the glove that measures the orientations of its segments, and the markers on its
+//! fingertips.
 
 use core::f64::consts::TAU;
 
@@ -9,11 +10,11 @@ use tesaki_supervisor::trajectory::minimum_jerk;
 
 use crate::purpose::Purpose;
 
-/// Joint angles of a finger from the flat hand [rad]: base bent, base spread, middle bent, end bent.
+/// Joint angles of a finger relative to the flat hand [rad]: base bent, base spread, middle bent, end bent.
 pub type FingerAngles = [f64; 4];
 
-/// Bones [mm] as in `tesaki::teleop`'s proportions: mean of 66 adults (Buryanov and Kotiuk 2010), the last
-/// with the soft tissue.
+/// Bone lengths [mm] as in `tesaki::teleop`'s proportions: mean of 66 adults (Buryanov and Kotiuk 2010), the
+/// last one including soft tissue.
 const BONES: [[f64; 4]; FINGERS] = [
     [0.0, 46.22, 31.57, 27.34],
     [68.12, 39.78, 22.38, 19.66],
@@ -21,7 +22,7 @@ const BONES: [[f64; 4]; FINGERS] = [
     [58.00, 41.37, 25.65, 21.25],
     [53.69, 32.74, 18.11, 19.69],
 ];
-/// Where the metacarpals begin [mm], distal, radial and dorsal of the wrist, and their splay [°]; estimates.
+/// Bases of the metacarpals [mm], distal, radial and dorsal of the wrist, and their splay [°]; estimates.
 const METACARPALS: [[f64; 4]; FINGERS] = [
     [20.0, 25.0, -10.0, 45.0],
     [25.0, 14.0, 0.0, 9.0],
@@ -41,23 +42,23 @@ pub struct OperatorHand {
 
 #[derive(Clone, Debug)]
 struct HandFinger {
-    /// `l0` in the frame of the back of the hand, the others in those of their segments [m].
+    /// `l0` in the frame of the back of the hand, the others in the frames of their segments [m].
     links: [Vector3<f64>; 4],
     /// Orientation of the first segment in the flat hand.
     rest: UnitQuaternion<f64>,
     /// Axes of base bending, spreading, middle and end joint, in the frames of the segments before them.
     axes: [Vector3<f64>; 4],
-    /// How the sensors sit on the segments.
+    /// Orientations of the sensors on the segments.
     mounts: [UnitQuaternion<f64>; 3],
-    /// Bending of the end joint with each radian of the middle one.
+    /// Bending of the end joint per radian of the middle one.
     coupling: f64,
     range: [[f64; 2]; 4],
 }
 
 impl OperatorHand {
-    /// The hand of a seed. Sizes of hands have a standard deviation of 7 %, ratios of bones 5 %, places of
-    /// the first joints 3 mm, ends of links across the bone 1 mm, hinges are tilted by 4°, sensors by 5°. The
-    /// end joint bends with 0.67 ± 0.08 of the middle one.
+    /// Draws the hand of a seed. The standard deviation of the hand's size is 7 %, of bone ratios 5 %, of the
+    /// positions of the first joints 3 mm, and of the link ends across the bone 1 mm; hinges are tilted by
+    /// 4°, sensors by 5°. The end joint bends with 0.67 ± 0.08 of the middle one.
     pub fn random(seed: u64) -> Self {
         let mut rng = Purpose::OperatorHand.rng(seed);
         let size = 1.0 + 0.07 * rng.normal();
@@ -91,7 +92,8 @@ impl OperatorHand {
         Self { fingers }
     }
 
-    /// Orientations of a finger's sensors and its tip [m], in the frame of the back of the hand.
+    /// Returns the orientations of a finger's sensors, and the position of its tip [m], in the frame of the
+    /// back of the hand.
     pub fn finger(&self, finger: Finger, angles: &FingerAngles) -> ([UnitQuaternion<f64>; 3], Vector3<f64>) {
         let HandFinger { links, rest, axes, mounts, .. } = &self.fingers[finger as usize];
         let turn = |joint: usize| UnitQuaternion::from_scaled_axis(axes[joint] * angles[joint]);
@@ -103,7 +105,7 @@ impl OperatorHand {
         (core::array::from_fn(|k| segments[k] * mounts[k]), tip)
     }
 
-    /// The posture whose fingertips are nearest to given ones [m], from half-bent fingers.
+    /// Returns the posture whose fingertips are nearest to given ones [m], starting from half-bent fingers.
     pub fn imitate(&self, tips: &[Vector3<f64>; FINGERS]) -> [FingerAngles; FINGERS] {
         let half =
             core::array::from_fn(|number| self.fingers[number].range.map(|[low, high]| 0.5 * (low + high)));
@@ -115,9 +117,9 @@ impl OperatorHand {
         })
     }
 
-    /// A posture in which the tip of the thumb touches that of a finger: the best of four by coordinate
-    /// descent from random postures. Skin and nail put the tips 2 mm off each other along each axis, at
-    /// random.
+    /// Returns a posture in which the tip of the thumb touches that of a finger: the best of four coordinate
+    /// descents from random postures. Skin and nail offset the tips from each other by a random 2 mm along
+    /// each axis.
     fn pinch(&self, finger: Finger, rng: &mut Rng) -> [FingerAngles; FINGERS] {
         let offset = Vector3::from_fn(|_, _| 2e-3 * rng.normal());
         let cost = |angles: &[FingerAngles; FINGERS]| {
@@ -135,12 +137,12 @@ impl OperatorHand {
         best
     }
 
-    /// The tip of a finger [m].
+    /// Position of a finger's tip [m].
     fn tip(&self, finger: Finger, angles: &[FingerAngles; FINGERS]) -> Vector3<f64> {
         self.finger(finger, &angles[finger as usize]).1
     }
 
-    /// The cost of an end joint that is bent by itself, which it cannot be [m].
+    /// Cost of bending an end joint independently of the middle one, which is not possible [m].
     fn strain(&self, finger: Finger, angles: &[FingerAngles; FINGERS]) -> f64 {
         if finger == Finger::Thumb {
             return 0.0;
@@ -150,7 +152,7 @@ impl OperatorHand {
         0.02 * (apart - 0.14).max(0.0)
     }
 
-    /// Coordinate descent of a cost by the joints of some fingers.
+    /// Minimises a cost over the joints of some fingers by coordinate descent.
     fn descend(
         &self,
         mut angles: [FingerAngles; FINGERS],
@@ -179,7 +181,7 @@ impl OperatorHand {
         angles
     }
 
-    /// A random posture: the fingers bend more or less together.
+    /// Draws a random posture in which the fingers bend more or less together.
     fn posture(&self, rng: &mut Rng) -> [FingerAngles; FINGERS] {
         let common = [rng.uniform(), rng.uniform()];
         core::array::from_fn(|number| {
@@ -208,15 +210,15 @@ impl OperatorHand {
 /// A motion of the fingers: minimum-jerk movements between postures, with pauses.
 #[derive(Clone, Debug)]
 pub struct FingersMotion {
-    /// When each posture is reached and when it is left [s].
+    /// Times at which each posture is reached and left [s].
     stops: Vec<([f64; 2], [FingerAngles; FINGERS])>,
-    /// Amplitude of the back of the hand's rotation [rad], and its phase.
+    /// Amplitude of the rotation of the back of the hand [rad], and its phase.
     sway: [Vector3<f64>; 2],
 }
 
 impl FingersMotion {
-    /// From the flat hand through `count` random postures: `movement` [s] from one to the next, each held for
-    /// `hold` [s].
+    /// Creates a motion from the flat hand through `count` random postures: each movement takes `movement`
+    /// [s], each posture is held for `hold` [s].
     pub fn random(
         hand: &OperatorHand,
         seed: u64,
@@ -237,7 +239,8 @@ impl FingersMotion {
         Self { stops, sway }
     }
 
-    /// The same from another first posture, a fraction of the way to each of the others.
+    /// Returns the same motion with another first posture, and the other postures moved towards it;
+    /// `fraction` of the distance remains.
     #[must_use]
     pub fn around(mut self, first: [FingerAngles; FINGERS], fraction: f64) -> Self {
         for (number, (_, posture)) in self.stops.iter_mut().enumerate() {
@@ -249,7 +252,8 @@ impl FingersMotion {
         self
     }
 
-    /// As [`Self::random`], through postures in which the thumb touches one finger after another.
+    /// Creates a motion as [`Self::random`], through postures in which the thumb touches one finger after
+    /// another.
     pub fn pinches(hand: &OperatorHand, seed: u64, fingers: &[Finger], movement: f64, hold: f64) -> Self {
         let mut rng = Purpose::Pinches.rng(seed);
         let mut motion = Self::random(hand, seed, 2, 0, [movement; 2], hold);
@@ -260,17 +264,17 @@ impl FingersMotion {
         motion
     }
 
-    /// When each posture is reached and when it is left [s].
+    /// Times at which each posture is reached and left [s].
     pub fn holds(&self) -> impl Iterator<Item = [f64; 2]> {
         self.stops.iter().map(|(hold, _)| *hold)
     }
 
-    /// Length [s].
+    /// Duration [s].
     pub fn duration(&self) -> f64 {
         self.stops.last().map_or(0.0, |([_, end], _)| *end)
     }
 
-    /// Orientation of the back of the hand, and the joint angles, at a time [s].
+    /// Returns the orientation of the back of the hand, and the joint angles, at a time [s].
     pub fn at(&self, time: f64) -> (UnitQuaternion<f64>, [FingerAngles; FINGERS]) {
         let next = self.stops.partition_point(|([reached, _], _)| *reached <= time);
         let ([_, left], from) = self.stops[next.saturating_sub(1)];
@@ -294,21 +298,22 @@ impl FingersMotion {
 pub struct GloveValues {
     /// Sampling rate [Hz].
     pub rate: f64,
-    /// Root mean square of a sensor's error [rad], all axes together: a Gauss-Markov process.
+    /// Root mean square of a sensor's error over all axes [rad]: a Gauss-Markov process.
     pub noise: f64,
-    /// Its bandwidth [Hz].
+    /// Bandwidth of the noise [Hz].
     pub bandwidth: f64,
-    /// Root mean square of the drift about the vertical [rad], a Gauss-Markov process of one minute.
+    /// Root mean square of the drift about the vertical [rad]: a Gauss-Markov process with a time constant of
+    /// one minute.
     pub drift: f64,
-    /// A magnetic disturbance: when it begins and ends [s], and how far it turns the sensors of the index
-    /// finger about the vertical [rad].
+    /// A magnetic disturbance: its start and end [s], and the angle by which it rotates the sensors of the
+    /// index finger about the vertical [rad].
     pub disturbance: Option<([f64; 2], f64)>,
     /// Probability that a sensor's sample is lost.
     pub dropouts: f64,
 }
 
 impl Default for GloveValues {
-    /// 1.5° of 10 Hz bandwidth at 100 samples a second.
+    /// 1.5° with a bandwidth of 10 Hz, at 100 samples per second.
     fn default() -> Self {
         Self {
             rate: 100.0,
@@ -338,7 +343,7 @@ pub struct Glove {
 }
 
 impl Glove {
-    /// Worn by a hand; all errors in their steady state.
+    /// Creates a glove whose errors are in their steady state.
     pub fn new(values: GloveValues, seed: u64) -> Self {
         let mut rng = Purpose::Glove.rng(seed);
         let deviation = values.noise / libm::sqrt(3.0);
@@ -349,7 +354,7 @@ impl Glove {
         Self { values, errors, count: 0, rng }
     }
 
-    /// The next sample: its time [s] and the orientations.
+    /// Takes the next sample: its time [s] and the orientations.
     pub fn sample(&mut self, hand: &OperatorHand, motion: &FingersMotion) -> (f64, GloveSample) {
         let GloveValues { rate, noise, bandwidth, drift, disturbance, dropouts } = self.values;
         let time = f64::from(self.count) / rate;
@@ -397,12 +402,12 @@ pub struct FingertipMarkers {
 }
 
 impl FingertipMarkers {
-    /// 0.3 mm, and a sixth of the markers hidden.
+    /// Markers with 0.3 mm of noise, a sixth of them hidden.
     pub fn new(seed: u64) -> Self {
         Self { noise: 3e-4, occlusion: 1.0 / 6.0, rng: Purpose::FingertipMarkers.rng(seed) }
     }
 
-    /// The markers that are seen, in the frame of the back of the hand [m].
+    /// Measures the visible markers, in the frame of the back of the hand [m].
     pub fn measure(
         &mut self,
         hand: &OperatorHand,

@@ -14,7 +14,7 @@ pub struct LinkValues {
     pub jitter: f64,
     /// Fraction of the messages that are lost.
     pub loss: f64,
-    /// Mean length of the bursts of lost messages (Gilbert's model); up to 1: independent losses.
+    /// Mean length of the bursts of lost messages (Gilbert's model); 1 or less for independent losses.
     pub burst: f64,
 }
 
@@ -23,7 +23,7 @@ pub struct LinkValues {
 pub struct Packet<T> {
     /// Sequence number, from 0.
     pub sequence: u32,
-    /// When it was sent [s].
+    /// Time of sending [s].
     pub time: f64,
     /// Its content.
     pub message: T,
@@ -35,14 +35,14 @@ pub struct Link<T> {
     values: LinkValues,
     rng: Rng,
     sequence: u32,
-    /// The last message was lost.
+    /// Whether the last message was lost.
     losing: bool,
-    /// Messages with their times of arrival, in this order.
+    /// Messages with their times of arrival, in order of arrival.
     in_transit: Vec<(f64, Packet<T>)>,
 }
 
 impl<T> Link<T> {
-    /// An idle link. Several links need different seeds.
+    /// Creates an idle link. Several links need different seeds.
     pub fn new(values: LinkValues, seed: u64) -> Self {
         let rng = Purpose::Link.rng(seed);
         Self { values, rng, sequence: 0, losing: false, in_transit: Vec::new() }
@@ -53,9 +53,10 @@ impl<T> Link<T> {
         let packet = Packet { sequence: self.sequence, time, message };
         self.sequence = self.sequence.wrapping_add(1);
         let LinkValues { delay, jitter, loss, burst } = self.values;
-        // Both numbers are drawn for each message, so that neither depends on the other.
+        // Both numbers are drawn for every message, so that the parameters do not affect later draws.
         let [late, lost] = [(); 2].map(|()| 0.5 + 0.5 * self.rng.symmetric());
-        // A burst ends with probability 1/burst, and begins with the one that gives the fraction of losses.
+        // A burst ends with probability 1/burst, and begins with the probability that yields the given
+        // fraction of losses.
         let probability = match self.losing {
             _ if burst <= 1.0 => loss,
             true => 1.0 - 1.0 / burst,
@@ -69,7 +70,7 @@ impl<T> Link<T> {
         }
     }
 
-    /// The messages that have arrived by a time [s] since the last call, in the order of arrival.
+    /// Returns the messages that have arrived by a time [s] since the last call, in order of arrival.
     pub fn receive(&mut self, time: f64) -> impl Iterator<Item = Packet<T>> {
         let arrived = self.in_transit.partition_point(|(arrival, _)| *arrival <= time);
         self.in_transit.drain(..arrived).map(|(_, packet)| packet)
@@ -83,7 +84,7 @@ mod tests {
     fn run(values: LinkValues, seed: u64) -> Vec<(f64, Packet<u32>)> {
         let mut link = Link::new(values, seed);
         let mut got = Vec::new();
-        // Sent every 4 ms, looked at every 0.1 ms.
+        // A message is sent every 4 ms; the receiver polls every 0.1 ms.
         for now in 0..400_000_u32 {
             let time = f64::from(now) * 1e-4;
             if now % 40 == 0 && now < 390_000 {
@@ -103,7 +104,7 @@ mod tests {
         let mean = late.iter().sum::<f64>() / late.len() as f64;
         let deviation = (late.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / late.len() as f64).sqrt();
         assert!(late.iter().all(|&late| (-1e-9..0.0102).contains(&late)));
-        // Uniform over 10 ms, up to the 0.1 ms of the receiver.
+        // Uniform over 10 ms, plus up to 0.1 ms of polling delay.
         assert!(
             (mean - 0.00505).abs() < 1e-4 && (deviation - 0.01 / 12_f64.sqrt()).abs() < 1e-4,
             "{mean} {deviation}"

@@ -1,4 +1,4 @@
-//! The master arm: six joints that follow the operator's hand, measure it, and push back.
+//! The master arm: six joints that follow the operator's hand, measure its pose, and reflect forces.
 
 use core::f64::consts::{FRAC_PI_2, TAU};
 
@@ -8,7 +8,7 @@ use tesaki_rng::Rng;
 use super::{OperatorHandMotion, OperatorHandState, Sampling};
 use crate::purpose::Purpose;
 
-/// Longest step of the operator's arm [s].
+/// Longest integration step of the operator's arm [s].
 const STEP: f64 = 5e-4;
 
 /// Impedance of the operator's arm with the handle: mass, damper and spring between the intended and the
@@ -24,7 +24,7 @@ pub struct Impedance {
 }
 
 impl Impedance {
-    /// Deviation and its rate after a step under a force, by the implicit midpoint rule.
+    /// Advances the deviation and its rate by a step under a force, with the implicit midpoint rule.
     fn advance(
         &self,
         deviation: &mut Vector3<f64>,
@@ -41,18 +41,18 @@ impl Impedance {
     }
 }
 
-/// A master arm: shoulder of two joints, elbow, and a wrist of three whose axes meet.
+/// A master arm: a shoulder with two joints, an elbow, and a wrist with three joints whose axes intersect.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MasterArmValues {
-    /// From shoulder to elbow and from elbow to wrist [m].
+    /// Lengths from shoulder to elbow and from elbow to wrist [m].
     pub links: [f64; 2],
-    /// From wrist to handle [m].
+    /// Length from wrist to handle [m].
     pub handle: f64,
-    /// Position of the shoulder relative to the handle in the middle of its range [m].
+    /// Position of the shoulder relative to the handle at the centre of its range [m].
     pub shoulder: [f64; 3],
     /// Encoder counts per revolution of a joint.
     pub counts_per_turn: f64,
-    /// Standard deviation of a joint's reading before it is rounded [rad].
+    /// Standard deviation of a joint's reading before rounding [rad].
     pub noise: f64,
     /// Largest constant error of a joint [rad].
     pub zero_error: f64,
@@ -62,14 +62,15 @@ pub struct MasterArmValues {
     pub impedance: Impedance,
     /// The operator's hand with the handle, about each axis [kg·m², N·m·s/rad, N·m/rad].
     pub rotation: Impedance,
-    /// Largest force that the motors reflect [N].
+    /// Largest reflected force of the motors [N].
     pub force_limit: f64,
-    /// Largest torque [N·m].
+    /// Largest reflected torque [N·m].
     pub torque_limit: f64,
 }
 
 impl Default for MasterArmValues {
-    /// A light arm on a table to the right of the operator. Its 240 Hz are not a multiple of a slave's rate.
+    /// A light arm on a table to the right of the operator. Its rate of 240 Hz is not a multiple of a slave's
+    /// rate.
     fn default() -> Self {
         Self {
             links: [0.32, 0.32],
@@ -90,7 +91,7 @@ impl Default for MasterArmValues {
 /// Measured pose of the handle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MasterPose {
-    /// [m]
+    /// Position [m].
     pub position: [f64; 3],
     /// Unit quaternion `[x, y, z, w]`.
     pub orientation: [f64; 4],
@@ -112,14 +113,14 @@ pub struct MasterArm {
     deviation: Vector3<f64>,
     deviation_rate: Vector3<f64>,
     force: Vector3<f64>,
-    /// The same of the orientation, a rotation vector in the axes of the base [rad], [rad/s].
+    /// Deviation of the orientation, a rotation vector in the axes of the base [rad], and its rate [rad/s].
     turn: Vector3<f64>,
     turn_rate: Vector3<f64>,
     torque: Vector3<f64>,
 }
 
 impl MasterArm {
-    /// An arm whose handle is at `middle` in the middle of its range; it samples from a seeded phase on.
+    /// Creates an arm whose handle is at `middle` at the centre of its range, with a seeded sampling phase.
     pub fn new(values: MasterArmValues, middle: &Isometry3<f64>, seed: u64) -> Self {
         let mut rng = Purpose::MasterArm.rng(seed);
         let sampling = Sampling::new(values.rate, 0.5 + 0.5 * rng.symmetric());
@@ -149,13 +150,13 @@ impl MasterArm {
         self.force.into()
     }
 
-    /// Sets the reflected torque [N·m], as [`Self::reflect`] the force.
+    /// Sets the reflected torque [N·m], saturated like the force in [`Self::reflect`].
     pub fn reflect_torque(&mut self, torque: [f64; 3]) -> [f64; 3] {
         self.torque = Vector3::from(torque).cap_magnitude(self.values.torque_limit);
         self.torque.into()
     }
 
-    /// True state of the handle while the operator intends `motion`.
+    /// Returns the true state of the handle while the operator intends `motion`.
     pub fn handle(&self, motion: &OperatorHandMotion) -> OperatorHandState {
         let mut state = motion.at(self.time);
         state.pose.translation.vector += self.deviation;
@@ -187,7 +188,7 @@ impl MasterArm {
             let step = STEP.min(until - self.time);
             impedance.advance(&mut self.deviation, &mut self.deviation_rate, &self.force, step);
             rotation.advance(&mut self.turn, &mut self.turn_rate, &self.torque, step);
-            // The last step ends exactly where it should.
+            // The last step ends exactly at `until`.
             self.time = if step < STEP { until } else { self.time + step };
         }
     }
@@ -204,18 +205,18 @@ impl MasterArm {
     }
 }
 
-/// Joints: about z, then twice about y, then about x, y and z. At zero angles the arm points along x of its
-/// base, which looks from the shoulder towards the operator's hand.
+/// Joint axes: z, y, y, then x, y and z. At zero angles the arm points along x of its base, which points from
+/// the shoulder towards the operator's hand.
 #[derive(Clone, Debug)]
 struct Kinematics {
     base: Isometry3<f64>,
     links: [f64; 2],
-    /// The handle in the frame of the last joint.
+    /// Pose of the handle in the frame of the last joint.
     handle: Isometry3<f64>,
 }
 
 impl Kinematics {
-    /// The wrist's angles are 0 with the handle in the `middle`.
+    /// Sets up the kinematics so that the wrist's angles are 0 with the handle at `middle`.
     fn new(values: &MasterArmValues, middle: &Isometry3<f64>) -> Self {
         let shoulder = Vector3::from(values.shoulder);
         let yaw = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), libm::atan2(-shoulder.y, -shoulder.x));
@@ -235,7 +236,8 @@ impl Kinematics {
             * UnitQuaternion::from_axis_angle(&Vector3::y_axis(), lift + bend)
     }
 
-    /// The first three joints, from the wrist's place in the frame of the base. Out of reach: the nearest.
+    /// Computes the first three joint angles from the position of the wrist in the frame of the base. Out of
+    /// reach, the nearest reachable position counts.
     fn angles_of_wrist(&self, wrist: &Vector3<f64>) -> [f64; 3] {
         let [upper, fore] = self.links;
         let out = libm::hypot(wrist.x, wrist.y);
@@ -284,10 +286,10 @@ mod tests {
         Isometry3::from_parts(Translation3::from(Vector3::from(sample.position)), turn)
     }
 
-    /// Of position [m] and orientation [rad].
+    /// Errors of position [m] and orientation [rad].
     type Error = (Vector3<f64>, Vector3<f64>);
 
-    /// Errors of what a run of 20 s measures.
+    /// Returns the measurement errors of a run of 20 s.
     fn errors(values: MasterArmValues, seed: u64) -> Vec<Error> {
         let motion = OperatorHandMotion::reaching(middle(), &StrokeValues::default(), seed, 20.0);
         let samples = MasterArm::new(values, &middle(), seed).run(&motion, 20.0);
@@ -316,7 +318,7 @@ mod tests {
         }
     }
 
-    /// Quantisation and noise of a joint: 34 µrad; on levers of up to 0.6 m, and six axes.
+    /// Quantisation and noise of a joint: 34 µrad; with lever arms of up to 0.6 m, and six axes.
     #[test]
     fn quantisation_noise_and_zero_errors_have_their_sizes() {
         let deviation = (2e-5_f64.powi(2) + (TAU / 65_536.0).powi(2) / 12.0).sqrt();
@@ -325,7 +327,8 @@ mod tests {
         let rms =
             |of: &dyn Fn(&Error) -> f64| (found.iter().map(of).sum::<f64>() / found.len() as f64).sqrt();
         let turn = rms(&|(_, turn)| turn.norm_squared());
-        // Six unit axes add up; at the handle the first three have levers of 0.26 to 0.45 m.
+        // The errors about six unit axes add up; at the handle the first three have lever arms of 0.26 to
+        // 0.45 m.
         assert!((turn / (deviation * 6_f64.sqrt()) - 1.0).abs() < 0.1, "{turn:e} {deviation:e}");
         let position = rms(&|(position, _)| position.norm_squared());
         assert!(position > 0.35 * deviation && position < 0.45 * 3_f64.sqrt() * deviation, "{position:e}");
@@ -348,7 +351,7 @@ mod tests {
             counts[samples.len()] += 1;
             times.extend(samples.iter().map(|(time, _)| *time));
         }
-        // 240 Hz: 2.4 to a tick.
+        // 240 Hz: 2.4 samples per tick.
         assert!(counts[2] > 550 && counts[3] > 350 && counts[1] + counts[4] == 0, "{counts:?}");
         assert!(times.windows(2).all(|two| (two[1] - two[0] - 1.0 / 240.0).abs() < 1e-9));
         let phase =
@@ -356,7 +359,8 @@ mod tests {
         assert!((phase(1) - phase(2)).abs() > 1e-5);
     }
 
-    /// A step of force on mass, damper and spring: overshoot, period and rest as in every textbook.
+    /// A step of force on mass, damper and spring, compared with the textbook's overshoot, period and final
+    /// value.
     #[test]
     fn the_handle_deviates_as_the_operators_impedance_says() {
         let motion = OperatorHandMotion::strokes(middle(), Vec::new());

@@ -7,12 +7,12 @@
 //!                    └─ force ◄─ Link ◄──┘
 //! ```
 //!
-//! For a hand with five fingers: [`OperatorHand`] moved by [`FingersMotion`], measured by [`Glove`] and
+//! A hand with five fingers is an [`OperatorHand`] moved by [`FingersMotion`], and measured by [`Glove`] and
 //! [`FingertipMarkers`]; [`calibration_trial`] calibrates it.
 //!
-//! All poses are in one frame, in which the operator's hand and the slave's hand are to be at the same place;
-//! where the devices stand is their own matter. Devices sample at rates and phases of their own. Everything
-//! random is seeded, and all time stamps are of one clock.
+//! All poses are in one frame, in which the operator's hand and the slave's hand should coincide; the poses
+//! of the devices do not matter outside them. Devices sample with their own rates and phases. All random
+//! values are seeded, and all time stamps are from one clock.
 
 pub mod calibration_trial;
 mod elbow;
@@ -29,7 +29,7 @@ pub use master_arm::{Impedance, MasterArm, MasterArmValues, MasterPose};
 pub use motion::{OperatorHandMotion, OperatorHandState, Stroke, StrokeValues, TREMOR_BAND};
 pub use recorded::{Recorded, RecordedError};
 
-/// Instants of a device that samples at a steady rate from a phase on.
+/// Sampling times of a device with a constant rate and a phase.
 #[derive(Clone, Copy, Debug)]
 struct Sampling {
     rate: f64,
@@ -43,7 +43,7 @@ impl Sampling {
         Self { rate, phase, count: 0 }
     }
 
-    /// The next instant, if it is not after `until` [s].
+    /// Returns the next sampling time, if it is not after `until` [s].
     fn next(&mut self, until: f64) -> Option<f64> {
         let time = (f64::from(self.count) + self.phase) / self.rate;
         (time <= until).then(|| {

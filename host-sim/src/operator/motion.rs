@@ -8,9 +8,9 @@ use tesaki_supervisor::trajectory::minimum_jerk;
 use super::Recorded;
 use crate::purpose::Purpose;
 
-/// Physiological tremor of a hand that is held freely [Hz].
+/// Frequency band of the physiological tremor of an unsupported hand [Hz].
 pub const TREMOR_BAND: [f64; 2] = [8.0, 12.0];
-/// Sinusoids that make the tremor of an axis.
+/// Number of sinusoids that compose the tremor of an axis.
 const TREMOR_PARTS: usize = 12;
 
 /// Pose and velocity of the hand.
@@ -27,9 +27,9 @@ pub struct OperatorHandState {
 /// A minimum-jerk motion from rest to rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stroke {
-    /// When it begins [s].
+    /// Start time [s].
     pub begin: f64,
-    /// How long it takes [s].
+    /// Duration [s].
     pub duration: f64,
     /// Displacement [m].
     pub shift: Vector3<f64>,
@@ -40,9 +40,9 @@ pub struct Stroke {
 /// Parameters of seeded strokes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StrokeValues {
-    /// The hand stays within this of its start along each axis [m].
+    /// The hand stays within this distance of its start along each axis [m].
     pub reach: f64,
-    /// It stays within this of its orientation at the start about each axis [rad].
+    /// It stays within this angle of its initial orientation about each axis [rad].
     pub tilt: f64,
     /// Range of the peak speed of a stroke [m/s].
     pub speed: [f64; 2],
@@ -50,7 +50,7 @@ pub struct StrokeValues {
     pub reversals: f64,
     /// Fraction of the strokes that are followed by a pause.
     pub pauses: f64,
-    /// Range of the length of a pause [s].
+    /// Range of the duration of a pause [s].
     pub pause: [f64; 2],
 }
 
@@ -71,7 +71,7 @@ enum Trajectory {
 #[derive(Clone, Copy, Debug)]
 struct Tremor {
     amplitude: Vector3<f64>,
-    /// [rad/s]
+    /// Angular frequency [rad/s].
     frequency: f64,
     phase: f64,
 }
@@ -85,8 +85,9 @@ pub struct OperatorHandMotion {
 }
 
 impl OperatorHandMotion {
-    /// A sine about `start`; in the paper's master-slave experiment (0.1, 0, 0) m at 0.5 Hz. The amplitude
-    /// rises within the first half period and falls within the last; before and after the hand is at rest.
+    /// Creates a sine about `start`; (0.1, 0, 0) m at 0.5 Hz in the paper's master-slave experiment. The
+    /// amplitude rises within the first half period and falls within the last; before and after, the hand is
+    /// at rest.
     pub const fn sine(
         start: Isometry3<f64>,
         amplitude: Vector3<f64>,
@@ -96,12 +97,12 @@ impl OperatorHandMotion {
         Self { start, trajectory: Trajectory::Sine { amplitude, frequency, begin, end }, tremor: Vec::new() }
     }
 
-    /// One stroke after another, in the order of time.
+    /// Creates a sequence of strokes, ordered by time.
     pub const fn strokes(start: Isometry3<f64>, strokes: Vec<Stroke>) -> Self {
         Self { start, trajectory: Trajectory::Strokes(strokes), tremor: Vec::new() }
     }
 
-    /// Seeded strokes with pauses and reversals, from 0 to about `duration` [s].
+    /// Creates seeded strokes with pauses and reversals, from 0 to about `duration` [s].
     pub fn reaching(start: Isometry3<f64>, values: &StrokeValues, seed: u64, duration: f64) -> Self {
         let mut rng = Purpose::HandMotion.rng(seed);
         let mut within = move |[low, high]: [f64; 2]| low + (high - low) * (0.5 + 0.5 * rng.symmetric());
@@ -116,7 +117,7 @@ impl OperatorHandMotion {
                     Vector3::from_fn(|_, _| within([-values.tilt, values.tilt])) - tilt,
                 ),
             };
-            // Of minimum jerk the peak is 15/8 of the mean.
+            // The peak speed of a minimum-jerk motion is 15/8 of the mean.
             let stroke_time = (1.875 * shift.norm() / within(values.speed)).max(0.2);
             strokes.push(Stroke { begin: time, duration: stroke_time, shift, turn });
             (place, tilt, time) = (place + shift, tilt + turn, time + stroke_time);
@@ -127,13 +128,13 @@ impl OperatorHandMotion {
         Self::strokes(start, strokes)
     }
 
-    /// A recorded motion; before and after the hand is at rest.
+    /// Uses a recorded motion; before and after, the hand is at rest.
     pub fn recorded(recorded: Recorded) -> Self {
         Self { start: recorded.start(), trajectory: Trajectory::Recorded(recorded), tremor: Vec::new() }
     }
 
-    /// Adds a tremor of 8 to 12 Hz: its root mean square along each axis [m], for a hand held freely some 0.1
-    /// mm.
+    /// Adds a tremor of 8 to 12 Hz, given its root mean square along each axis [m]; about 0.1 mm for an
+    /// unsupported hand.
     #[must_use]
     pub fn with_tremor(mut self, rms: f64, seed: u64) -> Self {
         let mut rng = Purpose::Tremor.rng(seed);
@@ -141,7 +142,7 @@ impl OperatorHandMotion {
         let size = rms * libm::sqrt(2.0 / TREMOR_PARTS as f64);
         for axis in 0..3 {
             for part in 0..TREMOR_PARTS {
-                // One frequency in each slice of the band: the sum has beats, and the given rms value.
+                // One frequency in each slice of the band: the sum has beats, and the given RMS value.
                 let place = (part as f64 + 0.5 + 0.5 * rng.symmetric()) / TREMOR_PARTS as f64;
                 let mut amplitude = Vector3::zeros();
                 amplitude[axis] = size;
@@ -152,7 +153,7 @@ impl OperatorHandMotion {
         self
     }
 
-    /// Intended state of the hand at a time [s].
+    /// Returns the intended state of the hand at a time [s].
     pub fn at(&self, time: f64) -> OperatorHandState {
         let mut state = match &self.trajectory {
             Trajectory::Recorded(recorded) => recorded.at(time),
@@ -183,7 +184,7 @@ impl OperatorHandMotion {
         self.moved(shift, velocity, turn, spin)
     }
 
-    /// State displaced from the start by a translation and a rotation vector, with their rates.
+    /// Returns the state displaced from the start by a translation and a rotation vector, with their rates.
     fn moved(
         &self,
         shift: Vector3<f64>,
@@ -197,7 +198,7 @@ impl OperatorHandMotion {
     }
 }
 
-/// Angular velocity of a rotation vector that changes at a rate.
+/// Returns the angular velocity of a rotation vector that changes at a rate.
 fn angular_velocity(turn: &Vector3<f64>, rate: &Vector3<f64>) -> Vector3<f64> {
     let angle = turn.norm();
     let (first, second) = if angle < 1e-4 {
@@ -210,7 +211,7 @@ fn angular_velocity(turn: &Vector3<f64>, rate: &Vector3<f64>) -> Vector3<f64> {
     rate + across * first + turn.cross(&across) * second
 }
 
-/// A sine of amplitude 1, with a rise and a fall of half a period each, and its rate.
+/// Returns a sine of amplitude 1, with a rise and a fall of half a period each, and its rate.
 fn sine(frequency: f64, time: f64, duration: f64) -> [f64; 2] {
     let ramp = 0.5 / frequency;
     let [up, up_rate, _] = minimum_jerk(time / ramp);
@@ -229,7 +230,7 @@ mod tests {
         Isometry3::new(Vector3::new(0.36, 0.0, -0.3), Vector3::new(0.0, -1.5, 0.2))
     }
 
-    /// Velocities are the derivatives of the poses.
+    /// Checks that velocities are the derivatives of the poses.
     fn check_velocities(motion: &OperatorHandMotion, duration: f64) {
         let step = 1e-5;
         for tick in 1..(duration * 50.0) as u32 {
@@ -290,7 +291,7 @@ mod tests {
             .collect();
         let total = samples.iter().map(|y| y * y).sum::<f64>();
         assert!(((total / 4000.0).sqrt() / 1e-4 - 1.0).abs() < 0.05, "{}", (total / 4000.0).sqrt());
-        // A discrete Fourier transform, 20 s long: lines every 0.05 Hz.
+        // A discrete Fourier transform over 20 s: lines every 0.05 Hz.
         let power = |line: usize| {
             let (mut re, mut im) = (0.0, 0.0);
             for (n, y) in samples.iter().enumerate() {

@@ -10,10 +10,10 @@ use super::OperatorHandState;
 /// The columns, in this order, named in the first line.
 const HEADER: &str = "time,x,y,z,qx,qy,qz,qw";
 
-/// A recorded motion: a CSV file with the header `time,x,y,z,qx,qy,qz,qw` and a line for each sample: time
-/// [s], rising; position [m]; orientation, a quaternion that is made a unit one. Positions in between follow
-/// cubic Hermite splines whose velocities are those of the parabolas through three samples; orientations turn
-/// steadily from one to the next.
+/// A recorded motion: a CSV file with the header `time,x,y,z,qx,qy,qz,qw` and one line per sample: time [s],
+/// rising; position [m]; orientation, a quaternion that is normalised. Positions are interpolated by cubic
+/// Hermite splines whose velocities are those of the parabolas through three samples; orientations turn at a
+/// constant rate from one sample to the next.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Recorded {
     samples: Vec<RecordedSample>,
@@ -34,18 +34,18 @@ pub enum RecordedError {
     Read {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The reason.
         reason: String,
     },
-    /// The first line.
+    /// The first line is not the header.
     #[error("line 1 is {0:?}: it must be {HEADER}")]
     Header(String),
     /// A line that is not a sample.
     #[error("line {line}: {problem}")]
     Line {
-        /// From 1.
+        /// Line number, from 1.
         line: u64,
-        /// What is wrong.
+        /// The error.
         problem: &'static str,
     },
     /// Too few samples.
@@ -57,7 +57,7 @@ impl Recorded {
     /// Reads a file.
     ///
     /// # Errors
-    /// It cannot be read, or the first thing that is wrong in it, by line.
+    /// The file cannot be read or is invalid; the error names the first invalid line.
     pub fn load(path: &Path) -> Result<Self, RecordedError> {
         let error =
             |error: std::io::Error| RecordedError::Read { path: path.to_owned(), reason: error.to_string() };
@@ -67,10 +67,10 @@ impl Recorded {
     /// Reads the text of a file.
     ///
     /// # Errors
-    /// The first thing that is wrong, by line.
+    /// The text is invalid; the error names the first invalid line.
     pub fn from_csv(text: &str) -> Result<Self, RecordedError> {
         let mut reader = ReaderBuilder::new().flexible(true).trim(Trim::All).from_reader(text.as_bytes());
-        // Text that is UTF-8, with lines of any length, has no errors.
+        // Reading UTF-8 text with lines of any length cannot fail.
         let header = reader.headers().cloned().unwrap_or_default();
         if !header.iter().eq(HEADER.split(',')) {
             return Err(RecordedError::Header(header.iter().collect::<Vec<_>>().join(",")));
@@ -98,7 +98,7 @@ impl Recorded {
         Ok(Self { samples })
     }
 
-    /// How long it takes, from the first sample to the last [s].
+    /// Duration from the first sample to the last [s].
     pub fn duration(&self) -> f64 {
         self.samples.last().map_or(0.0, |last| last.time) - self.samples[0].time
     }
@@ -107,7 +107,7 @@ impl Recorded {
         self.samples[0].pose
     }
 
-    /// At a time from the first sample on [s].
+    /// Returns the state at a time since the first sample [s].
     pub(super) fn at(&self, time: f64) -> OperatorHandState {
         let time = self.samples[0].time + time.clamp(0.0, self.duration());
         let after =
@@ -132,7 +132,7 @@ impl Recorded {
     }
 }
 
-/// The line of a record, from 1: its position is in front of the empty lines before it.
+/// Returns the line number of a record, from 1; its position is before any empty lines that precede it.
 fn line(text: &str, record: &StringRecord) -> u64 {
     let Some(position) = record.position() else { return 0 };
     let rest = usize::try_from(position.byte()).ok().and_then(|byte| text.get(byte..)).unwrap_or_default();
@@ -140,7 +140,7 @@ fn line(text: &str, record: &StringRecord) -> u64 {
     position.line() + empty.map(|_| 1).sum::<u64>()
 }
 
-/// A line, without a velocity.
+/// Parses a line into a sample without velocity.
 fn sample(record: &StringRecord) -> Result<RecordedSample, &'static str> {
     let numbers: Vec<f64> = record.iter().map_while(|word| word.parse().ok()).collect();
     let Ok([time, x, y, z, i, j, k, w]) = <[f64; 8]>::try_from(numbers) else {

@@ -93,9 +93,10 @@ impl TipContact {
         self.sum.0 / self.sum.1.max(1.0)
     }
 
-    /// Sliding friction must act along the slip velocity. Rapier's does not if the effective mass of the
-    /// contact differs between tangential directions. A velocity across the slip direction, added to that
-    /// which rapier sees, corrects it; this updates that velocity.
+    /// Corrects the direction of sliding friction, which must oppose the slip velocity. Rapier's friction
+    /// does not if the effective mass of the contact differs between tangential directions. The correction is
+    /// a velocity across the slip direction, which is added to the velocity that rapier sees; this updates
+    /// it.
     fn correct_direction(&mut self, friction: &Vector3<f64>) {
         let (Some(slip), Some(pull)) = (self.slip_velocity.try_normalize(1e-6), friction.try_normalize(1e-9))
         else {
@@ -114,7 +115,7 @@ impl TipContact {
     }
 }
 
-/// The contact of two colliders in a sub-step.
+/// The contact of two colliders during a sub-step.
 #[derive(Default)]
 pub struct Contact {
     pub force: Vector3<f64>,
@@ -123,14 +124,15 @@ pub struct Contact {
 }
 
 impl Contact {
-    /// Whether it slides or separates.
+    /// Returns whether it slides or separates.
     pub fn slides(&self, friction: f64) -> bool {
         let limit = friction * self.force.dot(&self.normal).abs();
         across(&self.force, &self.normal).norm() >= SLIDING * limit
     }
 }
 
-/// The forces of a pair on `object` in the last sub-step, which had one solver iteration.
+/// Returns the contact of a pair, with the forces on `object` in the last sub-step, which had one solver
+/// iteration.
 pub fn contact(pair: &ContactPair, object: ColliderHandle, step: f64) -> Contact {
     let side = if pair.collider1 == object { 1.0 } else { -1.0 };
     let mut contact = Contact::default();
@@ -148,7 +150,7 @@ pub fn contact(pair: &ContactPair, object: ColliderHandle, step: f64) -> Contact
     contact
 }
 
-/// The component of a vector normal to a direction.
+/// Returns the component of a vector perpendicular to a direction.
 pub fn across(vector: &Vector3<f64>, direction: &Vector3<f64>) -> Vector3<f64> {
     vector - direction * direction.dot(vector)
 }

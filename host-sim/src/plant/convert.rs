@@ -1,10 +1,10 @@
-//! Between the plant's double precision and rapier's types, which are in single precision.
+//! Conversions between the plant's double precision and rapier's types, which have single precision.
 
 use rapier3d::dynamics::{MassProperties, RigidBody};
 use rapier3d::math::{Pose, Rotation, Vector};
 use rapier3d::na::{Isometry3, Matrix3, Quaternion, Rotation3, Translation3, UnitQuaternion, Vector3};
 
-/// From a mass [kg], its centre [m] and its inertia about that [kg·m²].
+/// Converts a mass [kg], its centre [m] and its inertia about the centre [kg·m²].
 pub fn mass_properties(mass: f64, center: &Vector3<f64>, inertia: Matrix3<f64>) -> MassProperties {
     let eigen = inertia.symmetric_eigen();
     let mut axes: Matrix3<f64> = eigen.eigenvectors;
@@ -24,18 +24,18 @@ pub fn pose(pose: &Isometry3<f64>) -> Pose {
     Pose::from_parts(vector(&pose.translation.vector), rotation(&pose.rotation))
 }
 
-/// From a position [m] and a quaternion `[x, y, z, w]`.
+/// Converts a position [m] and a quaternion `[x, y, z, w]`.
 pub fn isometry([x, y, z]: [f64; 3], [i, j, k, w]: [f64; 4]) -> Isometry3<f64> {
     let turn = UnitQuaternion::from_quaternion(Quaternion::new(w, i, j, k));
     Isometry3::from_parts(Translation3::new(x, y, z), turn)
 }
 
-/// Pose of a body in the physics engine.
+/// Returns the pose of a body in the physics engine.
 pub fn pose_of(body: &RigidBody) -> Isometry3<f64> {
     isometry_of(body.position())
 }
 
-/// In double precision.
+/// Converts a pose to double precision.
 pub fn isometry_of(pose: &Pose) -> Isometry3<f64> {
     isometry(pose.translation.to_array().map(f64::from), pose.rotation.to_array().map(f64::from))
 }
@@ -44,7 +44,7 @@ pub fn vector(vector: &Vector3<f64>) -> Vector {
     Vector::new(narrow(vector.x), narrow(vector.y), narrow(vector.z))
 }
 
-/// In double precision.
+/// Converts a vector to double precision.
 pub fn wide(vector: Vector) -> Vector3<f64> {
     Vector3::from(vector.to_array().map(f64::from))
 }
@@ -54,7 +54,7 @@ fn rotation(rotation: &UnitQuaternion<f64>) -> Rotation {
     Rotation::from_xyzw(narrow(x), narrow(y), narrow(z), narrow(w)).normalize()
 }
 
-/// Rapier works in single precision.
+/// Rounds to the single precision of rapier.
 #[expect(clippy::cast_possible_truncation, reason = "rounding is meant")]
 pub const fn narrow(value: f64) -> f32 {
     value as f32

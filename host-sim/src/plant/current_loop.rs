@@ -2,8 +2,8 @@ use core::f64::consts::TAU;
 
 use super::values::InnerLoop;
 
-/// The torque behind a drive's current loop: follows its target as a first-order lag; a new target takes
-/// effect after a delay. Exact, whatever the step.
+/// The torque behind a drive's current loop. It follows its target as a first-order lag; a new target takes
+/// effect after a delay. Exact for every step size.
 #[derive(Clone, Debug)]
 pub struct Lag {
     /// Corner frequency [rad/s].
@@ -11,9 +11,9 @@ pub struct Lag {
     output: f64,
     target: f64,
     next_target: f64,
-    /// Time until `next_target` takes effect; negative or 0 when it has [s].
+    /// Time until `next_target` takes effect [s]; 0 or negative once it has.
     wait: f64,
-    /// The last time that it followed its target [s], and what is left of a difference after that.
+    /// Length of the last step [s], and the fraction of a difference that remains after it.
     decay: (f64, f64),
 }
 
@@ -23,14 +23,14 @@ impl Lag {
         Self { rate, output: 0.0, target: 0.0, next_target: 0.0, wait: 0.0, decay: (0.0, 1.0) }
     }
 
-    /// A new target, `delay` from now. The one before must have taken effect.
+    /// Sets a new target, which takes effect after `delay`. The previous one must have taken effect.
     pub const fn set(&mut self, target: f64, delay: f64) {
         self.target = self.next_target;
         self.next_target = target;
         self.wait = delay;
     }
 
-    /// Advances by `time` and returns the mean over it.
+    /// Advances by `time` and returns the mean output over it.
     pub fn advance(&mut self, time: f64) -> f64 {
         let before = self.wait.clamp(0.0, time);
         let mut area = 0.0;
@@ -45,14 +45,14 @@ impl Lag {
         area / time
     }
 
-    /// What the output will be after `time`, in which no new target takes effect.
+    /// Returns the output after `time`, in which no new target takes effect.
     pub fn ahead(&self, time: f64) -> f64 {
         self.target + (self.output - self.target) * libm::exp(-self.rate * time)
     }
 
     /// Follows the target for `time` and returns the integral.
     fn follow(&mut self, time: f64) -> f64 {
-        // Most sub-steps are as long as the one before.
+        // Most sub-steps have the same length, so the factor is kept.
         if self.decay.0.to_bits() != time.to_bits() {
             self.decay = (time, libm::exp(-self.rate * time));
         }

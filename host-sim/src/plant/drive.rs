@@ -11,14 +11,14 @@ use crate::purpose::Purpose;
 /// Largest magnitude of a relative encoder's count at power-on.
 const POWER_ON_COUNTS: f64 = 1e6;
 
-/// How fast a deflection follows the torque, about as fast as a light arm vibrates [rad/s].
+/// Rate at which the deflection follows the torque: about the natural frequency of a light arm [rad/s].
 const DEFLECTION_RATE: f64 = 60.0;
 
 /// A joint's drive and sensors.
 #[derive(Clone, Debug)]
 pub struct DriveState {
     pub joint: String,
-    /// Torque constant that amplifier and controller assume, and the true one [N·m/A].
+    /// Torque constant assumed by amplifier and controller, and the true one [N·m/A].
     nominal_constant: f64,
     torque_constant: f64,
     /// Largest nominal torque of the amplifier [N·m].
@@ -33,15 +33,15 @@ pub struct DriveState {
     pub homing_error: f64,
     /// End stops of the joint [rad].
     pub stops: Option<[f64; 2]>,
-    /// Deflection of the joint under torque [rad/(N·m)], and its present value: angle of the motor minus
-    /// angle of the link [rad].
+    /// Compliance of the joint [rad/(N·m)], and its present deflection: angle of the motor minus angle of the
+    /// link [rad].
     compliance: f64,
     deflection: f64,
-    /// The homing error that is part of an absolute encoder's count [rad].
+    /// Part of the homing error that an absolute encoder's count contains [rad].
     encoder_error: f64,
 }
 
-/// Makes the drives of a plant, in their order.
+/// Creates the states of a plant's drives, in their order.
 pub fn states(
     drives: &[Drive],
     bodies: &[Body],
@@ -54,7 +54,7 @@ pub fn states(
     let mut power_on = Purpose::PowerOn.rng(options.seed);
     let effort = |index: usize| {
         let body = drive_of.iter().position(|&drive| drive == index).and_then(|body| bodies.get(body));
-        // A URDF without a limit says 0.
+        // A URDF without an effort limit states 0.
         body.map(|body| body.effort).filter(|&effort| effort > 0.0).unwrap_or(f64::INFINITY)
     };
     let stops = |index: usize| {
@@ -93,7 +93,7 @@ impl DriveState {
         self.nominal_constant = torque_constant;
     }
 
-    /// A new torque, which takes effect after `delay` [s].
+    /// Commands a torque, which takes effect after `delay` [s].
     pub fn command(&mut self, torque: f64, delay: f64) {
         self.lag.set(torque.clamp(-self.effort, self.effort), delay);
     }
@@ -108,7 +108,7 @@ impl DriveState {
         torque
     }
 
-    /// Torque at the joint in `time` from now [N·m].
+    /// Returns the torque at the joint, `time` from now [N·m].
     pub fn torque(&self, time: f64) -> f64 {
         self.lag.ahead(time) * self.torque_constant / self.nominal_constant
     }
@@ -118,13 +118,13 @@ impl DriveState {
         self.deflection
     }
 
-    /// What the encoder reads at a joint angle.
+    /// Returns the encoder's count at a joint angle.
     pub fn encoder_count(&self, position: f64) -> i32 {
         self.zero
             .wrapping_add(round((position + self.deflection + self.encoder_error) * self.counts_per_radian))
     }
 
-    /// What the current sensor reads in `time` from now, with `noise` [A].
+    /// Returns the current sensor's count, `time` from now, with `noise` [A].
     pub fn current_count(&self, time: f64, noise: f64) -> i16 {
         let current = self.lag.ahead(time) / self.nominal_constant + noise;
         #[expect(clippy::cast_possible_truncation, reason = "saturates, as a sensor does")]

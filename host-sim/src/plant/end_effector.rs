@@ -1,5 +1,5 @@
-//! Tips: what the chains end in. A fingertip is the sphere that the URDF draws on its last links, a hand the
-//! link itself.
+//! Tips: the ends of the chains. A fingertip is the sphere that the URDF has on its last links; the tip of an
+//! arm is its last link.
 
 use rapier3d::na::{Isometry3, Matrix3, Vector3};
 use tesaki_description::urdf::{RigidBody, isometry, rotated_inertia};
@@ -14,23 +14,23 @@ pub struct Tip {
     pub link: String,
     /// The moving body that it is part of.
     pub body: usize,
-    /// Frame of its link in that of the body: also the frame of its force sensor.
+    /// Frame of its link in the frame of the body; also the frame of its force sensor.
     pub frame: Isometry3<f64>,
-    /// Middle of the sphere in the frame of the link [m]; without a sphere its origin touches.
+    /// Centre of the sphere in the frame of the link [m]. Without a sphere the origin makes the contact.
     pub center: Vector3<f64>,
-    /// 0 without a sphere [m].
+    /// Radius of the sphere [m]; 0 without one.
     pub radius: f64,
-    /// What is behind the force sensor: the link alone.
+    /// Mass beyond the force sensor: that of the link alone [kg].
     pub mass: f64,
-    /// In the frame of the link.
+    /// Centre of mass in the frame of the link [m].
     pub center_of_mass: Vector3<f64>,
-    /// About the centre of mass, axes of the link.
+    /// Inertia about the centre of mass, in the axes of the link [kg·m²].
     pub inertia: Matrix3<f64>,
 }
 
-/// Of each body that carries no other, its own link or one fixed to it: the first with a sphere; else of the
-/// links that carry nothing the one farthest from the joint, the last of several that are as far (the
-/// controller's rule).
+/// Finds the tips of a robot. The tip of a body that carries no other is its own link or one fixed to it: the
+/// first with a sphere; else, of the links without children, the one farthest from the joint, the last if
+/// several are equally far (the controller uses the same rule).
 pub fn tips(robot: &Robot, bodies: &[Body]) -> Vec<Tip> {
     let is_last = |body: usize| !bodies.iter().any(|other| other.parent == Some(body));
     let last = bodies.iter().enumerate().filter(|(index, _)| is_last(*index));
@@ -45,7 +45,7 @@ pub fn tips(robot: &Robot, bodies: &[Body]) -> Vec<Tip> {
     .collect()
 }
 
-/// Middle and radius of a link's sphere: a collision element, else a visual one.
+/// Returns centre and radius of a link's sphere, from a collision element, else from a visual one.
 fn sphere(link: &Link) -> Option<(Vector3<f64>, f64)> {
     let collision = link.collision.iter().map(|element| (&element.origin, &element.geometry));
     let visual = link.visual.iter().map(|element| (&element.origin, &element.geometry));

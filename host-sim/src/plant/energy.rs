@@ -1,4 +1,4 @@
-//! Kinetic energy of the machine, and the torques of its weight and of what acts on it.
+//! Kinetic energy of the machine, and joint torques of its weight and of external loads.
 
 use rapier3d::na::{Isometry3, Matrix3, Point3, Vector3};
 
@@ -12,14 +12,14 @@ use super::world::World;
 pub struct Inertial {
     mass: f64,
     center: Vector3<f64>,
-    /// About the centre of mass, axes of the body's frame.
+    /// About the centre of mass, in the axes of the body's frame.
     inertia: Matrix3<f64>,
     /// Reflected inertia of the rotor [kg·m²].
     pub rotor: f64,
 }
 
 impl Inertial {
-    /// Of a body with its deviations.
+    /// Computes the mass distribution of a body with its deviations from the nominal values.
     pub fn new(body: &Body, factors: &JointFactors) -> Self {
         let (mass, inertia) = (body.mass * factors.mass, body.inertia * factors.inertia);
         Self { mass, center: body.center_of_mass, inertia, rotor: 0.0 }
@@ -43,7 +43,7 @@ impl World {
         self.inertials().zip(self.velocities()).enumerate().map(energy).sum()
     }
 
-    /// The torques that keep the machine's weight in balance, in the order of the world's joints [N·m].
+    /// Computes the torques that balance the machine's weight, in the order of the world's joints [N·m].
     fn weight_torques(&self) -> Vec<f64> {
         let weights = self.inertials().enumerate().filter_map(|(index, (inertial, _))| {
             let center = inertial.center(&self.body(index)?);
@@ -52,7 +52,7 @@ impl World {
         self.joint_torques(weights)
     }
 
-    /// The torques of tip forces, contacts and pushes, in the order of the world's joints [N·m].
+    /// Computes the torques of tip forces, contacts and pushes, in the order of the world's joints [N·m].
     fn load_torques(&self) -> Vec<f64> {
         let on_tips = self.tips().iter().enumerate().filter_map(|(index, tip)| {
             let (frame, around) = (self.tip_frame(index)?, self.environment().of_tip(index)?);
@@ -61,15 +61,15 @@ impl World {
         });
         let contacts = self.grasp().map_or(&[][..], |grasp| grasp.tip_contacts());
         let of_object = self.tips().iter().zip(contacts).map(|(tip, contact)| {
-            // The contact's force is that on the object.
+            // `mean_force` is the force on the object.
             (tip.body, contact.point, -contact.mean_force(), Vector3::zeros())
         });
         let on_links = self.link_forces().map(|(body, point, force)| (body, point, force, Vector3::zeros()));
         self.joint_torques(on_tips.chain(of_object).chain(on_links))
     }
 
-    /// The torques about the joints of forces [N] at points in the frame of the base [m], with moments [N·m],
-    /// each on a body.
+    /// Computes the joint torques of loads: each a body, a point and a force [N] in the base frame, and a
+    /// moment [N·m].
     fn joint_torques(
         &self,
         loads: impl Iterator<Item = (usize, Vector3<f64>, Vector3<f64>, Vector3<f64>)>,
@@ -92,19 +92,19 @@ impl World {
 }
 
 impl Plant {
-    /// Kinetic energy of links and rotors [J], without that of an object.
+    /// Computes the kinetic energy of links and rotors [J], without that of an object.
     pub fn kinetic_energy(&self) -> f64 {
         self.world.kinetic_energy()
     }
 
-    /// The torques that keep the true weight of the links in balance [N·m].
+    /// Computes the torques that balance the true weight of the links [N·m].
     pub fn weight_torques(&self) -> Vec<f64> {
         in_drive_order(&self.drive_of, self.world.weight_torques().into_iter())
     }
 
-    /// The torques about the joints of what touches, pushes and pulls the robot [N·m]: tip forces and
-    /// contacts as means over the last control period, pushes on links as they are now. Without contacts with
-    /// fixed bodies.
+    /// Computes the joint torques of contacts, pushes and pulls on the robot [N·m]: tip forces and contacts
+    /// as means over the last control period, pushes on links at their present value. Contacts with fixed
+    /// bodies are not included.
     pub fn load_torques(&self) -> Vec<f64> {
         in_drive_order(&self.drive_of, self.world.load_torques().into_iter())
     }

@@ -1,9 +1,9 @@
 //! External forces on the tips: walls, holds and pushes.
 //!
-//! Forces are computed from the state at the start of a sub-step, where the leapfrog has its angles: springs
-//! are exact to second order. Velocities are half a sub-step old there, so dampers use their extrapolation.
-//! Springs are stable up to `4 m / h²` and dampers up to `m / h`, with the sub-step `h` and the mass `m` that
-//! the tip presents; at 1 ms and 0.5 kg that is 2 MN/m and 500 N·s/m.
+//! Forces are computed from the state at the start of a sub-step, to which the leapfrog's angles belong, so
+//! springs are exact to second order. Velocities are half a sub-step old at that time, so dampers use their
+//! extrapolation. Springs are stable up to `4 m / h²` and dampers up to `m / h`, with the sub-step `h` and
+//! the effective mass `m` of the tip; at 1 ms and 0.5 kg that is 2 MN/m and 500 N·s/m.
 
 use rapier3d::na::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use tesaki_supervisor::trajectory::minimum_jerk;
@@ -16,13 +16,13 @@ use super::push::Push;
 /// An elastic plane: a spring and a damper along its normal, and friction along its surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Wall {
-    /// A point of its surface, in the frame of the base [m].
+    /// A point on its surface, in the frame of the base [m].
     pub point: [f64; 3],
-    /// Out of the wall, in the frame of the base; of any length.
+    /// Outward normal of the wall, in the frame of the base; of any length.
     pub normal: [f64; 3],
-    /// Stiffness along the normal, and of sticking friction along the surface [N/m].
+    /// Stiffness along the normal, and along the surface while friction sticks [N/m].
     pub stiffness: f64,
-    /// Damping along normal and surface [N·s/m]. The wall never pulls.
+    /// Damping along normal and surface [N·s/m]. The wall never pulls along its normal.
     pub damping: f64,
     /// Coefficient of Coulomb friction; 0 for none.
     pub friction: f64,
@@ -43,7 +43,7 @@ impl Wall {
         rest.iter().try_for_each(|(field, value)| check(field, &[*value], not_negative, "at least 0"))
     }
 
-    /// Force on a moving point, and its penetration; `anchor` is the point where it sticks.
+    /// Returns the force on a moving point, and its penetration; `anchor` is the point where it sticks.
     fn force(
         &self,
         point: &Vector3<f64>,
@@ -63,15 +63,15 @@ impl Wall {
         let sticking = -along(point - *stuck) * self.stiffness - along(*velocity) * self.damping;
         let friction = sticking.cap_magnitude(self.friction * push);
         if friction != sticking {
-            // It slides: the anchor follows at the deflection that friction allows.
+            // The point slides: the anchor follows at the deflection that friction allows.
             *stuck = point + (friction + along(*velocity) * self.damping) / self.stiffness;
         }
         (normal * push + friction, depth)
     }
 }
 
-/// A hold on a tip: it leads the tip to a pose within a time and keeps it there, by springs and dampers
-/// between the tip's frame and a frame with a minimum-jerk motion.
+/// A hold on a tip: it moves the tip to a pose within a given time and keeps it there. Springs and dampers
+/// act between the tip's frame and a frame in minimum-jerk motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hold {
     /// Final position of the tip's frame, in the base frame [m].
@@ -91,7 +91,7 @@ pub struct Hold {
 }
 
 impl Hold {
-    /// A firm grip on a hand of half a kilogram: 20 kN/m and 100 N·m/rad.
+    /// Returns a firm hold for a hand of half a kilogram: 20 kN/m and 100 N·m/rad.
     pub const fn firm(position: [f64; 3], orientation: [f64; 4], ramp: f64) -> Self {
         let (stiffness, damping) = (20_000.0, 150.0);
         let (rotational_stiffness, rotational_damping) = (100.0, 1.0);
@@ -176,7 +176,7 @@ impl Wrench {
 pub struct ExternalForces {
     hold: Option<Held>,
     pushes: Vec<(f64, Push)>,
-    /// The point where it sticks to each wall.
+    /// The point where the tip sticks to each wall.
     anchors: Vec<Option<Vector3<f64>>>,
     /// Motion one sub-step ago.
     before: Option<Motion>,
@@ -227,7 +227,7 @@ impl Environment {
         self.walls.iter().fold(0.0, |stiffness, wall| wall.stiffness.max(stiffness))
     }
 
-    /// Begins to hold a tip that stands at `from`.
+    /// Begins to hold a tip whose frame is at `from`.
     pub fn hold(&mut self, tip: usize, hold: Hold, from: Isometry3<f64>, begin: f64) {
         self.active = true;
         if let Some(tip) = self.tips.get_mut(tip) {
@@ -263,7 +263,8 @@ impl Environment {
         self.tips.get(tip)
     }
 
-    /// Wrench on a tip in the sub-step around `time`, scaled by `fraction`; `None` without external forces.
+    /// Returns the wrench on a tip in the sub-step around `time`, scaled by `fraction`; `None` without
+    /// external forces.
     pub fn act(
         &mut self,
         number: usize,

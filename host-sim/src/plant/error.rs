@@ -11,7 +11,7 @@ pub enum PlantError {
     Value {
         /// Table and key, as in the file.
         field: String,
-        /// What was found.
+        /// The value.
         value: f64,
         /// The allowed values.
         expected: &'static str,
@@ -66,22 +66,22 @@ pub enum PlantError {
         /// Principal moments about the centre of mass, with everything that is fixed to the link [kg·m²].
         moments: [f64; 3],
     },
-    /// A joint of the URDF without a drive, or a drive or posture without a joint.
+    /// A joint of the URDF without a drive, or a drive or posture for a joint that does not exist.
     #[error("{item} names the joint {joint:?}, which {place} does not have; it has: {known}")]
     UnknownJoint {
-        /// What names it.
+        /// The item that names it.
         item: &'static str,
         /// The joint.
         joint: String,
-        /// Where it should be.
+        /// The place that should have it.
         place: &'static str,
-        /// The joints that are there.
+        /// The joints that exist.
         known: String,
     },
     /// A tip that must touch an object but has no sphere.
     #[error("link {0:?} must touch an object but has no <sphere>: give it one, or remove the object")]
     NoSphere(String),
-    /// Fixed bodies that nothing can touch.
+    /// Fixed bodies, but no link that can touch them.
     #[error(
         "there are fixtures, but no moving link has a <collision> with a box, cylinder or sphere: \
          give the hand one, or remove the fixtures"
@@ -90,9 +90,9 @@ pub enum PlantError {
     /// A tip that the robot does not have.
     #[error("there is no tip number {tip}: the robot has {tips}, counted from 0")]
     NoTip {
-        /// What was asked for.
+        /// The requested tip.
         tip: usize,
-        /// How many there are.
+        /// The number of tips.
         tips: usize,
     },
     /// Two drives for one joint.
@@ -118,7 +118,7 @@ pub enum PlantError {
     },
 }
 
-/// Refuses the first of `values` that is not `good`.
+/// Checks that all `values` are `good`.
 pub(super) fn check(
     field: &str,
     values: &[f64],

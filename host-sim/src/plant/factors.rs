@@ -1,6 +1,6 @@
 use crate::purpose::Purpose;
 
-/// By what a joint of the plant, and the link that it moves, differ from the model. 1: not at all.
+/// Factors by which a joint, and the link that it moves, differ from the model; 1 means no difference.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JointFactors {
     /// Mass of the link.
@@ -13,7 +13,7 @@ pub struct JointFactors {
     pub coulomb: f64,
     /// Viscous friction.
     pub viscous: f64,
-    /// Torque for one ampere.
+    /// Torque constant.
     pub torque_constant: f64,
 }
 
@@ -29,7 +29,7 @@ impl JointFactors {
     };
 }
 
-/// Independent factors, uniform in 1 ± `spread`.
+/// Draws independent factors, uniform in 1 ± `spread`.
 pub fn draw(seed: u64, spread: f64, joints: usize) -> Vec<JointFactors> {
     let mut rng = Purpose::Factors.rng(seed);
     let mut factor = || 1.0 + spread * rng.symmetric();

@@ -14,17 +14,17 @@ use super::shapes::{bevelled_cylinder, cuboid, cylinder, placed, with_friction};
 use super::stiction::{Creep, Crept};
 use super::tree::Body;
 
-/// What moves farther than this along a surface slides [m]. Less is creep.
+/// A contact slides when it has moved by more than this along a surface; below it is creep [m].
 const SLACK: f64 = 5e-6;
 
 /// A fixed body that the collision elements of the robot's links touch.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fixture {
-    /// What it is.
+    /// Its name.
     pub name: String,
     /// Its shape.
     pub shape: FixtureShape,
-    /// Pose of its middle, in the frame of the base.
+    /// Pose of its centre, in the frame of the base.
     pub pose: Isometry3<f64>,
     /// Coefficient of friction with all links.
     pub friction: f64,
@@ -40,9 +40,9 @@ pub enum FixtureShape {
     },
     /// A cylinder along its z.
     Cylinder {
-        /// [m].
+        /// Radius [m].
         radius: f64,
-        /// [m].
+        /// Length [m].
         length: f64,
     },
     /// A cylinder along its z with bevelled edges.
@@ -51,17 +51,17 @@ pub enum FixtureShape {
         radius: f64,
         /// [m].
         length: f64,
-        /// How far the bevel of the edges, at 45°, goes from them [m].
+        /// Size of the 45° bevel, measured along either face from the edge [m].
         chamfer: f64,
     },
 }
 
-/// What a link did to a fixed body in the last control period.
+/// Contact of a link with a fixed body in the last control period.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FixtureContact {
     /// Index of the body in [`super::PlantOptions::fixtures`].
     pub fixture: usize,
-    /// The link, as the URDF calls it.
+    /// Name of the link in the URDF.
     pub link: String,
     /// Mean force on the fixed body, in the frame of the base [N].
     pub force: Vector3<f64>,
@@ -70,7 +70,7 @@ pub struct FixtureContact {
 }
 
 impl Fixture {
-    /// `index` is its place in the options.
+    /// Checks the values. `index` is the position in the options.
     pub(super) fn validate(&self, index: usize) -> Result<(), PlantError> {
         const LENGTH: &str = "above 0 and at most 10 m";
         let item = |value: &str| format!("fixtures[{index}] ({:?}), {value},", self.name);
@@ -101,7 +101,7 @@ impl Fixture {
         let solid = match self.shape {
             FixtureShape::Box { size } => cuboid(size),
             FixtureShape::Cylinder { radius, length } => cylinder(radius, length),
-            // One that is valid has a volume.
+            // A valid one has a volume, so the fallback is not needed.
             FixtureShape::BevelledCylinder { radius, length, chamfer } => {
                 bevelled_cylinder(radius, length, chamfer).unwrap_or_else(|| cylinder(radius, length))
             }
@@ -118,7 +118,7 @@ pub struct Element {
     solid: ColliderBuilder,
 }
 
-/// The boxes, cylinders and spheres among the collision elements of the links that move.
+/// Collects the boxes, cylinders and spheres among the collision elements of the moving links.
 pub fn elements(robot: &Robot, bodies: &[Body]) -> Vec<Element> {
     let mut elements = Vec::new();
     for (index, body) in bodies.iter().enumerate() {
@@ -144,7 +144,7 @@ pub struct Fixtures {
     touches: Vec<Touch>,
 }
 
-/// A fixed body and a collision element of a link.
+/// A pair of a fixed body and a collision element of a link.
 struct Touch {
     fixture: usize,
     link: String,
@@ -152,7 +152,7 @@ struct Touch {
     body: RigidBodyHandle,
     fixed: ColliderHandle,
     moving: ColliderHandle,
-    /// Pose of the moving body when they met, or when it last slid; `None` while they do not touch.
+    /// Pose of the moving body when the contact began, or when it last slid; `None` without contact.
     stuck_at: Option<Isometry3<f64>>,
     /// Sum of the forces on the fixed body since the last [`Fixtures::begin_means`] [N], and number of
     /// sub-steps.
@@ -209,7 +209,7 @@ impl Fixtures {
         self.touches.iter_mut().for_each(|touch| touch.read(physics, step));
     }
 
-    /// Adds the creep of the contacts since they last slid, which rapier corrects.
+    /// Adds the creep of the contacts since they last slid, for correction in rapier.
     pub fn creep(&self, physics: &PhysicsWorld, creep: &mut Creep) {
         let crept = |touch: &Touch| {
             let motion = pose_of(physics.bodies.get(touch.body)?) * touch.stuck_at?.inverse();
@@ -218,7 +218,7 @@ impl Fixtures {
         creep.fixed.extend(self.touches.iter().filter_map(crept));
     }
 
-    /// The pairs of fixed body and link that touched in the averaging interval.
+    /// Returns the pairs of fixed body and link that touched in the averaging interval.
     pub fn contacts(&self) -> Vec<FixtureContact> {
         let mut contacts: Vec<FixtureContact> = Vec::new();
         for touch in self.touches.iter().filter(|touch| touch.touched) {
@@ -268,7 +268,7 @@ impl Touch {
     }
 }
 
-/// Fixed bodies and links touch each other only.
+/// Fixed bodies and links collide only with each other.
 const fn groups(fixed: bool) -> InteractionGroups {
     let (own, other) =
         if fixed { (Group::GROUP_3, Group::GROUP_4) } else { (Group::GROUP_4, Group::GROUP_3) };

@@ -8,15 +8,15 @@ use super::values::{CONTROL_PERIOD, ForceSensorValues};
 use super::world::World;
 use crate::purpose::Purpose;
 
-/// Force sensor of a tip. Wrenches are those on the tip: forces [N] and torques [N·m] in the frame of its
-/// link, about the origin of that frame.
+/// Force sensor of a tip. Wrenches act on the tip: forces [N] and torques [N·m] in the frame of its link,
+/// about the origin of that frame.
 struct Gauge {
     gain: [f64; 6],
     offset: [f64; 6],
     wrench: Vector6<f64>,
     /// Sum of the contact wrenches over the sub-steps of the window.
     contacts: Vector6<f64>,
-    /// Velocity of the tip's centre of mass and its angular velocity, when the window began.
+    /// Velocity of the tip's centre of mass, and angular velocity of the tip, at the start of the window.
     before: (Vector3<f64>, Vector3<f64>),
 }
 
@@ -30,7 +30,7 @@ pub struct ForceSensors {
 }
 
 impl ForceSensors {
-    /// One sensor for each tip; the first reading is that at rest.
+    /// Creates one sensor for each tip; the first reading is that at rest.
     pub fn new(values: Option<ForceSensorValues>, world: &World, seed: u64, ideal: bool) -> Self {
         let mut rng = Purpose::ForceSensors.rng(seed);
         let mut sensors =
@@ -89,7 +89,7 @@ impl ForceSensors {
         }
     }
 
-    /// Ends the window [s].
+    /// Ends the averaging window, whose duration is `window` [s], and computes the wrenches.
     pub fn finish(&mut self, world: &World, window: f64) {
         let steps = self.steps.max(1.0);
         for (index, (gauge, tip)) in self.gauges.iter_mut().zip(world.tips()).enumerate() {
@@ -129,8 +129,8 @@ impl ForceSensors {
     }
 }
 
-/// Rotation from the base frame to the frame of a tip, velocity of its centre of mass, and its angular
-/// velocity.
+/// Returns the rotation from the base frame to the frame of a tip, the velocity of the tip's centre of mass,
+/// and its angular velocity.
 fn motion(
     world: &World,
     index: usize,
@@ -141,8 +141,8 @@ fn motion(
     Some((frame.rotation.inverse(), motion.linear, motion.angular))
 }
 
-/// Wrench of a tip's weight and inertia on its sensor. `fall` is gravity minus the acceleration of the centre
-/// of mass. All in the frame of the tip's link.
+/// Computes the wrench of a tip's weight and inertia on its sensor. `fall` is gravity minus the acceleration
+/// of the centre of mass. All in the frame of the tip's link.
 fn own_weight(
     tip: &Tip,
     fall: &Vector3<f64>,

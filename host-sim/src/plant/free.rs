@@ -8,12 +8,12 @@ use super::multibody::Multibody;
 /// All links of a robot, in the order of its joints.
 pub struct FreeLinks {
     multibodies: Vec<Multibody>,
-    /// Where the link behind each joint is: multibody, and link of that.
+    /// Index of the multibody of each joint's link, and index of the link in it.
     places: Vec<(usize, usize)>,
 }
 
 impl FreeLinks {
-    /// Takes over from rapier the links whose bodies are these.
+    /// Takes over the links with these bodies from rapier.
     pub fn new(
         chains: &MultibodyJointSet,
         bodies: &RigidBodySet,
@@ -42,25 +42,25 @@ impl FreeLinks {
         self.multibodies[multibody].motion(link)
     }
 
-    /// Takes all forces and torques away.
+    /// Clears all forces and torques.
     pub fn release(&mut self) {
         self.multibodies.iter_mut().for_each(Multibody::release);
     }
 
-    /// A torque of the motor of a joint [N·m], in the frame of the base.
+    /// Adds a motor torque at a joint [N·m], in the frame of the base.
     pub fn add_joint_torque(&mut self, joint: usize, torque: Vector) {
         let (multibody, link) = self.places[joint];
         self.multibodies[multibody].add_joint_torque(link, torque);
     }
 
-    /// A force on a point of the link behind a joint [N], and a torque [N·m], in the frame of the base.
+    /// Adds a force [N] at a point of the link behind a joint, and a torque [N·m], in the frame of the base.
     pub fn add_wrench(&mut self, joint: usize, (force, point): (Vector, Vector), torque: Vector) {
         let (multibody, link) = self.places[joint];
         self.multibodies[multibody].add_force(link, force, point);
         self.multibodies[multibody].add_torque(link, torque);
     }
 
-    /// One sub-step.
+    /// Advances by one sub-step.
     pub fn step(&mut self, gravity: Vector, parameters: &IntegrationParameters) {
         self.multibodies.iter_mut().for_each(|multibody| multibody.step(gravity, parameters));
     }
@@ -85,17 +85,19 @@ mod tests {
         Plant::new(&robot.urdf, &drives, &values, &PlantOptions::mismatched(seed)).unwrap()
     }
 
-    /// What a plant tells of its motion: angles, velocities, poses of the links, wrenches of the tips.
+    /// Returns the observable motion of a plant: angles, velocities, poses of the links, wrenches of the
+    /// tips.
     fn state(plant: &Plant) -> impl PartialEq + std::fmt::Debug + use<> {
         let truth = plant.truth();
         let poses: Vec<_> = (0..truth.positions.len()).map(|joint| plant.link_pose(joint)).collect();
         (truth.positions, truth.velocities, poses, plant.tip_wrenches())
     }
 
-    /// Torques that drive the joints into their stops, a push on a link, and a wall.
+    /// Compares the motion under torques that drive the joints into their stops, a push on a link, and a
+    /// wall.
     #[test]
     fn every_bit_is_that_of_rapier() {
-        // And the largest torques [N·m].
+        // Each robot with its largest torques [N·m].
         let robots = [
             ("hand3", 0.1),
             ("arm7", 30.0),

@@ -18,10 +18,10 @@ use tesaki_description::object::{ObjectValues, Shape};
 
 /// Solver iterations over the constraints in a sub-step. A grasp needs many more than a free hand, because
 /// the object couples the fingers. With 16, joints that should stick creep, and joint friction of 0.08 N·m
-/// has no effect on a finger's 2 N at rest. The effect has converged at 256: the normal force is 2.02, 1.91,
-/// 0.77 and 0.77 N with 16, 64, 256 and 1000 iterations.
+/// does not reduce a finger's normal force of 2 N at rest. The effect has converged at 256: the normal force
+/// is 2.02, 1.91, 0.77 and 0.77 N with 16, 64, 256 and 1000 iterations.
 const ITERATIONS: usize = 256;
-/// How far from the robot a removed object is [m].
+/// Distance to which a removed object is moved [m].
 const AWAY: f32 = 100.0;
 /// Natural frequency [Hz] and damping ratio of the contact spring with the effective mass.
 const SOFTNESS: (f32, f32) = (1000.0, 1.0);
@@ -48,7 +48,7 @@ pub fn set_parameters(parameters: &mut IntegrationParameters) {
     parameters.contact_recycling = false;
     parameters.contact_softness = softness;
     parameters.static_contact_softness = softness;
-    // Concerns faces only; a point contact always has Coulomb friction. With the other model, the friction at
+    // Affects faces only; a point contact always has Coulomb friction. With the other model, the friction at
     // the corners of a sliding face has different directions, and the sum is too small.
     parameters.friction_model = FrictionModel::Simplified;
     parameters.friction_in_bias_pass = true;
@@ -88,7 +88,7 @@ impl Grasp {
         Self { object, collider, support, stuck_at: place, tip_contacts, friction, disturbances }
     }
 
-    /// Applies a fraction of the forces of pushes and weights in the sub-step around `time`.
+    /// Applies the forces of pushes and weights, scaled by `fraction`, in the sub-step around `time`.
     pub fn disturb(&mut self, physics: &mut PhysicsWorld, time: f64, fraction: f64) {
         if let Some(body) = physics.bodies.get_mut(self.object) {
             self.disturbances.act(body, &physics.colliders, time, fraction);
@@ -110,7 +110,7 @@ impl Grasp {
         }
     }
 
-    /// Reads the contacts of the last sub-step of `step` seconds. `tips` are radius, centre and motion of
+    /// Reads the contacts of the last sub-step of `step` seconds. `tips` holds radius, centre and motion of
     /// each tip.
     pub fn read(&mut self, physics: &PhysicsWorld, tips: &[(f64, Vector3<f64>, Motion)], step: f64) {
         let turn = self.pose(physics).rotation;
@@ -133,7 +133,7 @@ impl Grasp {
         }
     }
 
-    /// Creep of the contacts since they last slid, which rapier corrects.
+    /// Returns the creep of the contacts since they last slid, for correction in rapier.
     pub fn creep(&self, physics: &PhysicsWorld, step: f64) -> Creep {
         let pose = self.pose(physics);
         let tip = |touch: &TipContact| (touch.collider, pose.rotation * touch.correction(step));
@@ -195,7 +195,7 @@ fn solid(values: &ObjectValues) -> ColliderBuilder {
     }
 }
 
-/// The object touches all other colliders; these touch only the object.
+/// The object collides with all other colliders; these collide only with the object.
 const fn groups(object: bool) -> InteractionGroups {
     let (own, other) =
         if object { (Group::GROUP_1, Group::GROUP_2) } else { (Group::GROUP_2, Group::GROUP_1) };

@@ -1,4 +1,4 @@
-//! Interventions: what acts on a plant from outside the experiment that it was built for.
+//! Interventions: external influences on a plant that the experiment does not know of.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -10,20 +10,20 @@ use super::error::PlantError;
 use super::machine::Plant;
 use super::push::Push;
 
-/// Watches a plant, changes what its drives are told, and disturbs it.
+/// Observes a plant, changes the commands of its drives, and disturbs it.
 pub trait Intervention: Send {
-    /// The plant was built.
+    /// Called when the plant has been built.
     fn attach(&mut self, plant: &mut Plant);
 
-    /// Before a control period with the torques of `frame`. Returns whether the plant moves; if not, the
-    /// period is left out.
+    /// Called before a control period with the torques of `frame`. Returns whether the plant moves; if not,
+    /// the period is skipped.
     fn before(&mut self, plant: &mut Plant, frame: &mut ActuatorFrame) -> bool;
 
-    /// After the period.
+    /// Called after the period.
     fn after(&mut self, plant: &Plant);
 }
 
-/// An intervention and those who share it.
+/// An intervention with shared ownership.
 pub type SharedIntervention = Arc<Mutex<dyn Intervention>>;
 
 impl Plant {
@@ -61,7 +61,8 @@ impl Plant {
         self.world.environment().stiffness()
     }
 
-    /// Sweeps over the constraints in a sub-step: fewer are faster, and hold static friction less well.
+    /// Sets the number of solver sweeps over the constraints in a sub-step: fewer are faster, but let static
+    /// friction creep more.
     pub const fn set_sweeps(&mut self, sweeps: usize) {
         self.world.set_sweeps(sweeps);
     }
@@ -79,7 +80,7 @@ impl Plant {
         Ok(())
     }
 
-    /// Inserts a wall ahead of all tips in a direction, `clearance` from the first that would touch it.
+    /// Inserts a wall ahead of all tips in a direction, `clearance` from the tip that is nearest to it.
     ///
     /// # Errors
     /// No tip, or an invalid value.
@@ -99,12 +100,12 @@ impl Plant {
         self.insert_wall(Wall { point, normal, stiffness, damping: 20.0, friction: 0.3 })
     }
 
-    /// Whether something holds a tip.
+    /// Whether a hold acts on a tip.
     pub fn is_held(&self) -> bool {
         self.world.environment().holds()
     }
 
-    /// Takes the object away, if there is one.
+    /// Removes the object, if there is one.
     pub fn remove_object(&mut self) {
         self.world.remove_object();
     }

@@ -1,4 +1,4 @@
-//! Where joints, links and tips are, and how they move.
+//! Poses and motions of joints, links and tips.
 
 use rapier3d::math::Pose;
 use rapier3d::na::{Isometry3, Point3, Vector3};
@@ -44,19 +44,19 @@ impl World {
         }
     }
 
-    /// Where the body behind a joint is, in the frame of the base.
+    /// Pose of the body behind a joint, in the frame of the base.
     pub(super) fn body(&self, joint: usize) -> Option<Isometry3<f64>> {
         Some(isometry_of(&self.pose(joint)?))
     }
 
-    /// Where the body behind a joint is, in the frame of the base: position [m] and orientation `[x, y, z,
+    /// Pose of the body behind a joint, in the frame of the base: position [m] and orientation `[x, y, z,
     /// w]`.
     pub fn body_pose(&self, joint: usize) -> Option<([f64; 3], [f64; 4])> {
         let Pose { translation, rotation, .. } = self.pose(joint)?;
         Some((translation.to_array().map(f64::from), rotation.to_array().map(f64::from)))
     }
 
-    /// Axis of a joint in the frame of the base, and a point of it.
+    /// Axis of a joint, and a point on it, in the frame of the base.
     pub(super) fn joint_axis(&self, joint: usize) -> Option<(Vector3<f64>, Vector3<f64>)> {
         let pose = self.pose(joint)?;
         Some((wide(pose.rotation * self.joints.get(joint)?.axis), wide(pose.translation)))
@@ -68,14 +68,14 @@ impl World {
         Some(self.body(tip.body)? * tip.frame)
     }
 
-    /// Radius of a tip, its middle and the motion of that.
+    /// Radius of a tip, its centre, and the motion of the centre.
     pub(super) fn tip_motion(&self, tip: usize) -> Option<(f64, Vector3<f64>, Motion)> {
         let (frame, tip) = (self.tip_frame(tip)?, self.tips.get(tip)?);
         let center = (frame * Point3::from(tip.center)).coords;
         Some((tip.radius, center, self.motion_at(tip.body, &center)))
     }
 
-    /// Motion of a point of a joint's body, both in the frame of the base.
+    /// Returns the motion of a point of a joint's body, both in the frame of the base.
     pub fn motion_at(&self, joint: usize, point: &Vector3<f64>) -> Motion {
         let mut motion = Motion { linear: Vector3::zeros(), angular: Vector3::zeros() };
         let mut next = Some(joint);

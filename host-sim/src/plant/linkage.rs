@@ -1,15 +1,15 @@
-//! Linkages by which one motor moves joints of several fingers.
+//! Linkages through which one motor moves joints of several fingers.
 //!
-//! Rapier's multibodies have no gear constraint. So a linkage is what it is in the machine, a stiff spring
-//! with some damping: what it pulls at the joint that follows, it pulls back at the joint that drives, times
-//! the ratio of their velocities, so that it makes and takes no energy but by its damping.
+//! Rapier's multibodies have no gear constraint. A linkage is therefore modelled as what it is in the
+//! machine, a stiff spring with some damping: the torque that it applies to the follower joint acts back on
+//! the driving joint, times the ratio of their velocities, so that only its damping changes the energy.
 
 use super::error::PlantError;
 use super::tree::Body;
 use super::values::LinkageValues;
 
-/// Inertia of a linkage at the joint that follows [kg·m²]. It bounds the frequency of the spring for any
-/// posture: with the default stiffness 500 rad/s, far below the 2000 rad/s at which sub-steps of 1 ms become
+/// Inertia of a linkage at the follower joint [kg·m²]. It bounds the frequency of the spring for any posture:
+/// with the default stiffness to 500 rad/s, far below the 2000 rad/s at which sub-steps of 1 ms become
 /// unstable.
 pub const INERTIA: f64 = 2e-5;
 
@@ -24,7 +24,7 @@ pub struct Linkage {
     pub values: LinkageValues,
 }
 
-/// The linkages of a robot.
+/// Collects the linkages of a robot.
 pub fn linkages(bodies: &[Body], values: LinkageValues) -> Result<Vec<Linkage>, PlantError> {
     let mimics = bodies.iter().enumerate().filter_map(|(index, body)| Some((index, body.mimic.as_ref()?)));
     let linkage = |(follower, (name, multiplier, offset)): (usize, &(String, f64, f64))| {
@@ -44,7 +44,8 @@ pub fn linkages(bodies: &[Body], values: LinkageValues) -> Result<Vec<Linkage>, 
 }
 
 impl Linkage {
-    /// Torque at the joint that follows, for angles [rad] and velocities [rad/s] of driver and follower.
+    /// Computes the torque at the follower joint from angles [rad] and velocities [rad/s] of driver and
+    /// follower.
     pub fn torque(&self, driver: (f64, f64), follower: (f64, f64)) -> f64 {
         let stretch = self.multiplier * driver.0 + self.offset - follower.0;
         let rate = self.multiplier * driver.1 - follower.1;

@@ -1,6 +1,6 @@
-//! Solution of linear equations, with the operations of nalgebra's `LU` in their order.
+//! Solution of linear equations, with the same operations in the same order as nalgebra's `LU`.
 
-/// A square matrix, by columns, and its factors.
+/// A square matrix in column-major order, and its factors.
 pub struct Lu {
     size: usize,
     matrix: Vec<f32>,
@@ -15,17 +15,17 @@ impl Lu {
         Self { size, matrix: zeros(), factors: zeros(), swaps: Vec::with_capacity(size) }
     }
 
-    /// The matrix, a column after the other.
+    /// The matrix, in column-major order.
     pub fn matrix(&self) -> &[f32] {
         &self.matrix
     }
 
-    /// The matrix, a column after the other.
+    /// The matrix, in column-major order.
     pub fn matrix_mut(&mut self) -> &mut [f32] {
         &mut self.matrix
     }
 
-    /// Factorises the matrix, with pivots from its rows.
+    /// Factorises the matrix, with row pivoting.
     pub fn factorise(&mut self) {
         let size = self.size;
         self.factors.copy_from_slice(&self.matrix);
@@ -58,7 +58,7 @@ impl Lu {
         }
     }
 
-    /// Solves for one right-hand side, in place; leaves it half solved if the matrix is singular.
+    /// Solves for one right-hand side, in place; if the matrix is singular, the solution is incomplete.
     pub fn solve(&self, right: &mut [f32]) {
         let size = self.size;
         for &(one, other) in &self.swaps {
@@ -66,7 +66,7 @@ impl Lu {
         }
         for (step, column) in self.factors.chunks_exact(size).enumerate() {
             let (upper, lower) = right.split_at_mut(step + 1);
-            // Right-hand sides are mostly zeros.
+            // Most entries of the right-hand sides are 0.
             if upper[step] != 0.0 {
                 add_scaled(lower, -upper[step], &column[step + 1..]);
             }
@@ -89,7 +89,7 @@ pub fn add_scaled(sum: &mut [f32], factor: f32, vector: &[f32]) {
     }
 }
 
-/// Scalar product, eight partial sums at a time.
+/// Computes the scalar product, with eight partial sums.
 pub fn dot(one: &[f32], other: &[f32]) -> f32 {
     let (chunks, others) = (one.chunks_exact(8), other.chunks_exact(8));
     let rest = chunks.remainder().iter().zip(others.remainder());

@@ -28,7 +28,7 @@ use tesaki_description::object::ObjectValues;
 pub struct Plant {
     pub(super) world: World,
     pub(super) drives: Vec<DriveState>,
-    /// For each joint of the world, its drive.
+    /// Drive of each joint of the world.
     pub(super) drive_of: Vec<usize>,
     factors: Vec<JointFactors>,
     pub(super) forces: ForceSensors,
@@ -53,7 +53,7 @@ impl Plant {
     /// Builds the plant of a robot.
     ///
     /// # Errors
-    /// What is wrong with URDF, values or options, and where.
+    /// The URDF, the values or the options are invalid; the error says what is wrong, and where.
     pub fn new(
         urdf: &Urdf,
         drives: &[Drive],
@@ -150,7 +150,7 @@ impl Plant {
             ..SensorFrame::default()
         };
         for (drive, position) in self.drives.iter().zip(positions) {
-            // Never full: the number of drives was checked.
+            // Never full, because the number of drives was checked.
             let _ = frame.encoders.push(drive.encoder_count(position));
             let _ = frame.currents.push(drive.current_count(half, noise(current)));
         }
@@ -179,7 +179,7 @@ impl Plant {
         }
     }
 
-    /// [`Plant::apply`] without intervention.
+    /// Advances like [`Plant::apply`], but without an intervention.
     pub(super) fn advance(&mut self, frame: &ActuatorFrame) -> Result<(), PlantError> {
         let (got, expected) = (frame.torques.len(), self.drives.len());
         if got != expected {
@@ -235,7 +235,7 @@ impl Plant {
         self.forces.window()
     }
 
-    /// The emergency stop, as the sensors report it. It does not act on the drives by itself.
+    /// Sets the emergency stop that the sensors report. It does not act on the drives by itself.
     pub const fn press_emergency_stop(&mut self, pressed: bool) {
         self.emergency_stop = pressed;
     }
@@ -333,7 +333,8 @@ impl Plant {
         self.world.remove_support();
     }
 
-    /// The angles that homing finds now: the true ones, each joint's deflection and its homing error [rad].
+    /// Returns the angles that homing would find now: true angle, deflection and homing error of each joint,
+    /// added [rad].
     pub fn homed_positions(&self) -> Vec<f64> {
         let positions = in_drive_order(&self.drive_of, self.world.positions());
         self.drives
@@ -355,7 +356,7 @@ impl Plant {
     }
 }
 
-/// Parameters of a joint in the physics engine: the values of URDF and drive, times its factors.
+/// Computes the parameters of a joint in the physics engine: the values of URDF and drive, times its factors.
 fn joint_values(
     body: &Body,
     drive: Option<&Drive>,
@@ -370,7 +371,7 @@ fn joint_values(
     }
 }
 
-/// No more drives than a board has joints.
+/// Checks that there are no more drives than a board has joints.
 fn check_count(drives: &[Drive]) -> Result<(), PlantError> {
     match drives.len() {
         0..=MAX_JOINTS => Ok(()),
@@ -378,7 +379,7 @@ fn check_count(drives: &[Drive]) -> Result<(), PlantError> {
     }
 }
 
-/// Every tip that may touch an object has a sphere.
+/// Checks that every tip that may touch an object has a sphere.
 fn check_spheres(tips: &[Tip]) -> Result<(), PlantError> {
     match tips.iter().find(|tip| tip.radius <= 0.0) {
         Some(tip) => Err(PlantError::NoSphere(tip.link.clone())),
@@ -386,16 +387,16 @@ fn check_spheres(tips: &[Tip]) -> Result<(), PlantError> {
     }
 }
 
-/// Coefficient of friction of an object's contacts.
+/// Draws the coefficient of friction of an object's contacts.
 fn friction(object: &ObjectValues, options: &PlantOptions) -> f64 {
     let spread = if options.mismatch { object.friction_spread } else { 0.0 };
     object.friction + spread * Purpose::Contact.rng(options.seed).symmetric()
 }
 
-/// Stands for the drive of a joint that has none.
+/// Drive index of a joint without a drive.
 const NO_DRIVE: usize = usize::MAX;
 
-/// The drive of each body's joint; [`NO_DRIVE`] for a joint that follows another.
+/// Finds the drive of each body's joint; [`NO_DRIVE`] for a joint that follows another.
 fn match_drives(bodies: &[Body], drives: &[Drive]) -> Result<Vec<usize>, PlantError> {
     let list = |names: Vec<&str>| names.join(", ");
     for (index, drive) in drives.iter().enumerate() {
@@ -425,7 +426,7 @@ fn match_drives(bodies: &[Body], drives: &[Drive]) -> Result<Vec<usize>, PlantEr
     bodies.iter().map(find).collect()
 }
 
-/// `item`, a section of `plant.toml`, names joints that exist.
+/// Checks that `item`, a section of `plant.toml`, names existing joints.
 fn check_names<'a>(
     item: &'static str,
     names: impl Iterator<Item = &'a String>,
@@ -443,7 +444,7 @@ fn check_names<'a>(
     }
 }
 
-/// Angles at the start, in the order of the drives.
+/// Returns the initial angles, in the order of the drives.
 fn posture(values: &PlantValues, options: &PlantOptions, drives: &[Drive]) -> Result<Vec<f64>, PlantError> {
     check_names("plant.toml, [posture],", values.posture.keys(), drives)?;
     let posture = match &options.posture {
@@ -466,7 +467,7 @@ fn posture(values: &PlantValues, options: &PlantOptions, drives: &[Drive]) -> Re
     Ok(posture)
 }
 
-/// Values of the world's joints in the order of the drives.
+/// Sorts values of the world's joints into the order of the drives.
 pub(super) fn in_drive_order(drive_of: &[usize], values: impl Iterator<Item = f64>) -> Vec<f64> {
     let drives = drive_of.iter().filter(|&&drive| drive != NO_DRIVE).count();
     let mut ordered = vec![f64::NAN; drives];
@@ -478,7 +479,7 @@ pub(super) fn in_drive_order(drive_of: &[usize], values: impl Iterator<Item = f6
     ordered
 }
 
-/// Rounds to a sensor's whole counts.
+/// Rounds to whole counts of a sensor.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates, as a sensor does")]
 fn counts(value: f64) -> u16 {
     libm::round(value) as u16

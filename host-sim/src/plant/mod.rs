@@ -2,9 +2,9 @@
 //!
 //! A [`Plant`] is built from a robot's URDF, the motors and encoders that its controller knows, and its
 //! `plant.toml` ([`PlantValues`]). It shares no dynamics code with the control core: the physics is rapier's.
-//! Masses, inertias, friction and torque constants differ from the model by seeded factors, and what the
-//! controller receives are the sensor readings of a board: whole counts, with noise. A robot that nothing can
-//! touch is moved without rapier, to the same bits.
+//! Masses, inertias, friction and torque constants differ from the model by seeded factors, and the
+//! controller receives the sensor readings of a board: whole counts, with noise. A robot that nothing can
+//! touch is moved without rapier, with bit-identical results.
 //!
 //! ```text
 //!  ActuatorFrame ─► torque / torque constant ─► delay ─► current loop ─► × true torque constant ─┐
@@ -12,32 +12,32 @@
 //! ```
 //!
 //! # Time
-//! [`Plant::sensors`] reads the state at the start of a control period, [`Plant::apply`] advances over the
-//! period, and the torque that it is given begins to act [`InnerLoop::delay`] after the reading. The physics'
+//! [`Plant::sensors`] reads the state at the start of a control period, and [`Plant::apply`] advances over
+//! the period; the commanded torque begins to act [`InnerLoop::delay`] after the reading. The physics'
 //! sub-step `h` is a leapfrog: angles belong to the ends of a sub-step, velocities to its middle. The torque
 //! of a sub-step is therefore the mean over the time from `h/2` before its start to `h/2` after, which makes
-//! smooth motions exact to second order. ([`Truth::velocities`] are `h/2` old accordingly.)
+//! smooth motions exact to second order. ([`Truth::velocities`] are accordingly `h/2` old.)
 //!
 //! # Friction
-//! Coulomb friction is a constraint with a bound, not a function of velocity: a joint under less than the
-//! bound is at rest and does not creep.
+//! Coulomb friction is a constraint with a bound, not a function of velocity: a joint whose torque is below
+//! the bound stays at rest and does not creep.
 //!
 //! # Elasticity
-//! A joint with a stiffness in [`PlantValues::elasticity`] has its encoder at the motor: it reads the angle
-//! of the link and the deflection under the motor's torque. The deflection is quasi-static; the vibration of
-//! the link against the rotor is left out.
+//! A joint with a stiffness in [`PlantValues::elasticity`] has its encoder at the motor: the encoder reads
+//! the angle of the link plus the deflection under the motor's torque. The deflection is quasi-static; the
+//! vibration of the link against the rotor is not modelled.
 //!
 //! # Contact
-//! With an object in [`PlantOptions`], each spherical fingertip of the URDF touches it, with Coulomb friction
-//! again as a constraint.
+//! With an object in [`PlantOptions`], each spherical fingertip of the URDF touches it; Coulomb friction is
+//! again a constraint.
 //!
 //! With [`PlantOptions::fixtures`], the boxes, cylinders and spheres among the `<collision>` elements of the
 //! moving links touch these fixed bodies, with Coulomb friction at each point of a face or an edge; meshes
-//! and capsules touch nothing. [`Plant::fixture_contacts`] has the forces. The direction of sliding friction
-//! can be off by 0.1 rad, its size is Coulomb's.
+//! and capsules touch nothing. [`Plant::fixture_contacts`] returns the forces. The direction of sliding
+//! friction can be off by 0.1 rad; its magnitude is Coulomb's.
 //!
-//! Nothing else touches: links and tips pass through each other and through the object's support, and the
-//! object through fixed bodies.
+//! There are no other contacts: links and tips pass through each other and through the object's support, and
+//! the object passes through fixed bodies.
 //!
 //! # Walls, holds, pushes
 //! [`Wall`]s, [`Hold`]s and [`Push`]es act on the tips by springs, dampers and forces in every sub-step; a

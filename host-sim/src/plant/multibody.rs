@@ -1,11 +1,11 @@
-//! Links that touch nothing, moved as rapier moves them, to the last bit.
+//! Links without contacts, integrated exactly as rapier does, to the last bit.
 //!
-//! Rapier's multibodies take joints of any kind and matrices of any size, and each of its steps looks for
-//! contacts, islands and soft bodies. A robot that touches nothing needs none of that. This is what remains
-//! of a step: the semi-implicit equations of motion, the projected Gauss–Seidel sweeps over dry friction and
-//! end stops, and the integration of the angles. Each sum has rapier's terms in rapier's order, but for those
-//! that are zero whatever the motion: columns of joints that do not move a link, elements of diagonal
-//! matrices, stops that are not reached. The tests hold it against rapier bit by bit.
+//! Rapier's multibodies support joints of any kind and matrices of any size, and each of its steps looks for
+//! contacts, islands and soft bodies. A robot that touches nothing needs none of that. This module has the
+//! remaining parts of a step: the semi-implicit equations of motion, the projected Gauss–Seidel sweeps over
+//! dry friction and end stops, and the integration of the angles. Each sum has rapier's terms in rapier's
+//! order, except those that are zero for every motion: columns of joints that do not move a link, elements of
+//! diagonal matrices, stops that are not reached. The tests compare it with rapier bit by bit.
 
 use rapier3d::dynamics::{
     IntegrationParameters, JointAxis, RigidBodyHandle, RigidBodyMassProps, RigidBodySet, RigidBodyType,
@@ -16,10 +16,10 @@ use rapier3d::na::Matrix3;
 
 use super::lu::{Lu, add_scaled, dot};
 
-/// Where a joint turns farther in a sub-step [rad], the energy that an implicit step adds is checked.
+/// If a joint turns farther than this in a sub-step [rad], the energy that an implicit step adds is checked.
 const FAST: f32 = 1e-3;
 
-/// The links behind a joint of the base.
+/// The links that are moved by one joint of the base.
 pub struct Multibody {
     root: Place,
     links: Vec<Link>,
@@ -27,13 +27,14 @@ pub struct Multibody {
     axes: Vec<Vector>,
     velocities: Vec<f32>,
     accelerations: Vec<f32>,
-    /// Generalised forces, and the share of them that is applied from outside.
+    /// Generalised forces, and the part of them that is applied externally.
     forces: [Vec<f32>; 2],
-    /// Mass matrix, and that with what Coriolis forces and damping add at the end of a sub-step.
+    /// Mass matrix, and the same with the terms that Coriolis forces and damping add at the end of a
+    /// sub-step.
     mass: Lu,
     implicit: Lu,
     rows: Vec<Row>,
-    /// For each row, how the velocities answer to a unit of its impulse.
+    /// For each row, the response of the joint velocities to a unit impulse.
     responses: Vec<f32>,
     workspace: Vec<f32>,
 }
@@ -44,9 +45,9 @@ struct Link {
     parent: Option<usize>,
     /// The joints from the base to its own, which is the last.
     path: Vec<usize>,
-    /// Frames of the joint in those of the links before and behind it; the latter inverted.
+    /// Frames of the joint relative to the links before and behind it; the latter inverted.
     frames: [Pose; 2],
-    /// Where the second frame is.
+    /// Origin of the second frame.
     joint: Vector,
     stops: Option<[f32; 2]>,
     damping: f32,
@@ -59,23 +60,23 @@ struct Link {
     angle: f32,
     turn: Rotation,
     place: Place,
-    /// Of the joint frame.
+    /// Orientation of the joint frame.
     joint_turn: Rotation,
-    /// From the centre of the link before to the joint, and from there to its own centre.
+    /// From the centre of mass of the previous link to the joint, and from there to that of this link.
     shifts: [Vector; 2],
-    /// Velocity of the centre of mass for each joint of the path.
+    /// Column of the linear Jacobian of the centre of mass, for each joint of the path.
     linear: Vec<Vector>,
     /// Change of linear and angular velocity of the centre of mass for each joint of the path.
     coriolis: Vec<[Vector; 2]>,
     spin: Vector,
     joint_spin: Vector,
-    /// Linear and angular, without those of the joints.
+    /// Linear and angular acceleration, without the contribution of the joint accelerations.
     acceleration: [Vector; 2],
     force: Vector,
     torque: Vector,
 }
 
-/// Where a link and its centre of mass are, in the frame of the base.
+/// Pose of a link, and its centre of mass, in the frame of the base.
 #[derive(Clone, Copy)]
 struct Place {
     pose: Pose,
@@ -87,14 +88,14 @@ struct Row {
     joint: usize,
     impulse: f32,
     bounds: [f32; 2],
-    /// Inverse of the velocity for a unit of impulse.
+    /// Inverse of the velocity response to a unit impulse.
     gain: f32,
     bias: f32,
     compliance: f32,
 }
 
 impl Multibody {
-    /// As rapier has it.
+    /// Copies a multibody of rapier.
     pub fn new(chain: &rapier3d::dynamics::Multibody, bodies: &RigidBodySet) -> Option<Self> {
         let place = |body: RigidBodyHandle, pose: &Pose| {
             let center = *pose * bodies.get(body)?.mass_properties().local_mprops.local_com;
@@ -170,19 +171,19 @@ impl Multibody {
         (self.links[link].angle, self.velocities[link])
     }
 
-    /// Takes all forces and torques away.
+    /// Clears all forces and torques.
     pub fn release(&mut self) {
         for link in &mut self.links {
             (link.force, link.torque) = (Vector::ZERO, Vector::ZERO);
         }
     }
 
-    /// A torque on a link in the next sub-step, in addition to others [N·m].
+    /// Adds a torque on a link for the next sub-step [N·m].
     pub fn add_torque(&mut self, link: usize, torque: Vector) {
         self.links[link].torque += torque;
     }
 
-    /// A torque between a link and the one before it.
+    /// Adds a torque between a link and the one before it [N·m].
     pub fn add_joint_torque(&mut self, link: usize, torque: Vector) {
         self.add_torque(link, torque);
         if let Some(parent) = self.links[link].parent {
@@ -190,15 +191,14 @@ impl Multibody {
         }
     }
 
-    /// A force on a point of a link in the next sub-step, in addition to others [N]; in the frame of the
-    /// base.
+    /// Adds a force on a point of a link for the next sub-step [N], in the frame of the base.
     pub fn add_force(&mut self, link: usize, force: Vector, point: Vector) {
         let link = &mut self.links[link];
         link.force += force;
         link.torque += (point - link.place.center).cross(force);
     }
 
-    /// One sub-step.
+    /// Advances by one sub-step.
     pub fn step(&mut self, gravity: Vector, parameters: &IntegrationParameters) {
         let dt = parameters.dt;
         self.turn_links();
@@ -217,7 +217,7 @@ impl Multibody {
         self.place_links();
     }
 
-    /// Forward kinematics.
+    /// Computes the forward kinematics.
     fn place_links(&mut self) {
         for index in 0..self.links.len() {
             let (before, link) = split(&mut self.links, index);
@@ -242,7 +242,7 @@ impl Multibody {
         }
     }
 
-    /// Angular velocities.
+    /// Computes the angular velocities.
     fn turn_links(&mut self) {
         for index in 0..self.links.len() {
             let velocity = self.velocities[index];
@@ -322,7 +322,8 @@ impl Multibody {
         }
     }
 
-    /// Whether the accelerations add more energy than the forces' work and 1 % of the kinetic energy.
+    /// Returns whether the accelerations add more energy than the forces' work plus 1 % of the kinetic
+    /// energy.
     fn gains_energy(&mut self, dt: f32) -> bool {
         let [forces, applied] = &self.forces;
         let (velocities, accelerations, product) =
@@ -339,7 +340,7 @@ impl Multibody {
         excess.is_nan() || excess > 0.0
     }
 
-    /// Dry friction and end stops.
+    /// Applies dry friction and end stops.
     fn constrain(&mut self, dt: f32, sweeps: usize) {
         let size = self.links.len();
         self.rows.clear();
@@ -360,7 +361,7 @@ impl Multibody {
         }
         let mut changes = true;
         for _ in 0..sweeps {
-            // Every sweep is as the one before from when nothing changes.
+            // Once a sweep changes nothing, further sweeps change nothing either.
             if !std::mem::take(&mut changes) {
                 break;
             }
@@ -380,7 +381,7 @@ impl Multibody {
 }
 
 impl Link {
-    /// Bias and bounds of the stop that the joint is beyond.
+    /// Returns bias and bounds of the stop that the joint has passed.
     fn stop(&self, dt: f32) -> Option<(f32, [f32; 2])> {
         let [lower, upper] = self.stops?;
         let (below, above) = (self.angle < lower, upper < self.angle);
@@ -424,13 +425,13 @@ impl Link {
     }
 }
 
-/// A link, and those before it.
+/// Returns a link, and those before it.
 fn split(links: &mut [Link], index: usize) -> (&[Link], &mut Link) {
     let (before, rest) = links.split_at_mut(index);
     (before, &mut rest[0])
 }
 
-/// A velocity that is known, `shift` away, where the body turns.
+/// Returns the velocity at `shift` from a point with the velocity `known`, on a body that turns at `turn`.
 fn carried(known: Vector, shift: Vector, turn: Vector) -> Vector {
     Vector::new(
         known.x + shift.z * turn.y - shift.y * turn.z,
@@ -465,7 +466,7 @@ fn dot3(one: Vector, other: Vector) -> f32 {
     one.x * other.x + one.y * other.y + one.z * other.z
 }
 
-/// Adds the angular part to the linear one of a scalar product.
+/// Adds the scalar product of the angular parts to that of the linear parts.
 fn on(linear: f32, one: Vector, other: Vector) -> f32 {
     linear + one.x * other.x + one.y * other.y + one.z * other.z
 }
@@ -477,7 +478,7 @@ fn multiply(matrix: &Lu, vector: &[f32], product: &mut [f32]) {
     }
 }
 
-/// 0 where there is none.
+/// Returns the inverse; 0 for a value that is practically 0.
 fn inverse(value: f32) -> f32 {
     if value.abs() <= 1e-20 { 0.0 } else { 1.0 / value }
 }

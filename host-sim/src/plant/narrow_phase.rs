@@ -1,15 +1,15 @@
-//! Contacts of convex solids, checked.
+//! Checked contacts of convex solids.
 //!
-//! Parry finds them by the Gilbert–Johnson–Keerthi algorithm in single precision, and starts from the normal
-//! of the sub-step before. Solids that overlap by less than a thousandth of their size it takes for solids
-//! that touch, with whatever normal it has at that moment; at the edge of a knob that normal may be one of
-//! another face, and stays for as long as the points move by less than 1 mm. The finger sinks in by
-//! millimetres, and is thrown out with thousands of newtons when another normal is found.
+//! Parry finds contacts with the Gilbert–Johnson–Keerthi algorithm in single precision, starting from the
+//! normal of the previous sub-step. If the solids overlap by less than a thousandth of their size, it takes
+//! them for touching, with the normal that it has at that moment; at the edge of a knob this may be the
+//! normal of another face, and it is kept as long as the points move by less than 1 mm. The finger sinks in
+//! by millimetres, and is thrown out with thousands of newtons when another normal is found.
 //!
-//! So each contact is found twice, from the normal before and from none, and must be the least overlap along
-//! directions near its normal. Where that fails, or both differ, a search in double precision decides: the
-//! distance of convex solids is the largest of their separations along all directions, where an overlap
-//! counts as negative (Ericson, Real-Time Collision Detection, section 5.2).
+//! Therefore each contact is computed twice, with and without the previous normal, and must be the least
+//! overlap along directions near its normal. If that fails, or if the two differ, a search in double
+//! precision decides: the distance of convex solids is the largest of their separations along all directions,
+//! where an overlap counts as negative (Ericson, Real-Time Collision Detection, section 5.2).
 
 use rapier3d::geometry::{ContactData, ContactManifold, ContactManifoldData, TrackedContact};
 use rapier3d::math::{Pose, Vector};
@@ -24,23 +24,25 @@ use rapier3d::parry::shape::{PackedFeatureId, PolygonalFeature, Shape, ShapeType
 
 use super::convert::{narrow, vector, wide};
 
-/// Two distances that differ by less are the same [m].
+/// Distances that differ by less than this count as equal [m].
 const TOLERANCE: f64 = 5e-6;
-/// Of the directions where the search starts, as many are followed, which differ by this cosine at least.
+/// Number of starting directions that the search follows, and the cosine that any two of them may have at
+/// most.
 const FOLLOWED: usize = 8;
 const APART: f64 = 0.95;
-/// A normal is right when the best direction near it differs by this cosine at least.
+/// A normal is right if its cosine with the best direction near it is greater than this.
 const ALIKE: f64 = 0.999;
-/// Steps of a search: the first from anywhere, the first from a normal that may be right, and the last [rad].
+/// Steps of a search: the first from an arbitrary direction, the first from a normal that may be right, and
+/// the last [rad].
 const FIRST: f64 = 0.2;
 const NEAR: f64 = 0.01;
 const LAST: f64 = 1e-5;
 
-/// Parry's queries, with contacts that are checked.
+/// Parry's queries, with checked contacts.
 pub struct CheckedContacts;
 
-/// A direction from the first solid to the second one, and the separation of both along it [m]; negative when
-/// they overlap.
+/// A direction from the first solid to the second, and their separation along it [m]; negative if they
+/// overlap.
 #[derive(Clone, Copy, Debug)]
 struct Separation {
     normal: Vector3<f64>,
@@ -53,7 +55,7 @@ impl Separation {
     }
 }
 
-/// Two solids; everything in the frame of the first.
+/// Two solids; all quantities are in the frame of the first.
 struct Pair<'a> {
     first: &'a dyn Shape,
     second: &'a dyn Shape,
@@ -62,7 +64,7 @@ struct Pair<'a> {
 }
 
 impl<'a> Pair<'a> {
-    /// `None` for those that parry does not treat by the algorithm above.
+    /// Returns `None` for solids that parry does not treat with the algorithm above.
     fn new(pose: &'a Pose, first: &'a dyn Shape, second: &'a dyn Shape) -> Option<Self> {
         let types = [first.shape_type(), second.shape_type()];
         if types.contains(&ShapeType::Ball) || types == [ShapeType::Cuboid; 2] {
@@ -76,12 +78,12 @@ impl<'a> Pair<'a> {
         let [first, second] = self.maps;
         let between = wide(second.support_point(self.pose, -axis)) - wide(first.local_support_point(axis));
         let normal = wide(axis);
-        // No direction separates nothing.
+        // Without a direction there is no separation.
         let distance = if normal == Vector3::zeros() { f64::NEG_INFINITY } else { between.dot(&normal) };
         Separation { normal, distance }
     }
 
-    /// The largest separation; it is the distance of the solids.
+    /// Returns the largest separation, which is the distance of the solids.
     fn largest(&self, known: [Vector; 2]) -> Separation {
         let turn = self.pose.rotation;
         let turned = Matrix3::from_columns(&[Vector::X, Vector::Y, Vector::Z].map(|axis| wide(turn * axis)));
@@ -103,7 +105,8 @@ impl<'a> Pair<'a> {
         followed.into_iter().map(|start| self.climb(start, FIRST)).fold(none, Separation::larger)
     }
 
-    /// Goes to the nearest local maximum, by steps across the direction that are halved where none leads up.
+    /// Climbs to the nearest local maximum, with steps across the direction that are halved when none leads
+    /// up.
     fn climb(&self, start: Separation, first: f64) -> Separation {
         let (mut best, mut step) = (start, first);
         while step > LAST && best.normal != Vector3::zeros() {
@@ -122,14 +125,14 @@ impl<'a> Pair<'a> {
         best
     }
 
-    /// Whether `said` is the largest separation along directions that hardly differ from a normal.
+    /// Returns whether `said` is the largest separation along directions close to a normal.
     fn confirms(&self, normal: Vector, said: f64) -> bool {
         let start = self.along(&wide(normal));
         let best = self.climb(start, NEAR);
         (best.distance - said).abs() < TOLERANCE && best.normal.dot(&start.normal) > ALIKE
     }
 
-    /// The points where the faces along a normal meet.
+    /// Returns the points where the faces along a normal meet.
     fn points(&self, at: &Separation) -> Vec<TrackedContact<ContactData>> {
         let normal = vector(&at.normal);
         let back = self.pose.rotation.inverse() * -normal;
@@ -152,7 +155,7 @@ impl<'a> Pair<'a> {
                 false,
             );
         }
-        // Features that do not meet leave the one point that must be there.
+        // If the features do not meet, only the deepest point is left, and is added here.
         let deepest = distance(&manifold).is_some_and(|distance| distance < at.distance + TOLERANCE);
         if !deepest {
             let second = self.maps[1].support_point(self.pose, -normal);
@@ -168,7 +171,7 @@ impl<'a> Pair<'a> {
         manifold.points.to_vec()
     }
 
-    /// Mends the contact that was carried on from the sub-step before.
+    /// Corrects the contact that was carried over from the previous sub-step.
     fn check(&self, carried: &mut ContactManifold, fresh: &ContactManifold) {
         let said = [distance(carried), distance(fresh)];
         let normals = [carried.local_n1, fresh.local_n1];
@@ -178,7 +181,7 @@ impl<'a> Pair<'a> {
             }
             [Some(one), None] => self.confirms(carried.local_n1, one),
             [None, Some(_)] => false,
-            // Any direction along which the solids are apart proves it.
+            // One direction along which the solids are separated is a proof.
             [None, None] => normals.iter().any(|normal| self.along(&wide(*normal)).distance > 0.0),
         };
         if agreed {
@@ -206,7 +209,7 @@ impl<'a> Pair<'a> {
     }
 }
 
-/// Of the point that is deepest [m]; `None` without points.
+/// Distance at the deepest point [m]; `None` without points.
 fn distance(manifold: &ContactManifold) -> Option<f64> {
     manifold.points.iter().map(|point| f64::from(point.dist)).reduce(f64::min)
 }
@@ -338,13 +341,13 @@ mod tests {
     use super::super::shapes::{bevelled_cylinder, cuboid};
     use super::*;
 
-    /// Radius, length and bevel of a knob, and the size of a finger, whose thickness is along its x [m].
+    /// Radius, length and bevel of a knob, and size of a finger whose thickness is along its x axis [m].
     const KNOB: [f64; 3] = [0.025, 0.06, 0.002];
     const FINGER: [f64; 3] = [0.01, 0.02, 0.1];
 
-    /// Pose of a finger whose face is on the edge between a side of the knob, of which it has 72, and the
-    /// bevel, with its inner normal `lift` above that of the side, and the edge `depth` in it. The finger is
-    /// turned about that normal and moved along itself.
+    /// Returns the pose of a finger whose face touches the edge between one of the 72 sides of the knob and
+    /// the bevel. The inner normal of the face is `lift` above that of the side, and the edge is `depth`
+    /// inside the finger. The finger is turned about that normal and moved along its own length.
     fn on_edge(side: u8, lift: f64, turn: f64, along: f64, depth: f64) -> Isometry3<f64> {
         let [radius, length, bevel] = KNOB;
         let edge = Vector3::new(radius * (TAU / 144.0).cos(), 0.0, length / 2.0 - bevel);
@@ -357,8 +360,8 @@ mod tests {
             * Isometry3::from_parts(Translation3::from(place), lean * spin)
     }
 
-    /// A finger slides and rolls over the edge of a knob in small steps, 2 to 62 µm deep but for some where
-    /// it is 0.2 mm away. Returns the errors of the distances that a dispatcher tells.
+    /// Slides and rolls a finger over the edge of a knob in small steps, 2 to 62 µm deep, but at some steps
+    /// 0.2 mm away. Returns the errors of the distances from a dispatcher.
     fn errors(dispatcher: &impl PersistentQueryDispatcher<ContactManifoldData, ContactData>) -> Vec<f64> {
         let [radius, length, bevel] = KNOB;
         let (knob, finger) =
@@ -373,7 +376,7 @@ mod tests {
                 let place = pose(&on_edge(side * 5, share * FRAC_PI_4, turn, 0.01 - 0.02 * share, depth));
                 let (one, other) = (knob.shape(), finger.shape());
                 dispatcher.contact_manifolds(&place, one, other, 2e-5, &mut manifolds, &mut None).unwrap();
-                // Solids that are apart need no contact.
+                // Solids that are apart need no contact point.
                 let found = manifolds.first().and_then(distance).unwrap_or(f64::INFINITY);
                 let is_free = depth < 0.0 && found > 0.0;
                 errors.push(if is_free { 0.0 } else { (found + depth).abs() });
@@ -385,7 +388,7 @@ mod tests {
     #[test]
     fn a_finger_at_the_edge_of_a_knob_is_as_deep_as_it_was_put() {
         let largest = errors(&CheckedContacts).into_iter().fold(0.0, f64::max);
-        // What two comparisons allow.
+        // Tolerance of two comparisons.
         assert!(largest < 2.0 * TOLERANCE, "{largest:e} m");
         let of_parry = errors(&DefaultQueryDispatcher);
         assert!(of_parry.iter().any(|error| *error > 1e-4), "parry needs no check any more");

@@ -1,11 +1,11 @@
-//! A plant whose motors something outside the simulator drives.
+//! A plant whose motors are driven from outside the simulator.
 
 use super::error::PlantError;
 use super::machine::Plant;
 
 impl Plant {
-    /// Advances by a sub-step ([`Plant::sub_step`]) under these torques of the motors, in place of those of
-    /// its own drives [N·m]. Joints are taken for rigid.
+    /// Advances by a sub-step ([`Plant::sub_step`]) under the given motor torques instead of those of its own
+    /// drives [N·m]. Joints are assumed rigid.
     ///
     /// # Errors
     /// Torques for another number of joints, or one that is not a number; the plant has not moved then.

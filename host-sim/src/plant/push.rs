@@ -9,27 +9,27 @@ use super::convert::{mass_properties, vector, wide};
 use super::error::PlantError;
 use tesaki_description::object::ObjectValues;
 
-/// A force on an object or a tip that rises, stays and falls.
+/// A force on an object or a tip that rises, holds and falls.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Push {
-    /// The force at its largest, in the frame of the base [N].
+    /// Largest value of the force, in the frame of the base [N].
     pub force: [f64; 3],
-    /// Where it acts: a point of the object or the tip, in its frame [m].
+    /// Point of application on the object or the tip, in its frame [m].
     pub point: [f64; 3],
     /// Time to rise, and to fall [s].
     pub ramp: f64,
-    /// Time between them [s]; infinite for a force that stays.
+    /// Time between them [s]; infinite for a permanent force.
     pub hold: f64,
 }
 
-/// A weight that is put on the object and stays on it, as a point of mass.
+/// A weight that is put on the object and stays on it, as a point mass.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Load {
     /// Mass [kg].
     pub mass: f64,
-    /// Where it sits: a point of the object, in its frame [m].
+    /// Its position on the object, in the object's frame [m].
     pub point: [f64; 3],
-    /// Time in which it is put on [s].
+    /// Time over which it is put on [s].
     pub ramp: f64,
 }
 
@@ -41,7 +41,7 @@ impl Push {
         duration("push.hold", self.hold, true)
     }
 
-    /// Fraction of the force, `time` after its start.
+    /// Returns the fraction of the force, `time` after its start.
     pub(super) fn fraction(&self, time: f64) -> f64 {
         let left = 2.0 * self.ramp + self.hold - time;
         if time < 0.0 || left <= 0.0 {
@@ -53,7 +53,7 @@ impl Push {
         }
     }
 
-    /// Whether it will not act any more, `time` after it began.
+    /// Returns whether it has ended, `time` after its start.
     pub(super) fn is_over(&self, time: f64) -> bool {
         time >= 2.0 * self.ramp + self.hold
     }
@@ -97,13 +97,13 @@ impl Weight {
     }
 }
 
-/// The mass of an object with all that disturbs it.
+/// An object's mass with weights, and the pushes on it.
 pub struct Disturbances {
-    /// Of the object alone: mass [kg], centre [m], inertia about that [kg·m²].
+    /// Of the object alone: mass [kg], centre [m], inertia about the centre [kg·m²].
     own: (f64, Vector3<f64>, Matrix3<f64>),
     pushes: Vec<(f64, Push)>,
     weights: Vec<Weight>,
-    /// What rapier was last told [kg].
+    /// Mass of the weights that was last passed to rapier [kg].
     mass: f64,
 }
 
@@ -122,7 +122,7 @@ impl Disturbances {
         self.weights.push(Weight { point, from: 0.0, to: load.mass, begin: time, ramp: load.ramp });
     }
 
-    /// Takes all weights off.
+    /// Removes all weights.
     pub fn unload(&mut self, ramp: f64, time: f64) {
         self.weights.retain(|weight| weight.to > 0.0 || weight.mass(time) > 0.0);
         for weight in &mut self.weights {
@@ -136,7 +136,7 @@ impl Disturbances {
         self.weights.iter().fold(0.0, |sum, weight| sum + weight.mass(time))
     }
 
-    /// Acts on the object in the sub-step around `time`, scaled by `fraction`.
+    /// Applies all disturbances to the object in the sub-step around `time`, scaled by `fraction`.
     pub fn act(&mut self, body: &mut RigidBody, colliders: &ColliderSet, time: f64, fraction: f64) {
         body.reset_forces(true);
         body.reset_torques(true);
@@ -152,7 +152,7 @@ impl Disturbances {
         }
     }
 
-    /// Gives the object its mass with all weights. No point of it changes its velocity.
+    /// Sets the object's mass including all weights. The velocity of each of its points is kept.
     fn weigh(&self, body: &mut RigidBody, colliders: &ColliderSet, time: f64) {
         let (before, turn) = (wide(body.center_of_mass()), wide(body.angvel()));
         body.set_additional_mass_properties(self.mass_properties(time), true);
@@ -161,7 +161,7 @@ impl Disturbances {
         body.set_linvel(body.linvel() + vector(&moved), true);
     }
 
-    /// Of the object and all weights.
+    /// Mass properties of the object with all weights.
     pub fn mass_properties(&self, time: f64) -> MassProperties {
         let (own, center, inertia) = &self.own;
         let mut parts = vec![(*own, *center)];

@@ -8,20 +8,20 @@ use rapier3d::pipeline::ActiveHooks;
 
 use super::convert::{narrow, pose};
 
-/// A cuboid of the given extents [m].
+/// Creates a cuboid of the given extents [m].
 pub fn cuboid(size: [f64; 3]) -> ColliderBuilder {
     let [x, y, z] = size.map(|extent| narrow(extent / 2.0));
     ColliderBuilder::cuboid(x, y, z)
 }
 
-/// A cylinder along z. (Rapier's is along y.)
+/// Creates a cylinder along z. (Rapier's is along y.)
 pub fn cylinder(radius: f64, length: f64) -> ColliderBuilder {
     ColliderBuilder::cylinder(narrow(length / 2.0), narrow(radius))
         .rotation(Vector::X * core::f32::consts::FRAC_PI_2)
 }
 
-/// A prism along z, which is inside of a cylinder by at most a thousandth of its radius, with edges that are
-/// bevelled by `chamfer` at 45° [m]. `None` when it has no volume.
+/// Creates a prism along z, inside a cylinder by at most a thousandth of its radius, with edges that are
+/// bevelled by `chamfer` at 45° [m]. `None` if it has no volume.
 pub fn bevelled_cylinder(radius: f64, length: f64, chamfer: f64) -> Option<ColliderBuilder> {
     // 1 − cos(π/72) = 0.00095
     const SIDES: u32 = 72;
@@ -37,13 +37,13 @@ pub fn bevelled_cylinder(radius: f64, length: f64, chamfer: f64) -> Option<Colli
     ColliderBuilder::convex_hull(&points)
 }
 
-/// The solid at a place.
+/// Moves the solid to a pose.
 pub fn placed(solid: ColliderBuilder, place: &Isometry3<f64>) -> ColliderBuilder {
     let own = solid.position;
     solid.position(pose(place) * own)
 }
 
-/// With a coefficient of friction; in a contact the larger one of both counts.
+/// Builds the solid with a coefficient of friction; a contact uses the larger of the two coefficients.
 pub fn with_friction(solid: ColliderBuilder, friction: f64) -> Collider {
     let solid = solid.friction(narrow(friction)).friction_combine_rule(CoefficientCombineRule::Max);
     solid.active_hooks(ActiveHooks::MODIFY_SOLVER_CONTACTS).build()

@@ -1,8 +1,8 @@
-//! Static friction that does not creep.
+//! Static friction without creep.
 //!
-//! Rapier holds a sticking contact by its velocity, to single precision: 0.1 m from the origin that leaves a
-//! creep of up to 0.05 mm/s. So what a contact has crept since it last slid is measured, and rapier is told
-//! to take it back.
+//! Rapier holds a sticking contact by its velocity, in single precision: 0.1 m from the origin that leaves a
+//! creep of up to 0.05 mm/s. Therefore the creep of each contact since it last slid is measured, and rapier
+//! is made to reverse it.
 
 use rapier3d::geometry::ColliderHandle;
 use rapier3d::math::Vector;
@@ -14,13 +14,13 @@ use super::convert::{vector, wide};
 /// Fraction of the creep that is corrected in a sub-step.
 pub const CREEP_GAIN: f64 = 0.2;
 
-/// How far contacts have crept.
+/// Creep of all contacts.
 #[derive(Default)]
 pub struct Creep {
-    /// Collider of each fingertip, and the velocity along the object that takes back its creep, in the frame
-    /// of the base [m/s].
+    /// Collider of each fingertip, and the velocity along the object that reverses its creep, in the frame of
+    /// the base [m/s].
     pub tips: Vec<(ColliderHandle, Vector3<f64>)>,
-    /// What has crept on fixed bodies.
+    /// Creep on fixed bodies.
     pub fixed: Vec<Crept>,
     /// Sub-step [s].
     pub step: f64,
@@ -30,14 +30,14 @@ pub struct Creep {
 pub struct Crept {
     /// Collider of the fixed body.
     pub fixed: ColliderHandle,
-    /// Collider of what creeps on it.
+    /// Collider of the creeping body.
     pub moving: ColliderHandle,
-    /// The motion by which that has crept.
+    /// The motion of its creep.
     pub motion: Isometry3<f64>,
 }
 
 impl Creep {
-    /// Velocity of a surface at a point that takes back what the other one has crept on it.
+    /// Returns the velocity of a surface at a point that reverses the creep of the other surface on it.
     fn back(&self, surface: ColliderHandle, other: ColliderHandle, point: Vector) -> Option<Vector3<f64>> {
         if let Some((_, velocity)) = self.tips.iter().find(|(tip, _)| *tip == surface) {
             return Some(*velocity);
@@ -50,7 +50,8 @@ impl Creep {
 }
 
 impl PhysicsHooks for Creep {
-    /// Rapier makes the first body's surface move by the tangent velocity, and with it what sticks.
+    /// Sets the tangent velocities, with which rapier moves the first body's surface and whatever sticks to
+    /// it.
     fn modify_solver_contacts(&self, context: &mut ContactModificationContext<'_>) {
         let (one, two) = (context.collider1, context.collider2);
         let Some(manifold) = context.rigid_mut() else { return };

@@ -1,4 +1,4 @@
-//! From the URDF to moving bodies.
+//! The moving bodies of a URDF.
 
 use rapier3d::na::{Isometry3, Matrix3, Vector3};
 use tesaki_description::urdf::{self, MassProperties, RigidBody, Urdf};
@@ -10,16 +10,16 @@ use super::error::PlantError;
 #[derive(Clone, Debug)]
 pub struct Body {
     pub joint: String,
-    /// The moving body before it; `None` for the base.
+    /// The moving body that carries it; `None` for the base.
     pub parent: Option<usize>,
-    /// Joint frame in the frame of the body before it, at angle 0.
+    /// Joint frame in the frame of that body, at angle 0.
     pub origin: Isometry3<f64>,
     pub axis: Vector3<f64>,
     pub mass: f64,
     pub center_of_mass: Vector3<f64>,
-    /// About the centre of mass, axes of the joint frame.
+    /// About the centre of mass, in the axes of the joint frame.
     pub inertia: Matrix3<f64>,
-    /// End stops; `None` for a joint that turns without end.
+    /// End stops; `None` for a joint with unlimited rotation.
     pub stops: Option<[f64; 2]>,
     /// The joint that it follows, with multiplier and offset [rad].
     pub mimic: Option<(String, f64, f64)>,
@@ -30,7 +30,7 @@ pub struct Body {
     pub viscous: f64,
 }
 
-/// The moving bodies, each after the one that carries it.
+/// Collects the moving bodies, each after the one that carries it.
 pub fn bodies(urdf: &Urdf) -> Result<Vec<Body>, PlantError> {
     let mut bodies = Vec::new();
     add_behind(&urdf.robot, &RigidBody::new(&urdf.robot, urdf.base()), None, &mut bodies)?;
@@ -92,7 +92,7 @@ fn moving_body(
     })
 }
 
-/// Refuses masses that no body has.
+/// Rejects masses and inertias that no body can have.
 fn check_masses(body: &Body, link: &str) -> Result<(), PlantError> {
     let names = || (link.to_owned(), body.joint.clone());
     if !(body.mass.is_finite() && body.mass > 0.0) {
@@ -100,7 +100,7 @@ fn check_masses(body: &Body, link: &str) -> Result<(), PlantError> {
         return Err(PlantError::NoMass { link, joint });
     }
     let moments = body.inertia.symmetric_eigenvalues();
-    // Half the trace less a principal moment is a second moment of mass: none can be negative.
+    // Half the trace minus a principal moment is a second moment of mass, which cannot be negative.
     let possible = moments.min() > 0.0 && moments.max() <= 0.5 * body.inertia.trace() * (1.0 + 1e-3);
     if !possible {
         let (link, joint) = names();

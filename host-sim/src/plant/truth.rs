@@ -1,4 +1,4 @@
-//! What is so, whatever the sensors say.
+//! The true state, independent of the sensors.
 
 use rapier3d::na::Vector3;
 
@@ -7,7 +7,7 @@ use super::end_effector::Tip;
 use super::fixture::{FixtureContact, Fixtures};
 use super::machine::{Plant, in_drive_order};
 
-/// The machine's own state. Joints are in the order of the drives.
+/// True state of the machine. Joints are in the order of the drives.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Truth {
     /// Joint angles [rad].
@@ -16,16 +16,16 @@ pub struct Truth {
     pub velocities: Vec<f64>,
     /// Torques of the motors at the joints [N·m].
     pub torques: Vec<f64>,
-    /// Angle that homing believes, less the true angle [rad].
+    /// Angle found by homing, minus the true angle [rad].
     pub homing_errors: Vec<f64>,
 }
 
-/// A tip's own state, in the frame of the base. Velocities are half a sub-step old.
+/// True state of a tip, in the frame of the base. Velocities are half a sub-step old.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TipTruth {
     /// Its link.
     pub link: String,
-    /// Where the frame of its link is [m].
+    /// Position of the frame of its link [m].
     pub position: [f64; 3],
     /// Unit quaternion `[x, y, z, w]`.
     pub orientation: [f64; 4],
@@ -33,20 +33,20 @@ pub struct TipTruth {
     pub velocity: [f64; 3],
     /// Angular velocity [rad/s].
     pub angular_velocity: [f64; 3],
-    /// What walls, holds and pushes do to it, mean over the last control period [N].
+    /// Force of walls, holds and pushes, mean over the last control period [N].
     pub force: [f64; 3],
-    /// The same about the origin of its frame [N·m].
+    /// Torque of the same about the origin of its frame [N·m].
     pub torque: [f64; 3],
-    /// Share of the walls in `force` [N].
+    /// Part of `force` that is due to walls [N].
     pub wall_force: [f64; 3],
-    /// How deep it is in a wall [m].
+    /// Penetration into a wall [m].
     pub wall_depth: f64,
 }
 
-/// The object's own state, in the frame of the base.
+/// True state of the object, in the frame of the base.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ObjectTruth {
-    /// Where its frame is [m].
+    /// Position of its frame [m].
     pub position: [f64; 3],
     /// Unit quaternion `[x, y, z, w]`.
     pub orientation: [f64; 4],
@@ -62,38 +62,37 @@ pub struct ObjectTruth {
     pub support_force: [f64; 3],
 }
 
-/// A fingertip's contact with the object, at the end of the last sub-step, in the frame of the base where
-/// nothing else is said.
+/// A fingertip's contact with the object, at the end of the last sub-step, in the frame of the base unless
+/// stated otherwise.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ContactTruth {
     /// Link of the fingertip.
     pub link: String,
     /// Force on the object, mean over the last control period [N].
     pub force: [f64; 3],
-    /// Where it acts, on the fingertip [m].
+    /// Point of application, on the fingertip [m].
     pub point: [f64; 3],
-    /// Unit vector out of the object, through the middle of the tip; 0 without contact.
+    /// Unit vector out of the object, through the centre of the tip; 0 without contact.
     pub normal: [f64; 3],
-    /// How deep the tip is in the object [m].
+    /// Penetration of the tip into the object [m].
     pub depth: f64,
     /// Velocity of the tip's surface along that of the object, in the frame of the object, half a sub-step
     /// ago [m/s].
     pub slip_velocity: [f64; 3],
-    /// Integral of `slip_velocity` since the start, while they touched: sliding, and at most some µm of creep
-    /// [m].
+    /// Integral of `slip_velocity` since the start during contact: sliding, and at most some µm of creep [m].
     pub slip: [f64; 3],
-    /// Integral of the size of `slip_velocity` while friction was at its limit [m]: what rubs to and fro adds
-    /// up.
+    /// Integral of the magnitude of `slip_velocity` while friction was at its limit [m]; motions to and fro
+    /// add up.
     pub slip_path: f64,
 }
 
 impl ContactTruth {
-    /// Share of the force along the normal, into the object [N].
+    /// Component of the force along the normal, into the object [N].
     pub fn normal_force(&self) -> f64 {
         -Vector3::from(self.force).dot(&Vector3::from(self.normal))
     }
 
-    /// Size of the force along the surface [N].
+    /// Magnitude of the force along the surface [N].
     pub fn tangential_force(&self) -> f64 {
         let (force, normal) = (Vector3::from(self.force), Vector3::from(self.normal));
         (force - normal * force.dot(&normal)).norm()
@@ -128,7 +127,8 @@ impl Plant {
         })
     }
 
-    /// A contact for each fingertip, touching or not, in the order of the URDF; none without an object.
+    /// Returns a contact for each fingertip, touching or not, in the order of the URDF; none without an
+    /// object.
     pub fn contacts(&self) -> Vec<ContactTruth> {
         let tip_contacts = self.world.grasp().map_or(&[][..], |grasp| grasp.tip_contacts());
         let truth = |(tip, touch): (&Tip, &TipContact)| ContactTruth {
@@ -144,7 +144,7 @@ impl Plant {
         self.world.tips().iter().zip(tip_contacts).map(truth).collect()
     }
 
-    /// What the links did to the fixed bodies in the last control period: the pairs that touched.
+    /// Returns the contacts of links with fixed bodies in the last control period.
     pub fn fixture_contacts(&self) -> Vec<FixtureContact> {
         self.world.fixtures().map(Fixtures::contacts).unwrap_or_default()
     }
@@ -170,7 +170,7 @@ impl Plant {
         self.world.tips().iter().enumerate().filter_map(truth).collect()
     }
 
-    /// What the force sensors would read without any error, a fingertip each: forces [N] and torques [N·m].
+    /// Returns the error-free readings of the force sensors, one per fingertip: forces [N] and torques [N·m].
     pub fn tip_wrenches(&self) -> Vec<[f64; 6]> {
         self.forces.wrenches()
     }

@@ -7,7 +7,7 @@ pub use tesaki_description::plant::{
 use super::fixture::Fixture;
 use tesaki_description::object::ObjectValues;
 
-/// Sub-steps in a control period.
+/// Number of sub-steps in a control period.
 pub(super) fn steps(values: &PlantValues) -> usize {
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "1 to 1000, see problems")]
     let steps = libm::round(CONTROL_PERIOD / values.integration.step) as usize;
@@ -31,10 +31,10 @@ impl From<&JointModel> for Drive {
     }
 }
 
-/// What differs between runs on one machine.
+/// Options that differ between runs on one machine.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlantOptions {
-    /// Decides factors, homing errors, power-on counts and noise.
+    /// Seed of factors, homing errors, power-on counts and noise.
     pub seed: u64,
     /// Whether masses, inertias, friction and torque constants differ from the model by seeded factors.
     pub mismatch: bool,
@@ -42,18 +42,18 @@ pub struct PlantOptions {
     pub ideal_sensors: bool,
     /// Coulomb friction of every joint instead of the URDF's [N·m].
     pub coulomb: Option<f64>,
-    /// Angles at the start instead of the file's, a joint each [rad].
+    /// Initial joint angles instead of the file's [rad].
     pub posture: Option<Vec<f64>>,
-    /// Whether something holds the joints where they are until the power stages are first switched on.
+    /// Whether the joints are held in place until the power stages are first switched on.
     pub held_at_start: bool,
-    /// Something for the hand to grasp.
+    /// An object for the hand to grasp.
     pub object: Option<ObjectValues>,
     /// Fixed bodies that the links touch with their collision elements.
     pub fixtures: Vec<Fixture>,
 }
 
 impl PlantOptions {
-    /// A mismatched plant with all sensor errors, held until the drives are on: what acceptance runs use.
+    /// A mismatched plant with all sensor errors, held until the drives are on, as in acceptance runs.
     pub const fn mismatched(seed: u64) -> Self {
         Self {
             seed,
@@ -67,7 +67,7 @@ impl PlantOptions {
         }
     }
 
-    /// A plant as the model says, with ideal sensors, held until the drives are on.
+    /// A plant that matches the model, with ideal sensors, held until the drives are on.
     pub const fn exact() -> Self {
         let mut options = Self::mismatched(0);
         options.mismatch = false;

@@ -1,4 +1,4 @@
-//! The physics: rapier multibodies, one for each joint that leaves the base and all behind it.
+//! The physics: rapier multibodies, one for each joint of the base, with all links behind it.
 
 use rapier3d::dynamics::{
     GenericJointBuilder, JointAxesMask, JointAxis, MassProperties, MultibodyJointHandle, RigidBodyBuilder,
@@ -24,11 +24,11 @@ use super::stiction::Creep;
 use super::tree::Body;
 use tesaki_description::object::ObjectValues;
 
-/// Sweeps over the constraints in a sub-step. Dry friction in the joints of a chain is coupled: with too few
-/// sweeps joints that should stand creep.
+/// Solver sweeps over the constraints in a sub-step. Dry friction in the joints of a chain is coupled: with
+/// too few sweeps, joints that should be at rest creep.
 const SWEEPS: usize = 8;
 
-/// What a joint of the physics is made of.
+/// Parameters of a joint in the physics engine.
 pub struct JointValues {
     /// Reflected inertia of the rotor [kg·m²].
     pub rotor_inertia: f64,
@@ -42,14 +42,14 @@ pub struct JointValues {
 pub struct World {
     pub(super) physics: PhysicsWorld,
     pub(super) joints: Vec<Joint>,
-    /// The links in place of rapier's, where nothing can touch them.
+    /// The links, moved without rapier if nothing can touch them.
     pub(super) free: Option<FreeLinks>,
     linkages: Vec<Linkage>,
     pub(super) tips: Vec<Tip>,
     grasp: Option<Grasp>,
     fixtures: Option<Fixtures>,
     environment: Environment,
-    /// Pushes on the origins of bodies: which, when they began, and how they go.
+    /// Pushes on the origins of bodies: body, start time and push.
     link_pushes: Vec<(usize, f64, Push)>,
     gravity: Vector,
     step: f64,
@@ -62,9 +62,9 @@ pub(super) struct Joint {
     pub(super) handle: MultibodyJointHandle,
     pub(super) body: RigidBodyHandle,
     parent: RigidBodyHandle,
-    /// The joint before it.
+    /// Index of the joint before it.
     pub(super) before: Option<usize>,
-    /// In the frame of the body.
+    /// Axis in the frame of the body.
     pub(super) axis: Vector,
     /// End stops [rad].
     stops: Option<[f32; 2]>,
@@ -97,7 +97,7 @@ impl World {
             let handle = physics.insert_body(
                 RigidBodyBuilder::dynamic().additional_mass_properties(mass(body, factors)).can_sleep(false),
             );
-            // Rapier turns about x of a joint frame of its own.
+            // Rapier's joints turn about the x axis of their own frame.
             let turn = UnitQuaternion::rotation_between(&Vector3::x(), &body.axis).unwrap_or_else(|| {
                 UnitQuaternion::from_axis_angle(&Vector3::y_axis(), core::f64::consts::PI)
             });
@@ -135,7 +135,7 @@ impl World {
         };
         world.set_posture(posture);
         world.set_values(values, step);
-        // Rapier takes a body's mass from what it was built with in the first step, otherwise.
+        // Otherwise, in the first step, rapier would use the mass properties with which a body was built.
         for joint in &world.joints {
             if let Some(body) = world.physics.bodies.get_mut(joint.body) {
                 body.recompute_mass_properties_from_colliders(&world.physics.colliders);
@@ -152,17 +152,17 @@ impl World {
         self.free.is_some()
     }
 
-    /// Moves all bodies as if they could touch each other.
+    /// Lets rapier move all bodies, as if they could touch each other.
     pub fn leave_to_rapier(&mut self) {
         self.free = None;
     }
 
-    /// Says which joints follow others.
+    /// Sets the joints that follow others.
     pub fn insert_linkages(&mut self, linkages: Vec<Linkage>) {
         self.linkages = linkages;
     }
 
-    /// Torques of the linkages: joint and torque [N·m].
+    /// Computes the torques of the linkages: joint and torque [N·m].
     fn linkage_torques(&self) -> Vec<(usize, f64)> {
         if self.linkages.is_empty() {
             return Vec::new();
@@ -177,7 +177,7 @@ impl World {
         torques
     }
 
-    /// Says which bodies have tips, and puts an object among them, if there is one.
+    /// Sets the tips of the bodies, and puts an object among them, if there is one.
     pub fn insert_object(&mut self, tips: Vec<Tip>, object: Option<(&ObjectValues, f64)>) {
         self.environment = Environment::new(tips.len());
         self.tips = tips;
@@ -190,7 +190,7 @@ impl World {
         self.grasp = Some(Grasp::new(&mut self.physics, values, friction, &self.tips, &links));
     }
 
-    /// Puts fixed bodies around the robot, which the collision elements of its links touch.
+    /// Puts fixed bodies around the robot, for contact with the collision elements of its links.
     pub fn insert_fixtures(&mut self, fixtures: &[Fixture], elements: Vec<Element>) {
         self.leave_to_rapier();
         grasp::set_parameters(&mut self.physics.integration_parameters);
@@ -200,11 +200,11 @@ impl World {
         self.fixtures = Some(Fixtures::new(&mut self.physics, fixtures, elements));
     }
 
-    /// Puts the joints, which stand at 0, where `posture` says.
+    /// Moves the joints, which are at 0, to `posture`.
     fn set_posture(&mut self, posture: &[f64]) {
         for (joint, angle) in self.joints.iter().zip(posture) {
             if let Some((chain, link)) = self.physics.multibody_joints.get_mut(joint.handle) {
-                // Once the root is known to be fixed, degrees of freedom count from the first joint.
+                // Once the root is marked as fixed, degrees of freedom count from the first joint.
                 chain.forward_kinematics(&self.physics.bodies, true);
                 let mut displacements = vec![0.0; chain.ndofs()];
                 if let Some(displacement) = first_dof(chain, link).and_then(|dof| displacements.get_mut(dof))
@@ -224,8 +224,8 @@ impl World {
             let Some(dof) = first_dof(chain, link) else { continue };
             joint.inertial.rotor = values.rotor_inertia;
             chain.damping_mut()[dof] = narrow(values.viscous);
-            // Rapier's damping is that of the velocity at the end of the kick; this makes it the mean of both
-            // ends.
+            // Rapier computes damping from the velocity at the end of the kick; this makes it the mean of
+            // both ends.
             chain.armature_mut()[dof] = narrow(values.rotor_inertia - 0.5 * values.viscous * step);
             chain.frictions_mut()[dof] = narrow(values.coulomb);
         }
@@ -242,15 +242,15 @@ impl World {
             .map(|friction| friction.map_or(0.0, f64::from))
     }
 
-    /// One sub-step under the given motor torques [N·m].
+    /// Advances by one sub-step under the given motor torques [N·m].
     pub fn step(&mut self, torques: impl Iterator<Item = f64>) {
         let of_linkages = self.linkage_torques();
         self.release();
         for (joint, torque) in torques.enumerate().chain(of_linkages) {
             self.add_joint_torque(joint, torque);
         }
-        // From rest, half a sub-step leads to the middle of the first one. (The torques' means know by
-        // themselves.)
+        // From rest, half a sub-step leads to the middle of the first one. (The mean torques already account
+        // for that.)
         let fraction = if self.steps > 0 { 1.0 } else { 0.5 };
         self.physics.gravity = self.gravity * narrow(fraction);
         let time = self.time();
@@ -272,7 +272,7 @@ impl World {
         self.read_contacts();
     }
 
-    /// Takes the forces and torques of the last sub-step away.
+    /// Clears the forces and torques of the last sub-step.
     fn release(&mut self) {
         if let Some(free) = &mut self.free {
             return free.release();
@@ -285,7 +285,7 @@ impl World {
         }
     }
 
-    /// A torque between the bodies before and behind a joint [N·m].
+    /// Adds a torque between the bodies before and behind a joint [N·m].
     fn add_joint_torque(&mut self, index: usize, torque: f64) {
         let (Some(joint), Some(pose)) = (self.joints.get(index), self.pose(index)) else { return };
         let torque = pose.rotation * joint.axis * narrow(torque);
@@ -300,7 +300,7 @@ impl World {
         }
     }
 
-    /// A force on a point of the body behind a joint [N], and a torque [N·m], in the frame of the base.
+    /// Adds a force on a point of the body behind a joint [N], and a torque [N·m], in the frame of the base.
     fn add_wrench(&mut self, index: usize, force: (Vector, Vector), torque: Vector) {
         if let Some(free) = &mut self.free {
             return free.add_wrench(index, force, torque);
@@ -312,7 +312,7 @@ impl World {
         }
     }
 
-    /// Has the physics look at the stops of those joints only that are beyond them.
+    /// Makes the physics check only the stops of joints that have passed them.
     fn watch_stops(&mut self) {
         for joint in &self.joints {
             let Some([lower, upper]) = joint.stops else { continue };
@@ -323,7 +323,7 @@ impl World {
         }
     }
 
-    /// Creep of all contacts; `None` where nothing can touch.
+    /// Creep of all contacts; `None` if nothing can touch.
     fn creep(&self) -> Option<Creep> {
         let of_grasp = self.grasp.as_ref().map(|grasp| grasp.creep(&self.physics, self.step));
         let Some(fixtures) = &self.fixtures else { return of_grasp };
@@ -361,7 +361,7 @@ impl World {
         }
     }
 
-    /// What pushes on links now: body, point and force in the frame of the base [m, N].
+    /// The present pushes on links: body, point and force in the frame of the base [m, N].
     pub(super) fn link_forces(&self) -> impl Iterator<Item = (usize, Vector3<f64>, Vector3<f64>)> {
         let time = self.time();
         self.link_pushes.iter().filter_map(move |(joint, begin, push)| {
@@ -376,19 +376,19 @@ impl World {
         self.link_pushes.push((joint, time, push));
     }
 
-    /// Sweeps over the constraints in a sub-step.
+    /// Sets the number of solver sweeps over the constraints in a sub-step.
     pub const fn set_sweeps(&mut self, sweeps: usize) {
         self.physics.integration_parameters.num_internal_pgs_iterations = sweeps;
     }
 
-    /// Takes the object away.
+    /// Removes the object.
     pub fn remove_object(&mut self) {
         if let Some(grasp) = &self.grasp {
             grasp.remove(&mut self.physics);
         }
     }
 
-    /// The bodies' masses, with each joint before them.
+    /// Mass distribution of each body, with the joint before its own.
     pub(super) fn inertials(&self) -> impl Iterator<Item = (&Inertial, Option<usize>)> {
         self.joints.iter().map(|joint| (&joint.inertial, joint.before))
     }
@@ -418,7 +418,7 @@ impl World {
         self.fixtures.as_ref()
     }
 
-    /// The physics, for those who read it.
+    /// The physics, read-only.
     pub const fn physics(&self) -> &PhysicsWorld {
         &self.physics
     }
@@ -428,17 +428,17 @@ impl World {
         &self.tips
     }
 
-    /// What acts on the tips besides the object.
+    /// External forces on the tips, except those of the object.
     pub const fn environment(&self) -> &Environment {
         &self.environment
     }
 
-    /// What acts on the tips besides the object.
+    /// External forces on the tips, except those of the object.
     pub const fn environment_mut(&mut self) -> &mut Environment {
         &mut self.environment
     }
 
-    /// Begins a control period: new means of the contacts' forces.
+    /// Begins a control period: restarts the means of the contact forces.
     pub fn begin_period(&mut self) {
         self.environment.begin_means();
         if let Some(grasp) = &mut self.grasp {
@@ -449,12 +449,12 @@ impl World {
         }
     }
 
-    /// What disturbs the object.
+    /// Disturbances of the object.
     pub fn disturbances(&mut self) -> Option<&mut Disturbances> {
         self.grasp.as_mut().map(|grasp| &mut grasp.disturbances)
     }
 
-    /// Takes away what the object stands on.
+    /// Removes the support of the object.
     pub fn remove_support(&mut self) {
         if let Some(grasp) = &mut self.grasp {
             grasp.remove_support(&mut self.physics);
@@ -468,7 +468,7 @@ impl World {
     }
 }
 
-/// Index of a link's degree of freedom among its multibody's: links come in order and the root has none.
+/// Index of a link's degree of freedom in its multibody: links are in order, and the root has none.
 pub(super) fn first_dof(chain: &rapier3d::dynamics::Multibody, link: usize) -> Option<usize> {
     let dof = link.checked_sub(1)?;
     (dof < chain.ndofs()).then_some(dof)

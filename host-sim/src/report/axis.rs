@@ -10,10 +10,10 @@ use std::ops::Range;
 
 use super::figure::{Panel, Picture};
 
-/// Numbers on a horizontal axis over the whole width.
+/// Maximum number of labels on a horizontal axis over the whole width.
 pub(super) const X_TICKS: usize = 10;
 
-/// The part of a shared scale that a panel has to fill.
+/// Fraction of a shared scale that a panel must fill.
 const MIN_FILL: f64 = 0.6;
 
 fn span(values: impl Iterator<Item = f64>) -> Option<Range<f64>> {
@@ -23,11 +23,11 @@ fn span(values: impl Iterator<Item = f64>) -> Option<Range<f64>> {
     })
 }
 
-/// `range` with room on both sides, and never empty.
+/// Returns `range` with margins on both sides, never empty.
 fn padded(range: Option<Range<f64>>, margin: f64) -> Range<f64> {
     let range = range.unwrap_or(0.0..1.0);
     let width = range.end - range.start;
-    // A range that is a rounding error wide would have ticks that all read the same.
+    // A range as small as a rounding error would have ticks with equal labels.
     let min_width = 1e-9 * range.start.abs().max(range.end.abs());
     if width <= min_width || !width.is_finite() {
         let half = (range.start.abs() * 0.1).clamp(1e-3, f64::MAX / 4.0);
@@ -39,7 +39,7 @@ fn padded(range: Option<Range<f64>>, margin: f64) -> Range<f64> {
 
 pub(super) fn x_range(panels: &[Panel]) -> Range<f64> {
     let range = padded(span(panels.iter().flat_map(|p| &p.lines).flat_map(|l| l.x.iter().copied())), 0.0);
-    // A run of 6 s ends at 5.99 s: to the next round number if it is that near.
+    // A run of 6 s ends at 5.99 s: round up to the next round number if it is that near.
     let (step, _) = round_numbers(&range, X_TICKS);
     let near = |from: f64, to: f64| (from - to).abs() < 0.02 * (range.end - range.start);
     let (start, end) = ((range.start / step).floor() * step, (range.end / step).ceil() * step);
@@ -47,7 +47,8 @@ pub(super) fn x_range(panels: &[Panel]) -> Range<f64> {
     start..if near(range.end, end) { end } else { range.end }
 }
 
-/// Data and limits with some room; a limit far beyond the data is left out, and a word says where it is.
+/// Returns the range of data and limits with margins; a limit far beyond the data is left out, and stated as
+/// text.
 fn y_range(panel: &Panel) -> Range<f64> {
     let data = span(panel.lines.iter().flat_map(|l| l.y.iter().copied()));
     let extent = data.clone().map_or(0.0, |d| d.start.abs().max(d.end.abs()));
@@ -61,8 +62,8 @@ fn y_range(panel: &Panel) -> Range<f64> {
     padded(shown.map(higher), 0.09)
 }
 
-/// Panels of one quantity share a scale, so that they can be compared, unless it would flatten one of them: a
-/// panel that fills less than [`MIN_FILL`] of the largest range has its own.
+/// Panels of one quantity share a scale for comparison, unless it would flatten one of them: a panel that
+/// fills less than [`MIN_FILL`] of the largest range has its own scale.
 pub(super) fn shared_y_range(panels: &[Panel], panel: &Panel) -> Range<f64> {
     let alike = |other: &&Panel| (&other.quantity, &other.unit) == (&panel.quantity, &panel.unit);
     let ranges = || panels.iter().filter(alike).map(y_range);
@@ -76,8 +77,8 @@ pub(super) fn shared_y_range(panels: &[Panel], panel: &Panel) -> Range<f64> {
     ranges().filter(fills).fold(own, |a, b| a.start.min(b.start)..a.end.max(b.end))
 }
 
-/// Ranges of one scale that hold the panel's lines, or its picture. Beside a picture whose lower edge is the
-/// larger ordinate, the vertical axis points down: its range begins with the larger value.
+/// Returns ranges with equal scale that contain the panel's lines, or its picture. If the lower edge of a
+/// picture has the larger ordinate, the vertical axis points down: its range begins with the larger value.
 pub(super) fn equal_ranges(panel: &Panel, aspect: f64) -> (Range<f64>, Range<f64>) {
     if let Some(Picture { x, y, .. }) = &panel.picture {
         let ([left, right], [upper, lower]) = (*x, *y);
@@ -98,13 +99,13 @@ pub(super) fn equal_ranges(panel: &Panel, aspect: f64) -> (Range<f64>, Range<f64
 
 /// Round numbers on an axis.
 pub(super) struct Ticks {
-    /// Where, and what is written there.
+    /// Positions and labels.
     pub at: Vec<(f64, String)>,
-    /// The power of ten that was taken out of what is written, a multiple of three.
+    /// Power of ten by which the labels are divided, a multiple of three.
     pub exponent: i32,
 }
 
-/// At most `count` round numbers in `range`.
+/// Returns at most `count` round numbers in `range`.
 pub(super) fn ticks(range: &Range<f64>, count: usize) -> Ticks {
     let (step, values) = round_numbers(range, count);
     let largest = values.iter().fold(0.0, |a: f64, v| a.max(v.abs()));
@@ -118,8 +119,8 @@ pub(super) fn ticks(range: &Range<f64>, count: usize) -> Ticks {
     Ticks { at: values.iter().map(|&v| (v, text(v))).collect(), exponent }
 }
 
-/// The smallest step of 1, 2 or 5 times a power of ten with at most `count` multiples in `range`, and these
-/// multiples.
+/// Returns the smallest step of 1, 2 or 5 times a power of ten with at most `count` multiples in `range`, and
+/// these multiples.
 fn round_numbers(range: &Range<f64>, count: usize) -> (f64, Vec<f64>) {
     let min_step = (range.end - range.start) / count.max(1) as f64;
     let power = 10.0_f64.powf(min_step.log10().floor());
@@ -132,7 +133,7 @@ fn round_numbers(range: &Range<f64>, count: usize) -> (f64, Vec<f64>) {
     tried.find(|(_, values)| values.len() <= count).unwrap_or((steps[5], Vec::new()))
 }
 
-/// `quantity [unit]`, with the power of ten that was taken out of the ticks.
+/// Returns `quantity [unit]`, with the power of ten by which the ticks are divided.
 pub(super) fn axis_label(quantity: &str, unit: &str, exponent: i32) -> String {
     const SUPERSCRIPTS: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
     let digit = |c: char| c.to_digit(10).map_or('⁻', |d| SUPERSCRIPTS[d as usize]);
@@ -182,7 +183,7 @@ mod tests {
     fn a_panel_is_as_high_as_it_says_at_least() {
         let line = Line::solid("", 0, vec![0.0, 1.0], vec![2.0, 2.1]);
         let range = y_range(&Panel::new("", "", "").at_least(1.0).line(line.clone()));
-        // From 1.55 to 2.55, and 9 % of it on both sides.
+        // From 1.55 to 2.55, with margins of 9 %.
         assert!((range.start - 1.46).abs() < 1e-9 && (range.end - 2.64).abs() < 1e-9, "{range:?}");
         let range = y_range(&Panel::new("", "", "").at_least(0.05).line(line));
         assert!((range.start - 1.991).abs() < 1e-9 && (range.end - 2.109).abs() < 1e-9, "{range:?}");

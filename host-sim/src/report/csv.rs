@@ -5,33 +5,33 @@ use ::csv::Writer;
 /// One column of a table of numbers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Column<'a> {
-    /// What it is, `finger1_base reference`.
+    /// Its name, for example `finger1_base reference`.
     pub name: String,
     /// Its unit; empty for counts and ratios.
     pub unit: String,
-    /// The values, one a row.
+    /// The values, one per row.
     pub values: &'a [f64],
 }
 
 impl<'a> Column<'a> {
-    /// `values` in `unit` under `name`.
+    /// Creates a column of `values` in `unit`.
     pub fn new(name: impl Into<String>, unit: impl Into<String>, values: &'a [f64]) -> Self {
         Self { name: name.into(), unit: unit.into(), values }
     }
 }
 
-/// The columns as CSV: a header `name [unit]`, then a row a sample, fields quoted as RFC 4180 asks, lines
-/// ended by a newline.
+/// Formats the columns as CSV: a header `name [unit]`, then one row per sample, with fields quoted according
+/// to RFC 4180 and lines ended by a newline.
 ///
-/// Numbers are the shortest that read back as the same `f64`. Where a column is shorter than the longest its
-/// fields are empty; what is not a number is `NaN`, `inf` or `-inf`.
+/// Numbers have the shortest form that reads back as the same `f64`. If a column is shorter than the longest,
+/// its remaining fields are empty; non-finite values are `NaN`, `inf` or `-inf`.
 pub fn csv(columns: &[Column<'_>]) -> String {
     let mut writer = Writer::from_writer(Vec::new());
     let header = columns.iter().map(|column| match column.unit.as_str() {
         "" => column.name.clone(),
         unit => format!("{} [{unit}]", column.name),
     });
-    // All rows have the same length, and memory is written to: nothing in here can fail.
+    // All rows have the same length, and the output is in memory, so nothing here can fail.
     writer.write_record(header).expect("a header can be written to memory");
     let rows = columns.iter().map(|column| column.values.len()).max().unwrap_or(0);
     for row in 0..rows {

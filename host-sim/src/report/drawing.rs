@@ -1,7 +1,7 @@
 //! Figures as SVG.
 //!
-//! Colours are written as attributes, so that a file is right wherever it is opened; the classes beside them
-//! let the page's style sheet swap what is black on white for dark pages.
+//! Colours are written as attributes, so that a file looks right wherever it is opened; with the additional
+//! classes, the page's style sheet replaces the colours on dark pages.
 
 use base64::Engine;
 use svg::Document;
@@ -14,7 +14,7 @@ use super::layout::{
 };
 use super::palette::{BAND, GRID, GROUND, INK, LIMIT, LINES, MUTED, Paint, SHADE};
 
-/// Groups of points that are kept of a line, see `Line::decimated`.
+/// Number of point groups that are kept of a line, see `Line::decimated`.
 pub(super) const BUCKETS: usize = 300;
 
 const FONT: &str =
@@ -30,7 +30,7 @@ const HAIR: Stroke = (0.75, "");
 const FRAME: Stroke = (1.0, "");
 
 impl Figure {
-    /// The figure as an SVG document of its own, on a white ground.
+    /// Draws the figure as a stand-alone SVG document on a white background.
     pub fn svg(&self) -> String {
         let layout = Layout::new(self);
         let ground = rectangle([(0.0, 0.0), (WIDTH, layout.height)], GROUND);
@@ -40,7 +40,7 @@ impl Figure {
     }
 }
 
-/// The figure as a part of a page that styles it.
+/// Draws the figure as a part of a page that styles it.
 pub(super) fn inline_svg(figure: &Figure, buckets: usize) -> String {
     let layout = Layout::new(figure);
     document(figure, &layout).add(draw(figure, &layout, buckets)).to_string()
@@ -71,7 +71,7 @@ fn draw(figure: &Figure, layout: &Layout<'_>, buckets: usize) -> Group {
     group
 }
 
-/// To a tenth of a pixel.
+/// Rounds to a tenth of a pixel.
 fn round(value: f64) -> f64 {
     (value * 10.0).round() / 10.0
 }
@@ -83,7 +83,7 @@ enum Anchor {
     End,
 }
 
-/// Text with the middle of its small letters at `y`.
+/// Creates a text whose small letters are vertically centred at `y`.
 fn text(content: &str, (x, y): (f64, f64), size: f64, paint: Paint, anchor: Anchor) -> Text {
     let anchor = match anchor {
         Anchor::Start => "start",
@@ -99,7 +99,7 @@ fn text(content: &str, (x, y): (f64, f64), size: f64, paint: Paint, anchor: Anch
         .set("class", paint.class)
 }
 
-/// The same with a margin in the colour of the ground, for text on lines.
+/// Creates a text with an outline in the colour of the background, for text on lines.
 fn text_on_lines(content: &str, at: (f64, f64), paint: Paint, anchor: Anchor) -> Text {
     text(content, at, SMALL, paint, anchor)
         .set("paint-order", "stroke")
@@ -127,7 +127,7 @@ fn rectangle([(left, top), (right, bottom)]: [(f64, f64); 2], paint: Paint) -> R
         .set("class", paint.class)
 }
 
-/// Title and legend.
+/// Draws title and legend.
 fn draw_head(mut group: Group, panel: &Panel, legend: &Legend, axes: &Axes, top: f64) -> Group {
     let mut y = top + 0.5 * ROW;
     let title = text(&panel.title, (axes.left, y), TITLE, INK, Anchor::Start);
@@ -174,7 +174,7 @@ fn draw_picture(group: Group, panel: &Panel, axes: &Axes) -> Group {
     group.add(picture)
 }
 
-/// Every other phase shaded, and a line at each event.
+/// Shades every other phase, and draws a line at each event.
 fn draw_phases(mut group: Group, figure: &Figure, axes: &Axes) -> Group {
     if figure.arrangement == Arrangement::Paths {
         return group;
@@ -193,7 +193,7 @@ fn draw_phases(mut group: Group, figure: &Figure, axes: &Axes) -> Group {
     group
 }
 
-/// The names of phases and events above the first panel, over all lines.
+/// Draws the names of phases and events above the first panel, over all lines.
 fn draw_strip(mut group: Group, layout: &Layout<'_>, axes: &Axes) -> Group {
     #[expect(clippy::cast_precision_loss, reason = "a few rows")]
     let foot = |label: &StripLabel<'_>| axes.top - label.row as f64 * STRIP_ROW;
@@ -209,7 +209,7 @@ fn draw_strip(mut group: Group, layout: &Layout<'_>, axes: &Axes) -> Group {
     group
 }
 
-/// Grid, numbers, frame and quantities.
+/// Draws grid, numbers, frame and quantities.
 fn draw_axes(mut group: Group, figure: &Figure, panel: &Panel, axes: &Axes, x_labels: bool) -> Group {
     let &Axes { left, right, top, bottom, .. } = axes;
     for rule in panel.rules.iter().filter(|rule| rule.band) {
@@ -217,7 +217,7 @@ fn draw_axes(mut group: Group, figure: &Figure, panel: &Panel, axes: &Axes, x_la
         if high < axes.y.end && low < high {
             let left = axes.begin_of(rule);
             let band = rectangle([(left, axes.at_y(high)), (right, axes.at_y(low))], BAND);
-            // Phases show through.
+            // Phases remain visible.
             group = group.add(band.set("fill-opacity", 0.6));
         }
     }
@@ -260,7 +260,7 @@ fn count(room: f64, max: usize) -> usize {
     (room.max(3.0) as usize).min(max)
 }
 
-/// Limits, and above them the lines.
+/// Draws limits, and lines above them.
 fn draw_lines(mut group: Group, panel: &Panel, axes: &Axes, buckets: usize) -> Group {
     let shown = |value: &f64| *value > axes.y.start && *value < axes.y.end;
     for rule in &panel.rules {
@@ -283,8 +283,8 @@ fn draw_lines(mut group: Group, panel: &Panel, axes: &Axes, buckets: usize) -> G
     group
 }
 
-/// At the right margin from the top, each at its line or just below its neighbour; inside where there is no
-/// margin.
+/// Draws the labels of limits at the right margin from the top, each at its line or just below its neighbour;
+/// inside the axes if there is no margin.
 fn draw_rule_labels(mut group: Group, panel: &Panel, axes: &Axes, arrangement: Arrangement) -> Group {
     let mut rules: Vec<_> = panel.rules.iter().collect();
     rules.sort_by(|a, b| b.value.total_cmp(&a.value));
@@ -314,7 +314,7 @@ fn draw_marks(mut group: Group, panel: &Panel, axes: &Axes) -> Group {
         if !x.is_finite() || !y.is_finite() {
             continue;
         }
-        // Away from the nearer edge, above what is high and below what is low, as long as there is room.
+        // Away from the nearer edge; above high points and below low ones, as long as there is room.
         let (anchor, dx) = if x > axes.right - 150.0 { (Anchor::End, -8.0) } else { (Anchor::Start, 8.0) };
         let up = (mark.y >= 0.0 && y - axes.top > 16.0) || axes.bottom - y < 16.0;
         let point = Circle::new()

@@ -1,6 +1,6 @@
 //! Content of a figure: panels with lines, limits, marks, phases and events. `drawing.rs` draws it.
 
-/// How a line is drawn.
+/// Style of a line.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum LineStyle {
     /// Measured values.
@@ -15,34 +15,34 @@ pub enum LineStyle {
 pub struct Line {
     /// Its name in the legend.
     pub name: String,
-    /// Abscissae, in the order in which the line runs.
+    /// Abscissae, in drawing order.
     pub x: Vec<f64>,
-    /// Ordinates, one for each abscissa; what is not a number is a gap.
+    /// Ordinates, one for each abscissa; a non-finite value is a gap.
     pub y: Vec<f64>,
     /// Index into the eight colours of the palette, which are those of Okabe and Ito adjusted; wraps around.
     /// [`Line::INK`] is the last.
     pub colour: usize,
-    /// How it is drawn.
+    /// Its style.
     pub style: LineStyle,
 }
 
 impl Line {
-    /// The colour of the text, for references that belong to no joint in particular.
+    /// The colour of the text, for references that do not belong to a joint.
     pub const INK: usize = 7;
 
-    /// A solid line.
+    /// Creates a solid line.
     pub fn solid(name: impl Into<String>, colour: usize, x: Vec<f64>, y: Vec<f64>) -> Self {
         Self { name: name.into(), x, y, colour, style: LineStyle::Solid }
     }
 
-    /// A dashed line.
+    /// Creates a dashed line.
     pub fn dashed(name: impl Into<String>, colour: usize, x: Vec<f64>, y: Vec<f64>) -> Self {
         Self { style: LineStyle::Dashed, ..Self::solid(name, colour, x, y) }
     }
 
-    /// The line with at most `buckets` groups of points, of each of which first, last and extremes are kept.
+    /// Returns the line with at most `buckets` groups of points, of which first, last and extremes are kept.
     ///
-    /// A point is `None` where the line is interrupted. What is short enough stays as it is.
+    /// A point is `None` where the line is interrupted. A line that is short enough is unchanged.
     pub(super) fn decimated(&self, buckets: usize) -> Vec<Option<(f64, f64)>> {
         let points =
             || self.x.iter().zip(&self.y).map(|(&x, &y)| (x.is_finite() && y.is_finite()).then_some((x, y)));
@@ -55,7 +55,7 @@ impl Line {
     }
 }
 
-/// First, last, extremes in both directions and one gap of a group of points, in their order.
+/// Returns first, last, extremes in both directions and one gap of a group of points, in their order.
 fn keep(group: &[Option<(f64, f64)>]) -> Vec<Option<(f64, f64)>> {
     let finite = || group.iter().enumerate().filter_map(|(i, p)| p.map(|p| (i, p)));
     let extreme = |key: fn((f64, f64)) -> f64| {
@@ -78,13 +78,13 @@ fn keep(group: &[Option<(f64, f64)>]) -> Vec<Option<(f64, f64)>> {
     kept.into_iter().map(|i| group[i]).collect()
 }
 
-/// A horizontal line with a text at the right margin.
+/// A horizontal line with a label at the right margin.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Rule {
     pub value: f64,
-    /// Drawn at `-value` too, with the space between the two shaded.
+    /// Whether it is also drawn at `-value`, with the space between the two shaded.
     pub band: bool,
-    /// Where on the horizontal axis it begins; at its left end without one.
+    /// Its start on the horizontal axis; `None` for the left end of the axis.
     pub from: Option<f64>,
     pub label: String,
 }
@@ -104,26 +104,26 @@ pub struct Mark {
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Picture {
     pub png: Vec<u8>,
-    /// Its left and its right edge on the horizontal axis, its upper and its lower edge on the vertical one.
+    /// Left and right edge on the horizontal axis; upper and lower edge on the vertical axis.
     pub x: [f64; 2],
     pub y: [f64; 2],
 }
 
-/// A named interval of the horizontal axis: a phase of a grasp, the time in which errors are evaluated.
+/// A named interval of the horizontal axis: a phase of a grasp, or the time in which errors are evaluated.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Phase {
-    /// Where it begins.
+    /// Its start.
     pub from: f64,
-    /// Where it ends.
+    /// Its end.
     pub to: f64,
     /// Its name.
     pub label: String,
 }
 
-/// A point of the horizontal axis with a name: a step, the begin or end of a contact.
+/// A named point of the horizontal axis: a step, the start or end of a contact.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Event {
-    /// Where it is.
+    /// Its position.
     pub at: f64,
     /// Its name.
     pub label: String,
@@ -132,7 +132,7 @@ pub struct Event {
 /// One pair of axes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Panel {
-    /// What is shown, above the panel.
+    /// Title above the panel.
     pub title: String,
     /// The quantity of the vertical axis.
     pub quantity: String,
@@ -143,12 +143,12 @@ pub struct Panel {
     pub(super) rules: Vec<Rule>,
     pub(super) marks: Vec<Mark>,
     pub(super) picture: Option<Picture>,
-    /// What the vertical axis shows at least.
+    /// Minimum extent of the vertical axis.
     pub(super) min_height: f64,
 }
 
 impl Panel {
-    /// Axes without any lines yet.
+    /// Creates axes without lines.
     pub fn new(title: impl Into<String>, quantity: impl Into<String>, unit: impl Into<String>) -> Self {
         Self {
             title: title.into(),
@@ -162,50 +162,50 @@ impl Panel {
         }
     }
 
-    /// The same with a vertical axis that is so high at least: what hardly moves looks like it.
+    /// Sets a minimum extent of the vertical axis, so that small changes look small.
     #[must_use]
     pub const fn at_least(mut self, height: f64) -> Self {
         self.min_height = height;
         self
     }
 
-    /// The same with one more line, above the others.
+    /// Adds a line above the others.
     #[must_use]
     pub fn line(mut self, line: Line) -> Self {
         self.lines.push(line);
         self
     }
 
-    /// The same with a shaded band of ±`limit`; `label` says what limits.
+    /// Adds a shaded band of ±`limit`; `label` names the limit.
     #[must_use]
     pub fn band(mut self, limit: f64, label: impl Into<String>) -> Self {
         self.rules.push(Rule { value: limit.abs(), band: true, from: None, label: label.into() });
         self
     }
 
-    /// The same with a shaded band of ±`limit` that applies from `from` on the horizontal axis on.
+    /// Adds a shaded band of ±`limit` that starts at `from` on the horizontal axis.
     #[must_use]
     pub fn band_from(mut self, limit: f64, from: f64, label: impl Into<String>) -> Self {
         self.rules.push(Rule { value: limit.abs(), band: true, from: Some(from), label: label.into() });
         self
     }
 
-    /// The same with a horizontal line: a limit on one side, or the paper's value.
+    /// Adds a horizontal line: a one-sided limit, or the paper's value.
     #[must_use]
     pub fn rule(mut self, value: f64, label: impl Into<String>) -> Self {
         self.rules.push(Rule { value, band: false, from: None, label: label.into() });
         self
     }
 
-    /// The same with a picture behind the lines: a PNG file from `x[0]` to `x[1]`, with its upper edge at
-    /// `y[0]` and its lower one at `y[1]`. For figures of [paths](Figure::paths).
+    /// Adds a picture behind the lines: a PNG file from `x[0]` to `x[1]`, with its upper edge at `y[0]` and
+    /// its lower edge at `y[1]`. For figures of [paths](Figure::paths).
     #[must_use]
     pub fn picture(mut self, png: Vec<u8>, x: [f64; 2], y: [f64; 2]) -> Self {
         self.picture = Some(Picture { png, x, y });
         self
     }
 
-    /// The same with a point marked.
+    /// Marks a point.
     #[must_use]
     pub fn mark(mut self, x: f64, y: f64, label: impl Into<String>) -> Self {
         self.marks.push(Mark { x, y, label: label.into() });
@@ -213,19 +213,19 @@ impl Panel {
     }
 }
 
-/// How the panels of a figure stand to each other.
+/// Arrangement of the panels of a figure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Arrangement {
     /// One above the other, on one horizontal axis.
     Stacked,
-    /// Side by side, both axes of each panel in one scale.
+    /// Side by side, with equal scales on both axes of each panel.
     Paths,
 }
 
 /// Panels that belong together.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Figure {
-    /// What is shown.
+    /// Title.
     pub title: String,
     /// Text below the figure.
     pub caption: String,
@@ -243,7 +243,7 @@ pub struct Figure {
 }
 
 impl Figure {
-    /// A figure whose panels stand one above the other on one horizontal axis, as for time series.
+    /// Creates a figure with panels one above the other on a common horizontal axis, as for time series.
     pub fn stacked(
         title: impl Into<String>,
         caption: impl Into<String>,
@@ -262,7 +262,7 @@ impl Figure {
         }
     }
 
-    /// A figure whose panels stand side by side, each with both axes in one scale, as for the path of a
+    /// Creates a figure with panels side by side, each with equal scales on both axes, as for the path of a
     /// fingertip.
     pub fn paths(
         title: impl Into<String>,
@@ -273,21 +273,21 @@ impl Figure {
         Self { arrangement: Arrangement::Paths, ..Self::stacked(title, caption, quantity, unit) }
     }
 
-    /// The same with one more panel.
+    /// Adds a panel.
     #[must_use]
     pub fn panel(mut self, panel: Panel) -> Self {
         self.panels.push(panel);
         self
     }
 
-    /// The same with a interval of the horizontal axis named; every other phase is shaded.
+    /// Names an interval of the horizontal axis; every other phase is shaded.
     #[must_use]
     pub fn phase(mut self, from: f64, to: f64, label: impl Into<String>) -> Self {
         self.phases.push(Phase { from, to, label: label.into() });
         self
     }
 
-    /// The same with a point of the horizontal axis named.
+    /// Names a point of the horizontal axis.
     #[must_use]
     pub fn event(mut self, at: f64, label: impl Into<String>) -> Self {
         self.events.push(Event { at, label: label.into() });

@@ -1,4 +1,4 @@
-//! Several seeds of one scenario, seen together.
+//! The runs of several seeds of one scenario as a group.
 
 use super::number;
 use super::summary::{Metric, Summary};
@@ -11,12 +11,12 @@ pub(super) struct Group<'a> {
 /// One metric over the runs of a group.
 pub(super) struct Row<'a> {
     pub metric: &'a Metric,
-    /// The values in the order of the runs; `None` where a run lacks the metric.
+    /// The values in the order of the runs; `None` if a run lacks the metric.
     pub values: Vec<Option<&'a Metric>>,
     pub median: f64,
     pub worst: &'a Metric,
     pub worst_seed: u64,
-    /// Runs whose value passes.
+    /// Number of runs whose value passes.
     pub passed: usize,
 }
 
@@ -35,7 +35,7 @@ pub(super) fn groups(summaries: &[Summary]) -> Vec<Group<'_>> {
 }
 
 impl<'a> Group<'a> {
-    /// Its metrics, in the order in which they first appear.
+    /// Returns its metrics, in the order in which they first appear.
     pub fn rows(&self) -> Vec<Row<'a>> {
         let mut names: Vec<&str> = Vec::new();
         for (name, _) in self.runs.iter().flat_map(|run| run.metrics()) {
@@ -63,7 +63,7 @@ impl<'a> Group<'a> {
         Some(Row { metric, median, worst, worst_seed, passed, values })
     }
 
-    /// Whether image and native controller agreed in all runs; `None` where they were not compared.
+    /// Whether image and native controller agreed in all runs; `None` if they were not compared.
     pub fn identical(&self) -> Option<bool> {
         self.runs.iter().filter_map(|run| run.identical).reduce(|a, b| a && b)
     }
@@ -80,7 +80,7 @@ impl Row<'_> {
         self.passed == self.values.len()
     }
 
-    /// `pass`, `FAIL`, `reported`, or the count where some of several seeds fail.
+    /// Returns `pass`, `FAIL`, `reported`, with the number of failing seeds if there are several.
     pub fn verdict(&self) -> String {
         match (self.pass(), self.metric.limit) {
             (true, Some(_)) => "✓ pass".into(),
@@ -92,13 +92,13 @@ impl Row<'_> {
         }
     }
 
-    /// The median over the seeds, with its unit.
+    /// Returns the median over the seeds, with its unit.
     pub fn median_text(&self) -> String {
         number::with_unit(&number::significant(self.median, 3), &self.metric.unit)
     }
 }
 
-/// `6 of 7 limits met`, and what else decides.
+/// Returns `6 of 7 limits met`, and the other criteria.
 pub(super) fn verdict_line(group: &Group<'_>) -> String {
     let rows = group.rows();
     let limits = rows.iter().filter(|r| r.metric.limit.is_some()).count();
@@ -118,7 +118,7 @@ pub(super) fn verdict_line(group: &Group<'_>) -> String {
     parts.join(", ")
 }
 
-/// `1`, `1–20`, or `1, 3, 7`.
+/// Formats the seeds: `1`, `1–20`, or `1, 3, 7`.
 pub(super) fn seeds(runs: &[&Summary]) -> String {
     let seeds: Vec<u64> = runs.iter().map(|run| run.seed).collect();
     let consecutive = seeds.windows(2).all(|w| w[0].checked_add(1) == Some(w[1]));
@@ -129,7 +129,7 @@ pub(super) fn seeds(runs: &[&Summary]) -> String {
     }
 }
 
-/// `600`, `20 × 600`, or the sum where the runs differ in length.
+/// Formats the ticks: `600`, `20 × 600`, or the sum if the runs differ in length.
 pub(super) fn ticks(runs: &[&Summary]) -> String {
     match runs {
         [one] => one.ticks.to_string(),

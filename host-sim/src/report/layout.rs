@@ -1,4 +1,4 @@
-//! Where the parts of a figure go: panels, legends, and the strip with the names of phases and events.
+//! Layout of a figure: panels, legends, and the strip with the names of phases and events.
 #![allow(clippy::cast_precision_loss, reason = "counts of panels and letters")]
 
 use std::ops::Range;
@@ -6,20 +6,20 @@ use std::ops::Range;
 use super::axis::{equal_ranges, shared_y_range, x_range};
 use super::figure::{Arrangement, Figure, Line, LineStyle, Panel, Rule};
 
-/// Of the drawing [px].
+/// Width of the drawing [px].
 pub(super) const WIDTH: f64 = 860.0;
-/// Left of the axes, for the numbers and the quantity [px].
+/// Margin left of the axes, for the numbers and the quantity [px].
 pub(super) const LEFT: f64 = 66.0;
-/// Range of the margin right of the axes, which has the labels of limits [px].
+/// Range of the margin right of the axes, which holds the labels of limits [px].
 const RIGHT: (f64, f64) = (16.0, 170.0);
-/// A row of a panel's head [px].
+/// Height of a row of a panel's head [px].
 pub(super) const ROW: f64 = 19.0;
-/// A row of the strip with the names of phases and events [px].
+/// Height of a row of the strip with the names of phases and events [px].
 pub(super) const STRIP_ROW: f64 = 15.0;
-/// Below the lowest axes [px].
+/// Space below the lowest axes [px].
 const AXIS: f64 = 42.0;
 const GAP: f64 = 14.0;
-/// Above everything [px].
+/// Space above everything [px].
 const PAD: f64 = 4.0;
 
 /// Sizes of text [px].
@@ -27,10 +27,10 @@ pub(super) const TITLE: f64 = 13.5;
 pub(super) const TEXT: f64 = 12.0;
 pub(super) const SMALL: f64 = 11.0;
 
-/// Length of a line's sample in the legend, and from there to its name and to the next [px].
+/// Length of a line's sample in the legend, distance from there to its name, and to the next sample [px].
 pub(super) const LEGEND_SAMPLE: (f64, f64, f64) = (26.0, 6.0, 16.0);
 
-/// A pair of axes on the drawing [px], and what they span.
+/// A pair of axes on the drawing [px], and their ranges.
 pub(super) struct Axes {
     pub left: f64,
     pub right: f64,
@@ -45,7 +45,7 @@ impl Axes {
         self.left + (x - self.x.start) / (self.x.end - self.x.start) * (self.right - self.left)
     }
 
-    /// Where the line of a limit begins [px].
+    /// Returns where the line of a limit begins [px].
     pub fn begin_of(&self, rule: &Rule) -> f64 {
         rule.from.map_or(self.left, |from| self.at_x(from).clamp(self.left, self.right))
     }
@@ -55,28 +55,28 @@ impl Axes {
     }
 }
 
-/// Rows of the head of a panel: which lines are explained in which row, and the width of each entry. The
-/// title is in the first row.
+/// Rows of a panel's head: the lines that are explained in each row, and the width of each entry. The title
+/// is in the first row.
 pub(super) type Legend = Vec<Vec<(usize, f64)>>;
 
 /// A name in the strip above the axes.
 pub(super) struct StripLabel<'a> {
-    /// Of the phase's begin or the event, on the horizontal axis.
+    /// Start of the phase, or time of the event, on the horizontal axis.
     pub at: f64,
     pub text: &'a str,
-    /// From the lowest, 0.
+    /// Row, counted from the lowest, 0.
     pub row: usize,
     pub is_event: bool,
     /// Where the text begins [px].
     pub x: f64,
 }
 
-/// Everything that has a place.
+/// Positions of all parts.
 pub(super) struct Layout<'a> {
     pub height: f64,
     pub legends: Vec<Legend>,
     pub strip: Vec<StripLabel<'a>>,
-    /// Of each panel: the top of its head, and its axes.
+    /// For each panel, the top of its head and its axes.
     pub panels: Vec<(f64, Axes)>,
 }
 
@@ -114,7 +114,7 @@ impl<'a> Layout<'a> {
     }
 }
 
-/// About how wide a text is in a common sans-serif font [px].
+/// Estimates the width of a text in a common sans-serif font [px].
 pub(super) fn text_width(text: &str, size: f64) -> f64 {
     let width = |letter: char| match letter {
         'i' | 'j' | 'l' | 'I' | '\'' | '.' | ',' | ':' | ';' | '|' | '·' => 0.28,
@@ -126,7 +126,7 @@ pub(super) fn text_width(text: &str, size: f64) -> f64 {
     text.chars().map(width).sum::<f64>() * size
 }
 
-/// A line is explained where it first appears: in a stacked figure once, otherwise once a panel.
+/// A line is explained at its first appearance: in a stacked figure once, otherwise once per panel.
 fn legends(figure: &Figure) -> Vec<Legend> {
     let mut seen: Vec<(&str, usize, LineStyle)> = Vec::new();
     let mut legends = Vec::new();
@@ -147,7 +147,7 @@ fn legends(figure: &Figure) -> Vec<Legend> {
     legends
 }
 
-/// Fills rows from the left, the first beside the title if all fits there.
+/// Fills rows from the left; the first is beside the title if everything fits there.
 fn flow<'a>(lines: impl Iterator<Item = (usize, &'a Line)>, title: f64, width: f64) -> Legend {
     let (sample, space, after) = LEGEND_SAMPLE;
     let entries: Vec<(usize, f64)> =
@@ -171,7 +171,7 @@ fn flow<'a>(lines: impl Iterator<Item = (usize, &'a Line)>, title: f64, width: f
     rows
 }
 
-/// Each name in the lowest row in which it stands clear of those to its left.
+/// Places each name in the lowest row in which it does not touch those to its left.
 fn strip<'a>(figure: &'a Figure, range: &Range<f64>, width: f64) -> Vec<StripLabel<'a>> {
     let phases = figure.phases.iter().map(|phase| (phase.from, phase.label.as_str(), false));
     let events = figure.events.iter().map(|event| (event.at, event.label.as_str(), true));
@@ -183,7 +183,7 @@ fn strip<'a>(figure: &'a Figure, range: &Range<f64>, width: f64) -> Vec<StripLab
     for (at, text, is_event) in marks {
         let wide = text_width(text, SMALL) + 8.0;
         let from = LEFT + (at - range.start) / (range.end - range.start) * width + 3.0;
-        // At the right edge the text ends at the figure's.
+        // At the right edge, the text ends at the edge of the figure.
         let x = from.min(WIDTH - wide).max(LEFT);
         let row = ends.iter().position(|end| *end <= x - 3.0).unwrap_or(ends.len());
         if row == ends.len() {

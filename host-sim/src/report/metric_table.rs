@@ -5,7 +5,7 @@ use maud::{Markup, html};
 use super::group::{Group, Row, seeds, ticks, verdict_line};
 use super::summary::{Bound, Metric};
 
-/// `named` where a page has several.
+/// `named` if a page has several.
 pub(super) fn section(group: &Group<'_>, named: bool) -> Markup {
     let first = group.runs[0];
     let (class, word) = if group.pass() { ("good", "PASS") } else { ("bad", "FAIL") };

@@ -1,9 +1,8 @@
 //! Results of a run: a table in the terminal, and CSV, JSON and a page with figures in a folder.
 //!
-//! A scenario fills a [`Summary`] (one a seed) with [`Metric`]s, and [`Figure`]s with the lines it recorded.
-//! Everything below is made from those two: [`table()`] for the terminal, [`json()`] for machines, [`Page`]
-//! for people, [`csv()`] for plots with other programs. The limits come from the scenario; a NaN never
-//! passes.
+//! A scenario fills a [`Summary`] per seed with [`Metric`]s, and [`Figure`]s with the recorded lines. All
+//! outputs are made from those two: [`table()`] for the terminal, [`json()`] for machines, [`Page`] for
+//! people, [`csv()`] for plots with other programs. The limits come from the scenario; a NaN never passes.
 //!
 //! ```
 //! use tesaki_sim::report::{Figure, Line, Metric, Page, Panel, Summary, table};

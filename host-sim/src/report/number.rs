@@ -1,6 +1,6 @@
-//! Numbers as people read them.
+//! Formatting of numbers for people.
 
-/// `value` with three significant digits; a whole number in full.
+/// Formats `value` with the given number of significant digits; a whole number in full.
 pub(super) fn significant(value: f64, digits: usize) -> String {
     if !value.is_finite() {
         return if value.is_nan() { "NaN".into() } else { minus(&format!("{value}")) };
@@ -9,7 +9,7 @@ pub(super) fn significant(value: f64, digits: usize) -> String {
     if magnitude < 1e9 && value.fract() == 0.0 {
         return minus(&format!("{value:.0}"));
     }
-    // The exponent after rounding, so that 9.999 becomes 10.0 and not 10.00.
+    // Uses the exponent after rounding, so that 9.999 becomes 10.0 and not 10.00.
     let scientific = format!("{magnitude:.*e}", digits - 1);
     let exponent: i32 = scientific.split_once('e').and_then(|(_, e)| e.parse().ok()).unwrap_or(0);
     if !(-4..9).contains(&exponent) {
@@ -19,8 +19,8 @@ pub(super) fn significant(value: f64, digits: usize) -> String {
     minus(&format!("{value:.decimals$}"))
 }
 
-/// A measured value beside its limit: three digits, or more where three would hide on which side of the limit
-/// it is.
+/// Formats a measured value beside its limit: three digits, or more if three would hide on which side of the
+/// limit it is.
 pub(super) fn measured(value: f64, limit: Option<f64>) -> String {
     let hidden = |text: &str| {
         let shown = text.replace('−', "-").parse::<f64>().unwrap_or(value);
@@ -34,12 +34,12 @@ pub(super) fn measured(value: f64, limit: Option<f64>) -> String {
         .unwrap_or_else(|| format!("{value:?}"))
 }
 
-/// A limit, exactly as it was given.
+/// Formats a limit exactly as it was given.
 pub(super) fn exact(value: f64) -> String {
     minus(&format!("{value}"))
 }
 
-/// `text` with its unit, if it has one.
+/// Appends the unit to `text`, if there is one.
 pub(super) fn with_unit(text: &str, unit: &str) -> String {
     match unit {
         "" => text.to_owned(),
@@ -50,7 +50,7 @@ pub(super) fn with_unit(text: &str, unit: &str) -> String {
 
 fn minus(text: &str) -> String {
     let text = text.replace('-', "−");
-    // A value that rounds to nothing has no sign.
+    // A value that rounds to 0 has no sign.
     if text.strip_prefix('−').is_some_and(|rest| rest.bytes().all(|b| matches!(b, b'0' | b'.'))) {
         text.replacen('−', "", 1)
     } else {

@@ -1,4 +1,4 @@
-//! The page that a person reads after a run.
+//! The report page of a run.
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
@@ -8,13 +8,13 @@ use super::group::groups;
 use super::metric_table::{fact, section};
 use super::summary::Summary;
 
-/// Groups of points on a whole page, so that it stays below 2 MB whatever is recorded.
+/// Number of point groups on a whole page, so that it stays below 2 MB.
 const PAGE_BUCKETS: usize = 30_000;
 
-/// One HTML file with everything in it: results, figures, how to read them, how they were made.
+/// A self-contained HTML file: results, figures, how to read them, how they were made.
 ///
 /// The page follows the reader's choice of light or dark, fits narrow screens and prints. Each figure has a
-/// link to the file of [`figure_files`] that goes beside the page.
+/// link to its file from [`figure_files`], which is stored beside the page.
 #[derive(Clone, Debug)]
 pub struct Page<'a> {
     title: &'a str,
@@ -29,7 +29,7 @@ pub struct Page<'a> {
 }
 
 impl<'a> Page<'a> {
-    /// A page on these runs.
+    /// Creates a page on these runs.
     pub fn new(title: &'a str, summaries: &'a [Summary]) -> Self {
         Self {
             title,
@@ -44,56 +44,56 @@ impl<'a> Page<'a> {
         }
     }
 
-    /// Paragraphs that say what was done.
+    /// Sets the paragraphs that describe the experiment.
     #[must_use]
     pub fn lead(mut self, paragraphs: &'a [&'a str]) -> Self {
         self.lead = paragraphs;
         self
     }
 
-    /// The replay of the run, as JSON that may stand in HTML ([`tesaki_viewer::script_json`]).
+    /// Sets the replay of the run, as JSON that is safe in HTML ([`tesaki_viewer::script_json`]).
     #[must_use]
     pub fn replay(mut self, replay: &'a str) -> Self {
         self.replay = Some(replay);
         self
     }
 
-    /// The figures, numbered in this order.
+    /// Sets the figures, numbered in this order.
     #[must_use]
     pub fn figures(mut self, figures: &'a [Figure]) -> Self {
         self.figures = figures;
         self
     }
 
-    /// Paragraphs that say how to read table and figures, beside what is said of every page.
+    /// Sets paragraphs on how to read table and figures, in addition to the text on every page.
     #[must_use]
     pub fn reading(mut self, paragraphs: &'a [&'a str]) -> Self {
         self.reading = paragraphs;
         self
     }
 
-    /// The command that makes these very files again.
+    /// Sets the command that reproduces these files.
     #[must_use]
     pub fn command(mut self, command: &'a str) -> Self {
         self.command = Some(command);
         self
     }
 
-    /// The commit of the sources that ran.
+    /// Sets the commit of the sources that ran.
     #[must_use]
     pub fn commit(mut self, commit: &'a str) -> Self {
         self.commit = Some(commit);
         self
     }
 
-    /// The files beside the page, each with what is in it.
+    /// Sets the files beside the page, each with its content.
     #[must_use]
     pub fn files(mut self, files: &'a [(&'a str, &'a str)]) -> Self {
         self.files = files;
         self
     }
 
-    /// The file's text.
+    /// Returns the text of the file.
     pub fn html(&self) -> String {
         let groups = groups(self.summaries);
         let page = html! {
@@ -210,12 +210,13 @@ impl<'a> Page<'a> {
     }
 }
 
-/// The figures as files for the folder `figures` beside the page: names and SVG documents that stand alone.
+/// Returns the figures as files for the folder `figures` beside the page: names and stand-alone SVG
+/// documents.
 pub fn figure_files(figures: &[Figure]) -> Vec<(String, String)> {
     figures.iter().zip(1..).map(|(figure, number)| (file_name(number, figure), figure.svg())).collect()
 }
 
-/// `1-peak-error.svg`
+/// Returns a file name such as `1-peak-error.svg`.
 fn file_name(number: usize, figure: &Figure) -> String {
     let words = figure.title.split(|letter: char| !letter.is_ascii_alphanumeric());
     let words = words.filter(|word| !word.is_empty()).map(str::to_ascii_lowercase);

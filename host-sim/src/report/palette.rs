@@ -1,7 +1,7 @@
-//! Colours that can be told apart on white and on the dark page, by colour-blind readers too.
+//! Colours that are distinguishable on white and on the dark page, also for colour-blind readers.
 
-/// A colour of a figure: as written, for a white ground, and the class by which `page.css` swaps it on a dark
-/// one.
+/// A colour of a figure: the value for a white background, and the class by which `page.css` replaces it on a
+/// dark one.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Paint {
     pub colour: &'static str,
@@ -18,15 +18,15 @@ pub(super) const GROUND: Paint = Paint::new("#FFFFFF", "ground");
 pub(super) const INK: Paint = Paint::new("#1B1F24", "ink");
 pub(super) const MUTED: Paint = Paint::new("#57606A", "muted");
 pub(super) const GRID: Paint = Paint::new("#DDE2E7", "grid");
-/// Phases.
+/// Shade of phases.
 pub(super) const SHADE: Paint = Paint::new("#EDF1F5", "shade");
-/// Between limits.
+/// Area between limits.
 pub(super) const BAND: Paint = Paint::new("#F1F7F3", "band");
-/// Limits and values to compare with.
+/// Limits and reference values.
 pub(super) const LIMIT: Paint = Paint::new("#A3214A", "limit");
 
 /// The colours of lines: those of Okabe and Ito, with the pale ones darkened to a contrast of at least 3
-/// against white, and all with as much against the dark page. The last is the ink of the text.
+/// against white, and all with the same minimum against the dark page. The last is the colour of the text.
 pub(super) const LINES: [Paint; 8] = [
     Paint::new("#0072B2", "line"),
     Paint::new("#D55E00", "line"),
@@ -58,7 +58,7 @@ mod tests {
         (a.max(b) + 0.05) / (a.min(b) + 0.05)
     }
 
-    /// What `page.css` says of a class on dark pages.
+    /// Returns the colour that `page.css` gives a class on dark pages.
     fn dark(class: &str) -> &'static str {
         let css = include_str!("page.css");
         let rule = css.split_once(&format!(".plot .{class} {{")).map_or("", |(_, rest)| rest);

@@ -1,13 +1,13 @@
-//! What was measured, and the limits on it.
+//! Measured values and their limits.
 
 use serde::ser::{Serialize, SerializeMap, SerializeStruct, Serializer};
 
 use super::number;
 
-/// On which side of its limit a value should be.
+/// Side of the limit on which a value must be.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Bound {
-    /// `value ≤ limit`, sign and all.
+    /// `value ≤ limit`, including the sign.
     #[default]
     AtMost,
     /// `value ≥ limit`.
@@ -16,27 +16,27 @@ pub enum Bound {
     Within,
 }
 
-/// One measured value, and its limit.
+/// A measured value and its limit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Metric {
-    /// What it is, for people.
+    /// Name for people.
     pub label: String,
-    /// As measured, in `unit`.
+    /// The value in `unit`.
     pub value: f64,
     /// The unit of `value` and `limit`; empty for counts and ratios.
     pub unit: String,
     /// The limit; `None` for a value that is only reported.
     pub limit: Option<f64>,
-    /// How `limit` limits.
+    /// How `limit` applies.
     pub bound: Bound,
-    /// The paper's value, in its own words (`1–2 mm`).
+    /// The paper's value, as printed (`1–2 mm`).
     pub paper: Option<String>,
     /// A note on this row. Not in the JSON.
     pub note: Option<String>,
 }
 
 impl Metric {
-    /// A value that is reported, whatever it is.
+    /// Creates a value that is only reported.
     pub fn reported(label: impl Into<String>, value: f64, unit: impl Into<String>) -> Self {
         Self {
             label: label.into(),
@@ -49,36 +49,36 @@ impl Metric {
         }
     }
 
-    /// A value that should be `limit` or less; for one with a sign see [`Metric::within`].
+    /// Creates a value that must be `limit` or less; for a signed one see [`Metric::within`].
     pub fn at_most(label: impl Into<String>, value: f64, limit: f64, unit: impl Into<String>) -> Self {
         Self { limit: Some(limit), ..Self::reported(label, value, unit) }
     }
 
-    /// A value that should be `limit` or more.
+    /// Creates a value that must be `limit` or more.
     pub fn at_least(label: impl Into<String>, value: f64, limit: f64, unit: impl Into<String>) -> Self {
         Self { limit: Some(limit), bound: Bound::AtLeast, ..Self::reported(label, value, unit) }
     }
 
-    /// A value that should lie between `-limit` and `limit`.
+    /// Creates a value that must lie between `-limit` and `limit`.
     pub fn within(label: impl Into<String>, value: f64, limit: f64, unit: impl Into<String>) -> Self {
         Self { limit: Some(limit), bound: Bound::Within, ..Self::reported(label, value, unit) }
     }
 
-    /// The same with the paper's value.
+    /// Adds the paper's value.
     #[must_use]
     pub fn paper(mut self, paper: impl Into<String>) -> Self {
         self.paper = Some(paper.into());
         self
     }
 
-    /// The same with a note.
+    /// Adds a note.
     #[must_use]
     pub fn note(mut self, note: impl Into<String>) -> Self {
         self.note = Some(note.into());
         self
     }
 
-    /// Whether the value is a number and on the right side of its limit, if it has one.
+    /// Returns whether the value is finite and meets its limit, if it has one.
     pub fn pass(&self) -> bool {
         self.value.is_finite()
             && self.limit.is_none_or(|limit| {
@@ -91,7 +91,8 @@ impl Metric {
             })
     }
 
-    /// How bad a value is: the larger, the further beyond its limit. Not a number is the worst of all.
+    /// Severity of a value: larger if it is farther beyond its limit. A value that is not finite is the
+    /// worst.
     pub(super) fn badness(&self) -> f64 {
         match self.bound {
             _ if !self.value.is_finite() => f64::INFINITY,
@@ -102,7 +103,7 @@ impl Metric {
         }
     }
 
-    /// `≤ 12 mrad`; an en dash for a value that is only reported.
+    /// Formats the limit, such as `≤ 12 mrad`; an en dash for a value that is only reported.
     pub(super) fn limit_text(&self) -> String {
         let sign = match self.bound {
             Bound::AtMost => "≤ ",
@@ -115,7 +116,7 @@ impl Metric {
         )
     }
 
-    /// `8.31 mrad`.
+    /// Formats the value, such as `8.31 mrad`.
     pub(super) fn measured_text(&self) -> String {
         number::with_unit(&number::measured(self.value, self.limit), &self.unit)
     }
@@ -148,61 +149,61 @@ pub struct Summary {
     pub scenario: String,
     /// Where the controller ran: `native`, `qemu`, `serial:PORT`.
     pub controller: String,
-    /// The seed of everything random in the run.
+    /// Seed of all random values in the run.
     pub seed: u64,
-    /// Control periods that were run.
+    /// Number of control periods.
     pub ticks: u64,
-    /// Digest of all that the controller answered ([`FramesDigest`](crate::digest::FramesDigest)).
+    /// Digest of all the controller's answers ([`FramesDigest`](crate::digest::FramesDigest)).
     pub frames_sha256: Option<String>,
-    /// Hash of the firmware image that ran, if one did.
+    /// Hash of the firmware image, if one ran.
     pub elf_sha256: Option<String>,
-    /// Whether image and native controller put out the same bytes, if both ran.
+    /// Whether image and native controller sent the same bytes, if both ran.
     pub identical: Option<bool>,
     metrics: Vec<(String, Metric)>,
 }
 
 impl Summary {
-    /// A run without any metrics yet, which therefore does not pass.
+    /// Creates a run without metrics, which therefore does not pass.
     pub fn new(scenario: impl Into<String>, controller: impl Into<String>, seed: u64) -> Self {
         Self { scenario: scenario.into(), controller: controller.into(), seed, ..Self::default() }
     }
 
-    /// The same with the number of control periods.
+    /// Sets the number of control periods.
     #[must_use]
     pub fn ticks(mut self, ticks: u64) -> Self {
         self.ticks = ticks;
         self
     }
 
-    /// The same with the digest of all that the controller answered.
+    /// Sets the digest of all the controller's answers.
     #[must_use]
     pub fn frames_sha256(mut self, digest: impl Into<String>) -> Self {
         self.frames_sha256 = Some(digest.into());
         self
     }
 
-    /// The same with the hash of the image that ran.
+    /// Sets the hash of the image that ran.
     #[must_use]
     pub fn elf_sha256(mut self, hash: impl Into<String>) -> Self {
         self.elf_sha256 = Some(hash.into());
         self
     }
 
-    /// The same with the verdict of the comparison against the native controller.
+    /// Sets the result of the comparison with the native controller.
     #[must_use]
     pub fn identical(mut self, identical: bool) -> Self {
         self.identical = Some(identical);
         self
     }
 
-    /// The same with one more metric.
+    /// Adds a metric.
     #[must_use]
     pub fn metric(mut self, name: impl Into<String>, metric: Metric) -> Self {
         self.insert(name, metric);
         self
     }
 
-    /// Adds a metric at the end, or puts it in the place of the one that has its name.
+    /// Adds a metric at the end, or replaces the one with the same name.
     pub fn insert(&mut self, name: impl Into<String>, metric: Metric) {
         let name = name.into();
         match self.metrics.iter_mut().find(|(n, _)| *n == name) {
@@ -211,7 +212,8 @@ impl Summary {
         }
     }
 
-    /// Demands no limit of a metric, and says why in a note. Nothing happens where there is no such metric.
+    /// Removes the limit of a metric, and states the reason in a note. Does nothing if there is no such
+    /// metric.
     pub fn waive(&mut self, name: &str, why: &str) {
         if let Some((_, metric)) = self.metrics.iter_mut().find(|(known, _)| known == name) {
             metric.limit = None;
@@ -219,7 +221,7 @@ impl Summary {
         }
     }
 
-    /// Demands no limit of any metric, and says why in a note on those that had one.
+    /// Removes the limits of all metrics, and states the reason in a note on those that had one.
     pub fn waive_all(&mut self, why: &str) {
         for (_, metric) in self.metrics.iter_mut().filter(|(_, metric)| metric.limit.is_some()) {
             metric.limit = None;
@@ -227,7 +229,7 @@ impl Summary {
         }
     }
 
-    /// The metric of that name.
+    /// Returns the metric with that name.
     pub fn get(&self, name: &str) -> Option<&Metric> {
         self.metrics().find_map(|(n, metric)| (n == name).then_some(metric))
     }
@@ -237,7 +239,7 @@ impl Summary {
         self.metrics.iter().map(|(name, metric)| (name.as_str(), metric))
     }
 
-    /// Whether something was measured, every metric passes, and the image agreed where that was asked.
+    /// Returns whether something was measured, every metric passes, and the image agreed if it was compared.
     pub fn pass(&self) -> bool {
         !self.metrics.is_empty()
             && self.metrics.iter().all(|(_, m)| m.pass())
@@ -284,13 +286,13 @@ impl Serialize for Summary {
     }
 }
 
-/// The JSON of one run, or an array of them for several.
+/// Returns the JSON of one run, or an array for several.
 pub fn json(summaries: &[Summary]) -> String {
     let text = match summaries {
         [one] => serde_json::to_string_pretty(one),
         several => serde_json::to_string_pretty(several),
     };
-    // Strings, numbers and maps with string keys: nothing in there that JSON could refuse.
+    // Strings, numbers and maps with string keys can always be represented.
     text.expect("a summary is representable as JSON") + "\n"
 }
 

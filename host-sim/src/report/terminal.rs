@@ -8,15 +8,15 @@ use super::group::{Group, Row, groups, seeds, ticks, verdict_line};
 use super::number;
 use super::summary::Summary;
 
-/// No line of a table is longer than this.
+/// Maximum width of a table.
 const WIDTH: u16 = 100;
 
-/// Measured values beside their limits, at most 100 columns wide; one block for each pair of scenario and
-/// controller.
+/// Formats measured values beside their limits, at most 100 columns wide, with one block for each pair of
+/// scenario and controller.
 ///
-/// For one seed the columns are measured, limit and verdict; for several median, worst (and its seed), limit
-/// and verdict. What the papers got stands beside it where a metric tells it. With `colour` the terminal's
-/// green and red are used; without, the text is plain.
+/// For one seed the columns are measured, limit and verdict; for several they are median, worst (and its
+/// seed), limit and verdict. The papers' values stand beside them if a metric has one. With `colour`, the
+/// terminal's green and red are used; without, the text is plain.
 pub fn table(summaries: &[Summary], colour: bool) -> String {
     groups(summaries).iter().map(|group| block(group, colour)).collect::<Vec<_>>().join("\n")
 }
@@ -40,7 +40,7 @@ fn block(group: &Group<'_>, colour: bool) -> String {
     parts.join("\n") + "\n"
 }
 
-/// Without lines; the first column keeps its width, and what is long breaks between words.
+/// Creates a table without lines; the first column keeps its width, and long text is broken between words.
 fn plain_table(colour: bool) -> Table {
     let mut table = Table::new();
     table.load_style(presets::NOTHING).set_content_arrangement(ContentArrangement::Dynamic).set_width(WIDTH);
@@ -80,7 +80,7 @@ fn title(group: &Group<'_>, colour: bool) -> String {
     text(&table)
 }
 
-/// All notes, each once, in the order in which they are first needed.
+/// Returns all notes without duplicates, in the order in which they are first needed.
 fn notes<'a>(rows: &[Row<'a>]) -> Vec<&'a str> {
     let mut notes = Vec::new();
     for note in rows.iter().filter_map(|row| row.metric.note.as_deref()) {
@@ -106,7 +106,7 @@ fn metrics(group: &Group<'_>, rows: &[Row<'_>], notes: &[&str], colour: bool) ->
     for row in rows {
         table.add_row(cells(row, several, paper, notes));
     }
-    // The label gives way, on several lines if need be.
+    // The label column shrinks, to several lines if necessary.
     for (i, column) in table.column_iter_mut().enumerate().skip(1) {
         column.set_constraint(ColumnConstraint::ContentWidth);
         if i < last {

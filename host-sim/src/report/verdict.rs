@@ -1,16 +1,16 @@
-//! The verdict on one run, for the page that shows it while it is computed.
+//! The verdict on a run, for the page that shows it while it is computed.
 
 use serde::Serialize;
 
 use super::group::{groups, verdict_line};
 use super::summary::Summary;
 
-/// What was measured in a run, in words.
+/// Results of a run as text.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Verdict {
     /// Whether the run passed.
     pub pass: bool,
-    /// How many limits were met.
+    /// Number of limits that were met.
     pub text: String,
     /// The quantities.
     pub rows: Vec<VerdictRow>,
@@ -19,11 +19,11 @@ pub struct Verdict {
 /// A quantity with its limit.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct VerdictRow {
-    /// What it is.
+    /// Name.
     pub label: String,
-    /// As measured, with unit.
+    /// Measured value with unit.
     pub measured: String,
-    /// Its limit; a dash for one that is only reported.
+    /// Its limit; a dash for a value that is only reported.
     pub limit: String,
     /// Whether it meets its limit; `None` without one.
     pub pass: Option<bool>,
@@ -39,7 +39,7 @@ impl Verdict {
             label: metric.label.clone(),
             measured: metric.measured_text(),
             limit: metric.limit_text(),
-            // Not a number fails without a limit too.
+            // A value that is not a number fails even without a limit.
             pass: (metric.limit.is_some() || !metric.pass()).then(|| metric.pass()),
             note: metric.note.clone(),
         };

@@ -1,5 +1,4 @@
-//! The arm's folder: what is in it fits together, and the plain joint servo holds and moves the simulated
-//! arm.
+//! The arm's folder: its files are consistent, and the plain joint servo holds and moves the simulated arm.
 
 use std::f64::consts::FRAC_PI_2;
 use std::path::Path;
@@ -15,7 +14,7 @@ pub const JOINTS: usize = 7;
 /// The basic posture.
 pub const BENT: [f64; JOINTS] = [0.0, 0.0, 0.0, FRAC_PI_2, 0.0, 0.0, 0.0];
 
-/// Everything that a plant of the arm is made of, for a test to change.
+/// All parts of the arm's plant, for tests to change.
 pub struct Arm {
     pub robot: RobotFolder,
     pub values: PlantValues,
@@ -23,7 +22,7 @@ pub struct Arm {
 }
 
 impl Arm {
-    /// As the model says, ideal sensors, free from the start.
+    /// An arm that matches the model, with ideal sensors, not held at the start.
     pub fn exact() -> Self {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/arm7");
         Self {
@@ -43,7 +42,7 @@ impl Arm {
         self
     }
 
-    /// Without weight and dry friction: nothing but its inertia resists.
+    /// Removes weight and dry friction, so that only inertia resists.
     pub fn floating(mut self) -> Self {
         (self.values.gravity, self.options.coulomb) = ([0.0; 3], Some(0.0));
         self
@@ -65,8 +64,8 @@ pub fn hand(plant: &Plant) -> TipTruth {
     hand
 }
 
-/// Runs the joint servo for 4 s; returns how far any joint is from where it should be in the second half of
-/// that.
+/// Runs the joint servo for 4 s; returns the largest deviation of any joint from its target in the second
+/// half.
 fn servo(from: [f64; JOINTS], to: [f64; JOINTS], mode: ServoMode, seed: u64) -> f64 {
     let arm = Arm::mismatched(seed, from);
     let (mut plant, mut controller, mut sequence) = (arm.build(), Native::default(), 0);
@@ -113,7 +112,7 @@ fn the_joint_servo_holds_and_moves_the_arm() {
     }
 }
 
-/// Every inertia in the URDF is that of the solid that is drawn.
+/// Every inertia in the URDF is that of the corresponding solid.
 #[test]
 fn inertias_are_those_of_the_solids() {
     let mut total = 0.0;
@@ -152,7 +151,7 @@ fn the_hand_is_where_the_lengths_say() {
     };
     near(&Arm::exact(), [0.36, 0.0, -0.30]);
     near(&Arm::exact().posture([0.0; 7]), [0.0, 0.0, -0.66]);
-    // To the right, and inwards.
+    // Pointing to the right, and inwards.
     near(&Arm::exact().posture([0.0, FRAC_PI_2, 0.0, 0.0, 0.0, 0.0, 0.0]), [0.0, -0.66, 0.0]);
     near(&Arm::exact().posture([0.0, 0.0, FRAC_PI_2, FRAC_PI_2, 0.0, 0.0, 0.0]), [0.0, 0.36, -0.30]);
     near(&Arm::exact().posture([0.0, 0.0, 0.0, FRAC_PI_2, 0.0, FRAC_PI_2, 0.0]), [0.26, 0.0, -0.20]);

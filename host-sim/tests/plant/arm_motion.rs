@@ -1,12 +1,12 @@
-//! The arm against MuJoCo.
+//! The arm compared with MuJoCo.
 
 use crate::arm::{Arm, JOINTS, hand};
 use crate::hand::{frame_of, largest};
 use tesaki_sim::plant::Wall;
 
 type Joints = [f64; JOINTS];
-/// Feed-forward torque, reference, and MuJoCo's position, place of the hand's end and mean force of the wall
-/// over the period before, at the start of a control period.
+/// Feed-forward torque, reference, and MuJoCo's joint positions, position of the hand's end and mean force of
+/// the wall over the previous period, at the start of a control period.
 type Row = (Joints, Joints, Joints, [f64; 3], [f64; 1]);
 /// Name, stiffness and damping of the wall, rows.
 type Case = (&'static str, Option<(f64, f64)>, &'static [Row]);
@@ -16,7 +16,7 @@ const MOTIONS: ([Joints; JOINTS], [Joints; JOINTS], &[Case]) =
 /// x of the walls [m].
 const WALL_X: f64 = 0.37;
 
-/// Largest distances from MuJoCo: of any joint [rad], of the hand [m], of the wall's force [N].
+/// Largest deviations from MuJoCo: of any joint [rad], of the hand [m], of the wall's force [N].
 #[derive(Debug, Default)]
 struct Worst {
     joint: f64,
@@ -54,8 +54,9 @@ fn run(case: &Case, step: f64) -> Worst {
     worst
 }
 
-/// The hand goes back 3 cm, follows ±0.1 m at 0.5 Hz, stays while the elbow swings by 30°, and runs against
-/// walls of 50 kN/m and 200 N/m. The force is a mean over a control period, also over that of the impact.
+/// The hand moves back by 3 cm, follows ±0.1 m at 0.5 Hz, stays in place while the elbow swings by 30°, and
+/// hits walls of 50 kN/m and 200 N/m. The force is a mean over a control period, including that of the
+/// impact.
 #[test]
 fn the_arm_moves_as_in_mujoco() {
     let bounds = [
@@ -72,7 +73,7 @@ fn the_arm_moves_as_in_mujoco() {
     }
 }
 
-/// A finer sub-step comes closer.
+/// A smaller sub-step reduces the error.
 #[test]
 fn the_error_of_the_arm_falls_with_the_step() {
     let elbow = &MOTIONS.2[2];

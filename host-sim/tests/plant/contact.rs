@@ -1,4 +1,5 @@
-//! The contact model by hand numbers: Coulomb's law, depth, creep, and the truth that is told about them.
+//! The contact model compared with hand calculations: Coulomb's law, depth, creep, and the reported true
+//! values.
 
 use crate::grip::{Grip, squeeze};
 use crate::hand::{Hand, frame, largest};
@@ -9,21 +10,21 @@ const G: f64 = 9.81;
 const WEIGHT: f64 = MASS * G;
 const UNTURNED: [f64; 4] = [0.0, 0.0, 0.0, 1.0];
 
-/// How far the object went between two moments [m].
+/// Returns the displacement of the object [m].
 fn moved(from: &ObjectTruth, to: &ObjectTruth) -> f64 {
     (0..3).map(|i| (to.position[i] - from.position[i]).powi(2)).sum::<f64>().sqrt()
 }
 
-/// How far it turned [rad].
+/// Returns the rotation of the object [rad].
 fn turned(from: &ObjectTruth, to: &ObjectTruth) -> f64 {
-    // The sine of half the angle, from the part of one quaternion that is not along the other.
+    // The sine of half the angle: the part of one quaternion that is orthogonal to the other.
     let ([a, b, c, d], [e, f, g, h]) = (from.orientation, to.orientation);
     let vector =
         [d * e - a * h - b * g + c * f, d * f - b * h - c * e + a * g, d * g - c * h - a * f + b * e];
     2.0 * vector.iter().map(|x| x * x).sum::<f64>().sqrt().asin()
 }
 
-/// A box far from the hand, on a table, with gravity that leans by a slope towards +x.
+/// A box far from the hand on a table, with gravity tilted by a slope towards +x.
 fn table(friction: f64, slope: f64) -> Plant {
     let mut hand = Hand::exact();
     let share = 1.0 / (1.0 + slope * slope).sqrt();
@@ -70,9 +71,9 @@ fn a_box_slides_on_a_table_as_coulomb_says() {
     }
 }
 
-/// Force of each bar that lets both tips just carry a share of the box's weight.
+/// Returns the force of each bar with which both tips just carry a share of the box's weight.
 fn grip_for(friction: f64, share: f64) -> f64 {
-    // Friction acts a tip's radius beside the bar and opens it.
+    // Friction acts at a distance of one tip radius from the bar, and opens it.
     share * WEIGHT / (2.0 * friction) + WEIGHT / 2.0 * RADIUS / ARM
 }
 
@@ -166,7 +167,7 @@ fn slip_is_what_slid() {
 
 #[test]
 fn pushes_and_weights_act() {
-    // Freely falling upwards: gravity off, nothing squeezed, the tips drawn back.
+    // Accelerated upwards: gravity off, no squeeze, the tips drawn back.
     let mut rig = Pinch::new(0.6, 0.0);
     rig.squeeze(-0.5, 3);
     let push = Push { force: [0.0, 0.3, 0.0], point: [0.0; 3], ramp: 0.1, hold: 0.1 };
@@ -175,7 +176,7 @@ fn pushes_and_weights_act() {
     let velocity = rig.plant.object().unwrap().velocity[1];
     assert!((velocity / (0.3 * 0.2 / MASS) - 1.0).abs() < 2e-3, "{velocity}");
 
-    // A weight at the box's top is felt by the tips.
+    // The tips carry a weight at the top of the box.
     let mut rig = Pinch::new(0.6, G);
     rig.squeeze(4.0, 20);
     rig.plant.load(Load { mass: 0.2, point: [0.0, 0.0, -SIZE[2] / 2.0], ramp: 0.3 }).unwrap();

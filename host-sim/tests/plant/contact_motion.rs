@@ -1,4 +1,4 @@
-//! A grasped box against MuJoCo.
+//! A grasped box compared with MuJoCo.
 
 use rapier3d::na::{Quaternion, UnitQuaternion};
 
@@ -9,7 +9,7 @@ use tesaki_sim::plant::{ObjectTruth, Push};
 
 /// Position and orientation of the box at the start of a control period.
 type Pose = ([f64; 3], [f64; 4]);
-/// Name, squeeze, box above the tips; force, point, begin, ramp and hold of a push; poses.
+/// Name, squeeze, height of the box above the tips; force, point, start, ramp and hold of a push; poses.
 type PinchCase = (&'static str, f64, f64, [f64; 3], [f64; 3], f64, f64, f64, &'static [Pose]);
 /// Feed-forward torque and reference of the joints, pose of the box, positions of the joints.
 type HandRow = ([f64; JOINTS], [f64; JOINTS], [f64; 3], [f64; 4], [f64; JOINTS]);
@@ -19,7 +19,7 @@ const PINCH: &[PinchCase] = include!("../../../tests/oracles/data/contact_pinch.
 const HAND: (f64, f64, &[HandRow]) = include!("../../../tests/oracles/data/contact_hand.in");
 const FRICTION: f64 = 0.6;
 
-/// Largest distance [m] and turn [rad] from MuJoCo.
+/// Largest deviation of position [m] and orientation [rad] from MuJoCo.
 #[derive(Debug, Default)]
 struct Worst {
     distance: f64,
@@ -49,7 +49,7 @@ fn pinch(case: &PinchCase, step: f64) -> Worst {
     worst
 }
 
-/// Distance of the box, and largest of any joint [rad].
+/// Returns the deviation of the box, and the largest deviation of any joint [rad].
 fn hand(step: f64) -> (Worst, f64) {
     let (stiffness, viscous, rows) = HAND;
     let mut rig = Grip::viscous(FRICTION, viscous, step);
@@ -64,8 +64,8 @@ fn hand(step: f64) -> (Worst, f64) {
     (worst, joints)
 }
 
-/// Bounds at 1 ms: distance [m] and turn [rad] while the box goes 7 mm, 1.9 mm, 3.3 mm and turns 0.17 rad,
-/// and swings to 0.75 rad.
+/// Bounds at 1 ms: position [m] and orientation [rad] while the box moves by 7 mm, 1.9 mm and 3.3 mm, turns
+/// by 0.17 rad, and swings to 0.75 rad.
 #[test]
 fn a_pinched_box_moves_as_in_mujoco() {
     let bounds = [
@@ -83,7 +83,7 @@ fn a_pinched_box_moves_as_in_mujoco() {
     assert!(fine.distance < 0.4 * coarse.distance, "{fine:?} {coarse:?}");
 }
 
-/// The box goes 6.4 mm and turns 0.13 rad; the tips roll on it.
+/// The box moves by 6.4 mm and turns by 0.13 rad; the tips roll on it.
 #[test]
 fn the_hand_moves_a_box_as_in_mujoco() {
     let (worst, joints) = hand(0.001);

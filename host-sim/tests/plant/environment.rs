@@ -1,4 +1,5 @@
-//! Walls, holds and pushes at the arm's hand, and what its force sensor feels of them; numbers by hand.
+//! Walls, holds and pushes at the arm's hand, and the readings of its force sensor, compared with hand
+//! calculations.
 
 use rapier3d::na::{Quaternion, UnitQuaternion, Vector3};
 
@@ -45,7 +46,7 @@ fn a_hold_gives_way_as_its_springs_say_until_it_lets_go() {
     let mut plant = Arm::exact().floating().build();
     let start = hand(&plant);
     plant.hold_tip(0, held(&plant)).unwrap();
-    // 10 N on the hold of 20 kN/m, and with an arm of 50 mm 0.5 N·m on the one of 100 N·m/rad.
+    // 10 N on the hold of 20 kN/m; with a lever arm of 50 mm, 0.5 N·m on the one of 100 N·m/rad.
     plant.push_tip(0, lasting([0.0, 10.0, 0.0], [0.0, 0.0, 0.05])).unwrap();
     relax(&mut plant, 1.5);
     let tip = hand(&plant);
@@ -104,7 +105,7 @@ fn the_sensor_feels_a_wall() {
         "{tip:?}"
     );
     assert!((tip.position[0] - 0.361 - tip.wall_depth).abs() < 1e-7, "{tip:?}");
-    // Push and wall cancel; with the wall alone the sensor feels its force along the frame's own z.
+    // Push and wall cancel; with the wall alone, the sensor measures its force along the frame's z.
     assert!(largest(plant.tip_wrenches()[0]) < 0.05, "{:?}", plant.tip_wrenches());
     plant.remove_walls();
     relax(&mut plant, 0.01);
@@ -115,7 +116,7 @@ fn the_sensor_feels_a_wall() {
     );
 }
 
-/// 10 N onto a wall with a coefficient of 0.6.
+/// A push of 10 N against a wall with a friction coefficient of 0.6.
 #[test]
 fn a_wall_holds_by_friction_up_to_coulombs_limit() {
     let slide = |along: f64| {
@@ -143,7 +144,7 @@ fn a_wall_holds_by_friction_up_to_coulombs_limit() {
     assert!(slid > 2e-3 && (force + 6.0).abs() < 0.1, "{slid:e} {force}");
 }
 
-/// The arm falls on the stiffest wall in the direction in which it is lightest, 0.53 kg.
+/// The arm falls onto the stiffest wall in the direction of its least effective mass, 0.53 kg.
 #[test]
 fn a_stiff_wall_comes_to_rest() {
     let mut plant = Arm::exact().build();
@@ -173,7 +174,7 @@ fn a_stiff_wall_comes_to_rest() {
 #[test]
 fn a_push_gives_the_hand_its_impulse() {
     let mut plant = Arm::exact().posture(BENT).floating().build();
-    // 2 N for 0.1 s, with ramps: 0.2 N·s, in two directions after one another.
+    // 2 N for 0.1 s, including ramps: 0.2 N·s, in one direction and then in another.
     let push = Push { force: [2.0, 0.0, 0.0], point: [0.0; 3], ramp: 0.05, hold: 0.05 };
     plant.push_tip(0, push).unwrap();
     let mut impulse = 0.0;
@@ -182,7 +183,8 @@ fn a_push_gives_the_hand_its_impulse() {
         impulse += hand(&plant).force[0] * 0.01;
     }
     assert!((impulse - 0.2).abs() < 1e-6, "{impulse}");
-    // The hand presents 3.42 kg along x (`tests/oracles/arm_motion.py`), less what viscous friction takes.
+    // The hand's effective mass along x is 3.42 kg (`tests/oracles/arm_motion.py`); viscous friction takes
+    // some speed.
     let speed = hand(&plant).velocity[0];
     assert!(speed > 0.75 * 0.2 / 3.42 && speed < 0.2 / 3.42, "{speed}");
 }

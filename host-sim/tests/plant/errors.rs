@@ -1,7 +1,7 @@
 use crate::hand::{Hand, JOINTS, URDF, VALUES, frame, urdf};
 use tesaki_sim::plant::{Plant, PlantError, PlantValues};
 
-/// What the plant says to a hand with a changed URDF.
+/// Returns the plant's error message for a hand with a changed URDF.
 fn with_urdf(from: &str, to: &str) -> String {
     assert!(URDF.contains(from), "{from}");
     let mut hand = Hand::exact();
@@ -16,7 +16,7 @@ fn refusal(hand: &Hand) -> String {
     }
 }
 
-/// Whether the message has all the parts.
+/// Checks that the message contains all parts.
 fn says(message: &str, parts: &[&str]) {
     for part in parts {
         assert!(message.contains(part), "{part:?} is missing in: {message}");

@@ -1,4 +1,5 @@
-//! Fixed bodies that the arm with a gripper touches: forces, friction and motion by hand numbers.
+//! Fixed bodies that the arm with a gripper touches: forces, friction and motion compared with hand
+//! calculations.
 
 use std::path::Path;
 
@@ -14,18 +15,19 @@ use crate::hand::{frame_of, largest};
 
 const JOINTS: usize = 7;
 const FINGERS: [&str; 2] = ["left_finger", "right_finger"];
-/// Stiffness of the base's yaw and pitch to their goals; the other joints have less [N·m/rad].
+/// Stiffness of the base's yaw and pitch towards their goals; that of the other joints is lower [N·m/rad].
 const STIFF: f64 = 2000.0;
 const GRIPPER: usize = 6;
 /// Height of the hand [m].
 const HEIGHT: f64 = 0.15;
-/// From the wrist to the fingertips [m].
+/// Distance from the wrist to the fingertips [m].
 const REACH: f64 = 0.3;
 /// Length of a finger, and half its thickness [m].
 const FINGER: f64 = 0.1;
 const HALF: f64 = 0.005;
 
-/// Angles with the fingertips at a distance and a height, the hand level, and the gripper at an angle.
+/// Returns the joint angles with the fingertips at a distance and a height, a level hand, and the gripper at
+/// an angle.
 fn posture(distance: f64, height: f64, gripper: f64) -> [f64; JOINTS] {
     let (upper, lower) = (0.40_f64, 0.36_f64);
     let (x, z) = (distance - REACH, height);
@@ -34,13 +36,13 @@ fn posture(distance: f64, height: f64, gripper: f64) -> [f64; JOINTS] {
     [0.0, pitch, 0.0, elbow, -pitch - elbow, 0.0, gripper]
 }
 
-/// An arm before fixed bodies.
+/// An arm in front of fixed bodies.
 struct Door {
     plant: Plant,
     goal: [f64; JOINTS],
 }
 
-/// What the plant of a door is made of, for a test to change.
+/// All parts of the door's plant, for tests to change.
 struct Parts {
     folder: RobotFolder,
     values: PlantValues,
@@ -49,7 +51,7 @@ struct Parts {
 }
 
 impl Parts {
-    /// The arm with its fingertips at a distance, without dry friction.
+    /// Creates the arm with its fingertips at a distance, without dry friction.
     fn new(distance: f64, gripper: f64, fixtures: Vec<Fixture>) -> Self {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/knob-arm");
         let goal = posture(distance, HEIGHT, gripper);
@@ -64,7 +66,7 @@ impl Parts {
         Self { folder, values: PlantValues::load(&path).unwrap(), options, goal }
     }
 
-    /// What the palm touches with.
+    /// The collision element of the palm.
     fn palm(&mut self) -> &mut urdf_rs::Collision {
         let palm = self.folder.urdf.robot.links.iter_mut().find(|link| link.name == "palm").unwrap();
         &mut palm.collision[0]
@@ -72,7 +74,7 @@ impl Parts {
 
     fn plant(&self) -> Result<Plant, PlantError> {
         let mut drives: Vec<Drive> = self.folder.model.joints.iter().map(Drive::from).collect();
-        // A light rotor is soon at rest.
+        // A light rotor comes to rest soon.
         drives[GRIPPER].motor.rotor_inertia = 1e-3;
         Plant::new(&self.folder.urdf, &drives, &self.values, &self.options)
     }
@@ -87,8 +89,8 @@ impl Door {
         Parts::new(distance, gripper, fixtures).build()
     }
 
-    /// One control period: weight, springs and dampers to the goal of the arm (not of the gripper), and more
-    /// torques.
+    /// Runs one control period with the torques of the weight, of springs and dampers towards the arm's goal
+    /// (not the gripper's), and additional ones.
     fn tick(&mut self, stiffness: f64, more: [f64; JOINTS]) {
         let truth = self.plant.truth();
         let weight = self.plant.weight_torques();
@@ -104,7 +106,7 @@ impl Door {
         self.plant.apply(&frame_of(&torques)).unwrap();
     }
 
-    /// One control period under torques.
+    /// Runs one control period with these torques.
     fn drive(&mut self, torques: [f64; JOINTS]) {
         self.plant.apply(&frame_of(&torques.map(|torque| torque as f32))).unwrap();
     }
@@ -114,13 +116,13 @@ impl Door {
         (place.into(), UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z)))
     }
 
-    /// The place between the fingertips.
+    /// Returns the point between the fingertips.
     fn tips(&self) -> Vector3<f64> {
         let (palm, turn) = self.frame(5);
         palm + turn * Vector3::new(REACH, 0.0, 0.0)
     }
 
-    /// Torques that push with a force at the fingertips.
+    /// Returns the torques for a force at the fingertips.
     fn push(&self, force: Vector3<f64>) -> [f64; JOINTS] {
         let axes = [Vector3::z(), -Vector3::y(), Vector3::x(), -Vector3::y(), -Vector3::y(), Vector3::z()];
         let tips = self.tips();
@@ -136,7 +138,7 @@ impl Door {
         self.push(Vector3::new(force, 0.0, 0.0))
     }
 
-    /// Closes the gripper, first softly, to a torque.
+    /// Closes the gripper, softly at first, to a torque.
     fn grip(&mut self, torque: f64) {
         for period in 0..150 {
             let share = f64::from(period - 50).clamp(0.0, 50.0) / 50.0;
@@ -146,7 +148,7 @@ impl Door {
         }
     }
 
-    /// Keeps the grip of 1 N·m and pulls the hand back, with nothing that holds it but dampers.
+    /// Keeps the grip of 1 N·m and pulls the hand back, held only by dampers.
     fn pull(&mut self, force: f64, periods: u32) {
         for _ in 0..periods {
             let mut torques = self.forward(-force);
@@ -155,12 +157,12 @@ impl Door {
         }
     }
 
-    /// Of the fastest joint of the arm [rad/s].
+    /// Speed of the fastest joint of the arm [rad/s].
     fn speed(&self) -> f64 {
         largest(self.plant.truth().velocities.into_iter().take(GRIPPER))
     }
 
-    /// Force of all links on all fixed bodies.
+    /// Sum of the forces of all links on all fixed bodies.
     fn sum(&self) -> Vector3<f64> {
         self.plant.fixture_contacts().iter().map(|contact| contact.force).sum()
     }
@@ -174,12 +176,12 @@ fn fixture(name: &str, shape: FixtureShape, [x, y, z]: [f64; 3], friction: f64) 
     Fixture { name: name.to_owned(), shape, pose: Isometry3::translation(x, y, z), friction }
 }
 
-/// A plate across x whose surface is at a distance.
+/// A plate across x with its surface at a distance.
 fn plate(distance: f64, friction: f64) -> Fixture {
     fixture("door", FixtureShape::Box { size: [0.04, 0.9, 2.0] }, [distance + 0.02, 0.0, 0.15], friction)
 }
 
-/// A knob along x whose front is at a distance.
+/// A knob along x with its front at a distance.
 fn knob(distance: f64, radius: f64, friction: f64) -> Fixture {
     let length = 0.06;
     let mut knob = fixture(
@@ -192,7 +194,7 @@ fn knob(distance: f64, radius: f64, friction: f64) -> Fixture {
     knob
 }
 
-/// A hand at rest pushes with what the joints' torques say.
+/// A hand at rest pushes with the force that corresponds to the joint torques.
 #[test]
 fn fingertips_press_a_door_with_the_force_of_the_torques() {
     for force in [5.0, 30.0, 60.0] {
@@ -241,12 +243,12 @@ fn each_shape_of_a_link_presses_a_post() {
     }
 }
 
-/// 1 N·m at the screw is 2 N·m at each finger: the fingers turn a quarter as fast, and share the work.
+/// 1 N·m at the screw gives 2 N·m at each finger: the fingers turn a quarter as fast, and share the work.
 #[test]
 fn a_grip_has_the_force_of_the_linkage() {
-    // Radius of the knob, how deep it is between the fingers, and from where to where it may touch a finger,
-    // from that one's axis: a wide one with its front rim, one as wide as the gripper all along, a narrow one
-    // at the finger's end.
+    // Radius of the knob, its depth between the fingers, and the range of possible contact distances from the
+    // finger's axis: a wide knob touches with its front rim, one as wide as the gripper along its whole
+    // length, a narrow one at the finger's end.
     let knobs = [
         (0.026, 0.02, [FINGER - 0.02; 2]),
         (0.025, 0.02, [FINGER - 0.02, FINGER]),
@@ -263,11 +265,12 @@ fn a_grip_has_the_force_of_the_linkage() {
     }
 }
 
-/// Friction acts on a finger `HALF` beside its axis and opens it: a·N + HALF·μ·N = 2 N·m at the limit.
+/// Friction acts on a finger at a distance `HALF` from its axis and opens it: a·N + HALF·μ·N = 2 N·m at the
+/// limit.
 #[test]
 fn a_gripped_knob_holds_a_pull_up_to_coulombs_limit() {
     for friction in [0.4, 0.8] {
-        // 2 mm of the knob are between the fingers: 1 mm from their ends, on average.
+        // 2 mm of the knob are between the fingers: on average 1 mm from their ends.
         let grip = 2.0 / (FINGER - 0.001 + HALF * friction);
         let limit = 2.0 * friction * grip;
         let gone = |share: f64| {
@@ -297,8 +300,8 @@ fn a_gripped_knob_does_not_creep() {
     }
 }
 
-/// Sliding friction is along the motion, whatever its direction on the plate, with the size that Coulomb
-/// says. A block in place of the fingers slides.
+/// Sliding friction acts along the motion in any direction on the plate, with Coulomb's magnitude. A block
+/// instead of the fingers slides.
 #[test]
 fn a_link_slides_as_coulomb_says() {
     for (along, up) in [(0.05, 0.0), (0.0, 0.05), (0.04, 0.03), (-0.02, 0.04)] {
@@ -329,8 +332,8 @@ fn a_link_slides_as_coulomb_says() {
     }
 }
 
-/// The arm floats against the door, with nothing but its inertia and the viscous friction of its joints. Its
-/// momentum is twice its energy over its velocity.
+/// The arm floats towards the door, with only its inertia and the viscous friction of its joints. Its
+/// momentum is twice its energy divided by its velocity.
 #[test]
 fn a_run_into_the_door_takes_energy() {
     let mut parts = Parts::new(0.72, 0.0, vec![plate(0.726, 0.5)]);
@@ -362,7 +365,7 @@ fn a_run_into_the_door_takes_energy() {
     assert!(deepest < 1e-4 && door.speed() < 1e-3, "{deepest:e} {}", door.speed());
 }
 
-/// Springs move the hand at 0.1 m/s to a place behind the surface.
+/// Springs move the hand at 0.1 m/s towards a point behind the surface.
 #[test]
 fn a_hand_that_is_driven_into_the_door_comes_to_rest() {
     let mut door = Door::new(0.70, 0.0, vec![plate(0.72, 0.5)]);
@@ -390,7 +393,7 @@ fn without_fixtures_nothing_stops_the_fingers() {
     assert!(door.plant.truth().positions[GRIPPER] > 0.39 && door.plant.fixture_contacts().is_empty());
 }
 
-/// The collision elements have no mass: with a fixed body out of reach the arm moves as without.
+/// The collision elements have no mass: with a fixed body out of reach, the arm moves as without it.
 #[test]
 fn fixtures_out_of_reach_change_nothing() {
     let swing = |fixtures| {
@@ -437,7 +440,7 @@ fn values_are_checked() {
     assert_eq!(parts.plant().err(), Some(PlantError::NoCollision));
 }
 
-/// The fingers hold a knob with bevelled edges as one without, and a bevel that does not fit is refused by
+/// The fingers hold a knob with bevelled edges like one without, and a bevel that does not fit is refused by
 /// name.
 #[test]
 fn a_bevel_changes_the_edges_only() {
@@ -464,9 +467,9 @@ fn a_bevel_changes_the_edges_only() {
     assert!(error.contains("chamfer"), "{error}");
 }
 
-/// A finger that closes on the edge of a knob, and is pulled off it, presses with no more than the linkage
-/// gives: 2 N·m over its distance from the finger's axis, the friction across, and half as much again while
-/// it strikes.
+/// A finger that closes on the edge of a knob, and is pulled off it, presses with no more than the linkage's
+/// force, 2 N·m divided by its distance from the finger's axis, plus the friction across it, and half as much
+/// again during the impact.
 #[test]
 fn a_finger_at_the_edge_of_a_knob_is_not_thrown_off() {
     let (radius, friction) = (0.016, 0.8_f64);

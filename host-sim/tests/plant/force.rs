@@ -8,7 +8,7 @@ use tesaki_sim::plant::Plant;
 
 const G: [f64; 3] = [-6.936_718, 0.0, -6.936_718];
 
-/// A vector of the base in the frame of a fingertip.
+/// Transforms a vector from the base to the frame of a fingertip.
 fn in_tip(plant: &Plant, finger: usize, vector: [f64; 3]) -> Vector3<f64> {
     let (_, [x, y, z, w]) = plant.link_pose(3 * finger + 2).unwrap();
     UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z)).inverse() * Vector3::from(vector)
@@ -36,7 +36,7 @@ fn in_motion_they_feel_its_inertia() {
     }
     let before = plant.truth().velocities;
     plant.apply(&frame(torques)).unwrap();
-    // The straight finger turns about the bend joint; x of the tip's frame is the way that it goes.
+    // The straight finger turns about the bend joint; its tip moves along x of the tip's frame.
     let arm = [0.046 + 0.05178, 0.05178];
     let gained: f64 = (0..2).map(|i| (plant.truth().velocities[1 + i] - before[1 + i]) * arm[i]).sum();
     let felt = plant.tip_wrenches()[0][0];
@@ -51,7 +51,7 @@ fn they_feel_the_contact() {
     for (finger, (wrench, contact)) in grip.plant.tip_wrenches().iter().zip(contacts).enumerate() {
         let force = in_tip(&grip.plant, finger, core::array::from_fn(|i| 0.005 * G[i] - contact.force[i]));
         assert!(largest((0..3).map(|i| wrench[i] - force[i])) < 1e-3, "{wrench:?} {force}");
-        // The force acts a radius off the middle: only friction turns.
+        // The force acts at one radius from the centre, so only friction causes a torque.
         let turn = Vector3::new(wrench[3], wrench[4], wrench[5]).norm();
         assert!((turn / (0.008 * contact.tangential_force()) - 1.0).abs() < 0.05, "{turn} {contact:?}");
     }
@@ -72,7 +72,7 @@ fn errors_have_their_sizes() {
         offsets.push(mean(0, 1) * scales[1] - truth[0][1]);
         let spread = reads.iter().map(|read| (f64::from(read[1][5]) - mean(1, 5)).powi(2)).sum::<f64>();
         noise.push((spread / reads.len() as f64).sqrt() * scales[5]);
-        // The same machine under hundredfold gravity.
+        // The same machine with gravity increased by a factor of 100.
         hand.values.gravity = G.map(|part| 100.0 * part);
         hand.values.posture.clear();
         let mut heavy = hand.build();
@@ -85,7 +85,7 @@ fn errors_have_their_sizes() {
         (offsets.iter().copied().fold(0.0, f64::max), offsets.iter().copied().fold(0.0, f64::min));
     assert!(high > 0.8 && high < 1.01 && low < -0.8 && low > -1.01, "{low} {high}");
     assert!(noise.iter().all(|deviation| (deviation / 5e-4 - 1.0).abs() < 0.2), "{noise:?}");
-    // One reading's noise is some 1 % of 3 N itself.
+    // The noise of a single reading is about 1 % of 3 N.
     let widest = largest(gains.iter().map(|gain| gain - 1.0));
     assert!(widest > 0.005 && widest < 0.045, "{widest}");
 }

@@ -3,7 +3,7 @@ use tesaki_sim::plant::Plant;
 
 const COULOMB: f64 = 0.02;
 
-/// How far each joint has gone after `periods` under constant torques.
+/// Returns the distance that each joint has moved after `periods` under constant torques.
 fn travel(plant: &mut Plant, torques: [f32; JOINTS], periods: u32) -> Vec<f64> {
     let start = plant.truth().positions;
     for _ in 0..periods {
@@ -14,7 +14,7 @@ fn travel(plant: &mut Plant, torques: [f32; JOINTS], periods: u32) -> Vec<f64> {
 
 #[test]
 fn below_coulomb_friction_joints_stand_still() {
-    // All nine at the edge: their friction is coupled through the links.
+    // All nine close to the limit: their friction is coupled through the links.
     for share in [0.5, 0.99] {
         let mut plant = Hand::exact().weightless().build();
         let gone = travel(&mut plant, [(share * COULOMB) as f32; JOINTS], 1000);
@@ -32,15 +32,14 @@ fn above_coulomb_friction_every_joint_moves() {
 
 #[test]
 fn gravity_is_held_by_the_torque_that_statics_asks_for() {
-    // Finger 1, by hand: both links lean at 19° and 58° from z, gravity pulls along (−1, 0, −1)/√2.
+    // Finger 1, by hand: the links lean at 19° and 58° from z, and gravity acts along (−1, 0, −1)/√2.
     let lean = |degrees: f64| (45.0 - degrees).to_radians().sin();
     let upper = (0.010 * 0.02589 + 0.005 * 0.05178) * lean(58.0);
     let lower = (0.020 * 0.023 + 0.015 * 0.046) * lean(19.0);
     let (bend, curl) = (9.81 * (lower + upper), 9.81 * upper);
     assert!((bend - 3.80e-3).abs() < 0.005e-3 && (curl + 1.14e-3).abs() < 0.005e-3, "{bend} {curl}");
 
-    // Friction of 5 mN·m holds the hand; each joint moves when it gets 1 % more than that too much or too
-    // little.
+    // Friction of 5 mN·m holds the hand; each joint moves when its torque is off by 1 % more than that.
     let friction = 0.005;
     for (joint, hold) in [(0, 0.0), (1, bend), (2, curl)] {
         for side in [-1.0, 1.0] {
@@ -66,7 +65,7 @@ fn a_coasting_joint_slows_down_at_the_right_rate_and_stops() {
         plant.apply(&frame(torques)).unwrap();
         velocities.push(plant.truth().velocities[swing]);
     }
-    // Inertia about the swing axis: rotor, knuckle, and the solids of lower and upper link and tip at their
+    // Inertia about the swing axis: rotor, knuckle, and the solids of lower link, upper link and tip at their
     // distances.
     let (s19, s58) = (19f64.to_radians().sin(), 58f64.to_radians().sin());
     let rod = |across: f64, along: f64, sine: f64| across * sine * sine + along * (1.0 - sine * sine);

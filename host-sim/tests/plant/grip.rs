@@ -1,18 +1,18 @@
-//! The three-finger hand around the paper's box, with torques worked out by statics.
+//! The three-finger hand around the paper's box, with torques computed by statics.
 
 use crate::hand::{Hand, JOINTS, frame};
 use crate::motion::tip;
 use rapier3d::na::{Rotation3, UnitQuaternion, Vector3};
 use tesaki_sim::plant::{ObjectValues, Plant, Shape, Support};
 
-/// Middle [m] and pitch [rad] of the box.
+/// Centre [m] and pitch [rad] of the box.
 pub const MIDDLE: [f64; 3] = [0.090, 0.0, 0.085];
 pub const PITCH: f64 = 0.769;
 pub const SIZE: [f64; 3] = [0.098, 0.208, 0.060];
 pub const MASS: f64 = 0.023;
 const RADIUS: f64 = 0.008;
-/// Masses of knuckle, lower and upper link and tip [kg], where they are between the joints, and the hand's
-/// gravity [m/s²].
+/// Masses of knuckle, lower link, upper link and tip [kg], midway between the joints, and the hand's gravity
+/// [m/s²].
 const MASSES: [f64; 4] = [0.040, 0.020, 0.010, 0.005];
 const GRAVITY: f64 = 6.936_718;
 
@@ -20,14 +20,14 @@ pub fn turned() -> Rotation3<f64> {
     Rotation3::from_axis_angle(&Vector3::y_axis(), PITCH)
 }
 
-/// Where the middles of the tips are, a gap off the box: two at its −x side, one opposite.
+/// Returns the centre of a tip at a gap from the box: two tips at its −x side, one opposite.
 fn touching(finger: usize, gap: f64) -> Vector3<f64> {
     let out = SIZE[0] / 2.0 + RADIUS + gap;
     let in_box = [[-out, 0.04, 0.0], [-out, -0.04, 0.0], [out, 0.0, 0.0]][finger];
     Vector3::from(MIDDLE) + turned() * Vector3::from(in_box)
 }
 
-/// Angles that bring a tip to a place, by Newton's method on the paper's formulae.
+/// Computes the angles for a tip position, by Newton's method on the paper's formulae.
 fn angles(finger: usize, place: &Vector3<f64>) -> [f64; 3] {
     let mut q = [0.0, 0.4, 1.0];
     for _ in 0..50 {
@@ -51,7 +51,7 @@ fn jacobian(finger: usize, q: [f64; 3]) -> rapier3d::na::Matrix3<f64> {
     rapier3d::na::Matrix3::from_columns(&[column(0), column(1), column(2)])
 }
 
-/// Torques that carry a finger's own weight: differences of its potential energy.
+/// Computes the torques that balance a finger's weight from differences of its potential energy.
 fn weight(finger: usize, q: [f64; 3]) -> [f64; 3] {
     let energy = |q: [f64; 3]| {
         let place = |length2: f64, length3: f64| {
@@ -71,7 +71,7 @@ fn weight(finger: usize, q: [f64; 3]) -> [f64; 3] {
     })
 }
 
-/// A block under the middle of the box, along its bottom.
+/// A block under the centre of the box, along its bottom.
 fn support() -> Support {
     let below = Vector3::from(MIDDLE) - turned() * Vector3::new(0.0, 0.0, SIZE[2] / 2.0 + 0.01);
     let orientation = UnitQuaternion::from_rotation_matrix(&turned()).coords.into();
@@ -84,17 +84,17 @@ pub struct Grip {
 }
 
 impl Grip {
-    /// With joint friction [N·m] and the given time step [s].
+    /// Creates a grip with joint friction [N·m] and the given time step [s].
     pub fn new(friction: f64, coulomb: f64, step: f64) -> Self {
         Self::build(friction, Hand::exact().coulomb(coulomb), step, 0.0)
     }
 
-    /// With the box on a support and the tips a gap off it [m].
+    /// Creates a grip with the box on a support and the tips at a gap from it [m].
     pub fn open(gap: f64) -> Self {
         Self::build(0.6, Hand::exact(), 0.001, gap)
     }
 
-    /// Without dry friction in the joints; viscous friction in [N·m·s/rad].
+    /// Creates a grip without dry friction in the joints; viscous friction in [N·m·s/rad].
     pub fn viscous(friction: f64, viscous: f64, step: f64) -> Self {
         Self::build(friction, Hand::exact().coulomb(0.0).viscous(viscous), step, 0.0)
     }
@@ -117,13 +117,13 @@ impl Grip {
         Self { plant: hand.build(), posture }
     }
 
-    /// Torques for forces of the tips on the box, in the frame of the box [N].
+    /// Computes the torques for forces of the tips on the box, in the frame of the box [N].
     pub fn torques(&self, forces: [[f64; 3]; 3]) -> [f32; JOINTS] {
         let mut torques = [0.0; JOINTS];
         for (finger, force) in forces.iter().enumerate() {
             let q = self.posture[finger];
-            // The force acts where tip and box touch; its arm about the middle of the tip turns the last
-            // links as well.
+            // The force acts at the contact of tip and box; its lever arm about the centre of the tip also
+            // adds a torque on the last links.
             let at_tip = jacobian(finger, q).transpose() * (turned() * Vector3::from(*force));
             for (joint, weight) in weight(finger, q).into_iter().enumerate() {
                 torques[3 * finger + joint] = (at_tip[joint] + weight) as f32;
@@ -140,9 +140,9 @@ impl Grip {
     }
 }
 
-/// A grip of `force` along the box's x, and each tip a share of its weight along z.
+/// Returns the forces of a grip of `force` along the box's x, with each tip's share of the weight along z.
 pub fn squeeze(force: f64) -> [[f64; 3]; 3] {
-    // By moments about y and the balance of forces: the fingers opposite each other carry half each.
+    // By moments about y and the balance of forces: the two opposite sides carry half each.
     let weight = MASS * 9.81;
     let tilt = PITCH - core::f64::consts::FRAC_PI_4;
     let (along, up) = (weight * tilt.sin(), weight * tilt.cos());

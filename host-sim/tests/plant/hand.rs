@@ -9,13 +9,13 @@ pub const JOINTS: usize = 9;
 pub const URDF: &str = include_str!("../../../robots/hand3/robot.urdf");
 pub const VALUES: &str = include_str!("../../../robots/hand3/plant.toml");
 
-/// A URDF whose links form a tree.
+/// Reads a URDF whose links form a tree.
 pub fn urdf(text: &str) -> Urdf {
     let (urdf, findings) = Urdf::check(Path::new("robot.urdf"), text);
     urdf.unwrap_or_else(|| panic!("{findings:?}"))
 }
 
-/// Everything that a plant of the hand is made of, for a test to change.
+/// All parts of the hand's plant, for tests to change.
 pub struct Hand {
     pub urdf: Urdf,
     pub drives: Vec<Drive>,
@@ -24,7 +24,7 @@ pub struct Hand {
 }
 
 impl Hand {
-    /// As the model says, ideal sensors, free from the start.
+    /// A hand that matches the model, with ideal sensors, not held at the start.
     pub fn exact() -> Self {
         let drives = (1..=3).flat_map(|finger| {
             ["swing", "bend", "curl"].map(|joint| Drive {
@@ -87,7 +87,7 @@ pub fn frame_of(torques: &[f32]) -> ActuatorFrame {
     ActuatorFrame { sequence: 0, enabled: true, torques: torques.iter().copied().collect() }
 }
 
-/// Largest absolute value.
+/// Returns the largest absolute value.
 pub fn largest(values: impl IntoIterator<Item = f64>) -> f64 {
     values.into_iter().fold(0.0, |largest, value| f64::max(largest, value.abs()))
 }

@@ -1,4 +1,4 @@
-//! The five-finger hand, one motor of which spreads four fingers.
+//! The five-finger hand, of which one motor spreads four fingers.
 
 use std::path::Path;
 
@@ -13,7 +13,7 @@ fn plant(gravity: [f64; 3]) -> Plant {
     let folder = RobotFolder::load(&path).unwrap();
     let mut values = PlantValues::load(&path).unwrap();
     values.gravity = gravity;
-    // Fingers straight.
+    // With straight fingers.
     values.posture.clear();
     let drives: Vec<Drive> = folder.model.joints.iter().map(Drive::from).collect();
     let options = PlantOptions { held_at_start: false, ..PlantOptions::exact() };
@@ -26,7 +26,7 @@ fn frame(spread: f32) -> ActuatorFrame {
     ActuatorFrame { sequence: 0, enabled: true, torques: torques.into_iter().collect() }
 }
 
-/// Direction of a finger's proximal link about the palm's normal, to the thumb [rad].
+/// Direction of a finger's proximal link about the palm's normal, positive towards the thumb [rad].
 fn direction(plant: &Plant, joint: usize) -> f64 {
     let (_, [x, y, z, w]) = plant.link_pose(joint).unwrap();
     // z axis of the link.
@@ -42,7 +42,7 @@ fn one_motor_spreads_four_fingers_in_their_ratios() {
     }
     let spread = plant.truth().positions[SPREAD];
     assert!(spread > 0.05, "{spread}");
-    // Bend of index, middle, ring and little finger: what carries the spread.
+    // The bend joints of index, middle, ring and little finger, whose links the spread turns.
     for (joint, ratio) in [(6, 1.0), (9, 0.3), (12, -0.4), (14, -1.0)] {
         let direction = direction(&plant, joint);
         assert!((direction - ratio * spread).abs() < 0.01, "{joint}: {direction}, {spread}");
@@ -51,8 +51,8 @@ fn one_motor_spreads_four_fingers_in_their_ratios() {
 
 #[test]
 fn the_motor_feels_the_inertia_of_all_fingers() {
-    // By hand: the fingers of the test straight, so each is a rod about its knuckle; the sum of ratio² · I,
-    // the rotor, and the linkages. Acceleration from rest under 0.1 N·m less friction.
+    // By hand: the fingers are straight, so each is a rod about its knuckle; the inertia is the sum of ratio²
+    // · I, the rotor, and the linkages. The acceleration starts from rest under 0.1 N·m minus friction.
     let rod = |masses: &[(f64, f64, f64)]| -> f64 {
         // Mass, start and length of each link: m (l²/12 + (start + l/2)²).
         masses.iter().map(|(m, start, l)| m * (l * l / 12.0 + (start + l / 2.0) * (start + l / 2.0))).sum()

@@ -1,5 +1,5 @@
-//! The simulated three-finger hand and the arm: against MuJoCo, by hand numbers, and what it says about bad
-//! input.
+//! The simulated three-finger hand and arm: compared with MuJoCo and hand calculations, and errors for
+//! invalid input.
 #![allow(
     clippy::unwrap_used,
     clippy::cast_possible_truncation,

@@ -7,7 +7,7 @@ type Case = (&'static str, [f64; 3], f64, f64, &'static [Row]);
 /// From `tests/oracles/plant_motion.py`.
 const MOTIONS: &[Case] = include!("../../../tests/oracles/data/plant_motion.in");
 
-/// How far the plant gets from MuJoCo in a motion: largest distance in position [rad].
+/// Returns the largest deviation of the plant's positions from MuJoCo in a motion [rad].
 fn distance(case: &Case, step: f64) -> f64 {
     let &(_, gravity, viscous, stiffness, rows) = case;
     let mut hand = Hand::exact().viscous(viscous).coulomb(0.0);
@@ -24,8 +24,8 @@ fn distance(case: &Case, step: f64) -> f64 {
     worst
 }
 
-/// All nine joints move 0.3 rad in 1 s, without gravity and friction (free) and with gravity and viscous
-/// friction (servo), or 0.8 rad in 0.4 s (fast).
+/// All nine joints move by 0.3 rad in 1 s, without gravity and friction (free) or with gravity and viscous
+/// friction (servo), or by 0.8 rad in 0.4 s (fast).
 #[test]
 fn motions_agree_with_mujoco() {
     let bounds = [("free", 0.06e-3), ("servo", 0.01e-3), ("fast", 0.1e-3)];
@@ -36,7 +36,7 @@ fn motions_agree_with_mujoco() {
     }
 }
 
-/// A finer sub-step comes closer.
+/// A smaller sub-step reduces the error.
 #[test]
 fn the_error_falls_with_the_step() {
     let fast = &MOTIONS[2];
@@ -44,12 +44,12 @@ fn the_error_falls_with_the_step() {
     assert!(fine < 0.4 * coarse, "{coarse:e} {fine:e}");
 }
 
-/// Dimensions of SPEC and README [m].
+/// Dimensions [m].
 const L1: f64 = 0.039;
 const L2: f64 = 0.046;
 const L3: f64 = 0.05178;
 
-/// A fingertip by the formulae of the paper, in the frame of the palm.
+/// Computes the position of a fingertip by the formulae of the paper, in the frame of the palm.
 pub fn tip(finger: usize, [q1, q2, q3]: [f64; 3]) -> [f64; 3] {
     let r = L2 * q2.sin() + L3 * (q2 + q3).sin();
     let z = L1 + L2 * q2.cos() + L3 * (q2 + q3).cos();
@@ -61,7 +61,7 @@ pub fn tip(finger: usize, [q1, q2, q3]: [f64; 3]) -> [f64; 3] {
     }
 }
 
-/// A fingertip of the plant.
+/// Returns the position of a fingertip of the plant.
 fn plant_tip(plant: &tesaki_sim::plant::Plant, finger: usize) -> [f64; 3] {
     let (place, [x, y, z, w]) = plant.link_pose(3 * finger + 2).unwrap();
     let axis = [2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)];
@@ -93,7 +93,7 @@ fn the_initial_posture_has_the_papers_numbers() {
     assert!((0.080..0.086).contains(&centroid), "{centroid}");
 }
 
-/// Every inertia in the URDF is that of the solid that is drawn.
+/// Every inertia in the URDF is that of the corresponding solid.
 #[test]
 fn inertias_are_those_of_the_solids() {
     let mut links = 0;

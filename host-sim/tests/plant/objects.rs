@@ -1,4 +1,4 @@
-//! Objects as data, and what a plant makes of them.
+//! Objects as data, and their behaviour in a plant.
 
 use crate::grip::{Grip, squeeze};
 use crate::hand::{Hand, frame};
@@ -13,7 +13,7 @@ fn object(text: &str) -> ObjectValues {
     ObjectValues::from_toml(text).unwrap()
 }
 
-/// On a table above the hand, gravity along −z.
+/// A plant with an object on a table above the hand, with gravity along −z.
 fn on_table(text: &str, seed: u64) -> Plant {
     let mut hand = Hand::mismatched(seed);
     hand.values.gravity = [0.0, 0.0, -G];
@@ -48,7 +48,7 @@ fn every_shape_stands_on_a_table_and_falls_without() {
     }
 }
 
-/// A push on the wedge's middle turns it: its centre of mass is lower.
+/// A push at the middle of the wedge's height turns it, because its centre of mass is lower.
 #[test]
 fn a_wedge_has_its_own_centre_of_mass() {
     let mut hand = Hand::exact().weightless();
@@ -59,7 +59,7 @@ fn a_wedge_has_its_own_centre_of_mass() {
     let state = plant.object().unwrap();
     // A trapezium of widths 1 and 0.75: h/6 · (1 + 2 · 0.75)/(1 + 0.75) · 2 = 0.476 h above the bottom.
     let lower = 0.060 * (0.5 - 2.5 / 1.75 / 3.0);
-    // Nearly that of a box of its mean width.
+    // Approximately the inertia of a box of its mean width.
     let around = 0.020 / 12.0 * (0.0860_f64.powi(2) + 0.060_f64.powi(2));
     let speed = 0.01 * 0.1 / 0.020;
     let middle = state.velocity[0] - state.angular_velocity[1] * lower;
@@ -69,8 +69,8 @@ fn a_wedge_has_its_own_centre_of_mass() {
     assert!((state.angular_velocity[1] / turning - 1.0).abs() < 0.02, "{turning} {state:?}");
 }
 
-/// A weight on top: a sideways push at the common centre of mass does not turn it, and both are as heavy as
-/// they should be.
+/// A weight on top: a sideways push at the common centre of mass does not turn the object, and the total mass
+/// is right.
 #[test]
 fn a_weight_shifts_the_centre_of_mass_and_the_inertia() {
     let mut hand = Hand::exact().weightless();
@@ -149,7 +149,7 @@ fn the_same_grasp_gives_the_same_bits() {
     assert_eq!(run(), run());
 }
 
-/// The tips come from 2 mm away, hit the box at some 0.3 m/s, and hold it when its support is gone.
+/// The tips approach from 2 mm away, hit the box at about 0.3 m/s, and hold it after its support is removed.
 #[test]
 fn the_hand_takes_a_box_from_its_support() {
     let mut grip = Grip::open(0.002);
@@ -169,7 +169,7 @@ fn the_hand_takes_a_box_from_its_support() {
     let gone = (0..3).map(|i| (held.position[i] - start.position[i]).powi(2)).sum::<f64>().sqrt();
     assert!(fastest < 1.0 && deepest < 2e-4 && gone < 3e-3, "{deepest:e} {gone:e}");
     assert!(held.velocity.iter().all(|speed| speed.abs() < 1e-4), "{held:?}");
-    // Three weights, one after the other and together, and off again.
+    // Weights are added one after the other and together, and removed again.
     for mass in [0.05, 0.1] {
         grip.plant.load(Load { mass, point: [0.0, 0.0, 0.03], ramp: 0.3 }).unwrap();
         grip.hold(squeeze(3.0), 60);

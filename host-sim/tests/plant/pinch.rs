@@ -1,17 +1,18 @@
-//! Two bars that squeeze a box between their tips: what acts where can be worked out by hand.
+//! Two bars that squeeze a box between their tips, so that all forces can be calculated by hand.
 
 use crate::hand::{Hand, frame_of, urdf};
 use tesaki_description::urdf::Urdf;
 use tesaki_sim::plant::{Drive, ObjectValues, Plant, PlantOptions, Shape};
 
-/// From a hinge to the tip's middle [m].
+/// Distance from a hinge to the centre of the tip [m].
 pub const ARM: f64 = 0.1;
 pub const RADIUS: f64 = 0.008;
 /// The paper's box [m], [kg].
 pub const SIZE: [f64; 3] = [0.098, 0.208, 0.060];
 pub const MASS: f64 = 0.023;
 
-/// Bars that hang down at both ends of x; their hinges turn about y. Positive torque moves a tip towards +x.
+/// Bars that hang down at both ends of x; their hinges turn about y. A positive torque moves a tip towards
+/// +x.
 fn bars() -> Urdf {
     let bar = |name: &str, x: f64| {
         format!(
@@ -37,12 +38,12 @@ pub struct Pinch {
 }
 
 impl Pinch {
-    /// The same, with the middle of the box above the tips [m] and a sub-step [s].
+    /// Creates the same with the centre of the box above the tips [m], and a sub-step [s].
     pub fn shifted(friction: f64, above: f64, step: f64) -> Self {
         Self::build(friction, 9.81, above, step)
     }
 
-    /// Box between the tips `ARM` below the hinges, gravity along −z [m/s²].
+    /// Creates the box between the tips, `ARM` below the hinges, with gravity along −z [m/s²].
     pub fn new(friction: f64, gravity: f64) -> Self {
         Self::build(friction, gravity, 0.0, 0.001)
     }
@@ -71,7 +72,7 @@ impl Pinch {
         Self { plant: Plant::new(&bars(), &drives, &values, &options).unwrap() }
     }
 
-    /// Squeezes with a force of each tip [N] for a number of control periods.
+    /// Squeezes with the given force of each tip [N] for a number of control periods.
     pub fn squeeze(&mut self, force: f64, periods: u32) {
         let torque = force * ARM;
         for _ in 0..periods {

@@ -86,7 +86,7 @@ fn current_is_the_nominal_torque_and_supply_reads_24_volts() {
     plant.apply(&frame([0.1, -0.1, 0.0, 0.7, 0.0, 0.0, 0.0, 0.0, 0.0])).unwrap();
     let frame = plant.sensors(1);
     assert_eq!(frame.supply, 24_000);
-    // 0.5 N·m/A, 1 mA a count; an amplifier gives no more than 0.6 N·m.
+    // 0.5 N·m/A, 1 mA per count; an amplifier makes at most 0.6 N·m.
     assert_eq!(frame.currents[..4], [200, -200, 0, 1200]);
     plant.press_emergency_stop(true);
     assert!(plant.sensors(2).flags.emergency_stop());
@@ -116,7 +116,7 @@ fn torque_is_that_of_the_plants_own_motor() {
     }
 }
 
-/// Amplifiers that know the true torque constants make the torques that they are told, of the same machine.
+/// Amplifiers with the true torque constants make the commanded torques of the same machine.
 #[test]
 fn amplifiers_make_a_current_by_the_models_torque_constants() {
     let mut model = RobotFolder::load(Path::new(ROBOT)).unwrap().model;
@@ -135,8 +135,8 @@ fn amplifiers_make_a_current_by_the_models_torque_constants() {
 
 #[test]
 fn a_period_loses_delay_and_lag() {
-    // A free joint gains the speed of torque · (period − delay − time constant), half a sub-step before the
-    // end.
+    // A free joint reaches the speed of torque · (period − delay − time constant) / inertia, half a sub-step
+    // before the end.
     let mut plant = Hand::exact().weightless().viscous(0.0).coulomb(0.0).build();
     let mut torques = [0.0; JOINTS];
     torques[0] = 0.01;

@@ -5,29 +5,29 @@ use tesaki_rng::Rng;
 
 use super::LinkFaults;
 
-/// How many faults were injected, by kind.
+/// Number of injected faults, by kind.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Injected {
-    /// Bytes that came in.
+    /// Received bytes.
     pub bytes: u64,
-    /// Frames that came in, told by their zeros.
+    /// Received frames, counted by their zeros.
     pub frames: u64,
-    /// Bytes lost one by one; splices not counted.
+    /// Bytes lost individually, not by splices.
     pub dropped: u64,
     /// Bytes with a flipped bit.
     pub flipped: u64,
-    /// Places where two frames ran into each other.
+    /// Places where two frames were spliced.
     pub spliced: u64,
-    /// Frames that went out twice.
+    /// Frames that were sent twice.
     pub duplicated: u64,
-    /// Chunks that came late.
+    /// Chunks that were delayed.
     pub delayed: u64,
-    /// Silences.
+    /// Stalls of the line.
     pub stalled: u64,
 }
 
 impl Injected {
-    /// Faults of all kinds.
+    /// Number of faults of all kinds.
     pub const fn total(&self) -> u64 {
         self.dropped + self.flipped + self.spliced + self.duplicated + self.delayed + self.stalled
     }
@@ -61,41 +61,41 @@ impl fmt::Display for Injected {
     }
 }
 
-/// A frame that is longer is no frame of any protocol here, and is not repeated.
+/// A longer frame does not belong to any protocol here, and is not repeated.
 const LONGEST: usize = 512;
 
-/// What a splice does to the bytes that pass.
+/// State of a splice.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Splice {
     /// Nothing.
     None,
-    /// Starts after so many more bytes, at the latest at the zero.
+    /// Starts after this many more bytes, at the latest at the zero.
     Before(u32),
-    /// Swallows up to the zero.
+    /// Drops the bytes up to the zero.
     Tail,
-    /// Swallows so many more bytes, behind the zero.
+    /// Drops this many more bytes after the zero.
     Head(u32),
 }
 
-/// Damages bytes that pass through it, one direction of a line. Knows no time, so that tests can send
-/// millions of frames; the same bytes come out the same for the same seed, however they are cut into pieces.
+/// Damages the bytes of one direction of a line. It does not depend on time, so that tests can send millions
+/// of frames; with the same seed, the same bytes yield the same result, however they are divided into chunks.
 #[derive(Clone, Debug)]
 pub struct Damage {
     faults: LinkFaults,
     rng: Rng,
     splice: Splice,
-    /// Bytes in the frame that comes in.
+    /// Number of bytes of the present frame so far.
     length: u32,
-    /// Length of the frame before, by which the positions of splices are chosen: the end of the present one
+    /// Length of the previous frame, by which the positions of splices are chosen: the end of the present one
     /// is not known, and waiting for it would delay the line.
     usual: u32,
-    /// What went out since the last zero that did.
+    /// Bytes sent since the last zero that was sent.
     frame: Vec<u8>,
     injected: Injected,
 }
 
 impl Damage {
-    /// The damage of the direction number `direction` of a line, which is another for each.
+    /// Creates the damage of direction number `direction` of a line, with separate random numbers for each.
     pub fn new(faults: &LinkFaults, direction: u64) -> Self {
         let mut damage = Self {
             rng: Rng::new(faults.seed, direction),
@@ -110,7 +110,7 @@ impl Damage {
         damage
     }
 
-    /// Lets `bytes` pass and appends those that remain to `out`.
+    /// Damages `bytes` and appends the result to `out`.
     pub fn pass(&mut self, bytes: &[u8], out: &mut Vec<u8>) {
         for &byte in bytes {
             self.injected.bytes += 1;
@@ -129,18 +129,18 @@ impl Damage {
         }
     }
 
-    /// What was done so far.
+    /// The faults injected so far.
     pub const fn injected(&self) -> Injected {
         self.injected
     }
 
-    /// Decides at the start of a frame whether it will lose its end.
+    /// Decides at the start of a frame whether its end will be lost.
     fn plan_splice(&mut self) {
         let (will, position) = (self.rng.chance(self.faults.splice), self.rng.below(self.usual));
         self.splice = if will { Splice::Before(position) } else { Splice::None };
     }
 
-    /// Whether the splices let this byte pass.
+    /// Returns whether the splices let this byte pass.
     fn splice(&mut self, byte: u8) -> bool {
         if let Splice::Before(left) = self.splice {
             if left > 0 && byte != 0 {
@@ -184,7 +184,7 @@ impl Damage {
             self.frame.push(byte);
         }
         if byte == 0 {
-            // A lone zero is padding, and says nothing twice.
+            // A lone zero is padding; repeating it would have no effect.
             let whole = (2..=LONGEST).contains(&self.frame.len());
             if whole && self.rng.chance(self.faults.duplicate) {
                 self.injected.duplicated += 1;
@@ -200,7 +200,7 @@ impl Damage {
 mod tests {
     use super::*;
 
-    /// Frames of 20 bytes, each of one letter.
+    /// Creates frames of 20 bytes, each with a single repeated letter.
     fn stream(frames: usize) -> Vec<u8> {
         (1..=250).cycle().take(frames).flat_map(|letter| [[letter; 19].as_slice(), &[0]].concat()).collect()
     }
@@ -212,7 +212,7 @@ mod tests {
         (out, damage.injected())
     }
 
-    /// Within five standard deviations of what the probability promises.
+    /// Returns whether a count is within five standard deviations of its expected value.
     fn is_about(count: u64, of: f64, probability: f64) -> bool {
         let deviation = f64::sqrt(of * probability * (1.0 - probability));
         (f64::from(u32::try_from(count).unwrap()) - of * probability).abs() < 5.0 * deviation
@@ -270,11 +270,11 @@ mod tests {
     fn a_splice_takes_a_run_of_bytes_with_a_zero() {
         let bytes = stream(20_000);
         let (out, injected) = passed("splice=0.1", &bytes);
-        // A frame that lost its head is not planned anew, so there are fewer than one in ten.
+        // After a frame that lost its head, no splice is planned, so there are fewer than one in ten.
         assert!((1700..=2000).contains(&injected.spliced), "{injected}");
         let zeros = out.iter().filter(|&&byte| byte == 0).count() as u64;
         assert_eq!(20_000 - zeros, injected.spliced);
-        // What remains runs from one frame into the next, in many different lengths.
+        // The remaining bytes run from one frame into the next, in many different lengths.
         let mixed: Vec<_> = out
             .split(|&byte| byte == 0)
             .filter(|frame| frame.first() != frame.last())

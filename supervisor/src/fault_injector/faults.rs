@@ -2,16 +2,16 @@ use std::fmt;
 use std::str::FromStr;
 use std::time::Duration;
 
-/// A pause of the line, and how often it happens.
+/// A pause of the line, and its probability.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pause {
-    /// How long.
+    /// Its duration.
     pub duration: Duration,
     /// Probability per chunk: per call that sends, or per piece that arrives.
     pub probability: f64,
 }
 
-/// How bad a line is: probabilities from 0 (never) to 1 (always).
+/// Faults of a line: probabilities from 0 (never) to 1 (always).
 ///
 /// ```
 /// # use tesaki_supervisor::fault_injector::LinkFaults;
@@ -22,7 +22,7 @@ pub struct Pause {
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct LinkFaults {
-    /// Which of the many lines of this kind.
+    /// Seed of the random numbers.
     pub seed: u64,
     /// Per byte: it is lost.
     pub drop: f64,
@@ -33,7 +33,7 @@ pub struct LinkFaults {
     pub splice: f64,
     /// Per frame: it arrives twice.
     pub duplicate: f64,
-    /// A chunk arrives up to so much later; none overtakes another.
+    /// A chunk arrives up to this much later; chunks do not overtake each other.
     pub delay: Pause,
     /// Stall: nothing arrives for this time, then everything at once.
     pub stall: Pause,
@@ -55,7 +55,7 @@ impl Default for LinkFaults {
 }
 
 impl LinkFaults {
-    /// A line with every kind of fault, each with the same probability.
+    /// Creates a line with every kind of fault, each with the same probability.
     pub fn all(probability: f64) -> Self {
         let mut faults = Self::default();
         faults.set_all(probability);
@@ -71,7 +71,7 @@ impl LinkFaults {
     }
 }
 
-/// Why a text is not a [`LinkFaults`].
+/// Reasons why a text is not a [`LinkFaults`].
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum FaultsError {
     /// Not of the form `name=value`.
@@ -85,17 +85,17 @@ pub enum FaultsError {
     /// Not a number from 0 to 1.
     #[error("{name}={value}: the probability must be a number from 0 to 1, like 0.001 or 1e-3")]
     Probability {
-        /// Of which fault.
+        /// Name of the fault.
         name: String,
-        /// What was given.
+        /// The given value.
         value: String,
     },
     /// Not a duration.
     #[error("{name}={value}: the duration must be whole milliseconds up to {MAX_DURATION}, like 20ms")]
     Duration {
-        /// Of which fault.
+        /// Name of the fault.
         name: String,
-        /// What was given.
+        /// The given value.
         value: String,
     },
     /// Not a whole number.
@@ -110,13 +110,13 @@ const MAX_DURATION: u64 = 60_000;
 
 fn probability(name: &str, value: &str) -> Result<f64, FaultsError> {
     let number: Option<f64> = value.trim().parse().ok();
-    // A comparison that NaN fails.
+    // A NaN is not in the range.
     number
         .filter(|number| (0.0..=1.0).contains(number))
         .ok_or_else(|| FaultsError::Probability { name: name.to_owned(), value: value.to_owned() })
 }
 
-/// `20ms@1e-2`, or `1e-2` alone to leave the duration as it is.
+/// Parses `20ms@1e-2`, or `1e-2` alone to keep the duration.
 fn pause(name: &str, value: &str, usual: Pause) -> Result<Pause, FaultsError> {
     let Some((duration, rate)) = value.split_once('@') else {
         return Ok(Pause { probability: probability(name, value)?, ..usual });
@@ -132,7 +132,8 @@ fn pause(name: &str, value: &str, usual: Pause) -> Result<Pause, FaultsError> {
 impl FromStr for LinkFaults {
     type Err = FaultsError;
 
-    /// Faults separated by commas. A later one replaces an earlier, so `all=1e-3,stall=0` is all but stalls.
+    /// Parses faults separated by commas. A later one replaces an earlier, so `all=1e-3,stall=0` is all but
+    /// stalls.
     fn from_str(text: &str) -> Result<Self, FaultsError> {
         let mut faults = Self::default();
         for pair in text.split(',').map(str::trim).filter(|pair| !pair.is_empty()) {
@@ -157,7 +158,7 @@ impl FromStr for LinkFaults {
 }
 
 impl fmt::Display for LinkFaults {
-    /// As it is read, so that a failed test can be repeated from its log.
+    /// Formats the faults as they are parsed, so that a failed test can be repeated from its log.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { seed, drop, flip, splice, duplicate, delay, stall } = self;
         write!(f, "seed={seed},drop={drop:e},flip={flip:e},splice={splice:e},duplicate={duplicate:e}")?;

@@ -7,14 +7,14 @@ use tesaki_rng::Rng;
 use super::{Damage, Injected, LinkFaults};
 use crate::ByteLink;
 
-/// One direction: damaged bytes, and when they arrive.
+/// One direction: damaged bytes and their arrival times.
 #[derive(Debug)]
 struct Direction {
     damage: Damage,
-    /// Apart from the damage's, so that what happens to bytes does not depend on how they are cut into
-    /// chunks.
+    /// Separate from the damage's random numbers, so that the damage does not depend on how the bytes are
+    /// divided into chunks.
     rng: Rng,
-    /// In the order in which they were sent: a late one holds up those behind it.
+    /// In the order of sending: a late chunk holds up those behind it.
     chunks: VecDeque<(Instant, Vec<u8>)>,
     delayed: u64,
     stalled: u64,
@@ -31,10 +31,10 @@ impl Direction {
         }
     }
 
-    /// Takes a chunk that was sent now.
+    /// Takes a chunk that is sent now.
     fn push(&mut self, bytes: &[u8], faults: &LinkFaults) {
         let mut due = Instant::now();
-        // All numbers are drawn always, so that the third chunk's fate does not depend on the first's.
+        // All numbers are always drawn, so that the faults of one chunk do not affect the draws for the next.
         let (delayed, fraction) = (self.rng.chance(faults.delay.probability), self.rng.uniform());
         let stalled = self.rng.chance(faults.stall.probability);
         if delayed {
@@ -52,12 +52,12 @@ impl Direction {
         }
     }
 
-    /// When the next chunk arrives.
+    /// Arrival time of the next chunk.
     fn due(&self) -> Option<Instant> {
         self.chunks.front().map(|(due, _)| *due)
     }
 
-    /// The next chunk, if it has arrived.
+    /// Returns the next chunk, if it has arrived.
     fn ready(&mut self) -> Option<&mut Vec<u8>> {
         let now = Instant::now();
         self.chunks.front_mut().filter(|(due, _)| *due <= now).map(|(_, bytes)| bytes)
@@ -68,11 +68,11 @@ impl Direction {
     }
 }
 
-/// A link that damages what passes through it, each direction by itself.
+/// A link that damages the bytes that pass through it, independently in each direction.
 ///
-/// What happens is decided by the seed, the bytes and, for delays and stalls, the calls. As nothing runs
-/// between calls, what is sent late leaves in the next call that finds it due; a caller that waits for an
-/// answer makes one.
+/// The faults are determined by the seed, the bytes and, for delays and stalls, the calls. As nothing runs
+/// between calls, delayed bytes leave in the first call after they are due; a caller that waits for an answer
+/// makes such calls.
 #[derive(Debug)]
 pub struct FaultyLink<L> {
     link: L,
@@ -82,32 +82,32 @@ pub struct FaultyLink<L> {
 }
 
 impl<L: ByteLink> FaultyLink<L> {
-    /// Makes `link` a bad one.
+    /// Wraps `link` with these faults.
     pub fn new(link: L, faults: LinkFaults) -> Self {
         Self { outward: Direction::new(&faults, 0), inward: Direction::new(&faults, 1), link, faults }
     }
 
-    /// What was done to sent bytes.
+    /// Faults of sent bytes.
     pub fn sent(&self) -> Injected {
         self.outward.injected()
     }
 
-    /// What was done to received bytes.
+    /// Faults of received bytes.
     pub fn received(&self) -> Injected {
         self.inward.injected()
     }
 
-    /// What was done in both directions.
+    /// Faults in both directions.
     pub fn injected(&self) -> Injected {
         self.sent() + self.received()
     }
 
-    /// The link below.
+    /// The wrapped link.
     pub const fn get_ref(&self) -> &L {
         &self.link
     }
 
-    /// The link below.
+    /// The wrapped link.
     pub const fn get_mut(&mut self) -> &mut L {
         &mut self.link
     }
@@ -146,7 +146,7 @@ impl<L: ByteLink> ByteLink for FaultyLink<L> {
             }
             let wakes = [self.inward.due(), self.outward.due()];
             let wake = wakes.into_iter().flatten().fold(deadline, Instant::min);
-            // Receives into the caller's buffer as there is no other; the bytes go through the queue.
+            // Uses the caller's buffer, because there is no other; the bytes go through the queue.
             let length = self.link.receive(buffer, wake)?;
             if let Some(bytes) = buffer.get(..length).filter(|bytes| !bytes.is_empty()) {
                 self.inward.push(bytes, &self.faults);
@@ -164,7 +164,7 @@ mod tests {
     use std::thread;
     use std::time::Duration;
 
-    /// Gives back what is sent.
+    /// A link that returns the bytes that are sent.
     #[derive(Default)]
     struct Echo(VecDeque<u8>);
 
@@ -190,7 +190,8 @@ mod tests {
         FaultyLink::new(Echo::default(), faults.parse().unwrap())
     }
 
-    /// Sends frames and returns what comes back within so many milliseconds, and after how long the last did.
+    /// Sends frames; returns the bytes that come back within the given milliseconds, and the time until the
+    /// last did.
     fn echoed(link: &mut FaultyLink<Echo>, frames: u8, milliseconds: u64) -> (Vec<u8>, Duration) {
         let start = Instant::now();
         let deadline = start + Duration::from_millis(milliseconds);

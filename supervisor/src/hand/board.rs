@@ -45,7 +45,7 @@ impl<L: ByteLink> FingerBoard for LinkBoard<L> {
 }
 
 impl News {
-    /// Takes in a message.
+    /// Stores a message.
     pub fn take(&mut self, event: FromBoard) {
         match event {
             FromBoard::Telemetry(telemetry) => self.telemetry = Some(telemetry),
@@ -55,7 +55,7 @@ impl News {
         }
     }
 
-    /// Takes in a refusal, unless the set-point was late or duplicated; a fault shows in the telemetry.
+    /// Stores a refusal, unless the set-point was late or duplicated; a fault shows in the telemetry.
     pub fn refuse(&mut self, refusal: Refusal) {
         if !matches!(refusal, Refusal::Stale { .. } | Refusal::WrongMode(Mode::Fault | Mode::Disabled)) {
             self.refusal = Some(refusal);

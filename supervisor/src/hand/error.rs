@@ -7,7 +7,7 @@ use tesaki::task::grasping::{GraspFault, GraspRefusal};
 
 use crate::{BoardError, troubleshooting};
 
-/// Why a hand of several boards failed. Boards have the names of their fingertips.
+/// Reasons why a hand of several boards failed. Boards have the names of their fingertips.
 #[derive(Debug, thiserror::Error)]
 pub enum HandError {
     /// The robot is not a hand.
@@ -17,21 +17,21 @@ pub enum HandError {
     NotAHand {
         /// Its name.
         robot: String,
-        /// What is missing.
+        /// The missing property.
         why: String,
     },
     /// The link to a board failed, or the board refused.
     #[error("{board}: {source}")]
     Board {
-        /// Which.
+        /// The board.
         board: String,
-        /// Why.
+        /// The error.
         source: BoardError,
     },
     /// A board is in fault.
     #[error("{board} is in fault{}", .fault.as_ref().map_or_else(String::new, |fault| format!(": {fault}")))]
     Fault {
-        /// Which.
+        /// The board.
         board: String,
         /// Description of its fault and the entry of the document that explains it, if it could be read.
         fault: Option<String>,
@@ -39,13 +39,13 @@ pub enum HandError {
     /// A board is no longer enabled.
     #[error("{board} was disabled by another program, or reset")]
     Disabled {
-        /// Which.
+        /// The board.
         board: String,
     },
     /// A board is silent.
     #[error("no new data from {board} for {steps} ticks: check cable and power")]
     Stale {
-        /// Which.
+        /// The board.
         board: String,
         /// Ticks without new data.
         steps: u32,
@@ -53,7 +53,7 @@ pub enum HandError {
     /// A board refused a set-point.
     #[error("{board} refused a set-point: {refusal}; see {}", troubleshooting::refusal(refusal))]
     Refused {
-        /// Which.
+        /// The board.
         board: String,
         /// Its reason.
         refusal: Refusal,
@@ -63,7 +63,7 @@ pub enum HandError {
         "the force sensor of {board} was not tared since the model was pushed: tare it while nothing touches the tips"
     )]
     NotTared {
-        /// Which.
+        /// The board.
         board: String,
     },
     /// Object control by wrench needs a hand on one board.
@@ -82,7 +82,7 @@ pub enum HandError {
     NotEnabled,
 }
 
-/// The cause that a single board reports for this fault.
+/// Returns the cause that a single board reports for this fault.
 fn cause(fault: GraspFault) -> FaultCause {
     TaskFault::from(fault).cause
 }

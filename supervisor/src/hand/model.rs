@@ -14,10 +14,10 @@ pub struct HandModel {
 }
 
 impl HandModel {
-    /// The hand of `robot`.
+    /// Creates the hand of `robot`.
     ///
     /// # Errors
-    /// What the robot lacks.
+    /// The robot is not such a hand; the error says what it lacks.
     pub fn try_new(robot: &RobotModel) -> Result<Self, HandError> {
         let not = |why: String| HandError::NotAHand { robot: robot.name.to_string(), why };
         let mut fingers = Vec::new();
@@ -44,7 +44,7 @@ impl HandModel {
         Ok(Self { fingers, gravity: Vector3::from(robot.gravity) })
     }
 
-    /// As the grasp controller takes it.
+    /// The hand in the form that the grasp controller takes.
     pub fn hand(&self) -> Hand<'_> {
         let fingers = self.fingers.each_ref().map(|(chain, inverse, torque_limits, radius)| HandFinger {
             chain,

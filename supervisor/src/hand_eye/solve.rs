@@ -1,4 +1,4 @@
-//! The estimation.
+//! Estimation of camera and rose by nonlinear least squares.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -9,40 +9,41 @@ use super::{
     MAX_REJECTED, MIN_ROWS, Motion, Observation, Rose, seen,
 };
 
-/// Unknown values: place [m], tilt, pan and turn [rad] of the camera, logarithm of the focal length, place of
-/// the rose [m], and two slopes of its axis.
+/// Number of unknowns: position [m], tilt, pan and turn [rad] of the camera, logarithm of the focal length,
+/// position of the rose [m], and two slopes of its axis.
 const UNKNOWNS: usize = 12;
 type Vector = SVector<f64, UNKNOWNS>;
 type Matrix = SMatrix<f64, UNKNOWNS, UNKNOWNS>;
 
-/// What is known without any row: their standard deviations about a start. It keeps a covariance finite.
+/// Prior standard deviations of the unknowns about a start. They keep the covariance finite.
 const PRIOR: [f64; UNKNOWNS] = [0.3, 0.3, 0.3, 0.5, 0.5, 0.5, 0.5, 1.0, 1.0, 1.0, 0.5, 0.5];
-/// Cauchy's scale from round to round [px].
+/// Cauchy's scale in successive rounds [px].
 const SCALES: [f64; 5] = [100.0, 30.0, 10.0, 3.0, 1.0];
-/// A row does not fit if its circle is off by so many standard deviations: one of 15 000 is that far.
+/// A row does not fit if the error of its circle exceeds this many standard deviations: one of 15 000 does by
+/// chance.
 const FARTHEST: f64 = 4.5;
 /// Median of the length of three independent numbers of unit variance.
 const MEDIAN_OF_THREE: f64 = 1.538;
-/// A circle that the camera cannot see is so far off [px].
+/// Error that is assumed for a circle that the camera cannot see [px].
 const UNSEEN: f64 = 1e3;
 const MAX_ITERATIONS: usize = 200;
-/// Largest number of rounds of leaving out rows.
+/// Maximum number of rounds that reject rows.
 const MAX_ROUNDS: usize = 20;
-/// Difference for derivatives.
+/// Step of the difference quotients.
 const STEP: f64 = 1e-6;
-/// Motions that are considered to be missing [m], [rad].
+/// Motions that are tried as missing ones [m], [rad].
 const MOVED: f64 = 0.05;
 const TURNED: f64 = 0.2;
-/// A motion is missing if with it the deviation is less than this part.
+/// A motion is missing if it would reduce the deviation to less than this fraction.
 const USEFUL: f64 = 0.8;
-/// Distances at which the table is judged.
+/// Number of distances at which the table is evaluated.
 const JUDGED: usize = 4;
 
 pub(super) struct Problem<'a> {
     observations: &'a [Observation],
     hands: Vec<Isometry3<f64>>,
     settings: &'a HandEyeSettings,
-    /// Two unit vectors, and the mean approach, from which the slopes of the rose's axis are counted.
+    /// Two unit vectors, and the mean approach direction; the slopes of the rose's axis are relative to them.
     frame: [Vector3<f64>; 3],
 }
 
@@ -85,8 +86,8 @@ impl<'a> Problem<'a> {
         self.judge(&guess, &values, &kept)
     }
 
-    /// The result, unless it tells nothing. What the rows leave open may be anything in `values`; in `guess`
-    /// it is as at the start.
+    /// Returns the result, unless it is too uncertain. Unknowns that the rows do not determine may be
+    /// anything in `values`; in `guess` they are as at the start.
     fn judge(&self, guess: &Vector, values: &Vector, kept: &[bool]) -> Result<HandEye, HandEyeFailure> {
         let (camera, rose) = self.split(values);
         let number = kept.iter().filter(|kept| **kept).count();
@@ -138,7 +139,7 @@ impl<'a> Problem<'a> {
         })
     }
 
-    /// Generic cameras that look along the approach, and the rose where most rows see it.
+    /// Returns generic cameras that look along the approach direction, with the rose where most rows see it.
     fn starts(&self) -> Vec<Vector> {
         let mut starts = Vec::new();
         for focal in self.settings.focal {
@@ -177,14 +178,14 @@ impl<'a> Problem<'a> {
         (camera, Rose { center: [values[7], values[8], values[9]], normal: normal.into() })
     }
 
-    /// Centre and radius of the rose from a pose of the hand [px].
+    /// Predicts centre and radius of the rose from a pose of the hand [px].
     fn predict(&self, values: &Vector, hand: &Isometry3<f64>) -> Option<[f64; 3]> {
         let (camera, rose) = self.split(values);
         let seen = seen(self.settings, &camera, &rose, hand)?;
         Some([seen.center[0], seen.center[1], seen.radius])
     }
 
-    /// Predicted minus seen.
+    /// Returns predicted minus observed values.
     fn offset(&self, values: &Vector, row: usize) -> [f64; 3] {
         let Observation { center: [u, v], radius, .. } = self.observations[row];
         match self.predict(values, &self.hands[row]) {
@@ -197,7 +198,7 @@ impl<'a> Problem<'a> {
         (0..self.hands.len()).map(|row| length(&self.offset(values, row)))
     }
 
-    /// Derivatives of `function` by the values.
+    /// Computes the derivatives of `function` with respect to the values.
     fn derivatives<const N: usize>(
         values: &Vector,
         function: impl Fn(&Vector) -> Option<[f64; N]>,
@@ -214,14 +215,15 @@ impl<'a> Problem<'a> {
         Some(derivatives)
     }
 
-    /// What a picture from a pose of the hand tells about the values, for circles of unit variance.
+    /// Computes the information of a picture from a pose of the hand on the values, for circles of unit
+    /// variance.
     fn information(&self, values: &Vector, hand: &Isometry3<f64>) -> Matrix {
         Self::derivatives(values, |values| self.predict(values, hand))
             .map_or_else(Matrix::zeros, |derivatives| derivatives.transpose() * derivatives)
     }
 
-    /// The values with the least sum over the kept rows, and the sum: of squares; or with Cauchy's weight for
-    /// a scale, and with what is known without any row about some values.
+    /// Returns the values with the least sum over the kept rows, and the sum: of squares; or, with `robust`,
+    /// with Cauchy's weight for a scale and with the prior about some values.
     fn minimise(&self, start: Vector, kept: &[bool], robust: Option<(f64, Vector)>) -> (Vector, f64) {
         let (scale, known) = robust.unzip();
         let square = |values: &Vector, row: usize| length(&self.offset(values, row)).powi(2);
@@ -274,7 +276,7 @@ impl<'a> Problem<'a> {
         (values, least)
     }
 
-    /// Standard deviation of the places that the table would tell [m]: the largest, and the root of the sum
+    /// Computes the standard deviation of positions from the table [m]: the largest, and the root of the sum
     /// of squares.
     fn table_deviation(&self, values: &Vector, information: &Matrix) -> Result<[f64; 2], HandEyeFailure> {
         let covariance = covariance(information);
@@ -289,7 +291,8 @@ impl<'a> Problem<'a> {
             let unseen = || HandEyeFailure::Unseen { distance };
             let [_, _, radius] = ahead(values).ok_or_else(unseen)?;
             let derivatives = Self::derivatives(values, ahead).ok_or_else(unseen)?;
-            // A pixel at the rose; the distance is the focal length, in pixels of this size, over the radius.
+            // Size of a pixel at the rose; the distance is the focal length divided by the radius, in units
+            // of this size.
             let pixel = self.settings.rose / radius;
             let depth = pixel * values[6].exp();
             let variance = (derivatives * covariance * derivatives.transpose()).diagonal();
@@ -300,7 +303,7 @@ impl<'a> Problem<'a> {
         Ok([deviations.into_iter().fold(0.0, f64::max), sum.sqrt()])
     }
 
-    /// The motions that would help, until the table could be trusted.
+    /// Returns the motions that would help, until the table would be accurate enough.
     fn missing(
         &self,
         values: &Vector,
@@ -308,7 +311,7 @@ impl<'a> Problem<'a> {
         mut information: Matrix,
         weight: f64,
     ) -> Result<Vec<Motion>, HandEyeFailure> {
-        // About the row of medium distance.
+        // Starts from the row of medium distance.
         let mut rows: Vec<usize> = (0..kept.len()).filter(|row| kept[*row]).collect();
         rows.sort_by(|one, other| {
             self.observations[*one].radius.total_cmp(&self.observations[*other].radius)
@@ -354,12 +357,13 @@ fn turned(axis: Vector3<f64>) -> Isometry3<f64> {
     Isometry3::from_parts(Translation3::identity(), UnitQuaternion::new(axis * TURNED))
 }
 
-/// Inverse variances of what is known without any row.
+/// Returns the inverse variances of the prior.
 fn prior() -> Vector {
     Vector::from(PRIOR).map(|deviation| deviation.powi(-2))
 }
 
-/// The prior makes the information positive definite; where rounding does not leave it so, nothing is known.
+/// The prior makes the information positive definite; if it is not because of rounding, the prior's variances
+/// are returned.
 fn covariance(information: &Matrix) -> Matrix {
     let unknown = || Matrix::from_diagonal(&prior().map(f64::recip));
     information.cholesky().map_or_else(unknown, |factor| factor.inverse())

@@ -6,7 +6,7 @@ use super::*;
 type Oracle = (&'static [[f64; 10]], [(f64, f64); 7], [(f64, f64); 3], &'static [usize], [f64; 2]);
 const ORACLE: Oracle = include!("../../../tests/oracles/data/hand_eye.in");
 
-/// As in robots/knob-arm, but mounted a little askew.
+/// As in robots/knob-arm, but mounted slightly askew.
 const CAMERA: HandEyeCamera =
     HandEyeCamera { position: [0.05, 0.004, -0.12], tilt: 0.175, pan: -0.03, turn: 0.06, focal: 140.0 };
 /// In front of the base.
@@ -16,7 +16,7 @@ fn settings() -> HandEyeSettings {
     HandEyeSettings::for_pictures([256, 240], 0.04)
 }
 
-/// Ranges of the motions of the hand: distances before the rose [m], offset over the camera's distance,
+/// Ranges of the motions of the hand: distance from the rose [m], offset relative to the camera's distance,
 /// angles about the hand's axes [rad].
 #[derive(Clone, Copy)]
 struct Motions {
@@ -27,10 +27,10 @@ struct Motions {
 
 const FULL: Motions = Motions { distance: [0.04, 0.28], aside: 0.3, turned: [0.2, 0.2, 0.4] };
 
-/// What the camera sees from a number of random poses, with normally distributed noise [px].
+/// Returns the observations from a number of random poses, with normally distributed noise [px].
 fn observations(number: usize, motions: Motions, noise: f64, seed: u64) -> Vec<Observation> {
     let mut rng = Rng::new(seed, 0);
-    // The approach along the base's x, the hand's x upwards.
+    // The approach direction is the base's x, and the hand's x points upwards.
     let level = Matrix3::new(0.0, 0.0, 1.0, 0.0, -1.0, 0.0, 1.0, 0.0, 0.0);
     let level = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(level));
     let mut observations = Vec::new();
@@ -123,7 +123,7 @@ fn circles_of_the_knob_are_left_out() {
         let mut rows = observations(40, FULL, 0.3, seed);
         let wrong: Vec<usize> = (0..40).step_by(every).collect();
         for &row in &wrong {
-            // It is nearer and smaller.
+            // The other circle is nearer and smaller.
             let radius = rows[row].radius;
             rows[row].center[0] += 0.3 * radius;
             rows[row].center[1] -= 0.2 * radius;
@@ -167,7 +167,7 @@ fn the_table_tells_where_a_rose_before_the_hand_is() {
         }
         assert!((f64::from(radius) - truth.radius).abs() < 0.05, "{distance} m");
     }
-    // The file is read as it was written.
+    // The file is read back as it was written.
     let (read, findings) =
         tesaki_description::hand_eye::check(std::path::Path::new("hand_eye.toml"), &found.to_toml("a\ntest"));
     let read = read.unwrap_or_else(|| panic!("{findings:?}"));
@@ -226,7 +226,7 @@ fn what_cannot_be_is_refused() {
     refused(&|row| row.orientation = [0.7; 4], "a quaternion of norm 1.4000: it must be 1");
     refused(&|row| row.center[0] = f64::INFINITY, "a centre at inf px");
     refused(&|row| row.radius = -3.0, "a radius of -3 px");
-    // A rose that moves meanwhile, and positions in other units.
+    // A rose that moves between pictures, and positions in other units.
     let mut moved = good.clone();
     let mut rng = Rng::new(1, 1);
     moved.iter_mut().for_each(|row| row.center = row.center.map(|place| place + 30.0 * rng.symmetric()));

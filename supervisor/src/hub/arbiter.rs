@@ -9,34 +9,35 @@ use tesaki::protocol::{
     EXPORT_CHUNK, FromBoard, Item, Refusal, Reply, ReplyFrame, Request, RequestFrame, SCHEMA_KEY, Stream,
 };
 
-/// A request of the hub is sent again when it is not answered for this time.
+/// A request of the hub is repeated if it is not answered within this time.
 const PATIENCE: Duration = Duration::from_millis(100);
-/// So often a request is sent before it is given up.
+/// Number of attempts after which a request is given up.
 const MAX_SENDINGS: u32 = 20;
-/// So often an export is begun, when its pieces do not match their checksum.
+/// Number of attempts at an export whose pieces do not match their checksum.
 const MAX_EXPORTS: u32 = 3;
 
-/// Shares out what a board has only once: the rate of each stream, and the copy of an export.
+/// Arbitrates the resources of which a board has only one: the rate of each stream, and the copy of an
+/// export.
 ///
-/// The board sends each stream at the highest rate that a connection requests. An export is read by the hub,
-/// one after the other, and each connection then reads a copy of its own. All other frames pass unchanged.
+/// The board sends each stream at the highest rate that a connection requests. The hub reads one export after
+/// the other, and each connection then reads its own copy. All other frames pass unchanged.
 #[derive(Debug)]
 pub(super) struct Arbiter {
     connections: BTreeMap<u64, Connection>,
-    /// The hub's own requests, of which the first was sent.
+    /// The hub's own requests; the first one has been sent.
     tasks: VecDeque<Task>,
     client: u32,
     sequence: u16,
-    /// When the request was sent last, and how often.
+    /// Time at which the request was last sent, and number of attempts.
     sent: Option<(Instant, u32)>,
-    /// The board has forgotten the hub, which greets it first.
+    /// Whether the board has forgotten the hub, which must greet it first.
     greets: bool,
     decoder: Decoder,
     /// Frames for single connections.
     answers: Vec<(u64, Vec<u8>)>,
 }
 
-/// What a connection requests of the board.
+/// The requests of a connection.
 #[derive(Debug, Default)]
 struct Connection {
     /// Periods of the streams [ticks].
@@ -55,10 +56,10 @@ struct Copy {
     bytes: Vec<u8>,
 }
 
-/// Something that the hub asks of the board itself.
+/// A request of the hub itself.
 #[derive(Debug)]
 enum Task {
-    /// Lowers the rate of a stream that nobody requests as high any more.
+    /// Lowers the rate of a stream for which the highest request has ended.
     Rate(Stream),
     /// Reads an export.
     Export(Export),
@@ -72,19 +73,19 @@ struct Export {
     request: (u32, u16),
     item: Item,
     copy: Option<Copy>,
-    /// How often it was begun in vain.
+    /// Number of failed attempts.
     failed: u32,
 }
 
 impl Task {
-    /// Whether it is an export for this connection.
+    /// Returns whether it is an export for this connection.
     fn is_for(&self, connection: u64) -> bool {
         matches!(self, Self::Export(export) if export.connection == connection)
     }
 }
 
 impl Copy {
-    /// Whether all pieces are there, and intact; `None` while some are missing.
+    /// Returns whether the copy is intact; `None` while pieces are missing.
     fn is_intact(&self) -> Option<bool> {
         let Reply::Exported { length, checksum: expected, .. } = *self.exported else { return Some(false) };
         (self.bytes.len() >= length as usize).then(|| checksum(&self.bytes) == expected)
@@ -109,7 +110,7 @@ fn decode<T: DeserializeOwned>(mut frame: &[u8]) -> Option<T> {
 
 fn encoded<T: Serialize>(message: &T) -> Vec<u8> {
     let mut frame = [0; MAX_FRAME];
-    // Cannot fail: the buffer has the length of the longest frame.
+    // Cannot fail, because the buffer has the length of the longest frame.
     let length = encode(message, &mut frame).unwrap_or_default();
     frame.get(..length).unwrap_or_default().to_vec()
 }
@@ -130,7 +131,7 @@ impl Arbiter {
         }
     }
 
-    /// Takes a frame of a connection, and appends to `board` what the board gets.
+    /// Handles a frame of a connection, and appends the frames for the board to `board`.
     pub(super) fn request(&mut self, connection: u64, frame: &[u8], board: &mut VecDeque<u8>) {
         let Some(mut request) = decode::<RequestFrame>(frame) else {
             board.extend(frame);
@@ -145,7 +146,7 @@ impl Arbiter {
                 board.extend(encoded(&request));
             }
             Request::Export(item) => match &own.copy {
-                // Sent again, as the answer was late.
+                // A repeated request, because the answer was late.
                 Some(Copy { request, exported, tick, .. }) if *request == number => {
                     let (exported, tick) = (Reply::clone(exported), *tick);
                     self.answer(connection, number, tick, exported);
@@ -162,7 +163,7 @@ impl Arbiter {
         }
     }
 
-    /// A connection is gone, and with it the rates that it asked for.
+    /// Removes a connection, with its requested rates.
     pub(super) fn left(&mut self, connection: u64) {
         let Some(gone) = self.connections.remove(&connection) else { return };
         self.cancel_export(connection);
@@ -175,9 +176,9 @@ impl Arbiter {
         }
     }
 
-    /// Takes what the board sent.
+    /// Takes bytes from the board.
     pub(super) fn reply(&mut self, mut bytes: &[u8]) {
-        // Between exports there is nothing to find in it.
+        // Outside of the hub's own requests, there is nothing to look for.
         while self.sent.is_some() && self.decoder.take(&mut bytes) {
             let Ok(FromBoard::Reply(frame)) = self.decoder.message() else { continue };
             let ReplyFrame { client, sequence, tick, reply } = frame;
@@ -193,7 +194,7 @@ impl Arbiter {
         match self.sent {
             Some((sent, _)) if now < sent + PATIENCE => return,
             Some((_, MAX_SENDINGS)) => {
-                // Who waits for it gets no answer either.
+                // The connection that waits for it gets no answer either.
                 self.tasks.pop_front();
                 self.sent = None;
             }
@@ -211,7 +212,7 @@ impl Arbiter {
         let sendings = self.sent.map_or(0, |(_, sendings)| sendings);
         if sendings == 0 {
             self.sequence = self.sequence.wrapping_add(1);
-            // It may hold half of a frame of long ago.
+            // The decoder may hold half of an old frame.
             self.decoder = Decoder::new();
         }
         self.sent = Some((now, sendings + 1));
@@ -219,24 +220,24 @@ impl Arbiter {
         board.extend(encoded(&frame));
     }
 
-    /// Frames for single connections, since the last call.
+    /// Takes the frames for single connections since the last call.
     pub(super) fn answers(&mut self) -> Vec<(u64, Vec<u8>)> {
         std::mem::take(&mut self.answers)
     }
 
-    /// The highest rate that a connection asks for, as a period [ticks].
+    /// Returns the highest rate that a connection requests, as a period [ticks].
     fn rate(&self, stream: Stream) -> u16 {
         let rates = self.connections.values().map(|connection| connection.rates[stream as usize]);
         rates.filter(|&every| every != 0).min().unwrap_or(0)
     }
 
-    /// A reply to one connection.
+    /// Queues a reply to one connection.
     fn answer(&mut self, connection: u64, (client, sequence): (u32, u16), tick: u32, reply: Reply) {
         let frame = FromBoard::Reply(ReplyFrame { client, sequence, tick, reply });
         self.answers.push((connection, encoded(&frame)));
     }
 
-    /// Queues an export, in place of one that the connection asked for before.
+    /// Queues an export, replacing an earlier one of the same connection.
     fn export(&mut self, connection: u64, request: (u32, u16), item: Item) {
         let same = |task: &Task| matches!(task, Task::Export(export) if export.request == request);
         if !self.tasks.iter().any(|task| task.is_for(connection) && same(task)) {
@@ -252,7 +253,7 @@ impl Arbiter {
         self.tasks.retain(|task| !task.is_for(connection));
     }
 
-    /// Takes the answer to the hub's request.
+    /// Handles the answer to the hub's request.
     fn advance(&mut self, tick: u32, reply: Reply) {
         match reply {
             Reply::Hello { .. } => self.greets = false,

@@ -12,30 +12,30 @@ use crate::port::stream;
 
 /// Maximum backlog of a client in bytes: a second of telemetry. Older data would be useless.
 const BACKLOG: usize = 64 * 1024;
-/// How requests of web browsers begin, which send the bytes of any page to the ports of their machine.
+/// First bytes of requests of web browsers, which can send any page's bytes to the ports of their machine.
 const BROWSER: [&[u8]; 2] = [b"GET ", b"POST "];
-/// A handshake that takes longer is given up.
+/// Time limit of a handshake.
 const HANDSHAKE: Duration = Duration::from_secs(2);
 
-/// One program at the board's link.
+/// A program that is connected to the board's link.
 #[derive(Debug)]
 pub(super) struct Client {
-    /// Its number, never used again.
+    /// Its number, which is never reused.
     pub(super) id: u64,
-    /// Where it is, for messages.
+    /// Its address, for messages.
     pub(super) name: String,
     file: File,
-    /// Kept open at a pseudo-terminal, as its master fails while nobody has its other end open.
+    /// Kept open for a pseudo-terminal, because the master fails while the other end is not open.
     slave: Option<OwnedFd>,
     encryption: Option<Channel>,
     since: Instant,
-    /// Whether nothing was read yet.
+    /// Whether nothing has been read yet.
     fresh: bool,
     frames: Whole,
     backlog: VecDeque<u8>,
-    /// Closed at its side. What it sent before is still read: it may have said its last word and left.
+    /// Whether it has closed its reading side. Bytes that it sent before are still read.
     deaf: bool,
-    /// Bytes that it was too slow for.
+    /// Number of bytes dropped because it was too slow.
     pub(super) dropped: u64,
 }
 
@@ -61,7 +61,7 @@ impl Client {
         client
     }
 
-    /// At a pseudo-terminal.
+    /// Creates a client at a pseudo-terminal.
     pub(super) fn terminal(id: u64, master: File, slave: OwnedFd) -> Self {
         Self { slave: Some(slave), ..Self::new(id, "pseudo-terminal".to_owned(), master, None) }
     }
@@ -70,12 +70,12 @@ impl Client {
         self.file.as_fd()
     }
 
-    /// What to wait for.
+    /// The events to wait for.
     pub(super) fn events(&self) -> PollFlags {
         if self.backlog.is_empty() { PollFlags::POLLIN } else { PollFlags::POLLIN | PollFlags::POLLOUT }
     }
 
-    /// Whether it may talk to the board: it has the key, if one is needed.
+    /// Returns whether it may talk to the board: it has the key, if one is needed.
     pub(super) fn is_admitted(&self) -> bool {
         self.encryption.as_ref().is_none_or(Channel::is_open)
     }
@@ -83,7 +83,7 @@ impl Client {
     /// Reads once and passes whole frames to `out`.
     ///
     /// # Errors
-    /// When the client is gone, or is to go.
+    /// The client has left, or must be dropped.
     pub(super) fn read(&mut self, out: &mut impl FnMut(&[u8])) -> io::Result<()> {
         let mut buffer = [0; 4096];
         let read = stream::read(&self.file, &mut buffer)?;
@@ -107,7 +107,7 @@ impl Client {
         Ok(())
     }
 
-    /// Writes what the client takes and keeps the rest for later, or drops it if there is too much of it.
+    /// Writes what the client accepts, and keeps the rest for later, or drops it if there is too much.
     pub(super) fn write(&mut self, bytes: &[u8]) {
         self.flush();
         if !self.is_admitted() {
@@ -121,7 +121,7 @@ impl Client {
             0
         } else {
             match &mut self.encryption {
-                // Cannot fail: the client is admitted, and sends less than 2^64 messages.
+                // Cannot fail: the client is admitted, and fewer than 2^64 messages are sent.
                 Some(channel) => drop(channel.seal(bytes, &mut self.backlog)),
                 None => self.backlog.extend(bytes),
             }
@@ -132,7 +132,7 @@ impl Client {
         self.dropped = self.dropped.wrapping_add(rest);
     }
 
-    /// Writes of the backlog what the client takes.
+    /// Writes the part of the backlog that the client accepts.
     pub(super) fn flush(&mut self) {
         while !self.backlog.is_empty() {
             let written = write_to(&self.file, &mut self.deaf, self.backlog.as_slices().0);
@@ -144,7 +144,8 @@ impl Client {
     }
 }
 
-/// Writes what the client accepts. Data for a client that does not listen count as accepted.
+/// Writes what the client accepts; returns its length. Data for a client that does not read count as
+/// accepted.
 fn write_to(file: &File, deaf: &mut bool, bytes: &[u8]) -> usize {
     if !*deaf {
         match stream::write(file, bytes) {

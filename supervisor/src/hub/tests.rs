@@ -13,7 +13,7 @@ fn within(milliseconds: u64) -> Instant {
     Instant::now() + Duration::from_millis(milliseconds)
 }
 
-/// A hub in a folder of its own.
+/// Creates a hub in a folder of its own.
 fn hub(name: &str) -> (Hub, PathBuf) {
     let folder = folder(name);
     fs::create_dir_all(&folder).unwrap();
@@ -39,7 +39,7 @@ fn two_clients_and_a_terminal_share_the_board() {
     let mut clients: Vec<Port> = [hub.address(), hub.address(), &Address::Path(pty)]
         .map(|address| open(address, None).unwrap())
         .into();
-    // Pieces of different clients come whole, each frame by itself.
+    // Interleaved pieces from different clients arrive as whole frames.
     clients[0].send(&[1, 1]).unwrap();
     clients[1].send(&[2, 2, 0]).unwrap();
     clients[2].send(&[3, 0, 13, 0x11, 0x03, 0]).unwrap(); // with what a cooked terminal would swallow
@@ -71,7 +71,7 @@ fn two_clients_and_a_terminal_share_the_board() {
 fn a_terminal_survives_who_closes_it() {
     let (mut hub, folder) = hub("hub-terminal");
     let path = hub.add_pty().unwrap();
-    // Raw for programs that do not make it so: a cooked terminal would put a 13 before the 10.
+    // Raw also for programs that do not set it: a cooked terminal would insert a 13 before the 10.
     fs::OpenOptions::new().write(true).open(&path).unwrap().write_all(&[1, 10, 0]).unwrap();
     assert_eq!(received(&mut hub, 3), [1, 10, 0]);
     let address = Address::Path(path);
@@ -100,10 +100,10 @@ fn who_does_not_read_holds_up_nobody() {
         assert_eq!(received(&mut reads, 100), frame);
     }
     assert!(start.elapsed() < Duration::from_secs(5), "{:?}", start.elapsed());
-    // The terminal lost nearly all, the sleeper all but what the socket and the backlog hold.
+    // The terminal lost nearly everything, the sleeping client all but the content of socket and backlog.
     assert!((2_000_000..4_000_000).contains(&hub.dropped()), "{}", hub.dropped());
     assert_eq!(hub.clients(), 3);
-    // Both hear again once they listen: the sleeper old frames first, the terminal only news.
+    // Both receive again once they read: the sleeping client old frames first, the terminal only new ones.
     sleeps.send(&[1, 0]).unwrap();
     assert_eq!(received(&mut hub, 2), [1, 0]);
     assert_eq!(received(&mut sleeps, 100), frame);
@@ -175,7 +175,7 @@ fn a_board_behind_a_link_is_pumped() {
     board_side.broadcast(&[6, 6, 0]);
     assert_eq!(received(&mut client, 3), [6, 6, 0]);
     let mut hub = pump.join().unwrap();
-    // A board that is gone ends it.
+    // The pump ends if the board is gone.
     let mut board = open(board_side.address(), None).unwrap();
     drop(board_side);
     hub.pump(&mut board, Duration::from_millis(1), within(500)).unwrap_err();

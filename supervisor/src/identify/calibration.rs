@@ -1,11 +1,11 @@
-//! From fits to the machine's calibration file.
+//! Conversion of fits to the machine's calibration file.
 
 use tesaki::model::{JointModel, RobotModel};
 use tesaki_description::calibration::{Calibration, CalibrationFile, JointCalibration};
 
 use super::regression::{Estimate, Fit, FreeFit, NotIdentified, Reading, fit_free, fit_gain};
 
-/// The identified values of the joints of `model`, whose torque constants the drives used.
+/// Returns the identified values of the joints of `model`, whose torque constants the drives used.
 #[expect(clippy::cast_possible_truncation, reason = "the model is in single precision")]
 pub fn identified(model: &RobotModel, fits: &[Fit]) -> Calibration {
     let joint = |(joint, fit): (&JointModel, &Fit)| {
@@ -21,19 +21,19 @@ pub fn identified(model: &RobotModel, fits: &[Fit]) -> Calibration {
     Calibration { joints: model.joints.iter().zip(fits).map(joint).collect() }
 }
 
-/// What the self-test finds of a joint.
+/// Values of a joint found by the self-test.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FreeJoint {
-    /// Torque constant [N·m/A], if it was asked for; or why it is not known.
+    /// Torque constant [N·m/A], if it was requested; or why it was not identified.
     pub torque_constant: Option<Result<Estimate, NotIdentified>>,
-    /// Its friction, in the torque of that constant; or why it is not known.
+    /// Its friction, in the torque of that constant; or why it was not identified.
     pub friction: Result<FreeFit, NotIdentified>,
 }
 
 impl FreeJoint {
-    /// From the readings of `joint`, whose drive used the torque constant of the model. With `weighed` the
-    /// links weigh what the model tells, and the torque constant is identified, too. Otherwise the machine
-    /// has the one that is `known` [N·m/A], if there is one.
+    /// Identifies a joint from its readings, during which the drive used the torque constant of the model.
+    /// With `weighed` the model has the true masses of the links, and the torque constant is identified, too.
+    /// Otherwise the machine's constant is `known` [N·m/A], if given.
     pub fn identify(joint: &JointModel, readings: &[Reading], weighed: bool, known: Option<f32>) -> Self {
         let told = f64::from(joint.motor.torque_constant);
         let scaled =
@@ -46,7 +46,7 @@ impl FreeJoint {
         Self { torque_constant, friction }
     }
 
-    /// Coulomb friction [N·m], or why it is not known.
+    /// Coulomb friction [N·m], or why it was not identified.
     ///
     /// # Errors
     /// The friction is not identified, or this part is not larger than its standard deviation.
@@ -54,7 +54,7 @@ impl FreeJoint {
         known(self.friction?.coulomb, "mN·m")
     }
 
-    /// Viscous friction [N·m·s/rad], or why it is not known.
+    /// Viscous friction [N·m·s/rad], or why it was not identified.
     ///
     /// # Errors
     /// As [`coulomb`](Self::coulomb).
@@ -63,13 +63,13 @@ impl FreeJoint {
     }
 }
 
-/// The estimate, if it is larger than its standard deviation.
+/// Returns the estimate, if it is larger than its standard deviation.
 fn known(estimate: Estimate, unit: &'static str) -> Result<Estimate, NotIdentified> {
     let Estimate { value, deviation } = estimate;
     if value > deviation { Ok(estimate) } else { Err(NotIdentified::Uncertain { unit, value, deviation }) }
 }
 
-/// The identified values of the joints of `model` after the self-test.
+/// Returns the identified values of the joints of `model` after the self-test.
 #[expect(clippy::cast_possible_truncation, reason = "the model is in single precision")]
 pub fn identified_free(model: &RobotModel, found: &[FreeJoint]) -> Calibration {
     let joint = |(joint, found): (&JointModel, &FreeJoint)| {
@@ -84,7 +84,8 @@ pub fn identified_free(model: &RobotModel, found: &[FreeJoint]) -> Calibration {
     Calibration { joints: model.joints.iter().zip(found).map(joint).collect() }
 }
 
-/// Writes what the self-test found into a calibration file, with deviations. All other values remain.
+/// Writes the values found by the self-test into a calibration file, with deviations. All other values
+/// remain.
 #[expect(clippy::cast_possible_truncation, reason = "the model is in single precision")]
 pub fn update_free(file: &mut CalibrationFile, model: &RobotModel, found: &[FreeJoint]) {
     for (joint, found) in model.joints.iter().zip(found) {
@@ -104,8 +105,8 @@ pub fn update_free(file: &mut CalibrationFile, model: &RobotModel, found: &[Free
     }
 }
 
-/// Writes what was identified into a calibration file, with deviations, and with reasons where a value is not
-/// identified: such a joint has the value of its robot folder.
+/// Writes the identified values into a calibration file, with deviations, and with the reason if a value was
+/// not identified: such a joint has the value of its robot folder.
 pub fn update(file: &mut CalibrationFile, calibration: &Calibration, model: &RobotModel, fits: &[Fit]) {
     for (joint, fit) in model.joints.iter().zip(fits) {
         let name = joint.name.as_str();
@@ -125,7 +126,7 @@ pub fn update(file: &mut CalibrationFile, calibration: &Calibration, model: &Rob
     }
 }
 
-/// The text of a file with a first line that names the machine, replacing an earlier one.
+/// Returns the text of a file with a first line that names the machine, replacing an earlier one.
 pub fn with_head(text: &str, robot: &str, board: &str) -> String {
     let start = format!("# {robot}, board ");
     let head = format!("{start}{board}: what `tesaki identify` found of its joints, ± standard deviations.");

@@ -1,4 +1,4 @@
-//! The self-test after power-on: joints to and fro in free motion, for the friction of any robot.
+//! The self-test after power-on: moves joints to and fro freely, to find the friction of any robot.
 
 use nalgebra::Vector3;
 use tesaki::control::ServoMode;
@@ -11,20 +11,21 @@ use super::procedure::{IdentifyError, Machine, Sense, TICK};
 use super::regression::Reading;
 use super::sweep::{Leg, Sweep, ranges, references};
 
-/// Times of a way from one end to the other [s], and how often to and fro: two speeds, so that viscous
-/// friction shows.
+/// Duration of a motion from one end to the other [s], and number of repetitions: two speeds, to separate
+/// viscous friction.
 const SWEEPS: [(f64, usize); 2] = [(0.8, 1), (0.4, 2)];
-/// Time of the way back to where the joint stood [s].
+/// Duration of the motion back to the start [s].
 const BACK: f64 = 0.4;
-/// Change of the force on a tip that is a contact, as a fraction of its sensor's limit.
+/// Change of the force on a tip that indicates a contact, as a fraction of its sensor's limit.
 const TOUCH: f32 = 0.1;
 
-/// What an identification of free joints may do.
+/// Settings for an identification of free joints.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JointSettings {
-    /// How far each joint is swept to either side of where it stands [rad].
+    /// Amplitude of each joint's sweep to either side of its position [rad].
     pub amplitude: f64,
-    /// Largest torque of a joint beyond the weight of its links by the model, as a fraction of its limit.
+    /// Largest torque of a joint beyond the weight of its links according to the model, as a fraction of its
+    /// limit.
     pub torque: f64,
 }
 
@@ -34,14 +35,15 @@ impl Default for JointSettings {
     }
 }
 
-/// Joints of different chains that sweep at the same time: the first of each chain, then the second, ….
+/// Joints of different chains that sweep at the same time: the first joints of all chains, then the second,
+/// ….
 fn groups(model: &RobotModel) -> Vec<Vec<usize>> {
     let longest = model.chain_ranges().map(|range| range.len()).max().unwrap_or(0);
     let group = |place| model.chain_ranges().filter_map(|mut range| range.nth(place)).collect();
     (0..longest).map(group).collect()
 }
 
-/// Joints that move at the same time, and their ways.
+/// Joints that move at the same time, and their motions.
 type Group = (Vec<usize>, Vec<Leg>);
 
 fn all_legs(
@@ -60,25 +62,25 @@ fn all_legs(
     Ok(groups(model).into_iter().map(legs).collect())
 }
 
-/// How long [`identify_joints`] takes with the joints at `start` [s].
+/// Returns the duration of [`identify_joints`] with the joints at `start` [s].
 ///
 /// # Errors
-/// A joint has no room.
+/// A joint has no room for its sweep.
 pub fn duration(model: &RobotModel, start: &[f64], settings: &JointSettings) -> Result<f64, IdentifyError> {
     let legs = all_legs(model, start, settings)?;
     Ok(legs.iter().flat_map(|(_, legs)| legs).map(|leg| f64::from(leg.ticks()) * TICK).sum())
 }
 
-/// Moves the joints of any robot alone: readings of each joint, for [`FreeJoint`](super::FreeJoint). Nothing
-/// touches the robot, which is homed.
+/// Moves the joints of any robot without an object, and returns the readings of each joint, for
+/// [`FreeJoint`](super::FreeJoint). The robot must be homed, and touch nothing.
 ///
 /// The joints sweep to and fro, those at the same place in their chains at the same time, while the others
-/// hold still. In the end the robot stands where it stood, and the board is still enabled: the caller decides
-/// whether it may fall.
+/// hold still. At the end the robot is at its initial position, and the board is still enabled: the caller
+/// decides whether it may fall.
 ///
 /// # Errors
 /// The machine's error, or what prevents the identification: no room for a sweep, a joint that needs more
-/// torque than it may, a force on a tip. The board may still be enabled then.
+/// torque than allowed, a force on a tip. The board may still be enabled then.
 pub fn identify_joints<M: Machine>(
     machine: &mut M,
     model: &RobotModel,
@@ -110,15 +112,15 @@ struct SelfTest<'a> {
     model: &'a RobotModel,
     robot: Box<Robot>,
     settings: &'a JointSettings,
-    /// Of each joint.
+    /// Readings of each joint.
     readings: Vec<Vec<Reading>>,
     motion: usize,
-    /// The latest telemetry, of as many ticks as an acceleration takes.
+    /// The latest telemetry, of as many ticks as an acceleration needs.
     latest: Vec<Telemetry>,
 }
 
 impl SelfTest<'_> {
-    /// Fails when the robot touches something, or is no longer enabled.
+    /// Fails if the robot touches something, or is no longer enabled.
     fn check(&self, first: &Sense, sense: &Sense) -> Result<(), IdentifyError> {
         let mode = sense.telemetry.mode;
         if !matches!(mode, Mode::Enabled(_)) {
@@ -146,10 +148,10 @@ impl SelfTest<'_> {
         Ok(())
     }
 
-    /// Takes in the telemetry of the next tick: a reading of the period between the second and the third of
-    /// four ticks, in which the torques of the second acted.
+    /// Takes the telemetry of the next tick, and adds a reading for the period between the second and the
+    /// third of four ticks, in which the torques of the second acted.
     fn take(&mut self, joints: &[usize], telemetry: Telemetry) {
-        // A frame may have been lost: torques from before it say nothing about what is sensed now.
+        // A frame may have been lost: earlier torques do not belong to the present readings.
         if self.latest.last().is_some_and(|last| last.tick.wrapping_add(1) != telemetry.tick) {
             self.latest.clear();
         }
@@ -176,7 +178,7 @@ impl SelfTest<'_> {
         self.latest.remove(0);
     }
 
-    /// The torques of the links' weight, by the model [N·m].
+    /// Computes the torques of the links' weight by the model [N·m].
     fn weights(&self, telemetry: &Telemetry) -> [f64; MAX_JOINTS] {
         let angles: Vec<f32> = telemetry.joints.iter().map(|joint| joint.position).collect();
         self.robot.weight(&angles).map(f64::from)

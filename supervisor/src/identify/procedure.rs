@@ -1,5 +1,5 @@
-//! The motions that identify a hand: each joint to and fro in free motion, then an object held firmly and
-//! less firmly, and moved with every joint to and fro under load.
+//! The motions that identify a hand: each joint to and fro in free motion, then an object held with a
+//! stronger and a weaker grip, and moved so that every joint goes to and fro under load.
 
 use nalgebra::{Vector3, Vector6};
 use tesaki::control::ServoMode;
@@ -17,35 +17,35 @@ use crate::BoardError;
 
 /// Control period [s].
 pub(super) const TICK: f64 = 0.01;
-/// Times of a sweep from one end to the other [s]: two speeds, so that viscous friction shows.
+/// Durations of a sweep from one end to the other [s]: two speeds, to separate viscous friction.
 const SWEEPS: [f64; 2] = [1.0, 0.4];
 /// Largest torque for a joint's inertia in a sweep, as a fraction of its limit.
 const SWEEP_TORQUE: f64 = 0.075;
 /// Sweeps to and fro at each.
 const REPEATS: usize = 2;
-/// Ticks from one question after the object in the hand to the next.
+/// Interval at which the grasp telemetry is read [ticks].
 const ASK: usize = 5;
-/// Time limit of a grasp, and of putting down [s].
+/// Time limit of a grasp, and of putting the object down [s].
 const PHASE_TIMEOUT: f64 = 20.0;
-/// How far the object is lifted off what it stands on, and moved then along each axis of the base [m]; turned
-/// [rad].
+/// Height by which the object is lifted off its support, and its later motion along each axis of the base
+/// [m]; rotation [rad].
 const LIFT: f64 = 0.010;
 const SHIFT: f64 = 0.006;
 const TURN: f64 = 0.06;
-/// Time of each such motion [s].
+/// Duration of each such motion [s].
 const MOTION: f64 = 0.8;
-/// Coefficient of friction if the file has none: the identification does not probe it.
+/// Coefficient of friction if the file has none; the identification does not probe it.
 const FRICTION: f32 = 0.4;
-/// Share of its velocity limit up to which a board may be enabled, and longest wait for that [ticks].
+/// Fraction of its velocity limit up to which the board is enabled, and the longest wait for that [ticks].
 const SLOW: f32 = 0.2;
 const REST: usize = 100;
 
-/// What an identification may do.
+/// Settings for an identification.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
-    /// How far each joint is swept to either side of where it stands [rad].
+    /// Amplitude of each joint's sweep to either side of its position [rad].
     pub amplitude: f64,
-    /// The grips: the largest of their normal forces [N].
+    /// The grips, each by its largest normal force [N].
     pub strengths: Vec<f32>,
 }
 
@@ -55,65 +55,65 @@ impl Default for Settings {
     }
 }
 
-/// What is known after a tick.
+/// Readings after a tick.
 #[derive(Clone, Debug)]
 pub struct Sense {
-    /// Of the joints.
+    /// Telemetry of the joints.
     pub telemetry: Telemetry,
-    /// Of the tips, in the same tick.
+    /// Telemetry of the tips, in the same tick.
     pub tips: Tips,
 }
 
-/// A board, and time that goes on.
+/// A board, and the passage of time.
 pub trait Machine {
-    /// Why it cannot go on.
+    /// Reason for a failure.
     type Error: From<BoardError> + From<IdentifyError>;
 
-    /// Asks the board for something, and waits for the answer.
+    /// Sends the board a request, and waits for the reply.
     ///
     /// # Errors
-    /// When it refuses.
+    /// The board refuses.
     fn ask(&mut self, action: &'static str, request: Request) -> Result<(), Self::Error>;
 
-    /// The object in the hand.
+    /// Reads the state of the grasp.
     ///
     /// # Errors
-    /// When the board refuses.
+    /// The board refuses.
     fn read_grasp(&mut self) -> Result<GraspTelemetry, Self::Error>;
 
-    /// Sends a set-point, and waits for what the board senses next.
+    /// Sends a set-point, and waits for the board's next readings.
     ///
     /// # Errors
-    /// When the board refuses, faults or falls silent.
+    /// The board refuses, faults, or stops answering.
     fn tick(&mut self, request: Request) -> Result<Sense, Self::Error>;
 
-    /// Tells what is done now.
+    /// Reports the present step.
     fn progress(&mut self, text: &str);
 }
 
-/// What was identified.
+/// Result of the identification.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Identification {
-    /// One result a joint.
+    /// One result per joint.
     pub fits: Vec<Fit>,
-    /// Grips that the hand could not make; the others were enough.
+    /// Grips that failed; the others were sufficient.
     pub failed: Vec<FailedGrip>,
 }
 
-/// A grip that the hand could not make: it opened, and the object stands where it stood.
+/// A grip that failed: the hand opened, and the object stands where it was.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error("a grip of {strength} N was not made: {failure}")]
 pub struct FailedGrip {
-    /// Which [N].
+    /// The grip [N].
     pub strength: f32,
-    /// Why.
+    /// The failure.
     pub failure: Failure,
 }
 
-/// Why nothing is identified.
+/// Reasons why nothing was identified.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum IdentifyError {
-    /// No hand that grasps.
+    /// The robot is not a hand that can grasp.
     #[error(
         "{robot} is not a hand that grasps: three fingers of three joints with a force sensor each are needed"
     )]
@@ -121,7 +121,7 @@ pub enum IdentifyError {
         /// Its name.
         robot: String,
     },
-    /// A model that no board accepts.
+    /// The model is one that no board accepts.
     #[error(transparent)]
     Model(ModelError),
     /// A joint has no room.
@@ -130,34 +130,34 @@ pub enum IdentifyError {
          rad: a smaller --amplitude"
     )]
     NoRoom {
-        /// Which.
+        /// The joint.
         joint: String,
-        /// Where it is [rad].
+        /// Its position [rad].
         position: f64,
         /// Smallest angle [rad].
         lower: f64,
         /// Largest angle [rad].
         upper: f64,
-        /// Asked for [rad].
+        /// Requested amplitude [rad].
         amplitude: f64,
     },
-    /// A joint needs more torque than it may.
+    /// A joint needs more torque than it may use.
     #[error(
         "{joint} needs {torque:+.3} N·m beyond the weight of its links at {position:.3} rad, and may have {limit:.3} N·m: \
          nothing was identified. Does it touch something, or is its friction, or a link's mass, larger than the \
          model's? Free it, or allow more with --torque"
     )]
     Resisted {
-        /// Which.
+        /// The joint.
         joint: String,
-        /// Where it is [rad].
+        /// Its position [rad].
         position: f64,
-        /// What it needs [N·m].
+        /// The torque that it needs [N·m].
         torque: f64,
-        /// What it may have [N·m].
+        /// The torque that it may use [N·m].
         limit: f64,
     },
-    /// A force sensor feels a contact.
+    /// A force sensor measured a contact.
     #[error(
         "the force on {tip} changed by {force:.2} N, and may by {limit:.2} N: nothing was identified. Take away what it \
          touches; this identification needs no object"
@@ -167,27 +167,27 @@ pub enum IdentifyError {
         tip: String,
         /// The change of the force [N].
         force: f64,
-        /// What it may be [N].
+        /// The largest allowed change [N].
         limit: f64,
     },
-    /// The hand did not do as told.
+    /// The hand did not reach the requested phase.
     #[error("with a grip of {strength} N the hand {phase}, and not as asked{}", because(.failure))]
     Grasp {
-        /// Which grip [N].
+        /// The grip [N].
         strength: f32,
-        /// What it does.
+        /// The phase it is in.
         phase: Phase,
-        /// Why, if it says so.
+        /// The reason, if reported.
         failure: Option<Failure>,
     },
-    /// Too few different loads.
+    /// There were too few different loads.
     #[error(
         "{}: two different grips are needed, and {made} could be made; others with --grips", list(.failed)
     )]
     TooFewGrips {
-        /// Those that failed.
+        /// The grips that failed.
         failed: Vec<FailedGrip>,
-        /// How many different ones did not.
+        /// Number of different grips that succeeded.
         made: usize,
     },
     /// The board is no longer enabled.
@@ -203,32 +203,31 @@ fn list(failed: &[FailedGrip]) -> String {
     failed.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
 }
 
-/// A chain's mathematics, and what was read of its joints.
+/// The kinematics of a chain, and the readings of its joints.
 struct Finger {
     chain: Chain,
-    /// The same with one of its links weighing something.
+    /// The same chain once for each link, with only that link having weight.
     links: Vec<Chain>,
     first: usize,
     readings: Vec<Vec<Reading>>,
 }
 
-/// Collects readings while the machine goes on.
+/// Collects readings as the machine moves.
 struct Course<'a, M> {
     machine: &'a mut M,
     model: &'a RobotModel,
     fingers: Vec<Finger>,
     motion: usize,
-    /// What was sensed last: the torques of a tick act while what the next one senses comes about.
+    /// The last readings: their torques act until the next readings are taken.
     latest: Option<Sense>,
 }
 
-/// Identifies torque constants and friction of the joints of a hand: one result a joint. The hand stands with
-/// open fingers around an object, homed and tared; `plan` says how to grasp it.
+/// Identifies torque constants and friction of the joints of a hand; returns one result per joint. The hand
+/// stands with open fingers around an object, homed and tared; `plan` describes the grasp.
 ///
 /// First each joint is swept to and fro by itself ([`Settings::amplitude`]). Then the object is grasped,
 /// lifted, shifted and turned to and fro, and put down, with each of the grips ([`Settings::strengths`]),
-/// closed on the force sensors. A grip that the hand could not make is left out if there are two others, of
-/// different strengths.
+/// with force feedback. A failed grip is skipped if there are two others of different strengths.
 ///
 /// # Errors
 /// The machine's error, or what prevents the identification; the board may still be enabled then.
@@ -290,7 +289,7 @@ fn fingers(model: &RobotModel) -> Vec<Finger> {
 }
 
 impl Finger {
-    /// Takes in what was sensed after `torques` [N·m] had acted.
+    /// Adds the readings that followed after `torques` [N·m] had acted.
     fn take(&mut self, motion: usize, gravity: &Vector3<f32>, torques: &[f32], sense: &Sense, chain: usize) {
         let count = self.readings.len();
         let joints: Vec<_> = sense.telemetry.joints.iter().skip(self.first).take(count).collect();
@@ -334,7 +333,7 @@ impl<M: Machine> Course<'_, M> {
         if !matches!(mode, Mode::Enabled(_)) {
             return Err(IdentifyError::Stopped(mode).into());
         }
-        // A frame may have been lost: the torques before the last ones say nothing about what is sensed now.
+        // A frame may have been lost: earlier torques do not belong to the present readings.
         let before =
             self.latest.take_if(|latest| sense.telemetry.tick == latest.telemetry.tick.wrapping_add(1));
         if let Some(Sense { telemetry, .. }) = before {
@@ -348,8 +347,8 @@ impl<M: Machine> Course<'_, M> {
         Ok(())
     }
 
-    /// Enables the board for the next motion: once no joint is too fast for that, since a light one may have
-    /// left its friction with a jerk.
+    /// Enables the board for the next motion, once no joint is too fast for that: a light joint may have
+    /// broken away from friction with a jerk.
     fn enable(&mut self, task: TaskConfig) -> Result<(), M::Error> {
         for _ in 0..REST {
             let joints = self.latest.iter().flat_map(|sense| &sense.telemetry.joints);
@@ -369,7 +368,7 @@ impl<M: Machine> Course<'_, M> {
         self.machine.ask("disable its outputs", Request::Disable)
     }
 
-    /// Each joint to and fro by itself, the others at rest.
+    /// Moves each joint to and fro by itself, with the others at rest.
     fn sweep(&mut self, amplitude: f64) -> Result<(), M::Error> {
         self.enable(TaskConfig::JointServo(ServoMode::Observer))?;
         self.tick(Request::Keep)?;
@@ -389,7 +388,7 @@ impl<M: Machine> Course<'_, M> {
         Ok(())
     }
 
-    /// Grasps the object, moves it to and fro, and puts it down; or says why it could not be gripped.
+    /// Grasps the object, moves it to and fro, and puts it down; or returns why it could not be gripped.
     fn grip(&mut self, plan: &GraspPlan, strength: f32) -> Result<Result<(), Failure>, M::Error> {
         self.machine.progress(&format!("a grip of {strength} N"));
         let plan = GraspPlan {
@@ -405,7 +404,7 @@ impl<M: Machine> Course<'_, M> {
         let (phase, failure) = self.wait_for(Phase::Hold)?;
         match failure {
             None if phase == Phase::Hold => {}
-            // Nothing but the forces was wrong, and the hand has let go of the object where it stood.
+            // Only the forces were wrong, and the hand has released the object where it stood.
             Some(failure @ Failure::NoGrip { .. }) if phase == Phase::Ready => return Ok(Err(failure)),
             _ => return Err(IdentifyError::Grasp { strength, phase, failure }.into()),
         }

@@ -1,37 +1,38 @@
-//! Torque constant and friction of a joint from its torques: linear least squares.
+//! Identification of a joint's torque constant and friction from its torques by linear least squares.
 
 use nalgebra::{SMatrix, SVector, SymmetricEigen};
 use tesaki::model::MAX_CHAIN_JOINTS;
 
 /// Torque constant, Coulomb and viscous friction, and the weights of the links behind the joint.
 const COLUMNS: usize = 3 + MAX_CHAIN_JOINTS;
-/// The column of the first weight, or of the acceleration where the weights are known.
+/// Column of the first weight, or of the acceleration if the weights are known.
 const INERTIA: usize = 3;
-/// Directions of the scaled problem with less than this fraction of the largest eigenvalue are left out.
+/// Directions of the scaled problem with a smaller eigenvalue than this fraction of the largest are
+/// discarded.
 const RANK: f64 = 1e-8;
-/// Slower than this, the direction of a joint's motion is noise [rad/s].
+/// Below this speed, the direction of a joint's motion is noise [rad/s].
 const MOVING: f64 = 0.03;
-/// As many readings are needed in each direction.
+/// Number of readings needed in each direction.
 const MIN_READINGS: usize = 100;
-/// A larger standard deviation of the torque constant, over itself, is no result.
+/// Largest accepted standard deviation of the torque constant, relative to its value.
 const MAX_DEVIATION: f64 = 0.01;
-/// A torque constant is believed from half of to twice what it was taken for.
+/// Plausible range of a torque constant, relative to the assumed one.
 const BELIEVED: std::ops::Range<f64> = 0.5..2.0;
 
-/// What was read of a joint at one instant.
+/// Readings of a joint at one instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reading {
     /// Number of its motion: errors of readings from the same motion are correlated.
     pub motion: usize,
-    /// Torque that the drive was told to make [N·m].
+    /// Commanded torque of the drive [N·m].
     pub torque: f64,
-    /// Torque that the joint needs against what pushes the tip: `−Jᵀ w` [N·m].
+    /// Torque that balances the wrench on the tip: `−Jᵀ w` [N·m].
     pub load: f64,
     /// Velocity [rad/s].
     pub velocity: f64,
-    /// Acceleration [rad/s²]; [`fit`] does not regard it.
+    /// Acceleration [rad/s²]; not used by [`fit`].
     pub acceleration: f64,
-    /// Torques that the joint needs against the weight of each link of its chain, by the model [N·m].
+    /// Torques that balance the weight of each link of its chain, by the model [N·m].
     pub weights: [f64; MAX_CHAIN_JOINTS],
 }
 
@@ -44,41 +45,41 @@ pub struct Estimate {
     pub deviation: f64,
 }
 
-/// What a joint is found to be.
+/// Identified values of a joint.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fit {
-    /// True torque over what the drive was told; or why it is not known.
+    /// True torque divided by commanded torque; or why it was not identified.
     pub gain: Result<Estimate, NotIdentified>,
-    /// Coulomb friction [N·m] and viscous friction [N·m·s/rad]; in told torque if the gain is not known. Or
-    /// why not.
+    /// Coulomb friction [N·m] and viscous friction [N·m·s/rad], in commanded torque if the gain was not
+    /// identified; or why they were not identified.
     pub friction: Result<[Estimate; 2], NotIdentified>,
-    /// Largest load less the smallest [N·m].
+    /// Largest load minus the smallest [N·m].
     pub load_range: f64,
-    /// Root mean square of what the fit leaves unexplained [N·m, told].
+    /// Root mean square of the residuals, in commanded torque [N·m].
     pub residual: f64,
-    /// Readings that counted.
+    /// Number of readings used.
     pub readings: usize,
 }
 
-/// What a joint without load is found to be, in the torque of its readings.
+/// Identified values of a joint without load, in the torque of its readings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FreeFit {
-    /// Coulomb friction [N·m], the mean of both directions.
+    /// Coulomb friction, mean of both directions [N·m].
     pub coulomb: Estimate,
     /// Viscous friction [N·m·s/rad].
     pub viscous: Estimate,
-    /// Torque beyond the model's weight that does not depend on the direction [N·m]: an error of the masses,
-    /// a spring, or friction that is larger in one direction.
+    /// Torque beyond the model's weight that does not depend on the direction [N·m]: caused by an error of
+    /// the masses, a spring, or friction that is larger in one direction.
     pub offset: Estimate,
     /// Inertia of rotor and links about the joint [kg·m²].
     pub inertia: Estimate,
-    /// Root mean square of what the fit leaves unexplained [N·m].
+    /// Root mean square of the residuals [N·m].
     pub residual: f64,
-    /// Readings that counted.
+    /// Number of readings used.
     pub readings: usize,
 }
 
-/// Why a value is not identified.
+/// Reasons why a value was not identified.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum NotIdentified {
     /// The joint did not move enough.
@@ -89,10 +90,10 @@ pub enum NotIdentified {
     Still {
         /// Readings in the positive direction.
         forth: usize,
-        /// In the negative one.
+        /// Readings in the negative direction.
         back: usize,
     },
-    /// No force loaded it enough.
+    /// No force loaded the joint enough.
     #[error(
         "the forces on the tip loaded it by only {load_range:.3} N·m: its standard deviation would be {:.1} %, at most \
          {:.0} % are of use",
@@ -100,9 +101,9 @@ pub enum NotIdentified {
         100.0 * MAX_DEVIATION
     )]
     Unloaded {
-        /// Largest load less the smallest [N·m].
+        /// Largest load minus the smallest [N·m].
         load_range: f64,
-        /// Standard deviation over the value.
+        /// Standard deviation divided by the value.
         deviation: f64,
     },
     /// Its links are too light.
@@ -117,27 +118,27 @@ pub enum NotIdentified {
     /// The value is not larger than its standard deviation.
     #[error("{:.2} ± {:.2} {unit}; the present value stays", 1e3 * value, 1e3 * deviation)]
     Uncertain {
-        /// A thousandth of the unit of the value.
+        /// Name of a thousandth of the value's unit.
         unit: &'static str,
         /// The value.
         value: f64,
         /// Its standard deviation.
         deviation: f64,
     },
-    /// The number cannot be.
+    /// The value is impossible.
     #[error("{value:.3} {what} cannot be: are homing, tare, and the masses in the URDF right?")]
     Implausible {
-        /// Of what.
+        /// Its unit and quantity.
         what: &'static str,
-        /// The number.
+        /// The value.
         value: f64,
     },
 }
 
-/// Least squares of `torque = (load + coulomb · sign(velocity) + viscous · velocity + Σ fraction · weight) /
-/// gain`, from the readings in which the joint moves: friction changes its sign with the direction, a load
-/// does not. Standard deviations are those of a clustered sandwich estimator (Liang and Zeger 1986), a motion
-/// a cluster: neighbouring readings err together.
+/// Solves `torque = (load + coulomb · sign(velocity) + viscous · velocity + Σ fraction · weight) / gain` by
+/// least squares, from the readings in which the joint moves: friction changes its sign with the direction, a
+/// load does not. Standard deviations are those of a clustered sandwich estimator (Liang and Zeger 1986) with
+/// one cluster per motion, because errors of neighbouring readings are correlated.
 pub fn fit(readings: &[Reading]) -> Fit {
     let moving = in_motion(readings);
     let range =
@@ -158,11 +159,11 @@ pub fn fit(readings: &[Reading]) -> Fit {
     Fit { gain, friction, load_range, residual: found.residual(&moving), readings: moving.len() }
 }
 
-/// True torque over commanded torque of a joint without load whose links weigh what the model tells, and
-/// whose friction is the same in both directions: the weight is its load.
+/// Estimates the ratio of true to commanded torque of a joint without load. The links must have the masses of
+/// the model, and the friction must be the same in both directions: the weight serves as load.
 ///
 /// # Errors
-/// Too little motion or weight, or a result that cannot be.
+/// Too little motion or weight, or an impossible result.
 pub fn fit_gain(readings: &[Reading]) -> Result<Estimate, NotIdentified> {
     let weighed = |r: &Reading| Reading { load: weight(r), ..with_inertia(r) };
     fit(&readings.iter().map(weighed).collect::<Vec<_>>()).gain.map_err(|error| match error {
@@ -177,7 +178,7 @@ fn weight(reading: &Reading) -> f64 {
     reading.weights.iter().sum()
 }
 
-/// With the acceleration in place of the weights.
+/// Returns the reading with the acceleration in place of the weights.
 fn with_inertia(reading: &Reading) -> Reading {
     let mut weights = [0.0; MAX_CHAIN_JOINTS];
     weights[0] = reading.acceleration;
@@ -188,7 +189,7 @@ fn in_motion(readings: &[Reading]) -> Vec<&Reading> {
     readings.iter().filter(|r| r.velocity.abs() > MOVING).collect()
 }
 
-/// Refuses too few readings in a direction.
+/// Checks that there are enough readings in each direction.
 fn check_motion(moving: &[&Reading]) -> Result<(), NotIdentified> {
     let forth = moving.iter().filter(|r| r.velocity > 0.0).count();
     let back = moving.len() - forth;
@@ -198,13 +199,13 @@ fn check_motion(moving: &[&Reading]) -> Result<(), NotIdentified> {
     Ok(())
 }
 
-/// Least squares of a joint without load, with the weights of the model: `torque = Σ weight + offset +
-/// coulomb · sign(velocity) + viscous · velocity + inertia · acceleration`; deviations as those of [`fit`].
+/// Fits a joint without load, with the weights of the model, by least squares: `torque = Σ weight + offset +
+/// coulomb · sign(velocity) + viscous · velocity + inertia · acceleration`; deviations as in [`fit`].
 ///
 /// # Errors
-/// Too little motion, or a result that cannot be.
+/// Too little motion, or an impossible result.
 pub fn fit_free(readings: &[Reading]) -> Result<FreeFit, NotIdentified> {
-    // The column of the loads is that of the offset.
+    // The column of the loads holds the offset.
     let beyond_weight = |r: &Reading| Reading { torque: r.torque - weight(r), load: 1.0, ..with_inertia(r) };
     let readings: Vec<Reading> = readings.iter().map(beyond_weight).collect();
     let moving = in_motion(&readings);
@@ -220,7 +221,7 @@ pub fn fit_free(readings: &[Reading]) -> Result<FreeFit, NotIdentified> {
 type Square = SMatrix<f64, COLUMNS, COLUMNS>;
 type Row = SVector<f64, COLUMNS>;
 
-/// A row of the regressor: load, direction, velocity, weights.
+/// Returns a row of the regressor: load, direction, velocity, weights.
 fn row(reading: &Reading) -> Row {
     let mut row = Row::zeros();
     (row[0], row[1], row[2]) = (reading.load, reading.velocity.signum(), reading.velocity);
@@ -228,10 +229,10 @@ fn row(reading: &Reading) -> Row {
     row
 }
 
-/// The solution for 1 / gain, Coulomb and viscous friction and the fractions of the weights, all over the
-/// gain.
+/// The solution for 1 / gain, and for Coulomb friction, viscous friction and the fractions of the weights,
+/// each divided by the gain.
 struct LeastSquares {
-    /// Columns of the regressor were multiplied by these: to the same size, so that units do not matter.
+    /// Factors that scale the columns of the regressor to equal size, so that units do not matter.
     scale: Row,
     solution: Row,
     covariance: Square,
@@ -275,7 +276,7 @@ impl LeastSquares {
         Self { scale, solution, covariance: bread * meat * bread * spread, squares }
     }
 
-    /// Root mean square of what is left unexplained of the readings.
+    /// Root mean square of the residuals.
     #[expect(clippy::cast_precision_loss, reason = "a number of readings")]
     fn residual(&self, moving: &[&Reading]) -> f64 {
         (self.squares / moving.len() as f64).sqrt()
@@ -302,7 +303,7 @@ impl LeastSquares {
         }
     }
 
-    /// In N·m if the gain is known, else in told torque.
+    /// Friction, in N·m if the gain is known, else in commanded torque.
     fn friction(&self, gain_is_known: bool) -> Result<[Estimate; 2], NotIdentified> {
         let inverse_gain = self.value(0);
         let estimate = |i: usize| {
@@ -336,8 +337,8 @@ mod tests {
 
     type Row = (usize, [f64; 5]);
 
-    /// Readings, and gain, Coulomb and viscous friction with their deviations, residual and number of
-    /// readings from `tests/oracles/identify.py`.
+    /// Readings; gain, Coulomb and viscous friction with their deviations; residual; number of readings; from
+    /// `tests/oracles/identify.py`.
     const ORACLE: (&[Row], [(f64, f64); 3], f64, usize) = include!("../../../tests/oracles/data/identify.in");
 
     fn readings() -> Vec<Reading> {
@@ -365,7 +366,7 @@ mod tests {
             assert!((found.deviation / deviation - 1.0).abs() < 1e-5, "{found:?} {deviation}");
         }
         assert!((fit.residual / residual - 1.0).abs() < 1e-7 && fit.readings == count);
-        // The readings were made with these.
+        // True values of the simulated readings.
         let made = [1.13, 0.0217, 0.0016];
         for ((value, deviation), made) in expected.iter().zip(made) {
             assert!((value - made).abs() < 3.0 * deviation, "{value} {made}");
@@ -396,8 +397,8 @@ mod tests {
             assert!((found.deviation / deviation - 1.0).abs() < 1e-5, "{found:?} {deviation}");
         }
         assert!((fit.residual / residual - 1.0).abs() < 1e-7 && fit.readings == count);
-        // The readings were made with these, in true torque; the offset is what the gain makes of 0.4·cos 0.3
-        // N·m.
+        // True values of the simulated readings, in true torque; the offset is the effect of the gain on the
+        // weight of 0.4·cos 0.3 N·m.
         let made = [0.0217 / 0.92, 0.0016 / 0.92, 0.4 * 0.3_f64.cos() * (1.0 / 0.92 - 1.0)];
         for ((value, deviation), made) in expected.iter().zip(made) {
             assert!((value - made).abs() < 3.0 * deviation, "{value} {made}");
@@ -424,21 +425,21 @@ mod tests {
 
     #[test]
     fn what_is_not_loaded_or_does_not_move_is_said_so() {
-        // A hundredth of the load: up to 2 mN·m.
+        // A hundredth of the load: at most 2 mN·m.
         let fit = fit_with(|reading| reading.load *= 0.01 * f64::from(reading.load < 0.1));
         let said = fit.gain.unwrap_err().to_string();
         assert!(said.contains("loaded it by only 0.001 N·m") && said.contains("at most 1 %"), "{said}");
-        // Friction is known all the same.
+        // Friction is identified nevertheless.
         assert!(fit.friction.is_ok());
         let fit = fit_with(|reading| reading.velocity = reading.velocity.abs());
         let said = fit.friction.unwrap_err().to_string();
         assert!(said.contains("480 readings forth and 0 back"), "{said}");
         assert_eq!(fit.gain.unwrap_err(), fit.friction.unwrap_err());
         assert!(matches!(super::fit(&[]).gain, Err(NotIdentified::Still { forth: 0, back: 0 })));
-        // A sensor with the wrong sign.
+        // A force sensor with the wrong sign.
         let fit = fit_with(|reading| reading.load = -reading.load);
         assert!(matches!(fit.gain, Err(NotIdentified::Implausible { .. })), "{fit:?}");
-        // A drive that brakes where it should push.
+        // A drive that brakes instead of pushing.
         let fit = fit_with(|reading| reading.velocity = -reading.velocity);
         assert!(matches!(fit.friction, Err(NotIdentified::Implausible { .. })), "{fit:?}");
     }

@@ -1,4 +1,4 @@
-//! Sweeps of joints to and fro by themselves.
+//! Sweeps of joints to and fro without load.
 
 use heapless::Vec as Points;
 use tesaki::control::JointPoint;
@@ -10,29 +10,29 @@ use tesaki::task::joint_servo::JointCommand;
 use super::procedure::{IdentifyError, TICK};
 use crate::trajectory::minimum_jerk;
 
-/// Kept from the ends of a joint's range [rad].
+/// Margin to the ends of a joint's range [rad].
 const CLEAR: f64 = 0.02;
 /// Largest speed of a sweep, as a fraction of the joint's limit.
 const SPEED: f64 = 0.5;
-/// Peak of a minimum-jerk motion's speed over its mean.
+/// Peak speed of a minimum-jerk motion, relative to its mean speed.
 const PEAK: f64 = 1.875;
-/// Peak of its acceleration, 10/√3, over distance by squared time.
+/// Peak acceleration of a minimum-jerk motion, 10/√3, relative to distance / time².
 const PEAK_ACCELERATION: f64 = 5.773_502_7;
 
-/// The joints' references, where they stand [rad].
+/// Returns the joints' references at their present positions [rad].
 pub fn references(model: &RobotModel, telemetry: &Telemetry) -> Vec<f64> {
     let joints = telemetry.joints.iter().zip(&model.joints);
-    // A joint at its stop may measure slightly outside.
+    // A joint at its stop may measure slightly outside its range.
     joints
         .map(|(state, joint)| state.reference.clamp(joint.limits.lower, joint.limits.upper).into())
         .collect()
 }
 
-/// Where each joint is swept [rad]: `amplitude` to either side of where it stands, or so far inwards from an
-/// end of its range.
+/// Returns the range in which each joint is swept [rad]: `amplitude` to either side of its position, shifted
+/// inwards at an end of its range.
 ///
 /// # Errors
-/// A joint whose range is smaller.
+/// A joint's range is too small.
 pub fn ranges(model: &RobotModel, start: &[f64], amplitude: f64) -> Result<Vec<(f64, f64)>, IdentifyError> {
     let range = |(joint, &position): (&JointModel, &f64)| {
         let (lower, upper) = (f64::from(joint.limits.lower) + CLEAR, f64::from(joint.limits.upper) - CLEAR);
@@ -46,29 +46,29 @@ pub fn ranges(model: &RobotModel, start: &[f64], amplitude: f64) -> Result<Vec<(
     model.joints.iter().zip(start).map(range).collect()
 }
 
-/// Joints that move at the same time, between the ends of their ranges and back to where they stood.
+/// Joints that move at the same time, between the ends of their ranges and back to their start.
 pub struct Sweep<'a> {
     pub model: &'a RobotModel,
-    /// Where all joints stand [rad].
+    /// Positions of all joints [rad].
     pub start: &'a [f64],
     pub ranges: &'a [(f64, f64)],
-    /// Which of them move.
+    /// Indices of the joints that move.
     pub joints: &'a [usize],
-    /// Largest torque for the inertia that a joint's servo assumes, as a fraction of its limit.
+    /// Largest torque for the inertia assumed by a joint's servo, as a fraction of its limit.
     pub torque: f64,
 }
 
-/// One way of the joints that move.
+/// One motion of the moving joints.
 pub struct Leg {
-    /// Where each joint begins and ends [rad].
+    /// Start and end of each joint [rad].
     ways: Vec<(f64, f64)>,
-    /// The time that it takes [s].
+    /// Its duration [s].
     time: f64,
 }
 
 impl Sweep<'_> {
-    /// To and fro as often as `times` tell for each time of one way [s], and back within another; all of them
-    /// longer by the same factor where a joint cannot be so fast.
+    /// Returns the motions: to and fro, in `times` with the duration of each motion and its repetitions, and
+    /// back within `back`. All durations are stretched by the same factor if a joint cannot be so fast.
     pub fn legs(&self, times: &[(f64, usize)], back: f64) -> Vec<Leg> {
         let both = times.iter().flat_map(|&(time, repeats)| std::iter::repeat_n(time, repeats));
         let end = |high: bool| {
@@ -96,7 +96,7 @@ impl Sweep<'_> {
         legs
     }
 
-    /// The time that the joints' speeds and torques allow [s].
+    /// Returns the shortest time that the joints' speeds and torques allow [s].
     fn least_time(&self, leg: &Leg) -> f64 {
         let least = |((from, to), joint): (&(f64, f64), &JointModel)| {
             let (way, limits) = ((to - from).abs(), &joint.limits);
@@ -110,13 +110,13 @@ impl Sweep<'_> {
 }
 
 impl Leg {
-    /// How many ticks it takes.
+    /// Number of ticks it takes.
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of ticks")]
     pub fn ticks(&self) -> u32 {
         (self.time / TICK).round() as u32
     }
 
-    /// A set-point for each tick, of minimum jerk.
+    /// Returns a minimum-jerk set-point for each tick.
     pub fn requests(&self) -> impl Iterator<Item = Request> + '_ {
         let ticks = self.ticks();
         (1..=ticks).map(move |tick| {

@@ -91,7 +91,7 @@ fn over(frame: &mut Frame, title: &str, width: u16, lines: Vec<Line>) {
     }
     let width = width.min(screen.width - 2);
     let inside = usize::from(width - 4);
-    // Lines break between words, which takes some room.
+    // Lines are broken between words, which wastes some space.
     let height = |line: &Line| if line.width() <= inside { 1 } else { line.width().div_ceil(inside - 8) };
     let rows: usize = lines.iter().map(height).sum();
     let height = u16::try_from(rows + 2).unwrap_or(u16::MAX).min(screen.height - 2);
@@ -139,7 +139,7 @@ fn draw_joints(frame: &mut Frame, view: &View, selected: Option<usize>, area: Re
     }
 }
 
-/// The selected joint in numbers and as a curve.
+/// Draws the selected joint with its values and a curve.
 fn draw_detail(frame: &mut Frame, joint: Option<&JointView>, area: Rect) {
     let Some(joint) = joint else {
         let text = Paragraph::new(Line::styled("select a joint with ↑↓ to see its curve", DIM));
@@ -182,7 +182,7 @@ fn draw_detail(frame: &mut Frame, joint: Option<&JointView>, area: Rect) {
     frame.render_widget(chart, curve);
 }
 
-/// The newest faults first, as many as there is room for.
+/// Draws the newest faults first, as many as there is room for.
 fn draw_fault_panel(frame: &mut Frame, faults: &[String], area: Rect) {
     let sign = || Span::styled("! ", Style::new().fg(Color::Red));
     let newest = faults.iter().rev().take(usize::from(area.height));
@@ -210,7 +210,7 @@ fn draw_link(frame: &mut Frame, link: &LinkView, area: Rect) {
         },
         match (link.rate, link.expected_rate) {
             (None, expected) => Span::raw(format!("{expected:.0} frames/s expected")),
-            // Another program may have asked for more.
+            // Another program may have requested more.
             (Some(rate), expected) if rate > 1.1 * expected => Span::raw(format!("{rate:.0} frames/s")),
             (Some(rate), expected) => {
                 bad(rate < 0.9 * expected, format!("{rate:.0} of {expected:.0} frames/s"))
@@ -246,7 +246,7 @@ fn draw_hint(frame: &mut Frame, hint: &str, fault: Option<&String>, area: Rect) 
 fn draw_keys(frame: &mut Frame, area: Rect) {
     let mut spans = vec![Span::raw(" ")];
     for (key, text) in KEYS {
-        // The arrow keys are the most obvious ones.
+        // The arrow keys are left out first, because they are obvious.
         if key == "↑↓" && area.width < 72 {
             continue;
         }
@@ -264,7 +264,7 @@ fn panel(title: &str) -> Block<'static> {
         .title(Span::styled(title.to_owned(), BOLD.remove_modifier(Modifier::DIM)))
 }
 
-/// The first parts that fit in a line of `width`.
+/// Returns the first parts that fit into a line of `width`.
 fn fitting<'a>(parts: impl IntoIterator<Item = Span<'a>>, width: u16) -> Line<'a> {
     let mut line = Line::default();
     for part in parts {
@@ -278,7 +278,7 @@ fn fitting<'a>(parts: impl IntoIterator<Item = Span<'a>>, width: u16) -> Line<'a
     line
 }
 
-/// One line with a left and a right end; the right one stays whole.
+/// Draws a line with a left and a right part; the right one is never truncated.
 fn split(frame: &mut Frame, area: Rect, left: Line, right: Line) {
     let width = u16::try_from(right.width()).unwrap_or(u16::MAX);
     let [start, end] =
@@ -287,7 +287,7 @@ fn split(frame: &mut Frame, area: Rect, left: Line, right: Line) {
     frame.render_widget(right, end);
 }
 
-/// Time since the board started: hours, minutes, seconds.
+/// Formats the time since the board started: hours, minutes, seconds.
 fn clock(time: f64) -> String {
     if !time.is_finite() || time < 0.0 {
         return "up ? ".to_owned();

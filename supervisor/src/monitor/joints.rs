@@ -28,7 +28,7 @@ enum Column {
     History,
 }
 
-/// Where a joint's position is relative to its limits.
+/// State of a joint's position relative to its limits.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum LimitState {
     NotHomed,
@@ -77,7 +77,7 @@ impl LimitState {
     }
 }
 
-/// Draws the heading and the joints from `first` on, one a line.
+/// Draws the heading and the joints from `first` on, one per line.
 pub(super) fn draw(
     joints: &[JointView],
     first: usize,
@@ -100,7 +100,7 @@ pub(super) fn draw(
     }
 }
 
-/// The columns that `width` has room for.
+/// Returns the columns that fit into `width`.
 fn columns(joints: &[JointView], width: u16) -> Vec<(Column, Constraint)> {
     let longest = joints.iter().map(|joint| joint.name.chars().count()).max().unwrap_or(0);
     let max = if width < 76 { 12 } else { 16 + width.saturating_sub(94) / 4 };
@@ -124,7 +124,7 @@ fn columns(joints: &[JointView], width: u16) -> Vec<(Column, Constraint)> {
     all.into_iter().filter(|&(from, ..)| width >= from).map(|(_, column, size)| (column, size)).collect()
 }
 
-/// A column's title, and whether it stands to the right.
+/// Returns a column's title, and whether it is right-aligned.
 const fn heading(column: Column) -> (&'static str, bool) {
     match column {
         Column::Mark => ("", false),
@@ -176,7 +176,7 @@ fn draw_cell(column: Column, joint: &JointView, selected: bool, area: Rect, buff
     }
 }
 
-/// The range of the joint as a line, the position as a block on it in steps of half a cell.
+/// Draws the range of the joint as a line, and the position as a block on it in steps of half a cell.
 fn draw_track(joint: &JointView, limit_state: LimitState, area: Rect, buffer: &mut Buffer) {
     let word = match limit_state {
         LimitState::NotHomed => "not homed",
@@ -238,7 +238,7 @@ fn draw_track(joint: &JointView, limit_state: LimitState, area: Rect, buffer: &m
     }
 }
 
-/// The torque from the middle out; the ends are the limit.
+/// Draws the torque as a bar from the middle; its ends are the limits.
 fn draw_bar(joint: &JointView, area: Rect, buffer: &mut Buffer) {
     let side = area.width.saturating_sub(1) / 2;
     let middle = area.x + side;
@@ -268,7 +268,7 @@ fn draw_bar(joint: &JointView, area: Rect, buffer: &mut Buffer) {
     }
 }
 
-/// The positions within the joint's limits, newest to the right, as many of them as there are cells.
+/// Draws the positions within the joint's limits, newest to the right, one per cell.
 fn draw_history(joint: &JointView, area: Rect, buffer: &mut Buffer) {
     let style = if joint.homed { Style::new().fg(Color::Green) } else { DIM };
     let (count, width) = (joint.history.len(), usize::from(area.width));
@@ -294,20 +294,20 @@ fn torque_style(joint: &JointView) -> Style {
     }
 }
 
-/// Where an angle is in the joint's range: 0 at the lower limit, 1 at the upper one.
+/// Returns the relative position of an angle in the joint's range: 0 at the lower limit, 1 at the upper one.
 fn fraction(angle: f32, joint: &JointView) -> Option<f64> {
     let (lower, upper) = (f64::from(joint.lower), f64::from(joint.upper));
     let fraction = (f64::from(angle) - lower) / (upper - lower);
     (upper > lower && fraction.is_finite()).then_some(fraction)
 }
 
-/// Index of the step that contains a fraction, of `steps` equal steps.
+/// Returns the index of the step that contains a fraction, of `steps` equal steps.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "bounded before")]
 fn step(fraction: f64, steps: u16) -> u16 {
     ((fraction.clamp(0.0, 1.0) * f64::from(steps)) as u16).min(steps.saturating_sub(1))
 }
 
-/// At most six characters, with fewer decimals for larger numbers.
+/// Formats with at most six characters, with fewer decimals for larger numbers.
 pub(super) fn number(value: f32, decimals: usize) -> String {
     if !value.is_finite() {
         return value.to_string().to_lowercase();
@@ -321,7 +321,7 @@ pub(super) fn number(value: f32, decimals: usize) -> String {
     }
 }
 
-/// `text` in `width` cells, with an ellipsis for what is gone.
+/// Fits `text` into `width` cells, with an ellipsis if it is truncated.
 pub(super) fn shorten(text: &str, width: u16) -> String {
     let width = usize::from(width);
     if text.chars().count() <= width {

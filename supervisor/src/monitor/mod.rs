@@ -16,7 +16,7 @@ use ratatui::crossterm::event::{Event, KeyCode, KeyEventKind, KeyModifiers};
 pub use draw::{draw, draw_faults, draw_help};
 pub use screen::{Overlay, Screen};
 
-/// How many positions [`JointView::remember`] keeps.
+/// Number of positions that [`JointView::remember`] keeps.
 pub const HISTORY: usize = 240;
 
 /// Everything the monitor shows.
@@ -131,7 +131,7 @@ pub enum Key {
 }
 
 impl Key {
-    /// The meaning of a terminal event, if it has one.
+    /// Returns the meaning of a terminal event, if it has one.
     #[must_use]
     pub fn from_event(event: &Event) -> Option<Self> {
         let Event::Key(key) = event else { return None };
@@ -156,8 +156,8 @@ impl Key {
         }
     }
 
-    /// The selection after this key among `joints` joints: from none, down goes to the first and up to the
-    /// last.
+    /// Returns the selection after this key among `joints` joints: without a selection, down selects the
+    /// first joint and up the last.
     #[must_use]
     pub fn select(self, selected: Option<usize>, joints: usize) -> Option<usize> {
         let last = joints.checked_sub(1)?;

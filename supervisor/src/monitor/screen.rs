@@ -8,7 +8,7 @@ use ratatui::style::Color;
 
 use super::{Key, View, draw, draw_faults, draw_help};
 
-/// What lies over the view.
+/// A panel over the view.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Overlay {
     /// The keys and signs.
@@ -17,7 +17,7 @@ pub enum Overlay {
     Faults,
 }
 
-/// The terminal, taken over: other screen, no echo, keys one by one. It goes back to normal when this is
+/// The terminal in the alternate screen, without echo, and with unbuffered keys. It is restored when this is
 /// dropped, and before the message of a panic.
 #[derive(Debug)]
 pub struct Screen {
@@ -29,7 +29,7 @@ impl Screen {
     /// Takes the terminal over. There are no colours if the environment has a non-empty `NO_COLOR`.
     ///
     /// # Errors
-    /// When standard output is no terminal, or one that cannot do this.
+    /// Standard output is not a terminal, or one that does not support this.
     pub fn enter() -> io::Result<Self> {
         if !io::stdout().is_terminal() {
             return Err(io::Error::other("the monitor needs a terminal to draw on"));
@@ -38,7 +38,7 @@ impl Screen {
         match ratatui::try_init() {
             Ok(terminal) => Ok(Self { terminal, colours }),
             Err(error) => {
-                // Half-way may be in already; the error that counts is the first.
+                // The mode may already be half entered; the first error is the one to report.
                 let _ = ratatui::try_restore();
                 Err(error)
             }
@@ -48,7 +48,7 @@ impl Screen {
     /// Shows `view`, with `overlay` over it.
     ///
     /// # Errors
-    /// When the terminal is gone.
+    /// The terminal is gone.
     pub fn draw(&mut self, view: &View, selected: Option<usize>, overlay: Option<Overlay>) -> io::Result<()> {
         let colours = self.colours;
         self.terminal.draw(|frame| {
@@ -65,11 +65,11 @@ impl Screen {
         Ok(())
     }
 
-    /// Waits for a known key, for at most `timeout`. A terminal that changed its size ends the
-    /// wait early, with `None`, so that it is drawn anew.
+    /// Waits for a known key, for at most `timeout`. A change of the terminal's size ends the wait early,
+    /// with `None`, so that it is redrawn.
     ///
     /// # Errors
-    /// When the terminal is gone.
+    /// The terminal is gone.
     pub fn key(&mut self, timeout: Duration) -> io::Result<Option<Key>> {
         let deadline = Instant::now() + timeout;
         while event::poll(deadline.saturating_duration_since(Instant::now()))? {
@@ -85,16 +85,16 @@ impl Screen {
 
 impl Drop for Screen {
     fn drop(&mut self) {
-        // Nobody is left to tell of errors.
+        // Errors can no longer be reported.
         let _ = self.terminal.show_cursor();
-        // In a panic the hook has done this, and a second time would put the cursor over the message.
+        // In a panic the hook has done this, and a second restore would put the cursor over the message.
         if !std::thread::panicking() {
             let _ = ratatui::try_restore();
         }
     }
 }
 
-/// Leaves only what a terminal without colours shows: characters, bold, dim and reversed.
+/// Keeps only what a terminal without colours shows: characters, bold, dim and reversed.
 pub(super) fn drop_colours(buffer: &mut Buffer) {
     for cell in &mut buffer.content {
         cell.fg = Color::Reset;

@@ -89,7 +89,7 @@ fn text(width: u16, height: u16, view: &View, selected: Option<usize>) -> Vec<St
     lines(&buffer(width, height, |frame| draw(frame, view, selected)))
 }
 
-/// Writes what is drawn for a look at it: `TESAKI_MONITOR_DUMP=folder cargo test`.
+/// Writes the drawn screen to a file for inspection: `TESAKI_MONITOR_DUMP=folder cargo test`.
 fn dump(name: &str, buffer: &Buffer) {
     let Some(folder) = std::env::var_os("TESAKI_MONITOR_DUMP") else { return };
     let mut text = String::new();

@@ -1,17 +1,17 @@
-//! What is wrong with a frame of a source.
+//! Errors in the frames of a source.
 
 use tesaki::teleop::{Finger, GloveError};
 use tesaki_description::retargeting::Side;
 
-/// Why a frame cannot be of the operator's hand, and what to do.
+/// Reasons why a frame cannot belong to the operator's hand, and what to do.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum FrameError {
-    /// Time does not go on.
+    /// Time does not increase.
     #[error("time {time} s does not follow {before} s: times must rise; sort the frames, or start anew")]
     Time {
-        /// Of the frame [s].
+        /// Time of the frame [s].
         time: f64,
-        /// Of the frame before [s].
+        /// Time of the previous frame [s].
         before: f64,
     },
     /// A number is not finite.
@@ -20,16 +20,16 @@ pub enum FrameError {
     /// An orientation cannot be used.
     #[error("{0}")]
     Glove(#[from] GloveError),
-    /// Lengths are not those of a hand.
+    /// A length is not that of a hand.
     #[error("{what} is {value}, limits {min} and {max}: {hint}")]
     Size {
-        /// Which length.
+        /// Name of the length.
         what: &'static str,
         /// The value.
         value: f32,
-        /// Smallest hand.
+        /// Value for the smallest hand.
         min: f32,
-        /// Largest hand.
+        /// Value for the largest hand.
         max: f32,
         /// What to do.
         hint: String,
@@ -43,18 +43,18 @@ pub enum FrameError {
          check the order of the landmarks"
     )]
     Bone {
-        /// Landmark.
+        /// Index of the first landmark.
         from: usize,
-        /// Landmark.
+        /// Index of the second landmark.
         to: usize,
         /// Distance [m].
         length: f32,
-        /// Limit [m].
+        /// Smallest allowed distance [m].
         min: f32,
-        /// Limit [m].
+        /// Largest allowed distance [m].
         max: f32,
     },
-    /// Image coordinates in place of lengths.
+    /// Image coordinates instead of lengths.
     #[error(
         "all x and y are within 0 to 1 and z of the wrist is 0: these are normalised image coordinates; send the world \
          landmarks, in metres"
@@ -72,12 +72,12 @@ pub enum FrameError {
         neighbour: Finger,
         /// "tip" or "knuckle".
         what: &'static str,
-        /// How far [m].
+        /// The distance [m].
         beyond: f32,
         /// Limit [m].
         limit: f32,
     },
-    /// The fingers stand in reverse order.
+    /// The fingers are in reverse order.
     #[error(
         "index to little finger stand as on a {} hand, and the robot follows a {} hand: y = z × x must point to the \
          thumb of a right hand; is the input mirrored?", .follows.other().name(), .follows.name()
@@ -97,7 +97,7 @@ pub enum FrameError {
         /// Limit [m].
         limit: f32,
     },
-    /// Both of these.
+    /// The fingers are in reverse order, and the fingertips are behind the hand.
     #[error("the fingertips are turned by 180° about the fingers: x must point out of the palm")]
     Turned,
     /// A fingertip is farther from the wrist than fingers reach.
@@ -108,7 +108,7 @@ pub enum FrameError {
     Reach {
         /// The finger.
         finger: Finger,
-        /// From the wrist [m].
+        /// Distance from the wrist [m].
         distance: f32,
         /// Limit [m].
         limit: f32,
@@ -119,7 +119,7 @@ pub enum FrameError {
          picture is mirrored: do not flip it", .0.name(), .0.other().name()
     )]
     OtherHand(Side),
-    /// The source says that it is the other hand.
+    /// The source labels it as the other hand.
     #[error(
         "the source calls it a {} hand{}, and the robot follows a {} hand: show this hand; if it is, the picture is \
          mirrored or the source names hands as in a mirror: then do not flip it, or leave out `handedness`",

@@ -1,4 +1,4 @@
-//! Fingertips in the frame of the operator's hand: whether they can be of a hand, and how fast they move.
+//! Fingertips in the frame of the operator's hand: plausibility and velocity.
 
 use nalgebra::Vector3;
 use tesaki::teleop::{FINGERS, Finger};
@@ -7,19 +7,19 @@ use tesaki_description::retargeting::Side;
 use super::error::FrameError;
 use super::palm::thumbward;
 
-/// Sizes of hands relative to the mean adult's: children of six to the largest adults, with the errors of
-/// trackers.
+/// Sizes of hands relative to the mean adult's: from children aged six to the largest adults, including the
+/// errors of trackers.
 const SIZE: [f32; 2] = [0.55, 1.5];
-/// Median distance of the fingertips from the wrist [m]: a small fist, a large flat hand.
+/// Median distance of the fingertips from the wrist [m]: from a small fist to a large flat hand.
 const MEDIAN: [f32; 2] = [0.028, 0.255];
-/// How far a tip can be from the wrist [m]: thumb, other fingers.
+/// Largest distance of a tip from the wrist [m]: thumb, other fingers.
 const REACH: [f32; 2] = [0.17, 0.26];
-/// A tip is on the thumb's side of the tip of the finger before by at most this [m]: fingers that are
-/// crossed.
+/// Largest distance by which a tip may be on the thumb's side of the previous finger's tip [m]: crossed
+/// fingers.
 const CROSSED: f32 = 0.015;
-/// Little finger on the thumb's side of the index finger: reversed [m].
+/// Distance of the little finger on the thumb's side of the index finger that shows a reversed order [m].
 const REVERSED: f32 = 0.01;
-/// Mean of the tips behind the back of the hand [m]: fingers bent backwards by some 30°.
+/// Mean distance of the tips behind the back of the hand [m]: fingers bent backwards by about 30°.
 const BEHIND: f32 = 0.045;
 
 /// A fingertip of a frame.
@@ -31,10 +31,11 @@ pub struct Tip {
     pub direction: Option<Vector3<f32>>,
 }
 
-/// Units in which positions come by mistake, and their length [m].
+/// Units in which positions may be given by mistake, and their length [m].
 const UNITS: [(&str, f32); 4] = [("dm", 0.1), ("inches", 0.0254), ("cm", 0.01), ("mm", 0.001)];
 
-/// Checks a length that tells the size of a hand, and says with which units it would be of one.
+/// Checks a length that depends on the size of a hand; the error names the units with which it would be
+/// plausible.
 fn check_length(what: &'static str, value: f32, [min, max]: [f32; 2]) -> Result<(), FrameError> {
     let fits = |unit: f32| (min..=max).contains(&(unit * value));
     if fits(1.0) {
@@ -53,7 +54,7 @@ pub(super) fn check_size(size: f32) -> Result<(), FrameError> {
     check_length("the size of the palm relative to the mean of adults", size, SIZE)
 }
 
-/// Checks that fingers lie side by side; `sides`: how far each is to the side of the thumb [m].
+/// Checks that fingers lie side by side. `sides` is the distance of each towards the side of the thumb [m].
 pub(super) fn check_order(
     sides: &[Option<f32>; FINGERS],
     what: &'static str,
@@ -70,7 +71,7 @@ pub(super) fn check_order(
     Ok(())
 }
 
-/// Checks that fingertips can be of a hand that is `side`.
+/// Checks that fingertips can belong to a hand of this `side`.
 pub(super) fn check(side: Side, tips: &[Option<Tip>; FINGERS]) -> Result<(), FrameError> {
     let known =
         || Finger::ALL.into_iter().zip(tips).filter_map(|(finger, tip)| Some((finger, (*tip)?.position)));
@@ -101,14 +102,14 @@ pub(super) fn check(side: Side, tips: &[Option<Tip>; FINGERS]) -> Result<(), Fra
 }
 
 /// Observer of a fingertip's position and velocity with a double pole at the bandwidth `ω` (alpha-beta
-/// filter). Position `(2ωs + ω²)/(s + ω)²`: without lag in steady motion. Velocity `ω²s/(s + ω)²`: late by
+/// filter). Position `(2ωs + ω²)/(s + ω)²`: no lag at constant velocity. Velocity `ω²s/(s + ω)²`: a lag of
 /// 2/ω.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PointFilter {
     /// Time of the last sample [s].
     pub time: f64,
     pub position: Vector3<f32>,
-    /// [m/s]
+    /// Velocity [m/s].
     pub velocity: Vector3<f32>,
 }
 
@@ -117,7 +118,7 @@ impl PointFilter {
         Self { time, position, velocity: Vector3::zeros() }
     }
 
-    /// Takes a sample; `bandwidth` [rad/s].
+    /// Corrects the estimate by a sample; `bandwidth` in rad/s.
     #[expect(clippy::cast_possible_truncation, reason = "a period")]
     pub fn correct(&mut self, time: f64, position: &Vector3<f32>, bandwidth: f32) {
         let period = (time - self.time) as f32;

@@ -1,6 +1,6 @@
-//! The 21 landmarks of a hand that webcam trackers find, in the order of MediaPipe: 0 is the wrist; 1–4 the
-//! thumb from its root to its tip, 5–8 the index finger, 9–12 the middle finger, 13–16 the ring finger, 17–20
-//! the little finger, each from the knuckle to the tip.
+//! The 21 landmarks of a hand that webcam trackers find, in the order of MediaPipe: 0 is the wrist; 1–4 are
+//! the thumb from its root to its tip, 5–8 the index finger, 9–12 the middle finger, 13–16 the ring finger,
+//! 17–20 the little finger, each from the knuckle to the tip.
 
 use nalgebra::Vector3;
 use tesaki::teleop::{FINGERS, Finger};
@@ -13,7 +13,7 @@ use super::palm::{PalmFrame, thumbward};
 /// Number of landmarks.
 pub const LANDMARKS: usize = 21;
 
-/// Mean distances from landmark to landmark of each finger [m] (Buryanov and Kotiuk 2010, as in
+/// Mean distances between successive landmarks of each finger [m] (Buryanov and Kotiuk 2010, as in
 /// `tesaki::teleop`).
 const BONES: [[f32; 3]; FINGERS] = [
     [0.0462, 0.0316, 0.0273],
@@ -22,27 +22,27 @@ const BONES: [[f32; 3]; FINGERS] = [
     [0.0414, 0.0257, 0.0213],
     [0.0327, 0.0181, 0.0197],
 ];
-/// Limits of a bone's length relative to the mean one in a hand of this size. MediaPipe makes bones that
-/// point to the camera as short as 0.4 of it.
+/// Limits of a bone's length relative to the mean in a hand of this size. MediaPipe shortens bones that point
+/// to the camera to as little as 0.4 of their length.
 const BONE_RATIO: [f32; 2] = [0.2, 2.5];
-/// A knuckle is on the thumb's side of the knuckle before by at most this [m].
+/// Largest distance by which a knuckle may be on the thumb's side of the previous one [m].
 const KNUCKLE_ORDER: f32 = 0.0;
-/// Sum of the sines of the bends of the four fingers' outer joints, eight in all, from which on they tell the
-/// side: fingers hardly bend backwards.
+/// Sum of the sines of the bending angles of the four fingers' outer joints, eight in all, above which they
+/// determine the side: fingers hardly bend backwards.
 const CLEAR_BEND: f32 = 1.0;
 
-/// A frame of a webcam tracker, in any right-handed frame in metres. (MediaPipe's world landmarks: x to the
-/// right of the picture, y down, z away from the camera.)
+/// A frame of a webcam tracker, in any right-handed coordinates in metres. (MediaPipe's world landmarks have
+/// x to the right of the picture, y down, and z away from the camera.)
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Landmarks {
     /// Positions [m].
     pub points: [[f32; 3]; LANDMARKS],
-    /// Which hand it is, if the source says so.
+    /// The side of the hand, if the source states it.
     pub handedness: Option<Side>,
 }
 
 impl Landmarks {
-    /// The fingertips in the frame of the hand, which is `side`.
+    /// Returns the fingertips in the frame of the hand, which is on this `side`.
     pub(super) fn fingertips(&self, side: Side) -> Result<[Option<Tip>; FINGERS], FrameError> {
         if let Some(index) = self.points.iter().position(|point| !point.iter().all(|x| x.is_finite())) {
             return Err(FrameError::NotFinite(format!("landmark {index}")));
@@ -55,7 +55,7 @@ impl Landmarks {
         let palm = [Some(0), None, Some(5), Some(9), Some(13), Some(17)].map(|index| index.map(point));
         let palm = PalmFrame::fit(side, &palm).ok_or(FrameError::Flat)?;
         check_size(palm.size)?;
-        // The sides of knuckles follow from the fit as long as two of them are not swapped.
+        // The fit determines the side of each knuckle as long as no two of them are swapped.
         let knuckles = [None, Some(5), Some(9), Some(13), Some(17)]
             .map(|index| index.map(|index: usize| thumbward(side, palm.position(&point(index)).y)));
         check_order(&knuckles, "knuckle", KNUCKLE_ORDER)?;
@@ -84,9 +84,9 @@ impl Landmarks {
         }))
     }
 
-    /// The hand whose fingers bend this way, if they bend clearly. A joint that bends towards the palm turns
-    /// its bone about an axis that points to the thumb on a right hand, and to the little finger on a left
-    /// one.
+    /// Returns the side of the hand whose fingers bend this way, if they bend clearly. A joint that bends
+    /// towards the palm turns its bone about an axis that points to the thumb on a right hand, and to the
+    /// little finger on a left one.
     fn bends_like(&self) -> Option<Side> {
         let point = |index: usize| Vector3::from(self.points[index]);
         let bone = |from: usize| (point(from + 1) - point(from)).normalize();

@@ -3,8 +3,8 @@
 use nalgebra::{Matrix3, Vector3};
 use tesaki_description::retargeting::Side;
 
-/// Wrist and first joints of a right hand in its frame, thumb to little finger [m]: the mean of adults'
-/// hands, as in `robots/hand5`.
+/// Wrist and first joints of a right hand in its frame, thumb to little finger [m]: the mean of adult hands,
+/// as in `robots/hand5`.
 const MEAN: [[f32; 3]; POINTS] = [
     [0.0, 0.0, 0.0],
     [0.010, 0.022, 0.020],
@@ -13,25 +13,25 @@ const MEAN: [[f32; 3]; POINTS] = [
     [0.0, -0.016, 0.087],
     [0.0, -0.034, 0.078],
 ];
-/// Points of a palm: the wrist and the first joint of each finger.
+/// Number of points of a palm: the wrist and the first joint of each finger.
 pub const POINTS: usize = 6;
 
 /// The frame of the operator's hand: origin at the wrist, z along the fingers, x out of the palm, y = z × x.
 /// On a right hand y points to the thumb, on a left hand to the little finger.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PalmFrame {
-    /// Into the hand's frame.
+    /// Rotation into the hand's frame.
     rotation: Matrix3<f32>,
-    /// The wrist, or where it is by the mean hand [m].
+    /// Position of the wrist, measured or derived from the mean hand [m].
     origin: Vector3<f32>,
     /// Size of the hand, relative to the mean one.
     pub size: f32,
 }
 
 impl PalmFrame {
-    /// The frame of the palm with these points [m], wrist first, in any frame: that of the mean hand which is
-    /// scaled, turned and moved to fit them (least squares; Umeyama 1991). `None` for fewer than three of
-    /// them, or if they lie in one line.
+    /// Fits the mean hand, scaled, rotated and translated, to the points of a palm [m], wrist first, in any
+    /// frame (least squares; Umeyama 1991), and returns its frame. `None` for fewer than three points, or if
+    /// they are collinear.
     pub fn fit(side: Side, points: &[Option<Vector3<f32>>; POINTS]) -> Option<Self> {
         let pairs = || {
             let mean = MEAN.iter().map(|&[x, y, z]| Vector3::new(x, thumbward(side, y), z));
@@ -50,12 +50,12 @@ impl PalmFrame {
         }
         let svd = covariance.svd(true, true);
         let (Some(left), Some(right)) = (svd.u, svd.v_t) else { return None };
-        // A palm is nearly flat; without this, one in a line could be turned about it at will.
+        // A palm is nearly flat, but collinear points would leave a rotation about their line free.
         let is_flat = svd.singular_values[1] > 1e-3 * svd.singular_values[0];
         if count < 3.0 || !is_flat {
             return None;
         }
-        // The sign makes it a rotation, not a reflection.
+        // The sign makes it a rotation instead of a reflection.
         let sign = (left * right).determinant().signum();
         let signs = Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, sign));
         let rotation = left * signs * right;
@@ -64,18 +64,18 @@ impl PalmFrame {
         Some(Self { rotation, origin, size })
     }
 
-    /// A point in the hand's frame [m].
+    /// Transforms a point into the hand's frame [m].
     pub fn position(&self, point: &Vector3<f32>) -> Vector3<f32> {
         self.rotation * (point - self.origin)
     }
 
-    /// A direction or a velocity in the hand's frame.
+    /// Transforms a direction or a velocity into the hand's frame.
     pub fn vector(&self, vector: &Vector3<f32>) -> Vector3<f32> {
         self.rotation * vector
     }
 }
 
-/// How far a coordinate y is to the side of the thumb.
+/// Returns the distance of a coordinate y towards the side of the thumb.
 pub fn thumbward(side: Side, y: f32) -> f32 {
     match side {
         Side::Right => y,
@@ -90,7 +90,7 @@ mod tests {
 
     use super::*;
 
-    /// A hand 20 % larger than the mean, anywhere.
+    /// A hand 20 % larger than the mean, in an arbitrary pose.
     #[test]
     fn the_frame_of_a_turned_moved_and_scaled_palm_is_found_for_either_hand() {
         let rotation = Rotation3::from_euler_angles(0.4, -2.0, 2.9);

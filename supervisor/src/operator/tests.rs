@@ -1,4 +1,4 @@
-//! Frames of a hand with the mean proportions, good ones and every kind of bad ones.
+//! Valid and invalid frames of a hand with the mean proportions.
 
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use tesaki::task::telexistence::FingertipPoint;
@@ -23,14 +23,15 @@ const BONES: [[f32; 3]; FINGERS] = [
     [0.0327, 0.0181, 0.0197],
 ];
 
-/// Landmarks of a right hand in its frame, each joint of the four fingers bent by `bend` [rad].
+/// Returns the landmarks of a right hand in its frame, with each joint of the four fingers bent by `bend`
+/// [rad].
 fn landmarks(bend: f32) -> [[f32; 3]; LANDMARKS] {
     let mut points = [[0.0; 3]; LANDMARKS];
     for finger in 0..FINGERS {
         let mut point = Vector3::from(JOINTS[finger]);
         points[1 + 4 * finger] = point.into();
         for (bone, length) in BONES[finger].iter().enumerate() {
-            // About y, from z towards x: out of the palm. The thumb points sideways.
+            // Bent about y, from z towards x, out of the palm. The thumb points sideways.
             let angle = if finger == 0 { 0.3 } else { bend * (bone + 1) as f32 };
             let sideways = if finger == 0 { 0.84 } else { 0.0 };
             let (sine, cosine) = tesaki::math::sin_cos(angle);
@@ -45,7 +46,7 @@ fn landmarks(bend: f32) -> [[f32; 3]; LANDMARKS] {
 /// World landmarks that MediaPipe expects of its test pictures of right hands [0.1 mm].
 const MEDIAPIPE: [[[i16; 3]; LANDMARKS]; 3] = include!("../../../tests/oracles/data/mediapipe_hands.in");
 
-/// As a camera sees it.
+/// Transforms points into a camera's frame.
 fn pictured(points: [[f32; 3]; LANDMARKS]) -> [[f32; 3]; LANDMARKS] {
     let rotation = Rotation3::from_euler_angles(1.1, -0.4, 2.0);
     points.map(|point| (rotation * Vector3::from(point) - Vector3::new(0.01, 0.02, 0.03)).into())
@@ -124,7 +125,8 @@ fn the_settings_turn_the_fingertips_into_the_robots_frame() {
     }
 }
 
-/// A bent hand that is mirrored is the other hand, whatever the label says; a flat one only by its label.
+/// A mirrored bent hand is recognised as the other hand regardless of its label, a flat one only by its
+/// label.
 #[test]
 fn the_other_hand_and_a_mirrored_one_are_told() {
     let bent = pictured(landmarks(0.4));
@@ -156,7 +158,7 @@ fn landmarks_in_other_units_or_of_the_picture_are_told() {
         let error = seen(Side::Right, bent.map(|point| point.map(|x| scale * x)), None).unwrap_err();
         assert!(matches!(error, FrameError::Size { .. }) && error.to_string().contains(words), "{error}");
     }
-    // As MediaPipe's other landmarks: x, y of the picture; z from the wrist.
+    // As MediaPipe's other landmarks: x, y in the picture; z relative to the wrist.
     let wrist = bent[0];
     let normalised = bent.map(|[x, y, z]| [0.5 + x, 0.5 + y, z - wrist[2]]);
     assert_eq!(seen(Side::Right, normalised, None), Err(FrameError::Normalised));
@@ -170,7 +172,7 @@ fn landmarks_in_another_order_are_told() {
         (0..count).for_each(|index| points.swap(one + index, other + index));
         seen(Side::Right, points, None).unwrap_err()
     };
-    // Index and middle finger, the whole hand from the little finger on, two joints.
+    // Swapped index and middle finger, reversed fingers, and two swapped joints.
     assert!(matches!(swapped(5, 9, 4), FrameError::Order { finger: Finger::Middle, what: "knuckle", .. }));
     let reversed = std::array::from_fn(|index| {
         if index < 5 { bent[index] } else { bent[5 + 4 * (3 - (index - 5) / 4) + (index - 5) % 4] }
@@ -215,7 +217,7 @@ fn fingertips_that_are_not_of_a_hand_are_told() {
     broken[3] = Some([0.0, f32::INFINITY, 0.1]);
     let error = tracker(Side::Right).add(0.0, &Observation::Fingertips(broken)).unwrap_err();
     assert_eq!(error, FrameError::NotFinite("the tip of the ring finger".to_owned()));
-    // A fist, a flat hand and crossed fingers are of a hand.
+    // A fist, a flat hand and crossed fingers are valid.
     for bend in [0.0, 1.2] {
         tracker(Side::Right).add(0.0, &Observation::Fingertips(tips(bend))).unwrap();
     }
@@ -239,7 +241,8 @@ fn time_that_does_not_rise_is_told_and_changes_nothing() {
     assert_eq!(tracker.gaps(), 1);
 }
 
-/// Steady motion: the position has no lag, the velocity is right. After its begin the velocity is 2/ω late.
+/// At constant velocity the position has no lag and the velocity is exact. At the start the velocity lags by
+/// 2/ω.
 #[test]
 fn positions_and_velocities_are_filtered_as_stated() {
     let mut tracker = tracker(Side::Right);
@@ -258,7 +261,7 @@ fn positions_and_velocities_are_filtered_as_stated() {
             assert!((index.position[0] - tips[1].unwrap()[0]).abs() < 1e-4);
         }
     }
-    // The area above the step response is speed · delay; sampling adds half a period or so.
+    // The area above the step response is speed · delay; sampling adds about half a period.
     let delay = area / f64::from(speed);
     assert!((delay - 2.0 / omega).abs() < period, "{delay} s, expected {} s", 2.0 / omega);
 }
@@ -277,7 +280,7 @@ fn a_fingertip_that_is_hidden_is_not_made_up_and_begins_anew() {
     assert_eq!(tracker.add(0.6, &Observation::Landmarks(None)), Ok([None; FINGERS]));
 }
 
-/// The sensor on the back of the hand sits as it likes: the knuckles tell how.
+/// The sensor on the back of the hand has an arbitrary orientation, which follows from the knuckles.
 #[test]
 fn a_glove_gives_the_fingertips_in_the_hands_frame() {
     let mount = UnitQuaternion::from_euler_angles(0.5, -1.2, 2.2);
@@ -295,7 +298,7 @@ fn a_glove_gives_the_fingertips_in_the_hands_frame() {
         max_gap: 0.2,
         wearer: Some(Wearer::try_new(hand, Side::Right).unwrap()),
     };
-    // Each joint is bent by 0.4 rad about y of the hand, and the whole hand is turned.
+    // Each joint is bent by 0.4 rad about y of the hand, and the whole hand is rotated.
     let world = UnitQuaternion::from_euler_angles(0.2, 0.9, -0.6);
     let quaternion = |rotation: UnitQuaternion<f32>| Some(<[f32; 4]>::from(rotation.coords));
     let segment = |bend: f32| quaternion(world * UnitQuaternion::from_euler_angles(0.0, bend, 0.0));
@@ -310,7 +313,7 @@ fn a_glove_gives_the_fingertips_in_the_hands_frame() {
         let tip = tip.unwrap();
         assert!((Vector3::from(tip.position) - Vector3::from(expected)).norm() < 1e-4, "{finger}: {tip:?}");
     }
-    // A sensor that falls out hides its finger once it was bridged; nonsense spoils the frame.
+    // A failed sensor hides its finger after it has been bridged; an invalid one makes the frame invalid.
     let mut lost = sample;
     lost.segments[2][1] = None;
     let found = (1..20).map(|frame| tracker.add(0.01 * f64::from(frame), &Observation::Glove(lost)).unwrap());
@@ -320,7 +323,7 @@ fn a_glove_gives_the_fingertips_in_the_hands_frame() {
     long.segments[1][0] = Some([0.5; 4].map(|x| 2.0 * x));
     let error = tracker.add(0.3, &Observation::Glove(long)).unwrap_err();
     assert!(error.to_string().contains("segment 1 of the index finger is a quaternion of norm 2"), "{error}");
-    // Another person's links, or a sensor that has slipped by half a turn.
+    // Links of another person, or a sensor that has slipped by half a turn.
     let mut slipped = sample;
     slipped.back = quaternion(world * UnitQuaternion::from_euler_angles(0.0, 0.0, 3.1) * mount.inverse());
     assert!(tracker.add(0.6, &Observation::Glove(slipped)).is_err());

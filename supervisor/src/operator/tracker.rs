@@ -1,4 +1,4 @@
-//! The operator's fingertips out of the frames of any source.
+//! The operator's fingertips from the frames of any source.
 
 use core::f32::consts::TAU;
 
@@ -16,18 +16,18 @@ use super::fingertips::{PointFilter, Tip, check};
 use super::landmarks::Landmarks;
 use super::palm::PalmFrame;
 
-/// What a source tells of the hand at one time.
+/// A source's observation of the hand at one time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Observation {
     /// Orientations of a glove's sensors.
     Glove(GloveSample),
     /// Landmarks of a webcam tracker; `None` while it sees no hand.
     Landmarks(Option<Landmarks>),
-    /// Fingertips in the frame of the hand [m], thumb to little finger; `None` for one that is not seen.
+    /// Fingertips in the frame of the hand [m], thumb to little finger; `None` for one that is not visible.
     Fingertips([Option<[f32; 3]>; FINGERS]),
 }
 
-/// A glove's wearer.
+/// The wearer of a glove.
 #[derive(Clone, Copy, Debug)]
 pub struct Wearer {
     hand: HumanHand,
@@ -35,9 +35,8 @@ pub struct Wearer {
 }
 
 impl Wearer {
-    /// The person with these links, whose knuckles tell how the sensor on the back of the hand, which is
-    /// `side`, sits;
-    /// `None` for a hand whose knuckles lie in one line.
+    /// Creates the person with these links. Their knuckles determine the orientation of the sensor on the
+    /// back of the hand, which is on this `side`. `None` for a hand whose knuckles are collinear.
     pub fn try_new(hand: HumanHand, side: Side) -> Option<Self> {
         let [thumb, index, middle, ring, little] =
             Finger::ALL.map(|finger| Some(Vector3::from(hand.links(finger).0[0])));
@@ -50,13 +49,13 @@ impl Wearer {
 pub struct TrackerSettings {
     /// The operator's hand.
     pub side: Side,
-    /// From the operator's hand frame to the robot's base frame.
+    /// Rotation from the operator's hand frame to the robot's base frame.
     pub rotation: UnitQuaternion<f32>,
     /// Bandwidth of the filters [Hz].
     pub bandwidth: f32,
-    /// A fingertip that is not seen for longer is unknown, and its filter starts anew [s].
+    /// A fingertip that is not visible for longer is unknown, and its filter is restarted [s].
     pub max_gap: f32,
-    /// Who wears the glove, for [`Observation::Glove`].
+    /// The wearer of the glove, for [`Observation::Glove`].
     pub wearer: Option<Wearer>,
 }
 
@@ -78,20 +77,20 @@ pub struct Tracker {
 }
 
 impl Tracker {
-    /// No frame yet.
+    /// Creates a tracker without frames.
     pub fn new(settings: TrackerSettings) -> Self {
         Self { settings, time: None, glove: GloveFilterState::default(), points: [None; FINGERS], gaps: 0 }
     }
 
-    /// Gaps between frames that were too long to be bridged.
+    /// Number of gaps between frames that were too long to be bridged.
     pub const fn gaps(&self) -> u32 {
         self.gaps
     }
 
-    /// Takes the frame of a time [s].
+    /// Adds the frame of a time [s]; returns the fingertips.
     ///
     /// # Errors
-    /// The frame cannot be of the operator's hand. It changes nothing, so that the next one may be good.
+    /// The frame cannot belong to the operator's hand. It is ignored, so that the next one may be valid.
     #[expect(clippy::cast_possible_truncation, reason = "a period")]
     pub fn add(&mut self, time: f64, observation: &Observation) -> Result<Fingertips, FrameError> {
         if !time.is_finite() {
@@ -133,14 +132,14 @@ impl Tracker {
         }))
     }
 
-    /// Fingertips of a glove, by the model of its wearer's hand.
+    /// Computes the fingertips of a glove from the model of its wearer's hand.
     fn of_glove(
         &mut self,
         mut state: GloveFilterState,
         period: f32,
         sample: &GloveSample,
     ) -> Result<Fingertips, FrameError> {
-        // A sensor that gave no sample is bridged; one that gave nonsense spoils the frame.
+        // A missing sample of a sensor is bridged; an invalid one makes the frame invalid.
         for sensor in GloveSensor::all() {
             match sample.orientation(sensor) {
                 Ok(_) | Err(GloveError::Missing(_)) => {}
@@ -167,7 +166,7 @@ impl Tracker {
         Ok(points)
     }
 
-    /// Filtered fingertips.
+    /// Checks and filters fingertips.
     fn filter(&mut self, time: f64, tips: &[Option<Tip>; FINGERS]) -> Result<Fingertips, FrameError> {
         check(self.settings.side, tips)?;
         let mut points = [None; FINGERS];
@@ -189,7 +188,7 @@ impl Tracker {
     }
 }
 
-/// As the retargeting takes them.
+/// Converts fingertips for the retargeting.
 pub fn operator_fingertips(tips: &Fingertips) -> OperatorFingertips {
     OperatorFingertips {
         positions: tips.map(|tip| tip.map(|tip| Vector3::from(tip.position))),

@@ -2,7 +2,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-/// Where a board answers.
+/// Address of a board.
 ///
 /// ```
 /// # use tesaki_supervisor::port::Address;
@@ -13,21 +13,21 @@ use std::str::FromStr;
 /// ```
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum Address {
-    /// `auto`: the only board there is.
+    /// `auto`: the only available board.
     #[default]
     Auto,
     /// `/dev/ttyUSB0`, `COM3`: a serial port or a pseudo-terminal.
     Path(PathBuf),
     /// `unix:///run/x.sock`: a Unix socket.
     Unix(PathBuf),
-    /// `tcp://host:port`; an IPv6 host stands in brackets.
+    /// `tcp://host:port`; an IPv6 host is written in brackets.
     Tcp(String),
 }
 
 /// Why a text is not an [`Address`].
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum AddressError {
-    /// Nothing given.
+    /// The text is empty.
     #[error("no port given: use one such as {EXAMPLES}")]
     Empty,
     /// Neither a path nor a known scheme.
@@ -48,7 +48,7 @@ pub enum AddressError {
 
 const EXAMPLES: &str = "auto, /dev/ttyUSB0, COM3, unix:///run/hand.sock or tcp://localhost:7400";
 
-/// What was probably meant.
+/// Returns the probable intention as a hint.
 fn guess(text: &str) -> String {
     let device = Path::new("/dev").join(text);
     if text.starts_with("tty") || device.exists() {
@@ -60,7 +60,7 @@ fn guess(text: &str) -> String {
     }
 }
 
-/// The socket that was probably meant.
+/// Returns the probably intended socket as a hint.
 fn guess_socket(text: &str) -> String {
     let scheme = if is_host_and_port(text) { "tcp" } else { "unix" };
     if text.contains("://") { String::new() } else { format!(" (did you mean {scheme}://{text}?)") }
@@ -81,10 +81,10 @@ fn is_com_port(text: &str) -> bool {
 }
 
 impl Address {
-    /// The address of a socket.
+    /// Parses the address of a socket.
     ///
     /// # Errors
-    /// When the text is no address, or that of something else.
+    /// When the text is not an address, or not that of a socket.
     pub fn socket(text: &str) -> Result<Self, AddressError> {
         match text.parse() {
             Ok(Self::Auto | Self::Path(_)) | Err(AddressError::Unknown(_)) => {

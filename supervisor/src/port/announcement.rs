@@ -5,12 +5,12 @@ use std::path::{Path, PathBuf};
 
 use super::{Address, Found};
 
-/// A simulated board's note that it is there, for as long as this value lives.
+/// A simulated board's announcement, which is published for as long as this value lives.
 ///
 /// One file `<pid>-<name>` in `$XDG_RUNTIME_DIR/tesaki`, or else `/tmp/tesaki-<uid>`: the address in its
-/// first line, a description in its second. The file is locked as long as its writer runs; so a file left by
-/// a crash is told from a live one even when the process id has been given away again, or means nothing in
-/// another container.
+/// first line, a description in its second. The file is locked as long as its writer runs. Therefore a file
+/// left by a crash can be recognised even if the process ID has been reused, or has no meaning in another
+/// container.
 #[derive(Debug)]
 pub struct Announcement {
     path: PathBuf,
@@ -40,8 +40,8 @@ impl Announcement {
         }
         let name = name.replace(|letter: char| !letter.is_ascii_alphanumeric() && letter != '-', "_");
         let path = folder.join(format!("{}-{name}", std::process::id()));
-        // Renamed only when locked and complete, so that nobody finds it unlocked and takes it for a
-        // left-over.
+        // Renamed only when locked and complete, so that nobody finds it unlocked and removes it as left
+        // over.
         let draft = folder.join(format!(".{}-{name}", std::process::id()));
         let mut file = File::create(&draft)?;
         file.try_lock()?;
@@ -53,12 +53,12 @@ impl Announcement {
 
 impl Drop for Announcement {
     fn drop(&mut self) {
-        // The next listing removes what cannot be removed now.
+        // If it cannot be removed now, the next listing removes it.
         let _ = fs::remove_file(&self.path);
     }
 }
 
-/// Where announcements lie. A folder in `/tmp` is any user's to make; see [`is_ours`].
+/// Folder of the announcements. Any user can create a folder in `/tmp`; see [`is_ours`].
 fn folder() -> PathBuf {
     match std::env::var_os("XDG_RUNTIME_DIR").map(PathBuf::from) {
         Some(runtime) if runtime.is_dir() => runtime.join("tesaki"),
@@ -66,14 +66,14 @@ fn folder() -> PathBuf {
     }
 }
 
-/// A folder, not a link to one, that no other user can write to.
+/// Returns whether a path is a folder, not a link to one, to which no other user can write.
 fn is_ours(folder: &Path) -> bool {
     fs::symlink_metadata(folder).is_ok_and(|found| {
         found.is_dir() && found.uid() == nix::unistd::geteuid().as_raw() && found.mode() & 0o022 == 0
     })
 }
 
-/// The simulated boards that are there.
+/// Returns the announced simulated boards.
 pub(super) fn list() -> Vec<Found> {
     list_folder(&folder())
 }
@@ -98,7 +98,7 @@ fn read(path: &Path) -> Option<Found> {
     match File::open(path).ok()?.try_lock() {
         Err(TryLockError::WouldBlock) => {}
         _ => {
-            // The lock is free: its writer has gone.
+            // The lock is free, so its writer has ended.
             let _ = fs::remove_file(path);
             return None;
         }

@@ -1,12 +1,12 @@
-//! The encryption of a TCP connection: `Noise_NNpsk0_25519_ChaChaPoly_BLAKE2s`, whose pre-shared key is a
+//! Encryption of a TCP connection: `Noise_NNpsk0_25519_ChaChaPoly_BLAKE2s`, whose pre-shared key is a
 //! [`Key`].
 //!
-//! The listening end speaks first: it sends [`GREETING`], by which a client without a key learns why it gets
-//! no answer. The client sends the same greeting and the first message of the handshake, and gets the second.
-//! From then on each message is a length (`u16`, high byte first) and as many encrypted bytes. The first of
-//! them is the client's and has no content: only then does the listening end know that it does not hear a
-//! recorded handshake. A message that is damaged, repeated, missing or out of order does not decrypt, and
-//! ends the connection.
+//! The listening end speaks first: it sends [`GREETING`], which tells a client without a key why it gets no
+//! answer. The client sends the same greeting and the first message of the handshake, and receives the
+//! second. From then on each message consists of a length (`u16`, high byte first) and that many encrypted
+//! bytes. The first of them comes from the client and has no content: only then does the listening end know
+//! that it does not hear a recorded handshake. A message that is damaged, repeated, missing or out of order
+//! cannot be decrypted, and ends the connection.
 
 use std::collections::VecDeque;
 use std::fs::File;
@@ -17,7 +17,7 @@ use snow::{Builder, TransportState};
 
 use super::{Key, stream};
 
-/// The first bytes of both ends. The zero ends it for a decoder of frames.
+/// First bytes of both ends. The zero ends it for a frame decoder.
 pub(crate) const GREETING: &[u8] = b"tesaki 1: encrypted, see --key\n\0";
 /// Length of both messages of the handshake: a public key and a tag.
 const HANDSHAKE: usize = 32 + TAG;
@@ -38,15 +38,15 @@ pub(crate) struct Channel {
 enum State {
     /// The listening end waits for a handshake with this key.
     Greeted(Key),
-    /// The handshake is over.
+    /// The handshake has finished.
     Agreed {
         noise: Box<TransportState>,
-        /// Whether the peer has the key. What the listening end has answered may be a recording.
+        /// Whether the peer has proved that it has the key. Before that, its handshake may be a recording.
         confirmed: bool,
     },
 }
 
-/// Why a client with a key found no channel.
+/// Reasons why a client with a key could not open a channel.
 #[derive(Debug)]
 pub(super) enum Failed {
     /// The other end did not greet.
@@ -67,18 +67,18 @@ fn builder(key: &Key) -> Result<Builder<'_>, snow::Error> {
     Builder::new("Noise_NNpsk0_25519_ChaChaPoly_BLAKE2s".parse()?).prologue(GREETING)?.psk(0, &key.0)
 }
 
-/// Why a connection is dropped.
+/// Error with the reason why a connection is dropped.
 fn invalid(why: &'static str) -> io::Error {
     io::Error::new(io::ErrorKind::InvalidData, why)
 }
 
 impl Channel {
-    /// The listening end, which has yet to send [`GREETING`].
+    /// Creates the listening end, which has yet to send [`GREETING`].
     pub(crate) const fn listening(key: Key) -> Self {
         Self { state: State::Greeted(key), received: Vec::new() }
     }
 
-    /// The client's end: carries out the handshake until `deadline`.
+    /// Creates the client's end: performs the handshake until `deadline`.
     pub(super) fn connect(file: &File, key: &Key, deadline: Instant) -> Result<Self, Failed> {
         let mut greeting = [0; GREETING.len()];
         match stream::read_exact_until(file, &mut greeting, deadline) {
@@ -92,7 +92,7 @@ impl Channel {
         stream::write_until(file, &mut &[GREETING, &message].concat()[..], deadline)?;
         stream::read_exact_until(file, &mut message, deadline).map_err(|error| match error.kind() {
             io::ErrorKind::TimedOut => Failed::Link(error),
-            // Closed, or reset.
+            // Closed or reset.
             _ => Failed::Refused,
         })?;
         noise.read_message(&message, &mut []).map_err(|_| Failed::Refused)?;
@@ -105,7 +105,7 @@ impl Channel {
         Ok(channel)
     }
 
-    /// Whether the peer has shown that it has the key.
+    /// Returns whether the peer has proved that it has the key.
     pub(crate) const fn is_open(&self) -> bool {
         matches!(self.state, State::Agreed { confirmed: true, .. })
     }
@@ -114,12 +114,12 @@ impl Channel {
     /// in order.
     ///
     /// # Errors
-    /// Before the channel is open.
+    /// The channel is not open yet.
     pub(crate) fn seal(&mut self, bytes: &[u8], out: &mut VecDeque<u8>) -> io::Result<()> {
         let State::Agreed { noise, confirmed: true } = &mut self.state else {
             return Err(invalid("the handshake is not over"));
         };
-        // No bytes at all are a message without content.
+        // Empty input yields a message without content.
         let (first, others) = bytes.split_at(bytes.len().min(CONTENT));
         for content in std::iter::once(first).chain(others.chunks(CONTENT)) {
             let mut message = [0; CONTENT + TAG];
@@ -130,10 +130,10 @@ impl Channel {
         Ok(())
     }
 
-    /// Takes received bytes. Appends decrypted ones to `content`, and what the handshake answers to `answer`.
+    /// Takes received bytes. Appends decrypted ones to `content`, and the handshake's reply to `answer`.
     ///
     /// # Errors
-    /// When the peer does not have the key, or a message is not the next one: drop the connection.
+    /// The peer does not have the key, or a message is not the next one: drop the connection.
     pub(crate) fn open(
         &mut self,
         bytes: &[u8],
@@ -165,7 +165,7 @@ impl Channel {
         self.decrypt(content)
     }
 
-    /// Decrypts the messages that are complete.
+    /// Decrypts all complete messages.
     fn decrypt(&mut self, content: &mut VecDeque<u8>) -> io::Result<()> {
         let damaged = || invalid("what it sent does not decrypt: somebody damaged or repeated it on the way");
         let State::Agreed { noise, confirmed } = &mut self.state else { return Ok(()) };

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use super::{Address, Found};
 
-/// Why a port could not be opened, with advice.
+/// Reasons why a port could not be opened, with advice.
 #[derive(Debug, thiserror::Error)]
 pub enum PortError {
     /// There is no such port.
@@ -12,10 +12,10 @@ pub enum PortError {
     DoesNotExist {
         /// The requested address.
         address: Address,
-        /// What there is instead.
+        /// Existing ports.
         found: Vec<Found>,
     },
-    /// The port belongs to others.
+    /// The user has no permission to open the port.
     #[error(
         "no permission to open {}: this requires membership in the group `{group}`. \
          Run `sudo usermod -aG {group} $USER`, then log out and in again",
@@ -27,7 +27,7 @@ pub enum PortError {
         /// The group that may open it.
         group: String,
     },
-    /// Another process has it.
+    /// Another process has opened it.
     #[error("{} is in use by another program{}: end that one, or choose another port with --port",
         path.display(), holder(.pid, .program))]
     Busy {
@@ -38,21 +38,21 @@ pub enum PortError {
         /// That program's name.
         program: Option<String>,
     },
-    /// A file, but no terminal.
+    /// The file is not a terminal.
     #[error("{} is not a serial port: {hint}", path.display())]
     NotSerial {
         /// The file.
         path: PathBuf,
-        /// What it is, and what to do.
+        /// Kind of the file, and advice.
         hint: String,
     },
-    /// Nobody listens there.
+    /// No program listens at the address.
     #[error("nobody answers at {address}: is `cargo sim serve` running?")]
     Refused {
         /// The requested address.
         address: Address,
     },
-    /// `auto`, and there is no board.
+    /// `auto` was given, and there is no board.
     #[error(
         "no board found: plug one in (its USB serial port then shows as /dev/ttyUSB… or /dev/ttyACM…), \
          start a simulated one with `cargo sim serve`, or name a port with --port{}", also(.others)
@@ -61,14 +61,14 @@ pub enum PortError {
         /// Ports that exist, but that `auto` does not try.
         others: Vec<Found>,
     },
-    /// `auto`, and there is more than one.
+    /// `auto` was given, and there is more than one board.
     #[error("{} boards found; choose one with --port, like `--port {}`:{}", found.len(),
         found.first().map(|found| found.address.to_string()).unwrap_or_default(), lines(.found))]
     Several {
         /// All of them.
         found: Vec<Found>,
     },
-    /// A TCP port that is encrypted, opened without a key.
+    /// An encrypted TCP port was opened without a key.
     #[error(
         "{address} is encrypted: copy the key file of the program that shares the board, and give it with \
          --key FILE (or TESAKI_KEY)"
@@ -77,7 +77,7 @@ pub enum PortError {
         /// The requested address.
         address: Address,
     },
-    /// A key for a TCP port that is not encrypted.
+    /// A key was given for a TCP port that is not encrypted.
     #[error(
         "{address} is not encrypted, or does not answer: share the board there with the same --key, or leave \
          --key out (and unset TESAKI_KEY)"
@@ -86,13 +86,13 @@ pub enum PortError {
         /// The requested address.
         address: Address,
     },
-    /// Another key than that of the other end.
+    /// The other end has a different key.
     #[error("{address} refused the key: give both ends the same key file with --key FILE (or TESAKI_KEY)")]
     KeyRefused {
         /// The requested address.
         address: Address,
     },
-    /// Anything else.
+    /// Any other error.
     #[error("cannot open {address}: {source}")]
     Other {
         /// The requested address.

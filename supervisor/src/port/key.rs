@@ -4,15 +4,15 @@ use std::io::{self, Read as _, Write as _};
 use std::os::unix::fs::{OpenOptionsExt as _, PermissionsExt as _};
 use std::path::Path;
 
-/// Bytes of a key.
+/// Length of a key in bytes.
 const LENGTH: usize = 32;
 /// Hexadecimal digits of a key in its file.
 const DIGITS: usize = 2 * LENGTH;
 
-/// The secret that both ends of an encrypted TCP connection share.
+/// The secret that is shared by both ends of an encrypted TCP connection.
 ///
-/// Its file holds it as 64 hexadecimal digits, so that it can be copied as text, and is readable by its owner
-/// alone.
+/// Its file holds it as 64 hexadecimal digits, so that it can be copied as text, and must be readable by its
+/// owner only.
 #[derive(Clone)]
 pub struct Key(pub(super) [u8; LENGTH]);
 
@@ -45,7 +45,7 @@ impl Key {
     /// Reads a key.
     ///
     /// # Errors
-    /// When the file cannot be read, can be read by other users, or holds no key.
+    /// When the file cannot be read, can be read by other users, or does not hold a key.
     pub fn read(path: &Path) -> io::Result<Self> {
         let invalid = |what: String| io::Error::new(io::ErrorKind::InvalidData, what);
         let found = fs::metadata(path).map_err(|error| match error.kind() {
@@ -70,7 +70,7 @@ impl Key {
             ));
         }
         let mut text = Vec::new();
-        // One more than a key with its line end, to see that it is too long.
+        // One byte more than a key with its line end, to detect files that are too long.
         fs::File::open(path)?.take(DIGITS as u64 + 3).read_to_end(&mut text)?;
         let digits = text.trim_ascii();
         let amount = match digits.len() {
@@ -88,7 +88,7 @@ impl Key {
     }
 }
 
-/// The bytes that hexadecimal digits stand for.
+/// Decodes hexadecimal digits.
 fn decode(digits: &[u8]) -> Option<[u8; LENGTH]> {
     let value = |digit: u8| char::from(digit).to_digit(16);
     let (pairs, []) = digits.as_chunks::<2>() else { return None };

@@ -8,19 +8,18 @@ use super::{Address, announcement};
 /// A port at which a board may answer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Found {
-    /// Where it is.
+    /// Its address.
     pub address: Address,
-    /// What it is, for people.
+    /// Description for people.
     pub description: String,
-    /// Announced by a simulator.
+    /// Whether a simulator announced it.
     pub simulated: bool,
-    /// Whether [`Address::Auto`] may choose it: USB ports and simulated boards. A built-in port may have
-    /// anything at its other end, and nearly every PC has one.
+    /// Whether [`Address::Auto`] may choose it: USB ports and simulated boards. A built-in port may be
+    /// connected to anything, and nearly every PC has one.
     pub automatic: bool,
 }
 
-/// All ports at which a board may answer: serial ports, USB first, then simulated boards that announced
-/// themselves.
+/// Returns all ports at which a board may answer: serial ports, USB first, then announced simulated boards.
 pub fn list() -> Vec<Found> {
     let mut found = serial_ports();
     found.sort_by_key(|found| (!found.automatic, found.address.to_string()));
@@ -33,7 +32,7 @@ fn serial_ports() -> Vec<Found> {
     if cfg!(target_os = "linux") && !Path::new("/sys/class/tty").is_dir() {
         return Vec::new();
     }
-    // A system that cannot list its ports is told by opening one.
+    // If the system cannot list its ports, opening one reports the error.
     let ports = serialport::available_ports().unwrap_or_default();
     ports.into_iter().filter_map(|port| describe(&port.port_name, &port.port_type)).collect()
 }
@@ -58,18 +57,18 @@ fn describe(path: &str, port: &SerialPortType) -> Option<Found> {
     Some(Found { address: Address::Path(path.into()), description, simulated: false, automatic })
 }
 
-/// Whether there is hardware behind a built-in port. Linux makes a fixed number of `/dev/ttyS*`; those
-/// without a UART have type 0, `PORT_UNKNOWN`. Other kinds of port have no such file and exist only with
-/// their hardware.
+/// Returns whether there is hardware behind a built-in port. Linux creates a fixed number of `/dev/ttyS*`;
+/// those without a UART have type 0, `PORT_UNKNOWN`. Other kinds of port have no such file and exist only
+/// with their hardware.
 fn has_uart(path: &Path) -> bool {
     path.file_name()
         .and_then(|name| fs::read_to_string(Path::new("/sys/class/tty").join(name).join("type")).ok())
         .is_none_or(|kind| kind.trim() != "0")
 }
 
-/// How long a USB serial adapter keeps received bytes before it passes them on, in ms: FTDI's chips wait 16
-/// ms unless told otherwise, which is most of a request's round trip. `None` for adapters (and systems) that
-/// do not say.
+/// Returns the time that a USB serial adapter buffers received bytes before it passes them on [ms]: FTDI's
+/// chips wait 16 ms by default, which is most of a request's round trip. `None` for adapters and systems that
+/// do not report it.
 pub fn latency_timer(path: &Path) -> Option<u32> {
     latency_timer_in(Path::new("/sys/bus/usb-serial/devices"), path)
 }

@@ -12,9 +12,9 @@ use super::{Address, Key};
 /// A socket that accepts clients.
 #[derive(Debug)]
 pub(crate) enum Listener {
-    /// With its address for messages, and its file.
+    /// A Unix socket with its address for messages, and its file.
     Unix(UnixListener, String, SocketFile),
-    /// With the key that its clients need.
+    /// A TCP socket with the key that its clients need.
     Tcp(TcpListener, Option<Key>),
 }
 
@@ -47,16 +47,16 @@ fn number(path: &Path) -> Option<[u64; 2]> {
 
 /// A client that was accepted.
 pub(crate) struct Accepted {
-    /// Where it is, for messages.
+    /// Its address, for messages.
     pub(crate) name: String,
-    /// It does not block.
+    /// Non-blocking socket.
     pub(crate) socket: OwnedFd,
     pub(crate) encryption: Option<Channel>,
 }
 
 impl Listener {
-    /// Listens, and says where: with the port that the system chose, if port 0 was asked for. A TCP port
-    /// needs a key, unless only programs on this machine reach it.
+    /// Listens, and returns the address with the port that the system chose for port 0. A TCP port needs a
+    /// key, unless it is only reachable from this machine.
     pub(crate) fn new(address: &Address, key: Option<&Key>) -> io::Result<(Self, Address)> {
         match address {
             Address::Unix(path) => {
@@ -94,8 +94,8 @@ impl Listener {
         }
     }
 
-    /// The file of the socket, which then no longer goes with the listener; empty for TCP, and the second
-    /// time.
+    /// Takes the file of the socket, which then no longer belongs to the listener; empty for TCP, and in
+    /// later calls.
     pub(crate) fn take_file(&mut self) -> SocketFile {
         match self {
             Self::Unix(_, _, file) => std::mem::take(file),
@@ -110,7 +110,7 @@ impl Listener {
         }
     }
 
-    /// The next client.
+    /// Accepts the next client.
     pub(crate) fn accept(&self) -> io::Result<Accepted> {
         match self {
             Self::Unix(listener, name, _) => {
@@ -130,9 +130,9 @@ impl Listener {
     }
 }
 
-/// Whether only this machine reaches an address.
+/// Returns whether an address is only reachable from this machine.
 fn is_loopback(host: IpAddr) -> bool {
-    // An IPv4 address may be written as an IPv6 one.
+    // An IPv4 address may be written as an IPv6 address.
     host.to_canonical().is_loopback()
 }
 

@@ -1,4 +1,4 @@
-//! Streams between programs of one machine: of pictures, of lines.
+//! Streams between programs on one machine, for pictures or lines of text.
 
 use std::io;
 use std::net::{TcpStream, ToSocketAddrs as _};
@@ -11,7 +11,7 @@ use nix::poll::{PollFd, PollFlags};
 use super::listener::{Listener, SocketFile};
 use super::{Address, stream};
 
-/// A socket that other programs of this machine connect to. The file of a Unix socket goes with it.
+/// A socket for other programs on this machine. The file of a Unix socket is removed with it.
 #[derive(Debug)]
 pub struct LocalListener {
     listener: Listener,
@@ -22,7 +22,7 @@ impl LocalListener {
     /// Listens at a Unix socket or a TCP port of this machine.
     ///
     /// # Errors
-    /// When the address is in use, is none for this, or is reachable from other machines.
+    /// When the address is in use, is not that of a socket, or is reachable from other machines.
     pub fn new(address: &Address) -> io::Result<Self> {
         if let Address::Tcp(host) = address
             && !host.to_socket_addrs()?.all(|host| host.ip().to_canonical().is_loopback())
@@ -37,19 +37,19 @@ impl LocalListener {
         Ok(Self { listener, address })
     }
 
-    /// Where it listens: with the port that the system chose, if port 0 was asked for.
+    /// The address at which it listens, with the port that the system chose for port 0.
     pub const fn address(&self) -> &Address {
         &self.address
     }
 
-    /// The file of a Unix socket, which from then on goes when this value is dropped: for a listener in a
-    /// thread that does not end before the process.
+    /// Takes the file of a Unix socket, which is then removed when the returned value is dropped: for a
+    /// listener in a thread that runs until the process ends.
     #[must_use]
     pub fn take_file(&mut self) -> SocketFile {
         self.listener.take_file()
     }
 
-    /// The next program that connects within this time.
+    /// Accepts the next program that connects within this time.
     ///
     /// # Errors
     /// When the socket fails.
@@ -58,7 +58,7 @@ impl LocalListener {
         if !stream::wait(&mut fds, Instant::now() + within)? {
             return Ok(None);
         }
-        // One that has gone again is none.
+        // A program that has already left does not count.
         let Ok(accepted) = self.listener.accept() else { return Ok(None) };
         blocking(accepted.socket).map(Some)
     }
@@ -67,7 +67,7 @@ impl LocalListener {
 /// Connects to a program that listens at a Unix socket or a TCP port.
 ///
 /// # Errors
-/// When none listens there.
+/// When no program listens there.
 pub fn connect(address: &Address) -> io::Result<UnixStream> {
     match address {
         Address::Unix(path) => UnixStream::connect(path),
@@ -83,7 +83,7 @@ pub fn connect(address: &Address) -> io::Result<UnixStream> {
     }
 }
 
-/// What the calls of a [`UnixStream`] do, holds for TCP too.
+/// Makes a socket blocking. The methods of [`UnixStream`] work for TCP sockets, too.
 fn blocking(socket: OwnedFd) -> io::Result<UnixStream> {
     let stream = UnixStream::from(socket);
     stream.set_nonblocking(false)?;
@@ -132,7 +132,7 @@ mod tests {
         assert!(path.exists());
         drop(file);
         assert!(!path.exists());
-        // What another program has put there meanwhile is its own.
+        // A file that another program has created there in the meantime is not removed.
         let _again = listen();
         drop(listener);
         assert!(path.exists());

@@ -12,18 +12,19 @@ use super::serial::{busy, group, open_serial};
 use super::{Address, Found, Key, PortError, list, stream};
 use crate::ByteLink;
 
-/// For so long a peer may take no bytes before a send is given up: many times what the longest frame needs.
+/// Time for which a peer may accept no bytes before a send is given up: much longer than the longest frame
+/// takes.
 const SEND_LIMIT: Duration = Duration::from_millis(250);
-/// For so long a connection is tried.
+/// Time limit of an attempt to connect.
 const CONNECT_LIMIT: Duration = Duration::from_secs(2);
 
-/// An open link to a board. A serial port is this process's alone as long as this value lives.
+/// An open link to a board. A serial port is locked by this process as long as this value lives.
 #[derive(Debug)]
 pub struct Port {
     file: File,
     address: Address,
     encryption: Option<Encryption>,
-    /// Whether nothing was received yet.
+    /// Whether nothing has been received yet.
     fresh: bool,
 }
 
@@ -31,9 +32,9 @@ pub struct Port {
 #[derive(Debug)]
 struct Encryption {
     channel: Channel,
-    /// Encrypted bytes that the peer has not taken yet: it must get all of them.
+    /// Encrypted bytes that the peer has not accepted yet: it must get all of them.
     out: VecDeque<u8>,
-    /// Decrypted bytes that nobody has received yet.
+    /// Decrypted bytes that have not been received by the caller yet.
     content: VecDeque<u8>,
 }
 
@@ -42,7 +43,7 @@ impl Port {
         Self { file, address, encryption: None, fresh: true }
     }
 
-    /// What was opened; never [`Address::Auto`].
+    /// The address that was opened; never [`Address::Auto`].
     pub const fn address(&self) -> &Address {
         &self.address
     }
@@ -54,7 +55,7 @@ impl ByteLink for Port {
         let Some(Encryption { channel, out, .. }) = &mut self.encryption else {
             return stream::write_until(&self.file, &mut bytes, deadline);
         };
-        // The rest of the last message goes first, and no message is begun before.
+        // The rest of the last message is sent first; only then does the next message begin.
         for content in [None, Some(bytes)] {
             if let Some(content) = content {
                 channel.seal(content, out)?;
@@ -95,12 +96,13 @@ impl ByteLink for Port {
 /// Opens the link to a board. With a `key`, a TCP connection is encrypted.
 ///
 /// # Errors
-/// See [`PortError`], whose texts say what to do.
+/// See [`PortError`], whose texts give advice.
 pub fn open(address: &Address, key: Option<&Key>) -> Result<Port, PortError> {
     open_within(address, key, CONNECT_LIMIT)
 }
 
-/// Opens, but gives up a TCP connection after `limit`. (The look-up of a host's name may still take longer.)
+/// Opens like [`open`], but gives up a TCP connection after `limit`. (The look-up of a host name may take
+/// longer.)
 pub(super) fn open_within(address: &Address, key: Option<&Key>, limit: Duration) -> Result<Port, PortError> {
     let address = match address {
         Address::Auto => choose(list())?,
@@ -129,7 +131,7 @@ pub(super) fn open_within(address: &Address, key: Option<&Key>, limit: Duration)
     }
 }
 
-/// The board that `auto` means.
+/// Chooses the board for `auto`.
 fn choose(found: Vec<Found>) -> Result<Address, PortError> {
     let (mut boards, others): (Vec<_>, Vec<_>) =
         found.into_iter().partition(|found| found.automatic && found.address != Address::Auto);
@@ -155,7 +157,7 @@ fn connect_tcp(host: &str, limit: Duration) -> io::Result<File> {
         match TcpStream::connect_timeout(&address, limit.max(Duration::from_millis(1))) {
             Ok(socket) => {
                 socket.set_nonblocking(true)?;
-                // Requests are short and answers are waited for.
+                // Requests are short, and their answers are awaited.
                 socket.set_nodelay(true)?;
                 return Ok(OwnedFd::from(socket).into());
             }
@@ -165,7 +167,7 @@ fn connect_tcp(host: &str, limit: Duration) -> io::Result<File> {
     Err(failed)
 }
 
-/// Turns the system's refusal into advice.
+/// Turns the system's error into advice.
 pub(super) fn explain(address: Address, source: io::Error) -> PortError {
     match (source.kind(), &address) {
         (io::ErrorKind::ResourceBusy, Address::Path(path)) => busy(path),

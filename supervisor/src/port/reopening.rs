@@ -6,18 +6,18 @@ use super::open::open_within;
 use super::{Address, Key, Port, PortError, open};
 use crate::ByteLink;
 
-/// How often a lost port is tried.
+/// Interval between attempts to open a lost port.
 const RETRY: Duration = Duration::from_millis(100);
-/// For so long an attempt over the network may go on beyond the caller's deadline: some round trips, for the
-/// connection and the handshake. The board is away, so that nothing of it is delayed.
+/// Time by which an attempt over the network may exceed the caller's deadline: some round trips, for the
+/// connection and the handshake. The board is not connected, so none of its data are delayed.
 const NETWORK_LIMIT: Duration = Duration::from_millis(300);
 
-/// A link that survives unplugging and plugging in again, or a simulator's restart.
+/// A link that survives unplugging and reconnecting, or a simulator's restart.
 ///
-/// While the port is away, nothing is received, and what is sent is lost and counted, as on a bad wire. It
-/// fails only when the other end requires a key ([`PortError::KeyNeeded`]). An attempt to open a TCP port
-/// again takes up to 0.3 s, also where less is waited for. [`Address::Auto`] is looked up anew each time, as
-/// an adapter may come back under another number.
+/// While the port is absent, nothing is received, and sent bytes are lost and counted, as on a bad wire. It
+/// fails only if the other end requires a key ([`PortError::KeyNeeded`]). An attempt to reopen a TCP port
+/// takes up to 0.3 s, even if the caller's deadline is earlier. [`Address::Auto`] is resolved anew each time,
+/// because an adapter may return under another number.
 #[derive(Debug)]
 pub struct Reopening {
     address: Address,
@@ -30,26 +30,26 @@ pub struct Reopening {
 }
 
 impl Reopening {
-    /// A link to `address`, which is opened when something is first received; see [`open`] for `key`.
+    /// Creates a link to `address`, which is opened on the first receive; see [`open`] for `key`.
     pub fn new(address: Address, key: Option<Key>) -> Self {
         Self { address, key, port: None, next_try: Instant::now(), reopened: 0, lost: 0, error: None }
     }
 
-    /// A link to `address`, which must be there now.
+    /// Opens a link to `address`, which must be available now.
     ///
     /// # Errors
-    /// When it is not.
+    /// When it cannot be opened.
     pub fn open(address: Address, key: Option<Key>) -> Result<Self, PortError> {
         let port = open(&address, key.as_ref())?;
         Ok(Self { port: Some(port), ..Self::new(address, key) })
     }
 
-    /// How often the port was opened again, or late.
+    /// Number of times that the port was reopened, or opened late.
     pub const fn reopened(&self) -> u32 {
         self.reopened
     }
 
-    /// Whether the port is there.
+    /// Returns whether the port is open.
     pub const fn is_open(&self) -> bool {
         self.port.is_some()
     }
@@ -64,14 +64,14 @@ impl Reopening {
         self.lost
     }
 
-    /// Why the last attempt to open the port failed; `None` when it is open.
+    /// Error of the last attempt to open the port; `None` while it is open.
     pub const fn error(&self) -> Option<&PortError> {
         self.error.as_ref()
     }
 
     fn close(&mut self) {
         self.port = None;
-        // Not at once: the device file of an unplugged adapter lives on for a moment.
+        // Not immediately, because the device file of an unplugged adapter remains for a moment.
         self.next_try = Instant::now() + RETRY;
     }
 
@@ -96,7 +96,7 @@ impl ByteLink for Reopening {
         if !matches!(result, Some(Ok(()))) {
             self.lost = self.lost.wrapping_add(u64::try_from(bytes.len()).unwrap_or(u64::MAX));
         }
-        // A peer that takes no bytes is stuck but there, and opening it again would not help it.
+        // A peer that accepts no bytes is stuck but present, and reopening would not help.
         if matches!(&result, Some(Err(error)) if error.kind() != io::ErrorKind::TimedOut) {
             self.close();
         }
@@ -151,8 +151,8 @@ mod tests {
 
         drop((peer, listener));
         fs::remove_file(&path).unwrap();
-        // The deadline holds although the next try comes later: at least once in a few, as the machine may be
-        // busy.
+        // The deadline holds although the next attempt comes later: at least once in several tries, because
+        // the machine may be busy.
         let mut waited = (0..100).map(|_| {
             let start = Instant::now();
             assert_eq!(link.receive(&mut buffer, within(20)).unwrap(), 0);

@@ -18,7 +18,7 @@ pub const BAUD_RATE: u32 = 921_600;
 pub(super) fn open_serial(path: &Path) -> Result<File, PortError> {
     let explain = |error| explain(Address::Path(path.to_owned()), error);
     let not_serial = |hint: &str| PortError::NotSerial { path: path.to_owned(), hint: hint.to_owned() };
-    // Asked first, as opening a named pipe would wait and opening a tape would wind it.
+    // Checked first, because opening a named pipe would block, and opening a tape would rewind it.
     let kind = fs::metadata(path).map_err(explain)?.file_type();
     if kind.is_socket() {
         return Err(not_serial(&format!("it is a socket, write unix://{}", path.display())));
@@ -32,7 +32,7 @@ pub(super) fn open_serial(path: &Path) -> Result<File, PortError> {
         .custom_flags((OFlag::O_NONBLOCK | OFlag::O_NOCTTY).bits())
         .open(path)
         .map_err(explain)?;
-    // Two programs that read one port would each get some of the bytes.
+    // If two programs read one port, each would get only some of the bytes.
     match file.try_lock() {
         Ok(()) => {}
         Err(TryLockError::WouldBlock) => return Err(busy(path)),
@@ -45,7 +45,7 @@ pub(super) fn open_serial(path: &Path) -> Result<File, PortError> {
         }
         // Linux's answer for a /dev/ttyS* without hardware.
         Some(Errno::EIO) => not_serial("there is no hardware behind it"),
-        // `serial2` read the settings back and found others: a plain UART often ends at 115200 baud.
+        // `serial2` read the settings back, and they differ: a plain UART often supports at most 115200 baud.
         None => explain(io::Error::new(
             io::ErrorKind::Unsupported,
             format!("it cannot do {BAUD_RATE} baud with 8 data bits and no parity: use an adapter that can"),
@@ -59,7 +59,7 @@ fn configure(port: &mut SerialPort) -> io::Result<()> {
     let mut settings = port.get_configuration()?;
     BAUD_RATE.apply_to_settings(&mut settings)?; // raw, 8N1, no flow control
     port.set_configuration(&settings)?;
-    // What came while nobody listened is old.
+    // Discards old bytes that came before the port was open.
     port.discard_input_buffer()
 }
 
@@ -72,7 +72,7 @@ pub(super) fn group(path: &Path) -> String {
         .map_or_else(|| "dialout".to_owned(), |group| group.name)
 }
 
-/// Says who has the port.
+/// Returns an error that names the process with the port.
 pub(super) fn busy(path: &Path) -> PortError {
     let pid = lock_holder(path);
     let program = pid.and_then(|pid| fs::read_to_string(format!("/proc/{pid}/comm")).ok());
@@ -80,7 +80,8 @@ pub(super) fn busy(path: &Path) -> PortError {
     PortError::Busy { path: path.to_owned(), pid, program }
 }
 
-/// Who holds the lock on `path`, by the kernel's list: `1: FLOCK  ADVISORY  WRITE 14300 fe:00:5480477 0 EOF`.
+/// Finds the process that holds the lock on `path` in the kernel's list: `1: FLOCK  ADVISORY  WRITE 14300
+/// fe:00:5480477 0 EOF`.
 fn lock_holder(path: &Path) -> Option<u32> {
     let file = fs::metadata(path).ok()?;
     let (major, minor) = (nix::sys::stat::major(file.dev()), nix::sys::stat::minor(file.dev()));
@@ -88,7 +89,7 @@ fn lock_holder(path: &Path) -> Option<u32> {
     let locks = fs::read_to_string("/proc/locks").ok()?;
     let holder = locks.lines().find_map(|line| {
         let mut words = line.split_whitespace().skip(1);
-        // A line with an arrow is a process that waits for the lock.
+        // A line with an arrow describes a process that waits for the lock.
         let pid = words.next().filter(|&kind| kind == "FLOCK").and_then(|_| words.nth(2))?;
         (words.next() == Some(&name)).then_some(pid)
     });

@@ -1,4 +1,4 @@
-//! What serial ports, sockets and pseudo-terminals have in common: a file descriptor that does not block.
+//! Common operations of serial ports, sockets and pseudo-terminals, as non-blocking file descriptors.
 
 use std::fs::File;
 use std::io::{self, Read as _, Write as _};
@@ -8,11 +8,11 @@ use std::time::Instant;
 use nix::errno::Errno;
 use nix::poll::{PollFd, PollFlags};
 
-/// Waits until something happens to one of `fds`, or until `deadline`. Whether something happened.
+/// Waits for an event on one of `fds`, or until `deadline`. Returns whether there was one.
 pub(crate) fn wait(fds: &mut [PollFd<'_>], deadline: Instant) -> io::Result<bool> {
     loop {
         let left = deadline.saturating_duration_since(Instant::now());
-        // `poll` counts milliseconds, too coarse for control cycles.
+        // `poll` has a resolution of milliseconds, too coarse for control cycles.
         #[cfg(target_os = "linux")]
         let result = nix::poll::ppoll(fds, Some(left.into()), None);
         #[cfg(not(target_os = "linux"))]
@@ -28,10 +28,10 @@ pub(crate) fn wait(fds: &mut [PollFd<'_>], deadline: Instant) -> io::Result<bool
     }
 }
 
-/// What can be read now: `None` when there is nothing.
+/// Reads the available bytes; `None` if there are none.
 ///
 /// # Errors
-/// Also at the end of the stream: from a tty that went away, 0 bytes or `EIO`; from a socket, 0 bytes.
+/// Also at the end of the stream: a tty that was removed returns 0 bytes or `EIO`; a socket returns 0 bytes.
 pub(crate) fn read(mut file: &File, buffer: &mut [u8]) -> io::Result<Option<usize>> {
     loop {
         match file.read(buffer) {
@@ -49,7 +49,7 @@ pub(crate) fn read(mut file: &File, buffer: &mut [u8]) -> io::Result<Option<usiz
     }
 }
 
-/// Writes what the other end takes now, perhaps nothing, and says how much that was.
+/// Writes as much as the other end accepts now, perhaps nothing; returns the length.
 pub(crate) fn write(mut file: &File, bytes: &[u8]) -> io::Result<usize> {
     loop {
         match file.write(bytes) {
@@ -61,7 +61,7 @@ pub(crate) fn write(mut file: &File, bytes: &[u8]) -> io::Result<usize> {
     }
 }
 
-/// Reads what is there, waiting for the first byte until `deadline`; 0 when none came.
+/// Reads available bytes, waiting for the first one until `deadline`; returns 0 if none came.
 pub(crate) fn read_until(file: &File, buffer: &mut [u8], deadline: Instant) -> io::Result<usize> {
     loop {
         if let Some(length) = read(file, buffer)? {
@@ -85,7 +85,7 @@ pub(crate) fn read_exact_until(file: &File, mut buffer: &mut [u8], deadline: Ins
     Ok(())
 }
 
-/// Writes everything, or what goes until `deadline`; leaves the rest in `bytes`.
+/// Writes everything, or as much as possible until `deadline`; leaves the rest in `bytes`.
 pub(crate) fn write_until(file: &File, bytes: &mut &[u8], deadline: Instant) -> io::Result<()> {
     loop {
         *bytes = bytes.get(write(file, bytes)?..).unwrap_or_default();

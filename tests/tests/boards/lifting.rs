@@ -14,7 +14,7 @@ fn pitch(object: &ObjectTruth) -> f64 {
     2.0 * y.atan2(w)
 }
 
-/// How far the box is from where it should be [m, rad] after lifting, turning, and turning back.
+/// Returns the deviations of the box from its target [m, rad] after lifting, turning, and turning back.
 fn course<B: FingerBoard + Controller>(mut rig: Rig<B>) -> [f64; 4] {
     rig.grasp();
     let start = rig.box_now();
@@ -56,7 +56,7 @@ fn over_a_wire_it_is_the_same_to_the_last_bit_and_lost_telemetry_costs_little() 
     let here = course(Rig::new(1, natives()));
     let wired = course(Rig::new(1, Some([0; 3].map(Wired::new))));
     assert_eq!(wired.map(f64::to_bits), here.map(f64::to_bits));
-    // PerFinger board's telemetry of another tick is lost, one in ten or so.
+    // Each board's telemetry is lost in different ticks, about one in ten.
     let [of_lift, of_turn, of_return, of_angle] = course(Rig::new(1, Some([7, 11, 13].map(Wired::new))));
     println!("lossy: {of_lift:.5} {of_turn:.5} {of_return:.5} {of_angle:.5}");
     assert!(of_lift < 2e-3 && of_return < 2e-3, "{of_lift} {of_return}");

@@ -11,11 +11,11 @@ use tesaki_sim::virtual_board::VirtualBoard;
 use tesaki_supervisor::hand::{FingerBoard, News};
 use tesaki_supervisor::{Board, BoardError, ByteLink, LinkBoard};
 
-/// A board at a cable that can be cut, and what the board told its drives last.
+/// A board at a cable that can be cut, with the last command to its drives.
 pub struct Cable<B> {
     pub board: B,
     pub cut: bool,
-    /// Whether the link fails where the board is listened to after it was enabled.
+    /// Whether the link fails when the board is first listened to after it was enabled.
     pub breaks: bool,
     was_enabled: bool,
     pub actuators: ActuatorFrame,
@@ -54,7 +54,7 @@ impl<B: Controller> Controller for Cable<B> {
     }
 }
 
-/// Bytes to a board in this process and from it.
+/// Bytes to and from a board in this process.
 #[derive(Default)]
 struct Wire {
     pub board: VirtualBoard,
@@ -81,11 +81,11 @@ impl ByteLink for End {
     }
 }
 
-/// A board that is spoken to as over a serial line, which loses what comes in some ticks.
+/// A board that is accessed as over a serial line, which loses the received bytes in some ticks.
 pub struct Wired {
     link: LinkBoard<End>,
     end: End,
-    /// From one tick that is lost to the next; 0: none is.
+    /// Interval of the lost ticks; 0 for none.
     lossy: u32,
 }
 

@@ -1,5 +1,5 @@
-//! A hand whose fingers have a board each: it does what the same hand on one board does, and all boards stop
-//! when one does.
+//! A hand with one board per finger: it behaves like the same hand on one board, and all boards stop if one
+//! does.
 #![allow(clippy::unwrap_used, clippy::cast_possible_truncation, clippy::disallowed_methods, reason = "tests")]
 
 mod image;

@@ -1,4 +1,4 @@
-//! What three boards do not do together.
+//! Requests that three boards cannot carry out together.
 
 use tesaki::control::ServoMode;
 use tesaki::protocol::{Mode, Request};

@@ -1,4 +1,4 @@
-//! The simulated hand with a box in front of it, and one board or three that control it.
+//! The simulated hand with a box in front of it, controlled by one board or three.
 
 use tesaki::control::ServoMode;
 use tesaki::fault::FaultCause;
@@ -17,14 +17,14 @@ use tesaki_tests::robot;
 
 use super::links::Cable;
 
-/// What happens to a board.
+/// A disturbance of a board.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Trouble {
-    /// Nothing gets to the PC or comes from there.
+    /// The link to the PC is cut in both directions.
     CutLink,
-    /// Its outputs go off, whatever its reaction is.
+    /// Its outputs are switched off, regardless of its reaction.
     EmergencyStop,
-    /// It reacts as its model says.
+    /// It reacts according to its model.
     LowSupply,
 }
 
@@ -51,7 +51,7 @@ pub struct Rig<B> {
     pub plant: Plant,
     control: Control<B>,
     pub sequence: u32,
-    /// Which board has what trouble.
+    /// The board with a disturbance, and which one.
     pub trouble: Option<(usize, Trouble)>,
 }
 
@@ -75,7 +75,7 @@ impl<B: FingerBoard + Controller> Rig<B> {
         rig
     }
 
-    /// Model, homing, taring, arming.
+    /// Pushes the model, homes, tares and enables.
     fn make_ready(&mut self) {
         match &mut self.control {
             Control::One(board) => {
@@ -113,7 +113,7 @@ impl<B: FingerBoard + Controller> Rig<B> {
         }
     }
 
-    /// Machine and boards advance by a tick.
+    /// Advances machine and boards by a tick.
     pub fn machine(&mut self) {
         self.sequence += 1;
         let trouble = self.trouble;
@@ -136,7 +136,7 @@ impl<B: FingerBoard + Controller> Rig<B> {
         }
     }
 
-    /// One control period with the supervisor alive.
+    /// Runs one control period with the supervisor active.
     pub fn tick(&mut self) -> Result<GraspTelemetry, HandError> {
         self.machine();
         match &mut self.control {
@@ -155,7 +155,7 @@ impl<B: FingerBoard + Controller> Rig<B> {
         }
     }
 
-    /// Goes on until the hand does this.
+    /// Runs until the hand reaches this phase.
     pub fn until(&mut self, phase: Phase) -> GraspTelemetry {
         for _ in 0..2000 {
             let now = self.tick().unwrap();

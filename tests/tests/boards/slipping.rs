@@ -1,4 +1,4 @@
-//! How fast the grip answers a contact that begins to slide.
+//! Time that the grip needs to react to a contact that begins to slide.
 
 use tesaki::task::grasping::GraspTelemetry;
 use tesaki_sim::controller::Native;
@@ -6,10 +6,10 @@ use tesaki_sim::plant::{ContactTruth, Load};
 
 use super::rig::{Rig, distance, natives};
 
-/// Ticks from the one in which a contact begins to slide under a sudden weight to the ones in which the
-/// requested grip and the true one are a tenth firmer, and how far contacts slid [m].
+/// Returns the ticks from the start of sliding under a sudden weight until the requested and the true grip
+/// force have increased by a tenth, and the sliding distance of the contacts [m].
 fn react(mut rig: Rig<Native>) -> (u32, u32, f64) {
-    // What the friction probe would find without any error.
+    // The result of an error-free friction probe.
     rig.plan.friction = Some(rig.box_now().friction as f32);
     rig.grasp();
     rig.go(0.01, 0.0);

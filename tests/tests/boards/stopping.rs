@@ -1,4 +1,4 @@
-//! What becomes of the box when one of the boards stops.
+//! Behaviour of the box when one of the boards stops.
 
 use tesaki::fault::FaultCause;
 use tesaki::protocol::Mode;
@@ -6,8 +6,8 @@ use tesaki_supervisor::hand::HandError;
 
 use super::rig::{Rig, Trouble, distance, natives};
 
-/// The box is lifted, and perhaps being turned; something happens to board `index`: all boards stop in time,
-/// and hold the box if all can.
+/// Lifts the box, and perhaps turns it; then disturbs board `index`: all boards must stop in time, and hold
+/// the box if all can.
 fn lose(index: usize, moving: bool, trouble: Trouble) {
     let mut rig = Rig::new(3, natives());
     rig.grasp();
@@ -21,7 +21,7 @@ fn lose(index: usize, moving: bool, trouble: Trouble) {
     rig.hand().boards_mut()[index].cut = trouble == Trouble::CutLink;
     rig.trouble = Some((index, trouble));
     let (mut told, mut all_stopped) = (None, None);
-    // The command timeout of 0.1 s and two ticks more; and a second.
+    // The command timeout of 0.1 s and two more ticks; then one second.
     for tick in 1..=112 {
         rig.machine();
         if told.is_none() {
@@ -44,7 +44,7 @@ fn lose(index: usize, moving: bool, trouble: Trouble) {
         _ => panic!("{case}: {error}"),
     }
     for (other, cable) in rig.hand().boards().iter().enumerate() {
-        // The hand then stops all boards, also the one in trouble.
+        // The hand then stops all boards, including the disturbed one.
         let cause = cable.board.node().faults().faults.first().unwrap().cause;
         assert_eq!(cause, if other == index { trouble.cause() } else { FaultCause::Stop }, "{case}");
         // The model's reaction is to hold.

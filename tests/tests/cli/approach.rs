@@ -1,4 +1,4 @@
-//! `tesaki look` and `tesaki approach`: an arm before a door that is simulated in real time, with its camera.
+//! `tesaki look` and `tesaki approach`: an arm with its camera in front of a door, simulated in real time.
 
 use std::io::{BufRead as _, BufReader, Write as _};
 use std::os::unix::net::UnixStream;
@@ -13,17 +13,17 @@ use tesaki_sim::door::KNOB;
 use super::asking::Asked;
 use super::server::{Server, finish, said, signal};
 
-/// Least force of each finger on a knob that is gripped [N].
+/// Minimum force of each finger on a gripped knob [N].
 const GRIPPED: f64 = 5.0;
-/// Doors that are tried, one after the other: not every knob is gripped (docs/measurements.md), and what is
-/// tested here is how the programs work together.
+/// Doors that are tried one after the other: not every knob can be gripped (docs/measurements.md), and this
+/// tests how the programs work together.
 const DOORS: [u64; 3] = [2, 11, 14];
 
 fn robot() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/knob-arm")
 }
 
-/// A robot folder whose behaviour gives up at the first failure, after 3 s of patience.
+/// Returns a robot folder whose behaviour gives up at the first failure, after 3 s of patience.
 fn impatient(folder: &Path) -> PathBuf {
     let copy = folder.join("impatient");
     std::fs::create_dir(&copy).unwrap();
@@ -38,7 +38,7 @@ fn impatient(folder: &Path) -> PathBuf {
     copy
 }
 
-/// The three programs; the board and its camera are in this one.
+/// The three programs; board and camera run in this process.
 struct Scene {
     server: Server,
     circles: String,
@@ -67,7 +67,7 @@ impl Scene {
         Approach::start(self.server.command(&all))
     }
 
-    /// A program in place of `tesaki look`, with what it is answered.
+    /// Connects a program in place of `tesaki look`; returns its stream and the answers to it.
     fn detector(&self) -> (UnixStream, BufReader<UnixStream>) {
         let deadline = Instant::now() + Duration::from_secs(60);
         let stream = loop {
@@ -83,7 +83,7 @@ impl Scene {
         (stream, reader)
     }
 
-    /// Both fingers press on the knob, which is what the machine knows and no program.
+    /// Asserts that both fingers press on the knob, according to the machine's true state.
     fn assert_gripped(self) {
         let contacts = self.server.stop().fixture_contacts();
         for finger in ["left_finger", "right_finger"] {
@@ -100,7 +100,7 @@ fn line(reader: &mut BufReader<UnixStream>) -> Value {
     serde_json::from_str(&text).unwrap_or_else(|_| panic!("{text:?}"))
 }
 
-/// A program that is killed when the test ends, however it ends.
+/// A program that is killed when the test ends, in any case.
 struct Program(Option<Child>);
 
 impl Program {
@@ -117,7 +117,7 @@ impl Program {
         let _ = self.child().wait();
     }
 
-    /// Exit code, and what it said.
+    /// Waits for the end; returns exit code and output.
     fn finish(mut self) -> (i32, String) {
         said(&finish(self.0.take().unwrap()))
     }
@@ -131,7 +131,7 @@ impl Drop for Program {
     }
 }
 
-/// The behaviour while it runs.
+/// The behaviour program while it runs.
 struct Approach {
     program: Program,
     output: BufReader<std::process::ChildStdout>,
@@ -145,7 +145,7 @@ impl Approach {
         Self { program, output, said: Vec::new() }
     }
 
-    /// The next line that it says; `None` at its end.
+    /// Returns its next line of output; `None` at the end.
     fn next(&mut self) -> Option<Value> {
         let mut text = String::new();
         self.output.read_line(&mut text).unwrap();
@@ -154,7 +154,7 @@ impl Approach {
         Some(value)
     }
 
-    /// Waits until it says that.
+    /// Waits for a line that matches.
     #[track_caller]
     fn until(&mut self, is_it: impl Fn(&Value) -> bool) -> Value {
         while let Some(value) = self.next() {
@@ -168,7 +168,7 @@ impl Approach {
         );
     }
 
-    /// Waits for what comes of it; `None` if the knob is not gripped.
+    /// Waits for the outcome; `None` if the knob is not gripped.
     fn grips(&mut self) -> Option<Value> {
         while let Some(value) = self.next() {
             if !value["gripped"].is_null() {
@@ -184,7 +184,7 @@ impl Approach {
         self.until(|value| value["phase"] == phase);
     }
 
-    /// Exit code, and what it said last.
+    /// Waits for the end; returns exit code and last output.
     fn finish(mut self) -> (i32, String) {
         while self.next().is_some() {}
         let (code, errors) = self.program.finish();
@@ -204,7 +204,7 @@ fn three_programs_grip_a_knob_and_vision_may_be_killed_on_the_way() {
 
 fn grips_although_vision_is_killed_on_the_way(door: u64) -> bool {
     let scene = Scene::before(door);
-    // Whichever is there first waits for the other one.
+    // Whichever starts first waits for the other.
     let mut look = scene.look();
     let mut approach = scene.approach(&robot(), &["--hold"]);
     approach.until_phase("going before the knob");
@@ -212,7 +212,7 @@ fn grips_although_vision_is_killed_on_the_way(door: u64) -> bool {
     std::thread::sleep(Duration::from_millis(400));
     let mut look = scene.look();
     let Some(outcome) = approach.grips() else {
-        // It goes on holding where it is.
+        // It keeps holding in place.
         return false;
     };
     assert!(outcome["bad"] == 0, "{outcome}");
@@ -221,7 +221,7 @@ fn grips_although_vision_is_killed_on_the_way(door: u64) -> bool {
     signal(look.child(), Signal::SIGINT);
     let (code, text) = look.finish();
     assert!(code == 0 && text.contains("\"found\""), "{code}: {text}");
-    // It goes on holding.
+    // It keeps holding.
     approach.until(|value| value["gripper"] == "Holding");
     scene.server.stop.store(true, std::sync::atomic::Ordering::Relaxed);
     approach.program.kill();
@@ -253,7 +253,7 @@ fn the_next_one_grips(door: u64) -> bool {
     for (before, after) in before.iter().zip(angles()) {
         assert!((before - after).abs() < 0.01, "{before} rad, then {after}");
     }
-    // Without --resume a person has to look first.
+    // Without --resume, a person must check first.
     let robot = robot();
     scene.server.fails(
         &["approach", "--robot", robot.to_str().unwrap(), "--from", &scene.circles],
@@ -282,7 +282,7 @@ fn the_behaviour_gives_up_with_a_reason_when_vision_is_gone_for_good() {
     let (code, text) = approach.finish();
     assert!(code == 8 && text.contains("there were no pictures: look at the camera"), "{code}: {text}");
     assert_eq!(scene.server.json(&["faults"])["total"], 0);
-    // Its socket goes with it, and that of the camera with the simulator.
+    // Its socket is removed with it, and that of the camera with the simulator.
     assert!(!scene.server.folder.path().join("circles").exists());
     let camera = scene.server.folder.path().join("camera");
     assert!(camera.exists());
@@ -298,7 +298,7 @@ fn circles_that_jump_lead_the_arm_nowhere() {
     let mut approach = scene.approach(&robot, &["--no-hold"]);
     let (mut stream, mut reader) = scene.detector();
     let lies = std::thread::spawn(move || {
-        // All over the picture, sure of each.
+        // Circles all over the picture, each with full confidence.
         for picture in 0_u32.. {
             let [u, v, radius] = [37, 61, 23].map(|factor| f64::from(picture * factor % 97) / 97.0);
             let circle = json!({ "center": [250.0 * u, 230.0 * v], "radius": 12.0 + 60.0 * radius });
@@ -323,12 +323,12 @@ fn circles_that_jump_lead_the_arm_nowhere() {
         assert!(farthest < 0.05, "the hand went {farthest} m");
         approach.finish()
     };
-    // The other where this machine is so busy that the lies come too late.
+    // The second reason occurs if the machine is so busy that the lies come too late.
     let is_named = ["no rose was found", "there were no pictures"].iter().any(|reason| text.contains(reason));
     assert!(code == 8 && is_named, "{code}: {text}");
     assert_eq!(scene.server.json(&["faults"])["total"], 0);
     lies.join().unwrap();
-    // It was answered nothing: it had asked nothing, and nothing was wrong.
+    // It got no answer: it had asked nothing, and nothing was invalid.
     let mut rest = String::new();
     let _ = reader.read_line(&mut rest);
     assert_eq!(rest, "");
@@ -350,7 +350,7 @@ fn circles_that_come_before_the_arm_may_move_are_of_no_use() {
             }
             std::thread::sleep(Duration::from_millis(20));
         };
-        // More than the program and the socket keep, if nobody reads them.
+        // More data than the program and the socket can hold if nobody reads them.
         stream.set_write_timeout(Some(Duration::from_secs(5))).unwrap();
         let circle = "{\"picture\": 1, \"age\": 0, \"circle\": {\"center\": [127, 140], \"radius\": 22}}\n";
         let written = (0..6000).take_while(|_| stream.write_all(circle.as_bytes()).is_ok()).count();
@@ -375,7 +375,7 @@ fn what_is_wrong_with_a_line_is_answered_and_nothing_is_enabled() {
         stream.write_all(format!("{text}\n").as_bytes()).unwrap();
         line(&mut reader)
     };
-    // A question is answered before the arm is enabled.
+    // A query is answered before the arm is enabled.
     let answer = ask("{\"picture\": 3, \"age\": 0.01}");
     assert!(answer["picture"] == 3 && answer["search"]["radius"][1].as_f64().unwrap() > 20.0, "{answer}");
     for (line, words) in [
@@ -389,7 +389,7 @@ fn what_is_wrong_with_a_line_is_answered_and_nothing_is_enabled() {
         let answer = ask(line);
         assert!(answer["error"].as_str().is_some_and(|error| error.contains(words)), "{line}: {answer}");
     }
-    // A web page of a browser on this machine gets no farther than its first line.
+    // A web page in a browser on this machine does not get beyond its first line.
     let (mut browser, mut reader) = scene.detector();
     let page =
         "POST / HTTP/1.1\n\n{\"picture\": 3, \"age\": 0, \"circle\": {\"center\": [9, 9], \"radius\": 9}}\n";

@@ -36,10 +36,10 @@ fn an_arm_is_compliant_until_ctrl_c() {
         assert!(text.contains(word), "no {word:?} in: {text}");
     }
 
-    // Another arm: this one falls.
+    // A second arm, because this one falls.
     let server = Server::ready_arm();
     server.succeeds(&["tare"]);
-    // With --json every line is JSON, and a recording that starts in the middle can be replayed.
+    // With --json every line is JSON, and a recording that starts in mid-motion can be replayed.
     let run = server.start_command(&["--json", "impedance", "hold", &soft, "--duration", "4"]);
     server.wait_for("enabled");
     let recording = server.folder.path().join("arm").to_str().unwrap().to_owned();
@@ -73,7 +73,7 @@ fn an_arm_is_held_until_ctrl_c_and_disabled_when_nobody_reads_on() {
     let moved = server.succeeds(&["move", "--no-hold", "--relative", &format!("{joint}=0")]);
     assert!(moved.contains("arrived") && !moved.contains("holding"), "{moved}");
 
-    // Another arm: this one falls.
+    // A second arm, because this one falls.
     let server = Server::ready_arm();
     server.succeeds(&["tare"]);
     let soft = arm7().join("impedances/soft.toml").to_str().unwrap().to_owned();

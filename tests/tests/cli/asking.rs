@@ -1,4 +1,4 @@
-//! Questions that are asked on a terminal before a robot gets or loses power.
+//! Confirmation prompts on a terminal before a robot is powered on or off.
 
 use std::fs::File;
 use std::io::{Read, Write};
@@ -6,11 +6,11 @@ use std::process::{Child, Stdio};
 
 use super::server::{Server, finish, said, signal};
 
-/// A command at a terminal that has asked its question.
+/// A command on a terminal that has asked for confirmation.
 pub(super) struct Asked {
     child: Child,
     terminal: File,
-    /// What it has said until then.
+    /// Its output so far.
     said: String,
 }
 
@@ -21,7 +21,7 @@ impl Asked {
         let end = || Stdio::from(slave.try_clone().unwrap());
         let child =
             server.command(arguments).stdin(end()).stderr(end()).stdout(Stdio::piped()).spawn().unwrap();
-        // The child alone keeps the terminal open.
+        // Only the child keeps the terminal open.
         drop(slave);
         let (mut said, mut buffer) = (String::new(), [0; 4096]);
         while !said.contains("[y/N]") {
@@ -33,7 +33,7 @@ impl Asked {
 
     pub(super) fn answer(mut self, answer: &str) -> Child {
         writeln!(self.terminal, "{answer}").unwrap();
-        // It must not wait for a reader.
+        // Read its output, so that it does not block.
         std::thread::spawn(move || std::io::copy(&mut self.terminal, &mut std::io::sink()));
         self.child
     }
@@ -56,7 +56,8 @@ fn what_moves_during_a_question_stays_where_it_is_then() {
     ] {
         let (before, _) = first_joint(&server);
         let asked = Asked::start(&server, command);
-        // 0.09 rad: less is no jump of the encoder, after which the joint would not be homed any more.
+        // 0.09 rad: small enough not to count as a jump of the encoder, after which the joint would no longer
+        // be homed.
         server.make_trouble("encoder finger1_swing 900");
         let (moved, _) = first_joint(&server);
         assert!((moved - before).abs() > 0.05, "{before} {moved}");
@@ -65,7 +66,7 @@ fn what_moves_during_a_question_stays_where_it_is_then() {
         let (angle, reference) = first_joint(&server);
         signal(&child, nix::sys::signal::Signal::SIGINT);
         let (code, text) = said(&finish(child));
-        // Whether it had arrived by then.
+        // Whether it had already arrived.
         let done = if command == ["enable"] || text.contains("arrived") { 0 } else { 130 };
         assert_eq!(code, done, "{text}");
         assert!((angle - moved).abs() < 0.02, "{command:?}: from {moved} to {angle}");

@@ -12,12 +12,12 @@ use tesaki_sim::operator::{FingersMotion, Glove, GloveValues, OperatorHand};
 
 use super::feed::feed;
 
-/// Exit code, standard output and standard error.
+/// Runs the command; returns exit code, standard output and standard error.
 fn run(folder: &Path, arguments: &[&str], input: &str) -> (i32, String, String) {
     feed(tesaki_tests::tesaki().arg("calibrate").args(arguments).current_dir(folder), input)
 }
 
-/// The table of a simulated operator's poses: header and rows of cells.
+/// Returns the table of a simulated operator's poses: header and rows of cells.
 pub fn table(plan: &CalibrationPlan) -> Vec<Vec<String>> {
     let mut header: Vec<String> = ["qx", "qy", "qz", "qw"].map(|part| format!("back_{part}")).to_vec();
     for finger in Finger::ALL.map(Finger::name) {
@@ -65,7 +65,7 @@ fn a_table_of_poses_becomes_a_calibration_file() {
     assert_eq!(file.operator, "Aiko \"A\"");
     HumanHand::try_new(file.links()).unwrap();
     assert!(file.thumb.poses > 40 && file.thumb.tip_deviation < 2e-3);
-    // The same from standard input, as JSON.
+    // The same from standard input, with JSON output.
     let (code, out, _) =
         run(path, &["-", "--json", "--out", "aiko.toml"], &text(&table(&CalibrationPlan::FULL)));
     let value: Value = serde_json::from_str(&out).unwrap();
@@ -159,14 +159,14 @@ fn a_stream_is_led_through_the_poses() {
     assert!(error.contains("Pose 1: hold the hand flat"), "{error}");
     assert!(error.contains("Pose 2: spread the fingers"), "{error}");
     assert!(folder.path().join("operator.toml").exists());
-    // Nobody's calibration is lost by the default.
+    // The default file name does not overwrite a calibration.
     let (code, _, error) = run(folder.path(), &["--live"], &lines);
     assert!(code == 2 && error.contains("operator.toml exists"), "{error}");
     let (code, out, _) = run(folder.path(), &["--live", "--json", "--out", "operator.toml"], &lines);
     assert_eq!(code, 0);
     let events: Vec<Value> = out.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     assert!(events.len() > 12 && events[1]["poses"] == 1, "{out}");
-    // A stream that stops, and one that is none.
+    // A stream that stops, and one that is invalid.
     let (code, _, error) = run(
         folder.path(),
         &["--live", "--out", "other.toml"],
@@ -181,8 +181,7 @@ fn a_stream_is_led_through_the_poses() {
                 .contains("no valid sample any more; the last error: line 1: \"back\" must be a quaternion"),
         "{error}"
     );
-    // Lines that are cut off, and orientations that are none, are dropped: a person's work is not lost for
-    // them.
+    // Truncated lines and invalid orientations are dropped, so that a person's work is not lost.
     let damaged: String =
         (1..).zip(lines.lines()).fold(String::new(), |text, (number, line)| match number % 50 {
             20 => text + &line[..line.len() / 2] + "\n",
@@ -203,7 +202,7 @@ fn a_stream_is_led_through_the_poses() {
     );
 }
 
-/// It waits for a glove that gives nothing, and says so.
+/// It waits for a silent glove, and reports that.
 #[test]
 fn a_silent_glove_is_told() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! `tesaki calibrate camera`, from poses and from joint angles, from circles and from pictures.
+//! `tesaki calibrate camera`, from poses and joint angles, circles and pictures.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -13,7 +13,7 @@ fn robot() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/knob-arm")
 }
 
-/// Exit code, standard output and standard error.
+/// Runs the command; returns exit code, standard output and standard error.
 fn run(folder: &Path, arguments: &[&str]) -> (i32, String, String) {
     let output = tesaki_tests::tesaki()
         .args(["calibrate", "camera", "--robot", robot().to_str().unwrap()])
@@ -34,12 +34,12 @@ const JOINTS: [(&str, f32, f32); 6] = [
     ("wrist_yaw", 0.0, 0.2),
 ];
 
-/// Circles that the arm's camera sees of a rose 0.15 m before its start posture.
+/// Returns the arm camera's circles of a rose 0.15 m in front of its start posture.
 fn circles_by_joints() -> String {
     let model = RobotFolder::load(&robot()).unwrap().model;
     let chain = Chain::new(&model.joints, &model.chains[0].tip);
     let values = CameraValues::load(&robot()).unwrap();
-    // Place and columns of the hand frame; the gripper at 0.
+    // Position and columns of the hand frame, with the gripper at 0.
     let hand = |angles: &[f32]| -> [[f64; 3]; 4] {
         let posture = chain.posture(&[angles, &[0.0]].concat());
         let tip = posture.tip();
@@ -71,7 +71,7 @@ fn circles_by_joints() -> String {
     text
 }
 
-/// The oracle's rows; the rest is for the library.
+/// The oracle's rows; the other fields are for the library.
 type Oracle = (&'static [[f64; 10]], [(f64, f64); 7], [(f64, f64); 3], &'static [usize], [f64; 2]);
 const ORACLE: Oracle = include!("../../oracles/data/hand_eye.in");
 const HEADER: &str = "x,y,z,qx,qy,qz,qw,u,v,radius";
@@ -142,7 +142,7 @@ fn the_plate_is_found_in_pictures() {
     let arguments = ["--in", "knob-2.csv", "--rose", "0.04", "--out", "hand_eye.toml"];
     let (code, out, error) = run(folder, &arguments);
     assert!(code == 0 && out.contains("focal length 1") && out.contains("circles fit"), "{out}{error}");
-    // Pictures that are not there, are none, or have another size.
+    // Pictures that are missing, invalid, or of another size.
     let good = std::fs::read_to_string(folder.join("knob-2.csv")).unwrap();
     std::fs::write(folder.join("text.png"), "hello").unwrap();
     std::fs::write(folder.join("small.pgm"), [b"P5 64 64 255\n".to_vec(), vec![0; 4096]].concat()).unwrap();

@@ -1,4 +1,4 @@
-//! Command of a board, and what happens when the commander leaves.
+//! Command of a board, and its loss when the commander leaves.
 
 use std::io::{Read as _, Write as _};
 use std::net::Shutdown;
@@ -49,7 +49,7 @@ fn a_supervisor_that_dies_leaves_a_board_that_stops_by_itself_and_serves_the_nex
     server.succeeds(&["move", "finger1_swing=0.05"]);
 }
 
-/// A command that writes JSON, of which nobody reads more than a few lines.
+/// Starts a command that writes JSON, of which only the first lines are read.
 fn start_unread(server: &Server, arguments: &[&str]) -> Child {
     let child = server.start_command(&[&["--json"], arguments].concat());
     let output = child.stdout.as_ref().unwrap();
@@ -61,7 +61,7 @@ fn start_unread(server: &Server, arguments: &[&str]) -> Child {
 fn a_reader_that_pauses_stops_neither_the_robot_nor_ctrl_c() {
     let server = Server::ready();
     let mut command = start_unread(&server, &["enable"]);
-    // Longer than the pipe lasts, and than the command timeout.
+    // Longer than the pipe's capacity lasts, and than the command timeout.
     std::thread::sleep(Duration::from_millis(2500));
     assert!(command.try_wait().unwrap().is_none());
     server.wait_for("enabled");
@@ -94,8 +94,8 @@ fn a_reader_that_pauses_for_too_long_disables_the_board() {
     assert_eq!(server.json(&["faults"])["total"], 0);
 }
 
-/// A socket in front of the board's, for one program. After the first request to enable the board, what the
-/// board says is lost for so long.
+/// Listens at a socket in front of the board's, for one program. After the first request to enable the board,
+/// its replies are lost for `time`.
 fn losing_answers(server: &Server, time: Duration) -> Address {
     let path = server.folder.path().join("lossy");
     let listener = UnixListener::bind(&path).unwrap();

@@ -33,13 +33,13 @@ fn parameters_are_read_changed_and_refused_by_name() {
     server.fails(&["set", "colour", "red"], 2, &["no parameter \"colour\"; the groups", "safety"]);
     server.fails(&["read", "joints.finger9_curl"], 2, &["no parameter \"finger9_curl\" in joints"]);
     server.fails(&["set", "safety", "1"], 2, &["is a group"]);
-    // The stops are those of the mechanism.
+    // The end stops are mechanical.
     let upper = "joints.finger1_swing.limits.upper";
     server.fails(&["set", upper, "1.5"], 2, &[upper, "1.5 is beyond", "-1 to 1 rad"]);
     assert!(!server.succeeds(&["set", upper, "0.9"]).contains("tare"));
     server.succeeds(&["tare"]);
     assert!(server.succeeds(&["set", upper, "0.8"]).contains("finger3_tip must be tared anew"));
-    // Homed joints stay homed: their encoders are the same.
+    // Homed joints stay homed, because their encoders have not changed.
     server.succeeds(&["move", "finger1_swing=0.02"]);
     assert_eq!(server.json(&["model", "show"])["safety"]["reaction"], "Off");
 }
@@ -73,7 +73,7 @@ fn names_with_points_are_addressed() {
     server.succeeds(&["set", limit, "0.75"]);
     assert!(server.succeeds(&["read", limit]).contains("= 0.75"));
     assert!(server.succeeds(&["read", "joints.*.limits.upper"]).contains(&format!("{limit} = 0.75")));
-    // What is assumed about the others is said.
+    // The assumption about the other joints is reported.
     let homed = server.succeeds(&["home", "finger1.swing=0", "--others", "0"]);
     let warning = "must stand at 0 rad now";
     assert!(homed.contains("warning: finger1_bend, ") && homed.contains(warning), "{homed}");

@@ -34,7 +34,7 @@ fn missing_ports_and_invalid_arguments_have_their_own_exit_codes() {
         server.fails(&["move", "finger1_swing=0", "--tolerance", tolerance], 2, &[&words]);
         server.fails(&["reach", "finger1_tip=0,0,0", "--tolerance", tolerance], 2, &[&words]);
     }
-    // A key is for TCP alone.
+    // A key only applies to TCP.
     server.succeeds(&["--key", "/nowhere/lab.key", "info"]);
     server.fails(
         &["--key", "/nowhere/lab.key", "--port", "tcp://localhost:1", "info"],
@@ -49,7 +49,7 @@ fn missing_ports_and_invalid_arguments_have_their_own_exit_codes() {
     server.fails(&["--link-faults", "flip=2", "info"], 2, &["flip"]);
     server.fails(&["dance"], 2, &["dance"]);
     server.fails(&["--json", "--port", "/dev/nowhere", "info"], 3, &["\"exit_code\":3"]);
-    // A socket where nothing answers.
+    // A socket at which nothing answers.
     let silent = server.folder.path().join("silent");
     let _listener = UnixListener::bind(&silent).unwrap();
     let port = format!("unix://{}", silent.display());
@@ -78,7 +78,7 @@ fn a_client_is_told_that_its_board_was_reset_or_is_gone() {
     server.thread.take().unwrap().join().unwrap();
     let (code, text) = said(&finish(enabled));
     assert_eq!(code, 6, "{text}");
-    // After 2 s; a busy machine tells it later.
+    // After 2 s, or later on a busy machine.
     let told = text.split_once("no answer from the board for ").and_then(|(_, told)| told.split_once(" s: "));
     let seconds: f64 = told.unwrap_or_else(|| panic!("{text}")).0.parse().unwrap();
     assert!((2.0..20.0).contains(&seconds) && text.contains("1 s after the last command"), "{text}");
@@ -160,7 +160,7 @@ fn ctrl_c_with_a_silent_board_does_not_wait_for_all_of_the_timeout() {
     assert!(begun.elapsed() < Duration::from_secs(20), "{:?}", begun.elapsed());
 }
 
-/// A link to the board of a server for one client, which can be muted.
+/// A link to a server's board for one client that can be muted.
 struct Muted {
     address: String,
     mute: Arc<AtomicBool>,

@@ -1,4 +1,4 @@
-//! Faults of the robot as the command line reports them.
+//! Faults of the robot in the command line's output.
 
 use std::time::Duration;
 
@@ -18,7 +18,7 @@ fn faults_of_the_machine_are_named_by_joint_value_and_limit() {
     let faults = server.json(&["faults"]);
     assert_eq!(faults["faults"][0]["number"], 4);
     assert_eq!(faults["faults"][0]["fault"]["joint"], 5);
-    // The encoder counts from where it was switched on: after the jump its zero is lost.
+    // The encoder counts relative to its power-on position: after the jump its zero is lost.
     server.fails(&["doctor"], 1, &["the encoder jumped", "not homed: finger2_curl"]);
     assert!(server.succeeds(&["faults"]).contains("the board is stopped until they are cleared"));
     assert_eq!(server.json(&["faults"])["faults"][0]["joint"], "finger2_curl");
@@ -37,7 +37,7 @@ fn faults_of_the_machine_are_named_by_joint_value_and_limit() {
     server.fails(&["doctor"], 1, &["supply 15.0 V, outside 20 to 28 V"]);
     server.make_trouble("reset");
     server.make_trouble("nonsense");
-    // The faults are still there after a reset, the model is not.
+    // The faults survive a reset, the model does not.
     server.fails(&["read"], 7, &["no robot model"]);
     assert_eq!(server.json(&["faults"])["total"], 1);
 }
@@ -64,7 +64,7 @@ fn a_stop_hides_no_fault_before_it() {
         std::thread::sleep(Duration::from_millis(20));
     }
     let enabled = server.wait_with(server.start_command(&["enable"]), "enabled");
-    // The recorder finds both faults at once.
+    // The recorder learns of both faults at once.
     signal(&recorder, Signal::SIGSTOP);
     server.make_trouble("encoder finger2_curl 9000");
     let (code, text) = said(&finish(enabled));

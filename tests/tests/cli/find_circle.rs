@@ -1,17 +1,17 @@
-//! `tesaki find-circle` on pictures that are drawn here.
+//! `tesaki find-circle` on pictures drawn by the test.
 
 use std::path::Path;
 
 use serde_json::Value;
 
-/// Exit code, standard output and standard error.
+/// Runs the command; returns exit code, standard output and standard error.
 fn run(arguments: &[&str]) -> (i32, String, String) {
     let output = tesaki_tests::tesaki().args(arguments).output().unwrap();
     let text = |bytes| String::from_utf8(bytes).unwrap();
     (output.status.code().unwrap(), text(output.stdout), text(output.stderr))
 }
 
-/// A grey picture with a dark disc, as PGM.
+/// Writes a grey picture with a dark disc as PGM.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "grey levels")]
 fn disc(path: &Path, [width, height]: [u32; 2], [x, y, radius]: [f64; 3]) {
     let mut bytes = format!("P5\n# a disc\n{width} {height}\n255\n").into_bytes();
@@ -56,7 +56,7 @@ fn a_disc_is_found_told_and_drawn() {
     let drawn = folder.path().join("drawn.png");
     let (code, _, error) = run(&["find-circle", small, "--annotate", drawn.to_str().unwrap()]);
     assert_eq!(code, 0, "{error}");
-    // What was drawn is read again, and the circle is still there.
+    // The annotated picture can be read again, and still contains the circle.
     let (code, out, error) =
         run(&["find-circle", drawn.to_str().unwrap(), "--radius", "35..45", "--window", "100,120,5"]);
     assert!(code == 0 && (out.contains("radius 40.") || out.contains("radius 39.")), "{out}{error}");
@@ -92,14 +92,14 @@ fn what_is_wrong_is_said_by_file() {
         code == 1 && error.contains("black.pgm: expected radius of 2 to 20 pixels: the limits are 5 to"),
         "{error}"
     );
-    // One bad file does not hide what is found in others.
+    // One bad file does not suppress the results of others.
     let folder_of = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     let good = folder_of("good.pgm");
     disc(Path::new(&good), [256, 240], [100.25, 120.5, 40.0]);
     let (code, out, error) = run(&["find-circle", &folder_of("cut.pgm"), &good, &folder_of("text.png")]);
     assert!(code == 1 && out.contains("good.pgm: centre (100.2"), "{code} {out}");
     assert!(error.contains("cut.pgm: PGM: 3 of 4096") && error.contains("text.png: neither"), "{error}");
-    // Nor is the picture replaced by its drawing.
+    // The annotated picture does not overwrite the original.
     let before = std::fs::read(&good).unwrap();
     let (code, _, error) = run(&["find-circle", &good, "--annotate", &good]);
     assert!(code == 2 && error.contains("IMAGE and --annotate are both"), "{code} {error}");

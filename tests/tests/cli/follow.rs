@@ -1,4 +1,4 @@
-//! `tesaki follow`: an arm on a board, led by lines, by another board and by a recorded hand.
+//! `tesaki follow`: an arm on a board that follows lines of input, another board and a recorded hand.
 
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::process::{Child, ChildStdin, Stdio};
@@ -22,14 +22,14 @@ fn file_of(impedance: &str) -> String {
     arm7().join(format!("impedances/{impedance}.toml")).to_str().unwrap().to_owned()
 }
 
-/// An arm that may be enabled.
+/// Starts an arm that is ready to be enabled.
 fn arm() -> Server {
     let server = Server::ready_arm();
     server.succeeds(&["tare"]);
     server
 }
 
-/// The program while it leads the arm, with what it says.
+/// The running program that leads the arm, with its output.
 struct Leading {
     child: Child,
     said: Arc<Mutex<Vec<Value>>>,
@@ -41,7 +41,7 @@ impl Leading {
         Self::start_as(server, "firm", arguments)
     }
 
-    /// With an impedance of the arm by name.
+    /// Starts it with the arm's impedance of this name.
     fn start_as(server: &Server, impedance: &str, arguments: &[&str]) -> (Self, ChildStdin) {
         let file = file_of(impedance);
         let mut all = vec!["--json", "follow", "--no-hold", "--impedance", &file];
@@ -70,12 +70,12 @@ impl Leading {
         self.said.lock().unwrap().iter().rfind(|value| value.get("sigma_min").is_some()).cloned()
     }
 
-    /// Where the tool is.
+    /// Position of the tool.
     fn tool(&self) -> [f64; 3] {
         numbers(&self.telemetry().unwrap()["position"])
     }
 
-    /// Exit code, everything that it said, and what was wrong.
+    /// Waits for the end; returns exit code, output and errors.
     fn finish(mut self) -> (i32, Vec<Value>, String) {
         let mut errors = self.child.stderr.take().unwrap();
         let (code, _) = said(&finish(self.child));
@@ -97,7 +97,7 @@ fn distance(one: [f64; 3], other: [f64; 3]) -> f64 {
     one.iter().zip(other).map(|(one, other)| (one - other).powi(2)).sum::<f64>().sqrt()
 }
 
-/// A hand whose samples have the times at which they are sent: a busy machine sends fewer, none too late.
+/// A hand whose samples carry their sending times: a busy machine sends fewer samples, but none too late.
 struct Hand {
     begin: Instant,
     stdin: ChildStdin,
@@ -118,7 +118,7 @@ impl Hand {
     }
 
     fn say(&mut self, line: &Value) {
-        // Nobody reads it any more when the program ends.
+        // Near the program's end, nobody reads it.
         let _ = self.stdin.write_all(format!("{line}\n").as_bytes());
         std::thread::sleep(Duration::from_millis(8));
     }
@@ -138,7 +138,7 @@ impl Hand {
         }
     }
 
-    /// Moves to a place at 0.08 m/s.
+    /// Moves to a position at 0.08 m/s.
     fn move_to(&mut self, goal: [f64; 3]) {
         let (start, from) = (Instant::now(), self.position);
         let duration = distance(from, goal) / 0.08;
@@ -160,7 +160,7 @@ fn is_clutch(value: &Value, state: &str, reason: &str) -> bool {
     value["clutch"] == state && value["reason"].as_str().unwrap_or_default().contains(reason)
 }
 
-/// The tool is on the circle of the hand, as Pythagoras has it: 4 cm, in y and z, from where it began.
+/// The tool is on the hand's circle, by Pythagoras: 4 cm, in y and z, from its start.
 #[test]
 fn a_stream_of_poses_leads_the_tool_on_a_circle() {
     const RADIUS: f64 = 0.04;
@@ -171,7 +171,7 @@ fn a_stream_of_poses_leads_the_tool_on_a_circle() {
     hand.until("telemetry", || leading.telemetry().is_some());
     let (first, begin) = (leading.telemetry().unwrap(), Instant::now());
     let start = leading.tool();
-    // One turn in three seconds, and the elbow by 0.1 rad.
+    // One turn in three seconds, while the elbow moves by 0.1 rad.
     loop {
         let part = (begin.elapsed().as_secs_f64() / 3.0).min(1.0);
         let (sin, cos) = (std::f64::consts::TAU * part * part * (3.0 - 2.0 * part)).sin_cos();
@@ -209,12 +209,13 @@ fn a_stream_of_poses_leads_the_tool_on_a_circle() {
     assert_eq!(server.json(&["faults"])["total"], 0);
 }
 
-/// Jumps, silence, a border and nonsense, one after the other: the tool stays each time, and it is told.
+/// Jumps, silence, a workspace border and invalid lines in succession: the tool stays each time, and the
+/// reason is reported.
 #[test]
 fn what_no_arm_may_follow_opens_the_clutch_and_the_tool_stays() {
     let server = arm();
     let start: [f64; 3] = numbers(&server.json(&["read"])["tips"]["hand"]["position"]);
-    // The tool may go 5 cm along y.
+    // The tool may move 5 cm along y.
     let border = start[1] + 0.05;
     let [x, y, z] = start;
     let workspace = format!("{},{},{},{border},{},{}", x - 0.2, x + 0.2, y - 0.2, z - 0.2, z + 0.2);
@@ -255,7 +256,7 @@ fn what_no_arm_may_follow_opens_the_clutch_and_the_tool_stays() {
     stays(&leading, tool);
     hand.say(&json!({ "clutch": true }));
     hand.until("the clutch closes a third time", || closed(3));
-    // From 4 cm below to 16 cm above where it began.
+    // From 4 cm below to 16 cm above its start.
     let there = [0.0, hand.position[1] + 0.2, 0.0];
     hand.move_to(there);
     hand.until("the border is told", || leading.count(|value| value["workspace"] == "y") == 1);
@@ -279,7 +280,7 @@ fn what_no_arm_may_follow_opens_the_clutch_and_the_tool_stays() {
         hand.say(&line);
         hand.send();
     }
-    // Overtaken.
+    // A sample that was overtaken.
     let before = hand.sample();
     (0..3).for_each(|_| hand.send());
     hand.say(&before);
@@ -296,7 +297,7 @@ fn what_no_arm_may_follow_opens_the_clutch_and_the_tool_stays() {
     assert_eq!(code, 0, "{error}");
     let summary = values.last().unwrap();
     assert_eq!((&summary["stops"], &summary["rejected"]["bad"]), (&json!(2), &json!(4)), "{summary}");
-    // A busy machine may send it late, too.
+    // A busy machine may also send it late.
     assert!(summary["rejected"]["out_of_order"] == 1 || summary["rejected"]["late"] != 0, "{summary}");
     assert!(summary["rejected"]["jumped"].as_u64().unwrap() > 5, "{summary}");
     let highest = values.iter().filter(|value| value.get("sigma_min").is_some());
@@ -305,14 +306,14 @@ fn what_no_arm_may_follow_opens_the_clutch_and_the_tool_stays() {
     assert_eq!(server.json(&["faults"])["total"], 0);
 }
 
-/// Over links that lose one frame in twenty, repeat some and delay one in ten.
+/// The links lose one frame in twenty, repeat some and delay one in ten.
 #[test]
 fn an_arm_leads_another_over_a_bad_link() {
     let (master, slave) = (arm(), arm());
     let from = format!("board:{}", master.address);
     let before = tip(&master);
     let joint = master.json(&["model", "show"])["joints"][3]["name"].as_str().unwrap().to_owned();
-    // Holds first, so that it does not fall.
+    // The master holds first, so that it does not fall.
     let held = master.start_command(&["enable"]);
     let held = master.wait_with(held, "enabled");
     let faults = "seed=3,drop=5e-4,duplicate=1e-2,delay=30ms@0.1";
@@ -330,7 +331,7 @@ fn an_arm_leads_another_over_a_bad_link() {
             std::array::from_fn(|axis| (tool[axis] - start[axis]) - (master[axis] - before[axis]));
         distance(difference, [0.0; 3]) < 4e-3 && distance(tool, start) > 0.02
     });
-    // Long enough that some are lost for certain.
+    // Long enough that some frames are certainly lost.
     wait("enough telemetry", || leading.count(|value| value.get("sigma_min").is_some()) > 40);
     signal(&leading.child, Signal::SIGINT);
     let (code, values, error) = leading.finish();
@@ -344,7 +345,7 @@ fn an_arm_leads_another_over_a_bad_link() {
     slave.wait_for("disabled");
 }
 
-/// Waits until something has happened, while the arms lead each other.
+/// Waits until something has happened, while one arm leads the other.
 #[track_caller]
 fn wait(what: &str, mut has_happened: impl FnMut() -> bool) {
     let start = Instant::now();
@@ -358,11 +359,11 @@ fn tip(server: &Server) -> [f64; 3] {
     numbers(&server.json(&["read"])["tips"]["hand"]["position"])
 }
 
-/// Over links that delay each message by up to 20 ms, and lose some: a person pulls the handle, and a wall
-/// stands in the way of the slave alone.
+/// The links delay each message by up to 20 ms, and lose some; a person pulls the handle, and a wall blocks
+/// only the slave.
 #[test]
 fn an_operator_feels_the_wall_before_the_slave() {
-    // Stiffness of the person's arm, of the slave and of the wall [N/m]; way and clearance [m].
+    // Stiffness of the person's arm, of the slave and of the wall [N/m]; motion and clearance [m].
     const PERSON: f64 = 500.0;
     const SLAVE: f64 = 300.0;
     const WALL: f64 = 5000.0;
@@ -378,7 +379,7 @@ fn an_operator_feels_the_wall_before_the_slave() {
     wait("telemetry", || leading.telemetry().is_some());
     let (start, tool) = (tip(&master), leading.tool());
 
-    // Free space: the slave is where the handle is.
+    // Free space: the slave reaches the position of the handle.
     master.make_trouble("pull 0.03 0 0");
     let moved = |leading: &Leading| leading.tool()[0] - tool[0];
     wait("both are there", || {
@@ -414,7 +415,8 @@ fn an_operator_feels_the_wall_before_the_slave() {
     let reflected = &values.last().unwrap()["reflected"];
     let (largest, balance) = (&reflected["largest_force"], &reflected["energy_balance"]);
     assert!((expected * 0.85..expected * 1.6).contains(&largest.as_f64().unwrap()), "{reflected}");
-    // The reserve of 20 mJ, and what the first contact takes before it is known: more on a busy machine.
+    // The reserve of 20 mJ, and the energy of the first contact before it is known, which is more on a busy
+    // machine.
     assert!(balance.as_f64().unwrap() > -0.06, "{reflected}");
     drop(stdin);
     for server in [&master, &slave] {
@@ -423,7 +425,7 @@ fn an_operator_feels_the_wall_before_the_slave() {
     }
 }
 
-/// Both boards stop by themselves when nobody leads them any more, and what reflects nothing is refused by
+/// Both boards stop by themselves when they are no longer led, and settings without reflection are refused by
 /// name.
 #[test]
 fn a_master_that_is_powered_never_stays_so_alone() {
@@ -450,8 +452,8 @@ fn a_master_that_is_powered_never_stays_so_alone() {
         &["spoilt.toml: --reflect needs a stiffness above 0 along each"],
     );
 
-    // By hand: 5 N·s/m for each of 2 kg and 15 N·s/m of its own, over 300 N/m, less half a period of 10 ms,
-    // is 78 ms; 25 N·s/m over 235 ms are 106.4 N/m, and 300 N/m times 235 ms are 70.5 N·s/m.
+    // By hand: 5 N·s/m for each of 2 kg plus 15 N·s/m of its own, divided by 300 N/m, minus half a period of
+    // 10 ms, is 78 ms; 25 N·s/m divided by 235 ms is 106.4 N/m, and 300 N/m times 235 ms is 70.5 N·s/m.
     refused(
         &["--from", &from, "--reflect", &handle, "--round-trip", "0.2"],
         2,
@@ -461,13 +463,13 @@ fn a_master_that_is_powered_never_stays_so_alone() {
             "calm up to 78 ms: at most 106 N/m there, 61 N·s/m of damping",
         ],
     );
-    // Each message takes 40 ms on average, four of them there and back.
+    // Each message takes 40 ms on average, and a round trip consists of four messages.
     refused(
         &["--link-faults", "seed=3,delay=80ms@1", "--from", &from, "--reflect", &handle],
         2,
         &["ms of them measured on the links of master and slave", "calm up to 78 ms"],
     );
-    // Measured on links that take no time, unless the machine is busy.
+    // Measured on links without delay, unless the machine is busy.
     let brief = ["follow", "--impedance", &soft, "--from", &from, "--reflect", &handle, "--duration", "0.3"];
     wait("quick links are accepted", || slave.run(&brief).0 == 0);
     [&master, &slave].into_iter().for_each(Server::wait_for_rest);
@@ -476,7 +478,7 @@ fn a_master_that_is_powered_never_stays_so_alone() {
     let (leading, stdin) = Leading::start_as(&slave, "soft", &options);
     wait("the clutch closes", || leading.count(|value| is_clutch(value, "closed", "")) == 1);
     master.wait_for("enabled");
-    // The emergency stop of the master: the program ends, and the slave holds or is off, by name.
+    // The master's emergency stop: the program ends, and the slave holds or is off, as reported.
     master.make_trouble("estop on");
     let (code, _, error) = leading.finish();
     assert!(code == 1 && error.contains("its board is in fault"), "{code}: {error}");
@@ -608,7 +610,7 @@ fn faults_of_the_board_and_the_loss_of_command_end_it_by_name() {
     assert!(code == 5 && error.contains("emergency stop"), "{code}: {error}");
     server.wait_for("in fault");
 
-    // Another program disables the board and commands it, while this one stands still.
+    // Another program disables the board and takes command while this one is stopped.
     let server = arm();
     let (leading, mut hand) = following(&server);
     signal(&leading.child, Signal::SIGSTOP);
@@ -620,7 +622,7 @@ fn faults_of_the_board_and_the_loss_of_command_end_it_by_name() {
     signal(&leading.child, Signal::SIGCONT);
     hand.until("it ends", || leading.count(|value| value["error"].is_string()) == 1);
     let (code, _, error) = leading.finish();
-    // Whichever it hears of first; a board that many programs have asked since has forgotten it.
+    // Whichever it learns first; a board that has since talked to many programs has forgotten this one.
     let reasons = ["another program disabled the board", "has lost command", "it has forgotten"];
     assert!(matches!(code, 1 | 7) && reasons.iter().any(|reason| error.contains(reason)), "{code}: {error}");
     server.wait_for("enabled");
@@ -653,13 +655,13 @@ fn a_clock_that_runs_off_and_a_program_that_is_killed_leave_no_arm_that_moves() 
     server.wait_for("in fault");
     let faults = server.succeeds(&["faults"]);
     assert!(faults.contains("command timeout") || faults.contains("no command"), "{faults}");
-    // It holds where it is: the reaction of its model.
+    // It holds in place: the reaction of its model.
     let after: [f64; 3] = numbers(&server.json(&["read"])["tips"]["hand"]["position"]);
     assert!(distance(tool, after) < 0.02, "{tool:?} {after:?}");
     drop(leading.finish());
 }
 
-/// Its lines are read, as they stand on the page.
+/// Runs the lines as they are printed in the document.
 #[test]
 #[ignore = "needs Python: cargo xtask test"]
 fn the_example_in_python_leads_the_arm() {

@@ -1,4 +1,4 @@
-//! `tesaki share foxglove://…` as a client of Foxglove's protocol sees it.
+//! `tesaki share foxglove://…` seen by a client of Foxglove's protocol.
 
 use std::collections::BTreeMap;
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
@@ -29,7 +29,7 @@ impl Share {
         Self { child, host }
     }
 
-    /// The head of the answer to a handshake, and the connection.
+    /// Returns the head of the answer to a handshake, and the connection.
     fn dial(&self, headers: &str) -> (String, TcpStream) {
         let mut stream = TcpStream::connect(&self.host).unwrap();
         stream.set_read_timeout(Some(Duration::from_millis(200))).unwrap();
@@ -66,7 +66,7 @@ impl Drop for Share {
 
 struct Client {
     socket: WebSocket<TcpStream>,
-    /// What was advertised, by topic.
+    /// Advertised channels, by topic.
     channels: BTreeMap<String, Value>,
 }
 
@@ -75,7 +75,7 @@ impl Client {
         self.socket.send(Message::text(value.to_string())).unwrap();
     }
 
-    /// The next message in JSON (with `None`), or of a subscription: its time and its CDR.
+    /// Returns the next message in JSON (with `None`), or of a subscription: its time and its CDR.
     #[track_caller]
     fn next(&mut self, subscription: Option<u32>) -> (Value, u64, Vec<u8>) {
         let deadline = Instant::now() + Duration::from_secs(8);
@@ -120,7 +120,7 @@ impl Client {
         self.send(&json!({ "op": "subscribe", "subscriptions": [{ "id": id, "channelId": channel }] }));
     }
 
-    /// The next warning.
+    /// Returns the next warning.
     #[track_caller]
     fn warned(&mut self) -> String {
         loop {
@@ -156,7 +156,7 @@ fn foxglove_sees_the_robot_and_cannot_command_it() {
     let (.., frames) = client.next(Some(8));
     assert!(frames.windows(7).any(|part| part == b"finger3"), "the links have the names of the URDF");
 
-    // What was said before is kept for who comes late.
+    // Earlier messages are kept for clients that connect late.
     let mut late = share.open();
     late.subscribe(1, "/robot_description");
     let (.., urdf) = late.next(Some(1));
@@ -179,7 +179,7 @@ fn foxglove_sees_the_robot_and_cannot_command_it() {
         assert!(told.contains(words), "{nonsense}: {told}");
     }
     late.send(&json!({ "op": "unsubscribe", "subscriptionIds": [1, 2, 77] }));
-    // The other one goes on.
+    // The other subscription continues.
     client.next(Some(7));
 
     for (headers, status) in [
@@ -194,7 +194,7 @@ fn foxglove_sees_the_robot_and_cannot_command_it() {
     server.fails(&["share", "foxglove://0.0.0.0:0"], 2, &["ssh -L", "Foxglove"]);
     server.fails(&["share", &format!("foxglove://{}", share.host)], 1, &["another program listens there"]);
     server.fails(&["share", "foxglove://localhost"], 2, &["HOST:PORT"]);
-    // Its URDF would be drawn at the angles of another robot.
+    // The URDF of another robot would be drawn at the wrong angles.
     let other = arm7();
     let robot = ["--robot", other.to_str().unwrap()];
     let told = ["the board is hand3", "the folder of arm7"];

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use super::server::{Server, finish, hand3, said, signal, unread};
 
-/// The grasp of the box.
+/// Returns the grasp file of the box.
 fn box_grasp() -> String {
     hand3().join("grasps/box.toml").to_str().unwrap().to_owned()
 }
@@ -53,7 +53,7 @@ fn ctrl_c_puts_the_box_down_and_a_fault_says_what_became_of_it() {
     assert_eq!(code, 0, "{text}");
     assert!(text.contains("lowers an object") && text.contains("interrupted: disabled"), "{text}");
 
-    // Nobody reads on: the box is put down all the same.
+    // The box is put down although nobody reads the output.
     let run = server.start_command(&["--json", "grasp", "run", &file]);
     wait_until_held();
     let (code, text) = unread(run);

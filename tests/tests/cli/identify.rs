@@ -9,7 +9,8 @@ use tesaki_description::robot::RobotFolder;
 
 use crate::server::{Server, finish, said, signal};
 
-/// The friction of the machine, as the drives are told it, by its truth; and what ends the test early.
+/// The identified friction matches the machine's true friction in commanded torque; then the causes that end
+/// the test early.
 #[test]
 fn a_hand_tells_its_friction_without_an_object() {
     let server = Server::ready();
@@ -26,7 +27,7 @@ fn a_hand_tells_its_friction_without_an_object() {
     server.succeeds(&["disable"]);
     let (code, text) = said(&finish(disturbed));
     assert!(code == 1 && text.contains("another program disabled the board"), "{code}: {text}");
-    // Somebody pulls at a fingertip.
+    // Something pulls at a fingertip.
     let touched = server.wait_with(server.start_command(&arguments), "enabled");
     server.make_trouble("pull 0.01 0 0");
     let (code, text) = said(&finish(touched));
@@ -42,18 +43,18 @@ fn a_hand_tells_its_friction_without_an_object() {
     let plant = server.stop();
     let model = RobotFolder::load(&hand).unwrap().model;
     for (joint, factors) in model.joints.iter().zip(plant.factors()) {
-        // 20 mN·m by the folder.
+        // The folder has 20 mN·m.
         let told = 0.02 * factors.coulomb / factors.torque_constant;
         let [coulomb, deviation] = ["value", "deviation"]
             .map(|what| found["joints"][joint.name.as_str()]["coulomb"][what].as_f64().unwrap());
-        // A busy machine loses frames and commands late: then by what the fit says of itself.
+        // A busy machine loses frames and delays commands: then the fit's own deviation is the tolerance.
         let tolerance = (0.02 * told).max(4.0 * deviation);
         assert!((coulomb - told).abs() < tolerance, "{}: {coulomb} ± {deviation}, {told}", joint.name);
         assert!(deviation < 0.1 * told, "{}: {coulomb} ± {deviation}", joint.name);
     }
 }
 
-/// An arm that would fall does not fall on what is in its way.
+/// An arm that would fall does not fall onto an obstacle.
 #[test]
 fn an_arm_that_presses_holds_until_it_is_interrupted() {
     let server = Server::ready_arm();
@@ -73,7 +74,7 @@ fn an_arm_that_presses_holds_until_it_is_interrupted() {
     signal(&child, Signal::SIGINT);
     let (code, _) = said(&finish(child));
     let told = told();
-    // By the torque that a joint needs, or by the force on the hand: by what is seen first.
+    // Stopped either by the torque of a joint or by the force on the hand, whichever is detected first.
     let is_named =
         told.contains("N·m beyond the weight of its links") || told.contains("the force on hand changed by");
     assert!(code == 1 && is_named && !out.exists(), "{code}: {told}");

@@ -1,21 +1,21 @@
-//! A robot folder that `tesaki model init` has written is right as it is: it passes the check, and a
-//! simulated board moves every joint with it.
+//! A robot folder written by `tesaki model init` can be used unchanged: it passes the check, and a simulated
+//! board moves every joint with it.
 
 use std::path::{Path, PathBuf};
 
 use super::machine::move_every_joint;
 use super::server::{arm7, hand3};
 
-/// A finger with what published URDFs often have wrong.
+/// A finger with common errors of published URDFs.
 const DEFECTS: &str = include_str!("defects.urdf");
 
-/// Exit code and all that was printed.
+/// Runs the command; returns exit code and all output.
 fn run(arguments: &[&str]) -> (i32, String) {
     let output = tesaki_tests::tesaki().args(arguments).output().unwrap();
     (output.status.code().unwrap(), String::from_utf8([output.stdout, output.stderr].concat()).unwrap())
 }
 
-/// Writes the folder of a robot; what was said.
+/// Writes the folder of a robot; returns the output.
 fn init(urdf: &Path, folder: &Path, options: &[&str]) -> String {
     let paths = [urdf.to_str().unwrap(), "--out", folder.to_str().unwrap()];
     let (code, text) = run(&[&["model", "init"], &paths[..], options].concat());
@@ -51,7 +51,7 @@ fn an_arm_from_its_urdf_alone_moves_every_joint() {
     move_every_joint(folder.path(), 3);
 }
 
-/// The URDF with defects, and the folder to write.
+/// Returns the paths of the URDF with defects, and of the folder to write.
 fn defects(folder: &tempfile::TempDir) -> (PathBuf, PathBuf) {
     let urdf = folder.path().join("defects.urdf");
     std::fs::write(&urdf, DEFECTS).unwrap();
@@ -111,7 +111,7 @@ fn wrong_names_and_folders_that_exist_are_refused() {
     check(&out);
 }
 
-/// The URDF of the hand, with another name.
+/// Writes the URDF of the hand under another name.
 fn named(folder: &Path, name: &str) -> PathBuf {
     let text = std::fs::read_to_string(hand3().join("robot.urdf")).unwrap();
     let urdf = folder.join("other.urdf");

@@ -10,7 +10,7 @@ use serde_json::Value;
 
 use super::server::{finish, said, signal};
 
-/// A black disc on white, binary PGM.
+/// A black disc on white as a binary PGM.
 fn disc(age: &str, [x, y]: [f64; 2]) -> Vec<u8> {
     let mut bytes = format!("P5\n{age}256 240\n255\n").into_bytes();
     for row in 0..240 {
@@ -33,7 +33,7 @@ fn look(arguments: &[&str], input: &[u8]) -> (i32, String) {
     end
 }
 
-/// The centre of the circle in a line.
+/// Returns the centre of the circle in a line.
 fn center(line: &str) -> [f64; 2] {
     let value: Value = serde_json::from_str(line).unwrap();
     [0, 1].map(|axis| value["circle"]["center"][axis].as_f64().unwrap_or(f64::NAN))
@@ -61,7 +61,7 @@ fn files_are_looked_at_one_by_one_in_the_order_of_their_numbers() {
     assert!(code == 0 && places == [90.0, 150.0, 120.0], "{code}: {text}");
 }
 
-/// A picture that the camera, or the vision, has kept for too long is no bad line for the behaviour.
+/// A picture that is too old, because of camera or vision, is not passed on as an invalid line.
 #[test]
 fn a_picture_that_is_too_old_is_not_told() {
     let folder = tempfile::tempdir().unwrap();
@@ -82,7 +82,7 @@ fn a_picture_that_is_too_old_is_not_told() {
         .spawn()
         .unwrap();
     let mut stdin = child.stdin.take().unwrap();
-    // The first has been looked at before the second takes its place.
+    // The first picture has been processed before the second replaces it.
     for picture in stream {
         stdin.write_all(&picture).unwrap();
         std::thread::sleep(Duration::from_millis(500));

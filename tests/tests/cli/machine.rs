@@ -1,4 +1,4 @@
-//! Every joint of a robot moves: on a board in this process, not in real time.
+//! Moves every joint of a robot on a board in this process, not in real time.
 
 use std::path::Path;
 
@@ -11,11 +11,11 @@ use tesaki_description::robot::RobotFolder;
 use tesaki_sim::plant::{Plant, PlantOptions};
 use tesaki_sim::virtual_board::VirtualBoard;
 
-/// Control periods in which a move ends.
+/// Number of control periods within which a move ends.
 const MOVE: u32 = 1000;
 
-/// A board with the model of a folder, homed, and its machine: not in real time, so that a busy computer
-/// changes nothing.
+/// A homed board with the model of a folder, and its machine: not in real time, so that a busy computer has
+/// no influence.
 struct Machine {
     board: VirtualBoard,
     plant: Plant,
@@ -64,7 +64,8 @@ impl Machine {
         self.board.node().telemetry().joints.iter().map(|joint| joint.position).collect()
     }
 
-    /// Enables as soon as what fell after the last move is slow enough, moves to `goal` [rad] and disables.
+    /// Enables once the robot that fell after the last move is slow enough, moves to `goal` [rad] and
+    /// disables.
     #[track_caller]
     fn moves(&mut self, goal: &[f32]) {
         let mut waited = 0;
@@ -92,7 +93,7 @@ impl Machine {
     }
 }
 
-/// Moves each joint to a quarter and to three quarters of its range, then all of them to the middle.
+/// Moves each joint to a quarter and three quarters of its range, then all of them to the middle.
 pub fn move_every_joint(folder: &Path, seed: u64) {
     let mut machine = Machine::new(folder, seed);
     let ranges: Vec<(f32, f32)> =

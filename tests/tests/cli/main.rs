@@ -1,5 +1,4 @@
-//! The program `tesaki` against a simulated board: what people type, what they read, and the exit codes for
-//! scripts.
+//! The program `tesaki` with a simulated board: commands, output, and exit codes for scripts.
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, reason = "tests")]
 

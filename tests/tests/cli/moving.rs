@@ -24,7 +24,7 @@ fn from_a_fresh_board_to_a_moved_recorded_and_replayed_joint() {
     server.fails(&["home", "finger1_swing=0"], 2, &["finger1_bend has no angle", "--others"]);
     server.home();
     let healthy = server.succeeds(&["doctor"]);
-    // A busy machine repeats a request now and then, and `doctor` says so.
+    // A busy machine repeats a request now and then, which `doctor` reports.
     let repeated = healthy.contains("works; 1 warning") && healthy.contains("no answer came in time");
     assert!(healthy.contains("no problems found") || repeated, "{healthy}");
     server.fails(&["model", "check", "/nowhere"], 1, &["/nowhere", "robot.urdf"]);
@@ -56,11 +56,11 @@ fn from_a_fresh_board_to_a_moved_recorded_and_replayed_joint() {
     assert!(ticks > 100 && replayed.contains("identical"), "{replayed}");
     assert!(std::fs::metadata(name.with_extension("mcap")).unwrap().len() > 10_000);
 
-    // Nothing is overwritten that was not meant.
+    // No file is overwritten unintentionally.
     let again = ["record", name.to_str().unwrap(), "--duration", "0.2"];
     server.fails(&again, 2, &["run.log exists", "--force"]);
 
-    // A file in which one bit is wrong is not the recording of the board.
+    // A file with one wrong bit is rejected as a recording.
     let whole = std::fs::read(&log).unwrap();
     let mut flipped = whole.clone();
     flipped[whole.len() / 2] ^= 1;
@@ -68,7 +68,7 @@ fn from_a_fresh_board_to_a_moved_recorded_and_replayed_joint() {
     server.fails(&["replay", log.to_str().unwrap()], 1, &["damaged record", "after tick", "not be compared"]);
     std::fs::write(&log, whole).unwrap();
 
-    // One flipped bit in a recorded torque is found and named, whatever the checksum says.
+    // One flipped bit in a recorded torque is found and named, even with a valid checksum.
     let mut records = decode(&std::fs::read(&log).unwrap());
     let spoilt = records.iter_mut().rev().find_map(|record| match record {
         tesaki::protocol::LogRecord::Actuators(frame) => Some(frame),
@@ -115,7 +115,7 @@ fn other_programs_leave_the_rate_that_one_needs() {
 #[test]
 fn a_fingertip_moves_along_a_line_and_an_impossible_path_is_refused_before_anything_moves() {
     let server = Server::ready();
-    // All fingers bent, away from the straight ones.
+    // All fingers bent, away from the singular straight posture.
     server.succeeds(&[
         "move",
         "finger1_bend=0.1",
@@ -125,7 +125,7 @@ fn a_fingertip_moves_along_a_line_and_an_impossible_path_is_refused_before_anyth
     ]);
     let arrived = server.succeeds(&["reach", "--relative", "finger1_tip=0.01,-0.005,0.008"]);
     assert!(arrived.contains("arrived") && arrived.contains("disabled"), "{arrived}");
-    // Back by the same way to the angles from which it came.
+    // Back along the same path to the initial angles.
     server.succeeds(&["reach", "--relative", "finger1_tip=-0.01,0.005,-0.008", "finger2_tip=0,0.005,0"]);
     let state = server.json(&["read"]);
     for (joint, angle) in [(0, 0.0), (1, 0.1), (2, 1.3)] {
@@ -149,7 +149,7 @@ fn a_fingertip_moves_along_a_line_and_an_impossible_path_is_refused_before_anyth
     server.fails(&["reach", "--speed", "1e-9", "--relative", "finger1_tip=0,0,0.01"], 2, &["600 s"]);
 }
 
-/// The set-points after the pause go on along the path; a jump would be fault 2, 4 or 5.
+/// After the pause, the set-points continue along the path; a jump would cause fault 2, 4 or 5.
 #[test]
 fn a_fingertip_moves_on_after_its_supervisor_paused() {
     use nix::sys::signal::Signal::{SIGCONT, SIGSTOP};
@@ -192,7 +192,7 @@ fn a_motion_that_ctrl_c_breaks_off_fails() {
     let server = Server::ready();
     server.succeeds(&["move", "finger1_curl=1.3"]);
     for command in [
-        // It never comes so near.
+        // This tolerance is never reached.
         &["move", "--within", "60", "--tolerance", "1e-12", "finger2_bend=0.2"][..],
         &["reach", "--relative", "--speed", "1e-4", "finger1_tip=0.01,0,0.01"],
     ] {

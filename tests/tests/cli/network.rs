@@ -9,9 +9,9 @@ use super::server::{Server, finish, said, signal};
 /// A running `tesaki share`.
 struct Share {
     child: Option<Child>,
-    /// What it said first.
+    /// Its first output.
     said: String,
-    /// Where programs on this machine find it.
+    /// Address for programs on this machine.
     port: String,
 }
 
@@ -28,7 +28,7 @@ impl Share {
         Self { child: Some(child), port: format!("tcp://localhost:{number}"), said }
     }
 
-    /// Ends it; what it said since.
+    /// Stops it; returns its output since then.
     fn stop(mut self) -> String {
         let child = self.child.take().unwrap();
         signal(&child, nix::sys::signal::Signal::SIGINT);

@@ -27,7 +27,7 @@ fn a_recording_that_was_cut_at_any_byte_is_told() {
 
     let told =
         ["the recording ends without its end record", "killed, or the file was cut", "ticks were read"];
-    // Within the end record, between two records, within another one; as long as there is a first one.
+    // Cut within the end record, between two records, and within another record, but after the first one.
     let end = whole.len() - encode(&[LogRecord::End { ticks }]).len();
     let starts_last = end - encode(&records[records.len() - 1..]).len();
     let first = encode(&records[..1]).len();
@@ -37,12 +37,12 @@ fn a_recording_that_was_cut_at_any_byte_is_told() {
     }
     std::fs::write(&log, &whole[..end]).unwrap();
     server.fails(&replay, 1, &[&format!("{ticks} ticks were read, {ticks} of them are identical")]);
-    // Nothing at all, or not even the first record.
+    // An empty file, or one that ends within the first record.
     for length in [0, first - 1] {
         std::fs::write(&log, &whole[..length]).unwrap();
         server.fails(&replay, 1, &["no tick could be compared"]);
     }
-    // Something behind the end.
+    // Additional bytes after the end.
     std::fs::write(&log, [&whole[..], b"more"].concat()).unwrap();
     server.fails(&replay, 1, &told);
     records.push(LogRecord::End { ticks: ticks + 1 });
@@ -50,13 +50,13 @@ fn a_recording_that_was_cut_at_any_byte_is_told() {
     server.fails(&replay, 1, &[&format!("counts {} ticks, but it has {ticks}", ticks + 1)]);
 }
 
-/// The recording of a recorder that was killed after three seconds.
+/// Returns the recording of a recorder that was killed after three seconds.
 fn killed_recording(server: &Server) -> PathBuf {
     let name = server.folder.path().join("killed");
     let mcap = name.with_extension("mcap");
     let mut recorder = server.start_command(&["record", name.to_str().unwrap()]);
     std::thread::sleep(Duration::from_secs(2));
-    // Not while it writes.
+    // Not while it is writing.
     let length = || std::fs::metadata(&mcap).unwrap().len();
     let before = length();
     while length() == before {
@@ -77,10 +77,10 @@ fn a_recorder_that_is_killed_leaves_files_that_lack_a_second_at_most() {
     let outputs = decode(&std::fs::read(&log).unwrap());
     let outputs = outputs.iter().filter(|record| matches!(record, LogRecord::Actuators(_)));
     let ticks = outputs.count();
-    // More than two seconds were recorded, and a busy machine is late.
+    // More than two seconds were recorded, but a busy machine is late.
     assert!(ticks >= 100, "{ticks} ticks in the log");
 
-    // An MCAP file without index.
+    // An MCAP file without an index.
     let mcap = std::fs::read(name.with_extension("mcap")).unwrap();
     assert!(Summary::read(&mcap).unwrap().is_none_or(|summary| summary.chunk_indexes.is_empty()));
     let messages = MessageStream::new(&mcap).unwrap().map(Result::unwrap);
@@ -103,7 +103,7 @@ fn rosbags_reads_the_recording_of_a_killed_recorder() {
     assert!(states["count"].as_u64().unwrap() >= 100, "{said}");
 }
 
-/// A recording of a second in which a joint moves, of a hand with tared sensors.
+/// Records one second of a moving joint, of a hand with tared sensors.
 fn recording_of_a_move(server: &Server) -> PathBuf {
     server.succeeds(&["tare"]);
     let name = server.folder.path().join("moved");
@@ -131,7 +131,7 @@ fn a_recording_has_frames_wrenches_phases_and_diagnostics() {
     }
     let ticks = count("/joint_states");
     assert!(ticks > 30, "{ticks} ticks");
-    // A busy machine may lose what comes at the end.
+    // A busy machine may lose the last messages.
     for finger in ["finger1_tip", "finger2_tip", "finger3_tip"] {
         assert!(count(&format!("/tesaki/wrench/{finger}")) + 3 > ticks, "{finger}");
     }
@@ -143,9 +143,9 @@ fn a_recording_has_frames_wrenches_phases_and_diagnostics() {
         messages.iter().any(|message| message.channel.topic == "/rosout" && holds(message))
     };
     assert!(says("enabled: joint servo after disabled"));
-    // The clock is that of the day.
+    // The time stamps are those of the wall clock.
     let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap();
-    // To within what a busy machine is late with the first tick, and later here.
+    // Up to the delay of a busy machine before the first tick and here.
     let difference = now.as_nanos().abs_diff(u128::from(messages.last().unwrap().log_time));
     assert!(difference < 60_000_000_000, "{difference} ns");
     let summary = Summary::read(&file).unwrap().unwrap();
@@ -179,7 +179,7 @@ fn a_recording_continues_after_a_reset_of_the_board() {
     let mut recorder = server.start_command(&["record", name.to_str().unwrap()]);
     std::thread::sleep(Duration::from_millis(500));
     server.make_trouble("reset");
-    // Its streams are asked for again after a second of silence.
+    // Its streams are requested again after a second of silence.
     std::thread::sleep(Duration::from_millis(1700));
     server.succeeds(&["model", "push", hand3().to_str().unwrap()]);
     server.home();
@@ -192,7 +192,7 @@ fn a_recording_continues_after_a_reset_of_the_board() {
         records.iter().filter(|record| matches!(record, LogRecord::Actuators(frame) if frame.enabled));
     let enabled = enabled.count();
     assert!(enabled > 50, "the move is missing: {enabled} enabled ticks");
-    // The stamps go on, although its ticks began anew.
+    // The time stamps continue, although the board's ticks restarted.
     let mcap = std::fs::read(name.with_extension("mcap")).unwrap();
     let messages = MessageStream::new(&mcap).unwrap().map(Result::unwrap);
     let states = messages.filter(|message| message.channel.topic == "/joint_states");
@@ -209,7 +209,7 @@ fn recorders_do_not_disturb_each_other() {
     let server = Server::ready();
     let path = |name: &str| server.folder.path().join(name).to_str().unwrap().to_owned();
     let names = ["one", "two", "short"].map(path);
-    // All at once: they read model and state at the same time.
+    // Concurrent recordings read model and state at the same time.
     let long = [&names[0], &names[1]].map(|name| server.start_command(&["record", name]));
     server.succeeds(&["record", &names[2], "--duration", "0.5"]);
     server.succeeds(&["move", "finger1_swing=0.2"]);
@@ -219,7 +219,7 @@ fn recorders_do_not_disturb_each_other() {
     }
     for name in &names {
         let log = format!("{name}.log");
-        // The end of one has not stopped the log of the others.
+        // The end of one has not stopped the logs of the others.
         assert_eq!(server.json(&["replay", &log])["gaps"], 0, "{name}");
         let records = decode(&std::fs::read(&log).unwrap());
         let enabled = |record: &&LogRecord| matches!(record, LogRecord::Actuators(frame) if frame.enabled);
@@ -246,7 +246,7 @@ fn a_recording_whose_board_was_lost_says_so() {
     assert!(finish(recorder).status.success());
     let log = name.with_extension("log");
     let records = decode(&std::fs::read(&log).unwrap());
-    // Which older programs read, too.
+    // Older programs can read this, too.
     let [.., LogRecord::Gap { missing: 0 }, LogRecord::End { ticks }] = records[..] else {
         panic!("no gap before the end record")
     };

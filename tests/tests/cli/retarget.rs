@@ -17,30 +17,30 @@ use super::calibrate::{table, text};
 use super::feed::feed;
 use super::server::{Server, finish, said, signal};
 
-/// Fingertips of a slow motion of the hand, by Pinocchio.
+/// Fingertips during a slow motion of the hand, computed by Pinocchio.
 const TIPS: &str = include_str!("../../oracles/data/hand5_tips.csv");
 const TABLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/oracles/data/hand5_tips.csv");
 const EXAMPLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/examples/hand_landmarks.py");
 
-/// Exit code, standard output and standard error, with the frames from standard input.
+/// Runs the command with the frames as standard input; returns exit code, standard output and standard error.
 fn run(arguments: &[&str], input: &str) -> (i32, String, String) {
     let hand5 = tesaki_tests::robot_folder("hand5");
     let mut command = tesaki_tests::tesaki();
     feed(command.arg("retarget").arg("--robot").arg(hand5).args(["--in", "-"]).args(arguments), input)
 }
 
-/// Numbers of a table, row by row, without the time.
+/// Returns the numbers of a table, row by row, without the time.
 fn rows(text: &str) -> Vec<Vec<f64>> {
     let row = |line: &str| line.split(',').skip(1).map(|cell| cell.parse().unwrap()).collect();
     text.lines().skip(1).map(row).collect()
 }
 
-/// Vectors from the thumb's tip to the others [m].
+/// Returns the vectors from the thumb's tip to the others [m].
 fn vectors(tips: &[f64]) -> Vec<f64> {
     (3..15).map(|index| tips[index] - tips[index % 3]).collect()
 }
 
-/// The lines of JSON with the fingertips.
+/// Returns the fingertips as lines of JSON.
 fn json_lines(change: impl Fn(u32, [f64; 3]) -> [f64; 3]) -> String {
     let mut lines = String::new();
     for (index, row) in (0..).zip(&rows(TIPS)) {
@@ -53,7 +53,7 @@ fn json_lines(change: impl Fn(u32, [f64; 3]) -> [f64; 3]) -> String {
     lines
 }
 
-/// The joint angles put the fingertips of rapier's bodies where Pinocchio has those of the operator.
+/// With the joint angles, the fingertips of rapier's bodies are where Pinocchio has the operator's.
 #[test]
 fn joint_angles_reproduce_the_fingertips() {
     let folder = tempfile::tempdir().unwrap();
@@ -78,9 +78,9 @@ fn joint_angles_reproduce_the_fingertips() {
             vectors(&tips).into_iter().zip(vectors(&desired)).map(|(found, desired)| found - desired);
         worst = errors.fold(worst, |worst, error| worst.max(error.abs()));
     }
-    // The filter follows within 0.2 mm.
+    // The filter lags by less than 0.2 mm.
     assert!(worst < 5e-4, "{worst} m");
-    // The same as lines of JSON, told as JSON.
+    // The same as lines of JSON, with JSON output.
     let (code, said, error) =
         run(&["--bandwidth", "20", "--json", "--out", out.to_str().unwrap()], &json_lines(|_, tip| tip));
     assert_eq!(code, 0, "{error}");
@@ -91,7 +91,8 @@ fn joint_angles_reproduce_the_fingertips() {
     assert_eq!(std::fs::read_to_string(&out).unwrap().lines().count(), 41);
 }
 
-/// What is beyond the hand's reach is not reproduced, and said; what moves too fast is held back.
+/// Targets beyond the hand's reach are not reproduced, and motions that are too fast are slowed down; both
+/// are reported.
 #[test]
 fn what_is_not_reproduced_is_told() {
     let folder = tempfile::tempdir().unwrap();
@@ -102,7 +103,7 @@ fn what_is_not_reproduced_is_told() {
     let value: Value = serde_json::from_str(&said).unwrap();
     let middle = &value["fingers"]["middle_tip"];
     assert!(middle["largest"].as_f64().unwrap() > 2e-3 && middle["within_tolerance"] == 0.0, "{said}");
-    // To and fro in every frame.
+    // To and fro in successive frames.
     let fast =
         json_lines(|index, [x, y, z]| if index % 2 == 0 { [x, y, z] } else { [x + 0.05, y, z - 0.03] });
     let (_, _, error) = run(&["--bandwidth", "20"], &fast);
@@ -110,7 +111,7 @@ fn what_is_not_reproduced_is_told() {
         error.contains("held back by limits of speed: ") && !error.contains("speed: 0 frames"),
         "{error}"
     );
-    // A gap, and a finger that is never seen.
+    // A gap, and a finger that is never visible.
     let rows: Vec<&str> = TIPS.lines().collect();
     let cut = |row: &str| row.split(',').take(13).collect::<Vec<_>>().join(",") + "\n";
     let gap: String = rows[..10].iter().chain(&rows[20..]).map(|row| cut(row)).collect();
@@ -212,7 +213,7 @@ fn what_is_wrong_with_a_file_is_said_by_line_and_column() {
         run(&["--operator", "Cargo.toml"], "{\"time\": 1, \"back\": null, \"thumb\": null}");
     assert!(code == 1 && error.contains("Cargo.toml"), "{error}");
     refused("[{\"time\": 1, \"tips\": null}]", &["standard input is a JSON array: write one object a line"]);
-    // Settings: of a folder whose file is wrong, and of a robot that is no hand.
+    // Invalid settings: a folder with an invalid file, and a robot that is not a hand.
     let folder = tempfile::tempdir().unwrap();
     for name in ["robot.urdf", "controller.toml"] {
         std::fs::copy(tesaki_tests::robot_folder("hand5").join(name), folder.path().join(name)).unwrap();
@@ -254,15 +255,16 @@ fn a_byte_order_mark_does_no_harm_and_the_input_is_kept() {
         assert!(code == 2 && error.contains("--in and --out are both"), "{error}");
         assert_eq!(std::fs::read_to_string(&file).unwrap(), TIPS);
     }
-    // What is written is read by `eval fk` without a remark on its time.
+    // `eval fk` reads the output without a warning about its time column.
     let mut command = tesaki_tests::tesaki();
     command.args(["eval", "fk", "--in", "-", "--robot"]).arg(tesaki_tests::robot_folder("hand5"));
     let (code, _, error) = feed(&mut command, &plain);
     assert!(code == 0 && !error.contains("unused"), "{error}");
 }
 
-/// A simulated operator, calibrated by markers, moves the fingers: the robot's fingertips are as far apart as
-/// those of the operator. (How the hand is turned in the glove's frame does not matter to distances.)
+/// A simulated operator, calibrated by markers, moves the fingers: the robot's fingertips have the same
+/// distances as the operator's. (Distances do not depend on the orientation of the hand in the glove's
+/// frame.)
 #[test]
 fn a_calibrated_glove_moves_the_hand() {
     let folder = tempfile::tempdir().unwrap();
@@ -313,7 +315,8 @@ fn a_calibrated_glove_moves_the_hand() {
     assert!(difference.abs() < 5e-3, "{difference} m: {error}");
 }
 
-/// Landmarks of a right hand with mean proportions before a camera, each joint bent by `bend` [rad].
+/// Returns the landmarks of a right hand with mean proportions in front of a camera, with each joint bent by
+/// `bend` [rad].
 fn landmarks(bend: f64) -> Vec<[f64; 3]> {
     let fingers = [
         ([0.010, 0.022, 0.020], [0.0462, 0.0316, 0.0273]),
@@ -367,7 +370,7 @@ fn webcam_landmarks_move_the_hand_and_a_mirrored_picture_is_told() {
     refused(&|[x, y, z]| [x + 0.5, y + 0.5, z], "Right", "normalised image coordinates");
 }
 
-/// A table that is played as a live source moves the joints as the table does.
+/// A table that is replayed as a live source moves the joints like the table itself.
 #[test]
 #[ignore = "needs Python: cargo xtask test"]
 fn the_example_that_plays_a_table_writes_what_is_read() {
@@ -379,7 +382,7 @@ fn the_example_that_plays_a_table_writes_what_is_read() {
     assert_eq!((code, played), (0, run(&[], TIPS).1), "{error}");
 }
 
-/// Its line for a result of MediaPipe's form is a line that `tesaki retarget` reads.
+/// The example's line for a result in MediaPipe's format can be read by `tesaki retarget`.
 #[test]
 #[ignore = "needs Python: cargo xtask test"]
 fn the_example_for_mediapipe_writes_what_is_read() {
@@ -403,7 +406,7 @@ for frame in range(20):
     assert!(code == 0 && out.lines().count() == 21 && error.contains("20 frames"), "{error}");
 }
 
-/// The five-finger hand on a board, ready to be enabled.
+/// Starts the five-finger hand on a board, ready to be enabled.
 fn board() -> Server {
     let hand5 = tesaki_tests::robot_folder("hand5");
     let options = PlantOptions::mismatched(1);
@@ -419,9 +422,9 @@ fn follow(server: &Server, arguments: &[&str]) -> Child {
     command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
 }
 
-/// Sends the posture of the robot at 60 Hz until the board is enabled, then for some seconds the motion to
-/// and fro, and holds still for half a second; a sixth of the lines is lost. Each has the time at which it is
-/// sent: a busy machine sends fewer, none too late. Returns how many were sent.
+/// Sends the robot's posture at 60 Hz until the board is enabled, then the motion to and fro for some
+/// seconds, then holds still for half a second; a sixth of the lines is lost. Each line carries its sending
+/// time: a busy machine sends fewer, but none too late. Returns the number of lines sent.
 fn stream(server: &Server, seconds: f64, mut send: impl FnMut(String)) -> u32 {
     let tips = rows(TIPS);
     let (begin, mut rng, mut sent) = (Instant::now(), Rng::new(5, 0), 0);
@@ -436,7 +439,7 @@ fn stream(server: &Server, seconds: f64, mut send: impl FnMut(String)) -> u32 {
             if moving > seconds + 0.5 {
                 break;
             }
-            // A third of the speed of the file, from its posture.
+            // A third of the file's speed, starting from its posture.
             #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a row")]
             let place = (20.0 * seconds.min(moving)) as usize % tips.len();
             let mut line = json!({ "time": begin.elapsed().as_secs_f64(), "tips": {} });
@@ -453,7 +456,7 @@ fn stream(server: &Server, seconds: f64, mut send: impl FnMut(String)) -> u32 {
     sent
 }
 
-/// Angles of all joints where the board has them.
+/// Returns the angles of all joints from the board.
 fn angles(server: &Server) -> Vec<f64> {
     let state = server.json(&["read"]);
     state["joints"].as_array().unwrap().iter().map(|joint| joint["position"].as_f64().unwrap()).collect()
@@ -465,7 +468,7 @@ fn a_stream_with_losses_leads_the_hand_on_a_board() {
     let before = angles(&server);
     let mut child = follow(&server, &[]);
     let mut stdin = child.stdin.take().unwrap();
-    // Frames that cannot be of a hand are dropped, one at a time.
+    // Single frames that cannot belong to a hand are dropped.
     let mut count = 0;
     let sent = stream(&server, 3.0, |line| {
         count += 1;
@@ -480,8 +483,7 @@ fn a_stream_with_losses_leads_the_hand_on_a_board() {
     let objects: Vec<Value> = out.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     let (last, reports) = objects.split_last().unwrap();
     assert_eq!((&last["frames"], &last["dropped"]), (&json!(sent), &json!(count / 50)), "{out}");
-    // The hand is the operator's. Each sample lasts for a tick at least; a busy machine sends only the
-    // newest.
+    // Each sample lasts for at least one tick; a busy machine sends only the newest.
     let samples = |report: &Value| report["samples"].as_u64().unwrap();
     assert!(reports.iter().all(|report| report["ignored"] == 0), "{out}");
     assert!(
@@ -497,14 +499,14 @@ fn a_stream_with_losses_leads_the_hand_on_a_board() {
 #[test]
 fn a_source_that_goes_wrong_stops_the_hand_and_is_told() {
     let server = board();
-    // Datagrams have no key: only this machine may send them.
+    // Datagrams are not protected by a key: only this machine may send them.
     for address in ["0.0.0.0:7500", "[::]:7500", "192.0.2.1:7500"] {
         let words = ["is reachable from other machines", "tunnel"];
         server.fails(&["retarget", "--live", "--udp", address], 2, &words);
     }
     server.fails(&["retarget", "--live", "--udp", "0"], 2, &["port 0 is none"]);
     server.fails(&["retarget", "--live", "--udp", "hand"], 2, &["expected PORT or 127.0.0.1:PORT"]);
-    // First good, then all in millimetres.
+    // Valid at first, then all in millimetres.
     let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let child = follow(&server, &["--udp", &port.to_string()]);
     let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
@@ -514,7 +516,7 @@ fn a_source_that_goes_wrong_stops_the_hand_and_is_told() {
     let send = |line: &str| {
         let mut value: Value = serde_json::from_str(line).unwrap();
         value["time"] = json!(begin.elapsed().as_secs_f64());
-        // Nobody listens before the program does.
+        // Before the program runs, nobody listens.
         let _ = socket.send_to(value.to_string().as_bytes(), ("127.0.0.1", port));
         std::thread::sleep(Duration::from_millis(20));
     };
@@ -530,7 +532,7 @@ fn a_source_that_goes_wrong_stops_the_hand_and_is_told() {
     assert!(code == 1 && out.contains("sends no valid frame any more; the last error: "), "{code}: {out}");
     assert!(out.contains("would have this in mm") && out.contains("the board is disabled"), "{out}");
 
-    // Silence; and Ctrl-C while the source is silent.
+    // Silence, and Ctrl-C while the source is silent.
     server.wait_for_rest();
     let mut child = follow(&server, &["--silence", "0.5"]);
     let mut stdin = child.stdin.take().unwrap();
@@ -547,7 +549,7 @@ fn a_source_that_goes_wrong_stops_the_hand_and_is_told() {
     let (code, out) = said(&finish(child));
     assert_eq!(code, 0, "{out}");
     server.wait_for("disabled");
-    // A source that gives nothing, then frames without the thumb: it is said what is missing.
+    // A silent source, then frames without the thumb: the program reports what is missing.
     server.wait_for_rest();
     let mut command = server.command(&["retarget", "--live", "--silence", "1"]);
     let mut child = command.stdin(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
@@ -555,7 +557,7 @@ fn a_source_that_goes_wrong_stops_the_hand_and_is_told() {
     let mut told = BufReader::new(child.stderr.take().unwrap()).lines().map(Result::unwrap);
     assert!(told.any(|line| line.contains("nothing has come from standard input yet")));
     let writer = std::thread::spawn(move || {
-        // Until nobody reads.
+        // Until the reader has gone.
         while let line = json!({ "time": begin.elapsed().as_secs_f64(), "tips": {} })
             && stdin.write_all(format!("{line}\n").as_bytes()).is_ok()
         {
@@ -566,7 +568,7 @@ fn a_source_that_goes_wrong_stops_the_hand_and_is_told() {
     signal(&child, nix::sys::signal::Signal::SIGINT);
     assert_eq!(child.wait().unwrap().code(), Some(130));
     writer.join().unwrap();
-    // Nothing is enabled for a source that gives no good frame.
+    // A source without a valid frame enables nothing.
     let mut child = follow(&server, &[]);
     child.stdin.take().unwrap().write_all(b"{\"time\": 0}\n").unwrap();
     let (code, out) = said(&finish(child));
@@ -580,7 +582,8 @@ fn a_source_that_goes_wrong_stops_the_hand_and_is_told() {
     );
 }
 
-/// A stray line of another kind at the begin, and at a time far ahead; after faults, the first one is told.
+/// Stray lines of another kind at the start, and with a time far ahead, are tolerated; after several faults
+/// the first one is reported.
 #[test]
 fn a_stray_line_does_not_lock_the_source_and_the_first_fault_is_told() {
     let server = board();
@@ -600,7 +603,7 @@ fn a_stray_line_does_not_lock_the_source_and_the_first_fault_is_told() {
     stdin.write_all(json_lines(|_, tip| tip).lines().next().unwrap().as_bytes()).unwrap();
     stdin.write_all(b"\n").unwrap();
     let child = server.wait_with(child, "enabled");
-    // The program sees neither before the other.
+    // The stopped program learns of both faults at once.
     signal(&child, nix::sys::signal::Signal::SIGSTOP);
     server.make_trouble("supply 15");
     server.wait_for("in fault");

@@ -15,15 +15,16 @@ use super::server::{Server, finish, said};
 struct PublicHand {
     /// Its folder.
     robot: &'static str,
-    /// Fingertips of an operator and, relative to its thumb, of the robot that reproduces them, by Pinocchio.
+    /// Fingertips of an operator, and relative to the thumb those of the robot that reproduces them, by
+    /// Pinocchio.
     table: &'static str,
-    /// Numbers of joints with a motor, of fingers, and of those that touch the thumb.
+    /// Number of joints with a motor, of fingers, and of those that can touch the thumb.
     joints: usize,
     fingers: usize,
     pinching: usize,
-    /// Distance of tips that touch [m].
+    /// Distance of touching tips [m].
     contact: f64,
-    /// The least number of fingers that miss their targets when all these are 1.4 times as far.
+    /// Minimum number of fingers that miss their targets when all these are 1.4 times as far away.
     missed: usize,
 }
 
@@ -46,7 +47,7 @@ const HANDS: [PublicHand; 3] = [
         contact: 0.02,
         missed: 3,
     },
-    // Joints in its fingers follow others: six motors.
+    // Some finger joints follow others: six motors.
     PublicHand {
         robot: "inspire",
         table: include_str!("../../oracles/data/inspire_tips.csv"),
@@ -58,20 +59,20 @@ const HANDS: [PublicHand; 3] = [
     },
 ];
 
-/// Exit code, standard output and standard error.
+/// Runs the command; returns exit code, standard output and standard error.
 fn run(robot: &str, arguments: &[&str], input: &str) -> (i32, String, String) {
     let mut command = tesaki_tests::tesaki();
     command.arg("retarget").arg("--robot").arg(tesaki_tests::robot_folder(robot)).args(["--in", "-"]);
     feed(command.args(arguments), input)
 }
 
-/// Numbers of a table, row by row.
+/// Returns the numbers of a table, row by row.
 fn rows(text: &str) -> Vec<Vec<f64>> {
     let row = |line: &str| line.split(',').map(|cell| cell.parse().unwrap()).collect();
     text.lines().skip(1).map(row).collect()
 }
 
-/// Fingertips relative to the thumb's [m], by the bodies of the simulator.
+/// Returns the fingertips relative to the thumb's [m], computed with the simulator's bodies.
 fn vectors(robot: &str, angles: &[f64]) -> Vec<f64> {
     let folder = tesaki_tests::robot(robot);
     let options = PlantOptions { posture: Some(angles.to_vec()), ..PlantOptions::exact() };
@@ -96,8 +97,8 @@ fn the_folders_of_public_hands_are_good() {
     }
 }
 
-/// The vectors are those of the hand for which they were made, also where thumb and finger touch; joints keep
-/// their limits.
+/// The vectors match those of the hand for which they were made, also when thumb and finger touch; joints
+/// stay within their limits.
 #[test]
 fn public_hands_reproduce_vectors_and_pinch() {
     for PublicHand { robot, table, fingers, pinching, contact, .. } in HANDS {
@@ -126,7 +127,7 @@ fn public_hands_reproduce_vectors_and_pinch() {
             for (finger, smallest) in (1..).zip(&mut pinched) {
                 let [one, other] =
                     [&found[..], expected].map(|tips| length(&tips[3 * finger..3 * finger + 3]));
-                // In a pinch the gap counts most of all.
+                // In a pinch the gap has the largest weight.
                 assert!(
                     other > contact + 5e-3 || (one - other).abs() < 5e-4,
                     "{robot} {frame}: {one}, {other} m"
@@ -134,13 +135,13 @@ fn public_hands_reproduce_vectors_and_pinch() {
                 *smallest = smallest.min(one);
             }
         }
-        // The limit of speed holds back a few frames after the begin.
+        // The speed limit delays a few frames after the start.
         assert!(within >= frames - 3, "{robot}: {within} frames");
         assert!(pinched.iter().all(|gap| (gap - contact).abs() < 5e-4), "{robot}: {pinched:?}");
     }
 }
 
-/// The Allegro hand in a frame whose axes are permuted, 0.37 m away.
+/// The Allegro hand in a frame with permuted axes, 0.37 m away.
 #[test]
 fn a_hand_whose_base_has_other_axes_moves_alike() {
     let [PublicHand { robot, table, fingers, .. }, ..] = HANDS;
@@ -166,7 +167,7 @@ fn a_hand_whose_base_has_other_axes_moves_alike() {
     assert!(count >= expected.len() - 3, "{count} frames");
 }
 
-/// An operator whose fingers are half as long again.
+/// An operator whose fingers are too long for the robot.
 #[test]
 fn what_public_hands_cannot_reach_is_told() {
     for PublicHand { robot, table, fingers, missed, .. } in HANDS {
@@ -215,7 +216,7 @@ fn public_hands_follow_on_a_board() {
             for (finger, tip) in Finger::ALL.into_iter().zip(row[1..1 + 3 * fingers].chunks(3)) {
                 line["tips"][finger.name()] = json!(tip);
             }
-            // What the program says when it ends early is seen below.
+            // If the program ends early, its output is checked below.
             let _ = writeln!(stdin, "{line}");
             std::thread::sleep(Duration::from_millis(33));
         }

@@ -1,4 +1,4 @@
-//! The program under test, and a simulated board for it to talk to.
+//! The program under test, and a simulated board that it uses.
 
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
@@ -25,7 +25,7 @@ pub fn arm7() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/arm7")
 }
 
-/// What `host-sim serve` runs, in a thread.
+/// `host-sim serve` in a thread.
 pub struct Server {
     pub address: Address,
     pub terminal: PathBuf,
@@ -46,7 +46,7 @@ impl Server {
         Self::start_with(folder, &PlantOptions::mismatched(1))
     }
 
-    /// Homed, tared, and with the fingers open around where a box is to be grasped.
+    /// A homed and tared hand with the fingers open around the place of the box.
     pub fn ready_to_grasp(with_box: bool) -> Self {
         let robot = RobotFolder::load(&hand3()).unwrap();
         let [grasp, object] = ["grasps/box.toml", "objects/box.toml"].map(|file| hand3().join(file));
@@ -71,8 +71,8 @@ impl Server {
         server
     }
 
-    /// An arm before a door, with a longer command timeout; the pictures of its camera are at `camera` in the
-    /// folder.
+    /// An arm in front of a door, with a longer command timeout; the pictures of its camera are at `camera`
+    /// in the folder.
     pub fn before_door(seed: u64) -> Self {
         let robot = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/knob-arm");
         let options = PlantOptions::mismatched(1);
@@ -82,7 +82,7 @@ impl Server {
         server
     }
 
-    /// Of any robot folder; not homed, without a model.
+    /// A board for any robot folder, not homed, without a model.
     pub fn start_robot(folder_of_robot: &Path, folder: tempfile::TempDir, options: &PlantOptions) -> Self {
         Self::serve(folder_of_robot, folder, options, None)
     }
@@ -119,7 +119,7 @@ impl Server {
         Self { address, terminal, home, trouble, stop, thread: Some(thread), folder }
     }
 
-    /// With a model on the board, and homed.
+    /// A homed board with a model.
     pub fn ready() -> Self {
         let server = Self::start();
         server.succeeds(&["model", "push", hand3().to_str().unwrap()]);
@@ -127,8 +127,7 @@ impl Server {
         server
     }
 
-    /// Homes, and allows a busy machine more than the 100 ms between two commands that a real one has to
-    /// keep.
+    /// Homes, and extends the command timeout of 100 ms for busy machines.
     pub fn home(&self) {
         // Absolute encoders need no homing.
         if !self.home.is_empty() {
@@ -137,7 +136,7 @@ impl Server {
         self.succeeds(&["set", "safety.command_timeout", "1"]);
     }
 
-    /// Stops the board. Returns the machine as it was then.
+    /// Stops the board. Returns the machine in its state at that time.
     pub fn stop(mut self) -> Plant {
         self.stop.store(true, Ordering::Relaxed);
         self.thread.take().unwrap().join().unwrap()
@@ -160,11 +159,11 @@ impl Server {
         text
     }
 
-    /// Waits until what fell without power has come to rest: no board enables what swings.
+    /// Waits until a robot that fell without power has come to rest, because a moving one cannot be enabled.
     #[track_caller]
     pub fn wait_for_rest(&self) {
         let deadline = Instant::now() + Duration::from_secs(60);
-        // What begins to fall, or turns back, is slow too.
+        // A robot that begins to fall, or reverses its motion, is also slow.
         let mut resting = 0;
         while resting < 5 {
             let state = self.json(&["read"]);
@@ -176,7 +175,7 @@ impl Server {
         }
     }
 
-    /// Fails with this exit code and says this.
+    /// Runs a command that fails with this exit code and these words.
     #[track_caller]
     pub fn fails(&self, arguments: &[&str], code: i32, words: &[&str]) {
         let (got, text) = self.run(arguments);
@@ -202,14 +201,14 @@ impl Server {
         serde_json::from_str(&self.succeeds(&all)).unwrap()
     }
 
-    /// The same, if the command succeeds: before a task was enabled there is no status.
+    /// The same, if the command succeeds: there is no status before a task was enabled.
     pub fn status(&self, task: &str) -> Option<serde_json::Value> {
         let (code, text) = self.run(&["--json", task, "status"]);
         assert!(code == 0 || (code == 7 && text.contains("no task was enabled")), "{text}");
         if code == 0 { Some(serde_json::from_str(&text).unwrap()) } else { None }
     }
 
-    /// Waits until the board is in this mode. The time is for a busy machine.
+    /// Waits until the board is in this mode. The time limit allows for a busy machine.
     #[track_caller]
     pub fn wait_for(&self, mode: &str) {
         let deadline = Instant::now() + Duration::from_secs(60);
@@ -222,7 +221,7 @@ impl Server {
         panic!("never {mode}");
     }
 
-    /// Waits until the board has had so many faults.
+    /// Waits until the board has had this number of faults.
     #[track_caller]
     pub fn wait_for_faults(&self, number: u64) {
         let deadline = Instant::now() + Duration::from_secs(60);
@@ -232,7 +231,7 @@ impl Server {
         }
     }
 
-    /// Waits until the board is in this mode, while the command goes on. Returns the command.
+    /// Waits until the board is in this mode while the command runs. Returns the command.
     #[track_caller]
     pub fn wait_with(&self, mut child: Child, mode: &str) -> Child {
         while !self.succeeds(&["info"]).contains(&format!("mode           {mode}")) {
@@ -254,7 +253,7 @@ impl Drop for Server {
     }
 }
 
-/// What the command said. One that does not end is a failure, and says so too.
+/// Returns the output of a command. If it does not end, the test fails and reports that.
 pub fn finish(child: Child) -> Output {
     let pid = nix::unistd::Pid::from_raw(i32::try_from(child.id()).unwrap());
     let (done, waiting) = channel::<()>();
@@ -272,7 +271,7 @@ pub fn finish(child: Child) -> Output {
     output
 }
 
-/// What a command said on standard error when nobody reads its output any more.
+/// Returns the exit code and standard error of a command whose output is not read any more.
 pub fn unread(mut child: Child) -> (i32, String) {
     drop(child.stdout.take());
     said(&finish(child))

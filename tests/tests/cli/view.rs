@@ -1,4 +1,4 @@
-//! `tesaki view`: what pages are told, what they may command, and what becomes of nonsense.
+//! `tesaki view`: messages to pages, commands from pages, and invalid input.
 
 use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
@@ -11,7 +11,7 @@ use tungstenite::{Error, Message};
 
 use super::server::{Server, finish, hand3, said, signal};
 
-/// `tesaki view`, ended with the test.
+/// `tesaki view`, stopped at the end of the test.
 pub struct View {
     child: Child,
     host: String,
@@ -35,7 +35,7 @@ impl View {
         Self { child, host }
     }
 
-    /// What the server answers to a request.
+    /// Returns the server's answer to a request.
     fn request(&self, text: &str) -> String {
         let mut stream = TcpStream::connect(&self.host).unwrap();
         stream.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
@@ -76,7 +76,7 @@ impl Drop for View {
     }
 }
 
-/// A page that answers to every state, as a browser does.
+/// A page that answers every state, as a browser does.
 pub struct Page(WebSocket<TcpStream>);
 
 impl Page {
@@ -84,7 +84,7 @@ impl Page {
         self.0.send(Message::text(value.to_string())).unwrap();
     }
 
-    /// The next message that is `accepted`.
+    /// Waits for the next message that is `accepted`.
     #[track_caller]
     pub fn wait(&mut self, what: &str, accepted: impl Fn(&Value) -> bool) -> Value {
         let deadline = Instant::now() + Duration::from_secs(8);
@@ -106,7 +106,7 @@ impl Page {
         panic!("not in time: {what}");
     }
 
-    /// The answer to a command: whether it was carried out, and the text.
+    /// Sends a command; returns whether it was carried out, and the text.
     #[track_caller]
     fn command(&mut self, value: &Value) -> (bool, String) {
         self.send(value);
@@ -157,7 +157,7 @@ fn one_page_commands_and_every_page_stops() {
     second.wait("another page", |value| value["commander"] == "page");
     second.fails(json!({ "do": "take" }), "another page commands");
     second.fails(json!({ "do": "goal", "joint": 0, "angle": 0.0 }), "another page commands");
-    // Another program is kept out by the board's lease. Meanwhile the page goes on answering, or it would be
+    // The board's lease keeps another program out. Meanwhile the page must keep answering, or it would be
     // stopped.
     let mut other = server.start_command(&["move", "finger1_swing=0"]);
     while other.try_wait().unwrap().is_none() {
@@ -193,7 +193,7 @@ fn the_robot_is_stopped_when_its_page_goes_or_is_silent() {
     drop(page);
     watcher.mode("fault");
     watcher.wait("nobody commands", |value| value["commander"] == "nobody");
-    // A suspended page keeps its connection, and answers nothing.
+    // A suspended page keeps its connection, but does not answer.
     watcher.succeeds(json!({ "do": "take" }));
     watcher.succeeds(json!({ "do": "clear" }));
     watcher.mode("disabled");
@@ -202,7 +202,7 @@ fn the_robot_is_stopped_when_its_page_goes_or_is_silent() {
     std::thread::sleep(Duration::from_millis(2000));
     assert!(server.json(&["info"]).to_string().contains("Fault"));
     watcher.wait("why", |value| value["text"].as_str().is_some_and(|text| text.contains("did not answer")));
-    // Also when it was the last page; command is then free at once.
+    // The same for the last page; command is then free at once.
     watcher.succeeds(json!({ "do": "take" }));
     watcher.succeeds(json!({ "do": "clear" }));
     watcher.mode("disabled");
@@ -247,7 +247,7 @@ fn nonsense_gets_an_answer_or_the_door() {
     large.0.send(Message::text("x".repeat(10_000))).unwrap();
     let ended = (0..1000).any(|_| matches!(large.0.read(), Err(error) if !matches!(&error, Error::Io(io) if io.kind() == std::io::ErrorKind::WouldBlock)));
     assert!(ended, "a message of 10 kB was taken");
-    // The others do not notice.
+    // The other pages are not affected.
     page.mode("disabled");
 
     server.fails(&["view", "--listen", "0.0.0.0:0"], 2, &["ssh -L"]);

@@ -1,4 +1,4 @@
-//! `tesaki view` behind a line that loses what it is told to lose: stops arrive, and nothing moves unseen.
+//! `tesaki view` over a lossy line: stops arrive, and the robot does not move without feedback.
 
 use std::io::{Read, Write};
 use std::os::unix::net::{UnixListener, UnixStream};
@@ -17,25 +17,25 @@ use super::view::View;
 /// A line to a board.
 #[derive(Default)]
 struct Line {
-    /// So many stops are still to be lost.
+    /// Number of stops that will be lost.
     stops_to_lose: AtomicUsize,
-    /// Whether every `Tare` is lost: who sends one waits in vain for the answer.
+    /// Whether every `Tare` is lost, so that its sender waits in vain for the answer.
     loses_tares: AtomicBool,
-    /// Whether all that the board sends is lost.
+    /// Whether everything from the board is lost.
     is_mute: AtomicBool,
-    /// The requests that came, also those that were lost.
+    /// The requests that arrived, including the lost ones.
     requests: Mutex<Vec<(Instant, Request)>>,
 }
 
 impl Line {
-    /// The line, and the port at its end.
+    /// Starts the line; returns it, and the port at its end.
     fn start(server: &Server) -> (Arc<Self>, String) {
         let Address::Unix(board) = &server.address else { panic!("a socket is expected") };
         let port = server.folder.path().join("line");
         let listener = UnixListener::bind(&port).unwrap();
         let line = Arc::new(Self::default());
         let (shared, board) = (Arc::clone(&line), board.clone());
-        // They end when either end closes.
+        // The threads end when either end closes.
         std::thread::spawn(move || {
             let Ok((near, _)) = listener.accept() else { return };
             let far = UnixStream::connect(board).unwrap();
@@ -82,13 +82,13 @@ impl Line {
         let _ = to.shutdown(std::net::Shutdown::Both);
     }
 
-    /// When such a request came last.
+    /// Returns when the last such request came.
     fn last(&self, sought: impl Fn(&Request) -> bool) -> Option<Instant> {
         let requests = self.requests.lock().unwrap();
         requests.iter().rev().find(|(_, request)| sought(request)).map(|(at, _)| *at)
     }
 
-    /// How long after `since` the first stop came: it may still be on its way.
+    /// Returns the time from `since` to the first stop, waiting for it if necessary.
     #[track_caller]
     fn stop_after(&self, since: Instant) -> Duration {
         loop {
@@ -103,7 +103,7 @@ impl Line {
     }
 }
 
-/// A busy machine may take some time.
+/// Allows for a busy machine.
 const AT_ONCE: Duration = Duration::from_millis(500);
 
 #[test]
@@ -116,12 +116,12 @@ fn a_lost_stop_of_a_disabled_board_is_repeated() {
     page.mode("disabled");
     line.stops_to_lose.store(5, Ordering::Relaxed);
     page.succeeds(json!({ "do": "stop" }));
-    // It has to be seen that it has stopped before anything else.
+    // The page must see that it has stopped before anything else is allowed.
     page.succeeds(json!({ "do": "take" }));
     page.fails(json!({ "do": "enable", "task": "joint servo" }), "does not show yet that it has stopped");
     page.mode("fault");
     assert_eq!(line.stops_to_lose.load(Ordering::Relaxed), 0);
-    // One that arrived is not repeated: the fault can be cleared, and stays so.
+    // A stop that arrived is not repeated: the fault can be cleared, and stays cleared.
     page.succeeds(json!({ "do": "clear" }));
     page.mode("disabled");
     std::thread::sleep(Duration::from_millis(300));
@@ -173,7 +173,8 @@ fn a_stop_waits_neither_for_slow_commands_nor_behind_a_flood() {
     while line.last(|request| *request == Request::Tare).is_none() {
         std::thread::sleep(Duration::from_millis(5));
     }
-    // The others are read while the first waits; what is read after the stop is another command.
+    // The other requests are read while the first waits; a request that is read after the stop is a new
+    // command.
     std::thread::sleep(AT_ONCE);
     let begun = Instant::now();
     watcher.send(&json!({ "do": "stop" }));
@@ -187,7 +188,7 @@ fn a_stop_waits_neither_for_slow_commands_nor_behind_a_flood() {
     }
     watcher.mode("fault");
 
-    // A page that floods is told so, and its own stop comes through too.
+    // A page that sends too much is told so, and its own stop is carried out, too.
     line.loses_tares.store(false, Ordering::Relaxed);
     commander.succeeds(json!({ "do": "clear" }));
     watcher.mode("disabled");

@@ -1,4 +1,4 @@
-//! `host-sim serve` as a reader starts it.
+//! `host-sim serve`, started as a reader would.
 
 use std::io::{BufRead, BufReader};
 use std::path::Path;
@@ -7,7 +7,7 @@ use std::process::{Child, Command, Stdio};
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 
-/// Where the control core of a served board runs.
+/// Variants of the control core of a served board.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Kind {
     Native,
@@ -18,14 +18,14 @@ pub enum Kind {
 /// A served board; it stops when this is dropped.
 pub struct Served {
     program: Child,
-    /// Where it listens.
+    /// The address at which it listens.
     pub port: String,
-    /// The commands that it told, without `tesaki`.
+    /// The commands that it printed, without `tesaki`.
     told: Vec<String>,
 }
 
 impl Served {
-    /// Starts it with these arguments of the page, in `folder`.
+    /// Starts it with these arguments from the page, in `folder`.
     pub fn start(kind: Kind, arguments: &[&str], folder: &Path) -> Self {
         let mut command = tesaki_tests::program("host-sim");
         command.args(arguments).current_dir(folder).env("XDG_RUNTIME_DIR", folder);
@@ -50,13 +50,13 @@ impl Served {
         Self { program, port, told }
     }
 
-    /// The command that it told and that begins with `name`, its words behind that.
+    /// Returns the words after `name` in the printed command that begins with it.
     pub fn told(&self, name: &str) -> Option<Vec<String>> {
         let words = self.told.iter().find_map(|command| command.strip_prefix(name)?.strip_prefix(' '));
         words.map(|words| words.split(' ').map(str::to_owned).collect())
     }
 
-    /// The commands that it told between the diagnosis and the example.
+    /// Returns the printed commands between the diagnosis and the example.
     pub fn set_up(&self) -> impl Iterator<Item = &str> {
         let names = ["model push", "home", "tare"];
         let commands = self.told.iter().filter(move |told| names.iter().any(|name| told.starts_with(name)));
@@ -75,7 +75,7 @@ pub fn interrupt(child: &Child, signal: Signal) {
     let _ = kill(Pid::from_raw(i32::try_from(child.id()).unwrap()), signal);
 }
 
-/// The program `tesaki` in `folder`, for a board at `port` on a busy machine.
+/// Creates a command of the program `tesaki` in `folder`, for a board at `port` on a busy machine.
 pub fn tesaki(port: &str, folder: &Path) -> Command {
     let mut command = tesaki_tests::program("tesaki");
     command.current_dir(folder).env("XDG_RUNTIME_DIR", folder).stdin(Stdio::null());

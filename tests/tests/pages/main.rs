@@ -1,5 +1,5 @@
-//! The pages that a reader retypes: every command in them is run as it stands there, over both kinds of
-//! board, and prints what the page shows.
+//! The pages whose commands a reader types: every command in them is run as written, with both kinds of
+//! board, and must print what the page shows.
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, reason = "tests")]
 
@@ -23,19 +23,19 @@ const OPERATOR_HAND: &str = include_str!("../../../docs/operator-hand.md");
 const TELEOPERATION: &str = include_str!("../../../docs/teleoperation.md");
 const VISUAL_APPROACH: &str = include_str!("../../../docs/visual-approach.md");
 
-/// What one reader reads: its page, what makes the folder to read it in, and the commands.
+/// The part of a reader: its page, a function that creates the folder, and the commands.
 type Part = (&'static str, fn() -> TempDir, Vec<page::Step>);
 
-/// The folder of the own hand, as its page begins.
+/// Creates the folder for bring-your-own-hand, as at the start of its page.
 fn own_hand_folder() -> TempDir {
     let folder = own_hand::folder();
     own_hand::run(folder.path(), own_hand::INIT);
     folder
 }
 
-/// The sections that begin with a board of their own run beside the others, which share the first board.
+/// Sections that start their own board run in parallel with the others, which share the first board.
 fn every_command_runs(kind: Kind) {
-    // Its other commands print what the page shows: a test of their own.
+    // Its commands with shown output have a separate test.
     let of_own_hand = page::steps(own_hand::PAGE).into_iter().filter(|step| step.shown.is_none()).collect();
     let mut parts: Vec<Part> = vec![("docs/bring-your-own-hand.md", own_hand_folder, of_own_hand)];
     for (name, text) in [
@@ -51,7 +51,7 @@ fn every_command_runs(kind: Kind) {
             parts.push((name, reader::folder, steps));
         }
     }
-    // An emulated board takes a core for itself.
+    // An emulated board occupies a core.
     let at_once = if kind == Kind::Native { 4 } else { 2 };
     let (parts, failures) = (Mutex::new(parts), Mutex::new(Vec::new()));
     let read = || {
@@ -60,7 +60,8 @@ fn every_command_runs(kind: Kind) {
             let Some((name, folder, steps)) = part else { break };
             let read = || Reader::new(name, folder(), steps.clone()).read(kind);
             let mut found = read();
-            // In one run of dozens an emulated board does not answer any more for seconds. Why is not known.
+            // In about one of dozens of runs, an emulated board stops answering for seconds, for an unknown
+            // reason.
             if kind == Kind::Qemu && found.iter().any(|failure| failure.contains("no answer from the board"))
             {
                 println!("once more, with another board:\n{}", found.join("\n"));
@@ -89,7 +90,7 @@ fn every_command_of_the_pages_runs_on_the_image() {
     every_command_runs(Kind::Qemu);
 }
 
-/// Or an entry about a command that no page has any more would go unseen.
+/// Otherwise an entry for a command that was removed from the pages would go unnoticed.
 #[test]
 fn every_exception_is_about_a_command_of_a_page() {
     let steps: Vec<_> =

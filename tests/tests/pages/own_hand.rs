@@ -1,4 +1,4 @@
-//! docs/bring-your-own-hand.md: its files make a robot, and its commands print what it shows.
+//! docs/bring-your-own-hand.md: its files make up a robot, and its commands print what it shows.
 
 use std::path::Path;
 
@@ -7,7 +7,7 @@ pub const PAGE: &str = include_str!("../../../docs/bring-your-own-hand.md");
 /// The page's command that writes the settings.
 pub const INIT: &str = "tesaki model init my_finger/robot.urdf --motor maxon-16mm";
 
-/// The folder with the page's files, and one with the mistakes that it speaks of.
+/// Creates the folder with the page's files, and one with the mistakes that it mentions.
 pub fn folder() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     std::fs::create_dir(folder.path().join("my_finger")).unwrap();
@@ -33,7 +33,7 @@ pub fn folder() -> tempfile::TempDir {
     folder
 }
 
-/// Runs a command of the page; what it prints.
+/// Runs a command of the page; returns its output.
 pub fn run(folder: &Path, command: &str) -> String {
     let mut words = command.split(' ');
     if words.next() == Some("cat") {
@@ -43,7 +43,8 @@ pub fn run(folder: &Path, command: &str) -> String {
     String::from_utf8([output.stdout, output.stderr].concat()).unwrap()
 }
 
-/// Whether two words mean the same: numbers may differ in their last digits, counts of iterations somewhat.
+/// Returns whether two words are equivalent: numbers may differ in their last digits, and iteration counts
+/// slightly.
 fn alike(left: &str, right: &str) -> bool {
     match (left.parse::<f64>(), right.parse::<f64>()) {
         _ if left == right => true,

@@ -1,28 +1,28 @@
-//! The commands of a page: the lines of its blocks `sh`, and those behind `$` in its blocks `console`, with
+//! The commands of a page: the lines of its `sh` blocks, and those after `$` in its `console` blocks, with
 //! the output that is shown.
 
 /// A command of a page.
 #[derive(Clone, Debug)]
 pub struct Step {
-    /// The heading above it, of the second level.
+    /// The second-level heading above it.
     pub section: String,
-    /// Without the comment.
+    /// The command without the comment.
     pub command: String,
-    /// What stands behind `#`.
+    /// The text after `#`.
     pub comment: String,
-    /// The lines below it in a block `console`.
+    /// The lines below it in a `console` block.
     pub shown: Option<Vec<String>>,
 }
 
 impl Step {
-    /// The arguments, when it is a command of `program`: as `tesaki …` or as `cargo tesaki …`.
+    /// Returns the arguments if it is a command of `program`, written as `tesaki …` or as `cargo tesaki …`.
     pub fn arguments(&self, program: &str) -> Option<Vec<&str>> {
         let mut words = self.command.split_whitespace().skip_while(|word| *word == "cargo");
         (words.next() == Some(program)).then(|| words.collect())
     }
 }
 
-/// All commands of a page, in order.
+/// Returns all commands of a page, in order.
 pub fn steps(page: &str) -> Vec<Step> {
     let (mut section, mut kind) = (String::new(), None);
     let mut steps: Vec<Step> = Vec::new();
@@ -60,14 +60,14 @@ pub fn steps(page: &str) -> Vec<Step> {
     steps
 }
 
-/// A line without its numbers and checksums, with single spaces, and with `1 tick` as `2 ticks`.
+/// Returns a line without its numbers and checksums, with single spaces, and with `1 tick` as `2 ticks`.
 pub fn without_numbers(line: &str) -> String {
     let mut masked = String::new();
     for word in line.split_whitespace() {
         let word = if masked.ends_with("0 ") { word.trim_end_matches('s') } else { word };
         let is_checksum = word.len() == 8 && word.chars().all(|c| c.is_ascii_hexdigit());
         let word = if is_checksum { "0" } else { word };
-        // The exponent, the sign and the point belong to the number.
+        // Exponent, sign and decimal point belong to the number.
         let mut letters = word.replace(|c: char| c.is_ascii_digit(), "0");
         for part in ["0e-0", "0.0", "-0", "00"] {
             while letters.contains(part) {
@@ -79,8 +79,8 @@ pub fn without_numbers(line: &str) -> String {
     masked.trim_end().to_owned()
 }
 
-/// Whether a program printed what a page shows: the same lines up to their numbers, where `…` stands for any
-/// lines, and lines that differ in their numbers alone may come once or more often.
+/// Returns whether a program printed what a page shows: the same lines except for numbers. `…` stands for any
+/// lines, and lines that differ only in their numbers may occur once or more often.
 pub fn prints_as_shown(shown: &[String], printed: &str) -> bool {
     fn matches(shown: &[String], printed: &[String]) -> bool {
         match (shown.split_first(), printed.split_first()) {
@@ -97,7 +97,7 @@ pub fn prints_as_shown(shown: &[String], printed: &str) -> bool {
         lines.dedup();
         lines
     };
-    // A reader presses it; it is not printed.
+    // The reader presses it; it is not printed.
     let shown = lines(&mut shown.iter().map(String::as_str).filter(|line| *line != "^C"));
     matches(&shown, &lines(&mut printed.lines()))
 }

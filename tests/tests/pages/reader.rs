@@ -1,4 +1,4 @@
-//! Somebody who reads a page and types its commands.
+//! Simulates a reader who types the commands of a page.
 
 use std::fs::File;
 use std::path::Path;
@@ -10,7 +10,7 @@ use nix::sys::signal::Signal;
 use super::board::{Kind, Served, interrupt, tesaki};
 use super::page::{Step, prints_as_shown};
 
-/// Commands that are not run, and why.
+/// Commands that are not run, with the reason.
 const EXCUSED: &[(&str, &str)] = &[
     ("alias tesaki='cargo tesaki'", "it is for the reader's shell"),
     ("cargo sim", "host-sim/tests/cli.rs runs the demonstration"),
@@ -98,32 +98,34 @@ const FAILING: &[(&str, &str, i32)] = &[
     ("tesaki grasp run robots/hand3/grasps/box.toml hold=5", "", 8),
 ];
 
-/// Commands that are typed in another terminal while the one before runs, as soon as it prints what is shown.
+/// Commands that are typed in another terminal while the previous one runs, as soon as it prints what is
+/// shown.
 const MEANWHILE: &[&str] = &["tesaki grasp status"];
 
-/// Commands that run until Ctrl-C, and what happens before.
+/// Commands that run until Ctrl-C, and the commands that are run before that.
 const UNTIL_CTRL_C: &[(&str, &[&str])] = &[("tesaki record grip", &["move", "finger1_swing=0.2"])];
 
-/// Commands that run in a terminal of their own until the end of the page.
+/// Commands that run in a separate terminal until the end of the page.
 const ASIDE: &[&str] = &["tesaki look --from unix://camera --to unix://circles"];
 
-/// Commands before which the page tells of something: a board without an object, a program that was killed.
+/// Commands that need a preparation described by the page: a board without an object, a program that was
+/// killed.
 const WITHOUT_OBJECT: &str = "tesaki grasp run robots/hand3/grasps/box.toml hold=5";
 const AFTER_A_KILL: &str = "tesaki faults";
 
-/// It fills the terminal until `q`.
+/// A command that fills the terminal until `q` is pressed.
 const FULL_SCREEN: &str = "tesaki monitor";
 
-/// Sections that say "push the model, home and tare as above".
+/// Sections that refer to "push the model, home and tare as above".
 const SET_UP: &[&str] = &["Grasping", "Impedance control of an arm"];
 
-/// What the identification would have written.
+/// Replaces the result of the identification.
 const CALIBRATION: &str = "[joints.finger1_bend]\ntorque_constant = 1.9\n";
 
-/// A command that has not ended by then hangs.
+/// A command that has not ended after this time hangs.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// The commands that are named above.
+/// Returns the commands that are named above.
 pub fn exceptions() -> impl Iterator<Item = &'static str> {
     let excused = EXCUSED.iter().map(|(command, _)| *command);
     let failing = FAILING.iter().map(|(command, ..)| *command);
@@ -133,14 +135,14 @@ pub fn exceptions() -> impl Iterator<Item = &'static str> {
     excused.chain(failing).chain(interrupted).chain(others)
 }
 
-/// The arguments of `cargo sim serve …`, as every kind of board gets them.
+/// Returns the arguments of `cargo sim serve …` that are common to all kinds of board.
 fn serve(step: &Step) -> Option<Vec<&str>> {
     let arguments = step.command.strip_prefix("cargo sim ")?.split(' ');
     let arguments: Vec<&str> = arguments.filter(|word| !["--controller", "qemu"].contains(word)).collect();
     (arguments[0] == "serve").then_some(arguments)
 }
 
-/// The commands of a page for each board: those of the first, and those of every section that has its own.
+/// Splits the commands of a page by board: those of the first board, and those of each section with its own.
 pub fn split(steps: Vec<Step>) -> Vec<Vec<Step>> {
     let first = steps.iter().find(|step| serve(step).is_some()).map(|step| step.section.clone());
     let has_board = |section: &str| {
@@ -159,7 +161,7 @@ pub fn split(steps: Vec<Step>) -> Vec<Vec<Step>> {
     boards
 }
 
-/// A folder to type in, with the robots, the data of the oracles, the documents and a calibration.
+/// Creates a folder with the robots, the data of the oracles, the documents and a calibration.
 pub fn folder() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     for name in ["robots", "tests", "docs"] {
@@ -170,7 +172,7 @@ pub fn folder() -> tempfile::TempDir {
     folder
 }
 
-/// A command that runs; what it prints goes to a file, as to a terminal in one stream.
+/// A running command; its output goes to a file in one stream, as to a terminal.
 struct Running {
     child: Child,
     output: tempfile::NamedTempFile,
@@ -181,7 +183,7 @@ impl Running {
         std::fs::read_to_string(self.output.path()).unwrap()
     }
 
-    /// Waits for its end, or until it has printed what is shown up to `^C`: then it is interrupted.
+    /// Waits for its end, or interrupts it once it has printed what is shown up to `^C`.
     fn finish(mut self, shown: &[String]) -> (Option<i32>, String) {
         let before = shown.iter().position(|line| line == "^C").map(|end| &shown[..end]);
         let mut is_interrupted = false;
@@ -225,7 +227,7 @@ impl Reader {
         Self { page, folder, steps, failures: Vec::new() }
     }
 
-    /// Types all commands. Returns what was not as the page has it.
+    /// Types all commands. Returns the differences from the page.
     pub fn read(&mut self, kind: Kind) -> Vec<String> {
         let steps = std::mem::take(&mut self.steps);
         let mut board: Option<(Vec<&str>, Served)> = None;
@@ -236,7 +238,7 @@ impl Reader {
                 continue;
             }
             if let Some(arguments) = serve(step) {
-                // The other kind of the same board is what the other test runs.
+                // The same board with the other controller is covered by the other test.
                 if board.as_ref().is_none_or(|(present, _)| *present != arguments) {
                     drop(board.take());
                     board = Some((arguments.clone(), self.serve(kind, &arguments, &step.section)));
@@ -270,7 +272,7 @@ impl Reader {
                 continue;
             }
             let Some((_, board)) = &board else {
-                // A page of tools that need none.
+                // A page about tools that need no board.
                 let mut command = tesaki_tests::tesaki();
                 self.check(step, command.args(arguments).current_dir(self.folder.path()));
                 continue;
@@ -300,8 +302,8 @@ impl Reader {
         board
     }
 
-    /// Runs a command that is not in the page. Behind `model push`, a busy machine gets more than the 100 ms
-    /// between two commands that a real one has to keep.
+    /// Runs a command that is not in the page. After `model push`, the command timeout of 100 ms is extended
+    /// for busy machines.
     fn succeeds(&mut self, board: &Served, arguments: &[&str]) {
         let running = self.start(tesaki(&board.port, self.folder.path()).args(arguments));
         let (code, printed) = running.finish(&[]);
@@ -360,7 +362,7 @@ impl Reader {
         self.judge(step, running);
     }
 
-    /// Runs the command of the page to its end.
+    /// Runs a command of the page to its end, and checks it.
     fn check(&mut self, step: &Step, command: &mut std::process::Command) {
         let running = self.start(command);
         self.judge(step, running);
@@ -416,7 +418,7 @@ impl Reader {
         }
     }
 
-    /// On a terminal of its own: it draws the joints, and `q` ends it.
+    /// Runs it on a separate terminal: it draws the joints, and `q` ends it.
     fn full_screen(&mut self, step: &Step, mut command: std::process::Command) {
         use std::io::{Read, Write};
         let size = nix::pty::Winsize { ws_row: 40, ws_col: 120, ws_xpixel: 0, ws_ypixel: 0 };
@@ -424,7 +426,7 @@ impl Reader {
         let mut terminal = File::from(master);
         let end = || Stdio::from(slave.try_clone().unwrap());
         let mut child = command.stdin(end()).stdout(end()).stderr(end()).spawn().unwrap();
-        // The child alone keeps the terminal open.
+        // Only the child keeps the terminal open.
         drop((command, slave));
         let (mut drawn, mut buffer) = (String::new(), [0; 4096]);
         let start = Instant::now();
@@ -433,7 +435,7 @@ impl Reader {
             drawn += &String::from_utf8_lossy(&buffer[..length]);
         }
         let _ = terminal.write_all(b"q");
-        // It writes on until it ends, and must not wait for a reader.
+        // It keeps writing until it ends, and must not block.
         let mut rest = terminal.try_clone().unwrap();
         std::thread::spawn(move || std::io::copy(&mut rest, &mut std::io::sink()));
         let status = wait_for(|| child.try_wait().unwrap());
@@ -444,7 +446,7 @@ impl Reader {
     }
 }
 
-/// Whether `tesaki doctor` warns only of a machine that is too busy for its board.
+/// Returns whether `tesaki doctor` warns only of a machine that is too busy for its board.
 fn is_busy(printed: &str) -> bool {
     let mut warnings = printed.lines().filter(|line| line.starts_with("warn"));
     printed.contains("works; ")

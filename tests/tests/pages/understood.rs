@@ -1,10 +1,10 @@
-//! Every command that any document shows is one that its program understands.
+//! Every command in any document is valid for its program.
 
 use std::path::{Path, PathBuf};
 
 use crate::page;
 
-/// All documents under `folder`, without what is built or produced.
+/// Finds all documents under `folder`, except build products and other output.
 fn documents(folder: &Path, found: &mut Vec<PathBuf>) {
     for entry in folder.read_dir().unwrap() {
         let path = entry.unwrap().path();
@@ -19,7 +19,7 @@ fn documents(folder: &Path, found: &mut Vec<PathBuf>) {
     }
 }
 
-/// The words of a command up to what the shell does with its output.
+/// Returns the words of a command up to the shell's redirections and pipes.
 fn words(command: &str) -> Vec<String> {
     let mut words = vec![String::new()];
     let mut quote = None;
@@ -54,11 +54,11 @@ fn every_command_of_every_document_is_understood() {
                 "tesaki" => "tesaki",
                 _ => continue,
             };
-            // What stands for a word of the reader's.
+            // A placeholder for the reader's word.
             if arguments.iter().any(|word| word.contains('…')) {
                 continue;
             }
-            // Help comes in place of the command, but after an argument that is not understood.
+            // Help replaces the command, but invalid arguments before it are still errors.
             let output = tesaki_tests::program(program).args(arguments).arg("--help").output().unwrap();
             understood += 1;
             if !output.status.success() {

@@ -2,7 +2,7 @@
 
 const GOLDEN: &str = include_str!("../../oracles/data/protocol_frames.in");
 
-/// A line of [`GOLDEN`], or of an example.
+/// Parses a line of [`GOLDEN`], or of an example.
 pub fn parse(line: &str) -> (&str, Vec<u8>) {
     let (name, hex) = line.split_once(": ").unwrap_or_else(|| panic!("{line:?} is not `name: hex`"));
     (name, hex.split(' ').map(|byte| u8::from_str_radix(byte, 16).unwrap()).collect())

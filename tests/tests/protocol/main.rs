@@ -1,5 +1,5 @@
-//! The bytes on the wire: every message against the frames that `oracles/protocol.py` wrote, and the examples
-//! of `docs/protocol.md` against the same frames.
+//! The bytes on the wire: every message compared with the frames of `oracles/protocol.py`, and the examples
+//! of `docs/protocol.md` compared with the same frames.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
 mod golden;

@@ -1,4 +1,4 @@
-//! Whatever is on a wire.
+//! All kinds of messages on a wire.
 
 use std::fmt::Debug;
 
@@ -19,7 +19,7 @@ fn decoded<T: DeserializeOwned>(bytes: &[u8]) -> Vec<Result<T, FrameError>> {
     bytes.iter().filter_map(|&byte| decoder.push(byte)).collect()
 }
 
-/// Whatever is on a wire, by the beginning of its golden name.
+/// A message on a wire, by the prefix of its golden name.
 #[derive(Clone, Debug, PartialEq)]
 #[allow(clippy::large_enum_variant, reason = "tests")]
 pub enum Message {
@@ -33,7 +33,7 @@ pub enum Message {
     Actuators(ActuatorFrame),
     /// `record-`
     Record(LogRecord),
-    /// `model-`: not a frame, but the bytes that a push carries.
+    /// `model-`: not a frame, but the bytes that are transferred in a push.
     Model(RobotModel),
 }
 
@@ -49,7 +49,7 @@ impl Message {
         }
     }
 
-    /// Decodes `bytes` as messages of the kind that `self` is.
+    /// Decodes `bytes` as messages of the same kind as `self`.
     pub fn decode(&self, bytes: &[u8]) -> Vec<Result<Self, FrameError>> {
         fn all<T: DeserializeOwned>(
             bytes: &[u8],

@@ -1,4 +1,4 @@
-//! The messages that the golden frames stand for.
+//! The messages of the golden frames.
 
 use std::collections::BTreeMap;
 

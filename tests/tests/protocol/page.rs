@@ -32,7 +32,7 @@ use super::variants::Variants;
 
 const PAGE: &str = include_str!("../../../docs/protocol.md");
 
-/// The lines of the page's blocks of that kind.
+/// Returns the lines of the page's blocks of that kind.
 fn blocks(kind: &str) -> Vec<&'static str> {
     let mut inside = false;
     let mut lines = Vec::new();
@@ -46,7 +46,7 @@ fn blocks(kind: &str) -> Vec<&'static str> {
     lines
 }
 
-/// The tables of the page whose rows begin with a number and a name in code: those.
+/// Returns the rows of the page's tables that begin with a number and a name in code.
 fn tables() -> Vec<Vec<(usize, &'static str)>> {
     let mut tables = vec![Vec::new()];
     for line in PAGE.lines() {
@@ -73,7 +73,7 @@ fn the_page_quotes_the_golden_bytes() {
     }
 }
 
-/// The tables of a frame byte by byte: the bytes of each row, on the line and without COBS.
+/// Returns the tables of frames byte by byte: the bytes of each row, on the line and before COBS.
 fn frames_by_byte() -> Vec<Vec<[Vec<u8>; 2]>> {
     let mut tables: Vec<Vec<_>> = Vec::new();
     let mut is_inside = false;
@@ -109,13 +109,13 @@ fn the_frames_byte_by_byte_are_the_golden_ones_with_cobs_and_crc_undone() {
         let quoted = format!("CRC of the eight bytes above, `{:08x}`", checksum(message));
         assert!(PAGE.contains(&quoted) && message.len() == 8, "{name}: {quoted}");
         assert_eq!(crc, checksum(message).to_le_bytes(), "{name}");
-        // Each row is a field, so that both columns have its bytes, but for COBS.
+        // Each row is a field, so both columns have the same bytes, except for COBS.
         let is_field = |row: &&[Vec<u8>; 2]| !row[1].is_empty() && row[1] != [0];
         assert!(rows.iter().filter(is_field).all(|[frame, data]| frame == data), "{name}");
     }
 }
 
-/// What the numbers of the example client stand for; `xtask test` runs it against a board.
+/// The meanings of the example client's numbers; `xtask test` runs it with a board.
 #[test]
 fn the_example_client_knows_every_fault_and_every_refusal_of_the_joint_servo() {
     let client = include_str!("../../../docs/examples/client.py");
@@ -191,7 +191,7 @@ fn the_page_is_about_this_version_of_the_messages() {
     }
 }
 
-/// A node goes through the session of the page and says what the page says.
+/// A node runs through the session of the page and answers as shown.
 #[test]
 fn the_session_of_the_page_happens_like_that() {
     let messages = messages();
@@ -205,7 +205,7 @@ fn the_session_of_the_page_happens_like_that() {
                 assert_eq!(actuators, messages[&name.replace("sensors", "actuators")], "{name}");
             }
             Message::Request(frame) if name.contains("-session-") => {
-                // The page has a key of its own.
+                // The page has its own key.
                 let mut frame = frame.clone();
                 if let Request::Hello { schema } = &mut frame.request {
                     assert_eq!(*schema, SCHEMA);

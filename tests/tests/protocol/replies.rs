@@ -1,4 +1,4 @@
-//! One of each reply, but for the refusals, and of each stream.
+//! One of each reply except the refusals, and one of each stream.
 
 use tesaki::fault::{Fault, FaultLog};
 use tesaki::model::Pose;

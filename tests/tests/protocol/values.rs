@@ -1,4 +1,4 @@
-//! What the messages hold.
+//! Values of the messages.
 
 use std::collections::BTreeMap;
 
@@ -58,7 +58,7 @@ pub const TASKS: [(TaskKind, &str); TaskKind::VARIANTS.len()] = [
     (TaskKind::VisualApproach, "visual-approach"),
 ];
 
-/// Collects into the lists of messages, which have a capacity.
+/// Collects into the message's lists, which have a fixed capacity.
 pub fn list<T, L: FromIterator<T>>(items: impl IntoIterator<Item = T>) -> L {
     items.into_iter().collect()
 }
@@ -138,7 +138,7 @@ pub const BOX: GraspPlan = GraspPlan {
     joint_targets: JointTargets::ClosedForm,
 };
 
-/// With the longest encoding.
+/// A plan with the longest encoding.
 pub const LONGEST: GraspPlan = GraspPlan {
     contacts: [PlannedContact { position: [f32::MIN; 3], normal: [f32::MIN; 3] }; 3],
     clearance: f32::MIN,
@@ -568,7 +568,7 @@ pub fn sensor_frame(
     SensorFrame { sequence, flags: SensorFlags(flags), supply, encoders, currents, forces: list([]) }
 }
 
-/// With the longest encoding.
+/// A frame with the longest encoding.
 pub fn full_sensors() -> SensorFrame {
     let full = sensor_frame(u32::MAX, 255, u16::MAX, &[i32::MIN; 16], &[i16::MIN; 16]);
     SensorFrame { forces: list([[i32::MIN; 6]; 6]), ..full }

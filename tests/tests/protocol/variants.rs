@@ -1,4 +1,4 @@
-//! The enumerations that are sent, and which of their variants the messages show.
+//! The transmitted enumerations, and their variants that occur in the messages.
 
 use std::collections::BTreeSet;
 
@@ -29,7 +29,7 @@ use tesaki::teleop::{InvalidRetargetSettings, RetargetField};
 
 use super::message::Message;
 
-/// An enumeration that is sent. The list must be complete, or the match does not compile, and in the order of
+/// A transmitted enumeration. The list must be complete, or the match does not compile, and in the order of
 /// the numbers.
 pub trait Variants: Serialize {
     const VARIANTS: &'static [&'static str];
@@ -142,12 +142,12 @@ variants! {
     Reaction { Off, Damp, Hold }
 }
 
-/// Which variants there are among the messages.
+/// The variants that occur in the messages.
 #[derive(Default)]
 pub struct Seen(pub BTreeSet<&'static str>);
 
 impl Seen {
-    /// Takes note of a value, and checks that its number on the wire is its place in the list.
+    /// Records a value, and checks that its number on the wire is its position in the list.
     pub fn variant<T: Variants>(&mut self, value: &T) {
         let name = value.variant();
         let place = T::VARIANTS.iter().position(|&other| other == name).unwrap();

@@ -1,4 +1,4 @@
-//! What a corpus covers: edges of the whole program, functions of the project's crates.
+//! Coverage of a corpus: edges of the whole program, functions of the project's crates.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -6,26 +6,26 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use object::{Object, ObjectSymbol};
 
-/// Covered, and there.
+/// Number covered, and total number.
 pub type Part = [u64; 2];
 
-/// How much is covered.
+/// Coverage of a corpus.
 pub struct Share {
     /// Edges in the functions of the project.
     pub edges: Part,
-    /// Functions of the project that are in the program.
+    /// Functions of the project in the program.
     pub functions: Part,
-    /// Functions of the modules that the target is about.
+    /// Functions of the modules that the target tests.
     pub of_target: Part,
 }
 
-/// Where the project's functions are.
+/// Prefixes of the project's functions.
 const PROJECT: [&str; 2] = ["tesaki::", "tesaki_description::"];
-/// The address of this function stands for 0 in the file `edges`.
+/// Addresses in the file `edges` are relative to this function.
 const ORIGIN: &str = "rust_fuzzer_test_input";
 
-/// Reads the file `edges` in `folder`, written by `program`. The functions of `modules` that nothing covers
-/// are listed in the file `uncovered`.
+/// Reads the file `edges` in `folder`, written by `program`. Functions of `modules` that are not covered are
+/// listed in the file `uncovered`.
 pub fn measure(program: &Path, folder: &Path, modules: &[String]) -> Result<Share> {
     let bytes = std::fs::read(program)?;
     let file = object::File::parse(&*bytes)?;
@@ -74,8 +74,8 @@ fn add(part: &mut Part, covered: u64, all: u64) {
     part[1] += all;
 }
 
-/// Whether a function with this name belongs to the module `path`, as `<tesaki::node::Node>::tick` to
-/// `tesaki::node::`.
+/// Returns whether a function with this name belongs to the module `path`, such as
+/// `<tesaki::node::Node>::tick` to `tesaki::node::`.
 fn is_in(name: &str, path: &str) -> bool {
     name.trim_start_matches(['<', '&', '[', '(']).trim_start_matches("mut ").starts_with(path)
 }

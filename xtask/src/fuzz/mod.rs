@@ -26,11 +26,11 @@ an hour.
 Needs a C++ compiler, for libFuzzer; the stable Rust toolchain is enough. The whole corpus of all runs stays in
 target/xtask/fuzz.";
 
-/// Where libFuzzer's targets are.
+/// Folder of libFuzzer's targets.
 const CRATE: &str = "tests/fuzz";
-/// What counts edges, as `cargo fuzz` sets it; only the sanitizers, which safe code hardly needs, would take
-/// a nightly toolchain. Comparisons are not traced: that takes more than half of the time. Names are mangled
-/// so that they can be read back whole.
+/// Flags that count edges, as set by `cargo fuzz`; only the sanitizers, which safe code hardly needs, would
+/// require a nightly toolchain. Comparisons are not traced, because that takes more than half of the time.
+/// The mangling of names allows reading them back completely.
 const INSTRUMENTATION: &str = "-Cpasses=sancov-module -Cllvm-args=-sanitizer-coverage-level=4 \
      -Cllvm-args=-sanitizer-coverage-inline-8bit-counters -Cllvm-args=-sanitizer-coverage-pc-table \
      -Csymbol-mangling-version=v0";
@@ -51,7 +51,7 @@ pub struct Options {
     record: bool,
 }
 
-/// `cargo xtask fuzz`.
+/// Runs `cargo xtask fuzz`.
 pub fn run(options: &Options) -> Result<()> {
     let fuzzer = Fuzzer::build()?;
     let known = fuzzer.targets()?;
@@ -81,12 +81,12 @@ pub fn run(options: &Options) -> Result<()> {
     Ok(())
 }
 
-/// Fails when the table of the document differs from the record.
+/// Checks that the table in the document matches the record.
 pub fn check_table() -> Result<()> {
     Record::load()?.check()
 }
 
-/// A target, with the modules it is about.
+/// A target, with the modules that it tests.
 struct Target {
     name: String,
     modules: Vec<String>,
@@ -105,7 +105,7 @@ fn corpus(target: &Target) -> PathBuf {
 /// The instrumented program.
 struct Fuzzer {
     path: PathBuf,
-    /// What it was built from.
+    /// The commit from which it was built.
     commit: String,
 }
 
@@ -126,7 +126,7 @@ impl Fuzzer {
         let folder = firmware::target().join("fuzz");
         let mut cargo = Command::new("cargo");
         cargo.args(["build", "--quiet", "--locked", "-p", "tesaki-fuzz", "--features", "libfuzzer"]);
-        // With a target named, build scripts and macros are not instrumented.
+        // If a target is named, build scripts and macros are not instrumented.
         cargo.args(["--profile", "fuzz", "--target", host, "--target-dir"]).arg(&folder);
         tools::run(cargo.env("RUSTFLAGS", INSTRUMENTATION))?;
         let path = std::path::absolute(folder.join(host).join("fuzz").join("tesaki-fuzz"))?;
@@ -147,11 +147,11 @@ impl Fuzzer {
             .collect())
     }
 
-    /// Runs a target, and measures what its corpus then covers.
+    /// Runs a target, and measures the coverage of its corpus afterwards.
     fn run(&self, target: &Target, options: &Options) -> Result<Run> {
         let out = out(target);
         let (corpus, crashes) = (out.join("corpus"), out.join("crashes"));
-        // libFuzzer names an input by its hash: one that is known already would be written over.
+        // libFuzzer names an input by its hash, so a known one would be overwritten.
         std::fs::create_dir_all(&out)?;
         let session = tempfile::Builder::new().prefix("session-").tempdir_in(&out)?;
         tools::run(self.command(&["unpack", &target.name]).arg(&out))?;
@@ -195,7 +195,7 @@ impl Fuzzer {
     }
 }
 
-/// Moves all files of a folder to another one, in place of those with the same names. Returns how many.
+/// Moves all files of a folder to another one, replacing those with the same names. Returns their number.
 fn move_files(from: &Path, to: &Path) -> Result<u64> {
     std::fs::create_dir_all(to)?;
     let mut moved = 0;
@@ -207,7 +207,7 @@ fn move_files(from: &Path, to: &Path) -> Result<u64> {
     Ok(moved)
 }
 
-/// How many inputs were run, as libFuzzer says at its end.
+/// Returns the number of executed inputs from libFuzzer's final statistics.
 fn executions(log: &str) -> u64 {
     let total = log.lines().find_map(|line| line.strip_prefix("stat::number_of_executed_units:"));
     total.and_then(|number| number.trim().parse().ok()).unwrap_or(0)

@@ -9,40 +9,40 @@ use serde::{Deserialize, Serialize};
 
 use super::coverage::Part;
 
-/// Where it is kept.
+/// File of the record.
 pub const FILE: &str = "docs/fuzzing.json";
-/// The page with the table, and what is around it.
+/// The page with the table, and the markers around it.
 const DOCUMENT: &str = "docs/measurements.md";
 const BEGIN: &str = "<!-- fuzz:begin -->\n";
 const END: &str = "<!-- fuzz:end -->";
 
-/// What came of one run of a target.
+/// Result of one run of a target.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Session {
-    /// What was fuzzed.
+    /// The commit that was fuzzed.
     pub commit: String,
-    /// Time that the fuzzer had a core [s].
+    /// Core time of the fuzzer [s].
     pub seconds: u64,
-    /// Inputs that were run.
+    /// Number of inputs that were run.
     pub executions: u64,
 }
 
-/// What came of a target: its runs, each of which began with what the ones before had kept, and what the last
-/// one covers.
+/// Result of a target: its runs, each of which began with the inputs kept by the earlier ones, and the
+/// coverage of the last one.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Run {
-    /// The runs, the last one last; those of one commit are one.
+    /// The runs, the latest at the end; those of one commit are combined.
     pub sessions: Vec<Session>,
-    /// Inputs that are kept, and their size.
+    /// Number of inputs that are kept, and their size.
     pub inputs: u64,
     pub bytes: u64,
-    /// Of the project's code, covered and in the program.
+    /// Edges of the project's code: covered, and in the program.
     pub edges: Part,
-    /// Likewise, functions.
+    /// Functions of the project's code: covered, and in the program.
     pub functions: Part,
-    /// Likewise, functions of the modules that the target is about.
+    /// Functions of the modules that the target tests: covered, and in the program.
     pub of_target: Part,
-    /// Inputs that crashed it.
+    /// Number of inputs that crashed it.
     pub crashes: u64,
 }
 
@@ -67,14 +67,14 @@ impl fmt::Display for Run {
 }
 
 impl Run {
-    /// Time [s] and executions of all sessions.
+    /// Total time [s] and executions of all sessions.
     fn totals(&self) -> [u64; 2] {
         self.sessions.iter().fold([0; 2], |[seconds, executions], session| {
             [seconds + session.seconds, executions + session.executions]
         })
     }
 
-    /// What a run after this one leaves: the sessions of both.
+    /// Returns the result after a further run: the sessions of both.
     fn followed_by(&self, next: Self) -> Self {
         let mut sessions = self.sessions.clone();
         for session in next.sessions {
@@ -94,13 +94,13 @@ fn part([covered, all]: Part) -> String {
     format!("{covered} of {all}")
 }
 
-/// What is recorded, by target.
+/// The results by target.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Record(BTreeMap<String, Run>);
 
 impl Record {
-    /// Reads the record; an empty one where there is none.
+    /// Reads the record; empty if there is none.
     ///
     /// # Errors
     /// When the file cannot be read, or holds something else.
@@ -112,7 +112,7 @@ impl Record {
         serde_json::from_str(&text).context(FILE)
     }
 
-    /// With a further run of a target.
+    /// Adds a further run of a target.
     pub fn with(mut self, target: &str, run: Run) -> Self {
         let run = match self.0.get(target) {
             Some(before) => before.followed_by(run),
@@ -122,7 +122,7 @@ impl Record {
         self
     }
 
-    /// Writes it, and its table.
+    /// Writes the record and its table.
     ///
     /// # Errors
     /// When a file cannot be written, or the document has no place for the table.
@@ -132,10 +132,10 @@ impl Record {
         std::fs::write(DOCUMENT, replace(&text, &self.table())?).context(DOCUMENT)
     }
 
-    /// Fails when the table in the document is another.
+    /// Checks the table in the document.
     ///
     /// # Errors
-    /// Then, and when the document has no place for it.
+    /// When the table differs, or the document has no place for it.
     pub fn check(&self) -> Result<()> {
         let text = std::fs::read_to_string(DOCUMENT).context(DOCUMENT)?;
         ensure!(
@@ -166,7 +166,7 @@ impl Record {
     }
 }
 
-/// The text with `table` between the markers.
+/// Returns the text with `table` between the markers.
 fn replace(text: &str, table: &str) -> Result<String> {
     let (head, rest) = text.split_once(BEGIN).with_context(|| format!("{DOCUMENT} has no {BEGIN}"))?;
     let (_, tail) = rest.split_once(END).with_context(|| format!("{DOCUMENT} has no {END}"))?;

@@ -1,5 +1,5 @@
-//! The functions of an image, as decoded from their instructions: what each calls, and how deep its stack is
-//! there.
+//! The functions of an image, decoded from their instructions: the calls of each, and its stack depth at each
+//! call.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -9,7 +9,7 @@ use object::{Object, ObjectSection, ObjectSymbol, SymbolKind};
 
 use super::thumb::{Conditional, Flow, Instruction, Lock, decode};
 
-/// Address of a function, without the bit of the instruction set.
+/// Address of a function, without the instruction-set bit.
 pub type Address = u32;
 
 /// A function.
@@ -18,9 +18,9 @@ pub struct Function {
     pub calls: Vec<Call>,
     /// Undefined instructions, which end in a CPU fault.
     pub traps: Vec<Address>,
-    /// Its own stack at most [bytes].
+    /// Largest stack of its own [bytes].
     pub stack: u32,
-    /// The same while it holds no lock.
+    /// Largest stack of its own while it holds no lock [bytes].
     pub open_stack: u32,
     /// Whether it can return to its caller.
     pub returns: bool,
@@ -29,34 +29,35 @@ pub struct Function {
 /// A call, or a jump to another function.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Call {
-    /// Where.
+    /// Address of the call.
     pub site: Address,
-    /// Whom; `None`: an address in a register.
+    /// Called function; `None` for an address in a register.
     pub target: Option<Address>,
-    /// Stack of the caller at that place [bytes].
+    /// Stack of the caller at that point [bytes].
     pub stack: u32,
     /// Whether the caller holds a lock there.
     pub locked: bool,
 }
 
-/// What of the next instructions is executed.
+/// State of an `IT` block: which of the next instructions are executed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 struct Under {
     rest: Conditional,
     /// Whether the condition holds.
     holds: bool,
-    /// The condition, as long as nothing was executed that may change it.
+    /// The condition, as long as no executed instruction may have changed it.
     condition: Option<u16>,
 }
 
 impl Under {
-    /// Whether the next instruction is skipped.
+    /// Returns whether the next instruction is skipped.
     const fn skips(self) -> bool {
         self.rest.count > 0 && (self.rest.then & 1 == 1) != self.holds
     }
 
-    /// Behind it. Behind the last one both sides are the same, but for an `IT` with the same condition:
-    /// `next` is the code there, and the instruction `keeps` the flags.
+    /// Returns the state after the next instruction. After the last one of the block, both sides are the same
+    /// unless an `IT` with the same condition follows: `next` is the code there, and the instruction `keeps`
+    /// the flags.
     fn after(self, keeps: bool, next: Option<u16>) -> Self {
         let count = self.rest.count.saturating_sub(1);
         let condition = self.condition.filter(|_| keeps);
@@ -67,25 +68,25 @@ impl Under {
     }
 }
 
-/// The condition of an `IT`.
+/// Returns the condition of an `IT`.
 fn condition_of(code: u16) -> Option<u16> {
     (code >> 8 == 0xBF && code & 0xF != 0).then_some(code >> 4 & 0xF)
 }
 
-/// Where a path through a function has come to.
+/// Position of a path through a function.
 #[derive(Clone, Copy, Debug)]
 struct Place {
     address: Address,
-    /// Stack of the function there [bytes].
+    /// Stack of the function at that point [bytes].
     stack: i32,
-    /// Locks that it holds.
+    /// Number of locks that it holds.
     locks: u8,
     under: Under,
 }
 
 impl Place {
-    /// Behind an `IT` of this condition: here the condition holds, if it is not known already whether it did
-    /// `before`. Returns the other side.
+    /// Splits the path after an `IT` with this condition: here the condition holds, unless `before` already
+    /// determines it. Returns the other side.
     fn split(&mut self, conditional: Conditional, condition: Option<u16>, before: Under) -> Option<Self> {
         self.under = Under { rest: conditional, holds: true, condition };
         if before.condition.is_some() && before.condition == condition {
@@ -95,7 +96,7 @@ impl Place {
         Some(Self { under: Under { holds: false, ..self.under }, ..*self })
     }
 
-    /// What an instruction does to stack and locks.
+    /// Updates stack and locks by an instruction.
     fn account(&mut self, instruction: &Instruction) -> Result<()> {
         if instruction.new_stack {
             self.stack = 0;
@@ -104,7 +105,7 @@ impl Place {
         ensure!(self.stack >= 0, "the stack at {:#010x} shrinks below its beginning", self.address);
         match instruction.lock {
             Some(Lock::Begins) => self.locks += 1,
-            // Without a lock: the end of an interrupt's handler.
+            // Without a lock: the end of an interrupt handler.
             Some(Lock::Ends) => self.locks = self.locks.saturating_sub(1),
             None => {}
         }
@@ -117,19 +118,19 @@ impl Place {
     }
 }
 
-/// A function whose paths are followed.
+/// A function whose paths are being followed.
 #[derive(Default)]
 struct Paths {
     function: Address,
     result: Function,
-    /// Stack [bytes] and locks at each instruction, also for each side of what is executed under a condition.
+    /// Stack [bytes] and number of locks at each instruction, for each state of its condition.
     seen: BTreeMap<(Address, Under), (i32, u8)>,
-    /// Where others go on.
+    /// Positions from which paths have yet to be followed.
     open: Vec<Place>,
 }
 
 impl Paths {
-    /// Whether no path has been here. Stack and locks must not depend on the way.
+    /// Returns whether no path has been here. Stack and locks must not depend on the path.
     fn is_new(&mut self, place: &Place) -> Result<bool> {
         let Place { address, stack, locks, under } = *place;
         let known = self.seen.insert((address, under), (stack, locks));
@@ -151,11 +152,11 @@ impl Paths {
 
 /// An image.
 pub struct Image {
-    /// Code and constants, by their address.
+    /// Code and constants, with their addresses.
     sections: Vec<(u32, Vec<u8>)>,
-    /// Where functions begin, with their names.
+    /// Start addresses of the functions, with their names.
     names: BTreeMap<Address, String>,
-    /// Where code begins again after data.
+    /// Addresses where code begins again after data.
     code: BTreeSet<Address>,
     functions: BTreeMap<Address, Function>,
     lines: addr2line::Context<gimli::EndianRcSlice<gimli::LittleEndian>>,
@@ -194,7 +195,7 @@ impl Image {
         Ok(Self { sections, names, code, functions: BTreeMap::new(), lines })
     }
 
-    /// The entry of the vector table at `index`.
+    /// Returns the entry of the vector table at `index`.
     ///
     /// # Errors
     /// The table is shorter.
@@ -211,17 +212,17 @@ impl Image {
         })
     }
 
-    /// The name of a function.
+    /// Returns the name of a function.
     pub fn name(&self, function: Address) -> &str {
         self.names.get(&function).map_or("a function without a name", String::as_str)
     }
 
-    /// All functions whose names satisfy `matches`.
+    /// Returns all functions whose names satisfy `matches`.
     pub fn named(&self, matches: impl Fn(&str) -> bool) -> Vec<Address> {
         self.names.iter().filter(|(_, name)| matches(name)).map(|(address, _)| *address).collect()
     }
 
-    /// Files and lines of an instruction; first the innermost one of inlined functions.
+    /// Returns files and lines of an instruction, the innermost inlined function first.
     pub fn lines(&self, address: Address) -> Vec<(String, u32)> {
         let mut lines = Vec::new();
         let Ok(mut frames) = self.lines.find_frames(address.into()).skip_all_loads() else { return lines };
@@ -235,20 +236,20 @@ impl Image {
         lines
     }
 
-    /// A function that was decoded.
+    /// Returns a decoded function.
     pub fn function(&self, address: Address) -> Option<&Function> {
         self.functions.get(&address)
     }
 
-    /// Decodes a function and all that it calls directly.
+    /// Decodes a function and all functions that it calls directly.
     ///
     /// # Errors
-    /// An instruction that is not understood.
+    /// An instruction cannot be decoded.
     pub fn decode(&mut self, function: Address) -> Result<()> {
         if self.functions.contains_key(&function) {
             return Ok(());
         }
-        // Until it is known better, and where functions call each other, it returns.
+        // A function is assumed to return until it has been decoded, also in recursive calls.
         self.functions.insert(function, Function { returns: true, ..Function::default() });
         let decoded =
             self.decoded(function).with_context(|| format!("{} at {function:#010x}", self.name(function)))?;
@@ -266,13 +267,13 @@ impl Image {
         Ok(paths.result)
     }
 
-    /// Goes on to the next instruction. Returns whether the path does.
+    /// Advances by one instruction. Returns whether the path continues.
     fn step(&mut self, place: &mut Place, paths: &mut Paths) -> Result<bool> {
         let (first, instruction) = self.instruction(place.address)?;
         let next = place.address + instruction.size;
         let before = place.under;
         let is_skipped = before.skips();
-        // Moves of the stack and between registers; all others count as if they changed the flags.
+        // Stack operations and moves between registers keep the flags; all others are assumed to change them.
         let keeps = is_skipped || instruction.push != 0 || first >> 8 == 0x46;
         place.under = before.after(keeps, self.half_word(next));
         if is_skipped {
@@ -290,7 +291,7 @@ impl Image {
         Ok(goes_on)
     }
 
-    /// The instruction at an address, with its first half word.
+    /// Returns the instruction at an address, with its first half word.
     fn instruction(&self, address: Address) -> Result<(u16, Instruction)> {
         let halves = (self.half_word(address), self.half_word(address + 2));
         let (Some(first), second) = (halves.0, halves.1.unwrap_or_default()) else {
@@ -302,7 +303,8 @@ impl Image {
         Ok((first, instruction))
     }
 
-    /// Notes where the instruction at `place` leads. Returns whether the path goes on with the `next` one.
+    /// Records where the instruction at `place` leads. Returns whether the path continues with the `next`
+    /// one.
     fn follow(&mut self, flow: Flow, next: Address, place: &Place, paths: &mut Paths) -> Result<bool> {
         match flow {
             Flow::Next => return Ok(true),
@@ -327,7 +329,7 @@ impl Image {
         Ok(false)
     }
 
-    /// A jump within the function, or to another one, which then returns in its place.
+    /// Handles a jump within the function, or to another one, which then returns in its place.
     fn jump(&mut self, to: Address, place: &Place, paths: &mut Paths) -> Result<()> {
         if to != paths.function && self.names.contains_key(&to) {
             paths.result.returns |= self.call(&mut paths.result.calls, place.call(Some(to)))?;
@@ -337,7 +339,7 @@ impl Image {
         Ok(())
     }
 
-    /// Notes a call. Returns whether it returns.
+    /// Records a call. Returns whether it returns.
     fn call(&mut self, calls: &mut Vec<Call>, call: Call) -> Result<bool> {
         let target = call.target;
         calls.push(call);
@@ -346,7 +348,8 @@ impl Image {
         Ok(self.functions.get(&target).is_none_or(|function| function.returns))
     }
 
-    /// Where a table of distances at `start` leads. It ends where the linker has marked code again.
+    /// Returns the targets of a table of offsets at `start`, which ends where the linker has marked code
+    /// again.
     fn table(&self, start: Address, width: u8) -> Result<Vec<Address>> {
         let end = self.code.range(start..).next().copied();
         let end = end.filter(|end| end - start <= 1024).context("a table without an end")?;
@@ -357,14 +360,14 @@ impl Image {
                 if width == 1 { halves.to_le_bytes().map(u16::from).to_vec() } else { vec![halves] };
             targets.extend(entries.into_iter().map(|entry| start + 2 * u32::from(entry)));
         }
-        // What leads into the table itself fills it up to an even length.
+        // An entry that points into the table itself is padding to an even length.
         Ok(targets.into_iter().filter(|target| *target >= end).collect())
     }
 }
 
 #[cfg(test)]
 impl Image {
-    /// Functions one after another from `start` on, with their names and half words.
+    /// Creates functions one after another from `start` on, with their names and half words.
     pub fn made_up(start: Address, functions: &[(&str, &[u16])]) -> Self {
         let (mut names, mut code) = (BTreeMap::new(), Vec::new());
         for (name, halves) in functions {

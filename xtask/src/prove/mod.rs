@@ -1,13 +1,13 @@
-//! `cargo xtask prove`: what holds for every run of an image, read from its instructions.
+//! `cargo xtask prove`: properties of every run of an image, derived from its instructions.
 //!
 //! From each vector that the image handles, all functions are followed through their decoded instructions. No
-//! path from the control period, the current loop, the timer and the UARTs leads to a panic; no function
-//! calls itself; every call leads to known functions. The stack is the sum of the deepest paths of the idle
-//! loop and of all interrupts, each with what the processor pushes, because each of them is active once at
-//! most; but while the supervisor's task holds a lock the control period waits, so of these two it is the
-//! deeper: the first with its lock, or both without. The data of a converter have the priority of the control
-//! period, so of these two it is the deeper as well. What a panic itself needs, or a crystal that stops, is
-//! not in the sum: the 4 KiB that remain are for it.
+//! path from the control period, the current loop, the timer and the UARTs leads to a panic; no function is
+//! recursive; every call leads to known functions. The stack is the sum of the deepest paths of the idle loop
+//! and of all interrupts, each with its exception frame, because each of them is active at most once. But
+//! while the supervisor's task holds a lock, the control period waits, so of these two only the deeper
+//! combination counts: the first with its lock, or both without. The data interrupt of a converter has the
+//! priority of the control period, so of these two only the deeper counts as well. The stack of a panic, or
+//! of the handling of a failed crystal, is not included: the remaining 4 KiB are for it.
 
 mod graph;
 mod thumb;
@@ -22,29 +22,29 @@ use crate::firmware;
 use crate::tools::ArmCompiler;
 use graph::{Address, Call, Image};
 
-/// What the processor pushes with floating-point registers, and what aligns it [bytes].
+/// Size of an exception frame with floating-point registers, and of its alignment [bytes].
 const EXCEPTION_FRAME: u32 = 26 * 4 + 4;
-/// Most bytes of stack, of the 52 KiB that memory.x keeps for it.
+/// Maximum stack [bytes], of the 52 KiB that memory.x reserves for it.
 const STACK_LIMIT: u32 = 48 * 1024;
 
 /// A vector.
 struct Vector {
     name: &'static str,
-    /// In the table.
+    /// Index in the vector table.
     index: u32,
-    /// Whether no path of it may lead to a panic.
+    /// Whether no path from it may lead to a panic.
     is_proved: bool,
 }
 
-/// Interrupts begin behind the processor's own exceptions.
+/// Interrupts follow after the processor's own exceptions.
 const INTERRUPTS: u32 = 16;
 /// EXTI0, EXTI1 and EXTI3.
 const CONTROL: u32 = INTERRUPTS + 6;
 const SUPERVISOR: u32 = INTERRUPTS + 7;
 const DATA: u32 = INTERRUPTS + 9;
 
-/// What the image handles. Exceptions that end in a reset are not among them: they never return to what they
-/// interrupt, and [the fault's handler has a stack of its own](../../../firmware/src/crash.rs).
+/// The vectors that the image handles. Exceptions that end in a reset are not among them: they never return
+/// to the interrupted code, and [the fault's handler has its own stack](../../../firmware/src/crash.rs).
 const VECTORS: [Vector; 11] = [
     Vector { name: "start and idle loop", index: 1, is_proved: false },
     Vector { name: "TIM2: instant of the period", index: INTERRUPTS + 28, is_proved: true },
@@ -58,38 +58,38 @@ const VECTORS: [Vector; 11] = [
     Vector { name: "EXTI0: control", index: CONTROL, is_proved: true },
     Vector { name: "EXTI1: supervisor", index: SUPERVISOR, is_proved: false },
 ];
-/// Exceptions with a handler of their own that ends in a reset.
+/// Exceptions with their own handler that ends in a reset.
 const ENDS: [u32; 2] = [2, 3];
 
-/// A call through a table of methods, known by the text of its line of source.
+/// A call through a method table, identified by the text of its source line.
 struct Dynamic {
     call: &'static str,
-    /// Part of the names of all functions that it can reach.
+    /// Part of the names of all functions that it can call.
     target: &'static str,
 }
 
-/// Each stands for a boundary between modules that knows no types; the functions are found in the image.
+/// Each belongs to a type-erased boundary between modules; the functions are found in the image.
 const DYNAMIC: [Dynamic; 2] = [
-    // The tasks see what the joints' servos did, and not their state.
+    // The tasks see the results of the joints' servos, but not their state.
     Dynamic { call: ".effort(", target: "robot::measured::Efforts" },
     // The core asks the board, which it does not know, whether it can drive a robot.
     Dynamic { call: "board(", target: "tesaki_firmware::app::supervisor::{{closure}}" },
 ];
 
-/// Stack of a function with all that it calls [bytes].
+/// Stack of a function including all functions that it calls [bytes].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Depth {
-    /// At most.
+    /// Maximum.
     all: u32,
-    /// At most while it holds no lock.
+    /// Maximum while it holds no lock.
     open: u32,
 }
 
-/// What was found for a vector.
+/// Findings for a vector.
 #[derive(Default)]
 struct Findings {
     functions: usize,
-    /// Places from which a panic is called, or that are one, with their functions.
+    /// Places that call a panic, or are one, with their functions.
     panics: BTreeSet<(Address, Address)>,
     resolved: usize,
     problems: Vec<String>,
@@ -105,7 +105,7 @@ pub struct Options {
     images: Vec<PathBuf>,
 }
 
-/// `cargo xtask prove`.
+/// Runs `cargo xtask prove`.
 pub fn run(options: &Options) -> Result<()> {
     for image in &options.images {
         check(image)?;
@@ -120,10 +120,10 @@ pub fn run(options: &Options) -> Result<()> {
     Ok(())
 }
 
-/// Prints what holds for an image. Returns the stack that no run exceeds [bytes].
+/// Prints the proved properties of an image. Returns the stack that no run exceeds [bytes].
 ///
 /// # Errors
-/// Something does not hold.
+/// A property does not hold.
 pub fn check(file: &Path) -> Result<u32> {
     let mut image = Image::read(file)?;
     say!("\nproved of {}", file.display());
@@ -174,7 +174,7 @@ pub fn check(file: &Path) -> Result<u32> {
     Ok(stack)
 }
 
-/// Looks at all that can run from `root`.
+/// Explores all functions that can run from `root`.
 fn explore(image: &mut Image, root: Address) -> Result<Findings> {
     let mut found = Findings::default();
     let mut depths = BTreeMap::new();
@@ -190,10 +190,10 @@ fn explore(image: &mut Image, root: Address) -> Result<Findings> {
     Ok(found)
 }
 
-/// With the call that needs most of it.
+/// Stack of each function, with the call that needs most of it.
 type Depths = BTreeMap<Address, (Depth, Option<Address>)>;
 
-/// Stack from `function` on.
+/// Computes the stack from `function` on.
 fn deepest(
     image: &mut Image,
     function: Address,
@@ -248,8 +248,8 @@ fn deepest(
     Ok(depth)
 }
 
-/// Whether a function is the beginning of the end: from there on interrupts are off, the outputs too, and the
-/// next thing is a reset.
+/// Returns whether a function starts a panic: from there on, interrupts and outputs are off, and a reset
+/// follows.
 fn is_panic(name: &str) -> bool {
     let starts = ["core::panicking::", "core::option::expect_failed", "core::option::unwrap_failed"];
     starts.iter().any(|start| name.starts_with(start))
@@ -257,7 +257,7 @@ fn is_panic(name: &str) -> bool {
         || name.contains("rust_begin_unwind")
 }
 
-/// All functions that a call by a register can reach.
+/// Returns all functions that a call through a register can reach.
 fn resolve(image: &Image, site: Address) -> Result<Vec<Address>> {
     let lines = image.lines(site);
     for (file, line) in &lines {
@@ -272,7 +272,7 @@ fn resolve(image: &Image, site: Address) -> Result<Vec<Address>> {
     bail!("an unknown function is called at {}", place(image, site))
 }
 
-/// Where an instruction comes from.
+/// Describes the source of an instruction.
 fn place(image: &Image, site: Address) -> String {
     let lines = image.lines(site);
     let told: Vec<String> = lines.iter().map(|(file, line)| format!("{}:{line}", short_path(file))).collect();
@@ -284,7 +284,7 @@ fn short_path(file: &str) -> &str {
     file.strip_prefix(&*here.to_string_lossy()).map_or(file, |rest| rest.trim_start_matches('/'))
 }
 
-/// A path through functions, by the last two parts of their names.
+/// Formats a path through functions with the last two parts of their names.
 fn shortened(names: &[&str]) -> String {
     let short = |name: &&str| {
         let parts: Vec<&str> = name.rsplitn(3, "::").take(2).collect();
@@ -299,7 +299,7 @@ mod tests {
 
     const START: Address = 0x0800_0000;
 
-    /// BL over so many half words, from the one behind it.
+    /// Encodes a BL by the given number of half words from the next instruction.
     const fn call(halves: i16) -> [u16; 2] {
         let offset = halves.cast_unsigned();
         [if halves < 0 { 0xF7FF } else { 0xF000 }, 0xF800 | offset & 0x7FF]
@@ -318,11 +318,11 @@ mod tests {
         };
         // mov r0, r4.
         assert_eq!(explored(0x4620).expect("is understood").stack, Depth { all: 16, open: 16 });
-        // cmp r0, #0: the second condition is another one.
+        // cmp r0, #0: the second condition is different.
         assert!(explored(0x2800).is_err());
     }
 
-    /// 8 bytes for two registers, and 16 of the other; or 20 and nothing where it jumps there.
+    /// 8 bytes for two registers plus 16 of the called function; or 20, which are freed before the jump.
     #[test]
     fn stacks_add_up_along_the_deepest_path() {
         let [first, second] = call(2);
@@ -367,7 +367,7 @@ mod tests {
         assert_eq!(found.problems, ["caller: an unknown function is called at 0x08000002"]);
     }
 
-    /// 16 bytes more where interrupts of a priority wait, 4 where they do not.
+    /// 16 bytes more where the lock blocks interrupts, 4 where it does not.
     #[test]
     fn what_a_lock_protects_is_told_apart() {
         let [first, second] = call(5);

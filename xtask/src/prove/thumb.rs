@@ -1,10 +1,10 @@
-//! What an instruction of the Cortex-M4F does to the program counter and to the stack pointer; nothing else.
+//! The effect of a Cortex-M4F instruction on the program counter and the stack pointer; nothing else.
 //!
-//! Encodings: ARMv7-M Architecture Reference Manual (DDI 0403E), chapter A5 and A7. An instruction that
-//! writes one of the two registers in a way that is not read here is an error, never taken for one that does
-//! not.
+//! Encodings: ARMv7-M Architecture Reference Manual (DDI 0403E), chapters A5 and A7. An instruction that
+//! writes one of the two registers in a way that is not decoded here is an error, and is never taken for one
+//! that does not write it.
 
-/// Where an instruction leads.
+/// Control flow after an instruction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Flow {
     /// To the next one.
@@ -13,17 +13,17 @@ pub enum Flow {
     Jump(u32),
     /// To this address, or to the next instruction.
     Branch(u32),
-    /// To a function, and back.
+    /// To a function, which returns here.
     Call(u32),
-    /// To the function whose address is in a register, and back.
+    /// To the function whose address is in a register, which returns here.
     CallRegister,
-    /// To where a register says.
+    /// To the address in a register.
     JumpRegister,
     /// Back to the caller.
     Return,
-    /// By a table of distances behind it, of entries with so many bytes.
+    /// By the table of offsets that follows, whose entries have this number of bytes.
     Table(u8),
-    /// Nowhere: an undefined instruction, on purpose.
+    /// Nowhere: an intentionally undefined instruction.
     Trap,
 }
 
@@ -35,29 +35,29 @@ pub struct Instruction {
     pub flow: Flow,
     /// Bytes by which the stack grows.
     pub push: i32,
-    /// Which of the following instructions are executed if its condition holds (`true`), and which if not.
+    /// The following instructions that are executed if its condition holds, and those if not.
     pub conditional: Conditional,
-    /// It sets the stack pointer anew.
+    /// Whether it sets the stack pointer to a new stack.
     pub new_stack: bool,
-    /// BASEPRI: a lock begins (BASEPRI_MAX), or what was there before is restored.
+    /// Change of BASEPRI: a lock begins (BASEPRI_MAX), or the earlier value is restored.
     pub lock: Option<Lock>,
 }
 
-/// What RTIC's locks consist of.
+/// The parts of an RTIC lock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Lock {
-    /// Interrupts up to a priority wait from here on.
+    /// Interrupts up to a priority are blocked from here on.
     Begins,
-    /// As before the lock.
+    /// The state before the lock is restored.
     Ends,
 }
 
-/// Up to four instructions behind an `IT`.
+/// The block of up to four instructions after an `IT`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Conditional {
     /// Their number.
     pub count: u8,
-    /// A bit for each, the lowest for the next one: whether it is executed when the condition holds.
+    /// A bit for each, the lowest for the next one: whether it is executed if the condition holds.
     pub then: u8,
 }
 
@@ -65,8 +65,8 @@ const SP: u32 = 13;
 const LR: u32 = 14;
 const PC: u32 = 15;
 
-/// Reads the instruction at `address`; `first` and `second` are the half words there. `None` for one that is
-/// not read here.
+/// Decodes the instruction at `address`; `first` and `second` are the half words there. `None` for one that
+/// is not decoded here.
 pub fn decode(address: u32, first: u16, second: u16) -> Option<Instruction> {
     let (first, second) = (u32::from(first), u32::from(second));
     let mut result = Instruction {
@@ -86,17 +86,17 @@ pub fn decode(address: u32, first: u16, second: u16) -> Option<Instruction> {
     Some(result)
 }
 
-/// `bits` of `value` from bit `low` on.
+/// Extracts `bits` of `value` from bit `low` on.
 const fn field(value: u32, low: u32, bits: u32) -> u32 {
     value >> low & ((1 << bits) - 1)
 }
 
-/// A signed number of so many bits.
+/// Sign-extends a number with this many bits.
 const fn signed(value: u32, bits: u32) -> u32 {
     (value << (32 - bits)).cast_signed().wrapping_shr(32 - bits).cast_unsigned()
 }
 
-/// The target of a branch by `offset`.
+/// Returns the target of a branch by `offset`.
 const fn target(address: u32, offset: u32) -> u32 {
     address.wrapping_add(4).wrapping_add(offset)
 }
@@ -109,7 +109,7 @@ fn narrow(address: u32, code: u32, result: &mut Instruction) -> Option<()> {
     let destination = field(code, 0, 3) | field(code, 7, 1) << 3;
     let source = field(code, 3, 4);
     match code >> 8 {
-        // ADD and MOV of any register.
+        // ADD and MOV of any registers.
         0x44 if destination >= SP && destination != LR => return None,
         0x46 if destination == SP => return None,
         0x46 if destination == PC && source == LR => result.flow = Flow::Return,
@@ -144,7 +144,7 @@ fn narrow(address: u32, code: u32, result: &mut Instruction) -> Option<()> {
         }
         0xDE => result.flow = Flow::Trap,
         0xE0..=0xE7 => result.flow = Flow::Jump(target(address, signed(field(code, 0, 11) << 1, 12))),
-        // All others write low registers only.
+        // All others write only low registers.
         _ => {}
     }
     Some(())
@@ -161,7 +161,7 @@ fn wide(address: u32, first: u32, second: u32, result: &mut Instruction) -> Opti
             }
             result.flow = Flow::Table(if field(second, 4, 1) == 1 { 2 } else { 1 });
         }
-        // Two registers, or exclusive.
+        // Two registers, or exclusive access.
         0xE8 | 0xE9 => {
             let indexed = field(first, 8, 1) == 1 || writes_back;
             if indexed && writes_back && base == SP {
@@ -192,20 +192,20 @@ fn wide(address: u32, first: u32, second: u32, result: &mut Instruction) -> Opti
         0xF0..=0xF7 => branch(address, first, second, result)?,
         0xF8 | 0xF9 => single(first, second, result)?,
         0xFA => general(field(second, 8, 4), false)?,
-        // Products and quotients; what they may not write is not encoded by any compiler.
+        // Multiplications and divisions; compilers never encode a forbidden destination register.
         0xFB => {}
         _ => return None,
     }
     Some(())
 }
 
-/// Of an instruction that writes a general register.
+/// Checks an instruction that writes a general register.
 fn general(destination: u32, sets_flags: bool) -> Option<()> {
-    // Written to 15 with flags, it is a comparison.
+    // If it writes register 15 and sets the flags, it is a comparison.
     (destination != SP && (destination != PC || sets_flags)).then_some(())
 }
 
-/// Loads and stores of several registers.
+/// Decodes loads and stores of several registers.
 fn multiple(first: u32, second: u32, result: &mut Instruction) -> Option<()> {
     let (base, writes_back) = (field(first, 0, 4), field(first, 5, 1) == 1);
     let is_load = field(first, 4, 1) == 1;
@@ -225,7 +225,7 @@ fn multiple(first: u32, second: u32, result: &mut Instruction) -> Option<()> {
     Some(())
 }
 
-/// Loads and stores of one register.
+/// Decodes loads and stores of one register.
 fn single(first: u32, second: u32, result: &mut Instruction) -> Option<()> {
     let (base, register) = (field(first, 0, 4), second >> 12);
     let is_short = field(first, 7, 1) == 0 && field(second, 11, 1) == 1 && base != PC;
@@ -243,7 +243,7 @@ fn single(first: u32, second: u32, result: &mut Instruction) -> Option<()> {
     Some(())
 }
 
-/// Computations with an immediate value.
+/// Decodes computations with an immediate value.
 fn immediate(first: u32, second: u32, result: &mut Instruction) -> Option<()> {
     let (base, destination) = (field(first, 0, 4), field(second, 8, 4));
     let value = field(second, 0, 8) | field(second, 12, 3) << 8 | field(first, 10, 1) << 11;
@@ -263,7 +263,7 @@ fn immediate(first: u32, second: u32, result: &mut Instruction) -> Option<()> {
     Some(())
 }
 
-/// A modified immediate constant (A5.3.2).
+/// Expands a modified immediate constant (A5.3.2).
 fn expanded(value: u32) -> Option<u32> {
     let low = field(value, 0, 8);
     Some(match field(value, 8, 4) {
@@ -275,7 +275,7 @@ fn expanded(value: u32) -> Option<u32> {
     })
 }
 
-/// Branches, and what controls the processor.
+/// Decodes branches, and instructions that control the processor.
 fn branch(address: u32, first: u32, second: u32, result: &mut Instruction) -> Option<()> {
     let sign = field(first, 10, 1);
     let (j1, j2) = (field(second, 13, 1), field(second, 11, 1));
@@ -294,7 +294,7 @@ fn branch(address: u32, first: u32, second: u32, result: &mut Instruction) -> Op
         }
         (0, 0) => match first >> 4 {
             0xF7F => result.flow = Flow::Trap,
-            // MSR: the main stack pointer, the other one, BASEPRI, BASEPRI_MAX.
+            // MSR to the main stack pointer, the process stack pointer, BASEPRI or BASEPRI_MAX.
             0xF38 => match field(second, 0, 8) {
                 8 => result.new_stack = true,
                 9 => return None,
@@ -313,7 +313,7 @@ fn branch(address: u32, first: u32, second: u32, result: &mut Instruction) -> Op
 mod tests {
     use super::*;
 
-    /// By hand from the manual's encodings; the texts are what llvm-objdump 14 prints for them.
+    /// Encoded by hand from the manual; the texts are the output of llvm-objdump 14.
     #[test]
     fn instructions() {
         let none = Conditional::default();

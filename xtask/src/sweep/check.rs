@@ -1,4 +1,4 @@
-//! Recorded sweeps against what the simulator does now.
+//! Comparison of recorded sweeps with the present simulator.
 
 use std::path::Path;
 
@@ -8,17 +8,17 @@ use super::merge::Run;
 use super::record::{FOLDER, Metric, Sweep};
 use super::set::Set;
 
-/// The machine of a sweep that is run again, another one for each scenario.
+/// Returns the machine of a sweep that is run again, a different one for each scenario.
 pub fn chosen(sweep: &Sweep, scenario: usize) -> Option<u64> {
-    // 7 is prime to both sets' sizes, so that the scenarios' machines are spread over them.
+    // 7 is coprime to the sizes of both sets, so that the scenarios' machines are spread over them.
     let index = (7 * scenario).checked_rem(sweep.machines.len())?;
     Some(sweep.machines[index].seed)
 }
 
-/// Whether a run comes to what is recorded of its machine.
+/// Checks that a run has the recorded result of its machine.
 ///
 /// # Errors
-/// When it does not: names scenario, seed, the difference, and what to do.
+/// When it differs: the error names scenario, seed, the difference, and what to do.
 pub fn compare(sweep: &Sweep, run: &Run) -> Result<()> {
     let difference = difference(sweep, run)?;
     let (scenario, seed, set) = (&sweep.scenario, run.seed, sweep.set.name());
@@ -32,13 +32,14 @@ pub fn compare(sweep: &Sweep, run: &Run) -> Result<()> {
     Ok(())
 }
 
-/// Where `cargo sim papers` leaves what was measured in the runs that the papers' figures show.
+/// Folder where `cargo sim papers` stores the results of the runs in the papers' figures.
 const DRAWN: &str = "docs/papers/runs";
 
-/// Whether the figures of the papers show what is recorded of their machines.
+/// Checks that the figures of the papers show the recorded results of their machines.
 ///
 /// # Errors
-/// When one does not, or was drawn from a scenario that is not recorded: names it, and what to do.
+/// When one does not, or was drawn from a scenario that is not recorded: the error names it, and says what to
+/// do.
 pub fn figures() -> Result<()> {
     for entry in std::fs::read_dir(DRAWN).context(DRAWN)? {
         let path = entry?.path();
@@ -57,7 +58,7 @@ pub fn figures() -> Result<()> {
     Ok(())
 }
 
-/// What differs, as the beginning of "… than recorded"; empty if nothing does.
+/// Returns the difference, as the beginning of "… than recorded"; empty if there is none.
 fn difference(sweep: &Sweep, run: &Run) -> Result<String> {
     let Some(machine) = sweep.machines.iter().find(|machine| machine.seed == run.seed) else {
         return Ok("another machine".to_owned());
@@ -89,7 +90,7 @@ fn difference(sweep: &Sweep, run: &Run) -> Result<String> {
     Ok(if fewer { "fewer metrics".to_owned() } else { String::new() })
 }
 
-/// Whether two values rounded to six digits may be the same one, computed by different C libraries.
+/// Returns whether two values rounded to six digits may be the same, computed with different C libraries.
 fn alike(old: f64, new: f64) -> bool {
     (old - new).abs() <= 1e-4 * old.abs().max(new.abs()).max(1e-6)
 }
@@ -120,7 +121,7 @@ mod tests {
         let told = compare(&sweep, &run(4, "b", 0.5)).unwrap_err().to_string();
         assert!(told.starts_with("arm, seed 4: the control core answers with other frames"), "{told}");
         assert!(told.contains("`cargo xtask sweep --record arm`"), "{told}");
-        // The same frames, but the scenario measures them in another way.
+        // The same frames, but the scenario evaluates them differently.
         let told = compare(&sweep, &run(4, "a", 0.6)).unwrap_err().to_string();
         assert!(told.contains("error: another value"), "{told}");
         let failed = Run::failed("arm", 4, "the board is gone".into());

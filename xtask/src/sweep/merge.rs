@@ -1,4 +1,4 @@
-//! From runs, as the simulator prints them, to recorded sweeps.
+//! Merges runs, as printed by the simulator, into recorded sweeps.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -10,8 +10,7 @@ use serde_json::{Map, Value};
 use super::record::{Machine, Metric, Sweep};
 use super::set::Set;
 
-/// One run: the line that `host-sim run --json` prints, with the commit that was run where a sweep has added
-/// it.
+/// One run: the line printed by `host-sim run --json`, with the commit if a sweep has added it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Run {
     /// The scenario's name.
@@ -20,15 +19,15 @@ pub struct Run {
     pub seed: u64,
     #[serde(default = "native")]
     controller: String,
-    /// Digest of all that the control core answered.
+    /// Digest of all answers of the control core.
     #[serde(default)]
     pub frames_sha256: String,
     #[serde(default)]
     metrics: Map<String, Value>,
-    /// What was run.
+    /// The commit that was run.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub commit: Option<String>,
-    /// Why it did not come to its end.
+    /// Why the run failed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub error: Option<String>,
 }
@@ -49,7 +48,7 @@ struct Measured {
 }
 
 impl Run {
-    /// A run that did not come to its end.
+    /// Creates a run that failed.
     pub fn failed(scenario: &str, seed: u64, error: String) -> Self {
         Self {
             scenario: scenario.to_owned(),
@@ -62,11 +61,11 @@ impl Run {
         }
     }
 
-    /// What was measured, in the scenario's order: what it is, its value to six digits, whether it keeps its
-    /// limit.
+    /// Returns the measured values in the scenario's order: metric, value to six digits, and whether it meets
+    /// its limit.
     ///
     /// # Errors
-    /// When the run has a metric of another shape.
+    /// When a metric of the run has a different format.
     pub fn measured(&self) -> Result<Vec<(Metric, Option<f64>, bool)>> {
         let mut all = Vec::new();
         for (name, value) in &self.metrics {
@@ -79,16 +78,16 @@ impl Run {
     }
 }
 
-/// The value rounded to six significant digits.
+/// Rounds a value to six significant digits.
 fn six_digits(value: f64) -> f64 {
     format!("{value:.5e}").parse().unwrap_or(value)
 }
 
-/// Reads runs, one a line. A file without a line is one that is still being written: returned for the caller
-/// to tell.
+/// Reads runs, one per line. Files without a line are still being written: they are returned for the caller
+/// to report.
 ///
 /// # Errors
-/// When a file cannot be read or a line is something else.
+/// When a file cannot be read, or a line is not a run.
 pub fn read(files: &[PathBuf]) -> Result<(Vec<Run>, Vec<&Path>)> {
     let (mut runs, mut empty) = (Vec::new(), Vec::new());
     for file in files {
@@ -105,11 +104,11 @@ pub fn read(files: &[PathBuf]) -> Result<(Vec<Run>, Vec<&Path>)> {
     Ok((runs, empty))
 }
 
-/// Adds runs to the sweeps in `folder` and writes these. Runs of the recorded commit are added to its
-/// machines; runs of another commit replace the sweep. Returns a line a sweep, for people.
+/// Adds runs to the sweeps in `folder` and writes them. Runs of the recorded commit are added to its
+/// machines; runs of another commit replace the sweep. Returns a line per sweep, for people.
 ///
 /// # Errors
-/// When runs contradict each other, lack their commit, or are none that a sweep has.
+/// When runs contradict each other, lack their commit, or do not belong to a sweep.
 pub fn merge(folder: &Path, runs: Vec<Run>, commit: Option<&str>) -> Result<Vec<String>> {
     let mut sorted: BTreeMap<(String, Set), Vec<Run>> = BTreeMap::new();
     for run in runs {
@@ -143,7 +142,7 @@ fn commit_of(runs: &[Run], given: Option<&str>) -> Result<String> {
     }
 }
 
-/// One sweep out of what is recorded of the same commit and new runs.
+/// Combines the recorded machines of the same commit and new runs into one sweep.
 fn combine(
     scenario: &str,
     set: Set,
@@ -165,7 +164,7 @@ fn combine(
             }
         }
     }
-    // A metric that appeared with a later machine is missing on the earlier ones.
+    // Metrics that first appeared with a later machine are missing on the earlier ones.
     let count = sweep.metrics.len();
     for machine in sweep.machines.iter_mut().filter(|machine| machine.error.is_none()) {
         machine.values.resize(count, None);
@@ -173,7 +172,7 @@ fn combine(
     Ok(sweep)
 }
 
-/// The run as a line of the sweep, whose metrics grow by those that are new.
+/// Converts the run into a line of the sweep, and adds new metrics to the sweep.
 fn machine(sweep: &mut Sweep, run: &Run) -> Result<Machine> {
     ensure!(run.controller == "native", "run with the controller {}, not native", run.controller);
     ensure!(run.error.is_some() || !run.frames_sha256.is_empty(), "the run has no digest of its frames");
@@ -223,7 +222,7 @@ fn machine(sweep: &mut Sweep, run: &Run) -> Result<Machine> {
 pub mod fixtures {
     use super::*;
 
-    /// A run as the simulator prints it, with one metric.
+    /// Creates a run as printed by the simulator, with one metric.
     pub fn run(seed: u64, digest: &str, value: f64) -> Run {
         let pass = value <= 1.0;
         let line = format!(
@@ -268,7 +267,7 @@ mod tests {
     fn the_same_commit_adds_machines_and_another_one_replaces_them() {
         let folder = tempfile::tempdir().unwrap();
         merge(folder.path(), vec![run(1, "a", 0.1), run(2, "b", 0.2)], Some("one")).unwrap();
-        // Seed 2 again, with the same result, and seed 3.
+        // Seed 2 again with the same result, and seed 3.
         merge(folder.path(), vec![run(3, "c", 0.3), run(2, "b", 0.2)], Some("one")).unwrap();
         assert_eq!(recorded(folder.path(), Set::Development).machines.len(), 3);
         let told = merge(folder.path(), vec![run(1, "d", 0.4)], Some("two")).unwrap();

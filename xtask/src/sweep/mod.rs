@@ -1,5 +1,4 @@
-//! `cargo xtask sweep`: every scenario on many machines, its results kept with the commit that they belong
-//! to.
+//! `cargo xtask sweep`: runs every scenario on many machines, and keeps the results with their commit.
 
 mod check;
 mod merge;
@@ -86,7 +85,7 @@ enum Task {
     },
 }
 
-/// `cargo xtask sweep`.
+/// Runs `cargo xtask sweep`.
 pub fn run(options: Options) -> Result<()> {
     match options.task {
         None => sweep(&options.sweep),
@@ -97,18 +96,18 @@ pub fn run(options: Options) -> Result<()> {
     }
 }
 
-/// Fails when a table of the documents differs from its sweep.
+/// Checks that the tables of the documents match their sweeps.
 pub fn check_tables() -> Result<()> {
     tables::run(true)
 }
 
-/// The evaluation machines, with the simulator that the host suite has built. (The runs that are replayed on
-/// the emulated board are compared with what is recorded of the development machines.)
+/// Checks the evaluation machines with the simulator that the host suite has built. (The runs that are
+/// replayed on the emulated board are compared with the recorded development machines.)
 pub fn check_built() -> Result<()> {
     check(&Simulator::built(), &[Set::Evaluation])
 }
 
-/// Cores of this machine.
+/// Number of cores of this machine.
 pub fn cores() -> usize {
     std::thread::available_parallelism().map_or(1, std::num::NonZero::get)
 }
@@ -126,7 +125,7 @@ fn merge_files(files: &[PathBuf], commit: Option<&str>) -> Result<()> {
     Ok(())
 }
 
-/// Runs the sweep; a whole one fails when a machine misses a limit.
+/// Runs the sweep; a complete one fails if a machine misses a limit.
 fn sweep(options: &SweepOptions) -> Result<()> {
     let simulator = Simulator::build()?;
     let known = simulator.scenarios()?;
@@ -143,7 +142,7 @@ fn sweep(options: &SweepOptions) -> Result<()> {
             return Ok(());
         }
     }
-    // Seed by seed, so that the time left can be told from the first ones.
+    // Ordered by seed, so that the remaining time can be estimated from the first ones.
     let each = |seed| scenarios.iter().map(move |scenario| (scenario.clone(), seed));
     let runs = options.workload.partition.select(set.seeds().into_iter().flat_map(each).collect());
     let commit = commit(SIMULATOR)?;
@@ -167,14 +166,15 @@ fn sweep(options: &SweepOptions) -> Result<()> {
     say!("\nAll runs: {}", path.display());
     if !options.workload.partition.is_whole() {
         say!("When all parts are done: `cargo xtask sweep merge` with their files.");
-        // A part is done when its machines were run; what they missed is in its file.
+        // A part is done when its machines have run; missed limits are in its file.
         return Ok(());
     }
     ensure!(missed.is_empty(), "limits missed in {}", missed.join(", "));
     Ok(())
 }
 
-/// The scenarios that are not recorded completely, or whose recorded machine comes to something else now.
+/// Returns the scenarios that are not recorded completely, or whose recorded machine has a different result
+/// now.
 fn changed(simulator: &Simulator, scenarios: Vec<String>, set: Set, jobs: usize) -> Result<Vec<String>> {
     let mut recorded = BTreeMap::new();
     for (index, scenario) in scenarios.iter().enumerate() {
@@ -197,7 +197,7 @@ fn changed(simulator: &Simulator, scenarios: Vec<String>, set: Set, jobs: usize)
     Ok(scenarios.into_iter().filter(|scenario| !same.contains(scenario)).collect())
 }
 
-/// Takes the limits off the recorded machines that cannot meet them.
+/// Removes the limits of recorded machines that cannot meet them.
 fn limits(simulator: &Simulator) -> Result<()> {
     for scenario in simulator.scenarios()? {
         for set in Set::ALL {
@@ -216,7 +216,7 @@ fn limits(simulator: &Simulator) -> Result<()> {
     Ok(())
 }
 
-/// Runs a development and an evaluation machine of every scenario again, and compares with what is recorded.
+/// Runs machines of the given sets of every scenario again, and compares them with the record.
 fn check(simulator: &Simulator, sets: &[Set]) -> Result<()> {
     let mut recorded = BTreeMap::new();
     let mut runs = Vec::new();
@@ -248,7 +248,7 @@ fn check(simulator: &Simulator, sets: &[Set]) -> Result<()> {
     Ok(())
 }
 
-/// Median and worst of each metric; returns the scenarios with a machine that misses a limit.
+/// Prints median and worst of each metric; returns the scenarios with a machine that misses a limit.
 fn print(results: &[Run]) -> Result<Vec<String>> {
     let mut by_scenario: BTreeMap<&str, Vec<&Run>> = BTreeMap::new();
     for run in results {

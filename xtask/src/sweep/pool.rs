@@ -1,4 +1,4 @@
-//! Runs of the simulator on all cores.
+//! Runs the simulator on all cores.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -26,7 +26,7 @@ struct Told {
 }
 
 impl Simulator {
-    /// Builds it, with the features that it has in the host suite, so that nothing is built twice.
+    /// Builds it with the same features as in the host suite, so that nothing is built twice.
     ///
     /// # Errors
     /// When it cannot be built.
@@ -37,23 +37,23 @@ impl Simulator {
         Ok(Self::built())
     }
 
-    /// The one that the host suite has built.
+    /// Returns the one that the host suite has built.
     pub fn built() -> Self {
         Self { path: firmware::target().join("release").join("host-sim") }
     }
 
-    /// Another program in its place.
+    /// Uses another program in its place.
     #[cfg(test)]
     pub fn at(path: &Path) -> Self {
         Self { path: path.to_owned() }
     }
 
-    /// Where it is.
+    /// Its path.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// All scenarios, by the first word of each line that it lists.
+    /// Returns all scenarios: the first word of each listed line.
     ///
     /// # Errors
     /// When it cannot be run, or lists none.
@@ -66,10 +66,10 @@ impl Simulator {
         Ok(names)
     }
 
-    /// The metrics of a scenario whose limits the machine of each seed cannot meet, by its physics.
+    /// Returns the metrics of a scenario whose limits the machine of each seed cannot meet physically.
     ///
     /// # Errors
-    /// When it cannot be told.
+    /// When the simulator cannot compute them.
     pub fn impossible(&self, scenario: &str, seeds: &[u64]) -> Result<Vec<(u64, Vec<String>)>> {
         let (Some(first), Some(last)) = (seeds.first(), seeds.last()) else { return Ok(Vec::new()) };
         let mut command = Command::new(&self.path);
@@ -82,16 +82,16 @@ impl Simulator {
         text.lines().map(told).collect()
     }
 
-    /// One machine. Also a run that fails is a result.
+    /// Runs one machine. A failed run is also a result.
     fn run(&self, scenario: &str, seed: u64) -> Result<Run> {
-        // Other machines run beside this one.
+        // Other machines run at the same time.
         let out = tempfile::tempdir()?;
         let mut command = Command::new(&self.path);
         command.args(["run", scenario, "--seed", &seed.to_string(), "--json", "--out"]).arg(out.path());
         let output = command.stdin(Stdio::null()).output().context("cannot start the simulator")?;
         let text = String::from_utf8_lossy(&output.stdout);
         if text.trim().is_empty() {
-            // Only an error of the scenario is a result of the machine: not a wrong command line, nor a
+            // Only an error of the scenario is a result of the machine, not an invalid command line or a
             // signal.
             let error = String::from_utf8_lossy(&output.stderr).trim().to_owned();
             let told = error.strip_prefix("host-sim: ");
@@ -102,11 +102,11 @@ impl Simulator {
         serde_json::from_value(line).with_context(|| format!("{scenario}, seed {seed}: {text}"))
     }
 
-    /// Runs all `(scenario, seed)` on `jobs` cores; `done` is called with each result as it comes, in any
+    /// Runs all `(scenario, seed)` on `jobs` cores; `done` is called with each result as it arrives, in any
     /// order.
     ///
     /// # Errors
-    /// When the simulator cannot be run, or `done` fails. Runs that have begun end first.
+    /// When the simulator cannot be run, or `done` fails. Runs that have started finish first.
     pub fn run_all(
         &self,
         runs: &[(String, u64)],
@@ -126,11 +126,11 @@ impl Simulator {
     }
 }
 
-/// Calls `work` with each item in one of `jobs` threads, and `done` with each result as it comes, in any
+/// Calls `work` with each item in one of `jobs` threads, and `done` with each result as it arrives, in any
 /// order.
 ///
 /// # Errors
-/// When `work` or `done` fails. No other item is begun then, and those that were end first.
+/// When `work` or `done` fails. Then no other item is started, and those that were started finish first.
 pub fn for_each<T: Sync, R>(
     items: &[T],
     jobs: usize,
@@ -204,7 +204,7 @@ mod tests {
                 std::thread::yield_now();
             }
             begun.fetch_add(1, Ordering::Relaxed);
-            // Time for the other thread to end.
+            // Time for the other thread to finish.
             std::thread::sleep(Duration::from_millis(20));
             Ok(())
         };

@@ -1,4 +1,4 @@
-//! A recorded sweep: one file a scenario and set, with one line a machine.
+//! A recorded sweep: one file per scenario and set, with one line per machine.
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -8,39 +8,39 @@ use serde::{Deserialize, Serialize};
 
 use super::set::Set;
 
-/// Where sweeps are kept.
+/// Folder of the sweeps.
 pub const FOLDER: &str = "docs/sweeps";
 
-/// What a metric is, for all machines.
+/// Description of a metric, for all machines.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Metric {
-    /// As the scenario calls it.
+    /// Its name in the scenario.
     pub name: String,
     /// Unit of values and limit; empty for counts and ratios.
     pub unit: String,
-    /// What is to be reached; none for a value that is only reported.
+    /// The limit; `None` for a value that is only reported.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub limit: Option<f64>,
-    /// What the paper got, in its own words.
+    /// The paper's value, as printed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub paper: Option<String>,
 }
 
-/// What one machine came to.
+/// Result of one machine.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Machine {
-    /// Decides its deviations and noise.
+    /// Seed of its deviations and noise.
     pub seed: u64,
-    /// Digest of all that the control core answered; empty for a run that failed.
+    /// Digest of all answers of the control core; empty for a failed run.
     pub frames_sha256: String,
     /// Metrics that miss their limit or are not numbers.
     pub missed: Vec<String>,
-    /// Metrics whose limit is not demanded of this machine, because it leaves a controller no room for them.
+    /// Metrics whose limit does not apply to this machine, because no controller could meet it.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub exempt: Vec<String>,
-    /// In the order of [`Sweep::metrics`], to six digits; none where the run came to no such value.
+    /// In the order of [`Sweep::metrics`], to six digits; `None` if the run has no such value.
     pub values: Vec<Option<f64>>,
-    /// Why the run did not come to its end. Then it has no values.
+    /// Why the run failed. Then it has no values.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub error: Option<String>,
 }
@@ -50,23 +50,23 @@ pub struct Machine {
 pub struct Sweep {
     /// The scenario's name.
     pub scenario: String,
-    /// The set that its machines belong to.
+    /// The set of its machines.
     pub set: Set,
-    /// What was run.
+    /// The commit that was run.
     pub commit: String,
-    /// What was measured, in the order of each machine's values.
+    /// The metrics, in the order of each machine's values.
     pub metrics: Vec<Metric>,
-    /// In ascending order of their seeds. A sweep may hold less than the whole set.
+    /// In ascending order of their seeds. A sweep may hold only a part of the set.
     pub machines: Vec<Machine>,
 }
 
-/// Where the sweep of a scenario lies, under `folder`.
+/// Returns the path of a scenario's sweep under `folder`.
 pub fn path(folder: &Path, scenario: &str, set: Set) -> PathBuf {
     folder.join(set.name()).join(format!("{scenario}.json"))
 }
 
 impl Sweep {
-    /// Reads a recorded sweep; `None` where there is none.
+    /// Reads a recorded sweep; `None` if there is none.
     ///
     /// # Errors
     /// When the file cannot be read, or holds something else.
@@ -93,7 +93,7 @@ impl Sweep {
         Ok(())
     }
 
-    /// Writes it; returns where.
+    /// Writes the sweep; returns its path.
     ///
     /// # Errors
     /// When the file cannot be written.
@@ -104,7 +104,8 @@ impl Sweep {
         Ok(path)
     }
 
-    /// As JSON with a line a metric and a line a machine, so that a difference of two versions can be read.
+    /// Formats it as JSON with one line per metric and per machine, so that differences of two versions are
+    /// readable.
     fn to_text(&self) -> Result<String> {
         let (scenario, set) = (serde_json::to_string(&self.scenario)?, serde_json::to_string(&self.set)?);
         let commit = serde_json::to_string(&self.commit)?;
@@ -114,11 +115,11 @@ impl Sweep {
         Ok(text)
     }
 
-    /// Takes the limits of `impossible` metrics off the machine of a seed; returns whether that changed
-    /// anything. Metrics without a limit, and those that the sweep does not have, are passed over.
+    /// Removes the limits of `impossible` metrics from the machine of a seed; returns whether that changed
+    /// anything. Metrics without a limit, and those that the sweep does not have, are skipped.
     ///
     /// # Errors
-    /// When the machine was recorded without a limit that is possible: then it is not known whether it met
+    /// When the machine was recorded without a limit that is possible, because it is unknown whether it met
     /// it.
     pub fn exempt(&mut self, seed: u64, impossible: &[String]) -> Result<bool> {
         let limited = self.metrics.iter().filter(|metric| metric.limit.is_some());
@@ -143,7 +144,7 @@ impl Sweep {
         Ok(true)
     }
 
-    /// The place of a metric's values, and what it is.
+    /// Returns the index of a metric's values, and its description.
     ///
     /// # Errors
     /// When the scenario has no such metric.
@@ -162,7 +163,8 @@ fn lines<T: Serialize>(items: &[T]) -> Result<String> {
 pub mod fixtures {
     use super::*;
 
-    /// A sweep with one metric, of that limit in millimetres, that came to `values` on seeds 1001, 1002, …
+    /// Creates a sweep with one metric, with that limit in millimetres and these `values` on seeds 1001,
+    /// 1002, …
     pub fn sweep(limit: Option<f64>, values: &[Option<f64>]) -> Sweep {
         let machine = |(seed, &value): (u64, &Option<f64>)| {
             let misses = value.is_none_or(|value| limit.is_some_and(|limit| value > limit));
@@ -213,14 +215,14 @@ mod tests {
             assert!(kept.exempt(seed, &impossible).unwrap());
             assert!(!kept.exempt(seed, &impossible).unwrap(), "twice");
         }
-        // A value that is missing is missed, whatever the limit.
+        // A missing value counts as missed, regardless of the limit.
         let missed: Vec<usize> = kept.machines.iter().map(|machine| machine.missed.len()).collect();
         assert_eq!(missed, [0, 1, 0]);
         assert!(kept.machines.iter().all(|machine| machine.exempt == ["error"]));
         assert!(!kept.exempt(1004, &impossible).unwrap());
         let told = kept.exempt(1001, &[]).unwrap_err().to_string();
         assert!(told.contains("seed 1001: error is possible now"), "{told}");
-        // Metrics without a limit demand nothing.
+        // Metrics without a limit cannot be exempt.
         assert!(!sweep(None, &[Some(2.0)]).exempt(1001, &impossible).unwrap());
     }
 

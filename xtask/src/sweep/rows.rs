@@ -2,19 +2,19 @@
 
 mod papers;
 
-/// On which side of its limit a metric must be. The scenario defines it.
+/// Side of its limit on which a metric must be, as defined by the scenario.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Bound {
     /// `value ≤ limit`.
     AtMost,
     /// `value ≥ limit`.
     AtLeast,
-    /// `|value| ≤ limit`; without a limit, the magnitude is what counts.
+    /// `|value| ≤ limit`; without a limit, the magnitude is reported.
     Within,
 }
 
 impl Bound {
-    /// Whether the value keeps the limit.
+    /// Returns whether the value meets the limit.
     pub fn keeps(self, value: f64, limit: f64) -> bool {
         match self {
             Self::AtMost => value <= limit,
@@ -23,7 +23,7 @@ impl Bound {
         }
     }
 
-    /// A number that is larger for a worse value.
+    /// Returns a number that is larger for a worse value.
     pub fn badness(self, value: f64) -> f64 {
         match self {
             Self::AtMost => value,
@@ -42,31 +42,31 @@ pub struct Row {
     pub label: &'static str,
 }
 
-/// One row of a comparison with a paper: the same quantity under the paper's law and under ours.
+/// One row of a comparison with a paper: the same quantity with the paper's law and with ours.
 #[derive(Clone, Copy, Debug)]
 pub struct Pair {
     pub label: &'static str,
-    /// What the paper printed, where the scenario does not say it.
+    /// The paper's printed value, if the scenario does not have it.
     pub paper: Option<&'static str>,
     pub papers_law: Option<Row>,
     pub ours: Option<Row>,
-    /// Whether it is an error, of which the ratio tells how much better one law is.
+    /// Whether it is an error, for which the ratio shows how much better one law is.
     pub is_error: bool,
 }
 
 impl Pair {
-    /// Its rows in the sweeps.
+    /// Returns its rows in the sweeps.
     pub fn rows(&self) -> impl Iterator<Item = Row> {
         [self.papers_law, self.ours].into_iter().flatten()
     }
 }
 
-/// What a table shows.
+/// Content of a table.
 #[derive(Clone, Copy, Debug)]
 pub enum Rows {
     /// Metrics against their limits.
     Limits(&'static [Row]),
-    /// What a paper printed, its law on our machines, and ours.
+    /// The paper's printed values, its law on our machines, and our law.
     Comparison(&'static [Pair]),
 }
 
@@ -115,12 +115,12 @@ const fn magnitude(scenario: &'static str, metric: &'static str, label: &'static
     Row { bound: Bound::Within, ..row(scenario, metric, label) }
 }
 
-/// All tables.
+/// Returns all tables.
 pub fn tables() -> impl Iterator<Item = &'static Table> {
     MEASURED.iter().chain(papers::TABLES)
 }
 
-/// Those of what was measured against limits.
+/// The tables of measured values and limits.
 const MEASURED: &[Table] = &[
     Table { document: "README.md", name: "readme", rows: Rows::Limits(README) },
     Table { document: MEASUREMENTS, name: "servo", rows: Rows::Limits(SERVO) },

@@ -4,9 +4,8 @@ use anyhow::{Context, Result, ensure};
 use clap::{Args, ValueEnum};
 use serde::{Deserialize, Serialize};
 
-/// Evaluation machines that somebody has looked into, in the order in which that happened. Each is a
-/// development machine from then on, and the first seed behind the set that is still free takes its place:
-/// 1101, 1102, …
+/// Evaluation machines that were inspected, in order of time. From then on each is a development machine, and
+/// is replaced by the first free seed after the set: 1101, 1102, …
 const LOOKED_INTO: &[u64] = &[];
 
 const FIRST_EVALUATION: u64 = 1001;
@@ -23,10 +22,10 @@ pub enum Set {
 }
 
 impl Set {
-    /// Both.
+    /// Both sets.
     pub const ALL: [Self; 2] = [Self::Development, Self::Evaluation];
 
-    /// Its name, also that of its folder.
+    /// Its name, and that of its folder.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Development => "development",
@@ -34,7 +33,7 @@ impl Set {
         }
     }
 
-    /// Its seeds, in ascending order.
+    /// Returns its seeds, in ascending order.
     pub fn seeds(self) -> Vec<u64> {
         self.seeds_without(LOOKED_INTO)
     }
@@ -54,7 +53,7 @@ impl Set {
         }
     }
 
-    /// The set that a seed belongs to.
+    /// Returns the set of a seed.
     ///
     /// # Errors
     /// When it belongs to none.
@@ -82,13 +81,13 @@ pub struct Workload {
 }
 
 impl Workload {
-    /// How many simulations run at once.
+    /// Number of simulations that run at once.
     pub fn jobs(&self) -> usize {
         self.jobs.unwrap_or_else(super::cores)
     }
 }
 
-/// A part of a sweep, for the jobs of an array.
+/// A part of a sweep, for a job array.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Partition {
     index: usize,
@@ -102,12 +101,12 @@ impl Default for Partition {
 }
 
 impl Partition {
-    /// Whether this is all there is.
+    /// Returns whether this part is the whole sweep.
     pub const fn is_whole(self) -> bool {
         self.count == 1
     }
 
-    /// What falls to this part: each `count`-th item. All parts together have each item once.
+    /// Selects the items of this part: each `count`-th. All parts together have each item once.
     pub fn select<T>(self, items: Vec<T>) -> Vec<T> {
         items.into_iter().skip(self.index - 1).step_by(self.count).collect()
     }

@@ -1,4 +1,4 @@
-//! Median and 95th percentile over machines, on the side that is worse.
+//! Median and 95th percentile over machines, towards the worse side.
 
 use anyhow::{Result, ensure};
 
@@ -8,19 +8,19 @@ use super::rows::{Bound, Row};
 /// A metric over the machines of a sweep.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Statistics {
-    /// Half of the machines are not worse. Infinite where half of them came to no value.
+    /// Half of the machines are not worse. Infinite if half of them have no value.
     pub median: f64,
     /// 95 % of the machines are not worse.
     pub percentile_95: f64,
-    /// Machines that meet the limit; none for a metric without one.
+    /// Number of machines that meet the limit; `None` for a metric without one.
     pub met: Option<usize>,
-    /// Machines that were run.
+    /// Number of machines that were run.
     pub machines: usize,
-    /// Machines of which the scenario does not demand the limit.
+    /// Number of machines to which the scenario's limit does not apply.
     pub exempt: usize,
 }
 
-/// The mean of the two values in the middle, or the one.
+/// Returns the middle value, or the mean of the two middle ones.
 pub fn median(ascending: &[f64]) -> f64 {
     let middle = ascending.len() / 2;
     if ascending.len().is_multiple_of(2) {
@@ -30,15 +30,15 @@ pub fn median(ascending: &[f64]) -> f64 {
     }
 }
 
-/// The smallest of the values that at least 95 % of them do not exceed.
+/// Returns the smallest value that at least 95 % of the values do not exceed.
 pub fn percentile_95(ascending: &[f64]) -> f64 {
     ascending[(ascending.len() * 95).div_ceil(100) - 1]
 }
 
-/// The statistics of a row. A machine without a value counts as the worst, and as one that misses its limit.
+/// Computes the statistics of a row. A machine without a value counts as the worst, and as missing its limit.
 ///
 /// # Errors
-/// When the sweep holds no machine or not this metric, or when the row's bound is not that of the scenario.
+/// When the sweep has no machine or not this metric, or when the row's bound is not that of the scenario.
 pub fn of(row: &Row, sweep: &Sweep) -> Result<Statistics> {
     let (index, metric) = sweep.metric(row.metric)?;
     ensure!(!sweep.machines.is_empty(), "{} was recorded without a machine", sweep.scenario);
@@ -109,7 +109,7 @@ mod tests {
         let signed = sweep(None, &[Some(-3.0), Some(1.0), Some(2.0)]);
         let expected = Statistics { median: 2.0, percentile_95: 3.0, met: None, machines: 3, exempt: 0 };
         assert_eq!(of(&row(Bound::Within), &signed).unwrap(), expected);
-        // The worst of a value that should be large is the smallest.
+        // The worst of a value that should be large is the smallest one.
         let expected = Statistics { median: 1.0, percentile_95: -3.0, met: None, machines: 3, exempt: 0 };
         assert_eq!(of(&row(Bound::AtLeast), &signed).unwrap(), expected);
     }

@@ -15,11 +15,11 @@ use super::stats;
 
 const END: &str = "<!-- sweep:end -->";
 
-/// What to do about a table that differs from its sweep.
+/// Advice for a table that differs from its sweep.
 const REFRESH: &str = "run `cargo xtask sweep tables`";
 
-/// Writes all tables into their documents; with `check` only compares, and fails where one differs, or where
-/// a figure of a paper shows another run than is recorded.
+/// Writes all tables into their documents; with `check` only compares, and fails if one differs, or if a
+/// figure of a paper shows a run other than the recorded one.
 pub fn run(check: bool) -> Result<()> {
     let folder = Path::new(FOLDER);
     let mut documents: BTreeMap<&str, String> = BTreeMap::new();
@@ -49,7 +49,7 @@ pub fn run(check: bool) -> Result<()> {
     Ok(())
 }
 
-/// Every marker in a document belongs to a table, so that no table stays behind that nobody writes any more.
+/// Checks that every marker in a document belongs to a table, so that no table becomes outdated unnoticed.
 fn check_markers(document: &str, text: &str) -> Result<()> {
     for line in text.lines().filter(|line| line.starts_with("<!-- sweep:begin")) {
         let known = tables().any(|table| table.document == document && line == begin(table.name));
@@ -62,7 +62,7 @@ fn begin(name: &str) -> String {
     format!("<!-- sweep:begin {name} -->")
 }
 
-/// The text with `lines` between the markers of a table.
+/// Returns the text with `lines` between the markers of a table.
 fn replace(text: &str, name: &str, lines: &str) -> Result<String> {
     let begin = begin(name);
     let (head, rest) = text.split_once(&begin).with_context(|| format!("the marker {begin} is missing"))?;
@@ -71,10 +71,10 @@ fn replace(text: &str, name: &str, lines: &str) -> Result<String> {
     Ok(format!("{head}{begin}\n{lines}{END}{tail}"))
 }
 
-/// Recorded sweeps of the evaluation machines by scenario; `None` where nothing is recorded.
+/// Recorded sweeps of the evaluation machines by scenario; `None` if nothing is recorded.
 type Sweeps = BTreeMap<&'static str, Option<Sweep>>;
 
-/// The lines of a table, and a sentence about its machines.
+/// Returns the lines of a table, and a sentence about its machines.
 fn generate(table: &Table, folder: &Path) -> Result<String> {
     match table.rows {
         Rows::Limits(rows) => limits(rows, &load(rows.iter().copied(), folder)?),
@@ -91,7 +91,7 @@ fn load(rows: impl Iterator<Item = Row>, folder: &Path) -> Result<Sweeps> {
     Ok(sweeps)
 }
 
-/// What the paper of a metric printed.
+/// Returns the paper's printed value of a metric.
 fn printed<'a>(row: &Row, sweeps: &'a Sweeps) -> Option<&'a str> {
     let (_, metric) = sweeps[row.scenario].as_ref()?.metric(row.metric).ok()?;
     metric.paper.as_deref()
@@ -114,8 +114,8 @@ fn limits(rows: &[Row], sweeps: &Sweeps) -> Result<String> {
     Ok(text)
 }
 
-/// Medians and 95th percentiles of the paper's law and of ours, beside what the paper printed. Without its
-/// law, where it is ours, two columns are enough.
+/// Returns medians and 95th percentiles of the paper's law and of ours, beside the paper's printed values. If
+/// only our law ran, two columns are enough.
 fn comparison(pairs: &[Pair], sweeps: &Sweeps) -> Result<String> {
     let mut text = caption(sweeps);
     let both = pairs.iter().any(|pair| pair.papers_law.is_some());
@@ -144,7 +144,7 @@ fn comparison(pairs: &[Pair], sweeps: &Sweeps) -> Result<String> {
     Ok(text)
 }
 
-/// The median of a row, and the text of median and 95th percentile.
+/// Returns the median of a row, and the text of median and 95th percentile.
 fn value(row: &Row, sweeps: &Sweeps) -> Result<(f64, String)> {
     let Some(sweep) = &sweeps[row.scenario] else { return Ok((f64::NAN, "not yet run".to_owned())) };
     let (statistics, (_, metric)) = (stats::of(row, sweep)?, sweep.metric(row.metric)?);
@@ -152,7 +152,7 @@ fn value(row: &Row, sweeps: &Sweeps) -> Result<(f64, String)> {
     Ok((statistics.median, format!("{median} ({})", digits(statistics.percentile_95, None))))
 }
 
-/// Which machines and commits a table is about, and how many machines are still missing.
+/// Returns the machines and commits of a table, and how many machines are missing.
 fn caption(sweeps: &Sweeps) -> String {
     let all = Set::Evaluation.seeds().len();
     let mut commits: Vec<&str> = sweeps.values().flatten().map(|sweep| sweep.commit.as_str()).collect();
@@ -177,13 +177,13 @@ fn caption(sweeps: &Sweeps) -> String {
     text + ".\n"
 }
 
-/// Limit, median, 95th percentile and how many machines keep the limit.
+/// Returns limit, median, 95th percentile and how many machines meet the limit.
 fn cells(row: &Row, sweep: &Sweep) -> Result<[String; 4]> {
     let (_, metric) = sweep.metric(row.metric)?;
     let statistics = stats::of(row, sweep)?;
     let shown = |value: f64| with_unit(&digits(value, metric.limit), &metric.unit);
     let sign = match row.bound {
-        // Of a count or a share: neither is negative.
+        // A count or a fraction, which cannot be negative.
         Bound::AtMost if metric.limit == Some(0.0) => "",
         Bound::AtMost => "≤ ",
         Bound::AtLeast => "≥ ",
@@ -205,7 +205,7 @@ fn cells(row: &Row, sweep: &Sweep) -> Result<[String; 4]> {
     ])
 }
 
-/// Three significant digits, or more where three would hide on which side of the limit the value is.
+/// Formats three significant digits, or more if three would hide on which side of the limit the value is.
 fn digits(value: f64, limit: Option<f64>) -> String {
     if !value.is_finite() {
         return "none".to_owned();
@@ -221,7 +221,7 @@ fn significant(value: f64, count: usize) -> String {
     let exponent = scientific.split_once('e').and_then(|(_, exponent)| exponent.parse::<i32>().ok());
     let decimals = i32::try_from(count).unwrap_or(3) - 1 - exponent.unwrap_or(0);
     let text = format!("{value:.*}", usize::try_from(decimals.min(5)).unwrap_or(0));
-    // Zeros behind the point tell nothing of a count or of a zero.
+    // Zeros after the decimal point of a count or a zero are left out.
     if value.fract().abs() > 0.0 { text } else { format!("{value:.0}") }
 }
 
@@ -300,7 +300,7 @@ mod tests {
         let ours = Row { metric: "ours", ..row(Bound::AtMost) };
         let pair = Pair { ours: Some(ours), ..pair };
         let told = generate(&table(Box::leak(Box::new([pair]))), folder.path()).unwrap();
-        // 0.5 over 0.2.
+        // 0.5 divided by 0.2.
         let expected = "| Error | 1–2 mm | 0.500 mm (1) | 0.200 mm (0.250) | 2.5 × |\n";
         assert!(told.ends_with(expected), "{told}");
     }

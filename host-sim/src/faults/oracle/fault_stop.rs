@@ -1,4 +1,5 @@
-//! A robot that stopped with a fault: what was so then, what excuses it since, and the rules.
+//! A robot that stopped with a fault: its state at that time, what excuses its later behaviour, and the
+//! rules.
 
 use std::collections::VecDeque;
 
@@ -9,49 +10,49 @@ use super::{STUCK_TICKS, T, WEIGHT_ERROR};
 use crate::faults::rules::Rule;
 use crate::faults::sample::{Machine, REDUCED_SPEED, Sample};
 
-/// A robot whose kinetic energy is that of all its mass at this speed or less is at rest [m/s].
+/// A robot is at rest if its kinetic energy is at most that of its whole mass at this speed [m/s].
 const REST_SPEED: f64 = 0.02;
 /// The time in which a held robot comes to rest [ticks].
 const REST_TIME: u32 = 100;
-/// By how much a contact force may rise after a fault.
+/// Factor by which a contact force may rise after a fault.
 const FORCE_RISE: f64 = 1.05;
 /// Above this force there is a contact [N].
 const CONTACT: f64 = 1.0;
-/// The acceleration at a fault goes on for so long: the torques fade, and the drives lag [ticks].
+/// The acceleration at a fault continues for this long: the torques fade, and the drives lag [ticks].
 const FADING_TICKS: u32 = 2;
 const FADING: f64 = FADING_TICKS as f64;
 
-/// What was so when the robot stopped with a fault.
+/// A fault stop: the state at its start, and its course since.
 pub struct FaultStop {
-    /// When the first fault was recorded; number of faults before it.
+    /// Tick and cause of the first fault, and number of faults after it was recorded.
     tick: u32,
     cause: Option<FaultCause>,
     total: u32,
-    /// Number of faults when the energy was counted anew.
+    /// Number of faults when the energy count was last restarted.
     found: u32,
-    /// Largest contact force before [N], and energy and speed of the tool at that time; or when the board
-    /// ticks again after missed ticks.
+    /// Largest contact force before the fault [N], and kinetic energy [J] and tool speed [m/s] at the fault,
+    /// or when the board ticks again after missed ticks if that is more.
     contact: f64,
     energy: f64,
     speed: f64,
-    /// How the force rises on while torques fade [N].
+    /// Further rise of the force while the torques fade [N].
     rising: f64,
-    /// Work of the drives beyond the weight, and its allowance, since [J].
+    /// Work of the drives beyond the weight since the fault, and the allowed work [J].
     work: f64,
     allowance: f64,
-    /// Torques beyond the weight at the beginning [N·m].
+    /// Torques beyond the weight at the start [N·m].
     pressed: Vec<f64>,
-    /// What the rate limits leave of each torque beyond the weight [N·m], and since when they act.
+    /// Part of each torque beyond the weight that has not faded yet under the rate limits [N·m], and the tick
+    /// from which it fades.
     fading: Vec<f64>,
     fades_from: Vec<u32>,
     /// The last disturbance.
     disturbed: u32,
-    /// Whether anything but the board decides on the contact force.
+    /// Whether something other than the board determines the contact force.
     excused: bool,
-    /// Whether an encoder has drifted: no robot with one encoder for each joint can tell that from motion.
+    /// Whether an encoder has drifted: with one encoder per joint, a drift cannot be told from motion.
     drifted: bool,
-    /// Ticks in which a joint has been too fast or has got too much energy, while a sensor or a drive was
-    /// wrong.
+    /// Consecutive ticks in which a rule was broken while a sensor or a drive was wrong.
     unnoticed: u32,
 }
 
@@ -86,13 +87,13 @@ impl FaultStop {
         [self.work, self.allowance]
     }
 
-    /// Notes what the schedule does in a control period, and what that excuses.
+    /// Records the active faults of a control period, and what they excuse.
     pub fn note_what_acts(&mut self, sample: &Sample, before: &Sample) {
         let acting = &sample.acting;
         self.excused |= acting.environment || !acting.weak_drives.is_empty();
         self.drifted |= acting.drifts;
         if !sample.answered {
-            // Without a tick the robot falls: what counts is the motion at the next one.
+            // Without a tick the robot falls: the motion at the next tick counts.
             self.allowance += (sample.energy - before.energy).max(0.0);
             self.energy = self.energy.max(sample.energy);
             self.speed = self.speed.max(reached_speed(Some(before), sample));
@@ -102,7 +103,7 @@ impl FaultStop {
             self.disturbed = sample.tick;
         }
         if unloads {
-            // What balanced the load drives the robot until it has faded.
+            // The torque that balanced the load drives the robot until it has faded.
             for (fading, balanced) in self.fading.iter_mut().zip(excess(before)) {
                 *fading = if balanced.abs() > fading.abs() { balanced } else { *fading };
             }
@@ -110,7 +111,7 @@ impl FaultStop {
         }
     }
 
-    /// Adds the work of the drives in a control period, and what is allowed of it.
+    /// Adds the work of the drives in a control period, and its allowance.
     pub fn count_work(&mut self, sample: &Sample, before: &Sample, machine: &Machine) {
         let moved = sample.positions.iter().zip(&before.positions).map(|(now, before)| now - before);
         let torques = sample.drives.iter().zip(&before.drives).map(|(now, before)| (now + before) / 2.0);
@@ -118,7 +119,7 @@ impl FaultStop {
         for (index, (((moved, torque), weight), ((fading, fades_from), joint))) in
             moved.zip(torques).zip(&sample.weight).zip(fading).enumerate()
         {
-            // The part of the weight that a weak drive does not bear is no work of the drive.
+            // A weak drive bears only this part of the weight.
             let borne = if sample.acting.weak_drives.contains(&index) {
                 torque.clamp(weight.min(0.0), weight.max(0.0))
             } else {
@@ -127,7 +128,7 @@ impl FaultStop {
             self.work += (torque - borne) * moved;
             let viscous = f64::from(joint.friction.viscous) * moved.abs() / T;
             let modelled = (1.0 + WEIGHT_ERROR) * (f64::from(joint.friction.coulomb) + viscous);
-            // What the true friction takes accelerates nothing.
+            // Work lost to true friction accelerates nothing.
             let truth = machine.coulomb.get(index).copied().unwrap_or_default() + viscous;
             self.allowance += WEIGHT_ERROR * (weight * moved).abs()
                 + modelled.max(truth) * moved.abs()
@@ -139,8 +140,8 @@ impl FaultStop {
         }
     }
 
-    /// The rules that are broken in a tick, each with its values. While a sensor or a drive is wrong, or
-    /// shortly after, `patience` is the time in which the board must find it [ticks].
+    /// Returns the rules that are broken in a tick, each with its values. While a sensor or a drive is wrong,
+    /// or shortly after, `patience` is the time in which the board must detect it [ticks].
     pub fn judge(
         &mut self,
         sample: &Sample,
@@ -154,7 +155,7 @@ impl FaultStop {
         let too_fast = REDUCED_SPEED.max(FORCE_RISE * self.speed);
         let in_contact = !self.excused && self.contact > CONTACT && after > 0;
         let energy = self.work > self.allowance && !self.drifted;
-        // A servo or a damper that uses an encoder that drifts moves the joint at the rate of the drift.
+        // A servo or a damper that uses a drifting encoder moves the joint at the rate of the drift.
         let speed = in_contact && sample.speed > too_fast && !self.drifted;
         let limit = self.force_limit(sample, machine);
         let force = in_contact && self.presses(sample, machine) && sample.contact > limit;
@@ -188,7 +189,7 @@ impl FaultStop {
         broken
     }
 
-    /// The board has found what is wrong: from here on it must not get worse.
+    /// Restarts the count after the board has detected the fault: from here on the motion must not get worse.
     fn go_on(&mut self, sample: &Sample, machine: &Machine) {
         (self.found, self.work) = (sample.total, 0.0);
         self.allowance = sample.energy + machine.tolerated_energy();
@@ -199,15 +200,15 @@ impl FaultStop {
 
     /// Largest contact force that the fault explains [N].
     fn force_limit(&self, sample: &Sample, machine: &Machine) -> f64 {
-        // The motion goes on until its energy is in the wall's spring.
+        // The motion continues until its energy is stored in the wall's spring.
         let stored = 2.0 * sample.stiffness * self.energy;
         let after = sample.tick - self.tick;
         let reached = self.contact + if after > FADING_TICKS { 0.0 } else { self.rising };
         FORCE_RISE * (reached * reached + stored).sqrt() + machine.force_noise
     }
 
-    /// Whether the drives can be why a contact force has risen. Where friction may take what the drives of a
-    /// robot at rest do more, it redistributes the forces.
+    /// Returns whether the drives can be the cause of a rise of the contact force. If friction can balance
+    /// the additional torque of the drives of a robot at rest, it merely redistributes the forces.
     fn presses(&self, sample: &Sample, machine: &Machine) -> bool {
         let mut torques = excess(sample).zip(&self.pressed).zip(&machine.coulomb);
         sample.energy > rest_energy(machine)
@@ -217,7 +218,7 @@ impl FaultStop {
             })
     }
 
-    /// What moves a robot that must be at rest.
+    /// Describes the motion of a robot that must be at rest.
     fn unrest(&self, sample: &Sample, machine: &Machine) -> Option<String> {
         let holds = machine.model.safety.reaction == Reaction::Hold
             && sample.total == self.total
@@ -240,13 +241,13 @@ fn rest_energy(machine: &Machine) -> f64 {
     0.5 * machine.mass * REST_SPEED * REST_SPEED
 }
 
-/// The torques of the drives beyond the weight [N·m].
+/// Returns the torques of the drives beyond the weight [N·m].
 fn excess(sample: &Sample) -> impl Iterator<Item = f64> {
     sample.drives.iter().zip(&sample.weight).map(|(drive, weight)| drive - weight)
 }
 
-/// The torques of the drives beyond the weight that fade from a fault on [N·m]. A late drive has still to do
-/// what it was told before.
+/// Returns the torques of the drives beyond the weight that fade after a fault [N·m]. A late drive still has
+/// to execute earlier commands.
 fn torques_to_fade(sample: &Sample) -> Vec<f64> {
     let told = sample.torques.iter().zip(&sample.weight).map(|(torque, weight)| f64::from(*torque) - weight);
     let later = |(joint, (done, told)): (usize, (f64, f64))| {
@@ -256,14 +257,14 @@ fn torques_to_fade(sample: &Sample) -> Vec<f64> {
     excess(sample).zip(told).enumerate().map(later).collect()
 }
 
-/// When the torques of the joints begin to fade after a fault in `tick`.
+/// Returns the tick in which each joint's torque begins to fade after a fault in `tick`.
 fn begin_to_fade(tick: u32, sample: &Sample) -> Vec<u32> {
     let acting = &sample.acting;
     let late = |joint| if acting.late_drives.contains(&joint) { acting.late } else { 0 };
     (0..sample.torques.len()).map(|joint| tick + FADING_TICKS + late(joint)).collect()
 }
 
-/// The largest speed of a tool while it goes on for some ticks with the acceleration of the last one [m/s].
+/// Returns the largest tool speed if the last acceleration continues for some ticks [m/s].
 fn reached_speed(before: Option<&Sample>, now: &Sample) -> f64 {
     let then = before.map_or(&now.velocities, |before| &before.velocities);
     let after = |ticks: u32| {
@@ -277,7 +278,7 @@ fn reached_speed(before: Option<&Sample>, now: &Sample) -> f64 {
     (0..=FADING_TICKS).flat_map(after).fold(now.speed, f64::max)
 }
 
-/// By how much a value rose in the last tick.
+/// Returns the rise of a value in the last tick, at least 0.
 fn rise(before: &VecDeque<Sample>, value: impl Fn(&Sample) -> f64) -> f64 {
     let mut last = before.iter().rev().map(value);
     let [now, then] = [last.next(), last.next()];

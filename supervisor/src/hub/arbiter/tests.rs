@@ -4,7 +4,7 @@ use tesaki_rng::Rng;
 
 use super::*;
 
-/// An arbiter in front of a node, over a line that loses.
+/// An arbiter in front of a node, over a lossy line.
 struct Rig {
     arbiter: Arbiter,
     node: Node,
@@ -12,11 +12,11 @@ struct Rig {
     now: Instant,
     rng: Rng,
     loss: f64,
-    /// What the connections got from the arbiter.
+    /// Frames that the connections got from the arbiter.
     answers: Vec<(u64, ReplyFrame)>,
-    /// The replies that passed from the board.
+    /// Replies that the board sent.
     replies: Vec<ReplyFrame>,
-    /// All rates that the board was told.
+    /// All rates that were set on the board.
     rates: Vec<(Stream, u16)>,
     sequence: u16,
 }
@@ -37,7 +37,7 @@ impl Rig {
         }
     }
 
-    /// A connection asks; its program has a hundred times its number.
+    /// Sends a request of a connection, whose program has 100 times the connection's number.
     fn ask(&mut self, connection: u64, request: Request) -> u16 {
         self.sequence += 1;
         self.ask_again(connection, self.sequence, request);
@@ -50,7 +50,7 @@ impl Rig {
         self.arbiter.request(connection, &frame, &mut self.line);
     }
 
-    /// Lets the arbiter and the board talk until they have nothing to say.
+    /// Lets the arbiter and the board exchange frames until both are idle.
     fn run(&mut self) {
         loop {
             self.arbiter.proceed(self.now, &mut self.line);
@@ -88,7 +88,7 @@ impl Rig {
         answers.find(own).map(|(_, frame)| &frame.reply)
     }
 
-    /// Reads the piece of an export that follows `bytes`.
+    /// Reads the piece of an export that follows after `bytes`.
     fn read(&mut self, connection: u64, bytes: &mut Vec<u8>) {
         let offset = u32::try_from(bytes.len()).unwrap();
         let sequence = self.ask(connection, Request::ReadExport { offset });
@@ -102,7 +102,7 @@ impl Rig {
         self.ask(connection, Request::Hello { schema: SCHEMA_KEY });
         let sequence = self.ask(connection, Request::SetRate { stream: Stream::Telemetry, every });
         self.run();
-        // The board answers the client itself.
+        // The board answers the client directly.
         let last = self.replies.last().unwrap();
         assert_eq!((last.client, last.sequence, &last.reply), (number, sequence, &Reply::Done));
     }
@@ -117,7 +117,7 @@ fn the_board_sends_at_the_highest_rate_that_anybody_wants() {
         rig.set_rate(connection, every);
         assert_eq!(rig.rates.last(), Some(&(Stream::Telemetry, rate)), "{connection} requests {every}");
     }
-    // The streams are apart.
+    // Streams are independent.
     rig.set_rate(1, 1);
     rig.ask(2, Request::SetRate { stream: Stream::Log, every: 0 });
     rig.run();
@@ -146,7 +146,7 @@ fn what_a_connection_asked_for_ends_with_it() {
         rig.node.tick(&SensorFrame { sequence: 10, ..SensorFrame::default() });
         assert!(!rig.node.is_due(Stream::Telemetry));
     }
-    // A connection that asked for less than the others changes nothing.
+    // Removing a connection with a lower rate than others changes nothing.
     let mut rig = Rig::new();
     rig.set_rate(1, 1);
     rig.set_rate(2, 10);
@@ -168,9 +168,9 @@ fn each_connection_reads_its_own_export() {
             let Some(&Reply::Exported { length, checksum, .. }) = reply else { panic!("{reply:?}") };
             (connection, length as usize, checksum, Vec::new())
         });
-        // Each has another state: the board counts the requests.
+        // Each export has a different state, because the board counts the requests.
         assert!(exports[0].2 != exports[1].2 && exports[1].2 != exports[2].2);
-        // The board forgets, or another one takes its place: the copies are there.
+        // The board is reset, or replaced by another: the copies remain.
         rig.node = Node::new();
         while exports.iter().any(|(_, length, _, bytes)| bytes.len() < *length) {
             for (connection, length, _, bytes) in &mut exports {
@@ -224,7 +224,7 @@ fn refusals_of_exports_reach_the_one_who_asked() {
 fn nobody_keeps_others_from_their_export() {
     let mut rig = Rig::new();
     let export = rig.ask(2, Request::Export(Item::State));
-    // One leaves in the middle of its own, another begins anew all the time.
+    // One connection leaves during its export, another restarts its export all the time.
     rig.ask(1, Request::Export(Item::State));
     rig.arbiter.proceed(rig.now, &mut rig.line);
     rig.arbiter.left(1);
@@ -236,7 +236,7 @@ fn nobody_keeps_others_from_their_export() {
     rig.run();
     assert!(matches!(rig.answer(2, export), Some(Reply::Exported { .. })));
 
-    // A board that does not answer is given up.
+    // Requests to a board that does not answer are given up.
     rig.loss = 1.0;
     rig.ask(2, Request::Export(Item::State));
     rig.run();

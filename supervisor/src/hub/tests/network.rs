@@ -1,4 +1,4 @@
-//! Clients over TCP: who may listen, and who is let in.
+//! Clients over TCP: which addresses are allowed, and which clients are admitted.
 
 use std::net::SocketAddr;
 use std::sync::Arc;
@@ -19,7 +19,7 @@ fn key(folder: &std::path::Path, name: &str) -> Key {
     Key::read(&folder.join(name)).unwrap()
 }
 
-/// A hub in a thread, which sends back every frame.
+/// A hub in a thread that sends back every frame.
 struct Echo {
     address: Address,
     stop: Arc<AtomicBool>,
@@ -59,7 +59,7 @@ fn echoes(port: &mut Port) {
     assert_eq!(received(port, 3), [5, 6, 0]);
 }
 
-/// What is read until the end of the connection.
+/// Reads until the end of the connection.
 fn read_to_end(mut socket: TcpStream) -> Vec<u8> {
     let mut bytes = Vec::new();
     socket.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
@@ -98,7 +98,7 @@ fn who_has_the_key_talks_to_the_board_and_nobody_else() {
     let echo = Echo::new(Some(&key));
     let mut client = open(&echo.address, Some(&key)).unwrap();
     echoes(&mut client);
-    // More than one message, and more than the sockets hold.
+    // More than one message, and more than the sockets can hold.
     let frame = [[7; LONGEST_FRAME - 1].as_slice(), &[0]].concat();
     let many = frame.repeat(100);
     client.send(&many).unwrap();
@@ -115,7 +115,7 @@ fn who_has_the_key_talks_to_the_board_and_nobody_else() {
         error.to_string().contains("is encrypted") && error.to_string().contains("--key FILE"),
         "{error}"
     );
-    // A link that opens itself again says so, too: waiting does not help.
+    // A reopening link also reports this, because waiting does not help.
     let mut plain = Reopening::open(echo.address.clone(), None).unwrap();
     ByteLink::receive(&mut plain, &mut [0; 4096], within(1000)).unwrap_err();
     drop(plain);
@@ -173,14 +173,14 @@ fn half_open_connections_are_bounded_and_hold_up_nobody() {
     let echo = Echo::new(Some(&key));
     let mut client = open(&echo.address, Some(&key)).unwrap();
     let silent: Vec<TcpStream> = (0..60).map(|_| TcpStream::connect(echo.host()).unwrap()).collect();
-    // Half a handshake is no more than none.
+    // Half a handshake counts as none.
     (&silent[59]).write_all(&GREETING[..9]).unwrap();
     let start = Instant::now();
     echoes(&mut client);
     let mut other = open(&echo.address, Some(&key)).unwrap();
     echoes(&mut other);
     assert!(start.elapsed() < Duration::from_secs(1), "{:?}", start.elapsed());
-    // The first ones had to make room, the last ones had their time.
+    // The first ones were dropped to make room, the last ones by their time limit.
     for socket in silent {
         assert_eq!(read_to_end(socket), GREETING);
     }
@@ -207,7 +207,7 @@ fn a_client_that_does_not_read_loses_whole_messages_only() {
         talks.send(&many).unwrap();
         assert!(received(&mut talks, many.len()) == many);
     }
-    // What it gets late still decrypts.
+    // Data that arrive late can still be decrypted.
     let mut buffer = [0; 4096];
     while ByteLink::receive(&mut client, &mut buffer, within(100)).unwrap() > 0 {}
     echoes(&mut client);
@@ -216,7 +216,7 @@ fn a_client_that_does_not_read_loses_whole_messages_only() {
     fs::remove_dir_all(folder).unwrap();
 }
 
-/// A hub behind a network: it does something only every 20 ms.
+/// A hub behind a slow network, which acts only every 20 ms.
 fn far_hub(address: &Address, key: &Key, until: &Arc<AtomicBool>) -> JoinHandle<()> {
     let mut hub = Hub::listen(address, Some(key)).unwrap();
     let stop = Arc::clone(until);
@@ -248,7 +248,7 @@ fn a_board_behind_an_encrypted_network_is_found_again_while_it_is_pumped() {
     far.join().unwrap();
     hub.pump(&mut board, turn, within(300)).unwrap();
     assert!(!board.is_open() && board.error().is_some());
-    // With what was sent before.
+    // Reads what was sent before.
     while client.receive(&mut [0; 64], within(0)).unwrap() > 0 {}
 
     let far = far_hub(&address, &key, &second);

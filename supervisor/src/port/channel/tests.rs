@@ -8,7 +8,7 @@ use tesaki_rng::Rng;
 
 use super::*;
 
-/// A client that carries out its handshake, and the other end of its connection.
+/// Starts a client that performs its handshake; returns the other end of its connection.
 fn client(key: [u8; 32]) -> (File, JoinHandle<Result<Channel, Failed>>) {
     let (near, far) = UnixStream::pair().unwrap();
     near.set_nonblocking(true).unwrap();
@@ -28,7 +28,7 @@ fn send(file: &File, mut bytes: &[u8]) {
     stream::write_until(file, &mut bytes, Instant::now() + Duration::from_secs(1)).unwrap();
 }
 
-/// Both ends after the handshake, and what the client sent in it.
+/// Returns both ends after the handshake, and the bytes that the client sent in it.
 fn agreed() -> (Channel, Channel, [Vec<u8>; 2]) {
     let (file, client) = client([7; 32]);
     let mut listening = Channel::listening(Key([7; 32]));
@@ -45,7 +45,7 @@ fn agreed() -> (Channel, Channel, [Vec<u8>; 2]) {
     (listening, client.join().unwrap().unwrap(), [hello, confirmation])
 }
 
-/// What `to` makes of these bytes.
+/// Decrypts these bytes with `to`.
 fn opened(to: &mut Channel, bytes: &[u8]) -> io::Result<Vec<u8>> {
     let mut content = VecDeque::new();
     to.open(bytes, &mut VecDeque::new(), &mut content).map(|()| content.into())
@@ -87,7 +87,7 @@ fn damaged_repeated_missing_and_reordered_messages_end_it() {
             first[5] ^= 1;
             first
         },
-        // Cut: what follows is taken for the rest.
+        // Truncated: the following message is taken for the rest.
         |first, second| [&first[..first.len() - 1], &second].concat(),
         |mut first, _| {
             first[0] = 0xff;
@@ -101,7 +101,7 @@ fn damaged_repeated_missing_and_reordered_messages_end_it() {
         assert_eq!(error.kind(), io::ErrorKind::InvalidData, "{index}");
         assert!(error.to_string().contains("does not decrypt"), "{index}: {error}");
     }
-    // A part of a message is nothing yet.
+    // A part of a message yields nothing.
     let (mut one, mut other, _) = agreed();
     let message = sealed(&mut one, b"first");
     assert_eq!(opened(&mut other, &message[..message.len() - 1]).unwrap(), b"");
@@ -134,7 +134,7 @@ fn another_key_no_key_and_garbage_are_told_apart() {
     let mut rng = Rng::new(1, 0);
     for round in 0..2000 {
         let mut listening = Channel::listening(Key([7; 32]));
-        // Half of them begin well.
+        // Half of them begin with a valid greeting.
         let mut bytes = if round % 2 == 0 { GREETING.to_vec() } else { Vec::new() };
         bytes.extend((0..rng.below(200)).map(|_| rng.next_u64().to_be_bytes()[0]));
         let _ = opened(&mut listening, &bytes);

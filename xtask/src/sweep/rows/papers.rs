@@ -1,23 +1,23 @@
-//! The tables of the pages of the papers.
+//! The tables of the papers' pages.
 
 use super::{Bound, Pair, Row, Rows, Table, magnitude, row};
 
-/// A quantity of which only ours runs here.
+/// Creates a pair for a quantity with only our law.
 const fn ours(paper: Option<&'static str>, row: Row) -> Pair {
     Pair { label: row.label, paper, papers_law: None, ours: Some(row), is_error: false }
 }
 
-/// An error under the paper's law and under ours.
+/// Creates a pair for an error with the paper's law and with ours.
 const fn errors(label: &'static str, papers_law: Row, ours: Row) -> Pair {
     Pair { is_error: true, ..both(label, papers_law, ours) }
 }
 
-/// A quantity under the paper's law and under ours.
+/// Creates a pair for a quantity with the paper's law and with ours.
 const fn both(label: &'static str, papers_law: Row, ours: Row) -> Pair {
     Pair { label, paper: None, papers_law: Some(papers_law), ours: Some(ours), is_error: false }
 }
 
-/// The magnitude of a metric; the label is that of its pair.
+/// Creates a row for the magnitude of a metric; the label is that of its pair.
 const fn size(scenario: &'static str, metric: &'static str) -> Row {
     magnitude(scenario, metric, "")
 }
