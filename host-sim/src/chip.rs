@@ -34,13 +34,13 @@ pub enum ChipError {
     #[error("there is no {}: build it with `cargo xtask chip`", .0.display())]
     Missing(PathBuf),
     /// The process ended, or what it said is no answer.
-    #[error("the process with the modelled chip: {0}")]
+    #[error("the chip model stopped: {0}")]
     Link(#[from] io::Error),
     /// The machine.
     #[error(transparent)]
     Plant(#[from] PlantError),
     /// The machine has other joints than the board has motors.
-    #[error("a machine of {0} joints: the board has {MOTORS} motors")]
+    #[error("this robot has {0} joints, the board exactly {MOTORS} motors: give another --robot")]
     Joints(usize),
     /// The chip was reset.
     #[error("the chip was reset by itself")]

@@ -12,6 +12,7 @@ mod speed;
 mod view;
 
 use std::error::Error;
+use std::fmt::Display;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
@@ -189,6 +190,11 @@ fn shown(path: &Path) -> PathBuf {
     let Ok(path) = path.canonicalize() else { return path.to_owned() };
     let here = std::env::current_dir().unwrap_or_default();
     path.strip_prefix(here).map_or(path.clone(), Path::to_owned)
+}
+
+/// An error of a file, with the file.
+fn of_file<E: Display>(path: &Path) -> impl FnOnce(E) -> String + '_ {
+    move |error| format!("{}: {error}", path.display())
 }
 
 fn progress_bar(name: &str) -> ProgressBar {

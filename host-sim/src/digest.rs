@@ -37,7 +37,7 @@ impl FramesDigest {
 
     /// The digest so far, as hexadecimal digits.
     pub fn hex(&self) -> String {
-        self.0.clone().finalize().iter().map(|byte| format!("{byte:02x}")).collect()
+        format!("{:x}", self.0.clone().finalize())
     }
 
     fn add(&mut self, kind: u8, value: &impl Serialize) {
@@ -278,7 +278,6 @@ mod tests {
         })));
         let mut bytes = vec![0, 7, 0, 0, 0, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0x80, 0x3f];
         bytes.extend([2, 3, 0, 0, 0, 0x40, 0, 0, 0xc0, 0x7f]);
-        let expected: String = Sha256::digest(&bytes).iter().map(|byte| format!("{byte:02x}")).collect();
-        assert_eq!(digest.hex(), expected);
+        assert_eq!(digest.hex(), format!("{:x}", Sha256::digest(&bytes)));
     }
 }

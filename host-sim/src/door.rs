@@ -4,7 +4,7 @@ use rapier3d::na::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3}
 use tesaki::model::RobotModel;
 use tesaki::task::visual_approach::VisualApproachSettings;
 
-use crate::camera::{CameraValues, Image, ImageTruth, Optics, Scene, View};
+use crate::camera::{Camera, CameraValues, Image, ImageTruth, Optics, Scene, View};
 use crate::plant::{Fixture, FixtureShape, Plant};
 use crate::purpose::Purpose;
 
@@ -73,13 +73,13 @@ impl KnobDoor {
     ) -> Image {
         let fingers = View { hand: *hand }.fingers(LINKAGE * opening);
         let pose = hand * camera.mount();
-        self.scene.photograph(&camera.camera(), &self.optics, &pose, &fingers, (self.seed, number))
+        self.scene.photograph(&Camera::of(camera), &self.optics, &pose, &fingers, (self.seed, number))
     }
 
     /// What is true of that picture.
     pub fn truth(&self, camera: &CameraValues, hand: &Isometry3<f64>, opening: f64) -> ImageTruth {
         let fingers = View { hand: *hand }.fingers(LINKAGE * opening);
-        self.scene.truth(&camera.camera(), &(hand * camera.mount()), &fingers)
+        self.scene.truth(&Camera::of(camera), &(hand * camera.mount()), &fingers)
     }
 }
 

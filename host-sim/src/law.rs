@@ -28,7 +28,7 @@ pub enum LawError {
     },
     /// The robot has none of the laws that the scenario compares by itself.
     #[error(
-        "{scenario} compares the law {law}, and {} has none of that name; its laws are: {known}; name others with --law",
+        "{} has no law {law}, which {scenario} compares; its laws are {known}. Choose others with --law",
         folder.display()
     )]
     Missing {
@@ -177,7 +177,7 @@ mod tests {
         assert!(error.starts_with("--law c: neither a file nor a law of "), "{error}");
         assert!(error.ends_with("its laws are: a, b"), "{error}");
         let error = find(Some(&["a", "c"]), &[]).unwrap_err();
-        assert!(error.starts_with("hand3-servo compares the law c, and "), "{error}");
+        assert!(error.contains(" has no law c, which hand3-servo compares; its laws are a, b."), "{error}");
         let error = find(Some(&["a"]), &["a", "ROBOT/a.toml"]).unwrap_err();
         assert!(error.contains("a second law called \"a\""), "{error}");
         let error = find(None, &["a"]).unwrap_err();

@@ -235,24 +235,14 @@ fn run(
     let laws = LawFile::find(scenario, &robot, &[])?;
     let mut native = Native::default();
     let mut controller = Watched::new(&mut native, false);
-    let mut setting = Setting {
-        robot: &robot,
-        controller: &mut controller,
-        seed,
-        duration: scenario.duration,
-        laws: &laws,
-        progress,
-        intervention: None,
-        live: None,
-    };
+    let plain = Setting::plain(&robot, &mut controller, seed, scenario.duration);
+    let mut setting = Setting { laws: &laws, progress, ..plain };
     let outcome = scenario.run(&mut setting).map_err(|reason| PapersError::Run {
         scenario: scenario.name,
         seed,
         reason: Box::new(reason),
     })?;
-    let mut summary = outcome.summary;
-    "native".clone_into(&mut summary.controller);
-    Ok((summary.frames_sha256(controller.frames_sha256()), outcome.figures))
+    Ok((outcome.summary, outcome.figures))
 }
 
 #[cfg(test)]

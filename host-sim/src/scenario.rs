@@ -43,10 +43,8 @@ use std::path::Path;
 
 use tesaki::model::RobotModel;
 use tesaki::protocol::LogRecord;
+use tesaki_description::FileError;
 use tesaki_description::calibration::CalibrationError;
-use tesaki_description::grasp::GraspFileError;
-use tesaki_description::law::LawFileError;
-use tesaki_description::robot::RobotError;
 use tesaki_supervisor::BoardError;
 use tesaki_supervisor::identify::IdentifyError;
 
@@ -134,7 +132,13 @@ pub struct Setting<'a, 'b> {
     pub live: Option<&'a LiveRun>,
 }
 
-impl Setting<'_, '_> {
+impl<'a, 'b> Setting<'a, 'b> {
+    /// A robot without laws, for so long [s]; nobody looks on or interferes.
+    pub const fn plain(robot: &'a Path, controller: &'a mut Watched<'b>, seed: u64, duration: f64) -> Self {
+        let progress = &|_| {};
+        Self { robot, controller, seed, duration, laws: &[], progress, intervention: None, live: None }
+    }
+
     /// What is going to move: the joints of a robot.
     pub fn motion(&self, robot: &RobotModel) -> Motion {
         Motion::new(robot.joints.iter().map(|joint| joint.name.as_str())).shown_to(self.live)
@@ -156,15 +160,9 @@ pub struct Outcome {
 /// Why a scenario did not come to its end.
 #[derive(Debug, thiserror::Error)]
 pub enum ScenarioError {
-    /// `plant.toml` cannot be used.
+    /// A file of the robot cannot be used.
     #[error(transparent)]
-    PlantFile(#[from] tesaki_description::plant::PlantFileError),
-    /// The robot's folder.
-    #[error(transparent)]
-    Robot(#[from] RobotError),
-    /// A law of the robot.
-    #[error(transparent)]
-    Law(#[from] LawFileError),
+    File(#[from] FileError),
     /// A law lacks the section of an experiment.
     #[error(
         "the law {law} has no {section}, which this scenario runs: add it as in robots/arm7/laws/paper.toml"
@@ -175,15 +173,9 @@ pub enum ScenarioError {
         /// What is missing.
         section: &'static str,
     },
-    /// The grasp.
-    #[error(transparent)]
-    Grasp(#[from] GraspFileError),
     /// Where a grasp is to begin.
     #[error(transparent)]
     Scene(#[from] SceneError),
-    /// `approach.toml`, or `hand_eye.toml`, cannot be used.
-    #[error(transparent)]
-    Approach(#[from] tesaki_description::approach::ApproachFileError),
     /// The plant.
     #[error(transparent)]
     Plant(#[from] PlantError),
@@ -200,7 +192,7 @@ pub enum ScenarioError {
     #[error(transparent)]
     Calibration(#[from] CalibrationError),
     /// The robot has no fingers to lead.
-    #[error("{robot} is no hand: {reason}")]
+    #[error("{robot} is not a hand: {reason}")]
     NoHand {
         /// Its folder.
         robot: String,
@@ -210,9 +202,6 @@ pub enum ScenarioError {
     /// The operator's hand.
     #[error("the operator's hand: {0}")]
     Operator(#[from] crate::operator::calibration_trial::TrialError),
-    /// `camera.toml` cannot be used.
-    #[error(transparent)]
-    CameraFile(#[from] crate::camera::CameraFileError),
     /// A search for circles.
     #[error(transparent)]
     Vision(#[from] tesaki::vision::VisionError),
@@ -265,13 +254,19 @@ impl Scenario {
         SCENARIOS.iter().find(|scenario| scenario.name == name)
     }
 
-    /// Runs it.
+    /// Runs it; the summary is that of a controller in this process.
     ///
     /// # Errors
     /// Why it did not come to its end. Missing a goal is not an error but a failed metric.
     pub fn run(&self, setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
         self.check_duration(setting.duration)?;
         let mut outcome = (self.run)(setting)?;
+        let summary = &mut outcome.summary;
+        self.name.clone_into(&mut summary.scenario);
+        "native".clone_into(&mut summary.controller);
+        summary.seed = setting.seed;
+        summary.ticks = outcome.motion.ticks().into();
+        summary.frames_sha256 = Some(setting.controller.frames_sha256());
         for impossible in self.impossible(setting.robot, setting.seed)? {
             outcome.summary.waive(&impossible.metric, &impossible.why);
         }

@@ -173,7 +173,7 @@ fn parse(line: &str, model: &RobotModel) -> Result<Option<Command>, String> {
             };
         }
         ["help"] => return Err(format!("Commands:\n{COMMANDS}")),
-        _ => return Err(format!("{line:?}: unknown command. The commands are:\n{COMMANDS}")),
+        _ => return Err(format!("unknown command {:?}. The commands are:\n{COMMANDS}", line.trim())),
     };
     Ok(Some(Command::Fault(fault)))
 }
@@ -257,6 +257,9 @@ impl SensorFaults {
     }
 }
 
+/// Longest line that is read [bytes].
+const MAX_LINE: u64 = 1 << 10;
+
 /// The lines of standard input, until it ends.
 pub fn input_lines() -> Receiver<String> {
     let (sender, receiver) = channel();
@@ -269,11 +272,17 @@ pub fn input_lines() -> Receiver<String> {
     receiver
 }
 
-/// `None` at the end. A line that is not UTF-8 is no command, and does not end them.
+/// `None` at the end. A line that is not UTF-8, or that is cut because it is too long, is not a command, and
+/// does not end them.
 fn next_line(input: &mut impl BufRead) -> Option<String> {
     let mut bytes = Vec::new();
-    let length = input.read_until(b'\n', &mut bytes).ok()?;
-    (length > 0).then(|| String::from_utf8_lossy(&bytes).into_owned())
+    let length = io::Read::take(&mut *input, MAX_LINE).read_until(b'\n', &mut bytes).ok()?;
+    let mut line = String::from_utf8_lossy(&bytes).into_owned();
+    if length as u64 == MAX_LINE && bytes.last() != Some(&b'\n') {
+        line.push('…');
+        input.skip_until(b'\n').ok()?;
+    }
+    (length > 0).then_some(line)
 }
 
 /// Runs plant and board in real time until `stop` returns true, and the camera if there is one. A board that
@@ -374,5 +383,15 @@ mod tests {
         assert_eq!(*stop, Ok(Some(Command::Fault(SensorFault::EmergencyStop(true)))));
         assert!(bad.as_ref().unwrap_err().contains("unknown command"), "{bad:?}");
         assert_eq!((empty, reset), (&Ok(None), &Ok(Some(Command::Reset))));
+    }
+
+    #[test]
+    fn a_line_without_an_end_is_cut_and_the_next_one_is_a_command() {
+        let text = "x".repeat(100_000) + "\nestop on\n";
+        let mut input = text.as_bytes();
+        let long = next_line(&mut input).unwrap();
+        assert!(long.len() < 2000 && long.ends_with('…'), "{} bytes", long.len());
+        assert_eq!(next_line(&mut input).as_deref(), Some("estop on\n"));
+        assert_eq!(next_line(&mut input), None);
     }
 }

@@ -1,21 +1,61 @@
 //! The camera of a served arm: pictures of a door for programs that connect, as PGM one after the other.
 
+use std::error::Error;
 use std::io::{self, Write as _};
 use std::os::unix::net::UnixStream;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::{Duration, Instant};
 
 use rapier3d::na::Isometry3;
+use tesaki_description::robot::RobotFolder;
+use tesaki_description::{FileError, approach};
 use tesaki_supervisor::port::{Address, LocalListener, SocketFile};
 
 use crate::camera::{CameraValues, Image};
-use crate::door::{KnobDoor, hand_pose};
-use crate::plant::Plant;
+use crate::door::{KnobDoor, hand_joints, hand_pose};
+use crate::plant::{Plant, PlantOptions};
 
 /// Ticks from picture to picture: ten a second.
 pub const PICTURE_TICKS: u32 = 10;
 /// Who does not read for this time is left.
 const PATIENCE: Duration = Duration::from_millis(200);
+
+/// A door for an arm, and the camera in its hand.
+pub struct ServedDoor {
+    /// The door.
+    pub door: KnobDoor,
+    camera: CameraValues,
+    /// Of the tip that is the hand and of the gripper's joint.
+    joints: [usize; 2],
+}
+
+impl ServedDoor {
+    /// The door of a seed before the arm of `plant`, whose folder has `camera.toml` and `approach.toml`.
+    ///
+    /// # Errors
+    /// A file cannot be used.
+    pub fn draw(robot: &RobotFolder, plant: &Plant, seed: u64) -> Result<Self, FileError> {
+        let camera = CameraValues::load(&robot.path)?;
+        let files = approach::load(&robot.path, &robot.model)?;
+        let joints = hand_joints(&robot.model, &files.task, plant);
+        let door = KnobDoor::draw(seed, &hand_pose(plant, joints[0], joints[1]));
+        Ok(Self { door, camera, joints })
+    }
+
+    /// The arm of these options before the door, and its camera, with pictures for who connects to `address`.
+    ///
+    /// # Errors
+    /// The plant cannot be built, or the address cannot be listened at.
+    pub fn serve(
+        self,
+        robot: &RobotFolder,
+        options: &PlantOptions,
+        address: &Address,
+    ) -> Result<(Plant, ServedCamera), Box<dyn Error>> {
+        let plant = Plant::of(robot, &PlantOptions { fixtures: self.door.fixtures(), ..options.clone() })?;
+        Ok((plant, ServedCamera::listen(address, self.camera, self.door, self.joints)?))
+    }
+}
 
 /// A camera in the hand of an arm before a door. Pictures are drawn in a thread of its own.
 #[derive(Debug)]
@@ -42,10 +82,7 @@ struct Exposure {
 
 impl ServedCamera {
     /// A camera whose pictures are for who connects to `address`.
-    ///
-    /// # Errors
-    /// The address cannot be listened at.
-    pub fn listen(
+    fn listen(
         address: &Address,
         values: CameraValues,
         door: KnobDoor,

@@ -175,20 +175,10 @@ fn run(
     };
     let laws = LawFile::find(scenario, robot, &[])?;
     let mut watched = Watched::new(&mut steered, false);
-    let mut setting = Setting {
-        robot,
-        controller: &mut watched,
-        seed,
-        duration: scenario.duration,
-        laws: &laws,
-        progress: &|_| {},
-        intervention: Some(Arc::new(Mutex::new(Witness(truth)))),
-        live: None,
-    };
-    let mut outcome = scenario.run(&mut setting)?;
-    "native".clone_into(&mut outcome.summary.controller);
-    outcome.summary = outcome.summary.frames_sha256(watched.frames_sha256());
-    Ok(outcome)
+    let plain = Setting::plain(robot, &mut watched, seed, scenario.duration);
+    let intervention = Some(Arc::new(Mutex::new(Witness(truth))) as _);
+    let mut setting = Setting { laws: &laws, intervention, ..plain };
+    Ok(scenario.run(&mut setting)?)
 }
 
 /// Writes down the truth after each control period.
@@ -358,17 +348,8 @@ mod tests {
         let mut native = Native::default();
         let mut watched = Watched::new(&mut native, false);
         let scenario = Scenario::find("hand3-servo").unwrap();
-        let mut setting = Setting {
-            robot: Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/hand3")),
-            controller: &mut watched,
-            seed: 1,
-            duration: scenario.duration,
-            laws: &[],
-            progress: &|_| {},
-            intervention: None,
-            live: None,
-        };
-        scenario.run(&mut setting).unwrap();
+        let robot = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/hand3"));
+        scenario.run(&mut Setting::plain(robot, &mut watched, 1, scenario.duration)).unwrap();
         let plain = watched.frames_sha256();
         assert_eq!(digest(|_| Turn::Scripted), plain, "untouched");
         let (mut trials, mut ends) = (0, 0);

@@ -1,8 +1,9 @@
 //! The program as a user runs it.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
+use std::io::{BufRead as _, BufReader};
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
 
 fn host_sim(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_host-sim")).args(arguments).output().unwrap()
@@ -134,6 +135,13 @@ fn bad_input_is_answered_with_what_to_do() {
             format!("--duration {duration}: the time of hand3-turn is fixed, 20 s; leave the option out");
         says(&host_sim(&["run", "hand3-turn", "--duration", duration]), 2, &[&told]);
     }
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("file");
+    std::fs::write(&file, "mass = -1").unwrap();
+    let (below, file) = (file.join("below"), file.to_str().unwrap());
+    let grasp = concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/hand3/grasps/box.toml");
+    says(&host_sim(&["render-knob", "--out", below.to_str().unwrap()]), 2, &[below.to_str().unwrap()]);
+    says(&host_sim(&["serve", "--grasp", grasp, "--object", file]), 2, &[file]);
     let no_image = ["run", "hand3-servo", "--controller", "qemu", "--elf", "/nowhere/image"];
     says(&host_sim(&no_image), 2, &["no firmware image at /nowhere/image", "cargo xtask firmware"]);
 }
@@ -175,6 +183,29 @@ fn a_machine_that_the_servo_cannot_hold_fails_its_metrics() {
     let (robot, out) = (robot.to_str().unwrap(), folder.path().join("out"));
     let output = host_sim(&["run", "hand3-servo", "--robot", robot, "--out", out.to_str().unwrap()]);
     says(&output, 1, &["FAIL"]);
+}
+
+/// The machine's file goes while the seeds are run.
+#[test]
+fn what_came_to_its_end_is_kept_where_a_later_seed_does_not() {
+    let folder = tempfile::tempdir().unwrap();
+    let (robot, out) = (folder.path().join("robot"), folder.path().join("out"));
+    std::fs::create_dir(&robot).unwrap();
+    let source = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/hand3"));
+    for name in ["robot.urdf", "plant.toml", "controller.toml"] {
+        std::fs::copy(source.join(name), robot.join(name)).unwrap();
+    }
+    let mut command = Command::new(env!("CARGO_BIN_EXE_host-sim"));
+    command.args(["run", "hand3-servo", "--seed", "1-20", "--json", "--robot"]).arg(&robot);
+    let mut run =
+        command.arg("--out").arg(&out).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut lines = BufReader::new(run.stdout.take().unwrap()).lines();
+    lines.next().unwrap().unwrap();
+    std::fs::remove_file(robot.join("plant.toml")).unwrap();
+    let done = 1 + lines.count();
+    says(&run.wait_with_output().unwrap(), 2, &[&format!("seed {}: ", done + 1), "plant.toml"]);
+    let kept = std::fs::read_to_string(out.join("hand3-servo-robot/summary.json")).unwrap();
+    assert_eq!(kept.lines().count(), done);
 }
 
 /// Another robot in the scenario of hand3 has neither its limits nor its words, and spoils no report of it.

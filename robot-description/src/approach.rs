@@ -35,7 +35,7 @@
 //!
 //! What the camera sees is in [`hand_eye.toml`](crate::hand_eye).
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use serde::Deserialize;
 use tesaki::behavior::{ApproachSettings, KnobExpectation};
@@ -46,16 +46,17 @@ use tesaki::task::visual_approach::{
     ApproachField, GripperSettings, VisualApproachRefusal, VisualApproachSettings,
 };
 
-use crate::file::{self, read_text};
+use crate::file::{self, FileError, read_text};
 use crate::finding::{Finding, Report};
-use crate::hand_eye::{self, HandEyeFile, HandEyeFileError};
-use crate::line::line_of;
-use crate::urdf;
+use crate::hand_eye::{self, HandEyeFile};
 
 /// Name of the file in a robot folder.
 pub const FILE: &str = "approach.toml";
 /// What to do about a key that cannot be read.
 const ADVICE: &str = "correct it; robots/knob-arm/approach.toml is an example";
+/// What to do when it cannot be read.
+const UNREAD: &str = "a robot that approaches door knobs has an approach.toml in its folder \
+                      (robots/knob-arm/approach.toml is an example)";
 
 /// Settings of the board's task, and of the behaviour that leads it.
 #[derive(Clone, Debug, PartialEq)]
@@ -66,29 +67,6 @@ pub struct ApproachFile {
     pub behavior: ApproachSettings,
     /// Width and height of the camera's pictures [px], if `hand_eye.toml` tells them.
     pub size: Option<[usize; 2]>,
-}
-
-/// Why an `approach.toml` cannot be used.
-#[derive(Clone, Debug, thiserror::Error)]
-pub enum ApproachFileError {
-    /// It cannot be read.
-    #[error(
-        "cannot read {}: {reason}; a robot that approaches door knobs has an approach.toml in its folder \
-         (robots/knob-arm/approach.toml is an example)",
-        path.display()
-    )]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        reason: String,
-    },
-    /// The table of the camera.
-    #[error(transparent)]
-    HandEyeFile(#[from] HandEyeFileError),
-    /// What is wrong in it.
-    #[error("{}", urdf::list(.0))]
-    Wrong(Vec<Finding>),
 }
 
 /// The content of a file.
@@ -150,13 +128,11 @@ struct Behavior {
 ///
 /// # Errors
 /// A file cannot be read, or what is wrong in it, by line and key.
-pub fn load(robot: &Path, model: &RobotModel) -> Result<ApproachFile, ApproachFileError> {
+pub fn load(robot: &Path, model: &RobotModel) -> Result<ApproachFile, FileError> {
     let path = robot.join(FILE);
-    let text = read_text(&path)
-        .map_err(|error| ApproachFileError::Read { path: path.clone(), reason: error.to_string() })?;
-    let hand_eye = hand_eye::load(robot)?;
-    let (settings, findings) = check(&path, &text, model, &hand_eye);
-    settings.ok_or(ApproachFileError::Wrong(findings))
+    let text = read_text(&path).map_err(FileError::unread(&path, UNREAD))?;
+    let (settings, findings) = check(&path, &text, model, &hand_eye::load(robot)?);
+    settings.ok_or(FileError::Wrong(findings))
 }
 
 /// What is wrong with `text`, the content of `path`, for the robot of `model` with the camera of `hand_eye`;
@@ -167,14 +143,14 @@ pub fn check(
     model: &RobotModel,
     hand_eye: &HandEyeFile,
 ) -> (Option<ApproachFile>, Vec<Finding>) {
-    let mut report = Report::new(path);
+    let mut report = Report::of_toml(path, text);
     let Some(file) = file::parse::<File>(text, ADVICE, &mut report) else {
         return (None, report.findings);
     };
     match file.settings(model, hand_eye) {
         Ok(settings) => (Some(settings), report.findings),
         Err((section, key, message)) => {
-            report.dynamics(line_of(text, &format!("{section}.{key}")), message, ADVICE);
+            report.dynamics(report.line_of(&format!("{section}.{key}")), message, ADVICE);
             (None, report.findings)
         }
     }

@@ -8,7 +8,11 @@ use serde::Deserialize;
 use tesaki::model::RobotModel;
 use toml_edit::{DocumentMut, Item, Table, Value};
 
-use crate::file::{self, FileError, read_text};
+use crate::file::{self, FileError};
+use crate::finding::Report;
+
+/// What to do about a key that cannot be read.
+const ADVICE: &str = "correct it, or make the file anew with `tesaki identify`";
 
 /// Values of one machine, which override those of `robot.urdf` and `controller.toml`.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
@@ -34,9 +38,6 @@ pub struct JointCalibration {
 /// Why a calibration cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum CalibrationError {
-    /// The file cannot be read.
-    #[error(transparent)]
-    File(#[from] FileError),
     /// The calibration is of another robot.
     #[error("[joints.{joint}]: {robot} has no such joint; its joints are {joints}")]
     Stranger {
@@ -57,8 +58,11 @@ impl Calibration {
     ///
     /// # Errors
     /// What is wrong, and where.
-    pub fn load(path: &Path) -> Result<Self, CalibrationError> {
-        Ok(file::read(path)?)
+    pub fn load(path: &Path) -> Result<Self, FileError> {
+        file::load(path, "", |path, text| {
+            let mut report = Report::of_toml(path, text);
+            (file::parse(text, ADVICE, &mut report), report.findings)
+        })
     }
 
     /// Applies the values to a model.
@@ -109,14 +113,18 @@ impl CalibrationFile {
     ///
     /// # Errors
     /// The file exists, but is not a calibration.
-    pub fn open(path: &Path) -> Result<Self, CalibrationError> {
+    pub fn open(path: &Path) -> Result<Self, FileError> {
         if !path.exists() {
             return Ok(Self::default());
         }
-        Calibration::load(path)?;
-        let file = |message: String| FileError::Toml { path: path.to_owned(), message };
-        let text = read_text(path).map_err(|source| FileError::Read { path: path.to_owned(), source })?;
-        Ok(Self(text.parse().map_err(|error: toml_edit::TomlError| file(error.to_string()))?))
+        file::load(path, "", |path, text| {
+            let mut report = Report::of_toml(path, text);
+            let document = file::parse::<Calibration>(text, ADVICE, &mut report).and_then(|_| {
+                let parsed = text.parse::<DocumentMut>();
+                parsed.map_err(|error| report.dynamics(None, error.message(), ADVICE)).ok()
+            });
+            (document.map(Self), report.findings)
+        })
     }
 
     /// Sets a value of a joint to a number of so many decimals, with a comment behind it. Without one the

@@ -4,6 +4,8 @@ use std::fmt;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
+use crate::line::Lines;
+
 /// Severity of a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Severity {
@@ -86,12 +88,23 @@ impl fmt::Display for Finding {
 #[derive(Debug)]
 pub(crate) struct Report {
     path: PathBuf,
+    lines: Lines,
     pub findings: Vec<Finding>,
 }
 
 impl Report {
     pub fn new(path: &Path) -> Self {
-        Self { path: path.to_owned(), findings: Vec::new() }
+        Self { path: path.to_owned(), lines: Lines::default(), findings: Vec::new() }
+    }
+
+    /// On a TOML file with this text.
+    pub fn of_toml(path: &Path, text: &str) -> Self {
+        Self { lines: Lines::of(text), ..Self::new(path) }
+    }
+
+    /// The line of a key of the TOML file, with its tables.
+    pub fn line_of(&self, key: &str) -> Option<usize> {
+        self.lines.get(key)
     }
 
     /// Adds a finding about the kinematics.

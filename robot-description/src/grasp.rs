@@ -21,41 +21,23 @@
 //! # …
 //! ```
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use serde::Deserialize;
 use tesaki::control::ServoMode;
 use tesaki::task::grasping::{
     FINGERS, GraspPlan, InternalForce, InvalidPlan, JointTargets, LoadSource, ObjectControl, ObjectFrame,
-    PlannedContact, WrenchGains,
+    PlanField, PlannedContact, WrenchGains,
 };
 
 use crate::file::{self, FileError};
+use crate::finding::{Finding, Report};
 
-/// Why a grasp cannot be used.
-#[derive(Debug, thiserror::Error)]
-pub enum GraspFileError {
-    /// The file cannot be read.
-    #[error(transparent)]
-    File(#[from] FileError),
-    /// The number of contacts differs from the number of fingers.
-    #[error("{}: {got} contacts; a hand has {FINGERS} fingers, and each needs one [[contact]]", path.display())]
-    Contacts {
-        /// The file.
-        path: PathBuf,
-        /// The number of contacts.
-        got: usize,
-    },
-    /// A value is invalid, or the contacts cannot grip.
-    #[error("{}: {problem}", path.display())]
-    Plan {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong.
-        problem: InvalidPlan,
-    },
-}
+/// Name of the folder of such files in a robot folder.
+pub const FOLDER: &str = "grasps";
+/// What to do about a key that cannot be used.
+const ADVICE: &str = "correct it; robots/hand3/grasps/box.toml is an example";
 
 /// The content of a file.
 #[derive(Clone, Debug, Deserialize)]
@@ -219,45 +201,83 @@ pub struct PlacedGrasp {
 /// The plan in a grasp file, checked.
 ///
 /// # Errors
-/// What is wrong with the file, and where.
-pub fn load(path: &Path) -> Result<GraspPlan, GraspFileError> {
+/// The file cannot be read, or what is wrong in it, by line.
+pub fn load(path: &Path) -> Result<GraspPlan, FileError> {
     load_placed(path).map(|grasp| grasp.plan)
 }
 
 /// The plan in a grasp file, checked, and the pose of its object.
 ///
 /// # Errors
-/// What is wrong with the file, and where.
-pub fn load_placed(path: &Path) -> Result<PlacedGrasp, GraspFileError> {
-    let place = || path.to_path_buf();
-    let file: File = file::read(path)?;
-    let got = file.contact.len();
-    let contacts: [Contact; FINGERS] =
-        file.contact.as_slice().try_into().map_err(|_| GraspFileError::Contacts { path: place(), got })?;
-    let [roll, pitch, yaw] = file.object.rpy;
-    let frame = Isometry3::from_parts(
-        Translation3::from(Vector3::from(file.object.position)),
-        UnitQuaternion::from_euler_angles(roll, pitch, yaw),
-    );
-    #[expect(clippy::cast_possible_truncation, reason = "the core works in single precision")]
-    let single = |vector: Vector3<f64>| -> [f32; 3] { vector.map(|value| value as f32).into() };
-    #[expect(clippy::cast_possible_truncation, reason = "the core works in single precision")]
-    let plan = GraspPlan {
-        contacts: contacts.map(|contact| PlannedContact {
-            position: single((frame * Point3::from(contact.position)).coords),
-            normal: single(frame * Vector3::from(contact.normal)),
-        }),
-        clearance: file.clearance as f32,
-        touch_force: file.touch_force,
-        friction: file.friction,
-        internal: file.internal.into(),
-        force_limit: file.force_limit,
-        feedback: file.feedback,
-        control: file.control.into(),
-        object_frame: file.object_frame.into(),
-        load: file.load.into(),
-        joint_targets: file.joint_targets.into(),
+/// The file cannot be read, or what is wrong in it, by line.
+pub fn load_placed(path: &Path) -> Result<PlacedGrasp, FileError> {
+    file::load(path, "", check)
+}
+
+/// What is wrong with `text`, the content of `path`; the grasp when nothing is.
+pub fn check(path: &Path, text: &str) -> (Option<PlacedGrasp>, Vec<Finding>) {
+    let mut report = Report::of_toml(path, text);
+    let grasp = file::parse::<File>(text, ADVICE, &mut report).and_then(|file| {
+        let placed = file.placed().map_err(|(key, message)| {
+            report.dynamics(report.line_of(&key), message, ADVICE);
+        });
+        placed.ok()
+    });
+    (grasp, report.findings)
+}
+
+impl File {
+    /// The grasp, checked; or the key that is wrong, and what is wrong there.
+    fn placed(&self) -> Result<PlacedGrasp, (String, String)> {
+        let contacts: [Contact; FINGERS] = self.contact.as_slice().try_into().map_err(|_| {
+            let got = self.contact.len();
+            let message =
+                format!("{got} contacts; a hand has {FINGERS} fingers, and each needs one [[contact]]");
+            ("contact".to_owned(), message)
+        })?;
+        let [roll, pitch, yaw] = self.object.rpy;
+        let frame = Isometry3::from_parts(
+            Translation3::from(Vector3::from(self.object.position)),
+            UnitQuaternion::from_euler_angles(roll, pitch, yaw),
+        );
+        #[expect(clippy::cast_possible_truncation, reason = "the core works in single precision")]
+        let single = |vector: Vector3<f64>| -> [f32; 3] { vector.map(|value| value as f32).into() };
+        #[expect(clippy::cast_possible_truncation, reason = "the core works in single precision")]
+        let plan = GraspPlan {
+            contacts: contacts.map(|contact| PlannedContact {
+                position: single((frame * Point3::from(contact.position)).coords),
+                normal: single(frame * Vector3::from(contact.normal)),
+            }),
+            clearance: self.clearance as f32,
+            touch_force: self.touch_force,
+            friction: self.friction,
+            internal: self.internal.into(),
+            force_limit: self.force_limit,
+            feedback: self.feedback,
+            control: self.control.into(),
+            object_frame: self.object_frame.into(),
+            load: self.load.into(),
+            joint_targets: self.joint_targets.into(),
+        };
+        plan.validate().map_err(|problem| (key(&problem), problem.to_string()))?;
+        Ok(PlacedGrasp { plan, position: self.object.position, orientation: frame.rotation.coords.into() })
+    }
+}
+
+/// The key of what is wrong.
+fn key(problem: &InvalidPlan) -> String {
+    let key = match problem {
+        InvalidPlan::Value { field, .. } => match field {
+            PlanField::Clearance => "clearance",
+            PlanField::TouchForce => "touch_force",
+            PlanField::Friction => "friction",
+            PlanField::ForceLimit => "force_limit",
+            PlanField::Margin | PlanField::Capacity | PlanField::Strength => "internal",
+            PlanField::Gain => "control",
+            PlanField::Mass => "load",
+        },
+        InvalidPlan::Contact { finger } => return format!("contact.{finger}"),
+        InvalidPlan::NoTriangle | InvalidPlan::CannotGrip | InvalidPlan::Unbalanced { .. } => "contact",
     };
-    plan.validate().map_err(|problem| GraspFileError::Plan { path: place(), problem })?;
-    Ok(PlacedGrasp { plan, position: file.object.position, orientation: frame.rotation.coords.into() })
+    key.to_owned()
 }

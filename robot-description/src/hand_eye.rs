@@ -13,36 +13,18 @@
 //! ]
 //! ```
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use serde::Deserialize;
 use tesaki::vision::{HandEyeError, HandEyeRow, HandEyeTable, MAX_HAND_EYE_ROWS};
 
-use crate::file::{self, read_text};
+use crate::file::{self, FileError};
 use crate::finding::{Finding, Report};
-use crate::line::line_of;
-use crate::urdf;
 
 /// Name of the file in a robot folder.
 pub const FILE: &str = "hand_eye.toml";
 /// What to do about a key that cannot be read.
 const ADVICE: &str = "correct it, or make the file anew with `tesaki calibrate camera`";
-
-/// Why a `hand_eye.toml` cannot be used.
-#[derive(Clone, Debug, thiserror::Error)]
-pub enum HandEyeFileError {
-    /// It cannot be read.
-    #[error("cannot read {}: {reason}; `tesaki calibrate camera` makes it", path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        reason: String,
-    },
-    /// What is wrong in it.
-    #[error("{}", urdf::list(.0))]
-    Wrong(Vec<Finding>),
-}
 
 /// The content of a file.
 #[derive(Clone, Debug, Deserialize)]
@@ -68,17 +50,13 @@ pub struct HandEyeFile {
 ///
 /// # Errors
 /// The file cannot be read, or what is wrong in it, by line and key.
-pub fn load(robot: &Path) -> Result<HandEyeFile, HandEyeFileError> {
-    let path = robot.join(FILE);
-    let text = read_text(&path)
-        .map_err(|error| HandEyeFileError::Read { path: path.clone(), reason: error.to_string() })?;
-    let (hand_eye, findings) = check(&path, &text);
-    hand_eye.ok_or(HandEyeFileError::Wrong(findings))
+pub fn load(robot: &Path) -> Result<HandEyeFile, FileError> {
+    file::load(&robot.join(FILE), "`tesaki calibrate camera` makes it", check)
 }
 
 /// What is wrong with `text`, the content of `path`; the rest when nothing is.
 pub fn check(path: &Path, text: &str) -> (Option<HandEyeFile>, Vec<Finding>) {
-    let mut report = Report::new(path);
+    let mut report = Report::of_toml(path, text);
     let Some(file) = file::parse::<File>(text, ADVICE, &mut report) else {
         return (None, report.findings);
     };
@@ -86,7 +64,7 @@ pub fn check(path: &Path, text: &str) -> (Option<HandEyeFile>, Vec<Finding>) {
     for (index, row) in file.rows.iter().enumerate() {
         let [radius, u, v, distance] = **row else {
             let message = format!("rows[{index}] has {} numbers; it must have 4", row.len());
-            report.dynamics(line_of(text, "rows"), message, ADVICE);
+            report.dynamics(report.line_of(&format!("rows.{index}")), message, ADVICE);
             return (None, report.findings);
         };
         rows.push(HandEyeRow { radius, center: [u, v], distance });
@@ -95,7 +73,7 @@ pub fn check(path: &Path, text: &str) -> (Option<HandEyeFile>, Vec<Finding>) {
         Ok(table) => (Some(HandEyeFile { table, size: file.size }), report.findings),
         Err(error) => {
             let (key, message) = file.problem(&error);
-            report.dynamics(line_of(text, key), message, ADVICE);
+            report.dynamics(report.line_of(&key), message, ADVICE);
             (None, report.findings)
         }
     }
@@ -103,26 +81,28 @@ pub fn check(path: &Path, text: &str) -> (Option<HandEyeFile>, Vec<Finding>) {
 
 impl File {
     /// Key and message.
-    fn problem(&self, error: &HandEyeError) -> (&'static str, String) {
+    fn problem(&self, error: &HandEyeError) -> (String, String) {
+        let of_row = |row: usize| format!("rows.{row}");
         let (name, value, [least, most]) = match *error {
             HandEyeError::Rows { got } => {
-                return ("rows", format!("rows has {got} entries; it must have 2 to {MAX_HAND_EYE_ROWS}"));
+                let message = format!("rows has {got} entries; it must have 2 to {MAX_HAND_EYE_ROWS}");
+                return ("rows".to_owned(), message);
             }
             HandEyeError::Order { row } => {
                 let message = format!(
                     "rows[{row}]: from row to row the radius must grow and the distance shrink, the farthest first"
                 );
-                return ("rows", message);
+                return (of_row(row), message);
             }
             HandEyeError::Value { name, value, range } => (name, value, range),
         };
         match ["rose", "tilt", "turn"].into_iter().find(|key| name.contains(key)) {
-            Some(key) => (key, format!("{key}: {name} is {value}; it must be {least} to {most}")),
+            Some(key) => (key.to_owned(), format!("{key}: {name} is {value}; it must be {least} to {most}")),
             None => {
                 let row =
                     self.rows.iter().position(|row| row.iter().any(|one| one.to_bits() == value.to_bits()));
                 let row = row.unwrap_or_default();
-                ("rows", format!("rows[{row}]: {name} is {value}; it must be {least} to {most}"))
+                (of_row(row), format!("rows[{row}]: {name} is {value}; it must be {least} to {most}"))
             }
         }
     }

@@ -38,26 +38,13 @@ use tesaki::task::impedance::{
     DirectLaw, ForceSource, ImpedanceRefusal, ImpedanceSettings, InvalidSettings, Law, Redundancy, own_mass,
 };
 
-use crate::file::{self, FileError, read_text};
+use crate::file::{self, FileError};
 use crate::finding::{Finding, Report};
-use crate::line::line_of;
-use crate::urdf;
 
 /// Name of the folder of such files in a robot folder.
 pub const FOLDER: &str = "impedances";
 /// What to do about a key that cannot be used.
 const ADVICE: &str = "correct it; robots/arm7/impedances/soft.toml is an example";
-
-/// Why an impedance cannot be used.
-#[derive(Debug, thiserror::Error)]
-pub enum ImpedanceFileError {
-    /// The file cannot be read.
-    #[error(transparent)]
-    File(#[from] FileError),
-    /// What is wrong in it.
-    #[error("{}", urdf::list(.0))]
-    Wrong(Vec<Finding>),
-}
 
 /// A key, and what is wrong there.
 pub(crate) type Wrong = (&'static str, String);
@@ -199,15 +186,13 @@ fn split(matrix: &[[f32; 6]; 6], key: &'static str) -> Result<([f32; 6], Option<
 ///
 /// # Errors
 /// The file cannot be read, or what is wrong in it, by line and key.
-pub fn load(path: &Path, model: &RobotModel) -> Result<ImpedanceSettings, ImpedanceFileError> {
-    let text = read_text(path).map_err(|source| FileError::Read { path: path.to_path_buf(), source })?;
-    let (settings, findings) = check(path, &text, model);
-    settings.ok_or(ImpedanceFileError::Wrong(findings))
+pub fn load(path: &Path, model: &RobotModel) -> Result<ImpedanceSettings, FileError> {
+    file::load(path, "", |path, text| check(path, text, model))
 }
 
 /// What is wrong with `text`, the content of `path`, for the robot of `model`; the settings when nothing is.
 pub fn check(path: &Path, text: &str, model: &RobotModel) -> (Option<ImpedanceSettings>, Vec<Finding>) {
-    let mut report = Report::new(path);
+    let mut report = Report::of_toml(path, text);
     let Some(table) = file::parse::<ImpedanceTable>(text, ADVICE, &mut report) else {
         return (None, report.findings);
     };
@@ -219,7 +204,7 @@ pub fn check(path: &Path, text: &str, model: &RobotModel) -> (Option<ImpedanceSe
     match table.settings(model) {
         Ok(settings) => (Some(settings), report.findings),
         Err((key, message)) => {
-            report.dynamics(line_of(text, key), message, ADVICE);
+            report.dynamics(report.line_of(key), message, ADVICE);
             (None, report.findings)
         }
     }

@@ -5,7 +5,8 @@
 //!   file and line;
 //! - [`urdf`] reads any URDF and gives the serial chain from a base to a tip;
 //! - [`frames`] says where each link is in the one that carries it;
-//! - [`plant`] holds the simulated machine, [`init`] writes a folder for a URDF;
+//! - [`plant`], [`camera`] and [`object`] hold the simulated machine, its camera and what it grasps, [`init`]
+//!   writes a folder for a URDF;
 //! - [`law`] holds control laws with the experiments of a paper;
 //! - [`calibration`] holds the values of one machine, [`hand_eye`] those of its camera, [`grasp`],
 //!   [`impedance`], [`retargeting`] and [`approach`] what tasks are given, [`law`] control laws and a paper's
@@ -13,6 +14,7 @@
 
 pub mod approach;
 pub mod calibration;
+pub mod camera;
 mod file;
 pub mod finding;
 pub mod frames;
@@ -23,6 +25,7 @@ pub mod init;
 pub mod law;
 mod line;
 mod load;
+pub mod object;
 pub mod plant;
 pub mod retargeting;
 pub mod robot;

@@ -1,16 +1,14 @@
 //! `plant.toml`: the simulated machine, as far as neither URDF nor controller know it.
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use toml::{Table, Value};
 
-use crate::file::{self, read_text};
+use crate::file::{self, FileError};
 use crate::finding::{Finding, Report};
-use crate::line::line_of;
-use crate::urdf;
 
 /// The control period [s].
 pub const CONTROL_PERIOD: f64 = 0.01;
@@ -121,22 +119,6 @@ pub struct Integration {
     pub step: f64,
 }
 
-/// Why a `plant.toml` cannot be used.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum PlantFileError {
-    /// It cannot be read.
-    #[error("cannot read {}: {reason}; a robot that is simulated has a plant.toml in its folder", path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        reason: String,
-    },
-    /// What is wrong in it: every error that can be found.
-    #[error("{}", urdf::list(.0))]
-    Wrong(Vec<Finding>),
-}
-
 /// A value that no plant can have.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlantProblem {
@@ -153,36 +135,30 @@ impl PlantValues {
     ///
     /// # Errors
     /// It cannot be read, or what is wrong in it.
-    pub fn load(robot: &Path) -> Result<Self, PlantFileError> {
-        let path = robot.join("plant.toml");
-        let text = read_text(&path)
-            .map_err(|error| PlantFileError::Read { path: path.clone(), reason: error.to_string() })?;
-        Self::parse(&path, &text)
+    pub fn load(robot: &Path) -> Result<Self, FileError> {
+        let advice = "a robot that is simulated has a plant.toml in its folder";
+        file::load(&robot.join("plant.toml"), advice, Self::check)
     }
 
     /// Reads the text of a `plant.toml`.
     ///
     /// # Errors
     /// What is wrong, with line and key.
-    pub fn from_toml(text: &str) -> Result<Self, PlantFileError> {
-        Self::parse(Path::new("plant.toml"), text)
-    }
-
-    fn parse(path: &Path, text: &str) -> Result<Self, PlantFileError> {
-        let (values, findings) = Self::check(path, text);
-        values.ok_or(PlantFileError::Wrong(findings))
+    pub fn from_toml(text: &str) -> Result<Self, FileError> {
+        let (values, findings) = Self::check(Path::new("plant.toml"), text);
+        values.ok_or(FileError::Wrong(findings))
     }
 
     /// Everything that is wrong with `text`, the content of `path`, and the values when nothing is.
     pub fn check(path: &Path, text: &str) -> (Option<Self>, Vec<Finding>) {
-        let mut report = Report::new(path);
+        let mut report = Report::of_toml(path, text);
         let Some(table) = file::parse::<Table>(text, ADVICE, &mut report) else {
             return (None, report.findings);
         };
-        let values = Self::read(&table, text, &mut report);
+        let values = Self::read(&table, &mut report);
         for PlantProblem { field, value, expected } in values.iter().flat_map(Self::problems) {
             let message = format!("{field} is {value}: it must be {expected}");
-            report.dynamics(line_of(text, &field), message, "correct the value");
+            report.dynamics(report.line_of(&field), message, "correct the value");
         }
         report.sort();
         let good = report.findings.is_empty();
@@ -190,7 +166,7 @@ impl PlantValues {
     }
 
     /// Reads section by section, to find what is wrong in any of them.
-    fn read(table: &Table, text: &str, report: &mut Report) -> Option<Self> {
+    fn read(table: &Table, report: &mut Report) -> Option<Self> {
         let known = [
             "gravity",
             "mismatch",
@@ -207,9 +183,9 @@ impl PlantValues {
         // A file with more of them is no plant.
         for key in table.keys().filter(|key| !known.contains(&key.as_str())).take(20) {
             let message = format!("unknown key {key}, expected one of {}", known.join(", "));
-            report.dynamics(line_of(text, key), message, "correct or remove it");
+            report.dynamics(report.line_of(key), message, "correct or remove it");
         }
-        let mut reader = Reader { table, text, report };
+        let mut reader = Reader { table, report };
         let (gravity, mismatch, friction) =
             (reader.needed("gravity"), reader.needed("mismatch"), reader.needed("friction"));
         let (inner_loop, noise, supply) =
@@ -285,7 +261,6 @@ impl PlantValues {
 /// Reads the sections of a table.
 struct Reader<'a> {
     table: &'a Table,
-    text: &'a str,
     report: &'a mut Report,
 }
 
@@ -298,8 +273,8 @@ impl Reader<'_> {
             let line = message
                 .split('`')
                 .nth(1)
-                .and_then(|key| line_of(self.text, &format!("{name}.{key}")))
-                .or_else(|| line_of(self.text, name));
+                .and_then(|key| self.report.line_of(&format!("{name}.{key}")))
+                .or_else(|| self.report.line_of(name));
             self.report.dynamics(line, format!("{name}: {message}"), ADVICE);
         })
     }

@@ -25,7 +25,7 @@
 
 use std::collections::BTreeMap;
 use std::f32::consts::TAU;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use nalgebra::UnitQuaternion;
 use serde::Deserialize;
@@ -36,15 +36,16 @@ use tesaki::robot::Robot;
 use tesaki::task::telexistence::{InvalidTelexistenceSettings, TelexistenceSettings};
 use tesaki::teleop::{Finger, InvalidRetargetSettings, RetargetField, RetargetSettings};
 
-use crate::file::{self, read_text};
+use crate::file::{self, FileError, read_text};
 use crate::finding::{Finding, Report};
-use crate::line::line_of;
-use crate::urdf;
 
 /// Name of the file in a robot folder.
 pub const FILE: &str = "retargeting.toml";
 /// What a hand is.
 const NEEDS: &str = "which has two to five chains, and at most one joint that moves several";
+/// What to do without the file.
+const NO_FILE: &str = "the file is not there: give the folder of a hand, where it names the operator's finger of \
+                       each chain, as `follows = [\"thumb\", \"index\"]`";
 /// What to do about a key that cannot be read.
 const ADVICE: &str = "correct or remove it; without it the default holds";
 
@@ -91,33 +92,6 @@ pub struct RetargetingSettings {
     pub posture: Option<Angles>,
 }
 
-/// Why a `retargeting.toml` cannot be used.
-#[derive(Clone, Debug, thiserror::Error)]
-pub enum RetargetingFileError {
-    /// It is there and cannot be read.
-    #[error("cannot read {}: {reason}", path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        reason: String,
-    },
-    /// What is wrong in it.
-    #[error("{}", urdf::list(.0))]
-    Wrong(Vec<Finding>),
-    /// It is not there, and the robot is no hand.
-    #[error(
-        "{robot} is no hand, {NEEDS}; {} is not there: give the folder of a hand, where this file names the \
-         operator's finger of each chain, as `follows = [\"thumb\", \"index\"]`", path.display()
-    )]
-    NoHand {
-        /// The robot.
-        robot: String,
-        /// The file.
-        path: PathBuf,
-    },
-}
-
 /// The content of a file.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -154,38 +128,34 @@ impl RetargetingSettings {
     ///
     /// # Errors
     /// The file cannot be read, or what is wrong in it, by line; or the robot is no hand.
-    pub fn load(robot: &Path, model: &RobotModel) -> Result<Self, RetargetingFileError> {
+    pub fn load(robot: &Path, model: &RobotModel) -> Result<Self, FileError> {
         let path = robot.join(FILE);
-        let text = match read_text(&path) {
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
-                return Self::check(&path, "", model)
-                    .0
-                    .ok_or_else(|| RetargetingFileError::NoHand { robot: model.name.to_string(), path });
-            }
-            Err(error) => {
-                return Err(RetargetingFileError::Read { path, reason: error.to_string() });
-            }
-            Ok(text) => text,
+        let (settings, mut findings) = match read_text(&path) {
+            Ok(text) => Self::check(&path, &text, model),
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Self::check(&path, "", model),
+            Err(error) => return Err(FileError::unread(&path, "")(error)),
         };
-        let (settings, findings) = Self::check(&path, &text, model);
-        settings.ok_or(RetargetingFileError::Wrong(findings))
+        if !path.exists() {
+            findings.iter_mut().for_each(|finding| NO_FILE.clone_into(&mut finding.advice));
+        }
+        settings.ok_or(FileError::Wrong(findings))
     }
 
     /// Everything that is wrong with `text`, the content of `path`, for the robot of `model`; the settings
     /// when nothing is.
     pub fn check(path: &Path, text: &str, model: &RobotModel) -> (Option<Self>, Vec<Finding>) {
-        let mut report = Report::new(path);
+        let mut report = Report::of_toml(path, text);
         let Some(file) = file::parse::<File>(text, ADVICE, &mut report) else {
             return (None, report.findings);
         };
         let mut robot = Box::new(Robot::NONE);
         let hand = robot.configure(model).ok().and_then(|()| robot.hand());
         let Some(hand) = hand else {
-            let message = format!("{} is no hand, {NEEDS}", model.name);
+            let message = format!("{} is not a hand, {NEEDS}", model.name);
             report.dynamics(None, message, "remove the file, or use a hand");
             return (None, report.findings);
         };
-        let settings = file.settings(hand, model, text, &mut report);
+        let settings = file.settings(hand, model, &mut report);
         report.sort();
         (Some(settings).filter(|_| report.findings.is_empty()), report.findings)
     }
@@ -193,26 +163,20 @@ impl RetargetingSettings {
 
 impl File {
     /// The settings, which are wrong if the report says so.
-    fn settings(
-        &self,
-        hand: &Hand,
-        model: &RobotModel,
-        text: &str,
-        report: &mut Report,
-    ) -> RetargetingSettings {
+    fn settings(&self, hand: &Hand, model: &RobotModel, report: &mut Report) -> RetargetingSettings {
         let mut task = TelexistenceSettings::DEFAULT;
-        self.set_fingers(&mut task.retargeting, hand.len(), text, report);
+        self.set_fingers(&mut task.retargeting, hand.len(), report);
         self.set_values(&mut task);
-        self.check_speeds(text, report);
+        self.check_speeds(report);
         let mut posture = hand.center();
-        set_joints("speeds", &self.speeds, &mut task.retargeting.speeds, model, text, report);
+        set_joints("speeds", &self.speeds, &mut task.retargeting.speeds, model, report);
         if let Some(angles) = &self.posture {
-            set_joints("posture", angles, posture.as_mut_slice(), model, text, report);
+            set_joints("posture", angles, posture.as_mut_slice(), model, report);
         }
-        check_posture(&posture, hand, model, text, report);
-        let rotation = self.rotation(text, report);
+        check_posture(&posture, hand, model, report);
+        let rotation = self.rotation(report);
         if let Err(invalid) = task.validate(hand) {
-            self.out_of_range(&task, &invalid, text, report);
+            self.out_of_range(&task, &invalid, report);
         }
         RetargetingSettings {
             task,
@@ -223,21 +187,21 @@ impl File {
     }
 
     /// What has one entry for each finger.
-    fn set_fingers(&self, settings: &mut RetargetSettings, fingers: usize, text: &str, report: &mut Report) {
-        if let Some(follows) = self.list("follows", self.follows.as_ref(), fingers, text, report) {
+    fn set_fingers(&self, settings: &mut RetargetSettings, fingers: usize, report: &mut Report) {
+        if let Some(follows) = self.list("follows", self.follows.as_ref(), fingers, report) {
             let thumbs = follows.iter().filter(|finger| **finger == Finger::Thumb).count();
             if follows.first() != Some(&Finger::Thumb) || thumbs != 1 {
                 let message =
                     "follows must name the thumb first, and only there: the first chain is the hand's thumb";
                 let advice =
                     "correct it; another order of the chains is that of the joints at the base in robot.urdf";
-                report.dynamics(line_of(text, "follows"), message, advice);
+                report.dynamics(report.line_of("follows"), message, advice);
             }
             for (place, finger) in settings.follows.iter_mut().zip(follows) {
                 *place = *finger as u8;
             }
         }
-        if let Some(weights) = self.list("weights", self.weights.as_ref(), fingers, text, report) {
+        if let Some(weights) = self.list("weights", self.weights.as_ref(), fingers, report) {
             settings.weights.iter_mut().zip(weights).for_each(|(place, weight)| *place = *weight);
         }
     }
@@ -265,22 +229,22 @@ impl File {
         };
     }
 
-    fn check_speeds(&self, text: &str, report: &mut Report) {
+    fn check_speeds(&self, report: &mut Report) {
         let speeds = self.speeds.iter().map(|(joint, value)| (format!("speeds.{joint}"), *value));
         for (key, value) in self.speed.map(|value| ("speed".to_owned(), value)).into_iter().chain(speeds) {
             if !(1e-3..=1e3).contains(&value) {
                 let message = format!("{key} is {value}; it must be 0.001 to 1000 rad/s");
-                report.dynamics(line(text, &key), message, "correct the value");
+                report.dynamics(line(report, &key), message, "correct the value");
             }
         }
     }
 
     /// From the operator's hand frame to the robot's base frame.
-    fn rotation(&self, text: &str, report: &mut Report) -> UnitQuaternion<f32> {
+    fn rotation(&self, report: &mut Report) -> UnitQuaternion<f32> {
         let rotation = self.rotation.unwrap_or_default();
         if let Some(angle) = rotation.into_iter().find(|angle| !(-TAU..=TAU).contains(angle)) {
             let message = format!("rotation holds {angle}; it must be -6.2832 to 6.2832 rad");
-            report.dynamics(line_of(text, "rotation"), message, "correct the value");
+            report.dynamics(report.line_of("rotation"), message, "correct the value");
         }
         let [roll, pitch, yaw] = rotation;
         UnitQuaternion::from_euler_angles(roll, pitch, yaw)
@@ -292,13 +256,12 @@ impl File {
         key: &str,
         given: Option<&'a Vec<T>>,
         fingers: usize,
-        text: &str,
         report: &mut Report,
     ) -> Option<&'a Vec<T>> {
         let list = given?;
         if list.len() != fingers {
             let message = format!("{key} has {} entries, the hand {fingers} fingers", list.len());
-            report.dynamics(line_of(text, key), message, "write one entry for each finger, the thumb first");
+            report.dynamics(report.line_of(key), message, "write one entry for each finger, the thumb first");
             return None;
         }
         Some(list)
@@ -309,7 +272,6 @@ impl File {
         &self,
         task: &TelexistenceSettings,
         invalid: &InvalidTelexistenceSettings,
-        text: &str,
         report: &mut Report,
     ) {
         let (key, verb, value, range) = match invalid {
@@ -336,8 +298,10 @@ impl File {
             }
         };
         // A default can be wrong beside what the file has.
-        let at =
-            line_of(text, key).or_else(|| line_of(text, "near")).or_else(|| line_of(text, "robot_contact"));
+        let at = report
+            .line_of(key)
+            .or_else(|| report.line_of("near"))
+            .or_else(|| report.line_of("robot_contact"));
         report.dynamics(at, format!("{key} {verb} {value}; it must be {range}"), "correct the value");
     }
 
@@ -358,7 +322,6 @@ fn set_joints(
     values: &BTreeMap<String, f32>,
     places: &mut [f32],
     model: &RobotModel,
-    text: &str,
     report: &mut Report,
 ) {
     for (name, &value) in values {
@@ -367,14 +330,14 @@ fn set_joints(
             Some(place) => *place = value,
             None => {
                 let message = format!("{key}: {} has no joint {name}", model.name);
-                report.dynamics(line(text, &format!("{key}.{name}")), message, "correct or remove it");
+                report.dynamics(line(report, &format!("{key}.{name}")), message, "correct or remove it");
             }
         }
     }
 }
 
 /// Reports angles beyond the limits of their joints.
-fn check_posture(posture: &Angles, hand: &Hand, model: &RobotModel, text: &str, report: &mut Report) {
+fn check_posture(posture: &Angles, hand: &Hand, model: &RobotModel, report: &mut Report) {
     for ((angle, (lower, upper)), joint) in posture.iter().zip(hand.limits()).zip(&model.joints) {
         if !(lower..=upper).contains(&angle) {
             let key = format!("posture.{}", joint.name);
@@ -382,14 +345,14 @@ fn check_posture(posture: &Angles, hand: &Hand, model: &RobotModel, text: &str, 
                 "{key} is {angle}; it must be {lower:.3} to {upper:.3} rad: the joint's limits, less the margin of a \
                  hand"
             );
-            report.limits(line(text, &key), message, "correct the value");
+            report.limits(line(report, &key), message, "correct the value");
         }
     }
 }
 
 /// The line of a key, or of its table where that is written in one line.
-fn line(text: &str, key: &str) -> Option<usize> {
-    line_of(text, key).or_else(|| line_of(text, key.split('.').next()?))
+fn line(report: &Report, key: &str) -> Option<usize> {
+    report.line_of(key).or_else(|| report.line_of(key.split('.').next()?))
 }
 
 #[cfg(test)]
@@ -398,7 +361,7 @@ mod tests {
     use super::*;
     use crate::robot::RobotFolder;
 
-    fn folder(name: &str) -> PathBuf {
+    fn folder(name: &str) -> std::path::PathBuf {
         Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots").join(name)
     }
 
@@ -473,7 +436,7 @@ mod tests {
             ("acceleration = 0.0\n", "retargeting.toml:1: acceleration is 0; it must be 1 to 10000 rad/s²"),
         ] {
             let (settings, findings) = check(text);
-            let said = urdf::list(&findings);
+            let said = crate::urdf::list(&findings);
             assert!(settings.is_none() && said.starts_with(expected), "{text:?}: {said}");
         }
     }
@@ -482,10 +445,15 @@ mod tests {
     fn an_arm_is_no_hand() {
         let model = RobotFolder::load(&folder("arm7")).unwrap().model;
         let said = RetargetingSettings::load(&folder("arm7"), &model).unwrap_err().to_string();
-        assert!(said.starts_with("arm7 is no hand, which has two to five chains"), "{said}");
-        assert!(said.contains("retargeting.toml is not there") && said.contains("follows = ["), "{said}");
+        assert!(said.contains("arm7 is not a hand, which has two to five chains"), "{said}");
+        assert!(
+            said.contains("retargeting.toml: ")
+                && said.contains("the file is not there")
+                && said.contains("follows = ["),
+            "{said}"
+        );
         let (_, findings) = RetargetingSettings::check(Path::new(FILE), "scale = 1.0\n", &model);
-        let said = urdf::list(&findings);
-        assert!(said.contains("arm7 is no hand") && said.contains("remove the file"), "{said}");
+        let said = crate::urdf::list(&findings);
+        assert!(said.contains("arm7 is not a hand") && said.contains("remove the file"), "{said}");
     }
 }

@@ -16,27 +16,10 @@ pub use chain::chain_model;
 pub use limits::{ImplausibleLimit, implausible_limits};
 pub use settings::{FrictionSettings, JointSettings, Settings};
 
-use crate::file::read_text;
+use crate::file::{FileError, read_text};
 use crate::finding::{Finding, Report};
-use crate::line::line_of;
 use crate::plant::PlantValues;
 use crate::urdf::{self, Urdf};
-
-/// What is wrong with a robot folder.
-#[derive(Debug, thiserror::Error)]
-pub enum RobotError {
-    /// A file cannot be read.
-    #[error("cannot read {path}: {source}; a robot folder holds robot.urdf and controller.toml")]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
-    /// What is wrong in its files: every error that can be found.
-    #[error("{}", urdf::list(.0))]
-    Wrong(Vec<Finding>),
-}
 
 /// A robot folder, read and checked.
 #[derive(Clone, Debug)]
@@ -54,7 +37,7 @@ impl RobotFolder {
     ///
     /// # Errors
     /// What is missing or wrong, where, and what to do.
-    pub fn load(path: &Path) -> Result<Self, RobotError> {
+    pub fn load(path: &Path) -> Result<Self, FileError> {
         let (urdf, settings) = Self::read(path)?;
         Self::parse(path, &urdf, &settings)
     }
@@ -63,10 +46,11 @@ impl RobotFolder {
     ///
     /// # Errors
     /// One cannot be read.
-    pub fn read(path: &Path) -> Result<(String, String), RobotError> {
+    pub fn read(path: &Path) -> Result<(String, String), FileError> {
         let read = |name: &str| {
             let path = path.join(name);
-            read_text(&path).map_err(|source| RobotError::Read { path, source })
+            let advice = "a robot folder holds robot.urdf and controller.toml";
+            read_text(&path).map_err(FileError::unread(&path, advice))
         };
         Ok((read("robot.urdf")?, read("controller.toml")?))
     }
@@ -75,10 +59,10 @@ impl RobotFolder {
     ///
     /// # Errors
     /// As [`RobotFolder::load`].
-    pub fn parse(path: &Path, urdf: &str, settings: &str) -> Result<Self, RobotError> {
+    pub fn parse(path: &Path, urdf: &str, settings: &str) -> Result<Self, FileError> {
         let (folder, mut findings) = Self::check(path, urdf, settings);
         findings.retain(Finding::is_error);
-        folder.ok_or(RobotError::Wrong(findings))
+        folder.ok_or(FileError::Wrong(findings))
     }
 
     /// Everything that is wrong with the texts of both files, and the robot when nothing but warnings is.
@@ -111,13 +95,13 @@ impl RobotFolder {
     /// The robot, which may be wrong, and everything that is.
     fn read_texts(path: &Path, urdf: &str, settings: &str) -> (Option<Self>, Vec<Finding>) {
         let mut of_urdf = Report::new(&path.join("robot.urdf"));
-        let mut of_settings = Report::new(&path.join("controller.toml"));
+        let mut of_settings = Report::of_toml(&path.join("controller.toml"), settings);
         let accepted = settings::accepted_inertias(settings);
         let checked = Urdf::check_accepting(&path.join("robot.urdf"), urdf, &accepted);
         let mut tree = checked.0;
         of_urdf.findings = checked.1;
         for link in accepted.iter().filter(|name| tree.as_ref().is_some_and(|tree| !tree.has_link(name))) {
-            let line = line_of(settings, "accept_inertia");
+            let line = of_settings.line_of("accept_inertia");
             of_settings.dynamics(line, format!("accept_inertia: the URDF has no link {link}"), "remove it");
         }
         let chains = tree.as_ref().map(|tree| tree::serial_chains(tree, &mut of_urdf));
@@ -134,7 +118,7 @@ impl RobotFolder {
         if let (Some(tree), Some(chains), Some(parsed)) = (&tree, &chains, &parsed) {
             model = build::model(tree, chains, parsed);
             if let Some(model) = &model {
-                build::validate(model, tree, settings, &mut of_urdf, &mut of_settings);
+                build::validate(model, tree, &mut of_urdf, &mut of_settings);
             }
         }
         if let (Some(tree), Some(parsed)) = (&mut tree, &parsed) {

@@ -164,7 +164,7 @@ fn other_mistakes_are_told_with_line_and_key() {
     let said = complaint("elbow_bandwidth = 12.0 ", "");
     assert!(said.contains("elbow_bandwidth") || said.contains("expected"), "{said}");
     let missing = load(Path::new("nowhere/soft.toml"), &model("arm7")).unwrap_err().to_string();
-    assert!(missing.starts_with("nowhere/soft.toml: "), "{missing}");
+    assert!(missing.starts_with("cannot read nowhere/soft.toml: "), "{missing}");
 }
 
 #[test]

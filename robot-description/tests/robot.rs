@@ -73,13 +73,13 @@ fn nonsense_is_named_by_file_joint_and_field() {
             "controller.toml",
             "reaction = \"hold\"",
             "reaction = \"pray\"",
-            "unknown variant `pray`, expected one of `off`, `damp`, `hold`, for reaction",
+            "unknown variant `pray`, expected one of `off`, `damp`, `hold`, for safety.reaction",
         ),
         (
             "controller.toml",
             "command_timeout = 0.1 ",
             "command_timeout = \"0.1\" ",
-            "expected f32, for command_timeout",
+            "expected f32, for safety.command_timeout",
         ),
         ("controller.toml", "gravity = [", "gravity = ", "controller.toml:4: "),
         (

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Parser;
+use clap::builder::FalseyValueParser;
 use tesaki_supervisor::port::Address;
 
 use crate::controller::Defaults;
@@ -32,7 +33,7 @@ pub struct Options {
     #[arg(allow_negative_numbers = true)]
     pub timeout: Duration,
     /// Take command even if another program holds it; refused while the board is enabled
-    #[arg(long, env = "TESAKI_TAKE_OVER")]
+    #[arg(long, env = "TESAKI_TAKE_OVER", value_parser = FalseyValueParser::new())]
     pub take_over: bool,
     /// Robot folder of the board's model: its URDF for /robot_description, and the names of its links
     #[arg(long, env = "TESAKI_ROBOT", value_name = "DIR")]

@@ -123,7 +123,7 @@ impl<'a> Node<'a> {
     pub fn start(options: &'a Options) -> Result<Self, Failure> {
         if let Some(address) = options.network {
             std::net::UdpSocket::bind((address, 0)).map_err(|error| {
-                Failure::Usage(format!("--network {address} is no address of this machine: {error}"))
+                Failure::Usage(format!("--network {address} is not an address of this machine: {error}"))
             })?;
         }
         let robot = robot_folder(options)?;

@@ -8,8 +8,8 @@ use tesaki::fault::Fault;
 use tesaki::model::RobotModel;
 use tesaki::protocol::{Refusal, Request};
 use tesaki::robot::Concerns as _;
-use tesaki_description::read_text;
-use tesaki_description::robot::{RobotError, RobotFolder};
+use tesaki_description::robot::RobotFolder;
+use tesaki_description::{FileError, read_text};
 use tesaki_recording::McapError;
 use tesaki_supervisor::faults;
 use tesaki_supervisor::port::{Address, Key, PortError, Reopening};
@@ -31,7 +31,7 @@ pub enum Failure {
     #[error(transparent)]
     OtherRobot(#[from] OtherRobot),
     #[error(transparent)]
-    Robot(#[from] RobotError),
+    Robot(#[from] FileError),
     #[error("{path}: {1}", path = .0.display())]
     File(PathBuf, io::Error),
     #[error(transparent)]

@@ -5,7 +5,7 @@
 use heapless::Vec;
 use tesaki::control::ServoMode;
 use tesaki::model::*;
-use tesaki::node::Node;
+use tesaki::node::{MAX_MODEL, Node};
 use tesaki::protocol::*;
 use tesaki::task::joint_servo::JointCommand;
 use tesaki::task::{TaskCommand, TaskConfig};
@@ -63,22 +63,30 @@ fn model() -> Option<RobotModel> {
     })
 }
 
-/// Moves the joint to 0.5 rad in 3 s and says where it is.
+/// Moves the joint to 0.5 rad in 3 s and says where it is. `None` if the node refuses a request.
 pub fn run() -> Option<String> {
     let (mut node, mut sequence) = (Box::new(Node::new()), 0);
     let mut ask = |node: &mut Node, request| {
         sequence += 1;
-        node.handle(&RequestFrame { client: 1, sequence, request }, &BoardStatus::default()).reply
+        let frame = RequestFrame { client: 1, sequence, request };
+        match node.handle(&frame, &BoardStatus::default()).reply {
+            Reply::Refused(refusal) => {
+                eprintln!("{refusal}");
+                None
+            }
+            reply => Some(reply),
+        }
     };
-    let bytes = postcard::to_stdvec(&model()?).ok()?;
+    let mut buffer = [0; MAX_MODEL];
+    let bytes = postcard::to_slice(&model()?, &mut buffer).ok()?;
     let length = u32::try_from(bytes.len()).ok()?;
-    ask(&mut node, Request::Hello { schema: SCHEMA_KEY });
-    ask(&mut node, Request::TakeCommand { by_force: false });
-    ask(&mut node, Request::ModelBegin { length, checksum: codec::checksum(&bytes) });
+    ask(&mut node, Request::Hello { schema: SCHEMA_KEY })?;
+    ask(&mut node, Request::TakeCommand { by_force: false })?;
+    ask(&mut node, Request::ModelBegin { length, checksum: codec::checksum(bytes) })?;
     for (offset, data) in (0..).step_by(MODEL_CHUNK).zip(bytes.chunks(MODEL_CHUNK)) {
-        ask(&mut node, Request::ModelChunk { offset, data: Vec::from_slice(data).ok()? });
+        ask(&mut node, Request::ModelChunk { offset, data: Vec::from_slice(data).ok()? })?;
     }
-    ask(&mut node, Request::ModelCommit);
+    ask(&mut node, Request::ModelCommit)?;
 
     let (mut angle, mut velocity) = (0.0, 0.0);
     let mut sensors = SensorFrame { supply: 24_000, ..SensorFrame::default() };
@@ -95,11 +103,11 @@ pub fn run() -> Option<String> {
         angle += velocity * tesaki::TICK + 0.5 * acceleration * tesaki::TICK * tesaki::TICK;
         velocity += acceleration * tesaki::TICK;
         if tick == 1 {
-            ask(&mut node, Request::Enable(TaskConfig::JointServo(ServoMode::Pid)));
+            ask(&mut node, Request::Enable(TaskConfig::JointServo(ServoMode::Pid)))?;
             let positions = positions.clone();
-            ask(&mut node, Request::Task(TaskCommand::JointServo(JointCommand::Goal { positions })));
+            ask(&mut node, Request::Task(TaskCommand::JointServo(JointCommand::Goal { positions })))?;
         }
-        ask(&mut node, Request::Keep);
+        ask(&mut node, Request::Keep)?;
     }
     Some(format!("tick {}: {}, joint at {angle:.3} rad", node.last_tick(), node.mode()))
 }

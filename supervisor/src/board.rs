@@ -63,9 +63,7 @@ pub enum BoardError {
     },
     /// The wait for an answer was interrupted, see
     /// [`LinkBoard::interrupt_by`](crate::LinkBoard::interrupt_by).
-    #[error(
-        "something more urgent came before the board's answer: whether this was carried out is not known"
-    )]
+    #[error("a stop was sent before the board answered: this request may or may not have been carried out")]
     Interrupted,
     /// The board runs another task.
     #[error("the board's task is {reported}, not {expected}: {expected} has to be enabled first")]
@@ -100,6 +98,12 @@ impl BoardError {
             Refusal::SchemaMismatch { board: SCHEMA_KEY, .. } => Self::Reset,
             refusal => Self::Refused { action, refusal },
         }
+    }
+
+    /// Whether the same question may be answered soon, without anything being done about it: for programs
+    /// that watch a board, and outlive its silence and its resets.
+    pub const fn passes(&self) -> bool {
+        matches!(self, Self::Timeout { .. } | Self::Interrupted | Self::ExportDisturbed | Self::Reset)
     }
 }
 
@@ -458,4 +462,17 @@ const fn wrong(action: &'static str, reply: &Reply) -> BoardError {
         Reply::Task(_) => "a report on its task",
     };
     BoardError::WrongReply { action, reply }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn who_watches_outlives_a_reset_and_not_another_version() {
+        let greet = |board| Refusal::SchemaMismatch { board, firmware: [0, 1, 0] };
+        let refused = |refusal| BoardError::refused("export", refusal);
+        assert!(refused(greet(SCHEMA_KEY)).passes() && BoardError::Timeout { seconds: 1.0 }.passes());
+        assert!(!refused(greet(!SCHEMA_KEY)).passes() && !refused(Refusal::NoModel).passes());
+    }
 }

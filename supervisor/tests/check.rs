@@ -38,6 +38,38 @@ fn changed(changes: &[(&str, &str, &str)]) -> tempfile::TempDir {
 }
 
 #[test]
+fn what_a_hand_grasps_and_its_camera_are_checked_too() {
+    let folder = changed(&[]);
+    for (robot, file, from, to) in [
+        ("hand3", "grasps/box.toml", "touch_force = 0.1", "touch_force = 1000.0"),
+        ("hand3", "grasps/wedge.toml", "[[contact]]", "[[contacts]]"),
+        ("hand3", "objects/box.toml", "mass = 0.023", "mass = -0.023"),
+        ("knob-arm", "camera.toml", "focal = 140.0", "focal = 0.0"),
+        ("knob-arm", "approach.toml", "", ""),
+    ] {
+        let text = std::fs::read_to_string(workspace().join("robots").join(robot).join(file)).unwrap();
+        assert!(text.contains(from), "{from}");
+        let file = folder.path().join(file);
+        std::fs::create_dir_all(file.parent().unwrap()).unwrap();
+        std::fs::write(file, text.replacen(from, to, 1)).unwrap();
+    }
+    let (code, text) = check(&[], folder.path());
+    assert_eq!(code, 1, "{text}");
+    contains(
+        &text,
+        &[
+            "grasps/box.toml:3: the touch force is 1000 N",
+            "grasps/wedge.toml:",
+            "unknown field `contacts`",
+            "objects/box.toml:4: mass is -0.023: it must be above 0 [kg]",
+            "camera.toml:5: focal is 0: it must be above 0 [px]",
+            "approach.toml: not checked: there is no hand_eye.toml",
+            "4 problems found",
+        ],
+    );
+}
+
+#[test]
 fn a_good_folder_lists_its_joints() {
     let (code, text) = check(&[], &workspace().join("robots/hand3"));
     assert_eq!(code, 0, "{text}");
@@ -423,9 +455,9 @@ fn a_tip_on_the_axis_of_its_last_joint_is_told_of_a_finger() {
 #[test]
 fn a_wrong_value_is_named_by_its_key_and_a_weight_by_its_link() {
     for (from, to, words) in [
-        ("supply_min = 20.0", "supply_min = \"20\"", "expected f32, for supply_min"),
+        ("supply_min = 20.0", "supply_min = \"20\"", "expected f32, for safety.supply_min"),
         ("reaction = \"hold\"", "reaction = \"brake\"", "unknown variant `brake`, expected"),
-        ("reaction = \"hold\"", "reaction = \"brake\"", ", for reaction"),
+        ("reaction = \"hold\"", "reaction = \"brake\"", ", for safety.reaction"),
         ("following_error = 0.25", "following_error = 0.01", "at least 0.180 rad, three times that"),
     ] {
         let (_, text) = check_changed("controller.toml", from, to);

@@ -332,7 +332,7 @@ fn what_does_not_fit_is_told_with_file_line_column_and_advice() {
             &[],
             "finger_joint\n0.1\nNaN\n",
             1,
-            &["standard input:3", "column finger_joint", "NaN is no finite number"],
+            &["standard input:3", "column finger_joint", "NaN is not a finite number"],
         ),
         (
             "fk",
@@ -340,7 +340,7 @@ fn what_does_not_fit_is_told_with_file_line_column_and_advice() {
             &[],
             "finger_joint\n0.1\n30°\n",
             1,
-            &["standard input:3", "column finger_joint", "\"30°\" is no number"],
+            &["standard input:3", "column finger_joint", "\"30°\" is not a number"],
         ),
         (
             "fk",
@@ -348,7 +348,7 @@ fn what_does_not_fit_is_told_with_file_line_column_and_advice() {
             &[],
             "finger_joint,a\n0.1\n",
             1,
-            &["standard input:2", "1 values, but the header has 2 columns"],
+            &["standard input:2", "the row has 1 value, the header 2 columns"],
         ),
         (
             "fk",
@@ -429,7 +429,7 @@ fn what_does_not_fit_is_told_with_file_line_column_and_advice() {
             pads,
             "finger_joint,finger_joint.velocity\n0,fast\n",
             1,
-            &["standard input:2", "column finger_joint.velocity", "\"fast\" is no number"],
+            &["standard input:2", "column finger_joint.velocity", "\"fast\" is not a number"],
         ),
         (
             "rnea",
@@ -502,4 +502,14 @@ fn wrong_masses_do_not_matter_and_wrong_limits_do_for_the_inverse_alone() {
     change("<parent link=\"", "<parent link=\"x");
     let (code, _, err) = tesaki(&["eval", "fk", "--robot", robot, "--in", "-"], "finger_joint\n0\n");
     assert!(code == 1 && err.contains("robot.urdf:") && err.contains("does not exist"), "{err}");
+}
+
+#[test]
+fn a_table_without_end_is_not_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let table = folder.path().join("huge.csv");
+    std::fs::File::create(&table).unwrap().set_len(1 << 30).unwrap();
+    let arguments = ["eval", "fk", "--robot", &robot(ROBOTS[0].0), "--in", table.to_str().unwrap()];
+    let (code, _, error) = tesaki(&arguments, "");
+    assert!(code == 1 && error.contains("huge.csv: larger than 128 MiB"), "{error}");
 }

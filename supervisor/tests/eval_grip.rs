@@ -296,24 +296,24 @@ fn what_does_not_fit_is_told_with_line_column_value_and_what_is_allowed() {
         format!("{PINCH}{row}\n{}\n", cells.collect::<Vec<_>>().join(","))
     };
     for (input, expected) in [
-        (with("mu1", "-0.5"), "3: column mu1: -0.5 is no coefficient of friction: it is at least 0"),
-        (with("mu2", "NaN"), "3: column mu2: NaN is no finite number"),
+        (with("mu1", "-0.5"), "3: column mu1: -0.5 is not a coefficient of friction: it is at least 0"),
+        (with("mu2", "NaN"), "3: column mu2: NaN is not a finite number"),
         (with("mu2", ""), "3: column mu2 is empty: fill in a number, or give --friction for all"),
         (
             with("nx1", "0"),
             "3: columns nx1, ny1, nz1: (0, 0, 0) has no direction: give a vector into the object",
         ),
-        (with("max2", "0"), "3: column max2: 0 N is no largest normal force: it is more than 0"),
-        (with("max2", "-3"), "3: column max2: -3 N is no largest normal force: it is more than 0"),
-        (with("max2", "inf"), "3: column max2: inf is no finite number"),
+        (with("max2", "0"), "3: column max2: 0 N is not a largest normal force: it is more than 0"),
+        (with("max2", "-3"), "3: column max2: -3 N is not a largest normal force: it is more than 0"),
+        (with("max2", "inf"), "3: column max2: inf is not a finite number"),
         (with("max1", ""), "3: column max1 is empty: fill in a number, or give --max for all"),
         (
             with("y2", ""),
             "3: column y2 is empty, but x2 is not: fill in place and normal of contact 2, or nothing",
         ),
-        (with("x1", "here"), "3: column x1: \"here\" is no number"),
+        (with("x1", "here"), "3: column x1: \"here\" is not a number"),
         (with("fz", ""), "3: column fz is empty: fill in a number"),
-        (with("fz", "NaN"), "3: column fz: NaN is no finite number"),
+        (with("fz", "NaN"), "3: column fz: NaN is not a finite number"),
         (
             with("x2", "-0.02"),
             "3: columns x1 to z1, x2 to z2: contacts 1 and 2 are at the same place, 0 m from each",
@@ -345,7 +345,7 @@ fn what_does_not_fit_is_told_with_line_column_value_and_what_is_allowed() {
             "x1;y1\n0;0\n".to_owned(),
             "1: no column x1 (place of a contact [m]): separate the columns by commas",
         ),
-        (format!("{PINCH}1,2\n"), "2: 2 values, but the header has 19 columns"),
+        (format!("{PINCH}1,2\n"), "2: the row has 2 values, the header 19 columns"),
     ] {
         let (code, out, err) = tesaki(&["eval", "grip", "--in", "-"], &input);
         assert_eq!((code, out.as_str()), (1, ""), "{err}");

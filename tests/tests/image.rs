@@ -38,20 +38,9 @@ fn image(variable: &str) -> PathBuf {
 
 fn run(scenario: &Scenario, controller: &mut Watched<'_>, seed: u64) -> Outcome {
     let robot = robot_folder(scenario.robot);
-    let duration = scenario.duration;
     let laws = LawFile::find(scenario, &robot, &[]).unwrap();
-    scenario
-        .run(&mut Setting {
-            robot: &robot,
-            controller,
-            seed,
-            duration,
-            laws: &laws,
-            progress: &|_| {},
-            intervention: None,
-            live: None,
-        })
-        .unwrap()
+    let plain = Setting::plain(&robot, controller, seed, scenario.duration);
+    scenario.run(&mut Setting { laws: &laws, ..plain }).unwrap()
 }
 
 /// The processes that another one has started, as `/proc` tells.

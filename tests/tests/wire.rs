@@ -19,7 +19,7 @@ use tesaki::protocol::{
 use tesaki::task::joint_servo::JointCommand;
 use tesaki::task::{TaskCommand, TaskConfig};
 use tesaki_description::robot::RobotFolder;
-use tesaki_sim::plant::{Drive, Plant, PlantOptions, PlantValues};
+use tesaki_sim::plant::{Plant, PlantOptions};
 use tesaki_sim::virtual_board::VirtualBoard;
 use tesaki_supervisor::fault_injector::{Damage, LinkFaults};
 use tesaki_tests::{robot, set_up, zero_sensors};
@@ -260,9 +260,7 @@ fn lose(robot: &RobotFolder, reaction: Reaction, servo: ServoMode, streaming: bo
     let case = format!("{reaction:?} {servo:?} streaming {streaming} {loss:?}");
     let mut model = robot.model.clone();
     model.safety.reaction = reaction;
-    let drives: Vec<Drive> = model.joints.iter().map(Drive::from).collect();
-    let values = PlantValues::load(&robot.path).unwrap();
-    let mut plant = Plant::new(&robot.urdf, &drives, &values, &PlantOptions::mismatched(3)).unwrap();
+    let mut plant = Plant::of(robot, &PlantOptions::mismatched(3)).unwrap();
     let mut rig = Rig::new(&model);
     let mut torques = vec![0.0_f32; model.joints.len()];
     let mut tick = |rig: &mut Rig| {

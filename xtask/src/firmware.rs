@@ -52,8 +52,7 @@ pub fn build_for_board(compiler: ArmCompiler, board: &str) -> Result<PathBuf> {
 
 /// SHA-256 of a file, as hexadecimal digits.
 pub fn sha256(file: &Path) -> Result<String> {
-    let digest = Sha256::digest(std::fs::read(file)?);
-    Ok(digest.iter().map(|byte| format!("{byte:02x}")).collect())
+    Ok(format!("{:x}", Sha256::digest(std::fs::read(file)?)))
 }
 
 /// `cargo xtask firmware`.

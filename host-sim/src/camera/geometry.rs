@@ -1,4 +1,5 @@
 use rapier3d::na::{Isometry3, Matrix2, Matrix3, Point3, SymmetricEigen, Vector3};
+use tesaki_description::camera::CameraValues;
 
 /// A pinhole camera with square pixels and without distortion.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -14,6 +15,12 @@ pub struct Camera {
 }
 
 impl Camera {
+    /// The camera of these values without its mount.
+    pub const fn of(values: &CameraValues) -> Self {
+        let [width, height] = values.size;
+        Self { width, height, focal: values.focal, principal: values.principal }
+    }
+
     /// Image of a point in the camera frame [px]; `None` behind the camera.
     pub fn project(&self, point: &Point3<f64>) -> Option<[f64; 2]> {
         let [u, v] = self.principal;

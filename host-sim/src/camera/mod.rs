@@ -30,12 +30,11 @@ mod render;
 mod scene;
 mod shade;
 mod truth;
-mod values;
 mod view;
 
 pub use geometry::{Camera, Circle, Ellipse};
 pub use optics::{Image, Optics};
 pub use scene::{Door, Finish, Frame, Knob, Lamp, Rose, Scene, Texture};
+pub use tesaki_description::camera::CameraValues;
 pub use truth::{CircleTruth, ImageTruth};
-pub use values::{CameraFileError, CameraValues};
 pub use view::{Finger, View};

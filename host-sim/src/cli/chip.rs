@@ -43,8 +43,7 @@ pub fn run(options: &Chip) -> Result<bool, Box<dyn Error>> {
     let robot = options.robot.clone().unwrap_or_else(|| workspace().join("robots/hand3"));
     let programs = Programs { chip: &options.chip, image: &options.elf };
     let image = std::fs::read(&options.elf).map_err(|_| ChipError::Missing(options.elf.clone()))?;
-    let digest = Sha256::digest(image);
-    let digest: String = digest.iter().map(|byte| format!("{byte:02x}")).collect();
+    let digest = format!("{:x}", Sha256::digest(image));
     let run = |seed| match finger_on_chip::run(&robot, seed, programs) {
         Ok(summary) => Either::Left(summary.elf_sha256(&digest)),
         Err(error) => Either::Right(format!("seed {seed}: {error}")),

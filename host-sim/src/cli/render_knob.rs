@@ -6,9 +6,10 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use tesaki_output::say;
-use tesaki_sim::camera::{CameraValues, ImageTruth, Optics, Scene, View};
+use tesaki_sim::camera::{Camera, CameraValues, ImageTruth, Optics, Scene, View};
+use tesaki_sim::report::create;
 
-use super::{seeds, workspace};
+use super::{of_file, seeds, workspace};
 
 #[derive(Args)]
 pub struct RenderKnob {
@@ -54,7 +55,7 @@ pub fn run(options: &RenderKnob) -> Result<(), Box<dyn Error>> {
     if let Some(distance) = options.distance.filter(|distance| !(0.01..=1.0).contains(distance)) {
         return Err(format!("--distance is {distance} m: it must be from 0.01 to 1 m").into());
     }
-    std::fs::create_dir_all(&options.out)?;
+    create(&options.out)?;
     let place = |mut view: View| {
         if let Some(distance) = options.distance {
             view.hand.translation.z = -distance;
@@ -89,7 +90,7 @@ pub fn run(options: &RenderKnob) -> Result<(), Box<dyn Error>> {
             table.push('\n');
         }
         let file = options.out.join(format!("knob-{seed}.csv"));
-        std::fs::write(&file, table).map_err(|error| format!("{}: {error}", file.display()))?;
+        std::fs::write(&file, table).map_err(of_file(&file))?;
     }
     Ok(())
 }
@@ -116,7 +117,7 @@ impl Door<'_> {
 
     fn truth(&self, view: &View) -> ImageTruth {
         let pose = view.hand * self.values.mount();
-        self.scene.truth(&self.values.camera(), &pose, &view.fingers(Self::OPEN))
+        self.scene.truth(&Camera::of(&self.values), &pose, &view.fingers(Self::OPEN))
     }
 
     fn shows_enough(&self, view: &View) -> bool {
@@ -127,9 +128,9 @@ impl Door<'_> {
     fn photograph(&self, view: &View, number: u32, name: String) -> Result<String, Box<dyn Error>> {
         let (pose, fingers) = (view.hand * self.values.mount(), view.fingers(Self::OPEN));
         let noise = (self.seed, number);
-        let image = self.scene.photograph(&self.values.camera(), &self.optics, &pose, &fingers, noise);
+        let image = self.scene.photograph(&Camera::of(&self.values), &self.optics, &pose, &fingers, noise);
         let file = self.out.join(&name);
-        std::fs::write(&file, image.png()?).map_err(|error| format!("{}: {error}", file.display()))?;
+        std::fs::write(&file, image.png()?).map_err(of_file(&file))?;
         let (place, turn): ([f64; 3], [f64; 4]) =
             (view.hand.translation.vector.into(), view.hand.rotation.coords.into());
         let truth = self.truth(view);

@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use sha2::{Digest, Sha256};
+use tesaki_description::read_text;
 use tesaki_description::robot::RobotFolder;
 use tesaki_output::{note, say};
 use tesaki_sim::controller::{Controller, Native, Watched};
@@ -19,7 +20,7 @@ use tesaki_sim::scenario::{Outcome, Scenario, Setting, encode_record};
 use tesaki_supervisor::Board;
 
 use super::interrupt::{self, Interruptible};
-use super::{ControllerKind, default_image, find_scenario, progress_bar, seeds, view, workspace};
+use super::{ControllerKind, default_image, find_scenario, of_file, progress_bar, seeds, view, workspace};
 
 #[derive(Args)]
 pub struct Run {
@@ -163,16 +164,24 @@ pub fn run(options: &Run) -> Result<bool, Box<dyn Error>> {
     }
 }
 
-/// Runs all seeds and saves the report; `false` if a metric failed.
+/// Runs all seeds and saves the report, also of those before one that errs; `false` if a metric failed.
 pub(super) fn compute(
     scenario: &Scenario,
     options: &Run,
     live: Option<&LiveRun>,
 ) -> Result<bool, Box<dyn Error>> {
     let mut summaries = Vec::new();
-    let mut written = None;
+    let (mut written, mut failed) = (None, None);
     for seed in options.seed.clone() {
-        let (summary, outcome, record) = run_seed(scenario, options, seed, live)?;
+        let (summary, outcome, record) = match run_seed(scenario, options, seed, live) {
+            Ok(result) => result,
+            // What came to its end is not lost.
+            Err(error) if !summaries.is_empty() => {
+                failed = Some(format!("seed {seed}: {error}; it and those after it are not in the report"));
+                break;
+            }
+            Err(error) => return Err(error),
+        };
         if options.json {
             say!("{}", serde_json::to_string(&summary)?);
         }
@@ -192,7 +201,7 @@ pub(super) fn compute(
             say!("Report: {}", page.display());
         }
     }
-    Ok(passed)
+    failed.map_or(Ok(passed), |error| Err(error.into()))
 }
 
 pub(super) fn robot_folder(scenario: &Scenario, options: &Run) -> PathBuf {
@@ -226,16 +235,9 @@ fn run_seed(
     };
     let in_qemu = options.controller == ControllerKind::Qemu;
     let mut watched = Watched::new(controller, in_qemu);
-    let mut setting = Setting {
-        robot: &robot,
-        controller: &mut watched,
-        seed,
-        duration: options.duration.unwrap_or(scenario.duration),
-        laws: &laws,
-        progress: &progress,
-        intervention: None,
-        live,
-    };
+    let duration = options.duration.unwrap_or(scenario.duration);
+    let plain = Setting::plain(&robot, &mut watched, seed, duration);
+    let mut setting = Setting { laws: &laws, progress: &progress, live, ..plain };
     let outcome = scenario.run(&mut setting)?;
     outcome.motion.show_last();
     let mut summary = outcome.summary.clone();
@@ -243,7 +245,6 @@ fn run_seed(
         summary.waive_all(&format!("it is made for {}", scenario.robot));
     }
     summary.controller = options.controller.name().to_owned();
-    summary = summary.frames_sha256(watched.frames_sha256());
     if in_qemu {
         let board = watched.status()?.board;
         let stack =
@@ -256,8 +257,8 @@ fn run_seed(
             "plant_link_damage",
             Metric::at_most("Damaged plant-link frames", damaged.into(), 0.0, ""),
         );
-        let digest = Sha256::digest(std::fs::read(&options.elf)?);
-        summary = summary.elf_sha256(digest.iter().map(|byte| format!("{byte:02x}")).collect::<String>());
+        let digest = Sha256::digest(std::fs::read(&options.elf).map_err(of_file(&options.elf))?);
+        summary = summary.elf_sha256(format!("{digest:x}"));
     }
     if let Some(identical) = watched.identical() {
         summary = summary.identical(identical);
@@ -331,8 +332,10 @@ fn save(
     files.extend(outcome.tables.iter().map(|(name, text)| (name.as_str(), text.as_str())));
     write(&dir, &files)?;
     write(&dir.join("figures"), &figure_files(&outcome.figures))?;
-    std::fs::write(dir.join("frames.log"), record)?;
-    let urdf = std::fs::read_to_string(folder.join("robot.urdf"))?;
+    let log = dir.join("frames.log");
+    std::fs::write(&log, record).map_err(of_file(&log))?;
+    let urdf = folder.join("robot.urdf");
+    let urdf = read_text(&urdf).map_err(of_file(&urdf))?;
     outcome.motion.write(&dir.join("recording.mcap"), &urdf)?;
     Ok(std::path::absolute(dir.join("index.html"))?)
 }

@@ -5,23 +5,19 @@ use std::path::PathBuf;
 
 use clap::Args;
 use tesaki::model::RobotModel;
-use tesaki_description::approach;
-use tesaki_description::grasp::load_placed;
 use tesaki_description::robot::RobotFolder;
 use tesaki_output::say;
-use tesaki_sim::camera::CameraValues;
-use tesaki_sim::door::{KnobDoor, hand_joints, hand_pose};
-use tesaki_sim::plant::{Drive, ObjectValues, Plant, PlantOptions, PlantValues};
+use tesaki_sim::plant::{Plant, PlantOptions};
 use tesaki_sim::qemu::{Machine, Qemu};
-use tesaki_sim::scenario::scene::{on_support, open_posture};
+use tesaki_sim::scenario::scene::around_object;
 use tesaki_sim::serve::{ServedBoard, home_command, input_lines, serve};
 use tesaki_sim::serve_folder;
-use tesaki_sim::served_camera::ServedCamera;
+use tesaki_sim::served_camera::{ServedCamera, ServedDoor};
 use tesaki_sim::virtual_board::VirtualBoard;
 use tesaki_supervisor::hub::Hub;
 use tesaki_supervisor::port::{Address, Announcement, Key};
 
-use super::{ControllerKind, default_image, interrupt, shown, workspace};
+use super::{ControllerKind, default_image, interrupt, of_file, shown, workspace};
 
 #[derive(Args)]
 pub struct Serve {
@@ -68,10 +64,11 @@ pub fn run(options: &Serve) -> Result<(), Box<dyn Error>> {
     interrupt::handle()?;
     let robot = RobotFolder::load(&options.robot)?;
     let name = robot.model.name.as_str();
-    let values = PlantValues::load(&options.robot)?;
-    let drives: Vec<Drive> = robot.model.joints.iter().map(Drive::from).collect();
-    let mut machine = machine_options(options, &robot.model)?;
-    let mut plant = Plant::new(&robot.urdf, &drives, &values, &machine)?;
+    let mut machine = PlantOptions::mismatched(options.seed);
+    if let Some(grasp) = &options.grasp {
+        machine = around_object(machine, &robot.model, grasp, options.object.as_deref())?;
+    }
+    let mut plant = Plant::of(&robot, &machine)?;
     let (mut native, mut qemu);
     let board: &mut dyn ServedBoard = match options.controller {
         ControllerKind::Native => {
@@ -84,21 +81,15 @@ pub fn run(options: &Serve) -> Result<(), Box<dyn Error>> {
         }
     };
     let (folder, _lock) = serve_folder::create()?;
-    let camera = match served_door(options, &robot.model, &plant)? {
-        Some((door, values, joints)) => {
-            machine.fixtures = door.fixtures();
-            plant = Plant::new(&robot.urdf, &drives, &PlantValues::load(&options.robot)?, &machine)?;
-            let default = || Address::Unix(folder.path().join("camera"));
-            let address = options.camera.clone().unwrap_or_else(default);
-            Some(ServedCamera::listen(&address, values, door, joints)?)
-        }
-        None => None,
-    };
+    let mut camera = None;
+    if let Some(door) = served_door(options, &robot, &plant)? {
+        let default = || Address::Unix(folder.path().join("camera"));
+        let address = options.camera.clone().unwrap_or_else(default);
+        let (before_door, pictures) = door.serve(&robot, &machine, &address)?;
+        (plant, camera) = (before_door, Some(pictures));
+    }
     let listen = options.listen.clone().unwrap_or_else(|| Address::Unix(folder.path().join("board")));
-    let key = options
-        .key
-        .as_ref()
-        .map(|path| Key::read(path).map_err(|error| format!("{}: {error}", path.display())));
+    let key = options.key.as_ref().map(|path| Key::read(path).map_err(of_file(path)));
     let mut hub = Hub::listen(&listen, key.transpose()?.as_ref())?;
     let terminal = hub.add_pty()?;
     let kind = match options.controller {
@@ -131,13 +122,10 @@ pub fn run(options: &Serve) -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// A door, the camera, and the indices of the tip that is the hand and of the gripper's joint.
-type ServedDoor = (KnobDoor, CameraValues, [usize; 2]);
-
 /// What `--door` asks for.
 fn served_door(
     options: &Serve,
-    model: &RobotModel,
+    robot: &RobotFolder,
     plant: &Plant,
 ) -> Result<Option<ServedDoor>, Box<dyn Error>> {
     let Some(seed) = options.door else { return Ok(None) };
@@ -149,33 +137,17 @@ fn served_door(
         )
         .into());
     }
-    let (camera, files) = (CameraValues::load(&options.robot)?, approach::load(&options.robot, model)?);
-    let [hand, gripper] = hand_joints(model, &files.task, plant);
-    let mut door = KnobDoor::draw(seed, &hand_pose(plant, hand, gripper));
+    let mut served = ServedDoor::draw(robot, plant, seed)?;
     if let Some(radius) = options.rose {
-        let range = door.scene.knob.radius + 0.005..=0.1;
+        let scene = &mut served.door.scene;
+        let range = scene.knob.radius + 0.005..=0.1;
         if !range.contains(&radius) {
             let [from, to] = [range.start(), range.end()];
             return Err(format!("--rose is {radius} m: it must be from {from:.3} to {to} m").into());
         }
-        door.scene.rose.radius = radius;
+        scene.rose.radius = radius;
     }
-    Ok(Some((door, camera, [hand, gripper])))
-}
-
-/// The machine to serve: with `--grasp` its fingers are open around the object.
-fn machine_options(options: &Serve, model: &RobotModel) -> Result<PlantOptions, Box<dyn Error>> {
-    let mut machine = PlantOptions::mismatched(options.seed);
-    if let Some(path) = &options.grasp {
-        let grasp = load_placed(path)?;
-        machine.posture = Some(open_posture(model, &grasp.plan)?);
-        if let Some(object) = &options.object {
-            let text =
-                std::fs::read_to_string(object).map_err(|error| format!("{}: {error}", object.display()))?;
-            machine.object = Some(on_support(ObjectValues::from_toml(&text)?, &grasp));
-        }
-    }
-    Ok(machine)
+    Ok(Some(served))
 }
 
 /// What to try on the machine once it is homed.

@@ -61,16 +61,9 @@ fn measure(scenario: &Scenario, seed: u64) -> Result<(f64, f64), Box<dyn Error>>
     let laws = LawFile::find(scenario, &robot, &[])?;
     let periods = Arc::new(Mutex::new(Periods(0)));
     let mut native = Native::default();
-    let mut setting = Setting {
-        robot: &robot,
-        controller: &mut Watched::new(&mut native, false),
-        seed,
-        duration: scenario.duration,
-        laws: &laws,
-        progress: &|_| {},
-        intervention: Some(Arc::clone(&periods) as _),
-        live: None,
-    };
+    let mut watched = Watched::new(&mut native, false);
+    let plain = Setting::plain(&robot, &mut watched, seed, scenario.duration);
+    let mut setting = Setting { laws: &laws, intervention: Some(Arc::clone(&periods) as _), ..plain };
     let (begin, before) = (Instant::now(), cpu_time(Path::new("/proc/self/stat")));
     scenario.run(&mut setting)?;
     let cpu = cpu_time(Path::new("/proc/self/stat")).zip(before).map(|(now, before)| now - before);

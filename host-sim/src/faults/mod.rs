@@ -84,16 +84,8 @@ pub fn run_traced(
         let Some(scenario) = Scenario::find(&schedule.scenario) else { return Ok(()) };
         let mut board = rig.clone();
         let mut controller = Watched::new(&mut board, false);
-        let mut setting = Setting {
-            robot: &folder,
-            controller: &mut controller,
-            seed: schedule.machine(),
-            duration: scenario.duration,
-            laws: &[],
-            progress: &|_| {},
-            intervention: Some(rig.intervention()),
-            live: None,
-        };
+        let plain = Setting::plain(&folder, &mut controller, schedule.machine(), scenario.duration);
+        let mut setting = Setting { intervention: Some(rig.intervention()), ..plain };
         scenario.run(&mut setting).map(|_| ())
     }));
     let mut rig = rig.lock();

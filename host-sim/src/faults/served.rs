@@ -10,7 +10,7 @@ use tesaki_description::robot::RobotFolder;
 
 use super::shared_rig::SharedRig;
 use crate::controller::Controller;
-use crate::plant::{Drive, Plant, PlantOptions, PlantValues};
+use crate::plant::{Plant, PlantOptions};
 use crate::scenario::ScenarioError;
 use tesaki_supervisor::Board;
 
@@ -123,10 +123,7 @@ impl Client {
 
 /// Serves a board until the run is over.
 pub fn run(rig: &SharedRig, robot: &RobotFolder, seed: u64) -> Result<(), ScenarioError> {
-    let values = PlantValues::load(&robot.path)?;
-    let drives: Vec<Drive> = robot.model.joints.iter().map(Drive::from).collect();
-    let options = PlantOptions::mismatched(seed);
-    let plant = Plant::new(&robot.urdf, &drives, &values, &options)?;
+    let plant = Plant::of(robot, &PlantOptions::mismatched(seed))?;
     let mut plant = plant.under(Some(rig.intervention()));
     let mut board = rig.clone();
     introduce(&mut board, &robot.model)?;

@@ -3,20 +3,9 @@ use thiserror::Error;
 /// Why a plant cannot be built or driven.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum PlantError {
-    /// The values cannot be read.
-    #[error("cannot read {}: {reason}; a robot that is simulated has a plant.toml in its folder", path.display())]
-    Read {
-        /// The file.
-        path: std::path::PathBuf,
-        /// Why.
-        reason: String,
-    },
-    /// `plant.toml` cannot be used.
+    /// A file of the robot cannot be used.
     #[error(transparent)]
-    File(#[from] tesaki_description::plant::PlantFileError),
-    /// The description of an object cannot be read.
-    #[error("object: {0}")]
-    Object(String),
+    File(#[from] tesaki_description::FileError),
     /// A value of `plant.toml` or of the options is invalid.
     #[error("{field} is {value}: it must be {expected}")]
     Value {

@@ -11,10 +11,10 @@ use super::contact::{Contact, TipContact, contact};
 use super::convert::{isometry, narrow, pose, pose_of, wide};
 use super::end_effector::Tip;
 use super::motion::Motion;
-use super::object::{ObjectValues, Shape};
 use super::push::Disturbances;
 use super::shapes::{cuboid, cylinder, with_friction};
 use super::stiction::{Creep, Crept};
+use tesaki_description::object::{ObjectValues, Shape};
 
 /// Solver iterations over the constraints in a sub-step. A grasp needs many more than a free hand, because
 /// the object couples the fingers. With 16, joints that should stick creep, and joint friction of 0.08 N·m

@@ -4,6 +4,7 @@ use rapier3d::na::Isometry3;
 use tesaki::model::{MAX_CHAINS, MAX_JOINTS};
 use tesaki::protocol::{ActuatorFrame, SensorFlags, SensorFrame};
 use tesaki_description::plant::PlantProblem;
+use tesaki_description::robot::RobotFolder;
 use tesaki_description::urdf::Urdf;
 use tesaki_rng::Rng;
 
@@ -16,12 +17,12 @@ use super::fixture;
 use super::force::ForceSensors;
 use super::intervention::SharedIntervention;
 use super::linkage;
-use super::object::ObjectValues;
 use super::push::{Load, Push};
 use super::tree::{self, Body};
 use super::values::{Drive, Noise, PlantOptions, PlantValues, steps};
 use super::world::{JointValues, World};
 use crate::purpose::Purpose;
+use tesaki_description::object::ObjectValues;
 
 /// A simulated robot. Joints are in the order of its drives.
 pub struct Plant {
@@ -40,6 +41,15 @@ pub struct Plant {
 }
 
 impl Plant {
+    /// Builds the plant of the robot in a folder, with the motors of its model and its `plant.toml`.
+    ///
+    /// # Errors
+    /// What is wrong with URDF, values or options, and where.
+    pub fn of(robot: &RobotFolder, options: &PlantOptions) -> Result<Self, PlantError> {
+        let drives: Vec<Drive> = robot.model.joints.iter().map(Drive::from).collect();
+        Self::new(&robot.urdf, &drives, &PlantValues::load(&robot.path)?, options)
+    }
+
     /// Builds the plant of a robot.
     ///
     /// # Errors
@@ -86,7 +96,10 @@ impl Plant {
             &world_posture,
         );
         world.insert_linkages(linkages);
-        options.object.as_ref().map_or(Ok(()), ObjectValues::validate)?;
+        if let Some(problem) = options.object.as_ref().and_then(ObjectValues::problem) {
+            let PlantProblem { field, value, expected } = problem;
+            return Err(PlantError::Value { field: format!("object: {field}"), value, expected });
+        }
         let object = options.object.as_ref().map(|object| (object, friction(object, options)));
         let mut tips = tips(&urdf.robot, &bodies);
         for tip in &mut tips {

@@ -64,7 +64,6 @@ mod machine;
 mod motion;
 mod multibody;
 mod narrow_phase;
-mod object;
 mod outside_drive;
 mod push;
 mod shapes;
@@ -80,8 +79,8 @@ pub use factors::JointFactors;
 pub use fixture::{Fixture, FixtureContact, FixtureShape};
 pub use intervention::{Intervention, SharedIntervention};
 pub use machine::Plant;
-pub use object::{ObjectValues, Shape, Support};
 pub use push::{Load, Push};
+pub use tesaki_description::object::{ObjectValues, Shape, Support};
 pub use truth::{ContactTruth, ObjectTruth, TipTruth, Truth};
 pub use values::{
     CONTROL_PERIOD, Drive, ForceSensorValues, FrictionSizes, InnerLoop, Integration, LinkageValues, Mismatch,

@@ -7,7 +7,7 @@ use tesaki_description::urdf::point_inertia;
 
 use super::convert::{mass_properties, vector, wide};
 use super::error::PlantError;
-use super::object::ObjectValues;
+use tesaki_description::object::ObjectValues;
 
 /// A force on an object or a tip that rises, stays and falls.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -5,7 +5,7 @@ pub use tesaki_description::plant::{
 };
 
 use super::fixture::Fixture;
-use super::object::ObjectValues;
+use tesaki_description::object::ObjectValues;
 
 /// Sub-steps in a control period.
 pub(super) fn steps(values: &PlantValues) -> usize {

@@ -19,10 +19,10 @@ use super::free::FreeLinks;
 use super::grasp::{self, Grasp};
 use super::linkage::Linkage;
 use super::narrow_phase::CheckedContacts;
-use super::object::ObjectValues;
 use super::push::{Disturbances, Push};
 use super::stiction::Creep;
 use super::tree::Body;
+use tesaki_description::object::ObjectValues;
 
 /// Sweeps over the constraints in a sub-step. Dry friction in the joints of a chain is coupled: with too few
 /// sweeps joints that should stand creep.

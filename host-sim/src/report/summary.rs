@@ -142,7 +142,7 @@ impl Serialize for Metric {
 /// "metrics": {name: {"value", "unit", "limit", "paper"?, "pass"}}, "pass"}`, with the metrics in the order
 /// in which they were added, the fields marked `?` left out where there is nothing to say, and `null` for a
 /// value that is not a number.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Summary {
     /// The scenario's name.
     pub scenario: String,
@@ -164,16 +164,7 @@ pub struct Summary {
 impl Summary {
     /// A run without any metrics yet, which therefore does not pass.
     pub fn new(scenario: impl Into<String>, controller: impl Into<String>, seed: u64) -> Self {
-        Self {
-            scenario: scenario.into(),
-            controller: controller.into(),
-            seed,
-            ticks: 0,
-            frames_sha256: None,
-            elf_sha256: None,
-            identical: None,
-            metrics: Vec::new(),
-        }
+        Self { scenario: scenario.into(), controller: controller.into(), seed, ..Self::default() }
     }
 
     /// The same with the number of control periods.

@@ -152,7 +152,7 @@ impl Run {
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let mut rig = ArmRig::load(setting)?;
-    let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
+    let mut summary = Summary::default();
     let mut runs = Vec::new();
     let heavy = ImpedanceSettings { impedance: impedance(3.5, 60.0, STIFFNESS), ..settings(60.0) };
     for delay in DELAYS {
@@ -166,7 +166,6 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     }
     let tables = runs.iter().map(|run| (format!("{}.csv", run.name()), run.table())).collect();
     let figures = vec![handle(&runs), wall_force(&runs), handle_force(&runs), energy(&runs)];
-    let summary = summary.ticks(u64::from(rig.motion.ticks()));
     Ok(Outcome { summary, figures, tables, motion: rig.motion })
 }
 

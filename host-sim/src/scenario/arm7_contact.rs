@@ -120,11 +120,10 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
             }
         }
     }
-    let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
+    let mut summary = Summary::default();
     let metric = Metric::reported("contacts that a fault ended", faults.len() as f64, "");
     summary.insert("faults", if faults.is_empty() { metric } else { metric.note(faults.join("; ")) });
     add_metrics(&mut summary, &contacts);
-    let summary = summary.ticks(u64::from(rig.motion.ticks()));
     let tables = vec![("contacts.csv".to_owned(), table(&contacts))];
     Ok(Outcome { summary, figures: vec![figure(&contacts)], tables, motion: rig.motion })
 }

@@ -41,7 +41,7 @@ const REST: f64 = 1.5;
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let mut rig = ArmRig::load(setting)?;
-    let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
+    let mut summary = Summary::default();
     let (mut figures, mut tables) = (Vec::new(), Vec::new());
     for trial in &ELBOW_TRIALS {
         let log = elbow_swing(setting, &mut rig, trial)?;
@@ -49,7 +49,6 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
         figures.push(figure(trial, &log));
         tables.push((format!("{}.csv", trial.name), log.table()));
     }
-    let summary = summary.ticks(u64::from(rig.motion.ticks()));
     Ok(Outcome { summary, figures, tables, motion: rig.motion })
 }
 

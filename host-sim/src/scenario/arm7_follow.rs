@@ -148,7 +148,7 @@ impl HandTrajectory {
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let mut rig = ArmRig::load(setting)?;
-    let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
+    let mut summary = Summary::default();
     let (mut figures, mut tables) = (Vec::new(), Vec::new());
     for trial in &TRIALS {
         let trace = follow(setting, &mut rig, trial)?;
@@ -156,7 +156,6 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
         figures.push(figure(trial, &trace));
         tables.push((format!("{}.csv", trial.name), trace.table()));
     }
-    let summary = summary.ticks(u64::from(rig.motion.ticks()));
     Ok(Outcome { summary, figures, tables, motion: rig.motion })
 }
 

@@ -137,7 +137,6 @@ impl NamedLaw {
 /// Runs `trial` under every law on every machine; `figures` draws those on one machine.
 pub(super) fn compare<'a, T>(
     setting: &mut Setting<'_, '_>,
-    scenario: &Scenario,
     mut rig: ArmRig,
     laws: &'a [NamedLaw],
     trial: impl Fn(
@@ -150,7 +149,7 @@ pub(super) fn compare<'a, T>(
     add_metrics: impl Fn(&mut Summary, &T, &str, &str),
     draw: impl Fn(&[T], &str) -> Vec<Figure>,
 ) -> Result<Outcome, ScenarioError> {
-    let mut summary = Summary::new(scenario.name, "", setting.seed);
+    let mut summary = Summary::default();
     let (mut figures, mut tables) = (Vec::new(), Vec::new());
     for (key, name, machine) in MACHINES {
         let mut traces = Vec::new();
@@ -164,7 +163,6 @@ pub(super) fn compare<'a, T>(
         figures.extend(draw(&traces, name));
     }
     laws.iter().for_each(|law| law.add_faults(&mut summary));
-    let summary = summary.ticks(u64::from(rig.motion.ticks()));
     Ok(Outcome { summary, figures, tables, motion: rig.motion })
 }
 
@@ -194,11 +192,10 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
         law.need(&law.law.release, "[release]")?;
         law.follow()?;
     }
-    let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
+    let mut summary = Summary::default();
     let (mut figures, mut tables) = (Vec::new(), Vec::new());
     release::run(setting, &mut rig, &laws, &mut summary, &mut figures, &mut tables)?;
     follow::run(setting, &mut rig, &laws, &mut summary, &mut figures, &mut tables)?;
     laws.iter().for_each(|law| law.add_faults(&mut summary));
-    let summary = summary.ticks(u64::from(rig.motion.ticks()));
     Ok(Outcome { summary, figures, tables, motion: rig.motion })
 }

@@ -83,7 +83,7 @@ fn wrench(sample: &ArmSample) -> Vector6<f64> {
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let mut rig = ArmRig::load(setting)?;
     let laws = NamedLaw::load_all(setting, &rig)?;
-    let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
+    let mut summary = Summary::default();
     let (mut runs, mut tables) = (Vec::new(), Vec::new());
     for law in &laws {
         let experiment = law.need(&law.law.bilateral, "[bilateral]")?;
@@ -98,7 +98,6 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
         }
         law.add_faults(&mut summary);
     }
-    let summary = summary.ticks(u64::from(rig.motion.ticks()));
     Ok(Outcome { summary, figures: vec![figure(&runs)], tables, motion: rig.motion })
 }
 

@@ -168,7 +168,7 @@ fn translation(displacement: &Vector6<f64>) -> Vector3<f64> {
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let rig = ArmRig::load(setting)?;
     let laws = NamedLaw::load_all(setting, &rig)?;
-    compare(setting, &SCENARIO, rig, &laws, push, add_metrics, |traces, name| {
+    compare(setting, rig, &laws, push, add_metrics, |traces, name| {
         vec![plane(traces, name), timeline(traces, name)]
     })
 }

@@ -170,7 +170,7 @@ impl Release {
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let mut rig = ArmRig::load(setting)?;
-    let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
+    let mut summary = Summary::default();
     let (mut figures, mut tables) = (Vec::new(), Vec::new());
     for trial in &TRIALS {
         let mut releases = Vec::new();
@@ -192,7 +192,6 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
         add_metrics(&mut summary, trial, &releases);
         figures.push(figure(trial, &releases));
     }
-    let summary = summary.ticks(u64::from(rig.motion.ticks()));
     Ok(Outcome { summary, figures, tables, motion: rig.motion })
 }
 

@@ -122,7 +122,7 @@ impl Contact {
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let mut rig = ArmRig::load(setting)?;
-    let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
+    let mut summary = Summary::default();
     let (mut contacts, mut tables) = (Vec::new(), Vec::new());
     let sensed = WALLS.map(|stiffness| (stiffness, ForceSource::Sensor));
     let observed =
@@ -135,7 +135,6 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     for contact in &contacts {
         add_metrics(&mut summary, contact);
     }
-    let summary = summary.ticks(u64::from(rig.motion.ticks()));
     Ok(Outcome {
         summary,
         figures: vec![forces(&contacts), positions(&contacts)],

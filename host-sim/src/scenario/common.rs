@@ -14,6 +14,19 @@ use crate::plant::Plant;
 /// Control period [s].
 pub const T: f64 = 0.01;
 
+/// The largest of values that are not negative; NaN if one is, which `f64::max` would hide.
+pub fn worst(values: impl IntoIterator<Item = f64>) -> f64 {
+    let larger = |a: f64, b: f64| if a.is_nan() || b.is_nan() { f64::NAN } else { a.max(b) };
+    values.into_iter().fold(0.0, larger)
+}
+
+/// The value in the middle, the upper one of two; NaN without values.
+pub fn median(values: impl IntoIterator<Item = f64>) -> f64 {
+    let mut values: Vec<f64> = values.into_iter().collect();
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
+}
+
 /// Sets up and enables the controller; returns the joint angles that it holds [rad].
 pub fn prepare(
     controller: &mut Watched<'_>,
@@ -95,9 +108,19 @@ pub mod tests {
 
     use std::path::Path;
 
+    use super::{median, worst};
     use crate::controller::{Native, Watched};
     use crate::law::LawFile;
     use crate::scenario::Setting;
+
+    #[test]
+    fn no_order_of_the_values_hides_what_is_not_a_number() {
+        let nan = f64::NAN;
+        assert!([[nan, 1.0, 2.0], [1.0, nan, 2.0], [1.0, 2.0, nan]].iter().all(|v| worst(*v).is_nan()));
+        let bits = |value: f64| value.to_bits();
+        assert!(bits(worst([1.0, 3.0, 2.0])) == bits(3.0) && bits(median([5.0, 1.0, 2.0])) == bits(2.0));
+        assert!(median([]).is_nan());
+    }
 
     /// Runs a part of a scenario on a machine of the robot, under these laws of its folder.
     pub fn with_setting<R>(
@@ -114,15 +137,7 @@ pub mod tests {
         let laws: Vec<LawFile> = laws.iter().map(file).collect();
         let mut native = Native::default();
         let mut controller = Watched::new(&mut native, false);
-        run(&mut Setting {
-            robot: &robot,
-            controller: &mut controller,
-            seed,
-            duration: f64::INFINITY,
-            laws: &laws,
-            progress: &|_| (),
-            intervention: None,
-            live: None,
-        })
+        let plain = Setting::plain(&robot, &mut controller, seed, f64::INFINITY);
+        run(&mut Setting { laws: &laws, ..plain })
     }
 }

@@ -63,7 +63,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
         Ok::<_, ScenarioError>(plant.under(setting.intervention.clone()))
     };
     let mut motion = Motion::new(robot.model.joints.iter().map(|joint| joint.name.as_str()));
-    let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
+    let mut summary = Summary::default();
     let (mut figures, mut tables) = (Vec::new(), Vec::new());
     for trial in &TRIALS {
         let Trial { name, limit, .. } = *trial;
@@ -94,7 +94,6 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
         tables.push((format!("{name}_without.csv"), table(&before, &robot.model)));
         tables.push((format!("{name}_with.csv"), table(&after, &robot.model)));
     }
-    let summary = summary.ticks(u64::from(motion.ticks()));
     Ok(Outcome { summary, figures, tables, motion })
 }
 

@@ -115,7 +115,7 @@ struct FingerForce {
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let mut rig = GraspRig::load(setting)?;
     let paper = rig.paper_law()?;
-    let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
+    let mut summary = Summary::default();
     let mut figure = Figure::stacked("Force of finger 1 on the box", CAPTION, "time", "s")
         .event(BEFORE, "support removed")
         .phase(BEFORE + HOLD - EVALUATED, BEFORE + HOLD, "evaluated");
@@ -138,7 +138,6 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
         figure = figure.panel(panel(trial, &log));
         tables.push((format!("{}.csv", trial.name), table(&log)));
     }
-    let summary = summary.ticks(u64::from(rig.motion.ticks()));
     Ok(Outcome { summary, figures: vec![figure], tables, motion: rig.motion })
 }
 

@@ -6,7 +6,7 @@ use std::ops::Range;
 use rapier3d::na::Vector3;
 use tesaki::task::grasping::{GraspCommand, Phase};
 
-use super::common::capitalized;
+use super::common::{capitalized, worst};
 use super::grasping::{GraspLog, GraspRig, GraspSample, GraspTrial, GraspedObject, MOVE, table, xyz};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::plant::ContactTruth;
@@ -68,7 +68,7 @@ struct Record {
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let mut rig = GraspRig::load(setting)?;
-    let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
+    let mut summary = Summary::default();
     let (mut figures, mut tables) = (Vec::new(), Vec::new());
     for trial in &TRIALS {
         let force_limit = f64::from(rig.grasp(trial.object)?.plan.force_limit);
@@ -95,7 +95,6 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
         figures.push(figure(trial, &record));
         tables.push((format!("{}.csv", trial.object), table(&record.log)));
     }
-    let summary = summary.ticks(u64::from(rig.motion.ticks()));
     Ok(Outcome { summary, figures, tables, motion: rig.motion })
 }
 
@@ -133,8 +132,7 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, record: &Record) {
     let start = rotations.first().map_or(f64::NAN, |&begin| pitch(begin));
     let errors = rotations.iter().zip(trial.rotations);
     let errors = errors.map(|(begin, angle)| 1e3 * (pitch(begin + MOVE + REST - 0.1) - start - angle).abs());
-    let worst = errors.fold(0.0, |a: f64, b| if a.is_nan() || b.is_nan() { f64::NAN } else { a.max(b) });
-    insert("pitch_error", Metric::reported(format!("{label}: pitch error at rest"), worst, "mrad"));
+    insert("pitch_error", Metric::reported(format!("{label}: pitch error at rest"), worst(errors), "mrad"));
     let ends = log.samples.first().zip(log.samples.last());
     let distance = ends.map_or(f64::NAN, |(first, last)| 1e3 * (last.position() - first.position()).norm());
     let text = format!("{label}: distance from pick-up to put-down");

@@ -172,7 +172,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let values = PlantValues::load(setting.robot)?;
     let ticks = (setting.duration / 4.0 / T).round() as u32;
 
-    let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
+    let mut summary = Summary::default();
     let (mut figures, mut tables) = (Vec::new(), Vec::new());
     let mut motion = setting.motion(&robot.model);
     for (index, trial) in TRIALS.iter().enumerate() {
@@ -188,7 +188,6 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
         figures.push(figure(trial, &recording, &robot.model));
         tables.push((format!("{}.csv", trial.name), table(&recording, &robot.model)));
     }
-    let summary = summary.ticks(u64::from(motion.ticks()));
     Ok(Outcome { summary, figures, tables, motion })
 }
 

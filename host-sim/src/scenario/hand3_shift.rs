@@ -6,7 +6,7 @@ use std::ops::Range;
 use rapier3d::na::Vector3;
 use tesaki_description::grasp::PlacedGrasp;
 
-use super::common::capitalized;
+use super::common::{capitalized, worst};
 use super::grasping::{GraspLog, GraspRig, GraspTrial, GraspedObject, MOVE, displacements, table, xyz};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::report::{Figure, Line, Metric, Panel, Summary};
@@ -80,7 +80,7 @@ impl Record {
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let mut rig = GraspRig::load(setting)?;
-    let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
+    let mut summary = Summary::default();
     let paper = rig.paper_law()?;
     let mut records = Vec::new();
     for trial in &TRIALS {
@@ -105,7 +105,6 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     }
     let tables = TRIALS.iter().zip(&records);
     let tables = tables.map(|(trial, record)| (format!("{}.csv", trial.name), table(&record.log))).collect();
-    let summary = summary.ticks(u64::from(rig.motion.ticks()));
     Ok(Outcome { summary, figures: vec![figure(&records)], tables, motion: rig.motion })
 }
 
@@ -136,9 +135,7 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, record: &Record) {
     let [forward, back] = [record.error(0), record.error(1)];
     insert("error_forward", "error at rest after +1 cm, along x", forward.x.abs(), 0.2, "1 mm");
     insert("error_back", "error at rest after −1 cm, along x", back.x.abs(), 0.2, "2 mm");
-    // `f64::max` would hide a NaN.
-    let larger = |a: f64, b: f64| if (a + b).is_nan() { f64::NAN } else { a.max(b) };
-    let (y, z) = (larger(forward.y.abs(), back.y.abs()), larger(forward.z.abs(), back.z.abs()));
+    let (y, z) = (worst([forward.y.abs(), back.y.abs()]), worst([forward.z.abs(), back.z.abs()]));
     insert("drift_y", "drift along y", y, 0.2, "");
     insert("drift_z", "drift along z", z, 0.2, "5 mm");
     if !*paper_law || back.norm().is_finite() {

@@ -2,7 +2,7 @@
 
 use rapier3d::na::UnitQuaternion;
 
-use super::common::capitalized;
+use super::common::{capitalized, worst};
 use super::grasping::{GraspLog, GraspRig, GraspSample, GraspTrial, GraspedObject, MOVE, table};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::report::{Figure, Line, Metric, Panel, Summary};
@@ -46,7 +46,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
         grasp_trial.wait(MOVE + REST)?;
     }
     let log = grasp_trial.end()?;
-    let mut summary = Summary::new(SCENARIO.name, "", setting.seed).ticks(u64::from(rig.motion.ticks()));
+    let mut summary = Summary::default();
     add_metrics(&mut summary, &log, &begins);
     let figures = vec![figure(&log, begins[0])];
     Ok(Outcome { summary, figures, tables: vec![("turn.csv".to_owned(), table(&log))], motion: rig.motion })
@@ -61,9 +61,8 @@ fn add_metrics(summary: &mut Summary, log: &GraspLog, begins: &[f64; 4]) {
     let start = pitch(log.at(begins[0]));
     let rests = begins.map(|begin| pitch(log.at(begin + MOVE + AFTER)));
     let errors = [0, 1, 2, 3].map(|index| 1e3 * (rests[index] - start - TARGETS[index]).abs());
-    let worst = errors.into_iter().fold(0.0, |a: f64, b| if b.is_nan() { b } else { a.max(b) });
     let mut metric =
-        Metric::at_most("Pitch error at rest, worst of four", worst, 2.0, "mrad").paper("1–4 mrad");
+        Metric::at_most("Pitch error at rest, worst of four", worst(errors), 2.0, "mrad").paper("1–4 mrad");
     metric.note = lost;
     summary.insert("pitch_error", metric);
     for (number, (error, turn)) in (1..).zip(errors.into_iter().zip(["+0.1", "−0.1", "−0.1", "+0.1"])) {

@@ -6,6 +6,7 @@ use std::ops::Range;
 use rapier3d::na::Vector3;
 use tesaki_description::grasp::PlacedGrasp;
 
+use super::common::worst;
 use super::grasping::{
     GraspLog, GraspRig, GraspTrial, GraspedObject, GripRatio, LIFT, component_targets, components,
     grip_ratio, internal_forces, table,
@@ -82,7 +83,6 @@ struct Record {
 }
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
-    let seed = setting.seed;
     let mut rig = GraspRig::load(setting)?;
     let gravity = Vector3::from(rig.values.gravity);
     let model = rig.robot.model.clone();
@@ -110,7 +110,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     push(&mut grasp_trial, &mut record)?;
     let log = grasp_trial.end()?;
 
-    let mut summary = Summary::new(SCENARIO.name, "", seed).ticks(u64::from(rig.motion.ticks()));
+    let mut summary = Summary::default();
     add_metrics(&mut summary, &log, &record);
     let begin = record.parts.first().map_or(0.0, |part| part.span.start);
     let figures = vec![loads(&log, &record, begin), forces(&log, &record, begin)];
@@ -183,8 +183,7 @@ fn add_metrics(summary: &mut Summary, log: &GraspLog, record: &Record) {
     for part in record.parts.iter().filter(|part| part.name != "push") {
         let weights = || record.weights.iter().filter(|weight| weight.part == part.name);
         let all = |value: fn(&GripRatio) -> f64| {
-            let values = weights().map(|weight| weight.grip.as_ref().map_or(f64::NAN, value));
-            values.fold(0.0, |a: f64, b| if b.is_nan() || a.is_nan() { f64::NAN } else { a.max(b) })
+            worst(weights().map(|weight| weight.grip.as_ref().map_or(f64::NAN, value)))
         };
         let text = format!("{}: largest grip ratio", part.label);
         let key = format!("{}_grip_ratio", part.name);

@@ -67,7 +67,7 @@ const TRIALS: [Trial; 2] = [
 ];
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
-    let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
+    let mut summary = Summary::default();
     let (mut figures, mut tables) = (Vec::new(), Vec::new());
     for (trial, number) in TRIALS.iter().zip(1..) {
         let (values, filter) = (GloveValues::default(), GloveFilter::SMOOTH);

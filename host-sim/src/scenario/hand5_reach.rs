@@ -56,7 +56,7 @@ const INSIDE: [f64; 2] = [0.1, 0.9];
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let mut rig = HandRig::load(setting)?;
-    let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
+    let mut summary = Summary::default();
     let (mut figures, mut tables) = (Vec::new(), Vec::new());
     let window = BEGIN..MOTION;
 
@@ -118,7 +118,6 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     figures.push(errors("Pinches", &log));
     tables.push(("pinches.csv".to_owned(), log.table()));
 
-    let summary = summary.ticks(u64::from(rig.motion.ticks()));
     Ok(Outcome { summary, figures, tables, motion: rig.motion })
 }
 

@@ -138,7 +138,7 @@ fn point(tip: &Fingertip) -> FingertipPoint {
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let mut rig = HandRig::load(setting)?;
-    let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
+    let mut summary = Summary::default();
     let (mut figures, mut tables) = (Vec::new(), Vec::new());
     for trial in &TRIALS {
         let log = lead(setting, &mut rig, trial)?;
@@ -149,7 +149,6 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
         figures.push(errors(trial, &log));
         tables.push((format!("{}.csv", trial.name), log.table()));
     }
-    let summary = summary.ticks(u64::from(rig.motion.ticks()));
     Ok(Outcome { summary, figures, tables, motion: rig.motion })
 }
 

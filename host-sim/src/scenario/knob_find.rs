@@ -2,6 +2,7 @@
 
 use tesaki::vision::{CameraBuffers, Circle, CircleSearch, Image, find_circle};
 
+use super::common::median;
 use super::film::picture_panel;
 use super::knob_pictures::{EMPTY, KnobPicture, KnobPictures};
 use super::{Outcome, Scenario, ScenarioError, Setting};
@@ -81,7 +82,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     }
     let (empty, mut pictures) = (pictures.split_off(count - EMPTY), pictures);
     pictures.sort_by(|one, other| other.distance.total_cmp(&one.distance));
-    let summary = summary(&pictures, &empty, setting.seed);
+    let summary = summary(&pictures, &empty);
     let figures = vec![
         film_strip(&pictures, 0, "Film strip: from far")?,
         film_strip(&pictures, SHOWN / 2, "Film strip: to near")?,
@@ -112,8 +113,8 @@ fn find(
     Ok(found.filter(|circle| circle.confidence >= BELIEVED))
 }
 
-fn summary(pictures: &[Picture], empty: &[Picture], seed: u64) -> Summary {
-    let mut summary = Summary::new(SCENARIO.name, "", seed);
+fn summary(pictures: &[Picture], empty: &[Picture]) -> Summary {
+    let mut summary = Summary::default();
     let clear = || pictures.iter().filter(|picture| picture.is_clear());
     let share = |number: usize, of: usize| 100.0 * number as f64 / of.max(1) as f64;
     for (search, key, label) in [(0, "whole", "Whole image"), (1, "window", "Window")] {
@@ -138,12 +139,6 @@ fn summary(pictures: &[Picture], empty: &[Picture], seed: u64) -> Summary {
     let text = "Doors without a knob in which a circle is found";
     summary.insert("empty_found", Metric::at_most(text, share(found, empty.len()), 1.0, "%"));
     summary
-}
-
-fn median(values: impl Iterator<Item = f64>) -> f64 {
-    let mut values: Vec<f64> = values.collect();
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
 /// Three of the pictures that are shown, with the true and the found outline.

@@ -10,10 +10,10 @@ use tesaki_description::approach::{self, ApproachFile};
 use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::{Board, BoardError};
 
-use super::common::{T, clear_faults, fault_error, introduce};
+use super::common::{T, clear_faults, fault_error, introduce, median};
 use super::film::picture_panel;
 use super::{Outcome, Scenario, ScenarioError, Setting};
-use crate::camera::{self, CameraValues, CircleTruth};
+use crate::camera::{self, Camera, CameraValues, CircleTruth};
 use crate::controller::{Controller, Watched};
 use crate::door::{KNOB, KnobDoor, hand_joints, hand_pose};
 use crate::motion::{Motion, Transform};
@@ -76,7 +76,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
         logs.push(trial.log);
         (setting.progress)((number + 1) as f64 / DOORS as f64);
     }
-    let summary = summary(&logs, setting.seed).ticks(u64::from(motion.ticks()));
+    let summary = summary(&logs);
     let mut figures = Vec::new();
     if let Some(first) = logs.first() {
         figures = vec![film_strip(first, 0)?, film_strip(first, SHOWN / 2)?, approach_figure(first)];
@@ -283,7 +283,7 @@ impl<'a, 'b, 'c> Trial<'a, 'b, 'c> {
         let truth = self.door.truth(self.machine.camera, &hand, opening).rose;
         let search = self.approach.search(&latched);
         // A rose that is expected outside of the picture is not looked for.
-        let is_outside = |center: [f32; 2]| !self.machine.camera.camera().contains(center.map(f64::from));
+        let is_outside = |center: [f32; 2]| !Camera::of(self.machine.camera).contains(center.map(f64::from));
         let found = if search.window.is_some_and(|window| is_outside(window.center)) {
             None
         } else {
@@ -357,8 +357,8 @@ impl<'a, 'b, 'c> Trial<'a, 'b, 'c> {
     }
 }
 
-fn summary(logs: &[Log], seed: u64) -> Summary {
-    let mut summary = Summary::new(SCENARIO.name, "", seed);
+fn summary(logs: &[Log]) -> Summary {
+    let mut summary = Summary::default();
     let share = |count: usize| 100.0 * count as f64 / logs.len().max(1) as f64;
     let gripped: Vec<&Log> = logs.iter().filter(|log| log.succeeded()).collect();
     summary.insert("gripped", Metric::at_least("Knobs that are gripped", share(gripped.len()), 99.0, "%"));
@@ -369,7 +369,10 @@ fn summary(logs: &[Log], seed: u64) -> Summary {
     let text = "Doors of which the behaviour says that it holds the knob, and does not";
     summary.insert("wrong_claims", Metric::at_most(text, share(claims), 0.0, "%"));
     let times: Vec<f64> = gripped.iter().map(|log| log.time).collect();
-    summary.insert("time", Metric::at_most("Time of an approach, median", median(&times), 10.0, "s"));
+    summary.insert(
+        "time",
+        Metric::at_most("Time of an approach, median", median(times.iter().copied()), 10.0, "s"),
+    );
     let longest = times.iter().copied().fold(f64::NAN, f64::max);
     summary.insert("longest", Metric::at_most("Longest time of an approach", longest, 10.0, "s"));
     let peak = logs.iter().map(Log::peak_force).fold(0.0, f64::max);
@@ -378,20 +381,14 @@ fn summary(logs: &[Log], seed: u64) -> Summary {
     let grips =
         |which: usize| -> Vec<f64> { logs.iter().filter_map(|log| Some(1e3 * log.grip?[which])).collect() };
     let text = "Distance of the fingertips from the axis of the knob when they close, median";
-    summary.insert("aside", Metric::reported(text, median(&grips(1)), "mm"));
+    summary.insert("aside", Metric::reported(text, median(grips(1)), "mm"));
     let text = "Distance of the fingertips from the rim of the rose when they close, median";
-    summary.insert("depth", Metric::reported(text, median(&grips(0)), "mm"));
+    summary.insert("depth", Metric::reported(text, median(grips(0)), "mm"));
     let [found, pictures] =
         [Log::found, |log: &Log| log.pictures.len()].map(|count| logs.iter().map(count).sum::<usize>());
     let text = "Pictures in which a circle is found";
     summary.insert("found", Metric::reported(text, 100.0 * found as f64 / pictures.max(1) as f64, "%"));
     summary
-}
-
-fn median(values: &[f64]) -> f64 {
-    let mut values = values.to_vec();
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
 /// Three of the pictures that are shown of a door.

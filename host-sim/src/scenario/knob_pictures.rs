@@ -49,7 +49,7 @@ impl KnobPictures {
     /// Of a seed, `count` pictures.
     pub fn new(values: CameraValues, seed: u64, count: usize) -> Self {
         let rng = Purpose::CircleSearch.rng(seed);
-        Self { camera: values.camera(), values, scene: Scene::draw(seed), rng, seed, number: 0, count }
+        Self { camera: Camera::of(&values), values, scene: Scene::draw(seed), rng, seed, number: 0, count }
     }
 }
 

@@ -111,16 +111,16 @@ fn bad_objects_are_refused_by_name() {
         assert!(BOX.contains(from));
         ObjectValues::from_toml(&BOX.replacen(from, to, 1)).unwrap_err().to_string()
     };
-    assert!(error("mass = 0.023", "mass = 0.0").contains("object.mass is 0"));
-    assert!(error("0.098", "-0.098").contains("object.size is -0.098"));
-    assert!(error("spread = 0.2", "spread = 0.7").contains("object.friction_spread is 0.7"));
+    assert!(error("mass = 0.023", "mass = 0.0").contains(":4: mass is 0: it must be above 0"));
+    assert!(error("0.098", "-0.098").contains(":3: size is -0.098"));
+    assert!(error("spread = 0.2", "spread = 0.7").contains("friction_spread is 0.7"));
     assert!(error("\"box\"", "\"ball\"").contains("ball"));
     assert!(error("\"box\"", "\"cylinder\"").contains("same along x and y"));
     let mut hand = Hand::exact();
     hand.options.object = Some(object(BOX).at([0.0; 3], [0.0; 4]));
     let refused =
         Plant::new(&hand.urdf, &hand.drives, &hand.values, &hand.options).err().unwrap().to_string();
-    assert!(refused.contains("object.orientation"), "{refused}");
+    assert!(refused.contains("object: the length of orientation is 0"), "{refused}");
     let mut plant = on_table(BOX, 0);
     let push = Push { force: [0.0; 3], point: [0.0; 3], ramp: -1.0, hold: 0.0 };
     assert!(plant.push(push).unwrap_err().to_string().contains("push.ramp is -1"));

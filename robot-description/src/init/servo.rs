@@ -23,7 +23,7 @@ const FINE: [(f32, f32, f32); 5] = [
 /// The same for encoders whose steps the derivative would amplify.
 const COARSE: [(f32, f32, f32); 4] =
     [(5.0, 50.0, f32::INFINITY), (10.0, 50.0, 5.0), (15.0, 50.0, 4.2), (20.0, 80.0, 3.6)];
-/// Part of that reserve that the modes of coupled joints may take: they are so light or heavy in few postures.
+/// Part of that reserve that the modes of coupled joints may use: they are so light or heavy in few postures.
 const MODE_RESERVE: f32 = 1.3;
 /// No faster than this [rad/s] unless friction demands it: real links are flexible, coarse encoders noisy.
 const CALM: f32 = 20.0;

@@ -58,7 +58,8 @@ use tesaki::model::RobotModel;
 use tesaki::task::impedance::ImpedanceSettings;
 use tesaki::teleop::MatchedImpedance;
 
-use super::{LawFileError, Wrong};
+use super::Wrong;
+use crate::file::{self, FileError};
 use crate::finding::Finding;
 use crate::impedance::ImpedanceTable;
 
@@ -342,9 +343,9 @@ pub fn is_for(model: &RobotModel) -> bool {
 ///
 /// # Errors
 /// The file cannot be read, or what is wrong in it, by line and key.
-pub fn load(path: &Path, model: &RobotModel) -> Result<ArmLaw, LawFileError> {
+pub fn load(path: &Path, model: &RobotModel) -> Result<ArmLaw, FileError> {
     super::check_robot(path, model, is_for(model), "an arm")?;
-    super::load(path, |text| check(path, text, model))
+    file::load(path, "", |path, text| check(path, text, model))
 }
 
 /// What is wrong with `text`, the content of `path`, for the robot of `model`; the law when nothing is.

@@ -63,7 +63,8 @@ use tesaki::task::grasping::{
     PlanField, PlannedContact,
 };
 
-use super::{LawFileError, Wrong};
+use super::Wrong;
+use crate::file::FileError;
 use crate::finding::Finding;
 use file::File;
 
@@ -239,9 +240,9 @@ pub fn is_for(model: &RobotModel) -> bool {
 ///
 /// # Errors
 /// The file cannot be read, or what is wrong in it, by line and key.
-pub fn load(path: &Path, model: &RobotModel) -> Result<HandLaw, LawFileError> {
+pub fn load(path: &Path, model: &RobotModel) -> Result<HandLaw, FileError> {
     super::check_robot(path, model, is_for(model), "a hand of three fingers with force sensors")?;
-    super::load(path, |text| check(path, text, model))
+    crate::file::load(path, "", |path, text| check(path, text, model))
 }
 
 /// What is wrong with `text`, the content of `path`, for the robot of `model`; the law when nothing is.

@@ -4,42 +4,19 @@
 pub mod arm;
 pub mod hand;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use serde::de::DeserializeOwned;
 use tesaki::model::RobotModel;
 
-use crate::file::{self, FileError, read_text};
+use crate::file::{self, FileError};
 use crate::finding::{Finding, Report};
-use crate::line::line_of;
-use crate::urdf;
 
 /// Name of the folder of such files in a robot folder.
 pub const FOLDER: &str = "laws";
 
 /// Largest number of characters in a title.
 const MAX_TITLE: usize = 60;
-
-/// Why a law cannot be used.
-#[derive(Debug, thiserror::Error)]
-pub enum LawFileError {
-    /// The file cannot be read.
-    #[error(transparent)]
-    File(#[from] FileError),
-    /// What is wrong in it.
-    #[error("{}", urdf::list(.0))]
-    Wrong(Vec<Finding>),
-    /// It is for another kind of robot.
-    #[error("{}: a law of {needed}; the robot has {chains} chain(s): run it with a robot that it is for", path.display())]
-    OtherRobot {
-        /// The file.
-        path: PathBuf,
-        /// What the law is for.
-        needed: &'static str,
-        /// Number of the robot's chains.
-        chains: usize,
-    },
-}
 
 /// What is wrong with a law of a robot: of an arm, or of a hand.
 pub fn check(path: &Path, text: &str, model: &RobotModel) -> Vec<Finding> {
@@ -53,21 +30,15 @@ pub fn check(path: &Path, text: &str, model: &RobotModel) -> Vec<Finding> {
 }
 
 /// Fails unless the robot `fits` the law in `path`, which needs what is `needed`.
-fn check_robot(
-    path: &Path,
-    model: &RobotModel,
-    fits: bool,
-    needed: &'static str,
-) -> Result<(), LawFileError> {
-    let other = || LawFileError::OtherRobot { path: path.to_owned(), needed, chains: model.chains.len() };
-    if fits { Ok(()) } else { Err(other()) }
-}
-
-/// The law in the file `path`, which `check` checks.
-fn load<L>(path: &Path, check: impl FnOnce(&str) -> (Option<L>, Vec<Finding>)) -> Result<L, LawFileError> {
-    let text = read_text(path).map_err(|source| FileError::Read { path: path.to_owned(), source })?;
-    let (law, findings) = check(&text);
-    law.ok_or(LawFileError::Wrong(findings))
+fn check_robot(path: &Path, model: &RobotModel, fits: bool, needed: &'static str) -> Result<(), FileError> {
+    let mut report = Report::new(path);
+    if !fits {
+        let chains = model.chains.len();
+        let message =
+            format!("a law of {needed}; the robot has {chains} chain(s): run it with a robot that it is for");
+        report.dynamics(None, message, "");
+    }
+    if fits { Ok(()) } else { Err(FileError::Wrong(report.findings)) }
 }
 
 /// A key that cannot be used.
@@ -120,16 +91,16 @@ fn read<File: DeserializeOwned, L>(
     advice: &str,
     law: impl FnOnce(File) -> Result<L, Vec<Wrong>>,
 ) -> (Option<L>, Vec<Finding>) {
-    let mut report = Report::new(path);
+    let mut report = Report::of_toml(path, text);
     let law = file::parse(text, advice, &mut report).and_then(|file| {
         let wrong = match law(file) {
             Ok(law) => return Some(law),
             Err(wrong) => wrong,
         };
         for Wrong { keys, message } in wrong {
-            let line = keys.iter().find_map(|key| line_of(text, key));
-            // A key of an inline table has the line of the table.
-            let table = || line_of(text, keys.first()?.rsplit_once('.')?.0);
+            let line = keys.iter().find_map(|key| report.line_of(key));
+            // A default has the line of its table.
+            let table = || report.line_of(keys.first()?.rsplit_once('.')?.0);
             report.dynamics(line.or_else(table), message, advice);
         }
         None

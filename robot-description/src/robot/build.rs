@@ -9,7 +9,6 @@ use tesaki::model::{
 use super::settings::{JointSettings, Settings};
 use super::tree::{SerialChain, SerialJoint, SerialMimic};
 use crate::finding::{Finding, Report};
-use crate::line::line_of;
 use crate::urdf::Urdf;
 
 /// The model, not validated; `None` when something does not fit, which has been reported.
@@ -121,11 +120,11 @@ fn add_mimics(model: &mut RobotModel, chains: &[SerialChain], settings: &Setting
 }
 
 /// Reports what is wrong with the values, joint by joint: one finding each.
-pub fn validate(model: &RobotModel, urdf: &Urdf, text: &str, of_urdf: &mut Report, of_settings: &mut Report) {
+pub fn validate(model: &RobotModel, urdf: &Urdf, of_urdf: &mut Report, of_settings: &mut Report) {
     if model.gauges.is_some() && model.chains.len() > 1 {
         let message = format!("force_sensor.gauges: one calibration matrix for {} tips", model.chains.len());
         let advice = "a matrix is that of one sensor: only a robot with a single tip can have gauges";
-        of_settings.dynamics(line_of(text, "force_sensor.gauges"), message, advice);
+        of_settings.dynamics(of_settings.line_of("force_sensor.gauges"), message, advice);
     }
     // What is wrong with the URDF's own values has been told by line.
     let told = of_urdf.findings.iter().any(Finding::is_error);
@@ -162,9 +161,10 @@ pub fn validate(model: &RobotModel, urdf: &Urdf, text: &str, of_urdf: &mut Repor
             Some(advice) => of_urdf.dynamics(urdf.line_of_joint(name), message, advice),
             None => {
                 let key = error.field.path();
-                let line = line_of(text, &format!("joints.{name}.{key}"))
-                    .or_else(|| line_of(text, &format!("joint.{key}")))
-                    .or_else(|| line_of(text, key));
+                let line = of_settings
+                    .line_of(&format!("joints.{name}.{key}"))
+                    .or_else(|| of_settings.line_of(&format!("joint.{key}")))
+                    .or_else(|| of_settings.line_of(key));
                 of_settings.dynamics(line, message, in_settings(error.field));
             }
         }

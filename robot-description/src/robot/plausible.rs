@@ -9,7 +9,6 @@ use tesaki::model::{ChainJoint, JointModel, Motor, RobotModel};
 use super::RobotFolder;
 use super::limits::{ImplausibleLimit, at_least, implausible_limits};
 use crate::finding::{Finding, Report};
-use crate::line::line_of;
 use crate::load::{CoupledChains, JointLoad};
 use crate::plant::PlantValues;
 use crate::urdf::{RigidBody, Urdf};
@@ -56,9 +55,8 @@ pub fn is_checkable(model: &RobotModel) -> bool {
 pub fn check(folder: &RobotFolder, settings: &str, plant: Option<&str>, known: &[Finding]) -> Vec<Finding> {
     let mut reports = Reports {
         urdf: Report::new(&folder.path.join("robot.urdf")),
-        settings: Report::new(&folder.path.join("controller.toml")),
-        plant: Report::new(&folder.path.join("plant.toml")),
-        text: settings,
+        settings: Report::of_toml(&folder.path.join("controller.toml"), settings),
+        plant: Report::of_toml(&folder.path.join("plant.toml"), plant.unwrap_or_default()),
         of_joints: Vec::new(),
         heaviest: heaviest(&folder.urdf),
         has_weights: !known.iter().any(|finding| {
@@ -71,8 +69,8 @@ pub fn check(folder: &RobotFolder, settings: &str, plant: Option<&str>, known: &
         let (values, findings) = PlantValues::check(&path, text);
         reports.plant.findings = findings;
         if let Some(values) = values {
-            against_plant(&folder.model, &values, text, known, &mut reports.plant);
-            start = Some((values.posture, text));
+            against_plant(&folder.model, &values, known, &mut reports.plant);
+            start = Some(values.posture);
         }
     }
     let model = &folder.model;
@@ -100,12 +98,10 @@ pub fn check(folder: &RobotFolder, settings: &str, plant: Option<&str>, known: &
 }
 
 /// One report a file.
-struct Reports<'a> {
+struct Reports {
     urdf: Report,
     settings: Report,
     plant: Report,
-    /// `controller.toml`.
-    text: &'a str,
     /// What is said of joints in `controller.toml`, with the names of those of which the same is said.
     of_joints: Vec<(JointFinding, Vec<String>)>,
     /// The heaviest link with its line, in brackets; nothing without any mass.
@@ -123,7 +119,7 @@ struct JointFinding {
     advice: String,
 }
 
-impl Reports<'_> {
+impl Reports {
     /// Something about a joint that does not work.
     fn error(&mut self, joint: &JointModel, line: Option<usize>, message: String, advice: impl Into<String>) {
         self.add(joint, JointFinding { is_error: true, line, message, advice: advice.into() });
@@ -163,18 +159,17 @@ impl Reports<'_> {
 
     /// The line of a setting of a joint.
     fn line(&self, joint: &JointModel, key: &str) -> Option<usize> {
-        line_of(self.text, &format!("joints.{}.{key}", joint.name))
-            .or_else(|| line_of(self.text, &format!("joint.{key}")))
+        self.settings
+            .line_of(&format!("joints.{}.{key}", joint.name))
+            .or_else(|| self.settings.line_of(&format!("joint.{key}")))
     }
 }
-
-type Start<'a> = (BTreeMap<String, f64>, &'a str);
 
 fn of_chains(
     chains: &CoupledChains,
     model: &RobotModel,
-    start: Option<&Start<'_>>,
-    reports: &mut Reports<'_>,
+    start: Option<&BTreeMap<String, f64>>,
+    reports: &mut Reports,
 ) {
     let gravity = &model.gravity;
     let joints: Vec<&JointModel> =
@@ -189,13 +184,14 @@ fn of_chains(
         speed(joint, reports);
         sticking(joint, reports);
     }
-    let Some((posture, text)) = start else { return };
+    let Some(posture) = start else { return };
     #[expect(clippy::cast_possible_truncation, reason = "the controller works in single precision")]
     let angle = |joint: &JointModel| posture.get(joint.name.as_str()).copied().unwrap_or(0.0) as f32;
     let angles: Vec<f32> = joints.iter().map(|joint| angle(joint)).collect();
     for ((&joint, &angle), torque) in joints.iter().zip(&angles).zip(chains.gravity_torques(gravity, &angles))
     {
-        let line = line_of(text, &format!("posture.{}", joint.name)).or_else(|| line_of(text, "posture"));
+        let own = reports.plant.line_of(&format!("posture.{}", joint.name));
+        let line = own.or_else(|| reports.plant.line_of("posture"));
         let (lower, upper) = (joint.limits.lower, joint.limits.upper);
         if angle < lower || angle > upper {
             let named = if posture.contains_key(joint.name.as_str()) {
@@ -240,16 +236,16 @@ fn torque_limit(joint: &JointModel) -> f32 {
 }
 
 /// A limit that protects nothing, or is a fault at once.
-fn of_limit(model: &RobotModel, limit: ImplausibleLimit, reports: &mut Reports<'_>) {
+fn of_limit(model: &RobotModel, limit: ImplausibleLimit, reports: &mut Reports) {
     let ImplausibleLimit { joint, key, message, advice } = limit;
     match joint.and_then(|joint| model.joints.get(joint)) {
         Some(joint) => reports.error(joint, reports.line(joint, key), message, advice),
-        None => reports.settings.dynamics(line_of(reports.text, key), message, advice),
+        None => reports.settings.dynamics(reports.settings.line_of(key), message, advice),
     }
 }
 
 /// A rotor that accelerates faster than any.
-fn rotor(joint: &JointModel, reports: &mut Reports<'_>) {
+fn rotor(joint: &JointModel, reports: &mut Reports) {
     let (inertia, torque) = (joint.motor.rotor_inertia, torque_limit(joint));
     let least = torque * FASTEST_ROTOR / joint.limits.velocity;
     let line = reports.line(joint, "motor.rotor_inertia");
@@ -295,7 +291,7 @@ fn tip_on_axis(model: &RobotModel, index: usize, urdf: &Urdf, report: &mut Repor
 }
 
 /// A motor whose largest current makes quite another torque than the limit.
-fn units(joint: &JointModel, reports: &mut Reports<'_>) {
+fn units(joint: &JointModel, reports: &mut Reports) {
     let Motor { current_limit, torque_constant, .. } = joint.motor;
     let (torque, limit) = (current_limit * torque_constant, joint.limits.torque);
     if torque <= 0.0 || (limit / OTHER_UNIT..=limit * OTHER_UNIT).contains(&torque) {
@@ -311,11 +307,13 @@ fn units(joint: &JointModel, reports: &mut Reports<'_>) {
 }
 
 /// A motor too weak for friction and gravity.
-fn motor(joint: &JointModel, joints: &[&JointModel], load: &JointLoad, reports: &mut Reports<'_>) {
+fn motor(joint: &JointModel, joints: &[&JointModel], load: &JointLoad, reports: &mut Reports) {
     let (torque, coulomb) = (torque_limit(joint), joint.friction.coulomb);
     let viscous = joint.friction.viscous * joint.limits.velocity;
-    let own = line_of(reports.text, &format!("joints.{}.friction", joint.name))
-        .or_else(|| line_of(reports.text, "joint.friction"));
+    let own = reports
+        .settings
+        .line_of(&format!("joints.{}.friction", joint.name))
+        .or_else(|| reports.settings.line_of("joint.friction"));
     let hint = "give the true friction in [joints.NAME.friction], or check torque_constant, current_limit and \
         effort";
     let line = own.or_else(|| reports.line(joint, "motor.current_limit"));
@@ -370,7 +368,7 @@ fn motor(joint: &JointModel, joints: &[&JointModel], load: &JointLoad, reports: 
 }
 
 /// A trajectory filter that is faster than the joint.
-fn speed(joint: &JointModel, reports: &mut Reports<'_>) {
+fn speed(joint: &JointModel, reports: &mut Reports) {
     let half = 0.5 * (joint.limits.upper - joint.limits.lower);
     let peak = FILTER_PEAK * half / joint.servo.filter_time;
     if peak > joint.limits.velocity {
@@ -386,7 +384,7 @@ fn speed(joint: &JointModel, reports: &mut Reports<'_>) {
 }
 
 /// A position loop that friction overcomes.
-fn sticking(joint: &JointModel, reports: &mut Reports<'_>) {
+fn sticking(joint: &JointModel, reports: &mut Reports) {
     let gains = &joint.servo.observer;
     let distance = joint.friction.coulomb / (gains.inertia * gains.bandwidth * gains.bandwidth);
     if distance > MUCH_STICKING && joint.friction.coulomb < torque_limit(joint) {
@@ -405,13 +403,7 @@ fn sticking(joint: &JointModel, reports: &mut Reports<'_>) {
 }
 
 /// Controller and plant must fit.
-fn against_plant(
-    model: &RobotModel,
-    plant: &PlantValues,
-    text: &str,
-    known: &[Finding],
-    report: &mut Report,
-) {
+fn against_plant(model: &RobotModel, plant: &PlantValues, known: &[Finding], report: &mut Report) {
     // A joint that is wrong is not in the model.
     let is_told = |name: &str| known.iter().any(|finding| finding.is_error() && finding.is_about_joint(name));
     for name in plant.posture.keys().filter(|name| !is_told(name)) {
@@ -419,7 +411,7 @@ fn against_plant(
             let names: Vec<&str> = model.joints.iter().map(|joint| joint.name.as_str()).collect();
             let message = format!("[posture]: the URDF has no joint {name}");
             let advice = format!("correct or remove it; the moving joints are {}", names.join(", "));
-            report.dynamics(line_of(text, &format!("posture.{name}")), message, advice);
+            report.dynamics(report.line_of(&format!("posture.{name}")), message, advice);
         }
     }
     let time = |joint: &JointModel| f64::from(joint.motor.rotor_inertia / joint.friction.viscous.max(1e-9));
@@ -436,7 +428,7 @@ fn against_plant(
             time(joint)
         );
         let advice = "check friction and motor.rotor_inertia; else give a step of a quarter of this time";
-        report.dynamics(line_of(text, "integration.step"), message, advice);
+        report.dynamics(report.line_of("integration.step"), message, advice);
     }
     let (voltage, safety) = (plant.supply.voltage, &model.safety);
     if voltage < f64::from(safety.supply_min) || voltage > f64::from(safety.supply_max) {
@@ -445,7 +437,7 @@ fn against_plant(
             safety.supply_min, safety.supply_max
         );
         report.dynamics(
-            line_of(text, "supply.voltage"),
+            report.line_of("supply.voltage"),
             message,
             "it would be a fault at once: correct one of them",
         );
@@ -455,13 +447,17 @@ fn against_plant(
         let (has, lacks) =
             if sensors { ("controller.toml", "plant.toml") } else { ("plant.toml", "controller.toml") };
         let message = format!("{has} has [force_sensor], {lacks} has none");
-        report.dynamics(line_of(text, "force_sensor"), message, "give both or none");
+        report.dynamics(report.line_of("force_sensor"), message, "give both or none");
     }
     let gravity = Vector3::from(model.gravity.map(f64::from));
     let difference = (gravity - Vector3::from(plant.gravity)).norm();
     if difference > 0.1 {
         let message = format!("gravity = {:?} m/s²; controller.toml has {:?}", plant.gravity, model.gravity);
-        report.warning(line_of(text, "gravity"), message, "the controller would compensate the wrong weight");
+        report.warning(
+            report.line_of("gravity"),
+            message,
+            "the controller would compensate the wrong weight",
+        );
     }
 }
 

@@ -10,7 +10,6 @@ use toml::{Table, Value};
 
 use crate::file::{MAX_TOML, check_length, parse_short};
 use crate::finding::Report;
-use crate::line::line_of;
 
 /// A checked `controller.toml`.
 #[derive(Clone, Debug)]
@@ -178,7 +177,7 @@ impl Settings {
         let file = parse_short::<File>(text, advice, report);
         // The joints can be looked at all the same.
         let table = toml::from_str::<Table>(text).ok()?;
-        let joints = joints(&table, text, names, report);
+        let joints = joints(&table, names, report);
         let file = file.filter(|_| report.findings.len() == before)?;
         Some(Self {
             gravity: file.gravity,
@@ -214,7 +213,7 @@ impl From<SafetySettings> for Safety {
 }
 
 /// `[joint]` and `[joints.NAME]` put together for every name; what several joints have wrong is told once.
-fn joints(file: &Table, text: &str, names: &[&str], report: &mut Report) -> BTreeMap<String, JointSettings> {
+fn joints(file: &Table, names: &[&str], report: &mut Report) -> BTreeMap<String, JointSettings> {
     let table = |key: &str| file.get(key).and_then(Value::as_table).cloned().unwrap_or_default();
     let (common, own) = (table("joint"), table("joints"));
     // Of a URDF without joints, or that cannot be read, its own finding says enough.
@@ -223,7 +222,7 @@ fn joints(file: &Table, text: &str, names: &[&str], report: &mut Report) -> BTre
     for stranger in &strangers {
         let message = format!("[joints.{stranger}]: the URDF has no such joint");
         let advice = format!("correct or remove it; the moving joints are {}", names.join(", "));
-        report.dynamics(line_of(text, &format!("joints.{stranger}")), message, advice);
+        report.dynamics(report.line_of(&format!("joints.{stranger}")), message, advice);
     }
     let mut wrong: Vec<(Wrong, Vec<&str>)> = Vec::new();
     let mut joints = BTreeMap::new();
@@ -243,11 +242,11 @@ fn joints(file: &Table, text: &str, names: &[&str], report: &mut Report) -> BTre
         }
     }
     for (Wrong { key, message, .. }, names) in wrong {
-        let line = match *names {
-            [name] => line_of(text, &format!("joints.{name}.{key}")),
-            _ => None,
-        };
-        let line = line.or_else(|| line_of(text, &format!("joint.{key}"))).or_else(|| line_of(text, &key));
+        let common = format!("joint.{key}");
+        let mut keys = names.iter().map(|name| format!("joints.{name}.{key}")).collect::<Vec<_>>();
+        // What several have wrong is in what they share, if it is there.
+        keys.insert(if names.len() > 1 { 0 } else { 1 }, common);
+        let line = keys.iter().find_map(|key| report.line_of(key));
         let (plural, list) = (if names.len() > 1 { "s" } else { "" }, names.join(", "));
         let advice =
             "correct it in [joint…], which applies to all joints, or in [joints.NAME…] for a single joint";

@@ -21,6 +21,12 @@ const ENABLE_SPEED: f32 = 0.2;
 
 impl Node {
     /// Answers one request. A refused request changes nothing. `board` is the board's part of the status.
+    ///
+    /// A client sends [`Hello`](Request::Hello) first, then [`TakeCommand`](Request::TakeCommand), the model
+    /// ([`ModelBegin`](Request::ModelBegin), [`ModelChunk`](Request::ModelChunk),
+    /// [`ModelCommit`](Request::ModelCommit)), and after the next tick [`Enable`](Request::Enable) and
+    /// [`Task`](Request::Task) commands, or [`Keep`](Request::Keep), within the model's command timeout. A
+    /// firmware with its own model is such a client, too: the log of its requests then replays.
     pub fn handle(&mut self, frame: &RequestFrame, board: &BoardStatus) -> ReplyFrame {
         self.handle_on(frame, board, &mut |_| Ok(()))
     }

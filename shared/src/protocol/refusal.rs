@@ -115,6 +115,11 @@ impl From<LimitRefusal> for Refusal {
 impl fmt::Display for Refusal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
+            Self::SchemaMismatch { board, .. } if *board == super::SCHEMA_KEY => write!(
+                f,
+                "the board does not know this client: it has sent no hello, or none since the board was reset; \
+                 send one first"
+            ),
             Self::SchemaMismatch { board, firmware: [major, minor, patch] } => write!(
                 f,
                 "board and supervisor speak different versions of the protocol (board: firmware \
@@ -157,7 +162,8 @@ impl fmt::Display for Refusal {
             Self::Unsafe(fault) => write!(f, "not with what the sensors show: {fault}"),
             Self::NotHomed { joint } => write!(
                 f,
-                "joint {joint} has a relative encoder and was not homed since power-on: home it first"
+                "joint {joint} is not homed: its encoder is relative, and was never told its angle or has lost it \
+                 by a leap (a joint that fell or was turned fast, too); home it first"
             ),
             Self::NoForceSensor => write!(f, "the robot has no force sensor: there is nothing to tare"),
             Self::NotExported { length } => {

@@ -24,7 +24,8 @@ pub struct RequestFrame {
 /// Requests of the supervisor. Every request has one [`Reply`](super::Reply).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub enum Request {
-    /// 0: asks for the identity. Its layout never changes. Answered by [`Reply::Hello`](super::Reply::Hello).
+    /// 0: asks for the identity, before any other request of a client. Its layout never changes. Answered by
+    /// [`Reply::Hello`](super::Reply::Hello).
     Hello {
         /// The sender's [`super::SCHEMA_KEY`].
         schema: u64,

@@ -50,8 +50,8 @@ fn all_legs(
     settings: &JointSettings,
 ) -> Result<Vec<Group>, IdentifyError> {
     let ranges = ranges(model, start, settings.amplitude)?;
-    // The other half is for friction, and for what is in the way.
-    let torque = 0.5 * settings.torque;
+    // With the other joints held, the inertia may be twice as large; the rest is for friction and contacts.
+    let torque = 0.3 * settings.torque;
     let legs = |joints: Vec<usize>| {
         let sweep = Sweep { model, start, ranges: &ranges, joints: &joints, torque };
         let legs = sweep.legs(&SWEEPS, BACK);

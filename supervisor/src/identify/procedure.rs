@@ -20,7 +20,7 @@ pub(super) const TICK: f64 = 0.01;
 /// Times of a sweep from one end to the other [s]: two speeds, so that viscous friction shows.
 const SWEEPS: [f64; 2] = [1.0, 0.4];
 /// Largest torque for a joint's inertia in a sweep, as a fraction of its limit.
-const SWEEP_TORQUE: f64 = 0.125;
+const SWEEP_TORQUE: f64 = 0.075;
 /// Sweeps to and fro at each.
 const REPEATS: usize = 2;
 /// Ticks from one question after the object in the hand to the next.
@@ -115,7 +115,7 @@ pub struct FailedGrip {
 pub enum IdentifyError {
     /// No hand that grasps.
     #[error(
-        "{robot} is no hand that grasps: three fingers of three joints with a force sensor each are needed"
+        "{robot} is not a hand that grasps: three fingers of three joints with a force sensor each are needed"
     )]
     NotAHand {
         /// Its name.

@@ -34,7 +34,7 @@ pub enum AddressError {
     #[error("\"{0}\" is not a port{hint}: use one such as {EXAMPLES}", hint = guess(.0))]
     Unknown(String),
     /// Where a socket is needed, something else.
-    #[error("\"{text}\" is no socket{hint}: use one such as unix:///run/hand.sock or tcp://localhost:7400", text = .0, hint = guess_socket(.0))]
+    #[error("\"{text}\" is not a socket{hint}: use one such as unix:///run/hand.sock or tcp://localhost:7400", text = .0, hint = guess_socket(.0))]
     NotSocket(String),
     /// `unix:` without a path.
     #[error("\"{0}\" names no socket file: write it like unix:///run/hand.sock")]

@@ -144,7 +144,7 @@ impl Channel {
         if let State::Greeted(key) = &self.state {
             if !self.received.iter().zip(GREETING).all(|(received, expected)| received == expected) {
                 return Err(invalid(
-                    "it has no key, or is no tesaki program. Give it the key with --key FILE",
+                    "it has no key, or is not a tesaki program. Give it the key with --key FILE",
                 ));
             }
             let end = GREETING.len() + HANDSHAKE;

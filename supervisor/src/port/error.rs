@@ -8,7 +8,7 @@ use super::{Address, Found};
 #[derive(Debug, thiserror::Error)]
 pub enum PortError {
     /// There is no such port.
-    #[error("{address} does not exist; {}", what_exists(.found))]
+    #[error("{address} does not exist{}", what_exists(.found))]
     DoesNotExist {
         /// The requested address.
         address: Address,
@@ -129,10 +129,10 @@ fn lines(found: &[Found]) -> String {
 
 fn what_exists(found: &[Found]) -> String {
     if found.is_empty() {
-        "nor does any other: is the board plugged in, is a simulated one running (`cargo sim serve`)?"
+        ", and no other port was found: plug the board in, or start a simulated one with `cargo sim serve`"
             .to_owned()
     } else {
-        format!("there are:{}", lines(found))
+        format!("; there are:{}", lines(found))
     }
 }
 
@@ -175,7 +175,7 @@ mod tests {
         let text = PortError::Busy { path: "/dev/ttyUSB0".into(), pid: Some(7), program: None }.to_string();
         assert!(text.starts_with("/dev/ttyUSB0 is in use by another program (pid 7)"), "{text}");
         let nothing = PortError::DoesNotExist { address: Address::Path("/dev/x".into()), found: vec![] };
-        assert!(nothing.to_string().contains("is the board plugged in"), "{nothing}");
+        assert!(nothing.to_string().contains("plug the board in"), "{nothing}");
         let nothing = PortError::NoDevice { others: vec![found("/dev/ttyS0")] };
         assert!(nothing.to_string().contains("cargo sim serve"), "{nothing}");
         assert!(nothing.to_string().contains("/dev/ttyS0"), "{nothing}");

@@ -2,7 +2,7 @@ use std::fs;
 use std::io;
 use std::net::{IpAddr, SocketAddr, TcpListener, ToSocketAddrs as _};
 use std::os::fd::{AsFd as _, BorrowedFd, OwnedFd};
-use std::os::unix::fs::FileTypeExt as _;
+use std::os::unix::fs::{FileTypeExt as _, MetadataExt as _};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
 
@@ -20,14 +20,29 @@ pub(crate) enum Listener {
 
 /// The file of a Unix socket, which is removed when this is dropped.
 #[derive(Debug, Default)]
-pub struct SocketFile(Option<PathBuf>);
+pub struct SocketFile(Option<(PathBuf, [u64; 2])>);
+
+impl SocketFile {
+    fn new(path: PathBuf) -> Self {
+        let number = number(&path);
+        Self(number.map(|number| (path, number)))
+    }
+}
 
 impl Drop for SocketFile {
     fn drop(&mut self) {
-        if let Some(path) = &self.0 {
+        if let Some((path, own)) = &self.0
+            // Another program may have put its own there since.
+            && number(path) == Some(*own)
+        {
             let _ = fs::remove_file(path);
         }
     }
+}
+
+/// What tells a file from all others that are there: its device, and its number on it.
+fn number(path: &Path) -> Option<[u64; 2]> {
+    fs::symlink_metadata(path).ok().map(|file| [file.dev(), file.ino()])
 }
 
 /// A client that was accepted.
@@ -46,7 +61,7 @@ impl Listener {
         match address {
             Address::Unix(path) => {
                 let listener = listen_unix(path)?;
-                let file = SocketFile(Some(path.clone()));
+                let file = SocketFile::new(path.clone());
                 Ok((Self::Unix(listener, address.to_string(), file), address.clone()))
             }
             Address::Tcp(host) => {
@@ -141,4 +156,26 @@ fn listen_unix(path: &Path) -> io::Result<UnixListener> {
     let listener = UnixListener::bind(path).map_err(fail)?;
     listener.set_nonblocking(true)?;
     Ok(listener)
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "tests")]
+
+    use super::*;
+
+    #[test]
+    fn a_socket_of_another_program_is_not_removed() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("socket");
+        let listen = || Listener::new(&Address::Unix(path.clone()), None).unwrap().0;
+        let (first, held) = (listen(), folder.path().join("held"));
+        // Its number is not given to another one.
+        fs::rename(&path, &held).unwrap();
+        let second = listen();
+        drop(first);
+        assert!(UnixStream::connect(&path).is_ok());
+        drop(second);
+        assert!(!path.exists());
+    }
 }

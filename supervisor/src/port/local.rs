@@ -77,7 +77,7 @@ pub fn connect(address: &Address) -> io::Result<UnixStream> {
             blocking(socket.into())
         }
         Address::Auto | Address::Path(_) => {
-            let error = format!("{address} is no socket: use unix:///run/NAME or tcp://localhost:PORT");
+            let error = format!("{address} is not a socket: use unix:///run/NAME or tcp://localhost:PORT");
             Err(io::Error::new(io::ErrorKind::InvalidInput, error))
         }
     }

@@ -24,7 +24,7 @@ pub(super) fn open_serial(path: &Path) -> Result<File, PortError> {
         return Err(not_serial(&format!("it is a socket, write unix://{}", path.display())));
     }
     if !kind.is_char_device() {
-        return Err(not_serial("it is no device; serial ports look like /dev/ttyUSB0 or /dev/ttyACM0"));
+        return Err(not_serial("it is not a device; serial ports look like /dev/ttyUSB0 or /dev/ttyACM0"));
     }
     let file = fs::OpenOptions::new()
         .read(true)

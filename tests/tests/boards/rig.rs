@@ -9,11 +9,11 @@ use tesaki_description::grasp::load_placed;
 use tesaki_description::robot::RobotFolder;
 use tesaki_sim::boards;
 use tesaki_sim::controller::{Controller, Native};
-use tesaki_sim::plant::{Drive, ObjectTruth, ObjectValues, Plant, PlantOptions, PlantValues};
-use tesaki_sim::scenario::scene::{on_support, open_posture};
+use tesaki_sim::plant::{ObjectTruth, Plant, PlantOptions};
+use tesaki_sim::scenario::scene::around_object;
 use tesaki_supervisor::Board;
 use tesaki_supervisor::hand::{FingerBoard, HandError, MultiBoardHand};
-use tesaki_tests::{robot, robot_folder};
+use tesaki_tests::robot;
 
 use super::links::Cable;
 
@@ -58,14 +58,11 @@ pub struct Rig<B> {
 impl<B: FingerBoard + Controller> Rig<B> {
     pub fn new(seed: u64, boards: Option<[B; 3]>) -> Self {
         let robot = robot("hand3");
-        let grasp = load_placed(&robot_folder("hand3").join("grasps/box.toml")).unwrap();
-        let mut options = PlantOptions::mismatched(seed);
-        options.posture = Some(open_posture(&robot.model, &grasp.plan).unwrap());
-        let text = std::fs::read_to_string(robot_folder("hand3").join("objects/box.toml")).unwrap();
-        options.object = Some(on_support(ObjectValues::from_toml(&text).unwrap(), &grasp));
-        let drives: Vec<Drive> = robot.model.joints.iter().map(Drive::from).collect();
-        let values = PlantValues::load(&robot_folder("hand3")).unwrap();
-        let plant = Plant::new(&robot.urdf, &drives, &values, &options).unwrap();
+        let [grasp, object] = ["grasps/box.toml", "objects/box.toml"].map(|file| robot.path.join(file));
+        let options = PlantOptions::mismatched(seed);
+        let options = around_object(options, &robot.model, &grasp, Some(&object)).unwrap();
+        let grasp = load_placed(&grasp).unwrap();
+        let plant = Plant::of(&robot, &options).unwrap();
         let control = match boards {
             None => Control::One(Box::default()),
             Some(boards) => {

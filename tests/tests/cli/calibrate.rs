@@ -176,7 +176,9 @@ fn a_stream_is_led_through_the_poses() {
     let (code, _, error) =
         run(folder.path(), &["--live", "--out", "other.toml"], "{\"time\": 1.0, \"back\": [1, 2]}\n");
     assert!(
-        code == 1 && error.contains("no good sample any more; line 1: \"back\" must be a quaternion"),
+        code == 1
+            && error
+                .contains("no valid sample any more; the last error: line 1: \"back\" must be a quaternion"),
         "{error}"
     );
     // Lines that are cut off, and orientations that are none, are dropped: a person's work is not lost for
@@ -193,7 +195,7 @@ fn a_stream_is_led_through_the_poses() {
         });
     let (code, out, error) = run(folder.path(), &["--live", "--out", "other.toml"], &damaged);
     assert_eq!(code, 0, "{out}{error}");
-    assert!(error.contains("Dropped: line 20: no JSON"), "{error}");
+    assert!(error.contains("Dropped: line 20: not valid JSON"), "{error}");
     assert!(
         error.contains(
             "Dropped: line 40: the orientation of the back of the hand is a quaternion of norm 1.8"

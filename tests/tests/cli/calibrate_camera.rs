@@ -7,7 +7,7 @@ use serde_json::Value;
 use tesaki::kinematics::Chain;
 use tesaki_description::robot::RobotFolder;
 use tesaki_rng::Rng;
-use tesaki_sim::camera::{CameraValues, Circle};
+use tesaki_sim::camera::{Camera, CameraValues, Circle};
 
 fn robot() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/knob-arm")
@@ -63,7 +63,7 @@ fn circles_by_joints() -> String {
             axes: [turned(x).into(), turned(y).into()],
             radius: 0.04,
         };
-        let seen = rose.transformed(&values.mount().inverse()).image(&values.camera()).unwrap();
+        let seen = rose.transformed(&values.mount().inverse()).image(&Camera::of(&values)).unwrap();
         let numbers = angles.map(|angle| angle.to_string()).join(",");
         let [u, v] = seen.center;
         let _ = writeln!(text, "{numbers},{u},{v},{}", seen.radius());
@@ -100,13 +100,22 @@ fn circles_and_poses_become_a_table_of_the_robot() {
         assert!(out.contains(words), "{words}: {out}");
     }
     tesaki_description::hand_eye::load(folder).unwrap();
+    // Who has the old file has it whole.
+    std::fs::write(folder.join("hand_eye.toml"), "old").unwrap();
+    std::fs::hard_link(folder.join("hand_eye.toml"), folder.join("old")).unwrap();
     let (_, out, _) = run(folder, &[&CIRCLES[..], &["--json", "--out", "hand_eye.toml"]].concat());
     let value: Value = serde_json::from_str(&out).unwrap();
     assert!((value["camera"]["focal"].as_f64().unwrap() - ORACLE.1[6].0).abs() < 0.01, "{out}");
     assert_eq!((&value["circles"], &value["rejected"][1]["line"]), (&30.into(), &22.into()));
+    tesaki_description::hand_eye::load(folder).unwrap();
+    assert_eq!(std::fs::read_to_string(folder.join("old")).unwrap(), "old");
     // The robot's table is not lost by the default, nor is the input.
     let (code, _, error) = run(folder, &CIRCLES);
-    assert!(code == 2 && error.contains("hand_eye.toml exists, and would be lost"), "{error}");
+    assert!(
+        code == 2
+            && error.contains("hand_eye.toml exists: choose another file with --out FILE, or give --out "),
+        "{error}"
+    );
     let (code, _, error) = run(folder, &[&CIRCLES[..], &["--out", "circles.csv"]].concat());
     assert!(code == 2 && error.contains("--in and --out are both circles.csv"), "{error}");
 }
@@ -179,7 +188,7 @@ fn what_is_wrong_with_a_table_is_said_by_row() {
         &|rows| rows[0] = "a,b,c,d,e,f,g,u,v,radius".to_owned(),
         "or angles [rad] of the joints base_yaw, ",
     );
-    refused(&|rows| set(&mut rows[3], 2, "NaN"), "circles.csv:4: column z: NaN is no finite number");
+    refused(&|rows| set(&mut rows[3], 2, "NaN"), "circles.csv:4: column z: NaN is not a finite number");
     refused(&|rows| set(&mut rows[3], 9, ""), "circles.csv:4: column radius is empty");
     refused(&|rows| set(&mut rows[5], 6, "1.5"), "circles.csv:6: a quaternion of norm 1.");
     refused(&|rows| set(&mut rows[5], 0, "700"), "circles.csv:6: a position of 700 m: is it in metres?");

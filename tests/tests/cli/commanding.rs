@@ -89,7 +89,7 @@ fn a_reader_that_pauses_for_too_long_disables_the_board() {
     };
     assert_eq!(status.code(), Some(1));
     let (_, text) = said(&finish(command));
-    assert!(text.contains("nobody read the output for too long; the board is disabled"), "{text}");
+    assert!(text.contains("standard output was not read for too long, so the board was disabled"), "{text}");
     assert_eq!(server.json(&["info"])["status"]["node"]["mode"], "Disabled");
     assert_eq!(server.json(&["faults"])["total"], 0);
 }

@@ -45,6 +45,21 @@ fn parameters_are_read_changed_and_refused_by_name() {
 }
 
 #[test]
+fn angles_of_absolute_encoders_are_not_said_to_be_set() {
+    let server = Server::start();
+    let robot = server.folder.path().join("robot");
+    std::fs::create_dir(&robot).unwrap();
+    std::fs::copy(hand3().join("robot.urdf"), robot.join("robot.urdf")).unwrap();
+    let text = std::fs::read_to_string(hand3().join("controller.toml")).unwrap();
+    let absolute = "\n[joints.finger1_swing.encoder]\nrelative = false\n";
+    std::fs::write(robot.join("controller.toml"), text + absolute).unwrap();
+    server.succeeds(&["model", "push", robot.to_str().unwrap()]);
+    let homed = &server.json(&["home", "finger1_bend=0.25", "--others", "0.5"])["homed"];
+    assert_eq!((&homed["finger1_swing"], &homed["finger1_bend"]), (&serde_json::Value::Null, &0.25.into()));
+    assert_eq!(homed.as_object().unwrap().len(), 8);
+}
+
+#[test]
 fn names_with_points_are_addressed() {
     let server = Server::start();
     let robot = server.folder.path().join("robot");

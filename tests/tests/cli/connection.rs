@@ -193,3 +193,17 @@ impl Muted {
         Self { address: format!("unix://{}", path.display()), mute }
     }
 }
+
+#[test]
+fn a_switch_may_be_set_in_the_environment_in_any_usual_way() {
+    for (value, is_json) in
+        [("1", true), ("true", true), ("yes", true), ("0", false), ("false", false), ("", false)]
+    {
+        for name in ["TESAKI_JSON", "TESAKI_TAKE_OVER", "TESAKI_NON_INTERACTIVE"] {
+            let mut command = tesaki_tests::tesaki();
+            let (code, text) = said(&command.arg("list").env(name, value).output().unwrap());
+            assert_eq!(code, 0, "{name}={value}: {text}");
+            assert_eq!(text.starts_with('['), is_json && name == "TESAKI_JSON", "{name}={value}: {text}");
+        }
+    }
+}

@@ -540,19 +540,19 @@ fn what_cannot_be_followed_is_refused_before_anything_is_enabled() {
         all.extend(arguments);
         server.fails(&all, code, words);
     };
-    refused(&["--from", "tracker"], 2, &["is no source", "udp://127.0.0.1:PORT"]);
+    refused(&["--from", "tracker"], 2, &["is not a source", "udp://127.0.0.1:PORT"]);
     refused(&["--from", "udp://127.0.0.1:0"], 2, &["port 0 is none"]);
     refused(&["--from", "udp://0.0.0.0:7600"], 2, &["0.0.0.0 is reachable from other machines"]);
     refused(&["--from", "udp://127.0.0.1"], 2, &["expected udp://127.0.0.1:PORT"]);
     refused(&["--scale", "0"], 2, &["scale is 0; it must be between 0.001 and 100"]);
-    refused(&["--workspace", "0,1,0"], 2, &["is no box"]);
+    refused(&["--workspace", "0,1,0"], 2, &["is not a box"]);
     refused(
         &["--workspace", "1,0,0,1,0,1"],
         2,
         &["side of the workspace along x, in m, is -1", "0.001 and 100"],
     );
     refused(&["--workspace", "0,1,0.5,1,-1,1"], 2, &["the tool is at", "outside of the box"]);
-    refused(&["--from", &format!("board:{}", server.address)], 2, &["this is the arm itself"]);
+    refused(&["--from", &format!("board:{}", server.address)], 2, &["--from names the arm's own board"]);
     refused(&["--from", "board:unix:///nowhere/board"], 3, &["the master at unix:///nowhere/board"]);
     refused(&[], 1, &["standard input has ended; nothing was enabled", "--from file:FILE.csv"]);
     let spoilt = server.folder.path().join("spoilt.toml");
@@ -580,7 +580,7 @@ fn what_cannot_be_followed_is_refused_before_anything_is_enabled() {
         );
     }
     let (code, _, error) = feed(&mut server.command(&["follow", "--impedance", &firm]), "{\"time\": NaN}\n");
-    assert!(code == 1 && error.contains("line 1: no JSON"), "{error}");
+    assert!(code == 1 && error.contains("line 1: not valid JSON"), "{error}");
     assert!(server.succeeds(&["info"]).contains("mode           disabled"));
 
     let hand = Server::start();

@@ -101,9 +101,14 @@ fn wrong_names_and_folders_that_exist_are_refused() {
     init(Path::new(urdf), &out, &["--accept-inertia", "all"]);
     let again = ["model", "init", urdf, "--accept-inertia", "all", "--out", out.to_str().unwrap()];
     let (code, text) = run(&again);
-    assert!(code == 1 && text.contains("robot.urdf exists") && text.contains("--force"), "{text}");
+    assert!(code == 2 && text.contains("robot.urdf exists") && text.contains("--force"), "{text}");
+    // Who has an old file has it whole.
+    std::fs::write(out.join("plant.toml"), "old").unwrap();
+    std::fs::hard_link(out.join("plant.toml"), folder.path().join("old")).unwrap();
     let (code, text) = run(&[&again[..], &["--force"]].concat());
     assert_eq!(code, 0, "{text}");
+    assert_eq!(std::fs::read_to_string(folder.path().join("old")).unwrap(), "old");
+    check(&out);
 }
 
 /// The URDF of the hand, with another name.
@@ -130,7 +135,7 @@ fn the_name_of_a_robot_is_no_path() {
         let urdf = named(folder.path(), name);
         let (code, text) = run_inside(&urdf, &[]);
         assert!(
-            code == 2 && text.contains("no plain name") && text.contains("--out"),
+            code == 2 && text.contains("cannot be the name of a folder") && text.contains("--out"),
             "{name}: {code} {text}"
         );
         assert_eq!(std::fs::read_dir(&inner).unwrap().count(), 0, "{name}");

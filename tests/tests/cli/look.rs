@@ -103,10 +103,10 @@ fn a_bad_source_is_named() {
     for (arguments, input, words) in [
         (&[][..], &good[..1000], "of 61440 grey levels"),
         (&[], b"\x89PNG\r\n\x1a\n", "not the begin of a binary PGM picture"),
-        (&["--from", "camera:/dev/null"], b"", "/dev/null: it is no camera"),
+        (&["--from", "camera:/dev/null"], b"", "/dev/null: it is not a camera"),
         (&["--from", "camera:/dev/no-video"], b"", "/dev/no-video: No such file"),
         (&["--from", "files:/no/such.png"], b"", "/no/such.png: No such file"),
-        (&["--from", "/dev/video0"], b"", "is no source: expected -, unix://PATH"),
+        (&["--from", "/dev/video0"], b"", "is not a source: expected -, unix://PATH"),
         (&["--delay", "-1"], b"", "from 0 to 1 s"),
     ] {
         let (code, text) = look(arguments, input);

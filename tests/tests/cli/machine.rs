@@ -8,7 +8,7 @@ use tesaki::protocol::{Refusal, Reply, Request, RequestFrame};
 use tesaki::task::joint_servo::JointCommand;
 use tesaki::task::{TaskCommand, TaskConfig};
 use tesaki_description::robot::RobotFolder;
-use tesaki_sim::plant::{Drive, Plant, PlantOptions, PlantValues};
+use tesaki_sim::plant::{Plant, PlantOptions};
 use tesaki_sim::virtual_board::VirtualBoard;
 
 /// Control periods in which a move ends.
@@ -28,10 +28,7 @@ impl Machine {
     #[expect(clippy::cast_possible_truncation, reason = "the controller works in single precision")]
     fn new(folder: &Path, seed: u64) -> Self {
         let robot = RobotFolder::load(folder).unwrap();
-        let drives: Vec<Drive> = robot.model.joints.iter().map(Drive::from).collect();
-        let values = PlantValues::load(folder).unwrap();
-        let options = PlantOptions::mismatched(seed);
-        let plant = Plant::new(&robot.urdf, &drives, &values, &options).unwrap();
+        let plant = Plant::of(&robot, &PlantOptions::mismatched(seed)).unwrap();
         let board = VirtualBoard::default();
         let mut machine = Self { board, plant, model: robot.model, requests: 0, tick: 0 };
         for request in tesaki_tests::set_up(&machine.model) {

@@ -47,6 +47,21 @@ impl Drop for Share {
 }
 
 #[test]
+fn a_key_is_not_read_where_there_is_no_tcp() {
+    let server = Server::start();
+    let (key, socket) = (server.folder.path().join("none.key"), server.folder.path().join("socket"));
+    let socket = format!("unix://{}", socket.display());
+    let command = ["--key", key.to_str().unwrap(), "share", &socket];
+    let mut child = server.start_command(&command);
+    let mut said = String::new();
+    BufReader::new(child.stderr.take().unwrap()).read_line(&mut said).unwrap();
+    assert!(said.contains(&socket) && said.contains("may command the board"), "{said}");
+    signal(&child, nix::sys::signal::Signal::SIGINT);
+    assert!(finish(child).status.success());
+    server.fails(&["--key", key.to_str().unwrap(), "share", "tcp://localhost:0"], 1, &["none.key"]);
+}
+
+#[test]
 fn a_board_is_shared_with_other_machines_by_a_key_only() {
     let server = Server::start();
     for open in ["tcp://0.0.0.0:0", "tcp://[::]:0"] {
@@ -60,7 +75,7 @@ fn a_board_is_shared_with_other_machines_by_a_key_only() {
     let (key, wrong) = (path("lab.key"), path("wrong.key"));
     assert!(server.succeeds(&["key", &key]).contains(&format!("--key {key}")));
     server.succeeds(&["key", &wrong]);
-    server.fails(&["key", &key], 1, &[&key, "exists already"]);
+    server.fails(&["key", &key], 2, &[&key, "exists already"]);
 
     let share = Share::start(&server, &["share", "tcp://0.0.0.0:0", "--key", &key]);
     assert!(share.said.contains("every program with this key may command the board"), "{}", share.said);

@@ -294,3 +294,24 @@ fn a_recording_that_is_being_written_is_not_replaced() {
     server.succeeds(&["replay", &log]);
     server.succeeds(&again);
 }
+
+#[test]
+fn a_recording_that_cannot_begin_replaces_none() {
+    let server = Server::ready();
+    let name = server.folder.path().join("run");
+    let [log, mcap] = ["log", "mcap"].map(|extension| name.with_extension(extension));
+    let record = ["record", name.to_str().unwrap(), "--force", "--duration", "0.2"];
+    let names = || std::fs::read_dir(server.folder.path()).unwrap().count();
+    std::fs::create_dir(&mcap).unwrap();
+    let before = names();
+    // Nothing that looks like a recording is left.
+    server.fails(&record, 1, &[mcap.to_str().unwrap()]);
+    assert_eq!(names(), before);
+    std::fs::write(&log, "the old one").unwrap();
+    server.fails(&record, 1, &[mcap.to_str().unwrap()]);
+    assert_eq!(std::fs::read_to_string(&log).unwrap(), "the old one");
+    assert_eq!(names(), before + 1);
+    std::fs::remove_dir(&mcap).unwrap();
+    server.succeeds(&record);
+    server.succeeds(&["replay", log.to_str().unwrap()]);
+}

@@ -11,7 +11,7 @@ use tesaki::teleop::Finger;
 use tesaki_rng::Rng;
 use tesaki_sim::operator::calibration_trial::CalibrationPlan;
 use tesaki_sim::operator::{FingersMotion, Glove, GloveValues, OperatorHand};
-use tesaki_sim::plant::{Drive, Plant, PlantOptions, PlantValues};
+use tesaki_sim::plant::{Plant, PlantOptions};
 
 use super::calibrate::{table, text};
 use super::feed::feed;
@@ -64,18 +64,15 @@ fn joint_angles_reproduce_the_fingertips() {
         assert!(said.contains(words), "{words}: {said}");
     }
     let joints = std::fs::read_to_string(&out).unwrap();
-    let path = tesaki_tests::robot_folder("hand5");
     let robot = tesaki_tests::robot("hand5");
     let names: Vec<&str> = robot.model.joints.iter().map(|joint| joint.name.as_str()).collect();
     assert_eq!(joints.lines().next().unwrap(), format!("time,{}", names.join(",")));
-    let drives: Vec<Drive> = robot.model.joints.iter().map(Drive::from).collect();
-    let values = PlantValues::load(&path).unwrap();
     let mut worst = 0.0_f64;
     let (angles, desired) = (rows(&joints), rows(TIPS));
     assert_eq!(angles.len(), desired.len());
     for (angles, desired) in angles.into_iter().zip(desired) {
         let options = PlantOptions { posture: Some(angles), ..PlantOptions::exact() };
-        let plant = Plant::new(&robot.urdf, &drives, &values, &options).unwrap();
+        let plant = Plant::of(&robot, &options).unwrap();
         let tips: Vec<f64> = plant.tips().into_iter().flat_map(|tip| tip.position).collect();
         let errors =
             vectors(&tips).into_iter().zip(vectors(&desired)).map(|(found, desired)| found - desired);
@@ -140,7 +137,7 @@ fn what_is_wrong_with_a_file_is_said_by_line_and_column() {
     };
     refused(
         &table(&|table| table[3][2] = "nan".to_owned()),
-        &["standard input:4: column thumb_y: nan is no finite"],
+        &["standard input:4: column thumb_y: nan is not a finite"],
     );
     refused(&table(&|table| table[3][2].clear()), &["standard input:4: column thumb_y is empty"]);
     refused(
@@ -187,14 +184,17 @@ fn what_is_wrong_with_a_file_is_said_by_line_and_column() {
     );
     refused("{\"time\": 1}", &["none of \"back\""]);
     refused("{\"tips\": {}}", &["standard input:1: no number \"time\""]);
-    refused("{\"time\": 0.5, \"tips\": {\"thumb\": [NaN, 0, 0]}}", &["no JSON", "write null"]);
+    refused("{\"time\": 0.5, \"tips\": {\"thumb\": [NaN, 0, 0]}}", &["not valid JSON", "write null"]);
     refused(
         "{\"time\": 1, \"tips\": null}\n\n{\"time\": 2, \"landmarks\": null}",
         &["standard input:3: it is of another kind"],
     );
     refused("{\"time\": 1, \"back\": null}", &["need --operator FILE"]);
     refused("{\"time\": 1, \"landmarks\": [[0, 0, 0]]}", &["must be 21 positions"]);
-    refused("{\"time\": 1, \"landmarks\": null, \"handedness\": \"L\"}\n{", &["standard input:2: no JSON"]);
+    refused(
+        "{\"time\": 1, \"landmarks\": null, \"handedness\": \"L\"}\n{",
+        &["standard input:2: not valid JSON"],
+    );
     // Lines of another shape are not taken for fingers that were not measured.
     let nothing = "{\"time\": 1, \"tips\": null}\n";
     for (line, words) in [
@@ -227,8 +227,9 @@ fn what_is_wrong_with_a_file_is_said_by_line_and_column() {
     assert!(code == 1 && out.contains(words), "{out}");
     let arm = tesaki_tests::robot_folder("arm7");
     let (code, _, error) = tesaki(&["retarget", "--robot", arm.to_str().unwrap(), "--in", "-"]);
-    assert!(code == 1 && error.contains("arm7 is no hand, which has two to five chains"), "{error}");
-    assert!(error.contains("arm7/retargeting.toml is not there") && error.contains("follows = ["), "{error}");
+    assert!(code == 1 && error.contains("arm7 is not a hand, which has two to five chains"), "{error}");
+    assert!(error.contains("arm7/retargeting.toml: ") && error.contains("the file is not there"), "{error}");
+    assert!(error.contains("follows = ["), "{error}");
     let (code, _, error) = tesaki(&["retarget", "--in", "-"]);
     assert!(code == 2 && error.contains("--robot"), "{error}");
 }
@@ -526,7 +527,7 @@ fn a_source_that_goes_wrong_stops_the_hand_and_is_told() {
     }
     bad.lines().cycle().take(60).for_each(send);
     let (code, out) = said(&finish(child));
-    assert!(code == 1 && out.contains("gives no good frame any more"), "{code}: {out}");
+    assert!(code == 1 && out.contains("sends no valid frame any more; the last error: "), "{code}: {out}");
     assert!(out.contains("would have this in mm") && out.contains("the board is disabled"), "{out}");
 
     // Silence; and Ctrl-C while the source is silent.
@@ -535,7 +536,7 @@ fn a_source_that_goes_wrong_stops_the_hand_and_is_told() {
     let mut stdin = child.stdin.take().unwrap();
     stdin.write_all(format!("{first}\n").as_bytes()).unwrap();
     let (code, out) = said(&finish(child));
-    assert!(code == 6 && out.contains("is silent for 0.5 s"), "{code}: {out}");
+    assert!(code == 6 && out.contains("has sent nothing for 0.5 s"), "{code}: {out}");
     drop(stdin);
     server.wait_for_rest();
     let mut child = follow(&server, &["--silence", "60"]);

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
 use tesaki::teleop::Finger;
-use tesaki_sim::plant::{Drive, Plant, PlantOptions, PlantValues};
+use tesaki_sim::plant::{Plant, PlantOptions};
 
 use super::feed::feed;
 use super::server::{Server, finish, said};
@@ -74,10 +74,8 @@ fn rows(text: &str) -> Vec<Vec<f64>> {
 /// Fingertips relative to the thumb's [m], by the bodies of the simulator.
 fn vectors(robot: &str, angles: &[f64]) -> Vec<f64> {
     let folder = tesaki_tests::robot(robot);
-    let drives: Vec<Drive> = folder.model.joints.iter().map(Drive::from).collect();
-    let values = PlantValues::load(&tesaki_tests::robot_folder(robot)).unwrap();
     let options = PlantOptions { posture: Some(angles.to_vec()), ..PlantOptions::exact() };
-    let plant = Plant::new(&folder.urdf, &drives, &values, &options).unwrap();
+    let plant = Plant::of(&folder, &options).unwrap();
     let tips: Vec<[f64; 3]> = plant.tips().into_iter().map(|tip| tip.position).collect();
     tips.iter().flat_map(|tip| [0, 1, 2].map(|axis| tip[axis] - tips[0][axis])).collect()
 }

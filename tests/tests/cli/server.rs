@@ -8,15 +8,11 @@ use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use tesaki_description::approach;
-use tesaki_description::grasp::load_placed;
 use tesaki_description::robot::RobotFolder;
-use tesaki_sim::camera::CameraValues;
-use tesaki_sim::door::{KnobDoor, hand_joints, hand_pose};
-use tesaki_sim::plant::{Drive, ObjectValues, Plant, PlantOptions, PlantValues};
-use tesaki_sim::scenario::scene::{on_support, open_posture};
+use tesaki_sim::plant::{Plant, PlantOptions};
+use tesaki_sim::scenario::scene::around_object;
 use tesaki_sim::serve::{home_command, serve};
-use tesaki_sim::served_camera::ServedCamera;
+use tesaki_sim::served_camera::ServedDoor;
 use tesaki_sim::virtual_board::VirtualBoard;
 use tesaki_supervisor::hub::Hub;
 use tesaki_supervisor::port::Address;
@@ -53,13 +49,9 @@ impl Server {
     /// Homed, tared, and with the fingers open around where a box is to be grasped.
     pub fn ready_to_grasp(with_box: bool) -> Self {
         let robot = RobotFolder::load(&hand3()).unwrap();
-        let grasp = load_placed(&hand3().join("grasps/box.toml")).unwrap();
-        let mut options = PlantOptions::mismatched(1);
-        options.posture = Some(open_posture(&robot.model, &grasp.plan).unwrap());
-        if with_box {
-            let text = std::fs::read_to_string(hand3().join("objects/box.toml")).unwrap();
-            options.object = Some(on_support(ObjectValues::from_toml(&text).unwrap(), &grasp));
-        }
+        let [grasp, object] = ["grasps/box.toml", "objects/box.toml"].map(|file| hand3().join(file));
+        let object = with_box.then_some(&*object);
+        let options = around_object(PlantOptions::mismatched(1), &robot.model, &grasp, object).unwrap();
         let server = Self::start_with(tempfile::tempdir().unwrap(), &options);
         server.succeeds(&["model", "push", hand3().to_str().unwrap()]);
         server.home();
@@ -102,17 +94,13 @@ impl Server {
         door: Option<u64>,
     ) -> Self {
         let robot = RobotFolder::load(folder_of_robot).unwrap();
-        let drives: Vec<Drive> = robot.model.joints.iter().map(Drive::from).collect();
-        let values = PlantValues::load(folder_of_robot).unwrap();
-        let mut plant = Plant::new(&robot.urdf, &drives, &values, options).unwrap();
+        let mut plant = Plant::of(&robot, options).unwrap();
         let camera = door.map(|seed| {
-            let files = approach::load(folder_of_robot, &robot.model).unwrap();
-            let joints = hand_joints(&robot.model, &files.task, &plant);
-            let door = KnobDoor::draw(seed, &hand_pose(&plant, joints[0], joints[1]));
-            let options = PlantOptions { fixtures: door.fixtures(), ..options.clone() };
-            plant = Plant::new(&robot.urdf, &drives, &values, &options).unwrap();
-            let values = CameraValues::load(folder_of_robot).unwrap();
-            ServedCamera::listen(&Address::Unix(folder.path().join("camera")), values, door, joints).unwrap()
+            let door = ServedDoor::draw(&robot, &plant, seed).unwrap();
+            let address = Address::Unix(folder.path().join("camera"));
+            let (before_door, camera) = door.serve(&robot, options, &address).unwrap();
+            plant = before_door;
+            camera
         });
         let mut hub = Hub::listen(&Address::Unix(folder.path().join("board")), None).unwrap();
         let address = hub.address().clone();

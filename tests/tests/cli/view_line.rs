@@ -181,7 +181,7 @@ fn a_stop_waits_neither_for_slow_commands_nor_behind_a_flood() {
     let took = line.stop_after(begun);
     assert!(took < AT_ONCE, "the stop came after {took:?}");
     let text = |value: &Value| value["text"].as_str().unwrap_or_default().to_owned();
-    commander.wait("the first", |value| text(value).contains("something more urgent came"));
+    commander.wait("the first", |value| text(value).contains("a stop was sent before the board answered"));
     for _ in 0..2 {
         commander.wait("the others", |value| text(value).contains("a stop came first"));
     }

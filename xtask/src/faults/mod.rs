@@ -7,7 +7,7 @@ use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, anyhow, bail, ensure};
 use clap::{Args, Subcommand};
 use tesaki_output::say;
 
@@ -63,8 +63,13 @@ enum Task {
 }
 
 fn seeds(text: &str) -> Result<RangeInclusive<u64>> {
+    let number = |part: &str| {
+        part.parse::<u64>().map_err(|_| {
+            anyhow!("{text:?} is not a range of seeds: expected a number or a range, such as 7 or 1-200")
+        })
+    };
     let (first, last) = text.split_once('-').unwrap_or((text, text));
-    let seeds = first.parse()?..=last.parse()?;
+    let seeds = number(first)?..=number(last)?;
     ensure!(!seeds.is_empty(), "the first seed is larger than the last");
     Ok(seeds)
 }
@@ -73,7 +78,7 @@ fn seeds(text: &str) -> Result<RangeInclusive<u64>> {
 pub fn run(options: Options) -> Result<()> {
     match options.task {
         None => run_seeds(&options.faults),
-        Some(Task::Merge { files }) => merge(&files),
+        Some(Task::Merge { files }) => merge(&files, Path::new(FILE)),
         Some(Task::Check) => check(&Simulator::build()?),
     }
 }
@@ -110,11 +115,15 @@ fn run_seeds(options: &FaultsOptions) -> Result<()> {
         Record::new(&commit, runs)?.save(Path::new(FILE))?;
         say!("Recorded in {FILE}.");
     }
+    require_kept(broken)
+}
+
+fn require_kept(broken: usize) -> Result<()> {
     ensure!(broken == 0, "{broken} schedules break a rule; `cargo sim faults --seeds N` shrinks one");
     Ok(())
 }
 
-fn merge(files: &[PathBuf]) -> Result<()> {
+fn merge(files: &[PathBuf], record: &Path) -> Result<()> {
     let mut runs = Vec::new();
     for file in files {
         let text = std::fs::read_to_string(file).with_context(|| file.display().to_string())?;
@@ -124,8 +133,9 @@ fn merge(files: &[PathBuf]) -> Result<()> {
     }
     let commit = runs.first().and_then(|run| run.commit.clone()).context("no runs")?;
     ensure!(runs.iter().all(|run| run.commit.as_ref() == Some(&commit)), "the parts are of several commits");
-    print(&runs);
-    Record::new(&commit, runs)?.save(Path::new(FILE))
+    let broken = print(&runs);
+    Record::new(&commit, runs)?.save(record)?;
+    require_kept(broken)
 }
 
 /// Runs seeds on `jobs` cores; `done` is called with each run as it comes. The runs are in the order of their
@@ -212,6 +222,30 @@ mod tests {
     #![allow(clippy::unwrap_used, reason = "tests")]
 
     use super::*;
+
+    #[test]
+    fn broken_rules_in_the_parts_of_a_run_are_recorded_and_fail() {
+        let folder = tempfile::tempdir().unwrap();
+        let (part, record) = (folder.path().join("part"), folder.path().join("record"));
+        let line = |violations: &str| {
+            format!(
+                r#"{{"seed":1,"scenario":"arm","families":[],"frames_sha256":"0","violations":[{violations}],"commit":"a"}}"#
+            )
+        };
+        std::fs::write(&part, line("")).unwrap();
+        merge(std::slice::from_ref(&part), &record).unwrap();
+        std::fs::write(&part, line(r#"{"rule":"Energy","tick":7,"text":"1 J"}"#)).unwrap();
+        let error = merge(&[part], &record).unwrap_err().to_string();
+        assert!(error.starts_with("1 schedules break a rule"), "{error}");
+        assert_eq!(Record::load(&record).unwrap().unwrap().violations["Energy"], [1]);
+    }
+
+    #[test]
+    fn what_is_not_a_range_of_seeds_is_told() {
+        let told = seeds("1-x").unwrap_err().to_string();
+        assert_eq!(told, "\"1-x\" is not a range of seeds: expected a number or a range, such as 7 or 1-200");
+        assert_eq!(seeds("7").unwrap(), 7..=7);
+    }
 
     #[cfg(unix)]
     #[test]

@@ -162,7 +162,7 @@ fn digest(runs: &[Run]) -> String {
     for run in runs {
         digest.update(format!("{} {}\n", run.seed, run.frames_sha256));
     }
-    digest.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
+    format!("{:x}", digest.finalize())
 }
 
 #[cfg(test)]

@@ -11,7 +11,7 @@ use clap::Args;
 use tesaki_output::say;
 
 use crate::commit::{FUZZER, commit};
-use crate::{test, tools};
+use crate::{firmware, test, tools};
 use coverage::Share;
 use record::{FILE, Record, Run, Session};
 
@@ -123,7 +123,7 @@ impl Fuzzer {
         let version = tools::output(Command::new("rustc").arg("-vV"))?;
         let host = version.lines().find_map(|line| line.strip_prefix("host: "));
         let host = host.context("rustc does not tell its host")?;
-        let folder = Path::new("target").join("fuzz");
+        let folder = firmware::target().join("fuzz");
         let mut cargo = Command::new("cargo");
         cargo.args(["build", "--quiet", "--locked", "-p", "tesaki-fuzz", "--features", "libfuzzer"]);
         // With a target named, build scripts and macros are not instrumented.

@@ -7,11 +7,12 @@ use tesaki::task::grasping::GraspPlan;
 use tesaki_description::grasp::{PlacedGrasp, load_placed};
 use tesaki_description::law;
 use tesaki_description::law::hand::{self, ObjectLaw};
+use tesaki_description::object;
 use tesaki_description::robot::RobotFolder;
 
 use crate::motion::Motion;
 use crate::plant::SharedIntervention;
-use crate::plant::{Drive, ObjectValues, Plant, PlantError, PlantOptions, PlantValues};
+use crate::plant::{Drive, ObjectValues, Plant, PlantOptions, PlantValues};
 use crate::purpose::Purpose;
 use crate::scenario::scene::{on_support, open_posture};
 use crate::scenario::{ScenarioError, Setting};
@@ -91,10 +92,8 @@ impl GraspRig {
     pub fn placed(&self, held: &GraspedObject<'_>) -> Result<(PlacedGrasp, ObjectValues), ScenarioError> {
         let mut grasp = self.grasp(held.object)?;
         (held.change)(&mut grasp);
-        let path = self.robot.path.join(format!("objects/{}.toml", held.object));
-        let text = std::fs::read_to_string(&path)
-            .map_err(|error| PlantError::Read { path, reason: error.to_string() })?;
-        let object = self.place_object(ObjectValues::from_toml(&text)?, &grasp);
+        let path = self.robot.path.join(object::FOLDER).join(format!("{}.toml", held.object));
+        let object = self.place_object(ObjectValues::load(&path)?, &grasp);
         Ok((grasp, object))
     }
 
@@ -137,16 +136,7 @@ mod tests {
             for seed in 1..=20 {
                 let mut native = Native::default();
                 let mut controller = Watched::new(&mut native, false);
-                let setting = Setting {
-                    robot,
-                    controller: &mut controller,
-                    seed,
-                    duration: 0.0,
-                    laws: &[],
-                    progress: &|_| {},
-                    intervention: None,
-                    live: None,
-                };
+                let setting = Setting::plain(robot, &mut controller, seed, 0.0);
                 let rig = GraspRig::load(&setting).unwrap();
                 assert_eq!(rig.base(), "palm");
                 let held = GraspedObject::new(object, object);

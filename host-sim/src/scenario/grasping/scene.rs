@@ -1,12 +1,15 @@
 //! Initial scene of a grasp: the fingers are open around the object, the object stands on a support.
 
+use std::path::Path;
+
 use rapier3d::na::{Quaternion, UnitQuaternion, Vector3};
 use tesaki::kinematics::{Chain, Finger};
 use tesaki::model::RobotModel;
 use tesaki::task::grasping::GraspPlan;
-use tesaki_description::grasp::PlacedGrasp;
+use tesaki_description::grasp::{PlacedGrasp, load_placed};
 
-use crate::plant::{ObjectValues, Support};
+use crate::plant::{ObjectValues, PlantOptions, Support};
+use crate::scenario::ScenarioError;
 
 /// Distance from each fingertip to the surface at the start [m].
 const OPENING: f32 = 0.02;
@@ -71,6 +74,23 @@ fn posture(model: &RobotModel, plan: &GraspPlan, distance: f32) -> Result<Vec<f6
         posture.extend(angles.map(f64::from));
     }
     Ok(posture)
+}
+
+/// A machine whose fingers are open around the object of the grasp in `grasp`; the object in `object`, if one
+/// is given, is on its support.
+///
+/// # Errors
+/// A file cannot be used, or the hand cannot reach there.
+pub fn around_object(
+    mut options: PlantOptions,
+    model: &RobotModel,
+    grasp: &Path,
+    object: Option<&Path>,
+) -> Result<PlantOptions, ScenarioError> {
+    let grasp = load_placed(grasp)?;
+    options.posture = Some(open_posture(model, &grasp.plan)?);
+    options.object = object.map(ObjectValues::load).transpose()?.map(|object| on_support(object, &grasp));
+    Ok(options)
 }
 
 /// The object at its nominal position, on a block as support.

@@ -30,10 +30,9 @@ pub(super) const SCENARIO: Scenario = Scenario {
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let mut rig = GraspRig::load(setting)?;
     let laws = laws(setting, &rig.robot.model)?;
-    let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
+    let mut summary = Summary::default();
     let force = over_efficiency(setting, &mut rig, &laws, &mut summary)?;
     let shift = over_integral(setting, &mut rig, &laws, &mut summary)?;
-    let summary = summary.ticks(u64::from(rig.motion.ticks()));
     Ok(Outcome { summary, figures: vec![force, shift], tables: Vec::new(), motion: rig.motion })
 }
 

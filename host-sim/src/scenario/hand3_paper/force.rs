@@ -46,7 +46,7 @@ const BEFORE: f64 = 2.0;
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let mut rig = GraspRig::load(setting)?;
     let laws = laws(setting, &rig.robot.model)?;
-    let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
+    let mut summary = Summary::default();
     let (mut figures, mut tables) = (Vec::new(), Vec::new());
     let coulomb = rig.values.friction.paper;
     let mut held = Vec::new();
@@ -63,7 +63,6 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     figures.push(figure(&laws, &held));
     figures.extend(curve::run(setting, &mut rig, &laws, &mut summary)?);
     weights::run(setting, &mut rig, &laws, &mut summary, &mut figures, &mut tables)?;
-    let summary = summary.ticks(u64::from(rig.motion.ticks()));
     Ok(Outcome { summary, figures, tables, motion: rig.motion })
 }
 

@@ -5,6 +5,7 @@ use tesaki_description::law::hand::MotionExperiment;
 
 use super::{LAWS, Law, Metrics, compare, hold_box, laws, step};
 use crate::report::{Figure, Line, Panel, Summary};
+use crate::scenario::common::worst;
 use crate::scenario::grasping::{GraspLog, GraspRig, GraspSample, table, xyz};
 use crate::scenario::{Outcome, Scenario, ScenarioError, Setting};
 
@@ -72,7 +73,7 @@ pub(super) fn estimated_pose(sample: &GraspSample) -> Pose {
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let mut rig = GraspRig::load(setting)?;
     let laws = laws(setting, &rig.robot.model)?;
-    let mut summary = Summary::new(SCENARIO.name, "", setting.seed);
+    let mut summary = Summary::default();
     let mut figures = vec![step::run(setting, &mut rig, &laws, &mut summary)?];
     let mut tables = Vec::new();
     let parts: [(&str, &str, Experiment); 2] = [
@@ -90,7 +91,6 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
         figures.push(attitude(&laws, place, &records));
         figures.push(position(&laws, place, &records));
     }
-    let summary = summary.ticks(u64::from(rig.motion.ticks()));
     Ok(Outcome { summary, figures, tables, motion: rig.motion })
 }
 
@@ -155,11 +155,6 @@ impl Record {
         }
         displacements
     }
-}
-
-/// The largest; NaN if one is.
-fn worst(values: impl Iterator<Item = f64>) -> f64 {
-    values.fold(0.0, |a: f64, b| if a.is_nan() || b.is_nan() { f64::NAN } else { a.max(b) })
 }
 
 /// Errors of the displacements along x [mm].

@@ -73,7 +73,7 @@ pub fn run(options: &Options, args: &Arguments) -> Result<(), Failure> {
     }
     let outcome = leader.tell_outcome()?;
     let load = motion.load();
-    motion.stay(args.hold, args.no_hold, load.as_ref(), DECISION, |_| Request::Keep)?;
+    motion.stay(args.stay.hold, args.stay.no_hold, load.as_ref(), DECISION, |_| Request::Keep)?;
     motion.end(false)?;
     outcome
 }

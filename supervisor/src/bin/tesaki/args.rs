@@ -18,6 +18,7 @@ mod view;
 use std::path::PathBuf;
 use std::time::Duration;
 
+use clap::builder::FalseyValueParser;
 use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};
 use tesaki::control::ServoMode;
 use tesaki_supervisor::fault_injector::LinkFaults;
@@ -44,7 +45,7 @@ Exit codes:
   0  done
   1  failed: unreadable file, invalid robot folder, differing or damaged recording, problem found by
      `doctor`, board that was reset meanwhile
-  2  invalid arguments
+  2  invalid arguments, or a file that exists and is not to be replaced
   3  no device found, or it cannot be opened
   4  the board and this program use different versions of the protocol
   5  the board is in fault
@@ -78,13 +79,13 @@ pub struct Options {
     #[arg(long, global = true, env = "TESAKI_TIMEOUT", default_value = "2", value_parser = seconds, allow_negative_numbers = true)]
     pub timeout: Duration,
     /// Print JSON: a single object, or one per line while a command runs
-    #[arg(long, global = true, env = "TESAKI_JSON")]
+    #[arg(long, global = true, env = "TESAKI_JSON", value_parser = FalseyValueParser::new())]
     pub json: bool,
     /// Do not ask for confirmation (never asked for without a terminal)
-    #[arg(long, global = true, env = "TESAKI_NON_INTERACTIVE")]
+    #[arg(long, global = true, env = "TESAKI_NON_INTERACTIVE", value_parser = FalseyValueParser::new())]
     pub non_interactive: bool,
     /// Take command even if another program holds it; refused while the board is enabled
-    #[arg(long, global = true, env = "TESAKI_TAKE_OVER")]
+    #[arg(long, global = true, env = "TESAKI_TAKE_OVER", value_parser = FalseyValueParser::new())]
     pub take_over: bool,
     /// Inject faults into the link, for example seed=1,flip=1e-4,drop=1e-4 or all=1e-3
     #[arg(long, global = true, env = "TESAKI_LINK_FAULTS", value_name = "FAULTS")]
@@ -281,13 +282,8 @@ pub struct Move {
     /// Fail if the targets are not reached within this time [s]
     #[arg(long, default_value = "20", value_parser = seconds, allow_negative_numbers = true)]
     pub within: Duration,
-    /// After arrival, hold until Ctrl-C before disabling the outputs; the default where gravity pulls a joint
-    /// with more than its friction
-    #[arg(long)]
-    pub hold: bool,
-    /// After arrival, disable the outputs at once, even if the robot falls
-    #[arg(long, conflicts_with = "hold")]
-    pub no_hold: bool,
+    #[command(flatten)]
+    pub stay: Stay,
 }
 
 #[derive(Args)]
@@ -299,7 +295,7 @@ pub struct Reach {
     #[arg(long)]
     pub relative: bool,
     /// Maximum speed along the path [m/s]
-    #[arg(long, default_value_t = 0.05)]
+    #[arg(long, default_value_t = 0.05, value_parser = positive, allow_negative_numbers = true)]
     pub speed: f32,
     /// Joint servo law
     #[arg(long, value_enum, default_value_t = Servo::Observer)]
@@ -307,11 +303,18 @@ pub struct Reach {
     /// Position tolerance [m]
     #[arg(long, default_value_t = 0.002, value_parser = positive, allow_negative_numbers = true)]
     pub tolerance: f32,
-    /// After arrival, hold until Ctrl-C before disabling the outputs; the default where gravity pulls a joint
+    #[command(flatten)]
+    pub stay: Stay,
+}
+
+/// What a robot does that has done its task.
+#[derive(Args)]
+pub struct Stay {
+    /// At the end, hold until Ctrl-C before disabling the outputs; the default where gravity pulls a joint
     /// with more than its friction
     #[arg(long)]
     pub hold: bool,
-    /// After arrival, disable the outputs at once, even if the robot falls
+    /// At the end, disable the outputs at once, even if the robot falls
     #[arg(long, conflicts_with = "hold")]
     pub no_hold: bool,
 }
@@ -321,7 +324,7 @@ pub struct Home {
     /// Current joint angles, JOINT=ANGLE in rad
     #[arg(value_name = "JOINT=ANGLE", value_parser = joint_angle)]
     pub joints: Vec<(String, f32)>,
-    /// Angle of all joints that are not named [rad]
+    /// Angle of all joints that are not named, in rad, or in degrees with --degrees
     #[arg(long, allow_hyphen_values = true)]
     pub others: Option<f32>,
     /// The angles are in degrees

@@ -75,7 +75,7 @@ pub fn info(options: &Options) -> Result<(), Failure> {
         line("robot", robot);
         if !node.model.is_empty() {
             line("model", &format!("{:08x}", node.model_checksum));
-            line("homed", &format!("{} joints", node.homed.count_ones()));
+            line("homed", &output::counted(node.homed.count_ones() as usize, "joint"));
         }
         line("mode", &node.mode.to_string());
         let read = if node.faults_read { "" } else { ", some unread" };

@@ -91,6 +91,17 @@ impl BoardSession {
         })
     }
 
+    /// The model on the board; `None` where there is none, or where it cannot be read just now: the next
+    /// status tells whether there is one.
+    pub fn model_if_there(&mut self) -> Result<Option<RobotModel>, Failure> {
+        match self.model() {
+            Ok(model) => Ok(Some(model)),
+            Err(Failure::NoModel) => Ok(None),
+            Err(Failure::Board(error)) if error.passes() => Ok(None),
+            Err(failure) => Err(failure),
+        }
+    }
+
     /// Description of the [faults to blame](faults::blamed), with the joint's name if the model is known, and
     /// the entries of the document that explain them.
     pub fn fault(&mut self, model: Option<&RobotModel>) -> Result<String, Failure> {
@@ -141,7 +152,7 @@ impl BoardSession {
         match answer {
             Ok(()) => Ok(true),
             // The caller tries again later.
-            Err(BoardError::Timeout { .. } | BoardError::Interrupted) => Ok(false),
+            Err(error) if error.passes() => Ok(false),
             Err(error) => Err(error.into()),
         }
     }
@@ -250,9 +261,11 @@ pub fn refused(reply: &Reply) -> Result<(), Failure> {
     }
 }
 
-/// The key for TCP ports, if there is one.
-pub fn read_key(options: &Options) -> Result<Option<Key>, Failure> {
-    options.key.as_deref().map(|path| Key::read(path).map_err(Failure::file(path))).transpose()
+/// The key, if there is one, and if one of these addresses may be of TCP: only these are encrypted.
+pub fn key_for(options: &Options, addresses: &[&Address]) -> Result<Option<Key>, Failure> {
+    let may_be_tcp = |address: &&Address| matches!(address, Address::Tcp(_) | Address::Auto);
+    let path = options.key.as_deref().filter(|_| addresses.iter().any(may_be_tcp));
+    path.map(|path| Key::read(path).map_err(Failure::file(path))).transpose()
 }
 
 /// Opens the port.
@@ -262,9 +275,7 @@ pub fn dial(options: &Options) -> Result<LinkBoard<BoardLink>, Failure> {
 
 fn dial_at(options: &Options, port: &Address) -> Result<LinkBoard<BoardLink>, Failure> {
     let faults = options.link_faults.clone().unwrap_or_default();
-    // Only these may be encrypted.
-    let may_be_tcp = matches!(port, Address::Tcp(_) | Address::Auto);
-    let key = if may_be_tcp { read_key(options)? } else { None };
+    let key = key_for(options, &[port])?;
     let link = FaultyLink::new(Reopening::open(port.clone(), key)?, faults);
     Ok(LinkBoard::new(link, options.timeout))
 }

@@ -39,7 +39,7 @@ pub fn run(options: &Options, args: &Calibrate) -> Result<(), Failure> {
     let out = args.out.as_deref().unwrap_or(Path::new(DEFAULT_FILE));
     if args.out.is_none() && out.symlink_metadata().is_ok() {
         return Err(Failure::Usage(format!(
-            "{DEFAULT_FILE} exists, and would be lost: name the file with --out, this one to replace it"
+            "{DEFAULT_FILE} exists: choose another file with --out FILE, or give --out {DEFAULT_FILE} to replace it"
         )));
     }
     if let Some(poses) = &args.poses {
@@ -73,8 +73,7 @@ fn table(solved: &[(FingerLinks, CalibrationAccuracy); FINGERS], out: Option<&Pa
             finger.name()
         );
     }
-    let written = out.map(|out| format!("written to {}", out.display()));
-    text + &written.unwrap_or_else(|| "not written to a file".to_owned())
+    text + &output::written_to(out)
 }
 
 /// Why there is no calibration, and what to do.

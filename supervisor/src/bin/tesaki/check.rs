@@ -6,12 +6,14 @@ use std::process::ExitCode;
 
 use serde_json::{Value, json};
 use tesaki::model::ChainJoint;
-use tesaki_description::finding::{Finding, Severity};
+use tesaki_description::camera::CameraValues;
+use tesaki_description::finding::{Finding, Matter, Severity};
+use tesaki_description::object::ObjectValues;
 use tesaki_description::read_text;
 use tesaki_description::retargeting::{self, RetargetingSettings};
 use tesaki_description::robot::RobotFolder;
 use tesaki_description::urdf::{SerialPath, Urdf, UrdfError};
-use tesaki_description::{approach, hand_eye, impedance, law};
+use tesaki_description::{approach, camera, grasp, hand_eye, impedance, law, object};
 
 use crate::args::Options;
 use crate::failure::Failure;
@@ -28,7 +30,7 @@ pub fn run(options: &Options, robot: &Path) -> Result<ExitCode, Failure> {
     let wrong = checked.findings.iter().any(Finding::is_error);
     let good = checked.good.iter().map(|text| json!({ "severity": "good", "finding": text }));
     let list: Vec<Value> = good.chain(checked.findings.iter().map(object)).collect();
-    output::result(options, &list, || text(&checked))?;
+    output::result(options, &list, || listed(&checked))?;
     Ok(ExitCode::from(u8::from(wrong)))
 }
 
@@ -40,34 +42,46 @@ fn is_there(path: &Path) -> bool {
 /// Checks a robot folder with settings for a controller.
 fn folder(path: &Path) -> Result<Checked, Failure> {
     let (urdf, settings) = RobotFolder::read(path)?;
-    let file = path.join("plant.toml");
-    let plant = is_there(&file).then(|| read_text(&file).map_err(Failure::file(&file)));
-    let plant = plant.transpose()?;
+    let plant = text(&path.join("plant.toml"))?;
     let (folder, mut findings) = RobotFolder::check_all(path, &urdf, &settings, plant.as_deref());
-    let file = path.join(retargeting::FILE);
-    if let Some(folder) = folder.as_ref().filter(|_| is_there(&file)) {
-        let text = read_text(&file).map_err(Failure::file(&file))?;
-        findings.extend(RetargetingSettings::check(&file, &text, &folder.model).1);
-    }
+    findings.extend(toml_files(&path.join(grasp::FOLDER), |file, text| grasp::check(file, text).1)?);
+    findings.extend(toml_files(&path.join(object::FOLDER), |file, text| ObjectValues::check(file, text).1)?);
+    let file = path.join(camera::FILE);
+    findings.extend(text(&file)?.into_iter().flat_map(|text| CameraValues::check(&file, &text).1));
     let file = path.join(hand_eye::FILE);
-    if is_there(&file) {
-        let text = read_text(&file).map_err(Failure::file(&file))?;
+    let table = text(&file)?.and_then(|text| {
         let (table, wrong) = hand_eye::check(&file, &text);
         findings.extend(wrong);
+        table
+    });
+    if let Some(RobotFolder { model, .. }) = &folder {
+        let file = path.join(retargeting::FILE);
+        let wrong = |text: String| RetargetingSettings::check(&file, &text, model).1;
+        findings.extend(text(&file)?.into_iter().flat_map(wrong));
         let file = path.join(approach::FILE);
-        if let (Some(folder), Some(table)) = (folder.as_ref(), table.as_ref().filter(|_| is_there(&file))) {
-            let text = read_text(&file).map_err(Failure::file(&file))?;
-            findings.extend(approach::check(&file, &text, &folder.model, table).1);
+        if let Some(table) = &table {
+            let wrong = |text: String| approach::check(&file, &text, model, table).1;
+            findings.extend(text(&file)?.into_iter().flat_map(wrong));
+        } else if is_there(&file) && !is_there(&path.join(hand_eye::FILE)) {
+            findings.push(Finding {
+                severity: Severity::Warning,
+                matter: Matter::Dynamics,
+                path: file,
+                line: None,
+                message: format!("not checked: there is no {}, which it needs", hand_eye::FILE),
+                advice: "`tesaki calibrate camera` makes it".to_owned(),
+            });
         }
-    }
-    if let Some(folder) = folder.as_ref() {
-        findings.extend(toml_files(&path.join(impedance::FOLDER), |file, text| {
-            impedance::check(file, text, &folder.model).1
-        })?);
-        findings
-            .extend(toml_files(&path.join(law::FOLDER), |file, text| law::check(file, text, &folder.model))?);
+        let check = |file: &Path, text: &str| impedance::check(file, text, model).1;
+        findings.extend(toml_files(&path.join(impedance::FOLDER), check)?);
+        findings.extend(toml_files(&path.join(law::FOLDER), |file, text| law::check(file, text, model))?);
     }
     Ok(Checked { good: folder.as_ref().map(summary).unwrap_or_default(), findings })
+}
+
+/// The text of a file, if there is one.
+fn text(file: &Path) -> Result<Option<String>, Failure> {
+    is_there(file).then(|| read_text(file).map_err(Failure::file(file))).transpose()
 }
 
 /// What `check` finds in the TOML files of a folder, in the order of their names.
@@ -182,7 +196,7 @@ pub fn object(finding: &Finding) -> Value {
     })
 }
 
-fn text(checked: &Checked) -> String {
+fn listed(checked: &Checked) -> String {
     let mut text = String::new();
     for good in &checked.good {
         let _ = writeln!(text, "ok    {good}");

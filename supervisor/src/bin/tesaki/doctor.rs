@@ -239,7 +239,8 @@ fn check_board(
             format!("see {}; clear it with `tesaki faults --clear`", faults::entries(blamed)),
         );
     } else if !node.faults_read {
-        doctor.warning(format!("{} faults since power-on, some unread", node.faults), "tesaki faults");
+        let faults = output::counted(usize::try_from(node.faults).unwrap_or(usize::MAX), "fault");
+        doctor.warning(format!("{faults} since power-on, not all of them read"), "tesaki faults");
     } else {
         doctor.good(format!("the board is {}", node.mode));
     }

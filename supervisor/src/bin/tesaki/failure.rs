@@ -11,12 +11,8 @@ use tesaki::robot::Concerns;
 use tesaki::task::TaskRefusal;
 use tesaki::task::grasping::GraspRefusal;
 use tesaki::task::impedance::ImpedanceRefusal;
-use tesaki_description::approach::ApproachFileError;
+use tesaki_description::FileError;
 use tesaki_description::calibration::CalibrationError;
-use tesaki_description::grasp::GraspFileError;
-use tesaki_description::impedance::ImpedanceFileError;
-use tesaki_description::retargeting::RetargetingFileError;
-use tesaki_description::robot::RobotError;
 use tesaki_description::urdf::UrdfError;
 use tesaki_supervisor::BoardError;
 use tesaki_supervisor::identify::IdentifyError;
@@ -54,22 +50,10 @@ pub enum Failure {
     /// The folder of another robot.
     #[error(transparent)]
     OtherRobot(#[from] OtherRobot),
-    /// An invalid robot folder.
+    /// An invalid file of a robot.
     #[error(transparent)]
-    Robot(#[from] RobotError),
-    /// An invalid grasp file.
-    #[error(transparent)]
-    GraspFile(#[from] GraspFileError),
-    /// An invalid impedance file.
-    #[error(transparent)]
-    ImpedanceFile(#[from] ImpedanceFileError),
-    /// An invalid file of the visual approach.
-    #[error(transparent)]
-    ApproachFile(#[from] ApproachFileError),
-    /// An invalid retargeting file.
-    #[error(transparent)]
-    RetargetingFile(#[from] RetargetingFileError),
-    /// An invalid calibration file.
+    Description(#[from] FileError),
+    /// A calibration that does not fit the robot.
     #[error(transparent)]
     Calibration(#[from] CalibrationError),
     /// The identification failed.
@@ -96,7 +80,9 @@ pub enum Failure {
     #[error("{0}")]
     Other(String),
     /// The reader of the output has paused for too long.
-    #[error("nobody read the output for too long; the board is disabled. Does what reads it hang?")]
+    #[error(
+        "standard output was not read for too long, so the board was disabled: does the program that reads it hang?"
+    )]
     Stalled,
     /// The reader of the output has closed it, which is no error.
     #[error("the output was closed")]
@@ -128,12 +114,8 @@ impl Failure {
     /// The exit code, see the help.
     pub const fn number(&self) -> u8 {
         match self {
-            Self::Robot(_)
+            Self::Description(_)
             | Self::Urdf(_)
-            | Self::GraspFile(_)
-            | Self::ImpedanceFile(_)
-            | Self::ApproachFile(_)
-            | Self::RetargetingFile(_)
             | Self::Calibration(_)
             | Self::File { .. }
             | Self::Board(BoardError::Reset)

@@ -201,13 +201,13 @@ impl<T> Feed<T> {
             // A source may take its time to begin.
             (_, None) => (self.seen > 0 && self.heard.elapsed() > self.silence).then(|| Ending {
                 kind: EndingKind::Silent,
-                reason: format!("{} is silent for {} s", self.place, self.silence.as_secs_f64()),
+                reason: format!("{} has sent nothing for {} s", self.place, self.silence.as_secs_f64()),
             }),
         }
     }
 
     fn bad_ending(&self, error: &str) -> Ending {
-        let reason = format!("{} gives no good {} any more; {error}", self.place, self.what);
+        let reason = format!("{} sends no valid {} any more; the last error: {error}", self.place, self.what);
         Ending { kind: EndingKind::Bad, reason }
     }
 }
@@ -218,6 +218,17 @@ pub fn read<T: From<String>>(inlet: &Inlet<T>) {
     while let Some(text) = line(&mut input)
         && inlet.send(text.map(T::from))
     {}
+}
+
+/// All of `input`, unless it has more than `most` bytes, as a device may have.
+pub fn read_all(input: impl Read, most: u64) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    input.take(most + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > most {
+        let message = format!("larger than {} MiB: is it the right file?", most >> 20);
+        return Err(io::Error::new(io::ErrorKind::FileTooLarge, message));
+    }
+    Ok(bytes)
 }
 
 /// The next line; `None` at the end.

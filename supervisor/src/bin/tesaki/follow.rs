@@ -94,7 +94,7 @@ pub fn run(options: &Options, args: &Follow) -> Result<(), Failure> {
     session.live.end();
     if ending.is_some() && again == End::Done {
         let load = motion.load();
-        motion.stay(args.hold, args.no_hold, load.as_ref(), KEEP_ALIVE, |_| Request::Keep)?;
+        motion.stay(args.stay.hold, args.stay.no_hold, load.as_ref(), KEEP_ALIVE, |_| Request::Keep)?;
     }
     motion.end(end == End::Interrupted || again == End::Interrupted)?;
     let (text, value) = session.lead.summary();
@@ -204,7 +204,9 @@ impl Session<'_> {
                 (_, Some(Ok(Entry::Clutch(closed)))) => self.lead.ask(closed),
                 (other, _) => output::notice(
                     self.options,
-                    &format!("standard input: {other:?} is no command: type closed or open, for the clutch"),
+                    &format!(
+                        "standard input: unknown command {other:?}: type `closed` or `open` to work the clutch"
+                    ),
                 ),
             }
         }

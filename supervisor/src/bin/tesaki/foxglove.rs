@@ -13,18 +13,18 @@ use serde::Deserialize;
 use serde_json::json;
 use tesaki::model::RobotModel;
 use tesaki::protocol::{FromBoard, Request, Status, Telemetry};
-use tesaki_description::read_text;
 use tesaki_description::robot::RobotFolder;
 use tesaki_recording::{Live, LiveMessage, McapError, Publisher};
+use tesaki_supervisor::Board as _;
 use tesaki_supervisor::faults::{FaultFollower, describe};
 use tesaki_supervisor::publication::{Publication, STREAMS, require_own};
-use tesaki_supervisor::{Board as _, BoardError};
 use tesaki_viewer::server::{Event, Server, Site};
 use tungstenite::Message;
 
 use crate::args::Options;
 use crate::board_session::{BoardSession, interrupted};
 use crate::failure::Failure;
+use crate::model::urdf_text;
 use crate::output;
 
 /// How long the board is listened to before the clients are served, and the other way round.
@@ -95,8 +95,7 @@ struct Share {
 pub fn share(options: &Options, listen: SocketAddr, robot: Option<&Path>) -> Result<(), Failure> {
     let interrupted = interrupted()?;
     let folder = robot.map(RobotFolder::load).transpose()?;
-    let urdf = folder.as_ref().map(|folder| read_text(&folder.path.join("robot.urdf")));
-    let urdf = urdf.transpose().map_err(Failure::file("robot.urdf"))?;
+    let urdf = folder.as_ref().map(urdf_text).transpose()?;
     let server = Server::listen(listen, &SITE).map_err(|error| match error.kind() {
         std::io::ErrorKind::InvalidInput => Failure::Usage(error.to_string()),
         _ => Failure::Other(error.to_string()),
@@ -203,20 +202,10 @@ impl Share {
         if self.model.as_ref().map(|(_, checksum)| *checksum) == checksum {
             return Ok(());
         }
-        self.model = match checksum.map(|checksum| (self.session.model(), checksum)) {
-            Some((Ok(model), checksum)) => Some((model, checksum)),
-            // The next status comes soon.
-            None
-            | Some((
-                Err(
-                    Failure::NoModel
-                    | Failure::Board(
-                        BoardError::Timeout { .. } | BoardError::ExportDisturbed | BoardError::Reset,
-                    ),
-                ),
-                _,
-            )) => None,
-            Some((Err(failure), _)) => return Err(failure),
+        self.model = match checksum {
+            // Where it cannot be read, the next status comes soon.
+            Some(checksum) => self.session.model_if_there()?.map(|model| (model, checksum)),
+            None => None,
         };
         self.publication.use_model(self.model.as_ref().map(|(model, checksum)| (model, *checksum)));
         Ok(())

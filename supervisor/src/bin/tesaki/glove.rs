@@ -114,7 +114,7 @@ pub fn json(line: &str, table: &str) -> Result<Value, String> {
             }
             _ => String::new(),
         };
-        format!("no JSON: {error}{hint}")
+        format!("not valid JSON: {error}{hint}")
     })
 }
 

@@ -37,11 +37,6 @@ pub fn run(options: &Options, command: &Grasp) -> Result<(), Failure> {
 
 fn grasp_object(options: &Options, args: &Run) -> Result<(), Failure> {
     let plan = grasp::load(&args.file)?;
-    for (name, speed) in [("--speed", args.speed), ("--turn-speed", args.turn_speed)] {
-        if !(speed > 0.0 && speed.is_finite()) {
-            return Err(Failure::Usage(format!("{name} {speed}: the speed must be above 0")));
-        }
-    }
     let mut motion = Motion::begin(options)?;
     let steps = timed_steps(args, &Vector3::from(motion.model.gravity))?;
     output::confirm(

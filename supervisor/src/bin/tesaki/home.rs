@@ -63,9 +63,12 @@ pub fn home(options: &Options, args: &Home) -> Result<(), Failure> {
     }
     output::confirm(options, "The current joint angles will be set to these values. Continue?")?;
     session.board.home(&positions)?;
-    let relative = model.joints.iter().filter(|joint| joint.encoder.relative).count();
-    output::result(options, &json!({ "homed": output::by_joint(&positions, &model) }), || {
-        format!("{} homed", output::counted(relative, "joint"))
+    // What absolute encoders measure was not set.
+    let relative = model.joints.iter().zip(&positions).filter(|(joint, _)| joint.encoder.relative);
+    let set: serde_json::Map<_, _> =
+        relative.map(|(joint, angle)| (joint.name.to_string(), output::exact(angle))).collect();
+    output::result(options, &json!({ "homed": set }), || {
+        format!("{} homed", output::counted(set.len(), "joint"))
     })
 }
 

@@ -4,9 +4,10 @@ use std::fmt::Write as _;
 use std::path::{Component, Path, PathBuf};
 
 use serde_json::json;
+use tesaki_description::FileError;
 use tesaki_description::finding::Finding;
 use tesaki_description::init::{InitError, InitOptions, RobotTexts, robot_texts};
-use tesaki_description::robot::{RobotError, RobotFolder};
+use tesaki_description::robot::RobotFolder;
 use tesaki_description::urdf::Urdf;
 
 use crate::args::{Init, Options};
@@ -19,7 +20,7 @@ pub fn run(options: &Options, args: &Init) -> Result<(), Failure> {
     let text = Urdf::read_text(&path)?;
     let choices = InitOptions { motors: args.motors.clone(), accept_inertia: args.accept_inertia.clone() };
     let texts = robot_texts(&path, &text, &choices).map_err(|error| match error {
-        InitError::Wrong(findings) => Failure::Robot(RobotError::Wrong(findings)),
+        InitError::Wrong(findings) => Failure::Description(FileError::Wrong(findings)),
         other => Failure::Usage(other.to_string()),
     })?;
     let folder = folder(args, &path, &texts.name)?;
@@ -32,7 +33,7 @@ pub fn run(options: &Options, args: &Init) -> Result<(), Failure> {
             .iter_mut()
             .filter(|finding| finding.path == own)
             .for_each(|finding| finding.path.clone_from(&path));
-        return Err(Failure::Robot(RobotError::Wrong(findings)));
+        return Err(Failure::Description(FileError::Wrong(findings)));
     }
     let written = write(&folder, &path, &texts, args.force)?;
     let joints: Vec<_> = texts
@@ -67,7 +68,7 @@ fn folder(args: &Init, urdf: &Path, name: &str) -> Result<PathBuf, Failure> {
         (None, None) if is_plain(name) => PathBuf::from(name),
         (None, None) => {
             return Err(Failure::Usage(format!(
-                "the URDF calls the robot {name:?}, which is no plain name of a folder: name the folder with --out"
+                "the robot's name in the URDF, {name:?}, cannot be the name of a folder: give one with --out DIR"
             )));
         }
     })
@@ -96,10 +97,10 @@ fn write(folder: &Path, urdf: &Path, texts: &RobotTexts, force: bool) -> Result<
             "{} exists: choose another folder with --out, or overwrite it with --force",
             file.display()
         );
-        return Err(Failure::Other(message));
+        return Err(Failure::Usage(message));
     }
     for (file, text) in &files {
-        std::fs::write(file, text).map_err(Failure::file(file))?;
+        output::replace(file, text).map_err(Failure::file(file))?;
     }
     Ok(files.into_iter().map(|(file, _)| file).collect())
 }

@@ -66,7 +66,7 @@ pub fn move_joints(options: &Options, args: &Move) -> Result<(), Failure> {
         );
         // Not at the goal, where something may be in the way.
         let here = goal_request(&motion.angles_within_limits())?;
-        if motion.load().is_some() && !args.no_hold {
+        if motion.load().is_some() && !args.stay.no_hold {
             output::notice(options, &format!("{late}; it holds where it is until Ctrl-C"));
             motion.drive(KEEP_ALIVE, |_| here.clone(), |_, _| false)?;
         }
@@ -77,7 +77,7 @@ pub fn move_joints(options: &Options, args: &Move) -> Result<(), Failure> {
     }
     let value = json!({ "arrived": true, "joint": joint, "largest_error": output::exact(&error) });
     output::result(options, &value, || format!("arrived: the largest error is {error:.4} rad, of {joint}"))?;
-    motion.stay(args.hold, args.no_hold, load.as_ref(), KEEP_ALIVE, |_| set_point.clone())?;
+    motion.stay(args.stay.hold, args.stay.no_hold, load.as_ref(), KEEP_ALIVE, |_| set_point.clone())?;
     motion.end(false)
 }
 

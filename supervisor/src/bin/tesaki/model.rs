@@ -5,6 +5,7 @@ use std::path::Path;
 use serde_json::json;
 use tesaki::model::RobotModel;
 use tesaki_description::calibration::Calibration;
+use tesaki_description::read_text;
 use tesaki_description::robot::{RobotFolder, chain_model};
 use tesaki_supervisor::{Board as _, BoardError};
 
@@ -12,6 +13,12 @@ use crate::args::Options;
 use crate::board_session::BoardSession;
 use crate::failure::Failure;
 use crate::output;
+
+/// The text of the folder's URDF.
+pub fn urdf_text(folder: &RobotFolder) -> Result<String, Failure> {
+    let path = folder.path.join("robot.urdf");
+    read_text(&path).map_err(Failure::file(path))
+}
 
 pub fn push(
     options: &Options,

@@ -345,7 +345,7 @@ impl<'a> Motion<'a> {
                 })) => {
                     self.enabled = false;
                     return Err(Failure::Refused(
-                        "this program has lost command of the board: another one has disabled it. End that one, then start again"
+                        "another program has taken command and disabled the board. End that program, then run this command again"
                             .to_owned(),
                     ));
                 }

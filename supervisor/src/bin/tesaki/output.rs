@@ -73,13 +73,7 @@ pub fn telemetry(telemetry: &Telemetry, model: Option<&RobotModel>) -> serde_jso
     value
 }
 
-/// Values of the joints for JSON, by name.
-pub fn by_joint(values: &[f32], model: &RobotModel) -> serde_json::Value {
-    let names = model.joints.iter().map(|joint| joint.name.to_string());
-    serde_json::Value::Object(names.zip(values.iter().map(exact)).collect())
-}
-
-pub use file::{require_writable, save};
+pub use file::{replace, require_writable, save, written_to};
 pub use queue::set_controls;
 
 /// Prints a line.

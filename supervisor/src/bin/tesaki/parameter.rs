@@ -227,7 +227,7 @@ fn expand(tree: &Value, path: &str) -> Result<Vec<String>, Failure> {
     let Value::Object(members) = group else {
         let single = before.trim_end_matches('.');
         return Err(Failure::Usage(format!(
-            "{path}: {single} is a single parameter, `*` stands for nothing in it"
+            "{path}: {single} is a single parameter and has no members for `*`"
         )));
     };
     let mut paths = Vec::new();

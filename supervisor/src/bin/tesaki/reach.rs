@@ -73,9 +73,6 @@ impl PathClock {
 }
 
 pub fn run(options: &Options, args: &Reach) -> Result<(), Failure> {
-    if !(args.speed > 0.0 && args.speed.is_finite()) {
-        return Err(Failure::Usage(format!("--speed {}: the speed must be above 0 m/s", args.speed)));
-    }
     let mut motion = Motion::begin(options)?;
     let (_, duration) = plan(&mut motion, args)?;
     output::confirm(
@@ -113,7 +110,7 @@ pub fn run(options: &Options, args: &Reach) -> Result<(), Failure> {
     }
     let (tip, distance) = farthest;
     if !arrival.has_come() {
-        if motion.load().is_some() && !args.no_hold {
+        if motion.load().is_some() && !args.stay.no_hold {
             output::notice(options, &format!("{tip} has not arrived; the robot holds until Ctrl-C"));
             motion.drive(PERIOD, set_point, |_, _| false)?;
         }
@@ -130,7 +127,7 @@ pub fn run(options: &Options, args: &Reach) -> Result<(), Failure> {
         || format!("arrived: the largest error is {:.2} mm", 1e3 * distance),
     )?;
     let load = motion.load();
-    motion.stay(args.hold, args.no_hold, load.as_ref(), PERIOD, set_point)?;
+    motion.stay(args.stay.hold, args.stay.no_hold, load.as_ref(), PERIOD, set_point)?;
     motion.end(false)
 }
 
@@ -175,9 +172,9 @@ fn paths(model: &RobotModel, start: &[f32], args: &Reach) -> Result<Vec<TipPath>
         let chain = Chain::new(models, &tip.tip);
         let not_a_finger = |why: String| {
             Failure::Usage(format!(
-                "the tips of {} cannot be moved along lines, because every chain must be a finger and the one to \
-                 {} is none: {why}. Use `tesaki eval ik` to find joint angles for `tesaki move`",
-                model.name, tip.name
+                "`tesaki reach` needs fingers of three joints; the chain to {} is not one: {why}. Use `tesaki eval \
+                 ik` to find joint angles for `tesaki move`",
+                tip.name
             ))
         };
         if model.mimics_of(index).next().is_some() {

@@ -14,7 +14,6 @@ use tesaki::protocol::{
     EXPORT_CHUNK, FromBoard, Item, LogEntry, LogRecord, LogStart, MODEL_CHUNK, Refusal, Request,
     RequestFrame, SCHEMA_KEY, Stream, Telemetry,
 };
-use tesaki_description::read_text;
 use tesaki_description::robot::RobotFolder;
 use tesaki_recording::{McapError, McapFile, Recording};
 use tesaki_supervisor::faults::{FaultFollower, FaultsBefore, describe};
@@ -24,6 +23,7 @@ use tesaki_supervisor::{Board, BoardError};
 use crate::args::{Options, Record};
 use crate::board_session::{BoardSession, hex, interrupted, version};
 use crate::failure::Failure;
+use crate::model::urdf_text;
 use crate::output;
 
 /// Period of the lines of JSON, and of requests for streams that have stopped.
@@ -80,6 +80,50 @@ struct Recorder<'a> {
     last_tick: Option<u32>,
     /// Whether the board is silent, which was told.
     silent: bool,
+    /// Of the file that the log has replaced.
+    _place_lock: File,
+}
+
+/// The files of a recording beside their places, until it has begun: one that cannot begin replaces none.
+struct Unfinished {
+    places: [PathBuf; 2],
+    files: [PathBuf; 2],
+    /// Whether there was a log before: else its place is to be empty again.
+    replaces: bool,
+    is_done: bool,
+}
+
+impl Unfinished {
+    fn new(places: [&PathBuf; 2], replaces: bool) -> Self {
+        // A link stays one.
+        let places = places.map(|path| path.canonicalize().unwrap_or_else(|_| path.clone()));
+        let files = places.each_ref().map(|path| {
+            let name = path.file_name().unwrap_or_default().display();
+            path.with_file_name(format!(".{name}.{}.tmp", std::process::id()))
+        });
+        Self { places, files, replaces, is_done: false }
+    }
+
+    /// Puts the files in their places; the one for viewers first, because it can be made again.
+    fn finish(mut self) -> Result<(), Failure> {
+        for (file, place) in self.files.iter().zip(&self.places).rev() {
+            std::fs::rename(file, place).map_err(Failure::file(place))?;
+        }
+        self.is_done = true;
+        Ok(())
+    }
+}
+
+impl Drop for Unfinished {
+    fn drop(&mut self) {
+        if self.is_done {
+            return;
+        }
+        let place = (!self.replaces).then_some(&self.places[0]);
+        for file in self.files.iter().chain(place) {
+            let _ = std::fs::remove_file(file);
+        }
+    }
 }
 
 impl<'a> Recorder<'a> {
@@ -87,8 +131,7 @@ impl<'a> Recorder<'a> {
         let model = session.model()?;
         let robot = args.robot.as_deref().map(RobotFolder::load).transpose()?;
         require_own(robot.as_ref(), &model)?;
-        let urdf = robot.as_ref().map(|robot| read_text(&robot.path.join("robot.urdf")));
-        let urdf = urdf.transpose().map_err(Failure::file("robot.urdf"))?;
+        let urdf = robot.as_ref().map(urdf_text).transpose()?;
         let [log_path, mcap_path] = ["log", "mcap"].map(|extension| with_extension(&args.name, extension));
         if !args.force
             && let Some(path) = [&log_path, &mcap_path].into_iter().find(|path| path.exists())
@@ -98,8 +141,12 @@ impl<'a> Recorder<'a> {
                 path.display()
             )));
         }
-        let log_file = lock(&log_path)?;
-
+        let replaces = log_path.exists();
+        let place_lock = lock(&log_path)?;
+        let unfinished = Unfinished::new([&log_path, &mcap_path], replaces);
+        let [log_file, mcap_file] = &unfinished.files;
+        let log_file = lock(log_file)?;
+        log_file.set_len(0).map_err(Failure::file(&log_path))?;
         let metadata = BTreeMap::from([
             ("robot".to_owned(), model.name.to_string()),
             ("firmware".to_owned(), version(session.identity.firmware)),
@@ -107,7 +154,7 @@ impl<'a> Recorder<'a> {
             ("board".to_owned(), hex(&session.identity.board, "none")),
         ]);
         let mut recording =
-            Recording::create_compressed(&mcap_path, urdf.as_deref()).map_err(mcap_failure(&mcap_path))?;
+            Recording::create_compressed(mcap_file, urdf.as_deref()).map_err(mcap_failure(&mcap_path))?;
         recording.metadata("tesaki", metadata).map_err(mcap_failure(&mcap_path))?;
         let viewer = Publication::new(recording, robot);
         let faults = FaultFollower::new(FaultsBefore::from(&session.board.status()?.node));
@@ -117,6 +164,7 @@ impl<'a> Recorder<'a> {
         }
         let mut log = ReplayLog::new(log_file);
         log.begin(session).map_err(log_failure(&log_path))?;
+        unfinished.finish()?;
         let (log_file, mcap_file) = (log_path.display(), mcap_path.display());
         let notice = format!("recording {} to {log_file} and {mcap_file}; Ctrl-C stops", model.name);
         output::notice(options, &notice);
@@ -135,6 +183,7 @@ impl<'a> Recorder<'a> {
             requested: now,
             last_tick: None,
             silent: false,
+            _place_lock: place_lock,
         })
     }
 
@@ -255,7 +304,7 @@ impl<'a> Recorder<'a> {
     }
 }
 
-/// Opens the file, empty, for this recorder alone, as long as it is open.
+/// Opens the file for this recorder alone, as long as it is open.
 fn lock(path: &Path) -> Result<File, Failure> {
     let file = OpenOptions::new().write(true).create(true).truncate(false).open(path);
     let file = file.map_err(Failure::file(path))?;
@@ -270,7 +319,6 @@ fn lock(path: &Path) -> Result<File, Failure> {
         // A file system without locks.
         Err(TryLockError::Error(_)) => {}
     }
-    file.set_len(0).map_err(Failure::file(path))?;
     Ok(file)
 }
 
@@ -392,7 +440,7 @@ impl ReplayLog {
         };
         match resume() {
             // The next entry, if one comes, reveals the gap again.
-            Err(LogError::Board(BoardError::Timeout { .. })) => Ok(()),
+            Err(LogError::Board(error)) if error.passes() => Ok(()),
             other => other,
         }
     }

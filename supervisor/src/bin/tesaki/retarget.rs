@@ -57,7 +57,7 @@ fn offline(
     let mut robot = Box::new(Robot::NONE);
     let hand = robot.configure(model).ok().and_then(|()| robot.hand());
     // The settings are those of a hand.
-    let hand = hand.ok_or_else(|| Failure::Usage(format!("{} is no hand", model.name)))?;
+    let hand = hand.ok_or_else(|| Failure::Usage(format!("{} is not a hand", model.name)))?;
     let mut task = settings.task;
     task.limit_speeds(model.joints.iter().map(|joint| joint.limits.velocity));
     let retargeting = Retargeting { hand, settings: &task.retargeting };

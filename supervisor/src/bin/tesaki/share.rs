@@ -11,13 +11,13 @@ use tesaki_supervisor::hub::Hub;
 use tesaki_supervisor::port::{Address, Key, Reopening};
 
 use crate::args::Options;
-use crate::board_session::{interrupted, read_key};
+use crate::board_session::{interrupted, key_for};
 use crate::failure::Failure;
 use crate::output;
 
 pub fn share(options: &Options, listen: &Address) -> Result<(), Failure> {
     let interrupted = interrupted()?;
-    let key = read_key(options)?;
+    let key = key_for(options, &[listen, &options.port])?;
     let mut hub = Hub::listen(listen, key.as_ref()).map_err(|error| match error.kind() {
         io::ErrorKind::InvalidInput => Failure::Usage(error.to_string()),
         _ => Failure::Other(error.to_string()),
@@ -63,7 +63,10 @@ pub fn share(options: &Options, listen: &Address) -> Result<(), Failure> {
 }
 
 pub fn create_key(options: &Options, file: &Path) -> Result<(), Failure> {
-    Key::create(file).map_err(Failure::file(file))?;
+    Key::create(file).map_err(|error| match error.kind() {
+        io::ErrorKind::AlreadyExists => Failure::Usage(format!("{}: {error}", file.display())),
+        _ => Failure::file(file)(error),
+    })?;
     output::result(options, &json!({ "key": file }), || {
         format!(
             "{0}: a new key. Copy it to the other machines over a safe way, and give it with `--key {0}` at \

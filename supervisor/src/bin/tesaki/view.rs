@@ -372,23 +372,11 @@ impl View {
                 self.show_scene(None);
             }
         } else if known != Some(node.model_checksum) {
-            match self.session.model() {
-                Ok(model) => {
-                    self.show_scene(Some(&model));
-                    self.model = Some((model, node.model_checksum));
-                    self.known_faults = None;
-                }
-                // The next status comes soon.
-                Err(
-                    Failure::NoModel
-                    | Failure::Board(
-                        BoardError::Timeout { .. }
-                        | BoardError::Interrupted
-                        | BoardError::ExportDisturbed
-                        | BoardError::Reset,
-                    ),
-                ) => {}
-                Err(failure) => return Err(failure),
+            // Else the next status comes soon.
+            if let Some(model) = self.session.model_if_there()? {
+                self.show_scene(Some(&model));
+                self.model = Some((model, node.model_checksum));
+                self.known_faults = None;
             }
         }
         Ok(())

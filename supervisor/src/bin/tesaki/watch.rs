@@ -79,7 +79,7 @@ fn stream(options: &Options, session: &mut BoardSession, model: RobotModel) -> R
                         output::complain(&format!("the board was reset: {}", Failure::NoModel));
                     }
                 } else if model.is_none() {
-                    model = pushed(session)?;
+                    model = session.model_if_there()?;
                 }
                 output::line(&output::telemetry(&telemetry, model.as_ref()).to_string())?;
             }
@@ -96,17 +96,6 @@ fn stream(options: &Options, session: &mut BoardSession, model: RobotModel) -> R
             }
             Err(failure) => return Err(failure),
         }
-    }
-}
-
-/// The model that was pushed meanwhile; `None` when it cannot be read yet.
-fn pushed(session: &mut BoardSession) -> Result<Option<RobotModel>, Failure> {
-    match session.model() {
-        Ok(model) => Ok(Some(model)),
-        Err(Failure::NoModel | Failure::Board(BoardError::Timeout { .. } | BoardError::ExportDisturbed)) => {
-            Ok(None)
-        }
-        Err(failure) => Err(failure),
     }
 }
 
@@ -208,7 +197,7 @@ impl Watch {
             self.forget_model(session);
         } else if status.node.model_checksum != self.checksum
             // Else the next status comes soon.
-            && let Some(model) = pushed(session)?
+            && let Some(model) = session.model_if_there()?
         {
             self.checksum = status.node.model_checksum;
             self.view.joints = joint_views(&model);
@@ -276,7 +265,8 @@ impl Watch {
                 self.entry = faults::entries(faults::blamed(&log));
                 Ok(())
             }
-            Err(BoardError::Timeout { .. } | BoardError::Refused { .. }) => Ok(()),
+            Err(BoardError::Refused { .. }) => Ok(()),
+            Err(error) if error.passes() => Ok(()),
             Err(error) => Err(error.into()),
         }
     }

@@ -31,13 +31,8 @@ pub struct Approach {
     /// fault, and enables the arm at once
     #[arg(long)]
     pub resume: bool,
-    /// At the end, hold until Ctrl-C before disabling the outputs; the default where gravity pulls a joint
-    /// with more than its friction
-    #[arg(long)]
-    pub hold: bool,
-    /// At the end, disable the outputs at once, even if the robot falls
-    #[arg(long, conflicts_with = "hold")]
-    pub no_hold: bool,
+    #[command(flatten)]
+    pub stay: super::Stay,
 }
 
 /// Source of circles.
@@ -55,7 +50,7 @@ impl FromStr for SightSource {
         match text.parse() {
             _ if text == "-" => Ok(Self::StandardInput),
             Ok(address @ (Address::Unix(_) | Address::Tcp(_))) => Ok(Self::Listen(address)),
-            _ => Err(format!("{text:?} is no source: expected -, unix://PATH or tcp://localhost:PORT")),
+            _ => Err(format!("{text:?} is not a source: expected -, unix://PATH or tcp://localhost:PORT")),
         }
     }
 }

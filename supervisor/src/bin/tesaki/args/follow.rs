@@ -53,8 +53,8 @@ pub struct Follow {
     #[arg(long, value_name = "FILE")]
     pub reflect: Option<PathBuf>,
     /// Time there and back on the links of master and slave together for --reflect [s], in place of the one
-    /// measured at the start: with links whose delay varies, the longest. More than the damping of the handle
-    /// is good for is refused
+    /// measured at the start: with links whose delay varies, the longest. If the links delay more than the
+    /// damping of the handle allows, the command is refused
     #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true, requires = "reflect")]
     pub round_trip: Option<Duration>,
     /// End after this time [s]; without it, at Ctrl-C or with the source
@@ -63,13 +63,8 @@ pub struct Follow {
     /// End if the source is silent for this time [s]
     #[arg(long, value_name = "S", default_value = "5", value_parser = seconds, allow_negative_numbers = true)]
     pub silence: Duration,
-    /// At the end of the source, hold until Ctrl-C before disabling the outputs; the default where gravity
-    /// pulls a joint with more than its friction
-    #[arg(long)]
-    pub hold: bool,
-    /// At the end of the source, disable the outputs at once, even if the robot falls
-    #[arg(long, conflicts_with = "hold")]
-    pub no_hold: bool,
+    #[command(flatten)]
+    pub stay: super::Stay,
 }
 
 /// State of the clutch.
@@ -113,7 +108,7 @@ impl FromStr for PoseSource {
             Some(("board", address)) => address.parse().map(Self::Board).map_err(|error| format!("{error}")),
             Some(("file", path)) if !path.is_empty() => Ok(Self::File(path.into())),
             _ => Err(format!(
-                "{text:?} is no source: expected -, udp://127.0.0.1:PORT, board:ADDRESS or file:FILE.csv"
+                "{text:?} is not a source: expected -, udp://127.0.0.1:PORT, board:ADDRESS or file:FILE.csv"
             )),
         }
     }
@@ -124,7 +119,7 @@ fn workspace(text: &str) -> Result<Workspace, String> {
     match numbers.as_deref() {
         Some(&[x0, x1, y0, y1, z0, z1]) => Ok(Workspace { lower: [x0, y0, z0], upper: [x1, y1, z1] }),
         _ => Err(format!(
-            "{text:?} is no box: expected X0,X1,Y0,Y1,Z0,Z1 in m, for example 0.2,0.5,-0.2,0.2,0,0.4"
+            "{text:?} is not a box: expected X0,X1,Y0,Y1,Z0,Z1 in m, for example 0.2,0.5,-0.2,0.2,0,0.4"
         )),
     }
 }

@@ -36,10 +36,10 @@ pub struct Run {
     #[arg(value_name = "STEP", value_parser = step)]
     pub steps: Vec<Step>,
     /// Maximum speed of the object [m/s]
-    #[arg(long, default_value_t = 0.02)]
+    #[arg(long, default_value_t = 0.02, value_parser = super::positive, allow_negative_numbers = true)]
     pub speed: f32,
     /// Maximum angular velocity of the object [rad/s]
-    #[arg(long, default_value_t = 0.2)]
+    #[arg(long, default_value_t = 0.2, value_parser = super::positive, allow_negative_numbers = true)]
     pub turn_speed: f32,
 }
 

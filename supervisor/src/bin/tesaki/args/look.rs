@@ -76,7 +76,7 @@ impl FromStr for PictureSource {
                 .map(Self::Socket)
                 .map_err(|error: tesaki_supervisor::port::AddressError| error.to_string()),
             _ => Err(format!(
-                "{text:?} is no source: expected -, unix://PATH, tcp://HOST:PORT, files:PATH or camera:/dev/video0"
+                "{text:?} is not a source: expected -, unix://PATH, tcp://HOST:PORT, files:PATH or camera:/dev/video0"
             )),
         }
     }

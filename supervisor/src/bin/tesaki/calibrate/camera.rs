@@ -45,7 +45,7 @@ pub fn run(options: &Options, args: &CalibrateCamera) -> Result<(), Failure> {
     let out = args.out.as_deref().unwrap_or(&default);
     if args.out.is_none() && out.symlink_metadata().is_ok() {
         return Err(Failure::Usage(format!(
-            "{} exists, and would be lost: name the file with --out, this one to replace it",
+            "{0} exists: choose another file with --out FILE, or give --out {0} to replace it",
             out.display()
         )));
     }
@@ -53,6 +53,7 @@ pub fn run(options: &Options, args: &CalibrateCamera) -> Result<(), Failure> {
     let robot = RobotFolder::load(&args.robot)?;
     let table = Table::read(&args.input)?;
     let poses = poses(options, &table, &robot)?;
+    output::require_writable(out)?;
     let circles = CIRCLE.map(str::to_owned);
     let circles = table.all_or_none(&circles, "the plate in the picture [px]")?;
     let (found, skipped) = match (circles, table.column("image")) {
@@ -79,8 +80,9 @@ pub fn run(options: &Options, args: &CalibrateCamera) -> Result<(), Failure> {
         }
     };
     found.table().map_err(|error| Failure::Other(format!("not calibrated: {error}")))?;
-    std::fs::write(out, found.to_toml(&args.input.display().to_string())).map_err(Failure::file(out))?;
-    report(options, &table, &found, &skipped, out)
+    output::save(out, &found.to_toml(&args.input.display().to_string()), |out| {
+        report(options, &table, &found, &skipped, out)
+    })
 }
 
 fn settings(args: &CalibrateCamera, size: [u32; 2]) -> HandEyeSettings {
@@ -298,7 +300,7 @@ fn report(
     table: &Table,
     found: &HandEye,
     skipped: &[usize],
-    out: &Path,
+    out: Option<&Path>,
 ) -> Result<(), Failure> {
     let camera = |camera: &HandEyeCamera| {
         json!({
@@ -331,7 +333,6 @@ fn report(
         for (row, off) in &found.rejected {
             let _ = writeln!(text, "{}: {off:.1} px off; not used", place(table, *row));
         }
-        let _ = write!(text, "written to {}", out.display());
-        text
+        text + &output::written_to(out)
     })
 }

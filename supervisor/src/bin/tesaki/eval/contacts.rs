@@ -185,10 +185,10 @@ fn bad_contact(error: InvalidContact, number: usize, normal: &Vector3<f32>) -> S
             normal.x, normal.y, normal.z
         ),
         InvalidContact::Friction(value) => {
-            format!("column {FRICTION}{number}: {value} is no coefficient of friction: it is at least 0")
+            format!("column {FRICTION}{number}: {value} is not a coefficient of friction: it is at least 0")
         }
         InvalidContact::Limit(value) => {
-            format!("column {LIMIT}{number}: {value} N is no largest normal force: it is more than 0")
+            format!("column {LIMIT}{number}: {value} N is not a largest normal force: it is more than 0")
         }
     }
 }

@@ -1,12 +1,18 @@
 //! Tables of numbers as CSV, with errors that name file, line and column.
 
-use std::io::{self, Read};
+use std::fs::File;
+use std::io;
 use std::path::Path;
 use std::str::FromStr;
 
 use csv::{ReaderBuilder, StringRecord, Trim};
 
 use crate::failure::Failure;
+use crate::feed::read_all;
+use crate::output::counted;
+
+/// Most bytes of a table: a million rows of sixteen numbers.
+const MAX_TABLE: u64 = 1 << 27;
 
 /// A CSV file: a header of names, rows of numbers.
 pub struct Table {
@@ -24,13 +30,12 @@ pub struct Row {
 impl Table {
     /// Reads the file at `path`; `-` is standard input.
     pub fn read(path: &Path) -> Result<Self, Failure> {
-        let mut text = Vec::new();
         if path == Path::new("-") {
-            io::stdin().read_to_end(&mut text).map_err(Failure::file("standard input"))?;
+            let text = read_all(io::stdin(), MAX_TABLE).map_err(Failure::file("standard input"))?;
             Self::parse("standard input", &text)
         } else {
-            text = std::fs::read(path).map_err(Failure::file(path))?;
-            Self::parse(&path.display().to_string(), &text)
+            let text = File::open(path).and_then(|file| read_all(file, MAX_TABLE));
+            Self::parse(&path.display().to_string(), &text.map_err(Failure::file(path))?)
         }
     }
 
@@ -65,8 +70,14 @@ impl Table {
         match self.rows.iter().find(|row| row.record.len() != columns) {
             Some(row) => {
                 let message = format!(
-                    "{} values, but the header has {columns} columns: complete the row",
-                    row.record.len()
+                    "the row has {}, the header {}: {}",
+                    counted(row.record.len(), "value"),
+                    counted(columns, "column"),
+                    if row.record.len() < columns {
+                        "add what is missing"
+                    } else {
+                        "remove what is too much"
+                    }
                 );
                 Err(self.error(row.line, &message))
             }
@@ -154,13 +165,13 @@ impl Table {
             Ok(value) if is_finite(&value) => Ok(value),
             Ok(_) => {
                 Err(self
-                    .error(row.line, &format!("column {name}: {text} is no finite number: mend the value")))
+                    .error(row.line, &format!("column {name}: {text} is not a finite number: correct it")))
             }
             Err(_) if text.is_empty() => {
                 Err(self.error(row.line, &format!("column {name} is empty: fill in a number")))
             }
             Err(_) => {
-                let message = format!("column {name}: {text:?} is no number: write it as 0.5 or 5e-1");
+                let message = format!("column {name}: {text:?} is not a number: write it as 0.5 or 5e-1");
                 Err(self.error(row.line, &message))
             }
         }
@@ -195,11 +206,11 @@ mod tests {
             ("b,c\n1,2\n", "states.csv:1: no column a (angle [rad]): add it; the columns are b, c"),
             ("a;b\n1;2\n", "states.csv:1: no column a (angle [rad]): separate the columns by commas"),
             ("a,a\n1,2\n", "states.csv:1: two columns are called \"a\""),
-            ("a,b\n1,2\n3\n", "states.csv:3: 1 values, but the header has 2 columns"),
-            ("a,b\n1,2\n\n3,4,5\n", "states.csv:4: 3 values, but the header has 2 columns"),
-            ("a,b\n1,2\nNaN,2\n", "states.csv:3: column a: NaN is no finite number"),
-            ("a,b\n1e60,2\n", "states.csv:2: column a: 1e60 is no finite number"),
-            ("b,a\n1,2\n1,left\n", "states.csv:3: column a: \"left\" is no number"),
+            ("a,b\n1,2\n3\n", "states.csv:3: the row has 1 value, the header 2 columns: add what is missing"),
+            ("a,b\n1,2\n\n3,4,5\n", "states.csv:4: the row has 3 values, the header 2 columns: remove what"),
+            ("a,b\n1,2\nNaN,2\n", "states.csv:3: column a: NaN is not a finite number"),
+            ("a,b\n1e60,2\n", "states.csv:2: column a: 1e60 is not a finite number"),
+            ("b,a\n1,2\n1,left\n", "states.csv:3: column a: \"left\" is not a number"),
             ("b,a\n1,\n", "states.csv:2: column a is empty"),
         ] {
             let said = said(text);

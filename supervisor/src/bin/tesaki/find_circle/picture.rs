@@ -1,12 +1,16 @@
 //! Pictures as grey levels: PNG and PGM.
 
-use std::io::{Cursor, ErrorKind};
+use std::fs::File;
+use std::io::{Cursor, ErrorKind, Read as _};
 use std::path::Path;
 
 use crate::failure::Failure;
+use crate::feed::read_all;
 
 /// Most pixels of a picture.
 const MAX_PIXELS: usize = 1 << 28;
+/// Most bytes of its file. In text a grey level takes four, in a picture that large fewer by far.
+const MAX_BYTES: u64 = 1 << 29;
 const TOO_LARGE: &str = "more than 268 million pixels: reduce the picture first";
 
 /// Grey levels row by row.
@@ -19,13 +23,18 @@ pub struct Picture {
 impl Picture {
     /// Reads a PNG or PGM file.
     pub fn read(path: &Path) -> Result<Self, Failure> {
-        let bytes = std::fs::read(path).map_err(Failure::file(path))?;
-        let picture = match bytes.get(..2) {
-            Some(b"\x89P") => png(&bytes),
-            Some(b"P5" | b"P2") => pgm(&bytes),
-            _ => Err("neither a PNG nor a PGM picture".to_owned()),
+        let failed = |error: String| Failure::Other(format!("{}: {error}", path.display()));
+        let mut file = File::open(path).map_err(Failure::file(path))?;
+        // A device is not read to an end that it may not have.
+        let mut start = Vec::new();
+        file.by_ref().take(2).read_to_end(&mut start).map_err(Failure::file(path))?;
+        let decode = match &*start {
+            b"\x89P" => png,
+            b"P5" | b"P2" => pgm,
+            _ => return Err(failed("neither a PNG nor a PGM picture".to_owned())),
         };
-        picture.map_err(|error| Failure::Other(format!("{}: {error}", path.display())))
+        let bytes = read_all(start.chain(file), MAX_BYTES).map_err(Failure::file(path))?;
+        decode(&bytes).map_err(failed)
     }
 
     /// A picture of PGM, whose grey levels `read` gives: so many, unless the file is cut off.
@@ -139,7 +148,7 @@ pub fn write_png(path: &Path, width: usize, height: usize, pixels: &[u8]) -> Res
         (Ok(width), Ok(height)) => (width, height),
         _ => return Err(wrong(&"the picture is too large")),
     };
-    let file = std::fs::File::create(path).map_err(Failure::file(path))?;
+    let file = File::create(path).map_err(Failure::file(path))?;
     let mut encoder = png::Encoder::new(std::io::BufWriter::new(file), width, height);
     encoder.set_color(png::ColorType::Rgb);
     encoder.set_depth(png::BitDepth::Eight);

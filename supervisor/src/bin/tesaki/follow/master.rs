@@ -60,7 +60,7 @@ impl Master {
         };
         if session.port == motion.port() {
             return Err(Failure::Usage(
-                "this is the arm itself: name the arm's board by --port, and another one by --from board:ADDRESS"
+                "--from names the arm's own board: give another board there, and the arm's with --port"
                     .to_owned(),
             ));
         }

@@ -38,7 +38,10 @@ impl Camera {
             // What a file that is no V4L2 device answers.
             let is_other = error.raw_os_error() == Some(nix::errno::Errno::ENOTTY as i32);
             let error = if is_other {
-                Error::new(ErrorKind::InvalidInput, "it is no camera; `v4l2-ctl --list-devices` lists them")
+                Error::new(
+                    ErrorKind::InvalidInput,
+                    "it is not a camera; `v4l2-ctl --list-devices` lists them",
+                )
             } else {
                 error
             };
@@ -50,7 +53,7 @@ impl Camera {
         for (format, bytes) in FORMATS {
             let device = Device::open(path)?;
             if !device.capabilities()?.device_capabilities().contains(CapabilityFlags::VIDEO_CAPTURE) {
-                return Err(Error::new(ErrorKind::InvalidInput, "it is no camera: it captures no video"));
+                return Err(Error::new(ErrorKind::InvalidInput, "it is not a camera: it captures no video"));
             }
             let requested = PixelFormat::from_fourcc(*format);
             let camera = device.video_capture(PixFormat::new(width, height, requested))?;

@@ -32,9 +32,14 @@ pub fn save(
     kept
 }
 
+/// Where [`save`] has put the results, in words.
+pub fn written_to(path: Option<&Path>) -> String {
+    path.map_or_else(|| "not written to a file".to_owned(), |path| format!("written to {}", path.display()))
+}
+
 /// Writes beside the file and then puts the new one in its place: whatever happens, the old one or the new
 /// one is there.
-fn replace(path: &Path, text: &str) -> io::Result<()> {
+pub fn replace(path: &Path, text: &str) -> io::Result<()> {
     // A link stays one.
     let place = path.canonicalize().unwrap_or_else(|_| path.to_owned());
     let old = fs::metadata(&place).ok();

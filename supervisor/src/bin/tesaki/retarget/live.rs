@@ -38,7 +38,7 @@ pub fn run(options: &Options, args: &Retarget) -> Result<(), Failure> {
         None => {
             RetargetingSettings::check("the settings".as_ref(), "", &motion.model).0.ok_or_else(|| {
                 Failure::Usage(format!(
-                    "{} on the board is no hand of two to five fingers",
+                    "the robot on the board, {}, is not a hand with two to five fingers",
                     motion.model.name
                 ))
             })?
@@ -91,7 +91,7 @@ pub fn run(options: &Options, args: &Retarget) -> Result<(), Failure> {
     } else {
         let load = motion.load();
         if let Some(ending) = &ending {
-            output::notice(options, &format!("{}: the hand stays", ending.reason));
+            output::notice(options, &format!("{}: the hand keeps its position", ending.reason));
         }
         motion.stay(args.hold, args.no_hold, load.as_ref(), KEEP_ALIVE, |_| Request::Keep)?;
         motion.end(false)?;
