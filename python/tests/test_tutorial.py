@@ -17,8 +17,6 @@ def test_the_page_runs(tmp_path, monkeypatch):
     assert len(blocks) >= 10
     names = {}
     served = Served(tmp_path / "board.sock", "hand3") if PROGRAM else None
-    if served is not None:
-        names["angles"] = served.angles
     try:
         for needs_board, block in blocks:
             if needs_board and served is None:
