@@ -69,7 +69,9 @@ pub(crate) fn parse_short<T: DeserializeOwned>(text: &str, advice: &str, report:
         let line = before.matches('\n').count() + 1;
         // A key that is unknown or missing is named by the message, that of a wrong value is not.
         let message = error.message();
-        let is_value = message.starts_with("invalid") || message.starts_with("unknown variant");
+        let unquoted = message.starts_with("string values must be quoted");
+        let message = if unquoted { "neither a number, true, false nor a text in quotes" } else { message };
+        let is_value = unquoted || message.starts_with("invalid") || message.starts_with("unknown variant");
         let key = key_of_value(before).filter(|_| is_value);
         let key = key.map_or_else(String::new, |key| format!(", for {key}"));
         report.dynamics(Some(line), message.to_owned() + &key, advice);

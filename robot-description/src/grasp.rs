@@ -31,7 +31,8 @@ use tesaki::task::grasping::{
     PlannedContact, WrenchGains,
 };
 
-use crate::file::{self, FileError};
+use crate::file::{self, FileError, read_text};
+use crate::line::line_of;
 
 /// Why a grasp cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -39,6 +40,15 @@ pub enum GraspFileError {
     /// The file cannot be read.
     #[error(transparent)]
     File(#[from] FileError),
+    /// It describes an object.
+    #[error(
+        "{}: this is an object file, not a grasp file; a grasp file has contacts, as robots/hand3/grasps/box.toml",
+        path.display()
+    )]
+    Object {
+        /// The file.
+        path: PathBuf,
+    },
     /// The number of contacts differs from the number of fingers.
     #[error("{}: {got} contacts; a hand has {FINGERS} fingers, and each needs one [[contact]]", path.display())]
     Contacts {
@@ -224,13 +234,23 @@ pub fn load(path: &Path) -> Result<GraspPlan, GraspFileError> {
     load_placed(path).map(|grasp| grasp.plan)
 }
 
+/// What belongs to objects, and to no grasp.
+const OF_OBJECTS: [&str; 3] = ["shape", "size", "mass"];
+
+/// The error of a grasp file, or that the file is one of an object.
+fn if_object(path: &Path, error: FileError) -> GraspFileError {
+    let is_object = matches!(error, FileError::Toml { .. })
+        && read_text(path).is_ok_and(|text| OF_OBJECTS.iter().all(|key| line_of(&text, key).is_some()));
+    if is_object { GraspFileError::Object { path: path.to_path_buf() } } else { error.into() }
+}
+
 /// The plan in a grasp file, checked, and the pose of its object.
 ///
 /// # Errors
 /// What is wrong with the file, and where.
 pub fn load_placed(path: &Path) -> Result<PlacedGrasp, GraspFileError> {
     let place = || path.to_path_buf();
-    let file: File = file::read(path)?;
+    let file: File = file::read(path).map_err(|error| if_object(path, error))?;
     let got = file.contact.len();
     let contacts: [Contact; FINGERS] =
         file.contact.as_slice().try_into().map_err(|_| GraspFileError::Contacts { path: place(), got })?;

@@ -14,6 +14,7 @@ use tesaki::model::RobotModel;
 
 pub use chain::chain_model;
 pub use limits::{ImplausibleLimit, implausible_limits};
+pub(crate) use limits::{at_least, following_errors, least_torque_rate};
 pub use settings::{FrictionSettings, JointSettings, Settings};
 
 use crate::file::read_text;
@@ -26,7 +27,7 @@ use crate::urdf::{self, Urdf};
 #[derive(Debug, thiserror::Error)]
 pub enum RobotError {
     /// A file cannot be read.
-    #[error("cannot read {path}: {source}; a robot folder holds robot.urdf and controller.toml")]
+    #[error("cannot read {path}: {source}; {}", missing(.path))]
     Read {
         /// The file.
         path: PathBuf,
@@ -36,6 +37,17 @@ pub enum RobotError {
     /// What is wrong in its files: every error that can be found.
     #[error("{}", urdf::list(.0))]
     Wrong(Vec<Finding>),
+}
+
+/// What to do about a file that cannot be read.
+fn missing(path: &Path) -> String {
+    let folder = path.parent().unwrap_or(path);
+    let lacks_settings = !path.exists() && folder.join("robot.urdf").is_file();
+    if lacks_settings {
+        format!("`tesaki model init {}` writes it, for the robot.urdf there", folder.display())
+    } else {
+        "a robot folder holds robot.urdf and controller.toml".to_owned()
+    }
 }
 
 /// A robot folder, read and checked.
