@@ -1,13 +1,15 @@
 //! `host-sim serve`.
 
 use std::error::Error;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 use tesaki::model::RobotModel;
 use tesaki_description::approach;
+use tesaki_description::finding::Finding;
 use tesaki_description::grasp::load_placed;
-use tesaki_description::robot::RobotFolder;
+use tesaki_description::read_text;
+use tesaki_description::robot::{RobotError, RobotFolder};
 use tesaki_output::say;
 use tesaki_sim::camera::CameraValues;
 use tesaki_sim::door::{KnobDoor, hand_joints, hand_pose};
@@ -66,7 +68,7 @@ pub struct Serve {
 
 pub fn run(options: &Serve) -> Result<(), Box<dyn Error>> {
     interrupt::handle()?;
-    let robot = RobotFolder::load(&options.robot)?;
+    let robot = load_all(&options.robot)?;
     let name = robot.model.name.as_str();
     let values = PlantValues::load(&options.robot)?;
     let drives: Vec<Drive> = robot.model.joints.iter().map(Drive::from).collect();
@@ -129,6 +131,16 @@ pub fn run(options: &Serve) -> Result<(), Box<dyn Error>> {
     let lines = input_lines();
     serve(&mut hub, board, &mut plant, &robot.model, camera.as_ref(), &lines, &interrupt::asked)?;
     Ok(())
+}
+
+/// Reads and checks the robot folder with its `plant.toml`, as `tesaki model check` does.
+fn load_all(path: &Path) -> Result<RobotFolder, Box<dyn Error>> {
+    let (urdf, settings) = RobotFolder::read(path)?;
+    let file = path.join("plant.toml");
+    let plant = read_text(&file).map_err(|error| format!("{}: {error}", file.display()))?;
+    let (robot, mut findings) = RobotFolder::check_all(path, &urdf, &settings, Some(&plant));
+    findings.retain(Finding::is_error);
+    Ok(robot.ok_or(RobotError::Wrong(findings))?)
 }
 
 /// A door, the camera, and the indices of the tip that is the hand and of the gripper's joint.
