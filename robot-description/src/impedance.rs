@@ -54,7 +54,7 @@ const SIX_JOINTS: &str =
     "correct it; docs/examples/soft_six_joints.toml is an example for an arm of six joints";
 const NO_REDUNDANCY: &str = "give redundancy = \"none\", as in docs/examples/soft_six_joints.toml";
 const NO_SENSOR: &str = "give force = { observer = 30.0 }: the force is then estimated from the motor torques, and \
-    contact_force must be larger, such as 6.0; docs/examples/soft_six_joints.toml is an example";
+    contact_force must be above its error: about 6 N for a light arm, 40 N for a UR5e; docs/examples/soft_six_joints.toml is an example";
 
 /// Why an impedance cannot be used.
 #[derive(Debug, thiserror::Error)]

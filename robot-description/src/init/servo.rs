@@ -43,7 +43,8 @@ const MODEL_ERROR: f32 = 0.5;
 const TORQUE_RISE: f32 = 0.02;
 /// The least of it [s]: a gear bears a full torque within about this time.
 const FASTEST_RISE: f32 = 0.01;
-/// Largest velocity limit [rad/s]: a faster joint moves by more than 0.16 rad in a tick, which no servo follows.
+/// Largest velocity limit [rad/s]: a faster joint moves by more than 0.16 rad in a tick, which no servo
+/// follows.
 const FASTEST: f32 = 16.0;
 /// Bounds of the following error [rad]; a joint of a small range gets no more than it can reach.
 const FOLLOWING_ERRORS: (f32, f32) = (0.15, 0.5);

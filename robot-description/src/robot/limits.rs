@@ -101,8 +101,8 @@ pub(crate) fn least_torque_rate(torque: f32, velocity: f32, range: f32) -> f32 {
     2.0 * torque * velocity / (TRAVEL * range)
 }
 
-/// A following error for a velocity limit [rad/s] in a range [rad]: the least and the largest that do what they
-/// are for [rad].
+/// A following error for a velocity limit [rad/s] in a range [rad]: the least and the largest that do what
+/// they are for [rad].
 pub(crate) fn following_errors(velocity: f32, range: f32) -> (f32, f32) {
     (3.0 * velocity * TICK, NEVER * range)
 }
