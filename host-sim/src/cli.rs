@@ -26,7 +26,7 @@ const EXIT_CODES: &str = "Exit codes: 0, done, or nobody reads the output any mo
 
 /// Runs the control core against simulated robots. Without a command, runs a short demonstration.
 #[derive(Parser)]
-#[command(version, about, after_help = EXIT_CODES)]
+#[command(version, about, after_help = EXIT_CODES, bin_name = "cargo sim")]
 struct Cli {
     #[command(subcommand)]
     command: Option<Command>,
@@ -61,7 +61,7 @@ enum Command {
 
 #[derive(Args)]
 struct Limits {
-    /// Name of the scenario, see `host-sim list`
+    /// Name of the scenario, see `cargo sim list`
     scenario: String,
     /// Seed of the machine, or a range such as 1-20
     #[arg(long, default_value = "1", value_parser = seeds)]
@@ -162,9 +162,26 @@ fn demonstrate() -> Result<bool, Box<dyn Error>> {
 
 fn find_scenario(name: &str) -> Result<&'static Scenario, String> {
     Scenario::find(name).ok_or_else(|| {
-        let known: Vec<&str> = SCENARIOS.iter().map(|scenario| scenario.name).collect();
-        format!("no scenario {name:?}; the scenarios are: {}", known.join(", "))
+        let names = SCENARIOS.iter().map(|scenario| (edits(scenario.name, name), scenario.name));
+        let nearest = names.min().filter(|(edits, nearest)| *edits <= nearest.len() / 2);
+        let meant = nearest.map_or_else(String::new, |(_, nearest)| format!("; did you mean {nearest}"));
+        format!("no scenario {name:?}{meant}; `cargo sim list` shows all")
     })
+}
+
+/// Letters to insert, remove or replace that make one name of the other.
+fn edits(one: &str, other: &str) -> usize {
+    let mut row: Vec<usize> = (0..=other.chars().count()).collect();
+    for (above, letter) in one.chars().enumerate() {
+        let mut diagonal = above;
+        row[0] = above + 1;
+        for (column, different) in other.chars().map(|other| usize::from(other != letter)).enumerate() {
+            let replaced = diagonal + different;
+            diagonal = row[column + 1];
+            row[column + 1] = replaced.min(diagonal + 1).min(row[column] + 1);
+        }
+    }
+    row.last().copied().unwrap_or_default()
 }
 
 fn tell_limits(options: &Limits) -> Result<(), Box<dyn Error>> {

@@ -191,6 +191,31 @@ fn displacement(words: [&str; 3]) -> Result<Vector3<f64>, String> {
     }
 }
 
+/// What a command has done.
+fn done(command: Command, faults: &SensorFaults, model: &RobotModel) -> String {
+    let meters = |by: Vector3<f64>| format!("{}, {}, {} m", by.x, by.y, by.z);
+    match command {
+        Command::Fault(SensorFault::EmergencyStop(true)) => "the emergency stop is pressed".to_owned(),
+        Command::Fault(SensorFault::EmergencyStop(false)) => "the emergency stop is released".to_owned(),
+        Command::Fault(SensorFault::Supply(millivolts)) => {
+            format!("the supply is {} V", f64::from(millivolts) / 1000.0)
+        }
+        Command::Fault(SensorFault::Jump(joint, counts)) => {
+            format!("the encoder of {} has jumped by {counts} counts", model.joint_name(joint))
+        }
+        Command::Fault(SensorFault::Freeze(joint)) => {
+            let frozen = faults.frozen.get(joint).copied().flatten().is_some();
+            let state = if frozen { "is frozen" } else { "runs again" };
+            format!("the encoder of {} {state}", model.joint_name(joint))
+        }
+        Command::Reset => "the board was reset: it has no model".to_owned(),
+        Command::Pull(by) => format!("the first tip is pulled by {}", meters(by)),
+        Command::LetGo => "the first tip is let go".to_owned(),
+        Command::Wall(ahead, stiffness) => format!("a wall of {stiffness} N/m is at {}", meters(ahead)),
+        Command::NoWalls => "there is no wall".to_owned(),
+    }
+}
+
 /// What a person does to the machine.
 fn touch(plant: &mut Plant, command: Command) -> Result<(), PlantError> {
     match command {
@@ -339,12 +364,18 @@ pub fn serve(
         }
         for line in lines.try_iter() {
             match parse(&line, model) {
-                Ok(Some(Command::Reset)) => board.reset()?,
-                Ok(Some(Command::Fault(fault))) => sensor_faults.inject(fault, model.joints.len()),
-                Ok(Some(other)) => {
-                    if let Err(error) = touch(plant, other) {
-                        note!("{error}");
+                Ok(Some(command)) => {
+                    match command {
+                        Command::Reset => board.reset()?,
+                        Command::Fault(fault) => sensor_faults.inject(fault, model.joints.len()),
+                        other => {
+                            if let Err(error) = touch(plant, other) {
+                                note!("{error}");
+                                continue;
+                            }
+                        }
                     }
+                    note!("{}", done(command, &sensor_faults, model));
                 }
                 Ok(None) => {}
                 Err(message) => note!("{message}"),
@@ -393,5 +424,25 @@ mod tests {
         assert!(long.len() < 2000 && long.ends_with('…'), "{} bytes", long.len());
         assert_eq!(next_line(&mut input).as_deref(), Some("estop on\n"));
         assert_eq!(next_line(&mut input), None);
+    }
+
+    #[test]
+    fn what_a_command_has_done_is_told() {
+        let robot = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/hand3");
+        let model = RobotFolder::load(&robot).unwrap().model;
+        let mut faults = SensorFaults::default();
+        for (line, told) in [
+            ("supply 15", "the supply is 15 V"),
+            ("encoder finger1_swing -90", "the encoder of finger1_swing has jumped by -90 counts"),
+            ("freeze finger1_bend", "the encoder of finger1_bend is frozen"),
+            ("freeze finger1_bend", "the encoder of finger1_bend runs again"),
+            ("wall 0 0 0.02 2000", "a wall of 2000 N/m is at 0, 0, 0.02 m"),
+        ] {
+            let command = parse(line, &model).unwrap().unwrap();
+            if let Command::Fault(fault) = command {
+                faults.inject(fault, model.joints.len());
+            }
+            assert_eq!(done(command, &faults, &model), told);
+        }
     }
 }

@@ -103,8 +103,24 @@ fn the_same_seed_gives_the_same_bytes() {
 }
 
 #[test]
+fn a_robot_that_the_check_refuses_is_not_served() {
+    let folder = tempfile::tempdir().unwrap();
+    let robot = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/arm7");
+    for name in ["robot.urdf", "controller.toml", "plant.toml"] {
+        let text = std::fs::read_to_string(robot.join(name)).unwrap();
+        let text = text.replacen("elbow = 1.57", "elbow = 9.57", 1);
+        std::fs::write(folder.path().join(name), text).unwrap();
+    }
+    let told = ["plant.toml:", "joint elbow: starts at 9.570796 rad, outside its limits"];
+    says(&host_sim(&["serve", "--robot", folder.path().to_str().unwrap()]), 2, &told);
+}
+
+#[test]
 fn bad_input_is_answered_with_what_to_do() {
-    says(&host_sim(&["run", "hand9"]), 2, &["no scenario \"hand9\"", "hand3-servo"]);
+    let typo = ["no scenario \"hand3-sevo\"; did you mean hand3-servo; `cargo sim list` shows all"];
+    says(&host_sim(&["run", "hand3-sevo"]), 2, &typo);
+    says(&host_sim(&["run", "x"]), 2, &["no scenario \"x\"; `cargo sim list` shows all"]);
+    says(&host_sim(&["run"]), 2, &["Usage: cargo sim run"]);
     says(&host_sim(&["run", "hand3-servo", "--seed", "x"]), 2, &["is not a seed"]);
     says(
         &host_sim(&["run", "hand3-servo", "--duration", "3"]),

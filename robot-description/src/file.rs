@@ -29,7 +29,7 @@ pub enum FileError {
         /// Why.
         reason: String,
         /// What to do; may be empty.
-        advice: &'static str,
+        advice: String,
     },
     /// What is wrong in it, or in the files of a folder: every error that can be found.
     #[error("{}", urdf::list(.0))]
@@ -38,15 +38,19 @@ pub enum FileError {
 
 impl FileError {
     /// That the file `path` cannot be read, and what to do.
-    pub(crate) fn unread<'a>(path: &'a Path, advice: &'static str) -> impl Fn(io::Error) -> Self + use<'a> {
-        move |error| Self::Read { path: path.to_owned(), reason: error.to_string(), advice }
+    pub(crate) fn unread(path: &Path, advice: &str) -> impl Fn(io::Error) -> Self {
+        move |error| Self::Read {
+            path: path.to_owned(),
+            reason: error.to_string(),
+            advice: advice.to_owned(),
+        }
     }
 }
 
 /// What `check` makes of the file `path` and its text; `advice` is what to do when it cannot be read.
 pub(crate) fn load<T>(
     path: &Path,
-    advice: &'static str,
+    advice: &str,
     check: impl FnOnce(&Path, &str) -> (Option<T>, Vec<Finding>),
 ) -> Result<T, FileError> {
     let text = read_text(path).map_err(FileError::unread(path, advice))?;
@@ -80,7 +84,9 @@ pub(crate) fn parse_short<T: DeserializeOwned>(text: &str, advice: &str, report:
         let line = text.get(..start).unwrap_or(text).matches('\n').count() + 1;
         // A key that is unknown or missing is named by the message, that of a wrong value is not.
         let message = error.message();
-        let is_value = message.starts_with("invalid") || message.starts_with("unknown variant");
+        let unquoted = message.starts_with("string values must be quoted");
+        let message = if unquoted { "neither a number, true, false nor a text in quotes" } else { message };
+        let is_value = unquoted || message.starts_with("invalid") || message.starts_with("unknown variant");
         let key = is_value.then(|| key_at(text, start)).flatten();
         let key = key.map_or_else(String::new, |key| format!(", for {key}"));
         report.dynamics(Some(line), message.to_owned() + &key, advice);

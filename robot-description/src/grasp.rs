@@ -206,6 +206,10 @@ pub fn load(path: &Path) -> Result<GraspPlan, FileError> {
     load_placed(path).map(|grasp| grasp.plan)
 }
 
+/// Keys that object files have, and no grasp file.
+const OF_OBJECTS: [&str; 3] = ["shape", "size", "mass"];
+const OBJECT_ADVICE: &str = "a grasp file has contacts, as robots/hand3/grasps/box.toml";
+
 /// The plan in a grasp file, checked, and the pose of its object.
 ///
 /// # Errors
@@ -217,6 +221,10 @@ pub fn load_placed(path: &Path) -> Result<PlacedGrasp, FileError> {
 /// What is wrong with `text`, the content of `path`; the grasp when nothing is.
 pub fn check(path: &Path, text: &str) -> (Option<PlacedGrasp>, Vec<Finding>) {
     let mut report = Report::of_toml(path, text);
+    if OF_OBJECTS.iter().all(|key| report.line_of(key).is_some()) {
+        report.dynamics(None, "this is an object file, not a grasp file", OBJECT_ADVICE);
+        return (None, report.findings);
+    }
     let grasp = file::parse::<File>(text, ADVICE, &mut report).and_then(|file| {
         let placed = file.placed().map_err(|(key, message)| {
             report.dynamics(report.line_of(&key), message, ADVICE);

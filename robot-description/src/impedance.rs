@@ -40,11 +40,19 @@ use tesaki::task::impedance::{
 
 use crate::file::{self, FileError};
 use crate::finding::{Finding, Report};
+use crate::robot::at_least;
 
 /// Name of the folder of such files in a robot folder.
 pub const FOLDER: &str = "impedances";
 /// What to do about a key that cannot be used.
 const ADVICE: &str = "correct it; robots/arm7/impedances/soft.toml is an example";
+
+/// The same for an arm of six joints.
+const SIX_JOINTS: &str =
+    "correct it; docs/examples/soft_six_joints.toml is an example for an arm of six joints";
+const NO_REDUNDANCY: &str = "give redundancy = \"none\", as in docs/examples/soft_six_joints.toml";
+const NO_SENSOR: &str = "give force = { observer = 30.0 }: the force is then estimated from the motor torques, and \
+    contact_force must be above its error: about 6 N for a light arm, 40 N for a UR5e; docs/examples/soft_six_joints.toml is an example";
 
 /// A key, and what is wrong there.
 pub(crate) type Wrong = (&'static str, String);
@@ -204,10 +212,24 @@ pub fn check(path: &Path, text: &str, model: &RobotModel) -> (Option<ImpedanceSe
     match table.settings(model) {
         Ok(settings) => (Some(settings), report.findings),
         Err((key, message)) => {
-            report.dynamics(report.line_of(key), message, ADVICE);
+            report.dynamics(report.line_of(key), message, advice(key, model));
             (None, report.findings)
         }
     }
+}
+
+/// What to do about the key `key` for the robot of `model`.
+fn advice(key: &str, model: &RobotModel) -> &'static str {
+    match (key, model.joints.len()) {
+        ("redundancy", 6) => NO_REDUNDANCY,
+        ("force", _) if !has_force_sensor(model) => NO_SENSOR,
+        (_, 6) => SIX_JOINTS,
+        _ => ADVICE,
+    }
+}
+
+fn has_force_sensor(model: &RobotModel) -> bool {
+    model.chains.iter().any(|chain| chain.force_sensor.is_some())
 }
 
 impl ImpedanceTable {
@@ -229,6 +251,9 @@ impl ImpedanceTable {
             redundancy: self.redundancy(model)?,
             elbow_bandwidth: self.elbow_bandwidth,
             force: match self.force {
+                FileForce::Sensor if !has_force_sensor(model) => {
+                    return Err(("force", format!("force = \"sensor\": {} has no force sensor", model.name)));
+                }
                 FileForce::Sensor => ForceSource::Sensor,
                 FileForce::Observer(bandwidth) => ForceSource::Observer { bandwidth },
             },
@@ -238,7 +263,7 @@ impl ImpedanceTable {
         settings
             .validate(model.joints.len())
             .and_then(|()| settings.check_mass(&typical_mass(model, settings.impedance.axes)))
-            .map_err(|problem| (key(&problem), problem.to_string()))?;
+            .map_err(|problem| (key(&problem), rounded(problem).to_string()))?;
         Ok(settings)
     }
 
@@ -291,6 +316,17 @@ pub fn own_mass_at(model: &RobotModel, angles: &[f32], axes: ImpedanceAxes) -> [
         return [0.0; 3];
     }
     own_mass(&Chain::of_model(model, 0), &model.joints, angles, axes)
+}
+
+/// A bound in three digits, on the side that is accepted.
+fn rounded(problem: InvalidSettings) -> InvalidSettings {
+    match problem {
+        InvalidSettings::MassInContact { axis, value, own, limit } => {
+            let limit = at_least(limit).parse().unwrap_or(limit);
+            InvalidSettings::MassInContact { axis, value, own, limit }
+        }
+        other => other,
+    }
 }
 
 /// The key of an invalid setting.

@@ -14,12 +14,24 @@ use tesaki::model::RobotModel;
 
 pub use chain::chain_model;
 pub use limits::{ImplausibleLimit, implausible_limits};
+pub(crate) use limits::{at_least, following_errors, least_torque_rate};
 pub use settings::{FrictionSettings, JointSettings, Settings};
 
 use crate::file::{FileError, read_text};
 use crate::finding::{Finding, Report};
 use crate::plant::PlantValues;
 use crate::urdf::{self, Urdf};
+
+/// What to do about a file that cannot be read.
+fn missing(path: &Path) -> String {
+    let folder = path.parent().unwrap_or(path);
+    let lacks_settings = !path.exists() && folder.join("robot.urdf").is_file();
+    if lacks_settings {
+        format!("`tesaki model init {}` writes it, for the robot.urdf there", folder.display())
+    } else {
+        "a robot folder holds robot.urdf and controller.toml".to_owned()
+    }
+}
 
 /// A robot folder, read and checked.
 #[derive(Clone, Debug)]
@@ -49,8 +61,7 @@ impl RobotFolder {
     pub fn read(path: &Path) -> Result<(String, String), FileError> {
         let read = |name: &str| {
             let path = path.join(name);
-            let advice = "a robot folder holds robot.urdf and controller.toml";
-            read_text(&path).map_err(FileError::unread(&path, advice))
+            read_text(&path).map_err(|error| FileError::unread(&path, &missing(&path))(error))
         };
         Ok((read("robot.urdf")?, read("controller.toml")?))
     }

@@ -223,6 +223,11 @@ pub enum UrdfError {
     Path(Finding),
 }
 
+/// A number with four digits at most.
+pub(crate) fn four(value: f64) -> String {
+    format!("{value:.3e}").parse::<f64>().unwrap_or(value).to_string()
+}
+
 /// The findings, one a line.
 pub(crate) fn list(findings: &[Finding]) -> String {
     findings.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n")

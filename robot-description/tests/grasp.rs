@@ -52,6 +52,12 @@ fn numbers_that_make_no_sense_are_named_with_what_is_possible() {
 }
 
 #[test]
+fn an_object_is_no_grasp() {
+    let said = complaint_about(include_str!("../../robots/hand3/objects/box.toml"));
+    assert!(said.contains("this is an object file, not a grasp file") && said.lines().count() == 1, "{said}");
+}
+
+#[test]
 fn contacts_that_cannot_grip_are_told_from_a_wrong_number_of_them() {
     // All three push the same way.
     let said = complaint("normal = [-1.0, 0.0, 0.0]", "normal = [1.0, 0.0, 0.0]");

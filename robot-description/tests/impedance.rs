@@ -8,6 +8,7 @@ use tesaki::control::ImpedanceAxes;
 use tesaki::model::RobotModel;
 use tesaki::task::impedance::{DirectLaw, ImpedanceSettings, Law, Redundancy};
 use tesaki_description::impedance::{load, own_mass_at};
+use tesaki_description::init::{InitOptions, robot_texts};
 use tesaki_description::robot::RobotFolder;
 
 const SOFT: &str = include_str!("../../robots/arm7/impedances/soft.toml");
@@ -67,6 +68,35 @@ fn a_hand_has_no_impedance_whatever_the_file_says() {
         "{said}"
     );
     assert!(!said.contains("is an example"), "{said}");
+}
+
+/// An arm of six joints without a force sensor, as `tesaki model init` makes it of its URDF.
+fn ur5e() -> RobotModel {
+    let path = robots().join("../tests/robots/ur5e.urdf");
+    let urdf = std::fs::read_to_string(&path).unwrap();
+    let texts = robot_texts(&path, &urdf, &InitOptions::default()).unwrap();
+    RobotFolder::parse(&path, &urdf, &texts.controller).unwrap().model
+}
+
+#[test]
+fn the_example_for_six_joints_is_read_and_named_where_that_for_seven_is_wrong() {
+    let example = robots().join("../docs/examples/soft_six_joints.toml");
+    let settings = load(&example, &ur5e()).unwrap();
+    assert_eq!((settings.redundancy, settings.impedance.stiffness[0]), (Redundancy::None, 300.0));
+    let said = load(&robots().join("arm7/impedances/soft.toml"), &ur5e()).unwrap_err().to_string();
+    assert!(
+        said.contains("soft.toml:5: force = \"sensor\": ") && said.contains("has no force sensor"),
+        "{said}"
+    );
+    assert!(said.contains("observer = 30.0") && said.contains("soft_six_joints.toml"), "{said}");
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("own.toml");
+    std::fs::write(&path, SOFT.replace("force = \"sensor\"", "force = { observer = 30.0 }")).unwrap();
+    let said = load(&path, &ur5e()).unwrap_err().to_string();
+    assert!(
+        said.contains("own.toml:3: only an arm of seven joints") && said.contains("redundancy = \"none\""),
+        "{said}"
+    );
 }
 
 #[test]
@@ -194,5 +224,7 @@ fn a_mass_far_below_the_arms_own_is_refused() {
         &format!("{}{}", mass.replace("1.5", "0.2"), damping.replace("30.0", "10.0")),
     );
     assert!(said.contains("the mass along x is 0.2 kg and the arm's own there 0.93"), "{said}");
+    let least = said.split("take at least ").nth(1).and_then(|rest| rest.split(" kg").next()).unwrap();
+    assert!(least.trim_start_matches("0.").len() <= 4, "three digits: {said}");
     assert!(said.contains("take at least") && said.contains("soft.toml:"), "{said}");
 }

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use tesaki::kinematics::Chain;
 
-use tesaki_description::init::{InitOptions, robot_texts};
+use tesaki_description::init::{InitOptions, MotorChoice, robot_texts};
 use tesaki_description::robot::{RobotFolder, chain_model};
 
 const FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/hand3");
@@ -61,12 +61,18 @@ fn nonsense_is_named_by_file_joint_and_field() {
             "joint finger1_swing: lower = 2 is not below upper = 1",
         ),
         ("robot.urdf", "<robot name=\"hand3\"", "<robt name=\"hand3\"", "robot.urdf"),
-        ("robot.urdf", "type=\"revolute\"", "type=\"prismatic\"", "joint finger1_swing is of type Prismatic"),
+        ("robot.urdf", "type=\"revolute\"", "type=\"prismatic\"", "joint finger1_swing is of type prismatic"),
         (
             "controller.toml",
             "torque_constant = 0.5",
             "torque_constant = -0.5",
             "motor.torque_constant = -0.5",
+        ),
+        (
+            "controller.toml",
+            "relative = true",
+            "relative = maybe",
+            "controller.toml:35: neither a number, true, false nor a text in quotes, for relative",
         ),
         ("controller.toml", "torque_constant = 0.5", "torque_konstant = 0.5", "torque_constant"),
         (
@@ -108,6 +114,63 @@ fn a_folder_without_files_says_what_belongs_there() {
 }
 
 #[test]
+fn a_urdf_alone_becomes_a_folder_by_a_command_that_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("robot.urdf"), text("robot.urdf")).unwrap();
+    let message = RobotFolder::load(folder.path()).map(|_| ()).unwrap_err().to_string();
+    let command = format!("`tesaki model init {}` writes it", folder.path().display());
+    assert!(message.contains("controller.toml") && message.contains(&command), "{message}");
+}
+
+#[test]
+fn values_that_init_chooses_pass_the_check() {
+    // Efforts and velocities of published hands: DClaw's, the Barrett hand's, and a direct drive's.
+    for (effort, velocity, upper) in [(10, 100.0, 1.57), (0, 10.0, 0.84), (0, 2.0, 0.84), (1, 0.0, 0.05)] {
+        let limit = format!("effort=\"{effort}\" velocity=\"{velocity}\"");
+        let urdf = format!(
+            "<robot name=\"claw\"><link name=\"palm\"/><joint name=\"bend\" type=\"revolute\">\
+             <parent link=\"palm\"/><child link=\"finger\"/><axis xyz=\"0 1 0\"/>\
+             <limit lower=\"0\" upper=\"{upper}\" {limit}/></joint><link name=\"finger\"><inertial>\
+             <mass value=\"0.1\"/><origin xyz=\"0 0 0.02\"/>\
+             <inertia ixx=\"2e-5\" iyy=\"2e-5\" izz=\"1e-5\" ixy=\"0\" ixz=\"0\" iyz=\"0\"/></inertial></link>\
+             <joint name=\"end\" type=\"fixed\"><parent link=\"finger\"/><child link=\"tip\"/>\
+             <origin xyz=\"0 0 0.05\"/></joint><link name=\"tip\"/></robot>"
+        );
+        for motor in [None, Some("generic"), Some("gl40-kv70"), Some("xl330-m288"), Some("xm430-w350")] {
+            let motors = motor.map(|motor| MotorChoice { joint: None, motor: motor.to_owned() });
+            let options = InitOptions { motors: motors.into_iter().collect(), ..InitOptions::default() };
+            let texts = robot_texts(Path::new("claw.urdf"), &urdf, &options).unwrap();
+            let (_, findings) =
+                RobotFolder::check_all(Path::new("claw"), &urdf, &texts.controller, Some(&texts.plant));
+            let errors: Vec<_> = findings.iter().filter(|finding| finding.is_error()).collect();
+            assert!(errors.is_empty(), "{limit} {motor:?}: {errors:?}");
+            let note = "velocity 100.0 rad/s of the URDF's <limit>: more than ticks of 10 ms can follow";
+            let slow = matches!(motor, Some("xl330-m288" | "xm430-w350"));
+            let told = texts.notes.iter().any(|text| text.contains(note));
+            assert_eq!(told, velocity > 50.0 && !slow, "{motor:?}: {:?}", texts.notes);
+        }
+    }
+}
+
+#[test]
+fn masses_in_grams_are_found_by_their_density() {
+    let said = |from: &str, to: &str| {
+        let urdf = text("robot.urdf");
+        assert!(urdf.contains(from), "{from}");
+        let (_, findings) = RobotFolder::check_all(
+            Path::new("hand"),
+            &urdf.replacen(from, to, 1),
+            &text("controller.toml"),
+            None,
+        );
+        findings.iter().map(|finding| format!("{finding}\n")).collect::<String>()
+    };
+    assert!(!said("value=\"0.01\"", "value=\"0.01\"").contains("denser"));
+    let grams = said("value=\"0.01\"", "value=\"10\"");
+    assert!(grams.contains("denser than lead: grams?") && grams.contains("10 g are 0.01"), "{grams}");
+}
+
+#[test]
 fn a_folder_that_says_nothing_of_it_has_a_command_timeout_of_100_ms_and_holds() {
     let settings =
         text("controller.toml").replacen("command_timeout = 0.1 ", "# ", 1).replacen("reaction = ", "# ", 1);
@@ -145,9 +208,17 @@ fn a_chain_ends_in_the_farthest_of_the_leaves_that_are_fixed_to_its_last_body() 
 fn what_a_controller_cannot_drive_is_told() {
     let branch = "<joint name=\"spread\" type=\"revolute\"><parent link=\"finger1_knuckle\"/><child link=\"flap\"/>\
         <axis xyz=\"0 0 1\"/><limit lower=\"-1\" upper=\"1\" effort=\"1\" velocity=\"1\"/></joint><link name=\"flap\"/></robot>";
+    let follower = "<joint name=\"last\" type=\"revolute\"><parent link=\"finger1_tip\"/><child link=\"end\"/>\
+        <mimic joint=\"spread\"/><axis xyz=\"0 0 1\"/><limit lower=\"-1\" upper=\"1\" effort=\"1\" velocity=\"1\"/>\
+        </joint><link name=\"end\"/>";
     for (from, to, expected) in [
+        (
+            "</robot>",
+            &*format!("{follower}{branch}"),
+            "last mimics spread, which has a motor, but is on a branch that is not on this board",
+        ),
         ("</robot>", branch, "branches behind joint finger1_swing into finger1_bend and spread"),
-        ("type=\"revolute\"", "type=\"continuous\"", "finger1_swing is of type Continuous"),
+        ("type=\"revolute\"", "type=\"continuous\"", "finger1_swing is of type continuous; a"),
         (
             "name=\"hand3\"",
             "name=\"a_robot_with_a_name_that_is_too_long\"",
@@ -261,6 +332,9 @@ fn a_mimic_joint_that_no_motor_can_move_is_told_by_line() {
     // Through another mimic joint, whose multiplier is −0.4.
     let chained = said("<mimic joint=\"ring_spread\" multiplier=\"2\"/>");
     assert!(chained.contains("joint middle_spread moves from -0.28 to 0.12"), "{chained}");
+    // From −0.0453 to 0.1057 rad; its own limits are −0.045 and 0.105 rad.
+    let rounded = said("<mimic joint=\"spread\" multiplier=\"0.302\"/>");
+    assert!(!rounded.contains("joint middle_spread moves"), "{rounded}");
     let wide = said("<mimic joint=\"spread\" multiplier=\"0.6\"/>");
     assert!(
         wide.contains("joint middle_spread moves from -0.09 to 0.21") && wide.contains("robot.urdf:"),

@@ -131,7 +131,7 @@ impl<'a> Node<'a> {
         match session.board.model() {
             Ok(model) => require_own(robot.as_ref().map(|(folder, _)| folder), &model)?,
             Err(BoardError::Refused { refusal: Refusal::NoModel, .. }) => {
-                say("the board has no model yet: push one with `tesaki model push robots/NAME`");
+                say("the board has no model yet: push one with `tesaki model push ROBOT_FOLDER`");
             }
             Err(error) => return Err(error.into()),
         }

@@ -111,7 +111,7 @@ impl Node<'_> {
             return Ok("enabled already".to_owned());
         }
         let Some(on_board) = &self.on_board else {
-            return Err("the board has no model: push one with `tesaki model push robots/NAME`".to_owned());
+            return Err("the board has no model: push one with `tesaki model push ROBOT_FOLDER`".to_owned());
         };
         // With old angles, the joints would move to them.
         let telemetry = self.telemetry.as_ref().filter(|_| self.heard.elapsed() < FRESH);

@@ -1,11 +1,13 @@
 //! `host-sim serve`.
 
 use std::error::Error;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 use tesaki::model::RobotModel;
+use tesaki_description::finding::Finding;
 use tesaki_description::robot::RobotFolder;
+use tesaki_description::{FileError, read_text};
 use tesaki_output::say;
 use tesaki_sim::plant::{Plant, PlantOptions};
 use tesaki_sim::qemu::{Machine, Qemu};
@@ -62,7 +64,7 @@ pub struct Serve {
 
 pub fn run(options: &Serve) -> Result<(), Box<dyn Error>> {
     interrupt::handle()?;
-    let robot = RobotFolder::load(&options.robot)?;
+    let robot = load_all(&options.robot)?;
     let name = robot.model.name.as_str();
     let mut machine = PlantOptions::mismatched(options.seed);
     if let Some(grasp) = &options.grasp {
@@ -120,6 +122,16 @@ pub fn run(options: &Serve) -> Result<(), Box<dyn Error>> {
     let lines = input_lines();
     serve(&mut hub, board, &mut plant, &robot.model, camera.as_ref(), &lines, &interrupt::asked)?;
     Ok(())
+}
+
+/// Reads and checks the robot folder with its `plant.toml`, as `tesaki model check` does.
+fn load_all(path: &Path) -> Result<RobotFolder, Box<dyn Error>> {
+    let (urdf, settings) = RobotFolder::read(path)?;
+    let file = path.join("plant.toml");
+    let plant = read_text(&file).map_err(of_file(&file))?;
+    let (robot, mut findings) = RobotFolder::check_all(path, &urdf, &settings, Some(&plant));
+    findings.retain(Finding::is_error);
+    Ok(robot.ok_or(FileError::Wrong(findings))?)
 }
 
 /// What `--door` asks for.

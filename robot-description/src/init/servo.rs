@@ -8,6 +8,7 @@ use tesaki::math::sqrt;
 use super::motor::MotorPreset;
 use crate::load::JointLoad;
 use crate::robot::tree::SerialJoint;
+use crate::robot::{following_errors, least_torque_rate};
 
 /// Bandwidths of position loop and observer [rad/s], and the largest ratio of largest to smallest inertia for
 /// which they are stable, the slowest first. The gains are for the geometric mean `J` of both. The
@@ -42,6 +43,13 @@ const ACCELERATION: f32 = 0.5;
 const MODEL_ERROR: f32 = 0.5;
 /// Time in which the torque may reach its limit [s].
 const TORQUE_RISE: f32 = 0.02;
+/// The least of it [s]: a gear bears a full torque within about this time.
+const FASTEST_RISE: f32 = 0.01;
+/// Largest velocity limit [rad/s]: a faster joint moves by more than 0.16 rad in a tick, which no servo
+/// follows.
+const FASTEST: f32 = 16.0;
+/// Bounds of the following error [rad]; a joint of a small range gets no more than it can reach.
+const FOLLOWING_ERRORS: (f32, f32) = (0.15, 0.5);
 /// Friction above this fraction of the motor's torque is not believed.
 const MOST_COULOMB: f32 = 0.3;
 const MOST_VISCOUS: f32 = 0.5;
@@ -78,6 +86,8 @@ pub struct JointPlan {
     pub coulomb: f32,
     pub viscous: f32,
     pub velocity: f32,
+    /// The velocity limit of URDF or motor, where ticks cannot follow it in this range [rad/s].
+    pub too_fast: Option<f32>,
     pub torque: f32,
     pub torque_rate: f32,
     pub following_error: f32,
@@ -108,7 +118,10 @@ impl JointPlan {
     ) -> Self {
         let limits = &joint.limits;
         let torque = if limits.torque > 0.0 { limits.torque.min(motor.torque()) } else { motor.torque() };
-        let velocity = if limits.velocity > 0.0 { limits.velocity.min(motor.speed) } else { motor.speed };
+        let range = limits.upper - limits.lower;
+        let reached = if limits.velocity > 0.0 { limits.velocity.min(motor.speed) } else { motor.speed };
+        // The velocity at which the torque would have to rise in `FASTEST_RISE`.
+        let velocity = reached.min(FASTEST).min(1.0 / (FASTEST_RISE * least_torque_rate(1.0, 1.0, range)));
         let choose = |value: f32, most: f32| match value {
             value if value <= 0.0 => FrictionChoice::Missing,
             value if value > most => FrictionChoice::TooLarge,
@@ -124,7 +137,6 @@ impl JointPlan {
         let ratio = (largest / smallest).max((modes / MODE_RESERVE) * (modes / MODE_RESERVE));
         let (bandwidth, observer_bandwidth) = bandwidths(&motor, ratio, coulomb / inertia);
 
-        let range = limits.upper - limits.lower;
         let spare =
             (0.8 * torque - 1.2 * (load.gravity + coulomb + 0.5 * viscous * velocity)).max(0.1 * torque);
         let by_speed = range / (E * SPEED * velocity);
@@ -133,7 +145,11 @@ impl JointPlan {
         let acceleration = range / (filter_time * filter_time);
         let unknown = MODEL_ERROR * (load.gravity + coulomb) + 0.3 * largest * acceleration;
         let stiffness = inertia * bandwidth * bandwidth;
-        let following_error = up((2.0 * unknown / stiffness).clamp(0.15, 0.5), 0.01);
+        let errors = following_errors(velocity, range);
+        let wished = (2.0 * unknown / stiffness).max(errors.0).clamp(FOLLOWING_ERRORS.0, FOLLOWING_ERRORS.1);
+        // Not on the bounds: the file has four digits.
+        let following_error = up(wished, 0.01).min(0.99 * errors.1);
+        let torque_rate = (torque / TORQUE_RISE).max(1.01 * least_torque_rate(torque, velocity, range));
         Self {
             name: joint.name.clone(),
             range: (limits.lower, limits.upper),
@@ -146,8 +162,9 @@ impl JointPlan {
             coulomb,
             viscous,
             velocity,
+            too_fast: (reached > velocity).then_some(reached),
             torque,
-            torque_rate: torque / TORQUE_RISE,
+            torque_rate,
             following_error,
             inertia: [smallest, largest, inertia],
             ratio,
@@ -260,6 +277,30 @@ mod tests {
             (plan.coulomb, 0.1),
         ] {
             assert!((got / expected - 1.0).abs() < 1e-3, "{got} instead of {expected}");
+        }
+    }
+
+    #[test]
+    fn limits_that_ticks_cannot_follow_are_lowered_and_the_others_are_plausible() {
+        let (mut joint, load) = joint();
+        // Of 2 rad, a torque turns round within half in 10 ms each way at 50 rad/s; of 0.1 rad at 2.5 rad/s.
+        // The rate that this takes is that of 20 ms, and of 10 ms, for 4 N·m.
+        for (upper, velocity, lowered, torque_rate, following_error) in [
+            (1.0, 100.0, 16.0, 200.0, 0.48),
+            (-0.9, 100.0, 2.5, 404.0, 0.1485),
+            (-0.9, 2.0, 2.0, 323.2, 0.1485),
+        ] {
+            (joint.limits.upper, joint.limits.velocity) = (upper, velocity);
+            let motor = MotorPreset::generic(4.0, 40.0);
+            let plan = JointPlan::new(&joint, load.clone(), INERTIA, 1.0, (motor, String::new()));
+            for (got, expected) in [
+                (plan.velocity, lowered),
+                (plan.torque_rate, torque_rate),
+                (plan.following_error, following_error),
+            ] {
+                assert!((got / expected - 1.0).abs() < 1e-3, "{got} instead of {expected}");
+            }
+            assert_eq!(plan.too_fast, (velocity > lowered).then_some(40.0));
         }
     }
 

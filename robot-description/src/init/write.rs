@@ -43,7 +43,8 @@ fn notes(accepted: &[String], joints: &[JointPlan]) -> Vec<String> {
     let mut about = |good: &dyn Fn(&JointPlan) -> bool, what: &str| {
         let names: Vec<&str> = joints.iter().filter(|joint| good(joint)).map(|joint| &*joint.name).collect();
         if !names.is_empty() {
-            notes.push(format!("{what}: {}", names.join(", ")));
+            let all = names.len() > 1 && names.len() == joints.len();
+            notes.push(format!("{what}: {}", if all { "all joints".to_owned() } else { names.join(", ") }));
         }
     };
     let is = |choice: FrictionChoice| {
@@ -60,9 +61,24 @@ fn notes(accepted: &[String], joints: &[JointPlan]) -> Vec<String> {
         "the URDF's effort is more than the motor's torque, which is used",
     );
     about(
-        &|joint| joint.urdf_velocity > 1.001 * joint.velocity,
+        &|joint| joint.too_fast.is_none() && joint.urdf_velocity > 1.001 * joint.velocity,
         "the URDF's velocity is more than the motor reaches, which is used",
     );
+    let lowered = |joint: &JointPlan| (joint.too_fast, joint.urdf_velocity, joint.velocity);
+    let mut told = Vec::new();
+    for like @ (too_fast, urdf, velocity) in joints.iter().map(lowered) {
+        let Some(reached) = too_fast.filter(|_| !told.contains(&like)) else { continue };
+        told.push(like);
+        let of = if urdf > 0.0 {
+            format!("velocity {} rad/s of the URDF's <limit>", number(urdf))
+        } else {
+            format!("the motor's {} rad/s (the URDF's <limit> has no velocity)", number(reached))
+        };
+        let velocity = number(velocity);
+        let what =
+            format!("{of}: more than ticks of 10 ms can follow in this range, {velocity} rad/s is used");
+        about(&|joint| lowered(joint) == like, &what);
+    }
     about(
         &|joint| joint.load.gravity > 0.6 * joint.torque,
         "gravity takes more than 60 % of the torque: choose a stronger motor",
@@ -215,7 +231,12 @@ type Add<'a> = &'a mut dyn FnMut(&'static str, &'static str, String, String);
 fn limits(joint: &JointPlan, add: Add<'_>) {
     let n = number;
     if (joint.urdf_velocity - joint.velocity).abs() > 1e-3 * joint.velocity {
-        let comment = format!("rad/s; motor without load; the URDF has {}", n(joint.urdf_velocity));
+        let why = if joint.too_fast.is_some() {
+            "the most that ticks of 10 ms can follow in this range"
+        } else {
+            "motor without load"
+        };
+        let comment = format!("rad/s; {why}; the URDF has {}", n(joint.urdf_velocity));
         add("limits", "velocity", n(joint.velocity), comment);
     }
     if (joint.urdf_effort - joint.torque).abs() > 1e-3 * joint.torque {
@@ -226,9 +247,17 @@ fn limits(joint: &JointPlan, add: Add<'_>) {
         "limits",
         "torque_rate",
         n(joint.torque_rate),
-        format!("N·m/s; computed: {} N·m in 20 ms", n(joint.torque)),
+        format!(
+            "N·m/s; computed: {} N·m in {:.0} ms",
+            n(joint.torque),
+            1e3 * joint.torque / joint.torque_rate
+        ),
     );
-    let comment = "rad; computed: twice the error with half of gravity and friction unknown, 0.15 to 0.5";
+    let comment = if joint.following_error < 0.15 {
+        "rad; computed: half as much again as the range"
+    } else {
+        "rad; computed: twice the error with half of gravity and friction unknown, 0.15 to 0.5"
+    };
     add("limits", "following_error", n(joint.following_error), comment.to_owned());
 }
 

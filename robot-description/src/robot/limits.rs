@@ -70,7 +70,7 @@ pub fn implausible_limits(model: &RobotModel) -> Vec<ImplausibleLimit> {
 type Text = Option<(String, String)>;
 
 /// A lower bound in three digits. It keeps the bound itself: rounded up.
-pub(super) fn at_least(bound: f32) -> String {
+pub(crate) fn at_least(bound: f32) -> String {
     rounded(bound, f64::ceil)
 }
 
@@ -95,6 +95,18 @@ fn range(joint: &JointModel) -> f32 {
     joint.limits.upper - joint.limits.lower
 }
 
+/// The least rate [N·m/s] with which a torque [N·m] turns round soon enough at a velocity limit [rad/s] in a
+/// range [rad].
+pub(crate) fn least_torque_rate(torque: f32, velocity: f32, range: f32) -> f32 {
+    2.0 * torque * velocity / (TRAVEL * range)
+}
+
+/// A following error for a velocity limit [rad/s] in a range [rad]: the least and the largest that do what
+/// they are for [rad].
+pub(crate) fn following_errors(velocity: f32, range: f32) -> (f32, f32) {
+    (3.0 * velocity * TICK, NEVER * range)
+}
+
 /// At its velocity limit a joint goes on until its torque has turned round.
 fn torque_rate(joint: &JointModel) -> Text {
     let limits = &joint.limits;
@@ -108,7 +120,7 @@ fn torque_rate(joint: &JointModel) -> Text {
             limits.torque_rate,
             range(joint)
         );
-        let least = 2.0 * torque * limits.velocity / (TRAVEL * range(joint));
+        let least = least_torque_rate(torque, limits.velocity, range(joint));
         (message, format!("{} N·m/s or more: a gear bears a full torque within some 10 ms", at_least(least)))
     })
 }
@@ -116,13 +128,14 @@ fn torque_rate(joint: &JointModel) -> Text {
 /// An error that every fast motion makes, or none.
 fn following_error(joint: &JointModel) -> Text {
     let (error, velocity) = (joint.limits.following_error, joint.limits.velocity);
-    let (step, largest) = (velocity * TICK, NEVER * range(joint));
+    let step = velocity * TICK;
+    let (least, largest) = following_errors(velocity, range(joint));
     if error < step {
         let message = format!(
             "limits.following_error = {error} rad is less than the joint moves in a tick at its velocity limit, {step:.3} \
              rad: a fault at once"
         );
-        return Some((message, format!("at least {} rad, three times that", at_least(3.0 * step))));
+        return Some((message, format!("at least {} rad, three times that", at_least(least))));
     }
     (error > largest).then(|| {
         let message = format!(

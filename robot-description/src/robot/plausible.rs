@@ -11,7 +11,7 @@ use super::limits::{ImplausibleLimit, at_least, implausible_limits};
 use crate::finding::{Finding, Report};
 use crate::load::{CoupledChains, JointLoad};
 use crate::plant::PlantValues;
-use crate::urdf::{RigidBody, Urdf};
+use crate::urdf::{RigidBody, Urdf, four};
 
 /// The shortest time in which a full torque can bring a bare rotor to the velocity limit [s]. The mechanical
 /// time constants of servo motors are 2 to 50 ms; a velocity limit may be a tenth of what the motor reaches.
@@ -30,6 +30,10 @@ const MUCH_FRICTION: f32 = 0.5;
 const MUCH_STICKING: f32 = 0.5;
 /// A radius of gyration above this multiple of the link's size is suspicious.
 const WIDE: f64 = 3.0;
+/// Density of lead [kg/m³].
+const LEAD: f64 = 11_340.0;
+/// Masses above this one may be meant in grams [kg].
+const HEAVY: f64 = 1.0;
 /// Sizes of links below this one are not trusted [m].
 const SMALL_LINK: f64 = 0.05;
 /// Velocity of the trajectory filter after a step, per step and filter time: 1/e.
@@ -86,6 +90,7 @@ pub fn check(folder: &RobotFolder, settings: &str, plant: Option<&str>, known: &
         of_limit(&folder.model, limit, &mut reports);
     }
     links(&folder.urdf, &mut reports.urdf);
+    dense(&folder.urdf, &mut reports.urdf);
     if plant.is_some() {
         bodies(&folder.urdf, known, &mut reports.urdf);
     }
@@ -458,6 +463,24 @@ fn against_plant(model: &RobotModel, plant: &PlantValues, known: &[Finding], rep
             message,
             "the controller would compensate the wrong weight",
         );
+    }
+}
+
+/// Links that would be denser than lead: of a mass, a ball of lead has the least moment of inertia.
+fn dense(urdf: &Urdf, report: &mut Report) {
+    for link in urdf.robot.links.iter().filter(|link| link.name != urdf.base()) {
+        let (i, mass) = (&link.inertial.inertia, link.inertial.mass.value);
+        let largest = i.ixx.max(i.iyy).max(i.izz);
+        let radius = libm::cbrt(mass / (4.0 / 3.0 * core::f64::consts::PI * LEAD));
+        // No moment at all is a finding of its own.
+        if mass >= HEAVY && largest > 0.0 && largest < 0.4 * mass * radius * radius {
+            let message = format!(
+                "link {}: {mass} kg with an inertia of at most {largest:.1e} kg·m² is denser than lead: grams?",
+                link.name
+            );
+            let advice = format!("masses are in kg: {mass} g are {}", four(mass / 1000.0));
+            report.warning(urdf.line_of_link(&link.name), message, advice);
+        }
     }
 }
 

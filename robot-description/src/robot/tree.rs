@@ -155,6 +155,9 @@ fn sphere(link: &Link) -> Option<f64> {
     })
 }
 
+/// By how much a mimic joint may pass its limits [rad]: URDFs round them, often to three digits.
+const ROUNDING: f32 = 1e-3;
+
 /// Reports a mimic joint that no motor can move.
 fn mimics(urdf: &Urdf, chains: &[SerialChain], report: &mut Report) {
     let driven = || chains.iter().flat_map(|chain| &chain.joints);
@@ -171,7 +174,7 @@ fn mimics(urdf: &Urdf, chains: &[SerialChain], report: &mut Report) {
         } else if let Some(followed) = followed {
             let ends = [followed.limits.lower, followed.limits.upper].map(|end| multiplier * end + offset);
             let (least, most) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
-            if least < joint.limits.lower - 1e-5 || most > joint.limits.upper + 1e-5 {
+            if least < joint.limits.lower - ROUNDING || most > joint.limits.upper + ROUNDING {
                 let message = format!(
                     "joint {name} moves from {least} to {most} rad while {follows} keeps its limits; its own are {} \
                      to {} rad",
@@ -183,6 +186,13 @@ fn mimics(urdf: &Urdf, chains: &[SerialChain], report: &mut Report) {
                 let message = format!("joint {name} mimics {follows} with the multiplier 0");
                 report.dynamics(line, message, "make it fixed");
             }
+        } else if urdf.robot.joints.iter().any(|other| other.name == *follows && is_driven(other)) {
+            let message = format!(
+                "joint {name} mimics {follows}, which has a motor, but is on a branch that is not on this board"
+            );
+            let advice =
+                format!("make the branch of {follows} part of this robot folder, or make {name} fixed");
+            report.dynamics(line, message, advice);
         } else {
             // That a joint does not exist has been told.
             let message = format!("joint {name} mimics {follows}, which has no motor on this board");
@@ -192,16 +202,25 @@ fn mimics(urdf: &Urdf, chains: &[SerialChain], report: &mut Report) {
     }
 }
 
+/// Whether a motor could move it.
+fn is_driven(joint: &Joint) -> bool {
+    joint.mimic.is_none() && joint.joint_type == JointType::Revolute
+}
+
 /// Reports a joint that is not rotary with limits.
 fn revolute(urdf: &Urdf, joint: &Joint, report: &mut Report) {
     let line = urdf.line_of_joint(&joint.name);
     if joint.joint_type != JointType::Revolute {
-        let message = format!("joint {} is of type {:?}", joint.name, joint.joint_type);
-        report.dynamics(
-            line,
-            message,
-            "a controller drives revolute joints (with limits); make the others fixed",
-        );
+        let kind = format!("{:?}", joint.joint_type).to_lowercase();
+        let message = format!("joint {} is of type {kind}", joint.name);
+        let advice = match joint.joint_type {
+            JointType::Continuous => "a controller drives revolute joints: make it revolute, with limits",
+            _ => {
+                "a controller drives revolute joints (with limits); a joint that is made fixed is locked at 0, the \
+                 place of its <origin>"
+            }
+        };
+        report.dynamics(line, message, advice);
     }
 }
 

@@ -2,6 +2,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
+use super::four;
 use super::source::{Part, Source};
 use crate::finding::Report;
 
@@ -125,10 +126,11 @@ fn center(link: &Part<'_>, inertial: &Part<'_>, report: &mut Report) {
     let distance = origin.vector("xyz").map_or(0.0, |xyz| Vector3::from(xyz).norm());
     if distance > FARTHEST_CENTER {
         let message = format!(
-            "{}: centre of mass {distance} m from the link's origin, more than {FARTHEST_CENTER} m: millimetres?",
-            link.title()
+            "{}: centre of mass {} m from the link's origin, more than {FARTHEST_CENTER} m: millimetres?",
+            link.title(),
+            four(distance)
         );
-        let advice = format!("lengths are in m: {distance} mm are {}", distance / 1000.0);
+        let advice = format!("lengths are in m: {} mm are {}", four(distance), four(distance / 1000.0));
         report.dynamics(Some(origin.line()), message, advice);
     }
 }

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
+use super::four;
 use super::source::{Part, Source};
 use super::structure::names;
 use crate::finding::Report;
@@ -37,10 +38,15 @@ fn origin(joint: &Part<'_>, report: &mut Report) {
     let length = distance(joint);
     if length > LONGEST_LINK {
         let message = format!(
-            "{}: {length} m from the parent link's origin, more than {LONGEST_LINK} m: millimetres?",
-            joint.title()
+            "{}: {} m from the parent link's origin, more than {LONGEST_LINK} m: millimetres?",
+            joint.title(),
+            four(length)
         );
-        report.kinematics(line, message, format!("lengths are in m: {length} mm are {}", length / 1000.0));
+        report.kinematics(
+            line,
+            message,
+            format!("lengths are in m: {} mm are {}", four(length), four(length / 1000.0)),
+        );
     }
     let largest = origin.vector("rpy").map_or(0.0, |rpy| rpy.iter().fold(0.0, |a: f64, b| a.max(b.abs())));
     if largest > LARGEST_ANGLE {

@@ -158,6 +158,12 @@ fn a_left_over_socket_is_replaced_and_a_used_one_is_not() {
     Hub::listen(&Address::Unix(folder.join("file")), None).unwrap_err();
     assert_eq!(fs::read(folder.join("file")).unwrap(), b"precious");
     fs::remove_dir_all(folder).unwrap();
+    let hub = Hub::listen(&Address::Tcp("127.0.0.1:0".to_owned()), None).unwrap();
+    let error = Hub::listen(hub.address(), None).unwrap_err();
+    assert!(
+        error.to_string().contains("in use") && error.to_string().contains("choose another port"),
+        "{error}"
+    );
 }
 
 #[test]

@@ -66,7 +66,12 @@ impl Listener {
             }
             Address::Tcp(host) => {
                 let fail = |error: io::Error| {
-                    io::Error::new(error.kind(), format!("cannot listen at {address}: {error}"))
+                    let hint = if error.kind() == io::ErrorKind::AddrInUse {
+                        ": another program listens there, perhaps another simulator; end it, or choose another port"
+                    } else {
+                        ""
+                    };
+                    io::Error::new(error.kind(), format!("cannot listen at {address}: {error}{hint}"))
                 };
                 let hosts: Vec<SocketAddr> = host.to_socket_addrs().map_err(fail)?.collect();
                 if key.is_none() && !hosts.iter().all(|host| is_loopback(host.ip())) {

@@ -163,6 +163,45 @@ fn a_urdf_without_masses_is_refused_before_anything_is_written() {
 }
 
 #[test]
+fn a_folder_that_needs_another_motor_is_written_with_what_is_wrong_in_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let urdf = arm7().join("robot.urdf");
+    let out = folder.path().to_str().unwrap();
+    let (code, text) = run(&["model", "init", urdf.to_str().unwrap(), "--out", out, "--motor", "xl330-m288"]);
+    assert_eq!(code, 1, "{text}");
+    for words in ["gravity needs up to", "wrote ", "next: correct what is BAD"] {
+        assert!(text.contains(words), "{words}: {text}");
+    }
+    assert!(
+        text.contains("the URDF's effort is more than the motor's torque, which is used: all joints"),
+        "{text}"
+    );
+    let (code, again) = run(&["model", "check", out]);
+    assert!(
+        code == 1 && again.contains("controller.toml:") && again.contains("gravity needs up to"),
+        "{again}"
+    );
+}
+
+#[test]
+fn a_file_of_a_folder_is_not_checked_for_a_urdf() {
+    let (code, text) = run(&["model", "check", hand3().join("controller.toml").to_str().unwrap()]);
+    let folder = hand3();
+    assert!(code == 2 && text.contains(&format!("give the folder, {}", folder.display())), "{text}");
+}
+
+#[test]
+fn a_hand_whose_fingertips_cannot_be_placed_is_told_why() {
+    let robots = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots");
+    let told = check(&robots.join("allegro"));
+    assert!(
+        told.contains("no control of the fingertip") && told.contains("joints; a finger has 3"),
+        "{told}"
+    );
+    assert!(!check(&robots.join("hand3")).contains("no control of the fingertip"));
+}
+
+#[test]
 fn what_is_no_regular_file_is_not_read() {
     let (code, text) = run(&["model", "check", "/dev/zero"]);
     assert!(code == 1 && text.contains("/dev/zero: ") && text.contains("not a regular file"), "{text}");

@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use serde_json::{Value, json};
-use tesaki::model::ChainJoint;
+use tesaki::kinematics::{Chain, Finger, FingerShapeError};
+use tesaki::model::{ChainJoint, RobotModel};
 use tesaki_description::camera::CameraValues;
 use tesaki_description::finding::{Finding, Matter, Severity};
 use tesaki_description::object::ObjectValues;
@@ -26,6 +27,16 @@ struct Checked {
 }
 
 pub fn run(options: &Options, robot: &Path) -> Result<ExitCode, Failure> {
+    let folder_of =
+        robot.parent().filter(|_| robot.extension().is_some_and(|end| end == "toml") && robot.is_file());
+    if let Some(parent) = folder_of {
+        let parent = if parent.as_os_str().is_empty() { Path::new(".") } else { parent };
+        return Err(Failure::Usage(format!(
+            "{}: a file of a robot folder is checked with the folder: give the folder, {}",
+            robot.display(),
+            parent.display()
+        )));
+    }
     let checked = if is_there(&robot.join("controller.toml")) { folder(robot)? } else { urdf(robot)? };
     let wrong = checked.findings.iter().any(Finding::is_error);
     let good = checked.good.iter().map(|text| json!({ "severity": "good", "finding": text }));
@@ -139,7 +150,30 @@ fn summary(folder: &RobotFolder) -> Vec<String> {
     };
     let (joints, count) = (model.joints.len(), model.chains.len());
     lines.push(format!("{}: {joints} joints{mimics} in {count} {chains}", model.name));
+    lines.extend(no_fingertip_control(model));
     lines
+}
+
+/// Why the fingertips of a hand cannot be placed, if they cannot: the first finger that has no closed form.
+fn no_fingertip_control(model: &RobotModel) -> Option<String> {
+    if model.chains.len() < 2 {
+        return None;
+    }
+    let shape = |index| {
+        let own = model.joints_of(index).map(|joint| match joint {
+            ChainJoint::Driven(_, joint) => Some((joint.limits.lower, joint.limits.upper)),
+            ChainJoint::Mimic(_) => None,
+        });
+        let limits: Option<Vec<(f32, f32)>> = own.collect();
+        let limits = limits.ok_or_else(|| "it has a mimic joint".to_owned())?;
+        let count = limits.len();
+        let limits = <[(f32, f32); 3]>::try_from(limits);
+        let limits = limits.map_err(|_| FingerShapeError::Joints(count).to_string())?;
+        Finger::try_new(&Chain::of_model(model, index), limits).map(|_| ()).map_err(|error| error.to_string())
+    };
+    let chains = model.chains.iter().enumerate();
+    let (name, why) = chains.filter_map(|(index, chain)| Some((&chain.name, shape(index).err()?))).next()?;
+    Some(format!("no control of the fingertip {name} in Cartesian space (reach, grasp): {why}"))
 }
 
 /// Checks a URDF without settings for a controller.

@@ -222,7 +222,7 @@ fn check_board(
         doctor.warning(format!("client {client:08x} commands the board, or did last"), advice);
     }
     if node.model.is_empty() {
-        doctor.bad(1, "the board has no robot model", "tesaki model push robots/NAME");
+        doctor.bad(1, "the board has no robot model", "tesaki model push ROBOT_FOLDER");
         return Ok(());
     }
     check_model(&node, robot, doctor)?;
@@ -293,7 +293,7 @@ fn check_sensors(
                 model.name,
                 described(needs)
             ),
-            "push the model of this machine: tesaki model push robots/NAME",
+            "push the model of this machine: tesaki model push ROBOT_FOLDER",
         );
     }
     Ok(())

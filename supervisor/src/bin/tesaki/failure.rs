@@ -36,7 +36,7 @@ pub enum Failure {
     #[error("{0}")]
     Refused(String),
     /// The board has no model yet.
-    #[error("the board has no robot model: push one with `tesaki model push robots/NAME`")]
+    #[error("the board has no robot model: push one with `tesaki model push ROBOT_FOLDER`")]
     NoModel,
     /// The board is in fault: description, and the reference to the document.
     #[error("the board is in fault: {0}\n`tesaki faults --clear` shows and clears the faults")]

@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 use std::path::{Component, Path, PathBuf};
+use std::process::ExitCode;
 
 use serde_json::json;
 use tesaki_description::FileError;
@@ -15,7 +16,7 @@ use crate::check;
 use crate::failure::Failure;
 use crate::output;
 
-pub fn run(options: &Options, args: &Init) -> Result<(), Failure> {
+pub fn run(options: &Options, args: &Init) -> Result<ExitCode, Failure> {
     let path = Urdf::locate(&args.urdf);
     let text = Urdf::read_text(&path)?;
     let choices = InitOptions { motors: args.motors.clone(), accept_inertia: args.accept_inertia.clone() };
@@ -25,14 +26,12 @@ pub fn run(options: &Options, args: &Init) -> Result<(), Failure> {
     })?;
     let folder = folder(args, &path, &texts.name)?;
     let (_, mut findings) = RobotFolder::check_all(&folder, &text, &texts.controller, Some(&texts.plant));
-    if findings.iter().any(Finding::is_error) {
-        findings.retain(Finding::is_error);
-        // The copy of the URDF is not written.
-        let own = folder.join("robot.urdf");
-        findings
-            .iter_mut()
-            .filter(|finding| finding.path == own)
-            .for_each(|finding| finding.path.clone_from(&path));
+    let own = folder.join("robot.urdf");
+    let is_wrong_in_urdf = |finding: &Finding| finding.is_error() && finding.path == own;
+    if findings.iter().any(is_wrong_in_urdf) {
+        // What else is wrong is in files that are not written, as the copy of the URDF.
+        findings.retain(is_wrong_in_urdf);
+        findings.iter_mut().for_each(|finding| finding.path.clone_from(&path));
         return Err(Failure::Description(FileError::Wrong(findings)));
     }
     let written = write(&folder, &path, &texts, args.force)?;
@@ -55,7 +54,9 @@ pub fn run(options: &Options, args: &Init) -> Result<(), Failure> {
         "notes": texts.notes,
         "findings": findings.iter().map(check::object).collect::<Vec<_>>(),
     });
-    output::result(options, &value, || report(&folder, &texts, &written, &findings))
+    output::result(options, &value, || report(&folder, &texts, &written, &findings))?;
+    // What this robot needs, and no computation can choose: it is corrected in the files.
+    Ok(ExitCode::from(u8::from(findings.iter().any(Finding::is_error))))
 }
 
 /// Where to write.
@@ -121,7 +122,11 @@ fn report(folder: &Path, texts: &RobotTexts, written: &[PathBuf], findings: &[Fi
     for file in written {
         let _ = writeln!(text, "wrote {}", file.display());
     }
-    let _ =
-        write!(text, "next: replace what the files call assumed; tesaki model check {}", folder.display());
+    let bad = if findings.iter().any(Finding::is_error) { "correct what is BAD, " } else { "" };
+    let _ = write!(
+        text,
+        "next: {bad}replace what the files call assumed; tesaki model check {}",
+        folder.display()
+    );
     text
 }

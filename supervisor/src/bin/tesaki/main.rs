@@ -87,7 +87,7 @@ fn run(cli: &Cli) -> Result<ExitCode, Failure> {
             ModelCommand::Push { robot, chain, calibration } => {
                 model::push(options, robot, chain.as_deref(), calibration.as_deref())
             }
-            ModelCommand::Init(args) => init::run(options, args),
+            ModelCommand::Init(args) => return init::run(options, args),
             ModelCommand::Show => model::show(options),
             ModelCommand::Check { robot } => return check::run(options, robot),
         },

@@ -254,33 +254,46 @@ fn step<'p>(value: &Value, path: &'p str) -> Option<(&'p str, &'p str)> {
 fn at<'a>(tree: &'a Value, path: &str) -> Result<&'a Value, Failure> {
     let (mut value, mut rest) = (tree, path);
     while !rest.is_empty() {
-        let (name, behind) = step(value, rest).ok_or_else(|| unknown(value, path, rest))?;
+        let (name, behind) = step(value, rest).ok_or_else(|| unknown(tree, value, path, rest))?;
         (value, rest) = (value.get(name).unwrap_or(&Value::Null), behind);
     }
     Ok(value)
 }
 
 fn at_mut<'a>(tree: &'a mut Value, path: &str) -> Result<&'a mut Value, Failure> {
+    at(tree, path)?;
     let (mut value, mut rest) = (tree, path);
-    while !rest.is_empty() {
-        let (name, behind) = step(value, rest).ok_or_else(|| unknown(value, path, rest))?;
+    while let Some((name, behind)) = step(value, rest) {
         (value, rest) = (&mut value[name], behind);
     }
     Ok(value)
 }
 
-/// `rest` of `path` names nothing in the group `value`.
-fn unknown(value: &Value, path: &str, rest: &str) -> Failure {
+/// `rest` of `path` names nothing in the group `value` of the tree.
+fn unknown(tree: &Value, value: &Value, path: &str, rest: &str) -> Failure {
     let group = path.strip_suffix(rest).unwrap_or_default().trim_end_matches('.');
     let Value::Object(members) = value else {
         return Failure::Usage(format!("{group} is a single parameter, it has no {rest:?}"));
     };
     let known = members.keys().map(String::as_str).collect::<Vec<_>>().join(", ");
-    Failure::Usage(if group.is_empty() {
+    Failure::Usage(if let Some(meant) = meant(tree, path).filter(|_| group.is_empty()) {
+        format!("there is no parameter {rest:?}; did you mean {meant}?")
+    } else if group.is_empty() {
         format!("there is no parameter {rest:?}; the groups of parameters are {known}")
     } else {
         format!("there is no parameter {rest:?} in {group}, which has {known}")
     })
+}
+
+/// What may be meant by a path that begins with the name of a joint or of a chain.
+fn meant(tree: &Value, path: &str) -> Option<String> {
+    if step(tree.get("joints")?, path).is_some() {
+        return Some(format!("joints.{path}"));
+    }
+    let names = tree.get("chains")?.as_array()?.iter().filter_map(|chain| chain.get("name")?.as_str());
+    let begins =
+        |name: &str| path.strip_prefix(name).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'));
+    names.into_iter().any(begins).then(|| "chains, the list of all chains".to_owned())
 }
 
 fn leaves(path: &str, value: &Value, found: &mut Vec<(String, Value)>) {
@@ -303,7 +316,7 @@ mod tests {
     #[test]
     fn each_star_stands_for_all_members_of_its_group() {
         let joint = json!({ "name": "a", "limits": { "lower": -1.0, "upper": 1.0 } });
-        let tree = json!({ "joints": { "left.a": joint, "right.a": joint }, "none": {} });
+        let tree = json!({ "joints": { "left.a": joint, "right.a": joint }, "none": {}, "chains": [{ "name": "tip" }] });
         let paths = |path: &str| expand(&tree, path).unwrap();
         assert_eq!(
             paths("joints.*.limits.upper"),
@@ -322,6 +335,9 @@ mod tests {
             ("joints.*.name.*", "joints.left.a.name is a single parameter"),
             ("none.*", "none.* names no parameter"),
             ("joints.*.torque", "there is no parameter \"torque\" in joints.left.a"),
+            ("right.a.limits.upper", "did you mean joints.right.a.limits.upper?"),
+            ("tip.name", "did you mean chains, the list of all chains?"),
+            ("limits.upper", "the groups of parameters are joints, none, chains"),
         ] {
             let error = expand(&tree, path).unwrap_err();
             assert!(matches!(&error, Failure::Usage(text) if text.contains(words)), "{path}: {error}");

@@ -61,6 +61,7 @@ fn start(first: u8) -> Rig {
         rig.tick();
         rig.tick();
         home(&mut rig, 0.0, &mut Input(&[]));
+        rig.tick();
         let tared = rig.ask(Request::Tare);
         assert_eq!(tared == Reply::Done, !rig.sensors.forces.is_empty(), "{tared:?}");
     }
