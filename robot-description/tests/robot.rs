@@ -72,7 +72,7 @@ fn nonsense_is_named_by_file_joint_and_field() {
             "controller.toml",
             "relative = true",
             "relative = maybe",
-            "controller.toml:35: neither a number, true, false nor a text in quotes, for relative",
+            "controller.toml:35: neither a number, true, false nor a text in quotes, for joint.encoder.relative",
         ),
         ("controller.toml", "torque_constant = 0.5", "torque_konstant = 0.5", "torque_constant"),
         (

@@ -121,6 +121,7 @@ fn step(rig: &mut Rig, encoded: &[u8], input: &mut Input<'_>) {
         }
         7 => {
             home(rig, 0.02, input);
+            rig.tick();
             rig.ask(Request::Tare);
         }
         8 => {
@@ -143,6 +144,8 @@ fn step(rig: &mut Rig, encoded: &[u8], input: &mut Input<'_>) {
             let home = before_the_box();
             if rig.sensors.encoders.len() == home.len() {
                 rig.ask(Request::Home { positions: home.iter().copied().collect() });
+                rig.tick();
+                rig.ask(Request::Tare);
             }
         }
         _ => {
