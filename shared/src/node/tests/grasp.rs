@@ -462,13 +462,28 @@ fn servos_that_restart_in_a_grasp_keep_the_torque_rate() {
     }
 }
 
-/// The hand is 0.05 rad from the position at which it was enabled under the observer. The PID of the plan
-/// must not take that difference for a velocity: its 0.01 N·m·s/rad, cut off at 30 rad/s, would add 15 mN·m
-/// to the 20 mN·m for the error.
+/// 0.05 rad away from where the PID was last in use, with a plan of the observer in between: for the PID that
+/// is no speed. Its 0.01 N·m·s/rad, cut off at 30 rad/s, would make 15 mN·m of it, beside 20 mN·m for the
+/// error.
 #[test]
 fn a_plan_with_the_other_servo_begins_it_where_the_joints_are() {
     let mut bench = tared_hand();
     assert_eq!(bench.ask(GRASP), Reply::Done);
+    let observer = GraspPlan { control: ObjectControl::Differential(ServoMode::Observer), ..in_front() };
+    for (command, ticks) in [(GraspCommand::Grasp(observer), 5), (GraspCommand::Open, 200)] {
+        assert_eq!(bench.ask(task(command)), Reply::Done);
+        for _ in 0..ticks {
+            let joints = bench.node.telemetry().joints;
+            for (count, joint) in bench.sensors.encoders.iter_mut().zip(joints) {
+                *count = libm::roundf(joint.reference * COUNTS_PER_RADIAN) as i32;
+            }
+            // Constant counts would be a fault.
+            bench.sensors.forces.iter_mut().for_each(|counts| counts[5] ^= 1);
+            assert_eq!(bench.ask(KEEP), Reply::Done);
+            assert!(bench.tick().enabled);
+        }
+    }
+    assert_eq!(seen(&mut bench).phase, Phase::Ready);
     for _ in 0..10 {
         bench.sensors.encoders.iter_mut().for_each(|count| *count += (0.005 * COUNTS_PER_RADIAN) as i32);
         assert_eq!(bench.ask(KEEP), Reply::Done);

@@ -41,14 +41,15 @@ impl Task for Grasping {
 
     fn command(&mut self, io: Io<'_>, command: &GraspCommand) -> Result<(), GraspRefusal> {
         let hand = Hand::of(io.robot).ok_or(GraspRefusal::NotAHand)?;
+        let had_plan = self.state.plan.is_some();
         self.state.command(&hand, command)?;
         if let GraspCommand::Grasp(GraspPlan { control, .. }) = command {
             let mode = match control {
                 ObjectControl::Differential(mode) => *mode,
                 ObjectControl::Wrench(_) => ServoMode::Observer,
             };
-            if core::mem::replace(&mut io.targets.servo_mode, mode) != mode {
-                // The state of the newly selected law is outdated: it dates from its last tick.
+            if core::mem::replace(&mut io.targets.servo_mode, mode) != mode && had_plan {
+                // The state of this mode dates from its last tick, of an earlier plan.
                 io.targets.joints.iter_mut().for_each(|target| target.restart = true);
             }
         }
