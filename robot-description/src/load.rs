@@ -9,7 +9,7 @@ const POSTURES: u32 = 600;
 /// Bases of the Halton sequence.
 const PRIMES: [u32; MAX_JOINTS] = [2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37, 41, 43, 47, 53];
 /// Share of a joint in a mode from which on it takes part in it.
-const SHARE: f64 = 0.1;
+const SHARE: f64 = 0.4;
 /// Number of joints of which all combinations of limits are looked at. Of more joints, one is at the same end
 /// as the one so many before it.
 const CORNER_JOINTS: usize = 11;

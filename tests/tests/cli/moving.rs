@@ -19,7 +19,7 @@ fn from_a_fresh_board_to_a_moved_recorded_and_replayed_joint() {
     server.fails(
         &["move", "finger1_swing=0.3"],
         7,
-        &["finger1_swing has a relative encoder and was not homed", "tesaki home"],
+        &["finger1_swing is not homed: its encoder is relative", "tesaki home"],
     );
     server.fails(&["home", "finger1_swing=0"], 2, &["finger1_bend has no angle", "--others"]);
     server.home();
