@@ -7,7 +7,6 @@ mod write;
 use std::path::Path;
 
 use tesaki::kinematics::Chain;
-use tesaki::math::sqrt;
 use tesaki::model::Coupling;
 
 pub use motor::{GENERIC, MotorPreset, PRESETS};
@@ -163,12 +162,9 @@ fn plan(chains: &[SerialChain], options: &InitOptions) -> Result<Vec<JointPlan>,
         let motors = motors.collect::<Result<Vec<_>, _>>()?;
         group.rotors = motors.iter().map(|(motor, _)| motor.rotor_inertia).collect();
         let inertias = group.joint_inertias(&limits);
-        let nominal: Vec<f32> = inertias.iter().map(|[smallest, largest]| sqrt(smallest * largest)).collect();
-        let ratios = group.mode_ratios(&limits, &nominal);
-        let of_joints = own.into_iter().zip(loads).zip(inertias.into_iter().zip(ratios)).zip(motors);
-        let of_joints = of_joints.map(|(((joint, load), (inertia, ratio)), motor)| {
-            JointPlan::new(joint, load, inertia, ratio, motor)
-        });
+        let of_joints = own.into_iter().zip(loads).zip(inertias).zip(motors);
+        let of_joints =
+            of_joints.map(|(((joint, load), inertia), motor)| JointPlan::new(joint, load, inertia, motor));
         plans.extend(group.motors.iter().copied().zip(of_joints));
     }
     plans.sort_by_key(|(joint, _)| *joint);

@@ -1,6 +1,6 @@
 //! What a joint has to move and to hold, over the postures of the chains that it moves.
 
-use nalgebra::{DMatrix, DVector, Vector3};
+use nalgebra::{DMatrix, Vector3};
 use tesaki::kinematics::Chain;
 use tesaki::model::{Coupling, MAX_JOINTS};
 
@@ -8,8 +8,6 @@ use tesaki::model::{Coupling, MAX_JOINTS};
 const POSTURES: u32 = 600;
 /// Bases of the Halton sequence.
 const PRIMES: [u32; MAX_JOINTS] = [2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37, 41, 43, 47, 53];
-/// Share of a joint in a mode from which on it takes part in it.
-const SHARE: f64 = 0.4;
 /// Number of joints of which all combinations of limits are looked at. Of more joints, one is at the same end
 /// as the one so many before it.
 const CORNER_JOINTS: usize = 11;
@@ -98,31 +96,6 @@ impl CoupledChains {
             }
         }
         inertias
-    }
-
-    /// The largest ratio by which the inertia of a mode in which a joint takes part differs from the nominal
-    /// ones `J` of the joints [kg·m²], for each joint.
-    ///
-    /// Servos with equal bandwidths, each for its joint's `J_i`, control the modes of `J^(-½) M J^(-½)`
-    /// independently: one with eigenvalue `λ` as a single joint whose inertia is `λ` times the nominal one. A
-    /// joint takes part in those in whose eigenvector it has a share of at least [`SHARE`].
-    pub fn mode_ratios(&self, limits: &[(f32, f32)], nominal: &[f32]) -> Vec<f32> {
-        let mut ratios = vec![1.0_f32; limits.len()];
-        let scale = nominal.iter().map(|inertia| f64::from(*inertia).sqrt().recip());
-        let scale = DMatrix::from_diagonal(&DVector::from_iterator(nominal.len(), scale));
-        for posture in postures(limits) {
-            let modes = (&scale * self.mass_matrix(&posture).map(f64::from) * &scale).symmetric_eigen();
-            for (mode, inertia) in modes.eigenvectors.column_iter().zip(&modes.eigenvalues) {
-                #[expect(clippy::cast_possible_truncation, reason = "a ratio")]
-                let ratio = inertia.max(1.0 / inertia) as f32;
-                for (share, largest) in mode.iter().zip(&mut ratios) {
-                    if share * share >= SHARE && ratio > *largest {
-                        *largest = ratio;
-                    }
-                }
-            }
-        }
-        ratios
     }
 
     /// The gravity torques at a posture [N·m].
@@ -264,12 +237,6 @@ mod tests {
         {
             assert!((got - by_hand).abs() < 1e-4, "{got} instead of {by_hand}");
         }
-        // Of the inertias 21 and 3, the modes have 1 ± 6/√63 = 1 ± 0.755 929.
-        for ratio in together.mode_ratios(&limits, &[21.0, 3.0]) {
-            assert!((ratio - 1.0 / 0.244_071).abs() < 1e-3, "{ratio}");
-        }
-        // 9 kg·m² taken for 6.
-        assert!((apart.mode_ratios(&limits[..1], &[6.0])[0] - 1.5).abs() < 1e-5);
         // 1 m/s² along −y: the motors hold the masses at angle 0 with −m x, times the ratio of the
         // velocities.
         let torques = together.gravity_torques(&[0.0, -1.0, 0.0], &[0.0, 0.0]);

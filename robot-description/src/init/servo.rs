@@ -24,8 +24,6 @@ const FINE: [(f32, f32, f32); 5] = [
 /// The same for encoders whose steps the derivative would amplify.
 const COARSE: [(f32, f32, f32); 4] =
     [(5.0, 50.0, f32::INFINITY), (10.0, 50.0, 5.0), (15.0, 50.0, 4.2), (20.0, 80.0, 3.6)];
-/// Part of that reserve that the modes of coupled joints may use: they are so light or heavy in few postures.
-const MODE_RESERVE: f32 = 1.3;
 /// No faster than this [rad/s] unless friction demands it: real links are flexible, coarse encoders noisy.
 const CALM: f32 = 20.0;
 const CALM_COARSE: f32 = 15.0;
@@ -93,8 +91,6 @@ pub struct JointPlan {
     pub following_error: f32,
     /// Smallest, largest and their geometric mean, with rotor [kg·m²].
     pub inertia: [f32; 3],
-    /// The ratio of inertias that the bandwidths are for.
-    pub ratio: f32,
     pub filter_time: f32,
     /// Velocity of a move over the whole range [rad/s].
     pub peak_velocity: f32,
@@ -107,13 +103,11 @@ pub struct JointPlan {
 
 impl JointPlan {
     /// For a motor, and why it was chosen, with the smallest and largest inertia that it feels, its rotor
-    /// included [kg·m²], and the largest ratio between those of the `modes` in which it takes part and the
-    /// nominal ones.
+    /// included [kg·m²].
     pub fn new(
         joint: &SerialJoint,
         load: JointLoad,
         [smallest, largest]: [f32; 2],
-        modes: f32,
         (motor, reason): (MotorPreset, String),
     ) -> Self {
         let limits = &joint.limits;
@@ -134,8 +128,7 @@ impl JointPlan {
         let viscous = of(viscous_choice, joint.friction.viscous, motor.viscous);
 
         let inertia = sqrt(smallest * largest);
-        let ratio = (largest / smallest).max((modes / MODE_RESERVE) * (modes / MODE_RESERVE));
-        let (bandwidth, observer_bandwidth) = bandwidths(&motor, ratio, coulomb / inertia);
+        let (bandwidth, observer_bandwidth) = bandwidths(&motor, largest / smallest, coulomb / inertia);
 
         let spare =
             (0.8 * torque - 1.2 * (load.gravity + coulomb + 0.5 * viscous * velocity)).max(0.1 * torque);
@@ -167,7 +160,6 @@ impl JointPlan {
             torque_rate,
             following_error,
             inertia: [smallest, largest, inertia],
-            ratio,
             filter_time,
             peak_velocity: range / (E * filter_time),
             rest_error: (1.2 * TAU / motor.counts_per_turn).max(7e-4),
@@ -250,7 +242,7 @@ mod tests {
 
     fn plan(joint: &SerialJoint, load: JointLoad, inertia: [f32; 2]) -> JointPlan {
         let motor = MotorPreset::find("xm430-w350").cloned().unwrap_or_else(|| panic!("a preset"));
-        JointPlan::new(joint, load, inertia, 1.0, (motor, String::new()))
+        JointPlan::new(joint, load, inertia, (motor, String::new()))
     }
 
     #[test]
@@ -292,7 +284,7 @@ mod tests {
         ] {
             (joint.limits.upper, joint.limits.velocity) = (upper, velocity);
             let motor = MotorPreset::generic(4.0, 40.0);
-            let plan = JointPlan::new(&joint, load.clone(), INERTIA, 1.0, (motor, String::new()));
+            let plan = JointPlan::new(&joint, load.clone(), INERTIA, (motor, String::new()));
             for (got, expected) in [
                 (plan.velocity, lowered),
                 (plan.torque_rate, torque_rate),

@@ -305,7 +305,7 @@ fn servo(joint: &JointPlan, add: Add<'_>) {
     add("servo.pid", "cutoff", n(cutoff), "rad/s; computed: 4 bandwidth".to_owned());
     let comment = format!(
         "rad/s; chosen for a ratio of inertias of {:.1}, {} counts a turn and the friction",
-        joint.ratio,
+        largest / smallest,
         n(joint.motor.counts_per_turn)
     );
     add("servo.observer", "bandwidth", n(joint.bandwidth), comment);
