@@ -159,7 +159,7 @@ impl fmt::Display for Refusal {
                 write!(f, "{length} bytes are not a robot model of this version (at most {limit} bytes)")
             }
             Self::NoSensors => write!(f, "no sensor readings yet: check encoders and supply"),
-            Self::Unsafe(fault) => write!(f, "not with what the sensors show: {fault}"),
+            Self::Unsafe(fault) => write!(f, "the sensors show {fault}"),
             Self::NotHomed { joint } => write!(
                 f,
                 "joint {joint} is not homed: its encoder is relative, and was never told its angle or has lost it \

@@ -16,11 +16,9 @@ fn from_a_fresh_board_to_a_moved_recorded_and_replayed_joint() {
     server.fails(&["doctor"], 1, &["no robot model", "tesaki model push", "1 problem found"]);
     let pushed = server.succeeds(&["model", "push", hand3().to_str().unwrap()]);
     assert!(pushed.contains("9 joints"), "{pushed}");
-    server.fails(
-        &["move", "finger1_swing=0.3"],
-        7,
-        &["finger1_swing is not homed: its encoder is relative", "tesaki home"],
-    );
+    for command in [&["move", "finger1_swing=0.3"][..], &["tare"]] {
+        server.fails(command, 7, &["finger1_swing is not homed: its encoder is relative", "tesaki home"]);
+    }
     server.fails(&["home", "finger1_swing=0"], 2, &["finger1_bend has no angle", "--others"]);
     server.home();
     let healthy = server.succeeds(&["doctor"]);

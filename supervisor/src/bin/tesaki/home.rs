@@ -75,6 +75,12 @@ pub fn home(options: &Options, args: &Home) -> Result<(), Failure> {
 pub fn tare(options: &Options) -> Result<(), Failure> {
     let mut session = BoardSession::command(options)?;
     output::confirm(options, "The force sensors will be set to zero. Is nothing touching the tips?")?;
-    session.board.tare()?;
+    if let Err(error) = session.board.tare() {
+        let failure = Failure::from(error);
+        return Err(match session.model() {
+            Ok(model) => failure.named(&model),
+            Err(_) => failure,
+        });
+    }
     output::result(options, &json!({ "tared": true }), || "force sensors tared".to_owned())
 }
