@@ -144,6 +144,11 @@ impl Finger {
         })
     }
 
+    /// Whether `angles` [rad] are within the limits of the joints.
+    pub fn is_within_limits(&self, angles: &[f32; 3]) -> bool {
+        angles.iter().zip(&self.limits).all(|(angle, (lower, upper))| (*lower..=*upper).contains(angle))
+    }
+
     /// All solutions within the limits for the tip at `point` [m, base frame]: of each branch the one nearest
     /// to `near` [rad], sorted by distance. On the axis of joint 1, where it is singular, it keeps its angle
     /// in `near`.

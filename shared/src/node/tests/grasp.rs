@@ -411,7 +411,7 @@ fn accumulated_joint_targets_move_the_contacts_with_the_object() {
 #[test]
 fn a_motion_through_what_is_out_of_reach_ends_where_it_was_and_the_hand_can_open() {
     let servo = GraspPlan { joint_targets: JointTargets::ClosedForm, ..paper_plan() };
-    for plan in [servo, wrench_plan()] {
+    for plan in [servo, wrench_plan(), paper_plan()] {
         let mut model = hand();
         model.joints[1].limits.lower = 0.495;
         let mut bench = hand_of_model_that_grasps(model, plan, Phase::Hold, 200.0);

@@ -193,11 +193,13 @@ impl GraspState {
         for (index, finger, center, angles) in zip((0.., &hand.fingers, centers, &mut angles)) {
             let change = changes.as_ref().and_then(|changes| changes.get(usize::from(index)));
             *angles = if let Some(change) = change {
-                (Vector3::from(*angles) + change).into()
+                let angles = (Vector3::from(*angles) + change).into();
+                finger.inverse.is_within_limits(&angles).then_some(angles)
             } else {
                 let center = target.frame.transform_point(&(*center).into()).coords;
-                finger.target(&center, angles).ok_or(index)?
-            };
+                finger.target(&center, angles)
+            }
+            .ok_or(index)?;
         }
         self.reference = angles;
         for (points, angles, velocities, accelerations) in
