@@ -1,5 +1,6 @@
 //! A robot folder for a URDF: settings from the URDF, from the values of a motor, and computed from both.
 
+mod coupling;
 mod motor;
 mod servo;
 mod write;
@@ -162,10 +163,16 @@ fn plan(chains: &[SerialChain], options: &InitOptions) -> Result<Vec<JointPlan>,
         let motors = motors.collect::<Result<Vec<_>, _>>()?;
         group.rotors = motors.iter().map(|(motor, _)| motor.rotor_inertia).collect();
         let inertias = group.joint_inertias(&limits);
-        let of_joints = own.into_iter().zip(loads).zip(inertias).zip(motors);
-        let of_joints =
-            of_joints.map(|(((joint, load), inertia), motor)| JointPlan::new(joint, load, inertia, motor));
-        plans.extend(group.motors.iter().copied().zip(of_joints));
+        let plan = |index: usize, below: f32| {
+            let (joint, load, inertia, motor) = (own[index], &loads[index], inertias[index], &motors[index]);
+            JointPlan::new(joint, load.clone(), inertia, motor.clone(), below)
+        };
+        let mut of_group: Vec<JointPlan> = (0..own.len()).map(|index| plan(index, f32::INFINITY)).collect();
+        coupling::slow_down(&group, &limits, &mut of_group, |index, old| {
+            let slower = plan(index, old.bandwidth);
+            (slower.bandwidth < old.bandwidth).then_some(slower)
+        });
+        plans.extend(group.motors.iter().copied().zip(of_group));
     }
     plans.sort_by_key(|(joint, _)| *joint);
     Ok(plans.into_iter().map(|(_, plan)| plan).collect())

@@ -98,6 +98,13 @@ impl CoupledChains {
         inertias
     }
 
+    /// The inverse of the mass matrix in each posture [1/(kg·m²)]: the accelerations by torques.
+    pub fn mobilities(&self, limits: &[(f32, f32)]) -> impl Iterator<Item = DMatrix<f32>> {
+        let mobility = |posture: Vec<f32>| self.mass_matrix(&posture).map(f64::from).try_inverse();
+        #[expect(clippy::cast_possible_truncation, reason = "computed with double precision only")]
+        postures(limits).filter_map(mobility).map(|mobility| mobility.map(|value| value as f32))
+    }
+
     /// The gravity torques at a posture [N·m].
     pub fn gravity_torques(&self, gravity: &[f32; 3], posture: &[f32]) -> Vec<f32> {
         let mut driving = vec![0.0; posture.len()];

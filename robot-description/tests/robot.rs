@@ -303,6 +303,41 @@ fn a_motor_is_planned_for_the_fingers_of_other_chains_that_follow_it() {
     assert!(spread.contains(&format!("Gravity takes up to {gravity:.3} N·m of 0.800 N·m.")), "{spread}");
 }
 
+/// The first two joints of a SCARA. Both servos with 20 rad/s have an eigenvalue of 1.024 in the straight
+/// posture, with 10 and 20 rad/s of 0.979 (`tests/oracles/coupled_servos.py`).
+#[test]
+fn servos_of_joints_that_carry_each_other_are_slowed() {
+    let bandwidths = |outer_mass: f32| -> Vec<f32> {
+        let arm = |index: u8, parent: &str, place: f32, effort: u8, inertial: &str| {
+            format!(
+                r#"<joint name="j{index}" type="revolute"><parent link="{parent}"/><child link="l{index}"/>
+                <origin xyz="{place} 0 0"/><axis xyz="0 0 1"/><dynamics friction="0.05" damping="0.01"/>
+                <limit lower="-2.3" upper="2.3" velocity="6" effort="{effort}"/></joint>
+                <link name="l{index}"><inertial>{inertial}</inertial></link>"#
+            )
+        };
+        let inertial = |center: f32, mass: f32, inertia: f32| {
+            format!(
+                r#"<origin xyz="{center} 0 0"/><mass value="{mass}"/>
+                <inertia ixx="{inertia}" iyy="{inertia}" izz="{inertia}" ixy="0" ixz="0" iyz="0"/>"#
+            )
+        };
+        let urdf = format!(
+            r#"<robot name="scara"><link name="base"/>{}{}
+            <link name="tool"/><joint name="end" type="fixed"><parent link="l2"/><child link="tool"/>
+            <origin xyz="0.2 0 0"/></joint></robot>"#,
+            arm(1, "base", 0.0, 40, &inertial(0.1, 3.0, 0.02)),
+            arm(2, "l1", 0.25, 20, &inertial(0.1231, outer_mass, 0.0157 * outer_mass / 2.6)),
+        );
+        let texts = robot_texts(Path::new("scara.urdf"), &urdf, &InitOptions::default()).unwrap();
+        let (_, rest) = texts.controller.split_once("j1").unwrap();
+        let values = rest.lines().filter_map(|line| line.strip_prefix("bandwidth = "));
+        values.map(|value| value.split_whitespace().next().unwrap().parse().unwrap()).collect()
+    };
+    assert_eq!(bandwidths(2.6), [10.0, 20.0]);
+    assert_eq!(bandwidths(0.3), [20.0, 20.0]);
+}
+
 #[test]
 fn weight_in_another_chain_that_a_motor_must_lift_is_told() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/hand5");

@@ -3,7 +3,9 @@
 use core::f32::consts::{E, TAU};
 
 use tesaki::TICK;
+use tesaki::control::ErrorObserver;
 use tesaki::math::sqrt;
+use tesaki::model::ObserverGains;
 
 use super::motor::MotorPreset;
 use crate::load::JointLoad;
@@ -54,6 +56,10 @@ const MOST_VISCOUS: f32 = 0.5;
 /// Distance of the start posture from the limits, as a fraction of the range.
 const MARGIN: f32 = 0.1;
 
+/// Of the current loop [Hz], and the time from sampling to torque [s]: assumed.
+pub const CURRENT_BANDWIDTH: f32 = 300.0;
+pub const CURRENT_DELAY: f32 = 3e-4;
+
 /// Friction of a joint.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum FrictionChoice {
@@ -97,18 +103,21 @@ pub struct JointPlan {
     pub rest_error: f32,
     pub bandwidth: f32,
     pub observer_bandwidth: f32,
+    /// Whether it would swing together with other joints if it were faster.
+    pub slowed: bool,
     /// Start angle [rad].
     pub start: f32,
 }
 
 impl JointPlan {
     /// For a motor, and why it was chosen, with the smallest and largest inertia that it feels, its rotor
-    /// included [kg·m²].
+    /// included [kg·m²], and a bandwidth `below` one [rad/s], if there is such a one.
     pub fn new(
         joint: &SerialJoint,
         load: JointLoad,
         [smallest, largest]: [f32; 2],
         (motor, reason): (MotorPreset, String),
+        below: f32,
     ) -> Self {
         let limits = &joint.limits;
         let torque = if limits.torque > 0.0 { limits.torque.min(motor.torque()) } else { motor.torque() };
@@ -128,7 +137,8 @@ impl JointPlan {
         let viscous = of(viscous_choice, joint.friction.viscous, motor.viscous);
 
         let inertia = sqrt(smallest * largest);
-        let (bandwidth, observer_bandwidth) = bandwidths(&motor, largest / smallest, coulomb / inertia);
+        let (bandwidth, observer_bandwidth) =
+            bandwidths(&motor, largest / smallest, coulomb / inertia, below);
 
         let spare =
             (0.8 * torque - 1.2 * (load.gravity + coulomb + 0.5 * viscous * velocity)).max(0.1 * torque);
@@ -165,6 +175,7 @@ impl JointPlan {
             rest_error: (1.2 * TAU / motor.counts_per_turn).max(7e-4),
             bandwidth,
             observer_bandwidth,
+            slowed: below.is_finite(),
             start: 0.0_f32.clamp(limits.lower + MARGIN * range, limits.upper - MARGIN * range),
             motor,
             reason,
@@ -177,6 +188,14 @@ impl JointPlan {
     pub const fn pid(&self) -> [f32; 4] {
         let w = self.bandwidth;
         [w * w, w * w * w / 4.0, 2.0 * w, 4.0 * w]
+    }
+
+    /// The servo's feedback.
+    pub fn observer(&self) -> ErrorObserver {
+        let [.., inertia] = self.inertia;
+        let (bandwidth, observer_bandwidth) = (self.bandwidth, self.observer_bandwidth);
+        let gains = ObserverGains { inertia, bandwidth, observer_bandwidth };
+        ErrorObserver::with_lag(&gains, CURRENT_DELAY + 1.0 / (TAU * CURRENT_BANDWIDTH))
     }
 
     /// The largest damping [N·m·s/rad] that is stable in every posture with a sampled velocity, halved twice.
@@ -192,12 +211,13 @@ impl JointPlan {
 }
 
 /// Bandwidths of position loop and observer [rad/s] for a ratio of inertias and Coulomb friction per inertia
-/// [rad/s²].
-fn bandwidths(motor: &MotorPreset, ratio: f32, friction: f32) -> (f32, f32) {
+/// [rad/s²]: the slowest, or those of a position loop `below` a bandwidth.
+fn bandwidths(motor: &MotorPreset, ratio: f32, friction: f32, below: f32) -> (f32, f32) {
     let (ladder, calm): (&[(f32, f32, f32)], f32) =
         if motor.counts_per_turn < COARSE_COUNTS { (&COARSE, CALM_COARSE) } else { (&FINE, CALM) };
     let mut chosen = (ladder[0].0, ladder[0].1);
-    for &(bandwidth, observer_bandwidth, _) in ladder.iter().filter(|(.., most)| ratio <= *most) {
+    let possible = |(bandwidth, _, most): &&(f32, f32, f32)| ratio <= *most && *bandwidth < below;
+    for &(bandwidth, observer_bandwidth, _) in ladder.iter().filter(possible) {
         if bandwidth <= calm || friction > FRICTION_DISTANCE * chosen.0 * chosen.0 {
             chosen = (bandwidth, observer_bandwidth);
         }
@@ -242,7 +262,7 @@ mod tests {
 
     fn plan(joint: &SerialJoint, load: JointLoad, inertia: [f32; 2]) -> JointPlan {
         let motor = MotorPreset::find("xm430-w350").cloned().unwrap_or_else(|| panic!("a preset"));
-        JointPlan::new(joint, load, inertia, (motor, String::new()))
+        JointPlan::new(joint, load, inertia, (motor, String::new()), f32::INFINITY)
     }
 
     #[test]
@@ -284,7 +304,7 @@ mod tests {
         ] {
             (joint.limits.upper, joint.limits.velocity) = (upper, velocity);
             let motor = MotorPreset::generic(4.0, 40.0);
-            let plan = JointPlan::new(&joint, load.clone(), INERTIA, (motor, String::new()));
+            let plan = JointPlan::new(&joint, load.clone(), INERTIA, (motor, String::new()), f32::INFINITY);
             for (got, expected) in [
                 (plan.velocity, lowered),
                 (plan.torque_rate, torque_rate),

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use super::servo::{FrictionChoice, JointPlan};
+use super::servo::{CURRENT_BANDWIDTH, CURRENT_DELAY, FrictionChoice, JointPlan};
 use super::{GRAVITY, JointMotor, RobotTexts};
 use crate::urdf::Urdf;
 
@@ -206,8 +206,8 @@ fn of_joint(joint: &JointPlan) -> Vec<Entry> {
     let current = motor.current;
     add("motor", "current_limit", n(current), format!("A; {} N·m at the joint", n(motor.torque())));
     add("motor", "current_resolution", n(current / 2000.0), "A a count; assumed: 12 bit".to_owned());
-    add("motor", "bandwidth", n(300.0), "Hz, of the current loop; assumed".to_owned());
-    add("motor", "delay", n(3e-4), "s, from sampling to torque; assumed".to_owned());
+    add("motor", "bandwidth", n(CURRENT_BANDWIDTH), "Hz, of the current loop; assumed".to_owned());
+    add("motor", "delay", n(CURRENT_DELAY), "s, from sampling to torque; assumed".to_owned());
 
     add(
         "encoder",
@@ -303,8 +303,9 @@ fn servo(joint: &JointPlan, add: Add<'_>) {
     add("servo.pid", "integral", n(integral), "1/s³; computed: bandwidth³/4".to_owned());
     add("servo.pid", "derivative", n(derivative), "1/s; computed: 2 bandwidth".to_owned());
     add("servo.pid", "cutoff", n(cutoff), "rad/s; computed: 4 bandwidth".to_owned());
+    let slowed = if joint.slowed { "; slowed: faster, it would swing with other joints" } else { "" };
     let comment = format!(
-        "rad/s; chosen for a ratio of inertias of {:.1}, {} counts a turn and the friction",
+        "rad/s; chosen for a ratio of inertias of {:.1}, {} counts a turn and the friction{slowed}",
         largest / smallest,
         n(joint.motor.counts_per_turn)
     );

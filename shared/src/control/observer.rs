@@ -101,7 +101,7 @@ impl ErrorObserver {
     }
 
     /// Fraction of the last period's effort that still acts in this one: delay and lag of the current loop.
-    pub(super) const fn delay_fraction(&self) -> f32 {
+    pub const fn delay_fraction(&self) -> f32 {
         self.delay_fraction
     }
 
