@@ -209,6 +209,18 @@ impl Impedance {
         Ok(())
     }
 
+    /// The mass along each of x, y and z that a force along it moves while no other acts, `1/(M⁻¹)ᵢᵢ` [kg].
+    pub fn free_mass(&self) -> [f32; 3] {
+        let [x, y, z, ..] = self.mass;
+        self.coupling.as_ref().map_or([x, y, z], |coupling| self.coupled_free_mass(coupling))
+    }
+
+    #[inline(never)]
+    fn coupled_free_mass(&self, coupling: &Coupling) -> [f32; 3] {
+        let mass = Ldlt::new(&coupling::symmetric(&self.mass, &coupling.mass), MIN_MASS);
+        [Vector6::x(), Vector6::y(), Vector6::z()].map(|axis| 1.0 / axis.dot(&mass.solve(&axis)))
+    }
+
     /// Raises the masses along x, y and z to at least these [kg], and the damping in the same ratio, so that
     /// free motions decay at the same rate; the stiffness is unchanged. An impedance with coupled axes is not
     /// changed, and `masses` is not called.

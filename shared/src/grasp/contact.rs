@@ -84,6 +84,12 @@ impl Contact {
     pub const fn limit(&self) -> f32 {
         self.limit
     }
+
+    /// `force` [N], scaled so that its normal component does not exceed the limit.
+    pub fn limited(&self, force: &Vector3<f32>) -> Vector3<f32> {
+        let normal = self.normal.dot(force);
+        if normal > self.limit { force * (self.limit / normal) } else { *force }
+    }
 }
 
 impl fmt::Display for InvalidContact {

@@ -105,9 +105,10 @@ impl JointConfig {
     pub(super) fn new(joint: &JointModel, damping: f32) -> Self {
         let radians_per_count = TAU / joint.encoder.counts_per_turn;
         let servo = JointServo::new(joint);
-        let beyond_friction = |share: f32| 2.0 * joint.friction.coulomb + share * joint.limits.torque;
+        let torque = servo.torque_limit();
+        let beyond_friction = |share: f32| 2.0 * joint.friction.coulomb + share * torque;
         let growth = beyond_friction(GROWTH_SHARE);
-        let accelerating_growth = 10.0 * joint.friction.coulomb + 0.01 * joint.limits.torque;
+        let accelerating_growth = 10.0 * joint.friction.coulomb + 0.01 * torque;
         Self {
             damping: damping.min(MAX_DAMPED_SHARE / (servo.acceleration(1.0) * TICK)),
             inertia: 1.0 / servo.acceleration(1.0),
@@ -147,7 +148,7 @@ impl JointConfig {
 
     /// Change of the velocity by the largest torque in a period [rad/s].
     pub(crate) fn largest_step(&self) -> f32 {
-        self.servo.acceleration(self.limits.torque) * TICK
+        self.servo.acceleration(self.servo.torque_limit()) * TICK
     }
 
     /// Step of the velocity in the last period, from the `change` of the angle [rad] and the filtered
@@ -156,14 +157,14 @@ impl JointConfig {
         (change / TICK - velocity) / FILTERED
     }
 
-    /// The filtered acceleration [rad/s²] after a `change` of the angle in the last period [rad]; `velocity`
-    /// is the filtered one [rad/s].
+    /// The change of the filtered velocity in the last period, as an acceleration [rad/s²], from the `change`
+    /// of the angle [rad] and the filtered `velocity` at its end [rad/s].
     pub(crate) fn acceleration(&self, change: f32, velocity: f32) -> f32 {
-        VELOCITY_CUTOFF * (change / TICK - velocity)
+        (1.0 - FILTERED) * self.velocity_step(change, velocity) / TICK
     }
 
     /// How far a goal may be ahead of the reference [rad]. The trajectory filter follows a goal that stays
-    /// `d` ahead at the velocity `d/(2 T_f)`, after a first peak of `d/(e·T_f)`.
+    /// `d` ahead at the velocity `d/(2 T_f)`.
     pub(crate) fn max_goal_distance(&self) -> f32 {
         2.0 * GOAL_SPEED * self.limits.velocity * self.servo.filter_time()
     }
@@ -217,7 +218,7 @@ impl JointConfig {
         if abs(point.velocity) > self.limits.velocity {
             return Err(LimitRefusal::TooFast { joint, value: point.velocity, limit: self.limits.velocity });
         }
-        let limit = self.servo.acceleration(self.limits.torque);
+        let limit = self.servo.acceleration(self.servo.torque_limit());
         if abs(point.acceleration) > limit {
             return Err(LimitRefusal::TooMuchAcceleration { joint, value: point.acceleration, limit });
         }

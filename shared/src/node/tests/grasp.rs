@@ -446,6 +446,25 @@ pub fn wrench_plan() -> GraspPlan {
     }
 }
 
+/// An object 2 mm beside its place, under 10 N/mm: finger 3, which holds it with 1 N, would press with 14 N;
+/// its limit is 1.5 N. (0.058, −0.084) rad of the joints move a tip by 2 mm along x, as above, and the lever
+/// of the second joint stays 54.2 mm.
+#[test]
+fn the_wrench_on_an_object_does_not_exceed_the_force_limit() {
+    let gains = WrenchGains { position: [1e4, 0.0], orientation: [0.0; 2], damping: 0.0, compensated: true };
+    let plan = GraspPlan { control: ObjectControl::Wrench(gains), force_limit: 1.5, ..wrench_plan() };
+    let mut bench = holding_hand(plan);
+    run_pressed(&mut bench, 20, false);
+    for finger in bench.sensors.encoders.chunks_exact_mut(3) {
+        finger[1] += (0.058 * COUNTS_PER_RADIAN) as i32;
+        finger[2] -= (0.084 * COUNTS_PER_RADIAN) as i32;
+    }
+    let torques = run_pressed(&mut bench, 1, false);
+    assert_eq!(seen(&mut bench).phase, Phase::Hold);
+    // 81 mN·m, less up to 12 mN·m for the weight of the links.
+    assert!((0.069..0.082).contains(&-torques[7]), "{torques:?}");
+}
+
 /// The servos of a hand restart before open-loop internal forces rise, and after torque control.
 /// [`Bench::tick`] compares the torques.
 #[test]

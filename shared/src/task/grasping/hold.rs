@@ -150,7 +150,9 @@ impl GraspState {
                 let weight = inputs.known_load.unwrap_or_else(|| self.forces.weight());
                 let control = wrench(gains, &mut self.integral, object, target);
                 if let Ok(load) = inverse.forces(&(weight + control)) {
-                    forces.iter_mut().zip(&load).for_each(|(force, load)| *force += load);
+                    for (force, load, contact) in zip((&mut forces, &load, inputs.map.contacts())) {
+                        *force = contact.limited(&(*force + load));
+                    }
                 }
                 Actuation::Torque { damping: gains.damping, compensated: gains.compensated }
             }

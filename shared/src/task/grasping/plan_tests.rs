@@ -49,7 +49,7 @@ fn plans_may_combine_every_internal_force_and_control() {
         }
     }
     // The limits are included.
-    let max = least_grip(0.9, 9.0, 9.0);
+    let max = least_grip(0.9, 4.5, 4.5);
     let far = GraspPlan { clearance: 0.05, touch_force: 4.5, internal: max, ..plan() };
     assert_eq!(far.validate(), Ok(()));
     let none = InternalForce::Pairwise { strengths: [0.0; 3] };
@@ -71,8 +71,15 @@ fn values_outside_their_range_are_refused_with_field_and_range() {
         (|p| p.load = LoadSource::Constant { mass: 5.5 }, PlanField::Mass, 5.5, 0.0, 5.0),
         (|p| p.load = LoadSource::Constant { mass: -0.1 }, PlanField::Mass, -0.1, 0.0, 5.0),
         (|p| p.internal = least_grip(1.0, 0.3, 1.0), PlanField::Margin, 1.0, 0.0, 0.9),
-        (|p| p.internal = least_grip(0.2, -0.5, 1.0), PlanField::Capacity, -0.5, 0.0, 9.0),
-        (|p| p.internal = least_grip(0.2, 0.5, 0.25), PlanField::Capacity, 0.25, 0.5, 9.0),
+        (|p| p.internal = least_grip(0.2, -0.5, 1.0), PlanField::Capacity, -0.5, 0.0, 4.5),
+        (|p| p.internal = least_grip(0.2, 0.5, 0.25), PlanField::Capacity, 0.25, 0.5, 4.5),
+        (
+            |p| (p.friction, p.internal) = (Some(0.05), least_grip(0.2, 0.25, 1.0)),
+            PlanField::Capacity,
+            1.0,
+            0.25,
+            0.05 * 9.0,
+        ),
         (|p| p.internal = InternalForce::Normal { strength: 10.0 }, PlanField::Strength, 10.0, 0.0, 9.0),
         (
             |p| p.internal = InternalForce::Pairwise { strengths: [1.0, 1.0, -1.0] },
@@ -154,7 +161,7 @@ fn contacts_whose_friction_cones_cannot_balance_are_refused() {
     // these two.
     let mut beside = plan();
     beside.contacts[2].position[1] = 0.09;
-    beside.friction = Some(0.05);
+    (beside.friction, beside.internal) = (Some(0.05), least_grip(0.2, 0.1, 0.2));
     assert_eq!(beside.validate(), Err(InvalidPlan::CannotGrip));
     beside.friction = Some(2.0);
     assert_eq!(beside.validate(), Ok(()));

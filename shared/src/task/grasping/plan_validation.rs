@@ -21,8 +21,10 @@ impl GraspPlan {
         let strengths = match self.internal {
             InternalForce::LeastGrip { margin, capacity_at_rest, capacity_in_motion } => {
                 within(PlanField::Margin, margin, 0.0, 0.9)?;
-                within(PlanField::Capacity, capacity_at_rest, 0.0, self.force_limit)?;
-                within(PlanField::Capacity, capacity_in_motion, capacity_at_rest, self.force_limit)?;
+                // Friction carries it under the largest normal force.
+                let largest = self.friction.map_or(1.0, |friction| friction.min(1.0)) * self.force_limit;
+                within(PlanField::Capacity, capacity_at_rest, 0.0, largest)?;
+                within(PlanField::Capacity, capacity_in_motion, capacity_at_rest, largest)?;
                 [0.0; 3]
             }
             InternalForce::Normal { strength } => [strength; 3],

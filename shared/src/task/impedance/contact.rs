@@ -51,7 +51,7 @@ impl ImpedanceSettings {
     /// # Errors
     /// The first axis whose mass is too small.
     pub fn check_mass(&self, own_mass: &[f32; 3]) -> Result<(), InvalidSettings> {
-        for ((axis, &value), own) in (0..).zip(&self.impedance.mass).zip(own_mass) {
+        for ((axis, value), own) in (0..).zip(self.impedance.free_mass()).zip(own_mass) {
             let limit = own / MAX_MASS_RATIO;
             if value < limit {
                 return Err(InvalidSettings::MassInContact { axis, value, own: *own, limit });
@@ -127,6 +127,7 @@ impl ContactLoop {
 #[allow(clippy::unwrap_used, clippy::indexing_slicing, reason = "tests")]
 mod tests {
     use super::*;
+    use crate::control::Coupling;
     use crate::task::impedance::DirectLaw;
     use crate::task::impedance::tests::SOFT;
 
@@ -160,5 +161,14 @@ mod tests {
         let mut heavier = SOFT;
         heavier.impedance.mass[2] = 1.56;
         assert_eq!(heavier.check_mass(&own), Ok(()));
+        // A force along x moves 1.5 − 1.4²/1.5 kg, as the tool gives way along y.
+        let mut coupled = heavier;
+        let mut coupling = Coupling::NONE;
+        coupling.mass[0] = 1.4;
+        coupled.impedance.coupling = Some(coupling);
+        let Err(InvalidSettings::MassInContact { axis: 0, value, .. }) = coupled.check_mass(&own) else {
+            panic!()
+        };
+        assert!((value - 0.193_333).abs() < 1e-5, "{value}");
     }
 }

@@ -103,7 +103,7 @@ impl ImpedanceState {
         settings.validate(arm.chain.len())?;
         let [old, new] = [&self.settings.impedance, &settings.impedance];
         // An accepted mass stays valid: near a singular posture the arm's own mass grows without bound.
-        if (old.axes, old.mass) != (new.axes, new.mass) {
+        if (old.axes, old.free_mass()) != (new.axes, new.free_mass()) {
             settings.check_mass(&own_mass(arm.chain, arm.joints, &self.angles, new.axes))?;
         }
         let before = core::mem::replace(&mut self.settings, *settings);
@@ -243,11 +243,15 @@ impl ImpedanceState {
             // that time.
             acceleration *= 1.0 + FREE_BEFORE_READING / TICK;
         }
-        self.update_tool_motion(&velocity, &acceleration, loaded);
         let bias = posture.bias_acceleration(velocities.as_slice());
-        let mut accelerations =
-            self.resolve(arm, &settings, &posture, &resolver, &jacobian, &(acceleration - bias));
+        let desired = self.resolve(arm, &settings, &posture, &resolver, &jacobian, &(acceleration - bias));
+        let mut accelerations = desired;
         self.limit_accelerations(arm, &mut accelerations);
+        let lost = desired - accelerations;
+        if lost.amax() > 0.0 {
+            acceleration -= jacobian * lost;
+        }
+        self.update_tool_motion(&velocity, &acceleration, loaded);
         let output = self.output(arm, &settings, jacobian.tr_mul(&-force).into(), &accelerations);
         self.advance(&accelerations);
         Ok(output)

@@ -70,9 +70,9 @@ impl Forces {
                 && *ratio > SLIP_MIN_FRACTION * self.friction;
             *previous_error = error;
             if slides && !too_weak && inputs.is_held {
-                let min = MIN_FRICTION_STEP * self.friction;
-                let min = if min > MIN_FRICTION { min } else { MIN_FRICTION };
-                self.friction = math::clamp(*ratio * FRICTION_AFTER_SLIP, min, self.friction);
+                let friction = self.friction;
+                let min = math::clamp(MIN_FRICTION_STEP * friction, MIN_FRICTION.min(friction), friction);
+                self.friction = math::clamp(*ratio * FRICTION_AFTER_SLIP, min, friction);
             }
             let limit = self.friction * INCIPIENT_SLIP_FRACTION * normal;
             slip |= slides || tangential > limit + FORCE_NOISE;

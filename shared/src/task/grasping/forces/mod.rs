@@ -136,11 +136,9 @@ impl Forces {
             zip((&mut internal, &load, superposed, contacts, &mut self.target))
         {
             // The normal force never exceeds the contact's limit, so that nothing is crushed.
-            let force = *internal + superposed * scale + load;
-            let normal = contact.normal().dot(&force);
-            let scale = if normal > contact.limit() { contact.limit() / normal } else { 1.0 };
-            *target = (force * scale).into();
-            *internal = force * scale - load;
+            let force = contact.limited(&(*internal + superposed * scale + load));
+            *target = force.into();
+            *internal = force - load;
         }
         let internal = self.apply_feedback(inputs, inverse, internal, &load, &load_torques);
         GripForces { internal, load }

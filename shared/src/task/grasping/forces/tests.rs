@@ -253,3 +253,20 @@ fn a_known_load_makes_the_force_that_the_paper_commands() {
     });
     assert!((target - Vector3::new(1.48, 0.0, -1.34)).amax() < 0.011, "{target}");
 }
+
+/// Finger 3 carries half of the weight with the ratio of tangential to normal force that equals the friction.
+#[test]
+fn a_slip_lowers_the_estimated_friction_but_never_raises_it() {
+    for (friction, lowest) in [(0.08, 0.08), (0.5, 0.3)] {
+        let (_, mut forces) = grasp(4.0, friction);
+        let measured = pressing(4.0, 8.0 * friction);
+        for error in [1e-4, 2e-4, 3e-4, 4e-4, 5e-4, 6e-4] {
+            with_inputs(1.0, &measured, |inputs| {
+                forces.update_estimates(&ForceInputs { anchor_errors: [0.0, 0.0, error], ..*inputs });
+            });
+        }
+        assert!(forces.slips >= 4, "{friction}: {} slips", forces.slips);
+        assert!((lowest..=friction).contains(&forces.friction), "{friction}: {}", forces.friction);
+        assert!(forces.friction < friction || friction < 0.1, "{friction}");
+    }
+}

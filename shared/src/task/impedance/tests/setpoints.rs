@@ -2,8 +2,10 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::fixture::{ArmFixture, POSTURES, SOFT, elbow_at_rest};
+use super::fixture::{ArmFixture, POSTURES, SOFT, elbow_at_rest, track};
+use crate::TICK;
 use crate::kinematics::{ElbowSetpoint, PosePoint};
+use crate::task::impedance::redundancy::JointVector;
 use crate::task::impedance::{ArmMeasurement, ImpedanceSettings};
 
 #[test]
@@ -93,4 +95,35 @@ fn invalid_setpoints_are_refused_by_name_and_change_nothing() {
     }
     let valid = PosePoint { velocity: fast(1.0), acceleration: still, ..here };
     state.set_target(&fixture.arm(), &valid, &ElbowSetpoint { angle: elbow.angle + 0.9, ..elbow }).unwrap();
+}
+
+/// The inertial force of the tool's mass on its sensor is that of its true acceleration, also while the joints
+/// have reached their speed limits.
+#[test]
+fn the_acceleration_of_the_tool_is_that_which_the_joint_limits_allow() {
+    let mut fixture = ArmFixture::new();
+    for joint in &mut fixture.model.joints {
+        joint.limits.velocity = 0.5;
+    }
+    let settings = ImpedanceSettings { max_deviation: [0.3, 1.0], ..SOFT };
+    let mut state = fixture.state(&settings, &POSTURES[0]);
+    let mut point = fixture.point(&POSTURES[0]);
+    point.position[0] += 0.25;
+    state.set_target(&fixture.arm(), &point, &elbow_at_rest(&fixture, &state)).unwrap();
+    let mut measurement = ArmMeasurement { angles: POSTURES[0], ..ArmMeasurement::default() };
+    let tool_velocity = |measurement: &ArmMeasurement| {
+        let jacobian = fixture.jacobian(&measurement.angles);
+        (jacobian * JointVector::from(measurement.velocities)).fixed_rows::<3>(0).into_owned()
+    };
+    let mut fastest = 0.0_f32;
+    for tick in 0..20 {
+        let before = tool_velocity(&measurement);
+        measurement = track(&state.tick(&fixture.arm(), &measurement).unwrap());
+        let moved = (tool_velocity(&measurement) - before) / TICK;
+        let told = state.acceleration();
+        assert!((told - moved).norm() < 0.2, "{tick}: {told} {moved}");
+        fastest = JointVector::from(measurement.velocities).amax().max(fastest);
+    }
+    // 0.6 of the limit; without it the elbow would move with 1 rad/s.
+    assert!((fastest - 0.3).abs() < 1e-3, "{fastest}");
 }
