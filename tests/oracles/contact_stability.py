@@ -45,13 +45,15 @@ def limit(law, own):
     unstable = next((i for i, s in enumerate(surfaces) if radius(s, law, own) > 1), None)
     if unstable is None:
         return surfaces[-1]
+    if unstable == 0:
+        return 0.0
     return brentq(lambda s: radius(s, law, own) - 1, surfaces[unstable - 1], surfaces[unstable], xtol=1e-3)
 
 
 if __name__ == "__main__":
     rows = []
     for own in (0.57, 3.4):
-        for mass, damping, stiffness in ((1.0, 17.0, 300.0), (1.5, 7.5, 300.0), (1.5, 30.0, 300.0), (1.5, 110.0, 2000.0), (3.5, 60.0, 300.0)):
+        for mass, damping, stiffness in ((1.0, 17.0, 300.0), (1.5, 7.5, 300.0), (1.5, 30.0, 300.0), (1.5, 110.0, 2000.0), (3.5, 60.0, 300.0), (6.0, 1.0, 300.0)):
             for direct in (True, False):
                 law = gains(direct, mass, damping, stiffness)
                 found = min(limit(law, own * MARGIN), limit(law, own / MARGIN))

@@ -18,7 +18,7 @@ const NEAR: f32 = 2e-5;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Certificate {
     /// The twist, of any length, about the contacts' centroid, where rounding errors are smallest
-    /// [m; 1].
+    /// [m/s; rad/s].
     pub twist: Vector6<f32>,
 }
 

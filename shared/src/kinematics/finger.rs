@@ -397,8 +397,8 @@ impl fmt::Display for FingerError {
             ),
             Self::OutsideLimits { joint, value, lower, upper } => write!(
                 f,
-                "joint {joint} of the finger would have to be at {value} rad, outside its limits {lower} to \
-                 {upper} rad"
+                "joint {} of the finger would have to be at {value} rad, outside its limits {lower} to {upper} rad",
+                joint + 1
             ),
         }
     }

@@ -26,7 +26,7 @@ const DRIVING_DECAY: f32 = 0.5;
 /// Decrease of the compensated share of the weight per rise of a damped joint [1/rad], and its maximum.
 const LESS_WEIGHT: f32 = 4.0;
 const MAX_UNCOMPENSATED: f32 = 0.4;
-/// Relative error of the model's weight of a held joint: 10 % to 15 % each of masses and torque constants.
+/// Relative error of the model's weight of a held joint, of masses and torque constants together.
 const HELD_WEIGHT_ERROR: f32 = 0.25;
 
 /// State of a joint: encoder and servo.
@@ -190,9 +190,8 @@ impl JointState {
         Self { zero, homed, ..Self::new() }
     }
 
-    /// The compensated share of the model's weight under damping. Masses and torque constants may be wrong by
-    /// 20 % each: an overcompensated joint rises by at most 0.1 rad, an undercompensated one sinks against
-    /// the damping.
+    /// The compensated share of the model's weight under damping. If masses or torque constants are wrong, an
+    /// overcompensated joint rises by at most 0.1 rad, and an undercompensated one sinks against the damping.
     pub fn borne_weight(&self) -> f32 {
         1.0 - math::clamp(LESS_WEIGHT * self.rise, 0.0, MAX_UNCOMPENSATED)
     }

@@ -114,9 +114,10 @@ impl PowerPortLimits {
     ///
     /// At the handle the link acts as a spring with the delay τ + T/2, where T/2, half a control period, is
     /// due to the zero-order hold. With the damping b of port and handle together, its impedance has the real
-    /// part `b − K·sin(ω(τ + T/2))/ω`, which is not negative at any frequency if `b ≥ K·(τ + T/2)` (without
-    /// delay: Colgate and Schenkel 1997). Otherwise the port still counts the energy that it cannot
-    /// dissipate, but the handle may oscillate.
+    /// part `b − K·sin(ω(τ + T/2))/ω`, which is not negative if `b ≥ K·(τ + T/2)` (without delay: Colgate and
+    /// Schenkel 1997). This holds at every frequency for the handle's own damping; the port's is sampled and
+    /// held, and acts in this way far below the sampling frequency. Otherwise the port still counts the energy
+    /// that it cannot dissipate, but the handle may oscillate.
     ///
     /// # Errors
     /// The value that is out of bounds, and the permitted one.

@@ -144,7 +144,8 @@ impl fmt::Display for GraspRefusal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::NotAHand => f.write_str(
-                "the robot is not a hand of three fingers, each with three joints and a force sensor",
+                "the robot is not a hand of three fingers, each with a force sensor and three joints whose axes 2 \
+                 and 3 are parallel; `tesaki model check` says what is missing",
             ),
             Self::NotTared { chain } => write!(
                 f,
