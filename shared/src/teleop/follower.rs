@@ -3,7 +3,7 @@ use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use super::motion_limits::MotionTarget;
-use super::operator_estimate::{Motion, OperatorEstimate};
+use super::operator_estimate::{OperatorEstimate, PredictedMotion};
 use super::{FollowerError, InvalidFollowerSettings, MotionLimits, OperatorModel, Workspace};
 use crate::TICK;
 use crate::kinematics::{ElbowSetpoint, PosePoint};
@@ -187,7 +187,7 @@ impl FollowerState {
 
 impl OperatorHand {
     /// Prediction `time` after the last sample [s]: translation, and rotation vector from `rotation`.
-    fn predict(&self, time: f32) -> (Motion<3>, Motion<3>) {
+    fn predict(&self, time: f32) -> (PredictedMotion<3>, PredictedMotion<3>) {
         (self.position.predict(time), self.rotation_vector.predict(time))
     }
 }
@@ -375,7 +375,8 @@ impl Follower {
         let offset = state.clutch.and_then(|clutch| clutch.elbow);
         let elbow_acceleration = match (offset, &state.elbow) {
             (Some(offset), Some(elbow)) => {
-                let Motion { position, velocity, acceleration } = elbow.angle.predict(now.since(elbow.time));
+                let PredictedMotion { position, velocity, acceleration } =
+                    elbow.angle.predict(now.since(elbow.time));
                 let target =
                     MotionTarget { offset: position + offset - state.elbow_angle, velocity, acceleration };
                 elbow_limits.acceleration(&state.elbow_velocity, &target)

@@ -114,8 +114,8 @@ pub use error::{FollowerError, InvalidFollowerSettings};
 pub use follower::{Follower, FollowerSettings, FollowerState, Instant, MasterSample};
 pub use hand_calibration::HandCalibration;
 pub use human_hand::{
-    FINGERS, Finger, FingerLinks, FingerRotations, Fingertip, GloveError, GloveFilter, GloveFilterState,
-    GloveSample, GloveSensor, HumanHand, InvalidLink, SENSORS,
+    FINGERS, FingerLinks, FingerRotations, Fingertip, GloveError, GloveFilter, GloveFilterState, GloveSample,
+    GloveSensor, HumanFinger, HumanHand, InvalidLink, SENSORS,
 };
 pub use matched::MatchedImpedance;
 pub use motion_limits::MotionLimits;

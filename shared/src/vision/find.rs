@@ -231,7 +231,7 @@ fn candidates(
         if votes == 0 {
             break;
         }
-        radii_about(points, (x, y), radii, |hough::Candidate { x, y, radius, sectors }| {
+        radii_about(points, (x, y), radii, |hough::HoughCircle { x, y, radius, sectors }| {
             let center = [side * (x + 0.5) - 0.5, side * (y + 0.5) - 0.5];
             let ellipse = Ellipse::circle(center, side * radius);
             starts.insert(Start { ellipse, score: sectors as f32, side });

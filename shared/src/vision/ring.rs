@@ -187,11 +187,11 @@ impl Ring {
     }
 
     /// Features of a rim on the ellipse. The ring must have the maximum number of steps, each of 1 px.
-    pub fn rim(&self, noise: f32, front: Option<&Ellipse>) -> Rim {
+    pub fn rim(&self, noise: f32, front: Option<&Ellipse>) -> RimFeatures {
         let open = self.open(front);
         let count = open.count_ones();
         let scale = 1.0 / (least_contrast(noise) * GREY_LEVEL);
-        let mut sum = Rim::default();
+        let mut sum = RimFeatures::default();
         let (mut gap, mut widest) = (0.0, 0.0_f32);
         for (ray, contrasts) in self.contrasts.iter().enumerate().take(self.rays) {
             if open >> ray & 1 == 0 {
@@ -214,7 +214,7 @@ impl Ring {
 /// Features of a rim: means over the open rays. Contrasts are those of a sharp edge, relative to the minimum
 /// of an edge point, and limited.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Rim {
+pub(super) struct RimFeatures {
     /// Share of the rays that are open.
     pub open: f32,
     /// Contrast at the ellipse, and its common part with that of the ray a 16th of the circle away.
@@ -236,7 +236,7 @@ pub(super) struct Rim {
     pub gap: f32,
 }
 
-impl Rim {
+impl RimFeatures {
     /// Adds the contrasts of a ray; returns the distance of its edge from the ellipse.
     fn add(&mut self, signed: &[f32; PLACES]) -> f32 {
         const MIDDLE: usize = MAX_HALF;

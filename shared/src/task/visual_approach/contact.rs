@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-use super::reference::Arm;
+use super::reference::GuidedArm;
 use crate::TICK;
 use crate::kinematics::Posture;
 use crate::math::{Ldlt, sqrt};
@@ -58,7 +58,7 @@ pub struct Sense {
 
 impl Sense {
     /// The sensitivity of the arm at `posture`.
-    pub fn new(arm: &Arm<'_>, posture: &Posture) -> Self {
+    pub fn new(arm: &GuidedArm<'_>, posture: &Posture) -> Self {
         let jacobian = arm.jacobian(posture);
         let damped = jacobian * jacobian.transpose() + Matrix6::from_diagonal_element(DAMPING * DAMPING);
         Self { factors: Ldlt::new(&damped, 1e-9) }
@@ -95,7 +95,7 @@ impl ContactEstimate {
     /// is the contact force [N].
     pub fn update(
         &mut self,
-        arm: &Arm<'_>,
+        arm: &GuidedArm<'_>,
         posture: &Posture,
         sense: &Sense,
         efforts: &dyn Efforts,

@@ -43,7 +43,7 @@ use contact::{ContactEstimate, Learning, Sense};
 pub use gripper::GripperState;
 use gripper::{Gripper, GripperJoint};
 use motion::{MIN_SHOWN, MotionState};
-use reference::{Arm, angles, pose};
+use reference::{GuidedArm, angles, pose};
 pub use settings::{
     ApproachField, GripperSettings, MIN_SPEED, VisualApproachRefusal, VisualApproachSettings,
 };
@@ -157,7 +157,7 @@ impl Task for VisualApproach {
     ) -> Result<(), VisualApproachRefusal> {
         settings.validate(robot)?;
         // Cannot fail after that.
-        let Some(arm) = Arm::new(robot, settings.chain, settings.gripper.joint) else { return Ok(()) };
+        let Some(arm) = GuidedArm::new(robot, settings.chain, settings.gripper.joint) else { return Ok(()) };
         let sense = Sense::new(&arm, &arm.posture(&measured.positions));
         if sense.shows(MIN_SHOWN) {
             Ok(())
@@ -266,8 +266,8 @@ impl Task for VisualApproach {
 }
 
 impl VisualApproach {
-    fn arm<'a>(&self, robot: &'a Robot) -> Option<Arm<'a>> {
-        Arm::new(robot, self.settings.chain, self.settings.gripper.joint)
+    fn arm<'a>(&self, robot: &'a Robot) -> Option<GuidedArm<'a>> {
+        GuidedArm::new(robot, self.settings.chain, self.settings.gripper.joint)
     }
 
     /// Pose of the hand by the references of the joints.

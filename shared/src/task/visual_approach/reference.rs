@@ -24,7 +24,7 @@ const SHARE: f32 = 0.8;
 const JOINT_ACCELERATION: f32 = 8.0;
 
 /// The arm of a robot. Its gripper is assumed at 0.
-pub struct Arm<'a> {
+pub struct GuidedArm<'a> {
     pub config: &'a ChainConfig,
     joints: &'a [JointConfig],
     range: Range<usize>,
@@ -44,7 +44,7 @@ pub struct Step {
 /// Velocities of the arm's own joints [rad/s].
 type Velocities = [f32; MAX_CHAIN_JOINTS];
 
-impl<'a> Arm<'a> {
+impl<'a> GuidedArm<'a> {
     /// The arm that is this chain; `None` without it.
     pub fn new(robot: &'a Robot, chain: u8, gripper: u8) -> Option<Self> {
         let config = robot.chains().get(usize::from(chain))?;

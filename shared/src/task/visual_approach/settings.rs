@@ -87,7 +87,7 @@ impl VisualApproachSettings {
         if joints.len() - usize::from(is_own) < 6 {
             return Err(VisualApproachRefusal::NoChain { chain: self.chain });
         }
-        let arm = super::Arm::new(robot, self.chain, joint);
+        let arm = super::GuidedArm::new(robot, self.chain, joint);
         let [tilt, offset] = arm.map_or([0.0; 2], |arm| arm.gripper_axis());
         // Rejects NaN as well.
         if !(tilt <= MAX_TILT && offset <= MAX_OFFSET) {
