@@ -255,6 +255,45 @@ fn the_documents_count_the_recorded_fault_schedules() {
     }
 }
 
+/// Returns the rows of the architecture's table of layers.
+fn layers() -> Vec<String> {
+    let page = document("architecture.md");
+    let section = page.split_once("\n## Layers of ").unwrap().1.split("\n## ").next().unwrap();
+    let rows = section.lines().filter(|line| line.starts_with("| ")).map(str::to_owned).collect::<Vec<_>>();
+    assert!(rows.len() > 10, "{rows:?}");
+    rows
+}
+
+/// Each module of the control core uses only those above it.
+#[test]
+fn no_module_uses_a_layer_below_it() {
+    let rows = layers();
+    let modules: Vec<&str> = rows.iter().filter_map(|row| quoted(row)).collect();
+    let folder = root().join("shared/src");
+    let mut uses = 0;
+    for (path, text) in sources(&folder) {
+        let own = path.strip_prefix(&folder).unwrap().iter().next().unwrap().to_str().unwrap();
+        let Some(own) = modules.iter().position(|module| *module == own.trim_end_matches(".rs")) else {
+            continue;
+        };
+        let code: String =
+            text.lines().map(|line| line.split("//").next().unwrap().to_owned() + "\n").collect();
+        for rest in code.split("crate::").skip(1) {
+            // One path, or a list of paths.
+            let end = if rest.starts_with('{') {
+                rest.find(';')
+            } else {
+                rest.find(|c: char| !c.is_alphanumeric())
+            };
+            let used = &rest[..end.unwrap()];
+            let below = modules[own + 1..].iter().find(|module| has_word(used, module));
+            assert_eq!(below, None, "{} uses a module below `{}`", path.display(), modules[own]);
+            uses += 1;
+        }
+    }
+    assert!(uses > 500, "only {uses} uses found");
+}
+
 /// Copies of the architecture's mode diagram, and of its table of layers.
 #[test]
 fn modes_and_layers_are_those_of_the_architecture() {
@@ -269,12 +308,9 @@ fn modes_and_layers_are_those_of_the_architecture() {
     };
     assert!(comment("shared/src/node/mod.rs").contains(diagram), "shared/src/node/mod.rs has other modes");
     assert!(document("protocol.md").contains(diagram), "docs/protocol.md has other modes");
-    let rows = |text: &str| -> Vec<String> {
-        text.lines().filter(|line| line.starts_with("| ")).map(|line| line.replace(['[', ']'], "")).collect()
-    };
-    let layers = rows(section("\n## Layers of "));
-    assert!(layers.len() > 10, "{layers:?}");
-    assert_eq!(rows(&comment("shared/src/lib.rs")), layers, "shared/src/lib.rs has other layers");
+    let comment = comment("shared/src/lib.rs");
+    let rows = comment.lines().filter(|line| line.starts_with("| ")).map(|line| line.replace(['[', ']'], ""));
+    assert_eq!(rows.collect::<Vec<_>>(), layers(), "shared/src/lib.rs has other layers");
 }
 
 /// The sources of reference values exist.

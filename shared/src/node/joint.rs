@@ -215,7 +215,7 @@ impl JointState {
         #[expect(clippy::cast_precision_loss, reason = "a difference of angles")]
         let counts = self.count.wrapping_sub(other.count) as f32;
         let moved = counts + other.change / of_other.radians_per_count;
-        leaps && abs(moved * config.radians_per_count) <= config.fast
+        leaps && abs(moved * config.radians_per_count) <= config.thresholds.fast
     }
 
     /// Whether the angle is known.
@@ -284,7 +284,7 @@ impl Joint<'_> {
     #[cold]
     pub fn leaps_to(&self, count: i32, periods: f32) -> bool {
         let change = self.state.angle(self.config, count) - *self.position;
-        abs(change) > self.config.jump * periods
+        abs(change) > self.config.thresholds.jump * periods
     }
 
     /// Reads the encoder in a tick.
@@ -388,9 +388,9 @@ impl Joint<'_> {
         let max = weight_error + if grips { pressed } else { pressed.min(state.stood) };
         let is_led = abs(self.reference.velocity) >= STALL_SPEED;
         // If the motion does not slow down, the opposing torque balances a push, or the encoder drifts.
-        let slows = is_led || begins || abs(state.change) + config.flicker < abs(velocity) * TICK;
+        let slows = is_led || begins || abs(state.change) + config.thresholds.flicker < abs(velocity) * TICK;
         let follows = is_led && state.change * excess <= 0.0;
-        let brakes = slows && abs(velocity) * TICK > config.moving && excess * velocity < 0.0;
+        let brakes = slows && abs(velocity) * TICK > config.thresholds.moving && excess * velocity < 0.0;
         if abs(excess) <= max || brakes || follows {
             return;
         }

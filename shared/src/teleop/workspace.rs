@@ -2,7 +2,7 @@ use nalgebra::Vector3;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-use super::MotionLimits;
+use crate::signal::MotionLimits;
 use crate::{TICK, math};
 
 /// Fraction of the distance to the border that the set-point may cover in one period, near the border.

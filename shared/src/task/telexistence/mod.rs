@@ -27,7 +27,8 @@ use crate::kinematics::{Angles, Hand, MAX_FINGERS};
 use crate::math;
 use crate::model::MAX_JOINTS;
 use crate::robot::{Actuation, Concerns, JointSetpoint, JointTarget, Measured, Postures, Robot};
-use crate::teleop::{MotionLimits, MotionTarget, RetargetReport, RetargetState, Retargeting};
+use crate::signal::{MotionLimits, MotionTarget};
+use crate::teleop::{RetargetReport, RetargetState, Retargeting};
 
 use fingertips::Fingertips;
 pub use fingertips::{FingertipPoint, FingertipSample, MAX_EXTRAPOLATION};

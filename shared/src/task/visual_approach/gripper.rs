@@ -9,7 +9,7 @@ use crate::TICK;
 use crate::control::JointPoint;
 use crate::math::{abs, clamp};
 use crate::robot::{JointSetpoint, JointTarget};
-use crate::teleop::{MotionLimits, MotionTarget};
+use crate::signal::{MotionLimits, MotionTarget};
 
 /// Effort at which the gripper has closed on an object, as a fraction of the holding torque.
 const TOUCH: f32 = 0.25;

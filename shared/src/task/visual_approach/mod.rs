@@ -37,7 +37,7 @@ use crate::TICK;
 use crate::math::sqrt;
 use crate::model::Pose;
 use crate::robot::{Actuation, ChainConfig, JointSetpoint, JointTarget, Measured, Postures, Robot};
-use crate::teleop::MotionLimits;
+use crate::signal::MotionLimits;
 
 use contact::{ContactEstimate, Learning, Sense};
 pub use gripper::GripperState;

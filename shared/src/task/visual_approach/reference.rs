@@ -12,7 +12,7 @@ use crate::kinematics::{Jacobian, Posture};
 use crate::math::{self, Ldlt, abs};
 use crate::model::{JointLimits, MAX_CHAIN_JOINTS, MAX_JOINTS};
 use crate::robot::{JointConfig, Robot, STOP_MARGIN};
-use crate::teleop::{MotionLimits, MotionTarget};
+use crate::signal::{MotionLimits, MotionTarget};
 
 /// Damping of the inverse Jacobian [m, rad].
 const DAMPING: f32 = 0.01;
