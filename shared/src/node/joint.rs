@@ -417,8 +417,8 @@ impl Joint<'_> {
     }
 
     /// Computes the torque from the inverse dynamics of the `links` [N·m], with a fraction of the `friction`
-    /// fed forward. Returns the acceleration that the limits added [rad/s²], and the mean torque until the
-    /// next tick [N·m].
+    /// fed forward. Returns the mean torque until the next tick [N·m], and the acceleration that the limits
+    /// added [rad/s²].
     #[inline(never)]
     pub fn accelerate(&mut self, friction: f32, links: f32) -> [f32; 2] {
         let servo = &self.config.servo;
@@ -433,7 +433,7 @@ impl Joint<'_> {
         self.state.torque = servo.limit(&mut self.state.servo, ahead);
         self.state.effort = self.config.inertia * self.reference.acceleration;
         let mean = self.state.torque + lag * (before - self.state.torque);
-        [servo.acceleration(mean - desired), mean]
+        [mean, servo.acceleration(mean - desired)]
     }
 
     /// Computes the torque of a damped joint: damping, the compensated part of the `gravity` torque [N·m],
