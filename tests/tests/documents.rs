@@ -294,6 +294,52 @@ fn no_module_uses_a_layer_below_it() {
     assert!(uses > 500, "only {uses} uses found");
 }
 
+/// Returns the type of the error in `rest`, the text behind `Result<`; `None` for an alias of `Result`.
+fn error_type(rest: &str) -> Option<&str> {
+    let (mut depth, mut comma) = (0, 0);
+    for (at, character) in rest.char_indices() {
+        match character {
+            ';' | '{' => return None,
+            ',' if depth == 0 => comma = at,
+            '<' | '(' | '[' => depth += 1,
+            ')' | ']' => depth -= 1,
+            '>' if !rest[..at].ends_with('-') && depth == 0 => {
+                let name = rest[comma..at].trim_matches([',', ' ', '\n']).rsplit("::").next().unwrap();
+                return Some(name).filter(|_| comma > 0);
+            }
+            '>' if !rest[..at].ends_with('-') => depth -= 1,
+            _ => {}
+        }
+    }
+    None
+}
+
+/// Every public type that a `Result` of the control core has as its error implements `Error`.
+#[test]
+fn every_error_of_the_control_core_implements_error() {
+    let folder = root().join("shared/src");
+    let mut files = sources(&folder);
+    files.retain(|(path, _)| path.strip_prefix(&folder).unwrap().iter().all(|part| part != "tests"));
+    let has = |text: &str| files.iter().any(|(_, file)| file.contains(text));
+    let is_public = |name: &str| {
+        ["struct", "enum"]
+            .iter()
+            .any(|kind| [" ", ";", "("].iter().any(|end| has(&format!("pub {kind} {name}{end}"))))
+    };
+    let names: BTreeSet<&str> = files
+        .iter()
+        .flat_map(|(_, text)| text.split("Result<").skip(1))
+        .filter_map(error_type)
+        .filter(|name| is_public(name))
+        .collect();
+    assert!(names.len() > 40, "only {names:?} found");
+    for name in names {
+        let implements =
+            ["core::error::Error", "Error"].iter().any(|of| has(&format!("impl {of} for {name} ")));
+        assert!(implements, "{name} does not implement `core::error::Error`");
+    }
+}
+
 /// Copies of the architecture's mode diagram, and of its table of layers.
 #[test]
 fn modes_and_layers_are_those_of_the_architecture() {

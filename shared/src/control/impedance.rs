@@ -144,6 +144,8 @@ impl fmt::Display for InvalidImpedance {
     }
 }
 
+impl core::error::Error for InvalidImpedance {}
+
 impl Impedance {
     /// An impedance in the axes of the base, without coupling.
     pub const fn diagonal(mass: [f32; 6], damping: [f32; 6], stiffness: [f32; 6]) -> Self {

@@ -172,6 +172,19 @@ pub enum FrameError {
     Malformed,
 }
 
+impl core::fmt::Display for FrameError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Overlong => write!(f, "the frame is longer than {MAX_FRAME} bytes"),
+            Self::Framing => f.write_str("the frame is not a COBS sequence, or too short for its checksum"),
+            Self::Checksum => f.write_str("the frame's checksum does not match"),
+            Self::Malformed => f.write_str("the frame is intact, but not a message of this protocol"),
+        }
+    }
+}
+
+impl core::error::Error for FrameError {}
+
 /// Counts of a [`Decoder`] since its creation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

@@ -68,13 +68,6 @@ impl Targets {
         servo_mode: ServoMode::Pid,
         joints: [JointTarget::at(0.0); MAX_JOINTS],
     };
-
-    /// Sets all joints to rest at these angles [rad].
-    pub fn stand_at(&mut self, positions: &[f32; MAX_JOINTS]) {
-        for (target, position) in self.joints.iter_mut().zip(positions) {
-            *target = JointTarget::at(*position);
-        }
-    }
 }
 
 impl JointTarget {

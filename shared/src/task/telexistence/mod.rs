@@ -26,7 +26,7 @@ use crate::control::JointPoint;
 use crate::kinematics::{Angles, Hand, MAX_FINGERS};
 use crate::math;
 use crate::model::MAX_JOINTS;
-use crate::robot::{Actuation, Concerns, JointSetpoint, JointTarget, Measured, Postures, Robot};
+use crate::robot::{Concerns, JointSetpoint, JointTarget, Measured, Postures, Robot};
 use crate::signal::{MotionLimits, MotionTarget};
 use crate::teleop::{RetargetReport, RetargetState, Retargeting};
 
@@ -90,6 +90,8 @@ impl fmt::Display for TelexistenceRefusal {
         }
     }
 }
+
+impl core::error::Error for TelexistenceRefusal {}
 
 /// Telemetry of telexistence.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, Schema)]
@@ -159,8 +161,6 @@ impl Task for Telexistence {
         let angles = angles(&io);
         self.motion = angles.map(JointEstimate::at_rest);
         io.targets.servo_mode = settings.servo_mode;
-        io.targets.actuation = Actuation::Servo;
-        io.targets.stand_at(&angles);
     }
 
     fn command(&mut self, io: Io<'_>, command: &TelexistenceCommand) -> Result<(), TelexistenceRefusal> {

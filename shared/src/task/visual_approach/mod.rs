@@ -36,7 +36,7 @@ use super::api::{Io, Task, TaskFault};
 use crate::TICK;
 use crate::math::sqrt;
 use crate::model::Pose;
-use crate::robot::{Actuation, ChainConfig, JointSetpoint, JointTarget, Measured, Postures, Robot};
+use crate::robot::{ChainConfig, JointSetpoint, JointTarget, Measured, Postures, Robot};
 use crate::signal::MotionLimits;
 
 use contact::{ContactEstimate, Learning, Sense};
@@ -170,8 +170,6 @@ impl Task for VisualApproach {
         self.settings = *settings;
         let angles = angles(io.references);
         io.targets.servo_mode = settings.servo_mode;
-        io.targets.actuation = Actuation::Servo;
-        io.targets.stand_at(&angles);
         // Cannot fail: `check` required the chain.
         let Some(arm) = self.arm(io.robot) else { return };
         self.begin = to_wire(&pose(&arm.posture(&angles)));

@@ -271,3 +271,5 @@ impl fmt::Display for VisualApproachRefusal {
         }
     }
 }
+
+impl core::error::Error for VisualApproachRefusal {}
