@@ -340,6 +340,26 @@ fn every_error_of_the_control_core_implements_error() {
     }
 }
 
+/// A name means one thing in the whole control core.
+#[test]
+fn no_two_types_of_the_control_core_share_a_name() {
+    let folder = root().join("shared/src");
+    let mut names = BTreeSet::new();
+    for (path, text) in sources(&folder) {
+        if path.strip_prefix(&folder).unwrap().iter().any(|part| part.to_string_lossy().contains("test")) {
+            continue;
+        }
+        for line in text.lines().filter(|line| line.trim_start().starts_with("pub")) {
+            let [_, kind, name, ..] = line.split_whitespace().collect::<Vec<_>>()[..] else { continue };
+            if ["struct", "enum", "trait", "type"].contains(&kind) {
+                let name = name.split(|c: char| !c.is_alphanumeric()).next().unwrap().to_owned();
+                assert!(names.insert(name.clone()), "{}: another type is called {name}", path.display());
+            }
+        }
+    }
+    assert!(names.len() > 200, "only {} types found", names.len());
+}
+
 /// Copies of the architecture's mode diagram, and of its table of layers.
 #[test]
 fn modes_and_layers_are_those_of_the_architecture() {

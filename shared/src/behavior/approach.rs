@@ -409,8 +409,8 @@ impl Approach {
 
     /// Whether the opening of the fingers is that on a knob.
     fn is_on_knob(&self, report: &VisualApproachTelemetry) -> bool {
-        let [least, most] = self.settings.opening;
-        (least..=most).contains(&report.opening)
+        let [min, max] = self.settings.opening;
+        (min..=max).contains(&report.opening)
     }
 
     fn grip(&mut self, report: &VisualApproachTelemetry, home: &Isometry3<f32>, elapsed: f32) -> Order {

@@ -218,10 +218,10 @@ impl Impedance {
         if self.coupling.is_some() {
             return;
         }
-        for ((mass, damping), least) in self.mass.iter_mut().zip(&mut self.damping).zip(masses()) {
-            if *mass < least {
-                *damping *= least / *mass;
-                *mass = least;
+        for ((mass, damping), min) in self.mass.iter_mut().zip(&mut self.damping).zip(masses()) {
+            if *mass < min {
+                *damping *= min / *mass;
+                *mass = min;
             }
         }
     }

@@ -25,7 +25,7 @@ const EMPHASIS: f32 = 1e3;
 /// An undamped step below this ends the iterations [rad]: the remaining error is of the order of its square.
 const CONVERGED: f32 = 1e-2;
 /// Damping below this counts as none, over the squared length of the finger.
-const LEAST_DAMPING: f32 = 1e-3;
+const MIN_DAMPING: f32 = 1e-3;
 /// First damping after a step that raised the cost, over the squared length of the finger.
 const FIRST_DAMPING: f32 = 3e-3;
 /// The same in the last iterations, which follow a narrow valley where the finger is nearly stretched.
@@ -377,7 +377,7 @@ impl InverseProblem<'_> {
                 break;
             }
             damping = match (falls, damping) {
-                (true, damping) if damping <= LEAST_DAMPING => 0.0,
+                (true, damping) if damping <= MIN_DAMPING => 0.0,
                 (true, damping) => 0.1 * damping,
                 (false, damping) => (10.0 * damping).max(first),
             };

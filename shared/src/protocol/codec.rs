@@ -100,8 +100,8 @@ pub fn encode<T: Serialize>(message: &T, frame: &mut [u8]) -> Result<usize, TooL
 fn stuff(frame: &mut [u8], mut end: usize) -> Option<usize> {
     let mut code = 0;
     loop {
-        let most = end.min(code + GROUP);
-        let next = find_zero(frame.get(code + 1..most)?).map_or(most, |run| code + 1 + run);
+        let max = end.min(code + GROUP);
+        let next = find_zero(frame.get(code + 1..max)?).map_or(max, |run| code + 1 + run);
         *frame.get_mut(code)? = (next - code).to_le_bytes()[0];
         if next == end {
             return Some(end);

@@ -53,7 +53,7 @@ pub(crate) struct FaultThresholds {
     pub held_growth: f32,
     pub accelerating_growth: f32,
     /// The smallest growth that has to be checked.
-    pub least_growth: f32,
+    pub min_growth: f32,
     /// Maximum friction beyond the model's [N·m].
     pub max_friction: f32,
     /// Minimum change of the angle per tick of a joint that moves, and maximum one of a dead encoder, which
@@ -83,7 +83,7 @@ impl FaultThresholds {
             growth,
             held_growth: beyond_friction(HELD_GROWTH_SHARE),
             accelerating_growth,
-            least_growth: growth.min(CONFIRMED_SHARE * accelerating_growth),
+            min_growth: growth.min(CONFIRMED_SHARE * accelerating_growth),
             max_friction: (MAX_FRICTION - 1.0) * joint.friction.coulomb,
             moving: (MOVING_SPEED * TICK).max(MOVING_COUNTS * radians_per_count),
             flicker: FLICKER_COUNTS * radians_per_count,

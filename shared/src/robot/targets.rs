@@ -75,4 +75,9 @@ impl JointTarget {
     pub const fn at(position: f32) -> Self {
         Self { setpoint: JointSetpoint::Goal(position), feedforward: 0.0, restart: false }
     }
+
+    /// The target that is a point of a trajectory.
+    pub const fn point(point: JointPoint) -> Self {
+        Self { setpoint: JointSetpoint::Point(point), feedforward: 0.0, restart: false }
+    }
 }

@@ -238,7 +238,7 @@ impl JointServoTask {
         }
         self.step = step;
         for (target, &point) in io.targets.joints.iter_mut().zip(points) {
-            *target = JointTarget { setpoint: JointSetpoint::Point(point), feedforward: 0.0, restart: false };
+            *target = JointTarget::point(point);
         }
         for (target, &torque) in io.targets.joints.iter_mut().zip(torques) {
             target.feedforward = torque;

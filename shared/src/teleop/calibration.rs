@@ -293,10 +293,10 @@ impl FingerCalibration {
             largest = largest.max((posture.regressor() * scaled).norm_squared());
         }
         // Each joint alone, over its whole range.
-        let [least, middle, most] = [0, 1, 2].map(|level| range.angles([level; 4]));
+        let [min, middle, max] = [0, 1, 2].map(|level| range.angles([level; 4]));
         let mut weakest = (0.0, Movement::BendBase);
         for (number, movement) in Movement::ALL.into_iter().enumerate() {
-            let [low, high] = [least, most].map(|end| {
+            let [low, high] = [min, max].map(|end| {
                 let mut angles = middle;
                 angles[number] = end[number];
                 self.joints.posture(angles).regressor()

@@ -49,7 +49,7 @@ pub(super) fn directions(rays: usize) -> &'static [[f32; 2]] {
 }
 
 /// Minimum contrast of an edge point [grey levels].
-pub(super) fn least_contrast(noise: f32) -> f32 {
+pub(super) fn min_contrast(noise: f32) -> f32 {
     math::clamp(1.5 * CONTRAST_NOISE * noise, MIN_CONTRAST, 255.0)
 }
 
@@ -132,7 +132,7 @@ impl Ring {
     }
 
     /// Offset from the ellipse, in steps, of the strongest edge along a ray; `worth` is [`Self::worth`].
-    fn edge(&self, contrasts: &[i16; PLACES], worth: &[i32; PLACES], least: i32) -> Option<f32> {
+    fn edge(&self, contrasts: &[i16; PLACES], worth: &[i32; PLACES], min: i32) -> Option<f32> {
         let (mut best, mut at) = (0, 0);
         for (index, (contrast, worth)) in contrasts.iter().zip(worth).enumerate() {
             let score = i32::from(*contrast).abs() * worth;
@@ -144,7 +144,7 @@ impl Ring {
             return None;
         }
         let heights = [at - 1, at, at + 1].map(|at| i32::from(contrasts[at]).abs());
-        if heights[1] < least {
+        if heights[1] < min {
             return None;
         }
         Some((at as i32 - self.half as i32) as f32 + peak(heights.map(|height| height as f32)))
@@ -153,8 +153,8 @@ impl Ring {
     /// Edge points (x, y) with weights 0 or 1; 0 if `front` hides them. `None` if there are too few.
     pub fn edge_points(&self, noise: f32, front: Option<&Ellipse>) -> Option<[([f32; 2], f32); RAYS]> {
         let mut points = [([0.0; 2], 0.0); RAYS];
-        let least = least_contrast(noise) * GREY_LEVEL;
-        let least = (if self.unit < 1.0 { HALF_STEPS * least } else { least }) as i32;
+        let min = min_contrast(noise) * GREY_LEVEL;
+        let min = (if self.unit < 1.0 { HALF_STEPS * min } else { min }) as i32;
         let worth = self.worth();
         let mut count = 0;
         let rays = directions(self.rays).iter().zip(&self.reaches).zip(&self.contrasts).zip(&mut points);
@@ -162,7 +162,7 @@ impl Ring {
             if self.visible >> ray & 1 == 0 {
                 continue;
             }
-            if let Some(offset) = self.edge(contrasts, &worth, least) {
+            if let Some(offset) = self.edge(contrasts, &worth, min) {
                 let reach = reach + offset * self.unit;
                 *point = self.ellipse.point(direction, reach);
                 if !front.is_some_and(|front| hides(front, *point)) {
@@ -190,7 +190,7 @@ impl Ring {
     pub fn rim(&self, noise: f32, front: Option<&Ellipse>) -> RimFeatures {
         let open = self.open(front);
         let count = open.count_ones();
-        let scale = 1.0 / (least_contrast(noise) * GREY_LEVEL);
+        let scale = 1.0 / (min_contrast(noise) * GREY_LEVEL);
         let mut sum = RimFeatures::default();
         let (mut gap, mut widest) = (0.0, 0.0_f32);
         for (ray, contrasts) in self.contrasts.iter().enumerate().take(self.rays) {

@@ -189,7 +189,7 @@ impl Joint<'_> {
     /// The result of [`resists`](Self::resists) in this tick.
     #[inline]
     pub fn has_resisted(&self) -> bool {
-        abs(self.state.effort - self.state.moving_effort) > self.config.thresholds.least_growth
+        abs(self.state.effort - self.state.moving_effort) > self.config.thresholds.min_growth
     }
 
     /// Whether the joint has moved. One count back and forth is no motion: a dead encoder may flicker.

@@ -26,7 +26,7 @@ use crate::control::JointPoint;
 use crate::kinematics::{Angles, Hand, MAX_FINGERS};
 use crate::math;
 use crate::model::MAX_JOINTS;
-use crate::robot::{Concerns, JointSetpoint, JointTarget, Measured, Postures, Robot};
+use crate::robot::{Concerns, JointTarget, Measured, Postures, Robot};
 use crate::signal::{MotionLimits, MotionTarget};
 use crate::teleop::{RetargetReport, RetargetState, Retargeting};
 
@@ -202,7 +202,7 @@ impl Task for Telexistence {
             let acceleration = self.settings.acceleration.min(speed / REVERSING_LAG);
             let limits = MotionLimits { speed, acceleration };
             let point = next(&limits, range, reference, estimate);
-            *target = JointTarget { setpoint: JointSetpoint::Point(point), feedforward: 0.0, restart: false };
+            *target = JointTarget::point(point);
         }
         Ok(())
     }

@@ -74,8 +74,8 @@ impl Sense {
     }
 
     /// Whether the estimate shows at least the share `least` of a force in every direction.
-    pub fn shows(&self, least: f32) -> bool {
-        let mut shares = Matrix3::from_diagonal_element(1.0 - least);
+    pub fn shows(&self, min: f32) -> bool {
+        let mut shares = Matrix3::from_diagonal_element(1.0 - min);
         for axis in 0..3 {
             let hidden = self.factors.solve(&Vector6::ith(axis, DAMPING * DAMPING));
             for row in 0..3 {
@@ -120,8 +120,8 @@ impl ContactEstimate {
         };
         let learnt = learnt + force * (TICK / time);
         let size = sqrt(learnt.norm_squared());
-        let most = LEARNABLE * limit;
-        self.learnt = if size > most { learnt * (most / size) } else { learnt }.into();
+        let max = LEARNABLE * limit;
+        self.learnt = if size > max { learnt * (max / size) } else { learnt }.into();
         force
     }
 }

@@ -36,7 +36,7 @@ use super::api::{Io, Task, TaskFault};
 use crate::TICK;
 use crate::math::sqrt;
 use crate::model::Pose;
-use crate::robot::{ChainConfig, JointSetpoint, JointTarget, Measured, Postures, Robot};
+use crate::robot::{ChainConfig, JointTarget, Measured, Postures, Robot};
 use crate::signal::MotionLimits;
 
 use contact::{ContactEstimate, Learning, Sense};
@@ -232,8 +232,7 @@ impl Task for VisualApproach {
         }
         for (index, _) in arm.indices() {
             if let (Some(target), Some(point)) = (io.targets.joints.get_mut(index), points.get(index)) {
-                *target =
-                    JointTarget { setpoint: JointSetpoint::Point(*point), feedforward: 0.0, restart: false };
+                *target = JointTarget::point(*point);
             }
         }
         let index = usize::from(self.settings.gripper.joint);

@@ -175,8 +175,8 @@ impl<'a> GuidedArm<'a> {
                     continue;
                 }
                 let velocity = desired[own] * share;
-                let [least, most] = reachable(joint, point);
-                result[own] = math::clamp(velocity, least, most);
+                let [min, max] = reachable(joint, point);
+                result[own] = math::clamp(velocity, min, max);
                 if abs(result[own] - velocity) > 1e-4 && is_near_stop(joint, point, velocity) {
                     (held[own], holds, limited) = (true, true, true);
                     let column = jacobian.column(own) * result[own];
