@@ -31,7 +31,7 @@
 use std::path::Path;
 
 use serde::Deserialize;
-use tesaki::control::{Coupling, Impedance, ImpedanceAxes, ImpedanceTerm, InvalidImpedance};
+use tesaki::control::{Impedance, ImpedanceAxes, ImpedanceCoupling, ImpedanceTerm, InvalidImpedance};
 use tesaki::kinematics::Chain;
 use tesaki::model::RobotModel;
 use tesaki::task::impedance::{
@@ -274,7 +274,7 @@ impl ImpedanceTable {
         let is_coupled = of_mass.or(of_damping).or(of_stiffness).is_some();
         let [of_mass, of_damping, of_stiffness] =
             [of_mass, of_damping, of_stiffness].map(|below| below.unwrap_or([0.0; 15]));
-        let coupling = Coupling { mass: of_mass, damping: of_damping, stiffness: of_stiffness };
+        let coupling = ImpedanceCoupling { mass: of_mass, damping: of_damping, stiffness: of_stiffness };
         Ok(Impedance {
             axes: match self.axes {
                 FileAxes::Base => ImpedanceAxes::Base,

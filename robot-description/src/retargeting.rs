@@ -34,7 +34,7 @@ use tesaki::kinematics::{Angles, Hand};
 use tesaki::model::RobotModel;
 use tesaki::robot::Robot;
 use tesaki::task::telexistence::{InvalidTelexistenceSettings, TelexistenceSettings};
-use tesaki::teleop::{Finger, InvalidRetargetSettings, RetargetField, RetargetSettings};
+use tesaki::teleop::{HumanFinger, InvalidRetargetSettings, RetargetField, RetargetSettings};
 
 use crate::file::{self, FileError, read_text};
 use crate::finding::{Finding, Report};
@@ -98,7 +98,7 @@ pub struct RetargetingSettings {
 struct File {
     operator_hand: Option<Side>,
     rotation: Option<[f32; 3]>,
-    follows: Option<Vec<Finger>>,
+    follows: Option<Vec<HumanFinger>>,
     weights: Option<Vec<f32>>,
     scale: Option<f32>,
     near: Option<f32>,
@@ -189,8 +189,8 @@ impl File {
     /// What has one entry for each finger.
     fn set_fingers(&self, settings: &mut RetargetSettings, fingers: usize, report: &mut Report) {
         if let Some(follows) = self.list("follows", self.follows.as_ref(), fingers, report) {
-            let thumbs = follows.iter().filter(|finger| **finger == Finger::Thumb).count();
-            if follows.first() != Some(&Finger::Thumb) || thumbs != 1 {
+            let thumbs = follows.iter().filter(|finger| **finger == HumanFinger::Thumb).count();
+            if follows.first() != Some(&HumanFinger::Thumb) || thumbs != 1 {
                 let message =
                     "follows must name the thumb first, and only there: the first chain is the hand's thumb";
                 let advice =

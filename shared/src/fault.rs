@@ -225,6 +225,15 @@ impl Finding {
     }
 }
 
+impl fmt::Display for Finding {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { cause, value, limit } = self;
+        let unit = cause.unit();
+        let space = if unit.is_empty() { "" } else { " " };
+        write!(f, "{} (value {value}{space}{unit}, limit {limit}{space}{unit})", cause.description())
+    }
+}
+
 /// A fault: cause, joint, value, limit, tick.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -270,9 +279,7 @@ impl fmt::Display for Description<'_> {
             (None, Some(number)) => write!(f, "joint {number}: ")?,
             (None, None) => {}
         }
-        let space = if cause.unit().is_empty() { "" } else { " " };
-        let unit = cause.unit();
-        write!(f, "{} (value {value}{space}{unit}, limit {limit}{space}{unit})", cause.description())
+        Finding { cause: *cause, value: *value, limit: *limit }.fmt(f)
     }
 }
 

@@ -16,7 +16,7 @@
 //! | module | holds |
 //! |---|---|
 //! | [`math`] | the only way to elementary functions: `sin_cos`, `atan2`, `sqrt`; rotations; small solvers |
-//! | [`signal`] | trajectory filter, pseudo-differentiator, rate limiter, minimum-jerk profile |
+//! | [`signal`] | trajectory filter, pseudo-differentiator, rate limiter, minimum-jerk profile, motion within limits |
 //! | [`model`] | a robot as data, and its validation |
 //! | [`kinematics`] | forward, Jacobian, J̇q̇; inverse in closed form and iterated |
 //! | [`dynamics`] | Newton–Euler, mass matrix |

@@ -18,8 +18,8 @@ use nalgebra::{Quaternion, UnitQuaternion};
 use serde::{Deserialize, Serialize};
 use tesaki::math;
 use tesaki::teleop::{
-    CalibrationAccuracy, CalibrationError, CalibrationSettings, FINGERS, Finger, FingerLinks,
-    FingerRotations, GloveSample, HandCalibration, MAX_TIP_DEVIATION,
+    CalibrationAccuracy, CalibrationError, CalibrationSettings, FINGERS, FingerLinks, FingerRotations,
+    GloveSample, HandCalibration, HumanFinger, MAX_TIP_DEVIATION,
 };
 
 pub use error::FrameError;
@@ -198,7 +198,7 @@ impl CalibrationGuide {
     /// # Errors
     /// As [`Self::add`], or the pose is refused.
     pub fn add_live(&mut self, pose: &Pose) -> Result<(), CalibrationError> {
-        for (finger, marker) in Finger::ALL.into_iter().zip(pose.markers) {
+        for (finger, marker) in HumanFinger::ALL.into_iter().zip(pose.markers) {
             let Some(tip) = marker else { continue };
             let Ok((links, _)) = self.calibration.finger(finger).solve() else { continue };
             let found = links.tip(&FingerRotations::of(&pose.orientations, finger)?);
@@ -221,13 +221,13 @@ impl CalibrationGuide {
     ///
     /// # Errors
     /// The thumb is not calibrated yet, or orientations cannot be used. Nothing is added.
-    pub fn touch(&mut self, finger: Finger, orientations: &GloveSample) -> Result<(), CalibrationError> {
+    pub fn touch(&mut self, finger: HumanFinger, orientations: &GloveSample) -> Result<(), CalibrationError> {
         self.calibration.add_touch(finger, orientations, TOUCH)
     }
 
     /// Returns links and accuracy so far; `None` for a finger with too few poses.
     pub fn estimates(&self) -> [Option<(FingerLinks, CalibrationAccuracy)>; FINGERS] {
-        Finger::ALL.map(|finger| self.calibration.finger(finger).estimate().ok())
+        HumanFinger::ALL.map(|finger| self.calibration.finger(finger).estimate().ok())
     }
 
     /// Returns the next instruction for the person; `None` if all fingers with markers are calibrated.
@@ -316,7 +316,8 @@ impl OperatorFile {
         let mut text =
             format!("# Written by `tesaki calibrate`. Links l0 to l3 [m].\noperator = \"{name}\"\n");
         let entries = [&self.thumb, &self.index, &self.middle, &self.ring, &self.little];
-        for (finger, FingerEntry { links, poses, tip_deviation }) in Finger::ALL.into_iter().zip(entries) {
+        for (finger, FingerEntry { links, poses, tip_deviation }) in HumanFinger::ALL.into_iter().zip(entries)
+        {
             let _ = write!(text, "\n[{}]\nlinks = [\n", finger.name());
             for [x, y, z] in links.0 {
                 let _ = writeln!(text, "    [{x:.6}, {y:.6}, {z:.6}],");

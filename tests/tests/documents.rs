@@ -255,6 +255,111 @@ fn the_documents_count_the_recorded_fault_schedules() {
     }
 }
 
+/// Returns the rows of the architecture's table of layers.
+fn layers() -> Vec<String> {
+    let page = document("architecture.md");
+    let section = page.split_once("\n## Layers of ").unwrap().1.split("\n## ").next().unwrap();
+    let rows = section.lines().filter(|line| line.starts_with("| ")).map(str::to_owned).collect::<Vec<_>>();
+    assert!(rows.len() > 10, "{rows:?}");
+    rows
+}
+
+/// Each module of the control core uses only those above it.
+#[test]
+fn no_module_uses_a_layer_below_it() {
+    let rows = layers();
+    let modules: Vec<&str> = rows.iter().filter_map(|row| quoted(row)).collect();
+    let folder = root().join("shared/src");
+    let mut uses = 0;
+    for (path, text) in sources(&folder) {
+        let own = path.strip_prefix(&folder).unwrap().iter().next().unwrap().to_str().unwrap();
+        let Some(own) = modules.iter().position(|module| *module == own.trim_end_matches(".rs")) else {
+            continue;
+        };
+        let code: String =
+            text.lines().map(|line| line.split("//").next().unwrap().to_owned() + "\n").collect();
+        for rest in code.split("crate::").skip(1) {
+            // One path, or a list of paths.
+            let end = if rest.starts_with('{') {
+                rest.find(';')
+            } else {
+                rest.find(|c: char| !c.is_alphanumeric())
+            };
+            let used = &rest[..end.unwrap()];
+            let below = modules[own + 1..].iter().find(|module| has_word(used, module));
+            assert_eq!(below, None, "{} uses a module below `{}`", path.display(), modules[own]);
+            uses += 1;
+        }
+    }
+    assert!(uses > 500, "only {uses} uses found");
+}
+
+/// Returns the type of the error in `rest`, the text behind `Result<`; `None` for an alias of `Result`.
+fn error_type(rest: &str) -> Option<&str> {
+    let (mut depth, mut comma) = (0, 0);
+    for (at, character) in rest.char_indices() {
+        match character {
+            ';' | '{' => return None,
+            ',' if depth == 0 => comma = at,
+            '<' | '(' | '[' => depth += 1,
+            ')' | ']' => depth -= 1,
+            '>' if !rest[..at].ends_with('-') && depth == 0 => {
+                let name = rest[comma..at].trim_matches([',', ' ', '\n']).rsplit("::").next().unwrap();
+                return Some(name).filter(|_| comma > 0);
+            }
+            '>' if !rest[..at].ends_with('-') => depth -= 1,
+            _ => {}
+        }
+    }
+    None
+}
+
+/// Every public type that a `Result` of the control core has as its error implements `Error`.
+#[test]
+fn every_error_of_the_control_core_implements_error() {
+    let folder = root().join("shared/src");
+    let mut files = sources(&folder);
+    files.retain(|(path, _)| path.strip_prefix(&folder).unwrap().iter().all(|part| part != "tests"));
+    let has = |text: &str| files.iter().any(|(_, file)| file.contains(text));
+    let is_public = |name: &str| {
+        ["struct", "enum"]
+            .iter()
+            .any(|kind| [" ", ";", "("].iter().any(|end| has(&format!("pub {kind} {name}{end}"))))
+    };
+    let names: BTreeSet<&str> = files
+        .iter()
+        .flat_map(|(_, text)| text.split("Result<").skip(1))
+        .filter_map(error_type)
+        .filter(|name| is_public(name))
+        .collect();
+    assert!(names.len() > 40, "only {names:?} found");
+    for name in names {
+        let implements =
+            ["core::error::Error", "Error"].iter().any(|of| has(&format!("impl {of} for {name} ")));
+        assert!(implements, "{name} does not implement `core::error::Error`");
+    }
+}
+
+/// A name means one thing in the whole control core.
+#[test]
+fn no_two_types_of_the_control_core_share_a_name() {
+    let folder = root().join("shared/src");
+    let mut names = BTreeSet::new();
+    for (path, text) in sources(&folder) {
+        if path.strip_prefix(&folder).unwrap().iter().any(|part| part.to_string_lossy().contains("test")) {
+            continue;
+        }
+        for line in text.lines().filter(|line| line.trim_start().starts_with("pub")) {
+            let [_, kind, name, ..] = line.split_whitespace().collect::<Vec<_>>()[..] else { continue };
+            if ["struct", "enum", "trait", "type"].contains(&kind) {
+                let name = name.split(|c: char| !c.is_alphanumeric()).next().unwrap().to_owned();
+                assert!(names.insert(name.clone()), "{}: another type is called {name}", path.display());
+            }
+        }
+    }
+    assert!(names.len() > 200, "only {} types found", names.len());
+}
+
 /// Copies of the architecture's mode diagram, and of its table of layers.
 #[test]
 fn modes_and_layers_are_those_of_the_architecture() {
@@ -269,12 +374,9 @@ fn modes_and_layers_are_those_of_the_architecture() {
     };
     assert!(comment("shared/src/node/mod.rs").contains(diagram), "shared/src/node/mod.rs has other modes");
     assert!(document("protocol.md").contains(diagram), "docs/protocol.md has other modes");
-    let rows = |text: &str| -> Vec<String> {
-        text.lines().filter(|line| line.starts_with("| ")).map(|line| line.replace(['[', ']'], "")).collect()
-    };
-    let layers = rows(section("\n## Layers of "));
-    assert!(layers.len() > 10, "{layers:?}");
-    assert_eq!(rows(&comment("shared/src/lib.rs")), layers, "shared/src/lib.rs has other layers");
+    let comment = comment("shared/src/lib.rs");
+    let rows = comment.lines().filter(|line| line.starts_with("| ")).map(|line| line.replace(['[', ']'], ""));
+    assert_eq!(rows.collect::<Vec<_>>(), layers(), "shared/src/lib.rs has other layers");
 }
 
 /// The sources of reference values exist.

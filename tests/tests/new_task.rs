@@ -5,6 +5,7 @@
 //! damping dissipates the energy that errors of the compensation would add.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
+use std::error::Error;
 use std::f32::consts::FRAC_PI_2;
 use std::fmt;
 
@@ -44,6 +45,8 @@ enum GuidingRefusal {
 
 impl Concerns for GuidingRefusal {}
 
+impl Error for GuidingRefusal {}
+
 impl fmt::Display for GuidingRefusal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -76,9 +79,8 @@ impl Task for HandGuiding {
         check_damping(settings.damping)
     }
 
-    fn begin(&mut self, io: Io<'_>, settings: &GuidingSettings) {
+    fn begin(&mut self, _: Io<'_>, settings: &GuidingSettings) {
         self.settings = *settings;
-        io.targets.stand_at(&io.measured.positions);
     }
 
     fn command(&mut self, _: Io<'_>, command: &GuidingCommand) -> Result<(), GuidingRefusal> {

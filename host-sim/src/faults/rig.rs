@@ -79,7 +79,7 @@ impl Rig {
             board: VirtualBoard::default(),
             decoder: Decoder::new(),
             link: Link::new(rng(LINK)),
-            plant_link: PlantLink::new(rng(PLANT)),
+            plant_link: PlantLink::new(rng(PLANT), &schedule.faults),
             strangers: rng(STRANGERS),
             trials: 0,
             tick: 0,

@@ -16,14 +16,16 @@ pub struct PlantLink {
     stuck: Vec<(usize, i32)>,
     /// Commanded torques of the last ticks, the newest first.
     torques: VecDeque<Vec<f32>>,
+    /// Number of ticks for which they are kept: the largest delay of a drive, and this tick.
+    kept: usize,
 }
 
-/// Number of ticks for which commands are kept, for late drives.
-const MAX_LATE: usize = 16;
-
 impl PlantLink {
-    pub fn new(rng: Rng) -> Self {
-        Self { rng, last: SensorFrame::default(), stuck: Vec::new(), torques: VecDeque::new() }
+    /// The link in a run with these faults.
+    pub fn new(rng: Rng, faults: &[Fault]) -> Self {
+        let latest = faults.iter().map(|fault| fault.kind.lateness()).max().unwrap_or(0);
+        let (last, kept) = (SensorFrame::default(), 1 + latest as usize);
+        Self { rng, last, stuck: Vec::new(), torques: VecDeque::new(), kept }
     }
 
     /// Returns the frame that the board reads instead of `frame`.
@@ -71,7 +73,7 @@ impl PlantLink {
     pub fn drive(&mut self, frame: &ActuatorFrame, faults: &[Fault], tick: u32) -> ActuatorFrame {
         let mut driven = frame.clone();
         self.torques.push_front(frame.torques.to_vec());
-        self.torques.truncate(MAX_LATE);
+        self.torques.truncate(self.kept);
         for fault in faults.iter().filter(|fault| fault.acts(tick)) {
             match fault.kind {
                 Kind::Weak { joint, factor } => {
@@ -80,10 +82,9 @@ impl PlantLink {
                 Kind::Reversed { joint } => set(&mut driven.torques, joint, |torque| -torque),
                 Kind::Dead { joint } => set(&mut driven.torques, joint, |_| 0.0),
                 Kind::Late { joint, late } => {
-                    let ticks = usize::try_from(late).unwrap_or(MAX_LATE).min(MAX_LATE - 1);
-                    let late = self.torques.get(ticks).and_then(|torques| torques.get(joint));
-                    let late = late.copied().unwrap_or(0.0);
-                    set(&mut driven.torques, joint, |_| late);
+                    let before = self.torques.get(late as usize).and_then(|torques| torques.get(joint));
+                    let before = before.copied().unwrap_or(0.0);
+                    set(&mut driven.torques, joint, |_| before);
                 }
                 _ => {}
             }
@@ -103,8 +104,8 @@ mod tests {
     use super::*;
 
     fn sensed(kind: Kind, counts: &[[i32; 2]]) -> Vec<Vec<i32>> {
-        let mut link = PlantLink::new(Rng::new(1, 0));
         let faults = [Fault { kind, begin: 1, ticks: Some(2) }];
+        let mut link = PlantLink::new(Rng::new(1, 0), &faults);
         let read = |(tick, counts): (u32, &[i32; 2])| {
             let frame = SensorFrame { encoders: counts.iter().copied().collect(), ..SensorFrame::default() };
             link.sense(&frame, &faults, tick).encoders.to_vec()
@@ -124,19 +125,20 @@ mod tests {
 
     #[test]
     fn drives_fail_as_told() {
-        let driven = |kind| {
-            let mut link = PlantLink::new(Rng::new(1, 0));
+        let driven = |kind, ticks: u8| {
             let faults = [Fault { kind, begin: 1, ticks: None }];
+            let mut link = PlantLink::new(Rng::new(1, 0), &faults);
             let drive = |tick: u8| {
                 let torques = [f32::from(tick) + 1.0].into_iter().collect();
                 let frame = ActuatorFrame { sequence: 0, enabled: true, torques };
                 link.drive(&frame, &faults, tick.into()).torques[0]
             };
-            (0..4).map(drive).collect::<Vec<f32>>()
+            (0..ticks).map(drive).collect::<Vec<f32>>()
         };
-        assert_eq!(driven(Kind::Weak { joint: 0, factor: 0.5 }), [1.0, 1.0, 1.5, 2.0]);
-        assert_eq!(driven(Kind::Reversed { joint: 0 }), [1.0, -2.0, -3.0, -4.0]);
-        assert_eq!(driven(Kind::Dead { joint: 0 }), [1.0, 0.0, 0.0, 0.0]);
-        assert_eq!(driven(Kind::Late { joint: 0, late: 2 }), [1.0, 0.0, 1.0, 2.0]);
+        assert_eq!(driven(Kind::Weak { joint: 0, factor: 0.5 }, 4), [1.0, 1.0, 1.5, 2.0]);
+        assert_eq!(driven(Kind::Reversed { joint: 0 }, 4), [1.0, -2.0, -3.0, -4.0]);
+        assert_eq!(driven(Kind::Dead { joint: 0 }, 4), [1.0, 0.0, 0.0, 0.0]);
+        assert_eq!(driven(Kind::Late { joint: 0, late: 2 }, 4), [1.0, 0.0, 1.0, 2.0]);
+        assert_eq!(driven(Kind::Late { joint: 0, late: 20 }, 23)[18..], [0.0, 0.0, 1.0, 2.0, 3.0]);
     }
 }

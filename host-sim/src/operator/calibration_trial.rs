@@ -3,8 +3,8 @@
 
 use rapier3d::na::Vector3;
 use tesaki::teleop::{
-    CalibrationAccuracy, CalibrationError, CalibrationSettings, FINGERS, Finger, GloveFilter,
-    GloveFilterState, GloveSample, HumanHand, InvalidLink,
+    CalibrationAccuracy, CalibrationError, CalibrationSettings, FINGERS, GloveFilter, GloveFilterState,
+    GloveSample, HumanFinger, HumanHand, InvalidLink,
 };
 use tesaki_supervisor::operator::{CalibrationGuide, Pose, mean_orientations};
 
@@ -186,11 +186,15 @@ pub fn poses(plan: &CalibrationPlan, values: GloveValues, seed: u64) -> (Vec<Pos
 
 /// Returns the touches of the thumb with fingers without a marker, and their duration [s]. The fingertips
 /// miss each other by up to about 2 mm along each axis.
-pub fn touches(plan: &CalibrationPlan, values: GloveValues, seed: u64) -> (Vec<(Finger, GloveSample)>, f64) {
+pub fn touches(
+    plan: &CalibrationPlan,
+    values: GloveValues,
+    seed: u64,
+) -> (Vec<(HumanFinger, GloveSample)>, f64) {
     let hand = OperatorHand::random(seed);
-    let unmarked = Finger::ALL.into_iter().zip(plan.marked).filter(|(_, marked)| !marked);
+    let unmarked = HumanFinger::ALL.into_iter().zip(plan.marked).filter(|(_, marked)| !marked);
     let fingers = unmarked.flat_map(|(finger, _)| std::iter::repeat_n(finger, plan.touches));
-    let fingers: Vec<Finger> = fingers.collect();
+    let fingers: Vec<HumanFinger> = fingers.collect();
     let motion = FingersMotion::pinches(&hand, seed, &fingers, MOVEMENT[1], HOLD);
     let means = held(&hand, &motion, &mut Glove::new(values, seed.wrapping_add(2 << 32)));
     let time = if fingers.is_empty() { 0.0 } else { motion.duration() };
@@ -220,7 +224,7 @@ fn position(position: [f32; 3]) -> Vector3<f64> {
 fn true_vectors(hand: &OperatorHand, motion: &FingersMotion, time: f64) -> [Vector3<f64>; 4] {
     let (_, angles) = motion.at(time);
     let tips: [Vector3<f64>; FINGERS] =
-        core::array::from_fn(|number| hand.finger(Finger::ALL[number], &angles[number]).1);
+        core::array::from_fn(|number| hand.finger(HumanFinger::ALL[number], &angles[number]).1);
     core::array::from_fn(|number| tips[number + 1] - tips[0])
 }
 

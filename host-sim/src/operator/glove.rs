@@ -4,7 +4,7 @@
 use core::f64::consts::TAU;
 
 use rapier3d::na::{Rotation3, UnitQuaternion, Vector3};
-use tesaki::teleop::{FINGERS, Finger, GloveSample};
+use tesaki::teleop::{FINGERS, GloveSample, HumanFinger};
 use tesaki_rng::Rng;
 use tesaki_supervisor::trajectory::minimum_jerk;
 
@@ -62,8 +62,8 @@ impl OperatorHand {
     pub fn random(seed: u64) -> Self {
         let mut rng = Purpose::OperatorHand.rng(seed);
         let size = 1.0 + 0.07 * rng.normal();
-        let fingers = Finger::ALL.map(|finger| {
-            let thumb = finger == Finger::Thumb;
+        let fingers = HumanFinger::ALL.map(|finger| {
+            let thumb = finger == HumanFinger::Thumb;
             let [metacarpal, bones @ ..] = BONES[finger as usize];
             let [x, y, z, splay] = METACARPALS[finger as usize];
             let splay = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), splay.to_radians());
@@ -94,7 +94,11 @@ impl OperatorHand {
 
     /// Returns the orientations of a finger's sensors, and the position of its tip [m], in the frame of the
     /// back of the hand.
-    pub fn finger(&self, finger: Finger, angles: &FingerAngles) -> ([UnitQuaternion<f64>; 3], Vector3<f64>) {
+    pub fn finger(
+        &self,
+        finger: HumanFinger,
+        angles: &FingerAngles,
+    ) -> ([UnitQuaternion<f64>; 3], Vector3<f64>) {
         let HandFinger { links, rest, axes, mounts, .. } = &self.fingers[finger as usize];
         let turn = |joint: usize| UnitQuaternion::from_scaled_axis(axes[joint] * angles[joint]);
         let first = rest * turn(1) * turn(0);
@@ -109,7 +113,7 @@ impl OperatorHand {
     pub fn imitate(&self, tips: &[Vector3<f64>; FINGERS]) -> [FingerAngles; FINGERS] {
         let half =
             core::array::from_fn(|number| self.fingers[number].range.map(|[low, high]| 0.5 * (low + high)));
-        Finger::ALL.into_iter().fold(half, |posture, finger| {
+        HumanFinger::ALL.into_iter().fold(half, |posture, finger| {
             let cost = |angles: &[FingerAngles; FINGERS]| {
                 (self.tip(finger, angles) - tips[finger as usize]).norm() + self.strain(finger, angles)
             };
@@ -120,13 +124,13 @@ impl OperatorHand {
     /// Returns a posture in which the tip of the thumb touches that of a finger: the best of four coordinate
     /// descents from random postures. Skin and nail offset the tips from each other by a random 2 mm along
     /// each axis.
-    fn pinch(&self, finger: Finger, rng: &mut Rng) -> [FingerAngles; FINGERS] {
+    fn pinch(&self, finger: HumanFinger, rng: &mut Rng) -> [FingerAngles; FINGERS] {
         let offset = Vector3::from_fn(|_, _| 2e-3 * rng.normal());
         let cost = |angles: &[FingerAngles; FINGERS]| {
-            let gap = self.tip(finger, angles) - self.tip(Finger::Thumb, angles) - offset;
+            let gap = self.tip(finger, angles) - self.tip(HumanFinger::Thumb, angles) - offset;
             gap.norm() + self.strain(finger, angles)
         };
-        let mut descend = || self.descend(self.posture(rng), &[Finger::Thumb, finger], cost);
+        let mut descend = || self.descend(self.posture(rng), &[HumanFinger::Thumb, finger], cost);
         let mut best = descend();
         for _ in 1..4 {
             let other = descend();
@@ -138,13 +142,13 @@ impl OperatorHand {
     }
 
     /// Position of a finger's tip [m].
-    fn tip(&self, finger: Finger, angles: &[FingerAngles; FINGERS]) -> Vector3<f64> {
+    fn tip(&self, finger: HumanFinger, angles: &[FingerAngles; FINGERS]) -> Vector3<f64> {
         self.finger(finger, &angles[finger as usize]).1
     }
 
     /// Cost of bending an end joint independently of the middle one, which is not possible [m].
-    fn strain(&self, finger: Finger, angles: &[FingerAngles; FINGERS]) -> f64 {
-        if finger == Finger::Thumb {
+    fn strain(&self, finger: HumanFinger, angles: &[FingerAngles; FINGERS]) -> f64 {
+        if finger == HumanFinger::Thumb {
             return 0.0;
         }
         let [_, _, middle, end] = angles[finger as usize];
@@ -156,7 +160,7 @@ impl OperatorHand {
     fn descend(
         &self,
         mut angles: [FingerAngles; FINGERS],
-        fingers: &[Finger],
+        fingers: &[HumanFinger],
         cost: impl Fn(&[FingerAngles; FINGERS]) -> f64,
     ) -> [FingerAngles; FINGERS] {
         let mut step = 0.3;
@@ -186,7 +190,7 @@ impl OperatorHand {
         let common = [rng.uniform(), rng.uniform()];
         core::array::from_fn(|number| {
             let HandFinger { range, coupling, .. } = &self.fingers[number];
-            let thumb = number == Finger::Thumb as usize;
+            let thumb = number == HumanFinger::Thumb as usize;
             let mut within = |joint: usize, common: Option<f64>| {
                 let own = rng.uniform();
                 let [low, high] = range[joint];
@@ -254,7 +258,13 @@ impl FingersMotion {
 
     /// Creates a motion as [`Self::random`], through postures in which the thumb touches one finger after
     /// another.
-    pub fn pinches(hand: &OperatorHand, seed: u64, fingers: &[Finger], movement: f64, hold: f64) -> Self {
+    pub fn pinches(
+        hand: &OperatorHand,
+        seed: u64,
+        fingers: &[HumanFinger],
+        movement: f64,
+        hold: f64,
+    ) -> Self {
         let mut rng = Purpose::Pinches.rng(seed);
         let mut motion = Self::random(hand, seed, 2, 0, [movement; 2], hold);
         for finger in fingers {
@@ -381,7 +391,7 @@ impl Glove {
             (!lost).then_some([x, y, z, w].map(|component: f64| component as f32))
         };
         let mut sample = GloveSample { back: measure(0, back), ..GloveSample::default() };
-        for (number, finger) in Finger::ALL.into_iter().enumerate() {
+        for (number, finger) in HumanFinger::ALL.into_iter().enumerate() {
             let (segments, _) = hand.finger(finger, &angles[number]);
             for (segment, orientation) in segments.into_iter().enumerate() {
                 sample.segments[number][segment] = measure(1 + 3 * number + segment, back * orientation);
@@ -414,7 +424,7 @@ impl FingertipMarkers {
         angles: &[FingerAngles; FINGERS],
     ) -> [Option<[f32; 3]>; FINGERS] {
         core::array::from_fn(|number| {
-            let (_, tip) = hand.finger(Finger::ALL[number], &angles[number]);
+            let (_, tip) = hand.finger(HumanFinger::ALL[number], &angles[number]);
             let measured = tip + Vector3::from_fn(|_, _| self.noise * self.rng.normal());
             let hidden = self.rng.chance(self.occlusion);
             (!hidden).then_some([measured.x, measured.y, measured.z].map(|component| component as f32))

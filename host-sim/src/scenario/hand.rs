@@ -9,7 +9,7 @@ use tesaki::task::TaskConfig;
 use tesaki::task::telexistence::{
     FingertipPoint, FingertipSample, TelexistenceSettings, TelexistenceTelemetry,
 };
-use tesaki::teleop::{FINGERS, Finger};
+use tesaki::teleop::{FINGERS, HumanFinger};
 use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::{Board, BoardError};
 
@@ -47,7 +47,7 @@ pub fn robot_fingertips(hand: &Hand, angles: &Angles) -> Fingertips {
 /// True fingertips of a person, in the frame of the robot's hand.
 pub fn human_fingertips(hand: &OperatorHand, motion: &FingersMotion, time: f64) -> Fingertips {
     let (_, angles) = motion.at(time);
-    std::array::from_fn(|finger| in_robot_frame(hand.finger(Finger::ALL[finger], &angles[finger]).1))
+    std::array::from_fn(|finger| in_robot_frame(hand.finger(HumanFinger::ALL[finger], &angles[finger]).1))
 }
 
 /// A sample of fingertips whose motion is known exactly.
@@ -171,7 +171,7 @@ impl HandLog {
     pub fn table(&self) -> String {
         let series = |value: &dyn Fn(&HandSample) -> f64| self.0.iter().map(value).collect::<Vec<f64>>();
         let mut columns = vec![("time".to_owned(), "s", series(&|sample| sample.time))];
-        for (finger, name) in Finger::ALL.iter().map(|finger| finger.name()).enumerate() {
+        for (finger, name) in HumanFinger::ALL.iter().map(|finger| finger.name()).enumerate() {
             for (axis, letter) in ["x", "y", "z"].into_iter().enumerate() {
                 columns.push((
                     format!("operator {name} {letter}"),
@@ -194,7 +194,7 @@ impl HandLog {
         let time: Vec<f64> = self.0.iter().map(|sample| sample.time).collect();
         (1..FINGERS).fold(Panel::new("Vectors from the thumb's tip", "error", "mm"), |panel, finger| {
             let errors = self.0.iter().map(|sample| sample.error(finger)).collect();
-            panel.line(Line::solid(Finger::ALL[finger].to_string(), finger - 1, time.clone(), errors))
+            panel.line(Line::solid(HumanFinger::ALL[finger].to_string(), finger - 1, time.clone(), errors))
         })
     }
 }

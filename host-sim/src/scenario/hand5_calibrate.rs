@@ -1,7 +1,7 @@
 //! Calibration of an operator's hand: a glove, and markers on the fingertips (Hand5, sections 2.1 and 3.1).
 
 use rapier3d::na::Vector3;
-use tesaki::teleop::{FINGERS, Finger, GloveFilter};
+use tesaki::teleop::{FINGERS, GloveFilter, HumanFinger};
 
 use super::common::capitalized;
 use super::hand::{in_robot_frame, path_panel, vector_errors};
@@ -88,7 +88,7 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, found: &CalibrationTrial) {
     let time = Metric::reported(format!("{label}: time that the calibration takes"), found.time, "s");
     insert("time".into(), limited(time, trial.limits.time));
     for finger in 1..FINGERS {
-        let name = Finger::ALL[finger];
+        let name = HumanFinger::ALL[finger];
         let [[mean, deviation], [angle, angle_deviation]] =
             vector_errors(found.vectors[finger - 1].iter().copied());
         let Limits { length, deviation: length_deviation, direction, .. } = trial.limits;
@@ -131,7 +131,7 @@ fn paths(trial: &Trial, found: &CalibrationTrial) -> Figure {
         let vectors = &found.vectors[finger - 1];
         let shown = vectors.len().min(1000);
         let points = |which: usize| vectors[..shown].iter().map(move |pair| in_robot_frame(pair[which]));
-        let title = Finger::ALL[finger].to_string();
+        let title = HumanFinger::ALL[finger].to_string();
         figure.panel(path_panel(&title, ["estimated", "true"], points(0), points(1)))
     })
 }

@@ -5,7 +5,7 @@ use std::ops::Range;
 use rapier3d::na::Vector3;
 use tesaki::kinematics::{Angles, FingertipTarget, FingertipTargets, Hand, HandOptions};
 use tesaki::task::telexistence::TelexistenceSettings;
-use tesaki::teleop::{FINGERS, Finger};
+use tesaki::teleop::{FINGERS, HumanFinger};
 use tesaki_supervisor::trajectory::minimum_jerk;
 
 use super::common::capitalized;
@@ -84,7 +84,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
         Box::new(move |time| human_fingertips(&hand, &motion, time))
     })?;
     for finger in 0..FINGERS {
-        let name = Finger::ALL[finger];
+        let name = HumanFinger::ALL[finger];
         let stated = log.rms(&window, |sample| sample.stated_error(finger));
         let text = format!("Person's hand: {name}, rms error that the board states");
         summary.insert(format!("human_{}_stated", name.name()), Metric::reported(text, stated, "mm"));
@@ -104,7 +104,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
         let stop = begin + PINCH_MOVEMENT;
         // The servos have 0.3 s.
         let hold = stop + 0.3..stop + AT_REST;
-        let name = Finger::ALL[finger];
+        let name = HumanFinger::ALL[finger];
         let stated = log.largest(&hold, |sample| sample.stated_error(finger));
         let text = format!("Pinch with the {name}: gap by the board's account");
         summary.insert(format!("pinch_{}_stated", name.name()), Metric::at_most(text, stated, 0.5, "mm"));
@@ -229,9 +229,11 @@ fn add_true_errors(summary: &mut Summary, name: &str, log: &HandLog, window: &Ra
     summary.insert(format!("{name}_thumb_rms"), Metric::reported(text, log.thumb_error(window), "mm"));
     for finger in 1..FINGERS {
         let rms = log.rms(window, |sample| sample.error(finger));
-        let text = format!("{label}: true vector from thumb to {}, rms error", Finger::ALL[finger]);
-        summary
-            .insert(format!("{name}_{}_rms", Finger::ALL[finger].name()), Metric::reported(text, rms, "mm"));
+        let text = format!("{label}: true vector from thumb to {}, rms error", HumanFinger::ALL[finger]);
+        summary.insert(
+            format!("{name}_{}_rms", HumanFinger::ALL[finger].name()),
+            Metric::reported(text, rms, "mm"),
+        );
     }
 }
 

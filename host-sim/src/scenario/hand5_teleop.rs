@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use rapier3d::na::Vector3;
 use tesaki::task::telexistence::{FingertipPoint, FingertipSample, TelexistenceSettings};
-use tesaki::teleop::{FINGERS, Finger, Fingertip, GloveFilter, GloveFilterState, HumanHand};
+use tesaki::teleop::{FINGERS, Fingertip, GloveFilter, GloveFilterState, HumanFinger, HumanHand};
 
 use super::common::{T, capitalized};
 use super::hand::{
@@ -195,7 +195,7 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, log: &HandLog) {
     let text = format!("{label}: motion of the thumb's tip, rms error");
     insert("thumb_rms".into(), Metric::reported(text, thumb, "mm"));
     for finger in 1..trial.fingers {
-        let name = Finger::ALL[finger];
+        let name = HumanFinger::ALL[finger];
         let [[mean, deviation], [angle, angle_deviation]] = log.vector_errors(&window, finger);
         let mut report = |key: &str, what: &str, value: f64, unit: &'static str| {
             let text = format!("{label}: {name}, {what}");
@@ -239,7 +239,7 @@ fn paths(trial: &Trial, log: &HandLog) -> Figure {
     [1, trial.fingers - 1].into_iter().take(trial.fingers - 1).fold(figure, |figure, finger| {
         let points = |which: usize| samples.iter().map(move |sample| sample.vectors(finger)[which]);
         figure.panel(path_panel(
-            &Finger::ALL[finger].to_string(),
+            &HumanFinger::ALL[finger].to_string(),
             ["robot", "operator"],
             points(0),
             points(1),

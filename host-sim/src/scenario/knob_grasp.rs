@@ -1,7 +1,7 @@
 //! An arm finds a door knob with the camera in its hand, approaches and grips it (Knob, sections 3 and 4).
 
 use rapier3d::na::{Isometry3, Vector3};
-use tesaki::behavior::{Approach, MIN_CONFIDENCE, Order, Phase};
+use tesaki::behavior::{Approach, ApproachPhase, MIN_CONFIDENCE, Order};
 use tesaki::protocol::Refusal;
 use tesaki::task::visual_approach::{GripperState, VisualApproachCommand, VisualApproachTelemetry};
 use tesaki::task::{TaskConfig, TaskRefusal};
@@ -116,7 +116,7 @@ struct Sample {
 /// What came of a door.
 #[derive(Clone, Debug)]
 struct Log {
-    phase: Phase,
+    phase: ApproachPhase,
     /// Whether both fingers press on the knob at the end.
     gripped: bool,
     ended_in_fault: bool,
@@ -132,7 +132,7 @@ struct Log {
 
 impl Log {
     fn succeeded(&self) -> bool {
-        self.phase == Phase::Done && self.gripped
+        self.phase == ApproachPhase::Done && self.gripped
     }
 
     fn peak_force(&self) -> f64 {
@@ -179,7 +179,7 @@ impl<'a, 'b, 'c> Trial<'a, 'b, 'c> {
         motion.note(format!("door {}", number + 1));
         motion.fixtures(&options.fixtures);
         let log = Log {
-            phase: Phase::Look,
+            phase: ApproachPhase::Look,
             gripped: false,
             ended_in_fault: false,
             time: 0.0,
@@ -241,7 +241,7 @@ impl<'a, 'b, 'c> Trial<'a, 'b, 'c> {
                 }
                 self.sample(&report);
             }
-            if matches!(self.approach.phase(), Phase::Done | Phase::Failed(_)) {
+            if matches!(self.approach.phase(), ApproachPhase::Done | ApproachPhase::Failed(_)) {
                 break;
             }
             self.in_time(Board::keep)?;
@@ -251,7 +251,7 @@ impl<'a, 'b, 'c> Trial<'a, 'b, 'c> {
         self.log.phase = self.approach.phase();
         self.log.tries = self.approach.tries();
         self.log.gripped = self.finger_forces().iter().all(|force| *force >= GRIPPED);
-        if let Phase::Failed(reason) = self.log.phase {
+        if let ApproachPhase::Failed(reason) = self.log.phase {
             self.note(&reason.to_string());
         }
         if let Some(rose) = self.approach.rose() {
@@ -365,7 +365,7 @@ fn summary(logs: &[Log]) -> Summary {
     let first = gripped.iter().filter(|log| log.tries == 0).count();
     summary
         .insert("first_try", Metric::reported("Knobs that are gripped at the first try", share(first), "%"));
-    let claims = logs.iter().filter(|log| log.phase == Phase::Done && !log.gripped).count();
+    let claims = logs.iter().filter(|log| log.phase == ApproachPhase::Done && !log.gripped).count();
     let text = "Doors of which the behaviour says that it holds the knob, and does not";
     summary.insert("wrong_claims", Metric::at_most(text, share(claims), 0.0, "%"));
     let times: Vec<f64> = gripped.iter().map(|log| log.time).collect();

@@ -4,7 +4,7 @@ use heapless::Vec;
 use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 use super::rose::{Rim, RoseEstimate};
-use super::{ApproachSettings, Phase, Reason};
+use super::{ApproachPhase, ApproachSettings, Reason};
 use crate::math::{abs, sqrt};
 use crate::model::Pose;
 use crate::task::visual_approach::{
@@ -67,7 +67,7 @@ pub struct Order {
 #[derive(Clone, Debug)]
 pub struct Approach {
     settings: ApproachSettings,
-    phase: Phase,
+    phase: ApproachPhase,
     /// Time in this phase [s]. Centring and advancing count as one.
     time: f32,
     /// Pose of the hand at the start.
@@ -110,7 +110,7 @@ impl Approach {
     pub const fn new(settings: ApproachSettings) -> Self {
         Self {
             settings,
-            phase: Phase::Look,
+            phase: ApproachPhase::Look,
             time: 0.0,
             home: None,
             first: Vec::new(),
@@ -134,7 +134,7 @@ impl Approach {
     }
 
     /// The present phase.
-    pub const fn phase(&self) -> Phase {
+    pub const fn phase(&self) -> ApproachPhase {
         self.phase
     }
 
@@ -178,7 +178,7 @@ impl Approach {
         let hand = isometry(hand);
         self.blind = 0.0;
         if self.rose.is_empty() {
-            let Some(circle) = circle.filter(|_| self.phase == Phase::Look) else { return };
+            let Some(circle) = circle.filter(|_| self.phase == ApproachPhase::Look) else { return };
             if self.first.is_full() {
                 self.first.remove(0);
             }
@@ -233,18 +233,20 @@ impl Approach {
     /// Handles a refused command. A refusal because of a contact that is not reported yet is expected; others
     /// end the try.
     pub fn refused(&mut self, refusal: &VisualApproachRefusal) {
-        if matches!(self.phase, Phase::Done | Phase::Failed(_)) {
+        if matches!(self.phase, ApproachPhase::Done | ApproachPhase::Failed(_)) {
             // It concerns a command from before the end.
             return;
         }
         self.refused += 1;
         match *refusal {
             // The pull was stopped by a contact before its motion was reported.
-            VisualApproachRefusal::Blocked { .. } if self.phase == Phase::Verify => self.has_moved = true,
+            VisualApproachRefusal::Blocked { .. } if self.phase == ApproachPhase::Verify => {
+                self.has_moved = true
+            }
             VisualApproachRefusal::Blocked { .. } if self.refused < LATE_REPORTS => {}
             VisualApproachRefusal::Blocked { .. } => self.retry(Reason::Blocked),
             VisualApproachRefusal::Target { .. } => self.retry(Reason::OutOfReach),
-            refusal => self.enter(Phase::Failed(Reason::Refused(refusal))),
+            refusal => self.enter(ApproachPhase::Failed(Reason::Refused(refusal))),
         }
     }
 
@@ -253,7 +255,7 @@ impl Approach {
         let hand = isometry(&report.hand);
         let home = *self.home.get_or_insert(hand);
         self.hand = hand.translation.vector;
-        if matches!(self.phase, Phase::Done | Phase::Failed(_)) {
+        if matches!(self.phase, ApproachPhase::Done | ApproachPhase::Failed(_)) {
             return self.ended();
         }
         self.time += elapsed;
@@ -261,33 +263,34 @@ impl Approach {
         self.blind += elapsed;
         self.missed += elapsed;
         self.has_moved |= self.has_ordered && report.motion == HandMotion::Moving;
-        let looks = matches!(self.phase, Phase::Look | Phase::Center | Phase::Advance);
-        let should_open = looks || self.phase == Phase::Retreat;
+        let looks =
+            matches!(self.phase, ApproachPhase::Look | ApproachPhase::Center | ApproachPhase::Advance);
+        let should_open = looks || self.phase == ApproachPhase::Retreat;
         let is_late = self.time > self.settings.patience;
         let is_jammed = report.gripper == GripperState::Jammed;
         if should_open && (is_jammed || is_late && report.gripper != GripperState::Open) {
-            self.enter(Phase::Failed(Reason::Gripper));
+            self.enter(ApproachPhase::Failed(Reason::Gripper));
         } else if looks && self.blind > LOST {
             self.retry(Reason::NoPictures);
         } else if is_late {
-            self.retry(if self.phase == Phase::Look { Reason::NotFound } else { Reason::Late });
+            self.retry(if self.phase == ApproachPhase::Look { Reason::NotFound } else { Reason::Late });
         }
         match self.phase {
-            Phase::Look => self.begin_motion(report),
-            Phase::Center | Phase::Advance => self.approach(report, &hand, &home),
-            Phase::Grip => self.grip(report, &home, elapsed),
-            Phase::Verify => self.verify(report),
-            Phase::Retreat => self.retreat(report),
-            Phase::Done | Phase::Failed(_) => self.ended(),
+            ApproachPhase::Look => self.begin_motion(report),
+            ApproachPhase::Center | ApproachPhase::Advance => self.approach(report, &hand, &home),
+            ApproachPhase::Grip => self.grip(report, &home, elapsed),
+            ApproachPhase::Verify => self.verify(report),
+            ApproachPhase::Retreat => self.retreat(report),
+            ApproachPhase::Done | ApproachPhase::Failed(_) => self.ended(),
         }
     }
 
     fn ended(&self) -> Order {
-        let command = (self.phase != Phase::Done).then_some(VisualApproachCommand::Stand);
+        let command = (self.phase != ApproachPhase::Done).then_some(VisualApproachCommand::Stand);
         Order { command, look: false }
     }
 
-    fn enter(&mut self, phase: Phase) {
+    fn enter(&mut self, phase: ApproachPhase) {
         self.phase = phase;
         (self.time, self.waiting, self.blind, self.missed) = (0.0, 0.0, 0.0, 0.0);
         (self.has_ordered, self.has_moved) = (false, false);
@@ -297,8 +300,8 @@ impl Approach {
 
     /// Gives up this try: retreats for another one, or fails.
     fn retry(&mut self, reason: Reason) {
-        let Some(home) = self.home.filter(|_| self.phase != Phase::Retreat) else {
-            self.enter(Phase::Failed(reason));
+        let Some(home) = self.home.filter(|_| self.phase != ApproachPhase::Retreat) else {
+            self.enter(ApproachPhase::Failed(reason));
             return;
         };
         self.tries = self.tries.saturating_add(1);
@@ -308,15 +311,16 @@ impl Approach {
         let ahead = home.rotation * Vector3::z();
         let back = self.beside.map_or(0.0, |depth| ahead.dot(&self.hand) - depth);
         self.withdrawal = (back > 0.0).then(|| self.hand - ahead * back);
-        self.enter(Phase::Retreat);
+        self.enter(ApproachPhase::Retreat);
     }
 
     /// Handles a grip without the knob: it may be farther away than estimated, unless there was a contact.
     fn miss(&mut self, report: &VisualApproachTelemetry) -> Order {
         let is_free = report.motion != HandMotion::Blocked;
-        if self.deeper < DEEPER_TRIES && self.rose.len() == 1 && is_free && self.phase == Phase::Grip {
+        if self.deeper < DEEPER_TRIES && self.rose.len() == 1 && is_free && self.phase == ApproachPhase::Grip
+        {
             self.deeper += 1;
-            self.enter(Phase::Advance);
+            self.enter(ApproachPhase::Advance);
         } else {
             self.retry(Reason::NotHeld);
         }
@@ -325,7 +329,7 @@ impl Approach {
 
     fn begin_motion(&mut self, report: &VisualApproachTelemetry) -> Order {
         if !self.rose.is_empty() && report.gripper == GripperState::Open {
-            self.enter(Phase::Center);
+            self.enter(ApproachPhase::Center);
         }
         Order { command: Some(VisualApproachCommand::Open), look: true }
     }
@@ -368,7 +372,7 @@ impl Approach {
         }
         match report.motion {
             HandMotion::Blocked if distance < self.settings.grip_distance + NEAR_GRIP => {
-                self.enter(Phase::Grip);
+                self.enter(ApproachPhase::Grip);
                 return Order { command: Some(VisualApproachCommand::Close), look: false };
             }
             HandMotion::Blocked => {
@@ -386,10 +390,11 @@ impl Approach {
                 // The hand still comes to rest at its target.
                 return wait;
             }
-            self.enter(Phase::Grip);
+            self.enter(ApproachPhase::Grip);
             return Order { command: Some(VisualApproachCommand::Close), look: false };
         }
-        self.phase = if goes_on && distance < guard_distance { Phase::Advance } else { Phase::Center };
+        self.phase =
+            if goes_on && distance < guard_distance { ApproachPhase::Advance } else { ApproachPhase::Center };
         let position: Vector3<f32> = (place - ahead * stop).coords;
         if (position - self.hand).norm_squared() > DECISION_PLACE * DECISION_PLACE {
             self.waiting = 0.0;
@@ -404,8 +409,8 @@ impl Approach {
 
     /// Whether the opening of the fingers is that on a knob.
     fn is_on_knob(&self, report: &VisualApproachTelemetry) -> bool {
-        let [least, most] = self.settings.opening;
-        (least..=most).contains(&report.opening)
+        let [min, max] = self.settings.opening;
+        (min..=max).contains(&report.opening)
     }
 
     fn grip(&mut self, report: &VisualApproachTelemetry, home: &Isometry3<f32>, elapsed: f32) -> Order {
@@ -422,7 +427,7 @@ impl Approach {
                 }
                 if self.fingers.1 > SETTLING {
                     self.goal = self.hand - home.rotation * Vector3::z() * self.settings.pull;
-                    self.enter(Phase::Verify);
+                    self.enter(ApproachPhase::Verify);
                 }
             }
             _ => {}
@@ -443,7 +448,7 @@ impl Approach {
             self.waiting = 0.0;
         }
         if self.waiting > HELD {
-            self.enter(Phase::Done);
+            self.enter(ApproachPhase::Done);
         }
         wait
     }
@@ -457,13 +462,13 @@ impl Approach {
         if self.has_moved && report.motion == HandMotion::Blocked {
             (self.has_moved, self.blocks) = (false, self.blocks + 1);
             if self.blocks >= MAX_BLOCKS {
-                self.enter(Phase::Failed(Reason::Blocked));
+                self.enter(ApproachPhase::Failed(Reason::Blocked));
                 return self.ended();
             }
             return Order { command: Some(VisualApproachCommand::Acknowledge), look: false };
         }
         if self.has_moved && report.motion == HandMotion::Limited {
-            self.enter(Phase::Failed(Reason::OutOfReach));
+            self.enter(ApproachPhase::Failed(Reason::OutOfReach));
             return self.ended();
         }
         let left = |goal: &Vector3<f32>| sqrt((goal - self.hand).norm_squared());
@@ -475,13 +480,13 @@ impl Approach {
         };
         if self.withdrawal.is_none() && left(&goal) < RETREATED {
             if self.tries > self.settings.retries {
-                self.enter(Phase::Failed(self.reason));
+                self.enter(ApproachPhase::Failed(self.reason));
                 return self.ended();
             }
             self.rose.clear();
             self.first.clear();
             (self.deeper, self.beside) = (0, None);
-            self.enter(Phase::Look);
+            self.enter(ApproachPhase::Look);
             return Order { command: None, look: true };
         }
         self.move_to(goal, speed)

@@ -11,6 +11,6 @@ mod settings;
 mod tests;
 
 pub use approach::{Approach, MIN_CONFIDENCE, Order};
-pub use phase::{Phase, Reason};
+pub use phase::{ApproachPhase, Reason};
 pub use rose::{KnobExpectation, Rim, RoseEstimate};
 pub use settings::{ApproachSettings, InvalidApproach};

@@ -2,9 +2,9 @@
 
 use crate::task::visual_approach::VisualApproachRefusal;
 
-/// Phase of the behaviour.
+/// Phase of the visual approach.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Phase {
+pub enum ApproachPhase {
     /// The gripper opens, and the camera searches for the rose.
     Look,
     /// The hand moves in front of the knob.

@@ -22,7 +22,7 @@ const GATE: f32 = 4.0;
 const MEMORY: f32 = 0.98;
 /// Minimum reach of the search window [px], and maximum angle between the axis of the knob and the approach
 /// direction [rad].
-const LEAST_REACH: f32 = 12.0;
+const MIN_REACH: f32 = 12.0;
 const AXIS_REACH: f32 = 0.07;
 
 /// Prior knowledge of the knob before the first picture. Distances and lengths are along the approach
@@ -122,16 +122,16 @@ impl RoseEstimate {
         let (center, radius) = table.appearance(&place, self.radius());
         let scale = radius / self.radius();
         let [x, y, z] = [Vector3::x(), Vector3::y(), Vector3::z()].map(|axis| self.deviation(&(hand * axis)));
-        let reach = (3.0 * scale * x.max(y)).max(LEAST_REACH);
+        let reach = (3.0 * scale * x.max(y)).max(MIN_REACH);
         // The radius in the image depends on radius and distance, whose errors are correlated.
         let nearer = [place[0], place[1], place[2] - 3.0 * z];
         let farther = [place[0], place[1], place[2] + 3.0 * z];
         let [small, large] = expectation.rose;
-        let least = table.appearance(&farther, self.radius().max(small)).1.min(0.85 * radius);
-        let most = table.appearance(&nearer, self.radius().min(large)).1.max(1.15 * radius);
+        let min = table.appearance(&farther, self.radius().max(small)).1.min(0.85 * radius);
+        let max = table.appearance(&nearer, self.radius().min(large)).1.max(1.15 * radius);
         let axis = table.vanishing_point();
         CircleSearch {
-            radius: [least, most],
+            radius: [min, max],
             window: Some(Window { center, reach }),
             axis: Some(Window { center: axis, reach: AXIS_REACH * table.focal_length() }),
         }

@@ -145,7 +145,7 @@ impl World {
     }
 
     /// Runs the behaviour with the simulated camera until it ends.
-    fn run(&mut self, mut camera: impl FnMut(&mut Self) -> Option<Circle>) -> Phase {
+    fn run(&mut self, mut camera: impl FnMut(&mut Self) -> Option<Circle>) -> ApproachPhase {
         for step in 0..5000 {
             let report = self.report();
             let order = self.approach.update(&report, STEP);
@@ -158,7 +158,7 @@ impl World {
             if let Some(command) = order.command {
                 self.take(&command);
             }
-            if matches!(self.approach.phase(), Phase::Done | Phase::Failed(_)) {
+            if matches!(self.approach.phase(), ApproachPhase::Done | ApproachPhase::Failed(_)) {
                 return self.approach.phase();
             }
             self.step();
@@ -251,7 +251,7 @@ impl World {
 fn the_knob_is_held_within_ten_seconds() {
     let mut world = World::new();
     let phase = world.run(|world| Some(world.rose_seen()));
-    assert_eq!(phase, Phase::Done);
+    assert_eq!(phase, ApproachPhase::Done);
     assert!(world.time < 10.0, "{} s", world.time);
     let [distance, aside] = world.place();
     assert!((0.01..0.035).contains(&distance) && aside < 3e-3, "{distance} m, {aside} m aside");
@@ -270,13 +270,13 @@ fn circles_of_the_knob_in_place_of_the_rose_do_not_mislead() {
             Some(world.rose_seen())
         }
     });
-    assert_eq!((phase, world.approach.tries()), (Phase::Done, 0));
+    assert_eq!((phase, world.approach.tries()), (ApproachPhase::Done, 0));
 }
 
 #[test]
 fn where_there_is_no_rose_the_hand_stays() {
     let mut world = World::new();
-    assert_eq!(world.run(|_| None), Phase::Failed(Reason::NotFound));
+    assert_eq!(world.run(|_| None), ApproachPhase::Failed(Reason::NotFound));
     // It has looked from positions a few centimetres aside, and never moved towards the door.
     assert!(world.hand.norm() < 0.05 && world.hand.z < 0.021, "{:?}", world.hand);
 }
@@ -289,7 +289,7 @@ fn circles_that_jump_about_lead_nowhere() {
         let radius = 19.0 + 5.0 * world.noise();
         Some(Circle { center, radius, ..seen(&world.rose, world.radius, &world.hand) })
     });
-    assert!(matches!(phase, Phase::Failed(Reason::NotFound | Reason::Lost)), "{phase:?}");
+    assert!(matches!(phase, ApproachPhase::Failed(Reason::NotFound | Reason::Lost)), "{phase:?}");
 }
 
 #[test]
@@ -304,14 +304,14 @@ fn a_rose_that_is_lost_is_looked_for_from_where_the_hand_began() {
         let hidden = hidden_at.is_some_and(|begin| world.time < begin + 4.0);
         if hidden { None } else { Some(world.rose_seen()) }
     });
-    assert_eq!((phase, world.approach.tries()), (Phase::Done, 1));
+    assert_eq!((phase, world.approach.tries()), (ApproachPhase::Done, 1));
 }
 
 #[test]
 fn a_knob_that_is_not_there_is_not_held() {
     let mut world = World { has_knob: false, ..World::new() };
     let phase = world.run(|world| Some(world.rose_seen()));
-    assert_eq!(phase, Phase::Failed(Reason::NotHeld));
+    assert_eq!(phase, ApproachPhase::Failed(Reason::NotHeld));
     assert_eq!(world.approach.tries(), 3);
     // Back at its start.
     assert!(world.hand.norm() < 0.05, "{:?}", world.hand);
@@ -327,29 +327,29 @@ fn what_the_hand_runs_into_ends_the_try() {
         Some(world.rose_seen())
     });
     // Also during the retreat to the next position for pictures.
-    assert!(matches!(phase, Phase::Failed(Reason::Blocked | Reason::Late)), "{phase:?}");
+    assert!(matches!(phase, ApproachPhase::Failed(Reason::Blocked | Reason::Late)), "{phase:?}");
 }
 
 #[test]
 fn a_refusal_that_comes_after_the_end_changes_nothing() {
     let mut world = World::new();
-    assert_eq!(world.run(|world| Some(world.rose_seen())), Phase::Done);
+    assert_eq!(world.run(|world| Some(world.rose_seen())), ApproachPhase::Done);
     world.approach.refused(&VisualApproachRefusal::Target { distance: 1.0, reach: 0.5 });
-    assert_eq!(world.run(|world| Some(world.rose_seen())), Phase::Done);
+    assert_eq!(world.run(|world| Some(world.rose_seen())), ApproachPhase::Done);
 }
 
 #[test]
 fn from_beside_a_knob_that_is_not_held_the_hand_goes_straight_back_and_slowly() {
     // The simulation panics when the fingers hit the knob, or move fast beside it.
     let mut world = World { slips: true, ..World::new() };
-    assert_eq!(world.run(|world| Some(world.rose_seen())), Phase::Failed(Reason::NotHeld));
+    assert_eq!(world.run(|world| Some(world.rose_seen())), ApproachPhase::Failed(Reason::NotHeld));
     assert_eq!(world.approach.tries(), 3);
 }
 
 #[test]
 fn a_hand_that_is_held_fast_beside_the_knob_pulls_twice() {
     let mut world = World { slips: true, is_wedged: true, ..World::new() };
-    assert_eq!(world.run(|world| Some(world.rose_seen())), Phase::Failed(Reason::Blocked));
+    assert_eq!(world.run(|world| Some(world.rose_seen())), ApproachPhase::Failed(Reason::Blocked));
     assert_eq!(world.blocks, 2);
 }
 
@@ -362,9 +362,9 @@ fn a_camera_that_dies_beside_the_knob_ends_the_try() {
         grips += u8::from(world.gripper == GripperState::Closing);
         Some(world.rose_seen())
     });
-    assert_eq!(phase, Phase::Failed(Reason::NoPictures));
+    assert_eq!(phase, ApproachPhase::Failed(Reason::NoPictures));
     let mut world = World { is_blind: true, ..World::new() };
-    assert_eq!(world.run(|_| None), Phase::Failed(Reason::NoPictures));
+    assert_eq!(world.run(|_| None), ApproachPhase::Failed(Reason::NoPictures));
     assert!(world.time < 10.0, "{} s", world.time);
 }
 
@@ -372,17 +372,17 @@ fn a_camera_that_dies_beside_the_knob_ends_the_try() {
 fn a_contact_from_before_the_pull_is_no_proof_of_a_grip() {
     let mut world = World { is_stalled: true, ..World::new() };
     let phase = world.run(|world| Some(world.rose_seen()));
-    assert!(matches!(phase, Phase::Failed(_)), "{phase:?}");
+    assert!(matches!(phase, ApproachPhase::Failed(_)), "{phase:?}");
 }
 
 #[test]
 fn a_gripper_that_never_opens_is_named() {
     let mut world = World { is_stuck: true, ..World::new() };
-    assert_eq!(world.run(|world| Some(world.rose_seen())), Phase::Failed(Reason::Gripper));
+    assert_eq!(world.run(|world| Some(world.rose_seen())), ApproachPhase::Failed(Reason::Gripper));
     let mut world = World { gripper: GripperState::Jammed, ..World::new() };
     let report = world.report();
     world.approach.update(&report, STEP);
-    assert_eq!(world.approach.phase(), Phase::Failed(Reason::Gripper));
+    assert_eq!(world.approach.phase(), ApproachPhase::Failed(Reason::Gripper));
 }
 
 #[test]
@@ -394,7 +394,11 @@ fn the_way_to_the_knob_has_one_deadline_however_often_it_is_centred_again() {
         if world.time % 1.2 < 0.1 {
             side = -side;
         }
-        way = if matches!(world.approach.phase(), Phase::Center | Phase::Advance) { way + 0.1 } else { 0.0 };
+        way = if matches!(world.approach.phase(), ApproachPhase::Center | ApproachPhase::Advance) {
+            way + 0.1
+        } else {
+            0.0
+        };
         longest = longest.max(way);
         Some(seen(&(world.rose + Vector3::new(side, 0.0, 0.0)), world.radius, &world.hand))
     });
@@ -409,7 +413,7 @@ fn standing_before_the_knob_counts_anew_in_every_try() {
     let mut explanations = Vec::<usize, 64>::new();
     world.run(|world| {
         looks += 1;
-        if world.approach.phase() == Phase::Center {
+        if world.approach.phase() == ApproachPhase::Center {
             let _ = explanations.push(world.approach.explanations());
         }
         (looks > 15).then(|| world.rose_seen())
@@ -429,18 +433,18 @@ fn a_refused_command_ends_the_try_with_its_reason() {
     let mut approach = begun();
     let speed = VisualApproachRefusal::Speed { value: 0.2, limit: 0.1 };
     approach.refused(&speed);
-    assert_eq!(approach.phase(), Phase::Failed(Reason::Refused(speed)));
+    assert_eq!(approach.phase(), ApproachPhase::Failed(Reason::Refused(speed)));
     let mut approach = begun();
     approach.refused(&VisualApproachRefusal::Target { distance: 0.6, reach: 0.5 });
-    assert_eq!((approach.phase(), approach.tries()), (Phase::Retreat, 1));
+    assert_eq!((approach.phase(), approach.tries()), (ApproachPhase::Retreat, 1));
     // A report of the contact may still be on its way.
     let mut approach = begun();
     for _ in 0..4 {
         approach.refused(&VisualApproachRefusal::Blocked { ahead: 0.1 });
-        assert_eq!(approach.phase(), Phase::Look);
+        assert_eq!(approach.phase(), ApproachPhase::Look);
     }
     approach.refused(&VisualApproachRefusal::Blocked { ahead: 0.1 });
-    assert_eq!(approach.phase(), Phase::Retreat);
+    assert_eq!(approach.phase(), ApproachPhase::Retreat);
 }
 
 #[test]

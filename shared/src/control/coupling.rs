@@ -13,7 +13,7 @@ const NEGLIGIBLE: f32 = 1e-5;
 /// Elements of the matrices of an [`Impedance`](super::Impedance) below their diagonals, row by row: (y, x),
 /// (z, x), (z, y), and so on to (about z, about y). The matrices are symmetric.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
-pub struct Coupling {
+pub struct ImpedanceCoupling {
     /// Elements of `M` [kg, kg·m, kg·m²].
     pub mass: [f32; ELEMENTS],
     /// Elements of `B` [N·s/m, N·s, N·m·s].
@@ -22,7 +22,7 @@ pub struct Coupling {
     pub stiffness: [f32; ELEMENTS],
 }
 
-impl Coupling {
+impl ImpedanceCoupling {
     /// No coupling.
     pub const NONE: Self =
         Self { mass: [0.0; ELEMENTS], damping: [0.0; ELEMENTS], stiffness: [0.0; ELEMENTS] };

@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Matrix6, Vector6};
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-use super::coupling::{self, Coupling};
+use super::coupling::{self, ImpedanceCoupling};
 use crate::math::Ldlt;
 use crate::{TICK, math};
 
@@ -40,7 +40,7 @@ pub struct Impedance {
     /// Axes of the matrices.
     pub axes: ImpedanceAxes,
     /// Elements off the diagonals; `None`: all are 0.
-    pub coupling: Option<Coupling>,
+    pub coupling: Option<ImpedanceCoupling>,
 }
 
 /// Axes in which the matrices of an [`Impedance`] are given.
@@ -144,6 +144,8 @@ impl fmt::Display for InvalidImpedance {
     }
 }
 
+impl core::error::Error for InvalidImpedance {}
+
 impl Impedance {
     /// An impedance in the axes of the base, without coupling.
     pub const fn diagonal(mass: [f32; 6], damping: [f32; 6], stiffness: [f32; 6]) -> Self {
@@ -151,7 +153,7 @@ impl Impedance {
     }
 
     /// `M`, `B` and `K`.
-    fn matrices(&self, coupling: &Coupling) -> [Matrix6<f32>; 3] {
+    fn matrices(&self, coupling: &ImpedanceCoupling) -> [Matrix6<f32>; 3] {
         [
             coupling::symmetric(&self.mass, &coupling.mass),
             coupling::symmetric(&self.damping, &coupling.damping),
@@ -185,7 +187,7 @@ impl Impedance {
 
     /// Checks that `M` is positive definite and that `0 ≤ B ≤ 100 M` and `0 ≤ K ≤ 2500 M`, in the order of
     /// symmetric matrices.
-    fn validate_matrices(&self, coupling: &Coupling) -> Result<(), InvalidImpedance> {
+    fn validate_matrices(&self, coupling: &ImpedanceCoupling) -> Result<(), InvalidImpedance> {
         let [mass, damping, stiffness] = self.matrices(coupling);
         let check = |term, matrix: &Matrix6<f32>, limit| match coupling::small_pivot(matrix, limit) {
             Some((axis, value)) => Err(InvalidImpedance { term, axis, value, limit }),
@@ -228,10 +230,10 @@ impl Impedance {
         if self.coupling.is_some() {
             return;
         }
-        for ((mass, damping), least) in self.mass.iter_mut().zip(&mut self.damping).zip(masses()) {
-            if *mass < least {
-                *damping *= least / *mass;
-                *mass = least;
+        for ((mass, damping), min) in self.mass.iter_mut().zip(&mut self.damping).zip(masses()) {
+            if *mass < min {
+                *damping *= min / *mass;
+                *mass = min;
             }
         }
     }
@@ -276,7 +278,7 @@ impl Impedance {
     #[inline(never)]
     fn coupled_acceleration(
         &self,
-        coupling: &Coupling,
+        coupling: &ImpedanceCoupling,
         error: &Vector6<f32>,
         velocity: &Vector6<f32>,
         force: &Vector6<f32>,
@@ -337,9 +339,9 @@ impl Impedance {
 
     /// Moves the coupling towards `goal`. Without a goal it is dropped once it is negligible.
     #[inline(never)]
-    fn blend_coupling(&mut self, goal: Option<&Coupling>, fraction: f32) {
-        let mut coupling = self.coupling.unwrap_or(Coupling::NONE);
-        coupling.blend_towards(goal.unwrap_or(&Coupling::NONE), fraction);
+    fn blend_coupling(&mut self, goal: Option<&ImpedanceCoupling>, fraction: f32) {
+        let mut coupling = self.coupling.unwrap_or(ImpedanceCoupling::NONE);
+        coupling.blend_towards(goal.unwrap_or(&ImpedanceCoupling::NONE), fraction);
         let [mass, damping, stiffness] = [&self.mass, &self.damping, &self.stiffness];
         let is_negligible = coupling::is_negligible(&coupling.mass, mass)
             && coupling::is_negligible(&coupling.damping, damping)
@@ -358,10 +360,10 @@ impl Impedance {
             }
             coupling::split(&rotated)
         };
-        let matrices = self.matrices(self.coupling.as_ref().unwrap_or(&Coupling::NONE));
+        let matrices = self.matrices(self.coupling.as_ref().unwrap_or(&ImpedanceCoupling::NONE));
         let [(mass, of_mass), (damping, of_damping), (stiffness, of_stiffness)] =
             matrices.each_ref().map(of_matrix);
-        let coupling = Coupling { mass: of_mass, damping: of_damping, stiffness: of_stiffness };
+        let coupling = ImpedanceCoupling { mass: of_mass, damping: of_damping, stiffness: of_stiffness };
         Self { mass, damping, stiffness, axes, coupling: Some(coupling) }
     }
 }

@@ -8,7 +8,7 @@ mod joint_servo;
 mod observer;
 mod pid;
 
-pub use coupling::Coupling;
+pub use coupling::ImpedanceCoupling;
 pub use current_loop::{
     CurrentLoop, CurrentLoopField, CurrentLoopState, Drive, InvalidCurrentLoop, SUPPLY_MIN, Switching,
     Winding,

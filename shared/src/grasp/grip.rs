@@ -105,9 +105,6 @@ pub enum GripError {
 }
 
 impl LeastGrip {
-    /// Budget of [`Self::advance`] per tick in instructions: about four steps with three contacts.
-    pub const INSTRUCTIONS_PER_TICK: u32 = 25_000;
-
     /// Sets `margin`, the unused fraction of the friction, 0 (inclusive) to 1 (exclusive), and `min_force`,
     /// the minimum normal force of each contact [N], which keeps it closed.
     ///

@@ -120,7 +120,7 @@ pub(super) enum SearchEnd {
 }
 
 /// The dual function at a twist.
-pub(super) struct Point {
+pub(super) struct DualPoint {
     pub twist: Vector6<f32>,
     /// Projections of the contact velocities onto the cones.
     pub nearest: Vec<Projection, MAX_CONTACTS>,
@@ -160,7 +160,7 @@ impl Search<'_> {
         state: &mut SearchState,
         max_instructions: u32,
         proves: impl Fn(&Vector6<f32>) -> Option<Certificate>,
-    ) -> Result<Point, SearchEnd> {
+    ) -> Result<DualPoint, SearchEnd> {
         self.take(START);
         let mut point = self.at(state.twist.into());
         // A negative dual value at a warm start means a bad start, because the maximum is positive. Later
@@ -215,11 +215,11 @@ impl Search<'_> {
     }
 
     /// Norm of the residual over the load.
-    pub fn residual(&self, point: &Point) -> f32 {
+    pub fn residual(&self, point: &DualPoint) -> f32 {
         math::sqrt(point.residual.norm_squared()) / self.norm
     }
 
-    fn is_accurate(&self, point: &Point, residual: f32) -> bool {
+    fn is_accurate(&self, point: &DualPoint, residual: f32) -> bool {
         let rounding = ROUNDING * math::sqrt(point.square);
         residual * self.norm <= TARGET_RESIDUAL * self.norm + rounding && duality_gap(point) <= TARGET_GAP
     }
@@ -227,7 +227,7 @@ impl Search<'_> {
     /// Candidate certificates of infeasibility.
     fn candidates(
         &self,
-        point: &Point,
+        point: &DualPoint,
         ray: Option<Vector6<f32>>,
         steps: u8,
     ) -> impl Iterator<Item = Vector6<f32>> {
@@ -258,7 +258,7 @@ impl Search<'_> {
     }
 
     #[inline(never)]
-    fn at(&self, twist: Vector6<f32>) -> Point {
+    fn at(&self, twist: Vector6<f32>) -> DualPoint {
         self.take(EVALUATION);
         let (linear, angular) = halves(&twist);
         let (mut force, mut moment) = halves(&self.load);
@@ -272,12 +272,12 @@ impl Search<'_> {
             square += nearest.force.norm_squared();
             let _ = all.push(nearest); // cannot fail: same capacity
         }
-        Point { twist, nearest: all, residual: stack(&force, &moment), support, square }
+        DualPoint { twist, nearest: all, residual: stack(&force, &moment), support, square }
     }
 
     /// A damped Newton step with line search. Also returns its direction if the slope hardly changed along
     /// it.
-    fn step(&self, point: &Point, damping: &mut f32) -> (Point, Option<Vector6<f32>>) {
+    fn step(&self, point: &DualPoint, damping: &mut f32) -> (DualPoint, Option<Vector6<f32>>) {
         self.take(DIRECTION);
         let mut hessian = self.hessian(point);
         let added = *damping * math::sqrt(point.residual.norm_squared());
@@ -302,7 +302,7 @@ impl Search<'_> {
     }
 
     /// Backtracks along a step that went too far: the slope falls from `slope` to `end` < 0.
-    fn shorter(&self, point: &Point, direction: &Vector6<f32>, slope: f32, end: f32) -> Point {
+    fn shorter(&self, point: &DualPoint, direction: &Vector6<f32>, slope: f32, end: f32) -> DualPoint {
         let (mut lower, mut upper) = ((0.0, slope), (1.0, end));
         let mut tries = 1;
         loop {
@@ -324,7 +324,7 @@ impl Search<'_> {
     }
 
     /// Extends a step along which the slope hardly changed.
-    fn longer(&self, mut point: Point, direction: &Vector6<f32>) -> Point {
+    fn longer(&self, mut point: DualPoint, direction: &Vector6<f32>) -> DualPoint {
         let mut length = EXTENSION - 1.0;
         for _ in 0..MAX_EXTENSIONS {
             let next = self.at(point.twist + direction * length);
@@ -343,7 +343,7 @@ impl Search<'_> {
 
     /// Hessian `Σ Gᵢ Pᵢ Gᵢᵀ`, lower triangle only.
     #[inline(never)]
-    fn hessian(&self, point: &Point) -> Matrix6<f32> {
+    fn hessian(&self, point: &DualPoint) -> Matrix6<f32> {
         let mut hessian = Matrix6::zeros();
         for (cone, lever, nearest) in zip((&self.cones, &self.map.levers, &point.nearest)) {
             let derivative = cone.derivative(nearest);
@@ -366,6 +366,6 @@ impl Search<'_> {
 }
 
 /// Relative duality gap that the residual causes: the twist is the gradient of the sum of squares.
-fn duality_gap(point: &Point) -> f32 {
+fn duality_gap(point: &DualPoint) -> f32 {
     2.0 * abs(point.twist.dot(&point.residual)) / point.square
 }

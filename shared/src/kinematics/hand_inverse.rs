@@ -25,7 +25,7 @@ const EMPHASIS: f32 = 1e3;
 /// An undamped step below this ends the iterations [rad]: the remaining error is of the order of its square.
 const CONVERGED: f32 = 1e-2;
 /// Damping below this counts as none, over the squared length of the finger.
-const LEAST_DAMPING: f32 = 1e-3;
+const MIN_DAMPING: f32 = 1e-3;
 /// First damping after a step that raised the cost, over the squared length of the finger.
 const FIRST_DAMPING: f32 = 3e-3;
 /// The same in the last iterations, which follow a narrow valley where the finger is nearly stretched.
@@ -99,9 +99,9 @@ impl HandReport {
     }
 }
 
-/// Angles and the resulting postures, errors and costs.
+/// An iterate of the optimisation: angles, and the resulting postures, errors and costs.
 #[derive(Clone, Debug)]
-pub(super) struct Point {
+pub(super) struct Iterate {
     pub(super) angles: Angles,
     /// Postures of the fingers with a target, in their order; further entries are unused.
     pub(super) postures: Vec<FingerPosture, MAX_FINGERS>,
@@ -117,13 +117,13 @@ pub(super) struct Point {
     pub(super) directed: bool,
 }
 
-/// The present point, and memory for the next: points are too large to be copied in each iteration.
-pub(super) struct Points<'a> {
-    pub(super) here: &'a mut Point,
-    there: &'a mut Point,
+/// The present iterate, and memory for the next: they are too large to be copied in each iteration.
+pub(super) struct Iterates<'a> {
+    pub(super) here: &'a mut Iterate,
+    there: &'a mut Iterate,
 }
 
-impl Point {
+impl Iterate {
     /// Unlike a derived `Default`, does not initialise the memory of the postures.
     #[inline(always)]
     fn new() -> Self {
@@ -148,9 +148,9 @@ impl Point {
     }
 }
 
-/// The optimisation problem.
+/// The optimisation problem of the inverse kinematics of a hand.
 #[derive(Clone, Copy)]
-pub(super) struct Problem<'a> {
+pub(super) struct InverseProblem<'a> {
     pub(super) hand: &'a Hand,
     pub(super) targets: &'a FingertipTargets,
     pub(super) options: &'a HandOptions,
@@ -218,8 +218,8 @@ impl Hand {
             return report;
         }
         self.limit(angles);
-        let (mut here, mut there) = (Point::new(), Point::new());
-        let mut points = Points { here: &mut here, there: &mut there };
+        let (mut here, mut there) = (Iterate::new(), Iterate::new());
+        let mut points = Iterates { here: &mut here, there: &mut there };
         // The part of its share that a finger does not use is available to the next.
         #[expect(clippy::cast_possible_truncation, reason = "at most 5")]
         let count = |targets: &FingertipTargets| targets.iter().flatten().count() as u16;
@@ -252,10 +252,10 @@ impl Hand {
         options: &HandOptions,
         angles: &mut Angles,
         global: bool,
-        points: &mut Points<'_>,
+        points: &mut Iterates<'_>,
         report: &mut HandReport,
     ) {
-        let problem = Problem {
+        let problem = InverseProblem {
             hand: self,
             targets,
             options,
@@ -282,7 +282,7 @@ impl Hand {
     }
 }
 
-impl Problem<'_> {
+impl InverseProblem<'_> {
     /// The fingers with their targets.
     pub(super) fn fingers(&self) -> impl Iterator<Item = (usize, &HandFinger, &FingertipTarget)> {
         let pairs = self.hand.fingers.iter().zip(self.targets).enumerate();
@@ -294,7 +294,7 @@ impl Problem<'_> {
     }
 
     /// Newton's method from `angles`, which are within their limits; then without the secondary objective.
-    pub(super) fn descend(&self, angles: &Angles, points: &mut Points<'_>, evaluations: &mut u16) {
+    pub(super) fn descend(&self, angles: &Angles, points: &mut Iterates<'_>, evaluations: &mut u16) {
         points.here.angles = *angles;
         self.evaluate(Terms::All, points.here, evaluations);
         if self.is_first && self.starts_near(points.here) {
@@ -309,7 +309,7 @@ impl Problem<'_> {
             // First with almost equal weights: if both can be reached, this is the solution, and it converges
             // fast. With the small weight alone the joints would move slowly along the set of equal
             // positions.
-            let equal = Problem { emphasis: EMPHASIS, ..*self };
+            let equal = InverseProblem { emphasis: EMPHASIS, ..*self };
             equal.weigh(points.here);
             equal.iterate(points, Terms::All, iterations, evaluations);
             self.weigh(points.here);
@@ -322,7 +322,7 @@ impl Problem<'_> {
     }
 
     /// Removes the position errors that the secondary objective causes.
-    pub(super) fn finish(&self, points: &mut Points<'_>, iterations: usize, evaluations: &mut u16) {
+    pub(super) fn finish(&self, points: &mut Iterates<'_>, iterations: usize, evaluations: &mut u16) {
         let here = &mut *points.here;
         let tolerance = self.options.tolerance;
         let mut squares = here.errors.iter().map(Vector3::norm_squared);
@@ -332,7 +332,7 @@ impl Problem<'_> {
     }
 
     /// Iterates for the positions alone. The steps are too small to affect the secondary objective.
-    fn iterate_positions(&self, points: &mut Points<'_>, iterations: usize, evaluations: &mut u16) {
+    fn iterate_positions(&self, points: &mut Iterates<'_>, iterations: usize, evaluations: &mut u16) {
         let secondary = points.here.secondary;
         points.here.cost = points.here.primary;
         self.iterate(points, Terms::Positions, iterations, evaluations);
@@ -341,12 +341,12 @@ impl Problem<'_> {
     }
 
     /// Updates the cost from both objectives.
-    fn weigh(&self, point: &mut Point) {
+    fn weigh(&self, point: &mut Iterate) {
         point.cost = point.primary + self.emphasis * point.secondary;
     }
 
-    fn iterate(&self, points: &mut Points<'_>, terms: Terms, iterations: usize, evaluations: &mut u16) {
-        let Points { here, there } = points;
+    fn iterate(&self, points: &mut Iterates<'_>, terms: Terms, iterations: usize, evaluations: &mut u16) {
+        let Iterates { here, there } = points;
         let first = if terms == Terms::All { FIRST_DAMPING } else { FIRST_FINAL_DAMPING };
         let mut damping = 0.0;
         // If evaluations are limited, the last ones are reserved for the positions: one step after the
@@ -377,7 +377,7 @@ impl Problem<'_> {
                 break;
             }
             damping = match (falls, damping) {
-                (true, damping) if damping <= LEAST_DAMPING => 0.0,
+                (true, damping) if damping <= MIN_DAMPING => 0.0,
                 (true, damping) => 0.1 * damping,
                 (false, damping) => (10.0 * damping).max(first),
             };
@@ -386,7 +386,7 @@ impl Problem<'_> {
 
     /// Whether a few steps for the positions alone are expected to reach all targets from `point`, and there
     /// are no directions to follow.
-    fn starts_near(&self, point: &Point) -> bool {
+    fn starts_near(&self, point: &Iterate) -> bool {
         self.fingers().all(|(index, finger, target)| {
             let range = NEARBY * finger.length;
             let error = point.errors.get(index).copied().unwrap_or_default();
@@ -395,13 +395,13 @@ impl Problem<'_> {
     }
 
     /// Whether the last iterations can reach all targets from `point`, and there are no directions to follow.
-    fn ends_near(&self, point: &Point) -> bool {
+    fn ends_near(&self, point: &Iterate) -> bool {
         point.errors.iter().all(|error| error.norm_squared() < FINAL_RANGE * FINAL_RANGE)
             && self.fingers().all(|(_, _, target)| target.direction.is_none())
     }
 
     /// Adds `step` to the angles of `here` within their limits. Returns the largest change of an angle.
-    fn advance(&self, here: &Point, step: &Angles, angles: &mut Angles) -> f32 {
+    fn advance(&self, here: &Iterate, step: &Angles, angles: &mut Angles) -> f32 {
         *angles = here.angles;
         let mut largest = 0.0_f32;
         for (_, finger, _) in self.fingers() {
@@ -418,7 +418,7 @@ impl Problem<'_> {
     }
 
     /// Computes postures, errors and costs of `point` from its angles.
-    fn evaluate(&self, terms: Terms, point: &mut Point, evaluations: &mut u16) {
+    fn evaluate(&self, terms: Terms, point: &mut Iterate, evaluations: &mut u16) {
         point.errors = [Vector3::zeros(); MAX_FINGERS];
         (point.primary, point.secondary, point.reached, point.directed) = (0.0, 0.0, true, true);
         let tolerance = self.options.tolerance;

@@ -1,7 +1,7 @@
 //! Search of a [`Hand`](super::Hand) beyond the nearest minimum: see [`super::hand_inverse`].
 
 use super::hand::{Angles, MAX_FINGERS, angle, set_angle};
-use super::hand_inverse::{Point, Points, Problem};
+use super::hand_inverse::{InverseProblem, Iterate, Iterates};
 
 /// Maximum number of the last iterations if the search found no start from which all targets are reached.
 const MAX_FINAL_ITERATIONS: usize = 60;
@@ -22,12 +22,12 @@ impl Starts {
     }
 }
 
-impl Problem<'_> {
+impl InverseProblem<'_> {
     /// Searches beyond the local minimum. For a given angle of the shared joint the fingers are independent,
     /// so each can be searched alone: a grid over that angle, then all fingers together from its two best
     /// values; then random starts.
-    pub(super) fn search(&self, points: &mut Points<'_>, evaluations: &mut u16) {
-        let exact = Problem { irreducible: f32::INFINITY, ..*self };
+    pub(super) fn search(&self, points: &mut Iterates<'_>, evaluations: &mut u16) {
+        let exact = InverseProblem { irreducible: f32::INFINITY, ..*self };
         exact.finish(points, MAX_FINAL_ITERATIONS, evaluations);
         if points.here.reached && points.here.directed {
             return;
@@ -39,9 +39,9 @@ impl Problem<'_> {
     }
 
     /// Descends from other starts until the targets are reached.
-    fn search_elsewhere(&self, best: &mut Point, points: &mut Points<'_>, evaluations: &mut u16) {
+    fn search_elsewhere(&self, best: &mut Iterate, points: &mut Iterates<'_>, evaluations: &mut u16) {
         let mut starts = Starts(1);
-        let mut try_from = |angles: &Angles, best: &mut Point, points: &mut Points<'_>| {
+        let mut try_from = |angles: &Angles, best: &mut Iterate, points: &mut Iterates<'_>| {
             self.descend(angles, points, evaluations);
             if points.here.is_better_than(best) {
                 best.clone_from(points.here);
@@ -82,7 +82,7 @@ impl Problem<'_> {
 
     /// Solves each finger alone at the angle of the shared joint in `angles`, from several starts. Returns
     /// the sum of the position costs.
-    fn fingers_alone(&self, angles: &mut Angles, starts: &mut Starts, points: &mut Points<'_>) -> f32 {
+    fn fingers_alone(&self, angles: &mut Angles, starts: &mut Starts, points: &mut Iterates<'_>) -> f32 {
         let mut sum = 0.0;
         let center = self.hand.center();
         for (index, finger, target) in self.fingers() {
@@ -90,9 +90,9 @@ impl Problem<'_> {
             if let Some(place) = targets.get_mut(index) {
                 *place = Some(*target);
             }
-            let alone = Problem { targets: &targets, moves_shared: false, ..*self };
+            let alone = InverseProblem { targets: &targets, moves_shared: false, ..*self };
             let own = finger.variables.len() - usize::from(finger.shares);
-            let mut best: Option<Point> = None;
+            let mut best: Option<Iterate> = None;
             for start in 0..FINGER_STARTS {
                 let mut from = *angles;
                 for &joint in finger.variables.iter().take(own) {

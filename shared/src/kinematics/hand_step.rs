@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::hand::{Angles, FingerPosture, HandFinger, Range, angle, set_angle};
-use super::hand_inverse::{FingertipTarget, Point, Problem, Terms};
+use super::hand_inverse::{FingertipTarget, InverseProblem, Iterate, Terms};
 use crate::model::MAX_CHAIN_JOINTS;
 
 /// Weight `μ` of the secondary objective over the squared length of the finger. Position errors that it
@@ -32,16 +32,16 @@ struct Move {
     follow: [f32; MAX_CHAIN_JOINTS],
 }
 
-impl Problem<'_> {
+impl InverseProblem<'_> {
     /// One step of Newton's method, or of the Gauss–Newton method where the Hessian is not positive definite
     /// or not needed.
-    pub(super) fn step(&self, here: &Point, terms: Terms, damping: f32) -> Angles {
+    pub(super) fn step(&self, here: &Iterate, terms: Terms, damping: f32) -> Angles {
         let step = self.try_step(here, terms, damping, self.irreducible);
         step.or_else(|| self.try_step(here, terms, damping, 0.0)).unwrap_or_else(Angles::zeros)
     }
 
     /// The step; `None` if the Hessian is not positive definite.
-    fn try_step(&self, here: &Point, terms: Terms, damping: f32, irreducible: f32) -> Option<Angles> {
+    fn try_step(&self, here: &Iterate, terms: Terms, damping: f32, irreducible: f32) -> Option<Angles> {
         let shared = self.hand.shared.filter(|_| self.moves_shared);
         // Gradient and curvature of the shared joint, and those that remain when the fingers follow it.
         let (mut gradient, mut reduced, mut curvature) = (0.0, 0.0, 0.0);
@@ -102,7 +102,7 @@ impl Problem<'_> {
         &self,
         (index, finger, target): (usize, &HandFinger, &FingertipTarget),
         posture: &FingerPosture,
-        here: &Point,
+        here: &Iterate,
         (terms, damping, irreducible): (Terms, f32, f32),
         block: &mut Block,
     ) {

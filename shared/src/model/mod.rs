@@ -17,6 +17,7 @@ mod error;
 mod validate;
 
 pub use error::{Field, ModelError, Problem};
+pub(crate) use validate::{CURRENT_MARGIN, JUMP_FACTOR};
 
 use heapless::{String, Vec};
 

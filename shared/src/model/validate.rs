@@ -8,7 +8,11 @@ use super::{
 };
 use crate::TICK;
 use crate::math::{self, abs};
-use crate::robot::{CURRENT_MARGIN, JUMP_FACTOR};
+
+/// An apparent velocity above this multiple of the velocity limit is an encoder error.
+pub(crate) const JUMP_FACTOR: f32 = 2.0;
+/// Tolerance of the current check: overshoot of the current loop and error of the current sensor.
+pub(crate) const CURRENT_MARGIN: f32 = 1.25;
 
 /// Smallest value, in SI units, of a quantity that must be positive.
 const SMALLEST: f32 = 1e-12;

@@ -214,7 +214,7 @@ impl JointState {
         #[expect(clippy::cast_precision_loss, reason = "a difference of angles")]
         let counts = self.count.wrapping_sub(other.count) as f32;
         let moved = counts + other.change / of_other.radians_per_count;
-        leaps && abs(moved * config.radians_per_count) <= config.fast
+        leaps && abs(moved * config.radians_per_count) <= config.thresholds.fast
     }
 
     /// Whether the angle is known.
@@ -283,7 +283,7 @@ impl Joint<'_> {
     #[cold]
     pub fn leaps_to(&self, count: i32, periods: f32) -> bool {
         let change = self.state.angle(self.config, count) - *self.position;
-        abs(change) > self.config.jump * periods
+        abs(change) > self.config.thresholds.jump * periods
     }
 
     /// Reads the encoder in a tick.
@@ -387,9 +387,9 @@ impl Joint<'_> {
         let max = weight_error + if grips { pressed } else { pressed.min(state.stood) };
         let is_led = abs(self.reference.velocity) >= STALL_SPEED;
         // If the motion does not slow down, the opposing torque balances a push, or the encoder drifts.
-        let slows = is_led || begins || abs(state.change) + config.flicker < abs(velocity) * TICK;
+        let slows = is_led || begins || abs(state.change) + config.thresholds.flicker < abs(velocity) * TICK;
         let follows = is_led && state.change * excess <= 0.0;
-        let brakes = slows && abs(velocity) * TICK > config.moving && excess * velocity < 0.0;
+        let brakes = slows && abs(velocity) * TICK > config.thresholds.moving && excess * velocity < 0.0;
         if abs(excess) <= max || brakes || follows {
             return;
         }
@@ -416,8 +416,8 @@ impl Joint<'_> {
     }
 
     /// Computes the torque from the inverse dynamics of the `links` [N·m], with a fraction of the `friction`
-    /// fed forward. Returns the acceleration that the limits added [rad/s²], and the mean torque until the
-    /// next tick [N·m].
+    /// fed forward. Returns the mean torque until the next tick [N·m], and the acceleration that the limits
+    /// added [rad/s²].
     #[inline(never)]
     pub fn accelerate(&mut self, friction: f32, links: f32) -> [f32; 2] {
         let servo = &self.config.servo;
@@ -432,7 +432,7 @@ impl Joint<'_> {
         self.state.torque = servo.limit(&mut self.state.servo, ahead);
         self.state.effort = self.config.inertia * self.reference.acceleration;
         let mean = self.state.torque + lag * (before - self.state.torque);
-        [servo.acceleration(mean - desired), mean]
+        [mean, servo.acceleration(mean - desired)]
     }
 
     /// Computes the torque of a damped joint: damping, the compensated part of the `gravity` torque [N·m],

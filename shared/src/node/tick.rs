@@ -10,6 +10,7 @@ use crate::math::abs;
 use crate::model::{MAX_CHAIN_JOINTS, MAX_JOINTS, Reaction};
 use crate::protocol::{ActuatorFrame, Mode, SensorFrame};
 use crate::robot::{Actuation, JointSetpoint, Motion, Robot};
+use crate::task::TaskFault;
 
 /// A damped robot counts as driven by its torques above the kinetic energy of its mass at this speed [m/s].
 /// Below it the robot may be coming to rest in a contact, unless the torques have added more than this share
@@ -80,9 +81,8 @@ impl Node {
             return None;
         }
         let (task, io) = self.task_and_io();
-        let fault = task.tick(io).err()?;
-        let tick = self.state.tick;
-        Some(Fault { cause: fault.cause, joint: fault.joint, value: fault.value, limit: fault.limit, tick })
+        let TaskFault { cause, joint, value, limit } = task.tick(io).err()?;
+        Some(Fault { cause, joint, value, limit, tick: self.state.tick })
     }
 
     /// Computes the torques.
@@ -216,7 +216,7 @@ impl Node {
             let results = mean.iter_mut().zip(&mut added).skip(joints.start);
             let of_chain = all.range(joints.start, joints.len()).zip(torques);
             for ((mut joint, torque), (mean, added)) in of_chain.zip(results) {
-                [*added, *mean] = joint.accelerate(friction, torque);
+                [*mean, *added] = joint.accelerate(friction, torque);
             }
         }
         self.state.task.applied(&self.robot, &mean, &added);

@@ -100,8 +100,8 @@ pub fn encode<T: Serialize>(message: &T, frame: &mut [u8]) -> Result<usize, TooL
 fn stuff(frame: &mut [u8], mut end: usize) -> Option<usize> {
     let mut code = 0;
     loop {
-        let most = end.min(code + GROUP);
-        let next = find_zero(frame.get(code + 1..most)?).map_or(most, |run| code + 1 + run);
+        let max = end.min(code + GROUP);
+        let next = find_zero(frame.get(code + 1..max)?).map_or(max, |run| code + 1 + run);
         *frame.get_mut(code)? = (next - code).to_le_bytes()[0];
         if next == end {
             return Some(end);
@@ -171,6 +171,19 @@ pub enum FrameError {
     /// Intact, but not a message of this protocol.
     Malformed,
 }
+
+impl core::fmt::Display for FrameError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Overlong => write!(f, "the frame is longer than {MAX_FRAME} bytes"),
+            Self::Framing => f.write_str("the frame is not a COBS sequence, or too short for its checksum"),
+            Self::Checksum => f.write_str("the frame's checksum does not match"),
+            Self::Malformed => f.write_str("the frame is intact, but not a message of this protocol"),
+        }
+    }
+}
+
+impl core::error::Error for FrameError {}
 
 /// Counts of a [`Decoder`] since its creation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]

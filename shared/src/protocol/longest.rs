@@ -35,7 +35,7 @@ pub const fn longest(of: &NamedType) -> usize {
         DataModelType::Tuple(types) | DataModelType::TupleStruct(types) => sum(types),
         DataModelType::Struct(fields) => fields_sum(fields),
         DataModelType::Enum(variants) => {
-            let (mut most, mut index) = (0, 0);
+            let (mut max, mut index) = (0, 0);
             while index < variants.len() {
                 let size = match variants[index].ty {
                     DataModelVariant::UnitVariant => 0,
@@ -43,10 +43,10 @@ pub const fn longest(of: &NamedType) -> usize {
                     DataModelVariant::TupleVariant(types) => sum(types),
                     DataModelVariant::StructVariant(fields) => fields_sum(fields),
                 };
-                most = if size > most { size } else { most };
+                max = if size > max { size } else { max };
                 index += 1;
             }
-            1 + most
+            1 + max
         }
         _ => panic!("the encoding of this type has no bound"),
     }

@@ -1,6 +1,7 @@
 use core::f32::consts::TAU;
 
 use super::LimitRefusal;
+use super::fault_thresholds::FaultThresholds;
 use crate::TICK;
 use crate::control::{JointPoint, JointServo};
 use crate::math::{self, abs};
@@ -11,13 +12,7 @@ use crate::signal::PseudoDifferentiator;
 const VELOCITY_CUTOFF: f32 = 100.0;
 /// Pole of the velocity filter, exp(−ωT) of [`VELOCITY_CUTOFF`]: the fraction of a velocity step that is
 /// still missing after one period.
-const FILTERED: f32 = 0.367_879_44;
-/// Tolerance of the encoder-jump check for noise [counts].
-const COUNT_NOISE: f32 = 2.0;
-/// An apparent velocity above this multiple of the velocity limit is an encoder error.
-pub(crate) const JUMP_FACTOR: f32 = 2.0;
-/// Tolerance of the current check: overshoot of the current loop and error of the current sensor.
-pub(crate) const CURRENT_MARGIN: f32 = 1.25;
+const VELOCITY_POLE: f32 = 0.367_879_44;
 
 /// Largest share of a joint's velocity that damping removes in a period. The velocity is one period old:
 /// above about one half, damping would oscillate.
@@ -25,11 +20,6 @@ const MAX_DAMPED_SHARE: f32 = 0.3;
 
 /// Share of the velocity limit at which a joint approaches a goal. The rest is a margin for tracking.
 const GOAL_SPEED: f32 = 0.8;
-
-/// A joint counts as running away only beyond this share of its following-error limit, and above this share
-/// of its velocity limit. Smaller shares detect it sooner, but mistake a push for it.
-const RUNAWAY_DEVIATION: f32 = 0.25;
-const RUNAWAY_SPEED: f32 = 0.1;
 
 /// A joint of a validated model, preprocessed for the tick.
 #[derive(Clone, Debug)]
@@ -40,14 +30,7 @@ pub struct JointConfig {
     pub limits: JointLimits,
     /// Radians per encoder count; negative for a reversed encoder.
     pub(crate) radians_per_count: f32,
-    /// Larger currents are a fault [counts].
-    pub(crate) current_limit: f32,
     pub(crate) amperes_per_count: f32,
-    /// Larger changes of the angle in one tick are an encoder error [rad].
-    pub(crate) jump: f32,
-    /// Angles beyond these are a fault: the limits with a margin of the permitted following error [rad].
-    pub(crate) min_angle: f32,
-    pub(crate) max_angle: f32,
     /// Count at angle 0 of an absolute encoder.
     pub(crate) zero: Option<i32>,
     pub(crate) velocity: PseudoDifferentiator,
@@ -55,86 +38,27 @@ pub struct JointConfig {
     pub(crate) damping: f32,
     /// Inertia about the axis [kg·m²].
     pub(crate) inertia: f32,
-    /// Effort that overcomes stiction, with a margin for errors of the feed-forward [N·m].
-    pub(crate) breakaway: f32,
-    /// Thresholds for a dead encoder of a joint that stands still [N·m]: the torque beyond the weight exceeds
-    /// `excess`, and the effort has grown by more than `growth` if the joint moved before, by more than
-    /// `held_growth` if not; or an effort of an acceleration, without weight and contact, has grown by more
-    /// than `accelerating_growth`. In a stop in which no joint has to press, the smaller `stop_excess`
-    /// applies.
-    pub(crate) excess: f32,
-    pub(crate) stop_excess: f32,
-    pub(crate) growth: f32,
-    pub(crate) held_growth: f32,
-    pub(crate) accelerating_growth: f32,
-    /// The smallest growth that has to be checked.
-    pub(crate) least_growth: f32,
     /// Coulomb friction of the model [N·m].
     pub(crate) coulomb: f32,
-    /// Minimum change of the angle per tick of a joint that moves, and maximum one of a dead encoder, which
-    /// may flicker by one count [rad].
-    pub(crate) moving: f32,
-    pub(crate) flicker: f32,
-    /// Maximum friction beyond the model's [N·m].
-    pub(crate) max_friction: f32,
-    /// Minimum deviation from the reference of a joint that runs away, and its minimum change of the angle
-    /// per tick [rad].
-    pub(crate) deviation: f32,
-    pub(crate) fast: f32,
+    pub(crate) thresholds: FaultThresholds,
 }
-
-/// A torque beyond the weight, or its growth, must move a joint despite the errors of the model when it
-/// exceeds twice the Coulomb friction plus this share of the torque limit. Smaller shares detect a dead
-/// encoder sooner, but mistake a grip for it: `docs/fault-schedules.md` reports the trade-off.
-const EXCESS_SHARE: f32 = 0.08;
-const GROWTH_SHARE: f32 = 0.015;
-const HELD_GROWTH_SHARE: f32 = 0.05;
-/// Share of `accelerating_growth` that suffices when the torque beyond the weight confirms it.
-pub(crate) const CONFIRMED_SHARE: f32 = 0.75;
-/// A joint counts as moving from this speed on [rad/s], and from this number of counts per tick, the
-/// resolution of a coarse encoder. A slower joint may be coming to rest in a grip.
-const MOVING_SPEED: f32 = 0.0767;
-const MOVING_COUNTS: f32 = 2.0;
-/// The largest change of a dead encoder in a tick [counts].
-const FLICKER_COUNTS: f32 = 1.5;
-/// Largest Coulomb friction that the check for dead encoders allows, as a multiple of the model's.
-const MAX_FRICTION: f32 = 5.0;
 
 impl JointConfig {
     /// `damping` is that of the robot after a fault [N·m·s/rad].
     pub(super) fn new(joint: &JointModel, damping: f32) -> Self {
         let radians_per_count = TAU / joint.encoder.counts_per_turn;
         let servo = JointServo::new(joint);
-        let torque = servo.torque_limit();
-        let beyond_friction = |share: f32| 2.0 * joint.friction.coulomb + share * torque;
-        let growth = beyond_friction(GROWTH_SHARE);
-        let accelerating_growth = 10.0 * joint.friction.coulomb + 0.01 * torque;
         Self {
             damping: damping.min(MAX_DAMPED_SHARE / (servo.acceleration(1.0) * TICK)),
             inertia: 1.0 / servo.acceleration(1.0),
+            thresholds: FaultThresholds::new(joint, servo.torque_limit()),
             servo,
             limits: joint.limits,
             radians_per_count: if joint.encoder.reversed { -radians_per_count } else { radians_per_count },
-            current_limit: CURRENT_MARGIN * joint.motor.current_limit / joint.motor.current_resolution,
             amperes_per_count: joint.motor.current_resolution,
-            jump: JUMP_FACTOR * joint.limits.velocity * TICK + COUNT_NOISE * radians_per_count,
-            min_angle: joint.limits.lower - joint.limits.following_error,
-            max_angle: joint.limits.upper + joint.limits.following_error,
             zero: (!joint.encoder.relative).then_some(joint.encoder.zero),
             velocity: PseudoDifferentiator::new(VELOCITY_CUTOFF),
-            breakaway: beyond_friction(0.1),
-            excess: beyond_friction(EXCESS_SHARE),
-            stop_excess: beyond_friction(0.5 * EXCESS_SHARE),
-            growth,
-            held_growth: beyond_friction(HELD_GROWTH_SHARE),
-            accelerating_growth,
-            least_growth: growth.min(CONFIRMED_SHARE * accelerating_growth),
-            moving: (MOVING_SPEED * TICK).max(MOVING_COUNTS * radians_per_count),
-            flicker: FLICKER_COUNTS * radians_per_count,
             coulomb: joint.friction.coulomb,
-            max_friction: (MAX_FRICTION - 1.0) * joint.friction.coulomb,
-            deviation: RUNAWAY_DEVIATION * joint.limits.following_error,
-            fast: RUNAWAY_SPEED * joint.limits.velocity * TICK,
         }
     }
 
@@ -154,13 +78,13 @@ impl JointConfig {
     /// Step of the velocity in the last period, from the `change` of the angle [rad] and the filtered
     /// `velocity` at its end [rad/s].
     pub(crate) fn velocity_step(&self, change: f32, velocity: f32) -> f32 {
-        (change / TICK - velocity) / FILTERED
+        (change / TICK - velocity) / VELOCITY_POLE
     }
 
     /// The change of the filtered velocity in the last period, as an acceleration [rad/s²], from the `change`
     /// of the angle [rad] and the filtered `velocity` at its end [rad/s].
     pub(crate) fn acceleration(&self, change: f32, velocity: f32) -> f32 {
-        (1.0 - FILTERED) * self.velocity_step(change, velocity) / TICK
+        (1.0 - VELOCITY_POLE) * self.velocity_step(change, velocity) / TICK
     }
 
     /// How far a goal may be ahead of the reference [rad]. The trajectory filter follows a goal that stays
@@ -251,7 +175,7 @@ mod tests {
 
     #[test]
     fn what_the_filter_leaves_out_is_that_of_its_cutoff() {
-        assert!(abs(FILTERED - math::exp(-VELOCITY_CUTOFF * TICK)) < 1e-7);
+        assert!(abs(VELOCITY_POLE - math::exp(-VELOCITY_CUTOFF * TICK)) < 1e-7);
         // Hence the step follows from the change of the angle and the filtered velocity.
         let config = JointConfig::new(&crate::test_support::joint("joint"), 0.1);
         let mut velocity = 2.0;

@@ -122,3 +122,5 @@ impl fmt::Display for LimitRefusal {
         }
     }
 }
+
+impl core::error::Error for LimitRefusal {}

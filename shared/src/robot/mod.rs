@@ -1,13 +1,14 @@
 //! The robot at run time: preprocessed model, measured state, and targets of its joints.
 
+mod fault_thresholds;
 mod joint;
 mod limit;
 mod measured;
 mod mimic;
 mod targets;
 
+pub(crate) use fault_thresholds::CONFIRMED_SHARE;
 pub use joint::JointConfig;
-pub(crate) use joint::{CONFIRMED_SHARE, CURRENT_MARGIN, JUMP_FACTOR};
 pub use limit::{Concerns, LimitRefusal};
 pub use measured::{Efforts, Measured, Postures};
 pub(crate) use mimic::Motion;

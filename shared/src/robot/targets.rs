@@ -68,18 +68,16 @@ impl Targets {
         servo_mode: ServoMode::Pid,
         joints: [JointTarget::at(0.0); MAX_JOINTS],
     };
-
-    /// Sets all joints to rest at these angles [rad].
-    pub fn stand_at(&mut self, positions: &[f32; MAX_JOINTS]) {
-        for (target, position) in self.joints.iter_mut().zip(positions) {
-            *target = JointTarget::at(*position);
-        }
-    }
 }
 
 impl JointTarget {
     /// The target at rest at an angle [rad].
     pub const fn at(position: f32) -> Self {
         Self { setpoint: JointSetpoint::Goal(position), feedforward: 0.0, restart: false }
+    }
+
+    /// The target that is a point of a trajectory.
+    pub const fn point(point: JointPoint) -> Self {
+        Self { setpoint: JointSetpoint::Point(point), feedforward: 0.0, restart: false }
     }
 }

@@ -1,9 +1,10 @@
+use core::error::Error;
 use core::fmt;
 
 use nalgebra::Vector3;
 
 use crate::control::JointPoint;
-use crate::fault::{Fault, FaultCause};
+use crate::fault::{Fault, FaultCause, Finding};
 use crate::model::MAX_JOINTS;
 use crate::robot::{Concerns, Efforts, Measured, Postures, Robot, Targets};
 
@@ -36,6 +37,18 @@ pub struct TaskFault {
     pub limit: f32,
 }
 
+impl fmt::Display for TaskFault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { cause, joint, value, limit } = *self;
+        if let Some(joint) = joint {
+            write!(f, "joint {joint}: ")?;
+        }
+        Finding { cause, value, limit }.fmt(f)
+    }
+}
+
+impl Error for TaskFault {}
+
 /// How a robot that can still be controlled comes to rest after a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Halt {
@@ -58,7 +71,7 @@ pub trait Task {
     /// State that the supervisor sees, also after the task was disabled.
     type Telemetry;
     /// Why a config or a command is refused.
-    type Refusal: Copy + fmt::Display + Concerns;
+    type Refusal: Copy + Error + Concerns;
 
     /// The state before the task begins.
     const IDLE: Self;
@@ -70,7 +83,7 @@ pub trait Task {
     fn check(robot: &Robot, measured: &Measured, config: &Self::Config) -> Result<(), Self::Refusal>;
 
     /// Begins at rest at the robot's present position. Called on [`IDLE`](Self::IDLE), after a successful
-    /// [`check`](Self::check).
+    /// [`check`](Self::check). The joint servos hold the joints there: references and targets are set.
     fn begin(&mut self, io: Io<'_>, config: &Self::Config);
 
     /// Carries out a command between two ticks.

@@ -12,9 +12,7 @@ use crate::control::{JointPoint, ServoMode};
 use crate::kinematics::{FingerError, TipPoint};
 use crate::math::{self, abs};
 use crate::model::{MAX_CHAINS, MAX_JOINTS};
-use crate::robot::{
-    Actuation, Concerns, JointSetpoint, JointTarget, LimitRefusal, Measured, Postures, Robot, count,
-};
+use crate::robot::{Concerns, JointSetpoint, JointTarget, LimitRefusal, Measured, Postures, Robot, count};
 
 /// Commands of the joint servo. Each states the set-points of all joints, so it may be repeated.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
@@ -130,6 +128,8 @@ impl fmt::Display for JointServoRefusal {
     }
 }
 
+impl core::error::Error for JointServoRefusal {}
+
 /// How far a stream may run ahead of the velocity limit [ticks]: a delayed link delivers several points at
 /// once.
 const LINK_TICKS: f32 = 10.0;
@@ -238,12 +238,11 @@ impl JointServoTask {
         }
         self.step = step;
         for (target, &point) in io.targets.joints.iter_mut().zip(points) {
-            *target = JointTarget { setpoint: JointSetpoint::Point(point), feedforward: 0.0, restart: false };
+            *target = JointTarget::point(point);
         }
         for (target, &torque) in io.targets.joints.iter_mut().zip(torques) {
             target.feedforward = torque;
         }
-        io.targets.actuation = Actuation::Servo;
         self.updated = true;
         Ok(())
     }

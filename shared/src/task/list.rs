@@ -81,6 +81,8 @@ macro_rules! tasks {
             }
         }
 
+        impl core::error::Error for TaskRefusal {}
+
         impl Concerns for TaskRefusal {
             fn joint(&self) -> Option<u8> {
                 match self { $(Self::$name(refusal) => refusal.joint()),* }

@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, SMatrix, Vector3};
 
 use super::calibration::LinkPrior;
 use super::calibration_error::CalibrationError;
-use super::human_hand::{FINGERS, Finger, FingerLinks, FingerRotations};
+use super::human_hand::{FINGERS, FingerLinks, FingerRotations, HumanFinger};
 use crate::math::{self, Svd};
 
 /// Joints and tip of a finger: the ends of its links.
@@ -46,9 +46,9 @@ pub(super) fn infer_links(
     flat: &[FingerRotations; FINGERS],
 ) -> Result<[LinkPrior; FINGERS], CalibrationError> {
     let known = || {
-        let fingers = Finger::ALL.into_iter().zip(calibrated).zip(flat);
+        let fingers = HumanFinger::ALL.into_iter().zip(calibrated).zip(flat);
         fingers.filter_map(|((finger, links), flat)| match (finger, links) {
-            (Finger::Thumb, _) | (_, None) => None,
+            (HumanFinger::Thumb, _) | (_, None) => None,
             (_, Some(links)) => Some((mean_points(finger), points(links, flat))),
         })
     };
@@ -70,7 +70,7 @@ pub(super) fn infer_links(
     let (turn, trace) = nearest_rotation(&covariance);
     let scale = trace / variance;
     let mut priors = [LinkPrior { mean: FingerLinks::default(), deviation: [JOINT_DEVIATION; 4] }; FINGERS];
-    for ((prior, finger), flat) in priors.iter_mut().zip(Finger::ALL).zip(flat) {
+    for ((prior, finger), flat) in priors.iter_mut().zip(HumanFinger::ALL).zip(flat) {
         let fitted = mean_points(finger).map(|point| centres[1] + turn * (point - centres[0]) * scale);
         prior.mean.0[0] = fitted[0].into();
         for (link, rotation) in flat.0.iter().enumerate() {
@@ -83,7 +83,7 @@ pub(super) fn infer_links(
 }
 
 /// Joints and tip of the mean flat hand [m]: x distal, y radial.
-fn mean_points(finger: Finger) -> Points {
+fn mean_points(finger: HumanFinger) -> Points {
     let [metacarpal, bones @ ..] = BONES[finger as usize];
     let [x, y, splay] = METACARPALS[finger as usize];
     let (sine, cosine) = math::sin_cos(splay.to_radians());

@@ -12,7 +12,7 @@
 use nalgebra::{SMatrix, SVector, Vector3};
 
 use super::calibration_error::{CalibrationError, FingerMotion, Movement};
-use super::human_hand::{Finger, FingerLinks, FingerRotations};
+use super::human_hand::{FingerLinks, FingerRotations, HumanFinger};
 use super::joint_movements::{JointMovements, JointRange};
 use crate::math::{self, IncrementalQr};
 
@@ -111,7 +111,7 @@ pub struct LinkPrior {
 /// Calibration of one finger.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FingerCalibration {
-    pub(super) finger: Finger,
+    pub(super) finger: HumanFinger,
     pub(super) settings: CalibrationSettings,
     equations: IncrementalQr<12>,
     /// Number of poses, and their sum of weights.
@@ -126,13 +126,13 @@ impl FingerCalibration {
     ///
     /// # Errors
     /// A setting outside its limits.
-    pub fn try_new(finger: Finger, settings: &CalibrationSettings) -> Result<Self, CalibrationError> {
+    pub fn try_new(finger: HumanFinger, settings: &CalibrationSettings) -> Result<Self, CalibrationError> {
         settings.check()?;
         Ok(Self::new(finger, settings))
     }
 
     /// As `try_new`, with valid settings.
-    pub(super) fn new(finger: Finger, settings: &CalibrationSettings) -> Self {
+    pub(super) fn new(finger: HumanFinger, settings: &CalibrationSettings) -> Self {
         Self {
             finger,
             settings: *settings,
@@ -293,10 +293,10 @@ impl FingerCalibration {
             largest = largest.max((posture.regressor() * scaled).norm_squared());
         }
         // Each joint alone, over its whole range.
-        let [least, middle, most] = [0, 1, 2].map(|level| range.angles([level; 4]));
+        let [min, middle, max] = [0, 1, 2].map(|level| range.angles([level; 4]));
         let mut weakest = (0.0, Movement::BendBase);
         for (number, movement) in Movement::ALL.into_iter().enumerate() {
-            let [low, high] = [least, most].map(|end| {
+            let [low, high] = [min, max].map(|end| {
                 let mut angles = middle;
                 angles[number] = end[number];
                 self.joints.posture(angles).regressor()
@@ -310,7 +310,7 @@ impl FingerCalibration {
     }
 }
 
-pub(super) fn check_marker(finger: Finger, tip: [f32; 3]) -> Result<(), CalibrationError> {
+pub(super) fn check_marker(finger: HumanFinger, tip: [f32; 3]) -> Result<(), CalibrationError> {
     let distance = math::sqrt(Vector3::from(tip).norm_squared());
     if distance <= 0.4 { Ok(()) } else { Err(CalibrationError::Marker { finger, distance }) }
 }

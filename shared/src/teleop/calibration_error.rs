@@ -1,6 +1,6 @@
 use core::fmt;
 
-use super::human_hand::{Finger, GloveError};
+use super::human_hand::{GloveError, HumanFinger};
 
 /// A movement of a finger's joints.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -25,7 +25,7 @@ impl Movement {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct FingerMotion {
     /// The finger.
-    pub finger: Finger,
+    pub finger: HumanFinger,
     /// The movement.
     pub movement: Movement,
 }
@@ -34,8 +34,8 @@ impl fmt::Display for FingerMotion {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { finger, movement } = self;
         match (movement, finger) {
-            (Movement::BendBase, Finger::Thumb) => f.write_str("move the thumb across the palm"),
-            (Movement::Spread, Finger::Thumb) => f.write_str("lift the thumb off the palm"),
+            (Movement::BendBase, HumanFinger::Thumb) => f.write_str("move the thumb across the palm"),
+            (Movement::Spread, HumanFinger::Thumb) => f.write_str("lift the thumb off the palm"),
             (Movement::Spread, _) => write!(f, "spread the {finger} sideways"),
             (Movement::BendBase, _) => write!(f, "bend the {finger} at the palm"),
             (Movement::BendMiddle, _) => write!(f, "bend the middle joint of the {finger}"),
@@ -53,7 +53,7 @@ pub enum CalibrationError {
     /// A marker that is not finite or too far from the hand.
     Marker {
         /// Its finger.
-        finger: Finger,
+        finger: HumanFinger,
         /// Distance from the back of the hand [m].
         distance: f32,
     },
@@ -71,7 +71,7 @@ pub enum CalibrationError {
     /// Too few poses show the finger's marker.
     TooFewPoses {
         /// The finger.
-        finger: Finger,
+        finger: HumanFinger,
         /// Number of poses.
         poses: u32,
         /// Minimum number.
@@ -80,7 +80,7 @@ pub enum CalibrationError {
     /// No joint of the finger moved by more than 2°.
     PosesAlike {
         /// The finger.
-        finger: Finger,
+        finger: HumanFinger,
     },
     /// The poses lack a movement, so the tip would be predicted badly.
     MissingMotion {
@@ -94,7 +94,7 @@ pub enum CalibrationError {
     /// The residual is larger than noise explains.
     Residual {
         /// The finger.
-        finger: Finger,
+        finger: HumanFinger,
         /// Root mean square of the tip's residual [m].
         value: f32,
         /// Limit for the stated noise [m].
@@ -103,9 +103,9 @@ pub enum CalibrationError {
     /// A finger's orientations fit another finger's marker.
     Swapped {
         /// The finger.
-        finger: Finger,
+        finger: HumanFinger,
         /// The finger whose marker fits better.
-        marker_of: Finger,
+        marker_of: HumanFinger,
         /// Residual with its own marker [m].
         own: f32,
         /// Residual with the other's [m].

@@ -31,7 +31,7 @@ fn sample([back, segments @ ..]: &[[f32; 4]; 4]) -> GloveSample {
 }
 
 fn index(quaternions: &[[f32; 4]; 4]) -> FingerRotations {
-    FingerRotations::of(&sample(quaternions), Finger::Index).unwrap()
+    FingerRotations::of(&sample(quaternions), HumanFinger::Index).unwrap()
 }
 
 fn settings(case: &Case) -> CalibrationSettings {
@@ -39,7 +39,7 @@ fn settings(case: &Case) -> CalibrationSettings {
 }
 
 fn calibration(case: &Case) -> FingerCalibration {
-    let mut calibration = FingerCalibration::try_new(Finger::Index, &settings(case)).unwrap();
+    let mut calibration = FingerCalibration::try_new(HumanFinger::Index, &settings(case)).unwrap();
     if case.3 > 0.0 {
         let prior = LinkPrior { mean: FingerLinks(case.9), deviation: [case.3; 4] };
         calibration.add_prior(&prior).unwrap();
@@ -118,7 +118,7 @@ fn the_stated_deviation_of_the_tip_is_that_of_its_errors() {
 fn fingers_that_were_not_spread_are_refused_with_that_movement() {
     let error = calibration(case("exact, not spread")).solve().unwrap_err();
     let CalibrationError::MissingMotion { motion, deviation, .. } = error else { panic!("{error}") };
-    assert_eq!(motion, FingerMotion { finger: Finger::Index, movement: Movement::Spread });
+    assert_eq!(motion, FingerMotion { finger: HumanFinger::Index, movement: Movement::Spread });
     assert!(deviation > MAX_TIP_DEVIATION);
     assert_eq!(motion.to_string(), "spread the index finger sideways");
 }
@@ -147,7 +147,7 @@ fn each_joint_that_did_not_move_is_named() {
         [(0, Movement::BendBase), (1, Movement::Spread), (2, Movement::BendMiddle), (3, Movement::BendEnd)];
     for (joint, movement) in still {
         let mut calibration = FingerCalibration::try_new(
-            Finger::Ring,
+            HumanFinger::Ring,
             &CalibrationSettings { orientation_noise: 0.006, ..CalibrationSettings::DEFAULT },
         )
         .unwrap();
@@ -158,10 +158,10 @@ fn each_joint_that_did_not_move_is_named() {
         }
         let error = calibration.solve().unwrap_err();
         let CalibrationError::MissingMotion { motion, .. } = error else { panic!("{error}") };
-        assert_eq!(motion, FingerMotion { finger: Finger::Ring, movement });
+        assert_eq!(motion, FingerMotion { finger: HumanFinger::Ring, movement });
     }
     let mut calibration = FingerCalibration::try_new(
-        Finger::Ring,
+        HumanFinger::Ring,
         &CalibrationSettings { orientation_noise: 0.006, ..CalibrationSettings::DEFAULT },
     )
     .unwrap();
@@ -173,13 +173,14 @@ fn each_joint_that_did_not_move_is_named() {
 
 #[test]
 fn too_few_poses_and_poses_alike_are_refused() {
-    let mut calibration = FingerCalibration::try_new(Finger::Thumb, &CalibrationSettings::DEFAULT).unwrap();
+    let mut calibration =
+        FingerCalibration::try_new(HumanFinger::Thumb, &CalibrationSettings::DEFAULT).unwrap();
     let rotations = posture([0.3, 0.0, 0.2, 0.1]);
     for poses in 0..8 {
         let expected = if poses < 4 {
-            CalibrationError::TooFewPoses { finger: Finger::Thumb, poses, min: 4 }
+            CalibrationError::TooFewPoses { finger: HumanFinger::Thumb, poses, min: 4 }
         } else {
-            CalibrationError::PosesAlike { finger: Finger::Thumb }
+            CalibrationError::PosesAlike { finger: HumanFinger::Thumb }
         };
         assert_eq!(calibration.solve(), Err(expected));
         calibration.add_pose(&rotations, LINKS.tip(&rotations)).unwrap();
@@ -192,7 +193,7 @@ fn what_is_no_measurement_is_refused_by_name() {
     let before = calibration;
     let good = sample(&case("noise").5[0].0);
     let markers = [Some([0.1, 0.0, 0.0]); FINGERS];
-    let third = GloveSensor::Segment(Finger::Middle, 1);
+    let third = GloveSensor::Segment(HumanFinger::Middle, 1);
     let broken = |quaternion| {
         let mut sample = good;
         sample.segments[2][1] = quaternion;
@@ -217,17 +218,17 @@ fn what_is_no_measurement_is_refused_by_name() {
         let mut markers = markers;
         markers[4] = Some(tip);
         let error = calibration.add_pose(&good, &markers).unwrap_err();
-        assert!(matches!(error, CalibrationError::Marker { finger: Finger::Little, .. }), "{error}");
+        assert!(matches!(error, CalibrationError::Marker { finger: HumanFinger::Little, .. }), "{error}");
     }
     assert_eq!(calibration, before);
     let identity = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
     let mirror = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]];
     let sheared = [[1.0, 0.1, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-    assert!(FingerRotations::try_from_matrices(Finger::Index, &[identity; 3]).is_ok());
+    assert!(FingerRotations::try_from_matrices(HumanFinger::Index, &[identity; 3]).is_ok());
     for matrix in [mirror, sheared] {
         assert_eq!(
-            FingerRotations::try_from_matrices(Finger::Index, &[identity, identity, matrix]),
-            Err(GloveError::NotRotation(GloveSensor::Segment(Finger::Index, 2)))
+            FingerRotations::try_from_matrices(HumanFinger::Index, &[identity, identity, matrix]),
+            Err(GloveError::NotRotation(GloveSensor::Segment(HumanFinger::Index, 2)))
         );
     }
 }
@@ -262,7 +263,7 @@ fn swapped_markers_are_named() {
     assert_eq!(fill(false).check_markers(), Ok(()));
     let error = fill(true).solve().unwrap_err();
     let CalibrationError::Swapped { finger, marker_of, .. } = error else { panic!("{error}") };
-    assert_eq!([finger, marker_of], [Finger::Index, Finger::Ring]);
+    assert_eq!([finger, marker_of], [HumanFinger::Index, HumanFinger::Ring]);
 }
 
 #[test]
@@ -295,7 +296,7 @@ fn a_filtered_fingertip_is_where_the_links_put_it_and_moves_as_it_does() {
     let last = at(now).0.0[2] * Vector3::from(LINKS.0[3]).normalize();
     assert!(distance(tip.direction, last.into()) < 5e-3);
     // A sensor that stops is bridged for a tenth of a second and then reported.
-    let sensor = GloveSensor::Segment(Finger::Index, 2);
+    let sensor = GloveSensor::Segment(HumanFinger::Index, 2);
     for step in 1..30_u8 {
         let mut sample = at(now + period * f32::from(step)).1;
         sample.segments[1][2] = None;
@@ -316,7 +317,7 @@ fn links_that_no_hand_has_are_refused() {
     let mut links = [LINKS; FINGERS];
     links[4].0[1] = [0.4, 0.0, 0.0];
     let error = HumanHand::try_new(links).unwrap_err();
-    assert_eq!((error.finger, error.link), (Finger::Little, 1));
+    assert_eq!((error.finger, error.link), (HumanFinger::Little, 1));
     links[4].0[1] = [f32::NAN; 3];
     assert!(HumanHand::try_new(links).is_err());
     links[4] = FingerLinks::default();
@@ -370,7 +371,7 @@ fn fingers_without_marker_follow_from_the_size_and_the_place_of_the_others() {
     let flat = relative_sample(&posture([0.0; 4]));
     assert!(matches!(
         calibration.solve(),
-        Err(CalibrationError::TooFewPoses { finger: Finger::Middle, poses: 0, .. })
+        Err(CalibrationError::TooFewPoses { finger: HumanFinger::Middle, poses: 0, .. })
     ));
     let solved = calibration.solve_with_proportions(&flat).unwrap();
     for (number, limit) in [(0, 5e-4), (1, 5e-4), (2, 2e-3), (3, 2e-3), (4, 5e-4)] {
@@ -409,10 +410,10 @@ fn touches_of_the_thumb_correct_the_proportions() {
         // The thumb is placed so that its tip is at the ring finger's.
         let rotations = posture(angles);
         let place = hand[3].tip(&rotations);
-        calibration.finger_mut(Finger::Ring).add_contact(&rotations, place, 2e-3).unwrap();
+        calibration.finger_mut(HumanFinger::Ring).add_contact(&rotations, place, 2e-3).unwrap();
     }
     let after = worst(&calibration);
     assert!(before > 6e-3 && after < 2e-3, "{before} {after}");
     let mut fresh = HandCalibration::try_new(&CalibrationSettings::DEFAULT).unwrap();
-    assert!(fresh.add_touch(Finger::Ring, &flat, 2e-3).is_err(), "the thumb is not calibrated");
+    assert!(fresh.add_touch(HumanFinger::Ring, &flat, 2e-3).is_err(), "the thumb is not calibrated");
 }

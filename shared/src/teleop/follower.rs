@@ -2,12 +2,12 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector1, Vector3};
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-use super::motion_limits::MotionTarget;
-use super::operator_estimate::{Motion, OperatorEstimate};
-use super::{FollowerError, InvalidFollowerSettings, MotionLimits, OperatorModel, Workspace};
+use super::operator_estimate::{OperatorEstimate, PredictedMotion};
+use super::{FollowerError, InvalidFollowerSettings, OperatorModel, Workspace};
 use crate::TICK;
 use crate::kinematics::{ElbowSetpoint, PosePoint};
 use crate::math::{self, rotated_by, rotation_between};
+use crate::signal::{MotionLimits, MotionTarget};
 
 /// Tolerance of the norm of a unit quaternion.
 const NORM_TOLERANCE: f32 = 1e-3;
@@ -75,7 +75,8 @@ pub struct FollowerSettings {
     pub max_innovation: [f32; 2],
     /// Maximum age of a sample [s]: 0.001 to 1.
     pub max_sample_age: f32,
-    /// Limits of the tool's translation [m/s, m/s²].
+    /// Limits of the tool's translation [m/s, m/s²]: speed 0.001 to 100, acceleration 0.001 to 10⁴, here and
+    /// below.
     pub position_limits: MotionLimits,
     /// Limits of the tool's rotation [rad/s, rad/s²].
     pub rotation_limits: MotionLimits,
@@ -187,7 +188,7 @@ impl FollowerState {
 
 impl OperatorHand {
     /// Prediction `time` after the last sample [s]: translation, and rotation vector from `rotation`.
-    fn predict(&self, time: f32) -> (Motion<3>, Motion<3>) {
+    fn predict(&self, time: f32) -> (PredictedMotion<3>, PredictedMotion<3>) {
         (self.position.predict(time), self.rotation_vector.predict(time))
     }
 }
@@ -201,7 +202,9 @@ impl Follower {
         let models = [&settings.position_model, &settings.rotation_model, &settings.elbow_model];
         let of_models = models.into_iter().flat_map(OperatorModel::settings);
         let limits = [&settings.position_limits, &settings.rotation_limits, &settings.elbow_limits];
-        let of_limits = limits.into_iter().flat_map(MotionLimits::settings);
+        let of_limits = limits.into_iter().flat_map(|limits| {
+            [("speed", limits.speed, [1e-3, 100.0]), ("acceleration", limits.acceleration, [1e-3, 1e4])]
+        });
         let [distance, angle] = settings.max_innovation;
         let others = [
             ("scale", settings.scale, [1e-3, 100.0]),
@@ -375,7 +378,8 @@ impl Follower {
         let offset = state.clutch.and_then(|clutch| clutch.elbow);
         let elbow_acceleration = match (offset, &state.elbow) {
             (Some(offset), Some(elbow)) => {
-                let Motion { position, velocity, acceleration } = elbow.angle.predict(now.since(elbow.time));
+                let PredictedMotion { position, velocity, acceleration } =
+                    elbow.angle.predict(now.since(elbow.time));
                 let target =
                     MotionTarget { offset: position + offset - state.elbow_angle, velocity, acceleration };
                 elbow_limits.acceleration(&state.elbow_velocity, &target)

@@ -5,7 +5,7 @@ use super::calibration::{
     CalibrationAccuracy, CalibrationSettings, FingerCalibration, TYPICAL_LINKS, add_equations, check_marker,
 };
 use super::calibration_error::CalibrationError;
-use super::human_hand::{FINGERS, Finger, FingerLinks, FingerRotations, GloveSample};
+use super::human_hand::{FINGERS, FingerLinks, FingerRotations, GloveSample, HumanFinger};
 use crate::math::{self, IncrementalQr};
 
 /// Minimum number of poses for the detection of swapped markers: twice as many equations as unknowns.
@@ -31,7 +31,7 @@ impl HandCalibration {
     pub fn try_new(settings: &CalibrationSettings) -> Result<Self, CalibrationError> {
         settings.check()?;
         Ok(Self {
-            fingers: Finger::ALL.map(|finger| FingerCalibration::new(finger, settings)),
+            fingers: HumanFinger::ALL.map(|finger| FingerCalibration::new(finger, settings)),
             crossed: [[IncrementalQr::new(); FINGERS]; FINGERS],
             complete_poses: 0,
         })
@@ -48,7 +48,7 @@ impl HandCalibration {
         markers: &[Option<[f32; 3]>; FINGERS],
     ) -> Result<(), CalibrationError> {
         let mut rotations = [None; FINGERS];
-        for ((finger, marker), rotations) in Finger::ALL.into_iter().zip(markers).zip(&mut rotations) {
+        for ((finger, marker), rotations) in HumanFinger::ALL.into_iter().zip(markers).zip(&mut rotations) {
             if let Some(tip) = marker {
                 check_marker(finger, *tip)?;
                 *rotations = Some(FingerRotations::of(sample, finger)?);
@@ -77,22 +77,22 @@ impl HandCalibration {
     /// The thumb is not calibrated yet, or orientations are invalid. Nothing is added.
     pub fn add_touch(
         &mut self,
-        finger: Finger,
+        finger: HumanFinger,
         sample: &GloveSample,
         deviation: f32,
     ) -> Result<(), CalibrationError> {
-        let (links, _) = self.finger(Finger::Thumb).solve()?;
-        let place = links.tip(&FingerRotations::of(sample, Finger::Thumb)?);
+        let (links, _) = self.finger(HumanFinger::Thumb).solve()?;
+        let place = links.tip(&FingerRotations::of(sample, HumanFinger::Thumb)?);
         self.finger_mut(finger).add_contact(&FingerRotations::of(sample, finger)?, place, deviation)
     }
 
     /// One finger.
-    pub const fn finger(&self, finger: Finger) -> &FingerCalibration {
+    pub const fn finger(&self, finger: HumanFinger) -> &FingerCalibration {
         &self.fingers[finger as usize]
     }
 
     /// One finger, for adding a prior or a pose.
-    pub const fn finger_mut(&mut self, finger: Finger) -> &mut FingerCalibration {
+    pub const fn finger_mut(&mut self, finger: HumanFinger) -> &mut FingerCalibration {
         &mut self.fingers[finger as usize]
     }
 
@@ -107,12 +107,12 @@ impl HandCalibration {
         }
         #[expect(clippy::cast_precision_loss, reason = "a count of poses")]
         let freedom = 3.0 * self.complete_poses as f32 - 12.0;
-        for (finger, crossed) in Finger::ALL.into_iter().zip(&self.crossed) {
+        for (finger, crossed) in HumanFinger::ALL.into_iter().zip(&self.crossed) {
             let deviation = |equations: &IncrementalQr<12>| math::sqrt(equations.residual() / freedom);
             let own = deviation(&crossed[finger as usize]);
             let noise = self.finger(finger).settings.equation_deviation(&TYPICAL_LINKS);
             let best =
-                Finger::ALL.into_iter().zip(crossed).fold((finger, own), |best, (other, equations)| {
+                HumanFinger::ALL.into_iter().zip(crossed).fold((finger, own), |best, (other, equations)| {
                     if deviation(equations) < best.1 { (other, deviation(equations)) } else { best }
                 });
             if own > SWAP_RATIO * best.1 && own > SWAP_RATIO * noise {
@@ -144,7 +144,7 @@ impl HandCalibration {
         flat: &GloveSample,
     ) -> Result<[(FingerLinks, CalibrationAccuracy); FINGERS], CalibrationError> {
         self.check_markers()?;
-        let thumb = self.finger(Finger::Thumb).solve()?;
+        let thumb = self.finger(HumanFinger::Thumb).solve()?;
         let (mut solved, mut refused) = ([None; FINGERS], None);
         for (solved, finger) in solved.iter_mut().zip(&self.fingers) {
             *solved = match finger.solve() {
@@ -159,7 +159,7 @@ impl HandCalibration {
             };
         }
         let mut rotations = [FingerRotations([Matrix3::identity(); 3]); FINGERS];
-        for (rotations, finger) in rotations.iter_mut().zip(Finger::ALL) {
+        for (rotations, finger) in rotations.iter_mut().zip(HumanFinger::ALL) {
             *rotations = FingerRotations::of(flat, finger)?;
         }
         let priors = infer_links(&solved.map(|solved| solved.map(|(links, _)| links)), &rotations)

@@ -18,7 +18,7 @@ const UNIT_TOLERANCE: f32 = 0.01;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[serde(rename_all = "snake_case")]
-pub enum Finger {
+pub enum HumanFinger {
     /// I
     Thumb = 0,
     /// II
@@ -31,7 +31,7 @@ pub enum Finger {
     Little = 4,
 }
 
-impl Finger {
+impl HumanFinger {
     /// From thumb to little finger.
     pub const ALL: [Self; FINGERS] = [Self::Thumb, Self::Index, Self::Middle, Self::Ring, Self::Little];
 
@@ -41,7 +41,7 @@ impl Finger {
     }
 }
 
-impl fmt::Display for Finger {
+impl fmt::Display for HumanFinger {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(
             ["thumb", "index finger", "middle finger", "ring finger", "little finger"][*self as usize],
@@ -56,14 +56,14 @@ pub enum GloveSensor {
     /// On the back of the hand.
     Back,
     /// On a segment of a finger: 0 next to the palm (for the thumb: the metacarpal), 2 at the tip.
-    Segment(Finger, u8),
+    Segment(HumanFinger, u8),
 }
 
 impl GloveSensor {
     /// All of them: the back of the hand, then thumb to little finger, each from palm to tip.
     pub fn all() -> impl Iterator<Item = Self> {
         let segments = |finger| (0..3).map(move |segment| Self::Segment(finger, segment));
-        core::iter::once(Self::Back).chain(Finger::ALL.into_iter().flat_map(segments))
+        core::iter::once(Self::Back).chain(HumanFinger::ALL.into_iter().flat_map(segments))
     }
 
     /// Its position in [`GloveSensor::all`].
@@ -177,7 +177,7 @@ impl FingerRotations {
     ///
     /// # Errors
     /// An orientation that is missing or cannot be used.
-    pub fn of(sample: &GloveSample, finger: Finger) -> Result<Self, GloveError> {
+    pub fn of(sample: &GloveSample, finger: HumanFinger) -> Result<Self, GloveError> {
         let back = sample.orientation(GloveSensor::Back)?.inverse();
         let segment = |segment| {
             let absolute = sample.orientation(GloveSensor::Segment(finger, segment))?;
@@ -190,7 +190,7 @@ impl FingerRotations {
     ///
     /// # Errors
     /// A matrix that is not a rotation.
-    pub fn try_from_matrices(finger: Finger, rows: &[[[f32; 3]; 3]; 3]) -> Result<Self, GloveError> {
+    pub fn try_from_matrices(finger: HumanFinger, rows: &[[[f32; 3]; 3]; 3]) -> Result<Self, GloveError> {
         let mut rotations = [Matrix3::zeros(); 3];
         for ((rotation, rows), segment) in rotations.iter_mut().zip(rows).zip(0..) {
             *rotation = Matrix3::from_fn(|row, column| rows[row][column]);
@@ -253,7 +253,7 @@ impl FingerLinks {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct InvalidLink {
     /// Its finger.
-    pub finger: Finger,
+    pub finger: HumanFinger,
     /// Its number, 0 to 3.
     pub link: u8,
     /// Its length [m].
@@ -292,7 +292,7 @@ impl HumanHand {
     /// # Errors
     /// A link that is not finite or longer than 0.3 m, or a last link of no length, which has no direction.
     pub fn try_new(links: [FingerLinks; FINGERS]) -> Result<Self, InvalidLink> {
-        for (finger, of_finger) in Finger::ALL.into_iter().zip(&links) {
+        for (finger, of_finger) in HumanFinger::ALL.into_iter().zip(&links) {
             for (link, number) in of_finger.0.iter().zip(0..) {
                 let length = math::sqrt(Vector3::from(*link).norm_squared());
                 let min = if number == 3 { 1e-3 } else { 0.0 };
@@ -305,7 +305,7 @@ impl HumanHand {
     }
 
     /// Links of a finger.
-    pub const fn links(&self, finger: Finger) -> &FingerLinks {
+    pub const fn links(&self, finger: HumanFinger) -> &FingerLinks {
         &self.links[finger as usize]
     }
 
@@ -314,10 +314,10 @@ impl HumanHand {
     /// # Errors
     /// For each finger: its sensor, or that of the back of the hand, that has given no sample for too long.
     pub fn fingertips(&self, state: &GloveFilterState) -> [Result<Fingertip, GloveError>; FINGERS] {
-        Finger::ALL.map(|finger| self.fingertip(state, finger))
+        HumanFinger::ALL.map(|finger| self.fingertip(state, finger))
     }
 
-    fn fingertip(&self, state: &GloveFilterState, finger: Finger) -> Result<Fingertip, GloveError> {
+    fn fingertip(&self, state: &GloveFilterState, finger: HumanFinger) -> Result<Fingertip, GloveError> {
         let tracked = |sensor: GloveSensor| state.sensors[sensor.index()].ok_or(GloveError::Missing(sensor));
         let back = tracked(GloveSensor::Back)?;
         let [base, links @ ..] = self.links[finger as usize].0.map(Vector3::from);

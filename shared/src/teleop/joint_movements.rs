@@ -1,6 +1,6 @@
 use nalgebra::{Matrix3, Vector3};
 
-use super::human_hand::{Finger, FingerRotations};
+use super::human_hand::{FingerRotations, HumanFinger};
 use crate::math::{self, Svd};
 
 /// Statistics of a finger's joint movements in the poses: sums and scatter of the rotation vectors from the
@@ -91,9 +91,9 @@ impl JointRange {
         coupling: 0.0,
     };
 
-    pub const fn of(finger: Finger) -> &'static Self {
+    pub const fn of(finger: HumanFinger) -> &'static Self {
         match finger {
-            Finger::Thumb => &Self::THUMB,
+            HumanFinger::Thumb => &Self::THUMB,
             _ => &Self::FINGER,
         }
     }

@@ -79,7 +79,6 @@ mod hand_calibration;
 mod human_hand;
 mod joint_movements;
 mod matched;
-mod motion_limits;
 mod operator_estimate;
 mod passivity;
 mod retarget;
@@ -114,12 +113,10 @@ pub use error::{FollowerError, InvalidFollowerSettings};
 pub use follower::{Follower, FollowerSettings, FollowerState, Instant, MasterSample};
 pub use hand_calibration::HandCalibration;
 pub use human_hand::{
-    FINGERS, Finger, FingerLinks, FingerRotations, Fingertip, GloveError, GloveFilter, GloveFilterState,
-    GloveSample, GloveSensor, HumanHand, InvalidLink, SENSORS,
+    FINGERS, FingerLinks, FingerRotations, Fingertip, GloveError, GloveFilter, GloveFilterState, GloveSample,
+    GloveSensor, HumanFinger, HumanHand, InvalidLink, SENSORS,
 };
 pub use matched::MatchedImpedance;
-pub use motion_limits::MotionLimits;
-pub(crate) use motion_limits::MotionTarget;
 pub use operator_estimate::OperatorModel;
 pub use passivity::{PowerPort, PowerPortLimits, UnsuitableLink};
 pub use retarget::{InvalidFingertip, OperatorFingertips, RetargetReport, RetargetState, Retargeting};

@@ -49,7 +49,7 @@ impl OperatorModel {
 
 /// Predicted motion: position, velocity and acceleration along each axis.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Motion<const N: usize> {
+pub(super) struct PredictedMotion<const N: usize> {
     pub position: SVector<f32, N>,
     pub velocity: SVector<f32, N>,
     pub acceleration: SVector<f32, N>,
@@ -134,7 +134,7 @@ impl<const N: usize> OperatorEstimate<N> {
 
     /// Predicts the motion `time` after the last sample [s], without tremor. Beyond the horizon it comes to
     /// rest.
-    pub fn predict(&self, time: f32) -> Motion<N> {
+    pub fn predict(&self, time: f32) -> PredictedMotion<N> {
         let [position, velocity, acceleration, jerk] = [0, 1, 2, 3].map(|row| self.mean.row(row).transpose());
         let near = math::clamp(time, 0.0, HORIZON);
         let position = position + (velocity + (acceleration + jerk * (near / 3.0)) * (near / 2.0)) * near;
@@ -143,12 +143,12 @@ impl<const N: usize> OperatorEstimate<N> {
         let late = time - near;
         if late > 0.0 {
             let decay = math::exp(-late / REST_TIME);
-            return Motion {
+            return PredictedMotion {
                 position: position + velocity * (REST_TIME * (1.0 - decay)),
                 velocity: velocity * decay,
                 acceleration: velocity * (-decay / REST_TIME),
             };
         }
-        Motion { position, velocity, acceleration }
+        PredictedMotion { position, velocity, acceleration }
     }
 }

@@ -215,8 +215,8 @@ impl PowerPort {
         if square < REST_SPEED * REST_SPEED {
             return Vector3::zeros();
         }
-        let least = if *force == Vector3::zeros() { 0.0 } else { limits.contact_damping };
-        velocity * -math::clamp(excess / (square * TICK), least, limits.max_damping)
+        let min = if *force == Vector3::zeros() { 0.0 } else { limits.contact_damping };
+        velocity * -math::clamp(excess / (square * TICK), min, limits.max_damping)
     }
 
     /// The part of the `displacement` [m] that the available energy allows at the slave under the link

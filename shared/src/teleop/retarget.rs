@@ -290,15 +290,15 @@ impl Retargeting<'_> {
             Some(FingertipTarget { position: thumb + vector, weight, direction })
         });
         let errors = self.solve(state, &targets, options, report);
-        let (mut sum, mut total, mut most) = (Vector3::zeros(), 0.0, 0.0_f32);
+        let (mut sum, mut total, mut max) = (Vector3::zeros(), 0.0, 0.0_f32);
         for ((vector, error), place) in vectors.iter().zip(&errors).zip(&mut report.errors) {
             let Some(vector) = vector else { continue };
             *place = *error;
             sum += error * (vector.weight * vector.pinch);
             total += vector.weight * vector.pinch;
-            most = most.max(vector.pinch);
+            max = max.max(vector.pinch);
         }
-        if total > 0.0 { sum * (most / total) } else { sum }
+        if total > 0.0 { sum * (max / total) } else { sum }
     }
 
     fn solve(

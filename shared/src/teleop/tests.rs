@@ -5,6 +5,7 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector1, Vector3};
 use super::operator_estimate::OperatorEstimate;
 use super::*;
 use crate::kinematics::PosePoint;
+use crate::signal::MotionLimits;
 use crate::{TICK, math};
 
 /// Time [µs] and position [m] of each sample; position, velocity and acceleration 25 ms later

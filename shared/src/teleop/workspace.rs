@@ -2,7 +2,7 @@ use nalgebra::Vector3;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-use super::MotionLimits;
+use crate::signal::MotionLimits;
 use crate::{TICK, math};
 
 /// Fraction of the distance to the border that the set-point may cover in one period, near the border.
@@ -41,12 +41,12 @@ impl Workspace {
         for (acceleration, ((&position, &velocity), (&lower, &upper))) in limited.iter_mut().zip(states) {
             let next = position + velocity * TICK;
             // Comparisons, so that an acceleration that stays inside keeps its exact bits.
-            let most = (max_speed(limits, upper - next) - velocity) * (1.0 / TICK);
-            let least = (-max_speed(limits, next - lower) - velocity) * (1.0 / TICK);
-            if *acceleration > most {
-                *acceleration = most;
-            } else if *acceleration < least {
-                *acceleration = least;
+            let max = (max_speed(limits, upper - next) - velocity) * (1.0 / TICK);
+            let min = (-max_speed(limits, next - lower) - velocity) * (1.0 / TICK);
+            if *acceleration > max {
+                *acceleration = max;
+            } else if *acceleration < min {
+                *acceleration = min;
             }
         }
         limited

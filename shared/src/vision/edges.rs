@@ -67,7 +67,7 @@ pub(super) fn edges(
     if width < 3 || cells.height() < 3 {
         return 0;
     }
-    let mut list = List { points, length: 0, histogram: [0; BUCKETS], least: 0 };
+    let mut list = List { points, length: 0, histogram: [0; BUCKETS], min_bucket: 0 };
     let (binned, gradients) = rows.split_at_mut((3 * width).min(rows.len()));
     for (index, y) in (cells.from[1]..cells.to[1]).enumerate() {
         reduce(image, level, y, cells.from[0], row(binned, width, index));
@@ -198,19 +198,19 @@ struct List<'a> {
     length: usize,
     histogram: [u16; BUCKETS],
     /// Points of lower buckets are dropped.
-    least: u8,
+    min_bucket: u8,
 }
 
 impl List<'_> {
     fn push(&mut self, x: u16, y: u16, gx: i32, gy: i32, magnitude: u32) {
         let power = 31 - magnitude.leading_zeros();
         let bucket = (4 * power + (magnitude >> (power - 2) & 3)) as u8;
-        if bucket < self.least {
+        if bucket < self.min_bucket {
             return;
         }
         if self.length >= self.points.len() {
             self.drop_weakest();
-            if bucket < self.least {
+            if bucket < self.min_bucket {
                 return;
             }
         }
@@ -226,16 +226,16 @@ impl List<'_> {
     /// Drops the weakest points, at least an eighth of all.
     fn drop_weakest(&mut self) {
         let mut dropped = 0;
-        while dropped < self.length.div_ceil(8) && usize::from(self.least) < BUCKETS {
-            let count = &mut self.histogram[usize::from(self.least)];
+        while dropped < self.length.div_ceil(8) && usize::from(self.min_bucket) < BUCKETS {
+            let count = &mut self.histogram[usize::from(self.min_bucket)];
             dropped += usize::from(*count);
             *count = 0;
-            self.least += 1;
+            self.min_bucket += 1;
         }
         let mut kept = 0;
         for index in 0..self.length {
             let point = self.points[index];
-            if point.bucket >= self.least {
+            if point.bucket >= self.min_bucket {
                 self.points[kept] = point;
                 kept += 1;
             }

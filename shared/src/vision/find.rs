@@ -133,8 +133,8 @@ impl CircleSearch {
     /// Radii that are searched at a level, in cells, if any.
     fn radii(&self, level: u32) -> Option<[usize; 2]> {
         let side = (1_u32 << level) as f32;
-        let least = if level == *LEVELS.start() { 2 } else { CELL_RADII[0] };
-        let from = ((KNOB_RADIUS * self.radius[0] / side) as usize).max(least);
+        let min = if level == *LEVELS.start() { 2 } else { CELL_RADII[0] };
+        let from = ((KNOB_RADIUS * self.radius[0] / side) as usize).max(min);
         let to = ((self.radius[1] / side) as usize + 1).min(CELL_RADII[1]);
         (from < to).then_some([from, to])
     }
@@ -231,7 +231,7 @@ fn candidates(
         if votes == 0 {
             break;
         }
-        radii_about(points, (x, y), radii, |hough::Candidate { x, y, radius, sectors }| {
+        radii_about(points, (x, y), radii, |hough::HoughCircle { x, y, radius, sectors }| {
             let center = [side * (x + 0.5) - 0.5, side * (y + 0.5) - 0.5];
             let ellipse = Ellipse::circle(center, side * radius);
             starts.insert(Start { ellipse, score: sectors as f32, side });

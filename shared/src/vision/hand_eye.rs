@@ -65,8 +65,8 @@ impl fmt::Display for HandEyeError {
             Self::Rows { got } => {
                 write!(f, "the hand-eye table has {got} rows: it must have 2 to {MAX_HAND_EYE_ROWS}")
             }
-            Self::Value { name, value, range: [least, most] } => {
-                write!(f, "hand-eye table: {name} is {value}; it must be {least} to {most}")
+            Self::Value { name, value, range: [min, max] } => {
+                write!(f, "hand-eye table: {name} is {value}; it must be {min} to {max}")
             }
             Self::Order { row } => write!(
                 f,

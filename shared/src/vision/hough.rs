@@ -17,7 +17,7 @@ pub const fn accumulator_len(width: usize, height: usize) -> usize {
 
 /// A candidate for a circle, in cells.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Candidate {
+pub(super) struct HoughCircle {
     pub x: f32,
     pub y: f32,
     pub radius: f32,
@@ -116,7 +116,7 @@ pub(super) fn radii_about(
     points: &[EdgePoint],
     center: (i32, i32),
     radii: [usize; 2],
-    mut found: impl FnMut(Candidate),
+    mut found: impl FnMut(HoughCircle),
 ) {
     let mut seen = [0_u32; MAX_RADII];
     let from = radii[0].saturating_sub(2) as i32;
@@ -149,7 +149,7 @@ pub(super) fn radii_about(
             && pixels + 1.5 >= radii[0] as f32
             && pixels <= radii[1] as f32 + 1.5
         {
-            found(Candidate { x: center.0 as f32, y: center.1 as f32, radius: pixels, sectors });
+            found(HoughCircle { x: center.0 as f32, y: center.1 as f32, radius: pixels, sectors });
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use super::ellipse::Ellipse;
 use super::find::{CircleSearch, Window};
-use super::ring::Rim;
+use super::ring::RimFeatures;
 use crate::math;
 
 /// Number of features of a circle, and of the end of a knob in front of it.
@@ -28,11 +28,16 @@ const KNOB: [f32; KNOB_FEATURES] =
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Knob {
     pub ellipse: Ellipse,
-    pub rim: Rim,
+    pub rim: RimFeatures,
 }
 
 /// Logarithm of the likelihood ratio of a circle, behind the end of a knob if given, to no circle.
-pub(super) fn log_odds(search: &CircleSearch, circle: &Ellipse, rim: &Rim, knob: Option<&Knob>) -> f32 {
+pub(super) fn log_odds(
+    search: &CircleSearch,
+    circle: &Ellipse,
+    rim: &RimFeatures,
+    knob: Option<&Knob>,
+) -> f32 {
     let behind = behind(search, circle, knob);
     weigh(&features(search, circle, rim), behind.as_ref())
 }
@@ -59,7 +64,7 @@ fn weighted(weights: &[f32], features: &[f32]) -> f32 {
 }
 
 /// Features of a circle.
-pub(super) fn features(search: &CircleSearch, rose: &Ellipse, rim: &Rim) -> [f32; FEATURES] {
+pub(super) fn features(search: &CircleSearch, rose: &Ellipse, rim: &RimFeatures) -> [f32; FEATURES] {
     let [from, to] = search.radius;
     let place = (rose.radius - math::sqrt(from * to)) / (to - from);
     let [p, q] = rose.flattening;

@@ -4,7 +4,7 @@ use super::ellipse::Ellipse;
 use super::find::{CircleSearch, Window};
 use super::image::Image;
 use super::judge::Knob;
-use super::ring::{directions, least_contrast};
+use super::ring::{directions, min_contrast};
 use super::starts::{Start, Starts};
 use crate::math;
 
@@ -34,7 +34,7 @@ struct Polar {
     from: f32,
     unit: f32,
     /// Limit of the contrast.
-    most: i32,
+    max: i32,
     /// Contrasts in sixteenths of a grey level.
     contrasts: [[i16; PLACES]; RAYS],
 }
@@ -43,8 +43,8 @@ impl Polar {
     fn new(image: &Image<'_>, knob: &Ellipse, to: f32, noise: f32) -> Self {
         let from = 1.03 * knob.radius + 1.5;
         let unit = ((to - from) / (PLACES - 1) as f32).max(1.0);
-        let most = (3.0 * 16.0 * least_contrast(noise)) as i32;
-        let mut polar = Self { center: knob.center, from, unit, most, contrasts: [[UNSEEN; PLACES]; RAYS] };
+        let max = (3.0 * 16.0 * min_contrast(noise)) as i32;
+        let mut polar = Self { center: knob.center, from, unit, max, contrasts: [[UNSEEN; PLACES]; RAYS] };
         let count = (((to - from) / unit) as usize + 2).min(PLACES);
         for (&[u, v], row) in directions(RAYS).iter().zip(&mut polar.contrasts) {
             let at = |reach: f32| [knob.center[0] + reach * u, knob.center[1] + reach * v];
@@ -60,7 +60,7 @@ impl Polar {
             for (index, place) in row.iter_mut().enumerate().take(count) {
                 if are_all_inside || is_inside(index) {
                     let contrast = (image.at(x + across, y + along) - image.at(x, y)) >> 12;
-                    *place = contrast.clamp(-most, most) as i16;
+                    *place = contrast.clamp(-max, max) as i16;
                 }
                 x += dx;
                 y += dy;
@@ -103,7 +103,7 @@ impl Polar {
             sum += (here + before).abs() - (here - before).abs();
             before = here;
         }
-        if open < FEWEST_RAYS { 0.0 } else { 0.5 * sum as f32 / (self.most * open.max(MANY_RAYS)) as f32 }
+        if open < FEWEST_RAYS { 0.0 } else { 0.5 * sum as f32 / (self.max * open.max(MANY_RAYS)) as f32 }
     }
 }
 
@@ -120,11 +120,11 @@ pub(super) fn roses(
     let [dx, dy] = [0, 1].map(|index| knob.center[index] - axis.center[index]);
     let length = math::sqrt(dx * dx + dy * dy).max(1.0);
     let [u, v] = [dx / length, dy / length];
-    let most_away = math::clamp(1.2 * knob.radius, 0.0, MAX_LENGTH * (length + axis.reach));
+    let max_away = math::clamp(1.2 * knob.radius, 0.0, MAX_LENGTH * (length + axis.reach));
     let polar =
-        Polar::new(image, knob, (ROSE_RADIUS[1] * knob.radius).min(search.radius[1]) + most_away, noise);
+        Polar::new(image, knob, (ROSE_RADIUS[1] * knob.radius).min(search.radius[1]) + max_away, noise);
     let mut away = 0.0;
-    while away < most_away {
+    while away < max_away {
         // Depth of the knob's end over that of the rose.
         let depth = 1.0 - math::clamp(away / length, 0.0, MAX_LENGTH);
         let [from, to] = ROSE_RADIUS.map(|ratio| ratio * depth * knob.radius);

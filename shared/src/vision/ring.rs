@@ -49,7 +49,7 @@ pub(super) fn directions(rays: usize) -> &'static [[f32; 2]] {
 }
 
 /// Minimum contrast of an edge point [grey levels].
-pub(super) fn least_contrast(noise: f32) -> f32 {
+pub(super) fn min_contrast(noise: f32) -> f32 {
     math::clamp(1.5 * CONTRAST_NOISE * noise, MIN_CONTRAST, 255.0)
 }
 
@@ -132,7 +132,7 @@ impl Ring {
     }
 
     /// Offset from the ellipse, in steps, of the strongest edge along a ray; `worth` is [`Self::worth`].
-    fn edge(&self, contrasts: &[i16; PLACES], worth: &[i32; PLACES], least: i32) -> Option<f32> {
+    fn edge(&self, contrasts: &[i16; PLACES], worth: &[i32; PLACES], min: i32) -> Option<f32> {
         let (mut best, mut at) = (0, 0);
         for (index, (contrast, worth)) in contrasts.iter().zip(worth).enumerate() {
             let score = i32::from(*contrast).abs() * worth;
@@ -144,7 +144,7 @@ impl Ring {
             return None;
         }
         let heights = [at - 1, at, at + 1].map(|at| i32::from(contrasts[at]).abs());
-        if heights[1] < least {
+        if heights[1] < min {
             return None;
         }
         Some((at as i32 - self.half as i32) as f32 + peak(heights.map(|height| height as f32)))
@@ -153,8 +153,8 @@ impl Ring {
     /// Edge points (x, y) with weights 0 or 1; 0 if `front` hides them. `None` if there are too few.
     pub fn edge_points(&self, noise: f32, front: Option<&Ellipse>) -> Option<[([f32; 2], f32); RAYS]> {
         let mut points = [([0.0; 2], 0.0); RAYS];
-        let least = least_contrast(noise) * GREY_LEVEL;
-        let least = (if self.unit < 1.0 { HALF_STEPS * least } else { least }) as i32;
+        let min = min_contrast(noise) * GREY_LEVEL;
+        let min = (if self.unit < 1.0 { HALF_STEPS * min } else { min }) as i32;
         let worth = self.worth();
         let mut count = 0;
         let rays = directions(self.rays).iter().zip(&self.reaches).zip(&self.contrasts).zip(&mut points);
@@ -162,7 +162,7 @@ impl Ring {
             if self.visible >> ray & 1 == 0 {
                 continue;
             }
-            if let Some(offset) = self.edge(contrasts, &worth, least) {
+            if let Some(offset) = self.edge(contrasts, &worth, min) {
                 let reach = reach + offset * self.unit;
                 *point = self.ellipse.point(direction, reach);
                 if !front.is_some_and(|front| hides(front, *point)) {
@@ -187,11 +187,11 @@ impl Ring {
     }
 
     /// Features of a rim on the ellipse. The ring must have the maximum number of steps, each of 1 px.
-    pub fn rim(&self, noise: f32, front: Option<&Ellipse>) -> Rim {
+    pub fn rim(&self, noise: f32, front: Option<&Ellipse>) -> RimFeatures {
         let open = self.open(front);
         let count = open.count_ones();
-        let scale = 1.0 / (least_contrast(noise) * GREY_LEVEL);
-        let mut sum = Rim::default();
+        let scale = 1.0 / (min_contrast(noise) * GREY_LEVEL);
+        let mut sum = RimFeatures::default();
         let (mut gap, mut widest) = (0.0, 0.0_f32);
         for (ray, contrasts) in self.contrasts.iter().enumerate().take(self.rays) {
             if open >> ray & 1 == 0 {
@@ -214,7 +214,7 @@ impl Ring {
 /// Features of a rim: means over the open rays. Contrasts are those of a sharp edge, relative to the minimum
 /// of an edge point, and limited.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Rim {
+pub(super) struct RimFeatures {
     /// Share of the rays that are open.
     pub open: f32,
     /// Contrast at the ellipse, and its common part with that of the ray a 16th of the circle away.
@@ -236,7 +236,7 @@ pub(super) struct Rim {
     pub gap: f32,
 }
 
-impl Rim {
+impl RimFeatures {
     /// Adds the contrasts of a ray; returns the distance of its edge from the ellipse.
     fn add(&mut self, signed: &[f32; PLACES]) -> f32 {
         const MIDDLE: usize = MAX_HALF;

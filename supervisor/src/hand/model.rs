@@ -2,7 +2,7 @@ use nalgebra::Vector3;
 use tesaki::control::JointServo;
 use tesaki::kinematics::{Chain, Finger};
 use tesaki::model::RobotModel;
-use tesaki::task::grasping::{Hand, HandFinger, PerFinger};
+use tesaki::task::grasping::{GraspFinger, GraspHand, PerFinger};
 
 use super::HandError;
 
@@ -45,13 +45,13 @@ impl HandModel {
     }
 
     /// The hand in the form that the grasp controller takes.
-    pub fn hand(&self) -> Hand<'_> {
-        let fingers = self.fingers.each_ref().map(|(chain, inverse, torque_limits, radius)| HandFinger {
+    pub fn hand(&self) -> GraspHand<'_> {
+        let fingers = self.fingers.each_ref().map(|(chain, inverse, torque_limits, radius)| GraspFinger {
             chain,
             inverse,
             torque_limits: *torque_limits,
             radius: *radius,
         });
-        Hand { fingers, gravity: &self.gravity }
+        GraspHand { fingers, gravity: &self.gravity }
     }
 }

@@ -1,6 +1,6 @@
 //! Errors in the frames of a source.
 
-use tesaki::teleop::{Finger, GloveError};
+use tesaki::teleop::{GloveError, HumanFinger};
 use tesaki_description::retargeting::Side;
 
 /// Reasons why a frame cannot belong to the operator's hand, and what to do.
@@ -67,9 +67,9 @@ pub enum FrameError {
     )]
     Order {
         /// The finger.
-        finger: Finger,
+        finger: HumanFinger,
         /// The finger that should be nearer to the thumb.
-        neighbour: Finger,
+        neighbour: HumanFinger,
         /// "tip" or "knuckle".
         what: &'static str,
         /// The distance [m].
@@ -107,7 +107,7 @@ pub enum FrameError {
     )]
     Reach {
         /// The finger.
-        finger: Finger,
+        finger: HumanFinger,
         /// Distance from the wrist [m].
         distance: f32,
         /// Limit [m].

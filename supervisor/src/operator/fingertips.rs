@@ -1,7 +1,7 @@
 //! Fingertips in the frame of the operator's hand: plausibility and velocity.
 
 use nalgebra::Vector3;
-use tesaki::teleop::{FINGERS, Finger};
+use tesaki::teleop::{FINGERS, HumanFinger};
 use tesaki_description::retargeting::Side;
 
 use super::error::FrameError;
@@ -60,8 +60,9 @@ pub(super) fn check_order(
     what: &'static str,
     limit: f32,
 ) -> Result<(), FrameError> {
-    let known =
-        || Finger::ALL.into_iter().zip(sides).skip(1).filter_map(|(finger, side)| Some((finger, (*side)?)));
+    let known = || {
+        HumanFinger::ALL.into_iter().zip(sides).skip(1).filter_map(|(finger, side)| Some((finger, (*side)?)))
+    };
     for ((neighbour, before), (finger, side)) in known().zip(known().skip(1)) {
         let beyond = side - before;
         if beyond > limit {
@@ -73,8 +74,9 @@ pub(super) fn check_order(
 
 /// Checks that fingertips can belong to a hand of this `side`.
 pub(super) fn check(side: Side, tips: &[Option<Tip>; FINGERS]) -> Result<(), FrameError> {
-    let known =
-        || Finger::ALL.into_iter().zip(tips).filter_map(|(finger, tip)| Some((finger, (*tip)?.position)));
+    let known = || {
+        HumanFinger::ALL.into_iter().zip(tips).filter_map(|(finger, tip)| Some((finger, (*tip)?.position)))
+    };
     if let Some((finger, _)) = known().find(|(_, tip)| !tip.iter().all(|x| x.is_finite())) {
         return Err(FrameError::NotFinite(format!("the tip of the {finger}")));
     }
@@ -83,7 +85,7 @@ pub(super) fn check(side: Side, tips: &[Option<Tip>; FINGERS]) -> Result<(), Fra
     let Some(&median) = distances.get(distances.len() / 2) else { return Ok(()) };
     check_length("the median distance of the fingertips from the wrist [m]", median, MEDIAN)?;
     for (finger, tip) in known() {
-        let (distance, limit) = (tip.norm(), REACH[usize::from(finger != Finger::Thumb)]);
+        let (distance, limit) = (tip.norm(), REACH[usize::from(finger != HumanFinger::Thumb)]);
         if distance > limit {
             return Err(FrameError::Reach { finger, distance, limit });
         }

@@ -3,7 +3,7 @@
 //! 17–20 the little finger, each from the knuckle to the tip.
 
 use nalgebra::Vector3;
-use tesaki::teleop::{FINGERS, Finger};
+use tesaki::teleop::{FINGERS, HumanFinger};
 use tesaki_description::retargeting::Side;
 
 use super::error::FrameError;
@@ -77,7 +77,7 @@ impl Landmarks {
             (Some(seen), _) if seen != side => return Err(FrameError::OtherHand(seen)),
             _ => {}
         }
-        Ok(Finger::ALL.map(|finger| {
+        Ok(HumanFinger::ALL.map(|finger| {
             let tip = point(4 + 4 * finger as usize);
             let last = palm.vector(&(tip - point(3 + 4 * finger as usize)));
             Some(Tip { position: palm.position(&tip), direction: Some(last.normalize()) })

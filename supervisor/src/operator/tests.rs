@@ -2,7 +2,7 @@
 
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use tesaki::task::telexistence::FingertipPoint;
-use tesaki::teleop::{FINGERS, Finger, FingerLinks, GloveSample, HumanHand};
+use tesaki::teleop::{FINGERS, FingerLinks, GloveSample, HumanFinger, HumanHand};
 use tesaki_description::retargeting::Side;
 
 use super::{FrameError, LANDMARKS, Landmarks, Observation, Tracker, TrackerSettings, Wearer};
@@ -173,7 +173,10 @@ fn landmarks_in_another_order_are_told() {
         seen(Side::Right, points, None).unwrap_err()
     };
     // Swapped index and middle finger, reversed fingers, and two swapped joints.
-    assert!(matches!(swapped(5, 9, 4), FrameError::Order { finger: Finger::Middle, what: "knuckle", .. }));
+    assert!(matches!(
+        swapped(5, 9, 4),
+        FrameError::Order { finger: HumanFinger::Middle, what: "knuckle", .. }
+    ));
     let reversed = std::array::from_fn(|index| {
         if index < 5 { bent[index] } else { bent[5 + 4 * (3 - (index - 5) / 4) + (index - 5) % 4] }
     });
@@ -211,8 +214,8 @@ fn fingertips_that_are_not_of_a_hand_are_told() {
         tips.swap(one, other);
         tracker(Side::Right).add(0.0, &Observation::Fingertips(tips)).unwrap_err()
     };
-    assert!(matches!(swapped(2, 4), FrameError::Order { finger: Finger::Ring, what: "tip", .. }));
-    assert!(matches!(swapped(0, 1), FrameError::Reach { finger: Finger::Thumb, .. }));
+    assert!(matches!(swapped(2, 4), FrameError::Order { finger: HumanFinger::Ring, what: "tip", .. }));
+    assert!(matches!(swapped(0, 1), FrameError::Reach { finger: HumanFinger::Thumb, .. }));
     let mut broken = tips(0.1);
     broken[3] = Some([0.0, f32::INFINITY, 0.1]);
     let error = tracker(Side::Right).add(0.0, &Observation::Fingertips(broken)).unwrap_err();

@@ -6,7 +6,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 use tesaki::kinematics::MAX_FINGERS;
 use tesaki::task::telexistence::FingertipPoint;
 use tesaki::teleop::{
-    FINGERS, Finger, GloveError, GloveFilter, GloveFilterState, GloveSample, GloveSensor, HumanHand,
+    FINGERS, GloveError, GloveFilter, GloveFilterState, GloveSample, GloveSensor, HumanFinger, HumanHand,
     OperatorFingertips,
 };
 use tesaki_description::retargeting::Side;
@@ -39,7 +39,7 @@ impl Wearer {
     /// back of the hand, which is on this `side`. `None` for a hand whose knuckles are collinear.
     pub fn try_new(hand: HumanHand, side: Side) -> Option<Self> {
         let [thumb, index, middle, ring, little] =
-            Finger::ALL.map(|finger| Some(Vector3::from(hand.links(finger).0[0])));
+            HumanFinger::ALL.map(|finger| Some(Vector3::from(hand.links(finger).0[0])));
         Some(Self { hand, palm: PalmFrame::fit(side, &[None, thumb, index, middle, ring, little])? })
     }
 }

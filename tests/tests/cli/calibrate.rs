@@ -6,7 +6,7 @@ use std::path::Path;
 use std::process::Stdio;
 
 use serde_json::{Value, json};
-use tesaki::teleop::{FINGERS, Finger, GloveSample, HumanHand};
+use tesaki::teleop::{FINGERS, GloveSample, HumanFinger, HumanHand};
 use tesaki_sim::operator::calibration_trial::{CalibrationPlan, poses, touches};
 use tesaki_sim::operator::{FingersMotion, Glove, GloveValues, OperatorHand};
 
@@ -20,13 +20,15 @@ fn run(folder: &Path, arguments: &[&str], input: &str) -> (i32, String, String) 
 /// Returns the table of a simulated operator's poses: header and rows of cells.
 pub fn table(plan: &CalibrationPlan) -> Vec<Vec<String>> {
     let mut header: Vec<String> = ["qx", "qy", "qz", "qw"].map(|part| format!("back_{part}")).to_vec();
-    for finger in Finger::ALL.map(Finger::name) {
+    for finger in HumanFinger::ALL.map(HumanFinger::name) {
         for segment in 1..=3 {
             header.extend(["qx", "qy", "qz", "qw"].map(|part| format!("{finger}{segment}_{part}")));
         }
     }
     header.extend(
-        Finger::ALL.iter().flat_map(|finger| ["x", "y", "z"].map(|axis| format!("{}_{axis}", finger.name()))),
+        HumanFinger::ALL
+            .iter()
+            .flat_map(|finger| ["x", "y", "z"].map(|axis| format!("{}_{axis}", finger.name()))),
     );
     header.push("touch".to_owned());
     let mut table = vec![header];
@@ -145,7 +147,7 @@ fn a_stream_is_led_through_the_poses() {
     {
         let (_, angles) = motion.at(time);
         let mut line = json!({ "time": time, "back": sample.back, "markers": {} });
-        for finger in Finger::ALL {
+        for finger in HumanFinger::ALL {
             let number = finger as usize;
             line[finger.name()] = json!(sample.segments[number]);
             let tip: [f64; 3] = hand.finger(finger, &angles[number]).1.into();

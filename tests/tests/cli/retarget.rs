@@ -7,7 +7,7 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
-use tesaki::teleop::Finger;
+use tesaki::teleop::HumanFinger;
 use tesaki_rng::Rng;
 use tesaki_sim::operator::calibration_trial::CalibrationPlan;
 use tesaki_sim::operator::{FingersMotion, Glove, GloveValues, OperatorHand};
@@ -45,7 +45,7 @@ fn json_lines(change: impl Fn(u32, [f64; 3]) -> [f64; 3]) -> String {
     let mut lines = String::new();
     for (index, row) in (0..).zip(&rows(TIPS)) {
         let mut line = json!({ "time": 0.05 * f64::from(index), "tips": {} });
-        for (finger, tip) in Finger::ALL.into_iter().zip(row.chunks(3)) {
+        for (finger, tip) in HumanFinger::ALL.into_iter().zip(row.chunks(3)) {
             line["tips"][finger.name()] = json!(change(index, tip.try_into().unwrap()));
         }
         writeln!(lines, "{line}").unwrap();
@@ -283,7 +283,7 @@ fn a_calibrated_glove_moves_the_hand() {
         let mut line = json!({ "time": time, "back": sample.back });
         let (_, angles) = motion.at(time);
         let mut tips = Vec::new();
-        for finger in Finger::ALL {
+        for finger in HumanFinger::ALL {
             line[finger.name()] = json!(sample.segments[finger as usize]);
             tips.push(hand.finger(finger, &angles[finger as usize]).1);
         }
@@ -443,7 +443,7 @@ fn stream(server: &Server, seconds: f64, mut send: impl FnMut(String)) -> u32 {
             #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a row")]
             let place = (20.0 * seconds.min(moving)) as usize % tips.len();
             let mut line = json!({ "time": begin.elapsed().as_secs_f64(), "tips": {} });
-            for (finger, tip) in Finger::ALL.into_iter().zip(tips[place].chunks(3)) {
+            for (finger, tip) in HumanFinger::ALL.into_iter().zip(tips[place].chunks(3)) {
                 line["tips"][finger.name()] = json!(tip);
             }
             if rng.uniform() > 0.17 {

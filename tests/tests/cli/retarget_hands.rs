@@ -5,7 +5,7 @@ use std::process::Stdio;
 use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
-use tesaki::teleop::Finger;
+use tesaki::teleop::HumanFinger;
 use tesaki_sim::plant::{Plant, PlantOptions};
 
 use super::feed::feed;
@@ -213,7 +213,7 @@ fn public_hands_follow_on_a_board() {
         let begin = Instant::now();
         for row in rows(table).iter().take(90) {
             let mut line = json!({ "time": begin.elapsed().as_secs_f64(), "tips": { "little": null } });
-            for (finger, tip) in Finger::ALL.into_iter().zip(row[1..1 + 3 * fingers].chunks(3)) {
+            for (finger, tip) in HumanFinger::ALL.into_iter().zip(row[1..1 + 3 * fingers].chunks(3)) {
                 line["tips"][finger.name()] = json!(tip);
             }
             // If the program ends early, its output is checked below.

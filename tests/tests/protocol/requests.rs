@@ -1,6 +1,6 @@
 //! One of each request.
 
-use tesaki::control::{Coupling, Impedance, ImpedanceAxes, JointPoint, ServoMode};
+use tesaki::control::{Impedance, ImpedanceAxes, ImpedanceCoupling, JointPoint, ServoMode};
 use tesaki::kinematics::{ElbowSetpoint, PosePoint, TipPoint};
 use tesaki::model::MAX_JOINTS;
 use tesaki::protocol::{Item, Request, Stream};
@@ -206,7 +206,7 @@ impl Messages {
         let longest = ImpedanceSettings {
             impedance: Impedance {
                 axes: ImpedanceAxes::Tool,
-                coupling: Some(Coupling {
+                coupling: Some(ImpedanceCoupling {
                     mass: [f32::MIN; 15],
                     damping: [f32::MIN; 15],
                     stiffness: [f32::MIN; 15],
@@ -222,7 +222,7 @@ impl Messages {
         };
         let direct = DirectLaw { friction: 0.75, driven_term: false, null_space_damping: true };
         let (law, redundancy) = (Law::Direct(direct), Redundancy::None);
-        let mut coupling = Coupling::NONE;
+        let mut coupling = ImpedanceCoupling::NONE;
         (coupling.mass[0], coupling.damping[14], coupling.stiffness[1]) = (0.25, 0.125, -100.0);
         let impedance =
             Impedance { axes: ImpedanceAxes::Tool, coupling: Some(coupling), ..YIELDING.impedance };

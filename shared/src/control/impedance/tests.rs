@@ -72,7 +72,7 @@ type Coupled = (
 const COUPLED: &[Coupled] = include!("../../../../tests/oracles/data/impedance_matrices.in");
 
 fn coupled(mass: &Matrix, damping: &Matrix, stiffness: &Matrix) -> Impedance {
-    let coupling = Coupling { mass: mass.1, damping: damping.1, stiffness: stiffness.1 };
+    let coupling = ImpedanceCoupling { mass: mass.1, damping: damping.1, stiffness: stiffness.1 };
     Impedance { coupling: Some(coupling), ..Impedance::diagonal(mass.0, damping.0, stiffness.0) }
 }
 
@@ -93,7 +93,7 @@ fn coupled_axes_have_the_accelerations_of_the_exact_motion() {
         assert!(difference.norm() > 1e-2 * Vector6::from(*held).norm());
     }
     // Without coupling, by the series as by the closed form.
-    let none = Impedance { coupling: Some(Coupling::NONE), ..SOFT };
+    let none = Impedance { coupling: Some(ImpedanceCoupling::NONE), ..SOFT };
     let stiff = |i: Impedance| Impedance { damping: [140.0; 6], stiffness: [3700.0; 6], ..i };
     let (e, v, f) = (Vector6::repeat(0.03), Vector6::repeat(-0.2), Vector6::repeat(2.0));
     for (none, plain) in [(none, SOFT), (stiff(none), stiff(SOFT))] {
@@ -117,8 +117,8 @@ fn in_turned_axes_the_matrices_are_turned() {
 #[test]
 fn matrices_that_are_not_definite_are_named_with_the_pivot() {
     // Elements: (y, x), (z, x), (z, y), (about x, x), ...
-    let with = |change: fn(&mut Coupling)| {
-        let mut coupling = Coupling::NONE;
+    let with = |change: fn(&mut ImpedanceCoupling)| {
+        let mut coupling = ImpedanceCoupling::NONE;
         change(&mut coupling);
         Impedance { coupling: Some(coupling), ..SOFT }.validate()
     };
@@ -141,7 +141,7 @@ fn matrices_that_are_not_definite_are_named_with_the_pivot() {
     assert!(with(|c| c.stiffness[0] = 300.0).is_ok() && with(|c| c.damping[0] = -7.5).is_ok());
     // Too stiff for the mass in that direction only: 3600 instead of (1.5 − 0.8) · 2500 = 1750.
     let mut stiff = Impedance { stiffness: [1800.0; 6], ..SOFT };
-    stiff.coupling = Some(Coupling { mass: [0.0; 15], damping: [0.0; 15], stiffness: [0.0; 15] });
+    stiff.coupling = Some(ImpedanceCoupling { mass: [0.0; 15], damping: [0.0; 15], stiffness: [0.0; 15] });
     assert!(stiff.validate().is_ok());
     stiff.coupling.as_mut().unwrap().mass[0] = 0.8;
     let said = stiff.validate().unwrap_err().to_string();
@@ -151,7 +151,7 @@ fn matrices_that_are_not_definite_are_named_with_the_pivot() {
 #[test]
 fn coupling_is_blended_in_and_vanishes_again() {
     let mut impedance = SOFT;
-    let mut goal = Impedance { coupling: Some(Coupling::NONE), ..SOFT };
+    let mut goal = Impedance { coupling: Some(ImpedanceCoupling::NONE), ..SOFT };
     goal.coupling.as_mut().unwrap().stiffness[0] = 200.0;
     impedance.blend_towards(&goal, 0.05);
     assert!((impedance.coupling.unwrap().stiffness[0] - 10.0).abs() < 1e-4);

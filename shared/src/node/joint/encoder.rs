@@ -35,7 +35,7 @@ impl Joint<'_> {
     pub fn gains_speed(&self) -> bool {
         let (config, state) = (self.config, &self.state);
         let change = abs(state.change);
-        change > config.fast
+        change > config.thresholds.fast
             && change >= abs(*self.velocity) * TICK
             && (self.is_opposed() || change > config.limits.velocity * TICK)
     }
@@ -44,30 +44,31 @@ impl Joint<'_> {
     #[inline]
     fn is_opposed(&self) -> bool {
         let (effort, change) = (self.state.effort, self.state.change);
-        (if change > 0.0 { -effort } else { effort }) > self.config.breakaway
+        (if change > 0.0 { -effort } else { effort }) > self.config.thresholds.breakaway
     }
 
     /// Checks the measurements.
     #[inline]
     pub fn check_measurement(&self, current: i16) -> Option<Finding> {
         let (config, state, position) = (self.config, &self.state, *self.position);
+        let thresholds = &config.thresholds;
         let current = f32::from(current);
-        if abs(current) > config.current_limit {
+        if abs(current) > thresholds.current {
             let scale = config.amperes_per_count;
             return Some(Finding {
                 cause: FaultCause::OverCurrent,
                 value: current * scale,
-                limit: config.current_limit * scale,
+                limit: thresholds.current * scale,
             });
         }
-        if state.homed && position < config.min_angle {
+        if state.homed && position < thresholds.min_angle {
             return Some(Finding {
                 cause: FaultCause::PositionLimit,
                 value: position,
                 limit: config.limits.lower,
             });
         }
-        if state.homed && position > config.max_angle {
+        if state.homed && position > thresholds.max_angle {
             return Some(Finding {
                 cause: FaultCause::PositionLimit,
                 value: position,
@@ -83,14 +84,15 @@ impl Joint<'_> {
     pub fn check_speed(&mut self, follows: bool, tick: u32) -> Option<Finding> {
         let is_opposed = self.is_opposed();
         let (config, state) = (self.config, &mut *self.state);
+        let thresholds = &config.thresholds;
         let jumps = |state: &mut JointState, limit: f32| {
             state.lose_zero(config);
             Some(Finding { cause: FaultCause::EncoderJump, value: state.change, limit })
         };
-        if abs(state.change) > config.jump {
-            return jumps(state, config.jump);
+        if abs(state.change) > thresholds.jump {
+            return jumps(state, thresholds.jump);
         }
-        let deviates = follows || abs(self.reference.position - *self.position) > config.deviation;
+        let deviates = follows || abs(self.reference.position - *self.position) > thresholds.deviation;
         let ticks = if state.gained_in.wrapping_add(1) == tick { state.running_away } else { 0 };
         state.running_away = if deviates && is_opposed { ticks.saturating_add(1) } else { 0 };
         state.gained_in = tick;
@@ -98,7 +100,7 @@ impl Joint<'_> {
             return Some(Finding {
                 cause: FaultCause::Runaway,
                 value: state.effort,
-                limit: config.breakaway,
+                limit: thresholds.breakaway,
             });
         }
         let (velocity, limit) = (*self.velocity, config.limits.velocity);
@@ -146,7 +148,11 @@ impl Joint<'_> {
             return None;
         }
         Some(if self.runs_away() {
-            Finding { cause: FaultCause::Runaway, value: self.state.effort, limit: self.config.breakaway }
+            Finding {
+                cause: FaultCause::Runaway,
+                value: self.state.effort,
+                limit: self.config.thresholds.breakaway,
+            }
         } else {
             Finding { cause: FaultCause::FollowingError, value: error, limit }
         })
@@ -160,9 +166,9 @@ impl Joint<'_> {
     fn runs_away(&self) -> bool {
         let (velocity, lead) = (*self.velocity, self.reference.velocity * *self.velocity);
         let leaves = (self.reference.position - *self.position) * velocity < 0.0;
-        let gains = abs(self.state.change) > abs(self.state.last_change) + self.config.flicker;
+        let gains = abs(self.state.change) > abs(self.state.last_change) + self.config.thresholds.flicker;
         let astray = lead < 0.0 || lead == 0.0 && leaves && gains;
-        abs(velocity) * TICK > self.config.moving && astray && self.is_opposed()
+        abs(velocity) * TICK > self.config.thresholds.moving && astray && self.is_opposed()
     }
 
     /// Whether the angle stands still although the effort has grown by more than can hold the joint. A
@@ -183,7 +189,7 @@ impl Joint<'_> {
     /// The result of [`resists`](Self::resists) in this tick.
     #[inline]
     pub fn has_resisted(&self) -> bool {
-        abs(self.state.effort - self.state.moving_effort) > self.config.least_growth
+        abs(self.state.effort - self.state.moving_effort) > self.config.thresholds.min_growth
     }
 
     /// Whether the joint has moved. One count back and forth is no motion: a dead encoder may flicker.
@@ -191,7 +197,7 @@ impl Joint<'_> {
     fn moves(&mut self) -> bool {
         let (position, state) = (*self.position, &mut *self.state);
         let distance = position - state.moved_to;
-        if distance * state.last_change <= 0.0 && abs(distance) < self.config.flicker {
+        if distance * state.last_change <= 0.0 && abs(distance) < self.config.thresholds.flicker {
             return false;
         }
         (state.moved_to, state.last_change) = (position, state.change);
@@ -202,9 +208,9 @@ impl Joint<'_> {
     /// beyond the weight [N·m]. `docs/fault-schedules.md` reports how reliably this detects dead encoders.
     pub fn check_encoder(&mut self, effort: f32, excess: f32, situation: Situation) -> Option<Finding> {
         let growth = self.growth_that_holds(situation) + 2.0 * self.friction_against(excess);
-        let (config, state) = (self.config, &mut *self.state);
+        let (thresholds, state) = (&self.config.thresholds, &mut *self.state);
         let grown = effort - state.moving_effort;
-        let limit = if situation.stops { config.stop_excess } else { config.excess };
+        let limit = if situation.stops { thresholds.stop_excess } else { thresholds.excess };
         let pushes = abs(excess) > limit && grown * excess > 0.0;
         // In a moving arm the torque of a joint also balances the inertial forces of the other links, without
         // moving that joint.
@@ -215,13 +221,13 @@ impl Joint<'_> {
         // A joint that has braked to rest stays there while its effort falls below friction: falling efforts
         // do not count.
         let should_accelerate = situation.accelerates
-            && abs(grown) > share * config.accelerating_growth
-            && abs(effort) > 0.5 * config.growth
+            && abs(grown) > share * thresholds.accelerating_growth
+            && abs(effort) > 0.5 * thresholds.growth
             && grown * effort > 0.0;
         // A weaker sign for one tick, as at the start of a contact, does not reset the counter.
         let keeps_count = situation.accelerates
             && pushes
-            && abs(grown) > HYSTERESIS_SHARE * config.accelerating_growth
+            && abs(grown) > HYSTERESIS_SHARE * thresholds.accelerating_growth
             && grown * effort > 0.0;
         let shows = should_move || should_accelerate;
         state.unchanged = match (shows, keeps_count) {
@@ -233,7 +239,8 @@ impl Joint<'_> {
             return None;
         }
         state.unchanged = FOUND_DEAD;
-        let (value, limit) = if should_move { (excess, limit) } else { (grown, config.accelerating_growth) };
+        let (value, limit) =
+            if should_move { (excess, limit) } else { (grown, thresholds.accelerating_growth) };
         Some(Finding { cause: FaultCause::EncoderStuck, value, limit })
     }
 
@@ -241,29 +248,30 @@ impl Joint<'_> {
     /// the joint against an `excess` in the opposite direction.
     fn friction_against(&self, excess: f32) -> f32 {
         let (config, state) = (self.config, &self.state);
+        let max_friction = config.thresholds.max_friction;
         let along = if state.last_change > 0.0 { state.moving_effort } else { -state.moving_effort };
         // The torque that stopped the joint's inertia within one period may be friction too, unless it is too
         // large.
         let stopping = along + config.inertia * abs(state.last_change) / (TICK * TICK);
-        let shown = if stopping > config.max_friction + config.coulomb { along } else { stopping };
+        let shown = if stopping > max_friction + config.coulomb { along } else { stopping };
         let reverses = state.last_change * excess < 0.0;
-        if reverses { math::clamp(shown, 0.0, config.max_friction) } else { 0.0 }
+        if reverses { math::clamp(shown, 0.0, max_friction) } else { 0.0 }
     }
 
     /// How much the effort of a joint at rest may grow before the joint must move [N·m], apart from that
     /// friction.
     fn growth_that_holds(&self, situation: Situation) -> f32 {
-        let (config, last_change) = (self.config, self.state.last_change);
+        let (thresholds, last_change) = (&self.config.thresholds, self.state.last_change);
         if situation.presses {
             // The contact balances the feed-forward force only with an error, which adds to the growth.
-            if self.target.feedforward == 0.0 { config.breakaway } else { 2.0 * config.breakaway }
-        } else if abs(last_change) >= config.moving || situation.stops {
-            config.growth
+            if self.target.feedforward == 0.0 { thresholds.breakaway } else { 2.0 * thresholds.breakaway }
+        } else if abs(last_change) >= thresholds.moving || situation.stops {
+            thresholds.growth
         } else if last_change == 0.0 {
             // It has not moved since it was enabled: the torque that holds it is unknown.
-            config.breakaway
+            thresholds.breakaway
         } else {
-            config.held_growth
+            thresholds.held_growth
         }
     }
 
@@ -287,12 +295,12 @@ impl Joint<'_> {
     /// and so is the weight computed from it.
     #[cold]
     pub fn check_still_dead(&self) -> Option<Finding> {
-        let moved = abs(*self.position - self.state.moved_to) > self.config.flicker;
+        let moved = abs(*self.position - self.state.moved_to) > self.config.thresholds.flicker;
         let is_dead = self.state.unchanged == FOUND_DEAD && !moved;
         is_dead.then_some(Finding {
             cause: FaultCause::EncoderStuck,
             value: self.state.torque,
-            limit: self.config.excess,
+            limit: self.config.thresholds.excess,
         })
     }
 }

@@ -348,7 +348,7 @@ fn disable_switches_the_outputs_off_but_keeps_the_fault() {
 #[test]
 fn an_error_of_the_model_that_holds_a_joint_where_it_stands_is_no_dead_encoder() {
     let mut rig = Rig::enabled(&model());
-    let breakaway = rig.node.robot().unwrap().joints()[2].breakaway;
+    let breakaway = rig.node.robot().unwrap().joints()[2].thresholds.breakaway;
     // The servo adapts to a torque beyond the model while the angle changes slowly.
     let mut ticks = 0;
     while rig.node.telemetry().joints[2].torque < 2.5 * breakaway {
@@ -425,7 +425,7 @@ fn moving_means_the_same_speed_for_a_fine_and_a_coarse_encoder() {
     let moving = |counts_per_turn: f32| {
         let mut model = model();
         model.joints[2].encoder.counts_per_turn = counts_per_turn;
-        Rig::ready(&model).node.robot().unwrap().joints()[2].moving
+        Rig::ready(&model).node.robot().unwrap().joints()[2].thresholds.moving
     };
     assert_eq!((moving(65_536.0), moving(262_144.0)), (7.67e-4, 7.67e-4));
     // 2 of 4096 counts.

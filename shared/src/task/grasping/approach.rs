@@ -9,7 +9,7 @@ use super::pose::{MINIMUM_JERK_PEAK, PoseTrajectory};
 use super::state::Fingers;
 use super::tracker::Tracker;
 use super::tuning::{APPROACH_SPEED, OBSTACLE_FACTOR, REST_TIME, TOUCH_SPEED, TOUCH_TICKS};
-use super::{Failure, GraspFault, GraspState, Hand, HandOutput, PerFinger, Phase};
+use super::{Failure, GraspFault, GraspHand, GraspState, HandOutput, PerFinger, Phase};
 use crate::control::JointPoint;
 use crate::kinematics::TipPoint;
 use crate::math;
@@ -45,7 +45,7 @@ impl GraspState {
     /// Moves the fingertips to their positions in front of the contacts. An obstacle stops them.
     pub(super) fn approach(
         &mut self,
-        hand: &Hand<'_>,
+        hand: &GraspHand<'_>,
         plan: &GraspPlan,
         fingers: &Fingers<'_>,
     ) -> HandOutput {
@@ -72,7 +72,7 @@ impl GraspState {
     /// Moves the fingertips along the normals until each is in contact.
     pub(super) fn touch(
         &mut self,
-        hand: &Hand<'_>,
+        hand: &GraspHand<'_>,
         plan: &GraspPlan,
         fingers: &Fingers<'_>,
     ) -> Result<HandOutput, GraspFault> {
@@ -116,7 +116,12 @@ impl GraspState {
     }
 
     /// Moves the fingertips back from the surface, after the internal forces have fallen to zero.
-    pub(super) fn open(&mut self, hand: &Hand<'_>, plan: &GraspPlan, fingers: &Fingers<'_>) -> HandOutput {
+    pub(super) fn open(
+        &mut self,
+        hand: &GraspHand<'_>,
+        plan: &GraspPlan,
+        fingers: &Fingers<'_>,
+    ) -> HandOutput {
         let begins = self.step == 0;
         if begins {
             (self.step, self.ticks) = (1, 1);
@@ -157,7 +162,11 @@ impl GraspState {
     ///
     /// # Errors
     /// The finger whose tip cannot reach its set-point.
-    fn follow_tips(&mut self, hand: &Hand<'_>, setpoints: &PerFinger<TipSetpoint>) -> Result<HandOutput, u8> {
+    fn follow_tips(
+        &mut self,
+        hand: &GraspHand<'_>,
+        setpoints: &PerFinger<TipSetpoint>,
+    ) -> Result<HandOutput, u8> {
         let mut output = self.stand();
         let mut reference = self.reference;
         for (index, finger, reference, points, [position, velocity, acceleration]) in

@@ -9,16 +9,16 @@ use crate::robot::{Actuation, Measured, Postures, Robot};
 
 /// The hand, as grasping needs it.
 #[derive(Clone, Copy, Debug)]
-pub struct Hand<'a> {
+pub struct GraspHand<'a> {
     /// Fingers 1 to 3, in the order that defines the object frame.
-    pub fingers: PerFinger<HandFinger<'a>>,
+    pub fingers: PerFinger<GraspFinger<'a>>,
     /// Acceleration of gravity in the base frame [m/s²].
     pub gravity: &'a Vector3<f32>,
 }
 
 /// A finger of three joints with a round tip.
 #[derive(Clone, Copy, Debug)]
-pub struct HandFinger<'a> {
+pub struct GraspFinger<'a> {
     /// Its kinematics and dynamics.
     pub chain: &'a Chain,
     /// Its inverse kinematics.
@@ -40,14 +40,14 @@ pub struct FingerSense<'a> {
     pub force: [f32; 3],
 }
 
-impl<'a> Hand<'a> {
+impl<'a> GraspHand<'a> {
     /// `robot` as a hand; `None` unless it is three fingers with a force sensor each.
     pub fn of(robot: &'a Robot) -> Option<Self> {
-        let mut fingers = heapless::Vec::<HandFinger<'_>, FINGERS>::new();
+        let mut fingers = heapless::Vec::<GraspFinger<'_>, FINGERS>::new();
         for (config, model) in robot.chains().iter().zip(&robot.model().chains) {
             model.force_sensor?;
             let [a, b, c] = robot.joints().get(config.joints())? else { return None };
-            let finger = HandFinger {
+            let finger = GraspFinger {
                 chain: &config.chain,
                 inverse: config.finger.as_ref()?,
                 torque_limits: [a, b, c].map(|joint| joint.servo.torque_limit()),
@@ -59,7 +59,7 @@ impl<'a> Hand<'a> {
     }
 }
 
-impl HandFinger<'_> {
+impl GraspFinger<'_> {
     /// The joints' targets for a set-point of the tip's centre, one tick after their `last` ones [rad].
     /// `None` if it is out of reach, or if the joint limits permit only a posture that is far from the last.
     #[inline]

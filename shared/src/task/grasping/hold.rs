@@ -9,7 +9,7 @@ use super::state::Fingers;
 use super::tracker::TipMotion;
 use super::tuning::TORQUE_FRACTION;
 use super::wrench::wrench;
-use super::{Failure, FingerSense, GraspFault, GraspState, Hand, HandOutput, PerFinger, Phase};
+use super::{Failure, FingerSense, GraspFault, GraspHand, GraspState, HandOutput, PerFinger, Phase};
 use crate::control::JointPoint;
 use crate::grasp::{GraspMap, ThreeFingers, WrenchInverse, normal_force_limit};
 use crate::kinematics::Jacobian;
@@ -23,7 +23,7 @@ impl GraspState {
     /// Runs all phases with an object in the hand, and its release.
     pub(super) fn hold(
         &mut self,
-        hand: &Hand<'_>,
+        hand: &GraspHand<'_>,
         plan: &GraspPlan,
         senses: &PerFinger<FingerSense<'_>>,
         fingers: &Fingers<'_>,
@@ -97,7 +97,7 @@ impl GraspState {
 
     fn force_inputs<'a>(
         &self,
-        hand: &Hand<'_>,
+        hand: &GraspHand<'_>,
         plan: &GraspPlan,
         fingers: &'a Fingers<'_>,
         map: &'a GraspMap,
@@ -167,7 +167,7 @@ impl GraspState {
     /// The finger that cannot follow.
     fn follow(
         &mut self,
-        hand: &Hand<'_>,
+        hand: &GraspHand<'_>,
         three: &ThreeFingers,
         levers: &PerFinger<Vector3<f32>>,
         target: &PoseTrajectoryPoint,

@@ -41,7 +41,7 @@ mod wrench;
 #[cfg(test)]
 mod plan_tests;
 
-pub use hand::{FingerSense, Hand, HandFinger, HandOutput};
+pub use hand::{FingerSense, GraspFinger, GraspHand, HandOutput};
 pub use phase::{Failure, GraspFault, GraspRefusal, GraspTelemetry, Phase};
 pub use plan::{
     GraspCommand, GraspPlan, InternalForce, InvalidPlan, JointTargets, LoadSource, ObjectControl,

@@ -98,6 +98,25 @@ pub enum GraspFault {
     NoFrame,
 }
 
+impl fmt::Display for GraspFault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::ContactLost { finger, force, limit } => {
+                write!(f, "finger {} presses on the object with {force} N, less than {limit} N", finger + 1)
+            }
+            Self::Deformed { distance, limit } => {
+                write!(f, "the distances between the fingertips changed by {distance} m, more than {limit} m")
+            }
+            Self::Displaced { distance, limit } => {
+                write!(f, "the object is {distance} m from its target, more than {limit} m")
+            }
+            Self::NoFrame => f.write_str("the fingertips are collinear and define no object frame"),
+        }
+    }
+}
+
+impl core::error::Error for GraspFault {}
+
 /// Why a command is refused; the state is unchanged.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

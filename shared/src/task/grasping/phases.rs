@@ -12,7 +12,7 @@ use super::tuning::{
     PROBE_RATE, PROBE_RELEASE_RATE, PROBE_SLIP_DISTANCE, PROBE_STOP_FRACTION, PROBE_TIMEOUT, SQUEEZE_TIME,
     SQUEEZE_TIMEOUT, SUPPORTED_FRACTION,
 };
-use super::{Failure, GraspFault, GraspState, Hand, PerFinger, Phase};
+use super::{Failure, GraspFault, GraspHand, GraspState, PerFinger, Phase};
 use crate::TICK;
 use crate::grasp::WrenchInverse;
 use crate::math;
@@ -51,7 +51,7 @@ impl GraspState {
     /// Advances the phases. Returns internal forces to superpose on the grip [N].
     pub(super) fn advance_phase(
         &mut self,
-        hand: &Hand<'_>,
+        hand: &GraspHand<'_>,
         plan: &GraspPlan,
         inputs: &ForceInputs<'_>,
         inverse: &WrenchInverse<'_>,
@@ -140,20 +140,20 @@ impl GraspState {
     }
 
     /// Part of the load against gravity [N].
-    pub(super) fn weight_on_fingers(&self, hand: &Hand<'_>) -> f32 {
+    pub(super) fn weight_on_fingers(&self, hand: &GraspHand<'_>) -> f32 {
         let [x, y, z, ..] = self.forces.load;
         -down(hand).dot(&Vector3::new(x, y, z))
     }
 
     /// Whether the object is above the position at which it was grasped.
-    pub(super) fn is_lifted(&self, hand: &Hand<'_>) -> bool {
+    pub(super) fn is_lifted(&self, hand: &GraspHand<'_>) -> bool {
         let displacement =
             Vector3::from(self.tracker.object.translation) - Vector3::from(self.origin.translation);
         -down(hand).dot(&displacement) > LIFT_HEIGHT
     }
 
     /// Lowers the object until a support carries it.
-    fn lower(&mut self, hand: &Hand<'_>) {
+    fn lower(&mut self, hand: &GraspHand<'_>) {
         if self.ticks == 1 {
             let start = self.trajectory.point().frame;
             let mut end = start;
@@ -172,7 +172,7 @@ impl GraspState {
 }
 
 /// Unit vector of gravity; 0 without gravity.
-fn down(hand: &Hand<'_>) -> Vector3<f32> {
+fn down(hand: &GraspHand<'_>) -> Vector3<f32> {
     let norm = math::sqrt(hand.gravity.norm_squared());
     if norm > 0.0 { hand.gravity / norm } else { Vector3::zeros() }
 }

@@ -12,8 +12,8 @@ use super::tuning::{
     TICKS_TO_DITHER_END,
 };
 use super::{
-    Failure, FingerSense, Frame, GraspCommand, GraspFault, GraspPlan, GraspRefusal, GraspTelemetry, Hand,
-    HandFinger, HandOutput, PerFinger, Phase,
+    Failure, FingerSense, Frame, GraspCommand, GraspFault, GraspFinger, GraspHand, GraspPlan, GraspRefusal,
+    GraspTelemetry, HandOutput, PerFinger, Phase,
 };
 use crate::TICK;
 use crate::control::JointPoint;
@@ -72,7 +72,7 @@ pub(super) struct Fingers<'a> {
 }
 
 impl<'a> Fingers<'a> {
-    fn new(hand: &Hand<'_>, senses: &PerFinger<FingerSense<'a>>) -> Self {
+    fn new(hand: &GraspHand<'_>, senses: &PerFinger<FingerSense<'a>>) -> Self {
         let postures = senses.map(|sense| sense.posture);
         Self {
             tips: postures.map(|posture| posture.tip().translation.vector),
@@ -170,7 +170,7 @@ impl GraspState {
     ///
     /// # Errors
     /// Why it is refused; the state is unchanged.
-    pub fn command(&mut self, hand: &Hand<'_>, command: &GraspCommand) -> Result<(), GraspRefusal> {
+    pub fn command(&mut self, hand: &GraspHand<'_>, command: &GraspCommand) -> Result<(), GraspRefusal> {
         match command {
             GraspCommand::Grasp(plan) => self.begin(hand, plan),
             GraspCommand::Move { translation, rotation, duration } => {
@@ -211,7 +211,7 @@ impl GraspState {
         self.enter(next);
     }
 
-    fn begin(&mut self, hand: &Hand<'_>, plan: &GraspPlan) -> Result<(), GraspRefusal> {
+    fn begin(&mut self, hand: &GraspHand<'_>, plan: &GraspPlan) -> Result<(), GraspRefusal> {
         if self.phase != Phase::Ready {
             return Err(GraspRefusal::Busy(self.phase));
         }
@@ -250,7 +250,7 @@ impl GraspState {
 
     fn begin_move(
         &mut self,
-        hand: &Hand<'_>,
+        hand: &GraspHand<'_>,
         translation: &[f32; 3],
         rotation: &[f32; 3],
         duration: f32,
@@ -300,7 +300,7 @@ impl GraspState {
     /// The object is lost.
     pub fn tick(
         &mut self,
-        hand: &Hand<'_>,
+        hand: &GraspHand<'_>,
         senses: &PerFinger<FingerSense<'_>>,
     ) -> Result<HandOutput, GraspFault> {
         self.ticks = self.ticks.saturating_add(1);
@@ -330,7 +330,7 @@ impl GraspState {
 /// Checks that a fingertip can reach `position` [m]. `reference`: its present joint angles [rad].
 fn check_reach(
     index: u8,
-    finger: &HandFinger<'_>,
+    finger: &GraspFinger<'_>,
     position: &Vector3<f32>,
     reference: &[f32; 3],
 ) -> Result<(), GraspRefusal> {

@@ -2,7 +2,7 @@ use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    FingerSense, GraspCommand, GraspFault, GraspPlan, GraspRefusal, GraspState, GraspTelemetry, Hand,
+    FingerSense, GraspCommand, GraspFault, GraspHand, GraspPlan, GraspRefusal, GraspState, GraspTelemetry,
     ObjectControl, Phase,
 };
 use crate::control::ServoMode;
@@ -24,7 +24,7 @@ impl Task for Grasping {
     const IDLE: Self = Self { state: GraspState::NONE };
 
     fn check(robot: &Robot, measured: &Measured, (): &()) -> Result<(), GraspRefusal> {
-        Hand::of(robot).ok_or(GraspRefusal::NotAHand)?;
+        GraspHand::of(robot).ok_or(GraspRefusal::NotAHand)?;
         measured.untared(robot).map_or(Ok(()), |chain| Err(GraspRefusal::NotTared { chain }))
     }
 
@@ -40,7 +40,7 @@ impl Task for Grasping {
     }
 
     fn command(&mut self, io: Io<'_>, command: &GraspCommand) -> Result<(), GraspRefusal> {
-        let hand = Hand::of(io.robot).ok_or(GraspRefusal::NotAHand)?;
+        let hand = GraspHand::of(io.robot).ok_or(GraspRefusal::NotAHand)?;
         let had_plan = self.state.plan.is_some();
         self.state.command(&hand, command)?;
         if let GraspCommand::Grasp(GraspPlan { control, .. }) = command {
@@ -59,7 +59,7 @@ impl Task for Grasping {
     #[inline(never)]
     fn tick(&mut self, io: Io<'_>) -> Result<(), TaskFault> {
         // Both exist: `check` found a hand, and the sensors are read before the task runs.
-        let Some(hand) = Hand::of(io.robot) else { return Ok(()) };
+        let Some(hand) = GraspHand::of(io.robot) else { return Ok(()) };
         let Some(senses) = FingerSense::of_all(io.measured, io.postures) else { return Ok(()) };
         let output = self.state.tick(&hand, &senses)?;
         let servo = output.actuation == Actuation::Servo;

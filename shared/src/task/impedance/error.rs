@@ -88,6 +88,8 @@ impl fmt::Display for SetpointError {
     }
 }
 
+impl core::error::Error for SetpointError {}
+
 impl fmt::Display for ImpedanceRefusal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -109,3 +111,5 @@ impl fmt::Display for ImpedanceRefusal {
         }
     }
 }
+
+impl core::error::Error for ImpedanceRefusal {}

@@ -226,6 +226,8 @@ impl fmt::Display for InvalidSettings {
     }
 }
 
+impl core::error::Error for InvalidSettings {}
+
 /// Maximum rotation from the set-point [rad]; near π the rotation vector is ambiguous.
 const MAX_ROTATION: f32 = 3.0;
 

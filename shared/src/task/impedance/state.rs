@@ -257,13 +257,13 @@ impl ImpedanceState {
         Ok(output)
     }
 
-    /// Closes the tick: accelerations that the limits added to those of the joints [rad/s²], and mean motor
-    /// torques until the next tick [N·m].
+    /// Closes the tick: mean motor torques until the next tick [N·m], and accelerations that the limits added
+    /// to those of the joints [rad/s²].
     pub fn applied(
         &mut self,
         arm: &Arm<'_>,
-        added: &[f32; MAX_CHAIN_JOINTS],
         torques: &[f32; MAX_CHAIN_JOINTS],
+        added: &[f32; MAX_CHAIN_JOINTS],
     ) {
         self.momentum_observer.push(torques);
         for (state, added) in self.observers.iter_mut().zip(added) {

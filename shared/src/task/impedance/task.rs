@@ -138,7 +138,7 @@ impl Task for ImpedanceControl {
         ) else {
             return;
         };
-        self.state.applied(&arm, added, torques);
+        self.state.applied(&arm, torques, added);
     }
 
     fn may_tare(&self) -> bool {

@@ -65,7 +65,7 @@ impl FingertipSample {
 
 /// The last measurement of a fingertip.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
-struct Measurement {
+struct TipMeasurement {
     point: FingertipPoint,
     /// Time since then [s].
     age: f32,
@@ -78,7 +78,7 @@ pub(super) struct Fingertips {
     number: Option<u16>,
     /// Ticks since its arrival.
     ticks: u8,
-    tips: [Option<Measurement>; MAX_FINGERS],
+    tips: [Option<TipMeasurement>; MAX_FINGERS],
 }
 
 impl Fingertips {
@@ -93,7 +93,7 @@ impl Fingertips {
         (self.number, self.ticks) = (Some(sample.number), 0);
         for (known, tip) in self.tips.iter_mut().zip(&sample.tips) {
             if let Some(point) = tip {
-                *known = Some(Measurement { point: *point, age: sample.age });
+                *known = Some(TipMeasurement { point: *point, age: sample.age });
             }
         }
         true
@@ -122,7 +122,7 @@ impl Fingertips {
         let mut present = OperatorFingertips::default();
         let places = present.positions.iter_mut().zip(&mut present.directions);
         for ((position, direction), tip) in places.zip(&self.tips) {
-            let Some(Measurement { point, age }) = tip else { continue };
+            let Some(TipMeasurement { point, age }) = tip else { continue };
             let ahead = age.min(MAX_EXTRAPOLATION);
             let place = vector(&point.position) + vector(&point.velocity) * ahead;
             *position = Some(place.map(|value| crate::math::clamp(value, -MAX_COORDINATE, MAX_COORDINATE)));

@@ -26,8 +26,9 @@ use crate::control::JointPoint;
 use crate::kinematics::{Angles, Hand, MAX_FINGERS};
 use crate::math;
 use crate::model::MAX_JOINTS;
-use crate::robot::{Actuation, Concerns, JointSetpoint, JointTarget, Measured, Postures, Robot};
-use crate::teleop::{MotionLimits, MotionTarget, RetargetReport, RetargetState, Retargeting};
+use crate::robot::{Concerns, JointTarget, Measured, Postures, Robot};
+use crate::signal::{MotionLimits, MotionTarget};
+use crate::teleop::{RetargetReport, RetargetState, Retargeting};
 
 use fingertips::Fingertips;
 pub use fingertips::{FingertipPoint, FingertipSample, MAX_EXTRAPOLATION};
@@ -89,6 +90,8 @@ impl fmt::Display for TelexistenceRefusal {
         }
     }
 }
+
+impl core::error::Error for TelexistenceRefusal {}
 
 /// Telemetry of telexistence.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, Schema)]
@@ -158,8 +161,6 @@ impl Task for Telexistence {
         let angles = angles(&io);
         self.motion = angles.map(JointEstimate::at_rest);
         io.targets.servo_mode = settings.servo_mode;
-        io.targets.actuation = Actuation::Servo;
-        io.targets.stand_at(&angles);
     }
 
     fn command(&mut self, io: Io<'_>, command: &TelexistenceCommand) -> Result<(), TelexistenceRefusal> {
@@ -201,7 +202,7 @@ impl Task for Telexistence {
             let acceleration = self.settings.acceleration.min(speed / REVERSING_LAG);
             let limits = MotionLimits { speed, acceleration };
             let point = next(&limits, range, reference, estimate);
-            *target = JointTarget { setpoint: JointSetpoint::Point(point), feedforward: 0.0, restart: false };
+            *target = JointTarget::point(point);
         }
         Ok(())
     }

@@ -93,3 +93,5 @@ impl fmt::Display for InvalidTelexistenceSettings {
         }
     }
 }
+
+impl core::error::Error for InvalidTelexistenceSettings {}

@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-use super::reference::Arm;
+use super::reference::GuidedArm;
 use crate::TICK;
 use crate::kinematics::Posture;
 use crate::math::{Ldlt, sqrt};
@@ -58,7 +58,7 @@ pub struct Sense {
 
 impl Sense {
     /// The sensitivity of the arm at `posture`.
-    pub fn new(arm: &Arm<'_>, posture: &Posture) -> Self {
+    pub fn new(arm: &GuidedArm<'_>, posture: &Posture) -> Self {
         let jacobian = arm.jacobian(posture);
         let damped = jacobian * jacobian.transpose() + Matrix6::from_diagonal_element(DAMPING * DAMPING);
         Self { factors: Ldlt::new(&damped, 1e-9) }
@@ -74,8 +74,8 @@ impl Sense {
     }
 
     /// Whether the estimate shows at least the share `least` of a force in every direction.
-    pub fn shows(&self, least: f32) -> bool {
-        let mut shares = Matrix3::from_diagonal_element(1.0 - least);
+    pub fn shows(&self, min: f32) -> bool {
+        let mut shares = Matrix3::from_diagonal_element(1.0 - min);
         for axis in 0..3 {
             let hidden = self.factors.solve(&Vector6::ith(axis, DAMPING * DAMPING));
             for row in 0..3 {
@@ -95,7 +95,7 @@ impl ContactEstimate {
     /// is the contact force [N].
     pub fn update(
         &mut self,
-        arm: &Arm<'_>,
+        arm: &GuidedArm<'_>,
         posture: &Posture,
         sense: &Sense,
         efforts: &dyn Efforts,
@@ -120,8 +120,8 @@ impl ContactEstimate {
         };
         let learnt = learnt + force * (TICK / time);
         let size = sqrt(learnt.norm_squared());
-        let most = LEARNABLE * limit;
-        self.learnt = if size > most { learnt * (most / size) } else { learnt }.into();
+        let max = LEARNABLE * limit;
+        self.learnt = if size > max { learnt * (max / size) } else { learnt }.into();
         force
     }
 }

@@ -8,8 +8,8 @@ use super::GripperSettings;
 use crate::TICK;
 use crate::control::JointPoint;
 use crate::math::{abs, clamp};
-use crate::robot::{JointSetpoint, JointTarget};
-use crate::teleop::{MotionLimits, MotionTarget};
+use crate::robot::JointTarget;
+use crate::signal::{MotionLimits, MotionTarget};
 
 /// Effort at which the gripper has closed on an object, as a fraction of the holding torque.
 const TOUCH: f32 = 0.25;
@@ -139,8 +139,7 @@ impl Gripper {
             // The servo's reference follows the joint, so that the servo does not work against the torque.
             let point = JointPoint { position: joint.position, velocity: 0.0, acceleration: 0.0 };
             let feedforward = self.press - DAMPING / TICK * joint.inertia * joint.velocity;
-            *joint.target =
-                JointTarget { setpoint: JointSetpoint::Point(point), feedforward, restart: false };
+            *joint.target = JointTarget { feedforward, ..JointTarget::point(point) };
             if self.press == 0.0 {
                 *joint.target = JointTarget::at(joint.position);
             }
@@ -161,8 +160,7 @@ impl Gripper {
             acceleration: Vector1::zeros(),
         };
         point.acceleration = limits.acceleration(&Vector1::new(point.velocity), &target).x;
-        *joint.target =
-            JointTarget { setpoint: JointSetpoint::Point(point), feedforward: 0.0, restart: false };
+        *joint.target = JointTarget::point(point);
     }
 
     /// Counts the time of opening or closing. Returns whether it takes too long.

@@ -36,14 +36,14 @@ use super::api::{Io, Task, TaskFault};
 use crate::TICK;
 use crate::math::sqrt;
 use crate::model::Pose;
-use crate::robot::{Actuation, ChainConfig, JointSetpoint, JointTarget, Measured, Postures, Robot};
-use crate::teleop::MotionLimits;
+use crate::robot::{ChainConfig, JointTarget, Measured, Postures, Robot};
+use crate::signal::MotionLimits;
 
 use contact::{ContactEstimate, Learning, Sense};
 pub use gripper::GripperState;
 use gripper::{Gripper, GripperJoint};
 use motion::{MIN_SHOWN, MotionState};
-use reference::{Arm, angles, pose};
+use reference::{GuidedArm, angles, pose};
 pub use settings::{
     ApproachField, GripperSettings, MIN_SPEED, VisualApproachRefusal, VisualApproachSettings,
 };
@@ -157,7 +157,7 @@ impl Task for VisualApproach {
     ) -> Result<(), VisualApproachRefusal> {
         settings.validate(robot)?;
         // Cannot fail after that.
-        let Some(arm) = Arm::new(robot, settings.chain, settings.gripper.joint) else { return Ok(()) };
+        let Some(arm) = GuidedArm::new(robot, settings.chain, settings.gripper.joint) else { return Ok(()) };
         let sense = Sense::new(&arm, &arm.posture(&measured.positions));
         if sense.shows(MIN_SHOWN) {
             Ok(())
@@ -170,8 +170,6 @@ impl Task for VisualApproach {
         self.settings = *settings;
         let angles = angles(io.references);
         io.targets.servo_mode = settings.servo_mode;
-        io.targets.actuation = Actuation::Servo;
-        io.targets.stand_at(&angles);
         // Cannot fail: `check` required the chain.
         let Some(arm) = self.arm(io.robot) else { return };
         self.begin = to_wire(&pose(&arm.posture(&angles)));
@@ -234,8 +232,7 @@ impl Task for VisualApproach {
         }
         for (index, _) in arm.indices() {
             if let (Some(target), Some(point)) = (io.targets.joints.get_mut(index), points.get(index)) {
-                *target =
-                    JointTarget { setpoint: JointSetpoint::Point(*point), feedforward: 0.0, restart: false };
+                *target = JointTarget::point(*point);
             }
         }
         let index = usize::from(self.settings.gripper.joint);
@@ -266,8 +263,8 @@ impl Task for VisualApproach {
 }
 
 impl VisualApproach {
-    fn arm<'a>(&self, robot: &'a Robot) -> Option<Arm<'a>> {
-        Arm::new(robot, self.settings.chain, self.settings.gripper.joint)
+    fn arm<'a>(&self, robot: &'a Robot) -> Option<GuidedArm<'a>> {
+        GuidedArm::new(robot, self.settings.chain, self.settings.gripper.joint)
     }
 
     /// Pose of the hand by the references of the joints.

@@ -12,7 +12,7 @@ use crate::kinematics::{Jacobian, Posture};
 use crate::math::{self, Ldlt, abs};
 use crate::model::{JointLimits, MAX_CHAIN_JOINTS, MAX_JOINTS};
 use crate::robot::{JointConfig, Robot, STOP_MARGIN};
-use crate::teleop::{MotionLimits, MotionTarget};
+use crate::signal::{MotionLimits, MotionTarget};
 
 /// Damping of the inverse Jacobian [m, rad].
 const DAMPING: f32 = 0.01;
@@ -24,7 +24,7 @@ const SHARE: f32 = 0.8;
 const JOINT_ACCELERATION: f32 = 8.0;
 
 /// The arm of a robot. Its gripper is assumed at 0.
-pub struct Arm<'a> {
+pub struct GuidedArm<'a> {
     pub config: &'a ChainConfig,
     joints: &'a [JointConfig],
     range: Range<usize>,
@@ -44,7 +44,7 @@ pub struct Step {
 /// Velocities of the arm's own joints [rad/s].
 type Velocities = [f32; MAX_CHAIN_JOINTS];
 
-impl<'a> Arm<'a> {
+impl<'a> GuidedArm<'a> {
     /// The arm that is this chain; `None` without it.
     pub fn new(robot: &'a Robot, chain: u8, gripper: u8) -> Option<Self> {
         let config = robot.chains().get(usize::from(chain))?;
@@ -175,8 +175,8 @@ impl<'a> Arm<'a> {
                     continue;
                 }
                 let velocity = desired[own] * share;
-                let [least, most] = reachable(joint, point);
-                result[own] = math::clamp(velocity, least, most);
+                let [min, max] = reachable(joint, point);
+                result[own] = math::clamp(velocity, min, max);
                 if abs(result[own] - velocity) > 1e-4 && is_near_stop(joint, point, velocity) {
                     (held[own], holds, limited) = (true, true, true);
                     let column = jacobian.column(own) * result[own];

@@ -87,7 +87,7 @@ impl VisualApproachSettings {
         if joints.len() - usize::from(is_own) < 6 {
             return Err(VisualApproachRefusal::NoChain { chain: self.chain });
         }
-        let arm = super::Arm::new(robot, self.chain, joint);
+        let arm = super::GuidedArm::new(robot, self.chain, joint);
         let [tilt, offset] = arm.map_or([0.0; 2], |arm| arm.gripper_axis());
         // Rejects NaN as well.
         if !(tilt <= MAX_TILT && offset <= MAX_OFFSET) {
@@ -95,14 +95,14 @@ impl VisualApproachSettings {
         }
         gripper.check_position(joint, open)?;
         gripper.check_position(joint, closed)?;
-        let most = gripper.limits.velocity;
+        let max = gripper.limits.velocity;
         for (field, value, [lower, upper]) in [
             (ApproachField::Speed, self.speed, [MIN_SPEED, 1.0]),
             (ApproachField::Acceleration, self.acceleration, [0.01, 10.0]),
             (ApproachField::ContactForce, self.contact_force, [1.0, 500.0]),
             (ApproachField::Reach, self.reach, [0.01, 2.0]),
             (ApproachField::GripperRange, abs(closed - open), [0.01, 100.0]),
-            (ApproachField::GripperSpeed, speed, [1e-3 * most, 0.9 * most]),
+            (ApproachField::GripperSpeed, speed, [1e-3 * max, 0.9 * max]),
             (ApproachField::GripperTorque, torque, [1e-3, gripper.servo.torque_limit()]),
         ] {
             if !(lower..=upper).contains(&value) {
@@ -271,3 +271,5 @@ impl fmt::Display for VisualApproachRefusal {
         }
     }
 }
+
+impl core::error::Error for VisualApproachRefusal {}

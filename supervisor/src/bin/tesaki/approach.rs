@@ -8,7 +8,7 @@ use std::cell::RefCell;
 use std::time::{Duration, Instant};
 
 use serde_json::json;
-use tesaki::behavior::{Approach, MIN_CONFIDENCE, Phase};
+use tesaki::behavior::{Approach, ApproachPhase, MIN_CONFIDENCE};
 use tesaki::kinematics::Chain;
 use tesaki::model::{Pose, RobotModel};
 use tesaki::protocol::{Request, TaskReport};
@@ -107,7 +107,7 @@ struct Leader<'a, F> {
     /// Whether pictures are needed.
     looks: bool,
     /// The phase that was told last.
-    told: Option<Phase>,
+    told: Option<ApproachPhase>,
     live: output::Live,
 }
 
@@ -173,7 +173,7 @@ impl<F: Fn(&[f32]) -> Option<Pose>> Leader<'_, F> {
     }
 
     const fn has_ended(&self) -> bool {
-        matches!(self.approach.phase(), Phase::Done | Phase::Failed(_))
+        matches!(self.approach.phase(), ApproachPhase::Done | ApproachPhase::Failed(_))
     }
 
     /// Says what it begins to do.
@@ -183,13 +183,13 @@ impl<F: Fn(&[f32]) -> Option<Pose>> Leader<'_, F> {
             return;
         }
         let text = match phase {
-            Phase::Look => "looking for the rose",
-            Phase::Center => "going before the knob",
-            Phase::Advance => "going beside the knob",
-            Phase::Grip => "closing the gripper",
-            Phase::Verify => "pulling at what it holds",
-            Phase::Retreat => "going back for another try",
-            Phase::Done | Phase::Failed(_) => return,
+            ApproachPhase::Look => "looking for the rose",
+            ApproachPhase::Center => "going before the knob",
+            ApproachPhase::Advance => "going beside the knob",
+            ApproachPhase::Grip => "closing the gripper",
+            ApproachPhase::Verify => "pulling at what it holds",
+            ApproachPhase::Retreat => "going back for another try",
+            ApproachPhase::Done | ApproachPhase::Failed(_) => return,
         };
         if self.options.json {
             // If nobody reads it, the next report says so.
@@ -219,7 +219,7 @@ impl<F: Fn(&[f32]) -> Option<Pose>> Leader<'_, F> {
         let (time, tries) = (self.time(), u32::from(self.approach.tries()) + 1);
         let (seen, bad) = self.vision.counts();
         let reason = match self.approach.phase() {
-            Phase::Failed(reason) => Some(reason.to_string()),
+            ApproachPhase::Failed(reason) => Some(reason.to_string()),
             _ => None,
         };
         let rose = self.approach.rose().map(|rose| output::exact(&rose.radius()));

@@ -8,8 +8,8 @@ use std::time::Duration;
 
 use serde_json::{Value, json};
 use tesaki::teleop::{
-    CalibrationAccuracy, CalibrationError, CalibrationSettings, FINGERS, Finger, FingerLinks, GloveError,
-    GloveSample, GloveSensor,
+    CalibrationAccuracy, CalibrationError, CalibrationSettings, FINGERS, FingerLinks, GloveError,
+    GloveSample, GloveSensor, HumanFinger,
 };
 use tesaki_supervisor::operator::{CalibrationGuide, Markers, OperatorFile, Pose, PoseDetector};
 
@@ -63,7 +63,7 @@ pub fn run(options: &Options, args: &Calibrate) -> Result<(), Failure> {
 /// The accuracy of each finger, and where the calibration is.
 fn table(solved: &[(FingerLinks, CalibrationAccuracy); FINGERS], out: Option<&Path>) -> String {
     let mut text = String::from("finger   poses  rank  condition  residual  deviation of the tip\n");
-    for (finger, (_, accuracy)) in Finger::ALL.iter().zip(solved) {
+    for (finger, (_, accuracy)) in HumanFinger::ALL.iter().zip(solved) {
         let CalibrationAccuracy { poses, rank, condition, residual, tip_deviation, .. } = accuracy;
         let [residual, deviation] = [residual, tip_deviation].map(|length| 1e3 * length);
         let inferred = if *poses == 0 { ", by proportions" } else { "" };
@@ -80,7 +80,7 @@ fn table(solved: &[(FingerLinks, CalibrationAccuracy); FINGERS], out: Option<&Pa
 fn refused(error: &CalibrationError, proportions: bool) -> Failure {
     let hint = match error {
         CalibrationError::TooFewPoses { finger, poses: 0, .. }
-            if !proportions && *finger != Finger::Thumb =>
+            if !proportions && *finger != HumanFinger::Thumb =>
         {
             "; or give --proportions to infer fingers without marker"
         }
@@ -91,7 +91,11 @@ fn refused(error: &CalibrationError, proportions: bool) -> Failure {
 }
 
 fn named(values: &[Value; FINGERS]) -> serde_json::Map<String, Value> {
-    Finger::ALL.iter().zip(values).map(|(finger, value)| (finger.name().to_owned(), value.clone())).collect()
+    HumanFinger::ALL
+        .iter()
+        .zip(values)
+        .map(|(finger, value)| (finger.name().to_owned(), value.clone()))
+        .collect()
 }
 
 fn accuracy_json(accuracy: &CalibrationAccuracy) -> Value {
@@ -118,7 +122,7 @@ fn read_poses(path: &Path, guide: &mut CalibrationGuide) -> Result<(), Failure> 
         let refused = |error| table.error(row.line, &format!("{error}; mend or remove the row"));
         match touch.map_or("", |column| table.text(row, column)) {
             "" => guide.add(&pose).map_err(refused)?,
-            name => match Finger::ALL[1..].iter().find(|finger| finger.name() == name) {
+            name => match HumanFinger::ALL[1..].iter().find(|finger| finger.name() == name) {
                 Some(finger) => touches.push((row, *finger, pose.orientations)),
                 None => {
                     let message = format!("column touch: {name:?}: write index, middle, ring or little");
@@ -149,7 +153,7 @@ fn lead(options: &Options, guide: &mut CalibrationGuide) -> Result<(), Failure> 
             return output::line(&value.to_string());
         }
         let quality =
-            guide.estimates().iter().zip(Finger::ALL).fold(String::new(), |text, (estimate, finger)| {
+            guide.estimates().iter().zip(HumanFinger::ALL).fold(String::new(), |text, (estimate, finger)| {
                 match estimate {
                     Some((_, accuracy)) => {
                         format!("{text}  {} ±{:.1} mm", finger.name(), 1e3 * accuracy.tip_deviation)

@@ -1,7 +1,7 @@
 //! Frames of a glove, as JSON and as rows of a table.
 
 use serde_json::Value;
-use tesaki::teleop::{FINGERS, Finger, GloveSample};
+use tesaki::teleop::{FINGERS, GloveSample, HumanFinger};
 
 use crate::eval::table::{Row, Table};
 use crate::failure::Failure;
@@ -20,7 +20,8 @@ impl GloveColumns {
             let names = ["qx", "qy", "qz", "qw"].map(|part| format!("{sensor}_{part}"));
             names.iter().map(|name| table.needed(name, "quaternion of an orientation")).collect()
         };
-        let sensors = Finger::ALL.iter().flat_map(|finger| (1..=3).map(|n| format!("{}{n}", finger.name())));
+        let sensors =
+            HumanFinger::ALL.iter().flat_map(|finger| (1..=3).map(|n| format!("{}{n}", finger.name())));
         Ok(Self {
             back: orientation("back")?,
             segments: sensors.map(|sensor| orientation(&sensor)).collect::<Result<_, _>>()?,
@@ -44,7 +45,7 @@ impl PositionColumns {
     /// A finger has all three columns or none.
     pub fn find(table: &Table, what: &str) -> Result<Self, Failure> {
         let mut columns = [const { None }; FINGERS];
-        for (columns, finger) in columns.iter_mut().zip(Finger::ALL) {
+        for (columns, finger) in columns.iter_mut().zip(HumanFinger::ALL) {
             let names = ["x", "y", "z"].map(|axis| format!("{}_{axis}", finger.name()));
             *columns = table.all_or_none(&names, what)?;
         }
@@ -126,7 +127,7 @@ pub fn orientations(value: &Value) -> Result<GloveSample, String> {
         })
     };
     let mut sample = GloveSample { back: orientation("back", value.get("back"))?, ..GloveSample::default() };
-    for (finger, segments) in Finger::ALL.into_iter().zip(&mut sample.segments) {
+    for (finger, segments) in HumanFinger::ALL.into_iter().zip(&mut sample.segments) {
         let given = match value.get(finger.name()) {
             None | Some(Value::Null) => continue,
             Some(given) => given.as_array().filter(|list| list.len() == segments.len()).ok_or_else(|| {
@@ -143,7 +144,7 @@ pub fn orientations(value: &Value) -> Result<GloveSample, String> {
 /// The positions by finger in an object that holds `what`.
 pub fn positions(value: Option<&Value>, what: &str) -> Result<[Option<[f32; 3]>; FINGERS], String> {
     let mut positions = [None; FINGERS];
-    let names = Finger::ALL.map(Finger::name);
+    let names = HumanFinger::ALL.map(HumanFinger::name);
     match value {
         None | Some(Value::Null) => return Ok(positions),
         Some(Value::Object(given)) => {
@@ -155,7 +156,7 @@ pub fn positions(value: Option<&Value>, what: &str) -> Result<[Option<[f32; 3]>;
             return Err(format!("each {what} must be in an object by finger, {{\"thumb\": [x, y, z], …}}"));
         }
     }
-    for (finger, position) in Finger::ALL.into_iter().zip(&mut positions) {
+    for (finger, position) in HumanFinger::ALL.into_iter().zip(&mut positions) {
         let given = value.and_then(|value| value.get(finger.name()));
         *position = optional::<3>(given).map_err(|()| {
             format!("the {what} \"{}\" must be [x, y, z] in m, or null if it is hidden", finger.name())

@@ -6,7 +6,7 @@ mod seeds;
 
 use std::collections::BTreeSet;
 
-use tesaki::control::{Coupling, ImpedanceAxes, JointPoint, ServoMode};
+use tesaki::control::{ImpedanceAxes, ImpedanceCoupling, JointPoint, ServoMode};
 use tesaki::kinematics::{ElbowSetpoint, PosePoint, TipPoint};
 use tesaki::protocol::{Item, Reply, Request, RequestFrame};
 use tesaki::task::grasping::{
@@ -321,7 +321,7 @@ fn settings(joints: usize, input: &mut Input<'_>) -> ImpedanceSettings {
     }
     if what & 0x8f == 0x8f {
         impedance.axes = ImpedanceAxes::Tool;
-        let mut coupling = Coupling::NONE;
+        let mut coupling = ImpedanceCoupling::NONE;
         let place = input.below(coupling.mass.len());
         for matrix in [&mut coupling.mass, &mut coupling.damping, &mut coupling.stiffness] {
             matrix[place] = input.number(0.1);

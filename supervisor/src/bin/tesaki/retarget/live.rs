@@ -9,7 +9,7 @@ use tesaki::model::RobotModel;
 use tesaki::protocol::{Request, TaskReport};
 use tesaki::task::telexistence::{FingertipSample, TelexistenceCommand, TelexistenceTelemetry};
 use tesaki::task::{TaskCommand, TaskConfig, TaskTelemetry};
-use tesaki::teleop::Finger;
+use tesaki::teleop::HumanFinger;
 use tesaki_description::retargeting::RetargetingSettings;
 use tesaki_supervisor::operator::{Fingertips, Tracker};
 
@@ -213,7 +213,7 @@ impl Stream {
         if hand.limited == 0 && errors.all(|error| *error > UNLIKE) {
             text += " (did the operator's hand begin like the robot's?)";
         }
-        let unknown = Finger::ALL.into_iter().filter(|finger| hand.unknown >> *finger as u8 & 1 != 0);
+        let unknown = HumanFinger::ALL.into_iter().filter(|finger| hand.unknown >> *finger as u8 & 1 != 0);
         for finger in unknown.filter(|_| hand.samples > 0) {
             let _ = write!(text, "; {finger} unknown");
         }

@@ -4,7 +4,7 @@ use std::io::{self, Read};
 use std::path::Path;
 
 use serde_json::Value;
-use tesaki::teleop::Finger;
+use tesaki::teleop::HumanFinger;
 use tesaki_description::retargeting::{RetargetingSettings, Side};
 use tesaki_supervisor::operator::{
     LANDMARKS, Landmarks, Observation, OperatorFile, Tracker, TrackerSettings, Wearer,
@@ -175,7 +175,7 @@ impl Source {
 /// Whether a line of a glove has a key for each finger: among its other keys a misspelt one would not be
 /// noticed.
 fn every_finger(value: &Value) -> Result<(), String> {
-    let missing = Finger::ALL.iter().find(|finger| value.get(finger.name()).is_none());
+    let missing = HumanFinger::ALL.iter().find(|finger| value.get(finger.name()).is_none());
     missing.map_or(Ok(()), |finger| {
         Err(format!(
             "the orientations of the {finger} (\"{}\") are missing: write null if they were not measured",

@@ -2,7 +2,6 @@ use nalgebra::SVector;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-use super::follower::Setting;
 use crate::{TICK, math};
 
 /// Bandwidth of the set-point's tracking loop [rad/s], close to the limit of the control period. A lower one
@@ -13,9 +12,9 @@ const BANDWIDTH: f32 = 120.0;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct MotionLimits {
-    /// Maximum speed [m/s, rad/s]: 0.001 to 100.
+    /// Maximum speed [m/s, rad/s].
     pub speed: f32,
-    /// Maximum acceleration [m/s², rad/s²]: 0.001 to 10⁴.
+    /// Maximum acceleration [m/s², rad/s²].
     pub acceleration: f32,
 }
 
@@ -29,10 +28,6 @@ pub(crate) struct MotionTarget<const N: usize> {
 }
 
 impl MotionLimits {
-    pub(super) const fn settings(&self) -> [Setting; 2] {
-        [("speed", self.speed, [1e-3, 100.0]), ("acceleration", self.acceleration, [1e-3, 1e4])]
-    }
-
     /// The acceleration, held for one control period, that moves a set-point with `velocity` towards its
     /// target.
     ///
@@ -58,7 +53,7 @@ impl MotionLimits {
     }
 
     /// The acceleration that brings the set-point to rest.
-    pub(super) fn stop<const N: usize>(&self, velocity: &SVector<f32, N>) -> SVector<f32, N> {
+    pub(crate) fn stop<const N: usize>(&self, velocity: &SVector<f32, N>) -> SVector<f32, N> {
         limited(&(velocity * (-0.25 / TICK)), self.acceleration)
     }
 }
