@@ -290,6 +290,9 @@ const FRICTION: [f32; 3] = [0.03, 0.004, 3e-5];
 
 impl Machine for Follower {
     type Error = Trouble;
+    /// One set-point in so many comes too late for its tick, and is then overtaken by the next one.
+    late: u32,
+    said: Vec<String>,
 
     fn ask(&mut self, _: &'static str, _: Request) -> Result<(), Trouble> {
         Ok(())
@@ -300,7 +303,11 @@ impl Machine for Follower {
     }
 
     fn tick(&mut self, request: Request) -> Result<Sense, Trouble> {
-        if let Request::Task(TaskCommand::JointServo(JointCommand::Stream { points })) = request {
+        let is_late = (self.tick + 1).is_multiple_of(self.late);
+        let leaps = self.tick > 0 && self.tick.is_multiple_of(self.late);
+        if is_late {
+            self.motion.fill([0.0; 2]);
+        } else if let Request::Task(TaskCommand::JointServo(JointCommand::Stream { points })) = request {
             for ((position, motion), point) in self.position.iter_mut().zip(&mut self.motion).zip(&points) {
                 (*position, *motion) = (point.position, [point.velocity, point.acceleration]);
             }
@@ -316,7 +323,9 @@ impl Machine for Follower {
             // Of the period that begins now, whose middle is half a period later.
             let velocity = velocity + 0.005 * acceleration;
             let own = weight + coulomb * velocity.signum() + viscous * velocity + inertia * acceleration;
-            JointTelemetry { position, velocity, reference: position, torque: own / GAIN + extra }
+            // The servo brakes, and then hurries.
+            let kick = if is_late { -3.0 } else { f32::from(leaps) * 3.0 } * velocity.signum();
+            JointTelemetry { position, velocity, reference: position, torque: own / GAIN + extra + kick }
         };
         let joints = self.position.iter().zip(&self.motion).zip(weights).map(joint).collect();
         let telemetry = Telemetry {
@@ -330,7 +339,9 @@ impl Machine for Follower {
         Ok(Sense { telemetry, tips: Tips { tick: self.tick, tips: [tip; 3].into_iter().collect() } })
     }
 
-    fn progress(&mut self, _: &str) {}
+    fn progress(&mut self, text: &str) {
+        self.said.push(text.to_owned());
+    }
 }
 
 /// The self-test of hand3 with links of so many times their mass: the machine, its model and its readings.
@@ -346,8 +357,9 @@ fn self_test(
         model.joints.iter().map(|joint| 0.5 * (joint.limits.lower + joint.limits.upper)).collect();
     let motion = vec![[0.0; 2]; position.len()];
     let positions = position.iter().map(|&position| (position, position)).collect();
-    let (blocked, touched) = (u32::MAX, u32::MAX);
-    let mut machine = Follower { robot, position, motion, tick: 0, blocked, touched, positions };
+    let (blocked, touched, late) = (u32::MAX, u32::MAX, u32::MAX);
+    let said = Vec::new();
+    let mut machine = Follower { robot, position, motion, tick: 0, blocked, touched, positions, late, said };
     change(&mut machine);
     let readings = identify_joints(&mut machine, &model, &JointSettings::default());
     (machine, model, readings)
@@ -388,6 +400,7 @@ fn the_self_test_finds_friction_in_told_torque_and_keeps_the_limits() {
     let known = found(&model, &readings, false, Some(constant));
     for found in &known {
         let coulomb = found.friction.unwrap().coulomb.value;
+    assert!(!machine.said.iter().any(|said| said.contains("late")), "{:?}", machine.said);
         assert!((coulomb / f64::from(FRICTION[0]) - 1.0).abs() < 0.02, "{coulomb}");
     }
     let mut file: CalibrationFile = open("[joints.finger3_curl]\ntorque_constant = 0.625 # by hand\n");
@@ -513,6 +526,38 @@ fn complaint(arguments: &[&str]) -> (i32, String) {
 
 #[test]
 fn the_command_line_says_what_is_wrong_before_anything_moves() {
+/// A busy computer sends a set-point late: the reference stands still for a tick, then leaps, and so does the
+/// torque. That is neither friction nor something in the way.
+#[test]
+fn late_set_points_are_named_and_do_not_count_as_readings() {
+    let (machine, model, readings) = self_test(0.0, |machine| machine.late = 53);
+    let told = machine.said.last().unwrap();
+    let ticks = machine.tick - 1;
+    // The stop and the leap.
+    let irregular = 2 * (machine.tick / 53);
+    assert_eq!(
+        *told,
+        format!(
+            "set-points came late in {irregular} of {ticks} ticks: this computer is busy; the readings near them are \
+             left out"
+        )
+    );
+    for found in found(&model, &readings.unwrap(), false, None) {
+        let fit = found.friction.unwrap();
+        for (found, truth) in [(fit.coulomb.value, FRICTION[0]), (fit.viscous.value, FRICTION[1])] {
+            assert!((found * f64::from(GAIN / truth) - 1.0).abs() < 0.02, "{found} {truth}");
+        }
+    }
+    let (machine, _, readings) = self_test(0.0, |machine| machine.late = 20);
+    let said = readings.unwrap_err().to_string();
+    assert!(said.starts_with("set-points came late in ") && said.contains("end other programs"), "{said}");
+    assert!(machine.tick > 100, "{}", machine.tick);
+    // What is in the way is found all the same.
+    let (_, _, readings) = self_test(0.0, |machine| (machine.late, machine.blocked) = (53, 50));
+    let said = readings.unwrap_err().to_string();
+    assert!(said.starts_with("finger1_swing needs +0.2"), "{said}");
+}
+
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("calibration.toml");
     std::fs::write(&path, "[joints.finger1_bend]\ncolumb = 0.02\n").unwrap();
