@@ -20,7 +20,8 @@ fn faults_of_the_machine_are_named_by_joint_value_and_limit() {
     assert_eq!(faults["faults"][0]["fault"]["joint"], 5);
     // The encoder counts relative to its power-on position: after the jump its zero is lost.
     server.fails(&["doctor"], 1, &["the encoder jumped", "not homed: finger2_curl"]);
-    assert!(server.succeeds(&["faults"]).contains("the board is stopped until they are cleared"));
+    let stopped = "the board is stopped until this fault is cleared (`tesaki faults --clear`):\n  fault ";
+    assert!(server.succeeds(&["faults"]).starts_with(stopped));
     assert_eq!(server.json(&["faults"])["faults"][0]["joint"], "finger2_curl");
     server.make_trouble("estop on");
     server.succeeds(&["faults", "--clear"]);
@@ -59,6 +60,27 @@ fn a_stop_hides_no_fault_before_it() {
     let server = Server::ready();
     let name = server.folder.path().join("run");
     let recorder = server.start_command(&["record", name.to_str().unwrap()]);
+/// Of several faults since power-on only the last one is said to stop the board.
+#[test]
+fn a_cleared_fault_does_not_stop_the_board() {
+    let server = Server::ready();
+    for supply in ["15", "14"] {
+        let enabled = server.start_command(&["enable"]);
+        server.wait_for("enabled");
+        server.make_trouble(&format!("supply {supply}"));
+        assert_eq!(said(&finish(enabled)).0, 5);
+        if supply == "15" {
+            server.make_trouble("supply 24");
+            server.succeeds(&["faults", "--clear"]);
+        }
+    }
+    let text = server.succeeds(&["faults"]);
+    let (past, stops) = text.split_once("the board is stopped until this fault is cleared").unwrap();
+    assert!(past.starts_with("all faults since power-on, cleared ones too:\n  fault "), "{text}");
+    assert!(past.contains("value 15 V") && !past.contains("value 14 V"), "{text}");
+    assert!(stops.contains("value 14 V") && !stops.contains("value 15 V"), "{text}");
+}
+
     let log = name.with_extension("log");
     while !std::fs::metadata(&log).is_ok_and(|log| log.len() > 0) {
         std::thread::sleep(Duration::from_millis(20));

@@ -208,10 +208,19 @@ pub fn faults(options: &Options, clear: bool) -> Result<(), Failure> {
                 text.push_str("the faults are cleared. All faults since power-on, the last one last:\n");
             }
             (_, true, _) => text.push_str("no fault to clear. Past faults:\n"),
-            (_, _, Mode::Fault) => text.push_str("faults; the board is stopped until they are cleared:\n"),
+            (_, _, Mode::Fault) if log.faults.len() > 1 => {
+                text.push_str("all faults since power-on, cleared ones too:\n");
+            }
+            (_, _, Mode::Fault) => {}
             _ => text.push_str("past faults; none stops the board now:\n"),
         }
-        for fault in &log.faults {
+        // The board does not tell which ones were cleared; the last one was not.
+        for (index, fault) in log.faults.iter().enumerate() {
+            if mode == Mode::Fault && index + 1 == log.faults.len() {
+                text.push_str(
+                    "the board is stopped until this fault is cleared (`tesaki faults --clear`):\n",
+                );
+            }
             let _ = writeln!(text, "  {}", describe(fault, named(fault)));
         }
         // The board does not tell when its model came; the last fault of a board in fault is younger.
