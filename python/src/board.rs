@@ -387,7 +387,8 @@ impl Board {
     }
 
     /// Returns the state of the tips: a dictionary of arrays ``position`` [m], ``force`` [N] and ``torque``
-    /// [N·m], each (tips, 3).
+    /// [N·m], each (tips, 3), and ``tared`` (tips,): where it is ``False``, force and torque contain the
+    /// unknown zero of the sensor, or there is none; see ``tare()``.
     fn tips<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let timeout = self.timeout;
         let tips = self.call(py, |link| {
@@ -412,6 +413,7 @@ impl Board {
         found.set_item("position", rows(&|tip| tips.tips[tip].position)?)?;
         found.set_item("force", rows(&|tip| tips.tips[tip].force)?)?;
         found.set_item("torque", rows(&|tip| tips.tips[tip].torque)?)?;
+        found.set_item("tared", PyArray1::from_iter(py, tips.tips.iter().map(|tip| tip.tared)))?;
         Ok(found)
     }
 

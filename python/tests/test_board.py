@@ -223,7 +223,9 @@ def test_an_arm_yields_and_is_led(serve, tmp_path):
         with pytest.raises(ValueError, match="^file is missing: the task impedance needs an impedance file$"):
             board.enable("impedance")
         board.enable("impedance", file=soft)
+        assert board.tips()["tared"].tolist() == [False]
         tool = board.task()["Impedance"]
+        assert board.tips()["tared"].tolist() == [True]
         np.testing.assert_allclose(tool["position"], arm.fk([board.telemetry()["position"]])[0, :3], atol=2e-3)
         target = np.zeros(22, np.float32)
         target[:3], target[3:7], target[19] = tool["position"], tool["rotation"], tool["elbow"]
