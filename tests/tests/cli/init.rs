@@ -203,6 +203,7 @@ fn a_hand_whose_fingertips_cannot_be_placed_is_told_why() {
         told.contains("no control of the fingertip") && told.contains("joints; a finger has 3"),
         "{told}"
     );
+    assert_eq!(told.matches("no control of the fingertip").count(), 4, "{told}");
     assert!(!check(&robots.join("hand3")).contains("no control of the fingertip"));
 }
 
