@@ -270,9 +270,14 @@ impl fmt::Display for Description<'_> {
             (None, Some(number)) => write!(f, "joint {number}: ")?,
             (None, None) => {}
         }
+        f.write_str(cause.description())?;
+        // A stop, for example, has neither.
+        if *value == 0.0 && *limit == 0.0 {
+            return Ok(());
+        }
         let space = if cause.unit().is_empty() { "" } else { " " };
         let unit = cause.unit();
-        write!(f, "{} (value {value}{space}{unit}, limit {limit}{space}{unit})", cause.description())
+        write!(f, " (value {value}{space}{unit}, limit {limit}{space}{unit})")
     }
 }
 
@@ -325,6 +330,8 @@ mod tests {
             late.to_string(),
             "fault 7 in tick 7: the control tick came late, early or twice (value 3, limit 1)"
         );
+        let stop = Fault { cause: FaultCause::Stop, joint: None, value: 0.0, limit: 0.0, tick: 8 };
+        assert_eq!(stop.to_string(), "fault 17 in tick 8: stopped by the supervisor");
     }
 
     #[test]

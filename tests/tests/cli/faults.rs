@@ -23,6 +23,11 @@ fn faults_of_the_machine_are_named_by_joint_value_and_limit() {
     let stopped = "the board is stopped until this fault is cleared (`tesaki faults --clear`):\n  fault ";
     assert!(server.succeeds(&["faults"]).starts_with(stopped));
     assert_eq!(server.json(&["faults"])["faults"][0]["joint"], "finger2_curl");
+    assert!(server.succeeds(&["read"]).contains("The board is in fault; these are the values of tick "));
+    let info = server.succeeds(&["info"]);
+    for words in ["clock          crystal, 168 MHz", "last reset     power-on or reset button"] {
+        assert!(info.contains(words), "{info}");
+    }
     server.make_trouble("estop on");
     server.succeeds(&["faults", "--clear"]);
     server.succeeds(&["home", "finger2_curl=0", "--others", "0"]);
@@ -55,11 +60,6 @@ fn the_doctor_sees_the_model_of_another_machine() {
     server.fails(&["doctor"], 1, &words);
 }
 
-#[test]
-fn a_stop_hides_no_fault_before_it() {
-    let server = Server::ready();
-    let name = server.folder.path().join("run");
-    let recorder = server.start_command(&["record", name.to_str().unwrap()]);
 /// Of several faults since power-on only the last one is said to stop the board.
 #[test]
 fn a_cleared_fault_does_not_stop_the_board() {
@@ -81,6 +81,11 @@ fn a_cleared_fault_does_not_stop_the_board() {
     assert!(stops.contains("value 14 V") && !stops.contains("value 15 V"), "{text}");
 }
 
+#[test]
+fn a_stop_hides_no_fault_before_it() {
+    let server = Server::ready();
+    let name = server.folder.path().join("run");
+    let recorder = server.start_command(&["record", name.to_str().unwrap()]);
     let log = name.with_extension("log");
     while !std::fs::metadata(&log).is_ok_and(|log| log.len() > 0) {
         std::thread::sleep(Duration::from_millis(20));

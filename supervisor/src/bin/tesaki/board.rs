@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 
 use serde_json::json;
 use tesaki::fault::Fault;
-use tesaki::protocol::{Identity, Mode, Request, ResetCause, Status};
+use tesaki::protocol::{ClockSource, Identity, Mode, Request, ResetCause, Status};
 use tesaki::task::TaskKind;
 use tesaki::task::grasping::Phase;
 use tesaki_supervisor::Board;
@@ -88,8 +88,8 @@ pub fn info(options: &Options) -> Result<(), Failure> {
         line("commanded by", &commander);
         line("supply", &format!("{:.1} V", node.supply));
         line("last tick", &node.tick.to_string());
-        line("clock", &format!("{:?}", board.clock));
-        line("last reset", &format!("{:?}", board.reset));
+        line("clock", clock(board.clock));
+        line("last reset", reset(board.reset));
         if board.reset != ResetCause::PowerOn && !board.last_words.is_empty() {
             line("last words", &board.last_words);
         }
@@ -101,6 +101,27 @@ pub fn info(options: &Options) -> Result<(), Failure> {
         line("link", &format!("{} good and {damaged} damaged frames received by the board", frames.good));
         text
     })
+}
+
+/// A clock source, in words.
+pub const fn clock(source: ClockSource) -> &'static str {
+    match source {
+        ClockSource::Crystal => "crystal, 168 MHz",
+        ClockSource::InternalPll => "internal oscillator, 168 MHz within 1 %",
+        ClockSource::Internal => "internal oscillator, 16 MHz",
+    }
+}
+
+/// The cause of a reset, in words.
+pub const fn reset(cause: ResetCause) -> &'static str {
+    match cause {
+        ResetCause::PowerOn => "power-on or reset button",
+        ResetCause::Watchdog => "watchdog",
+        ResetCause::Panic => "panic of the firmware",
+        ResetCause::HardFault => "fault of the processor",
+        ResetCause::Software => "software or debugger",
+        ResetCause::CrystalStopped => "the crystal stopped",
+    }
 }
 
 pub fn disable(options: &Options) -> Result<(), Failure> {
