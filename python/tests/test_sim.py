@@ -83,9 +83,12 @@ def test_an_episode_of_joints():
     assert abs(info["truth"]["position"] - goal).max() < 5e-3
     assert reward == -abs(info["truth"]["position"] - observation["target"]).mean()
     _, _, _, _, info = env.step(np.full(9, 9.0, np.float32))
-    assert "limit" in info["refused"], info["refused"]
-    with pytest.raises(ValueError, match=r"^action has the shape \(3, 3\), expected \(joints,\): a goal for each"):
+    assert info["refused"].startswith("finger1_swing: ") and "limit" in info["refused"], info["refused"]
+    with pytest.raises(ValueError, match=r"^action has the shape \(3, 3\), expected \(9,\): a goal for each"):
         env.step(goal.reshape(3, 3))
+    for count in (3, 20):
+        with pytest.raises(ValueError, match=rf"^action has the shape \({count},\), expected \(9,\): a goal for each"):
+            env.step(np.zeros(count))
     while not truncated:
         _, _, terminated, truncated, info = env.step(None)
     assert not terminated and info["fault"] is None
@@ -115,9 +118,6 @@ def test_a_fault_terminates():
         env.step(None)
 
 
-def test_an_arm_is_led():
-    env = sim.make("arm7-elbow")
-    observation, info = env.reset(seed=1)
 def test_random_goals_are_not_refused():
     env = sim.make("hand3-servo")
     limits = tesaki.Robot(tesaki.robots() / "hand3").limits
@@ -144,6 +144,9 @@ def test_refused_commands_do_not_feed_the_watchdog():
     assert steps >= 9 and "command" in info["fault"], info["fault"]
 
 
+def test_an_arm_is_led():
+    env = sim.make("arm7-elbow")
+    observation, info = env.reset(seed=1)
     report = info["report"]["Impedance"]
     target = np.zeros(22, np.float32)
     target[:3], target[3:7], target[19] = report["position"], report["rotation"], report["elbow"]
