@@ -146,8 +146,8 @@ impl Leg {
 }
 
 /// Whether the board gets one set-point per tick. A sender that is late leaves a tick without a set-point, in
-/// which the reference stands still, and then sends two for one tick, at which the reference leaps: the torque
-/// of the servo leaps, too. A constant delay is regular.
+/// which the reference stands still, and then sends two for one tick, at which the reference leaps: the
+/// torque of the servo leaps, too. A constant delay is regular.
 pub struct Punctuality {
     /// The latest set-points [rad].
     sent: VecDeque<Vec<f32>>,
