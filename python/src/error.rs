@@ -35,8 +35,7 @@ pub fn board_of(model: Option<&RobotModel>, error: impl Into<Failure>) -> PyErr 
                 Refusal::WrongMode(Mode::Disabled) => ": call enable() first",
                 _ => "",
             };
-            let text =
-                named(&refusal, &Failure::Refused { action, refusal: refusal.clone() }.to_string(), model);
+            let text = named(&refusal, &Failure::Refused { action, refusal }.to_string(), model);
             RefusedError::new_err(format!("{text}{hint}; see {entry}"))
         }
         error => BoardError::new_err(error.to_string()),
