@@ -105,6 +105,7 @@ pub const COMMANDS: &str = "  estop on|off           press or release the emerge
   encoder JOINT COUNTS   make an encoder jump by this many counts
   freeze JOINT           freeze an encoder; again: release it
   reset                  press the board's reset button
+  angles                 say how to home the machine where it is now, for example after it fell
   pull X Y Z | off       pull the first tip so far from where it is [m], as a person's arm does (500 N/m); let go
   wall X Y Z N/M | off   put up a wall of this stiffness, so far ahead of the tips [m]; take all walls away";
 
@@ -123,6 +124,8 @@ const STIFFEST: f64 = 1e5;
 enum Command {
     Fault(SensorFault),
     Reset,
+    /// Say where the joints are.
+    Angles,
     /// By so much [m].
     Pull(Vector3<f64>),
     LetGo,
@@ -162,6 +165,7 @@ fn parse(line: &str, model: &RobotModel) -> Result<Option<Command>, String> {
         }
         ["freeze", name] => SensorFault::Freeze(joint(name)?),
         ["reset"] => return Ok(Some(Command::Reset)),
+        ["angles"] => return Ok(Some(Command::Angles)),
         ["pull", "off"] => return Ok(Some(Command::LetGo)),
         ["pull", x, y, z] => return Ok(Some(Command::Pull(displacement([x, y, z])?))),
         ["wall", "off"] => return Ok(Some(Command::NoWalls)),
@@ -173,7 +177,13 @@ fn parse(line: &str, model: &RobotModel) -> Result<Option<Command>, String> {
             };
         }
         ["help"] => return Err(format!("Commands:\n{COMMANDS}")),
-        _ => return Err(format!("unknown command {:?}. The commands are:\n{COMMANDS}", line.trim())),
+        [name, ..] => {
+            let line = line.trim();
+            return Err(match COMMANDS.lines().find(|usage| usage.split_whitespace().next() == Some(name)) {
+                Some(usage) => format!("{line:?} is not complete, or has too much. The command is:\n{usage}"),
+                None => format!("unknown command {line:?}. The commands are:\n{COMMANDS}"),
+            });
+        }
     };
     Ok(Some(Command::Fault(fault)))
 }
@@ -192,7 +202,7 @@ fn displacement(words: [&str; 3]) -> Result<Vector3<f64>, String> {
 }
 
 /// What a command has done.
-fn done(command: Command, faults: &SensorFaults, model: &RobotModel) -> String {
+fn done(command: Command, faults: &SensorFaults, plant: &Plant, model: &RobotModel) -> String {
     let meters = |by: Vector3<f64>| format!("{}, {}, {} m", by.x, by.y, by.z);
     match command {
         Command::Fault(SensorFault::EmergencyStop(true)) => "the emergency stop is pressed".to_owned(),
@@ -209,6 +219,8 @@ fn done(command: Command, faults: &SensorFaults, model: &RobotModel) -> String {
             format!("the encoder of {} {state}", model.joint_name(joint))
         }
         Command::Reset => "the board was reset: it has no model".to_owned(),
+        Command::Angles => home_command(plant, model)
+            .unwrap_or_else(|| "all encoders are absolute: there is nothing to home".to_owned()),
         Command::Pull(by) => format!("the first tip is pulled by {}", meters(by)),
         Command::LetGo => "the first tip is let go".to_owned(),
         Command::Wall(ahead, stiffness) => format!("a wall of {stiffness} N/m is at {}", meters(ahead)),
@@ -238,7 +250,7 @@ fn touch(plant: &mut Plant, command: Command) -> Result<(), PlantError> {
             plant.remove_walls();
             Ok(())
         }
-        Command::Fault(_) | Command::Reset => Ok(()),
+        Command::Fault(_) | Command::Reset | Command::Angles => Ok(()),
     }
 }
 
@@ -375,7 +387,7 @@ pub fn serve(
                             }
                         }
                     }
-                    note!("{}", done(command, &sensor_faults, model));
+                    note!("{}", done(command, &sensor_faults, plant, model));
                 }
                 Ok(None) => {}
                 Err(message) => note!("{message}"),
@@ -402,6 +414,7 @@ mod tests {
     use tesaki_description::robot::RobotFolder;
 
     use super::*;
+    use crate::plant::{Drive, PlantOptions, PlantValues};
 
     #[test]
     fn a_line_that_is_not_utf_8_is_refused_and_ends_nothing() {
@@ -428,8 +441,12 @@ mod tests {
 
     #[test]
     fn what_a_command_has_done_is_told() {
-        let robot = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/hand3");
-        let model = RobotFolder::load(&robot).unwrap().model;
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/hand3");
+        let robot = RobotFolder::load(&folder).unwrap();
+        let model = &robot.model;
+        let drives: Vec<Drive> = model.joints.iter().map(Drive::from).collect();
+        let values = PlantValues::load(&folder).unwrap();
+        let mut plant = Plant::new(&robot.urdf, &drives, &values, &PlantOptions::mismatched(1)).unwrap();
         let mut faults = SensorFaults::default();
         for (line, told) in [
             ("supply 15", "the supply is 15 V"),
@@ -438,11 +455,36 @@ mod tests {
             ("freeze finger1_bend", "the encoder of finger1_bend runs again"),
             ("wall 0 0 0.02 2000", "a wall of 2000 N/m is at 0, 0, 0.02 m"),
         ] {
-            let command = parse(line, &model).unwrap().unwrap();
+            let command = parse(line, model).unwrap().unwrap();
             if let Command::Fault(fault) = command {
                 faults.inject(fault, model.joints.len());
             }
-            assert_eq!(done(command, &faults, &model), told);
+            assert_eq!(done(command, &faults, &plant, model), told);
         }
+        // The joints have fallen in between.
+        let angles = parse("angles", model).unwrap().unwrap();
+        let before = done(angles, &faults, &plant, model);
+        for sequence in 0..50 {
+            let torques = model.joints.iter().map(|_| 0.0).collect();
+            plant.apply(&ActuatorFrame { sequence, enabled: false, torques }).unwrap();
+        }
+        let after = done(angles, &faults, &plant, model);
+        assert!(
+            before.starts_with("tesaki home finger1_swing=") && after.starts_with("tesaki home "),
+            "{before}"
+        );
+        assert_ne!(before, after);
+    }
+
+    #[test]
+    fn a_command_without_its_numbers_is_not_called_unknown() {
+        let robot = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/hand3");
+        let model = RobotFolder::load(&robot).unwrap().model;
+        for (line, usage) in [("wall 1", "  wall X Y Z N/M | off   put up"), ("estop", "  estop on|off ")] {
+            let said = parse(line, &model).unwrap_err();
+            assert!(said.contains("is not complete") && said.contains(usage), "{said}");
+            assert!(!said.contains("unknown") && said.lines().count() == 2, "{said}");
+        }
+        assert!(parse("walls 1", &model).unwrap_err().starts_with("unknown command \"walls 1\""));
     }
 }

@@ -25,7 +25,7 @@ use tesaki_supervisor::{Board as _, BoardError as Failure, LinkBoard};
 
 use crate::arrays::output;
 use crate::command::decode;
-use crate::error::{BoardError, board, file};
+use crate::error::{BoardError, board, board_of, file};
 use crate::robot::Robot;
 use crate::value::dictionary;
 use arguments::seconds;
@@ -209,7 +209,7 @@ impl Board {
         })?;
         refused.map_or(Ok(()), |refusal| {
             self.is_enabled = before;
-            Err(board(refusal))
+            Err(board_of(self.model.as_ref(), refusal))
         })
     }
 
@@ -300,7 +300,7 @@ impl Board {
     fn command(&mut self, py: Python<'_>, kind: &str, values: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
         self.sample = self.sample.wrapping_add(1);
         let none = pyo3::types::PyList::empty(py).into_any();
-        let command = decode(kind, "values", values.unwrap_or(&none), self.sample)?;
+        let command = decode(kind, "values", values.unwrap_or(&none), self.sample, self.model.as_ref())?;
         self.send(py, command)
     }
 
@@ -309,7 +309,7 @@ impl Board {
     /// Args:
     ///     tips: (tips, 9) position [m], velocity [m/s] and acceleration [m/s²] of each tip.
     fn reach(&mut self, py: Python<'_>, tips: &Bound<'_, PyAny>) -> PyResult<()> {
-        let command = decode("tips", "tips", tips, 0)?;
+        let command = decode("tips", "tips", tips, 0, self.model.as_ref())?;
         self.send(py, command)
     }
 
@@ -319,7 +319,7 @@ impl Board {
     /// Args:
     ///     points: (joints, 3) angle [rad], velocity [rad/s] and acceleration [rad/s²] of each joint.
     fn stream(&mut self, py: Python<'_>, points: &Bound<'_, PyAny>) -> PyResult<()> {
-        let command = decode("points", "points", points, 0)?;
+        let command = decode("points", "points", points, 0, self.model.as_ref())?;
         self.send(py, command)
     }
 
@@ -349,7 +349,7 @@ impl Board {
     ///         the frame of the robot's hand; NaN where unknown.
     fn retarget(&mut self, py: Python<'_>, fingertips: &Bound<'_, PyAny>) -> PyResult<()> {
         self.sample = self.sample.wrapping_add(1);
-        let command = decode("fingertips", "fingertips", fingertips, self.sample)?;
+        let command = decode("fingertips", "fingertips", fingertips, self.sample, self.model.as_ref())?;
         self.send(py, command)
     }
 
@@ -387,7 +387,8 @@ impl Board {
     }
 
     /// Returns the state of the tips: a dictionary of arrays ``position`` [m], ``force`` [N] and ``torque``
-    /// [N·m], each (tips, 3).
+    /// [N·m], each (tips, 3), and ``tared`` (tips,): where it is ``False``, force and torque contain the
+    /// unknown zero of the sensor, or there is none; see ``tare()``.
     fn tips<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let timeout = self.timeout;
         let tips = self.call(py, |link| {
@@ -412,6 +413,7 @@ impl Board {
         found.set_item("position", rows(&|tip| tips.tips[tip].position)?)?;
         found.set_item("force", rows(&|tip| tips.tips[tip].force)?)?;
         found.set_item("torque", rows(&|tip| tips.tips[tip].torque)?)?;
+        found.set_item("tared", PyArray1::from_iter(py, tips.tips.iter().map(|tip| tip.tared)))?;
         Ok(found)
     }
 

@@ -4,6 +4,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use tesaki::control::JointPoint;
 use tesaki::kinematics::{ElbowSetpoint, PosePoint, TipPoint};
+use tesaki::model::RobotModel;
 use tesaki::task::TaskCommand;
 use tesaki::task::grasping::GraspCommand;
 use tesaki::task::impedance::ImpedanceCommand;
@@ -40,11 +41,18 @@ const KINDS: &[(&str, &[Length], &str)] = &[
     ("acknowledge", &[Length::Just(0)], "nothing"),
 ];
 
-/// Decodes a command from its kind and numbers; `number` is that of a fingertip sample.
+/// Decodes a command from its kind and numbers; `number` is that of a fingertip sample. With a `model` there
+/// is a row for each of its joints or tips.
 ///
 /// # Errors
 /// There is no such kind, or the shape is wrong; the message names the argument `name`.
-pub fn decode(kind: &str, name: &str, values: &Bound<'_, PyAny>, number: u16) -> PyResult<TaskCommand> {
+pub fn decode(
+    kind: &str,
+    name: &str,
+    values: &Bound<'_, PyAny>,
+    number: u16,
+    model: Option<&RobotModel>,
+) -> PyResult<TaskCommand> {
     let Some((_, shape, what)) = KINDS.iter().find(|(known, ..)| *known == kind) else {
         let known: Vec<&str> = KINDS.iter().map(|(kind, ..)| *kind).collect();
         return Err(PyValueError::new_err(format!(
@@ -52,7 +60,13 @@ pub fn decode(kind: &str, name: &str, values: &Bound<'_, PyAny>, number: u16) ->
             known.join(", ")
         )));
     };
-    let input = Input::new(values, name, shape, what)?;
+    let known = |length: &Length| match (length, model) {
+        (Length::Any("joints"), Some(model)) => Length::Just(model.joints.len()),
+        (Length::Any("tips"), Some(model)) => Length::Just(model.chains.len()),
+        _ => *length,
+    };
+    let shape: Vec<Length> = shape.iter().map(known).collect();
+    let input = Input::new(values, name, &shape, what)?;
     let values = input.values();
     let too_many =
         || PyValueError::new_err(format!("{name}: {} rows are more than any board has", input.rows()));

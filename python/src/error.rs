@@ -4,6 +4,9 @@ use std::error::Error;
 
 use pyo3::exceptions::PyException;
 use pyo3::{PyErr, create_exception};
+use tesaki::model::RobotModel;
+use tesaki::protocol::{Mode, Refusal};
+use tesaki::robot::Concerns as _;
 use tesaki_supervisor::{BoardError as Failure, troubleshooting};
 
 create_exception!(tesaki, TesakiError, PyException, "What tesaki cannot do, and why.");
@@ -20,11 +23,34 @@ pub fn file(error: impl Error) -> PyErr {
 
 /// Converts an error to a [`BoardError`], with the entry of the document that explains a refusal.
 pub fn board(error: impl Into<Failure>) -> PyErr {
+    board_of(None, error)
+}
+
+/// The same, with the names of joints and tips of the model on the board.
+pub fn board_of(model: Option<&RobotModel>, error: impl Into<Failure>) -> PyErr {
     match error.into() {
         Failure::Refused { action, refusal } => {
             let entry = troubleshooting::refusal(&refusal);
-            RefusedError::new_err(format!("{}; see {entry}", Failure::Refused { action, refusal }))
+            let hint = match refusal {
+                Refusal::WrongMode(Mode::Disabled) => ": call enable() first",
+                _ => "",
+            };
+            let text = named(&refusal, &Failure::Refused { action, refusal }.to_string(), model);
+            RefusedError::new_err(format!("{text}{hint}; see {entry}"))
         }
         error => BoardError::new_err(error.to_string()),
     }
+}
+
+/// Puts the name of the joint or tip that a refusal concerns in the place of its number in `text`.
+pub fn named(refusal: &Refusal, text: &str, model: Option<&RobotModel>) -> String {
+    // Another model than that on the board.
+    let Some(model) = model.filter(|_| !matches!(refusal, Refusal::Model(_))) else {
+        return text.to_owned();
+    };
+    if let Some(joint) = refusal.joint() {
+        return text.replacen(&format!("joint {joint}"), model.joint_name(usize::from(joint)), 1);
+    }
+    let tip = refusal.chain().and_then(|chain| Some((chain, model.chains.get(usize::from(chain))?)));
+    tip.map_or_else(|| text.to_owned(), |(chain, tip)| text.replacen(&format!("chain {chain}"), &tip.name, 1))
 }

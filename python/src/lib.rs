@@ -17,10 +17,12 @@ mod robot;
 mod sim;
 mod value;
 
-use pyo3::prelude::*;
+use pyo3::pymodule;
 
 #[pymodule]
 mod _tesaki {
+    use pyo3::prelude::*;
+
     #[pymodule_export]
     use crate::board::Board;
     #[pymodule_export]
@@ -31,4 +33,9 @@ mod _tesaki {
     use crate::robot::Robot;
     #[pymodule_export]
     use crate::sim::{Run, scenarios};
+
+    #[pymodule_init]
+    fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        module.add("__version__", env!("CARGO_PKG_VERSION"))
+    }
 }

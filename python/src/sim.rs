@@ -13,7 +13,7 @@ use tesaki_sim::stepped::{Halt, MachineTruth, Stepped, Turn, View};
 
 use crate::arrays::output;
 use crate::command::{decode, encode};
-use crate::error::{SimulationError, file};
+use crate::error::{SimulationError, file, named};
 use crate::value::dictionary;
 
 /// Control periods between two checks for Ctrl-C.
@@ -117,10 +117,11 @@ impl Run {
             None => Turn::Scripted,
             Some("nothing") => Turn::Nothing,
             Some(kind) => {
-                let number = self.state().sample.wrapping_add(1);
-                self.state().sample = number;
                 let none = PyList::empty(py).into_any();
-                Turn::Command(decode(kind, "action", values.unwrap_or(&none), number)?)
+                let mut state = self.state();
+                state.sample = state.sample.wrapping_add(1);
+                let model = Some(&state.robot.model);
+                Turn::Command(decode(kind, "action", values.unwrap_or(&none), state.sample, model)?)
             }
         };
         self.turn(py, |state| {
@@ -215,7 +216,9 @@ fn shown<'py>(py: Python<'py>, view: &View, robot: &RobotFolder) -> PyResult<Bou
     let report = view.report.as_ref().map(|report| dictionary(py, &report.telemetry)).transpose()?;
     state.set_item("report", report)?;
     state.set_item("truth", view.truth.as_ref().map(|truth| true_state(py, truth)).transpose()?)?;
-    state.set_item("refused", view.refused.as_ref().map(ToString::to_string))?;
+    let refused = view.refused.as_ref();
+    let refused = refused.map(|refusal| named(refusal, &refusal.to_string(), Some(&robot.model)));
+    state.set_item("refused", refused)?;
     state.set_item("fault", view.fault.as_ref().map(|fault| fault.named(&robot.model).to_string()))?;
     match view.scripted.as_ref().and_then(encode) {
         Some((kind, values, shape)) => {

@@ -9,7 +9,7 @@
 SI units everywhere: m, rad, s, kg, N, N·m. Arrays are float32, as the core computes.
 """
 
-from pathlib import Path
+from pathlib import Path as _Path
 
 from ._tesaki import (
     Board,
@@ -20,6 +20,7 @@ from ._tesaki import (
     Robot,
     SimulationError,
     TesakiError,
+    __version__,
     least_grip,
 )
 
@@ -33,6 +34,7 @@ __all__ = [
     "Robot",
     "SimulationError",
     "TesakiError",
+    "__version__",
     "least_grip",
     "robots",
 ]
@@ -60,6 +62,6 @@ COMMANDS = {
 """
 
 
-def robots() -> Path:
+def robots() -> _Path:
     """Returns the folder of this package's robots: hand3, arm7, hand5, knob-arm, and third-party hands."""
-    return Path(__file__).resolve().parent / "robots"
+    return _Path(__file__).resolve().parent / "robots"

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from . import COMMANDS, SimulationError, robots
+from . import COMMANDS, Robot, SimulationError, robots
 from ._tesaki import Run, scenarios
 
 __all__ = ["COMMANDS", "Env", "Result", "Run", "make", "run", "scenarios"]
@@ -123,7 +123,11 @@ class Env(_gymnasium.Env if _gymnasium else object):
     An action is a command to the running task, with the values of its kind in ``tesaki.COMMANDS``; the kind is
     ``env.kind``. A tuple ``(kind, values)`` commands another kind, ``("nothing",)`` nothing, and ``None`` leaves the
     scenario its own command of this period, which ``info["scripted"]`` holds: an expert to imitate. A refused command
-    changes nothing; its reason is ``info["refused"]``.
+    changes nothing; its reason is ``info["refused"]``. It is no sign of life either: after ten refused commands in a
+    row (the command timeout of the robots of this project) the board is in fault.
+
+    Where an action is angles, the bounds of ``action_space`` are the joints' limits; other actions have none, so
+    random ones are refused.
 
     An observation is a dictionary of float32 arrays, all that the board tells: ``position``, ``velocity``,
     ``reference`` [rad, rad/s], ``torque`` [N·m], each (joints,); ``tip_position`` [m], ``tip_force`` [N],
@@ -173,7 +177,7 @@ class Env(_gymnasium.Env if _gymnasium else object):
         self._shape = _shape(self.kind, state)
         self._target, self._is_led = np.zeros(self._shape, np.float32), False
         box = _gymnasium.spaces.Box
-        self.action_space = box(-np.inf, np.inf, self._shape, np.float32)
+        self.action_space = box(*_bounds(self.kind, self._shape, self._folder), dtype=np.float32)
         boxes = {name: box(-np.inf, np.inf, value.shape, np.float32) for name, value in self._observation(state).items()}
         self.observation_space = _gymnasium.spaces.Dict(boxes)
         self._steps, self._why = None, "no episode has begun"
@@ -271,6 +275,16 @@ class Env(_gymnasium.Env if _gymnasium else object):
         if self.kind == "fingertips":
             return -float(np.mean((info["report"] or {}).get("Telexistence", {}).get("errors", [0.0])))
         return 0.0
+
+
+def _bounds(kind: str, shape: tuple[int, ...], folder: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the smallest and the largest values of a kind: limits of angles, and else infinite."""
+    lower, upper = np.full(shape, -np.inf, np.float32), np.full(shape, np.inf, np.float32)
+    if kind in ("joints", "points"):
+        limits = Robot(folder).limits
+        angles = (...,) if kind == "joints" else (..., 0)
+        lower[angles], upper[angles] = limits[:, 0], limits[:, 1]
+    return lower, upper
 
 
 def _shape(kind: str, state: dict[str, Any]) -> tuple[int, ...]:

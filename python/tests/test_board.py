@@ -70,6 +70,8 @@ def test_a_joint_moves_and_is_recorded(serve, tmp_path):
             board.home({})
         board.home(served.angles)
         start = board.telemetry()["position"]
+        with pytest.raises(tesaki.RefusedError, match=r"^the board refused to move: .*disabled: call enable\(\) first; see"):
+            board.move({"finger1_bend": 0.3})
         board.enable()
         assert board.telemetry()["mode"] == "enabled (joint servo)"
         assert board.move({"finger1_bend": 0.3}) <= 0.02
@@ -83,9 +85,11 @@ def test_a_joint_moves_and_is_recorded(serve, tmp_path):
             board.move({"toe": 0.1})
         with pytest.raises(ValueError, match="^finger1_bend: 9 rad is outside its limits -1.2 to 1.7 rad$"):
             board.move({"finger1_bend": 9.0})
-        with pytest.raises(ValueError, match=r"^tips has the shape \(2, 8\), expected \(tips, 9\): position, velocity"):
-            board.reach(np.zeros((2, 8)))
-        with pytest.raises(tesaki.RefusedError, match="^the board refused to move: 2 tips given, the robot has 3"):
+        with pytest.raises(tesaki.RefusedError, match="^the board refused to move: finger1_swing: 9 rad is outside"):
+            board.command("joints", np.full(9, 9.0))
+        with pytest.raises(ValueError, match=r"^tips has the shape \(3, 8\), expected \(3, 9\): position, velocity"):
+            board.reach(np.zeros((3, 8)))
+        with pytest.raises(ValueError, match=r"^tips has the shape \(2, 9\), expected \(3, 9\): position, velocity"):
             board.reach(np.zeros((2, 9)))
     with pytest.raises(tesaki.BoardError, match="^the board was closed: make another Board$"):
         board.telemetry()
@@ -219,7 +223,9 @@ def test_an_arm_yields_and_is_led(serve, tmp_path):
         if served.angles:
             board.home(served.angles)
         time.sleep(0.6)
+        assert board.tips()["tared"].tolist() == [False]
         board.tare()
+        assert board.tips()["tared"].tolist() == [True]
         with pytest.raises(ValueError, match="^file is missing: the task impedance needs an impedance file$"):
             board.enable("impedance")
         board.enable("impedance", file=soft)

@@ -176,6 +176,11 @@ def test_against_the_urdf(name, tip):
             np.testing.assert_allclose(weights[row, column], (energy[0] - energy[1]) / 2e-5, atol=2e-5 + 2e-6 * abs(weights).max())
 
 
+def test_the_package_has_a_version_and_shows_only_its_own_names():
+    assert [part.isdigit() for part in tesaki.__version__.split(".")] == [True] * 3
+    assert not hasattr(tesaki, "Path")
+
+
 def test_inverse_kinematics_come_back():
     robot = tesaki.Robot(tesaki.robots() / "arm7")
     lower, upper = robot.limits[:, 0], robot.limits[:, 1]

@@ -61,17 +61,8 @@ def test_on_tick_sees_every_period_and_changes_nothing():
 def test_the_environment_keeps_gymnasiums_rules():
     from gymnasium.utils.env_checker import check_env
 
-    class Bounded(sim.Env):
-        """The checker samples actions, which must be finite and within reach."""
-
-        def __init__(self):
-            super().__init__("hand3-servo")
-            from gymnasium.spaces import Box
-
-            limits = tesaki.Robot(tesaki.robots() / "hand3").limits
-            self.action_space = Box(limits[:, 0], limits[:, 1], dtype=np.float32)
-
-    env = Bounded()
+    # The checker samples actions: goals within the joints' limits.
+    env = sim.make("hand3-servo")
     check_env(env, skip_render_check=True)
     first, _ = env.reset(seed=5)
     again, _ = env.reset(seed=5)
@@ -92,9 +83,12 @@ def test_an_episode_of_joints():
     assert abs(info["truth"]["position"] - goal).max() < 5e-3
     assert reward == -abs(info["truth"]["position"] - observation["target"]).mean()
     _, _, _, _, info = env.step(np.full(9, 9.0, np.float32))
-    assert "limit" in info["refused"], info["refused"]
-    with pytest.raises(ValueError, match=r"^action has the shape \(3, 3\), expected \(joints,\): a goal for each"):
+    assert info["refused"].startswith("finger1_swing: ") and "limit" in info["refused"], info["refused"]
+    with pytest.raises(ValueError, match=r"^action has the shape \(3, 3\), expected \(9,\): a goal for each"):
         env.step(goal.reshape(3, 3))
+    for count in (3, 20):
+        with pytest.raises(ValueError, match=rf"^action has the shape \({count},\), expected \(9,\): a goal for each"):
+            env.step(np.zeros(count))
     while not truncated:
         _, _, terminated, truncated, info = env.step(None)
     assert not terminated and info["fault"] is None
@@ -122,6 +116,32 @@ def test_a_fault_terminates():
     assert steps >= 9 and "command" in info["fault"], info["fault"]
     with pytest.raises(tesaki.SimulationError, match="^the episode is over: reset$"):
         env.step(None)
+
+
+def test_random_goals_are_not_refused():
+    env = sim.make("hand3-servo")
+    limits = tesaki.Robot(tesaki.robots() / "hand3").limits
+    assert np.array_equal(env.action_space.low, limits[:, 0]) and np.array_equal(env.action_space.high, limits[:, 1])
+    env.action_space.seed(1)
+    env.reset(seed=1)
+    for _ in range(30):
+        _, _, terminated, _, info = env.step(env.action_space.sample())
+        assert not terminated and info["refused"] is None
+    points = sim.make("hand3-servo", kind="points").action_space
+    assert np.array_equal(points.low[:, 0], limits[:, 0]) and np.isinf(points.high[:, 1:]).all()
+    assert np.isinf(sim.make("arm7-elbow").action_space.high).all()
+
+
+def test_refused_commands_do_not_feed_the_watchdog():
+    env = sim.make("hand3-servo")
+    env.reset(seed=1)
+    steps, terminated = 0, False
+    while not terminated:
+        _, _, terminated, _, info = env.step(np.full(9, 9.0, np.float32))
+        assert info["refused"]
+        steps += 1
+        assert steps <= 12
+    assert steps >= 9 and "command" in info["fault"], info["fault"]
 
 
 def test_an_arm_is_led():

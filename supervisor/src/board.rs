@@ -316,7 +316,13 @@ pub trait Board {
     /// # Errors
     /// When the board refuses.
     fn grasp(&mut self, command: GraspCommand) -> Result<(), BoardError> {
-        self.ask("grasp", Request::Task(TaskCommand::Grasping(command)))
+        let action = match command {
+            GraspCommand::Grasp(_) => "grasp",
+            GraspCommand::Move { .. } => "move the object",
+            GraspCommand::PutDown => "put the object down",
+            GraspCommand::Open => "open the hand",
+        };
+        self.ask(action, Request::Task(TaskCommand::Grasping(command)))
     }
 
     /// Telemetry of the running task, or of the last one.

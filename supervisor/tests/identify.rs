@@ -36,6 +36,8 @@ fn fits() -> Vec<Fit> {
     let mut fits = vec![known; 9];
     fits[0].gain = Err(unloaded);
     fits[8].friction = Err(NotIdentified::Implausible { what: "N·m of Coulomb friction", value: -0.1 });
+    // Not more than its deviation.
+    fits[7].friction = Ok([estimate(0.018), estimate(0.0)]);
     fits
 }
 
@@ -48,7 +50,7 @@ fn what_is_written_is_read_and_changes_the_model() {
     let text = with_head(&file.to_string(), "hand3", "7");
     assert!(text.starts_with("# hand3, board 7: what"), "{text}");
     assert!(
-        text.contains("\n\n[joints.finger1_swing]  # torque_constant is not identified, because"),
+        text.contains("\n\n[joints.finger1_swing]  # torque constant is not identified, because"),
         "{text}"
     );
     assert!(
@@ -58,8 +60,14 @@ fn what_is_written_is_read_and_changes_the_model() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("calibration.toml");
     std::fs::write(&path, text).unwrap();
+    let text = std::fs::read_to_string(&path).unwrap();
+    let uncertain = "[joints.finger3_bend]  # viscous friction is not identified, because 0.00 ± 1.00 mN·m·s/rad is not \
+        larger than its standard deviation, and is not stored\ntorque_constant = 0.55000";
+    assert!(text.contains(uncertain), "{text}");
     let read = Calibration::load(&path).unwrap();
+    let folder_viscous = model.joints[7].friction.viscous;
     read.apply(&mut model).unwrap();
+    assert!(folder_viscous > 0.0 && model.joints[7].friction.viscous.to_bits() == folder_viscous.to_bits());
     let [swing, bend, .., last] = model.joints.as_slice() else { panic!() };
     let near = |value: f32, wanted: f32| (value - wanted).abs() < 1e-6;
     assert!(near(swing.motor.torque_constant, 0.5) && near(swing.friction.coulomb, 0.018));
@@ -81,7 +89,7 @@ fn a_file_keeps_its_comments_when_its_values_change() {
     assert!(text.starts_with("# hand3, board 7: what `tesaki"), "{text}");
     assert!(!text.contains("board 5") && !text.contains("0.4\n"), "{text}");
     for kept in [
-        "standard deviations.\n# Bought in May.\n\n# The motor was changed.\n[joints.finger1_swing]  # torque_constant is",
+        "standard deviations.\n# Bought in May.\n\n# The motor was changed.\n[joints.finger1_swing]  # torque constant is",
         "\n# By hand.\ncoulomb = 0.018000  # N·m, ± 0.001000\n",
     ] {
         assert!(text.contains(kept), "{kept:?} in {text}");
@@ -282,6 +290,9 @@ struct Follower {
     blocked: u32,
     touched: u32,
     positions: Vec<(f32, f32)>,
+    /// One set-point in so many comes too late for its tick, and is then overtaken by the next one.
+    late: u32,
+    said: Vec<String>,
 }
 
 const GAIN: f32 = 1.25;
@@ -300,7 +311,11 @@ impl Machine for Follower {
     }
 
     fn tick(&mut self, request: Request) -> Result<Sense, Trouble> {
-        if let Request::Task(TaskCommand::JointServo(JointCommand::Stream { points })) = request {
+        let is_late = (self.tick + 1).is_multiple_of(self.late);
+        let leaps = self.tick > 0 && self.tick.is_multiple_of(self.late);
+        if is_late {
+            self.motion.fill([0.0; 2]);
+        } else if let Request::Task(TaskCommand::JointServo(JointCommand::Stream { points })) = request {
             for ((position, motion), point) in self.position.iter_mut().zip(&mut self.motion).zip(&points) {
                 (*position, *motion) = (point.position, [point.velocity, point.acceleration]);
             }
@@ -316,7 +331,9 @@ impl Machine for Follower {
             // Of the period that begins now, whose middle is half a period later.
             let velocity = velocity + 0.005 * acceleration;
             let own = weight + coulomb * velocity.signum() + viscous * velocity + inertia * acceleration;
-            JointTelemetry { position, velocity, reference: position, torque: own / GAIN + extra }
+            // The servo brakes, and then hurries.
+            let kick = if is_late { -3.0 } else { f32::from(leaps) * 3.0 } * velocity.signum();
+            JointTelemetry { position, velocity, reference: position, torque: own / GAIN + extra + kick }
         };
         let joints = self.position.iter().zip(&self.motion).zip(weights).map(joint).collect();
         let telemetry = Telemetry {
@@ -330,7 +347,9 @@ impl Machine for Follower {
         Ok(Sense { telemetry, tips: Tips { tick: self.tick, tips: [tip; 3].into_iter().collect() } })
     }
 
-    fn progress(&mut self, _: &str) {}
+    fn progress(&mut self, text: &str) {
+        self.said.push(text.to_owned());
+    }
 }
 
 /// The self-test of hand3 with links of so many times their mass: the machine, its model and its readings.
@@ -346,8 +365,9 @@ fn self_test(
         model.joints.iter().map(|joint| 0.5 * (joint.limits.lower + joint.limits.upper)).collect();
     let motion = vec![[0.0; 2]; position.len()];
     let positions = position.iter().map(|&position| (position, position)).collect();
-    let (blocked, touched) = (u32::MAX, u32::MAX);
-    let mut machine = Follower { robot, position, motion, tick: 0, blocked, touched, positions };
+    let (blocked, touched, late) = (u32::MAX, u32::MAX, u32::MAX);
+    let said = Vec::new();
+    let mut machine = Follower { robot, position, motion, tick: 0, blocked, touched, positions, late, said };
     change(&mut machine);
     let readings = identify_joints(&mut machine, &model, &JointSettings::default());
     (machine, model, readings)
@@ -380,6 +400,7 @@ fn the_self_test_finds_friction_in_told_torque_and_keeps_the_limits() {
         );
     }
     let start: Vec<f64> = machine.position.iter().map(|&angle| angle.into()).collect();
+    assert!(!machine.said.iter().any(|said| said.contains("late")), "{:?}", machine.said);
     let time = duration(&model, &start, &JointSettings::default()).unwrap();
     assert!(time < 20.0 && (time - f64::from(machine.tick) * 0.01).abs() < 0.1, "{time} {}", machine.tick);
 
@@ -503,6 +524,38 @@ fn the_self_test_ends_where_something_is_in_the_way() {
     let said = readings.unwrap_err().to_string();
     // From (0.3, 0, 0) to (0, 1.5, 0) N.
     assert!(said.contains("finger1_tip changed by 1.53 N, and may by 1.00 N"), "{said}");
+}
+
+/// A busy computer sends a set-point late: the reference stands still for a tick, then leaps, and so does the
+/// torque. That is neither friction nor something in the way.
+#[test]
+fn late_set_points_are_named_and_do_not_count_as_readings() {
+    let (machine, model, readings) = self_test(0.0, |machine| machine.late = 53);
+    let told = machine.said.last().unwrap();
+    let ticks = machine.tick - 1;
+    // The stop and the leap.
+    let irregular = 2 * (machine.tick / 53);
+    assert_eq!(
+        *told,
+        format!(
+            "set-points came late in {irregular} of {ticks} ticks: this computer is busy; the readings near them are \
+             left out"
+        )
+    );
+    for found in found(&model, &readings.unwrap(), false, None) {
+        let fit = found.friction.unwrap();
+        for (found, truth) in [(fit.coulomb.value, FRICTION[0]), (fit.viscous.value, FRICTION[1])] {
+            assert!((found * f64::from(GAIN / truth) - 1.0).abs() < 0.02, "{found} {truth}");
+        }
+    }
+    let (machine, _, readings) = self_test(0.0, |machine| machine.late = 20);
+    let said = readings.unwrap_err().to_string();
+    assert!(said.starts_with("set-points came late in ") && said.contains("end other programs"), "{said}");
+    assert!(machine.tick > 100, "{}", machine.tick);
+    // What is in the way is found all the same.
+    let (_, _, readings) = self_test(0.0, |machine| (machine.late, machine.blocked) = (53, 50));
+    let said = readings.unwrap_err().to_string();
+    assert!(said.starts_with("finger1_swing needs +0.2"), "{said}");
 }
 
 /// Exit code and complaint of `tesaki`.

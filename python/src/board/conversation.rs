@@ -13,7 +13,7 @@ use tesaki_supervisor::publication::STREAMS;
 use tesaki_supervisor::{Board as _, BoardError as Failure, LinkBoard};
 
 use super::Board;
-use crate::error::{BoardError, FaultError, RefusedError, board};
+use crate::error::{BoardError, FaultError, RefusedError, board_of};
 
 /// Period of the repeated request to an enabled board: well below its command timeout.
 const KEEP_ALIVE: Duration = Duration::from_millis(20);
@@ -31,7 +31,7 @@ impl Board {
             return Err(BoardError::new_err("the board was closed: make another Board"));
         }
         let link = &mut self.board;
-        py.detach(|| ask(link)).map_err(board)
+        py.detach(|| ask(link)).map_err(|error| board_of(self.model.as_ref(), error))
     }
 
     /// Requests all streams of a recording, or only that of the joints, and drops earlier messages.
@@ -134,7 +134,7 @@ impl Board {
                         Request::ReadStatus => "tell its state",
                         _ => "move",
                     };
-                    return Err(board(Failure::refused(action, refusal)));
+                    return Err(board_of(self.model.as_ref(), Failure::refused(action, refusal)));
                 }
             }
             if heard.elapsed() > self.timeout {

@@ -87,7 +87,11 @@ fn notes(accepted: &[String], joints: &[JointPlan]) -> Vec<String> {
     supplies.sort_by(f32::total_cmp);
     supplies.dedup();
     if supplies.len() > 1 {
-        notes.push(format!("the motors need different supplies, {supplies:?} V: the highest is watched"));
+        notes.push(format!(
+            "the motors need different supplies, {supplies:?} V, and a board watches only one: controller.toml has the \
+             limits of the highest, `supply_min` and `supply_max`. Feed the other motors by converters, or choose motors for one \
+             supply with --motor"
+        ));
     }
     notes
 }
@@ -253,7 +257,8 @@ fn limits(joint: &JointPlan, add: Add<'_>) {
             1e3 * joint.torque / joint.torque_rate
         ),
     );
-    let comment = if joint.following_error < 0.15 {
+    // The smallest of the other joints is the same number, or one rounded differently.
+    let comment = if joint.following_error < 0.1499 {
         "rad; computed: half as much again as the range"
     } else {
         "rad; computed: twice the error with half of gravity and friction unknown, 0.15 to 0.5"

@@ -162,8 +162,9 @@ impl fmt::Display for Refusal {
             Self::Unsafe(fault) => write!(f, "the sensors show {fault}"),
             Self::NotHomed { joint } => write!(
                 f,
-                "joint {joint} is not homed: its encoder is relative, and was never told its angle or has lost it \
-                 by a leap (a joint that fell or was turned fast, too); home it first"
+                "joint {joint} is not homed: its encoder is relative, so the board must be told the joint's angle \
+                 after power-on, and again after the encoder leaps, which it also does when the joint falls or is \
+                 turned fast; home it first"
             ),
             Self::NoForceSensor => write!(f, "the robot has no force sensor: there is nothing to tare"),
             Self::NotExported { length } => {

@@ -116,7 +116,7 @@ impl fmt::Display for JointServoRefusal {
             Self::OutOfReach { chain, nearest: [x, y, z] } => write!(
                 f,
                 "the tip of chain {chain} cannot reach this point; without joint limits the nearest is \
-                 ({x}, {y}, {z}) m"
+                 ({x:.4}, {y:.4}, {z:.4}) m"
             ),
             Self::Singular { chain } => write!(
                 f,

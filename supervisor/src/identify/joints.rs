@@ -9,7 +9,7 @@ use tesaki::task::TaskConfig;
 
 use super::procedure::{IdentifyError, Machine, Sense, TICK};
 use super::regression::Reading;
-use super::sweep::{Leg, Sweep, ranges, references};
+use super::sweep::{Leg, Punctuality, Sweep, ranges, references};
 
 /// Duration of a motion from one end to the other [s], and number of repetitions: two speeds, to separate
 /// viscous friction.
@@ -18,6 +18,11 @@ const SWEEPS: [(f64, usize); 2] = [(0.8, 1), (0.4, 2)];
 const BACK: f64 = 0.4;
 /// Change of the force on a tip that indicates a contact, as a fraction of its sensor's limit.
 const TOUCH: f32 = 0.1;
+/// Number of ticks after an irregular set-point in which a joint's torque says nothing about its friction or
+/// about an obstacle: the reference stood still, and then leapt.
+const UNREST: u32 = 5;
+/// Number of ticks with irregular set-points that are permitted: so many, and one in so many of all ticks.
+const IRREGULAR: (u32, u32) = (20, 20);
 
 /// Settings for an identification of free joints.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -78,9 +83,12 @@ pub fn duration(model: &RobotModel, start: &[f64], settings: &JointSettings) -> 
 /// hold still. At the end the robot is at its initial position, and the board is still enabled: the caller
 /// decides whether it may fall.
 ///
+/// The readings near a set-point that came late are left out.
+///
 /// # Errors
 /// The machine's error, or what prevents the identification: no room for a sweep, a joint that needs more
-/// torque than allowed, a force on a tip. The board may still be enabled then.
+/// torque than allowed, a force on a tip, too many set-points that came late. The board may still be enabled
+/// then.
 pub fn identify_joints<M: Machine>(
     machine: &mut M,
     model: &RobotModel,
@@ -92,18 +100,28 @@ pub fn identify_joints<M: Machine>(
     let first = machine.tick(Request::Keep)?;
     let start = references(model, &first.telemetry);
     let readings = vec![Vec::new(); model.joints.len()];
-    let mut test = SelfTest { model, robot, settings, readings, motion: 0, latest: Vec::new() };
+    let punctuality = Punctuality::new(&start, first.telemetry.tick);
+    let mut test =
+        SelfTest { model, robot, settings, readings, motion: 0, latest: Vec::new(), punctuality, unrest: 0 };
     for (joints, legs) in all_legs(model, &start, settings)? {
         let names: Vec<&str> = joints.iter().map(|&joint| model.joint_name(joint)).collect();
         machine.progress(&format!("{} sweep", names.join(", ")));
         for leg in legs {
             test.motion += 1;
             for request in leg.requests() {
-                let sense = machine.tick(request)?;
+                let sense = machine.tick(request.clone())?;
+                test.watch(&request, &sense.telemetry)?;
                 test.check(&first, &sense)?;
                 test.take(&joints, sense.telemetry);
             }
         }
+    }
+    let Punctuality { irregular, ticks, .. } = test.punctuality;
+    if irregular > 0 {
+        machine.progress(&format!(
+            "set-points came late in {irregular} of {ticks} ticks: this computer is busy; the readings near them \
+             are left out"
+        ));
     }
     Ok(test.readings)
 }
@@ -117,9 +135,23 @@ struct SelfTest<'a> {
     motion: usize,
     /// The latest telemetry, of as many ticks as an acceleration needs.
     latest: Vec<Telemetry>,
+    punctuality: Punctuality,
+    /// Number of ticks that follow in which the torques still are those after an irregular set-point.
+    unrest: u32,
 }
 
 impl SelfTest<'_> {
+    /// Notes whether the set-point was in time; fails if too many were not.
+    fn watch(&mut self, request: &Request, telemetry: &Telemetry) -> Result<(), IdentifyError> {
+        self.unrest = self.unrest.saturating_sub(1);
+        if !self.punctuality.is_regular(request, telemetry) {
+            self.unrest = UNREST;
+        }
+        let Punctuality { irregular, ticks, .. } = self.punctuality;
+        let limit = IRREGULAR.0 + ticks / IRREGULAR.1;
+        if irregular > limit { Err(IdentifyError::Late { irregular, ticks, limit }) } else { Ok(()) }
+    }
+
     /// Fails if the robot touches something, or is no longer enabled.
     fn check(&self, first: &Sense, sense: &Sense) -> Result<(), IdentifyError> {
         let mode = sense.telemetry.mode;
@@ -131,7 +163,7 @@ impl SelfTest<'_> {
         for ((state, joint), weight) in joints {
             let torque = f64::from(state.torque) - weight;
             let limit = self.settings.torque * f64::from(joint.limits.torque);
-            if torque.abs() > limit {
+            if torque.abs() > limit && self.unrest == 0 {
                 let (joint, position) = (joint.name.to_string(), state.position.into());
                 return Err(IdentifyError::Resisted { joint, position, torque, limit });
             }
@@ -151,6 +183,10 @@ impl SelfTest<'_> {
     /// Takes the telemetry of the next tick, and adds a reading for the period between the second and the
     /// third of four ticks, in which the torques of the second acted.
     fn take(&mut self, joints: &[usize], telemetry: Telemetry) {
+        if self.unrest > 0 {
+            self.latest.clear();
+            return;
+        }
         // A frame may have been lost: earlier torques do not belong to the present readings.
         if self.latest.last().is_some_and(|last| last.tick.wrapping_add(1) != telemetry.tick) {
             self.latest.clear();

@@ -190,6 +190,20 @@ pub enum IdentifyError {
         /// Number of different grips that succeeded.
         made: usize,
     },
+    /// Too many set-points did not come in time.
+    #[error(
+        "set-points came late in {irregular} of {ticks} ticks, and may in {limit}: nothing was identified, because the \
+         torques after a late set-point say nothing about friction. This computer, or the link to the board, is too \
+         busy: end other programs, and try again"
+    )]
+    Late {
+        /// Number of ticks in which the board had no new set-point, or two at once.
+        irregular: u32,
+        /// Number of ticks since the start.
+        ticks: u32,
+        /// Number of such ticks that are permitted.
+        limit: u32,
+    },
     /// The board is no longer enabled.
     #[error("the board is {0}: nothing was identified")]
     Stopped(Mode),

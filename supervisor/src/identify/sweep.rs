@@ -1,5 +1,7 @@
 //! Sweeps of joints to and fro without load.
 
+use std::collections::VecDeque;
+
 use heapless::Vec as Points;
 use tesaki::control::JointPoint;
 use tesaki::model::{JointModel, MAX_JOINTS, RobotModel};
@@ -18,6 +20,10 @@ const SPEED: f64 = 0.5;
 const PEAK: f64 = 1.875;
 /// Peak acceleration of a minimum-jerk motion, 10/√3, relative to distance / time².
 const PEAK_ACCELERATION: f64 = 5.773_502_7;
+/// Number of sent set-points among which the board's reference is sought: a delayed link is some behind.
+const SENT: usize = 12;
+/// References that differ by less are the same [rad].
+const SAME: f32 = 1e-6;
 
 /// Returns the joints' references at their present positions [rad].
 pub fn references(model: &RobotModel, telemetry: &Telemetry) -> Vec<f64> {
@@ -136,5 +142,50 @@ impl Leg {
             let points: Points<JointPoint, MAX_JOINTS> = self.ways.iter().map(point).collect();
             Request::Task(TaskCommand::JointServo(JointCommand::Stream { points }))
         })
+    }
+}
+
+/// Whether the board gets one set-point per tick. A sender that is late leaves a tick without a set-point, in
+/// which the reference stands still, and then sends two for one tick, at which the reference leaps: the
+/// torque of the servo leaps, too. A constant delay is regular.
+pub struct Punctuality {
+    /// The latest set-points [rad].
+    sent: VecDeque<Vec<f32>>,
+    /// The reference in the last telemetry [rad], and its tick.
+    reference: Vec<f32>,
+    tick: u32,
+    /// Number of ticks whose telemetry has come.
+    pub ticks: u32,
+    /// Number of those in which the reference was not the successor of that in the tick before.
+    pub irregular: u32,
+}
+
+impl Punctuality {
+    /// Of joints that stand at `start` [rad] in tick `tick`.
+    #[expect(clippy::cast_possible_truncation, reason = "the board computes in single precision")]
+    pub fn new(start: &[f64], tick: u32) -> Self {
+        let reference: Vec<f32> = start.iter().map(|&position| position as f32).collect();
+        let sent = VecDeque::from([reference.clone(), reference.clone()]);
+        Self { sent, reference, tick, ticks: 0, irregular: 0 }
+    }
+
+    /// Takes a set-point and the telemetry that came after it; returns whether the reference is the successor
+    /// of that in the telemetry before.
+    pub fn is_regular(&mut self, request: &Request, telemetry: &Telemetry) -> bool {
+        if let Request::Task(TaskCommand::JointServo(JointCommand::Stream { points })) = request {
+            self.sent.push_back(points.iter().map(|point| point.position).collect());
+            if self.sent.len() > SENT {
+                self.sent.pop_front();
+            }
+        }
+        let reference: Vec<f32> = telemetry.joints.iter().map(|joint| joint.reference).collect();
+        let same = |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < SAME);
+        let mut pairs = self.sent.iter().zip(self.sent.iter().skip(1));
+        let follows = pairs.any(|(last, next)| same(&self.reference, last) && same(&reference, next));
+        let is_regular = follows && telemetry.tick == self.tick.wrapping_add(1);
+        self.ticks = self.ticks.saturating_add(1);
+        self.irregular = self.irregular.saturating_add((!is_regular).into());
+        (self.reference, self.tick) = (reference, telemetry.tick);
+        is_regular
     }
 }

@@ -20,8 +20,14 @@ fn faults_of_the_machine_are_named_by_joint_value_and_limit() {
     assert_eq!(faults["faults"][0]["fault"]["joint"], 5);
     // The encoder counts relative to its power-on position: after the jump its zero is lost.
     server.fails(&["doctor"], 1, &["the encoder jumped", "not homed: finger2_curl"]);
-    assert!(server.succeeds(&["faults"]).contains("the board is stopped until they are cleared"));
+    let stopped = "the board is stopped until this fault is cleared (`tesaki faults --clear`):\n  fault ";
+    assert!(server.succeeds(&["faults"]).starts_with(stopped));
     assert_eq!(server.json(&["faults"])["faults"][0]["joint"], "finger2_curl");
+    assert!(server.succeeds(&["read"]).contains("The board is in fault; these are the values of tick "));
+    let info = server.succeeds(&["info"]);
+    for words in ["clock          crystal, 168 MHz", "last reset     power-on or reset button"] {
+        assert!(info.contains(words), "{info}");
+    }
     server.make_trouble("estop on");
     server.succeeds(&["faults", "--clear"]);
     server.succeeds(&["home", "finger2_curl=0", "--others", "0"]);
@@ -52,6 +58,27 @@ fn the_doctor_sees_the_model_of_another_machine() {
         "push the model of this",
     ];
     server.fails(&["doctor"], 1, &words);
+}
+
+/// Of several faults since power-on only the last one is said to stop the board.
+#[test]
+fn a_cleared_fault_does_not_stop_the_board() {
+    let server = Server::ready();
+    for supply in ["15", "14"] {
+        let enabled = server.start_command(&["enable"]);
+        server.wait_for("enabled");
+        server.make_trouble(&format!("supply {supply}"));
+        assert_eq!(said(&finish(enabled)).0, 5);
+        if supply == "15" {
+            server.make_trouble("supply 24");
+            server.succeeds(&["faults", "--clear"]);
+        }
+    }
+    let text = server.succeeds(&["faults"]);
+    let (past, stops) = text.split_once("the board is stopped until this fault is cleared").unwrap();
+    assert!(past.starts_with("all faults since power-on, cleared ones too:\n  fault "), "{text}");
+    assert!(past.contains("value 15 V") && !past.contains("value 14 V"), "{text}");
+    assert!(stops.contains("value 14 V") && !stops.contains("value 15 V"), "{text}");
 }
 
 #[test]

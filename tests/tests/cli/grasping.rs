@@ -61,6 +61,14 @@ fn ctrl_c_puts_the_box_down_and_a_fault_says_what_became_of_it() {
     let status = server.json(&["grasp", "status"]);
     assert!(status["phase"] == "Ready" && status["mode"] == "Disabled", "{status}");
 
+    // A step that is refused is named, and the box is put down.
+    let words = [
+        "lift=0.2: the board refused to move the object: finger ",
+        "lowers an object",
+        "the nearest in reach",
+    ];
+    server.fails(&["grasp", "run", &file, "lift=0.2"], 7, &words);
+
     let run = server.start_command(&["--json", "grasp", "run", &file, "hold"]);
     wait_until_held();
     server.make_trouble("estop on");

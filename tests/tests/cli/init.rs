@@ -47,6 +47,11 @@ fn an_arm_from_its_urdf_alone_moves_every_joint() {
     let said = init(&arm7().join("robot.urdf"), folder.path(), &["--motor", "wrist_roll=xm430-w350"]);
     assert!(said.contains("shoulder_pitch       ak80-64       60.000 N·m"), "{said}");
     assert!(said.contains("wrist_roll           xm430-w350     4.101 N·m, as chosen"), "{said}");
+    assert!(said.contains("[12.0, 24.0, 48.0] V, and a board watches only one"), "{said}");
+    let settings = std::fs::read_to_string(folder.path().join("controller.toml")).unwrap();
+    let lines: Vec<&str> =
+        settings.lines().filter(|line| line.starts_with("following_error = 0.15 ")).collect();
+    assert!(!lines.is_empty() && lines.iter().all(|line| line.contains("0.15 to 0.5")), "{lines:?}");
     check(folder.path());
     move_every_joint(folder.path(), 3);
 }
@@ -198,6 +203,7 @@ fn a_hand_whose_fingertips_cannot_be_placed_is_told_why() {
         told.contains("no control of the fingertip") && told.contains("joints; a finger has 3"),
         "{told}"
     );
+    assert_eq!(told.matches("no control of the fingertip").count(), 4, "{told}");
     assert!(!check(&robots.join("hand3")).contains("no control of the fingertip"));
 }
 

@@ -261,7 +261,7 @@ export class Charts {
       ],
       axes: [
         axis({ size: 26, values: (_, ticks) => ticks.map((tick) => `${number(tick, tick % 1 === 0 ? 0 : 1)} s`) }),
-        axis({ size: 52, values: (_, ticks) => ticks.map((tick) => short(tick)) }),
+        axis({ size: 72, values: (_, ticks) => ticks.map((tick) => short(tick)) }),
       ],
       hooks: { draw: [(plot) => this.drawMarks(plot)] },
     };

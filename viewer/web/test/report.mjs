@@ -35,6 +35,17 @@ await run(async () => {
     check(colours.length === 9 && new Set(colours).size === 9, `nine joints have nine colours on a ${colorScheme} page`);
   }
   await page.emulateMedia({ colorScheme: "light" });
+  // Labels are written from right to left: where one is too long, its sign is cut off at the left edge.
+  const [room, needed] = await page.evaluate(() => {
+    const context = document.querySelector(".tv-plot canvas").getContext("2d");
+    context.save();
+    context.font = `${12 * devicePixelRatio}px system-ui, sans-serif`;
+    const width = context.measureText("−0.00125").width / devicePixelRatio;
+    context.restore();
+    // Behind the number there are a gap and a tick.
+    return [document.querySelector(".tv-plot .u-over").offsetLeft, width + 9];
+  });
+  check(room >= needed, `the numbers at an axis have ${room} px, and need ${needed.toFixed(0)}`);
   check((await time()) === 0, "it begins at the beginning");
   await page.getByRole("button", { name: "Play" }).click();
   const [from, begin] = await page.evaluate(() => [Number(document.querySelector(".tv-track input").value), performance.now()]);

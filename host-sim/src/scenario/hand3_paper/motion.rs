@@ -220,12 +220,12 @@ fn mark(mut figure: Figure, records: &[Record]) -> Figure {
     figure
 }
 
-/// A line for each of estimate, truth and reference.
+/// A line for each of estimate, truth and reference, of the same colours in every panel: those of other pairs
+/// are hard to tell apart.
 fn lines(
     panel: Panel,
     record: &Record,
     name: &str,
-    colour: usize,
     value: impl Fn(Pose) -> f64,
     reference: impl Fn(&GraspSample) -> f64,
 ) -> Panel {
@@ -243,8 +243,8 @@ fn lines(
         desired.push(value(estimated_pose(start)) + reference(sample) - reference(start));
     }
     panel
-        .line(Line::solid(format!("{name} estimated"), colour, time.clone(), estimated))
-        .line(Line::solid(format!("{name} true"), colour + 3, time.clone(), truth))
+        .line(Line::solid(format!("{name} estimated"), 0, time.clone(), estimated))
+        .line(Line::solid(format!("{name} true"), 3, time.clone(), truth))
         .line(Line::dashed(format!("{name} reference"), Line::INK, time, desired))
 }
 
@@ -256,7 +256,7 @@ fn attitude(laws: &[Law], place: &str, records: &[Record]) -> Figure {
     let mut figure = mark(Figure::stacked(title, caption, "time", "s"), records);
     for (law, record) in laws.iter().zip(records) {
         let panel = Panel::new(law.law.title.as_str(), "pitch", "rad");
-        let mut panel = lines(panel, record, "pitch", 0, |(pitch, _)| pitch, |sample| sample.target[1].y);
+        let mut panel = lines(panel, record, "pitch", |(pitch, _)| pitch, |sample| sample.target[1].y);
         for pitch in PAPER_PITCHES {
             panel = panel.rule(pitch, format!("paper {pitch}"));
         }
@@ -276,7 +276,7 @@ fn position(laws: &[Law], place: &str, records: &[Record]) -> Figure {
             let panel =
                 Panel::new(format!("{}, {name}", law.law.title), "position", "cm").at_least(MIN_HEIGHT);
             let value = |(_, position): Pose| 1e2 * position[axis];
-            let mut panel = lines(panel, record, name, axis, value, |sample| 1e2 * sample.target[0][axis]);
+            let mut panel = lines(panel, record, name, value, |sample| 1e2 * sample.target[0][axis]);
             if axis == 0 {
                 for x in PAPER_POSITIONS {
                     panel = panel.rule(x, format!("paper {x}"));

@@ -176,7 +176,7 @@ impl fmt::Display for GraspRefusal {
             Self::OutOfReach { finger, nearest: [x, y, z] } => write!(
                 f,
                 "finger {} cannot reach its position; the nearest in reach, without its joints' limits, is \
-                 ({x}, {y}, {z}) m",
+                 ({x:.4}, {y:.4}, {z:.4}) m",
                 finger + 1
             ),
             Self::NotFinite => write!(f, "the motion is not finite, or shorter than a tick"),

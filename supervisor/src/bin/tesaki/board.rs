@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 
 use serde_json::json;
 use tesaki::fault::Fault;
-use tesaki::protocol::{Identity, Mode, Request, ResetCause, Status};
+use tesaki::protocol::{ClockSource, Identity, Mode, Request, ResetCause, Status};
 use tesaki::task::TaskKind;
 use tesaki::task::grasping::Phase;
 use tesaki_supervisor::Board;
@@ -88,8 +88,8 @@ pub fn info(options: &Options) -> Result<(), Failure> {
         line("commanded by", &commander);
         line("supply", &format!("{:.1} V", node.supply));
         line("last tick", &node.tick.to_string());
-        line("clock", &format!("{:?}", board.clock));
-        line("last reset", &format!("{:?}", board.reset));
+        line("clock", clock(board.clock));
+        line("last reset", reset(board.reset));
         if board.reset != ResetCause::PowerOn && !board.last_words.is_empty() {
             line("last words", &board.last_words);
         }
@@ -101,6 +101,27 @@ pub fn info(options: &Options) -> Result<(), Failure> {
         line("link", &format!("{} good and {damaged} damaged frames received by the board", frames.good));
         text
     })
+}
+
+/// A clock source, in words.
+pub const fn clock(source: ClockSource) -> &'static str {
+    match source {
+        ClockSource::Crystal => "crystal, 168 MHz",
+        ClockSource::InternalPll => "internal oscillator, 168 MHz within 1 %",
+        ClockSource::Internal => "internal oscillator, 16 MHz",
+    }
+}
+
+/// The cause of a reset, in words.
+pub const fn reset(cause: ResetCause) -> &'static str {
+    match cause {
+        ResetCause::PowerOn => "power-on or reset button",
+        ResetCause::Watchdog => "watchdog",
+        ResetCause::Panic => "panic of the firmware",
+        ResetCause::HardFault => "fault of the processor",
+        ResetCause::Software => "software or debugger",
+        ResetCause::CrystalStopped => "the crystal stopped",
+    }
 }
 
 pub fn disable(options: &Options) -> Result<(), Failure> {
@@ -208,10 +229,19 @@ pub fn faults(options: &Options, clear: bool) -> Result<(), Failure> {
                 text.push_str("the faults are cleared. All faults since power-on, the last one last:\n");
             }
             (_, true, _) => text.push_str("no fault to clear. Past faults:\n"),
-            (_, _, Mode::Fault) => text.push_str("faults; the board is stopped until they are cleared:\n"),
+            (_, _, Mode::Fault) if log.faults.len() > 1 => {
+                text.push_str("all faults since power-on, cleared ones too:\n");
+            }
+            (_, _, Mode::Fault) => {}
             _ => text.push_str("past faults; none stops the board now:\n"),
         }
-        for fault in &log.faults {
+        // The board does not tell which ones were cleared; the last one was not.
+        for (index, fault) in log.faults.iter().enumerate() {
+            if mode == Mode::Fault && index + 1 == log.faults.len() {
+                text.push_str(
+                    "the board is stopped until this fault is cleared (`tesaki faults --clear`):\n",
+                );
+            }
             let _ = writeln!(text, "  {}", describe(fault, named(fault)));
         }
         // The board does not tell when its model came; the last fault of a board in fault is younger.

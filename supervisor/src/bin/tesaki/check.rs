@@ -154,10 +154,10 @@ fn summary(folder: &RobotFolder) -> Vec<String> {
     lines
 }
 
-/// Why the fingertips of a hand cannot be placed, if they cannot: the first finger that has no closed form.
-fn no_fingertip_control(model: &RobotModel) -> Option<String> {
+/// Why the fingertips of a hand cannot be placed, if they cannot: each finger that has no closed form.
+fn no_fingertip_control(model: &RobotModel) -> Vec<String> {
     if model.chains.len() < 2 {
-        return None;
+        return Vec::new();
     }
     let shape = |index| {
         let own = model.joints_of(index).map(|joint| match joint {
@@ -172,8 +172,12 @@ fn no_fingertip_control(model: &RobotModel) -> Option<String> {
         Finger::try_new(&Chain::of_model(model, index), limits).map(|_| ()).map_err(|error| error.to_string())
     };
     let chains = model.chains.iter().enumerate();
-    let (name, why) = chains.filter_map(|(index, chain)| Some((&chain.name, shape(index).err()?))).next()?;
-    Some(format!("no control of the fingertip {name} in Cartesian space (reach, grasp): {why}"))
+    let without = chains.filter_map(|(index, chain)| Some((&chain.name, shape(index).err()?)));
+    without
+        .map(|(name, why)| {
+            format!("no control of the fingertip {name} in Cartesian space (reach, grasp): {why}")
+        })
+        .collect()
 }
 
 /// Checks a URDF without settings for a controller.

@@ -16,6 +16,7 @@ use tesaki_supervisor::port::{self, Address};
 use tesaki_supervisor::{Board, BoardError, LinkBoard};
 
 use crate::args::Options;
+use crate::board::{clock, reset};
 use crate::board_session::{BoardLink, dial, find_in_log, port_address, version};
 use crate::failure::Failure;
 use crate::model::checksum;
@@ -315,7 +316,7 @@ fn check_round_trip(round_trip: Option<Duration>, doctor: &mut Doctor) {
 fn check_microcontroller(state: &BoardStatus, doctor: &mut Doctor) {
     if state.clock != ClockSource::Crystal && !is_emulated(&state.identity.board) {
         doctor.warning(
-            format!("the clock source is {:?} instead of the crystal", state.clock),
+            format!("the clock is the {} instead of the crystal", clock(state.clock)),
             "check the 8 MHz crystal; angles and torques are correct, times are off by about 1 %",
         );
     }
@@ -323,7 +324,7 @@ fn check_microcontroller(state: &BoardStatus, doctor: &mut Doctor) {
         let words =
             if state.last_words.is_empty() { String::new() } else { format!(": {}", state.last_words) };
         doctor.warning(
-            format!("the last reset was not a power-on but {:?}{words}", state.reset),
+            format!("the last reset was not a power-on; its cause: {}{words}", reset(state.reset)),
             "please report this",
         );
     }

@@ -131,7 +131,7 @@ impl Failure {
             Self::Port(_) | Self::Board(BoardError::Link(_)) => 3,
             Self::Board(BoardError::SchemaMismatch { .. }) => 4,
             Self::Fault(_) => 5,
-            Self::Identify(IdentifyError::Stopped(_)) => 6,
+            Self::Identify(IdentifyError::Stopped(_) | IdentifyError::Late { .. }) => 6,
             Self::Late(_) | Self::Board(BoardError::Timeout { .. }) => 6,
             Self::Board(_) | Self::Refused(_) | Self::NoModel => 7,
             Self::Grasp(_)

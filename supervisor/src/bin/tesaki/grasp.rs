@@ -75,6 +75,8 @@ fn grasp_object(options: &Options, args: &Run) -> Result<(), Failure> {
 
 /// A step of the grasp.
 struct TimedStep {
+    /// As it was typed.
+    text: String,
     command: Option<GraspCommand>,
     /// How long to hold afterwards; `None`: until Ctrl-C.
     wait: Option<Duration>,
@@ -92,7 +94,7 @@ fn timed_steps(args: &Run, gravity: &Vector3<f32>) -> Result<Vec<TimedStep>, Fai
             Step::Shift(to) => shift = Vector3::from(to),
             Step::Turn(to) => turn = Vector3::from(to),
             Step::Hold(wait) => {
-                steps.push(TimedStep { command: None, wait });
+                steps.push(TimedStep { text: step.to_string(), command: None, wait });
                 continue;
             }
         }
@@ -104,16 +106,17 @@ fn timed_steps(args: &Run, gravity: &Vector3<f32>) -> Result<Vec<TimedStep>, Fai
         let duration = needed.max(MIN_DURATION);
         if duration > MAX_DURATION {
             return Err(Failure::Usage(format!(
-                "a step would take {duration:.0} s, more than {MAX_DURATION} s: choose a higher --speed or --turn-speed"
+                "the step {step} would take {duration:.0} s, more than {MAX_DURATION} s: choose a higher --speed or --turn-speed"
             )));
         }
         steps.push(TimedStep {
+            text: step.to_string(),
             command: Some(GraspCommand::Move { translation: target.into(), rotation: turn.into(), duration }),
             wait: Some(Duration::ZERO),
         });
     }
     if steps.is_empty() {
-        steps.push(TimedStep { command: None, wait: None });
+        steps.push(TimedStep { text: Step::Hold(None).to_string(), command: None, wait: None });
     }
     Ok(steps)
 }
@@ -189,7 +192,7 @@ impl Course<'_> {
         self.check(file)?;
         for (left, step) in (0..steps.len()).rev().zip(steps) {
             if let Some(command) = step.command {
-                self.command(command)?;
+                self.command(command).map_err(|failure| of_step(&step.text, failure))?;
                 if self.wait_until_idle()? == End::Interrupted {
                     return Ok(End::Interrupted);
                 }
@@ -221,6 +224,7 @@ impl Course<'_> {
                 Failure::Grasp(_)
                     | Failure::Pipe
                     | Failure::Stalled
+                    | Failure::Refused(_)
                     | Failure::Board(BoardError::Refused { .. })
             )
         };
@@ -310,6 +314,14 @@ impl Course<'_> {
             "{fault}\nThe object has fallen, or is still held if the model's reaction is `hold`: `tesaki disable` \
              releases it"
         ))
+    }
+}
+
+/// A refusal of a step, which it names.
+fn of_step(step: &str, failure: Failure) -> Failure {
+    match failure {
+        Failure::Board(BoardError::Refused { .. }) => Failure::Refused(format!("{step}: {failure}")),
+        other => other,
     }
 }
 

@@ -70,7 +70,11 @@ fn state(options: &Options, session: &mut BoardSession, model: &RobotModel) -> R
             }
             text.push('\n');
         }
-        let _ = write!(text, "\n{} in tick {}", telemetry.mode, telemetry.tick);
+        let _ = write!(
+            text,
+            "\nThe board is {}; these are the values of tick {}.",
+            telemetry.mode, telemetry.tick
+        );
         text
     })
 }

@@ -172,7 +172,7 @@ fn paths(model: &RobotModel, start: &[f32], args: &Reach) -> Result<Vec<TipPath>
         let chain = Chain::new(models, &tip.tip);
         let not_a_finger = |why: String| {
             Failure::Usage(format!(
-                "`tesaki reach` needs fingers of three joints; the chain to {} is not one: {why}. Use `tesaki eval \
+                "`tesaki reach` needs fingers of three joints; the chain to {} is none: {why}. Use `tesaki eval \
                  ik` to find joint angles for `tesaki move`",
                 tip.name
             ))
@@ -183,7 +183,7 @@ fn paths(model: &RobotModel, start: &[f32], args: &Reach) -> Result<Vec<TipPath>
         let limits: Vec<(f32, f32)> =
             models.iter().map(|joint| (joint.limits.lower, joint.limits.upper)).collect();
         let limits = <[(f32, f32); 3]>::try_from(limits)
-            .map_err(|_| not_a_finger("its chain does not have 3 joints".to_owned()))?;
+            .map_err(|_| not_a_finger(format!("it has {} joints", models.len())))?;
         let finger = Finger::try_new(&chain, limits).map_err(|error| not_a_finger(error.to_string()))?;
         let from = chain.posture(angles).tip().translation.vector;
         let target = args.tips.iter().find(|(name, _)| *name == tip.name.as_str()).map(|(_, target)| *target);

@@ -69,7 +69,7 @@ pub fn create_key(options: &Options, file: &Path) -> Result<(), Failure> {
     })?;
     output::result(options, &json!({ "key": file }), || {
         format!(
-            "{0}: a new key. Copy it to the other machines over a safe way, and give it with `--key {0}` at \
+            "{0}: a new key. Copy it to the other machines in a secure way, and give it with `--key {0}` at \
              both ends: every program with it may command the board",
             file.display()
         )

@@ -1,5 +1,6 @@
 //! Arguments of `tesaki grasp`.
 
+use std::fmt;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -54,6 +55,19 @@ pub enum Step {
     Turn([f32; 3]),
     /// Hold for this time, or until Ctrl-C.
     Hold(Option<Duration>),
+}
+
+/// As it is typed.
+impl fmt::Display for Step {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Lift(height) => write!(f, "lift={height}"),
+            Self::Shift([x, y, z]) => write!(f, "shift={x},{y},{z}"),
+            Self::Turn([x, y, z]) => write!(f, "turn={x},{y},{z}"),
+            Self::Hold(Some(time)) => write!(f, "hold={}", time.as_secs_f32()),
+            Self::Hold(None) => f.write_str("hold"),
+        }
+    }
 }
 
 fn step(text: &str) -> Result<Step, String> {

@@ -44,7 +44,8 @@ pub struct Init {
     /// Folder to write; default: that of a file called robot.urdf, else a new one with the name of the robot
     #[arg(long, value_name = "FOLDER")]
     pub out: Option<PathBuf>,
-    /// Motor of all joints or, as JOINT=MOTOR, of one; default: the weakest with the URDF's effort limit
+    /// Motor of all joints or, as JOINT=MOTOR, of one; default: the weakest with the torque of the URDF's
+    /// effort limit, and at most three times that; where there is none, `generic`, of just that torque
     #[arg(long = "motor", value_name = "[JOINT=]MOTOR", value_parser = motor)]
     pub motors: Vec<MotorChoice>,
     /// Use the nearest inertia that a body can have for this link; `all` for all that need it

@@ -53,10 +53,12 @@ pub fn run(options: &Options, args: &Identify) -> Result<(), Failure> {
             let kept = keep(options, args, file, (&model, &board), &readings);
             load.map_or(Ok(()), |_| hold(&mut machine)).and(kept)
         }
-        // Something is in the way of a robot that would fall on it.
-        Err(Failure::Identify(error @ (IdentifyError::Resisted { .. } | IdentifyError::Touched { .. })))
-            if load.is_some() =>
-        {
+        // A robot that would fall, perhaps on something that is in the way.
+        Err(Failure::Identify(
+            error @ (IdentifyError::Resisted { .. }
+            | IdentifyError::Touched { .. }
+            | IdentifyError::Late { .. }),
+        )) if load.is_some() => {
             output::notice(options, &error.to_string());
             hold(&mut machine).and(Err(error.into()))
         }
