@@ -6,6 +6,7 @@ use tesaki::fault::{Fault, FaultCause};
 use tesaki::node::Node;
 use tesaki::protocol::{BoardStatus, ClockSource, Identity, LinkStatistics, ResetCause};
 use tesaki_firmware::board::{Board, Peripherals, SupervisorLine, ThisBoard, uses_plant_link};
+use tesaki_firmware::chip_supply;
 use tesaki_firmware::clock::{self, Clocks};
 use tesaki_firmware::identity::identity;
 use tesaki_firmware::link::{Uart, Uarts};
@@ -35,8 +36,13 @@ pub struct Started {
 /// Initialises clock, watchdog, board, UARTs and timer, and records the cause of the reset in `node`.
 pub fn start(device: pac::Peripherals, syst: cortex_m::peripheral::SYST, node: &mut Node) -> Started {
     let watchdog = Watchdog::start(device.IWDG);
+    let is_supplied = chip_supply::start(&device.RCC, &device.PWR, &device.EXTI, &watchdog);
     let measure = || clock::measure_crystal(&device.RCC, &device.TIM11);
-    let clocks = clock::bring_up(&device.RCC, &device.FLASH, ThisBoard::CRYSTAL, measure);
+    let clocks = if is_supplied {
+        clock::bring_up(&device.RCC, &device.FLASH, ThisBoard::CRYSTAL, measure)
+    } else {
+        Clocks::SLOW
+    };
     watchdog.feed();
     device.RCC.apb1enr().modify(|_, w| w.tim2en().set_bit());
     match ThisBoard::SUPERVISOR {
@@ -45,6 +51,10 @@ pub fn start(device: pac::Peripherals, syst: cortex_m::peripheral::SYST, node: &
     };
     let flags = device.RCC.csr().read();
     let (by_watchdog, by_software) = (flags.wdgrstf().bit_is_set(), flags.sftrstf().bit_is_set());
+    // The flag of a brown-out comes with every power-on, too (RM0090, 7.3.21).
+    let by_power = flags.porrstf().bit_is_set();
+    let by_brown_out = flags.borrstf().bit_is_set() && !by_power;
+    let level = chip_supply::brown_out_level(&device.FLASH);
     device.RCC.csr().modify(|_, w| w.rmvf().set_bit());
 
     let mut identity = identity(&device.RCC, Identity::TASKS);
@@ -94,8 +104,10 @@ pub fn start(device: pac::Peripherals, syst: cortex_m::peripheral::SYST, node: &
         Some(crash) => match crash.cause() {
             FaultCause::Panic => ResetCause::Panic,
             FaultCause::CrystalStopped => ResetCause::CrystalStopped,
+            FaultCause::ChipSupplyLow => ResetCause::BrownOut,
             _ => ResetCause::HardFault,
         },
+        None if by_brown_out => ResetCause::BrownOut,
         None if by_software => ResetCause::Software,
         None => ResetCause::PowerOn,
     };
@@ -103,7 +115,17 @@ pub fn start(device: pac::Peripherals, syst: cortex_m::peripheral::SYST, node: &
     let clock_faults = if plant_link { [None; 2] } else { clock_faults(&clocks) };
     let watchdog_fault = by_watchdog.then_some((FaultCause::WatchdogReset, 0, 0));
     let crash_fault = crash.as_ref().map(|crash| (crash.cause(), crash.place, 0));
-    record_faults(node, [watchdog_fault, crash_fault].into_iter().chain(clock_faults).flatten());
+    let brown_out = by_brown_out.then_some((FaultCause::ChipSupplyLow, 2, 0));
+    let low_supply = (!is_supplied).then_some((FaultCause::ChipSupplyLow, 3, 0));
+    // Its faults are those since power-on, even if the memory has kept older ones.
+    if !by_power && let Some((log, joints)) = retained::faults() {
+        node.restore_faults(log, joints);
+    }
+    let is_told = node.faults().faults.iter().any(|fault| fault.cause == FaultCause::BrownOutResetOff);
+    let unprotected = ThisBoard::HAS_POWER_STAGES && level < chip_supply::NEEDED_LEVEL && !is_told;
+    let unprotected = unprotected.then_some((FaultCause::BrownOutResetOff, level, chip_supply::NEEDED_LEVEL));
+    let own = [watchdog_fault, crash_fault, brown_out, low_supply, unprotected];
+    record_faults(node, own.into_iter().chain(clock_faults).flatten());
     let text = crash.as_ref().map_or("", |crash| crash.text());
     let status = BoardStatus {
         identity,
@@ -129,11 +151,8 @@ fn clock_faults(clocks: &Clocks) -> [Option<StartFault>; 2] {
     [wrong_crystal, fallback.then_some((FaultCause::ClockFallback, clocks.source as u32, 0))]
 }
 
-/// Restores the faults from before the reset, and adds those found at the start.
+/// Adds the faults found at the start.
 fn record_faults(node: &mut Node, faults: impl Iterator<Item = StartFault>) {
-    if let Some((log, joints)) = retained::faults() {
-        node.restore_faults(log, joints);
-    }
     for (cause, value, limit) in faults {
         #[expect(
             clippy::cast_precision_loss,

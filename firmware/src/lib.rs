@@ -4,6 +4,7 @@
 //!
 //! | priority | RTIC task | does |
 //! |---|---|---|
+//! | 7 | `PVD` | the microcontroller's supply falls: outputs off, reset ([`chip_supply`]) |
 //! | 6 | `EXTI2`, `EXTI4` | [`board::Board::on_edge`]: power stages off where a trip line has no break input; or pends `EXTI3` for data |
 //! | 5 | `TIM2` | 10 ms timer: latches the sensors, pends the control task |
 //! | 4 | `ADC` | on boards with motors: the current loops, at 20 kHz; on `board-weact` at every second of its 40 kHz interrupts |
@@ -28,6 +29,7 @@
 
 pub mod board;
 pub mod boards;
+pub mod chip_supply;
 pub mod clock;
 pub mod control;
 pub mod drivers;

@@ -23,7 +23,7 @@ mod app {
     use tesaki_firmware::watchdog::Watchdog;
     use tesaki_firmware::{retained, stack};
 
-    use super::{boot, pac};
+    use super::{boot, crash, pac};
     use pac::Interrupt;
 
     /// Log entries of a tick: index of the second one, input, output.
@@ -156,6 +156,12 @@ mod app {
     #[task(binds = UART4, priority = 3, local = [uart4])]
     fn uart4(cx: uart4::Context) {
         cx.local.uart4.on_interrupt();
+    }
+
+    /// The supply of the microcontroller falls. It does not return.
+    #[task(binds = PVD, priority = 7)]
+    fn chip_supply(_: chip_supply::Context) {
+        crash::end_by_low_supply()
     }
 
     /// Edges that switch the power stages off, on boards where no timer can, or that signal new data.

@@ -97,6 +97,14 @@ pub enum FaultCause {
     /// 32: the converter of a force sensor's gauges gives no values that can be trusted; the joint is the
     /// last of its chain. Value: 1: none came in time, 2: they are damaged, 3: it has restarted.
     ForceSilent,
+    /// 33: the supply of the microcontroller was too low. Value: 1: it fell while the board ran, which
+    /// switched its outputs off and reset; 2: the chip's brown-out reset came; 3: it was too low at boot, and
+    /// the clock stays slow.
+    ChipSupplyLow,
+    /// 34: the brown-out reset of the microcontroller is off, or below the voltage that its clock needs;
+    /// found at boot, on boards with power stages. Value: its level, 0 when it is off; limit: the level that
+    /// is needed, 3. The board can still be enabled.
+    BrownOutResetOff,
 }
 
 impl FaultCause {
@@ -205,6 +213,8 @@ impl FaultCause {
             Self::ForceSilent => {
                 "the force sensor of its tip gives no valid values: unplugged, disturbed or restarted"
             }
+            Self::ChipSupplyLow => "the supply of the board's microcontroller was too low",
+            Self::BrownOutResetOff => "the brown-out reset of the board's microcontroller is not set up",
         }
     }
 }

@@ -48,6 +48,7 @@ use tesaki_drivers::joints::{MotorJoints, motors_for};
 use tesaki_drivers::motors::{Motors, Output, PowerStages, Sensing};
 
 use crate::board::{Board, CurrentControl, Equipment, Latch, Peripherals, SupervisorLine};
+use crate::chip_supply;
 use crate::drivers::current_adc::{CurrentAdc, FULL_SCALE};
 use crate::drivers::pulses::Pulses;
 use crate::drivers::spi::{Device, Spi1OnA};
@@ -265,8 +266,10 @@ fn connect_data_line(syscfg: &pac::SYSCFG, exti: &pac::EXTI) {
 
 /// Sets whether edges of the converter's line raise an interrupt.
 fn watch_data_line(is_watched: bool) {
-    // SAFETY: nothing else has a bit in the mask, so it is written whole; the chip has this line.
-    unsafe { (*pac::EXTI::ptr()).imr().write(|w| w.bits(if is_watched { DATA_LINE } else { 0 })) };
+    let data = if is_watched { DATA_LINE } else { 0 };
+    // SAFETY: only the detector of the chip's supply has another bit in the mask, which is always set, so it
+    // is written whole; the chip has these lines.
+    unsafe { (*pac::EXTI::ptr()).imr().write(|w| w.bits(data | chip_supply::LINE)) };
 }
 
 /// Returns whether the trip line is active. The pin belongs to the timer, but its level can be read.

@@ -9,7 +9,8 @@ use tesaki_chip::mistake::Mistake;
 use tesaki_chip::odrive::Odrive;
 
 use super::acceptance::{
-    demand, expect_fault, is_watched, moves, starts, survives_the_crystal, tells_currents,
+    demand, expect_fault, is_watched, moves, starts, survives_a_low_supply, survives_the_crystal,
+    tells_currents,
 };
 use super::{MOTOR, Rig, model};
 
@@ -55,6 +56,7 @@ pub fn accept(rig: &mut Rig) -> Result<(), String> {
     tells_currents(rig)?;
     trips(rig)?;
     survives_the_crystal(rig)?;
+    survives_a_low_supply(rig)?;
     is_watched(rig)?;
     rig.machine.chip.violation().map_or(Ok(()), Err)
 }
