@@ -12,7 +12,7 @@
 //! | 2 | `EXTI0`: control | one [`Node::tick`](tesaki::node::Node::tick) |
 //! | 2 | `EXTI3`: data | on boards with a force sensor: a frame from its converter |
 //! | 1 | `EXTI1`: supervisor | requests, replies, telemetry |
-//! | 0 | idle | measuring the stack, sleep; on the plant link, feeding the watchdog |
+//! | 0 | idle | measuring the stack, sleep; tells that it runs; on the plant link, feeding the watchdog |
 //!
 //! The UARTs have a higher priority than the control task because they buffer a single byte: at 921 600 baud
 //! the next one arrives after 10.8 µs, a fraction of a tick. Their handlers take a few dozen instructions per

@@ -20,7 +20,7 @@ mod app {
     use tesaki_firmware::board::{Board, CurrentControl, Latch, ThisBoard};
     use tesaki_firmware::control::Periods;
     use tesaki_firmware::link::{Endpoint, Line, Lines, Storage};
-    use tesaki_firmware::watchdog::Watchdog;
+    use tesaki_firmware::watchdog::{Background, Watchdog, tell_alive};
     use tesaki_firmware::{retained, stack};
 
     use super::{boot, crash, pac};
@@ -113,6 +113,7 @@ mod app {
     #[idle(shared = [watchdog, &plant_link])]
     fn idle(mut cx: idle::Context) -> ! {
         loop {
+            tell_alive();
             if *cx.shared.plant_link {
                 cx.shared.watchdog.lock(|watchdog| watchdog.feed());
             }
@@ -183,7 +184,8 @@ mod app {
 
     /// One control period, of the timer or of the plant link.
     #[task(binds = EXTI0, priority = 2, shared = [node, board, plant_statistics, watchdog, &plant_link],
-           local = [plant, samples_out, periods: Periods = Periods::new(), ticks_in])]
+           local = [plant, samples_out, periods: Periods = Periods::new(),
+                    background: Background = Background::new(), ticks_in])]
     fn control(mut cx: control::Context) {
         let ticks = cx.local.ticks_in;
         if *cx.shared.plant_link {
@@ -207,7 +209,7 @@ mod app {
         let healthy = (cx.shared.board, cx.shared.node).lock(|board, node| {
             periods.run(board, node, period, &sample, |node, sensors| tick(node, sensors, ticks))
         });
-        if healthy {
+        if cx.local.background.is_alive() && healthy {
             cx.shared.watchdog.lock(|watchdog| watchdog.feed());
         }
     }
@@ -246,6 +248,7 @@ mod app {
             (status.stack_used, status.stack_size) = stack::usage();
         };
         while let Some(result) = link.receive::<RequestFrame>() {
+            tell_alive();
             if let Ok(request) = result {
                 let plant = cx.shared.plant_statistics.lock(|statistics| *statistics);
                 refresh(status, link, plant);

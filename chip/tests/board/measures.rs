@@ -96,6 +96,18 @@ fn pulses_end_without_an_instruction() {
     }
 }
 
+/// A request hangs: nothing could stop the robot by a request any more, although the control task goes on.
+#[test]
+fn a_hanging_request_resets_the_board_within_a_second() {
+    let mut rig = Rig::enabled();
+    rig.hang(7);
+    rig.keep();
+    let limit = SECOND;
+    let until = time_until(&mut rig, SECOND / 1000, limit, sleeps).unwrap();
+    println!("a hanging request: off within {:.2} s", until as f64 / SECOND as f64);
+    assert_eq!(rig.machine.resets, ["watchdog"]);
+}
+
 /// The control task is dead, but the timer continues: the loops brake after two periods without a command.
 #[test]
 fn a_dead_control_task_is_off_within_20_ms() {
