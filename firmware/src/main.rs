@@ -31,6 +31,9 @@ mod app {
     /// Capacity plus one of the queue of log entries. One tick every 10 ms; sending the longest takes 3 ms.
     const TICK_LOGS: usize = 8;
 
+    /// Requests that are handled before telemetry and log get their turn.
+    const REQUESTS: u32 = 8;
+
     type BoardLatch = <ThisBoard as Board>::Latch;
     /// Number of a period, and what the timer's interrupt has latched in it.
     type Sample = (u32, <BoardLatch as Latch>::Sample);
@@ -247,7 +250,11 @@ mod app {
             (status.supervisor_link, status.plant) = (link.statistics(), plant);
             (status.stack_used, status.stack_size) = stack::usage();
         };
-        while let Some(result) = link.receive::<RequestFrame>() {
+        let mut handled = 0;
+        while handled < REQUESTS
+            && let Some(result) = link.receive::<RequestFrame>()
+        {
+            handled += 1;
             tell_alive();
             if let Ok(request) = result {
                 let plant = cx.shared.plant_statistics.lock(|statistics| *statistics);
@@ -266,6 +273,9 @@ mod app {
                 }
                 link.flush();
             }
+        }
+        if handled == REQUESTS {
+            rtic::pend(Interrupt::EXTI1);
         }
         if cx.shared.node.lock(|node| node.is_due(Stream::Status)) {
             let plant = cx.shared.plant_statistics.lock(|statistics| *statistics);
