@@ -37,12 +37,14 @@ mod app {
     type BoardLatch = <ThisBoard as Board>::Latch;
     /// Number of a period, and what the timer's interrupt has latched in it.
     type Sample = (u32, <BoardLatch as Latch>::Sample);
-    /// Capacity plus one of the queue of samples. Only the last one is used: earlier ones are out of date.
-    const SAMPLES: usize = 4;
 
     #[shared]
     struct Shared {
         node: &'static mut Node,
+        /// The last sample that the control task has not taken yet. It takes it directly after the instant:
+        /// only a control task that is a period late can delay the next instant by its lock, less than a
+        /// microsecond.
+        sample: Option<Sample>,
         /// Statistics of the plant link, for the status.
         plant_statistics: tesaki::protocol::LinkStatistics,
         watchdog: Watchdog,
@@ -56,8 +58,6 @@ mod app {
         timer: pac::TIM2,
         latch: BoardLatch,
         current_control: <ThisBoard as Board>::CurrentControl,
-        samples_in: Producer<'static, Sample>,
-        samples_out: Consumer<'static, Sample>,
         usart1: Line<pac::USART1>,
         usart2: Line<pac::USART2>,
         uart4: Line<pac::UART4>,
@@ -73,7 +73,6 @@ mod app {
         supervisor_link: Storage = Storage::new(),
         plant_storage: Storage = Storage::new(),
         ticks: Queue<TickLog, TICK_LOGS> = Queue::new(),
-        samples: Queue<Sample, SAMPLES> = Queue::new(),
     ])]
     fn init(cx: init::Context) -> (Shared, Local) {
         stack::paint();
@@ -92,15 +91,19 @@ mod app {
             status.reset
         );
         let (ticks_in, ticks_out) = cx.local.ticks.split();
-        let (samples_in, samples_out) = cx.local.samples.split();
         (
-            Shared { node: cx.local.node, plant_statistics: Default::default(), watchdog, board, plant_link },
+            Shared {
+                node: cx.local.node,
+                sample: None,
+                plant_statistics: Default::default(),
+                watchdog,
+                board,
+                plant_link,
+            },
             Local {
                 timer,
                 latch,
                 current_control,
-                samples_in,
-                samples_out,
                 usart1,
                 usart2,
                 uart4,
@@ -128,17 +131,17 @@ mod app {
 
     /// The timer: the instant at which a control period begins. On the plant link it only wakes the idle
     /// loop.
-    #[task(binds = TIM2, priority = 5, shared = [&plant_link],
-           local = [timer, latch, samples_in, period: u32 = 0])]
-    fn instant(cx: instant::Context) {
+    #[task(binds = TIM2, priority = 5, shared = [sample, &plant_link],
+           local = [timer, latch, period: u32 = 0])]
+    fn instant(mut cx: instant::Context) {
         cx.local.timer.sr().modify(|_, w| w.uif().clear_bit());
         if *cx.shared.plant_link {
             return;
         }
         let sample = cx.local.latch.latch();
         *cx.local.period = cx.local.period.wrapping_add(1);
-        // A full queue shows as a gap in the numbers of the periods.
-        let _ = cx.local.samples_in.enqueue((*cx.local.period, sample));
+        // One that was not taken shows as a gap in the numbers of the periods.
+        cx.shared.sample.lock(|last| *last = Some((*cx.local.period, sample)));
         rtic::pend(Interrupt::EXTI0);
     }
 
@@ -186,8 +189,8 @@ mod app {
     }
 
     /// One control period, of the timer or of the plant link.
-    #[task(binds = EXTI0, priority = 2, shared = [node, board, plant_statistics, watchdog, &plant_link],
-           local = [plant, samples_out, periods: Periods = Periods::new(),
+    #[task(binds = EXTI0, priority = 2, shared = [node, board, sample, plant_statistics, watchdog, &plant_link],
+           local = [plant, periods: Periods = Periods::new(),
                     background: Background = Background::new(), ticks_in])]
     fn control(mut cx: control::Context) {
         let ticks = cx.local.ticks_in;
@@ -203,11 +206,7 @@ mod app {
             cx.shared.plant_statistics.lock(|shared| *shared = statistics);
             return;
         }
-        let mut last = None;
-        while let Some(sample) = cx.local.samples_out.dequeue() {
-            last = Some(sample);
-        }
-        let Some((period, sample)) = last else { return };
+        let Some((period, sample)) = cx.shared.sample.lock(Option::take) else { return };
         let periods = cx.local.periods;
         let healthy = (cx.shared.board, cx.shared.node).lock(|board, node| {
             periods.run(board, node, period, &sample, |node, sensors| tick(node, sensors, ticks))

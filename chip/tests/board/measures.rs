@@ -96,6 +96,23 @@ fn pulses_end_without_an_instruction() {
     }
 }
 
+/// The control task is late by five periods: it goes on with the last sample, not with one that waited.
+#[test]
+fn a_late_control_task_takes_the_last_sample() {
+    let mut rig = Rig::enabled();
+    let tick = rig.status().node.tick;
+    let before = rig.machine.work[16 + 28].times;
+    rig.stop_control();
+    rig.run(0.055);
+    rig.machine.chip.nvic.enabled[0] |= 1 << 6;
+    rig.run(0.001);
+    let late: Vec<_> = rig.faults().iter().map(|fault| (fault.cause, fault.value)).collect();
+    let missed = rig.machine.work[16 + 28].times - before;
+    println!("from tick {tick}: {missed} instants, {late:?}");
+    let [(FaultCause::LateTick, value)] = late[..] else { panic!("{late:?}") };
+    assert!((5.0..=6.0).contains(&value), "{value}");
+}
+
 /// A request hangs: nothing could stop the robot by a request any more, although the control task goes on.
 #[test]
 fn a_hanging_request_resets_the_board_within_a_second() {
