@@ -169,6 +169,13 @@ impl Chip {
             .then(|| "a bus is too fast".to_owned())
     }
 
+    /// Couples an edge of a power stage into the cables of all encoders, for `width` [ps].
+    pub fn disturb_encoders(&mut self, width: u64) {
+        self.settle(self.now);
+        let clock = self.rcc.timers(1);
+        self.timers.iter_mut().for_each(|timer| timer.disturb(width, clock));
+    }
+
     fn hold_timers(&mut self, now: u64) {
         let clocks = [self.rcc.timers(1), self.rcc.timers(2)];
         self.timers.iter_mut().for_each(|timer| timer.hold(now, clocks[0]));

@@ -51,6 +51,8 @@ const MISTAKES: &[(&str, u32, u32, u32)] = &[
     ("PC0 not analogue", 0x4002_0800, 3, 0),
     ("PB1 an input", 0x4002_0400, 3 << 2, 0),
     ("TIM3 SMCR: encoder mode 2", 0x4000_0408, 7, 2),
+    ("TIM3 CCMR1: no filter of channel 1 and 2", 0x4000_0418, 0xF0F0, 0),
+    ("TIM5 CCMR1: a filter of 24 ns", 0x4000_0C18, 0xF0F0, 0x1010),
     ("TIM4 CCER: CC1P", 0x4000_0820, 1 << 1, 1 << 1),
     ("TIM5 ARR: 16 bits", 0x4000_0C2C, u32::MAX, 0xFFFF),
 ];

@@ -158,6 +158,7 @@ impl Board for Odrive {
         );
         let encoders =
             Encoders(Qei::new(peripherals.tim3, encoder_0, rcc), Qei::new(peripherals.tim4, encoder_1, rcc));
+        crate::filter_encoders!(TIM3, TIM4);
 
         c.pc0.into_analog();
         c.pc1.into_analog();

@@ -146,6 +146,7 @@ impl Board for Weact {
             Qei::new(peripherals.tim4, encoder_2, rcc),
             Qei::new(peripherals.tim5, encoder_3, rcc),
         );
+        crate::filter_encoders!(TIM3, TIM4, TIM5);
 
         c.pc0.into_analog();
         c.pc1.into_analog();

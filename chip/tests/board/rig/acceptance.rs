@@ -25,6 +25,7 @@ pub fn accept(rig: &mut Rig) -> Result<(), String> {
     starts(rig)?;
     moves(rig)?;
     tells_currents(rig)?;
+    counts_no_disturbance(rig)?;
     stops_by_hardware(rig)?;
     reports_power_stages(rig)?;
     trips_at_high_currents(rig)?;
@@ -74,6 +75,26 @@ pub fn moves(rig: &mut Rig) -> Result<(), String> {
     let mode = rig.client.status(&mut rig.machine)?.node.mode;
     demand!(mode == Rig::running(), "{mode:?} after moving");
     Ok(())
+}
+
+/// Checks that the board counts no edges that power stages couple into the encoders' cables.
+pub fn counts_no_disturbance(rig: &mut Rig) -> Result<(), String> {
+    rig.client.demand(&mut rig.machine, Request::SetRate { stream: Stream::Log, every: 1 })?;
+    let encoders = |rig: &mut Rig| {
+        rig.try_run(0.03)?;
+        rig.client.sensors.as_ref().map(|sensors| sensors.encoders.clone()).ok_or("no log")
+    };
+    let (before, turned) = (encoders(rig)?, [0, 1, 2].map(|motor| bench(rig).counts(motor)));
+    for _ in 0..50 {
+        // Some 50 V over a few centimetres.
+        rig.machine.chip.disturb_encoders(200_000);
+    }
+    let (after, now) = (encoders(rig)?, [0, 1, 2].map(|motor| bench(rig).counts(motor)));
+    for (joint, (before, after)) in before.iter().zip(&after).enumerate() {
+        let miscounted = i64::from(after - before) - (now[joint] - turned[joint]);
+        demand!(miscounted.abs() < 20, "encoder {joint} counted {miscounted} disturbances");
+    }
+    rig.client.demand(&mut rig.machine, Request::SetRate { stream: Stream::Log, every: 0 })
 }
 
 /// Checks that the currents in the sensor frames are those of the motors.

@@ -9,8 +9,8 @@ use tesaki_chip::mistake::Mistake;
 use tesaki_chip::odrive::Odrive;
 
 use super::acceptance::{
-    demand, expect_fault, is_watched, moves, starts, survives_a_low_supply, survives_the_crystal,
-    tells_currents,
+    counts_no_disturbance, demand, expect_fault, is_watched, moves, starts, survives_a_low_supply,
+    survives_the_crystal, tells_currents,
 };
 use super::{MOTOR, Rig, model};
 
@@ -54,6 +54,7 @@ pub fn accept(rig: &mut Rig) -> Result<(), String> {
     is_off_until_enabled(rig)?;
     moves(rig)?;
     tells_currents(rig)?;
+    counts_no_disturbance(rig)?;
     trips(rig)?;
     survives_the_crystal(rig)?;
     survives_a_low_supply(rig)?;
