@@ -75,6 +75,8 @@ pub struct Totals<const N: usize> {
     pub currents: [i32; N],
     /// Sums of the voltages in [`VOLTAGE_RESOLUTION`]; they wrap.
     pub voltages: [i32; N],
+    /// Sum of the supply in [`VOLTAGE_RESOLUTION`]; it wraps.
+    pub supply: u32,
     /// Number of periods; it wraps.
     pub periods: u32,
     /// Number of periods in which the motors were driven; it wraps.
@@ -84,7 +86,7 @@ pub struct Totals<const N: usize> {
 impl<const N: usize> Totals<N> {
     /// Creates totals of zero.
     pub const fn new() -> Self {
-        Self { currents: [0; N], voltages: [0; N], periods: 0, driven: 0 }
+        Self { currents: [0; N], voltages: [0; N], supply: 0, periods: 0, driven: 0 }
     }
 }
 
@@ -252,6 +254,13 @@ impl<const N: usize> Motors<N> {
     /// is NaN trips.
     pub fn update(&mut self, measured: &[f32; N], supply: f32, stages: &mut impl PowerStages<N>) {
         self.totals.periods = self.totals.periods.wrapping_add(1);
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "saturates; a supply has some volts"
+        )]
+        let supply_counts = (supply / VOLTAGE_RESOLUTION) as u32;
+        self.totals.supply = self.totals.supply.wrapping_add(supply_counts);
         match self.phase {
             Phase::Off | Phase::Tripped => {}
             Phase::Waking(0) => {

@@ -96,6 +96,28 @@ fn pulses_end_without_an_instruction() {
     }
 }
 
+/// The supply at the last sample of each period is disturbed, beyond `supply_max`: no fault, as the mean of the
+/// period counts. A supply that stays there is a fault.
+#[test]
+fn a_disturbed_sample_of_the_supply_is_no_fault() {
+    let mut rig = Rig::enabled();
+    let normal = rig.machine.chip.bench.supply;
+    let high = f64::from(rig.model.safety.supply_max) + 4.0;
+    for _ in 0..10 {
+        let instant = rig.machine.entered[16 + 28] + SECOND / 100;
+        rig.machine.run(instant - 60 * MICROSECOND).unwrap();
+        rig.machine.chip.bench.supply = high;
+        rig.machine.run(instant + MICROSECOND).unwrap();
+        rig.machine.chip.bench.supply = normal;
+        rig.keep();
+        rig.run(0.002);
+    }
+    assert_eq!(rig.faults(), []);
+    rig.machine.chip.bench.supply = high;
+    rig.run(0.03);
+    assert_eq!(rig.faults().last().unwrap().cause, FaultCause::SupplyHigh);
+}
+
 /// The control task is late by five periods: it goes on with the last sample, not with one that waited.
 #[test]
 fn a_late_control_task_takes_the_last_sample() {

@@ -240,10 +240,11 @@ impl Board for Odrive {
         flags.0 |= if stopped { SensorFlags::EMERGENCY_STOP } else { 0 };
         flags.0 |= if can_drive { 0 } else { SensorFlags::POWER_STAGE };
         flags.0 |= self.joints.dead_encoder().map_or(0, SensorFlags::of_dead_encoder);
+        let supply = self.joints.supply().unwrap_or(f32::from(measured.supply) * SUPPLY_RESOLUTION);
         Some(SensorFrame {
             sequence: period,
             flags,
-            supply: (f32::from(measured.supply) * SUPPLY_RESOLUTION * 1000.0) as u16,
+            supply: (supply * 1000.0) as u16,
             encoders: counts.into_iter().take(self.joints.count()).collect(),
             currents,
             forces: heapless::Vec::new(),

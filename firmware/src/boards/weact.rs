@@ -218,10 +218,11 @@ impl Board for Weact {
         if let Some(fault) = force.and_then(|reading| reading.fault) {
             flags = flags.with_force_sensor(fault);
         }
+        let supply = self.joints.supply().unwrap_or(f32::from(measured.supply) * SUPPLY_RESOLUTION);
         Some(SensorFrame {
             sequence: period,
             flags,
-            supply: (f32::from(measured.supply) * SUPPLY_RESOLUTION * 1000.0) as u16,
+            supply: (supply * 1000.0) as u16,
             encoders: counts.into_iter().take(self.joints.count()).collect(),
             currents,
             forces: force.iter().map(|reading| reading.wrench).collect(),
