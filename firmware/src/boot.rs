@@ -5,7 +5,9 @@ use stm32f4xx_hal::prelude::*;
 use tesaki::fault::{Fault, FaultCause};
 use tesaki::node::Node;
 use tesaki::protocol::{BoardStatus, ClockSource, Identity, LinkStatistics, ResetCause};
-use tesaki_firmware::board::{Board, Peripherals, SupervisorLine, ThisBoard, uses_plant_link};
+use tesaki_firmware::board::{
+    Board, CurrentControl, Peripherals, Phase, SupervisorLine, ThisBoard, uses_plant_link,
+};
 use tesaki_firmware::chip_supply;
 use tesaki_firmware::clock::{self, Clocks};
 use tesaki_firmware::identity::identity;
@@ -96,7 +98,8 @@ pub fn start(device: pac::Peripherals, syst: cortex_m::peripheral::SYST, node: &
         unsafe { (*pac::RCC::ptr()).apb1enr().modify(|_, w| w.usart2en().set_bit()) };
         uarts.usart2.start(clocks.apb1, clocks.baud);
     }
-    start_timer(&device.TIM2, clocks.timer, if plant_link { IDLE_PERIOD } else { PERIOD });
+    let period = if plant_link { IDLE_PERIOD } else { PERIOD };
+    start_timer(&device.TIM2, clocks.timer, period, || current_control.phase());
 
     let crash = retained::take_crash();
     let reset = match &crash {
@@ -169,12 +172,24 @@ const IDLE_PERIOD: u16 = 50_000;
 /// The control period [µs].
 const PERIOD: u16 = (tesaki::TICK * 1e6) as u16;
 
-/// Starts the timer interrupt with `period` [µs].
-fn start_timer(timer: &pac::TIM2, clock: u32, period: u16) {
+/// Time from a trigger of the converters to the instant of a control period [µs]. Both come from the same
+/// PLL, and the control period is a multiple of that of the triggers, so it stays as it is set. Conversion
+/// and current loops take some 11 µs after a trigger, of the 25 or 50 µs to the next: at this time the
+/// instant neither interrupts them, nor falls on the end where it would see a sample more or a sample less.
+const INSTANT: u32 = 18;
+
+/// Starts the timer interrupt with `period` [µs], and, if `phase` returns that of the converters, [`INSTANT`]
+/// after a trigger, to a microsecond.
+fn start_timer(timer: &pac::TIM2, clock: u32, period: u16, phase: impl FnOnce() -> Option<Phase>) {
     timer.psc().write(|w| w.psc().set((clock / 1_000_000 - 1) as u16));
     timer.arr().write(|w| w.arr().set(u32::from(period) - 1));
     timer.egr().write(|w| w.ug().set_bit());
     timer.sr().modify(|_, w| w.uif().clear_bit());
     timer.dier().modify(|_, w| w.uie().set_bit());
+    if let Some(Phase { since, period: pulse }) = phase() {
+        // Counts of 168 MHz until the first such time, and microseconds.
+        let left = (INSTANT * 168 + pulse - since.min(pulse)) % pulse.max(1) / 168;
+        timer.cnt().write(|w| w.cnt().set(u32::from(period) - 1 - left));
+    }
     timer.cr1().modify(|_, w| w.cen().set_bit());
 }

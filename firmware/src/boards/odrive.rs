@@ -51,7 +51,7 @@ use tesaki_drivers::joints::{MotorJoints, motors_for};
 use tesaki_drivers::motors::{Motors, Output, PowerStages, Sensing};
 use tesaki_drivers::offset::Offset;
 
-use crate::board::{Board, CurrentControl, Equipment, Latch, Peripherals, SupervisorLine};
+use crate::board::{Board, CurrentControl, Equipment, Latch, Peripherals, Phase, SupervisorLine};
 use crate::drivers::current_adc::{CurrentAdc, FULL_SCALE};
 use crate::drivers::half_bridges::HalfBridges;
 use crate::drivers::spi::{Device, Spi3OnC};
@@ -367,6 +367,10 @@ pub struct CurrentLoops {
 }
 
 impl CurrentControl for CurrentLoops {
+    fn phase(&self) -> Option<Phase> {
+        Some(self.stages.0.phase(RESOLUTION))
+    }
+
     fn on_sample(&mut self) {
         let [[b0, supply], [b1, c0], [c1, _]] = self.adc.sample();
         self.motors.take_over(&mut self.new_motors, &mut self.stages);

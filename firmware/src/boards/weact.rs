@@ -47,7 +47,7 @@ use tesaki_drivers::handover::Handover;
 use tesaki_drivers::joints::{MotorJoints, motors_for};
 use tesaki_drivers::motors::{Motors, Output, PowerStages, Sensing};
 
-use crate::board::{Board, CurrentControl, Equipment, Latch, Peripherals, SupervisorLine};
+use crate::board::{Board, CurrentControl, Equipment, Latch, Peripherals, Phase, SupervisorLine};
 use crate::chip_supply;
 use crate::drivers::current_adc::{CurrentAdc, FULL_SCALE};
 use crate::drivers::pulses::Pulses;
@@ -351,6 +351,10 @@ pub struct CurrentLoops {
 }
 
 impl CurrentControl for CurrentLoops {
+    fn phase(&self) -> Option<Phase> {
+        Some(self.stages.pulses.phase(RESOLUTION))
+    }
+
     fn on_sample(&mut self) {
         let [[first, supply], [second, _], [third, _]] = self.adc.sample();
         self.samples += 1;

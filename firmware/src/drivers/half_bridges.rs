@@ -1,5 +1,7 @@
 //! TIM1 and TIM8: the gates of two half bridges each, and a trigger between their pulses.
 
+use super::pulses::phase;
+use crate::board::Phase;
 use crate::pac;
 use pac::{TIM1, TIM8, tim1};
 use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
@@ -34,6 +36,11 @@ impl HalfBridges {
         // This is a few cycles later, always as many, as interrupts are off.
         second.cr1().modify(|_, w| w.cen().set_bit());
         Self(first, second)
+    }
+
+    /// Returns where the counters are between two triggers, if they count to `resolution`.
+    pub fn phase(&self, resolution: u16) -> Phase {
+        phase(&self.0, resolution)
     }
 
     /// Switches the half bridges on.
