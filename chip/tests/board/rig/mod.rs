@@ -183,7 +183,7 @@ impl Rig {
     pub fn hang(&mut self, interrupt: u32) {
         let handler = self.machine.word(0x0800_0000 + 4 * (16 + interrupt)) & !1;
         assert_eq!(handler % 4, 0, "the handler is not at a word");
-        assert!(self.machine.put(handler, &[0xE7FE_E7FE]));
+        assert!(self.machine.patch(handler, 0xE7FE_E7FE));
     }
 
     pub fn running() -> Mode {
