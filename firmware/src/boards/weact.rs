@@ -62,14 +62,17 @@ const TIMER: f32 = 168e6;
 const RESOLUTION: u16 = 2100;
 /// Pulses in a period of the current loops, which run at 20 kHz.
 const PULSES: u16 = 2;
-/// A duty takes effect in the middle of the pulse after the sample. Duties end 2.5 µs before the sample: `CS`
-/// shows the magnitude of the current while the motor is shorted.
+/// A duty takes effect in the middle of the pulse after the sample. Duties end 3.75 µs before the sample:
+/// `CS` shows the magnitude of the current while the motor is shorted. A current that brakes flows through a
+/// low side that begins to conduct with the end of the pulse, so `CS` shows it only after the delay of the
+/// input, the dead time and the delay of the measurement, some 2.5 µs together; before, it shows 0. (SLVSF66
+/// gives typical values only: measure it on the first board.)
 const SWITCHING: Switching = Switching {
     period: 2.0 * PULSES as f32 * RESOLUTION as f32 / TIMER,
     lag: 0.5 / PULSES as f32,
     pulses: PULSES,
     resolution: RESOLUTION,
-    max_duty: 0.8,
+    max_duty: 0.7,
 };
 /// Reference of the converters [V].
 const REFERENCE: f32 = 3.3;
