@@ -13,7 +13,9 @@ const DEAD_TIME: u8 = 20;
 /// around the instant at which the counter is 0. The trigger of the converters is at the other end of the
 /// count: there all low sides are on, and the motors' currents flow through the shunts.
 ///
-/// Both timers count in step. Neither has a break input here.
+/// Both timers count in step. Neither has a break input here. The clock security system could break them, too
+/// (RM0090, 17.3.12), but only together with the input, of which the manual does not say what level it has
+/// without a pin: a wrong one would keep all gates off. So a stopped crystal is left to the NMI.
 pub struct HalfBridges(TIM1, TIM8);
 
 impl HalfBridges {
