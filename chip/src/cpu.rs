@@ -133,7 +133,7 @@ impl Machine {
             entered: vec![0; 256],
             sleeping: false,
             scribble: 0,
-            owner: owner,
+            owner,
         };
         let me: *mut c_void = shared.cast();
         let hook = |kind: HookType, callback: *mut c_void, begin: u64, end: u64| {

@@ -23,7 +23,8 @@
 //!
 //! The control task also waits while the supervisor task handles a request, as both use the node. Sampling
 //! does not wait: the timer's interrupt latches the sensors ([`board::Latch`]); only an edge at a trip line
-//! or a data line can delay it, by a few instructions.
+//! or a data line can delay it, by a few instructions, or a control task that takes a sample a period late.
+//! The boot places the instants where no current loop runs.
 
 #![no_std]
 
