@@ -72,6 +72,27 @@ fn a_dead_encoder_in_motion_is_named_and_off_within_2_periods() {
     assert!(worst <= 2, "{worst}");
 }
 
+/// The microcontroller's supply falls by 10 mV a microsecond: the power stages sleep before it is so low that
+/// the CPU reads wrong instructions, also where the detector's threshold is the lowest of its tolerance, 80
+/// mV less.
+#[test]
+fn a_falling_supply_of_the_chip_is_off_in_microseconds() {
+    let mut worst = 0.0_f64;
+    for round in 0..8 {
+        let mut rig = Rig::enabled();
+        rig.run(0.01 + f64::from(round) * 6.3e-6);
+        while !sleeps(&rig) {
+            rig.machine.chip.supply.volts -= 1e-3;
+            let until = rig.machine.now() + MICROSECOND / 10;
+            rig.machine.run(until).unwrap();
+            assert_eq!(rig.machine.chip.violation(), None);
+        }
+        worst = worst.max(2.93 - rig.machine.chip.supply.volts);
+    }
+    println!("falling supply of the chip: off {:.1} µs after the threshold", worst * 100.0);
+    assert!(worst < 0.03, "{worst} V");
+}
+
 /// Emergency stop and nFAULT end the pulses while the CPU executes nothing.
 #[test]
 fn pulses_end_without_an_instruction() {
@@ -96,8 +117,8 @@ fn pulses_end_without_an_instruction() {
     }
 }
 
-/// The supply at the last sample of each period is disturbed, beyond `supply_max`: no fault, as the mean of the
-/// period counts. A supply that stays there is a fault.
+/// The supply at the last sample of each period is disturbed, beyond `supply_max`: no fault, as the mean of
+/// the period counts. A supply that stays there is a fault.
 #[test]
 fn a_disturbed_sample_of_the_supply_is_no_fault() {
     let mut rig = Rig::enabled();
