@@ -57,8 +57,8 @@ impl Timer {
         self.count = (self.count as i64 + edges).rem_euclid(self.top as i64 + 1) as u64;
     }
 
-    /// A disturbance of both channels, the second one a little later: four edges, unless the input filters need
-    /// more time than its `width` [ps].
+    /// A disturbance of both channels, the second one a little later: four edges, unless the input filters
+    /// need more time than its `width` [ps].
     pub fn disturb(&mut self, width: u64, clock: u64) {
         // Samples, and clock cycles from one to the next (RM0090, 18.4.7; CKD is 0).
         let filter = |bits: u32| {

@@ -114,8 +114,8 @@ impl<const N: usize> MotorJoints<N> {
         self.dead_encoder
     }
 
-    /// Returns the mean supply in the last period [V]; `None` in the first one. A single disturbed sample, such
-    /// as of a power stage that switches, hardly changes it.
+    /// Returns the mean supply in the last period [V]; `None` in the first one. A single disturbed sample,
+    /// such as of a power stage that switches, hardly changes it.
     pub const fn supply(&self) -> Option<f32> {
         self.supply
     }

@@ -4,9 +4,9 @@
 //! nominally 100 ms, between 68 ms and 188 ms.
 //!
 //! With sensors and drives on the board, each healthy control tick feeds it, as long as the code of lower
-//! priorities runs, too ([`Background`]): if a request hung, no further one could stop the robot. On the plant
-//! link the host controls time and may pause, so the idle loop feeds it, which shows that no RTIC task hangs;
-//! the timer wakes it.
+//! priorities runs, too ([`Background`]): if a request hung, no further one could stop the robot. On the
+//! plant link the host controls time and may pause, so the idle loop feeds it, which shows that no RTIC task
+//! hangs; the timer wakes it.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 

@@ -63,8 +63,8 @@ fn no_byte_is_lost_beside_the_current_loops() {
     assert!(frames > 5000 && received > 50_000, "{frames} {received}");
 }
 
-/// A client that always has another request waiting, each of which takes longer than its bytes, starves neither
-/// telemetry nor watchdog.
+/// A client that always has another request waiting, each of which takes longer than its bytes, starves
+/// neither telemetry nor watchdog.
 #[test]
 fn a_flood_of_requests_leaves_telemetry_its_turn() {
     let mut rig = Rig::enabled();

@@ -5,8 +5,8 @@
 //! conversions, and its SPI waits without a bound.
 
 /// Filters both inputs of encoders' timers, as the HAL does not: a level counts after six equal samples at an
-/// eighth of 84 MHz, 0.57 µs. Switching edges of the power stages on an encoder's cable are shorter; encoders may
-/// give up to a million counts a second.
+/// eighth of 84 MHz, 0.57 µs. Switching edges of the power stages on an encoder's cable are shorter; encoders
+/// may give up to a million counts a second.
 #[macro_export]
 macro_rules! filter_encoders {
     ($($timer:ident),+) => {$(
