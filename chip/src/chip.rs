@@ -14,6 +14,7 @@ use crate::nvic::Nvic;
 use crate::pins::Pin;
 use crate::rcc::Rcc;
 use crate::spi::Spi;
+use crate::supply::Supply;
 use crate::tim1::Tim1;
 use crate::timer::Timer;
 use crate::usart::Usart;
@@ -40,6 +41,8 @@ const EXTICR: u32 = 0x4001_3808;
 pub struct Chip {
     pub nvic: Nvic,
     pub rcc: Rcc,
+    /// The chip's own supply.
+    pub supply: Supply,
     pub gpio: Gpio,
     /// USART1, USART2, UART4.
     pub usart: [Usart; 3],
@@ -56,7 +59,7 @@ pub struct Chip {
     pub iwdg: Iwdg,
     /// The devices at the pins.
     pub bench: Bench,
-    /// Registers that only keep what is written, such as those of FLASH and PWR.
+    /// Registers that only keep what is written, such as those of FLASH.
     kept: BTreeMap<u32, u32>,
     /// Accesses to unknown registers, by address.
     pub unknown: BTreeMap<u32, u64>,
@@ -76,6 +79,7 @@ fn clock(base: u32) -> Option<(usize, u32)> {
         0x4000_3C00 => (0x40, 15),
         0x4000_4400 => (0x40, 17),
         0x4000_4C00 => (0x40, 19),
+        0x4000_7000 => (0x40, 28),
         0x4001_0000 => (0x44, 0),
         0x4001_0400 => (0x44, 1),
         0x4001_1000 => (0x44, 4),
@@ -91,6 +95,7 @@ impl Chip {
         Self {
             nvic: Nvic::new(),
             rcc: Rcc::new(Some(8_000_000)),
+            supply: Supply::new(),
             gpio: Gpio::new(),
             usart: Default::default(),
             tim1: Tim1::new(),
@@ -115,6 +120,7 @@ impl Chip {
     pub fn reset(&mut self, flag: u32) {
         self.settle(self.now);
         self.rcc.reset(flag);
+        self.supply.reset();
         self.gpio.reset();
         self.usart.iter_mut().for_each(Usart::reset);
         self.nvic = Nvic::new();
@@ -149,9 +155,9 @@ impl Chip {
     pub fn violation(&self) -> Option<String> {
         let (hclk, wait_states) = (self.rcc.hclk(), self.kept.get(&0x4002_3C00).copied().unwrap_or(0) & 7);
         let converters = self.adc_clock();
-        // One wait state per started 30 MHz after the first (RM0090, table 10, 2.7 to 3.6 V).
-        if u64::from(wait_states) + 1 < hclk.div_ceil(30_000_000) {
-            return Some(format!("{wait_states} wait states at {hclk} Hz"));
+        if hclk > self.supply.clock(wait_states.into()) {
+            let volts = self.supply.volts;
+            return Some(format!("{wait_states} wait states at {hclk} Hz and {volts:.2} V"));
         }
         if converters > 36_000_000 {
             return Some(format!("converters at {converters} Hz: 36 MHz at most"));
@@ -161,6 +167,13 @@ impl Chip {
         }
         (self.rcc.pclk(1) > 42_000_000 || self.rcc.pclk(2) > 84_000_000)
             .then(|| "a bus is too fast".to_owned())
+    }
+
+    /// Couples an edge of a power stage into the cables of all encoders, for `width` [ps].
+    pub fn disturb_encoders(&mut self, width: u64) {
+        self.settle(self.now);
+        let clock = self.rcc.timers(1);
+        self.timers.iter_mut().for_each(|timer| timer.disturb(width, clock));
     }
 
     fn hold_timers(&mut self, now: u64) {
@@ -209,7 +222,7 @@ impl Chip {
             self.gpio.drive(pin, level);
         }
         if self.exti.watched() != 0 {
-            let levels = self.exti_levels();
+            let levels = self.exti_levels() | u32::from(self.supply.is_low()) << 16;
             self.exti.set_levels(levels);
         }
         let trip =
@@ -328,7 +341,9 @@ impl Chip {
                 self.gpio.read((base as usize - 0x4002_0000) >> 10, offset)
             }
             0x4002_3800 => self.rcc.read(offset),
-            0x4002_3C00 | 0x4000_7000 | 0x4001_3800 => Some(self.kept.get(&address).copied().unwrap_or(0)),
+            0x4002_3C00 if offset == 0x14 => Some(self.supply.options()),
+            0x4000_7000 => self.supply.read(offset),
+            0x4002_3C00 | 0x4001_3800 => Some(self.kept.get(&address).copied().unwrap_or(0)),
             0xE000_E000..=0xE000_EC00 => self.nvic.read(address & 0xFFF),
             _ => None,
         };
@@ -369,7 +384,7 @@ impl Chip {
                 self.settle(now);
                 let done = self.exti.write(offset, value);
                 // A line that is newly watched has no edge.
-                let levels = self.exti_levels();
+                let levels = self.exti_levels() | u32::from(self.supply.is_low()) << 16;
                 self.exti.begin(levels);
                 done
             }
@@ -404,7 +419,8 @@ impl Chip {
                 self.hold_timers(now);
                 self.rcc.write(offset, value)
             }
-            0x4002_3C00 | 0x4000_7000 | 0x4001_3800 => {
+            0x4000_7000 => self.supply.write(offset, value),
+            0x4002_3C00 | 0x4001_3800 => {
                 self.kept.insert(address, value);
                 Some(())
             }

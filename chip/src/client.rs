@@ -25,6 +25,8 @@ pub struct Client {
     pub tips: Option<Tips>,
     /// Messages that were damaged.
     pub damaged: u32,
+    /// Messages of telemetry.
+    pub telemetry: u32,
 }
 
 impl Default for Client {
@@ -37,6 +39,7 @@ impl Default for Client {
             actuators: None,
             tips: None,
             damaged: 0,
+            telemetry: 0,
         }
     }
 }
@@ -54,6 +57,7 @@ impl Client {
                     self.actuators = Some(frame);
                 }
                 Some(Ok(FromBoard::Tips(tips))) => self.tips = Some(tips),
+                Some(Ok(FromBoard::Telemetry(_))) => self.telemetry += 1,
                 Some(Err(_)) => self.damaged += 1,
                 _ => {}
             }

@@ -73,7 +73,7 @@ pub struct Machine {
     /// 1: handlers find garbage in the float registers, which is allowed; 2: they also leave it there, to
     /// check that this is detected.
     pub scribble: u8,
-    _owner: Unicorn<'static, ()>,
+    owner: Unicorn<'static, ()>,
 }
 
 impl Deref for Machine {
@@ -133,7 +133,7 @@ impl Machine {
             entered: vec![0; 256],
             sleeping: false,
             scribble: 0,
-            _owner: owner,
+            owner,
         };
         let me: *mut c_void = shared.cast();
         let hook = |kind: HookType, callback: *mut c_void, begin: u64, end: u64| {
@@ -184,6 +184,12 @@ impl Machine {
         unsafe {
             uc_mem_write(self.uc, address.into(), bytes.as_ptr().cast(), bytes.len() as u64) == uc_error::OK
         }
+    }
+
+    /// Replaces a word of the image. Returns false when there is no memory.
+    pub fn patch(&mut self, address: u32, word: u32) -> bool {
+        // The engine has translated what was there.
+        self.put(address, &[word]) && self.owner.ctl_flush_tb().is_ok()
     }
 
     fn start_from_vectors(&mut self) {

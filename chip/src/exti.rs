@@ -1,4 +1,4 @@
-//! The EXTI lines of pins: edges, and their interrupts.
+//! The EXTI lines of pins and of the voltage detector: edges, and their interrupts.
 
 const IMR: usize = 0;
 const RTSR: usize = 2;
@@ -6,11 +6,11 @@ const FTSR: usize = 3;
 const SWIER: usize = 4;
 const PR: usize = 5;
 
-/// Lines that are pins.
-const LINES: u32 = 0xFFFF;
+/// Lines 0 to 15 are pins, line 16 is the voltage detector.
+const LINES: u32 = 0x1_FFFF;
 /// Interrupts, and their lines.
-pub const INTERRUPTS: [(u32, u32); 7] =
-    [(6, 1), (7, 1 << 1), (8, 1 << 2), (9, 1 << 3), (10, 1 << 4), (23, 0x3E0), (40, 0xFC00)];
+pub const INTERRUPTS: [(u32, u32); 8] =
+    [(1, 1 << 16), (6, 1), (7, 1 << 1), (8, 1 << 2), (9, 1 << 3), (10, 1 << 4), (23, 0x3E0), (40, 0xFC00)];
 
 #[derive(Default)]
 pub struct Exti {

@@ -23,6 +23,7 @@ pub mod pins;
 pub mod rcc;
 pub mod server;
 pub mod spi;
+pub mod supply;
 pub mod tim1;
 pub mod timer;
 pub mod usart;

@@ -15,6 +15,7 @@ const RCR: usize = 0xC;
 const CCR1: usize = 0xD;
 const BDTR: usize = 0x11;
 
+const DIR: u32 = 1 << 4;
 const BIF: u32 = 1 << 7;
 const MOE: u32 = 1 << 15;
 const AOE: u32 = 1 << 14;
@@ -332,6 +333,10 @@ impl Tim1 {
 
     pub fn read(&self, offset: u32, now: u64, clock: u64) -> Option<u32> {
         match offset {
+            0x00 => {
+                let goes_down = self.is_centred() && self.ticks(now, clock) % self.period() >= self.top;
+                Some(self.registers[CR1] & !DIR | if goes_down { DIR } else { 0 })
+            }
             0x24 => Some(self.count(self.ticks(now, clock) % self.period()) as u32),
             _ if offset <= 0x4C => Some(self.registers[offset as usize / 4]),
             _ => None,

@@ -37,6 +37,16 @@ fn a_pulse_lies_around_the_underflow() {
     assert_eq!(pulses(true).complementary(0, 1_000_000, CLOCK), Level::Low, "the complement");
 }
 
+/// By hand: a quarter of 50 µs up to the middle of the way, and as much later down.
+#[test]
+fn the_direction_tells_the_ways_up_and_down_apart() {
+    let timer = pulses(false);
+    for (time, count, goes_down) in [(12_500_000, 2100, false), (37_500_000, 2100, true)] {
+        let direction = timer.read(0x00, time, CLOCK).unwrap() >> 4 & 1;
+        assert_eq!((timer.read(0x24, time, CLOCK), direction == 1), (Some(count), goes_down));
+    }
+}
+
 /// By hand: a pair of outputs with 20 ticks of 5.952 ns, 0.119 µs, between them.
 #[test]
 fn outputs_of_a_pair_are_never_on_together() {

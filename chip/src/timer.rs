@@ -57,6 +57,38 @@ impl Timer {
         self.count = (self.count as i64 + edges).rem_euclid(self.top as i64 + 1) as u64;
     }
 
+    /// A disturbance of both channels, the second one a little later: four edges, unless the input filters
+    /// need more time than its `width` [ps].
+    pub fn disturb(&mut self, width: u64, clock: u64) {
+        // Samples, and clock cycles from one to the next (RM0090, 18.4.7; CKD is 0).
+        let filter = |bits: u32| {
+            let (samples, cycles) = [
+                (0, 0),
+                (2, 1),
+                (4, 1),
+                (8, 1),
+                (6, 2),
+                (8, 2),
+                (6, 4),
+                (8, 4),
+                (6, 8),
+                (8, 8),
+                (5, 16),
+                (6, 16),
+                (8, 16),
+                (5, 32),
+                (6, 32),
+                (8, 32),
+            ][(bits & 15) as usize];
+            samples * cycles * SECOND / clock
+        };
+        let modes = self.registers[CCMR1];
+        // One disturbed channel counts forth and back.
+        if filter(modes >> 4) <= width && filter(modes >> 12) <= width {
+            self.turn(4);
+        }
+    }
+
     fn now(&self, now: u64, clock: u64) -> u64 {
         if !self.counts_clock() {
             return self.count;

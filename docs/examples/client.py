@@ -110,7 +110,8 @@ CAUSES = """command timeout; position limit; velocity limit; following error; en
 torque not finite; late tick; sensor count; emergency stop; supply low; supply high; over-current; watchdog
 reset; panic; CPU fault; clock fallback; stop; force sensor saturated; force sensor stuck; too much force;
 object lost; object moved; tool away; tool turned; runaway; force mismatch; stop gained energy;
-sensors silent; crystal stopped; wrong crystal; power stage; force sensor silent""".replace("\n", " ").split("; ")
+sensors silent; crystal stopped; wrong crystal; power stage; force sensor silent; chip supply low;
+brown-out reset off""".replace("\n", " ").split("; ")
 
 
 def read_mode(r):
@@ -220,7 +221,8 @@ def read_status(r):
         "faults": r.uint(), "faults_read": bool(r.u8()), "commander": r.option(r.uint), "tick": r.uint(),
         "supply": r.f32(), "identity": read_identity(r),
         "clock": ["crystal", "internal with PLL", "internal"][r.uint()],
-        "reset": ["power-on", "watchdog", "panic", "CPU fault", "software", "crystal stopped"][r.uint()],
+        "reset": ["power-on", "watchdog", "panic", "CPU fault", "software", "crystal stopped",
+                  "brown-out"][r.uint()],
         "last_words": r.text(), "stack_used": r.uint(), "stack_size": r.uint(),
         "supervisor_link": read_statistics(r), "plant": read_statistics(r),
     }

@@ -70,7 +70,7 @@ impl<const N: usize> Order<N> {
 pub struct Measured<const N: usize> {
     /// Totals since the start.
     pub totals: Totals<N>,
-    /// The supply [counts].
+    /// The last sample of the supply [counts].
     pub supply: u16,
     /// Whether the motors are off because of a trip.
     pub has_tripped: bool,
@@ -80,7 +80,7 @@ pub struct Measured<const N: usize> {
 
 /// Returns the number of words of [`Measured`] for `motors` motors.
 pub const fn measured_words(motors: usize) -> usize {
-    2 * motors + 4
+    2 * motors + 5
 }
 
 impl<const N: usize> Measured<N> {
@@ -90,11 +90,11 @@ impl<const N: usize> Measured<N> {
     /// Encodes the measurements as `W` words, which must be [`measured_words`].
     pub fn words<const W: usize>(&self) -> [u32; W] {
         const { assert!(W == measured_words(N)) }
-        let Totals { currents, voltages, periods, driven } = &self.totals;
+        let Totals { currents, voltages, supply, periods, driven } = &self.totals;
         let sums = currents.iter().chain(voltages).map(|sum| sum.cast_unsigned());
         let tripped = if self.has_tripped { Self::TRIPPED } else { 0 };
         let ready = if self.is_ready { Self::READY } else { 0 };
-        let all = sums.chain([*periods, *driven, self.supply.into(), tripped | ready]);
+        let all = sums.chain([*supply, *periods, *driven, self.supply.into(), tripped | ready]);
         let mut words = [0; W];
         words.iter_mut().zip(all).for_each(|(word, value)| *word = value);
         words
@@ -108,6 +108,7 @@ impl<const N: usize> Measured<N> {
         let totals = Totals {
             currents: core::array::from_fn(|_| next().cast_signed()),
             voltages: core::array::from_fn(|_| next().cast_signed()),
+            supply: next(),
             periods: next(),
             driven: next(),
         };
@@ -135,10 +136,11 @@ mod tests {
         assert_eq!(Order::<2>::Learn.command(), None);
         // All zeros mean off.
         assert_eq!(Order::<2>::from_words(&[0; 5]), Order::Off);
-        let totals = Totals { currents: [1, -2], voltages: [i32::MIN, 4], periods: u32::MAX, driven: 6 };
+        let totals =
+            Totals { currents: [1, -2], voltages: [i32::MIN, 4], supply: 5, periods: u32::MAX, driven: 6 };
         for (has_tripped, is_ready) in [(false, false), (true, false), (false, true), (true, true)] {
             let measured = Measured { totals, supply: u16::MAX, has_tripped, is_ready };
-            assert_eq!(Measured::<2>::from_words(&measured.words::<8>()), measured);
+            assert_eq!(Measured::<2>::from_words(&measured.words::<9>()), measured);
         }
     }
 }

@@ -39,6 +39,7 @@ pub struct MotorJoints<const N: usize> {
     /// Periods of the current loops in a control period.
     periods: u32,
     last: Option<Last<N>>,
+    supply: Option<f32>,
     dead_encoder: Option<u8>,
 }
 
@@ -46,7 +47,7 @@ impl<const N: usize> MotorJoints<N> {
     /// Creates the joints without a robot. `periods` is the number of periods of the current loops in a
     /// control period.
     pub const fn new(periods: u32) -> Self {
-        Self { joints: Vec::new(), periods, last: None, dead_encoder: None }
+        Self { joints: Vec::new(), periods, last: None, supply: None, dead_encoder: None }
     }
 
     /// Takes a robot.
@@ -70,7 +71,7 @@ impl<const N: usize> MotorJoints<N> {
         totals: &Totals<N>,
     ) -> Option<Vec<i16, MAX_JOINTS>> {
         let last = self.last.replace(Last { period, counts, totals: *totals });
-        self.dead_encoder = None;
+        (self.dead_encoder, self.supply) = (None, None);
         let mut currents = Vec::new();
         let Some(last) = last else {
             currents.resize_default(self.joints.len()).ok()?;
@@ -81,6 +82,11 @@ impl<const N: usize> MotorJoints<N> {
         if samples.abs_diff(self.periods.wrapping_mul(elapsed)) > self.periods / 10 {
             return None;
         }
+        #[expect(clippy::cast_precision_loss, reason = "the sum of a period")]
+        let sum = totals.supply.wrapping_sub(last.totals.supply) as f32;
+        #[expect(clippy::cast_precision_loss, reason = "samples of a period")]
+        let mean = sum * VOLTAGE_RESOLUTION / samples as f32;
+        self.supply = Some(mean);
         let was_driven = totals.driven.wrapping_sub(last.totals.driven) == samples;
         let counts = changes(&counts, &last.counts);
         let sums = changes(&totals.currents, &last.totals.currents);
@@ -106,6 +112,12 @@ impl<const N: usize> MotorJoints<N> {
     /// ([`BackEmf`]).
     pub const fn dead_encoder(&self) -> Option<u8> {
         self.dead_encoder
+    }
+
+    /// Returns the mean supply in the last period [V]; `None` in the first one. A single disturbed sample,
+    /// such as of a power stage that switches, hardly changes it.
+    pub const fn supply(&self) -> Option<f32> {
+        self.supply
     }
 
     /// Returns whether every motor's back-EMF is known to be less than `voltage` [V]; false without a robot.
@@ -210,8 +222,22 @@ mod tests {
             joints: [joint, reversed].into_iter().collect(),
             periods: 200,
             last: None,
+            supply: None,
             dead_encoder: None,
         }
+    }
+
+    /// By hand: 199 samples of 12 V and one of 40 V are 12.14 V.
+    #[test]
+    fn a_disturbed_sample_hardly_changes_the_supply() {
+        let mut joints = joints();
+        let totals = Totals { supply: u32::MAX - 7, ..Totals::new() };
+        joints.update(1, [0; 2], &totals).unwrap();
+        assert_eq!(joints.supply(), None);
+        let sum = 199 * 12_000 + 40_000;
+        let totals = Totals { supply: totals.supply.wrapping_add(sum), periods: 200, ..totals };
+        joints.update(2, [0; 2], &totals).unwrap();
+        assert!((joints.supply().unwrap() - 12.14).abs() < 1e-4, "{:?}", joints.supply());
     }
 
     /// By hand: 5 counts of 1000 in two periods of 10 ms are π/2 rad/s; 400 samples of 0.3 A are 1 200 000

@@ -3,8 +3,7 @@
 
 use heapless::spsc::Consumer;
 use tesaki::control::{
-    CurrentLoop, CurrentLoopField, CurrentLoopState, Drive, InvalidCurrentLoop, SUPPLY_MIN, Switching,
-    Winding,
+    CurrentLoop, CurrentLoopField, CurrentLoopState, Drive, InvalidCurrentLoop, Supply, Switching, Winding,
 };
 use tesaki::math;
 
@@ -14,6 +13,10 @@ use crate::current_sign::CurrentSign;
 pub const SUM_RESOLUTION: f32 = 1e-4;
 /// Resolution of the sums of voltages [V].
 pub const VOLTAGE_RESOLUTION: f32 = 1e-3;
+
+/// The reciprocals, as a product takes a tenth of the time of a quotient. In decimals they are exact.
+const SUMS_PER_AMPERE: f32 = 1e4;
+const SUMS_PER_VOLT: f32 = 1e3;
 
 /// How the power stage measures a current.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -75,6 +78,8 @@ pub struct Totals<const N: usize> {
     pub currents: [i32; N],
     /// Sums of the voltages in [`VOLTAGE_RESOLUTION`]; they wrap.
     pub voltages: [i32; N],
+    /// Sum of the supply in [`VOLTAGE_RESOLUTION`]; it wraps.
+    pub supply: u32,
     /// Number of periods; it wraps.
     pub periods: u32,
     /// Number of periods in which the motors were driven; it wraps.
@@ -84,7 +89,7 @@ pub struct Totals<const N: usize> {
 impl<const N: usize> Totals<N> {
     /// Creates totals of zero.
     pub const fn new() -> Self {
-        Self { currents: [0; N], voltages: [0; N], periods: 0, driven: 0 }
+        Self { currents: [0; N], voltages: [0; N], supply: 0, periods: 0, driven: 0 }
     }
 }
 
@@ -129,7 +134,8 @@ pub struct Motors<const N: usize> {
     axes: [Option<Axis>; N],
     phase: Phase,
     wake_periods: u16,
-    resolution: f32,
+    /// Duty of a count.
+    count: f32,
     lag: f32,
     outputs: [Output; N],
     totals: Totals<N>,
@@ -199,7 +205,7 @@ impl<const N: usize> Motors<N> {
             axes: [None; N],
             phase: Phase::Off,
             wake_periods,
-            resolution: switching.resolution.into(),
+            count: 1.0 / f32::from(switching.resolution),
             lag: switching.lag,
             outputs: [Output::default(); N],
             totals: Totals::new(),
@@ -218,11 +224,6 @@ impl<const N: usize> Motors<N> {
     /// Returns the totals since the start.
     pub const fn totals(&self) -> Totals<N> {
         self.totals
-    }
-
-    /// Returns whether the motors are off, and no command will switch them on before the next period.
-    pub fn are_off(&self) -> bool {
-        matches!(self.phase, Phase::Off | Phase::Tripped)
     }
 
     /// Returns whether the motors are off because of a trip.
@@ -252,6 +253,13 @@ impl<const N: usize> Motors<N> {
     /// is NaN trips.
     pub fn update(&mut self, measured: &[f32; N], supply: f32, stages: &mut impl PowerStages<N>) {
         self.totals.periods = self.totals.periods.wrapping_add(1);
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "saturates; a supply has some volts"
+        )]
+        let supply_counts = (supply * SUMS_PER_VOLT) as u32;
+        self.totals.supply = self.totals.supply.wrapping_add(supply_counts);
         match self.phase {
             Phase::Off | Phase::Tripped => {}
             Phase::Waking(0) => {
@@ -264,6 +272,7 @@ impl<const N: usize> Motors<N> {
     }
 
     fn run(&mut self, measured: &[f32; N], supply: f32, stages: &mut impl PowerStages<N>) {
+        let supply = Supply::from(supply);
         let mut off = false;
         let mut tripped = stages.has_tripped();
         self.totals.driven = self.totals.driven.wrapping_add(1);
@@ -273,9 +282,9 @@ impl<const N: usize> Motors<N> {
             let Some(axis) = axis else { continue };
             let [before, last] = axis.duties;
             let duty = self.lag * before + (1.0 - self.lag) * last;
-            let voltage = duty * if supply > SUPPLY_MIN { supply } else { 0.0 };
+            let voltage = duty * supply.volts();
             #[expect(clippy::cast_possible_truncation, reason = "saturates; a supply has some volts")]
-            let counts = (voltage / VOLTAGE_RESOLUTION) as i32;
+            let counts = (voltage * SUMS_PER_VOLT) as i32;
             *total_voltage = total_voltage.wrapping_add(counts);
             let current = match &mut axis.sign {
                 Some(sign) => sign.resolve(measured, voltage, axis.velocity),
@@ -286,7 +295,7 @@ impl<const N: usize> Motors<N> {
                 clippy::cast_possible_truncation,
                 reason = "saturates; a converter measures some amperes"
             )]
-            let counts = (current / SUM_RESOLUTION) as i32;
+            let counts = (current * SUMS_PER_AMPERE) as i32;
             *total = total.wrapping_add(counts);
             // False for NaN.
             let is_permitted = math::abs(measured) <= axis.trip;
@@ -307,7 +316,7 @@ impl<const N: usize> Motors<N> {
                 output.positive = if duty == 0 { output.positive } else { duty > 0 };
                 output.counts = duty.unsigned_abs();
             }
-            let magnitude = f32::from(output.counts) / self.resolution;
+            let magnitude = f32::from(output.counts) * self.count;
             axis.duties = [last, if output.positive { magnitude } else { -magnitude }];
         }
         if tripped || off {

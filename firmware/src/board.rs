@@ -101,6 +101,21 @@ pub trait Latch {
 pub trait CurrentControl {
     /// Called when a sample is complete.
     fn on_sample(&mut self);
+
+    /// Returns where the converters are in their period, if they run: they and the control period have the
+    /// same clock, and the boot chooses how one lies in the other.
+    fn phase(&self) -> Option<Phase> {
+        None
+    }
+}
+
+/// Where the converters are in their period.
+#[derive(Clone, Copy, Debug)]
+pub struct Phase {
+    /// Time since the last trigger [counts of 168 MHz].
+    pub since: u32,
+    /// Time from one trigger to the next [counts of 168 MHz].
+    pub period: u32,
 }
 
 /// For a board that controls no currents; its converters never interrupt.

@@ -5,7 +5,10 @@ use stm32f4xx_hal::prelude::*;
 use tesaki::fault::{Fault, FaultCause};
 use tesaki::node::Node;
 use tesaki::protocol::{BoardStatus, ClockSource, Identity, LinkStatistics, ResetCause};
-use tesaki_firmware::board::{Board, Peripherals, SupervisorLine, ThisBoard, uses_plant_link};
+use tesaki_firmware::board::{
+    Board, CurrentControl, Peripherals, Phase, SupervisorLine, ThisBoard, uses_plant_link,
+};
+use tesaki_firmware::chip_supply;
 use tesaki_firmware::clock::{self, Clocks};
 use tesaki_firmware::identity::identity;
 use tesaki_firmware::link::{Uart, Uarts};
@@ -35,8 +38,13 @@ pub struct Started {
 /// Initialises clock, watchdog, board, UARTs and timer, and records the cause of the reset in `node`.
 pub fn start(device: pac::Peripherals, syst: cortex_m::peripheral::SYST, node: &mut Node) -> Started {
     let watchdog = Watchdog::start(device.IWDG);
+    let is_supplied = chip_supply::start(&device.RCC, &device.PWR, &device.EXTI, &watchdog);
     let measure = || clock::measure_crystal(&device.RCC, &device.TIM11);
-    let clocks = clock::bring_up(&device.RCC, &device.FLASH, ThisBoard::CRYSTAL, measure);
+    let clocks = if is_supplied {
+        clock::bring_up(&device.RCC, &device.FLASH, ThisBoard::CRYSTAL, measure)
+    } else {
+        Clocks::SLOW
+    };
     watchdog.feed();
     device.RCC.apb1enr().modify(|_, w| w.tim2en().set_bit());
     match ThisBoard::SUPERVISOR {
@@ -45,6 +53,10 @@ pub fn start(device: pac::Peripherals, syst: cortex_m::peripheral::SYST, node: &
     };
     let flags = device.RCC.csr().read();
     let (by_watchdog, by_software) = (flags.wdgrstf().bit_is_set(), flags.sftrstf().bit_is_set());
+    // The flag of a brown-out comes with every power-on, too (RM0090, 7.3.21).
+    let by_power = flags.porrstf().bit_is_set();
+    let by_brown_out = flags.borrstf().bit_is_set() && !by_power;
+    let level = chip_supply::brown_out_level(&device.FLASH);
     device.RCC.csr().modify(|_, w| w.rmvf().set_bit());
 
     let mut identity = identity(&device.RCC, Identity::TASKS);
@@ -86,7 +98,8 @@ pub fn start(device: pac::Peripherals, syst: cortex_m::peripheral::SYST, node: &
         unsafe { (*pac::RCC::ptr()).apb1enr().modify(|_, w| w.usart2en().set_bit()) };
         uarts.usart2.start(clocks.apb1, clocks.baud);
     }
-    start_timer(&device.TIM2, clocks.timer, if plant_link { IDLE_PERIOD } else { PERIOD });
+    let period = if plant_link { IDLE_PERIOD } else { PERIOD };
+    start_timer(&device.TIM2, clocks.timer, period, || current_control.phase());
 
     let crash = retained::take_crash();
     let reset = match &crash {
@@ -94,8 +107,10 @@ pub fn start(device: pac::Peripherals, syst: cortex_m::peripheral::SYST, node: &
         Some(crash) => match crash.cause() {
             FaultCause::Panic => ResetCause::Panic,
             FaultCause::CrystalStopped => ResetCause::CrystalStopped,
+            FaultCause::ChipSupplyLow => ResetCause::BrownOut,
             _ => ResetCause::HardFault,
         },
+        None if by_brown_out => ResetCause::BrownOut,
         None if by_software => ResetCause::Software,
         None => ResetCause::PowerOn,
     };
@@ -103,7 +118,17 @@ pub fn start(device: pac::Peripherals, syst: cortex_m::peripheral::SYST, node: &
     let clock_faults = if plant_link { [None; 2] } else { clock_faults(&clocks) };
     let watchdog_fault = by_watchdog.then_some((FaultCause::WatchdogReset, 0, 0));
     let crash_fault = crash.as_ref().map(|crash| (crash.cause(), crash.place, 0));
-    record_faults(node, [watchdog_fault, crash_fault].into_iter().chain(clock_faults).flatten());
+    let brown_out = by_brown_out.then_some((FaultCause::ChipSupplyLow, 2, 0));
+    let low_supply = (!is_supplied).then_some((FaultCause::ChipSupplyLow, 3, 0));
+    // Its faults are those since power-on, even if the memory has kept older ones.
+    if !by_power && let Some((log, joints)) = retained::faults() {
+        node.restore_faults(log, joints);
+    }
+    let is_told = node.faults().faults.iter().any(|fault| fault.cause == FaultCause::BrownOutResetOff);
+    let unprotected = ThisBoard::HAS_POWER_STAGES && level < chip_supply::NEEDED_LEVEL && !is_told;
+    let unprotected = unprotected.then_some((FaultCause::BrownOutResetOff, level, chip_supply::NEEDED_LEVEL));
+    let own = [watchdog_fault, crash_fault, brown_out, low_supply, unprotected];
+    record_faults(node, own.into_iter().chain(clock_faults).flatten());
     let text = crash.as_ref().map_or("", |crash| crash.text());
     let status = BoardStatus {
         identity,
@@ -129,11 +154,8 @@ fn clock_faults(clocks: &Clocks) -> [Option<StartFault>; 2] {
     [wrong_crystal, fallback.then_some((FaultCause::ClockFallback, clocks.source as u32, 0))]
 }
 
-/// Restores the faults from before the reset, and adds those found at the start.
+/// Adds the faults found at the start.
 fn record_faults(node: &mut Node, faults: impl Iterator<Item = StartFault>) {
-    if let Some((log, joints)) = retained::faults() {
-        node.restore_faults(log, joints);
-    }
     for (cause, value, limit) in faults {
         #[expect(
             clippy::cast_precision_loss,
@@ -150,12 +172,24 @@ const IDLE_PERIOD: u16 = 50_000;
 /// The control period [µs].
 const PERIOD: u16 = (tesaki::TICK * 1e6) as u16;
 
-/// Starts the timer interrupt with `period` [µs].
-fn start_timer(timer: &pac::TIM2, clock: u32, period: u16) {
+/// Time from a trigger of the converters to the instant of a control period [µs]. Both come from the same
+/// PLL, and the control period is a multiple of that of the triggers, so it stays as it is set. Conversion
+/// and current loops take some 11 µs after a trigger, of the 25 or 50 µs to the next: at this time the
+/// instant neither interrupts them, nor falls on the end where it would see a sample more or a sample less.
+const INSTANT: u32 = 18;
+
+/// Starts the timer interrupt with `period` [µs], and, if `phase` returns that of the converters, [`INSTANT`]
+/// after a trigger, to a microsecond.
+fn start_timer(timer: &pac::TIM2, clock: u32, period: u16, phase: impl FnOnce() -> Option<Phase>) {
     timer.psc().write(|w| w.psc().set((clock / 1_000_000 - 1) as u16));
     timer.arr().write(|w| w.arr().set(u32::from(period) - 1));
     timer.egr().write(|w| w.ug().set_bit());
     timer.sr().modify(|_, w| w.uif().clear_bit());
     timer.dier().modify(|_, w| w.uie().set_bit());
+    if let Some(Phase { since, period: pulse }) = phase() {
+        // Counts of 168 MHz until the first such time, and microseconds.
+        let left = (INSTANT * 168 + pulse - since.min(pulse)) % pulse.max(1) / 168;
+        timer.cnt().write(|w| w.cnt().set(u32::from(period) - 1 - left));
+    }
     timer.cr1().modify(|_, w| w.cen().set_bit());
 }

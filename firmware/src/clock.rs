@@ -32,6 +32,18 @@ pub struct Clocks {
     pub baud: u32,
 }
 
+impl Clocks {
+    /// The internal oscillator without PLL, as after a reset.
+    pub const SLOW: Self = Self {
+        source: ClockSource::Internal,
+        wrong_crystal: None,
+        apb1: INTERNAL,
+        apb2: INTERNAL,
+        timer: INTERNAL,
+        baud: 115_200,
+    };
+}
+
 /// Starts the PLL at 168 MHz, from the crystal if `measure` confirms its frequency `crystal` [Hz], else from
 /// the internal oscillator. Without PLL the clock stays at 16 MHz, too slow for 921 600 baud: the UARTs then
 /// run at 115 200. A crystal that stops later raises the NMI (clock security system).
@@ -64,14 +76,13 @@ pub fn bring_up(
     if start_pll(rcc, flash, None) {
         return fast(ClockSource::InternalPll, wrong_crystal);
     }
-    Clocks {
-        source: ClockSource::Internal,
-        wrong_crystal,
-        apb1: INTERNAL,
-        apb2: INTERNAL,
-        timer: INTERNAL,
-        baud: 115_200,
-    }
+    Clocks { wrong_crystal, ..Clocks::SLOW }
+}
+
+/// Returns to the internal oscillator, which runs since the reset, without PLL.
+pub fn slow_down() {
+    // SAFETY: the caller ends everything else that uses this register.
+    unsafe { (*pac::RCC::ptr()).cfgr().modify(|_, w| w.sw().hsi()) };
 }
 
 /// Starts the PLL: 1 MHz · 336 / 2 = 168 MHz. AHB undivided, APB1 a quarter, APB2 a half. `crystal` is the

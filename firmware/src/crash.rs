@@ -1,4 +1,4 @@
-//! Panic, CPU fault and stopped crystal: switch the outputs off, retain the cause, reset.
+//! Panic, CPU fault, stopped crystal and low supply: switch the outputs off, retain the cause, reset.
 
 use core::arch::naked_asm;
 use core::mem::MaybeUninit;
@@ -9,6 +9,7 @@ use cortex_m_rt::exception;
 use stm32f4xx_hal::pac;
 use tesaki::fault::FaultCause;
 use tesaki_firmware::board::{Board, ThisBoard};
+use tesaki_firmware::clock;
 use tesaki_firmware::retained::retain_crash;
 use tesaki_firmware::stack;
 
@@ -79,5 +80,15 @@ unsafe fn NonMaskableInt() -> ! {
     // SAFETY: one store to a register that nobody else uses now.
     unsafe { (*pac::RCC::ptr()).cir().modify(|_, w| w.cssc().clear()) };
     retain_crash(FaultCause::CrystalStopped, 0, format_args!("the crystal stopped"));
+    SCB::sys_reset()
+}
+
+/// The supply of the microcontroller falls: some 10 to 100 µs later the CPU may read wrong instructions at
+/// this clock. The internal oscillator is slow enough for every voltage at which the chip runs.
+pub fn end_by_low_supply() -> ! {
+    cortex_m::interrupt::disable();
+    ThisBoard::off();
+    clock::slow_down();
+    retain_crash(FaultCause::ChipSupplyLow, 1, format_args!("the microcontroller's supply fell below 2.9 V"));
     SCB::sys_reset()
 }

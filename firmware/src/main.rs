@@ -20,10 +20,10 @@ mod app {
     use tesaki_firmware::board::{Board, CurrentControl, Latch, ThisBoard};
     use tesaki_firmware::control::Periods;
     use tesaki_firmware::link::{Endpoint, Line, Lines, Storage};
-    use tesaki_firmware::watchdog::Watchdog;
+    use tesaki_firmware::watchdog::{Background, Watchdog, tell_alive};
     use tesaki_firmware::{retained, stack};
 
-    use super::{boot, pac};
+    use super::{boot, crash, pac};
     use pac::Interrupt;
 
     /// Log entries of a tick: index of the second one, input, output.
@@ -31,15 +31,20 @@ mod app {
     /// Capacity plus one of the queue of log entries. One tick every 10 ms; sending the longest takes 3 ms.
     const TICK_LOGS: usize = 8;
 
+    /// Requests that are handled before telemetry and log get their turn.
+    const REQUESTS: u32 = 8;
+
     type BoardLatch = <ThisBoard as Board>::Latch;
     /// Number of a period, and what the timer's interrupt has latched in it.
     type Sample = (u32, <BoardLatch as Latch>::Sample);
-    /// Capacity plus one of the queue of samples. Only the last one is used: earlier ones are out of date.
-    const SAMPLES: usize = 4;
 
     #[shared]
     struct Shared {
         node: &'static mut Node,
+        /// The last sample that the control task has not taken yet. It takes it directly after the instant:
+        /// only a control task that is a period late can delay the next instant by its lock, less than a
+        /// microsecond.
+        sample: Option<Sample>,
         /// Statistics of the plant link, for the status.
         plant_statistics: tesaki::protocol::LinkStatistics,
         watchdog: Watchdog,
@@ -53,8 +58,6 @@ mod app {
         timer: pac::TIM2,
         latch: BoardLatch,
         current_control: <ThisBoard as Board>::CurrentControl,
-        samples_in: Producer<'static, Sample>,
-        samples_out: Consumer<'static, Sample>,
         usart1: Line<pac::USART1>,
         usart2: Line<pac::USART2>,
         uart4: Line<pac::UART4>,
@@ -70,7 +73,6 @@ mod app {
         supervisor_link: Storage = Storage::new(),
         plant_storage: Storage = Storage::new(),
         ticks: Queue<TickLog, TICK_LOGS> = Queue::new(),
-        samples: Queue<Sample, SAMPLES> = Queue::new(),
     ])]
     fn init(cx: init::Context) -> (Shared, Local) {
         stack::paint();
@@ -89,15 +91,19 @@ mod app {
             status.reset
         );
         let (ticks_in, ticks_out) = cx.local.ticks.split();
-        let (samples_in, samples_out) = cx.local.samples.split();
         (
-            Shared { node: cx.local.node, plant_statistics: Default::default(), watchdog, board, plant_link },
+            Shared {
+                node: cx.local.node,
+                sample: None,
+                plant_statistics: Default::default(),
+                watchdog,
+                board,
+                plant_link,
+            },
             Local {
                 timer,
                 latch,
                 current_control,
-                samples_in,
-                samples_out,
                 usart1,
                 usart2,
                 uart4,
@@ -113,6 +119,7 @@ mod app {
     #[idle(shared = [watchdog, &plant_link])]
     fn idle(mut cx: idle::Context) -> ! {
         loop {
+            tell_alive();
             if *cx.shared.plant_link {
                 cx.shared.watchdog.lock(|watchdog| watchdog.feed());
             }
@@ -124,17 +131,17 @@ mod app {
 
     /// The timer: the instant at which a control period begins. On the plant link it only wakes the idle
     /// loop.
-    #[task(binds = TIM2, priority = 5, shared = [&plant_link],
-           local = [timer, latch, samples_in, period: u32 = 0])]
-    fn instant(cx: instant::Context) {
+    #[task(binds = TIM2, priority = 5, shared = [sample, &plant_link],
+           local = [timer, latch, period: u32 = 0])]
+    fn instant(mut cx: instant::Context) {
         cx.local.timer.sr().modify(|_, w| w.uif().clear_bit());
         if *cx.shared.plant_link {
             return;
         }
         let sample = cx.local.latch.latch();
         *cx.local.period = cx.local.period.wrapping_add(1);
-        // A full queue shows as a gap in the numbers of the periods.
-        let _ = cx.local.samples_in.enqueue((*cx.local.period, sample));
+        // One that was not taken shows as a gap in the numbers of the periods.
+        cx.shared.sample.lock(|last| *last = Some((*cx.local.period, sample)));
         rtic::pend(Interrupt::EXTI0);
     }
 
@@ -158,6 +165,12 @@ mod app {
         cx.local.uart4.on_interrupt();
     }
 
+    /// The supply of the microcontroller falls. It does not return.
+    #[task(binds = PVD, priority = 7)]
+    fn chip_supply(_: chip_supply::Context) {
+        crash::end_by_low_supply()
+    }
+
     /// Edges that switch the power stages off, on boards where no timer can, or that signal new data.
     #[task(binds = EXTI2, priority = 6)]
     fn first_edge(_: first_edge::Context) {
@@ -176,8 +189,9 @@ mod app {
     }
 
     /// One control period, of the timer or of the plant link.
-    #[task(binds = EXTI0, priority = 2, shared = [node, board, plant_statistics, watchdog, &plant_link],
-           local = [plant, samples_out, periods: Periods = Periods::new(), ticks_in])]
+    #[task(binds = EXTI0, priority = 2, shared = [node, board, sample, plant_statistics, watchdog, &plant_link],
+           local = [plant, periods: Periods = Periods::new(),
+                    background: Background = Background::new(), ticks_in])]
     fn control(mut cx: control::Context) {
         let ticks = cx.local.ticks_in;
         if *cx.shared.plant_link {
@@ -192,16 +206,12 @@ mod app {
             cx.shared.plant_statistics.lock(|shared| *shared = statistics);
             return;
         }
-        let mut last = None;
-        while let Some(sample) = cx.local.samples_out.dequeue() {
-            last = Some(sample);
-        }
-        let Some((period, sample)) = last else { return };
+        let Some((period, sample)) = cx.shared.sample.lock(Option::take) else { return };
         let periods = cx.local.periods;
         let healthy = (cx.shared.board, cx.shared.node).lock(|board, node| {
             periods.run(board, node, period, &sample, |node, sensors| tick(node, sensors, ticks))
         });
-        if healthy {
+        if cx.local.background.is_alive() && healthy {
             cx.shared.watchdog.lock(|watchdog| watchdog.feed());
         }
     }
@@ -239,7 +249,12 @@ mod app {
             (status.supervisor_link, status.plant) = (link.statistics(), plant);
             (status.stack_used, status.stack_size) = stack::usage();
         };
-        while let Some(result) = link.receive::<RequestFrame>() {
+        let mut handled = 0;
+        while handled < REQUESTS
+            && let Some(result) = link.receive::<RequestFrame>()
+        {
+            handled += 1;
+            tell_alive();
             if let Ok(request) = result {
                 let plant = cx.shared.plant_statistics.lock(|statistics| *statistics);
                 refresh(status, link, plant);
@@ -257,6 +272,9 @@ mod app {
                 }
                 link.flush();
             }
+        }
+        if handled == REQUESTS {
+            rtic::pend(Interrupt::EXTI1);
         }
         if cx.shared.node.lock(|node| node.is_due(Stream::Status)) {
             let plant = cx.shared.plant_statistics.lock(|statistics| *statistics);

@@ -58,7 +58,8 @@ impl<const N: usize> Record<N> {
 pub struct Crash {
     /// Number of the [`FaultCause`].
     cause: u32,
-    /// Line of the panic, or program counter of the CPU fault.
+    /// Line of the panic, program counter of the CPU fault, or [value of the fault of a low
+    /// supply](FaultCause::ChipSupplyLow).
     pub place: u32,
     length: u32,
     text: [u8; MAX_TEXT],
@@ -82,7 +83,8 @@ pub fn retain_faults(log: &FaultLog, joints: u32) {
     }
 }
 
-/// Returns the fault log from before the reset and the checksum of its joints, if valid.
+/// Returns the fault log from before the reset and the checksum of its joints, if valid. The memory may also
+/// keep it through a short loss of power.
 pub fn faults() -> Option<(FaultLog, u32)> {
     // SAFETY: the memory is there and aligned; any bits are valid integers.
     unsafe { ptr::read_volatile(&raw const (*retained()).log) }.decode(FaultLog::KEY)
@@ -120,9 +122,9 @@ pub fn take_crash() -> Option<Crash> {
 }
 
 impl Crash {
-    /// Returns the fault cause: panic, stopped crystal or CPU fault.
+    /// Returns the fault cause: panic, stopped crystal, low supply of the chip, or CPU fault.
     pub fn cause(&self) -> FaultCause {
-        [FaultCause::Panic, FaultCause::CrystalStopped]
+        [FaultCause::Panic, FaultCause::CrystalStopped, FaultCause::ChipSupplyLow]
             .into_iter()
             .find(|cause| self.cause == u32::from(cause.number()))
             .unwrap_or(FaultCause::HardFault)

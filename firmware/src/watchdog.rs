@@ -3,9 +3,12 @@
 //! Its oscillator (LSI) nominally has 32 kHz, but can have between 17 and 47 kHz (datasheet): the timeout is
 //! nominally 100 ms, between 68 ms and 188 ms.
 //!
-//! With sensors and drives on the board, each healthy control tick feeds it. On the plant link the host
-//! controls time and may pause, so the idle loop feeds it, which shows that no RTIC task hangs; the timer
-//! wakes it.
+//! With sensors and drives on the board, each healthy control tick feeds it, as long as the code of lower
+//! priorities runs, too ([`Background`]): if a request hung, no further one could stop the robot. On the
+//! plant link the host controls time and may pause, so the idle loop feeds it, which shows that no RTIC task
+//! hangs; the timer wakes it.
+
+use core::sync::atomic::{AtomicU32, Ordering};
 
 use crate::pac;
 
@@ -13,6 +16,40 @@ use crate::pac;
 const STEPS: u16 = 100;
 /// Polls until the settings have arrived in the watchdog: five periods of its oscillator, 0.3 ms at 17 kHz.
 const MAX_POLLS: u32 = 2000;
+
+/// Control periods for which the code of lower priorities may be silent: half a second. A request takes
+/// milliseconds.
+const MAX_SILENCE: u32 = 50;
+
+static SIGNS_OF_LIFE: AtomicU32 = AtomicU32::new(0);
+
+/// The idle loop, and the supervisor's task before each request, tell that they run. Under requests without a
+/// pause the idle loop does not run.
+pub fn tell_alive() {
+    SIGNS_OF_LIFE.fetch_add(1, Ordering::Relaxed);
+}
+
+/// Watches the code that calls [`tell_alive`].
+#[derive(Debug, Default)]
+pub struct Background {
+    seen: u32,
+    silent: u32,
+}
+
+impl Background {
+    /// Creates the state at the start.
+    pub const fn new() -> Self {
+        Self { seen: 0, silent: 0 }
+    }
+
+    /// Runs one control period. Returns whether that code has run lately.
+    pub fn is_alive(&mut self) -> bool {
+        let seen = SIGNS_OF_LIFE.load(Ordering::Relaxed);
+        self.silent = if seen == self.seen { self.silent.saturating_add(1) } else { 0 };
+        self.seen = seen;
+        self.silent <= MAX_SILENCE
+    }
+}
 
 /// A running watchdog. It cannot be stopped.
 pub struct Watchdog(pac::IWDG);

@@ -291,6 +291,7 @@ def from_board():
         "hard-fault": nobody + board_status(0, 3, "w" * 96, 0, 0, NO_STATISTICS, NO_STATISTICS),
         "software": nobody + board_status(0, 4, "", 0, 0, NO_STATISTICS, NO_STATISTICS),
         "crystal-stopped": nobody + board_status(1, 5, "", 0, 0, NO_STATISTICS, NO_STATISTICS),
+        "brown-out": nobody + board_status(0, 6, "", 0, 0, NO_STATISTICS, NO_STATISTICS),
     }
     golden("board-hello", reply(9, 1234, uint(0) + uint(SCHEMA) + IDENTITY))
     golden("board-done", reply(9, 1234, uint(1)))
@@ -305,6 +306,8 @@ def from_board():
     second = [fault(cause, None, 2.0, 0.0, 0) for cause in range(16, 32)]
     golden("board-faults-16-to-31", reply(9, 1234, uint(4) + uint(4294967295) + sequence(second)))
     golden("board-faults-32", reply(9, 1234, uint(4) + uint(33) + sequence([fault(32, 5, 3.0, 0.0, 70)])))
+    at_boot = [fault(33, None, 1.0, 0.0, 0), fault(34, None, 0.0, 3.0, 0)]
+    golden("board-faults-33-and-34", reply(9, 1234, uint(4) + uint(35) + sequence(at_boot)))
     exported = uint(5) + uint(220) + uint(0xDEADBEEF) + uint(2469) + uint(STATE)
     golden("board-exported", reply(9, 1234, exported))
     golden("board-chunk", reply(9, 1234, uint(6) + uint(192) + blob([0, 1, 254, 255])))

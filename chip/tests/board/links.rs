@@ -1,7 +1,7 @@
 //! The serial lines: nothing is lost while the current loops run, and a silent plant link does no harm.
 
 use tesaki::protocol::codec::{Decoder, FrameCounts, MAX_FRAME, encode};
-use tesaki::protocol::{ActuatorFrame, LinkStatistics, Mode, Request, SensorFrame, Stream};
+use tesaki::protocol::{ActuatorFrame, Item, LinkStatistics, Mode, Request, SensorFrame, Stream};
 use tesaki_chip::SECOND;
 use tesaki_chip::bench::Bench;
 use tesaki_chip::client::Client;
@@ -61,6 +61,29 @@ fn no_byte_is_lost_beside_the_current_loops() {
     assert_whole(&status.board.supervisor_link);
     assert_eq!(status.node.mode, Mode::Fault);
     assert!(frames > 5000 && received > 50_000, "{frames} {received}");
+}
+
+/// A client that always has another request waiting, each of which takes longer than its bytes, starves
+/// neither telemetry nor watchdog.
+#[test]
+fn a_flood_of_requests_leaves_telemetry_its_turn() {
+    let mut rig = Rig::enabled();
+    rig.client.demand(&mut rig.machine, Request::SetRate { stream: Stream::Telemetry, every: 1 }).unwrap();
+    let before = rig.client.telemetry;
+    let start = rig.machine.now();
+    for millisecond in 1..=1000 {
+        while rig.machine.chip.supervisor().incoming.len() < 120 {
+            rig.client.send(&mut rig.machine, Request::Export(Item::State));
+        }
+        rig.machine.run(start + millisecond * SECOND / 1000).unwrap();
+        rig.client.receive(&mut rig.machine);
+    }
+    let telemetry = rig.client.telemetry - before;
+    println!("{telemetry} messages of telemetry in a second of requests without a pause");
+    // The replies fill the line back, too, so most of it is dropped.
+    assert!(telemetry > 10, "{telemetry}");
+    assert_eq!(rig.machine.resets, Vec::<&str>::new());
+    assert_eq!(rig.machine.chip.supervisor().lost, 0);
 }
 
 /// The host of a plant link may be stopped in a debugger: the board waits for an hour of its time, and then

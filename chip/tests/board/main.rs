@@ -8,5 +8,6 @@ mod measures;
 mod mistakes;
 mod odrive;
 mod rig;
+mod supply;
 mod timing;
 mod weact;

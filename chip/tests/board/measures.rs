@@ -72,6 +72,27 @@ fn a_dead_encoder_in_motion_is_named_and_off_within_2_periods() {
     assert!(worst <= 2, "{worst}");
 }
 
+/// The microcontroller's supply falls by 10 mV a microsecond: the power stages sleep before it is so low that
+/// the CPU reads wrong instructions, also where the detector's threshold is the lowest of its tolerance, 80
+/// mV less.
+#[test]
+fn a_falling_supply_of_the_chip_is_off_in_microseconds() {
+    let mut worst = 0.0_f64;
+    for round in 0..8 {
+        let mut rig = Rig::enabled();
+        rig.run(0.01 + f64::from(round) * 6.3e-6);
+        while !sleeps(&rig) {
+            rig.machine.chip.supply.volts -= 1e-3;
+            let until = rig.machine.now() + MICROSECOND / 10;
+            rig.machine.run(until).unwrap();
+            assert_eq!(rig.machine.chip.violation(), None);
+        }
+        worst = worst.max(2.93 - rig.machine.chip.supply.volts);
+    }
+    println!("falling supply of the chip: off {:.1} µs after the threshold", worst * 100.0);
+    assert!(worst < 0.03, "{worst} V");
+}
+
 /// Emergency stop and nFAULT end the pulses while the CPU executes nothing.
 #[test]
 fn pulses_end_without_an_instruction() {
@@ -94,6 +115,57 @@ fn pulses_end_without_an_instruction() {
         println!("{name}: last pulse ended {} ps after it", bench.last_driven.saturating_sub(pressed));
         assert!(bench.last_driven <= pressed, "{name}");
     }
+}
+
+/// The supply at the last sample of each period is disturbed, beyond `supply_max`: no fault, as the mean of
+/// the period counts. A supply that stays there is a fault.
+#[test]
+fn a_disturbed_sample_of_the_supply_is_no_fault() {
+    let mut rig = Rig::enabled();
+    let normal = rig.machine.chip.bench.supply;
+    let high = f64::from(rig.model.safety.supply_max) + 4.0;
+    for _ in 0..10 {
+        let instant = rig.machine.entered[16 + 28] + SECOND / 100;
+        rig.machine.run(instant - 60 * MICROSECOND).unwrap();
+        rig.machine.chip.bench.supply = high;
+        rig.machine.run(instant + MICROSECOND).unwrap();
+        rig.machine.chip.bench.supply = normal;
+        rig.keep();
+        rig.run(0.002);
+    }
+    assert_eq!(rig.faults(), []);
+    rig.machine.chip.bench.supply = high;
+    rig.run(0.03);
+    assert_eq!(rig.faults().last().unwrap().cause, FaultCause::SupplyHigh);
+}
+
+/// The control task is late by five periods: it goes on with the last sample, not with one that waited.
+#[test]
+fn a_late_control_task_takes_the_last_sample() {
+    let mut rig = Rig::enabled();
+    let tick = rig.status().node.tick;
+    let before = rig.machine.work[16 + 28].times;
+    rig.stop_control();
+    rig.run(0.055);
+    rig.machine.chip.nvic.enabled[0] |= 1 << 6;
+    rig.run(0.001);
+    let late: Vec<_> = rig.faults().iter().map(|fault| (fault.cause, fault.value)).collect();
+    let missed = rig.machine.work[16 + 28].times - before;
+    println!("from tick {tick}: {missed} instants, {late:?}");
+    let [(FaultCause::LateTick, value)] = late[..] else { panic!("{late:?}") };
+    assert!((5.0..=6.0).contains(&value), "{value}");
+}
+
+/// A request hangs: nothing could stop the robot by a request any more, although the control task goes on.
+#[test]
+fn a_hanging_request_resets_the_board_within_a_second() {
+    let mut rig = Rig::enabled();
+    rig.hang(7);
+    rig.keep();
+    let limit = SECOND;
+    let until = time_until(&mut rig, SECOND / 1000, limit, sleeps).unwrap();
+    println!("a hanging request: off within {:.2} s", until as f64 / SECOND as f64);
+    assert_eq!(rig.machine.resets, ["watchdog"]);
 }
 
 /// The control task is dead, but the timer continues: the loops brake after two periods without a command.

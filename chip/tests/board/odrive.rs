@@ -156,6 +156,7 @@ const MISTAKES: &[(&str, u32, u32, u32)] = &[
     ("EXTI FTSR: no falling edges", 0x4001_3C0C, u32::MAX, 0),
     ("EXTI IMR: nFAULT masked", 0x4001_3C00, 1 << 2, 0),
     ("SYSCFG EXTICR1: line 2 is port A", 0x4001_3808, 15 << 8, 0),
+    ("EXTI IMR: PVD masked", 0x4001_3C00, 1 << 16, 0),
     ("PB12 an input", 0x4002_0400, 3 << 24, 0),
     ("PC14 an input", 0x4002_0800, 3 << 28, 0),
     ("PA1 AF7", 0x4002_0020, 15 << 4, 7 << 4),

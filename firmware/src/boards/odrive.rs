@@ -51,7 +51,7 @@ use tesaki_drivers::joints::{MotorJoints, motors_for};
 use tesaki_drivers::motors::{Motors, Output, PowerStages, Sensing};
 use tesaki_drivers::offset::Offset;
 
-use crate::board::{Board, CurrentControl, Equipment, Latch, Peripherals, SupervisorLine};
+use crate::board::{Board, CurrentControl, Equipment, Latch, Peripherals, Phase, SupervisorLine};
 use crate::drivers::current_adc::{CurrentAdc, FULL_SCALE};
 use crate::drivers::half_bridges::HalfBridges;
 use crate::drivers::spi::{Device, Spi3OnC};
@@ -158,6 +158,7 @@ impl Board for Odrive {
         );
         let encoders =
             Encoders(Qei::new(peripherals.tim3, encoder_0, rcc), Qei::new(peripherals.tim4, encoder_1, rcc));
+        crate::filter_encoders!(TIM3, TIM4);
 
         c.pc0.into_analog();
         c.pc1.into_analog();
@@ -239,10 +240,11 @@ impl Board for Odrive {
         flags.0 |= if stopped { SensorFlags::EMERGENCY_STOP } else { 0 };
         flags.0 |= if can_drive { 0 } else { SensorFlags::POWER_STAGE };
         flags.0 |= self.joints.dead_encoder().map_or(0, SensorFlags::of_dead_encoder);
+        let supply = self.joints.supply().unwrap_or(f32::from(measured.supply) * SUPPLY_RESOLUTION);
         Some(SensorFrame {
             sequence: period,
             flags,
-            supply: (f32::from(measured.supply) * SUPPLY_RESOLUTION * 1000.0) as u16,
+            supply: (supply * 1000.0) as u16,
             encoders: counts.into_iter().take(self.joints.count()).collect(),
             currents,
             forces: heapless::Vec::new(),
@@ -365,6 +367,10 @@ pub struct CurrentLoops {
 }
 
 impl CurrentControl for CurrentLoops {
+    fn phase(&self) -> Option<Phase> {
+        Some(self.stages.0.phase(RESOLUTION))
+    }
+
     fn on_sample(&mut self) {
         let [[b0, supply], [b1, c0], [c1, _]] = self.adc.sample();
         self.motors.take_over(&mut self.new_motors, &mut self.stages);

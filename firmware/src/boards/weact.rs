@@ -47,7 +47,8 @@ use tesaki_drivers::handover::Handover;
 use tesaki_drivers::joints::{MotorJoints, motors_for};
 use tesaki_drivers::motors::{Motors, Output, PowerStages, Sensing};
 
-use crate::board::{Board, CurrentControl, Equipment, Latch, Peripherals, SupervisorLine};
+use crate::board::{Board, CurrentControl, Equipment, Latch, Peripherals, Phase, SupervisorLine};
+use crate::chip_supply;
 use crate::drivers::current_adc::{CurrentAdc, FULL_SCALE};
 use crate::drivers::pulses::Pulses;
 use crate::drivers::spi::{Device, Spi1OnA};
@@ -61,14 +62,17 @@ const TIMER: f32 = 168e6;
 const RESOLUTION: u16 = 2100;
 /// Pulses in a period of the current loops, which run at 20 kHz.
 const PULSES: u16 = 2;
-/// A duty takes effect in the middle of the pulse after the sample. Duties end 2.5 µs before the sample: `CS`
-/// shows the magnitude of the current while the motor is shorted.
+/// A duty takes effect in the middle of the pulse after the sample. Duties end 3.75 µs before the sample:
+/// `CS` shows the magnitude of the current while the motor is shorted. A current that brakes flows through a
+/// low side that begins to conduct with the end of the pulse, so `CS` shows it only after the delay of the
+/// input, the dead time and the delay of the measurement, some 2.5 µs together; before, it shows 0. (SLVSF66
+/// gives typical values only: measure it on the first board.)
 const SWITCHING: Switching = Switching {
     period: 2.0 * PULSES as f32 * RESOLUTION as f32 / TIMER,
     lag: 0.5 / PULSES as f32,
     pulses: PULSES,
     resolution: RESOLUTION,
-    max_duty: 0.8,
+    max_duty: 0.7,
 };
 /// Reference of the converters [V].
 const REFERENCE: f32 = 3.3;
@@ -145,6 +149,7 @@ impl Board for Weact {
             Qei::new(peripherals.tim4, encoder_2, rcc),
             Qei::new(peripherals.tim5, encoder_3, rcc),
         );
+        crate::filter_encoders!(TIM3, TIM4, TIM5);
 
         c.pc0.into_analog();
         c.pc1.into_analog();
@@ -216,10 +221,11 @@ impl Board for Weact {
         if let Some(fault) = force.and_then(|reading| reading.fault) {
             flags = flags.with_force_sensor(fault);
         }
+        let supply = self.joints.supply().unwrap_or(f32::from(measured.supply) * SUPPLY_RESOLUTION);
         Some(SensorFrame {
             sequence: period,
             flags,
-            supply: (f32::from(measured.supply) * SUPPLY_RESOLUTION * 1000.0) as u16,
+            supply: (supply * 1000.0) as u16,
             encoders: counts.into_iter().take(self.joints.count()).collect(),
             currents,
             forces: force.iter().map(|reading| reading.wrench).collect(),
@@ -265,8 +271,10 @@ fn connect_data_line(syscfg: &pac::SYSCFG, exti: &pac::EXTI) {
 
 /// Sets whether edges of the converter's line raise an interrupt.
 fn watch_data_line(is_watched: bool) {
-    // SAFETY: nothing else has a bit in the mask, so it is written whole; the chip has this line.
-    unsafe { (*pac::EXTI::ptr()).imr().write(|w| w.bits(if is_watched { DATA_LINE } else { 0 })) };
+    let data = if is_watched { DATA_LINE } else { 0 };
+    // SAFETY: only the detector of the chip's supply has another bit in the mask, which is always set, so it
+    // is written whole; the chip has these lines.
+    unsafe { (*pac::EXTI::ptr()).imr().write(|w| w.bits(data | chip_supply::LINE)) };
 }
 
 /// Returns whether the trip line is active. The pin belongs to the timer, but its level can be read.
@@ -346,6 +354,10 @@ pub struct CurrentLoops {
 }
 
 impl CurrentControl for CurrentLoops {
+    fn phase(&self) -> Option<Phase> {
+        Some(self.stages.pulses.phase(RESOLUTION))
+    }
+
     fn on_sample(&mut self) {
         let [[first, supply], [second, _], [third, _]] = self.adc.sample();
         self.samples += 1;

@@ -1,5 +1,7 @@
 //! TIM1 and TIM8: the gates of two half bridges each, and a trigger between their pulses.
 
+use super::pulses::phase;
+use crate::board::Phase;
 use crate::pac;
 use pac::{TIM1, TIM8, tim1};
 use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
@@ -11,7 +13,9 @@ const DEAD_TIME: u8 = 20;
 /// around the instant at which the counter is 0. The trigger of the converters is at the other end of the
 /// count: there all low sides are on, and the motors' currents flow through the shunts.
 ///
-/// Both timers count in step. Neither has a break input here.
+/// Both timers count in step. Neither has a break input here. The clock security system could break them, too
+/// (RM0090, 17.3.12), but only together with the input, of which the manual does not say what level it has
+/// without a pin: a wrong one would keep all gates off. So a stopped crystal is left to the NMI.
 pub struct HalfBridges(TIM1, TIM8);
 
 impl HalfBridges {
@@ -34,6 +38,11 @@ impl HalfBridges {
         // This is a few cycles later, always as many, as interrupts are off.
         second.cr1().modify(|_, w| w.cen().set_bit());
         Self(first, second)
+    }
+
+    /// Returns where the counters are between two triggers, if they count to `resolution`.
+    pub fn phase(&self, resolution: u16) -> Phase {
+        phase(&self.0, resolution)
     }
 
     /// Switches the half bridges on.

@@ -1,7 +1,8 @@
 //! TIM1: three pulses in the middle of a period, a trip by hardware, and a trigger between the pulses.
 
+use crate::board::Phase;
 use crate::pac;
-use pac::TIM1;
+use pac::{TIM1, tim1};
 use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
 
 /// Three channels on their complementary pins (CH1N to CH3N), centre-aligned: a pulse lies around the instant
@@ -51,6 +52,11 @@ impl Pulses {
         Self(timer)
     }
 
+    /// Returns where the counter is between two triggers, if it counts to `resolution`.
+    pub fn phase(&self, resolution: u16) -> Phase {
+        phase(&self.0, resolution)
+    }
+
     /// Lets pulses pass, unless the break input is active.
     pub fn enable(&mut self) {
         // SAFETY: zeros clear flags in this register; all but the break's stay.
@@ -77,6 +83,13 @@ impl Pulses {
         // be interrupted by it. If its write is lost, the outputs stay off.
         unsafe { (*TIM1::ptr()).bdtr().modify(|_, w| w.moe().clear_bit()) };
     }
+}
+
+/// Returns where a centre-aligned counter is between two triggers, which come at the upper end of its count.
+pub(super) fn phase(timer: &tim1::RegisterBlock, resolution: u16) -> Phase {
+    let (count, top) = (u32::from(timer.cnt().read().cnt().bits()), u32::from(resolution));
+    let goes_down = timer.cr1().read().dir().is_down();
+    Phase { since: if goes_down { top.saturating_sub(count) } else { top + count }, period: 2 * top }
 }
 
 /// BIF in TIM1_SR.

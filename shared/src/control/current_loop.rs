@@ -12,7 +12,7 @@ const BRAKING: f32 = 0.1;
 /// Ticks without a command after which a motor is braked.
 const SILENT_TICKS: f32 = 2.0;
 /// Supply below which no duty is computed: the stage does not switch there [V].
-pub const SUPPLY_MIN: f32 = 1.0;
+const SUPPLY_MIN: f32 = 1.0;
 
 /// The winding of a brushed motor.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,6 +23,33 @@ pub struct Winding {
     pub inductance: f32,
     /// Back-EMF per velocity of the joint [V·s/rad]: the torque constant of motor and gear, without losses.
     pub back_emf: f32,
+}
+
+/// The supply of the power stages. All current loops of a sample share its reciprocal: a division takes as
+/// long as a dozen multiplications.
+#[derive(Clone, Copy, Debug)]
+pub struct Supply {
+    volts: f32,
+    /// 1/V; 0 when the stages do not switch.
+    inverse: f32,
+}
+
+impl From<f32> for Supply {
+    /// A supply of `volts`.
+    fn from(volts: f32) -> Self {
+        if volts > SUPPLY_MIN {
+            Self { volts, inverse: 1.0 / volts }
+        } else {
+            Self { volts: 0.0, inverse: 0.0 }
+        }
+    }
+}
+
+impl Supply {
+    /// Returns the voltage [V]; 0 when the stages do not switch.
+    pub const fn volts(&self) -> f32 {
+        self.volts
+    }
 }
 
 /// Switching of the power stage.
@@ -124,6 +151,8 @@ pub struct CurrentLoop {
     conditioning: f32,
     back_emf: f32,
     resolution: f32,
+    /// Duty of a count.
+    count: f32,
     max_counts: f32,
     /// Periods without a command until the motor is braked, and until its stage is off.
     brake_after: u32,
@@ -201,6 +230,7 @@ impl CurrentLoop {
             conditioning: 1.0 - remains,
             back_emf: winding.back_emf,
             resolution,
+            count: 1.0 / resolution,
             max_counts: switching.max_duty * resolution,
             brake_after: periods(SILENT_TICKS * TICK),
             off_after: periods(SILENT_TICKS * TICK + BRAKING),
@@ -210,7 +240,8 @@ impl CurrentLoop {
     /// Runs one period: computes the duty of the next period from the `measured` current [A] and the `supply`
     /// [V].
     #[inline]
-    pub fn update(&self, state: &mut CurrentLoopState, measured: f32, supply: f32) -> Drive {
+    pub fn update(&self, state: &mut CurrentLoopState, measured: f32, supply: impl Into<Supply>) -> Drive {
+        let Supply { volts, inverse } = supply.into();
         state.age = state.age.saturating_add(1);
         if state.age > self.brake_after {
             state.integral = 0.0;
@@ -218,8 +249,7 @@ impl CurrentLoop {
         }
         let error = state.target - measured;
         let requested = self.proportional * error + state.integral + self.back_emf * state.velocity;
-        let full = if supply > SUPPLY_MIN { supply } else { f32::INFINITY };
-        let counts = requested / full * self.resolution;
+        let counts = requested * inverse * self.resolution;
         if !counts.is_finite() {
             state.release();
             return Drive::Off;
@@ -227,7 +257,7 @@ impl CurrentLoop {
         let limited = math::clamp(counts, -self.max_counts, self.max_counts);
         #[expect(clippy::cast_possible_truncation, reason = "limited to 32 000")]
         let duty = (limited + if limited < 0.0 { -0.5 } else { 0.5 }) as i16;
-        let applied = if supply > SUPPLY_MIN { limited * supply / self.resolution } else { 0.0 };
+        let applied = limited * volts * self.count;
         state.integral += self.integral * error + self.conditioning * (applied - requested);
         Drive::Duty(duty)
     }

@@ -10,8 +10,7 @@ mod pid;
 
 pub use coupling::ImpedanceCoupling;
 pub use current_loop::{
-    CurrentLoop, CurrentLoopField, CurrentLoopState, Drive, InvalidCurrentLoop, SUPPLY_MIN, Switching,
-    Winding,
+    CurrentLoop, CurrentLoopField, CurrentLoopState, Drive, InvalidCurrentLoop, Supply, Switching, Winding,
 };
 pub(crate) use friction::STALL_SPEED;
 pub use friction::{FrictionFeedforward, FrictionState};

@@ -146,6 +146,8 @@ pub enum ResetCause {
     Software,
     /// 5: the crystal stopped.
     CrystalStopped,
+    /// 6: the supply of the microcontroller was too low.
+    BrownOut,
 }
 
 /// Identity of a board. Its layout never changes.

@@ -48,6 +48,14 @@ impl Messages {
         self.reply("faults-16-to-31", Reply::Faults(FaultLog { total: u32::MAX, faults: list(second) }));
         let last = Fault { cause: CAUSES[32], joint: Some(5), value: 3.0, limit: 0.0, tick: 70 };
         self.reply("faults-32", Reply::Faults(FaultLog { total: 33, faults: list([last]) }));
+        let [low, off] = [(33, 1.0, 0.0), (34, 0.0, 3.0)].map(|(number, value, limit)| Fault {
+            cause: CAUSES[number],
+            joint: None,
+            value,
+            limit,
+            tick: 0,
+        });
+        self.reply("faults-33-and-34", Reply::Faults(FaultLog { total: 35, faults: list([low, off]) }));
         let (length, checksum, index) = (220, 0xdead_beef, 2469);
         self.reply("exported", Reply::Exported { length, checksum, index, key: STATE });
         self.reply("chunk", Reply::Chunk { offset: 192, data: list([0, 1, 254, 255]) });

@@ -495,6 +495,8 @@ pub const CAUSES: [FaultCause; FaultCause::VARIANTS.len()] = [
     FaultCause::WrongCrystal,
     FaultCause::PowerStage,
     FaultCause::ForceSilent,
+    FaultCause::ChipSupplyLow,
+    FaultCause::BrownOutResetOff,
 ];
 
 pub fn quiet_board() -> BoardStatus {
@@ -554,6 +556,7 @@ pub fn statuses() -> BTreeMap<&'static str, Status> {
         ("hard-fault", board(ClockSource::Crystal, ResetCause::HardFault, &"w".repeat(96))),
         ("software", board(ClockSource::Crystal, ResetCause::Software, "")),
         ("crystal-stopped", board(ClockSource::InternalPll, ResetCause::CrystalStopped, "")),
+        ("brown-out", board(ClockSource::Crystal, ResetCause::BrownOut, "")),
     ])
 }
 

@@ -134,10 +134,10 @@ variants! {
         HardFault, ClockFallback, Stop, ForceSaturated, ForceStuck, ForceLimit,
         ObjectLost, ObjectMoved, ToolPositionError, ToolOrientationError, Runaway,
         ForceMismatch, EnergyGained, SensorsSilent, CrystalStopped, WrongCrystal,
-        PowerStage, ForceSilent,
+        PowerStage, ForceSilent, ChipSupplyLow, BrownOutResetOff,
     }
     ClockSource { Crystal, InternalPll, Internal }
-    ResetCause { PowerOn, Watchdog, Panic, HardFault, Software, CrystalStopped }
+    ResetCause { PowerOn, Watchdog, Panic, HardFault, Software, CrystalStopped, BrownOut }
     LogRecord { Request, Sensors, Actuators, Start, State, Restore, Gap, End }
     Reaction { Off, Damp, Hold }
 }

@@ -7,7 +7,7 @@
 //! while the supervisor's task holds a lock, the control period waits, so of these two only the deeper
 //! combination counts: the first with its lock, or both without. The data interrupt of a converter has the
 //! priority of the control period, so of these two only the deeper counts as well. The stack of a panic, or
-//! of the handling of a failed crystal, is not included: the remaining 4 KiB are for it.
+//! of the handling of a failed crystal or a low supply, is not included: the remaining 4 KiB are for it.
 
 mod graph;
 mod thumb;
@@ -58,8 +58,8 @@ const VECTORS: [Vector; 11] = [
     Vector { name: "EXTI0: control", index: CONTROL, is_proved: true },
     Vector { name: "EXTI1: supervisor", index: SUPERVISOR, is_proved: false },
 ];
-/// Exceptions with their own handler that ends in a reset.
-const ENDS: [u32; 2] = [2, 3];
+/// Exceptions with their own handler that ends in a reset; the last one is PVD.
+const ENDS: [u32; 3] = [2, 3, INTERRUPTS + 1];
 
 /// A call through a method table, identified by the text of its source line.
 struct Dynamic {

@@ -25,10 +25,12 @@ pub fn accept(rig: &mut Rig) -> Result<(), String> {
     starts(rig)?;
     moves(rig)?;
     tells_currents(rig)?;
+    counts_no_disturbance(rig)?;
     stops_by_hardware(rig)?;
     reports_power_stages(rig)?;
     trips_at_high_currents(rig)?;
     survives_the_crystal(rig)?;
+    survives_a_low_supply(rig)?;
     is_watched(rig)
 }
 
@@ -73,6 +75,26 @@ pub fn moves(rig: &mut Rig) -> Result<(), String> {
     let mode = rig.client.status(&mut rig.machine)?.node.mode;
     demand!(mode == Rig::running(), "{mode:?} after moving");
     Ok(())
+}
+
+/// Checks that the board counts no edges that power stages couple into the encoders' cables.
+pub fn counts_no_disturbance(rig: &mut Rig) -> Result<(), String> {
+    rig.client.demand(&mut rig.machine, Request::SetRate { stream: Stream::Log, every: 1 })?;
+    let encoders = |rig: &mut Rig| {
+        rig.try_run(0.03)?;
+        rig.client.sensors.as_ref().map(|sensors| sensors.encoders.clone()).ok_or_else(|| "no log".to_owned())
+    };
+    let (before, turned) = (encoders(rig)?, [0, 1, 2].map(|motor| bench(rig).counts(motor)));
+    for _ in 0..50 {
+        // Some 50 V over a few centimetres.
+        rig.machine.chip.disturb_encoders(200_000);
+    }
+    let (after, now) = (encoders(rig)?, [0, 1, 2].map(|motor| bench(rig).counts(motor)));
+    for (joint, (before, after)) in before.iter().zip(&after).enumerate() {
+        let miscounted = i64::from(after - before) - (now[joint] - turned[joint]);
+        demand!(miscounted.abs() < 100, "encoder {joint} counted {miscounted} disturbances");
+    }
+    rig.client.demand(&mut rig.machine, Request::SetRate { stream: Stream::Log, every: 0 })
 }
 
 /// Checks that the currents in the sensor frames are those of the motors.
@@ -158,6 +180,31 @@ pub fn survives_the_crystal(rig: &mut Rig) -> Result<(), String> {
     rig.client.demand(&mut rig.machine, Request::Hello { schema: tesaki::protocol::SCHEMA_KEY })?;
     let reset = rig.client.status(&mut rig.machine)?.board.reset;
     demand!(reset == ResetCause::CrystalStopped, "{reset:?} after the crystal stopped");
+    rig.enable()
+}
+
+/// The microcontroller's supply falls by 10 mV a microsecond, to where it cannot read its flash memory at 168
+/// MHz, and comes back.
+pub fn survives_a_low_supply(rig: &mut Rig) -> Result<(), String> {
+    for step in 1..=80 {
+        rig.machine.chip.supply.volts = 3.3 - 0.01 * f64::from(step);
+        rig.try_run(1e-6)?;
+        let volts = rig.machine.chip.supply.volts;
+        if let Some(violation) = rig.machine.chip.violation() {
+            return Err(violation);
+        }
+        demand!(volts > 2.8 || !bench(rig).is_awake(), "awake at {volts:.2} V");
+    }
+    rig.try_run(0.1)?;
+    rig.machine.chip.supply.volts = 3.3;
+    rig.try_run(0.1)?;
+    rig.client.demand(&mut rig.machine, Request::Hello { schema: tesaki::protocol::SCHEMA_KEY })?;
+    let status = rig.client.status(&mut rig.machine)?.board;
+    let (clock, reset) = (status.clock, status.reset);
+    demand!(
+        (clock, reset) == (ClockSource::Crystal, ResetCause::BrownOut),
+        "{clock:?} {reset:?} after a dip"
+    );
     rig.enable()
 }
 

@@ -179,6 +179,13 @@ impl Rig {
         self.machine.chip.nvic.enabled[0] &= !(1 << 6);
     }
 
+    /// Replaces the first instruction of a handler by a jump to itself.
+    pub fn hang(&mut self, interrupt: u32) {
+        let handler = self.machine.word(0x0800_0000 + 4 * (16 + interrupt)) & !1;
+        assert_eq!(handler % 4, 0, "the handler is not at a word");
+        assert!(self.machine.patch(handler, 0xE7FE_E7FE));
+    }
+
     pub fn running() -> Mode {
         Mode::Enabled(TaskKind::JointServo)
     }

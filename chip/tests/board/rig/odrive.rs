@@ -9,7 +9,8 @@ use tesaki_chip::mistake::Mistake;
 use tesaki_chip::odrive::Odrive;
 
 use super::acceptance::{
-    demand, expect_fault, is_watched, moves, starts, survives_the_crystal, tells_currents,
+    counts_no_disturbance, demand, expect_fault, is_watched, moves, starts, survives_a_low_supply,
+    survives_the_crystal, tells_currents,
 };
 use super::{MOTOR, Rig, model};
 
@@ -53,8 +54,10 @@ pub fn accept(rig: &mut Rig) -> Result<(), String> {
     is_off_until_enabled(rig)?;
     moves(rig)?;
     tells_currents(rig)?;
+    counts_no_disturbance(rig)?;
     trips(rig)?;
     survives_the_crystal(rig)?;
+    survives_a_low_supply(rig)?;
     is_watched(rig)?;
     rig.machine.chip.violation().map_or(Ok(()), Err)
 }

@@ -323,10 +323,12 @@ fn check_microcontroller(state: &BoardStatus, doctor: &mut Doctor) {
     if state.reset != ResetCause::PowerOn && state.reset != ResetCause::Software {
         let words =
             if state.last_words.is_empty() { String::new() } else { format!(": {}", state.last_words) };
-        doctor.warning(
-            format!("the last reset was not a power-on; its cause: {}{words}", reset(state.reset)),
-            "please report this",
-        );
+        let advice = match state.reset {
+            ResetCause::BrownOut => "measure the 3.3 V of the microcontroller while the motors move",
+            _ => "please report this",
+        };
+        let cause = reset(state.reset);
+        doctor.warning(format!("the last reset was not a power-on; its cause: {cause}{words}"), advice);
     }
     #[expect(clippy::cast_precision_loss, reason = "a fraction")]
     let stack = state.stack_used as f32 / state.stack_size.max(1) as f32;
