@@ -218,7 +218,7 @@ impl Impedance {
     }
 
     #[inline(never)]
-    fn coupled_free_mass(&self, coupling: &Coupling) -> [f32; 3] {
+    fn coupled_free_mass(&self, coupling: &ImpedanceCoupling) -> [f32; 3] {
         let mass = Ldlt::new(&coupling::symmetric(&self.mass, &coupling.mass), MIN_MASS);
         [Vector6::x(), Vector6::y(), Vector6::z()].map(|axis| 1.0 / axis.dot(&mass.solve(&axis)))
     }

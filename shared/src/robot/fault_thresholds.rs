@@ -67,11 +67,12 @@ pub(crate) struct FaultThresholds {
 }
 
 impl FaultThresholds {
-    pub fn new(joint: &JointModel) -> Self {
+    /// Of a joint whose torques are at most `torque` [N·m].
+    pub fn new(joint: &JointModel, torque: f32) -> Self {
         let radians_per_count = TAU / joint.encoder.counts_per_turn;
-        let beyond_friction = |share: f32| 2.0 * joint.friction.coulomb + share * joint.limits.torque;
+        let beyond_friction = |share: f32| 2.0 * joint.friction.coulomb + share * torque;
         let growth = beyond_friction(GROWTH_SHARE);
-        let accelerating_growth = 10.0 * joint.friction.coulomb + 0.01 * joint.limits.torque;
+        let accelerating_growth = 10.0 * joint.friction.coulomb + 0.01 * torque;
         Self {
             current: CURRENT_MARGIN * joint.motor.current_limit / joint.motor.current_resolution,
             min_angle: joint.limits.lower - joint.limits.following_error,

@@ -116,8 +116,8 @@ impl PowerPortLimits {
     /// due to the zero-order hold. With the damping b of port and handle together, its impedance has the real
     /// part `b − K·sin(ω(τ + T/2))/ω`, which is not negative if `b ≥ K·(τ + T/2)` (without delay: Colgate and
     /// Schenkel 1997). This holds at every frequency for the handle's own damping; the port's is sampled and
-    /// held, and acts in this way far below the sampling frequency. Otherwise the port still counts the energy
-    /// that it cannot dissipate, but the handle may oscillate.
+    /// held, and acts in this way far below the sampling frequency. Otherwise the port still counts the
+    /// energy that it cannot dissipate, but the handle may oscillate.
     ///
     /// # Errors
     /// The value that is out of bounds, and the permitted one.

@@ -102,8 +102,8 @@ impl ContactLoop {
     /// Largest stiffness below which the loop is stable on every surface, for an own mass [kg].
     ///
     /// `ω² (1 − force·own_mass) + velocity·ω cot half − error` is the second condition's margin: with
-    /// `x cot x = 1 − x²/3 − x⁴/45 − …` it falls, or rises and then falls. So it has one zero if it is positive
-    /// at 0, and the first condition's margin falls.
+    /// `x cot x = 1 − x²/3 − x⁴/45 − …` it falls, or rises and then falls. So it has one zero if it is
+    /// positive at 0, and the first condition's margin falls.
     fn max_stiffness(&self, own_mass: f32) -> f32 {
         if self.error >= self.velocity * (2.0 / TICK) {
             return 0.0;
@@ -134,7 +134,7 @@ impl ContactLoop {
 #[allow(clippy::unwrap_used, clippy::indexing_slicing, reason = "tests")]
 mod tests {
     use super::*;
-    use crate::control::Coupling;
+    use crate::control::ImpedanceCoupling;
     use crate::task::impedance::DirectLaw;
     use crate::task::impedance::tests::SOFT;
 
@@ -170,7 +170,7 @@ mod tests {
         assert_eq!(heavier.check_mass(&own), Ok(()));
         // A force along x moves 1.5 − 1.4²/1.5 kg, as the tool gives way along y.
         let mut coupled = heavier;
-        let mut coupling = Coupling::NONE;
+        let mut coupling = ImpedanceCoupling::NONE;
         coupling.mass[0] = 1.4;
         coupled.impedance.coupling = Some(coupling);
         let Err(InvalidSettings::MassInContact { axis: 0, value, .. }) = coupled.check_mass(&own) else {

@@ -121,6 +121,7 @@ pub const fn reset(cause: ResetCause) -> &'static str {
         ResetCause::HardFault => "fault of the processor",
         ResetCause::Software => "software or debugger",
         ResetCause::CrystalStopped => "the crystal stopped",
+        ResetCause::BrownOut => "the 3.3 V of the microcontroller fell",
     }
 }
 

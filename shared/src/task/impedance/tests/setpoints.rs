@@ -97,8 +97,8 @@ fn invalid_setpoints_are_refused_by_name_and_change_nothing() {
     state.set_target(&fixture.arm(), &valid, &ElbowSetpoint { angle: elbow.angle + 0.9, ..elbow }).unwrap();
 }
 
-/// The inertial force of the tool's mass on its sensor is that of its true acceleration, also while the joints
-/// have reached their speed limits.
+/// The inertial force of the tool's mass on its sensor is that of its true acceleration, also while the
+/// joints have reached their speed limits.
 #[test]
 fn the_acceleration_of_the_tool_is_that_which_the_joint_limits_allow() {
     let mut fixture = ArmFixture::new();
