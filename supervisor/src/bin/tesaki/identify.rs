@@ -101,15 +101,16 @@ fn report(model: &RobotModel, fits: &[Fit], failed: &[FailedGrip], out: Option<&
         .zip(fits)
         .map(|(joint, fit)| {
             let scale = joint.motor.torque_constant.into();
-            let why = fit.doubts().next();
+            let friction = fit.friction.ok();
+            let why = [fit.gain.err(), fit.friction.err()].into_iter().flatten().next();
             let value = json!({
                 "torque_constant": fit.gain.ok().map(|gain| number(gain, scale)),
-                "coulomb": fit.coulomb().ok().map(|coulomb| number(coulomb, 1.0)),
-                "viscous": fit.viscous().ok().map(|viscous| number(viscous, 1.0)),
+                "coulomb": friction.map(|[coulomb, _]| number(coulomb, 1.0)),
+                "viscous": friction.map(|[_, viscous]| number(viscous, 1.0)),
                 "load_range": fit.load_range,
                 "residual": fit.residual,
                 "readings": fit.readings,
-                "not_identified": why.map(|(what, why)| format!("{what}: {why}")),
+                "not_identified": why.map(|why| why.to_string()),
             });
             (joint.name.to_string(), value)
         })
@@ -149,7 +150,8 @@ fn table(model: &RobotModel, fits: &[Fit], failed: &[FailedGrip], out: Option<&P
             friction(1),
             fit.load_range
         );
-        for (what, doubt) in fit.doubts() {
+        let doubts = [("torque constant", fit.gain.err()), ("friction", fit.friction.err())];
+        for (what, doubt) in doubts.into_iter().filter_map(|(what, doubt)| Some((what, doubt?))) {
             let _ = writeln!(notes, "{}: {what} not identified: {doubt}", joint.name);
         }
     }
