@@ -282,6 +282,9 @@ struct Follower {
     blocked: u32,
     touched: u32,
     positions: Vec<(f32, f32)>,
+    /// One set-point in so many comes too late for its tick, and is then overtaken by the next one.
+    late: u32,
+    said: Vec<String>,
 }
 
 const GAIN: f32 = 1.25;
@@ -290,9 +293,6 @@ const FRICTION: [f32; 3] = [0.03, 0.004, 3e-5];
 
 impl Machine for Follower {
     type Error = Trouble;
-    /// One set-point in so many comes too late for its tick, and is then overtaken by the next one.
-    late: u32,
-    said: Vec<String>,
 
     fn ask(&mut self, _: &'static str, _: Request) -> Result<(), Trouble> {
         Ok(())
@@ -392,6 +392,7 @@ fn the_self_test_finds_friction_in_told_torque_and_keeps_the_limits() {
         );
     }
     let start: Vec<f64> = machine.position.iter().map(|&angle| angle.into()).collect();
+    assert!(!machine.said.iter().any(|said| said.contains("late")), "{:?}", machine.said);
     let time = duration(&model, &start, &JointSettings::default()).unwrap();
     assert!(time < 20.0 && (time - f64::from(machine.tick) * 0.01).abs() < 0.1, "{time} {}", machine.tick);
 
@@ -400,7 +401,6 @@ fn the_self_test_finds_friction_in_told_torque_and_keeps_the_limits() {
     let known = found(&model, &readings, false, Some(constant));
     for found in &known {
         let coulomb = found.friction.unwrap().coulomb.value;
-    assert!(!machine.said.iter().any(|said| said.contains("late")), "{:?}", machine.said);
         assert!((coulomb / f64::from(FRICTION[0]) - 1.0).abs() < 0.02, "{coulomb}");
     }
     let mut file: CalibrationFile = open("[joints.finger3_curl]\ntorque_constant = 0.625 # by hand\n");
@@ -518,14 +518,6 @@ fn the_self_test_ends_where_something_is_in_the_way() {
     assert!(said.contains("finger1_tip changed by 1.53 N, and may by 1.00 N"), "{said}");
 }
 
-/// Exit code and complaint of `tesaki`.
-fn complaint(arguments: &[&str]) -> (i32, String) {
-    let output = Command::new(env!("CARGO_BIN_EXE_tesaki")).args(arguments).output().unwrap();
-    (output.status.code().unwrap(), String::from_utf8(output.stderr).unwrap())
-}
-
-#[test]
-fn the_command_line_says_what_is_wrong_before_anything_moves() {
 /// A busy computer sends a set-point late: the reference stands still for a tick, then leaps, and so does the
 /// torque. That is neither friction nor something in the way.
 #[test]
@@ -558,6 +550,14 @@ fn late_set_points_are_named_and_do_not_count_as_readings() {
     assert!(said.starts_with("finger1_swing needs +0.2"), "{said}");
 }
 
+/// Exit code and complaint of `tesaki`.
+fn complaint(arguments: &[&str]) -> (i32, String) {
+    let output = Command::new(env!("CARGO_BIN_EXE_tesaki")).args(arguments).output().unwrap();
+    (output.status.code().unwrap(), String::from_utf8(output.stderr).unwrap())
+}
+
+#[test]
+fn the_command_line_says_what_is_wrong_before_anything_moves() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("calibration.toml");
     std::fs::write(&path, "[joints.finger1_bend]\ncolumb = 0.02\n").unwrap();
