@@ -540,32 +540,34 @@ fn the_pose_of_the_object_is_controlled_by_torques_as_printed() {
 
 #[test]
 fn what_is_refused_to_a_hand_says_why() {
-    let texts =
-        [
-            (
-                Refusal::Task(TaskRefusal::Grasping(GraspRefusal::NotAHand)),
-                "the robot is not a hand of three fingers, each with three joints and a force sensor",
-            ),
-            (
-                Refusal::Task(TaskRefusal::Grasping(GraspRefusal::NotTared { chain: 1 })),
-                "the force sensor of chain 1 was not tared since the model was pushed: tare it while nothing \
+    let texts = [
+        (
+            Refusal::Task(TaskRefusal::Grasping(GraspRefusal::NotAHand)),
+            "the robot is not a hand of three fingers, each with a force sensor and three joints whose axes 2 and 3 \
+                 are parallel; `tesaki model check` says what is missing",
+        ),
+        (
+            Refusal::Task(TaskRefusal::Grasping(GraspRefusal::NotTared { chain: 1 })),
+            "the force sensor of chain 1 was not tared since the model was pushed: tare it while nothing \
              touches the tips",
-            ),
-            (
-                Refusal::Task(TaskRefusal::Grasping(GraspRefusal::Busy(Phase::Move))),
-                "not possible while the hand moves an object",
-            ),
-            (
-                Refusal::Task(TaskRefusal::Grasping(GraspRefusal::Plan(InvalidPlan::NoTriangle))),
-                "the contacts coincide or are collinear: place them on a triangle",
-            ),
-            (
-                Refusal::Task(TaskRefusal::JointServo(JointServoRefusal::Limit(
-                    LimitRefusal::TooMuchTorque { joint: 2, value: -0.75, limit: 0.5 },
-                ))),
-                "joint 2: -0.75 N·m is beyond its limit of 0.5 N·m",
-            ),
-        ];
+        ),
+        (
+            Refusal::Task(TaskRefusal::Grasping(GraspRefusal::Busy(Phase::Move))),
+            "not possible while the hand moves an object",
+        ),
+        (
+            Refusal::Task(TaskRefusal::Grasping(GraspRefusal::Plan(InvalidPlan::NoTriangle))),
+            "the contacts coincide or are collinear: place them on a triangle",
+        ),
+        (
+            Refusal::Task(TaskRefusal::JointServo(JointServoRefusal::Limit(LimitRefusal::TooMuchTorque {
+                joint: 2,
+                value: -0.75,
+                limit: 0.5,
+            }))),
+            "joint 2: -0.75 N·m is beyond its limit of 0.5 N·m",
+        ),
+    ];
     for (refusal, text) in texts {
         assert_eq!(refusal.to_string(), text);
     }

@@ -317,7 +317,7 @@ mod tests {
             (
                 GraspRefusal::OutOfReach { finger: 2, nearest: [0.1, 0.0, -0.25] },
                 "finger 3 cannot reach its position; the nearest in reach, without its joints' limits, is \
-                 (0.1, 0, -0.25) m",
+                 (0.1000, 0.0000, -0.2500) m",
             ),
             (GraspRefusal::NotFinite, "the motion is not finite, or shorter than a tick"),
             (
