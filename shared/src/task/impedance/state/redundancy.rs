@@ -52,7 +52,7 @@ impl ImpedanceState {
         }
         let mut accelerations = resolver.solve(tool);
         if let Some(ArmAngle { angle, jacobian: gradient }) = arm_angle {
-            // Without `ġ·q̇`, which is small: the elbow moves slowly.
+            // `ġ·q̇` is left out: the feedback of the elbow corrects it.
             let residual = self.elbow_acceleration(settings, angle, gradient.dot(&velocities))
                 - gradient.dot(&accelerations);
             let projected = resolver.project_to_null_space(&gradient);
