@@ -7,7 +7,7 @@ use std::path::Path;
 use anyhow::{Context as _, Result, bail, ensure};
 use object::{Object, ObjectSection, ObjectSymbol, SymbolKind};
 
-use super::thumb::{Conditional, Flow, Instruction, Lock, decode};
+use super::thumb::{self, Conditional, Flow, Instruction, Lock, decode};
 
 /// Address of a function, without the instruction-set bit.
 pub type Address = u32;
@@ -150,6 +150,9 @@ impl Paths {
     }
 }
 
+/// Begin of the names of code that the compiler has found in several functions.
+const OUTLINED: &str = "OUTLINED_FUNCTION";
+
 /// An image.
 pub struct Image {
     /// Code and constants, with their addresses.
@@ -158,6 +161,8 @@ pub struct Image {
     names: BTreeMap<Address, String>,
     /// Addresses where code begins again after data.
     code: BTreeSet<Address>,
+    /// Addresses of the constants between the functions, to which their code refers.
+    literals: BTreeSet<Address>,
     functions: BTreeMap<Address, Function>,
     lines: addr2line::Context<gimli::EndianRcSlice<gimli::LittleEndian>>,
 }
@@ -176,7 +181,7 @@ impl Image {
             let section = elf.section_by_name(name).with_context(|| format!("there is no section {name}"))?;
             sections.push((u32::try_from(section.address())?, section.data()?.to_vec()));
         }
-        let (mut names, mut code) = (BTreeMap::new(), BTreeSet::new());
+        let (mut names, mut code, mut data) = (BTreeMap::new(), BTreeSet::new(), BTreeSet::new());
         for symbol in elf.symbols() {
             let address = u32::try_from(symbol.address())?;
             let name = symbol.name()?;
@@ -184,6 +189,8 @@ impl Image {
                 names.insert(address & !1, format!("{:#}", rustc_demangle::demangle(name)));
             } else if name == "$t" || name.starts_with("$t.") {
                 code.insert(address);
+            } else if name == "$d" || name.starts_with("$d.") {
+                data.insert(address);
             }
         }
         let load = |id: gimli::SectionId| {
@@ -192,7 +199,31 @@ impl Image {
             Ok::<_, anyhow::Error>(gimli::EndianRcSlice::new(data, gimli::LittleEndian))
         };
         let lines = addr2line::Context::from_dwarf(gimli::Dwarf::load(load)?)?;
-        Ok(Self { sections, names, code, functions: BTreeMap::new(), lines })
+        let literals = BTreeSet::new();
+        let mut image = Self { sections, names, code, literals, functions: BTreeMap::new(), lines };
+        image.literals = image.literals(&data);
+        Ok(image)
+    }
+
+    /// Returns the addresses of all constants to which code refers. Code lies between each place where it
+    /// begins and the next one where `data` begin.
+    fn literals(&self, data: &BTreeSet<Address>) -> BTreeSet<Address> {
+        let mut literals = BTreeSet::new();
+        for &begin in &self.code {
+            let end = self.sections.iter().map(|(start, bytes)| start + bytes.len() as u32);
+            let end = end.filter(|end| *end > begin).min().unwrap_or(begin);
+            let next = data.range(begin..).chain(self.code.range(begin + 1..).next()).min();
+            let next = next.map_or(end, |next| end.min(*next));
+            let mut address = begin;
+            while address < next
+                && let Some(first) = self.half_word(address)
+            {
+                let second = self.half_word(address + 2).unwrap_or_default();
+                literals.extend(thumb::literal(address, first, second));
+                address += if first >> 11 < 0b11101 { 2 } else { 4 };
+            }
+        }
+        literals
     }
 
     /// Returns the entry of the vector table at `index`.
@@ -323,16 +354,34 @@ impl Image {
             Flow::JumpRegister => {
                 paths.result.returns |= self.call(&mut paths.result.calls, place.call(None))?;
             }
-            Flow::Return => paths.result.returns = true,
+            Flow::Return => {
+                ensure!(
+                    place.stack == 0 && place.locks == 0,
+                    "at {:#010x} it returns with {} bytes and {} locks",
+                    place.address,
+                    place.stack,
+                    place.locks
+                );
+                paths.result.returns = true;
+            }
             Flow::Trap => paths.result.traps.push(place.address),
         }
         Ok(false)
     }
 
-    /// Handles a jump within the function, or to another one, which then returns in its place.
+    /// Handles a jump within the function, or to another one, which then returns in its place. The code that
+    /// several functions share continues them: it may remove from the stack what they have put there.
     fn jump(&mut self, to: Address, place: &Place, paths: &mut Paths) -> Result<()> {
-        if to != paths.function && self.names.contains_key(&to) {
-            paths.result.returns |= self.call(&mut paths.result.calls, place.call(Some(to)))?;
+        let name = self.names.get(&to).filter(|_| to != paths.function);
+        if name.is_some_and(|name| !name.starts_with(OUTLINED)) {
+            let returns = self.call(&mut paths.result.calls, place.call(Some(to)))?;
+            ensure!(
+                !returns || place.stack == 0,
+                "at {:#010x} it ends with {} bytes on the stack",
+                place.address,
+                place.stack
+            );
+            paths.result.returns |= returns;
         } else {
             paths.open.push(Place { address: to, under: Under::default(), ..*place });
         }
@@ -349,10 +398,11 @@ impl Image {
     }
 
     /// Returns the targets of a table of offsets at `start`, which ends where the linker has marked code
-    /// again.
+    /// again, or at the first constant behind it.
     fn table(&self, start: Address, width: u8) -> Result<Vec<Address>> {
-        let end = self.code.range(start..).next().copied();
-        let end = end.filter(|end| end - start <= 1024).context("a table without an end")?;
+        let code = self.code.range(start..).next().context("a table without an end")?;
+        let end = self.literals.range(start..).next().map_or(*code, |literal| *literal.min(code));
+        ensure!(end - start <= 1024, "a table of {} bytes", end - start);
         let mut targets = BTreeSet::new();
         for place in (start..end).step_by(2) {
             let halves = self.half_word(place).context("a table outside of the image")?;
@@ -360,8 +410,14 @@ impl Image {
                 if width == 1 { halves.to_le_bytes().map(u16::from).to_vec() } else { vec![halves] };
             targets.extend(entries.into_iter().map(|entry| start + 2 * u32::from(entry)));
         }
-        // An entry that points into the table itself is padding to an even length.
-        Ok(targets.into_iter().filter(|target| *target >= end).collect())
+        // An offset of 0 is padding to an even length.
+        targets.remove(&start);
+        ensure!(!targets.is_empty(), "the table at {start:#010x} is empty");
+        ensure!(
+            targets.iter().all(|target| target >= code),
+            "the table at {start:#010x} leads to its own end"
+        );
+        Ok(targets.into_iter().collect())
     }
 }
 
@@ -377,6 +433,13 @@ impl Image {
         let empty = |_| Ok::<_, gimli::Error>(gimli::EndianRcSlice::new([].into(), gimli::LittleEndian));
         let lines = gimli::Dwarf::load(empty).and_then(addr2line::Context::from_dwarf).expect("empty");
         let sections = vec![(start, code)];
-        Self { sections, names, code: BTreeSet::new(), functions: BTreeMap::new(), lines }
+        Self {
+            sections,
+            names,
+            code: BTreeSet::new(),
+            literals: BTreeSet::new(),
+            functions: BTreeMap::new(),
+            lines,
+        }
     }
 }

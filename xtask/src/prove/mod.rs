@@ -322,6 +322,24 @@ mod tests {
         assert!(explored(0x2800).is_err());
     }
 
+    /// An end that several functions share frees what they have put on the stack.
+    #[test]
+    fn shared_code_continues_the_function_that_jumps_to_it() {
+        // push {r4, r5, r6, r7, lr}; b.w. pop {r4, r5, r6, r7, pc}.
+        let jumper: &[u16] = &[0xB5F0, 0xF000, 0xB800];
+        let found = explored(&[("jumper", jumper), ("OUTLINED_FUNCTION_0", &[0xBDF0])]);
+        assert_eq!((found.stack.all, found.functions), (20, 1));
+        let explored =
+            |name| explore(&mut Image::made_up(START, &[("jumper", jumper), (name, &[0xBDF0])]), START);
+        assert!(explored("other").is_err());
+        // bx lr: nobody frees it.
+        assert!(
+            explore(&mut Image::made_up(START, &[("jumper", jumper), ("other", &[0x4770])]), START).is_err()
+        );
+        // push {r4, lr}; bx lr: what it has put on the stack stays there.
+        assert!(explore(&mut Image::made_up(START, &[("other", &[0xB510, 0x4770])]), START).is_err());
+    }
+
     /// 8 bytes for two registers plus 16 of the called function; or 20, which are freed before the jump.
     #[test]
     fn stacks_add_up_along_the_deepest_path() {

@@ -105,6 +105,31 @@ const fn bytes(registers: u32) -> i32 {
     4 * registers.count_ones().cast_signed()
 }
 
+/// Returns the address of the constant near the instruction that it reads, or whose address it computes.
+pub fn literal(address: u32, first: u16, second: u16) -> Option<u32> {
+    let (first, second) = (u32::from(first), u32::from(second));
+    let base = (address + 4) & !3;
+    let near = |adds: bool, offset| if adds { base.wrapping_add(offset) } else { base.wrapping_sub(offset) };
+    let adds = field(first, 7, 1) == 1;
+    match first {
+        // LDR and ADR.
+        0x4800..=0x4FFF | 0xA000..=0xA7FF => Some(near(true, 4 * field(first, 0, 8))),
+        // LDR of words, half words and bytes, signed or not.
+        _ if first & 0xFE1F == 0xF81F => Some(near(adds, field(second, 0, 12))),
+        // LDRD; VLDR.
+        _ if first & 0xFE5F == 0xE85F && field(first, 8, 1) == 1 => Some(near(adds, 4 * field(second, 0, 8))),
+        _ if first & 0xFF3F == 0xED1F && field(second, 9, 3) == 0b101 => {
+            Some(near(adds, 4 * field(second, 0, 8)))
+        }
+        // ADR.
+        _ if first & 0xFB5F == 0xF20F && field(second, 15, 1) == 0 => {
+            let offset = field(second, 0, 8) | field(second, 12, 3) << 8 | field(first, 10, 1) << 11;
+            Some(near(field(first, 5, 3) & 0b101 == 0, offset))
+        }
+        _ => None,
+    }
+}
+
 fn narrow(address: u32, code: u32, result: &mut Instruction) -> Option<()> {
     let destination = field(code, 0, 3) | field(code, 7, 1) << 3;
     let source = field(code, 3, 4);
@@ -377,6 +402,27 @@ mod tests {
             ("pld [r0]", 0xF890, 0xF000, wide),
         ] {
             assert_eq!(decode(address, first, second), Some(expected), "{text}");
+        }
+    }
+
+    /// Encoded by the GNU assembler 2.40.
+    #[test]
+    fn literals() {
+        for (text, address, first, second, expected) in [
+            ("ldr r0, [pc, #8]", 0x1000, 0x4802, 0, Some(0x100c)),
+            ("adr r1, 0x102c", 0x1002, 0xA10A, 0, Some(0x102c)),
+            ("ldr.w r2, [pc, #-20]", 0x1004, 0xF85F, 0x2014, Some(0x0ff4)),
+            ("ldrh.w r3, [pc, #20]", 0x1008, 0xF8BF, 0x3014, Some(0x1020)),
+            ("ldrsb.w r3, [pc, #20]", 0x100c, 0xF99F, 0x3014, Some(0x1024)),
+            ("ldrd r0, r1, [pc, #8]", 0x1010, 0xE9DF, 0x0102, Some(0x101c)),
+            ("vldr s0, [pc, #-8]", 0x1014, 0xED1F, 0x0A02, Some(0x1010)),
+            ("vldr s1, [pc, #8]", 0x1018, 0xEDDF, 0x0A02, Some(0x1024)),
+            ("addw r9, pc, #12", 0x101c, 0xF20F, 0x090C, Some(0x102c)),
+            ("subw r9, pc, #12", 0x1020, 0xF2AF, 0x090C, Some(0x1018)),
+            ("str.w r0, [r1, #4]", 0x1024, 0xF8C1, 0x0004, None),
+            ("ldr.w r0, [r1, #4]", 0x1028, 0xF8D1, 0x0004, None),
+        ] {
+            assert_eq!(literal(address, first, second), expected, "{text}");
         }
     }
 
