@@ -91,12 +91,18 @@ impl<const N: usize> Measured<N> {
     pub fn words<const W: usize>(&self) -> [u32; W] {
         const { assert!(W == measured_words(N)) }
         let Totals { currents, voltages, supply, periods, driven } = &self.totals;
-        let sums = currents.iter().chain(voltages).map(|sum| sum.cast_unsigned());
         let tripped = if self.has_tripped { Self::TRIPPED } else { 0 };
         let ready = if self.is_ready { Self::READY } else { 0 };
-        let all = sums.chain([*supply, *periods, *driven, self.supply.into(), tripped | ready]);
         let mut words = [0; W];
-        words.iter_mut().zip(all).for_each(|(word, value)| *word = value);
+        let mut places = words.iter_mut();
+        let mut put = |value| {
+            if let Some(place) = places.next() {
+                *place = value;
+            }
+        };
+        currents.iter().for_each(|sum| put(sum.cast_unsigned()));
+        voltages.iter().for_each(|sum| put(sum.cast_unsigned()));
+        [*supply, *periods, *driven, self.supply.into(), tripped | ready].into_iter().for_each(put);
         words
     }
 

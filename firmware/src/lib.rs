@@ -36,6 +36,7 @@ pub mod control;
 pub mod drivers;
 pub mod identity;
 pub mod link;
+mod memory;
 pub mod retained;
 pub mod stack;
 pub mod watchdog;

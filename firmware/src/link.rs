@@ -8,10 +8,9 @@ use core::sync::atomic::{AtomicU32, Ordering};
 
 use cortex_m::peripheral::NVIC;
 use heapless::spsc::{Consumer, Producer, Queue};
-use serde::Serialize;
 use serde::de::DeserializeOwned;
 use tesaki::protocol::LinkStatistics;
-use tesaki::protocol::codec::{Decoder, FrameError, MAX_FRAME, encode};
+use tesaki::protocol::codec::{Decoder, FrameError, MAX_FRAME, Outgoing};
 
 use crate::board::SupervisorLine;
 use crate::pac;
@@ -246,9 +245,9 @@ impl Endpoint {
     }
 
     /// Queues a complete message, or drops it. [`Endpoint::flush`] sends what is queued.
-    pub fn send<T: Serialize>(&mut self, message: &T) -> bool {
+    pub fn send(&mut self, message: &impl Outgoing) -> bool {
         let mut frame = [0; MAX_FRAME];
-        let frame = match encode(message, &mut frame) {
+        let frame = match message.encode(&mut frame) {
             Ok(length) => frame.get(..length).unwrap_or_default(),
             Err(_) => &[],
         };

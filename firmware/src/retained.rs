@@ -10,7 +10,7 @@ use core::ptr;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use tesaki::fault::{FaultCause, FaultLog};
-use tesaki::protocol::codec::checksum;
+use tesaki::protocol::{codec::checksum, to_slice};
 
 /// Bytes of the longest postcard encoding of a [`FaultLog`] and the checksum of its joints: 16 faults of 16
 /// bytes, their number and two of 5 bytes, rounded up.
@@ -39,9 +39,9 @@ impl<const N: usize> Record<N> {
     /// Encodes a value; `None` if it is too long.
     pub fn encode(value: &impl Serialize, key: u64) -> Option<Self> {
         let mut bytes = [0; N];
-        let used = postcard::to_slice(value, &mut bytes).ok()?;
-        let (length, checksum) = (used.len() as u32, checksum(used));
-        Some(Self { key, checksum, length, bytes })
+        let length = to_slice(value, &mut bytes).ok()?;
+        let checksum = checksum(bytes.get(..length)?);
+        Some(Self { key, checksum, length: length as u32, bytes })
     }
 
     /// Decodes the value, if the record is intact and has this key.
@@ -74,12 +74,43 @@ fn retained() -> *mut Retained {
     (&raw mut RETAINED).cast()
 }
 
+/// Reads by words in a loop; a volatile read of the whole is unrolled to one of each byte.
+///
+/// # Safety
+/// The memory at `place` is there, is aligned to words, and any bits are a valid `T` of whole words.
+unsafe fn load<T: Copy>(place: *const T) -> T {
+    const { assert!(size_of::<T>().is_multiple_of(size_of::<u32>()) && align_of::<T>() >= align_of::<u32>()) };
+    let mut value = MaybeUninit::<T>::uninit();
+    for word in 0..size_of::<T>() / size_of::<u32>() {
+        // SAFETY: both are as long as `T`; the caller guarantees the rest.
+        unsafe {
+            value.as_mut_ptr().cast::<u32>().add(word).write(place.cast::<u32>().add(word).read_volatile())
+        }
+    }
+    // SAFETY: all words are written, and any bits are valid.
+    unsafe { value.assume_init() }
+}
+
+/// Writes by words in a loop.
+///
+/// # Safety
+/// The memory at `place` is there and aligned to words, and `T` consists of whole words without padding.
+unsafe fn store<T: Copy>(place: *mut T, value: &T) {
+    const { assert!(size_of::<T>().is_multiple_of(size_of::<u32>()) && align_of::<T>() >= align_of::<u32>()) };
+    for word in 0..size_of::<T>() / size_of::<u32>() {
+        // SAFETY: both are as long as `T`; the caller guarantees the rest.
+        unsafe {
+            place.cast::<u32>().add(word).write_volatile((&raw const *value).cast::<u32>().add(word).read())
+        }
+    }
+}
+
 /// Retains the fault log, and the checksum of the joints that it numbers, over a reset. Interrupts stay on:
 /// all callers hold the node's lock, so there is only one at a time.
 pub fn retain_faults(log: &FaultLog, joints: u32) {
     if let Some(record) = Record::encode(&(log, joints), FaultLog::KEY) {
         // SAFETY: the memory is there and aligned, and nobody else accesses the log now, see above.
-        unsafe { ptr::write_volatile(&raw mut (*retained()).log, record) }
+        unsafe { store(&raw mut (*retained()).log, &record) }
     }
 }
 
@@ -87,7 +118,7 @@ pub fn retain_faults(log: &FaultLog, joints: u32) {
 /// keep it through a short loss of power.
 pub fn faults() -> Option<(FaultLog, u32)> {
     // SAFETY: the memory is there and aligned; any bits are valid integers.
-    unsafe { ptr::read_volatile(&raw const (*retained()).log) }.decode(FaultLog::KEY)
+    unsafe { load(&raw const (*retained()).log) }.decode(FaultLog::KEY)
 }
 
 /// Retains the cause of a crash over the reset. The caller must have interrupts off, or be an interrupt that
@@ -101,7 +132,7 @@ pub fn retain_crash(cause: FaultCause, place: u32, message: fmt::Arguments<'_>) 
     let checksum = crash.checksum();
     // SAFETY: as for the log; nothing else runs any more.
     unsafe {
-        ptr::write_volatile(&raw mut (*retained()).crash, crash);
+        store(&raw mut (*retained()).crash, &crash);
         ptr::write_volatile(&raw mut (*retained()).crash_checksum, checksum);
     }
 }
@@ -110,10 +141,7 @@ pub fn retain_crash(cause: FaultCause, place: u32, message: fmt::Arguments<'_>) 
 pub fn take_crash() -> Option<Crash> {
     // SAFETY: as for the log; it is called before the first interrupt.
     let (crash, stored) = unsafe {
-        (
-            ptr::read_volatile(&raw const (*retained()).crash),
-            ptr::read_volatile(&raw const (*retained()).crash_checksum),
-        )
+        (load(&raw const (*retained()).crash), ptr::read_volatile(&raw const (*retained()).crash_checksum))
     };
     let checksum = crash.checksum();
     // SAFETY: the same.

@@ -87,7 +87,7 @@ fn instructions_are_those_of_the_last_recorded_benchmark() {
         // The last numbers of the row, in one or two columns.
         let without_unit = row.trim_end_matches('|').trim_end().trim_end_matches(" instructions");
         let without_limits = without_unit.split("instructions |").last().unwrap();
-        let cells = without_limits.split(['|', ';']).map(|cell| cell.replace(' ', ""));
+        let cells = without_limits.split(['|', ';']).map(|cell| cell.replace([' ', '*'], ""));
         let numbers: Vec<f64> = cells.filter_map(|cell| cell.parse().ok()).collect();
         for (index, name) in names.iter().enumerate() {
             let recorded = record["instructions"][name].as_f64().unwrap_or_else(|| panic!("{name}"));

@@ -25,9 +25,9 @@ use tesaki_tests::{robot, robot_folder};
 /// Maximum number of instructions of a tick with an object in the hand, and of one with an arm under
 /// impedance control.
 const GRASP_TICK: u32 = 40_000;
-const ARM_TICK: u32 = 22_000;
-/// The same with coupled matrices, which are discretised by a power series; 27 333 were measured.
-const COUPLED_ARM_TICK: u32 = 30_000;
+const ARM_TICK: u32 = 23_000;
+/// The same with coupled matrices, which are discretised by a power series.
+const COUPLED_ARM_TICK: u32 = 31_000;
 /// Maximum number of instructions of a tick of telexistence: a tenth of the control period at 168 MHz.
 const TELEXISTENCE_TICK: u32 = 130_000;
 

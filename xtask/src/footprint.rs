@@ -8,7 +8,7 @@ use object::{Object, ObjectSection, ObjectSymbol, SectionFlags, SectionIndex};
 use tesaki_output::say;
 
 /// Most bytes of flash that an image may take.
-const FLASH_LIMIT: u64 = 400 * 1024;
+const FLASH_LIMIT: u64 = 256 * 1024;
 /// Most bytes of initialised data, which take flash and RAM.
 const DATA_LIMIT: u64 = 1024;
 
@@ -228,7 +228,7 @@ mod tests {
         let excess = made_up(FLASH_LIMIT - 1024, 1025).excess();
         assert_eq!(
             excess,
-            ["409601 bytes of flash, limit 409600", "1025 bytes of initialised data, limit 1024"]
+            ["262145 bytes of flash, limit 262144", "1025 bytes of initialised data, limit 1024"]
         );
     }
 }

@@ -20,7 +20,7 @@ use tesaki::kinematics::{Angles, Chain, Finger, FingerError, FingerSolutions, Ha
 use tesaki::math;
 use tesaki::model::{PidGains, Pose};
 use tesaki::node::Node;
-use tesaki::protocol::codec::{Decoder, MAX_FRAME, encode};
+use tesaki::protocol::codec::{Decoder, MAX_FRAME, Outgoing};
 use tesaki::protocol::{FromBoard, JointTelemetry, Mode, Request, SensorFrame, Telemetry};
 use tesaki::robot::Robot;
 use tesaki::signal::{TrajectoryFilter, TrajectoryState};
@@ -295,7 +295,7 @@ fn codec(watch: &mut Stopwatch) {
     let mut decoder = Decoder::new();
     let mut frame = [0; MAX_FRAME];
     watch.measure("codec_largest_telemetry", |_| {
-        let length = encode(black_box(&telemetry), &mut frame).unwrap_or(0);
+        let length = black_box(&telemetry).encode(&mut frame).unwrap_or(0);
         let mut bytes = frame.get(..length).unwrap_or_default();
         let ended = decoder.take(black_box(&mut bytes));
         assert!(ended && black_box(&decoder.message::<FromBoard>()).is_ok(), "not decoded");

@@ -16,14 +16,14 @@ use tesaki::fault::{Fault, FaultCause, FaultLog};
 use tesaki::math;
 use tesaki::model::{Field, ModelError, Problem, RobotModel};
 use tesaki::node::Node;
-use tesaki::protocol::codec::checksum;
+use tesaki::protocol::codec::{MAX_FRAME, Outgoing, checksum};
 use tesaki::protocol::{ActuatorFrame, ClockSource, Request, SensorFrame};
 use tesaki::task::TaskConfig;
 use tesaki::test_support::FORCE_SENSOR;
 use tesaki_firmware::board::{Board, Equipment, Latch, NoCurrents, Peripherals, SupervisorLine};
 use tesaki_firmware::clock::{bring_up, frequency};
 use tesaki_firmware::control::Periods;
-use tesaki_firmware::link::{RECEIVE_QUEUE, Storage, Uart};
+use tesaki_firmware::link::{RECEIVE_QUEUE, SEND_QUEUE, Storage, Uart};
 use tesaki_firmware::pac::{Interrupt, flash, rcc};
 use tesaki_firmware::retained::Record;
 use tesaki_firmware::{retained, stack};
@@ -62,6 +62,7 @@ fn main() -> ! {
         ("the message of a crash survives a reset, truncated, and is returned once", crash_message_survives),
         ("sine and cosine have the bits that the host computed", sine_has_the_hosts_bits),
         ("square root and arc tangent have the bits that the host computed", libm_has_the_hosts_bits),
+        ("memory is copied and cleared, and nothing beside it", memory_is_copied_and_cleared),
         ("the checksum is CRC-32", || checksum(b"123456789") == 0xcbf4_3926),
         ("a full receive queue counts what it loses", overflow_is_counted),
         ("noise on the line is counted", noise_is_counted),
@@ -111,6 +112,34 @@ fn crash_message_survives() -> bool {
         && crash.text().starts_with(start)
         && crash.text().len() == retained::MAX_TEXT
         && retained::take_crash().is_none()
+}
+
+unsafe extern "C" {
+    fn __aeabi_memcpy4(to: *mut u8, from: *const u8, bytes: usize);
+    fn __aeabi_memcpy8(to: *mut u8, from: *const u8, bytes: usize);
+    fn __aeabi_memclr4(at: *mut u8, bytes: usize);
+    fn __aeabi_memclr8(at: *mut u8, bytes: usize);
+}
+
+fn memory_is_copied_and_cleared() -> bool {
+    #[repr(align(8))]
+    struct Aligned([u8; 80]);
+    let from = Aligned(core::array::from_fn(|index| index as u8 + 1));
+    (0..=72).all(|bytes| {
+        let is_copied = [__aeabi_memcpy4, __aeabi_memcpy8].into_iter().all(|copy| {
+            let mut to = Aligned([0xA5; 80]);
+            // SAFETY: both are aligned, and longer than `bytes`.
+            unsafe { copy(to.0.as_mut_ptr(), from.0.as_ptr(), bytes) };
+            to.0[..bytes] == from.0[..bytes] && to.0[bytes..].iter().all(|&byte| byte == 0xA5)
+        });
+        let is_cleared = [__aeabi_memclr4, __aeabi_memclr8].into_iter().all(|clear| {
+            let mut at = Aligned([0xA5; 80]);
+            // SAFETY: it is aligned, and longer than `bytes`.
+            unsafe { clear(at.0.as_mut_ptr(), bytes) };
+            at.0[..bytes].iter().all(|&byte| byte == 0) && at.0[bytes..].iter().all(|&byte| byte == 0xA5)
+        });
+        is_copied && is_cleared
+    })
 }
 
 fn sine_has_the_hosts_bits() -> bool {
@@ -169,10 +198,13 @@ fn noise_is_counted() -> bool {
 
 fn no_partial_frames() -> bool {
     let (_isr, mut endpoint) = link!(FakeUart { next: 0, lost: false });
-    // 128 bytes make a frame of some 140; seven fit into a queue that is not emptied.
-    let message: heapless::Vec<u8, 128> = core::iter::repeat_n(1, 128).collect();
-    let sent = (0..9).filter(|_| endpoint.send(&message)).count();
-    sent == 7 && endpoint.statistics().send_overflow == 2
+    let torques = core::iter::repeat_n(0.1, 16).collect();
+    let message = ActuatorFrame { sequence: u32::MAX, enabled: true, torques };
+    let Ok(length) = message.encode(&mut [0; MAX_FRAME]) else { return false };
+    // Those that fit into a queue that is not emptied.
+    let fitting = (SEND_QUEUE - 1) / length;
+    let sent = (0..fitting + 2).filter(|_| endpoint.send(&message)).count();
+    sent == fitting && endpoint.statistics().send_overflow == 2
 }
 
 fn stack_is_measured() -> bool {

@@ -204,6 +204,8 @@ impl Board for Odrive {
         (board, encoders, loops)
     }
 
+    // Not inlined: its memory on the stack is free when the robot is configured.
+    #[inline(never)]
     fn configure(&mut self, model: &RobotModel) -> Result<(), ModelError> {
         EQUIPMENT.check(model)?;
         let motors = motors_for(model, Sensing::Signed, TRIP, &SWITCHING, 0.0)?;

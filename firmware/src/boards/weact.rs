@@ -182,6 +182,8 @@ impl Board for Weact {
         (board, encoders, loops)
     }
 
+    // Not inlined: its memory on the stack is free when the robot is configured.
+    #[inline(never)]
     fn configure(&mut self, model: &RobotModel) -> Result<(), ModelError> {
         EQUIPMENT.check(model)?;
         let motors = motors_for(model, Sensing::Magnitude, TRIP, &SWITCHING, drv8874::WAKE)?;

@@ -44,8 +44,11 @@ fn places() -> impl Iterator<Item = (usize, usize)> {
 pub(super) fn symmetric(diagonal: &[f32; 6], below: &[f32; ELEMENTS]) -> Matrix6<f32> {
     let mut matrix = Matrix6::from_diagonal(&(*diagonal).into());
     for ((row, column), &value) in places().zip(below) {
-        matrix[(row, column)] = value;
-        matrix[(column, row)] = value;
+        for place in [(row, column), (column, row)] {
+            if let Some(element) = matrix.get_mut(place) {
+                *element = value;
+            }
+        }
     }
     matrix
 }

@@ -1,6 +1,6 @@
 use core::fmt;
 
-use nalgebra::{Matrix3, Matrix6, Vector6};
+use nalgebra::{Matrix3, Matrix6, MatrixView, U1, U3, U6, Vector6};
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
@@ -353,11 +353,12 @@ impl Impedance {
     #[inline(never)]
     pub fn in_axes(&self, axes: ImpedanceAxes, rotation: &Matrix3<f32>) -> Self {
         let of_matrix = |matrix: &Matrix6<f32>| {
-            let mut rotated = *matrix;
-            for (row, column) in [(0, 0), (0, 3), (3, 0), (3, 3)] {
-                let block = rotation * matrix.fixed_view::<3, 3>(row, column) * rotation.transpose();
-                rotated.fixed_view_mut::<3, 3>(row, column).copy_from(&block);
-            }
+            // The block above the diagonal is not used.
+            let mut rotated = Matrix6::zeros();
+            let turned = |block: MatrixView<'_, f32, U3, U3, U1, U6>| rotation * block * rotation.transpose();
+            rotated.fixed_view_mut::<3, 3>(0, 0).copy_from(&turned(matrix.fixed_view(0, 0)));
+            rotated.fixed_view_mut::<3, 3>(3, 0).copy_from(&turned(matrix.fixed_view(3, 0)));
+            rotated.fixed_view_mut::<3, 3>(3, 3).copy_from(&turned(matrix.fixed_view(3, 3)));
             coupling::split(&rotated)
         };
         let matrices = self.matrices(self.coupling.as_ref().unwrap_or(&ImpedanceCoupling::NONE));

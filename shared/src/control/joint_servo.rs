@@ -119,20 +119,21 @@ impl JointServo {
 
     /// The torque that moves the joint, now at `measured` [rad], along `reference`. `model_torque` is the
     /// inverse dynamics of the links [N·m]; rotor and friction are added here. The disturbance estimate is
-    /// adapted only if it `LEARNS`. [`ServoMode::BarePid`] has [`bare_pid`](Self::bare_pid) instead.
+    /// adapted only if it `learns`. [`ServoMode::BarePid`] has [`bare_pid`](Self::bare_pid) instead.
     #[inline]
-    pub(crate) fn compute<const LEARNS: bool>(
+    pub(crate) fn compute(
         &self,
         state: &mut JointServoState,
         mode: ServoMode,
         reference: &JointPoint,
         measured: f32,
         model_torque: f32,
+        learns: bool,
     ) -> ServoOutput {
         let feedforward = self.feedforward(state, reference, model_torque);
         let error = reference.position - measured;
         let at_rest =
-            !LEARNS || math::abs(reference.velocity) < STALL_SPEED && math::abs(error) < self.rest_error;
+            !learns || math::abs(reference.velocity) < STALL_SPEED && math::abs(error) < self.rest_error;
         match mode {
             ServoMode::Pid | ServoMode::BarePid => {
                 let requested = feedforward + self.pid.output(&mut state.pid, reference, measured);
@@ -158,17 +159,18 @@ impl JointServo {
     /// [`ServoMode::BarePid`]: only the torque of the PID and that for `contact` forces [N·m]. As in the
     /// other modes, the effort is the torque beyond the model.
     #[inline(never)]
-    pub(crate) fn bare_pid<const LEARNS: bool>(
+    pub(crate) fn bare_pid(
         &self,
         state: &mut JointServoState,
         reference: &JointPoint,
         measured: f32,
         model_torque: f32,
         contact: f32,
+        learns: bool,
     ) -> ServoOutput {
         let requested = contact + self.pid.output(&mut state.pid, reference, measured);
         let torque = self.limit(state, requested);
-        self.pid.integrate(&mut state.pid, requested, torque, !LEARNS);
+        self.pid.integrate(&mut state.pid, requested, torque, !learns);
         let explained = self.feedforward(state, reference, model_torque + contact);
         ServoOutput { torque, effort: torque - explained }
     }
@@ -234,7 +236,7 @@ mod tests {
         let mut state = JointServoState::at(0.0);
         let reference = JointPoint { position: 1.0, velocity: 0.0, acceleration: 30.0 };
         for (measured, expected) in [(0.0, 2.25), (0.01, 2.254_082), (0.03, 2.218_463)] {
-            let output = servo.bare_pid::<true>(&mut state, &reference, measured, 5.0, 0.25);
+            let output = servo.bare_pid(&mut state, &reference, measured, 5.0, 0.25, true);
             assert!((output.torque - expected).abs() < 1e-5, "{measured}: {}", output.torque);
         }
     }
@@ -251,8 +253,8 @@ mod tests {
         let mut torques = [f32::NAN; 2];
         for _ in 0..=100 {
             torques = [
-                servo.bare_pid::<true>(&mut bare, &reference, 0.0, 0.0, 0.0).torque,
-                servo.compute::<true>(&mut ours, ServoMode::Pid, &reference, 0.0, 0.0).torque,
+                servo.bare_pid(&mut bare, &reference, 0.0, 0.0, 0.0, true).torque,
+                servo.compute(&mut ours, ServoMode::Pid, &reference, 0.0, 0.0, true).torque,
             ];
         }
         for (torque, expected) in torques.into_iter().zip([7e-4, 2e-4]) {

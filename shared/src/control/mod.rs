@@ -49,7 +49,7 @@ impl JointPoint {
     pub(crate) fn stopping_speeds(&self, [lower, upper]: [f32; 2], acceleration: f32) -> [f32; 2] {
         // (now + v) T/2 + v²/acceleration = space
         let lag = 0.25 * acceleration * TICK;
-        let speed = |space: f32| math::sqrt(lag * lag + acceleration * space.max(0.0)) - lag;
+        let speed = |space: f32| math::sqrt(lag * lag + acceleration * math::max(0.0, space)) - lag;
         let half = 0.5 * self.velocity * TICK;
         [speed(self.position - lower + half), speed(upper - self.position - half)]
     }

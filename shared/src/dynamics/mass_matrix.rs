@@ -4,6 +4,7 @@ use heapless::Vec;
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
 use crate::kinematics::{Chain, Link};
+use crate::math;
 use crate::model::MAX_CHAIN_JOINTS;
 
 /// Mass matrix of a chain, `M` in `τ = M(q) q̈ + h(q, q̇)` [kg·m²]. Rows and columns beyond the chain's
@@ -108,7 +109,7 @@ impl Symmetric {
     /// `R I Rᵀ`.
     #[inline]
     fn turned(inertia: &Matrix3<f32>, rotation: &Matrix3<f32>) -> Self {
-        let half = rotation * inertia;
+        let half = math::product(rotation, inertia);
         let element = |row, column| half.row(row).dot(&rotation.row(column));
         Self {
             xx: element(0, 0),

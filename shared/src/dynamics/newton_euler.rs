@@ -87,28 +87,27 @@ impl Chain {
         let (mut omega, mut alpha, mut acceleration) = (zero, zero, -gravity);
         // The tip's wrench is rotated to each link's frame.
         let mut wrench = wrench.map(|w| (Vector3::new(w.x, w.y, w.z), Vector3::new(w.w, w.a, w.b)));
-        for (index, (((link, &q), &qd), &qdd)) in self.links.iter().zip(q).zip(qd).zip(qdd).enumerate() {
-            let (sine, cosine) = math::sin_cos(q);
-            let mut pass = Pass { sine, cosine, force: zero, moment: zero };
-            wrench = wrench.map(|(force, moment)| {
-                let into_link = |v| pass.link_from_parent(&link.rotation, v);
-                (into_link(&force), into_link(&moment))
-            });
-            if index == 0 {
-                acceleration = pass.link_from_parent(&link.rotation, &acceleration);
-                (omega.z, alpha.z) = (qd, qdd);
-                pass.first_link(link, &acceleration, qd, qdd);
-            } else {
-                acceleration += alpha.cross(&link.translation) + centripetal(&omega, &link.translation);
-                acceleration = pass.link_from_parent(&link.rotation, &acceleration);
-                omega = pass.link_from_parent(&link.rotation, &omega);
-                alpha = pass.link_from_parent(&link.rotation, &alpha);
-                // ω̇ = ω̇_parent + ω × z q̇ + z q̈, with ω before the joint's own velocity is added.
-                alpha += Vector3::new(omega.y * qd, -omega.x * qd, qdd);
-                omega.z += qd;
-                pass.link(link, &acceleration, &omega, &alpha);
-            }
+        let mut joints = self.links.iter().zip(q).zip(qd).zip(qdd);
+        if let Some((((link, &q), &qd), &qdd)) = joints.next() {
+            let mut pass = Pass::at(q);
+            wrench = wrench.map(|wrench| pass.wrench_from_parent(&link.rotation, &wrench));
+            acceleration = pass.link_from_parent(&link.rotation, &acceleration);
+            (omega.z, alpha.z) = (qd, qdd);
+            pass.first_link(link, &acceleration, qd, qdd);
             // Cannot fail: the vector has room for every link.
+            let _ = passes.push(pass);
+        }
+        for (((link, &q), &qd), &qdd) in joints {
+            let mut pass = Pass::at(q);
+            wrench = wrench.map(|wrench| pass.wrench_from_parent(&link.rotation, &wrench));
+            acceleration += alpha.cross(&link.translation) + centripetal(&omega, &link.translation);
+            acceleration = pass.link_from_parent(&link.rotation, &acceleration);
+            omega = pass.link_from_parent(&link.rotation, &omega);
+            alpha = pass.link_from_parent(&link.rotation, &alpha);
+            // ω̇ = ω̇_parent + ω × z q̇ + z q̈, with ω before the joint's own velocity is added.
+            alpha += Vector3::new(omega.y * qd, -omega.x * qd, qdd);
+            omega.z += qd;
+            pass.link(link, &acceleration, &omega, &alpha);
             let _ = passes.push(pass);
         }
         let tip_wrench = wrench.filter(|_| passes.len().min(torques.len()) == self.links.len());
@@ -163,6 +162,13 @@ fn centripetal(omega: &Vector3<f32>, r: &Vector3<f32>) -> Vector3<f32> {
 }
 
 impl Pass {
+    /// Of a joint at the angle `q` [rad], without force and moment.
+    #[inline(always)]
+    fn at(q: f32) -> Self {
+        let (sine, cosine) = math::sin_cos(q);
+        Self { sine, cosine, force: Vector3::zeros(), moment: Vector3::zeros() }
+    }
+
     /// Inertial force and moment of the first link, which rotates about its own z axis only.
     #[inline(always)]
     fn first_link(&mut self, link: &Link, acceleration: &Vector3<f32>, qd: f32, qdd: f32) {
@@ -197,6 +203,16 @@ impl Pass {
         Vector3::new(self.cosine * v.x + self.sine * v.y, self.cosine * v.y - self.sine * v.x, v.z)
     }
 
+    /// The force and the moment of a wrench, likewise.
+    #[inline(always)]
+    fn wrench_from_parent(
+        &self,
+        rotation: &Matrix3<f32>,
+        (force, moment): &(Vector3<f32>, Vector3<f32>),
+    ) -> (Vector3<f32>, Vector3<f32>) {
+        (self.link_from_parent(rotation, force), self.link_from_parent(rotation, moment))
+    }
+
     /// A vector of this link's frame in the parent link's frame.
     #[inline]
     fn parent_from_link(&self, rotation: &Matrix3<f32>, v: &Vector3<f32>) -> Vector3<f32> {
@@ -204,7 +220,7 @@ impl Pass {
     }
 
     /// Force and moment of this link on the parent link, about the parent's joint.
-    #[inline]
+    #[inline(always)]
     fn transmit(
         &self,
         link: &Link,

@@ -67,11 +67,12 @@ impl GraspMap {
         };
         let (e12, e13, e23) = (toward(one, two), toward(one, three), toward(two, three));
         let mut matrix = SMatrix::<f32, 9, 3>::zeros();
-        for (row, column, e) in
-            [(0, 1, e13), (0, 2, e12), (3, 0, e23), (3, 2, -e12), (6, 0, -e23), (6, 1, -e13)]
-        {
-            matrix.fixed_view_mut::<3, 1>(row, column).copy_from(&e);
-        }
+        matrix.fixed_view_mut::<3, 1>(0, 1).copy_from(&e13);
+        matrix.fixed_view_mut::<3, 1>(0, 2).copy_from(&e12);
+        matrix.fixed_view_mut::<3, 1>(3, 0).copy_from(&e23);
+        matrix.fixed_view_mut::<3, 1>(3, 2).copy_from(&-e12);
+        matrix.fixed_view_mut::<3, 1>(6, 0).copy_from(&-e23);
+        matrix.fixed_view_mut::<3, 1>(6, 1).copy_from(&-e13);
         Ok(matrix)
     }
 
@@ -145,11 +146,11 @@ impl GraspMap {
         }
         let vectors = eigenvectors(&mut products);
         let (mut min_value, mut next) = (f32::INFINITY, f32::INFINITY);
-        let mut vector = SVector::zeros();
+        let mut vector = SVector::<f32, MAX_CONTACTS>::zeros();
         for (&value, column) in products.diagonal().iter().zip(vectors.column_iter()) {
             if value < min_value {
                 (next, min_value) = (min_value, value);
-                vector = column.into_owned();
+                vector.copy_from(&column);
             } else if value < next {
                 next = value;
             }
@@ -234,9 +235,9 @@ fn eigenvectors<const N: usize>(matrix: &mut SMatrix<f32, N, N>) -> SMatrix<f32,
                 // The smaller rotation that makes this element 0.
                 let ratio = (matrix[(q, q)] - matrix[(p, p)]) / (2.0 * off);
                 let size = abs(ratio);
-                let root = if size < 1e6 { math::sqrt(ratio * ratio + 1.0) } else { size };
+                let root = if size < 1e6 { math::inlined_sqrt(ratio * ratio + 1.0) } else { size };
                 let tangent = (1.0 / (size + root)).copysign(ratio);
-                let cosine = 1.0 / math::sqrt(tangent * tangent + 1.0);
+                let cosine = 1.0 / math::inlined_sqrt(tangent * tangent + 1.0);
                 let sine = tangent * cosine;
                 let rotate = |a: f32, b: f32| (cosine * a - sine * b, sine * a + cosine * b);
                 for k in 0..N {

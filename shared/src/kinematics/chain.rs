@@ -40,7 +40,7 @@ impl Link {
     #[inline(always)]
     pub fn turn(&self, rotation: &mut Matrix3<f32>, angle: f32) {
         if !self.is_aligned {
-            *rotation *= self.rotation;
+            *rotation = math::product(rotation, &self.rotation);
         }
         turn_about_z(rotation, angle);
     }

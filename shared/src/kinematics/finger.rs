@@ -220,13 +220,13 @@ impl Finger {
     fn place(&self, point: &Vector3<f32>, near: &[f32; 3]) -> Result<Place, FingerError> {
         let at = self.root.inverse_transform_point(&Point3::from(*point));
         let squared = at.x * at.x + at.y * at.y;
-        let radius = math::sqrt(squared);
+        let radius = math::inlined_sqrt(squared);
         // False for NaN, too.
         let there = radius + abs(at.z) < MAX_DISTANCE;
         if !there {
             return Err(FingerError::NotFinite);
         }
-        let swing = if self.is_off_axis(squared) { math::atan2(at.y, at.x) } else { near[0] };
+        let swing = if self.is_off_axis(squared) { math::inlined_atan2(at.y, at.x) } else { near[0] };
         Ok(Place { swing, radius, height: at.z })
     }
 
@@ -251,10 +251,10 @@ impl Finger {
         }
         // The angle between the links, and that of the first link from the direction of the tip, by their
         // tangents.
-        let sine = math::sqrt(area);
-        let between = math::atan2(sine, squared - self.sum);
-        let lead = math::atan2(sine, squared + self.difference);
-        let second = math::atan2(along, height) - self.direction;
+        let sine = math::inlined_sqrt(area);
+        let between = math::inlined_atan2(sine, squared - self.sum);
+        let lead = math::inlined_atan2(sine, squared + self.difference);
+        let second = math::inlined_atan2(along, height) - self.direction;
         let bent = self.bent;
         let (mut one, mut other) = (between - bent, -between - bent);
         if self.opposed {
@@ -267,7 +267,7 @@ impl Finger {
     #[cold]
     fn nearly_reaches(&self, squared: f32) -> bool {
         let [a, b] = self.lengths;
-        let (distance, tolerance) = (math::sqrt(squared), REACH_TOLERANCE * (a + b));
+        let (distance, tolerance) = (math::inlined_sqrt(squared), REACH_TOLERANCE * (a + b));
         distance <= a + b + tolerance && distance >= abs(a - b) - tolerance
     }
 

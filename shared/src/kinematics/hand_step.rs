@@ -1,9 +1,11 @@
 //! One step of Newton's method for a [`Hand`](super::Hand): see [`super::hand_inverse`].
 
+use heapless::Vec;
 use nalgebra::Vector3;
 
 use super::hand::{Angles, FingerPosture, HandFinger, Range, angle, set_angle};
 use super::hand_inverse::{FingertipTarget, InverseProblem, Iterate, Terms};
+use crate::math;
 use crate::model::MAX_CHAIN_JOINTS;
 
 /// Weight `μ` of the secondary objective over the squared length of the finger. Position errors that it
@@ -36,16 +38,29 @@ impl InverseProblem<'_> {
     /// One step of Newton's method, or of the Gauss–Newton method where the Hessian is not positive definite
     /// or not needed.
     pub(super) fn step(&self, here: &Iterate, terms: Terms, damping: f32) -> Angles {
-        let step = self.try_step(here, terms, damping, self.irreducible);
-        step.or_else(|| self.try_step(here, terms, damping, 0.0)).unwrap_or_else(Angles::zeros)
+        let mut step = Angles::zeros();
+        for irreducible in [self.irreducible, 0.0] {
+            if self.try_step(here, terms, damping, irreducible, &mut step).is_some() {
+                break;
+            }
+            step = Angles::zeros();
+        }
+        step
     }
 
-    /// The step; `None` if the Hessian is not positive definite.
-    fn try_step(&self, here: &Iterate, terms: Terms, damping: f32, irreducible: f32) -> Option<Angles> {
+    /// Writes the step to `step`, which is 0; `None` if the Hessian is not positive definite.
+    fn try_step(
+        &self,
+        here: &Iterate,
+        terms: Terms,
+        damping: f32,
+        irreducible: f32,
+        step: &mut Angles,
+    ) -> Option<()> {
         let shared = self.hand.shared.filter(|_| self.moves_shared);
         // Gradient and curvature of the shared joint, and those that remain when the fingers follow it.
         let (mut gradient, mut reduced, mut curvature) = (0.0, 0.0, 0.0);
-        let (mut step, mut follow) = (Angles::zeros(), Angles::zeros());
+        let mut follow = Angles::zeros();
         let (mut block, mut solution) = (Block::default(), Move::default());
         for (place, posture) in self.fingers().zip(&here.postures) {
             let (_, finger, target) = place;
@@ -57,7 +72,7 @@ impl InverseProblem<'_> {
             }
             let values = solution.step.iter().zip(&solution.follow);
             for (&joint, (&own_step, &own_follow)) in finger.variables.iter().zip(values).take(own) {
-                set_angle(&mut step, joint, own_step);
+                set_angle(step, joint, own_step);
                 set_angle(&mut follow, joint, own_follow);
             }
             if finger.shares && shared.is_some() {
@@ -85,15 +100,18 @@ impl InverseProblem<'_> {
                 let shared_step = reduced / curvature;
                 for (_, finger, _) in self.fingers().filter(|(_, finger, _)| finger.shares) {
                     for &joint in &finger.variables {
-                        let followed = angle(&step, joint) - angle(&follow, joint) * shared_step;
-                        set_angle(&mut step, joint, followed);
+                        let followed = angle(step, joint) - angle(&follow, joint) * shared_step;
+                        set_angle(step, joint, followed);
                     }
                 }
-                set_angle(&mut step, shared, shared_step);
+                set_angle(step, shared, shared_step);
             }
         }
-        let largest = step.amax();
-        Some(if largest > MAX_STEP { step * (MAX_STEP / largest) } else { step })
+        let largest = step.iter().fold(0.0, |largest, value| math::max(largest, math::abs(*value)));
+        if largest > MAX_STEP {
+            *step *= MAX_STEP / largest;
+        }
+        Some(())
     }
 
     /// Computes gradient and Hessian of one finger's cost, with damping, without the joints that are held at
@@ -113,7 +131,7 @@ impl InverseProblem<'_> {
         let own = finger.variables.len() - usize::from(finger.shares);
         if terms == Terms::All {
             let center = weight * finger.add_secondary(block, posture, target, weight);
-            floor = center.max(DIRECTION_DAMPING * weight);
+            floor = math::max(center, DIRECTION_DAMPING * weight);
             let places = finger.variables.iter().zip(&finger.ranges);
             for (gradient, (&joint, range)) in block.gradient.iter_mut().zip(places).take(own) {
                 *gradient -= center * (angle(&here.angles, joint) - range.center);
@@ -151,18 +169,19 @@ impl HandFinger {
     #[inline]
     #[allow(clippy::needless_range_loop, reason = "rows and columns as in the formulae")]
     fn block(&self, posture: &FingerPosture, error: &Vector3<f32>, irreducible: f32, block: &mut Block) {
-        let count = self.joints.len().min(MAX_CHAIN_JOINTS);
         let variables = self.variables.len().min(MAX_CHAIN_JOINTS);
         // Velocity of the tip per joint of the chain, and per variable.
-        let [mut of_joints, mut columns] = [[Vector3::zeros(); MAX_CHAIN_JOINTS]; 2];
+        let mut of_joints = Vec::<_, MAX_CHAIN_JOINTS>::new();
+        let mut columns = [Vector3::zeros(); MAX_CHAIN_JOINTS];
         let mut size = 0.0;
-        for ((of_joint, joint), (axis, origin)) in of_joints.iter_mut().zip(&self.joints).zip(&posture.joints)
-        {
-            *of_joint = axis.cross(&(posture.reach - origin)) * joint.multiplier;
+        for (joint, (axis, origin)) in self.joints.iter().zip(&posture.joints) {
+            let of_joint = axis.cross(&(posture.reach - origin)) * joint.multiplier;
             if let Some(column) = columns.get_mut(usize::from(joint.actuated)) {
-                *column += *of_joint;
+                *column += of_joint;
             }
             size += of_joint.norm_squared();
+            // Cannot fail: a chain has no more joints.
+            let _ = of_joints.push(of_joint);
         }
         let mut pull = 0.0;
         for row in 0..variables {
@@ -176,16 +195,19 @@ impl HandFinger {
         if pull >= irreducible * size * error.norm_squared() {
             return;
         }
-        for index in 0..count {
-            // (aᵢ × Jⱼ) · e = (e × aᵢ) · Jⱼ for each later j.
-            let (joint, (axis, _)) = (&self.joints[index], &posture.joints[index]);
+        // (aᵢ × Jⱼ) · e = (e × aᵢ) · Jⱼ for each j from i on.
+        for (index, (joint, (axis, _))) in self.joints.iter().zip(&posture.joints).enumerate() {
             let factor = error.cross(axis) * joint.multiplier;
-            for other in index..count {
-                let actuated = self.joints[other].actuated;
+            let later = self.joints.get(index..).unwrap_or_default();
+            let mut later = later.iter().zip(of_joints.get(index..).unwrap_or_default());
+            if let Some((_, own)) = later.next() {
+                block.add(joint.actuated, joint.actuated, -factor.dot(own));
+            }
+            for (other, of_joint) in later {
                 // A pair of joints with the same variable counts twice.
-                let twice = other > index && actuated == joint.actuated;
-                let value = factor.dot(&of_joints[other]);
-                block.add(joint.actuated, actuated, if twice { -2.0 * value } else { -value });
+                let value = factor.dot(of_joint);
+                let twice = other.actuated == joint.actuated;
+                block.add(joint.actuated, other.actuated, if twice { -2.0 * value } else { -value });
             }
         }
     }

@@ -1,5 +1,5 @@
 use heapless::Vec;
-use nalgebra::{IsometryMatrix3, SMatrix, Vector3, Vector6};
+use nalgebra::{IsometryMatrix3, Matrix3, SMatrix, Vector3, Vector6};
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
@@ -49,12 +49,17 @@ impl Posture {
     #[inline]
     pub fn jacobian(&self) -> Jacobian {
         let mut jacobian = Jacobian::zeros();
+        self.write_jacobian(&mut jacobian);
+        jacobian
+    }
+
+    /// In place: by value it would be copied once more.
+    fn write_jacobian(&self, jacobian: &mut Jacobian) {
         for (mut column, (axis, origin)) in jacobian.column_iter_mut().zip(&self.joints) {
             let linear = axis.cross(&(self.reach - origin));
             column.fixed_rows_mut::<3>(0).copy_from(&linear);
             column.fixed_rows_mut::<3>(3).copy_from(axis);
         }
-        jacobian
     }
 
     /// Joint velocities [rad/s] and accelerations [rad/s²] of a three-joint chain for the motion `point` of
@@ -67,7 +72,9 @@ impl Posture {
         if self.joints.len() != 3 {
             return None;
         }
-        let jacobian = self.jacobian().fixed_view::<3, 3>(0, 0).into_owned();
+        // `into_owned` would contain a panic.
+        let mut jacobian = Matrix3::zeros();
+        jacobian.copy_from(&self.jacobian().fixed_view::<3, 3>(0, 0));
         let size = jacobian.column_iter().fold(0.0_f32, |size, column| {
             let squared = column.norm_squared();
             if squared > size { squared } else { size }
@@ -85,7 +92,6 @@ impl Posture {
 
     /// `J̇ q̇`: the acceleration of the tip [m/s², rad/s²] that joint velocities `qd` [rad/s] cause without
     /// any joint acceleration. The linear part is that of the tip's point (the classical acceleration).
-    #[inline]
     pub fn bias_acceleration(&self, qd: &[f32]) -> Vector6<f32> {
         let zero = Vector3::zeros();
         let (mut omega, mut alpha, mut acceleration, mut previous) = (zero, zero, zero, zero);

@@ -14,8 +14,15 @@ const TAN_PI_8: f32 = 0.414_213_57;
 /// ```
 /// assert!((tesaki::math::atan2(1.0, -2.0) - 2.677_945).abs() < 3e-7);
 /// ```
-#[inline]
+#[cfg_attr(target_os = "none", inline(never))]
+#[cfg_attr(not(target_os = "none"), inline)]
 pub fn atan2(y: f32, x: f32) -> f32 {
+    inlined_atan2(y, x)
+}
+
+/// The same, for places where a call takes too long.
+#[inline(always)]
+pub(crate) fn inlined_atan2(y: f32, x: f32) -> f32 {
     let (width, height) = (abs(x), abs(y));
     let steep = height > width;
     let (smaller, larger) = if steep { (width, height) } else { (height, width) };

@@ -2,6 +2,7 @@ use nalgebra::{SMatrix, SVector};
 
 /// LDLᵀ factorisation of a symmetric positive definite matrix. Reads the lower triangle only.
 pub(crate) struct Ldlt<const M: usize> {
+    /// L below the diagonal.
     lower: SMatrix<f32, M, M>,
     /// Inverse of D.
     inverse: SVector<f32, M>,
@@ -31,6 +32,11 @@ impl<const M: usize> Ldlt<M> {
                 lower[(row, column)] = value;
             }
         }
+        for column in 0..M {
+            for row in column + 1..M {
+                lower[(row, column)] *= inverse[column];
+            }
+        }
         Self { lower, inverse }
     }
 
@@ -39,13 +45,13 @@ impl<const M: usize> Ldlt<M> {
         let mut x = *right;
         for row in 0..M {
             for k in 0..row {
-                x[row] -= self.lower[(row, k)] * self.inverse[k] * x[k];
+                x[row] -= self.lower[(row, k)] * x[k];
             }
         }
         for row in (0..M).rev() {
             x[row] *= self.inverse[row];
             for k in row + 1..M {
-                x[row] -= self.lower[(k, row)] * self.inverse[row] * x[k];
+                x[row] -= self.lower[(k, row)] * x[k];
             }
         }
         x

@@ -7,6 +7,8 @@
 //! which the Cortex-M4F has no hardware. `atan2` and `sqrt` are implemented here for speed. All other
 //! functions are libm's.
 
+use nalgebra::Matrix3;
+
 mod atan2;
 mod ldlt;
 mod least_squares;
@@ -15,13 +17,15 @@ mod so3;
 mod sqrt;
 
 pub use atan2::atan2;
+pub(crate) use atan2::inlined_atan2;
 pub(crate) use ldlt::Ldlt;
 pub(crate) use least_squares::{IncrementalQr, Svd};
+pub(crate) use sincos::inlined_sin_cos;
 pub use sincos::sin_cos;
 pub(crate) use so3::{rotated_by, rotation_between};
 pub use so3::{rotation_matrix, rotation_vector};
-pub(crate) use sqrt::finite_sqrt;
 pub use sqrt::sqrt;
+pub(crate) use sqrt::{finite_sqrt, inlined_sqrt};
 
 /// `e^x`.
 #[inline]
@@ -37,10 +41,38 @@ pub const fn round(x: f32) -> f32 {
     (x + SHIFT) - SHIFT
 }
 
+/// `a b`, as nalgebra's product to the last bit, but without a call.
+#[inline(always)]
+pub(crate) fn product(a: &Matrix3<f32>, b: &Matrix3<f32>) -> Matrix3<f32> {
+    Matrix3::new(
+        a.m11 * b.m11 + a.m12 * b.m21 + a.m13 * b.m31,
+        a.m11 * b.m12 + a.m12 * b.m22 + a.m13 * b.m32,
+        a.m11 * b.m13 + a.m12 * b.m23 + a.m13 * b.m33,
+        a.m21 * b.m11 + a.m22 * b.m21 + a.m23 * b.m31,
+        a.m21 * b.m12 + a.m22 * b.m22 + a.m23 * b.m32,
+        a.m21 * b.m13 + a.m22 * b.m23 + a.m23 * b.m33,
+        a.m31 * b.m11 + a.m32 * b.m21 + a.m33 * b.m31,
+        a.m31 * b.m12 + a.m32 * b.m22 + a.m33 * b.m32,
+        a.m31 * b.m13 + a.m32 * b.m23 + a.m33 * b.m33,
+    )
+}
+
 /// `|x|`.
 #[inline]
 pub const fn abs(x: f32) -> f32 {
     x.abs()
+}
+
+/// The larger one; `a` if they do not compare. A comparison, where [`f32::max`] is a call.
+#[inline]
+pub const fn max(a: f32, b: f32) -> f32 {
+    if b > a { b } else { a }
+}
+
+/// The smaller one; `a` if they do not compare.
+#[inline]
+pub const fn min(a: f32, b: f32) -> f32 {
+    if b < a { b } else { a }
 }
 
 /// Limits `x` to `lower` … `upper`; NaN stays NaN. Two comparisons, no call.

@@ -22,8 +22,15 @@ const ROUND: f32 = 12_582_912.0;
 /// let (s, c) = tesaki::math::sin_cos(0.5);
 /// assert!((s - 0.479_425_54).abs() < 1e-7 && (c - 0.877_582_56).abs() < 1e-7);
 /// ```
-#[inline]
+#[cfg_attr(target_os = "none", inline(never))]
+#[cfg_attr(not(target_os = "none"), inline)]
 pub fn sin_cos(x: f32) -> (f32, f32) {
+    inlined_sin_cos(x)
+}
+
+/// The same, for places where a call takes too long.
+#[inline(always)]
+pub(crate) fn inlined_sin_cos(x: f32) -> (f32, f32) {
     // False for NaN, too.
     if !(x > -FAST_RANGE && x < FAST_RANGE) {
         return slow(x);
@@ -36,7 +43,7 @@ pub fn sin_cos(x: f32) -> (f32, f32) {
 }
 
 /// Sine and cosine of `r`, within ±π/4, plus `quadrant` quarter turns.
-#[inline]
+#[inline(always)]
 fn of_reduced(r: f32, quadrant: u32) -> (f32, f32) {
     let r2 = r * r;
     let sine = r + r * r2 * (-1.666_665_5e-1 + r2 * (8.332_161e-3 + r2 * -1.951_529_6e-4));

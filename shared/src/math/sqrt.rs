@@ -8,8 +8,16 @@
 /// ```
 /// assert_eq!(tesaki::math::sqrt(2.25), 1.5);
 /// ```
-#[inline]
+// Not inlined on the microcontroller, where all its places take 10 KB of flash.
+#[cfg_attr(target_os = "none", inline(never))]
+#[cfg_attr(not(target_os = "none"), inline)]
 pub fn sqrt(x: f32) -> f32 {
+    inlined_sqrt(x)
+}
+
+/// The same, for places where a call takes too long.
+#[inline(always)]
+pub(crate) fn inlined_sqrt(x: f32) -> f32 {
     // One comparison: the bits of negative and non-finite numbers are larger than those of every positive
     // number.
     if x.to_bits() >= f32::INFINITY.to_bits() {

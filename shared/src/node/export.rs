@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::state::State;
 use crate::model::RobotModel;
-use crate::protocol::{EXPORT_CHUNK, Refusal, Reply, codec, longest};
+use crate::protocol::{EXPORT_CHUNK, Refusal, Reply, codec, longest, to_slice};
 
 /// Longest postcard encoding of a [`State`] in bytes.
 pub const MAX_STATE: usize = longest(State::SCHEMA);
@@ -31,10 +31,9 @@ impl Export {
     pub fn begin<T: Serialize>(&mut self, item: &T, index: u32, key: u64) -> Result<Reply, Refusal> {
         self.length = 0;
         // Cannot fail: the buffer has the length of the longest encoding.
-        let bytes =
-            postcard::to_slice(item, &mut self.bytes).map_err(|_| Refusal::NotExported { length: 0 })?;
-        self.length = bytes.len();
-        Ok(Reply::Exported { length: self.length as u32, checksum: codec::checksum(bytes), index, key })
+        self.length = to_slice(item, &mut self.bytes).map_err(|_| Refusal::NotExported { length: 0 })?;
+        let checksum = codec::checksum(self.bytes.get(..self.length).unwrap_or_default());
+        Ok(Reply::Exported { length: self.length as u32, checksum, index, key })
     }
 
     /// The chunk at `offset`.

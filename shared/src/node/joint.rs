@@ -338,23 +338,22 @@ impl Joint<'_> {
         };
     }
 
-    /// Computes the torque of the servo, which adapts its disturbance estimate only if it `LEARNS`.
+    /// Computes the torque of the servo, which adapts its disturbance estimate only if it `learns`.
     /// `model_torque` is the inverse dynamics at the reference [N·m].
     #[inline]
-    pub fn control<const LEARNS: bool>(&mut self, mode: ServoMode, model_torque: f32) {
+    pub fn control(&mut self, mode: ServoMode, model_torque: f32, learns: bool) {
         let feedforward = model_torque + self.target.feedforward;
         let Self { config, state, reference, position, .. } = self;
-        let output =
-            config.servo.compute::<LEARNS>(&mut state.servo, mode, reference, **position, feedforward);
+        let output = config.servo.compute(&mut state.servo, mode, reference, **position, feedforward, learns);
         self.state.torque = output.torque;
         self.state.effort = output.effort;
     }
 
     /// As [`control`](Self::control) for [`ServoMode::BarePid`].
-    pub fn control_bare<const LEARNS: bool>(&mut self, model_torque: f32) {
+    pub fn control_bare(&mut self, model_torque: f32, learns: bool) {
         let Self { config, state, reference, position, target, .. } = self;
         let (servo, contact) = (&mut state.servo, target.feedforward);
-        let output = config.servo.bare_pid::<LEARNS>(servo, reference, **position, model_torque, contact);
+        let output = config.servo.bare_pid(servo, reference, **position, model_torque, contact, learns);
         self.state.torque = output.torque;
         self.state.effort = output.effort;
     }

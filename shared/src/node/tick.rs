@@ -98,7 +98,7 @@ impl Node {
             (Reaction::Hold, Some(_)) => match self.state.targets.actuation {
                 Actuation::Acceleration { friction } => self.accelerate(friction),
                 actuation if self.state.mode == Mode::Fault => self.hold(actuation),
-                actuation => self.servo::<true>(actuation),
+                actuation => self.servo(actuation, true),
             },
         }
     }
@@ -109,11 +109,7 @@ impl Node {
     fn hold(&mut self, actuation: Actuation) {
         let mut before = [0.0; MAX_JOINTS];
         before.iter_mut().zip(&self.state.joints).for_each(|(before, joint)| *before = joint.torque);
-        if self.stays() {
-            self.servo::<false>(actuation);
-        } else {
-            self.servo::<true>(actuation);
-        }
+        self.servo(actuation, !self.stays());
         let begins = self.state.tick.wrapping_sub(self.state.reacting_since) < BRAKING_TICKS;
         let mut all = Joints::of(&self.robot, &mut self.state);
         let weight = all.weight();
@@ -135,8 +131,9 @@ impl Node {
     }
 
     /// Computes the torques of [`Actuation::Servo`] and [`Actuation::Torque`]. The servos adapt their
-    /// disturbance estimates only if they `LEARN`.
-    fn servo<const LEARN: bool>(&mut self, actuation: Actuation) {
+    /// disturbance estimates only if they `learn`.
+    #[inline(never)]
+    fn servo(&mut self, actuation: Actuation, learn: bool) {
         let robot = &self.robot;
         let mode = self.state.targets.servo_mode;
         let mut all = Joints::of(robot, &mut self.state);
@@ -159,13 +156,13 @@ impl Node {
                 }
                 chain.inverse_dynamics(robot.gravity(), &q, &qd, &qdd, &mut torques);
             }
-            let of_chain = all.range(joints.start, joints.len()).zip(torques);
+            let of_chain = all.range(joints.start, joints.len()).zip(&torques);
             if let Actuation::Torque { damping, compensated } = actuation {
-                of_chain.for_each(|(mut joint, torque)| joint.push(damping, compensated, torque));
+                of_chain.for_each(|(mut joint, &torque)| joint.push(damping, compensated, torque));
             } else if mode == ServoMode::BarePid {
-                of_chain.for_each(|(mut joint, torque)| joint.control_bare::<LEARN>(torque));
+                of_chain.for_each(|(mut joint, &torque)| joint.control_bare(torque, learn));
             } else {
-                of_chain.for_each(|(mut joint, torque)| joint.control::<LEARN>(mode, torque));
+                of_chain.for_each(|(mut joint, &torque)| joint.control(mode, torque, learn));
             }
         }
     }
@@ -214,9 +211,9 @@ impl Node {
             }
             chain.inverse_dynamics(robot.gravity(), &q, &qd, &qdd, &mut torques);
             let results = mean.iter_mut().zip(&mut added).skip(joints.start);
-            let of_chain = all.range(joints.start, joints.len()).zip(torques);
+            let of_chain = all.range(joints.start, joints.len()).zip(&torques);
             for ((mut joint, torque), (mean, added)) in of_chain.zip(results) {
-                [*mean, *added] = joint.accelerate(friction, torque);
+                [*mean, *added] = joint.accelerate(friction, *torque);
             }
         }
         self.state.task.applied(&self.robot, &mean, &added);

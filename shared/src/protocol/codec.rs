@@ -9,6 +9,8 @@ use core::mem::take;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
+use super::{ActuatorFrame, FromBoard, to_slice};
+
 /// Longest postcard encoding of a message in bytes.
 pub const MAX_MESSAGE: usize = 336;
 /// Bytes of the checksum.
@@ -84,16 +86,59 @@ impl core::error::Error for TooLong {}
 /// # Errors
 /// [`TooLong`]; cannot happen with a buffer of [`MAX_FRAME`] bytes and the messages of [`super`].
 pub fn encode<T: Serialize>(message: &T, frame: &mut [u8]) -> Result<usize, TooLong> {
+    enclose(frame, |payload| to_slice(message, payload).ok())
+}
+
+/// Calls `write` with the place of a message's encoding in `frame`, and makes a frame of the bytes that it
+/// has written. Returns the frame's length.
+#[inline]
+fn enclose(frame: &mut [u8], write: impl FnOnce(&mut [u8]) -> Option<usize>) -> Result<usize, TooLong> {
     // Behind the position of the first COBS code: COBS is applied in place.
     let payload = frame.get_mut(1..).ok_or(TooLong)?;
     let room = payload.len().min(MAX_MESSAGE);
-    let length =
-        postcard::to_slice(message, payload.get_mut(..room).ok_or(TooLong)?).map_err(|_| TooLong)?.len();
-    let (encoded, rest) = payload.split_at_mut_checked(length).ok_or(TooLong)?;
+    let length = write(payload.get_mut(..room).ok_or(TooLong)?).ok_or(TooLong)?;
+    close(frame, length)
+}
+
+/// Makes a frame of an encoding of `length` bytes behind the first byte of `frame`.
+fn close(frame: &mut [u8], length: usize) -> Result<usize, TooLong> {
+    let (encoded, rest) =
+        frame.get_mut(1..).and_then(|payload| payload.split_at_mut_checked(length)).ok_or(TooLong)?;
     *rest.first_chunk_mut::<CHECKSUM>().ok_or(TooLong)? = checksum(encoded).to_le_bytes();
     let end = stuff(frame, 1 + length + CHECKSUM).ok_or(TooLong)?;
     *frame.get_mut(end).ok_or(TooLong)? = 0;
     Ok(end + 1)
+}
+
+/// A message that a board sends. The image needs the encoding of its parts also for [exports], which the core
+/// contains: encoded by the core, they are compiled once.
+///
+/// [exports]: super::Request::Export
+pub trait Outgoing {
+    /// As [`encode`].
+    ///
+    /// # Errors
+    /// [`TooLong`], as there.
+    fn encode(&self, frame: &mut [u8]) -> Result<usize, TooLong>;
+}
+
+impl Outgoing for ActuatorFrame {
+    fn encode(&self, frame: &mut [u8]) -> Result<usize, TooLong> {
+        encode(self, frame)
+    }
+}
+
+impl Outgoing for FromBoard {
+    fn encode(&self, frame: &mut [u8]) -> Result<usize, TooLong> {
+        match self {
+            // A hundred times a second: by inlined functions. The bytes are the same.
+            Self::Telemetry(telemetry) => enclose(frame, |payload| {
+                let message = (Self::TELEMETRY, telemetry);
+                postcard::to_slice(&message, payload).ok().map(|bytes| bytes.len())
+            }),
+            _ => encode(self, frame),
+        }
+    }
 }
 
 /// COBS in place: the payload is `frame[1..end]`. Returns the new end; `None` without room for it.
@@ -433,6 +478,31 @@ mod tests {
         log.total = u32::MAX;
         let reply = ReplyFrame { client, sequence, tick: u32::MAX, reply: Reply::Faults(log) };
         encoded(&FromBoard::Reply(reply));
+    }
+
+    #[test]
+    fn what_a_board_sends_has_the_bytes_of_postcard() {
+        use crate::protocol::{FromBoard, JointTelemetry, Mode, Reply, ReplyFrame, Telemetry};
+        let joint = JointTelemetry { position: 0.25, velocity: -1.0, reference: 0.0, torque: f32::MAX };
+        let joints = [joint; 3].into_iter().collect();
+        let telemetry = Telemetry { tick: 123_456, mode: Mode::Disabled, faults: 300, joints };
+        let data = [0, 1, 255].into_iter().collect();
+        let reply = Reply::Chunk { offset: u32::MAX, data };
+        let reply = ReplyFrame { client: 128, sequence: 127, tick: 0, reply };
+        for message in [FromBoard::Telemetry(telemetry), FromBoard::Reply(reply)] {
+            let mut buffer = [0; MAX_FRAME];
+            let length = message.encode(&mut buffer).unwrap();
+            let payload = unstuff(&mut buffer[..length - 1]).unwrap();
+            let (bytes, _) = payload.split_at(payload.len() - CHECKSUM);
+            assert_eq!(bytes, postcard::to_stdvec(&message).unwrap());
+            for room in 0..bytes.len() {
+                assert_eq!(
+                    to_slice(&message, &mut [0; MAX_MESSAGE][..room]),
+                    Err(postcard::Error::SerializeBufferFull)
+                );
+                assert_eq!(message.encode(&mut [0; MAX_FRAME][..room]), Err(TooLong));
+            }
+        }
     }
 
     /// Random bytes with this percentage of zeros.

@@ -10,6 +10,7 @@
 //! changes.
 
 pub mod codec;
+mod encoding;
 mod frame;
 mod longest;
 mod refusal;
@@ -18,6 +19,7 @@ mod request;
 mod status;
 mod telemetry;
 
+pub use encoding::to_slice;
 pub use frame::{ActuatorFrame, ForceSensorFault, LogRecord, LogStart, SensorFlags, SensorFrame};
 pub use longest::longest;
 pub use refusal::Refusal;

@@ -30,6 +30,11 @@ pub enum FromBoard {
     Task(TaskReport),
 }
 
+impl FromBoard {
+    /// Position of [`FromBoard::Telemetry`].
+    pub(super) const TELEMETRY: u8 = 1;
+}
+
 /// A log entry: input or output of the node.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct LogEntry {

@@ -120,8 +120,8 @@ macro_rules! tasks {
                 match config {
                     $(TaskConfig::$name(config) => {
                         // Copied from a static: by value the compiler needs several copies on the stack.
-                        static IDLE: TaskState = TaskState::$name(<$task as Task>::IDLE);
-                        self.clone_from(&IDLE);
+                        static IDLE: $task = <$task as Task>::IDLE;
+                        *self = Self::$name(IDLE.clone());
                         if let Self::$name(task) = self {
                             task.begin(io, config);
                         }

@@ -214,7 +214,7 @@ impl List<'_> {
                 return;
             }
         }
-        let scale = 127.0 / math::sqrt(magnitude as f32);
+        let scale = 127.0 / math::inlined_sqrt(magnitude as f32);
         let [gx, gy] = [gx, gy].map(|component| math::round(component as f32 * scale) as i8);
         if let Some(point) = self.points.get_mut(self.length) {
             *point = EdgePoint { x, y, gx, gy, weight: 0, bucket };

@@ -131,7 +131,7 @@ pub(super) fn radii_about(
         if ((along * along) as f32) < ALIGNMENT * 127.0 * 127.0 * squared as f32 {
             continue;
         }
-        let radius = math::round(math::sqrt(squared as f32)) as i32 - from;
+        let radius = math::round(math::inlined_sqrt(squared as f32)) as i32 - from;
         if let Some(seen) = seen.get_mut(radius as usize) {
             *seen |= 1 << sector(dx, dy);
         }

@@ -87,7 +87,7 @@ impl Polar {
         let scale = 1.0 / self.unit;
         let places = shifts.map(|shift| {
             let square = rest + shift * shift;
-            (shift + math::finite_sqrt(square.max(0.0)) - self.from) * scale
+            (shift + math::finite_sqrt(math::max(square, 0.0)) - self.from) * scale
         });
         let (mut open, mut sum, mut before) = (0, 0, 0);
         for (place, row) in places.iter().zip(&self.contrasts) {
@@ -141,15 +141,15 @@ pub(super) fn roses(
             let shifts = polar.shifts(center);
             let distance = math::sqrt(away * away + aside * aside);
             let mut radius = from.max(0.9 * knob.radius).max(search.radius[0]);
-            while radius <= to.min(search.radius[1]) {
+            while radius <= math::min(to, search.radius[1]) {
                 let score = polar.score(&shifts, distance, radius);
                 if score > MIN_SCORE {
                     starts.insert(Start { ellipse: Ellipse::circle(center, radius), score, side: 1.0 });
                 }
-                radius += RADIUS_STEP.0.max(RADIUS_STEP.1 * radius);
+                radius += math::max(RADIUS_STEP.0, RADIUS_STEP.1 * radius);
             }
         }
-        away += CENTER_STEP.0.max(CENTER_STEP.1 * knob.radius);
+        away += math::max(CENTER_STEP.0, CENTER_STEP.1 * knob.radius);
     }
     starts
 }

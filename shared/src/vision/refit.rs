@@ -78,7 +78,7 @@ impl Rims<'_> {
         // In a noisy image the edge points have more scatter.
         let (mut sum, mut count) = (0.0, 0.0);
         for (point, weight) in &points {
-            sum += weight * math::abs(ellipse.distance_to(*point)).min(2.0);
+            sum += weight * math::min(math::abs(ellipse.distance_to(*point)), 2.0);
             count += weight;
         }
         let scatter = SCATTER * sum / count;

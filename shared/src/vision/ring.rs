@@ -241,12 +241,12 @@ impl RimFeatures {
     fn add(&mut self, signed: &[f32; PLACES]) -> f32 {
         const MIDDLE: usize = MAX_HALF;
         let sizes = signed.map(math::abs);
-        let here = sizes[MIDDLE].max(sizes[MIDDLE - 1]).max(sizes[MIDDLE + 1]);
+        let here = math::max(math::max(sizes[MIDDLE], sizes[MIDDLE - 1]), sizes[MIDDLE + 1]);
         let width: f32 = sizes[MIDDLE - 3..=MIDDLE + 3].iter().sum();
-        self.contrast += sizes[MIDDLE].min(4.0);
-        self.near_in += sizes[MIDDLE - 2].min(4.0);
-        self.near_out += sizes[MIDDLE + 2].min(4.0);
-        self.far_in += sizes[MIDDLE - 4].min(4.0);
+        self.contrast += math::min(sizes[MIDDLE], 4.0);
+        self.near_in += math::min(sizes[MIDDLE - 2], 4.0);
+        self.near_out += math::min(sizes[MIDDLE + 2], 4.0);
+        self.far_in += math::min(sizes[MIDDLE - 4], 4.0);
         self.sharp += here / (width + 1.0);
         self.shade_in += math::clamp(signed[MIDDLE - 2], -2.0, 2.0);
         self.shade += math::clamp(signed[MIDDLE], -2.0, 2.0);
@@ -258,7 +258,7 @@ impl RimFeatures {
             }
         }
         let offset = best as f32 - MIDDLE as f32 + peak([sizes[best - 1], sizes[best], sizes[best + 1]]);
-        let offset = if sizes[best] < 1.0 { 2.0 } else { math::abs(offset).min(2.0) };
+        let offset = if sizes[best] < 1.0 { 2.0 } else { math::min(math::abs(offset), 2.0) };
         self.jitter += offset;
         offset
     }

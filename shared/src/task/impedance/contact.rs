@@ -121,7 +121,7 @@ impl ContactLoop {
     /// Jury's conditions for the surface on which the own mass has the frequency ω, with `half` = ω T/2:
     /// `velocity < ω cot half` and `force·k + error < ω² + velocity·ω cot half`, `k = own_mass·ω²`.
     fn is_stable(&self, own_mass: f32, half: f32) -> bool {
-        let (sine, cosine) = math::sin_cos(half);
+        let (sine, cosine) = math::inlined_sin_cos(half);
         let frequency = half * (2.0 / TICK);
         let square = frequency * frequency;
         let cotangent = if sine > 0.0 { frequency * cosine / sine } else { 2.0 / TICK };

@@ -179,8 +179,7 @@ impl<'a> GuidedArm<'a> {
                 result[own] = math::clamp(velocity, min, max);
                 if abs(result[own] - velocity) > 1e-4 && is_near_stop(joint, point, velocity) {
                     (held[own], holds, limited) = (true, true, true);
-                    let column = jacobian.column(own) * result[own];
-                    rest -= column;
+                    rest.axpy(-result[own], &jacobian.column(own), 1.0);
                     free.column_mut(own).fill(0.0);
                 }
             }
