@@ -86,3 +86,28 @@ pub const fn clamp(x: f32, lower: f32, upper: f32) -> f32 {
         x
     }
 }
+
+#[cfg(test)]
+#[allow(clippy::cast_possible_truncation, clippy::float_cmp, reason = "tests")]
+mod tests {
+    use tesaki_rng::Rng;
+
+    use super::*;
+
+    #[test]
+    fn the_product_has_the_bits_of_nalgebras() {
+        let mut rng = Rng::new(1, 0);
+        let mut matrix = || Matrix3::from_fn(|_, _| 3.0 * rng.symmetric() as f32);
+        for _ in 0..1000 {
+            let (a, b) = (matrix(), matrix());
+            assert_eq!(product(&a, &b).map(f32::to_bits), (a * b).map(f32::to_bits));
+        }
+    }
+
+    #[test]
+    fn the_first_argument_remains_if_they_do_not_compare() {
+        assert_eq!((max(1.0, 2.0), min(1.0, 2.0), max(2.0, 1.0), min(2.0, 1.0)), (2.0, 1.0, 2.0, 1.0));
+        assert_eq!((max(0.0, f32::NAN), min(0.0, f32::NAN)), (0.0, 0.0));
+        assert!(max(f32::NAN, 0.0).is_nan() && min(f32::NAN, 0.0).is_nan());
+    }
+}

@@ -174,7 +174,8 @@ impl Image {
     /// It cannot be read, or is not of an ARM processor.
     pub fn read(file: &Path) -> Result<Self> {
         let bytes = std::fs::read(file).with_context(|| file.display().to_string())?;
-        let elf = object::File::parse(&*bytes)?;
+        let elf = object::File::parse(&*bytes)
+            .with_context(|| format!("{} is no complete ELF file: build the image again", file.display()))?;
         ensure!(elf.architecture() == object::Architecture::Arm, "{} is not for ARM", file.display());
         let mut sections = Vec::new();
         for name in [".vector_table", ".text", ".rodata"] {
