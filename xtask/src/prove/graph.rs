@@ -211,7 +211,8 @@ impl Image {
     fn literals(&self, data: &BTreeSet<Address>) -> BTreeSet<Address> {
         let mut literals = BTreeSet::new();
         for &begin in &self.code {
-            let end = self.sections.iter().map(|(start, bytes)| start + bytes.len() as u32);
+            let length = |bytes: &[u8]| u32::try_from(bytes.len()).unwrap_or(u32::MAX);
+            let end = self.sections.iter().map(|(start, bytes)| start.saturating_add(length(bytes)));
             let end = end.filter(|end| *end > begin).min().unwrap_or(begin);
             let next = data.range(begin..).chain(self.code.range(begin + 1..).next()).min();
             let next = next.map_or(end, |next| end.min(*next));
