@@ -167,6 +167,16 @@ impl Failure {
         }
     }
 
+    /// The same failure of a board that is not the one of `--port`: the commands that help name its port.
+    pub fn at_port(self, port: &str) -> Self {
+        match &self {
+            Self::Board(BoardError::Refused { .. }) | Self::Refused(_) => {
+                Self::Refused(self.to_string().replace("`tesaki ", &format!("`tesaki --port {port} ")))
+            }
+            _ => self,
+        }
+    }
+
     /// A failure to read or write `path`.
     pub fn file(path: impl Into<PathBuf>) -> impl FnOnce(io::Error) -> Self {
         let path = path.into();
