@@ -393,7 +393,7 @@ fn joint_angle(text: &str) -> Result<(String, f32), String> {
         .ok_or_else(|| format!("{text:?}: expected JOINT=ANGLE, for example finger1_swing=0.3"))?;
     match angle.trim().parse::<f32>() {
         Ok(angle) if angle.is_finite() => Ok((name.trim().to_owned(), angle)),
-        _ => Err(format!("{angle:?} is not an angle: expected a finite number")),
+        _ => Err(format!("{angle:?} is not an angle in rad; in degrees: --degrees and a number")),
     }
 }
 

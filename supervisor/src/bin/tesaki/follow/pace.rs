@@ -2,7 +2,6 @@
 //! another unit.
 
 use nalgebra::Vector3;
-use tesaki::model::RobotModel;
 
 use super::source::Sample;
 
@@ -56,13 +55,6 @@ impl Pace {
     pub const fn forget(&mut self) {
         self.last = None;
     }
-}
-
-/// The length of an arm along its links [m].
-pub fn length(model: &RobotModel) -> f32 {
-    let norm = |translation: [f32; 3]| Vector3::from(translation).norm();
-    let tip = model.chains.first().map_or(0.0, |chain| norm(chain.tip.translation));
-    model.joints_of(0).map(|joint| norm(joint.body().0.translation)).sum::<f32>() + tip
 }
 
 /// Checks the samples of a recorded hand for an arm of a length [m]. Returns the index of the first one that
