@@ -58,7 +58,7 @@ No board? `cargo sim serve` starts a simulated one, which `--port auto` finds.";
 
 /// Control a tesaki board from a PC
 #[derive(Parser)]
-#[command(version, about = "Control a tesaki board from a PC", after_help = EXIT_CODES, propagate_version = true)]
+#[command(name = "tesaki", version, about = "Control a tesaki board from a PC", after_help = EXIT_CODES, propagate_version = true)]
 pub struct Cli {
     #[command(flatten, next_help_heading = "Options of every command")]
     pub options: Options,

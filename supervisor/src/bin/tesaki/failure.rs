@@ -60,7 +60,7 @@ pub enum Failure {
     #[error(transparent)]
     Identify(#[from] IdentifyError),
     /// The grasp failed.
-    #[error("{0}\nSee {document}", document = troubleshooting::DOCUMENT)]
+    #[error("{0}\nSee {document}#a-grasp-that-fails", document = troubleshooting::DOCUMENT)]
     Grasp(String),
     /// An invalid URDF.
     #[error(transparent)]
@@ -174,6 +174,15 @@ impl Failure {
                 Self::Refused(self.to_string().replace("`tesaki ", &format!("`tesaki --port {port} ")))
             }
             _ => self,
+        }
+    }
+
+    /// A failure to write `path`.
+    pub fn written(path: impl Into<PathBuf>) -> impl FnOnce(io::Error) -> Self {
+        let path = path.into();
+        move |error| {
+            let source = io::Error::new(error.kind(), format!("cannot be written: {error}"));
+            Self::File { path, source }
         }
     }
 
