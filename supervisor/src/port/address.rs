@@ -151,7 +151,7 @@ mod tests {
             ("auto", Address::Auto),
             ("/dev/ttyUSB0", Address::Path("/dev/ttyUSB0".into())),
             ("./pty", Address::Path("./pty".into())),
-            ("ttyNONE", Address::Path("ttyNONE".into())),
+            ("COM3", Address::Path("COM3".into())),
             ("unix:///run/x.sock", Address::Unix("/run/x.sock".into())),
             ("unix://x.sock", Address::Unix("x.sock".into())),
             ("tcp://localhost:7400", Address::Tcp("localhost:7400".into())),
