@@ -188,6 +188,7 @@ impl GraspState {
                 }
                 self.failure = None;
                 if self.phase != Phase::Open {
+                    self.trajectory.stop();
                     self.enter(Phase::Open);
                 }
                 Ok(())
