@@ -119,7 +119,7 @@ fn a_robot_that_the_check_refuses_is_not_served() {
 fn bad_input_is_answered_with_what_to_do() {
     let typo = ["no scenario \"hand3-sevo\"; did you mean hand3-servo? `cargo sim list` shows all"];
     says(&host_sim(&["run", "hand3-sevo"]), 2, &typo);
-    says(&host_sim(&["run", "x"]), 2, &["no scenario \"x\"; `cargo sim list` shows all"]);
+    says(&host_sim(&["run", "x"]), 2, &["no scenario \"x\". `cargo sim list` shows all"]);
     says(&host_sim(&["run"]), 2, &["Usage: cargo sim run"]);
     says(&host_sim(&["run", "hand3-servo", "--seed", "x"]), 2, &["is not a seed"]);
     says(
