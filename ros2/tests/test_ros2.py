@@ -5,6 +5,7 @@ TESAKI_ROS2_SECONDS is the minimum time for which joint states are received. No 
 machine only takes longer.
 """
 
+import json
 import os
 import signal
 import socket
@@ -60,7 +61,11 @@ class Served:
         self.process.stdin.write(line + "\n")
         self.process.stdin.flush()
 
+    def mode(self):
+        return json.loads(self.tesaki("--json", "info"))["status"]["node"]["mode"]
+
     def end(self):
+        self.process.send_signal(signal.SIGCONT)
         self.process.terminate()
         self.process.wait()
 
@@ -70,9 +75,9 @@ class Program:
 
     started = []
 
-    def __init__(self, board, domain, *options):
+    def __init__(self, board, domain, *options, timeout=60):
         command = [ROS2, "--port", board.port, "--robot", HAND, "--domain", str(domain)]
-        command += ["--timeout", "60", *options]
+        command += ["--timeout", str(timeout), *options]
         self.process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
         self.started.append(self.process)
         self.lines = []
@@ -379,6 +384,55 @@ def test_the_command_timeout_ends_the_motion_of_a_program_that_is_killed(board, 
     program.end(signal.SIGKILL)
     wait_for("the fault", lambda: "CommandTimeout" in board.tesaki("--json", "faults"))
     assert "fault" in board.tesaki("--json", "info").lower()
+
+
+@pytest.fixture
+def anew(board):
+    """Starts a program on a board without faults; returns it with its services and its action."""
+    board.tesaki("faults", "--clear")
+    programs = []
+
+    def start(board, **options):
+        # A client would take a program that has ended without a word for this one.
+        domain = 200 + (4 * os.getpid() + len(Program.started)) % 30
+        programs.append(Program(board, domain, **options))
+        node = client.Node(domain)
+        names = ("enable", "disable", "tare")
+        services = {name: Trigger(node, f"/tesaki/{name}") for name in names}
+        return programs[0], services, client.ActionClient(node, ACTION)
+
+    yield start
+    for program in programs:
+        program.end()
+
+
+def test_a_disable_ends_the_enables_before_it(board, anew):
+    _, services, action = anew(board)
+    enable, disable, tare = services["enable"], services["disable"], services["tare"]
+    assert enable().success and disable().success
+    for _ in range(20):
+        enabled, disabled = enable.ask(), disable.ask()
+        assert disable.receive(disabled).success
+        enable.receive(enabled)
+        assert board.mode() == "Disabled"
+    # All of them come while the node waits for the board.
+    board.process.send_signal(signal.SIGSTOP)
+    tared = tare.ask()
+    time.sleep(0.5)
+    enabled, accepted = enable.ask(), action.ask_goal(goal(SWINGS, [(1.0, [0.1, 0.1])]))
+    disabled = disable.ask()
+    time.sleep(0.5)
+    board.process.send_signal(signal.SIGCONT)
+    tare.receive(tared)
+    assert disable.receive(disabled).success
+    answer = enable.receive(enabled)
+    assert not answer.success and "asked to disable at the same time" in answer.message
+    assert not action.send_goal.receive(accepted).accepted
+    assert board.mode() == "Disabled"
+    # Nothing of this lasts.
+    wait_for("an enabled board", lambda: enable().success)
+    assert action.send(goal(SWINGS, [(1.0, [0.1, 0.1])]))[0]
+    assert disable().success
 
 
 def own_address():
