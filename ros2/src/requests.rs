@@ -176,6 +176,10 @@ impl Node<'_> {
         self.session.take_command().map_err(in_words)?;
         let enabled = self.session.board.enable(TaskConfig::JointServo(ServoMode::Observer));
         if let Err(error) = enabled {
+            // A board whose answer was lost may be enabled.
+            if !matches!(error, BoardError::Refused { .. } | BoardError::Reset) {
+                let _ = self.session.board.post(Request::Disable);
+            }
             self.session.release_command();
             return Err(in_words(error));
         }

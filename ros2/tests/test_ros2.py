@@ -25,6 +25,7 @@ os.environ["CYCLONEDDS_URI"] = client.LOCALHOST
 
 import ros_types as ros  # noqa: E402
 from ros_client import ABORTED, CANCELED, SUCCEEDED, Trigger  # noqa: E402
+from proxy import Proxy  # noqa: E402
 from ros_client import first, goal, nanoseconds, take, wait_for  # noqa: E402
 
 SIM, TESAKI, ROS2 = (os.environ[name] for name in ("TESAKI_SIM", "TESAKI", "TESAKI_ROS2"))
@@ -433,6 +434,19 @@ def test_a_disable_ends_the_enables_before_it(board, anew):
     wait_for("an enabled board", lambda: enable().success)
     assert action.send(goal(SWINGS, [(1.0, [0.1, 0.1])]))[0]
     assert disable().success
+
+
+def test_a_board_whose_answer_to_enable_is_lost_is_disabled(board, anew, tmp_path):
+    proxy = Proxy(board, tmp_path)
+    _, services, _ = anew(proxy, timeout=0.5)
+    assert services["disable"]().success
+    proxy.deaf = 3.0
+    answer = services["enable"]()
+    # The request has passed.
+    assert proxy.deaf == 0.0
+    assert not answer.success and "no answer from the board" in answer.message
+    # Otherwise it would be enabled until its command timeout, which is a fault.
+    assert board.mode() == "Disabled"
 
 
 def own_address():
