@@ -449,6 +449,48 @@ def test_a_board_whose_answer_to_enable_is_lost_is_disabled(board, anew, tmp_pat
     assert board.mode() == "Disabled"
 
 
+def test_a_paused_program_goes_on_or_disables_the_board_and_ends(board, anew):
+    program, services, action = anew(board)
+    assert services["enable"]().success
+    accepted, goal_id = action.send(goal(SWINGS, [(60.0, [0.8, -0.8])]))
+    assert accepted
+    action.feedback_of(goal_id)
+
+    def is_ended():
+        # As a rule, a pause ends the threads of DDS, unless they are not waiting at this moment.
+        program.process.send_signal(signal.SIGSTOP)
+        time.sleep(0.2)
+        program.process.send_signal(signal.SIGCONT)
+        try:
+            return program.process.wait(timeout=4) is not None
+        except subprocess.TimeoutExpired:
+            return False
+
+    wait_for("the end of the program", is_ended)
+    program.thread.join()
+    assert program.process.returncode == 1
+    program.wait_for("a thread of DDS has ended")
+    program.wait_for("requests no longer arrive")
+    # A pause that a busy machine makes longer is a fault.
+    assert board.mode() in ("Disabled", "Fault")
+
+
+def test_a_paused_program_ends_also_while_it_waits_for_its_board(board, anew):
+    program, services, _ = anew(board)
+    assert services["disable"]().success
+    board.process.send_signal(signal.SIGSTOP)
+    services["tare"].ask()
+    time.sleep(0.5)
+    program.process.send_signal(signal.SIGSTOP)
+    time.sleep(0.2)
+    program.process.send_signal(signal.SIGCONT)
+    # It would wait for a minute.
+    code = program.process.wait(timeout=30)
+    board.process.send_signal(signal.SIGCONT)
+    assert code == 1
+    program.wait_for("a thread of DDS has ended")
+
+
 def own_address():
     """The address of an interface to other machines, if there is one."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
