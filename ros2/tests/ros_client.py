@@ -83,11 +83,14 @@ class Client:
         self.replies = node.reader(f"{name}Reply", reply, prefix="rr")
         self.requests = node.writer(f"{name}Request", request, "rq")
 
-    def send(self, **fields):
+    def discover(self):
         wait_for(
             f"the service {self.name}",
             lambda: self.requests.get_matched_subscriptions() and self.replies.get_matched_publications(),
         )
+
+    def send(self, **fields):
+        self.discover()
         self.seq += 1
         self.requests.write(self.request(guid=self.guid, seq=self.seq, **fields))
         return self.seq

@@ -400,7 +400,12 @@ def anew(board):
         node = client.Node(domain)
         names = ("enable", "disable", "tare")
         services = {name: Trigger(node, f"/tesaki/{name}") for name in names}
-        return programs[0], services, client.ActionClient(node, ACTION)
+        action = client.ActionClient(node, ACTION)
+        for service in (*services.values(), action.send_goal):
+            service.discover()
+        # Right after the discovery, RustDDS may lose an answer (one of 150).
+        time.sleep(1.0)
+        return programs[0], services, action
 
     yield start
     for program in programs:
