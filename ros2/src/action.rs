@@ -114,6 +114,16 @@ impl ActionServer {
         self.send_goal.reply(caller, &SendGoalResponse { accepted: false, stamp: Time::now() });
     }
 
+    /// Refuses the goals that wait. Returns whether there were any.
+    pub fn refuse_waiting(&mut self) -> bool {
+        let mut any = false;
+        while let Some((caller, _)) = self.send_goal.take::<SendGoalRequest>() {
+            self.refuse(caller);
+            any = true;
+        }
+        any
+    }
+
     /// Ends a goal with its result.
     pub fn end(&mut self, id: &Uuid, status: Status, code: ErrorCode, text: &str) {
         let Some(goal) = self.goals.iter_mut().find(|goal| goal.info.goal_id == *id) else { return };

@@ -2,8 +2,13 @@
 
 use std::convert::Infallible;
 use std::ffi::OsString;
+use std::fs;
+use std::io;
 use std::net::Ipv4Addr;
 use std::os::fd::RawFd;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Weak};
+use std::{process, thread, time};
 
 use byteorder::LittleEndian;
 use nix::sys::socket::{SockType, SockaddrIn, getsockname, getsockopt, setsockopt, sockopt};
@@ -19,11 +24,23 @@ use rustdds::{
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
+use crate::session::say;
+
 /// How long a write may wait for a slow reader.
 const MAX_BLOCKING: Duration = Duration::from_millis(20);
 /// Minimum number of sockets of a participant, which receives unicast and multicast on two each and sends on
 /// further ones.
 const LEAST_SOCKETS: usize = 4;
+/// The threads of this process, each a folder.
+const THREADS: &str = "/proc/self/task";
+/// How the names of the library's threads begin.
+const LIBRARY: &str = "RustDDS";
+/// Number of threads of a participant: one sends and receives, one discovers.
+const PARTICIPANT_THREADS: usize = 2;
+/// Period in which the threads are watched.
+const WATCH: time::Duration = time::Duration::from_millis(100);
+/// Time that this program has for its end once a thread of the library has ended.
+const LAST_TURNS: time::Duration = time::Duration::from_secs(5);
 
 /// Why there is no DDS.
 #[derive(Debug, thiserror::Error)]
@@ -43,6 +60,15 @@ pub enum DdsError {
          --network ADDRESS opens them to networks instead"
     )]
     Loopback(String),
+    /// The threads of the library cannot be watched.
+    #[error("cannot watch the threads of DDS in {THREADS} ({0}), so nothing was opened")]
+    Unwatched(String),
+    /// A thread of the library has ended.
+    #[error(
+        "a thread of DDS has ended in this program, as happens when the process is paused (SIGSTOP, a debugger, \
+         a suspended computer): requests no longer arrive. Start the program again"
+    )]
+    Ended,
 }
 
 /// Writes messages that are already encoded.
@@ -128,6 +154,10 @@ pub struct Dds {
     participant: DomainParticipant,
     publisher: Publisher,
     subscriber: Subscriber,
+    /// The folders of the library's threads.
+    threads: Vec<PathBuf>,
+    /// Exists as long as the threads are watched. It is the last field, so that it outlives the library.
+    _watched: Arc<()>,
 }
 
 impl Dds {
@@ -138,11 +168,19 @@ impl Dds {
             what: what.to_owned(),
             error: error.to_string(),
         };
+        let unwatched = |error: io::Error| DdsError::Unwatched(error.to_string());
+        let before = library_threads().map_err(unwatched)?;
         let addresses = [Some(Ipv4Addr::LOCALHOST), network];
         let participant = DomainParticipantBuilder::new(domain)
             .with_only_networks(addresses.into_iter().flatten())
             .build()
             .map_err(|error| create("participant", &error))?;
+        let mut threads = library_threads().map_err(unwatched)?;
+        threads.retain(|thread| !before.contains(thread));
+        if threads.len() != PARTICIPANT_THREADS {
+            let text = format!("{} of {PARTICIPANT_THREADS} found", threads.len());
+            return Err(DdsError::Unwatched(text));
+        }
         if network.is_none() {
             stay_on_loopback().map_err(DdsError::Loopback)?;
         }
@@ -150,7 +188,22 @@ impl Dds {
         let publisher = participant.create_publisher(&none).map_err(|error| create("publisher", &error))?;
         let subscriber =
             participant.create_subscriber(&none).map_err(|error| create("subscriber", &error))?;
-        Ok(Self { participant, publisher, subscriber })
+        let watched = Arc::new(());
+        let (seen, own) = (Arc::downgrade(&watched), threads.clone());
+        thread::Builder::new()
+            .name("DDS watch".to_owned())
+            .spawn(move || watch(&own, &seen))
+            .map_err(|error| DdsError::Unwatched(error.to_string()))?;
+        Ok(Self { participant, publisher, subscriber, threads, _watched: watched })
+    }
+
+    /// Checks that the library still works. Its threads end without a word when a wait for messages fails,
+    /// also if it was only interrupted because the process was paused.
+    ///
+    /// # Errors
+    /// When one of them has ended.
+    pub fn check(&self) -> Result<(), DdsError> {
+        if exist(&self.threads) { Ok(()) } else { Err(DdsError::Ended) }
     }
 
     /// Creates a writer of a topic, by its names in DDS.
@@ -192,9 +245,9 @@ fn stay_on_loopback() -> Result<(), String> {
 }
 
 /// Returns the UDP sockets of this process.
-fn udp_sockets() -> std::io::Result<Vec<RawFd>> {
+fn udp_sockets() -> io::Result<Vec<RawFd>> {
     let mut sockets = Vec::new();
-    for entry in std::fs::read_dir("/proc/self/fd")? {
+    for entry in fs::read_dir("/proc/self/fd")? {
         let Some(socket) = entry?.file_name().to_str().and_then(|name| name.parse().ok()) else { continue };
         let is_datagram = getsockopt(socket, sockopt::SockType) == Ok(SockType::Datagram);
         if is_datagram && getsockname::<SockaddrIn>(socket).is_ok() {
@@ -202,6 +255,42 @@ fn udp_sockets() -> std::io::Result<Vec<RawFd>> {
         }
     }
     Ok(sockets)
+}
+
+fn exist(threads: &[PathBuf]) -> bool {
+    threads.iter().all(|thread| thread.exists())
+}
+
+/// Ends the program some time after one of the library's threads, while they are `watched`: a call of the
+/// library may then wait for ever. A board gets nothing from a program that waits, and stops by its timeout.
+fn watch(threads: &[PathBuf], watched: &Weak<()>) {
+    while watched.strong_count() > 0 {
+        thread::sleep(WATCH);
+        if !exist(threads) {
+            thread::sleep(LAST_TURNS);
+            if watched.strong_count() > 0 {
+                say(&format!("tesaki-ros2: {}", DdsError::Ended));
+                process::exit(1);
+            }
+        }
+    }
+}
+
+/// Returns the folders of the library's threads in this process.
+fn library_threads() -> io::Result<Vec<PathBuf>> {
+    let mut threads = Vec::new();
+    for entry in fs::read_dir(THREADS)? {
+        let thread = entry?.path();
+        if is_of_library(&thread) {
+            threads.push(thread);
+        }
+    }
+    Ok(threads)
+}
+
+fn is_of_library(thread: &Path) -> bool {
+    // A thread that has just ended has no name.
+    fs::read_to_string(thread.join("comm")).is_ok_and(|name| name.starts_with(LIBRARY))
 }
 
 #[cfg(test)]
@@ -250,5 +339,31 @@ pub mod tests {
         let sockets = udp_sockets().unwrap();
         assert!(sockets.len() > LEAST_SOCKETS, "{sockets:?}");
         assert!(sockets.iter().all(|socket| device(socket) == "lo"), "{sockets:?}");
+    }
+
+    #[test]
+    fn a_thread_of_the_library_that_has_ended_is_noticed() {
+        let _alone = alone();
+        let mut dds = Dds::open(231, None).unwrap();
+        let other = Dds::open(231, None).unwrap();
+        assert!(dds.check().is_ok() && dds.threads.iter().all(|thread| !other.threads.contains(thread)));
+        let own = || Path::new("/proc").join(fs::read_link("/proc/thread-self").unwrap());
+        let (tell, told) = std::sync::mpsc::channel();
+        let (end, ended) = std::sync::mpsc::channel();
+        let thread = thread::spawn(move || {
+            tell.send(own()).unwrap();
+            ended.recv().unwrap();
+        });
+        dds.threads.push(told.recv().unwrap());
+        assert!(dds.check().is_ok());
+        end.send(()).unwrap();
+        thread.join().unwrap();
+        // The kernel removes it a little later.
+        let deadline = time::Instant::now() + time::Duration::from_secs(60);
+        while dds.check().is_ok() {
+            assert!(time::Instant::now() < deadline);
+            thread::sleep(time::Duration::from_millis(1));
+        }
+        assert!(matches!(dds.check(), Err(DdsError::Ended)));
     }
 }

@@ -30,6 +30,8 @@ const BLIND: Duration = Duration::from_millis(500);
 const LATE: Duration = Duration::from_millis(200);
 /// Without telemetry for this time, the streams are requested again.
 const SILENCE: Duration = Duration::from_millis(700);
+/// Period in which DDS is checked.
+const CHECK: Duration = Duration::from_millis(100);
 /// How long to wait for an answer of a board that may be gone.
 const GLANCE: Duration = Duration::from_millis(200);
 /// How long the board may take for an answer at the end.
@@ -102,6 +104,8 @@ pub struct Node<'a> {
     pub options: &'a Options,
     pub session: Session,
     dds: Dds,
+    /// When DDS was last checked.
+    checked: Instant,
     publication: Publication<Live>,
     /// For each topic of the publication, if it is published.
     writers: Vec<Option<Writer>>,
@@ -149,6 +153,7 @@ impl<'a> Node<'a> {
             options,
             session,
             dds,
+            checked: now,
             publication: Publication::new(publisher, folder),
             writers: Vec::new(),
             services,
@@ -199,8 +204,18 @@ impl<'a> Node<'a> {
     /// Listens to the board for a while, then serves clients.
     pub fn turn(&mut self) -> Result<(), Failure> {
         self.listen()?;
+        self.check_dds()?;
         self.serve()?;
         self.send()
+    }
+
+    /// Checks from time to time that requests of clients can arrive.
+    fn check_dds(&mut self) -> Result<(), Failure> {
+        if self.checked.elapsed() < CHECK {
+            return Ok(());
+        }
+        self.checked = Instant::now();
+        Ok(self.dds.check()?)
     }
 
     /// Receives from the board for a while.
@@ -397,6 +412,10 @@ impl<'a> Node<'a> {
     fn send(&mut self) -> Result<(), Failure> {
         let live = self.publication.publisher.sink_mut();
         let messages = live.take();
+        if self.dds.check().is_err() {
+            // The next turn ends the node. The library might wait for ever in a call.
+            return Ok(());
+        }
         let new: Vec<Topic> = live.topics().iter().skip(self.writers.len()).cloned().collect();
         for topic in new {
             let writer = self.writer(&topic)?;

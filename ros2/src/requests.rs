@@ -7,8 +7,8 @@ use tesaki::protocol::{Mode, Refusal, Request};
 use tesaki::robot::Robot;
 use tesaki::task::TaskConfig;
 use tesaki_recording::LogLevel;
-use tesaki_supervisor::Board as _;
 use tesaki_supervisor::gravity::Load;
+use tesaki_supervisor::{Board as _, BoardError};
 
 use crate::action::Wish;
 use crate::args::Options;
@@ -19,7 +19,7 @@ use crate::messages::{
     nanoseconds_since_1970,
 };
 use crate::node::{Enabled, Node};
-use crate::service::Service;
+use crate::service::{Caller, Service};
 use crate::session::{Failure, words};
 use crate::trajectory::{Refused, named};
 
@@ -27,6 +27,19 @@ use crate::trajectory::{Refused, named};
 const FRESH: Duration = Duration::from_millis(200);
 /// Period of the feedback on a goal, as that of joint_trajectory_controller.
 const FEEDBACK: Duration = Duration::from_millis(50);
+
+/// What is answered to a request that may be older than a request to disable the board.
+const OVERRULED: &str =
+    "the board was asked to disable at the same time, so this was not carried out: ask again";
+
+/// The services, by what they do.
+#[derive(Clone, Copy)]
+enum Asked {
+    Disable,
+    Enable,
+    Tare,
+    ClearFaults,
+}
 
 /// The services, all of them `std_srvs/Trigger`.
 pub struct Services {
@@ -50,13 +63,36 @@ impl Services {
         })
     }
 
-    fn all(&mut self) -> [&mut Service; 4] {
-        [&mut self.disable, &mut self.enable, &mut self.tare, &mut self.clear_faults]
+    /// Returns the services in the order in which their requests are carried out.
+    fn all(&mut self) -> [(Asked, &mut Service); 4] {
+        [
+            (Asked::Disable, &mut self.disable),
+            (Asked::Enable, &mut self.enable),
+            (Asked::Tare, &mut self.tare),
+            (Asked::ClearFaults, &mut self.clear_faults),
+        ]
+    }
+
+    /// Returns the next request, with the service that answers it. Disabling comes first.
+    fn take(&mut self) -> Option<(Asked, Caller)> {
+        self.all().into_iter().find_map(|(asked, service)| {
+            let (caller, _) = service.take::<TriggerRequest>()?;
+            Some((asked, caller))
+        })
+    }
+
+    fn of(&mut self, asked: Asked) -> &mut Service {
+        match asked {
+            Asked::Disable => &mut self.disable,
+            Asked::Enable => &mut self.enable,
+            Asked::Tare => &mut self.tare,
+            Asked::ClearFaults => &mut self.clear_faults,
+        }
     }
 
     /// Returns whether every answer has been sent.
     pub fn are_idle(&mut self) -> bool {
-        self.all().into_iter().all(Service::is_idle)
+        self.all().into_iter().all(|(_, service)| service.is_idle())
     }
 }
 
@@ -66,21 +102,31 @@ type Answer = Result<String, String>;
 impl Node<'_> {
     /// Answers the services and carries out the requests of the action.
     pub fn serve(&mut self) -> Result<(), Failure> {
-        // Disabling comes first.
-        for (number, run) in
-            [Self::stop, Self::enable, Self::tare, Self::clear_faults].into_iter().enumerate()
-        {
-            while let Some((caller, _)) = self.services.all()[number].take::<TriggerRequest>() {
-                let answer = run(self);
-                let name = self.services.all()[number].name().to_owned();
-                let (level, text) = match &answer {
-                    Ok(text) => (LogLevel::Info, text),
-                    Err(text) => (LogLevel::Warn, text),
-                };
-                self.note(level, &format!("{name}: {text}"))?;
-                let response = TriggerResponse { success: answer.is_ok(), message: text_of(answer) };
-                self.services.all()[number].reply(caller, &response);
-            }
+        let mut is_disabled = false;
+        while let Some((asked, caller)) = self.services.take() {
+            let answer = match asked {
+                Asked::Disable => {
+                    is_disabled = true;
+                    self.stop()
+                }
+                // Which of the two came first is not known: they are on different topics.
+                Asked::Enable if is_disabled => Err(OVERRULED.to_owned()),
+                Asked::Enable => self.enable(),
+                Asked::Tare => self.tare(),
+                Asked::ClearFaults => self.clear_faults(),
+            };
+            let (level, text) = match &answer {
+                Ok(text) => (LogLevel::Info, text),
+                Err(text) => (LogLevel::Warn, text),
+            };
+            let name = self.services.of(asked).name();
+            let text = format!("{name}: {text}");
+            self.note(level, &text)?;
+            let response = TriggerResponse { success: answer.is_ok(), message: text_of(answer) };
+            self.services.of(asked).reply(caller, &response);
+        }
+        if is_disabled && self.action.refuse_waiting() {
+            self.note(LogLevel::Warn, &format!("a goal is refused: {OVERRULED}"))?;
         }
         // One at a time: checking a goal takes a while, in which nothing is received from the board.
         if let Some(wish) = self.action.take() {
@@ -130,6 +176,10 @@ impl Node<'_> {
         self.session.take_command().map_err(in_words)?;
         let enabled = self.session.board.enable(TaskConfig::JointServo(ServoMode::Observer));
         if let Err(error) = enabled {
+            // A board whose answer was lost may be enabled.
+            if !matches!(error, BoardError::Refused { .. } | BoardError::Reset) {
+                let _ = self.session.board.post(Request::Disable);
+            }
             self.session.release_command();
             return Err(in_words(error));
         }
@@ -179,10 +229,7 @@ impl Node<'_> {
     }
 
     /// Runs an operation that needs command of the board, which is then released unless the board is enabled.
-    fn command(
-        &mut self,
-        run: impl FnOnce(&mut Self) -> Result<(), tesaki_supervisor::BoardError>,
-    ) -> Result<(), String> {
+    fn command(&mut self, run: impl FnOnce(&mut Self) -> Result<(), BoardError>) -> Result<(), String> {
         let result = self.session.take_command().and_then(|()| run(self));
         if self.enabled.is_none() {
             self.session.release_command();

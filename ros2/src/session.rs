@@ -47,11 +47,9 @@ impl Failure {
     pub const fn number(&self) -> u8 {
         match self {
             Self::Usage(_) | Self::OtherRobot(_) => 2,
-            Self::Port(_) | Self::Board(BoardError::Link(_)) => 3,
-            Self::Board(BoardError::SchemaMismatch { .. }) => 4,
-            Self::Board(BoardError::Timeout { .. }) => 6,
-            Self::Board(BoardError::Refused { .. }) => 7,
-            _ => 1,
+            Self::Board(error) => error.exit_code(),
+            Self::Port(_) => 3,
+            Self::Robot(_) | Self::File(..) | Self::Dds(_) | Self::Encoding(_) | Self::Other(_) => 1,
         }
     }
 }
@@ -146,4 +144,24 @@ pub fn untold(error: &BoardError) -> String {
 /// Prints a line. A failure to print it is ignored.
 pub fn say(text: &str) {
     let _ = writeln!(io::stderr(), "{text}");
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_exit_codes_are_those_of_tesaki() {
+        let number = |error| Failure::Board(error).number();
+        let refused = BoardError::Refused { action: "move", refusal: Refusal::NoModel };
+        assert_eq!(number(BoardError::Reset), 1);
+        assert_eq!(number(BoardError::TooManyJoints(40)), 2);
+        assert_eq!(number(BoardError::Link(io::Error::other("gone"))), 3);
+        assert_eq!(number(BoardError::SchemaMismatch { board: 1, here: 2, firmware: [0, 1, 0] }), 4);
+        assert_eq!(number(BoardError::Timeout { seconds: 2.0 }), 6);
+        assert_eq!(number(refused), 7);
+        assert_eq!(number(BoardError::ExportDisturbed), 7);
+        assert_eq!(Failure::Usage(String::new()).number(), 2);
+        assert_eq!(Failure::Dds(DdsError::Ended).number(), 1);
+    }
 }

@@ -83,11 +83,14 @@ class Client:
         self.replies = node.reader(f"{name}Reply", reply, prefix="rr")
         self.requests = node.writer(f"{name}Request", request, "rq")
 
-    def send(self, **fields):
+    def discover(self):
         wait_for(
             f"the service {self.name}",
             lambda: self.requests.get_matched_subscriptions() and self.replies.get_matched_publications(),
         )
+
+    def send(self, **fields):
+        self.discover()
         self.seq += 1
         self.requests.write(self.request(guid=self.guid, seq=self.seq, **fields))
         return self.seq
@@ -104,8 +107,12 @@ class Trigger(Client):
     def __init__(self, node, name):
         super().__init__(node, name, ros.Trigger_Request, ros.Trigger_Response)
 
+    def ask(self):
+        """Sends a request without waiting for the answer; returns its number."""
+        return self.send(structure_needs_at_least_one_member=0)
+
     def __call__(self):
-        return self.call(structure_needs_at_least_one_member=0)
+        return self.receive(self.ask())
 
 
 NOW = ros.Time(0, 0)
@@ -168,6 +175,10 @@ class ActionClient:
         """Returns whether the goal is accepted, and its ID."""
         goal_id = ros.UUID(list(uuid.uuid4().bytes))
         return self.send_goal.call(goal_id=goal_id, goal=goal).accepted, goal_id
+
+    def ask_goal(self, goal):
+        """Sends a goal without waiting for the answer; returns its number."""
+        return self.send_goal.send(goal_id=ros.UUID(list(uuid.uuid4().bytes)), goal=goal)
 
     def ask_result(self, goal_id):
         return self.get_result.send(goal_id=goal_id)

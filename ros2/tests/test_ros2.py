@@ -5,6 +5,7 @@ TESAKI_ROS2_SECONDS is the minimum time for which joint states are received. No 
 machine only takes longer.
 """
 
+import json
 import os
 import signal
 import socket
@@ -24,6 +25,7 @@ os.environ["CYCLONEDDS_URI"] = client.LOCALHOST
 
 import ros_types as ros  # noqa: E402
 from ros_client import ABORTED, CANCELED, SUCCEEDED, Trigger  # noqa: E402
+from proxy import Proxy  # noqa: E402
 from ros_client import first, goal, nanoseconds, take, wait_for  # noqa: E402
 
 SIM, TESAKI, ROS2 = (os.environ[name] for name in ("TESAKI_SIM", "TESAKI", "TESAKI_ROS2"))
@@ -60,7 +62,11 @@ class Served:
         self.process.stdin.write(line + "\n")
         self.process.stdin.flush()
 
+    def mode(self):
+        return json.loads(self.tesaki("--json", "info"))["status"]["node"]["mode"]
+
     def end(self):
+        self.process.send_signal(signal.SIGCONT)
         self.process.terminate()
         self.process.wait()
 
@@ -70,9 +76,9 @@ class Program:
 
     started = []
 
-    def __init__(self, board, domain, *options):
+    def __init__(self, board, domain, *options, timeout=60):
         command = [ROS2, "--port", board.port, "--robot", HAND, "--domain", str(domain)]
-        command += ["--timeout", "60", *options]
+        command += ["--timeout", str(timeout), *options]
         self.process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
         self.started.append(self.process)
         self.lines = []
@@ -379,6 +385,115 @@ def test_the_command_timeout_ends_the_motion_of_a_program_that_is_killed(board, 
     program.end(signal.SIGKILL)
     wait_for("the fault", lambda: "CommandTimeout" in board.tesaki("--json", "faults"))
     assert "fault" in board.tesaki("--json", "info").lower()
+
+
+@pytest.fixture
+def anew(board):
+    """Starts a program on a board without faults; returns it with its services and its action."""
+    board.tesaki("faults", "--clear")
+    programs = []
+
+    def start(board, **options):
+        # A client would take a program that has ended without a word for this one.
+        domain = 200 + (4 * os.getpid() + len(Program.started)) % 30
+        programs.append(Program(board, domain, **options))
+        node = client.Node(domain)
+        names = ("enable", "disable", "tare")
+        services = {name: Trigger(node, f"/tesaki/{name}") for name in names}
+        action = client.ActionClient(node, ACTION)
+        for service in (*services.values(), action.send_goal):
+            service.discover()
+        # Right after the discovery, RustDDS may lose an answer (one of 150).
+        time.sleep(1.0)
+        return programs[0], services, action
+
+    yield start
+    for program in programs:
+        program.end()
+
+
+def test_a_disable_ends_the_enables_before_it(board, anew):
+    _, services, action = anew(board)
+    enable, disable, tare = services["enable"], services["disable"], services["tare"]
+    assert enable().success and disable().success
+    for _ in range(20):
+        enabled, disabled = enable.ask(), disable.ask()
+        assert disable.receive(disabled).success
+        enable.receive(enabled)
+        assert board.mode() == "Disabled"
+    # All of them come while the node waits for the board.
+    board.process.send_signal(signal.SIGSTOP)
+    tared = tare.ask()
+    time.sleep(0.5)
+    enabled, accepted = enable.ask(), action.ask_goal(goal(SWINGS, [(1.0, [0.1, 0.1])]))
+    disabled = disable.ask()
+    time.sleep(0.5)
+    board.process.send_signal(signal.SIGCONT)
+    tare.receive(tared)
+    assert disable.receive(disabled).success
+    answer = enable.receive(enabled)
+    assert not answer.success and "asked to disable at the same time" in answer.message
+    assert not action.send_goal.receive(accepted).accepted
+    assert board.mode() == "Disabled"
+    # Nothing of this lasts.
+    wait_for("an enabled board", lambda: enable().success)
+    assert action.send(goal(SWINGS, [(1.0, [0.1, 0.1])]))[0]
+    assert disable().success
+
+
+def test_a_board_whose_answer_to_enable_is_lost_is_disabled(board, anew, tmp_path):
+    proxy = Proxy(board, tmp_path)
+    _, services, _ = anew(proxy, timeout=0.5)
+    assert services["disable"]().success
+    proxy.deaf = 3.0
+    answer = services["enable"]()
+    # The request has passed.
+    assert proxy.deaf == 0.0
+    assert not answer.success and "no answer from the board" in answer.message
+    # Otherwise it would be enabled until its command timeout, which is a fault.
+    assert board.mode() == "Disabled"
+
+
+def test_a_paused_program_goes_on_or_disables_the_board_and_ends(board, anew):
+    program, services, action = anew(board)
+    assert services["enable"]().success
+    accepted, goal_id = action.send(goal(SWINGS, [(60.0, [0.8, -0.8])]))
+    assert accepted
+    action.feedback_of(goal_id)
+
+    def is_ended():
+        # As a rule, a pause ends the threads of DDS, unless they are not waiting at this moment.
+        program.process.send_signal(signal.SIGSTOP)
+        time.sleep(0.2)
+        program.process.send_signal(signal.SIGCONT)
+        try:
+            return program.process.wait(timeout=4) is not None
+        except subprocess.TimeoutExpired:
+            return False
+
+    wait_for("the end of the program", is_ended)
+    program.thread.join()
+    assert program.process.returncode == 1
+    program.wait_for("a thread of DDS has ended")
+    program.wait_for("requests no longer arrive")
+    # A pause that a busy machine makes longer is a fault.
+    assert board.mode() in ("Disabled", "Fault")
+
+
+def test_a_paused_program_ends_also_while_it_waits_for_its_board(board, anew):
+    program, services, _ = anew(board)
+    assert services["disable"]().success
+    board.process.send_signal(signal.SIGSTOP)
+    services["tare"].ask()
+    time.sleep(0.5)
+    program.process.send_signal(signal.SIGSTOP)
+    time.sleep(0.2)
+    program.process.send_signal(signal.SIGCONT)
+    # It would wait for a minute.
+    code = program.process.wait(timeout=30)
+    board.process.send_signal(signal.SIGCONT)
+    assert code == 1
+    program.wait_for("a thread of DDS has ended")
 
 
 def own_address():

@@ -100,6 +100,24 @@ impl BoardError {
         }
     }
 
+    /// The exit code of a program that ends with it, as in docs/supervisor.md.
+    pub const fn exit_code(&self) -> u8 {
+        match self {
+            Self::Reset => 1,
+            Self::TooManyJoints(_) => 2,
+            Self::Link(_) => 3,
+            Self::SchemaMismatch { .. } => 4,
+            Self::Timeout { .. } => 6,
+            Self::Refused { .. }
+            | Self::WrongReply { .. }
+            | Self::Interrupted
+            | Self::OtherTask { .. }
+            | Self::ExportDisturbed
+            | Self::TooManyTips(_)
+            | Self::Encoding(_) => 7,
+        }
+    }
+
     /// Whether the same question may be answered soon, without anything being done about it: for programs
     /// that watch a board, and outlive its silence and its resets.
     pub const fn passes(&self) -> bool {

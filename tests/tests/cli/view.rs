@@ -179,6 +179,22 @@ fn one_page_commands_and_every_page_stops() {
 }
 
 #[test]
+fn a_refused_enable_leaves_the_motion_as_it_is() {
+    let server = Server::ready();
+    let view = View::start(&server, &[]);
+    let mut page = view.open();
+    page.wait("scene", |value| value["kind"] == "scene");
+    page.mode("disabled");
+    page.succeeds(json!({ "do": "take" }));
+    page.succeeds(json!({ "do": "enable", "task": "joint servo" }));
+    page.mode("enabled");
+    page.succeeds(json!({ "do": "goal", "joint": 0, "angle": 0.8 }));
+    page.fails(json!({ "do": "enable", "task": "joint servo" }), "refused to enable");
+    let arrived = |value: &Value| (value["joints"][0][0].as_f64().unwrap() - 0.8).abs() < 0.01;
+    page.wait("the joint at its goal", |value| value["kind"] == "state" && arrived(value));
+}
+
+#[test]
 fn the_robot_is_stopped_when_its_page_goes_or_is_silent() {
     let server = Server::ready();
     let view = View::start(&server, &[]);

@@ -118,7 +118,6 @@ impl Failure {
             | Self::Urdf(_)
             | Self::Calibration(_)
             | Self::File { .. }
-            | Self::Board(BoardError::Reset)
             | Self::Stalled
             | Self::Identify(
                 IdentifyError::Model(_) | IdentifyError::Resisted { .. } | IdentifyError::Touched { .. },
@@ -126,14 +125,12 @@ impl Failure {
             | Self::Other(_) => 1,
             Self::Usage(_)
             | Self::OtherRobot(_)
-            | Self::Board(BoardError::TooManyJoints(_))
             | Self::Identify(IdentifyError::NotAHand { .. } | IdentifyError::NoRoom { .. }) => 2,
-            Self::Port(_) | Self::Board(BoardError::Link(_)) => 3,
-            Self::Board(BoardError::SchemaMismatch { .. }) => 4,
+            Self::Board(error) => error.exit_code(),
+            Self::Port(_) => 3,
             Self::Fault(_) => 5,
-            Self::Identify(IdentifyError::Stopped(_) | IdentifyError::Late { .. }) => 6,
-            Self::Late(_) | Self::Board(BoardError::Timeout { .. }) => 6,
-            Self::Board(_) | Self::Refused(_) | Self::NoModel => 7,
+            Self::Late(_) | Self::Identify(IdentifyError::Stopped(_) | IdentifyError::Late { .. }) => 6,
+            Self::Refused(_) | Self::NoModel => 7,
             Self::Grasp(_)
             | Self::Identify(IdentifyError::Grasp { .. } | IdentifyError::TooFewGrips { .. }) => 8,
             // What a shell says of a program that Ctrl-C has ended.
@@ -222,6 +219,12 @@ mod tests {
         assert_eq!(codes, numbers);
         // The failure of one board of many.
         assert_eq!(Failure::OtherBoard("b".to_owned(), Box::new(timeout())).number(), 6);
+        // Other failures of a board.
+        let number = |error| Failure::Board(error).number();
+        assert_eq!(number(BoardError::Reset), 1);
+        assert_eq!(number(BoardError::TooManyJoints(40)), 2);
+        assert_eq!(number(BoardError::Timeout { seconds: 2.0 }), 6);
+        assert_eq!(number(BoardError::ExportDisturbed), 7);
     }
 
     #[test]

@@ -206,7 +206,7 @@ impl View {
             .ok_or_else(|| Failure::Late("no telemetry: where the joints are is not known".to_owned()))?;
         let board = &mut self.session.board;
         let file = plan_file(self.folder.as_ref(), &self.plans, task, plan);
-        self.commander.tool = None;
+        // A refused request leaves what runs as it is.
         match kind {
             Some(TaskKind::JointServo) => {
                 let joints = telemetry.joints.iter().zip(&model.joints);
@@ -215,13 +215,14 @@ impl View {
                     |(now, joint): (&tesaki::protocol::JointTelemetry, &tesaki::model::JointModel)| {
                         now.position.clamp(joint.limits.lower, joint.limits.upper)
                     };
-                self.commander.goal = joints.map(within).collect();
+                let goal = joints.map(within).collect();
                 enable(board, TaskConfig::JointServo(ServoMode::Observer))?;
+                (self.commander.goal, self.commander.tool) = (goal, None);
             }
             Some(TaskKind::Grasping) => {
                 let plan = grasp::load(&file?)?;
                 enable(board, TaskConfig::Grasping(()))?;
-                self.commander.grasped = Some(Grasped::new(plan));
+                (self.commander.grasped, self.commander.tool) = (Some(Grasped::new(plan)), None);
                 self.commander.object = (Vector3::zeros(), UnitQuaternion::identity());
                 if let Err(error) = board.grasp(GraspCommand::Grasp(plan)) {
                     // Enabled for nothing.
@@ -232,6 +233,7 @@ impl View {
             Some(TaskKind::Impedance) => {
                 let settings = impedance::load(&file?, model)?;
                 enable(board, TaskConfig::Impedance(settings))?;
+                self.commander.tool = None;
                 let tool = board.read_impedance().inspect_err(|_| {
                     // Enabled for nothing.
                     let _ = board.disable();
