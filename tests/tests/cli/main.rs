@@ -15,6 +15,7 @@ mod faults;
 mod feed;
 mod find_circle;
 mod follow;
+mod follow_master;
 mod foxglove;
 mod grasping;
 mod identify;

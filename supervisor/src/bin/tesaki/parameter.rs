@@ -409,6 +409,22 @@ mod tests {
     use super::*;
 
     #[test]
+    fn every_number_of_a_model_has_a_unit_or_is_known_to_have_none() {
+        const NONE: [&str; 3] = ["axis", "origin.rotation", "encoder.counts_per_turn"];
+        let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/hand3");
+        let model = tesaki_description::robot::RobotFolder::load(&folder).unwrap().model;
+        let mut found = Vec::new();
+        leaves("", &tree(&model), &mut found);
+        let numbers = found.iter().filter(|(path, value)| {
+            path != "chains" && path != "mimics" && (value.is_number() || value.is_array())
+        });
+        let bare: Vec<_> = numbers
+            .filter(|(path, _)| unit(path).is_empty() && !NONE.iter().any(|name| path.ends_with(name)))
+            .collect();
+        assert!(bare.is_empty() && found.len() > 100, "no unit: {bare:?}");
+    }
+
+    #[test]
     fn each_star_stands_for_all_members_of_its_group() {
         let joint = json!({ "name": "a", "limits": { "lower": -1.0, "upper": 1.0 } });
         let tree = json!({ "joints": { "left.a": joint, "right.a": joint }, "none": {}, "chains": [{ "name": "tip" }] });
