@@ -199,8 +199,12 @@ impl<B: FingerBoard> MultiBoardHand<B> {
         if !self.enabled {
             return Err(HandError::NotEnabled);
         }
-        if let GraspCommand::Grasp(GraspPlan { control: ObjectControl::Wrench(_), .. }) = command {
-            return Err(HandError::WrenchControl);
+        match command {
+            GraspCommand::Grasp(GraspPlan { control: ObjectControl::Wrench(_), .. }) => {
+                return Err(HandError::WrenchControl);
+            }
+            GraspCommand::Grasp(GraspPlan { feedback: false, .. }) => return Err(HandError::OpenLoop),
+            _ => {}
         }
         self.state.command(&self.model.hand(), command).map_err(HandError::GraspRefusal)
     }

@@ -60,7 +60,8 @@ pub enum HandError {
     },
     /// A force sensor whose offset is unknown.
     #[error(
-        "the force sensor of {board} was not tared since the model was pushed: tare it while nothing touches the tips"
+        "the force sensor of {board} was not tared since the model was pushed or the joints were homed: tare it while nothing touches \
+         the tips"
     )]
     NotTared {
         /// The board.
@@ -71,6 +72,12 @@ pub enum HandError {
         "object control by wrench needs all fingers on one board: separate boards control joint positions"
     )]
     WrenchControl,
+    /// Forces that are only fed forward need a hand on one board.
+    #[error(
+        "a plan without force feedback needs all fingers on one board: it restarts the joint servos, which \
+         separate boards cannot be told"
+    )]
+    OpenLoop,
     /// The grasp command was refused.
     #[error("{0}; see {entry}", entry = troubleshooting::grasp_refusal(.0))]
     GraspRefusal(GraspRefusal),

@@ -16,6 +16,9 @@ fn what_three_boards_cannot_do_is_said() {
     let plan = GraspPlan { control: ObjectControl::Wrench(gains), ..rig.plan };
     let refused = rig.hand().command(&GraspCommand::Grasp(plan)).unwrap_err();
     assert!(matches!(refused, HandError::WrenchControl), "{refused}");
+    let plan = GraspPlan { feedback: false, ..rig.plan };
+    let refused = rig.hand().command(&GraspCommand::Grasp(plan)).unwrap_err();
+    assert!(matches!(refused, HandError::OpenLoop), "{refused}");
     let refused = rig.hand().command(&GraspCommand::PutDown).unwrap_err();
     assert_eq!(refused.to_string(), "not possible while the hand is ready; see docs/troubleshooting.md#busy");
     rig.wait(3);

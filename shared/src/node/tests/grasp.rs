@@ -19,7 +19,7 @@ use crate::task::joint_servo::{JointCommand, JointServoRefusal};
 use crate::task::{TaskCommand, TaskConfig, TaskKind, TaskRefusal, TaskTelemetry};
 
 /// Three such fingers; the third is opposite the midpoint between the others.
-fn hand() -> RobotModel {
+pub fn hand() -> RobotModel {
     let mut model = fingers();
     for (index, name) in ["g", "h", "i"].into_iter().enumerate() {
         let mut joint = model.joints[index].clone();
@@ -82,7 +82,7 @@ pub fn in_front() -> GraspPlan {
     }
 }
 
-fn seen(bench: &mut Bench) -> GraspTelemetry {
+pub fn seen(bench: &mut Bench) -> GraspTelemetry {
     let Reply::Task(report) = bench.ask(Request::ReadTask) else { panic!() };
     assert_eq!(Some(&report), bench.node.task_report().as_ref());
     let TaskTelemetry::Grasping(grasp) = report.telemetry else { panic!() };
@@ -191,7 +191,7 @@ fn the_joints_of_a_hand_that_grasps_take_commands_of_no_other_task() {
     assert_eq!(bench.node.telemetry(), before);
 }
 
-fn task(command: GraspCommand) -> Request {
+pub fn task(command: GraspCommand) -> Request {
     Request::Task(TaskCommand::Grasping(command))
 }
 
@@ -290,9 +290,13 @@ fn run_pressed(bench: &mut Bench, ticks: u32, follows: bool) -> Vec<f32, MAX_JOI
             bench.sensors.forces[finger][2] = (push * angle.sin()) as i32;
         }
         torques = bench.tick().torques;
-        assert_eq!(bench.ask(KEEP), Reply::Done, "{phase}: {:?}", bench.node.faults());
+        keep(bench);
     }
     torques
+}
+
+pub fn keep(bench: &mut Bench) {
+    assert_eq!(bench.ask(KEEP), Reply::Done, "{:?}", bench.node.faults());
 }
 
 /// A hand that holds an object by `plan`.
@@ -311,12 +315,20 @@ fn hand_that_grasps(plan: GraspPlan, phase: Phase, torque_rate: f32) -> Bench {
 }
 
 /// As [`hand_that_grasps`], for this model.
-fn hand_of_model_that_grasps(
-    mut model: RobotModel,
-    plan: GraspPlan,
-    phase: Phase,
-    torque_rate: f32,
-) -> Bench {
+fn hand_of_model_that_grasps(model: RobotModel, plan: GraspPlan, phase: Phase, torque_rate: f32) -> Bench {
+    let mut bench = begin_grasp(model, plan, torque_rate);
+    for _ in 0..100 {
+        run_pressed(&mut bench, 10, true);
+        if seen(&mut bench).phase == phase {
+            break;
+        }
+    }
+    assert_eq!(seen(&mut bench).phase, phase, "{:?}", seen(&mut bench).failure);
+    bench
+}
+
+/// A hand of this model, with this torque rate [N·m/s], that begins to grasp an object by `plan`.
+pub fn begin_grasp(mut model: RobotModel, plan: GraspPlan, torque_rate: f32) -> Bench {
     for JointModel { limits, .. } in &mut model.joints {
         // Under torque control the joints do not follow their targets.
         (limits.following_error, limits.torque_rate) = (1.0, torque_rate);
@@ -328,13 +340,6 @@ fn hand_of_model_that_grasps(
     assert_eq!(bench.ask(GRASP), Reply::Done);
     bench.tick();
     assert_eq!(bench.ask(grasp(plan)), Reply::Done);
-    for _ in 0..100 {
-        run_pressed(&mut bench, 10, true);
-        if seen(&mut bench).phase == phase {
-            break;
-        }
-    }
-    assert_eq!(seen(&mut bench).phase, phase, "{:?}", seen(&mut bench).failure);
     bench
 }
 
@@ -548,8 +553,8 @@ fn what_is_refused_to_a_hand_says_why() {
         ),
         (
             Refusal::Task(TaskRefusal::Grasping(GraspRefusal::NotTared { chain: 1 })),
-            "the force sensor of chain 1 was not tared since the model was pushed: tare it while nothing \
-             touches the tips",
+            "the force sensor of chain 1 was not tared since the model was pushed or the joints were \
+             homed: tare it while nothing touches the tips",
         ),
         (
             Refusal::Task(TaskRefusal::Grasping(GraspRefusal::Busy(Phase::Move))),

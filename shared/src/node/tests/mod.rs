@@ -14,6 +14,7 @@ mod lease;
 mod limits;
 mod model;
 mod pressing;
+mod releasing;
 mod replay;
 mod rig;
 mod setpoints;

@@ -137,10 +137,14 @@ impl GraspState {
         }
         let setpoints = self.tip_setpoints();
         let output = self.follow_tips(hand, &setpoints);
-        if self.elapsed() >= self.path_duration || output.is_err() {
+        if self.elapsed() >= self.path_duration {
             self.enter(Phase::Ready);
         }
-        output.unwrap_or_else(|_| self.stand())
+        output.unwrap_or_else(|finger| {
+            self.fail(Failure::OutOfReach { finger }, Phase::Ready);
+            self.stand_at(self.angles);
+            self.stand()
+        })
     }
 
     /// Set-points of the fingertips on their paths, with minimum jerk.

@@ -60,8 +60,8 @@ pub enum Failure {
         /// Distance by which it was lowered [m].
         distance: f32,
     },
-    /// 4: a fingertip cannot reach its set-point. The object is held at its present pose, or the fingers
-    /// stop.
+    /// 4: a fingertip cannot reach its set-point. An object is held at its present pose; before that the
+    /// hand opens. Without an object, and at the end of an opening, the fingers stop.
     OutOfReach {
         /// The finger, 0 to 2.
         finger: u8,
@@ -123,7 +123,7 @@ impl core::error::Error for GraspFault {}
 pub enum GraspRefusal {
     /// 0: the robot is not a hand of three fingers with three joints and a force sensor each.
     NotAHand,
-    /// 1: the force sensor of the chain was not tared since power-on, or since the model was committed.
+    /// 1: the force sensor of the chain was not tared since power-on, `Home` or the commit of the model.
     NotTared {
         /// The chain.
         chain: u8,
@@ -168,8 +168,8 @@ impl fmt::Display for GraspRefusal {
             ),
             Self::NotTared { chain } => write!(
                 f,
-                "the force sensor of chain {chain} was not tared since the model was pushed: tare it while \
-                 nothing touches the tips"
+                "the force sensor of chain {chain} was not tared since the model was pushed or the joints were \
+                 homed: tare it while nothing touches the tips"
             ),
             Self::Busy(phase) => write!(f, "not possible while the hand {phase}"),
             Self::Plan(plan) => plan.fmt(f),

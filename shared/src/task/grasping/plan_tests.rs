@@ -165,6 +165,11 @@ fn contacts_whose_friction_cones_cannot_balance_are_refused() {
     assert_eq!(beside.validate(), Err(InvalidPlan::CannotGrip));
     beside.friction = Some(2.0);
     assert_eq!(beside.validate(), Ok(()));
+    // The margin leaves 0.72 and 0.81 of a friction of 0.9.
+    for (margin, possible) in [(0.2, false), (0.1, true)] {
+        (beside.friction, beside.internal) = (Some(0.9), least_grip(margin, 0.1, 0.2));
+        assert_eq!(beside.validate().is_ok(), possible, "{margin}: {:?}", beside.validate());
+    }
 }
 
 #[test]

@@ -61,7 +61,10 @@ impl GraspPlan {
                 }
             },
             InternalForce::LeastGrip { .. } | InternalForce::Pairwise { .. } => {
-                let grip = LeastGrip::try_new(0.0, self.touch_force).map_err(|_| InvalidPlan::CannotGrip)?;
+                let margin =
+                    if let InternalForce::LeastGrip { margin, .. } = self.internal { margin } else { 0.0 };
+                let grip =
+                    LeastGrip::try_new(margin, self.touch_force).map_err(|_| InvalidPlan::CannotGrip)?;
                 match grip.solve(&map, &Vector6::zeros(), &mut GripState::default()) {
                     Ok(_) | Err(GripError::NotConverged { .. }) => Ok(()),
                     Err(_) => Err(InvalidPlan::CannotGrip),

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::approach::TipPath;
 use super::forces::Forces;
+use super::phases::weight_on_fingers;
 use super::plan::JointTargets;
 use super::pose::{MINIMUM_JERK_PEAK, PoseTrajectory};
 use super::tracker::Tracker;
@@ -178,7 +179,8 @@ impl GraspState {
             }
             GraspCommand::PutDown => {
                 self.require(&[Phase::Hold])?;
-                (self.initial_weight, self.failure) = (self.weight_on_fingers(hand), None);
+                let weight = weight_on_fingers(hand, &self.forces.earlier_load);
+                (self.initial_weight, self.failure) = (weight, None);
                 self.enter(Phase::Lower);
                 Ok(())
             }
@@ -188,6 +190,7 @@ impl GraspState {
                 }
                 self.failure = None;
                 if self.phase != Phase::Open {
+                    self.trajectory.stop();
                     self.enter(Phase::Open);
                 }
                 Ok(())

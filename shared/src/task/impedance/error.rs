@@ -46,7 +46,7 @@ pub enum SetpointError {
 pub enum ImpedanceRefusal {
     /// 0: the robot is not a single chain of six or seven joints.
     NotAnArm,
-    /// 1: the force sensor was not tared since power-on, or since the model was committed.
+    /// 1: the force sensor was not tared since power-on, `Home` or the commit of the model.
     NotTared {
         /// Index of the chain.
         chain: u8,
@@ -96,8 +96,8 @@ impl fmt::Display for ImpedanceRefusal {
             Self::NotAnArm => f.write_str("the robot is not an arm: a single chain of six or seven joints"),
             Self::NotTared { chain } => write!(
                 f,
-                "the force sensor of chain {chain} was not tared since the model was pushed: tare it while nothing touches \
-                 the tool"
+                "the force sensor of chain {chain} was not tared since the model was pushed or the joints were \
+                 homed: tare it while nothing touches the tool"
             ),
             Self::NoForceSensor => f.write_str(
                 "the robot has no force sensor: set the force source to `observer`, which estimates the force from the \
