@@ -7,7 +7,7 @@ use super::plan::{GraspPlan, JointTargets, LoadSource, ObjectControl, ObjectFram
 use super::pose::{PoseTrajectoryPoint, twist_between};
 use super::state::Fingers;
 use super::tracker::TipMotion;
-use super::tuning::{LIFT_HEIGHT, LOAD_FEEDFORWARD, TORQUE_FRACTION};
+use super::tuning::{GAIN_FRICTION, LIFT_HEIGHT, LOAD_FEEDFORWARD, TORQUE_FRACTION};
 use super::wrench::wrench;
 use super::{Failure, FingerSense, GraspFault, GraspHand, GraspState, HandOutput, PerFinger, Phase};
 use crate::control::JointPoint;
@@ -45,6 +45,10 @@ impl GraspState {
         let inputs = self.force_inputs(hand, plan, fingers, &map, &three, torque_limits);
         self.forces.update_estimates(&inputs);
         self.check_object(plan, &inputs, fingers, &object)?;
+        let learns = plan.feedback && matches!(plan.control, ObjectControl::Differential(_));
+        if learns {
+            self.learn_gains(hand, &three, senses, &fingers.forces);
+        }
         let inverse = map.inverse();
         let superposed = self.advance_phase(hand, plan, &inputs, &inverse, fingers);
         let grip = self.forces.solve_grip(&inputs, &inverse, self.grip_fraction, &superposed);
@@ -55,8 +59,9 @@ impl GraspState {
         let reached = self.trajectory;
         let target = self.trajectory.advance();
         let (forces, actuation) = self.control_object(plan, &inputs, &inverse, grip, &object, &target.frame);
-        let mut output =
-            HandOutput { torques: three.torques(&forces).map(Into::into), actuation, ..self.stand() };
+        let torques = three.torques(&forces);
+        let torques = if learns { self.torque_gains.commands(&torques) } else { torques.map(Into::into) };
+        let mut output = HandOutput { torques, actuation, ..self.stand() };
         let step = previous.map(|previous| twist_between(&previous, &target.frame));
         if let Err(finger) = self.follow(hand, &three, &levers, &target, step.as_ref(), &mut output) {
             // The motion ends at its last point; the grip stays, unless there was none yet.
@@ -126,6 +131,20 @@ impl GraspState {
             in_motion: !(at_rest || self.phase == Phase::Open),
             three,
             torque_limits,
+        }
+    }
+
+    /// Learns the torque gains of the joints, if their efforts are known.
+    fn learn_gains(
+        &mut self,
+        hand: &GraspHand<'_>,
+        three: &ThreeFingers,
+        senses: &PerFinger<FingerSense<'_>>,
+        measured: &PerFinger<Vector3<f32>>,
+    ) {
+        if let [Some(one), Some(two), Some(third)] = senses.each_ref().map(|sense| sense.efforts) {
+            let friction = hand.fingers.map(|finger| finger.friction.map(|torque| GAIN_FRICTION * torque));
+            self.torque_gains.learn(&three.torques(measured), &[one, two, third], &friction);
         }
     }
 

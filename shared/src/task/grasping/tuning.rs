@@ -157,6 +157,20 @@ pub(super) const CONVERGED_FRACTION: f32 = 0.1;
 /// See [`CONVERGED_FRACTION`].
 pub(super) const CONVERGED_FORCE: f32 = 0.1;
 
+// Torque gains of the joints.
+
+/// Rate at which the gains are learnt, per tick. Larger follows faster and learns friction.
+pub(super) const GAIN_LEARNING_RATE: f32 = 0.03;
+/// Torque with which a gain is learnt at half of that rate [N·m]. Larger leaves gains of weak grips as they
+/// are.
+pub(super) const GAIN_TORQUE: f32 = 0.2;
+/// What the friction may be, over that of the model. Smaller mistakes friction for a gain.
+pub(super) const GAIN_FRICTION: f32 = 1.2;
+/// Bounds of a gain. Wider corrects worse torque constants, and trusts sensors more.
+pub(super) const MIN_GAIN: f32 = 0.7;
+/// See [`MIN_GAIN`].
+pub(super) const MAX_GAIN: f32 = 1.3;
+
 // Friction and slip.
 
 /// Coefficient of friction where none was given or probed. Smaller grips harder.
