@@ -195,9 +195,13 @@ fn a_recording_continues_after_a_reset_of_the_board() {
     // The time stamps continue, although the board's ticks restarted.
     let mcap = std::fs::read(name.with_extension("mcap")).unwrap();
     let messages = MessageStream::new(&mcap).unwrap().map(Result::unwrap);
-    let states = messages.filter(|message| message.channel.topic == "/joint_states");
-    let times: Vec<u64> = states.map(|message| message.log_time).collect();
+    let states: Vec<_> = messages.filter(|message| message.channel.topic == "/joint_states").collect();
+    let times: Vec<u64> = states.iter().map(|message| message.log_time).collect();
     assert!(times.is_sorted(), "{times:?}");
+    // Without a model a state has no joints.
+    let name = b"finger1_swing";
+    let last = &states.last().unwrap().data;
+    assert!(last.windows(name.len()).any(|part| part == name), "no joints after the push of the model");
     let replayed = server.json(&["replay", log.to_str().unwrap()]);
     assert!(replayed["identical_ticks"].as_u64().unwrap() > 150, "{replayed}");
     assert_eq!(replayed["gaps"], 1, "{replayed}");

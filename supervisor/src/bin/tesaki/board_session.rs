@@ -8,8 +8,8 @@ use std::time::{Duration, Instant};
 use tesaki::fault::FaultCause;
 use tesaki::model::RobotModel;
 use tesaki::protocol::{
-    FromBoard, Identity, LogEntry, LogRecord, Mode, Refusal, Reply, ReplyFrame, Request, Stream, TaskReport,
-    Telemetry, Tips,
+    FromBoard, Identity, LogEntry, LogRecord, Mode, Refusal, Reply, ReplyFrame, Request, Status, Stream,
+    TaskReport, Telemetry, Tips,
 };
 use tesaki::task::TaskRefusal;
 use tesaki::task::impedance::ImpedanceRefusal;
@@ -100,6 +100,23 @@ impl BoardSession {
             Err(Failure::Board(error)) if error.passes() => Ok(None),
             Err(failure) => Err(failure),
         }
+    }
+
+    /// Reads the model again if it is another one than `known`, with its checksum, by the status.
+    pub fn update_model(
+        &mut self,
+        known: &mut Option<(RobotModel, u32)>,
+        status: &Status,
+    ) -> Result<(), Failure> {
+        let checksum = (!status.node.model.is_empty()).then_some(status.node.model_checksum);
+        if known.as_ref().map(|(_, checksum)| *checksum) != checksum {
+            *known = match checksum {
+                // Where it cannot be read, the next status comes soon.
+                Some(checksum) => self.model_if_there()?.map(|model| (model, checksum)),
+                None => None,
+            };
+        }
+        Ok(())
     }
 
     /// Description of the [faults to blame](faults::blamed), with the joint's name if the model is known, and

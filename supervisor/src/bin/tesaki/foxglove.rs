@@ -198,15 +198,7 @@ impl Share {
     }
 
     fn read_model(&mut self, status: &Status) -> Result<(), Failure> {
-        let checksum = (!status.node.model.is_empty()).then_some(status.node.model_checksum);
-        if self.model.as_ref().map(|(_, checksum)| *checksum) == checksum {
-            return Ok(());
-        }
-        self.model = match checksum {
-            // Where it cannot be read, the next status comes soon.
-            Some(checksum) => self.session.model_if_there()?.map(|model| (model, checksum)),
-            None => None,
-        };
+        self.session.update_model(&mut self.model, status)?;
         self.publication.use_model(self.model.as_ref().map(|(model, checksum)| (model, *checksum)));
         Ok(())
     }

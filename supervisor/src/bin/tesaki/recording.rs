@@ -18,7 +18,7 @@ use tesaki_description::robot::RobotFolder;
 use tesaki_recording::{McapError, McapFile, Recording};
 use tesaki_supervisor::faults::{FaultFollower, FaultsBefore, describe};
 use tesaki_supervisor::publication::{Publication, STREAMS, require_own};
-use tesaki_supervisor::{Board, BoardError};
+use tesaki_supervisor::{Board, BoardError, Exported};
 
 use crate::args::{Options, Record};
 use crate::board_session::{BoardSession, hex, interrupted, version};
@@ -66,6 +66,8 @@ struct Recorder<'a> {
     mcap_path: PathBuf,
     log: ReplayLog,
     viewer: Publication<McapFile>,
+    /// The present model of the board and its checksum.
+    model: Option<(RobotModel, u32)>,
     faults: FaultFollower,
     /// When a line of JSON was last printed.
     reported: Instant,
@@ -173,6 +175,7 @@ impl<'a> Recorder<'a> {
             options,
             log_path,
             mcap_path,
+            model: log.model.clone(),
             log,
             viewer,
             faults,
@@ -207,6 +210,7 @@ impl<'a> Recorder<'a> {
                 self.viewer.task(&task).map_err(mcap_failure(&self.mcap_path))?;
             }
             Some(FromBoard::Status(status)) => {
+                session.update_model(&mut self.model, &status)?;
                 self.viewer.status(&status).map_err(mcap_failure(&self.mcap_path))?;
             }
             Some(FromBoard::Reply(_)) | None => {}
@@ -251,12 +255,12 @@ impl<'a> Recorder<'a> {
     }
 
     fn telemetry(&mut self, session: &mut BoardSession, telemetry: &Telemetry) -> Result<(), Failure> {
-        let Self { log, viewer, faults, mcap_path, .. } = self;
-        viewer.use_model(log.model.as_ref().map(|(model, checksum)| (model, *checksum)));
+        let Self { model, viewer, faults, mcap_path, .. } = self;
+        viewer.use_model(model.as_ref().map(|(model, checksum)| (model, *checksum)));
         if faults.is_due(telemetry) {
             let read = session.board.faults()?;
             for fault in faults.take(telemetry, &read) {
-                let text = describe(fault, log.robot());
+                let text = describe(fault, model.as_ref().map(|(model, _)| model));
                 viewer.fault(telemetry.tick, &text).map_err(mcap_failure(mcap_path))?;
                 output::notice(self.options, &text);
             }
@@ -390,7 +394,8 @@ impl ReplayLog {
             Err(error) => return Err(error.into()),
         }
         session.board.set_rate(Stream::Log, 1)?;
-        self.state(session)
+        let state = session.board.export(Item::State)?;
+        self.state(&state)
     }
 
     /// Writes the encoded model.
@@ -420,25 +425,27 @@ impl ReplayLog {
         Ok(())
     }
 
-    fn robot(&self) -> Option<&RobotModel> {
-        self.model.as_ref().map(|(robot, _)| robot)
-    }
-
     /// Entries are missing, or the board was reset: to replay what follows, its state is needed, and its
     /// model if that has changed.
     fn gap(&mut self, session: &mut BoardSession, missing: u32) -> Result<(), LogError> {
         self.gaps += 1;
-        let missing = self.lose(missing);
-        self.write(&LogRecord::Gap { missing })?;
-        let mut resume = || {
-            let known = self.model.as_ref().map_or(0, |(_, checksum)| *checksum);
-            if session.board.status()?.node.model_checksum == known {
-                self.state(session)
-            } else {
-                self.begin(session)
-            }
+        let known = self.model.as_ref().map_or(0, |(_, checksum)| *checksum);
+        let same = session.board.status().map(|status| status.node.model_checksum == known);
+        let state = match same {
+            Ok(true) => session.board.export(Item::State).map(Some),
+            Ok(false) => Ok(None),
+            Err(error) => Err(error),
         };
-        match resume() {
+        // The entries up to the state are missing, too, if the board was not reset.
+        let to_state =
+            state.as_ref().ok().and_then(|state| Some(state.as_ref()?.index.wrapping_sub(self.last)));
+        let to_state = to_state.filter(|missing| missing.cast_signed() > 0).unwrap_or(0);
+        let missing = self.lose(missing.max(to_state));
+        self.write(&LogRecord::Gap { missing })?;
+        match state.map_err(LogError::from).and_then(|state| match state {
+            Some(state) => self.state(&state),
+            None => self.begin(session),
+        }) {
             // The next entry, if one comes, reveals the gap again.
             Err(LogError::Board(error)) if error.passes() => Ok(()),
             other => other,
@@ -453,16 +460,16 @@ impl ReplayLog {
         new
     }
 
-    /// Writes the current state of the node. Older entries that still arrive are skipped.
-    fn state(&mut self, session: &mut BoardSession) -> Result<(), LogError> {
-        let tesaki_supervisor::Exported { bytes: state, index, key } = session.board.export(Item::State)?;
+    /// Writes a state of the node. Older entries that still arrive are skipped.
+    fn state(&mut self, state: &Exported) -> Result<(), LogError> {
+        let Exported { bytes: state, index, key } = state;
         for (offset, data) in (0..).step_by(EXPORT_CHUNK).zip(state.chunks(EXPORT_CHUNK)) {
             let data = heapless::Vec::from_slice(data).unwrap_or_default();
             self.write(&LogRecord::State { offset, data })?;
         }
         let length = u32::try_from(state.len()).unwrap_or(u32::MAX);
-        self.write(&LogRecord::Restore { length, checksum: checksum(&state), key })?;
-        (self.last, self.in_step, self.lost_in_gap) = (index, false, 0);
+        self.write(&LogRecord::Restore { length, checksum: checksum(state), key: *key })?;
+        (self.last, self.in_step, self.lost_in_gap) = (*index, false, 0);
         Ok(())
     }
 
