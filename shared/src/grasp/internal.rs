@@ -9,9 +9,6 @@ use crate::math::{self, abs};
 
 /// Maximum dimension of the internal forces: six collinear contacts.
 const MAX_INTERNAL: usize = 3 * MAX_CONTACTS - 5;
-/// Sweeps of Jacobi's method; it converges quadratically, and for 6 × 6 matrices six are enough in single
-/// precision.
-const SWEEPS: usize = 6;
 
 /// A basis of the internal forces, the null space of the grasp map: orthonormal sets of contact forces whose
 /// wrench is 0. There are 3n − 6 of them, or 3n − 5 for collinear contacts.
@@ -144,7 +141,7 @@ impl GraspMap {
                 products[(row, column)] = one.normal.dot(&other.normal) + moment.dot(&other_moment);
             }
         }
-        let vectors = eigenvectors(&mut products);
+        let vectors = math::diagonalize(&mut products);
         let (mut min_value, mut next) = (f32::INFINITY, f32::INFINITY);
         let mut vector = SVector::<f32, MAX_CONTACTS>::zeros();
         for (&value, column) in products.diagonal().iter().zip(vectors.column_iter()) {
@@ -220,37 +217,6 @@ impl NormalGrip {
 
 fn dot(a: &[Vector3<f32>], b: &[Vector3<f32>]) -> f32 {
     a.iter().zip(b).map(|(a, b)| a.dot(b)).sum()
-}
-
-/// Eigenvectors of a symmetric matrix by Jacobi's method; diagonalises `matrix` in place.
-fn eigenvectors<const N: usize>(matrix: &mut SMatrix<f32, N, N>) -> SMatrix<f32, N, N> {
-    let mut vectors = SMatrix::identity();
-    for _ in 0..SWEEPS {
-        for p in 0..N {
-            for q in p + 1..N {
-                let off = matrix[(p, q)];
-                if abs(off) <= f32::MIN_POSITIVE {
-                    continue;
-                }
-                // The smaller rotation that makes this element 0.
-                let ratio = (matrix[(q, q)] - matrix[(p, p)]) / (2.0 * off);
-                let size = abs(ratio);
-                let root = if size < 1e6 { math::inlined_sqrt(ratio * ratio + 1.0) } else { size };
-                let tangent = (1.0 / (size + root)).copysign(ratio);
-                let cosine = 1.0 / math::inlined_sqrt(tangent * tangent + 1.0);
-                let sine = tangent * cosine;
-                let rotate = |a: f32, b: f32| (cosine * a - sine * b, sine * a + cosine * b);
-                for k in 0..N {
-                    (matrix[(k, p)], matrix[(k, q)]) = rotate(matrix[(k, p)], matrix[(k, q)]);
-                }
-                for k in 0..N {
-                    (matrix[(p, k)], matrix[(q, k)]) = rotate(matrix[(p, k)], matrix[(q, k)]);
-                    (vectors[(k, p)], vectors[(k, q)]) = rotate(vectors[(k, p)], vectors[(k, q)]);
-                }
-            }
-        }
-    }
-    vectors
 }
 
 impl fmt::Display for ContactCountError {

@@ -10,6 +10,7 @@
 use nalgebra::Matrix3;
 
 mod atan2;
+mod eigen;
 mod ldlt;
 mod least_squares;
 mod sincos;
@@ -18,6 +19,7 @@ mod sqrt;
 
 pub use atan2::atan2;
 pub(crate) use atan2::inlined_atan2;
+pub(crate) use eigen::diagonalize;
 pub(crate) use ldlt::Ldlt;
 pub(crate) use least_squares::{IncrementalQr, Svd};
 pub(crate) use sincos::inlined_sin_cos;

@@ -198,12 +198,13 @@ impl Inertial {
         check.all_within(Field::CenterOfMass, &self.center_of_mass, MAX_LENGTH)?;
         check.all_within(Field::Inertia, &self.inertia, MAX_INERTIA)?;
         let [ixx, iyy, izz, ixy, ixz, iyz] = self.inertia;
-        let tensor = Matrix3::new(ixx, ixy, ixz, ixy, iyy, iyz, ixz, iyz, izz);
+        let mut tensor = Matrix3::new(ixx, ixy, ixz, ixy, iyy, iyz, ixz, iyz, izz);
+        let trace = tensor.trace();
         // Half the trace minus each principal moment is a second moment of mass, and none can be negative.
-        let moments = tensor.symmetric_eigenvalues();
-        let margin = tensor.trace() / 2.0 - moments.max();
-        let worst = moments.min().min(margin);
-        if worst < -1e-3 * abs(tensor.trace()) - 1e-12 {
+        math::diagonalize(&mut tensor);
+        let moments = tensor.diagonal();
+        let worst = moments.min().min(trace / 2.0 - moments.max());
+        if worst < -1e-3 * abs(trace) - 1e-12 {
             return Err(check.error(Field::Inertia, worst, Problem::NotPhysical));
         }
         Ok(())

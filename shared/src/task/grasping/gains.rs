@@ -38,11 +38,7 @@ impl TorqueGains {
             for (gain, feedforward, &sensed, effort, &friction) in
                 zip((gains, feedforward, sensed, efforts, friction))
             {
-                let torque = feedforward + effort;
-                let error = sensed - *gain * torque;
-                let error = error - math::clamp(error, -friction, friction);
-                let rate = GAIN_LEARNING_RATE * torque / (torque * torque + GAIN_TORQUE * GAIN_TORQUE);
-                *gain = math::clamp(*gain + rate * error, MIN_GAIN, MAX_GAIN);
+                *gain = learnt(*gain, feedforward + effort, sensed, friction);
             }
         }
     }
@@ -56,6 +52,15 @@ impl TorqueGains {
         }
         self.feedforward
     }
+}
+
+/// The gain of a joint after a tick with this commanded, sensed and friction torque [N·m].
+#[inline(never)]
+fn learnt(gain: f32, torque: f32, sensed: f32, friction: f32) -> f32 {
+    let error = sensed - gain * torque;
+    let error = error - math::clamp(error, -friction, friction);
+    let rate = GAIN_LEARNING_RATE * torque / (torque * torque + GAIN_TORQUE * GAIN_TORQUE);
+    math::clamp(gain + rate * error, MIN_GAIN, MAX_GAIN)
 }
 
 #[cfg(test)]

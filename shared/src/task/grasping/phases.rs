@@ -142,6 +142,7 @@ impl GraspState {
     }
 
     /// The internal forces with which fingers 1 and 2 press towards each other [N].
+    #[inline(never)]
     fn probe_forces(&self, fingers: &Fingers<'_>) -> PerFinger<Vector3<f32>> {
         let [one, two, _] = fingers.tips;
         let force = (two - one) * (self.probe_force / fingers.width());
@@ -149,6 +150,7 @@ impl GraspState {
     }
 
     /// Height of the object above the position at which it was grasped [m].
+    #[inline(never)]
     pub(super) fn height(&self, hand: &GraspHand<'_>) -> f32 {
         let displacement =
             Vector3::from(self.tracker.object.translation) - Vector3::from(self.origin.translation);
@@ -182,6 +184,7 @@ pub(super) fn weight_on_fingers(hand: &GraspHand<'_>, &[x, y, z, ..]: &[f32; 6])
 }
 
 /// Unit vector of gravity; 0 without gravity.
+#[inline(never)]
 fn down(hand: &GraspHand<'_>) -> Vector3<f32> {
     let norm = math::sqrt(hand.gravity.norm_squared());
     if norm > 0.0 { hand.gravity / norm } else { Vector3::zeros() }
