@@ -1,7 +1,10 @@
 #!/usr/bin/env python3
 """Pictures of a camera for `tesaki look`, as PGM on standard output: camera.py NUMBER or FILE. Needs opencv-python."""
 import signal, sys
-import cv2
+try:
+    import cv2
+except ImportError:
+    sys.exit("camera.py needs OpenCV: pip install opencv-python")
 
 SIZE = (256, 240)  # px, as the camera was calibrated
 signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # ends with its reader

@@ -1,7 +1,10 @@
 #!/usr/bin/env python3
 """A vision for `tesaki approach` with OpenCV: find_rose.py CAMERA'S NUMBER or FILE. Needs opencv-python."""
 import json, socket, sys, time
-import cv2
+try:
+    import cv2
+except ImportError:
+    sys.exit("find_rose.py needs OpenCV: pip install opencv-python")
 
 DELAY = 0.05  # s, from the exposure to here
 link = socket.create_connection(("localhost", 7800))

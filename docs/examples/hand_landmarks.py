@@ -29,9 +29,12 @@ def main():
     parser.add_argument("--udp", type=int, metavar="PORT")
     parser.add_argument("--camera", type=int, default=0)
     options = parser.parse_args()
-    import cv2
-    import mediapipe as mp
-    from mediapipe.tasks.python import BaseOptions, vision
+    try:
+        import cv2
+        import mediapipe as mp
+        from mediapipe.tasks.python import BaseOptions, vision
+    except ImportError:
+        raise SystemExit("hand_landmarks.py needs MediaPipe and OpenCV: pip install mediapipe opencv-python")
     settings = vision.HandLandmarkerOptions(base_options=BaseOptions(model_asset_path=options.model),
                                             running_mode=vision.RunningMode.VIDEO, num_hands=1)
     camera, out = cv2.VideoCapture(options.camera), socket.socket(socket.AF_INET, socket.SOCK_DGRAM)

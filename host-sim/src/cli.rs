@@ -164,8 +164,9 @@ fn find_scenario(name: &str) -> Result<&'static Scenario, String> {
     Scenario::find(name).ok_or_else(|| {
         let names = SCENARIOS.iter().map(|scenario| (edits(scenario.name, name), scenario.name));
         let nearest = names.min().filter(|(edits, nearest)| *edits <= nearest.len() / 2);
-        let meant = nearest.map_or_else(String::new, |(_, nearest)| format!("; did you mean {nearest}"));
-        format!("no scenario {name:?}{meant}; `cargo sim list` shows all")
+        let meant =
+            nearest.map_or_else(|| ".".to_owned(), |(_, nearest)| format!("; did you mean {nearest}?"));
+        format!("no scenario {name:?}{meant} `cargo sim list` shows all")
     })
 }
 

@@ -221,10 +221,15 @@ fn done(command: Command, faults: &SensorFaults, plant: &Plant, model: &RobotMod
         Command::Reset => "the board was reset: it has no model".to_owned(),
         Command::Angles => home_command(plant, model)
             .unwrap_or_else(|| "all encoders are absolute: there is nothing to home".to_owned()),
-        Command::Pull(by) => format!("the first tip is pulled by {}", meters(by)),
+        Command::Pull(by) => format!(
+            "a person pulls the first tip by {} from where it is, with 500 N/m; `pull off` lets it go",
+            meters(by)
+        ),
         Command::LetGo => "the first tip is let go".to_owned(),
-        Command::Wall(ahead, stiffness) => format!("a wall of {stiffness} N/m is at {}", meters(ahead)),
-        Command::NoWalls => "there is no wall".to_owned(),
+        Command::Wall(ahead, stiffness) => {
+            format!("a wall of {stiffness} N/m is {} ahead of the tips", meters(ahead))
+        }
+        Command::NoWalls => "the walls are taken away".to_owned(),
     }
 }
 
@@ -453,7 +458,7 @@ mod tests {
             ("encoder finger1_swing -90", "the encoder of finger1_swing has jumped by -90 counts"),
             ("freeze finger1_bend", "the encoder of finger1_bend is frozen"),
             ("freeze finger1_bend", "the encoder of finger1_bend runs again"),
-            ("wall 0 0 0.02 2000", "a wall of 2000 N/m is at 0, 0, 0.02 m"),
+            ("wall 0 0 0.02 2000", "a wall of 2000 N/m is 0, 0, 0.02 m ahead of the tips"),
         ] {
             let command = parse(line, model).unwrap().unwrap();
             if let Command::Fault(fault) = command {

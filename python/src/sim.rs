@@ -72,7 +72,9 @@ struct State {
 #[pymethods]
 impl Run {
     #[new]
-    fn new(scenario: &str, robot: PathBuf, seed: u64) -> PyResult<Self> {
+    fn new(scenario: &str, robot: PathBuf, seed: i128) -> PyResult<Self> {
+        let seed = u64::try_from(seed)
+            .map_err(|_| PyValueError::new_err(format!("seed {seed}: it must be from 0 to {}", u64::MAX)))?;
         let scenario = Scenario::find(scenario).ok_or_else(|| {
             let known: Vec<&str> = SCENARIOS.iter().map(|scenario| scenario.name).collect();
             PyValueError::new_err(format!(

@@ -15,6 +15,7 @@ use tesaki::model::RobotModel;
 pub use chain::chain_model;
 pub use limits::{ImplausibleLimit, implausible_limits};
 pub(crate) use limits::{at_least, following_errors, least_torque_rate};
+pub use plausible::{Overload, overloaded};
 pub use settings::{FrictionSettings, JointSettings, Settings};
 
 use crate::file::{FileError, read_text};

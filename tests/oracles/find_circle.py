@@ -11,8 +11,11 @@ import sys
 import time
 from pathlib import Path
 
-import cv2
-import numpy as np
+try:
+    import cv2
+    import numpy as np
+except ImportError:
+    sys.exit("find_circle.py needs OpenCV and NumPy: pip install opencv-python-headless numpy")
 
 from data_file import DATA, write
 

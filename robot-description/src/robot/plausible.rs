@@ -78,9 +78,7 @@ pub fn check(folder: &RobotFolder, settings: &str, plant: Option<&str>, known: &
         }
     }
     let model = &folder.model;
-    let couplings = |index| model.joints_of(index).map(ChainJoint::coupling).collect();
-    let chains = (0..model.chains.len()).map(|index| (Chain::of_model(model, index), couplings(index)));
-    for chains in CoupledChains::groups(chains) {
+    for chains in groups(model) {
         of_chains(&chains, model, start.as_ref(), &mut reports);
     }
     for index in 0..model.chains.len() {
@@ -168,6 +166,44 @@ impl Reports {
             .line_of(&format!("joints.{}.{key}", joint.name))
             .or_else(|| self.settings.line_of(&format!("joint.{key}")))
     }
+}
+
+/// A joint whose motor cannot bear its links everywhere.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Overload {
+    /// Its index.
+    pub joint: usize,
+    /// The largest gravity torque [N·m].
+    pub gravity: f32,
+    /// The torque that the motor has [N·m].
+    pub torque: f32,
+}
+
+/// The joints of a valid model whose motors cannot bear their links everywhere.
+pub fn overloaded(model: &RobotModel) -> Vec<Overload> {
+    let mut found = Vec::new();
+    for chains in groups(model) {
+        let joints = chains.motors.iter().filter_map(|&motor| Some((motor, model.joints.get(motor)?)));
+        let (motors, joints): (Vec<usize>, Vec<&JointModel>) = joints.unzip();
+        let limits: Vec<(f32, f32)> =
+            joints.iter().map(|joint| (joint.limits.lower, joint.limits.upper)).collect();
+        let loads = chains.joint_loads(&model.gravity, &limits);
+        for ((&joint, model), JointLoad { gravity, .. }) in motors.iter().zip(joints).zip(loads) {
+            let torque = torque_limit(model);
+            if gravity > torque {
+                found.push(Overload { joint, gravity, torque });
+            }
+        }
+    }
+    found
+}
+
+/// The chains of a model in groups that do not depend on each other.
+fn groups(model: &RobotModel) -> Vec<CoupledChains> {
+    let couplings = |index| model.joints_of(index).map(ChainJoint::coupling).collect();
+    CoupledChains::groups(
+        (0..model.chains.len()).map(|index| (Chain::of_model(model, index), couplings(index))),
+    )
 }
 
 fn of_chains(

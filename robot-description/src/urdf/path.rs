@@ -124,7 +124,12 @@ impl Urdf {
         self.serial(base, tip).map_err(|Refused { line, message, advice }| {
             let advice = advice.unwrap_or_else(|| {
                 let reachable = self.reachable_tips(base);
-                if reachable.is_empty() {
+                if let Some(base) = base.filter(|base| !self.has_link(base)) {
+                    let links = self.robot.links.iter().map(|link| link.name.as_str());
+                    let bases = links.filter(|link| !self.reachable_tips(Some(link)).is_empty());
+                    let bases: Vec<&str> = bases.collect();
+                    format!("{base:?} was to be the base; links that can be a base: {}", bases.join(", "))
+                } else if reachable.is_empty() {
                     "no other tip can be computed either".to_owned()
                 } else {
                     format!("tips that can be computed: {}", reachable.join(", "))
@@ -138,7 +143,7 @@ impl Urdf {
     fn serial(&self, base: Option<&str>, tip: &str) -> Result<SerialPath, Refused> {
         let base = base.unwrap_or(self.base());
         for link in [base, tip] {
-            if !self.robot.links.iter().any(|known| known.name == link) {
+            if !self.has_link(link) {
                 return Err(Refused::new(None, format!("there is no link {link:?}")));
             }
         }

@@ -16,7 +16,7 @@ pub enum Address {
     /// `auto`: the only available board.
     #[default]
     Auto,
-    /// `/dev/ttyUSB0`, `COM3`: a serial port or a pseudo-terminal.
+    /// `/dev/ttyUSB0`: a serial port or a pseudo-terminal.
     Path(PathBuf),
     /// `unix:///run/x.sock`: a Unix socket.
     Unix(PathBuf),
@@ -46,7 +46,7 @@ pub enum AddressError {
     NotHostAndPort(String),
 }
 
-const EXAMPLES: &str = "auto, /dev/ttyUSB0, COM3, unix:///run/hand.sock or tcp://localhost:7400";
+const EXAMPLES: &str = "auto, /dev/ttyUSB0, unix:///run/hand.sock or tcp://localhost:7400";
 
 /// Returns the probable intention as a hint.
 fn guess(text: &str) -> String {

@@ -4,6 +4,14 @@ use std::path::PathBuf;
 
 use super::{Address, Found};
 
+/// The program that would answer at an address.
+const fn who(address: &Address) -> &'static str {
+    match address {
+        Address::Tcp(_) => "`tesaki share` there, or `cargo sim serve --listen`,",
+        _ => "`cargo sim serve`",
+    }
+}
+
 /// Reasons why a port could not be opened, with advice.
 #[derive(Debug, thiserror::Error)]
 pub enum PortError {
@@ -47,7 +55,7 @@ pub enum PortError {
         hint: String,
     },
     /// No program listens at the address.
-    #[error("nobody answers at {address}: is `cargo sim serve` running?")]
+    #[error("nobody answers at {address}: is {} running?", who(.address))]
     Refused {
         /// The requested address.
         address: Address,

@@ -67,7 +67,7 @@ impl Listener {
             Address::Tcp(host) => {
                 let fail = |error: io::Error| {
                     let hint = if error.kind() == io::ErrorKind::AddrInUse {
-                        ": another program listens there, perhaps another simulator; end it, or choose another port"
+                        ": another program listens there, perhaps `tesaki share` or `cargo sim serve`; end it, or choose another port"
                     } else {
                         ""
                     };

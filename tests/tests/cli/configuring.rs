@@ -18,7 +18,7 @@ fn a_board_of_one_finger_gets_its_own_model() {
 #[test]
 fn parameters_are_read_changed_and_refused_by_name() {
     let server = Server::ready();
-    assert!(server.succeeds(&["read", "safety.command_timeout"]).contains("safety.command_timeout = 1"));
+    assert!(server.succeeds(&["read", "safety.command_timeout"]).contains("safety.command_timeout = 1.0 s"));
     server.succeeds(&["set", "safety.reaction", "off"]);
     assert!(server.succeeds(&["read", "safety"]).contains("safety.reaction = \"off\""));
     server.succeeds(&["set", "joints.*.limits.velocity", "4.5"]);
@@ -42,6 +42,35 @@ fn parameters_are_read_changed_and_refused_by_name() {
     // Homed joints stay homed, because their encoders have not changed.
     server.succeeds(&["move", "finger1_swing=0.02"]);
     assert_eq!(server.json(&["model", "show"])["safety"]["reaction"], "Off");
+    let damping = "safety.damping = -1 N·m·s/rad is below 0 N·m·s/rad";
+    server.fails(&["set", "safety.damping", "-1"], 2, &[damping]);
+    server.fails(
+        &["set", "safety.supply_min", "30"],
+        2,
+        &["safety.supply_min = 30 V must be below safety.supply_max, 28 V"],
+    );
+    server.succeeds(&["set", "name", "foo"]);
+    assert!(server.succeeds(&["read", "name"]).contains("name = \"foo\""));
+    // Another zero: nobody knows where the joint is.
+    let set = server.json(&["set", "joints.finger1_swing.encoder.zero", "10"]);
+    assert_eq!(set["no_longer_homed"], serde_json::json!(["finger1_swing"]));
+    let state = server.succeeds(&["read"]);
+    let line = state.lines().find(|line| line.starts_with("finger1_swing")).unwrap();
+    assert!(line.contains(" – ") && line.ends_with("not homed"), "{line}");
+}
+
+#[test]
+fn what_is_doubtful_is_set_with_a_warning() {
+    let server = Server::ready_arm();
+    for value in ["0,0,9.81", "-9.81"] {
+        let list = ["gravity is a list in m/s²: write it in brackets", "\"[0.0,0.0,-9.81]\""];
+        server.fails(&["set", "gravity", value], 2, &list);
+    }
+    let name = server.json(&["model", "show"])["joints"][3]["name"].as_str().unwrap().to_owned();
+    let text = server.succeeds(&["set", &format!("joints.{name}.link.mass"), "40"]);
+    assert!(text.contains("warning: ") && text.contains("gravity needs up to"), "{text}");
+    let text = server.succeeds(&["set", "gravity", "[0,0,9.81]"]);
+    assert!(text.contains("upside down"), "{text}");
 }
 
 #[test]

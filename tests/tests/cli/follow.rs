@@ -452,6 +452,11 @@ fn a_master_that_is_powered_never_stays_so_alone() {
         &["spoilt.toml: --reflect needs a stiffness above 0 along each"],
     );
 
+    let untared = Server::ready_arm();
+    let tare = format!("nothing touches the tool (`tesaki --port {} tare`)", untared.address);
+    let to_untared = format!("board:{}", untared.address);
+    refused(&["--from", &to_untared, "--reflect", &handle, "--round-trip", "0.01"], 7, &[&tare]);
+
     // By hand: 5 N·s/m for each of 2 kg plus 15 N·s/m of its own, divided by 300 N/m, minus half a period of
     // 10 ms, is 78 ms; 25 N·s/m divided by 235 ms is 106.4 N/m, and 300 N/m times 235 ms is 70.5 N·s/m.
     refused(
@@ -521,6 +526,12 @@ fn a_recorded_hand_is_played_and_what_is_wrong_with_it_is_said_by_line() {
     refused(4, 1, "360", "hand.csv:5: the position is 360 m from the origin, limit 100 m");
     std::fs::write(&path, "time,x,y,z,qx,qy,qz,qw,clutch\n0,0,0,0,0,0,0,1,2\n").unwrap();
     server.fails(&command, 1, &["hand.csv:2: clutch 2: expected 1 (closed) or 0 (open)"]);
+    std::fs::write(&path, in_millimetres()).unwrap();
+    server.fails(
+        &command,
+        1,
+        &["hand.csv:10: the position moves by 0.050 m in 0.020 s, 2.5 m/s", "limit 2 m/s: is it in metres"],
+    );
     std::fs::write(&path, CIRCLE).unwrap();
     server.fails(&command, 7, &["hand was not tared", "tesaki tare"]);
     server.succeeds(&["tare"]);
@@ -531,6 +542,42 @@ fn a_recorded_hand_is_played_and_what_is_wrong_with_it_is_said_by_line() {
         assert!(text.contains(words), "{words}: {text}");
     }
     assert_eq!(server.json(&["faults"])["total"], 0);
+}
+
+/// The recorded circle with its positions in millimetres.
+fn in_millimetres() -> String {
+    let row = |row: &str| {
+        let cells = row.split(',').enumerate().map(|(column, cell)| match cell.parse::<f64>() {
+            Ok(value) if (1..4).contains(&column) => (1e3 * value).to_string(),
+            _ => cell.to_owned(),
+        });
+        cells.collect::<Vec<_>>().join(",")
+    };
+    CIRCLE.lines().map(row).collect::<Vec<_>>().join("\n")
+}
+
+#[test]
+fn a_stream_in_millimetres_does_not_let_the_arm_leap() {
+    let server = arm();
+    let start: [f64; 3] = numbers(&server.json(&["read"])["tips"]["hand"]["position"]);
+    let (leading, stdin) = Leading::start(&server, &[]);
+    let mut hand = Hand::new(stdin);
+    hand.until("the clutch closes", || leading.count(|value| is_clutch(value, "closed", "")) == 1);
+    let (begin, limit) =
+        (Instant::now(), "limit 2 m/s: is it in metres, or does the hand jump? The arm stays");
+    while leading.count(|value| is_clutch(value, "open", limit)) == 0 {
+        // Half a turn a second, of 100 mm.
+        let elapsed = begin.elapsed().as_secs_f64();
+        hand.position = [0.0, 100.0 * (1.0 - (std::f64::consts::PI * elapsed).cos()), 0.0];
+        hand.send();
+        assert!(elapsed < 60.0, "the clutch is still closed");
+    }
+    drop(hand);
+    let (code, values, error) = leading.finish();
+    assert_eq!(code, 0, "{error}");
+    let farthest = values.iter().filter(|value| value.get("sigma_min").is_some());
+    let farthest = farthest.map(|value| distance(numbers(&value["position"]), start)).fold(0.0, f64::max);
+    assert!(farthest < 0.12, "{farthest}");
 }
 
 #[test]

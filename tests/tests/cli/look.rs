@@ -102,7 +102,7 @@ fn a_bad_source_is_named() {
     let good = disc("", [90.0, 110.0]);
     for (arguments, input, words) in [
         (&[][..], &good[..1000], "of 61440 grey levels"),
-        (&[], b"\x89PNG\r\n\x1a\n", "not the begin of a binary PGM picture"),
+        (&[], b"\x89PNG\r\n\x1a\n", "not the beginning of a binary PGM picture"),
         (&["--from", "camera:/dev/null"], b"", "/dev/null: it is not a camera"),
         (&["--from", "camera:/dev/no-video"], b"", "/dev/no-video: No such file"),
         (&["--from", "files:/no/such.png"], b"", "/no/such.png: No such file"),

@@ -34,6 +34,14 @@ fn from_a_fresh_board_to_a_moved_recorded_and_replayed_joint() {
         2,
         &["finger1_swing: 9 rad is outside its limits -1 to 1 rad"],
     );
+    let limits = "finger1_swing: 90.0° is outside its limits -57.3° to 57.3°";
+    server.fails(&["move", "--degrees", "finger1_swing=90"], 2, &[limits]);
+    server.fails(&["move", "finger1_swing=90"], 2, &["rad (--degrees for degrees)"]);
+    server.fails(
+        &["move", "finger1_swing=30deg"],
+        2,
+        &["is not an angle in rad; in degrees: --degrees and a number"],
+    );
     server.fails(&["move", "finger1_swing"], 2, &["JOINT=ANGLE"]);
     server.fails(&["move", "finger1_swing=0", "finger1_swing=1"], 2, &["finger1_swing is given twice"]);
 
@@ -131,8 +139,15 @@ fn a_fingertip_moves_along_a_line_and_an_impossible_path_is_refused_before_anyth
         assert!((position - angle).abs() < 0.03, "joint {joint} at {position}");
     }
     server.fails(&["reach", "thumb=0,0,0"], 2, &["no tip \"thumb\"", "finger3_tip"]);
+    let millimetres =
+        ["finger1_tip: the target: ", " m away, more than ten times the length of hand3", "in metres?"];
+    server.fails(&["reach", "finger1_tip=60,40,140"], 2, &millimetres);
     server.fails(&["reach", "finger1_tip=0,0"], 2, &["is not a position"]);
-    server.fails(&["reach", "finger1_tip=0.5,0.04,0.1"], 2, &["finger1_tip", "the target", "out of reach"]);
+    server.fails(
+        &["reach", "finger1_tip=0.5,0.04,0.1"],
+        2,
+        &["finger1_tip: the target 0.5000, 0.0400, 0.1000 m is out of reach", " m"],
+    );
     server.fails(
         &["reach", "--relative", "finger1_tip=-0.045,0.05,0"],
         2,

@@ -58,7 +58,7 @@ No board? `cargo sim serve` starts a simulated one, which `--port auto` finds.";
 
 /// Control a tesaki board from a PC
 #[derive(Parser)]
-#[command(version, about = "Control a tesaki board from a PC", after_help = EXIT_CODES, propagate_version = true)]
+#[command(name = "tesaki", version, about = "Control a tesaki board from a PC", after_help = EXIT_CODES, propagate_version = true)]
 pub struct Cli {
     #[command(flatten, next_help_heading = "Options of every command")]
     pub options: Options,
@@ -393,7 +393,7 @@ fn joint_angle(text: &str) -> Result<(String, f32), String> {
         .ok_or_else(|| format!("{text:?}: expected JOINT=ANGLE, for example finger1_swing=0.3"))?;
     match angle.trim().parse::<f32>() {
         Ok(angle) if angle.is_finite() => Ok((name.trim().to_owned(), angle)),
-        _ => Err(format!("{angle:?} is not an angle: expected a finite number")),
+        _ => Err(format!("{angle:?} is not an angle in rad; in degrees: --degrees and a number")),
     }
 }
 

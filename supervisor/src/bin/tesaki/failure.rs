@@ -60,7 +60,7 @@ pub enum Failure {
     #[error(transparent)]
     Identify(#[from] IdentifyError),
     /// The grasp failed.
-    #[error("{0}\nSee {document}", document = troubleshooting::DOCUMENT)]
+    #[error("{0}\nSee {document}#a-grasp-that-fails", document = troubleshooting::DOCUMENT)]
     Grasp(String),
     /// An invalid URDF.
     #[error(transparent)]
@@ -164,6 +164,25 @@ impl Failure {
                 }
             }
             _ => self,
+        }
+    }
+
+    /// The same failure of a board that is not the one of `--port`: the commands that help name its port.
+    pub fn at_port(self, port: &str) -> Self {
+        match &self {
+            Self::Board(BoardError::Refused { .. }) | Self::Refused(_) => {
+                Self::Refused(self.to_string().replace("`tesaki ", &format!("`tesaki --port {port} ")))
+            }
+            _ => self,
+        }
+    }
+
+    /// A failure to write `path`.
+    pub fn written(path: impl Into<PathBuf>) -> impl FnOnce(io::Error) -> Self {
+        let path = path.into();
+        move |error| {
+            let source = io::Error::new(error.kind(), format!("cannot be written: {error}"));
+            Self::File { path, source }
         }
     }
 

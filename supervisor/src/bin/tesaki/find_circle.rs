@@ -36,6 +36,12 @@ pub fn run(options: &Options, args: &FindCircle) -> Result<(), Failure> {
     }
     if let Some(annotated) = &args.annotate {
         keep_input(annotated, "--annotate", &args.images[0], "IMAGE")?;
+        if annotated.extension().is_none_or(|end| !end.eq_ignore_ascii_case("png")) {
+            return Err(Failure::Usage(format!(
+                "--annotate writes PNG: name it {}",
+                annotated.with_extension("png").display()
+            )));
+        }
     }
     let (mut lines, mut values, mut failures) = (String::new(), Vec::new(), Vec::new());
     for path in &args.images {

@@ -2,6 +2,7 @@
 
 mod lead;
 mod master;
+mod pace;
 mod reflect;
 mod source;
 

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use nalgebra::Vector3;
 use serde_json::json;
+use tesaki::model::RobotModel;
 use tesaki::protocol::{Mode, Request, TaskReport};
 use tesaki::task::grasping::{Failure as GraspFailure, GraspCommand, GraspTelemetry, Phase};
 use tesaki::task::{TaskConfig, TaskKind, TaskTelemetry};
@@ -16,7 +17,7 @@ use tesaki_supervisor::{Board, BoardError};
 use crate::args::{Grasp, Options, Run, Step};
 use crate::board_session::{BoardSession, interrupted};
 use crate::failure::Failure;
-use crate::motion::{End, Motion};
+use crate::motion::{End, Motion, check_distance};
 use crate::output;
 
 /// Period of the keep-alive requests: one for each tick of the board.
@@ -38,7 +39,7 @@ pub fn run(options: &Options, command: &Grasp) -> Result<(), Failure> {
 fn grasp_object(options: &Options, args: &Run) -> Result<(), Failure> {
     let plan = grasp::load(&args.file)?;
     let mut motion = Motion::begin(options)?;
-    let steps = timed_steps(args, &Vector3::from(motion.model.gravity))?;
+    let steps = timed_steps(args, &motion.model)?;
     output::confirm(
         options,
         &format!(
@@ -83,7 +84,8 @@ struct TimedStep {
 }
 
 /// The steps as commands, each with a duration that respects the maximum speeds.
-fn timed_steps(args: &Run, gravity: &Vector3<f32>) -> Result<Vec<TimedStep>, Failure> {
+fn timed_steps(args: &Run, model: &RobotModel) -> Result<Vec<TimedStep>, Failure> {
+    let gravity = Vector3::from(model.gravity);
     let up = if gravity.norm() > 0.0 { -gravity.normalize() } else { Vector3::z() };
     let (mut lift, mut shift, mut turn) = (0.0, Vector3::zeros(), Vector3::zeros());
     let mut steps = Vec::new();
@@ -99,6 +101,7 @@ fn timed_steps(args: &Run, gravity: &Vector3<f32>) -> Result<Vec<TimedStep>, Fai
             }
         }
         let target = up * lift + shift;
+        check_distance(&format!("the step {step}"), (target - last_position).norm(), model)?;
         // The angle between two rotations is at most the distance of their rotation vectors.
         let needed = ((target - last_position).norm() / args.speed)
             .max((turn - last_turn).norm() / args.turn_speed)

@@ -6,7 +6,7 @@ use tesaki_supervisor::Board;
 use crate::args::{Home, Options};
 use crate::board_session::BoardSession;
 use crate::failure::Failure;
-use crate::joints::{check, each_once, find};
+use crate::joints::{check_typed, each_once, find};
 use crate::output;
 
 pub fn home(options: &Options, args: &Home) -> Result<(), Failure> {
@@ -47,7 +47,7 @@ pub fn home(options: &Options, args: &Home) -> Result<(), Failure> {
                 )));
             }
         };
-        check(joint, angle)?;
+        check_typed(joint, angle, args.degrees)?;
         positions.push(angle);
     }
     if let (Some(others), false) = (args.others, assumed.is_empty()) {

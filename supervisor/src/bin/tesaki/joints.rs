@@ -96,7 +96,7 @@ fn set_goals(goal: &mut [f32], model: &RobotModel, args: &Move) -> Result<(), Fa
         let (index, joint) = find(model, name)?;
         let base = if args.relative { goal[index] } else { 0.0 };
         goal[index] = base + angle * unit;
-        check(joint, goal[index])?;
+        check_typed(joint, goal[index], args.degrees)?;
     }
     Ok(())
 }
@@ -134,4 +134,17 @@ pub fn check(joint: &JointModel, angle: f32) -> Result<(), Failure> {
         "{}: {angle} rad is outside its limits {} to {} rad",
         joint.name, limits.lower, limits.upper
     )))
+}
+
+/// As [`check`], of an angle [rad] that was typed in rad or degrees.
+pub fn check_typed(joint: &JointModel, angle: f32, degrees: bool) -> Result<(), Failure> {
+    let Err(failure) = check(joint, angle) else { return Ok(()) };
+    Err(Failure::Usage(if degrees {
+        let limits = joint.limits;
+        let [angle, lower, upper] = [angle, limits.lower, limits.upper].map(f32::to_degrees);
+        format!("{}: {angle:.1}° is outside its limits {lower:.1}° to {upper:.1}°", joint.name)
+    } else {
+        let hint = if angle.abs() > core::f32::consts::TAU { " (--degrees for degrees)" } else { "" };
+        format!("{failure}{hint}")
+    }))
 }

@@ -26,12 +26,33 @@ const ASK: Duration = Duration::from_millis(50);
 const ASK_TO_DECIDE: Duration = Duration::from_millis(20);
 /// Period of the lines of JSON.
 const REPORT: Duration = Duration::from_millis(100);
+/// No path is longer than this many lengths of its robot.
+const LENGTHS: f32 = 10.0;
 /// Without telemetry for this time, the stream is requested again: the board may have been reset.
 const SILENCE: Duration = Duration::from_millis(300);
 /// How long a board that may be gone is told to disable.
 const LAST_WORD: Duration = Duration::from_millis(500);
 /// How long a board that has not answered that is told again.
 const FAREWELL: Duration = Duration::from_secs(2);
+
+/// The length of a chain along its links [m].
+pub fn length(model: &RobotModel, chain: usize) -> f32 {
+    let norm = |[x, y, z]: [f32; 3]| tesaki::math::sqrt(x * x + y * y + z * z);
+    let tip = model.chains.get(chain).map_or(0.0, |chain| norm(chain.tip.translation));
+    model.joints_of(chain).map(|joint| norm(joint.body().0.translation)).sum::<f32>() + tip
+}
+
+/// Refuses a `distance` [m] that is beyond the size of the robot, as it is in another unit.
+pub fn check_distance(what: &str, distance: f32, model: &RobotModel) -> Result<(), Failure> {
+    let longest = (0..model.chains.len()).map(|chain| length(model, chain)).fold(0.0, f32::max);
+    if distance <= LENGTHS * longest {
+        return Ok(());
+    }
+    Err(Failure::Usage(format!(
+        "{what}: {distance:.4} m away, more than ten times the length of {}, {longest:.3} m: is it in metres?",
+        model.name
+    )))
+}
 
 /// How a motion ended without a failure.
 #[derive(Clone, Copy, PartialEq, Eq)]

@@ -1,16 +1,19 @@
 //! `read` and `set`: joint states, and parameters of the model on the board.
 
+mod unit;
+
 use std::fmt::Write as _;
 
 use serde_json::{Value, json};
-use tesaki::model::RobotModel;
-use tesaki_description::robot::implausible_limits;
+use tesaki::model::{Field, ModelError, Problem, RobotModel};
+use tesaki_description::robot::{implausible_limits, overloaded};
 use tesaki_supervisor::Board;
 
 use crate::args::Options;
 use crate::board_session::BoardSession;
 use crate::failure::Failure;
 use crate::output;
+use unit::unit;
 
 pub fn read(options: &Options, path: Option<&str>) -> Result<(), Failure> {
     let mut session = BoardSession::open(options)?;
@@ -28,7 +31,7 @@ pub fn read(options: &Options, path: Option<&str>) -> Result<(), Failure> {
     output::result(options, &value, || {
         let mut text = String::new();
         for (name, value) in &found {
-            let _ = writeln!(text, "{name} = {}", typed(name, value));
+            let _ = writeln!(text, "{name} = {}{}", typed(name, value), unit(name));
         }
         text
     })
@@ -52,12 +55,19 @@ fn state(options: &Options, session: &mut BoardSession, model: &RobotModel) -> R
         );
         let _ = writeln!(text, "{:<20} {:>10} {:>10} {:>10} {:>10}", "", "rad", "rad/s", "rad", "N·m");
         for (index, (joint, state)) in model.joints.iter().zip(&telemetry.joints).enumerate() {
-            let _ = write!(
+            let is_homed = homed >> index & 1 != 0;
+            // What is counted from an unknown zero is no angle.
+            let angle = |angle: f32| if is_homed { format!("{angle:.4}") } else { "–".to_owned() };
+            let _ = writeln!(
                 text,
-                "{:<20} {:>10.4} {:>10.3} {:>10.4} {:>10.4}",
-                joint.name, state.position, state.velocity, state.reference, state.torque
+                "{:<20} {:>10} {:>10.3} {:>10} {:>10.4}{}",
+                joint.name,
+                angle(state.position),
+                state.velocity,
+                angle(state.reference),
+                state.torque,
+                if is_homed { "" } else { "  not homed" }
             );
-            let _ = writeln!(text, "{}", if homed >> index & 1 == 0 { "  not homed" } else { "" });
         }
         let _ = writeln!(text, "\n{:<20} {:>10} {:>10} {:>10}", "tip", "x / m", "y / m", "z / m");
         for (chain, tip) in model.chains.iter().zip(&tips) {
@@ -86,30 +96,39 @@ pub fn set(options: &Options, path: &str, value: &str) -> Result<(), Failure> {
     let names = expand(&tree, path)?;
     for name in &names {
         let old = at_mut(&mut tree, name)?;
-        if old.is_object() || (old.is_array() && !value.trim_start().starts_with('[')) {
+        if old.is_array() && !value.trim_start().starts_with('[') {
+            return Err(Failure::Usage(not_a_list(name, old)));
+        }
+        if old.is_object() {
             return Err(Failure::Usage(format!(
                 "{name} is a group of parameters: `tesaki read {name}` lists them"
             )));
         }
-        *old = parse(old, value);
+        *old = parse(name, old, value);
     }
     let changed: RobotModel = from_tree(tree).map_err(|problem| {
         let problem = as_typed(&problem.to_string());
         Failure::Usage(format!("{path} = {value}: {problem}; `tesaki read {path}` shows the current value"))
     })?;
-    changed.validate().map_err(|error| {
-        let joint = error
-            .joint
-            .map_or_else(String::new, |joint| format!("{}: ", model.joint_name(usize::from(joint))));
-        Failure::Usage(format!("{joint}{} = {} {}", error.field.path(), error.value, error.problem))
-    })?;
+    changed.validate().map_err(|error| Failure::Usage(invalid(&model, path, &changed, &error)))?;
     check_stops(&model, &changed)?;
     check_limits(&model, &changed)?;
     let tared = tared(&mut session, &model)?;
+    let unhomed = no_longer_homed(session.board.status()?.node.homed, &model, &changed);
     session.board.push_model_and_sense(&changed)?;
-    output::result(options, &json!({ "set": names, "no_longer_tared": tared }), || {
-        format!("{} = {value} (until the next reset or push)", names.join(", "))
+    let set = json!({ "set": names, "no_longer_tared": tared, "no_longer_homed": unhomed });
+    output::result(options, &set, || {
+        format!("{} = {value}{} (until the next reset or push)", names.join(", "), unit(path))
     })?;
+    for warning in doubtful(&model, &changed) {
+        output::notice(options, &format!("warning: {warning}"));
+    }
+    if !unhomed.is_empty() {
+        output::notice(
+            options,
+            &format!("{} must be homed again (`tesaki home JOINT=ANGLE …`)", unhomed.join(", ")),
+        );
+    }
     if !tared.is_empty() {
         output::notice(
             options,
@@ -121,6 +140,72 @@ pub fn set(options: &Options, path: &str, value: &str) -> Result<(), Failure> {
         );
     }
     Ok(())
+}
+
+/// What is wrong with a value that is to become a list.
+fn not_a_list(name: &str, old: &Value) -> String {
+    format!(
+        "{name} is a list{}: write it in brackets, as in `tesaki set {name} \"{old}\"`",
+        match unit(name).as_str() {
+            "" => String::new(),
+            unit => format!(" in{unit}"),
+        }
+    )
+}
+
+/// What is wrong with the model after `path` was set.
+fn invalid(model: &RobotModel, path: &str, changed: &RobotModel, error: &ModelError) -> String {
+    let joint =
+        error.joint.map_or_else(String::new, |joint| format!("{}: ", model.joint_name(usize::from(joint))));
+    // The model names the upper limit, whichever of the two was set.
+    if path.ends_with("supply_min") && error.field == Field::SupplyMax {
+        let safety = &changed.safety;
+        return format!(
+            "safety.supply_min = {} V must be below safety.supply_max, {} V",
+            safety.supply_min, safety.supply_max
+        );
+    }
+    let unit = unit(error.field.path());
+    let of_limit = match error.problem {
+        Problem::Below(_) | Problem::NotAbove(_) | Problem::Above(_) => unit.as_str(),
+        _ => "",
+    };
+    format!("{joint}{} = {}{unit} {}{of_limit}", error.field.path(), error.value, error.problem)
+}
+
+/// The joints whose home a new encoder forgets, of those that are `homed`.
+fn no_longer_homed(homed: u16, model: &RobotModel, changed: &RobotModel) -> Vec<String> {
+    let joints = (0..).zip(model.joints.iter().zip(&changed.joints));
+    let forgotten = joints.filter(|(index, (old, new))| {
+        homed >> index & 1 != 0
+            && new.encoder.relative
+            && (old.encoder, &old.name) != (new.encoder, &new.name)
+    });
+    forgotten.map(|(_, (_, new))| new.name.to_string()).collect()
+}
+
+/// What is not likely in the changed model, but was not so before.
+fn doubtful(model: &RobotModel, changed: &RobotModel) -> Vec<String> {
+    let mut doubts = Vec::new();
+    let product: f32 = model.gravity.iter().zip(changed.gravity).map(|(old, new)| old * new).sum();
+    if product < 0.0 {
+        doubts.push(format!(
+            "gravity {:?} m/s² is upside down against {:?} m/s² before: the joints are pushed the wrong way",
+            changed.gravity, model.gravity
+        ));
+    }
+    let before = overloaded(model);
+    for load in overloaded(changed) {
+        if !before.iter().any(|old| old.joint == load.joint) {
+            doubts.push(format!(
+                "{}: gravity needs up to {:.3} N·m; the motor has {:.3} N·m: check masses and gravity",
+                changed.joint_name(load.joint),
+                load.gravity,
+                load.torque
+            ));
+        }
+    }
+    doubts
 }
 
 /// The tips whose force sensors are tared.
@@ -173,8 +258,8 @@ fn check_stops(model: &RobotModel, changed: &RobotModel) -> Result<(), Failure> 
 /// A value as it is typed: names of variants in small letters, as `set` and the robot folder have them.
 fn typed(path: &str, value: &Value) -> Value {
     let small = Value::String(value.as_str().unwrap_or_default().to_lowercase());
-    let is_name = path.rsplit('.').next() == Some("name");
-    if !is_name && parse(value, small.as_str().unwrap_or_default()) == *value { small } else { value.clone() }
+    let is_same = parse(path, value, small.as_str().unwrap_or_default()) == *value;
+    if !is_name(path) && is_same { small } else { value.clone() }
 }
 
 /// The names of variants in an error of the decoder, as they are typed.
@@ -182,10 +267,16 @@ fn as_typed(problem: &str) -> String {
     if problem.starts_with("unknown variant") { problem.to_lowercase() } else { problem.to_owned() }
 }
 
+/// Whether a parameter is the name of a robot, joint or tip, which has small letters and capitals.
+fn is_name(path: &str) -> bool {
+    path.rsplit('.').next() == Some("name")
+}
+
 /// A value from the command line; names of variants are capitalised as in the model.
-fn parse(old: &Value, text: &str) -> Value {
+fn parse(path: &str, old: &Value, text: &str) -> Value {
     match serde_json::from_str(text) {
         Ok(value) => value,
+        Err(_) if is_name(path) => Value::String(text.to_owned()),
         Err(_) if old.is_string() => {
             let mut letters = text.chars();
             Value::String(letters.next().map_or_else(String::new, |first| {

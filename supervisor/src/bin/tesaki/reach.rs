@@ -17,7 +17,7 @@ use tesaki_supervisor::trajectory::minimum_jerk;
 use crate::args::{Options, Reach};
 use crate::failure::Failure;
 use crate::joints::each_once;
-use crate::motion::{End, Motion, PERIOD};
+use crate::motion::{End, Motion, PERIOD, check_distance};
 use crate::output;
 
 /// Longest step along the path from a set-point to the next: a late one must not let the joints jump.
@@ -86,6 +86,7 @@ pub fn run(options: &Options, args: &Reach) -> Result<(), Failure> {
     // The joints may have moved during the question.
     let (paths, duration) = plan(&mut motion, args)?;
     motion.enable(TaskConfig::JointServo(args.servo.into()))?;
+    motion.announce_ctrl_c(motion.load().as_ref());
     let clock = Cell::new(PathClock::start(Instant::now()));
     let set_point = |now: Instant| {
         clock.set(clock.get().advanced(now));
@@ -135,6 +136,9 @@ pub fn run(options: &Options, args: &Reach) -> Result<(), Failure> {
 fn plan(motion: &mut Motion, args: &Reach) -> Result<(Vec<TipPath>, f32), Failure> {
     let start = motion.positions()?;
     let paths = paths(&motion.model, &start, args)?;
+    for path in &paths {
+        check_distance(&format!("{}: the target", path.tip), (path.to - path.from).norm(), &motion.model)?;
+    }
     let duration = duration(&paths, args.speed)?;
     check(&motion.model, &paths, &start, duration)?;
     Ok((paths, duration))
@@ -204,30 +208,31 @@ fn check(model: &RobotModel, paths: &[TipPath], start: &[f32], duration: f32) ->
         last.copy_from_slice(&start[path.joints.clone()]);
         let unreachable = |place: &str, error| {
             let why = match error {
-                FingerError::NotFinite => "the position is not finite".to_owned(),
+                FingerError::NotFinite => "is not finite".to_owned(),
                 FingerError::OutOfReach { nearest } => format!(
-                    "out of reach; the nearest position, ignoring joint limits, is {:.4},{:.4},{:.4}",
+                    "is out of reach; the nearest position, ignoring joint limits, is {:.4}, {:.4}, {:.4} m",
                     nearest.x, nearest.y, nearest.z
                 ),
                 FingerError::OutsideLimits { joint, value, lower, upper } => format!(
-                    "{} would need {value:.3} rad, outside its limits {lower} to {upper} rad",
+                    "cannot be reached: {} would need {value:.3} rad, outside its limits {lower} to {upper} rad",
                     model.joint_name(path.joints.start + usize::from(joint))
                 ),
             };
             let role = if path.from == path.to { " (to be held where it is)" } else { "" };
-            Failure::Usage(format!("{}{role}: {place}: {why}", path.tip))
+            Failure::Usage(format!("{}{role}: {place} {why}", path.tip))
         };
-        path.finger.nearest(&path.to, &last).map_err(|error| unreachable("the target", error))?;
+        let [x, y, z]: [f32; 3] = path.to.into();
+        let target = format!("the target {x:.4}, {y:.4}, {z:.4} m");
+        path.finger.nearest(&path.to, &last).map_err(|error| unreachable(&target, error))?;
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of ticks")]
         let steps = (duration / TICK) as u16;
         for step in 0..=steps {
             let fraction = f32::from(step) / f32::from(steps);
             let position = Vector3::from(path.point(fraction, duration).position);
             let distance = 1e3 * (position - path.from).norm();
-            let angles = path
-                .finger
-                .nearest(&position, &last)
-                .map_err(|error| unreachable(&format!("{distance:.1} mm along the path"), error))?;
+            let angles = path.finger.nearest(&position, &last).map_err(|error| {
+                unreachable(&format!("a position {distance:.1} mm along the path"), error)
+            })?;
             for (index, (angle, last)) in path.joints.clone().zip(angles.iter().zip(&last)) {
                 let joint = &model.joints[index];
                 let speed = (angle - last).abs() / TICK;

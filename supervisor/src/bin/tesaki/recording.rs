@@ -311,7 +311,7 @@ impl<'a> Recorder<'a> {
 /// Opens the file for this recorder alone, as long as it is open.
 fn lock(path: &Path) -> Result<File, Failure> {
     let file = OpenOptions::new().write(true).create(true).truncate(false).open(path);
-    let file = file.map_err(Failure::file(path))?;
+    let file = file.map_err(Failure::written(path))?;
     match file.try_lock() {
         Ok(()) => {}
         Err(TryLockError::WouldBlock) => {

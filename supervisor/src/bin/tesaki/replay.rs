@@ -2,7 +2,7 @@
 
 use std::fs::File;
 use std::io::Read;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde_json::json;
 use tesaki::node::{Node, Replay};
@@ -124,6 +124,10 @@ pub fn run(options: &Options, path: &Path) -> Result<(), Failure> {
             path.display(),
             path.with_extension("log").display()
         )));
+    }
+    let log = PathBuf::from(format!("{}.log", path.display()));
+    if !path.exists() && log.exists() {
+        return Err(Failure::Usage(format!("{} does not exist: replay {}", path.display(), log.display())));
     }
     let mut file = File::open(path).map_err(Failure::file(path))?;
     let mut node = Box::new(Node::new());

@@ -4,6 +4,7 @@ mod live;
 mod source;
 
 use std::fmt::Write as _;
+use std::path::Path;
 use std::time::Instant;
 
 use serde_json::{Value, json};
@@ -12,7 +13,7 @@ use tesaki::model::RobotModel;
 use tesaki::robot::Robot;
 use tesaki::task::telexistence::{FingertipPoint, MAX_EXTRAPOLATION};
 use tesaki::teleop::{InvalidFingertip, RetargetReport, RetargetState, Retargeting};
-use tesaki_description::retargeting::RetargetingSettings;
+use tesaki_description::retargeting::{self, RetargetingSettings};
 use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::operator::{Fingertips, operator_fingertips};
 
@@ -28,6 +29,7 @@ pub fn run(options: &Options, args: &Retarget) -> Result<(), Failure> {
             keep_input(&args.output, "--out", input, "--in")?;
             let model = RobotFolder::load(robot)?.model;
             let settings = RetargetingSettings::load(robot, &model)?;
+            tell_defaults(options, robot);
             let mut tracker = source::tracker(args, &settings)?;
             let (name, frames) = Source::new(args).file(input)?;
             let mut tips = Vec::with_capacity(frames.len());
@@ -39,6 +41,14 @@ pub fn run(options: &Options, args: &Retarget) -> Result<(), Failure> {
             offline(options, args, &model, &settings, &tips, tracker.gaps())
         }
         _ => live::run(options, args),
+    }
+}
+
+/// Says where the settings come from if the robot has none.
+fn tell_defaults(options: &Options, robot: &Path) {
+    let file = robot.join(retargeting::FILE);
+    if !file.exists() {
+        output::notice(options, &format!("{}: there is none, so defaults are used", file.display()));
     }
 }
 

@@ -30,10 +30,12 @@ pub fn share(options: &Options, listen: &Address) -> Result<(), Failure> {
         }
         _ => ("every program on this machine that reaches it", String::new()),
     };
+    let address = reachable(hub.address());
+    let host = if address.contains("HOST") { ", HOST being this machine" } else { "" };
     output::notice(
         options,
         &format!(
-            "sharing {port} at {0}: {who} may command the board. Connect with `--port {0}{option}`; \
+            "sharing {port} at {}: {who} may command the board. Connect with `--port {address}{option}`{host}; \
              Ctrl-C stops sharing",
             hub.address()
         ),
@@ -60,6 +62,18 @@ pub fn share(options: &Options, listen: &Address) -> Result<(), Failure> {
         }
     }
     Ok(())
+}
+
+/// The address at which other programs reach this machine.
+fn reachable(address: &Address) -> String {
+    let text = address.to_string();
+    ["0.0.0.0", "[::]"]
+        .into_iter()
+        .find_map(|any| {
+            let port = text.strip_prefix(&format!("tcp://{any}:"))?;
+            Some(format!("tcp://HOST:{port}"))
+        })
+        .unwrap_or(text)
 }
 
 pub fn create_key(options: &Options, file: &Path) -> Result<(), Failure> {

@@ -42,6 +42,9 @@ pub fn radius(text: &str) -> Result<[f32; 2], String> {
         text.split_once("..").map(|(from, to)| [from, to].map(|number| number.trim().parse::<f32>()));
     match numbers {
         Some([Ok(from), Ok(to)]) if from.is_finite() && to.is_finite() && from < to => Ok([from, to]),
+        Some([Ok(from), Ok(to)]) if from >= to => {
+            Err(format!("{text:?}: MIN, {from} px, is not below MAX, {to} px: for example 20..60"))
+        }
         _ => Err(format!("{text:?}: expected MIN..MAX in pixels, for example 20..60")),
     }
 }

@@ -51,7 +51,7 @@ pub struct Init {
     /// Use the nearest inertia that a body can have for this link; `all` for all that need it
     #[arg(long, value_name = "LINK")]
     pub accept_inertia: Vec<String>,
-    /// Overwrite controller.toml, plant.toml and robot.urdf
+    /// Overwrite controller.toml, plant.toml and, where the URDF is another file, robot.urdf
     #[arg(long)]
     pub force: bool,
 }

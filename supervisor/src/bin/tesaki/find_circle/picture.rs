@@ -148,7 +148,7 @@ pub fn write_png(path: &Path, width: usize, height: usize, pixels: &[u8]) -> Res
         (Ok(width), Ok(height)) => (width, height),
         _ => return Err(wrong(&"the picture is too large")),
     };
-    let file = File::create(path).map_err(Failure::file(path))?;
+    let file = File::create(path).map_err(Failure::written(path))?;
     let mut encoder = png::Encoder::new(std::io::BufWriter::new(file), width, height);
     encoder.set_color(png::ColorType::Rgb);
     encoder.set_depth(png::BitDepth::Eight);

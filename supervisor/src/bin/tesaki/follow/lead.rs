@@ -10,6 +10,7 @@ use tesaki::task::TaskCommand;
 use tesaki::task::impedance::{ImpedanceCommand, ImpedanceSettings, ImpedanceTelemetry, SetpointError};
 use tesaki::teleop::{Follower, FollowerError, FollowerState, MasterSample, Workspace};
 
+use super::pace::{FastStep, Pace};
 use super::reflect::Reflection;
 use super::source::{Entry, Sample, Source};
 use crate::args::{Follow, State, Switch};
@@ -34,10 +35,10 @@ pub struct Event {
     pub value: Value,
 }
 
-/// Samples that were not followed, and those that did not come.
+/// Samples that were followed, those that were not, and those that did not come.
 #[derive(Default)]
 struct Counts {
-    accepted: u32,
+    followed: u32,
     lost: u64,
     gaps: u32,
     late: u32,
@@ -50,6 +51,9 @@ struct Counts {
 pub struct Lead {
     pub source: Source,
     follower: Follower,
+    /// Displacement of the tool per displacement of the hand.
+    scale: f32,
+    pace: Pace,
     state: FollowerState,
     workspace: Option<Workspace>,
     rotates: bool,
@@ -65,7 +69,7 @@ pub struct Lead {
     /// The latest time stamp [s].
     latest: Option<f64>,
     /// Why samples after that were not.
-    rejected: Option<FollowerError>,
+    rejected: Option<String>,
     counts: Counts,
     /// How late the last sample came [s].
     age: f32,
@@ -91,6 +95,8 @@ impl Lead {
         Self {
             source,
             follower,
+            scale: args.scale,
+            pace: Pace::default(),
             state: FollowerState::at([0.0; 3], [0.0, 0.0, 0.0, 1.0], 0.0),
             workspace: args.workspace,
             rotates: args.rotation == Switch::On,
@@ -144,7 +150,16 @@ impl Lead {
             self.ask(pedal);
         }
         let age = self.source.feed.accept(arrived, sample.time);
+        let fast = self.check_pace(sample);
         self.count_missing(sample.time);
+        if let Err(FastStep { message, goes_on }) = fast {
+            self.counts.jumped += 1;
+            self.rejected = Some(message.clone());
+            if goes_on {
+                self.stop(&message);
+            }
+            return;
+        }
         let now = instant(self.start, Instant::now());
         // Before the program began, too: the clock wraps around.
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "it wraps around")]
@@ -153,19 +168,29 @@ impl Lead {
         let rotation = if self.rotates { sample.rotation } else { [0.0, 0.0, 0.0, 1.0] };
         let master = MasterSample { time, position: sample.position, rotation };
         if let Err(error) = self.follower.add_sample(&mut self.state, now, &master) {
-            return self.count(error);
+            return self.count(&error);
         }
         if let Some(angle) = sample.elbow
             && let Err(error) = self.follower.add_elbow_sample(&mut self.state, now, time, angle)
         {
-            self.count(error);
+            self.count(&error);
         }
-        self.counts.accepted += 1;
+        self.counts.followed += u32::from(self.state.is_clutch_closed());
         (self.accepted, self.rejected, self.age) = (Some(arrived), None, age);
     }
 
-    fn count(&mut self, error: FollowerError) {
-        self.rejected = Some(error);
+    /// Refuses a step that is too fast. A sample that was overtaken is judged by the follower.
+    fn check_pace(&mut self, sample: &Sample) -> Result<(), FastStep> {
+        match self.latest {
+            Some(latest) if sample.time <= latest - RESTART => self.pace.forget(),
+            Some(latest) if sample.time <= latest => return Ok(()),
+            _ => {}
+        }
+        self.pace.check(sample, self.scale)
+    }
+
+    fn count(&mut self, error: &FollowerError) {
+        self.rejected = Some(error.to_string());
         match error {
             FollowerError::Age { .. } => self.counts.late += 1,
             FollowerError::OutOfOrder { .. } => self.counts.out_of_order += 1,
@@ -214,7 +239,8 @@ impl Lead {
     fn stop(&mut self, why: &str) {
         if self.state.is_clutch_closed() {
             self.counts.stops += 1;
-            self.open(&format!("{why}. The arm stays; close the clutch again to go on"));
+            let end = if why.ends_with('?') { "" } else { "." };
+            self.open(&format!("{why}{end} The arm stays; close the clutch again to go on"));
         }
     }
 
@@ -223,7 +249,7 @@ impl Lead {
         let silence = self.accepted.map_or(Duration::MAX, |at| now.saturating_duration_since(at));
         if self.state.is_clutch_closed() && silence > STOP {
             let seconds = STOP.as_secs_f32();
-            match self.rejected {
+            match self.rejected.clone() {
                 Some(error) => self.stop(&format!("no sample was accepted for {seconds} s; {error}")),
                 None => self.stop(&format!("no sample for {seconds} s")),
             }
@@ -329,7 +355,7 @@ impl Lead {
 
     /// As text and as JSON.
     pub fn summary(&self) -> (String, Value) {
-        let Counts { accepted, lost, gaps, late, out_of_order, jumped, stops } = self.counts;
+        let Counts { followed, lost, gaps, late, out_of_order, jumped, stops } = self.counts;
         let [distance, force] = self.largest;
         let bad = self.source.feed.dropped;
         let of_source = self.source.period.map(|_| lost);
@@ -344,14 +370,15 @@ impl Lead {
         });
         let text = format!(
             "done: {} followed{told}, {}; rejected: {late} late, {out_of_order} out of order, {jumped} that jumped, {bad} \
-             bad; the clutch opened by itself {stops} times; largest distance of the tool from its set-point {:.1} mm, \
+             bad; the clutch opened by itself {}; largest distance of the tool from its set-point {:.1} mm, \
              largest force {force:.1} N{reflected}",
-            output::counted(accepted as usize, "sample"),
+            output::counted(followed as usize, "sample"),
             output::counted(gaps as usize, "gap"),
+            output::counted(stops as usize, "time"),
             1e3 * distance
         );
         let value = json!({
-            "samples": accepted,
+            "samples": followed,
             "lost": of_source,
             "gaps": gaps,
             "rejected": { "late": late, "out_of_order": out_of_order, "jumped": jumped, "bad": bad },

@@ -302,7 +302,7 @@ impl Handle {
     pub fn obey(&mut self, session: &mut BoardSession, model: &RobotModel) -> bool {
         let order = self.shared.lock().order;
         if order == Order::Enable && self.state == State::Off {
-            let answer = self.enable(session).map_err(|failure| failure.named(model));
+            let answer = self.enable(session).map_err(|failure| failure.named(model).at_port(&session.port));
             self.state = State::Enabling;
             return answer.is_ok() & self.answer.send(answer).is_ok();
         }

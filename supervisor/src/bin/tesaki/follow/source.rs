@@ -10,13 +10,14 @@ use tesaki::math;
 use tesaki::task::impedance::ImpedanceSettings;
 
 use super::master::Master;
+use super::pace;
 use super::reflect::Reflection;
 use crate::args::{Follow, Options, PoseSource};
 use crate::eval::table::{Row, Table};
 use crate::failure::Failure;
 use crate::feed::{Feed, Inlet};
 use crate::glove;
-use crate::motion::Motion;
+use crate::motion::{Motion, length};
 
 /// Farthest position from the origin [m], as of `tesaki::teleop::Follower`.
 const FARTHEST: f32 = 100.0;
@@ -149,7 +150,7 @@ impl Source {
             PoseSource::StandardInput => Ok(of_feed(Feed::standard_input("sample", args.silence))),
             PoseSource::Udp(address) => Ok(of_feed(Feed::udp(*address, "sample", args.silence)?)),
             PoseSource::File(path) => {
-                let samples = table(path)?;
+                let samples = table(path, args.scale, length(&motion.model, 0))?;
                 let (start, started) = channel();
                 let feed = Feed::spawn(path.display().to_string(), "sample", args.silence, move |inlet| {
                     if started.recv().is_ok() {
@@ -181,8 +182,8 @@ impl Source {
     }
 }
 
-/// The samples of a file, checked.
-fn table(path: &Path) -> Result<Vec<Sample>, Failure> {
+/// The samples of a file, checked for an arm of a length [m].
+fn table(path: &Path, scale: f32, length: f32) -> Result<Vec<Sample>, Failure> {
     let table = Table::read(path)?;
     let time = table.needed("time", "of the sample [s]")?;
     let position = columns(&table, ["x", "y", "z"], "position of the hand [m]")?;
@@ -215,6 +216,9 @@ fn table(path: &Path) -> Result<Vec<Sample>, Failure> {
             return Err(table.error(row.line, &message));
         }
         samples.push(sample);
+    }
+    if let Err((index, error)) = pace::check(&samples, scale, length) {
+        return Err(table.error(table.rows.get(index).map_or(0, |row| row.line), &error));
     }
     Ok(samples)
 }

@@ -235,7 +235,7 @@ fn read_pgm(input: &mut impl BufRead) -> io::Result<Option<(Picture, Instant, Op
             header.push(byte[0]);
             if header.len() > MAX_HEADER || (header.len() == 2 && header != b"P5") {
                 return Err(wrong(format!(
-                    "{:?} is not the begin of a binary PGM picture: P5, width, height, 255",
+                    "{:?} is not the beginning of a binary PGM picture: P5, width, height, 255",
                     String::from_utf8_lossy(&header[..header.len().min(16)])
                 )));
             }
@@ -290,7 +290,7 @@ mod tests {
     #[test]
     fn what_is_no_picture_is_named() {
         for (stream, words) in [
-            (&b"\x89PNG\r\n"[..], "not the begin of a binary PGM"),
+            (&b"\x89PNG\r\n"[..], "not the beginning of a binary PGM"),
             (b"P5 2 x 255 ", "\"x\" is not a number"),
             (b"P5 2 2 65535 ", "maximum 65535"),
             (b"P5 2 2 255 abc", "3 of 4 grey levels"),

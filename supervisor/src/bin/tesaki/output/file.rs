@@ -10,7 +10,7 @@ use crate::failure::Failure;
 /// Fails unless the file can be written: to be checked before what would be lost otherwise.
 pub fn require_writable(path: &Path) -> Result<(), Failure> {
     let is_new = !path.exists();
-    OpenOptions::new().append(true).create(true).open(path).map_err(Failure::file(path))?;
+    OpenOptions::new().append(true).create(true).open(path).map_err(Failure::written(path))?;
     if is_new {
         let _ = fs::remove_file(path);
     }
