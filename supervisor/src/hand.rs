@@ -243,7 +243,7 @@ impl<B: FingerBoard> MultiBoardHand<B> {
             std::array::from_fn(|finger| hand.fingers[finger].chain.posture(&sensed[finger].angles));
         let senses = std::array::from_fn(|finger| {
             let FingerMeasurement { angles, force } = sensed[finger];
-            FingerSense { posture: &postures[finger], angles, force }
+            FingerSense { posture: &postures[finger], angles, force, efforts: None }
         });
         let command = self.state.tick(&hand, &senses).map_err(HandError::Lost)?;
         let guides = self.guides(&command);

@@ -36,6 +36,8 @@ fn fits() -> Vec<Fit> {
     let mut fits = vec![known; 9];
     fits[0].gain = Err(unloaded);
     fits[8].friction = Err(NotIdentified::Implausible { what: "N·m of Coulomb friction", value: -0.1 });
+    // Not more than its deviation.
+    fits[7].friction = Ok([estimate(0.018), estimate(0.0)]);
     fits
 }
 
@@ -48,7 +50,7 @@ fn what_is_written_is_read_and_changes_the_model() {
     let text = with_head(&file.to_string(), "hand3", "7");
     assert!(text.starts_with("# hand3, board 7: what"), "{text}");
     assert!(
-        text.contains("\n\n[joints.finger1_swing]  # torque_constant is not identified, because"),
+        text.contains("\n\n[joints.finger1_swing]  # torque constant is not identified, because"),
         "{text}"
     );
     assert!(
@@ -58,8 +60,14 @@ fn what_is_written_is_read_and_changes_the_model() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("calibration.toml");
     std::fs::write(&path, text).unwrap();
+    let text = std::fs::read_to_string(&path).unwrap();
+    let uncertain = "[joints.finger3_bend]  # viscous friction is not identified, because 0.00 ± 1.00 mN·m·s/rad is not \
+        larger than its standard deviation, and is not stored\ntorque_constant = 0.55000";
+    assert!(text.contains(uncertain), "{text}");
     let read = Calibration::load(&path).unwrap();
+    let folder_viscous = model.joints[7].friction.viscous;
     read.apply(&mut model).unwrap();
+    assert!(folder_viscous > 0.0 && model.joints[7].friction.viscous.to_bits() == folder_viscous.to_bits());
     let [swing, bend, .., last] = model.joints.as_slice() else { panic!() };
     let near = |value: f32, wanted: f32| (value - wanted).abs() < 1e-6;
     assert!(near(swing.motor.torque_constant, 0.5) && near(swing.friction.coulomb, 0.018));
@@ -81,7 +89,7 @@ fn a_file_keeps_its_comments_when_its_values_change() {
     assert!(text.starts_with("# hand3, board 7: what `tesaki"), "{text}");
     assert!(!text.contains("board 5") && !text.contains("0.4\n"), "{text}");
     for kept in [
-        "standard deviations.\n# Bought in May.\n\n# The motor was changed.\n[joints.finger1_swing]  # torque_constant is",
+        "standard deviations.\n# Bought in May.\n\n# The motor was changed.\n[joints.finger1_swing]  # torque constant is",
         "\n# By hand.\ncoulomb = 0.018000  # N·m, ± 0.001000\n",
     ] {
         assert!(text.contains(kept), "{kept:?} in {text}");

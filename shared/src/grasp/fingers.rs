@@ -65,6 +65,7 @@ impl ThreeFingers {
 
     /// `(D_F J_F)ᵀ f` (Hand3 eq. 16): the joint torques [N·m] of each finger that exert `forces` [N] on the
     /// object.
+    #[inline(never)]
     pub fn torques(&self, forces: &[Vector3<f32>; 3]) -> [Vector3<f32>; 3] {
         let [a, b, c] = &self.blocks;
         let [f, g, h] = forces;

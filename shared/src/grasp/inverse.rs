@@ -142,6 +142,7 @@ impl WrenchInverse<'_> {
     }
 
     /// Projects `forces` [N] orthogonally onto the null space of `G`: the nearest internal forces.
+    #[inline(never)]
     pub fn project_to_null_space(&self, forces: &mut [Vector3<f32>]) {
         for _ in 0..2 {
             let (force_sum, moment_sum) = self.map.scaled_sum(forces);
@@ -150,6 +151,7 @@ impl WrenchInverse<'_> {
     }
 
     /// Adds the minimum-norm forces for a wrench about the centroid, with its moment over the length.
+    #[inline(never)]
     fn add(&self, force: &Vector3<f32>, moment: &Vector3<f32>, forces: &mut [Vector3<f32>]) {
         let axis = &self.conditioning.axis;
         let rotational = self.across * moment + axis * (self.along * axis.dot(moment));

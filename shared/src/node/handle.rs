@@ -187,11 +187,18 @@ impl Node {
             // Joint indices of earlier faults refer to the old model.
             self.state.faults.faults.iter_mut().for_each(|fault| fault.joint = None);
         }
+        let velocities = core::mem::replace(&mut self.state.measured, Measured::NONE).velocities;
         for (index, (config, state)) in self.robot.joints().iter().zip(&mut self.state.joints).enumerate() {
-            *state = state.configured(config, same_encoders >> index & 1 != 0);
+            let same = same_encoders >> index & 1 != 0;
+            *state = state.configured(config, same);
+            if same
+                && let (Some(velocity), Some(known)) =
+                    (self.state.measured.velocities.get_mut(index), velocities.get(index))
+            {
+                *velocity = *known;
+            }
         }
         self.state.force_sensors = [ForceSensorState::new(); MAX_CHAINS];
-        self.state.measured = Measured::NONE;
         self.postures.clear();
         self.state.task.clone_from(&TaskState::NONE);
         self.state.has_task = false;

@@ -258,11 +258,16 @@ impl Joint<'_> {
         self.hold_still();
     }
 
-    /// Reads the encoder for the first time, without change and velocity.
-    pub fn first_read(&mut self, count: i32) {
-        self.state.count = count;
-        *self.position = self.state.angle(self.config, self.state.count);
-        *self.velocity = 0.0;
+    /// Prepares for the first reading since power-on, a new model, or a silence of so many periods. After a
+    /// silence the joint has moved with its mean velocity, otherwise with the one that it had: the position is
+    /// set to that of one period ago.
+    pub fn first_read(&mut self, count: i32, silence: Option<f32>) {
+        let position = self.state.angle(self.config, count);
+        if let Some(periods) = silence {
+            let max = self.config.limits.velocity;
+            *self.velocity = math::clamp((position - *self.position) / (periods * TICK), -max, max);
+        }
+        *self.position = position - *self.velocity * TICK;
         self.state.change = 0.0;
         self.hold_still();
     }

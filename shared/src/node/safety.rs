@@ -343,15 +343,14 @@ impl Node {
 #[cold]
 #[inline(never)]
 fn first_read(all: &mut Joints<'_>, sensing: Sensing, sensors: &SensorFrame) {
+    #[expect(clippy::cast_precision_loss, reason = "exact for hours")]
     let silence = match sensing {
-        Sensing::Silent { since } => Some(sensors.sequence.wrapping_sub(since)),
+        Sensing::Silent { since } => Some(sensors.sequence.wrapping_sub(since) as f32),
         Sensing::None | Sensing::Read => None,
     };
     for (mut joint, &count) in all.each().zip(&sensors.encoders) {
-        #[expect(clippy::cast_precision_loss, reason = "exact for hours")]
-        let leaps = silence.is_some_and(|ticks| joint.leaps_to(count, ticks as f32));
-        if !leaps {
-            joint.first_read(count);
+        if !silence.is_some_and(|periods| joint.leaps_to(count, periods)) {
+            joint.first_read(count, silence);
         }
     }
 }

@@ -9,8 +9,17 @@ use super::HandError;
 /// Kinematics and limits of a hand for grasp control.
 #[derive(Clone, Debug)]
 pub struct HandModel {
-    fingers: PerFinger<(Chain, Finger, [f32; 3], f32)>,
+    fingers: PerFinger<FingerModel>,
     gravity: Vector3<f32>,
+}
+
+#[derive(Clone, Debug)]
+struct FingerModel {
+    chain: Chain,
+    inverse: Finger,
+    torque_limits: [f32; 3],
+    friction: [f32; 3],
+    radius: f32,
 }
 
 impl HandModel {
@@ -36,8 +45,9 @@ impl HandModel {
             let limits = [a, b, c].map(|joint| (joint.limits.lower, joint.limits.upper));
             let inverse =
                 Finger::try_new(&chain, limits).map_err(|error| not(format!("{}: {error}", model.name)))?;
-            let torques = [a, b, c].map(|joint| JointServo::new(joint).torque_limit());
-            fingers.push((chain, inverse, torques, model.tip_radius));
+            let torque_limits = [a, b, c].map(|joint| JointServo::new(joint).torque_limit());
+            let friction = [a, b, c].map(|joint| joint.friction.coulomb);
+            fingers.push(FingerModel { chain, inverse, torque_limits, friction, radius: model.tip_radius });
         }
         let got = fingers.len();
         let fingers = fingers.try_into().map_err(|_| not(format!("it has {got} fingers")))?;
@@ -46,11 +56,12 @@ impl HandModel {
 
     /// The hand in the form that the grasp controller takes.
     pub fn hand(&self) -> GraspHand<'_> {
-        let fingers = self.fingers.each_ref().map(|(chain, inverse, torque_limits, radius)| GraspFinger {
-            chain,
-            inverse,
-            torque_limits: *torque_limits,
-            radius: *radius,
+        let fingers = self.fingers.each_ref().map(|finger| GraspFinger {
+            chain: &finger.chain,
+            inverse: &finger.inverse,
+            torque_limits: finger.torque_limits,
+            friction: finger.friction,
+            radius: finger.radius,
         });
         GraspHand { fingers, gravity: &self.gravity }
     }

@@ -10,11 +10,10 @@ use super::regression::{Estimate, Fit, FreeFit, NotIdentified, Reading, fit_free
 pub fn identified(model: &RobotModel, fits: &[Fit]) -> Calibration {
     let joint = |(joint, fit): (&JointModel, &Fit)| {
         let gain = fit.gain.ok().map(|gain| gain.value);
-        let friction = fit.friction.ok();
         let values = JointCalibration {
             torque_constant: gain.map(|gain| (gain * f64::from(joint.motor.torque_constant)) as f32),
-            coulomb: friction.map(|[coulomb, _]| coulomb.value as f32),
-            viscous: friction.map(|[_, viscous]| viscous.value as f32),
+            coulomb: fit.coulomb().ok().map(|coulomb| coulomb.value as f32),
+            viscous: fit.viscous().ok().map(|viscous| viscous.value as f32),
         };
         (joint.name.to_string(), values)
     };
@@ -51,7 +50,7 @@ impl FreeJoint {
     /// # Errors
     /// The friction is not identified, or this part is not larger than its standard deviation.
     pub fn coulomb(&self) -> Result<Estimate, NotIdentified> {
-        known(self.friction?.coulomb, "mN·m")
+        self.friction?.coulomb.known("mN·m")
     }
 
     /// Viscous friction [N·m·s/rad], or why it was not identified.
@@ -59,14 +58,8 @@ impl FreeJoint {
     /// # Errors
     /// As [`coulomb`](Self::coulomb).
     pub fn viscous(&self) -> Result<Estimate, NotIdentified> {
-        known(self.friction?.viscous, "mN·m·s/rad")
+        self.friction?.viscous.known("mN·m·s/rad")
     }
-}
-
-/// Returns the estimate, if it is larger than its standard deviation.
-fn known(estimate: Estimate, unit: &'static str) -> Result<Estimate, NotIdentified> {
-    let Estimate { value, deviation } = estimate;
-    if value > deviation { Ok(estimate) } else { Err(NotIdentified::Uncertain { unit, value, deviation }) }
 }
 
 /// Returns the identified values of the joints of `model` after the self-test.
@@ -119,9 +112,7 @@ pub fn update(file: &mut CalibrationFile, calibration: &Calibration, model: &Rob
         let value = |value: Option<f32>| value.map(|value| (value, 6));
         file.set(name, "coulomb", value(values.coulomb), &format!("N·m, ± {coulomb:.6}"));
         file.set(name, "viscous", value(values.viscous), &format!("N·m·s/rad, ± {viscous:.6}"));
-        let doubts = [("torque_constant", fit.gain.err()), ("friction", fit.friction.err())];
-        let doubts = doubts.into_iter().filter_map(|(what, doubt)| Some((what, doubt?)));
-        let doubts = doubts.map(|(what, doubt)| format!("{what} is not identified, because {doubt}"));
+        let doubts = fit.doubts().map(|(what, doubt)| format!("{what} is not identified, because {doubt}"));
         file.remark(name, &doubts.collect::<Vec<_>>().join("; "));
     }
 }

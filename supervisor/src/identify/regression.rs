@@ -45,6 +45,15 @@ pub struct Estimate {
     pub deviation: f64,
 }
 
+impl Estimate {
+    /// Returns the estimate, if it is larger than its standard deviation. `unit` is the name of a thousandth
+    /// of its unit.
+    pub(super) fn known(self, unit: &'static str) -> Result<Self, NotIdentified> {
+        let Self { value, deviation } = self;
+        if value > deviation { Ok(self) } else { Err(NotIdentified::Uncertain { unit, value, deviation }) }
+    }
+}
+
 /// Identified values of a joint.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fit {
@@ -59,6 +68,36 @@ pub struct Fit {
     pub residual: f64,
     /// Number of readings used.
     pub readings: usize,
+}
+
+impl Fit {
+    /// Coulomb friction [N·m], or why it was not identified.
+    ///
+    /// # Errors
+    /// The friction is not identified, or this part is not larger than its standard deviation.
+    pub fn coulomb(&self) -> Result<Estimate, NotIdentified> {
+        self.friction?[0].known("mN·m")
+    }
+
+    /// Viscous friction [N·m·s/rad], or why it was not identified.
+    ///
+    /// # Errors
+    /// As [`coulomb`](Self::coulomb).
+    pub fn viscous(&self) -> Result<Estimate, NotIdentified> {
+        self.friction?[1].known("mN·m·s/rad")
+    }
+
+    /// What is not identified, and why.
+    pub fn doubts(&self) -> impl Iterator<Item = (&'static str, NotIdentified)> {
+        let part = |part: Result<Estimate, NotIdentified>| part.err().filter(|_| self.friction.is_ok());
+        let doubts = [
+            ("torque constant", self.gain.err()),
+            ("friction", self.friction.err()),
+            ("Coulomb friction", part(self.coulomb())),
+            ("viscous friction", part(self.viscous())),
+        ];
+        doubts.into_iter().filter_map(|(what, doubt)| Some((what, doubt?)))
+    }
 }
 
 /// Identified values of a joint without load, in the torque of its readings.
@@ -116,7 +155,9 @@ pub enum NotIdentified {
         weight: f64,
     },
     /// The value is not larger than its standard deviation.
-    #[error("{:.2} ± {:.2} {unit}; the present value stays", 1e3 * value, 1e3 * deviation)]
+    #[error(
+        "{:.2} ± {:.2} {unit} is not larger than its standard deviation, and is not stored", 1e3 * value, 1e3 * deviation
+    )]
     Uncertain {
         /// Name of a thousandth of the value's unit.
         unit: &'static str,

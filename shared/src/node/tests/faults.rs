@@ -197,6 +197,10 @@ fn a_node_whose_sensors_are_silent_cannot_be_enabled_and_reads_them_anew_when_th
     rig.sensors = SensorFrame { sequence: rig.sensors.sequence, ..read };
     rig.sensors.encoders[0] += libm::roundf(0.5 * COUNTS_PER_RADIAN) as i32;
     rig.tick();
+    // It may still move as fast as it did on average.
+    let Refusal::Unsafe(moving) = refusal(rig.enable()) else { panic!() };
+    assert_eq!((moving.cause, moving.joint), (FaultCause::VelocityLimit, Some(0)));
+    (0..10).for_each(|_| _ = rig.tick());
     assert_eq!(rig.enable(), Reply::Done);
     assert!(rig.tick().enabled);
     assert_eq!(rig.node.faults().total, log.total);
@@ -221,12 +225,45 @@ fn a_leap_while_sensors_are_silent_is_an_encoder_error() {
         }
         let Optional::Some(alarm) = rig.node.state.alarm else {
             assert!(!leaps);
+            (0..10).for_each(|_| _ = rig.tick());
             assert_eq!(rig.enable(), Reply::Done, "{moved} rad");
             continue;
         };
         assert_eq!((alarm.cause, alarm.joint, leaps), (FaultCause::EncoderJump, Some(1), true), "{alarm:?}");
         (0..20).for_each(|_| _ = rig.tick());
         assert_eq!(refusal(rig.enable()), Refusal::NotHomed { joint: 1 });
+    }
+}
+
+/// 3 rad/s, of which 1.6 rad/s are permitted: across a new model with the same encoder, and a silent tick.
+#[test]
+fn a_joint_that_moves_is_not_enabled_by_its_first_reading() {
+    let mut model = model();
+    model.joints[1].encoder.relative = true;
+    for silent in [false, true] {
+        let mut rig = Rig::ready(&model);
+        assert_eq!(rig.ask(Request::Home { positions: Vec::from_slice(&[0.0; 3]).unwrap() }), Reply::Done);
+        let step = libm::roundf(0.03 * COUNTS_PER_RADIAN) as i32;
+        for _ in 0..20 {
+            rig.sensors.encoders[1] += step;
+            rig.tick();
+        }
+        if silent {
+            let silence = SensorFrame::silent(rig.sensors.sequence);
+            let read = core::mem::replace(&mut rig.sensors, silence);
+            rig.tick();
+            rig.sensors = SensorFrame { sequence: rig.sensors.sequence, ..read };
+            rig.sensors.encoders[1] += step;
+        } else {
+            assert_eq!(rig.push(&model), Reply::Done);
+        }
+        rig.sensors.encoders[1] += step;
+        rig.tick();
+        let Refusal::Unsafe(moving) = refusal(rig.enable()) else { panic!("{silent}") };
+        assert_eq!((moving.cause, moving.joint), (FaultCause::VelocityLimit, Some(1)), "{silent}");
+        assert!((moving.value - 3.0).abs() < 0.1, "{silent}: {} rad/s", moving.value);
+        (0..20).for_each(|_| _ = rig.tick());
+        assert_eq!(rig.enable(), Reply::Done, "{silent}");
     }
 }
 

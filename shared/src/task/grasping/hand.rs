@@ -5,7 +5,7 @@ use super::{FINGERS, PerFinger};
 use crate::control::JointPoint;
 use crate::kinematics::{Chain, Finger, Posture};
 use crate::math::abs;
-use crate::robot::{Actuation, Measured, Postures, Robot};
+use crate::robot::{Actuation, Efforts, Measured, Postures, Robot};
 
 /// The hand, as grasping needs it.
 #[derive(Clone, Copy, Debug)]
@@ -25,6 +25,8 @@ pub struct GraspFinger<'a> {
     pub inverse: &'a Finger,
     /// Torque limits of the joints [N·m].
     pub torque_limits: [f32; 3],
+    /// Coulomb friction of the joints [N·m].
+    pub friction: [f32; 3],
     /// Radius of the tip, whose centre is the chain's tip [m]; 0 for a point.
     pub radius: f32,
 }
@@ -38,6 +40,8 @@ pub struct FingerSense<'a> {
     pub angles: [f32; 3],
     /// Measured force of the tip on the object, in base axes [N].
     pub force: [f32; 3],
+    /// Torques of the joints beyond their feed-forward in the last tick [N·m], if they are known.
+    pub efforts: Option<[f32; 3]>,
 }
 
 impl<'a> GraspHand<'a> {
@@ -51,6 +55,7 @@ impl<'a> GraspHand<'a> {
                 chain: &config.chain,
                 inverse: config.finger.as_ref()?,
                 torque_limits: [a, b, c].map(|joint| joint.servo.torque_limit()),
+                friction: [a, b, c].map(|joint| joint.coulomb),
                 radius: model.tip_radius,
             };
             fingers.push(finger).ok()?;
@@ -72,12 +77,17 @@ impl GraspFinger<'_> {
 
 impl<'a> FingerSense<'a> {
     /// Measurements of the fingers of a hand on one board; `None` before the first tick.
-    pub fn of_all(measured: &Measured, postures: &'a Postures) -> Option<PerFinger<Self>> {
+    pub fn of_all(
+        measured: &Measured,
+        postures: &'a Postures,
+        efforts: &dyn Efforts,
+    ) -> Option<PerFinger<Self>> {
         let sense = |finger: usize| {
             let angles = measured.angles(3 * finger..3 * finger + 3).first_chunk()?;
             // The sensor measures the force on the tip; the object has the reaction.
             let force = (-measured.force(finger)).into();
-            Some(Self { posture: postures.kept(finger)?, angles: *angles, force })
+            let efforts = Some([0, 1, 2].map(|joint| efforts.effort(3 * finger + joint)));
+            Some(Self { posture: postures.kept(finger)?, angles: *angles, force, efforts })
         };
         Some([sense(0)?, sense(1)?, sense(2)?])
     }

@@ -2,17 +2,18 @@
 
 use nalgebra::{IsometryMatrix3, Vector3, Vector6};
 
-use super::forces::{ForceInputs, Forces, GripForces, grasp_map};
+use super::forces::{ForceInputs, GripForces, grasp_map};
 use super::plan::{GraspPlan, JointTargets, LoadSource, ObjectControl, ObjectFrame};
 use super::pose::{PoseTrajectoryPoint, twist_between};
 use super::state::Fingers;
 use super::tracker::TipMotion;
-use super::tuning::TORQUE_FRACTION;
+use super::tuning::{GAIN_FRICTION, LIFT_HEIGHT, LOAD_FEEDFORWARD, TORQUE_FRACTION};
 use super::wrench::wrench;
 use super::{Failure, FingerSense, GraspFault, GraspHand, GraspState, HandOutput, PerFinger, Phase};
 use crate::control::JointPoint;
 use crate::grasp::{GraspMap, ThreeFingers, WrenchInverse, normal_force_limit};
 use crate::kinematics::Jacobian;
+use crate::math;
 use crate::robot::Actuation;
 use crate::zip::zip;
 
@@ -44,12 +45,13 @@ impl GraspState {
         let inputs = self.force_inputs(hand, plan, fingers, &map, &three, torque_limits);
         self.forces.update_estimates(&inputs);
         self.check_object(plan, &inputs, fingers, &object)?;
+        let learns = plan.feedback && matches!(plan.control, ObjectControl::Differential(_));
+        if learns {
+            self.learn_gains(hand, &three, senses, &fingers.forces);
+        }
         let inverse = map.inverse();
         let superposed = self.advance_phase(hand, plan, &inputs, &inverse, fingers);
-        let mut grip = self.forces.solve_grip(&inputs, &inverse, self.grip_fraction, &superposed);
-        if self.phase == Phase::Open {
-            grip.internal.iter_mut().for_each(|force| *force *= self.grip_fraction);
-        }
+        let grip = self.forces.solve_grip(&inputs, &inverse, self.grip_fraction, &superposed);
         let previous = match plan.joint_targets {
             JointTargets::ClosedForm => None,
             JointTargets::Accumulated => Some(self.trajectory.point().frame),
@@ -57,8 +59,9 @@ impl GraspState {
         let reached = self.trajectory;
         let target = self.trajectory.advance();
         let (forces, actuation) = self.control_object(plan, &inputs, &inverse, grip, &object, &target.frame);
-        let mut output =
-            HandOutput { torques: three.torques(&forces).map(Into::into), actuation, ..self.stand() };
+        let torques = three.torques(&forces);
+        let torques = if learns { self.torque_gains.commands(&torques) } else { torques.map(Into::into) };
+        let mut output = HandOutput { torques, actuation, ..self.stand() };
         let step = previous.map(|previous| twist_between(&previous, &target.frame));
         if let Err(finger) = self.follow(hand, &three, &levers, &target, step.as_ref(), &mut output) {
             // The motion ends at its last point; the grip stays, unless there was none yet.
@@ -105,25 +108,43 @@ impl GraspState {
         torque_limits: PerFinger<[f32; 3]>,
     ) -> ForceInputs<'a> {
         let is_held = matches!(self.phase, Phase::Hold | Phase::Move | Phase::Lower);
+        let at_rest = self.phase == Phase::Hold && self.trajectory.is_done();
+        let height = self.height(hand);
         ForceInputs {
             map,
             measured: &fingers.forces,
             anchor_errors: self.tracker.anchor_errors,
             internal: plan.internal,
-            // A sliding finger would cause integrator wind-up.
-            feedback: plan.feedback && self.phase != Phase::ProbeFriction,
+            // A sliding finger would cause integrator wind-up, and the opening hand is to press less.
+            feedback: plan.feedback && !matches!(self.phase, Phase::ProbeFriction | Phase::Open),
             is_held,
             known_load: match plan.load {
-                LoadSource::Constant { mass } if is_held => {
+                LoadSource::Constant { mass } => {
+                    let mass = if is_held { mass } else { 0.0 };
                     let [x, y, z]: [f32; 3] = (-hand.gravity * mass).into();
                     Some(Vector6::new(x, y, z, 0.0, 0.0, 0.0))
                 }
-                _ => None,
+                LoadSource::Measured => None,
             },
-            is_lifted: self.is_lifted(hand),
-            in_motion: !(self.phase == Phase::Hold && self.trajectory.is_done()),
+            is_lifted: height > LIFT_HEIGHT,
+            load_feedforward: LOAD_FEEDFORWARD * math::clamp(height / LIFT_HEIGHT - 1.0, 0.0, 1.0),
+            in_motion: !(at_rest || self.phase == Phase::Open),
             three,
             torque_limits,
+        }
+    }
+
+    /// Learns the torque gains of the joints, if their efforts are known.
+    fn learn_gains(
+        &mut self,
+        hand: &GraspHand<'_>,
+        three: &ThreeFingers,
+        senses: &PerFinger<FingerSense<'_>>,
+        measured: &PerFinger<Vector3<f32>>,
+    ) {
+        if let [Some(one), Some(two), Some(third)] = senses.each_ref().map(|sense| sense.efforts) {
+            let friction = hand.fingers.map(|finger| finger.friction.map(|torque| GAIN_FRICTION * torque));
+            self.torque_gains.learn(&three.torques(measured), &[one, two, third], &friction);
         }
     }
 
@@ -142,7 +163,7 @@ impl GraspState {
             // The joint servos control the pose and thereby carry the load; feed-forward of the measured load
             // speeds them up.
             ObjectControl::Differential(_) => {
-                let fraction = Forces::load_feedforward(inputs);
+                let fraction = inputs.load_feedforward;
                 forces.iter_mut().zip(&grip.load).for_each(|(force, load)| *force += load * fraction);
                 Actuation::Servo
             }

@@ -25,6 +25,7 @@
 
 mod approach;
 mod forces;
+mod gains;
 mod hand;
 mod hold;
 mod phase;

@@ -7,10 +7,10 @@ use super::plan::GraspPlan;
 use super::pose::PoseTrajectory;
 use super::state::Fingers;
 use super::tuning::{
-    ASSUMED_FRICTION, CONTACT_LOSS_FRACTION, CONTACT_LOSS_TICKS, CONVERGED_TICKS, LIFT_HEIGHT, LOWER_SPEED,
+    ASSUMED_FRICTION, CONTACT_LOSS_FRACTION, CONTACT_LOSS_TICKS, CONVERGED_TICKS, FORCE_NOISE, LOWER_SPEED,
     LOWER_START_TIME, MAX_DEFORMATION, MAX_DISPLACEMENT, MAX_FRICTION, MAX_LOWERING, MIN_FRICTION, OPEN_TIME,
     PROBE_RATE, PROBE_RELEASE_RATE, PROBE_SLIP_DISTANCE, PROBE_STOP_FRACTION, PROBE_TIMEOUT, SQUEEZE_TIME,
-    SQUEEZE_TIMEOUT, SUPPORTED_FRACTION,
+    SQUEEZE_TIMEOUT, SUPPORTED_FRACTION, SUPPORTED_TICKS,
 };
 use super::{Failure, GraspFault, GraspHand, GraspState, PerFinger, Phase};
 use crate::TICK;
@@ -63,7 +63,11 @@ impl GraspState {
             Phase::Move if self.trajectory.is_done() => self.enter(Phase::Hold),
             Phase::Lower => self.lower(hand),
             Phase::Open => {
-                self.grip_fraction = math::clamp(self.grip_fraction - TICK / OPEN_TIME, 0.0, 1.0);
+                // All internal forces fall: those of the grip, of the feedback, and of the probe.
+                let left = math::clamp(1.0 - TICK / (OPEN_TIME * self.grip_fraction), 0.0, 1.0);
+                (self.grip_fraction, self.probe_force) = (self.grip_fraction * left, self.probe_force * left);
+                self.forces.reduce_correction(left);
+                return self.probe_forces(fingers);
             }
             _ => {}
         }
@@ -134,22 +138,23 @@ impl GraspState {
                 self.enter(Phase::Hold);
             }
         }
+        self.probe_forces(fingers)
+    }
+
+    /// The internal forces with which fingers 1 and 2 press towards each other [N].
+    #[inline(never)]
+    fn probe_forces(&self, fingers: &Fingers<'_>) -> PerFinger<Vector3<f32>> {
         let [one, two, _] = fingers.tips;
         let force = (two - one) * (self.probe_force / fingers.width());
         [force, -force, Vector3::zeros()]
     }
 
-    /// Part of the load against gravity [N].
-    pub(super) fn weight_on_fingers(&self, hand: &GraspHand<'_>) -> f32 {
-        let [x, y, z, ..] = self.forces.load;
-        -down(hand).dot(&Vector3::new(x, y, z))
-    }
-
-    /// Whether the object is above the position at which it was grasped.
-    pub(super) fn is_lifted(&self, hand: &GraspHand<'_>) -> bool {
+    /// Height of the object above the position at which it was grasped [m].
+    #[inline(never)]
+    pub(super) fn height(&self, hand: &GraspHand<'_>) -> f32 {
         let displacement =
             Vector3::from(self.tracker.object.translation) - Vector3::from(self.origin.translation);
-        -down(hand).dot(&displacement) > LIFT_HEIGHT
+        -down(hand).dot(&displacement)
     }
 
     /// Lowers the object until a support carries it.
@@ -160,9 +165,11 @@ impl GraspState {
             end.translation.vector += down(hand) * MAX_LOWERING;
             self.trajectory = PoseTrajectory::between(&start, &end, MAX_LOWERING / LOWER_SPEED);
         }
-        if self.elapsed() > LOWER_START_TIME
-            && self.weight_on_fingers(hand) < SUPPORTED_FRACTION * self.initial_weight
-        {
+        let lost = self.initial_weight - weight_on_fingers(hand, &self.forces.load);
+        let min_lost = (1.0 - SUPPORTED_FRACTION) * math::abs(self.initial_weight);
+        let is_supported = self.elapsed() > LOWER_START_TIME && lost > math::max(min_lost, FORCE_NOISE);
+        self.step = if is_supported { self.step.saturating_add(1) } else { 0 };
+        if self.step >= SUPPORTED_TICKS {
             self.trajectory.stop();
             self.enter(Phase::Open);
         } else if self.trajectory.is_done() {
@@ -171,7 +178,13 @@ impl GraspState {
     }
 }
 
+/// Part of a `load` [N, N·m] against gravity [N].
+pub(super) fn weight_on_fingers(hand: &GraspHand<'_>, &[x, y, z, ..]: &[f32; 6]) -> f32 {
+    -down(hand).dot(&Vector3::new(x, y, z))
+}
+
 /// Unit vector of gravity; 0 without gravity.
+#[inline(never)]
 fn down(hand: &GraspHand<'_>) -> Vector3<f32> {
     let norm = math::sqrt(hand.gravity.norm_squared());
     if norm > 0.0 { hand.gravity / norm } else { Vector3::zeros() }

@@ -4,6 +4,8 @@ use serde::{Deserialize, Serialize};
 
 use super::approach::TipPath;
 use super::forces::Forces;
+use super::gains::TorqueGains;
+use super::phases::weight_on_fingers;
 use super::plan::JointTargets;
 use super::pose::{MINIMUM_JERK_PEAK, PoseTrajectory};
 use super::tracker::Tracker;
@@ -50,6 +52,7 @@ pub struct GraspState {
     pub(super) trajectory: PoseTrajectory,
     /// Integral part of the pose control [N, N·m].
     pub(super) integral: [f32; 6],
+    pub(super) torque_gains: TorqueGains,
     /// Fraction of the internal forces that is applied.
     pub(super) grip_fraction: f32,
     /// Force with which fingers 1 and 2 press towards each other to probe the friction [N].
@@ -107,6 +110,7 @@ impl GraspState {
         origin: Frame::BASE,
         trajectory: PoseTrajectory::resting(Frame::BASE),
         integral: [0.0; 6],
+        torque_gains: TorqueGains::NOMINAL,
         grip_fraction: 0.0,
         probe_force: 0.0,
         initial_width: 0.0,
@@ -178,7 +182,8 @@ impl GraspState {
             }
             GraspCommand::PutDown => {
                 self.require(&[Phase::Hold])?;
-                (self.initial_weight, self.failure) = (self.weight_on_fingers(hand), None);
+                let weight = weight_on_fingers(hand, &self.forces.earlier_load);
+                (self.initial_weight, self.failure) = (weight, None);
                 self.enter(Phase::Lower);
                 Ok(())
             }
@@ -244,6 +249,7 @@ impl GraspState {
         self.tracker = Tracker::NONE;
         self.forces = Forces::new(plan.friction.unwrap_or(ASSUMED_FRICTION));
         (self.integral, self.grip_fraction, self.probe_force) = ([0.0; 6], 0.0, 0.0);
+        self.torque_gains = TorqueGains::NOMINAL;
         self.ticks_without_contact = 0;
         self.enter(Phase::Approach);
         Ok(())

@@ -60,7 +60,7 @@ impl Task for Grasping {
     fn tick(&mut self, io: Io<'_>) -> Result<(), TaskFault> {
         // Both exist: `check` found a hand, and the sensors are read before the task runs.
         let Some(hand) = GraspHand::of(io.robot) else { return Ok(()) };
-        let Some(senses) = FingerSense::of_all(io.measured, io.postures) else { return Ok(()) };
+        let Some(senses) = FingerSense::of_all(io.measured, io.postures, io.efforts) else { return Ok(()) };
         let output = self.state.tick(&hand, &senses)?;
         let servo = output.actuation == Actuation::Servo;
         // Servos restart after torque control, and when their observers contain the touch force.

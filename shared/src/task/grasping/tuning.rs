@@ -40,6 +40,9 @@ pub(super) const MAX_LOWERING: f32 = 0.05;
 /// The object stands on a support when its weight on the fingers is below this fraction of that before.
 /// Smaller presses it onto the support.
 pub(super) const SUPPORTED_FRACTION: f32 = 0.5;
+/// Consecutive ticks with that weight. More rejects noise, which could be as large as a light object's weight,
+/// and presses longer onto the support.
+pub(super) const SUPPORTED_TICKS: u8 = 5;
 /// Time at the start of `Lower` in which the weight is not evaluated [s]. Less mistakes inertial forces for a
 /// support.
 pub(super) const LOWER_START_TIME: f32 = 0.3;
@@ -93,7 +96,13 @@ pub(super) const EARLIER_LOAD_FILTER_GAIN: f32 = 0.12;
 /// Gain of the filter of the object's weight, per tick: a time constant of some 0.5 s. Larger mistakes pushes
 /// for weight.
 pub(super) const WEIGHT_FILTER_GAIN: f32 = 0.02;
-/// Fraction of the load that is fed forward once no support carries the object. Larger makes the servos
+/// Bounds of that weight on each axis: force [N] and moment [N·m]. Larger permits heavier objects under
+/// wrench control, and presses harder on what holds an object back.
+pub(super) const MAX_WEIGHT_FORCE: f32 = 10.0;
+/// See [`MAX_WEIGHT_FORCE`].
+pub(super) const MAX_WEIGHT_MOMENT: f32 = 1.0;
+/// Fraction of the load that is fed forward once no support carries the object; it rises between one and two
+/// times [`LIFT_HEIGHT`]. Larger makes the servos
 /// faster. With 1, joints with larger torque constants than in the model would lift a heavy object: the
 /// sensors measure the excess as load, which is positive feedback.
 pub(super) const LOAD_FEEDFORWARD: f32 = 0.9;
@@ -147,6 +156,20 @@ pub(super) const DEAD_BAND_FORCE: f32 = 0.05;
 pub(super) const CONVERGED_FRACTION: f32 = 0.1;
 /// See [`CONVERGED_FRACTION`].
 pub(super) const CONVERGED_FORCE: f32 = 0.1;
+
+// Torque gains of the joints.
+
+/// Rate at which the gains are learnt, per tick. Larger follows faster and learns friction.
+pub(super) const GAIN_LEARNING_RATE: f32 = 0.03;
+/// Torque with which a gain is learnt at half of that rate [N·m]. Larger leaves gains of weak grips as they
+/// are.
+pub(super) const GAIN_TORQUE: f32 = 0.2;
+/// What the friction may be, over that of the model. Smaller mistakes friction for a gain.
+pub(super) const GAIN_FRICTION: f32 = 1.2;
+/// Bounds of a gain. Wider corrects worse torque constants, and trusts sensors more.
+pub(super) const MIN_GAIN: f32 = 0.7;
+/// See [`MIN_GAIN`].
+pub(super) const MAX_GAIN: f32 = 1.3;
 
 // Friction and slip.
 

@@ -101,16 +101,15 @@ fn report(model: &RobotModel, fits: &[Fit], failed: &[FailedGrip], out: Option<&
         .zip(fits)
         .map(|(joint, fit)| {
             let scale = joint.motor.torque_constant.into();
-            let friction = fit.friction.ok();
-            let why = [fit.gain.err(), fit.friction.err()].into_iter().flatten().next();
+            let why = fit.doubts().next();
             let value = json!({
                 "torque_constant": fit.gain.ok().map(|gain| number(gain, scale)),
-                "coulomb": friction.map(|[coulomb, _]| number(coulomb, 1.0)),
-                "viscous": friction.map(|[_, viscous]| number(viscous, 1.0)),
+                "coulomb": fit.coulomb().ok().map(|coulomb| number(coulomb, 1.0)),
+                "viscous": fit.viscous().ok().map(|viscous| number(viscous, 1.0)),
                 "load_range": fit.load_range,
                 "residual": fit.residual,
                 "readings": fit.readings,
-                "not_identified": why.map(|why| why.to_string()),
+                "not_identified": why.map(|(what, why)| format!("{what}: {why}")),
             });
             (joint.name.to_string(), value)
         })
@@ -150,8 +149,7 @@ fn table(model: &RobotModel, fits: &[Fit], failed: &[FailedGrip], out: Option<&P
             friction(1),
             fit.load_range
         );
-        let doubts = [("torque constant", fit.gain.err()), ("friction", fit.friction.err())];
-        for (what, doubt) in doubts.into_iter().filter_map(|(what, doubt)| Some((what, doubt?))) {
+        for (what, doubt) in fit.doubts() {
             let _ = writeln!(notes, "{}: {what} not identified: {doubt}", joint.name);
         }
     }

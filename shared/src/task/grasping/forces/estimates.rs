@@ -6,8 +6,9 @@ use crate::math;
 use crate::task::grasping::tuning::{
     ANTICIPATION_DECAY_TIME, ANTICIPATION_GAIN, EARLIER_LOAD_FILTER_GAIN, FORCE_NOISE,
     FORCE_RATIO_FILTER_GAIN, FRICTION_AFTER_SLIP, INCIPIENT_SLIP_FRACTION, LOAD_FILTER_GAIN,
-    LOAD_GROWTH_THRESHOLD, MAX_SLIP_GRIP, MIN_FRICTION, MIN_FRICTION_STEP, MIN_NORMAL_FORCE, SLIP_DISTANCE,
-    SLIP_GRIP_DECAY_TIME, SLIP_GRIP_STEP, SLIP_MIN_FRACTION, WEIGHT_FILTER_GAIN,
+    LOAD_GROWTH_THRESHOLD, MAX_SLIP_GRIP, MAX_WEIGHT_FORCE, MAX_WEIGHT_MOMENT, MIN_FRICTION,
+    MIN_FRICTION_STEP, MIN_NORMAL_FORCE, SLIP_DISTANCE, SLIP_GRIP_DECAY_TIME, SLIP_GRIP_STEP,
+    SLIP_MIN_FRACTION, WEIGHT_FILTER_GAIN,
 };
 use crate::zip::zip;
 
@@ -31,6 +32,11 @@ impl Forces {
             (&mut self.weight, WEIGHT_FILTER_GAIN),
         ] {
             filtered.iter_mut().zip(&load).for_each(|(mean, reading)| *mean += gain * (reading - *mean));
+        }
+        // The weight is fed forward. If something else holds the object, what its control commands is part of
+        // the measured load, which would then grow without bound.
+        for (weight, max) in self.weight.chunks_exact_mut(3).zip([MAX_WEIGHT_FORCE, MAX_WEIGHT_MOMENT]) {
+            weight.iter_mut().for_each(|weight| *weight = math::clamp(*weight, -max, max));
         }
     }
 

@@ -25,12 +25,14 @@ impl Forces {
         let in_dead_band =
             matches!(inputs.internal, InternalForce::LeastGrip { .. }) && self.is_in_dead_band(inputs);
         if inputs.feedback && !in_dead_band {
-            let error = self.internal_force_error(inputs, inverse);
-            let axes = self.correction.iter_mut().flatten().zip(error.iter().flat_map(|force| force.iter()));
-            for (correction, error) in axes {
-                let next = *correction + FORCE_INTEGRAL_GAIN * TICK * error;
-                *correction = math::clamp(next, -MAX_FORCE_CORRECTION, MAX_FORCE_CORRECTION);
+            let mut next = self.correction.map(Vector3::from);
+            for (next, target, measured) in zip((&mut next, &self.target, inputs.measured)) {
+                *next += (Vector3::from(*target) - measured) * (FORCE_INTEGRAL_GAIN * TICK);
             }
+            // Contacts that have moved change what is internal, of the earlier errors, too.
+            inverse.project_to_null_space(&mut next);
+            let limited = |part: f32| math::clamp(part, -MAX_FORCE_CORRECTION, MAX_FORCE_CORRECTION);
+            self.correction = next.map(|part| part.map(limited).into());
         }
         let mut command = internal;
         command.iter_mut().zip(&self.correction).for_each(|(force, part)| *force += Vector3::from(*part));
@@ -51,6 +53,11 @@ impl Forces {
             }
         }
         command
+    }
+
+    /// Multiplies the integral part by `fraction`.
+    pub fn reduce_correction(&mut self, fraction: f32) {
+        self.correction.iter_mut().flatten().for_each(|part| *part *= fraction);
     }
 
     /// Whether every normal force is in the dead band above its target.

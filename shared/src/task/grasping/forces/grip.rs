@@ -15,14 +15,13 @@ impl Forces {
         &mut self,
         inputs: &ForceInputs<'_>,
         inverse: &WrenchInverse<'_>,
-        grip_fraction: f32,
         load_torques: &PerFinger<Vector3<f32>>,
     ) -> PerFinger<Vector3<f32>> {
         self.overloaded = false;
         match inputs.internal {
             InternalForce::LeastGrip { margin, capacity_at_rest, capacity_in_motion } => {
                 let capacity = if inputs.in_motion { capacity_in_motion } else { capacity_at_rest };
-                let min_force = grip_fraction * capacity / self.friction + self.preload();
+                let min_force = capacity / self.friction + self.preload();
                 let load = if inputs.is_lifted { self.load } else { self.earlier_load };
                 let load = Vector6::from(load) + Vector6::from(self.anticipated_load);
                 self.update_least_grip(inputs.map, inverse, margin, min_force, &load);
@@ -44,7 +43,7 @@ impl Forces {
                 }
             }
         }
-        self.base.map(|force| Vector3::from(force) * grip_fraction)
+        self.base.map(Vector3::from)
     }
 
     /// Additional minimum normal force while a load grows [N].

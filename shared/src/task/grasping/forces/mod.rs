@@ -13,7 +13,6 @@ use nalgebra::{Vector3, Vector6};
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-use super::tuning::LOAD_FEEDFORWARD;
 use super::{InternalForce, PerFinger};
 use crate::grasp::{Contact, GraspMap, GripState, ThreeFingers, WrenchInverse};
 use crate::math::abs;
@@ -25,7 +24,7 @@ pub(super) struct Forces {
     /// Filtered wrench of the fingers on the object, about the object's origin [N, N·m].
     pub load: [f32; 6],
     /// The same with a slower filter: the load before a change [N, N·m].
-    earlier_load: [f32; 6],
+    pub earlier_load: [f32; 6],
     /// The same with the slowest filter: the object's weight [N, N·m].
     weight: [f32; 6],
     /// Anticipated further increase of a load that grows [N, N·m].
@@ -73,6 +72,8 @@ pub(super) struct ForceInputs<'a> {
     /// Whether no support carries the object. Internal forces between fingers and a support look like a load;
     /// a grip that followed them would grow without bound.
     pub is_lifted: bool,
+    /// Fraction of the load that is fed forward.
+    pub load_feedforward: f32,
     /// Whether to grip as for a motion.
     pub in_motion: bool,
     /// Map from contact forces to joint torques.
@@ -130,7 +131,8 @@ impl Forces {
             load.iter_mut().zip(&forces).for_each(|(load, force)| *load = *force);
         }
         let load_torques = inputs.three.torques(&load);
-        let mut internal = self.internal_forces(inputs, inverse, grip_fraction, &load_torques);
+        let mut internal = self.internal_forces(inputs, inverse, &load_torques);
+        internal.iter_mut().for_each(|force| *force *= grip_fraction);
         let scale = superposition_scale(contacts, &internal, &load, superposed);
         for (internal, load, superposed, contact, target) in
             zip((&mut internal, &load, superposed, contacts, &mut self.target))
@@ -142,11 +144,6 @@ impl Forces {
         }
         let internal = self.apply_feedback(inputs, inverse, internal, &load, &load_torques);
         GripForces { internal, load }
-    }
-
-    /// Fraction of the load that is fed forward.
-    pub const fn load_feedforward(inputs: &ForceInputs<'_>) -> f32 {
-        if inputs.is_lifted { LOAD_FEEDFORWARD } else { 0.0 }
     }
 
     /// Estimated weight: the load through the slowest filter [N, N·m].

@@ -42,6 +42,7 @@ fn with_inputs<T>(
         is_held: true,
         known_load: None,
         is_lifted: true,
+        load_feedforward: 0.9,
         in_motion: false,
         three: &ThreeFingers::new(&[(jacobian, Vector3::zeros()); 3]),
         torque_limits: [[torque; 3]; 3],
@@ -75,6 +76,34 @@ fn forces_of_a_support_do_not_count_as_an_error_of_internal_forces() {
     assert!(have_converged([one, two, three]));
     assert!(have_converged([one + push, two + push, three + push]));
     assert!(!have_converged([one * 0.7, two * 0.7, three * 0.7]));
+}
+
+/// Forces that push the box, of contacts that have moved since they were corrections of internal forces.
+#[test]
+fn a_correction_of_internal_forces_stays_internal() {
+    let (_, mut forces) = grasp(0.0, 0.5);
+    forces.correction = [[0.4, 0.0, 0.1], [0.3, 0.1, 0.1], [0.2, -0.1, 0.1]];
+    // Beyond the dead band.
+    let measured = pressing(2.0, 0.0);
+    tick(&mut forces, 1.0, &measured);
+    let wrench =
+        with_inputs(1.0, &measured, |inputs| inputs.map.wrench(&forces.correction.map(Vector3::from)));
+    assert!(wrench.norm() < 1e-5, "{wrench}");
+    assert!(forces.correction[2][0] > 0.0, "the grip of 2 N is to be less: {:?}", forces.correction);
+}
+
+/// Something holds an object under wrench control: what its control commands is measured as load.
+#[test]
+fn the_weight_that_is_fed_forward_is_bounded() {
+    let (_, mut forces) = grasp(0.0, 0.5);
+    for _ in 0..300 {
+        let [one, two, three] = pressing(2.0, 0.0);
+        let more = Vector3::from(forces.weight().fixed_rows::<3>(0).into_owned()) + Vector3::z() * 9.0;
+        let measured = [one + more / 3.0, two + more / 3.0, three + more / 3.0];
+        with_inputs(1.0, &measured, |inputs| forces.update_estimates(inputs));
+    }
+    let weight = forces.weight();
+    assert!((weight[2] - 10.0).abs() < 1e-6 && weight[0].abs() < 1e-3, "{weight}");
 }
 
 #[test]
