@@ -12,7 +12,7 @@ use crate::control::{JointPoint, ServoMode};
 use crate::kinematics::{FingerError, TipPoint};
 use crate::math::{self, abs};
 use crate::model::{MAX_CHAINS, MAX_JOINTS};
-use crate::robot::{Concerns, JointSetpoint, JointTarget, LimitRefusal, Measured, Postures, Robot, count};
+use crate::robot::{Concerns, JointSetpoint, LimitRefusal, Measured, Postures, Robot, count};
 
 /// Commands of the joint servo. Each states the set-points of all joints, so it may be repeated.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema)]
@@ -144,8 +144,11 @@ pub struct JointServoTask {
     /// the time that the joints need for their step at that limit [ticks].
     ahead: f32,
     step: f32,
-    /// Whether points arrived since the last tick.
+    /// Whether set-points arrived since the last tick.
     updated: bool,
+    /// Their feed-forward torques [N·m]. The targets get them with the tick, so that a stop before it leaves
+    /// those that were applied.
+    torques: [f32; MAX_JOINTS],
     /// Whether the points of the targets may have a velocity.
     moving: bool,
 }
@@ -155,7 +158,8 @@ impl Task for JointServoTask {
     type Command = JointCommand;
     type Telemetry = ();
     type Refusal = JointServoRefusal;
-    const IDLE: Self = Self { ahead: 0.0, step: 0.0, updated: false, moving: false };
+    const IDLE: Self =
+        Self { ahead: 0.0, step: 0.0, updated: false, torques: [0.0; MAX_JOINTS], moving: false };
 
     fn check(_: &Robot, _: &Measured, _: &ServoMode) -> Result<(), JointServoRefusal> {
         Ok(())
@@ -173,9 +177,9 @@ impl Task for JointServoTask {
                     config.check_position(index, position)?;
                 }
                 for (target, &position) in io.targets.joints.iter_mut().zip(positions) {
-                    let setpoint = JointSetpoint::FarGoal(position);
-                    *target = JointTarget { setpoint, ..JointTarget::at(position) };
+                    target.setpoint = JointSetpoint::FarGoal(position);
                 }
+                self.update(&[]);
             }
             JointCommand::Stream { points } => self.stream(io, points, &[])?,
             JointCommand::StreamTips { tips } => {
@@ -197,6 +201,9 @@ impl Task for JointServoTask {
     fn tick(&mut self, io: Io<'_>) -> Result<(), TaskFault> {
         if self.updated {
             (self.updated, self.moving) = (false, true);
+            for (target, &torque) in io.targets.joints.iter_mut().zip(&self.torques) {
+                target.feedforward = torque;
+            }
         } else if self.moving {
             self.moving = false;
             // Without a successor the joints hold the point: velocity and acceleration are 0.
@@ -238,13 +245,17 @@ impl JointServoTask {
         }
         self.step = step;
         for (target, &point) in io.targets.joints.iter_mut().zip(points) {
-            *target = JointTarget::point(point);
+            target.setpoint = JointSetpoint::Point(point);
         }
-        for (target, &torque) in io.targets.joints.iter_mut().zip(torques) {
-            target.feedforward = torque;
-        }
-        self.updated = true;
+        self.update(torques);
         Ok(())
+    }
+
+    /// Takes the feed-forward torques of new set-points, 0 if there are none.
+    fn update(&mut self, torques: &[f32]) {
+        self.torques = [0.0; MAX_JOINTS];
+        self.torques.iter_mut().zip(torques).for_each(|(own, torque)| *own = *torque);
+        self.updated = true;
     }
 }
 

@@ -62,6 +62,32 @@ fn a_feedforward_torque_is_added_and_remains_in_the_reaction_until_disable() {
     }
 }
 
+/// A torque that was sent right before a stop was never applied, and one that was is not dropped.
+#[test]
+fn a_stop_keeps_the_torque_that_was_applied() {
+    let goal = Request::Task(TaskCommand::JointServo(JointCommand::Goal {
+        positions: [0.0; 3].into_iter().collect(),
+    }));
+    for mode in [ServoMode::Pid, ServoMode::Observer] {
+        for last in [stream_torques(&[0.0; 3], &[0.5; 3]), goal.clone()] {
+            let mut rig = Rig::ready(&model());
+            assert_eq!(rig.ask(Request::Enable(TaskConfig::JointServo(mode))), Reply::Done);
+            rig.tick();
+            assert_eq!(rig.ask(stream_torques(&[0.0; 3], &[0.0, 0.25, -0.125])), Reply::Done);
+            let before = rig.tick().torques;
+            assert_eq!(rig.ask(last.clone()), Reply::Done);
+            assert_eq!(rig.ask(Request::Stop), Reply::Done);
+            for _ in 0..50 {
+                let torques = rig.tick().torques;
+                assert!(
+                    near([0, 1, 2].map(|joint| torques[joint] - before[joint]), [0.0; 3], 1e-3),
+                    "{mode:?} {torques:?}"
+                );
+            }
+        }
+    }
+}
+
 #[test]
 fn a_refused_command_changes_neither_points_nor_torques() {
     let mut rig = Rig::enabled(&model());
