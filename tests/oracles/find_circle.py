@@ -145,8 +145,9 @@ def draw(rng, width, height):
     points = np.stack([rose * np.cos(turn), rose * np.sin(turn), np.full_like(turn, thickness)], -1) - camera
     points = points @ turned.T
     points = (points[:, :2] / points[:, 2:]) * focal + [width / 2, height / 2]
-    (cx, cy), (d1, d2), _ = cv2.fitEllipseDirect(points.astype(np.float32))
-    return image, (cx, cy, np.sqrt(d1 * d2) / 2)
+    (cx, cy), axes, angle = cv2.fitEllipseDirect(points.astype(np.float32))
+    a, b = np.array(axes) / 2
+    return image, (cx, cy, np.sqrt(a * b), a, b, np.deg2rad(angle))
 
 
 def scene(rng, width, height, least):
@@ -201,7 +202,7 @@ def data():
     rows, images = [], b""
     for index in range(10):
         image, truth, prior = scene(np.random.default_rng([7, index]), 128, 120, 0.6)
-        row = (*image.shape[::-1], *prior, *truth, *opencv(image, *prior))
+        row = (*image.shape[::-1], *prior, *truth[:3], *opencv(image, *prior))
         rows.append("    (" + ", ".join(f"{value:.3f}" if index > 1 else str(value) for index, value in enumerate(row)) + "),")
         images += image.tobytes()
     (DATA / "find_circle.bin").write_bytes(images)

@@ -49,6 +49,8 @@ mod hough;
 mod image;
 mod judge;
 mod knob;
+mod offset;
+mod offset_weights;
 mod refit;
 mod ring;
 mod starts;
@@ -58,7 +60,7 @@ mod tests;
 pub use edges::{EdgePoint, MAX_EDGES, row_len};
 pub use error::VisionError;
 #[cfg(feature = "test-support")]
-pub use evidence::{Evidence, evidence};
+pub use evidence::{Evidence, RimRay, evidence, rim_rays};
 pub use find::{Buffers, CameraBuffers, Circle, CircleSearch, Scratch, Window, find_circle};
 pub use hand_eye::{HandEyeError, HandEyeRow, HandEyeTable, MAX_HAND_EYE_ROWS};
 pub use hough::accumulator_len;
