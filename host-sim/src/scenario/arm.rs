@@ -11,7 +11,7 @@ use tesaki::task::impedance::{ForceSource, ImpedanceSettings, ImpedanceTelemetry
 use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::Board;
 
-use super::common::{T, fault_error, introduce};
+use super::common::{T, fault_error, introduce, largest};
 use super::{ScenarioError, Setting};
 use crate::controller::{Controller, Watched};
 use crate::motion::Motion;
@@ -164,7 +164,7 @@ impl ArmLog {
 
     /// The maximum of a value in a time span; NaN if it was not recorded to its end.
     pub fn largest(&self, span: &Range<f64>, value: impl Fn(&ArmSample) -> f64) -> f64 {
-        self.during(span).iter().map(value).fold(f64::NAN, f64::max)
+        largest(self.during(span).iter().map(value))
     }
 
     /// As CSV.

@@ -9,7 +9,7 @@ use tesaki_description::law::arm::{StrokeTable, WallTable};
 use tesaki_supervisor::trajectory::minimum_jerk;
 
 use super::arm::{ArmRig, ArmSample, ArmTrial, Machine, impedance, settings};
-use super::common::{T, grouped};
+use super::common::{T, grouped, largest, unsettled};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::operator::{Link, LinkValues, MasterArm, MasterArmValues, OperatorHandMotion, Stroke};
 use crate::plant::Wall;
@@ -99,13 +99,13 @@ impl Run {
     pub fn settling_time(&self) -> f64 {
         let last = self.ticks.len().saturating_sub(20);
         let rest = self.ticks[last..].iter().map(|tick| tick.handle).sum::<f64>() / 20.0;
-        let outside = self.ticks.iter().rposition(|tick| (tick.handle - rest).abs() > SETTLING_BAND);
-        outside.map_or(0.0, |index| ((index + 1) as f64 * T - BEGIN - self.stroke.time).max(0.0))
+        let unsettled = unsettled(self.ticks.iter().map(|tick| tick.handle), rest, SETTLING_BAND);
+        unsettled.map_or(f64::NAN, |ticks| (ticks as f64 * T - BEGIN - self.stroke.time).max(0.0))
     }
 
     /// Minimum of the energy in the link [J].
     fn min_energy(&self) -> f64 {
-        self.ticks.iter().map(|tick| tick.energy).fold(f64::INFINITY, f64::min)
+        -largest(self.ticks.iter().map(|tick| -tick.energy))
     }
 
     /// Largest energy that the wall has received beyond the operator's input, from the true forces and
@@ -121,7 +121,7 @@ impl Run {
             balance += output - input;
             balance
         });
-        balances.fold(0.0, f64::max)
+        largest([0.0].into_iter().chain(balances))
     }
 
     fn name(&self) -> String {
@@ -374,7 +374,7 @@ fn add_metrics(summary: &mut Summary, run: &Run) {
     summary.insert(format!("{name}_energy_generated"), metric);
     let text = format!("{label}: largest energy deficit of the link, as its ports count");
     summary.insert(format!("{name}_energy_deficit"), Metric::reported(text, -1e3 * run.min_energy(), "mJ"));
-    let peak = run.samples.iter().map(|sample| -sample.tool.wall_force[0]).fold(f64::NAN, f64::max);
+    let peak = largest(run.samples.iter().map(|sample| -sample.tool.wall_force[0]));
     summary
         .insert(format!("{name}_force_peak"), Metric::reported(format!("{label}: largest force"), peak, "N"));
 }

@@ -5,7 +5,7 @@ use tesaki_description::impedance::own_mass_at;
 use tesaki_supervisor::trajectory::minimum_jerk;
 
 use super::arm::{ArmRig, ArmSample, ArmTrial, Machine, impedance, settings};
-use super::common::{T, clear_faults, grouped};
+use super::common::{T, clear_faults, grouped, largest};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::plant::Wall;
 use crate::report::{Column, Figure, Line, Metric, Panel, Summary, csv};
@@ -77,7 +77,7 @@ impl Contact {
     fn unrest(&self) -> f64 {
         let forces = self.forces();
         let mean = forces.iter().sum::<f64>() / forces.len() as f64;
-        forces.iter().map(|force| (force - mean).abs()).fold(0.0, f64::max)
+        largest(forces.iter().map(|force| (force - mean).abs()))
     }
 
     fn has_settled(&self) -> bool {
@@ -211,7 +211,7 @@ fn add_metrics(summary: &mut Summary, contacts: &[Contact]) {
         )
         .note(format!("of {}", all - borne)),
     );
-    let max = contacts.iter().map(|contact| contact.derating).fold(1.0, f64::max);
+    let max = largest([1.0].into_iter().chain(contacts.iter().map(|contact| contact.derating)));
     summary.insert("derating", Metric::reported("largest derating", max, ""));
 }
 

@@ -9,7 +9,7 @@ use tesaki_supervisor::trajectory::minimum_jerk;
 use super::arm::{
     ArmLog, ArmRig, ArmSample, ArmTrial, ELBOW_TRIALS, ElbowTrial, Machine, impedance, settings,
 };
-use super::common::{T, capitalized};
+use super::common::{T, capitalized, largest};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::report::{Figure, Line, Metric, Panel, Summary};
 
@@ -99,13 +99,12 @@ pub(super) fn hand_motion(samples: &[ArmSample]) -> Vec<(f64, f64)> {
 fn add_metrics(summary: &mut Summary, trial: &ElbowTrial, log: &ArmLog) {
     let label = capitalized(trial.label);
     let motion = hand_motion(swings(log));
-    let largest = |value: fn(&(f64, f64)) -> f64| motion.iter().map(value).fold(f64::NAN, f64::max);
-    let mut insert = |name: &str, metric| summary.insert(format!("{}_{name}", trial.name), metric);
+        let mut insert = |name: &str, metric| summary.insert(format!("{}_{name}", trial.name), metric);
     insert(
         "hand_displacement",
         Metric::at_most(
             format!("{label}: largest displacement of the hand"),
-            largest(|motion| motion.0),
+            largest(motion.iter().map(|motion| motion.0)),
             1.0,
             "mm",
         ),
@@ -114,14 +113,14 @@ fn add_metrics(summary: &mut Summary, trial: &ElbowTrial, log: &ArmLog) {
         "hand_rotation",
         Metric::reported(
             format!("{label}: largest rotation of the hand"),
-            largest(|motion| motion.1),
+            largest(motion.iter().map(|motion| motion.1)),
             "mrad",
         ),
     );
     let elbow = |sample: &ArmSample| Vector3::from(elbow_position(sample));
     let all = swings(log);
     let displacement = all.first().map_or(f64::NAN, |first| {
-        all.iter().map(|sample| (elbow(sample) - elbow(first)).norm()).fold(f64::NAN, f64::max)
+        largest(all.iter().map(|sample| (elbow(sample) - elbow(first)).norm()))
     });
     let text = format!("{label}: largest displacement of the elbow");
     insert("elbow_displacement", Metric::at_least(text, 1e3 * displacement, 30.0, "mm"));

@@ -6,7 +6,7 @@ use tesaki::task::impedance::ImpedanceSettings;
 use tesaki_supervisor::trajectory::minimum_jerk;
 
 use super::arm::{ArmLog, ArmRig, ArmSample, ArmTrial, ELBOW_TRIALS, ElbowTrial, Machine, settings};
-use super::common::{T, capitalized};
+use super::common::{T, capitalized, largest};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::report::{Figure, Line, Metric, Panel, Summary};
 
@@ -88,7 +88,7 @@ fn largest_rate(log: &ArmLog, values: impl Fn(&ArmSample) -> &[f64]) -> f64 {
     let changes = log.0.windows(2).flat_map(|pair| {
         values(&pair[0]).iter().zip(values(&pair[1])).map(|(before, after)| (after - before).abs() / T)
     });
-    changes.fold(f64::NAN, f64::max)
+    largest(changes)
 }
 
 fn add_metrics(summary: &mut Summary, trial: &ElbowTrial, log: &ArmLog) {
@@ -104,8 +104,7 @@ fn add_metrics(summary: &mut Summary, trial: &ElbowTrial, log: &ArmLog) {
         Metric::at_most(text, largest_rate(log, |sample| &sample.joints), 4.0, "rad/s"),
     );
     let text = format!("{label}: largest torque; the shoulder is rated at 60 N·m");
-    let torque =
-        |sample: &ArmSample| sample.torques.iter().fold(0.0, |max: f64, torque| max.max(torque.abs()));
+    let torque = |sample: &ArmSample| largest(sample.torques.iter().map(|torque| torque.abs()));
     insert("torque_peak", Metric::at_most(text, log.largest(&all, torque), 20.0, "N·m"));
     let text = format!("{label}: largest rate of a torque");
     insert(

@@ -6,7 +6,7 @@ use tesaki::task::impedance::{ForceSource, ImpedanceSettings};
 use tesaki_supervisor::trajectory::minimum_jerk;
 
 use super::arm::{ArmLog, ArmRig, ArmTrial, Machine, impedance, settings};
-use super::common::{T, grouped};
+use super::common::{T, grouped, unsettled};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::plant::Wall;
 use crate::report::{Figure, Line, Metric, Panel, Summary};
@@ -111,8 +111,11 @@ impl Contact {
     fn settling_time(&self) -> f64 {
         let rest = self.rest();
         let samples = self.log.during(&(0.0..self.left));
-        let outside = samples.iter().rposition(|sample| (Self::force(sample) - rest).abs() > SETTLING_BAND);
-        outside.map_or(0.0, |index| (samples[index].time + T - self.arrived).max(0.0))
+        match unsettled(samples.iter().map(Self::force), rest, SETTLING_BAND) {
+            None => f64::NAN,
+            Some(0) => 0.0,
+            Some(number) => (samples[number - 1].time + T - self.arrived).max(0.0),
+        }
     }
 
     fn peak(&self) -> f64 {

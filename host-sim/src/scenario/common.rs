@@ -14,10 +14,27 @@ use crate::plant::Plant;
 /// Control period [s].
 pub const T: f64 = 0.01;
 
-/// The largest of values that are not negative; NaN if one is, which `f64::max` would hide.
-pub fn worst(values: impl IntoIterator<Item = f64>) -> f64 {
+/// The largest of the values. NaN if one of them is, which `f64::max` would hide, or if there is none: then a
+/// metric misses its limit.
+pub fn largest(values: impl IntoIterator<Item = f64>) -> f64 {
     let larger = |a: f64, b: f64| if a.is_nan() || b.is_nan() { f64::NAN } else { a.max(b) };
-    values.into_iter().fold(0.0, larger)
+    values.into_iter().reduce(larger).unwrap_or(f64::NAN)
+}
+
+/// How many of the values pass until all that follow are within `band` of `rest`; `None` if one of them is not a
+/// number.
+pub fn unsettled(values: impl IntoIterator<Item = f64>, rest: f64, band: f64) -> Option<usize> {
+    let mut count = 0;
+    for (index, value) in values.into_iter().enumerate() {
+        let distance = (value - rest).abs();
+        if distance.is_nan() {
+            return None;
+        }
+        if distance > band {
+            count = index + 1;
+        }
+    }
+    (!rest.is_nan()).then_some(count)
 }
 
 /// The value in the middle, the upper one of two; NaN without values.
@@ -108,18 +125,40 @@ pub mod tests {
 
     use std::path::Path;
 
-    use super::{median, worst};
+    use super::{largest, median, unsettled};
     use crate::controller::{Native, Watched};
     use crate::law::LawFile;
+    use crate::report::Metric;
     use crate::scenario::Setting;
 
     #[test]
     fn no_order_of_the_values_hides_what_is_not_a_number() {
         let nan = f64::NAN;
-        assert!([[nan, 1.0, 2.0], [1.0, nan, 2.0], [1.0, 2.0, nan]].iter().all(|v| worst(*v).is_nan()));
+        assert!([[nan, 1.0, 2.0], [1.0, nan, 2.0], [1.0, 2.0, nan]].iter().all(|v| largest(*v).is_nan()));
         let bits = |value: f64| value.to_bits();
-        assert!(bits(worst([1.0, 3.0, 2.0])) == bits(3.0) && bits(median([5.0, 1.0, 2.0])) == bits(2.0));
-        assert!(median([]).is_nan());
+        assert!(bits(largest([1.0, 3.0, 2.0])) == bits(3.0) && bits(median([5.0, 1.0, 2.0])) == bits(2.0));
+        assert!(bits(largest([-2.0, -1.0])) == bits(-1.0) && median([]).is_nan());
+    }
+
+    #[test]
+    fn what_was_not_measured_misses_every_limit() {
+        for value in [largest([]), largest([0.5, f64::NAN])] {
+            let metrics = [
+                Metric::at_most("", value, 1.0, ""),
+                Metric::at_least("", value, 0.0, ""),
+                Metric::within("", value, 1.0, ""),
+                Metric::reported("", value, ""),
+            ];
+            assert!(metrics.iter().all(|metric| !metric.pass()), "{value}");
+        }
+    }
+
+    #[test]
+    fn values_settle_after_the_last_that_is_far_from_rest() {
+        assert_eq!(unsettled([0.0, 2.0, 0.9, 1.1], 1.0, 0.2), Some(2));
+        assert_eq!(unsettled([0.9, 1.1], 1.0, 0.2), Some(0));
+        assert_eq!(unsettled([0.0, f64::NAN, 1.0], 1.0, 0.2), None);
+        assert_eq!(unsettled([0.0, 1.0], f64::NAN, 0.2), None);
     }
 
     /// Runs a part of a scenario on a machine of the robot, under these laws of its folder.

@@ -13,7 +13,7 @@ use tesaki::teleop::{FINGERS, HumanFinger};
 use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::{Board, BoardError};
 
-use super::common::{T, fault_error, introduce};
+use super::common::{T, fault_error, introduce, largest};
 use super::{ScenarioError, Setting};
 use crate::controller::{Controller, Watched};
 use crate::motion::Motion;
@@ -130,10 +130,10 @@ impl HandSample {
 pub struct HandLog(pub Vec<HandSample>);
 
 impl HandLog {
-    /// The samples of a time span [s].
+    /// The samples of a time span [s]; empty if it was not recorded to its end.
     pub fn during(&self, span: &Range<f64>) -> &[HandSample] {
         let [from, to] = [span.start, span.end].map(|time| (time / T).round() as usize);
-        self.0.get(from..to.min(self.0.len())).unwrap_or(&[])
+        self.0.get(from..to).unwrap_or(&[])
     }
 
     /// Root mean square of a value in a time span.
@@ -143,9 +143,9 @@ impl HandLog {
         (sum / samples.len() as f64).sqrt()
     }
 
-    /// Maximum of a value in a time span; NaN if nothing was recorded.
+    /// Maximum of a value in a time span; NaN if it was not recorded to its end.
     pub fn largest(&self, span: &Range<f64>, value: impl Fn(&HandSample) -> f64) -> f64 {
-        self.during(span).iter().map(value).fold(f64::NAN, f64::max)
+        largest(self.during(span).iter().map(value))
     }
 
     /// Share of the samples of a time span [%].
@@ -293,8 +293,7 @@ impl<'a, 'b> HandTrial<'a, 'b> {
             std::array::from_fn(|finger| tips.get(finger).copied().unwrap_or(Vector3::repeat(f64::NAN)));
         let Truth { positions: joints, velocities, .. } = self.plant.truth();
         let limits = self.rig.robot.model.joints.iter().map(|joint| f64::from(joint.limits.velocity));
-        let speed =
-            velocities.iter().zip(limits).map(|(speed, limit)| speed.abs() / limit).fold(0.0, f64::max);
+        let speed = largest(velocities.iter().zip(limits).map(|(speed, limit)| speed.abs() / limit));
         self.step()?;
         let board = self.controller.read_telexistence()?;
         self.log.0.push(HandSample { time, operator, robot, board, joints, speed });

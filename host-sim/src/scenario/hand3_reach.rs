@@ -12,7 +12,7 @@ use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::trajectory::minimum_jerk;
 use tesaki_supervisor::{Board, BoardError};
 
-use super::common::{T, capitalized, fault_error, prepare};
+use super::common::{T, capitalized, fault_error, largest, prepare};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::controller::{Controller, Watched};
 use crate::motion::Motion;
@@ -106,20 +106,18 @@ impl TipLog {
 
     /// Rms distance from the path, of the worst tip, with and without the constant offset; and the largest
     /// distance of any tip [mm].
-    fn worst(&self, window: Window) -> (f64, f64, f64) {
-        let (mut total, mut without_offset, mut peak) = (0.0_f64, 0.0_f64, 0.0_f64);
-        for tip in 0..self.tips.len() {
+    fn worst(&self, window: Window) -> [f64; 3] {
+        let of_tip = |tip: usize| {
             let errors = self.errors(tip, window);
             let count = errors.len() as f64;
             let mean = errors.iter().sum::<Vector3<f64>>() / count;
             let rms = |offset: Vector3<f64>| {
                 (errors.iter().map(|error| (error - offset).norm_squared()).sum::<f64>() / count).sqrt()
             };
-            total = total.max(rms(Vector3::zeros()));
-            without_offset = without_offset.max(rms(mean));
-            peak = errors.iter().fold(peak, |peak, error| peak.max(error.norm()));
-        }
-        (total, without_offset, peak)
+            [rms(Vector3::zeros()), rms(mean), largest(errors.iter().map(Vector3::norm))]
+        };
+        let tips: Vec<[f64; 3]> = (0..self.tips.len()).map(of_tip).collect();
+        [0, 1, 2].map(|value| largest(tips.iter().map(|tip| tip[value])))
     }
 }
 
@@ -289,7 +287,7 @@ fn path(time: f64) -> PathPoint {
 fn add_metrics(summary: &mut Summary, trial: &Trial, recording: &TipLog) {
     let label = capitalized(trial.label);
     for (path, window) in PATHS {
-        let (total, without_offset, peak) = recording.worst(window);
+        let [total, without_offset, peak] = recording.worst(window);
         let rms_label = format!("{label}: {path}, rms distance from the path, worst tip");
         let rms = match trial.limit {
             Some(limit) => Metric::at_most(rms_label, total, limit, "mm"),

@@ -9,7 +9,7 @@ use tesaki::protocol::Refusal;
 use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::{Board, BoardError};
 
-use super::common::{T, capitalized, fault_error, prepare};
+use super::common::{T, capitalized, fault_error, largest, prepare};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::controller::{Controller, Watched};
 use crate::motion::Motion;
@@ -144,26 +144,26 @@ impl ServoLog {
 
     /// Largest error of any joint after the steps numbered `steps` [mrad]: overall, and later than
     /// [`SETTLING_TIME`] after each step.
-    pub fn worst(&self, steps: Range<usize>) -> (f64, f64) {
-        let (mut peak, mut settled) = (0.0_f64, 0.0_f64);
+    pub fn largest_errors(&self, steps: Range<usize>) -> (f64, f64) {
+        let (mut all, mut settled) = (Vec::new(), Vec::new());
         for joint in 0..self.position.len() {
             for (tick, error) in self.error(joint).enumerate() {
                 let number = self.steps.partition_point(|&step| step <= tick);
                 if number == 0 || !steps.contains(&(number - 1)) {
                     continue;
                 }
-                peak = peak.max(error.abs());
+                all.push(error.abs());
                 if (tick - self.steps[number - 1]) as f64 * T >= SETTLING_TIME - 1e-9 {
-                    settled = settled.max(error.abs());
+                    settled.push(error.abs());
                 }
             }
         }
-        (peak, settled)
+        (largest(all), largest(settled))
     }
 
     /// Largest motor torque [N·m].
     pub fn torque_peak(&self) -> f64 {
-        self.torque.iter().flatten().fold(0.0, |peak, torque| peak.max(torque.abs()))
+        largest(self.torque.iter().flatten().map(|torque| torque.abs()))
     }
 }
 
@@ -299,8 +299,8 @@ pub(super) fn reference(tick: u32, steps: &[usize], filter_time: f64) -> f64 {
 }
 
 pub(super) fn add_metrics(summary: &mut Summary, trial: &Trial, recording: &ServoLog) {
-    let (first_peak, _) = recording.worst(0..FIRST_STEPS);
-    let (peak, settled) = recording.worst(FIRST_STEPS..usize::MAX);
+    let (first_peak, _) = recording.largest_errors(0..FIRST_STEPS);
+    let (peak, settled) = recording.largest_errors(FIRST_STEPS..usize::MAX);
     let Trial { name, limits, .. } = trial;
     let label = capitalized(trial.label);
     let peak_label = format!("{label}: largest error");

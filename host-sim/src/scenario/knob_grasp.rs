@@ -10,7 +10,7 @@ use tesaki_description::approach::{self, ApproachFile};
 use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::{Board, BoardError};
 
-use super::common::{T, clear_faults, fault_error, introduce, median};
+use super::common::{T, clear_faults, fault_error, introduce, largest, median};
 use super::film::picture_panel;
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::camera::{self, Camera, CameraValues, CircleTruth};
@@ -136,7 +136,7 @@ impl Log {
     }
 
     fn peak_force(&self) -> f64 {
-        self.samples.iter().map(|sample| sample.contact).fold(0.0, f64::max)
+        largest(self.samples.iter().map(|sample| sample.contact))
     }
 
     fn found(&self) -> usize {
@@ -373,9 +373,9 @@ fn summary(logs: &[Log]) -> Summary {
         "time",
         Metric::at_most("Time of an approach, median", median(times.iter().copied()), 10.0, "s"),
     );
-    let longest = times.iter().copied().fold(f64::NAN, f64::max);
+    let longest = largest(times.iter().copied());
     summary.insert("longest", Metric::at_most("Longest time of an approach", longest, 10.0, "s"));
-    let peak = logs.iter().map(Log::peak_force).fold(0.0, f64::max);
+    let peak = largest(logs.iter().map(Log::peak_force));
     let text = "Largest force on door, rose and knob before the grip";
     summary.insert("contact", Metric::at_most(text, peak, 60.0, "N"));
     let grips =

@@ -11,6 +11,7 @@ use std::path::Path;
 use rapier3d::na::{Quaternion, UnitQuaternion, Vector3, Vector6};
 
 use super::ScenarioError;
+use super::common::largest;
 use super::grasping::{GraspRig, GraspedObject};
 use super::hand3_weights::{PUSH, TOP, WEIGHTS};
 use grip::GripTruth;
@@ -61,7 +62,7 @@ fn weights(robot: &Path, seed: u64) -> Result<Vec<Impossible>, ScenarioError> {
         let (total, moment) = (gravity * object.mass + force + Vector3::y() * push, top.cross(&force));
         truth.torque_share(&Vector6::new(total.x, total.y, total.z, moment.x, moment.y, moment.z))
     };
-    let heaviest = WEIGHTS.iter().copied().fold(0.0, f64::max);
+    let heaviest = largest(WEIGHTS);
     let all: f64 = WEIGHTS.iter().sum();
     let mut limits = Vec::new();
     let mut judge = |part: &str, measured: &[&str], what: String, share: Option<f64>, max: f64| {

@@ -6,7 +6,7 @@ use rapier3d::na::{Quaternion, UnitQuaternion, Vector3};
 
 use crate::plant::{ContactTruth, ObjectTruth};
 use crate::report::{Column, csv};
-use crate::scenario::common::T;
+use crate::scenario::common::{T, largest};
 use tesaki::task::grasping::Phase;
 
 /// What the controller knows of a grasp, as last reported; NaN before the first report.
@@ -113,7 +113,7 @@ impl GraspLog {
 
     /// The maximum of a value in a time span; NaN if it was not recorded to its end.
     pub fn largest(&self, span: &Range<f64>, value: impl Fn(&GraspSample) -> f64) -> f64 {
-        self.during(span).iter().map(value).fold(f64::NAN, f64::max)
+        largest(self.during(span).iter().map(value))
     }
 
     /// The largest displacement of the object since the start of a time span [m].
@@ -127,7 +127,7 @@ impl GraspLog {
         let all = self.during(span);
         let (Some(first), Some(last)) = (all.first(), all.last()) else { return f64::NAN };
         let paths = first.contacts.iter().zip(&last.contacts);
-        paths.map(|(first, last)| last.slip_path - first.slip_path).fold(f64::NAN, f64::max)
+        largest(paths.map(|(first, last)| last.slip_path - first.slip_path))
     }
 
     pub fn times(&self) -> Vec<f64> {

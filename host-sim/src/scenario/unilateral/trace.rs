@@ -8,7 +8,7 @@ use tesaki::kinematics::PosePoint;
 use crate::operator::OperatorHandState;
 use crate::report::{Column, csv};
 use crate::scenario::arm::{ArmLog, ArmSample, YAW};
-use crate::scenario::common::T;
+use crate::scenario::common::{T, largest};
 
 /// Below this speed the hand reverses [m/s].
 const REVERSAL_SPEED: f64 = 0.01;
@@ -97,13 +97,13 @@ impl Trace {
 
     /// The maximum of a value in a time span; NaN if the span is empty.
     pub fn largest(&self, span: &Range<f64>, value: impl Fn(&Moment<'_>) -> f64) -> f64 {
-        self.during(span).map(|moment| value(&moment)).fold(f64::NAN, f64::max)
+        largest(self.during(span).map(|moment| value(&moment)))
     }
 
     /// The largest error along x where the hand reverses [mm].
     pub fn reversals(&self, span: &Range<f64>) -> f64 {
         let reversing = self.during(span).filter(|moment| moment.operator.velocity.x.abs() < REVERSAL_SPEED);
-        reversing.map(|moment| moment.error().x.abs()).fold(f64::NAN, f64::max)
+        largest(reversing.map(|moment| moment.error().x.abs()))
     }
 
     /// Mean error in a time span [mm].
@@ -129,7 +129,7 @@ impl Trace {
     pub fn torque_rate(&self, span: &Range<f64>) -> f64 {
         let torques: Vec<&[f64]> = self.during(span).map(|moment| moment.sample.torques.as_slice()).collect();
         let steps = torques.windows(2).flat_map(|two| two[0].iter().zip(two[1]));
-        steps.map(|(before, after)| (after - before).abs() / T).fold(f64::NAN, f64::max)
+        largest(steps.map(|(before, after)| (after - before).abs() / T))
     }
 
     /// Error along an axis, tick by tick [mm].
