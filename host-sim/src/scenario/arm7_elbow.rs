@@ -99,7 +99,7 @@ pub(super) fn hand_motion(samples: &[ArmSample]) -> Vec<(f64, f64)> {
 fn add_metrics(summary: &mut Summary, trial: &ElbowTrial, log: &ArmLog) {
     let label = capitalized(trial.label);
     let motion = hand_motion(swings(log));
-        let mut insert = |name: &str, metric| summary.insert(format!("{}_{name}", trial.name), metric);
+    let mut insert = |name: &str, metric| summary.insert(format!("{}_{name}", trial.name), metric);
     insert(
         "hand_displacement",
         Metric::at_most(
@@ -119,9 +119,9 @@ fn add_metrics(summary: &mut Summary, trial: &ElbowTrial, log: &ArmLog) {
     );
     let elbow = |sample: &ArmSample| Vector3::from(elbow_position(sample));
     let all = swings(log);
-    let displacement = all.first().map_or(f64::NAN, |first| {
-        largest(all.iter().map(|sample| (elbow(sample) - elbow(first)).norm()))
-    });
+    let displacement = all
+        .first()
+        .map_or(f64::NAN, |first| largest(all.iter().map(|sample| (elbow(sample) - elbow(first)).norm())));
     let text = format!("{label}: largest displacement of the elbow");
     insert("elbow_displacement", Metric::at_least(text, 1e3 * displacement, 30.0, "mm"));
 }
