@@ -21,6 +21,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "an operator presses the arm against walls of 200 to 50 000 N/m with force feedback, at delays of \
             0, 20 and 50 ms",
     robot: "arm7",
+    results: "docs/measurements.md#walls-felt-from-afar",
     duration: 62.0,
     shortest: None,
     laws: None,

@@ -16,6 +16,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "the tool presses with 6 N on surfaces of 1000 to 50 000 N/m under masses, dampings and stiffnesses of which \
             half are unstable there until they are derated",
     robot: "arm7",
+    results: "docs/measurements.md#an-arm-under-impedance-control",
     duration: 339.8,
     shortest: None,
     laws: None,

@@ -19,6 +19,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "the elbow swings by 30° in a second and back while the hand stays in place, by shoulder yaw and \
             by arm angle",
     robot: "arm7",
+    results: "docs/measurements.md#an-arm-under-impedance-control",
     duration: 15.0,
     shortest: None,
     laws: None,

@@ -20,6 +20,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "an operator's hand moves ±0.1 m at 0.5 Hz, and the arm follows over a link, under the paper's \
             law and ours",
     robot: "arm7",
+    results: "docs/measurements.md#an-arm-that-follows-a-hand",
     duration: 88.0,
     shortest: None,
     laws: None,

@@ -22,6 +22,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     title: "Arm7: release and master-slave, the paper's law and ours",
     about: "figures 5 and 7 of the Arm7 paper under its law, with and without its friction term, and under ours",
     robot: "arm7",
+    results: "docs/papers/arm7.md",
     duration: 703.3,
     shortest: None,
     laws: Some(&["paper", "paper-without-friction", "tesaki"]),

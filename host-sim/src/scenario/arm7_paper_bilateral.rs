@@ -24,6 +24,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "the operator presses the slave against a wall with force feedback: the matched impedances that the Arm7 \
             paper announces, and the reflected spring under passivity control",
     robot: "arm7",
+    results: "docs/papers/arm7.md",
     duration: 64.3,
     shortest: None,
     laws: Some(&["paper", "matched", "tesaki"]),

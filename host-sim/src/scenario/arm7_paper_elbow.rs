@@ -20,6 +20,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "the operator's elbow moves with the hand held, under the pseudo-inverse that the Arm7 paper discards, \
             its step 4 as printed and corrected, and ours",
     robot: "arm7",
+    results: "docs/papers/arm7.md",
     duration: 60.1,
     shortest: None,
     laws: Some(&["pseudo-inverse", "paper", "corrected", "tesaki"]),

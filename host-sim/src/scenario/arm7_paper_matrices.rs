@@ -19,6 +19,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "equation (2) of the Arm7 paper with symmetric matrices in the axes of the base or of the tool: the tool is \
             pushed, and yields as K⁻¹F says",
     robot: "arm7",
+    results: "docs/papers/arm7.md",
     duration: 103.0,
     shortest: None,
     laws: Some(&["paper-coupled", "coupled", "tool-axes"]),

@@ -15,6 +15,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     title: "The arm released under impedance control",
     about: "the tool is displaced by 3 cm along each axis and released, under the paper's law and under ours",
     robot: "arm7",
+    results: "docs/measurements.md#an-arm-under-impedance-control",
     duration: 96.0,
     shortest: None,
     laws: None,

@@ -16,6 +16,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "the set-point moves 3 cm beyond the arm's reach and back: into a singular configuration and out \
             of it",
     robot: "arm7",
+    results: "docs/measurements.md#an-arm-under-impedance-control",
     duration: 15.0,
     shortest: None,
     laws: None,

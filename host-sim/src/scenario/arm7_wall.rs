@@ -17,6 +17,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "the set-point moves 3 cm into walls of 200 to 50 000 N/m and back, with and without a force \
             sensor",
     robot: "arm7",
+    results: "docs/measurements.md#an-arm-under-impedance-control",
     duration: 36.0,
     shortest: None,
     laws: None,

@@ -21,6 +21,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "the first steps after power-on under PID and under the observer, without and with the self-test of \
             `tesaki identify --joints`",
     robot: "hand3",
+    results: "docs/measurements.md#first-motion",
     duration: 64.0,
     shortest: None,
     laws: None,

@@ -19,6 +19,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "a box is held with 2, 2 and 4 N: the paper's law, feed-forward, force feedback, feed-forward \
             after identification",
     robot: "hand3",
+    results: "docs/measurements.md#forces",
     duration: 170.0,
     shortest: None,
     laws: None,

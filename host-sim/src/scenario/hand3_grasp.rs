@@ -18,6 +18,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "a box at an unknown place is grasped, lifted, turned, shifted and put down; a cylinder and a \
             wedge are turned",
     robot: "hand3",
+    results: "docs/measurements.md#the-whole-sequence",
     duration: 67.0,
     shortest: None,
     laws: None,

@@ -24,6 +24,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     title: "Fingertips of the three-finger hand in space",
     about: "three fingertips draw circles at 1 Hz and squares under PID and under the observer",
     robot: "hand3",
+    results: "docs/measurements.md#fingertips-in-space",
     duration: 2.0 * TRIAL,
     shortest: None,
     laws: None,

@@ -21,6 +21,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     title: "Joint servo of the three-finger hand",
     about: "nine joints of the three-finger hand step by ±0.3 rad under PID and under the observer",
     robot: "hand3",
+    results: "docs/measurements.md#joint-servo",
     duration: 42.0,
     shortest: Some(4.0 * (INITIAL_REST + INTERVAL * (FIRST_STEPS + 1) as f64)),
     laws: None,

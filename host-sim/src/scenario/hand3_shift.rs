@@ -16,6 +16,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     title: "A box shifted by the three-finger hand",
     about: "a held box is moved by 1 cm and back, under the paper's law and under ours",
     robot: "hand3",
+    results: "docs/measurements.md#turned-and-shifted",
     duration: 24.0,
     shortest: None,
     laws: None,

@@ -12,6 +12,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     title: "A box turned by the three-finger hand",
     about: "a held box is turned by +0.1, −0.1, −0.1 and +0.1 rad about the hand's y axis",
     robot: "hand3",
+    results: "docs/measurements.md#turned-and-shifted",
     duration: 20.0,
     shortest: None,
     laws: None,

@@ -21,6 +21,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "weights of 50 to 300 g are put on a held box and taken off, then all are put on at once, then it \
             is pushed",
     robot: "hand3",
+    results: "docs/measurements.md#weights",
     duration: 35.0,
     shortest: None,
     laws: None,

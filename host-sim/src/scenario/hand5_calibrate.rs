@@ -16,6 +16,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     title: "An operator's hand, calibrated",
     about: "an operator's fingertips from a glove, calibrated with markers on five or on three fingers",
     robot: "hand5",
+    results: "docs/measurements.md#an-operators-hand",
     duration: 60.0,
     shortest: Some(60.0),
     laws: None,

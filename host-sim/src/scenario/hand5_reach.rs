@@ -23,6 +23,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     title: "Fingertips of the five-finger hand",
     about: "five fingertips follow those of an operator with the robot's own hand, of a person, and pinches",
     robot: "hand5",
+    results: "docs/measurements.md#fingertips-of-a-person-on-a-robot-hand",
     duration: 2.0 * MOTION + PINCHES,
     shortest: None,
     laws: None,

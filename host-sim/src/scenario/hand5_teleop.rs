@@ -21,6 +21,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     title: "A glove leads the five-finger hand",
     about: "sixteen joints follow an operator's calibrated glove over a link with delay and loss",
     robot: "hand5",
+    results: "docs/measurements.md#fingertips-of-a-person-on-a-robot-hand",
     duration: MOTION * TRIALS.len() as f64,
     shortest: None,
     laws: None,

@@ -15,6 +15,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     title: "The rose of a door knob",
     about: "a circle finder on rendered pictures of a door knob, and of a door without one",
     robot: "knob-arm",
+    results: "docs/measurements.md#door-knobs",
     duration: 6.0,
     shortest: Some(6.0),
     laws: None,

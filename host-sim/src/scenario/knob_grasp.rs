@@ -25,6 +25,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     title: "A door knob, found and gripped",
     about: "a camera in the hand leads an arm to a door knob, which it grips",
     robot: "knob-arm",
+    results: "docs/measurements.md#door-knobs",
     duration: LONGEST * DOORS as f64,
     shortest: None,
     laws: None,

@@ -14,6 +14,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     title: "Motion of a held box, as the Hand3 paper measured it",
     about: "figures 6, 14 and 15 of the Hand3 paper under its laws and under ours: joint PID, turns, a shift",
     robot: "hand3",
+    results: "docs/papers/hand3.md",
     duration: 170.0,
     shortest: None,
     laws: Some(LAWS),
