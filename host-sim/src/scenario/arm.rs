@@ -11,7 +11,7 @@ use tesaki::task::impedance::{ForceSource, ImpedanceSettings, ImpedanceTelemetry
 use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::Board;
 
-use super::common::{T, fault_error, introduce, largest};
+use super::common::{T, during, fault_error, introduce, largest};
 use super::{ScenarioError, Setting};
 use crate::controller::{Controller, Watched};
 use crate::motion::Motion;
@@ -158,8 +158,7 @@ impl ArmLog {
 
     /// The samples of a time span [s]; empty if it was not recorded to its end.
     pub fn during(&self, span: &Range<f64>) -> &[ArmSample] {
-        let [from, to] = [span.start, span.end].map(|time| (time / T).round() as usize);
-        self.0.get(from..to).unwrap_or(&[])
+        during(&self.0, span)
     }
 
     /// The maximum of a value in a time span; NaN if it was not recorded to its end.
@@ -170,21 +169,38 @@ impl ArmLog {
     /// As CSV.
     pub fn table(&self) -> String {
         let series = |value: &dyn Fn(&ArmSample) -> f64| self.0.iter().map(value).collect::<Vec<f64>>();
-        let mut columns: Vec<(String, &str, Vec<f64>)> =
-            vec![("time".to_owned(), "s", series(&|sample| sample.time))];
+        let mut columns = vec![Column::new("time", "s", series(&|sample| sample.time))];
         for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
-            columns.push((format!("tool {name}"), "m", series(&|sample| sample.tool.position[axis])));
-            columns.push((format!("set-point {name}"), "m", series(&|sample| sample.target[axis])));
-            columns.push((format!("force {name}"), "N", series(&|sample| sample.tool.force[axis])));
+            columns.push(Column::new(
+                format!("tool {name}"),
+                "m",
+                series(&|sample| sample.tool.position[axis]),
+            ));
+            columns.push(Column::new(
+                format!("set-point {name}"),
+                "m",
+                series(&|sample| sample.target[axis]),
+            ));
+            columns.push(Column::new(
+                format!("force {name}"),
+                "N",
+                series(&|sample| sample.tool.force[axis]),
+            ));
         }
-        columns.push(("set-point elbow".to_owned(), "rad", series(&|sample| sample.elbow)));
+        columns.push(Column::new("set-point elbow".to_owned(), "rad", series(&|sample| sample.elbow)));
         let joints = self.0.first().map_or(0, |sample| sample.joints.len());
         for joint in 0..joints {
-            columns.push((format!("angle {}", joint + 1), "rad", series(&|sample| sample.joints[joint])));
-            columns.push((format!("torque {}", joint + 1), "N·m", series(&|sample| sample.torques[joint])));
+            columns.push(Column::new(
+                format!("angle {}", joint + 1),
+                "rad",
+                series(&|sample| sample.joints[joint]),
+            ));
+            columns.push(Column::new(
+                format!("torque {}", joint + 1),
+                "N·m",
+                series(&|sample| sample.torques[joint]),
+            ));
         }
-        let columns: Vec<Column<'_>> =
-            columns.iter().map(|(name, unit, values)| Column::new(name, *unit, values)).collect();
         csv(&columns)
     }
 }

@@ -142,9 +142,9 @@ impl Run {
         let wall: Vec<f64> = self.samples.iter().map(|sample| -sample.tool.wall_force[0]).collect();
         csv(&[
             Column::new("time", "s", &time),
-            Column::new("handle x", "m", &series(&|tick| tick.handle)),
-            Column::new("force on handle x", "N", &series(&|tick| tick.force)),
-            Column::new("energy in the link", "J", &series(&|tick| tick.energy)),
+            Column::new("handle x", "m", series(&|tick| tick.handle)),
+            Column::new("force on handle x", "N", series(&|tick| tick.force)),
+            Column::new("energy in the link", "J", series(&|tick| tick.energy)),
             Column::new("tool x", "m", &tool),
             Column::new("force into wall", "N", &wall),
         ])

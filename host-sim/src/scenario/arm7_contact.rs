@@ -241,21 +241,21 @@ fn figure(contacts: &[Contact]) -> Figure {
 fn table(contacts: &[Contact]) -> String {
     let column = |value: &dyn Fn(&Contact) -> f64| contacts.iter().map(value).collect::<Vec<f64>>();
     csv(&[
-        Column::new("axis", "", &column(&|contact| contact.axis as f64)),
-        Column::new("mass", "kg", &column(&|contact| contact.settings.impedance.mass[contact.axis].into())),
+        Column::new("axis", "", column(&|contact| contact.axis as f64)),
+        Column::new("mass", "kg", column(&|contact| contact.settings.impedance.mass[contact.axis].into())),
         Column::new(
             "damping",
             "N·s/m",
-            &column(&|contact| contact.settings.impedance.damping[contact.axis].into()),
+            column(&|contact| contact.settings.impedance.damping[contact.axis].into()),
         ),
         Column::new(
             "stiffness",
             "N/m",
-            &column(&|contact| contact.settings.impedance.stiffness[contact.axis].into()),
+            column(&|contact| contact.settings.impedance.stiffness[contact.axis].into()),
         ),
-        Column::new("surface", "N/m", &column(&|contact| contact.surface)),
-        Column::new("limit", "N/m", &column(&|contact| contact.limit)),
-        Column::new("derating", "", &column(&|contact| contact.derating)),
-        Column::new("force from its mean", "N", &column(&Contact::unrest)),
+        Column::new("surface", "N/m", column(&|contact| contact.surface)),
+        Column::new("limit", "N/m", column(&|contact| contact.limit)),
+        Column::new("derating", "", column(&|contact| contact.derating)),
+        Column::new("force from its mean", "N", column(&Contact::unrest)),
     ])
 }

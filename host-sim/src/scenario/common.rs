@@ -1,5 +1,7 @@
 //! Common parts of all scenarios.
 
+use std::ops::Range;
+
 use tesaki::control::ServoMode;
 use tesaki::model::RobotModel;
 use tesaki::protocol::Request;
@@ -35,6 +37,13 @@ pub fn unsettled(values: impl IntoIterator<Item = f64>, rest: f64, band: f64) ->
         }
     }
     (!rest.is_nan()).then_some(count)
+}
+
+/// The samples of a time span [s], of a log with one for each control period; empty if it was not recorded to
+/// its end.
+pub fn during<'a, S>(samples: &'a [S], span: &Range<f64>) -> &'a [S] {
+    let [from, to] = [span.start, span.end].map(|time| (time / T).round() as usize);
+    samples.get(from..to).unwrap_or(&[])
 }
 
 /// The value in the middle, the upper one of two; NaN without values.

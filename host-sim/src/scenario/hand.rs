@@ -13,7 +13,7 @@ use tesaki::teleop::{FINGERS, HumanFinger};
 use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::{Board, BoardError};
 
-use super::common::{T, fault_error, introduce, largest};
+use super::common::{T, during, fault_error, introduce, largest};
 use super::{ScenarioError, Setting};
 use crate::controller::{Controller, Watched};
 use crate::motion::Motion;
@@ -132,8 +132,7 @@ pub struct HandLog(pub Vec<HandSample>);
 impl HandLog {
     /// The samples of a time span [s]; empty if it was not recorded to its end.
     pub fn during(&self, span: &Range<f64>) -> &[HandSample] {
-        let [from, to] = [span.start, span.end].map(|time| (time / T).round() as usize);
-        self.0.get(from..to).unwrap_or(&[])
+        during(&self.0, span)
     }
 
     /// Root mean square of a value in a time span.
@@ -170,22 +169,28 @@ impl HandLog {
     /// As CSV.
     pub fn table(&self) -> String {
         let series = |value: &dyn Fn(&HandSample) -> f64| self.0.iter().map(value).collect::<Vec<f64>>();
-        let mut columns = vec![("time".to_owned(), "s", series(&|sample| sample.time))];
+        let mut columns = vec![Column::new("time", "s", series(&|sample| sample.time))];
         for (finger, name) in HumanFinger::ALL.iter().map(|finger| finger.name()).enumerate() {
             for (axis, letter) in ["x", "y", "z"].into_iter().enumerate() {
-                columns.push((
+                columns.push(Column::new(
                     format!("operator {name} {letter}"),
                     "m",
                     series(&|s| s.operator[finger][axis]),
                 ));
-                columns.push((format!("robot {name} {letter}"), "m", series(&|s| s.robot[finger][axis])));
+                columns.push(Column::new(
+                    format!("robot {name} {letter}"),
+                    "m",
+                    series(&|s| s.robot[finger][axis]),
+                ));
             }
         }
         for joint in 0..self.0.first().map_or(0, |sample| sample.joints.len()) {
-            columns.push((format!("angle {}", joint + 1), "rad", series(&|sample| sample.joints[joint])));
+            columns.push(Column::new(
+                format!("angle {}", joint + 1),
+                "rad",
+                series(&|sample| sample.joints[joint]),
+            ));
         }
-        let columns: Vec<Column<'_>> =
-            columns.iter().map(|(name, unit, values)| Column::new(name, *unit, values)).collect();
         csv(&columns)
     }
 

@@ -357,22 +357,18 @@ fn errors(trial: &Trial, recording: &TipLog, model: &RobotModel) -> Figure {
 }
 
 fn table(recording: &TipLog, model: &RobotModel) -> String {
-    let mut values = Vec::new();
+    let mut columns = vec![Column::new("time", "s", &recording.time)];
     for (tip, samples) in recording.tips.iter().enumerate() {
         let name = tip_name(model, tip);
         for (axis, letter) in ["x", "y", "z"].into_iter().enumerate() {
-            values.push((
-                format!("{name} {letter}"),
-                samples.iter().map(|sample| sample.0[axis]).collect::<Vec<f64>>(),
-            ));
-            values.push((
-                format!("{name} {letter} reference"),
-                samples.iter().map(|sample| sample.1[axis]).collect(),
-            ));
+            let [position, reference]: [Vec<f64>; 2] = [
+                samples.iter().map(|(position, _)| position[axis]).collect(),
+                samples.iter().map(|(_, reference)| reference[axis]).collect(),
+            ];
+            columns.push(Column::new(format!("{name} {letter}"), "m", position));
+            columns.push(Column::new(format!("{name} {letter} reference"), "m", reference));
         }
     }
-    let mut columns = vec![Column::new("time", "s", &recording.time)];
-    columns.extend(values.iter().map(|(name, values)| Column::new(name.as_str(), "m", values)));
     csv(&columns)
 }
 

@@ -432,20 +432,17 @@ fn approach_figure(log: &Log) -> Figure {
 fn table(logs: &[Log]) -> String {
     let column = |value: &dyn Fn(&Log) -> f64| logs.iter().map(value).collect::<Vec<_>>();
     let grip = |which: usize| column(&|log| log.grip.map_or(f64::NAN, |grip| grip[which]));
-    let columns = [
-        ("gripped", "", column(&|log| f64::from(u8::from(log.succeeded())))),
-        ("fault", "", column(&|log| f64::from(u8::from(log.ended_in_fault)))),
-        ("time", "s", column(&|log| log.time)),
-        ("tries", "", column(&|log| f64::from(log.tries) + 1.0)),
-        ("pictures", "", column(&|log| log.pictures.len() as f64)),
-        ("found", "", column(&|log| log.found() as f64)),
-        ("rose", "m", column(&|log| log.radius[0])),
-        ("estimated_rose", "m", column(&|log| log.radius[1])),
-        ("grip_distance", "m", grip(0)),
-        ("grip_aside", "m", grip(1)),
-        ("contact", "N", column(&Log::peak_force)),
-    ];
-    let columns: Vec<_> =
-        columns.iter().map(|(name, unit, values)| Column::new(*name, *unit, values)).collect();
-    csv(&columns)
+    csv(&[
+        Column::new("gripped", "", column(&|log| f64::from(u8::from(log.succeeded())))),
+        Column::new("fault", "", column(&|log| f64::from(u8::from(log.ended_in_fault)))),
+        Column::new("time", "s", column(&|log| log.time)),
+        Column::new("tries", "", column(&|log| f64::from(log.tries) + 1.0)),
+        Column::new("pictures", "", column(&|log| log.pictures.len() as f64)),
+        Column::new("found", "", column(&|log| log.found() as f64)),
+        Column::new("rose", "m", column(&|log| log.radius[0])),
+        Column::new("estimated_rose", "m", column(&|log| log.radius[1])),
+        Column::new("grip_distance", "m", grip(0)),
+        Column::new("grip_aside", "m", grip(1)),
+        Column::new("contact", "N", column(&Log::peak_force)),
+    ])
 }

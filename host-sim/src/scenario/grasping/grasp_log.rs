@@ -6,7 +6,7 @@ use rapier3d::na::{Quaternion, UnitQuaternion, Vector3};
 
 use crate::plant::{ContactTruth, ObjectTruth};
 use crate::report::{Column, csv};
-use crate::scenario::common::{T, largest};
+use crate::scenario::common::{T, during, largest};
 use tesaki::task::grasping::Phase;
 
 /// What the controller knows of a grasp, as last reported; NaN before the first report.
@@ -107,8 +107,7 @@ impl GraspLog {
 
     /// The samples of a time span [s]; empty if it was not recorded to its end.
     pub fn during(&self, span: &Range<f64>) -> &[GraspSample] {
-        let [from, to] = [span.start, span.end].map(|time| (time / T).round() as usize);
-        self.samples.get(from..to).unwrap_or(&[])
+        during(&self.samples, span)
     }
 
     /// The maximum of a value in a time span; NaN if it was not recorded to its end.
@@ -142,18 +141,26 @@ impl GraspLog {
 /// The log as CSV: object, weights, contacts.
 pub fn table(log: &GraspLog) -> String {
     const AXES: [&str; 3] = ["x", "y", "z"];
-    let mut columns: Vec<(String, &str, Vec<f64>)> = vec![("time".to_owned(), "s", log.times())];
+    let mut columns = vec![Column::new("time", "s", log.times())];
     for (axis, name) in AXES.into_iter().enumerate() {
-        columns.push((format!("object {name}"), "m", log.series(|sample| sample.object.position[axis])));
+        columns.push(Column::new(
+            format!("object {name}"),
+            "m",
+            log.series(|sample| sample.object.position[axis]),
+        ));
     }
     for (axis, name) in ["roll", "pitch", "yaw"].into_iter().enumerate() {
-        columns.push((format!("object {name}"), "rad", log.series(|sample| sample.angles()[axis])));
+        columns.push(Column::new(
+            format!("object {name}"),
+            "rad",
+            log.series(|sample| sample.angles()[axis]),
+        ));
     }
     for (part, (quantity, unit)) in
         [("target displacement", "m"), ("target rotation", "rad")].into_iter().enumerate()
     {
         for (axis, name) in AXES.into_iter().enumerate() {
-            columns.push((
+            columns.push(Column::new(
                 format!("{quantity} {name}"),
                 unit,
                 log.series(|sample| sample.target[part][axis]),
@@ -162,35 +169,41 @@ pub fn table(log: &GraspLog) -> String {
     }
     for (axis, name) in AXES.into_iter().enumerate() {
         let name = format!("estimated position {name}");
-        columns.push((name, "m", log.series(|sample| sample.estimates.position[axis])));
+        columns.push(Column::new(name, "m", log.series(|sample| sample.estimates.position[axis])));
     }
-    columns.push(("estimated pitch".to_owned(), "rad", log.series(|sample| sample.estimates.pitch())));
+    columns.push(Column::new(
+        "estimated pitch".to_owned(),
+        "rad",
+        log.series(|sample| sample.estimates.pitch()),
+    ));
     for (axis, name) in AXES.into_iter().enumerate() {
         let name = format!("sensed load {name}");
-        columns.push((name, "N", log.series(|sample| sample.estimates.load[axis])));
+        columns.push(Column::new(name, "N", log.series(|sample| sample.estimates.load[axis])));
     }
-    columns.push(("weights".to_owned(), "kg", log.series(|sample| sample.object.load)));
+    columns.push(Column::new("weights".to_owned(), "kg", log.series(|sample| sample.object.load)));
     for finger in 0..3 {
         let name = |what: &str| format!("finger {} {what}", finger + 1);
         let contact = |value: fn(&ContactTruth) -> f64| {
             log.series(|sample| sample.contacts.get(finger).map_or(f64::NAN, value))
         };
         for (axis, letter) in AXES.into_iter().enumerate() {
-            columns.push((name(&format!("force {letter}")), "N", log.series(|s| s.force(finger)[axis])));
+            columns.push(Column::new(
+                name(&format!("force {letter}")),
+                "N",
+                log.series(|s| s.force(finger)[axis]),
+            ));
         }
         for (axis, letter) in AXES.into_iter().enumerate() {
-            columns.push((
+            columns.push(Column::new(
                 name(&format!("target force {letter}")),
                 "N",
                 log.series(|sample| sample.estimates.target_forces[finger][axis]),
             ));
         }
-        columns.push((name("normal force"), "N", contact(ContactTruth::normal_force)));
-        columns.push((name("tangential force"), "N", contact(ContactTruth::tangential_force)));
-        columns.push((name("sliding"), "m", contact(|contact| contact.slip_path)));
-        columns.push((name("depth"), "m", contact(|contact| contact.depth)));
+        columns.push(Column::new(name("normal force"), "N", contact(ContactTruth::normal_force)));
+        columns.push(Column::new(name("tangential force"), "N", contact(ContactTruth::tangential_force)));
+        columns.push(Column::new(name("sliding"), "m", contact(|contact| contact.slip_path)));
+        columns.push(Column::new(name("depth"), "m", contact(|contact| contact.depth)));
     }
-    let columns: Vec<Column<'_>> =
-        columns.iter().map(|(name, unit, values)| Column::new(name.as_str(), *unit, values)).collect();
     csv(&columns)
 }
