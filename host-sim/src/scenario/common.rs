@@ -53,7 +53,7 @@ pub fn median(values: impl IntoIterator<Item = f64>) -> f64 {
     values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
-/// Sets up and enables the controller; returns the joint angles that it holds [rad].
+/// Sets up and enables the joint servos; returns the joint angles that it holds [rad].
 pub fn prepare(
     controller: &mut Watched<'_>,
     plant: &mut Plant,
@@ -62,17 +62,30 @@ pub fn prepare(
     motion: &mut Motion,
 ) -> Result<Vec<f32>, ScenarioError> {
     introduce(controller, model)?;
-    let mut tick = |controller: &mut Watched<'_>, plant: &mut Plant| {
-        let sequence = motion.tick(&plant.truth());
-        let actuators = controller.tick(&plant.sensors(sequence))?;
-        Ok::<_, ScenarioError>(plant.apply(&actuators)?)
-    };
-    tick(controller, plant)?;
-    let homed: Vec<f32> = plant.homed_positions().iter().map(|&angle| angle as f32).collect();
-    controller.home(&homed)?;
-    tick(controller, plant)?;
+    tick(controller, plant, motion)?;
+    let homed = home(controller, plant)?;
+    tick(controller, plant, motion)?;
     controller.enable(TaskConfig::JointServo(mode))?;
     Ok(held(&homed, model))
+}
+
+/// One control period; returns its number.
+pub fn tick(
+    controller: &mut Watched<'_>,
+    plant: &mut Plant,
+    motion: &mut Motion,
+) -> Result<u32, ScenarioError> {
+    let sequence = motion.tick(&plant.truth());
+    let actuators = controller.tick(&plant.sensors(sequence))?;
+    plant.apply(&actuators)?;
+    Ok(sequence)
+}
+
+/// Homes the controller; returns the joint angles that it is told [rad].
+pub fn home(controller: &mut Watched<'_>, plant: &Plant) -> Result<Vec<f32>, BoardError> {
+    let homed: Vec<f32> = plant.homed_positions().iter().map(|&angle| angle as f32).collect();
+    controller.home(&homed)?;
+    Ok(homed)
 }
 
 /// The joint angles that a controller holds which was homed so [rad]: the encoder rounds to whole counts.

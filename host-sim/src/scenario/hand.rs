@@ -13,12 +13,12 @@ use tesaki::teleop::{FINGERS, HumanFinger};
 use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::{Board, BoardError};
 
-use super::common::{T, during, fault_error, introduce, largest};
+use super::common::{T, during, fault_error, home, introduce, largest, tick};
 use super::{ScenarioError, Setting};
-use crate::controller::{Controller, Watched};
+use crate::controller::Watched;
 use crate::motion::Motion;
 use crate::operator::{FingersMotion, OperatorHand};
-use crate::plant::{Drive, Plant, PlantOptions, PlantValues, SharedIntervention, Truth};
+use crate::plant::{Plant, PlantOptions, SharedIntervention, Truth};
 use crate::report::{Column, Line, Panel, csv};
 
 /// Positions of five fingertips, thumb to little finger [m].
@@ -67,12 +67,11 @@ pub fn single(vector: Vector3<f64>) -> [f32; 3] {
     vector.map(|value| value as f32).into()
 }
 
-/// Robot, plant values and recording that all trials of a scenario share.
+/// Robot and recording that all trials of a scenario share.
 pub struct HandRig {
     pub robot: RobotFolder,
     pub hand: Hand,
     pub motion: Motion,
-    values: PlantValues,
     seed: u64,
     intervention: Option<SharedIntervention>,
 }
@@ -86,7 +85,7 @@ impl HandRig {
         })?;
         let motion = setting.motion(&robot.model);
         let (seed, intervention) = (setting.seed, setting.intervention.clone());
-        Ok(Self { hand, motion, values: PlantValues::load(setting.robot)?, robot, seed, intervention })
+        Ok(Self { hand, motion, robot, seed, intervention })
     }
 }
 
@@ -251,9 +250,7 @@ impl<'a, 'b> HandTrial<'a, 'b> {
         label: &str,
         settings: &TelexistenceSettings,
     ) -> Result<Self, ScenarioError> {
-        let drives: Vec<Drive> = rig.robot.model.joints.iter().map(Drive::from).collect();
-        let options = PlantOptions::mismatched(rig.seed);
-        let plant = Plant::new(&rig.robot.urdf, &drives, &rig.values, &options)?;
+        let plant = Plant::of(&rig.robot, &PlantOptions::mismatched(rig.seed))?;
         let plant = plant.under(rig.intervention.clone());
         rig.motion.note(label);
         let (controller, progress, duration) = (&mut *setting.controller, setting.progress, setting.duration);
@@ -261,8 +258,7 @@ impl<'a, 'b> HandTrial<'a, 'b> {
         let mut trial = Self { controller, rig, progress, duration, label, plant, log: HandLog::default() };
         introduce(trial.controller, &trial.rig.robot.model)?;
         trial.step()?;
-        let homed: Vec<f32> = trial.plant.homed_positions().iter().map(|&angle| angle as f32).collect();
-        trial.controller.home(&homed)?;
+        home(trial.controller, &trial.plant)?;
         trial.step()?;
         trial.controller.enable(TaskConfig::Telexistence(*settings))?;
         Ok(trial)
@@ -316,9 +312,7 @@ impl<'a, 'b> HandTrial<'a, 'b> {
     }
 
     fn step(&mut self) -> Result<(), ScenarioError> {
-        let sequence = self.rig.motion.tick(&self.plant.truth());
-        let actuators = self.controller.tick(&self.plant.sensors(sequence))?;
-        self.plant.apply(&actuators)?;
+        let sequence = tick(self.controller, &mut self.plant, &mut self.rig.motion)?;
         (self.progress)((f64::from(sequence) * T / self.duration).min(1.0));
         Ok(())
     }

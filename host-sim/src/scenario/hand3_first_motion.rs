@@ -7,12 +7,12 @@ use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::Board;
 use tesaki_supervisor::identify::{FreeJoint, JointSettings, identified_free, identify_joints};
 
-use super::common::{T, capitalized, introduce, largest};
+use super::common::{T, capitalized, home, introduce, largest};
 use super::grasping::SimulatedMachine;
 use super::hand3_servo::{FIRST_STEPS, INITIAL_REST, INTERVAL, ServoLog, ServoTrial, table};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::motion::Motion;
-use crate::plant::{Drive, Plant, PlantOptions, PlantValues};
+use crate::plant::{Plant, PlantOptions};
 use crate::report::{Figure, Line, Metric, Panel, Summary};
 
 pub(super) const SCENARIO: Scenario = Scenario {
@@ -57,10 +57,8 @@ const TRIALS: [Trial; 2] = [
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let robot = RobotFolder::load(setting.robot)?;
-    let values = PlantValues::load(setting.robot)?;
-    let drives: Vec<Drive> = robot.model.joints.iter().map(Drive::from).collect();
     let machine = |setting: &Setting<'_, '_>| {
-        let plant = Plant::new(&robot.urdf, &drives, &values, &PlantOptions::mismatched(setting.seed))?;
+        let plant = Plant::of(&robot, &PlantOptions::mismatched(setting.seed))?;
         Ok::<_, ScenarioError>(plant.under(setting.intervention.clone()))
     };
     let mut motion = Motion::new(robot.model.joints.iter().map(|joint| joint.name.as_str()));
@@ -142,8 +140,7 @@ fn self_test(
         duration: setting.duration,
     };
     machine.advance()?;
-    let homed: Vec<f32> = machine.plant.homed_positions().iter().map(|&angle| angle as f32).collect();
-    machine.controller.home(&homed)?;
+    home(machine.controller, &machine.plant)?;
     machine.advance()?;
     for stream in [Stream::Telemetry, Stream::Tips] {
         machine.controller.set_rate(stream, 1)?;

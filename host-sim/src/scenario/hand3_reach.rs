@@ -16,7 +16,7 @@ use super::common::{T, capitalized, fault_error, largest, prepare};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::controller::{Controller, Watched};
 use crate::motion::Motion;
-use crate::plant::{Drive, Plant, PlantOptions, PlantValues};
+use crate::plant::{Plant, PlantOptions};
 use crate::report::{Column, Figure, Line, Metric, Panel, Summary, csv};
 
 pub(super) const SCENARIO: Scenario = Scenario {
@@ -124,15 +124,12 @@ impl TipLog {
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let robot = RobotFolder::load(setting.robot)?;
-    let values = PlantValues::load(setting.robot)?;
     let mut summary = Summary::default();
     let (mut figures, mut tables) = (Vec::new(), Vec::new());
     let mut motion = setting.motion(&robot.model);
     for (index, trial) in TRIALS.iter().enumerate() {
         let progress = |fraction: f64| (setting.progress)((index as f64 + fraction) / 2.0);
-        let drives: Vec<Drive> = robot.model.joints.iter().map(Drive::from).collect();
-        let options = PlantOptions::mismatched(setting.seed);
-        let plant = Plant::new(&robot.urdf, &drives, &values, &options)?;
+        let plant = Plant::of(&robot, &PlantOptions::mismatched(setting.seed))?;
         let mut plant = plant.under(setting.intervention.clone());
         let recording =
             run_trial(trial, &robot.model, &mut plant, setting.controller, &mut motion, &progress)?;

@@ -10,14 +10,14 @@ use tesaki_description::approach::{self, ApproachFile};
 use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::{Board, BoardError};
 
-use super::common::{T, clear_faults, fault_error, introduce, largest, median};
+use super::common::{T, clear_faults, fault_error, home, introduce, largest, median};
 use super::film::picture_panel;
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::camera::{self, Camera, CameraValues, CircleTruth};
 use crate::controller::{Controller, Watched};
 use crate::door::{KNOB, KnobDoor, hand_joints, hand_pose};
 use crate::motion::{Motion, Transform};
-use crate::plant::{Drive, Plant, PlantOptions, PlantValues};
+use crate::plant::{Plant, PlantOptions};
 use crate::report::{Column, Figure, Line, Metric, Panel, Summary, csv};
 
 pub(super) const SCENARIO: Scenario = Scenario {
@@ -59,11 +59,11 @@ const SHOWN: usize = 6;
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let robot = RobotFolder::load(setting.robot)?;
     let files = approach::load(setting.robot, &robot.model)?;
-    let (values, camera) = (PlantValues::load(setting.robot)?, CameraValues::load(setting.robot)?);
+    let camera = CameraValues::load(setting.robot)?;
     let mut motion = setting.motion(&robot.model);
     let mut logs = Vec::new();
     for number in 0..DOORS {
-        let machine = Machine { robot: &robot, files: &files, values: &values, camera: &camera };
+        let machine = Machine { robot: &robot, files: &files, camera: &camera };
         let mut trial = Trial::begin(setting, &machine, number, &mut motion)?;
         match trial.go() {
             // The door is lost, the others are not.
@@ -90,7 +90,6 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
 struct Machine<'a> {
     robot: &'a RobotFolder,
     files: &'a ApproachFile,
-    values: &'a PlantValues,
     camera: &'a CameraValues,
 }
 
@@ -170,13 +169,12 @@ impl<'a, 'b, 'c> Trial<'a, 'b, 'c> {
     ) -> Result<Self, ScenarioError> {
         let robot = machine.robot;
         let seed = setting.seed.wrapping_add((number as u64 + 1) << 32);
-        let drives: Vec<Drive> = robot.model.joints.iter().map(Drive::from).collect();
         let mut options = PlantOptions::mismatched(setting.seed);
-        let plant = Plant::new(&robot.urdf, &drives, machine.values, &options)?;
+        let plant = Plant::of(robot, &options)?;
         let [hand, gripper] = hand_joints(&robot.model, &machine.files.task, &plant);
         let door = KnobDoor::draw(seed, &hand_pose(&plant, hand, gripper));
         options.fixtures = door.fixtures();
-        let plant = Plant::new(&robot.urdf, &drives, machine.values, &options)?;
+        let plant = Plant::of(robot, &options)?;
         motion.note(format!("door {}", number + 1));
         motion.fixtures(&options.fixtures);
         let log = Log {
@@ -205,8 +203,7 @@ impl<'a, 'b, 'c> Trial<'a, 'b, 'c> {
         };
         introduce(trial.setting.controller, &robot.model)?;
         trial.step()?;
-        let homed: Vec<f32> = trial.plant.homed_positions().iter().map(|&angle| angle as f32).collect();
-        trial.setting.controller.home(&homed)?;
+        home(trial.setting.controller, &trial.plant)?;
         trial.step()?;
         trial.setting.controller.enable(TaskConfig::VisualApproach(machine.files.task))?;
         Ok(trial)

@@ -13,7 +13,7 @@ use super::{GraspEstimates, GraspLog, GraspSample, LIFT};
 use crate::controller::{Controller, Watched};
 use crate::motion::Transform;
 use crate::plant::{ObjectValues, Plant};
-use crate::scenario::common::{T, introduce};
+use crate::scenario::common::{T, home, introduce};
 use crate::scenario::{ScenarioError, Setting};
 
 /// Ticks between two messages to the controller, which stops after ten ticks without one.
@@ -92,8 +92,7 @@ impl<'a, 'b> GraspTrial<'a, 'b> {
             grasp_trial.controller.set_rate(Stream::Tips, 1)?;
         }
         grasp_trial.tick()?;
-        let homed: Vec<f32> = grasp_trial.plant.homed_positions().iter().map(|&angle| angle as f32).collect();
-        grasp_trial.controller.home(&homed)?;
+        home(grasp_trial.controller, &grasp_trial.plant)?;
         grasp_trial.wait(REST)?;
         grasp_trial.controller.tare()?;
         grasp_trial.controller.enable(TaskConfig::Grasping(()))?;
