@@ -10,6 +10,7 @@ use tesaki::task::TaskConfig;
 use tesaki::task::impedance::{ForceSource, ImpedanceSettings, ImpedanceTelemetry, Law, Redundancy};
 use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::Board;
+use tesaki_supervisor::trajectory::minimum_jerk;
 
 use super::common::{T, during, fault_error, introduce, largest};
 use super::{ScenarioError, Setting};
@@ -48,6 +49,21 @@ pub const fn impedance(mass: f32, damping: f32, stiffness: f32) -> Impedance {
         [damping, damping, damping, b, b, b],
         [stiffness, stiffness, stiffness, k, k, k],
     )
+}
+
+/// A minimum-jerk motion of a value within `duration` [s]: value, rate and acceleration at a time since its
+/// begin [s].
+pub fn motion([from, to]: [f64; 2], time: f64, duration: f64) -> [f64; 3] {
+    let [fraction, rate, curvature] = minimum_jerk(time / duration);
+    let change = to - from;
+    [from + change * fraction, change * rate / duration, change * curvature / (duration * duration)]
+}
+
+/// Adds such a motion of a coordinate to a set-point.
+pub fn shift(point: &mut PosePoint, axis: usize, [value, rate, acceleration]: [f64; 3]) {
+    point.position[axis] += value as f32;
+    point.velocity[axis] = rate as f32;
+    point.acceleration[axis] = acceleration as f32;
 }
 
 /// A redundancy resolution under test.
@@ -277,6 +293,19 @@ impl<'a, 'b> ArmTrial<'a, 'b> {
         self.controller.set_target(point, elbow)?;
         (self.target, self.elbow) = (point, elbow);
         self.tick()
+    }
+
+    /// Follows set-points for `duration` [s], which `setpoint` gives for the time since now [s].
+    pub fn follow_path(
+        &mut self,
+        duration: f64,
+        setpoint: impl Fn(f64) -> (PosePoint, ElbowSetpoint),
+    ) -> Result<(), ScenarioError> {
+        for tick in 1..=(duration / T).round() as usize {
+            let (point, elbow) = setpoint(tick as f64 * T);
+            self.follow(point, elbow)?;
+        }
+        Ok(())
     }
 
     /// One control period.

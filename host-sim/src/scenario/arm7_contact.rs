@@ -2,9 +2,8 @@
 
 use tesaki::task::impedance::ImpedanceSettings;
 use tesaki_description::impedance::own_mass_at;
-use tesaki_supervisor::trajectory::minimum_jerk;
 
-use super::arm::{ArmRig, ArmSample, ArmTrial, Machine, impedance, settings};
+use super::arm::{ArmRig, ArmSample, ArmTrial, Machine, impedance, motion, settings, shift};
 use super::common::{T, clear_faults, grouped, largest};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::plant::Wall;
@@ -154,14 +153,11 @@ fn press(
     })?;
     arm_trial.wait(BEFORE)?;
     let way = CLEARANCE + FORCE / f64::from(settings.impedance.stiffness[axis]);
-    for tick in 1..=(TIME / T).round() as usize {
-        let [fraction, rate, curvature] = minimum_jerk(tick as f64 * T / TIME);
+    arm_trial.follow_path(TIME, |time| {
         let mut setpoint = point;
-        setpoint.position[axis] += (way * fraction) as f32;
-        setpoint.velocity[axis] = (way * rate / TIME) as f32;
-        setpoint.acceleration[axis] = (way * curvature / (TIME * TIME)) as f32;
-        arm_trial.follow(setpoint, elbow)?;
-    }
+        shift(&mut setpoint, axis, motion([0.0, way], time, TIME));
+        (setpoint, elbow)
+    })?;
     arm_trial.wait(STAY)?;
     let derating = arm_trial.telemetry()?.derating.into();
     let mass_ratio = f64::from(settings.impedance.mass[axis] / own_mass);

@@ -4,10 +4,9 @@
 use rapier3d::na::Vector3;
 use tesaki::kinematics::ElbowSetpoint;
 use tesaki::task::impedance::ImpedanceSettings;
-use tesaki_supervisor::trajectory::minimum_jerk;
 
 use super::arm::{
-    ArmLog, ArmRig, ArmSample, ArmTrial, ELBOW_TRIALS, ElbowTrial, Machine, impedance, settings,
+    ArmLog, ArmRig, ArmSample, ArmTrial, ELBOW_TRIALS, ElbowTrial, Machine, impedance, motion, settings,
 };
 use super::common::{T, capitalized, largest};
 use super::{Outcome, Scenario, ScenarioError, Setting};
@@ -66,17 +65,11 @@ fn elbow_swing(
     let mut arm_trial = ArmTrial::begin(setting, rig, trial.label, Machine::Mismatched, firm)?;
     arm_trial.wait(1.0)?;
     let (point, elbow) = arm_trial.start();
-    for (from, to) in [(0.0, SWING), (SWING, 0.0)] {
-        for tick in 1..=(TIME / T).round() as usize {
-            let [fraction, rate, curvature] = minimum_jerk(tick as f64 * T / TIME);
-            let change = to - from;
-            let setpoint = ElbowSetpoint {
-                angle: elbow.angle + (from + change * fraction) as f32,
-                velocity: (change * rate / TIME) as f32,
-                acceleration: (change * curvature / (TIME * TIME)) as f32,
-            };
-            arm_trial.follow(point, setpoint)?;
-        }
+    for ends in [[0.0, SWING], [SWING, 0.0]] {
+        arm_trial.follow_path(TIME, |time| {
+            let [change, velocity, acceleration] = motion(ends, time, TIME).map(|value| value as f32);
+            (point, ElbowSetpoint { angle: elbow.angle + change, velocity, acceleration })
+        })?;
         arm_trial.wait(REST)?;
     }
     arm_trial.end()

@@ -3,9 +3,10 @@
 
 use rapier3d::na::Vector3;
 use tesaki::task::impedance::ImpedanceSettings;
-use tesaki_supervisor::trajectory::minimum_jerk;
 
-use super::arm::{ArmLog, ArmRig, ArmSample, ArmTrial, ELBOW_TRIALS, ElbowTrial, Machine, settings};
+use super::arm::{
+    ArmLog, ArmRig, ArmSample, ArmTrial, ELBOW_TRIALS, ElbowTrial, Machine, motion, settings, shift,
+};
 use super::common::{T, capitalized, largest};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::report::{Figure, Line, Metric, Panel, Summary};
@@ -67,18 +68,14 @@ fn move_beyond_reach(
     // The hand points along x throughout.
     let wrist = Vector3::from(start.position).map(f64::from) - Vector3::x() * HAND;
     let outwards = wrist.normalize() * (REACH + BEYOND - wrist.norm());
-    for (from, to) in [(0.0, 1.0), (1.0, 0.0)] {
-        for tick in 1..=(TIME / T).round() as usize {
-            let [fraction, rate, curvature] = minimum_jerk(tick as f64 * T / TIME);
+    for ends in [[Vector3::zeros(), outwards], [outwards, Vector3::zeros()]] {
+        arm_trial.follow_path(TIME, |time| {
             let mut setpoint = start;
             for axis in 0..3 {
-                let change = outwards[axis] * (to - from);
-                setpoint.position[axis] += (outwards[axis] * from + change * fraction) as f32;
-                setpoint.velocity[axis] = (change * rate / TIME) as f32;
-                setpoint.acceleration[axis] = (change * curvature / (TIME * TIME)) as f32;
+                shift(&mut setpoint, axis, motion(ends.map(|end| end[axis]), time, TIME));
             }
-            arm_trial.follow(setpoint, elbow)?;
-        }
+            (setpoint, elbow)
+        })?;
         arm_trial.wait(REST)?;
     }
     arm_trial.end()
