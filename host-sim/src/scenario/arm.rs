@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use rapier3d::na::{Quaternion, UnitQuaternion, Vector3};
+use rapier3d::na::{Isometry3, UnitQuaternion, Vector3};
 use tesaki::control::Impedance;
 use tesaki::kinematics::{ElbowSetpoint, PosePoint};
 use tesaki::model::RobotModel;
@@ -16,7 +16,9 @@ use super::common::{T, during, fault_error, introduce, largest};
 use super::{ScenarioError, Setting};
 use crate::controller::{Controller, Watched};
 use crate::motion::Motion;
-use crate::plant::{Drive, Plant, PlantOptions, PlantValues, SharedIntervention, TipTruth};
+use crate::plant::{
+    Drive, Plant, PlantOptions, PlantValues, SharedIntervention, TipTruth, isometry, unit_quaternion,
+};
 use crate::report::{Column, csv};
 
 /// Time from power-on to the tare of the force sensor [s].
@@ -57,6 +59,11 @@ pub fn motion([from, to]: [f64; 2], time: f64, duration: f64) -> [f64; 3] {
     let [fraction, rate, curvature] = minimum_jerk(time / duration);
     let change = to - from;
     [from + change * fraction, change * rate / duration, change * curvature / (duration * duration)]
+}
+
+/// The pose of a set-point.
+pub fn pose(point: &PosePoint) -> Isometry3<f64> {
+    isometry(point.position.map(f64::from), point.rotation.map(f64::from))
 }
 
 /// Adds such a motion of a coordinate to a set-point.
@@ -157,8 +164,7 @@ impl ArmSample {
     }
 
     pub fn orientation(&self) -> UnitQuaternion<f64> {
-        let [x, y, z, w] = self.tool.orientation;
-        UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z))
+        unit_quaternion(self.tool.orientation)
     }
 }
 

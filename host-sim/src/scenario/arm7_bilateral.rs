@@ -1,14 +1,14 @@
 //! Bilateral teleoperation: the contact force of the arm is reflected to the operator over a delayed link.
 //! Measures the settling time of the handle and the energy that the link generates.
 
-use rapier3d::na::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
+use rapier3d::na::Vector3;
 use tesaki::kinematics::{ElbowSetpoint, PosePoint};
 use tesaki::task::impedance::ImpedanceSettings;
 use tesaki::teleop::{PowerPort, PowerPortLimits};
 use tesaki_description::law::arm::{StrokeTable, WallTable};
 use tesaki_supervisor::trajectory::minimum_jerk;
 
-use super::arm::{ArmRig, ArmSample, ArmTrial, Machine, impedance, settings};
+use super::arm::{ArmRig, ArmSample, ArmTrial, Machine, impedance, pose, settings};
 use super::common::{T, grouped, largest, unsettled};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::operator::{Link, LinkValues, MasterArm, MasterArmValues, OperatorHandMotion, Stroke};
@@ -204,12 +204,10 @@ pub(super) fn press_wall(
     let [stiffness, ..] = settings.impedance.stiffness;
     let mut arm_trial = ArmTrial::begin(setting, rig, &recorded.label(), Machine::Mismatched, settings)?;
     let (point, elbow) = arm_trial.start();
-    let start = Vector3::from(point.position).map(f64::from);
+    let middle = pose(&point);
+    let start = middle.translation.vector;
     arm_trial.plant.insert_wall(wall_before(&start, &wall))?;
 
-    let [x, y, z, w] = point.rotation.map(f64::from);
-    let rotation = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
-    let middle = Isometry3::from_parts(Translation3::from(start), rotation);
     let motion = Stroke {
         begin: BEGIN,
         duration: stroke.time,

@@ -3,7 +3,7 @@
 
 use std::f64::consts::TAU;
 
-use rapier3d::na::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector2, Vector3};
+use rapier3d::na::{Vector2, Vector3};
 use tesaki::control::ServoMode;
 use tesaki::kinematics::{Chain, TipPoint};
 use tesaki::model::{Pose, RobotModel};
@@ -16,7 +16,7 @@ use super::common::{T, capitalized, fault_error, largest, prepare};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::controller::{Controller, Watched};
 use crate::motion::Motion;
-use crate::plant::{Plant, PlantOptions};
+use crate::plant::{Plant, PlantOptions, isometry};
 use crate::report::{Column, Figure, Line, Metric, Panel, Summary, csv};
 
 pub(super) const SCENARIO: Scenario = Scenario {
@@ -192,10 +192,9 @@ fn run_trial(
 
 /// True position of the tip that is fixed to the link of a joint [m].
 fn tip_position(plant: &Plant, joint: usize, tip: &Pose) -> Vector3<f64> {
-    let ([x, y, z], [i, j, k, w]) = plant.link_pose(joint).unwrap_or(([f64::NAN; 3], [0.0, 0.0, 0.0, 1.0]));
-    let rotation = UnitQuaternion::from_quaternion(Quaternion::new(w, i, j, k));
-    let link = Isometry3::from_parts(Translation3::new(x, y, z), rotation);
-    link.transform_point(&tip.translation.map(f64::from).into()).coords
+    let unknown = ([f64::NAN; 3], [0.0, 0.0, 0.0, 1.0]);
+    let (position, orientation) = plant.link_pose(joint).unwrap_or(unknown);
+    isometry(position, orientation).transform_point(&tip.translation.map(f64::from).into()).coords
 }
 
 /// A point of a path in its plane, with derivatives [m, s].

@@ -8,12 +8,13 @@ mod linear_program;
 
 use std::path::Path;
 
-use rapier3d::na::{Quaternion, UnitQuaternion, Vector3, Vector6};
+use rapier3d::na::{Vector3, Vector6};
 
 use super::ScenarioError;
 use super::common::largest;
 use super::grasping::{GraspRig, GraspedObject};
 use super::hand3_weights::{PUSH, TOP, WEIGHTS};
+use crate::plant::unit_quaternion;
 use grip::GripTruth;
 
 /// A limit that cannot be met.
@@ -55,8 +56,7 @@ fn weights(robot: &Path, seed: u64) -> Result<Vec<Impossible>, ScenarioError> {
         grasp.position,
     )?;
     let gravity = Vector3::from(rig.values.gravity);
-    let [x, y, z, w] = grasp.orientation;
-    let top = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z)) * Vector3::from(TOP);
+    let top = unit_quaternion(grasp.orientation) * Vector3::from(TOP);
     let share = |weight: f64, push: f64| {
         let force = gravity * weight;
         let (total, moment) = (gravity * object.mass + force + Vector3::y() * push, top.cross(&force));

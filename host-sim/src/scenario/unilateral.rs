@@ -3,7 +3,7 @@
 
 mod trace;
 
-use rapier3d::na::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
+use rapier3d::na::Isometry3;
 use tesaki::kinematics::{ElbowSetpoint, PosePoint};
 use tesaki::teleop::{Follower, FollowerSettings, FollowerState, Instant, MasterSample};
 
@@ -15,13 +15,12 @@ use crate::operator::{
     ElbowMotion, ElbowSensor, ElbowSensorValues, Link, LinkValues, MasterArm, MasterArmValues, MasterPose,
     OperatorHandMotion, Packet,
 };
+use crate::plant::isometry;
 
 /// True pose of the tool.
 pub fn tool_pose(arm_trial: &ArmTrial<'_, '_>) -> Isometry3<f64> {
     let now = arm_trial.plant.tips().swap_remove(0);
-    let [x, y, z, w] = now.orientation;
-    let rotation = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
-    Isometry3::from_parts(Translation3::from(Vector3::from(now.position)), rotation)
+    isometry(now.position, now.orientation)
 }
 
 /// The operator, with the devices and their links.

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use rapier3d::na::{Quaternion, UnitQuaternion, Vector3};
 
-use crate::plant::{ContactTruth, ObjectTruth};
+use crate::plant::{ContactTruth, ObjectTruth, unit_quaternion};
 use crate::report::{Column, csv};
 use crate::scenario::common::{T, during, largest};
 use tesaki::task::grasping::Phase;
@@ -63,8 +63,7 @@ impl GraspSample {
     }
 
     pub fn orientation(&self) -> UnitQuaternion<f64> {
-        let [x, y, z, w] = self.object.orientation;
-        UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z))
+        unit_quaternion(self.object.orientation)
     }
 
     /// Roll, pitch and yaw of the object [rad].
