@@ -11,10 +11,10 @@ use tesaki_supervisor::{Board, BoardError};
 use super::ScenarioError;
 use crate::controller::{Controller, Watched};
 use crate::motion::Motion;
-use crate::plant::Plant;
+use crate::plant::{CONTROL_PERIOD, Plant};
 
 /// Control period [s].
-pub const T: f64 = 0.01;
+pub const T: f64 = CONTROL_PERIOD;
 
 /// The largest of the values. NaN if one of them is, which `f64::max` would hide, or if there is none: then a
 /// metric misses its limit.
