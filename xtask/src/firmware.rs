@@ -22,7 +22,7 @@ pub fn target() -> PathBuf {
 }
 
 /// The programs that run on the emulated board alone.
-pub const ON_TARGET: &[&str] = &["bench", "replay", "selftest", "vision"];
+const ON_TARGET: &[&str] = &["bench", "replay", "selftest", "vision"];
 
 /// Builds the programs of [`ON_TARGET`], all at once: each is optimised as a whole, by one core. In a folder
 /// of their own, so that images can be built meanwhile. Returns the folder.

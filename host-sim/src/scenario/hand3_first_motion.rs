@@ -61,7 +61,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
         let plant = Plant::of(&robot, &PlantOptions::mismatched(setting.seed))?;
         Ok::<_, ScenarioError>(plant.under(setting.intervention.clone()))
     };
-    let mut motion = Motion::new(robot.model.joints.iter().map(|joint| joint.name.as_str()));
+    let mut motion = setting.motion(&robot.model);
     let mut summary = Summary::default();
     let (mut figures, mut tables) = (Vec::new(), Vec::new());
     for trial in &TRIALS {

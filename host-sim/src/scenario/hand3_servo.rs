@@ -13,7 +13,7 @@ use super::common::{T, capitalized, fault_error, largest, prepare};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::controller::{Controller, Watched};
 use crate::motion::Motion;
-use crate::plant::{Drive, Plant, PlantOptions, PlantValues, SharedIntervention, Truth};
+use crate::plant::{Plant, PlantOptions, PlantValues, SharedIntervention, Truth};
 use crate::report::{Column, Figure, Line, Metric, Panel, Summary, csv};
 
 pub(super) const SCENARIO: Scenario = Scenario {
@@ -170,7 +170,7 @@ impl ServoLog {
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let robot = RobotFolder::load(setting.robot)?;
-    let values = PlantValues::load(setting.robot)?;
+    let paper_friction = PlantValues::load(setting.robot)?.friction.paper;
     let ticks = (setting.duration / 4.0 / T).round() as u32;
 
     let mut summary = Summary::default();
@@ -178,7 +178,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let mut motion = setting.motion(&robot.model);
     for (index, trial) in TRIALS.iter().enumerate() {
         let progress = |fraction: f64| (setting.progress)((index as f64 + fraction) / 4.0);
-        let machine = (&robot, &values, setting.seed, setting.intervention.clone());
+        let machine = (&robot, paper_friction, setting.seed, setting.intervention.clone());
         let mut servo_trial = ServoTrial::begin(trial, machine, setting.controller, &mut motion)?;
         for tick in 0..ticks {
             servo_trial.tick(tick)?;
@@ -209,20 +209,19 @@ pub(super) struct ServoTrial<'a, 'b> {
 impl<'a, 'b> ServoTrial<'a, 'b> {
     fn begin(
         trial: &Trial,
-        (robot, values, seed, intervention): (&RobotFolder, &PlantValues, u64, Option<SharedIntervention>),
+        (robot, paper_friction, seed, intervention): (&RobotFolder, f64, u64, Option<SharedIntervention>),
         controller: &'a mut Watched<'b>,
         motion: &'a mut Motion,
     ) -> Result<Self, ScenarioError> {
         let mut model = robot.model.clone();
         let mut options = PlantOptions::mismatched(seed);
         if trial.paper_friction {
-            options.coulomb = Some(values.friction.paper);
+            options.coulomb = Some(paper_friction);
             for joint in &mut model.joints {
-                joint.friction.coulomb = values.friction.paper as f32;
+                joint.friction.coulomb = paper_friction as f32;
             }
         }
-        let drives: Vec<Drive> = model.joints.iter().map(Drive::from).collect();
-        let plant = Plant::new(&robot.urdf, &drives, values, &options)?.under(intervention);
+        let plant = Plant::of(robot, &options)?.under(intervention);
         Self::enable(trial.label, trial.mode, (model, plant), controller, motion)
     }
 
