@@ -165,8 +165,10 @@ fn press(
 }
 
 fn add_metrics(summary: &mut Summary, contacts: &[Contact]) {
-    let count = |which: &dyn Fn(&&Contact) -> bool| contacts.iter().filter(which).count() as f64;
+    // That none of no contacts is unsettled is no success.
+    let of_none = if contacts.is_empty() { f64::NAN } else { 0.0 };
     let all = contacts.len() as f64;
+    let count = |which: &dyn Fn(&&Contact) -> bool| of_none + contacts.iter().filter(which).count() as f64;
     let derated = count(&|contact| contact.derating > 1.0);
     summary.insert(
         "derated_unsettled",
@@ -254,4 +256,18 @@ fn table(contacts: &[Contact]) -> String {
         Column::new("derating", "", column(&|contact| contact.derating)),
         Column::new("force from its mean", "N", column(&Contact::unrest)),
     ])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn without_a_contact_nothing_passes() {
+        let mut summary = Summary::default();
+        add_metrics(&mut summary, &[]);
+        let limited: Vec<bool> =
+            summary.metrics().filter(|(_, metric)| metric.limit.is_some()).map(|(_, m)| m.pass()).collect();
+        assert_eq!(limited, [false, false]);
+    }
 }
