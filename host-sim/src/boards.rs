@@ -19,7 +19,7 @@ pub enum BoardsError {
 }
 
 /// Splits a sensor frame into one per chain's board: the readings of its joints and its fingertip.
-pub fn share_sensors(robot: &RobotModel, frame: &SensorFrame) -> Vec<SensorFrame> {
+fn share_sensors(robot: &RobotModel, frame: &SensorFrame) -> Vec<SensorFrame> {
     let mut forces = frame.forces.iter();
     let chains = robot.chains.iter().zip(robot.chain_ranges());
     let of_chain = |(chain, range): (&tesaki::model::ChainModel, std::ops::Range<usize>)| SensorFrame {
@@ -35,7 +35,7 @@ pub fn share_sensors(robot: &RobotModel, frame: &SensorFrame) -> Vec<SensorFrame
 
 /// Joins the boards' frames into one for the whole machine; the joints of a board that is off, or has no
 /// model, get no torque.
-pub fn join_actuators(robot: &RobotModel, sequence: u32, frames: &[ActuatorFrame]) -> ActuatorFrame {
+fn join_actuators(robot: &RobotModel, sequence: u32, frames: &[ActuatorFrame]) -> ActuatorFrame {
     let mut joined = ActuatorFrame { sequence, ..ActuatorFrame::default() };
     for (range, frame) in robot.chain_ranges().zip(frames) {
         let drives = frame.enabled && frame.torques.len() == range.len();

@@ -12,12 +12,13 @@ use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use tesaki::protocol::codec::{Decoder, MAX_FRAME, encode};
 use tesaki::protocol::{FromBoard, Reply, Request, RequestFrame};
 use tesaki_chip_link::{Answer, Call, MOTORS, Motion, Terminals, receive, send};
+use tesaki_description::plant::CONTROL_PERIOD_NS;
 use tesaki_supervisor::{Board, BoardError};
 
 use crate::plant::{Plant, PlantError};
 
 /// The control period, and the time from power-on until the image answers [ps].
-const PERIOD: u64 = 10_000_000_000;
+const PERIOD: u64 = 1000 * CONTROL_PERIOD_NS;
 const BOOT: u64 = 10 * PERIOD;
 /// A control period of the machine begins this long before the board samples its sensors, because the board's
 /// interrupt may be late by some microseconds [ps].

@@ -1,12 +1,12 @@
 //! A door with a knob in front of an arm: the pictures of its hand camera, and the bodies that the hand
 //! touches.
 
-use rapier3d::na::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
+use rapier3d::na::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use tesaki::model::RobotModel;
 use tesaki::task::visual_approach::VisualApproachSettings;
 
 use crate::camera::{Camera, CameraValues, Image, ImageTruth, Optics, Scene, View};
-use crate::plant::{Fixture, FixtureShape, Plant};
+use crate::plant::{Fixture, FixtureShape, Plant, isometry};
 use crate::purpose::Purpose;
 
 /// Distance of the fingertips from the door in the start posture, with the base at its nominal pose [m].
@@ -95,11 +95,9 @@ pub fn hand_joints(model: &RobotModel, task: &VisualApproachSettings, plant: &Pl
 /// index of the hand's tip, `gripper` that of the gripper's joint.
 pub fn hand_pose(plant: &Plant, hand: usize, gripper: usize) -> Isometry3<f64> {
     let Some(tip) = plant.tips().into_iter().nth(hand) else { return Isometry3::identity() };
-    let [x, y, z, w] = tip.orientation;
-    let turn = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
     let angle = plant.truth().positions.get(gripper).copied().unwrap_or_default();
     let screw = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -angle);
-    Isometry3::from_parts(Translation3::from(tip.position), turn * screw)
+    isometry(tip.position, tip.orientation) * screw
 }
 
 /// Returns the pose, in the door frame, of a base with errors of centimetres and degrees. `start` is that of

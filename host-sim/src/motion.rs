@@ -24,6 +24,7 @@ use std::path::Path;
 
 use rapier3d::na::Vector3;
 use tesaki_description::frames::{Frames, Placed};
+use tesaki_description::plant::{CONTROL_PERIOD, CONTROL_PERIOD_NS};
 use tesaki_recording::{LogLevel, Marker, MarkerShape, McapError, Recording};
 
 pub use tesaki_recording::Transform;
@@ -35,11 +36,6 @@ use crate::plant::{Fixture, FixtureShape, ObjectValues, Plant, Shape as Solid, T
 
 /// Forces smaller than this are not shown [N].
 const SHOWN_FORCE: f64 = 0.01;
-
-/// One control period [ns].
-const PERIOD: u64 = 10_000_000;
-/// The same [s].
-const SECONDS: f64 = 0.01;
 
 /// The motion of a run, one sample per tick.
 #[derive(Clone, Debug, Default)]
@@ -151,7 +147,7 @@ impl Motion {
 
     /// Adds a line of text to the last tick, which says what begins here.
     pub fn note(&mut self, text: impl Into<String>) {
-        let time = f64::from(self.ticks().saturating_sub(1)) * SECONDS;
+        let time = f64::from(self.ticks().saturating_sub(1)) * CONTROL_PERIOD;
         let Some(sample) = self.samples.last_mut() else { return };
         let text = text.into();
         if let Some(live) = &self.live {
@@ -218,18 +214,18 @@ impl Motion {
 
     /// Time of the next tick in a replay [s].
     fn now(&self) -> f64 {
-        f64::from(self.ticks()) * SECONDS
+        f64::from(self.ticks()) * CONTROL_PERIOD
     }
 
     /// Creates the replay for the page of a report.
     pub fn replay(&self, scene: Scene) -> Replay {
         let samples: Vec<_> = self.samples.iter().map(Sample::shown).collect();
-        let mut replay = Replay::new(scene, SECONDS, &samples);
+        let mut replay = Replay::new(scene, CONTROL_PERIOD, &samples);
         replay.objects.clone_from(&self.objects);
         replay.notes = (0u32..)
             .zip(&self.samples)
             .flat_map(|(tick, sample)| sample.notes.iter().map(move |text| (tick, text)))
-            .map(|(tick, text)| Note { time: f64::from(tick) * SECONDS, text: text.clone() })
+            .map(|(tick, text)| Note { time: f64::from(tick) * CONTROL_PERIOD, text: text.clone() })
             .collect();
         replay
     }
@@ -254,7 +250,7 @@ impl Motion {
         }
         let mut objects = self.objects.iter().peekable();
         for (sample, number) in self.samples.iter().zip(1..) {
-            let time = number * PERIOD;
+            let time = number * CONTROL_PERIOD_NS;
             let Truth { positions, velocities, torques, .. } = &sample.truth;
             recording.joint_states(time, &self.names, positions, velocities, torques)?;
             if !sample.reference.is_empty() {
@@ -267,7 +263,7 @@ impl Motion {
             let since = objects.peek().map(|object| object.since);
             let mut markers = Vec::new();
             // An object added after tick n is shown from tick n + 1 on.
-            let now = (number as f64 - 0.5) * SECONDS;
+            let now = (number as f64 - 0.5) * CONTROL_PERIOD;
             while let Some(object) =
                 objects.next_if(|object| Some(object.since) == since && object.since < now)
             {

@@ -26,15 +26,15 @@ pub enum Paper {
 
 /// A figure of a paper, and what is drawn in its place.
 #[derive(Clone, Copy, Debug)]
-pub struct PaperFigure {
+struct PaperFigure {
     /// The paper.
-    pub paper: Paper,
+    paper: Paper,
     /// Its file in `docs/papers/`.
-    pub file: &'static str,
+    file: &'static str,
     /// The scenario that draws it.
-    pub scenario: &'static str,
+    scenario: &'static str,
     /// The title of the scenario's figure.
-    pub title: &'static str,
+    title: &'static str,
 }
 
 const HAND3_FORCE: &str = "hand3-paper-force";
@@ -43,7 +43,7 @@ const HAND3_CURVES: &str = "hand3-paper-curves";
 const ARM7: &str = "arm7-paper";
 
 /// All figures, in the order of the pages.
-pub const FIGURES: &[PaperFigure] = &[
+const FIGURES: &[PaperFigure] = &[
     figure(Paper::Hand3, "hand3-servo.svg", HAND3_MOTION, "Hand3 figure 6: joint servo"),
     figure(Paper::Hand3, "hand3-force.svg", HAND3_FORCE, "Hand3 figure 11: force of finger 1"),
     figure(

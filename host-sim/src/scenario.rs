@@ -69,6 +69,8 @@ pub struct Scenario {
     pub about: &'static str,
     /// The folder of its robot in `robots/`.
     pub robot: &'static str,
+    /// The document, and its section, that states how many machines meet its limits.
+    pub results: &'static str,
     /// Simulated time when nothing else is asked for [s].
     pub duration: f64,
     /// The shortest time that can be asked for [s]; `None`: its time is fixed.
@@ -310,4 +312,26 @@ pub fn encode_record(record: &[LogRecord]) -> Result<Vec<u8>, tesaki::protocol::
         bytes.extend_from_slice(&frame[..length]);
     }
     Ok(bytes)
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_scenario_names_a_section_that_exists() {
+        let root = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
+        for Scenario { name, results, .. } in SCENARIOS {
+            let (file, section) = results.split_once('#').unwrap_or((results, ""));
+            let text = std::fs::read_to_string(root.join(file)).unwrap();
+            let headings = text.lines().filter_map(|line| line.strip_prefix('#'));
+            let is_kept = |letter: &char| letter.is_alphanumeric() || *letter == '-';
+            let anchor = |heading: &str| -> String {
+                let heading = heading.trim_start_matches('#').trim().to_lowercase().replace(' ', "-");
+                heading.chars().filter(is_kept).collect()
+            };
+            assert!(section.is_empty() || headings.map(anchor).any(|anchor| anchor == section), "{name}");
+        }
+    }
 }

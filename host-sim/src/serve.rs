@@ -419,7 +419,7 @@ mod tests {
     use tesaki_description::robot::RobotFolder;
 
     use super::*;
-    use crate::plant::{Drive, PlantOptions, PlantValues};
+    use crate::plant::PlantOptions;
 
     #[test]
     fn a_line_that_is_not_utf_8_is_refused_and_ends_nothing() {
@@ -449,9 +449,7 @@ mod tests {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/hand3");
         let robot = RobotFolder::load(&folder).unwrap();
         let model = &robot.model;
-        let drives: Vec<Drive> = model.joints.iter().map(Drive::from).collect();
-        let values = PlantValues::load(&folder).unwrap();
-        let mut plant = Plant::new(&robot.urdf, &drives, &values, &PlantOptions::mismatched(1)).unwrap();
+        let mut plant = Plant::of(&robot, &PlantOptions::mismatched(1)).unwrap();
         let mut faults = SensorFaults::default();
         for (line, told) in [
             ("supply 15", "the supply is 15 V"),

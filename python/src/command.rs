@@ -14,31 +14,61 @@ use tesaki::task::visual_approach::VisualApproachCommand;
 
 use crate::arrays::{Input, Length};
 
-/// The kinds of commands, with the shape and the meaning of their arrays.
+/// A kind of commands.
+#[derive(Clone, Copy)]
+enum Kind {
+    Joints,
+    Points,
+    Tips,
+    Tool,
+    Object,
+    Fingertips,
+    Hand,
+    PutDown,
+    OpenHand,
+    Stand,
+    Open,
+    Close,
+    Acknowledge,
+}
+
+/// The kinds of commands, with their names, and the shape and the meaning of their arrays.
 ///
 /// `tesaki.COMMANDS` says the same in Python.
-const KINDS: &[(&str, &[Length], &str)] = &[
-    ("joints", &[Length::Any("joints")], "a goal for each joint [rad]"),
-    ("points", &[Length::Any("joints"), Length::Just(3)], "angle, velocity and acceleration of each joint"),
-    ("tips", &[Length::Any("tips"), Length::Just(9)], "position, velocity and acceleration of each tip"),
+const KINDS: &[(Kind, &str, &[Length], &str)] = &[
+    (Kind::Joints, "joints", &[Length::Any("joints")], "a goal for each joint [rad]"),
     (
+        Kind::Points,
+        "points",
+        &[Length::Any("joints"), Length::Just(3)],
+        "angle, velocity and acceleration of each joint",
+    ),
+    (
+        Kind::Tips,
+        "tips",
+        &[Length::Any("tips"), Length::Just(9)],
+        "position, velocity and acceleration of each tip",
+    ),
+    (
+        Kind::Tool,
         "tool",
         &[Length::Just(22)],
         "position 3, quaternion x, y, z, w, twist 6, its derivative 6, and angle, velocity and acceleration of the elbow",
     ),
-    ("object", &[Length::Just(7)], "translation 3, rotation vector 3, and duration"),
+    (Kind::Object, "object", &[Length::Just(7)], "translation 3, rotation vector 3, and duration"),
     (
+        Kind::Fingertips,
         "fingertips",
         &[Length::Just(5), Length::Just(6)],
         "position and velocity of each fingertip, NaN where unknown",
     ),
-    ("hand", &[Length::Just(4)], "position 3, and speed"),
-    ("put_down", &[Length::Just(0)], "nothing"),
-    ("open_hand", &[Length::Just(0)], "nothing"),
-    ("stand", &[Length::Just(0)], "nothing"),
-    ("open", &[Length::Just(0)], "nothing"),
-    ("close", &[Length::Just(0)], "nothing"),
-    ("acknowledge", &[Length::Just(0)], "nothing"),
+    (Kind::Hand, "hand", &[Length::Just(4)], "position 3, and speed"),
+    (Kind::PutDown, "put_down", &[Length::Just(0)], "nothing"),
+    (Kind::OpenHand, "open_hand", &[Length::Just(0)], "nothing"),
+    (Kind::Stand, "stand", &[Length::Just(0)], "nothing"),
+    (Kind::Open, "open", &[Length::Just(0)], "nothing"),
+    (Kind::Close, "close", &[Length::Just(0)], "nothing"),
+    (Kind::Acknowledge, "acknowledge", &[Length::Just(0)], "nothing"),
 ];
 
 /// Decodes a command from its kind and numbers; `number` is that of a fingertip sample. With a `model` there
@@ -53,8 +83,8 @@ pub fn decode(
     number: u16,
     model: Option<&RobotModel>,
 ) -> PyResult<TaskCommand> {
-    let Some((_, shape, what)) = KINDS.iter().find(|(known, ..)| *known == kind) else {
-        let known: Vec<&str> = KINDS.iter().map(|(kind, ..)| *kind).collect();
+    let Some((kind, _, shape, what)) = KINDS.iter().find(|(_, known, ..)| *known == kind) else {
+        let known: Vec<&str> = KINDS.iter().map(|(_, name, ..)| *name).collect();
         return Err(PyValueError::new_err(format!(
             "there is no command {kind:?}; the commands are {}",
             known.join(", ")
@@ -71,11 +101,11 @@ pub fn decode(
     let too_many =
         || PyValueError::new_err(format!("{name}: {} rows are more than any board has", input.rows()));
     Ok(match kind {
-        "joints" => {
+        Kind::Joints => {
             let positions = heapless::Vec::from_slice(values).map_err(|_| too_many())?;
             TaskCommand::JointServo(JointCommand::Goal { positions })
         }
-        "points" => {
+        Kind::Points => {
             let points: Vec<JointPoint> = values
                 .chunks_exact(3)
                 .map(|row| JointPoint { position: row[0], velocity: row[1], acceleration: row[2] })
@@ -83,7 +113,7 @@ pub fn decode(
             let points = heapless::Vec::from_slice(&points).map_err(|_| too_many())?;
             TaskCommand::JointServo(JointCommand::Stream { points })
         }
-        "tips" => {
+        Kind::Tips => {
             let tips: Vec<TipPoint> = values
                 .chunks_exact(9)
                 .map(|row| {
@@ -94,7 +124,7 @@ pub fn decode(
             let tips = heapless::Vec::from_slice(&tips).map_err(|_| too_many())?;
             TaskCommand::JointServo(JointCommand::StreamTips { tips })
         }
-        "tool" => TaskCommand::Impedance(ImpedanceCommand::SetTarget {
+        Kind::Tool => TaskCommand::Impedance(ImpedanceCommand::SetTarget {
             point: PosePoint {
                 position: part(values, 0),
                 rotation: part(values, 3),
@@ -103,12 +133,12 @@ pub fn decode(
             },
             elbow: ElbowSetpoint { angle: values[19], velocity: values[20], acceleration: values[21] },
         }),
-        "object" => TaskCommand::Grasping(GraspCommand::Move {
+        Kind::Object => TaskCommand::Grasping(GraspCommand::Move {
             translation: part(values, 0),
             rotation: part(values, 3),
             duration: values[6],
         }),
-        "fingertips" => {
+        Kind::Fingertips => {
             let tip = |finger: usize| {
                 let [position, velocity] = [0, 3].map(|first| part(values, 6 * finger + first));
                 (!position[0].is_nan()).then_some(FingertipPoint { position, velocity, direction: None })
@@ -116,13 +146,13 @@ pub fn decode(
             let sample = FingertipSample { number, age: 0.0, tips: std::array::from_fn(tip) };
             TaskCommand::Telexistence(TelexistenceCommand::Follow(sample))
         }
-        "put_down" => TaskCommand::Grasping(GraspCommand::PutDown),
-        "open_hand" => TaskCommand::Grasping(GraspCommand::Open),
-        "stand" => TaskCommand::VisualApproach(VisualApproachCommand::Stand),
-        "open" => TaskCommand::VisualApproach(VisualApproachCommand::Open),
-        "close" => TaskCommand::VisualApproach(VisualApproachCommand::Close),
-        "acknowledge" => TaskCommand::VisualApproach(VisualApproachCommand::Acknowledge),
-        _ => TaskCommand::VisualApproach(VisualApproachCommand::Move {
+        Kind::PutDown => TaskCommand::Grasping(GraspCommand::PutDown),
+        Kind::OpenHand => TaskCommand::Grasping(GraspCommand::Open),
+        Kind::Stand => TaskCommand::VisualApproach(VisualApproachCommand::Stand),
+        Kind::Open => TaskCommand::VisualApproach(VisualApproachCommand::Open),
+        Kind::Close => TaskCommand::VisualApproach(VisualApproachCommand::Close),
+        Kind::Acknowledge => TaskCommand::VisualApproach(VisualApproachCommand::Acknowledge),
+        Kind::Hand => TaskCommand::VisualApproach(VisualApproachCommand::Move {
             position: part(values, 0),
             speed: values[3],
         }),

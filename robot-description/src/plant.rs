@@ -10,8 +10,16 @@ use toml::{Table, Value};
 use crate::file::{self, FileError};
 use crate::finding::{Finding, Report};
 
-/// The control period [s].
+/// The control period [s]: [`tesaki::TICK`] in double precision.
 pub const CONTROL_PERIOD: f64 = 0.01;
+/// The same [ns].
+pub const CONTROL_PERIOD_NS: u64 = 10_000_000;
+
+#[expect(clippy::cast_possible_truncation, clippy::cast_precision_loss, reason = "rounding is meant")]
+const _: () = {
+    assert!((CONTROL_PERIOD as f32).to_bits() == tesaki::TICK.to_bits());
+    assert!((CONTROL_PERIOD * 1e9).to_bits() == (CONTROL_PERIOD_NS as f64).to_bits());
+};
 
 const ADVICE: &str = "docs/bring-your-own-hand.md has a complete plant.toml; `tesaki model init` writes one";
 

@@ -4,6 +4,7 @@ use tesaki::TICK;
 use tesaki::control::JointPoint;
 use tesaki::protocol::JointTelemetry;
 use tesaki::robot::{JointConfig, Robot};
+use tesaki_description::plant::CONTROL_PERIOD_NS;
 
 use crate::messages::{ErrorCode, Goal, JointTrajectory, Point, Time};
 use crate::tolerances::Tolerances;
@@ -11,8 +12,6 @@ use crate::trajectory::{Refused, Trajectory};
 
 /// Speed below which a joint counts as at rest [rad/s].
 const AT_REST: f32 = 1e-6;
-/// A control period [ns].
-const PERIOD: u64 = 10_000_000;
 
 /// How a goal ended.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -97,7 +96,7 @@ impl Controller {
                 "the trajectory begins in the past by its stamp: a stamp of 0 means at once",
             ));
         }
-        let references = self.braked(stamp.saturating_sub(now) / PERIOD);
+        let references = self.braked(stamp.saturating_sub(now) / CONTROL_PERIOD_NS);
         let trajectory = Trajectory::check(&goal.trajectory, &self.robot, &references)?;
         let tolerances = Tolerances::of(goal, defaults)?;
         let delayed = (stamp != 0).then(|| goal.trajectory.clone());

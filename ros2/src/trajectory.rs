@@ -13,7 +13,7 @@ use crate::messages::{ErrorCode, JointTrajectory, Point, Time};
 const MAX_DURATION: f64 = 300.0;
 /// Maximum distance of a first point at time 0 from the present reference [rad]: planners begin at measured
 /// angles.
-pub const START_TOLERANCE: f64 = 0.02;
+const START_TOLERANCE: f64 = 0.02;
 /// Speed below which a trajectory ends at rest [rad/s].
 const AT_REST: f64 = 1e-3;
 

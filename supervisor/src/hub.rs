@@ -107,7 +107,7 @@ impl Hub {
     ///
     /// # Errors
     /// As [`Hub::listen`].
-    pub fn also_listen(&mut self, address: &Address, key: Option<&Key>) -> io::Result<()> {
+    fn also_listen(&mut self, address: &Address, key: Option<&Key>) -> io::Result<()> {
         self.listeners.push(Listener::new(address, key)?);
         Ok(())
     }

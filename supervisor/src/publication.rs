@@ -5,13 +5,12 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use tesaki::model::RobotModel;
 use tesaki::protocol::{JointTelemetry, Mode, Status, Stream, TaskReport, Telemetry, Tips};
 use tesaki_description::frames::{Frames, Placed};
+use tesaki_description::plant::CONTROL_PERIOD_NS;
 use tesaki_description::robot::{RobotFolder, chain_model};
 use tesaki_recording::{Diagnostic, Health, LogLevel, McapError, Publisher, Sink, Transform};
 
 use crate::task_report::{Pose, Report, report};
 
-/// A control period [ns].
-const TICK: u64 = 10_000_000;
 /// A smaller difference of successive ticks means that the board was reset in between [ticks].
 const RESET: i32 = -100;
 
@@ -118,7 +117,7 @@ impl<S: Sink> Publication<S> {
             self.epoch = None;
         }
         self.last = Some(tick);
-        let since_start = u64::from(tick) * TICK;
+        let since_start = u64::from(tick) * CONTROL_PERIOD_NS;
         let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let now = u64::try_from(now.as_nanos()).unwrap_or(u64::MAX);
         *self.epoch.get_or_insert(now.saturating_sub(since_start)) + since_start

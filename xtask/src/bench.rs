@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 use tesaki_output::say;
 
 use crate::firmware;
+use crate::sweep::Simulator;
 use crate::tools::{self, ArmCompiler};
 
 const HISTORY: &str = "docs/benchmarks.jsonl";
@@ -169,10 +170,8 @@ fn print_table(counts: &BTreeMap<String, f64>, last: Option<&Results>) {
 
 /// Simulated seconds per CPU second of hand3-servo with its control, on this machine.
 fn simulation_speed() -> Result<f64> {
-    tools::run(Command::new("cargo").args(["build", "--release", "--quiet", "-p", "tesaki-sim"]))?;
+    let mut host_sim = Simulator::build()?.command();
     let before = tools::cpu_time()?;
-    let mut host_sim = Command::new("cargo");
-    host_sim.args(["run", "--release", "--quiet", "-p", "tesaki-sim", "--bin", "host-sim", "--"]);
     host_sim.args(["run", "hand3-servo", "--seed", "1-5", "--json", "--out"]).arg(crate::test::out("bench"));
     let text = tools::output(&mut host_sim)?;
     let mut ticks = 0.0;

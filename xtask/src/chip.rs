@@ -8,6 +8,7 @@ use anyhow::Result;
 use tesaki_output::say;
 
 use crate::firmware;
+use crate::sweep::Simulator;
 use crate::tools::{self, ArmCompiler};
 
 /// A workspace of its own, see its README.
@@ -20,14 +21,12 @@ const SEEDS: &str = "1-2";
 
 /// `cargo xtask chip`.
 pub fn run() -> Result<()> {
-    let mut host_sim = Command::new("cargo");
-    host_sim.args(["run", "--release", "-p", "tesaki-sim", "--bin", "host-sim", "--"]);
-    check(ArmCompiler::provide()?, host_sim)
+    check(ArmCompiler::provide()?, &Simulator::build()?)
 }
 
 /// Builds the images that are flashed and the model, and tries the ones on the other, alone and with a finger
-/// that `host_sim` simulates.
-pub fn check(compiler: ArmCompiler, mut host_sim: Command) -> Result<()> {
+/// that is simulated.
+pub fn check(compiler: ArmCompiler, simulator: &Simulator) -> Result<()> {
     tools::provide_unicorn_builder()?;
     let images = [BOARDS[0], BOARDS[1], firmware::BOARD].map(|board| {
         let name = board.trim_start_matches("board-");
@@ -51,6 +50,7 @@ pub fn check(compiler: ArmCompiler, mut host_sim: Command) -> Result<()> {
     // With their tables.
     tools::run(&mut cargo(&["test", "--release", "--quiet", "--", "--show-output"]))?;
     tools::run(&mut cargo(&["build", "--release", "--quiet", "--bin", "tesaki-chip"]))?;
+    let mut host_sim = simulator.command();
     host_sim.args(["chip", "--seed", SEEDS, "--chip"]).arg(target.join("release/tesaki-chip"));
     host_sim.arg("--elf").arg(&images[0].1);
     tools::run(&mut host_sim)

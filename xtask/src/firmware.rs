@@ -1,7 +1,6 @@
 //! Building the image, and what it takes on the chip.
 
 use std::path::{Path, PathBuf};
-use std::process::Command;
 
 use anyhow::{Context, Result, ensure};
 use sha2::{Digest, Sha256};
@@ -9,6 +8,7 @@ use tesaki_output::{note, say};
 
 use crate::footprint::Footprint;
 use crate::prove;
+use crate::sweep::Simulator;
 use crate::tools::{self, ArmCompiler, TARGET};
 
 /// The image that is flashed, as cargo calls it.
@@ -22,7 +22,7 @@ pub fn target() -> PathBuf {
 }
 
 /// The programs that run on the emulated board alone.
-pub const ON_TARGET: &[&str] = &["bench", "replay", "selftest", "vision"];
+const ON_TARGET: &[&str] = &["bench", "replay", "selftest", "vision"];
 
 /// Builds the programs of [`ON_TARGET`], all at once: each is optimised as a whole, by one core. In a folder
 /// of their own, so that images can be built meanwhile. Returns the folder.
@@ -60,16 +60,15 @@ pub fn run() -> Result<()> {
     let compiler = ArmCompiler::provide()?;
     tools::provide_qemu()?;
     let image = build_for_board(compiler, BOARD)?;
-    let mut host_sim = Command::new("cargo");
-    host_sim.args(["run", "--release", "-p", "tesaki-sim", "--bin", "host-sim", "--"]);
-    report(&image, host_sim)
+    report(&image, &Simulator::build()?)
 }
 
-/// Prints what the image takes, and checks it against the limits. The stack is measured with `host_sim`: the
-/// image paints it at boot and tells how far it was used.
-pub fn report(image: &Path, mut host_sim: Command) -> Result<()> {
+/// Prints what the image takes, and checks it against the limits. The stack is measured in a scenario:
+/// the image paints it at boot and tells how far it was used.
+pub fn report(image: &Path, simulator: &Simulator) -> Result<()> {
     let footprint = Footprint::of(image)?;
     footprint.print();
+    let mut host_sim = simulator.command();
     host_sim.args(["run", "hand3-servo", "--controller", "qemu", "--json", "--elf"]).arg(image);
     host_sim.args(["--out"]).arg(crate::test::out("firmware"));
     note!("\nhand3-servo on the image in QEMU, for its stack; this takes minutes");

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use anyhow::Result;
 use tesaki_output::{note, say};
 
+use crate::sweep::Simulator;
 use crate::tools::{self, ArmCompiler};
 use crate::{bench, chip, faults, firmware, fuzz, prove, python, ros2, sweep, viewer};
 
@@ -162,15 +163,13 @@ fn on_the_board(steps: &mut Steps, compiler: ArmCompiler, images: Images) -> Res
         }
         Ok(())
     })?;
-    // The simulator that the host suite has built; `cargo run` would build it again, with the features of it
-    // alone.
-    let host_sim = || Command::new(firmware::target().join("release").join("host-sim"));
-    steps.run("the images on a model of the chip", || chip::check(compiler, host_sim()))?;
+    let simulator = Simulator::built();
+    steps.run("the images on a model of the chip", || chip::check(compiler, &simulator))?;
     steps.run("what holds for the images that drive motors, from their instructions", || {
         with_motors.iter().try_for_each(|image| prove::check(image).map(drop))
     })?;
     steps.run("executed instructions on the emulated Cortex-M4F", || bench::check(compiler))?;
-    steps.run("the image, and what holds for it", || firmware::report(&image, host_sim()))
+    steps.run("the image, and what holds for it", || firmware::report(&image, &simulator))
 }
 
 fn tables() -> Result<()> {

@@ -5,8 +5,9 @@ use std::process::Command;
 
 use anyhow::{Context, Result};
 
+use crate::sweep::Simulator;
 use crate::test::out;
-use crate::{firmware, tools};
+use crate::tools;
 
 const EXAMPLES: &str = "Examples:
   cargo xtask viewer           after a change in viewer/web: makes viewer/bundle anew
@@ -56,8 +57,8 @@ fn film() -> Result<()> {
     provide_packages()?;
     tools::provide_chromium()?;
     let folder = out("film");
-    let host_sim = firmware::target().join("release").join("host-sim");
-    tools::run(Command::new(host_sim).args(["run", "hand3-turn", "--seed", "1", "--out"]).arg(&folder))?;
+    let mut host_sim = Simulator::built().command();
+    tools::run(host_sim.args(["run", "hand3-turn", "--seed", "1", "--out"]).arg(&folder))?;
     let report = std::path::absolute(folder.join("hand3-turn/index.html"))?;
     let mut node = Command::new("node");
     node.arg(format!("{WEB}/film.mjs")).arg(report).args(["docs/hand3-turn.gif", "1", "21", "2"]);

@@ -11,10 +11,11 @@ use tesaki::protocol::{Mode, Reply, Request};
 
 use super::rules::{Rule, Violation};
 use super::sample::{Machine, Sample};
+use crate::plant::CONTROL_PERIOD;
 use fault_stop::FaultStop;
 
 /// Control period [s].
-const T: f64 = 0.01;
+const T: f64 = CONTROL_PERIOD;
 /// Fraction by which the model of weight and friction may be wrong.
 const WEIGHT_ERROR: f64 = 0.25;
 /// How far a joint may press into its stop [rad].

@@ -19,6 +19,7 @@ use super::schedule::{Family, Fault, Kind, Schedule};
 use super::sensors::PlantLink;
 use super::strangers;
 use crate::digest::FramesDigest;
+use crate::plant::CONTROL_PERIOD;
 use crate::plant::{Plant, Push};
 use crate::virtual_board::VirtualBoard;
 
@@ -336,7 +337,7 @@ impl Rig {
     pub(super) fn disturb_plant(&mut self, plant: &mut Plant) {
         let begins: Vec<Fault> = self.acting().filter(|fault| fault.begin == self.tick).copied().collect();
         for fault in begins {
-            let hold = f64::from(fault.ticks.unwrap_or(100)) * 0.01;
+            let hold = f64::from(fault.ticks.unwrap_or(100)) * CONTROL_PERIOD;
             let push = |force| Push { force, point: [0.0; 3], ramp: 0.02, hold };
             // The values are finite and within their limits, so no call fails.
             let _ = match fault.kind {

@@ -14,7 +14,7 @@ const MAX_FAULTS: u32 = 4;
 /// All faults begin within this time of the first one [ticks].
 const SPREAD: u32 = 60;
 /// The run continues for this time after the last fault has begun [ticks].
-pub const AFTERMATH: u32 = 150;
+const AFTERMATH: u32 = 150;
 
 /// A scenario in which schedules run.
 #[derive(Clone, Copy, Debug, PartialEq)]

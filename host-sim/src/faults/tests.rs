@@ -179,6 +179,23 @@ fn a_held_robot_that_does_not_rest_is_unsafe() {
 }
 
 #[test]
+fn only_a_robot_that_has_lost_its_force_sensor_need_not_rest() {
+    use FaultCause::{FollowingError, ForceLimit, ForceMismatch, ForceSaturated, ForceSilent, ForceStuck};
+    let rests = |cause: FaultCause| {
+        let mut oracle = oracle();
+        oracle.tick(sample(0, ENABLED, true));
+        for tick in 1..200 {
+            let mut moving = sample(tick, Mode::Fault, true);
+            (moving.energy, moving.latest) = (MOVING, moving.latest.map(|fault| Fault { cause, ..fault }));
+            oracle.tick(moving);
+        }
+        !broken(&oracle).is_empty()
+    };
+    assert!([FollowingError, ForceLimit].into_iter().all(rests));
+    assert!(![ForceSaturated, ForceStuck, ForceSilent, ForceMismatch].into_iter().any(rests));
+}
+
+#[test]
 fn a_rising_force_and_a_fast_tool_are_unsafe() {
     let mut oracle = oracle();
     oracle.tick(Sample { contact: 4.0, ..sample(0, ENABLED, true) });

@@ -275,15 +275,14 @@ impl Kinematics {
 mod tests {
     use super::*;
     use crate::operator::StrokeValues;
+    use crate::plant::isometry;
 
     fn middle() -> Isometry3<f64> {
         Isometry3::new(Vector3::new(0.36, 0.0, -0.3), Vector3::new(0.0, -FRAC_PI_2, 0.0))
     }
 
     fn pose(sample: &MasterPose) -> Isometry3<f64> {
-        let [x, y, z, w] = sample.orientation;
-        let turn = UnitQuaternion::from_quaternion(rapier3d::na::Quaternion::new(w, x, y, z));
-        Isometry3::from_parts(Translation3::from(Vector3::from(sample.position)), turn)
+        isometry(sample.position, sample.orientation)
     }
 
     /// Errors of position [m] and orientation [rad].

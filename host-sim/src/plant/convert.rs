@@ -25,9 +25,13 @@ pub fn pose(pose: &Isometry3<f64>) -> Pose {
 }
 
 /// Converts a position [m] and a quaternion `[x, y, z, w]`.
-pub fn isometry([x, y, z]: [f64; 3], [i, j, k, w]: [f64; 4]) -> Isometry3<f64> {
-    let turn = UnitQuaternion::from_quaternion(Quaternion::new(w, i, j, k));
-    Isometry3::from_parts(Translation3::new(x, y, z), turn)
+pub fn isometry(position: [f64; 3], orientation: [f64; 4]) -> Isometry3<f64> {
+    Isometry3::from_parts(Translation3::from(position), unit_quaternion(orientation))
+}
+
+/// Converts a quaternion `[x, y, z, w]`.
+pub fn unit_quaternion([x, y, z, w]: [f64; 4]) -> UnitQuaternion<f64> {
+    UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z))
 }
 
 /// Returns the pose of a body in the physics engine.

@@ -5,9 +5,10 @@
 //! extrapolation. Springs are stable up to `4 m / h²` and dampers up to `m / h`, with the sub-step `h` and
 //! the effective mass `m` of the tip; at 1 ms and 0.5 kg that is 2 MN/m and 500 N·s/m.
 
-use rapier3d::na::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
+use rapier3d::na::{Isometry3, Point3, UnitQuaternion, Vector3};
 use tesaki_supervisor::trajectory::minimum_jerk;
 
+use super::convert::isometry;
 use super::end_effector::Tip;
 use super::error::{PlantError, check};
 use super::motion::Motion;
@@ -114,9 +115,7 @@ impl Hold {
     }
 
     fn end(&self) -> Isometry3<f64> {
-        let [x, y, z, w] = self.orientation;
-        let turn = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
-        Isometry3::from_parts(Translation3::from(self.position), turn)
+        isometry(self.position, self.orientation)
     }
 }
 

@@ -75,14 +75,12 @@ mod tests {
     use tesaki_description::robot::RobotFolder;
     use tesaki_rng::Rng;
 
-    use super::super::{Drive, Plant, PlantOptions, PlantValues, Push};
+    use super::super::{Plant, PlantOptions, Push};
 
     fn plant(robot: &str, seed: u64) -> Plant {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots").join(robot);
-        let values = PlantValues::load(&folder).unwrap();
         let robot = RobotFolder::load(&folder).unwrap();
-        let drives: Vec<Drive> = robot.model.joints.iter().map(Drive::from).collect();
-        Plant::new(&robot.urdf, &drives, &values, &PlantOptions::mismatched(seed)).unwrap()
+        Plant::of(&robot, &PlantOptions::mismatched(seed)).unwrap()
     }
 
     /// Returns the observable motion of a plant: angles, velocities, poses of the links, wrenches of the

@@ -73,6 +73,7 @@ mod truth;
 mod values;
 mod world;
 
+pub(crate) use convert::{isometry, unit_quaternion};
 pub use environment::{Hold, Wall};
 pub use error::PlantError;
 pub use factors::JointFactors;

@@ -1,5 +1,7 @@
 //! Time series as CSV.
 
+use std::borrow::Cow;
+
 use ::csv::Writer;
 
 /// One column of a table of numbers.
@@ -10,13 +12,13 @@ pub struct Column<'a> {
     /// Its unit; empty for counts and ratios.
     pub unit: String,
     /// The values, one per row.
-    pub values: &'a [f64],
+    pub values: Cow<'a, [f64]>,
 }
 
 impl<'a> Column<'a> {
     /// Creates a column of `values` in `unit`.
-    pub fn new(name: impl Into<String>, unit: impl Into<String>, values: &'a [f64]) -> Self {
-        Self { name: name.into(), unit: unit.into(), values }
+    pub fn new(name: impl Into<String>, unit: impl Into<String>, values: impl Into<Cow<'a, [f64]>>) -> Self {
+        Self { name: name.into(), unit: unit.into(), values: values.into() }
     }
 }
 

@@ -115,7 +115,7 @@ impl<'a> Layout<'a> {
 }
 
 /// Estimates the width of a text in a common sans-serif font [px].
-pub(super) fn text_width(text: &str, size: f64) -> f64 {
+fn text_width(text: &str, size: f64) -> f64 {
     let width = |letter: char| match letter {
         'i' | 'j' | 'l' | 'I' | '\'' | '.' | ',' | ':' | ';' | '|' | '·' => 0.28,
         'f' | 't' | 'r' | ' ' | '(' | ')' | '[' | ']' | '/' | '-' => 0.36,

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use rapier3d::na::{Quaternion, UnitQuaternion, Vector3};
+use rapier3d::na::{Isometry3, UnitQuaternion, Vector3};
 use tesaki::control::Impedance;
 use tesaki::kinematics::{ElbowSetpoint, PosePoint};
 use tesaki::model::RobotModel;
@@ -10,12 +10,15 @@ use tesaki::task::TaskConfig;
 use tesaki::task::impedance::{ForceSource, ImpedanceSettings, ImpedanceTelemetry, Law, Redundancy};
 use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::Board;
+use tesaki_supervisor::trajectory::minimum_jerk;
 
-use super::common::{T, fault_error, introduce};
+use super::common::{T, during, fault_error, introduce, largest};
 use super::{ScenarioError, Setting};
 use crate::controller::{Controller, Watched};
 use crate::motion::Motion;
-use crate::plant::{Drive, Plant, PlantOptions, PlantValues, SharedIntervention, TipTruth};
+use crate::plant::{
+    Drive, Plant, PlantOptions, PlantValues, SharedIntervention, TipTruth, isometry, unit_quaternion,
+};
 use crate::report::{Column, csv};
 
 /// Time from power-on to the tare of the force sensor [s].
@@ -48,6 +51,26 @@ pub const fn impedance(mass: f32, damping: f32, stiffness: f32) -> Impedance {
         [damping, damping, damping, b, b, b],
         [stiffness, stiffness, stiffness, k, k, k],
     )
+}
+
+/// A minimum-jerk motion of a value within `duration` [s]: value, rate and acceleration at a time since its
+/// begin [s].
+pub fn motion([from, to]: [f64; 2], time: f64, duration: f64) -> [f64; 3] {
+    let [fraction, rate, curvature] = minimum_jerk(time / duration);
+    let change = to - from;
+    [from + change * fraction, change * rate / duration, change * curvature / (duration * duration)]
+}
+
+/// The pose of a set-point.
+pub fn pose(point: &PosePoint) -> Isometry3<f64> {
+    isometry(point.position.map(f64::from), point.rotation.map(f64::from))
+}
+
+/// Adds such a motion of a coordinate to a set-point.
+pub fn shift(point: &mut PosePoint, axis: usize, [value, rate, acceleration]: [f64; 3]) {
+    point.position[axis] += value as f32;
+    point.velocity[axis] = rate as f32;
+    point.acceleration[axis] = acceleration as f32;
 }
 
 /// A redundancy resolution under test.
@@ -141,8 +164,7 @@ impl ArmSample {
     }
 
     pub fn orientation(&self) -> UnitQuaternion<f64> {
-        let [x, y, z, w] = self.tool.orientation;
-        UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z))
+        unit_quaternion(self.tool.orientation)
     }
 }
 
@@ -158,33 +180,49 @@ impl ArmLog {
 
     /// The samples of a time span [s]; empty if it was not recorded to its end.
     pub fn during(&self, span: &Range<f64>) -> &[ArmSample] {
-        let [from, to] = [span.start, span.end].map(|time| (time / T).round() as usize);
-        self.0.get(from..to).unwrap_or(&[])
+        during(&self.0, span)
     }
 
     /// The maximum of a value in a time span; NaN if it was not recorded to its end.
     pub fn largest(&self, span: &Range<f64>, value: impl Fn(&ArmSample) -> f64) -> f64 {
-        self.during(span).iter().map(value).fold(f64::NAN, f64::max)
+        largest(self.during(span).iter().map(value))
     }
 
     /// As CSV.
     pub fn table(&self) -> String {
         let series = |value: &dyn Fn(&ArmSample) -> f64| self.0.iter().map(value).collect::<Vec<f64>>();
-        let mut columns: Vec<(String, &str, Vec<f64>)> =
-            vec![("time".to_owned(), "s", series(&|sample| sample.time))];
+        let mut columns = vec![Column::new("time", "s", series(&|sample| sample.time))];
         for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
-            columns.push((format!("tool {name}"), "m", series(&|sample| sample.tool.position[axis])));
-            columns.push((format!("set-point {name}"), "m", series(&|sample| sample.target[axis])));
-            columns.push((format!("force {name}"), "N", series(&|sample| sample.tool.force[axis])));
+            columns.push(Column::new(
+                format!("tool {name}"),
+                "m",
+                series(&|sample| sample.tool.position[axis]),
+            ));
+            columns.push(Column::new(
+                format!("set-point {name}"),
+                "m",
+                series(&|sample| sample.target[axis]),
+            ));
+            columns.push(Column::new(
+                format!("force {name}"),
+                "N",
+                series(&|sample| sample.tool.force[axis]),
+            ));
         }
-        columns.push(("set-point elbow".to_owned(), "rad", series(&|sample| sample.elbow)));
+        columns.push(Column::new("set-point elbow".to_owned(), "rad", series(&|sample| sample.elbow)));
         let joints = self.0.first().map_or(0, |sample| sample.joints.len());
         for joint in 0..joints {
-            columns.push((format!("angle {}", joint + 1), "rad", series(&|sample| sample.joints[joint])));
-            columns.push((format!("torque {}", joint + 1), "N·m", series(&|sample| sample.torques[joint])));
+            columns.push(Column::new(
+                format!("angle {}", joint + 1),
+                "rad",
+                series(&|sample| sample.joints[joint]),
+            ));
+            columns.push(Column::new(
+                format!("torque {}", joint + 1),
+                "N·m",
+                series(&|sample| sample.torques[joint]),
+            ));
         }
-        let columns: Vec<Column<'_>> =
-            columns.iter().map(|(name, unit, values)| Column::new(name, *unit, values)).collect();
         csv(&columns)
     }
 }
@@ -261,6 +299,19 @@ impl<'a, 'b> ArmTrial<'a, 'b> {
         self.controller.set_target(point, elbow)?;
         (self.target, self.elbow) = (point, elbow);
         self.tick()
+    }
+
+    /// Follows set-points for `duration` [s], which `setpoint` gives for the time since now [s].
+    pub fn follow_path(
+        &mut self,
+        duration: f64,
+        setpoint: impl Fn(f64) -> (PosePoint, ElbowSetpoint),
+    ) -> Result<(), ScenarioError> {
+        for tick in 1..=(duration / T).round() as usize {
+            let (point, elbow) = setpoint(tick as f64 * T);
+            self.follow(point, elbow)?;
+        }
+        Ok(())
     }
 
     /// One control period.

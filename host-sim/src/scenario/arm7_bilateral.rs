@@ -1,15 +1,15 @@
 //! Bilateral teleoperation: the contact force of the arm is reflected to the operator over a delayed link.
 //! Measures the settling time of the handle and the energy that the link generates.
 
-use rapier3d::na::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
+use rapier3d::na::Vector3;
 use tesaki::kinematics::{ElbowSetpoint, PosePoint};
 use tesaki::task::impedance::ImpedanceSettings;
 use tesaki::teleop::{PowerPort, PowerPortLimits};
 use tesaki_description::law::arm::{StrokeTable, WallTable};
 use tesaki_supervisor::trajectory::minimum_jerk;
 
-use super::arm::{ArmRig, ArmSample, ArmTrial, Machine, impedance, settings};
-use super::common::{T, grouped};
+use super::arm::{ArmRig, ArmSample, ArmTrial, Machine, impedance, pose, settings};
+use super::common::{T, grouped, largest, unsettled};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::operator::{Link, LinkValues, MasterArm, MasterArmValues, OperatorHandMotion, Stroke};
 use crate::plant::Wall;
@@ -21,6 +21,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "an operator presses the arm against walls of 200 to 50 000 N/m with force feedback, at delays of \
             0, 20 and 50 ms",
     robot: "arm7",
+    results: "docs/measurements.md#walls-felt-from-afar",
     duration: 62.0,
     shortest: None,
     laws: None,
@@ -99,13 +100,13 @@ impl Run {
     pub fn settling_time(&self) -> f64 {
         let last = self.ticks.len().saturating_sub(20);
         let rest = self.ticks[last..].iter().map(|tick| tick.handle).sum::<f64>() / 20.0;
-        let outside = self.ticks.iter().rposition(|tick| (tick.handle - rest).abs() > SETTLING_BAND);
-        outside.map_or(0.0, |index| ((index + 1) as f64 * T - BEGIN - self.stroke.time).max(0.0))
+        let unsettled = unsettled(self.ticks.iter().map(|tick| tick.handle), rest, SETTLING_BAND);
+        unsettled.map_or(f64::NAN, |ticks| (ticks as f64 * T - BEGIN - self.stroke.time).max(0.0))
     }
 
     /// Minimum of the energy in the link [J].
     fn min_energy(&self) -> f64 {
-        self.ticks.iter().map(|tick| tick.energy).fold(f64::INFINITY, f64::min)
+        -largest(self.ticks.iter().map(|tick| -tick.energy))
     }
 
     /// Largest energy that the wall has received beyond the operator's input, from the true forces and
@@ -121,7 +122,7 @@ impl Run {
             balance += output - input;
             balance
         });
-        balances.fold(0.0, f64::max)
+        largest([0.0].into_iter().chain(balances))
     }
 
     fn name(&self) -> String {
@@ -141,9 +142,9 @@ impl Run {
         let wall: Vec<f64> = self.samples.iter().map(|sample| -sample.tool.wall_force[0]).collect();
         csv(&[
             Column::new("time", "s", &time),
-            Column::new("handle x", "m", &series(&|tick| tick.handle)),
-            Column::new("force on handle x", "N", &series(&|tick| tick.force)),
-            Column::new("energy in the link", "J", &series(&|tick| tick.energy)),
+            Column::new("handle x", "m", series(&|tick| tick.handle)),
+            Column::new("force on handle x", "N", series(&|tick| tick.force)),
+            Column::new("energy in the link", "J", series(&|tick| tick.energy)),
             Column::new("tool x", "m", &tool),
             Column::new("force into wall", "N", &wall),
         ])
@@ -203,12 +204,10 @@ pub(super) fn press_wall(
     let [stiffness, ..] = settings.impedance.stiffness;
     let mut arm_trial = ArmTrial::begin(setting, rig, &recorded.label(), Machine::Mismatched, settings)?;
     let (point, elbow) = arm_trial.start();
-    let start = Vector3::from(point.position).map(f64::from);
+    let middle = pose(&point);
+    let start = middle.translation.vector;
     arm_trial.plant.insert_wall(wall_before(&start, &wall))?;
 
-    let [x, y, z, w] = point.rotation.map(f64::from);
-    let rotation = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
-    let middle = Isometry3::from_parts(Translation3::from(start), rotation);
     let motion = Stroke {
         begin: BEGIN,
         duration: stroke.time,
@@ -374,7 +373,7 @@ fn add_metrics(summary: &mut Summary, run: &Run) {
     summary.insert(format!("{name}_energy_generated"), metric);
     let text = format!("{label}: largest energy deficit of the link, as its ports count");
     summary.insert(format!("{name}_energy_deficit"), Metric::reported(text, -1e3 * run.min_energy(), "mJ"));
-    let peak = run.samples.iter().map(|sample| -sample.tool.wall_force[0]).fold(f64::NAN, f64::max);
+    let peak = largest(run.samples.iter().map(|sample| -sample.tool.wall_force[0]));
     summary
         .insert(format!("{name}_force_peak"), Metric::reported(format!("{label}: largest force"), peak, "N"));
 }

@@ -4,12 +4,11 @@
 use rapier3d::na::Vector3;
 use tesaki::kinematics::ElbowSetpoint;
 use tesaki::task::impedance::ImpedanceSettings;
-use tesaki_supervisor::trajectory::minimum_jerk;
 
 use super::arm::{
-    ArmLog, ArmRig, ArmSample, ArmTrial, ELBOW_TRIALS, ElbowTrial, Machine, impedance, settings,
+    ArmLog, ArmRig, ArmSample, ArmTrial, ELBOW_TRIALS, ElbowTrial, Machine, impedance, motion, settings,
 };
-use super::common::{T, capitalized};
+use super::common::{T, capitalized, largest};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::report::{Figure, Line, Metric, Panel, Summary};
 
@@ -19,6 +18,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "the elbow swings by 30° in a second and back while the hand stays in place, by shoulder yaw and \
             by arm angle",
     robot: "arm7",
+    results: "docs/measurements.md#an-arm-under-impedance-control",
     duration: 15.0,
     shortest: None,
     laws: None,
@@ -65,17 +65,11 @@ fn elbow_swing(
     let mut arm_trial = ArmTrial::begin(setting, rig, trial.label, Machine::Mismatched, firm)?;
     arm_trial.wait(1.0)?;
     let (point, elbow) = arm_trial.start();
-    for (from, to) in [(0.0, SWING), (SWING, 0.0)] {
-        for tick in 1..=(TIME / T).round() as usize {
-            let [fraction, rate, curvature] = minimum_jerk(tick as f64 * T / TIME);
-            let change = to - from;
-            let setpoint = ElbowSetpoint {
-                angle: elbow.angle + (from + change * fraction) as f32,
-                velocity: (change * rate / TIME) as f32,
-                acceleration: (change * curvature / (TIME * TIME)) as f32,
-            };
-            arm_trial.follow(point, setpoint)?;
-        }
+    for ends in [[0.0, SWING], [SWING, 0.0]] {
+        arm_trial.follow_path(TIME, |time| {
+            let [change, velocity, acceleration] = motion(ends, time, TIME).map(|value| value as f32);
+            (point, ElbowSetpoint { angle: elbow.angle + change, velocity, acceleration })
+        })?;
         arm_trial.wait(REST)?;
     }
     arm_trial.end()
@@ -99,13 +93,12 @@ pub(super) fn hand_motion(samples: &[ArmSample]) -> Vec<(f64, f64)> {
 fn add_metrics(summary: &mut Summary, trial: &ElbowTrial, log: &ArmLog) {
     let label = capitalized(trial.label);
     let motion = hand_motion(swings(log));
-    let largest = |value: fn(&(f64, f64)) -> f64| motion.iter().map(value).fold(f64::NAN, f64::max);
     let mut insert = |name: &str, metric| summary.insert(format!("{}_{name}", trial.name), metric);
     insert(
         "hand_displacement",
         Metric::at_most(
             format!("{label}: largest displacement of the hand"),
-            largest(|motion| motion.0),
+            largest(motion.iter().map(|motion| motion.0)),
             1.0,
             "mm",
         ),
@@ -114,15 +107,15 @@ fn add_metrics(summary: &mut Summary, trial: &ElbowTrial, log: &ArmLog) {
         "hand_rotation",
         Metric::reported(
             format!("{label}: largest rotation of the hand"),
-            largest(|motion| motion.1),
+            largest(motion.iter().map(|motion| motion.1)),
             "mrad",
         ),
     );
     let elbow = |sample: &ArmSample| Vector3::from(elbow_position(sample));
     let all = swings(log);
-    let displacement = all.first().map_or(f64::NAN, |first| {
-        all.iter().map(|sample| (elbow(sample) - elbow(first)).norm()).fold(f64::NAN, f64::max)
-    });
+    let displacement = all
+        .first()
+        .map_or(f64::NAN, |first| largest(all.iter().map(|sample| (elbow(sample) - elbow(first)).norm())));
     let text = format!("{label}: largest displacement of the elbow");
     insert("elbow_displacement", Metric::at_least(text, 1e3 * displacement, 30.0, "mm"));
 }

@@ -8,8 +8,8 @@ use tesaki::task::impedance::{DirectLaw, ImpedanceSettings, Law};
 use tesaki::teleop::FollowerSettings;
 
 use super::arm::{ArmRig, ArmTrial, Machine, settings};
-use super::common::{T, capitalized};
-use super::unilateral::{Operator, Slave, Trace, displacements, tool_pose};
+use super::common::capitalized;
+use super::unilateral::{Operator, Slave, Trace, displacements, lead, tool_pose};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::operator::{ElbowMotion, ElbowSwing, LinkValues, OperatorHandMotion, Stroke};
 use crate::report::{Figure, Line, Metric, Panel, Summary};
@@ -20,6 +20,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "an operator's hand moves ±0.1 m at 0.5 Hz, and the arm follows over a link, under the paper's \
             law and ours",
     robot: "arm7",
+    results: "docs/measurements.md#an-arm-that-follows-a-hand",
     duration: 88.0,
     shortest: None,
     laws: None,
@@ -178,23 +179,11 @@ fn follow(setting: &mut Setting<'_, '_>, rig: &mut ArmRig, trial: &Trial) -> Res
     let mut slave =
         if trial.law == Law::ModelFollowing { Slave::predicted(target) } else { Slave::sample(target) };
     let mut trace = Trace::new(arm_trial.log.now());
-    let tick = |time: f64| (time / T).round() as usize;
-    for number in 0..tick(END + REST) {
-        let time = number as f64 * T;
-        slave.receive(time, &mut operator);
-        if number == tick(CLOSE) {
-            slave.clutch(time, true);
-        }
-        for (at, closed) in trial.clutch.into_iter().flat_map(|[open, close]| [(open, false), (close, true)])
-        {
-            if number == tick(at) {
-                slave.clutch(time, closed);
-            }
-        }
-        let (point, elbow) = slave.tick(time);
-        trace.push(&operator.motion.at(time), &operator.elbow.at(time), &point);
-        arm_trial.follow(point, elbow)?;
-    }
+    let mut clutch = vec![(CLOSE, true)];
+    clutch.extend(trial.clutch.into_iter().flat_map(|[open, close]| [(open, false), (close, true)]));
+    lead(&mut arm_trial, &mut slave, &mut operator, END + REST, &clutch, |operator, time, point| {
+        trace.push(&operator.motion.at(time), &operator.elbow.at(time), point);
+    })?;
     trace.add_arm_log(arm_trial.end()?);
     Ok(trace)
 }

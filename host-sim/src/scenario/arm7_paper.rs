@@ -10,8 +10,8 @@ use tesaki::kinematics::{ElbowSetpoint, PosePoint};
 use tesaki_description::law::arm::{self, ArmLaw, FollowExperiment, LinkTable, Setpoint};
 
 use super::arm::{ArmRig, ArmTrial, Machine};
-use super::common::{T, capitalized, clear_faults};
-use super::unilateral::{Operator, Slave};
+use super::common::{capitalized, clear_faults};
+use super::unilateral::{Operator, Slave, lead};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::law::tell_apart;
 use crate::operator::LinkValues;
@@ -22,6 +22,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     title: "Arm7: release and master-slave, the paper's law and ours",
     about: "figures 5 and 7 of the Arm7 paper under its law, with and without its friction term, and under ours",
     robot: "arm7",
+    results: "docs/papers/arm7.md",
     duration: 703.3,
     shortest: None,
     laws: Some(&["paper", "paper-without-friction", "tesaki"]),
@@ -107,24 +108,13 @@ impl NamedLaw {
         target: (PosePoint, ElbowSetpoint),
         operator: &mut Operator,
         duration: f64,
-        mut observe: impl FnMut(&Operator, f64, &PosePoint),
+        observe: impl FnMut(&Operator, f64, &PosePoint),
     ) -> Result<(), ScenarioError> {
         let mut slave = match self.follow()?.setpoint {
             Setpoint::Sample => Slave::sample(target),
             Setpoint::Predicted => Slave::predicted(target),
         };
-        let tick = |time: f64| (time / T).round() as usize;
-        for number in 0..tick(duration) {
-            let time = number as f64 * T;
-            slave.receive(time, operator);
-            if number == tick(CLOSE) {
-                slave.clutch(time, true);
-            }
-            let (point, elbow) = slave.tick(time);
-            observe(operator, time, &point);
-            trial.follow(point, elbow)?;
-        }
-        Ok(())
+        lead(trial, &mut slave, operator, duration, &[(CLOSE, true)], observe)
     }
 
     /// Adds the number of trials that a fault ended.

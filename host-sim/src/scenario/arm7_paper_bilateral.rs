@@ -1,20 +1,20 @@
 //! Bilateral control as the Arm7 paper announces it (section 4), and ours, side by side on the same machines.
 
-use rapier3d::na::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3, Vector6};
+use rapier3d::na::{Isometry3, Translation3, UnitQuaternion, Vector3, Vector6};
 use tesaki::kinematics::PosePoint;
 use tesaki::task::impedance::ImpedanceSettings;
 use tesaki::teleop::MatchedImpedance;
 use tesaki_description::law::arm::{BilateralExperiment, ForceFeedback, NoiseTable, PushTable, StrokeTable};
 use tesaki_rng::Rng;
 
-use super::arm::{ArmRig, ArmSample, ArmTrial, Machine};
+use super::arm::{self, ArmRig, ArmSample, ArmTrial, Machine};
 use super::arm7_bilateral::{self, BEGIN, LinkSample, wall_before};
 use super::arm7_paper::NamedLaw;
 use super::common::{T, capitalized};
 use super::unilateral::tool_pose;
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::operator::{Link, LinkValues, MasterArm, MasterArmValues, OperatorHandMotion, Stroke};
-use crate::plant::Push;
+use crate::plant::{Push, isometry};
 use crate::purpose::Purpose;
 use crate::report::{Figure, Line, Metric, Panel, Summary};
 
@@ -24,6 +24,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "the operator presses the slave against a wall with force feedback: the matched impedances that the Arm7 \
             paper announces, and the reflected spring under passivity control",
     robot: "arm7",
+    results: "docs/papers/arm7.md",
     duration: 64.3,
     shortest: None,
     laws: Some(&["paper", "matched", "tesaki"]),
@@ -147,7 +148,7 @@ fn press_matched(
     };
     let mut arm_trial = ArmTrial::begin(setting, rig, label, Machine::Mismatched, settings)?;
     let (point, elbow) = arm_trial.start();
-    let start = isometry(&point);
+    let start = arm::pose(&point);
     arm_trial.plant.insert_wall(wall_before(&start.translation.vector, wall))?;
     let motion = Stroke {
         begin: BEGIN,
@@ -182,9 +183,7 @@ fn press_matched(
         }
         // The master: pose and velocity of the handle, mean wrench of the operator over the last period.
         if let Some((_, measured)) = master.run(&motion, time).last() {
-            let [x, y, z, w] = measured.orientation;
-            let rotation = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
-            handle = Isometry3::from_parts(Translation3::from(measured.position), rotation);
+            handle = isometry(measured.position, measured.orientation);
         }
         let state = master.handle(&motion);
         let velocity = six(&state.velocity, &state.angular_velocity);
@@ -244,12 +243,6 @@ fn displaced(pose: &Isometry3<f64>, displacement: &Vector6<f64>) -> Isometry3<f6
     let [shift, turn] = [0, 3].map(|row| displacement.fixed_rows::<3>(row).into_owned());
     let rotation = UnitQuaternion::from_scaled_axis(turn) * pose.rotation;
     Isometry3::from_parts(Translation3::from(pose.translation.vector + shift), rotation)
-}
-
-fn isometry(point: &PosePoint) -> Isometry3<f64> {
-    let [x, y, z, w] = point.rotation.map(f64::from);
-    let rotation = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
-    Isometry3::from_parts(Translation3::from(Vector3::from(point.position).map(f64::from)), rotation)
 }
 
 fn pose_point(pose: &Isometry3<f64>) -> PosePoint {

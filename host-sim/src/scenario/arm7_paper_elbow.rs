@@ -8,7 +8,7 @@ use tesaki_description::law::arm::ElbowExperiment;
 use super::arm::{ArmRig, ArmSample, ArmTrial, Machine};
 use super::arm7_elbow::{elbow_position, hand_motion};
 use super::arm7_paper::{NamedLaw, Recorded, compare, link};
-use super::common::{T, capitalized};
+use super::common::{T, capitalized, largest};
 use super::unilateral::{Operator, tool_pose};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::operator::{ElbowMotion, ElbowSwing, OperatorHandMotion};
@@ -20,6 +20,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "the operator's elbow moves with the hand held, under the pseudo-inverse that the Arm7 paper discards, \
             its step 4 as printed and corrected, and ours",
     robot: "arm7",
+    results: "docs/papers/arm7.md",
     duration: 60.1,
     shortest: None,
     laws: Some(&["pseudo-inverse", "paper", "corrected", "tesaki"]),
@@ -142,7 +143,6 @@ fn add_metrics(summary: &mut Summary, trace: &ElbowTrace<'_>, key: &str, machine
     let law = trace.law;
     let label = format!("{} on {machine}", capitalized(&law.law.title));
     let mut insert = |what: &str, metric| summary.insert(format!("{}_{key}_{what}", law.key), metric);
-    let largest = |values: Vec<f64>| values.into_iter().fold(f64::NAN, f64::max);
     let text = format!("{label}: largest displacement of the hand");
     insert("hand_displacement", Metric::reported(text, largest(trace.hand()), "mm"));
     let paper = match law.law.settings.redundancy {

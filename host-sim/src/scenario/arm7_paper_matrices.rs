@@ -7,7 +7,7 @@ use tesaki_description::law::arm::PushExperiment;
 
 use super::arm::{ArmRig, ArmSample, ArmTrial, Machine};
 use super::arm7_paper::{NamedLaw, Recorded, compare};
-use super::common::{T, capitalized};
+use super::common::{T, capitalized, largest};
 use super::unilateral::tool_pose;
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::plant::Push;
@@ -19,6 +19,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "equation (2) of the Arm7 paper with symmetric matrices in the axes of the base or of the tool: the tool is \
             pushed, and yields as K⁻¹F says",
     robot: "arm7",
+    results: "docs/papers/arm7.md",
     duration: 103.0,
     shortest: None,
     laws: Some(&["paper-coupled", "coupled", "tool-axes"]),
@@ -139,25 +140,23 @@ impl PushTrace<'_> {
     /// Largest distance from the theory in motion [mm].
     fn deviation(&self) -> f64 {
         let pairs = self.measured.iter().zip(&self.exact);
-        pairs.map(|(measured, exact)| 1e3 * translation(&(measured - exact)).norm()).fold(f64::NAN, f64::max)
+        largest(pairs.map(|(measured, exact)| 1e3 * translation(&(measured - exact)).norm()))
     }
 
     /// Largest distance from `K⁻¹F` at rest [mm].
     fn error(&self) -> f64 {
-        let errors = self.rests.iter().map(|[rest, theory]| 1e3 * translation(&(rest - theory)).norm());
-        errors.fold(f64::NAN, f64::max)
+        largest(self.rests.iter().map(|[rest, theory]| 1e3 * translation(&(rest - theory)).norm()))
     }
 
     /// Largest angle between the displacement at rest and that of `K⁻¹F` [°].
     fn angle(&self) -> f64 {
         let angles = self.rests.iter().map(|[rest, theory]| translation(rest).angle(&translation(theory)));
-        angles.map(f64::to_degrees).fold(f64::NAN, f64::max)
+        largest(angles.map(f64::to_degrees))
     }
 
     /// Largest difference of the rotation at rest from `K⁻¹F` [mrad].
     fn turn_error(&self) -> f64 {
-        let errors = self.rests.iter().map(|[rest, theory]| 1e3 * (rest - theory).fixed_rows::<3>(3).norm());
-        errors.fold(f64::NAN, f64::max)
+        largest(self.rests.iter().map(|[rest, theory]| 1e3 * (rest - theory).fixed_rows::<3>(3).norm()))
     }
 }
 

@@ -5,7 +5,7 @@ use rapier3d::na::Vector3;
 use tesaki::task::impedance::{DirectLaw, ImpedanceSettings, Law};
 
 use super::arm::{ArmLog, ArmRig, ArmTrial, Machine, settings};
-use super::common::{T, capitalized};
+use super::common::{T, capitalized, largest};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::plant::Hold;
 use crate::report::{Figure, Line, Metric, Panel, Summary};
@@ -15,6 +15,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     title: "The arm released under impedance control",
     about: "the tool is displaced by 3 cm along each axis and released, under the paper's law and under ours",
     robot: "arm7",
+    results: "docs/measurements.md#an-arm-under-impedance-control",
     duration: 96.0,
     shortest: None,
     laws: None,
@@ -134,11 +135,7 @@ impl Release {
     /// The largest deviation from the exact motion [mm].
     pub(super) fn error(&self) -> f64 {
         let [_, measured, exact] = self.curves();
-        1e3 * measured
-            .iter()
-            .zip(&exact)
-            .map(|(measured, exact)| (measured - exact).abs())
-            .fold(f64::NAN, f64::max)
+        1e3 * largest(measured.iter().zip(&exact).map(|(measured, exact)| (measured - exact).abs()))
     }
 
     /// Free response of the impedance, released at rest from the displacement `start` [m].
@@ -164,7 +161,7 @@ impl Release {
             deviation[self.axis] = 0.0;
             deviation.norm()
         };
-        1e3 * samples.iter().map(lateral).fold(f64::NAN, f64::max)
+        1e3 * largest(samples.iter().map(lateral))
     }
 }
 
@@ -229,14 +226,14 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, releases: &[Release]) {
     for damping in DAMPINGS {
         let of_damping =
             || releases.iter().filter(move |release| release.damping.total_cmp(&f64::from(damping)).is_eq());
-        let worst = of_damping().map(Release::error).fold(f64::NAN, f64::max);
+        let worst = largest(of_damping().map(Release::error));
         let text = format!("{label}, B {damping}: largest deviation from the exact motion");
         let metric = match trial.limit {
             Some(limit) => Metric::at_most(text, worst, limit, "mm"),
             None => Metric::reported(text, worst, "mm"),
         };
         summary.insert(format!("{}_b{}_error_peak", trial.name, damping.round()), metric);
-        let worst = of_damping().map(Release::lateral_deviation).fold(f64::NAN, f64::max);
+        let worst = largest(of_damping().map(Release::lateral_deviation));
         let text = format!("{label}, B {damping}: largest distance from the axis");
         summary.insert(
             format!("{}_b{}_lateral_deviation", trial.name, damping.round()),

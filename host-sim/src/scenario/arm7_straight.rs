@@ -3,10 +3,11 @@
 
 use rapier3d::na::Vector3;
 use tesaki::task::impedance::ImpedanceSettings;
-use tesaki_supervisor::trajectory::minimum_jerk;
 
-use super::arm::{ArmLog, ArmRig, ArmSample, ArmTrial, ELBOW_TRIALS, ElbowTrial, Machine, settings};
-use super::common::{T, capitalized};
+use super::arm::{
+    ArmLog, ArmRig, ArmSample, ArmTrial, ELBOW_TRIALS, ElbowTrial, Machine, motion, settings, shift,
+};
+use super::common::{T, capitalized, largest};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::report::{Figure, Line, Metric, Panel, Summary};
 
@@ -16,6 +17,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "the set-point moves 3 cm beyond the arm's reach and back: into a singular configuration and out \
             of it",
     robot: "arm7",
+    results: "docs/measurements.md#an-arm-under-impedance-control",
     duration: 15.0,
     shortest: None,
     laws: None,
@@ -66,18 +68,14 @@ fn move_beyond_reach(
     // The hand points along x throughout.
     let wrist = Vector3::from(start.position).map(f64::from) - Vector3::x() * HAND;
     let outwards = wrist.normalize() * (REACH + BEYOND - wrist.norm());
-    for (from, to) in [(0.0, 1.0), (1.0, 0.0)] {
-        for tick in 1..=(TIME / T).round() as usize {
-            let [fraction, rate, curvature] = minimum_jerk(tick as f64 * T / TIME);
+    for ends in [[Vector3::zeros(), outwards], [outwards, Vector3::zeros()]] {
+        arm_trial.follow_path(TIME, |time| {
             let mut setpoint = start;
             for axis in 0..3 {
-                let change = outwards[axis] * (to - from);
-                setpoint.position[axis] += (outwards[axis] * from + change * fraction) as f32;
-                setpoint.velocity[axis] = (change * rate / TIME) as f32;
-                setpoint.acceleration[axis] = (change * curvature / (TIME * TIME)) as f32;
+                shift(&mut setpoint, axis, motion(ends.map(|end| end[axis]), time, TIME));
             }
-            arm_trial.follow(setpoint, elbow)?;
-        }
+            (setpoint, elbow)
+        })?;
         arm_trial.wait(REST)?;
     }
     arm_trial.end()
@@ -88,7 +86,7 @@ fn largest_rate(log: &ArmLog, values: impl Fn(&ArmSample) -> &[f64]) -> f64 {
     let changes = log.0.windows(2).flat_map(|pair| {
         values(&pair[0]).iter().zip(values(&pair[1])).map(|(before, after)| (after - before).abs() / T)
     });
-    changes.fold(f64::NAN, f64::max)
+    largest(changes)
 }
 
 fn add_metrics(summary: &mut Summary, trial: &ElbowTrial, log: &ArmLog) {
@@ -104,8 +102,7 @@ fn add_metrics(summary: &mut Summary, trial: &ElbowTrial, log: &ArmLog) {
         Metric::at_most(text, largest_rate(log, |sample| &sample.joints), 4.0, "rad/s"),
     );
     let text = format!("{label}: largest torque; the shoulder is rated at 60 N·m");
-    let torque =
-        |sample: &ArmSample| sample.torques.iter().fold(0.0, |max: f64, torque| max.max(torque.abs()));
+    let torque = |sample: &ArmSample| largest(sample.torques.iter().map(|torque| torque.abs()));
     insert("torque_peak", Metric::at_most(text, log.largest(&all, torque), 20.0, "N·m"));
     let text = format!("{label}: largest rate of a torque");
     insert(

@@ -1,12 +1,10 @@
 //! Contact of the impedance-controlled tool with walls from soft to stiff. Measures the settling time and the
 //! force at rest.
 
-use tesaki::kinematics::PosePoint;
 use tesaki::task::impedance::{ForceSource, ImpedanceSettings};
-use tesaki_supervisor::trajectory::minimum_jerk;
 
-use super::arm::{ArmLog, ArmRig, ArmTrial, Machine, impedance, settings};
-use super::common::{T, grouped};
+use super::arm::{ArmLog, ArmRig, ArmTrial, Machine, impedance, motion, settings, shift};
+use super::common::{T, grouped, unsettled};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::plant::Wall;
 use crate::report::{Figure, Line, Metric, Panel, Summary};
@@ -17,6 +15,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "the set-point moves 3 cm into walls of 200 to 50 000 N/m and back, with and without a force \
             sensor",
     robot: "arm7",
+    results: "docs/measurements.md#an-arm-under-impedance-control",
     duration: 36.0,
     shortest: None,
     laws: None,
@@ -111,8 +110,11 @@ impl Contact {
     fn settling_time(&self) -> f64 {
         let rest = self.rest();
         let samples = self.log.during(&(0.0..self.left));
-        let outside = samples.iter().rposition(|sample| (Self::force(sample) - rest).abs() > SETTLING_BAND);
-        outside.map_or(0.0, |index| (samples[index].time + T - self.arrived).max(0.0))
+        match unsettled(samples.iter().map(Self::force), rest, SETTLING_BAND) {
+            None => f64::NAN,
+            Some(0) => 0.0,
+            Some(number) => (samples[number - 1].time + T - self.arrived).max(0.0),
+        }
     }
 
     fn peak(&self) -> f64 {
@@ -175,22 +177,19 @@ fn press_wall(
     };
     arm_trial.plant.insert_wall(wall)?;
     arm_trial.wait(0.5)?;
-    let move_setpoint = |arm_trial: &mut ArmTrial<'_, '_>, from: f64, to: f64| {
-        for tick in 1..=(TIME / T).round() as usize {
-            let [fraction, rate, curvature] = minimum_jerk(tick as f64 * T / TIME);
-            let mut setpoint: PosePoint = point;
-            setpoint.position[0] += (from + (to - from) * fraction) as f32;
-            setpoint.velocity[0] = ((to - from) * rate / TIME) as f32;
-            setpoint.acceleration[0] = ((to - from) * curvature / (TIME * TIME)) as f32;
-            arm_trial.follow(setpoint, elbow)?;
-        }
-        Ok::<_, ScenarioError>(arm_trial.log.now())
+    let move_setpoint = |arm_trial: &mut ArmTrial<'_, '_>, ends: [f64; 2]| {
+        arm_trial.follow_path(TIME, |time| {
+            let mut setpoint = point;
+            shift(&mut setpoint, 0, motion(ends, time, TIME));
+            (setpoint, elbow)
+        })
     };
-    contact.arrived = move_setpoint(&mut arm_trial, 0.0, DISPLACEMENT)?;
+    move_setpoint(&mut arm_trial, [0.0, DISPLACEMENT])?;
+    contact.arrived = arm_trial.log.now();
     arm_trial.wait(STAY)?;
     contact.left = arm_trial.log.now();
     contact.estimated = -f64::from(arm_trial.telemetry()?.wrench[0]);
-    move_setpoint(&mut arm_trial, DISPLACEMENT, 0.0)?;
+    move_setpoint(&mut arm_trial, [DISPLACEMENT, 0.0])?;
     arm_trial.wait(1.0)?;
     contact.end = arm_trial.log.now();
     contact.log = arm_trial.end()?;

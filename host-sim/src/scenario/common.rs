@@ -1,5 +1,7 @@
 //! Common parts of all scenarios.
 
+use std::ops::Range;
+
 use tesaki::control::ServoMode;
 use tesaki::model::RobotModel;
 use tesaki::protocol::Request;
@@ -9,15 +11,39 @@ use tesaki_supervisor::{Board, BoardError};
 use super::ScenarioError;
 use crate::controller::{Controller, Watched};
 use crate::motion::Motion;
-use crate::plant::Plant;
+use crate::plant::{CONTROL_PERIOD, Plant};
 
 /// Control period [s].
-pub const T: f64 = 0.01;
+pub const T: f64 = CONTROL_PERIOD;
 
-/// The largest of values that are not negative; NaN if one is, which `f64::max` would hide.
-pub fn worst(values: impl IntoIterator<Item = f64>) -> f64 {
+/// The largest of the values. NaN if one of them is, which `f64::max` would hide, or if there is none: then a
+/// metric misses its limit.
+pub fn largest(values: impl IntoIterator<Item = f64>) -> f64 {
     let larger = |a: f64, b: f64| if a.is_nan() || b.is_nan() { f64::NAN } else { a.max(b) };
-    values.into_iter().fold(0.0, larger)
+    values.into_iter().reduce(larger).unwrap_or(f64::NAN)
+}
+
+/// How many of the values pass until all that follow are within `band` of `rest`; `None` if one of them is not a
+/// number.
+pub fn unsettled(values: impl IntoIterator<Item = f64>, rest: f64, band: f64) -> Option<usize> {
+    let mut count = 0;
+    for (index, value) in values.into_iter().enumerate() {
+        let distance = (value - rest).abs();
+        if distance.is_nan() {
+            return None;
+        }
+        if distance > band {
+            count = index + 1;
+        }
+    }
+    (!rest.is_nan()).then_some(count)
+}
+
+/// The samples of a time span [s], of a log with one for each control period; empty if it was not recorded to
+/// its end.
+pub fn during<'a, S>(samples: &'a [S], span: &Range<f64>) -> &'a [S] {
+    let [from, to] = [span.start, span.end].map(|time| (time / T).round() as usize);
+    samples.get(from..to).unwrap_or(&[])
 }
 
 /// The value in the middle, the upper one of two; NaN without values.
@@ -27,7 +53,7 @@ pub fn median(values: impl IntoIterator<Item = f64>) -> f64 {
     values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
-/// Sets up and enables the controller; returns the joint angles that it holds [rad].
+/// Sets up and enables the joint servos; returns the joint angles that it holds [rad].
 pub fn prepare(
     controller: &mut Watched<'_>,
     plant: &mut Plant,
@@ -36,17 +62,30 @@ pub fn prepare(
     motion: &mut Motion,
 ) -> Result<Vec<f32>, ScenarioError> {
     introduce(controller, model)?;
-    let mut tick = |controller: &mut Watched<'_>, plant: &mut Plant| {
-        let sequence = motion.tick(&plant.truth());
-        let actuators = controller.tick(&plant.sensors(sequence))?;
-        Ok::<_, ScenarioError>(plant.apply(&actuators)?)
-    };
-    tick(controller, plant)?;
-    let homed: Vec<f32> = plant.homed_positions().iter().map(|&angle| angle as f32).collect();
-    controller.home(&homed)?;
-    tick(controller, plant)?;
+    tick(controller, plant, motion)?;
+    let homed = home(controller, plant)?;
+    tick(controller, plant, motion)?;
     controller.enable(TaskConfig::JointServo(mode))?;
     Ok(held(&homed, model))
+}
+
+/// One control period; returns its number.
+pub fn tick(
+    controller: &mut Watched<'_>,
+    plant: &mut Plant,
+    motion: &mut Motion,
+) -> Result<u32, ScenarioError> {
+    let sequence = motion.tick(&plant.truth());
+    let actuators = controller.tick(&plant.sensors(sequence))?;
+    plant.apply(&actuators)?;
+    Ok(sequence)
+}
+
+/// Homes the controller; returns the joint angles that it is told [rad].
+pub fn home(controller: &mut Watched<'_>, plant: &Plant) -> Result<Vec<f32>, BoardError> {
+    let homed: Vec<f32> = plant.homed_positions().iter().map(|&angle| angle as f32).collect();
+    controller.home(&homed)?;
+    Ok(homed)
 }
 
 /// The joint angles that a controller holds which was homed so [rad]: the encoder rounds to whole counts.
@@ -108,18 +147,40 @@ pub mod tests {
 
     use std::path::Path;
 
-    use super::{median, worst};
+    use super::{largest, median, unsettled};
     use crate::controller::{Native, Watched};
     use crate::law::LawFile;
+    use crate::report::Metric;
     use crate::scenario::Setting;
 
     #[test]
     fn no_order_of_the_values_hides_what_is_not_a_number() {
         let nan = f64::NAN;
-        assert!([[nan, 1.0, 2.0], [1.0, nan, 2.0], [1.0, 2.0, nan]].iter().all(|v| worst(*v).is_nan()));
+        assert!([[nan, 1.0, 2.0], [1.0, nan, 2.0], [1.0, 2.0, nan]].iter().all(|v| largest(*v).is_nan()));
         let bits = |value: f64| value.to_bits();
-        assert!(bits(worst([1.0, 3.0, 2.0])) == bits(3.0) && bits(median([5.0, 1.0, 2.0])) == bits(2.0));
-        assert!(median([]).is_nan());
+        assert!(bits(largest([1.0, 3.0, 2.0])) == bits(3.0) && bits(median([5.0, 1.0, 2.0])) == bits(2.0));
+        assert!(bits(largest([-2.0, -1.0])) == bits(-1.0) && median([]).is_nan());
+    }
+
+    #[test]
+    fn what_was_not_measured_misses_every_limit() {
+        for value in [largest([]), largest([0.5, f64::NAN])] {
+            let metrics = [
+                Metric::at_most("", value, 1.0, ""),
+                Metric::at_least("", value, 0.0, ""),
+                Metric::within("", value, 1.0, ""),
+                Metric::reported("", value, ""),
+            ];
+            assert!(metrics.iter().all(|metric| !metric.pass()), "{value}");
+        }
+    }
+
+    #[test]
+    fn values_settle_after_the_last_that_is_far_from_rest() {
+        assert_eq!(unsettled([0.0, 2.0, 0.9, 1.1], 1.0, 0.2), Some(2));
+        assert_eq!(unsettled([0.9, 1.1], 1.0, 0.2), Some(0));
+        assert_eq!(unsettled([0.0, f64::NAN, 1.0], 1.0, 0.2), None);
+        assert_eq!(unsettled([0.0, 1.0], f64::NAN, 0.2), None);
     }
 
     /// Runs a part of a scenario on a machine of the robot, under these laws of its folder.

@@ -13,12 +13,12 @@ use tesaki::teleop::{FINGERS, HumanFinger};
 use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::{Board, BoardError};
 
-use super::common::{T, fault_error, introduce};
+use super::common::{T, during, fault_error, home, introduce, largest, tick};
 use super::{ScenarioError, Setting};
-use crate::controller::{Controller, Watched};
+use crate::controller::Watched;
 use crate::motion::Motion;
 use crate::operator::{FingersMotion, OperatorHand};
-use crate::plant::{Drive, Plant, PlantOptions, PlantValues, SharedIntervention, Truth};
+use crate::plant::{Plant, PlantOptions, SharedIntervention, Truth};
 use crate::report::{Column, Line, Panel, csv};
 
 /// Positions of five fingertips, thumb to little finger [m].
@@ -67,12 +67,11 @@ pub fn single(vector: Vector3<f64>) -> [f32; 3] {
     vector.map(|value| value as f32).into()
 }
 
-/// Robot, plant values and recording that all trials of a scenario share.
+/// Robot and recording that all trials of a scenario share.
 pub struct HandRig {
     pub robot: RobotFolder,
     pub hand: Hand,
     pub motion: Motion,
-    values: PlantValues,
     seed: u64,
     intervention: Option<SharedIntervention>,
 }
@@ -86,7 +85,7 @@ impl HandRig {
         })?;
         let motion = setting.motion(&robot.model);
         let (seed, intervention) = (setting.seed, setting.intervention.clone());
-        Ok(Self { hand, motion, values: PlantValues::load(setting.robot)?, robot, seed, intervention })
+        Ok(Self { hand, motion, robot, seed, intervention })
     }
 }
 
@@ -130,10 +129,9 @@ impl HandSample {
 pub struct HandLog(pub Vec<HandSample>);
 
 impl HandLog {
-    /// The samples of a time span [s].
+    /// The samples of a time span [s]; empty if it was not recorded to its end.
     pub fn during(&self, span: &Range<f64>) -> &[HandSample] {
-        let [from, to] = [span.start, span.end].map(|time| (time / T).round() as usize);
-        self.0.get(from..to.min(self.0.len())).unwrap_or(&[])
+        during(&self.0, span)
     }
 
     /// Root mean square of a value in a time span.
@@ -143,9 +141,9 @@ impl HandLog {
         (sum / samples.len() as f64).sqrt()
     }
 
-    /// Maximum of a value in a time span; NaN if nothing was recorded.
+    /// Maximum of a value in a time span; NaN if it was not recorded to its end.
     pub fn largest(&self, span: &Range<f64>, value: impl Fn(&HandSample) -> f64) -> f64 {
-        self.during(span).iter().map(value).fold(f64::NAN, f64::max)
+        largest(self.during(span).iter().map(value))
     }
 
     /// Share of the samples of a time span [%].
@@ -170,22 +168,28 @@ impl HandLog {
     /// As CSV.
     pub fn table(&self) -> String {
         let series = |value: &dyn Fn(&HandSample) -> f64| self.0.iter().map(value).collect::<Vec<f64>>();
-        let mut columns = vec![("time".to_owned(), "s", series(&|sample| sample.time))];
+        let mut columns = vec![Column::new("time", "s", series(&|sample| sample.time))];
         for (finger, name) in HumanFinger::ALL.iter().map(|finger| finger.name()).enumerate() {
             for (axis, letter) in ["x", "y", "z"].into_iter().enumerate() {
-                columns.push((
+                columns.push(Column::new(
                     format!("operator {name} {letter}"),
                     "m",
                     series(&|s| s.operator[finger][axis]),
                 ));
-                columns.push((format!("robot {name} {letter}"), "m", series(&|s| s.robot[finger][axis])));
+                columns.push(Column::new(
+                    format!("robot {name} {letter}"),
+                    "m",
+                    series(&|s| s.robot[finger][axis]),
+                ));
             }
         }
         for joint in 0..self.0.first().map_or(0, |sample| sample.joints.len()) {
-            columns.push((format!("angle {}", joint + 1), "rad", series(&|sample| sample.joints[joint])));
+            columns.push(Column::new(
+                format!("angle {}", joint + 1),
+                "rad",
+                series(&|sample| sample.joints[joint]),
+            ));
         }
-        let columns: Vec<Column<'_>> =
-            columns.iter().map(|(name, unit, values)| Column::new(name, *unit, values)).collect();
         csv(&columns)
     }
 
@@ -246,9 +250,7 @@ impl<'a, 'b> HandTrial<'a, 'b> {
         label: &str,
         settings: &TelexistenceSettings,
     ) -> Result<Self, ScenarioError> {
-        let drives: Vec<Drive> = rig.robot.model.joints.iter().map(Drive::from).collect();
-        let options = PlantOptions::mismatched(rig.seed);
-        let plant = Plant::new(&rig.robot.urdf, &drives, &rig.values, &options)?;
+        let plant = Plant::of(&rig.robot, &PlantOptions::mismatched(rig.seed))?;
         let plant = plant.under(rig.intervention.clone());
         rig.motion.note(label);
         let (controller, progress, duration) = (&mut *setting.controller, setting.progress, setting.duration);
@@ -256,8 +258,7 @@ impl<'a, 'b> HandTrial<'a, 'b> {
         let mut trial = Self { controller, rig, progress, duration, label, plant, log: HandLog::default() };
         introduce(trial.controller, &trial.rig.robot.model)?;
         trial.step()?;
-        let homed: Vec<f32> = trial.plant.homed_positions().iter().map(|&angle| angle as f32).collect();
-        trial.controller.home(&homed)?;
+        home(trial.controller, &trial.plant)?;
         trial.step()?;
         trial.controller.enable(TaskConfig::Telexistence(*settings))?;
         Ok(trial)
@@ -293,8 +294,7 @@ impl<'a, 'b> HandTrial<'a, 'b> {
             std::array::from_fn(|finger| tips.get(finger).copied().unwrap_or(Vector3::repeat(f64::NAN)));
         let Truth { positions: joints, velocities, .. } = self.plant.truth();
         let limits = self.rig.robot.model.joints.iter().map(|joint| f64::from(joint.limits.velocity));
-        let speed =
-            velocities.iter().zip(limits).map(|(speed, limit)| speed.abs() / limit).fold(0.0, f64::max);
+        let speed = largest(velocities.iter().zip(limits).map(|(speed, limit)| speed.abs() / limit));
         self.step()?;
         let board = self.controller.read_telexistence()?;
         self.log.0.push(HandSample { time, operator, robot, board, joints, speed });
@@ -312,9 +312,7 @@ impl<'a, 'b> HandTrial<'a, 'b> {
     }
 
     fn step(&mut self) -> Result<(), ScenarioError> {
-        let sequence = self.rig.motion.tick(&self.plant.truth());
-        let actuators = self.controller.tick(&self.plant.sensors(sequence))?;
-        self.plant.apply(&actuators)?;
+        let sequence = tick(self.controller, &mut self.plant, &mut self.rig.motion)?;
         (self.progress)((f64::from(sequence) * T / self.duration).min(1.0));
         Ok(())
     }

@@ -7,12 +7,12 @@ use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::Board;
 use tesaki_supervisor::identify::{FreeJoint, JointSettings, identified_free, identify_joints};
 
-use super::common::{T, capitalized, introduce};
+use super::common::{T, capitalized, home, introduce, largest};
 use super::grasping::SimulatedMachine;
 use super::hand3_servo::{FIRST_STEPS, INITIAL_REST, INTERVAL, ServoLog, ServoTrial, table};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::motion::Motion;
-use crate::plant::{Drive, Plant, PlantOptions, PlantValues};
+use crate::plant::{Plant, PlantOptions};
 use crate::report::{Figure, Line, Metric, Panel, Summary};
 
 pub(super) const SCENARIO: Scenario = Scenario {
@@ -21,6 +21,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "the first steps after power-on under PID and under the observer, without and with the self-test of \
             `tesaki identify --joints`",
     robot: "hand3",
+    results: "docs/measurements.md#first-motion",
     duration: 64.0,
     shortest: None,
     laws: None,
@@ -56,13 +57,11 @@ const TRIALS: [Trial; 2] = [
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let robot = RobotFolder::load(setting.robot)?;
-    let values = PlantValues::load(setting.robot)?;
-    let drives: Vec<Drive> = robot.model.joints.iter().map(Drive::from).collect();
     let machine = |setting: &Setting<'_, '_>| {
-        let plant = Plant::new(&robot.urdf, &drives, &values, &PlantOptions::mismatched(setting.seed))?;
+        let plant = Plant::of(&robot, &PlantOptions::mismatched(setting.seed))?;
         Ok::<_, ScenarioError>(plant.under(setting.intervention.clone()))
     };
-    let mut motion = Motion::new(robot.model.joints.iter().map(|joint| joint.name.as_str()));
+    let mut motion = setting.motion(&robot.model);
     let mut summary = Summary::default();
     let (mut figures, mut tables) = (Vec::new(), Vec::new());
     for trial in &TRIALS {
@@ -74,13 +73,13 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
         let test = self_test(setting, &robot.model, plant, &mut motion)?;
         let after = steps(setting, trial.label, trial.mode, (test.model.clone(), test.plant), &mut motion)?;
 
-        let first = |log: &ServoLog| log.worst(0..FIRST_STEPS).0;
+        let first = |log: &ServoLog| log.largest_errors(0..FIRST_STEPS).0;
         let told = format!("{label}: largest error of the first steps with the self-test");
         summary.insert(format!("{name}_first_after"), Metric::at_most(told, first(&after), limit, "mrad"));
         let told = format!("{label}: largest error of the first steps without it");
         summary.insert(format!("{name}_first_before"), Metric::reported(told, first(&before), "mrad"));
         let told = format!("{label}: largest error of the next steps with it");
-        let next = after.worst(FIRST_STEPS..usize::MAX).0;
+        let next = after.largest_errors(FIRST_STEPS..usize::MAX).0;
         summary.insert(format!("{name}_second_after"), Metric::reported(told, next, "mrad"));
         if trial.mode == ServoMode::Pid {
             let metric = Metric::at_most("Time of the self-test", test.time, MAX_TIME, "s");
@@ -141,8 +140,7 @@ fn self_test(
         duration: setting.duration,
     };
     machine.advance()?;
-    let homed: Vec<f32> = machine.plant.homed_positions().iter().map(|&angle| angle as f32).collect();
-    machine.controller.home(&homed)?;
+    home(machine.controller, &machine.plant)?;
     machine.advance()?;
     for stream in [Stream::Telemetry, Stream::Tips] {
         machine.controller.set_rate(stream, 1)?;
@@ -155,7 +153,7 @@ fn self_test(
         machine.controller.set_rate(stream, 0)?;
     }
     let plant = machine.plant;
-    let torque = readings.iter().flatten().fold(0.0_f64, |peak, reading| peak.max(reading.torque.abs()));
+    let torque = largest(readings.iter().flatten().map(|reading| reading.torque.abs()));
     let joints = model.joints.iter().zip(&readings);
     let found: Vec<_> =
         joints.map(|(joint, readings)| FreeJoint::identify(joint, readings, false, None)).collect();
@@ -164,7 +162,7 @@ fn self_test(
         let truth = f64::from(joint.friction.coulomb) * factors.coulomb / factors.torque_constant;
         found.friction.map_or(f64::INFINITY, |fit| (fit.coulomb.value / truth - 1.0).abs())
     });
-    let error = 100.0 * errors.fold(0.0, f64::max);
+    let error = 100.0 * largest(errors);
     identified_free(&model, &found).apply(&mut model)?;
     Ok(SelfTest { model, plant, time, torque, error })
 }

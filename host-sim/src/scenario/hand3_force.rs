@@ -7,7 +7,7 @@ use rapier3d::na::Vector3;
 use tesaki::task::grasping::{GraspPlan, InternalForce};
 use tesaki_description::law::hand::ObjectLaw;
 
-use super::common::{T, capitalized};
+use super::common::{T, capitalized, largest};
 use super::grasping::{GraspLog, GraspRig, GraspTrial, GraspedObject, calibrate, components, table};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::report::{Figure, Line, Metric, Panel, Summary};
@@ -19,6 +19,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "a box is held with 2, 2 and 4 N: the paper's law, feed-forward, force feedback, feed-forward \
             after identification",
     robot: "hand3",
+    results: "docs/measurements.md#forces",
     duration: 170.0,
     shortest: None,
     laws: None,
@@ -153,7 +154,7 @@ fn finger_force(log: &GraspLog, finger: usize) -> FingerForce {
         |value: &dyn Fn(usize) -> f64| (0..samples.len()).map(value).sum::<f64>() / samples.len() as f64;
     let magnitude = |index: usize| samples[index].force(finger).norm();
     let force = mean(&magnitude);
-    let ripple = (0..samples.len()).map(|index| (magnitude(index) - force).abs()).fold(f64::NAN, f64::max);
+    let ripple = largest((0..samples.len()).map(|index| (magnitude(index) - force).abs()));
     FingerForce {
         force,
         target: mean(&|index| samples[index].estimates.target_forces[finger].norm()),
@@ -185,9 +186,7 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, log: &GraspLog) {
     }
     let worst = |target: &dyn Fn(usize) -> f64| {
         let errors = fingers.iter().enumerate();
-        errors
-            .map(|(finger, measured)| 100.0 * (measured.force / target(finger) - 1.0).abs())
-            .fold(f64::NAN, f64::max)
+        largest(errors.map(|(finger, measured)| 100.0 * (measured.force / target(finger) - 1.0).abs()))
     };
     let error = worst(&|finger| COMMANDED[finger]);
     let text = format!("{label}: force error, worst finger");
@@ -199,8 +198,7 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, log: &GraspLog) {
     let text = format!("{label}: force error against the controller's own target");
     insert("force_error_to_target", Metric::reported(text, worst(&|finger| fingers[finger].target), "%"));
     let ripple = fingers.iter().enumerate();
-    let ripple =
-        ripple.map(|(finger, measured)| 100.0 * measured.ripple / COMMANDED[finger]).fold(f64::NAN, f64::max);
+    let ripple = largest(ripple.map(|(finger, measured)| 100.0 * measured.ripple / COMMANDED[finger]));
     let text = format!("{label}: largest deviation of a force from its mean");
     insert("force_ripple", Metric::reported(text, ripple, "%"));
 }
@@ -213,18 +211,17 @@ fn add_identification(
     found: &Identification,
 ) -> Result<(), ScenarioError> {
     let (_, plant) = rig.set_up(held)?;
-    let [mut known, mut gain, mut coulomb] = [0.0_f64, f64::NAN, f64::NAN];
+    let (mut gains, mut frictions) = (Vec::new(), Vec::new());
     for ((fit, factors), joint) in found.fits.iter().zip(plant.factors()).zip(&rig.robot.model.joints) {
         let Ok(found) = fit.gain else { continue };
-        known += 1.0;
-        gain = gain.max(100.0 * (found.value / factors.torque_constant - 1.0).abs());
+        gains.push(100.0 * (found.value / factors.torque_constant - 1.0).abs());
         let dynamics = rig.robot.urdf.robot.joints.iter().find(|other| other.name == joint.name.as_str());
         let nominal = dynamics.and_then(|joint| joint.dynamics.as_ref()).map_or(f64::NAN, |d| d.friction);
         if let Ok([found, _]) = fit.friction {
-            coulomb = coulomb.max(1e3 * (found.value - nominal * factors.coulomb).abs());
+            frictions.push(1e3 * (found.value - nominal * factors.coulomb).abs());
         }
     }
-    let known = Metric::reported("Identified torque constants, of nine", known, "");
+    let known = Metric::reported("Identified torque constants, of nine", gains.len() as f64, "");
     summary.insert(
         "identified_torque_constants",
         known.note("the identification rejects the others because they carry too little load"),
@@ -236,9 +233,9 @@ fn add_identification(
         Metric::reported(text, failed.len() as f64, "").note(failed.join("; ")),
     );
     let text = "Identified torque constants: largest error";
-    summary.insert("identified_torque_constant_error", Metric::reported(text, gain, "%"));
+    summary.insert("identified_torque_constant_error", Metric::reported(text, largest(gains), "%"));
     let text = "Identified Coulomb friction: largest error";
-    summary.insert("identified_coulomb_friction_error", Metric::reported(text, coulomb, "mN·m"));
+    summary.insert("identified_coulomb_friction_error", Metric::reported(text, largest(frictions), "mN·m"));
     Ok(())
 }
 

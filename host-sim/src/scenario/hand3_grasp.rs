@@ -6,7 +6,7 @@ use std::ops::Range;
 use rapier3d::na::Vector3;
 use tesaki::task::grasping::{GraspCommand, Phase};
 
-use super::common::{capitalized, worst};
+use super::common::{capitalized, largest};
 use super::grasping::{GraspLog, GraspRig, GraspSample, GraspTrial, GraspedObject, MOVE, table, xyz};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::plant::ContactTruth;
@@ -18,6 +18,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "a box at an unknown place is grasped, lifted, turned, shifted and put down; a cylinder and a \
             wedge are turned",
     robot: "hand3",
+    results: "docs/measurements.md#the-whole-sequence",
     duration: 67.0,
     shortest: None,
     laws: None,
@@ -114,7 +115,7 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, record: &Record) {
     insert("friction_true", Metric::reported(format!("{label}: friction, true value"), friction, ""));
     let whole: Range<f64> = 0.0..log.now();
     let of_contacts = |value: fn(&ContactTruth) -> f64| {
-        log.largest(&whole, |sample| sample.contacts.iter().map(value).fold(f64::NAN, f64::max))
+        log.largest(&whole, |sample| largest(sample.contacts.iter().map(value)))
     };
     let penetration = 1e3 * of_contacts(|contact| contact.depth);
     insert(
@@ -132,7 +133,7 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, record: &Record) {
     let start = rotations.first().map_or(f64::NAN, |&begin| pitch(begin));
     let errors = rotations.iter().zip(trial.rotations);
     let errors = errors.map(|(begin, angle)| 1e3 * (pitch(begin + MOVE + REST - 0.1) - start - angle).abs());
-    insert("pitch_error", Metric::reported(format!("{label}: pitch error at rest"), worst(errors), "mrad"));
+    insert("pitch_error", Metric::reported(format!("{label}: pitch error at rest"), largest(errors), "mrad"));
     let ends = log.samples.first().zip(log.samples.last());
     let distance = ends.map_or(f64::NAN, |(first, last)| 1e3 * (last.position() - first.position()).norm());
     let text = format!("{label}: distance from pick-up to put-down");

@@ -3,7 +3,7 @@
 
 use std::f64::consts::TAU;
 
-use rapier3d::na::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector2, Vector3};
+use rapier3d::na::{Vector2, Vector3};
 use tesaki::control::ServoMode;
 use tesaki::kinematics::{Chain, TipPoint};
 use tesaki::model::{Pose, RobotModel};
@@ -12,11 +12,11 @@ use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::trajectory::minimum_jerk;
 use tesaki_supervisor::{Board, BoardError};
 
-use super::common::{T, capitalized, fault_error, prepare};
+use super::common::{T, capitalized, fault_error, largest, prepare};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::controller::{Controller, Watched};
 use crate::motion::Motion;
-use crate::plant::{Drive, Plant, PlantOptions, PlantValues};
+use crate::plant::{Plant, PlantOptions, isometry};
 use crate::report::{Column, Figure, Line, Metric, Panel, Summary, csv};
 
 pub(super) const SCENARIO: Scenario = Scenario {
@@ -24,6 +24,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     title: "Fingertips of the three-finger hand in space",
     about: "three fingertips draw circles at 1 Hz and squares under PID and under the observer",
     robot: "hand3",
+    results: "docs/measurements.md#fingertips-in-space",
     duration: 2.0 * TRIAL,
     shortest: None,
     laws: None,
@@ -106,34 +107,29 @@ impl TipLog {
 
     /// Rms distance from the path, of the worst tip, with and without the constant offset; and the largest
     /// distance of any tip [mm].
-    fn worst(&self, window: Window) -> (f64, f64, f64) {
-        let (mut total, mut without_offset, mut peak) = (0.0_f64, 0.0_f64, 0.0_f64);
-        for tip in 0..self.tips.len() {
+    fn worst(&self, window: Window) -> [f64; 3] {
+        let of_tip = |tip: usize| {
             let errors = self.errors(tip, window);
             let count = errors.len() as f64;
             let mean = errors.iter().sum::<Vector3<f64>>() / count;
             let rms = |offset: Vector3<f64>| {
                 (errors.iter().map(|error| (error - offset).norm_squared()).sum::<f64>() / count).sqrt()
             };
-            total = total.max(rms(Vector3::zeros()));
-            without_offset = without_offset.max(rms(mean));
-            peak = errors.iter().fold(peak, |peak, error| peak.max(error.norm()));
-        }
-        (total, without_offset, peak)
+            [rms(Vector3::zeros()), rms(mean), largest(errors.iter().map(Vector3::norm))]
+        };
+        let tips: Vec<[f64; 3]> = (0..self.tips.len()).map(of_tip).collect();
+        [0, 1, 2].map(|value| largest(tips.iter().map(|tip| tip[value])))
     }
 }
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let robot = RobotFolder::load(setting.robot)?;
-    let values = PlantValues::load(setting.robot)?;
     let mut summary = Summary::default();
     let (mut figures, mut tables) = (Vec::new(), Vec::new());
     let mut motion = setting.motion(&robot.model);
     for (index, trial) in TRIALS.iter().enumerate() {
         let progress = |fraction: f64| (setting.progress)((index as f64 + fraction) / 2.0);
-        let drives: Vec<Drive> = robot.model.joints.iter().map(Drive::from).collect();
-        let options = PlantOptions::mismatched(setting.seed);
-        let plant = Plant::new(&robot.urdf, &drives, &values, &options)?;
+        let plant = Plant::of(&robot, &PlantOptions::mismatched(setting.seed))?;
         let mut plant = plant.under(setting.intervention.clone());
         let recording =
             run_trial(trial, &robot.model, &mut plant, setting.controller, &mut motion, &progress)?;
@@ -196,10 +192,9 @@ fn run_trial(
 
 /// True position of the tip that is fixed to the link of a joint [m].
 fn tip_position(plant: &Plant, joint: usize, tip: &Pose) -> Vector3<f64> {
-    let ([x, y, z], [i, j, k, w]) = plant.link_pose(joint).unwrap_or(([f64::NAN; 3], [0.0, 0.0, 0.0, 1.0]));
-    let rotation = UnitQuaternion::from_quaternion(Quaternion::new(w, i, j, k));
-    let link = Isometry3::from_parts(Translation3::new(x, y, z), rotation);
-    link.transform_point(&tip.translation.map(f64::from).into()).coords
+    let unknown = ([f64::NAN; 3], [0.0, 0.0, 0.0, 1.0]);
+    let (position, orientation) = plant.link_pose(joint).unwrap_or(unknown);
+    isometry(position, orientation).transform_point(&tip.translation.map(f64::from).into()).coords
 }
 
 /// A point of a path in its plane, with derivatives [m, s].
@@ -289,7 +284,7 @@ fn path(time: f64) -> PathPoint {
 fn add_metrics(summary: &mut Summary, trial: &Trial, recording: &TipLog) {
     let label = capitalized(trial.label);
     for (path, window) in PATHS {
-        let (total, without_offset, peak) = recording.worst(window);
+        let [total, without_offset, peak] = recording.worst(window);
         let rms_label = format!("{label}: {path}, rms distance from the path, worst tip");
         let rms = match trial.limit {
             Some(limit) => Metric::at_most(rms_label, total, limit, "mm"),
@@ -358,22 +353,18 @@ fn errors(trial: &Trial, recording: &TipLog, model: &RobotModel) -> Figure {
 }
 
 fn table(recording: &TipLog, model: &RobotModel) -> String {
-    let mut values = Vec::new();
+    let mut columns = vec![Column::new("time", "s", &recording.time)];
     for (tip, samples) in recording.tips.iter().enumerate() {
         let name = tip_name(model, tip);
         for (axis, letter) in ["x", "y", "z"].into_iter().enumerate() {
-            values.push((
-                format!("{name} {letter}"),
-                samples.iter().map(|sample| sample.0[axis]).collect::<Vec<f64>>(),
-            ));
-            values.push((
-                format!("{name} {letter} reference"),
-                samples.iter().map(|sample| sample.1[axis]).collect(),
-            ));
+            let [position, reference]: [Vec<f64>; 2] = [
+                samples.iter().map(|(position, _)| position[axis]).collect(),
+                samples.iter().map(|(_, reference)| reference[axis]).collect(),
+            ];
+            columns.push(Column::new(format!("{name} {letter}"), "m", position));
+            columns.push(Column::new(format!("{name} {letter} reference"), "m", reference));
         }
     }
-    let mut columns = vec![Column::new("time", "s", &recording.time)];
-    columns.extend(values.iter().map(|(name, values)| Column::new(name.as_str(), "m", values)));
     csv(&columns)
 }
 

@@ -9,11 +9,11 @@ use tesaki::protocol::Refusal;
 use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::{Board, BoardError};
 
-use super::common::{T, capitalized, fault_error, prepare};
+use super::common::{T, capitalized, fault_error, largest, prepare};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::controller::{Controller, Watched};
 use crate::motion::Motion;
-use crate::plant::{Drive, Plant, PlantOptions, PlantValues, SharedIntervention, Truth};
+use crate::plant::{Plant, PlantOptions, PlantValues, SharedIntervention, Truth};
 use crate::report::{Column, Figure, Line, Metric, Panel, Summary, csv};
 
 pub(super) const SCENARIO: Scenario = Scenario {
@@ -21,6 +21,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     title: "Joint servo of the three-finger hand",
     about: "nine joints of the three-finger hand step by ±0.3 rad under PID and under the observer",
     robot: "hand3",
+    results: "docs/measurements.md#joint-servo",
     duration: 42.0,
     shortest: Some(4.0 * (INITIAL_REST + INTERVAL * (FIRST_STEPS + 1) as f64)),
     laws: None,
@@ -144,32 +145,32 @@ impl ServoLog {
 
     /// Largest error of any joint after the steps numbered `steps` [mrad]: overall, and later than
     /// [`SETTLING_TIME`] after each step.
-    pub fn worst(&self, steps: Range<usize>) -> (f64, f64) {
-        let (mut peak, mut settled) = (0.0_f64, 0.0_f64);
+    pub fn largest_errors(&self, steps: Range<usize>) -> (f64, f64) {
+        let (mut all, mut settled) = (Vec::new(), Vec::new());
         for joint in 0..self.position.len() {
             for (tick, error) in self.error(joint).enumerate() {
                 let number = self.steps.partition_point(|&step| step <= tick);
                 if number == 0 || !steps.contains(&(number - 1)) {
                     continue;
                 }
-                peak = peak.max(error.abs());
+                all.push(error.abs());
                 if (tick - self.steps[number - 1]) as f64 * T >= SETTLING_TIME - 1e-9 {
-                    settled = settled.max(error.abs());
+                    settled.push(error.abs());
                 }
             }
         }
-        (peak, settled)
+        (largest(all), largest(settled))
     }
 
     /// Largest motor torque [N·m].
     pub fn torque_peak(&self) -> f64 {
-        self.torque.iter().flatten().fold(0.0, |peak, torque| peak.max(torque.abs()))
+        largest(self.torque.iter().flatten().map(|torque| torque.abs()))
     }
 }
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let robot = RobotFolder::load(setting.robot)?;
-    let values = PlantValues::load(setting.robot)?;
+    let paper_friction = PlantValues::load(setting.robot)?.friction.paper;
     let ticks = (setting.duration / 4.0 / T).round() as u32;
 
     let mut summary = Summary::default();
@@ -177,7 +178,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let mut motion = setting.motion(&robot.model);
     for (index, trial) in TRIALS.iter().enumerate() {
         let progress = |fraction: f64| (setting.progress)((index as f64 + fraction) / 4.0);
-        let machine = (&robot, &values, setting.seed, setting.intervention.clone());
+        let machine = (&robot, paper_friction, setting.seed, setting.intervention.clone());
         let mut servo_trial = ServoTrial::begin(trial, machine, setting.controller, &mut motion)?;
         for tick in 0..ticks {
             servo_trial.tick(tick)?;
@@ -208,20 +209,19 @@ pub(super) struct ServoTrial<'a, 'b> {
 impl<'a, 'b> ServoTrial<'a, 'b> {
     fn begin(
         trial: &Trial,
-        (robot, values, seed, intervention): (&RobotFolder, &PlantValues, u64, Option<SharedIntervention>),
+        (robot, paper_friction, seed, intervention): (&RobotFolder, f64, u64, Option<SharedIntervention>),
         controller: &'a mut Watched<'b>,
         motion: &'a mut Motion,
     ) -> Result<Self, ScenarioError> {
         let mut model = robot.model.clone();
         let mut options = PlantOptions::mismatched(seed);
         if trial.paper_friction {
-            options.coulomb = Some(values.friction.paper);
+            options.coulomb = Some(paper_friction);
             for joint in &mut model.joints {
-                joint.friction.coulomb = values.friction.paper as f32;
+                joint.friction.coulomb = paper_friction as f32;
             }
         }
-        let drives: Vec<Drive> = model.joints.iter().map(Drive::from).collect();
-        let plant = Plant::new(&robot.urdf, &drives, values, &options)?.under(intervention);
+        let plant = Plant::of(robot, &options)?.under(intervention);
         Self::enable(trial.label, trial.mode, (model, plant), controller, motion)
     }
 
@@ -299,8 +299,8 @@ pub(super) fn reference(tick: u32, steps: &[usize], filter_time: f64) -> f64 {
 }
 
 pub(super) fn add_metrics(summary: &mut Summary, trial: &Trial, recording: &ServoLog) {
-    let (first_peak, _) = recording.worst(0..FIRST_STEPS);
-    let (peak, settled) = recording.worst(FIRST_STEPS..usize::MAX);
+    let (first_peak, _) = recording.largest_errors(0..FIRST_STEPS);
+    let (peak, settled) = recording.largest_errors(FIRST_STEPS..usize::MAX);
     let Trial { name, limits, .. } = trial;
     let label = capitalized(trial.label);
     let peak_label = format!("{label}: largest error");

@@ -2,7 +2,7 @@
 
 use rapier3d::na::UnitQuaternion;
 
-use super::common::{capitalized, worst};
+use super::common::{capitalized, largest};
 use super::grasping::{GraspLog, GraspRig, GraspSample, GraspTrial, GraspedObject, MOVE, table};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::report::{Figure, Line, Metric, Panel, Summary};
@@ -12,6 +12,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     title: "A box turned by the three-finger hand",
     about: "a held box is turned by +0.1, −0.1, −0.1 and +0.1 rad about the hand's y axis",
     robot: "hand3",
+    results: "docs/measurements.md#turned-and-shifted",
     duration: 20.0,
     shortest: None,
     laws: None,
@@ -62,7 +63,7 @@ fn add_metrics(summary: &mut Summary, log: &GraspLog, begins: &[f64; 4]) {
     let rests = begins.map(|begin| pitch(log.at(begin + MOVE + AFTER)));
     let errors = [0, 1, 2, 3].map(|index| 1e3 * (rests[index] - start - TARGETS[index]).abs());
     let mut metric =
-        Metric::at_most("Pitch error at rest, worst of four", worst(errors), 2.0, "mrad").paper("1–4 mrad");
+        Metric::at_most("Pitch error at rest, worst of four", largest(errors), 2.0, "mrad").paper("1–4 mrad");
     metric.note = lost;
     summary.insert("pitch_error", metric);
     for (number, (error, turn)) in (1..).zip(errors.into_iter().zip(["+0.1", "−0.1", "−0.1", "+0.1"])) {
@@ -75,13 +76,10 @@ fn add_metrics(summary: &mut Summary, log: &GraspLog, begins: &[f64; 4]) {
     let drift = [0, 2].map(|axis| {
         let angle = |sample: Option<&GraspSample>| sample.map_or(f64::NAN, |sample| sample.angles()[axis]);
         let start = angle(log.at(begins[0]));
-        begins
-            .iter()
-            .map(|begin| 1e3 * (angle(log.at(begin + MOVE + AFTER)) - start).abs())
-            .fold(f64::NAN, f64::max)
+        largest(begins.iter().map(|begin| 1e3 * (angle(log.at(begin + MOVE + AFTER)) - start).abs()))
     });
     let text = "Largest change of roll and yaw at rest";
-    summary.insert("roll_yaw_drift", Metric::reported(text, drift[0].max(drift[1]), "mrad"));
+    summary.insert("roll_yaw_drift", Metric::reported(text, largest(drift), "mrad"));
 }
 
 fn figure(log: &GraspLog, begin: f64) -> Figure {

@@ -6,7 +6,7 @@ use std::ops::Range;
 use rapier3d::na::Vector3;
 use tesaki_description::grasp::PlacedGrasp;
 
-use super::common::worst;
+use super::common::largest;
 use super::grasping::{
     GraspLog, GraspRig, GraspTrial, GraspedObject, GripRatio, LIFT, component_targets, components,
     grip_ratio, internal_forces, table,
@@ -21,6 +21,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "weights of 50 to 300 g are put on a held box and taken off, then all are put on at once, then it \
             is pushed",
     robot: "hand3",
+    results: "docs/measurements.md#weights",
     duration: 35.0,
     shortest: None,
     laws: None,
@@ -183,7 +184,7 @@ fn add_metrics(summary: &mut Summary, log: &GraspLog, record: &Record) {
     for part in record.parts.iter().filter(|part| part.name != "push") {
         let weights = || record.weights.iter().filter(|weight| weight.part == part.name);
         let all = |value: fn(&GripRatio) -> f64| {
-            worst(weights().map(|weight| weight.grip.as_ref().map_or(f64::NAN, value)))
+            largest(weights().map(|weight| weight.grip.as_ref().map_or(f64::NAN, value)))
         };
         let text = format!("{}: largest grip ratio", part.label);
         let key = format!("{}_grip_ratio", part.name);
@@ -210,7 +211,7 @@ fn add_metrics(summary: &mut Summary, log: &GraspLog, record: &Record) {
     summary.insert("friction_true", Metric::reported("Coefficient of friction, true", friction, ""));
     let whole = log.held..log.now();
     let max = log.largest(&whole, |sample| {
-        sample.contacts.iter().map(crate::plant::ContactTruth::normal_force).fold(f64::NAN, f64::max)
+        largest(sample.contacts.iter().map(crate::plant::ContactTruth::normal_force))
     });
     summary.insert("force_peak", Metric::reported("Largest normal force", max, "N"));
 }

@@ -16,6 +16,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     title: "An operator's hand, calibrated",
     about: "an operator's fingertips from a glove, calibrated with markers on five or on three fingers",
     robot: "hand5",
+    results: "docs/measurements.md#an-operators-hand",
     duration: 60.0,
     shortest: Some(60.0),
     laws: None,
@@ -174,12 +175,10 @@ fn table(found: &CalibrationTrial) -> String {
     let series = |which: usize, axis: usize| -> Vec<f64> {
         vectors.iter().map(|pair: &[Vector3<f64>; 2]| in_robot_frame(pair[which])[axis]).collect()
     };
-    let mut values = vec![("time".to_owned(), "s", found.times.clone())];
+    let mut columns = vec![Column::new("time", "s", &found.times)];
     for (axis, letter) in ["x", "y", "z"].into_iter().enumerate() {
-        values.push((format!("estimated {letter}"), "m", series(0, axis)));
-        values.push((format!("true {letter}"), "m", series(1, axis)));
+        columns.push(Column::new(format!("estimated {letter}"), "m", series(0, axis)));
+        columns.push(Column::new(format!("true {letter}"), "m", series(1, axis)));
     }
-    let columns: Vec<Column<'_>> =
-        values.iter().map(|(name, unit, values)| Column::new(name, *unit, values)).collect();
     csv(&columns)
 }

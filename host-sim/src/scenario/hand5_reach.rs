@@ -8,7 +8,7 @@ use tesaki::task::telexistence::TelexistenceSettings;
 use tesaki::teleop::{FINGERS, HumanFinger};
 use tesaki_supervisor::trajectory::minimum_jerk;
 
-use super::common::capitalized;
+use super::common::{capitalized, largest};
 use super::hand::{
     Fingertips, HandLog, HandRig, HandSample, HandTrial, exact_sample, human_fingertips, imitator,
     path_panel, robot_fingertips,
@@ -23,6 +23,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     title: "Fingertips of the five-finger hand",
     about: "five fingertips follow those of an operator with the robot's own hand, of a person, and pinches",
     robot: "hand5",
+    results: "docs/measurements.md#fingertips-of-a-person-on-a-robot-hand",
     duration: 2.0 * MOTION + PINCHES,
     shortest: None,
     laws: None,
@@ -66,7 +67,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     })?;
     let held_back = |sample: &HandSample| sample.board.limited != 0;
     let stated = log.largest(&window, |sample| {
-        if held_back(sample) { 0.0 } else { largest(|finger| sample.stated_error(finger)) }
+        if held_back(sample) { 0.0 } else { largest((0..FINGERS).map(|finger| sample.stated_error(finger))) }
     });
     let text = "Own hand: largest error that the board states while no speed limit acts";
     summary.insert("own_stated_error", Metric::at_most(text, stated, 0.05, "mm"));
@@ -217,10 +218,6 @@ fn pinching(start: &Angles, pinches: &[Angles], time: f64) -> Angles {
     } else {
         between(pinch, start, (time - opening) / PINCH_MOVEMENT)
     }
-}
-
-fn largest(value: impl Fn(usize) -> f64) -> f64 {
-    (0..FINGERS).map(value).fold(0.0, f64::max)
 }
 
 fn add_true_errors(summary: &mut Summary, name: &str, log: &HandLog, window: &Range<f64>) {

@@ -6,7 +6,7 @@ use rapier3d::na::Vector3;
 use tesaki::task::telexistence::{FingertipPoint, FingertipSample, TelexistenceSettings};
 use tesaki::teleop::{FINGERS, Fingertip, GloveFilter, GloveFilterState, HumanFinger, HumanHand};
 
-use super::common::{T, capitalized};
+use super::common::{T, capitalized, largest};
 use super::hand::{
     Fingertips, HandLog, HandRig, HandTrial, human_fingertips, imitator, in_robot_frame, path_panel,
     robot_fingertips, single,
@@ -21,6 +21,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     title: "A glove leads the five-finger hand",
     about: "sixteen joints follow an operator's calibrated glove over a link with delay and loss",
     robot: "hand5",
+    results: "docs/measurements.md#fingertips-of-a-person-on-a-robot-hand",
     duration: MOTION * TRIALS.len() as f64,
     shortest: None,
     laws: None,
@@ -213,7 +214,7 @@ fn motion(log: &HandLog, span: &Range<f64>) -> f64 {
     let Some(first) = log.during(span).first() else { return f64::NAN };
     log.largest(span, |sample| {
         let moved = sample.robot.iter().zip(&first.robot).map(|(tip, before)| 1e3 * (tip - before).norm());
-        moved.fold(0.0, f64::max)
+        largest(moved)
     })
 }
 

@@ -15,6 +15,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     title: "The rose of a door knob",
     about: "a circle finder on rendered pictures of a door knob, and of a door without one",
     robot: "knob-arm",
+    results: "docs/measurements.md#door-knobs",
     duration: 6.0,
     shortest: Some(6.0),
     laws: None,
@@ -183,18 +184,15 @@ fn table(pictures: &[Picture]) -> String {
     let truth = |value: fn(&CircleTruth) -> f64| column(&|p| p.truth.as_ref().map_or(f64::NAN, value));
     let found =
         |value: fn(&Circle) -> f32| column(&|p| p.found[0].as_ref().map_or(f64::NAN, |c| value(c).into()));
-    let columns = [
-        ("distance", "m", column(&|picture| picture.distance)),
-        ("visible", "", truth(|truth| truth.visible)),
-        ("true_x", "px", truth(|truth| truth.center[0])),
-        ("true_y", "px", truth(|truth| truth.center[1])),
-        ("true_radius", "px", truth(|truth| truth.radius)),
-        ("found_x", "px", found(|circle| circle.center[0])),
-        ("found_y", "px", found(|circle| circle.center[1])),
-        ("found_radius", "px", found(|circle| circle.radius)),
-        ("confidence", "", found(|circle| circle.confidence)),
-    ];
-    let columns: Vec<_> =
-        columns.iter().map(|(name, unit, values)| Column::new(*name, *unit, values)).collect();
-    csv(&columns)
+    csv(&[
+        Column::new("distance", "m", column(&|picture| picture.distance)),
+        Column::new("visible", "", truth(|truth| truth.visible)),
+        Column::new("true_x", "px", truth(|truth| truth.center[0])),
+        Column::new("true_y", "px", truth(|truth| truth.center[1])),
+        Column::new("true_radius", "px", truth(|truth| truth.radius)),
+        Column::new("found_x", "px", found(|circle| circle.center[0])),
+        Column::new("found_y", "px", found(|circle| circle.center[1])),
+        Column::new("found_radius", "px", found(|circle| circle.radius)),
+        Column::new("confidence", "", found(|circle| circle.confidence)),
+    ])
 }

@@ -10,14 +10,14 @@ use tesaki_description::approach::{self, ApproachFile};
 use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::{Board, BoardError};
 
-use super::common::{T, clear_faults, fault_error, introduce, median};
+use super::common::{T, clear_faults, fault_error, home, introduce, largest, median};
 use super::film::picture_panel;
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::camera::{self, Camera, CameraValues, CircleTruth};
 use crate::controller::{Controller, Watched};
 use crate::door::{KNOB, KnobDoor, hand_joints, hand_pose};
 use crate::motion::{Motion, Transform};
-use crate::plant::{Drive, Plant, PlantOptions, PlantValues};
+use crate::plant::{Plant, PlantOptions};
 use crate::report::{Column, Figure, Line, Metric, Panel, Summary, csv};
 
 pub(super) const SCENARIO: Scenario = Scenario {
@@ -25,6 +25,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     title: "A door knob, found and gripped",
     about: "a camera in the hand leads an arm to a door knob, which it grips",
     robot: "knob-arm",
+    results: "docs/measurements.md#door-knobs",
     duration: LONGEST * DOORS as f64,
     shortest: None,
     laws: None,
@@ -58,11 +59,11 @@ const SHOWN: usize = 6;
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let robot = RobotFolder::load(setting.robot)?;
     let files = approach::load(setting.robot, &robot.model)?;
-    let (values, camera) = (PlantValues::load(setting.robot)?, CameraValues::load(setting.robot)?);
+    let camera = CameraValues::load(setting.robot)?;
     let mut motion = setting.motion(&robot.model);
     let mut logs = Vec::new();
     for number in 0..DOORS {
-        let machine = Machine { robot: &robot, files: &files, values: &values, camera: &camera };
+        let machine = Machine { robot: &robot, files: &files, camera: &camera };
         let mut trial = Trial::begin(setting, &machine, number, &mut motion)?;
         match trial.go() {
             // The door is lost, the others are not.
@@ -89,7 +90,6 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
 struct Machine<'a> {
     robot: &'a RobotFolder,
     files: &'a ApproachFile,
-    values: &'a PlantValues,
     camera: &'a CameraValues,
 }
 
@@ -136,7 +136,7 @@ impl Log {
     }
 
     fn peak_force(&self) -> f64 {
-        self.samples.iter().map(|sample| sample.contact).fold(0.0, f64::max)
+        largest(self.samples.iter().map(|sample| sample.contact))
     }
 
     fn found(&self) -> usize {
@@ -169,13 +169,12 @@ impl<'a, 'b, 'c> Trial<'a, 'b, 'c> {
     ) -> Result<Self, ScenarioError> {
         let robot = machine.robot;
         let seed = setting.seed.wrapping_add((number as u64 + 1) << 32);
-        let drives: Vec<Drive> = robot.model.joints.iter().map(Drive::from).collect();
         let mut options = PlantOptions::mismatched(setting.seed);
-        let plant = Plant::new(&robot.urdf, &drives, machine.values, &options)?;
+        let plant = Plant::of(robot, &options)?;
         let [hand, gripper] = hand_joints(&robot.model, &machine.files.task, &plant);
         let door = KnobDoor::draw(seed, &hand_pose(&plant, hand, gripper));
         options.fixtures = door.fixtures();
-        let plant = Plant::new(&robot.urdf, &drives, machine.values, &options)?;
+        let plant = Plant::of(robot, &options)?;
         motion.note(format!("door {}", number + 1));
         motion.fixtures(&options.fixtures);
         let log = Log {
@@ -204,8 +203,7 @@ impl<'a, 'b, 'c> Trial<'a, 'b, 'c> {
         };
         introduce(trial.setting.controller, &robot.model)?;
         trial.step()?;
-        let homed: Vec<f32> = trial.plant.homed_positions().iter().map(|&angle| angle as f32).collect();
-        trial.setting.controller.home(&homed)?;
+        home(trial.setting.controller, &trial.plant)?;
         trial.step()?;
         trial.setting.controller.enable(TaskConfig::VisualApproach(machine.files.task))?;
         Ok(trial)
@@ -373,9 +371,9 @@ fn summary(logs: &[Log]) -> Summary {
         "time",
         Metric::at_most("Time of an approach, median", median(times.iter().copied()), 10.0, "s"),
     );
-    let longest = times.iter().copied().fold(f64::NAN, f64::max);
+    let longest = largest(times.iter().copied());
     summary.insert("longest", Metric::at_most("Longest time of an approach", longest, 10.0, "s"));
-    let peak = logs.iter().map(Log::peak_force).fold(0.0, f64::max);
+    let peak = largest(logs.iter().map(Log::peak_force));
     let text = "Largest force on door, rose and knob before the grip";
     summary.insert("contact", Metric::at_most(text, peak, 60.0, "N"));
     let grips =
@@ -431,20 +429,17 @@ fn approach_figure(log: &Log) -> Figure {
 fn table(logs: &[Log]) -> String {
     let column = |value: &dyn Fn(&Log) -> f64| logs.iter().map(value).collect::<Vec<_>>();
     let grip = |which: usize| column(&|log| log.grip.map_or(f64::NAN, |grip| grip[which]));
-    let columns = [
-        ("gripped", "", column(&|log| f64::from(u8::from(log.succeeded())))),
-        ("fault", "", column(&|log| f64::from(u8::from(log.ended_in_fault)))),
-        ("time", "s", column(&|log| log.time)),
-        ("tries", "", column(&|log| f64::from(log.tries) + 1.0)),
-        ("pictures", "", column(&|log| log.pictures.len() as f64)),
-        ("found", "", column(&|log| log.found() as f64)),
-        ("rose", "m", column(&|log| log.radius[0])),
-        ("estimated_rose", "m", column(&|log| log.radius[1])),
-        ("grip_distance", "m", grip(0)),
-        ("grip_aside", "m", grip(1)),
-        ("contact", "N", column(&Log::peak_force)),
-    ];
-    let columns: Vec<_> =
-        columns.iter().map(|(name, unit, values)| Column::new(*name, *unit, values)).collect();
-    csv(&columns)
+    csv(&[
+        Column::new("gripped", "", column(&|log| f64::from(u8::from(log.succeeded())))),
+        Column::new("fault", "", column(&|log| f64::from(u8::from(log.ended_in_fault)))),
+        Column::new("time", "s", column(&|log| log.time)),
+        Column::new("tries", "", column(&|log| f64::from(log.tries) + 1.0)),
+        Column::new("pictures", "", column(&|log| log.pictures.len() as f64)),
+        Column::new("found", "", column(&|log| log.found() as f64)),
+        Column::new("rose", "m", column(&|log| log.radius[0])),
+        Column::new("estimated_rose", "m", column(&|log| log.radius[1])),
+        Column::new("grip_distance", "m", grip(0)),
+        Column::new("grip_aside", "m", grip(1)),
+        Column::new("contact", "N", column(&Log::peak_force)),
+    ])
 }

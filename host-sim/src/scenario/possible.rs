@@ -8,11 +8,13 @@ mod linear_program;
 
 use std::path::Path;
 
-use rapier3d::na::{Quaternion, UnitQuaternion, Vector3, Vector6};
+use rapier3d::na::{Vector3, Vector6};
 
 use super::ScenarioError;
+use super::common::largest;
 use super::grasping::{GraspRig, GraspedObject};
 use super::hand3_weights::{PUSH, TOP, WEIGHTS};
+use crate::plant::unit_quaternion;
 use grip::GripTruth;
 
 /// A limit that cannot be met.
@@ -54,14 +56,13 @@ fn weights(robot: &Path, seed: u64) -> Result<Vec<Impossible>, ScenarioError> {
         grasp.position,
     )?;
     let gravity = Vector3::from(rig.values.gravity);
-    let [x, y, z, w] = grasp.orientation;
-    let top = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z)) * Vector3::from(TOP);
+    let top = unit_quaternion(grasp.orientation) * Vector3::from(TOP);
     let share = |weight: f64, push: f64| {
         let force = gravity * weight;
         let (total, moment) = (gravity * object.mass + force + Vector3::y() * push, top.cross(&force));
         truth.torque_share(&Vector6::new(total.x, total.y, total.z, moment.x, moment.y, moment.z))
     };
-    let heaviest = WEIGHTS.iter().copied().fold(0.0, f64::max);
+    let heaviest = largest(WEIGHTS);
     let all: f64 = WEIGHTS.iter().sum();
     let mut limits = Vec::new();
     let mut judge = |part: &str, measured: &[&str], what: String, share: Option<f64>, max: f64| {

@@ -3,23 +3,24 @@
 
 mod trace;
 
-use rapier3d::na::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
+use rapier3d::na::Isometry3;
 use tesaki::kinematics::{ElbowSetpoint, PosePoint};
 use tesaki::teleop::{Follower, FollowerSettings, FollowerState, Instant, MasterSample};
 
 pub use self::trace::{Trace, displacements};
+use super::ScenarioError;
 use super::arm::ArmTrial;
+use super::common::T;
 use crate::operator::{
     ElbowMotion, ElbowSensor, ElbowSensorValues, Link, LinkValues, MasterArm, MasterArmValues, MasterPose,
     OperatorHandMotion, Packet,
 };
+use crate::plant::isometry;
 
 /// True pose of the tool.
 pub fn tool_pose(arm_trial: &ArmTrial<'_, '_>) -> Isometry3<f64> {
     let now = arm_trial.plant.tips().swap_remove(0);
-    let [x, y, z, w] = now.orientation;
-    let rotation = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
-    Isometry3::from_parts(Translation3::from(Vector3::from(now.position)), rotation)
+    isometry(now.position, now.orientation)
 }
 
 /// The operator, with the devices and their links.
@@ -85,7 +86,7 @@ impl Slave {
     }
 
     /// Takes what has arrived by a time [s].
-    pub fn receive(&mut self, time: f64, operator: &mut Operator) {
+    fn receive(&mut self, time: f64, operator: &mut Operator) {
         let (poses, tilts) = operator.receive(time);
         poses.iter().for_each(|pose| self.add_pose(time, pose));
         tilts.iter().for_each(|tilt| self.add_elbow(time, tilt));
@@ -115,7 +116,7 @@ impl Slave {
     }
 
     /// Opens or closes the clutch, which only a slave that predicts has.
-    pub fn clutch(&mut self, time: f64, closed: bool) {
+    fn clutch(&mut self, time: f64, closed: bool) {
         if let Self::Predicted(follower, state) = self {
             if closed {
                 follower.close_clutch(state, instant(time)).expect("samples arrive all the time");
@@ -126,12 +127,36 @@ impl Slave {
     }
 
     /// The set-points of a tick.
-    pub fn tick(&mut self, time: f64) -> (PosePoint, ElbowSetpoint) {
+    fn tick(&mut self, time: f64) -> (PosePoint, ElbowSetpoint) {
         match self {
             Self::Predicted(follower, state) => follower.tick(state, instant(time)),
             Self::Sample(target, elbow) => (*target, *elbow),
         }
     }
+}
+
+/// The operator leads the arm for `duration` [s] with the set-points of `slave`; its clutch opens or closes at
+/// the times of `clutch` [s]. `observe` sees the time and each set-point of the tool.
+pub fn lead(
+    arm_trial: &mut ArmTrial<'_, '_>,
+    slave: &mut Slave,
+    operator: &mut Operator,
+    duration: f64,
+    clutch: &[(f64, bool)],
+    mut observe: impl FnMut(&Operator, f64, &PosePoint),
+) -> Result<(), ScenarioError> {
+    let tick = |time: f64| (time / T).round() as usize;
+    for number in 0..tick(duration) {
+        let time = number as f64 * T;
+        slave.receive(time, operator);
+        for &(_, closed) in clutch.iter().filter(|(at, _)| tick(*at) == number) {
+            slave.clutch(time, closed);
+        }
+        let (point, elbow) = slave.tick(time);
+        observe(operator, time, &point);
+        arm_trial.follow(point, elbow)?;
+    }
+    Ok(())
 }
 
 #[expect(clippy::cast_sign_loss, reason = "no time is negative")]

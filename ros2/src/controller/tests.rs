@@ -183,7 +183,7 @@ fn a_goal_with_a_stamp_goes_on_from_where_the_joints_are_when_it_begins() {
         let outcome = (1..300).find_map(|period| {
             let (before, state) = (board.swing(), board.state());
             board.tick += 1;
-            let outcome = board.controller.step(board.tick, NOW + period * PERIOD, &state);
+            let outcome = board.controller.step(board.tick, NOW + period * CONTROL_PERIOD_NS, &state);
             let after = board.swing();
             let moved = (after.position - before.position) / TICK;
             let mean = 0.5 * (before.velocity + after.velocity);

@@ -6,8 +6,9 @@ use tesaki::model::{MAX_CHAIN_JOINTS, MAX_JOINTS, RobotModel};
 use tesaki::protocol::{Mode, Request, Telemetry};
 use tesaki::robot::Robot;
 use tesaki::task::TaskConfig;
+use tesaki_description::plant::CONTROL_PERIOD;
 
-use super::procedure::{IdentifyError, Machine, Sense, TICK};
+use super::procedure::{IdentifyError, Machine, Sense};
 use super::regression::Reading;
 use super::sweep::{Leg, Punctuality, Sweep, ranges, references};
 
@@ -73,7 +74,7 @@ fn all_legs(
 /// A joint has no room for its sweep.
 pub fn duration(model: &RobotModel, start: &[f64], settings: &JointSettings) -> Result<f64, IdentifyError> {
     let legs = all_legs(model, start, settings)?;
-    Ok(legs.iter().flat_map(|(_, legs)| legs).map(|leg| f64::from(leg.ticks()) * TICK).sum())
+    Ok(legs.iter().flat_map(|(_, legs)| legs).map(|leg| f64::from(leg.ticks()) * CONTROL_PERIOD).sum())
 }
 
 /// Moves the joints of any robot without an object, and returns the readings of each joint, for
@@ -204,8 +205,8 @@ impl SelfTest<'_> {
                 motion: self.motion,
                 torque: begin.joints[joint].torque.into(),
                 load: 0.0,
-                velocity: (next - at) / TICK,
-                acceleration: (after - next - at + before) / (2.0 * TICK * TICK),
+                velocity: (next - at) / CONTROL_PERIOD,
+                acceleration: (after - next - at + before) / (2.0 * CONTROL_PERIOD * CONTROL_PERIOD),
                 weights: [0.0; MAX_CHAIN_JOINTS],
             };
             reading.weights[0] = weights[joint];

@@ -10,13 +10,12 @@ use tesaki::task::grasping::{
     Failure, GraspCommand, GraspPlan, GraspTelemetry, InternalForce, ObjectControl, Phase,
 };
 use tesaki::task::{TaskCommand, TaskConfig};
+use tesaki_description::plant::CONTROL_PERIOD;
 
 use super::regression::{Fit, Reading, fit};
 use super::sweep::{Sweep, ranges, references};
 use crate::BoardError;
 
-/// Control period [s].
-pub(super) const TICK: f64 = 0.01;
 /// Durations of a sweep from one end to the other [s]: two speeds, to separate viscous friction.
 const SWEEPS: [f64; 2] = [1.0, 0.4];
 /// Largest torque for a joint's inertia in a sweep, as a fraction of its limit.
@@ -473,7 +472,7 @@ impl<M: Machine> Course<'_, M> {
     /// Waits until the hand is in phase `expected`, or ready, or the timeout has passed.
     fn wait_for(&mut self, expected: Phase) -> Result<(Phase, Option<Failure>), M::Error> {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of ticks")]
-        let limit = (PHASE_TIMEOUT / TICK) as usize;
+        let limit = (PHASE_TIMEOUT / CONTROL_PERIOD) as usize;
         for tick in 1.. {
             self.tick(Request::Keep)?;
             if tick % ASK == 0 || tick >= limit {

@@ -8,8 +8,9 @@ use tesaki::model::{JointModel, MAX_JOINTS, RobotModel};
 use tesaki::protocol::{Request, Telemetry};
 use tesaki::task::TaskCommand;
 use tesaki::task::joint_servo::JointCommand;
+use tesaki_description::plant::CONTROL_PERIOD;
 
-use super::procedure::{IdentifyError, TICK};
+use super::procedure::IdentifyError;
 use crate::trajectory::minimum_jerk;
 
 /// Margin to the ends of a joint's range [rad].
@@ -119,7 +120,7 @@ impl Leg {
     /// Number of ticks it takes.
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of ticks")]
     pub fn ticks(&self) -> u32 {
-        (self.time / TICK).round() as u32
+        (self.time / CONTROL_PERIOD).round() as u32
     }
 
     /// Returns a minimum-jerk set-point for each tick.

@@ -5,7 +5,7 @@ mod record;
 use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::Stdio;
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use clap::{Args, Subcommand};
@@ -169,7 +169,7 @@ fn batch_of(simulator: &Simulator, seeds: &[u64]) -> Result<Vec<Run>> {
     let pieces: Vec<&[u64]> = if consecutive { vec![seeds] } else { seeds.chunks(1).collect() };
     for piece in pieces {
         let (Some(first), Some(last)) = (piece.first(), piece.last()) else { continue };
-        let mut command = Command::new(simulator.path());
+        let mut command = simulator.command();
         command.args(["faults", "--json", "--no-shrink", "--seeds", &format!("{first}-{last}")]);
         let output = command.stdin(Stdio::null()).output().context("cannot start the simulator")?;
         let text = String::from_utf8_lossy(&output.stdout);

@@ -1,6 +1,6 @@
 //! Runs the simulator on all cores.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::{Command, Stdio};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -44,13 +44,13 @@ impl Simulator {
 
     /// Uses another program in its place.
     #[cfg(test)]
-    pub fn at(path: &Path) -> Self {
+    pub fn at(path: &std::path::Path) -> Self {
         Self { path: path.to_owned() }
     }
 
-    /// Its path.
-    pub fn path(&self) -> &Path {
-        &self.path
+    /// A command that runs it.
+    pub fn command(&self) -> Command {
+        Command::new(&self.path)
     }
 
     /// Returns all scenarios: the first word of each listed line.
@@ -58,7 +58,7 @@ impl Simulator {
     /// # Errors
     /// When it cannot be run, or lists none.
     pub fn scenarios(&self) -> Result<Vec<String>> {
-        let text = tools::output(Command::new(&self.path).arg("list"))?;
+        let text = tools::output(self.command().arg("list"))?;
         let lines = text.lines().filter_map(|line| line.strip_prefix("  "));
         let names: Vec<String> =
             lines.filter_map(|line| line.split_whitespace().next()).map(str::to_owned).collect();
@@ -72,7 +72,7 @@ impl Simulator {
     /// When the simulator cannot compute them.
     pub fn impossible(&self, scenario: &str, seeds: &[u64]) -> Result<Vec<(u64, Vec<String>)>> {
         let (Some(first), Some(last)) = (seeds.first(), seeds.last()) else { return Ok(Vec::new()) };
-        let mut command = Command::new(&self.path);
+        let mut command = self.command();
         command.args(["limits", scenario, "--json", "--seed", &format!("{first}-{last}")]);
         let text = tools::output(&mut command)?;
         let told = |line: &str| -> Result<(u64, Vec<String>)> {
@@ -86,7 +86,7 @@ impl Simulator {
     fn run(&self, scenario: &str, seed: u64) -> Result<Run> {
         // Other machines run at the same time.
         let out = tempfile::tempdir()?;
-        let mut command = Command::new(&self.path);
+        let mut command = self.command();
         command.args(["run", scenario, "--seed", &seed.to_string(), "--json", "--out"]).arg(out.path());
         let output = command.stdin(Stdio::null()).output().context("cannot start the simulator")?;
         let text = String::from_utf8_lossy(&output.stdout);

@@ -80,24 +80,18 @@ pub struct Table {
 }
 
 const KNOB: &[Row] = &[
-    Row {
-        bound: Bound::AtLeast,
-        ..row("knob-find", "whole_right", "whole image: pictures with the right circle")
-    },
+    at_least("knob-find", "whole_right", "whole image: pictures with the right circle"),
     row("knob-find", "whole_wrong", "with a wrong one"),
     row("knob-find", "whole_center", "error of the centre, median"),
     row("knob-find", "whole_radius", "error of the radius, median"),
-    Row {
-        bound: Bound::AtLeast,
-        ..row("knob-find", "window_right", "window: pictures with the right circle")
-    },
+    at_least("knob-find", "window_right", "window: pictures with the right circle"),
     row("knob-find", "window_wrong", "with a wrong one"),
     row("knob-find", "empty_found", "doors without a knob: a circle is found"),
 ];
 
 const KNOB_GRASP: &[Row] = &[
-    Row { bound: Bound::AtLeast, ..row("knob-grasp", "gripped", "knobs that are gripped, of ten") },
-    Row { bound: Bound::AtLeast, ..row("knob-grasp", "first_try", "at the first try") },
+    at_least("knob-grasp", "gripped", "knobs that are gripped, of ten"),
+    at_least("knob-grasp", "first_try", "at the first try"),
     row("knob-grasp", "wrong_claims", "the behaviour says that it holds the knob, and does not"),
     row("knob-grasp", "time", "time of an approach, median"),
     row("knob-grasp", "longest", "longest time of an approach"),
@@ -109,6 +103,10 @@ const MEASUREMENTS: &str = "docs/measurements.md";
 
 const fn row(scenario: &'static str, metric: &'static str, label: &'static str) -> Row {
     Row { scenario, metric, bound: Bound::AtMost, label }
+}
+
+const fn at_least(scenario: &'static str, metric: &'static str, label: &'static str) -> Row {
+    Row { bound: Bound::AtLeast, ..row(scenario, metric, label) }
 }
 
 const fn magnitude(scenario: &'static str, metric: &'static str, label: &'static str) -> Row {
@@ -317,14 +315,11 @@ const IMPEDANCE: &[Row] = &[
     row("arm7-release", "paper_b30_error_peak", "the paper's law, B 30"),
     row("arm7-elbow", "yaw_hand_displacement", "elbow driven by shoulder yaw: displacement of the hand"),
     row("arm7-elbow", "arm_angle_hand_displacement", "elbow driven by arm angle: displacement of the hand"),
-    Row {
-        bound: Bound::AtLeast,
-        ..row(
-            "arm7-elbow",
-            "yaw_elbow_displacement",
-            "elbow driven by shoulder yaw: displacement of the elbow",
-        )
-    },
+    at_least(
+        "arm7-elbow",
+        "yaw_elbow_displacement",
+        "elbow driven by shoulder yaw: displacement of the elbow",
+    ),
 ];
 
 const WALL: &[Row] = &[

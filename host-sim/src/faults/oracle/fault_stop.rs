@@ -21,6 +21,9 @@ const CONTACT: f64 = 1.0;
 /// The acceleration at a fault continues for this long: the torques fade, and the drives lag [ticks].
 const FADING_TICKS: u32 = 2;
 const FADING: f64 = FADING_TICKS as f64;
+/// Faults of the force sensors, after which an arm is damped and not held.
+const WITHOUT_FORCE: [FaultCause; 4] =
+    [FaultCause::ForceSaturated, FaultCause::ForceStuck, FaultCause::ForceSilent, FaultCause::ForceMismatch];
 
 /// A fault stop: the state at its start, and its course since.
 pub struct FaultStop {
@@ -222,7 +225,7 @@ impl FaultStop {
     fn unrest(&self, sample: &Sample, machine: &Machine) -> Option<String> {
         let holds = machine.model.safety.reaction == Reaction::Hold
             && sample.total == self.total
-            && !self.cause.is_some_and(|cause| cause.loses_force() || cause == FaultCause::ForceMismatch)
+            && !self.cause.is_some_and(|cause| WITHOUT_FORCE.contains(&cause))
             && !sample.acting.encoders
             && !sample.acting.drives;
         let (rest, undisturbed) = (rest_energy(machine), sample.tick - self.disturbed);

@@ -231,9 +231,9 @@ fn curve_figure(laws: &[NamedLaw], path: Path, curves: &[Curve]) -> Figure {
 fn table(curve: &Curve) -> String {
     csv(&[
         Column::new("damping", "N·s/m", &curve.dampings),
-        Column::new("error at reversals", "mm", &curve.values(|errors| errors.reversals)),
-        Column::new("error in motion", "mm", &curve.values(|errors| errors.motion)),
-        Column::new("error at rest", "mm", &curve.values(|errors| errors.rest)),
+        Column::new("error at reversals", "mm", curve.values(|errors| errors.reversals)),
+        Column::new("error in motion", "mm", curve.values(|errors| errors.motion)),
+        Column::new("error at rest", "mm", curve.values(|errors| errors.rest)),
     ])
 }
 

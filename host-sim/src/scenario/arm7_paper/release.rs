@@ -4,7 +4,7 @@ use super::{MACHINES, NamedLaw, damping_key};
 use crate::report::{Figure, Line, Metric, Panel, Summary};
 use crate::scenario::arm::ArmRig;
 use crate::scenario::arm7_release::{AXES, Release, ReleaseTrial, release};
-use crate::scenario::common::capitalized;
+use crate::scenario::common::{capitalized, largest};
 use crate::scenario::{ScenarioError, Setting};
 
 /// Releases along x, y and z of a law with one of its dampings.
@@ -23,7 +23,8 @@ impl Releases<'_> {
     /// Largest displacement along x beyond the set-point [mm], of the tool and by the theory.
     fn overshoot(&self) -> Option<[f64; 2]> {
         let [_, measured, exact] = self.along_x()?.curves();
-        let overshoot = |values: Vec<f64>| 1e3 * values.into_iter().map(|value| -value).fold(0.0, f64::max);
+        let beyond = |values: Vec<f64>| values.into_iter().map(|value| -value);
+        let overshoot = |values| 1e3 * largest([0.0].into_iter().chain(beyond(values)));
         Some([measured, exact].map(overshoot))
     }
 }
@@ -85,7 +86,7 @@ fn add_metrics(summary: &mut Summary, releases: &Releases<'_>, machine_key: &str
     if releases.releases.is_empty() {
         return;
     }
-    let worst = releases.releases.iter().map(Release::error).fold(f64::NAN, f64::max);
+    let worst = largest(releases.releases.iter().map(Release::error));
     let text = format!("{label}: largest deviation from the theory, of x, y and z");
     insert("error_peak", Metric::reported(text, worst, "mm").paper("“difficult to bring near”"));
 }

@@ -8,10 +8,10 @@ use tesaki_supervisor::identify::{Identification, Machine, Sense, Settings, iden
 
 use super::rig::{GraspRig, GraspedObject};
 use super::trial::REST;
-use crate::controller::{Controller, Watched};
+use crate::controller::Watched;
 use crate::motion::Motion;
 use crate::plant::Plant;
-use crate::scenario::common::{T, fault_error, introduce};
+use crate::scenario::common::{T, fault_error, home, introduce, tick};
 use crate::scenario::{ScenarioError, Setting};
 
 /// A controller with a simulated machine.
@@ -27,10 +27,9 @@ pub struct SimulatedMachine<'a, 'b> {
 impl SimulatedMachine<'_, '_> {
     /// One control period.
     pub fn advance(&mut self) -> Result<(), ScenarioError> {
-        let sequence = self.motion.tick(&self.plant.truth());
-        let actuators = self.controller.tick(&self.plant.sensors(sequence))?;
+        let sequence = tick(self.controller, &mut self.plant, self.motion)?;
         (self.progress)((f64::from(sequence) * T / self.duration).min(1.0));
-        Ok(self.plant.apply(&actuators)?)
+        Ok(())
     }
 }
 
@@ -81,8 +80,7 @@ pub fn calibrate(
     };
     machine.motion.note(held.label);
     machine.advance()?;
-    let homed: Vec<f32> = machine.plant.homed_positions().iter().map(|&angle| angle as f32).collect();
-    machine.controller.home(&homed)?;
+    home(machine.controller, &machine.plant)?;
     for _ in 0..(REST / T).round() as usize {
         machine.advance()?;
     }

@@ -4,9 +4,9 @@ use std::ops::Range;
 
 use rapier3d::na::{Quaternion, UnitQuaternion, Vector3};
 
-use crate::plant::{ContactTruth, ObjectTruth};
+use crate::plant::{ContactTruth, ObjectTruth, unit_quaternion};
 use crate::report::{Column, csv};
-use crate::scenario::common::T;
+use crate::scenario::common::{T, during, largest};
 use tesaki::task::grasping::Phase;
 
 /// What the controller knows of a grasp, as last reported; NaN before the first report.
@@ -63,8 +63,7 @@ impl GraspSample {
     }
 
     pub fn orientation(&self) -> UnitQuaternion<f64> {
-        let [x, y, z, w] = self.object.orientation;
-        UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z))
+        unit_quaternion(self.object.orientation)
     }
 
     /// Roll, pitch and yaw of the object [rad].
@@ -107,13 +106,12 @@ impl GraspLog {
 
     /// The samples of a time span [s]; empty if it was not recorded to its end.
     pub fn during(&self, span: &Range<f64>) -> &[GraspSample] {
-        let [from, to] = [span.start, span.end].map(|time| (time / T).round() as usize);
-        self.samples.get(from..to).unwrap_or(&[])
+        during(&self.samples, span)
     }
 
     /// The maximum of a value in a time span; NaN if it was not recorded to its end.
     pub fn largest(&self, span: &Range<f64>, value: impl Fn(&GraspSample) -> f64) -> f64 {
-        self.during(span).iter().map(value).fold(f64::NAN, f64::max)
+        largest(self.during(span).iter().map(value))
     }
 
     /// The largest displacement of the object since the start of a time span [m].
@@ -127,7 +125,7 @@ impl GraspLog {
         let all = self.during(span);
         let (Some(first), Some(last)) = (all.first(), all.last()) else { return f64::NAN };
         let paths = first.contacts.iter().zip(&last.contacts);
-        paths.map(|(first, last)| last.slip_path - first.slip_path).fold(f64::NAN, f64::max)
+        largest(paths.map(|(first, last)| last.slip_path - first.slip_path))
     }
 
     pub fn times(&self) -> Vec<f64> {
@@ -142,18 +140,26 @@ impl GraspLog {
 /// The log as CSV: object, weights, contacts.
 pub fn table(log: &GraspLog) -> String {
     const AXES: [&str; 3] = ["x", "y", "z"];
-    let mut columns: Vec<(String, &str, Vec<f64>)> = vec![("time".to_owned(), "s", log.times())];
+    let mut columns = vec![Column::new("time", "s", log.times())];
     for (axis, name) in AXES.into_iter().enumerate() {
-        columns.push((format!("object {name}"), "m", log.series(|sample| sample.object.position[axis])));
+        columns.push(Column::new(
+            format!("object {name}"),
+            "m",
+            log.series(|sample| sample.object.position[axis]),
+        ));
     }
     for (axis, name) in ["roll", "pitch", "yaw"].into_iter().enumerate() {
-        columns.push((format!("object {name}"), "rad", log.series(|sample| sample.angles()[axis])));
+        columns.push(Column::new(
+            format!("object {name}"),
+            "rad",
+            log.series(|sample| sample.angles()[axis]),
+        ));
     }
     for (part, (quantity, unit)) in
         [("target displacement", "m"), ("target rotation", "rad")].into_iter().enumerate()
     {
         for (axis, name) in AXES.into_iter().enumerate() {
-            columns.push((
+            columns.push(Column::new(
                 format!("{quantity} {name}"),
                 unit,
                 log.series(|sample| sample.target[part][axis]),
@@ -162,35 +168,41 @@ pub fn table(log: &GraspLog) -> String {
     }
     for (axis, name) in AXES.into_iter().enumerate() {
         let name = format!("estimated position {name}");
-        columns.push((name, "m", log.series(|sample| sample.estimates.position[axis])));
+        columns.push(Column::new(name, "m", log.series(|sample| sample.estimates.position[axis])));
     }
-    columns.push(("estimated pitch".to_owned(), "rad", log.series(|sample| sample.estimates.pitch())));
+    columns.push(Column::new(
+        "estimated pitch".to_owned(),
+        "rad",
+        log.series(|sample| sample.estimates.pitch()),
+    ));
     for (axis, name) in AXES.into_iter().enumerate() {
         let name = format!("sensed load {name}");
-        columns.push((name, "N", log.series(|sample| sample.estimates.load[axis])));
+        columns.push(Column::new(name, "N", log.series(|sample| sample.estimates.load[axis])));
     }
-    columns.push(("weights".to_owned(), "kg", log.series(|sample| sample.object.load)));
+    columns.push(Column::new("weights".to_owned(), "kg", log.series(|sample| sample.object.load)));
     for finger in 0..3 {
         let name = |what: &str| format!("finger {} {what}", finger + 1);
         let contact = |value: fn(&ContactTruth) -> f64| {
             log.series(|sample| sample.contacts.get(finger).map_or(f64::NAN, value))
         };
         for (axis, letter) in AXES.into_iter().enumerate() {
-            columns.push((name(&format!("force {letter}")), "N", log.series(|s| s.force(finger)[axis])));
+            columns.push(Column::new(
+                name(&format!("force {letter}")),
+                "N",
+                log.series(|s| s.force(finger)[axis]),
+            ));
         }
         for (axis, letter) in AXES.into_iter().enumerate() {
-            columns.push((
+            columns.push(Column::new(
                 name(&format!("target force {letter}")),
                 "N",
                 log.series(|sample| sample.estimates.target_forces[finger][axis]),
             ));
         }
-        columns.push((name("normal force"), "N", contact(ContactTruth::normal_force)));
-        columns.push((name("tangential force"), "N", contact(ContactTruth::tangential_force)));
-        columns.push((name("sliding"), "m", contact(|contact| contact.slip_path)));
-        columns.push((name("depth"), "m", contact(|contact| contact.depth)));
+        columns.push(Column::new(name("normal force"), "N", contact(ContactTruth::normal_force)));
+        columns.push(Column::new(name("tangential force"), "N", contact(ContactTruth::tangential_force)));
+        columns.push(Column::new(name("sliding"), "m", contact(|contact| contact.slip_path)));
+        columns.push(Column::new(name("depth"), "m", contact(|contact| contact.depth)));
     }
-    let columns: Vec<Column<'_>> =
-        columns.iter().map(|(name, unit, values)| Column::new(name.as_str(), *unit, values)).collect();
     csv(&columns)
 }

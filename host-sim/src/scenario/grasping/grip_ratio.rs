@@ -8,6 +8,7 @@ use tesaki::model::RobotModel;
 
 use super::GraspSample;
 use crate::plant::ContactTruth;
+use crate::scenario::common::largest;
 
 /// A grip compared with the least grip for the same load.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -76,5 +77,5 @@ fn largest_torque(model: &RobotModel, sample: &GraspSample, forces: &[Vector3<f3
     }
     let Ok(fingers) = fingers.try_into() else { return f64::NAN };
     let torques = ThreeFingers::new(&fingers).torques(forces);
-    torques.iter().flatten().fold(0.0, |max, torque| f64::max(max, f64::from(torque.abs())))
+    largest(torques.iter().flatten().map(|torque| f64::from(torque.abs())))
 }

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use rapier3d::na::{Quaternion, UnitQuaternion, Vector3};
+use rapier3d::na::Vector3;
 use tesaki::task::grasping::GraspPlan;
 use tesaki_description::grasp::{PlacedGrasp, load_placed};
 use tesaki_description::law;
@@ -11,8 +11,9 @@ use tesaki_description::object;
 use tesaki_description::robot::RobotFolder;
 
 use crate::motion::Motion;
-use crate::plant::SharedIntervention;
-use crate::plant::{Drive, ObjectValues, Plant, PlantOptions, PlantValues};
+use crate::plant::{
+    Drive, ObjectValues, Plant, PlantOptions, PlantValues, SharedIntervention, unit_quaternion,
+};
 use crate::purpose::Purpose;
 use crate::scenario::scene::{on_support, open_posture};
 use crate::scenario::{ScenarioError, Setting};
@@ -112,8 +113,7 @@ impl GraspRig {
 
     /// The object on its support, with a seeded offset from its nominal position.
     fn place_object(&self, object: ObjectValues, grasp: &PlacedGrasp) -> ObjectValues {
-        let [x, y, z, w] = grasp.orientation;
-        let rotation = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
+        let rotation = unit_quaternion(grasp.orientation);
         let mut rng = Purpose::Placement.rng(self.seed);
         let offset = rotation * Vector3::new(MAX_OFFSET * rng.symmetric(), MAX_OFFSET * rng.symmetric(), 0.0);
         let object = on_support(object, grasp);

@@ -2,13 +2,13 @@
 
 use std::path::Path;
 
-use rapier3d::na::{Quaternion, UnitQuaternion, Vector3};
+use rapier3d::na::Vector3;
 use tesaki::kinematics::{Chain, Finger};
 use tesaki::model::RobotModel;
 use tesaki::task::grasping::GraspPlan;
 use tesaki_description::grasp::{PlacedGrasp, load_placed};
 
-use crate::plant::{ObjectValues, PlantOptions, Support};
+use crate::plant::{ObjectValues, PlantOptions, Support, unit_quaternion};
 use crate::scenario::ScenarioError;
 
 /// Distance from each fingertip to the surface at the start [m].
@@ -95,8 +95,7 @@ pub fn around_object(
 
 /// The object at its nominal position, on a block as support.
 pub fn on_support(object: ObjectValues, grasp: &PlacedGrasp) -> ObjectValues {
-    let [x, y, z, w] = grasp.orientation;
-    let rotation = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
+    let rotation = unit_quaternion(grasp.orientation);
     let [width, length, height] = object.size;
     let below = Vector3::from(grasp.position) - rotation * Vector3::new(0.0, 0.0, 0.5 * (height + THICKNESS));
     let size = [0.5 * width, 0.5 * length, THICKNESS];

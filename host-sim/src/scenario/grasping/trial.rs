@@ -1,6 +1,6 @@
 //! A grasp trial: commands to the hand and the log of what happens.
 
-use rapier3d::na::{Quaternion, UnitQuaternion, Vector3};
+use rapier3d::na::Vector3;
 use tesaki::protocol::{Mode, Refusal, Request, Stream};
 use tesaki::task::TaskConfig;
 use tesaki::task::grasping::{GraspCommand, Phase};
@@ -12,8 +12,8 @@ use super::rig::{GraspRig, GraspedObject};
 use super::{GraspEstimates, GraspLog, GraspSample, LIFT};
 use crate::controller::{Controller, Watched};
 use crate::motion::Transform;
-use crate::plant::{ObjectValues, Plant};
-use crate::scenario::common::{T, introduce};
+use crate::plant::{ObjectValues, Plant, unit_quaternion};
+use crate::scenario::common::{T, home, introduce};
 use crate::scenario::{ScenarioError, Setting};
 
 /// Ticks between two messages to the controller, which stops after ten ticks without one.
@@ -92,8 +92,7 @@ impl<'a, 'b> GraspTrial<'a, 'b> {
             grasp_trial.controller.set_rate(Stream::Tips, 1)?;
         }
         grasp_trial.tick()?;
-        let homed: Vec<f32> = grasp_trial.plant.homed_positions().iter().map(|&angle| angle as f32).collect();
-        grasp_trial.controller.home(&homed)?;
+        home(grasp_trial.controller, &grasp_trial.plant)?;
         grasp_trial.wait(REST)?;
         grasp_trial.controller.tare()?;
         grasp_trial.controller.enable(TaskConfig::Grasping(()))?;
@@ -184,8 +183,7 @@ impl<'a, 'b> GraspTrial<'a, 'b> {
         let estimates = &mut self.estimates;
         estimates.target_forces = grasp.target_forces.map(|force| Vector3::from(force).map(f64::from));
         estimates.position = Vector3::from(grasp.position).map(f64::from);
-        let [x, y, z, w] = grasp.orientation.map(f64::from);
-        estimates.orientation = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
+        estimates.orientation = unit_quaternion(grasp.orientation.map(f64::from));
         let [x, y, z, ..] = grasp.load.map(f64::from);
         estimates.load = Vector3::new(x, y, z);
         self.log.friction = f64::from(grasp.friction);

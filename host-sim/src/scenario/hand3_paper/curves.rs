@@ -13,6 +13,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     title: "What the errors of the Hand3 paper depend on",
     about: "figures 11 and 15 of the Hand3 paper under its law, over the efficiency of the joints and the integral gain",
     robot: "hand3",
+    results: "docs/papers/hand3.md",
     duration: 150.0,
     shortest: None,
     laws: Some(&["paper"]),

@@ -15,6 +15,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     title: "Forces of the three-finger hand, as the Hand3 paper measured them",
     about: "figures 11 to 13 of the Hand3 paper under its laws and under ours: commanded forces, weights",
     robot: "hand3",
+    results: "docs/papers/hand3.md",
     duration: 150.0,
     shortest: None,
     laws: Some(LAWS),

@@ -5,7 +5,7 @@ use tesaki_description::law::hand::MotionExperiment;
 
 use super::{LAWS, Law, Metrics, compare, hold_box, laws, step};
 use crate::report::{Figure, Line, Panel, Summary};
-use crate::scenario::common::worst;
+use crate::scenario::common::largest;
 use crate::scenario::grasping::{GraspLog, GraspRig, GraspSample, table, xyz};
 use crate::scenario::{Outcome, Scenario, ScenarioError, Setting};
 
@@ -14,6 +14,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
     title: "Motion of a held box, as the Hand3 paper measured it",
     about: "figures 6, 14 and 15 of the Hand3 paper under its laws and under ours: joint PID, turns, a shift",
     robot: "hand3",
+    results: "docs/papers/hand3.md",
     duration: 170.0,
     shortest: None,
     laws: Some(LAWS),
@@ -139,7 +140,7 @@ impl Record {
 
     /// Worst error of the pitch after the turns [mrad].
     pub(super) fn pitch_error(&self, pose: PoseOf) -> f64 {
-        worst(self.turns.iter().map(|&begin| self.turn_error(begin, pose)))
+        largest(self.turns.iter().map(|&begin| self.turn_error(begin, pose)))
     }
 
     /// Displacements of the box by each shift, from rest to rest [mm].
@@ -200,7 +201,7 @@ fn add_metrics(summary: &mut Summary, laws: &[Law], part: &str, experiment: Expe
         let label = format!("{part}: pitch error, {text}");
         compare(summary, laws, &format!("{part}_pitch_error_{which}"), &label, &errors);
         let shifts = |(law, record): (&Law, &Record)| {
-            worst(shift_errors(experiment(law), &record.displacements(pose)))
+            largest(shift_errors(experiment(law), &record.displacements(pose)))
         };
         let errors: Vec<f64> = laws.iter().zip(records).map(shifts).collect();
         let label = format!("{part}: shift error along x, {text}");

@@ -6,7 +6,7 @@ use super::{Law, ScenarioError, Setting, Summary};
 use crate::controller::Controller;
 use crate::plant::{Plant, PlantOptions};
 use crate::report::{Figure, Line, Metric, Panel};
-use crate::scenario::common::{T, fault_error, prepare};
+use crate::scenario::common::{T, fault_error, largest, prepare};
 use crate::scenario::grasping::GraspRig;
 
 /// Ticks between two commands, without which the controller stops.
@@ -28,10 +28,7 @@ pub(super) fn run(
         let log = trial(setting, rig, law)?;
         let errors = |from: f64| {
             let from = (from / T).round() as usize;
-            log.errors
-                .iter()
-                .flat_map(move |errors| errors.iter().skip(from))
-                .fold(0.0, |a: f64, b| a.max(b.abs()))
+            largest(log.errors.iter().flat_map(|errors| errors.iter().skip(from)).map(|error| error.abs()))
         };
         let mut add = |key: &str, text: &str, value: f64| {
             let metric = Metric::reported(format!("{}: {text}", law.name), value, "mrad");

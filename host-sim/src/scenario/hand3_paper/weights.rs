@@ -8,7 +8,7 @@ use tesaki_description::law::hand::WeightsExperiment;
 use super::{Law, Metrics, ScenarioError, Setting, Summary, compare, hold_box, mean};
 use crate::plant::Load;
 use crate::report::{Figure, Line, Panel};
-use crate::scenario::common::worst;
+use crate::scenario::common::largest;
 use crate::scenario::grasping::{
     GraspLog, GraspRig, GraspSample, component_targets, components, internal_forces, table,
 };
@@ -45,7 +45,7 @@ impl Record {
             let added = mean(&self.log, &(end - evaluated..end), |sample| 9.81 * sample.object.load);
             (sensed - empty - added).abs()
         });
-        worst(errors)
+        largest(errors)
     }
 }
 

@@ -8,7 +8,7 @@ use tesaki::kinematics::PosePoint;
 use crate::operator::OperatorHandState;
 use crate::report::{Column, csv};
 use crate::scenario::arm::{ArmLog, ArmSample, YAW};
-use crate::scenario::common::T;
+use crate::scenario::common::{T, during, largest};
 
 /// Below this speed the hand reverses [m/s].
 const REVERSAL_SPEED: f64 = 0.01;
@@ -90,20 +90,21 @@ impl Trace {
         both.map(|(operator, sample)| Moment { operator, sample, acceleration: operator.acceleration })
     }
 
+    /// The moments of a time span [s]; none if it was not recorded to its end.
     fn during(&self, span: &Range<f64>) -> impl Iterator<Item = Moment<'_>> {
-        let [from, to] = [span.start, span.end].map(|time| (time / T).round() as usize);
-        self.all().skip(from).take(to - from)
+        let both = during(&self.operator, span).iter().zip(during(&self.samples, span));
+        both.map(|(operator, sample)| Moment { operator, sample, acceleration: operator.acceleration })
     }
 
-    /// The maximum of a value in a time span; NaN if the span is empty.
+    /// The maximum of a value in a time span; NaN if it was not recorded to its end.
     pub fn largest(&self, span: &Range<f64>, value: impl Fn(&Moment<'_>) -> f64) -> f64 {
-        self.during(span).map(|moment| value(&moment)).fold(f64::NAN, f64::max)
+        largest(self.during(span).map(|moment| value(&moment)))
     }
 
     /// The largest error along x where the hand reverses [mm].
     pub fn reversals(&self, span: &Range<f64>) -> f64 {
         let reversing = self.during(span).filter(|moment| moment.operator.velocity.x.abs() < REVERSAL_SPEED);
-        reversing.map(|moment| moment.error().x.abs()).fold(f64::NAN, f64::max)
+        largest(reversing.map(|moment| moment.error().x.abs()))
     }
 
     /// Mean error in a time span [mm].
@@ -129,7 +130,7 @@ impl Trace {
     pub fn torque_rate(&self, span: &Range<f64>) -> f64 {
         let torques: Vec<&[f64]> = self.during(span).map(|moment| moment.sample.torques.as_slice()).collect();
         let steps = torques.windows(2).flat_map(|two| two[0].iter().zip(two[1]));
-        steps.map(|(before, after)| (after - before).abs() / T).fold(f64::NAN, f64::max)
+        largest(steps.map(|(before, after)| (after - before).abs() / T))
     }
 
     /// Error along an axis, tick by tick [mm].
@@ -139,29 +140,41 @@ impl Trace {
 
     /// As CSV.
     pub fn table(&self) -> String {
-        let mut columns: Vec<(String, &str, Vec<f64>)> = vec![("time".to_owned(), "s", self.times())];
-        let series = |value: &dyn Fn(&Moment<'_>) -> f64| self.all().map(|moment| value(&moment)).collect();
+        let mut columns = vec![Column::new("time", "s", self.times())];
+        let series = |value: &dyn Fn(&Moment<'_>) -> f64| -> Vec<f64> {
+            self.all().map(|moment| value(&moment)).collect()
+        };
         for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
-            columns.push((format!("hand {name}"), "m", series(&|moment| moment.operator.hand[axis])));
-            columns.push((format!("set-point {name}"), "m", series(&|moment| moment.sample.target[axis])));
-            columns.push((format!("tool {name}"), "m", series(&|moment| moment.sample.position()[axis])));
+            columns.push(Column::new(
+                format!("hand {name}"),
+                "m",
+                series(&|moment| moment.operator.hand[axis]),
+            ));
+            columns.push(Column::new(
+                format!("set-point {name}"),
+                "m",
+                series(&|moment| moment.sample.target[axis]),
+            ));
+            columns.push(Column::new(
+                format!("tool {name}"),
+                "m",
+                series(&|moment| moment.sample.position()[axis]),
+            ));
         }
-        columns.push(("elbow".to_owned(), "rad", series(&|moment| moment.operator.elbow)));
+        columns.push(Column::new("elbow".to_owned(), "rad", series(&|moment| moment.operator.elbow)));
         let joints = self.samples.first().map_or(0, |sample| sample.joints.len());
         for joint in 0..joints {
-            columns.push((
+            columns.push(Column::new(
                 format!("angle {}", joint + 1),
                 "rad",
                 series(&|moment| moment.sample.joints[joint]),
             ));
-            columns.push((
+            columns.push(Column::new(
                 format!("torque {}", joint + 1),
                 "N·m",
                 series(&|moment| moment.sample.torques[joint]),
             ));
         }
-        let columns: Vec<Column<'_>> =
-            columns.iter().map(|(name, unit, values)| Column::new(name, *unit, values)).collect();
         csv(&columns)
     }
 }

@@ -89,7 +89,7 @@ fn cells<const N: usize>(table: &Table, row: &Row, columns: &[usize]) -> Result<
 }
 
 /// What some programs put at the begin of a text.
-pub const BYTE_ORDER_MARK: char = '\u{feff}';
+const BYTE_ORDER_MARK: char = '\u{feff}';
 /// What to do about a list of frames.
 pub const ARRAY: &str =
     "a JSON array: write one object a line, without brackets around them and commas between them";

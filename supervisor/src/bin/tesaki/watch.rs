@@ -4,6 +4,7 @@ use std::time::{Duration, Instant};
 
 use tesaki::model::RobotModel;
 use tesaki::protocol::{FromBoard, Mode, Request, Status, Stream, Telemetry};
+use tesaki_description::plant::CONTROL_PERIOD;
 use tesaki_supervisor::faults::{self, describe};
 use tesaki_supervisor::monitor::{JointView, Key, LinkView, Overlay, Screen, State, View};
 use tesaki_supervisor::{Board, BoardError, troubleshooting};
@@ -230,7 +231,7 @@ impl Watch {
         {
             self.view.link.lost += u64::from(step / every - 1);
         }
-        self.view.time = f64::from(telemetry.tick) * 0.01;
+        self.view.time = f64::from(telemetry.tick) * CONTROL_PERIOD;
         self.view.mode = telemetry.mode.to_string();
         (self.view.state, self.view.hint) = match telemetry.mode {
             Mode::Disabled if self.model.is_none() => (State::Disabled, Failure::NoModel.to_string()),

@@ -1,6 +1,6 @@
 //! The tables of the papers' pages.
 
-use super::{Bound, Pair, Row, Rows, Table, magnitude, row};
+use super::{Pair, Row, Rows, Table, at_least, magnitude, row};
 
 /// Creates a pair for a quantity with only our law.
 const fn ours(paper: Option<&'static str>, row: Row) -> Pair {
@@ -8,18 +8,28 @@ const fn ours(paper: Option<&'static str>, row: Row) -> Pair {
 }
 
 /// Creates a pair for an error with the paper's law and with ours.
-const fn errors(label: &'static str, papers_law: Row, ours: Row) -> Pair {
-    Pair { is_error: true, ..both(label, papers_law, ours) }
+const fn errors(label: &'static str, laws: [Row; 2]) -> Pair {
+    Pair { is_error: true, ..both(label, laws) }
 }
 
 /// Creates a pair for a quantity with the paper's law and with ours.
-const fn both(label: &'static str, papers_law: Row, ours: Row) -> Pair {
+const fn both(label: &'static str, [papers_law, ours]: [Row; 2]) -> Pair {
     Pair { label, paper: None, papers_law: Some(papers_law), ours: Some(ours), is_error: false }
 }
 
 /// Creates a row for the magnitude of a metric; the label is that of its pair.
 const fn size(scenario: &'static str, metric: &'static str) -> Row {
     magnitude(scenario, metric, "")
+}
+
+/// The rows of a metric under the paper's law and under ours; its name begins with that of the law.
+macro_rules! laws {
+    ($scenario:expr, $metric:literal) => {
+        laws!($scenario, "paper", "tesaki", $metric)
+    };
+    ($scenario:expr, $papers:literal, $ours:literal, $metric:literal) => {
+        [size($scenario, concat!($papers, "_", $metric)), size($scenario, concat!($ours, "_", $metric))]
+    };
 }
 
 const HAND3_PAGE: &str = "docs/papers/hand3.md";
@@ -35,234 +45,109 @@ const ARM7_MATRICES: &str = "arm7-paper-matrices";
 const ARM7_SECTION4: &str = "arm7-paper-bilateral";
 
 const HAND3_FIGURE6: &[Pair] = &[
-    errors(
-        "largest error of a joint",
-        size(HAND3_MOTION, "paper_step_error_peak"),
-        size(HAND3_MOTION, "tesaki_step_error_peak"),
-    ),
-    errors(
-        "at rest",
-        size(HAND3_MOTION, "paper_step_error_rest"),
-        size(HAND3_MOTION, "tesaki_step_error_rest"),
-    ),
+    errors("largest error of a joint", laws!(HAND3_MOTION, "step_error_peak")),
+    errors("at rest", laws!(HAND3_MOTION, "step_error_rest")),
 ];
 
 const HAND3_FIGURE11: &[Pair] = &[
-    both(
-        "force of finger 1 by its sensor, 2 N commanded",
-        size(HAND3_FORCE, "paper_sensed_force"),
-        size(HAND3_FORCE, "tesaki_sensed_force"),
-    ),
-    both(
-        "along x, 1.48 N commanded",
-        size(HAND3_FORCE, "paper_sensed_x"),
-        size(HAND3_FORCE, "tesaki_sensed_x"),
-    ),
-    both(
-        "magnitude along y, 0 N commanded",
-        size(HAND3_FORCE, "paper_sensed_y"),
-        size(HAND3_FORCE, "tesaki_sensed_y"),
-    ),
-    both(
-        "magnitude along z, 1.34 N commanded",
-        size(HAND3_FORCE, "paper_sensed_z"),
-        size(HAND3_FORCE, "tesaki_sensed_z"),
-    ),
-    errors(
-        "error of the force",
-        size(HAND3_FORCE, "paper_force_error"),
-        size(HAND3_FORCE, "tesaki_force_error"),
-    ),
+    both("force of finger 1 by its sensor, 2 N commanded", laws!(HAND3_FORCE, "sensed_force")),
+    both("along x, 1.48 N commanded", laws!(HAND3_FORCE, "sensed_x")),
+    both("magnitude along y, 0 N commanded", laws!(HAND3_FORCE, "sensed_y")),
+    both("magnitude along z, 1.34 N commanded", laws!(HAND3_FORCE, "sensed_z")),
+    errors("error of the force", laws!(HAND3_FORCE, "force_error")),
 ];
 
 const HAND3_FIGURE12: &[Pair] = &[
-    errors(
-        "sensed weight, error",
-        size(HAND3_FORCE, "paper_sensed_weight_error"),
-        size(HAND3_FORCE, "tesaki_sensed_weight_error"),
-    ),
-    errors(
-        "motion of the box",
-        size(HAND3_FORCE, "paper_weights_motion"),
-        size(HAND3_FORCE, "tesaki_weights_motion"),
-    ),
-    both(
-        "box lost (1 if so)",
-        size(HAND3_FORCE, "paper_weights_lost"),
-        size(HAND3_FORCE, "tesaki_weights_lost"),
-    ),
+    errors("sensed weight, error", laws!(HAND3_FORCE, "sensed_weight_error")),
+    errors("motion of the box", laws!(HAND3_FORCE, "weights_motion")),
+    both("box lost (1 if so)", laws!(HAND3_FORCE, "weights_lost")),
 ];
 
 const HAND3_FIGURE14: &[Pair] = &[
     errors(
         "as estimated by the hand: pitch, worst of four turns",
-        size(HAND3_MOTION, "paper_motion_pitch_error_estimated"),
-        size(HAND3_MOTION, "tesaki_motion_pitch_error_estimated"),
+        laws!(HAND3_MOTION, "motion_pitch_error_estimated"),
     ),
-    errors(
-        "shift by +1 cm",
-        size(HAND3_MOTION, "paper_motion_shift1_error_estimated"),
-        size(HAND3_MOTION, "tesaki_motion_shift1_error_estimated"),
-    ),
-    errors(
-        "shift by −1 cm",
-        size(HAND3_MOTION, "paper_motion_shift2_error_estimated"),
-        size(HAND3_MOTION, "tesaki_motion_shift2_error_estimated"),
-    ),
-    errors(
-        "drift along z",
-        size(HAND3_MOTION, "paper_motion_from_start_z_estimated"),
-        size(HAND3_MOTION, "tesaki_motion_from_start_z_estimated"),
-    ),
-    errors(
-        "true pose: pitch, worst of four turns",
-        size(HAND3_MOTION, "paper_motion_pitch_error_true"),
-        size(HAND3_MOTION, "tesaki_motion_pitch_error_true"),
-    ),
-    errors(
-        "shift by +1 cm",
-        size(HAND3_MOTION, "paper_motion_shift1_error_true"),
-        size(HAND3_MOTION, "tesaki_motion_shift1_error_true"),
-    ),
-    errors(
-        "shift by −1 cm",
-        size(HAND3_MOTION, "paper_motion_shift2_error_true"),
-        size(HAND3_MOTION, "tesaki_motion_shift2_error_true"),
-    ),
-    both(
-        "box lost (1 if so)",
-        size(HAND3_MOTION, "paper_motion_lost"),
-        size(HAND3_MOTION, "tesaki_motion_lost"),
-    ),
+    errors("shift by +1 cm", laws!(HAND3_MOTION, "motion_shift1_error_estimated")),
+    errors("shift by −1 cm", laws!(HAND3_MOTION, "motion_shift2_error_estimated")),
+    errors("drift along z", laws!(HAND3_MOTION, "motion_from_start_z_estimated")),
+    errors("true pose: pitch, worst of four turns", laws!(HAND3_MOTION, "motion_pitch_error_true")),
+    errors("shift by +1 cm", laws!(HAND3_MOTION, "motion_shift1_error_true")),
+    errors("shift by −1 cm", laws!(HAND3_MOTION, "motion_shift2_error_true")),
+    both("box lost (1 if so)", laws!(HAND3_MOTION, "motion_lost")),
 ];
 
 const HAND3_JOINT: &[Pair] = &[
-    errors(
-        "true pose: pitch, worst of four turns",
-        size(HAND3_MOTION, "paper_joint_pitch_error_true"),
-        size(HAND3_MOTION, "tesaki_joint_pitch_error_true"),
-    ),
-    errors(
-        "shift by +1 cm",
-        size(HAND3_MOTION, "paper_joint_shift1_error_true"),
-        size(HAND3_MOTION, "tesaki_joint_shift1_error_true"),
-    ),
-    errors(
-        "shift by −1 cm",
-        size(HAND3_MOTION, "paper_joint_shift2_error_true"),
-        size(HAND3_MOTION, "tesaki_joint_shift2_error_true"),
-    ),
+    errors("true pose: pitch, worst of four turns", laws!(HAND3_MOTION, "joint_pitch_error_true")),
+    errors("shift by +1 cm", laws!(HAND3_MOTION, "joint_shift1_error_true")),
+    errors("shift by −1 cm", laws!(HAND3_MOTION, "joint_shift2_error_true")),
 ];
 
 const ARM7_FIGURE5: &[Pair] = &[
-    both(
-        "model's machine, B 7.5: overshoot",
-        size(ARM7, "paper_release_matched_b7_5_overshoot"),
-        size(ARM7, "tesaki_release_matched_b7_5_overshoot"),
-    ),
-    errors(
-        "distance from the theory",
-        size(ARM7, "paper_release_matched_b7_5_error_peak"),
-        size(ARM7, "tesaki_release_matched_b7_5_error_peak"),
-    ),
-    both(
-        "B 30: overshoot",
-        size(ARM7, "paper_release_matched_b30_overshoot"),
-        size(ARM7, "tesaki_release_matched_b30_overshoot"),
-    ),
-    errors(
-        "distance from the theory",
-        size(ARM7, "paper_release_matched_b30_error_peak"),
-        size(ARM7, "tesaki_release_matched_b30_error_peak"),
-    ),
+    both("model's machine, B 7.5: overshoot", laws!(ARM7, "release_matched_b7_5_overshoot")),
+    errors("distance from the theory", laws!(ARM7, "release_matched_b7_5_error_peak")),
+    both("B 30: overshoot", laws!(ARM7, "release_matched_b30_overshoot")),
+    errors("distance from the theory", laws!(ARM7, "release_matched_b30_error_peak")),
     errors(
         "mismatched machine, B 7.5: distance from the theory",
-        size(ARM7, "paper_release_mismatched_b7_5_error_peak"),
-        size(ARM7, "tesaki_release_mismatched_b7_5_error_peak"),
+        laws!(ARM7, "release_mismatched_b7_5_error_peak"),
     ),
-    errors(
-        "B 30: distance from the theory",
-        size(ARM7, "paper_release_mismatched_b30_error_peak"),
-        size(ARM7, "tesaki_release_mismatched_b30_error_peak"),
-    ),
+    errors("B 30: distance from the theory", laws!(ARM7, "release_mismatched_b30_error_peak")),
 ];
 
 const ARM7_ELBOWS: &[Pair] = &[
     both(
         "mismatched machine, pseudo-inverse: turn of the elbow",
-        size(ARM7_ELBOW, "pseudo_inverse_mismatched_elbow_turn"),
-        size(ARM7_ELBOW, "tesaki_mismatched_elbow_turn"),
+        laws!(ARM7_ELBOW, "pseudo_inverse", "tesaki", "mismatched_elbow_turn"),
     ),
     errors(
         "step 4 as printed, model's machine: motion of the hand",
-        size(ARM7_ELBOW, "paper_matched_hand_displacement"),
-        size(ARM7_ELBOW, "tesaki_matched_hand_displacement"),
+        laws!(ARM7_ELBOW, "matched_hand_displacement"),
     ),
     errors(
         "model's machine, with the driven joint's term",
-        size(ARM7_ELBOW, "corrected_matched_hand_displacement"),
-        size(ARM7_ELBOW, "tesaki_matched_hand_displacement"),
+        laws!(ARM7_ELBOW, "corrected", "tesaki", "matched_hand_displacement"),
     ),
-    errors(
-        "mismatched machine, as printed",
-        size(ARM7_ELBOW, "paper_mismatched_hand_displacement"),
-        size(ARM7_ELBOW, "tesaki_mismatched_hand_displacement"),
-    ),
+    errors("mismatched machine, as printed", laws!(ARM7_ELBOW, "mismatched_hand_displacement")),
 ];
 
 const ARM7_BILATERAL: &[Pair] = &[
     errors(
         "no delay: force felt at rest, minus that on the wall",
-        size(ARM7_SECTION4, "paper_delay_0_force_error"),
-        size(ARM7_SECTION4, "matched_delay_0_force_error"),
+        laws!(ARM7_SECTION4, "paper", "matched", "delay_0_force_error"),
     ),
-    errors(
-        "slave from master at rest",
-        size(ARM7_SECTION4, "paper_delay_0_distance"),
-        size(ARM7_SECTION4, "matched_delay_0_distance"),
-    ),
+    errors("slave from master at rest", laws!(ARM7_SECTION4, "paper", "matched", "delay_0_distance")),
     errors(
         "rotation of the slave from the master at rest",
-        size(ARM7_SECTION4, "paper_delay_0_rotation"),
-        size(ARM7_SECTION4, "matched_delay_0_rotation"),
+        laws!(ARM7_SECTION4, "paper", "matched", "delay_0_rotation"),
     ),
     errors(
         "torque felt under a push, minus that on the tool",
-        size(ARM7_SECTION4, "paper_delay_0_torque_error"),
-        size(ARM7_SECTION4, "matched_delay_0_torque_error"),
+        laws!(ARM7_SECTION4, "paper", "matched", "delay_0_torque_error"),
     ),
     errors(
         "50 ms: force felt at rest, minus that on the wall",
-        size(ARM7_SECTION4, "paper_delay_50_force_error"),
-        size(ARM7_SECTION4, "matched_delay_50_force_error"),
+        laws!(ARM7_SECTION4, "paper", "matched", "delay_50_force_error"),
     ),
     both(
         "50 ms: settling time of the handle",
-        size(ARM7_SECTION4, "paper_delay_50_settling_time"),
-        size(ARM7_SECTION4, "matched_delay_50_settling_time"),
+        laws!(ARM7_SECTION4, "paper", "matched", "delay_50_settling_time"),
     ),
     both(
         "no delay: force on the wall, matched impedances and reflected spring",
-        size(ARM7_SECTION4, "matched_delay_0_wall_force"),
-        size(ARM7_SECTION4, "tesaki_delay_0_wall_force"),
+        laws!(ARM7_SECTION4, "matched", "tesaki", "delay_0_wall_force"),
     ),
 ];
 
 const ARM7_PUSHES: &[Pair] = &[
     errors(
         "model's machine, coupled: distance from K⁻¹F at rest",
-        size(ARM7_MATRICES, "paper_coupled_matched_rest_error"),
-        size(ARM7_MATRICES, "coupled_matched_rest_error"),
+        laws!(ARM7_MATRICES, "paper_coupled", "coupled", "matched_rest_error"),
     ),
-    errors(
-        "angle to K⁻¹F",
-        size(ARM7_MATRICES, "paper_coupled_matched_direction_error"),
-        size(ARM7_MATRICES, "coupled_matched_direction_error"),
-    ),
+    errors("angle to K⁻¹F", laws!(ARM7_MATRICES, "paper_coupled", "coupled", "matched_direction_error")),
     errors(
         "distance from the exact motion",
-        size(ARM7_MATRICES, "paper_coupled_matched_deviation"),
-        size(ARM7_MATRICES, "coupled_matched_deviation"),
+        laws!(ARM7_MATRICES, "paper_coupled", "coupled", "matched_deviation"),
     ),
     ours(
         None,
@@ -271,8 +156,7 @@ const ARM7_PUSHES: &[Pair] = &[
     ours(None, magnitude(ARM7_MATRICES, "tool_axes_matched_turn_error", "rotation, of up to 50 mrad")),
     errors(
         "mismatched machine, coupled: distance at rest",
-        size(ARM7_MATRICES, "paper_coupled_mismatched_rest_error"),
-        size(ARM7_MATRICES, "coupled_mismatched_rest_error"),
+        laws!(ARM7_MATRICES, "paper_coupled", "coupled", "mismatched_rest_error"),
     ),
     ours(
         None,
@@ -285,22 +169,13 @@ const ARM7_PUSHES: &[Pair] = &[
 ];
 
 const ARM7_FIGURE7: &[Pair] = &[
-    errors(
-        "without a link: error at the reversals",
-        size(ARM7, "paper_follow_direct_reversals"),
-        size(ARM7, "tesaki_follow_direct_reversals"),
-    ),
-    errors("at rest", size(ARM7, "paper_follow_direct_rest"), size(ARM7, "tesaki_follow_direct_rest")),
-    errors(
-        "over a link of 20 ms: error at the reversals",
-        size(ARM7, "paper_follow_link_reversals"),
-        size(ARM7, "tesaki_follow_link_reversals"),
-    ),
-    errors("at rest", size(ARM7, "paper_follow_link_rest"), size(ARM7, "tesaki_follow_link_rest")),
+    errors("without a link: error at the reversals", laws!(ARM7, "follow_direct_reversals")),
+    errors("at rest", laws!(ARM7, "follow_direct_rest")),
+    errors("over a link of 20 ms: error at the reversals", laws!(ARM7, "follow_link_reversals")),
+    errors("at rest", laws!(ARM7, "follow_link_rest")),
     errors(
         "the paper's law without its friction term, without a link: at the reversals",
-        size(ARM7, "paper_without_friction_follow_direct_reversals"),
-        size(ARM7, "tesaki_follow_direct_reversals"),
+        laws!(ARM7, "paper_without_friction", "tesaki", "follow_direct_reversals"),
     ),
 ];
 
@@ -337,10 +212,7 @@ const HAND5_FIGURE5: &[Pair] = &[
 ];
 
 const KNOB_FIGURE7: &[Pair] = &[
-    ours(
-        None,
-        Row { bound: Bound::AtLeast, ..row("knob-find", "whole_right", "pictures with the right circle") },
-    ),
+    ours(None, at_least("knob-find", "whole_right", "pictures with the right circle")),
     ours(None, row("knob-find", "whole_wrong", "pictures with a wrong one")),
     ours(None, row("knob-find", "whole_center", "error of the centre")),
     ours(None, row("knob-find", "whole_radius", "error of the radius")),
@@ -349,10 +221,7 @@ const KNOB_FIGURE7: &[Pair] = &[
 const KNOB_FIGURE8: &[Pair] = &[
     ours(Some("about 1 min"), row("knob-grasp", "time", "time of an approach")),
     ours(None, row("knob-grasp", "longest", "the longest of ten approaches")),
-    ours(
-        Some("grasped"),
-        Row { bound: Bound::AtLeast, ..row("knob-grasp", "gripped", "knobs that are gripped, share of ten") },
-    ),
+    ours(Some("grasped"), at_least("knob-grasp", "gripped", "knobs that are gripped, share of ten")),
 ];
 
 /// The tables, in the order of the pages.

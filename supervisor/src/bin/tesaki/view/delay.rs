@@ -3,10 +3,10 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::time::{Duration, Instant};
 
+use tesaki_description::plant::CONTROL_PERIOD;
+
 /// Telemetries over which the soonest one is looked for: 10 s.
 const WINDOW: usize = 500;
-/// A tick [s].
-const PERIOD: f64 = 0.01;
 
 /// The ways from the board to this program, and from here to each page.
 ///
@@ -25,7 +25,7 @@ impl Delay {
     /// Telemetry of a tick has come.
     pub fn telemetry(&mut self, tick: u32, arrived: Instant, round_trip: Option<Duration>) {
         let begun = *self.begun.get_or_insert(arrived);
-        let offset = (arrived - begun).as_secs_f64() - f64::from(tick) * PERIOD;
+        let offset = (arrived - begun).as_secs_f64() - f64::from(tick) * CONTROL_PERIOD;
         // Its ticks begin anew after a reset.
         if self.offsets.back().is_some_and(|last| (last - offset).abs() > 1.0) {
             self.offsets.clear();
