@@ -23,8 +23,8 @@ pub fn largest(values: impl IntoIterator<Item = f64>) -> f64 {
     values.into_iter().reduce(larger).unwrap_or(f64::NAN)
 }
 
-/// How many of the values pass until all that follow are within `band` of `rest`; `None` if one of them is not a
-/// number.
+/// How many of the values pass until all that follow are within `band` of `rest`; `None` if one of them is
+/// not a number.
 pub fn unsettled(values: impl IntoIterator<Item = f64>, rest: f64, band: f64) -> Option<usize> {
     let mut count = 0;
     for (index, value) in values.into_iter().enumerate() {

@@ -135,8 +135,8 @@ impl Slave {
     }
 }
 
-/// The operator leads the arm for `duration` [s] with the set-points of `slave`; its clutch opens or closes at
-/// the times of `clutch` [s]. `observe` sees the time and each set-point of the tool.
+/// The operator leads the arm for `duration` [s] with the set-points of `slave`; its clutch opens or closes
+/// at the times of `clutch` [s]. `observe` sees the time and each set-point of the tool.
 pub fn lead(
     arm_trial: &mut ArmTrial<'_, '_>,
     slave: &mut Slave,

@@ -259,8 +259,8 @@ impl Joint<'_> {
     }
 
     /// Prepares for the first reading since power-on, a new model, or a silence of so many periods. After a
-    /// silence the joint has moved with its mean velocity, otherwise with the one that it had: the position is
-    /// set to that of one period ago.
+    /// silence the joint has moved with its mean velocity, otherwise with the one that it had: the position
+    /// is set to that of one period ago.
     pub fn first_read(&mut self, count: i32, silence: Option<f32>) {
         let position = self.state.angle(self.config, count);
         if let Some(periods) = silence {

@@ -13,7 +13,8 @@ use crate::zip::zip;
 ///
 /// A joint at rest gives the torque of the measured contact force but for its friction: normalized least mean
 /// squares, with a dead band of the friction (Ioannou and Sun, Robust Adaptive Control, section 8.4). Without
-/// it, internal forces that grow with a load push the object away until the servos have learnt the difference.
+/// it, internal forces that grow with a load push the object away until the servos have learnt the
+/// difference.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize, Schema)]
 pub(super) struct TorqueGains {
     gains: PerFinger<[f32; 3]>,

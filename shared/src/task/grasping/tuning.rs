@@ -40,8 +40,8 @@ pub(super) const MAX_LOWERING: f32 = 0.05;
 /// The object stands on a support when its weight on the fingers is below this fraction of that before.
 /// Smaller presses it onto the support.
 pub(super) const SUPPORTED_FRACTION: f32 = 0.5;
-/// Consecutive ticks with that weight. More rejects noise, which could be as large as a light object's weight,
-/// and presses longer onto the support.
+/// Consecutive ticks with that weight. More rejects noise, which could be as large as a light object's
+/// weight, and presses longer onto the support.
 pub(super) const SUPPORTED_TICKS: u8 = 5;
 /// Time at the start of `Lower` in which the weight is not evaluated [s]. Less mistakes inertial forces for a
 /// support.
