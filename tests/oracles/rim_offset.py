@@ -125,8 +125,8 @@ def put(network):
     text = WEIGHTS.read_text()
     text = text[:text.index("pub(super)")]
     for name, (weights, _) in zip(NAMES, network):
-        rows = ", ".join(map(numbers, weights))
-        text += f"pub(super) const {name}: [[f32; {weights.shape[1]}]; {len(weights)}] = [{rows}];\n"
+        rows = ", ".join(map(numbers, weights.T))
+        text += f"pub(super) const {name}: [[f32; {len(weights)}]; {weights.shape[1]}] = [{rows}];\n"
     sizes = ", ".join(f"[f32; {size}]" for size in SIZES[1:])
     text += f"pub(super) const BIASES: ({sizes}) = ({', '.join(numbers(biases) for _, biases in network)});\n"
     WEIGHTS.write_text(text)
@@ -138,7 +138,7 @@ def written():
     parts = [re.findall(r"-?\d+\.\d+", part) for part in text.split("pub(super)")[1:]]
     *weights, biases = [np.array(part, float) for part in parts]
     ends = np.cumsum(SIZES[1:])
-    return [(values.reshape(rows, columns), biases[end - columns:end])
+    return [(values.reshape(columns, rows).T, biases[end - columns:end])
             for values, rows, columns, end in zip(weights, SIZES, SIZES[1:], ends)]
 
 

@@ -59,15 +59,15 @@ const fn positive(value: f32) -> f32 {
     math::max(value, 0.0)
 }
 
-/// Weighted sums of the inputs. Row `i` of the weights belongs to input `i`.
+/// Weighted sums of the inputs. Row `i` of the weights belongs to output `i`.
 fn layer<const I: usize, const O: usize>(
     inputs: &[f32; I],
-    weights: &[[f32; O]; I],
+    weights: &[[f32; I]; O],
     biases: &[f32; O],
 ) -> [f32; O] {
     let mut outputs = *biases;
-    for (input, weights) in inputs.iter().zip(weights) {
-        for (output, weight) in outputs.iter_mut().zip(weights) {
+    for (output, weights) in outputs.iter_mut().zip(weights) {
+        for (input, weight) in inputs.iter().zip(weights) {
             *output += weight * input;
         }
     }
