@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use nix::poll::{PollFd, PollFlags};
 
-use super::listener::{Listener, SocketFile};
+use super::listener::{Listener, SocketFile, no_socket};
 use super::{Address, stream};
 
 /// A socket for other programs on this machine. The file of a Unix socket is removed with it.
@@ -70,7 +70,10 @@ impl LocalListener {
 /// When no program listens there.
 pub fn connect(address: &Address) -> io::Result<UnixStream> {
     match address {
-        Address::Unix(path) => UnixStream::connect(path),
+        Address::Unix(path) => UnixStream::connect(path).map_err(|error| match no_socket(path) {
+            Some(kind) => io::Error::new(error.kind(), format!("it is {kind}, not a socket")),
+            None => error,
+        }),
         Address::Tcp(host) => {
             let socket = TcpStream::connect(host)?;
             socket.set_nodelay(true)?;
