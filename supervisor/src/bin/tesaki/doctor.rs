@@ -12,7 +12,7 @@ use tesaki::protocol::{
 };
 use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::faults;
-use tesaki_supervisor::port::{self, Address};
+use tesaki_supervisor::port::{self, Address, Port};
 use tesaki_supervisor::{Board, BoardError, LinkBoard};
 
 use crate::args::Options;
@@ -187,11 +187,16 @@ fn check_answer(
                      fell back to its 16 MHz oscillator uses 115200)",
                 );
             } else {
+                let through = board.link().get_ref().port().map(Port::address);
+                let behind = "the program at this socket, such as `tesaki share`, says in its terminal whether the \
+                              board is away, and why";
+                let wired = "is the board powered and flashed? Are RX and TX crossed (the board's PA9 to the adapter's RX, \
+                     PA10 to its TX; of an ODrive GPIO1 to RX, GPIO2 to TX), and the grounds connected?";
+                let is_socket = matches!(through, Some(Address::Unix(_) | Address::Tcp(_)));
                 doctor.bad(
                     6,
                     format!("no answer within {seconds} s"),
-                    "is the board powered and flashed? Are RX and TX crossed (the board's PA9 to the adapter's RX, \
-                     PA10 to its TX; of an ODrive GPIO1 to RX, GPIO2 to TX), and the grounds connected?",
+                    if is_socket { behind } else { wired },
                 );
             }
         }
