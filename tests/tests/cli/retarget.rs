@@ -497,6 +497,16 @@ fn a_stream_with_losses_leads_the_hand_on_a_board() {
 }
 
 #[test]
+fn settings_that_are_no_robots_are_told_live_too() {
+    let server = board();
+    let folder = tempfile::tempdir().unwrap();
+    let without = ["without --robot DIR, whose retargeting.toml is read, defaults are used"];
+    server.fails(&["retarget", "--live"], 1, &without);
+    let live = ["retarget", "--live", "--robot", folder.path().to_str().unwrap()];
+    server.fails(&live, 1, &["retargeting.toml: there is none, so defaults are used"]);
+}
+
+#[test]
 fn a_source_that_goes_wrong_stops_the_hand_and_is_told() {
     let server = board();
     // Datagrams are not protected by a key: only this machine may send them.
