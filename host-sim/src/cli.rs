@@ -16,6 +16,7 @@ use std::fmt::Display;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
+use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use tesaki_output::say;
@@ -122,7 +123,7 @@ fn workspace() -> PathBuf {
 
 /// Runs the command of the command line; `false` if a metric failed.
 pub fn run() -> Result<bool, Box<dyn Error>> {
-    match Cli::parse().command {
+    match read().command {
         None => demonstrate(),
         Some(Command::List) => {
             say!("Scenarios; run one with `cargo sim run NAME`:\n");
@@ -142,6 +143,20 @@ pub fn run() -> Result<bool, Box<dyn Error>> {
         #[cfg(unix)]
         Some(Command::Serve(options)) => serve::run(&options).map(|()| true),
     }
+}
+
+/// The command line of this process; ends it where that is wrong.
+fn read() -> Cli {
+    Cli::try_parse().unwrap_or_else(|mut error| {
+        let text = |value: &ContextValue| value.to_string().contains("<SCENARIO>");
+        if error.kind() == ErrorKind::MissingRequiredArgument
+            && error.get(ContextKind::InvalidArg).is_some_and(text)
+        {
+            let tip = "name a scenario, such as hand3-servo; `cargo sim list` shows all".into();
+            error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![tip]));
+        }
+        error.exit()
+    })
 }
 
 fn demonstrate() -> Result<bool, Box<dyn Error>> {
