@@ -236,6 +236,28 @@ fn what_is_wrong_with_a_file_is_said_by_line_and_column() {
 }
 
 #[test]
+fn what_is_no_calibration_of_an_operator_is_told_by_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("operator.toml");
+    for (text, words) in [
+        (
+            "a = 1\nhello\n",
+            "operator.toml: line 2: key with no value, expected `=`; `tesaki calibrate` writes such a file",
+        ),
+        ("", "operator.toml: line 1: missing field"),
+    ] {
+        std::fs::write(&file, text).unwrap();
+        let (code, _, error) = run(&["--operator", file.to_str().unwrap()], "");
+        assert!(code == 1 && error.contains(words), "{error}");
+    }
+    let (code, _, error) = run(&["--operator", folder.path().to_str().unwrap()], "");
+    assert!(
+        code == 1 && error.contains("Is a directory") && error.contains("; name a file in it"),
+        "{error}"
+    );
+}
+
+#[test]
 fn a_byte_order_mark_does_no_harm_and_the_input_is_kept() {
     let json = json_lines(|_, tip| tip);
     let (_, plain, _) = run(&[], &json);

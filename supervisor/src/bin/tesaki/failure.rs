@@ -82,7 +82,7 @@ pub enum Failure {
     #[error(transparent)]
     Urdf(#[from] UrdfError),
     /// A file cannot be read or written.
-    #[error("{path}: {source}", path = path.display())]
+    #[error("{path}: {source}{hint}", path = path.display(), hint = file_hint(.source))]
     File {
         /// Which.
         path: PathBuf,
@@ -124,6 +124,11 @@ fn hint(error: &BoardError) -> String {
         _ => "",
     };
     format!("{hint}\nSee {}", troubleshooting::refusal(refusal))
+}
+
+/// What to do about a file that cannot be read or written.
+fn file_hint(error: &io::Error) -> &'static str {
+    if error.kind() == io::ErrorKind::IsADirectory { "; name a file in it" } else { "" }
 }
 
 /// What to do about a calibration that does not fit the robot.
