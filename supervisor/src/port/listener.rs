@@ -173,6 +173,11 @@ fn listen_unix(path: &Path) -> io::Result<UnixListener> {
             Err(error) => return Err(fail(error)),
         }
     }
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty() && !folder.is_dir());
+    if let Some(folder) = folder {
+        let error = format!("there is no folder {}: make it, or choose another path", folder.display());
+        return Err(fail(io::Error::new(io::ErrorKind::InvalidInput, error)));
+    }
     let listener = UnixListener::bind(path).map_err(fail)?;
     listener.set_nonblocking(true)?;
     Ok(listener)
@@ -194,6 +199,9 @@ mod tests {
             assert!(error.contains(words) && error.contains("choose a new path"), "{error}");
         }
         assert_eq!(fs::read_to_string(&file).unwrap(), "kept");
+        let below = Address::Unix(folder.path().join("none/socket"));
+        let error = Listener::new(&below, None).unwrap_err().to_string();
+        assert!(error.contains("there is no folder") && error.contains("none: make it"), "{error}");
     }
 
     #[test]
