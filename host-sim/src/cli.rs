@@ -19,6 +19,7 @@ use std::path::{Path, PathBuf};
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
+use tesaki_description::robot::RobotFolder;
 use tesaki_output::say;
 use tesaki_sim::scenario::{SCENARIOS, Scenario};
 
@@ -203,6 +204,8 @@ fn edits(one: &str, other: &str) -> usize {
 fn tell_limits(options: &Limits) -> Result<(), Box<dyn Error>> {
     let scenario = find_scenario(&options.scenario)?;
     let robot = options.robot.clone().unwrap_or_else(|| workspace().join("robots").join(scenario.robot));
+    // Not every scenario reads it.
+    RobotFolder::load(&robot)?;
     for seed in options.seed.clone() {
         let impossible = scenario.impossible(&robot, seed)?;
         if options.json {

@@ -129,6 +129,18 @@ fn bad_input_is_answered_with_what_to_do() {
     says(&host_sim(&["run", "hand3-sevo"]), 2, &typo);
     says(&host_sim(&["run", "x"]), 2, &["no scenario \"x\". `cargo sim list` shows all"]);
     says(&host_sim(&["run"]), 2, &["Usage: cargo sim run"]);
+    says(&host_sim(&["limits", "hand3-servo", "--robot", "/nowhere"]), 2, &["/nowhere/robot.urdf"]);
+    says(
+        &host_sim(&["faults", "--schedule", "file"]),
+        2,
+        &["--schedule: expected", "give the JSON text itself"],
+    );
+    says(
+        &host_sim(&["render-knob", "--distance", "-1"]),
+        2,
+        &["--distance is -1 m: it must be from 0.01 to 1 m"],
+    );
+    says(&host_sim(&["run", "hand3-servo", "--duration", "-5"]), 2, &["--duration -5 is too short"]);
     says(&host_sim(&["run", "hand3-servo", "--seed", "x"]), 2, &["is not a seed"]);
     says(
         &host_sim(&["run", "hand3-servo", "--duration", "3"]),
