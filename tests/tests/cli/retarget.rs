@@ -526,6 +526,9 @@ fn settings_that_are_no_robots_are_told_live_too() {
     server.fails(&["retarget", "--live"], 1, &without);
     let live = ["retarget", "--live", "--robot", folder.path().to_str().unwrap()];
     server.fails(&live, 1, &["retargeting.toml: there is none, so defaults are used"]);
+    let other = tesaki_tests::robot_folder("hand3");
+    let other = ["retarget", "--live", "--robot", other.to_str().unwrap()];
+    server.fails(&other, 2, &["the board is hand5, and --robot is the folder of hand3"]);
 }
 
 #[test]

@@ -11,7 +11,9 @@ use tesaki::task::telexistence::{FingertipSample, TelexistenceCommand, Telexiste
 use tesaki::task::{TaskCommand, TaskConfig, TaskTelemetry};
 use tesaki::teleop::HumanFinger;
 use tesaki_description::retargeting::RetargetingSettings;
+use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::operator::{Fingertips, Tracker};
+use tesaki_supervisor::publication::require_own;
 
 use super::source::{Source, tracker};
 use super::tell_defaults;
@@ -35,6 +37,10 @@ pub fn run(options: &Options, args: &Retarget) -> Result<(), Failure> {
     let mut motion = Motion::begin(options)?;
     let settings = match &args.robot {
         Some(folder) => {
+            // It may hold nothing but retargeting.toml.
+            if folder.join("controller.toml").exists() {
+                require_own(Some(&RobotFolder::load(folder)?), &motion.model)?;
+            }
             let settings = RetargetingSettings::load(folder, &motion.model)?;
             tell_defaults(options, folder);
             settings
