@@ -24,8 +24,10 @@ impl LocalListener {
     /// # Errors
     /// When the address is in use, is not that of a socket, or is reachable from other machines.
     pub fn new(address: &Address) -> io::Result<Self> {
+        let fail =
+            |error: io::Error| io::Error::new(error.kind(), format!("cannot listen at {address}: {error}"));
         if let Address::Tcp(host) = address
-            && !host.to_socket_addrs()?.all(|host| host.ip().to_canonical().is_loopback())
+            && !host.to_socket_addrs().map_err(fail)?.all(|host| host.ip().to_canonical().is_loopback())
         {
             let error = format!(
                 "cannot listen at {address}: other machines reach it. Use tcp://localhost:PORT, and a tunnel such as \
