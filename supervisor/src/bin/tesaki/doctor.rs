@@ -187,16 +187,23 @@ fn check_answer(
                      fell back to its 16 MHz oscillator uses 115200)",
                 );
             } else {
+                // Behind a socket the wires are those of the program there.
                 let through = board.link().get_ref().port().map(Port::address);
-                let behind = "the program at this socket, such as `tesaki share`, says in its terminal whether the \
-                              board is away, and why";
-                let wired = "is the board powered and flashed? Are RX and TX crossed (the board's PA9 to the adapter's RX, \
-                     PA10 to its TX; of an ODrive GPIO1 to RX, GPIO2 to TX), and the grounds connected?";
-                let is_socket = matches!(through, Some(Address::Unix(_) | Address::Tcp(_)));
+                let behind = match through {
+                    Some(Address::Unix(_) | Address::Tcp(_)) => {
+                        "the program at this socket, such as `tesaki share`, says in its terminal whether the board \
+                         is away, and why; at its end: "
+                    }
+                    _ => "",
+                };
                 doctor.bad(
                     6,
                     format!("no answer within {seconds} s"),
-                    if is_socket { behind } else { wired },
+                    format!(
+                        "{behind}is the board powered and flashed? Are RX and TX crossed (the board's PA9 to the \
+                         adapter's RX, PA10 to its TX; of an ODrive GPIO1 to RX, GPIO2 to TX), and the grounds \
+                         connected?"
+                    ),
                 );
             }
         }
