@@ -91,8 +91,8 @@ fn folder(path: &Path) -> Checked {
     Checked { good: folder.as_ref().map(summary).unwrap_or_default(), findings }
 }
 
-/// The robot, and what is wrong in `robot.urdf`, `controller.toml` and `plant.toml`: also in those that can be
-/// read when another one cannot.
+/// The robot, and what is wrong in `robot.urdf`, `controller.toml` and `plant.toml`: also in those that can
+/// be read when another one cannot.
 fn robot(path: &Path) -> (Option<RobotFolder>, Vec<Finding>) {
     let mut findings = Vec::new();
     let plant_file = path.join("plant.toml");
