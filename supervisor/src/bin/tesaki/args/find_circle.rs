@@ -5,9 +5,9 @@ use std::path::PathBuf;
 use clap::Args;
 
 const HELP: &str = "\
-The likeliest circle is found: of a door knob the rose, if --radius leaves no other circle. The centre
-of the pixel in the corner is at (0, 0), x to the right, y down. The radius is the root of the product
-of the semi-axes of the ellipse that the circle is in the picture.
+The likeliest circle is found: of a door knob the rose, if --radius leaves no other circle. The
+centre of the pixel in the corner is at (0, 0), x to the right, y down. The radius is the root of
+the product of the semi-axes of the ellipse that the circle is in the picture.
 
 Examples:
   tesaki find-circle coin.png
