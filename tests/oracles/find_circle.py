@@ -151,22 +151,33 @@ def draw(rng, width, height):
     return image, (cx, cy, np.sqrt(a * b), a, b, np.deg2rad(angle))
 
 
-def disc(rng, width, height, _):
-    """Returns an image of an elliptic disc on a ground with a slope, its true ellipse, and a prior of the radius."""
-    radius, ratio, angle = np.exp(rng.uniform(np.log(12), np.log(80))), rng.uniform(1, 1.15), rng.uniform(0, np.pi)
-    a, b = radius * np.sqrt(ratio), radius / np.sqrt(ratio)
-    x, y = rng.uniform(0.3, 0.7) * width, rng.uniform(0.3, 0.7) * height
+def disc(rng, width, height, least):
+    """Returns an image of an elliptic disc on a ground with a slope, at least that fraction of its rim visible, its true
+    ellipse, and a prior of the radius."""
+    while True:
+        radius, ratio, angle = np.exp(rng.uniform(np.log(12), np.log(80))), rng.uniform(1, 1.15), rng.uniform(0, np.pi)
+        a, b = radius * np.sqrt(ratio), radius / np.sqrt(ratio)
+        x, y = rng.uniform(0.1, 0.9) * width, rng.uniform(0.1, 0.9) * height
+        if visible((x, y, radius), width, height) >= least:
+            break
     step = (np.arange(SAMPLES) + 0.5) / SAMPLES - 0.5
     u, v = np.meshgrid((np.arange(width)[:, None] + step).ravel() - x, (np.arange(height)[:, None] + step).ravel() - y)
     along, across = u * np.cos(angle) + v * np.sin(angle), v * np.cos(angle) - u * np.sin(angle)
-    ground, contrast = rng.uniform(60, 190), rng.choice([-1, 1]) * np.exp(rng.uniform(np.log(15), np.log(90)))
+    ground, contrast = rng.uniform(60, 190), rng.choice([-1, 1]) * np.exp(rng.uniform(np.log(10), np.log(90)))
     grey = ground + rng.uniform(-0.1, 0.1) * u + rng.uniform(-0.1, 0.1) * v
-    grey[(along / a) ** 2 + (across / b) ** 2 < 1] = np.clip(ground + contrast, 5, 250)
-    image = grey.reshape(height, SAMPLES, width, SAMPLES).mean((1, 3))
-    blurred = cv2.GaussianBlur(image, (0, 0), rng.uniform(0.1, 1.5)) + rng.normal(0, rng.uniform(0, 4), image.shape)
+    grey[(along / a) ** 2 + (across / b) ** 2 < 1] += contrast
+    image = np.clip(grey, 5, 250).reshape(height, SAMPLES, width, SAMPLES).mean((1, 3))
+    blurred = cv2.GaussianBlur(image, (0, 0), rng.uniform(0.1, 1.5)) + rng.normal(0, rng.uniform(0, 6), image.shape)
     off = rng.uniform(0.85, 1.18)
     truth = (x, y, radius, a, b, angle)
     return np.clip(np.rint(blurred), 0, 255).astype(np.uint8), truth, (radius * off / 1.3, radius * off * 1.3)
+
+
+def visible(circle, width, height):
+    """Returns the fraction of the rim of a circle (x, y, radius) that is in an image."""
+    turn = np.linspace(0, 2 * np.pi, 100)
+    x, y = circle[0] + circle[2] * np.cos(turn), circle[1] + circle[2] * np.sin(turn)
+    return np.mean((x > 1) & (y > 1) & (x < width - 2) & (y < height - 2))
 
 
 def scene(rng, width, height, least):
@@ -174,9 +185,7 @@ def scene(rng, width, height, least):
     within 25 %."""
     while True:
         image, truth = draw(rng, width, height)
-        turn = np.linspace(0, 2 * np.pi, 100)
-        x, y = truth[0] + truth[2] * np.cos(turn), truth[1] + truth[2] * np.sin(turn)
-        if np.mean((x > 1) & (y > 1) & (x < width - 2) & (y < height - 2)) >= least:
+        if visible(truth[:3], width, height) >= least:
             break
     off = rng.uniform(0.85, 1.18)
     return image, truth, (truth[2] * off / 1.3, truth[2] * off * 1.3)

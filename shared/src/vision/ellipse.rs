@@ -4,8 +4,8 @@ use crate::math::{self, Ldlt};
 
 /// Largest flattening `(a² − b²)/(a² + b²)` of semi-axes a, b: a/b = 1.36.
 const MAX_FLATTENING: f32 = 0.3;
-/// Standard deviation of an edge point [px].
-const DEVIATION: f32 = 0.4;
+/// Standard deviation of an edge point of weight 1 [px].
+pub(super) const DEVIATION: f32 = 0.4;
 
 /// `u² + v² + p (u² − v²) + 2 q uv = radius² √(1 − p² − q²)` about the centre.
 #[derive(Clone, Copy, Debug, PartialEq)]

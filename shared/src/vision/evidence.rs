@@ -5,7 +5,7 @@ use super::error::VisionError;
 use super::find::{CircleSearch, Scratch, choice};
 use super::image::Image;
 use super::judge::{FEATURES, KNOB_FEATURES};
-use super::offset::{INPUTS, inputs};
+use super::offset::{INPUTS, Profiles};
 use super::ring::{MAX_HALF, RAYS, Ring};
 
 /// A candidate with the features of its evaluation.
@@ -71,7 +71,7 @@ pub fn rim_rays(
     let (ellipse, front) = (choice.closest(best), choice.front(best.knob));
     let ring = Ring::new(image, &ellipse, RAYS, (MAX_HALF, 0.5));
     let open = ring.open(front.as_ref());
-    for (ray, ((direction, reach), inputs)) in ring.rays().zip(inputs(&ring)).enumerate() {
+    for (ray, ((direction, reach), inputs)) in ring.rays().zip(Profiles::new(&ring).inputs()).enumerate() {
         if open >> ray & 1 == 1 {
             seen(RimRay { center: ellipse.center, direction, reach, inputs });
         }

@@ -1,6 +1,6 @@
-use super::ellipse::Ellipse;
+use super::ellipse::{DEVIATION, Ellipse};
 use super::image::Image;
-use super::offset::{inputs, offset};
+use super::offset::Profiles;
 use super::ring::{FEW_RAYS, MAX_HALF, RAYS, Ring};
 use super::starts::{MAX_CANDIDATES, Start};
 use crate::math;
@@ -80,14 +80,20 @@ impl Rims<'_> {
             return None;
         }
         let ring = Ring::new(self.image, ellipse, RAYS, (MAX_HALF, 0.5));
-        let open = ring.open(self.front);
+        let (profiles, open) = (Profiles::new(&ring), ring.open(self.front));
+        let is_open = |ray: usize| open >> ray & 1 == 1;
+        let context = profiles.context(
+            ring.rays()
+                .enumerate()
+                .filter_map(|(ray, (direction, _))| is_open(ray).then_some((ray, direction))),
+        );
         let mut points = [([0.0; 2], 0.0); RAYS];
-        let rays = ring.rays().zip(inputs(&ring)).enumerate().filter(|(ray, _)| open >> ray & 1 == 1);
+        let rays = ring.rays().zip(profiles.inputs()).enumerate().filter(|(ray, _)| is_open(*ray));
         for (point, (_, ((direction, reach), inputs))) in points.iter_mut().zip(rays) {
-            let (offset, weight) = offset(&inputs);
-            *point = (ellipse.point(direction, reach + offset), weight);
+            let (offset, weight) = context.offset(direction, &inputs);
+            *point = (ellipse.point(direction, reach + offset), weight * DEVIATION * DEVIATION);
         }
-        ellipse.refit(points.into_iter(), 0.02)
+        ellipse.refit(points.into_iter(), 0.03)
     }
 
     /// Fits to the edge next to an ellipse in steps of half a pixel. A shadow beside the rim displaces the

@@ -5,7 +5,7 @@ use tesaki_rng::Rng;
 use super::choice::{Candidate, best};
 use super::ellipse::Ellipse;
 use super::judge::weigh;
-use super::offset::{INPUTS, offset};
+use super::offset::{Context, INPUTS};
 use super::*;
 use crate::math;
 
@@ -24,7 +24,7 @@ type Judged = (usize, f32, &'static [([f32; 3], [f32; 16], Option<[f32; 12]>, f3
 const JUDGED: &[Judged] = include!("../../../tests/oracles/data/circle_choice.in");
 
 /// Rays, by NumPy: inputs of the network, the distance of the rim [px], its weight.
-const RIMS: &[([f32; INPUTS], f32, f32)] = include!("../../../tests/oracles/data/rim_offset.in");
+const RIMS: &[([f32; 2], [f32; INPUTS], f32, f32)] = include!("../../../tests/oracles/data/rim_offset.in");
 
 /// An ellipse of one grey level.
 struct Disc {
@@ -321,8 +321,10 @@ fn the_choice_is_that_of_the_fitted_model() {
 #[test]
 fn the_network_gives_the_offsets_of_numpy() {
     assert!(RIMS.len() >= 12);
-    for (inputs, expected, weight) in RIMS {
-        let (found, found_weight) = offset(inputs);
+    let rays = RIMS.iter().map(|(direction, inputs, ..)| (*direction, inputs.first_chunk().unwrap()));
+    let context = Context::new(rays);
+    for (direction, inputs, expected, weight) in RIMS {
+        let (found, found_weight) = context.offset(*direction, inputs);
         assert!((found - expected).abs() < 1e-4, "{found}, not {expected} px");
         assert!((found_weight - weight).abs() < 1e-3 * weight, "{found_weight}, not {weight}");
     }
