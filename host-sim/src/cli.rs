@@ -16,8 +16,10 @@ use std::fmt::Display;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
+use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
+use tesaki_description::robot::RobotFolder;
 use tesaki_output::say;
 use tesaki_sim::scenario::{SCENARIOS, Scenario};
 
@@ -122,7 +124,7 @@ fn workspace() -> PathBuf {
 
 /// Runs the command of the command line; `false` if a metric failed.
 pub fn run() -> Result<bool, Box<dyn Error>> {
-    match Cli::parse().command {
+    match read().command {
         None => demonstrate(),
         Some(Command::List) => {
             say!("Scenarios; run one with `cargo sim run NAME`:\n");
@@ -142,6 +144,20 @@ pub fn run() -> Result<bool, Box<dyn Error>> {
         #[cfg(unix)]
         Some(Command::Serve(options)) => serve::run(&options).map(|()| true),
     }
+}
+
+/// The command line of this process; ends it where that is wrong.
+fn read() -> Cli {
+    Cli::try_parse().unwrap_or_else(|mut error| {
+        let text = |value: &ContextValue| value.to_string().contains("<SCENARIO>");
+        if error.kind() == ErrorKind::MissingRequiredArgument
+            && error.get(ContextKind::InvalidArg).is_some_and(text)
+        {
+            let tip = "name a scenario, such as hand3-servo; `cargo sim list` shows all".into();
+            error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![tip]));
+        }
+        error.exit()
+    })
 }
 
 fn demonstrate() -> Result<bool, Box<dyn Error>> {
@@ -188,6 +204,8 @@ fn edits(one: &str, other: &str) -> usize {
 fn tell_limits(options: &Limits) -> Result<(), Box<dyn Error>> {
     let scenario = find_scenario(&options.scenario)?;
     let robot = options.robot.clone().unwrap_or_else(|| workspace().join("robots").join(scenario.robot));
+    // Not every scenario reads it.
+    RobotFolder::load(&robot)?;
     for seed in options.seed.clone() {
         let impossible = scenario.impossible(&robot, seed)?;
         if options.json {

@@ -111,16 +111,36 @@ fn a_robot_that_the_check_refuses_is_not_served() {
         let text = text.replacen("elbow = 1.57", "elbow = 9.57", 1);
         std::fs::write(folder.path().join(name), text).unwrap();
     }
+    let serve = ["serve", "--robot", folder.path().to_str().unwrap()];
     let told = ["plant.toml:", "joint elbow: starts at 9.570796 rad, outside its limits"];
-    says(&host_sim(&["serve", "--robot", folder.path().to_str().unwrap()]), 2, &told);
+    says(&host_sim(&serve), 2, &told);
+    std::fs::remove_file(folder.path().join("plant.toml")).unwrap();
+    let told =
+        ["cannot read", "plant.toml: No such file", "what is simulated; `tesaki model init` writes one"];
+    says(&host_sim(&serve), 2, &told);
 }
 
 #[test]
 fn bad_input_is_answered_with_what_to_do() {
+    let none = ["<SCENARIO>", "name a scenario, such as hand3-servo; `cargo sim list` shows all"];
+    says(&host_sim(&["run"]), 2, &none);
+    says(&host_sim(&["limits"]), 2, &none);
     let typo = ["no scenario \"hand3-sevo\"; did you mean hand3-servo? `cargo sim list` shows all"];
     says(&host_sim(&["run", "hand3-sevo"]), 2, &typo);
     says(&host_sim(&["run", "x"]), 2, &["no scenario \"x\". `cargo sim list` shows all"]);
     says(&host_sim(&["run"]), 2, &["Usage: cargo sim run"]);
+    says(&host_sim(&["limits", "hand3-servo", "--robot", "/nowhere"]), 2, &["/nowhere/robot.urdf"]);
+    says(
+        &host_sim(&["faults", "--schedule", "file"]),
+        2,
+        &["--schedule: expected", "give the JSON text itself"],
+    );
+    says(
+        &host_sim(&["render-knob", "--distance", "-1"]),
+        2,
+        &["--distance is -1 m: it must be from 0.01 to 1 m"],
+    );
+    says(&host_sim(&["run", "hand3-servo", "--duration", "-5"]), 2, &["--duration -5 is too short"]);
     says(&host_sim(&["run", "hand3-servo", "--seed", "x"]), 2, &["is not a seed"]);
     says(
         &host_sim(&["run", "hand3-servo", "--duration", "3"]),

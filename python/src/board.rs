@@ -152,11 +152,14 @@ impl Board {
     /// Sends a robot's model and waits until the sensors have been read with it.
     ///
     /// Args:
-    ///     robot: the robot whose model is sent.
-    fn push(&mut self, py: Python<'_>, robot: &Robot) -> PyResult<()> {
-        let model = &robot.folder.model;
-        self.call(py, |link| link.push_model_and_sense(model))?;
-        self.model = Some(model.clone());
+    ///     robot: the robot whose model is sent, or the path of its folder.
+    ///
+    /// Raises:
+    ///     FileError: all errors in the folder, by file and line.
+    fn push(&mut self, py: Python<'_>, robot: &Bound<'_, PyAny>) -> PyResult<()> {
+        let model = arguments::model(robot)?;
+        self.call(py, |link| link.push_model_and_sense(&model))?;
+        self.model = Some(model);
         Ok(())
     }
 

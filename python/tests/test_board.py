@@ -62,6 +62,13 @@ def test_a_joint_moves_and_is_recorded(serve, tmp_path):
         assert board.robot is None and board.joints == []
         with pytest.raises(tesaki.RefusedError, match="^the board refused to enable its outputs: .*; see docs/trouble"):
             board.enable()
+        with pytest.raises(TypeError, match="^robot is of type bytes: expected a tesaki.Robot, or the path of a robot"):
+            board.push(b"hand3")
+        with pytest.raises(tesaki.FileError, match="^cannot read /nowhere/robot.urdf: "):
+            board.push("/nowhere")
+        assert board.robot is None
+        board.push(tesaki.robots() / "hand3")
+        assert board.robot == "hand3" and board.joints == robot.joints
         board.push(robot)
         assert board.robot == "hand3" and board.joints == robot.joints
         with pytest.raises(tesaki.RefusedError, match="^the board refused to enable its outputs: .*homed"):

@@ -65,21 +65,31 @@ impl Calibration {
         })
     }
 
+    /// Whether it is of this robot.
+    ///
+    /// # Errors
+    /// A joint that the robot does not have.
+    pub fn check_joints(&self, model: &RobotModel) -> Result<(), CalibrationError> {
+        let has = |name: &str| model.joints.iter().any(|joint| joint.name == name);
+        self.joints.keys().find(|name| !has(name)).map_or(Ok(()), |name| {
+            let names: Vec<&str> = model.joints.iter().map(|joint| joint.name.as_str()).collect();
+            Err(CalibrationError::Stranger {
+                joint: name.clone(),
+                robot: model.name.to_string(),
+                joints: names.join(", "),
+            })
+        })
+    }
+
     /// Applies the values to a model.
     ///
     /// # Errors
     /// A joint that the robot does not have, or an invalid value; the model is unchanged then.
     pub fn apply(&self, model: &mut RobotModel) -> Result<(), CalibrationError> {
+        self.check_joints(model)?;
         let mut changed = model.clone();
-        for (name, values) in &self.joints {
-            let Some(joint) = changed.joints.iter_mut().find(|joint| joint.name == name.as_str()) else {
-                let names: Vec<&str> = model.joints.iter().map(|joint| joint.name.as_str()).collect();
-                return Err(CalibrationError::Stranger {
-                    joint: name.clone(),
-                    robot: model.name.to_string(),
-                    joints: names.join(", "),
-                });
-            };
+        for joint in &mut changed.joints {
+            let Some(values) = self.joints.get(joint.name.as_str()) else { continue };
             for (place, value) in [
                 (&mut joint.motor.torque_constant, values.torque_constant),
                 (&mut joint.friction.coulomb, values.coulomb),

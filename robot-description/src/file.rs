@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use serde::de::DeserializeOwned;
 
-use crate::finding::{Finding, Report};
+use crate::finding::{Finding, Matter, Report, Severity};
 use crate::line::key_at;
 use crate::urdf;
 
@@ -37,8 +37,23 @@ pub enum FileError {
 }
 
 impl FileError {
+    /// As findings: that a file cannot be read is one.
+    pub fn findings(self) -> Vec<Finding> {
+        match self {
+            Self::Read { path, reason, advice } => vec![Finding {
+                severity: Severity::Error,
+                matter: Matter::Kinematics,
+                path,
+                line: None,
+                message: format!("it cannot be read: {reason}"),
+                advice,
+            }],
+            Self::Wrong(findings) => findings,
+        }
+    }
+
     /// That the file `path` cannot be read, and what to do.
-    pub(crate) fn unread(path: &Path, advice: &str) -> impl Fn(io::Error) -> Self {
+    pub fn unread(path: &Path, advice: &str) -> impl Fn(io::Error) -> Self {
         move |error| Self::Read {
             path: path.to_owned(),
             reason: error.to_string(),

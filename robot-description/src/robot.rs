@@ -60,11 +60,16 @@ impl RobotFolder {
     /// # Errors
     /// One cannot be read.
     pub fn read(path: &Path) -> Result<(String, String), FileError> {
-        let read = |name: &str| {
-            let path = path.join(name);
-            read_text(&path).map_err(|error| FileError::unread(&path, &missing(&path))(error))
-        };
-        Ok((read("robot.urdf")?, read("controller.toml")?))
+        Ok((Self::read_file(path, "robot.urdf")?, Self::read_file(path, "controller.toml")?))
+    }
+
+    /// The text of one of these two files.
+    ///
+    /// # Errors
+    /// It cannot be read.
+    pub fn read_file(path: &Path, name: &str) -> Result<String, FileError> {
+        let path = path.join(name);
+        read_text(&path).map_err(|error| FileError::unread(&path, &missing(&path))(error))
     }
 
     /// Makes a robot of the texts of both files; `path` is named in errors.

@@ -70,6 +70,42 @@ fn what_a_hand_grasps_and_its_camera_are_checked_too() {
 }
 
 #[test]
+fn a_file_that_cannot_be_read_does_not_hide_what_is_wrong_in_the_others() {
+    let folder = changed(&[]);
+    let at = |name: &str| folder.path().join(name);
+    std::fs::create_dir(at("grasps")).unwrap();
+    std::fs::write(at("grasps/first.toml"), b"\xff\xfe").unwrap();
+    std::fs::write(at("grasps/second.toml"), "touch_farce = 0.1\n").unwrap();
+    std::fs::create_dir(at("camera.toml")).unwrap();
+    std::fs::write(at("plant.toml"), "nonsense = 1\n").unwrap();
+    std::os::unix::fs::symlink(at("nowhere"), at("impedances")).unwrap();
+    let told = [
+        "grasps/first.toml: it cannot be read: stream did not contain valid UTF-8",
+        "→ nothing in it is checked: make it a text file that you may read, or remove it",
+        "grasps/second.toml:1: ",
+        "camera.toml: it cannot be read: Is a directory",
+        "plant.toml",
+        "nonsense",
+        "impedances: it cannot be read: No such file",
+    ];
+    let (code, text) = check(&[], folder.path());
+    assert_eq!(code, 1, "{text}");
+    contains(&text, &told);
+    // The robot, too.
+    std::fs::remove_file(at("robot.urdf")).unwrap();
+    let (code, text) = check(&[], folder.path());
+    assert_eq!(code, 1, "{text}");
+    contains(&text, &told);
+    contains(
+        &text,
+        &["robot.urdf: it cannot be read: No such file", "controller.toml: not checked: it needs"],
+    );
+    let (code, text) = check(&["--json"], folder.path());
+    assert_eq!(code, 1, "{text}");
+    contains(&text, &["\"finding\":\"it cannot be read: Is a directory"]);
+}
+
+#[test]
 fn a_good_folder_lists_its_joints() {
     let (code, text) = check(&[], &workspace().join("robots/hand3"));
     assert_eq!(code, 0, "{text}");

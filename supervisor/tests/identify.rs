@@ -573,6 +573,16 @@ fn the_command_line_says_what_is_wrong_before_anything_moves() {
     let (code, said) = complaint(&["model", "push", ROBOT, "--calibration", file]);
     assert_eq!(code, 1, "{said}");
     assert!(said.contains(&format!("{file}:2: ")) && said.contains("columb"), "{said}");
+    // That of another robot.
+    std::fs::write(&path, "[joints.elbow]\ncoulomb = 0.02\n").unwrap();
+    let (code, said) = complaint(&["model", "push", ROBOT, "--calibration", file]);
+    assert_eq!(code, 1, "{said}");
+    let told = [
+        &*format!("{file}: [joints.elbow]: hand3 has no such joint"),
+        "of another robot",
+        "leave --calibration",
+    ];
+    assert!(told.iter().all(|words| said.contains(words)), "{said}");
     let grasp = concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/hand3/grasps/box.toml");
     let (code, said) = complaint(&["identify", grasp, "--grips", "3"]);
     assert!(code == 2 && said.contains("at least two different forces above 0 N and at most 9 N"), "{said}");

@@ -3,6 +3,7 @@
 
     find_circle.py                     writes data/find_circle.bin and data/find_circle.in
     find_circle.py set N SEED DIR      a set of N images for the example `circle_accuracy`, 256 x 240
+    find_circle.py discs N SEED DIR    a set of plain discs, whose rim is their only edge
     find_circle.py opencv DIR          what OpenCV's HOUGH_GRADIENT_ALT finds in such a set
 
 Needs opencv-python-headless and numpy."""
@@ -52,7 +53,7 @@ def texture(rng, x, y):
 
 
 def draw(rng, width, height):
-    """Returns an image, its true (x, y, radius), and the difficulty of the scene for reports."""
+    """Returns an image and its true ellipse: x, y, radius, semi-axes [px], the angle of the first one [rad]."""
     while True:
         distance = rng.uniform(170, 480)
         rose, thickness = rng.uniform(35, 45), rng.uniform(2, 8)
@@ -145,8 +146,27 @@ def draw(rng, width, height):
     points = np.stack([rose * np.cos(turn), rose * np.sin(turn), np.full_like(turn, thickness)], -1) - camera
     points = points @ turned.T
     points = (points[:, :2] / points[:, 2:]) * focal + [width / 2, height / 2]
-    (cx, cy), (d1, d2), _ = cv2.fitEllipseDirect(points.astype(np.float32))
-    return image, (cx, cy, np.sqrt(d1 * d2) / 2)
+    (cx, cy), axes, angle = cv2.fitEllipseDirect(points.astype(np.float32))
+    a, b = np.array(axes) / 2
+    return image, (cx, cy, np.sqrt(a * b), a, b, np.deg2rad(angle))
+
+
+def disc(rng, width, height, _):
+    """Returns an image of an elliptic disc on a ground with a slope, its true ellipse, and a prior of the radius."""
+    radius, ratio, angle = np.exp(rng.uniform(np.log(12), np.log(80))), rng.uniform(1, 1.15), rng.uniform(0, np.pi)
+    a, b = radius * np.sqrt(ratio), radius / np.sqrt(ratio)
+    x, y = rng.uniform(0.3, 0.7) * width, rng.uniform(0.3, 0.7) * height
+    step = (np.arange(SAMPLES) + 0.5) / SAMPLES - 0.5
+    u, v = np.meshgrid((np.arange(width)[:, None] + step).ravel() - x, (np.arange(height)[:, None] + step).ravel() - y)
+    along, across = u * np.cos(angle) + v * np.sin(angle), v * np.cos(angle) - u * np.sin(angle)
+    ground, contrast = rng.uniform(60, 190), rng.choice([-1, 1]) * np.exp(rng.uniform(np.log(15), np.log(90)))
+    grey = ground + rng.uniform(-0.1, 0.1) * u + rng.uniform(-0.1, 0.1) * v
+    grey[(along / a) ** 2 + (across / b) ** 2 < 1] = np.clip(ground + contrast, 5, 250)
+    image = grey.reshape(height, SAMPLES, width, SAMPLES).mean((1, 3))
+    blurred = cv2.GaussianBlur(image, (0, 0), rng.uniform(0.1, 1.5)) + rng.normal(0, rng.uniform(0, 4), image.shape)
+    off = rng.uniform(0.85, 1.18)
+    truth = (x, y, radius, a, b, angle)
+    return np.clip(np.rint(blurred), 0, 255).astype(np.uint8), truth, (radius * off / 1.3, radius * off * 1.3)
 
 
 def scene(rng, width, height, least):
@@ -172,13 +192,13 @@ def opencv(image, low, high):
     return tuple(circles[np.argmax(circles[:, 2])][:3])
 
 
-def make_set(count, seed, folder):
+def make_set(draw_one, count, seed, folder):
     folder.mkdir(parents=True, exist_ok=True)
     rows = []
     with open(folder / "images.bin", "wb") as file:
         for index in range(count):
             rng = np.random.default_rng([seed, index])
-            image, truth, prior = scene(rng, 256, 240, 0.55)
+            image, truth, prior = draw_one(rng, 256, 240, 0.55)
             file.write(image.tobytes())
             rows.append(" ".join(f"{value:.4f}" for value in (*prior, *truth)))
     (folder / "truth.txt").write_text("\n".join(rows) + "\n")
@@ -201,7 +221,7 @@ def data():
     rows, images = [], b""
     for index in range(10):
         image, truth, prior = scene(np.random.default_rng([7, index]), 128, 120, 0.6)
-        row = (*image.shape[::-1], *prior, *truth, *opencv(image, *prior))
+        row = (*image.shape[::-1], *prior, *truth[:3], *opencv(image, *prior))
         rows.append("    (" + ", ".join(f"{value:.3f}" if index > 1 else str(value) for index, value in enumerate(row)) + "),")
         images += image.tobytes()
     (DATA / "find_circle.bin").write_bytes(images)
@@ -212,7 +232,9 @@ if __name__ == "__main__":
     cv2.setNumThreads(1)
     match sys.argv[1:]:
         case ["set", count, seed, folder]:
-            make_set(int(count), int(seed), Path(folder))
+            make_set(scene, int(count), int(seed), Path(folder))
+        case ["discs", count, seed, folder]:
+            make_set(disc, int(count), int(seed), Path(folder))
         case ["opencv", folder]:
             judge(Path(folder))
         case _:

@@ -28,11 +28,20 @@ pub struct Faults {
     json: bool,
 }
 
+/// The schedule in JSON.
+fn parse(text: &str) -> Result<Schedule, String> {
+    serde_json::from_str(text).map_err(|error| {
+        format!(
+            "--schedule: {error}: give the JSON text itself, as a seed that fails prints it behind `repeat:`, in quotes"
+        )
+    })
+}
+
 /// Runs schedules of faults; `false` if a rule was broken.
 pub fn run(options: &Faults) -> Result<bool, Box<dyn Error>> {
     let robots = workspace().join("robots");
     let schedules: Box<dyn Iterator<Item = Schedule>> = match &options.schedule {
-        Some(text) => Box::new(std::iter::once(serde_json::from_str(text)?)),
+        Some(text) => Box::new(std::iter::once(parse(text)?)),
         None => Box::new(options.seeds.clone().map(Schedule::draw)),
     };
     let mut passed = true;

@@ -24,7 +24,7 @@ pub struct RenderKnob {
     #[arg(long, default_value_os_t = workspace().join("robots/knob-arm"))]
     robot: PathBuf,
     /// Distance from the fingertips to the door [m]; default: 0.06 to 0.25, by the seed
-    #[arg(long)]
+    #[arg(long, allow_negative_numbers = true)]
     distance: Option<f64>,
     /// Pictures of each door from so many places, turned as the calibration of the camera needs it; also
     /// writes knob-SEED.csv with the pose of the hand in the frame of the door

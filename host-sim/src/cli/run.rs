@@ -33,7 +33,7 @@ pub struct Run {
     #[arg(long, default_value = "1", value_parser = seeds)]
     pub(super) seed: RangeInclusive<u64>,
     /// Simulated time [s]; default: that of the scenario. Most scenarios have no other
-    #[arg(long)]
+    #[arg(long, allow_negative_numbers = true)]
     duration: Option<f64>,
     /// Folder for the results
     #[arg(long, default_value_os_t = PathBuf::from("out"))]

@@ -128,7 +128,9 @@ pub fn run(options: &Serve) -> Result<(), Box<dyn Error>> {
 fn load_all(path: &Path) -> Result<RobotFolder, Box<dyn Error>> {
     let (urdf, settings) = RobotFolder::read(path)?;
     let file = path.join("plant.toml");
-    let plant = read_text(&file).map_err(of_file(&file))?;
+    let advice =
+        "it holds what is simulated; `tesaki model init` writes one, docs/bring-your-own-hand.md has another";
+    let plant = read_text(&file).map_err(FileError::unread(&file, advice))?;
     let (robot, mut findings) = RobotFolder::check_all(path, &urdf, &settings, Some(&plant));
     findings.retain(Finding::is_error);
     Ok(robot.ok_or(FileError::Wrong(findings))?)

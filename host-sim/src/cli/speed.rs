@@ -22,7 +22,7 @@ const SCENARIOS: [&str; 6] =
 
 #[derive(Args)]
 pub struct Speed {
-    /// Names of scenarios, see `host-sim list`
+    /// Names of scenarios, see `cargo sim list`
     #[arg(default_values = SCENARIOS)]
     scenarios: Vec<String>,
     /// Seed of the machine

@@ -11,9 +11,11 @@ use tesaki::model::RobotModel;
 use tesaki::task::TaskConfig;
 use tesaki_description::impedance;
 use tesaki_description::retargeting::RetargetingSettings;
+use tesaki_description::robot::RobotFolder;
 
 use super::Board;
 use crate::error::{RefusedError, file};
+use crate::robot::Robot;
 
 impl Board {
     pub(super) fn known_model(&self) -> PyResult<&RobotModel> {
@@ -75,6 +77,20 @@ impl Board {
         }
         Ok(())
     }
+}
+
+/// The model of a robot, or of that in a folder.
+pub(super) fn model(robot: &Bound<'_, PyAny>) -> PyResult<RobotModel> {
+    if let Ok(robot) = robot.cast::<Robot>() {
+        return Ok(robot.get().folder.model.clone());
+    }
+    let folder: PathBuf = robot.extract().map_err(|_| {
+        let kind = robot.get_type().name().map_or_else(|_| "?".to_owned(), |name| name.to_string());
+        PyTypeError::new_err(format!(
+            "robot is of type {kind}: expected a tesaki.Robot, or the path of a robot folder"
+        ))
+    })?;
+    Ok(RobotFolder::load(&folder).map_err(file)?.model)
 }
 
 /// A time argument [s].

@@ -52,7 +52,7 @@ impl<'a> Choice<'a> {
         Self { image, search, noise, circles: [None; MAX_CANDIDATES], candidates: [None; MAX_CLOSE] }
     }
 
-    fn front(&self, knob: Option<usize>) -> Option<Ellipse> {
+    pub fn front(&self, knob: Option<usize>) -> Option<Ellipse> {
         knob.and_then(|knob| self.circles.get(knob).copied().flatten()).map(|knob| knob.ellipse)
     }
 
@@ -85,7 +85,7 @@ impl<'a> Choice<'a> {
 
     /// Fits unoccluded circles.
     pub fn begin(&mut self, starts: &Starts) {
-        let rims = Rims { image: self.image, noise: self.noise, front: None };
+        let rims = self.rims(None);
         let mut circles = [None::<Knob>; MAX_CANDIDATES];
         for (place, ellipse) in circles.iter_mut().zip(rims.fit_all(&starts.list)) {
             let rim = Ring::new(self.image, &ellipse, FEW_RAYS, (MAX_HALF, 1.0)).rim(self.noise, None);
@@ -109,7 +109,7 @@ impl<'a> Choice<'a> {
             Some(axis) => roses(self.image, self.search, axis, self.noise, &front.ellipse),
             None => hidden(&self.circles, &front),
         };
-        let rims = Rims { image: self.image, noise: self.noise, front: Some(&front.ellipse) };
+        let rims = self.rims(Some(&front.ellipse));
         for ellipse in rims.fit_all(&behind.list).take(MAX_BEHIND) {
             if self.search.allows(&ellipse) && ellipse.radius > 0.9 * front.ellipse.radius {
                 let log_odds = self.log_odds(&ellipse, Some(knob), FEW_RAYS);
@@ -123,10 +123,8 @@ impl<'a> Choice<'a> {
         for index in 0..MAX_CLOSE {
             let Some(mut candidate) = self.candidates[index] else { break };
             let front = self.front(candidate.knob);
-            let rims = Rims { image: self.image, noise: self.noise, front: front.as_ref() };
-            if let Some(ellipse) = rims.closer(&candidate.ellipse).filter(|near| self.search.allows(near)) {
-                candidate.ellipse = ellipse;
-            }
+            let closer = self.rims(front.as_ref()).closer(&candidate.ellipse);
+            candidate.ellipse = self.allowed(closer, &candidate.ellipse);
             candidate.log_odds = self.log_odds(&candidate.ellipse, candidate.knob, RAYS);
             self.candidates[index] = Some(candidate);
         }
@@ -158,12 +156,29 @@ impl<'a> Choice<'a> {
         })
     }
 
+    /// Fits the ellipse of a candidate to the edge in fine steps.
+    pub fn closest(&self, candidate: &Candidate) -> Ellipse {
+        let front = self.front(candidate.knob);
+        self.allowed(self.rims(front.as_ref()).closest(&candidate.ellipse), &candidate.ellipse)
+    }
+
     /// Refines the ellipse of a candidate to a fraction of a pixel.
     pub fn refine(&self, candidate: &Candidate) -> Ellipse {
-        let front = self.front(candidate.knob);
-        let rims = Rims { image: self.image, noise: self.noise, front: front.as_ref() };
-        let fine = rims.refine(&candidate.ellipse).filter(|fine| self.search.allows(fine));
-        fine.unwrap_or(candidate.ellipse)
+        let (near, front) = (self.closest(candidate), self.front(candidate.knob));
+        self.allowed(self.rims(front.as_ref()).refine(&near), &near)
+    }
+
+    /// The image with the end of a knob in front of the rim.
+    const fn rims<'b>(&self, front: Option<&'b Ellipse>) -> Rims<'b>
+    where
+        'a: 'b,
+    {
+        Rims { image: self.image, noise: self.noise, front }
+    }
+
+    /// A fitted ellipse if the search allows it, otherwise the one before.
+    fn allowed(&self, fitted: Option<Ellipse>, before: &Ellipse) -> Ellipse {
+        fitted.filter(|fitted| self.search.allows(fitted)).unwrap_or(*before)
     }
 }
 

@@ -1,10 +1,12 @@
-//! Features behind the choice between circles, for the fit of its weights by
-//! `tests/oracles/circle_choice.py`.
+//! What the choice between circles and the fit to a rim are based on, for the fit of their weights by
+//! `tests/oracles/circle_choice.py` and `tests/oracles/rim_offset.py`.
 
 use super::error::VisionError;
 use super::find::{CircleSearch, Scratch, choice};
 use super::image::Image;
 use super::judge::{FEATURES, KNOB_FEATURES};
+use super::offset::{INPUTS, inputs};
+use super::ring::{MAX_HALF, RAYS, Ring};
 
 /// A candidate with the features of its evaluation.
 #[derive(Clone, Copy, Debug)]
@@ -38,4 +40,41 @@ pub fn evidence(
 ) -> Result<(), VisionError> {
     choice(image, search, scratch)?.evidence().for_each(seen);
     Ok(())
+}
+
+/// A ray from the centre of the circle that is chosen.
+#[derive(Clone, Copy, Debug)]
+pub struct RimRay {
+    /// Centre of the ellipse [px].
+    pub center: [f32; 2],
+    /// Direction, a unit vector.
+    pub direction: [f32; 2],
+    /// Distance of the ellipse from its centre along the ray [px].
+    pub reach: f32,
+    /// Inputs of the network that estimates the distance of the rim from the ellipse.
+    pub inputs: [f32; INPUTS],
+}
+
+/// Calls `seen` with each ray on which the rim of the likeliest circle can be seen. Returns the confidence of
+/// that circle.
+///
+/// # Errors
+/// As [`find_circle`](super::find_circle).
+pub fn rim_rays(
+    image: &Image<'_>,
+    search: &CircleSearch,
+    scratch: &mut Scratch<'_>,
+    mut seen: impl FnMut(RimRay),
+) -> Result<Option<f32>, VisionError> {
+    let choice = choice(image, search, scratch)?;
+    let Some((best, confidence)) = choice.best() else { return Ok(None) };
+    let (ellipse, front) = (choice.closest(best), choice.front(best.knob));
+    let ring = Ring::new(image, &ellipse, RAYS, (MAX_HALF, 0.5));
+    let open = ring.open(front.as_ref());
+    for (ray, ((direction, reach), inputs)) in ring.rays().zip(inputs(&ring)).enumerate() {
+        if open >> ray & 1 == 1 {
+            seen(RimRay { center: ellipse.center, direction, reach, inputs });
+        }
+    }
+    Ok(Some(confidence))
 }

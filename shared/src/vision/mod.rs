@@ -17,7 +17,8 @@
 //!    shadow does not); also those of the knob's end, and the position of both relative to the axis. A
 //!    logistic model, fitted to rendered door knobs, weighs the features. Either one of the candidates is
 //!    right or there is no circle; the probability of the best one is the confidence.
-//! 4. *Refit* of the likeliest, in steps of half a pixel.
+//! 4. *Refit* of the likeliest, in steps of half a pixel: to the strongest edge, then to the rim as a small
+//!    neural network finds it along each ray, between the edges of a bevel and of a shadow.
 //!
 //! A prior of the radius, from the arm's pose, and a window about the last result exclude other circles.
 //!
@@ -49,6 +50,8 @@ mod hough;
 mod image;
 mod judge;
 mod knob;
+mod offset;
+mod offset_weights;
 mod refit;
 mod ring;
 mod starts;
@@ -58,7 +61,7 @@ mod tests;
 pub use edges::{EdgePoint, MAX_EDGES, row_len};
 pub use error::VisionError;
 #[cfg(feature = "test-support")]
-pub use evidence::{Evidence, evidence};
+pub use evidence::{Evidence, RimRay, evidence, rim_rays};
 pub use find::{Buffers, CameraBuffers, Circle, CircleSearch, Scratch, Window, find_circle};
 pub use hand_eye::{HandEyeError, HandEyeRow, HandEyeTable, MAX_HAND_EYE_ROWS};
 pub use hough::accumulator_len;

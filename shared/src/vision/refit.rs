@@ -1,6 +1,7 @@
 use super::ellipse::Ellipse;
 use super::image::Image;
-use super::ring::{FEW_RAYS, RAYS, Ring};
+use super::offset::{inputs, offset};
+use super::ring::{FEW_RAYS, MAX_HALF, RAYS, Ring};
 use super::starts::{MAX_CANDIDATES, Start};
 use crate::math;
 
@@ -70,10 +71,23 @@ impl Rims<'_> {
         self.step(ellipse, (2, 1.0), RAYS, 0.02)
     }
 
+    /// Fits to the rim near an ellipse, where the network of [`offset`] sees it.
+    pub fn refine(&self, ellipse: &Ellipse) -> Option<Ellipse> {
+        let ring = Ring::new(self.image, ellipse, RAYS, (MAX_HALF, 0.5));
+        let open = ring.open(self.front);
+        let mut points = [([0.0; 2], 0.0); RAYS];
+        let rays = ring.rays().zip(inputs(&ring)).enumerate().filter(|(ray, _)| open >> ray & 1 == 1);
+        for (point, (_, ((direction, reach), inputs))) in points.iter_mut().zip(rays) {
+            let (offset, weight) = offset(&inputs);
+            *point = (ellipse.point(direction, reach + offset), weight);
+        }
+        ellipse.refit(points.into_iter(), 0.02)
+    }
+
     /// Fits to the edge next to an ellipse in steps of half a pixel. A shadow beside the rim displaces the
     /// edge outwards, so edge points outside the ellipse have tighter bounds than those inside.
-    pub fn refine(&self, ellipse: &Ellipse) -> Option<Ellipse> {
-        let ring = Ring::new(self.image, ellipse, RAYS, (4, 0.5));
+    pub fn closest(&self, ellipse: &Ellipse) -> Option<Ellipse> {
+        let ring = Ring::new(self.image, ellipse, RAYS, (MAX_HALF, 0.5));
         let points = ring.edge_points(self.noise, self.front)?;
         // In a noisy image the edge points have more scatter.
         let (mut sum, mut count) = (0.0, 0.0);

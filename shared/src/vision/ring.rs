@@ -13,7 +13,7 @@ const TURN: [f32; 2] = [0.995_184_7, 0.098_017_14];
 /// Maximum number of steps of a ray to each side of the ellipse.
 pub(super) const MAX_HALF: usize = 4;
 /// Samples of a ray.
-const PLACES: usize = 2 * MAX_HALF + 1;
+pub(super) const PLACES: usize = 2 * MAX_HALF + 1;
 /// Unit of [`Ring::contrasts`]: the value for a contrast of one grey level.
 const GREY_LEVEL: f32 = 48.0;
 /// Standard deviation of a contrast, over that of the pixels.
@@ -118,6 +118,22 @@ impl Ring {
             before = here;
             sees_before = sees_here;
         }
+    }
+
+    /// Contrasts along a ray, from the inside [grey levels], if it is in the image.
+    pub fn contrasts(&self, ray: usize) -> Option<[f32; PLACES]> {
+        let contrasts = self.contrasts.get(ray).filter(|_| self.visible >> ray & 1 == 1)?;
+        Some(contrasts.map(|contrast| f32::from(contrast) * (1.0 / GREY_LEVEL)))
+    }
+
+    /// Radius of the ellipse [px].
+    pub const fn radius(&self) -> f32 {
+        self.ellipse.radius
+    }
+
+    /// Directions of the rays, and the distances of the ellipse from its centre along them [px].
+    pub fn rays(&self) -> impl Iterator<Item = ([f32; 2], f32)> + '_ {
+        directions(self.rays).iter().copied().zip(self.reaches)
     }
 
     /// Weight of an edge at each sample of a ray: half as much at the ends as in the middle.

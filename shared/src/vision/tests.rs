@@ -5,6 +5,7 @@ use tesaki_rng::Rng;
 use super::choice::{Candidate, best};
 use super::ellipse::Ellipse;
 use super::judge::weigh;
+use super::offset::{INPUTS, offset};
 use super::*;
 use crate::math;
 
@@ -21,6 +22,9 @@ const PIXELS: &[u8] = include_bytes!("../../../tests/oracles/data/find_circle.bi
 /// features and those of the end of a knob in front of it, and the log-odds.
 type Judged = (usize, f32, &'static [([f32; 3], [f32; 16], Option<[f32; 12]>, f32)]);
 const JUDGED: &[Judged] = include!("../../../tests/oracles/data/circle_choice.in");
+
+/// Rays, by NumPy: inputs of the network, the distance of the rim [px], its weight.
+const RIMS: &[([f32; INPUTS], f32, f32)] = include!("../../../tests/oracles/data/rim_offset.in");
 
 /// An ellipse of one grey level.
 struct Disc {
@@ -312,4 +316,14 @@ fn the_choice_is_that_of_the_fitted_model() {
         assert!((found - confidence).abs() < 2e-5, "picture {picture}: {found}, not {confidence}");
     }
     assert!(JUDGED.iter().any(|judged| judged.1 < 0.5) && JUDGED.iter().any(|judged| judged.1 > 0.9));
+}
+
+#[test]
+fn the_network_gives_the_offsets_of_numpy() {
+    assert!(RIMS.len() >= 12);
+    for (inputs, expected, weight) in RIMS {
+        let (found, found_weight) = offset(inputs);
+        assert!((found - expected).abs() < 1e-4, "{found}, not {expected} px");
+        assert!((found_weight - weight).abs() < 1e-3 * weight, "{found_weight}, not {weight}");
+    }
 }

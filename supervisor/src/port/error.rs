@@ -54,6 +54,17 @@ pub enum PortError {
         /// Kind of the file, and advice.
         hint: String,
     },
+    /// The file is not a socket.
+    #[error(
+        "unix://{} is {kind}, not a socket: give the address that `tesaki share` or `cargo sim serve` prints",
+        path.display()
+    )]
+    NotSocket {
+        /// The file.
+        path: PathBuf,
+        /// Its kind, in words.
+        kind: &'static str,
+    },
     /// No program listens at the address.
     #[error("nobody answers at {address}: is {} running?", who(.address))]
     Refused {
@@ -119,7 +130,9 @@ impl From<PortError> for io::Error {
             | PortError::NotEncrypted { .. }
             | PortError::KeyRefused { .. } => io::ErrorKind::PermissionDenied,
             PortError::Busy { .. } => io::ErrorKind::ResourceBusy,
-            PortError::NotSerial { .. } | PortError::Several { .. } => io::ErrorKind::InvalidInput,
+            PortError::NotSerial { .. } | PortError::NotSocket { .. } | PortError::Several { .. } => {
+                io::ErrorKind::InvalidInput
+            }
             PortError::Refused { .. } => io::ErrorKind::ConnectionRefused,
             PortError::Other { source, .. } => source.kind(),
         };

@@ -135,6 +135,17 @@ impl Listener {
     }
 }
 
+/// What is at a path, if it is something other than a socket.
+pub(super) fn no_socket(path: &Path) -> Option<&'static str> {
+    let kind = fs::metadata(path).ok()?.file_type();
+    match () {
+        () if kind.is_socket() => None,
+        () if kind.is_dir() => Some("a folder"),
+        () if kind.is_file() => Some("a regular file"),
+        () => Some("a device or a pipe"),
+    }
+}
+
 /// Returns whether an address is only reachable from this machine.
 fn is_loopback(host: IpAddr) -> bool {
     // An IPv4 address may be written as an IPv6 address.
@@ -146,6 +157,10 @@ fn listen_unix(path: &Path) -> io::Result<UnixListener> {
     let fail = |error: io::Error| {
         io::Error::new(error.kind(), format!("cannot listen at unix://{}: {error}", path.display()))
     };
+    if let Some(kind) = no_socket(path) {
+        let error = format!("{kind} is there: choose a new path for the socket");
+        return Err(fail(io::Error::new(io::ErrorKind::InvalidInput, error)));
+    }
     if fs::symlink_metadata(path).is_ok_and(|file| file.file_type().is_socket()) {
         match UnixStream::connect(path) {
             Ok(_) => {
@@ -158,6 +173,11 @@ fn listen_unix(path: &Path) -> io::Result<UnixListener> {
             Err(error) => return Err(fail(error)),
         }
     }
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty() && !folder.is_dir());
+    if let Some(folder) = folder {
+        let error = format!("there is no folder {}: make it, or choose another path", folder.display());
+        return Err(fail(io::Error::new(io::ErrorKind::InvalidInput, error)));
+    }
     let listener = UnixListener::bind(path).map_err(fail)?;
     listener.set_nonblocking(true)?;
     Ok(listener)
@@ -168,6 +188,21 @@ mod tests {
     #![allow(clippy::unwrap_used, reason = "tests")]
 
     use super::*;
+
+    #[test]
+    fn what_is_no_socket_is_named_and_stays() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("notes.txt");
+        fs::write(&file, "kept").unwrap();
+        for (path, words) in [(&*file, "a regular file is there"), (folder.path(), "a folder is there")] {
+            let error = Listener::new(&Address::Unix(path.to_owned()), None).unwrap_err().to_string();
+            assert!(error.contains(words) && error.contains("choose a new path"), "{error}");
+        }
+        assert_eq!(fs::read_to_string(&file).unwrap(), "kept");
+        let below = Address::Unix(folder.path().join("none/socket"));
+        let error = Listener::new(&below, None).unwrap_err().to_string();
+        assert!(error.contains("there is no folder") && error.contains("none: make it"), "{error}");
+    }
 
     #[test]
     fn a_socket_of_another_program_is_not_removed() {

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use nix::poll::{PollFd, PollFlags};
 
-use super::listener::{Listener, SocketFile};
+use super::listener::{Listener, SocketFile, no_socket};
 use super::{Address, stream};
 
 /// A socket for other programs on this machine. The file of a Unix socket is removed with it.
@@ -24,8 +24,10 @@ impl LocalListener {
     /// # Errors
     /// When the address is in use, is not that of a socket, or is reachable from other machines.
     pub fn new(address: &Address) -> io::Result<Self> {
+        let fail =
+            |error: io::Error| io::Error::new(error.kind(), format!("cannot listen at {address}: {error}"));
         if let Address::Tcp(host) = address
-            && !host.to_socket_addrs()?.all(|host| host.ip().to_canonical().is_loopback())
+            && !host.to_socket_addrs().map_err(fail)?.all(|host| host.ip().to_canonical().is_loopback())
         {
             let error = format!(
                 "cannot listen at {address}: other machines reach it. Use tcp://localhost:PORT, and a tunnel such as \
@@ -70,7 +72,10 @@ impl LocalListener {
 /// When no program listens there.
 pub fn connect(address: &Address) -> io::Result<UnixStream> {
     match address {
-        Address::Unix(path) => UnixStream::connect(path),
+        Address::Unix(path) => UnixStream::connect(path).map_err(|error| match no_socket(path) {
+            Some(kind) => io::Error::new(error.kind(), format!("it is {kind}, not a socket")),
+            None => error,
+        }),
         Address::Tcp(host) => {
             let socket = TcpStream::connect(host)?;
             socket.set_nodelay(true)?;

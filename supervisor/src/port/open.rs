@@ -8,6 +8,7 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use super::channel::{Channel, Failed, GREETING};
+use super::listener::no_socket;
 use super::serial::{busy, group, open_serial};
 use super::{Address, Found, Key, PortError, list, stream};
 use crate::ByteLink;
@@ -177,6 +178,10 @@ pub(super) fn explain(address: Address, source: io::Error) -> PortError {
         (io::ErrorKind::NotFound, Address::Path(_) | Address::Unix(_)) => {
             PortError::DoesNotExist { address, found: list() }
         }
+        (io::ErrorKind::ConnectionRefused, Address::Unix(path)) => match no_socket(path) {
+            Some(kind) => PortError::NotSocket { path: path.clone(), kind },
+            None => PortError::Refused { address },
+        },
         (io::ErrorKind::ConnectionRefused, _) => PortError::Refused { address },
         _ => PortError::Other { address, source },
     }
@@ -266,6 +271,14 @@ mod tests {
         for other in [Path::new("/dev/null"), &folder] {
             let error = open(&path(other), None).unwrap_err();
             assert!(matches!(error, PortError::NotSerial { .. }), "{error}");
+        }
+        let file = folder.join("notes.txt");
+        fs::write(&file, "").unwrap();
+        for (other, words) in
+            [(&*folder, "is a folder, not a socket"), (&*file, "is a regular file, not a socket")]
+        {
+            let error = open(&Address::Unix(other.to_owned()), None).unwrap_err().to_string();
+            assert!(error.contains(words) && error.contains("`tesaki share`"), "{error}");
         }
         let denied = explain(path("/dev/null"), io::ErrorKind::PermissionDenied.into());
         assert!(matches!(&denied, PortError::Permission { group, .. } if group == "dialout"), "{denied}");

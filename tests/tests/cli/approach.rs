@@ -369,6 +369,11 @@ fn circles_that_come_before_the_arm_may_move_are_of_no_use() {
 #[test]
 fn what_is_wrong_with_a_line_is_answered_and_nothing_is_enabled() {
     let scene = Scene::new();
+    let file = scene.server.folder.path().join("file");
+    std::fs::write(&file, "").unwrap();
+    let (file, folder) = (format!("unix://{}", file.display()), robot());
+    let command = ["approach", "--robot", folder.to_str().unwrap(), "--from", &file];
+    scene.server.fails(&command, 2, &["cannot listen at", "a regular file is there: choose a new path"]);
     let mut approach = scene.approach(&robot(), &[]);
     let (mut stream, mut reader) = scene.detector();
     let mut ask = |text: &str| {

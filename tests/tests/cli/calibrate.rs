@@ -168,6 +168,14 @@ fn a_stream_is_led_through_the_poses() {
     assert_eq!(code, 0);
     let events: Vec<Value> = out.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     assert!(events.len() > 12 && events[1]["poses"] == 1, "{out}");
+    // A noise in the unit of its option.
+    for (arguments, words) in [
+        (["--marker-noise", "NaN"], "\"NaN\": expected 0.001 to 10 mm"),
+        (["--orientation-noise", "30"], "\"30\": expected 0 to 11 °"),
+    ] {
+        let (code, _, error) = run(folder.path(), &[&["--live"], &arguments[..]].concat(), "");
+        assert!(code == 2 && error.contains(words), "{error}");
+    }
     // A stream that stops, and one that is invalid.
     let (code, _, error) = run(
         folder.path(),

@@ -142,8 +142,20 @@ fn the_plate_is_found_in_pictures() {
     let arguments = ["--in", "knob-2.csv", "--rose", "0.04", "--out", "hand_eye.toml"];
     let (code, out, error) = run(folder, &arguments);
     assert!(code == 0 && out.contains("focal length 1") && out.contains("circles fit"), "{out}{error}");
-    // Pictures that are missing, invalid, or of another size.
+    // A picture without a circle is named, with its row.
     let good = std::fs::read_to_string(folder.join("knob-2.csv")).unwrap();
+    let grey = [b"P5 256 240 255\n".to_vec(), vec![128; 256 * 240]].concat();
+    std::fs::write(folder.join("grey.pgm"), grey).unwrap();
+    std::fs::write(folder.join("knob-2.csv"), good.replace("knob-2-03.png", "grey.pgm")).unwrap();
+    let (code, _, error) = run(folder, &arguments);
+    assert!(code == 0 && error.contains("line 4, grey.pgm: no circle found; skipped"), "{error}");
+    let all: Vec<String> = (0..30).map(|number| format!("knob-2-{number:02}.png")).collect();
+    let none = all.iter().fold(good.clone(), |table, name| table.replace(name, "grey.pgm"));
+    std::fs::write(folder.join("knob-2.csv"), none).unwrap();
+    let (code, _, error) = run(folder, &arguments);
+    let told = ["not calibrated", "no circle found in these pictures: line 2, grey.pgm; line 3, grey.pgm"];
+    assert!(code == 1 && told.iter().all(|words| error.contains(words)), "{error}");
+    // Pictures that are missing, invalid, or of another size.
     std::fs::write(folder.join("text.png"), "hello").unwrap();
     std::fs::write(folder.join("small.pgm"), [b"P5 64 64 255\n".to_vec(), vec![0; 4096]].concat()).unwrap();
     for (to, words) in [

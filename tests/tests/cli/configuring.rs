@@ -49,6 +49,9 @@ fn parameters_are_read_changed_and_refused_by_name() {
         2,
         &["safety.supply_min = 30 V must be below safety.supply_max, 28 V"],
     );
+    for empty in ["", " ", "\"\""] {
+        server.fails(&["set", "name", empty], 2, &["name is empty: give a name"]);
+    }
     server.succeeds(&["set", "name", "foo"]);
     assert!(server.succeeds(&["read", "name"]).contains("name = \"foo\""));
     // Another zero: nobody knows where the joint is.

@@ -80,6 +80,10 @@ fn what_is_wrong_is_said_by_file() {
         (write("deep.pgm", b"P5 64 64 65535\nabc"), "deep.pgm: PGM: maximum 65535"),
         (write("word.pgm", b"P2 wide 64 255\n"), "word.pgm: PGM: \"wide\" is not a width"),
         (write("tiny.pgm", b"P2 2 2 255\n1 2 3 4\n"), "each side must be 32 to 4096 pixels"),
+        (
+            folder.path().to_str().unwrap().to_owned(),
+            "it is a folder: name the pictures in it, such as *.png",
+        ),
         (folder.path().join("none.png").to_str().unwrap().to_owned(), "none.png: "),
     ];
     for (path, words) in cases {

@@ -215,7 +215,7 @@ fn what_is_no_regular_file_is_not_read() {
     std::fs::copy(hand3().join("robot.urdf"), folder.path().join("robot.urdf")).unwrap();
     nix::unistd::mkfifo(&folder.path().join("controller.toml"), nix::sys::stat::Mode::S_IRWXU).unwrap();
     let (code, text) = run(&["model", "check", folder.path().to_str().unwrap()]);
-    assert!(code == 1 && text.contains("controller.toml: not a regular file"), "{text}");
+    assert!(code == 1 && text.contains("controller.toml: it cannot be read: not a regular file"), "{text}");
     let huge = folder.path().join("huge.urdf");
     std::fs::File::create(&huge).unwrap().set_len(1 << 30).unwrap();
     let (code, text) = run(&["model", "check", huge.to_str().unwrap()]);

@@ -106,6 +106,8 @@ fn a_bad_source_is_named() {
         (&["--from", "camera:/dev/null"], b"", "/dev/null: it is not a camera"),
         (&["--from", "camera:/dev/no-video"], b"", "/dev/no-video: No such file"),
         (&["--from", "files:/no/such.png"], b"", "/no/such.png: No such file"),
+        (&["--from", "/dev"], b"", "is not a source (did you mean files:/dev?): expected -"),
+        (&["--from", "/dev/null"], b"", "is not a source (did you mean camera:/dev/null?): expected -"),
         (&["--from", "/dev/video0"], b"", "is not a source: expected -, unix://PATH"),
         (&["--delay", "-1"], b"", "from 0 to 1 s"),
     ] {

@@ -28,6 +28,11 @@ impl Share {
         Self { child: Some(child), port: format!("tcp://localhost:{number}"), said }
     }
 
+    /// Runs a program that uses the shared board.
+    fn client(&self, arguments: &[&str]) -> (i32, String) {
+        said(&tesaki_tests::tesaki().args(["--port", &self.port]).args(arguments).output().unwrap())
+    }
+
     /// Stops it; returns its output since then.
     fn stop(mut self) -> String {
         let child = self.child.take().unwrap();
@@ -121,11 +126,33 @@ fn this_machine_needs_no_key() {
 }
 
 #[test]
+fn a_robot_folder_is_for_foxglove_only() {
+    let server = Server::start();
+    let command = ["share", "tcp://localhost:0", "--robot", "robots/hand3"];
+    server.fails(&command, 2, &["--robot", "foxglove://", "tesaki view --robot"]);
+    // Where it is set for all commands, it does no harm.
+    let mut child = server.command(&["share", "tcp://localhost:0"]);
+    let mut child =
+        child.env("TESAKI_ROBOT", "robots/hand3").stderr(std::process::Stdio::piped()).spawn().unwrap();
+    let mut said = String::new();
+    BufReader::new(child.stderr.take().unwrap()).read_line(&mut said).unwrap();
+    assert!(said.contains("may command the board"), "{said}");
+    signal(&child, nix::sys::signal::Signal::SIGINT);
+    assert!(finish(child).status.success());
+}
+
+#[test]
 fn a_shared_board_that_is_away_is_told_once() {
     let server = Server::start();
     let share = Share::start(&server, &["share", "tcp://localhost:0"]);
     server.stop();
     std::thread::sleep(std::time::Duration::from_secs(1));
+    let away =
+        ["no answer from the board", &*share.port, "its terminal says whether the board is away, and why"];
+    let (code, text) = share.client(&["--timeout", "0.3", "info"]);
+    assert!(code == 6 && away.iter().all(|words| text.contains(words)), "{code}: {text}");
+    let (code, text) = share.client(&["--timeout", "0.3", "doctor"]);
+    assert!(code == 6 && text.contains("says in its terminal whether the board is away"), "{code}: {text}");
     let heard = share.stop();
     assert_eq!(heard.matches("the board is away: ").count(), 1, "{heard}");
 }

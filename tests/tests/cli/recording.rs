@@ -9,7 +9,7 @@ use std::time::Duration;
 use mcap::{MessageStream, Summary};
 use tesaki::protocol::LogRecord;
 
-use super::server::{Server, finish, hand3, signal};
+use super::server::{Server, finish, hand3, said, signal};
 
 #[test]
 fn a_recording_that_was_cut_at_any_byte_is_told() {
@@ -170,6 +170,18 @@ fn rosbags_finds_every_link_of_a_recording_where_the_urdf_has_it() {
     assert_eq!(wrench["first"]["message"]["header"]["frame_id"], "finger2_tip");
     let board = &topic("/diagnostics")["last"]["message"]["status"][0];
     assert_eq!((&board["name"], &board["hardware_id"]), (&"tesaki: board".into(), &"hand3".into()));
+}
+
+#[test]
+fn a_recording_needs_a_name() {
+    for name in ["/", "..", "recordings/"] {
+        let output = tesaki_tests::tesaki().args(["record", name]).output().unwrap();
+        let (code, text) = said(&output);
+        assert!(
+            code == 2 && text.contains("it is a folder: give the name of a recording, such as "),
+            "{text}"
+        );
+    }
 }
 
 #[test]

@@ -236,6 +236,28 @@ fn what_is_wrong_with_a_file_is_said_by_line_and_column() {
 }
 
 #[test]
+fn what_is_no_calibration_of_an_operator_is_told_by_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("operator.toml");
+    for (text, words) in [
+        (
+            "a = 1\nhello\n",
+            "operator.toml: line 2: key with no value, expected `=`; `tesaki calibrate` writes such a file",
+        ),
+        ("", "operator.toml: line 1: missing field"),
+    ] {
+        std::fs::write(&file, text).unwrap();
+        let (code, _, error) = run(&["--operator", file.to_str().unwrap()], "");
+        assert!(code == 1 && error.contains(words), "{error}");
+    }
+    let (code, _, error) = run(&["--operator", folder.path().to_str().unwrap()], "");
+    assert!(
+        code == 1 && error.contains("Is a directory") && error.contains("; name a file in it"),
+        "{error}"
+    );
+}
+
+#[test]
 fn a_byte_order_mark_does_no_harm_and_the_input_is_kept() {
     let json = json_lines(|_, tip| tip);
     let (_, plain, _) = run(&[], &json);
@@ -494,6 +516,19 @@ fn a_stream_with_losses_leads_the_hand_on_a_board() {
         angles(&server).iter().zip(before).map(|(now, before)| (now - before).abs()).fold(0.0, f64::max);
     assert!(moved > 0.05, "{moved} rad");
     assert!(server.succeeds(&["info"]).contains("mode           disabled"));
+}
+
+#[test]
+fn settings_that_are_no_robots_are_told_live_too() {
+    let server = board();
+    let folder = tempfile::tempdir().unwrap();
+    let without = ["without --robot DIR, whose retargeting.toml is read, defaults are used"];
+    server.fails(&["retarget", "--live"], 1, &without);
+    let live = ["retarget", "--live", "--robot", folder.path().to_str().unwrap()];
+    server.fails(&live, 1, &["retargeting.toml: there is none, so defaults are used"]);
+    let other = tesaki_tests::robot_folder("hand3");
+    let other = ["retarget", "--live", "--robot", other.to_str().unwrap()];
+    server.fails(&other, 2, &["the board is hand5, and --robot is the folder of hand3"]);
 }
 
 #[test]

@@ -19,7 +19,9 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::builder::FalseyValueParser;
-use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};
+use clap::error::ErrorKind;
+use clap::parser::ValueSource;
+use clap::{Args, CommandFactory, FromArgMatches as _, Parser, Subcommand, ValueEnum};
 use tesaki::control::ServoMode;
 use tesaki_supervisor::fault_injector::LinkFaults;
 use tesaki_supervisor::port::Address;
@@ -90,6 +92,31 @@ pub struct Options {
     /// Inject faults into the link, for example seed=1,flip=1e-4,drop=1e-4 or all=1e-3
     #[arg(long, global = true, env = "TESAKI_LINK_FAULTS", value_name = "FAULTS")]
     pub link_faults: Option<LinkFaults>,
+}
+
+impl Cli {
+    /// The command line of this process; ends it where that is wrong.
+    pub fn read() -> Self {
+        let mut command = Self::command();
+        let read = command.try_get_matches_from_mut(std::env::args_os()).and_then(|matches| {
+            let cli = Self::from_arg_matches(&matches)?;
+            // In the environment it may be meant for other commands.
+            let is_given = matches
+                .subcommand_matches("share")
+                .is_some_and(|share| share.value_source("robot") == Some(ValueSource::CommandLine));
+            if let Command::Share { listen: Listen::Programs(address), .. } = &cli.command
+                && is_given
+            {
+                let message = format!(
+                    "--robot is for foxglove:// only: programs at {address} have their own, as in `tesaki view \
+                     --robot DIR`. Leave it out, or share at foxglove://HOST:PORT"
+                );
+                return Err(Self::command().error(ErrorKind::ArgumentConflict, message));
+            }
+            Ok(cli)
+        });
+        read.unwrap_or_else(|error| error.exit())
+    }
 }
 
 #[derive(Subcommand)]

@@ -31,7 +31,8 @@ pub fn run(options: &Options, args: &Calibrate) -> Result<(), Failure> {
     }
     let settings = CalibrationSettings {
         orientation_noise: args.orientation_noise.to_radians(),
-        marker_noise: 1e-3 * args.marker_noise,
+        // 10 mm are a little more than the limit in single precision.
+        marker_noise: (1e-3 * args.marker_noise).min(0.01),
         ..CalibrationSettings::DEFAULT
     };
     let mut guide =

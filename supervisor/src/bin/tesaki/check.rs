@@ -1,6 +1,7 @@
 //! `model check`: all problems of a robot folder, by file and line.
 
 use std::fmt::Write as _;
+use std::io;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -10,11 +11,11 @@ use tesaki::model::{ChainJoint, RobotModel};
 use tesaki_description::camera::CameraValues;
 use tesaki_description::finding::{Finding, Matter, Severity};
 use tesaki_description::object::ObjectValues;
-use tesaki_description::read_text;
+use tesaki_description::plant::PlantValues;
 use tesaki_description::retargeting::{self, RetargetingSettings};
 use tesaki_description::robot::RobotFolder;
 use tesaki_description::urdf::{SerialPath, Urdf, UrdfError};
-use tesaki_description::{approach, camera, grasp, hand_eye, impedance, law, object};
+use tesaki_description::{FileError, approach, camera, grasp, hand_eye, impedance, law, object, read_text};
 
 use crate::args::Options;
 use crate::failure::Failure;
@@ -37,7 +38,7 @@ pub fn run(options: &Options, robot: &Path) -> Result<ExitCode, Failure> {
             parent.display()
         )));
     }
-    let checked = if is_there(&robot.join("controller.toml")) { folder(robot)? } else { urdf(robot)? };
+    let checked = if is_there(&robot.join("controller.toml")) { folder(robot) } else { urdf(robot)? };
     let wrong = checked.findings.iter().any(Finding::is_error);
     let good = checked.good.iter().map(|text| json!({ "severity": "good", "finding": text }));
     let list: Vec<Value> = good.chain(checked.findings.iter().map(object)).collect();
@@ -50,67 +51,105 @@ fn is_there(path: &Path) -> bool {
     path.symlink_metadata().is_ok()
 }
 
+/// What to do about a file that cannot be read.
+const UNREAD: &str = "nothing in it is checked: make it a text file that you may read, or remove it";
+
 /// Checks a robot folder with settings for a controller.
-fn folder(path: &Path) -> Result<Checked, Failure> {
-    let (urdf, settings) = RobotFolder::read(path)?;
-    let plant = text(&path.join("plant.toml"))?;
-    let (folder, mut findings) = RobotFolder::check_all(path, &urdf, &settings, plant.as_deref());
-    findings.extend(toml_files(&path.join(grasp::FOLDER), |file, text| grasp::check(file, text).1)?);
-    findings.extend(toml_files(&path.join(object::FOLDER), |file, text| ObjectValues::check(file, text).1)?);
+fn folder(path: &Path) -> Checked {
+    let (folder, mut findings) = robot(path);
+    findings.extend(toml_files(&path.join(grasp::FOLDER), |file, text| grasp::check(file, text).1));
+    findings.extend(toml_files(&path.join(object::FOLDER), |file, text| ObjectValues::check(file, text).1));
     let file = path.join(camera::FILE);
-    findings.extend(text(&file)?.into_iter().flat_map(|text| CameraValues::check(&file, &text).1));
+    let camera = text(&file, &mut findings);
+    findings.extend(camera.into_iter().flat_map(|text| CameraValues::check(&file, &text).1));
     let file = path.join(hand_eye::FILE);
-    let table = text(&file)?.and_then(|text| {
+    let table = text(&file, &mut findings).and_then(|text| {
         let (table, wrong) = hand_eye::check(&file, &text);
         findings.extend(wrong);
         table
     });
-    if let Some(RobotFolder { model, .. }) = &folder {
-        let file = path.join(retargeting::FILE);
-        let wrong = |text: String| RetargetingSettings::check(&file, &text, model).1;
-        findings.extend(text(&file)?.into_iter().flat_map(wrong));
-        let file = path.join(approach::FILE);
-        if let Some(table) = &table {
-            let wrong = |text: String| approach::check(&file, &text, model, table).1;
-            findings.extend(text(&file)?.into_iter().flat_map(wrong));
-        } else if is_there(&file) && !is_there(&path.join(hand_eye::FILE)) {
-            findings.push(Finding {
-                severity: Severity::Warning,
-                matter: Matter::Dynamics,
-                path: file,
-                line: None,
-                message: format!("not checked: there is no {}, which it needs", hand_eye::FILE),
-                advice: "`tesaki calibrate camera` makes it".to_owned(),
-            });
-        }
-        let check = |file: &Path, text: &str| impedance::check(file, text, model).1;
-        findings.extend(toml_files(&path.join(impedance::FOLDER), check)?);
-        findings.extend(toml_files(&path.join(law::FOLDER), |file, text| law::check(file, text, model))?);
+    // What follows is checked with the model; without one it is only read.
+    let model = folder.as_ref().map(|folder| &folder.model);
+    let file = path.join(retargeting::FILE);
+    let settings = text(&file, &mut findings).zip(model);
+    findings.extend(
+        settings.into_iter().flat_map(|(text, model)| RetargetingSettings::check(&file, &text, model).1),
+    );
+    let file = path.join(approach::FILE);
+    let settings = text(&file, &mut findings).zip(model);
+    if let (Some((text, model)), Some(table)) = (&settings, &table) {
+        findings.extend(approach::check(&file, text, model, table).1);
+    } else if settings.is_some() && !is_there(&path.join(hand_eye::FILE)) {
+        let message = format!("not checked: there is no {}, which it needs", hand_eye::FILE);
+        findings.push(unchecked(file, message, "`tesaki calibrate camera` makes it"));
     }
-    Ok(Checked { good: folder.as_ref().map(summary).unwrap_or_default(), findings })
+    let check =
+        |file: &Path, text: &str| model.map_or_else(Vec::new, |model| impedance::check(file, text, model).1);
+    findings.extend(toml_files(&path.join(impedance::FOLDER), check));
+    let check = |file: &Path, text: &str| model.map_or_else(Vec::new, |model| law::check(file, text, model));
+    findings.extend(toml_files(&path.join(law::FOLDER), check));
+    Checked { good: folder.as_ref().map(summary).unwrap_or_default(), findings }
 }
 
-/// The text of a file, if there is one.
-fn text(file: &Path) -> Result<Option<String>, Failure> {
-    is_there(file).then(|| read_text(file).map_err(Failure::file(file))).transpose()
+/// The robot, and what is wrong in `robot.urdf`, `controller.toml` and `plant.toml`: also in those that can
+/// be read when another one cannot.
+fn robot(path: &Path) -> (Option<RobotFolder>, Vec<Finding>) {
+    let mut findings = Vec::new();
+    let plant_file = path.join("plant.toml");
+    let plant = text(&plant_file, &mut findings);
+    let [urdf, settings] = ["robot.urdf", "controller.toml"].map(|name| {
+        let text = RobotFolder::read_file(path, name);
+        text.map_err(|error| findings.extend(error.findings())).ok()
+    });
+    match (urdf, settings) {
+        (Some(urdf), Some(settings)) => {
+            let (folder, wrong) = RobotFolder::check_all(path, &urdf, &settings, plant.as_deref());
+            findings.extend(wrong);
+            return (folder, findings);
+        }
+        (Some(urdf), None) => findings.extend(Urdf::check(&path.join("robot.urdf"), &urdf).1),
+        (None, Some(_)) => {
+            let message = "not checked: it needs robot.urdf, whose joints it sets".to_owned();
+            findings.push(unchecked(path.join("controller.toml"), message, ""));
+        }
+        (None, None) => {}
+    }
+    findings.extend(plant.into_iter().flat_map(|text| PlantValues::check(&plant_file, &text).1));
+    (None, findings)
+}
+
+/// That a file is not checked, and what to do.
+fn unchecked(path: PathBuf, message: String, advice: &str) -> Finding {
+    let (severity, matter) = (Severity::Warning, Matter::Dynamics);
+    Finding { severity, matter, path, line: None, message, advice: advice.to_owned() }
+}
+
+/// The text of a file, if there is one; what cannot be read is a finding.
+fn text(file: &Path, findings: &mut Vec<Finding>) -> Option<String> {
+    is_there(file).then(|| unless_unread(read_text(file), file, findings)).flatten()
+}
+
+fn unless_unread<T>(read: io::Result<T>, path: &Path, findings: &mut Vec<Finding>) -> Option<T> {
+    let read = read.map_err(FileError::unread(path, UNREAD));
+    read.map_err(|error| findings.extend(error.findings())).ok()
 }
 
 /// What `check` finds in the TOML files of a folder, in the order of their names.
-fn toml_files(folder: &Path, check: impl Fn(&Path, &str) -> Vec<Finding>) -> Result<Vec<Finding>, Failure> {
+fn toml_files(folder: &Path, check: impl Fn(&Path, &str) -> Vec<Finding>) -> Vec<Finding> {
+    let mut findings = Vec::new();
     if !is_there(folder) {
-        return Ok(Vec::new());
+        return findings;
     }
     let entries = std::fs::read_dir(folder).and_then(Iterator::collect::<Result<Vec<_>, _>>);
-    let entries = entries.map_err(Failure::file(folder))?;
+    let entries = unless_unread(entries, folder, &mut findings).unwrap_or_default();
     let mut files: Vec<PathBuf> = entries.into_iter().map(|entry| entry.path()).collect();
     files.retain(|file| file.extension().is_some_and(|end| end == "toml"));
     files.sort();
-    let mut findings = Vec::new();
     for file in files {
-        let text = read_text(&file).map_err(Failure::file(&file))?;
-        findings.extend(check(&file, &text));
+        let text = text(&file, &mut findings);
+        findings.extend(text.into_iter().flat_map(|text| check(&file, &text)));
     }
-    Ok(findings)
+    findings
 }
 
 fn summary(folder: &RobotFolder) -> Vec<String> {

@@ -12,7 +12,7 @@ use tesaki::protocol::{
 };
 use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::faults;
-use tesaki_supervisor::port::{self, Address};
+use tesaki_supervisor::port::{self, Address, Port};
 use tesaki_supervisor::{Board, BoardError, LinkBoard};
 
 use crate::args::Options;
@@ -187,11 +187,23 @@ fn check_answer(
                      fell back to its 16 MHz oscillator uses 115200)",
                 );
             } else {
+                // Behind a socket the wires are those of the program there.
+                let through = board.link().get_ref().port().map(Port::address);
+                let behind = match through {
+                    Some(Address::Unix(_) | Address::Tcp(_)) => {
+                        "the program at this socket, such as `tesaki share`, says in its terminal whether the board \
+                         is away, and why; at its end: "
+                    }
+                    _ => "",
+                };
                 doctor.bad(
                     6,
                     format!("no answer within {seconds} s"),
-                    "is the board powered and flashed? Are RX and TX crossed (the board's PA9 to the adapter's RX, \
-                     PA10 to its TX; of an ODrive GPIO1 to RX, GPIO2 to TX), and the grounds connected?",
+                    format!(
+                        "{behind}is the board powered and flashed? Are RX and TX crossed (the board's PA9 to the \
+                         adapter's RX, PA10 to its TX; of an ODrive GPIO1 to RX, GPIO2 to TX), and the grounds \
+                         connected?"
+                    ),
                 );
             }
         }

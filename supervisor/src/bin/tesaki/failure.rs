@@ -16,7 +16,7 @@ use tesaki_description::calibration::CalibrationError;
 use tesaki_description::urdf::UrdfError;
 use tesaki_supervisor::BoardError;
 use tesaki_supervisor::identify::IdentifyError;
-use tesaki_supervisor::port::PortError;
+use tesaki_supervisor::port::{Address, PortError};
 use tesaki_supervisor::publication::OtherRobot;
 use tesaki_supervisor::troubleshooting;
 
@@ -32,6 +32,17 @@ pub enum Failure {
     /// The board refused, does not answer, or uses another version of the protocol.
     #[error("{0}{hint}", hint = hint(.0))]
     Board(#[from] BoardError),
+    /// The board does not answer at a socket, whose program may know why.
+    #[error(
+        "{error}\n{socket} leads to the board through another program, such as `tesaki share`: its terminal says \
+         whether the board is away, and why"
+    )]
+    Behind {
+        /// What is told of the board.
+        error: BoardError,
+        /// The address of the socket.
+        socket: Address,
+    },
     /// The board refused; joint and chain are given by name.
     #[error("{0}")]
     Refused(String),
@@ -54,8 +65,13 @@ pub enum Failure {
     #[error(transparent)]
     Description(#[from] FileError),
     /// A calibration that does not fit the robot.
-    #[error(transparent)]
-    Calibration(#[from] CalibrationError),
+    #[error("{path}: {source}; {advice}", path = path.display(), advice = calibration_advice(.source))]
+    Calibration {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: CalibrationError,
+    },
     /// The identification failed.
     #[error(transparent)]
     Identify(#[from] IdentifyError),
@@ -66,7 +82,7 @@ pub enum Failure {
     #[error(transparent)]
     Urdf(#[from] UrdfError),
     /// A file cannot be read or written.
-    #[error("{path}: {source}", path = path.display())]
+    #[error("{path}: {source}{hint}", path = path.display(), hint = file_hint(.source))]
     File {
         /// Which.
         path: PathBuf,
@@ -110,13 +126,28 @@ fn hint(error: &BoardError) -> String {
     format!("{hint}\nSee {}", troubleshooting::refusal(refusal))
 }
 
+/// What to do about a file that cannot be read or written.
+fn file_hint(error: &io::Error) -> &'static str {
+    if error.kind() == io::ErrorKind::IsADirectory { "; name a file in it" } else { "" }
+}
+
+/// What to do about a calibration that does not fit the robot.
+const fn calibration_advice(error: &CalibrationError) -> &'static str {
+    match error {
+        CalibrationError::Stranger { .. } => {
+            "it is the calibration of another robot: give that of this one, or leave --calibration out"
+        }
+        CalibrationError::Model(_) => "correct it, or make the file anew with `tesaki identify`",
+    }
+}
+
 impl Failure {
     /// The exit code, see the help.
     pub const fn number(&self) -> u8 {
         match self {
             Self::Description(_)
             | Self::Urdf(_)
-            | Self::Calibration(_)
+            | Self::Calibration { .. }
             | Self::File { .. }
             | Self::Stalled
             | Self::Identify(
@@ -126,7 +157,7 @@ impl Failure {
             Self::Usage(_)
             | Self::OtherRobot(_)
             | Self::Identify(IdentifyError::NotAHand { .. } | IdentifyError::NoRoom { .. }) => 2,
-            Self::Board(error) => error.exit_code(),
+            Self::Board(error) | Self::Behind { error, .. } => error.exit_code(),
             Self::Port(_) => 3,
             Self::Fault(_) => 5,
             Self::Late(_) | Self::Identify(IdentifyError::Stopped(_) | IdentifyError::Late { .. }) => 6,
@@ -161,6 +192,17 @@ impl Failure {
                 }
             }
             _ => self,
+        }
+    }
+
+    /// The same failure of a board at a port: one that is silent behind a socket may be away from the program
+    /// there.
+    pub fn through(self, port: &Address) -> Self {
+        match (self, port) {
+            (Self::Board(error @ BoardError::Timeout { .. }), Address::Unix(_) | Address::Tcp(_)) => {
+                Self::Behind { error, socket: port.clone() }
+            }
+            (failure, _) => failure,
         }
     }
 

@@ -12,7 +12,7 @@ use serde_json::json;
 use tesaki::model::RobotModel;
 use tesaki::protocol::{FromBoard, Mode, Refusal, Reply, ReplyFrame, Request, Stream, Telemetry};
 use tesaki::task::grasping::GraspTelemetry;
-use tesaki_description::calibration::CalibrationFile;
+use tesaki_description::calibration::{Calibration, CalibrationFile};
 use tesaki_description::grasp;
 use tesaki_supervisor::Board;
 use tesaki_supervisor::faults::FaultsBefore;
@@ -45,7 +45,7 @@ fn identify_hand(options: &Options, args: &Identify, grasp: &Path) -> Result<(),
     let model = session.model()?;
     let node = session.board.status()?.node;
     session.require_no_fault(node.mode, Some(&model))?;
-    let mut file = open(&args.out)?;
+    let mut file = open(&args.out, &model)?;
     output::confirm(
         options,
         &format!(
@@ -73,9 +73,18 @@ fn identify_hand(options: &Options, args: &Identify, grasp: &Path) -> Result<(),
     })
 }
 
-/// The calibration file, which can be written: checked before the measurements are at stake.
-fn open(path: &Path) -> Result<CalibrationFile, Failure> {
+/// The calibration file of this robot, which can be written: checked before the measurements are at stake.
+fn open(path: &Path, model: &RobotModel) -> Result<CalibrationFile, Failure> {
     let file = CalibrationFile::open(path)?;
+    if path.exists() {
+        let own = Calibration::load(path)?.check_joints(model);
+        own.map_err(|error| {
+            Failure::Usage(format!(
+                "{}: {error}; it is the calibration of another robot: choose another file with --out FILE",
+                path.display()
+            ))
+        })?;
+    }
     output::require_writable(path)?;
     Ok(file)
 }

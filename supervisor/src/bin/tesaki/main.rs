@@ -37,14 +37,12 @@ mod watch;
 
 use std::process::ExitCode;
 
-use clap::Parser;
-
 use args::{Cli, Command, Listen, ModelCommand};
 use failure::Failure;
 
 fn main() -> ExitCode {
-    let cli = Cli::parse();
-    let result = run(&cli);
+    let cli = Cli::read();
+    let result = run(&cli).map_err(|failure| failure.through(&cli.options.port));
     if let Err(failure) = &result {
         output::failure(&cli.options, failure);
     }

@@ -27,10 +27,7 @@ pub fn push(
     calibration: Option<&Path>,
 ) -> Result<(), Failure> {
     let mut model = RobotFolder::load(robot)?.model;
-    let calibration = calibration.map(Calibration::load).transpose()?;
-    if let Some(calibration) = &calibration {
-        calibration.apply(&mut model)?;
-    }
+    let calibration = calibration.map(|path| calibrated(&mut model, path)).transpose()?;
     if let Some(tip) = chain {
         let index = model.chains.iter().position(|chain| chain.name == tip);
         model = index.and_then(|index| chain_model(&model, index)).ok_or_else(|| {
@@ -64,6 +61,14 @@ pub fn push(
         };
         format!("{name}: {joints} joints{calibrated}; model {checksum:08x} is in use until the next reset")
     })
+}
+
+/// Puts the values of a calibration file into the model.
+fn calibrated(model: &mut RobotModel, path: &Path) -> Result<Calibration, Failure> {
+    let calibration = Calibration::load(path)?;
+    let applied = calibration.apply(model);
+    applied.map_err(|source| Failure::Calibration { path: path.to_owned(), source })?;
+    Ok(calibration)
 }
 
 /// The checksum that identifies a model.

@@ -48,8 +48,10 @@ pub fn check_distance(what: &str, distance: f32, model: &RobotModel) -> Result<(
     if distance <= LENGTHS * longest {
         return Ok(());
     }
+    // The square of a huge number is not finite.
+    let away = if distance.is_finite() { format!("{distance:.4} m away") } else { "too far away".to_owned() };
     Err(Failure::Usage(format!(
-        "{what}: {distance:.4} m away, more than ten times the length of {}, {longest:.3} m: is it in metres?",
+        "{what}: {away}, more than ten times the length of {}, {longest:.3} m: is it in metres?",
         model.name
     )))
 }

@@ -105,6 +105,10 @@ pub fn set(options: &Options, path: &str, value: &str) -> Result<(), Failure> {
             )));
         }
         *old = parse(name, old, value);
+        // To the board a model without a name is none.
+        if is_name(name) && old.as_str().is_some_and(|text| text.trim().is_empty()) {
+            return Err(Failure::Usage(format!("{name} is empty: give a name")));
+        }
     }
     let changed: RobotModel = from_tree(tree).map_err(|problem| {
         let problem = as_typed(&problem.to_string());

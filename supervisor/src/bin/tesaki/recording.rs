@@ -38,6 +38,13 @@ const MAX_DELAY: i32 = 100;
 const MAX_BACKLOG: i32 = 10_000;
 
 pub fn record(options: &Options, args: &Record) -> Result<(), Failure> {
+    if args.name.file_name().is_none() || args.name.as_os_str().as_encoded_bytes().ends_with(b"/") {
+        return Err(Failure::Usage(format!(
+            "{}: it is a folder: give the name of a recording, such as {}",
+            args.name.display(),
+            args.name.join("recording").display()
+        )));
+    }
     let interrupted = interrupted()?;
     let mut session = BoardSession::open(options)?;
     let mut recorder = Recorder::create(options, args, &mut session)?;

@@ -79,7 +79,7 @@ fn reachable(address: &Address) -> String {
 pub fn create_key(options: &Options, file: &Path) -> Result<(), Failure> {
     Key::create(file).map_err(|error| match error.kind() {
         io::ErrorKind::AlreadyExists => Failure::Usage(format!("{}: {error}", file.display())),
-        _ => Failure::file(file)(error),
+        _ => Failure::written(file)(error),
     })?;
     output::result(options, &json!({ "key": file }), || {
         format!(

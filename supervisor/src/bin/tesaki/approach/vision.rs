@@ -1,6 +1,6 @@
 //! The connection to the vision: lines that come, answers that go back.
 
-use std::io::{BufReader, Write as _};
+use std::io::{BufReader, ErrorKind, Write as _};
 use std::os::unix::net::UnixStream;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -73,7 +73,10 @@ impl Vision {
         let feed = match source {
             SightSource::StandardInput => Feed::standard_input(what, Duration::MAX),
             SightSource::Listen(address) => {
-                let mut listener = LocalListener::new(address).map_err(Failure::file(address.to_string()))?;
+                let mut listener = LocalListener::new(address).map_err(|error| match error.kind() {
+                    ErrorKind::InvalidInput => Failure::Usage(error.to_string()),
+                    _ => Failure::Other(error.to_string()),
+                })?;
                 let place = listener.address().to_string();
                 file = listener.take_file();
                 Feed::spawn(place, what, Duration::MAX, move |inlet| listen(&listener, inlet))

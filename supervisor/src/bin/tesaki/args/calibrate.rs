@@ -60,10 +60,10 @@ pub struct Calibrate {
     pub proportions: bool,
     /// Root mean square error of a sensor's orientation in a pose [°]; less than that of a sample if a pose
     /// is the mean over the time that it was held
-    #[arg(long, value_name = "DEG", default_value = "0.5")]
+    #[arg(long, value_name = "DEG", default_value = "0.5", value_parser = orientation_noise)]
     pub orientation_noise: f32,
     /// Standard deviation of a marker along each axis [mm]
-    #[arg(long, value_name = "MM", default_value = "0.3")]
+    #[arg(long, value_name = "MM", default_value = "0.3", value_parser = marker_noise)]
     pub marker_noise: f32,
 }
 
@@ -123,4 +123,18 @@ fn principal(text: &str) -> Result<[f64; 2], String> {
 
 fn distances(text: &str) -> Result<[f64; 2], String> {
     pair(text, "..").ok_or_else(|| format!("{text:?}: expected NEAR..FAR in metres, for example 0.02..0.3"))
+}
+
+/// A standard deviation from `least` to `most` of a unit.
+fn noise(text: &str, [least, most]: [f32; 2], unit: &str) -> Result<f32, String> {
+    let noise = text.parse().ok().filter(|noise| (least..=most).contains(noise));
+    noise.ok_or_else(|| format!("{text:?}: expected {least} to {most} {unit}"))
+}
+
+fn orientation_noise(text: &str) -> Result<f32, String> {
+    noise(text, [0.0, 11.0], "°")
+}
+
+fn marker_noise(text: &str) -> Result<f32, String> {
+    noise(text, [0.001, 10.0], "mm")
 }

@@ -76,9 +76,19 @@ impl FromStr for PictureSource {
                 .map(Self::Socket)
                 .map_err(|error: tesaki_supervisor::port::AddressError| error.to_string()),
             _ => Err(format!(
-                "{text:?} is not a source: expected -, unix://PATH, tcp://HOST:PORT, files:PATH or camera:/dev/video0"
+                "{text:?} is not a source{hint}: expected -, unix://PATH, tcp://HOST:PORT, files:PATH or camera:/dev/video0",
+                hint = guess(text)
             )),
         }
+    }
+}
+
+/// The probable intention.
+fn guess(text: &str) -> String {
+    match std::fs::metadata(text) {
+        Ok(found) if found.is_file() || found.is_dir() => format!(" (did you mean files:{text}?)"),
+        Ok(_) => format!(" (did you mean camera:{text}?)"),
+        Err(_) => String::new(),
     }
 }
 

@@ -184,11 +184,18 @@ fn of_pictures(
             focal.and_then(|(focal, distance)| around(single(focal * args.rose / distance), FIRST_REACH));
         Some(Known { radius, ..Known::default() })
     };
-    let (circles, _) = search(table, &views, first)?;
+    let (circles, without) = search(table, &views, first)?;
+    let picture = |row: usize| format!("{}, {}", place(table, row), views[row].path.display());
     let mut found = calibrate(table, poses, &circles, &settings).map_err(|error| match error {
-        Failure::Other(message) if args.focal.is_none() || table.column("distance").is_none() => {
-            let hint = "a column distance and --focal help to find the plate in the pictures";
-            Failure::Other(format!("{message}\n{hint}"))
+        Failure::Other(mut message) => {
+            if !without.is_empty() {
+                let pictures: Vec<String> = without.iter().map(|row| picture(*row)).collect();
+                let _ = write!(message, "\nno circle found in these pictures: {}", pictures.join("; "));
+            }
+            if args.focal.is_none() || table.column("distance").is_none() {
+                message += "\na column distance and --focal help to find the plate in the pictures";
+            }
+            Failure::Other(message)
         }
         error => error,
     })?;
@@ -211,7 +218,7 @@ fn of_pictures(
         skipped = without;
     }
     for row in &skipped {
-        output::notice(options, &format!("{}: no circle found; skipped", place(table, *row)));
+        output::notice(options, &format!("{}: no circle found; skipped", picture(*row)));
     }
     Ok((found, skipped))
 }

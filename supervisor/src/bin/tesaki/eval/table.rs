@@ -58,6 +58,13 @@ impl Table {
     }
 
     fn check(&self) -> Result<(), Failure> {
+        if self.headers.iter().all(|header| header.parse::<f64>().is_ok()) {
+            return Err(self.error(
+                1,
+                "the header is missing: the first line must name the columns, and has only numbers; `--help` tells \
+                 the names",
+            ));
+        }
         for (index, header) in self.headers.iter().enumerate() {
             if self.headers.iter().take(index).any(|other| other == header) {
                 return Err(self.error(1, &format!("two columns are called {header:?}: remove one")));
@@ -202,6 +209,7 @@ mod tests {
     fn every_bad_table_is_told_by_line_and_column() {
         for (text, expected) in [
             ("", "states.csv is empty: its first line names the columns"),
+            ("1,2\n1,2\n", "states.csv:1: the header is missing: the first line must name the columns"),
             ("a,b\n", "states.csv:1: no rows after the header"),
             ("b,c\n1,2\n", "states.csv:1: no column a (angle [rad]): add it; the columns are b, c"),
             ("a;b\n1;2\n", "states.csv:1: no column a (angle [rad]): separate the columns by commas"),

@@ -24,6 +24,9 @@ impl Picture {
     /// Reads a PNG or PGM file.
     pub fn read(path: &Path) -> Result<Self, Failure> {
         let failed = |error: String| Failure::Other(format!("{}: {error}", path.display()));
+        if path.is_dir() {
+            return Err(failed("it is a folder: name the pictures in it, such as *.png".to_owned()));
+        }
         let mut file = File::open(path).map_err(Failure::file(path))?;
         // A device is not read to an end that it may not have.
         let mut start = Vec::new();
@@ -31,7 +34,7 @@ impl Picture {
         let decode = match &*start {
             b"\x89P" => png,
             b"P5" | b"P2" => pgm,
-            _ => return Err(failed("neither a PNG nor a PGM picture".to_owned())),
+            _ => return Err(failed("neither a PNG nor a PGM picture: convert it first".to_owned())),
         };
         let bytes = read_all(start.chain(file), MAX_BYTES).map_err(Failure::file(path))?;
         decode(&bytes).map_err(failed)

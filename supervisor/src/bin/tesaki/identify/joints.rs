@@ -30,7 +30,7 @@ pub fn run(options: &Options, args: &Identify) -> Result<(), Failure> {
     let model = session.model()?;
     let node = session.board.status()?.node;
     session.require_no_fault(node.mode, Some(&model))?;
-    let file = open(&args.out)?;
+    let file = open(&args.out, &model)?;
     let angles: Vec<f32> = session.telemetry_now()?.joints.iter().map(|joint| joint.position).collect();
     let within =
         |(angle, joint): (&f32, &JointModel)| angle.clamp(joint.limits.lower, joint.limits.upper).into();

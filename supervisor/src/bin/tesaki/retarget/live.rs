@@ -11,9 +11,12 @@ use tesaki::task::telexistence::{FingertipSample, TelexistenceCommand, Telexiste
 use tesaki::task::{TaskCommand, TaskConfig, TaskTelemetry};
 use tesaki::teleop::HumanFinger;
 use tesaki_description::retargeting::RetargetingSettings;
+use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::operator::{Fingertips, Tracker};
+use tesaki_supervisor::publication::require_own;
 
 use super::source::{Source, tracker};
+use super::tell_defaults;
 use crate::args::{Options, Retarget};
 use crate::failure::Failure;
 use crate::feed::{Ending, Feed, MAX_TAKEN};
@@ -33,9 +36,18 @@ pub fn run(options: &Options, args: &Retarget) -> Result<(), Failure> {
     };
     let mut motion = Motion::begin(options)?;
     let settings = match &args.robot {
-        Some(folder) => RetargetingSettings::load(folder, &motion.model)?,
+        Some(folder) => {
+            // It may hold nothing but retargeting.toml.
+            if folder.join("controller.toml").exists() {
+                require_own(Some(&RobotFolder::load(folder)?), &motion.model)?;
+            }
+            let settings = RetargetingSettings::load(folder, &motion.model)?;
+            tell_defaults(options, folder);
+            settings
+        }
         // There is no file in no folder.
         None => {
+            output::notice(options, "without --robot DIR, whose retargeting.toml is read, defaults are used");
             RetargetingSettings::check("the settings".as_ref(), "", &motion.model).0.ok_or_else(|| {
                 Failure::Usage(format!(
                     "the robot on the board, {}, is not a hand with two to five fingers",

@@ -219,7 +219,11 @@ pub fn tracker(args: &Retarget, settings: &RetargetingSettings) -> Result<Tracke
 fn wearer(path: &Path, side: Side) -> Result<Wearer, Failure> {
     let text = std::fs::read_to_string(path).map_err(Failure::file(path))?;
     let wrong = |error: String| Failure::Other(format!("{}: {error}", path.display()));
-    let file: OperatorFile = toml::from_str(&text).map_err(|error| wrong(error.to_string()))?;
+    let file: OperatorFile = toml::from_str(&text).map_err(|error| {
+        let start = error.span().map_or(0, |span| span.start);
+        let line = text.get(..start).unwrap_or(&text).matches('\n').count() + 1;
+        wrong(format!("line {line}: {}; `tesaki calibrate` writes such a file", error.message()))
+    })?;
     let hand = tesaki::teleop::HumanHand::try_new(file.links()).map_err(|error| wrong(error.to_string()))?;
     Wearer::try_new(hand, side)
         .ok_or_else(|| wrong("the first joints of the fingers lie in one line: calibrate anew".to_owned()))
