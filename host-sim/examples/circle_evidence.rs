@@ -14,7 +14,7 @@
 //! angle [rad] of the true ellipse, and its centre relative to that of the ellipse from which the ray starts
 //! [px]; the ray's direction and the distance of that ellipse along it [px]; the network's inputs.
 
-#![allow(clippy::cast_possible_truncation, reason = "a measurement")]
+#![allow(clippy::cast_possible_truncation, clippy::cast_precision_loss, reason = "a measurement")]
 
 use std::error::Error;
 use std::io::{self, BufWriter, Write};

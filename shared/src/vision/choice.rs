@@ -143,7 +143,7 @@ impl<'a> Choice<'a> {
             let rim = Ring::new(self.image, ellipse, RAYS, (MAX_HALF, 1.0))
                 .rim(self.noise, self.front(*knob).as_ref());
             let knob = knob.and_then(|knob| self.circles.get(knob).and_then(Option::as_ref));
-            let fine = self.refine(candidate);
+            let fine = self.closest(candidate);
             Evidence {
                 center: ellipse.center,
                 radius: ellipse.radius,

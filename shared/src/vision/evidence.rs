@@ -15,7 +15,7 @@ pub struct Evidence {
     pub center: [f32; 2],
     /// Root of the product of its semi-axes [px].
     pub radius: f32,
-    /// The same for the ellipse that is returned if this candidate is chosen [px].
+    /// The same for this ellipse after its fit to the edge, before the network refines it [px].
     pub fine_center: [f32; 2],
     /// See `fine_center` [px].
     pub fine_radius: f32,

@@ -1,4 +1,5 @@
 //! Weights of the network of [`offset`](super::offset), written by `tests/oracles/rim_offset.py`.
+#![allow(clippy::approx_constant, reason = "weights that happen to be near a constant")]
 
 pub(super) const FIRST: [[f32; 31]; 32] = [
     [
