@@ -82,7 +82,7 @@ const EXCUSED: &[(&str, &str)] = &[
         "likewise",
     ),
     ("cargo sim run knob-grasp", "13 s; `cargo xtask sweep check` runs all scenarios"),
-    ("python3 tests/oracles/find_circle.py set 250 6 DIR", "it needs Python's NumPy, and minutes"),
+    ("python3 tests/oracles/find_circle.py set 250 8 DIR", "it needs Python's NumPy, and minutes"),
     ("python3 tests/oracles/find_circle.py opencv DIR", "it needs OpenCV"),
     (
         "cargo run --release -p tesaki --example circle_accuracy -- DIR list",
