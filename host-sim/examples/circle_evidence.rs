@@ -5,7 +5,7 @@
 //! `tests/oracles/find_circle.py set` wrote, in which the axis of the knob is not known.
 //!
 //! KIND `candidates`, for `circle_choice.py`: a row of CSV for each candidate: machine (of a folder 0) and
-//! picture; what is wrong with the ellipse that is judged and with the one that is returned if it is chosen
+//! picture; what is wrong with the ellipse that is judged and with its fit to the edge in fine steps
 //! [px], empty where there is no rose; the ellipse that is judged [px]; features of the circle; features of
 //! the end of a knob before it, empty where none is known.
 //!

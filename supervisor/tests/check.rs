@@ -81,7 +81,7 @@ fn a_file_that_cannot_be_read_does_not_hide_what_is_wrong_in_the_others() {
     std::os::unix::fs::symlink(at("nowhere"), at("impedances")).unwrap();
     let told = [
         "grasps/first.toml: it cannot be read: stream did not contain valid UTF-8",
-        "→ nothing in it is checked: make it a text file that you may read, or remove it",
+        "→ nothing in it is checked: make it a text file, or a folder of such, that you may read",
         "grasps/second.toml:1: ",
         "camera.toml: it cannot be read: Is a directory",
         "plant.toml",

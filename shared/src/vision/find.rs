@@ -55,7 +55,7 @@ pub struct Circle {
     pub semi_axes: [f32; 2],
     /// Direction of the larger semi-axis, from x towards y [rad].
     pub angle: f32,
-    /// Probability that this is the outermost circle with an expected radius, see `docs/find-circle.md`.
+    /// Probability that this circle with an expected radius is right, see `docs/find-circle.md`.
     pub confidence: f32,
 }
 
@@ -170,7 +170,7 @@ impl CircleSearch {
     }
 }
 
-/// Finds the outermost circle with an expected radius; `None` if there is no circle. The number of steps is
+/// Finds the likeliest circle with an expected radius; `None` if there is no circle. The number of steps is
 /// bounded.
 ///
 /// # Errors

@@ -17,6 +17,9 @@ const INSIDE: f32 = 3.0;
 /// Minimum bound outside, relative to the mean distance of the edge points.
 const SCATTER: f32 = 2.0;
 
+/// Radius up to which the network refines an ellipse [px]: beyond that of its pictures it would extrapolate.
+const MAX_REFINED: f32 = 80.0;
+
 /// Standard deviation of the noise [grey levels]: from the mean absolute value of a difference operator that
 /// is insensitive to slopes (Immerkær 1996), at every fourth pixel in both directions.
 pub(super) fn noise(image: &Image<'_>) -> f32 {
@@ -73,6 +76,9 @@ impl Rims<'_> {
 
     /// Fits to the rim near an ellipse, where the network of [`offset`] sees it.
     pub fn refine(&self, ellipse: &Ellipse) -> Option<Ellipse> {
+        if ellipse.radius > MAX_REFINED {
+            return None;
+        }
         let ring = Ring::new(self.image, ellipse, RAYS, (MAX_HALF, 0.5));
         let open = ring.open(self.front);
         let mut points = [([0.0; 2], 0.0); RAYS];

@@ -162,7 +162,7 @@ pub enum Command {
     Calibrate(Calibrate),
     /// Retarget an operator's fingertips to a hand, from a file or live: glove, webcam landmarks or positions
     Retarget(Retarget),
-    /// Find the outermost circle in pictures, such as that of a door knob; needs no board
+    /// Find a circle in pictures, such as the rose of a door knob; needs no board
     FindCircle(FindCircle),
     /// Find the rose of a door knob in the pictures of a camera, for `tesaki approach`; needs no board
     Look(Look),

@@ -1,7 +1,7 @@
 //! `model check`: all problems of a robot folder, by file and line.
 
 use std::fmt::Write as _;
-use std::io;
+use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -48,11 +48,13 @@ pub fn run(options: &Options, robot: &Path) -> Result<ExitCode, Failure> {
 
 /// Whether there is something of this name: what cannot be read is told, not passed over.
 fn is_there(path: &Path) -> bool {
-    path.symlink_metadata().is_ok()
+    let absent = [ErrorKind::NotFound, ErrorKind::NotADirectory];
+    path.symlink_metadata().map_or_else(|error| !absent.contains(&error.kind()), |_| true)
 }
 
 /// What to do about a file that cannot be read.
-const UNREAD: &str = "nothing in it is checked: make it a text file that you may read, or remove it";
+const UNREAD: &str =
+    "nothing in it is checked: make it a text file, or a folder of such, that you may read; or remove it";
 
 /// Checks a robot folder with settings for a controller.
 fn folder(path: &Path) -> Checked {

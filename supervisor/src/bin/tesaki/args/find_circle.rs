@@ -5,12 +5,12 @@ use std::path::PathBuf;
 use clap::Args;
 
 const HELP: &str = "\
-Of concentric circles the outermost is found: of a door knob the rose. The centre of the pixel in
-the corner is at (0, 0), x to the right, y down. The radius is the root of the product of the
-semi-axes of the ellipse that the circle is in the picture.
+The likeliest circle is found: of a door knob the rose, if --radius leaves no other circle. The
+centre of the pixel in the corner is at (0, 0), x to the right, y down. The radius is the root of
+the product of the semi-axes of the ellipse that the circle is in the picture.
 
 Examples:
-  tesaki find-circle knob.png
+  tesaki find-circle coin.png
   tesaki find-circle --radius 20..60 --annotate found.png knob.png
   tesaki find-circle --radius 15..25 --window 69,94,10 knob1.pgm knob2.pgm
   tesaki find-circle --axis 127,95,7 knob.png
