@@ -4,11 +4,10 @@ use super::{ForceInputs, Forces};
 use crate::TICK;
 use crate::math;
 use crate::task::grasping::tuning::{
-    ANTICIPATION_DECAY_TIME, ANTICIPATION_GAIN, EARLIER_LOAD_FILTER_GAIN, FORCE_NOISE,
-    FORCE_RATIO_FILTER_GAIN, FRICTION_AFTER_SLIP, INCIPIENT_SLIP_FRACTION, LOAD_FILTER_GAIN,
-    LOAD_GROWTH_THRESHOLD, MAX_SLIP_GRIP, MAX_WEIGHT_FORCE, MAX_WEIGHT_MOMENT, MIN_FRICTION,
-    MIN_FRICTION_STEP, MIN_NORMAL_FORCE, SLIP_DISTANCE, SLIP_GRIP_DECAY_TIME, SLIP_GRIP_STEP,
-    SLIP_MIN_FRACTION, WEIGHT_FILTER_GAIN,
+    ANTICIPATION_DECAY_TIME, ANTICIPATION_GAIN, CONTACT_FILTER_GAIN, EARLIER_LOAD_FILTER_GAIN, FORCE_NOISE,
+    FRICTION_AFTER_SLIP, INCIPIENT_SLIP_FRACTION, LOAD_FILTER_GAIN, LOAD_GROWTH_THRESHOLD, MAX_SLIP_GRIP,
+    MAX_WEIGHT_FORCE, MAX_WEIGHT_MOMENT, MIN_FRICTION, MIN_FRICTION_STEP, MIN_NORMAL_FORCE, SLIP_DISTANCE,
+    SLIP_GRIP_DECAY_TIME, SLIP_GRIP_STEP, SLIP_MIN_FRACTION, WEIGHT_FILTER_GAIN,
 };
 use crate::zip::zip;
 
@@ -64,13 +63,21 @@ impl Forces {
     fn detect_slip(&mut self, inputs: &ForceInputs<'_>) -> bool {
         let mut slip = false;
         let contacts = inputs.map.contacts().iter().zip(inputs.measured);
-        let fingers = zip((contacts, &inputs.anchor_errors, &mut self.force_ratios, &mut self.anchor_errors));
-        for ((contact, force), &error, ratio, previous_error) in fingers {
+        let fingers = zip((
+            contacts,
+            &inputs.anchor_errors,
+            &mut self.force_ratios,
+            &mut self.excess,
+            &mut self.anchor_errors,
+        ));
+        for ((contact, force), &error, ratio, excess, previous_error) in fingers {
             let normal = contact.normal().dot(force);
             let tangential = math::sqrt((force - contact.normal() * normal).norm_squared());
             let too_weak = normal < MIN_NORMAL_FORCE;
             let reading = if too_weak { 0.0 } else { tangential / normal };
-            *ratio += FORCE_RATIO_FILTER_GAIN * (reading - *ratio);
+            *ratio += CONTACT_FILTER_GAIN * (reading - *ratio);
+            let reading = tangential - self.friction * INCIPIENT_SLIP_FRACTION * normal;
+            *excess += CONTACT_FILTER_GAIN * (reading - *excess);
             let slides = error > SLIP_DISTANCE
                 && error > *previous_error
                 && *ratio > SLIP_MIN_FRACTION * self.friction;
@@ -80,8 +87,7 @@ impl Forces {
                 let min = math::clamp(MIN_FRICTION_STEP * friction, MIN_FRICTION.min(friction), friction);
                 self.friction = math::clamp(*ratio * FRICTION_AFTER_SLIP, min, friction);
             }
-            let limit = self.friction * INCIPIENT_SLIP_FRACTION * normal;
-            slip |= slides || tangential > limit + FORCE_NOISE;
+            slip |= slides || *excess > FORCE_NOISE;
         }
         slip
     }

@@ -45,6 +45,8 @@ pub(super) struct Forces {
     correction: PerFinger<[f32; 3]>,
     /// Filtered tangential over normal force of each contact.
     pub force_ratios: PerFinger<f32>,
+    /// Filtered tangential force of each contact beyond that at which slip is incipient [N].
+    excess: PerFinger<f32>,
     /// Distances of the fingertips from their anchors in the last tick [m].
     anchor_errors: PerFinger<f32>,
     /// Warm start of the least grip.
@@ -105,6 +107,7 @@ impl Forces {
         target: [[0.0; 3]; 3],
         correction: [[0.0; 3]; 3],
         force_ratios: [0.0; 3],
+        excess: [0.0; 3],
         anchor_errors: [0.0; 3],
         search: GripState::START,
         overloaded: false,

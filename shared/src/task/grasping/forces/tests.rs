@@ -283,6 +283,23 @@ fn a_known_load_makes_the_force_that_the_paper_commands() {
     assert!((target - Vector3::new(1.48, 0.0, -1.34)).amax() < 0.011, "{target}");
 }
 
+/// Finger 3 presses with 1 N and holds 0.44 N, below the 0.485 N of incipient slip at a friction of 0.5. The
+/// noise of its sensor has a standard deviation of 0.02 N in each direction: one sample beyond three of them
+/// is no slip, a lasting load is.
+#[test]
+fn noise_of_one_sample_is_no_incipient_slip() {
+    let (_, mut forces) = grasp(1.0, 0.5);
+    let mut slips = |weights: &[f32]| {
+        for &weight in weights {
+            with_inputs(1.0, &pressing(1.0, weight), |inputs| forces.update_estimates(inputs));
+        }
+        forces.slips
+    };
+    assert_eq!(slips(&[0.88; 20]), 0);
+    assert_eq!(slips(&[1.1, 0.88, 0.88, 1.1, 0.88]), 0);
+    assert!((1..=3).contains(&slips(&[1.1; 5])));
+}
+
 /// Finger 3 carries half of the weight with the ratio of tangential to normal force that equals the friction.
 #[test]
 fn a_slip_lowers_the_estimated_friction_but_never_raises_it() {
