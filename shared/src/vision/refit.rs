@@ -19,6 +19,8 @@ const SCATTER: f32 = 2.0;
 
 /// Radius up to which the network refines an ellipse [px]: beyond that of its pictures it would extrapolate.
 const MAX_REFINED: f32 = 80.0;
+/// Prior standard deviation of the flattening in that fit, for which the network was fitted.
+const REFINED_FLATTENING: f32 = 0.03;
 
 /// Standard deviation of the noise [grey levels]: from the mean absolute value of a difference operator that
 /// is insensitive to slopes (Immerkær 1996), at every fourth pixel in both directions.
@@ -93,7 +95,7 @@ impl Rims<'_> {
             let (offset, weight) = context.offset(direction, &inputs);
             *point = (ellipse.point(direction, reach + offset), weight * DEVIATION * DEVIATION);
         }
-        ellipse.refit(points.into_iter(), 0.03)
+        ellipse.refit(points.into_iter(), REFINED_FLATTENING)
     }
 
     /// Fits to the edge next to an ellipse in steps of half a pixel. A shadow beside the rim displaces the

@@ -23,7 +23,8 @@ const PIXELS: &[u8] = include_bytes!("../../../tests/oracles/data/find_circle.bi
 type Judged = (usize, f32, &'static [([f32; 3], [f32; 16], Option<[f32; 12]>, f32)]);
 const JUDGED: &[Judged] = include!("../../../tests/oracles/data/circle_choice.in");
 
-/// Rays, by NumPy: inputs of the network, the distance of the rim [px], its weight.
+/// Rays, by NumPy: direction, inputs of the network, the distance of the rim [px], its weight.
+#[allow(clippy::approx_constant, reason = "numbers that a program wrote")]
 const RIMS: &[([f32; 2], [f32; INPUTS], f32, f32)] = include!("../../../tests/oracles/data/rim_offset.in");
 
 /// An ellipse of one grey level.

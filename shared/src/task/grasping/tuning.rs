@@ -181,8 +181,8 @@ pub(super) const MIN_FRICTION: f32 = 0.15;
 pub(super) const MAX_FRICTION: f32 = 1.0;
 /// Normal forces below this do not determine the friction [N]. Smaller mistakes noise for slip.
 pub(super) const MIN_NORMAL_FORCE: f32 = 0.1;
-/// Gain of the first-order filters of a contact's tangential force, over the normal force and beyond the limit
-/// of incipient slip, per tick. Larger detects slip earlier, and passes more noise.
+/// Gain of the first-order filters of a contact's tangential force, over the normal force and beyond the
+/// limit of incipient slip, per tick. Larger detects slip earlier, and passes more noise.
 pub(super) const CONTACT_FILTER_GAIN: f32 = 0.5;
 /// Slip is incipient when the tangential force of a contact, filtered, exceeds this fraction of the friction
 /// limit, and [`FORCE_NOISE`] more. Smaller tightens the grip earlier.
