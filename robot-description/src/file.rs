@@ -104,9 +104,21 @@ pub(crate) fn parse_short<T: DeserializeOwned>(text: &str, advice: &str, report:
         let is_value = unquoted || message.starts_with("invalid") || message.starts_with("unknown variant");
         let key = is_value.then(|| key_at(text, start)).flatten();
         let key = key.map_or_else(String::new, |key| format!(", for {key}"));
-        report.dynamics(Some(line), message.to_owned() + &key, advice);
+        report.dynamics(Some(line), in_words(message) + &key, advice);
     };
     toml::from_str(text).map_err(problem).ok()
+}
+
+/// What serde says of a value, with words instead of Rust's types.
+pub fn in_words(problem: &str) -> String {
+    let Some((before, expected)) = problem.rsplit_once("expected ") else { return problem.to_owned() };
+    let (kind, after) = expected.split_at(expected.find([' ', '\n']).unwrap_or(expected.len()));
+    let kind = match kind {
+        "f32" | "f64" => "a number",
+        "u8" | "u16" | "u32" | "u64" | "usize" => "a whole number that is not negative",
+        other => other,
+    };
+    format!("{before}expected {kind}{after}")
 }
 
 /// The text of the file `path`, which may be linked.

@@ -31,4 +31,4 @@ pub mod retargeting;
 pub mod robot;
 pub mod urdf;
 
-pub use file::{FileError, read_text};
+pub use file::{FileError, in_words, read_text};

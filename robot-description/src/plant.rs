@@ -7,7 +7,7 @@ use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use toml::{Table, Value};
 
-use crate::file::{self, FileError};
+use crate::file::{self, FileError, in_words};
 use crate::finding::{Finding, Report};
 
 /// The control period [s]: [`tesaki::TICK`] in double precision.
@@ -277,7 +277,7 @@ impl Reader<'_> {
     fn section<T: DeserializeOwned>(&mut self, name: &str) -> Result<Option<T>, ()> {
         let Some(value) = self.table.get(name) else { return Ok(None) };
         Value::clone(value).try_into().map(Some).map_err(|error: toml::de::Error| {
-            let message = error.message().to_owned();
+            let message = in_words(error.message());
             let line = message
                 .split('`')
                 .nth(1)

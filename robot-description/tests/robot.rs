@@ -85,7 +85,7 @@ fn nonsense_is_named_by_file_joint_and_field() {
             "controller.toml",
             "command_timeout = 0.1 ",
             "command_timeout = \"0.1\" ",
-            "expected f32, for safety.command_timeout",
+            "expected a number, for safety.command_timeout",
         ),
         ("controller.toml", "gravity = [", "gravity = ", "controller.toml:4: "),
         (

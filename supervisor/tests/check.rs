@@ -160,7 +160,7 @@ fn every_mistake_of_both_files_is_told_in_one_go() {
             "controller.toml:41: [joints.thumb]: the URDF has no such joint",
             "controller.toml:45: joint finger2_bend: unknown key motor.torqe",
             "controller.toml:38: joints finger1_swing, finger1_bend",
-            "invalid type: string \"fast\", expected f32",
+            "invalid type: string \"fast\", expected a number",
             "7 problems found",
         ],
     );
@@ -491,7 +491,7 @@ fn a_tip_on_the_axis_of_its_last_joint_is_told_of_a_finger() {
 #[test]
 fn a_wrong_value_is_named_by_its_key_and_a_weight_by_its_link() {
     for (from, to, words) in [
-        ("supply_min = 20.0", "supply_min = \"20\"", "expected f32, for safety.supply_min"),
+        ("supply_min = 20.0", "supply_min = \"20\"", "expected a number, for safety.supply_min"),
         ("reaction = \"hold\"", "reaction = \"brake\"", "unknown variant `brake`, expected"),
         ("reaction = \"hold\"", "reaction = \"brake\"", ", for safety.reaction"),
         ("following_error = 0.25", "following_error = 0.01", "at least 0.180 rad, three times that"),

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use tesaki::model::{Encoder, GAUGES, Gauges, Motor, PidGains, Safety};
 use toml::{Table, Value};
 
-use crate::file::{MAX_TOML, check_length, parse_short};
+use crate::file::{MAX_TOML, check_length, in_words, parse_short};
 use crate::finding::Report;
 
 /// A checked `controller.toml`.
@@ -305,7 +305,7 @@ where
             None
         }
         Err(error) => {
-            let message = error.to_string().trim().replace('\n', " ");
+            let message = in_words(&error.to_string()).trim().replace('\n', " ");
             let key = match quoted(&message) {
                 Some(key) => format!("{name}.{key}"),
                 None => name.to_owned(),

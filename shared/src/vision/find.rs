@@ -104,6 +104,7 @@ impl CircleSearch {
         let (width, height) = (image.width(), image.height());
         let limit = (0.75 * width.max(height) as f32).min(MAX_RADIUS);
         let [from, to] = self.radius;
+        let is_in = |place: f32, side: usize| (0.0..=(side - 1) as f32).contains(&place);
         if !(MIN_RADIUS <= from && from < to && to <= limit) {
             return Err(VisionError::Radius { from, to, limit });
         }
@@ -113,7 +114,7 @@ impl CircleSearch {
             return Err(VisionError::Axis { center: [x, y], reach });
         }
         if let Some(Window { center, reach }) = self.window
-            && !(image.contains(center[0], center[1], 0.0) && reach >= 1.0 && reach.is_finite())
+            && !(is_in(center[0], width) && is_in(center[1], height) && reach >= 1.0 && reach.is_finite())
         {
             return Err(VisionError::Window { center, reach });
         }

@@ -256,6 +256,9 @@ fn bad_input_is_refused_with_its_limits() {
     {
         assert!(said([20.0, 50.0], Some(window)).starts_with("window of "), "{window:?}");
     }
+    let corner = Some(Window { center: [(WIDTH - 1) as f32, (HEIGHT - 1) as f32], reach: 10.0 });
+    let search = CircleSearch { radius: [20.0, 50.0], window: corner, axis: None };
+    assert!(find_circle(&image, &search, &mut buffers.scratch()).is_ok_and(|found| found.is_none()));
     let axis = Some(Window { center: [f32::NAN, 0.0], reach: 5.0 });
     let search = CircleSearch { radius: [20.0, 50.0], window: None, axis };
     let error = find_circle(&image, &search, &mut buffers.scratch()).unwrap_err();

@@ -6,6 +6,7 @@ use std::fmt::Write as _;
 
 use serde_json::{Value, json};
 use tesaki::model::{Field, ModelError, Problem, RobotModel};
+use tesaki_description::in_words;
 use tesaki_description::robot::{implausible_limits, overloaded};
 use tesaki_supervisor::Board;
 
@@ -266,9 +267,12 @@ fn typed(path: &str, value: &Value) -> Value {
     if !is_name(path) && is_same { small } else { value.clone() }
 }
 
-/// The names of variants in an error of the decoder, as they are typed.
+/// An error of the decoder in words, and with the names of variants as they are typed.
 fn as_typed(problem: &str) -> String {
-    if problem.starts_with("unknown variant") { problem.to_lowercase() } else { problem.to_owned() }
+    if problem.starts_with("unknown variant") {
+        return problem.to_lowercase();
+    }
+    in_words(problem)
 }
 
 /// Whether a parameter is the name of a robot, joint or tip, which has small letters and capitals.

@@ -24,8 +24,12 @@ first motion.
   tesaki model push robots/hand3 --calibration calibration.toml
   tesaki identify --joints --out calibration.toml";
 
+const USAGE: &str = "\
+tesaki identify [OPTIONS] <FILE>
+       tesaki identify [OPTIONS] --joints";
+
 #[derive(Args)]
-#[command(after_help = HELP)]
+#[command(after_help = HELP, override_usage = USAGE)]
 pub struct Identify {
     /// Grasp file, for example robots/hand3/grasps/box.toml
     #[arg(required_unless_present = "joints", conflicts_with = "joints")]
