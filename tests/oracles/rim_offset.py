@@ -3,6 +3,7 @@
 
     rim_offset.py check DOORS SET...   fits, and says whether the weights in offset_weights.rs stand
     rim_offset.py fit DOORS SET...     writes what it fits into offset_weights.rs
+    rim_offset.py errors FILE...       median errors of the circles before the network refines them, and after
     rim_offset.py data DOORS SET...    writes data/rim_offset.in, with the weights in offset_weights.rs
 
 The files are what the example `circle_evidence` of host-sim prints for `rays`: DOORS of machines of `knob-find`, SET of
@@ -215,6 +216,12 @@ def data(network, file):
 
 if __name__ == "__main__":
     match sys.argv[1:]:
+        case ["errors", *files] if files:
+            for file in files:
+                pictures = Pictures([file])
+                for what, errors in ("before", pictures.parts[4]), ("after", evaluate(written(), pictures)[1]):
+                    radius, centre = np.median(np.abs(errors[:, 0])), np.median(np.hypot(*errors[:, 1:].T))
+                    print(f"{file}: {len(pictures)} pictures, {what}: centre {centre:.2f} px, radius {radius:.2f} px")
         case ["data", doors, *_]:
             data(written(), doors)
         case ["check" | "fit" as command, *files] if len(files) > 1:

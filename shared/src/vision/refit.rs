@@ -19,7 +19,7 @@ const SCATTER: f32 = 2.0;
 
 /// Radius up to which the network refines an ellipse [px]: beyond that of its pictures it would extrapolate.
 const MAX_REFINED: f32 = 80.0;
-/// Prior standard deviation of the flattening in that fit, for which the network was fitted.
+/// Prior standard deviation of the flattening in that fit.
 const REFINED_FLATTENING: f32 = 0.03;
 
 /// Standard deviation of the noise [grey levels]: from the mean absolute value of a difference operator that
