@@ -62,13 +62,24 @@ impl FileError {
     }
 }
 
-/// What `check` makes of the file `path` and its text; `advice` is what to do when it cannot be read.
+/// What to do about a text file that exists but cannot be read; `None` if `error` has another reason.
+pub(crate) fn unreadable(error: &io::Error) -> Option<&'static str> {
+    match error.kind() {
+        io::ErrorKind::InvalidData => Some("save it as UTF-8"),
+        io::ErrorKind::PermissionDenied => Some("allow reading it"),
+        io::ErrorKind::IsADirectory => Some("put a text file of this name in its place"),
+        _ => None,
+    }
+}
+
+/// What `check` makes of the file `path` and its text; `advice` is what to do when it is not there.
 pub(crate) fn load<T>(
     path: &Path,
     advice: &str,
     check: impl FnOnce(&Path, &str) -> (Option<T>, Vec<Finding>),
 ) -> Result<T, FileError> {
-    let text = read_text(path).map_err(FileError::unread(path, advice))?;
+    let unread = |error| FileError::unread(path, unreadable(&error).unwrap_or(advice))(error);
+    let text = read_text(path).map_err(unread)?;
     let (value, findings) = check(path, &text);
     value.ok_or(FileError::Wrong(findings))
 }

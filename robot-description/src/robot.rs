@@ -8,6 +8,7 @@ mod plausible;
 pub(crate) mod settings;
 pub(crate) mod tree;
 
+use std::io;
 use std::path::{Path, PathBuf};
 
 use tesaki::model::RobotModel;
@@ -18,13 +19,16 @@ pub(crate) use limits::{at_least, following_errors, least_torque_rate};
 pub use plausible::{Overload, overloaded};
 pub use settings::{FrictionSettings, JointSettings, Settings};
 
-use crate::file::{FileError, read_text};
+use crate::file::{FileError, read_text, unreadable};
 use crate::finding::{Finding, Report};
 use crate::plant::PlantValues;
 use crate::urdf::{self, Urdf};
 
-/// What to do about a file that cannot be read.
-fn missing(path: &Path) -> String {
+/// What to do about a file that cannot be read for the reason `error`.
+fn advice(path: &Path, error: &io::Error) -> String {
+    if let Some(advice) = unreadable(error) {
+        return advice.to_owned();
+    }
     let folder = path.parent().unwrap_or(path);
     let lacks_settings = !path.exists() && folder.join("robot.urdf").is_file();
     if lacks_settings {
@@ -69,7 +73,7 @@ impl RobotFolder {
     /// It cannot be read.
     pub fn read_file(path: &Path, name: &str) -> Result<String, FileError> {
         let path = path.join(name);
-        read_text(&path).map_err(|error| FileError::unread(&path, &missing(&path))(error))
+        read_text(&path).map_err(|error| FileError::unread(&path, &advice(&path, &error))(error))
     }
 
     /// Makes a robot of the texts of both files; `path` is named in errors.
@@ -130,6 +134,10 @@ impl RobotFolder {
             None => urdf::names_of_moving_joints(urdf),
         };
         let names: Vec<&str> = names.iter().map(String::as_str).collect();
+        if names.is_empty() {
+            let message = "its joints are not checked: no joint of robot.urdf can be read";
+            of_settings.warning(None, message, "correct robot.urdf first");
+        }
         let parsed = Settings::parse(settings, &names, &mut of_settings);
         let mut model = None;
         if let (Some(tree), Some(chains), Some(parsed)) = (&tree, &chains, &parsed) {

@@ -18,7 +18,7 @@ mod unread;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use crate::file::read_text;
+use crate::file::{read_text, unreadable};
 use crate::finding::{Finding, Matter, Report};
 use crate::robot::settings::accepted_inertias;
 use source::Source;
@@ -180,13 +180,11 @@ pub(crate) fn names_of_moving_joints(text: &str) -> Vec<String> {
 /// What to do about a file that cannot be read; the URDF files beside one that is not there may have been
 /// meant.
 fn hint(path: &Path, error: &std::io::Error) -> String {
-    match error.kind() {
-        std::io::ErrorKind::InvalidData => return "save it as UTF-8".to_owned(),
-        std::io::ErrorKind::PermissionDenied => return "allow reading it".to_owned(),
-        std::io::ErrorKind::InvalidInput | std::io::ErrorKind::FileTooLarge => {
-            return "name a URDF file, or a folder with robot.urdf".to_owned();
-        }
-        _ => {}
+    if let Some(advice) = unreadable(error) {
+        return advice.to_owned();
+    }
+    if let std::io::ErrorKind::InvalidInput | std::io::ErrorKind::FileTooLarge = error.kind() {
+        return "name a URDF file, or a folder with robot.urdf".to_owned();
     }
     let folder = path.parent().unwrap_or(path);
     let mut names: Vec<String> = std::fs::read_dir(folder)

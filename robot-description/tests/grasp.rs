@@ -83,6 +83,15 @@ fn unknown_and_missing_keys_are_named_with_their_line() {
     assert!(said.contains("touch_force"), "{said}");
     let said = complaint("least_grip = {", "most_grip = {");
     assert!(said.contains("most_grip") && said.contains("pairwise"), "{said}");
+    let folder = tempfile::tempdir().unwrap();
+    let binary = folder.path().join("box.toml");
+    std::fs::write(&binary, b"\xff\xfe").unwrap();
+    for (path, advice) in
+        [(binary.as_path(), "; save it as UTF-8"), (folder.path(), "; put a text file of this")]
+    {
+        let said = load(path).unwrap_err().to_string();
+        assert!(said.contains(advice), "{said}");
+    }
     let said = load(Path::new("/nowhere/box.toml")).unwrap_err().to_string();
     assert!(said.starts_with("cannot read /nowhere/box.toml: "), "{said}");
 }

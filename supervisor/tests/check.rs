@@ -106,6 +106,70 @@ fn a_file_that_cannot_be_read_does_not_hide_what_is_wrong_in_the_others() {
 }
 
 #[test]
+fn an_unreadable_urdf_says_what_to_do_about_it() {
+    let folder = changed(&[]);
+    let urdf = folder.path().join("robot.urdf");
+    std::fs::write(&urdf, b"\xff\xfe<robot name=\"hand\"/>").unwrap();
+    let (_, text) = check(&[], folder.path());
+    contains(
+        &text,
+        &["robot.urdf: it cannot be read: stream did not contain valid UTF-8", "→ save it as UTF-8"],
+    );
+    assert!(!text.contains("a robot folder holds"), "{text}");
+    std::fs::remove_file(&urdf).unwrap();
+    std::fs::create_dir(&urdf).unwrap();
+    let (_, text) = check(&[], folder.path());
+    contains(
+        &text,
+        &["robot.urdf: it cannot be read: Is a directory", "→ put a text file of this name in its"],
+    );
+}
+
+#[test]
+fn a_urdf_without_joints_does_not_hide_that_settings_and_laws_are_not_checked() {
+    let folder = changed(&[]);
+    std::fs::create_dir(folder.path().join("laws")).unwrap();
+    std::fs::write(folder.path().join("laws/mine.toml"), "nonsense = 1\n").unwrap();
+    for urdf in ["", "<robot", "<robot name=\"hand\"/>"] {
+        std::fs::write(folder.path().join("robot.urdf"), urdf).unwrap();
+        let (code, text) = check(&[], folder.path());
+        assert_eq!(code, 1, "{text}");
+        contains(
+            &text,
+            &[
+                "robot.urdf:1: ",
+                "controller.toml: its joints are not checked: no joint of robot.urdf can be read",
+                "laws: not checked: it needs the robot's model",
+            ],
+        );
+    }
+}
+
+#[test]
+fn a_folder_without_settings_is_checked_as_far_as_possible() {
+    let folder = changed_plant(&[("plant.toml", "voltage = 24.0", "voltage = -24.0")]);
+    std::fs::remove_file(folder.path().join("controller.toml")).unwrap();
+    for name in ["laws", "grasps"] {
+        std::fs::create_dir(folder.path().join(name)).unwrap();
+        std::fs::write(folder.path().join(name).join("mine.toml"), "nonsense = [\n").unwrap();
+    }
+    let (code, text) = check(&[], folder.path());
+    assert_eq!(code, 1, "{text}");
+    contains(
+        &text,
+        &[
+            "tip finger1_tip: base palm",
+            "plant.toml:",
+            "supply.voltage is -24",
+            "grasps/mine.toml:1: ",
+            "laws: not checked: it needs the robot's model",
+            "→ `tesaki model init",
+            "2 problems found",
+        ],
+    );
+}
+
+#[test]
 fn a_good_folder_lists_its_joints() {
     let (code, text) = check(&[], &workspace().join("robots/hand3"));
     assert_eq!(code, 0, "{text}");
@@ -221,7 +285,10 @@ fn a_mimic_joint_has_no_motor_but_can_be_evaluated() {
     assert_eq!(code, 0, "{text}");
     contains(
         &text,
-        &["only the URDF is checked: the folder has no controller.toml", "finger1_curl (= 1 finger1_bend)"],
+        &[
+            "checked without a model of the robot: the folder has no controller.toml",
+            "finger1_curl (= 1 finger1_bend)",
+        ],
     );
 }
 

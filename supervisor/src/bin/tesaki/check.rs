@@ -59,7 +59,15 @@ const UNREAD: &str =
 /// Checks a robot folder with settings for a controller.
 fn folder(path: &Path) -> Checked {
     let (folder, mut findings) = robot(path);
-    findings.extend(toml_files(&path.join(grasp::FOLDER), |file, text| grasp::check(file, text).1));
+    let advice = "correct robot.urdf and controller.toml first";
+    findings.extend(beside(path, folder.as_ref().map(|folder| &folder.model), advice));
+    Checked { good: folder.as_ref().map(summary).unwrap_or_default(), findings }
+}
+
+/// What is wrong in the files beside those of the robot. Some are checked with the model; without one,
+/// `advice` says how to get it.
+fn beside(path: &Path, model: Option<&RobotModel>, advice: &str) -> Vec<Finding> {
+    let mut findings = toml_files(&path.join(grasp::FOLDER), |file, text| grasp::check(file, text).1);
     findings.extend(toml_files(&path.join(object::FOLDER), |file, text| ObjectValues::check(file, text).1));
     let file = path.join(camera::FILE);
     let camera = text(&file, &mut findings);
@@ -70,41 +78,49 @@ fn folder(path: &Path) -> Checked {
         findings.extend(wrong);
         table
     });
-    // What follows is checked with the model; without one it is only read.
-    let model = folder.as_ref().map(|folder| &folder.model);
+    let Some(model) = model else {
+        let unchecked = |file| unchecked(file, "not checked: it needs the robot's model".to_owned(), advice);
+        for file in [retargeting::FILE, approach::FILE].map(|name| path.join(name)) {
+            let read = text(&file, &mut findings).is_some();
+            findings.extend(read.then(|| unchecked(file)));
+        }
+        for folder in [impedance::FOLDER, law::FOLDER].map(|name| path.join(name)) {
+            let unread = toml_files(&folder, |_, _| Vec::new());
+            let read = unread.is_empty() && is_there(&folder);
+            findings.extend(unread);
+            findings.extend(read.then(|| unchecked(folder)));
+        }
+        return findings;
+    };
     let file = path.join(retargeting::FILE);
-    let settings = text(&file, &mut findings).zip(model);
-    findings.extend(
-        settings.into_iter().flat_map(|(text, model)| RetargetingSettings::check(&file, &text, model).1),
-    );
+    let settings = text(&file, &mut findings);
+    findings.extend(settings.iter().flat_map(|text| RetargetingSettings::check(&file, text, model).1));
     let file = path.join(approach::FILE);
-    let settings = text(&file, &mut findings).zip(model);
-    if let (Some((text, model)), Some(table)) = (&settings, &table) {
-        findings.extend(approach::check(&file, text, model, table).1);
-    } else if settings.is_some() && !is_there(&path.join(hand_eye::FILE)) {
-        let message = format!("not checked: there is no {}, which it needs", hand_eye::FILE);
-        findings.push(unchecked(file, message, "`tesaki calibrate camera` makes it"));
+    match (text(&file, &mut findings), &table) {
+        (Some(text), Some(table)) => findings.extend(approach::check(&file, &text, model, table).1),
+        (Some(_), None) if !is_there(&path.join(hand_eye::FILE)) => {
+            let message = format!("not checked: there is no {}, which it needs", hand_eye::FILE);
+            findings.push(unchecked(file, message, "`tesaki calibrate camera` makes it"));
+        }
+        _ => {}
     }
-    let check =
-        |file: &Path, text: &str| model.map_or_else(Vec::new, |model| impedance::check(file, text, model).1);
+    let check = |file: &Path, text: &str| impedance::check(file, text, model).1;
     findings.extend(toml_files(&path.join(impedance::FOLDER), check));
-    let check = |file: &Path, text: &str| model.map_or_else(Vec::new, |model| law::check(file, text, model));
-    findings.extend(toml_files(&path.join(law::FOLDER), check));
-    Checked { good: folder.as_ref().map(summary).unwrap_or_default(), findings }
+    findings.extend(toml_files(&path.join(law::FOLDER), |file, text| law::check(file, text, model)));
+    findings
 }
 
 /// The robot, and what is wrong in `robot.urdf`, `controller.toml` and `plant.toml`: also in those that can
 /// be read when another one cannot.
 fn robot(path: &Path) -> (Option<RobotFolder>, Vec<Finding>) {
     let mut findings = Vec::new();
-    let plant_file = path.join("plant.toml");
-    let plant = text(&plant_file, &mut findings);
     let [urdf, settings] = ["robot.urdf", "controller.toml"].map(|name| {
         let text = RobotFolder::read_file(path, name);
         text.map_err(|error| findings.extend(error.findings())).ok()
     });
     match (urdf, settings) {
         (Some(urdf), Some(settings)) => {
+            let plant = text(&path.join("plant.toml"), &mut findings);
             let (folder, wrong) = RobotFolder::check_all(path, &urdf, &settings, plant.as_deref());
             findings.extend(wrong);
             return (folder, findings);
@@ -116,8 +132,16 @@ fn robot(path: &Path) -> (Option<RobotFolder>, Vec<Finding>) {
         }
         (None, None) => {}
     }
-    findings.extend(plant.into_iter().flat_map(|text| PlantValues::check(&plant_file, &text).1));
+    findings.extend(plant(path));
     (None, findings)
+}
+
+/// What is wrong in `plant.toml`, without the robot.
+fn plant(path: &Path) -> Vec<Finding> {
+    let (file, mut findings) = (path.join("plant.toml"), Vec::new());
+    let text = text(&file, &mut findings);
+    findings.extend(text.into_iter().flat_map(|text| PlantValues::check(&file, &text).1));
+    findings
 }
 
 /// That a file is not checked, and what to do.
@@ -221,13 +245,16 @@ fn no_fingertip_control(model: &RobotModel) -> Vec<String> {
         .collect()
 }
 
-/// Checks a URDF without settings for a controller.
+/// Checks a URDF without settings for a controller, and what else is in its folder.
 fn urdf(path: &Path) -> Result<Checked, Failure> {
     let file = Urdf::locate(path);
     let text = Urdf::read_text(&file)?;
     let (urdf, mut findings) = Urdf::check(&file, &text);
-    let why = if path.is_dir() { "the folder has no controller.toml" } else { "no robot folder was given" };
-    let mut good = vec![format!("only the URDF is checked: {why}")];
+    let mut good = vec![if path.is_dir() {
+        "checked without a model of the robot: the folder has no controller.toml".to_owned()
+    } else {
+        "only the URDF is checked: no robot folder was given".to_owned()
+    }];
     if let Some(urdf) = urdf {
         let mut missed = Vec::new();
         for tip in urdf.tips(None) {
@@ -243,6 +270,12 @@ fn urdf(path: &Path) -> Result<Checked, Failure> {
             missed.iter_mut().for_each(|finding| finding.severity = Severity::Warning);
         }
         findings.extend(missed);
+    }
+    if path.is_dir() {
+        findings.extend(plant(path));
+        let advice =
+            format!("`tesaki model init {}` writes the controller.toml that it needs", path.display());
+        findings.extend(beside(path, None, &advice));
     }
     Ok(Checked { good, findings })
 }
