@@ -96,6 +96,15 @@ fn what_is_wrong_is_said_by_file() {
         code == 1 && error.contains("black.pgm: expected radius of 2 to 20 pixels: the limits are 5 to"),
         "{error}"
     );
+    // Of a large picture, limits are told in its own pixels.
+    let wide = write("wide.pgm", &[b"P5 5000 40 255\n".to_vec(), vec![0; 200_000]].concat());
+    let (code, _, error) = run(&["find-circle", &wide]);
+    let words = "wide.pgm: a picture of 5000 × 40 pixels: with a side of more than 1000 it is reduced, 5 times, to \
+                 1000 × 8, and each side must then have at least 32: cut out";
+    assert!(code == 1 && error.contains(words), "{error}");
+    let large = write("large.pgm", &[b"P5 2000 400 255\n".to_vec(), vec![0; 800_000]].concat());
+    let (code, _, error) = run(&["find-circle", &large, "--radius", "8..60"]);
+    assert!(code == 1 && error.contains("4 to 30 pixels") && error.contains("times 2, these are"), "{error}");
     // One bad file does not suppress the results of others.
     let folder_of = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     let good = folder_of("good.pgm");
@@ -108,6 +117,15 @@ fn what_is_wrong_is_said_by_file() {
     let (code, _, error) = run(&["find-circle", &good, "--annotate", &good]);
     assert!(code == 2 && error.contains("IMAGE and --annotate are both"), "{code} {error}");
     assert_eq!(std::fs::read(&good).unwrap(), before);
+    for arguments in [["--radius", "-5..20"], ["--radius", "0..20"]] {
+        let (code, _, error) = run(&[&["find-circle", &black][..], &arguments].concat());
+        assert!(code == 2 && error.contains("px, is not above 0: for example 20..60"), "{error}");
+    }
+    let (code, _, error) = run(&["find-circle", &black, "--window", "-5,10,10"]);
+    assert!(
+        code == 1 && error.contains("window of 10 pixels around (-5, 10): the centre must lie"),
+        "{error}"
+    );
     for arguments in
         [["--radius", "20"], ["--radius", "30..20"], ["--window", "1,2"], ["--annotate", "x.png"]]
     {

@@ -7,7 +7,8 @@ use std::time::Instant;
 
 use serde_json::{Value, json};
 use tesaki::vision::{
-    Circle, CircleSearch, EdgePoint, Image, MAX_EDGES, Scratch, Window, accumulator_len, find_circle, row_len,
+    Circle, CircleSearch, EdgePoint, Image, MAX_EDGES, MIN_SIDE, Scratch, VisionError, Window,
+    accumulator_len, find_circle, row_len,
 };
 
 use crate::args::{FindCircle, Options};
@@ -78,8 +79,15 @@ pub fn search(name: &str, picture: &Picture, known: &Known) -> Result<(Option<Ci
     let factor = picture.width.max(picture.height).div_ceil(MAX_SIDE).max(1);
     let reduced = (factor > 1).then(|| picture.reduced(factor));
     let searched = reduced.as_ref().unwrap_or(picture);
-    let image =
-        Image::new(&searched.pixels, searched.width, searched.height).map_err(|error| wrong(&error))?;
+    let image = Image::new(&searched.pixels, searched.width, searched.height).map_err(|error| match error {
+        VisionError::Size { width, height } if factor > 1 => wrong(&format!(
+            "a picture of {} × {} pixels: with a side of more than {MAX_SIDE} it is reduced, {factor} times, to \
+             {width} × {height}, and each side must then have at least {MIN_SIDE}: cut out the surroundings of \
+             the circle",
+            picture.width, picture.height
+        )),
+        error => wrong(&error),
+    })?;
     let scale = factor as f32;
     // The reduced pixel lies in the middle of those that it is the mean of.
     let offset = 0.5 * (scale - 1.0);
@@ -99,7 +107,10 @@ pub fn search(name: &str, picture: &Picture, known: &Known) -> Result<(Option<Ci
     let start = Instant::now();
     let found = find_circle(&image, &search, &mut scratch).map_err(|error| {
         let note = if factor > 1 {
-            format!(", after the picture was reduced {factor} times")
+            format!(
+                ". With a side of more than {MAX_SIDE} pixels the picture is reduced {factor} times: times \
+                 {factor}, these are its own pixels"
+            )
         } else {
             String::new()
         };

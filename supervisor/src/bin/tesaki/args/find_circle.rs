@@ -23,10 +23,10 @@ pub struct FindCircle {
     #[arg(required = true, value_name = "IMAGE")]
     pub images: Vec<PathBuf>,
     /// Expected radius from … to [px]; without it, 10 px to half of the shorter side
-    #[arg(long, value_name = "MIN..MAX", value_parser = radius)]
+    #[arg(long, value_name = "MIN..MAX", value_parser = radius, allow_hyphen_values = true)]
     pub radius: Option<[f32; 2]>,
     /// Look for the centre only within REACH of (X, Y) [px]
-    #[arg(long, value_name = "X,Y,REACH", value_parser = window)]
+    #[arg(long, value_name = "X,Y,REACH", value_parser = window, allow_hyphen_values = true)]
     pub window: Option<[f32; 3]>,
     /// Vanishing point (X, Y) of the knob's axis, known to REACH [px]; finds a rose that the knob partly
     /// hides
@@ -41,6 +41,9 @@ pub fn radius(text: &str) -> Result<[f32; 2], String> {
     let numbers =
         text.split_once("..").map(|(from, to)| [from, to].map(|number| number.trim().parse::<f32>()));
     match numbers {
+        Some([Ok(from), Ok(_)]) if from <= 0.0 => {
+            Err(format!("{text:?}: MIN, {from} px, is not above 0: for example 20..60"))
+        }
         Some([Ok(from), Ok(to)]) if from.is_finite() && to.is_finite() && from < to => Ok([from, to]),
         Some([Ok(from), Ok(to)]) if from >= to => {
             Err(format!("{text:?}: MIN, {from} px, is not below MAX, {to} px: for example 20..60"))

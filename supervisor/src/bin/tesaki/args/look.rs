@@ -42,7 +42,7 @@ pub struct Look {
     pub rate: f32,
     /// Expected radius from … to [px], unless `tesaki approach` says it; without it, 10 px to half of the
     /// shorter side
-    #[arg(long, value_name = "MIN..MAX", value_parser = radius)]
+    #[arg(long, value_name = "MIN..MAX", value_parser = radius, allow_hyphen_values = true)]
     pub radius: Option<[f32; 2]>,
     /// Vanishing point (X, Y) of the knob's axis, known to REACH [px], unless `tesaki approach` says it
     #[arg(long, value_name = "X,Y,REACH", value_parser = window, allow_hyphen_values = true)]
