@@ -57,6 +57,20 @@ struct Picture<'a> {
 type Answer = Result<(), Box<dyn Error>>;
 
 fn main() -> Answer {
+    match run() {
+        // The reader of the pipe has all that it needs.
+        Err(error)
+            if error
+                .downcast_ref::<io::Error>()
+                .is_some_and(|error| error.kind() == io::ErrorKind::BrokenPipe) =>
+        {
+            Ok(())
+        }
+        result => result,
+    }
+}
+
+fn run() -> Answer {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [kind, what] = arguments.as_slice() else {
         return Err("expected `candidates` or `rays`, and machines, such as 21-160, or a folder".into());

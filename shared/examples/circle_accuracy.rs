@@ -9,9 +9,12 @@
     reason = "a measurement"
 )]
 
+use std::error::Error;
+use std::path::Path;
 use std::time::Instant;
 
 use tesaki::vision::{CameraBuffers, CircleSearch, Image, Window, find_circle};
+use tesaki_output::say;
 
 const SIZE: usize = 256 * 240;
 
@@ -20,20 +23,26 @@ fn median(values: &mut [f32]) -> f32 {
     values.get(values.len() / 2).copied().unwrap_or(f32::NAN)
 }
 
-fn main() {
+fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().collect();
-    let folder = std::path::Path::new(&arguments[1]);
+    let folder = Path::new(arguments.get(1).ok_or("expected DIR [whole|window] [list]")?);
     let windowed = arguments.iter().any(|argument| argument == "window");
     let list = arguments.iter().any(|argument| argument == "list");
-    let images = std::fs::read(folder.join("images.bin")).expect("images.bin");
-    let truth = std::fs::read_to_string(folder.join("truth.txt")).expect("truth.txt");
+    let read = |name| {
+        let file = folder.join(name);
+        std::fs::read(&file).map_err(|error| format!("cannot read {}: {error}", file.display()))
+    };
+    let (images, truth) = (read("images.bin")?, String::from_utf8(read("truth.txt")?)?);
     let mut buffers = Box::new(CameraBuffers::new());
     let (mut centers, mut radii, mut times) = (Vec::new(), Vec::new(), Vec::new());
     let (mut right, mut none) = (0, 0);
     let mut bins = [[0_u32; 2]; 10];
     for (index, (pixels, line)) in images.chunks_exact(SIZE).zip(truth.lines()).enumerate() {
-        let row: Vec<f32> = line.split(' ').map(|word| word.parse().expect("a number")).collect();
-        let image = Image::new(pixels, 256, 240).expect("valid");
+        let row = line.split(' ').map(str::parse).collect::<Result<Vec<f32>, _>>()?;
+        if row.len() < 5 {
+            return Err(format!("row {index} of truth.txt has {} numbers of at least five", row.len()).into());
+        }
+        let image = Image::new(pixels, 256, 240)?;
         let center = [row[2] + 3.0, row[3] - 2.0];
         let inside = [center[0].clamp(0.0, 254.0), center[1].clamp(0.0, 238.0)];
         let window = windowed.then_some(Window { center: inside, reach: 12.0 });
@@ -43,14 +52,14 @@ fn main() {
         let mut found = None;
         for _ in 0..3 {
             let start = Instant::now();
-            found = find_circle(&image, &search, &mut buffers.scratch()).expect("valid");
+            found = find_circle(&image, &search, &mut buffers.scratch())?;
             best = best.min(start.elapsed().as_secs_f32() * 1e3);
         }
         times.push(best);
         let Some(circle) = found else {
             none += 1;
             if list {
-                println!("{index} none; truth {:?}", &row[2..]);
+                say!("{index} none; truth {:?}", &row[2..]);
             }
             continue;
         };
@@ -64,11 +73,11 @@ fn main() {
             centers.push(center);
             radii.push(radius);
         } else if list {
-            println!("{index} {circle:?}; truth {:?}", &row[2..]);
+            say!("{index} {circle:?}; truth {:?}", &row[2..]);
         }
     }
     let count = times.len();
-    println!(
+    say!(
         "{count} images: right {:.4}, none {:.4}, centre {:.3} px, radius {:.3} px, {:.3} ms",
         f64::from(right) / count as f64,
         f64::from(none) / count as f64,
@@ -77,6 +86,7 @@ fn main() {
         median(&mut times)
     );
     for (bin, [wrong, right]) in bins.iter().enumerate() {
-        println!("confidence {:.1}: {right} right, {wrong} wrong", bin as f32 / 10.0);
+        say!("confidence {:.1}: {right} right, {wrong} wrong", bin as f32 / 10.0);
     }
+    Ok(())
 }
