@@ -28,6 +28,9 @@ fn from_a_fresh_board_to_a_moved_recorded_and_replayed_joint() {
     server.fails(&["model", "check", "/nowhere"], 1, &["/nowhere", "robot.urdf"]);
     let other = server.succeeds(&["doctor", "--robot", hand3().to_str().unwrap()]);
     assert!(other.contains("differs from the one in") && other.contains("tesaki model push"), "{other}");
+    // The board is checked also where the folder cannot be read.
+    let words = ["cannot read /nowhere/robot.urdf", "the control loop runs", "the board is disabled"];
+    server.fails(&["doctor", "--robot", "/nowhere"], 1, &words);
     server.fails(&["move", "thumb=0.3"], 2, &["no joint \"thumb\"", "finger3_curl"]);
     server.fails(
         &["move", "finger1_swing=9"],

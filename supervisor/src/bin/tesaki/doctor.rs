@@ -238,7 +238,7 @@ fn check_board(
         doctor.bad(1, "the board has no robot model", "tesaki model push ROBOT_FOLDER");
         return Ok(());
     }
-    check_model(&node, robot, doctor)?;
+    check_model(&node, robot, doctor);
     let model = board.model()?;
     check_control(&mut board, doctor)?;
     check_supply(node.supply, &model.safety, doctor);
@@ -374,20 +374,23 @@ fn check_frames(link: &LinkStatistics, repeats: u64, doctor: &mut Doctor) {
     }
 }
 
-fn check_model(node: &NodeStatus, robot: Option<&Path>, doctor: &mut Doctor) -> Result<(), Failure> {
+fn check_model(node: &NodeStatus, robot: Option<&Path>, doctor: &mut Doctor) {
     let Some(folder) = robot else {
         doctor.good(format!("robot model {} ({:08x})", node.model, node.model_checksum));
-        return Ok(());
+        return;
     };
-    if checksum(&RobotFolder::load(folder)?.model)? == node.model_checksum {
-        doctor.good(format!("robot model {}, the same as in {}", node.model, folder.display()));
-    } else {
-        doctor.warning(
+    let own = RobotFolder::load(folder).map_err(Failure::from).and_then(|own| checksum(&own.model));
+    match own {
+        Ok(own) if own == node.model_checksum => {
+            doctor.good(format!("robot model {}, the same as in {}", node.model, folder.display()));
+        }
+        Ok(_) => doctor.warning(
             format!("the board's model {} differs from the one in {}", node.model, folder.display()),
             format!("tesaki model push {}", folder.display()),
-        );
+        ),
+        // The board can be checked all the same.
+        Err(failure) => doctor.bad(failure.number(), failure.to_string(), ""),
     }
-    Ok(())
 }
 
 fn check_control(board: &mut LinkBoard<BoardLink>, doctor: &mut Doctor) -> Result<(), Failure> {
