@@ -15,6 +15,7 @@ use tesaki_chip_link::{Answer, Call, MOTORS, Motion, Terminals, receive, send};
 use tesaki_description::plant::CONTROL_PERIOD_NS;
 use tesaki_supervisor::{Board, BoardError};
 
+use crate::image;
 use crate::plant::{Plant, PlantError};
 
 /// The control period, and the time from power-on until the image answers [ps].
@@ -34,6 +35,14 @@ pub enum ChipError {
     /// The program or the image does not exist.
     #[error("there is no {}: build it with `cargo xtask chip`", .0.display())]
     Missing(PathBuf),
+    /// The file is no image, or not a whole one, or that of another board.
+    #[error("{} is not an image of board-weact: {why}; `cargo xtask chip` builds it", image.display())]
+    NotAnImage {
+        /// The file.
+        image: PathBuf,
+        /// What it is.
+        why: String,
+    },
     /// The process ended, or what it said is no answer.
     #[error("the chip model stopped: {0}")]
     Link(#[from] io::Error),
@@ -78,6 +87,18 @@ pub struct ChipBoard {
     torques: [f64; MOTORS],
 }
 
+/// Whether the file is an image that drives the motors of the modelled chip.
+fn check(path: &Path) -> Result<(), ChipError> {
+    let image = std::fs::read(path).map_err(|_| ChipError::Missing(path.to_owned()))?;
+    let not_an_image = |why: &str| ChipError::NotAnImage { image: path.to_owned(), why: why.to_owned() };
+    image::check(&image).map_err(not_an_image)?;
+    match image::board_of(&image).as_deref() {
+        Some("weact") => Ok(()),
+        Some(other) => Err(not_an_image(&format!("it is that of board-{other}"))),
+        None => Err(not_an_image("it names no board with motors")),
+    }
+}
+
 impl ChipBoard {
     /// Powers on a board with `image`, in a process of `program`. Its control periods begin with those of the
     /// caller.
@@ -94,6 +115,7 @@ impl ChipBoard {
         if joints != MOTORS {
             return Err(ChipError::Joints(joints));
         }
+        check(image)?;
         let mut board = Self {
             chip: Process::start(program, image)?,
             plant,

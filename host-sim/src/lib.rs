@@ -14,6 +14,7 @@ pub mod controller;
 pub mod digest;
 pub mod door;
 pub mod faults;
+mod image;
 pub mod law;
 pub mod live_run;
 pub mod motion;

@@ -14,6 +14,7 @@ use tesaki_supervisor::hand::{FingerBoard, News};
 use tesaki_supervisor::{Board, BoardError, ByteLink, LinkBoard};
 
 use crate::controller::Controller;
+use crate::image;
 
 /// Longest wait for an answer of the emulated board; a busy machine emulates slowly.
 const TIMEOUT: Duration = Duration::from_secs(20);
@@ -32,6 +33,14 @@ pub enum QemuError {
     /// The image does not exist.
     #[error("there is no firmware image at {0}: build it with `cargo xtask firmware`")]
     NoImage(PathBuf),
+    /// The file is no image, or not a whole one.
+    #[error("{} is not a firmware image: {why}; `cargo xtask firmware` builds that of board-bare", image.display())]
+    NotAnImage {
+        /// The file.
+        image: PathBuf,
+        /// What it lacks.
+        why: &'static str,
+    },
     /// QEMU is not installed.
     #[error(
         "cannot start qemu-system-arm: {0}; install QEMU for ARM (Debian: apt-get install qemu-system-arm)"
@@ -84,21 +93,6 @@ pub struct Machine<'a> {
     pub own_group: bool,
 }
 
-/// Finds the board module of an image from the mangled names of its functions: crate, module `boards` and the
-/// module of the board, each preceded by its length.
-fn board_of(image: &[u8]) -> Option<String> {
-    const MODULE: &[u8] = b"tesaki_firmware6boards";
-    let after = |at| image.get(at + MODULE.len()..at + MODULE.len() + 32);
-    let starts = image.windows(MODULE.len()).enumerate().filter(|(_, bytes)| *bytes == MODULE);
-    let mut names = starts.filter_map(|(at, _)| {
-        let text = after(at)?;
-        let digits = text.iter().take_while(|letter| letter.is_ascii_digit()).count();
-        let length: usize = std::str::from_utf8(&text[..digits]).ok()?.parse().ok()?;
-        String::from_utf8(text.get(digits..digits + length)?.to_vec()).ok()
-    });
-    names.next()
-}
-
 /// The shipped image in QEMU: requests on USART1, sensors and actuators on USART2, in lock step.
 pub struct Qemu {
     board: LinkBoard<Socket>,
@@ -122,18 +116,22 @@ impl Qemu {
     pub fn boot(image: &Path, machine: &Machine<'_>) -> Result<Self, QemuError> {
         let other =
             |board: &str| Err(QemuError::OtherBoard { image: image.to_owned(), board: board.to_owned() });
-        let named = || board_of(&std::fs::read(image).ok()?).map(|name| format!("board-{name}"));
-        let mut qemu = match Self::boot_on(image, machine) {
-            Ok(qemu) => qemu,
-            // The board may use another UART for the supervisor link.
-            Err(silent @ QemuError::Silent { .. }) => {
-                return named().map_or(Err(silent), |board| other(&board));
-            }
-            Err(error) => return Err(error),
-        };
+        // If it cannot be read, booting it says so.
+        let bytes = std::fs::read(image).unwrap_or_default();
+        let named = image::board_of(&bytes).filter(|name| name != "bare");
+        if let Some(name) = named {
+            return other(&format!("board-{name}"));
+        }
+        let mut qemu = Self::boot_on(image, machine).map_err(|error| match error {
+            QemuError::Silent { .. } if !image::is_of_tesaki(&bytes) => QemuError::NotAnImage {
+                image: image.to_owned(),
+                why: "it does not answer, and is not an image of tesaki",
+            },
+            error => error,
+        })?;
         let status = qemu.status().map_err(|error| qemu.silent(error))?;
         if status.board.identity.capabilities & Identity::PLANT_LINK == 0 {
-            return other(named().as_deref().unwrap_or("another board"));
+            return other("another board");
         }
         Ok(qemu)
     }
@@ -146,6 +144,8 @@ impl Qemu {
         if !image.is_file() {
             return Err(QemuError::NoImage(image.to_owned()));
         }
+        let not_an_image = |why| QemuError::NotAnImage { image: image.to_owned(), why };
+        image::check(&std::fs::read(image)?).map_err(not_an_image)?;
         let folder = tempfile::tempdir()?;
         let sockets = [folder.path().join("usart1"), folder.path().join("usart2")];
         let mut command = Command::new("qemu-system-arm");
@@ -428,23 +428,5 @@ impl Drop for Process {
         // The process may already have ended.
         let _ = self.0.kill();
         let _ = self.0.wait();
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::board_of;
-
-    #[test]
-    fn an_image_tells_its_board_by_the_names_of_its_functions() {
-        // Mangled as by rustc: `<tesaki_firmware::boards::weact::Board as …>::start`, and a function outside
-        // `boards`.
-        let names =
-            b"_RNvNtCs1_15tesaki_firmware4boot\0_RNvXNtNtCs1_15tesaki_firmware6boards5weactNtB2_5Board\0";
-        let padded = [&names[..], &[0; 32]].concat();
-        assert_eq!(board_of(&padded).as_deref(), Some("weact"));
-        assert_eq!(board_of(b"_RNvNtCs1_15tesaki_firmware4boot\0"), None);
-        // An image that ends within the name.
-        assert_eq!(board_of(b"15tesaki_firmware6boards5we"), None);
     }
 }

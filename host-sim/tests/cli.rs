@@ -179,8 +179,14 @@ fn bad_input_is_answered_with_what_to_do() {
     let grasp = concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/hand3/grasps/box.toml");
     says(&host_sim(&["render-knob", "--out", below.to_str().unwrap()]), 2, &[below.to_str().unwrap()]);
     says(&host_sim(&["serve", "--grasp", grasp, "--object", file]), 2, &[file]);
-    let no_image = ["run", "hand3-servo", "--controller", "qemu", "--elf", "/nowhere/image"];
-    says(&host_sim(&no_image), 2, &["no firmware image at /nowhere/image", "cargo xtask firmware"]);
+    let qemu = |image| host_sim(&["run", "hand3-servo", "--controller", "qemu", "--elf", image]);
+    says(&qemu("/nowhere/image"), 2, &["no firmware image at /nowhere/image", "cargo xtask firmware"]);
+    says(
+        &host_sim(&["chip", "--elf", file, "--chip", file]),
+        2,
+        &[file, "is not an image of board-weact: it is not an ELF"],
+    );
+    says(&qemu(file), 2, &[file, "is not a firmware image: it is not an ELF file", "cargo xtask firmware"]);
 }
 
 /// QEMU would block if it wrote more than a pipe holds.
@@ -195,7 +201,10 @@ fn what_qemu_says_before_it_ends_is_quoted() {
     std::fs::set_permissions(&qemu, std::fs::Permissions::from_mode(0o755)).unwrap();
     let path = format!("{}:{}", folder.path().display(), std::env::var("PATH").unwrap());
     let mut command = Command::new(env!("CARGO_BIN_EXE_host-sim"));
-    command.args(["run", "hand3-servo", "--controller", "qemu", "--elf"]).arg(&qemu);
+    let image = folder.path().join("image");
+    let header = [&b"\x7fELF\x01\x01"[..], &[0; 12], &[40], &[0; 33]].concat();
+    std::fs::write(&image, header).unwrap();
+    command.args(["run", "hand3-servo", "--controller", "qemu", "--elf"]).arg(&image);
     let output = command.arg("--out").arg(folder.path()).env("PATH", path).output().unwrap();
     says(&output, 2, &["did not come up: exit status: 3; qemu-system-arm says: no such machine"]);
 }
