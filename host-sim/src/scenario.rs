@@ -145,6 +145,11 @@ impl<'a, 'b> Setting<'a, 'b> {
     pub fn motion(&self, robot: &RobotModel) -> Motion {
         Motion::new(robot.joints.iter().map(|joint| joint.name.as_str())).shown_to(self.live)
     }
+
+    /// The error for a robot that the scenario is not for.
+    fn other_robot(&self, reason: impl ToString) -> ScenarioError {
+        ScenarioError::OtherRobot { robot: self.robot.display().to_string(), reason: reason.to_string() }
+    }
 }
 
 /// What a run leaves.
@@ -193,9 +198,9 @@ pub enum ScenarioError {
     /// What it found makes no sense.
     #[error(transparent)]
     Calibration(#[from] CalibrationError),
-    /// The robot has no fingers to lead.
-    #[error("{robot} is not a hand: {reason}")]
-    NoHand {
+    /// The scenario is for robots of another kind.
+    #[error("{robot} is not a robot for this scenario: {reason}")]
+    OtherRobot {
         /// Its folder.
         robot: String,
         /// Why.

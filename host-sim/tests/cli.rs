@@ -179,6 +179,17 @@ fn bad_input_is_answered_with_what_to_do() {
     let grasp = concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/hand3/grasps/box.toml");
     says(&host_sim(&["render-knob", "--out", below.to_str().unwrap()]), 2, &[below.to_str().unwrap()]);
     says(&host_sim(&["serve", "--grasp", grasp, "--object", file]), 2, &[file]);
+    for (scenario, robot, told) in [
+        ("hand3-reach", "arm7", "its paths are for fingers of three joints each"),
+        ("hand3-reach", "inspire", "its paths are for fingers of three joints each"),
+        ("arm7-wall", "hand3", "it needs an arm: one chain of six or seven joints with a force sensor"),
+        ("arm7-follow", "knob-arm", "it needs an arm: one chain of six or seven joints with a force sensor"),
+    ] {
+        let robot = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots").join(robot);
+        let robot = robot.to_str().unwrap();
+        let run = host_sim(&["run", scenario, "--robot", robot, "--out", folder.path().to_str().unwrap()]);
+        says(&run, 2, &[robot, told]);
+    }
     let qemu = |image| host_sim(&["run", "hand3-servo", "--controller", "qemu", "--elf", image]);
     says(&qemu("/nowhere/image"), 2, &["no firmware image at /nowhere/image", "cargo xtask firmware"]);
     says(

@@ -112,6 +112,13 @@ impl ArmRig {
     /// Reads the robot's folder.
     pub fn load(setting: &Setting<'_, '_>) -> Result<Self, ScenarioError> {
         let robot = RobotFolder::load(setting.robot)?;
+        match robot.model.chains.as_slice() {
+            [chain] if chain.force_sensor.is_some() && matches!(robot.model.joints.len(), 6 | 7) => {}
+            _ => {
+                let needed = "it needs an arm: one chain of six or seven joints with a force sensor";
+                return Err(setting.other_robot(needed));
+            }
+        }
         let motion = setting.motion(&robot.model);
         let (seed, intervention) = (setting.seed, setting.intervention.clone());
         Ok(Self { values: PlantValues::load(setting.robot)?, robot, motion, seed, intervention })

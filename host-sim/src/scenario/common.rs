@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use tesaki::control::ServoMode;
 use tesaki::model::RobotModel;
-use tesaki::protocol::Request;
+use tesaki::protocol::{Refusal, Request};
 use tesaki::task::TaskConfig;
 use tesaki_supervisor::{Board, BoardError};
 
@@ -123,6 +123,22 @@ pub fn fault_error(
             ScenarioError::Fault { trial: trial.to_owned(), time, fault }
         }
         Err(error) => error.into(),
+    }
+}
+
+/// Why a request failed during a trial: the fault, where the controller refused it for being stopped.
+pub fn request_error(
+    controller: &mut Watched<'_>,
+    model: &RobotModel,
+    trial: &str,
+    time: f64,
+    error: BoardError,
+) -> ScenarioError {
+    match error {
+        BoardError::Refused { refusal: Refusal::WrongMode(_), .. } => {
+            fault_error(controller, model, trial, time)
+        }
+        other => other.into(),
     }
 }
 

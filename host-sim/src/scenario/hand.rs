@@ -13,7 +13,7 @@ use tesaki::teleop::{FINGERS, HumanFinger};
 use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::{Board, BoardError};
 
-use super::common::{T, during, fault_error, home, introduce, largest, tick};
+use super::common::{T, during, home, introduce, largest, request_error, tick};
 use super::{ScenarioError, Setting};
 use crate::controller::Watched;
 use crate::motion::Motion;
@@ -80,9 +80,8 @@ impl HandRig {
     /// Reads the robot's folder.
     pub fn load(setting: &Setting<'_, '_>) -> Result<Self, ScenarioError> {
         let robot = RobotFolder::load(setting.robot)?;
-        let hand = Hand::of_model(&robot.model, [0.0, 0.0, 1.0], 0.0).map_err(|error| {
-            ScenarioError::NoHand { robot: setting.robot.display().to_string(), reason: error.to_string() }
-        })?;
+        let hand =
+            Hand::of_model(&robot.model, [0.0, 0.0, 1.0], 0.0).map_err(|error| setting.other_robot(error))?;
         let motion = setting.motion(&robot.model);
         let (seed, intervention) = (setting.seed, setting.intervention.clone());
         Ok(Self { hand, motion, robot, seed, intervention })
@@ -308,7 +307,7 @@ impl<'a, 'b> HandTrial<'a, 'b> {
         request: impl FnOnce(&mut Watched<'b>) -> Result<(), BoardError>,
     ) -> Result<(), ScenarioError> {
         request(self.controller)
-            .map_err(|_| fault_error(self.controller, &self.rig.robot.model, &self.label, time))
+            .map_err(|error| request_error(self.controller, &self.rig.robot.model, &self.label, time, error))
     }
 
     fn step(&mut self) -> Result<(), ScenarioError> {

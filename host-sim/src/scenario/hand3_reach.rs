@@ -2,17 +2,17 @@
 //! machine that differs from the controller's model.
 
 use std::f64::consts::TAU;
+use std::ops::Range;
 
 use rapier3d::na::{Vector2, Vector3};
 use tesaki::control::ServoMode;
 use tesaki::kinematics::{Chain, TipPoint};
 use tesaki::model::{Pose, RobotModel};
-use tesaki::protocol::Refusal;
 use tesaki_description::robot::RobotFolder;
+use tesaki_supervisor::Board;
 use tesaki_supervisor::trajectory::minimum_jerk;
-use tesaki_supervisor::{Board, BoardError};
 
-use super::common::{T, capitalized, fault_error, largest, prepare};
+use super::common::{T, capitalized, fault_error, largest, prepare, request_error};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::controller::{Controller, Watched};
 use crate::motion::Motion;
@@ -124,6 +124,10 @@ impl TipLog {
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let robot = RobotFolder::load(setting.robot)?;
+    let three_joints = |range: Range<usize>| range.len() == MIDDLE.len();
+    if !robot.model.mimics.is_empty() || !robot.model.chain_ranges().all(three_joints) {
+        return Err(setting.other_robot("its paths are for fingers of three joints each"));
+    }
     let mut summary = Summary::default();
     let (mut figures, mut tables) = (Vec::new(), Vec::new());
     let mut motion = setting.motion(&robot.model);
@@ -163,12 +167,7 @@ fn run_trial(
         let point = path(time);
         let tips: Vec<TipPoint> = centers.iter().map(|center| point.at(center)).collect();
         let result = if time < APPROACH { controller.set_goal(&middle) } else { controller.reach(&tips) };
-        match result {
-            Err(BoardError::Refused { refusal: Refusal::WrongMode(_), .. }) => {
-                return Err(fault_error(controller, model, trial.label, time));
-            }
-            other => other?,
-        }
+        result.map_err(|error| request_error(controller, model, trial.label, time, error))?;
         let sequence = motion.tick(&plant.truth());
         if tick == 0 {
             motion.note(trial.label);

@@ -5,11 +5,10 @@ use std::ops::Range;
 
 use tesaki::control::ServoMode;
 use tesaki::model::RobotModel;
-use tesaki::protocol::Refusal;
 use tesaki_description::robot::RobotFolder;
-use tesaki_supervisor::{Board, BoardError};
+use tesaki_supervisor::Board;
 
-use super::common::{T, capitalized, fault_error, largest, prepare};
+use super::common::{T, capitalized, fault_error, largest, prepare, request_error};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::controller::{Controller, Watched};
 use crate::motion::Motion;
@@ -260,12 +259,8 @@ impl<'a, 'b> ServoTrial<'a, 'b> {
     /// Sends the goal when it steps, and repeats it every [`COMMAND_EVERY`] ticks.
     fn command(&mut self, tick: u32, time: f64) -> Result<(), ScenarioError> {
         let Some(goal) = due_goal(tick, &mut self.recording.steps, &self.start) else { return Ok(()) };
-        match self.controller.set_goal(&goal) {
-            Err(BoardError::Refused { refusal: Refusal::WrongMode(_), .. }) => {
-                Err(fault_error(self.controller, &self.model, self.label, time))
-            }
-            other => Ok(other?),
-        }
+        let sent = self.controller.set_goal(&goal);
+        sent.map_err(|error| request_error(self.controller, &self.model, self.label, time, error))
     }
 
     pub fn end(self) -> Result<ServoLog, ScenarioError> {

@@ -10,7 +10,7 @@ use tesaki_description::approach::{self, ApproachFile};
 use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::{Board, BoardError};
 
-use super::common::{T, clear_faults, fault_error, home, introduce, largest, median};
+use super::common::{T, clear_faults, home, introduce, largest, median, request_error};
 use super::film::picture_panel;
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::camera::{self, Camera, CameraValues, CircleTruth};
@@ -335,8 +335,9 @@ impl<'a, 'b, 'c> Trial<'a, 'b, 'c> {
         request: impl FnOnce(&mut Watched<'c>) -> Result<(), BoardError>,
     ) -> Result<(), ScenarioError> {
         let door = format!("door {}", self.number + 1);
-        request(self.setting.controller).map_err(|_| {
-            fault_error(self.setting.controller, &self.machine.robot.model, &door, self.log.time)
+        request(self.setting.controller).map_err(|error| {
+            let model = &self.machine.robot.model;
+            request_error(self.setting.controller, model, &door, self.log.time, error)
         })
     }
 

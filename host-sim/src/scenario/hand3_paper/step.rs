@@ -6,7 +6,7 @@ use super::{Law, ScenarioError, Setting, Summary};
 use crate::controller::Controller;
 use crate::plant::{Plant, PlantOptions};
 use crate::report::{Figure, Line, Metric, Panel};
-use crate::scenario::common::{T, fault_error, largest, prepare};
+use crate::scenario::common::{T, largest, prepare, request_error};
 use crate::scenario::grasping::GraspRig;
 
 /// Ticks between two commands, without which the controller stops.
@@ -84,9 +84,8 @@ fn trial(setting: &mut Setting<'_, '_>, rig: &mut GraspRig, law: &Law) -> Result
         if tick.is_multiple_of(COMMAND_EVERY) || tick == half {
             let offset = if tick < half { servo.step } else { 0.0 };
             let goal: Vec<f32> = start.iter().map(|angle| angle + offset as f32).collect();
-            if setting.controller.set_goal(&goal).is_err() {
-                return Err(fault_error(setting.controller, &model, &law.name, time));
-            }
+            let sent = setting.controller.set_goal(&goal);
+            sent.map_err(|error| request_error(setting.controller, &model, &law.name, time, error))?;
         }
         let truth = plant.truth();
         let actuators = setting.controller.tick(&plant.sensors(rig.motion.tick(&truth)))?;
