@@ -31,6 +31,10 @@ fn parameters_are_read_changed_and_refused_by_name() {
         &["no parameter \"colour\" in safety", "command_timeout"],
     );
     server.fails(&["set", "colour", "red"], 2, &["no parameter \"colour\"; the groups", "safety"]);
+    let members = server.succeeds(&["read", "joints."]);
+    assert!(members.contains("\njoints.finger3_curl.limits.velocity = 4.5"), "{members}");
+    let words = "model is a group of parameters: `tesaki read model` lists them";
+    server.fails(&["set", "", "3"], 2, &[words]);
     server.fails(&["read", "joints.finger9_curl"], 2, &["no parameter \"finger9_curl\" in joints"]);
     server.fails(&["set", "safety", "1"], 2, &["is a group"]);
     // The end stops are mechanical.
@@ -60,6 +64,27 @@ fn parameters_are_read_changed_and_refused_by_name() {
     let state = server.succeeds(&["read"]);
     let line = state.lines().find(|line| line.starts_with("finger1_swing")).unwrap();
     assert!(line.contains(" – ") && line.ends_with("not homed"), "{line}");
+}
+
+/// Not taken for an option that does not exist.
+#[test]
+fn a_negative_number_is_refused_in_words() {
+    let server = Server::start();
+    let table = hand3().join("controller.toml");
+    let camera =
+        ["calibrate", "camera", "--robot", "robots", "--in", table.to_str().unwrap(), "--rose", "-1"];
+    let cases: [(&[&str], i32, &str); 6] = [
+        (&["identify", "--joints", "--torque", "-1"], 2, "expected a fraction of the torque limit"),
+        (&["identify", "--joints", "--amplitude", "-1"], 2, "expected an amplitude from 0.03 to 0.5 rad"),
+        (&["calibrate", "poses.csv", "--marker-noise", "-1"], 2, "-1"),
+        (&["calibrate", "poses.csv", "--orientation-noise", "-1"], 2, "-1"),
+        (&["retarget", "--live", "--bandwidth", "-1"], 2, "-1"),
+        (&camera, 1, "robots"),
+    ];
+    for (arguments, code, words) in cases {
+        let (got, text) = server.run(arguments);
+        assert!(got == code && text.contains(words) && !text.contains("unexpected argument"), "{got} {text}");
+    }
 }
 
 #[test]

@@ -101,8 +101,9 @@ pub fn set(options: &Options, path: &str, value: &str) -> Result<(), Failure> {
             return Err(Failure::Usage(not_a_list(name, old)));
         }
         if old.is_object() {
+            let group = if name.is_empty() { "model" } else { name };
             return Err(Failure::Usage(format!(
-                "{name} is a group of parameters: `tesaki read {name}` lists them"
+                "{group} is a group of parameters: `tesaki read {group}` lists them"
             )));
         }
         *old = parse(name, old, value);
@@ -323,6 +324,7 @@ fn from_tree(mut tree: Value) -> Result<RobotModel, serde_json::Error> {
 /// The paths that match `path`: each `*` stands for every joint, or every member of another group.
 fn expand(tree: &Value, path: &str) -> Result<Vec<String>, Failure> {
     let Some((before, after)) = path.split_once('*') else {
+        let path = path.strip_suffix('.').unwrap_or(path);
         at(tree, path)?;
         return Ok(vec![path.to_owned()]);
     };

@@ -60,10 +60,10 @@ pub struct Calibrate {
     pub proportions: bool,
     /// Root mean square error of a sensor's orientation in a pose [°]; less than that of a sample if a pose
     /// is the mean over the time that it was held
-    #[arg(long, value_name = "DEG", default_value = "0.5", value_parser = orientation_noise)]
+    #[arg(long, value_name = "DEG", default_value = "0.5", value_parser = orientation_noise, allow_negative_numbers = true)]
     pub orientation_noise: f32,
     /// Standard deviation of a marker along each axis [mm]
-    #[arg(long, value_name = "MM", default_value = "0.3", value_parser = marker_noise)]
+    #[arg(long, value_name = "MM", default_value = "0.3", value_parser = marker_noise, allow_negative_numbers = true)]
     pub marker_noise: f32,
 }
 
@@ -84,16 +84,16 @@ pub struct CalibrateCamera {
     #[arg(long = "in", value_name = "CSV")]
     pub input: PathBuf,
     /// Radius of the plate's front rim [m]
-    #[arg(long, value_name = "METRES")]
+    #[arg(long, value_name = "METRES", allow_negative_numbers = true)]
     pub rose: f64,
     /// Size of the pictures [px]; needed for a table without pictures
     #[arg(long, value_name = "WxH", value_parser = size)]
     pub size: Option<[u32; 2]>,
     /// Where the optical axis meets the picture [px]; default: its middle
-    #[arg(long, value_name = "U,V", value_parser = principal)]
+    #[arg(long, value_name = "U,V", value_parser = principal, allow_hyphen_values = true)]
     pub principal: Option<[f64; 2]>,
     /// Approximate focal length [px]; default: half to one and a half times the width
-    #[arg(long, value_name = "PX")]
+    #[arg(long, value_name = "PX", allow_negative_numbers = true)]
     pub focal: Option<f64>,
     /// Distances of the table, from the origin of the hand frame along the approach [m]
     #[arg(long, value_name = "NEAR..FAR", default_value = "0.02..0.3", value_parser = distances, allow_hyphen_values = true)]

@@ -46,17 +46,17 @@ pub struct Identify {
     pub no_hold: bool,
     /// With --joints: largest torque of a joint beyond the weight of its links, as a fraction of its limit;
     /// more ends the test
-    #[arg(long, value_name = "FRACTION", default_value = "0.25", value_parser = fraction)]
+    #[arg(long, value_name = "FRACTION", default_value = "0.25", value_parser = fraction, allow_negative_numbers = true)]
     pub torque: f64,
     /// Calibration file to write, for `tesaki model push --calibration`
     #[arg(long, value_name = "FILE", default_value = "calibration.toml")]
     pub out: PathBuf,
     /// Amplitude of the sweep of each joint [rad]
-    #[arg(long, default_value = "0.1", value_parser = amplitude)]
+    #[arg(long, default_value = "0.1", value_parser = amplitude, allow_negative_numbers = true)]
     pub amplitude: f64,
     /// Maximum normal force of each grip [N], at least two different values; a grip that fails is left out
     /// if two others succeed
-    #[arg(long, value_name = "N,N", value_delimiter = ',', default_values_t = [2.0, 6.0, 4.0], conflicts_with = "joints")]
+    #[arg(long, value_name = "N,N", value_delimiter = ',', allow_hyphen_values = true, default_values_t = [2.0, 6.0, 4.0], conflicts_with = "joints")]
     pub grips: Vec<f32>,
 }
 

@@ -46,7 +46,7 @@ pub struct Retarget {
     #[arg(long, value_name = "FILE")]
     pub operator: Option<PathBuf>,
     /// Bandwidth of the filter of orientations or positions [Hz], 0.5 to 20
-    #[arg(long, value_name = "HZ", default_value = "5", value_parser = bandwidth)]
+    #[arg(long, value_name = "HZ", default_value = "5", value_parser = bandwidth, allow_negative_numbers = true)]
     pub bandwidth: f32,
     /// End if the source is silent for this time [s]
     #[arg(long, value_name = "S", default_value = "5", requires = "live", value_parser = seconds, allow_negative_numbers = true)]
