@@ -149,7 +149,8 @@ impl Approach {
     }
 
     /// Number of remaining explanations of the circles.
-    pub fn explanations(&self) -> usize {
+    #[cfg(test)]
+    pub(super) fn explanations(&self) -> usize {
         self.rose.len()
     }
 

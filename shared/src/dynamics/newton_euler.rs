@@ -62,12 +62,6 @@ impl Chain {
         self.newton_euler(gravity, Some(wrench), q, qd, qdd, torques);
     }
 
-    /// The nonlinear terms `h(q, q̇)` of `τ = M(q) q̈ + h(q, q̇)` [N·m]: centrifugal, Coriolis and gravity
-    /// torques. This is [`Chain::inverse_dynamics`] without accelerations.
-    pub fn nonlinear_effects(&self, gravity: &Vector3<f32>, q: &[f32], qd: &[f32], torques: &mut [f32]) {
-        self.newton_euler(gravity, None, q, qd, &[0.0; MAX_CHAIN_JOINTS], torques);
-    }
-
     /// Always inlined, so that the version without a wrench contains none of its code.
     #[inline(always)]
     fn newton_euler(

@@ -20,15 +20,6 @@ pub fn contact_map(lever: &Vector3<f32>) -> SMatrix<f32, 3, 6> {
     map
 }
 
-/// `D_o`, 9 × 6, of three contacts at `levers` [m] from the object's origin. Its transpose is the grasp map.
-pub fn object_map(levers: &[Vector3<f32>; 3]) -> SMatrix<f32, 9, 6> {
-    let mut map = SMatrix::<f32, 9, 6>::zeros();
-    for (index, lever) in levers.iter().enumerate() {
-        map.fixed_view_mut::<3, 6>(3 * index, 0).copy_from(&contact_map(lever));
-    }
-    map
-}
-
 /// Three fingers of three joints that hold an object: the block-diagonal matrix `D_F J_F`, 9 × 9.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ThreeFingers {
@@ -58,7 +49,8 @@ impl ThreeFingers {
         Self { blocks: fingers.each_ref().map(block) }
     }
 
-    /// `D_Fi J_Fi` of the three fingers [m/rad].
+    /// `D_Fi J_Fi` of the three fingers [m/rad]: the contact velocities for the joint velocities (Hand3
+    /// eq. 15).
     pub const fn blocks(&self) -> &[Matrix3<f32>; 3] {
         &self.blocks
     }
@@ -70,13 +62,6 @@ impl ThreeFingers {
         let [a, b, c] = &self.blocks;
         let [f, g, h] = forces;
         [a.tr_mul(f), b.tr_mul(g), c.tr_mul(h)]
-    }
-
-    /// `D_F J_F q̇`, the left side of (Hand3 eq. 15): contact velocities [m/s] for joint velocities [rad/s].
-    pub fn contact_velocities(&self, joints: &[Vector3<f32>; 3]) -> [Vector3<f32>; 3] {
-        let [a, b, c] = &self.blocks;
-        let [p, q, r] = joints;
-        [a * p, b * q, c * r]
     }
 
     /// `(D_F J_F)⁻¹ D_o V` (Hand3 eq. 22, 23): joint velocities [rad/s] that follow an object with `twist`

@@ -101,8 +101,6 @@ pub enum GloveError {
         /// Norm of its quaternion.
         norm: f32,
     },
-    /// The matrix is not a rotation: its columns are not orthonormal and right-handed.
-    NotRotation(GloveSensor),
     /// The time since the last sample is not within 0 to 1 s [s].
     Period(f32),
 }
@@ -118,12 +116,6 @@ impl fmt::Display for GloveError {
             }
             Self::NotUnit { sensor, norm } => {
                 write!(f, "the orientation of {sensor} is a quaternion of norm {norm}; it must be 1")
-            }
-            Self::NotRotation(sensor) => {
-                write!(
-                    f,
-                    "the matrix of {sensor} is no rotation: its columns must be orthonormal, right-handed"
-                )
             }
             Self::Period(value) => {
                 write!(f, "{value} s between samples; it must be above 0 s and at most 1 s")
@@ -184,26 +176,6 @@ impl FingerRotations {
             Ok((back * absolute).to_rotation_matrix().into_inner())
         };
         Ok(Self([segment(0)?, segment(1)?, segment(2)?]))
-    }
-
-    /// Takes the matrices `R1`, `R1R2`, `R1R2R3`, given by rows.
-    ///
-    /// # Errors
-    /// A matrix that is not a rotation.
-    pub fn try_from_matrices(finger: HumanFinger, rows: &[[[f32; 3]; 3]; 3]) -> Result<Self, GloveError> {
-        let mut rotations = [Matrix3::zeros(); 3];
-        for ((rotation, rows), segment) in rotations.iter_mut().zip(rows).zip(0..) {
-            *rotation = Matrix3::from_fn(|row, column| rows[row][column]);
-            let sensor = GloveSensor::Segment(finger, segment);
-            if !rotation.iter().all(|entry| entry.is_finite()) {
-                return Err(GloveError::NotFinite(sensor));
-            }
-            let off = (rotation.transpose() * *rotation - Matrix3::identity()).amax();
-            if off > UNIT_TOLERANCE || rotation.determinant() < 0.0 {
-                return Err(GloveError::NotRotation(sensor));
-            }
-        }
-        Ok(Self(rotations))
     }
 
     /// Rotations of the joints, `R1`, `R2`, `R3`.

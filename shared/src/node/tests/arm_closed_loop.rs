@@ -132,7 +132,8 @@ impl SimulatedArm {
             let torques = if step == 0 { self.torques } else { commanded };
             let mut bias = JointVector::zeros();
             let (angles, velocities) = (self.angles.as_slice(), self.velocities.as_slice());
-            self.chain.nonlinear_effects(&gravity, angles, velocities, bias.as_mut_slice());
+            let rest = JointVector::zeros();
+            self.chain.inverse_dynamics(&gravity, angles, velocities, rest.as_slice(), bias.as_mut_slice());
             let total = force + self.wall_force();
             let wrench = Vector6::new(total.x, total.y, total.z, 0.0, 0.0, 0.0);
             let jacobian = self.chain.posture(angles).jacobian();
