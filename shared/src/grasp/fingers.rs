@@ -1,6 +1,6 @@
 use core::fmt;
 
-use nalgebra::{Matrix3, SMatrix, Vector3, Vector6};
+use nalgebra::{Matrix3, Vector3, Vector6};
 
 use super::map::halves;
 use crate::kinematics::Jacobian;
@@ -8,17 +8,6 @@ use crate::zip::zip;
 
 /// Threshold of singularity: determinant of a finger's block over the product of its columns' norms.
 const MIN_DETERMINANT: f32 = 1e-4;
-
-/// `[1 −r^]`, 3 × 6 [1, m]: maps a frame's twist `[v; ω]` to the velocity of a point at `lever` [m] from its
-/// origin. `D_Fi` with the lever from the fingertip's frame, `D_oi` with that from the object's, both in the
-/// axes of the hand; (Hand3 eq. 13) without the rows of the rotation, which a point contact does not
-/// constrain.
-pub fn contact_map(lever: &Vector3<f32>) -> SMatrix<f32, 3, 6> {
-    let mut map = SMatrix::<f32, 3, 6>::zeros();
-    map.fixed_view_mut::<3, 3>(0, 0).fill_with_identity();
-    map.fixed_view_mut::<3, 3>(0, 3).copy_from(&-lever.cross_matrix());
-    map
-}
 
 /// Three fingers of three joints that hold an object: the block-diagonal matrix `D_F J_F`, 9 × 9.
 #[derive(Clone, Debug, PartialEq)]
@@ -34,12 +23,15 @@ pub struct SingularFinger {
 }
 
 impl ThreeFingers {
-    /// `fingers`: Jacobian of the tip, of which the first three columns are used, and lever from the tip to
-    /// the contact [m], in the axes of the Jacobian.
+    /// `fingers`: Jacobian of the tip, of which the first three columns are used, and lever `r` from the tip
+    /// to the contact [m], in the axes of the Jacobian.
+    ///
+    /// `D_Fi = [1 −r^]` maps the tip's twist to the velocity of the contact: (Hand3 eq. 13) without the rows
+    /// of the rotation, which a point contact does not constrain.
     pub fn new(fingers: &[(Jacobian, Vector3<f32>); 3]) -> Self {
         let block = |(jacobian, lever): &(Jacobian, Vector3<f32>)| {
             let mut block = Matrix3::zeros();
-            // `contact_map(lever) * jacobian`, without products with 0.
+            // `D_Fi J_Fi`, without products with 0.
             for (mut column, joint) in block.column_iter_mut().zip(jacobian.column_iter()) {
                 let (linear, angular) = (joint.fixed_rows::<3>(0), joint.fixed_rows::<3>(3));
                 column.copy_from(&(linear + angular.cross(lever)));

@@ -34,7 +34,7 @@ mod grip_tests;
 
 pub use certificate::Certificate;
 pub use contact::{Contact, ContactForces, InvalidContact, MAX_CONTACTS};
-pub use fingers::{SingularFinger, ThreeFingers, contact_map};
+pub use fingers::{SingularFinger, ThreeFingers};
 pub use frame::{ObjectFrameError, object_frame};
 pub use grip::{Grip, GripError, GripState, InvalidGripSettings, LeastGrip};
 pub use internal::{ContactCountError, InternalForces, NormalGrip, NormalGripError};
