@@ -1,13 +1,9 @@
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
+use super::clients::{Clients, ahead, keep_up};
 use super::optional::Optional;
 use crate::protocol::{LEASE, Refusal};
-
-/// Number of former commanders whose late requests are recognised.
-const FORMER: usize = 4;
-/// A command whose sequence number is this far back is no longer repeated.
-const MAX_REPETITION_AGE: u16 = 1 << 14;
 
 /// The lease of the commander, and its last command.
 ///
@@ -26,8 +22,8 @@ pub(super) struct Lease {
     pub(super) refusal: Optional<Refusal>,
     /// The tick of its last request.
     pub(super) last_request: u32,
-    /// The former commanders, the latest first, each with the sequence number of its last command.
-    pub(super) former: [Option<(u32, u16)>; FORMER],
+    /// The former commanders, each with the sequence number of its last command: late ones are recognised.
+    pub(super) former: Clients,
 }
 
 /// Whether to execute a command.
@@ -49,7 +45,7 @@ impl Lease {
             sequence: 0,
             refusal: Optional::None,
             last_request: 0,
-            former: [None; FORMER],
+            former: Clients::NONE,
         }
     }
 
@@ -67,22 +63,14 @@ impl Lease {
 
     /// Registers a request of any kind.
     pub fn register(&mut self, client: u32, sequence: u16, now: u32) {
-        for (former, latest) in self.former.iter_mut().flatten() {
-            if *former == client && is_far_ahead(sequence, *latest) {
-                *latest = sequence.wrapping_sub(1);
-            }
-        }
+        self.former.register(client, sequence);
         if self.client != Some(client) {
             return;
         }
         self.last_request = now;
-        // Requests other than commands use sequence numbers, too. After half of the number range the next
-        // command would appear older than the last one, so the last number is moved up, to just before this
-        // request, which may itself be a command. A late command with that number was not executed, so it is
-        // refused.
-        if is_far_ahead(sequence, self.sequence) {
-            let latest = sequence.wrapping_sub(1);
-            (self.sequence, self.refusal) = (latest, Optional::Some(Refusal::Stale { latest }));
+        // A late command with the number that was moved up was not executed, so it is refused.
+        if keep_up(&mut self.sequence, sequence) {
+            self.refusal = Optional::Some(Refusal::Stale { latest: self.sequence });
         }
     }
 
@@ -95,11 +83,9 @@ impl Lease {
         enabled: bool,
         now: u32,
     ) -> Result<(), Refusal> {
-        let own = Some((client, self.sequence)).filter(|_| self.client == Some(client));
-        let before =
-            own.or_else(|| self.former.iter().flatten().find(|(former, _)| *former == client).copied());
-        if let Some((_, latest)) = before {
-            let ahead = sequence.wrapping_sub(latest).cast_signed();
+        let own = Some(self.sequence).filter(|_| self.client == Some(client));
+        if let Some(latest) = own.or_else(|| self.former.latest(client)) {
+            let ahead = ahead(sequence, latest);
             // A late duplicate from a time when this client commanded.
             let again = ahead == 0 && self.commander() != Some(client);
             if ahead < 0 || again {
@@ -114,13 +100,7 @@ impl Lease {
             return Err(Refusal::Commanded { by });
         }
         if let Some(former) = self.client.filter(|former| *former != client) {
-            // Replaces the new commander's own entry, or the oldest one.
-            let own = |entry: &Option<(u32, u16)>| entry.is_some_and(|(former, _)| former == client);
-            let end = self.former.iter().position(own).unwrap_or(FORMER - 1);
-            let mut moved = Some((former, self.sequence));
-            for entry in self.former.iter_mut().take(end + 1) {
-                core::mem::swap(entry, &mut moved);
-            }
+            self.former.replace(client, Some((former, self.sequence)));
         }
         (self.held, self.mismatched, self.client, self.last_request) = (true, false, Some(client), now);
         (self.sequence, self.refusal) = (sequence, Optional::None);
@@ -130,12 +110,8 @@ impl Lease {
     /// Registers a request that any client may send at any time. Commands that the client sent before it but
     /// that arrive later must not be executed: after a stop they would switch the outputs on again.
     pub fn overrule(&mut self, client: u32, sequence: u16) {
-        for (former, latest) in self.former.iter_mut().flatten() {
-            if *former == client && sequence.wrapping_sub(*latest).cast_signed() > 0 {
-                *latest = sequence;
-            }
-        }
-        if self.client == Some(client) && !self.is_older(sequence) {
+        self.former.outdate(client, sequence);
+        if self.client == Some(client) && ahead(sequence, self.sequence) >= 0 {
             (self.sequence, self.refusal) = (sequence, Optional::None);
         }
     }
@@ -149,7 +125,7 @@ impl Lease {
         if by != client {
             return Err(Refusal::Commanded { by });
         }
-        if self.is_older(sequence) {
+        if ahead(sequence, self.sequence) < 0 {
             return Err(Refusal::Stale { latest: self.sequence });
         }
         Ok(Admitted::New)
@@ -164,17 +140,6 @@ impl Lease {
     pub fn release(&mut self) {
         self.held = false;
     }
-
-    /// Whether `sequence` is older than the last command: behind it by up to half of the number range, with
-    /// wrap-around.
-    fn is_older(&self, sequence: u16) -> bool {
-        sequence.wrapping_sub(self.sequence).cast_signed() < 0
-    }
-}
-
-/// Whether `sequence` is so far ahead of `latest` that requests up to `latest` are no longer repeated.
-pub(super) fn is_far_ahead(sequence: u16, latest: u16) -> bool {
-    (MAX_REPETITION_AGE..1 << 15).contains(&sequence.wrapping_sub(latest))
 }
 
 #[cfg(test)]

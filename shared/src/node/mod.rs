@@ -16,6 +16,7 @@
 //! [`SensorFrame`](crate::protocol::SensorFrame) and the requests [handled](Node::handle) since the last
 //! tick.
 
+mod clients;
 mod export;
 mod force_sensor;
 mod handle;

@@ -1,9 +1,10 @@
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
+use super::clients::{CLIENTS, Clients, ahead};
 use super::force_sensor::ForceSensorState;
 use super::joint::JointState;
-use super::lease::{Lease, is_far_ahead};
+use super::lease::Lease;
 use super::optional::Optional;
 use super::stop_energy::StopEnergy;
 use crate::control::JointPoint;
@@ -12,9 +13,6 @@ use crate::model::{MAX_CHAINS, MAX_JOINTS, Reaction};
 use crate::protocol::{Mode, Refusal, Stream};
 use crate::robot::{Measured, Targets};
 use crate::task::TaskState;
-
-/// Number of clients with a matching schema key that the node remembers, besides the commander.
-const CLIENTS: usize = 4;
 
 /// Increment it when the *meaning* of the state changes: the hash of [`STATE_KEY`] covers only names and
 /// structure.
@@ -58,9 +56,8 @@ impl Sensing {
 #[repr(C)]
 #[derive(Clone, Debug, Serialize, Deserialize, Schema)]
 pub struct State {
-    /// The clients whose hello had our schema key, the latest first, each with a sequence number: requests up
-    /// to it can no longer take command.
-    pub(super) accepted: [Option<(u32, u16)>; CLIENTS],
+    /// The clients whose hello had our schema key. Their outdated requests can no longer take command.
+    pub(super) accepted: Clients,
     pub(super) lease: Lease,
     pub(super) mode: Mode,
     /// Reaction of the outputs in [`Mode::Fault`].
@@ -107,7 +104,7 @@ impl State {
     /// Disabled, without model.
     pub const fn new() -> Self {
         Self {
-            accepted: [None; CLIENTS],
+            accepted: Clients::NONE,
             lease: Lease::new(),
             mode: Mode::Disabled,
             reaction: Reaction::Off,
@@ -140,46 +137,30 @@ impl State {
     /// another key.
     pub fn is_accepted(&self, client: u32) -> bool {
         let commands = self.lease.commander() == Some(client) && !self.lease.mismatched;
-        commands || self.place(client).is_some()
+        commands || self.accepted.latest(client).is_some()
     }
 
     /// Stores whether the client's hello had our schema key.
     pub fn set_accepted(&mut self, client: u32, sequence: u16, accepted: bool) {
         self.lease.greet(client, accepted);
-        let own = self.place(client);
-        let free = || self.accepted.iter().position(Option::is_none).unwrap_or(CLIENTS - 1);
-        // Replaces the client's own entry, an empty one, or the oldest one.
-        let Some(place) = own.or_else(|| accepted.then(free)) else { return };
-        let entry = own.and_then(|place| *self.accepted.get(place)?).unwrap_or((client, sequence));
-        let mut moved = accepted.then_some(entry);
-        for entry in self.accepted.iter_mut().take(place + 1) {
-            core::mem::swap(entry, &mut moved);
+        let known = self.accepted.latest(client);
+        if accepted {
+            self.accepted.replace(client, Some((client, known.unwrap_or(sequence))));
+        } else if known.is_some() {
+            self.accepted.replace(client, None);
         }
-    }
-
-    /// The index of the client among the accepted ones.
-    fn place(&self, client: u32) -> Option<usize> {
-        self.accepted.iter().position(|entry| entry.is_some_and(|(known, _)| known == client))
     }
 
     /// Registers a request of any kind.
     pub fn register(&mut self, client: u32, sequence: u16) {
         self.lease.register(client, sequence, self.tick);
-        for (known, latest) in self.accepted.iter_mut().flatten() {
-            if *known == client && is_far_ahead(sequence, *latest) {
-                *latest = sequence.wrapping_sub(1);
-            }
-        }
+        self.accepted.register(client, sequence);
     }
 
     /// Requests that the client sent up to `sequence` can no longer take command: a late or repeated one must
     /// not be executed.
     pub fn outdate(&mut self, client: u32, sequence: u16) {
-        for (known, latest) in self.accepted.iter_mut().flatten() {
-            if *known == client && sequence.wrapping_sub(*latest).cast_signed() > 0 {
-                *latest = sequence;
-            }
-        }
+        self.accepted.outdate(client, sequence);
     }
 
     /// Registers a request that any client may send at any time. Commands that the client sent before it but
@@ -191,10 +172,9 @@ impl State {
 
     /// Gives the lease to `client`, unless it is another's or the request is late.
     pub fn take(&mut self, client: u32, sequence: u16, by_force: bool) -> Result<(), Refusal> {
-        let newest = self.accepted.iter().flatten().find(|(known, _)| *known == client);
-        if let Some(&(_, latest)) = newest
+        if let Some(latest) = self.accepted.latest(client)
             && self.lease.commander() != Some(client)
-            && sequence.wrapping_sub(latest).cast_signed() <= 0
+            && ahead(sequence, latest) <= 0
         {
             return Err(Refusal::Stale { latest });
         }

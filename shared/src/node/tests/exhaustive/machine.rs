@@ -14,6 +14,7 @@ use super::recovery;
 use crate::control::ServoMode;
 use crate::fault::{Fault, FaultCause, FaultLog};
 use crate::model::{Reaction, RobotModel};
+use crate::node::clients::Clients;
 use crate::node::lease::Lease;
 use crate::node::optional::Optional;
 use crate::node::tests::rig::{Rig, model};
@@ -156,7 +157,7 @@ pub struct View {
 #[derive(Clone, Debug, Serialize)]
 struct Control {
     lease: Lease,
-    accepted: [Option<(u32, u16)>; 4],
+    accepted: Clients,
     mode: Mode,
     reaction: Reaction,
     halting: bool,
@@ -394,8 +395,8 @@ impl Machine {
         // The sequence numbers that the node stores for the client may change.
         let visible = |id: u32| {
             let mut control = self.states[id as usize].0.clone();
-            control.accepted = [None; 4];
-            control.lease.former = [None; 4];
+            control.accepted = Clients::NONE;
+            control.lease.former = Clients::NONE;
             if control.lease.client == Some(client) {
                 (control.lease.sequence, control.lease.refusal) = (0, Optional::None);
             }

@@ -2,6 +2,7 @@
 
 use crate::fault::{Fault, FaultCause};
 use crate::node::Node;
+use crate::node::clients::Clients;
 use crate::node::optional::Optional;
 use crate::protocol::{
     ActuatorFrame, BoardStatus, Mode, Refusal, Reply, Request, RequestFrame, SensorFlags, SensorFrame,
@@ -153,22 +154,22 @@ pub fn handle(mutation: Option<Mutation>, node: &mut Node, frame: &RequestFrame)
         }
         M::RepeatedKeepCounts if frame.request == Request::Keep && reply == Reply::Done => state.silence = 0,
         M::ForgetsOtherClients => {
-            state.accepted.iter_mut().flatten().for_each(|(_, latest)| *latest = 0);
+            state.accepted.0.iter_mut().flatten().for_each(|(_, latest)| *latest = 0);
         }
         M::HelloOutdatesNothing if hello => {
             state.lease = old.lease;
-            state.accepted.iter_mut().flatten().for_each(|(_, latest)| *latest = 0);
+            state.accepted.0.iter_mut().flatten().for_each(|(_, latest)| *latest = 0);
         }
         M::HelloPushesOthersOut if hello => {
-            state.accepted.rotate_right(1);
-            state.accepted[0] = state.accepted[1].take();
+            state.accepted.0.rotate_right(1);
+            state.accepted.0[0] = state.accepted.0[1].take();
         }
         M::AnswersForWhatItNeverExecuted => {
             if let Optional::Some(Refusal::Stale { .. }) = state.lease.refusal {
                 state.lease.refusal = Optional::None;
             }
         }
-        M::ForgetsFormerCommanders => state.lease.former = [None; 4],
+        M::ForgetsFormerCommanders => state.lease.former = Clients::NONE,
         M::DisableOverrulesNothing if stops => {
             (state.lease, state.accepted) = (old.lease, old.accepted);
         }
