@@ -13,7 +13,7 @@ use crate::protocol::{
     Status,
 };
 use crate::robot::{Actuation, Measured, Robot};
-use crate::task::{TaskCommand, TaskConfig, TaskState};
+use crate::task::{Tareable, TaskCommand, TaskConfig, TaskState};
 
 /// Share of its velocity limit above which a joint must not be enabled: the servo, whose reference starts at
 /// rest, would overshoot.
@@ -219,44 +219,40 @@ impl Node {
 
     fn tare(&mut self) -> Result<(), Refusal> {
         let robot = self.robot.loaded().ok_or(Refusal::NoModel)?;
-        // Taring a loaded sensor subtracts that load from every later force.
-        let loaded = match self.state.mode {
-            Mode::Disabled => false,
-            Mode::Enabled(_) => !self.state.task.may_tare(),
-            Mode::Fault => true,
+        let Tareable { sensors, estimate } = match self.state.mode {
+            Mode::Disabled => Tareable { sensors: true, estimate: false },
+            Mode::Enabled(_) => self.state.task.tareable(),
+            Mode::Fault => Tareable { sensors: false, estimate: false },
         };
-        if loaded {
+        if !sensors && !estimate {
             return Err(Refusal::WrongMode(self.state.mode));
         }
-        let (enabled, has_sensor) = (matches!(self.state.mode, Mode::Enabled(_)), robot.force_sensors() != 0);
-        if !has_sensor && !enabled {
+        let has_sensor = robot.force_sensors() != 0;
+        if !has_sensor && self.state.mode == Mode::Disabled {
             return Err(Refusal::NoForceSensor);
         }
         self.require_homed(robot)?;
         if self.state.sensing != Sensing::Read {
             return Err(Refusal::NoSensors);
         }
-        let mut sensors = robot.model().chains.iter().zip(&self.state.force_sensors);
-        if sensors.any(|(chain, sensor)| chain.force_sensor.is_some_and(|config| !sensor.has_read(&config))) {
+        let mut states = robot.model().chains.iter().zip(&self.state.force_sensors);
+        if states.any(|(chain, state)| chain.force_sensor.is_some_and(|config| !state.has_read(&config))) {
             // The alarm is this fault, or one that masks it.
             return Err(match self.state.alarm {
                 Optional::Some(fault) => Refusal::Unsafe(fault),
                 Optional::None => Refusal::NoSensors,
             });
         }
-        // Does nothing for a task that estimates no forces.
-        let estimated = enabled && self.state.task.tare();
-        if !has_sensor && !estimated {
+        if !has_sensor && !estimate {
             return Err(Refusal::NoForceSensor);
         }
-        if enabled && self.state.task.is_in_contact() {
-            // The contact may be an error of the estimate, or real: the sensors keep their tare.
-            return Ok(());
+        if estimate {
+            self.state.task.tare_estimate();
         }
-        let sensors = robot.model().chains.iter().zip(&mut self.state.force_sensors);
-        for (index, (chain, sensor)) in sensors.enumerate() {
+        let states = robot.model().chains.iter().zip(&mut self.state.force_sensors);
+        for (index, (chain, state)) in states.enumerate().filter(|_| sensors) {
             if chain.force_sensor.is_some() {
-                sensor.tare();
+                state.tare();
                 self.state.measured.tared |= 1 << index;
             }
         }

@@ -60,6 +60,15 @@ pub enum Halt {
     Damp,
 }
 
+/// What may be tared. The tare of a loaded sensor would subtract that load from every later force.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Tareable {
+    /// The force sensors.
+    pub sensors: bool,
+    /// The task's own estimate of the force.
+    pub estimate: bool,
+}
+
 /// What an enabled node does in each tick.
 ///
 /// The implementing type is the task's whole state: plain data that can be exported and restored.
@@ -108,20 +117,13 @@ pub trait Task {
     /// torques until the next tick [N·m], and the accelerations that the limits added [rad/s²].
     fn applied(&mut self, _robot: &Robot, _torques: &[f32; MAX_JOINTS], _added: &[f32; MAX_JOINTS]) {}
 
-    /// Whether the force sensors may be tared now. They must not be while they carry a load.
-    fn may_tare(&self) -> bool {
-        true
+    /// What may be tared now. A tare is refused if nothing may be.
+    fn tareable(&self) -> Tareable {
+        Tareable { sensors: true, estimate: false }
     }
 
-    /// Whether the task detects a contact. The force sensors are not tared then.
-    fn is_in_contact(&self) -> bool {
-        false
-    }
-
-    /// Tares the force estimate of the task. `false` if the task estimates no forces.
-    fn tare(&mut self) -> bool {
-        false
-    }
+    /// Tares the task's estimate of the force. Called only while it is [tareable](Self::tareable).
+    fn tare_estimate(&mut self) {}
 
     /// Acceleration of the mass on the force sensor, in the base frame [m/s²].
     fn acceleration(&self) -> Vector3<f32> {

@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-use super::api::{Halt, Io, Task, TaskFault};
+use super::api::{Halt, Io, Tareable, Task, TaskFault};
 use super::grasping::Grasping;
 use super::impedance::ImpedanceControl;
 use super::joint_servo::JointServoTask;
@@ -162,19 +162,14 @@ macro_rules! tasks {
                 match self { $(Self::$name(task) => task.applied(robot, torques, added)),* }
             }
 
-            /// See [`Task::may_tare`].
-            pub fn may_tare(&self) -> bool {
-                match self { $(Self::$name(task) => task.may_tare()),* }
+            /// See [`Task::tareable`].
+            pub fn tareable(&self) -> Tareable {
+                match self { $(Self::$name(task) => task.tareable()),* }
             }
 
-            /// See [`Task::is_in_contact`].
-            pub fn is_in_contact(&self) -> bool {
-                match self { $(Self::$name(task) => task.is_in_contact()),* }
-            }
-
-            /// See [`Task::tare`].
-            pub fn tare(&mut self) -> bool {
-                match self { $(Self::$name(task) => task.tare()),* }
+            /// See [`Task::tare_estimate`].
+            pub fn tare_estimate(&mut self) {
+                match self { $(Self::$name(task) => task.tare_estimate()),* }
             }
 
             /// See [`Task::acceleration`].

@@ -22,5 +22,5 @@ mod list;
 pub mod telexistence;
 pub mod visual_approach;
 
-pub use api::{Halt, Io, Task, TaskFault};
+pub use api::{Halt, Io, Tareable, Task, TaskFault};
 pub use list::{TaskCommand, TaskConfig, TaskKind, TaskRefusal, TaskState, TaskTelemetry};

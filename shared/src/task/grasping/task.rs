@@ -8,7 +8,7 @@ use super::{
 use crate::control::ServoMode;
 use crate::fault::FaultCause;
 use crate::robot::{Actuation, JointSetpoint, JointTarget, Measured, Postures, Robot};
-use crate::task::{Io, Task, TaskFault};
+use crate::task::{Io, Tareable, Task, TaskFault};
 
 /// The task for a hand of three fingers on one board.
 #[derive(Clone, Debug, Serialize, Deserialize, Schema)]
@@ -74,8 +74,8 @@ impl Task for Grasping {
         Ok(())
     }
 
-    fn may_tare(&self) -> bool {
-        self.state.phase() == Phase::Ready
+    fn tareable(&self) -> Tareable {
+        Tareable { sensors: self.state.phase() == Phase::Ready, estimate: false }
     }
 
     fn telemetry(&self, _: &Robot, _: &Measured, _: &Postures) -> GraspTelemetry {

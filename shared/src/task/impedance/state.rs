@@ -278,13 +278,9 @@ impl ImpedanceState {
         source(&self.settings) != source(settings)
     }
 
-    /// Tares the force estimate. `false` if the force comes from a sensor.
-    pub const fn tare(&mut self) -> bool {
-        let estimates = self.estimates_force();
-        if estimates {
-            self.momentum_observer.tare();
-        }
-        estimates
+    /// Tares the force estimate.
+    pub const fn tare_estimate(&mut self) {
+        self.momentum_observer.tare();
     }
 
     /// Whether the force is estimated from the motor torques.

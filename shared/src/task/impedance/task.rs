@@ -12,7 +12,7 @@ use crate::fault::{Fault, FaultCause};
 use crate::kinematics::{ElbowSetpoint, PosePoint};
 use crate::model::{MAX_CHAIN_JOINTS, MAX_JOINTS};
 use crate::robot::{Actuation, JointSetpoint, Measured, Postures, Robot};
-use crate::task::{Halt, Io, Task, TaskFault};
+use crate::task::{Halt, Io, Tareable, Task, TaskFault};
 
 /// Commands of impedance control.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
@@ -141,17 +141,14 @@ impl Task for ImpedanceControl {
         self.state.applied(&arm, torques, added);
     }
 
-    fn may_tare(&self) -> bool {
-        // A constant error of the estimate looks like a contact.
-        !self.state.contact || self.state.estimates_force()
+    fn tareable(&self) -> Tareable {
+        // A constant error of the estimate looks like a contact. It may also be real: the sensors keep their
+        // tare.
+        Tareable { sensors: !self.state.contact, estimate: self.state.estimates_force() }
     }
 
-    fn is_in_contact(&self) -> bool {
-        self.state.contact
-    }
-
-    fn tare(&mut self) -> bool {
-        self.state.tare()
+    fn tare_estimate(&mut self) {
+        self.state.tare_estimate();
     }
 
     fn acceleration(&self) -> Vector3<f32> {
