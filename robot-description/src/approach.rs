@@ -43,7 +43,7 @@ use tesaki::control::ServoMode;
 use tesaki::model::RobotModel;
 use tesaki::robot::{LimitRefusal, Robot};
 use tesaki::task::visual_approach::{
-    ApproachField, GripperSettings, VisualApproachRefusal, VisualApproachSettings,
+    GripperSettings, VisualApproachField, VisualApproachRefusal, VisualApproachSettings,
 };
 
 use crate::file::{self, FileError, read_text};
@@ -224,13 +224,13 @@ fn place(refusal: &VisualApproachRefusal, task: &VisualApproachSettings) -> (&'s
         }
         VisualApproachRefusal::Limit(_) => ("gripper", "open"),
         VisualApproachRefusal::Value { field, .. } => match field {
-            ApproachField::Speed => ("hand", "speed"),
-            ApproachField::Acceleration => ("hand", "acceleration"),
-            ApproachField::ContactForce => ("hand", "contact_force"),
-            ApproachField::Reach => ("hand", "reach"),
-            ApproachField::GripperRange => ("gripper", "closed"),
-            ApproachField::GripperSpeed => ("gripper", "speed"),
-            ApproachField::GripperTorque => ("gripper", "torque"),
+            VisualApproachField::Speed => ("hand", "speed"),
+            VisualApproachField::Acceleration => ("hand", "acceleration"),
+            VisualApproachField::ContactForce => ("hand", "contact_force"),
+            VisualApproachField::Reach => ("hand", "reach"),
+            VisualApproachField::GripperRange => ("gripper", "closed"),
+            VisualApproachField::GripperSpeed => ("gripper", "speed"),
+            VisualApproachField::GripperTorque => ("gripper", "torque"),
         },
         VisualApproachRefusal::NoChain { .. }
         | VisualApproachRefusal::Target { .. }

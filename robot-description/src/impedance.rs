@@ -35,7 +35,8 @@ use tesaki::control::{Impedance, ImpedanceAxes, ImpedanceCoupling, ImpedanceTerm
 use tesaki::kinematics::Chain;
 use tesaki::model::RobotModel;
 use tesaki::task::impedance::{
-    DirectLaw, ForceSource, ImpedanceRefusal, ImpedanceSettings, InvalidSettings, Law, Redundancy, own_mass,
+    DirectLaw, ForceSource, ImpedanceRefusal, ImpedanceSettings, InvalidImpedanceSettings, Law, Redundancy,
+    own_mass,
 };
 
 use crate::file::{self, FileError};
@@ -319,34 +320,34 @@ pub fn own_mass_at(model: &RobotModel, angles: &[f32], axes: ImpedanceAxes) -> [
 }
 
 /// A bound in three digits, on the side that is accepted.
-fn rounded(problem: InvalidSettings) -> InvalidSettings {
+fn rounded(problem: InvalidImpedanceSettings) -> InvalidImpedanceSettings {
     match problem {
-        InvalidSettings::MassInContact { axis, value, own, limit } => {
+        InvalidImpedanceSettings::MassInContact { axis, value, own, limit } => {
             let limit = at_least(limit).parse().unwrap_or(limit);
-            InvalidSettings::MassInContact { axis, value, own, limit }
+            InvalidImpedanceSettings::MassInContact { axis, value, own, limit }
         }
         other => other,
     }
 }
 
 /// The key of an invalid setting.
-const fn key(problem: &InvalidSettings) -> &'static str {
+const fn key(problem: &InvalidImpedanceSettings) -> &'static str {
     match problem {
-        InvalidSettings::Impedance(InvalidImpedance { term, .. }) => match term {
+        InvalidImpedanceSettings::Impedance(InvalidImpedance { term, .. }) => match term {
             ImpedanceTerm::Mass | ImpedanceTerm::MassMatrix => "mass",
             ImpedanceTerm::Damping | ImpedanceTerm::DampingMatrix | ImpedanceTerm::DampingToMass => "damping",
             ImpedanceTerm::Stiffness | ImpedanceTerm::StiffnessMatrix | ImpedanceTerm::StiffnessToMass => {
                 "stiffness"
             }
         },
-        InvalidSettings::MassInContact { .. } => "mass",
-        InvalidSettings::Joint { .. } | InvalidSettings::NoArmAngle | InvalidSettings::NoRedundantJoint => {
-            "redundancy"
-        }
-        InvalidSettings::ElbowBandwidth { .. } => "elbow_bandwidth",
-        InvalidSettings::ForceBandwidth { .. } => "force",
-        InvalidSettings::ContactForce { .. } => "contact_force",
-        InvalidSettings::MaxDeviation { .. } => "max_deviation",
-        InvalidSettings::Friction { .. } => "direct",
+        InvalidImpedanceSettings::MassInContact { .. } => "mass",
+        InvalidImpedanceSettings::Joint { .. }
+        | InvalidImpedanceSettings::NoArmAngle
+        | InvalidImpedanceSettings::NoRedundantJoint => "redundancy",
+        InvalidImpedanceSettings::ElbowBandwidth { .. } => "elbow_bandwidth",
+        InvalidImpedanceSettings::ForceBandwidth { .. } => "force",
+        InvalidImpedanceSettings::ContactForce { .. } => "contact_force",
+        InvalidImpedanceSettings::MaxDeviation { .. } => "max_deviation",
+        InvalidImpedanceSettings::Friction { .. } => "direct",
     }
 }

@@ -75,7 +75,7 @@ pub fn grasp_refusal(refusal: &GraspRefusal) -> String {
 
 fn impedance_refusal(refusal: &ImpedanceRefusal) -> String {
     match refusal {
-        ImpedanceRefusal::Settings(settings) => entry("InvalidSettings", settings),
+        ImpedanceRefusal::Settings(settings) => entry("InvalidImpedanceSettings", settings),
         ImpedanceRefusal::Setpoint(setpoint) => entry("SetpointError", setpoint),
         other => entry("ImpedanceRefusal", other),
     }

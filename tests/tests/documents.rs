@@ -181,7 +181,7 @@ const EXPLAINED: &[&str] = &[
     "InvalidPlan",
     "ImpedanceRefusal",
     "SetpointError",
-    "InvalidSettings",
+    "InvalidImpedanceSettings",
     "TelexistenceRefusal",
     "VisualApproachRefusal",
     "Problem",

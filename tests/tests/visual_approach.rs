@@ -16,8 +16,8 @@ use tesaki::model::RobotModel;
 use tesaki::protocol::{Refusal, Reply, Request};
 use tesaki::robot::Robot;
 use tesaki::task::visual_approach::{
-    ApproachField, GripperSettings, GripperState, HandMotion, VisualApproachCommand, VisualApproachRefusal,
-    VisualApproachSettings, VisualApproachTelemetry,
+    GripperSettings, GripperState, HandMotion, VisualApproachCommand, VisualApproachField,
+    VisualApproachRefusal, VisualApproachSettings, VisualApproachTelemetry,
 };
 use tesaki::task::{TaskCommand, TaskConfig, TaskRefusal, TaskTelemetry};
 use tesaki_tests::{Rig, robot};
@@ -540,30 +540,30 @@ fn a_bad_setting_or_command_is_refused_by_name_and_changes_nothing() {
         VisualApproachRefusal::Limit(_)
     ));
     for (settings, field) in [
-        (VisualApproachSettings { speed: f32::NAN, ..SETTINGS }, ApproachField::Speed),
-        (VisualApproachSettings { acceleration: 0.0, ..SETTINGS }, ApproachField::Acceleration),
-        (VisualApproachSettings { contact_force: 1e9, ..SETTINGS }, ApproachField::ContactForce),
-        (VisualApproachSettings { reach: -1.0, ..SETTINGS }, ApproachField::Reach),
+        (VisualApproachSettings { speed: f32::NAN, ..SETTINGS }, VisualApproachField::Speed),
+        (VisualApproachSettings { acceleration: 0.0, ..SETTINGS }, VisualApproachField::Acceleration),
+        (VisualApproachSettings { contact_force: 1e9, ..SETTINGS }, VisualApproachField::ContactForce),
+        (VisualApproachSettings { reach: -1.0, ..SETTINGS }, VisualApproachField::Reach),
         (
             VisualApproachSettings {
                 gripper: GripperSettings { closed: -0.98, ..SETTINGS.gripper },
                 ..SETTINGS
             },
-            ApproachField::GripperRange,
+            VisualApproachField::GripperRange,
         ),
         (
             VisualApproachSettings {
                 gripper: GripperSettings { speed: 4.0, ..SETTINGS.gripper },
                 ..SETTINGS
             },
-            ApproachField::GripperSpeed,
+            VisualApproachField::GripperSpeed,
         ),
         (
             VisualApproachSettings {
                 gripper: GripperSettings { torque: 3.5, ..SETTINGS.gripper },
                 ..SETTINGS
             },
-            ApproachField::GripperTorque,
+            VisualApproachField::GripperTorque,
         ),
     ] {
         let refusal = refused(settings);

@@ -15,12 +15,12 @@ use tesaki::task::grasping::{
     ObjectFrame, Phase, PlanField,
 };
 use tesaki::task::impedance::{
-    ForceSource, ImpedanceCommand, ImpedanceRefusal, InvalidSettings, Law, Redundancy, SetpointError,
+    ForceSource, ImpedanceCommand, ImpedanceRefusal, InvalidImpedanceSettings, Law, Redundancy, SetpointError,
 };
 use tesaki::task::joint_servo::{JointCommand, JointServoRefusal};
 use tesaki::task::telexistence::{InvalidTelexistenceSettings, TelexistenceCommand, TelexistenceRefusal};
 use tesaki::task::visual_approach::{
-    ApproachField, GripperState, HandMotion, VisualApproachCommand, VisualApproachRefusal,
+    GripperState, HandMotion, VisualApproachCommand, VisualApproachField, VisualApproachRefusal,
 };
 use tesaki::teleop::RetargetField;
 
@@ -172,7 +172,7 @@ fn the_page_is_about_this_version_of_the_messages() {
         Redundancy::VARIANTS,
         ForceSource::VARIANTS,
         ImpedanceRefusal::VARIANTS,
-        InvalidSettings::VARIANTS,
+        InvalidImpedanceSettings::VARIANTS,
         ImpedanceTerm::VARIANTS,
         SetpointError::VARIANTS,
         TelexistenceCommand::VARIANTS,
@@ -183,7 +183,7 @@ fn the_page_is_about_this_version_of_the_messages() {
         HandMotion::VARIANTS,
         GripperState::VARIANTS,
         VisualApproachRefusal::VARIANTS,
-        ApproachField::VARIANTS,
+        VisualApproachField::VARIANTS,
     ] {
         let variants = variants.iter().map(|variant| variant.rsplit(':').next().unwrap());
         let rows: Vec<_> = variants.enumerate().collect();

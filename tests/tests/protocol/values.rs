@@ -20,13 +20,15 @@ use tesaki::task::grasping::{
     Phase, PlanField, PlannedContact, WrenchGains,
 };
 use tesaki::task::impedance::{
-    ForceSource, ImpedanceSettings, ImpedanceTelemetry, InvalidSettings, Law, Redundancy, SetpointError,
+    ForceSource, ImpedanceSettings, ImpedanceTelemetry, InvalidImpedanceSettings, Law, Redundancy,
+    SetpointError,
 };
 use tesaki::task::telexistence::{
     FingertipPoint, FingertipSample, TelexistenceSettings, TelexistenceTelemetry,
 };
 use tesaki::task::visual_approach::{
-    ApproachField, GripperSettings, GripperState, HandMotion, VisualApproachSettings, VisualApproachTelemetry,
+    GripperSettings, GripperState, HandMotion, VisualApproachField, VisualApproachSettings,
+    VisualApproachTelemetry,
 };
 use tesaki::teleop::{RetargetField, RetargetSettings};
 
@@ -345,38 +347,46 @@ pub const GRIPPER_STATES: [(GripperState, &str); GripperState::VARIANTS.len()] =
     (GripperState::Jammed, "jammed"),
 ];
 
-pub const APPROACH_FIELDS: [(ApproachField, &str); ApproachField::VARIANTS.len()] = [
-    (ApproachField::Speed, "speed"),
-    (ApproachField::Acceleration, "acceleration"),
-    (ApproachField::ContactForce, "contact-force"),
-    (ApproachField::Reach, "reach"),
-    (ApproachField::GripperRange, "gripper-range"),
-    (ApproachField::GripperSpeed, "gripper-speed"),
-    (ApproachField::GripperTorque, "gripper-torque"),
+pub const APPROACH_FIELDS: [(VisualApproachField, &str); VisualApproachField::VARIANTS.len()] = [
+    (VisualApproachField::Speed, "speed"),
+    (VisualApproachField::Acceleration, "acceleration"),
+    (VisualApproachField::ContactForce, "contact-force"),
+    (VisualApproachField::Reach, "reach"),
+    (VisualApproachField::GripperRange, "gripper-range"),
+    (VisualApproachField::GripperSpeed, "gripper-speed"),
+    (VisualApproachField::GripperTorque, "gripper-torque"),
 ];
 
-pub const INVALID_SETTINGS: [(InvalidSettings, &str); 17] = [
+pub const INVALID_SETTINGS: [(InvalidImpedanceSettings, &str); 17] = [
     (invalid_impedance(ImpedanceTerm::Mass, 4, 0.0, 1e4), "impedance-mass"),
     (invalid_impedance(ImpedanceTerm::Damping, 0, -1.0, 150.0), "impedance-damping"),
     (invalid_impedance(ImpedanceTerm::Stiffness, 5, 4000.0, 3750.0), "impedance-stiffness"),
-    (InvalidSettings::Joint { joint: 7, joints: 7 }, "joint"),
-    (InvalidSettings::NoArmAngle, "no-arm-angle"),
-    (InvalidSettings::ElbowBandwidth { value: 60.0, limit: 50.0 }, "elbow-bandwidth"),
-    (InvalidSettings::ContactForce { value: -1.0 }, "contact-force"),
-    (InvalidSettings::MaxDeviation { value: 0.0 }, "max-deviation"),
-    (InvalidSettings::ForceBandwidth { value: 60.0, limit: 50.0 }, "force-bandwidth"),
-    (InvalidSettings::NoRedundantJoint, "no-redundant-joint"),
-    (InvalidSettings::Friction { value: 1.5 }, "friction"),
+    (InvalidImpedanceSettings::Joint { joint: 7, joints: 7 }, "joint"),
+    (InvalidImpedanceSettings::NoArmAngle, "no-arm-angle"),
+    (InvalidImpedanceSettings::ElbowBandwidth { value: 60.0, limit: 50.0 }, "elbow-bandwidth"),
+    (InvalidImpedanceSettings::ContactForce { value: -1.0 }, "contact-force"),
+    (InvalidImpedanceSettings::MaxDeviation { value: 0.0 }, "max-deviation"),
+    (InvalidImpedanceSettings::ForceBandwidth { value: 60.0, limit: 50.0 }, "force-bandwidth"),
+    (InvalidImpedanceSettings::NoRedundantJoint, "no-redundant-joint"),
+    (InvalidImpedanceSettings::Friction { value: 1.5 }, "friction"),
     (invalid_impedance(ImpedanceTerm::MassMatrix, 1, -1.0, 0.5), "impedance-mass-matrix"),
     (invalid_impedance(ImpedanceTerm::DampingMatrix, 1, -1.0, 0.0), "impedance-damping-matrix"),
     (invalid_impedance(ImpedanceTerm::StiffnessMatrix, 1, -1.0, 0.0), "impedance-stiffness-matrix"),
     (invalid_impedance(ImpedanceTerm::DampingToMass, 3, -1.0, 0.0), "impedance-damping-to-mass"),
     (invalid_impedance(ImpedanceTerm::StiffnessToMass, 3, -1.0, 0.0), "impedance-stiffness-to-mass"),
-    (InvalidSettings::MassInContact { axis: 2, value: 0.5, own: 4.0, limit: 1.0 }, "mass-in-contact"),
+    (
+        InvalidImpedanceSettings::MassInContact { axis: 2, value: 0.5, own: 4.0, limit: 1.0 },
+        "mass-in-contact",
+    ),
 ];
 
-const fn invalid_impedance(term: ImpedanceTerm, axis: u8, value: f32, limit: f32) -> InvalidSettings {
-    InvalidSettings::Impedance(InvalidImpedance { term, axis, value, limit })
+const fn invalid_impedance(
+    term: ImpedanceTerm,
+    axis: u8,
+    value: f32,
+    limit: f32,
+) -> InvalidImpedanceSettings {
+    InvalidImpedanceSettings::Impedance(InvalidImpedance { term, axis, value, limit })
 }
 
 pub const SETPOINT_ERRORS: [(SetpointError, &str); SetpointError::VARIANTS.len()] = [

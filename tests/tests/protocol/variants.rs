@@ -16,13 +16,13 @@ use tesaki::task::grasping::{
     ObjectFrame, Phase, PlanField,
 };
 use tesaki::task::impedance::{
-    ForceSource, ImpedanceCommand, ImpedanceRefusal, ImpedanceSettings, InvalidSettings, Law, Redundancy,
-    SetpointError,
+    ForceSource, ImpedanceCommand, ImpedanceRefusal, ImpedanceSettings, InvalidImpedanceSettings, Law,
+    Redundancy, SetpointError,
 };
 use tesaki::task::joint_servo::{JointCommand, JointServoRefusal};
 use tesaki::task::telexistence::{InvalidTelexistenceSettings, TelexistenceCommand, TelexistenceRefusal};
 use tesaki::task::visual_approach::{
-    ApproachField, GripperState, HandMotion, VisualApproachCommand, VisualApproachRefusal,
+    GripperState, HandMotion, VisualApproachCommand, VisualApproachField, VisualApproachRefusal,
 };
 use tesaki::task::{TaskCommand, TaskConfig, TaskKind, TaskRefusal, TaskTelemetry};
 use tesaki::teleop::{InvalidRetargetSettings, RetargetField};
@@ -85,7 +85,7 @@ variants! {
     Redundancy { None, DrivenJoint, ArmAngle }
     ForceSource { Sensor, Observer }
     ImpedanceRefusal { NotAnArm, NotTared, NoForceSensor, ForceSourceInUse, Settings, Setpoint }
-    InvalidSettings {
+    InvalidImpedanceSettings {
         Impedance, Joint, NoArmAngle, ElbowBandwidth, ContactForce, MaxDeviation, ForceBandwidth, NoRedundantJoint,
         Friction, MassInContact,
     }
@@ -104,7 +104,7 @@ variants! {
     HandMotion { Standing, Moving, Blocked, Limited }
     GripperState { Still, Opening, Open, Closing, Holding, Empty, Jammed }
     VisualApproachRefusal { NoChain, NoGripper, Limit, Value, Target, Speed, Blocked, GripperAxis, Singular }
-    ApproachField { Speed, Acceleration, ContactForce, Reach, GripperRange, GripperSpeed, GripperTorque }
+    VisualApproachField { Speed, Acceleration, ContactForce, Reach, GripperRange, GripperSpeed, GripperTorque }
     FromBoard { Reply, Telemetry, Status, Log, Tips, Task }
     Reply { Hello, Done, Refused, Status, Faults, Exported, Chunk, Task }
     Refusal {
@@ -281,7 +281,7 @@ impl Seen {
         match refusal {
             ImpedanceRefusal::Settings(invalid) => {
                 self.variant(invalid);
-                if let InvalidSettings::Impedance(InvalidImpedance { term, .. }) = invalid {
+                if let InvalidImpedanceSettings::Impedance(InvalidImpedance { term, .. }) = invalid {
                     self.variant(term);
                 }
             }

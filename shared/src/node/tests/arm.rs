@@ -12,7 +12,7 @@ use crate::model::{ForceSensor, MAX_CHAIN_JOINTS, Reaction, RobotModel};
 use crate::node::optional::Optional;
 use crate::node::state::Sensing;
 use crate::protocol::{Mode, Refusal, Reply, Request};
-use crate::task::impedance::InvalidSettings;
+use crate::task::impedance::InvalidImpedanceSettings;
 use crate::task::impedance::tests::{SOFT, arm7};
 use crate::task::impedance::{
     ForceSource, ImpedanceCommand, ImpedanceRefusal, ImpedanceSettings, ImpedanceTelemetry, Redundancy,
@@ -170,7 +170,7 @@ fn impedance_control_needs_an_arm_valid_settings_and_a_tared_sensor() {
     assert_eq!(refusal(rig.ask(enable(SOFT))), Refusal::WrongMode(Mode::Enabled(TaskKind::Impedance)));
     assert_eq!(
         refusal(rig.ask(configure(invalid))),
-        refused(ImpedanceRefusal::Settings(InvalidSettings::ContactForce { value: 0.0 }))
+        refused(ImpedanceRefusal::Settings(InvalidImpedanceSettings::ContactForce { value: 0.0 }))
     );
     let source = ImpedanceSettings { force: ForceSource::Observer { bandwidth: 30.0 }, ..SOFT };
     assert_eq!(refusal(rig.ask(configure(source))), refused(ImpedanceRefusal::ForceSourceInUse));

@@ -2,7 +2,7 @@
 
 use nalgebra::{Vector3, Vector6};
 
-use super::settings::{ImpedanceSettings, InvalidSettings, Law};
+use super::settings::{ImpedanceSettings, InvalidImpedanceSettings, Law};
 use super::tuning::{MAX_MASS_RATIO, MAX_OWN_MASS_RATIO, OWN_MASS_MARGIN};
 use crate::TICK;
 use crate::control::ImpedanceAxes;
@@ -50,11 +50,11 @@ impl ImpedanceSettings {
     ///
     /// # Errors
     /// The first axis whose mass is too small.
-    pub fn check_mass(&self, own_mass: &[f32; 3]) -> Result<(), InvalidSettings> {
+    pub fn check_mass(&self, own_mass: &[f32; 3]) -> Result<(), InvalidImpedanceSettings> {
         for ((axis, value), own) in (0..).zip(self.impedance.free_mass()).zip(own_mass) {
             let limit = own / MAX_MASS_RATIO;
             if value < limit {
-                return Err(InvalidSettings::MassInContact { axis, value, own: *own, limit });
+                return Err(InvalidImpedanceSettings::MassInContact { axis, value, own: *own, limit });
             }
         }
         Ok(())
@@ -160,7 +160,10 @@ mod tests {
     fn a_mass_far_below_the_arms_own_is_refused_with_the_one_that_would_do() {
         let own = [3.4, 0.6, 6.2];
         let refusal = SOFT.check_mass(&own).unwrap_err();
-        assert_eq!(refusal, InvalidSettings::MassInContact { axis: 2, value: 1.5, own: 6.2, limit: 1.55 });
+        assert_eq!(
+            refusal,
+            InvalidImpedanceSettings::MassInContact { axis: 2, value: 1.5, own: 6.2, limit: 1.55 }
+        );
         assert!(
             refusal.to_string().contains("along z is 1.5 kg and the arm's own there 6.2 kg"),
             "{refusal}"
@@ -173,7 +176,8 @@ mod tests {
         let mut coupling = ImpedanceCoupling::NONE;
         coupling.mass[0] = 1.4;
         coupled.impedance.coupling = Some(coupling);
-        let Err(InvalidSettings::MassInContact { axis: 0, value, .. }) = coupled.check_mass(&own) else {
+        let Err(InvalidImpedanceSettings::MassInContact { axis: 0, value, .. }) = coupled.check_mass(&own)
+        else {
             panic!()
         };
         assert!((value - 0.193_333).abs() < 1e-5, "{value}");

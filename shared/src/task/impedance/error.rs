@@ -3,7 +3,7 @@ use core::fmt;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-use super::InvalidSettings;
+use super::InvalidImpedanceSettings;
 use crate::robot::Concerns;
 
 /// Why a set-point is refused, or why the control stops.
@@ -56,7 +56,7 @@ pub enum ImpedanceRefusal {
     /// 3: the force source cannot change while the arm is enabled.
     ForceSourceInUse,
     /// 4: the settings are invalid.
-    Settings(InvalidSettings),
+    Settings(InvalidImpedanceSettings),
     /// 5: the set-point is invalid.
     Setpoint(SetpointError),
 }

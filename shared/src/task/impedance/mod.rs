@@ -46,7 +46,7 @@ pub use arm::{Arm, ArmMeasurement, ArmOutput};
 pub use contact::own_mass;
 pub use elbow::ArmAngle;
 pub use error::{ImpedanceRefusal, SetpointError};
-pub use settings::{DirectLaw, ForceSource, ImpedanceSettings, InvalidSettings, Law, Redundancy};
+pub use settings::{DirectLaw, ForceSource, ImpedanceSettings, InvalidImpedanceSettings, Law, Redundancy};
 pub use state::ImpedanceState;
 pub use task::{ImpedanceCommand, ImpedanceControl};
 pub use telemetry::ImpedanceTelemetry;

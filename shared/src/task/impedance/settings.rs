@@ -121,7 +121,7 @@ pub enum Redundancy {
 /// Why [`ImpedanceSettings`] are invalid.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum InvalidSettings {
+pub enum InvalidImpedanceSettings {
     /// 0: the target impedance.
     Impedance(InvalidImpedance),
     /// 1: the arm has no such joint.
@@ -177,7 +177,7 @@ pub enum InvalidSettings {
     },
 }
 
-impl fmt::Display for InvalidSettings {
+impl fmt::Display for InvalidImpedanceSettings {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Impedance(bad) => bad.fmt(f),
@@ -226,7 +226,7 @@ impl fmt::Display for InvalidSettings {
     }
 }
 
-impl core::error::Error for InvalidSettings {}
+impl core::error::Error for InvalidImpedanceSettings {}
 
 /// Maximum rotation from the set-point [rad]; near π the rotation vector is ambiguous.
 const MAX_ROTATION: f32 = 3.0;
@@ -236,42 +236,42 @@ impl ImpedanceSettings {
     ///
     /// # Errors
     /// The first invalid setting.
-    pub fn validate(&self, joints: usize) -> Result<(), InvalidSettings> {
-        self.impedance.validate().map_err(InvalidSettings::Impedance)?;
+    pub fn validate(&self, joints: usize) -> Result<(), InvalidImpedanceSettings> {
+        self.impedance.validate().map_err(InvalidImpedanceSettings::Impedance)?;
         match self.redundancy {
             Redundancy::None => {}
             Redundancy::DrivenJoint { .. } if joints < MAX_CHAIN_JOINTS => {
-                return Err(InvalidSettings::NoRedundantJoint);
+                return Err(InvalidImpedanceSettings::NoRedundantJoint);
             }
             Redundancy::DrivenJoint { joint } if usize::from(joint) < joints => {}
             #[expect(clippy::cast_possible_truncation, reason = "at most seven")]
             Redundancy::DrivenJoint { joint } => {
-                return Err(InvalidSettings::Joint { joint, joints: joints as u8 });
+                return Err(InvalidImpedanceSettings::Joint { joint, joints: joints as u8 });
             }
             Redundancy::ArmAngle if joints == MAX_CHAIN_JOINTS => {}
-            Redundancy::ArmAngle => return Err(InvalidSettings::NoArmAngle),
+            Redundancy::ArmAngle => return Err(InvalidImpedanceSettings::NoArmAngle),
         }
         if let Law::Direct(DirectLaw { friction: value, .. }) = self.law
             && !(0.0..=1.0).contains(&value)
         {
-            return Err(InvalidSettings::Friction { value });
+            return Err(InvalidImpedanceSettings::Friction { value });
         }
         let value = self.elbow_bandwidth;
         if !(value > 0.0 && value <= MAX_BANDWIDTH) {
-            return Err(InvalidSettings::ElbowBandwidth { value, limit: MAX_BANDWIDTH });
+            return Err(InvalidImpedanceSettings::ElbowBandwidth { value, limit: MAX_BANDWIDTH });
         }
         if let ForceSource::Observer { bandwidth: value } = self.force
             && !(MIN_FORCE_BANDWIDTH..=MAX_BANDWIDTH).contains(&value)
         {
-            return Err(InvalidSettings::ForceBandwidth { value, limit: MAX_BANDWIDTH });
+            return Err(InvalidImpedanceSettings::ForceBandwidth { value, limit: MAX_BANDWIDTH });
         }
         let value = self.contact_force;
         if !(value > 0.0 && value.is_finite()) {
-            return Err(InvalidSettings::ContactForce { value });
+            return Err(InvalidImpedanceSettings::ContactForce { value });
         }
         for (value, max) in self.max_deviation.into_iter().zip([f32::MAX, MAX_ROTATION]) {
             if !(value > 0.0 && value <= max) {
-                return Err(InvalidSettings::MaxDeviation { value });
+                return Err(InvalidImpedanceSettings::MaxDeviation { value });
             }
         }
         Ok(())

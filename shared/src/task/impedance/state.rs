@@ -13,7 +13,7 @@ use super::response::{in_axes, respond};
 use super::setpoint::{
     ORIGIN, at_rest, check_deviation, check_elbow, check_numbers, check_point, pose_error,
 };
-use super::settings::{ForceSource, ImpedanceSettings, InvalidSettings, Law};
+use super::settings::{ForceSource, ImpedanceSettings, InvalidImpedanceSettings, Law};
 use super::tuning::{
     CONTACT_DISTURBANCE_GAIN, CONTACT_FRICTION_COMPENSATION, CONTACT_HYSTERESIS_SQUARED,
     CONTACT_LOSS_SQUARED, CONTACT_REST_SPEED, FREE_BEFORE_READING, IMPEDANCE_BLEND, LIMIT_APPROACH_RATE,
@@ -99,7 +99,11 @@ impl ImpedanceState {
     ///
     /// # Errors
     /// The first invalid setting; the state is unchanged then.
-    pub fn configure(&mut self, arm: &Arm<'_>, settings: &ImpedanceSettings) -> Result<(), InvalidSettings> {
+    pub fn configure(
+        &mut self,
+        arm: &Arm<'_>,
+        settings: &ImpedanceSettings,
+    ) -> Result<(), InvalidImpedanceSettings> {
         settings.validate(arm.chain.len())?;
         let [old, new] = [&self.settings.impedance, &settings.impedance];
         // An accepted mass stays valid: near a singular posture the arm's own mass grows without bound.

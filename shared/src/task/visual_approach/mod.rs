@@ -45,7 +45,7 @@ use gripper::{Gripper, GripperJoint};
 use motion::{MIN_SHOWN, MotionState};
 use reference::{GuidedArm, angles, pose};
 pub use settings::{
-    ApproachField, GripperSettings, MIN_SPEED, VisualApproachRefusal, VisualApproachSettings,
+    GripperSettings, MIN_SPEED, VisualApproachField, VisualApproachRefusal, VisualApproachSettings,
 };
 
 /// The hand stands still for at least this time before its first motion, and learns the efforts without

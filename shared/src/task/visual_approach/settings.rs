@@ -97,13 +97,13 @@ impl VisualApproachSettings {
         gripper.check_position(joint, closed)?;
         let max = gripper.limits.velocity;
         for (field, value, [lower, upper]) in [
-            (ApproachField::Speed, self.speed, [MIN_SPEED, 1.0]),
-            (ApproachField::Acceleration, self.acceleration, [0.01, 10.0]),
-            (ApproachField::ContactForce, self.contact_force, [1.0, 500.0]),
-            (ApproachField::Reach, self.reach, [0.01, 2.0]),
-            (ApproachField::GripperRange, abs(closed - open), [0.01, 100.0]),
-            (ApproachField::GripperSpeed, speed, [1e-3 * max, 0.9 * max]),
-            (ApproachField::GripperTorque, torque, [1e-3, gripper.servo.torque_limit()]),
+            (VisualApproachField::Speed, self.speed, [MIN_SPEED, 1.0]),
+            (VisualApproachField::Acceleration, self.acceleration, [0.01, 10.0]),
+            (VisualApproachField::ContactForce, self.contact_force, [1.0, 500.0]),
+            (VisualApproachField::Reach, self.reach, [0.01, 2.0]),
+            (VisualApproachField::GripperRange, abs(closed - open), [0.01, 100.0]),
+            (VisualApproachField::GripperSpeed, speed, [1e-3 * max, 0.9 * max]),
+            (VisualApproachField::GripperTorque, torque, [1e-3, gripper.servo.torque_limit()]),
         ] {
             if !(lower..=upper).contains(&value) {
                 return Err(VisualApproachRefusal::Value { field, value, lower, upper });
@@ -116,7 +116,7 @@ impl VisualApproachSettings {
 /// A setting that is a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum ApproachField {
+pub enum VisualApproachField {
     /// 0: speed of the hand [m/s].
     Speed,
     /// 1: its acceleration [m/s²].
@@ -133,7 +133,7 @@ pub enum ApproachField {
     GripperTorque,
 }
 
-impl fmt::Display for ApproachField {
+impl fmt::Display for VisualApproachField {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Speed => "the speed of the hand [m/s]",
@@ -166,7 +166,7 @@ pub enum VisualApproachRefusal {
     /// 3: a setting is out of its range.
     Value {
         /// The setting.
-        field: ApproachField,
+        field: VisualApproachField,
         /// The value.
         value: f32,
         /// Minimum.

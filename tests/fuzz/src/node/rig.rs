@@ -10,7 +10,9 @@ use tesaki::protocol::{
     ActuatorFrame, BoardStatus, FromBoard, Item, LogRecord, MODEL_CHUNK, Mode, Refusal, Reply, Request,
     RequestFrame, SensorFrame, Stream, TaskReport, Telemetry,
 };
-use tesaki::task::impedance::{ImpedanceCommand, ImpedanceRefusal, ImpedanceSettings, InvalidSettings};
+use tesaki::task::impedance::{
+    ImpedanceCommand, ImpedanceRefusal, ImpedanceSettings, InvalidImpedanceSettings,
+};
 use tesaki::task::{TaskCommand, TaskConfig, TaskKind, TaskRefusal, TaskTelemetry};
 
 /// Period of the ticks [s].
@@ -158,7 +160,7 @@ impl Rig {
         let valid = settings.validate(robot.model().joints.len()).is_ok();
         let refused = match reply {
             Reply::Refused(Refusal::Task(TaskRefusal::Impedance(ImpedanceRefusal::Settings(why)))) => {
-                !matches!(why, InvalidSettings::MassInContact { .. })
+                !matches!(why, InvalidImpedanceSettings::MassInContact { .. })
             }
             Reply::Done => false,
             _ => return,

@@ -8,7 +8,8 @@ use super::fixture::{ArmFixture, POSTURES, SOFT, accelerations, elbow_at_rest, t
 use crate::model::MAX_CHAIN_JOINTS;
 use crate::task::impedance::redundancy::JointVector;
 use crate::task::impedance::{
-    ArmMeasurement, ArmOutput, DirectLaw, ImpedanceSettings, InvalidSettings, Law, Redundancy, own_mass,
+    ArmMeasurement, ArmOutput, DirectLaw, ImpedanceSettings, InvalidImpedanceSettings, Law, Redundancy,
+    own_mass,
 };
 
 #[test]
@@ -32,7 +33,7 @@ fn invalid_settings_are_refused_by_name() {
     refused(|s| s.contact_force = f32::NAN, "the contact force is NaN N");
     refused(|s| s.max_deviation[0] = -1.0, "the maximum deviation is -1");
     refused(|s| s.max_deviation[1] = PI, "at most 3 rad");
-    assert_eq!(SOFT.validate(6).unwrap_err(), InvalidSettings::NoArmAngle);
+    assert_eq!(SOFT.validate(6).unwrap_err(), InvalidImpedanceSettings::NoArmAngle);
     assert!(SOFT.validate(7).is_ok());
 }
 
@@ -118,7 +119,7 @@ fn a_mass_far_below_the_arms_own_is_not_configured() {
     let inertia = fixture.chain.clone().with_rotor_inertia([0.03; 7]).mass_matrix(&POSTURES[0]);
     let jacobian = fixture.jacobian(&POSTURES[0]);
     let own = 1.0 / (jacobian * inertia.try_inverse().unwrap() * jacobian.transpose())[(0, 0)];
-    let InvalidSettings::MassInContact { axis: 0, own: found, limit, .. } = refused else {
+    let InvalidImpedanceSettings::MassInContact { axis: 0, own: found, limit, .. } = refused else {
         panic!("{refused}");
     };
     assert!((found / own - 1.0).abs() < 1e-3 && (limit / found - 0.25).abs() < 1e-6, "{refused} {own}");
@@ -141,5 +142,8 @@ fn an_arm_that_has_moved_to_a_singular_posture_keeps_its_mass() {
     assert_eq!(state.configure(&arm, &stiffer), Ok(()));
     // Any other mass, even a larger one, is checked against the arm in its present posture.
     stiffer.impedance.mass[0] = 1.01 * SOFT.impedance.mass[0];
-    assert!(matches!(state.configure(&arm, &stiffer), Err(InvalidSettings::MassInContact { axis: 2, .. })));
+    assert!(matches!(
+        state.configure(&arm, &stiffer),
+        Err(InvalidImpedanceSettings::MassInContact { axis: 2, .. })
+    ));
 }
