@@ -4,8 +4,9 @@
 use core::f32::consts::TAU;
 
 use heapless::Vec;
+use tesaki::OutOfRange;
 use tesaki::TICK;
-use tesaki::control::{CurrentLoopField, InvalidCurrentLoop, Switching, Winding};
+use tesaki::control::{CurrentLoopField, Switching, Winding};
 use tesaki::math;
 use tesaki::model::{Field, JointModel, MAX_JOINTS, ModelError, Motor as MotorModel, Problem, RobotModel};
 
@@ -180,7 +181,7 @@ pub fn motors_for<const N: usize>(
         *motor = Some(Motor { winding, sensing, trip: trip * joint.motor.current_limit });
     }
     Motors::try_new(&motors, switching, wake).map_err(|(index, error)| {
-        let InvalidCurrentLoop { field, value, limits: (lower, upper) } = error;
+        let OutOfRange { field, value, min, max } = error;
         let field = match field {
             CurrentLoopField::Resistance => Field::MotorResistance,
             CurrentLoopField::Inductance => Field::MotorInductance,
@@ -188,7 +189,7 @@ pub fn motors_for<const N: usize>(
             // The board's own settings are invalid, for all motors.
             CurrentLoopField::Switching => Field::Joints,
         };
-        let problem = if value < lower { Problem::Below(lower) } else { Problem::BoardLimit(upper) };
+        let problem = if value < min { Problem::Below(min) } else { Problem::BoardLimit(max) };
         #[expect(clippy::cast_possible_truncation, reason = "a board has no more motors than a robot joints")]
         let joint = Some(index as u8);
         ModelError { joint, field, value, problem }

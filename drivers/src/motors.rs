@@ -2,9 +2,8 @@
 //! timeout.
 
 use heapless::spsc::Consumer;
-use tesaki::control::{
-    CurrentLoop, CurrentLoopField, CurrentLoopState, Drive, InvalidCurrentLoop, Supply, Switching, Winding,
-};
+use tesaki::OutOfRange;
+use tesaki::control::{CurrentLoop, CurrentLoopField, CurrentLoopState, Drive, Supply, Switching, Winding};
 use tesaki::math;
 
 use crate::current_sign::CurrentSign;
@@ -149,15 +148,15 @@ pub struct Motors<const N: usize> {
 ///
 /// # Errors
 /// The winding is faster than the pulses: its current would be gone before it is sampled.
-fn ripple(winding: &Winding, switching: &Switching) -> Result<f32, InvalidCurrentLoop> {
+fn ripple(winding: &Winding, switching: &Switching) -> Result<f32, OutOfRange<CurrentLoopField>> {
     let half = 0.5 * switching.period / f32::from(switching.pulses.max(1));
     let x = winding.resistance * half / winding.inductance;
     if x > 1.0 {
-        let limits = (winding.resistance * half, 1.0);
-        return Err(InvalidCurrentLoop {
+        return Err(OutOfRange {
             field: CurrentLoopField::Inductance,
             value: winding.inductance,
-            limits,
+            min: winding.resistance * half,
+            max: 1.0,
         });
     }
     // The next term of the series is 1/5040 at most.
@@ -174,7 +173,7 @@ impl<const N: usize> Motors<N> {
         motors: &[Option<Motor>; N],
         switching: &Switching,
         wake: f32,
-    ) -> Result<Self, (usize, InvalidCurrentLoop)> {
+    ) -> Result<Self, (usize, OutOfRange<CurrentLoopField>)> {
         let mut all = Self::none(switching, wake);
         for (index, (axis, motor)) in all.axes.iter_mut().zip(motors).enumerate() {
             if let Some(Motor { winding, sensing, trip }) = *motor {

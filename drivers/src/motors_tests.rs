@@ -268,7 +268,7 @@ fn the_mean_current_follows_from_a_sample_between_pulses() {
     );
     let (index, refused) = refused.unwrap_err();
     assert_eq!((index, refused.field), (0, CurrentLoopField::Inductance));
-    assert!((refused.limits.0 - 0.1325e-3).abs() < 1e-7, "{refused}");
+    assert!((refused.min - 0.1325e-3).abs() < 1e-7, "{refused}");
 }
 
 /// The sign is measured, too, with an offset that the model of the winding does not include.

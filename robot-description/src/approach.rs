@@ -204,8 +204,8 @@ impl File {
             patience: approach.patience,
         };
         behavior.validate(&task).map_err(|invalid| {
-            let of_knob = ["rose", "radius", "length", "distance", "aside"].contains(&invalid.name);
-            (if of_knob { "knob" } else { "approach" }, invalid.name, invalid.to_string())
+            let of_knob = ["rose", "radius", "length", "distance", "aside"].contains(&invalid.field);
+            (if of_knob { "knob" } else { "approach" }, invalid.field, invalid.to_string())
         })?;
         Ok(ApproachFile { task, behavior, size: hand_eye.size })
     }

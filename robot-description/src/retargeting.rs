@@ -29,12 +29,13 @@ use std::path::Path;
 
 use nalgebra::UnitQuaternion;
 use serde::Deserialize;
+use tesaki::OutOfRange;
 use tesaki::control::ServoMode;
 use tesaki::kinematics::{Angles, Hand};
 use tesaki::model::RobotModel;
 use tesaki::robot::Robot;
 use tesaki::task::telexistence::{InvalidTelexistenceSettings, TelexistenceSettings};
-use tesaki::teleop::{HumanFinger, InvalidRetargetSettings, RetargetField, RetargetSettings};
+use tesaki::teleop::{HumanFinger, RetargetField, RetargetSettings};
 
 use crate::file::{self, FileError, read_text};
 use crate::finding::{Finding, Report};
@@ -281,7 +282,7 @@ impl File {
             InvalidTelexistenceSettings::MaxSampleAge { value } => {
                 ("max_sample_age", "is", *value, "0.02 to 2 s".to_owned())
             }
-            InvalidTelexistenceSettings::Retargeting(InvalidRetargetSettings { field, value, min, max }) => {
+            InvalidTelexistenceSettings::Retargeting(OutOfRange { field, value, min, max }) => {
                 let range = format!("{min} to {max}");
                 match field {
                     // Told above, by finger and joint.

@@ -50,6 +50,7 @@ pub mod math;
 pub mod model;
 pub mod node;
 pub mod protocol;
+mod range;
 pub mod robot;
 pub mod signal;
 pub mod task;
@@ -58,6 +59,8 @@ pub mod teleop;
 pub mod test_support;
 pub mod vision;
 mod zip;
+
+pub use range::OutOfRange;
 
 /// The control period `T` [s].
 pub const TICK: f32 = 0.01;

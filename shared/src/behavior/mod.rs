@@ -13,4 +13,4 @@ mod tests;
 pub use approach::{Approach, MIN_CONFIDENCE, Order};
 pub use phase::{ApproachPhase, Reason};
 pub use rose::{KnobExpectation, Rim, RoseEstimate};
-pub use settings::{ApproachSettings, InvalidApproach};
+pub use settings::ApproachSettings;

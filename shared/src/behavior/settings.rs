@@ -2,6 +2,7 @@
 
 use super::approach::{DEEPER, DEEPER_TRIES};
 use super::rose::KnobExpectation;
+use crate::OutOfRange;
 use crate::math::sqrt;
 use crate::task::visual_approach::{MIN_SPEED, VisualApproachSettings};
 use crate::vision::HandEyeTable;
@@ -34,41 +35,19 @@ pub struct ApproachSettings {
     pub patience: f32,
 }
 
-/// A setting of the behaviour that is out of its range.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct InvalidApproach {
-    /// Its name, as in [`ApproachSettings`] and [`KnobExpectation`].
-    pub name: &'static str,
-    /// The value.
-    pub value: f32,
-    /// Minimum.
-    pub lower: f32,
-    /// Maximum.
-    pub upper: f32,
-}
-
-impl core::fmt::Display for InvalidApproach {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        let Self { name, value, lower, upper } = self;
-        write!(f, "{name} is {value}; it must be {lower} to {upper}")
-    }
-}
-
-impl core::error::Error for InvalidApproach {}
-
 impl ApproachSettings {
     /// Checks the settings for a board whose task has the settings `task`.
     ///
     /// # Errors
-    /// The first setting that is out of range.
-    pub fn validate(&self, task: &VisualApproachSettings) -> Result<(), InvalidApproach> {
+    /// The first setting that is out of range, by its name here or in [`KnobExpectation`].
+    pub fn validate(&self, task: &VisualApproachSettings) -> Result<(), OutOfRange> {
         let KnobExpectation { rose: [small, large], radius, length, distance: [near, far], aside } =
             self.expectation;
         // The farthest knob must be within reach, even if it is aside along both axes and the hand advances
         // after empty grips.
         let reach = task.reach * task.reach - 2.0 * aside * aside;
         let farthest = sqrt(reach.max(0.0)) + self.grip_distance - DEEPER * f32::from(DEEPER_TRIES);
-        for (name, value, lower, upper) in [
+        for (name, value, min, max) in [
             ("rose", small, 0.005, 0.5),
             ("rose", large, small + 1e-4, 0.5),
             ("radius", radius, 0.002, large),
@@ -87,9 +66,7 @@ impl ApproachSettings {
             ("retries", f32::from(self.retries), 0.0, 20.0),
             ("patience", self.patience, 0.5, 600.0),
         ] {
-            if !(lower..=upper).contains(&value) {
-                return Err(InvalidApproach { name, value, lower, upper });
-            }
+            OutOfRange::check(name, value, [min, max])?;
         }
         Ok(())
     }

@@ -453,7 +453,7 @@ fn a_knob_beyond_the_reach_is_refused_by_name() {
     assert_eq!(settings().validate(&task), Ok(()));
     // 0.28 − 0.022 + 0.04 = 0.298 m ahead and 0.085 m aside: 0.31 m.
     let refused = settings().validate(&VisualApproachSettings { reach: 0.30, ..task }).expect_err("too far");
-    assert_eq!(refused.name, "distance");
-    assert!((refused.upper - 0.2697).abs() < 1e-3, "{}", refused.upper);
+    assert_eq!(refused.field, "distance");
+    assert!((refused.max - 0.2697).abs() < 1e-3, "{}", refused.max);
     assert_eq!(settings().validate(&VisualApproachSettings { reach: 0.32, ..task }), Ok(()));
 }

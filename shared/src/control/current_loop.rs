@@ -1,7 +1,7 @@
 use core::fmt;
 
-use crate::TICK;
 use crate::math;
+use crate::{OutOfRange, TICK};
 
 /// Gain as a share of that at which both poles of the closed loop are equal: two real poles, with little
 /// overshoot even if the parameters of the winding are inexact. At 40 kHz and a lag of one period the
@@ -91,31 +91,16 @@ pub enum CurrentLoopField {
     Switching,
 }
 
-/// Why a current loop is refused.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct InvalidCurrentLoop {
-    /// The parameter that is outside its limits.
-    pub field: CurrentLoopField,
-    /// Its value.
-    pub value: f32,
-    /// Its limits.
-    pub limits: (f32, f32),
-}
-
-impl fmt::Display for InvalidCurrentLoop {
+impl fmt::Display for CurrentLoopField {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { field, value, limits: (lower, upper) } = self;
-        let field = match field {
-            CurrentLoopField::Resistance => "resistance",
-            CurrentLoopField::Inductance => "inductance",
-            CurrentLoopField::BackEmf => "back-EMF",
-            CurrentLoopField::Switching => "switching",
-        };
-        write!(f, "{field} = {value} is not between {lower} and {upper}")
+        f.write_str(match self {
+            Self::Resistance => "resistance",
+            Self::Inductance => "inductance",
+            Self::BackEmf => "back-EMF",
+            Self::Switching => "switching",
+        })
     }
 }
-
-impl core::error::Error for InvalidCurrentLoop {}
 
 /// Current loop of a brushed motor: a PI controller whose zero cancels the winding's pole, by exact
 /// discretisation.
@@ -199,11 +184,8 @@ impl CurrentLoop {
     ///
     /// # Errors
     /// The first value that is outside its limits.
-    pub fn try_new(winding: &Winding, switching: &Switching) -> Result<Self, InvalidCurrentLoop> {
-        let check = |field, value: f32, lower, upper| {
-            let valid = (lower..=upper).contains(&value);
-            if valid { Ok(()) } else { Err(InvalidCurrentLoop { field, value, limits: (lower, upper) }) }
-        };
+    pub fn try_new(winding: &Winding, switching: &Switching) -> Result<Self, OutOfRange<CurrentLoopField>> {
+        let check = |field, value, min, max| OutOfRange::check(field, value, [min, max]);
         check(CurrentLoopField::Resistance, winding.resistance, 1e-3, 1e3)?;
         check(CurrentLoopField::Inductance, winding.inductance, 1e-6, 1.0)?;
         check(CurrentLoopField::BackEmf, winding.back_emf, 0.0, 100.0)?;
@@ -444,6 +426,6 @@ mod tests {
         state.command(1.0, 0.0);
         assert_eq!(current_loop.update(&mut state, 0.0, 0.0), Drive::Duty(0));
         let refused = CurrentLoop::try_new(&Winding { inductance: 0.0, ..winding }, &SWITCHING).unwrap_err();
-        assert_eq!(refused.to_string(), "inductance = 0 is not between 0.000001 and 1");
+        assert_eq!(refused.to_string(), "inductance is 0; it must be 0.000001 to 1");
     }
 }

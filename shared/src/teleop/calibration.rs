@@ -14,8 +14,11 @@ use nalgebra::{SMatrix, SVector, Vector3};
 use super::calibration_error::{CalibrationError, FingerMotion, Movement};
 use super::human_hand::{FingerLinks, FingerRotations, HumanFinger};
 use super::joint_movements::{JointMovements, JointRange};
+use crate::OutOfRange;
 use crate::math::{self, IncrementalQr};
 
+/// Permitted standard deviations of contacts and priors [m].
+const DEVIATIONS: [f32; 2] = [1e-4, 0.1];
 /// Minimum number of poses for twelve unknowns.
 const MIN_POSES: u32 = 4;
 /// Maximum standard deviation of the predicted tip over the joints' range [m].
@@ -61,10 +64,8 @@ impl CalibrationSettings {
             ("marker noise", self.marker_noise, [1e-6, 0.01]),
             ("forgetting", self.forgetting, [0.5, 1.0]),
         ];
-        for (field, value, [min, max]) in settings {
-            if !(min..=max).contains(&value) {
-                return Err(CalibrationError::Setting { field, value, min, max });
-            }
+        for (field, value, range) in settings {
+            OutOfRange::check(field, value, range).map_err(CalibrationError::Setting)?;
         }
         Ok(())
     }
@@ -172,10 +173,8 @@ impl FingerCalibration {
         deviation: f32,
     ) -> Result<(), CalibrationError> {
         check_marker(self.finger, place)?;
-        if !(1e-4..=0.1).contains(&deviation) {
-            let field = "standard deviation of the contact";
-            return Err(CalibrationError::Setting { field, value: deviation, min: 1e-4, max: 0.1 });
-        }
+        OutOfRange::check("standard deviation of the contact", deviation, DEVIATIONS)
+            .map_err(CalibrationError::Setting)?;
         // In units of the standard deviation of the poses' equations.
         let weight = self.settings.equation_deviation(&TYPICAL_LINKS) / deviation;
         add_equations(&mut self.equations, rotations, place, weight.min(1.0));
@@ -188,9 +187,10 @@ impl FingerCalibration {
     /// A mean that is not finite, or a standard deviation outside 0.1 mm to 0.1 m.
     pub fn add_prior(&mut self, prior: &LinkPrior) -> Result<(), CalibrationError> {
         for (link, (mean, deviation)) in prior.mean.0.iter().zip(prior.deviation).enumerate() {
-            if !(1e-4..=0.1).contains(&deviation) || !mean.iter().all(|x| x.is_finite()) {
+            let [min, max] = DEVIATIONS;
+            if !(min..=max).contains(&deviation) || !mean.iter().all(|x| x.is_finite()) {
                 let field = "standard deviation of the prior";
-                return Err(CalibrationError::Setting { field, value: deviation, min: 1e-4, max: 0.1 });
+                return Err(CalibrationError::Setting(OutOfRange { field, value: deviation, min, max }));
             }
             // In units of the standard deviation of the poses' equations, that of the noise.
             let weight = self.settings.equation_deviation(&prior.mean) / deviation;

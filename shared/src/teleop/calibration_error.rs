@@ -1,6 +1,7 @@
 use core::fmt;
 
 use super::human_hand::{GloveError, HumanFinger};
+use crate::OutOfRange;
 
 /// A movement of a finger's joints.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,16 +59,7 @@ pub enum CalibrationError {
         distance: f32,
     },
     /// A setting outside its limits.
-    Setting {
-        /// The field.
-        field: &'static str,
-        /// Its value.
-        value: f32,
-        /// Minimum.
-        min: f32,
-        /// Maximum.
-        max: f32,
-    },
+    Setting(OutOfRange),
     /// Too few poses show the finger's marker.
     TooFewPoses {
         /// The finger.
@@ -133,7 +125,7 @@ impl fmt::Display for CalibrationError {
                 "the marker of the {finger} is {distance} m from the back of the hand; at most 0.4 m is a hand's: \
                  give positions in metres in the frame of the back of the hand"
             ),
-            Self::Setting { field, value, min, max } => {
+            Self::Setting(OutOfRange { field, value, min, max }) => {
                 write!(f, "{field} is {value}; it must be between {min} and {max}")
             }
             Self::TooFewPoses { finger, poses, min } => {

@@ -1,5 +1,7 @@
 use core::fmt;
 
+use crate::OutOfRange;
+
 /// Why a sample is rejected, or why the clutch stays open. The state is unchanged.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -71,22 +73,13 @@ impl fmt::Display for FollowerError {
 /// A value of [`FollowerSettings`](super::FollowerSettings) outside its limits.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct InvalidFollowerSettings {
-    /// The field.
-    pub field: &'static str,
-    /// Its value.
-    pub value: f32,
-    /// Minimum.
-    pub min: f32,
-    /// Maximum.
-    pub max: f32,
-}
+pub struct InvalidFollowerSettings(pub OutOfRange);
 
 impl core::error::Error for InvalidFollowerSettings {}
 
 impl fmt::Display for InvalidFollowerSettings {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { field, value, min, max } = self;
+        let Self(OutOfRange { field, value, min, max }) = self;
         write!(f, "{field} is {value}; it must be between {min} and {max}")
     }
 }

@@ -4,10 +4,10 @@ use serde::{Deserialize, Serialize};
 
 use super::operator_estimate::{OperatorEstimate, PredictedMotion};
 use super::{FollowerError, InvalidFollowerSettings, OperatorModel, Workspace};
-use crate::TICK;
 use crate::kinematics::{ElbowSetpoint, PosePoint};
 use crate::math::{self, rotated_by, rotation_between};
 use crate::signal::{MotionLimits, MotionTarget};
+use crate::{OutOfRange, TICK};
 
 /// Tolerance of the norm of a unit quaternion.
 const NORM_TOLERANCE: f32 = 1e-3;
@@ -222,11 +222,10 @@ impl Follower {
             .zip(lower.iter().zip(upper));
             sides.map(|(axis, (lower, upper))| (axis, upper - lower, [1e-3, 100.0]))
         });
-        let invalid = |&(_, value, [min, max]): &Setting| !(min..=max).contains(&value);
-        match of_models.chain(of_limits).chain(others).chain(of_workspace).find(invalid) {
-            Some((field, value, [min, max])) => Err(InvalidFollowerSettings { field, value, min, max }),
-            None => Ok(Self { settings }),
+        for (field, value, range) in of_models.chain(of_limits).chain(others).chain(of_workspace) {
+            OutOfRange::check(field, value, range).map_err(InvalidFollowerSettings)?;
         }
+        Ok(Self { settings })
     }
 
     /// Adds a sample of the hand that arrives `now`.

@@ -120,5 +120,5 @@ pub use matched::MatchedImpedance;
 pub use operator_estimate::OperatorModel;
 pub use passivity::{PowerPort, PowerPortLimits, UnsuitableLink};
 pub use retarget::{InvalidFingertip, OperatorFingertips, RetargetReport, RetargetState, Retargeting};
-pub use retarget_settings::{InvalidRetargetSettings, RetargetField, RetargetSettings};
+pub use retarget_settings::{RetargetField, RetargetSettings};
 pub use workspace::Workspace;

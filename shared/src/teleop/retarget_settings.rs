@@ -5,6 +5,7 @@ use core::fmt;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
+use crate::OutOfRange;
 use crate::kinematics::{Hand, MAX_FINGERS};
 use crate::math::abs;
 use crate::model::MAX_JOINTS;
@@ -77,33 +78,13 @@ pub enum RetargetField {
     Tolerance,
 }
 
-/// A setting out of its range, or settings that contradict each other.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct InvalidRetargetSettings {
-    /// The setting.
-    pub field: RetargetField,
-    /// Its value.
-    pub value: f32,
-    /// Lowest permitted value.
-    pub min: f32,
-    /// Highest permitted value.
-    pub max: f32,
-}
-
 impl RetargetSettings {
     /// Checks the settings for `hand`.
     ///
     /// # Errors
-    /// The first setting that is out of range.
-    pub fn validate(&self, hand: &Hand) -> Result<(), InvalidRetargetSettings> {
-        let check = |field, value: f32, min, max| {
-            if value >= min && value <= max {
-                Ok(())
-            } else {
-                Err(InvalidRetargetSettings { field, value, min, max })
-            }
-        };
+    /// The first setting that is out of range, or that contradicts another one.
+    pub fn validate(&self, hand: &Hand) -> Result<(), OutOfRange<RetargetField>> {
+        let check = |field, value, min, max| OutOfRange::check(field, value, [min, max]);
         let fingers = hand.len();
         #[expect(clippy::cast_precision_loss, reason = "at most 5")]
         check(RetargetField::Fingers, fingers as f32, 2.0, MAX_FINGERS as f32)?;
@@ -127,23 +108,19 @@ impl RetargetSettings {
     }
 }
 
-impl fmt::Display for InvalidRetargetSettings {
+impl fmt::Display for RetargetField {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { field, value, min, max } = self;
-        let name = match field {
-            RetargetField::Fingers => "the number of fingers",
-            RetargetField::Follows => "follows",
-            RetargetField::Weights => "a weight",
-            RetargetField::Scale => "scale",
-            RetargetField::Near => "near",
-            RetargetField::Far => "far",
-            RetargetField::OperatorContact => "operator_contact",
-            RetargetField::RobotContact => "robot_contact",
-            RetargetField::Speeds => "a speed",
-            RetargetField::Tolerance => "tolerance",
-        };
-        write!(f, "{name} is {value}; it must be {min} to {max}")
+        f.write_str(match self {
+            Self::Fingers => "the number of fingers",
+            Self::Follows => "follows",
+            Self::Weights => "a weight",
+            Self::Scale => "scale",
+            Self::Near => "near",
+            Self::Far => "far",
+            Self::OperatorContact => "operator_contact",
+            Self::RobotContact => "robot_contact",
+            Self::Speeds => "a speed",
+            Self::Tolerance => "tolerance",
+        })
     }
 }
-
-impl core::error::Error for InvalidRetargetSettings {}

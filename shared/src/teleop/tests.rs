@@ -285,7 +285,7 @@ fn a_clutch_without_samples_stays_open_and_invalid_settings_are_named() {
     let error = Follower::try_new(bad).unwrap_err().to_string();
     assert_eq!(error, "scale is 0; it must be between 0.001 and 100");
     let bad = FollowerSettings { max_innovation: [0.1, 3.2], ..FollowerSettings::HUMAN };
-    assert_eq!(Follower::try_new(bad).unwrap_err().field, "innovation of the orientation");
+    assert_eq!(Follower::try_new(bad).unwrap_err().0.field, "innovation of the orientation");
 }
 
 #[test]
@@ -430,7 +430,7 @@ fn settings_and_samples_outside_their_limits_are_refused() {
         }
         for value in [1.01 * max, 1e30, f32::INFINITY, f32::NAN, 0.99 * min, 0.0, -min] {
             change(&mut settings, value);
-            let bad = Follower::try_new(settings).unwrap_err();
+            let bad = Follower::try_new(settings).unwrap_err().0;
             assert_eq!((bad.field, bad.min, bad.max), (field, min, max), "{value}");
         }
     }
@@ -508,7 +508,7 @@ fn the_set_point_stays_in_the_workspace_and_follows_along_its_border() {
         let workspace = Workspace { upper: [upper, 1.0, 1.0], ..workspace };
         let refused =
             Follower::try_new(FollowerSettings { workspace: Some(workspace), ..settings }).unwrap_err();
-        assert_eq!(refused.field, field);
+        assert_eq!(refused.0.field, field);
     }
 }
 

@@ -1,5 +1,6 @@
 //! One of each refusal.
 
+use tesaki::OutOfRange;
 use tesaki::fault::{Fault, FaultCause};
 use tesaki::model::{Field, ModelError, Problem};
 use tesaki::protocol::{Mode, Refusal, Reply};
@@ -11,7 +12,6 @@ use tesaki::task::joint_servo::JointServoRefusal;
 use tesaki::task::telexistence::{InvalidTelexistenceSettings, TelexistenceRefusal};
 
 use tesaki::task::visual_approach::VisualApproachRefusal;
-use tesaki::teleop::InvalidRetargetSettings;
 
 use super::messages::Messages;
 use super::values::{
@@ -126,7 +126,7 @@ impl Messages {
         };
         refused("not-a-hand", TelexistenceRefusal::NotAHand);
         for (field, name) in RETARGET_FIELDS {
-            let invalid = InvalidRetargetSettings { field, value: 2.0, min: 0.25, max: 1.0 };
+            let invalid = OutOfRange { field, value: 2.0, min: 0.25, max: 1.0 };
             let invalid = InvalidTelexistenceSettings::Retargeting(invalid);
             refused(&format!("settings-{name}"), TelexistenceRefusal::Settings(invalid));
         }

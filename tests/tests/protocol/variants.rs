@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 
 use serde::Serialize;
+use tesaki::OutOfRange;
 use tesaki::control::{ImpedanceAxes, ImpedanceTerm, InvalidImpedance, ServoMode};
 use tesaki::fault::FaultCause;
 use tesaki::model::{Field, Problem, Reaction};
@@ -25,7 +26,7 @@ use tesaki::task::visual_approach::{
     GripperState, HandMotion, VisualApproachCommand, VisualApproachField, VisualApproachRefusal,
 };
 use tesaki::task::{TaskCommand, TaskConfig, TaskKind, TaskRefusal, TaskTelemetry};
-use tesaki::teleop::{InvalidRetargetSettings, RetargetField};
+use tesaki::teleop::RetargetField;
 
 use super::message::Message;
 
@@ -294,7 +295,7 @@ impl Seen {
         self.variant(refusal);
         if let TelexistenceRefusal::Settings(invalid) = refusal {
             self.variant(invalid);
-            if let InvalidTelexistenceSettings::Retargeting(InvalidRetargetSettings { field, .. }) = invalid {
+            if let InvalidTelexistenceSettings::Retargeting(OutOfRange { field, .. }) = invalid {
                 self.variant(field);
             }
         }

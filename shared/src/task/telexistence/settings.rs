@@ -3,9 +3,10 @@ use core::fmt;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
+use crate::OutOfRange;
 use crate::control::ServoMode;
 use crate::kinematics::Hand;
-use crate::teleop::{InvalidRetargetSettings, RetargetSettings};
+use crate::teleop::{RetargetField, RetargetSettings};
 
 /// Lag of a joint behind its reference [s]. While it catches up it is faster than the reference, by the
 /// acceleration times this lag.
@@ -67,7 +68,7 @@ impl TelexistenceSettings {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum InvalidTelexistenceSettings {
     /// 0: a setting of the retargeting.
-    Retargeting(InvalidRetargetSettings),
+    Retargeting(OutOfRange<RetargetField>),
     /// 1: the acceleration [rad/s²].
     Acceleration {
         /// The value.
