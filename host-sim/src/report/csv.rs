@@ -22,6 +22,37 @@ impl<'a> Column<'a> {
     }
 }
 
+/// A table with a row for each item of a list.
+#[derive(Clone, Debug)]
+pub struct Table<'a, T> {
+    items: &'a [T],
+    columns: Vec<Column<'static>>,
+}
+
+impl<'a, T> Table<'a, T> {
+    /// Creates a table without columns.
+    pub const fn new(items: &'a [T]) -> Self {
+        Self { items, columns: Vec::new() }
+    }
+
+    /// Adds a column: a value of each item in `unit`.
+    pub fn column(
+        &mut self,
+        name: impl Into<String>,
+        unit: impl Into<String>,
+        value: impl Fn(&T) -> f64,
+    ) -> &mut Self {
+        let values: Vec<f64> = self.items.iter().map(value).collect();
+        self.columns.push(Column::new(name, unit, values));
+        self
+    }
+
+    /// Formats the table, see [`csv()`].
+    pub fn csv(&self) -> String {
+        csv(&self.columns)
+    }
+}
+
 /// Formats the columns as CSV: a header `name [unit]`, then one row per sample, with fields quoted according
 /// to RFC 4180 and lines ended by a newline.
 ///
@@ -62,5 +93,14 @@ mod tests {
                         0.01,NaN,2.0\n\
                         0.30000000000000004,,3.0\n";
         assert_eq!(text, expected);
+    }
+
+    #[test]
+    fn a_table_has_a_row_for_each_item() {
+        let mut table = Table::new(&[2, 3]);
+        table
+            .column("side", "m", |side| f64::from(*side))
+            .column("area", "m²", |side| f64::from(side * side));
+        assert_eq!(table.csv(), "side [m],area [m²]\n2.0,4.0\n3.0,9.0\n");
     }
 }

@@ -35,7 +35,7 @@ mod terminal;
 mod verdict;
 mod write;
 
-pub use csv::{Column, csv};
+pub use csv::{Column, Table, csv};
 pub use figure::{Event, Figure, Line, LineStyle, Mark, Panel, Phase};
 pub use page::{Page, figure_files};
 pub use summary::{Bound, Metric, Summary, json};

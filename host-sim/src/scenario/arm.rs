@@ -19,7 +19,7 @@ use crate::motion::Motion;
 use crate::plant::{
     Drive, Plant, PlantOptions, PlantValues, SharedIntervention, TipTruth, isometry, unit_quaternion,
 };
-use crate::report::{Column, csv};
+use crate::report::Table;
 
 /// Time from power-on to the tare of the force sensor [s].
 const REST: f64 = 0.5;
@@ -197,40 +197,23 @@ impl ArmLog {
 
     /// As CSV.
     pub fn table(&self) -> String {
-        let series = |value: &dyn Fn(&ArmSample) -> f64| self.0.iter().map(value).collect::<Vec<f64>>();
-        let mut columns = vec![Column::new("time", "s", series(&|sample| sample.time))];
+        let mut table = Table::new(&self.0);
+        table.column("time", "s", |sample| sample.time);
         for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
-            columns.push(Column::new(
-                format!("tool {name}"),
-                "m",
-                series(&|sample| sample.tool.position[axis]),
-            ));
-            columns.push(Column::new(
-                format!("set-point {name}"),
-                "m",
-                series(&|sample| sample.target[axis]),
-            ));
-            columns.push(Column::new(
-                format!("force {name}"),
-                "N",
-                series(&|sample| sample.tool.force[axis]),
-            ));
+            table
+                .column(format!("tool {name}"), "m", |sample| sample.tool.position[axis])
+                .column(format!("set-point {name}"), "m", |sample| sample.target[axis])
+                .column(format!("force {name}"), "N", |sample| sample.tool.force[axis]);
         }
-        columns.push(Column::new("set-point elbow".to_owned(), "rad", series(&|sample| sample.elbow)));
-        let joints = self.0.first().map_or(0, |sample| sample.joints.len());
-        for joint in 0..joints {
-            columns.push(Column::new(
-                format!("angle {}", joint + 1),
-                "rad",
-                series(&|sample| sample.joints[joint]),
-            ));
-            columns.push(Column::new(
+        table.column("set-point elbow", "rad", |sample| sample.elbow);
+        for joint in 0..self.0.first().map_or(0, |sample| sample.joints.len()) {
+            table.column(format!("angle {}", joint + 1), "rad", |sample| sample.joints[joint]).column(
                 format!("torque {}", joint + 1),
                 "N·m",
-                series(&|sample| sample.torques[joint]),
-            ));
+                |sample| sample.torques[joint],
+            );
         }
-        csv(&columns)
+        table.csv()
     }
 }
 

@@ -7,7 +7,7 @@ use super::arm::{ArmRig, ArmSample, ArmTrial, Machine, impedance, motion, settin
 use super::common::{T, clear_faults, grouped, largest};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::plant::Wall;
-use crate::report::{Column, Figure, Line, Metric, Panel, Summary, csv};
+use crate::report::{Figure, Line, Metric, Panel, Summary, Table};
 
 pub(super) const SCENARIO: Scenario = Scenario {
     name: "arm7-contact",
@@ -237,25 +237,17 @@ fn figure(contacts: &[Contact]) -> Figure {
 }
 
 fn table(contacts: &[Contact]) -> String {
-    let column = |value: &dyn Fn(&Contact) -> f64| contacts.iter().map(value).collect::<Vec<f64>>();
-    csv(&[
-        Column::new("axis", "", column(&|contact| contact.axis as f64)),
-        Column::new("mass", "kg", column(&|contact| contact.settings.impedance.mass[contact.axis].into())),
-        Column::new(
-            "damping",
-            "N·s/m",
-            column(&|contact| contact.settings.impedance.damping[contact.axis].into()),
-        ),
-        Column::new(
-            "stiffness",
-            "N/m",
-            column(&|contact| contact.settings.impedance.stiffness[contact.axis].into()),
-        ),
-        Column::new("surface", "N/m", column(&|contact| contact.surface)),
-        Column::new("limit", "N/m", column(&|contact| contact.limit)),
-        Column::new("derating", "", column(&|contact| contact.derating)),
-        Column::new("force from its mean", "N", column(&Contact::unrest)),
-    ])
+    let mut table = Table::new(contacts);
+    table
+        .column("axis", "", |contact| contact.axis as f64)
+        .column("mass", "kg", |contact| contact.settings.impedance.mass[contact.axis].into())
+        .column("damping", "N·s/m", |contact| contact.settings.impedance.damping[contact.axis].into())
+        .column("stiffness", "N/m", |contact| contact.settings.impedance.stiffness[contact.axis].into())
+        .column("surface", "N/m", |contact| contact.surface)
+        .column("limit", "N/m", |contact| contact.limit)
+        .column("derating", "", |contact| contact.derating)
+        .column("force from its mean", "N", Contact::unrest);
+    table.csv()
 }
 
 #[cfg(test)]

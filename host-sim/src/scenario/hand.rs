@@ -19,7 +19,7 @@ use crate::controller::Watched;
 use crate::motion::Motion;
 use crate::operator::{FingersMotion, OperatorHand};
 use crate::plant::{Plant, PlantOptions, SharedIntervention, Truth};
-use crate::report::{Column, Line, Panel, csv};
+use crate::report::{Line, Panel, Table};
 
 /// Positions of five fingertips, thumb to little finger [m].
 pub type Fingertips = [Vector3<f64>; FINGERS];
@@ -166,30 +166,19 @@ impl HandLog {
 
     /// As CSV.
     pub fn table(&self) -> String {
-        let series = |value: &dyn Fn(&HandSample) -> f64| self.0.iter().map(value).collect::<Vec<f64>>();
-        let mut columns = vec![Column::new("time", "s", series(&|sample| sample.time))];
+        let mut table = Table::new(&self.0);
+        table.column("time", "s", |sample| sample.time);
         for (finger, name) in HumanFinger::ALL.iter().map(|finger| finger.name()).enumerate() {
             for (axis, letter) in ["x", "y", "z"].into_iter().enumerate() {
-                columns.push(Column::new(
-                    format!("operator {name} {letter}"),
-                    "m",
-                    series(&|s| s.operator[finger][axis]),
-                ));
-                columns.push(Column::new(
-                    format!("robot {name} {letter}"),
-                    "m",
-                    series(&|s| s.robot[finger][axis]),
-                ));
+                table
+                    .column(format!("operator {name} {letter}"), "m", |sample| sample.operator[finger][axis])
+                    .column(format!("robot {name} {letter}"), "m", |sample| sample.robot[finger][axis]);
             }
         }
         for joint in 0..self.0.first().map_or(0, |sample| sample.joints.len()) {
-            columns.push(Column::new(
-                format!("angle {}", joint + 1),
-                "rad",
-                series(&|sample| sample.joints[joint]),
-            ));
+            table.column(format!("angle {}", joint + 1), "rad", |sample| sample.joints[joint]);
         }
-        csv(&columns)
+        table.csv()
     }
 
     /// Errors of the vectors over time.

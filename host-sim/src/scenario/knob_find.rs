@@ -8,7 +8,7 @@ use super::knob_pictures::{EMPTY, KnobPicture, KnobPictures};
 use super::{Outcome, Scenario, ScenarioError, Setting};
 use crate::camera::{self, CameraValues, CircleTruth};
 use crate::motion::Motion;
-use crate::report::{Column, Figure, Line, Metric, Panel, Summary, csv};
+use crate::report::{Figure, Line, Metric, Panel, Summary, Table};
 
 pub(super) const SCENARIO: Scenario = Scenario {
     name: "knob-find",
@@ -180,19 +180,22 @@ fn errors(pictures: &[Picture]) -> Figure {
 }
 
 fn table(pictures: &[Picture]) -> String {
-    let column = |value: &dyn Fn(&Picture) -> f64| pictures.iter().map(value).collect::<Vec<_>>();
-    let truth = |value: fn(&CircleTruth) -> f64| column(&|p| p.truth.as_ref().map_or(f64::NAN, value));
-    let found =
-        |value: fn(&Circle) -> f32| column(&|p| p.found[0].as_ref().map_or(f64::NAN, |c| value(c).into()));
-    csv(&[
-        Column::new("distance", "m", column(&|picture| picture.distance)),
-        Column::new("visible", "", truth(|truth| truth.visible)),
-        Column::new("true_x", "px", truth(|truth| truth.center[0])),
-        Column::new("true_y", "px", truth(|truth| truth.center[1])),
-        Column::new("true_radius", "px", truth(|truth| truth.radius)),
-        Column::new("found_x", "px", found(|circle| circle.center[0])),
-        Column::new("found_y", "px", found(|circle| circle.center[1])),
-        Column::new("found_radius", "px", found(|circle| circle.radius)),
-        Column::new("confidence", "", found(|circle| circle.confidence)),
-    ])
+    let truth = |value: fn(&CircleTruth) -> f64| {
+        move |picture: &Picture| picture.truth.as_ref().map_or(f64::NAN, value)
+    };
+    let found = |value: fn(&Circle) -> f32| {
+        move |picture: &Picture| picture.found[0].as_ref().map_or(f64::NAN, |circle| value(circle).into())
+    };
+    let mut table = Table::new(pictures);
+    table
+        .column("distance", "m", |picture| picture.distance)
+        .column("visible", "", truth(|truth| truth.visible))
+        .column("true_x", "px", truth(|truth| truth.center[0]))
+        .column("true_y", "px", truth(|truth| truth.center[1]))
+        .column("true_radius", "px", truth(|truth| truth.radius))
+        .column("found_x", "px", found(|circle| circle.center[0]))
+        .column("found_y", "px", found(|circle| circle.center[1]))
+        .column("found_radius", "px", found(|circle| circle.radius))
+        .column("confidence", "", found(|circle| circle.confidence));
+    table.csv()
 }

@@ -18,7 +18,7 @@ use crate::controller::{Controller, Watched};
 use crate::door::{KNOB, KnobDoor, hand_joints, hand_pose};
 use crate::motion::{Motion, Transform};
 use crate::plant::{Plant, PlantOptions};
-use crate::report::{Column, Figure, Line, Metric, Panel, Summary, csv};
+use crate::report::{Figure, Line, Metric, Panel, Summary, Table};
 
 pub(super) const SCENARIO: Scenario = Scenario {
     name: "knob-grasp",
@@ -428,19 +428,19 @@ fn approach_figure(log: &Log) -> Figure {
 }
 
 fn table(logs: &[Log]) -> String {
-    let column = |value: &dyn Fn(&Log) -> f64| logs.iter().map(value).collect::<Vec<_>>();
-    let grip = |which: usize| column(&|log| log.grip.map_or(f64::NAN, |grip| grip[which]));
-    csv(&[
-        Column::new("gripped", "", column(&|log| f64::from(u8::from(log.succeeded())))),
-        Column::new("fault", "", column(&|log| f64::from(u8::from(log.ended_in_fault)))),
-        Column::new("time", "s", column(&|log| log.time)),
-        Column::new("tries", "", column(&|log| f64::from(log.tries) + 1.0)),
-        Column::new("pictures", "", column(&|log| log.pictures.len() as f64)),
-        Column::new("found", "", column(&|log| log.found() as f64)),
-        Column::new("rose", "m", column(&|log| log.radius[0])),
-        Column::new("estimated_rose", "m", column(&|log| log.radius[1])),
-        Column::new("grip_distance", "m", grip(0)),
-        Column::new("grip_aside", "m", grip(1)),
-        Column::new("contact", "N", column(&Log::peak_force)),
-    ])
+    let grip = |log: &Log, which: usize| log.grip.map_or(f64::NAN, |grip| grip[which]);
+    let mut table = Table::new(logs);
+    table
+        .column("gripped", "", |log| f64::from(u8::from(log.succeeded())))
+        .column("fault", "", |log| f64::from(u8::from(log.ended_in_fault)))
+        .column("time", "s", |log| log.time)
+        .column("tries", "", |log| f64::from(log.tries) + 1.0)
+        .column("pictures", "", |log| log.pictures.len() as f64)
+        .column("found", "", |log| log.found() as f64)
+        .column("rose", "m", |log| log.radius[0])
+        .column("estimated_rose", "m", |log| log.radius[1])
+        .column("grip_distance", "m", |log| grip(log, 0))
+        .column("grip_aside", "m", |log| grip(log, 1))
+        .column("contact", "N", Log::peak_force);
+    table.csv()
 }

@@ -5,7 +5,7 @@ use std::ops::Range;
 use rapier3d::na::{Quaternion, UnitQuaternion, Vector3};
 
 use crate::plant::{ContactTruth, ObjectTruth, unit_quaternion};
-use crate::report::{Column, csv};
+use crate::report::Table;
 use crate::scenario::common::{T, during, largest};
 use tesaki::task::grasping::Phase;
 
@@ -140,69 +140,47 @@ impl GraspLog {
 /// The log as CSV: object, weights, contacts.
 pub fn table(log: &GraspLog) -> String {
     const AXES: [&str; 3] = ["x", "y", "z"];
-    let mut columns = vec![Column::new("time", "s", log.times())];
+    let mut table = Table::new(&log.samples);
+    table.column("time", "s", |sample| sample.time);
     for (axis, name) in AXES.into_iter().enumerate() {
-        columns.push(Column::new(
-            format!("object {name}"),
-            "m",
-            log.series(|sample| sample.object.position[axis]),
-        ));
+        table.column(format!("object {name}"), "m", |sample| sample.object.position[axis]);
     }
     for (axis, name) in ["roll", "pitch", "yaw"].into_iter().enumerate() {
-        columns.push(Column::new(
-            format!("object {name}"),
-            "rad",
-            log.series(|sample| sample.angles()[axis]),
-        ));
+        table.column(format!("object {name}"), "rad", |sample| sample.angles()[axis]);
     }
     for (part, (quantity, unit)) in
         [("target displacement", "m"), ("target rotation", "rad")].into_iter().enumerate()
     {
         for (axis, name) in AXES.into_iter().enumerate() {
-            columns.push(Column::new(
-                format!("{quantity} {name}"),
-                unit,
-                log.series(|sample| sample.target[part][axis]),
-            ));
+            table.column(format!("{quantity} {name}"), unit, |sample| sample.target[part][axis]);
         }
     }
     for (axis, name) in AXES.into_iter().enumerate() {
-        let name = format!("estimated position {name}");
-        columns.push(Column::new(name, "m", log.series(|sample| sample.estimates.position[axis])));
+        table.column(format!("estimated position {name}"), "m", |sample| sample.estimates.position[axis]);
     }
-    columns.push(Column::new(
-        "estimated pitch".to_owned(),
-        "rad",
-        log.series(|sample| sample.estimates.pitch()),
-    ));
+    table.column("estimated pitch", "rad", |sample| sample.estimates.pitch());
     for (axis, name) in AXES.into_iter().enumerate() {
-        let name = format!("sensed load {name}");
-        columns.push(Column::new(name, "N", log.series(|sample| sample.estimates.load[axis])));
+        table.column(format!("sensed load {name}"), "N", |sample| sample.estimates.load[axis]);
     }
-    columns.push(Column::new("weights".to_owned(), "kg", log.series(|sample| sample.object.load)));
+    table.column("weights", "kg", |sample| sample.object.load);
     for finger in 0..3 {
         let name = |what: &str| format!("finger {} {what}", finger + 1);
         let contact = |value: fn(&ContactTruth) -> f64| {
-            log.series(|sample| sample.contacts.get(finger).map_or(f64::NAN, value))
+            move |sample: &GraspSample| sample.contacts.get(finger).map_or(f64::NAN, value)
         };
         for (axis, letter) in AXES.into_iter().enumerate() {
-            columns.push(Column::new(
-                name(&format!("force {letter}")),
-                "N",
-                log.series(|s| s.force(finger)[axis]),
-            ));
+            table.column(name(&format!("force {letter}")), "N", |sample| sample.force(finger)[axis]);
         }
         for (axis, letter) in AXES.into_iter().enumerate() {
-            columns.push(Column::new(
-                name(&format!("target force {letter}")),
-                "N",
-                log.series(|sample| sample.estimates.target_forces[finger][axis]),
-            ));
+            table.column(name(&format!("target force {letter}")), "N", |sample| {
+                sample.estimates.target_forces[finger][axis]
+            });
         }
-        columns.push(Column::new(name("normal force"), "N", contact(ContactTruth::normal_force)));
-        columns.push(Column::new(name("tangential force"), "N", contact(ContactTruth::tangential_force)));
-        columns.push(Column::new(name("sliding"), "m", contact(|contact| contact.slip_path)));
-        columns.push(Column::new(name("depth"), "m", contact(|contact| contact.depth)));
+        table
+            .column(name("normal force"), "N", contact(ContactTruth::normal_force))
+            .column(name("tangential force"), "N", contact(ContactTruth::tangential_force))
+            .column(name("sliding"), "m", contact(|contact| contact.slip_path))
+            .column(name("depth"), "m", contact(|contact| contact.depth));
     }
-    csv(&columns)
+    table.csv()
 }

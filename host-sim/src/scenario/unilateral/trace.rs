@@ -6,7 +6,7 @@ use rapier3d::na::Vector3;
 use tesaki::kinematics::PosePoint;
 
 use crate::operator::OperatorHandState;
-use crate::report::{Column, csv};
+use crate::report::Table;
 use crate::scenario::arm::{ArmLog, ArmSample, YAW};
 use crate::scenario::common::{T, during, largest};
 
@@ -140,42 +140,22 @@ impl Trace {
 
     /// As CSV.
     pub fn table(&self) -> String {
-        let mut columns = vec![Column::new("time", "s", self.times())];
-        let series = |value: &dyn Fn(&Moment<'_>) -> f64| -> Vec<f64> {
-            self.all().map(|moment| value(&moment)).collect()
-        };
+        let moments: Vec<(f64, Moment<'_>)> = self.times().into_iter().zip(self.all()).collect();
+        let mut table = Table::new(&moments);
+        table.column("time", "s", |(time, _)| *time);
         for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
-            columns.push(Column::new(
-                format!("hand {name}"),
-                "m",
-                series(&|moment| moment.operator.hand[axis]),
-            ));
-            columns.push(Column::new(
-                format!("set-point {name}"),
-                "m",
-                series(&|moment| moment.sample.target[axis]),
-            ));
-            columns.push(Column::new(
-                format!("tool {name}"),
-                "m",
-                series(&|moment| moment.sample.position()[axis]),
-            ));
+            table
+                .column(format!("hand {name}"), "m", |(_, moment)| moment.operator.hand[axis])
+                .column(format!("set-point {name}"), "m", |(_, moment)| moment.sample.target[axis])
+                .column(format!("tool {name}"), "m", |(_, moment)| moment.sample.position()[axis]);
         }
-        columns.push(Column::new("elbow".to_owned(), "rad", series(&|moment| moment.operator.elbow)));
-        let joints = self.samples.first().map_or(0, |sample| sample.joints.len());
-        for joint in 0..joints {
-            columns.push(Column::new(
-                format!("angle {}", joint + 1),
-                "rad",
-                series(&|moment| moment.sample.joints[joint]),
-            ));
-            columns.push(Column::new(
-                format!("torque {}", joint + 1),
-                "N·m",
-                series(&|moment| moment.sample.torques[joint]),
-            ));
+        table.column("elbow", "rad", |(_, moment)| moment.operator.elbow);
+        for joint in 0..self.samples.first().map_or(0, |sample| sample.joints.len()) {
+            table
+                .column(format!("angle {}", joint + 1), "rad", |(_, moment)| moment.sample.joints[joint])
+                .column(format!("torque {}", joint + 1), "N·m", |(_, moment)| moment.sample.torques[joint]);
         }
-        csv(&columns)
+        table.csv()
     }
 }
 
