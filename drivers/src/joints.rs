@@ -8,9 +8,11 @@ use tesaki::OutOfRange;
 use tesaki::TICK;
 use tesaki::control::{CurrentLoopField, Switching, Winding};
 use tesaki::math;
-use tesaki::model::{Field, JointModel, MAX_JOINTS, ModelError, Motor as MotorModel, Problem, RobotModel};
+use tesaki::model::{Field, JointModel, ModelError, Motor as MotorModel, Problem, RobotModel};
+use tesaki::protocol::{SensorFlags, SensorFrame};
 
 use crate::back_emf::{BackEmf, Period};
+use crate::exchange::Measured;
 use crate::motors::{Command, Motor, Motors, SUM_RESOLUTION, Sensing, Totals, VOLTAGE_RESOLUTION};
 
 /// Data of a joint for every period.
@@ -39,16 +41,16 @@ pub struct MotorJoints<const N: usize> {
     joints: Vec<Joint, N>,
     /// Periods of the current loops in a control period.
     periods: u32,
+    /// Voltage of one count of the supply [V].
+    supply_resolution: f32,
     last: Option<Last<N>>,
-    supply: Option<f32>,
-    dead_encoder: Option<u8>,
 }
 
 impl<const N: usize> MotorJoints<N> {
     /// Creates the joints without a robot. `periods` is the number of periods of the current loops in a
-    /// control period.
-    pub const fn new(periods: u32) -> Self {
-        Self { joints: Vec::new(), periods, last: None, supply: None, dead_encoder: None }
+    /// control period, `supply_resolution` the voltage of one count of the supply [V].
+    pub const fn new(periods: u32, supply_resolution: f32) -> Self {
+        Self { joints: Vec::new(), periods, supply_resolution, last: None }
     }
 
     /// Takes a robot.
@@ -57,26 +59,23 @@ impl<const N: usize> MotorJoints<N> {
         self.last = None;
     }
 
-    /// Returns the number of joints.
-    pub fn count(&self) -> usize {
-        self.joints.len()
-    }
-
-    /// Runs one control period from the encoders' `counts` and the `totals` of the current loops. Returns the
-    /// mean currents [counts of the model], or `None` if the loops do not run at their rate: then nothing
-    /// controls the currents.
-    pub fn update(
-        &mut self,
-        period: u32,
-        counts: [i32; N],
-        totals: &Totals<N>,
-    ) -> Option<Vec<i16, MAX_JOINTS>> {
+    /// Runs one control period from the encoders' `counts` and what the current loops `measured`. Returns
+    /// counts, mean currents, mean supply and an encoder that contradicts the back-EMF of its motor
+    /// ([`BackEmf`]), or `None` if the loops do not run at their rate: then nothing controls the currents.
+    ///
+    /// A single disturbed sample, such as of a power stage that switches, hardly changes the mean supply.
+    pub fn update(&mut self, period: u32, counts: [i32; N], measured: &Measured<N>) -> Option<SensorFrame> {
+        let totals = &measured.totals;
         let last = self.last.replace(Last { period, counts, totals: *totals });
-        (self.dead_encoder, self.supply) = (None, None);
-        let mut currents = Vec::new();
+        let mut frame = SensorFrame {
+            sequence: period,
+            supply: millivolts(f32::from(measured.supply) * self.supply_resolution),
+            encoders: counts.into_iter().take(self.joints.len()).collect(),
+            ..SensorFrame::default()
+        };
         let Some(last) = last else {
-            currents.resize_default(self.joints.len()).ok()?;
-            return Some(currents);
+            frame.currents.resize_default(self.joints.len()).ok()?;
+            return Some(frame);
         };
         let elapsed = period.wrapping_sub(last.period);
         let samples = totals.periods.wrapping_sub(last.totals.periods);
@@ -87,7 +86,7 @@ impl<const N: usize> MotorJoints<N> {
         let sum = totals.supply.wrapping_sub(last.totals.supply) as f32;
         #[expect(clippy::cast_precision_loss, reason = "samples of a period")]
         let mean = sum * VOLTAGE_RESOLUTION / samples as f32;
-        self.supply = Some(mean);
+        frame.supply = millivolts(mean);
         let was_driven = totals.driven.wrapping_sub(last.totals.driven) == samples;
         let counts = changes(&counts, &last.counts);
         let sums = changes(&totals.currents, &last.totals.currents);
@@ -99,26 +98,16 @@ impl<const N: usize> MotorJoints<N> {
             joint.velocity = count * joint.angle / (elapsed * TICK);
             let current = sum * SUM_RESOLUTION / samples;
             let voltage = voltage * VOLTAGE_RESOLUTION / samples;
-            let measured = was_driven.then_some(Period { voltage, current, velocity: joint.velocity });
-            if joint.back_emf.as_mut().is_some_and(|watch| watch.update(measured)) {
-                self.dead_encoder = self.dead_encoder.or(Some(index));
+            let driven = was_driven.then_some(Period { voltage, current, velocity: joint.velocity });
+            let is_dead = joint.back_emf.as_mut().is_some_and(|watch| watch.update(driven));
+            // The first one is reported.
+            if is_dead && frame.flags.dead_encoder().is_none() {
+                frame.flags.0 |= SensorFlags::of_dead_encoder(index);
             }
             #[expect(clippy::cast_possible_truncation, reason = "saturates")]
-            currents.push((current / joint.current_resolution) as i16).ok()?;
+            frame.currents.push((current / joint.current_resolution) as i16).ok()?;
         }
-        Some(currents)
-    }
-
-    /// Returns the first joint whose encoder contradicted the back-EMF of its motor in the last period
-    /// ([`BackEmf`]).
-    pub const fn dead_encoder(&self) -> Option<u8> {
-        self.dead_encoder
-    }
-
-    /// Returns the mean supply in the last period [V]; `None` in the first one. A single disturbed sample,
-    /// such as of a power stage that switches, hardly changes it.
-    pub const fn supply(&self) -> Option<f32> {
-        self.supply
+        Some(frame)
     }
 
     /// Returns whether every motor's back-EMF is known to be less than `voltage` [V]; false without a robot.
@@ -196,6 +185,11 @@ pub fn motors_for<const N: usize>(
     })
 }
 
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
+const fn millivolts(volts: f32) -> u16 {
+    (volts * 1000.0) as u16
+}
+
 /// Returns the changes of wrapping sums since the `last` period.
 fn changes<const N: usize>(sums: &[i32; N], last: &[i32; N]) -> [f32; N] {
     #[expect(clippy::cast_precision_loss, reason = "changes of a period")]
@@ -222,23 +216,26 @@ mod tests {
         MotorJoints {
             joints: [joint, reversed].into_iter().collect(),
             periods: 200,
+            supply_resolution: 0.01,
             last: None,
-            supply: None,
-            dead_encoder: None,
         }
     }
 
-    /// By hand: 199 samples of 12 V and one of 40 V are 12.14 V.
+    /// Returns what is measured with these totals, and 1100 counts of the supply.
+    fn measured(totals: Totals<2>) -> Measured<2> {
+        Measured { totals, supply: 1100, has_tripped: false, is_ready: true }
+    }
+
+    /// By hand: 199 samples of 12 V and one of 40 V are 12.14 V. In the first period there is no mean, but a
+    /// sample: 1100 counts of 10 mV are 11 V.
     #[test]
     fn a_disturbed_sample_hardly_changes_the_supply() {
         let mut joints = joints();
         let totals = Totals { supply: u32::MAX - 7, ..Totals::new() };
-        joints.update(1, [0; 2], &totals).unwrap();
-        assert_eq!(joints.supply(), None);
+        assert_eq!(joints.update(1, [0; 2], &measured(totals)).unwrap().supply, 11_000);
         let sum = 199 * 12_000 + 40_000;
         let totals = Totals { supply: totals.supply.wrapping_add(sum), periods: 200, ..totals };
-        joints.update(2, [0; 2], &totals).unwrap();
-        assert!((joints.supply().unwrap() - 12.14).abs() < 1e-4, "{:?}", joints.supply());
+        assert_eq!(joints.update(2, [0; 2], &measured(totals)).unwrap().supply, 12_140);
     }
 
     /// By hand: 5 counts of 1000 in two periods of 10 ms are π/2 rad/s; 400 samples of 0.3 A are 1 200 000
@@ -248,13 +245,15 @@ mod tests {
         let mut joints = joints();
         let totals = Totals { currents: [i32::MAX, -7], periods: u32::MAX - 10, ..Totals::new() };
         assert!(!joints.are_slow(1.0), "before anything was read");
-        assert_eq!(joints.update(3, [i32::MAX, 2], &totals).unwrap(), [0, 0]);
+        let first = joints.update(3, [i32::MAX, 2], &measured(totals)).unwrap();
+        assert!(first.currents == [0, 0] && first.encoders == [i32::MAX, 2], "{first:?}");
         let totals = Totals {
             currents: [i32::MAX.wrapping_add(1_200_000), -1_200_007],
             periods: 389,
             ..Totals::new()
         };
-        assert_eq!(joints.update(5, [i32::MAX.wrapping_add(5), 7], &totals).unwrap(), [300, -300]);
+        let second = joints.update(5, [i32::MAX.wrapping_add(5), 7], &measured(totals)).unwrap();
+        assert!(second.currents == [300, -300] && second.sequence == 5, "{second:?}");
         let command = joints.command(&[1.0, -0.25]);
         let near = |found: [f32; 2], expected: [f32; 2]| {
             found.iter().zip(expected).all(|(found, expected)| (found - expected).abs() < 1e-5)
@@ -274,24 +273,24 @@ mod tests {
         let mut totals = Totals::new();
         let counts = |period: i32| [13 * period, -13 * period.min(3)];
         for period in 0..5 {
-            joints.update(period, counts(period.cast_signed()), &totals).unwrap();
-            assert_eq!(joints.dead_encoder(), (period == 4).then_some(1), "{period}");
+            let frame = joints.update(period, counts(period.cast_signed()), &measured(totals)).unwrap();
+            assert_eq!(frame.flags.dead_encoder(), (period == 4).then_some(1), "{period}");
             totals.currents = totals.currents.map(|sum| sum + 2_000_000);
             totals.voltages = totals.voltages.map(|sum| sum + 1_000_000);
             (totals.periods, totals.driven) = (totals.periods + 200, totals.driven + 200);
         }
         // If the motors are not driven throughout, nothing is known.
         totals.driven -= 1;
-        joints.update(5, counts(5), &totals).unwrap();
-        assert_eq!(joints.dead_encoder(), None);
+        let frame = joints.update(5, counts(5), &measured(totals)).unwrap();
+        assert_eq!(frame.flags, SensorFlags(0));
     }
 
     #[test]
     fn loops_that_do_not_run_at_their_rate_are_told() {
         for (samples, is_right) in [(179, false), (180, true), (220, true), (221, false), (0, false)] {
             let mut joints = joints();
-            joints.update(1, [0; 2], &Totals::new()).unwrap();
-            let told = joints.update(2, [0; 2], &Totals { periods: samples, ..Totals::new() });
+            joints.update(1, [0; 2], &measured(Totals::new())).unwrap();
+            let told = joints.update(2, [0; 2], &measured(Totals { periods: samples, ..Totals::new() }));
             assert_eq!(told.is_some(), is_right, "{samples}");
         }
     }

@@ -189,7 +189,7 @@ impl Board for Odrive {
         connect_trips(&peripherals.syscfg, &peripherals.exti);
 
         let (to_loops, new_motors) = NEW_MOTORS.take().split();
-        let joints = MotorJoints::new(PERIODS);
+        let joints = MotorJoints::new(PERIODS, SUPPLY_RESOLUTION);
         let counters = [Counter::new(); N];
         let board = Self { emergency_stop, fault, gates, is_ready: false, to_loops, joints, counters };
         let loops = CurrentLoops {
@@ -224,7 +224,7 @@ impl Board for Odrive {
         for (count, (counter, raw)) in counts.iter_mut().zip(self.counters.iter_mut().zip(sample.counts)) {
             *count = counter.extend(raw);
         }
-        let currents = self.joints.update(period, counts, &measured.totals)?;
+        let mut frame = self.joints.update(period, counts, &measured)?;
         let stopped = self.emergency_stop.is_low();
         if stopped {
             Self::off();
@@ -238,19 +238,9 @@ impl Board for Odrive {
             self.is_ready = false;
         }
         let can_drive = self.is_ready && measured.is_ready && !measured.has_tripped;
-        let mut flags = SensorFlags(0);
-        flags.0 |= if stopped { SensorFlags::EMERGENCY_STOP } else { 0 };
-        flags.0 |= if can_drive { 0 } else { SensorFlags::POWER_STAGE };
-        flags.0 |= self.joints.dead_encoder().map_or(0, SensorFlags::of_dead_encoder);
-        let supply = self.joints.supply().unwrap_or(f32::from(measured.supply) * SUPPLY_RESOLUTION);
-        Some(SensorFrame {
-            sequence: period,
-            flags,
-            supply: (supply * 1000.0) as u16,
-            encoders: counts.into_iter().take(self.joints.count()).collect(),
-            currents,
-            forces: heapless::Vec::new(),
-        })
+        frame.flags.0 |= if stopped { SensorFlags::EMERGENCY_STOP } else { 0 };
+        frame.flags.0 |= if can_drive { 0 } else { SensorFlags::POWER_STAGE };
+        Some(frame)
     }
 
     fn write(&mut self, actuators: &ActuatorFrame) {

@@ -175,7 +175,7 @@ impl Board for Weact {
         let (to_loops, new_motors) = NEW_MOTORS.take().split();
         let stages = Stages { pulses, directions };
         let motors = Motors::none(&SWITCHING, drv8874::WAKE);
-        let joints = MotorJoints::new(PERIODS);
+        let joints = MotorJoints::new(PERIODS, SUPPLY_RESOLUTION);
         let gauges = ForceGauges::new(converter);
         let board = Self { emergency_stop, to_loops, joints, counters: [Counter::new(); 2], gauges };
         let loops = CurrentLoops { adc, samples: 0, stages, motors, new_motors, order: 0 };
@@ -214,24 +214,18 @@ impl Board for Weact {
             self.counters[1].extend(second as u16),
             third.cast_signed(),
         ];
-        let currents = self.joints.update(period, counts, &measured.totals)?;
+        let mut frame = self.joints.update(period, counts, &measured)?;
         let stopped = self.emergency_stop.is_low();
-        let mut flags = SensorFlags(0);
-        flags.0 |= if stopped { SensorFlags::EMERGENCY_STOP } else { 0 };
-        flags.0 |= if measured.has_tripped || trip_is_active() { SensorFlags::POWER_STAGE } else { 0 };
-        flags.0 |= self.joints.dead_encoder().map_or(0, SensorFlags::of_dead_encoder);
+        frame.flags.0 |= if stopped { SensorFlags::EMERGENCY_STOP } else { 0 };
+        frame.flags.0 |= if measured.has_tripped || trip_is_active() { SensorFlags::POWER_STAGE } else { 0 };
         if let Some(fault) = force.and_then(|reading| reading.fault) {
-            flags = flags.with_force_sensor(fault);
+            frame.flags = frame.flags.with_force_sensor(fault);
         }
-        let supply = self.joints.supply().unwrap_or(f32::from(measured.supply) * SUPPLY_RESOLUTION);
-        Some(SensorFrame {
-            sequence: period,
-            flags,
-            supply: (supply * 1000.0) as u16,
-            encoders: counts.into_iter().take(self.joints.count()).collect(),
-            currents,
-            forces: force.iter().map(|reading| reading.wrench).collect(),
-        })
+        if let Some(reading) = force {
+            // Cannot fail: the vector is empty.
+            let _ = frame.forces.push(reading.wrench);
+        }
+        Some(frame)
     }
 
     fn write(&mut self, actuators: &ActuatorFrame) {
