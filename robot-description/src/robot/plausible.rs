@@ -1,43 +1,25 @@
 //! What a robot folder can hold, but no machine is likely to have.
 
+mod joints;
+mod links;
+
 use std::collections::BTreeMap;
 
 use nalgebra::Vector3;
 use tesaki::kinematics::Chain;
-use tesaki::model::{ChainJoint, JointModel, Motor, RobotModel};
+use tesaki::model::{ChainJoint, JointModel, RobotModel};
 
 use super::RobotFolder;
-use super::limits::{ImplausibleLimit, at_least, implausible_limits};
+use super::limits::{ImplausibleLimit, implausible_limits};
 use crate::finding::{Finding, Report};
 use crate::load::{CoupledChains, JointLoad};
 use crate::plant::PlantValues;
-use crate::urdf::{RigidBody, Urdf, four};
+use crate::urdf::Urdf;
 
-/// The shortest time in which a full torque can bring a bare rotor to the velocity limit [s]. The mechanical
-/// time constants of servo motors are 2 to 50 ms; a velocity limit may be a tenth of what the motor reaches.
-const FASTEST_ROTOR: f32 = 2e-4;
-/// Factor between the torque of the largest current and the torque limit from which one of them has another
-/// unit: mA, mN·m/A and N·mm are all off by 1000.
-const OTHER_UNIT: f32 = 3.0;
 /// Distance of a tip from the axis of its last joint below which the joint does not move it [m].
 const ON_AXIS: f32 = 1e-4;
 /// Joints of an arm, whose last one turns the tool about its own axis.
 const ARM_JOINTS: usize = 6;
-/// Coulomb friction above this fraction of the motor's torque is suspicious.
-const MUCH_FRICTION: f32 = 0.5;
-/// Distance from its target at which the position loop would overcome Coulomb friction [rad]: above this, the
-/// joint hunts about its target for seconds.
-const MUCH_STICKING: f32 = 0.5;
-/// A radius of gyration above this multiple of the link's size is suspicious.
-const WIDE: f64 = 3.0;
-/// Density of lead [kg/m³].
-const LEAD: f64 = 11_340.0;
-/// Masses above this one may be meant in grams [kg].
-const HEAVY: f64 = 1.0;
-/// Sizes of links below this one are not trusted [m].
-const SMALL_LINK: f64 = 0.05;
-/// Velocity of the trajectory filter after a step, per step and filter time: 1/e.
-const FILTER_PEAK: f32 = 0.367_879;
 
 /// Whether the model is right enough to compute with.
 pub fn is_checkable(model: &RobotModel) -> bool {
@@ -62,7 +44,7 @@ pub fn check(folder: &RobotFolder, settings: &str, plant: Option<&str>, known: &
         settings: Report::of_toml(&folder.path.join("controller.toml"), settings),
         plant: Report::of_toml(&folder.path.join("plant.toml"), plant.unwrap_or_default()),
         of_joints: Vec::new(),
-        heaviest: heaviest(&folder.urdf),
+        heaviest: links::heaviest(&folder.urdf),
         has_weights: !known.iter().any(|finding| {
             finding.is_error() && finding.message.starts_with("link ") && finding.message.contains("mass")
         }),
@@ -87,10 +69,10 @@ pub fn check(folder: &RobotFolder, settings: &str, plant: Option<&str>, known: &
     for limit in implausible_limits(&folder.model) {
         of_limit(&folder.model, limit, &mut reports);
     }
-    links(&folder.urdf, &mut reports.urdf);
-    dense(&folder.urdf, &mut reports.urdf);
+    links::gyration(&folder.urdf, &mut reports.urdf);
+    links::dense(&folder.urdf, &mut reports.urdf);
     if plant.is_some() {
-        bodies(&folder.urdf, known, &mut reports.urdf);
+        links::bodies(&folder.urdf, known, &mut reports.urdf);
     }
     reports.report_joints();
     let Reports { mut urdf, mut settings, mut plant, .. } = reports;
@@ -219,11 +201,11 @@ fn of_chains(
         joints.iter().map(|joint| (joint.limits.lower, joint.limits.upper)).collect();
     let loads = chains.joint_loads(gravity, &limits);
     for (&joint, load) in joints.iter().zip(&loads) {
-        rotor(joint, reports);
-        units(joint, reports);
-        motor(joint, &joints, load, reports);
-        speed(joint, reports);
-        sticking(joint, reports);
+        joints::rotor(joint, reports);
+        joints::units(joint, reports);
+        joints::motor(joint, &joints, load, reports);
+        joints::speed(joint, reports);
+        joints::sticking(joint, reports);
     }
     let Some(posture) = start else { return };
     #[expect(clippy::cast_possible_truncation, reason = "the controller works in single precision")]
@@ -285,32 +267,6 @@ fn of_limit(model: &RobotModel, limit: ImplausibleLimit, reports: &mut Reports) 
     }
 }
 
-/// A rotor that accelerates faster than any.
-fn rotor(joint: &JointModel, reports: &mut Reports) {
-    let (inertia, torque) = (joint.motor.rotor_inertia, torque_limit(joint));
-    let least = torque * FASTEST_ROTOR / joint.limits.velocity;
-    let line = reports.line(joint, "motor.rotor_inertia");
-    if inertia < 0.0 {
-        // Told already.
-        return;
-    }
-    if inertia <= 0.0 {
-        let message = "motor.rotor_inertia = 0: every motor has a rotor".to_owned();
-        let advice = "that of the motor's data sheet times the square of the gear ratio [kg·m²]";
-        reports.error(joint, line, message, advice);
-    } else if inertia < least {
-        let message = format!(
-            "motor.rotor_inertia = {inertia:e} kg·m²: {torque} N·m would bring the rotor to {} rad/s in \
-             {:.3} ms; no motor takes less than 0.2 ms",
-            joint.limits.velocity,
-            1e3 * inertia * joint.limits.velocity / torque
-        );
-        let advice =
-            format!("at least {least:.1e}: multiply that of the data sheet by the square of the gear ratio");
-        reports.warning(joint, line, message, advice);
-    }
-}
-
 /// A tip that its last joint turns and never moves: of a finger, whose origin was forgotten.
 fn tip_on_axis(model: &RobotModel, index: usize, urdf: &Urdf, report: &mut Report) {
     let Some((chain, last)) = model.chains.get(index).zip(model.joints_of(index).last()) else { return };
@@ -329,118 +285,6 @@ fn tip_on_axis(model: &RobotModel, index: usize, urdf: &Urdf, report: &mut Repor
     );
     let advice = "give the fixed joint of the tip the <origin> of the fingertip in the last link";
     report.warning(urdf.line_of_joint(name), message, advice);
-}
-
-/// A motor whose largest current makes quite another torque than the limit.
-fn units(joint: &JointModel, reports: &mut Reports) {
-    let Motor { current_limit, torque_constant, .. } = joint.motor;
-    let (torque, limit) = (current_limit * torque_constant, joint.limits.torque);
-    if torque <= 0.0 || (limit / OTHER_UNIT..=limit * OTHER_UNIT).contains(&torque) {
-        return;
-    }
-    let message = format!(
-        "motor.current_limit {current_limit} A times motor.torque_constant {torque_constant} N·m/A is \
-         {torque:.4} N·m; the torque limit is {limit} N·m"
-    );
-    let advice = "check the units: A, N·m/A at the joint (through the gear), N·m in effort of the URDF or in \
-        limits.torque";
-    reports.warning(joint, reports.line(joint, "motor.current_limit"), message, advice);
-}
-
-/// A motor too weak for friction and gravity.
-fn motor(joint: &JointModel, joints: &[&JointModel], load: &JointLoad, reports: &mut Reports) {
-    let (torque, coulomb) = (torque_limit(joint), joint.friction.coulomb);
-    let viscous = joint.friction.viscous * joint.limits.velocity;
-    let own = reports
-        .settings
-        .line_of(&format!("joints.{}.friction", joint.name))
-        .or_else(|| reports.settings.line_of("joint.friction"));
-    let hint = "give the true friction in [joints.NAME.friction], or check torque_constant, current_limit and \
-        effort";
-    let line = own.or_else(|| reports.line(joint, "motor.current_limit"));
-    if coulomb >= torque {
-        let message = format!(
-            "Coulomb friction {coulomb} N·m is not below the motor's torque {torque:.3} N·m: it cannot move",
-        );
-        reports.error(joint, line, message, hint);
-    } else if coulomb > MUCH_FRICTION * torque {
-        let message = format!(
-            "Coulomb friction {coulomb} N·m takes {:.0} % of the motor's torque {torque:.3} N·m",
-            100.0 * coulomb / torque
-        );
-        reports.warning(joint, line, message, hint);
-    }
-    if viscous > torque {
-        let message = format!(
-            "viscous friction takes {viscous:.3} N·m at the velocity limit of {} rad/s; the motor has \
-             {torque:.3} N·m",
-            joint.limits.velocity
-        );
-        reports.warning(joint, line, message, hint);
-    }
-    if !reports.has_weights {
-        return;
-    }
-    let line = reports.line(joint, "motor.current_limit");
-    if load.gravity > torque {
-        let angles: Vec<String> = joints
-            .iter()
-            .zip(&load.posture)
-            .map(|(joint, angle)| format!("{}={angle:.2}", joint.name))
-            .collect();
-        let message = format!(
-            "gravity needs up to {:.3} N·m, at {}; the motor has {torque:.3} N·m",
-            load.gravity,
-            angles.join(" ")
-        );
-        let advice = format!(
-            "check masses{}, gravity, torque_constant and current_limit; or narrow the limits of the joints",
-            reports.heaviest
-        );
-        reports.error(joint, line, message, advice);
-    } else if load.gravity + coulomb > torque {
-        let message = format!(
-            "gravity ({:.3} N·m) and friction ({coulomb} N·m) need more than the motor's {torque:.3} N·m: \
-             it cannot lift everywhere",
-            load.gravity
-        );
-        reports.warning(joint, line, message, "check masses, friction, torque_constant and current_limit");
-    }
-}
-
-/// A trajectory filter that is faster than the joint.
-fn speed(joint: &JointModel, reports: &mut Reports) {
-    let half = 0.5 * (joint.limits.upper - joint.limits.lower);
-    let peak = FILTER_PEAK * half / joint.servo.filter_time;
-    if peak > joint.limits.velocity {
-        let line = reports.line(joint, "servo.filter_time");
-        let message = format!(
-            "a move over half of its range reaches {peak:.2} rad/s, above its limit of {} rad/s: a fault",
-            joint.limits.velocity
-        );
-        let least = FILTER_PEAK * half / joint.limits.velocity;
-        let advice = format!("servo.filter_time = {} or more", at_least(least));
-        reports.warning(joint, line, message, advice);
-    }
-}
-
-/// A position loop that friction overcomes.
-fn sticking(joint: &JointModel, reports: &mut Reports) {
-    let gains = &joint.servo.observer;
-    let distance = joint.friction.coulomb / (gains.inertia * gains.bandwidth * gains.bandwidth);
-    if distance > MUCH_STICKING && joint.friction.coulomb < torque_limit(joint) {
-        let message = format!(
-            "Coulomb friction {} N·m is much for a servo of {:.3} N·m/rad ({:.1e} kg·m², {} rad/s): it \
-             stops short and hunts about its target for seconds",
-            joint.friction.coulomb,
-            joint.friction.coulomb / distance,
-            gains.inertia,
-            gains.bandwidth
-        );
-        let advice =
-            "check friction and motor.rotor_inertia (through the gear); else raise servo.observer.bandwidth";
-        reports.warning(joint, reports.line(joint, "servo.observer.bandwidth"), message, advice);
-    }
 }
 
 /// Controller and plant must fit.
@@ -499,98 +343,5 @@ fn against_plant(model: &RobotModel, plant: &PlantValues, known: &[Finding], rep
             message,
             "the controller would compensate the wrong weight",
         );
-    }
-}
-
-/// Links that would be denser than lead: of a mass, a ball of lead has the least moment of inertia.
-fn dense(urdf: &Urdf, report: &mut Report) {
-    for link in urdf.robot.links.iter().filter(|link| link.name != urdf.base()) {
-        let (i, mass) = (&link.inertial.inertia, link.inertial.mass.value);
-        let largest = i.ixx.max(i.iyy).max(i.izz);
-        let radius = libm::cbrt(mass / (4.0 / 3.0 * core::f64::consts::PI * LEAD));
-        // No moment at all is a finding of its own.
-        if mass >= HEAVY && largest > 0.0 && largest < 0.4 * mass * radius * radius {
-            let message = format!(
-                "link {}: {mass} kg with an inertia of at most {largest:.1e} kg·m² is denser than lead: grams?",
-                link.name
-            );
-            let advice = format!("masses are in kg: {mass} g are {}", four(mass / 1000.0));
-            report.warning(urdf.line_of_link(&link.name), message, advice);
-        }
-    }
-}
-
-/// Links whose mass would lie far outside of them.
-fn links(urdf: &Urdf, report: &mut Report) {
-    for joint in &urdf.robot.joints {
-        let Some(link) = urdf.robot.links.iter().find(|link| link.name == joint.child.link) else { continue };
-        let i = &link.inertial.inertia;
-        let mass = link.inertial.mass.value;
-        if mass <= 0.0 || joint.joint_type == urdf_rs::JointType::Fixed {
-            continue;
-        }
-        let largest = i.ixx.max(i.iyy).max(i.izz);
-        let radius = libm::sqrt(largest.max(0.0) / mass);
-        let size = size(urdf, link).max(SMALL_LINK);
-        if radius > WIDE * size {
-            let message = format!(
-                "link {}: an inertia of {largest:.1e} kg·m² for {mass} kg is a radius of gyration of {radius:.3} m; \
-                 the link is about {size:.3} m long: a placeholder?",
-                link.name
-            );
-            report.warning(
-                urdf.line_of_link(&link.name),
-                message,
-                "compute it by the CAD program, or from the link's shape",
-            );
-        }
-    }
-}
-
-/// The link of the largest mass that a joint moves, and its line.
-fn heaviest(urdf: &Urdf) -> String {
-    let moved = urdf.robot.links.iter().filter(|link| link.name != urdf.base());
-    let heaviest = moved.max_by(|a, b| a.inertial.mass.value.total_cmp(&b.inertial.mass.value));
-    let Some(link) = heaviest.filter(|link| link.inertial.mass.value > 0.0) else { return String::new() };
-    let line = urdf.line_of_link(&link.name).map_or_else(String::new, |line| format!(", robot.urdf:{line}"));
-    format!(" (the heaviest link is {} with {} kg{line})", link.name, link.inertial.mass.value)
-}
-
-/// Bodies that cannot be simulated, without those of whose links something is wrong.
-fn bodies(urdf: &Urdf, known: &[Finding], report: &mut Report) {
-    let is_wrong = |link: &str| known.iter().any(|known| known.is_error() && known.is_about_link(link));
-    for (joint, link) in urdf.bodies_without_inertia() {
-        if RigidBody::new(&urdf.robot, &link).links.iter().any(|(link, _)| is_wrong(&link.name)) {
-            continue;
-        }
-        let message =
-            format!("link {link}, moved by joint {joint}: without mass or inertia it cannot be simulated");
-        let advice = "give it an <inertial>; or accept a gram: its name in accept_inertia of controller.toml \
-            (`tesaki model init --accept-inertia`)";
-        report.dynamics(urdf.line_of_link(&link), message, advice);
-    }
-}
-
-/// About the size of a link [m]: the distance of what is joined to it, or of its centre of mass.
-fn size(urdf: &Urdf, link: &urdf_rs::Link) -> f64 {
-    let body = RigidBody::new(&urdf.robot, &link.name);
-    let norm = |pose: &urdf_rs::Pose| Vector3::from(pose.xyz.0).norm();
-    let links =
-        body.links.iter().map(|(link, place)| place.translation.vector.norm() + norm(&link.inertial.origin));
-    let joints =
-        body.joints.iter().map(|(joint, place)| place.translation.vector.norm() + norm(&joint.origin));
-    let shapes = link.collision.iter().map(|shape| extent(&shape.geometry) + norm(&shape.origin));
-    links.chain(joints).chain(shapes).fold(0.0, f64::max)
-}
-
-/// Half of the largest extent of a shape [m]; 0 for a mesh.
-fn extent(geometry: &urdf_rs::Geometry) -> f64 {
-    match geometry {
-        urdf_rs::Geometry::Box { size } => 0.5 * Vector3::from(size.0).norm(),
-        urdf_rs::Geometry::Cylinder { radius, length } | urdf_rs::Geometry::Capsule { radius, length } => {
-            0.5 * length + radius
-        }
-        urdf_rs::Geometry::Sphere { radius } => *radius,
-        urdf_rs::Geometry::Mesh { .. } => 0.0,
     }
 }
