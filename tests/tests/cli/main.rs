@@ -27,6 +27,7 @@ mod network;
 mod recording;
 mod retarget;
 mod retarget_hands;
+mod retarget_live;
 mod server;
 mod view;
 mod view_line;

@@ -2,35 +2,30 @@
 
 use std::collections::BTreeMap;
 
-use tesaki::control::{Impedance, ImpedanceTerm, InvalidImpedance, ServoMode};
+use tesaki::control::{Impedance, ServoMode};
 use tesaki::fault::FaultCause;
 use tesaki::model::{
-    ChainModel, Encoder, Field, Friction, Inertial, JointLimits, JointModel, MAX_JOINTS, Motor,
-    ObserverGains, PidGains, Pose, Reaction, RobotModel, Safety, ServoGains,
+    ChainModel, Encoder, Friction, Inertial, JointLimits, JointModel, MAX_JOINTS, Motor, ObserverGains,
+    PidGains, Pose, Reaction, RobotModel, Safety, ServoGains,
 };
 use tesaki::protocol::codec::FrameCounts;
 use tesaki::protocol::{
     ActuatorFrame, BoardStatus, ClockSource, Identity, LinkStatistics, LogRecord, LogStart, Mode, NodeStatus,
     Request, RequestFrame, ResetCause, SensorFlags, SensorFrame, Status,
 };
-use tesaki::robot::LimitRefusal;
 use tesaki::task::TaskKind;
 use tesaki::task::grasping::{
     Failure, GraspPlan, GraspTelemetry, InternalForce, JointTargets, LoadSource, ObjectControl, ObjectFrame,
-    Phase, PlanField, PlannedContact, WrenchGains,
+    Phase, PlannedContact, WrenchGains,
 };
-use tesaki::task::impedance::{
-    ForceSource, ImpedanceSettings, ImpedanceTelemetry, InvalidImpedanceSettings, Law, Redundancy,
-    SetpointError,
-};
+use tesaki::task::impedance::{ForceSource, ImpedanceSettings, ImpedanceTelemetry, Law, Redundancy};
 use tesaki::task::telexistence::{
     FingertipPoint, FingertipSample, TelexistenceSettings, TelexistenceTelemetry,
 };
 use tesaki::task::visual_approach::{
-    GripperSettings, GripperState, HandMotion, VisualApproachField, VisualApproachSettings,
-    VisualApproachTelemetry,
+    GripperSettings, GripperState, HandMotion, VisualApproachSettings, VisualApproachTelemetry,
 };
-use tesaki::teleop::{RetargetField, RetargetSettings};
+use tesaki::teleop::RetargetSettings;
 
 use super::variants::Variants;
 
@@ -196,18 +191,6 @@ pub const PHASES: [(Phase, &str); Phase::VARIANTS.len()] = [
     (Phase::Open, "open"),
 ];
 
-pub const PLAN_FIELDS: [(PlanField, &str); PlanField::VARIANTS.len()] = [
-    (PlanField::Clearance, "clearance"),
-    (PlanField::TouchForce, "touch-force"),
-    (PlanField::Friction, "friction"),
-    (PlanField::ForceLimit, "force-limit"),
-    (PlanField::Margin, "margin"),
-    (PlanField::Capacity, "capacity"),
-    (PlanField::Strength, "strength"),
-    (PlanField::Gain, "gain"),
-    (PlanField::Mass, "mass"),
-];
-
 pub const FAILURES: [(Failure, &str); Failure::VARIANTS.len()] = [
     (Failure::Obstructed { finger: 2, force: 0.75 }, "obstructed"),
     (Failure::NoObject { finger: 0, distance: 0.02 }, "no-object"),
@@ -285,19 +268,6 @@ pub const REPRODUCED: TelexistenceTelemetry = TelexistenceTelemetry {
     limited: 32,
 };
 
-pub const RETARGET_FIELDS: [(RetargetField, &str); RetargetField::VARIANTS.len()] = [
-    (RetargetField::Fingers, "fingers"),
-    (RetargetField::Follows, "follows"),
-    (RetargetField::Weights, "weights"),
-    (RetargetField::Scale, "scale"),
-    (RetargetField::Near, "near"),
-    (RetargetField::Far, "far"),
-    (RetargetField::OperatorContact, "operator-contact"),
-    (RetargetField::RobotContact, "robot-contact"),
-    (RetargetField::Speeds, "speeds"),
-    (RetargetField::Tolerance, "tolerance"),
-];
-
 pub const KNOB: VisualApproachSettings = VisualApproachSettings {
     chain: 0,
     gripper: GripperSettings { joint: 6, open: -0.75, closed: 0.25, speed: 2.0, torque: 0.5 },
@@ -345,130 +315,6 @@ pub const GRIPPER_STATES: [(GripperState, &str); GripperState::VARIANTS.len()] =
     (GripperState::Holding, "holding"),
     (GripperState::Empty, "empty"),
     (GripperState::Jammed, "jammed"),
-];
-
-pub const APPROACH_FIELDS: [(VisualApproachField, &str); VisualApproachField::VARIANTS.len()] = [
-    (VisualApproachField::Speed, "speed"),
-    (VisualApproachField::Acceleration, "acceleration"),
-    (VisualApproachField::ContactForce, "contact-force"),
-    (VisualApproachField::Reach, "reach"),
-    (VisualApproachField::GripperRange, "gripper-range"),
-    (VisualApproachField::GripperSpeed, "gripper-speed"),
-    (VisualApproachField::GripperTorque, "gripper-torque"),
-];
-
-pub const INVALID_SETTINGS: [(InvalidImpedanceSettings, &str); 17] = [
-    (invalid_impedance(ImpedanceTerm::Mass, 4, 0.0, 1e4), "impedance-mass"),
-    (invalid_impedance(ImpedanceTerm::Damping, 0, -1.0, 150.0), "impedance-damping"),
-    (invalid_impedance(ImpedanceTerm::Stiffness, 5, 4000.0, 3750.0), "impedance-stiffness"),
-    (InvalidImpedanceSettings::Joint { joint: 7, joints: 7 }, "joint"),
-    (InvalidImpedanceSettings::NoArmAngle, "no-arm-angle"),
-    (InvalidImpedanceSettings::ElbowBandwidth { value: 60.0, limit: 50.0 }, "elbow-bandwidth"),
-    (InvalidImpedanceSettings::ContactForce { value: -1.0 }, "contact-force"),
-    (InvalidImpedanceSettings::MaxDeviation { value: 0.0 }, "max-deviation"),
-    (InvalidImpedanceSettings::ForceBandwidth { value: 60.0, limit: 50.0 }, "force-bandwidth"),
-    (InvalidImpedanceSettings::NoRedundantJoint, "no-redundant-joint"),
-    (InvalidImpedanceSettings::Friction { value: 1.5 }, "friction"),
-    (invalid_impedance(ImpedanceTerm::MassMatrix, 1, -1.0, 0.5), "impedance-mass-matrix"),
-    (invalid_impedance(ImpedanceTerm::DampingMatrix, 1, -1.0, 0.0), "impedance-damping-matrix"),
-    (invalid_impedance(ImpedanceTerm::StiffnessMatrix, 1, -1.0, 0.0), "impedance-stiffness-matrix"),
-    (invalid_impedance(ImpedanceTerm::DampingToMass, 3, -1.0, 0.0), "impedance-damping-to-mass"),
-    (invalid_impedance(ImpedanceTerm::StiffnessToMass, 3, -1.0, 0.0), "impedance-stiffness-to-mass"),
-    (
-        InvalidImpedanceSettings::MassInContact { axis: 2, value: 0.5, own: 4.0, limit: 1.0 },
-        "mass-in-contact",
-    ),
-];
-
-const fn invalid_impedance(
-    term: ImpedanceTerm,
-    axis: u8,
-    value: f32,
-    limit: f32,
-) -> InvalidImpedanceSettings {
-    InvalidImpedanceSettings::Impedance(InvalidImpedance { term, axis, value, limit })
-}
-
-pub const SETPOINT_ERRORS: [(SetpointError, &str); SetpointError::VARIANTS.len()] = [
-    (SetpointError::Distance { value: 1.0, limit: 0.25 }, "distance"),
-    (SetpointError::Rotation { value: 3.125, limit: 1.5 }, "rotation"),
-    (SetpointError::NotFinite, "not-finite"),
-    (SetpointError::NotUnit { norm: 0.5 }, "not-unit"),
-    (SetpointError::Elbow { value: 2.0, limit: 1.5 }, "elbow"),
-];
-
-pub const LIMITS: [(LimitRefusal, &str); LimitRefusal::VARIANTS.len()] = [
-    (LimitRefusal::JointCount { got: 2, expected: 9 }, "joint-count"),
-    (LimitRefusal::NotFinite { joint: 15 }, "not-finite"),
-    (LimitRefusal::OutsideLimits { joint: 0, value: 2.0, lower: -1.5, upper: 1.5 }, "outside-limits"),
-    (LimitRefusal::TooFast { joint: 1, value: 9.0, limit: 8.0 }, "too-fast"),
-    (LimitRefusal::Jump { joint: 2, value: 0.5, limit: 0.25 }, "jump"),
-    (LimitRefusal::TooMuchAcceleration { joint: 3, value: 9000.0, limit: 2857.0 }, "too-much-acceleration"),
-    (LimitRefusal::TooMuchTorque { joint: 3, value: 0.75, limit: 0.6 }, "too-much-torque"),
-];
-
-pub const FIELDS: [(Field, &str); Field::VARIANTS.len()] = [
-    (Field::Joints, "joints"),
-    (Field::Chains, "chains"),
-    (Field::Gravity, "gravity"),
-    (Field::Name, "name"),
-    (Field::OriginTranslation, "origin-translation"),
-    (Field::OriginRotation, "origin-rotation"),
-    (Field::Axis, "axis"),
-    (Field::Mass, "mass"),
-    (Field::CenterOfMass, "center-of-mass"),
-    (Field::Inertia, "inertia"),
-    (Field::RotorInertia, "rotor-inertia"),
-    (Field::TorqueConstant, "torque-constant"),
-    (Field::CurrentLimit, "current-limit"),
-    (Field::CurrentResolution, "current-resolution"),
-    (Field::MotorBandwidth, "motor-bandwidth"),
-    (Field::MotorDelay, "motor-delay"),
-    (Field::Coulomb, "coulomb"),
-    (Field::Viscous, "viscous"),
-    (Field::CountsPerTurn, "counts-per-turn"),
-    (Field::LimitLower, "limit-lower"),
-    (Field::LimitUpper, "limit-upper"),
-    (Field::LimitVelocity, "limit-velocity"),
-    (Field::LimitTorque, "limit-torque"),
-    (Field::LimitTorqueRate, "limit-torque-rate"),
-    (Field::LimitFollowingError, "limit-following-error"),
-    (Field::FilterTime, "filter-time"),
-    (Field::Proportional, "proportional"),
-    (Field::Integral, "integral"),
-    (Field::Derivative, "derivative"),
-    (Field::Cutoff, "cutoff"),
-    (Field::ServoInertia, "servo-inertia"),
-    (Field::Bandwidth, "bandwidth"),
-    (Field::ObserverBandwidth, "observer-bandwidth"),
-    (Field::CommandTimeout, "command-timeout"),
-    (Field::Damping, "damping"),
-    (Field::SupplyMin, "supply-min"),
-    (Field::SupplyMax, "supply-max"),
-    (Field::RestError, "rest-error"),
-    (Field::ChainName, "chain-name"),
-    (Field::TipTranslation, "tip-translation"),
-    (Field::TipRotation, "tip-rotation"),
-    (Field::ForceResolution, "force-resolution"),
-    (Field::TorqueResolution, "torque-resolution"),
-    (Field::Saturation, "saturation"),
-    (Field::ForceLimit, "force-limit"),
-    (Field::TipMass, "tip-mass"),
-    (Field::TipCenterOfMass, "tip-center-of-mass"),
-    (Field::TipRadius, "tip-radius"),
-    (Field::MimicJoint, "mimic-joint"),
-    (Field::MimicMultiplier, "mimic-multiplier"),
-    (Field::MimicOffset, "mimic-offset"),
-    (Field::MimicForceSensor, "mimic-force-sensor"),
-    (Field::EncoderRelative, "encoder-relative"),
-    (Field::MotorResistance, "motor-resistance"),
-    (Field::MotorInductance, "motor-inductance"),
-    (Field::MimicChain, "mimic-chain"),
-    (Field::MimicPlace, "mimic-place"),
-    (Field::Gauges, "gauges"),
-    (Field::CalibrationMatrix, "calibration-matrix"),
-    (Field::GaugeRange, "gauge-range"),
-    (Field::GaugeGains, "gauge-gains"),
 ];
 
 pub const CAUSES: [FaultCause; FaultCause::VARIANTS.len()] = [
