@@ -20,7 +20,7 @@ pub struct Placed {
 /// A frame that a joint moves.
 #[derive(Clone, Debug)]
 struct Moved {
-    /// At the value 0.
+    /// At the value 0 [rad, m].
     origin: Placed,
     axis: Unit<Vector3<f64>>,
     slides: bool,
@@ -165,7 +165,7 @@ impl Frames {
         self.placed().map(|placed| placed.parent.as_str()).find(carries).unwrap_or(BASE)
     }
 
-    /// Where a frame is in the base, at these values of the joints.
+    /// Where a frame is in the base, at these values of the joints [rad, m].
     pub fn in_base(&self, frame: &str, positions: &[f64]) -> Isometry3<f64> {
         let placed = |frame: &str| {
             let moved = self.moved.iter().find(|moved| moved.origin.child == frame);

@@ -67,7 +67,7 @@ impl PathJoint {
 }
 
 impl SerialPath {
-    /// The joints' angles when the drives are at `angles`.
+    /// The joints' angles when the drives are at `angles` [rad].
     pub fn angles(&self, angles: &[f32]) -> Vec<f32> {
         let angle = |joint: &PathJoint| angles.get(joint.drive).copied().unwrap_or(0.0);
         self.joints.iter().map(|joint| joint.angle(angle(joint))).collect()

@@ -159,7 +159,8 @@ impl Approach {
         self.tries
     }
 
-    /// The circle to search for in a picture that was taken from `hand`.
+    /// The circle to search for in a picture that was taken from `hand`, the pose of the hand frame in the
+    /// base frame.
     pub fn search(&self, hand: &Pose) -> CircleSearch {
         let (table, expectation) = (&self.settings.table, &self.settings.expectation);
         let hand = isometry(hand);
@@ -174,7 +175,7 @@ impl Approach {
         CircleSearch { radius: [radius(far, small), radius(near, large)], window: None, ..expected }
     }
 
-    /// Takes the circle that was found in a picture from `hand`, if any.
+    /// Takes the circle that was found in a picture, if any; `hand` as in [`search`](Self::search).
     pub fn look(&mut self, hand: &Pose, circle: Option<&Circle>) {
         let hand = isometry(hand);
         self.blind = 0.0;

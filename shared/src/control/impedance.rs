@@ -147,7 +147,7 @@ impl fmt::Display for InvalidImpedance {
 impl core::error::Error for InvalidImpedance {}
 
 impl Impedance {
-    /// An impedance in the axes of the base, without coupling.
+    /// An impedance in the axes of the base, without coupling; in the units of the fields.
     pub const fn diagonal(mass: [f32; 6], damping: [f32; 6], stiffness: [f32; 6]) -> Self {
         Self { mass, damping, stiffness, axes: ImpedanceAxes::Base, coupling: None }
     }
@@ -238,8 +238,9 @@ impl Impedance {
         }
     }
 
-    /// The continuous-time acceleration `M⁻¹ (F − B ė − K e)` (Arm7 step 3). The zero-order hold of a control
-    /// period reduces its damping.
+    /// The continuous-time acceleration `M⁻¹ (F − B ė − K e)` [m/s², rad/s²] (Arm7 step 3) for the
+    /// displacement `e` [m, rad], its velocity [m/s, rad/s] and the external wrench `F` [N, N·m], all in
+    /// [`axes`](Self::axes). The zero-order hold of a control period reduces its damping.
     pub fn acceleration(
         &self,
         error: &Vector6<f32>,
@@ -260,7 +261,8 @@ impl Impedance {
     }
 
     /// The acceleration to hold for one control period so that the final velocity is that of the
-    /// continuous-time impedance under a constant force.
+    /// continuous-time impedance under a constant force. Units and axes as in
+    /// [`acceleration`](Self::acceleration).
     #[inline]
     pub fn held_acceleration(
         &self,
@@ -378,7 +380,8 @@ pub struct DiscreteImpedance {
 }
 
 impl DiscreteImpedance {
-    /// The acceleration for a displacement, its velocity and an external force, held for one period.
+    /// The acceleration for a displacement, its velocity and an external force, held for one period. Units as
+    /// in [`Impedance::acceleration`].
     pub fn acceleration(
         &self,
         error: &Vector6<f32>,

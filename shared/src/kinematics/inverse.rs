@@ -153,7 +153,8 @@ impl InverseKinematics {
         self
     }
 
-    /// Declares joint `joint` as a mimic joint with the angle `multiplier` · angle of joint `of` + `offset`.
+    /// Declares joint `joint` as a mimic joint with the angle `multiplier` · angle of joint `of` + `offset`
+    /// [rad].
     ///
     /// # Errors
     /// The joints or coefficients are invalid, or the limits leave no common angle.

@@ -105,7 +105,7 @@ pub struct CalibrationAccuracy {
 pub struct LinkPrior {
     /// Mean.
     pub mean: FingerLinks,
-    /// Standard deviation of the components of each link.
+    /// Standard deviation of the components of each link [m].
     pub deviation: [f32; 4],
 }
 

@@ -19,7 +19,7 @@ pub struct Workspace {
 }
 
 impl Workspace {
-    /// Whether a position is inside or at the border.
+    /// Whether a position [m] is inside or at the border.
     pub fn contains(&self, position: &[f32; 3]) -> bool {
         let mut axes = position.iter().zip(self.lower.iter().zip(&self.upper));
         axes.all(|(value, (lower, upper))| (lower..=upper).contains(&value))

@@ -73,7 +73,7 @@ impl Sense {
         1.0 - DAMPING * DAMPING * force.dot(&self.factors.solve(&force))
     }
 
-    /// Whether the estimate shows at least the share `least` of a force in every direction.
+    /// Whether the estimate shows at least the share `min` of a force in every direction.
     pub fn shows(&self, min: f32) -> bool {
         let mut shares = Matrix3::from_diagonal_element(1.0 - min);
         for axis in 0..3 {
