@@ -8,7 +8,6 @@ pub(super) const CLIENTS: usize = 4;
 const MAX_REPETITION_AGE: u16 = 1 << 14;
 
 /// Clients, the latest first, each with a sequence number: its requests up to this number are outdated.
-///
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub(super) struct Clients(pub(super) [Option<(u32, u16)>; CLIENTS]);
