@@ -127,6 +127,10 @@ struct Paths {
     seen: BTreeMap<(Address, Under), (i32, u8)>,
     /// Positions from which paths have yet to be followed.
     open: Vec<Place>,
+    /// Addresses to which the function jumps.
+    targets: BTreeSet<Address>,
+    /// Jumps by a table whose address is in a register, and where each register is set.
+    by_register: Vec<(Address, Address)>,
 }
 
 impl Paths {
@@ -150,6 +154,9 @@ impl Paths {
     }
 }
 
+/// What fills up code and tables of offsets to a multiple of 4 bytes.
+const NOP: u16 = 0xBF00;
+
 /// Begin of the names of code that the compiler has found in several functions.
 const OUTLINED: &str = "OUTLINED_FUNCTION";
 
@@ -161,6 +168,8 @@ pub struct Image {
     names: BTreeMap<Address, String>,
     /// Addresses where code begins again after data.
     code: BTreeSet<Address>,
+    /// Addresses where data begin after code.
+    data: BTreeSet<Address>,
     /// Addresses of the constants between the functions, to which their code refers.
     literals: BTreeSet<Address>,
     functions: BTreeMap<Address, Function>,
@@ -201,20 +210,20 @@ impl Image {
         };
         let lines = addr2line::Context::from_dwarf(gimli::Dwarf::load(load)?)?;
         let literals = BTreeSet::new();
-        let mut image = Self { sections, names, code, literals, functions: BTreeMap::new(), lines };
-        image.literals = image.literals(&data);
+        let mut image = Self { sections, names, code, data, literals, functions: BTreeMap::new(), lines };
+        image.literals = image.literals();
         Ok(image)
     }
 
     /// Returns the addresses of all constants to which code refers. Code lies between each place where it
-    /// begins and the next one where `data` begin.
-    fn literals(&self, data: &BTreeSet<Address>) -> BTreeSet<Address> {
+    /// begins and the next one where data begin.
+    fn literals(&self) -> BTreeSet<Address> {
         let mut literals = BTreeSet::new();
         for &begin in &self.code {
             let length = |bytes: &[u8]| u32::try_from(bytes.len()).unwrap_or(u32::MAX);
             let end = self.sections.iter().map(|(start, bytes)| start.saturating_add(length(bytes)));
             let end = end.filter(|end| *end > begin).min().unwrap_or(begin);
-            let next = data.range(begin..).chain(self.code.range(begin + 1..).next()).min();
+            let next = self.data.range(begin..).chain(self.code.range(begin + 1..).next()).min();
             let next = next.map_or(end, |next| end.min(*next));
             let mut address = begin;
             while address < next
@@ -293,9 +302,17 @@ impl Image {
     /// Follows all paths from the function's first instruction.
     fn decoded(&mut self, function: Address) -> Result<Function> {
         let begin = Place { address: function, stack: 0, locks: 0, under: Under::default() };
-        let mut paths = Paths { function, open: vec![begin], ..Paths::default() };
+        let targets = [function].into();
+        let mut paths = Paths { function, open: vec![begin], targets, ..Paths::default() };
         while let Some(mut place) = paths.open.pop() {
             while paths.is_new(&place)? && self.step(&mut place, &mut paths)? {}
+        }
+        for (jump, set) in paths.by_register {
+            ensure!(
+                paths.targets.range(set + 1..=jump).next().is_none(),
+                "the jump at {jump:#010x} is by a table whose address is set at {set:#010x}, but not on \
+                 every way there"
+            );
         }
         Ok(paths.result)
     }
@@ -346,8 +363,9 @@ impl Image {
                 self.jump(to, place, paths)?;
                 return Ok(true);
             }
-            Flow::Table(width) => {
-                for to in self.table(next, width)? {
+            Flow::Table { width, base } => {
+                let start = if base == thumb::PC { next } else { self.base(place.address, base, paths)? };
+                for to in self.table(next, start, width)? {
                     self.jump(to, place, paths)?;
                 }
             }
@@ -385,6 +403,7 @@ impl Image {
             );
             paths.result.returns |= returns;
         } else {
+            paths.targets.insert(to);
             paths.open.push(Place { address: to, under: Under::default(), ..*place });
         }
         Ok(())
@@ -399,24 +418,61 @@ impl Image {
         Ok(self.functions.get(&target).is_none_or(|function| function.returns))
     }
 
-    /// Returns the targets of a table of offsets at `start`, which ends where the linker has marked code
-    /// again, or at the first constant behind it.
-    fn table(&self, start: Address, width: u8) -> Result<Vec<Address>> {
-        let code = self.code.range(start..).next().context("a table without an end")?;
-        let end = self.literals.range(start..).next().map_or(*code, |literal| *literal.min(code));
+    /// Returns the address of the table by which the instruction at `jump` jumps: what is in its `register`,
+    /// which an ADR on the straight way there has set.
+    fn base(&self, jump: Address, register: u32, paths: &mut Paths) -> Result<Address> {
+        let mut after = jump;
+        loop {
+            let before = paths.seen.range(..(after, Under::default())).next_back();
+            let Some((&(address, under), _)) = before else { break };
+            let (first, instruction) = self.instruction(address)?;
+            let goes_on = matches!(instruction.flow, Flow::Next | Flow::Branch(_));
+            if address + instruction.size != after || !goes_on {
+                break;
+            }
+            let (first, second) = (u32::from(first), self.half_word(address + 2).unwrap_or_default().into());
+            match thumb::near_address(address, first, second) {
+                Some((set, table)) if set == register && under.rest.count == 0 => {
+                    paths.by_register.push((jump, address));
+                    return Ok(table);
+                }
+                _ if thumb::may_write(register, first, second) => break,
+                _ => after = address,
+            }
+        }
+        bail!(
+            "the jump at {jump:#010x} is by a table whose address is in r{register}, and no ADR sets it on \
+             the way from {after:#010x}"
+        )
+    }
+
+    /// Returns the targets of the table at `start`, whose offsets count from `origin`, behind the jump by it.
+    /// Between the two are only constants. The table ends where the linker has marked code again, or at the
+    /// first constant behind its beginning.
+    fn table(&self, origin: Address, start: Address, width: u8) -> Result<Vec<Address>> {
+        let code = *self.code.range(origin..).next().context("a table without an end")?;
+        let data = self.data.range(origin..code).next().context("a table without a beginning")?;
+        let is_filled = (origin..*data).step_by(2).all(|place| self.half_word(place) == Some(NOP));
+        ensure!(
+            is_filled && (*data..code).contains(&start),
+            "the table at {start:#010x} is not in the data behind the jump by it, at {origin:#010x}"
+        );
+        let end = self.literals.range(start + 1..).next().map_or(code, |literal| code.min(*literal));
         ensure!(end - start <= 1024, "a table of {} bytes", end - start);
+        let halves: Option<Vec<u16>> = (start..end).step_by(2).map(|place| self.half_word(place)).collect();
+        let mut halves = halves.context("a table outside of the image")?;
+        // It fills up. As offsets it would be one of 0, or a single one of 96 KiB.
+        halves.pop_if(|last| *last == NOP);
         let mut targets = BTreeSet::new();
-        for place in (start..end).step_by(2) {
-            let halves = self.half_word(place).context("a table outside of the image")?;
-            let entries =
-                if width == 1 { halves.to_le_bytes().map(u16::from).to_vec() } else { vec![halves] };
-            targets.extend(entries.into_iter().map(|entry| start + 2 * u32::from(entry)));
+        for half in halves {
+            let entries = if width == 1 { half.to_le_bytes().map(u16::from).to_vec() } else { vec![half] };
+            targets.extend(entries.into_iter().map(|entry| origin + 2 * u32::from(entry)));
         }
         // An offset of 0 is padding to an even length.
-        targets.remove(&start);
+        targets.remove(&origin);
         ensure!(!targets.is_empty(), "the table at {start:#010x} is empty");
         ensure!(
-            targets.iter().all(|target| target >= code),
+            targets.iter().all(|target| *target >= code),
             "the table at {start:#010x} leads to its own end"
         );
         Ok(targets.into_iter().collect())
@@ -439,9 +495,18 @@ impl Image {
             sections,
             names,
             code: BTreeSet::new(),
+            data: BTreeSet::new(),
             literals: BTreeSet::new(),
             functions: BTreeMap::new(),
             lines,
         }
+    }
+
+    /// Marks where code and data begin.
+    pub fn marked(mut self, code: &[Address], data: &[Address]) -> Self {
+        self.code.extend(code);
+        self.data.extend(data);
+        self.literals = self.literals();
+        self
     }
 }

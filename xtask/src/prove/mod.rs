@@ -398,6 +398,52 @@ mod tests {
         assert_eq!((found.stack, found.problems.len()), (Depth { all: 24, open: 12 }, 0));
     }
 
+    /// tbb [pc, r1]; .byte 2, 3, 2, 0; bx lr; udf.
+    #[test]
+    fn a_table_behind_its_jump_leads_on() {
+        let code: &[u16] = &[0xE8DF, 0xF001, 0x0302, 0x0002, 0x4770, 0xDEFE];
+        let mut image =
+            Image::made_up(START, &[("function", code)]).marked(&[START, START + 8], &[START + 4]);
+        let found = explore(&mut image, START).expect("is understood");
+        assert_eq!(found.panics, [(START + 10, START)].into());
+    }
+
+    /// A table whose address is in a register, between constants. Code around the `adr` and its offset vary:
+    /// ldr r1, [pc, #24]; BEFORE; adr.w r2, #OFFSET; AFTER; tbb [r2, r1]; nop; .word;
+    /// .byte 9, 10, 11, 9, 11, 0; nop; .word; bx lr; udf; sub sp, #16; add sp, #16; bx lr.
+    fn by_register(before: u16, offset: u16, after: u16) -> Result<Findings> {
+        let jump = [0x4906, before, 0xF20F, 0x0200 | offset, after, 0xE8D2, 0xF001, 0xBF00];
+        let table = [0xD70A, 0x3C23, 0x0A09, 0x090B, 0x000B, 0xBF00, 0xD70A, 0x3CA3];
+        let code = [&jump[..], &table, &[0x4770, 0xDEFE, 0xB084, 0xB004, 0x4770]].concat();
+        let image = Image::made_up(START, &[("function", &code)]);
+        explore(&mut image.marked(&[START, START + 0x20], &[START + 0x10]), START)
+    }
+
+    #[test]
+    fn a_table_whose_address_is_in_a_register_leads_on() {
+        // nop; ldr r3, [r1]; beq to the last part.
+        for after in [0xBF00, 0x680B, 0xD00C] {
+            let found = by_register(0xBF00, 12, after).expect("is understood");
+            assert_eq!((found.stack.all, found.panics), (16, [(START + 0x22, START)].into()));
+        }
+    }
+
+    #[test]
+    fn a_table_whose_address_is_unknown_is_told() {
+        let not_set =
+            "the jump at 0x0800000a is by a table whose address is in r2, and no ADR sets it on the way";
+        for (what, before, offset, after, told) in [
+            ("movs r2, #0", 0xBF00, 12, 0x2200, not_set),
+            ("blx r3", 0xBF00, 12, 0x4798, not_set),
+            ("it eq", 0xBF08, 12, 0xBF00, not_set),
+            ("cbz r1, to the instruction behind the adr", 0xB109, 12, 0xBF00, "but not on every way there"),
+            ("a table before the jump", 0xBF00, 0, 0xBF00, "is not in the data behind the jump by it"),
+        ] {
+            let problem = by_register(before, offset, after).err().expect(what);
+            assert!(format!("{problem:#}").contains(told), "{what}: {problem:#}");
+        }
+    }
+
     /// push {r4, lr}; cmp r0, #0; itt ne; popne {r4, lr}; bxne lr; pop {r4, pc}.
     #[test]
     fn both_sides_of_a_condition_have_their_own_stack() {

@@ -21,8 +21,9 @@ pub enum Flow {
     JumpRegister,
     /// Back to the caller.
     Return,
-    /// By the table of offsets that follows, whose entries have this number of bytes.
-    Table(u8),
+    /// By a table of offsets from the next instruction on, whose entries have `width` bytes. Its address is
+    /// in the register `base`: in the program counter, if it follows.
+    Table { width: u8, base: u32 },
     /// Nowhere: an intentionally undefined instruction.
     Trap,
 }
@@ -63,7 +64,8 @@ pub struct Conditional {
 
 const SP: u32 = 13;
 const LR: u32 = 14;
-const PC: u32 = 15;
+/// The program counter.
+pub const PC: u32 = 15;
 
 /// Decodes the instruction at `address`; `first` and `second` are the half words there. `None` for one that
 /// is not decoded here.
@@ -112,8 +114,8 @@ pub fn literal(address: u32, first: u16, second: u16) -> Option<u32> {
     let near = |adds: bool, offset| if adds { base.wrapping_add(offset) } else { base.wrapping_sub(offset) };
     let adds = field(first, 7, 1) == 1;
     match first {
-        // LDR and ADR.
-        0x4800..=0x4FFF | 0xA000..=0xA7FF => Some(near(true, 4 * field(first, 0, 8))),
+        // LDR.
+        0x4800..=0x4FFF => Some(near(true, 4 * field(first, 0, 8))),
         // LDR of words, half words and bytes, signed or not.
         _ if first & 0xFE1F == 0xF81F => Some(near(adds, field(second, 0, 12))),
         // LDRD; VLDR.
@@ -121,12 +123,54 @@ pub fn literal(address: u32, first: u16, second: u16) -> Option<u32> {
         _ if first & 0xFF3F == 0xED1F && field(second, 9, 3) == 0b101 => {
             Some(near(adds, 4 * field(second, 0, 8)))
         }
-        // ADR.
+        _ => near_address(address, first, second).map(|(_, near)| near),
+    }
+}
+
+/// Returns the register that an ADR sets, and the address that it computes.
+pub const fn near_address(address: u32, first: u32, second: u32) -> Option<(u32, u32)> {
+    let base = (address + 4) & !3;
+    match first {
+        0xA000..=0xA7FF => Some((field(first, 8, 3), base.wrapping_add(4 * field(first, 0, 8)))),
         _ if first & 0xFB5F == 0xF20F && field(second, 15, 1) == 0 => {
             let offset = field(second, 0, 8) | field(second, 12, 3) << 8 | field(first, 10, 1) << 11;
-            Some(near(field(first, 5, 3) & 0b101 == 0, offset))
+            let adds = field(first, 5, 3) & 0b101 == 0;
+            let near = if adds { base.wrapping_add(offset) } else { base.wrapping_sub(offset) };
+            Some((field(second, 8, 4), near))
         }
         _ => None,
+    }
+}
+
+/// Returns whether an instruction, which is no jump and no call, may write a register other than the stack
+/// pointer and the program counter. In doubt it may.
+pub const fn may_write(register: u32, first: u32, second: u32) -> bool {
+    let (in_first, in_second) = (field(first, 0, 4) == register, field(second, 12, 4) == register);
+    match first >> 8 {
+        // CMP; stores; ADD and SUB of the stack pointer, CBZ, CBNZ, PUSH, CPS and hints; branches.
+        0x28..=0x2F | 0x45 | 0x50..=0x55 | 0x60..=0x67 | 0x70..=0x77 | 0x80..=0x87 | 0x90..=0x97 => false,
+        0xB0 | 0xB1 | 0xB3..=0xB6 | 0xB9 | 0xBB | 0xBF | 0xD0..=0xE7 => false,
+        0x00..=0x1F | 0x40..=0x43 | 0x56..=0x5F | 0x68..=0x8F | 0xB2 | 0xBA => field(first, 0, 3) == register,
+        0x20..=0x3F | 0x48..=0x4F | 0x98..=0xAF => field(first, 8, 3) == register,
+        0x44 | 0x46 => field(first, 0, 3) | field(first, 7, 1) << 3 == register,
+        // STM and LDM; POP.
+        0xC0..=0xCF if field(first, 8, 3) == register => true,
+        0xBC | 0xBD | 0xC0..=0xCF => field(first, 0, 8) >> register & 1 == 1,
+        0xE8 | 0xE9 if field(first, 6, 1) == 0 => in_first || second >> register & 1 == 1,
+        // LDRD, STRD and exclusive access, of which STREXB, STREXH and STREXD have their result elsewhere.
+        0xE8 | 0xE9 if first & 0xFFF0 != 0xE8C0 => {
+            in_second || field(second, 8, 4) == register || in_first && field(first, 5, 1) == 1
+        }
+        // Data processing; multiplications, whose result may have two registers.
+        0xEA | 0xEB | 0xF0..=0xF7 | 0xFA => field(second, 8, 4) == register,
+        0xFB => in_second || field(second, 8, 4) == register,
+        // Loads and stores, some of which write the address back.
+        0xF8 | 0xF9 => in_second || in_first && field(first, 7, 1) == 0 && field(second, 11, 1) == 1,
+        // Floating point: transfers of two registers and of one; loads and stores; arithmetic.
+        0xEC if first & 0xFFE0 == 0xEC40 => true,
+        0xEC | 0xED => in_first && field(first, 5, 1) == 1,
+        0xEE => in_second && field(second, 4, 1) == 1,
+        _ => true,
     }
 }
 
@@ -181,10 +225,10 @@ fn wide(address: u32, first: u32, second: u32, result: &mut Instruction) -> Opti
     match first >> 8 {
         0xE8 | 0xE9 if field(first, 6, 1) == 0 => multiple(first, second, result)?,
         0xE8 | 0xE9 if first & 0xFFF0 == 0xE8D0 && second & 0xFFE0 == 0xF000 => {
-            if base != PC {
+            if base == SP {
                 return None;
             }
-            result.flow = Flow::Table(if field(second, 4, 1) == 1 { 2 } else { 1 });
+            result.flow = Flow::Table { width: if field(second, 4, 1) == 1 { 2 } else { 1 }, base };
         }
         // Two registers, or exclusive access.
         0xE8 | 0xE9 => {
@@ -387,8 +431,10 @@ mod tests {
             ("blx r2", 0x4790, 0, flow(next, Flow::CallRegister)),
             ("mov pc, r0", 0x4687, 0, flow(next, Flow::JumpRegister)),
             ("ldr.w pc, [r1, r0, lsl #2]", 0xF851, 0xF020, flow(wide, Flow::JumpRegister)),
-            ("tbh [pc, r0, lsl #1]", 0xE8DF, 0xF010, flow(wide, Flow::Table(2))),
-            ("tbb [pc, r1]", 0xE8DF, 0xF001, flow(wide, Flow::Table(1))),
+            ("tbh [pc, r0, lsl #1]", 0xE8DF, 0xF010, flow(wide, Flow::Table { width: 2, base: PC })),
+            ("tbb [pc, r1]", 0xE8DF, 0xF001, flow(wide, Flow::Table { width: 1, base: PC })),
+            ("tbb [r2, r1]", 0xE8D2, 0xF001, flow(wide, Flow::Table { width: 1, base: 2 })),
+            ("tbh [r10, r3, lsl #1]", 0xE8DA, 0xF013, flow(wide, Flow::Table { width: 2, base: 10 })),
             ("udf #254", 0xDEFE, 0, flow(next, Flow::Trap)),
             ("it eq", 0xBF08, 0, under(1, 0b1)),
             ("itte lt", 0xBFBA, 0, under(3, 0b011)),
@@ -423,6 +469,55 @@ mod tests {
             ("ldr.w r0, [r1, #4]", 0x1028, 0xF8D1, 0x0004, None),
         ] {
             assert_eq!(literal(address, first, second), expected, "{text}");
+        }
+    }
+
+    /// Encoded by llvm-mc 14. Some are taken to write registers that they only read.
+    #[test]
+    fn written_registers() {
+        for (text, first, second, written) in [
+            ("adr.w r2, #12", 0xF20F, 0x020C, &[2][..]),
+            ("adds r1, r2, r3", 0x18D1, 0, &[1]),
+            ("movs r3, #1", 0x2301, 0, &[3]),
+            ("cmp r2, #0", 0x2A00, 0, &[]),
+            ("cmp r2, r10", 0x4552, 0, &[]),
+            ("mov r10, r2", 0x4692, 0, &[10]),
+            ("add r8, r2", 0x4490, 0, &[8]),
+            ("ldrsb r4, [r2, r1]", 0x5654, 0, &[4]),
+            ("strb r4, [r2, r1]", 0x5454, 0, &[]),
+            ("ldr r5, [r2, #8]", 0x6895, 0, &[5]),
+            ("str r5, [r2, #8]", 0x6095, 0, &[]),
+            ("ldr r6, [sp, #8]", 0x9E02, 0, &[6]),
+            ("str r6, [sp, #8]", 0x9602, 0, &[]),
+            ("add r7, sp, #8", 0xAF02, 0, &[7]),
+            ("uxtb r1, r2", 0xB2D1, 0, &[1]),
+            ("rev r1, r2", 0xBA11, 0, &[1]),
+            ("push {r2, lr}", 0xB504, 0, &[]),
+            ("pop {r2, r5}", 0xBC24, 0, &[2, 5]),
+            ("ldm r2!, {r3, r4}", 0xCA18, 0, &[2, 3, 4]),
+            ("ldm.w r8, {r2, r9}", 0xE898, 0x0204, &[2, 8, 9]),
+            ("ldrd r1, r2, [r3, #8]", 0xE9D3, 0x1202, &[1, 2]),
+            ("ldrd r1, r2, [r3], #8", 0xE8F3, 0x1202, &[1, 2, 3]),
+            ("strex r1, r2, [r3]", 0xE843, 0x2100, &[1, 2]),
+            ("ldrex r1, [r3]", 0xE853, 0x1F00, &[1]),
+            ("orr.w r8, r1, r0", 0xEA41, 0x0800, &[8]),
+            ("addw r6, r1, #1612", 0xF201, 0x664C, &[6]),
+            ("cmp.w r2, #256", 0xF5B2, 0x7F80, &[]),
+            ("mrs r2, basepri", 0xF3EF, 0x8211, &[2]),
+            ("ldr.w r0, [r1, #512]", 0xF8D1, 0x0200, &[0]),
+            ("ldrb r1, [r10], #1", 0xF81A, 0x1B01, &[1, 10]),
+            ("str r5, [r3, #4]!", 0xF843, 0x5F04, &[3, 5]),
+            ("uxth.w r9, r2", 0xFA1F, 0xF982, &[9]),
+            ("smull r2, r3, r4, r5", 0xFB84, 0x2305, &[2, 3]),
+            ("vmov r2, s0", 0xEE10, 0x2A10, &[2]),
+            ("vmov r2, r3, d0", 0xEC53, 0x2B10, &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12]),
+            ("vldr s4, [r2, #8]", 0xED92, 0x2A02, &[]),
+            ("vldmia r2!, {s0, s1}", 0xECB2, 0x0A02, &[2]),
+            ("vmul.f32 s4, s4, s6", 0xEE22, 0x2A03, &[]),
+            ("it hs", 0xBF28, 0, &[]),
+        ] {
+            let found: Vec<u32> = (0..=12).filter(|register| may_write(*register, first, second)).collect();
+            assert_eq!(found, written, "{text}");
         }
     }
 
