@@ -163,11 +163,11 @@ def disc(rng, width, height, least):
     step = (np.arange(SAMPLES) + 0.5) / SAMPLES - 0.5
     u, v = np.meshgrid((np.arange(width)[:, None] + step).ravel() - x, (np.arange(height)[:, None] + step).ravel() - y)
     along, across = u * np.cos(angle) + v * np.sin(angle), v * np.cos(angle) - u * np.sin(angle)
-    ground, contrast = rng.uniform(60, 190), rng.choice([-1, 1]) * np.exp(rng.uniform(np.log(10), np.log(90)))
+    ground, contrast = rng.uniform(20, 235), rng.choice([-1, 1]) * np.exp(rng.uniform(np.log(10), np.log(220)))
     grey = ground + rng.uniform(-0.1, 0.1) * u + rng.uniform(-0.1, 0.1) * v
     grey[(along / a) ** 2 + (across / b) ** 2 < 1] += contrast
     image = np.clip(grey, 5, 250).reshape(height, SAMPLES, width, SAMPLES).mean((1, 3))
-    blurred = cv2.GaussianBlur(image, (0, 0), rng.uniform(0.1, 1.5)) + rng.normal(0, rng.uniform(0, 6), image.shape)
+    blurred = cv2.GaussianBlur(image, (0, 0), rng.uniform(0.1, 3)) + rng.normal(0, rng.uniform(0, 6), image.shape)
     off = rng.uniform(0.85, 1.18)
     truth = (x, y, radius, a, b, angle)
     return np.clip(np.rint(blurred), 0, 255).astype(np.uint8), truth, (radius * off / 1.3, radius * off * 1.3)
@@ -201,13 +201,13 @@ def opencv(image, low, high):
     return tuple(circles[np.argmax(circles[:, 2])][:3])
 
 
-def make_set(draw_one, count, seed, folder):
+def make_set(draw_one, least, count, seed, folder):
     folder.mkdir(parents=True, exist_ok=True)
     rows = []
     with open(folder / "images.bin", "wb") as file:
         for index in range(count):
             rng = np.random.default_rng([seed, index])
-            image, truth, prior = draw_one(rng, 256, 240, 0.55)
+            image, truth, prior = draw_one(rng, 256, 240, least)
             file.write(image.tobytes())
             rows.append(" ".join(f"{value:.4f}" for value in (*prior, *truth)))
     (folder / "truth.txt").write_text("\n".join(rows) + "\n")
@@ -241,9 +241,9 @@ if __name__ == "__main__":
     cv2.setNumThreads(1)
     match sys.argv[1:]:
         case ["set", count, seed, folder]:
-            make_set(scene, int(count), int(seed), Path(folder))
+            make_set(scene, 0.55, int(count), int(seed), Path(folder))
         case ["discs", count, seed, folder]:
-            make_set(disc, int(count), int(seed), Path(folder))
+            make_set(disc, 0.4, int(count), int(seed), Path(folder))
         case ["opencv", folder]:
             judge(Path(folder))
         case _:

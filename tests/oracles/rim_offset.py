@@ -4,7 +4,7 @@
     rim_offset.py check DOORS SET...   fits, and says whether the weights in offset_weights.rs stand
     rim_offset.py fit DOORS SET...     writes what it fits into offset_weights.rs
     rim_offset.py errors FILE...       median errors of the circles before the network refines them, and after
-    rim_offset.py data DOORS SET...    writes data/rim_offset.in, with the weights in offset_weights.rs
+    rim_offset.py data FILE            writes data/rim_offset.in, with the weights in offset_weights.rs
 
 The files are what the example `circle_evidence` of host-sim prints for `rays`: DOORS of machines of `knob-find`, SET of
 sets of `find_circle.py`. How to make them: tests/oracles/README.md.
@@ -12,10 +12,10 @@ sets of `find_circle.py`. How to make them: tests/oracles/README.md.
 For each ray the network estimates the distance of the rim from an ellipse, and the logarithm of the scale of its error,
 from the contrasts along it and two neighbours, and from the mean and the first harmonic of all rays. The loss is the
 error of centre and radius of the ellipse fitted to these estimates, large errors limited, so that errors which rays have
-in common count; and, a tenth, the mean of -log of a Laplace density of each ray's error. Weights begin at random, with a
+in common count; and, with a smaller weight, the mean of -log of a Laplace density of each ray's error. Weights begin at random, with a
 fixed seed; Adam with a rate that falls to 0 finds them.
 
-Needs numpy."""
+Needs numpy and scipy."""
 
 import re
 import subprocess
@@ -23,6 +23,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from data_file import write
 
@@ -34,27 +35,27 @@ PARTS = {"FIRST": slice(0, OWN), "MEAN": slice(OWN, OWN + OF_RAY), "ALONG": slic
 RAYS, FEWEST = 64, 16
 # Ellipses farther from the rim than that began at another edge, larger ones are not refined [px].
 FAR, LARGEST = 4.0, 80.0
-# Bounds of the logarithm of the scale; prior standard deviation of the flattening.
+# Bounds of the logarithm of the scale; prior standard deviation of the change of the flattening.
 LOG_SCALE, FLATTENING = (-3.0, 2.0), 0.03
 # Weight of a picture of a set; of the error of each ray.
-SET_WEIGHT, RAY_WEIGHT = 8, 0.1
+SET_WEIGHT, RAY_WEIGHT = 8, 0.3
 EPOCHS, BATCH, RATE, DECAY = 30, 32, 3e-3, 1e-6
 # Below these errors the loss is quadratic, of a picture and of a ray; beyond this, that of a picture flattens [px].
 SMOOTH, RAY_SMOOTH, LIMIT = 0.1, 0.05, 1.5
 # Weights stand if their loss is at most this much above that of the fit [px].
 STANDS = 0.01
-# Rays in data/rim_offset.in.
-SHOWN = 12
+# A ring is in data/rim_offset.in if at least so many of its rays are hidden, and the ellipse is at least that flat.
+HIDDEN, FLAT = 24, 0.1
 COLUMNS = """
-Rays as if they were all of their ring, in double precision: direction, inputs of the network, the distance of the rim
-[px], its weight.
+An ellipse near a rim that the border of the image cuts: its radius [px] and flattening; for each ray its direction, the
+inputs of the network, the distance of the rim from the ellipse [px] and its weight, in double precision; the change of
+radius and centre that fits these distances [px].
 """
 
 
 class Pictures:
-    """Pictures with up to 64 rays each, in arrays of equal length: inputs, offsets of the rim, what an offset of the
-    ellipse adds along each ray, whether the ray is there; error of radius and centre, variance of the flattening,
-    weight."""
+    """Pictures with up to 64 rays each, in arrays of equal length: inputs, offsets of the rim, derivatives of the ellipse's
+    distance along each ray, whether the ray is there; error of radius and centre, weight."""
 
     def __init__(self, files):
         parts = [self.read(file, 1 if file == files[0] else SET_WEIGHT) for file in files]
@@ -66,20 +67,18 @@ class Pictures:
         a, b, angle, dx, dy, u, v, reach = rows[:, 2:10].T
         flattening = (a * a - b * b) / (a * a + b * b)
         p, q = -flattening * np.cos(2 * angle), -flattening * np.sin(2 * angle)
-        # Where the ray from (0, 0) meets w² + p (w_x² - w_y²) + 2 q w_x w_y = a b √(1 - p² - q²), w = distance · (u, v) - (dx, dy).
-        form = lambda x, y, s, t: x * s + y * t + p * (x * s - y * t) + q * (x * t + y * s)
-        square, cross, rest = form(u, v, u, v), -form(u, v, dx, dy), form(dx, dy, dx, dy) - a * b * np.sqrt(1 - p * p - q * q)
-        offsets = (np.sqrt(np.maximum(cross * cross - square * rest, 0)) - cross) / square - reach
-        terms = np.stack([np.ones_like(u), u, v, u * u - v * v, 2 * u * v], 1)
+        offsets = meets(np.stack([u, v], 1), (dx, dy), np.sqrt(a * b), p, q) - reach
         pictures = []
         starts = np.flatnonzero(np.any(np.diff(rows[:, :2], axis=0), 1)) + 1
         for rays in np.split(np.arange(len(rows)), starts):
             a, b, _, dx, dy = rows[rays[0], 2:7]
-            radius, rim = np.exp(np.mean(np.log(reach[rays]))), np.sqrt(a * b)
+            directions = rows[rays, 7:9]
+            (radius, *flattening), rim = ellipse(directions, reach[rays]), np.sqrt(a * b)
             if rim <= LARGEST and len(rays) >= FEWEST and max(np.hypot(dx, dy), abs(rim - radius)) <= FAR:
                 pad = lambda values: np.pad(values, [(0, RAYS - len(rays))] + [(0, 0)] * (values.ndim - 1))
-                pictures.append((pad(with_context(rows[rays, 10:], terms[rays, 1:3])), pad(offsets[rays]), pad(terms[rays]),
-                                 pad(np.ones(len(rays))), (rim - radius, dx, dy), (radius * FLATTENING / 2) ** 2, weight))
+                terms = derivatives(directions, reach[rays], radius, *flattening)
+                pictures.append((pad(with_context(rows[rays, 10:], directions)), pad(offsets[rays]), pad(terms),
+                                 pad(np.ones(len(rays))), (rim - radius, dx, dy), weight))
         return [np.array(part) for part in zip(*pictures)]
 
     def __getitem__(self, chosen):
@@ -89,11 +88,36 @@ class Pictures:
         return len(self.parts[0])
 
 
+def meets(directions, centre, radius, p, q):
+    """Returns how far from (0, 0) rays meet w² + p (w_x² - w_y²) + 2 q w_x w_y = radius² √(1 - p² - q²) about a centre."""
+    (u, v), (dx, dy) = directions.T, centre
+    form = lambda x, y, s, t: x * s + y * t + p * (x * s - y * t) + q * (x * t + y * s)
+    square, cross, rest = form(u, v, u, v), -form(u, v, dx, dy), form(dx, dy, dx, dy) - radius**2 * np.sqrt(1 - p * p - q * q)
+    return (np.sqrt(np.maximum(cross * cross - square * rest, 0)) - cross) / square
+
+
+def ellipse(directions, reach):
+    """Returns the radius and the flattening of the ellipse that is so far away in these directions."""
+    u, v = directions.T
+    a, p, q = np.linalg.lstsq(np.stack([np.ones_like(u), u * u - v * v, 2 * u * v], 1), reach**-2, rcond=None)[0]
+    p, q = p / a, q / a
+    return (a * np.sqrt(1 - p * p - q * q)) ** -0.5, p, q
+
+
+def derivatives(directions, reach, radius, p, q):
+    """Returns those of the distance of an ellipse by its radius, centre and flattening."""
+    u, v = directions.T
+    form, root = 1 + p * (u * u - v * v) + 2 * q * u * v, 1 - p * p - q * q
+    flattening = [-reach / 2 * ((u * u - v * v) / form + p / root), -reach / 2 * (2 * u * v / form + q / root)]
+    return np.stack([reach / radius, (u + p * u + q * v) / form, (v - p * v + q * u) / form, *flattening], 1)
+
+
 def with_context(inputs, directions):
-    """Adds the mean of all rays to the inputs of each, and their first harmonic in its direction."""
+    """Adds the mean of all rays to the inputs of each, and their covariance with the direction, in its direction."""
     profiles = inputs[:, :OF_RAY]
     mean = np.broadcast_to(profiles.mean(0), profiles.shape)
-    return np.hstack([inputs, mean, directions @ (directions.T @ profiles / len(profiles))])
+    covariance = directions.T @ (profiles - mean) / len(profiles)
+    return np.hstack([inputs, mean, (directions - directions.mean(0)) @ covariance])
 
 
 def outputs(network, inputs):
@@ -107,7 +131,7 @@ def outputs(network, inputs):
 
 def loss(network, pictures):
     """Returns the loss, the errors of radius and centre [px], and the gradient of the loss."""
-    inputs, offsets, terms, there, truth, variance, share = pictures
+    inputs, offsets, terms, there, truth, share = pictures
     share = share / np.mean(share) / len(share)
     values = outputs(network, inputs.reshape(-1, inputs.shape[-1]))
     offset, log_scale = np.moveaxis(values[-1].reshape(*there.shape, 2), -1, 0)
@@ -116,7 +140,7 @@ def loss(network, pictures):
     weight = np.exp(-2 * log_scale) * there
     weighted = terms * weight[..., None]
     matrix = np.swapaxes(weighted, 1, 2) @ terms + 1e-3 * np.eye(5, dtype=np.float32)
-    matrix[:, [3, 4], [3, 4]] += 1 / variance[:, None]
+    matrix[:, [3, 4], [3, 4]] += 1 / FLATTENING**2
     found = np.linalg.solve(matrix, np.swapaxes(weighted, 1, 2) @ offset[..., None])[..., 0]
     errors = found[:, :3] - truth
     sizes = np.sqrt(np.stack([errors[:, 0] ** 2, errors[:, 1] ** 2 + errors[:, 2] ** 2], 1) + SMOOTH**2)
@@ -178,6 +202,13 @@ def evaluate(network, pictures):
     return total, np.concatenate([part[1] for part, _ in parts])
 
 
+def report(what, network, pictures):
+    total, errors = evaluate(network, pictures)
+    print(f"{len(pictures)} pictures, weights {what}: median error of the centre {np.median(np.hypot(*errors[:, 1:].T)):.3f} px, "
+          f"of the radius {np.median(np.abs(errors[:, 0])):.3f} px; loss {total:.4f} px", flush=True)
+    return total
+
+
 def put(network):
     """Writes the weights in the form of rustfmt."""
     numbers = lambda values: "[" + ", ".join(f"{value:.4f}" for value in values) + "]"
@@ -203,15 +234,28 @@ def written():
 
 def data(network, file):
     rows = np.fromfile(file, "<f4").reshape(-1, 10 + OWN)
-    rows = rows[::len(rows) // SHOWN][:SHOWN].astype(float)
+    starts = np.flatnonzero(np.any(np.diff(rows[:, :2], axis=0), 1)) + 1
+    for rays in np.split(rows, starts):
+        directions, reach = rays[:, 7:9].astype(float), rays[:, 9].astype(float)
+        radius, p, q = ellipse(directions, reach)
+        if len(rays) <= RAYS - HIDDEN and np.hypot(p, q) > FLAT:
+            break
+    else:
+        sys.exit(f"{file} has no ring that flat with {HIDDEN} hidden rays")
+    offset, log_scale = outputs(network, with_context(rays[:, 10:].astype(float), directions))[-1].T
+    weight = np.exp(-2 * np.clip(log_scale, *LOG_SCALE))
+
+    def residuals(change):
+        near = meets(directions, change[1:3], radius + change[0], p + change[3], q + change[4])
+        return [*(np.sqrt(weight) * (near - reach - offset)), *(change[3:] / FLATTENING)]
+
+    change = least_squares(residuals, np.zeros(5), xtol=1e-12).x
     number = lambda value: np.format_float_positional(np.float32(value), trim="0")
     numbers = lambda values: f"[{', '.join(map(number, values))}]"
-    text = "&[\n"
-    for row, inputs in zip(rows, with_context(rows[:, 10:], rows[:, 7:9])):
-        offset, log_scale = outputs(network, inputs)[-1]
-        weight = np.exp(-2 * np.clip(log_scale, *LOG_SCALE))
-        text += f"({numbers(row[7:9])}, {numbers(row[10:])}, {number(offset)}, {number(weight)}),\n"
-    write("rim_offset.in", __file__, COLUMNS, text + "]\n")
+    text = f"({number(radius)}, {numbers([p, q])}, &[\n"
+    for ray, offset, weight in zip(rays, offset, weight):
+        text += f"({numbers(ray[7:9])}, {numbers(ray[10:])}, {number(offset)}, {number(weight)}),\n"
+    write("rim_offset.in", __file__, COLUMNS, f"{text}], {numbers(change[:3])})\n")
 
 
 if __name__ == "__main__":
@@ -222,19 +266,16 @@ if __name__ == "__main__":
                 for what, errors in ("before", pictures.parts[4]), ("after", evaluate(written(), pictures)[1]):
                     radius, centre = np.median(np.abs(errors[:, 0])), np.median(np.hypot(*errors[:, 1:].T))
                     print(f"{file}: {len(pictures)} pictures, {what}: centre {centre:.2f} px, radius {radius:.2f} px")
-        case ["data", doors, *_]:
-            data(written(), doors)
+        case ["data", file]:
+            data(written(), file)
         case ["check" | "fit" as command, *files] if len(files) > 1:
             pictures = Pictures(files)
             fitted = fit(pictures)
-            least, errors = evaluate(fitted, pictures)
-            print(f"{len(pictures)} pictures; median error of the centre {np.median(np.hypot(*errors[:, 1:].T)):.3f} px, of "
-                  f"the radius {np.median(np.abs(errors[:, 0])):.3f} px; loss {least:.4f} px", flush=True)
+            least = report("fitted", fitted, pictures)
             if command == "fit":
                 put(fitted)
             else:
-                excess = evaluate(written(), pictures)[0] - least
-                print(f"The loss of the weights in offset_weights.rs is higher by {excess:.4f} px.")
+                excess = report("in offset_weights.rs", written(), pictures) - least
                 if excess > STANDS:
                     sys.exit("They do not stand: fit again.")
         case _:

@@ -162,10 +162,11 @@ impl<'a> Choice<'a> {
         self.allowed(self.rims(front.as_ref()).closest(&candidate.ellipse), &candidate.ellipse)
     }
 
-    /// Refines the ellipse of a candidate to a fraction of a pixel.
+    /// Refines the ellipse of a candidate to a fraction of a pixel, which may take it over a limit of the
+    /// search.
     pub fn refine(&self, candidate: &Candidate) -> Ellipse {
         let (near, front) = (self.closest(candidate), self.front(candidate.knob));
-        self.allowed(self.rims(front.as_ref()).refine(&near), &near)
+        self.rims(front.as_ref()).refine(&near).unwrap_or(near)
     }
 
     /// The image with the end of a knob in front of the rim.

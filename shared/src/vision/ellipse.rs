@@ -73,9 +73,13 @@ impl Ellipse {
     }
 
     /// Weighted least squares of `u² + v² + p (u² − v²) + 2 q uv = a + b u + c v` over edge points (x, y,
-    /// weight), in units of this ellipse about its centre. `flattening` is the prior standard deviation of
-    /// the flattening. `None` if the result is not an ellipse near this one.
-    pub fn refit(&self, points: impl Iterator<Item = ([f32; 2], f32)>, flattening: f32) -> Option<Self> {
+    /// weight), in units of this ellipse about its centre. The prior of the flattening has that mean and
+    /// standard deviation. `None` if the result is not an ellipse near this one.
+    pub fn refit(
+        &self,
+        points: impl Iterator<Item = ([f32; 2], f32)>,
+        (mean, deviation): ([f32; 2], f32),
+    ) -> Option<Self> {
         let mut matrix = SMatrix::<f32, 5, 5>::zeros();
         let mut right = SVector::<f32, 5>::zeros();
         let scale = 1.0 / self.radius;
@@ -99,9 +103,11 @@ impl Ellipse {
         if total < 5.0 {
             return None;
         }
-        let prior = 2.0 * DEVIATION * scale / flattening;
-        matrix[(3, 3)] += prior * prior;
-        matrix[(4, 4)] += prior * prior;
+        let prior = 2.0 * DEVIATION * scale / deviation;
+        for (index, mean) in [3, 4].into_iter().zip(mean) {
+            matrix[(index, index)] += prior * prior;
+            right[index] += prior * prior * mean;
+        }
         let [a, b, c, p, q] = Ldlt::new(&matrix, 1e-6).solve(&right).into();
         let determinant = 1.0 - p * p - q * q;
         // NaN fails too.

@@ -70,11 +70,9 @@ pub fn rim_rays(
     let Some((best, confidence)) = choice.best() else { return Ok(None) };
     let (ellipse, front) = (choice.closest(best), choice.front(best.knob));
     let ring = Ring::new(image, &ellipse, RAYS, (MAX_HALF, 0.5));
-    let open = ring.open(front.as_ref());
-    for (ray, ((direction, reach), inputs)) in ring.rays().zip(Profiles::new(&ring).inputs()).enumerate() {
-        if open >> ray & 1 == 1 {
-            seen(RimRay { center: ellipse.center, direction, reach, inputs });
-        }
+    for (direction, inputs) in Profiles::new(&ring).rays(ring.open(front.as_ref())) {
+        let reach = ellipse.reach(ellipse.root(), direction);
+        seen(RimRay { center: ellipse.center, direction, reach, inputs });
     }
     Ok(Some(confidence))
 }

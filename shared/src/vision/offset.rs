@@ -7,7 +7,7 @@
 //! to rendered pictures.
 
 use super::offset_weights::{ALONG, BIASES, DEEP, FIRST, LAST, MEAN};
-use super::ring::{PLACES, RAYS, Ring};
+use super::ring::{PLACES, RAYS, Ring, directions};
 use crate::math;
 
 /// Inputs from each of the three rays: the contrasts relative to the largest, and the largest.
@@ -26,7 +26,7 @@ const RADIUS: f32 = 30.0;
 /// Bounds of the logarithm of the uncertainty [px].
 const LOG_SCALE: [f32; 2] = [-3.0, 2.0];
 /// Outputs of a layer that are computed together: each input is loaded once for all of them.
-const BLOCK: usize = 4;
+const BLOCK: usize = 8;
 
 /// What the network sees of a ring in steps of half a pixel.
 pub(super) struct Profiles {
@@ -49,56 +49,66 @@ impl Profiles {
         Self { rays, radius: ring.radius() / RADIUS }
     }
 
-    /// Inputs of the network on each ray.
-    pub fn inputs(&self) -> impl Iterator<Item = [f32; INPUTS]> + '_ {
-        (0..RAYS).map(|ray| {
+    /// Directions of the rays in the mask, and the inputs of the network on each.
+    pub fn rays(&self, open: u64) -> impl Iterator<Item = ([f32; 2], [f32; INPUTS])> + Clone + '_ {
+        let rays = directions(RAYS).iter().enumerate().filter(move |(ray, _)| open >> ray & 1 == 1);
+        rays.map(|(ray, direction)| {
             let mut inputs = [self.radius; INPUTS];
             let parts = [ray, (ray + RAYS - APART) % RAYS, (ray + APART) % RAYS];
             for (inputs, ray) in inputs.chunks_exact_mut(OF_RAY).zip(parts) {
                 inputs.copy_from_slice(&self.rays[ray]);
             }
-            inputs
+            (*direction, inputs)
         })
-    }
-
-    /// What the rays together, each with its direction, tell each of them.
-    pub fn context(&self, rays: impl Iterator<Item = (usize, [f32; 2])>) -> Context {
-        Context::new(rays.map(|(ray, direction)| (direction, &self.rays[ray])))
     }
 }
 
-/// What the first layer gets from all rays: from their mean, and from their first harmonic around the ring.
+/// What the first layer gets from all rays: from their mean, and from how they change with the direction.
 pub(super) struct Context {
     mean: [f32; WIDTH],
-    harmonic: [[f32; WIDTH]; 2],
+    /// Mean of the directions.
+    middle: [f32; 2],
+    /// From the covariance of the rays with their direction along x and y.
+    covariance: [[f32; WIDTH]; 2],
 }
 
 impl Context {
-    /// From directions and contrasts of the rays on which the rim can be seen.
-    pub fn new<'a>(rays: impl Iterator<Item = ([f32; 2], &'a [f32; OF_RAY])>) -> Self {
-        let (mut sums, mut count) = ([[0.0; OF_RAY]; 3], 0.0);
-        for ([u, v], profile) in rays {
+    /// From directions and inputs of the rays on which the rim can be seen.
+    pub fn new(rays: impl Iterator<Item = ([f32; 2], [f32; INPUTS])>) -> Self {
+        let (mut sums, mut directions, mut count) = ([[0.0; OF_RAY]; 3], [0.0; 2], 0.0);
+        for ([u, v], inputs) in rays {
             for (sums, factor) in sums.iter_mut().zip([1.0, u, v]) {
-                for (sum, value) in sums.iter_mut().zip(profile) {
+                for (sum, value) in sums.iter_mut().zip(inputs) {
                     *sum += factor * value;
                 }
             }
+            directions[0] += u;
+            directions[1] += v;
             count += 1.0;
         }
         let share = 1.0 / math::max(count, 1.0);
-        let [mean, u, v] = sums.map(|sums| sums.map(|sum| share * sum));
+        let [mean, along_x, along_y] = sums.map(|sums| sums.map(|sum| share * sum));
+        let middle = directions.map(|sum| share * sum);
+        let covariance = |mut products: [f32; OF_RAY], direction: f32| {
+            for (product, mean) in products.iter_mut().zip(&mean) {
+                *product -= direction * mean;
+            }
+            layer(&products, &ALONG, &[0.0; WIDTH])
+        };
         Self {
+            covariance: [covariance(along_x, middle[0]), covariance(along_y, middle[1])],
             mean: layer(&mean, &MEAN, &BIASES.0),
-            harmonic: [u, v].map(|values| layer(&values, &ALONG, &[0.0; WIDTH])),
+            middle,
         }
     }
 
     /// Distance of the rim from the ellipse along a ray, outwards [px], and the weight of this estimate in a
     /// fit: its inverse squared uncertainty [1/px²].
     pub fn offset(&self, [u, v]: [f32; 2], inputs: &[f32; INPUTS]) -> (f32, f32) {
+        let (u, v) = (u - self.middle[0], v - self.middle[1]);
         let mut start = self.mean;
-        for (value, (along, across)) in start.iter_mut().zip(self.harmonic[0].iter().zip(&self.harmonic[1])) {
-            *value += u * along + v * across;
+        for (value, (x, y)) in start.iter_mut().zip(self.covariance[0].iter().zip(&self.covariance[1])) {
+            *value += u * x + v * y;
         }
         let first = layer(inputs, &FIRST, &start);
         let deep = layer(&first.map(positive), &DEEP, &BIASES.1);

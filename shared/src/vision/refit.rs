@@ -1,6 +1,6 @@
 use super::ellipse::{DEVIATION, Ellipse};
 use super::image::Image;
-use super::offset::Profiles;
+use super::offset::{Context, INPUTS, Profiles};
 use super::ring::{FEW_RAYS, MAX_HALF, RAYS, Ring};
 use super::starts::{MAX_CANDIDATES, Start};
 use crate::math;
@@ -19,8 +19,12 @@ const SCATTER: f32 = 2.0;
 
 /// Radius up to which the network refines an ellipse [px]: beyond that of its pictures it would extrapolate.
 const MAX_REFINED: f32 = 80.0;
-/// Prior standard deviation of the flattening in that fit.
-const REFINED_FLATTENING: f32 = 0.03;
+/// Fewest rays on which it must see the rim, and largest change of centre and radius [px]: it was fitted to
+/// pictures within these limits.
+const MIN_REFINED: u32 = 16;
+const MAX_CHANGE: f32 = 4.0;
+/// Prior standard deviation of the change of the flattening in that fit.
+const FLATTENING_CHANGE: f32 = 0.03;
 
 /// Standard deviation of the noise [grey levels]: from the mean absolute value of a difference operator that
 /// is insensitive to slopes (Immerkær 1996), at every fourth pixel in both directions.
@@ -76,26 +80,15 @@ impl Rims<'_> {
         self.step(ellipse, (2, 1.0), RAYS, 0.02)
     }
 
-    /// Fits to the rim near an ellipse, where the network of [`offset`] sees it.
+    /// Fits to the rim near an ellipse, where the network of [`offset`](super::offset) sees it. `None` if it
+    /// sees too little of it, or places it farther away than it can see.
     pub fn refine(&self, ellipse: &Ellipse) -> Option<Ellipse> {
-        if ellipse.radius > MAX_REFINED {
+        let ring = Ring::new(self.image, ellipse, RAYS, (MAX_HALF, 0.5));
+        let open = ring.open(self.front);
+        if ellipse.radius > MAX_REFINED || open.count_ones() < MIN_REFINED {
             return None;
         }
-        let ring = Ring::new(self.image, ellipse, RAYS, (MAX_HALF, 0.5));
-        let (profiles, open) = (Profiles::new(&ring), ring.open(self.front));
-        let is_open = |ray: usize| open >> ray & 1 == 1;
-        let context = profiles.context(
-            ring.rays()
-                .enumerate()
-                .filter_map(|(ray, (direction, _))| is_open(ray).then_some((ray, direction))),
-        );
-        let mut points = [([0.0; 2], 0.0); RAYS];
-        let rays = ring.rays().zip(profiles.inputs()).enumerate().filter(|(ray, _)| is_open(*ray));
-        for (point, (_, ((direction, reach), inputs))) in points.iter_mut().zip(rays) {
-            let (offset, weight) = context.offset(direction, &inputs);
-            *point = (ellipse.point(direction, reach + offset), weight * DEVIATION * DEVIATION);
-        }
-        ellipse.refit(points.into_iter(), REFINED_FLATTENING)
+        refined(ellipse, Profiles::new(&ring).rays(open))
     }
 
     /// Fits to the edge next to an ellipse in steps of half a pixel. A shadow beside the rim displaces the
@@ -128,6 +121,21 @@ impl Rims<'_> {
     }
 }
 
+/// Fits an ellipse to the rim near another one, from the directions of rays and the network's inputs on each.
+pub(super) fn refined(
+    near: &Ellipse,
+    rays: impl Iterator<Item = ([f32; 2], [f32; INPUTS])> + Clone,
+) -> Option<Ellipse> {
+    let (context, root) = (Context::new(rays.clone()), near.root());
+    let points = rays.map(|(direction, inputs)| {
+        let (offset, weight) = context.offset(direction, &inputs);
+        let reach = near.reach(root, direction) + offset;
+        (near.point(direction, reach), weight * DEVIATION * DEVIATION)
+    });
+    let refined = near.refit(points, (near.flattening, FLATTENING_CHANGE))?;
+    refined.is_near(near, [MAX_CHANGE; 2]).then_some(refined)
+}
+
 /// Robust fit to edge points with Tukey's weights. `bounds`: of the residual inside and outside for each fit
 /// [px]; `flattening`: its prior standard deviation.
 fn fit(
@@ -144,7 +152,7 @@ fn fit(
             let tukey = if ratio * ratio < 1.0 { (1.0 - ratio * ratio) * (1.0 - ratio * ratio) } else { 0.0 };
             (point, weight * tukey)
         });
-        ellipse = ellipse.refit(weighted, flattening)?;
+        ellipse = ellipse.refit(weighted, ([0.0; 2], flattening))?;
     }
     Some(ellipse)
 }

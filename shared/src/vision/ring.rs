@@ -63,8 +63,9 @@ pub(super) struct Ring {
     reaches: [f32; RAYS],
     /// Rays inside the image, one bit each.
     pub visible: u64,
-    /// Derivative outwards, smoothed along the ellipse: the contrast of a sharp edge there.
-    contrasts: [[i16; PLACES]; RAYS],
+    /// Derivative outwards, smoothed along the ellipse: the contrast of a sharp edge there. One more than
+    /// there are rays, for [`Self::smooth`].
+    contrasts: [[i16; PLACES]; RAYS + 1],
 }
 
 impl Ring {
@@ -78,16 +79,20 @@ impl Ring {
             unit,
             reaches: [0.0; RAYS],
             visible: 0,
-            contrasts: [[0; PLACES]; RAYS],
+            contrasts: [[0; PLACES]; RAYS + 1],
         };
         let root = ellipse.root();
         for (reach, direction) in ring.reaches.iter_mut().zip(directions(rays)) {
             *reach = ellipse.reach(root, *direction);
         }
-        let mut visible = 0;
+        let (mut visible, mut greys) = (0, [0; PLACES + 4]);
         let places = ring.contrasts.iter_mut().zip(&ring.reaches).zip(directions(rays)).enumerate();
         for (ray, ((contrasts, reach), direction)) in places {
-            if sample(image, ellipse, (*direction, *reach), (half, unit), contrasts) {
+            if sample(image, ellipse, (*direction, *reach), (half, unit), &mut greys) {
+                // Also beyond `half`, where the values are unused: a fixed number is faster.
+                for (contrast, [a, b, _, d, e]) in contrasts.iter_mut().zip(greys.array_windows()) {
+                    *contrast = (2 * (d - b) + e - a) as i16;
+                }
                 visible |= 1 << ray;
             }
         }
@@ -99,24 +104,27 @@ impl Ring {
     /// Smooths along the ellipse with weights 1, 2, 1; a neighbour outside the image is replaced by the ray
     /// itself.
     fn smooth(&mut self) {
-        let last = self.rays - 1;
-        let (first, mut before) = (self.contrasts[0], self.contrasts[last]);
+        let rays = self.rays.min(RAYS);
         let sees = |ray: usize| self.visible >> ray & 1 == 1;
-        let mut sees_before = sees(last);
-        for ray in 0..self.rays {
-            let here = self.contrasts[ray];
-            let (next, after) = if ray == last { (0, first) } else { (ray + 1, self.contrasts[ray + 1]) };
+        // Sums of neighbours, in the place of the second one; what is outside is replaced by the other.
+        self.contrasts[rays] = self.contrasts[0];
+        let mut sees_next = sees(0);
+        for ray in (0..rays).rev() {
             let sees_here = sees(ray);
-            if sees_here {
-                let one = if sees_before { &before } else { &here };
-                let other = if sees(next) { &after } else { &here };
-                for (index, contrast) in self.contrasts[ray].iter_mut().enumerate() {
-                    let sum = i32::from(one[index]) + 2 * i32::from(here[index]) + i32::from(other[index]);
-                    *contrast = (sum >> 2) as i16;
-                }
+            let one = if sees_here { ray } else { ray + 1 };
+            let other = if sees_next { ray + 1 } else { ray };
+            let (one, other) = (self.contrasts[one], self.contrasts[other]);
+            for (sum, (one, other)) in self.contrasts[ray + 1].iter_mut().zip(one.iter().zip(&other)) {
+                *sum = one + other;
             }
-            before = here;
-            sees_before = sees_here;
+            sees_next = sees_here;
+        }
+        self.contrasts[0] = self.contrasts[rays];
+        for ray in 0..rays {
+            let after = self.contrasts[ray + 1];
+            for (contrast, after) in self.contrasts[ray].iter_mut().zip(&after) {
+                *contrast = ((i32::from(*contrast) + i32::from(*after)) >> 2) as i16;
+            }
         }
     }
 
@@ -129,11 +137,6 @@ impl Ring {
     /// Radius of the ellipse [px].
     pub const fn radius(&self) -> f32 {
         self.ellipse.radius
-    }
-
-    /// Directions of the rays, and the distances of the ellipse from its centre along them [px].
-    pub fn rays(&self) -> impl Iterator<Item = ([f32; 2], f32)> + '_ {
-        directions(self.rays).iter().copied().zip(self.reaches)
     }
 
     /// Weight of an edge at each sample of a ray: half as much at the ends as in the middle.
@@ -315,14 +318,14 @@ pub(super) fn hides(front: &Ellipse, point: [f32; 2]) -> bool {
     front.distance_to(point) < 0.03 * front.radius + 1.5
 }
 
-/// Samples the derivative along a ray, about its point on the ellipse. Returns `false` if that leaves the
-/// image.
+/// Samples the grey levels along a ray, from two steps before the first contrast to two after the last one,
+/// in 16ths. Returns `false` if that leaves the image.
 fn sample(
     image: &Image<'_>,
     ellipse: &Ellipse,
     (direction, reach): ([f32; 2], f32),
     (half, unit): (usize, f32),
-    contrasts: &mut [i16; PLACES],
+    greys: &mut [i32; PLACES + 4],
 ) -> bool {
     let side = (half + 2) as f32 * unit;
     let ends = [-side, side].map(|side| ellipse.point(direction, reach + side));
@@ -331,16 +334,10 @@ fn sample(
     }
     let [mut x, mut y] = ends[0].map(Image::fixed);
     let [dx, dy] = direction.map(|component| Image::fixed(unit * component));
-    let mut greys = [0; PLACES + 4];
-    for grey in greys.iter_mut().take(2 * half + 5) {
+    for grey in greys.get_mut(..2 * half + 5).unwrap_or_default() {
         *grey = image.at(x, y) >> 12;
         x += dx;
         y += dy;
-    }
-    // Also beyond `half`, where the values are unused: a fixed number of samples is faster.
-    for (place, contrast) in contrasts.iter_mut().enumerate() {
-        let difference = |away: usize| greys[place + 2 + away] - greys[place + 2 - away];
-        *contrast = (2 * difference(1) + difference(2)) as i16;
     }
     true
 }

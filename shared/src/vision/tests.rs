@@ -6,6 +6,7 @@ use super::choice::{Candidate, best};
 use super::ellipse::Ellipse;
 use super::judge::weigh;
 use super::offset::{Context, INPUTS};
+use super::refit::refined;
 use super::*;
 use crate::math;
 
@@ -23,9 +24,12 @@ const PIXELS: &[u8] = include_bytes!("../../../tests/oracles/data/find_circle.bi
 type Judged = (usize, f32, &'static [([f32; 3], [f32; 16], Option<[f32; 12]>, f32)]);
 const JUDGED: &[Judged] = include!("../../../tests/oracles/data/circle_choice.in");
 
-/// Rays, by NumPy: direction, inputs of the network, the distance of the rim [px], its weight.
+/// The open rays of a ring, by NumPy: direction, inputs of the network, the distance of the rim [px], its
+/// weight.
+type Rays = &'static [([f32; 2], [f32; INPUTS], f32, f32)];
+/// Radius [px] and flattening of an ellipse, the open rays, and the change of radius and centre [px].
 #[allow(clippy::approx_constant, reason = "numbers that a program wrote")]
-const RIMS: &[([f32; 2], [f32; INPUTS], f32, f32)] = include!("../../../tests/oracles/data/rim_offset.in");
+const RIM: (f32, [f32; 2], Rays, [f32; 3]) = include!("../../../tests/oracles/data/rim_offset.in");
 
 /// An ellipse of one grey level.
 struct Disc {
@@ -323,13 +327,20 @@ fn the_choice_is_that_of_the_fitted_model() {
 }
 
 #[test]
-fn the_network_gives_the_offsets_of_numpy() {
-    assert!(RIMS.len() >= 12);
-    let rays = RIMS.iter().map(|(direction, inputs, ..)| (*direction, inputs.first_chunk().unwrap()));
-    let context = Context::new(rays);
-    for (direction, inputs, expected, weight) in RIMS {
+fn the_network_and_its_ellipse_are_those_of_numpy() {
+    let (radius, flattening, rays, change) = RIM;
+    let seen = rays.iter().map(|(direction, inputs, ..)| (*direction, *inputs));
+    let context = Context::new(seen.clone());
+    for (direction, inputs, expected, weight) in rays {
         let (found, found_weight) = context.offset(*direction, inputs);
         assert!((found - expected).abs() < 1e-4, "{found}, not {expected} px");
         assert!((found_weight - weight).abs() < 1e-3 * weight, "{found_weight}, not {weight}");
+    }
+    // A cut and flat ring: a prior of another flattening than in the loss would move the centre.
+    let near = Ellipse { center: [40.0, 50.0], radius, flattening };
+    let found = refined(&near, seen).unwrap();
+    let found = [found.radius - radius, found.center[0] - 40.0, found.center[1] - 50.0];
+    for (found, change) in found.into_iter().zip(change) {
+        assert!((found - change).abs() < 0.05, "{found}, not {change} px");
     }
 }
