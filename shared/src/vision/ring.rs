@@ -90,8 +90,9 @@ impl Ring {
         for (ray, ((contrasts, reach), direction)) in places {
             if sample(image, ellipse, (*direction, *reach), (half, unit), &mut greys) {
                 // Also beyond `half`, where the values are unused: a fixed number is faster.
-                for (contrast, [a, b, _, d, e]) in contrasts.iter_mut().zip(greys.array_windows()) {
-                    *contrast = (2 * (d - b) + e - a) as i16;
+                for (place, contrast) in contrasts.iter_mut().enumerate() {
+                    let difference = |away: usize| greys[place + 2 + away] - greys[place + 2 - away];
+                    *contrast = (2 * difference(1) + difference(2)) as i16;
                 }
                 visible |= 1 << ray;
             }
