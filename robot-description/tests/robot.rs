@@ -241,12 +241,13 @@ fn findings_of_hand5(from: &str, to: &str) -> String {
 }
 
 #[test]
-fn a_urdf_that_is_cut_in_half_is_one_finding() {
+fn a_urdf_that_is_cut_in_half_is_one_error() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/inspire");
     let (urdf, settings) = RobotFolder::read(&path).unwrap();
     let (_, findings) = RobotFolder::check(&path, &urdf[..urdf.len() / 2], &settings);
     let said: Vec<String> = findings.iter().map(ToString::to_string).collect();
-    assert!(said.len() == 1 && said[0].contains("malformed XML"), "{said:?}");
+    assert!(said.len() == 2 && said[0].contains("malformed XML"), "{said:?}");
+    assert!(findings[0].is_error() && !findings[1].is_error() && said[1].contains("not checked"), "{said:?}");
 }
 
 #[test]
