@@ -15,7 +15,7 @@ use tesaki_chip_link::{Answer, Call, MOTORS, Motion, Terminals, receive, send};
 use tesaki_description::plant::CONTROL_PERIOD_NS;
 use tesaki_supervisor::{Board, BoardError};
 
-use crate::image;
+use crate::image::Image;
 use crate::plant::{Plant, PlantError};
 
 /// The control period, and the time from power-on until the image answers [ps].
@@ -91,8 +91,7 @@ pub struct ChipBoard {
 fn check(path: &Path) -> Result<(), ChipError> {
     let image = std::fs::read(path).map_err(|_| ChipError::Missing(path.to_owned()))?;
     let not_an_image = |why: &str| ChipError::NotAnImage { image: path.to_owned(), why: why.to_owned() };
-    image::check(&image).map_err(not_an_image)?;
-    match image::board_of(&image).as_deref() {
+    match Image::parse(&image).map_err(not_an_image)?.board.as_deref() {
         Some("weact") => Ok(()),
         Some(other) => Err(not_an_image(&format!("it is that of board-{other}"))),
         None => Err(not_an_image("it names no board with motors")),

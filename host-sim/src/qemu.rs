@@ -14,7 +14,7 @@ use tesaki_supervisor::hand::{FingerBoard, News};
 use tesaki_supervisor::{Board, BoardError, ByteLink, LinkBoard};
 
 use crate::controller::Controller;
-use crate::image;
+use crate::image::Image;
 
 /// Longest wait for an answer of the emulated board; a busy machine emulates slowly.
 const TIMEOUT: Duration = Duration::from_secs(20);
@@ -93,6 +93,14 @@ pub struct Machine<'a> {
     pub own_group: bool,
 }
 
+/// What is in the file of an image.
+fn read(image: &Path) -> Result<Image, QemuError> {
+    if !image.is_file() {
+        return Err(QemuError::NoImage(image.to_owned()));
+    }
+    Image::parse(&std::fs::read(image)?).map_err(|why| QemuError::NotAnImage { image: image.to_owned(), why })
+}
+
 /// The shipped image in QEMU: requests on USART1, sensors and actuators on USART2, in lock step.
 pub struct Qemu {
     board: LinkBoard<Socket>,
@@ -116,14 +124,12 @@ impl Qemu {
     pub fn boot(image: &Path, machine: &Machine<'_>) -> Result<Self, QemuError> {
         let other =
             |board: &str| Err(QemuError::OtherBoard { image: image.to_owned(), board: board.to_owned() });
-        // If it cannot be read, booting it says so.
-        let bytes = std::fs::read(image).unwrap_or_default();
-        let named = image::board_of(&bytes).filter(|name| name != "bare");
-        if let Some(name) = named {
+        let Image { board, is_of_tesaki } = read(image)?;
+        if let Some(name) = board.filter(|name| name != "bare") {
             return other(&format!("board-{name}"));
         }
         let mut qemu = Self::boot_on(image, machine).map_err(|error| match error {
-            QemuError::Silent { .. } if !image::is_of_tesaki(&bytes) => QemuError::NotAnImage {
+            QemuError::Silent { .. } if !is_of_tesaki => QemuError::NotAnImage {
                 image: image.to_owned(),
                 why: "it does not answer, and is not an image of tesaki",
             },
@@ -141,11 +147,7 @@ impl Qemu {
     /// # Errors
     /// Something is missing; the error says what, and what to do.
     pub fn boot_on(image: &Path, machine: &Machine<'_>) -> Result<Self, QemuError> {
-        if !image.is_file() {
-            return Err(QemuError::NoImage(image.to_owned()));
-        }
-        let not_an_image = |why| QemuError::NotAnImage { image: image.to_owned(), why };
-        image::check(&std::fs::read(image)?).map_err(not_an_image)?;
+        read(image)?;
         let folder = tempfile::tempdir()?;
         let sockets = [folder.path().join("usart1"), folder.path().join("usart2")];
         let mut command = Command::new("qemu-system-arm");

@@ -10,10 +10,10 @@ The files are what the example `circle_evidence` of host-sim prints for `rays`: 
 sets of `find_circle.py`. How to make them: tests/oracles/README.md.
 
 For each ray the network estimates the distance of the rim from an ellipse, and the logarithm of the scale of its error,
-from the contrasts along it and two neighbours, and from the mean and the first harmonic of all rays. The loss is the
-error of centre and radius of the ellipse fitted to these estimates, large errors limited, so that errors which rays have
-in common count; and, with a smaller weight, the mean of -log of a Laplace density of each ray's error. Weights begin at random, with a
-fixed seed; Adam with a rate that falls to 0 finds them.
+from the contrasts along it and two neighbours, and from the mean of all rays and their covariance with the direction.
+The loss is the error of centre and radius of the ellipse fitted to these estimates, large errors limited, so that errors
+which rays have in common count; and, with a smaller weight, the mean of -log of a Laplace density of each ray's error.
+Weights begin at random, with a fixed seed; Adam with a rate that falls to 0 finds them.
 
 Needs numpy and scipy."""
 
@@ -28,7 +28,7 @@ from scipy.optimize import least_squares
 from data_file import write
 
 WEIGHTS = Path(__file__).parents[2] / "shared/src/vision/offset_weights.rs"
-# Inputs: of a ray and two neighbours, and the radius; the mean of all rays; their first harmonic.
+# Inputs: of a ray and two neighbours, and the radius; the mean of all rays; their covariance with the direction.
 OF_RAY, OWN = 10, 31
 SIZES = (OWN + 2 * OF_RAY, 48, 24, 2)
 PARTS = {"FIRST": slice(0, OWN), "MEAN": slice(OWN, OWN + OF_RAY), "ALONG": slice(OWN + OF_RAY, None)}
@@ -263,9 +263,12 @@ if __name__ == "__main__":
         case ["errors", *files] if files:
             for file in files:
                 pictures = Pictures([file])
+                seen = pictures.parts[3].sum(1)
                 for what, errors in ("before", pictures.parts[4]), ("after", evaluate(written(), pictures)[1]):
-                    radius, centre = np.median(np.abs(errors[:, 0])), np.median(np.hypot(*errors[:, 1:].T))
-                    print(f"{file}: {len(pictures)} pictures, {what}: centre {centre:.2f} px, radius {radius:.2f} px")
+                    for rings, chosen in ("pictures", seen > 0), ("half hidden", (seen >= 24) & (seen <= 40)):
+                        radius, centre = np.abs(errors[chosen, 0]), np.hypot(*errors[chosen, 1:].T)
+                        print(f"{file}: {chosen.sum()} {rings}, {what}: centre {np.median(centre):.2f} px, radius "
+                              f"{np.median(radius):.2f} px")
         case ["data", file]:
             data(written(), file)
         case ["check" | "fit" as command, *files] if len(files) > 1:

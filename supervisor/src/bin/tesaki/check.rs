@@ -59,7 +59,7 @@ const UNREAD: &str =
 /// Checks a robot folder with settings for a controller.
 fn folder(path: &Path) -> Checked {
     let (folder, mut findings) = robot(path);
-    let advice = "correct robot.urdf and controller.toml first";
+    let advice = "correct robot.urdf, controller.toml and plant.toml first";
     findings.extend(beside(path, folder.as_ref().map(|folder| &folder.model), advice));
     Checked { good: folder.as_ref().map(summary).unwrap_or_default(), findings }
 }
