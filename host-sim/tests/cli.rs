@@ -213,7 +213,10 @@ fn what_qemu_says_before_it_ends_is_quoted() {
     let path = format!("{}:{}", folder.path().display(), std::env::var("PATH").unwrap());
     let mut command = Command::new(env!("CARGO_BIN_EXE_host-sim"));
     let image = folder.path().join("image");
-    let header = [&b"\x7fELF\x01\x01"[..], &[0; 12], &[40], &[0; 33]].concat();
+    // The header of an ELF file of 32 bits, little endian, version 1, for ARM, of 52 bytes: nothing follows.
+    let mut header = b"\x7fELF\x01\x01\x01".to_vec();
+    header.resize(52, 0);
+    (header[18], header[20], header[40]) = (40, 1, 52);
     std::fs::write(&image, header).unwrap();
     command.args(["run", "hand3-servo", "--controller", "qemu", "--elf"]).arg(&image);
     let output = command.arg("--out").arg(folder.path()).env("PATH", path).output().unwrap();
