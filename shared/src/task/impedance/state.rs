@@ -17,7 +17,8 @@ use super::settings::{ForceSource, ImpedanceSettings, InvalidImpedanceSettings, 
 use super::tuning::{
     CONTACT_DISTURBANCE_GAIN, CONTACT_FRICTION_COMPENSATION, CONTACT_HYSTERESIS_SQUARED,
     CONTACT_LOSS_SQUARED, CONTACT_REST_SPEED, FREE_BEFORE_READING, IMPEDANCE_BLEND, LIMIT_APPROACH_RATE,
-    MAX_TOOL_DISTURBANCE, MISMATCH_TICKS, REST_ERROR, REST_SPEED, VELOCITY_LIMIT_FRACTION,
+    MAX_TOOL_DISTURBANCE, MISMATCH_TICKS, PRESSING_REST_SPEED, REST_ERROR, REST_SPEED, SETPOINT_REST_SPEED,
+    VELOCITY_LIMIT_FRACTION,
 };
 use super::{Arm, ArmMeasurement, ArmOutput, SetpointError};
 use crate::TICK;
@@ -328,7 +329,11 @@ impl ImpedanceState {
             return;
         }
         let senses_contact = use_measured_state && !self.estimates_force();
-        let rest_speed = if senses_contact { CONTACT_REST_SPEED } else { REST_SPEED };
+        let rest_speed = match (senses_contact, self.setpoints_rest()) {
+            (true, true) => PRESSING_REST_SPEED,
+            (true, false) => CONTACT_REST_SPEED,
+            (false, _) => REST_SPEED,
+        };
         let reference = self.angles.iter_mut().zip(&mut self.velocities);
         let joints = reference.zip(self.observers.iter_mut().zip(&measurement.angles));
         for ((angle, velocity), (observer, measured)) in joints.take(arm.chain.len()) {
@@ -349,6 +354,12 @@ impl ImpedanceState {
                 observer.reset_motion();
             }
         }
+    }
+
+    /// Whether the set-points of tool and elbow are at rest.
+    fn setpoints_rest(&self) -> bool {
+        let speeds = self.setpoint.velocity.iter().chain([&self.elbow_setpoint.velocity]);
+        speeds.into_iter().all(|speed| abs(*speed) < SETPOINT_REST_SPEED)
     }
 
     /// Updates the wrench estimate from the motor torques, if that is the source.

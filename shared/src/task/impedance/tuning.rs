@@ -30,6 +30,12 @@ pub(super) const REST_SPEED: f32 = 2e-3;
 /// speed is uncertain by some counts of the encoder. A smaller one lets the force on a stiff wall change by a
 /// newton when a joint breaks away late; a larger one leaves a larger error of the force at rest.
 pub(super) const CONTACT_REST_SPEED: f32 = 4e-2;
+/// The same while the set-points are at rest, too. There the disturbance estimate would integrate against joint
+/// friction. A smaller one lets the force hunt longer on a stiff wall; a larger one leaves more of the model
+/// error in the tool's position.
+pub(super) const PRESSING_REST_SPEED: f32 = 0.12;
+/// Speed below which a set-point is at rest [m/s, rad/s].
+pub(super) const SETPOINT_REST_SPEED: f32 = 1e-3;
 
 /// Tolerance of the norm of a unit quaternion.
 pub(super) const NORM_TOLERANCE: f32 = 1e-3;

@@ -4,6 +4,7 @@ mod arm_angle;
 mod fixture;
 mod loss;
 mod momentum;
+mod pressing;
 mod resolver;
 mod setpoints;
 mod settings;
