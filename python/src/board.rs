@@ -188,7 +188,7 @@ impl Board {
     ///
     /// Args:
     ///     task: ``joints`` (joint servo), ``impedance``, ``grasping`` or ``telexistence``.
-    ///     servo: of the joint servo: ``observer`` or ``pid``.
+    ///     servo: of the joint servo: ``observer``, ``pid`` or ``bare-pid``.
     ///     file: impedance file (``robots/arm7/impedances/soft.toml``), or for telexistence the robot's
     ///         folder.
     ///

@@ -174,7 +174,8 @@ fn split(matrix: &[[f32; 6]; 6], key: &'static str) -> Result<([f32; 6], Option<
         diagonal[row] = values[row];
         for (column, &value) in values.iter().enumerate().take(row) {
             let mirrored = matrix[column][row];
-            if value.to_bits() != mirrored.to_bits() {
+            // Two NaN are equal here: a message about their cell follows.
+            if value != mirrored && !(value.is_nan() && mirrored.is_nan()) {
                 let message = format!(
                     "the {key} matrix is not symmetric: row {}, column {} is {value}, row {}, column {} is {mirrored}",
                     row + 1,
@@ -205,7 +206,7 @@ pub fn check(path: &Path, text: &str, model: &RobotModel) -> (Option<ImpedanceSe
     let Some(table) = file::parse::<ImpedanceTable>(text, ADVICE, &mut report) else {
         return (None, report.findings);
     };
-    if model.chains.len() != 1 || model.joints.len() < 6 {
+    if model.chains.len() != 1 || model.joints.len() < 6 || !model.mimics.is_empty() {
         let message = format!("{}: {}", model.name, ImpedanceRefusal::NotAnArm);
         report.dynamics(None, message, "only an arm has an impedance");
         return (None, report.findings);

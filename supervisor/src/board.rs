@@ -103,18 +103,17 @@ impl BoardError {
     /// The exit code of a program that ends with it, as in docs/supervisor.md.
     pub const fn exit_code(&self) -> u8 {
         match self {
-            Self::Reset => 1,
-            Self::TooManyJoints(_) => 2,
-            Self::Link(_) => 3,
-            Self::SchemaMismatch { .. } => 4,
-            Self::Timeout { .. } => 6,
-            Self::Refused { .. }
+            Self::Reset
             | Self::WrongReply { .. }
             | Self::Interrupted
             | Self::OtherTask { .. }
             | Self::ExportDisturbed
-            | Self::TooManyTips(_)
-            | Self::Encoding(_) => 7,
+            | Self::Encoding(_) => 1,
+            Self::TooManyJoints(_) | Self::TooManyTips(_) => 2,
+            Self::Link(_) => 3,
+            Self::SchemaMismatch { .. } => 4,
+            Self::Timeout { .. } => 6,
+            Self::Refused { .. } => 7,
         }
     }
 

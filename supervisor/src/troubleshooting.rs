@@ -151,9 +151,8 @@ mod tests {
         assert_eq!(stop.what, "A joint is more than limits.following_error from its reference.");
         assert!(stop.likely.starts_with("a blocked or overloaded joint, a torque limit"), "{stop:?}");
         assert!(stop.remedy.starts_with("move the joint by hand;"), "{stop:?}");
-        for number in 0..=30 {
-            let cause: FaultCause =
-                postcard::from_bytes(&[number]).expect("causes are numbered without gaps");
+        let causes = (0..).map_while(|number: u8| postcard::from_bytes::<FaultCause>(&[number]).ok());
+        for cause in causes {
             let Explanation { what, remedy, .. } = explanation(cause);
             assert!(!what.is_empty() && !remedy.is_empty(), "{cause:?}");
         }

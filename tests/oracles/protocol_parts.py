@@ -268,6 +268,7 @@ GRASP_REFUSALS = {
     "out-of-reach": uint(4) + byte(1) + reals([0.1, 0.0, -0.25]),
     "not-finite": uint(5),
     "too-fast": uint(6) + reals([0.375, 0.2]),
+    "limit": uint(7) + LIMITS["outside-limits"],
 }
 for number, name in enumerate(PHASES):
     GRASP_REFUSALS["busy-" + name] = uint(2) + uint(number)

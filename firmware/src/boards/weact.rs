@@ -21,10 +21,7 @@
 //! supply is its reference (`REFIN`), and its clock is 8.192 MHz. Nothing measures the gauges' temperature.
 //! Without a force sensor in the model its pins are unused and stay open.
 //!
-//! The carriers are in their PH/EN mode (`PMODE` low). The emergency stop opens a contact from 3.3 V to PC8;
-//! from there 4.7 kΩ go to PA6, which has 47 kΩ to ground. PC8 is a data line of the microSD slot that such
-//! boards may have: pull-ups on it must be removed, or an open contact reads as a closed one. There is no
-//! plant link.
+//! The wiring of carriers and emergency stop is in `firmware/README.md`. There is no plant link.
 
 use cortex_m::peripheral::NVIC;
 use heapless::spsc::{Consumer, Producer, Queue};

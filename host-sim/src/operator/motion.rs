@@ -3,6 +3,7 @@
 use core::f64::consts::{PI, TAU};
 
 use rapier3d::na::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use tesaki::signal::MINIMUM_JERK_PEAK;
 use tesaki_supervisor::trajectory::minimum_jerk;
 
 use super::Recorded;
@@ -117,8 +118,7 @@ impl OperatorHandMotion {
                     Vector3::from_fn(|_, _| within([-values.tilt, values.tilt])) - tilt,
                 ),
             };
-            // The peak speed of a minimum-jerk motion is 15/8 of the mean.
-            let stroke_time = (1.875 * shift.norm() / within(values.speed)).max(0.2);
+            let stroke_time = (f64::from(MINIMUM_JERK_PEAK) * shift.norm() / within(values.speed)).max(0.2);
             strokes.push(Stroke { begin: time, duration: stroke_time, shift, turn });
             (place, tilt, time) = (place + shift, tilt + turn, time + stroke_time);
             if within([0.0, 1.0]) < values.pauses {

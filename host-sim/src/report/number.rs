@@ -24,9 +24,7 @@ pub(super) fn significant(value: f64, digits: usize) -> String {
 pub(super) fn measured(value: f64, limit: Option<f64>) -> String {
     let hidden = |text: &str| {
         let shown = text.replace('−', "-").parse::<f64>().unwrap_or(value);
-        limit.is_some_and(|l| {
-            (shown.abs() - l).abs() <= f64::EPSILON * l.abs() && value.abs().total_cmp(&l).is_ne()
-        })
+        limit.is_some_and(|limit| shown.abs().total_cmp(&limit) != value.abs().total_cmp(&limit))
     };
     (3..12)
         .map(|digits| significant(value, digits))
@@ -83,6 +81,7 @@ mod tests {
     fn the_side_of_the_limit_shows() {
         assert_eq!(measured(12.004, Some(12.0)), "12.004");
         assert_eq!(measured(11.998, Some(12.0)), "11.998");
+        assert_eq!(measured(12.04, Some(12.03)), "12.04");
         assert_eq!(measured(12.004, Some(5.0)), "12.0");
         assert_eq!(measured(12.0, Some(12.0)), "12");
     }

@@ -29,9 +29,10 @@ impl Board {
             "joints" => TaskConfig::JointServo(match servo {
                 "observer" => ServoMode::Observer,
                 "pid" => ServoMode::Pid,
+                "bare-pid" => ServoMode::BarePid,
                 other => {
                     return Err(PyValueError::new_err(format!(
-                        "servo is {other:?}: expected observer or pid"
+                        "servo is {other:?}: expected observer, pid or bare-pid"
                     )));
                 }
             }),
@@ -43,9 +44,7 @@ impl Board {
             "telexistence" => {
                 let path = path.ok_or_else(|| needed("the robot's folder"))?;
                 let model = self.known_model()?;
-                let mut settings = RetargetingSettings::load(&path, model).map_err(file)?.task;
-                settings.limit_speeds(model.joints.iter().map(|joint| joint.limits.velocity));
-                TaskConfig::Telexistence(settings)
+                TaskConfig::Telexistence(RetargetingSettings::load(&path, model).map_err(file)?.task)
             }
             other => {
                 return Err(PyValueError::new_err(format!(

@@ -291,12 +291,15 @@ fn tip_on_axis(model: &RobotModel, index: usize, urdf: &Urdf, report: &mut Repor
 fn against_plant(model: &RobotModel, plant: &PlantValues, known: &[Finding], report: &mut Report) {
     // A joint that is wrong is not in the model.
     let is_told = |name: &str| known.iter().any(|finding| finding.is_error() && finding.is_about_joint(name));
-    for name in plant.posture.keys().filter(|name| !is_told(name)) {
+    let sections = [("posture", &plant.posture), ("elasticity", &plant.elasticity)];
+    let named =
+        sections.into_iter().flat_map(|(section, values)| values.keys().map(move |name| (section, name)));
+    for (section, name) in named.filter(|(_, name)| !is_told(name)) {
         if !model.joints.iter().any(|joint| joint.name == name.as_str()) {
             let names: Vec<&str> = model.joints.iter().map(|joint| joint.name.as_str()).collect();
-            let message = format!("[posture]: the URDF has no joint {name}");
+            let message = format!("[{section}]: the URDF has no joint {name}");
             let advice = format!("correct or remove it; the moving joints are {}", names.join(", "));
-            report.dynamics(report.line_of(&format!("posture.{name}")), message, advice);
+            report.dynamics(report.line_of(&format!("{section}.{name}")), message, advice);
         }
     }
     let time = |joint: &JointModel| f64::from(joint.motor.rotor_inertia / joint.friction.viscous.max(1e-9));

@@ -7,7 +7,7 @@ mod pseudo_differentiator;
 mod rate_limiter;
 mod trajectory_filter;
 
-pub use minimum_jerk::minimum_jerk;
+pub use minimum_jerk::{MINIMUM_JERK_PEAK, minimum_jerk};
 pub use motion_limits::MotionLimits;
 pub(crate) use motion_limits::MotionTarget;
 pub use pseudo_differentiator::PseudoDifferentiator;

@@ -382,9 +382,9 @@ impl fmt::Display for InvalidFingertip {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "finger {} of the operator, counted from 0: its tip must be at most {MAX_COORDINATE} m from the wrist, its direction \
+            "finger {} of the operator: its tip must be at most {MAX_COORDINATE} m from the wrist, its direction \
              a unit vector",
-            self.finger
+            self.finger + 1
         )
     }
 }

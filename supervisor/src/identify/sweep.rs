@@ -6,6 +6,7 @@ use heapless::Vec as Points;
 use tesaki::control::JointPoint;
 use tesaki::model::{JointModel, MAX_JOINTS, RobotModel};
 use tesaki::protocol::{Request, Telemetry};
+use tesaki::signal::MINIMUM_JERK_PEAK;
 use tesaki::task::TaskCommand;
 use tesaki::task::joint_servo::JointCommand;
 use tesaki_description::plant::CONTROL_PERIOD;
@@ -17,8 +18,6 @@ use crate::trajectory::minimum_jerk;
 const CLEAR: f64 = 0.02;
 /// Largest speed of a sweep, as a fraction of the joint's limit.
 const SPEED: f64 = 0.5;
-/// Peak speed of a minimum-jerk motion, relative to its mean speed.
-const PEAK: f64 = 1.875;
 /// Peak acceleration of a minimum-jerk motion, 10/√3, relative to distance / time².
 const PEAK_ACCELERATION: f64 = 5.773_502_7;
 /// Number of sent set-points among which the board's reference is sought: a delayed link is some behind.
@@ -107,7 +106,7 @@ impl Sweep<'_> {
     fn least_time(&self, leg: &Leg) -> f64 {
         let least = |((from, to), joint): (&(f64, f64), &JointModel)| {
             let (way, limits) = ((to - from).abs(), &joint.limits);
-            let by_speed = PEAK * way / (SPEED * f64::from(limits.velocity));
+            let by_speed = f64::from(MINIMUM_JERK_PEAK) * way / (SPEED * f64::from(limits.velocity));
             let acceleration =
                 self.torque * f64::from(limits.torque) / f64::from(joint.servo.observer.inertia);
             by_speed.max((PEAK_ACCELERATION * way / acceleration).sqrt())

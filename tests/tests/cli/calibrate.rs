@@ -59,7 +59,7 @@ fn a_table_of_poses_becomes_a_calibration_file() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();
     std::fs::write(path.join("poses.csv"), text(&table(&CalibrationPlan::FULL))).unwrap();
-    let (code, out, error) = run(path, &["poses.csv", "--operator", "Aiko \"A\"", "--out", "aiko.toml"], "");
+    let (code, out, error) = run(path, &["poses.csv", "--name", "Aiko \"A\"", "--out", "aiko.toml"], "");
     assert_eq!(code, 0, "{out}{error}");
     assert!(out.contains("index") && out.contains("written to aiko.toml"), "{out}");
     let file = std::fs::read_to_string(path.join("aiko.toml")).unwrap();

@@ -266,6 +266,8 @@ impl Messages {
         refused("out-of-reach", GraspRefusal::OutOfReach { finger: 1, nearest: [0.1, 0.0, -0.25] });
         refused("not-finite", GraspRefusal::NotFinite);
         refused("too-fast", GraspRefusal::TooFast { value: 0.375, limit: 0.2 });
+        let outside = LimitRefusal::OutsideLimits { joint: 0, value: 2.0, lower: -1.5, upper: 1.5 };
+        refused("limit", GraspRefusal::Limit(outside));
     }
 
     fn telexistence_refusals(&mut self) {

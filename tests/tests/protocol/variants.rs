@@ -78,7 +78,7 @@ variants! {
     JointTargets { ClosedForm, Accumulated }
     Phase { Ready, Approach, Touch, Squeeze, ProbeFriction, Hold, Move, Lower, Open }
     Failure { Obstructed, NoObject, NoGrip, NoSupport, OutOfReach }
-    GraspRefusal { NotAHand, NotTared, Busy, Plan, OutOfReach, NotFinite, TooFast }
+    GraspRefusal { NotAHand, NotTared, Busy, Plan, OutOfReach, NotFinite, TooFast, Limit }
     InvalidPlan { Value, Contact, NoTriangle, CannotGrip, Unbalanced }
     PlanField { Clearance, TouchForce, Friction, ForceLimit, Margin, Capacity, Strength, Gain, Mass }
     ImpedanceCommand { SetTarget, Configure }
@@ -273,6 +273,7 @@ impl Seen {
                     self.variant(field);
                 }
             }
+            GraspRefusal::Limit(limit) => self.variant(limit),
             _ => {}
         }
     }

@@ -152,7 +152,7 @@ fn impedance_control_needs_an_arm_valid_settings_and_a_tared_sensor() {
     assert_eq!(refusal(rig.ask(enable(SOFT))), refused(ImpedanceRefusal::NotAnArm));
     assert_eq!(
         refused(ImpedanceRefusal::NotAnArm).to_string(),
-        "the robot is not an arm: a single chain of six or seven joints"
+        "the robot is not an arm: a single chain of six or seven joints, each with a motor"
     );
 
     let mut rig = arm_rig(&arm_with_force_sensor());

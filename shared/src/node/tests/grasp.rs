@@ -230,6 +230,16 @@ fn commands_that_are_not_possible_leave_the_hand_ready() {
     far.contacts[2].position[0] = 0.15;
     let refused = grasp_refusal(bench.ask(grasp(far)));
     assert!(matches!(refused, GraspRefusal::OutOfReach { finger: 2, .. }), "{refused}");
+    // Joint 1 of the second finger would be at 1.54 rad or, over the axis, at −1.60 rad.
+    let mut sideways = in_front();
+    sideways.contacts[1].position = [0.012_215, 0.171_912, 0.093_219_9];
+    let refused = grasp_refusal(bench.ask(grasp(sideways)));
+    let GraspRefusal::Limit(LimitRefusal::OutsideLimits { joint: 3, value, lower: -1.5, upper: 1.5 }) =
+        refused
+    else {
+        panic!("{refused}")
+    };
+    assert!((value.abs() - 1.57).abs() < 0.05, "{refused}");
     assert_eq!(seen(&mut bench).phase, Phase::Ready);
 }
 

@@ -5,7 +5,7 @@ use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use super::plan::GraspPlan;
-use super::pose::{MINIMUM_JERK_PEAK, PoseTrajectory};
+use super::pose::PoseTrajectory;
 use super::state::Fingers;
 use super::tracker::Tracker;
 use super::tuning::{APPROACH_SPEED, OBSTACLE_FACTOR, REST_TIME, TOUCH_SPEED, TOUCH_TICKS};
@@ -13,7 +13,7 @@ use super::{Failure, GraspFault, GraspHand, GraspState, HandOutput, PerFinger, P
 use crate::control::JointPoint;
 use crate::kinematics::TipPoint;
 use crate::math;
-use crate::signal::minimum_jerk;
+use crate::signal::{MINIMUM_JERK_PEAK, minimum_jerk};
 use crate::zip::zip;
 
 /// Straight path of a fingertip.

@@ -4,7 +4,7 @@ use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use super::{InvalidPlan, PerFinger};
-use crate::robot::Concerns;
+use crate::robot::{Concerns, LimitRefusal};
 
 /// Phase of a grasp.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
@@ -148,12 +148,21 @@ pub enum GraspRefusal {
         /// The limit of that speed.
         limit: f32,
     },
+    /// 7: a fingertip can reach its position only beyond the limits of a joint.
+    Limit(LimitRefusal),
 }
 
 impl Concerns for GraspRefusal {
     fn chain(&self) -> Option<u8> {
         match *self {
             Self::NotTared { chain } | Self::OutOfReach { finger: chain, .. } => Some(chain),
+            _ => None,
+        }
+    }
+
+    fn joint(&self) -> Option<u8> {
+        match self {
+            Self::Limit(refusal) => refusal.joint(),
             _ => None,
         }
     }
@@ -187,6 +196,7 @@ impl fmt::Display for GraspRefusal {
                      duration longer"
                 )
             }
+            Self::Limit(refusal) => write!(f, "a fingertip cannot reach its position: {refusal}"),
         }
     }
 }
@@ -323,6 +333,15 @@ mod tests {
             (
                 GraspRefusal::TooFast { value: 0.375, limit: 0.2 },
                 "the motion's peak speed is 0.375 m/s or rad/s, the limit is 0.2: make its duration longer",
+            ),
+            (
+                GraspRefusal::Limit(LimitRefusal::OutsideLimits {
+                    joint: 4,
+                    value: 1.75,
+                    lower: -0.5,
+                    upper: 1.5,
+                }),
+                "a fingertip cannot reach its position: joint 4: 1.75 rad is outside its limits -0.5 to 1.5 rad",
             ),
             (GraspRefusal::Plan(plan), "the clearance is 0.5 m; the range is 0.001 to 0.05 m"),
         ];

@@ -143,7 +143,7 @@ pub enum GraspCommand {
     },
     /// 2: lower the object until a support carries it, then open.
     PutDown,
-    /// 3: open at once; during the approach: return.
+    /// 3: open at once; during the approach: draw back by `clearance`.
     Open,
 }
 

@@ -33,9 +33,6 @@ impl From<&IsometryMatrix3<f32>> for Frame {
     }
 }
 
-/// Peak speed of a minimum-jerk motion over its mean.
-pub(super) const MINIMUM_JERK_PEAK: f32 = 1.875;
-
 /// Minimum-jerk trajectory of a frame: translation along a straight line, rotation about a fixed axis.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub(super) struct PoseTrajectory {

@@ -7,7 +7,7 @@ use super::forces::Forces;
 use super::gains::TorqueGains;
 use super::phases::weight_on_fingers;
 use super::plan::JointTargets;
-use super::pose::{MINIMUM_JERK_PEAK, PoseTrajectory};
+use super::pose::PoseTrajectory;
 use super::tracker::Tracker;
 use super::tuning::{
     APPROACH_EXTRA_TIME, APPROACH_SPEED, ASSUMED_FRICTION, MAX_ANGULAR_SPEED, MAX_SPEED, TICKS_TO_DITHER,
@@ -21,7 +21,8 @@ use crate::TICK;
 use crate::control::JointPoint;
 use crate::kinematics::{FingerError, Posture};
 use crate::math;
-use crate::robot::Actuation;
+use crate::robot::{Actuation, LimitRefusal};
+use crate::signal::MINIMUM_JERK_PEAK;
 use crate::zip::zip;
 
 /// State of a grasp.
@@ -341,10 +342,13 @@ fn check_reach(
     position: &Vector3<f32>,
     reference: &[f32; 3],
 ) -> Result<(), GraspRefusal> {
-    let Err(error) = finger.inverse.nearest(position, reference) else { return Ok(()) };
-    let nearest = match error {
-        FingerError::OutOfReach { nearest } => nearest.into(),
-        _ => (*position).into(),
-    };
-    Err(GraspRefusal::OutOfReach { finger: index, nearest })
+    finger.inverse.nearest(position, reference).map(drop).map_err(|error| match error {
+        FingerError::NotFinite => GraspRefusal::NotFinite,
+        FingerError::OutOfReach { nearest } => {
+            GraspRefusal::OutOfReach { finger: index, nearest: nearest.into() }
+        }
+        FingerError::OutsideLimits { joint, value, lower, upper } => {
+            GraspRefusal::Limit(LimitRefusal::OutsideLimits { joint: 3 * index + joint, value, lower, upper })
+        }
+    })
 }

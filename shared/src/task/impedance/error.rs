@@ -44,7 +44,7 @@ pub enum SetpointError {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ImpedanceRefusal {
-    /// 0: the robot is not a single chain of six or seven joints.
+    /// 0: the robot is not a single chain of six or seven joints, each with a motor.
     NotAnArm,
     /// 1: the force sensor was not tared since power-on, `Home` or the commit of the model.
     NotTared {
@@ -93,7 +93,7 @@ impl core::error::Error for SetpointError {}
 impl fmt::Display for ImpedanceRefusal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::NotAnArm => f.write_str("the robot is not an arm: a single chain of six or seven joints"),
+            Self::NotAnArm => f.write_str("the robot is not an arm: a single chain of six or seven joints, each with a motor"),
             Self::NotTared { chain } => write!(
                 f,
                 "the force sensor of chain {chain} was not tared since the model was pushed or the joints were \

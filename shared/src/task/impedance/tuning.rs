@@ -30,9 +30,9 @@ pub(super) const REST_SPEED: f32 = 2e-3;
 /// speed is uncertain by some counts of the encoder. A smaller one lets the force on a stiff wall change by a
 /// newton when a joint breaks away late; a larger one leaves a larger error of the force at rest.
 pub(super) const CONTACT_REST_SPEED: f32 = 4e-2;
-/// The same while the set-points are at rest, too. There the disturbance estimate would integrate against joint
-/// friction. A smaller one lets the force hunt longer on a stiff wall; a larger one leaves more of the model
-/// error in the tool's position.
+/// The same while the set-points are at rest, too. There the disturbance estimate would integrate against
+/// joint friction. A smaller one lets the force hunt longer on a stiff wall; a larger one leaves more of the
+/// model error in the tool's position.
 pub(super) const PRESSING_REST_SPEED: f32 = 0.12;
 /// Speed below which a set-point is at rest [m/s, rad/s].
 pub(super) const SETPOINT_REST_SPEED: f32 = 1e-3;
@@ -107,7 +107,7 @@ pub(super) const DERATING_GROWTH: f32 = 1.3;
 /// Maximum derating: four times [`MAX_MASS_RATIO`], as the arm's own mass grows as it moves and is larger
 /// between the axes.
 pub(super) const MAX_DERATING: f32 = 16.0;
-/// Ticks without contact and jumps after which the derating decays: 1 s.
+/// Ticks after the last jump from which on the derating decays while the tool is free: 1 s.
 pub(super) const DERATING_END: u8 = 100;
 /// Fraction of the derating that remains after a tick of decay, and the derating that is negligible.
 pub(super) const DERATING_FADE: f32 = 0.97;

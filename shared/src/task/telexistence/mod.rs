@@ -83,8 +83,9 @@ impl fmt::Display for TelexistenceRefusal {
             Self::Settings(invalid) => invalid.fmt(f),
             Self::Fingertip { finger } => write!(
                 f,
-                "finger {finger} of the operator, counted from 0: its tip must be within 1 m of the wrist and slower than 20 m/s, \
-                 its direction a unit vector"
+                "finger {} of the operator: its tip must be within 1 m of the wrist and slower than 20 m/s, \
+                 its direction a unit vector",
+                finger + 1
             ),
             Self::Age { value } => write!(f, "the age of the sample is {value} s; it must be 0 to 1 s"),
         }

@@ -227,6 +227,7 @@ impl Task for VisualApproach {
         let mut points = *io.references;
         let step = arm.advance(io.references, &mut points, &target, &limits);
         let hand = measured.tip().translation.vector;
+        self.motion.measure(&hand);
         if self.has_moved && self.motion.supervise(&step, &hand, &force, &sense, limit) {
             arm.stop(&io.measured.positions, &mut points);
         }

@@ -101,6 +101,11 @@ impl MotionState {
         self.obstacle = None;
     }
 
+    /// Updates the way of the measured `hand` [m] to its target.
+    pub fn measure(&mut self, hand: &Vector3<f32>) {
+        self.remaining = sqrt((Vector3::from(self.target) - hand).norm_squared());
+    }
+
     /// Whether the hand waits for a target after its motion was ended.
     pub const fn is_ended(&self) -> bool {
         self.is_ended
@@ -137,7 +142,6 @@ impl MotionState {
         sense: &Sense,
         limit: f32,
     ) -> bool {
-        self.remaining = sqrt((Vector3::from(self.target) - hand).norm_squared());
         let (place, time) = self.rest;
         let moved = (hand - Vector3::from(place)).norm_squared() > REST_DISTANCE * REST_DISTANCE;
         self.rest = if moved { ((*hand).into(), 0.0) } else { (place, (time + TICK).min(1.0)) };

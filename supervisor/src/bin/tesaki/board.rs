@@ -167,14 +167,15 @@ fn insist(board: &mut impl Board, action: &'static str, request: &Request) -> Re
     )))
 }
 
-/// What falls without power: the robot, or what its hand held. What the board does not tell is left out.
+/// What falls without power: the robot, or what its hand holds. What the board does not tell is left out.
 fn falls(session: &mut BoardSession) -> Option<String> {
     let holds = session.board.read_grasp().is_ok_and(|grasp| {
         use Phase::{Hold, Lower, Move, ProbeFriction, Squeeze};
         matches!(grasp.phase, Squeeze | ProbeFriction | Hold | Move | Lower)
     });
     if holds {
-        return Some("an object that the hand held falls".to_owned());
+        // The board keeps the phase of a grasp that has ended, so the hand may be empty.
+        return Some("an object that the hand still holds falls".to_owned());
     }
     let model = session.model().ok()?;
     let telemetry = session.telemetry_now().ok()?;

@@ -52,11 +52,10 @@ pub fn run(options: &Options, args: &Calibrate) -> Result<(), Failure> {
         None => lead(options, &mut guide)?,
     }
     let solved = guide.finish(args.proportions).map_err(|error| refused(&error, args.proportions))?;
-    let file = OperatorFile::new(&args.operator, &solved);
+    let file = OperatorFile::new(&args.name, &solved);
     output::save(out, &file.to_toml(), |out| {
         let fingers = named(&solved.map(|(_, accuracy)| accuracy_json(&accuracy)));
-        let value =
-            json!({ "operator": args.operator, "file": out, "poses": guide.poses(), "fingers": fingers });
+        let value = json!({ "operator": args.name, "file": out, "poses": guide.poses(), "fingers": fingers });
         output::result(options, &value, || table(&solved, out))
     })
 }

@@ -9,6 +9,7 @@ use nalgebra::Vector3;
 use serde_json::json;
 use tesaki::model::RobotModel;
 use tesaki::protocol::{Mode, Request, TaskReport};
+use tesaki::signal::MINIMUM_JERK_PEAK;
 use tesaki::task::grasping::{Failure as GraspFailure, GraspCommand, GraspTelemetry, Phase};
 use tesaki::task::{TaskConfig, TaskKind, TaskTelemetry};
 use tesaki_description::grasp;
@@ -17,17 +18,11 @@ use tesaki_supervisor::{Board, BoardError};
 use crate::args::{Grasp, Options, Run, Step};
 use crate::board_session::{BoardSession, interrupted};
 use crate::failure::Failure;
-use crate::motion::{End, Motion, check_distance};
+use crate::motion::{End, MAX_DURATION, Motion, PERIOD, check_distance};
 use crate::output;
 
-/// Period of the keep-alive requests: one for each tick of the board.
-const PERIOD: Duration = Duration::from_millis(10);
 /// Shortest motion of an object [s].
 const MIN_DURATION: f32 = 1.0;
-/// Longest motion of an object [s].
-const MAX_DURATION: f32 = 600.0;
-/// Ratio of the peak to the mean speed of a minimum-jerk motion.
-const PEAK: f32 = 1.875;
 
 pub fn run(options: &Options, command: &Grasp) -> Result<(), Failure> {
     match command {
@@ -105,7 +100,7 @@ fn timed_steps(args: &Run, model: &RobotModel) -> Result<Vec<TimedStep>, Failure
         // The angle between two rotations is at most the distance of their rotation vectors.
         let needed = ((target - last_position).norm() / args.speed)
             .max((turn - last_turn).norm() / args.turn_speed)
-            * PEAK;
+            * MINIMUM_JERK_PEAK;
         let duration = needed.max(MIN_DURATION);
         if duration > MAX_DURATION {
             return Err(Failure::Usage(format!(

@@ -21,6 +21,8 @@ use crate::output;
 pub const KEEP_ALIVE: Duration = Duration::from_millis(20);
 /// Period of the board's ticks.
 pub const PERIOD: Duration = Duration::from_millis(10);
+/// Longest duration of a path [s].
+pub const MAX_DURATION: f32 = 600.0;
 /// Period of the requests for the task's telemetry, and where a behaviour decides by it.
 const ASK: Duration = Duration::from_millis(50);
 const ASK_TO_DECIDE: Duration = Duration::from_millis(20);

@@ -9,6 +9,7 @@ use tesaki::TICK;
 use tesaki::kinematics::{Chain, Finger, FingerError, TipPoint};
 use tesaki::model::{MAX_CHAINS, RobotModel};
 use tesaki::protocol::{Request, Telemetry};
+use tesaki::signal::MINIMUM_JERK_PEAK;
 use tesaki::task::joint_servo::JointCommand;
 use tesaki::task::{TaskCommand, TaskConfig};
 use tesaki_supervisor::arrival::Arrival;
@@ -17,7 +18,7 @@ use tesaki_supervisor::trajectory::minimum_jerk;
 use crate::args::{Options, Reach};
 use crate::failure::Failure;
 use crate::joints::each_once;
-use crate::motion::{End, Motion, PERIOD, check_distance};
+use crate::motion::{End, MAX_DURATION, Motion, PERIOD, check_distance};
 use crate::output;
 
 /// Longest step along the path from a set-point to the next: a late one must not let the joints jump.
@@ -27,8 +28,6 @@ const MAX_STEP: Duration = Duration::from_millis(20);
 const MAX_LEAD: Duration = Duration::from_millis(30);
 /// Shortest duration of a path [s].
 const MIN_DURATION: f32 = 0.5;
-/// Longest duration of a path [s].
-const MAX_DURATION: f32 = 600.0;
 /// Longest wait for arrival after the end of the path.
 const ARRIVAL_TIMEOUT: Duration = Duration::from_secs(3);
 
@@ -147,8 +146,7 @@ fn plan(motion: &mut Motion, args: &Reach) -> Result<(Vec<TipPath>, f32), Failur
 /// Duration of the longest path at the maximum speed [s].
 fn duration(paths: &[TipPath], speed: f32) -> Result<f32, Failure> {
     let longest = paths.iter().map(|path| (path.to - path.from).norm()).fold(0.0, f32::max);
-    // The peak speed of a minimum-jerk motion is 15/8 of its mean speed.
-    let duration = (1.875 * longest / speed).max(MIN_DURATION);
+    let duration = (MINIMUM_JERK_PEAK * longest / speed).max(MIN_DURATION);
     if duration > MAX_DURATION {
         return Err(Failure::Usage(format!(
             "--speed {}: the path would take {duration:.0} s, more than {MAX_DURATION} s",

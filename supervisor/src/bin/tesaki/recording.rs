@@ -82,6 +82,8 @@ struct Recorder<'a> {
     heard: Instant,
     /// When the last entry of the log came.
     logged: Instant,
+    /// When a silent board last answered the request for its streams.
+    asked: Instant,
     /// When the entries were last handed to the operating system.
     flushed: Instant,
     /// When the rate of a stream was last requested.
@@ -189,6 +191,7 @@ impl<'a> Recorder<'a> {
             reported: now,
             heard: now,
             logged: now,
+            asked: now,
             flushed: now,
             requested: now,
             last_tick: None,
@@ -230,7 +233,10 @@ impl<'a> Recorder<'a> {
                 self.log_path.display()
             )));
         }
-        if now - self.heard > REPORT && session.reconnect(&[&[(Stream::Log, 1)], STREAMS].concat())? {
+        if now - self.heard.max(self.asked) > REPORT
+            && session.reconnect(&[&[(Stream::Log, 1)], STREAMS].concat())?
+        {
+            self.asked = now;
             self.log.gap(session, 0).map_err(log_failure(&self.log_path))?;
         }
         // A process that is killed loses one second at most.

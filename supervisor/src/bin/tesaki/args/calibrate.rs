@@ -17,7 +17,7 @@ With --live standard input has a JSON object a line, and the program says what t
    \"markers\": {\"thumb\": [x,y,z], …}}
 
 Examples:
-  tesaki calibrate poses.csv --operator Aiko --out aiko.toml
+  tesaki calibrate poses.csv --name Aiko --out aiko.toml
   tesaki calibrate poses.csv --proportions      # markers on thumb, index and little finger only
   glove | tesaki calibrate --live --out aiko.toml";
 
@@ -35,7 +35,7 @@ Columns:
 Some 30 pictures are good: nearer and farther, moved sideways, and turned about all axes.
 
 Examples:
-  tesaki calibrate camera --robot robots/knob-arm --in views.csv --rose 0.04 --out camera.toml
+  tesaki calibrate camera --robot robots/knob-arm --in views.csv --rose 0.04 --out hand_eye.toml
   tesaki calibrate camera --robot robots/knob-arm --in circles.csv --rose 0.04 --size 256x240";
 
 #[derive(Args)]
@@ -54,7 +54,7 @@ pub struct Calibrate {
     pub out: Option<PathBuf>,
     /// Name of the operator
     #[arg(long, default_value = "operator")]
-    pub operator: String,
+    pub name: String,
     /// Infer fingers without marker from the proportions of the hand, and from touches with the thumb
     #[arg(long)]
     pub proportions: bool,
