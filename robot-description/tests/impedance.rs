@@ -5,7 +5,7 @@ use core::f32::consts::FRAC_PI_2;
 use std::path::{Path, PathBuf};
 
 use tesaki::control::ImpedanceAxes;
-use tesaki::model::RobotModel;
+use tesaki::model::{MimicJoint, RobotModel};
 use tesaki::task::impedance::{DirectLaw, ImpedanceSettings, Law, Redundancy};
 use tesaki_description::impedance::{load, own_mass_at};
 use tesaki_description::init::{InitOptions, robot_texts};
@@ -68,6 +68,23 @@ fn a_hand_has_no_impedance_whatever_the_file_says() {
         "{said}"
     );
     assert!(!said.contains("is an example"), "{said}");
+    // Nor has an arm one of whose joints has no motor.
+    let mut coupled = model("arm7");
+    let wrist = coupled.joints.pop().unwrap();
+    let follower = MimicJoint {
+        chain: 0,
+        place: 6,
+        joint: 5,
+        multiplier: 1.0,
+        offset: 0.0,
+        origin: wrist.origin,
+        axis: wrist.axis,
+        link: wrist.link,
+    };
+    coupled.mimics.push(follower).unwrap();
+    coupled.chains[0].joints = 6;
+    let said = load(&path, &coupled).unwrap_err().to_string();
+    assert!(said.contains("six or seven joints, each with a motor"), "{said}");
 }
 
 /// An arm of six joints without a force sensor, as `tesaki model init` makes it of its URDF.
@@ -140,6 +157,8 @@ fn said_of_matrix(change: impl Fn(&mut [[f32; 6]; 6])) -> Result<ImpedanceSettin
 fn a_matrix_may_couple_the_axes() {
     let settings = said_of_matrix(|_| {}).unwrap();
     assert_eq!(settings.impedance.coupling, None, "a diagonal matrix is the cheap form");
+    // As NumPy prints some zeros.
+    assert_eq!(said_of_matrix(|k| k[3][1] = -0.0).unwrap().impedance.coupling, None);
     let settings =
         said_of_matrix(|k| (k[0][1], k[1][0], k[5][2], k[2][5]) = (100.0, 100.0, -7.0, -7.0)).unwrap();
     let coupling = settings.impedance.coupling.unwrap();

@@ -153,6 +153,20 @@ fn values_that_init_chooses_pass_the_check() {
 }
 
 #[test]
+fn joints_of_the_plant_that_the_robot_has_not_are_named() {
+    let plant = format!("{}\n[elasticity]\nfinger1_bent = 8000.0\n", text("plant.toml"));
+    let (_, findings) = RobotFolder::check_all(
+        Path::new("hand"),
+        &text("robot.urdf"),
+        &text("controller.toml"),
+        Some(&plant),
+    );
+    let said: String = findings.iter().map(|finding| format!("{finding}\n")).collect();
+    assert!(said.contains("[elasticity]: the URDF has no joint finger1_bent"), "{said}");
+    assert!(said.contains("the moving joints are finger1_swing"), "{said}");
+}
+
+#[test]
 fn masses_in_grams_are_found_by_their_density() {
     let said = |from: &str, to: &str| {
         let urdf = text("robot.urdf");

@@ -141,6 +141,10 @@ fn the_hand_goes_straight_at_a_constant_orientation() {
     let way = Vector3::new(0.12, 0.06, -0.05);
     let target = start + way;
     board.move_to(target.into(), 0.1);
+    board.step();
+    // The motion begins half a second after the task; the way is told from the first tick on.
+    let remaining = board.telemetry().remaining;
+    assert!((remaining - way.norm()).abs() < 1e-3, "{remaining} m");
     let (mut before, mut speed_before, mut fastest, mut ticks) = (start, 0.0_f32, 0.0_f32, 0);
     while board.telemetry().motion == HandMotion::Moving {
         board.step();
