@@ -174,8 +174,8 @@ fn split(matrix: &[[f32; 6]; 6], key: &'static str) -> Result<([f32; 6], Option<
         diagonal[row] = values[row];
         for (column, &value) in values.iter().enumerate().take(row) {
             let mirrored = matrix[column][row];
-            // Two NaN are equal here: a message about their cell follows.
-            if value != mirrored && !(value.is_nan() && mirrored.is_nan()) {
+            // Adding 0 turns -0 into 0.
+            if (value + 0.0).to_bits() != (mirrored + 0.0).to_bits() {
                 let message = format!(
                     "the {key} matrix is not symmetric: row {}, column {} is {value}, row {}, column {} is {mirrored}",
                     row + 1,
