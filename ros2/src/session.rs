@@ -160,7 +160,7 @@ mod tests {
         assert_eq!(number(BoardError::SchemaMismatch { board: 1, here: 2, firmware: [0, 1, 0] }), 4);
         assert_eq!(number(BoardError::Timeout { seconds: 2.0 }), 6);
         assert_eq!(number(refused), 7);
-        assert_eq!(number(BoardError::ExportDisturbed), 7);
+        assert_eq!(number(BoardError::ExportDisturbed), 1);
         assert_eq!(Failure::Usage(String::new()).number(), 2);
         assert_eq!(Failure::Dds(DdsError::Ended).number(), 1);
     }

@@ -106,14 +106,13 @@ impl BoardError {
             Self::Reset
             | Self::WrongReply { .. }
             | Self::Interrupted
-            | Self::OtherTask { .. }
             | Self::ExportDisturbed
             | Self::Encoding(_) => 1,
             Self::TooManyJoints(_) | Self::TooManyTips(_) => 2,
             Self::Link(_) => 3,
             Self::SchemaMismatch { .. } => 4,
             Self::Timeout { .. } => 6,
-            Self::Refused { .. } => 7,
+            Self::Refused { .. } | Self::OtherTask { .. } => 7,
         }
     }
 

@@ -266,7 +266,7 @@ mod tests {
         assert_eq!(number(BoardError::Reset), 1);
         assert_eq!(number(BoardError::TooManyJoints(40)), 2);
         assert_eq!(number(BoardError::Timeout { seconds: 2.0 }), 6);
-        assert_eq!(number(BoardError::ExportDisturbed), 7);
+        assert_eq!(number(BoardError::ExportDisturbed), 1);
     }
 
     #[test]
