@@ -69,6 +69,15 @@ fn ctrl_c_puts_the_box_down_and_a_fault_says_what_became_of_it() {
     ];
     server.fails(&["grasp", "run", &file, "lift=0.2"], 7, &words);
 
+    // So is the joint whose limits are in the way of a contact.
+    let folder = tempfile::tempdir().unwrap();
+    let behind = folder.path().join("behind.toml");
+    let text = std::fs::read_to_string(&file).unwrap();
+    std::fs::write(&behind, text.replace("[0.090, 0.0, 0.085]", "[0.0, 0.0, 0.085]")).unwrap();
+    let words =
+        ["a fingertip cannot reach its position: finger1_bend: ", "outside its limits -1.2 to 1.7 rad"];
+    server.fails(&["grasp", "run", behind.to_str().unwrap()], 7, &words);
+
     let run = server.start_command(&["--json", "grasp", "run", &file, "hold"]);
     wait_until_held();
     server.make_trouble("estop on");

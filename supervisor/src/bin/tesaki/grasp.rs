@@ -318,7 +318,9 @@ impl Course<'_> {
 /// A refusal of a step, which it names.
 fn of_step(step: &str, failure: Failure) -> Failure {
     match failure {
-        Failure::Board(BoardError::Refused { .. }) => Failure::Refused(format!("{step}: {failure}")),
+        Failure::Board(BoardError::Refused { .. }) | Failure::Refused(_) => {
+            Failure::Refused(format!("{step}: {failure}"))
+        }
         other => other,
     }
 }

@@ -210,7 +210,8 @@ impl<'a> Motion<'a> {
 
     /// Sends a grasp command; returns the tick and the hand's telemetry after it.
     pub fn grasp(&mut self, command: GraspCommand) -> Result<(u32, GraspTelemetry), Failure> {
-        self.session.board.grasp(command)?;
+        let sent = self.session.board.grasp(command);
+        sent.map_err(|error| Failure::from(error).named(&self.model))?;
         let report = self.session.board.read_task()?;
         match report.telemetry {
             TaskTelemetry::Grasping(grasp) => Ok((report.tick, grasp)),
