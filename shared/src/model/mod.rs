@@ -297,6 +297,13 @@ pub struct JointLimits {
     pub following_error: f32,
 }
 
+impl JointLimits {
+    /// Largest speed of a planned motion [rad/s]. The rest of the velocity limit is a margin for tracking.
+    pub const fn planned_speed(&self) -> f32 {
+        0.8 * self.velocity
+    }
+}
+
 /// Gains of a joint servo. Both modes share the feed-forward.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct ServoGains {

@@ -18,9 +18,6 @@ const VELOCITY_POLE: f32 = 0.367_879_44;
 /// above about one half, damping would oscillate.
 const MAX_DAMPED_SHARE: f32 = 0.3;
 
-/// Share of the velocity limit at which a joint approaches a goal. The rest is a margin for tracking.
-const GOAL_SPEED: f32 = 0.8;
-
 /// A joint of a validated model, preprocessed for the tick.
 #[derive(Clone, Debug)]
 pub struct JointConfig {
@@ -90,7 +87,7 @@ impl JointConfig {
     /// How far a goal may be ahead of the reference [rad]. The trajectory filter follows a goal that stays
     /// `d` ahead at the velocity `d/(2 T_f)`.
     pub(crate) fn max_goal_distance(&self) -> f32 {
-        2.0 * GOAL_SPEED * self.limits.velocity * self.servo.filter_time()
+        2.0 * self.limits.planned_speed() * self.servo.filter_time()
     }
 
     /// The reference one period after `reference` while braking with half of the torque, or more near a joint

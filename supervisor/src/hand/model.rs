@@ -19,6 +19,7 @@ struct FingerModel {
     inverse: Finger,
     torque_limits: [f32; 3],
     friction: [f32; 3],
+    planned_speeds: [f32; 3],
     radius: f32,
 }
 
@@ -47,7 +48,9 @@ impl HandModel {
                 Finger::try_new(&chain, limits).map_err(|error| not(format!("{}: {error}", model.name)))?;
             let torque_limits = [a, b, c].map(|joint| JointServo::new(joint).torque_limit());
             let friction = [a, b, c].map(|joint| joint.friction.coulomb);
-            fingers.push(FingerModel { chain, inverse, torque_limits, friction, radius: model.tip_radius });
+            let planned_speeds = [a, b, c].map(|joint| joint.limits.planned_speed());
+            let radius = model.tip_radius;
+            fingers.push(FingerModel { chain, inverse, torque_limits, friction, planned_speeds, radius });
         }
         let got = fingers.len();
         let fingers = fingers.try_into().map_err(|_| not(format!("it has {got} fingers")))?;
@@ -61,6 +64,7 @@ impl HandModel {
             inverse: &finger.inverse,
             torque_limits: finger.torque_limits,
             friction: finger.friction,
+            planned_speeds: finger.planned_speeds,
             radius: finger.radius,
         });
         GraspHand { fingers, gravity: &self.gravity }

@@ -22,6 +22,18 @@ fn steps_that_are_none_are_refused_before_anything_moves() {
     server.fails(&["grasp", "run", &file, "--speed", "0"], 2, &["--speed", "above 0"]);
     server.fails(&["grasp", "run", &file, "--speed", "1e-9", "lift=0.01"], 2, &["--speed", "600 s"]);
     server.fails(&["grasp", "status"], 7, &["no task was enabled", "troubleshooting.md"]);
+
+    // The joint is named whose limits are in the way of a contact, or of the path to it.
+    let text = std::fs::read_to_string(&file).unwrap();
+    for (position, joint, limit) in [
+        ("[0.0, 0.0, 0.085]", "finger1_bend: ", "outside its limits -1.2 to 1.7 rad"),
+        ("[0.090, 0.0, 0.045]", "finger3_swing: ", "beyond its limit of 4.8 rad/s"),
+    ] {
+        let elsewhere = server.folder.path().join("elsewhere.toml");
+        std::fs::write(&elsewhere, text.replace("[0.090, 0.0, 0.085]", position)).unwrap();
+        let words = ["a fingertip cannot be led to its position: ", joint, limit];
+        server.fails(&["grasp", "run", elsewhere.to_str().unwrap()], 7, &words);
+    }
 }
 
 #[test]
@@ -68,15 +80,6 @@ fn ctrl_c_puts_the_box_down_and_a_fault_says_what_became_of_it() {
         "the nearest in reach",
     ];
     server.fails(&["grasp", "run", &file, "lift=0.2"], 7, &words);
-
-    // So is the joint whose limits are in the way of a contact.
-    let folder = tempfile::tempdir().unwrap();
-    let behind = folder.path().join("behind.toml");
-    let text = std::fs::read_to_string(&file).unwrap();
-    std::fs::write(&behind, text.replace("[0.090, 0.0, 0.085]", "[0.0, 0.0, 0.085]")).unwrap();
-    let words =
-        ["a fingertip cannot reach its position: finger1_bend: ", "outside its limits -1.2 to 1.7 rad"];
-    server.fails(&["grasp", "run", behind.to_str().unwrap()], 7, &words);
 
     let run = server.start_command(&["--json", "grasp", "run", &file, "hold"]);
     wait_until_held();

@@ -37,13 +37,17 @@ pub fn hand() -> RobotModel {
 /// The hand, not tared yet, bent so that its tips are at x = ±71.9466 mm from its roots and at z = 93.2199
 /// mm.
 fn untared_hand() -> Bench {
-    let angles = [0.0, 0.5, 0.8, 0.0, 0.5, 0.8, 0.0, -0.5, -0.8];
+    hand_of_model_at([0.0, 0.5, 0.8, 0.0, 0.5, 0.8, 0.0, -0.5, -0.8], &hand())
+}
+
+/// A hand at these angles, not tared yet.
+fn hand_of_model_at(angles: [f32; 9], model: &RobotModel) -> Bench {
     let mut bench = Bench::new();
     bench.sensors.encoders = angles.iter().map(|angle| (angle * COUNTS_PER_RADIAN) as i32).collect();
     bench.sensors.currents = [0; 9].into_iter().collect();
     bench.sensors.forces = [[0; 6]; 3].into_iter().collect();
     bench.command();
-    assert_eq!(bench.push(&hand()), Reply::Done);
+    assert_eq!(bench.push(model), Reply::Done);
     bench.tick();
     bench
 }
@@ -241,6 +245,35 @@ fn commands_that_are_not_possible_leave_the_hand_ready() {
     };
     assert!((value.abs() - 1.57).abs() < 0.05, "{refused}");
     assert_eq!(seen(&mut bench).phase, Phase::Ready);
+}
+
+/// At (±1.1, 0.1, 0.8) rad the first tip is 45.1545 mm from the axis of its first joint, at z = 116.960 mm. It
+/// is led along y from (20.482, 40.242) to (20.482, −40.242) mm within 1.709 s, in the middle at 88.30 mm/s,
+/// where the joint turns at 4.311 rad/s.
+#[test]
+fn a_path_past_the_axis_of_a_joint_is_refused_with_its_speed() {
+    let mut plan = in_front();
+    // As there, 10 mm behind the tip's centre.
+    plan.contacts[0].position = [0.030_482, -0.040_242, 0.116_960];
+    for (velocity, refused) in [(5.2, true), (5.5, false)] {
+        let mut model = hand();
+        model.joints[0].limits.velocity = velocity;
+        let mut bench = hand_of_model_at([1.1, 0.1, 0.8, 0.0, 0.5, 0.8, 0.0, -0.5, -0.8], &model);
+        assert_eq!(bench.ask(Request::Tare), Reply::Done);
+        assert_eq!(bench.ask(GRASP), Reply::Done);
+        let reply = bench.ask(grasp(plan));
+        if !refused {
+            assert_eq!(reply, Reply::Done);
+            continue;
+        }
+        let GraspRefusal::Limit(LimitRefusal::TooFast { joint: 0, value, limit }) = grasp_refusal(reply)
+        else {
+            panic!()
+        };
+        // 80 % of the velocity limit.
+        assert!((limit - 4.16).abs() < 1e-5 && limit < value && value < 4.311, "{value}, {limit}");
+        assert_eq!(seen(&mut bench).phase, Phase::Ready);
+    }
 }
 
 #[test]

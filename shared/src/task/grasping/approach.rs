@@ -29,7 +29,7 @@ pub(super) struct TipPath {
 }
 
 /// Set-point of a tip's centre: position [m], velocity [m/s] and acceleration [m/s²].
-type TipSetpoint = [Vector3<f32>; 3];
+pub(super) type TipSetpoint = [Vector3<f32>; 3];
 
 impl TipPath {
     /// No path.
@@ -38,6 +38,19 @@ impl TipPath {
     /// The path from `start` to `end`.
     pub fn between(start: Vector3<f32>, end: Vector3<f32>) -> Self {
         Self { start: start.into(), end: end.into(), ..Self::NONE }
+    }
+
+    /// Set-point at `time` [s] of a motion with minimum jerk that takes `duration` [s].
+    pub fn setpoint(&self, time: f32, duration: f32) -> TipSetpoint {
+        let inverse = 1.0 / duration;
+        let [value, first, second] = minimum_jerk(time * inverse);
+        let start = Vector3::from(self.start);
+        let displacement = Vector3::from(self.end) - start;
+        [
+            start + displacement * value,
+            displacement * (first * inverse),
+            displacement * (second * inverse * inverse),
+        ]
     }
 }
 
@@ -147,19 +160,9 @@ impl GraspState {
         })
     }
 
-    /// Set-points of the fingertips on their paths, with minimum jerk.
+    /// Set-points of the fingertips on their paths.
     fn tip_setpoints(&self) -> PerFinger<TipSetpoint> {
-        let inverse = 1.0 / self.path_duration;
-        let [value, first, second] = minimum_jerk(self.elapsed() * inverse);
-        self.tip_paths.map(|path| {
-            let start = Vector3::from(path.start);
-            let displacement = Vector3::from(path.end) - start;
-            [
-                start + displacement * value,
-                displacement * (first * inverse),
-                displacement * (second * inverse * inverse),
-            ]
-        })
+        self.tip_paths.each_ref().map(|path| path.setpoint(self.elapsed(), self.path_duration))
     }
 
     /// Set-points of the joints for those of the fingertips, by inverse kinematics.

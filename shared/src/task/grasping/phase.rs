@@ -148,7 +148,7 @@ pub enum GraspRefusal {
         /// The limit of that speed.
         limit: f32,
     },
-    /// 7: a fingertip can reach its position only beyond the limits of a joint.
+    /// 7: a fingertip can reach its position, or follow the path to it, only beyond the limits of a joint.
     Limit(LimitRefusal),
 }
 
@@ -196,7 +196,7 @@ impl fmt::Display for GraspRefusal {
                      duration longer"
                 )
             }
-            Self::Limit(refusal) => write!(f, "a fingertip cannot reach its position: {refusal}"),
+            Self::Limit(refusal) => write!(f, "a fingertip cannot be led to its position: {refusal}"),
         }
     }
 }
@@ -341,7 +341,7 @@ mod tests {
                     lower: -0.5,
                     upper: 1.5,
                 }),
-                "a fingertip cannot reach its position: joint 4: 1.75 rad is outside its limits -0.5 to 1.5 rad",
+                "a fingertip cannot be led to its position: joint 4: 1.75 rad is outside its limits -0.5 to 1.5 rad",
             ),
             (GraspRefusal::Plan(plan), "the clearance is 0.5 m; the range is 0.001 to 0.05 m"),
         ];

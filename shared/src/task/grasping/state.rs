@@ -10,8 +10,8 @@ use super::plan::JointTargets;
 use super::pose::PoseTrajectory;
 use super::tracker::Tracker;
 use super::tuning::{
-    APPROACH_EXTRA_TIME, APPROACH_SPEED, ASSUMED_FRICTION, MAX_ANGULAR_SPEED, MAX_SPEED, TICKS_TO_DITHER,
-    TICKS_TO_DITHER_END,
+    APPROACH_EXTRA_TIME, APPROACH_SPEED, ASSUMED_FRICTION, MAX_ANGULAR_SPEED, MAX_SPEED, PATH_CHECKS,
+    TICKS_TO_DITHER, TICKS_TO_DITHER_END,
 };
 use super::{
     Failure, FingerSense, Frame, GraspCommand, GraspFault, GraspFinger, GraspHand, GraspPlan, GraspRefusal,
@@ -236,17 +236,18 @@ impl GraspState {
             let before = at_contact - normal * plan.clearance;
             // Both ends of the search for the surface.
             for position in [before, at_contact + normal * plan.clearance] {
-                check_reach(index, finger, &position, reference)?;
+                reach(index, finger, &position, reference)?;
             }
             let start = finger.chain.posture(reference).tip().translation.vector;
             let length = math::sqrt((before - start).norm_squared());
             max_length = if length > max_length { length } else { max_length };
             *path = TipPath::between(start, before);
         }
+        let path_duration = max_length * (MINIMUM_JERK_PEAK / APPROACH_SPEED) + APPROACH_EXTRA_TIME;
+        check_paths(hand, &tip_paths, path_duration, &self.reference)?;
         self.failure = None;
         self.plan = Some(plan);
-        self.tip_paths = tip_paths;
-        self.path_duration = max_length * (MINIMUM_JERK_PEAK / APPROACH_SPEED) + APPROACH_EXTRA_TIME;
+        (self.tip_paths, self.path_duration) = (tip_paths, path_duration);
         self.tracker = Tracker::NONE;
         self.forces = Forces::new(plan.friction.unwrap_or(ASSUMED_FRICTION));
         (self.integral, self.grip_fraction, self.probe_force) = ([0.0; 6], 0.0, 0.0);
@@ -287,7 +288,7 @@ impl GraspState {
             zip((0.., &hand.fingers, &self.tracker.anchors, &self.reference))
         {
             let position = target.transform_point(&(*anchor).into()).coords;
-            check_reach(index, finger, &position, reference)?;
+            reach(index, finger, &position, reference)?;
         }
         self.trajectory = PoseTrajectory::between(&start, &target, duration);
         self.failure = None;
@@ -335,14 +336,41 @@ impl GraspState {
     }
 }
 
-/// Checks that a fingertip can reach `position` [m]. `reference`: its present joint angles [rad].
-fn check_reach(
+/// Checks the paths of the fingertips, which take `duration` [s]: each of [`PATH_CHECKS`] points can be
+/// reached, and no joint moves faster between them than its planned speed. `reference`: the joint angles at
+/// their start [rad].
+fn check_paths(
+    hand: &GraspHand<'_>,
+    paths: &PerFinger<TipPath>,
+    duration: f32,
+    reference: &PerFinger<[f32; 3]>,
+) -> Result<(), GraspRefusal> {
+    let interval = duration / f32::from(PATH_CHECKS);
+    for (index, finger, path, angles) in zip((0_u8.., &hand.fingers, paths, reference)) {
+        let mut last = *angles;
+        for check in 1..=PATH_CHECKS {
+            let [position, ..] = path.setpoint(f32::from(check) * interval, duration);
+            let angles = reach(index, finger, &position, &last)?;
+            for (joint, angle, last, limit) in zip((3 * index.., &angles, &last, finger.planned_speeds)) {
+                let value = math::abs(angle - last) / interval;
+                if value > limit {
+                    return Err(GraspRefusal::Limit(LimitRefusal::TooFast { joint, value, limit }));
+                }
+            }
+            last = angles;
+        }
+    }
+    Ok(())
+}
+
+/// Returns the joint angles [rad] with which a fingertip is at `position` [m]. `reference`: angles nearby.
+fn reach(
     index: u8,
     finger: &GraspFinger<'_>,
     position: &Vector3<f32>,
     reference: &[f32; 3],
-) -> Result<(), GraspRefusal> {
-    finger.inverse.nearest(position, reference).map(drop).map_err(|error| match error {
+) -> Result<[f32; 3], GraspRefusal> {
+    finger.inverse.nearest(position, reference).map_err(|error| match error {
         FingerError::NotFinite => GraspRefusal::NotFinite,
         FingerError::OutOfReach { nearest } => {
             GraspRefusal::OutOfReach { finger: index, nearest: nearest.into() }
