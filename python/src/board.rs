@@ -481,11 +481,18 @@ impl Board {
         }
         let urdf = folder.as_ref().map(|folder| std::fs::read_to_string(folder.path.join("robot.urdf")));
         let urdf = urdf.transpose().map_err(file)?;
-        let recording = Recording::create(&path, urdf.as_deref()).map_err(wrong)?;
+        // A board that does not answer costs no earlier recording.
+        self.stream_recorded(py, true)?;
+        let recording = match Recording::create(&path, urdf.as_deref()) {
+            Ok(recording) => recording,
+            Err(error) => {
+                self.stream_recorded(py, false)?;
+                return Err(wrong(error));
+            }
+        };
         let mut publication = Publication::new(recording, folder);
         // Nobody else pushes a model meanwhile, so any checksum will do.
         publication.use_model(self.model.as_ref().map(|model| (model, 0)));
-        self.stream_recorded(py, true)?;
         let (mut count, mut failed, mut last) = (0, None, None);
         let request = if self.is_enabled { Request::Keep } else { Request::ReadStatus };
         let until = Instant::now() + duration;

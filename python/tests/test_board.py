@@ -132,6 +132,22 @@ def test_an_exception_disables(serve):
         assert board.telemetry()["mode"] == "disabled" and board.faults() == []
 
 
+def test_what_another_program_has_enabled_is_not_disabled(serve):
+    served = serve()
+    with tesaki.Board(served.port) as board:
+        board.push(tesaki.Robot(tesaki.robots() / "hand3"))
+        board.home(served.angles)
+        board.enable()
+        # The command timeout stops the hand.
+        time.sleep(0.5)
+        with tesaki.Board(served.port, take_over=True) as other:
+            other.clear_faults()
+            other.enable()
+            board.close()
+            other.wait(0.2)
+            assert other.telemetry()["mode"] == "enabled (joint servo)"
+
+
 def test_a_fault_is_an_exception_with_its_words(serve):
     served = serve()
     with tesaki.Board(served.port) as board:

@@ -14,6 +14,7 @@ use std::io;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
+use nix::errno::Errno;
 use nix::fcntl::{FcntlArg, FdFlag, OFlag, fcntl};
 use nix::poll::{PollFd, PollFlags};
 use nix::sys::termios::{SetArg, cfmakeraw, tcgetattr, tcsetattr};
@@ -32,6 +33,9 @@ const WAITING: usize = 64 * 1024;
 
 /// Maximum number of clients in a handshake: the oldest makes room for another.
 const MAX_HANDSHAKES: usize = 16;
+
+/// Maximum number of clients: more would not get their share of a board.
+const MAX_CLIENTS: usize = 64;
 
 /// Maximum number of messages about dropped clients that wait to be shown.
 const MAX_MESSAGES: usize = 16;
@@ -212,36 +216,52 @@ impl Hub {
         }
     }
 
-    /// Serves clients until there is a frame for the board.
+    /// Serves clients until there is a frame for the board, or until `deadline`.
     fn serve(&mut self, deadline: Instant) -> io::Result<()> {
         loop {
-            self.accept();
+            let listens = self.accept();
             self.read();
             self.arbiter.proceed(Instant::now(), &mut self.waiting);
             self.answer();
             if !self.waiting.is_empty() {
                 return Ok(());
             }
-            let listeners =
-                self.listeners.iter().map(|(listener, _)| PollFd::new(listener.fd(), PollFlags::POLLIN));
+            // A listener that cannot accept who waits would end the wait at once.
+            let listeners = self.listeners.iter().filter(|_| listens);
+            let listeners = listeners.map(|(listener, _)| PollFd::new(listener.fd(), PollFlags::POLLIN));
             let clients = self.clients.iter().map(|client| PollFd::new(client.fd(), client.events()));
             let mut fds: Vec<_> = listeners.chain(clients).collect();
-            if !stream::wait(&mut fds, deadline)? {
+            // Clients that send without end do not hold up what is due.
+            if !stream::wait(&mut fds, deadline)? || Instant::now() >= deadline {
                 return Ok(());
             }
         }
     }
 
-    fn accept(&mut self) {
+    /// Returns whether the listeners can accept more clients.
+    fn accept(&mut self) -> bool {
+        let mut can_accept = true;
         for (listener, _) in &self.listeners {
             // Limited, so that other clients are served in between.
             for _ in 0..MAX_HANDSHAKES {
-                // An error means that one client has gone, or that there is none.
-                let Ok(Accepted { name, socket, encryption }) = listener.accept() else { break };
-                self.clients.push(Client::new(self.next_id, name, socket.into(), encryption));
+                let Accepted { name, socket, encryption } = match listener.accept() {
+                    Ok(accepted) => accepted,
+                    Err(error) => {
+                        // Otherwise one client has gone, or there is none.
+                        can_accept &= !matches!(Errno::try_from(error), Ok(Errno::EMFILE | Errno::ENFILE));
+                        break;
+                    }
+                };
+                let client = Client::new(self.next_id, name, socket.into(), encryption);
                 self.next_id += 1;
+                if self.clients.len() < MAX_CLIENTS {
+                    self.clients.push(client);
+                } else {
+                    note(&mut self.messages, &client, &format!("{MAX_CLIENTS} clients are connected"));
+                }
             }
         }
+        can_accept
     }
 
     /// Reads from every client, and removes those that have gone.

@@ -19,6 +19,10 @@ const MAX_PATIENCE: Duration = Duration::from_millis(160);
 /// Maximum number of queued messages; the oldest are dropped. About twenty seconds of all streams of a board.
 const INBOX: usize = 8192;
 
+/// Number of requests after which an answer that was not awaited counts as late. Less than half of the sequence
+/// numbers, so that answers to new requests never do.
+const OLD: u16 = 1 << 14;
+
 /// Interval at which the flag of [`LinkBoard::interrupt_by`] is checked.
 const GLANCE: Duration = Duration::from_millis(5);
 
@@ -44,8 +48,10 @@ pub struct LinkBoard<L> {
     decoder: Decoder,
     client: u32,
     sequence: u16,
-    /// The last request whose answer was awaited and received.
+    /// The last request whose answer was awaited and received, or [`OLD`] requests ago.
     answered: u16,
+    /// Whether the board has forgotten this client's hello since it took command.
+    is_forgotten: bool,
     timeout: Duration,
     inbox: VecDeque<FromBoard>,
     /// Number of repeated requests.
@@ -67,6 +73,7 @@ impl<L: ByteLink> LinkBoard<L> {
             client,
             sequence: 0,
             answered: 0,
+            is_forgotten: false,
             timeout,
             inbox: VecDeque::new(),
             repeats: 0,
@@ -123,9 +130,17 @@ impl<L: ByteLink> LinkBoard<L> {
     /// # Errors
     /// When the link fails.
     pub fn post(&mut self, request: Request) -> Result<u16, BoardError> {
+        let sequence = self.next_sequence();
+        self.send(&RequestFrame { client: self.client, sequence, request })?;
+        Ok(sequence)
+    }
+
+    const fn next_sequence(&mut self) -> u16 {
         self.sequence = self.sequence.wrapping_add(1);
-        self.send(&RequestFrame { client: self.client, sequence: self.sequence, request })?;
-        Ok(self.sequence)
+        if self.sequence.wrapping_sub(self.answered) > OLD {
+            self.answered = self.sequence.wrapping_sub(OLD);
+        }
+        self.sequence
     }
 
     /// Returns the next unsolicited message, or a refusal of a [posted](Self::post) request; `None` if
@@ -179,15 +194,20 @@ impl<L: ByteLink> LinkBoard<L> {
 
 impl<L: ByteLink> Board for LinkBoard<L> {
     fn request(&mut self, request: Request) -> Result<Reply, BoardError> {
-        match self.exchange(request.clone())? {
-            // The board was reset, or has since talked to many other clients: it has forgotten our hello.
-            Reply::Refused(Refusal::SchemaMismatch { board: SCHEMA_KEY, .. }) => {
-                self.exchange(Request::Hello { schema: SCHEMA_KEY })?;
-                match self.exchange(request)? {
-                    // A board forgets its commander only in a reset.
-                    Reply::Refused(Refusal::NotCommander) => Err(BoardError::Reset),
-                    reply => Ok(reply),
-                }
+        let takes_command = matches!(request, Request::TakeCommand { .. });
+        let mut reply = self.exchange(request.clone())?;
+        if let Reply::Refused(Refusal::SchemaMismatch { board: SCHEMA_KEY, .. }) = reply {
+            // The board was reset, or has since talked to many other clients.
+            self.is_forgotten = true;
+            self.exchange(Request::Hello { schema: SCHEMA_KEY })?;
+            reply = self.exchange(request)?;
+        }
+        match reply {
+            // A board forgets its commander only in a reset.
+            Reply::Refused(Refusal::NotCommander) if self.is_forgotten => Err(BoardError::Reset),
+            Reply::Done if takes_command => {
+                self.is_forgotten = false;
+                Ok(reply)
             }
             reply => Ok(reply),
         }
@@ -197,8 +217,7 @@ impl<L: ByteLink> Board for LinkBoard<L> {
 impl<L: ByteLink> LinkBoard<L> {
     /// Sends a request until it is answered.
     fn exchange(&mut self, request: Request) -> Result<Reply, BoardError> {
-        self.sequence = self.sequence.wrapping_add(1);
-        let frame = RequestFrame { client: self.client, sequence: self.sequence, request };
+        let frame = RequestFrame { client: self.client, sequence: self.next_sequence(), request };
         let deadline = Instant::now() + self.timeout;
         let mut wait = PATIENCE;
         loop {
@@ -231,6 +250,47 @@ impl<L: ByteLink> LinkBoard<L> {
         match &self.interrupt {
             Some(flag) if flag.load(Ordering::Relaxed) => Err(BoardError::Interrupted),
             _ => Ok(()),
+        }
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
+mod tests {
+    use super::*;
+
+    /// Takes everything, and gives what was put in.
+    #[derive(Default)]
+    struct Answers(VecDeque<u8>);
+
+    impl ByteLink for Answers {
+        fn send(&mut self, _: &[u8]) -> io::Result<()> {
+            Ok(())
+        }
+
+        fn receive(&mut self, buffer: &mut [u8], _: Instant) -> io::Result<usize> {
+            let length = self.0.len().min(buffer.len());
+            buffer.iter_mut().zip(self.0.drain(..length)).for_each(|(place, byte)| *place = byte);
+            Ok(length)
+        }
+    }
+
+    /// The refusal of a request is an event, however many requests were posted before it.
+    #[test]
+    fn refusals_come_through_after_more_requests_than_there_are_numbers() {
+        let mut board = LinkBoard::new(Answers::default(), Duration::from_secs(1));
+        for number in 0..200_000 {
+            let sequence = board.post(Request::Keep).unwrap();
+            if number % 1000 != 0 {
+                continue;
+            }
+            let reply = Reply::Refused(Refusal::NotCommander);
+            let frame = FromBoard::Reply(ReplyFrame { client: board.client(), sequence, tick: 0, reply });
+            let mut bytes = [0; MAX_FRAME];
+            let length = encode(&frame, &mut bytes).unwrap();
+            board.link_mut().0.extend(&bytes[..length]);
+            let event = board.next_event(Instant::now()).unwrap();
+            assert!(matches!(event, Some(FromBoard::Reply(_))), "{number}: {event:?}");
         }
     }
 }

@@ -4,7 +4,7 @@ use std::slice;
 use std::time::{Duration, Instant};
 
 use pyo3::prelude::*;
-use tesaki::protocol::{FromBoard, Mode, Refusal, Reply, ReplyFrame, Request, Stream, Telemetry};
+use tesaki::protocol::{FromBoard, Mode, Refusal, Reply, ReplyFrame, Request, Status, Stream, Telemetry};
 use tesaki::task::TaskCommand;
 use tesaki::task::impedance::ImpedanceCommand;
 use tesaki_supervisor::faults;
@@ -31,7 +31,18 @@ impl Board {
             return Err(BoardError::new_err("the board was closed: make another Board"));
         }
         let link = &mut self.board;
-        py.detach(|| ask(link)).map_err(|error| board_of(self.model.as_ref(), error))
+        py.detach(|| ask(link)).map_err(|error| self.wrong(error))
+    }
+
+    /// Returns the exception for an error. What another program has enabled since is its own.
+    fn wrong(&mut self, error: Failure) -> PyErr {
+        let is_lost = matches!(
+            error,
+            Failure::Reset
+                | Failure::Refused { refusal: Refusal::NotCommander | Refusal::Commanded { .. }, .. }
+        );
+        self.is_enabled &= !is_lost;
+        board_of(self.model.as_ref(), error)
     }
 
     /// Requests all streams of a recording, or only that of the joints, and drops earlier messages.
@@ -134,7 +145,7 @@ impl Board {
                         Request::ReadStatus => "tell its state",
                         _ => "move",
                     };
-                    return Err(board_of(self.model.as_ref(), Failure::refused(action, refusal)));
+                    return Err(self.wrong(Failure::refused(action, refusal)));
                 }
             }
             if heard.elapsed() > self.timeout {
@@ -185,14 +196,20 @@ impl Board {
         faults::describe(fault, self.model.as_ref())
     }
 
-    /// Disables the board and releases command, so that the next client does not wait for the lease to
-    /// expire.
+    /// Disables the board if this program has enabled it, and releases command, so that the next client
+    /// does not wait for the lease to expire.
     pub(super) fn leave(&mut self) -> Result<(), Failure> {
         if !std::mem::take(&mut self.is_open) {
             return Ok(());
         }
         self.board.set_timeout(self.timeout.min(LAST_WORD));
-        let disabled = if std::mem::take(&mut self.is_enabled) { self.board.disable() } else { Ok(()) };
+        let client = Some(self.board.client());
+        // A board in fault reacts as its model says: disabled, an arm that it holds would fall.
+        let is_own = std::mem::take(&mut self.is_enabled)
+            && self.board.status().map_or(true, |Status { node, .. }| {
+                node.commander == client && matches!(node.mode, Mode::Enabled(_))
+            });
+        let disabled = if is_own { self.board.disable() } else { Ok(()) };
         let _ = self.board.set_rate(Stream::Telemetry, 0);
         let _ = self.board.ask("release command", Request::ReleaseCommand);
         disabled

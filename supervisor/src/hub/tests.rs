@@ -127,6 +127,31 @@ fn the_last_word_of_a_client_that_left_is_heard() {
     fs::remove_dir_all(folder).unwrap();
 }
 
+/// A client that sends without end, and clients that come without end, hold up nobody.
+#[test]
+fn a_flood_of_bytes_or_clients_does_not_hold_up_what_is_due() {
+    let (mut hub, folder) = hub("hub-flood");
+    let mut flooding = open(hub.address(), None).unwrap();
+    let ends = thread::spawn(move || while flooding.send(&[1; 4096]).is_ok() {});
+    for _ in 0..5 {
+        let due = within(50);
+        assert_eq!(hub.receive(&mut Vec::new(), due).unwrap(), 0);
+        let late = Instant::now() - due;
+        assert!(late < Duration::from_millis(500), "{late:?} late");
+    }
+    let address = hub.address().clone();
+    let mut clients = Vec::new();
+    for _ in 0..MAX_CLIENTS {
+        clients.push(open(&address, None).unwrap());
+        hub.broadcast(&[]);
+    }
+    assert_eq!(hub.clients(), MAX_CLIENTS);
+    assert!(hub.messages()[0].contains("64 clients are connected"));
+    drop((clients, hub));
+    ends.join().unwrap();
+    fs::remove_dir_all(folder).unwrap();
+}
+
 #[test]
 fn overlong_frames_are_dropped_whole() {
     let mut hub = Hub::listen(&Address::Tcp("127.0.0.1:0".to_owned()), None).unwrap();

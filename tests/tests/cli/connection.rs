@@ -6,6 +6,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use tesaki::protocol::codec::{Decoder, MAX_FRAME, encode};
+use tesaki::protocol::{FromBoard, Identity, Reply, ReplyFrame, Request, RequestFrame};
+
 use super::server::{Server, finish, hand3, said, signal, unread};
 
 #[test]
@@ -191,6 +194,55 @@ impl Muted {
             }
         });
         Self { address: format!("unix://{}", path.display()), mute }
+    }
+}
+
+/// A board of another version, which answers `Hello`, `Disable` and `Stop`; returns what it was asked.
+fn other_version(listener: UnixListener) -> impl FnOnce() -> Vec<Request> {
+    let board = std::thread::spawn(move || {
+        let mut link = listener.accept().unwrap().0;
+        let (mut decoder, mut asked, mut buffer) = (Decoder::new(), Vec::new(), [0; 4096]);
+        while let Ok(length @ 1..) = link.read(&mut buffer) {
+            let mut bytes = &buffer[..length];
+            while decoder.take(&mut bytes) {
+                let RequestFrame { client, sequence, request } = decoder.message().unwrap();
+                let reply = match request {
+                    Request::Hello { schema } => {
+                        let identity =
+                            Identity { firmware: [9, 9, 9], image: [0; 8], board: [0; 12], capabilities: 0 };
+                        Reply::Hello { schema: schema + 1, identity }
+                    }
+                    _ => Reply::Done,
+                };
+                asked.push(request);
+                let mut frame = [0; MAX_FRAME];
+                let frame_length =
+                    encode(&FromBoard::Reply(ReplyFrame { client, sequence, tick: 0, reply }), &mut frame)
+                        .unwrap();
+                link.write_all(&frame[..frame_length]).unwrap();
+            }
+        }
+        asked
+    });
+    move || board.join().unwrap()
+}
+
+/// Whoever stands beside a robot that must stop need not look for the right version.
+#[test]
+fn a_board_of_another_version_is_stopped() {
+    let folder = tempfile::tempdir().unwrap();
+    for (command, request, word) in
+        [("stop", Request::Stop, "stop"), ("disable", Request::Disable, "disable its outputs")]
+    {
+        let path = folder.path().join(command);
+        let board = other_version(UnixListener::bind(&path).unwrap());
+        let port = format!("unix://{}", path.display());
+        let output = tesaki_tests::tesaki().args(["--port", &port, command]).output().unwrap();
+        let (code, text) = said(&output);
+        assert_eq!(code, 4, "{text}");
+        assert!(text.contains(&format!("the request to {word} was confirmed")), "{text}");
+        assert!(text.contains("9.9.9"), "{text}");
+        assert_eq!(board()[0], request);
     }
 }
 

@@ -54,6 +54,20 @@ fn a_hand_tells_its_friction_without_an_object() {
     }
 }
 
+/// The board of an arm holds it after a fault, as its model says; so it does when the self-test ends by that.
+#[test]
+fn an_arm_is_held_when_a_fault_ends_the_test() {
+    let server = Server::ready_arm();
+    let out = server.folder.path().join("calibration.toml");
+    let child = server.start_command(&["identify", "--joints", "--out", out.to_str().unwrap()]);
+    let child = server.wait_with(child, "enabled");
+    server.make_trouble("supply 15");
+    let (code, text) = said(&finish(child));
+    assert!(code == 5 && text.contains("supply"), "{code}: {text}");
+    let stopped = server.json(&["stop"]);
+    assert!(stopped["mode"] == "Fault" && stopped["outputs"] == true, "{stopped}");
+}
+
 /// An arm that would fall does not fall onto an obstacle.
 #[test]
 fn an_arm_that_presses_holds_until_it_is_interrupted() {

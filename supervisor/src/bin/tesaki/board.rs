@@ -8,14 +8,14 @@ use tesaki::fault::Fault;
 use tesaki::protocol::{ClockSource, Identity, Mode, Request, ResetCause, Status};
 use tesaki::task::TaskKind;
 use tesaki::task::grasping::Phase;
-use tesaki_supervisor::Board;
 use tesaki_supervisor::faults::describe;
 use tesaki_supervisor::gravity::Load;
 use tesaki_supervisor::port;
 use tesaki_supervisor::troubleshooting;
+use tesaki_supervisor::{Board, BoardError};
 
 use crate::args::Options;
-use crate::board_session::{BoardSession, hex, version};
+use crate::board_session::{BoardSession, dial, hex, version};
 use crate::failure::Failure;
 use crate::output;
 
@@ -126,8 +126,9 @@ pub const fn reset(cause: ResetCause) -> &'static str {
 }
 
 pub fn disable(options: &Options) -> Result<(), Failure> {
-    let mut session = BoardSession::open(options)?;
-    let mode = insist(&mut session.board, "disable its outputs", &Request::Disable)?;
+    let (action, request) = ("disable its outputs", Request::Disable);
+    let mut session = open_after(options, action, &request)?;
+    let mode = insist(&mut session.board, action, &request)?;
     output::result(options, &json!({ "mode": mode }), || {
         let falls = falls(&mut session).map_or_else(String::new, |falls| format!("; {falls}"));
         format!("outputs off; the board is {mode}{falls}")
@@ -135,8 +136,9 @@ pub fn disable(options: &Options) -> Result<(), Failure> {
 }
 
 pub fn stop(options: &Options) -> Result<(), Failure> {
-    let mut session = BoardSession::open(options)?;
-    let mode = insist(&mut session.board, "stop", &Request::Stop)?;
+    let (action, request) = ("stop", Request::Stop);
+    let mut session = open_after(options, action, &request)?;
+    let mode = insist(&mut session.board, action, &request)?;
     // The stop has succeeded, whether the board tells its outputs or not.
     let outputs = if mode == Mode::Fault { session.outputs().unwrap_or(None) } else { Some(false) };
     output::result(options, &json!({ "mode": mode, "outputs": outputs }), || match (mode, outputs) {
@@ -149,6 +151,21 @@ pub fn stop(options: &Options) -> Result<(), Failure> {
             .to_owned(),
         (mode, _) => format!("nothing to stop: the board is {mode}"),
     })
+}
+
+/// Opens the port and sends `request`, which a board takes from every client, before the greeting: a board of
+/// another version does nothing else for this one.
+fn open_after(options: &Options, action: &'static str, request: &Request) -> Result<BoardSession, Failure> {
+    let mut board = dial(options)?;
+    let confirmed = board.ask(action, request.clone());
+    let greeted = BoardSession::greet(options, board);
+    if let Err(Failure::Board(BoardError::SchemaMismatch { .. })) = greeted {
+        let answer = if confirmed.is_ok() { "was confirmed" } else { "was sent, but was not confirmed" };
+        output::complain(&format!("the request to {action} {answer}"));
+        return greeted;
+    }
+    confirmed?;
+    greeted
 }
 
 /// Sends `request`, after which the board is not enabled, and returns the mode. If another program has

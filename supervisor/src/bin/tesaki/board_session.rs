@@ -63,7 +63,11 @@ impl BoardSession {
 
     /// The same at another port.
     pub fn open_at(options: &Options, port: &Address) -> Result<Self, Failure> {
-        let mut board = dial_at(options, port)?;
+        Self::greet(options, dial_at(options, port)?)
+    }
+
+    /// Greets the board.
+    pub fn greet(options: &Options, mut board: LinkBoard<BoardLink>) -> Result<Self, Failure> {
         let identity = board.hello()?;
         let port = port_address(&board);
         let timeout = options.timeout;

@@ -192,6 +192,8 @@ struct BoardMachine<'a> {
     seen_enabled: bool,
     /// Whether another program has disabled the board.
     is_lost: bool,
+    /// Whether the board reacts to a fault as its model says, also to silence.
+    reacts: bool,
     /// Telemetry whose tips have not come yet.
     telemetry: Option<Telemetry>,
 }
@@ -216,6 +218,7 @@ impl<'a> BoardMachine<'a> {
             interrupted,
             seen_enabled: false,
             is_lost: false,
+            reacts: false,
             telemetry: None,
         })
     }
@@ -226,10 +229,11 @@ impl<'a> BoardMachine<'a> {
         Failure::Other("another program disabled the board: nothing was identified".to_owned())
     }
 
-    /// Disables the board, if it is still this program's: what another one has enabled since is its own.
+    /// Disables the board, if it is still this program's: what another one has enabled since is its own. One
+    /// that reacts to a fault is left to it: disabled, a robot that it holds would fall.
     fn end(mut self) -> Result<(), Failure> {
         output::set_controls(false);
-        if !self.is_lost {
+        if !self.is_lost && !self.reacts {
             self.session.board.disable()?;
         }
         Ok(())
@@ -262,6 +266,7 @@ impl Machine for BoardMachine<'_> {
                 match event {
                     FromBoard::Telemetry(telemetry) => {
                         if telemetry.mode == Mode::Fault {
+                            self.reacts = true;
                             let cause = self.session.fault_after(self.faults, Some(self.model))?;
                             return Err(Failure::Fault(cause));
                         }
@@ -293,6 +298,8 @@ impl Machine for BoardMachine<'_> {
                 }
             }
         }
+        self.reacts = true;
+        self.session.give_up();
         Err(Failure::Late(format!(
             "no data from the board for {} s: its command timeout has stopped it. Check cable and power (`tesaki doctor`)",
             GONE.as_secs()

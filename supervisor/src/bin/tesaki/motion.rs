@@ -139,6 +139,9 @@ impl<'a> Motion<'a> {
     pub fn positions(&mut self) -> Result<Vec<f32>, Failure> {
         let telemetry = self.session.telemetry_now()?;
         self.remember(&telemetry);
+        if self.angles.len() != self.model.joints.len() {
+            return Err(BoardError::Reset.into());
+        }
         Ok(self.angles_within_limits())
     }
 

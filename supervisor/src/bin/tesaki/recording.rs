@@ -271,8 +271,9 @@ impl<'a> Recorder<'a> {
         let Self { model, viewer, faults, mcap_path, .. } = self;
         viewer.use_model(model.as_ref().map(|(model, checksum)| (model, *checksum)));
         if faults.is_due(telemetry) {
-            let read = session.board.faults()?;
-            for fault in faults.take(telemetry, &read) {
+            // If no answer comes, they are asked for again with the next telemetry.
+            let read = answered(session.board.faults())?;
+            for fault in read.iter().flat_map(|read| faults.take(telemetry, read)) {
                 let text = describe(fault, model.as_ref().map(|(model, _)| model));
                 viewer.fault(telemetry.tick, &text).map_err(mcap_failure(mcap_path))?;
                 output::notice(self.options, &text);
@@ -285,12 +286,12 @@ impl<'a> Recorder<'a> {
         let now = Instant::now();
         if step > 1 && now - self.requested > REPORT {
             self.requested = now;
-            session.board.set_rate(Stream::Telemetry, 1)?;
+            answered(session.board.set_rate(Stream::Telemetry, 1))?;
         }
         // The same, when others have asked for telemetry alone.
         if now - self.logged > SILENCE && now - self.requested > SILENCE {
             self.requested = now;
-            session.board.set_rate(Stream::Log, 1)?;
+            answered(session.board.set_rate(Stream::Log, 1))?;
         }
         Ok(())
     }
@@ -318,6 +319,14 @@ impl<'a> Recorder<'a> {
                 mcap_path.display()
             )
         })
+    }
+}
+
+/// The answer of a board; `None` if there was none, which may pass.
+fn answered<T>(answer: Result<T, BoardError>) -> Result<Option<T>, Failure> {
+    match answer {
+        Err(error) if error.passes() => Ok(None),
+        answer => Ok(Some(answer?)),
     }
 }
 

@@ -20,6 +20,10 @@ const EVERY: u16 = 4;
 const STATUS_EVERY: u16 = 100;
 /// The streams that the view needs.
 const STREAMS: &[(Stream, u16)] = &[(Stream::Telemetry, EVERY), (Stream::Status, STATUS_EVERY)];
+/// How long a request to disable is repeated at least.
+const DISABLE_TIME: Duration = Duration::from_millis(300);
+/// When it is said that telemetry does not show a stop.
+const STOP_PATIENCE: Duration = Duration::from_secs(2);
 /// Without telemetry for this time, the streams are requested again.
 const SILENCE: Duration = Duration::from_millis(700);
 
@@ -35,14 +39,14 @@ pub fn run(options: &Options) -> Result<(), Failure> {
     let (mut selected, mut overlay) = (None, None);
     loop {
         watch.listen(&mut session, Instant::now() + Duration::from_millis(40))?;
+        watch.insist(&mut session)?;
         screen.draw(&watch.view, selected, overlay).map_err(Failure::file("terminal"))?;
         match screen.key(Duration::from_millis(1)).map_err(Failure::file("terminal"))? {
             None => {}
             Some(Key::Quit) if overlay.is_some() => overlay = None,
             Some(Key::Quit) => break,
-            // Always granted; the view shows the result.
-            Some(Key::Stop) => drop(session.board.post(Request::Stop)?),
-            Some(Key::Disable) => drop(session.board.post(Request::Disable)?),
+            Some(Key::Stop) => watch.ask(&mut session, Request::Stop)?,
+            Some(Key::Disable) => watch.ask(&mut session, Request::Disable)?,
             Some(Key::ReadFaults) => {
                 watch.read_faults(&mut session)?;
                 overlay = if overlay == Some(Overlay::Faults) { None } else { Some(Overlay::Faults) };
@@ -124,6 +128,14 @@ struct Watch {
     known_faults: Option<u32>,
     /// The entry of the document that explains the last fault.
     entry: String,
+    /// A stop that telemetry does not show yet.
+    stopping: Option<Stopping>,
+}
+
+/// A request to stop, which is repeated.
+struct Stopping {
+    request: Request,
+    begun: Instant,
 }
 
 impl Watch {
@@ -142,6 +154,7 @@ impl Watch {
             second: now,
             known_faults: None,
             entry: troubleshooting::DOCUMENT.to_owned(),
+            stopping: None,
         };
         STREAMS.iter().try_for_each(|&(stream, every)| session.board.set_rate(stream, every))?;
         let status = session.board.status()?;
@@ -188,6 +201,35 @@ impl Watch {
         }
         if self.known_faults.is_none() && silence < SILENCE {
             self.read_faults(session)?;
+        }
+        Ok(())
+    }
+
+    /// Sends a request to stop, which is always granted, until telemetry shows that it has arrived.
+    fn ask(&mut self, session: &mut BoardSession, request: Request) -> Result<(), Failure> {
+        // The mode of telemetry that is on its way may be that of before.
+        while let Some(event) = session.board.next_event(Instant::now())? {
+            if let FromBoard::Telemetry(telemetry) = event {
+                self.telemetry(&telemetry);
+            }
+        }
+        self.stopping = Some(Stopping { request, begun: Instant::now() });
+        self.insist(session)
+    }
+
+    fn insist(&mut self, session: &mut BoardSession) -> Result<(), Failure> {
+        let Some(Stopping { request, begun }) = &self.stopping else { return Ok(()) };
+        let is_shown = self.heard > *begun && !matches!(self.view.state, State::Enabled | State::Lost);
+        // Telemetry does not show whether the outputs of a board in fault are off.
+        if is_shown && (*request == Request::Stop || begun.elapsed() > DISABLE_TIME) {
+            self.stopping = None;
+            return Ok(());
+        }
+        session.board.post(request.clone())?;
+        if begun.elapsed() > STOP_PATIENCE {
+            "THE BOARD DOES NOT SHOW THAT IT HAS STOPPED: press the emergency stop, or cut the power. It is told \
+             to stop until it does"
+                .clone_into(&mut self.view.hint);
         }
         Ok(())
     }

@@ -388,10 +388,14 @@ impl Handle {
         *self.rest.insert((rest, UnitQuaternion::new(off) * rotation))
     }
 
-    /// Switches the master off.
+    /// Switches the master off. A board in fault is left to the reaction of its model: disabled, an arm that
+    /// it holds would fall.
     pub fn end(&mut self, session: &mut BoardSession) {
-        if self.state != State::Off {
-            session.board.set_timeout(FAREWELL / 4);
+        if self.state == State::Off {
+            return;
+        }
+        session.board.set_timeout(FAREWELL / 4);
+        if !session.board.status().is_ok_and(|status| status.node.mode == Mode::Fault) {
             // Without an answer its command timeout does it.
             let _ = session.board.disable();
         }

@@ -49,10 +49,14 @@ pub fn run(options: &Options, args: &Identify) -> Result<(), Failure> {
     output::notice(options, &format!("this takes {time:.0} s; Ctrl-C disables{falls}"));
     let mut machine = BoardMachine::new(session, options, &model, FaultsBefore::from(&node))?;
     let ended = match identify_joints(&mut machine, &model, &settings) {
-        Ok(readings) => {
-            let kept = keep(options, args, file, (&model, &board), &readings);
-            load.map_or(Ok(()), |_| hold(&mut machine)).and(kept)
-        }
+        Ok(readings) => std::thread::scope(|scope| {
+            // The board is commanded while the file is written, however long that takes.
+            let keeping = scope.spawn(|| keep(options, args, file, (&model, &board), &readings));
+            let held = hold(&mut machine, || keeping.is_finished());
+            let kept = keeping.join().expect("it does not panic");
+            let held = held.and_then(|()| load.map_or(Ok(()), |_| hold_until_interrupted(&mut machine)));
+            held.and(kept)
+        }),
         // A robot that would fall, perhaps on something that is in the way.
         Err(Failure::Identify(
             error @ (IdentifyError::Resisted { .. }
@@ -60,7 +64,7 @@ pub fn run(options: &Options, args: &Identify) -> Result<(), Failure> {
             | IdentifyError::Late { .. }),
         )) if load.is_some() => {
             output::notice(options, &error.to_string());
-            hold(&mut machine).and(Err(error.into()))
+            hold_until_interrupted(&mut machine).and(Err(error.into()))
         }
         Err(failure) => Err(failure),
     };
@@ -91,10 +95,18 @@ fn keep(
 }
 
 /// Holds the robot where it is until Ctrl-C.
-fn hold(machine: &mut BoardMachine<'_>) -> Result<(), Failure> {
+fn hold_until_interrupted(machine: &mut BoardMachine<'_>) -> Result<(), Failure> {
+    if machine.interrupted.load(Ordering::Relaxed) {
+        return Ok(());
+    }
     output::notice(machine.options, "holding, because without power it would fall; Ctrl-C disables");
+    hold(machine, || false)
+}
+
+/// Holds the robot where it is until `done`, or until Ctrl-C.
+fn hold(machine: &mut BoardMachine<'_>, mut done: impl FnMut() -> bool) -> Result<(), Failure> {
     let mut goal = Request::Keep;
-    loop {
+    while !done() {
         let sense = match machine.tick(goal.clone()) {
             Err(_) if machine.interrupted.load(Ordering::Relaxed) => return Ok(()),
             Err(_) if machine.is_lost => {
@@ -112,6 +124,7 @@ fn hold(machine: &mut BoardMachine<'_>) -> Result<(), Failure> {
             goal = Request::Task(TaskCommand::JointServo(JointCommand::Goal { positions }));
         }
     }
+    Ok(())
 }
 
 /// The results as JSON: `null` where nothing was identified, with the reason.

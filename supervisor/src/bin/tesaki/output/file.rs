@@ -11,8 +11,9 @@ use crate::failure::Failure;
 pub fn require_writable(path: &Path) -> Result<(), Failure> {
     let is_new = !path.exists();
     OpenOptions::new().append(true).create(true).open(path).map_err(Failure::written(path))?;
-    if is_new {
-        let _ = fs::remove_file(path);
+    // A link stays one.
+    if is_new && let Ok(created) = path.canonicalize() {
+        let _ = fs::remove_file(created);
     }
     Ok(())
 }

@@ -27,7 +27,7 @@ use crate::board_session::BoardLink;
 use crate::failure::Failure;
 use crate::{joints, motion};
 pub use commander::Commander;
-use commander::{Stopping, ToolPath};
+use commander::{Enabled, Stopping, ToolPath};
 
 /// From one set-point of a task to the next, as in all other commands.
 const KEEP_ALIVE: Duration = motion::KEEP_ALIVE;
@@ -106,13 +106,15 @@ impl View {
         let board = &mut self.session.board;
         match command {
             Command::Release => {
+                // An enabled board refuses it.
                 board.ask("release command", Request::ReleaseCommand)?;
                 self.commander.page = None;
+                self.commander.ended();
                 Ok("command given back".to_owned())
             }
             Command::Disable => {
                 board.disable()?;
-                (self.commander.enabled, self.commander.grasped, self.commander.tool) = (None, None, None);
+                self.commander.ended();
                 Ok("outputs off".to_owned())
             }
             Command::Clear if is_enabled => Err(Failure::Refused(
@@ -171,7 +173,7 @@ impl View {
         self.session.board.post(Request::Stop)?;
         self.server.stop().store(false, Ordering::Relaxed);
         // Nothing that is sent from here on may keep the robot going.
-        (self.commander.enabled, self.commander.grasped, self.commander.tool) = (None, None, None);
+        self.commander.ended();
         self.catch_up()?;
         let after = self.telemetry.as_ref().map(|telemetry| telemetry.tick);
         let now = Instant::now();
@@ -250,13 +252,13 @@ impl View {
             }
             _ => return Err(Failure::Usage(format!("this page cannot enable {task:?}"))),
         }
-        self.commander.enabled = kind.map(|kind| (kind, false));
+        self.commander.enabled = kind.map(|task| Enabled { task, since: Instant::now(), seen: false });
         self.commander.next = Instant::now();
         Ok("enabled".to_owned())
     }
 
     fn set_goal(&mut self, joint: usize, angle: f32) -> Result<String, Failure> {
-        if !matches!(self.commander.enabled, Some((TaskKind::JointServo, _))) {
+        if !matches!(self.commander.enabled, Some(Enabled { task: TaskKind::JointServo, .. })) {
             return Err(Failure::Refused(
                 "the joints are not enabled by this page: nothing was done".to_owned(),
             ));
@@ -331,7 +333,7 @@ impl View {
             return Ok(());
         }
         match (self.commander.enabled, self.commander.page) {
-            (Some((task, _)), Some(_)) => {
+            (Some(Enabled { task, .. }), Some(_)) => {
                 let request = self.commander.set_point(task, now);
                 self.session.board.post(request)?;
                 if self.commander.tool.is_some() {

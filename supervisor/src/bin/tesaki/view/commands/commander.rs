@@ -1,6 +1,6 @@
 //! The page that commands, and what keeps its task running.
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use nalgebra::{UnitQuaternion, Vector3};
 use tesaki::kinematics::{ElbowSetpoint, PosePoint};
@@ -15,13 +15,14 @@ use super::STEP;
 
 /// Telemetry that is older is that of a board before its reset [ticks].
 const RECENT: i32 = 100;
+/// Telemetry that comes later shows what the board did after a reply.
+const LATE: Duration = Duration::from_millis(200);
 
 /// The page that commands, and what it has enabled.
 pub struct Commander {
     pub(super) page: Option<u64>,
     pub(super) take_over: bool,
-    /// What it has enabled, and whether the telemetry has shown that.
-    pub(super) enabled: Option<(TaskKind, bool)>,
+    pub(super) enabled: Option<Enabled>,
     /// Goals of the joint servo [rad].
     pub(super) goal: Vec<f32>,
     /// What it grasped.
@@ -35,6 +36,16 @@ pub struct Commander {
     pub(super) stopping: Option<Stopping>,
     /// Whether command is to be released once the robot is stopped.
     pub(super) releases: bool,
+}
+
+/// What the page has enabled.
+#[derive(Clone, Copy)]
+pub(super) struct Enabled {
+    pub(super) task: TaskKind,
+    /// When the board confirmed it.
+    pub(super) since: Instant,
+    /// Whether the telemetry has shown it.
+    pub(super) seen: bool,
 }
 
 /// A stop that is repeated.
@@ -109,16 +120,23 @@ impl Commander {
     /// Notices that the task has ended.
     pub fn follow(&mut self, telemetry: Option<&Telemetry>) {
         let is_enabled = telemetry.is_some_and(|telemetry| matches!(telemetry.mode, Mode::Enabled(_)));
-        match &mut self.enabled {
-            Some((_, seen)) if is_enabled => *seen = true,
-            Some((_, true)) => (self.enabled, self.grasped, self.tool) = (None, None, None),
-            _ => {}
+        if let Some(enabled) = &mut self.enabled {
+            enabled.seen |= is_enabled;
+            // Telemetry from before the board was enabled may still arrive.
+            if !is_enabled && (enabled.seen || enabled.since.elapsed() > LATE) {
+                self.ended();
+            }
         }
         if let (Some(stopping), Some(telemetry)) = (&self.stopping, telemetry)
             && stopping.is_shown_by(telemetry)
         {
             self.stopping = None;
         }
+    }
+
+    /// Nothing is enabled any more.
+    pub(super) fn ended(&mut self) {
+        (self.enabled, self.grasped, self.tool) = (None, None, None);
     }
 
     /// The board cannot be enabled: a stop need not be repeated.
