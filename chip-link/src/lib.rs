@@ -106,10 +106,12 @@ pub fn send<T: Serialize>(to: &mut impl Write, message: &T) -> io::Result<()> {
 /// The link ends within a message, or the bytes are not a message.
 pub fn receive<T: DeserializeOwned>(from: &mut impl Read) -> io::Result<Option<T>> {
     let mut length = [0; 4];
-    match from.read_exact(&mut length) {
+    let [first, rest @ ..] = &mut length;
+    match from.read_exact(std::slice::from_mut(first)) {
         Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => return Ok(None),
         other => other?,
     }
+    from.read_exact(rest)?;
     let length = u32::from_le_bytes(length) as usize;
     if length > MAX_LENGTH {
         return Err(io::Error::other(format!("a message of {length} bytes; {MAX_LENGTH} are the most")));
@@ -142,8 +144,10 @@ mod tests {
     fn a_message_cut_in_half_or_too_long_is_an_error() {
         let mut line = Vec::new();
         send(&mut line, &Answer::default()).unwrap();
-        line.pop();
-        assert_eq!(receive::<Answer>(&mut line.as_slice()).unwrap_err().kind(), io::ErrorKind::UnexpectedEof);
+        for length in 1..line.len() {
+            let error = receive::<Answer>(&mut &line[..length]).unwrap_err();
+            assert_eq!(error.kind(), io::ErrorKind::UnexpectedEof, "{length} bytes");
+        }
         let error = receive::<Answer>(&mut u32::MAX.to_le_bytes().as_slice()).unwrap_err();
         assert_eq!(error.to_string(), "a message of 4294967295 bytes; 1048576 are the most");
     }

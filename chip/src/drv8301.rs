@@ -19,6 +19,8 @@ pub struct Drv8301 {
     control: [u16; 2],
     /// Faults that last until the next reset, as bits of status register 1.
     faults: u16,
+    /// Whether it was written to since it woke: it ignores the first write, as some chips were seen to do.
+    was_written: bool,
     is_selected: bool,
     /// Received bits since it was selected, their number, and its answer.
     shift: u32,
@@ -98,7 +100,9 @@ impl Drv8301 {
         };
         self.next_answer = address << 11 | value;
         if word >> 15 == 0 && (2..4).contains(&address) {
-            self.control[usize::from(address) - 2] = data;
+            if std::mem::replace(&mut self.was_written, true) {
+                self.control[usize::from(address) - 2] = data;
+            }
         }
     }
 
@@ -146,6 +150,8 @@ mod tests {
         chip.enable(true, 0);
         assert!(chip.tells_fault(WAKE - 1) && !chip.tells_fault(WAKE));
         assert_eq!(word(&mut chip, 0x9800, WAKE - 1), 0, "asleep");
+        word(&mut chip, 0x180C, WAKE);
+        assert_eq!(chip.gain(WAKE), Some(10.0), "the first write");
         word(&mut chip, 0x180C, WAKE);
         word(&mut chip, 0x9800, WAKE);
         assert_eq!(word(&mut chip, 0x8800, WAKE), 0x180C);

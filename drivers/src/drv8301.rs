@@ -139,6 +139,10 @@ pub enum Error<E> {
     Fault([u16; 2]),
 }
 
+/// How often the first register is written after the chip has woken: some chips were seen to ignore the first
+/// write.
+const FIRST_WRITES: u8 = 5;
+
 /// A gate driver.
 #[derive(Debug)]
 pub struct Drv8301<S> {
@@ -157,9 +161,11 @@ impl<S: SpiDevice> Drv8301<S> {
     /// # Errors
     /// Why the gate driver must not be used.
     pub fn set_up(&mut self) -> Result<(), Error<S::Error>> {
-        for (register, value) in [CONTROL_1, CONTROL_2].into_iter().zip(self.control) {
-            self.exchange(u16::from(register) << 11 | value)?;
+        let [first, second] = self.control;
+        for _ in 0..FIRST_WRITES {
+            self.exchange(u16::from(CONTROL_1) << 11 | first)?;
         }
+        self.exchange(u16::from(CONTROL_2) << 11 | second)?;
         self.check()
     }
 

@@ -44,19 +44,21 @@ pub struct MotorJoints<const N: usize> {
     /// Voltage of one count of the supply [V].
     supply_resolution: f32,
     last: Option<Last<N>>,
+    /// Whether the velocities are those of the last period.
+    has_velocities: bool,
 }
 
 impl<const N: usize> MotorJoints<N> {
     /// Creates the joints without a robot. `periods` is the number of periods of the current loops in a
     /// control period, `supply_resolution` the voltage of one count of the supply [V].
     pub const fn new(periods: u32, supply_resolution: f32) -> Self {
-        Self { joints: Vec::new(), periods, supply_resolution, last: None }
+        Self { joints: Vec::new(), periods, supply_resolution, last: None, has_velocities: false }
     }
 
     /// Takes a robot.
     pub fn configure(&mut self, model: &RobotModel) {
         self.joints = model.joints.iter().take(N).map(Joint::new).collect();
-        self.last = None;
+        (self.last, self.has_velocities) = (None, false);
     }
 
     /// Runs one control period from the encoders' `counts` and what the current loops `measured`. Returns
@@ -67,6 +69,7 @@ impl<const N: usize> MotorJoints<N> {
     pub fn update(&mut self, period: u32, counts: [i32; N], measured: &Measured<N>) -> Option<SensorFrame> {
         let totals = &measured.totals;
         let last = self.last.replace(Last { period, counts, totals: *totals });
+        self.has_velocities = false;
         let mut frame = SensorFrame {
             sequence: period,
             supply: millivolts(f32::from(measured.supply) * self.supply_resolution),
@@ -107,13 +110,14 @@ impl<const N: usize> MotorJoints<N> {
             #[expect(clippy::cast_possible_truncation, reason = "saturates")]
             frame.currents.push((current / joint.current_resolution) as i16).ok()?;
         }
+        self.has_velocities = true;
         Some(frame)
     }
 
     /// Returns whether every motor's back-EMF is known to be less than `voltage` [V]; false without a robot.
     pub fn are_slow(&self, voltage: f32) -> bool {
         let back_emf = |joint: &Joint| math::abs(joint.torque_constant * joint.velocity);
-        self.last.is_some() && !self.joints.is_empty() && self.joints.iter().all(|j| back_emf(j) < voltage)
+        self.has_velocities && !self.joints.is_empty() && self.joints.iter().all(|j| back_emf(j) < voltage)
     }
 
     /// Returns the command for `torques` [N·m].
@@ -218,6 +222,7 @@ mod tests {
             periods: 200,
             supply_resolution: 0.01,
             last: None,
+            has_velocities: false,
         }
     }
 
@@ -246,6 +251,7 @@ mod tests {
         let totals = Totals { currents: [i32::MAX, -7], periods: u32::MAX - 10, ..Totals::new() };
         assert!(!joints.are_slow(1.0), "before anything was read");
         let first = joints.update(3, [i32::MAX, 2], &measured(totals)).unwrap();
+        assert!(!joints.are_slow(1.0), "before anything has moved");
         assert!(first.currents == [0, 0] && first.encoders == [i32::MAX, 2], "{first:?}");
         let totals = Totals {
             currents: [i32::MAX.wrapping_add(1_200_000), -1_200_007],

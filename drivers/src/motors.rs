@@ -297,7 +297,7 @@ impl<const N: usize> Motors<N> {
             let counts = (current * SUMS_PER_AMPERE) as i32;
             *total = total.wrapping_add(counts);
             // False for NaN.
-            let is_permitted = math::abs(measured) <= axis.trip;
+            let is_permitted = math::abs(current) <= axis.trip;
             tripped |= !is_permitted;
             let duty = match axis.current_loop.update(&mut axis.state, current, supply) {
                 Drive::Duty(duty) => duty,

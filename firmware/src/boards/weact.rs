@@ -265,9 +265,9 @@ fn connect_data_line(syscfg: &pac::SYSCFG, exti: &pac::EXTI) {
 /// Sets whether edges of the converter's line raise an interrupt.
 fn watch_data_line(is_watched: bool) {
     let data = if is_watched { DATA_LINE } else { 0 };
-    // SAFETY: only the detector of the chip's supply has another bit in the mask, which is always set, so it
-    // is written whole; the chip has these lines.
-    unsafe { (*pac::EXTI::ptr()).imr().write(|w| w.bits(data | chip_supply::LINE)) };
+    // SAFETY: only the detector of the chip's supply has another bit in the mask, which does not change after
+    // boot; the chip has these lines.
+    unsafe { (*pac::EXTI::ptr()).imr().modify(|r, w| w.bits(r.bits() & chip_supply::LINE | data)) };
 }
 
 /// Returns whether the trip line is active. The pin belongs to the timer, but its level can be read.

@@ -82,7 +82,16 @@ impl BoardSession {
     /// The same at another port.
     pub fn command_at(options: &Options, port: &Address) -> Result<Self, Failure> {
         let mut session = Self::open_at(options, port)?;
-        session.board.await_command(options.take_over)?;
+        session.board.await_command(options.take_over).map_err(|error| match error {
+            BoardError::Refused { refusal: Refusal::Commanded { .. }, .. } if options.take_over => {
+                Failure::Refused(
+                    "another client commands the board, which is enabled: it can only be taken over after `tesaki stop` \
+                     or `tesaki disable`"
+                        .to_owned(),
+                )
+            }
+            error => error.into(),
+        })?;
         session.commands = true;
         Ok(session)
     }

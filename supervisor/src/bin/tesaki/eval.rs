@@ -60,6 +60,7 @@ fn kinematics(options: &Options, asked: &Kinematics, what: Quantity) -> Result<(
         Quantity::Rnea | Quantity::Mass => &[Matter::Dynamics],
     };
     output::keep_input(&asked.output, "--out", &asked.input, "--in")?;
+    output::keep_robot(&asked.output, &asked.robot)?;
     let (urdf, others) = Urdf::load(&asked.robot, matters)?;
     let table = Table::read(&asked.input)?;
     let tips = tips(&urdf, asked, what, &table)?;

@@ -34,6 +34,10 @@ pub fn run(options: &Options, command: &Grasp) -> Result<(), Failure> {
 fn grasp_object(options: &Options, args: &Run) -> Result<(), Failure> {
     let plan = grasp::load(&args.file)?;
     let mut motion = Motion::begin(options)?;
+    for (number, contact) in (1..).zip(&plan.contacts) {
+        let what = format!("{}: contact {number}", args.file.display());
+        check_distance(&what, Vector3::from(contact.position).norm(), &motion.model)?;
+    }
     let steps = timed_steps(args, &motion.model)?;
     output::confirm(
         options,
@@ -244,11 +248,15 @@ impl Course<'_> {
         match self.put_down(file) {
             Err(Failure::Fault(fault)) => return Err(self.fault(&fault)),
             Err(failure) if is_fatal(&failure) => return Err(failure),
+            Ok(End::Interrupted) => {
+                self.motion.end(true)?;
+                return Err(Failure::Interrupted("an object that the hand still held falls".to_owned()));
+            }
             Err(failure) => {
                 self.motion.end(false)?;
                 return Err(result.err().unwrap_or(failure));
             }
-            Ok(()) => {}
+            Ok(End::Done) => {}
         }
         let (last, held_for, is_complete) = (self.last, self.held_for.as_secs_f32(), self.is_complete);
         self.motion.end(was_interrupted)?;
@@ -272,22 +280,23 @@ impl Course<'_> {
         })
     }
 
-    fn put_down(&mut self, file: &Path) -> Result<(), Failure> {
+    fn put_down(&mut self, file: &Path) -> Result<End, Failure> {
         match self.last.phase {
-            Phase::Ready | Phase::Approach | Phase::Touch => return Ok(()),
+            Phase::Ready | Phase::Approach | Phase::Touch => return Ok(End::Done),
             Phase::Squeeze | Phase::ProbeFriction => self.command(GraspCommand::Open)?,
             Phase::Hold => {}
             Phase::Move | Phase::Lower | Phase::Open => {
                 if self.wait_until_idle()? == End::Interrupted {
-                    return Ok(());
+                    return Ok(End::Interrupted);
                 }
             }
         }
         if self.last.phase == Phase::Hold {
             self.command(GraspCommand::PutDown)?;
         }
-        if self.wait_until_idle()? == End::Interrupted || self.last.phase != Phase::Hold {
-            return Ok(());
+        let end = self.wait_until_idle()?;
+        if end == End::Interrupted || self.last.phase != Phase::Hold {
+            return Ok(end);
         }
         // Nothing supports the object, or a finger is at its limit: the operator decides when to release it.
         output::notice(
@@ -299,8 +308,8 @@ impl Course<'_> {
         interrupted()?.store(false, Ordering::Relaxed);
         let outcome = self.check(file);
         self.command(GraspCommand::Open)?;
-        self.wait_until_idle()?;
-        outcome
+        let end = self.wait_until_idle()?;
+        outcome.map(|()| end)
     }
 
     /// A fault, with its consequence for the object.

@@ -45,6 +45,15 @@ fn identify_hand(options: &Options, args: &Identify, grasp: &Path) -> Result<(),
     let model = session.model()?;
     let node = session.board.status()?.node;
     session.require_no_fault(node.mode, Some(&model))?;
+    let tips = session.tips()?.tips;
+    let mut sensors = model.chains.iter().zip(&tips).filter(|(chain, _)| chain.force_sensor.is_some());
+    if let Some((chain, _)) = sensors.find(|(_, tip)| !tip.tared) {
+        return Err(Failure::Refused(format!(
+            "the force sensor of {} was not tared since the model was pushed or the joints were homed: `tesaki tare` \
+             while nothing touches the tips",
+            chain.name
+        )));
+    }
     let mut file = open(&args.out, &model)?;
     output::confirm(
         options,

@@ -16,6 +16,9 @@ use crate::failure::Failure;
 use crate::motion::{End, KEEP_ALIVE, Motion, News};
 use crate::output;
 
+/// From this share of its limit on, a torque counts as limited.
+const AT_LIMIT: f32 = 0.95;
+
 pub fn enable(options: &Options, args: &Enable) -> Result<(), Failure> {
     let mut motion = Motion::begin(options)?;
     output::confirm(
@@ -44,11 +47,12 @@ pub fn move_joints(options: &Options, args: &Move) -> Result<(), Failure> {
     let load = Load::at(&motion.model, &goal);
     motion.announce_ctrl_c(load.as_ref());
     let deadline = Instant::now() + args.within;
-    let (mut arrival, mut farthest) = (Arrival::default(), (0, 0.0));
+    let (mut arrival, mut farthest, mut torque) = (Arrival::default(), (0, 0.0), 0.0);
     let set_point = goal_request(&goal)?;
     let done = |news: &News, now| {
         if let Some(telemetry) = &news.telemetry {
             farthest = farthest_joint(telemetry, &goal);
+            torque = telemetry.joints.get(farthest.0).map_or(0.0, |joint| joint.torque);
             arrival.update(farthest.1, args.tolerance);
         }
         arrival.has_come() || now >= deadline
@@ -57,6 +61,7 @@ pub fn move_joints(options: &Options, args: &Move) -> Result<(), Failure> {
         return motion.break_off();
     }
     let (joint, error) = farthest;
+    let limit = motion.model.joints.get(joint).map_or(f32::INFINITY, |joint| joint.limits.torque);
     let joint = motion.model.joint_name(joint).to_owned();
     if !arrival.has_come() {
         let late = format!(
@@ -71,9 +76,15 @@ pub fn move_joints(options: &Options, args: &Move) -> Result<(), Failure> {
             motion.drive(KEEP_ALIVE, |_| here.clone(), |_, _| false)?;
         }
         motion.end(false)?;
-        return Err(Failure::Late(format!(
-            "{late}; the board is disabled. Is the joint blocked, or --within too short?"
-        )));
+        let why = if torque.abs() < AT_LIMIT * limit {
+            "Is the joint blocked, or --within too short?".to_owned()
+        } else {
+            format!(
+                "Its torque is at the limit of {limit} N·m: is the joint blocked, is the limit too low, or are \
+                 `encoder.counts_per_turn` or `encoder.reversed` wrong?"
+            )
+        };
+        return Err(Failure::Late(format!("{late}; the board is disabled. {why}")));
     }
     let value = json!({ "arrived": true, "joint": joint, "largest_error": output::exact(&error) });
     output::result(options, &value, || format!("arrived: the largest error is {error:.4} rad, of {joint}"))?;

@@ -4,7 +4,7 @@ mod file;
 mod queue;
 
 use std::io::{self, IsTerminal, Write as _};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use serde::Serialize;
@@ -39,6 +39,13 @@ pub fn keep_input(output: &Path, outcome: &str, input: &Path, source: &str) -> R
         ))),
         _ => Ok(()),
     }
+}
+
+/// Refuses to write over the files of the robot, a folder or a URDF.
+pub fn keep_robot(output: &Path, robot: &Path) -> Result<(), Failure> {
+    let files = ["robot.urdf", "controller.toml", "plant.toml"].map(|name| robot.join(name));
+    let files = files.iter().map(PathBuf::as_path).chain([robot]);
+    files.into_iter().try_for_each(|file| keep_input(output, "--out", file, "a file of the robot"))
 }
 
 /// The value for JSON, with the shortest digits that identify its single-precision numbers. (`json!` alone

@@ -20,13 +20,14 @@ use tesaki_supervisor::operator::{Fingertips, operator_fingertips};
 use crate::args::{Options, Retarget};
 use crate::eval::{Results, exact, finish};
 use crate::failure::Failure;
-use crate::output::{self, keep_input};
+use crate::output::{self, keep_input, keep_robot};
 use source::Source;
 
 pub fn run(options: &Options, args: &Retarget) -> Result<(), Failure> {
     match (&args.input, &args.robot) {
         (Some(input), Some(robot)) if !args.live => {
             keep_input(&args.output, "--out", input, "--in")?;
+            keep_robot(&args.output, robot)?;
             let model = RobotFolder::load(robot)?.model;
             let settings = RetargetingSettings::load(robot, &model)?;
             tell_defaults(options, robot);

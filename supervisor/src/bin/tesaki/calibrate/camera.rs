@@ -50,6 +50,7 @@ pub fn run(options: &Options, args: &CalibrateCamera) -> Result<(), Failure> {
         )));
     }
     output::keep_input(out, "--out", &args.input, "--in")?;
+    output::keep_robot(out, &args.robot)?;
     let robot = RobotFolder::load(&args.robot)?;
     let table = Table::read(&args.input)?;
     let poses = poses(options, &table, &robot)?;
