@@ -8,8 +8,8 @@ const SETTINGS: Settings =
     Settings { gate_current: GateCurrent::Medium, overcurrent: 12, gain: Gain::Eighty };
 
 /// Words to the chip and from it, by hand from the tables of the data sheet. CONTROL_1 is address 2: 0.7 A is
-/// 1, latched shutdown 1 << 4, row 12 is 12 << 6. CONTROL_2 is address 3: gain 80 is 3 << 2. A write is answered
-/// with what the register contained before.
+/// 1, latched shutdown 1 << 4, row 12 is 12 << 6. CONTROL_2 is address 3: gain 80 is 3 << 2. A write is
+/// answered with what the register contained before.
 const SET_UP: [(u16, u16); 6] = [
     (0x1311, 0x0000),
     (0x1311, 0x1000),

@@ -19,8 +19,8 @@ const MAX_PATIENCE: Duration = Duration::from_millis(160);
 /// Maximum number of queued messages; the oldest are dropped. About twenty seconds of all streams of a board.
 const INBOX: usize = 8192;
 
-/// Number of requests after which an answer that was not awaited counts as late. Less than half of the sequence
-/// numbers, so that answers to new requests never do.
+/// Number of requests after which an answer that was not awaited counts as late. Less than half of the
+/// sequence numbers, so that answers to new requests never do.
 const OLD: u16 = 1 << 14;
 
 /// Interval at which the flag of [`LinkBoard::interrupt_by`] is checked.

@@ -45,6 +45,11 @@ impl Posture {
         self.joints.get(joint)
     }
 
+    /// Axis (a unit vector) and origin of the first joint [m].
+    pub(crate) fn first_axis(&self) -> Option<(Vector3<f32>, Vector3<f32>)> {
+        self.joint(0).map(|(axis, _)| (*axis, self.tip.translation.vector - self.reach))
+    }
+
     /// The geometric Jacobian of the tip [m/rad; 1].
     #[inline]
     pub fn jacobian(&self) -> Jacobian {

@@ -247,9 +247,9 @@ fn commands_that_are_not_possible_leave_the_hand_ready() {
     assert_eq!(seen(&mut bench).phase, Phase::Ready);
 }
 
-/// At (±1.1, 0.1, 0.8) rad the first tip is 45.1545 mm from the axis of its first joint, at z = 116.960 mm. It
-/// is led along y from (20.482, 40.242) to (20.482, −40.242) mm within 1.709 s, in the middle at 88.30 mm/s,
-/// where the joint turns at 4.311 rad/s.
+/// At (±1.1, 0.1, 0.8) rad the first tip is 45.1545 mm from the axis of its first joint, at z = 116.960 mm.
+/// It is led along y from (20.482, 40.242) to (20.482, −40.242) mm within 1.709 s, in the middle at 88.30
+/// mm/s, where the joint turns at 4.311 rad/s.
 #[test]
 fn a_path_past_the_axis_of_a_joint_is_refused_with_its_speed() {
     let mut plan = in_front();

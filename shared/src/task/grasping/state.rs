@@ -347,20 +347,42 @@ fn check_paths(
 ) -> Result<(), GraspRefusal> {
     let interval = duration / f32::from(PATH_CHECKS);
     for (index, finger, path, angles) in zip((0_u8.., &hand.fingers, paths, reference)) {
-        let mut last = *angles;
+        let (mut last, mut from) = (*angles, Vector3::from(path.start));
+        let first_axis = finger.chain.posture(angles).first_axis();
         for check in 1..=PATH_CHECKS {
-            let [position, ..] = path.setpoint(f32::from(check) * interval, duration);
-            let angles = reach(index, finger, &position, &last)?;
-            for (joint, angle, last, limit) in zip((3 * index.., &angles, &last, finger.planned_speeds)) {
-                let value = math::abs(angle - last) / interval;
+            let [to, ..] = path.setpoint(f32::from(check) * interval, duration);
+            let angles = reach(index, finger, &to, &last)?;
+            let mut turned = [0.0; 3];
+            for (turned, angle, last) in zip((&mut turned, &angles, &last)) {
+                *turned = math::abs(angle - last);
+            }
+            // The first joint's angle may rise and fall between the points, close to its axis.
+            if let Some((axis, origin)) = first_axis {
+                turned[0] = largest_turn(&(from - origin), &(to - from), &axis).max(turned[0]);
+            }
+            for (joint, turned, limit) in zip((3 * index.., turned, finger.planned_speeds)) {
+                let value = turned / interval;
                 if value > limit {
                     return Err(GraspRefusal::Limit(LimitRefusal::TooFast { joint, value, limit }));
                 }
             }
-            last = angles;
+            (last, from) = (angles, to);
         }
     }
     Ok(())
+}
+
+/// Angle by which a point at `from` turns about an axis through the origin on its way by `step` [m], if it
+/// went as fast all the way as where it is closest to the axis [rad].
+fn largest_turn(from: &Vector3<f32>, step: &Vector3<f32>, axis: &Vector3<f32>) -> f32 {
+    let across = |v: &Vector3<f32>| v - axis * axis.dot(v);
+    let (from, step) = (across(from), across(step));
+    let length = step.norm_squared();
+    let nearest = if length > 0.0 { (-from.dot(&step) / length).clamp(0.0, 1.0) } else { 0.0 };
+    let distance = (from + step * nearest).norm_squared();
+    let turn = math::abs(axis.dot(&from.cross(&step))) / distance;
+    // On a line through the axis both are zero.
+    if turn.is_finite() { turn } else { 0.0 }
 }
 
 /// Returns the joint angles [rad] with which a fingertip is at `position` [m]. `reference`: angles nearby.

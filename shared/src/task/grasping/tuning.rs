@@ -9,8 +9,8 @@ use crate::TICK;
 pub(super) const APPROACH_SPEED: f32 = 0.1;
 /// Time beyond that of the fastest minimum-jerk motion of the approach [s]. More slows short approaches down.
 pub(super) const APPROACH_EXTRA_TIME: f32 = 0.2;
-/// Points at which a path is checked before a motion. With fewer, a joint's speed can exceed its limit between
-/// two of them.
+/// Points at which a path is checked before a motion. With fewer, a joint's speed can exceed its limit
+/// between two of them.
 pub(super) const PATH_CHECKS: u8 = 32;
 /// Time for the fingertips to come to rest at the end of a path [s]. If it is too short, the search for the
 /// surface begins with vibrating force sensors.
