@@ -15,6 +15,9 @@ fn steps_that_are_none_are_refused_before_anything_moves() {
     let server = Server::ready_to_grasp(false);
     let file = box_grasp();
     server.fails(&["grasp", "run", &file], 7, &["finger1_tip was not tared", "tesaki tare"]);
+    let out = server.folder.path().join("calibration.toml");
+    let words = ["finger1_tip was not tared", "tesaki tare"];
+    server.fails(&["identify", &file, "--out", out.to_str().unwrap()], 7, &words);
     server.succeeds(&["tare"]);
     server.fails(&["grasp", "run", &file, "lift=high"], 2, &["lift", "not a number"]);
     server.fails(&["grasp", "run", &file, "turn=0,1"], 2, &["turn", "three numbers"]);
@@ -25,6 +28,10 @@ fn steps_that_are_none_are_refused_before_anything_moves() {
 
     // The joint is named whose limits are in the way of a contact, or of the path to it.
     let text = std::fs::read_to_string(&file).unwrap();
+    let millimetres = server.folder.path().join("millimetres.toml");
+    std::fs::write(&millimetres, text.replace("[0.090, 0.0, 0.085]", "[90, 0.0, 85]")).unwrap();
+    let words = ["millimetres.toml: contact 1", "is it in metres?"];
+    server.fails(&["grasp", "run", millimetres.to_str().unwrap()], 2, &words);
     for (position, joint, limit) in [
         ("[0.0, 0.0, 0.085]", "finger1_bend: ", "outside its limits -1.2 to 1.7 rad"),
         ("[0.090, 0.0, 0.045]", "finger3_swing: ", "beyond its limit of 4.8 rad/s"),
@@ -96,6 +103,26 @@ fn ctrl_c_puts_the_box_down_and_a_fault_says_what_became_of_it() {
         status.contains("the grasp ended: the board is in fault") && status.contains("before that"),
         "{status}"
     );
+}
+
+#[test]
+fn a_second_ctrl_c_lets_the_box_fall_and_says_so() {
+    let server = Server::ready_to_grasp(true);
+    server.succeeds(&["tare"]);
+    let wait_for = |phase: &str| {
+        while server.status("grasp").is_none_or(|status| status["phase"] != phase) {
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    };
+    let run = server.start_command(&["grasp", "run", &box_grasp(), "lift=0.02", "hold"]);
+    wait_for("Move");
+    wait_for("Hold");
+    signal(&run, nix::sys::signal::Signal::SIGINT);
+    wait_for("Lower");
+    signal(&run, nix::sys::signal::Signal::SIGINT);
+    let (code, text) = said(&finish(run));
+    assert!(code == 130 && text.contains("an object that the hand still held falls"), "{code}: {text}");
+    assert!(!text.contains("done"), "{text}");
 }
 
 #[test]

@@ -22,7 +22,7 @@ fn a_hand_tells_its_friction_without_an_object() {
     assert!(code == 130 && text.contains("interrupted: the board is disabled"), "{code}: {text}");
     server.wait_for("disabled");
     let disturbed = server.wait_with(server.start_command(&arguments), "enabled");
-    server.fails(&["--take-over", "tare"], 7, &["command"]);
+    server.fails(&["--take-over", "tare"], 7, &["which is enabled", "`tesaki stop` or `tesaki disable`"]);
     server.wait_for("enabled");
     server.succeeds(&["disable"]);
     let (code, text) = said(&finish(disturbed));

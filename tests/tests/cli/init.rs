@@ -239,4 +239,14 @@ fn eval_does_not_write_over_its_table() {
         );
         assert_eq!(std::fs::read_to_string(&table).unwrap(), text);
     }
+    // Nor over its robot.
+    std::fs::write(&table, "finger1_swing\n0\n").unwrap();
+    let urdf = folder.path().join("robot.urdf");
+    std::fs::copy(hand3().join("robot.urdf"), &urdf).unwrap();
+    let [robot, file, out] = [folder.path(), &table, &urdf].map(|path| path.to_str().unwrap());
+    for robot in [robot, out] {
+        let (code, said) = run(&["eval", "fk", "--robot", robot, "--in", file, "--out", out]);
+        assert!(code == 2 && said.contains("a file of the robot and --out are both"), "{code} {said}");
+    }
+    assert_eq!(std::fs::read(&urdf).unwrap(), std::fs::read(hand3().join("robot.urdf")).unwrap());
 }
