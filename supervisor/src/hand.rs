@@ -206,7 +206,8 @@ impl<B: FingerBoard> MultiBoardHand<B> {
             GraspCommand::Grasp(GraspPlan { feedback: false, .. }) => return Err(HandError::OpenLoop),
             _ => {}
         }
-        self.state.command(&self.model.hand(), command).map_err(HandError::GraspRefusal)
+        let speeds = self.model.planned_speeds();
+        self.state.command(&self.model.hand(), &speeds, command).map_err(HandError::GraspRefusal)
     }
 
     /// Runs one control period: reads the measurements of all fingers, and sends each board its set-points.

@@ -57,6 +57,11 @@ impl HandModel {
         Ok(Self { fingers, gravity: Vector3::from(robot.gravity) })
     }
 
+    /// Largest planned speeds of the joints [rad/s].
+    pub fn planned_speeds(&self) -> PerFinger<[f32; 3]> {
+        self.fingers.each_ref().map(|finger| finger.planned_speeds)
+    }
+
     /// The hand in the form that the grasp controller takes.
     pub fn hand(&self) -> GraspHand<'_> {
         let fingers = self.fingers.each_ref().map(|finger| GraspFinger {
@@ -64,7 +69,6 @@ impl HandModel {
             inverse: &finger.inverse,
             torque_limits: finger.torque_limits,
             friction: finger.friction,
-            planned_speeds: finger.planned_speeds,
             radius: finger.radius,
         });
         GraspHand { fingers, gravity: &self.gravity }

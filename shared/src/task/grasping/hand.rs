@@ -27,8 +27,6 @@ pub struct GraspFinger<'a> {
     pub torque_limits: [f32; 3],
     /// Coulomb friction of the joints [N·m].
     pub friction: [f32; 3],
-    /// Largest speeds of the joints in a planned motion [rad/s].
-    pub planned_speeds: [f32; 3],
     /// Radius of the tip, whose centre is the chain's tip [m]; 0 for a point.
     pub radius: f32,
 }
@@ -58,7 +56,6 @@ impl<'a> GraspHand<'a> {
                 inverse: config.finger.as_ref()?,
                 torque_limits: [a, b, c].map(|joint| joint.servo.torque_limit()),
                 friction: [a, b, c].map(|joint| joint.coulomb),
-                planned_speeds: [a, b, c].map(|joint| joint.limits.planned_speed()),
                 radius: model.tip_radius,
             };
             fingers.push(finger).ok()?;

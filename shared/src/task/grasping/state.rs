@@ -171,13 +171,18 @@ impl GraspState {
         }
     }
 
-    /// Starts a command.
+    /// Starts a command. `speeds`: the largest planned ones of the joints [rad/s].
     ///
     /// # Errors
     /// Why it is refused; the state is unchanged.
-    pub fn command(&mut self, hand: &GraspHand<'_>, command: &GraspCommand) -> Result<(), GraspRefusal> {
+    pub fn command(
+        &mut self,
+        hand: &GraspHand<'_>,
+        speeds: &PerFinger<[f32; 3]>,
+        command: &GraspCommand,
+    ) -> Result<(), GraspRefusal> {
         match command {
-            GraspCommand::Grasp(plan) => self.begin(hand, plan),
+            GraspCommand::Grasp(plan) => self.begin(hand, speeds, plan),
             GraspCommand::Move { translation, rotation, duration } => {
                 self.begin_move(hand, translation, rotation, *duration)
             }
@@ -218,7 +223,12 @@ impl GraspState {
         self.enter(next);
     }
 
-    fn begin(&mut self, hand: &GraspHand<'_>, plan: &GraspPlan) -> Result<(), GraspRefusal> {
+    fn begin(
+        &mut self,
+        hand: &GraspHand<'_>,
+        speeds: &PerFinger<[f32; 3]>,
+        plan: &GraspPlan,
+    ) -> Result<(), GraspRefusal> {
         if self.phase != Phase::Ready {
             return Err(GraspRefusal::Busy(self.phase));
         }
@@ -244,7 +254,7 @@ impl GraspState {
             *path = TipPath::between(start, before);
         }
         let path_duration = max_length * (MINIMUM_JERK_PEAK / APPROACH_SPEED) + APPROACH_EXTRA_TIME;
-        check_paths(hand, &tip_paths, path_duration, &self.reference)?;
+        check_paths(hand, speeds, &tip_paths, path_duration, &self.reference)?;
         self.failure = None;
         self.plan = Some(plan);
         (self.tip_paths, self.path_duration) = (tip_paths, path_duration);
@@ -337,16 +347,19 @@ impl GraspState {
 }
 
 /// Checks the paths of the fingertips, which take `duration` [s]: each of [`PATH_CHECKS`] points can be
-/// reached, and no joint moves faster between them than its planned speed. `reference`: the joint angles at
-/// their start [rad].
+/// reached, and no joint moves faster between them than at its largest planned speed [rad/s]. `reference`:
+/// the joint angles at their start [rad].
 fn check_paths(
     hand: &GraspHand<'_>,
+    speeds: &PerFinger<[f32; 3]>,
     paths: &PerFinger<TipPath>,
     duration: f32,
     reference: &PerFinger<[f32; 3]>,
 ) -> Result<(), GraspRefusal> {
     let interval = duration / f32::from(PATH_CHECKS);
-    for (index, finger, path, angles) in zip((0_u8.., &hand.fingers, paths, reference)) {
+    for (finger, speeds, (index, path, angles)) in
+        zip((&hand.fingers, speeds, zip((0_u8.., paths, reference))))
+    {
         let (mut last, mut from) = (*angles, Vector3::from(path.start));
         let first_axis = finger.chain.posture(angles).first_axis();
         for check in 1..=PATH_CHECKS {
@@ -360,7 +373,7 @@ fn check_paths(
             if let Some((axis, origin)) = first_axis {
                 turned[0] = largest_turn(&(from - origin), &(to - from), &axis).max(turned[0]);
             }
-            for (joint, turned, limit) in zip((3 * index.., turned, finger.planned_speeds)) {
+            for (joint, turned, &limit) in zip((3 * index.., turned, speeds)) {
                 let value = turned / interval;
                 if value > limit {
                     return Err(GraspRefusal::Limit(LimitRefusal::TooFast { joint, value, limit }));

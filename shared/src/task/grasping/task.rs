@@ -42,7 +42,10 @@ impl Task for Grasping {
     fn command(&mut self, io: Io<'_>, command: &GraspCommand) -> Result<(), GraspRefusal> {
         let hand = GraspHand::of(io.robot).ok_or(GraspRefusal::NotAHand)?;
         let had_plan = self.state.plan.is_some();
-        self.state.command(&hand, command)?;
+        let mut speeds = [[0.0; 3]; 3];
+        let joints = speeds.iter_mut().flatten().zip(io.robot.joints());
+        joints.for_each(|(speed, joint)| *speed = joint.limits.planned_speed());
+        self.state.command(&hand, &speeds, command)?;
         if let GraspCommand::Grasp(GraspPlan { control, .. }) = command {
             let mode = match control {
                 ObjectControl::Differential(mode) => *mode,
