@@ -99,10 +99,9 @@ impl Drv8301 {
             _ => 0,
         };
         self.next_answer = address << 11 | value;
-        if word >> 15 == 0 && (2..4).contains(&address) {
-            if std::mem::replace(&mut self.was_written, true) {
-                self.control[usize::from(address) - 2] = data;
-            }
+        let is_write = word >> 15 == 0 && (2..4).contains(&address);
+        if is_write && std::mem::replace(&mut self.was_written, true) {
+            self.control[usize::from(address) - 2] = data;
         }
     }
 
