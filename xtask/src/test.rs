@@ -104,6 +104,8 @@ fn full(steps: &mut Steps) -> Result<()> {
     steps.run("dependencies: licences, duplicates, sources, advisories", || dependencies(&python))?;
     steps.run("tables against what is recorded", tables)?;
     steps.run("the host suite", host)?;
+    // Alone: a page that is starved for a second counts as gone.
+    steps.run("the page against its sources, and in a browser", viewer::check_built)?;
     // The next steps wait for other programs much of their time.
     let images = std::thread::scope(|scope| {
         let images = scope.spawn(|| {
@@ -112,7 +114,6 @@ fn full(steps: &mut Steps) -> Result<()> {
         });
         steps.run("recorded sweeps against the simulator", sweep::check_built)?;
         steps.run("recorded fault schedules against the simulator", faults::check_built)?;
-        steps.run("the page against its sources, and in a browser", viewer::check_built)?;
         steps
             .run("rosbags reads recordings, the example client moves a joint", || other_programs(&python))?;
         steps.run("the Python package", python::check)?;
