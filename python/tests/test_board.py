@@ -121,12 +121,16 @@ def test_what_is_no_recording_is_a_file_error(tmp_path):
         recordings.load(log)
 
 
+def enable(board, served):
+    board.push(tesaki.Robot(tesaki.robots() / "hand3"))
+    board.home(served.angles)
+    board.enable()
+
+
 def test_an_exception_disables(serve):
     served = serve()
     with pytest.raises(RuntimeError, match="^on the way$"), tesaki.Board(served.port) as board:
-        board.push(tesaki.Robot(tesaki.robots() / "hand3"))
-        board.home(served.angles)
-        board.enable()
+        enable(board, served)
         raise RuntimeError("on the way")
     with tesaki.Board(served.port) as board:
         assert board.telemetry()["mode"] == "disabled" and board.faults() == []
@@ -135,9 +139,7 @@ def test_an_exception_disables(serve):
 def test_what_another_program_has_enabled_is_not_disabled(serve):
     served = serve()
     with tesaki.Board(served.port) as board:
-        board.push(tesaki.Robot(tesaki.robots() / "hand3"))
-        board.home(served.angles)
-        board.enable()
+        enable(board, served)
         # The command timeout stops the hand.
         time.sleep(0.5)
         with tesaki.Board(served.port, take_over=True) as other:
@@ -151,9 +153,7 @@ def test_what_another_program_has_enabled_is_not_disabled(serve):
 def test_a_fault_is_an_exception_with_its_words(serve):
     served = serve()
     with tesaki.Board(served.port) as board:
-        board.push(tesaki.Robot(tesaki.robots() / "hand3"))
-        board.home(served.angles)
-        board.enable()
+        enable(board, served)
         board.wait(0.2)
         served.command("estop on")
         with pytest.raises(tesaki.FaultError, match="(?s)^the board is in fault: .*emergency.*See docs/troubleshooting.md"):

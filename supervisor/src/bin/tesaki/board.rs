@@ -157,7 +157,11 @@ pub fn stop(options: &Options) -> Result<(), Failure> {
 /// another version does nothing else for this one.
 fn open_after(options: &Options, action: &'static str, request: &Request) -> Result<BoardSession, Failure> {
     let mut board = dial(options)?;
-    let confirmed = board.ask(action, request.clone());
+    let confirmed = match board.ask(action, request.clone()) {
+        // Nothing answers, not even in the words of another version.
+        Err(error) if board.counts().good + board.counts().malformed == 0 => return Err(error.into()),
+        confirmed => confirmed,
+    };
     let greeted = BoardSession::greet(options, board);
     if let Err(Failure::Board(BoardError::SchemaMismatch { .. })) = greeted {
         let answer = if confirmed.is_ok() { "was confirmed" } else { "was sent, but was not confirmed" };
