@@ -37,7 +37,7 @@ fn a_hand_tells_its_friction_without_an_object() {
     server.wait_for_rest();
     assert!(!out.exists());
 
-    let found = server.json(&arguments);
+    let found = identified(&server, &arguments);
     let hand = crate::server::hand3();
     server.succeeds(&["model", "push", hand.to_str().unwrap(), "--calibration", out.to_str().unwrap()]);
     let plant = server.stop();
@@ -52,6 +52,25 @@ fn a_hand_tells_its_friction_without_an_object() {
         assert!((coulomb - told).abs() < tolerance, "{}: {coulomb} ± {deviation}, {told}", joint.name);
         assert!(deviation < 0.1 * told, "{}: {coulomb} ± {deviation}", joint.name);
     }
+}
+
+/// Runs the self-test again if the computer was too busy for it: then its message says so, or the readings
+/// that are left do not identify every joint.
+fn identified(server: &Server, arguments: &[&str]) -> serde_json::Value {
+    let arguments = [&["--json"], arguments].concat();
+    let mut said = String::new();
+    for _ in 0..5 {
+        let (code, text) = server.run(&arguments);
+        assert!(code == 0 || code == 6 && text.contains("set-points came late"), "{code}: {text}");
+        let found = serde_json::from_str::<serde_json::Value>(&text).unwrap_or_default();
+        let is_complete = |joint: &serde_json::Value| joint["coulomb"].is_object();
+        if found["joints"].as_object().is_some_and(|joints| joints.values().all(is_complete)) {
+            return found;
+        }
+        said = text;
+        server.wait_for_rest();
+    }
+    panic!("not identified in five tries: {said}");
 }
 
 /// The board of an arm holds it after a fault, as its model says; so it does when the self-test ends by that.
