@@ -170,11 +170,19 @@ impl<S: SpiDevice> Drv8301<S> {
     }
 
     /// Checks that the chip still has its settings and no fault. This takes five words and clears the status
-    /// registers.
+    /// registers. An answer that may have been disturbed, by motors that switch nearby, is asked for again
+    /// once.
     ///
     /// # Errors
     /// Why the gate driver must not be used.
     pub fn check(&mut self) -> Result<(), Error<S::Error>> {
+        match self.read_back() {
+            Err(Error::NoAnswer { .. } | Error::NotKept { .. }) => self.read_back(),
+            result => result,
+        }
+    }
+
+    fn read_back(&mut self) -> Result<(), Error<S::Error>> {
         let registers = [STATUS_1, STATUS_2, CONTROL_1, CONTROL_2];
         let mut values = [0; 4];
         self.exchange(READ | u16::from(STATUS_1) << 11)?;
@@ -188,14 +196,15 @@ impl<S: SpiDevice> Drv8301<S> {
             *value = word & DATA;
         }
         let [status_1, status_2, control @ ..] = values;
+        // First, because they are cleared now.
+        if status_1 & !TEMPERATURE_WARNING != 0 || status_2 & GATE_SUPPLY_HIGH != 0 {
+            return Err(Error::Fault([status_1, status_2]));
+        }
         for ((register, value), expected) in [CONTROL_1, CONTROL_2].into_iter().zip(control).zip(self.control)
         {
             if value != expected {
                 return Err(Error::NotKept { register, value });
             }
-        }
-        if status_1 & !TEMPERATURE_WARNING != 0 || status_2 & GATE_SUPPLY_HIGH != 0 {
-            return Err(Error::Fault([status_1, status_2]));
         }
         Ok(())
     }

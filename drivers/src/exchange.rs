@@ -70,10 +70,12 @@ impl<const N: usize> Order<N> {
 pub struct Measured<const N: usize> {
     /// Totals since the start.
     pub totals: Totals<N>,
-    /// The last sample of the supply [counts].
+    /// The last sample of the supply [mV]; after a trip by the supply, the one that tripped.
     pub supply: u16,
     /// Whether the motors are off because of a trip.
     pub has_tripped: bool,
+    /// Whether the supply was the cause.
+    pub supply_tripped: bool,
     /// Whether the currents can be measured: their offsets, where there are any, are known.
     pub is_ready: bool,
 }
@@ -86,13 +88,18 @@ pub const fn measured_words(motors: usize) -> usize {
 impl<const N: usize> Measured<N> {
     const TRIPPED: u32 = 1;
     const READY: u32 = 2;
+    const SUPPLY_TRIPPED: u32 = 4;
 
     /// Encodes the measurements as `W` words, which must be [`measured_words`].
     pub fn words<const W: usize>(&self) -> [u32; W] {
         const { assert!(W == measured_words(N)) }
         let Totals { currents, voltages, supply, periods, driven } = &self.totals;
-        let tripped = if self.has_tripped { Self::TRIPPED } else { 0 };
-        let ready = if self.is_ready { Self::READY } else { 0 };
+        let states = [
+            (self.has_tripped, Self::TRIPPED),
+            (self.is_ready, Self::READY),
+            (self.supply_tripped, Self::SUPPLY_TRIPPED),
+        ];
+        let bits = states.iter().filter(|(holds, _)| *holds).map(|(_, bit)| bit).sum();
         let mut words = [0; W];
         let mut places = words.iter_mut();
         let mut put = |value| {
@@ -102,7 +109,7 @@ impl<const N: usize> Measured<N> {
         };
         currents.iter().for_each(|sum| put(sum.cast_unsigned()));
         voltages.iter().for_each(|sum| put(sum.cast_unsigned()));
-        [*supply, *periods, *driven, self.supply.into(), tripped | ready].into_iter().for_each(put);
+        [*supply, *periods, *driven, self.supply.into(), bits].into_iter().for_each(put);
         words
     }
 
@@ -121,7 +128,9 @@ impl<const N: usize> Measured<N> {
         #[expect(clippy::cast_possible_truncation, reason = "it was of 16 bits")]
         let supply = next() as u16;
         let bits = next();
-        Self { totals, supply, has_tripped: bits & Self::TRIPPED != 0, is_ready: bits & Self::READY != 0 }
+        let [has_tripped, is_ready, supply_tripped] =
+            [Self::TRIPPED, Self::READY, Self::SUPPLY_TRIPPED].map(|bit| bits & bit != 0);
+        Self { totals, supply, has_tripped, supply_tripped, is_ready }
     }
 }
 
@@ -144,8 +153,9 @@ mod tests {
         assert_eq!(Order::<2>::from_words(&[0; 5]), Order::Off);
         let totals =
             Totals { currents: [1, -2], voltages: [i32::MIN, 4], supply: 5, periods: u32::MAX, driven: 6 };
-        for (has_tripped, is_ready) in [(false, false), (true, false), (false, true), (true, true)] {
-            let measured = Measured { totals, supply: u16::MAX, has_tripped, is_ready };
+        for bits in 0..8 {
+            let [has_tripped, is_ready, supply_tripped] = [1, 2, 4].map(|bit| bits & bit != 0);
+            let measured = Measured { totals, supply: u16::MAX, has_tripped, supply_tripped, is_ready };
             assert_eq!(Measured::<2>::from_words(&measured.words::<9>()), measured);
         }
     }

@@ -41,8 +41,6 @@ pub struct MotorJoints<const N: usize> {
     joints: Vec<Joint, N>,
     /// Periods of the current loops in a control period.
     periods: u32,
-    /// Voltage of one count of the supply [V].
-    supply_resolution: f32,
     last: Option<Last<N>>,
     /// Whether the velocities are those of the last period.
     has_velocities: bool,
@@ -50,9 +48,9 @@ pub struct MotorJoints<const N: usize> {
 
 impl<const N: usize> MotorJoints<N> {
     /// Creates the joints without a robot. `periods` is the number of periods of the current loops in a
-    /// control period, `supply_resolution` the voltage of one count of the supply [V].
-    pub const fn new(periods: u32, supply_resolution: f32) -> Self {
-        Self { joints: Vec::new(), periods, supply_resolution, last: None, has_velocities: false }
+    /// control period.
+    pub const fn new(periods: u32) -> Self {
+        Self { joints: Vec::new(), periods, last: None, has_velocities: false }
     }
 
     /// Takes a robot.
@@ -65,14 +63,15 @@ impl<const N: usize> MotorJoints<N> {
     /// counts, mean currents, mean supply and an encoder that contradicts the back-EMF of its motor
     /// ([`BackEmf`]), or `None` if the loops do not run at their rate: then nothing controls the currents.
     ///
-    /// A single disturbed sample, such as of a power stage that switches, hardly changes the mean supply.
+    /// A single disturbed sample, such as of a power stage that switches, hardly changes the mean supply. A
+    /// supply that tripped is reported itself.
     pub fn update(&mut self, period: u32, counts: [i32; N], measured: &Measured<N>) -> Option<SensorFrame> {
         let totals = &measured.totals;
         let last = self.last.replace(Last { period, counts, totals: *totals });
         self.has_velocities = false;
         let mut frame = SensorFrame {
             sequence: period,
-            supply: millivolts(f32::from(measured.supply) * self.supply_resolution),
+            supply: measured.supply,
             encoders: counts.into_iter().take(self.joints.len()).collect(),
             ..SensorFrame::default()
         };
@@ -89,7 +88,9 @@ impl<const N: usize> MotorJoints<N> {
         let sum = totals.supply.wrapping_sub(last.totals.supply) as f32;
         #[expect(clippy::cast_precision_loss, reason = "samples of a period")]
         let mean = sum * VOLTAGE_RESOLUTION / samples as f32;
-        frame.supply = millivolts(mean);
+        if !measured.supply_tripped {
+            frame.supply = millivolts(mean);
+        }
         let was_driven = totals.driven.wrapping_sub(last.totals.driven) == samples;
         let counts = changes(&counts, &last.counts);
         let sums = changes(&totals.currents, &last.totals.currents);
@@ -173,7 +174,7 @@ pub fn motors_for<const N: usize>(
         let winding = winding(&joint.motor).map_err(missing)?;
         *motor = Some(Motor { winding, sensing, trip: trip * joint.motor.current_limit });
     }
-    Motors::try_new(&motors, switching, wake).map_err(|(index, error)| {
+    Motors::try_new(&motors, model.safety.supply_max, switching, wake).map_err(|(index, error)| {
         let OutOfRange { field, value, min, max } = error;
         let field = match field {
             CurrentLoopField::Resistance => Field::MotorResistance,
@@ -220,19 +221,18 @@ mod tests {
         MotorJoints {
             joints: [joint, reversed].into_iter().collect(),
             periods: 200,
-            supply_resolution: 0.01,
             last: None,
             has_velocities: false,
         }
     }
 
-    /// Returns what is measured with these totals, and 1100 counts of the supply.
+    /// Returns what is measured with these totals, and a supply of 11 V.
     fn measured(totals: Totals<2>) -> Measured<2> {
-        Measured { totals, supply: 1100, has_tripped: false, is_ready: true }
+        Measured { totals, supply: 11_000, has_tripped: false, supply_tripped: false, is_ready: true }
     }
 
     /// By hand: 199 samples of 12 V and one of 40 V are 12.14 V. In the first period there is no mean, but a
-    /// sample: 1100 counts of 10 mV are 11 V.
+    /// sample of 11 V; and a supply that tripped counts more than the mean.
     #[test]
     fn a_disturbed_sample_hardly_changes_the_supply() {
         let mut joints = joints();
@@ -241,6 +241,9 @@ mod tests {
         let sum = 199 * 12_000 + 40_000;
         let totals = Totals { supply: totals.supply.wrapping_add(sum), periods: 200, ..totals };
         assert_eq!(joints.update(2, [0; 2], &measured(totals)).unwrap().supply, 12_140);
+        let totals = Totals { supply: totals.supply.wrapping_add(sum), periods: 400, ..totals };
+        let tripped = Measured { has_tripped: true, supply_tripped: true, ..measured(totals) };
+        assert_eq!(joints.update(3, [0; 2], &tripped).unwrap().supply, 11_000);
     }
 
     /// By hand: 5 counts of 1000 in two periods of 10 ms are π/2 rad/s; 400 samples of 0.3 A are 1 200 000

@@ -7,6 +7,7 @@ use tesaki::control::{CurrentLoop, CurrentLoopField, CurrentLoopState, Drive, Su
 use tesaki::math;
 
 use crate::current_sign::CurrentSign;
+use crate::exchange::Measured;
 
 /// Resolution of the sums of currents [A].
 pub const SUM_RESOLUTION: f32 = 1e-4;
@@ -16,6 +17,10 @@ pub const VOLTAGE_RESOLUTION: f32 = 1e-3;
 /// The reciprocals, as a product takes a tenth of the time of a quotient. In decimals they are exact.
 const SUMS_PER_AMPERE: f32 = 1e4;
 const SUMS_PER_VOLT: f32 = 1e3;
+
+/// So many samples of the supply above its limit, one after the other, trip. A power stage that switches
+/// disturbs a single one.
+const HIGH_SAMPLES: u8 = 4;
 
 /// How the power stage measures a current.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -125,7 +130,8 @@ enum Phase {
 /// Drives the motors, a sample of their currents at a time.
 ///
 /// The motors are off until the first command. The power stages get their time to wake before the first
-/// pulse. A current beyond the trip, or a trip of the hardware, switches all motors off until
+/// pulse. A current beyond the trip, four samples of the supply above its limit, which motors that brake can
+/// raise within a control period, or a trip of the hardware, switches all motors off until
 /// [`Motors::command`] has been called with `None`. If commands stop, [`CurrentLoop`] first brakes, and then
 /// the motors are switched off.
 #[derive(Clone, Copy, Debug)]
@@ -133,6 +139,12 @@ pub struct Motors<const N: usize> {
     axes: [Option<Axis>; N],
     phase: Phase,
     wake_periods: u16,
+    /// Supply above which all motors are switched off [V].
+    supply_max: f32,
+    /// The last sample of the supply [V]; after a trip by the supply, the one that tripped.
+    supply: f32,
+    /// Samples above `supply_max` until the last one, up to a trip.
+    high_samples: u8,
     /// Duty of a count.
     count: f32,
     lag: f32,
@@ -164,17 +176,18 @@ fn ripple(winding: &Winding, switching: &Switching) -> Result<f32, OutOfRange<Cu
 }
 
 impl<const N: usize> Motors<N> {
-    /// Creates motors with these windings; a board may have more power stages than motors. `wake` is the time
-    /// that a power stage takes to wake [s].
+    /// Creates motors with these windings; a board may have more power stages than motors. `supply_max` is the
+    /// supply above which all are switched off [V], `wake` the time that a power stage takes to wake [s].
     ///
     /// # Errors
     /// The motor and the value for which there is no current loop.
     pub fn try_new(
         motors: &[Option<Motor>; N],
+        supply_max: f32,
         switching: &Switching,
         wake: f32,
     ) -> Result<Self, (usize, OutOfRange<CurrentLoopField>)> {
-        let mut all = Self::none(switching, wake);
+        let mut all = Self { supply_max, ..Self::none(switching, wake) };
         for (index, (axis, motor)) in all.axes.iter_mut().zip(motors).enumerate() {
             if let Some(Motor { winding, sensing, trip }) = *motor {
                 let invalid = |error| (index, error);
@@ -204,6 +217,9 @@ impl<const N: usize> Motors<N> {
             axes: [None; N],
             phase: Phase::Off,
             wake_periods,
+            supply_max: f32::INFINITY,
+            supply: 0.0,
+            high_samples: 0,
             count: 1.0 / f32::from(switching.resolution),
             lag: switching.lag,
             outputs: [Output::default(); N],
@@ -220,14 +236,17 @@ impl<const N: usize> Motors<N> {
         }
     }
 
-    /// Returns the totals since the start.
-    pub const fn totals(&self) -> Totals<N> {
-        self.totals
-    }
-
-    /// Returns whether the motors are off because of a trip.
-    pub fn has_tripped(&self) -> bool {
-        self.phase == Phase::Tripped
+    /// Returns what was measured. `is_ready` tells whether the currents can be measured.
+    pub fn measured(&self, is_ready: bool) -> Measured<N> {
+        let has_tripped = self.phase == Phase::Tripped;
+        Measured {
+            totals: self.totals,
+            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
+            supply: (self.supply * SUMS_PER_VOLT) as u16,
+            has_tripped,
+            supply_tripped: has_tripped && self.high_samples == HIGH_SAMPLES,
+            is_ready,
+        }
     }
 
     /// Takes the command of a control period; `None` switches the motors off.
@@ -259,6 +278,12 @@ impl<const N: usize> Motors<N> {
         )]
         let supply_counts = (supply * SUMS_PER_VOLT) as u32;
         self.totals.supply = self.totals.supply.wrapping_add(supply_counts);
+        if self.phase == Phase::Tripped {
+            return;
+        }
+        self.supply = supply;
+        let is_high = supply > self.supply_max;
+        self.high_samples = if is_high { HIGH_SAMPLES.min(self.high_samples + 1) } else { 0 };
         match self.phase {
             Phase::Off | Phase::Tripped => {}
             Phase::Waking(0) => {
@@ -273,7 +298,7 @@ impl<const N: usize> Motors<N> {
     fn run(&mut self, measured: &[f32; N], supply: f32, stages: &mut impl PowerStages<N>) {
         let supply = Supply::from(supply);
         let mut off = false;
-        let mut tripped = stages.has_tripped();
+        let mut tripped = stages.has_tripped() || self.high_samples == HIGH_SAMPLES;
         self.totals.driven = self.totals.driven.wrapping_add(1);
         let totals = self.totals.currents.iter_mut().zip(&mut self.totals.voltages);
         let axes = self.axes.iter_mut().zip(&mut self.outputs);

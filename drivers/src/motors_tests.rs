@@ -6,6 +6,7 @@ const SWITCHING: Switching =
     Switching { period: 50e-6, lag: 0.5, pulses: 1, resolution: 4200, max_duty: 0.9 };
 const WINDING: Winding = Winding { resistance: 4.0, inductance: 1.6e-3, back_emf: 0.3 };
 const SUPPLY: f64 = 12.0;
+const SUPPLY_MAX: f32 = 15.0;
 
 /// Power stages and windings. A duty takes effect in the middle of a period.
 #[derive(Default)]
@@ -20,6 +21,8 @@ struct Rig {
     noise: u32,
     warm: bool,
     signed: bool,
+    /// Above [`SUPPLY`] [V].
+    excess: f64,
     /// Pulses that changed their direction while they lasted.
     glitches: u32,
 }
@@ -61,7 +64,7 @@ impl Rig {
             let (current, offset) = if signed { (current, 2048.0) } else { (current.abs(), 0.0) };
             (((current / 0.72e-3 + noise + offset).round().clamp(0.0, 4095.0) - offset) * 0.72e-3) as f32
         });
-        motors.update(&measured, SUPPLY as f32, self);
+        motors.update(&measured, (SUPPLY + self.excess) as f32, self);
         for index in 0..2 {
             let Output { positive, counts } = self.outputs[index];
             let duty = f64::from(counts) / 4200.0 * if positive { 1.0 } else { -1.0 };
@@ -82,7 +85,7 @@ impl Rig {
 
 fn motors() -> Motors<2> {
     let motor = Motor { winding: WINDING, sensing: Sensing::Magnitude, trip: 1.25 };
-    Motors::try_new(&[Some(motor); 2], &SWITCHING, 1e-3).unwrap()
+    Motors::try_new(&[Some(motor); 2], SUPPLY_MAX, &SWITCHING, 1e-3).unwrap()
 }
 
 const fn command(currents: [f32; 2], velocities: [f32; 2]) -> Command<2> {
@@ -130,7 +133,7 @@ fn currents_around_zero_stay_there() {
                 worst = worst.max((rig.current[0] - f64::from(current)).abs());
                 worst = worst.max((rig.current[1] + f64::from(current)).abs());
             }
-            assert!(worst < 0.008 && !motors.has_tripped(), "{index} {warm}: {worst}");
+            assert!(worst < 0.008 && !motors.measured(true).has_tripped, "{index} {warm}: {worst}");
         }
     }
 }
@@ -149,7 +152,7 @@ fn currents_follow_in_all_four_quadrants_without_glitches() {
         for (found, expected) in rig.current.into_iter().zip(command.currents) {
             assert!((found - f64::from(expected)).abs() < 0.01, "{found} {expected} at {velocity}");
         }
-        assert!(!motors.has_tripped());
+        assert!(!motors.measured(true).has_tripped);
     }
     assert_eq!(rig.glitches, 0);
 }
@@ -174,12 +177,12 @@ fn a_current_beyond_the_trip_switches_off_in_the_same_period_until_told_to_be_of
         run(&mut rig, &mut motors, &command([0.5; 2], [0.0; 2]), 400);
         rig.current[1] = broken;
         rig.step(&mut motors);
-        assert!(!rig.awake && !rig.pulses_pass && motors.has_tripped());
+        assert!(!rig.awake && !rig.pulses_pass && motors.measured(true).has_tripped);
         rig.current = [0.0; 2];
         run(&mut rig, &mut motors, &command([0.5; 2], [0.0; 2]), 400);
-        assert!(!rig.awake && motors.has_tripped());
+        assert!(!rig.awake && motors.measured(true).has_tripped);
         motors.command(None, &mut rig);
-        assert!(!motors.has_tripped());
+        assert!(!motors.measured(true).has_tripped);
         run(&mut rig, &mut motors, &command([0.5; 2], [0.0; 2]), 400);
         assert!(rig.pulses_pass && (rig.current[0] - 0.5).abs() < 0.01);
     }
@@ -192,7 +195,37 @@ fn a_trip_of_the_hardware_is_kept() {
     rig.tripped = true;
     rig.step(&mut motors);
     rig.tripped = false;
-    assert!(!rig.awake && motors.has_tripped());
+    assert!(!rig.awake && motors.measured(true).has_tripped);
+}
+
+/// Motors that brake raise the supply faster than the control task would see it.
+#[test]
+fn a_high_supply_trips_after_four_samples_and_is_reported() {
+    let (mut rig, mut motors) = (Rig::default(), motors());
+    let drive = command([0.5; 2], [0.0; 2]);
+    run(&mut rig, &mut motors, &drive, 400);
+    for _ in 0..100 {
+        rig.excess = 3.5;
+        (0..3).for_each(|_| rig.step(&mut motors));
+        rig.excess = 2.9;
+        rig.step(&mut motors);
+    }
+    assert!(rig.pulses_pass && !motors.measured(true).supply_tripped);
+    for (excess, awake) in [(3.1, true), (3.2, true), (3.3, true), (3.5, false), (9.0, false), (0.0, false)] {
+        rig.excess = excess;
+        rig.step(&mut motors);
+        assert_eq!(rig.awake, awake, "{excess}");
+    }
+    let measured = motors.measured(true);
+    assert!(measured.has_tripped && measured.supply_tripped && measured.supply == 15_500, "{measured:?}");
+    // Motors that are off leave nothing to switch off.
+    motors.command(None, &mut rig);
+    rig.excess = 3.5;
+    (0..10).for_each(|_| rig.step(&mut motors));
+    assert!(!motors.measured(true).has_tripped && !motors.measured(true).supply_tripped);
+    rig.excess = 0.0;
+    run(&mut rig, &mut motors, &drive, 400);
+    assert!(rig.pulses_pass && (rig.current[0] - 0.5).abs() < 0.01);
 }
 
 #[test]
@@ -210,16 +243,16 @@ fn without_commands_the_motors_are_shorted_after_two_ticks_and_then_off() {
         assert!(rig.awake);
         rig.step(&mut motors);
     }
-    assert!(!rig.awake && !motors.has_tripped());
+    assert!(!rig.awake && !motors.measured(true).has_tripped);
 }
 
 #[test]
 fn totals_give_the_mean_current() {
     let (mut rig, mut motors) = (Rig::default(), motors());
     run(&mut rig, &mut motors, &command([0.5, -0.25], [0.0; 2]), 600);
-    let before = motors.totals();
+    let before = motors.totals;
     run(&mut rig, &mut motors, &command([0.5, -0.25], [0.0; 2]), 200);
-    let after = motors.totals();
+    let after = motors.totals;
     assert_eq!(after.periods - before.periods, 200);
     for (index, expected) in [0.5, -0.25].into_iter().enumerate() {
         let mean = f64::from(after.currents[index] - before.currents[index]) * 1e-4 / 200.0;
@@ -230,7 +263,7 @@ fn totals_give_the_mean_current() {
 #[test]
 fn a_power_stage_without_motor_stays_without_pulses() {
     let motor = Motor { winding: WINDING, sensing: Sensing::Magnitude, trip: 1.25 };
-    let mut motors = Motors::try_new(&[Some(motor), None], &SWITCHING, 1e-3).unwrap();
+    let mut motors = Motors::try_new(&[Some(motor), None], SUPPLY_MAX, &SWITCHING, 1e-3).unwrap();
     let mut rig = Rig::default();
     run(&mut rig, &mut motors, &command([0.5; 2], [0.0; 2]), 400);
     assert!(rig.outputs[0].counts > 0 && rig.outputs[1].counts == 0);
@@ -240,7 +273,7 @@ fn a_power_stage_without_motor_stays_without_pulses() {
 fn an_invalid_winding_is_refused_by_its_motor() {
     let good = Motor { winding: WINDING, sensing: Sensing::Magnitude, trip: 1.0 };
     let bad = Motor { winding: Winding { resistance: 0.0, ..WINDING }, ..good };
-    let (index, error) = Motors::try_new(&[Some(good), Some(bad)], &SWITCHING, 1e-3).unwrap_err();
+    let (index, error) = Motors::try_new(&[Some(good), Some(bad)], SUPPLY_MAX, &SWITCHING, 1e-3).unwrap_err();
     assert_eq!((index, error.field), (1, CurrentLoopField::Resistance));
 }
 
@@ -263,6 +296,7 @@ fn the_mean_current_follows_from_a_sample_between_pulses() {
     let fast = Winding { inductance: 0.1e-3, ..winding };
     let refused = Motors::<1>::try_new(
         &[Some(Motor { winding: fast, sensing: Sensing::Magnitude, trip: 1.0 })],
+        SUPPLY_MAX,
         &switching,
         1e-3,
     );
@@ -275,7 +309,7 @@ fn the_mean_current_follows_from_a_sample_between_pulses() {
 #[test]
 fn a_signed_current_is_taken_as_it_is() {
     let motor = Motor { winding: WINDING, sensing: Sensing::Signed, trip: 1.25 };
-    let mut motors = Motors::try_new(&[Some(motor); 2], &SWITCHING, 1e-3).unwrap();
+    let mut motors = Motors::try_new(&[Some(motor); 2], SUPPLY_MAX, &SWITCHING, 1e-3).unwrap();
     let mut rig = Rig { signed: true, ..Rig::default() };
     for velocity in [0.0, 12.0, -12.0] {
         rig.velocity = [velocity, -velocity].map(f64::from);
@@ -287,19 +321,19 @@ fn a_signed_current_is_taken_as_it_is() {
     // The trip acts on the magnitude.
     rig.current[1] = -1.3;
     rig.step(&mut motors);
-    assert!(!rig.pulses_pass && motors.has_tripped());
+    assert!(!rig.pulses_pass && motors.measured(true).has_tripped);
 }
 
 #[test]
 fn voltages_are_added_up_while_the_motors_are_driven() {
     let (mut rig, mut motors) = (Rig { signed: true, ..Rig::default() }, motors());
     rig.step(&mut motors);
-    assert_eq!(motors.totals(), Totals { periods: 1, supply: 12_000, ..Totals::new() });
+    assert_eq!(motors.totals, Totals { periods: 1, supply: 12_000, ..Totals::new() });
     let command = command([0.5, -0.5], [0.0; 2]);
     run(&mut rig, &mut motors, &command, 400);
-    let before = motors.totals();
+    let before = motors.totals;
     run(&mut rig, &mut motors, &command, 200);
-    let after = motors.totals();
+    let after = motors.totals;
     assert_eq!((after.periods - before.periods, after.driven - before.driven), (200, 200));
     assert_eq!(after.supply - before.supply, 200 * 12_000);
     // 0.5 A through 3.2 Ω.

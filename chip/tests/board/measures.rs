@@ -139,6 +139,30 @@ fn a_disturbed_sample_of_the_supply_is_no_fault() {
     assert_eq!(rig.faults().last().unwrap().cause, FaultCause::SupplyHigh);
 }
 
+/// For half a millisecond the supply is too high, as braking motors make it: the mean of the period stays within
+/// the limit.
+#[test]
+fn a_short_overvoltage_switches_off_at_the_fourth_sample() {
+    let mut rig = Rig::enabled();
+    let normal = rig.machine.chip.bench.supply;
+    let high = f64::from(rig.model.safety.supply_max) + 0.5;
+    let instant = rig.machine.entered[16 + 28];
+    rig.machine.run(instant + 4 * SECOND / 1000).unwrap();
+    rig.machine.chip.bench.supply = high;
+    let until = time_until(&mut rig, MICROSECOND, SECOND / 1000, sleeps).unwrap();
+    println!("overvoltage: off after {} µs", until / MICROSECOND);
+    assert!((150..=205).contains(&(until / MICROSECOND)), "{} µs", until / MICROSECOND);
+    rig.machine.run(instant + 9 * SECOND / 2000).unwrap();
+    rig.machine.chip.bench.supply = normal;
+    rig.run(0.02);
+    let fault = rig.faults()[0];
+    assert!(
+        fault.cause == FaultCause::SupplyHigh && (f64::from(fault.value) - high).abs() < 0.1,
+        "{fault:?}"
+    );
+    assert_eq!(rig.faults().len(), 1);
+}
+
 /// The control task is late by five periods: it goes on with the last sample, not with one that waited.
 #[test]
 fn a_late_control_task_takes_the_last_sample() {

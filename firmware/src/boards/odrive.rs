@@ -189,7 +189,7 @@ impl Board for Odrive {
         connect_trips(&peripherals.syscfg, &peripherals.exti);
 
         let (to_loops, new_motors) = NEW_MOTORS.take().split();
-        let joints = MotorJoints::new(PERIODS, SUPPLY_RESOLUTION);
+        let joints = MotorJoints::new(PERIODS);
         let counters = [Counter::new(); N];
         let board = Self { emergency_stop, fault, gates, is_ready: false, to_loops, joints, counters };
         let loops = CurrentLoops {
@@ -386,9 +386,8 @@ impl CurrentControl for CurrentLoops {
             f32::from(supply) * SUPPLY_RESOLUTION,
             &mut self.stages,
         );
-        let (totals, has_tripped) = (self.motors.totals(), self.motors.has_tripped());
         let is_ready = self.offsets.iter().all(Offset::is_known);
-        MEASURED.write(Measured { totals, supply, has_tripped, is_ready }.words());
+        MEASURED.write(self.motors.measured(is_ready).words());
     }
 }
 

@@ -172,7 +172,7 @@ impl Board for Weact {
         let (to_loops, new_motors) = NEW_MOTORS.take().split();
         let stages = Stages { pulses, directions };
         let motors = Motors::none(&SWITCHING, drv8874::WAKE);
-        let joints = MotorJoints::new(PERIODS, SUPPLY_RESOLUTION);
+        let joints = MotorJoints::new(PERIODS);
         let gauges = ForceGauges::new(converter);
         let board = Self { emergency_stop, to_loops, joints, counters: [Counter::new(); 2], gauges };
         let loops = CurrentLoops { adc, samples: 0, stages, motors, new_motors, order: 0 };
@@ -365,7 +365,6 @@ impl CurrentControl for CurrentLoops {
         }
         let magnitudes = [first, second, third].map(|counts| f32::from(counts) * CURRENT_SENSE.resolution());
         self.motors.update(&magnitudes, f32::from(supply) * SUPPLY_RESOLUTION, &mut self.stages);
-        let (totals, has_tripped) = (self.motors.totals(), self.motors.has_tripped());
-        MEASURED.write(Measured { totals, supply, has_tripped, is_ready: true }.words());
+        MEASURED.write(self.motors.measured(true).words());
     }
 }

@@ -233,11 +233,12 @@ impl Node {
         if sensors.flags.emergency_stop() {
             return fault(FaultCause::EmergencyStop, None, 1.0, 0.0);
         }
-        if sensors.flags.power_stage() {
-            return fault(FaultCause::PowerStage, None, 1.0, 0.0);
-        }
+        // Before the trip that it causes.
         if supply > safety.supply_max {
             return fault(FaultCause::SupplyHigh, None, supply, safety.supply_max);
+        }
+        if sensors.flags.power_stage() {
+            return fault(FaultCause::PowerStage, None, 1.0, 0.0);
         }
         let found = of_sensor(joint_fault).filter(urgent).or(of_sensor(tip_fault).filter(urgent));
         if found.is_some() {
