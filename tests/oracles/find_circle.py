@@ -4,12 +4,14 @@
     find_circle.py                     writes data/find_circle.bin and data/find_circle.in
     find_circle.py set N SEED DIR      a set of N images for the example `circle_accuracy`, 256 x 240
     find_circle.py discs N SEED DIR    a set of plain discs, whose rim is their only edge
+    find_circle.py covered N SEED DIR  a set of plain discs, each with a round one before it that hides a part of its rim
     find_circle.py opencv DIR          what OpenCV's HOUGH_GRADIENT_ALT finds in such a set
 
 Needs opencv-python-headless and numpy."""
 
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 try:
@@ -151,14 +153,18 @@ def draw(rng, width, height):
     return image, (cx, cy, np.sqrt(a * b), a, b, np.deg2rad(angle))
 
 
-def disc(rng, width, height, least):
+def disc(rng, width, height, least, covered=False):
     """Returns an image of an elliptic disc on a ground with a slope, at least that fraction of its rim visible, its true
-    ellipse, and a prior of the radius."""
+    ellipse, and a prior of the radius. A cover is round and up to as large as the disc."""
     while True:
         radius, ratio, angle = np.exp(rng.uniform(np.log(12), np.log(80))), rng.uniform(1, 1.15), rng.uniform(0, np.pi)
         a, b = radius * np.sqrt(ratio), radius / np.sqrt(ratio)
         x, y = rng.uniform(0.1, 0.9) * width, rng.uniform(0.1, 0.9) * height
-        if visible((x, y, radius), width, height) >= least:
+        cover = None
+        if covered:
+            away, turn = radius * rng.uniform(0.2, 1.2), rng.uniform(0, 2 * np.pi)
+            cover = (x + away * np.cos(turn), y + away * np.sin(turn), radius * rng.uniform(0.5, 1.05))
+        if visible((x, y, radius), width, height, cover) >= least:
             break
     step = (np.arange(SAMPLES) + 0.5) / SAMPLES - 0.5
     u, v = np.meshgrid((np.arange(width)[:, None] + step).ravel() - x, (np.arange(height)[:, None] + step).ravel() - y)
@@ -166,6 +172,8 @@ def disc(rng, width, height, least):
     ground, contrast = rng.uniform(20, 235), rng.choice([-1, 1]) * np.exp(rng.uniform(np.log(10), np.log(220)))
     grey = ground + rng.uniform(-0.1, 0.1) * u + rng.uniform(-0.1, 0.1) * v
     grey[(along / a) ** 2 + (across / b) ** 2 < 1] += contrast
+    if cover is not None:
+        grey[np.hypot(u + x - cover[0], v + y - cover[1]) < cover[2]] = rng.uniform(5, 250)
     image = np.clip(grey, 5, 250).reshape(height, SAMPLES, width, SAMPLES).mean((1, 3))
     blurred = cv2.GaussianBlur(image, (0, 0), rng.uniform(0.1, 3)) + rng.normal(0, rng.uniform(0, 6), image.shape)
     off = rng.uniform(0.85, 1.18)
@@ -173,11 +181,14 @@ def disc(rng, width, height, least):
     return np.clip(np.rint(blurred), 0, 255).astype(np.uint8), truth, (radius * off / 1.3, radius * off * 1.3)
 
 
-def visible(circle, width, height):
-    """Returns the fraction of the rim of a circle (x, y, radius) that is in an image."""
+def visible(circle, width, height, cover=None):
+    """Returns the fraction of the rim of a circle (x, y, radius) that is in an image, and not under another circle."""
     turn = np.linspace(0, 2 * np.pi, 100)
     x, y = circle[0] + circle[2] * np.cos(turn), circle[1] + circle[2] * np.sin(turn)
-    return np.mean((x > 1) & (y > 1) & (x < width - 2) & (y < height - 2))
+    seen = (x > 1) & (y > 1) & (x < width - 2) & (y < height - 2)
+    if cover is not None:
+        seen &= np.hypot(x - cover[0], y - cover[1]) > cover[2]
+    return np.mean(seen)
 
 
 def scene(rng, width, height, least):
@@ -244,6 +255,8 @@ if __name__ == "__main__":
             make_set(scene, 0.55, int(count), int(seed), Path(folder))
         case ["discs", count, seed, folder]:
             make_set(disc, 0.4, int(count), int(seed), Path(folder))
+        case ["covered", count, seed, folder]:
+            make_set(partial(disc, covered=True), 0.4, int(count), int(seed), Path(folder))
         case ["opencv", folder]:
             judge(Path(folder))
         case _:

@@ -1,19 +1,20 @@
 #!/usr/bin/env python3
 """The network that finds the rim along a ray (shared/src/vision/offset.rs), fitted to rendered pictures.
 
-    rim_offset.py check DOORS SET...   fits, and says whether the weights in offset_weights.rs stand
-    rim_offset.py fit DOORS SET...     writes what it fits into offset_weights.rs
-    rim_offset.py errors FILE...       median errors of the circles before the network refines them, and after
-    rim_offset.py data FILE            writes data/rim_offset.in, with the weights in offset_weights.rs
+    rim_offset.py check FILE[=WEIGHT]...  fits, and says whether the weights in offset_weights.rs stand
+    rim_offset.py fit FILE[=WEIGHT]...    writes what it fits into offset_weights.rs
+    rim_offset.py errors FILE...          median errors of the circles before the network refines them, and after
+    rim_offset.py data FILE               writes data/rim_offset.in, with the weights in offset_weights.rs
 
-The files are what the example `circle_evidence` of host-sim prints for `rays`: DOORS of machines of `knob-find`, SET of
-sets of `find_circle.py`. How to make them: tests/oracles/README.md.
+The files are what the example `circle_evidence` of host-sim prints for `rays`, of machines of `knob-find` or of a set of
+`find_circle.py`, with the weight of each picture, 1 if none is given. How to make them: tests/oracles/README.md.
 
 For each ray the network estimates the distance of the rim from an ellipse, and the logarithm of the scale of its error,
 from the contrasts along it and two neighbours, and from the mean of all rays and their covariance with the direction.
 The loss is the error of centre and radius of the ellipse fitted to these estimates, large errors limited, so that errors
 which rays have in common count; and, with a smaller weight, the mean of -log of a Laplace density of each ray's error.
-Weights begin at random, with a fixed seed; Adam with a rate that falls to 0 finds them.
+Weights begin at random, with a fixed seed; Adam with a rate that falls to 0 finds them. Each time that a picture is
+taken, chance says whether it is mirrored.
 
 Needs numpy and scipy."""
 
@@ -31,15 +32,17 @@ WEIGHTS = Path(__file__).parents[2] / "shared/src/vision/offset_weights.rs"
 # Inputs: of a ray and two neighbours, and the radius; the mean of all rays; their covariance with the direction.
 OF_RAY, OWN = 10, 31
 SIZES = (OWN + 2 * OF_RAY, 48, 24, 2)
+# The inputs of a ray in the mirror: its neighbours are exchanged.
+MIRROR = [*range(OF_RAY), *range(2 * OF_RAY, 3 * OF_RAY), *range(OF_RAY, 2 * OF_RAY), *range(3 * OF_RAY, SIZES[0])]
 PARTS = {"FIRST": slice(0, OWN), "MEAN": slice(OWN, OWN + OF_RAY), "ALONG": slice(OWN + OF_RAY, None)}
 RAYS, FEWEST = 64, 16
 # Ellipses farther from the rim than that began at another edge, larger ones are not refined [px].
 FAR, LARGEST = 4.0, 80.0
 # Bounds of the logarithm of the scale; prior standard deviation of the change of the flattening.
 LOG_SCALE, FLATTENING = (-3.0, 2.0), 0.03
-# Weight of a picture of a set; of the error of each ray.
-SET_WEIGHT, RAY_WEIGHT = 8, 0.3
-EPOCHS, BATCH, RATE, DECAY = 30, 32, 3e-3, 1e-6
+# Weight of the error of each ray.
+RAY_WEIGHT = 0.3
+EPOCHS, BATCH, RATE, DECAY = 60, 32, 3e-3, 1e-6
 # Below these errors the loss is quadratic, of a picture and of a ray; beyond this, that of a picture flattens [px].
 SMOOTH, RAY_SMOOTH, LIMIT = 0.1, 0.05, 1.5
 # Weights stand if their loss is at most this much above that of the fit [px].
@@ -58,7 +61,8 @@ class Pictures:
     distance along each ray, whether the ray is there; error of radius and centre, weight."""
 
     def __init__(self, files):
-        parts = [self.read(file, 1 if file == files[0] else SET_WEIGHT) for file in files]
+        named = [file.partition("=") for file in files]
+        parts = [self.read(file, float(weight or 1)) for file, _, weight in named]
         self.parts = [np.concatenate(part).astype(np.float32) for part in zip(*parts)]
 
     @staticmethod
@@ -181,6 +185,8 @@ def fit(pictures):
         for batch in range(batches):
             part = pictures[order[batch * BATCH:(batch + 1) * BATCH]]
             part[0] = (part[0] - mean) / deviation
+            mirrored = rng.random(len(part[0])) < 0.5
+            part[0][mirrored] = part[0][mirrored][..., MIRROR]
             step = epoch * batches + batch + 1
             rate = 0.5 * RATE * (1 + np.cos(np.pi * step / (EPOCHS * batches)))
             for layer, one, two, slope in zip(network, first, second, loss(network, part)[2]):
