@@ -82,6 +82,10 @@ fn an_arm_that_is_held_is_not_dropped_without_a_word() {
     let stopped = server.succeeds(&["stop"]);
     assert!(stopped.contains("`tesaki disable` switches the outputs off"), "{stopped}");
     assert_eq!(finish(held).status.code(), Some(5));
+    let on = "in fault, and its outputs are on: it brakes or holds the robot";
+    assert!(server.succeeds(&["info"]).contains(on) && server.succeeds(&["faults"]).contains(on));
+    assert_eq!(server.json(&["info"])["outputs"], true);
+    server.fails(&["doctor"], 5, &["its outputs are on, until then it brakes or holds the robot"]);
 
     let asked = Asked::start(&server, &["faults", "--clear"]);
     for word in ["clearing the faults switches the outputs off", "without power arm7 falls"] {
@@ -93,6 +97,8 @@ fn an_arm_that_is_held_is_not_dropped_without_a_word() {
 
     let disabled = server.succeeds(&["disable"]);
     assert!(disabled.contains("outputs off") && disabled.contains("without power arm7 falls"), "{disabled}");
+    assert!(server.succeeds(&["info"]).contains("in fault, and its outputs are off"));
+    assert_eq!(server.json(&["faults"])["outputs"], false);
     let stopped = server.succeeds(&["stop"]);
     assert!(stopped.contains("its outputs are off") && !stopped.contains("stopped"), "{stopped}");
     let cleared = server.succeeds(&["faults", "--clear"]);

@@ -99,6 +99,14 @@ fn what_is_doubtful_is_set_with_a_warning() {
     assert!(text.contains("warning: ") && text.contains("gravity needs up to"), "{text}");
     let text = server.succeeds(&["set", "gravity", "[0,0,9.81]"]);
     assert!(text.contains("upside down"), "{text}");
+    // 6 N·m/A times 11 A.
+    let torque = format!(
+        "joints.{}.limits.torque",
+        server.json(&["model", "show"])["joints"][0]["name"].as_str().unwrap()
+    );
+    assert!(!server.succeeds(&["set", &torque, "65"]).contains("warning"));
+    let text = server.succeeds(&["set", &torque, "67"]);
+    assert!(text.contains("limits nothing") && text.contains("at most 66.000 N·m"), "{text}");
 }
 
 #[test]

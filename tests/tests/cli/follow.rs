@@ -322,6 +322,12 @@ fn a_recorded_hand_is_played_and_what_is_wrong_with_it_is_said_by_line() {
     };
     refused(0, 2, "w", "hand.csv:1: no column y (position of the hand [m])");
     refused(4, 0, "0.02", "hand.csv:5: time 0.02 s does not follow 0.04 s");
+    refused(
+        4,
+        0,
+        "40",
+        "hand.csv:5: time 40 s follows 0.04 s, and a source that is silent for 5 s (--silence)",
+    );
     refused(4, 7, "0.9", "hand.csv:5: the quaternion has norm 0.9");
     refused(4, 1, "nan", "hand.csv:5: column x");
     refused(4, 1, "360", "hand.csv:5: the position is 360 m from the origin, limit 100 m");

@@ -15,7 +15,7 @@ use tesaki_supervisor::troubleshooting;
 use tesaki_supervisor::{Board, BoardError};
 
 use crate::args::Options;
-use crate::board_session::{BoardSession, dial, hex, version};
+use crate::board_session::{BoardSession, dial, hex, mode_in_words, version};
 use crate::failure::Failure;
 use crate::output;
 
@@ -56,8 +56,13 @@ fn capabilities(bits: u32) -> String {
 pub fn info(options: &Options) -> Result<(), Failure> {
     let mut session = BoardSession::open(options)?;
     let status = session.board.status()?;
-    let value =
-        json!({ "port": session.port, "identity": session.identity, "status": output::exact(&status) });
+    let outputs = session.outputs_in(status.node.mode);
+    let value = json!({
+        "port": session.port,
+        "identity": session.identity,
+        "status": output::exact(&status),
+        "outputs": outputs,
+    });
     output::result(options, &value, || {
         let Status { node, board } = &status;
         let Identity { firmware, image, board: number, capabilities: bits } = session.identity;
@@ -77,7 +82,7 @@ pub fn info(options: &Options) -> Result<(), Failure> {
             line("model", &format!("{:08x}", node.model_checksum));
             line("homed", &output::counted(node.homed.count_ones() as usize, "joint"));
         }
-        line("mode", &node.mode.to_string());
+        line("mode", &mode_in_words(node.mode, outputs));
         let read = if node.faults_read { "" } else { ", some unread" };
         line("faults", &format!("{}{read}", node.faults));
         let commander = match node.commander {
@@ -140,7 +145,7 @@ pub fn stop(options: &Options) -> Result<(), Failure> {
     let mut session = open_after(options, action, &request)?;
     let mode = insist(&mut session.board, action, &request)?;
     // The stop has succeeded, whether the board tells its outputs or not.
-    let outputs = if mode == Mode::Fault { session.outputs().unwrap_or(None) } else { Some(false) };
+    let outputs = session.outputs_in(mode);
     output::result(options, &json!({ "mode": mode, "outputs": outputs }), || match (mode, outputs) {
         (Mode::Fault, Some(false)) => {
             "the board is in fault, and its outputs are off. `tesaki faults --clear` clears the fault"
@@ -229,6 +234,7 @@ pub fn faults(options: &Options, clear: bool) -> Result<(), Failure> {
     }
     let node = session.board.status()?.node;
     let mode = node.mode;
+    let outputs = session.outputs_in(mode);
     // A fault in a tick that is still to come happened before a reset, perhaps with another model.
     let named = |fault: &Fault| model.as_ref().filter(|_| fault.tick <= node.tick);
     let list: Vec<_> = log
@@ -244,7 +250,8 @@ pub fn faults(options: &Options, clear: bool) -> Result<(), Failure> {
             })
         })
         .collect();
-    output::result(options, &json!({ "total": log.total, "faults": list, "mode": mode }), || {
+    let value = json!({ "total": log.total, "faults": list, "mode": mode, "outputs": outputs });
+    output::result(options, &value, || {
         let mut text = String::new();
         match (log.faults.is_empty(), clear, mode) {
             (true, ..) => {}
@@ -284,6 +291,7 @@ pub fn faults(options: &Options, clear: bool) -> Result<(), Failure> {
             let _ = writeln!(text, "no longer stored: {dropped}, older ones or stops before a further stop");
         }
         let faults = if log.total == 1 { "fault" } else { "faults" };
+        let mode = mode_in_words(mode, outputs);
         let _ = write!(text, "{} {faults} since power-on. The board is {mode}.", log.total);
         for entry in
             log.faults.iter().map(|fault| troubleshooting::fault(fault.cause)).collect::<BTreeSet<_>>()

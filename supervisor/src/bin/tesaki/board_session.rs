@@ -250,16 +250,40 @@ impl BoardSession {
 
     /// Whether the outputs are on; `None` when the control loop does not run.
     pub fn outputs(&mut self) -> Result<Option<bool>, Failure> {
-        find_in_log(&mut self.board, |record| match record {
-            LogRecord::Actuators(frame) => Some(frame.enabled),
-            _ => None,
-        })
+        outputs(&mut self.board)
+    }
+
+    /// Whether the outputs are on in this mode; `None` when a board in fault does not tell.
+    pub fn outputs_in(&mut self, mode: Mode) -> Option<bool> {
+        match mode {
+            Mode::Disabled => Some(false),
+            Mode::Enabled(_) => Some(true),
+            Mode::Fault => self.outputs().unwrap_or(None),
+        }
     }
 
     /// The board does not answer: it is not asked for anything more.
     pub const fn give_up(&mut self) {
         self.commands = false;
     }
+}
+
+/// Whether the outputs of this board are on; `None` when its control loop does not run.
+pub fn outputs(board: &mut LinkBoard<BoardLink>) -> Result<Option<bool>, Failure> {
+    find_in_log(board, |record| match record {
+        LogRecord::Actuators(frame) => Some(frame.enabled),
+        _ => None,
+    })
+}
+
+/// A mode, for people: in fault also what the outputs do.
+pub fn mode_in_words(mode: Mode, outputs: Option<bool>) -> String {
+    let outputs = match (mode, outputs) {
+        (Mode::Fault, Some(true)) => ", and its outputs are on: it brakes or holds the robot",
+        (Mode::Fault, Some(false)) => ", and its outputs are off",
+        _ => "",
+    };
+    format!("{mode}{outputs}")
 }
 
 /// What `find` finds first in the entries of the board's log; `None` when its control loop does not run.

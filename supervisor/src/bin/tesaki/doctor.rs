@@ -17,7 +17,7 @@ use tesaki_supervisor::{Board, BoardError, LinkBoard};
 
 use crate::args::Options;
 use crate::board::{clock, reset};
-use crate::board_session::{BoardLink, dial, find_in_log, port_address, version};
+use crate::board_session::{BoardLink, dial, find_in_log, outputs, port_address, version};
 use crate::failure::Failure;
 use crate::model::checksum;
 use crate::output;
@@ -246,10 +246,12 @@ fn check_board(
     if node.mode == Mode::Fault {
         let log = board.faults()?;
         let blamed = faults::blamed(&log);
+        let on = outputs(&mut board)? == Some(true);
+        let on = if on { "; its outputs are on, until then it brakes or holds the robot" } else { "" };
         doctor.bad(
             5,
             format!("the board is in fault: {}", faults::in_words(blamed, Some(&model))),
-            format!("see {}; clear it with `tesaki faults --clear`", faults::entries(blamed)),
+            format!("see {}; clear it with `tesaki faults --clear`{on}", faults::entries(blamed)),
         );
     } else if !node.faults_read {
         let faults = output::counted(usize::try_from(node.faults).unwrap_or(usize::MAX), "fault");

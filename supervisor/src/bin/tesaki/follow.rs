@@ -80,7 +80,17 @@ pub fn run(options: &Options, args: &Follow) -> Result<(), Failure> {
     motion.announce_ctrl_c(motion.load().as_ref());
     let mut session = Session { options, lead, commands, live: output::Live::new(options) };
     let until = args.duration.map(|duration| Instant::now() + duration);
-    let end = session.drive(&mut motion, until)?;
+    // With two boards at work, the failed one is named.
+    let port = motion.port().to_owned();
+    let of_slave = |failure| match failure {
+        Failure::Board(_) | Failure::Fault(_) | Failure::Late(_)
+            if matches!(args.from, PoseSource::Board(_)) =>
+        {
+            Failure::OtherBoard(port.clone(), Box::new(failure))
+        }
+        failure => failure,
+    };
+    let end = session.drive(&mut motion, until).map_err(of_slave)?;
     let ending = session.lead.source.feed.ending().filter(|_| end == End::Done && !has_passed(until));
     let why = match (&ending, end) {
         (Some(ending), _) => ending.reason.clone(),
@@ -91,7 +101,7 @@ pub fn run(options: &Options, args: &Follow) -> Result<(), Failure> {
     if end == End::Interrupted {
         interrupted()?.store(false, Ordering::Relaxed);
     }
-    let again = session.settle(&mut motion)?;
+    let again = session.settle(&mut motion).map_err(of_slave)?;
     session.live.end();
     if ending.is_some() && again == End::Done {
         let load = motion.load();

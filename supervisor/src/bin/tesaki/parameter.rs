@@ -5,7 +5,7 @@ mod unit;
 use std::fmt::Write as _;
 
 use serde_json::{Value, json};
-use tesaki::model::{Field, ModelError, Problem, RobotModel};
+use tesaki::model::{Field, JointModel, ModelError, Problem, RobotModel};
 use tesaki_description::in_words;
 use tesaki_description::robot::{implausible_limits, overloaded};
 use tesaki_supervisor::Board;
@@ -199,6 +199,17 @@ fn doubtful(model: &RobotModel, changed: &RobotModel) -> Vec<String> {
             "gravity {:?} m/s² is upside down against {:?} m/s² before: the joints are pushed the wrong way",
             changed.gravity, model.gravity
         ));
+    }
+    let motor = |joint: &JointModel| joint.motor.torque_constant * joint.motor.current_limit;
+    for (old, new) in model.joints.iter().zip(&changed.joints) {
+        if new.limits.torque > motor(new) && old.limits.torque <= motor(old) {
+            doubts.push(format!(
+                "{}: limits.torque = {} N·m limits nothing: with motor.current_limit the motor gives at most {:.3} N·m",
+                new.name,
+                new.limits.torque,
+                motor(new)
+            ));
+        }
     }
     let before = overloaded(model);
     for load in overloaded(changed) {

@@ -160,7 +160,7 @@ fn check(
             if args.round_trip.is_some() { "stated" } else { "measured" },
             args.impedance.display(),
             if limit > 0.0 {
-                format!("the handle stays calm up to {:.0} ms", 1e3 * limit)
+                format!("the handle stays calm up to {:.1} ms", 1e3 * limit)
             } else {
                 "the handle is not calm even without delay".to_owned()
             },

@@ -150,7 +150,7 @@ impl Source {
             PoseSource::StandardInput => Ok(of_feed(Feed::standard_input("sample", args.silence))),
             PoseSource::Udp(address) => Ok(of_feed(Feed::udp(*address, "sample", args.silence)?)),
             PoseSource::File(path) => {
-                let samples = table(path, args.scale, length(&motion.model, 0))?;
+                let samples = table(path, args, length(&motion.model, 0))?;
                 let (start, started) = channel();
                 let feed = Feed::spawn(path.display().to_string(), "sample", args.silence, move |inlet| {
                     if started.recv().is_ok() {
@@ -183,7 +183,8 @@ impl Source {
 }
 
 /// The samples of a file, checked for an arm of a length [m].
-fn table(path: &Path, scale: f32, length: f32) -> Result<Vec<Sample>, Failure> {
+fn table(path: &Path, args: &Follow, length: f32) -> Result<Vec<Sample>, Failure> {
+    let silence = args.silence.as_secs_f64();
     let table = Table::read(path)?;
     let time = table.needed("time", "of the sample [s]")?;
     let position = columns(&table, ["x", "y", "z"], "position of the hand [m]")?;
@@ -209,18 +210,30 @@ fn table(path: &Path, scale: f32, length: f32) -> Result<Vec<Sample>, Failure> {
             },
         };
         sample.check().map_err(|error| table.error(row.line, &error))?;
-        if let Some(before) = samples.last()
-            && sample.time <= before.time
-        {
-            let message = format!("time {} s does not follow {} s: sort the rows", sample.time, before.time);
-            return Err(table.error(row.line, &message));
+        if let Some(before) = samples.last() {
+            check_gap(before.time, sample.time, silence).map_err(|error| table.error(row.line, &error))?;
         }
         samples.push(sample);
     }
-    if let Err((index, error)) = pace::check(&samples, scale, length) {
+    if let Err((index, error)) = pace::check(&samples, args.scale, length) {
         return Err(table.error(table.rows.get(index).map_or(0, |row| row.line), &error));
     }
     Ok(samples)
+}
+
+/// Checks that a sample follows the one before, and so soon that the source does not count as silent.
+fn check_gap(before: f64, time: f64, silence: f64) -> Result<(), String> {
+    let gap = time - before;
+    if gap <= 0.0 {
+        return Err(format!("time {time} s does not follow {before} s: sort the rows"));
+    }
+    if gap > silence {
+        return Err(format!(
+            "time {time} s follows {before} s, and a source that is silent for {silence} s (--silence) ends the program: \
+             is `time` in seconds?"
+        ));
+    }
+    Ok(())
 }
 
 fn columns<const N: usize>(table: &Table, names: [&str; N], what: &str) -> Result<Vec<usize>, Failure> {
