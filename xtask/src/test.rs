@@ -2,9 +2,10 @@
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use tesaki_output::{note, say};
 
 use crate::sweep::Simulator;
@@ -95,6 +96,7 @@ fn fast(steps: &mut Steps) -> Result<()> {
 fn full(steps: &mut Steps) -> Result<()> {
     let tools = || {
         tools::provide_qemu()?;
+        tools::provide_unicorn_builder()?;
         Ok((tools::provide_rosbags(&out("rosbags"))?, ArmCompiler::provide()?))
     };
     let (python, compiler) = steps.run("tools for recordings and for the emulated board", tools)?;
@@ -106,11 +108,22 @@ fn full(steps: &mut Steps) -> Result<()> {
     steps.run("the host suite", host)?;
     // Alone: a page that is starved for a second counts as gone.
     steps.run("the page against its sources, and in a browser", viewer::check_built)?;
-    // The next steps wait for other programs much of their time.
-    let images = std::thread::scope(|scope| {
-        let images = scope.spawn(|| {
+    // The next steps wait for other programs much of their time. The model of the chip waits for nothing.
+    std::thread::scope(|scope| {
+        let (built, images) = mpsc::channel();
+        let chip = scope.spawn(move || {
             tools::yield_to_others();
-            Images::build(compiler)
+            let mut printed = String::new();
+            let images = Images::build(compiler);
+            let on_chip = images.as_ref().ok().map(Images::on_chip);
+            // Sending fails if the steps have ended before, with an error of their own.
+            if let (Ok(()), Some(on_chip)) = (built.send(images), on_chip) {
+                chip::check(&on_chip, &Simulator::built(), |command| {
+                    printed += &tools::output(command)?;
+                    Ok(())
+                })?;
+            }
+            anyhow::Ok(printed)
         });
         steps.run("recorded sweeps against the simulator", sweep::check_built)?;
         steps.run("recorded fault schedules against the simulator", faults::check_built)?;
@@ -118,9 +131,14 @@ fn full(steps: &mut Steps) -> Result<()> {
             .run("rosbags reads recordings, the example client moves a joint", || other_programs(&python))?;
         steps.run("the Python package", python::check)?;
         steps.run("the ROS 2 node against Cyclone DDS", ros2::check)?;
-        steps.run("the firmware images", || images.join().expect("a build does not panic"))
-    })?;
-    on_the_board(steps, compiler, images)
+        let images = steps.run("the firmware images", || images.recv().context("no images were built")?)?;
+        on_the_board(steps, compiler, images)?;
+        steps.run("the images on a model of the chip", || {
+            let printed = chip.join().expect("the tests of the chip do not panic here")?;
+            tesaki_output::print(format_args!("{printed}"));
+            Ok(())
+        })
+    })
 }
 
 /// Files that run on the emulated board.
@@ -146,6 +164,11 @@ impl Images {
             Ok(Self { bare, emulated, with_motors, programs })
         })
     }
+
+    /// Of [`chip::ALL_BOARDS`].
+    fn on_chip(&self) -> Vec<PathBuf> {
+        self.with_motors.iter().chain([&self.bare]).cloned().collect()
+    }
 }
 
 fn on_the_board(steps: &mut Steps, compiler: ArmCompiler, images: Images) -> Result<()> {
@@ -165,7 +188,6 @@ fn on_the_board(steps: &mut Steps, compiler: ArmCompiler, images: Images) -> Res
         Ok(())
     })?;
     let simulator = Simulator::built();
-    steps.run("the images on a model of the chip", || chip::check(compiler, &simulator))?;
     steps.run("what holds for the images that drive motors, from their instructions", || {
         with_motors.iter().try_for_each(|image| prove::check(image).map(drop))
     })?;
