@@ -176,8 +176,8 @@ fn ripple(winding: &Winding, switching: &Switching) -> Result<f32, OutOfRange<Cu
 }
 
 impl<const N: usize> Motors<N> {
-    /// Creates motors with these windings; a board may have more power stages than motors. `supply_max` is the
-    /// supply above which all are switched off [V], `wake` the time that a power stage takes to wake [s].
+    /// Creates motors with these windings; a board may have more power stages than motors. `supply_max` is
+    /// the supply above which all are switched off [V], `wake` the time that a power stage takes to wake [s].
     ///
     /// # Errors
     /// The motor and the value for which there is no current loop.

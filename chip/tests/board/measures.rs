@@ -139,8 +139,8 @@ fn a_disturbed_sample_of_the_supply_is_no_fault() {
     assert_eq!(rig.faults().last().unwrap().cause, FaultCause::SupplyHigh);
 }
 
-/// For half a millisecond the supply is too high, as braking motors make it: the mean of the period stays within
-/// the limit.
+/// For half a millisecond the supply is too high, as braking motors make it: the mean of the period stays
+/// within the limit.
 #[test]
 fn a_short_overvoltage_switches_off_at_the_fourth_sample() {
     let mut rig = Rig::enabled();
