@@ -170,43 +170,45 @@ impl<S: SpiDevice> Drv8301<S> {
     }
 
     /// Checks that the chip still has its settings and no fault. This takes five words and clears the status
-    /// registers. An answer that may have been disturbed, by motors that switch nearby, is asked for again
-    /// once.
+    /// registers. What it says of its settings may have been disturbed, by motors that switch nearby, and is
+    /// asked for again once.
     ///
     /// # Errors
     /// Why the gate driver must not be used.
     pub fn check(&mut self) -> Result<(), Error<S::Error>> {
         match self.read_back() {
-            Err(Error::NoAnswer { .. } | Error::NotKept { .. }) => self.read_back(),
+            // Not what it says of its faults: they are cleared now.
+            Err(Error::NoAnswer { register: CONTROL_1 | CONTROL_2, .. } | Error::NotKept { .. }) => {
+                self.read_back()
+            }
             result => result,
         }
     }
 
     fn read_back(&mut self) -> Result<(), Error<S::Error>> {
-        let registers = [STATUS_1, STATUS_2, CONTROL_1, CONTROL_2];
-        let mut values = [0; 4];
         self.exchange(READ | u16::from(STATUS_1) << 11)?;
+        let status = [self.answer(STATUS_1, STATUS_2)?, self.answer(STATUS_2, CONTROL_1)?];
+        if status[0] & !TEMPERATURE_WARNING != 0 || status[1] & GATE_SUPPLY_HIGH != 0 {
+            return Err(Error::Fault(status));
+        }
+        let [first, second] = self.control;
         // The answer to each query comes with the next one; the last query is repeated to get its answer.
-        let next = registers.into_iter().skip(1).chain([CONTROL_2]);
-        for ((register, next), value) in registers.into_iter().zip(next).zip(&mut values) {
-            let word = self.exchange(READ | u16::from(next) << 11)?;
-            if word & FRAME_FAULT != 0 || word >> 11 != register.into() {
-                return Err(Error::NoAnswer { register, word });
-            }
-            *value = word & DATA;
-        }
-        let [status_1, status_2, control @ ..] = values;
-        // First, because they are cleared now.
-        if status_1 & !TEMPERATURE_WARNING != 0 || status_2 & GATE_SUPPLY_HIGH != 0 {
-            return Err(Error::Fault([status_1, status_2]));
-        }
-        for ((register, value), expected) in [CONTROL_1, CONTROL_2].into_iter().zip(control).zip(self.control)
-        {
+        for (register, next, expected) in [(CONTROL_1, CONTROL_2, first), (CONTROL_2, CONTROL_2, second)] {
+            let value = self.answer(register, next)?;
             if value != expected {
                 return Err(Error::NotKept { register, value });
             }
         }
         Ok(())
+    }
+
+    /// Returns what the chip answers to the query of a register, and asks for the `next` one.
+    fn answer(&mut self, register: u8, next: u8) -> Result<u16, Error<S::Error>> {
+        let word = self.exchange(READ | u16::from(next) << 11)?;
+        if word & FRAME_FAULT != 0 || word >> 11 != register.into() {
+            return Err(Error::NoAnswer { register, word });
+        }
+        Ok(word & DATA)
     }
 
     /// Exchanges a word.

@@ -62,26 +62,22 @@ fn whatever_is_wrong_is_an_error() {
         ("a word was too short", 1, 0x8000, 2, Error::NoAnswer { register: 0, word: 0x8000 }),
         ("the answer is to another question", 3, 0x180C, 4, Error::NoAnswer { register: 2, word: 0x180C }),
         ("the gain is 10 again", 4, 0x1800, 5, Error::NotKept { register: 3, value: 0 }),
-        ("overcurrent is at its lowest again", 3, 0x1000, 5, Error::NotKept { register: 2, value: 0 }),
-        ("the low side of C had too much current", 1, 0x0401, 5, Error::Fault([0x401, 1])),
-        ("the supply is low", 1, 0x0500, 5, Error::Fault([0x500, 1])),
-        ("the gates have too much voltage", 2, 0x0881, 5, Error::Fault([0, 0x81])),
+        ("overcurrent is at its lowest again", 3, 0x1000, 4, Error::NotKept { register: 2, value: 0 }),
+        ("the low side of C had too much current", 1, 0x0401, 3, Error::Fault([0x401, 1])),
+        ("the supply is low", 1, 0x0500, 3, Error::Fault([0x500, 1])),
+        ("the gates have too much voltage", 2, 0x0881, 3, Error::Fault([0, 0x81])),
     ];
     for (name, place, word, words, expected) in wrong {
         let mut said = CHECK;
         said[place].1 = word;
         let once = &said[..words];
-        if let Error::Fault(_) = expected {
+        if let Error::Fault(_) | Error::NoAnswer { register: STATUS_1 | STATUS_2, .. } = expected {
             assert_eq!(talk(once, Drv8301::check), Err(expected), "{name}");
         } else {
             assert_eq!(talk(&[once, once].concat(), Drv8301::check), Err(expected), "{name}");
             assert_eq!(talk(&[once, &CHECK].concat(), Drv8301::check), Ok(()), "{name}, once");
         }
     }
-    // Reading clears a fault, which must not be lost by asking again for settings.
-    let mut both = CHECK;
-    (both[1].1, both[4].1) = (0x0401, 0x1800);
-    assert_eq!(talk(&both, Drv8301::check), Err(Error::Fault([0x401, 1])));
     // A temperature warning is no fault.
     let mut warm = CHECK;
     warm[1].1 = 0x0040;

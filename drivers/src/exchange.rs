@@ -70,7 +70,7 @@ impl<const N: usize> Order<N> {
 pub struct Measured<const N: usize> {
     /// Totals since the start.
     pub totals: Totals<N>,
-    /// The last sample of the supply [mV]; after a trip by the supply, the one that tripped.
+    /// The last sample of the supply [mV]; after a trip, the one at which it came.
     pub supply: u16,
     /// Whether the motors are off because of a trip.
     pub has_tripped: bool,

@@ -141,7 +141,7 @@ pub struct Motors<const N: usize> {
     wake_periods: u16,
     /// Supply above which all motors are switched off [V].
     supply_max: f32,
-    /// The last sample of the supply [V]; after a trip by the supply, the one that tripped.
+    /// The last sample of the supply [V]; after a trip, the one at which it came.
     supply: f32,
     /// Samples above `supply_max` until the last one, up to a trip.
     high_samples: u8,
@@ -239,12 +239,15 @@ impl<const N: usize> Motors<N> {
     /// Returns what was measured. `is_ready` tells whether the currents can be measured.
     pub fn measured(&self, is_ready: bool) -> Measured<N> {
         let has_tripped = self.phase == Phase::Tripped;
+        let supply_tripped = has_tripped && self.high_samples == HIGH_SAMPLES;
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
+        let supply = (self.supply * SUMS_PER_VOLT) as u16;
         Measured {
             totals: self.totals,
-            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
-            supply: (self.supply * SUMS_PER_VOLT) as u16,
+            // Rounded up: in millivolts, too, it is above the limit.
+            supply: supply.saturating_add(supply_tripped.into()),
             has_tripped,
-            supply_tripped: has_tripped && self.high_samples == HIGH_SAMPLES,
+            supply_tripped,
             is_ready,
         }
     }

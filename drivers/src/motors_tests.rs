@@ -217,12 +217,15 @@ fn a_high_supply_trips_after_four_samples_and_is_reported() {
         assert_eq!(rig.awake, awake, "{excess}");
     }
     let measured = motors.measured(true);
-    assert!(measured.has_tripped && measured.supply_tripped && measured.supply == 15_500, "{measured:?}");
-    // Motors that are off leave nothing to switch off.
+    assert!(measured.has_tripped && measured.supply_tripped && measured.supply == 15_501, "{measured:?}");
+    // Motors that are off leave nothing to switch off, and none wake on a high supply.
     motors.command(None, &mut rig);
     rig.excess = 3.5;
     (0..10).for_each(|_| rig.step(&mut motors));
     assert!(!motors.measured(true).has_tripped && !motors.measured(true).supply_tripped);
+    run(&mut rig, &mut motors, &drive, 400);
+    assert!(!rig.awake && motors.measured(true).supply_tripped);
+    motors.command(None, &mut rig);
     rig.excess = 0.0;
     run(&mut rig, &mut motors, &drive, 400);
     assert!(rig.pulses_pass && (rig.current[0] - 0.5).abs() < 0.01);

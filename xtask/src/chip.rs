@@ -28,6 +28,9 @@ pub fn run() -> Result<()> {
     tools::provide_unicorn_builder()?;
     let images = ALL_BOARDS.into_iter().map(|board| firmware::build_for_board(compiler, board));
     let images: Vec<PathBuf> = images.collect::<Result<_>>()?;
+    for image in &images {
+        say!("image    {}\nSHA-256  {}", image.display(), firmware::sha256(image)?);
+    }
     check(&images, &Simulator::build()?, tools::run)
 }
 
@@ -40,9 +43,6 @@ pub fn check(
 ) -> Result<()> {
     let images: Vec<_> =
         ALL_BOARDS.iter().map(|board| board.trim_start_matches("board-")).zip(images).collect();
-    for (_, image) in &images {
-        say!("image    {}\nSHA-256  {}", image.display(), firmware::sha256(image)?);
-    }
     let target = std::path::absolute(firmware::target().join(FOLDER))?;
     let cargo = |arguments: &[&str]| {
         let mut command = Command::new("cargo");

@@ -113,32 +113,49 @@ fn full(steps: &mut Steps) -> Result<()> {
         let (built, images) = mpsc::channel();
         let chip = scope.spawn(move || {
             tools::yield_to_others();
-            let mut printed = String::new();
             let images = Images::build(compiler);
             let on_chip = images.as_ref().ok().map(Images::on_chip);
             // Sending fails if the steps have ended before, with an error of their own.
-            if let (Ok(()), Some(on_chip)) = (built.send(images), on_chip) {
-                chip::check(&on_chip, &Simulator::built(), |command| {
-                    printed += &tools::output(command)?;
-                    Ok(())
-                })?;
-            }
-            anyhow::Ok(printed)
+            let (Ok(()), Some(on_chip)) = (built.send(images), on_chip) else {
+                return (String::new(), Ok(()));
+            };
+            let mut printed = String::new();
+            let tested = chip::check(&on_chip, &Simulator::built(), |command| {
+                printed += &tools::output(command)?;
+                Ok(())
+            });
+            (printed, tested)
         });
-        steps.run("recorded sweeps against the simulator", sweep::check_built)?;
-        steps.run("recorded fault schedules against the simulator", faults::check_built)?;
-        steps
-            .run("rosbags reads recordings, the example client moves a joint", || other_programs(&python))?;
-        steps.run("the Python package", python::check)?;
-        steps.run("the ROS 2 node against Cyclone DDS", ros2::check)?;
-        let images = steps.run("the firmware images", || images.recv().context("no images were built")?)?;
-        on_the_board(steps, compiler, images)?;
-        steps.run("the images on a model of the chip", || {
-            let printed = chip.join().expect("the tests of the chip do not panic here")?;
+        let passed = beside_the_chip(steps, compiler, &python, images);
+        if let Err(error) = &passed {
+            note!("\n{error:#}\nwaiting for the model of the chip");
+        }
+        let of_chip = steps.run("the images on a model of the chip, the rest of it", || {
+            let (printed, tested) = chip.join().expect("the tests of the chip do not panic here");
             tesaki_output::print(format_args!("{printed}"));
-            Ok(())
-        })
+            tested
+        });
+        if let (Err(_), Err(error)) = (&passed, &of_chip) {
+            note!("\n{error:#}");
+        }
+        passed.and(of_chip)
     })
+}
+
+/// The steps while the images are built, and then tried on the model of the chip.
+fn beside_the_chip(
+    steps: &mut Steps,
+    compiler: ArmCompiler,
+    python: &Path,
+    images: mpsc::Receiver<Result<Images>>,
+) -> Result<()> {
+    steps.run("recorded sweeps against the simulator", sweep::check_built)?;
+    steps.run("recorded fault schedules against the simulator", faults::check_built)?;
+    steps.run("rosbags reads recordings, the example client moves a joint", || other_programs(python))?;
+    steps.run("the Python package", python::check)?;
+    steps.run("the ROS 2 node against Cyclone DDS", ros2::check)?;
+    let images = steps.run("the firmware images", || images.recv().context("no images were built")?)?;
+    on_the_board(steps, compiler, images)
 }
 
 /// Files that run on the emulated board.

@@ -159,21 +159,21 @@ fn a_master_that_is_powered_never_stays_so_alone() {
     refused(&["--from", &to_untared, "--reflect", &handle, "--round-trip", "0.01"], 7, &[&tare]);
 
     // By hand: 5 N·s/m for each of 2 kg plus 15 N·s/m of its own, divided by 300 N/m, minus half a period of
-    // 10 ms, is 78 ms; 25 N·s/m divided by 235 ms is 106.4 N/m, and 300 N/m times 235 ms is 70.5 N·s/m.
+    // 10 ms, is 78.3 ms; 25 N·s/m divided by 235 ms is 106.4 N/m, and 300 N/m times 235 ms is 70.5 N·s/m.
     refused(
         &["--from", &from, "--reflect", &handle, "--round-trip", "0.2"],
         2,
         &[
             "comes back 230 ms after the motion, 200 ms of them stated on the links",
             "with the 300 N/m of",
-            "calm up to 78 ms: at most 106 N/m there, 61 N·s/m of damping",
+            "calm up to 78.3 ms: at most 106 N/m there, 61 N·s/m of damping",
         ],
     );
     // Each message takes 40 ms on average, and a round trip consists of four messages.
     refused(
         &["--link-faults", "seed=3,delay=80ms@1", "--from", &from, "--reflect", &handle],
         2,
-        &["ms of them measured on the links of master and slave", "calm up to 78 ms"],
+        &["ms of them measured on the links of master and slave", "calm up to 78.3 ms"],
     );
     // Measured on links without delay, unless the machine is busy.
     let brief = ["follow", "--impedance", &soft, "--from", &from, "--reflect", &handle, "--duration", "0.3"];
@@ -191,6 +191,19 @@ fn a_master_that_is_powered_never_stays_so_alone() {
     slave.wait_for("disabled");
     master.make_trouble("estop off");
     master.succeeds(&["faults", "--clear"]);
+    drop(stdin);
+
+    // The slave's: of the two boards its port is named.
+    [&master, &slave].into_iter().for_each(Server::wait_for_rest);
+    let (leading, stdin) = Leading::start_as(&slave, "soft", &options);
+    wait("the clutch closes", || leading.count(|value| is_clutch(value, "closed", "")) == 1);
+    slave.make_trouble("estop on");
+    let (code, _, error) = leading.finish();
+    let named = format!("{}: the board is in fault: ", slave.address);
+    assert!(code == 5 && error.contains(&named), "{code}: {error}");
+    master.wait_for("disabled");
+    slave.make_trouble("estop off");
+    slave.succeeds(&["faults", "--clear"]);
     drop(stdin);
 
     [&master, &slave].into_iter().for_each(Server::wait_for_rest);

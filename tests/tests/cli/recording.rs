@@ -256,10 +256,17 @@ fn a_recording_whose_board_was_lost_says_so() {
     std::thread::sleep(Duration::from_millis(500));
     server.stop.store(true, Ordering::Relaxed);
     server.thread.take().unwrap().join().unwrap();
-    let said = complaint();
-    assert!(said.contains("no data from the board for 1 s") && said.contains("silent for 30 s"), "{said}");
+    let silence = complaint();
+    assert!(
+        silence.contains("no data from the board for 1 s") && silence.contains("silent for 30 s"),
+        "{silence}"
+    );
     signal(&recorder, nix::sys::signal::Signal::SIGINT);
-    assert!(finish(recorder).status.success());
+    let (code, text) = said(&finish(recorder));
+    assert!(
+        code == 0 && text.contains("0 gaps") && text.contains("; the board was silent at the end"),
+        "{text}"
+    );
     let log = name.with_extension("log");
     let records = decode(&std::fs::read(&log).unwrap());
     // Older programs can read this, too.

@@ -80,7 +80,7 @@ fn stages(bench: &mut Bench) -> &mut Odrive {
     bench.odrive.as_mut().unwrap()
 }
 
-const TRIPS: [Trip; 7] = [
+const TRIPS: [Trip; 8] = [
     ("emergency stop", |b| b.stop = true, TRIP_TIME, FaultCause::EmergencyStop, |b| b.stop = false),
     ("nFAULT of M0", |b| stages(b).drivers[0].overload(3), TRIP_TIME, FaultCause::PowerStage, |_| {}),
     ("nFAULT of M1", |b| stages(b).drivers[1].overload(0), TRIP_TIME, FaultCause::PowerStage, |_| {}),
@@ -99,6 +99,7 @@ const TRIPS: [Trip; 7] = [
             b.leak[1] = 0.0;
         },
     ),
+    ("a high supply", |b| b.supply += 10.0, 250e-6, FaultCause::SupplyHigh, |b| b.supply -= 10.0),
     // Two periods: the next check may just have passed.
     ("forgotten settings of M1", |b| stages(b).drivers[1].forget(), 21e-3, FaultCause::PowerStage, |_| {}),
 ];

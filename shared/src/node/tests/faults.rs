@@ -160,6 +160,9 @@ fn frame_faults_are_named_with_value_limit_and_tick() {
         (|s| s.supply = 19_000, FaultCause::SupplyLow, 19.0, 20.0, true),
         (|s| s.supply = 30_000, FaultCause::SupplyHigh, 30.0, 28.0, false),
         (|s| s.flags = SensorFlags(1), FaultCause::EmergencyStop, 1.0, 0.0, false),
+        (|s| s.flags = SensorFlags(4), FaultCause::PowerStage, 1.0, 0.0, false),
+        // The cause, not the trip that it causes.
+        (|s| (s.flags, s.supply) = (SensorFlags(4), 28_001), FaultCause::SupplyHigh, 28.001, 28.0, false),
         (|s| s.currents[0] = 2000, FaultCause::OverCurrent, 2.0, 1.875, false),
         (|s| s.encoders.truncate(2), FaultCause::SensorCount, 2.0, 3.0, false),
         (|s| *s = SensorFrame::silent(s.sequence), FaultCause::SensorsSilent, 1.0, 0.0, false),

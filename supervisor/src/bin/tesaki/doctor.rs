@@ -246,7 +246,7 @@ fn check_board(
     if node.mode == Mode::Fault {
         let log = board.faults()?;
         let blamed = faults::blamed(&log);
-        let on = outputs(&mut board)? == Some(true);
+        let on = outputs(&mut board).unwrap_or(None) == Some(true);
         let on = if on { "; its outputs are on, until then it brakes or holds the robot" } else { "" };
         doctor.bad(
             5,

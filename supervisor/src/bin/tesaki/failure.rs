@@ -52,7 +52,7 @@ pub enum Failure {
     /// The board is in fault: description, and the reference to the document.
     #[error("the board is in fault: {0}\n`tesaki faults --clear` shows and clears the faults")]
     Fault(String),
-    /// Another board than the one that is commanded.
+    /// One board of two, by its port.
     #[error("{0}: {1}")]
     OtherBoard(String, Box<Failure>),
     /// A timeout.

@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 use tesaki::kinematics::Chain;
 use tesaki::protocol::{Request, TaskReport};
 use tesaki::robot::Robot;
-use tesaki::task::impedance::{Arm, ImpedanceRefusal};
+use tesaki::task::impedance::{Arm, ImpedanceRefusal, ImpedanceSettings};
 use tesaki::task::{TaskConfig, TaskRefusal, TaskTelemetry};
 use tesaki::teleop::{Follower, FollowerSettings};
 use tesaki_description::impedance;
@@ -21,7 +21,7 @@ use tesaki_description::impedance;
 use crate::args::{Follow, Options, PoseSource};
 use crate::board_session::interrupted;
 use crate::failure::Failure;
-use crate::feed::Feed;
+use crate::feed::{Ending, Feed};
 use crate::motion::{End, KEEP_ALIVE, Motion, News, PERIOD};
 use crate::output;
 use lead::Lead;
@@ -72,6 +72,33 @@ pub fn run(options: &Options, args: &Follow) -> Result<(), Failure> {
     if args.reflect.is_some() {
         enable_master(options, &mut lead)?;
     }
+    let port = motion.port().to_owned();
+    let ending =
+        lead_arm(options, args, motion, lead, settings, commands).map_err(|failure| match failure {
+            // Two boards are at work.
+            Failure::Board(_)
+            | Failure::Fault(_)
+            | Failure::Late(_)
+            | Failure::Refused(_)
+            | Failure::Other(_)
+                if matches!(args.from, PoseSource::Board(_)) =>
+            {
+                Failure::OtherBoard(port, Box::new(failure.through(&options.port)))
+            }
+            failure => failure,
+        })?;
+    ending.map_or(Ok(()), Ending::after_enabling)
+}
+
+/// Enables the arm and leads it to the end; returns how the source has ended, if that was the cause.
+fn lead_arm(
+    options: &Options,
+    args: &Follow,
+    mut motion: Motion<'_>,
+    mut lead: Lead,
+    settings: ImpedanceSettings,
+    commands: Option<Feed<String>>,
+) -> Result<Option<Ending>, Failure> {
     motion.enable(TaskConfig::Impedance(settings))?;
     if args.reflect.is_some() {
         motion.ask_in_each_period();
@@ -80,17 +107,7 @@ pub fn run(options: &Options, args: &Follow) -> Result<(), Failure> {
     motion.announce_ctrl_c(motion.load().as_ref());
     let mut session = Session { options, lead, commands, live: output::Live::new(options) };
     let until = args.duration.map(|duration| Instant::now() + duration);
-    // With two boards at work, the failed one is named.
-    let port = motion.port().to_owned();
-    let of_slave = |failure| match failure {
-        Failure::Board(_) | Failure::Fault(_) | Failure::Late(_)
-            if matches!(args.from, PoseSource::Board(_)) =>
-        {
-            Failure::OtherBoard(port.clone(), Box::new(failure))
-        }
-        failure => failure,
-    };
-    let end = session.drive(&mut motion, until).map_err(of_slave)?;
+    let end = session.drive(&mut motion, until)?;
     let ending = session.lead.source.feed.ending().filter(|_| end == End::Done && !has_passed(until));
     let why = match (&ending, end) {
         (Some(ending), _) => ending.reason.clone(),
@@ -101,7 +118,7 @@ pub fn run(options: &Options, args: &Follow) -> Result<(), Failure> {
     if end == End::Interrupted {
         interrupted()?.store(false, Ordering::Relaxed);
     }
-    let again = session.settle(&mut motion).map_err(of_slave)?;
+    let again = session.settle(&mut motion)?;
     session.live.end();
     if ending.is_some() && again == End::Done {
         let load = motion.load();
@@ -110,7 +127,7 @@ pub fn run(options: &Options, args: &Follow) -> Result<(), Failure> {
     motion.end(end == End::Interrupted || again == End::Interrupted)?;
     let (text, value) = session.lead.summary();
     output::result(options, &value, || text)?;
-    ending.map_or(Ok(()), crate::feed::Ending::after_enabling)
+    Ok(ending)
 }
 
 fn has_passed(time: Option<Instant>) -> bool {

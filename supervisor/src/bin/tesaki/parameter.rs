@@ -202,7 +202,9 @@ fn doubtful(model: &RobotModel, changed: &RobotModel) -> Vec<String> {
     }
     let motor = |joint: &JointModel| joint.motor.torque_constant * joint.motor.current_limit;
     for (old, new) in model.joints.iter().zip(&changed.joints) {
-        if new.limits.torque > motor(new) && old.limits.torque <= motor(old) {
+        // A round number that is the product, or a current that is made smaller, is nobody's error.
+        if new.limits.torque.to_bits() != old.limits.torque.to_bits() && new.limits.torque > 1.01 * motor(new)
+        {
             doubts.push(format!(
                 "{}: limits.torque = {} N·m limits nothing: with motor.current_limit the motor gives at most {:.3} N·m",
                 new.name,

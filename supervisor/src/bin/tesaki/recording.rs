@@ -309,11 +309,19 @@ impl<'a> Recorder<'a> {
         self.viewer.publisher.finish().map_err(mcap_failure(&self.mcap_path))?;
         let ReplayLog { ticks, gaps, lost, .. } = self.log;
         let (log_path, mcap_path) = (&self.log_path, &self.mcap_path);
-        let value = json!({ "log": log_path, "mcap": mcap_path, "ticks": ticks, "gaps": gaps, "lost": lost });
+        let value = json!({
+            "log": log_path,
+            "mcap": mcap_path,
+            "ticks": ticks,
+            "gaps": gaps,
+            "lost": lost,
+            "board_lost": self.silent,
+        });
         output::result(self.options, &value, || {
             let gaps = output::counted(usize::try_from(gaps).unwrap_or(usize::MAX), "gap");
+            let silent = if self.silent { "; the board was silent at the end" } else { "" };
             format!(
-                "{ticks} ticks recorded, {gaps}, {lost} entries lost on the line\n{}: for `tesaki replay`\n{}: for \
+                "{ticks} ticks recorded, {gaps}, {lost} entries lost on the line{silent}\n{}: for `tesaki replay`\n{}: for \
                  Foxglove, PlotJuggler or Rerun",
                 log_path.display(),
                 mcap_path.display()

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::{Args, Subcommand};
+use tesaki::math;
 
 const STEPS: &str = "\
 Steps are carried out in order. Positions and rotations are relative to the pose at the grasp:
@@ -70,6 +71,10 @@ impl fmt::Display for Step {
     }
 }
 
+/// No hand moves an object farther than this [m], or turns it by more than half a turn [rad].
+const FARTHEST: f32 = 1.0;
+const LARGEST_TURN: f32 = 3.2;
+
 fn step(text: &str) -> Result<Step, String> {
     let (name, value) = text.split_once('=').unwrap_or((text, ""));
     let number = |value: &str| match value.trim().parse::<f32>() {
@@ -80,12 +85,43 @@ fn step(text: &str) -> Result<Step, String> {
         [x, y, z] => Ok([number(x)?, number(y)?, number(z)?]),
         _ => Err(format!("{name}={value}: expected three numbers, X,Y,Z")),
     };
+    // A typing error of a unit is told before the hand grasps.
+    let within = |values: [f32; 3], limit: f32, unit: &str| {
+        let size = math::sqrt(values.iter().map(|value| value * value).sum());
+        if size <= limit {
+            Ok(values)
+        } else {
+            Err(format!("{name}={value}: {size:.2} {unit} in all, at most {limit}: is it in {unit}?"))
+        }
+    };
     match name {
-        "lift" => Ok(Step::Lift(number(value)?)),
-        "shift" => Ok(Step::Shift(three()?)),
-        "turn" => Ok(Step::Turn(three()?)),
+        "lift" => Ok(Step::Lift(within([number(value)?, 0.0, 0.0], FARTHEST, "metres")?[0])),
+        "shift" => Ok(Step::Shift(within(three()?, FARTHEST, "metres")?)),
+        "turn" => Ok(Step::Turn(within(three()?, LARGEST_TURN, "radians")?)),
         "hold" if value.is_empty() => Ok(Step::Hold(None)),
         "hold" => Ok(Step::Hold(Some(super::seconds(value)?))),
         _ => Err("unknown step: expected lift=M, shift=X,Y,Z, turn=X,Y,Z, hold=S or hold".to_owned()),
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_step_in_another_unit_is_told() {
+        for (text, words) in [
+            ("lift=10", "lift=10: 10.00 metres in all, at most 1: is it in metres?"),
+            ("shift=0.8,-0.8,0", "1.13 metres in all, at most 1"),
+            ("turn=0,0,90", "90.00 radians in all, at most 3.2: is it in radians?"),
+            ("turn=0,0", "expected three numbers"),
+            ("lift=up", "\"up\" is not a number"),
+        ] {
+            let error = step(text).unwrap_err();
+            assert!(error.contains(words), "{error}");
+        }
+        assert_eq!(step("turn=0,3.1416,0").unwrap().to_string(), "turn=0,3.1416,0");
+        assert_eq!(step("lift=0.01").unwrap().to_string(), "lift=0.01");
     }
 }
