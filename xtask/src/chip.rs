@@ -1,7 +1,7 @@
 //! `cargo xtask chip`: the images of the boards that drive motors, and that of the chip alone, on a model of
 //! the chip.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
 
 use anyhow::Result;
@@ -19,30 +19,23 @@ pub const BOARDS: [&str; 2] = ["board-weact", "board-odrive"];
 /// Machines that the finger is tried on; all twenty: `cargo sim chip --seed 1-20`.
 const SEEDS: &str = "1-2";
 
-/// The features of all boards whose images the model runs.
-pub const ALL_BOARDS: [&str; 3] = [BOARDS[0], BOARDS[1], firmware::BOARD];
-
 /// `cargo xtask chip`.
 pub fn run() -> Result<()> {
-    let compiler = ArmCompiler::provide()?;
-    tools::provide_unicorn_builder()?;
-    let images = ALL_BOARDS.into_iter().map(|board| firmware::build_for_board(compiler, board));
-    let images: Vec<PathBuf> = images.collect::<Result<_>>()?;
-    for image in &images {
-        say!("image    {}\nSHA-256  {}", image.display(), firmware::sha256(image)?);
-    }
-    check(&images, &Simulator::build()?, tools::run)
+    check(ArmCompiler::provide()?, &Simulator::build()?)
 }
 
-/// Builds the model and tries the images of [`ALL_BOARDS`] on it, alone and with a finger that is simulated.
-/// `show` runs the commands whose output is worth reading.
-pub fn check(
-    images: &[PathBuf],
-    simulator: &Simulator,
-    mut show: impl FnMut(&mut Command) -> Result<()>,
-) -> Result<()> {
-    let images: Vec<_> =
-        ALL_BOARDS.iter().map(|board| board.trim_start_matches("board-")).zip(images).collect();
+/// Builds the images that are flashed and the model, and tries the ones on the other, alone and with a finger
+/// that is simulated.
+pub fn check(compiler: ArmCompiler, simulator: &Simulator) -> Result<()> {
+    tools::provide_unicorn_builder()?;
+    let images = [BOARDS[0], BOARDS[1], firmware::BOARD].map(|board| {
+        let name = board.trim_start_matches("board-");
+        Ok((name, firmware::build_for_board(compiler, board)?))
+    });
+    let images = images.into_iter().collect::<Result<Vec<_>>>()?;
+    for (_, image) in &images {
+        say!("image    {}\nSHA-256  {}", image.display(), firmware::sha256(image)?);
+    }
     let target = std::path::absolute(firmware::target().join(FOLDER))?;
     let cargo = |arguments: &[&str]| {
         let mut command = Command::new("cargo");
@@ -55,10 +48,10 @@ pub fn check(
     tools::run(&mut cargo(&["fmt", "--check"]))?;
     tools::run(&mut cargo(&["clippy", "--release", "--quiet", "--all-targets", "--", "-D", "warnings"]))?;
     // With their tables.
-    show(&mut cargo(&["test", "--release", "--quiet", "--", "--show-output"]))?;
+    tools::run(&mut cargo(&["test", "--release", "--quiet", "--", "--show-output"]))?;
     tools::run(&mut cargo(&["build", "--release", "--quiet", "--bin", "tesaki-chip"]))?;
     let mut host_sim = simulator.command();
     host_sim.args(["chip", "--seed", SEEDS, "--chip"]).arg(target.join("release/tesaki-chip"));
-    host_sim.arg("--elf").arg(images[0].1);
-    show(&mut host_sim)
+    host_sim.arg("--elf").arg(&images[0].1);
+    tools::run(&mut host_sim)
 }

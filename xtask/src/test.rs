@@ -2,10 +2,9 @@
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use tesaki_output::{note, say};
 
 use crate::sweep::Simulator;
@@ -96,7 +95,6 @@ fn fast(steps: &mut Steps) -> Result<()> {
 fn full(steps: &mut Steps) -> Result<()> {
     let tools = || {
         tools::provide_qemu()?;
-        tools::provide_unicorn_builder()?;
         Ok((tools::provide_rosbags(&out("rosbags"))?, ArmCompiler::provide()?))
     };
     let (python, compiler) = steps.run("tools for recordings and for the emulated board", tools)?;
@@ -108,53 +106,20 @@ fn full(steps: &mut Steps) -> Result<()> {
     steps.run("the host suite", host)?;
     // Alone: a page that is starved for a second counts as gone.
     steps.run("the page against its sources, and in a browser", viewer::check_built)?;
-    // The next steps wait for other programs much of their time. The model of the chip waits for nothing.
-    std::thread::scope(|scope| {
-        let (built, images) = mpsc::channel();
-        let chip = scope.spawn(move || {
+    // The next steps wait for other programs much of their time.
+    let images = std::thread::scope(|scope| {
+        let images = scope.spawn(|| {
             tools::yield_to_others();
-            let images = Images::build(compiler);
-            let on_chip = images.as_ref().ok().map(Images::on_chip);
-            // Sending fails if the steps have ended before, with an error of their own.
-            let (Ok(()), Some(on_chip)) = (built.send(images), on_chip) else {
-                return (String::new(), Ok(()));
-            };
-            let mut printed = String::new();
-            let tested = chip::check(&on_chip, &Simulator::built(), |command| {
-                printed += &tools::output(command)?;
-                Ok(())
-            });
-            (printed, tested)
+            Images::build(compiler)
         });
-        let passed = beside_the_chip(steps, compiler, &python, images);
-        if let Err(error) = &passed {
-            note!("\n{error:#}\nwaiting for the model of the chip");
-        }
-        let of_chip = steps.run("the images on a model of the chip, the rest of it", || {
-            let (printed, tested) = chip.join().expect("the tests of the chip do not panic here");
-            tesaki_output::print(format_args!("{printed}"));
-            tested
-        });
-        if let (Err(_), Err(error)) = (&passed, &of_chip) {
-            note!("\n{error:#}");
-        }
-        passed.and(of_chip)
-    })
-}
-
-/// The steps while the images are built, and then tried on the model of the chip.
-fn beside_the_chip(
-    steps: &mut Steps,
-    compiler: ArmCompiler,
-    python: &Path,
-    images: mpsc::Receiver<Result<Images>>,
-) -> Result<()> {
-    steps.run("recorded sweeps against the simulator", sweep::check_built)?;
-    steps.run("recorded fault schedules against the simulator", faults::check_built)?;
-    steps.run("rosbags reads recordings, the example client moves a joint", || other_programs(python))?;
-    steps.run("the Python package", python::check)?;
-    steps.run("the ROS 2 node against Cyclone DDS", ros2::check)?;
-    let images = steps.run("the firmware images", || images.recv().context("no images were built")?)?;
+        steps.run("recorded sweeps against the simulator", sweep::check_built)?;
+        steps.run("recorded fault schedules against the simulator", faults::check_built)?;
+        steps
+            .run("rosbags reads recordings, the example client moves a joint", || other_programs(&python))?;
+        steps.run("the Python package", python::check)?;
+        steps.run("the ROS 2 node against Cyclone DDS", ros2::check)?;
+        steps.run("the firmware images", || images.join().expect("a build does not panic"))
+    })?;
     on_the_board(steps, compiler, images)
 }
 
@@ -181,11 +146,6 @@ impl Images {
             Ok(Self { bare, emulated, with_motors, programs })
         })
     }
-
-    /// Of [`chip::ALL_BOARDS`].
-    fn on_chip(&self) -> Vec<PathBuf> {
-        self.with_motors.iter().chain([&self.bare]).cloned().collect()
-    }
 }
 
 fn on_the_board(steps: &mut Steps, compiler: ArmCompiler, images: Images) -> Result<()> {
@@ -205,6 +165,7 @@ fn on_the_board(steps: &mut Steps, compiler: ArmCompiler, images: Images) -> Res
         Ok(())
     })?;
     let simulator = Simulator::built();
+    steps.run("the images on a model of the chip", || chip::check(compiler, &simulator))?;
     steps.run("what holds for the images that drive motors, from their instructions", || {
         with_motors.iter().try_for_each(|image| prove::check(image).map(drop))
     })?;
