@@ -27,7 +27,8 @@ pub enum FaultCause {
     EncoderJump,
     /// 5: torque beyond friction without a change of the count: a dead encoder or a blocked joint. Value: the
     /// torque beyond the weight, or the growth of an acceleration torque; limit: the torque or growth that
-    /// must move the joint [N·m], 0 when the board found the fault by the motor's voltage.
+    /// must move the joint [N·m], 0 when the board found the fault by the motor's voltage. Both are 0 where
+    /// the count has not changed since the fault.
     EncoderStuck,
     /// 6: a computed torque is not finite. Value: its magnitude, NaN or infinite.
     NotFinite,

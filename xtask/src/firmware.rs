@@ -69,9 +69,9 @@ pub fn report(image: &Path, simulator: &Simulator) -> Result<()> {
     let footprint = Footprint::of(image)?;
     footprint.print();
     let mut host_sim = simulator.command();
-    host_sim.args(["run", "hand3-servo", "--controller", "qemu", "--json", "--elf"]).arg(image);
+    host_sim.args(["run", "arm7-elbow", "--controller", "qemu", "--json", "--elf"]).arg(image);
     host_sim.args(["--out"]).arg(crate::test::out("firmware"));
-    note!("\nhand3-servo on the image in QEMU, for its stack; this takes minutes");
+    note!("\narm7-elbow on the image in QEMU, for its stack");
     let summary: serde_json::Value = serde_json::from_str(&tools::output(&mut host_sim)?)?;
     let stack = |name: &str| summary["metrics"][name]["value"].as_f64().unwrap_or(f64::NAN);
     say!("image    {}", image.display());
@@ -80,7 +80,7 @@ pub fn report(image: &Path, simulator: &Simulator) -> Result<()> {
     say!("RAM      {} bytes of static data", footprint.ram());
     let seen = stack("stack_used");
     say!(
-        "stack    {seen} of {} bytes at most, seen in {} ticks of hand3-servo in QEMU",
+        "stack    {seen} of {} bytes at most, seen in {} ticks of arm7-elbow in QEMU",
         summary["metrics"]["stack_used"]["limit"].as_f64().unwrap_or(f64::NAN),
         summary["ticks"]
     );

@@ -292,15 +292,11 @@ impl Joint<'_> {
     }
 
     /// Returns a finding if the encoder was found dead and has not moved since: the angle is then invalid,
-    /// and so is the weight computed from it.
+    /// and so is the weight computed from it. It has no value: the drive is off, and there is no torque.
     #[cold]
     pub fn check_still_dead(&self) -> Option<Finding> {
         let moved = abs(*self.position - self.state.moved_to) > self.config.thresholds.flicker;
         let is_dead = self.state.unchanged == FOUND_DEAD && !moved;
-        is_dead.then_some(Finding {
-            cause: FaultCause::EncoderStuck,
-            value: self.state.torque,
-            limit: self.config.thresholds.excess,
-        })
+        is_dead.then_some(Finding { cause: FaultCause::EncoderStuck, value: 0.0, limit: 0.0 })
     }
 }

@@ -103,6 +103,7 @@ fn an_encoder_that_the_board_finds_dead_switches_the_outputs_off_in_its_tick() {
     rig.tick();
     let Refusal::Unsafe(found) = refusal(rig.enable()) else { panic!() };
     assert_eq!((found.cause, found.joint), (fault.cause, fault.joint));
+    assert_eq!((found.value, found.limit), (0.0, 0.0), "a drive that is off has no torque");
     rig.sensors.encoders[1] += 3;
     rig.tick();
     assert_eq!(rig.enable(), Reply::Done);

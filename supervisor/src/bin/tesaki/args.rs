@@ -53,7 +53,7 @@ Exit codes:
   5  the board is in fault
   6  no answer, or not in time
   7  the board refused the request; nothing changed
-  8  the grasp failed
+  8  a grasp failed, or `approach` does not hold the knob
 130  interrupted by Ctrl-C before it was done
 
 No board? `cargo sim serve` starts a simulated one, which `--port auto` finds.";
