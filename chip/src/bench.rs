@@ -90,6 +90,8 @@ pub struct Bench {
     pub unplugged: [bool; 3],
     /// Current that is added to the measured one, such as by a short circuit [A].
     pub leak: [f64; 3],
+    /// The wire of a motor's current sense is open: it reads 0.
+    pub blind: [bool; 3],
     counts: [i64; 3],
     /// When the stages are awake; `None`: asleep.
     awake: Option<u64>,
@@ -112,6 +114,7 @@ impl Bench {
             fault: false,
             unplugged: [false; 3],
             leak: [0.0; 3],
+            blind: [false; 3],
             counts: [0; 3],
             awake: None,
             now: 0,
@@ -215,7 +218,8 @@ impl Bench {
                 // motor is shorted, and only a current in the direction of the voltage while it is driven.
                 let along = if positive { current } else { -current };
                 let current = if driven { along.max(0.0) } else { current.abs() };
-                let seen = if self.awake.is_some() { current + self.leak[motor] } else { 0.0 };
+                let reads = self.awake.is_some() && !self.blind[motor];
+                let seen = if reads { current + self.leak[motor] } else { 0.0 };
                 seen * MIRROR * RESISTOR
             }
             13 => self.voltage() / DIVIDER,

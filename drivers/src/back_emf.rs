@@ -1,4 +1,4 @@
-//! Detection of dead encoders by the back-EMF of their motors.
+//! Detection of dead encoders and current senses by the equation of their motor's winding.
 
 use tesaki::TICK;
 use tesaki::control::Winding;
@@ -10,6 +10,25 @@ const RESISTANCE_ERROR: f32 = 0.25;
 const CONSTANT_ERROR: f32 = 0.25;
 /// Largest error of the change of a mean voltage [V], by converter and transistors.
 const VOLTAGE_ERROR: f32 = 0.05;
+
+/// Largest voltage across brushes, transistors and cables [V].
+const DROP: f32 = 2.0;
+/// Part of a voltage by current or velocity that may be wrong with `DROP`: also a torque constant may be that
+/// contains the efficiency of a gear, which a back-EMF constant does not.
+const UNEXPLAINED: f32 = 0.5;
+/// Consecutive periods with a voltage that is not explained until the current is not believed. A dead encoder
+/// is found earlier.
+const UNEXPLAINED_PERIODS: u8 = 3;
+
+/// What contradicts the winding.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Contradiction {
+    /// The encoder has stopped while the motor turns.
+    Encoder,
+    /// The voltage drives no current that explains it: a current sense that is dead or reads too little, whose
+    /// loop then drives without bound, or an open circuit.
+    Current,
+}
 
 /// A control period of a motor that was driven throughout.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -29,6 +48,9 @@ pub struct Period {
 /// or two is accurate enough, as most of these errors stay the same. So if the encoder shows that the joint
 /// has slowed down, the back-EMF must have fallen, too. If it has not, by more than the errors of all
 /// constants explain, the encoder has stopped and not the joint.
+///
+/// A current that is measured too small has no upper bound: its loop raises the voltage to the limit. So a
+/// voltage far beyond `R·i + k·ω` contradicts the current.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BackEmf {
     winding: Winding,
@@ -36,22 +58,37 @@ pub struct BackEmf {
     count: f32,
     /// The last two periods, the last one first.
     past: [Option<Period>; 2],
+    /// Consecutive periods with a voltage that is not explained.
+    unexplained: u8,
 }
 
 impl BackEmf {
     /// Creates the comparison for a motor with this winding and an encoder of which one count is this `angle`
     /// [rad].
     pub fn new(winding: Winding, angle: f32) -> Self {
-        Self { winding, count: math::abs(angle) / TICK, past: [None; 2] }
+        Self { winding, count: math::abs(angle) / TICK, past: [None; 2], unexplained: 0 }
     }
 
-    /// Takes the next period, `None` if the motor was not driven throughout. Returns whether the encoder has
-    /// stopped while the motor turns.
-    pub fn update(&mut self, period: Option<Period>) -> bool {
+    /// Takes the next period, `None` if the motor was not driven throughout. Returns what contradicts the
+    /// winding.
+    pub fn update(&mut self, period: Option<Period>) -> Option<Contradiction> {
         let [last, before] = self.past;
         self.past = [period, last];
-        let Some(now) = period else { return false };
-        [last, before].iter().flatten().any(|past| self.has_stopped_alone(past, &now))
+        let is_unexplained = period.is_some_and(|now| self.is_unexplained(&now));
+        self.unexplained = if is_unexplained { self.unexplained.saturating_add(1) } else { 0 };
+        let now = period?;
+        if [last, before].iter().flatten().any(|past| self.has_stopped_alone(past, &now)) {
+            return Some(Contradiction::Encoder);
+        }
+        (self.unexplained >= UNEXPLAINED_PERIODS).then_some(Contradiction::Current)
+    }
+
+    /// Returns whether current and velocity of a period do not explain its voltage.
+    fn is_unexplained(&self, now: &Period) -> bool {
+        let (of_current, of_velocity) =
+            (self.winding.resistance * now.current, self.winding.back_emf * now.velocity);
+        let error = UNEXPLAINED * (math::abs(of_current) + math::abs(of_velocity)) + DROP;
+        math::abs(now.voltage - of_current - of_velocity) > error
     }
 
     /// Returns whether the encoder has stopped since a `past` period, but the motor has not.
@@ -140,9 +177,9 @@ mod tests {
             f64::from(self.noise >> 16) / 32768.0 - 1.0
         }
 
-        /// Runs a control period towards an angle of `reference`, with a velocity. Returns whether the watch
-        /// reports the encoder dead. The encoder dies after the fraction `dies` of the period.
-        fn period(&mut self, reference: f64, velocity: f64, dies: f64) -> bool {
+        /// Runs a control period towards an angle of `reference`, with a velocity. Returns what the watch
+        /// reports. The encoder dies after the fraction `dies` of the period.
+        fn period(&mut self, reference: f64, velocity: f64, dies: f64) -> Option<Contradiction> {
             let measured = (self.encoder - self.last) / 0.01;
             let torque = self.inertia * (900.0 * (reference - self.encoder) + 60.0 * (velocity - measured))
                 + self.coulomb * if velocity == 0.0 { 0.0 } else { velocity.signum() };
@@ -211,10 +248,10 @@ mod tests {
                     for _ in 0..1000 {
                         let phase = rate * joint.time;
                         let reference = (amplitude * phase.sin(), amplitude * rate * phase.cos());
-                        let is_dead = joint.period(reference.0, reference.1, 2.0);
+                        let told = joint.period(reference.0, reference.1, 2.0);
                         let time = joint.time;
-                        assert!(
-                            !is_dead,
+                        assert_eq!(
+                            told, None,
                             "{kind} {errors:?} {amplitude} {frequency} {counts_per_turn} at {time}"
                         );
                     }
@@ -235,7 +272,9 @@ mod tests {
                 let mut run = |periods: u32, dies: f64| {
                     (1..=periods).find(|_| {
                         let reference = velocity * joint.time;
-                        joint.period(reference, velocity, dies)
+                        let told = joint.period(reference, velocity, dies);
+                        assert_ne!(told, Some(Contradiction::Current));
+                        told.is_some()
                     })
                 };
                 assert_eq!(run(50, 2.0), None);
@@ -254,8 +293,8 @@ mod tests {
         let past = Period { voltage: 3.0, current: 2.0, velocity: 10.0 };
         let says = |voltage: f32, current: f32, velocity: f32| {
             let mut watch = BackEmf::new(WINDINGS[1], 0.0);
-            assert!(!watch.update(Some(past)));
-            watch.update(Some(Period { voltage, current, velocity }))
+            assert_eq!(watch.update(Some(past)), None);
+            watch.update(Some(Period { voltage, current, velocity })) == Some(Contradiction::Encoder)
         };
         assert!(says(2.31, 2.0, 0.0) && !says(2.29, 2.0, 0.0));
         assert!(says(1.66, 1.0, 0.0) && !says(1.64, 1.0, 0.0));
@@ -263,7 +302,23 @@ mod tests {
         assert!(!says(3.0, -0.1, 0.0), "brushes");
         let mut watch = BackEmf::new(WINDINGS[1], 0.0);
         let stopped = Some(Period { velocity: 0.0, ..past });
-        assert!(!watch.update(Some(past)) && !watch.update(None) && watch.update(stopped));
-        assert!(!watch.update(None) && !watch.update(None) && !watch.update(stopped));
+        let told = [Some(past), None, stopped, None, None, stopped].map(|period| watch.update(period));
+        assert_eq!(told, [None, None, Some(Contradiction::Encoder), None, None, None]);
+    }
+
+    /// With 1 Ω and 0.1 V·s/rad, 2 A and 10 rad/s explain 3 V with an error of 1.5 V, and brushes and
+    /// transistors another 2 V.
+    #[test]
+    fn a_voltage_without_its_current_by_hand() {
+        let explained = Period { voltage: 6.49, current: 2.0, velocity: 10.0 };
+        let unexplained = Some(Period { voltage: 6.51, ..explained });
+        let opposite = Some(Period { voltage: -6.51, current: -2.0, velocity: -10.0 });
+        let mut watch = BackEmf::new(WINDINGS[1], 0.0);
+        let mut told = |periods: &[Option<Period>]| periods.iter().map(|period| watch.update(*period)).last();
+        assert_eq!(told(&[Some(explained); 10]).unwrap(), None);
+        for between in [Some(explained), None] {
+            assert_eq!(told(&[unexplained, unexplained, between, unexplained, unexplained]).unwrap(), None);
+        }
+        assert_eq!(told(&[unexplained, opposite, unexplained]).unwrap(), Some(Contradiction::Current));
     }
 }

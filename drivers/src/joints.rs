@@ -11,7 +11,7 @@ use tesaki::math;
 use tesaki::model::{Field, JointModel, ModelError, Motor as MotorModel, Problem, RobotModel};
 use tesaki::protocol::{SensorFlags, SensorFrame};
 
-use crate::back_emf::{BackEmf, Period};
+use crate::back_emf::{BackEmf, Contradiction, Period};
 use crate::exchange::Measured;
 use crate::motors::{Command, Motor, Motors, SUM_RESOLUTION, Sensing, Totals, VOLTAGE_RESOLUTION};
 
@@ -60,7 +60,7 @@ impl<const N: usize> MotorJoints<N> {
     }
 
     /// Runs one control period from the encoders' `counts` and what the current loops `measured`. Returns
-    /// counts, mean currents, mean supply and an encoder that contradicts the back-EMF of its motor
+    /// counts, mean currents, mean supply and an encoder or a current that contradicts its motor's winding
     /// ([`BackEmf`]), or `None` if the loops do not run at their rate: then nothing controls the currents.
     ///
     /// A single disturbed sample, such as of a power stage that switches, hardly changes the mean supply. A
@@ -103,10 +103,13 @@ impl<const N: usize> MotorJoints<N> {
             let current = sum * SUM_RESOLUTION / samples;
             let voltage = voltage * VOLTAGE_RESOLUTION / samples;
             let driven = was_driven.then_some(Period { voltage, current, velocity: joint.velocity });
-            let is_dead = joint.back_emf.as_mut().is_some_and(|watch| watch.update(driven));
-            // The first one is reported.
-            if is_dead && frame.flags.dead_encoder().is_none() {
-                frame.flags.0 |= SensorFlags::of_dead_encoder(index);
+            match joint.back_emf.as_mut().and_then(|watch| watch.update(driven)) {
+                // The first one is reported.
+                Some(Contradiction::Encoder) if frame.flags.dead_encoder().is_none() => {
+                    frame.flags.0 |= SensorFlags::of_dead_encoder(index);
+                }
+                Some(Contradiction::Current) => frame.flags.0 |= SensorFlags::POWER_STAGE,
+                _ => {}
             }
             #[expect(clippy::cast_possible_truncation, reason = "saturates")]
             frame.currents.push((current / joint.current_resolution) as i16).ok()?;
@@ -292,6 +295,22 @@ mod tests {
         totals.driven -= 1;
         let frame = joints.update(5, counts(5), &measured(totals)).unwrap();
         assert_eq!(frame.flags, SensorFlags(0));
+    }
+
+    /// The second motor's current reads 0 while its loop drives it with 5 V.
+    #[test]
+    fn a_voltage_without_a_current_is_a_fault_of_the_power_stage() {
+        let mut joints = joints();
+        let winding = Winding { resistance: 1.0, inductance: 1e-3, back_emf: 0.5 };
+        joints.joints.iter_mut().for_each(|joint| joint.back_emf = Some(BackEmf::new(winding, joint.angle)));
+        let mut totals = Totals::new();
+        for period in 0..5 {
+            let frame = joints.update(period, [0; 2], &measured(totals)).unwrap();
+            assert_eq!(frame.flags.0, if period > 2 { SensorFlags::POWER_STAGE } else { 0 }, "{period}");
+            totals.currents[0] += 10_000_000;
+            totals.voltages = totals.voltages.map(|sum| sum + 1_000_000);
+            (totals.periods, totals.driven) = (totals.periods + 200, totals.driven + 200);
+        }
     }
 
     #[test]

@@ -96,6 +96,8 @@ pub fn start(device: pac::Peripherals, syst: cortex_m::peripheral::SYST, node: &
         board.connect_plant_link();
         // SAFETY: a bit that only this line changes, before the first interrupt.
         unsafe { (*pac::RCC::ptr()).apb1enr().modify(|_, w| w.usart2en().set_bit()) };
+        // As in `chip_supply::start`.
+        cortex_m::asm::dsb();
         uarts.usart2.start(clocks.apb1, clocks.baud);
     }
     let period = if plant_link { IDLE_PERIOD } else { PERIOD };

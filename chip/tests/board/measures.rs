@@ -1,10 +1,14 @@
 //! How soon the motors are off after each kind of failure.
 
+use tesaki::control::JointPoint;
 use tesaki::fault::FaultCause;
+use tesaki::protocol::Request;
+use tesaki::task::TaskCommand;
+use tesaki::task::joint_servo::JointCommand;
 use tesaki_chip::SECOND;
-use tesaki_chip::bench::Bench;
+use tesaki_chip::bench::{Bench, Motor};
 
-use crate::rig::Rig;
+use crate::rig::{MOTOR, Rig, model};
 
 const MICROSECOND: u64 = SECOND / 1_000_000;
 
@@ -70,6 +74,38 @@ fn a_dead_encoder_in_motion_is_named_and_off_within_2_periods() {
         }
     }
     assert!(worst <= 2, "{worst}");
+}
+
+/// The wire of a current sense breaks while its motor presses on a stop: the loop sees no current and drives
+/// with all the voltage that it has, which no current explains.
+#[test]
+fn a_blind_current_sense_is_off_within_4_periods() {
+    let mut worst = 0;
+    for motor in 0..3 {
+        let blocked = Motor { blocked: true, ..MOTOR };
+        let mut rig = Rig::boot_on(Bench::new([blocked; 3], 1), &[]);
+        rig.enable_with(&model()).unwrap();
+        let point = JointPoint { position: 0.0, velocity: 0.0, acceleration: 0.0 };
+        let command = JointCommand::StreamTorques {
+            points: [point; 3].into_iter().collect(),
+            torques: [0.05; 3].into_iter().collect(),
+        };
+        let press = |rig: &mut Rig| {
+            rig.client.send(&mut rig.machine, Request::Task(TaskCommand::JointServo(command.clone())));
+            rig.run(0.01);
+        };
+        (0..10).for_each(|_| press(&mut rig));
+        assert_eq!(rig.faults(), []);
+        rig.machine.chip.bench.blind[motor] = true;
+        let periods = (1..=50).find(|_| {
+            press(&mut rig);
+            sleeps(&rig)
+        });
+        println!("blind current sense of motor {motor}: off within {periods:?} periods");
+        assert_eq!(rig.faults().last().unwrap().cause, FaultCause::PowerStage);
+        worst = worst.max(periods.unwrap());
+    }
+    assert!(worst <= 4, "{worst}");
 }
 
 /// The microcontroller's supply falls by 10 mV a microsecond: the power stages sleep before it is so low that
