@@ -25,8 +25,8 @@ const UNEXPLAINED_PERIODS: u8 = 3;
 pub enum Contradiction {
     /// The encoder has stopped while the motor turns.
     Encoder,
-    /// The voltage drives no current that explains it: a current sense that is dead or reads too little, whose
-    /// loop then drives without bound, or an open circuit.
+    /// No current explains the voltage: a current sense that is dead or reads too little, whose loop then
+    /// drives without bound, or an open circuit.
     Current,
 }
 

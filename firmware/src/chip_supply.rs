@@ -25,7 +25,7 @@ const POLLS: u32 = 800_000;
 /// which 1.8 V are enough.
 pub fn start(rcc: &pac::RCC, pwr: &pac::PWR, exti: &pac::EXTI, watchdog: &Watchdog) -> bool {
     rcc.apb1enr().modify(|_, w| w.pwren().set_bit());
-    // The first access after this may be lost (erratum 2.1.13): the supply would count as sufficient, unwatched.
+    // Without this the next access may be lost (erratum 2.1.13), and the supply would not be watched.
     cortex_m::asm::dsb();
     // SAFETY: a level of three bits.
     pwr.cr().modify(|_, w| unsafe { w.pls().bits(LEVEL).pvde().set_bit() });
