@@ -67,7 +67,7 @@ pub(crate) fn unreadable(error: &io::Error) -> Option<&'static str> {
     match error.kind() {
         io::ErrorKind::InvalidData => Some("save it as UTF-8"),
         io::ErrorKind::PermissionDenied => Some("allow reading it"),
-        io::ErrorKind::IsADirectory => Some("put a text file of this name in its place"),
+        io::ErrorKind::IsADirectory => Some("it is a folder: name a file, or put one in its place"),
         _ => None,
     }
 }

@@ -121,7 +121,7 @@ fn an_unreadable_urdf_says_what_to_do_about_it() {
     let (_, text) = check(&[], folder.path());
     contains(
         &text,
-        &["robot.urdf: it cannot be read: Is a directory", "→ put a text file of this name in its"],
+        &["robot.urdf: it cannot be read: Is a directory", "→ it is a folder: name a file, or put"],
     );
 }
 

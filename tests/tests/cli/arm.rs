@@ -35,6 +35,8 @@ fn an_arm_is_compliant_until_ctrl_c() {
     for word in ["enabled", "deviation", "N, free", "elbow", "interrupted: disabled", "done: compliant for"] {
         assert!(text.contains(word), "no {word:?} in: {text}");
     }
+    let words = server.succeeds(&["impedance", "status"]);
+    assert!(words.starts_with("no impedance control now: the board is disabled"), "{words}");
 
     // A second arm, because this one falls.
     let server = Server::ready_arm();

@@ -249,4 +249,13 @@ fn eval_does_not_write_over_its_table() {
         assert!(code == 2 && said.contains("a file of the robot and --out are both"), "{code} {said}");
     }
     assert_eq!(std::fs::read(&urdf).unwrap(), std::fs::read(hand3().join("robot.urdf")).unwrap());
+    // Nor over what else its folder holds.
+    let grasps = folder.path().join("grasps");
+    std::fs::create_dir(&grasps).unwrap();
+    let grasp = grasps.join("box.toml");
+    std::fs::write(&grasp, "kept").unwrap();
+    let out = grasp.to_str().unwrap();
+    let (code, said) = run(&["eval", "fk", "--robot", robot, "--in", file, "--out", out]);
+    assert!(code == 2 && said.contains("a file of the robot and --out are both"), "{code} {said}");
+    assert_eq!(std::fs::read_to_string(&grasp).unwrap(), "kept");
 }

@@ -118,9 +118,8 @@ fn hint(error: &BoardError) -> String {
         Refusal::Unsafe(Fault { cause: FaultCause::VelocityLimit, .. }) => {
             ". The joint still moves: wait until it rests, then try again"
         }
-        Refusal::FaultsUnread { .. } | Refusal::WrongMode(Mode::Fault) => {
-            " (`tesaki faults --clear` does both)"
-        }
+        Refusal::FaultsUnread { .. } => " (`tesaki faults --clear` does both)",
+        Refusal::WrongMode(Mode::Fault) => " (`tesaki faults --clear` ends the fault)",
         _ => "",
     };
     format!("{hint}\nSee {}", troubleshooting::refusal(refusal))

@@ -5,9 +5,9 @@ use std::time::{Duration, Instant};
 
 use nalgebra::Vector3;
 use serde_json::json;
-use tesaki::protocol::{Request, TaskReport};
+use tesaki::protocol::{Mode, Request, TaskReport};
 use tesaki::task::impedance::{ImpedanceSettings, ImpedanceTelemetry};
-use tesaki::task::{TaskConfig, TaskTelemetry};
+use tesaki::task::{TaskConfig, TaskKind, TaskTelemetry};
 use tesaki_description::impedance;
 use tesaki_supervisor::Board;
 
@@ -94,7 +94,23 @@ fn surfaces(settings: &ImpedanceSettings, own_mass: &[f32; 3]) -> String {
 fn status(options: &Options) -> Result<(), Failure> {
     let mut session = BoardSession::open(options)?;
     let tool = session.board.read_impedance()?;
-    output::result(options, &output::exact(&tool), || table(&tool))
+    let mode = session.board.status()?.node.mode;
+    // The board keeps what the task said last: at a fault, or when it was disabled.
+    let ended = match mode {
+        Mode::Enabled(TaskKind::Impedance) => None,
+        Mode::Fault => {
+            let model = session.model().ok();
+            let fault = session.fault(model.as_ref())?;
+            Some(format!("the impedance control ended: the board is in fault: {fault}"))
+        }
+        mode => Some(format!("no impedance control now: the board is {mode}")),
+    };
+    let mut value = output::exact(&tool);
+    value["mode"] = output::exact(&mode);
+    output::result(options, &value, || match &ended {
+        None => table(&tool),
+        Some(ended) => format!("{ended}\nthe position is that of now, the rest of before:\n{}", table(&tool)),
+    })
 }
 
 /// Norm of the linear part [m or N].

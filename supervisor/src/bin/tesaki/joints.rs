@@ -153,7 +153,13 @@ pub fn check_typed(joint: &JointModel, angle: f32, degrees: bool) -> Result<(), 
     Err(Failure::Usage(if degrees {
         let limits = joint.limits;
         let [angle, lower, upper] = [angle, limits.lower, limits.upper].map(f32::to_degrees);
-        format!("{}: {angle:.1}° is outside its limits {lower:.1}° to {upper:.1}°", joint.name)
+        // With the digits that tell it from the limit.
+        let beyond = (lower - angle).max(angle - upper);
+        let digits = if beyond < 0.1 { 3 } else { 1 };
+        format!(
+            "{}: {angle:.digits$}° is outside its limits {lower:.digits$}° to {upper:.digits$}°",
+            joint.name
+        )
     } else {
         let hint = if angle.abs() > core::f32::consts::TAU { " (--degrees for degrees)" } else { "" };
         format!("{failure}{hint}")

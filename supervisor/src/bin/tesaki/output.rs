@@ -4,7 +4,7 @@ mod file;
 mod queue;
 
 use std::io::{self, IsTerminal, Write as _};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 use serde::Serialize;
@@ -41,11 +41,15 @@ pub fn keep_input(output: &Path, outcome: &str, input: &Path, source: &str) -> R
     }
 }
 
-/// Refuses to write over the files of the robot, a folder or a URDF.
+/// Refuses to write over the files of the robot, a folder or a URDF: whatever the folder holds as URDF or
+/// TOML.
 pub fn keep_robot(output: &Path, robot: &Path) -> Result<(), Failure> {
-    let files = ["robot.urdf", "controller.toml", "plant.toml"].map(|name| robot.join(name));
-    let files = files.iter().map(PathBuf::as_path).chain([robot]);
-    files.into_iter().try_for_each(|file| keep_input(output, "--out", file, "a file of the robot"))
+    let is_of_robot = |file: &Path| {
+        let is_read = file.extension().is_some_and(|end| end == "urdf" || end == "toml");
+        is_read && robot.canonicalize().is_ok_and(|robot| file.starts_with(robot))
+    };
+    let file = if output.canonicalize().is_ok_and(|file| is_of_robot(&file)) { output } else { robot };
+    keep_input(output, "--out", file, "a file of the robot")
 }
 
 /// The value for JSON, with the shortest digits that identify its single-precision numbers. (`json!` alone

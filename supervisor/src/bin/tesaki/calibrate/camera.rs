@@ -50,7 +50,10 @@ pub fn run(options: &Options, args: &CalibrateCamera) -> Result<(), Failure> {
         )));
     }
     output::keep_input(out, "--out", &args.input, "--in")?;
-    output::keep_robot(out, &args.robot)?;
+    // An earlier result may be replaced.
+    if out.file_name().is_none_or(|name| name != FILE) {
+        output::keep_robot(out, &args.robot)?;
+    }
     let robot = RobotFolder::load(&args.robot)?;
     let table = Table::read(&args.input)?;
     let poses = poses(options, &table, &robot)?;
