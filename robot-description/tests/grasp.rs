@@ -87,7 +87,7 @@ fn unknown_and_missing_keys_are_named_with_their_line() {
     let binary = folder.path().join("box.toml");
     std::fs::write(&binary, b"\xff\xfe").unwrap();
     for (path, advice) in
-        [(binary.as_path(), "; save it as UTF-8"), (folder.path(), "; put a text file of this")]
+        [(binary.as_path(), "; save it as UTF-8"), (folder.path(), "; it is a folder: name a file")]
     {
         let said = load(path).unwrap_err().to_string();
         assert!(said.contains(advice), "{said}");

@@ -306,8 +306,8 @@ pub fn find_in_log<T>(
     Ok(found)
 }
 
-/// An error if a set-point was refused, unless it was only late, or duplicated by a bad line. A board in fault,
-/// or that another program disabled, says so in its telemetry.
+/// An error if a set-point was refused, unless it was only late, or duplicated by a bad line. A board in
+/// fault, or that another program disabled, says so in its telemetry.
 pub fn refused(reply: &Reply) -> Result<(), Failure> {
     match *reply {
         Reply::Refused(Refusal::Stale { .. } | Refusal::WrongMode(Mode::Fault | Mode::Disabled)) => Ok(()),
