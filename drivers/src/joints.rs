@@ -229,6 +229,14 @@ mod tests {
         }
     }
 
+    /// Returns the same joints with windings of 1 Ω.
+    fn watched() -> MotorJoints<2> {
+        let mut joints = joints();
+        let winding = Winding { resistance: 1.0, inductance: 1e-3, back_emf: 0.5 };
+        joints.joints.iter_mut().for_each(|joint| joint.back_emf = Some(BackEmf::new(winding, joint.angle)));
+        joints
+    }
+
     /// Returns what is measured with these totals, and a supply of 11 V.
     fn measured(totals: Totals<2>) -> Measured<2> {
         Measured { totals, supply: 11_000, has_tripped: false, supply_tripped: false, is_ready: true }
@@ -279,9 +287,7 @@ mod tests {
     /// current stay.
     #[test]
     fn an_encoder_that_stands_while_its_motor_turns_is_told() {
-        let mut joints = joints();
-        let winding = Winding { resistance: 1.0, inductance: 1e-3, back_emf: 0.5 };
-        joints.joints.iter_mut().for_each(|joint| joint.back_emf = Some(BackEmf::new(winding, joint.angle)));
+        let mut joints = watched();
         let mut totals = Totals::new();
         let counts = |period: i32| [13 * period, -13 * period.min(3)];
         for period in 0..5 {
@@ -300,9 +306,7 @@ mod tests {
     /// The second motor's current reads 0 while its loop drives it with 5 V.
     #[test]
     fn a_voltage_without_a_current_is_a_fault_of_the_power_stage() {
-        let mut joints = joints();
-        let winding = Winding { resistance: 1.0, inductance: 1e-3, back_emf: 0.5 };
-        joints.joints.iter_mut().for_each(|joint| joint.back_emf = Some(BackEmf::new(winding, joint.angle)));
+        let mut joints = watched();
         let mut totals = Totals::new();
         for period in 0..5 {
             let frame = joints.update(period, [0; 2], &measured(totals)).unwrap();

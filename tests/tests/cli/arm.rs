@@ -53,6 +53,22 @@ fn an_arm_is_compliant_until_ctrl_c() {
     assert!(text.contains("largest_force"), "{text}");
 }
 
+/// At any instant: a set-point may be refused before the first telemetry shows that the board was enabled.
+#[test]
+fn a_board_that_another_program_disables_is_named_as_such() {
+    let soft = arm7().join("impedances/soft.toml").to_str().unwrap().to_owned();
+    for _ in 0..4 {
+        let server = Server::ready_arm();
+        server.succeeds(&["tare"]);
+        let mut run = server.start_command(&["impedance", "hold", &soft, "--duration", "20"]);
+        while run.try_wait().unwrap().is_none() {
+            server.succeeds(&["disable"]);
+        }
+        let (code, text) = said(&finish(run));
+        assert!(code == 1 && text.contains("another program disabled the board"), "{code}: {text}");
+    }
+}
+
 #[test]
 fn an_arm_is_held_until_ctrl_c_and_disabled_when_nobody_reads_on() {
     let server = Server::ready_arm();

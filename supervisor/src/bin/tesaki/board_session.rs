@@ -306,11 +306,10 @@ pub fn find_in_log<T>(
     Ok(found)
 }
 
-/// An error if a set-point was refused, unless it was only late, or duplicated by a bad line. A board in
-/// fault, or that another program disabled, says so in its telemetry.
+/// An error if a set-point was refused, unless it was only late, or duplicated by a bad line.
 pub fn refused(reply: &Reply) -> Result<(), Failure> {
     match *reply {
-        Reply::Refused(Refusal::Stale { .. } | Refusal::WrongMode(Mode::Fault | Mode::Disabled)) => Ok(()),
+        Reply::Refused(Refusal::Stale { .. } | Refusal::WrongMode(Mode::Fault)) => Ok(()),
         Reply::Refused(refusal) => Err(BoardError::refused("move", refusal).into()),
         _ => Ok(()),
     }

@@ -378,6 +378,14 @@ impl<'a> Motion<'a> {
                             .to_owned(),
                     ));
                 }
+                // The refusal of a set-point can be here before the telemetry that shows the mode.
+                Err(Failure::Board(BoardError::Refused {
+                    refusal: Refusal::WrongMode(Mode::Disabled),
+                    ..
+                })) => {
+                    self.enabled = false;
+                    return Err(disabled_by_another());
+                }
                 // A board that was reset is disabled; one that has forgotten this program may be another's.
                 Err(failure @ Failure::Board(BoardError::Reset)) => {
                     self.enabled = false;
@@ -400,7 +408,7 @@ impl<'a> Motion<'a> {
             }
             Mode::Disabled if *seen_enabled => {
                 self.enabled = false;
-                Err(Failure::Other("another program disabled the board".to_owned()))
+                Err(disabled_by_another())
             }
             Mode::Disabled => Ok(()),
             Mode::Enabled(_) => {
@@ -459,4 +467,8 @@ impl Watchdog {
         let now = Instant::now();
         Self { heard: now, answered: now, frames: session.board.counts().good, requested: now }
     }
+}
+
+fn disabled_by_another() -> Failure {
+    Failure::Other("another program disabled the board".to_owned())
 }
