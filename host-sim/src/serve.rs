@@ -8,7 +8,7 @@ use rapier3d::na::Vector3;
 use tesaki::model::RobotModel;
 use tesaki::protocol::{ActuatorFrame, SensorFlags, SensorFrame};
 use tesaki::robot::Robot;
-use tesaki_output::note;
+use tesaki_output::{note, quoted};
 use tesaki_supervisor::hub::Hub;
 use tesaki_supervisor::{BoardError, ByteLink};
 
@@ -406,7 +406,8 @@ pub fn serve(
 pub fn home_command(plant: &Plant, model: &RobotModel) -> Option<String> {
     let angles = plant.homed_positions();
     let relative = model.joints.iter().zip(angles).filter(|(joint, _)| joint.encoder.relative);
-    let words: Vec<String> = relative.map(|(joint, angle)| format!("{}={angle:.3}", joint.name)).collect();
+    let words: Vec<String> =
+        relative.map(|(joint, angle)| quoted(&format!("{}={angle:.3}", joint.name))).collect();
     (!words.is_empty()).then(|| format!("tesaki home {}", words.join(" ")))
 }
 

@@ -34,6 +34,17 @@ pub fn print(text: Arguments<'_>) {
     }
 }
 
+/// A word as a shell takes it for one.
+#[must_use]
+pub fn quoted(word: &str) -> String {
+    let is_plain = |letter: char| letter.is_alphanumeric() || "-_./+,:=@%".contains(letter);
+    if !word.is_empty() && word.chars().all(is_plain) {
+        word.to_owned()
+    } else {
+        format!("'{}'", word.replace('\'', "'\\''"))
+    }
+}
+
 /// Prints to standard error, if it can be written.
 pub fn complain(text: Arguments<'_>) {
     let _ = io::stderr().lock().write_fmt(text);

@@ -10,6 +10,7 @@ use toml_edit::{DocumentMut, Item, Table, Value};
 
 use crate::file::{self, FileError};
 use crate::finding::Report;
+use crate::robot::implausible_values;
 
 /// What to do about a key that cannot be read.
 const ADVICE: &str = "correct it, or make the file anew with `tesaki identify`";
@@ -84,7 +85,8 @@ impl Calibration {
     /// Applies the values to a model.
     ///
     /// # Errors
-    /// A joint that the robot does not have, or an invalid value; the model is unchanged then.
+    /// A joint that the robot does not have, or a value that is invalid or not plausible; the model is unchanged
+    /// then.
     pub fn apply(&self, model: &mut RobotModel) -> Result<(), CalibrationError> {
         self.check_joints(model)?;
         let mut changed = model.clone();
@@ -103,6 +105,11 @@ impl Calibration {
             let message = format!("joint {name}: {} = {} {}", error.field.path(), error.value, error.problem);
             CalibrationError::Model(message)
         })?;
+        let before = implausible_values(model);
+        if let Some(value) = implausible_values(&changed).into_iter().find(|value| !before.contains(value)) {
+            let name = value.joint.map_or("", |joint| model.joint_name(joint));
+            return Err(CalibrationError::Model(format!("joint {name}: {}", value.message)));
+        }
         *model = changed;
         Ok(())
     }

@@ -21,6 +21,11 @@ use servo::JointPlan;
 
 /// Gravity of an upright base [m/s²].
 const GRAVITY: [f32; 3] = [0.0, 0.0, -9.81];
+/// Of the gravity torque that a motor has where the URDF gives no effort: friction and dynamics need as much
+/// again, and some more.
+const GRAVITY_FACTOR: f32 = 2.5;
+/// The least torque of such a motor [N·m].
+const LEAST_TORQUE: f32 = 0.2;
 /// Stands for every link whose inertia no body can have.
 const ALL: &str = "all";
 
@@ -203,8 +208,7 @@ fn choose_motor(
     let common = options.motors.iter().rev().find(|choice| choice.joint.is_none());
     let effort = joint.limits.torque;
     let speed = if joint.limits.velocity > 0.0 { joint.limits.velocity.min(40.0) } else { 6.0 };
-    // Friction and dynamics need as much again, and some more.
-    let needed = (2.5 * load.gravity).max(0.2);
+    let needed = (GRAVITY_FACTOR * load.gravity).max(LEAST_TORQUE);
     let believed = effort > 0.0 && effort <= LARGEST_EFFORT;
     let torque = if believed { effort } else { needed };
     match own.or(common).map(|choice| choice.motor.as_str()) {
@@ -218,9 +222,12 @@ fn choose_motor(
             let reason = if believed {
                 format!("for the URDF's effort of {effort} N·m")
             } else {
-                format!(
-                    "for 2.5 times the gravity torque, {torque:.2} N·m: the URDF's effort is {effort} N·m"
-                )
+                let why = if torque > LEAST_TORQUE {
+                    format!("{GRAVITY_FACTOR} times the gravity torque")
+                } else {
+                    "the least".to_owned()
+                };
+                format!("for {torque:.2} N·m, {why}: the URDF's effort is {effort} N·m")
             };
             Ok((motor, reason))
         }

@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use tesaki::model::RobotModel;
 
 pub use chain::chain_model;
-pub use limits::{ImplausibleLimit, implausible_limits};
+pub use limits::{ImplausibleValue, implausible_values};
 pub(crate) use limits::{at_least, following_errors, least_torque_rate};
 pub use plausible::{Overload, overloaded};
 pub use settings::{FrictionSettings, JointSettings, Settings};
@@ -57,6 +57,18 @@ impl RobotFolder {
     pub fn load(path: &Path) -> Result<Self, FileError> {
         let (urdf, settings) = Self::read(path)?;
         Self::parse(path, &urdf, &settings)
+    }
+
+    /// Reads the folder at `path` for a machine, or for a plant with the text of its `plant.toml`: what
+    /// [`check_all`](Self::check_all) calls an error is one.
+    ///
+    /// # Errors
+    /// What is missing, wrong or not plausible, where, and what to do.
+    pub fn load_plausible(path: &Path, plant: Option<&str>) -> Result<Self, FileError> {
+        let (urdf, settings) = Self::read(path)?;
+        let (folder, mut findings) = Self::check_all(path, &urdf, &settings, plant);
+        findings.retain(Finding::is_error);
+        folder.ok_or(FileError::Wrong(findings))
     }
 
     /// The texts of `robot.urdf` and `controller.toml` in the folder at `path`.

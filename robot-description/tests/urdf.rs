@@ -240,12 +240,17 @@ const CASES: &[Case] = &[
     (
         ("shoulder", "<limit lower=\"-1\" upper=\"1.5\" effort=\"5\" velocity=\"2\"/>", ""),
         ("<joint name=\"shoulder\"", "<joint"),
-        &["joint shoulder", "lower = upper = 0", "limits are missing", "continuous"],
+        &["joint shoulder", "lower = upper = 0", "limits are missing", "<limit lower"],
     ),
     (
         ("shoulder", "lower=\"-1\" upper=\"1.5\"", ""),
         ("shoulder", "<limit"),
         &["joint shoulder", "lower = upper = 0", "limits are missing"],
+    ),
+    (
+        ("shoulder", "effort=\"5\"", "effort=\"-5\""),
+        ("shoulder", "<limit"),
+        &["joint shoulder", "effort = -5 is below 0", "a magnitude"],
     ),
     (
         ("shoulder", "lower=\"-1\"", "lower=\"2\""),

@@ -10,7 +10,7 @@ use clap::Args;
 use sha2::{Digest, Sha256};
 use tesaki_description::read_text;
 use tesaki_description::robot::RobotFolder;
-use tesaki_output::{note, say};
+use tesaki_output::{note, quoted, say};
 use tesaki_sim::controller::{Controller, Native, Watched};
 use tesaki_sim::law::LawFile;
 use tesaki_sim::live_run::LiveRun;
@@ -97,16 +97,6 @@ impl Run {
             add("elf", &self.elf.display().to_string());
         }
         command
-    }
-}
-
-/// As a shell takes it for one word.
-fn quoted(word: &str) -> String {
-    let is_plain = |letter: char| letter.is_alphanumeric() || "-_./+,:=@%".contains(letter);
-    if !word.is_empty() && word.chars().all(is_plain) {
-        word.to_owned()
-    } else {
-        format!("'{}'", word.replace('\'', "'\\''"))
     }
 }
 

@@ -5,10 +5,9 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use tesaki::model::RobotModel;
-use tesaki_description::finding::Finding;
 use tesaki_description::robot::RobotFolder;
 use tesaki_description::{FileError, read_text};
-use tesaki_output::say;
+use tesaki_output::{quoted, say};
 use tesaki_sim::plant::{Plant, PlantOptions};
 use tesaki_sim::qemu::{Machine, Qemu};
 use tesaki_sim::scenario::scene::around_object;
@@ -126,14 +125,11 @@ pub fn run(options: &Serve) -> Result<(), Box<dyn Error>> {
 
 /// Reads and checks the robot folder with its `plant.toml`, as `tesaki model check` does.
 fn load_all(path: &Path) -> Result<RobotFolder, Box<dyn Error>> {
-    let (urdf, settings) = RobotFolder::read(path)?;
     let file = path.join("plant.toml");
     let advice =
         "it holds what is simulated; `tesaki model init` writes one, docs/bring-your-own-hand.md has another";
     let plant = read_text(&file).map_err(FileError::unread(&file, advice))?;
-    let (robot, mut findings) = RobotFolder::check_all(path, &urdf, &settings, Some(&plant));
-    findings.retain(Finding::is_error);
-    Ok(robot.ok_or(FileError::Wrong(findings))?)
+    Ok(RobotFolder::load_plausible(path, Some(&plant))?)
 }
 
 /// What `--door` asks for.
@@ -181,6 +177,6 @@ fn example_command(options: &Serve, model: &RobotModel, camera: Option<&ServedCa
     }
     match &options.grasp {
         Some(path) => format!("tesaki tare\n  tesaki grasp run {} lift=0.01 hold=5", shown(path).display()),
-        None => format!("tesaki move {}=0.3", model.joint_name(0)),
+        None => format!("tesaki move {}", quoted(&format!("{}=0.3", model.joint_name(0)))),
     }
 }

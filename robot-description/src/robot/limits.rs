@@ -1,5 +1,8 @@
-//! Limits that are within what a model may hold, but protect nothing, or are faults at once. Each bound is
-//! physics: how far a joint goes before the limit acts.
+//! Values that are within what a model may hold, but protect nothing, are faults at once, or hold a joint
+//! fast. Each bound is physics: how far a joint goes before a limit acts, what an encoder tells apart, what a
+//! motor overcomes.
+
+use std::f32::consts::TAU;
 
 use tesaki::TICK;
 use tesaki::model::{JointModel, RobotModel};
@@ -14,10 +17,12 @@ const LOST_COMMANDS: f32 = 3.0;
 const UNATTENDED: f32 = 2.0;
 /// Below this share of the largest voltage a drive has less than half of its speed.
 const MIN_VOLTAGE: f32 = 0.5;
+/// Between two readings of a joint at rest, whose encoder flickers by one to either side.
+const COUNT_NOISE: f32 = 2.0;
 
-/// A limit that protects nothing, or is a fault at once.
+/// A value that protects nothing, is a fault at once, or holds a joint fast.
 #[derive(Clone, Debug, PartialEq)]
-pub struct ImplausibleLimit {
+pub struct ImplausibleValue {
     /// Index of its joint, of its chain for a force sensor; `None`: of the whole robot.
     pub joint: Option<usize>,
     /// Its name in `controller.toml`, below `joint`.
@@ -28,18 +33,20 @@ pub struct ImplausibleLimit {
     pub advice: String,
 }
 
-/// The limits of a valid model that are not plausible.
-pub fn implausible_limits(model: &RobotModel) -> Vec<ImplausibleLimit> {
+/// The values of a valid model that are not plausible.
+pub fn implausible_values(model: &RobotModel) -> Vec<ImplausibleValue> {
     let mut found = Vec::new();
     for (index, joint) in model.joints.iter().enumerate() {
         let mut add = |key, (message, advice)| {
-            found.push(ImplausibleLimit { joint: Some(index), key, message, advice });
+            found.push(ImplausibleValue { joint: Some(index), key, message, advice });
         };
+        velocity(joint).into_iter().for_each(|text| add("encoder.counts_per_turn", text));
+        friction(joint).into_iter().for_each(|text| add("friction", text));
         torque_rate(joint).into_iter().for_each(|text| add("limits.torque_rate", text));
         following_error(joint).into_iter().for_each(|text| add("limits.following_error", text));
     }
     let mut add = |key, (message, advice)| {
-        found.push(ImplausibleLimit { joint: None, key, message, advice });
+        found.push(ImplausibleValue { joint: None, key, message, advice });
     };
     timeout(model).into_iter().for_each(|text| add("safety.command_timeout", text));
     let (min, max) = (model.safety.supply_min, model.safety.supply_max);
@@ -91,6 +98,11 @@ fn rounded(bound: f32, round: fn(f64) -> f64) -> String {
     format!("{:.*}", decimals.unsigned_abs() as usize, multiple * unit)
 }
 
+/// The torque that a joint has, by its limit and by its motor [N·m].
+pub(super) fn torque_limit(joint: &JointModel) -> f32 {
+    joint.limits.torque.min(joint.motor.current_limit * joint.motor.torque_constant)
+}
+
 fn range(joint: &JointModel) -> f32 {
     joint.limits.upper - joint.limits.lower
 }
@@ -107,10 +119,34 @@ pub(crate) fn following_errors(velocity: f32, range: f32) -> (f32, f32) {
     (3.0 * velocity * TICK, NEVER * range)
 }
 
+/// A velocity that the encoder does not tell from its noise.
+fn velocity(joint: &JointModel) -> Text {
+    let (counts, velocity) = (joint.encoder.counts_per_turn, joint.limits.velocity);
+    let noise = COUNT_NOISE * TAU / (counts * TICK);
+    (velocity < noise).then(|| {
+        let message = format!(
+            "limits.velocity = {velocity} rad/s is less than two counts of the encoder in a tick of 10 ms, at {counts} \
+             counts a turn: its noise would be a fault"
+        );
+        (message, format!("{} rad/s or more, or an encoder with more counts a turn of the joint", at_least(noise)))
+    })
+}
+
+/// Friction that the motor does not overcome.
+fn friction(joint: &JointModel) -> Text {
+    let (torque, coulomb) = (torque_limit(joint), joint.friction.coulomb);
+    (coulomb >= torque).then(|| {
+        let message = format!(
+            "Coulomb friction {coulomb} N·m is not below the motor's torque {torque:.3} N·m: it cannot move"
+        );
+        (message, "the true friction, or check torque_constant, current_limit and effort".to_owned())
+    })
+}
+
 /// At its velocity limit a joint goes on until its torque has turned round.
 fn torque_rate(joint: &JointModel) -> Text {
     let limits = &joint.limits;
-    let torque = limits.torque.min(joint.motor.current_limit * joint.motor.torque_constant);
+    let torque = torque_limit(joint);
     let time = 2.0 * torque / limits.torque_rate;
     let travel = limits.velocity * time;
     (travel > TRAVEL * range(joint)).then(|| {
@@ -181,7 +217,7 @@ mod tests {
     #[test]
     fn the_limits_of_our_robots_are_plausible() {
         for name in ["hand3", "arm7", "hand5", "knob-arm", "allegro", "leap", "inspire"] {
-            assert_eq!(implausible_limits(&robot(name)), [], "{name}");
+            assert_eq!(implausible_values(&robot(name)), [], "{name}");
         }
     }
 
@@ -190,7 +226,18 @@ mod tests {
     #[test]
     fn each_limit_has_bounds_on_both_sides_of_what_it_protects() {
         type Change = fn(&mut RobotModel, f32);
-        let cases: [(&str, Change, f32, f32); 6] = [
+        let cases: [(&str, Change, f32, f32); 8] = [
+            // 2 counts · 2π / 1000 in 10 ms are 1.26 rad/s.
+            (
+                "encoder.counts_per_turn",
+                |robot, value| {
+                    robot.joints[1].encoder.counts_per_turn = 1000.0;
+                    robot.joints[1].limits.velocity = value;
+                },
+                1.25,
+                1.26,
+            ),
+            ("friction", |robot, value| robot.joints[1].friction.coulomb = value, 0.6, 0.59),
             // 6 rad/s · 2 · 0.6 N·m / rate is half of 2.9 rad at 4.966 N·m/s.
             ("limits.torque_rate", |robot, value| robot.joints[1].limits.torque_rate = value, 4.9, 5.0),
             // 6 rad/s · 10 ms.
@@ -214,14 +261,14 @@ mod tests {
         for (key, change, wrong, right) in cases {
             let mut changed = robot("hand3");
             change(&mut changed, wrong);
-            let keys: Vec<&str> = implausible_limits(&changed).iter().map(|limit| limit.key).collect();
+            let keys: Vec<&str> = implausible_values(&changed).iter().map(|limit| limit.key).collect();
             assert_eq!(keys, [key], "{wrong}");
             change(&mut changed, right);
-            assert_eq!(implausible_limits(&changed), [], "{key} = {right}");
+            assert_eq!(implausible_values(&changed), [], "{key} = {right}");
         }
         let mut deaf = robot("hand3");
         deaf.chains[1].force_sensor.as_mut().unwrap().force_limit = 20.1;
-        let found = implausible_limits(&deaf);
+        let found = implausible_values(&deaf);
         assert_eq!(found.len(), 1);
         assert!(found[0].message.contains("20 N") && found[0].joint.is_none(), "{found:?}");
     }
@@ -241,22 +288,23 @@ mod tests {
             assert_eq!((at_least(bound).as_str(), at_most(bound).as_str()), (least, most), "{bound}");
         }
         let mut robot = robot("hand3");
-        for (torque, velocity) in [(0.02, 1.0), (0.6, 6.0), (0.37, 0.013)] {
+        for (torque, velocity) in [(0.03, 1.0), (0.6, 6.0), (0.37, 0.001)] {
             let limits = &mut robot.joints[1].limits;
             (limits.torque, limits.velocity) = (torque, velocity);
             (limits.torque_rate, limits.following_error) = (1e-4, 1e-6);
-            for _ in 0..2 {
-                for limit in implausible_limits(&robot).iter().filter(|limit| limit.joint == Some(1)) {
+            for _ in 0..3 {
+                for limit in implausible_values(&robot).iter().filter(|limit| limit.joint == Some(1)) {
                     let number = |word: &str| word.parse::<f32>().ok();
                     let advised = limit.advice.split(' ').find_map(number).unwrap();
                     let limits = &mut robot.joints[1].limits;
                     match limit.key {
                         "limits.torque_rate" => limits.torque_rate = advised,
+                        "encoder.counts_per_turn" => limits.velocity = advised,
                         _ => limits.following_error = advised,
                     }
                 }
             }
-            assert_eq!(implausible_limits(&robot), [], "{torque} N·m, {velocity} rad/s");
+            assert_eq!(implausible_values(&robot), [], "{torque} N·m, {velocity} rad/s");
         }
     }
 }

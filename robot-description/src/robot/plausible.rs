@@ -10,7 +10,7 @@ use tesaki::kinematics::Chain;
 use tesaki::model::{ChainJoint, JointModel, RobotModel};
 
 use super::RobotFolder;
-use super::limits::{ImplausibleLimit, implausible_limits};
+use super::limits::{ImplausibleValue, implausible_values, torque_limit};
 use crate::finding::{Finding, Report};
 use crate::load::{CoupledChains, JointLoad};
 use crate::plant::PlantValues;
@@ -66,8 +66,8 @@ pub fn check(folder: &RobotFolder, settings: &str, plant: Option<&str>, known: &
     for index in 0..model.chains.len() {
         tip_on_axis(model, index, &folder.urdf, &mut reports.urdf);
     }
-    for limit in implausible_limits(&folder.model) {
-        of_limit(&folder.model, limit, &mut reports);
+    for value in implausible_values(&folder.model) {
+        of_model(&folder.model, value, &mut reports);
     }
     links::gyration(&folder.urdf, &mut reports.urdf);
     links::dense(&folder.urdf, &mut reports.urdf);
@@ -254,13 +254,9 @@ fn key(joint: &JointModel) -> String {
     if bare { joint.name.to_string() } else { format!("{:?}", joint.name.as_str()) }
 }
 
-fn torque_limit(joint: &JointModel) -> f32 {
-    joint.limits.torque.min(joint.motor.current_limit * joint.motor.torque_constant)
-}
-
-/// A limit that protects nothing, or is a fault at once.
-fn of_limit(model: &RobotModel, limit: ImplausibleLimit, reports: &mut Reports) {
-    let ImplausibleLimit { joint, key, message, advice } = limit;
+/// A value of the model that is not plausible.
+fn of_model(model: &RobotModel, value: ImplausibleValue, reports: &mut Reports) {
+    let ImplausibleValue { joint, key, message, advice } = value;
     match joint.and_then(|joint| model.joints.get(joint)) {
         Some(joint) => reports.error(joint, reports.line(joint, key), message, advice),
         None => reports.settings.dynamics(reports.settings.line_of(key), message, advice),

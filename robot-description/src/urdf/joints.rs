@@ -20,6 +20,7 @@ pub fn check(source: &Source<'_>, report: &mut Report) {
         origin(joint, report);
         if matches!(joint.attribute("type"), Some("revolute" | "continuous" | "prismatic")) {
             axis(joint, report);
+            signs(joint, report);
         }
         if joint.attribute("type") == Some("revolute") {
             limits(joint, report);
@@ -78,6 +79,19 @@ fn axis(joint: &Part<'_>, report: &mut Report) {
     }
 }
 
+/// Magnitudes that cannot be below 0.
+fn signs(joint: &Part<'_>, report: &mut Report) {
+    for (tag, attribute) in
+        [("limit", "effort"), ("limit", "velocity"), ("dynamics", "damping"), ("dynamics", "friction")]
+    {
+        let Some(part) = joint.child(tag) else { continue };
+        if let Some(value) = part.number(attribute).filter(|value| *value < 0.0) {
+            let message = format!("{}: {attribute} = {value} is below 0", joint.title());
+            report.dynamics(Some(part.line()), message, "it is a magnitude, without a sign");
+        }
+    }
+}
+
 fn limits(joint: &Part<'_>, report: &mut Report) {
     let limit = joint.child("limit");
     let line = Some(limit.unwrap_or(*joint).line());
@@ -89,16 +103,14 @@ fn limits(joint: &Part<'_>, report: &mut Report) {
     let (Some(lower), Some(upper)) = (bound("lower"), bound("upper")) else { return };
     if lower == 0.0 && upper == 0.0 {
         let message = format!("{}: lower = upper = 0: limits are missing", joint.title());
-        let advice = "add <limit lower=\"…\" upper=\"…\" effort=\"…\" velocity=\"…\"/> in rad, N·m, rad/s, \
-            or make it continuous";
+        let advice = "add <limit lower=\"…\" upper=\"…\" effort=\"…\" velocity=\"…\"/> in rad, N·m, rad/s";
         report.limits(line, message, advice);
     } else if lower >= upper {
         let message = format!("{}: lower = {lower} is not below upper = {upper}", joint.title());
         report.limits(line, message, "swap or correct them");
     } else if let Some(value) = [lower, upper].into_iter().find(|value| value.abs() > LARGEST_ANGLE) {
         let message = format!("{}: limits {lower} to {upper} rad, beyond ±4π: degrees?", joint.title());
-        let advice = format!("{}; a joint without limits is of type continuous", degrees(value));
-        report.limits(line, message, advice);
+        report.limits(line, message, degrees(value));
     }
 }
 

@@ -238,4 +238,7 @@ fn a_file_that_cannot_be_written_is_told_before_the_first_pose() {
     let (code, out, error) = run(folder.path(), &["--live", "--out", "none/operator.toml"], "");
     assert!(code == 1 && out.is_empty(), "{code}: {out}{error}");
     assert!(error.contains("none/operator.toml") && !error.contains("No pose yet"), "{error}");
+    std::fs::write(folder.path().join("robot.urdf"), "<robot/>").unwrap();
+    let (code, _, error) = run(folder.path(), &["--live", "--out", "robot.urdf"], "");
+    assert!(code == 2 && error.contains("robot.urdf exists, and is no calibration"), "{error}");
 }

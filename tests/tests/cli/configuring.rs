@@ -37,6 +37,12 @@ fn parameters_are_read_changed_and_refused_by_name() {
     server.fails(&["set", "", "3"], 2, &[words]);
     server.fails(&["read", "joints.finger9_curl"], 2, &["no parameter \"finger9_curl\" in joints"]);
     server.fails(&["set", "safety", "1"], 2, &["is a group"]);
+    // 65 536 counts a turn: two of them in 10 ms are 0.0192 rad/s.
+    let noise = ["less than two counts of the encoder in a tick", "give 0.0192 rad/s or more"];
+    server.fails(&["set", "joints.finger1_swing.limits.velocity", "0.019"], 2, &noise);
+    let fast =
+        ["Coulomb friction 0.7 N·m is not below the motor's torque 0.600 N·m", "give the true friction"];
+    server.fails(&["set", "joints.finger1_bend.friction.coulomb", "0.7"], 2, &fast);
     // The end stops are mechanical.
     let upper = "joints.finger1_swing.limits.upper";
     server.fails(&["set", upper, "1.5"], 2, &[upper, "1.5 is beyond", "-1 to 1 rad"]);
@@ -64,6 +70,31 @@ fn parameters_are_read_changed_and_refused_by_name() {
     let state = server.succeeds(&["read"]);
     let line = state.lines().find(|line| line.starts_with("finger1_swing")).unwrap();
     assert!(line.contains(" – ") && line.ends_with("not homed"), "{line}");
+}
+
+#[test]
+fn what_model_check_calls_bad_does_not_reach_the_board() {
+    let server = Server::start();
+    let robot = server.folder.path().join("robot");
+    std::fs::create_dir(&robot).unwrap();
+    std::fs::copy(hand3().join("controller.toml"), robot.join("controller.toml")).unwrap();
+    let text = std::fs::read_to_string(hand3().join("robot.urdf")).unwrap();
+    let damping = "damping=\"0.002\" friction=\"0.02\"";
+    assert!(text.contains(damping));
+    std::fs::write(robot.join("robot.urdf"), text.replacen(damping, "damping=\"0.002\" friction=\"0.7\"", 1))
+        .unwrap();
+    let fast = "joint finger1_swing: Coulomb friction 0.7 N·m is not below the motor's torque 0.600 N·m";
+    server.fails(&["model", "push", robot.to_str().unwrap()], 1, &[fast]);
+    let calibration = server.folder.path().join("calibration.toml");
+    std::fs::write(&calibration, "[joints.finger1_swing]\ncoulomb = 0.65\n").unwrap();
+    let (hand, calibration) = (hand3(), calibration.to_str().unwrap());
+    let arguments = ["model", "push", hand.to_str().unwrap(), "--calibration", calibration];
+    server.fails(
+        &arguments,
+        1,
+        &["calibration.toml", "finger1_swing: Coulomb friction 0.65 N·m is not below"],
+    );
+    server.fails(&["read", "safety"], 7, &["no robot model"]);
 }
 
 /// Not taken for an option that does not exist.

@@ -259,3 +259,22 @@ fn a_switch_may_be_set_in_the_environment_in_any_usual_way() {
         }
     }
 }
+
+#[test]
+fn a_variable_that_is_empty_is_none_and_a_wrong_one_is_named() {
+    let list = |name: &str, value: &str| {
+        said(&tesaki_tests::tesaki().arg("list").env(name, value).output().unwrap())
+    };
+    for name in ["TESAKI_PORT", "TESAKI_TIMEOUT", "TESAKI_KEY", "TESAKI_LINK_FAULTS", "TESAKI_ROBOT"] {
+        let (code, text) = list(name, "");
+        assert_eq!(code, 0, "{name}: {text}");
+    }
+    for (name, value) in [("TESAKI_PORT", "foo:bar"), ("TESAKI_TIMEOUT", "2s"), ("TESAKI_LINK_FAULTS", "x")] {
+        let (code, text) = list(name, value);
+        assert!(code == 2 && text.contains(&format!("of the environment variable {name}")), "{text}");
+    }
+    let mut given = tesaki_tests::tesaki();
+    let (code, text) =
+        said(&given.args(["list", "--timeout=x"]).env("TESAKI_TIMEOUT", "x").output().unwrap());
+    assert!(code == 2 && !text.contains("environment"), "{text}");
+}

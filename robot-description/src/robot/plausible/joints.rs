@@ -2,8 +2,8 @@
 
 use tesaki::model::{JointModel, Motor};
 
-use super::super::limits::at_least;
-use super::{Reports, torque_limit};
+use super::super::limits::{at_least, torque_limit};
+use super::Reports;
 use crate::load::JointLoad;
 
 /// The shortest time in which a full torque can bring a bare rotor to the velocity limit [s]. The mechanical
@@ -73,12 +73,7 @@ pub fn motor(joint: &JointModel, joints: &[&JointModel], load: &JointLoad, repor
     let hint = "give the true friction in [joints.NAME.friction], or check torque_constant, current_limit and \
         effort";
     let line = own.or_else(|| reports.line(joint, "motor.current_limit"));
-    if coulomb >= torque {
-        let message = format!(
-            "Coulomb friction {coulomb} N·m is not below the motor's torque {torque:.3} N·m: it cannot move",
-        );
-        reports.error(joint, line, message, hint);
-    } else if coulomb > MUCH_FRICTION * torque {
+    if coulomb < torque && coulomb > MUCH_FRICTION * torque {
         let message = format!(
             "Coulomb friction {coulomb} N·m takes {:.0} % of the motor's torque {torque:.3} N·m",
             100.0 * coulomb / torque

@@ -19,9 +19,9 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::builder::FalseyValueParser;
-use clap::error::ErrorKind;
+use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::parser::ValueSource;
-use clap::{Args, CommandFactory, FromArgMatches as _, Parser, Subcommand, ValueEnum};
+use clap::{Arg, Args, CommandFactory, FromArgMatches as _, Parser, Subcommand, ValueEnum};
 use tesaki::control::ServoMode;
 use tesaki_supervisor::fault_injector::LinkFaults;
 use tesaki_supervisor::port::Address;
@@ -97,7 +97,7 @@ pub struct Options {
 impl Cli {
     /// The command line of this process; ends it where that is wrong.
     pub fn read() -> Self {
-        let mut command = Self::command();
+        let mut command = without_empty_variables(Self::command());
         let read = command.try_get_matches_from_mut(std::env::args_os()).and_then(|matches| {
             let cli = Self::from_arg_matches(&matches)?;
             // In the environment it may be meant for other commands.
@@ -115,8 +115,38 @@ impl Cli {
             }
             Ok(cli)
         });
-        read.unwrap_or_else(|error| error.exit())
+        read.unwrap_or_else(|error| naming_variable(&command, error).exit())
     }
+}
+
+/// An environment variable that is empty is as good as none.
+fn without_empty_variables(command: clap::Command) -> clap::Command {
+    let unless_empty = |argument: Arg| {
+        let value = argument.get_env().and_then(std::env::var_os);
+        if value.is_some_and(|value| value.is_empty()) { argument.env(None::<&str>) } else { argument }
+    };
+    command.mut_args(unless_empty).mut_subcommands(without_empty_variables)
+}
+
+/// Adds to an error of a value that it comes from the environment.
+fn naming_variable(command: &clap::Command, mut error: clap::Error) -> clap::Error {
+    let of = |kind| error.get(kind).map(ToString::to_string);
+    let (argument, value) = (of(ContextKind::InvalidArg), of(ContextKind::InvalidValue));
+    let is_given = |long: &str| {
+        let option = format!("--{long}");
+        std::env::args().any(|word| word.split('=').next() == Some(option.as_str()))
+    };
+    let found = command.get_arguments().find(|known| {
+        let in_environment = known.get_env().and_then(std::env::var_os);
+        argument.as_deref() == Some(known.to_string().as_str())
+            && in_environment.map(|text| text.to_string_lossy().into_owned()) == value
+            && !known.get_long().is_some_and(is_given)
+    });
+    if let Some(variable) = found.and_then(Arg::get_env) {
+        let tip = format!("this value is that of the environment variable {}", variable.display());
+        error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![tip.into()]));
+    }
+    error
 }
 
 #[derive(Subcommand)]

@@ -3,6 +3,7 @@
 mod camera;
 
 use std::fmt::Write as _;
+use std::fs;
 use std::path::Path;
 use std::time::Duration;
 
@@ -45,6 +46,13 @@ pub fn run(options: &Options, args: &Calibrate) -> Result<(), Failure> {
     }
     if let Some(poses) = &args.poses {
         output::keep_input(out, "--out", poses, "POSES")?;
+    }
+    let is_of_operator = |text: &String| toml::from_str::<OperatorFile>(text).is_ok();
+    if out.is_file() && !fs::read_to_string(out).is_ok_and(|text| is_of_operator(&text)) {
+        return Err(Failure::Usage(format!(
+            "{} exists, and is no calibration of an operator: choose another file with --out FILE",
+            out.display()
+        )));
     }
     output::require_writable(out)?;
     match &args.poses {

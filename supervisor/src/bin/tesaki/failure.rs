@@ -110,6 +110,9 @@ fn hint(error: &BoardError) -> String {
     let BoardError::Refused { refusal, .. } = error else { return String::new() };
     let hint = match refusal {
         Refusal::Commanded { .. } => " (with --take-over)",
+        Refusal::NoSensors => {
+            "; a board with the model of another robot has none either: `tesaki doctor --robot DIR` compares"
+        }
         Refusal::NotHomed { .. } => " (`tesaki home JOINT=ANGLE …` with the present angle of every joint)",
         Refusal::Task(
             TaskRefusal::Grasping(GraspRefusal::NotTared { .. })

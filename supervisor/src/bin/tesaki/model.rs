@@ -26,7 +26,7 @@ pub fn push(
     chain: Option<&str>,
     calibration: Option<&Path>,
 ) -> Result<(), Failure> {
-    let mut model = RobotFolder::load(robot)?.model;
+    let mut model = RobotFolder::load_plausible(robot, None)?.model;
     let calibration = calibration.map(|path| calibrated(&mut model, path)).transpose()?;
     if let Some(tip) = chain {
         let index = model.chains.iter().position(|chain| chain.name == tip);

@@ -7,7 +7,7 @@ use std::fmt::Write as _;
 use serde_json::{Value, json};
 use tesaki::model::{Field, JointModel, ModelError, Problem, RobotModel};
 use tesaki_description::in_words;
-use tesaki_description::robot::{implausible_limits, overloaded};
+use tesaki_description::robot::{implausible_values, overloaded};
 use tesaki_supervisor::Board;
 
 use crate::args::Options;
@@ -118,7 +118,7 @@ pub fn set(options: &Options, path: &str, value: &str) -> Result<(), Failure> {
     })?;
     changed.validate().map_err(|error| Failure::Usage(invalid(&model, path, &changed, &error)))?;
     check_stops(&model, &changed)?;
-    check_limits(&model, &changed)?;
+    check_values(&model, &changed)?;
     let tared = tared(&mut session, &model)?;
     let unhomed = no_longer_homed(session.board.status()?.node.homed, &model, &changed);
     session.board.push_model_and_sense(&changed)?;
@@ -243,15 +243,15 @@ fn tared(session: &mut BoardSession, model: &RobotModel) -> Result<Vec<String>, 
     Ok(tared.map(|(chain, _)| chain.name.to_string()).collect())
 }
 
-/// Limits that protect nothing, or are a fault at once, are not set. Those of the present model are not
-/// judged.
-fn check_limits(model: &RobotModel, changed: &RobotModel) -> Result<(), Failure> {
-    let before = implausible_limits(model);
-    let Some(limit) = implausible_limits(changed).into_iter().find(|limit| !before.contains(limit)) else {
+/// Values that protect nothing, are a fault at once, or hold a joint fast, are not set. Those of the present
+/// model are not judged.
+fn check_values(model: &RobotModel, changed: &RobotModel) -> Result<(), Failure> {
+    let before = implausible_values(model);
+    let Some(found) = implausible_values(changed).into_iter().find(|found| !before.contains(found)) else {
         return Ok(());
     };
-    let joint = limit.joint.map_or_else(String::new, |joint| format!("{}: ", model.joint_name(joint)));
-    Err(Failure::Usage(format!("{joint}{}; give {}", limit.message, limit.advice)))
+    let joint = found.joint.map_or_else(String::new, |joint| format!("{}: ", model.joint_name(joint)));
+    Err(Failure::Usage(format!("{joint}{}; give {}", found.message, found.advice)))
 }
 
 /// The limits of an angle are those of the mechanism: they may be narrowed here, not widened.
