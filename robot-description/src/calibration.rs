@@ -85,8 +85,8 @@ impl Calibration {
     /// Applies the values to a model.
     ///
     /// # Errors
-    /// A joint that the robot does not have, or a value that is invalid or not plausible; the model is unchanged
-    /// then.
+    /// A joint that the robot does not have, or a value that is invalid or not plausible; the model is
+    /// unchanged then.
     pub fn apply(&self, model: &mut RobotModel) -> Result<(), CalibrationError> {
         self.check_joints(model)?;
         let mut changed = model.clone();
