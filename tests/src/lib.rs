@@ -60,7 +60,7 @@ pub fn tesaki() -> Command {
 /// of its own package.
 ///
 /// # Panics
-/// The program is not there: it is built by `cargo test --workspace`, not by `cargo test -p tesaki-tests`.
+/// The program is not there: it is built by `cargo test`, not by `cargo test -p tesaki-tests`.
 pub fn program(name: &str) -> Command {
     let test = std::env::current_exe().unwrap_or_default();
     // The test is in the folder `deps` beside the program.
@@ -68,7 +68,7 @@ pub fn program(name: &str) -> Command {
     let program = folder.join(name).with_extension(std::env::consts::EXE_EXTENSION);
     assert!(
         program.is_file(),
-        "{} is missing: run `cargo build --workspace --exclude tesaki-firmware` with the same profile first",
+        "{} is missing: run `cargo build` with the same profile first",
         program.display()
     );
     Command::new(program)

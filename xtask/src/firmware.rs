@@ -24,19 +24,18 @@ pub fn target() -> PathBuf {
 /// The programs that run on the emulated board alone.
 const ON_TARGET: &[&str] = &["bench", "replay", "selftest", "vision"];
 
-/// Builds the programs of [`ON_TARGET`], all at once: each is optimised as a whole, by one core. In a folder
-/// of their own, so that images can be built meanwhile. Returns the folder.
+/// Builds the programs of [`ON_TARGET`], all at once: each is optimised as a whole, by one core. Returns their
+/// folder.
 pub fn build_on_target(compiler: ArmCompiler) -> Result<PathBuf> {
-    let target = target().join("on-target");
     let mut command = compiler.cargo_build()?;
     command.args(ON_TARGET.iter().flat_map(|binary| ["--bin", binary])).args(["--features", "on-target"]);
-    tools::run(command.arg("--target-dir").arg(&target))?;
-    built(&target)
+    tools::run(&mut command)?;
+    built()
 }
 
-/// The folder with the programs that were built in `target`.
-fn built(target: &Path) -> Result<PathBuf> {
-    std::path::absolute(target.join(TARGET).join("firmware")).context("the folder with the images")
+/// The folder with images and programs.
+fn built() -> Result<PathBuf> {
+    std::path::absolute(target().join(TARGET).join("firmware")).context("the folder with the images")
 }
 
 /// Builds the image of a board: `board` is its feature. Cargo puts every board's image at the same path, so
@@ -44,7 +43,7 @@ fn built(target: &Path) -> Result<PathBuf> {
 pub fn build_for_board(compiler: ArmCompiler, board: &str) -> Result<PathBuf> {
     let mut command = compiler.cargo_build()?;
     tools::run(command.args(["--bin", IMAGE, "--features", board]))?;
-    let built = built(&target())?.join(IMAGE);
+    let built = built()?.join(IMAGE);
     let image = built.with_file_name(format!("{IMAGE}-{board}"));
     std::fs::copy(&built, &image).with_context(|| image.display().to_string())?;
     Ok(image)

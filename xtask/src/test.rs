@@ -29,9 +29,9 @@ pub fn out(step: &str) -> PathBuf {
     firmware::target().join("xtask").join(step)
 }
 
-/// The packages of every build for this machine. The same selection everywhere means the same features, so
-/// that nothing is built twice.
-pub const HOST: &[&str] = &["--release", "--quiet", "--workspace", "--exclude", "tesaki-firmware"];
+/// Of every build for this machine. Without packages: the same selection everywhere means the same features,
+/// so that nothing is built twice.
+pub const HOST: &[&str] = &["--release", "--quiet"];
 
 /// Random tests get the same inputs each time here, so that this passes twice or fails twice; `cargo test`
 /// tries others.
@@ -107,20 +107,21 @@ fn full(steps: &mut Steps) -> Result<()> {
     // Alone: a page that is starved for a second counts as gone.
     steps.run("the page against its sources, and in a browser", viewer::check_built)?;
     // The next steps wait for other programs much of their time.
-    let images = std::thread::scope(|scope| {
+    let (recordings, images) = std::thread::scope(|scope| {
         let images = scope.spawn(|| {
             tools::yield_to_others();
             Images::build(compiler)
         });
-        steps.run("recorded sweeps against the simulator", sweep::check_built)?;
+        let recordings = steps.run("recorded sweeps against the simulator", sweep::check_built)?;
         steps.run("recorded fault schedules against the simulator", faults::check_built)?;
         steps
             .run("rosbags reads recordings, the example client moves a joint", || other_programs(&python))?;
         steps.run("the Python package", python::check)?;
         steps.run("the ROS 2 node against Cyclone DDS", ros2::check)?;
-        steps.run("the firmware images", || images.join().expect("a build does not panic"))
+        let images = steps.run("the firmware images", || images.join().expect("a build does not panic"))?;
+        anyhow::Ok((recordings, images))
     })?;
-    on_the_board(steps, compiler, images)
+    on_the_board(steps, compiler, images, &recordings)
 }
 
 /// Files that run on the emulated board.
@@ -134,21 +135,19 @@ struct Images {
 }
 
 impl Images {
-    /// Builds them: two at a time, since most of the time one core optimises a whole image.
+    /// Builds them, one after the other: they share what they depend on.
     fn build(compiler: ArmCompiler) -> Result<Self> {
-        std::thread::scope(|scope| {
-            let programs = scope.spawn(|| firmware::build_on_target(compiler));
-            let image = |board| firmware::build_for_board(compiler, board);
-            let emulated = image("board-emulated")?;
-            let with_motors = chip::BOARDS.into_iter().map(image).collect::<Result<_>>()?;
-            let bare = image(firmware::BOARD)?;
-            let programs = programs.join().expect("a build does not panic")?;
-            Ok(Self { bare, emulated, with_motors, programs })
+        let image = |board| firmware::build_for_board(compiler, board);
+        Ok(Self {
+            emulated: image("board-emulated")?,
+            with_motors: chip::BOARDS.into_iter().map(image).collect::<Result<_>>()?,
+            bare: image(firmware::BOARD)?,
+            programs: firmware::build_on_target(compiler)?,
         })
     }
 }
 
-fn on_the_board(steps: &mut Steps, compiler: ArmCompiler, images: Images) -> Result<()> {
+fn on_the_board(steps: &mut Steps, compiler: ArmCompiler, images: Images, recordings: &Path) -> Result<()> {
     let Images { bare: image, emulated, with_motors, programs } = images;
     let (selftest, replay) = (programs.join("selftest"), programs.join("replay"));
     steps.run("unit tests on the emulated board", || {
@@ -159,7 +158,7 @@ fn on_the_board(steps: &mut Steps, compiler: ArmCompiler, images: Images) -> Res
         for name in ["image", "emulated_board", "boards", "pages"] {
             let mut tests = workspace_tests(name);
             tests.env("TESAKI_ELF", &image).env("TESAKI_REPLAY_ELF", &replay);
-            tests.env("TESAKI_EMULATED_ELF", &emulated);
+            tests.env("TESAKI_EMULATED_ELF", &emulated).env("TESAKI_RECORDINGS", recordings);
             tools::run(tests.args(["--", "--ignored", "--test-threads", "2"]))?;
         }
         Ok(())
@@ -224,7 +223,7 @@ fn dependencies(python: &Path) -> Result<()> {
 
 fn host() -> Result<()> {
     // Many tests wait for a simulated board, which takes a twentieth of a core.
-    tools::run(cargo(&["test", "--no-fail-fast"]).args(HOST).env("RUST_TEST_THREADS", "4"))
+    tools::run(cargo(&["test", "--no-fail-fast"]).args(HOST).env("RUST_TEST_THREADS", "8"))
 }
 
 fn other_programs(python: &Path) -> Result<()> {

@@ -31,7 +31,7 @@ pub struct Options {
 
 /// Makes the bundle, the film, or checks them.
 pub fn run(options: &Options) -> Result<()> {
-    let binaries = ["build", "--release", "--quiet", "-p", "tesaki-supervisor", "-p", "tesaki-sim"];
+    let binaries = ["build", "--release", "--quiet", "--bin", "tesaki", "--bin", "host-sim"];
     if options.check || options.film {
         tools::run(Command::new("cargo").args(binaries))?;
     }

@@ -58,8 +58,8 @@ fn joints_step_by_0_3_rad_through_the_registers() {
 /// There must be no fault, such as a late tick. The table's 5 mrad are for motors that match the model: these
 /// were up to 9.9 mrad off the reference.
 #[test]
-fn twenty_boards_step_whose_motors_differ_from_the_model() {
-    let errors: Vec<f64> = (1..=20).map(|seed| step(&mut Rig::deviating(seed), 60).0).collect();
+fn ten_boards_step_whose_motors_differ_from_the_model() {
+    let errors: Vec<f64> = (1..=10).map(|seed| step(&mut Rig::deviating(seed), 60).0).collect();
     eprintln!("{errors:.4?}");
     assert!(errors.iter().all(|error| *error < 12e-3), "{errors:?}");
 }

@@ -90,7 +90,7 @@ pub fn run(options: Options) -> Result<()> {
     match options.task {
         None => sweep(&options.sweep),
         Some(Task::Merge { files, commit }) => merge_files(&files, commit.as_deref()),
-        Some(Task::Check) => check(&Simulator::build()?, &Set::ALL),
+        Some(Task::Check) => check(&Simulator::build()?, |_| Set::ALL),
         Some(Task::Limits) => limits(&Simulator::build()?),
         Some(Task::Tables { check }) => tables::run(check),
     }
@@ -101,10 +101,13 @@ pub fn check_tables() -> Result<()> {
     tables::run(true)
 }
 
-/// Checks the evaluation machines with the simulator that the host suite has built. (The runs that are
-/// replayed on the emulated board are compared with the recorded development machines.)
-pub fn check_built() -> Result<()> {
-    check(&Simulator::built(), &[Set::Evaluation])
+/// Checks a machine of every scenario with the simulator that the host suite has built, of every third one a
+/// development machine. Returns the folder with the recordings of their runs.
+pub fn check_built() -> Result<PathBuf> {
+    let folder = std::path::absolute(test::out("recordings"))?;
+    let set = |index| if index % 3 == 0 { [Set::Development] } else { [Set::Evaluation] };
+    check(&Simulator::built().recording(folder.clone())?, set)?;
+    Ok(folder)
 }
 
 /// Number of cores of this machine.
@@ -216,13 +219,13 @@ fn limits(simulator: &Simulator) -> Result<()> {
     Ok(())
 }
 
-/// Runs machines of the given sets of every scenario again, and compares them with the record.
-fn check(simulator: &Simulator, sets: &[Set]) -> Result<()> {
+/// Runs a machine of each set that `sets` gives for a scenario again, and compares it with the record.
+fn check<const N: usize>(simulator: &Simulator, sets: impl Fn(usize) -> [Set; N]) -> Result<()> {
     let mut recorded = BTreeMap::new();
     let mut runs = Vec::new();
     let mut stale = Vec::new();
     for (index, scenario) in simulator.scenarios()?.into_iter().enumerate() {
-        for &set in sets {
+        for set in sets(index) {
             let sweep = Sweep::load(Path::new(FOLDER), &scenario, set)?;
             let chosen = sweep.as_ref().and_then(|sweep| check::chosen(sweep, index));
             if let (Some(sweep), Some(seed)) = (sweep, chosen) {

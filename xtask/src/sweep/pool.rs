@@ -16,6 +16,8 @@ use crate::{firmware, tools};
 /// The program that runs scenarios.
 pub struct Simulator {
     path: PathBuf,
+    /// Folder for the recordings of its runs.
+    recordings: Option<PathBuf>,
 }
 
 /// A line of `host-sim limits --json`.
@@ -31,21 +33,28 @@ impl Simulator {
     /// # Errors
     /// When it cannot be built.
     pub fn build() -> Result<Self> {
-        let mut cargo = Command::new("cargo");
-        cargo.args(["build", "--release", "--quiet", "--workspace", "--exclude", "tesaki-firmware"]);
-        tools::run(cargo.args(["--bin", "host-sim"]))?;
+        tools::run(Command::new("cargo").args(["build", "--release", "--quiet", "--bin", "host-sim"]))?;
         Ok(Self::built())
     }
 
     /// Returns the one that the host suite has built.
     pub fn built() -> Self {
-        Self { path: firmware::target().join("release").join("host-sim") }
+        Self { path: firmware::target().join("release").join("host-sim"), recordings: None }
     }
 
     /// Uses another program in its place.
     #[cfg(test)]
     pub fn at(path: &std::path::Path) -> Self {
-        Self { path: path.to_owned() }
+        Self { path: path.to_owned(), recordings: None }
+    }
+
+    /// Keeps the recording of each run in `folder`, by the name of its scenario.
+    ///
+    /// # Errors
+    /// When the folder cannot be created.
+    pub fn recording(self, folder: PathBuf) -> Result<Self> {
+        std::fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
+        Ok(Self { recordings: Some(folder), ..self })
     }
 
     /// A command that runs it.
@@ -97,6 +106,11 @@ impl Simulator {
             let told = error.strip_prefix("host-sim: ");
             let told = told.with_context(|| format!("{scenario}, seed {seed}: {} {error}", output.status))?;
             return Ok(Run::failed(scenario, seed, told.to_owned()));
+        }
+        if let Some(folder) = &self.recordings {
+            let (from, to) =
+                (out.path().join(scenario).join("frames.log"), folder.join(format!("{scenario}.log")));
+            std::fs::copy(&from, &to).with_context(|| from.display().to_string())?;
         }
         let line: Value = serde_json::from_str(&text).with_context(|| text.clone().into_owned())?;
         serde_json::from_value(line).with_context(|| format!("{scenario}, seed {seed}: {text}"))

@@ -52,6 +52,7 @@ impl Rig {
 pub fn accept(rig: &mut Rig) -> Result<(), String> {
     starts(rig)?;
     is_off_until_enabled(rig)?;
+    rig.enable()?;
     moves(rig)?;
     tells_currents(rig)?;
     counts_no_disturbance(rig)?;
