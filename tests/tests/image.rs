@@ -16,7 +16,7 @@ use tesaki::protocol::{
     FromBoard, Identity, LogRecord, Request, RequestFrame, ResetCause, SensorFrame, Status,
 };
 use tesaki::task::TaskConfig;
-use tesaki_sim::controller::{Controller, Native, Watched};
+use tesaki_sim::controller::{Controller, Watched};
 use tesaki_sim::law::LawFile;
 use tesaki_sim::qemu::{Machine, Qemu};
 use tesaki_sim::scenario::{Outcome, SCENARIOS, Scenario, Setting, encode_record};
