@@ -20,12 +20,12 @@ use tesaki_recording::{McapError, Recording};
 use tesaki_supervisor::arrival::{Arrival, farthest_joint};
 use tesaki_supervisor::faults::FaultsBefore;
 use tesaki_supervisor::port::{Address, Key, Reopening};
-use tesaki_supervisor::publication::Publication;
+use tesaki_supervisor::publication::{Publication, require_own};
 use tesaki_supervisor::{Board as _, BoardError as Failure, LinkBoard};
 
 use crate::arrays::output;
 use crate::command::decode;
-use crate::error::{BoardError, board, board_of, file};
+use crate::error::{BoardError, FaultError, FileError, board, board_of, file};
 use crate::robot::Robot;
 use crate::value::dictionary;
 use arguments::seconds;
@@ -84,7 +84,7 @@ impl Board {
             port.parse().map_err(|error| PyValueError::new_err(format!("port: {error}")))?;
         let timeout = seconds("timeout", timeout)?;
         let key = key.map(|path| {
-            Key::read(&path).map_err(|error| BoardError::new_err(format!("{}: {error}", path.display())))
+            Key::read(&path).map_err(|error| FileError::new_err(format!("{}: {error}", path.display())))
         });
         let key = key.transpose()?;
         py.detach(|| {
@@ -396,6 +396,8 @@ impl Board {
         let timeout = self.timeout;
         let tips = self.call(py, |link| {
             link.set_rate(Stream::Tips, 1)?;
+            // What came before is old.
+            while link.next_event(Instant::now())?.is_some() {}
             let found = await_event(link, timeout, |event| match event {
                 FromBoard::Tips(tips) => Some(tips),
                 _ => None,
@@ -468,16 +470,16 @@ impl Board {
         duration: f64,
         robot: Option<&Robot>,
     ) -> PyResult<u32> {
-        let wrong = |error: McapError| BoardError::new_err(error.to_string());
+        let wrong = |error: McapError| FileError::new_err(format!("{}: {error}", path.display()));
         let duration = seconds("duration", duration)?;
         let folder = robot.map(|robot| robot.folder.clone());
-        if let (Some(model), Some(folder)) = (&self.model, &folder)
-            && model.name != folder.model.name
-        {
-            return Err(PyValueError::new_err(format!(
-                "robot is {}, and the board's is {}: its URDF and the board's angles do not belong together",
-                folder.model.name, model.name
-            )));
+        if let Some(model) = &self.model {
+            require_own(folder.as_ref(), model).map_err(|other| {
+                PyValueError::new_err(format!(
+                    "robot is {}, and the board's is {}: its URDF and the board's angles do not belong together",
+                    other.folder, other.board
+                ))
+            })?;
         }
         let urdf = folder.as_ref().map(|folder| std::fs::read_to_string(folder.path.join("robot.urdf")));
         let urdf = urdf.transpose().map_err(file)?;
@@ -514,6 +516,11 @@ impl Board {
             failed.is_some()
         });
         let stopped = self.stream_recorded(py, false);
+        if let Err(error) = &driven
+            && error.is_instance_of::<FaultError>(py)
+        {
+            publication.fault(last.unwrap_or_default(), &error.value(py).to_string()).map_err(wrong)?;
+        }
         publication.publisher.finish().map_err(wrong)?;
         failed.map_or(Ok(()), |error| Err(wrong(error)))?;
         driven.and(stopped)?;

@@ -434,6 +434,20 @@ fn many_mistakes_are_told_together_and_a_missing_axis_is_a_warning() {
 }
 
 #[test]
+fn soft_limits_are_said_to_be_unused_where_they_are_narrower() {
+    for (soft, is_told) in [("-0.5", true), ("-1", false)] {
+        let soft = format!(
+            "velocity=\"2\"/>\n    <safety_controller soft_lower_limit=\"{soft}\" soft_upper_limit=\"1.5\" \
+             k_velocity=\"1\"/>"
+        );
+        let (urdf, findings) = check(&changed("shoulder", "velocity=\"2\"/>", &soft));
+        let told =
+            findings.iter().any(|finding| !finding.is_error() && finding.message.contains("soft limits"));
+        assert!(urdf.is_some() && told == is_told, "{findings:?}");
+    }
+}
+
+#[test]
 fn words_that_are_no_urdf_say_so() {
     let deep = format!("<robot name=\"x\">{}{}</robot>", "<a>".repeat(5000), "</a>".repeat(5000));
     for (text, expected) in [

@@ -26,8 +26,9 @@ use serde::de::DeserializeOwned;
 
 use crate::session::say;
 
-/// How long a write may wait for a slow reader.
-const MAX_BLOCKING: Duration = Duration::from_millis(20);
+/// How long a write may wait for a slow reader: a few topics in each period of 10 ms must not delay the
+/// set-points that the same thread sends.
+const MAX_BLOCKING: Duration = Duration::from_millis(1);
 /// Minimum number of sockets of a participant, which receives unicast and multicast on two each and sends on
 /// further ones.
 const LEAST_SOCKETS: usize = 4;

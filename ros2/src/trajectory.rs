@@ -97,6 +97,11 @@ impl Trajectory {
                 knots.push(knot);
             }
         }
+        if last.time_from_start == Time::default() {
+            return invalid(
+                "its only point has time_from_start 0: give the time in which to get there".to_owned(),
+            );
+        }
         if last.time_from_start.seconds() > MAX_DURATION {
             return invalid(format!("it takes longer than {MAX_DURATION} s: send it in parts"));
         }

@@ -21,7 +21,9 @@ mod procedure;
 mod regression;
 mod sweep;
 
-pub use calibration::{FreeJoint, identified, identified_free, update, update_free, with_head};
+pub use calibration::{
+    FreeJoint, board_in_head, identified, identified_free, update, update_free, with_head,
+};
 pub use joints::{JointSettings, duration, identify_joints};
 pub use procedure::{FailedGrip, Identification, IdentifyError, Machine, Sense, Settings, identify};
 pub use regression::{Estimate, Fit, FreeFit, NotIdentified, Reading, fit, fit_free, fit_gain};

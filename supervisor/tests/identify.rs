@@ -17,8 +17,8 @@ use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::BoardError;
 use tesaki_supervisor::identify::{
     Estimate, Fit, FreeJoint, Identification, IdentifyError, JointSettings, Machine, NotIdentified, Reading,
-    Sense, Settings, duration, identified, identified_free, identify, identify_joints, update, update_free,
-    with_head,
+    Sense, Settings, board_in_head, duration, identified, identified_free, identify, identify_joints, update,
+    update_free, with_head,
 };
 
 const ROBOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/hand3");
@@ -49,6 +49,7 @@ fn what_is_written_is_read_and_changes_the_model() {
     update(&mut file, &calibration, &model, &fits());
     let text = with_head(&file.to_string(), "hand3", "7");
     assert!(text.starts_with("# hand3, board 7: what"), "{text}");
+    assert_eq!((board_in_head(&text, "hand3"), board_in_head(&text, "hand4")), (Some("7"), None));
     assert!(
         text.contains("\n\n[joints.finger1_swing]  # torque constant is not identified, because"),
         "{text}"

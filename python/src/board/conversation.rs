@@ -137,6 +137,7 @@ impl Board {
                 }
             }
             match refused {
+                Some(Refusal::WrongMode(Mode::Fault)) if !self.is_enabled => return Err(self.fault(py)),
                 None | Some(Refusal::Stale { .. } | Refusal::WrongMode(Mode::Fault)) => {}
                 Some(refusal) => {
                     // `wait` and `record` keep the board enabled, or read.

@@ -13,7 +13,7 @@ const COLUMN: usize = 34;
 pub fn texts(path: &Path, text: &str, urdf: &Urdf, accepted: &[String], joints: &[JointPlan]) -> RobotTexts {
     let name = urdf.robot.name.clone();
     // Two hyphens would end the comment.
-    let from = path.display().to_string().replace("--", "- -");
+    let from = path.display().to_string().replace('-', "\u{2010}");
     let urdf_text = format!("{}\n<!-- Copied from {from} by `tesaki model init`. -->\n", text.trim_end());
     RobotTexts {
         controller: controller(&name, path, accepted, joints),

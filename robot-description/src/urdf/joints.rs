@@ -101,6 +101,18 @@ fn limits(joint: &Part<'_>, report: &mut Report) {
     };
     // What is no number has been told.
     let (Some(lower), Some(upper)) = (bound("lower"), bound("upper")) else { return };
+    if let Some(soft) = joint.child("safety_controller") {
+        let bounds = ["soft_lower_limit", "soft_upper_limit"].map(|name| soft.number(name).unwrap_or(0.0));
+        if bounds[0] < bounds[1] && (bounds[0] > lower || bounds[1] < upper) {
+            let message = format!(
+                "{}: the soft limits of <safety_controller>, {} to {} rad, are not used",
+                joint.title(),
+                bounds[0],
+                bounds[1]
+            );
+            report.warning(Some(soft.line()), message, "narrow <limit> to them if the joint shall keep them");
+        }
+    }
     if lower == 0.0 && upper == 0.0 {
         let message = format!("{}: lower = upper = 0: limits are missing", joint.title());
         let advice = "add <limit lower=\"…\" upper=\"…\" effort=\"…\" velocity=\"…\"/> in rad, N·m, rad/s";

@@ -167,6 +167,8 @@ fn what_cannot_be_followed_is_refused_with_the_reason() {
     refused(&one(0.1, 0.9), ErrorCode::InvalidGoal, "beyond its limit of 6 rad/s");
     refused(&one(-1.0, 0.1), ErrorCode::InvalidGoal, "times must increase");
     refused(&one(301.0, 0.1), ErrorCode::InvalidGoal, "longer than 300 s");
+    // Within what it may begin with, beside where the joint is.
+    refused(&one(0.0, 0.01), ErrorCode::InvalidGoal, "its only point has time_from_start 0");
     refused(&one(1.0, f64::NAN), ErrorCode::InvalidGoal, "positions of finger1_swing is NaN");
     let backwards = [point(1.0, &[0.1], &[], &[]), point(1.0, &[0.2], &[], &[])];
     refused(

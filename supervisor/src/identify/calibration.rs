@@ -117,6 +117,12 @@ pub fn update(file: &mut CalibrationFile, calibration: &Calibration, model: &Rob
     }
 }
 
+/// Returns the board that such a first line names.
+pub fn board_in_head<'a>(text: &'a str, robot: &str) -> Option<&'a str> {
+    let start = format!("# {robot}, board ");
+    text.lines().find_map(|line| line.strip_prefix(&start))?.split_once(':').map(|(board, _)| board)
+}
+
 /// Returns the text of a file with a first line that names the machine, replacing an earlier one.
 pub fn with_head(text: &str, robot: &str, board: &str) -> String {
     let start = format!("# {robot}, board ");

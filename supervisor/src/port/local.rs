@@ -11,6 +11,9 @@ use nix::poll::{PollFd, PollFlags};
 use super::listener::{Listener, SocketFile, no_socket};
 use super::{Address, stream};
 
+/// How long a program may take to accept a connection.
+const CONNECT: Duration = Duration::from_secs(1);
+
 /// A socket for other programs on this machine. The file of a Unix socket is removed with it.
 #[derive(Debug)]
 pub struct LocalListener {
@@ -77,9 +80,17 @@ pub fn connect(address: &Address) -> io::Result<UnixStream> {
             None => error,
         }),
         Address::Tcp(host) => {
-            let socket = TcpStream::connect(host)?;
-            socket.set_nodelay(true)?;
-            blocking(socket.into())
+            let mut failed = io::Error::new(io::ErrorKind::NotFound, "the host has no address");
+            for address in host.to_socket_addrs()? {
+                match TcpStream::connect_timeout(&address, CONNECT) {
+                    Ok(socket) => {
+                        socket.set_nodelay(true)?;
+                        return blocking(socket.into());
+                    }
+                    Err(error) => failed = error,
+                }
+            }
+            Err(failed)
         }
         Address::Auto | Address::Path(_) => {
             let error = format!("{address} is not a socket: use unix:///run/NAME or tcp://localhost:PORT");

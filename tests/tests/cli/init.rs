@@ -42,6 +42,15 @@ fn a_hand_from_its_urdf_alone_moves_every_joint() {
 }
 
 #[test]
+fn a_path_with_hyphens_ends_no_comment() {
+    let folder = tempfile::tempdir().unwrap();
+    let urdf = folder.path().join("a---b--.urdf");
+    std::fs::copy(hand3().join("robot.urdf"), &urdf).unwrap();
+    init(&urdf, &folder.path().join("robot"), &[]);
+    assert!(check(&folder.path().join("robot")).contains("no problems found"));
+}
+
+#[test]
 fn an_arm_from_its_urdf_alone_moves_every_joint() {
     let folder = tempfile::tempdir().unwrap();
     let said = init(&arm7().join("robot.urdf"), folder.path(), &["--motor", "wrist_roll=xm430-w350"]);

@@ -333,7 +333,7 @@ export class Live {
       nobody: hasData ? "Nobody commands the board. This page only looks." : "There is no data from the board.",
       you: "This page commands the board.",
       page: "Another page commands the board. This page only looks.",
-      program: "Another program commands the board. This page only looks.",
+      program: "Another program commands the board, or did last. This page only looks.",
     }[commander];
     const { falls } = status;
     say(this.commander, falls && commander === "you" && mode !== "disabled" ? `${words} Mind: ${falls}.` : words);
@@ -343,7 +343,7 @@ export class Live {
     const buttons: HTMLElement[] = [];
     const add = (text: string, command: Command, primary = false) =>
       buttons.push(button(text, primary ? "tv-primary" : "", () => this.send(command)));
-    if (commander === "nobody" && hasData) add("Take command", { do: "take" }, true);
+    if ((commander === "nobody" || commander === "program") && hasData) add("Take command", { do: "take" }, true);
     if (commander === "you") {
       if (mode === "disabled") {
         add("Enable joints", { do: "enable", task: "joint servo" }, true);

@@ -120,7 +120,7 @@ fn lead_arm(
     }
     let again = session.settle(&mut motion)?;
     session.live.end();
-    if ending.is_some() && again == End::Done {
+    if (ending.is_some() || args.stay.hold) && end == End::Done && again == End::Done {
         let load = motion.load();
         motion.stay(args.stay.hold, args.stay.no_hold, load.as_ref(), KEEP_ALIVE, |_| Request::Keep)?;
     }

@@ -13,17 +13,18 @@ use tesaki::model::RobotModel;
 use tesaki::protocol::{FromBoard, Mode, Refusal, Reply, ReplyFrame, Request, Stream, Telemetry};
 use tesaki::task::grasping::GraspTelemetry;
 use tesaki_description::calibration::{Calibration, CalibrationFile};
-use tesaki_description::grasp;
-use tesaki_supervisor::Board;
+use tesaki_description::{grasp, read_text};
 use tesaki_supervisor::faults::FaultsBefore;
 use tesaki_supervisor::identify::{
-    Estimate, FailedGrip, Fit, Identification, Machine, Sense, Settings, identified, identify, update,
-    with_head,
+    Estimate, FailedGrip, Fit, Identification, Machine, Sense, Settings, board_in_head, identified, identify,
+    update, with_head,
 };
+use tesaki_supervisor::{Board, BoardError};
 
 use crate::args::{Identify, Options};
 use crate::board_session::{BoardSession, hex, interrupted, refused};
 use crate::failure::Failure;
+use crate::motion::{LAST_WORD, gone};
 use crate::output;
 
 /// A set-point without telemetry in reply is sent again after this time, well below the command timeout.
@@ -54,7 +55,8 @@ fn identify_hand(options: &Options, args: &Identify, grasp: &Path) -> Result<(),
             chain.name
         )));
     }
-    let mut file = open(&args.out, &model)?;
+    let board = hex(&session.identity.board, "without a number");
+    let mut file = open(&args.out, &model, &board)?;
     output::confirm(
         options,
         &format!(
@@ -68,11 +70,11 @@ fn identify_hand(options: &Options, args: &Identify, grasp: &Path) -> Result<(),
     let settings = Settings { amplitude: args.amplitude, strengths: args.grips.clone() };
     let mut machine = BoardMachine::new(session, options, &model, FaultsBefore::from(&node))?;
     let found = identify(&mut machine, &model, &plan, &settings);
-    let board = hex(&machine.session.identity.board, "without a number");
-    if found.is_err() {
-        let _ = machine.end();
-    }
+    let disabled = if found.is_err() { machine.end() } else { Ok(()) };
     output::set_controls(false);
+    if matches!(found, Err(Failure::Interrupted(_))) {
+        disabled?;
+    }
     let Identification { fits, failed } = found.map_err(|failure| failure.named(&model))?;
     let calibration = identified(&model, &fits);
     update(&mut file, &calibration, &model, &fits);
@@ -83,7 +85,7 @@ fn identify_hand(options: &Options, args: &Identify, grasp: &Path) -> Result<(),
 }
 
 /// The calibration file of this robot, which can be written: checked before the measurements are at stake.
-fn open(path: &Path, model: &RobotModel) -> Result<CalibrationFile, Failure> {
+fn open(path: &Path, model: &RobotModel, board: &str) -> Result<CalibrationFile, Failure> {
     let file = CalibrationFile::open(path)?;
     if path.exists() {
         let own = Calibration::load(path)?.check_joints(model);
@@ -93,6 +95,14 @@ fn open(path: &Path, model: &RobotModel) -> Result<CalibrationFile, Failure> {
                 path.display()
             ))
         })?;
+        let text = read_text(path).map_err(Failure::file(path))?;
+        if let Some(other) = board_in_head(&text, &model.name).filter(|other| *other != board) {
+            return Err(Failure::Usage(format!(
+                "{} is the calibration of board {other}, and this is board {board}: choose another file with \
+                 --out FILE",
+                path.display()
+            )));
+        }
     }
     output::require_writable(path)?;
     Ok(file)
@@ -242,10 +252,15 @@ impl<'a> BoardMachine<'a> {
     /// that reacts to a fault is left to it: disabled, a robot that it holds would fall.
     fn end(mut self) -> Result<(), Failure> {
         output::set_controls(false);
-        if !self.is_lost && !self.reacts {
-            self.session.board.disable()?;
+        if self.is_lost || self.reacts {
+            return Ok(());
         }
-        Ok(())
+        let begun = Instant::now();
+        self.session.board.set_timeout(self.options.timeout.min(LAST_WORD));
+        self.session.board.disable().map_err(|error| match error {
+            BoardError::Timeout { .. } => gone(begun.elapsed().as_secs_f64(), self.model),
+            error => error.into(),
+        })
     }
 }
 

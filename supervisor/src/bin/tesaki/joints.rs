@@ -122,7 +122,7 @@ pub fn each_once<T>(named: &[(String, T)], what: &str) -> Result<(), Failure> {
     Ok(())
 }
 
-fn goal_request(goal: &[f32]) -> Result<Request, Failure> {
+pub fn goal_request(goal: &[f32]) -> Result<Request, Failure> {
     let positions = heapless::Vec::from_slice(goal).map_err(|_| BoardError::TooManyJoints(goal.len()))?;
     Ok(Request::Task(TaskCommand::JointServo(JointCommand::Goal { positions })))
 }

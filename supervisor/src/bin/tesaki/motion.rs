@@ -33,7 +33,7 @@ const LENGTHS: f32 = 10.0;
 /// Without telemetry for this time, the stream is requested again: the board may have been reset.
 const SILENCE: Duration = Duration::from_millis(300);
 /// How long a board that may be gone is told to disable.
-const LAST_WORD: Duration = Duration::from_millis(500);
+pub const LAST_WORD: Duration = Duration::from_millis(500);
 /// How long a board that has not answered that is told again.
 const FAREWELL: Duration = Duration::from_secs(2);
 
@@ -56,6 +56,15 @@ pub fn check_distance(what: &str, distance: f32, model: &RobotModel) -> Result<(
         "{what}: {away}, more than ten times the length of {}, {longest:.3} m: is it in metres?",
         model.name
     )))
+}
+
+/// The board cannot be told to disable.
+pub fn gone(seconds: f64, model: &RobotModel) -> Failure {
+    Failure::Late(format!(
+        "no answer from the board for {seconds:.1} s: check power and cable. If it still runs, it stops by \
+         itself {} s after the last command",
+        model.safety.command_timeout
+    ))
 }
 
 /// How a motion ended without a failure.
@@ -187,7 +196,9 @@ impl<'a> Motion<'a> {
 
     pub fn enable(&mut self, task: TaskConfig) -> Result<(), Failure> {
         // From here on Ctrl-C must not end the process before the outputs are off.
-        interrupted()?;
+        if interrupted()?.load(Ordering::Relaxed) {
+            return Err(Failure::Interrupted("nothing was enabled".to_owned()));
+        }
         // The joint servo has no telemetry beyond that of the joints.
         output::set_controls(true);
         self.asks = match task {
@@ -331,11 +342,7 @@ impl<'a> Motion<'a> {
     fn gone(&mut self, seconds: f64) -> Failure {
         self.enabled = false;
         self.session.give_up();
-        Failure::Late(format!(
-            "no answer from the board for {seconds:.1} s: check power and cable. If it still runs, it stops by \
-             itself {} s after the last command",
-            self.model.safety.command_timeout
-        ))
+        gone(seconds, &self.model)
     }
 
     /// Disables the board. One that is silent gets some time, but not all that a patient user allows for an

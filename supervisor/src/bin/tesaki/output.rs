@@ -5,6 +5,7 @@ mod queue;
 
 use std::io::{self, IsTerminal, Write as _};
 use std::path::Path;
+use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
 use serde::Serialize;
@@ -12,6 +13,7 @@ use tesaki::model::RobotModel;
 use tesaki::protocol::{TaskReport, Telemetry};
 
 use crate::args::Options;
+use crate::board_session::was_interrupted;
 use crate::failure::Failure;
 
 /// Prints `value` as JSON, or `text`.
@@ -176,15 +178,30 @@ pub fn failure(options: &Options, failure: &Failure) {
     }
 }
 
+/// How soon Ctrl-C ends a question.
+const INTERRUPTED: Duration = Duration::from_millis(50);
+
 /// Asks for confirmation on a terminal.
 pub fn confirm(options: &Options, question: &str) -> Result<(), Failure> {
-    if options.non_interactive || options.json || !io::stdin().is_terminal() || !io::stderr().is_terminal() {
+    if options.non_interactive || !io::stdin().is_terminal() || !io::stderr().is_terminal() {
         return Ok(());
     }
     let _ = queue::send(queue::Stream::Error, format!("{question} [y/N] "));
     flush(false)?;
-    let mut answer = String::new();
-    io::stdin().read_line(&mut answer).map_err(Failure::file("standard input"))?;
+    let (sender, receiver) = mpsc::channel();
+    // Where Ctrl-C is handled already, it does not end the reading.
+    std::thread::spawn(move || {
+        let mut answer = String::new();
+        let _ = sender.send(io::stdin().read_line(&mut answer).map(|_| answer));
+    });
+    let answer = loop {
+        if was_interrupted() {
+            return Err(Failure::Interrupted("nothing was done".to_owned()));
+        }
+        if let Ok(answer) = receiver.recv_timeout(INTERRUPTED) {
+            break answer.map_err(Failure::file("standard input"))?;
+        }
+    };
     if matches!(answer.trim(), "y" | "Y" | "yes") {
         Ok(())
     } else {

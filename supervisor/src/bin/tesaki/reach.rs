@@ -17,8 +17,8 @@ use tesaki_supervisor::trajectory::minimum_jerk;
 
 use crate::args::{Options, Reach};
 use crate::failure::Failure;
-use crate::joints::each_once;
-use crate::motion::{End, MAX_DURATION, Motion, PERIOD, check_distance};
+use crate::joints::{each_once, goal_request};
+use crate::motion::{End, KEEP_ALIVE, MAX_DURATION, Motion, PERIOD, check_distance};
 use crate::output;
 
 /// Longest step along the path from a set-point to the next: a late one must not let the joints jump.
@@ -111,8 +111,13 @@ pub fn run(options: &Options, args: &Reach) -> Result<(), Failure> {
     let (tip, distance) = farthest;
     if !arrival.has_come() {
         if motion.load().is_some() && !args.stay.no_hold {
-            output::notice(options, &format!("{tip} has not arrived; the robot holds until Ctrl-C"));
-            motion.drive(PERIOD, set_point, |_, _| false)?;
+            output::notice(
+                options,
+                &format!("{tip} has not arrived; the robot holds where it is until Ctrl-C"),
+            );
+            // Not at the target, where something may be in the way.
+            let here = goal_request(&motion.angles_within_limits())?;
+            motion.drive(KEEP_ALIVE, |_| here.clone(), |_, _| false)?;
         }
         motion.end(false)?;
         return Err(Failure::Late(format!(

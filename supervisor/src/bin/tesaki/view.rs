@@ -94,8 +94,6 @@ struct Page {
     heard: Instant,
     /// What it has requested and has not got yet; nonsense with what is wrong with it.
     waiting: VecDeque<Result<Command, String>>,
-    /// The last status that it was sent.
-    told: String,
 }
 
 struct View {
@@ -352,8 +350,7 @@ impl View {
     }
 
     fn open(&mut self, id: u64) {
-        let page =
-            Page { sent: 0, seen: 0, heard: Instant::now(), waiting: VecDeque::new(), told: String::new() };
+        let page = Page { sent: 0, seen: 0, heard: Instant::now(), waiting: VecDeque::new() };
         self.pages.insert(id, page);
         if self.model.is_some() {
             self.server.send(id, self.scene.clone());
@@ -448,7 +445,7 @@ impl View {
         });
         let trouble =
             if self.has_model { self.silent.map(str::to_owned) } else { Some(Failure::NoModel.to_string()) };
-        for (&id, page) in &mut self.pages {
+        for &id in self.pages.keys() {
             let commander = match (self.commander.page(), self.board_commander) {
                 (Some(other), _) if other == id => "you",
                 (Some(_), _) => "page",
@@ -467,11 +464,8 @@ impl View {
                 faults: if is_fault { &self.faults } else { &[] },
                 trouble: trouble.as_deref(),
             };
-            let text = serde_json::to_string(&status).unwrap_or_default();
-            if page.told != text {
-                self.server.send(id, text.clone());
-                page.told = text;
-            }
+            // Also what is as before: a page that hears nothing takes this program for gone.
+            self.server.send(id, serde_json::to_string(&status).unwrap_or_default());
         }
     }
 

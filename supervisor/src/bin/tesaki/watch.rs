@@ -20,6 +20,8 @@ const EVERY: u16 = 4;
 const STATUS_EVERY: u16 = 100;
 /// The streams that the view needs.
 const STREAMS: &[(Stream, u16)] = &[(Stream::Telemetry, EVERY), (Stream::Status, STATUS_EVERY)];
+/// How often it is looked whether the board still has the same model.
+const MODEL: Duration = Duration::from_secs(1);
 /// How long a request to disable is repeated at least.
 const DISABLE_TIME: Duration = Duration::from_millis(300);
 /// When it is said that telemetry does not show a stop.
@@ -64,10 +66,18 @@ pub fn run(options: &Options) -> Result<(), Failure> {
 /// standard error.
 fn stream(options: &Options, session: &mut BoardSession, model: RobotModel) -> Result<(), Failure> {
     session.board.set_rate(Stream::Telemetry, EVERY)?;
-    let mut model = Some(model);
+    let mut model = Some((model, 0));
     let mut last = None::<u32>;
     let (mut heard, mut silent) = (Instant::now(), false);
+    let mut checked = None::<Instant>;
     loop {
+        // Another program may have pushed another model.
+        if !silent && checked.is_none_or(|checked| checked.elapsed() > MODEL) {
+            checked = Some(Instant::now());
+            if let Ok(status) = session.board.status() {
+                session.update_model(&mut model, &status)?;
+            }
+        }
         match session.telemetry(Duration::from_secs(1)) {
             // Another program may need a higher rate.
             Ok(telemetry)
@@ -84,9 +94,10 @@ fn stream(options: &Options, session: &mut BoardSession, model: RobotModel) -> R
                         output::complain(&format!("the board was reset: {}", Failure::NoModel));
                     }
                 } else if model.is_none() {
-                    model = session.model_if_there()?;
+                    checked = None;
                 }
-                output::line(&output::telemetry(&telemetry, model.as_ref()).to_string())?;
+                let model = model.as_ref().map(|(model, _)| model);
+                output::line(&output::telemetry(&telemetry, model).to_string())?;
             }
             Err(Failure::Late(_)) => {
                 if heard.elapsed() >= options.timeout && !silent {

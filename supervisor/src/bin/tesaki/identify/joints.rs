@@ -30,7 +30,8 @@ pub fn run(options: &Options, args: &Identify) -> Result<(), Failure> {
     let model = session.model()?;
     let node = session.board.status()?.node;
     session.require_no_fault(node.mode, Some(&model))?;
-    let file = open(&args.out, &model)?;
+    let board = hex(&session.identity.board, "without a number");
+    let file = open(&args.out, &model, &board)?;
     let angles: Vec<f32> = session.telemetry_now()?.joints.iter().map(|joint| joint.position).collect();
     let within =
         |(angle, joint): (&f32, &JointModel)| angle.clamp(joint.limits.lower, joint.limits.upper).into();
@@ -43,7 +44,6 @@ pub fn run(options: &Options, args: &Identify) -> Result<(), Failure> {
             model.name, args.amplitude
         ),
     )?;
-    let board = hex(&session.identity.board, "without a number");
     let load = Load::at(&model, &angles).filter(|_| !args.no_hold);
     let falls = load.as_ref().map_or_else(String::new, |load| format!("; {load}"));
     output::notice(options, &format!("this takes {time:.0} s; Ctrl-C disables{falls}"));
@@ -69,7 +69,12 @@ pub fn run(options: &Options, args: &Identify) -> Result<(), Failure> {
         Err(failure) => Err(failure),
     };
     let disabled = machine.end();
-    ended.map_err(|failure| failure.named(&model)).and(disabled)
+    // After Ctrl-C it matters most whether the board is disabled.
+    if matches!(ended, Err(Failure::Interrupted(_))) {
+        disabled.and(ended)
+    } else {
+        ended.map_err(|failure| failure.named(&model)).and(disabled)
+    }
 }
 
 /// Fits the readings, writes the file and tells the results.

@@ -15,7 +15,8 @@ use tesaki::control::ServoMode;
 use tesaki::kinematics::{ElbowSetpoint, PosePoint};
 use tesaki::protocol::{Mode, Refusal, Request};
 use tesaki::task::grasping::GraspCommand;
-use tesaki::task::{TaskConfig, TaskKind};
+use tesaki::task::impedance::ImpedanceRefusal;
+use tesaki::task::{TaskConfig, TaskKind, TaskRefusal};
 use tesaki_description::robot::RobotFolder;
 use tesaki_description::{grasp, impedance};
 use tesaki_supervisor::task_report::Grasped;
@@ -400,6 +401,9 @@ impl View {
         } else if self.commander.enabled.is_none() {
             // A set-point that was on its way when the page disabled the board.
             return;
+        }
+        if matches!(refusal, Refusal::Task(TaskRefusal::Impedance(ImpedanceRefusal::Setpoint(_)))) {
+            self.commander.rest();
         }
         let text = self.words(BoardError::refused("go on", refusal).into());
         self.answer(page, false, &text);

@@ -18,6 +18,9 @@ const RECENT: i32 = 100;
 /// Telemetry that comes later shows what the board did after a reply.
 const LATE: Duration = Duration::from_millis(200);
 
+/// What was sent so long before a refusal comes was accepted.
+const REFUSED: Duration = Duration::from_millis(100);
+
 /// The page that commands, and what it has enabled.
 pub struct Commander {
     pub(super) page: Option<u64>,
@@ -142,6 +145,17 @@ impl Commander {
     /// The board cannot be enabled: a stop need not be repeated.
     pub fn is_stopped(&mut self) {
         self.stopping = None;
+    }
+
+    /// After a set-point that the board refused: the tool rests where it was led a moment before. Repeated, the
+    /// refused one would end in a time-out of the commands.
+    pub(super) fn rest(&mut self) {
+        if let Some(tool) = &mut self.tool {
+            let accepted =
+                Instant::now().checked_sub(REFUSED).map_or(tool.begun, |then| then.max(tool.begun));
+            let from = PosePoint { velocity: [0.0; 6], acceleration: [0.0; 6], ..tool.at(accepted) };
+            *tool = ToolPath { from, step: Vector3::zeros(), ..*tool };
+        }
     }
 
     /// What keeps the task running.
