@@ -24,8 +24,8 @@ pub fn target() -> PathBuf {
 /// The programs that run on the emulated board alone.
 const ON_TARGET: &[&str] = &["bench", "replay", "selftest", "vision"];
 
-/// Builds the programs of [`ON_TARGET`], all at once: each is optimised as a whole, by one core. Returns their
-/// folder.
+/// Builds the programs of [`ON_TARGET`], all at once: each is optimised as a whole, by one core. Returns
+/// their folder.
 pub fn build_on_target(compiler: ArmCompiler) -> Result<PathBuf> {
     let mut command = compiler.cargo_build()?;
     command.args(ON_TARGET.iter().flat_map(|binary| ["--bin", binary])).args(["--features", "on-target"]);

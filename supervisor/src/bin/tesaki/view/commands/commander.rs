@@ -147,8 +147,8 @@ impl Commander {
         self.stopping = None;
     }
 
-    /// After a set-point that the board refused: the tool rests where it was led a moment before. Repeated, the
-    /// refused one would end in a time-out of the commands.
+    /// After a set-point that the board refused: the tool rests where it was led a moment before. Repeated,
+    /// the refused one would end in a time-out of the commands.
     pub(super) fn rest(&mut self) {
         if let Some(tool) = &mut self.tool {
             let accepted =
