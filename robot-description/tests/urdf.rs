@@ -349,7 +349,7 @@ const RICHER: &str = r#"
     <limit lower="0" upper="1.6" effort="1" velocity="6"/>
     <calibration rising="0"/>
     <dynamics damping="0.1" friction="0.1"/>
-    <safety_controller soft_lower_limit="0" soft_upper_limit="1" k_position="1" k_velocity="1"/>
+    <safety_controller soft_lower_limit="0" soft_upper_limit="1.6" k_position="1" k_velocity="1"/>
   </joint>
 </robot>
 "#;
