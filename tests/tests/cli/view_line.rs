@@ -188,8 +188,8 @@ fn a_stop_waits_neither_for_slow_commands_nor_behind_a_flood() {
     }
     watcher.mode("fault");
 
-    // A page that sends too much is told so, and its own stop is carried out, too. Telemetry of after the last
-    // stop may still be on its way.
+    // A page that sends too much is told so, and its own stop is carried out, too. (Telemetry of after the
+    // last stop may still be on its way.)
     line.loses_tares.store(false, Ordering::Relaxed);
     std::thread::sleep(Duration::from_millis(200));
     commander.succeeds(json!({ "do": "clear" }));
