@@ -28,8 +28,8 @@ use tesaki_tests::{robot, robot_folder};
 /// impedance control.
 const GRASP_TICK: u32 = 42_000;
 const ARM_TICK: u32 = 23_000;
-/// The same with coupled matrices, which are discretised by a power series; and of arm7-contact, whose longest
-/// tick had 30 958 instructions.
+/// The same with coupled matrices, which are discretised by a power series; and of arm7-contact, whose
+/// longest tick had 30 958 instructions.
 const COUPLED_ARM_TICK: u32 = 31_000;
 /// Maximum number of instructions of a tick of telexistence: a tenth of the control period at 168 MHz.
 const TELEXISTENCE_TICK: u32 = 130_000;
