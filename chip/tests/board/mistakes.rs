@@ -8,8 +8,11 @@ use crate::rig::acceptance::{
 };
 use tesaki_chip::mistake::Mistake;
 
-/// The part of the acceptance test that finds them; description, address, mask, value.
-const MISTAKES: &[(Part, &[(&str, u32, u32, u32)])] = &[
+/// Description, address, mask, value.
+type Seeded = (&'static str, u32, u32, u32);
+
+/// The part of the acceptance test that finds them.
+const MISTAKES: &[(Part, &[Seeded])] = &[
     (
         moves,
         &[
