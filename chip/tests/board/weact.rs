@@ -56,7 +56,7 @@ fn joints_step_by_0_3_rad_through_the_registers() {
 }
 
 /// There must be no fault, such as a late tick. The table's 5 mrad are for motors that match the model: these
-/// were up to 9.9 mrad off the reference.
+/// were up to 9.1 mrad off the reference.
 #[test]
 fn ten_boards_step_whose_motors_differ_from_the_model() {
     let errors: Vec<f64> = (1..=10).map(|seed| step(&mut Rig::deviating(seed), 60).0).collect();
