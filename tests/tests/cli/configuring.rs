@@ -1,6 +1,19 @@
 //! The robot model on the board, and its parameters.
 
+use std::path::PathBuf;
+
 use super::server::{Server, hand3};
+
+/// A copy of hand3 whose URDF and settings are changed, in the server's folder.
+fn changed(server: &Server, change: impl Fn(String) -> String) -> PathBuf {
+    let robot = server.folder.path().join("robot");
+    std::fs::create_dir(&robot).unwrap();
+    for file in ["robot.urdf", "controller.toml"] {
+        let (text, copy) = (std::fs::read_to_string(hand3().join(file)).unwrap(), robot.join(file));
+        std::fs::write(copy, change(text)).unwrap();
+    }
+    robot
+}
 
 #[test]
 fn a_board_of_one_finger_gets_its_own_model() {
@@ -75,14 +88,7 @@ fn parameters_are_read_changed_and_refused_by_name() {
 #[test]
 fn what_model_check_calls_bad_does_not_reach_the_board() {
     let server = Server::start();
-    let robot = server.folder.path().join("robot");
-    std::fs::create_dir(&robot).unwrap();
-    std::fs::copy(hand3().join("controller.toml"), robot.join("controller.toml")).unwrap();
-    let text = std::fs::read_to_string(hand3().join("robot.urdf")).unwrap();
-    let damping = "damping=\"0.002\" friction=\"0.02\"";
-    assert!(text.contains(damping));
-    std::fs::write(robot.join("robot.urdf"), text.replacen(damping, "damping=\"0.002\" friction=\"0.7\"", 1))
-        .unwrap();
+    let robot = changed(&server, |text| text.replacen("friction=\"0.02\"", "friction=\"0.7\"", 1));
     let fast = "joint finger1_swing: Coulomb friction 0.7 N·m is not below the motor's torque 0.600 N·m";
     server.fails(&["model", "push", robot.to_str().unwrap()], 1, &[fast]);
     let calibration = server.folder.path().join("calibration.toml");
@@ -143,12 +149,8 @@ fn what_is_doubtful_is_set_with_a_warning() {
 #[test]
 fn angles_of_absolute_encoders_are_not_said_to_be_set() {
     let server = Server::start();
-    let robot = server.folder.path().join("robot");
-    std::fs::create_dir(&robot).unwrap();
-    std::fs::copy(hand3().join("robot.urdf"), robot.join("robot.urdf")).unwrap();
-    let text = std::fs::read_to_string(hand3().join("controller.toml")).unwrap();
     let absolute = "\n[joints.finger1_swing.encoder]\nrelative = false\n";
-    std::fs::write(robot.join("controller.toml"), text + absolute).unwrap();
+    let robot = changed(&server, |text| if text.starts_with("<?xml") { text } else { text + absolute });
     server.succeeds(&["model", "push", robot.to_str().unwrap()]);
     let homed = &server.json(&["home", "finger1_bend=0.25", "--others", "0.5"])["homed"];
     assert_eq!((&homed["finger1_swing"], &homed["finger1_bend"]), (&serde_json::Value::Null, &0.25.into()));
@@ -158,12 +160,7 @@ fn angles_of_absolute_encoders_are_not_said_to_be_set() {
 #[test]
 fn names_with_points_are_addressed() {
     let server = Server::start();
-    let robot = server.folder.path().join("robot");
-    std::fs::create_dir(&robot).unwrap();
-    for file in ["robot.urdf", "controller.toml"] {
-        let text = std::fs::read_to_string(hand3().join(file)).unwrap();
-        std::fs::write(robot.join(file), text.replace("finger1_swing", "finger1.swing")).unwrap();
-    }
+    let robot = changed(&server, |text| text.replace("finger1_swing", "finger1.swing"));
     server.succeeds(&["model", "push", robot.to_str().unwrap()]);
     let limit = "joints.finger1.swing.limits.upper";
     server.succeeds(&["set", limit, "0.75"]);
