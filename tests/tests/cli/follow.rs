@@ -98,7 +98,7 @@ pub fn distance(one: [f64; 3], other: [f64; 3]) -> f64 {
 }
 
 /// A hand whose samples carry their sending times: a busy machine sends fewer samples, but none too late.
-struct Hand {
+pub struct Hand {
     begin: Instant,
     stdin: ChildStdin,
     position: [f64; 3],
@@ -106,7 +106,7 @@ struct Hand {
 }
 
 impl Hand {
-    fn new(stdin: ChildStdin) -> Self {
+    pub fn new(stdin: ChildStdin) -> Self {
         Self { begin: Instant::now(), stdin, position: [0.0; 3], elbow: 0.0 }
     }
 
@@ -130,7 +130,7 @@ impl Hand {
 
     /// Holds still until something has happened.
     #[track_caller]
-    fn until(&mut self, what: &str, mut has_happened: impl FnMut() -> bool) {
+    pub fn until(&mut self, what: &str, mut has_happened: impl FnMut() -> bool) {
         let start = Instant::now();
         while !has_happened() {
             self.send();
@@ -139,7 +139,7 @@ impl Hand {
     }
 
     /// Moves to a position at 0.08 m/s.
-    fn move_to(&mut self, goal: [f64; 3]) {
+    pub fn move_to(&mut self, goal: [f64; 3]) {
         let (start, from) = (Instant::now(), self.position);
         let duration = distance(from, goal) / 0.08;
         loop {

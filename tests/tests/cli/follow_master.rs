@@ -4,45 +4,41 @@ use std::time::{Duration, Instant};
 
 use nix::sys::signal::Signal;
 
-use super::follow::{Leading, arm, distance, file_of, is_clutch, numbers};
-use super::server::{Server, finish, said, signal};
+use serde_json::Value;
+
+use super::follow::{Hand, Leading, arm, distance, file_of, is_clutch, numbers};
+use super::server::{Server, signal};
 
 /// The links lose one frame in twenty, repeat some and delay one in ten.
 #[test]
 fn an_arm_leads_another_over_a_bad_link() {
     let (master, slave) = (arm(), arm());
+    let is_closed = |value: &Value| is_clutch(value, "closed", "");
+    let (led, stdin) = Leading::start(&master, &[]);
+    let mut hand = Hand::new(stdin);
+    hand.until("the master follows a hand", || led.count(is_closed) == 1 && led.telemetry().is_some());
     let from = format!("board:{}", master.address);
-    let before = tip(&master);
-    let joint = master.json(&["model", "show"])["joints"][3]["name"].as_str().unwrap().to_owned();
-    // The master holds first, so that it does not fall.
-    let held = master.start_command(&["enable"]);
-    let held = master.wait_with(held, "enabled");
     let faults = "seed=3,drop=5e-4,duplicate=1e-2,delay=30ms@0.1";
     let (leading, stdin) = Leading::start(&slave, &["--link-faults", faults, "--from", &from]);
-    wait("the clutch closes", || leading.count(|value| is_clutch(value, "closed", "")) == 1);
-    wait("telemetry", || leading.telemetry().is_some());
-    let start = leading.tool();
-    signal(&held, Signal::SIGINT);
-    assert_eq!(said(&finish(held)).0, 0);
-    let moved = master.start_command(&["move", "--relative", "--hold", &format!("{joint}=0.1")]);
-    wait("the master moves", || distance(tip(&master), before) > 0.02);
-    wait("both rest at the same displacement", || {
-        let (master, tool) = (tip(&master), leading.tool());
+    hand.until("the clutch closes", || leading.count(is_closed) == 1 && leading.telemetry().is_some());
+    let (before, start) = (led.tool(), leading.tool());
+    hand.move_to([0.0, 0.0, -0.03]);
+    hand.until("both rest at the same displacement", || {
+        let (master, tool) = (led.tool(), leading.tool());
         let difference: [f64; 3] =
             std::array::from_fn(|axis| (tool[axis] - start[axis]) - (master[axis] - before[axis]));
         distance(difference, [0.0; 3]) < 4e-3 && distance(tool, start) > 0.02
     });
     // Long enough that some frames are certainly lost.
-    wait("enough telemetry", || leading.count(|value| value.get("sigma_min").is_some()) > 40);
+    hand.until("enough telemetry", || leading.count(|value| value.get("sigma_min").is_some()) > 40);
     signal(&leading.child, Signal::SIGINT);
     let (code, values, error) = leading.finish();
     assert_eq!(code, 0, "{error}");
     let summary = values.last().unwrap();
     assert!(summary["samples"].as_u64().unwrap() > 100, "{summary}");
     assert!(summary["lost"].as_u64().unwrap() > 0, "{summary}");
-    drop(stdin);
-    signal(&moved, Signal::SIGINT);
-    assert_eq!(said(&finish(moved)).0, 0);
+    drop((stdin, hand));
+    assert_eq!(led.finish().0, 0);
     slave.wait_for("disabled");
 }
 
