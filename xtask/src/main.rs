@@ -33,8 +33,8 @@ struct Cli {
 enum Task {
     /// Run every test there is, those on the emulated board included; installs what is missing where it can
     Test(test::Options),
-    /// Build the firmware image; print what takes its flash, its RAM, worst stack and SHA-256
-    Firmware,
+    /// Build the firmware image of a board; print what takes its flash, its RAM, worst stack and SHA-256
+    Firmware(firmware::Options),
     /// Prove from the instructions of the images: no panic, no recursion, bounded stack
     Prove(prove::Options),
     /// Try the images of the boards that drive motors on a model of their chip
@@ -71,7 +71,7 @@ fn run() -> anyhow::Result<()> {
     std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))?;
     match Cli::parse().task {
         Task::Test(options) => test::run(&options),
-        Task::Firmware => firmware::run(),
+        Task::Firmware(options) => firmware::run(&options),
         Task::Prove(options) => prove::run(&options),
         Task::Chip => chip::run(),
         Task::Bench(options) => bench::run(&options),

@@ -169,7 +169,7 @@ fn on_the_board(steps: &mut Steps, compiler: ArmCompiler, images: Images, record
         with_motors.iter().try_for_each(|image| prove::check(image).map(drop))
     })?;
     steps.run("executed instructions on the emulated Cortex-M4F", || bench::check(compiler))?;
-    steps.run("the image, and what holds for it", || firmware::report(&image, &simulator))
+    steps.run("the image, and what holds for it", || firmware::report(&image, Some(&simulator)))
 }
 
 fn tables() -> Result<()> {
@@ -223,7 +223,7 @@ fn dependencies(python: &Path) -> Result<()> {
 
 fn host() -> Result<()> {
     // Many tests wait for a simulated board, which takes a twentieth of a core.
-    tools::run(cargo(&["test", "--no-fail-fast"]).args(HOST).env("RUST_TEST_THREADS", "8"))
+    tools::run(cargo(&["test", "--no-fail-fast"]).args(HOST).env("RUST_TEST_THREADS", "4"))
 }
 
 fn other_programs(python: &Path) -> Result<()> {

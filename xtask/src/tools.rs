@@ -66,6 +66,29 @@ pub fn succeeds(command: &mut Command) -> bool {
         .is_ok_and(|s| s.success())
 }
 
+/// The folders of this machine with sources of the image, and their names in it. Panics keep the names of
+/// source files in the flash, where those of a longer folder would take more, and the image would be another.
+pub fn source_folders() -> Result<Vec<(PathBuf, &'static str)>> {
+    let cargo_home = std::env::var_os("CARGO_HOME").map(PathBuf::from);
+    let cargo_home = cargo_home.or_else(|| Some(std::env::home_dir()?.join(".cargo")));
+    let registries = cargo_home.context("neither CARGO_HOME nor a home folder")?.join("registry/src");
+    let mut folders =
+        vec![(std::env::current_dir()?, "."), (std::path::absolute(crate::firmware::target())?, "target")];
+    // There is none where the dependencies are vendored.
+    for registry in std::fs::read_dir(registries).into_iter().flatten() {
+        folders.push((registry?.path(), ""));
+    }
+    Ok(folders)
+}
+
+/// The option with which cargo adds the names of [`source_folders`] to the flags of its configuration.
+fn short_names() -> Result<String> {
+    let folders = source_folders()?;
+    let flags =
+        folders.iter().map(|(folder, name)| format!("--remap-path-prefix={}={name}", folder.display()));
+    Ok(format!("target.{TARGET}.rustflags={}", serde_json::to_string(&flags.collect::<Vec<_>>())?))
+}
+
 /// A way to build for [`TARGET`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ArmCompiler {
@@ -105,7 +128,9 @@ impl ArmCompiler {
             Self::Toolchain => ("cargo", "build"),
             Self::Debian => ("/usr/bin/cargo", "build"),
         };
-        self.cargo(cargo, task)
+        let mut command = self.cargo(cargo, task)?;
+        command.arg("--config").arg(short_names()?);
+        Ok(command)
     }
 
     /// `cargo clippy` of the firmware, where there is a clippy for this compiler or Debian has one.

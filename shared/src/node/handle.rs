@@ -371,7 +371,7 @@ impl Node {
                 let limit = ENABLE_SPEED * config.limits.velocity;
                 let fault =
                     Fault { cause: FaultCause::VelocityLimit, joint: Some(joint), value, limit, tick };
-                (abs(value) > limit).then_some(fault)
+                (value.is_nan() || abs(value) > limit).then_some(fault)
             },
         )
     }

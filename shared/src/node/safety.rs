@@ -61,6 +61,7 @@ impl Node {
                 reaction
             }
         };
+        self.state.reacts_to = fault.cause;
         self.state.faults.record(fault);
         self.state.mode = Mode::Fault;
         self.state.reaction = reaction;
@@ -106,19 +107,10 @@ impl Node {
             cause if cause.loses_force() => self.state.halting,
             // The condition that caused the fault lasts until the robot is at rest and the force is released.
             FaultCause::ForceLimit | FaultCause::VelocityLimit | FaultCause::PositionLimit => {
-                self.reacting_to().is_none_or(|last| last.cause != cause)
+                self.state.reacts_to != cause
             }
             _ => false,
         }
-    }
-
-    /// The fault to which the node reacts. A `Stop` during the reaction to another fault is only recorded.
-    fn reacting_to(&self) -> Option<&Fault> {
-        let (faults, since) = (&self.state.faults.faults, self.state.reacting_since);
-        let reacts = |fault: &&Fault| {
-            fault.cause != FaultCause::Stop && fault.tick.wrapping_sub(since).cast_signed() >= 0
-        };
-        faults.iter().rev().find(reacts).or(faults.last())
     }
 
     /// Begins the controlled stop of the running task. Returns the reaction.
@@ -346,7 +338,8 @@ impl Node {
 fn first_read(all: &mut Joints<'_>, sensing: Sensing, sensors: &SensorFrame) {
     #[expect(clippy::cast_precision_loss, reason = "exact for hours")]
     let silence = match sensing {
-        Sensing::Silent { since } => Some(sensors.sequence.wrapping_sub(since) as f32),
+        // A frame that comes twice is as late as its period.
+        Sensing::Silent { since } => Some(sensors.sequence.wrapping_sub(since).max(1) as f32),
         Sensing::None | Sensing::Read => None,
     };
     for (mut joint, &count) in all.each().zip(&sensors.encoders) {

@@ -8,7 +8,7 @@ use super::lease::Lease;
 use super::optional::Optional;
 use super::stop_energy::StopEnergy;
 use crate::control::JointPoint;
-use crate::fault::{Fault, FaultLog};
+use crate::fault::{Fault, FaultCause, FaultLog};
 use crate::model::{MAX_CHAINS, MAX_JOINTS, Reaction};
 use crate::protocol::{Mode, Refusal, Stream};
 use crate::robot::{Measured, Targets};
@@ -68,6 +68,8 @@ pub struct State {
     pub(super) damped: bool,
     /// The tick in which the reaction began.
     pub(super) reacting_since: u32,
+    /// The fault that it reacts to: the log may also have some of before a reset.
+    pub(super) reacts_to: FaultCause,
     /// Sequence number of the last sensor frame; 0 before the first.
     pub(super) tick: u32,
     pub(super) sensing: Sensing,
@@ -111,6 +113,7 @@ impl State {
             halting: false,
             damped: false,
             reacting_since: 0,
+            reacts_to: FaultCause::CommandTimeout,
             tick: 0,
             sensing: Sensing::None,
             supply: 0,

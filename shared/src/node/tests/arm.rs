@@ -273,6 +273,19 @@ fn a_setpoint_that_jumps_is_refused_by_name_and_the_arm_holds() {
         refusal(arm.rig.ask(set_target(point, other))),
         Refusal::Task(TaskRefusal::Impedance(ImpedanceRefusal::Setpoint(SetpointError::Elbow { .. })))
     ));
+    // A turn in each period ends where it begins.
+    for turn in [628.32, -628.32, 1e15] {
+        let other = ElbowSetpoint { velocity: turn, ..elbow };
+        assert!(matches!(
+            refusal(arm.rig.ask(set_target(point, other))),
+            Refusal::Task(TaskRefusal::Impedance(ImpedanceRefusal::Setpoint(SetpointError::Elbow { .. })))
+        ));
+        let turning = PosePoint { velocity: [0.0, 0.0, 0.0, turn, 0.0, 0.0], ..point };
+        assert!(matches!(
+            refusal(arm.rig.ask(set_target(turning, elbow))),
+            Refusal::Task(TaskRefusal::Impedance(ImpedanceRefusal::Setpoint(SetpointError::Rotation { .. })))
+        ));
+    }
     let not_finite = PosePoint { position: [x, f32::NAN, z], ..point };
     assert_eq!(
         refusal(arm.rig.ask(set_target(not_finite, elbow))),

@@ -271,6 +271,22 @@ fn a_joint_that_moves_is_not_enabled_by_its_first_reading() {
     }
 }
 
+/// No time has passed in which it could have moved.
+#[test]
+fn a_frame_that_comes_twice_around_a_silent_one_leaves_numbers() {
+    let mut rig = Rig::ready(&model());
+    rig.tick();
+    let last = rig.sensors.sequence;
+    let read = core::mem::replace(&mut rig.sensors, SensorFrame::silent(last));
+    rig.tick();
+    rig.sensors = SensorFrame { sequence: last - 1, ..read };
+    rig.tick();
+    let velocities = rig.node.state.measured.velocities;
+    assert!(velocities.iter().all(|velocity| velocity.is_finite()), "{velocities:?}");
+    (0..20).for_each(|_| _ = rig.tick());
+    assert_eq!(rig.enable(), Reply::Done);
+}
+
 /// The velocity cannot be computed from the new angle.
 #[test]
 fn a_joint_that_moves_is_not_enabled_by_a_new_zero() {

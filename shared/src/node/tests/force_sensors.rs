@@ -4,7 +4,7 @@ use heapless::Vec;
 
 use super::fingertips::{ANGLES, TIPS, fingers};
 use super::rig::{COUNTS_PER_RADIAN, Rig, model, near, refusal};
-use crate::fault::FaultCause;
+use crate::fault::{Fault, FaultCause};
 use crate::model::{ForceSensor, Reaction};
 use crate::protocol::{ForceSensorFault, Mode, Refusal, Reply, Request, SensorFlags};
 use crate::task::TaskCommand;
@@ -135,6 +135,27 @@ fn a_stop_while_a_robot_is_held_leaves_it_held() {
     }
     let causes: std::vec::Vec<_> = rig.node.faults().faults.iter().map(|fault| fault.cause).collect();
     assert_eq!(causes, [FaultCause::ForceLimit, FaultCause::Stop]);
+}
+
+/// After a reset the log still has the faults of before, in ticks that are yet to come.
+#[test]
+fn a_fault_from_before_a_reset_is_not_the_one_that_a_stop_reacts_to() {
+    let mut rig = fingers_with_force_sensors([[0; 6]; 2]);
+    let earlier =
+        Fault { cause: FaultCause::ForceLimit, joint: Some(2), value: 6.0, limit: 5.0, tick: 360_000 };
+    rig.node.state.faults.record(earlier);
+    let Reply::Faults(_) = rig.ask(Request::ReadFaults) else { panic!() };
+    assert_eq!(rig.ask(Request::Tare), Reply::Done);
+    assert_eq!(rig.enable(), Reply::Done);
+    rig.tick();
+    rig.ask(Request::Stop);
+    assert_eq!(rig.node.reaction().0, Reaction::Hold);
+    rig.sensors.forces[0][1] = 5500;
+    for tick in 0..10 {
+        rig.sensors.forces.iter_mut().for_each(|counts| counts[3] = tick % 2);
+        rig.tick();
+    }
+    assert_eq!(rig.node.reaction().0, Reaction::Damp);
 }
 
 #[test]

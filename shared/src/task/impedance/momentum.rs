@@ -105,6 +105,12 @@ impl MomentumObserver {
         }
     }
 
+    /// The angles of the missed ticks are unknown: with those before and after them, the second difference
+    /// would be wrong.
+    pub const fn miss(&mut self) {
+        self.samples = 0;
+    }
+
     /// Defines the present residual as model error. Has no effect before the first tare at rest.
     pub const fn tare(&mut self) {
         if self.tared {

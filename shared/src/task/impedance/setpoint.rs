@@ -40,13 +40,11 @@ pub(super) fn check_numbers(point: &PosePoint, elbow: &ElbowSetpoint) -> Result<
     Ok(())
 }
 
-/// Checks an elbow set-point, now and after one period, against the elbow's `angle` [rad].
-pub(super) fn check_elbow(elbow: &ElbowSetpoint, angle: f32, limit: f32) -> Result<(), SetpointError> {
+/// Checks the distance to an elbow set-point, now and after one period, which bounds velocity and
+/// acceleration, too. `distance` is that of its angle from the elbow's [rad].
+pub(super) fn check_elbow(elbow: &ElbowSetpoint, distance: f32, limit: f32) -> Result<(), SetpointError> {
     let velocity = elbow.velocity + elbow.acceleration * TICK;
-    for setpoint in [elbow.angle, elbow.angle + velocity * TICK] {
-        let value = abs(setpoint - angle);
-        // The shorter rotation; an elbow makes no further revolutions.
-        let value = value.min(abs(value - TAU));
+    for value in [abs(distance), abs(distance + velocity * TICK)] {
         if value.is_nan() || value > limit {
             return Err(SetpointError::Elbow { value, limit });
         }

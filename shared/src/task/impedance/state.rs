@@ -1,6 +1,8 @@
 mod redundancy;
 mod stop;
 
+use core::f32::consts::{PI, TAU};
+
 use nalgebra::{IsometryMatrix3, Vector3, Vector6};
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
@@ -13,7 +15,7 @@ use super::response::{in_axes, respond};
 use super::setpoint::{
     ORIGIN, at_rest, check_deviation, check_elbow, check_numbers, check_point, pose_error,
 };
-use super::settings::{ForceSource, ImpedanceSettings, InvalidImpedanceSettings, Law};
+use super::settings::{ForceSource, ImpedanceSettings, InvalidImpedanceSettings, Law, Redundancy};
 use super::tuning::{
     CONTACT_DISTURBANCE_GAIN, CONTACT_FRICTION_COMPENSATION, CONTACT_HYSTERESIS_SQUARED,
     CONTACT_LOSS_SQUARED, CONTACT_REST_SPEED, FREE_BEFORE_READING, IMPEDANCE_BLEND, LIMIT_APPROACH_RATE,
@@ -151,12 +153,24 @@ impl ImpedanceState {
         check_numbers(point, elbow)?;
         let posture = arm.chain.posture(&self.angles);
         // Both now and after one period: this bounds velocity and acceleration, too.
-        for point in [point, &point.ahead()] {
+        let ahead = point.ahead();
+        let [_, max_angle] = self.settings.max_deviation;
+        for point in [point, &ahead] {
             check_point(posture.tip(), point, &self.settings)?;
         }
+        // A turn by more than half a revolution ends where a smaller one does.
+        let [.., x, y, z] = ahead.velocity;
+        let value = TICK * math::sqrt(x * x + y * y + z * z);
+        if value > max_angle {
+            return Err(SetpointError::Rotation { value, limit: max_angle });
+        }
         if let Some(angle) = self.elbow_angle(arm, &posture, &self.angles) {
-            let [_, limit] = self.settings.max_deviation;
-            check_elbow(elbow, angle, limit)?;
+            let mut distance = elbow.angle - angle;
+            // The arm angle has no end: the shorter rotation counts.
+            if self.settings.redundancy == Redundancy::ArmAngle && abs(distance) > PI {
+                distance -= if distance > 0.0 { TAU } else { -TAU };
+            }
+            check_elbow(elbow, distance, max_angle)?;
         }
         (self.setpoint, self.elbow_setpoint) = (*point, *elbow);
         Ok(())

@@ -43,7 +43,23 @@ impl Forces {
                 }
             }
         }
-        self.base.map(Vector3::from)
+        // As a whole: cut at one contact, the forces would push the object.
+        self.scaled(inputs, load_torques, 1.0).1
+    }
+
+    /// The largest factor, at most `max_scale`, within the limits of contacts and joints, and the internal
+    /// forces scaled by it.
+    #[inline(never)]
+    fn scaled(
+        &self,
+        inputs: &ForceInputs<'_>,
+        load_torques: &PerFinger<Vector3<f32>>,
+        max_scale: f32,
+    ) -> (f32, PerFinger<Vector3<f32>>) {
+        let mut forces = self.base.map(Vector3::from);
+        let scale = inputs.grip_scale(&forces, load_torques, max_scale);
+        forces.iter_mut().for_each(|force| *force *= scale);
+        (scale, forces)
     }
 
     /// Additional minimum normal force while a load grows [N].
@@ -87,8 +103,7 @@ impl Forces {
     ) -> PerFinger<Vector3<f32>> {
         // An infeasible load gets the largest grip within the limits.
         let mut scale = if self.overloaded { f32::MAX } else { 1.0 + self.slip_grip };
-        let mut forces = self.base.map(Vector3::from);
-        let magnitude = math::sqrt(forces.iter().map(Vector3::norm_squared).sum());
+        let magnitude = math::sqrt(self.base.map(Vector3::from).iter().map(Vector3::norm_squared).sum());
         let load = math::sqrt(load.norm_squared());
         if load > self.base_load && magnitude > f32::MIN_POSITIVE {
             // The solution was for a smaller load.
@@ -100,8 +115,7 @@ impl Forces {
         if magnitude * scale < min_magnitude && magnitude > f32::MIN_POSITIVE {
             scale = min_magnitude / magnitude;
         }
-        let scale = inputs.grip_scale(&forces, load_torques, scale);
-        forces.iter_mut().for_each(|force| *force *= scale);
+        let (scale, forces) = self.scaled(inputs, load_torques, scale);
         self.grip_magnitude = magnitude * scale;
         forces
     }

@@ -106,6 +106,27 @@ fn the_weight_that_is_fed_forward_is_bounded() {
     assert!((weight[2] - 10.0).abs() < 1e-6 && weight[0].abs() < 1e-3, "{weight}");
 }
 
+/// Finger 3 bears what fingers 1 and 2 press: 18 N, of which a contact may have 9.
+#[test]
+fn a_grip_beyond_a_limit_is_reduced_as_a_whole() {
+    for internal in [
+        InternalForce::Pairwise { strengths: [9.0, 9.0, 0.0] },
+        InternalForce::Pairwise { strengths: [9.0, 9.0, 9.0] },
+        InternalForce::Normal { strength: 9.0 },
+    ] {
+        let (_, mut forces) = grasp(0.0, 0.5);
+        let at_rest = [Vector3::zeros(); 3];
+        let (internal, pushes) = with_inputs(10.0, &at_rest, |inputs| {
+            let inputs = ForceInputs { internal, feedback: false, ..*inputs };
+            let grip = forces.solve_grip(&inputs, &inputs.map.inverse(), 1.0, &at_rest).internal;
+            (grip, inputs.map.wrench(&grip).norm())
+        });
+        assert!(pushes < 1e-4, "{pushes}: {internal:?}");
+        let largest = internal.iter().map(|force| force.x.abs()).fold(0.0, f32::max);
+        assert!((8.9..=9.0 + 1e-4).contains(&largest), "{internal:?}");
+    }
+}
+
 #[test]
 fn feedback_rests_in_the_dead_band() {
     let (_, mut forces) = grasp(0.0, 0.5);

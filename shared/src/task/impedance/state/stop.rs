@@ -50,6 +50,7 @@ impl ImpedanceState {
         if takeover != Takeover::All {
             (self.angles, self.velocities) = (measurement.angles, measurement.velocities);
             self.tool_acceleration = [0.0; 3];
+            self.momentum_observer.miss();
             for observer in &mut self.observers {
                 observer.reset_motion();
                 if takeover == Takeover::Nothing {

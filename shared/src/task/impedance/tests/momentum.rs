@@ -13,15 +13,23 @@ type Sample = ([f32; MAX_CHAIN_JOINTS], [f32; MAX_CHAIN_JOINTS], [f32; MAX_CHAIN
 #[allow(clippy::excessive_precision, reason = "the digits of the script")]
 const SAMPLES: &[Sample] = include!("../../../../../tests/oracles/data/momentum.in");
 
-#[test]
-fn external_torques_are_estimated_from_motor_torques() {
+/// The maximum error of the estimate and the maximum torque [N·m], if some samples are missed.
+fn estimate(missed: core::ops::Range<usize>) -> [f32; 2] {
     let mut fixture = ArmFixture::new();
     fixture.model.joints.iter_mut().for_each(|joint| {
         (joint.friction.coulomb, joint.friction.viscous) = (0.0, 0.3);
     });
     let mut observer = MomentumObserver::NONE;
-    let (mut max_error, mut max_torque, mut last) = (0.0_f32, 0.0_f32, SAMPLES[0].0);
+    let (mut max_error, mut max_torque) = (0.0_f32, 0.0_f32);
     for (tick, (angles, torques, expected)) in SAMPLES.iter().enumerate() {
+        if missed.contains(&tick) {
+            observer.push(torques);
+            continue;
+        }
+        if tick == missed.end && !missed.is_empty() {
+            observer.miss();
+        }
+        let (last, ..) = &SAMPLES[tick.saturating_sub(1)];
         let velocities = core::array::from_fn(|joint| (angles[joint] - last[joint]) / TICK);
         // At rest by its argument, the observer tares at sample 42; the external torques begin after sample
         // 50.
@@ -35,7 +43,21 @@ fn external_torques_are_estimated_from_motor_torques() {
         max_error = max_error.max(error.amax());
         max_torque = max_torque.max(JointVector::from(*expected).amax());
         observer.push(torques);
-        last = *angles;
     }
-    assert!(max_torque > 1.5 && max_error < 0.02 * max_torque, "{max_error} of {max_torque} N·m");
+    [max_error, max_torque]
+}
+
+#[test]
+fn external_torques_are_estimated_from_motor_torques() {
+    let [error, torque] = estimate(0..0);
+    assert!(torque > 1.5 && error < 0.02 * torque, "{error} of {torque} N·m");
+}
+
+/// The estimate only stands still meanwhile.
+#[test]
+fn missed_ticks_are_no_external_torques() {
+    for missed in [60..61, 70..72, 80..81] {
+        let [error, torque] = estimate(missed.clone());
+        assert!(error < 0.2 * torque, "{missed:?}: {error} of {torque} N·m");
+    }
 }
