@@ -33,6 +33,7 @@ use tesaki::task::grasping::{
 
 use crate::file::{self, FileError};
 use crate::finding::{Finding, Report};
+use crate::urdf::LARGEST_ANGLE;
 
 /// Name of the folder of such files in a robot folder.
 pub const FOLDER: &str = "grasps";
@@ -243,7 +244,11 @@ impl File {
                 format!("{got} contacts; a hand has {FINGERS} fingers, and each needs one [[contact]]");
             ("contact".to_owned(), message)
         })?;
-        let [roll, pitch, yaw] = self.object.rpy;
+        let rpy = self.object.rpy;
+        if let Some(angle) = rpy.iter().find(|angle| angle.abs() > LARGEST_ANGLE) {
+            return Err(("object.rpy".to_owned(), format!("an angle of {angle} rad, beyond ±4π: degrees?")));
+        }
+        let [roll, pitch, yaw] = rpy;
         let frame = Isometry3::from_parts(
             Translation3::from(Vector3::from(self.object.position)),
             UnitQuaternion::from_euler_angles(roll, pitch, yaw),

@@ -25,6 +25,7 @@ use source::Source;
 
 pub use fold::{MassProperties, RigidBody, axis, isometry, point_inertia, rotated_inertia};
 pub(crate) use fold::{narrow, pose, single};
+pub(crate) use joints::LARGEST_ANGLE;
 pub use path::{Drive, NoLeader, PathJoint, SerialPath, followed};
 
 /// A URDF whose links form a tree.

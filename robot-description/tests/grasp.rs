@@ -49,6 +49,8 @@ fn numbers_that_make_no_sense_are_named_with_what_is_possible() {
     assert!(said.contains("the force limit is 900 N") && said.contains("0.1 to 100 N"), "{said}");
     let said = complaint("clearance = 0.010", "clearance = 0.5");
     assert!(said.contains("the clearance is 0.5 m"), "{said}");
+    let said = complaint("rpy = [0.0, 0.769, 0.0]", "rpy = [0.0, 44.0, 0.0]");
+    assert!(said.contains("box.toml:13: an angle of 44 rad, beyond ±4π: degrees?"), "{said}");
 }
 
 #[test]

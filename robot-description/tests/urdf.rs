@@ -457,6 +457,7 @@ fn words_that_are_no_urdf_say_so() {
         ("<robot name=\"x\"><link/></robot>", "a link without a name"),
         ("<robot name=\"x\"><xacro:arm/></robot>", "`xacro FILE.xacro > robot.urdf`"),
         ("<robot name=\"x\"><drake:arm/></robot>", "<robot xmlns:drake="),
+        ("<!DOCTYPE robot><robot name=\"x\"/>", "a URDF needs none"),
         (&deep, "more than 64 levels deep"),
     ] {
         let (urdf, findings) = check(text);

@@ -13,7 +13,7 @@ const LONGEST_LINK: f64 = 5.0;
 /// Longest path from the base to a tip [m].
 const LONGEST_PATH: f64 = 20.0;
 /// Largest angle in a file [rad].
-const LARGEST_ANGLE: f64 = 4.0 * PI;
+pub const LARGEST_ANGLE: f64 = 4.0 * PI;
 
 pub fn check(source: &Source<'_>, report: &mut Report) {
     for joint in &source.joints {

@@ -32,6 +32,7 @@ pub fn parse<'a>(text: &'a str, report: &mut Report) -> Option<Document<'a>> {
                         "remove what starts with {prefix}:, or declare it: <robot xmlns:{prefix}=\"{prefix}\""
                     )
                 }
+                Error::DtdDetected => "remove <!DOCTYPE …>: a URDF needs none".to_owned(),
                 _ => "every <tag> needs a </tag> or />, every attribute value needs quotes".to_owned(),
             };
             report.kinematics(Some(line), format!("malformed XML: {error}"), advice);

@@ -22,7 +22,8 @@ pub struct FindCircle {
     /// Pictures: PNG or PGM, grey or colour
     #[arg(required = true, value_name = "IMAGE")]
     pub images: Vec<PathBuf>,
-    /// Expected radius from … to [px]; without it, 10 px to half of the shorter side
+    /// Expected radius from … to [px]; without it, 10 px to half of the shorter side, at most 400 px; in a
+    /// picture with a side of more than 1000, 2000, … px, two, three, … times as much
     #[arg(long, value_name = "MIN..MAX", value_parser = radius, allow_hyphen_values = true)]
     pub radius: Option<[f32; 2]>,
     /// Look for the centre only within REACH of (X, Y) [px]

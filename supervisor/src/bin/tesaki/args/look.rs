@@ -40,8 +40,8 @@ pub struct Look {
     /// Pictures per second, of files
     #[arg(long, value_name = "N", default_value_t = 10.0, value_parser = rate, allow_negative_numbers = true)]
     pub rate: f32,
-    /// Expected radius from … to [px], unless `tesaki approach` says it; without it, 10 px to half of the
-    /// shorter side
+    /// Expected radius from … to [px], unless `tesaki approach` says it; without it, as in `tesaki
+    /// find-circle`
     #[arg(long, value_name = "MIN..MAX", value_parser = radius, allow_hyphen_values = true)]
     pub radius: Option<[f32; 2]>,
     /// Vanishing point (X, Y) of the knob's axis, known to REACH [px], unless `tesaki approach` says it
