@@ -18,8 +18,8 @@
 //! rose = [0.035, 0.045]     # m, radius of the rose
 //! radius = 0.025            # m, of the knob
 //! length = 0.056            # m, from the rim of the rose to that of the knob's end
-//! distance = [0.13, 0.28]   # m, of the rose from the hand at the begin
-//! aside = 0.06              # m, at the begin
+//! distance = [0.13, 0.28]   # m, of the rose from the hand at the start
+//! aside = 0.06              # m, at the start
 //!
 //! [approach]
 //! grip_distance = 0.012 # m from the rose, where the gripper closes

@@ -89,7 +89,7 @@ impl Scene {
             origin: flat(&joint.origin),
             axis: joint.axis,
             limits: [joint.limits.lower, joint.limits.upper],
-            torque: joint.limits.torque,
+            torque: joint.torque_limit(),
             follows: None,
         };
         // The model has no names for mimic joints.

@@ -156,7 +156,7 @@ impl HandLog {
         vector_errors(self.during(span).iter().map(|sample| sample.vectors(finger)))
     }
 
-    /// The displacement of the thumb's tip from its place at the begin of a time span, robot minus operator
+    /// The displacement of the thumb's tip from its place at the start of a time span, robot minus operator
     /// [mm].
     pub fn thumb_error(&self, span: &Range<f64>) -> f64 {
         let Some(first) = self.during(span).first() else { return f64::NAN };

@@ -209,7 +209,7 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, log: &HandLog) {
     }
 }
 
-/// Largest distance of a fingertip from where it is at the begin of a time span [mm].
+/// Largest distance of a fingertip from where it is at the start of a time span [mm].
 fn motion(log: &HandLog, span: &Range<f64>) -> f64 {
     let Some(first) = log.during(span).first() else { return f64::NAN };
     log.largest(span, |sample| {

@@ -295,7 +295,7 @@ mod tests {
     #[test]
     fn limits_that_ticks_cannot_follow_are_lowered_and_the_others_are_plausible() {
         let (mut joint, load) = joint();
-        // Of 2 rad, a torque turns round within half in 10 ms each way at 50 rad/s; of 0.1 rad at 2.5 rad/s.
+        // Of 2 rad, a torque is reversed within half in 10 ms each way at 50 rad/s; of 0.1 rad at 2.5 rad/s.
         // The rate that this takes is that of 20 ms, and of 10 ms, for 4 N·m.
         for (upper, velocity, lowered, torque_rate, following_error) in [
             (1.0, 100.0, 16.0, 200.0, 0.48),

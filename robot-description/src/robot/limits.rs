@@ -98,16 +98,11 @@ fn rounded(bound: f32, round: fn(f64) -> f64) -> String {
     format!("{:.*}", decimals.unsigned_abs() as usize, multiple * unit)
 }
 
-/// The torque that a joint has, by its limit and by its motor [N·m].
-pub(super) fn torque_limit(joint: &JointModel) -> f32 {
-    joint.limits.torque.min(joint.motor.current_limit * joint.motor.torque_constant)
-}
-
 fn range(joint: &JointModel) -> f32 {
     joint.limits.upper - joint.limits.lower
 }
 
-/// The least rate [N·m/s] with which a torque [N·m] turns round soon enough at a velocity limit [rad/s] in a
+/// The least rate [N·m/s] with which a torque [N·m] is reversed soon enough at a velocity limit [rad/s] in a
 /// range [rad].
 pub(crate) fn least_torque_rate(torque: f32, velocity: f32, range: f32) -> f32 {
     2.0 * torque * velocity / (TRAVEL * range)
@@ -134,7 +129,7 @@ fn velocity(joint: &JointModel) -> Text {
 
 /// Friction that the motor does not overcome.
 fn friction(joint: &JointModel) -> Text {
-    let (torque, coulomb) = (torque_limit(joint), joint.friction.coulomb);
+    let (torque, coulomb) = (joint.torque_limit(), joint.friction.coulomb);
     (coulomb >= torque).then(|| {
         let message = format!(
             "Coulomb friction {coulomb} N·m is not below the motor's torque {torque:.3} N·m: it cannot move"
@@ -146,12 +141,12 @@ fn friction(joint: &JointModel) -> Text {
 /// At its velocity limit a joint goes on until its torque has turned round.
 fn torque_rate(joint: &JointModel) -> Text {
     let limits = &joint.limits;
-    let torque = torque_limit(joint);
+    let torque = joint.torque_limit();
     let time = 2.0 * torque / limits.torque_rate;
     let travel = limits.velocity * time;
     (travel > TRAVEL * range(joint)).then(|| {
         let message = format!(
-            "limits.torque_rate = {} N·m/s turns the torque of {torque} N·m round in {time:.2} s; at the velocity \
+            "limits.torque_rate = {} N·m/s reverses the torque of {torque} N·m in {time:.2} s; at the velocity \
              limit the joint goes {travel:.2} rad meanwhile, of a range of {:.2} rad",
             limits.torque_rate,
             range(joint)

@@ -10,7 +10,7 @@ use tesaki::kinematics::Chain;
 use tesaki::model::{ChainJoint, JointModel, RobotModel};
 
 use super::RobotFolder;
-use super::limits::{ImplausibleValue, implausible_values, torque_limit};
+use super::limits::{ImplausibleValue, implausible_values};
 use crate::finding::{Finding, Report};
 use crate::load::{CoupledChains, JointLoad};
 use crate::plant::PlantValues;
@@ -171,7 +171,7 @@ pub fn overloaded(model: &RobotModel) -> Vec<Overload> {
             joints.iter().map(|joint| (joint.limits.lower, joint.limits.upper)).collect();
         let loads = chains.joint_loads(&model.gravity, &limits);
         for ((&joint, model), JointLoad { gravity, .. }) in motors.iter().zip(joints).zip(loads) {
-            let torque = torque_limit(model);
+            let torque = model.torque_limit();
             if gravity > torque {
                 found.push(Overload { joint, gravity, torque });
             }
@@ -232,12 +232,12 @@ fn of_chains(
                 angle.clamp(lower, upper).midpoint(0.5 * (lower + upper))
             );
             reports.plant.dynamics(line, message, advice);
-        } else if reports.has_weights && torque.abs() > torque_limit(joint) {
+        } else if reports.has_weights && torque.abs() > joint.torque_limit() {
             let message = format!(
                 "joint {}: gravity needs {:.3} N·m in the start posture; the motor has {:.3} N·m",
                 joint.name,
                 torque.abs(),
-                torque_limit(joint)
+                joint.torque_limit()
             );
             reports.plant.dynamics(
                 line,

@@ -241,8 +241,11 @@ impl Approach {
         }
         self.refused += 1;
         match *refusal {
-            // The pull was stopped by a contact before its motion was reported.
-            VisualApproachRefusal::Blocked { .. } if self.phase == ApproachPhase::Verify => {
+            // The pull was stopped by a contact before its motion was reported, or that contact is in the way of
+            // the retreat.
+            VisualApproachRefusal::Blocked { .. }
+                if matches!(self.phase, ApproachPhase::Verify | ApproachPhase::Retreat) =>
+            {
                 self.has_moved = true
             }
             VisualApproachRefusal::Blocked { .. } if self.refused < LATE_REPORTS => {}
@@ -460,7 +463,7 @@ impl Approach {
         if !matches!(report.gripper, GripperState::Open) {
             return Order { command: Some(VisualApproachCommand::Open), look: false };
         }
-        // The contact that ended the try is behind; there may be another one.
+        // The contact that ended the try is behind, unless it ended the pull; there may be another one.
         if self.has_moved && report.motion == HandMotion::Blocked {
             (self.has_moved, self.blocks) = (false, self.blocks + 1);
             if self.blocks >= MAX_BLOCKS {

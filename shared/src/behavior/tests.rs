@@ -70,14 +70,18 @@ struct World {
     gripper: GripperState,
     /// Time until the gripper has finished its motion [s].
     working: f32,
+    /// Direction in which a contact ended a motion, and where.
+    obstacle: Option<[Vector3<f32>; 2]>,
     time: f32,
     /// State of the noise generator.
     random: u32,
     /// Simulated faults: the camera takes no pictures; the gripper is stuck; the held object slips out at
-    /// once; the hand cannot move once it holds an object; the hand is stuck beside the knob.
+    /// once, or when it is pulled; the hand cannot move once it holds an object; the hand is stuck beside the
+    /// knob.
     is_blind: bool,
     is_stuck: bool,
     slips: bool,
+    loses: bool,
     is_stalled: bool,
     is_wedged: bool,
     /// Whether it has been pressing since the last step, and the number of motions that a contact has ended.
@@ -98,11 +102,13 @@ impl World {
             motion: HandMotion::Standing,
             gripper: GripperState::Still,
             working: 0.0,
+            obstacle: None,
             time: 0.0,
             random: 1,
             is_blind: false,
             is_stuck: false,
             slips: false,
+            loses: false,
             is_stalled: false,
             is_wedged: false,
             presses: false,
@@ -174,6 +180,11 @@ impl World {
                     return;
                 }
                 let target = Vector3::from(position);
+                let ahead = self.obstacle.map_or(0.0, |[direction, place]| direction.dot(&(target - place)));
+                if ahead > 1e-3 {
+                    self.approach.refused(&VisualApproachRefusal::Blocked { ahead });
+                    return;
+                }
                 if self.motion != HandMotion::Blocked || target != self.target {
                     (self.target, self.speed, self.motion) = (target, speed, HandMotion::Moving);
                 }
@@ -191,10 +202,16 @@ impl World {
             {
                 (self.gripper, self.working) = (GripperState::Closing, 0.5);
             }
-            VisualApproachCommand::Acknowledge => self.target = self.hand,
+            VisualApproachCommand::Acknowledge => (self.target, self.obstacle) = (self.hand, None),
             VisualApproachCommand::Stand => (self.target, self.motion) = (self.hand, HandMotion::Moving),
             _ => {}
         }
+    }
+
+    /// A contact ends the motion along `way`.
+    fn block(&mut self, way: Vector3<f32>) {
+        self.motion = HandMotion::Blocked;
+        self.obstacle = Some([way.normalize(), self.hand]);
     }
 
     fn step(&mut self) {
@@ -209,9 +226,14 @@ impl World {
                     GripperState::Holding
                 }
                 GripperState::Closing => GripperState::Empty,
+                GripperState::Holding if self.loses && self.motion == HandMotion::Blocked => {
+                    GripperState::Empty
+                }
                 other => other,
             };
         }
+        self.obstacle =
+            self.obstacle.filter(|[direction, place]| direction.dot(&(self.hand - place)) > -0.01);
         if self.motion != HandMotion::Moving {
             return;
         }
@@ -222,7 +244,8 @@ impl World {
         if is_held || self.is_wedged && beside && way.z < 0.0 {
             // A contact is detected in the next step.
             if self.presses {
-                (self.motion, self.blocks) = (HandMotion::Blocked, self.blocks + 1);
+                self.blocks += 1;
+                self.block(way);
             }
             self.presses = !self.presses;
             return;
@@ -236,7 +259,7 @@ impl World {
         // The door stops the fingers.
         if self.place()[0] < 2e-3 {
             self.hand.z = self.rose.z - 2e-3;
-            self.motion = HandMotion::Blocked;
+            self.block(way);
         }
         // The open fingers pass a knob within 20 mm of their centre, and the palm stops at the door.
         let [distance, aside] = self.place();
@@ -342,6 +365,14 @@ fn a_refusal_that_comes_after_the_end_changes_nothing() {
 fn from_beside_a_knob_that_is_not_held_the_hand_goes_straight_back_and_slowly() {
     // The simulation panics when the fingers hit the knob, or move fast beside it.
     let mut world = World { slips: true, ..World::new() };
+    assert_eq!(world.run(|world| Some(world.rose_seen())), ApproachPhase::Failed(Reason::NotHeld));
+    assert_eq!(world.approach.tries(), 3);
+}
+
+/// The contact that ended the pull is in the way of the retreat.
+#[test]
+fn a_knob_that_is_lost_in_the_pull_is_tried_again() {
+    let mut world = World { loses: true, ..World::new() };
     assert_eq!(world.run(|world| Some(world.rose_seen())), ApproachPhase::Failed(Reason::NotHeld));
     assert_eq!(world.approach.tries(), 3);
 }

@@ -84,7 +84,6 @@ impl JointServo {
 
     /// The servo of a joint of a validated model.
     pub fn new(joint: &JointModel) -> Self {
-        let current_torque = joint.motor.current_limit * joint.motor.torque_constant;
         Self {
             filter: TrajectoryFilter::new(joint.servo.filter_time),
             filter_time: joint.servo.filter_time,
@@ -93,7 +92,7 @@ impl JointServo {
             friction: FrictionFeedforward::new(&joint.friction),
             rotor_inertia: joint.motor.rotor_inertia,
             rest_error: joint.servo.rest_error,
-            torque_limit: joint.limits.torque.min(current_torque),
+            torque_limit: joint.torque_limit(),
             torque_rate: RateLimiter::new(joint.limits.torque_rate),
         }
     }
@@ -183,7 +182,7 @@ impl JointServo {
             + self.friction.torque(&state.friction, reference.velocity)
     }
 
-    /// Maximum torque: the lesser of the joint's limit and the current limit's torque [N·m].
+    /// Maximum torque [N·m].
     pub const fn torque_limit(&self) -> f32 {
         self.torque_limit
     }

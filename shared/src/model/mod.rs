@@ -209,6 +209,13 @@ pub struct JointModel {
     pub servo: ServoGains,
 }
 
+impl JointModel {
+    /// The torque that it has: the lesser of its limit and the motor's torque at the largest current [N·m].
+    pub const fn torque_limit(&self) -> f32 {
+        self.limits.torque.min(self.motor.current_limit * self.motor.torque_constant)
+    }
+}
+
 /// A position and an orientation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Pose {
@@ -242,7 +249,7 @@ pub struct Motor {
     pub rotor_inertia: f32,
     /// Joint torque per current [N·m/A].
     pub torque_constant: f32,
-    /// Largest current [A]; a higher measured one is a fault.
+    /// Largest current that is commanded [A]; a measured one that is higher by more than a quarter is a fault.
     pub current_limit: f32,
     /// Current for one count of the current sensor [A].
     pub current_resolution: f32,
@@ -280,7 +287,8 @@ pub struct Encoder {
     pub relative: bool,
 }
 
-/// Limits of a joint. A command outside them is refused; a measurement outside them is a fault.
+/// Limits of a joint. A command outside them is refused; a measurement outside them is a fault, of the angle
+/// where it is outside by more than the following error.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct JointLimits {
     /// Smallest angle [rad].

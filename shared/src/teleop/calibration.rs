@@ -188,9 +188,13 @@ impl FingerCalibration {
     pub fn add_prior(&mut self, prior: &LinkPrior) -> Result<(), CalibrationError> {
         for (link, (mean, deviation)) in prior.mean.0.iter().zip(prior.deviation).enumerate() {
             let [min, max] = DEVIATIONS;
-            if !(min..=max).contains(&deviation) || !mean.iter().all(|x| x.is_finite()) {
+            if !(min..=max).contains(&deviation) {
                 let field = "standard deviation of the prior";
                 return Err(CalibrationError::Setting(OutOfRange { field, value: deviation, min, max }));
+            }
+            if let Some(&value) = mean.iter().find(|x| !x.is_finite()) {
+                let (field, min, max) = ("mean of the prior", f32::MIN, f32::MAX);
+                return Err(CalibrationError::Setting(OutOfRange { field, value, min, max }));
             }
             // In units of the standard deviation of the poses' equations, that of the noise.
             let weight = self.settings.equation_deviation(&prior.mean) / deviation;

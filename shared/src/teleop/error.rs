@@ -34,6 +34,8 @@ pub enum FollowerError {
     },
     /// A number is not finite.
     NotFinite,
+    /// The position or the elbow angle is far from every hand's.
+    OutOfRange(OutOfRange),
     /// The orientation is not a unit quaternion.
     NotUnit {
         /// Its norm.
@@ -62,6 +64,7 @@ impl fmt::Display for FollowerError {
             }
             Self::OutOfOrder { by } => write!(f, "a sample that is {by} s later arrived before"),
             Self::NotFinite => f.write_str("a number of the sample is not finite"),
+            Self::OutOfRange(number) => number.fmt(f),
             Self::NotUnit { norm } => {
                 write!(f, "the orientation of the sample is a quaternion of norm {norm}; it must be 1")
             }

@@ -253,7 +253,8 @@ impl Follower {
         let elapsed = self.time_since_last(now, sample.time, state.hand.map(|hand| hand.time))?;
         let value = math::sqrt(position.norm_squared());
         if value > MAX_DISTANCE {
-            return Err(FollowerError::Distance { value, limit: MAX_DISTANCE });
+            let field = "distance of the hand";
+            return Err(FollowerError::OutOfRange(OutOfRange { field, value, min: 0.0, max: MAX_DISTANCE }));
         }
 
         let estimate = match (state.hand, elapsed) {
@@ -297,7 +298,8 @@ impl Follower {
         let (model, sample) = (&self.settings.elbow_model, Vector1::new(angle));
         let elapsed = self.time_since_last(now, time, state.elbow.map(|elbow| elbow.time))?;
         if math::abs(angle) > MAX_ELBOW_ANGLE {
-            return Err(FollowerError::Angle { value: math::abs(angle), limit: MAX_ELBOW_ANGLE });
+            let (field, min, max) = ("angle of the elbow", -MAX_ELBOW_ANGLE, MAX_ELBOW_ANGLE);
+            return Err(FollowerError::OutOfRange(OutOfRange { field, value: angle, min, max }));
         }
         let mut estimate = OperatorEstimate::new(model, &sample);
         if let (Some(elbow), Some(elapsed)) = (state.elbow, elapsed) {

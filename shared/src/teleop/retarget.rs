@@ -67,8 +67,6 @@ pub struct RetargetReport {
     pub missed: u8,
     /// Bit `i`: the speed limit holds back actuated joint `i`.
     pub limited: u16,
-    /// Distance by which the thumb yielded to a pinching finger [m].
-    pub yielded: f32,
     /// Number of evaluations of a finger's kinematics.
     pub evaluations: u16,
 }
@@ -187,7 +185,6 @@ impl Retargeting<'_> {
             // overflow).
             options.evaluations = left / 8 * 3 + left % 8 * 3 / 8;
             let yielded = self.solve_thumb(state, thumb_target, operator, &options, &mut report);
-            report.yielded = wish.map_or(0.0, |wish| math::sqrt((wish - yielded).norm_squared()));
             // The vectors start at the next position of the thumb.
             state.output = before;
             report.limited = 0;

@@ -4,7 +4,7 @@ use crate::math;
 /// Maximum number of edge points of a search; the strongest are kept.
 pub const MAX_EDGES: usize = 1280;
 
-/// Minimum squared gradient of an edge, in Sobel's units on cells with [`FRACTION`]: about 6 grey levels.
+/// Minimum squared gradient of an edge, in Sobel's units on cells with [`FRACTION`]: some 5 grey levels.
 const THRESHOLD: u32 = 300 * 300;
 /// Units of a cell per grey level.
 const FRACTION: u32 = 16;

@@ -9,7 +9,7 @@ use crate::math;
 const SAME_START: f32 = 0.8;
 /// Number of reweighted fits.
 const FITS: usize = 3;
-/// Bounds of the residual in Tukey's weights for each fit, relative to the searched band.
+/// Bounds of the residual in Tukey's weights for each fit, relative to the band of the start.
 const TUKEY: [f32; FITS] = [1.0, 0.6, 0.4];
 /// The same for the refinement, outside the ellipse [px], and ratio of the bounds inside to those.
 const FINE_BOUNDS: [f32; FITS] = [0.8, 0.6, 0.6];

@@ -163,7 +163,7 @@ impl SelfTest<'_> {
         let joints = sense.telemetry.joints.iter().zip(&self.model.joints).zip(weights);
         for ((state, joint), weight) in joints {
             let torque = f64::from(state.torque) - weight;
-            let limit = self.settings.torque * f64::from(joint.limits.torque);
+            let limit = self.settings.torque * f64::from(joint.torque_limit());
             if torque.abs() > limit && self.unrest == 0 {
                 let (joint, position) = (joint.name.to_string(), state.position.into());
                 return Err(IdentifyError::Resisted { joint, position, torque, limit });

@@ -108,7 +108,7 @@ impl Sweep<'_> {
             let (way, limits) = ((to - from).abs(), &joint.limits);
             let by_speed = f64::from(MINIMUM_JERK_PEAK) * way / (SPEED * f64::from(limits.velocity));
             let acceleration =
-                self.torque * f64::from(limits.torque) / f64::from(joint.servo.observer.inertia);
+                self.torque * f64::from(joint.torque_limit()) / f64::from(joint.servo.observer.inertia);
             by_speed.max((PEAK_ACCELERATION * way / acceleration).sqrt())
         };
         leg.ways.iter().zip(&self.model.joints).map(least).fold(0.0, f64::max)

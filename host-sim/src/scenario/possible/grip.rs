@@ -68,9 +68,6 @@ impl GripTruth {
                 let turn = Vector3::new(column[3], column[4], column[5]);
                 column[axis] + turn.cross(&lever)[axis]
             });
-            let told = |joint: &tesaki::model::JointModel| {
-                joint.limits.torque.min(joint.motor.current_limit * joint.motor.torque_constant)
-            };
             let makes = joints.iter().zip(&factors[range.clone()]).zip(&coulomb[range]);
             fingers.push(FingerTruth {
                 point,
@@ -79,7 +76,7 @@ impl GripTruth {
                 weight: weight.into_iter().map(f64::from).collect(),
                 capacity: makes
                     .map(|((joint, factors), coulomb)| {
-                        f64::from(told(joint)) * factors.torque_constant + coulomb
+                        f64::from(joint.torque_limit()) * factors.torque_constant + coulomb
                     })
                     .collect(),
             });

@@ -2,7 +2,7 @@
 
 use tesaki::model::{JointModel, Motor};
 
-use super::super::limits::{at_least, torque_limit};
+use super::super::limits::at_least;
 use super::Reports;
 use crate::load::JointLoad;
 
@@ -22,7 +22,7 @@ const FILTER_PEAK: f32 = 0.367_879;
 
 /// A rotor that accelerates faster than any.
 pub fn rotor(joint: &JointModel, reports: &mut Reports) {
-    let (inertia, torque) = (joint.motor.rotor_inertia, torque_limit(joint));
+    let (inertia, torque) = (joint.motor.rotor_inertia, joint.torque_limit());
     let least = torque * FASTEST_ROTOR / joint.limits.velocity;
     let line = reports.line(joint, "motor.rotor_inertia");
     if inertia < 0.0 {
@@ -64,7 +64,7 @@ pub fn units(joint: &JointModel, reports: &mut Reports) {
 
 /// A motor too weak for friction and gravity.
 pub fn motor(joint: &JointModel, joints: &[&JointModel], load: &JointLoad, reports: &mut Reports) {
-    let (torque, coulomb) = (torque_limit(joint), joint.friction.coulomb);
+    let (torque, coulomb) = (joint.torque_limit(), joint.friction.coulomb);
     let viscous = joint.friction.viscous * joint.limits.velocity;
     let own = reports
         .settings
@@ -138,7 +138,7 @@ pub fn speed(joint: &JointModel, reports: &mut Reports) {
 pub fn sticking(joint: &JointModel, reports: &mut Reports) {
     let gains = &joint.servo.observer;
     let distance = joint.friction.coulomb / (gains.inertia * gains.bandwidth * gains.bandwidth);
-    if distance > MUCH_STICKING && joint.friction.coulomb < torque_limit(joint) {
+    if distance > MUCH_STICKING && joint.friction.coulomb < joint.torque_limit() {
         let message = format!(
             "Coulomb friction {} N·m is much for a servo of {:.3} N·m/rad ({:.1e} kg·m², {} rad/s): it \
              stops short and hunts about its target for seconds",

@@ -110,7 +110,7 @@ pub struct TelexistenceTelemetry {
     pub missed: u8,
     /// Bit `i`: the operator's finger `i` is not known.
     pub unknown: u8,
-    /// Bit `i`: the limits of motion hold back joint `i`.
+    /// Bit `i`: the speed limit holds back joint `i`.
     pub limited: u16,
 }
 

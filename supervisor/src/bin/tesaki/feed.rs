@@ -59,7 +59,7 @@ pub struct Feed<T> {
     bad: Option<(Instant, String)>,
     /// How the source has ended.
     closed: Option<io::Result<()>>,
-    /// Good samples at the begin of the current second, and its begin; samples a second in the last one.
+    /// Good samples at the start of the current second, and that start; samples a second in the last one.
     second: (u32, Instant, f64),
 }
 

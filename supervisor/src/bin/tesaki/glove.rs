@@ -88,7 +88,7 @@ fn cells<const N: usize>(table: &Table, row: &Row, columns: &[usize]) -> Result<
     Ok(numbers.try_into().ok())
 }
 
-/// What some programs put at the begin of a text.
+/// What some programs put at the beginning of a text.
 const BYTE_ORDER_MARK: char = '\u{feff}';
 /// What to do about a list of frames.
 pub const ARRAY: &str =

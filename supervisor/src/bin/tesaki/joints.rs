@@ -61,7 +61,7 @@ pub fn move_joints(options: &Options, args: &Move) -> Result<(), Failure> {
         return motion.break_off();
     }
     let (joint, error) = farthest;
-    let limit = motion.model.joints.get(joint).map_or(f32::INFINITY, |joint| joint.limits.torque);
+    let limit = motion.model.joints.get(joint).map_or(f32::INFINITY, JointModel::torque_limit);
     let joint = motion.model.joint_name(joint).to_owned();
     if !arrival.has_come() {
         let late = format!(
@@ -71,7 +71,7 @@ pub fn move_joints(options: &Options, args: &Move) -> Result<(), Failure> {
         );
         // Not at the goal, where something may be in the way.
         let here = goal_request(&motion.angles_within_limits())?;
-        if motion.load().is_some() && !args.stay.no_hold {
+        if (args.stay.hold || motion.load().is_some()) && !args.stay.no_hold {
             output::notice(options, &format!("{late}; it holds where it is until Ctrl-C"));
             motion.drive(KEEP_ALIVE, |_| here.clone(), |_, _| false)?;
         }

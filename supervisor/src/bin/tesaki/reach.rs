@@ -64,8 +64,10 @@ impl PathClock {
     /// At `now`, for the next set-point. After a pause it goes on from where it was.
     fn advanced(self, now: Instant) -> Self {
         let step = now.saturating_duration_since(self.last).min(MAX_STEP);
-        let board =
-            self.board.map_or(Duration::ZERO, |(first, latest)| PERIOD * latest.saturating_sub(first));
+        // Of a board that was reset, the ticks seem to be before the first one.
+        let ticks =
+            self.board.map(|(first, latest)| latest.wrapping_sub(first)).filter(|ticks| *ticks < 1 << 31);
+        let board = ticks.map_or(Duration::ZERO, |ticks| PERIOD * ticks);
         let on_path = (self.on_path + step).min(board + MAX_LEAD).max(self.on_path);
         Self { last: now, on_path, ..self }
     }
@@ -110,7 +112,7 @@ pub fn run(options: &Options, args: &Reach) -> Result<(), Failure> {
     }
     let (tip, distance) = farthest;
     if !arrival.has_come() {
-        if motion.load().is_some() && !args.stay.no_hold {
+        if (args.stay.hold || motion.load().is_some()) && !args.stay.no_hold {
             output::notice(
                 options,
                 &format!("{tip} has not arrived; the robot holds where it is until Ctrl-C"),
@@ -308,6 +310,9 @@ mod tests {
         );
         // This program stands still.
         assert_eq!(times([(0, 500), (10, 501), (90, 509), (100, 510)]), [0, 10, 30, 40]);
+        // Its ticks wrap around.
+        let wrapped = [(0, u32::MAX), (20, 1), (40, 3), (60, 5), (80, 7), (100, 9)];
+        assert_eq!(times(wrapped), [0, 20, 40, 60, 80, 100]);
         // The board is reset, and counts from 0.
         assert_eq!(times([(0, 500), (10, 501), (20, 0), (30, 1)]), [0, 10, 20, 30]);
     }

@@ -125,7 +125,7 @@ impl SeenCircle {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum Answer {
-    /// At the begin.
+    /// At the beginning.
     Greeting { version: u32 },
     /// What to look for in a picture; `null`: nothing, it is not needed.
     Search { picture: u64, search: Option<Search> },

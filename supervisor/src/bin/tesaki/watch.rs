@@ -336,7 +336,7 @@ fn joint_views(model: &RobotModel) -> Vec<JointView> {
         name: joint.name.to_string(),
         lower: joint.limits.lower,
         upper: joint.limits.upper,
-        torque_limit: joint.limits.torque,
+        torque_limit: joint.torque_limit(),
         ..JointView::default()
     });
     joints.collect()

@@ -24,7 +24,7 @@ pub struct SourceClock {
     late: Option<Instant>,
     /// When the stamps have jumped last.
     jumped: Option<Instant>,
-    /// Arrival and time stamp [s] at the begin of the window, and whether the clock ran ahead in the one
+    /// Arrival and time stamp [s] at the start of the window, and whether the clock ran ahead in the one
     /// before.
     window: Option<(Instant, f64, bool)>,
     /// What is wrong with the stamps.
