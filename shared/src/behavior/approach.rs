@@ -241,8 +241,8 @@ impl Approach {
         }
         self.refused += 1;
         match *refusal {
-            // The pull was stopped by a contact before its motion was reported, or that contact is in the way of
-            // the retreat.
+            // The pull was stopped by a contact before its motion was reported, or that contact is in the way
+            // of the retreat.
             VisualApproachRefusal::Blocked { .. }
                 if matches!(self.phase, ApproachPhase::Verify | ApproachPhase::Retreat) =>
             {

@@ -249,7 +249,7 @@ pub struct Motor {
     pub rotor_inertia: f32,
     /// Joint torque per current [N·m/A].
     pub torque_constant: f32,
-    /// Largest current that is commanded [A]; a measured one that is higher by more than a quarter is a fault.
+    /// Largest current that is commanded [A]; a measured one that is more than a quarter higher is a fault.
     pub current_limit: f32,
     /// Current for one count of the current sensor [A].
     pub current_resolution: f32,

@@ -446,10 +446,10 @@ fn settings_and_samples_outside_their_limits_are_refused() {
     run.now += 100_000;
     let (place, rotation) = resting(0.0);
     let far = run.take(0, (place + Vector3::x() * 1e38, rotation)).unwrap_err();
-    assert!(far.to_string().ends_with("; it must be between 0 and 100"), "{far}");
+    assert!(far.to_string().ends_with("; it must be 0 to 100"), "{far}");
     let now = run.now();
     let twisted = run.follower.add_elbow_sample(&mut run.state, now, now, -1e38).unwrap_err();
-    assert!(twisted.to_string().ends_with("; it must be between -100 and 100"), "{twisted}");
+    assert!(twisted.to_string().ends_with("; it must be -100 to 100"), "{twisted}");
 }
 
 /// A hand that moves 0.4 m beyond a border and returns, while it also moves along the border.

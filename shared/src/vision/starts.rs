@@ -14,8 +14,8 @@ pub(super) struct Start {
 }
 
 impl Start {
-    /// Band in which the edge may be: number of steps to each side, of which a ring has at most four, and step
-    /// size [px].
+    /// Band in which the edge may be: number of steps to each side, of which a ring has at most four, and
+    /// step size [px].
     pub fn band(&self) -> (usize, f32) {
         if self.side > 4.0 { (6, 0.25 * self.side) } else { (self.side as usize + 2, 1.0) }
     }

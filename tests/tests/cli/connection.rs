@@ -91,7 +91,7 @@ fn a_client_is_told_that_its_board_was_reset_or_is_gone() {
 fn a_bad_line_costs_repeats_and_nothing_else() {
     let server = Server::ready();
     // Repeats take time, on a busy machine much of it.
-    server.succeeds(&["set", "safety.command_timeout", "3"]);
+    server.succeeds(&["set", "safety.command_timeout", "2"]);
     let faults = "seed=3,flip=2e-4,drop=2e-4,splice=5e-3,duplicate=2e-2";
     for angle in ["0.1", "0.2", "0.0"] {
         server.succeeds(&[
