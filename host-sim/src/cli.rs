@@ -66,7 +66,7 @@ struct Limits {
     /// Name of the scenario, see `cargo sim list`
     scenario: String,
     /// Seed of the machine, or a range such as 1-20
-    #[arg(long, default_value = "1", value_parser = seeds)]
+    #[arg(long, default_value = "1", value_parser = seeds, allow_hyphen_values = true)]
     seed: RangeInclusive<u64>,
     /// Print one JSON object per seed: the metrics, each with the reason
     #[arg(long)]
@@ -98,14 +98,22 @@ fn seed(text: &str) -> Result<u64, String> {
     text.parse().map_err(|_| format!("{text:?} is not a seed: expected one number, such as 7"))
 }
 
+/// Most seeds of a run: more is a typing error.
+const MAX_SEEDS: u64 = 100_000;
+
 fn seeds(text: &str) -> Result<RangeInclusive<u64>, String> {
-    let number = |text: &str| {
-        text.parse::<u64>()
+    let number = |number: &str| {
+        number
+            .parse::<u64>()
             .map_err(|_| format!("{text:?} is not a seed: expected a number or a range, such as 7 or 1-20"))
     };
     let (first, last) = text.split_once('-').unwrap_or((text, text));
-    let seeds = number(first)?..=number(last)?;
-    if seeds.is_empty() { Err(format!("{text}: the first seed is larger than the last")) } else { Ok(seeds) }
+    let (first, last) = (number(first)?, number(last)?);
+    match last.checked_sub(first) {
+        None => Err(format!("{text}: the first seed is larger than the last")),
+        Some(more) if more >= MAX_SEEDS => Err(format!("{text}: expected at most {MAX_SEEDS} seeds")),
+        Some(_) => Ok(first..=last),
+    }
 }
 
 fn default_image() -> PathBuf {

@@ -141,7 +141,11 @@ fn bad_input_is_answered_with_what_to_do() {
         &["--distance is -1 m: it must be from 0.01 to 1 m"],
     );
     says(&host_sim(&["run", "hand3-servo", "--duration", "-5"]), 2, &["--duration -5 is too short"]);
-    says(&host_sim(&["run", "hand3-servo", "--seed", "x"]), 2, &["is not a seed"]);
+    for (seeds, said) in
+        [("x", "is not a seed"), ("-1", "\"-1\" is not a seed"), ("1-99999999999", "at most 100000 seeds")]
+    {
+        says(&host_sim(&["run", "hand3-servo", "--seed", seeds]), 2, &[said]);
+    }
     says(
         &host_sim(&["run", "hand3-servo", "--duration", "3"]),
         2,

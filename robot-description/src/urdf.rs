@@ -12,6 +12,7 @@ mod nearest;
 mod numbers;
 mod path;
 mod source;
+mod spelling;
 mod structure;
 mod unread;
 
@@ -107,6 +108,7 @@ impl Urdf {
         let starts = source::line_starts(text);
         let source = Source::new(&document, &starts, report)?;
         numbers::check(&source, report);
+        spelling::check(&source, report);
         let base = structure::check(&source, report);
         joints::check(&source, report);
         inertia::check(&source, accepted, report);

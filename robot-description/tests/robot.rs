@@ -184,6 +184,15 @@ fn masses_in_grams_are_found_by_their_density() {
     assert!(grams.contains("denser than lead: grams?") && grams.contains("10 g are 0.01"), "{grams}");
 }
 
+/// 2 kg·cm², taken for 2 kg·m²: 20 s at 0.6 N·m to 6 rad/s.
+#[test]
+fn a_rotor_in_another_unit_is_warned_of() {
+    let settings = text("controller.toml").replacen("rotor_inertia = 2e-4", "rotor_inertia = 2.0", 1);
+    let (folder, findings) = RobotFolder::check_all(Path::new("hand"), &text("robot.urdf"), &settings, None);
+    let said: String = findings.iter().map(|finding| format!("{finding}\n")).collect();
+    assert!(folder.is_some() && said.contains("0.6 N·m need 20.0 s") && said.contains("kg·cm²"), "{said}");
+}
+
 #[test]
 fn a_folder_that_says_nothing_of_it_has_a_command_timeout_of_100_ms_and_holds() {
     let settings =

@@ -447,6 +447,24 @@ fn soft_limits_are_said_to_be_unused_where_they_are_narrower() {
     }
 }
 
+/// `urdf-rs` ignores what it does not know: a rotation of 0, no limit.
+#[test]
+fn names_that_are_nearly_known_are_warned_of_by_line() {
+    for (from, to, expected) in [
+        ("limit lower=", "limit lowr=", "joint shoulder: <limit>: unknown attribute lowr"),
+        ("inertial>", "inertal>", "link upper: unknown element <inertal>"),
+        ("multiplier=", "multipler=", "<mimic>: unknown attribute multipler"),
+        ("rpy=", "rpi=", "joint wrist: <origin>: unknown attribute rpi"),
+    ] {
+        let text = ROBOT.replace(from, to);
+        let (_, findings) = check(&text);
+        let said = findings.iter().map(ToString::to_string).collect::<String>();
+        assert!(said.contains(expected) && said.contains("it is ignored: write"), "{to}: {said}");
+    }
+    let known = check(ROBOT).1.len();
+    assert_eq!(check(&ROBOT.replacen("<limit ", "<limit acceleration=\"3\" ", 1)).1.len(), known);
+}
+
 #[test]
 fn words_that_are_no_urdf_say_so() {
     let deep = format!("<robot name=\"x\">{}{}</robot>", "<a>".repeat(5000), "</a>".repeat(5000));

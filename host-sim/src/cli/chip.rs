@@ -18,7 +18,7 @@ use super::{seeds, target, workspace};
 #[derive(Args)]
 pub struct Chip {
     /// Seed of the machine's deviations and noise; a range such as 1-20 runs all of them
-    #[arg(long, default_value = "1", value_parser = seeds)]
+    #[arg(long, default_value = "1", value_parser = seeds, allow_hyphen_values = true)]
     seed: RangeInclusive<u64>,
     /// Print one JSON object per seed instead of the table
     #[arg(long)]

@@ -16,7 +16,7 @@ pub struct Papers {
     #[arg(value_enum)]
     papers: Vec<Paper>,
     /// Seed of the machine's deviations and noise
-    #[arg(long, default_value_t = 1, value_parser = seed)]
+    #[arg(long, default_value_t = 1, value_parser = seed, allow_hyphen_values = true)]
     seed: u64,
     /// Folder for the figures, and for what was measured in the runs that they show; default: docs/papers/,
     /// whose pages are about machine 1, and out/papers for another seed

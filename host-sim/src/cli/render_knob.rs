@@ -15,7 +15,7 @@ use super::{of_file, seeds, workspace};
 pub struct RenderKnob {
     /// Seed of door, knob, light, camera errors and place of the hand; a range such as 1-8 renders all of
     /// them
-    #[arg(long, default_value = "1", value_parser = seeds)]
+    #[arg(long, default_value = "1", value_parser = seeds, allow_hyphen_values = true)]
     seed: RangeInclusive<u64>,
     /// Folder for the pictures
     #[arg(long, default_value_os_t = PathBuf::from("out/render-knob"))]

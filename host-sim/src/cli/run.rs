@@ -30,7 +30,7 @@ pub struct Run {
     #[arg(long, value_enum, default_value_t = ControllerKind::Native)]
     pub(super) controller: ControllerKind,
     /// Seed of the machine's deviations and noise; a range such as 1-20 runs all of them in turn
-    #[arg(long, default_value = "1", value_parser = seeds)]
+    #[arg(long, default_value = "1", value_parser = seeds, allow_hyphen_values = true)]
     pub(super) seed: RangeInclusive<u64>,
     /// Simulated time [s]; default: that of the scenario. Most scenarios have no other
     #[arg(long, allow_negative_numbers = true)]

@@ -26,7 +26,7 @@ pub struct Speed {
     #[arg(default_values = SCENARIOS)]
     scenarios: Vec<String>,
     /// Seed of the machine
-    #[arg(long, default_value = "1", value_parser = seed)]
+    #[arg(long, default_value = "1", value_parser = seed, allow_hyphen_values = true)]
     seed: u64,
     /// How often each is run; the fastest run counts
     #[arg(long, default_value = "3", value_parser = clap::value_parser!(u32).range(1..))]

@@ -29,6 +29,30 @@ fn check(folder: &Path) -> String {
     text
 }
 
+/// What `grasp run` refuses, the check of the folder tells.
+#[test]
+fn grasps_that_do_not_suit_the_robot_are_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let grasps = folder.path().join("grasps");
+    std::fs::create_dir(&grasps).unwrap();
+    for file in ["robot.urdf", "controller.toml"] {
+        std::fs::copy(hand3().join(file), folder.path().join(file)).unwrap();
+    }
+    let text = std::fs::read_to_string(hand3().join("grasps/box.toml")).unwrap();
+    for (name, from, to) in [
+        ("strong", "force_limit = 9.0", "force_limit = 90.0"),
+        ("millimetres", "[0.090, 0.0, 0.085]", "[90, 0.0, 85]"),
+    ] {
+        assert!(text.contains(from), "{from}");
+        std::fs::write(grasps.join(name).with_extension("toml"), text.replace(from, to)).unwrap();
+    }
+    let (code, said) = run(&["model", "check", folder.path().to_str().unwrap()]);
+    assert_eq!(code, 1, "{said}");
+    for words in ["strong.toml: force_limit = 90 N", "millimetres.toml: contact 1: ", "is it in metres?"] {
+        assert!(said.contains(words), "{words}: {said}");
+    }
+}
+
 #[test]
 fn a_hand_from_its_urdf_alone_moves_every_joint() {
     let folder = tempfile::tempdir().unwrap();

@@ -16,7 +16,8 @@ fn from_a_fresh_board_to_a_moved_recorded_and_replayed_joint() {
     server.fails(&["doctor"], 1, &["no robot model", "tesaki model push", "1 problem found"]);
     let pushed = server.succeeds(&["model", "push", hand3().to_str().unwrap()]);
     assert!(pushed.contains("9 joints"), "{pushed}");
-    for command in [&["move", "finger1_swing=0.3"][..], &["tare"]] {
+    let reach = ["reach", "--relative", "finger1_tip=0.01,0,0.01"];
+    for command in [&["move", "finger1_swing=0.3"][..], &reach, &["tare"]] {
         server.fails(command, 7, &["finger1_swing is not homed: its encoder is relative", "tesaki home"]);
     }
     server.fails(&["home", "finger1_swing=0"], 2, &["finger1_bend has no angle", "--others"]);

@@ -12,6 +12,8 @@ const FASTEST_ROTOR: f32 = 2e-4;
 /// Factor between the torque of the largest current and the torque limit from which one of them has another
 /// unit: mA, mN·m/A and N·mm are all off by 1000.
 const OTHER_UNIT: f32 = 3.0;
+/// Time in which the motor brings its rotor to the velocity limit: above this, its inertia is suspicious [s].
+const SLOWEST_ROTOR: f32 = 2.0;
 /// Coulomb friction above this fraction of the motor's torque is suspicious.
 const MUCH_FRICTION: f32 = 0.5;
 /// Distance from its target at which the position loop would overcome Coulomb friction [rad]: above this, the
@@ -43,6 +45,18 @@ pub fn rotor(joint: &JointModel, reports: &mut Reports) {
         let advice =
             format!("at least {least:.1e}: multiply that of the data sheet by the square of the gear ratio");
         reports.warning(joint, line, message, advice);
+    } else if inertia * joint.limits.velocity > SLOWEST_ROTOR * torque {
+        let message = format!(
+            "motor.rotor_inertia = {inertia} kg·m²: {torque} N·m need {:.1} s to bring the rotor to {} rad/s",
+            inertia * joint.limits.velocity / torque,
+            joint.limits.velocity
+        );
+        reports.warning(
+            joint,
+            line,
+            message,
+            "check the unit: 1 g·cm² is 1e-7 kg·m², 1 kg·cm² is 1e-4 kg·m²",
+        );
     }
 }
 

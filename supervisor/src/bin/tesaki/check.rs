@@ -19,6 +19,7 @@ use tesaki_description::{FileError, approach, camera, grasp, hand_eye, impedance
 
 use crate::args::Options;
 use crate::failure::Failure;
+use crate::grasp::check_for;
 use crate::output;
 
 /// Results of a check.
@@ -67,7 +68,15 @@ fn folder(path: &Path) -> Checked {
 /// What is wrong in the files beside those of the robot. Some are checked with the model; without one,
 /// `advice` says how to get it.
 fn beside(path: &Path, model: Option<&RobotModel>, advice: &str) -> Vec<Finding> {
-    let mut findings = toml_files(&path.join(grasp::FOLDER), |file, text| grasp::check(file, text).1);
+    let mut findings = toml_files(&path.join(grasp::FOLDER), |file, text| {
+        let (grasp, mut findings) = grasp::check(file, text);
+        let unfit = grasp.zip(model).and_then(|(grasp, model)| check_for(&grasp.plan, model).err());
+        findings.extend(unfit.map(|message| Finding {
+            severity: Severity::Error,
+            ..unchecked(file.to_owned(), message, "correct it, or keep the file in another folder")
+        }));
+        findings
+    });
     findings.extend(toml_files(&path.join(object::FOLDER), |file, text| ObjectValues::check(file, text).1));
     let file = path.join(camera::FILE);
     let camera = text(&file, &mut findings);

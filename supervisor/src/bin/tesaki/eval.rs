@@ -175,8 +175,7 @@ fn write(path: &Path, results: &Results) -> Result<(), Failure> {
     }
 }
 
-/// Writes the results and prints a summary, which goes to standard error if the results go to standard
-/// output.
+/// Writes the results and prints notes and a summary, to standard error if the results go to standard output.
 pub fn finish(
     options: &Options,
     path: &Path,
@@ -185,12 +184,13 @@ pub fn finish(
     value: &Value,
 ) -> Result<(), Failure> {
     write(path, results)?;
-    for note in &results.notes {
-        output::notice(options, note);
-    }
     if path == Path::new("-") {
-        output::notice(options, text);
+        if options.json {
+            output::complain(&value.to_string());
+        }
+        results.notes.iter().map(String::as_str).chain([text]).for_each(|line| output::notice(options, line));
         return Ok(());
     }
+    results.notes.iter().for_each(|note| output::notice(options, note));
     output::result(options, value, || format!("{text} → {}", path.display()))
 }

@@ -10,7 +10,7 @@ use serde_json::json;
 use tesaki::model::RobotModel;
 use tesaki::protocol::{Mode, Request, TaskReport};
 use tesaki::signal::MINIMUM_JERK_PEAK;
-use tesaki::task::grasping::{Failure as GraspFailure, GraspCommand, GraspTelemetry, Phase};
+use tesaki::task::grasping::{Failure as GraspFailure, GraspCommand, GraspPlan, GraspTelemetry, Phase};
 use tesaki::task::{TaskConfig, TaskKind, TaskTelemetry};
 use tesaki_description::grasp;
 use tesaki_supervisor::{Board, BoardError};
@@ -21,6 +21,8 @@ use crate::failure::Failure;
 use crate::motion::{End, MAX_DURATION, Motion, PERIOD, check_distance};
 use crate::output;
 
+/// How long an object is held that may stand on something, without a warning.
+const SUPPORTED: Duration = Duration::from_secs(10);
 /// Shortest motion of an object [s].
 const MIN_DURATION: f32 = 1.0;
 
@@ -34,10 +36,8 @@ pub fn run(options: &Options, command: &Grasp) -> Result<(), Failure> {
 fn grasp_object(options: &Options, args: &Run) -> Result<(), Failure> {
     let plan = grasp::load(&args.file)?;
     let mut motion = Motion::begin(options)?;
-    for (number, contact) in (1..).zip(&plan.contacts) {
-        let what = format!("{}: contact {number}", args.file.display());
-        check_distance(&what, Vector3::from(contact.position).norm(), &motion.model)?;
-    }
+    check_for(&plan, &motion.model)
+        .map_err(|problem| Failure::Usage(format!("{}: {problem}", args.file.display())))?;
     let steps = timed_steps(args, &motion.model)?;
     output::confirm(
         options,
@@ -71,6 +71,28 @@ fn grasp_object(options: &Options, args: &Run) -> Result<(), Failure> {
     course.report_phase();
     let result = course.run(&args.file, &steps);
     course.end(&args.file, result)
+}
+
+/// Checks a plan for a robot.
+///
+/// # Errors
+/// What is too far away, or would be a fault.
+pub fn check_for(plan: &GraspPlan, model: &RobotModel) -> Result<(), String> {
+    for (number, contact) in (1..).zip(&plan.contacts) {
+        let distance = Vector3::from(contact.position).norm();
+        check_distance(&format!("contact {number}"), distance, model)
+            .map_err(|failure| failure.to_string())?;
+    }
+    let sensors = model.chains.iter().filter_map(|chain| Some((chain, chain.force_sensor.as_ref()?)));
+    for (chain, sensor) in sensors {
+        if plan.force_limit > sensor.force_limit {
+            return Err(format!(
+                "force_limit = {} N: more than {} N at {} is a fault of the robot, which drops the object; at most {} N",
+                plan.force_limit, sensor.force_limit, chain.name, sensor.force_limit
+            ));
+        }
+    }
+    Ok(())
 }
 
 /// A step of the grasp.
@@ -201,6 +223,14 @@ impl Course<'_> {
                 self.check(file)?;
             }
             let until = step.wait.map(|wait| Instant::now() + wait);
+            let is_lifted = steps.iter().rev().skip(left).any(|step| step.command.is_some());
+            if !is_lifted && step.wait.is_none_or(|wait| wait > SUPPORTED) {
+                output::notice(
+                    self.options,
+                    "the object was not lifted: the forces of what it stands on look like a load, for which the \
+                     grip grows; `lift=0.01` first",
+                );
+            }
             if until.is_none() {
                 output::notice(self.options, "holding; Ctrl-C puts the object down");
                 self.is_complete = left == 0;

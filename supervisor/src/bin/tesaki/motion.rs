@@ -144,8 +144,14 @@ impl<'a> Motion<'a> {
         })
     }
 
-    /// The joint angles, clamped to their limits [rad].
+    /// The joint angles, clamped to their limits [rad]. Those of joints that are not homed are unknown.
     pub fn positions(&mut self) -> Result<Vec<f32>, Failure> {
+        let homed = self.session.board.status()?.node.homed;
+        if let Some(joint) = (0..self.model.joints.len()).find(|joint| homed >> joint & 1 == 0) {
+            #[expect(clippy::cast_possible_truncation, reason = "at most sixteen joints")]
+            let refusal = Refusal::NotHomed { joint: joint as u8 };
+            return Err(Failure::from(BoardError::refused("move", refusal)).named(&self.model));
+        }
         let telemetry = self.session.telemetry_now()?;
         self.remember(&telemetry);
         if self.angles.len() != self.model.joints.len() {
@@ -224,8 +230,13 @@ impl<'a> Motion<'a> {
 
     /// Sends a grasp command; returns the tick and the hand's telemetry after it.
     pub fn grasp(&mut self, command: GraspCommand) -> Result<(u32, GraspTelemetry), Failure> {
-        let sent = self.session.board.grasp(command);
-        sent.map_err(|error| Failure::from(error).named(&self.model))?;
+        match self.session.board.grasp(command) {
+            // The command was faster than the telemetry that shows the fault.
+            Err(BoardError::Refused { refusal: Refusal::WrongMode(Mode::Fault), .. }) => {
+                self.check_mode(Mode::Fault, &mut true)?;
+            }
+            sent => sent.map_err(|error| Failure::from(error).named(&self.model))?,
+        }
         let report = self.session.board.read_task()?;
         match report.telemetry {
             TaskTelemetry::Grasping(grasp) => Ok((report.tick, grasp)),

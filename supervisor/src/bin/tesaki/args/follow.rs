@@ -60,7 +60,7 @@ pub struct Follow {
     /// End after this time [s]; without it, at Ctrl-C or with the source
     #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true)]
     pub duration: Option<Duration>,
-    /// End if the source is silent for this time [s]
+    /// End if the source is silent for this time after its first sample [s]
     #[arg(long, value_name = "S", default_value = "5", value_parser = seconds, allow_negative_numbers = true)]
     pub silence: Duration,
     #[command(flatten)]

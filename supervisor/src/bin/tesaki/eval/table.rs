@@ -82,6 +82,8 @@ impl Table {
                     counted(columns, "column"),
                     if row.record.len() < columns {
                         "add what is missing"
+                    } else if self.headers.iter().any(|header| header.contains(';')) {
+                        "separate the columns by commas, and write 1.5 for 1,5"
                     } else {
                         "remove what is too much"
                     }
@@ -213,6 +215,10 @@ mod tests {
             ("a,b\n", "states.csv:1: no rows after the header"),
             ("b,c\n1,2\n", "states.csv:1: no column a (angle [rad]): add it; the columns are b, c"),
             ("a;b\n1;2\n", "states.csv:1: no column a (angle [rad]): separate the columns by commas"),
+            (
+                "a;b\n1,5;2\n",
+                "states.csv:2: the row has 2 values, the header 1 column: separate the columns by commas",
+            ),
             ("a,a\n1,2\n", "states.csv:1: two columns are called \"a\""),
             ("a,b\n1,2\n3\n", "states.csv:3: the row has 1 value, the header 2 columns: add what is missing"),
             ("a,b\n1,2\n\n3,4,5\n", "states.csv:4: the row has 3 values, the header 2 columns: remove what"),

@@ -370,7 +370,7 @@ impl Lead {
         });
         let text = format!(
             "done: {} followed{told}, {}; rejected: {late} late, {out_of_order} out of order, {jumped} that jumped, {bad} \
-             bad; the clutch opened by itself {}; largest distance of the tool from its set-point {:.1} mm, \
+             bad; the clutch opened by itself {}; largest error of the commanded motion {:.1} mm, \
              largest force {force:.1} N{reflected}",
             output::counted(followed as usize, "sample"),
             output::counted(gaps as usize, "gap"),

@@ -1,0 +1,70 @@
+//! Names that are nearly those of a URDF: what `urdf-rs` does not know it ignores, and uses its default.
+
+use super::source::Source;
+use crate::finding::Report;
+
+/// Elements, their attributes, and the elements in them.
+const KNOWN: &[(&str, &[&str], &[&str])] = &[
+    ("link", &["name"], &["inertial", "visual", "collision"]),
+    ("inertial", &[], &["origin", "mass", "inertia"]),
+    ("mass", &["value"], &[]),
+    ("inertia", &["ixx", "iyy", "izz", "ixy", "ixz", "iyz"], &[]),
+    (
+        "joint",
+        &["name", "type"],
+        &[
+            "origin",
+            "parent",
+            "child",
+            "axis",
+            "limit",
+            "dynamics",
+            "mimic",
+            "calibration",
+            "safety_controller",
+        ],
+    ),
+    ("origin", &["xyz", "rpy"], &[]),
+    ("axis", &["xyz"], &[]),
+    ("limit", &["lower", "upper", "effort", "velocity"], &[]),
+    ("dynamics", &["damping", "friction"], &[]),
+    ("mimic", &["joint", "multiplier", "offset"], &[]),
+];
+
+pub fn check(source: &Source<'_>, report: &mut Report) {
+    for part in source.links.iter().chain(&source.joints) {
+        for element in part.descendants() {
+            let Some((_, attributes, elements)) = KNOWN.iter().find(|(tag, ..)| *tag == element.tag()) else {
+                continue;
+            };
+            let place = if element.node == part.node {
+                part.title()
+            } else {
+                format!("{}: <{}>", part.title(), element.tag())
+            };
+            for attribute in element.node.attributes() {
+                if let Some(meant) = meant(attribute.name(), attributes) {
+                    let message = format!("{place}: unknown attribute {}", attribute.name());
+                    report.warning(Some(element.line()), message, advice(meant));
+                }
+            }
+            for inner in element.parts() {
+                if let Some(meant) = meant(inner.tag(), elements) {
+                    let message = format!("{place}: unknown element <{}>", inner.tag());
+                    report.warning(Some(inner.line()), message, advice(meant));
+                }
+            }
+        }
+    }
+}
+
+fn advice(meant: &str) -> String {
+    format!("it is ignored: write {meant}, or remove it")
+}
+
+/// The known name that an unknown one was meant to be, if it is a matter of a few letters.
+fn meant<'a>(name: &str, known: &[&'a str]) -> Option<&'a str> {
+    let distance = |known: &str| strsim::osa_distance(name, known);
+    let nearest = known.iter().copied().min_by_key(|known| distance(known))?;
+    (1..=(nearest.len() / 3).max(1)).contains(&distance(nearest)).then_some(nearest)
+}
