@@ -4,7 +4,7 @@ use super::source::{Part, Source};
 use crate::finding::Report;
 
 /// Attributes that hold numbers, and how many: element, attribute, count. An empty element means any.
-const NUMBERS: &[(&str, &str, usize)] = &[
+pub const NUMBERS: &[(&str, &str, usize)] = &[
     ("", "xyz", 3),
     ("", "rpy", 3),
     ("", "quat_xyzw", 4),

@@ -1,17 +1,20 @@
 //! Names that are nearly those of a URDF: what `urdf-rs` does not know it ignores, and uses its default.
 
+use super::numbers::NUMBERS;
 use super::source::Source;
 use crate::finding::Report;
 
-/// Elements, their attributes, and the elements in them.
-const KNOWN: &[(&str, &[&str], &[&str])] = &[
-    ("link", &["name"], &["inertial", "visual", "collision"]),
-    ("inertial", &[], &["origin", "mass", "inertia"]),
-    ("mass", &["value"], &[]),
-    ("inertia", &["ixx", "iyy", "izz", "ixy", "ixz", "iyz"], &[]),
+/// Attributes that hold words: element, attributes. Those that hold numbers are [`NUMBERS`].
+const WORDS: &[(&str, &[&str])] = &[("link", &["name"]), ("joint", &["name", "type"]), ("mimic", &["joint"])];
+
+/// What is looked at: elements, and the elements in them.
+const ELEMENTS: &[(&str, &[&str])] = &[
+    ("link", &["inertial", "visual", "collision"]),
+    ("inertial", &["origin", "mass", "inertia"]),
+    ("mass", &[]),
+    ("inertia", &[]),
     (
         "joint",
-        &["name", "type"],
         &[
             "origin",
             "parent",
@@ -24,26 +27,26 @@ const KNOWN: &[(&str, &[&str], &[&str])] = &[
             "safety_controller",
         ],
     ),
-    ("origin", &["xyz", "rpy"], &[]),
-    ("axis", &["xyz"], &[]),
-    ("limit", &["lower", "upper", "effort", "velocity"], &[]),
-    ("dynamics", &["damping", "friction"], &[]),
-    ("mimic", &["joint", "multiplier", "offset"], &[]),
+    ("origin", &[]),
+    ("axis", &[]),
+    ("limit", &[]),
+    ("dynamics", &[]),
+    ("mimic", &[]),
 ];
 
 pub fn check(source: &Source<'_>, report: &mut Report) {
     for part in source.links.iter().chain(&source.joints) {
         for element in part.descendants() {
-            let Some((_, attributes, elements)) = KNOWN.iter().find(|(tag, ..)| *tag == element.tag()) else {
+            let Some((tag, elements)) = ELEMENTS.iter().find(|(tag, _)| *tag == element.tag()) else {
                 continue;
             };
-            let place = if element.node == part.node {
-                part.title()
-            } else {
-                format!("{}: <{}>", part.title(), element.tag())
-            };
+            let place =
+                if element.node == part.node { part.title() } else { format!("{}: <{tag}>", part.title()) };
+            let numbers = NUMBERS.iter().filter(|(of, ..)| of.is_empty() || of == tag);
+            let words = WORDS.iter().filter(|(of, _)| of == tag).flat_map(|(_, attributes)| *attributes);
+            let known: Vec<&str> = numbers.map(|(_, name, _)| *name).chain(words.copied()).collect();
             for attribute in element.node.attributes() {
-                if let Some(meant) = meant(attribute.name(), attributes) {
+                if let Some(meant) = meant(attribute.name(), &known) {
                     let message = format!("{place}: unknown attribute {}", attribute.name());
                     report.warning(Some(element.line()), message, advice(meant));
                 }
