@@ -125,8 +125,8 @@ const PERIODS: u32 = 16 * 8;
 /// Computes the frequency of the crystal [Hz] from `counts` of the internal oscillator in [`INTERVALS`]
 /// captures; `None` for 0.
 pub fn frequency(counts: u16) -> Option<u32> {
-    let periods = u64::from(INTERNAL) * u64::from(INTERVALS * PERIODS);
-    u32::try_from(periods.checked_div(counts.into())?).ok()
+    // To 8 Hz: the product fits into 32 bits then, of which a division is one instruction.
+    (INTERNAL / 8 * INTERVALS * PERIODS).checked_div(counts.into())?.checked_mul(8)
 }
 
 /// Measures the running crystal [Hz] with the internal oscillator, which must be the system clock: TIM11

@@ -5,6 +5,7 @@
 use std::f32::consts::TAU;
 
 use tesaki::TICK;
+use tesaki::control::{JointPoint, JointServo, Pid, PidState};
 use tesaki::model::{JointModel, RobotModel};
 
 /// Of its range, that a joint may travel until its torque has turned round.
@@ -17,6 +18,8 @@ const LOST_COMMANDS: f32 = 3.0;
 const UNATTENDED: f32 = 2.0;
 /// Below this share of the largest voltage a drive has less than half of its speed.
 const MIN_VOLTAGE: f32 = 0.5;
+/// After which an oscillation that grows is larger than it was at first [ticks].
+const LONG: usize = 1000;
 /// Between two readings of a joint at rest, whose encoder flickers by one to either side.
 const COUNT_NOISE: f32 = 2.0;
 
@@ -42,6 +45,7 @@ pub fn implausible_values(model: &RobotModel) -> Vec<ImplausibleValue> {
         };
         velocity(joint).into_iter().for_each(|text| add("encoder.counts_per_turn", text));
         friction(joint).into_iter().for_each(|text| add("friction", text));
+        pid(joint).into_iter().for_each(|text| add("servo.pid", text));
         torque_rate(joint).into_iter().for_each(|text| add("limits.torque_rate", text));
         following_error(joint).into_iter().for_each(|text| add("limits.following_error", text));
     }
@@ -138,6 +142,37 @@ fn friction(joint: &JointModel) -> Text {
     })
 }
 
+/// Gains whose loop is unstable on the joint's own inertia, which nothing but viscous friction brakes.
+fn pid(joint: &JointModel) -> Text {
+    let (gains, inertia) = (&joint.servo.pid, joint.servo.observer.inertia);
+    let (pid, lag) = (Pid::new(gains), JointServo::new(joint).delay_fraction());
+    let mut state = PidState::at(0.0);
+    let reference = JointPoint { position: 1.0, ..JointPoint::default() };
+    let (mut angle, mut velocity, mut last) = (0.0_f32, 0.0_f32, 0.0_f32);
+    let mut errors = [0.0_f32; LONG];
+    for error in &mut errors {
+        *error = (reference.position - angle).abs();
+        let torque = pid.output(&mut state, &reference, angle);
+        pid.integrate(&mut state, torque, torque, false);
+        let change = TICK * (torque + lag * (last - torque) - joint.friction.viscous * velocity) / inertia;
+        angle += TICK * (velocity + 0.5 * change);
+        (velocity, last) = (velocity + change, torque);
+    }
+    let largest = |errors: &[f32]| errors.iter().copied().fold(0.0, f32::max);
+    let (first, rest) = errors.split_at(LONG / 2);
+    let grows = largest(rest) > largest(first) || !errors.iter().all(|error| error.is_finite());
+    grows.then(|| {
+        let message = format!(
+            "servo.pid with {} N·m/rad, {} N·m/(rad·s) and {} N·m·s/rad is unstable on the joint's own inertia, \
+             {inertia} kg·m²: an error grows",
+            gains.proportional, gains.integral, gains.derivative
+        );
+        let advice = "for a bandwidth ω of some 20 rad/s: ω², ω³/4 and 2 ω, which controller.toml has per inertia, and the \
+                      board times the inertia";
+        (message, advice.to_owned())
+    })
+}
+
 /// At its velocity limit a joint goes on until its torque has turned round.
 fn torque_rate(joint: &JointModel) -> Text {
     let limits = &joint.limits;
@@ -221,7 +256,19 @@ mod tests {
     #[test]
     fn each_limit_has_bounds_on_both_sides_of_what_it_protects() {
         type Change = fn(&mut RobotModel, f32);
-        let cases: [(&str, Change, f32, f32); 8] = [
+        let cases: [(&str, Change, f32, f32); 9] = [
+            // The largest eigenvalue of the loop is 1 at 1039.8 1/s² (numpy); the other gains are 4000 1/s³,
+            // 75 1/s and 30 rad/s.
+            (
+                "servo.pid",
+                |robot, value| {
+                    let joint = &mut robot.joints[1];
+                    joint.servo.pid.proportional = value * joint.servo.observer.inertia;
+                    joint.friction.viscous = 0.0;
+                },
+                1050.0,
+                1030.0,
+            ),
             // 2 counts · 2π / 1000 in 10 ms are 1.26 rad/s.
             (
                 "encoder.counts_per_turn",

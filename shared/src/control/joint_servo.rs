@@ -65,6 +65,11 @@ impl JointServoState {
         *self = Self { friction: self.friction, torque: self.torque, ..Self::at(position) };
     }
 
+    /// The integrator of the PID carries `torque` [N·m].
+    pub(crate) const fn carry(&mut self, torque: f32) {
+        self.pid.hand_over(-torque);
+    }
+
     /// Resets the rate limiter after the torque was switched off.
     pub const fn clear_torque(&mut self) {
         self.torque = 0.0;

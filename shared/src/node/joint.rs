@@ -488,14 +488,16 @@ impl Joint<'_> {
 
     /// Brings the joint to rest: from its measured state if it has left its reference or `where_it_is` is
     /// set, else along the reference. Keeps the feed-forward torque. In the first case the disturbance
-    /// estimate is reset, because it may be the force of pressing on an obstacle.
-    pub fn hold(&mut self, where_it_is: bool) {
+    /// estimate is reset, because it may be the force of pressing on an obstacle, to the `weight` that it has
+    /// to carry [N·m].
+    pub fn hold(&mut self, where_it_is: bool, weight: f32) {
         let error = self.reference.position - *self.position;
         if where_it_is || abs(error) > self.config.limits.following_error {
             let max = self.config.limits.velocity;
             let velocity = math::clamp(*self.velocity, -max, max);
             *self.reference = JointPoint { position: *self.position, velocity, acceleration: 0.0 };
             self.state.servo.restart_under_torque(*self.position);
+            self.state.servo.carry(weight);
         }
         self.target.setpoint = JointSetpoint::Brake;
     }

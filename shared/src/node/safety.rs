@@ -7,9 +7,10 @@ use super::force_sensor::ForceSensorState;
 use super::joint::{JointState, Joints, Situation};
 use super::state::{Sensing, State};
 use crate::TICK;
+use crate::control::ServoMode;
 use crate::fault::{Fault, FaultCause, Finding};
 use crate::math::abs;
-use crate::model::{GAUGE_END, Reaction};
+use crate::model::{GAUGE_END, MAX_JOINTS, Reaction};
 use crate::protocol::{ForceSensorFault, Mode, SensorFrame};
 use crate::robot::{Actuation, JointConfig, Measured, Postures, Robot, count};
 use crate::task::Halt;
@@ -135,8 +136,12 @@ impl Node {
         let where_it_is = no_servo || fault.cause.invalidates_reference();
         self.state.targets.actuation = Actuation::Servo;
         let lost = fault.cause == FaultCause::ObjectLost;
-        Joints::of(&self.robot, &mut self.state).each().for_each(|mut joint| {
-            joint.hold(where_it_is);
+        // Its integrator is all that carries the weight.
+        let is_bare = self.state.targets.servo_mode == ServoMode::BarePid;
+        let mut all = Joints::of(&self.robot, &mut self.state);
+        let weight = if is_bare { all.weight() } else { [0.0; MAX_JOINTS] };
+        all.each().zip(weight).for_each(|(mut joint, weight)| {
+            joint.hold(where_it_is, weight);
             if lost {
                 joint.target.feedforward = 0.0;
             }

@@ -303,3 +303,32 @@ impl<'a, 'b> GraspTrial<'a, 'b> {
         Ok(self.log)
     }
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::controller::Native;
+
+    /// Without yielding, this machine presses the box onto its support with 1 N, and the sum of the fingers'
+    /// forces grows to 4.8 N.
+    #[test]
+    fn an_object_at_rest_on_its_support_is_not_gripped_harder_and_harder() {
+        let robot = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/hand3"));
+        let mut native = Native::default();
+        let mut controller = Watched::new(&mut native, false);
+        let mut setting = Setting::plain(robot, &mut controller, 5, 0.0);
+        let mut rig = GraspRig::load(&setting).unwrap();
+        let held = GraspedObject::new("box", "box");
+        let mut grasp_trial = GraspTrial::begin(&mut setting, &mut rig, &held).unwrap();
+        grasp_trial.wait(40.0).unwrap();
+        let log = grasp_trial.end().unwrap();
+        assert!(log.lost.is_none(), "{:?}", log.lost);
+        let grip = |sample: &GraspSample| (0..3).map(|finger| sample.force(finger).norm()).sum();
+        let largest = |from: f64, to: f64| log.largest(&(log.held + from..log.held + to), grip);
+        let later = largest(20.0, 40.0);
+        assert!(later < 2.0, "{later} N");
+    }
+}

@@ -345,6 +345,28 @@ fn after_missed_ticks_a_joint_is_stopped_where_it_is() {
     }
 }
 
+/// The bare PID gets no torque of the model: its integrator carries the weight on, with which the PID with a
+/// feed-forward begins anew.
+#[test]
+fn a_bare_pid_that_restarts_does_not_drop_the_weight() {
+    let mut model = model();
+    model.gravity = [0.0, -9.81, -9.81];
+    let torques = [ServoMode::Pid, ServoMode::BarePid].map(|mode| {
+        let mut rig = Rig::ready(&model);
+        assert_eq!(rig.ask(Request::Enable(TaskConfig::JointServo(mode))), Reply::Done);
+        rig.tick();
+        rig.sensors.sequence += 4;
+        (0..10).for_each(|_| assert!(rig.tick().enabled));
+        assert_eq!(rig.node.faults().faults[0].cause, FaultCause::LateTick);
+        rig.tick().torques
+    });
+    let [with_model, bare] = &torques;
+    assert!(with_model.iter().any(|torque| torque.abs() > 0.01), "{with_model:?}");
+    for (one, other) in with_model.iter().zip(bare) {
+        assert!((one - other).abs() < 1e-4, "{torques:?}");
+    }
+}
+
 #[test]
 fn a_joint_beyond_its_limit_is_held_and_is_one_fault() {
     let mut rig = Rig::enabled(&model());

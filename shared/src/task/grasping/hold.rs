@@ -56,6 +56,7 @@ impl GraspState {
             JointTargets::ClosedForm => None,
             JointTargets::Accumulated => Some(self.trajectory.point().frame),
         };
+        self.yield_to_support(hand, &inputs);
         let reached = self.trajectory;
         let target = self.trajectory.advance();
         let (forces, actuation) = self.control_object(plan, &inputs, &inverse, grip, &object, &target.frame);
@@ -168,7 +169,7 @@ impl GraspState {
                 Actuation::Servo
             }
             ObjectControl::Wrench(gains) => {
-                let weight = inputs.known_load.unwrap_or_else(|| self.forces.weight());
+                let weight = inputs.known_load.unwrap_or_else(|| self.forces.weight.into());
                 let control = wrench(gains, &mut self.integral, object, target);
                 if let Ok(load) = inverse.forces(&(weight + control)) {
                     for (force, load, contact) in zip((&mut forces, &load, inputs.map.contacts())) {

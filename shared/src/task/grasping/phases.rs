@@ -10,7 +10,7 @@ use super::tuning::{
     ASSUMED_FRICTION, CONTACT_LOSS_FRACTION, CONTACT_LOSS_TICKS, CONVERGED_TICKS, FORCE_NOISE, LOWER_SPEED,
     LOWER_START_TIME, MAX_DEFORMATION, MAX_DISPLACEMENT, MAX_FRICTION, MAX_LOWERING, MIN_FRICTION, OPEN_TIME,
     PROBE_RATE, PROBE_RELEASE_RATE, PROBE_SLIP_DISTANCE, PROBE_STOP_FRACTION, PROBE_TIMEOUT, SQUEEZE_TIME,
-    SQUEEZE_TIMEOUT, SUPPORTED_FRACTION, SUPPORTED_TICKS,
+    SQUEEZE_TIMEOUT, SUPPORTED_FRACTION, SUPPORTED_TICKS, YIELD_RATE,
 };
 use super::{Failure, GraspFault, GraspHand, GraspState, PerFinger, Phase};
 use crate::TICK;
@@ -157,6 +157,16 @@ impl GraspState {
         -down(hand).dot(&displacement)
     }
 
+    /// Raises the target while the fingers press the object onto what it stands on. Joint servos would press
+    /// ever harder, and the grip would grow with that load.
+    pub(super) fn yield_to_support(&mut self, hand: &GraspHand<'_>, inputs: &ForceInputs<'_>) {
+        let pressing = -weight_on_fingers(hand, &self.forces.weight);
+        let rests = self.phase == Phase::Hold && !inputs.in_motion;
+        if rests && !inputs.is_lifted && pressing > FORCE_NOISE {
+            self.trajectory.shift(&(down(hand) * (-pressing * YIELD_RATE * TICK)));
+        }
+    }
+
     /// Lowers the object until a support carries it.
     fn lower(&mut self, hand: &GraspHand<'_>) {
         if self.ticks == 1 {
@@ -179,6 +189,7 @@ impl GraspState {
 }
 
 /// Part of a `load` [N, N·m] against gravity [N].
+#[inline(never)]
 pub(super) fn weight_on_fingers(hand: &GraspHand<'_>, &[x, y, z, ..]: &[f32; 6]) -> f32 {
     -down(hand).dot(&Vector3::new(x, y, z))
 }

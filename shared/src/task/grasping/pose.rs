@@ -81,6 +81,11 @@ impl PoseTrajectory {
         self.time >= self.duration
     }
 
+    /// Moves all of it by a displacement [m].
+    pub fn shift(&mut self, displacement: &Vector3<f32>) {
+        self.start.translation = (Vector3::from(self.start.translation) + displacement).into();
+    }
+
     /// Stops immediately at the present point.
     pub fn stop(&mut self) {
         *self = Self::resting((&self.point().frame).into());

@@ -49,6 +49,9 @@ pub(super) const SUPPORTED_TICKS: u8 = 5;
 /// Time at the start of `Lower` in which the weight is not evaluated [s]. Less mistakes inertial forces for a
 /// support.
 pub(super) const LOWER_START_TIME: f32 = 0.3;
+/// Speed with which the hand yields to the support of an object at rest, over the force that presses the
+/// object onto it [m/(N·s)]. Larger yields faster, and may lift the object.
+pub(super) const YIELD_RATE: f32 = 1e-4;
 /// Contact is lost when a normal force is below this fraction of the touch force, for [`CONTACT_LOSS_TICKS`].
 /// Larger makes weak grips a fault.
 pub(super) const CONTACT_LOSS_FRACTION: f32 = 0.15;

@@ -107,6 +107,7 @@ impl Gripper {
         let direction = if closed > open { 1.0 } else { -1.0 };
         let at = |end: f32| abs(joint.position - end) < AT_END * abs(closed - open);
         let is_jammed = self.is_jammed(settings, &joint);
+        let mut restart = false;
         match self.state {
             GripperState::Opening if at(open) => self.state = GripperState::Open,
             GripperState::Closing if at(closed) => {
@@ -116,6 +117,8 @@ impl Gripper {
             }
             GripperState::Closing if joint.effort * direction > TOUCH * torque => {
                 self.state = GripperState::Holding;
+                // What the servo presses with becomes part of the torque, instead of remaining beside it.
+                (self.press, restart) = (joint.effort, true);
             }
             GripperState::Opening | GripperState::Closing if is_jammed => {
                 self.state = GripperState::Jammed;
@@ -139,10 +142,11 @@ impl Gripper {
             // The servo's reference follows the joint, so that the servo does not work against the torque.
             let point = JointPoint { position: joint.position, velocity: 0.0, acceleration: 0.0 };
             let feedforward = self.press - DAMPING / TICK * joint.inertia * joint.velocity;
-            *joint.target = JointTarget { feedforward, ..JointTarget::point(point) };
-            if self.press == 0.0 {
-                *joint.target = JointTarget::at(joint.position);
-            }
+            *joint.target = if self.press == 0.0 {
+                JointTarget::at(joint.position)
+            } else {
+                JointTarget { feedforward, restart, ..JointTarget::point(point) }
+            };
             return;
         }
         let end = match self.state {

@@ -27,8 +27,7 @@ pub struct GripperSettings {
     pub closed: f32,
     /// Speed of opening and closing [rad/s]: 0.001 to 0.9 of the joint's velocity limit.
     pub speed: f32,
-    /// Torque with which an object is held [N·m]: 0.001 to the joint's torque limit. What the servo had added
-    /// when the fingers touched, at most a quarter of it, stays.
+    /// Torque with which an object is held [N·m]: 0.001 to the joint's torque limit.
     pub torque: f32,
 }
 

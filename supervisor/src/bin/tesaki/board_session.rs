@@ -240,6 +240,22 @@ impl BoardSession {
         ))
     }
 
+    /// The tips whose force sensors are tared.
+    pub fn tared(&mut self, model: &RobotModel) -> Result<Vec<String>, Failure> {
+        if model.chains.iter().all(|chain| chain.force_sensor.is_none()) {
+            return Ok(Vec::new());
+        }
+        let tips = match self.tips() {
+            Ok(tips) => tips.tips,
+            // A board without sensor readings has tared nothing.
+            Err(Failure::Late(_)) => return Ok(Vec::new()),
+            Err(failure) => return Err(failure),
+        };
+        let chains = model.chains.iter().zip(&tips);
+        let tared = chains.filter(|(chain, tip)| chain.force_sensor.is_some() && tip.tared);
+        Ok(tared.map(|(chain, _)| chain.name.to_string()).collect())
+    }
+
     /// The current telemetry, which goes on.
     pub fn telemetry_now(&mut self) -> Result<Telemetry, Failure> {
         self.board.set_rate(Stream::Telemetry, 2)?;
@@ -265,6 +281,17 @@ impl BoardSession {
     /// The board does not answer: it is not asked for anything more.
     pub const fn give_up(&mut self) {
         self.commands = false;
+    }
+}
+
+/// Says which force sensors, that were `tared`, are so no longer, because of what was done.
+pub fn notice_untared(options: &Options, done: &str, tared: &[String]) {
+    if !tared.is_empty() {
+        let text = format!(
+            "{done}, which forgets the tare: {} must be tared anew (`tesaki tare`, while nothing touches the tips)",
+            tared.join(", ")
+        );
+        output::notice(options, &text);
     }
 }
 

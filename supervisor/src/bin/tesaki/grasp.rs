@@ -21,8 +21,8 @@ use crate::failure::Failure;
 use crate::motion::{End, MAX_DURATION, Motion, PERIOD, check_distance};
 use crate::output;
 
-/// How long an object is held that may stand on something, without a warning.
-const SUPPORTED: Duration = Duration::from_secs(10);
+/// Below this height an object stands on its support [m].
+const LIFTED: f32 = 0.002;
 /// Shortest motion of an object [s].
 const MIN_DURATION: f32 = 1.0;
 
@@ -102,6 +102,8 @@ struct TimedStep {
     command: Option<GraspCommand>,
     /// How long to hold afterwards; `None`: until Ctrl-C.
     wait: Option<Duration>,
+    /// Whether it moves the object where that stood when it was grasped.
+    on_support: bool,
 }
 
 /// The steps as commands, each with a duration that respects the maximum speeds.
@@ -117,7 +119,7 @@ fn timed_steps(args: &Run, model: &RobotModel) -> Result<Vec<TimedStep>, Failure
             Step::Shift(to) => shift = Vector3::from(to),
             Step::Turn(to) => turn = Vector3::from(to),
             Step::Hold(wait) => {
-                steps.push(TimedStep { text: step.to_string(), command: None, wait });
+                steps.push(TimedStep { text: step.to_string(), command: None, wait, on_support: false });
                 continue;
             }
         }
@@ -128,6 +130,7 @@ fn timed_steps(args: &Run, model: &RobotModel) -> Result<Vec<TimedStep>, Failure
             .max((turn - last_turn).norm() / args.turn_speed)
             * MINIMUM_JERK_PEAK;
         let duration = needed.max(MIN_DURATION);
+        let on_support = target.dot(&up) < LIFTED && target.norm() + turn.norm() > 0.0;
         if duration > MAX_DURATION {
             return Err(Failure::Usage(format!(
                 "the step {step} would take {duration:.0} s, more than {MAX_DURATION} s: choose a higher --speed or --turn-speed"
@@ -137,10 +140,12 @@ fn timed_steps(args: &Run, model: &RobotModel) -> Result<Vec<TimedStep>, Failure
             text: step.to_string(),
             command: Some(GraspCommand::Move { translation: target.into(), rotation: turn.into(), duration }),
             wait: Some(Duration::ZERO),
+            on_support,
         });
     }
     if steps.is_empty() {
-        steps.push(TimedStep { text: Step::Hold(None).to_string(), command: None, wait: None });
+        let text = Step::Hold(None).to_string();
+        steps.push(TimedStep { text, command: None, wait: None, on_support: false });
     }
     Ok(steps)
 }
@@ -215,6 +220,16 @@ impl Course<'_> {
         }
         self.check(file)?;
         for (left, step) in (0..steps.len()).rev().zip(steps) {
+            if step.on_support {
+                let text = &step.text;
+                output::notice(
+                    self.options,
+                    &format!(
+                        "{text}: the object was not lifted, and is pressed against what it stands on, at worst until \
+                         fault 20; `lift=0.01` first"
+                    ),
+                );
+            }
             if let Some(command) = step.command {
                 self.command(command).map_err(|failure| of_step(&step.text, failure))?;
                 if self.wait_until_idle()? == End::Interrupted {
@@ -223,14 +238,6 @@ impl Course<'_> {
                 self.check(file)?;
             }
             let until = step.wait.map(|wait| Instant::now() + wait);
-            let is_lifted = steps.iter().rev().skip(left).any(|step| step.command.is_some());
-            if !is_lifted && step.wait.is_none_or(|wait| wait > SUPPORTED) {
-                output::notice(
-                    self.options,
-                    "the object was not lifted: the forces of what it stands on look like a load, for which the \
-                     grip grows; `lift=0.01` first",
-                );
-            }
             if until.is_none() {
                 output::notice(self.options, "holding; Ctrl-C puts the object down");
                 self.is_complete = left == 0;

@@ -4,7 +4,7 @@ use serde_json::json;
 use tesaki_supervisor::Board;
 
 use crate::args::{Home, Options};
-use crate::board_session::BoardSession;
+use crate::board_session::{BoardSession, notice_untared};
 use crate::failure::Failure;
 use crate::joints::{check_typed, each_once, find};
 use crate::output;
@@ -62,14 +62,17 @@ pub fn home(options: &Options, args: &Home) -> Result<(), Failure> {
         );
     }
     output::confirm(options, "The current joint angles will be set to these values. Continue?")?;
+    let tared = session.tared(&model)?;
     session.board.home(&positions)?;
     // What absolute encoders measure was not set.
     let relative = model.joints.iter().zip(&positions).filter(|(joint, _)| joint.encoder.relative);
     let set: serde_json::Map<_, _> =
         relative.map(|(joint, angle)| (joint.name.to_string(), output::exact(angle))).collect();
-    output::result(options, &json!({ "homed": set }), || {
+    output::result(options, &json!({ "homed": set, "no_longer_tared": tared }), || {
         format!("{} homed", output::counted(set.len(), "joint"))
-    })
+    })?;
+    notice_untared(options, "the joints were homed", &tared);
+    Ok(())
 }
 
 pub fn tare(options: &Options) -> Result<(), Failure> {

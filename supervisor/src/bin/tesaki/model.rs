@@ -10,7 +10,7 @@ use tesaki_description::robot::{RobotFolder, chain_model};
 use tesaki_supervisor::{Board as _, BoardError};
 
 use crate::args::Options;
-use crate::board_session::BoardSession;
+use crate::board_session::{BoardSession, notice_untared};
 use crate::failure::Failure;
 use crate::output;
 
@@ -36,6 +36,10 @@ pub fn push(
         })?;
     }
     let mut session = BoardSession::command(options)?;
+    let tared = match session.model_if_there()? {
+        Some(old) => session.tared(&old)?,
+        None => Vec::new(),
+    };
     let node = session.board.push_model_and_sense(&model)?;
     let checksum = checksum(&model)?;
     if node.model_checksum != checksum {
@@ -46,7 +50,10 @@ pub fn push(
     }
     let (name, joints) = (&model.name, model.joints.len());
     let uncalibrated = calibration.map(|calibration| calibration.missing(&model));
-    let mut value = json!({ "robot": name, "joints": joints, "checksum": format!("{checksum:08x}") });
+    let checksum = format!("{checksum:08x}");
+    let mut value = json!({
+        "robot": name, "joints": joints, "checksum": checksum, "no_longer_tared": tared,
+    });
     if let Some(uncalibrated) = &uncalibrated {
         value["uncalibrated"] = json!(uncalibrated);
     }
@@ -59,8 +66,10 @@ pub fn push(
                 format!(", with the values of the robot's folder where the calibration has none: {missing}")
             }
         };
-        format!("{name}: {joints} joints{calibrated}; model {checksum:08x} is in use until the next reset")
-    })
+        format!("{name}: {joints} joints{calibrated}; model {checksum} is in use until the next reset")
+    })?;
+    notice_untared(options, "this pushed the model", &tared);
+    Ok(())
 }
 
 /// Puts the values of a calibration file into the model.

@@ -11,7 +11,7 @@ use tesaki_description::robot::{implausible_values, overloaded};
 use tesaki_supervisor::Board;
 
 use crate::args::Options;
-use crate::board_session::BoardSession;
+use crate::board_session::{BoardSession, notice_untared};
 use crate::failure::Failure;
 use crate::output;
 use unit::unit;
@@ -119,7 +119,7 @@ pub fn set(options: &Options, path: &str, value: &str) -> Result<(), Failure> {
     changed.validate().map_err(|error| Failure::Usage(invalid(&model, path, &changed, &error)))?;
     check_stops(&model, &changed)?;
     check_values(&model, &changed)?;
-    let tared = tared(&mut session, &model)?;
+    let tared = session.tared(&model)?;
     let unhomed = no_longer_homed(session.board.status()?.node.homed, &model, &changed);
     session.board.push_model_and_sense(&changed)?;
     let set = json!({ "set": names, "no_longer_tared": tared, "no_longer_homed": unhomed });
@@ -135,16 +135,7 @@ pub fn set(options: &Options, path: &str, value: &str) -> Result<(), Failure> {
             &format!("{} must be homed again (`tesaki home JOINT=ANGLE …`)", unhomed.join(", ")),
         );
     }
-    if !tared.is_empty() {
-        output::notice(
-            options,
-            &format!(
-                "this pushed the model again, which forgets the tare: {} must be tared anew (`tesaki tare`, \
-                 while nothing touches the tips)",
-                tared.join(", ")
-            ),
-        );
-    }
+    notice_untared(options, "this pushed the model again", &tared);
     Ok(())
 }
 
@@ -225,22 +216,6 @@ fn doubtful(model: &RobotModel, changed: &RobotModel) -> Vec<String> {
         }
     }
     doubts
-}
-
-/// The tips whose force sensors are tared.
-fn tared(session: &mut BoardSession, model: &RobotModel) -> Result<Vec<String>, Failure> {
-    if model.chains.iter().all(|chain| chain.force_sensor.is_none()) {
-        return Ok(Vec::new());
-    }
-    let tips = match session.tips() {
-        Ok(tips) => tips.tips,
-        // A board without sensor readings has tared nothing.
-        Err(Failure::Late(_)) => return Ok(Vec::new()),
-        Err(failure) => return Err(failure),
-    };
-    let chains = model.chains.iter().zip(&tips);
-    let tared = chains.filter(|(chain, tip)| chain.force_sensor.is_some() && tip.tared);
-    Ok(tared.map(|(chain, _)| chain.name.to_string()).collect())
 }
 
 /// Values that protect nothing, are a fault at once, or hold a joint fast, are not set. Those of the present

@@ -26,7 +26,7 @@ pub(super) struct Forces {
     /// The same with a slower filter: the load before a change [N, N·m].
     pub earlier_load: [f32; 6],
     /// The same with the slowest filter: the object's weight [N, N·m].
-    weight: [f32; 6],
+    pub weight: [f32; 6],
     /// Anticipated further increase of a load that grows [N, N·m].
     anticipated_load: [f32; 6],
     /// Increase of the internal forces after a slip, as a fraction of them.
@@ -147,11 +147,6 @@ impl Forces {
         }
         let internal = self.apply_feedback(inputs, inverse, internal, &load, &load_torques);
         GripForces { internal, load }
-    }
-
-    /// Estimated weight: the load through the slowest filter [N, N·m].
-    pub fn weight(&self) -> Vector6<f32> {
-        self.weight.into()
     }
 }
 

@@ -98,11 +98,11 @@ fn the_weight_that_is_fed_forward_is_bounded() {
     let (_, mut forces) = grasp(0.0, 0.5);
     for _ in 0..300 {
         let [one, two, three] = pressing(2.0, 0.0);
-        let more = Vector3::from(forces.weight().fixed_rows::<3>(0).into_owned()) + Vector3::z() * 9.0;
+        let more = Vector6::from(forces.weight).fixed_rows::<3>(0).into_owned() + Vector3::z() * 9.0;
         let measured = [one + more / 3.0, two + more / 3.0, three + more / 3.0];
         with_inputs(1.0, &measured, |inputs| forces.update_estimates(inputs));
     }
-    let weight = forces.weight();
+    let weight = Vector6::from(forces.weight);
     assert!((weight[2] - 10.0).abs() < 1e-6 && weight[0].abs() < 1e-3, "{weight}");
 }
 
