@@ -168,11 +168,11 @@ fn rays(out: &mut impl Write, buffers: &mut CameraBuffers, picture: &Picture<'_>
     if !found.is_some_and(|confidence| confidence >= CERTAIN) {
         return Ok(());
     }
-    for RimRay { center: [x, y], direction, reach, inputs } in rays {
+    for RimRay { center: [x, y], direction, polar_radius, inputs } in rays {
         let [dx, dy] = [center[0] - f64::from(x), center[1] - f64::from(y)];
         let truth = [a, b, angle, dx, dy].map(|value| value as f32);
         let row = [picture.seed as f32, picture.number as f32].into_iter().chain(truth);
-        for value in row.chain(direction).chain([reach]).chain(inputs) {
+        for value in row.chain(direction).chain([polar_radius]).chain(inputs) {
             out.write_all(&value.to_le_bytes())?;
         }
     }

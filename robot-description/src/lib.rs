@@ -29,6 +29,7 @@ pub mod object;
 pub mod plant;
 pub mod retargeting;
 pub mod robot;
+pub mod spelling;
 pub mod urdf;
 
 pub use file::{FileError, in_words, read_text};

@@ -4,6 +4,7 @@
 mod build;
 mod chain;
 mod limits;
+mod of_joints;
 mod plausible;
 pub(crate) mod settings;
 pub(crate) mod tree;
@@ -60,15 +61,15 @@ impl RobotFolder {
     }
 
     /// Reads the folder at `path` for a machine, or for a plant with the text of its `plant.toml`: what
-    /// [`check_all`](Self::check_all) calls an error is one.
+    /// [`check_all`](Self::check_all) calls an error is one. Returns its warnings as well.
     ///
     /// # Errors
     /// What is missing, wrong or not plausible, where, and what to do.
-    pub fn load_plausible(path: &Path, plant: Option<&str>) -> Result<Self, FileError> {
+    pub fn load_plausible(path: &Path, plant: Option<&str>) -> Result<(Self, Vec<Finding>), FileError> {
         let (urdf, settings) = Self::read(path)?;
-        let (folder, mut findings) = Self::check_all(path, &urdf, &settings, plant);
-        findings.retain(Finding::is_error);
-        folder.ok_or(FileError::Wrong(findings))
+        let (folder, findings) = Self::check_all(path, &urdf, &settings, plant);
+        let (errors, warnings) = findings.into_iter().partition(Finding::is_error);
+        Ok((folder.ok_or(FileError::Wrong(errors))?, warnings))
     }
 
     /// The texts of `robot.urdf` and `controller.toml` in the folder at `path`.

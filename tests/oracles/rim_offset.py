@@ -68,19 +68,19 @@ class Pictures:
     @staticmethod
     def read(file, weight):
         rows = np.fromfile(file, "<f4").reshape(-1, 10 + OWN).astype(float)
-        a, b, angle, dx, dy, u, v, reach = rows[:, 2:10].T
+        a, b, angle, dx, dy, u, v, polar_radius = rows[:, 2:10].T
         flattening = (a * a - b * b) / (a * a + b * b)
         p, q = -flattening * np.cos(2 * angle), -flattening * np.sin(2 * angle)
-        offsets = meets(np.stack([u, v], 1), (dx, dy), np.sqrt(a * b), p, q) - reach
+        offsets = meets(np.stack([u, v], 1), (dx, dy), np.sqrt(a * b), p, q) - polar_radius
         pictures = []
         starts = np.flatnonzero(np.any(np.diff(rows[:, :2], axis=0), 1)) + 1
         for rays in np.split(np.arange(len(rows)), starts):
             a, b, _, dx, dy = rows[rays[0], 2:7]
             directions = rows[rays, 7:9]
-            (radius, *flattening), rim = ellipse(directions, reach[rays]), np.sqrt(a * b)
+            (radius, *flattening), rim = ellipse(directions, polar_radius[rays]), np.sqrt(a * b)
             if rim <= LARGEST and len(rays) >= FEWEST and max(np.hypot(dx, dy), abs(rim - radius)) <= FAR:
                 pad = lambda values: np.pad(values, [(0, RAYS - len(rays))] + [(0, 0)] * (values.ndim - 1))
-                terms = derivatives(directions, reach[rays], radius, *flattening)
+                terms = derivatives(directions, polar_radius[rays], radius, *flattening)
                 pictures.append((pad(with_context(rows[rays, 10:], directions)), pad(offsets[rays]), pad(terms),
                                  pad(np.ones(len(rays))), (rim - radius, dx, dy), weight))
         return [np.array(part) for part in zip(*pictures)]
@@ -100,20 +100,20 @@ def meets(directions, centre, radius, p, q):
     return (np.sqrt(np.maximum(cross * cross - square * rest, 0)) - cross) / square
 
 
-def ellipse(directions, reach):
+def ellipse(directions, polar_radius):
     """Returns the radius and the flattening of the ellipse that is so far away in these directions."""
     u, v = directions.T
-    a, p, q = np.linalg.lstsq(np.stack([np.ones_like(u), u * u - v * v, 2 * u * v], 1), reach**-2, rcond=None)[0]
+    a, p, q = np.linalg.lstsq(np.stack([np.ones_like(u), u * u - v * v, 2 * u * v], 1), polar_radius**-2, rcond=None)[0]
     p, q = p / a, q / a
     return (a * np.sqrt(1 - p * p - q * q)) ** -0.5, p, q
 
 
-def derivatives(directions, reach, radius, p, q):
+def derivatives(directions, polar_radius, radius, p, q):
     """Returns those of the distance of an ellipse by its radius, centre and flattening."""
     u, v = directions.T
     form, root = 1 + p * (u * u - v * v) + 2 * q * u * v, 1 - p * p - q * q
-    flattening = [-reach / 2 * ((u * u - v * v) / form + p / root), -reach / 2 * (2 * u * v / form + q / root)]
-    return np.stack([reach / radius, (u + p * u + q * v) / form, (v - p * v + q * u) / form, *flattening], 1)
+    flattening = [-polar_radius / 2 * ((u * u - v * v) / form + p / root), -polar_radius / 2 * (2 * u * v / form + q / root)]
+    return np.stack([polar_radius / radius, (u + p * u + q * v) / form, (v - p * v + q * u) / form, *flattening], 1)
 
 
 def with_context(inputs, directions):
@@ -242,8 +242,8 @@ def data(network, file):
     rows = np.fromfile(file, "<f4").reshape(-1, 10 + OWN)
     starts = np.flatnonzero(np.any(np.diff(rows[:, :2], axis=0), 1)) + 1
     for rays in np.split(rows, starts):
-        directions, reach = rays[:, 7:9].astype(float), rays[:, 9].astype(float)
-        radius, p, q = ellipse(directions, reach)
+        directions, polar_radius = rays[:, 7:9].astype(float), rays[:, 9].astype(float)
+        radius, p, q = ellipse(directions, polar_radius)
         if len(rays) <= RAYS - HIDDEN and np.hypot(p, q) > FLAT:
             break
     else:
@@ -253,7 +253,7 @@ def data(network, file):
 
     def residuals(change):
         near = meets(directions, change[1:3], radius + change[0], p + change[3], q + change[4])
-        return [*(np.sqrt(weight) * (near - reach - offset)), *(change[3:] / FLATTENING)]
+        return [*(np.sqrt(weight) * (near - polar_radius - offset)), *(change[3:] / FLATTENING)]
 
     change = least_squares(residuals, np.zeros(5), xtol=1e-12).x
     number = lambda value: np.format_float_positional(np.float32(value), trim="0")

@@ -89,13 +89,17 @@ pub fn run(options: &Options) -> Result<()> {
 fn fast(steps: &mut Steps) -> Result<()> {
     steps.run("format and lints", lints)?;
     steps.run("tables against what is recorded", tables)?;
-    steps.run("the host suite", host)
+    steps.run("the host suite", run_host)
 }
 
 fn full(steps: &mut Steps) -> Result<()> {
     let tools = || {
         tools::provide_qemu()?;
-        Ok((tools::provide_rosbags(&out("rosbags"))?, ArmCompiler::provide()?))
+        // All of Debian's packages now, because two installations at once wait for each other, or fail.
+        tools::provide_unicorn_builder()?;
+        let compiler = ArmCompiler::provide()?;
+        compiler.cargo_build()?;
+        Ok((tools::provide_rosbags(&out("rosbags"))?, compiler))
     };
     let (python, compiler) = steps.run("tools for recordings and for the emulated board", tools)?;
     steps.run("format and lints", lints)?;
@@ -103,7 +107,7 @@ fn full(steps: &mut Steps) -> Result<()> {
     steps.run("documentation", documentation)?;
     steps.run("dependencies: licences, duplicates, sources, advisories", || dependencies(&python))?;
     steps.run("tables against what is recorded", tables)?;
-    steps.run("the host suite", host)?;
+    steps.run("build of the host suite", build_host)?;
     // Alone: a page that is starved for a second counts as gone.
     steps.run("the page against its sources, and in a browser", viewer::check_built)?;
     // The next steps wait for other programs much of their time.
@@ -112,16 +116,28 @@ fn full(steps: &mut Steps) -> Result<()> {
             tools::yield_to_others();
             Images::build(compiler)
         });
-        let recordings = steps.run("recorded sweeps against the simulator", sweep::check_built)?;
-        steps.run("recorded fault schedules against the simulator", faults::check_built)?;
-        steps
-            .run("rosbags reads recordings, the example client moves a joint", || other_programs(&python))?;
-        steps.run("the Python package", python::check)?;
-        steps.run("the ROS 2 node against Cyclone DDS", ros2::check)?;
-        let images = steps.run("the firmware images", || images.join().expect("a build does not panic"))?;
+        let recordings = on_this_machine(steps, &python);
+        if recordings.is_err() && !images.is_finished() {
+            note!("\nfailed; waiting for the images, which are built in the background");
+        }
+        let recordings = recordings?;
+        let images = steps.run("the firmware images, and the model of their chip", || {
+            images.join().expect("a build does not panic")
+        })?;
         anyhow::Ok((recordings, images))
     })?;
     on_the_board(steps, compiler, images, &recordings)
+}
+
+/// Everything that needs no image. Returns the folder with the recordings of the runs.
+fn on_this_machine(steps: &mut Steps, python: &Path) -> Result<PathBuf> {
+    steps.run("the host suite", run_host)?;
+    let recordings = steps.run("recorded sweeps against the simulator", sweep::check_built)?;
+    steps.run("recorded fault schedules against the simulator", faults::check_built)?;
+    steps.run("rosbags reads recordings, the example client moves a joint", || other_programs(python))?;
+    steps.run("the Python package", python::check)?;
+    steps.run("the ROS 2 node against Cyclone DDS", ros2::check)?;
+    Ok(recordings)
 }
 
 /// Files that run on the emulated board.
@@ -132,6 +148,8 @@ struct Images {
     with_motors: Vec<PathBuf>,
     /// The folder of the programs that are no part of an image.
     programs: PathBuf,
+    /// The images on the model of their chip.
+    chip: chip::Model,
 }
 
 impl Images {
@@ -143,12 +161,13 @@ impl Images {
             with_motors: chip::BOARDS.into_iter().map(image).collect::<Result<_>>()?,
             bare: image(firmware::BOARD)?,
             programs: firmware::build_on_target(compiler)?,
+            chip: chip::Model::build(compiler)?,
         })
     }
 }
 
 fn on_the_board(steps: &mut Steps, compiler: ArmCompiler, images: Images, recordings: &Path) -> Result<()> {
-    let Images { bare: image, emulated, with_motors, programs } = images;
+    let Images { bare: image, emulated, with_motors, programs, chip } = images;
     let (selftest, replay) = (programs.join("selftest"), programs.join("replay"));
     steps.run("unit tests on the emulated board", || {
         tesaki_output::print(format_args!("{}", bench::semihosted(&selftest, &[])?));
@@ -164,7 +183,7 @@ fn on_the_board(steps: &mut Steps, compiler: ArmCompiler, images: Images, record
         Ok(())
     })?;
     let simulator = Simulator::built();
-    steps.run("the images on a model of the chip", || chip::check(compiler, &simulator))?;
+    steps.run("the images on a model of the chip", || chip.check(&simulator))?;
     steps.run("what holds for the images that drive motors, from their instructions", || {
         with_motors.iter().try_for_each(|image| prove::check(image).map(drop))
     })?;
@@ -221,7 +240,11 @@ fn dependencies(python: &Path) -> Result<()> {
     Ok(())
 }
 
-fn host() -> Result<()> {
+fn build_host() -> Result<()> {
+    tools::run(cargo(&["test", "--no-run"]).args(HOST))
+}
+
+fn run_host() -> Result<()> {
     // Many tests wait for a simulated board, which takes a twentieth of a core.
     tools::run(cargo(&["test", "--no-fail-fast"]).args(HOST).env("RUST_TEST_THREADS", "4"))
 }

@@ -129,7 +129,7 @@ fn load_all(path: &Path) -> Result<RobotFolder, Box<dyn Error>> {
     let advice =
         "it holds what is simulated; `tesaki model init` writes one, docs/bring-your-own-hand.md has another";
     let plant = read_text(&file).map_err(FileError::unread(&file, advice))?;
-    Ok(RobotFolder::load_plausible(path, Some(&plant))?)
+    Ok(RobotFolder::load_plausible(path, Some(&plant))?.0)
 }
 
 /// What `--door` asks for.

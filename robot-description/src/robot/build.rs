@@ -6,6 +6,7 @@ use tesaki::model::{
     ModelError, ObserverGains, PidGains, Pose, RobotModel, ServoGains,
 };
 
+use super::of_joints::OfJoints;
 use super::settings::{JointSettings, Settings};
 use super::tree::{SerialChain, SerialJoint, SerialMimic};
 use crate::finding::{Finding, Report};
@@ -152,23 +153,28 @@ pub fn validate(model: &RobotModel, urdf: &Urdf, of_urdf: &mut Report, of_settin
     {
         found.push((error.joint.and_then(|joint| model.joints.get(usize::from(joint))), error));
     }
+    let mut of_joints = OfJoints::default();
     for (joint, error) in found {
         let name = joint.map_or("", |joint| joint.name.as_str());
+        let key = error.field.path();
+        let message = format!("{key} = {} {}", error.value, error.problem);
         let place = if name.is_empty() { String::new() } else { format!("joint {name}: ") };
-        let message = format!("{place}{} = {} {}", error.field.path(), error.value, error.problem);
         match in_urdf(error.field) {
             Some(_) if told => {}
-            Some(advice) => of_urdf.dynamics(urdf.line_of_joint(name), message, advice),
+            Some(advice) => of_urdf.dynamics(urdf.line_of_joint(name), place + &message, advice),
             None => {
-                let key = error.field.path();
                 let line = of_settings
                     .line_of(&format!("joints.{name}.{key}"))
                     .or_else(|| of_settings.line_of(&format!("joint.{key}")))
                     .or_else(|| of_settings.line_of(key));
-                of_settings.dynamics(line, message, in_settings(error.field));
+                match joint {
+                    Some(joint) => of_joints.error(joint, line, message, in_settings(error.field)),
+                    None => of_settings.dynamics(line, message, in_settings(error.field)),
+                }
             }
         }
     }
+    of_joints.report(of_settings);
 }
 
 /// What to do about a field that comes from the URDF.

@@ -6,6 +6,7 @@ use std::f32::consts::TAU;
 
 use tesaki::TICK;
 use tesaki::control::{JointPoint, JointServo, Pid, PidState};
+use tesaki::math;
 use tesaki::model::{JointModel, RobotModel};
 
 /// Of its range, that a joint may travel until its torque has turned round.
@@ -142,33 +143,45 @@ fn friction(joint: &JointModel) -> Text {
     })
 }
 
-/// Gains whose loop is unstable on the joint's own inertia, which nothing but viscous friction brakes.
+/// Gains whose loop is unstable on the joint's own inertia and friction, from the largest error that is no
+/// fault.
 fn pid(joint: &JointModel) -> Text {
-    let (gains, inertia) = (&joint.servo.pid, joint.servo.observer.inertia);
+    let (gains, inertia, friction) = (&joint.servo.pid, joint.servo.observer.inertia, &joint.friction);
+    let positive = [inertia, gains.cutoff, joint.limits.following_error];
+    let not_negative =
+        [gains.proportional, gains.integral, gains.derivative, friction.coulomb, friction.viscous];
+    if !(positive.iter().all(|value| *value > 0.0) && not_negative.iter().all(|value| *value >= 0.0)) {
+        return None;
+    }
     let (pid, lag) = (Pid::new(gains), JointServo::new(joint).delay_fraction());
     let mut state = PidState::at(0.0);
-    let reference = JointPoint { position: 1.0, ..JointPoint::default() };
+    let reference = JointPoint { position: joint.limits.following_error, ..JointPoint::default() };
     let (mut angle, mut velocity, mut last) = (0.0_f32, 0.0_f32, 0.0_f32);
     let mut errors = [0.0_f32; LONG];
     for error in &mut errors {
         *error = (reference.position - angle).abs();
         let torque = pid.output(&mut state, &reference, angle);
         pid.integrate(&mut state, torque, torque, false);
-        let change = TICK * (torque + lag * (last - torque) - joint.friction.viscous * velocity) / inertia;
-        angle += TICK * (velocity + 0.5 * change);
-        (velocity, last) = (velocity + change, torque);
+        let pushed = velocity + TICK * (torque + lag * (last - torque)) / inertia;
+        // Implicit, because friction only brakes, however large it is.
+        let braked = pushed / (1.0 + TICK * friction.viscous / inertia);
+        let coulomb = TICK * friction.coulomb / inertia;
+        let next = braked - braked.clamp(-coulomb, coulomb);
+        angle += 0.5 * TICK * (velocity + next);
+        (velocity, last) = (next, torque);
     }
     let largest = |errors: &[f32]| errors.iter().copied().fold(0.0, f32::max);
     let (first, rest) = errors.split_at(LONG / 2);
     let grows = largest(rest) > largest(first) || !errors.iter().all(|error| error.is_finite());
     grows.then(|| {
+        let [p, i, d] = [gains.proportional, gains.integral, gains.derivative]
+            .map(|gain| math::round(10.0 * gain / inertia) / 10.0);
         let message = format!(
-            "servo.pid with {} N·m/rad, {} N·m/(rad·s) and {} N·m·s/rad is unstable on the joint's own inertia, \
-             {inertia} kg·m²: an error grows",
-            gains.proportional, gains.integral, gains.derivative
+            "servo.pid, divided by the inertia that the servo assumes, is {p} 1/s², {i} 1/s³ and {d} 1/s: unstable on \
+             that inertia with the joint's friction, an error grows"
         );
-        let advice = "for a bandwidth ω of some 20 rad/s: ω², ω³/4 and 2 ω, which controller.toml has per inertia, and the \
-                      board times the inertia";
+        let advice = "for a bandwidth ω of some 20 rad/s: ω², ω³/4 and 2 ω, in controller.toml as they stand, on the board \
+                      times the inertia";
         (message, advice.to_owned())
     })
 }
@@ -264,7 +277,7 @@ mod tests {
                 |robot, value| {
                     let joint = &mut robot.joints[1];
                     joint.servo.pid.proportional = value * joint.servo.observer.inertia;
-                    joint.friction.viscous = 0.0;
+                    joint.friction = tesaki::model::Friction { coulomb: 0.0, viscous: 0.0 };
                 },
                 1050.0,
                 1030.0,

@@ -11,6 +11,7 @@ use tesaki::model::{ChainJoint, JointModel, RobotModel};
 
 use super::RobotFolder;
 use super::limits::{ImplausibleValue, implausible_values};
+use super::of_joints::OfJoints;
 use crate::finding::{Finding, Report};
 use crate::load::{CoupledChains, JointLoad};
 use crate::plant::PlantValues;
@@ -43,7 +44,7 @@ pub fn check(folder: &RobotFolder, settings: &str, plant: Option<&str>, known: &
         urdf: Report::new(&folder.path.join("robot.urdf")),
         settings: Report::of_toml(&folder.path.join("controller.toml"), settings),
         plant: Report::of_toml(&folder.path.join("plant.toml"), plant.unwrap_or_default()),
-        of_joints: Vec::new(),
+        of_joints: OfJoints::default(),
         heaviest: links::heaviest(&folder.urdf),
         has_weights: !known.iter().any(|finding| {
             finding.is_error() && finding.message.starts_with("link ") && finding.message.contains("mass")
@@ -74,8 +75,8 @@ pub fn check(folder: &RobotFolder, settings: &str, plant: Option<&str>, known: &
     if plant.is_some() {
         links::bodies(&folder.urdf, known, &mut reports.urdf);
     }
-    reports.report_joints();
-    let Reports { mut urdf, mut settings, mut plant, .. } = reports;
+    let Reports { mut urdf, mut settings, mut plant, of_joints, .. } = reports;
+    of_joints.report(&mut settings);
     urdf.sort();
     settings.sort();
     plant.sort();
@@ -87,61 +88,15 @@ struct Reports {
     urdf: Report,
     settings: Report,
     plant: Report,
-    /// What is said of joints in `controller.toml`, with the names of those of which the same is said.
-    of_joints: Vec<(JointFinding, Vec<String>)>,
+    /// What is said of joints in `controller.toml`.
+    of_joints: OfJoints,
     /// The heaviest link with its line, in brackets; nothing without any mass.
     heaviest: String,
     /// Whether the masses are right enough to compute weights.
     has_weights: bool,
 }
 
-/// Something that is said of a joint.
-#[derive(PartialEq, Eq)]
-struct JointFinding {
-    is_error: bool,
-    line: Option<usize>,
-    message: String,
-    advice: String,
-}
-
 impl Reports {
-    /// Something about a joint that does not work.
-    fn error(&mut self, joint: &JointModel, line: Option<usize>, message: String, advice: impl Into<String>) {
-        self.add(joint, JointFinding { is_error: true, line, message, advice: advice.into() });
-    }
-
-    /// Something about a joint that deserves attention.
-    fn warning(
-        &mut self,
-        joint: &JointModel,
-        line: Option<usize>,
-        message: String,
-        advice: impl Into<String>,
-    ) {
-        self.add(joint, JointFinding { is_error: false, line, message, advice: advice.into() });
-    }
-
-    fn add(&mut self, joint: &JointModel, finding: JointFinding) {
-        let name = joint.name.to_string();
-        match self.of_joints.iter_mut().find(|(known, _)| *known == finding) {
-            Some((_, names)) => names.push(name),
-            None => self.of_joints.push((finding, vec![name])),
-        }
-    }
-
-    /// Each finding once, with all joints of which it is true.
-    fn report_joints(&mut self) {
-        for (JointFinding { is_error, line, message, advice }, names) in std::mem::take(&mut self.of_joints) {
-            let plural = if names.len() > 1 { "s" } else { "" };
-            let message = format!("joint{plural} {}: {message}", names.join(", "));
-            if is_error {
-                self.settings.dynamics(line, message, advice);
-            } else {
-                self.settings.warning(line, message, advice);
-            }
-        }
-    }
-
     /// The line of a setting of a joint.
     fn line(&self, joint: &JointModel, key: &str) -> Option<usize> {
         self.settings
@@ -258,7 +213,7 @@ fn key(joint: &JointModel) -> String {
 fn of_model(model: &RobotModel, value: ImplausibleValue, reports: &mut Reports) {
     let ImplausibleValue { joint, key, message, advice } = value;
     match joint.and_then(|joint| model.joints.get(joint)) {
-        Some(joint) => reports.error(joint, reports.line(joint, key), message, advice),
+        Some(joint) => reports.of_joints.error(joint, reports.line(joint, key), message, advice),
         None => reports.settings.dynamics(reports.settings.line_of(key), message, advice),
     }
 }

@@ -3,6 +3,7 @@
 use super::numbers::NUMBERS;
 use super::source::Source;
 use crate::finding::Report;
+use crate::spelling::meant;
 
 /// Attributes that hold words: element, attributes. Those that hold numbers are [`NUMBERS`].
 const WORDS: &[(&str, &[&str])] = &[("link", &["name"]), ("joint", &["name", "type"]), ("mimic", &["joint"])];
@@ -63,11 +64,4 @@ pub fn check(source: &Source<'_>, report: &mut Report) {
 
 fn advice(meant: &str) -> String {
     format!("it is ignored: write {meant}, or remove it")
-}
-
-/// The known name that an unknown one was meant to be, if it is a matter of a few letters.
-fn meant<'a>(name: &str, known: &[&'a str]) -> Option<&'a str> {
-    let distance = |known: &str| strsim::osa_distance(name, known);
-    let nearest = known.iter().copied().min_by_key(|known| distance(known))?;
-    (1..=(nearest.len() / 3).max(1)).contains(&distance(nearest)).then_some(nearest)
 }

@@ -31,15 +31,15 @@ impl Ellipse {
     /// Distance of the ellipse from its centre in the direction of a unit vector [px]; `root` is
     /// [`Self::root`].
     #[inline]
-    pub fn reach(&self, root: f32, [u, v]: [f32; 2]) -> f32 {
+    pub fn polar_radius(&self, root: f32, [u, v]: [f32; 2]) -> f32 {
         let [p, q] = self.flattening;
         self.radius * math::finite_sqrt(root / (1.0 + p * (u * u - v * v) + 2.0 * q * u * v))
     }
 
-    /// The point at `reach` px from the centre in the direction of a unit vector.
+    /// The point at `polar_radius` px from the centre in the direction of a unit vector.
     #[inline]
-    pub fn point(&self, [u, v]: [f32; 2], reach: f32) -> [f32; 2] {
-        [self.center[0] + reach * u, self.center[1] + reach * v]
+    pub fn point(&self, [u, v]: [f32; 2], polar_radius: f32) -> [f32; 2] {
+        [self.center[0] + polar_radius * u, self.center[1] + polar_radius * v]
     }
 
     /// Distance of a point from the ellipse, outwards from the centre, to first order in it and in the

@@ -50,7 +50,7 @@ pub struct RimRay {
     /// Direction, a unit vector.
     pub direction: [f32; 2],
     /// Distance of the ellipse from its centre along the ray [px].
-    pub reach: f32,
+    pub polar_radius: f32,
     /// Inputs of the network that estimates the distance of the rim from the ellipse.
     pub inputs: [f32; INPUTS],
 }
@@ -71,8 +71,8 @@ pub fn rim_rays(
     let (ellipse, front) = (choice.closest(best), choice.front(best.knob));
     let ring = Ring::new(image, &ellipse, RAYS, (MAX_HALF, 0.5));
     for (direction, inputs) in Profiles::new(&ring).rays(ring.open(front.as_ref())) {
-        let reach = ellipse.reach(ellipse.root(), direction);
-        seen(RimRay { center: ellipse.center, direction, reach, inputs });
+        let polar_radius = ellipse.polar_radius(ellipse.root(), direction);
+        seen(RimRay { center: ellipse.center, direction, polar_radius, inputs });
     }
     Ok(Some(confidence))
 }

@@ -47,7 +47,7 @@ impl Polar {
         let mut polar = Self { center: knob.center, from, unit, max, contrasts: [[UNSEEN; PLACES]; RAYS] };
         let count = (((to - from) / unit) as usize + 2).min(PLACES);
         for (&[u, v], row) in directions(RAYS).iter().zip(&mut polar.contrasts) {
-            let at = |reach: f32| [knob.center[0] + reach * u, knob.center[1] + reach * v];
+            let at = |distance: f32| [knob.center[0] + distance * u, knob.center[1] + distance * v];
             let [mut x, mut y] = at(from - 1.5).map(Image::fixed);
             let [dx, dy] = [unit * u, unit * v].map(Image::fixed);
             let [across, along] = [1.5 * u, 1.5 * v].map(|component| 2 * Image::fixed(component));

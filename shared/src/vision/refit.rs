@@ -129,8 +129,8 @@ pub(super) fn refined(
     let (context, root) = (Context::new(rays.clone()), near.root());
     let points = rays.map(|(direction, inputs)| {
         let (offset, weight) = context.offset(direction, &inputs);
-        let reach = near.reach(root, direction) + offset;
-        (near.point(direction, reach), weight * DEVIATION * DEVIATION)
+        let polar_radius = near.polar_radius(root, direction) + offset;
+        (near.point(direction, polar_radius), weight * DEVIATION * DEVIATION)
     });
     let refined = near.refit(points, (near.flattening, FLATTENING_CHANGE))?;
     refined.is_near(near, [MAX_CHANGE; 2]).then_some(refined)

@@ -60,7 +60,7 @@ pub(super) struct Ring {
     half: usize,
     unit: f32,
     /// Distances of the ellipse from its centre along the rays [px].
-    reaches: [f32; RAYS],
+    polar_radii: [f32; RAYS],
     /// Rays inside the image, one bit each.
     pub visible: u64,
     /// Derivative outwards, smoothed along the ellipse: the contrast of a sharp edge there. One more than
@@ -77,18 +77,18 @@ impl Ring {
             rays,
             half,
             unit,
-            reaches: [0.0; RAYS],
+            polar_radii: [0.0; RAYS],
             visible: 0,
             contrasts: [[0; PLACES]; RAYS + 1],
         };
         let root = ellipse.root();
-        for (reach, direction) in ring.reaches.iter_mut().zip(directions(rays)) {
-            *reach = ellipse.reach(root, *direction);
+        for (polar_radius, direction) in ring.polar_radii.iter_mut().zip(directions(rays)) {
+            *polar_radius = ellipse.polar_radius(root, *direction);
         }
         let (mut visible, mut greys) = (0, [0; PLACES + 4]);
-        let places = ring.contrasts.iter_mut().zip(&ring.reaches).zip(directions(rays)).enumerate();
-        for (ray, ((contrasts, reach), direction)) in places {
-            if sample(image, ellipse, (*direction, *reach), (half, unit), &mut greys) {
+        let places = ring.contrasts.iter_mut().zip(&ring.polar_radii).zip(directions(rays)).enumerate();
+        for (ray, ((contrasts, polar_radius), direction)) in places {
+            if sample(image, ellipse, (*direction, *polar_radius), (half, unit), &mut greys) {
                 // Also beyond `half`, where the values are unused: a fixed number is faster.
                 for (place, contrast) in contrasts.iter_mut().enumerate() {
                     let difference = |away: usize| greys[place + 2 + away] - greys[place + 2 - away];
@@ -177,14 +177,14 @@ impl Ring {
         let min = (if self.unit < 1.0 { HALF_STEPS * min } else { min }) as i32;
         let worth = self.worth();
         let mut count = 0;
-        let rays = directions(self.rays).iter().zip(&self.reaches).zip(&self.contrasts).zip(&mut points);
-        for (ray, (((&direction, reach), contrasts), (point, weight))) in rays.enumerate() {
+        let rays = directions(self.rays).iter().zip(&self.polar_radii).zip(&self.contrasts).zip(&mut points);
+        for (ray, (((&direction, polar_radius), contrasts), (point, weight))) in rays.enumerate() {
             if self.visible >> ray & 1 == 0 {
                 continue;
             }
             if let Some(offset) = self.edge(contrasts, &worth, min) {
-                let reach = reach + offset * self.unit;
-                *point = self.ellipse.point(direction, reach);
+                let polar_radius = polar_radius + offset * self.unit;
+                *point = self.ellipse.point(direction, polar_radius);
                 if !front.is_some_and(|front| hides(front, *point)) {
                     *weight = 1.0;
                     count += 1;
@@ -197,12 +197,13 @@ impl Ring {
     /// Rays whose point on the ellipse is in the image and not hidden by `front`.
     pub fn open(&self, front: Option<&Ellipse>) -> u64 {
         let Some(front) = front else { return self.visible };
-        let is_hidden = |direction, reach| hides(front, self.ellipse.point(direction, reach));
-        let hidden = (0..)
-            .zip(directions(self.rays).iter().zip(&self.reaches))
-            .fold(0, |mask, (ray, (&direction, &reach))| {
-                mask | u64::from(is_hidden(direction, reach)) << ray
-            });
+        let is_hidden = |direction, polar_radius| hides(front, self.ellipse.point(direction, polar_radius));
+        let hidden = (0..).zip(directions(self.rays).iter().zip(&self.polar_radii)).fold(
+            0,
+            |mask, (ray, (&direction, &polar_radius))| {
+                mask | u64::from(is_hidden(direction, polar_radius)) << ray
+            },
+        );
         self.visible & !hidden
     }
 
@@ -324,12 +325,12 @@ pub(super) fn hides(front: &Ellipse, point: [f32; 2]) -> bool {
 fn sample(
     image: &Image<'_>,
     ellipse: &Ellipse,
-    (direction, reach): ([f32; 2], f32),
+    (direction, polar_radius): ([f32; 2], f32),
     (half, unit): (usize, f32),
     greys: &mut [i32; PLACES + 4],
 ) -> bool {
     let side = (half + 2) as f32 * unit;
-    let ends = [-side, side].map(|side| ellipse.point(direction, reach + side));
+    let ends = [-side, side].map(|side| ellipse.point(direction, polar_radius + side));
     if ends.iter().any(|[x, y]| !image.contains(*x, *y, 0.01)) {
         return false;
     }

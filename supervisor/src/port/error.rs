@@ -35,6 +35,16 @@ pub enum PortError {
         /// The group that may open it.
         group: String,
     },
+    /// The socket is another user's.
+    #[error(
+        "no permission to open unix://{}: another user shares it. Run this as that user, or share the board at a TCP \
+         port, with a key (`tesaki share --help`)",
+        .path.display()
+    )]
+    OthersSocket {
+        /// The socket.
+        path: PathBuf,
+    },
     /// Another process has opened it.
     #[error("{} is in use by another program{}: end that one, or choose another port with --port",
         path.display(), holder(.pid, .program))]
@@ -126,6 +136,7 @@ impl From<PortError> for io::Error {
         let kind = match &error {
             PortError::DoesNotExist { .. } | PortError::NoDevice { .. } => io::ErrorKind::NotFound,
             PortError::Permission { .. }
+            | PortError::OthersSocket { .. }
             | PortError::KeyNeeded { .. }
             | PortError::NotEncrypted { .. }
             | PortError::KeyRefused { .. } => io::ErrorKind::PermissionDenied,

@@ -172,8 +172,11 @@ fn connect_tcp(host: &str, limit: Duration) -> io::Result<File> {
 pub(super) fn explain(address: Address, source: io::Error) -> PortError {
     match (source.kind(), &address) {
         (io::ErrorKind::ResourceBusy, Address::Path(path)) => busy(path),
-        (io::ErrorKind::PermissionDenied, Address::Path(path) | Address::Unix(path)) => {
+        (io::ErrorKind::PermissionDenied, Address::Path(path)) => {
             PortError::Permission { group: group(path), path: path.clone() }
+        }
+        (io::ErrorKind::PermissionDenied, Address::Unix(path)) => {
+            PortError::OthersSocket { path: path.clone() }
         }
         (io::ErrorKind::NotFound, Address::Path(_) | Address::Unix(_)) => {
             PortError::DoesNotExist { address, found: list() }
@@ -282,6 +285,8 @@ mod tests {
         }
         let denied = explain(path("/dev/null"), io::ErrorKind::PermissionDenied.into());
         assert!(matches!(&denied, PortError::Permission { group, .. } if group == "dialout"), "{denied}");
+        let denied = explain(Address::Unix(file), io::ErrorKind::PermissionDenied.into()).to_string();
+        assert!(denied.contains("another user") && !denied.contains("dialout"), "{denied}");
         let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
         let error = open(&Address::Tcp(port.to_string()), None).unwrap_err();
         assert!(matches!(error, PortError::Refused { .. }), "{error}");

@@ -34,7 +34,7 @@ pub fn rotor(joint: &JointModel, reports: &mut Reports) {
     if inertia <= 0.0 {
         let message = "motor.rotor_inertia = 0: every motor has a rotor".to_owned();
         let advice = "that of the motor's data sheet times the square of the gear ratio [kg·m²]";
-        reports.error(joint, line, message, advice);
+        reports.of_joints.error(joint, line, message, advice);
     } else if inertia < least {
         let message = format!(
             "motor.rotor_inertia = {inertia:e} kg·m²: {torque} N·m would bring the rotor to {} rad/s in \
@@ -44,14 +44,14 @@ pub fn rotor(joint: &JointModel, reports: &mut Reports) {
         );
         let advice =
             format!("at least {least:.1e}: multiply that of the data sheet by the square of the gear ratio");
-        reports.warning(joint, line, message, advice);
+        reports.of_joints.warning(joint, line, message, advice);
     } else if inertia * joint.limits.velocity > SLOWEST_ROTOR * torque {
         let message = format!(
             "motor.rotor_inertia = {inertia} kg·m²: {torque} N·m need {:.1} s to bring the rotor to {} rad/s",
             inertia * joint.limits.velocity / torque,
             joint.limits.velocity
         );
-        reports.warning(
+        reports.of_joints.warning(
             joint,
             line,
             message,
@@ -73,7 +73,7 @@ pub fn units(joint: &JointModel, reports: &mut Reports) {
     );
     let advice = "check the units: A, N·m/A at the joint (through the gear), N·m in effort of the URDF or in \
         limits.torque";
-    reports.warning(joint, reports.line(joint, "motor.current_limit"), message, advice);
+    reports.of_joints.warning(joint, reports.line(joint, "motor.current_limit"), message, advice);
 }
 
 /// A motor too weak for friction and gravity.
@@ -92,7 +92,7 @@ pub fn motor(joint: &JointModel, joints: &[&JointModel], load: &JointLoad, repor
             "Coulomb friction {coulomb} N·m takes {:.0} % of the motor's torque {torque:.3} N·m",
             100.0 * coulomb / torque
         );
-        reports.warning(joint, line, message, hint);
+        reports.of_joints.warning(joint, line, message, hint);
     }
     if viscous > torque {
         let message = format!(
@@ -100,7 +100,7 @@ pub fn motor(joint: &JointModel, joints: &[&JointModel], load: &JointLoad, repor
              {torque:.3} N·m",
             joint.limits.velocity
         );
-        reports.warning(joint, line, message, hint);
+        reports.of_joints.warning(joint, line, message, hint);
     }
     if !reports.has_weights {
         return;
@@ -121,14 +121,19 @@ pub fn motor(joint: &JointModel, joints: &[&JointModel], load: &JointLoad, repor
             "check masses{}, gravity, torque_constant and current_limit; or narrow the limits of the joints",
             reports.heaviest
         );
-        reports.error(joint, line, message, advice);
+        reports.of_joints.error(joint, line, message, advice);
     } else if load.gravity + coulomb > torque {
         let message = format!(
             "gravity ({:.3} N·m) and friction ({coulomb} N·m) need more than the motor's {torque:.3} N·m: \
              it cannot lift everywhere",
             load.gravity
         );
-        reports.warning(joint, line, message, "check masses, friction, torque_constant and current_limit");
+        reports.of_joints.warning(
+            joint,
+            line,
+            message,
+            "check masses, friction, torque_constant and current_limit",
+        );
     }
 }
 
@@ -144,7 +149,7 @@ pub fn speed(joint: &JointModel, reports: &mut Reports) {
         );
         let least = FILTER_PEAK * half / joint.limits.velocity;
         let advice = format!("servo.filter_time = {} or more", at_least(least));
-        reports.warning(joint, line, message, advice);
+        reports.of_joints.warning(joint, line, message, advice);
     }
 }
 
@@ -163,6 +168,6 @@ pub fn sticking(joint: &JointModel, reports: &mut Reports) {
         );
         let advice =
             "check friction and motor.rotor_inertia (through the gear); else raise servo.observer.bandwidth";
-        reports.warning(joint, reports.line(joint, "servo.observer.bandwidth"), message, advice);
+        reports.of_joints.warning(joint, reports.line(joint, "servo.observer.bandwidth"), message, advice);
     }
 }

@@ -592,7 +592,7 @@ fn what_is_refused_to_a_hand_says_why() {
         (
             Refusal::Task(TaskRefusal::Grasping(GraspRefusal::NotAHand)),
             "the robot is not a hand of three fingers, each with a force sensor and three joints whose axes 2 and 3 \
-                 are parallel; `tesaki model check` says what is missing",
+                 are parallel",
         ),
         (
             Refusal::Task(TaskRefusal::Grasping(GraspRefusal::NotTared { chain: 1 })),

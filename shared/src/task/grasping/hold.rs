@@ -56,8 +56,8 @@ impl GraspState {
             JointTargets::ClosedForm => None,
             JointTargets::Accumulated => Some(self.trajectory.point().frame),
         };
-        self.yield_to_support(hand, &inputs);
         let reached = self.trajectory;
+        let yields = self.yield_to_support(hand, plan, &inputs);
         let target = self.trajectory.advance();
         let (forces, actuation) = self.control_object(plan, &inputs, &inverse, grip, &object, &target.frame);
         let torques = three.torques(&forces);
@@ -70,6 +70,7 @@ impl GraspState {
             self.trajectory.stop();
             let failure = Failure::OutOfReach { finger };
             match self.phase {
+                _ if yields => {}
                 Phase::Open => self.failure = Some(failure),
                 Phase::Squeeze | Phase::ProbeFriction => self.fail(failure, Phase::Open),
                 _ => self.fail(failure, Phase::Hold),

@@ -173,7 +173,7 @@ impl fmt::Display for GraspRefusal {
         match self {
             Self::NotAHand => f.write_str(
                 "the robot is not a hand of three fingers, each with a force sensor and three joints whose axes 2 \
-                 and 3 are parallel; `tesaki model check` says what is missing",
+                 and 3 are parallel",
             ),
             Self::NotTared { chain } => write!(
                 f,

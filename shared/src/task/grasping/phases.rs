@@ -3,14 +3,15 @@
 use nalgebra::{IsometryMatrix3, Vector3};
 
 use super::forces::ForceInputs;
-use super::plan::GraspPlan;
+use super::plan::{GraspPlan, ObjectControl};
 use super::pose::PoseTrajectory;
 use super::state::Fingers;
 use super::tuning::{
-    ASSUMED_FRICTION, CONTACT_LOSS_FRACTION, CONTACT_LOSS_TICKS, CONVERGED_TICKS, FORCE_NOISE, LOWER_SPEED,
-    LOWER_START_TIME, MAX_DEFORMATION, MAX_DISPLACEMENT, MAX_FRICTION, MAX_LOWERING, MIN_FRICTION, OPEN_TIME,
-    PROBE_RATE, PROBE_RELEASE_RATE, PROBE_SLIP_DISTANCE, PROBE_STOP_FRACTION, PROBE_TIMEOUT, SQUEEZE_TIME,
-    SQUEEZE_TIMEOUT, SUPPORTED_FRACTION, SUPPORTED_TICKS, YIELD_RATE,
+    ASSUMED_FRICTION, CONTACT_LOSS_FRACTION, CONTACT_LOSS_TICKS, CONVERGED_TICKS, FORCE_NOISE, LIFT_HEIGHT,
+    LOWER_SPEED, LOWER_START_TIME, MAX_DEFORMATION, MAX_DISPLACEMENT, MAX_FRICTION, MAX_LOWERING,
+    MIN_FRICTION, OPEN_TIME, PROBE_RATE, PROBE_RELEASE_RATE, PROBE_SLIP_DISTANCE, PROBE_STOP_FRACTION,
+    PROBE_TIMEOUT, SQUEEZE_TIME, SQUEEZE_TIMEOUT, SUPPORTED_FRACTION, SUPPORTED_TICKS, YIELD_DELAY,
+    YIELD_RATE,
 };
 use super::{Failure, GraspFault, GraspHand, GraspState, PerFinger, Phase};
 use crate::TICK;
@@ -157,14 +158,26 @@ impl GraspState {
         -down(hand).dot(&displacement)
     }
 
-    /// Raises the target while the fingers press the object onto what it stands on. Joint servos would press
-    /// ever harder, and the grip would grow with that load.
-    pub(super) fn yield_to_support(&mut self, hand: &GraspHand<'_>, inputs: &ForceInputs<'_>) {
+    /// Raises the target while the fingers press the object onto what it stood on when it was grasped: joint
+    /// servos would press ever harder, and the grip would grow with that load. Returns whether it did.
+    pub(super) fn yield_to_support(
+        &mut self,
+        hand: &GraspHand<'_>,
+        plan: &GraspPlan,
+        inputs: &ForceInputs<'_>,
+    ) -> bool {
         let pressing = -weight_on_fingers(hand, &self.forces.weight);
-        let rests = self.phase == Phase::Hold && !inputs.in_motion;
-        if rests && !inputs.is_lifted && pressing > FORCE_NOISE {
+        let yields = self.phase == Phase::Hold
+            && self.elapsed() > YIELD_DELAY
+            && !inputs.in_motion
+            && plan.feedback
+            && matches!(plan.control, ObjectControl::Differential(_))
+            && pressing > FORCE_NOISE
+            && math::abs(self.height(hand)) < LIFT_HEIGHT;
+        if yields {
             self.trajectory.shift(&(down(hand) * (-pressing * YIELD_RATE * TICK)));
         }
+        yields
     }
 
     /// Lowers the object until a support carries it.

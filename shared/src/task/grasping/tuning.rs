@@ -49,6 +49,9 @@ pub(super) const SUPPORTED_TICKS: u8 = 5;
 /// Time at the start of `Lower` in which the weight is not evaluated [s]. Less mistakes inertial forces for a
 /// support.
 pub(super) const LOWER_START_TIME: f32 = 0.3;
+/// Rest in `Hold` before the hand yields to the support of an object [s]. Less mistakes the forces in which a
+/// motion has ended for lasting ones.
+pub(super) const YIELD_DELAY: f32 = 3.0;
 /// Speed with which the hand yields to the support of an object at rest, over the force that presses the
 /// object onto it [m/(N·s)]. Larger yields faster, and may lift the object.
 pub(super) const YIELD_RATE: f32 = 1e-4;

@@ -118,7 +118,7 @@ impl Gripper {
             GripperState::Closing if joint.effort * direction > TOUCH * torque => {
                 self.state = GripperState::Holding;
                 // What the servo presses with becomes part of the torque, instead of remaining beside it.
-                (self.press, restart) = (joint.effort, true);
+                (self.press, restart) = (clamp(joint.effort, -torque, torque), true);
             }
             GripperState::Opening | GripperState::Closing if is_jammed => {
                 self.state = GripperState::Jammed;

@@ -284,6 +284,14 @@ impl BoardSession {
     }
 }
 
+/// Says which joints, that were homed, are so no longer.
+pub fn notice_unhomed(options: &Options, unhomed: &[String]) {
+    if !unhomed.is_empty() {
+        let joints = unhomed.join(", ");
+        output::notice(options, &format!("{joints} must be homed again (`tesaki home JOINT=ANGLE …`)"));
+    }
+}
+
 /// Says which force sensors, that were `tared`, are so no longer, because of what was done.
 pub fn notice_untared(options: &Options, done: &str, tared: &[String]) {
     if !tared.is_empty() {

@@ -46,10 +46,14 @@ impl PositionColumns {
     pub fn find(table: &Table, what: &str) -> Result<Self, Failure> {
         let mut columns = [const { None }; FINGERS];
         for (columns, finger) in columns.iter_mut().zip(HumanFinger::ALL) {
-            let names = ["x", "y", "z"].map(|axis| format!("{}_{axis}", finger.name()));
-            *columns = table.all_or_none(&names, what)?;
+            *columns = table.all_or_none(&Self::names(finger), what)?;
         }
         Ok(Self(columns))
+    }
+
+    /// The names of a finger's columns.
+    pub fn names(finger: HumanFinger) -> [String; 3] {
+        ["x", "y", "z"].map(|axis| format!("{}_{axis}", finger.name()))
     }
 
     /// Whether no finger has any.

@@ -112,6 +112,14 @@ fn timed_steps(args: &Run, model: &RobotModel) -> Result<Vec<TimedStep>, Failure
     let up = if gravity.norm() > 0.0 { -gravity.normalize() } else { Vector3::z() };
     let (mut lift, mut shift, mut turn) = (0.0, Vector3::zeros(), Vector3::zeros());
     let mut steps = Vec::new();
+    let endless = args.steps.iter().position(|step| matches!(step, Step::Hold(None)));
+    if endless.is_some_and(|index| index + 1 < args.steps.len()) {
+        return Err(Failure::Usage(
+            "hold without a time never ends, and the steps after it are never reached: give it a time, as in hold=5, or \
+             put it last"
+                .to_owned(),
+        ));
+    }
     for step in &args.steps {
         let (last_position, last_turn) = (up * lift + shift, turn);
         match *step {
@@ -130,7 +138,9 @@ fn timed_steps(args: &Run, model: &RobotModel) -> Result<Vec<TimedStep>, Failure
             .max((turn - last_turn).norm() / args.turn_speed)
             * MINIMUM_JERK_PEAK;
         let duration = needed.max(MIN_DURATION);
-        let on_support = target.dot(&up) < LIFTED && target.norm() + turn.norm() > 0.0;
+        let on_support = gravity.norm() > 0.0
+            && target.dot(&up).max(last_position.dot(&up)) < LIFTED
+            && target.norm() + turn.norm() > 0.0;
         if duration > MAX_DURATION {
             return Err(Failure::Usage(format!(
                 "the step {step} would take {duration:.0} s, more than {MAX_DURATION} s: choose a higher --speed or --turn-speed"

@@ -27,7 +27,7 @@ pub fn home(options: &Options, args: &Home) -> Result<(), Failure> {
     }
     if !model.joints.iter().any(|joint| joint.encoder.relative) {
         let text = format!("all encoders of {} are absolute: there is nothing to home", model.name);
-        return output::result(options, &json!({ "homed": {} }), || text);
+        return output::result(options, &json!({ "homed": {}, "no_longer_tared": [] }), || text);
     }
     let mut positions = Vec::new();
     let mut assumed = Vec::new();

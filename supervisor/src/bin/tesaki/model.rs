@@ -10,7 +10,8 @@ use tesaki_description::robot::{RobotFolder, chain_model};
 use tesaki_supervisor::{Board as _, BoardError};
 
 use crate::args::Options;
-use crate::board_session::{BoardSession, notice_untared};
+use crate::board_session::{BoardSession, notice_unhomed, notice_untared};
+use crate::check;
 use crate::failure::Failure;
 use crate::output;
 
@@ -26,7 +27,8 @@ pub fn push(
     chain: Option<&str>,
     calibration: Option<&Path>,
 ) -> Result<(), Failure> {
-    let mut model = RobotFolder::load_plausible(robot, None)?.model;
+    let (folder, warnings) = RobotFolder::load_plausible(robot, None)?;
+    let mut model = folder.model;
     let calibration = calibration.map(|path| calibrated(&mut model, path)).transpose()?;
     if let Some(tip) = chain {
         let index = model.chains.iter().position(|chain| chain.name == tip);
@@ -36,10 +38,15 @@ pub fn push(
         })?;
     }
     let mut session = BoardSession::command(options)?;
-    let tared = match session.model_if_there()? {
+    let mut tared = match session.model_if_there()? {
         Some(old) => session.tared(&old)?,
         None => Vec::new(),
     };
+    let has_sensor = |name: &String| {
+        model.chains.iter().any(|chain| chain.name == name.as_str() && chain.force_sensor.is_some())
+    };
+    tared.retain(has_sensor);
+    let was_homed = session.board.status()?.node.homed != 0;
     let node = session.board.push_model_and_sense(&model)?;
     let checksum = checksum(&model)?;
     if node.model_checksum != checksum {
@@ -51,8 +58,13 @@ pub fn push(
     let (name, joints) = (&model.name, model.joints.len());
     let uncalibrated = calibration.map(|calibration| calibration.missing(&model));
     let checksum = format!("{checksum:08x}");
+    let unhomed = (0..)
+        .zip(&model.joints)
+        .filter(|(index, joint)| was_homed && joint.encoder.relative && node.homed >> index & 1 == 0);
+    let unhomed: Vec<String> = unhomed.map(|(_, joint)| joint.name.to_string()).collect();
     let mut value = json!({
         "robot": name, "joints": joints, "checksum": checksum, "no_longer_tared": tared,
+        "no_longer_homed": unhomed, "warnings": warnings.iter().map(check::object).collect::<Vec<_>>(),
     });
     if let Some(uncalibrated) = &uncalibrated {
         value["uncalibrated"] = json!(uncalibrated);
@@ -68,6 +80,10 @@ pub fn push(
         };
         format!("{name}: {joints} joints{calibrated}; model {checksum} is in use until the next reset")
     })?;
+    for warning in &warnings {
+        output::notice(options, &format!("warning: {warning}"));
+    }
+    notice_unhomed(options, &unhomed);
     notice_untared(options, "this pushed the model", &tared);
     Ok(())
 }

@@ -11,7 +11,7 @@ use tesaki_description::robot::{implausible_values, overloaded};
 use tesaki_supervisor::Board;
 
 use crate::args::Options;
-use crate::board_session::{BoardSession, notice_untared};
+use crate::board_session::{BoardSession, notice_unhomed, notice_untared};
 use crate::failure::Failure;
 use crate::output;
 use unit::unit;
@@ -129,12 +129,7 @@ pub fn set(options: &Options, path: &str, value: &str) -> Result<(), Failure> {
     for warning in doubtful(&model, &changed) {
         output::notice(options, &format!("warning: {warning}"));
     }
-    if !unhomed.is_empty() {
-        output::notice(
-            options,
-            &format!("{} must be homed again (`tesaki home JOINT=ANGLE …`)", unhomed.join(", ")),
-        );
-    }
+    notice_unhomed(options, &unhomed);
     notice_untared(options, "this pushed the model again", &tared);
     Ok(())
 }
@@ -271,16 +266,18 @@ fn is_name(path: &str) -> bool {
 
 /// A value from the command line; names of variants are capitalised as in the model.
 fn parse(path: &str, old: &Value, text: &str) -> Value {
-    match serde_json::from_str(text) {
-        Ok(value) => value,
-        Err(_) if is_name(path) => Value::String(text.to_owned()),
-        Err(_) if old.is_string() => {
-            let mut letters = text.chars();
-            Value::String(letters.next().map_or_else(String::new, |first| {
-                first.to_uppercase().chain(letters.flat_map(char::to_lowercase)).collect()
-            }))
+    let text = match serde_json::from_str(text) {
+        // As `read` prints it, and as it stands in a file.
+        Ok(Value::String(quoted)) => quoted,
+        Ok(value) => return value,
+        Err(_) => text.to_owned(),
+    };
+    let mut letters = text.chars();
+    match letters.next() {
+        Some(first) if old.is_string() && !is_name(path) => {
+            Value::String(first.to_uppercase().chain(letters.flat_map(char::to_lowercase)).collect())
         }
-        Err(_) => Value::String(text.to_owned()),
+        _ => Value::String(text),
     }
 }
 

@@ -6,6 +6,7 @@ use std::path::Path;
 use std::str::FromStr;
 
 use csv::{ReaderBuilder, StringRecord, Trim};
+use tesaki_description::spelling::meant;
 
 use crate::failure::Failure;
 use crate::feed::read_all;
@@ -120,6 +121,16 @@ impl Table {
             };
             self.error(1, &format!("no column {name} ({what}): {hint}"))
         })
+    }
+
+    /// Refuses a column that was meant to be one of those that need not be there: it would be ignored.
+    pub fn check_spelling(&self, optional: &[&str]) -> Result<(), Failure> {
+        for header in &self.headers {
+            if let Some(meant) = meant(header, optional).filter(|meant| self.column(meant).is_none()) {
+                return Err(self.error(1, &format!("unknown column {header}: write {meant}, or remove it")));
+            }
+        }
+        Ok(())
     }
 
     /// The columns `names` when there is any of them; then all must be there.

@@ -170,13 +170,14 @@ impl Lead {
         if let Err(error) = self.follower.add_sample(&mut self.state, now, &master) {
             return self.count(&error);
         }
+        self.rejected = None;
         if let Some(angle) = sample.elbow
             && let Err(error) = self.follower.add_elbow_sample(&mut self.state, now, time, angle)
         {
             self.count(&error);
         }
         self.counts.followed += u32::from(self.state.is_clutch_closed());
-        (self.accepted, self.rejected, self.age) = (Some(arrived), None, age);
+        (self.accepted, self.age) = (Some(arrived), age);
     }
 
     /// Refuses a step that is too fast. A sample that was overtaken is judged by the follower.

@@ -189,6 +189,7 @@ fn table(path: &Path, args: &Follow, length: f32) -> Result<Vec<Sample>, Failure
     let time = table.needed("time", "of the sample [s]")?;
     let position = columns(&table, ["x", "y", "z"], "position of the hand [m]")?;
     let rotation = columns(&table, ["qx", "qy", "qz", "qw"], "quaternion of the hand's orientation")?;
+    table.check_spelling(&["elbow", "clutch"])?;
     let (elbow, clutch) = (table.column("elbow"), table.column("clutch"));
     let mut samples: Vec<Sample> = Vec::with_capacity(table.rows.len());
     for row in &table.rows {

@@ -156,7 +156,12 @@ impl Source {
                     `tesaki retarget --help`";
                 return Err(table.error(1, message));
             }
-            (false, false, _) => None,
+            (false, false, _) => {
+                let names: Vec<String> =
+                    HumanFinger::ALL.into_iter().flat_map(PositionColumns::names).collect();
+                table.check_spelling(&names.iter().map(String::as_str).collect::<Vec<_>>())?;
+                None
+            }
         };
         let kind = if glove.is_some() { Kind::Glove } else { Kind::Fingertips };
         self.suits(kind).map_err(|error| table.error(1, &error))?;
