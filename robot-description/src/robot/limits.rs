@@ -170,9 +170,12 @@ fn pid(joint: &JointModel) -> Text {
         angle += 0.5 * TICK * (velocity + next);
         (velocity, last) = (next, torque);
     }
-    let largest = |errors: &[f32]| errors.iter().copied().fold(0.0, f32::max);
-    let (first, rest) = errors.split_at(LONG / 2);
-    let grows = largest(rest) > largest(first) || !errors.iter().all(|error| error.is_finite());
+    // In the first quarter what decays may be larger than what grows.
+    let largest = |quarter: usize| {
+        let part = errors.chunks(LONG / 4).nth(quarter).unwrap_or_default();
+        part.iter().copied().fold(0.0, f32::max)
+    };
+    let grows = largest(3) > largest(1) || !errors.iter().all(|error| error.is_finite());
     grows.then(|| {
         let [p, i, d] = [gains.proportional, gains.integral, gains.derivative]
             .map(|gain| math::round(10.0 * gain / inertia) / 10.0);

@@ -83,6 +83,19 @@ fn parameters_are_read_changed_and_refused_by_name() {
     let state = server.succeeds(&["read"]);
     let line = state.lines().find(|line| line.starts_with("finger1_swing")).unwrap();
     assert!(line.contains(" – ") && line.ends_with("not homed"), "{line}");
+    // A push says what it undoes, as `set` does, and so does homing.
+    server.succeeds(&["home", "--others", "0"]);
+    server.succeeds(&["tare"]);
+    let pushed = server.json(&["model", "push", hand3().to_str().unwrap()]);
+    let tips = serde_json::json!(["finger1_tip", "finger2_tip", "finger3_tip"]);
+    assert_eq!(pushed["no_longer_tared"], tips);
+    assert_eq!(pushed["no_longer_homed"], serde_json::json!(["finger1_swing"]));
+    server.succeeds(&["home", "--others", "0"]);
+    server.succeeds(&["tare"]);
+    assert_eq!(server.json(&["home", "--others", "0"])["no_longer_tared"], tips);
+    // As `read` and the files have it.
+    server.succeeds(&["set", "safety.reaction", "\"damp\""]);
+    assert_eq!(server.json(&["model", "show"])["safety"]["reaction"], "Damp");
 }
 
 #[test]

@@ -331,6 +331,9 @@ fn a_recorded_hand_is_played_and_what_is_wrong_with_it_is_said_by_line() {
     refused(4, 7, "0.9", "hand.csv:5: the quaternion has norm 0.9");
     refused(4, 1, "nan", "hand.csv:5: column x");
     refused(4, 1, "360", "hand.csv:5: the position is 360 m from the origin, limit 100 m");
+    // It would be ignored, and the tool followed although the pedal says no.
+    std::fs::write(&path, "time,x,y,z,qx,qy,qz,qw,clucth\n0,0,0,0,0,0,0,1,0\n").unwrap();
+    server.fails(&command, 1, &["hand.csv:1: unknown column clucth: write clutch, or remove it"]);
     std::fs::write(&path, "time,x,y,z,qx,qy,qz,qw,clutch\n0,0,0,0,0,0,0,1,2\n").unwrap();
     server.fails(&command, 1, &["hand.csv:2: clutch 2: expected 1 (closed) or 0 (open)"]);
     std::fs::write(&path, in_millimetres()).unwrap();

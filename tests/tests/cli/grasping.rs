@@ -22,6 +22,7 @@ fn steps_that_are_none_are_refused_before_anything_moves() {
     server.fails(&["grasp", "run", &file, "lift=high"], 2, &["lift", "not a number"]);
     server.fails(&["grasp", "run", &file, "turn=0,1"], 2, &["turn", "three numbers"]);
     server.fails(&["grasp", "run", &file, "juggle"], 2, &["juggle", "lift=M"]);
+    server.fails(&["grasp", "run", &file, "hold", "lift=0.01"], 2, &["hold without a time", "hold=5"]);
     server.fails(&["grasp", "run", &file, "--speed", "0"], 2, &["--speed", "above 0"]);
     server.fails(&["grasp", "run", &file, "--speed", "1e-9", "lift=0.01"], 2, &["--speed", "600 s"]);
     server.fails(&["grasp", "status"], 7, &["no task was enabled", "troubleshooting.md"]);

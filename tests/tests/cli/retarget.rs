@@ -145,6 +145,12 @@ fn what_is_wrong_with_a_file_is_said_by_line_and_column() {
         &table(&|table| table[0][6] = "w".to_owned()),
         &["no column index_z (position of a fingertip [m])"],
     );
+    let misspelled = table(&|table| {
+        for name in &mut table[0] {
+            *name = name.replace("ring_", "rnig_");
+        }
+    });
+    refused(&misspelled, &["standard input:1: unknown column rnig_x: write ring_x, or remove it"]);
     refused("time,a\n0,1\n", &["no positions (thumb_x", "no orientations"]);
     refused(
         "time,thumb_x,thumb_y,thumb_z,back_qx\n0,1,1,1,1\n",
