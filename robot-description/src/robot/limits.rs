@@ -19,7 +19,7 @@ const LOST_COMMANDS: f32 = 3.0;
 const UNATTENDED: f32 = 2.0;
 /// Below this share of the largest voltage a drive has less than half of its speed.
 const MIN_VOLTAGE: f32 = 0.5;
-/// After which an oscillation that grows is larger than it was at first [ticks].
+/// In which it shows whether an error grows or decays [ticks].
 const LONG: usize = 1000;
 /// Between two readings of a joint at rest, whose encoder flickers by one to either side.
 const COUNT_NOISE: f32 = 2.0;
@@ -183,7 +183,7 @@ fn pid(joint: &JointModel) -> Text {
             "servo.pid, divided by the inertia that the servo assumes, is {p} 1/s², {i} 1/s³ and {d} 1/s: unstable on \
              that inertia with the joint's friction, an error grows"
         );
-        let advice = "for a bandwidth ω of some 20 rad/s: ω², ω³/4 and 2 ω, in controller.toml as they stand, on the board \
+        let advice = "ω², ω³/4 and 2 ω for a bandwidth ω of some 20 rad/s: in controller.toml as they stand, on the board \
                       times the inertia";
         (message, advice.to_owned())
     })
@@ -253,6 +253,8 @@ mod tests {
     use super::*;
     use std::path::Path;
 
+    use tesaki::model::{Friction, PidGains};
+
     use crate::robot::RobotFolder;
 
     fn robot(name: &str) -> RobotModel {
@@ -272,19 +274,7 @@ mod tests {
     #[test]
     fn each_limit_has_bounds_on_both_sides_of_what_it_protects() {
         type Change = fn(&mut RobotModel, f32);
-        let cases: [(&str, Change, f32, f32); 9] = [
-            // The largest eigenvalue of the loop is 1 at 1039.8 1/s² (numpy); the other gains are 4000 1/s³,
-            // 75 1/s and 30 rad/s.
-            (
-                "servo.pid",
-                |robot, value| {
-                    let joint = &mut robot.joints[1];
-                    joint.servo.pid.proportional = value * joint.servo.observer.inertia;
-                    joint.friction = tesaki::model::Friction { coulomb: 0.0, viscous: 0.0 };
-                },
-                1050.0,
-                1030.0,
-            ),
+        let cases: [(&str, Change, f32, f32); 8] = [
             // 2 counts · 2π / 1000 in 10 ms are 1.26 rad/s.
             (
                 "encoder.counts_per_turn",
@@ -329,6 +319,37 @@ mod tests {
         let found = implausible_values(&deaf);
         assert_eq!(found.len(), 1);
         assert!(found[0].message.contains("20 N") && found[0].joint.is_none(), "{found:?}");
+    }
+
+    /// Integral, derivative, cut-off, and the largest stable proportional gain, all per inertia; from
+    /// `tests/oracles/pid_stability.py` (eigenvalues).
+    const STABLE: &[[f32; 4]] = include!("../../../tests/oracles/data/pid_stability.in");
+
+    #[test]
+    fn a_pid_is_unstable_where_an_eigenvalue_of_its_loop_is_beyond_1() {
+        let mut robot = robot("hand3");
+        let joint = &mut robot.joints[1];
+        joint.friction = Friction { coulomb: 0.0, viscous: 0.0 };
+        let inertia = joint.servo.observer.inertia;
+        for [integral, derivative, cutoff, limit] in STABLE.iter().copied() {
+            for (factor, is_stable) in [(0.99, true), (1.01, false), (3.0, false)] {
+                let [proportional, integral, derivative] =
+                    [factor * limit, integral, derivative].map(|gain| gain * inertia);
+                joint.servo.pid = PidGains { proportional, integral, derivative, cutoff };
+                assert_eq!(pid(joint).is_none(), is_stable, "{factor} · {limit} 1/s²");
+            }
+        }
+        // Friction that brakes more than the motor pushes makes nothing unstable.
+        joint.servo.pid = PidGains {
+            proportional: 400.0 * inertia,
+            integral: 2000.0 * inertia,
+            derivative: 40.0 * inertia,
+            cutoff: 30.0,
+        };
+        for ratio in [0.0, 30.0, 250.0, 1000.0] {
+            joint.friction.viscous = ratio * inertia;
+            assert_eq!(pid(joint), None, "{ratio} 1/s");
+        }
     }
 
     /// Whoever follows the advice is not given it again.
