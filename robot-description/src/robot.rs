@@ -3,6 +3,7 @@
 
 mod build;
 mod chain;
+mod doubtful;
 mod limits;
 mod of_joints;
 mod plausible;
@@ -15,6 +16,7 @@ use std::path::{Path, PathBuf};
 use tesaki::model::RobotModel;
 
 pub use chain::chain_model;
+pub use doubtful::doubtful_values;
 pub use limits::{ImplausibleValue, implausible_values};
 pub(crate) use limits::{at_least, following_errors, least_torque_rate};
 pub use plausible::{Overload, overloaded};

@@ -46,6 +46,8 @@ pub fn implausible_values(model: &RobotModel) -> Vec<ImplausibleValue> {
         };
         velocity(joint).into_iter().for_each(|text| add("encoder.counts_per_turn", text));
         friction(joint).into_iter().for_each(|text| add("friction", text));
+        rotor(joint).into_iter().for_each(|text| add("motor.rotor_inertia", text));
+        rest_error(joint).into_iter().for_each(|text| add("servo.rest_error", text));
         pid(joint).into_iter().for_each(|text| add("servo.pid", text));
         torque_rate(joint).into_iter().for_each(|text| add("limits.torque_rate", text));
         following_error(joint).into_iter().for_each(|text| add("limits.following_error", text));
@@ -79,7 +81,7 @@ pub fn implausible_values(model: &RobotModel) -> Vec<ImplausibleValue> {
     found
 }
 
-type Text = Option<(String, String)>;
+pub(super) type Text = Option<(String, String)>;
 
 /// A lower bound in three digits. It keeps the bound itself: rounded up.
 pub(crate) fn at_least(bound: f32) -> String {
@@ -140,6 +142,26 @@ fn friction(joint: &JointModel) -> Text {
             "Coulomb friction {coulomb} N·m is not below the motor's torque {torque:.3} N·m: it cannot move"
         );
         (message, "the true friction, or check torque_constant, current_limit and effort".to_owned())
+    })
+}
+
+/// A motor without a rotor.
+fn rotor(joint: &JointModel) -> Text {
+    (joint.motor.rotor_inertia.abs() < f32::MIN_POSITIVE).then(|| {
+        let message = "motor.rotor_inertia = 0: every motor has a rotor".to_owned();
+        (message, "that of the motor's data sheet times the square of the gear ratio [kg·m²]".to_owned())
+    })
+}
+
+/// A servo that corrects no error at rest.
+fn rest_error(joint: &JointModel) -> Text {
+    let (rest_error, following_error) = (joint.servo.rest_error, joint.limits.following_error);
+    (rest_error >= following_error).then(|| {
+        let message = format!(
+            "servo.rest_error = {rest_error} rad is not below limits.following_error = {following_error} rad: no error \
+             at rest is ever corrected"
+        );
+        (message, "some counts of the encoder [rad]".to_owned())
     })
 }
 

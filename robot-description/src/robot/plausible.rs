@@ -1,7 +1,7 @@
 //! What a robot folder can hold, but no machine is likely to have.
 
-mod joints;
 mod links;
+mod motors;
 
 use std::collections::BTreeMap;
 
@@ -10,6 +10,7 @@ use tesaki::kinematics::Chain;
 use tesaki::model::{ChainJoint, JointModel, RobotModel};
 
 use super::RobotFolder;
+use super::doubtful::doubtful_values;
 use super::limits::{ImplausibleValue, implausible_values};
 use super::of_joints::OfJoints;
 use crate::finding::{Finding, Report};
@@ -67,8 +68,11 @@ pub fn check(folder: &RobotFolder, settings: &str, plant: Option<&str>, known: &
     for index in 0..model.chains.len() {
         tip_on_axis(model, index, &folder.urdf, &mut reports.urdf);
     }
-    for value in implausible_values(&folder.model) {
-        of_model(&folder.model, value, &mut reports);
+    for value in implausible_values(model) {
+        of_model(model, value, true, &mut reports);
+    }
+    for value in doubtful_values(model) {
+        of_model(model, value, false, &mut reports);
     }
     links::gyration(&folder.urdf, &mut reports.urdf);
     links::dense(&folder.urdf, &mut reports.urdf);
@@ -156,11 +160,7 @@ fn of_chains(
         joints.iter().map(|joint| (joint.limits.lower, joint.limits.upper)).collect();
     let loads = chains.joint_loads(gravity, &limits);
     for (&joint, load) in joints.iter().zip(&loads) {
-        joints::rotor(joint, reports);
-        joints::units(joint, reports);
-        joints::motor(joint, &joints, load, reports);
-        joints::speed(joint, reports);
-        joints::sticking(joint, reports);
+        motors::check(joint, &joints, load, reports);
     }
     let Some(posture) = start else { return };
     #[expect(clippy::cast_possible_truncation, reason = "the controller works in single precision")]
@@ -210,12 +210,16 @@ fn key(joint: &JointModel) -> String {
 }
 
 /// A value of the model that is not plausible.
-fn of_model(model: &RobotModel, value: ImplausibleValue, reports: &mut Reports) {
+fn of_model(model: &RobotModel, value: ImplausibleValue, is_error: bool, reports: &mut Reports) {
     let ImplausibleValue { joint, key, message, advice } = value;
-    match joint.and_then(|joint| model.joints.get(joint)) {
-        Some(joint) => reports.of_joints.error(joint, reports.line(joint, key), message, advice),
-        None => reports.settings.dynamics(reports.settings.line_of(key), message, advice),
-    }
+    let Some(joint) = joint.and_then(|joint| model.joints.get(joint)) else {
+        let line = reports.settings.line_of(key);
+        let report = if is_error { Report::dynamics } else { Report::warning };
+        return report(&mut reports.settings, line, message, advice);
+    };
+    let line = reports.line(joint, key);
+    let report = if is_error { OfJoints::error } else { OfJoints::warning };
+    report(&mut reports.of_joints, joint, line, message, advice);
 }
 
 /// A tip that its last joint turns and never moves: of a finger, whose origin was forgotten.

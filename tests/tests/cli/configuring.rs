@@ -157,6 +157,11 @@ fn what_is_doubtful_is_set_with_a_warning() {
     assert!(!server.succeeds(&["set", &torque, "65"]).contains("warning"));
     let text = server.succeeds(&["set", &torque, "67"]);
     assert!(text.contains("limits nothing") && text.contains("at most 66.000 N·m"), "{text}");
+    let inertia = torque.replace("limits.torque", "motor.rotor_inertia");
+    let text = server.succeeds(&["set", &inertia, "20"]);
+    assert!(text.contains("warning: ") && text.contains("s to bring the rotor alone to"), "{text}");
+    let error = torque.replace("limits.torque", "servo.rest_error");
+    server.fails(&["set", &error, "0.9"], 2, &["no error at rest is ever corrected; give some counts"]);
 }
 
 #[test]

@@ -51,6 +51,7 @@ fn missing_ports_and_invalid_arguments_have_their_own_exit_codes() {
     );
     server.fails(&["--link-faults", "flip=2", "info"], 2, &["flip"]);
     server.fails(&["dance"], 2, &["dance"]);
+    server.fails(&["--json", "move", "--sped", "1"], 2, &["{\"error\":\"", "'--sped'", "\"exit_code\":2}"]);
     server.fails(&["--json", "--port", "/dev/nowhere", "info"], 3, &["\"exit_code\":3"]);
     // A socket at which nothing answers.
     let silent = server.folder.path().join("silent");

@@ -373,8 +373,10 @@ fn a_stream_in_millimetres_does_not_let_the_arm_leap() {
     let (leading, stdin) = Leading::start(&server, &[]);
     let mut hand = Hand::new(stdin);
     hand.until("the clutch closes", || leading.count(|value| is_clutch(value, "closed", "")) == 1);
-    let (begin, limit) =
-        (Instant::now(), "limit 2 m/s: is it in metres, or does the hand jump? The arm stays");
+    let (begin, limit) = (
+        Instant::now(),
+        "limit 2 m/s: is it in metres and `time` in seconds, or does the hand jump? The arm stays",
+    );
     while leading.count(|value| is_clutch(value, "open", limit)) == 0 {
         // Half a turn a second, of 100 mm.
         let elapsed = begin.elapsed().as_secs_f64();

@@ -115,7 +115,18 @@ impl Cli {
             }
             Ok(cli)
         });
-        read.unwrap_or_else(|error| naming_variable(&command, error).exit())
+        read.unwrap_or_else(|error| {
+            let error = naming_variable(&command, error);
+            let json = std::env::args_os().any(|word| word == "--json");
+            if error.use_stderr() && json {
+                let text = error.to_string();
+                let message = text.trim().trim_start_matches("error: ");
+                output::json_failure(message, error.exit_code());
+                let _ = output::flush(false);
+                std::process::exit(error.exit_code());
+            }
+            error.exit()
+        })
     }
 }
 

@@ -169,13 +169,17 @@ pub fn failure(options: &Options, failure: &Failure) {
         let text = format!("tesaki: {failure}\n");
         std::thread::spawn(move || io::stderr().write_all(text.as_bytes()));
     } else if options.json {
-        let value = serde_json::json!({ "error": failure.to_string(), "exit_code": failure.number() });
-        let _ = line(&value.to_string());
+        json_failure(&failure.to_string(), failure.number().into());
     } else {
         // Not behind the `^C` of the terminal.
         let line = if matches!(failure, Failure::Interrupted(_)) { "\n" } else { "" };
         complain(&format!("{line}tesaki: {failure}"));
     }
+}
+
+/// Prints why a command failed with `--json`.
+pub fn json_failure(message: &str, exit_code: i32) {
+    let _ = line(&serde_json::json!({ "error": message, "exit_code": exit_code }).to_string());
 }
 
 /// How soon Ctrl-C ends a question.

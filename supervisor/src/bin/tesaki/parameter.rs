@@ -7,7 +7,7 @@ use std::fmt::Write as _;
 use serde_json::{Value, json};
 use tesaki::model::{Field, JointModel, ModelError, Problem, RobotModel};
 use tesaki_description::in_words;
-use tesaki_description::robot::{implausible_values, overloaded};
+use tesaki_description::robot::{doubtful_values, implausible_values, overloaded};
 use tesaki_supervisor::Board;
 
 use crate::args::Options;
@@ -198,6 +198,11 @@ fn doubtful(model: &RobotModel, changed: &RobotModel) -> Vec<String> {
                 motor(new)
             ));
         }
+    }
+    let before = doubtful_values(model);
+    for value in doubtful_values(changed).into_iter().filter(|value| !before.contains(value)) {
+        let joint = value.joint.map_or_else(String::new, |joint| format!("{}: ", changed.joint_name(joint)));
+        doubts.push(format!("{joint}{}; {}", value.message, value.advice));
     }
     let before = overloaded(model);
     for load in overloaded(changed) {

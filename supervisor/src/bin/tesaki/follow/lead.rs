@@ -70,6 +70,8 @@ pub struct Lead {
     latest: Option<f64>,
     /// Why samples after that were not.
     rejected: Option<String>,
+    /// Why the last one was not, of all.
+    last_rejected: Option<String>,
     counts: Counts,
     /// How late the last sample came [s].
     age: f32,
@@ -107,6 +109,7 @@ impl Lead {
             accepted: None,
             latest: None,
             rejected: None,
+            last_rejected: None,
             counts: Counts::default(),
             age: 0.0,
             tool: ImpedanceTelemetry::NONE,
@@ -120,7 +123,7 @@ impl Lead {
     /// The arm is enabled, with its tool there.
     pub fn begin(&mut self, tool: &ImpedanceTelemetry) {
         self.rest_at(tool);
-        self.counts = Counts::default();
+        (self.counts, self.last_rejected) = (Counts::default(), None);
         self.source.start();
     }
 
@@ -154,7 +157,7 @@ impl Lead {
         self.count_missing(sample.time);
         if let Err(FastStep { message, goes_on }) = fast {
             self.counts.jumped += 1;
-            self.rejected = Some(message.clone());
+            self.reject(&message);
             if goes_on {
                 self.stop(&message);
             }
@@ -190,8 +193,13 @@ impl Lead {
         self.pace.check(sample, self.scale)
     }
 
+    fn reject(&mut self, why: &str) {
+        self.rejected = Some(why.to_owned());
+        self.last_rejected = Some(why.to_owned());
+    }
+
     fn count(&mut self, error: &FollowerError) {
-        self.rejected = Some(error.to_string());
+        self.reject(&error.to_string());
         match error {
             FollowerError::Age { .. } => self.counts.late += 1,
             FollowerError::OutOfOrder { .. } => self.counts.out_of_order += 1,
@@ -369,9 +377,11 @@ impl Lead {
                 1e3 * felt.balance
             )
         });
+        let why =
+            self.last_rejected.as_ref().map_or_else(String::new, |why| format!(" (the last one: {why})"));
         let text = format!(
-            "done: {} followed{told}, {}; rejected: {late} late, {out_of_order} out of order, {jumped} that jumped, {bad} \
-             bad; the clutch opened by itself {}; largest error of the commanded motion {:.1} mm, \
+            "done: {} followed{told}, {}; rejected: {late} late, {out_of_order} out of order, {jumped} that jumped{why}, \
+             {bad} bad; the clutch opened by itself {}; largest error of the commanded motion {:.1} mm, \
              largest force {force:.1} N{reflected}",
             output::counted(followed as usize, "sample"),
             output::counted(gaps as usize, "gap"),
@@ -383,6 +393,7 @@ impl Lead {
             "lost": of_source,
             "gaps": gaps,
             "rejected": { "late": late, "out_of_order": out_of_order, "jumped": jumped, "bad": bad },
+            "last_rejected": self.last_rejected,
             "stops": stops,
             "largest_distance": output::exact(&distance),
             "largest_force": output::exact(&force),

@@ -11,6 +11,8 @@ const FASTEST: f32 = 2.0;
 const SLACK: f32 = 5e-3;
 /// So many fast steps in a row are no stray sample, which makes two.
 const IN_A_ROW: u8 = 3;
+/// Steps of time stamps in too small a unit are all within the slack; so many of them together are not.
+const TOGETHER: usize = 50;
 /// The set-point goes at most this many lengths of the arm away.
 const LENGTHS: f32 = 2.0;
 
@@ -37,17 +39,11 @@ impl Pace {
         let Some((time, before)) = self.last.replace((sample.time, position)) else { return Ok(()) };
         #[expect(clippy::cast_possible_truncation, reason = "a short time")]
         let (step, elapsed) = ((position - before).norm(), (sample.time - time) as f32);
-        if step * scale <= SLACK + FASTEST * elapsed {
+        let Some(message) = too_fast(step, elapsed, scale) else {
             self.fast = 0;
             return Ok(());
-        }
+        };
         self.fast = self.fast.saturating_add(1);
-        let message = format!(
-            "the position moves by {step:.3} m in {elapsed:.3} s, {:.1} m/s, limit {} m/s: is it in metres, or does \
-             the hand jump?",
-            step / elapsed,
-            FASTEST / scale
-        );
         Err(FastStep { message, goes_on: self.fast >= IN_A_ROW })
     }
 
@@ -57,20 +53,41 @@ impl Pace {
     }
 }
 
+/// What is wrong with a hand that moves by a distance [m] in a time [s]; `None` if it can.
+fn too_fast(distance: f32, time: f32, scale: f32) -> Option<String> {
+    (distance * scale > SLACK + FASTEST * time).then(|| {
+        format!(
+            "the position moves by {distance:.3} m in {time:.3} s, {:.1} m/s, limit {} m/s: is it in metres and `time` \
+             in seconds, or does the hand jump?",
+            distance / time,
+            FASTEST / scale
+        )
+    })
+}
+
 /// Checks the samples of a recorded hand for an arm of a length [m]. Returns the index of the first one that
 /// cannot be followed, and why.
 pub fn check(samples: &[Sample], scale: f32, length: f32) -> Result<(), (usize, String)> {
     let (mut pace, limit) = (Pace::default(), LENGTHS * length / scale);
-    let mut origin: Option<Vector3<f32>> = None;
+    let mut first = 0;
     for (index, sample) in samples.iter().enumerate() {
         // Behind an open clutch the hand may go anywhere.
         if sample.clutch == Some(false) {
-            (pace, origin) = (Pace::default(), None);
+            (pace, first) = (Pace::default(), index + 1);
             continue;
         }
         pace.check(sample, scale).map_err(|step| (index, step.message))?;
-        let position = Vector3::from(sample.position);
-        let distance = (position - *origin.get_or_insert(position)).norm();
+        let distance_to =
+            |other: &Sample| (Vector3::from(sample.position) - Vector3::from(other.position)).norm();
+        let closed = samples.get(first..index).unwrap_or_default();
+        if let Some(before) = closed.iter().nth_back(TOGETHER - 1) {
+            #[expect(clippy::cast_possible_truncation, reason = "a short time")]
+            let elapsed = (sample.time - before.time) as f32;
+            if let Some(message) = too_fast(distance_to(before), elapsed, scale) {
+                return Err((index, message));
+            }
+        }
+        let distance = closed.first().map_or(0.0, distance_to);
         if distance > limit {
             return Err((
                 index,
@@ -109,9 +126,16 @@ mod tests {
         assert!(index == 2 && message.contains("0.100 m in 0.020 s, 5.0 m/s, limit 2 m/s"), "{message}");
         // The tool moves a tenth of that.
         assert_eq!(check(&samples(&[9.0, 9.04, 9.14]), 0.1, 0.5), Ok(()));
-        let slow: Vec<f32> = (0..60).map(|step| 0.02 * f32::from(i16::try_from(step).unwrap())).collect();
-        let (index, message) = check(&samples(&slow), 1.0, 0.5).unwrap_err();
+        let steps =
+            |length: f32| samples(&(0..60_u8).map(|step| length * f32::from(step)).collect::<Vec<_>>());
+        let (index, message) = check(&steps(0.02), 1.0, 0.5).unwrap_err();
         assert!(index == 51 && message.contains("1.020 m from the first one, limit 1.000 m"), "{message}");
+        // 50 steps of 0.2 mm, each within the slack, in a thousandth of the time.
+        let mut small = steps(2e-4);
+        assert_eq!(check(&small, 1.0, 0.5), Ok(()));
+        small.iter_mut().for_each(|sample| sample.time *= 1e-3);
+        let (index, message) = check(&small, 1.0, 0.5).unwrap_err();
+        assert!(index == 50 && message.contains("0.010 m in 0.001 s"), "{message}");
         // Behind an open clutch.
         let mut away = samples(&[0.0, 5.0, 5.0]);
         away[0].clutch = Some(false);

@@ -1,0 +1,228 @@
+//! Values that work, but that few machines have: of another unit, or without the gear.
+
+use tesaki::model::{ForceSensor, JointModel, Motor, RobotModel};
+
+use super::limits::{ImplausibleValue, Text, at_least};
+
+/// The shortest time in which a full torque can bring a bare rotor to the velocity limit [s]. The mechanical
+/// time constants of servo motors are 2 to 50 ms; a velocity limit may be a tenth of what the motor reaches.
+const FASTEST_ROTOR: f32 = 2e-4;
+/// The longest such time [s].
+const SLOWEST_ROTOR: f32 = 0.5;
+/// Factor between the torque of the largest current and the torque limit from which one of them has another
+/// unit: mA, mN·m/A and N·mm are all off by 1000.
+const OTHER_UNIT: f32 = 3.0;
+/// Distance from its target at which the position loop would overcome Coulomb friction [rad]: above this, the
+/// joint hunts about its target for seconds.
+const MUCH_STICKING: f32 = 0.5;
+/// Velocity of the trajectory filter after a step, per step and filter time: 1/e.
+const FILTER_PEAK: f32 = 0.367_879;
+/// Of the finest encoders at the motor, 20 bit, through a gear of 256 [counts a turn].
+const FINEST_ENCODER: f32 = 268_435_456.0;
+/// A limit of fewer counts of its sensor is hardly measured.
+const FEW_COUNTS: f32 = 20.0;
+
+/// The values of a valid model that are possible, but not likely.
+pub fn doubtful_values(model: &RobotModel) -> Vec<ImplausibleValue> {
+    let mut found = Vec::new();
+    for (index, joint) in model.joints.iter().enumerate() {
+        let mut add = |key, (message, advice)| {
+            found.push(ImplausibleValue { joint: Some(index), key, message, advice });
+        };
+        rotor(joint).into_iter().for_each(|text| add("motor.rotor_inertia", text));
+        torque(joint).into_iter().for_each(|text| add("motor.current_limit", text));
+        current(joint).into_iter().for_each(|text| add("motor.current_resolution", text));
+        encoder(joint).into_iter().for_each(|text| add("encoder.counts_per_turn", text));
+        speed(joint).into_iter().for_each(|text| add("servo.filter_time", text));
+        sticking(joint).into_iter().for_each(|text| add("servo.observer.bandwidth", text));
+    }
+    // All of a robot folder are alike.
+    let sensor = model.chains.iter().find_map(|chain| chain.force_sensor.as_ref());
+    if let Some((message, advice)) = sensor.and_then(force) {
+        found.push(ImplausibleValue { joint: None, key: "force_sensor.force_resolution", message, advice });
+    }
+    found
+}
+
+/// A rotor that accelerates faster, or more slowly, than any.
+fn rotor(joint: &JointModel) -> Text {
+    let (inertia, torque, velocity) =
+        (joint.motor.rotor_inertia, joint.torque_limit(), joint.limits.velocity);
+    let time = inertia * velocity / torque;
+    if inertia <= 0.0 {
+        return None;
+    }
+    if time < FASTEST_ROTOR {
+        let message = format!(
+            "motor.rotor_inertia = {inertia:e} kg·m²: {torque} N·m would bring the rotor to {velocity} rad/s in {:.3} \
+             ms; no motor takes less than 0.2 ms",
+            1e3 * time
+        );
+        let least = torque * FASTEST_ROTOR / velocity;
+        let advice =
+            format!("at least {least:.1e}: multiply that of the data sheet by the square of the gear ratio");
+        return Some((message, advice));
+    }
+    (time > SLOWEST_ROTOR).then(|| {
+        let message = format!(
+            "motor.rotor_inertia = {inertia} kg·m²: {torque} N·m need {time:.1} s to bring the rotor alone to \
+             {velocity} rad/s; those of servo motors need some 0.02 s"
+        );
+        (message, "check the unit: 1 g·cm² is 1e-7 kg·m², 1 kg·cm² is 1e-4 kg·m²".to_owned())
+    })
+}
+
+/// A motor whose largest current makes quite another torque than the limit.
+fn torque(joint: &JointModel) -> Text {
+    let Motor { current_limit, torque_constant, .. } = joint.motor;
+    let (torque, limit) = (current_limit * torque_constant, joint.limits.torque);
+    let is_alike = (limit / OTHER_UNIT..=limit * OTHER_UNIT).contains(&torque);
+    (torque > 0.0 && !is_alike).then(|| {
+        let message = format!(
+            "motor.current_limit {current_limit} A times motor.torque_constant {torque_constant} N·m/A is \
+             {torque:.4} N·m; the torque limit is {limit} N·m"
+        );
+        let advice = "check the units: A, N·m/A at the joint (through the gear), N·m in effort of the URDF or in \
+                      limits.torque";
+        (message, advice.to_owned())
+    })
+}
+
+/// A current sense that hardly sees the motor's current.
+fn current(joint: &JointModel) -> Text {
+    let Motor { current_limit, current_resolution, .. } = joint.motor;
+    (current_limit < FEW_COUNTS * current_resolution).then(|| {
+        let message = format!(
+            "motor.current_resolution = {current_resolution} A a count: current_limit, {current_limit} A, is {:.1} \
+             counts",
+            current_limit / current_resolution
+        );
+        (message, "check the unit: A a count; a converter of 12 bit has 2000 counts for its range".to_owned())
+    })
+}
+
+/// An encoder that nobody builds.
+fn encoder(joint: &JointModel) -> Text {
+    let counts = joint.encoder.counts_per_turn;
+    (counts > FINEST_ENCODER).then(|| {
+        let message = format!(
+            "encoder.counts_per_turn = {counts:e}: a fine encoder at the motor, 20 bit, has 2.7e8 through a gear of 256"
+        );
+        (message, "counts in a turn of the joint: those of the encoder times the gear ratio".to_owned())
+    })
+}
+
+/// A trajectory filter that is faster than the joint.
+fn speed(joint: &JointModel) -> Text {
+    let half = 0.5 * (joint.limits.upper - joint.limits.lower);
+    let peak = FILTER_PEAK * half / joint.servo.filter_time;
+    (peak > joint.limits.velocity).then(|| {
+        let message = format!(
+            "a move over half of its range reaches {peak:.2} rad/s, above its limit of {} rad/s: a fault",
+            joint.limits.velocity
+        );
+        let least = FILTER_PEAK * half / joint.limits.velocity;
+        (message, format!("servo.filter_time = {} or more", at_least(least)))
+    })
+}
+
+/// A position loop that friction overcomes.
+fn sticking(joint: &JointModel) -> Text {
+    let (gains, coulomb) = (&joint.servo.observer, joint.friction.coulomb);
+    let stiffness = gains.inertia * gains.bandwidth * gains.bandwidth;
+    (coulomb > MUCH_STICKING * stiffness && coulomb < joint.torque_limit()).then(|| {
+        let message = format!(
+            "Coulomb friction {coulomb} N·m is much for a servo of {stiffness:.3} N·m/rad ({:.1e} kg·m², {} rad/s): it \
+             stops short and hunts about its target for seconds",
+            gains.inertia, gains.bandwidth
+        );
+        let advice = "check friction and motor.rotor_inertia (through the gear); else raise servo.observer.bandwidth";
+        (message, advice.to_owned())
+    })
+}
+
+/// A force sensor that hardly sees the largest force.
+fn force(sensor: &ForceSensor) -> Text {
+    let ForceSensor { force_limit, force_resolution, .. } = sensor;
+    (*force_limit < FEW_COUNTS * force_resolution).then(|| {
+        let message = format!(
+            "force_sensor.force_resolution = {force_resolution} N a count: force_limit, {force_limit} N, is {:.1} counts",
+            force_limit / force_resolution
+        );
+        (message, "check the unit: N a count, of the order of 0.001 to 0.01".to_owned())
+    })
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::robot::RobotFolder;
+
+    fn robot(name: &str) -> RobotModel {
+        let robots = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../robots"));
+        RobotFolder::load(&robots.join(name)).unwrap().model
+    }
+
+    #[test]
+    fn none_of_our_robots_is_doubtful() {
+        for name in ["hand3", "arm7", "hand5", "knob-arm", "allegro", "leap", "inspire"] {
+            assert_eq!(doubtful_values(&robot(name)), [], "{name}");
+        }
+    }
+
+    /// One of hand3: finger1_bend, 0.6 N·m, 6 rad/s.
+    #[test]
+    fn each_value_is_doubtful_beyond_its_bound() {
+        type Change = fn(&mut RobotModel, f32);
+        let cases: [(&str, Change, f32, f32); 6] = [
+            // 0.6 N·m · 0.2 ms / 6 rad/s.
+            (
+                "motor.rotor_inertia",
+                |robot, value| robot.joints[1].motor.rotor_inertia = value,
+                1.9e-5,
+                2.1e-5,
+            ),
+            // 0.6 N·m · 0.5 s / 6 rad/s.
+            ("motor.rotor_inertia", |robot, value| robot.joints[1].motor.rotor_inertia = value, 0.051, 0.049),
+            (
+                "encoder.counts_per_turn",
+                |robot, value| robot.joints[1].encoder.counts_per_turn = value,
+                3e8,
+                2e8,
+            ),
+            (
+                "motor.current_resolution",
+                |robot, value| {
+                    let motor = &mut robot.joints[1].motor;
+                    motor.current_resolution = motor.current_limit * value;
+                },
+                0.051,
+                0.049,
+            ),
+            // From the middle to a limit at 6 rad/s: 1.45 rad / (e · 6 rad/s) are 89 ms.
+            ("servo.filter_time", |robot, value| robot.joints[1].servo.filter_time = value, 0.088, 0.09),
+            (
+                "force_sensor.force_resolution",
+                |robot, value| {
+                    for chain in &mut robot.chains {
+                        let sensor = chain.force_sensor.as_mut().unwrap();
+                        sensor.force_resolution = sensor.force_limit * value;
+                    }
+                },
+                0.051,
+                0.049,
+            ),
+        ];
+        for (key, change, wrong, right) in cases {
+            let mut changed = robot("hand3");
+            change(&mut changed, wrong);
+            let keys: Vec<&str> = doubtful_values(&changed).iter().map(|value| value.key).collect();
+            assert_eq!(keys, [key], "{wrong}");
+            change(&mut changed, right);
+            assert_eq!(doubtful_values(&changed), [], "{key} = {right}");
+        }
+    }
+}
