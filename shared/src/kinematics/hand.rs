@@ -170,7 +170,8 @@ impl Hand {
         Ok(hand)
     }
 
-    /// The hand whose fingers are the chains of a validated model, with the thumb first. `pointing`:
+    /// The hand whose fingers are the chains of a validated model, in its order, with the thumb first for
+    /// [retargeting](crate::teleop::Retargeting). `pointing`:
     /// direction of the fingertips in their frames, a unit vector. Its actuated joints stay inside the
     /// model's limits by `margin` [rad], or by a quarter of their range.
     ///

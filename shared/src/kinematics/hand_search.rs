@@ -41,13 +41,15 @@ impl InverseProblem<'_> {
     /// Descends from other starts until the targets are reached.
     fn search_elsewhere(&self, best: &mut Iterate, points: &mut Iterates<'_>, evaluations: &mut u16) {
         let mut starts = Starts(1);
-        let mut try_from = |angles: &Angles, best: &mut Iterate, points: &mut Iterates<'_>| {
-            self.descend(angles, points, evaluations);
-            if points.here.is_better_than(best) {
-                best.clone_from(points.here);
-            }
-            best.reached && best.directed
-        };
+        // Returns whether the search ends.
+        let try_from =
+            |angles: &Angles, best: &mut Iterate, points: &mut Iterates<'_>, evaluations: &mut u16| {
+                self.descend(angles, points, evaluations);
+                if points.here.is_better_than(best) {
+                    best.clone_from(points.here);
+                }
+                best.reached && best.directed || *evaluations >= self.options.evaluations
+            };
         let shared = self.hand.shared.filter(|_| self.fingers().any(|(_, finger, _)| finger.shares));
         if let Some(shared) = shared {
             let mut two = [(f32::INFINITY, best.angles); 2];
@@ -56,14 +58,14 @@ impl InverseProblem<'_> {
                 let fraction = (f32::from(number) + 0.5) / f32::from(GRID);
                 let mut angles = best.angles;
                 set_angle(&mut angles, shared, lower + fraction * (upper - lower));
-                let cost = self.fingers_alone(&mut angles, &mut starts, points);
+                let cost = self.fingers_alone(&mut angles, &mut starts, points, evaluations);
                 if cost < two[0].0 {
                     two = [(cost, angles), two[0]];
                 } else if cost < two[1].0 {
                     two[1] = (cost, angles);
                 }
             }
-            if two.iter().any(|(_, angles)| try_from(angles, best, points)) {
+            if two.iter().any(|(_, angles)| try_from(angles, best, points, evaluations)) {
                 return;
             }
         }
@@ -74,7 +76,7 @@ impl InverseProblem<'_> {
                     set_angle(&mut angles, joint, starts.between(self.limits(joint)));
                 }
             }
-            if try_from(&angles, best, points) {
+            if try_from(&angles, best, points, evaluations) {
                 return;
             }
         }
@@ -82,7 +84,13 @@ impl InverseProblem<'_> {
 
     /// Solves each finger alone at the angle of the shared joint in `angles`, from several starts. Returns
     /// the sum of the position costs.
-    fn fingers_alone(&self, angles: &mut Angles, starts: &mut Starts, points: &mut Iterates<'_>) -> f32 {
+    fn fingers_alone(
+        &self,
+        angles: &mut Angles,
+        starts: &mut Starts,
+        points: &mut Iterates<'_>,
+        evaluations: &mut u16,
+    ) -> f32 {
         let mut sum = 0.0;
         let center = self.hand.center();
         for (index, finger, target) in self.fingers() {
@@ -102,7 +110,7 @@ impl InverseProblem<'_> {
                         _ => set_angle(&mut from, joint, starts.between(self.limits(joint))),
                     }
                 }
-                alone.descend(&from, points, &mut 0);
+                alone.descend(&from, points, evaluations);
                 if best.as_ref().is_none_or(|best| points.here.is_better_than(best)) {
                     best = Some(points.here.clone());
                 }

@@ -37,7 +37,14 @@ impl PosePoint {
     /// The set-point after one period without a successor: it coasts to rest.
     #[must_use]
     pub(crate) fn coasted(&self) -> Self {
-        let mut next = Self { acceleration: [0.0; 6], ..*self };
+        let mut next = Self { acceleration: [0.0; 6], ..self.advanced() };
+        next.velocity.iter_mut().for_each(|speed| *speed *= COAST_DECAY);
+        next
+    }
+
+    /// The set-point after one period with its velocity, which it keeps.
+    fn advanced(&self) -> Self {
+        let mut next = *self;
         let [vx, vy, vz, wx, wy, wz] = self.velocity;
         next.position.iter_mut().zip([vx, vy, vz]).for_each(|(position, speed)| *position += speed * TICK);
         if [wx, wy, wz].iter().any(|rate| *rate != 0.0) {
@@ -48,7 +55,6 @@ impl PosePoint {
             let scale = 1.0 / math::sqrt(rotated.norm_squared());
             next.rotation = (rotated * scale).coords.into();
         }
-        next.velocity.iter_mut().for_each(|speed| *speed *= COAST_DECAY);
         next
     }
 
@@ -58,7 +64,7 @@ impl PosePoint {
         let mut next = *self;
         let speeds = next.velocity.iter_mut().zip(&self.acceleration);
         speeds.for_each(|(speed, acceleration)| *speed += acceleration * TICK);
-        next.coasted()
+        next.advanced()
     }
 }
 

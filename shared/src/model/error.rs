@@ -171,7 +171,7 @@ pub enum Problem {
     /// 4: not a unit vector or unit quaternion; the value is its length.
     NotUnit,
     /// 5: no mass distribution has this inertia: a principal moment is negative, or larger than the sum of
-    /// the other two. The value is the smallest such margin.
+    /// the other two. The value is the smallest principal moment, or half of the sum of two minus the third.
     NotPhysical,
     /// 6: a wrong number of elements; the limit given is the expected number.
     Count(f32),

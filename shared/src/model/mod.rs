@@ -312,7 +312,7 @@ impl JointLimits {
     }
 }
 
-/// Gains of a joint servo. Both modes share the feed-forward.
+/// Gains of a joint servo in all its [modes](crate::control::ServoMode).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct ServoGains {
     /// Time constant `T_f` of the trajectory filter `1/(T_f s + 1)²` [s].
@@ -322,7 +322,7 @@ pub struct ServoGains {
     /// Gains of the observer mode.
     pub observer: ObserverGains,
     /// Dead band of the integrator while the reference is at rest [rad]. It prevents the stick-slip limit
-    /// cycle (hunting) of integral action with Coulomb friction.
+    /// cycle (hunting) of integral action with Coulomb friction. The bare PID has none.
     pub rest_error: f32,
 }
 

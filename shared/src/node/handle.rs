@@ -329,6 +329,7 @@ impl Node {
         self.postures.clear();
         // Homing changes the postures, with which the weight on the force sensors was compensated.
         self.state.measured.tared = 0;
+        self.state.force_sensors.iter_mut().for_each(ForceSensorState::lose);
         Ok(())
     }
 

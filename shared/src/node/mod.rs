@@ -94,8 +94,8 @@ impl Node {
     }
 
     /// Reaction of the outputs in [`Mode::Fault`], and whether the task itself brings the robot to rest.
-    pub const fn reaction(&self) -> (Reaction, bool) {
-        (self.state.reaction, self.state.halting)
+    pub fn reaction(&self) -> (Reaction, bool) {
+        (self.state.reaction, self.state.halting && self.is_holding())
     }
 
     /// The robot; `None` before the first model.

@@ -172,8 +172,7 @@ impl Node {
     fn damp(&mut self) {
         let Some(robot) = self.robot.loaded() else { return };
         let begins = !core::mem::replace(&mut self.state.damped, true);
-        let drove =
-            self.state.faults.faults.last().is_some_and(|last| last.cause == FaultCause::EnergyGained);
+        let drove = self.state.reacts_to == FaultCause::EnergyGained;
         let has_driven = self.state.stop_energy.work > DRIVEN_SHARE * self.tolerated_energy();
         let mut all = Joints::of(robot, &mut self.state);
         let [mut power, mut energy, mut gain] = [0.0; 3];

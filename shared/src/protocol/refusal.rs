@@ -64,11 +64,12 @@ pub enum Refusal {
         /// Maximum number of bytes.
         limit: u32,
     },
-    /// 11: no sensor frame has arrived yet.
+    /// 11: the last sensor frame is missing or invalid; for a tare, also: a force sensor has no valid reading.
     NoSensors,
     /// 12: the last sensor frame shows a condition that would be a fault while enabled.
     Unsafe(Fault),
-    /// 13: a relative encoder that was not homed since power-on.
+    /// 13: the zero of a relative encoder is unknown: not homed since power-on or since a new model, or lost by
+    /// a jump of its count.
     NotHomed {
         /// The joint.
         joint: u8,

@@ -19,8 +19,8 @@ const GROWTH_SHARE: f32 = 0.015;
 const HELD_GROWTH_SHARE: f32 = 0.05;
 /// The same for the effort that overcomes stiction.
 const BREAKAWAY_SHARE: f32 = 0.1;
-/// Share of `accelerating_growth` that suffices when the torque beyond the weight confirms it.
-pub(crate) const CONFIRMED_SHARE: f32 = 0.75;
+/// Share of `accelerating_growth` above which the ticks that showed a dead encoder still count: a hysteresis.
+pub(crate) const HYSTERESIS_SHARE: f32 = 0.4;
 /// A joint counts as moving from this speed on [rad/s], and from this number of counts per tick, the
 /// resolution of a coarse encoder. A slower joint may be coming to rest in a grip.
 const MOVING_SPEED: f32 = 0.0767;
@@ -84,7 +84,7 @@ impl FaultThresholds {
             growth,
             held_growth: beyond_friction(HELD_GROWTH_SHARE),
             accelerating_growth,
-            min_growth: growth.min(CONFIRMED_SHARE * accelerating_growth),
+            min_growth: growth.min(HYSTERESIS_SHARE * accelerating_growth),
             max_friction: (MAX_FRICTION - 1.0) * joint.friction.coulomb,
             moving: (MOVING_SPEED * TICK).max(MOVING_COUNTS * radians_per_count),
             flicker: FLICKER_COUNTS * radians_per_count,

@@ -7,7 +7,7 @@ mod measured;
 mod mimic;
 mod targets;
 
-pub(crate) use fault_thresholds::CONFIRMED_SHARE;
+pub(crate) use fault_thresholds::HYSTERESIS_SHARE;
 pub use joint::JointConfig;
 pub use limit::{Concerns, LimitRefusal};
 pub use measured::{Efforts, Measured, Postures};

@@ -4,14 +4,14 @@ use super::{FOUND_DEAD, Joint, JointState};
 use crate::TICK;
 use crate::fault::{FaultCause, Finding};
 use crate::math::{self, abs};
-use crate::robot::CONFIRMED_SHARE;
+use crate::robot::HYSTERESIS_SHARE;
 
 /// Ticks without a change of the angle, under a torque that must move the joint, after which the encoder
 /// counts as stuck. With more ticks a joint with a dead encoder accelerates longer; with fewer, quantisation
 /// is mistaken for a dead encoder.
 const STUCK_TICKS: u8 = 2;
-/// Hysteresis: above this share of `accelerating_growth` the tick counter is held instead of reset.
-const HYSTERESIS_SHARE: f32 = 0.4;
+/// Share of `accelerating_growth` that suffices when the torque beyond the weight confirms it.
+const CONFIRMED_SHARE: f32 = 0.75;
 /// Consecutive ticks in which a joint gains speed against its torque, after which it runs away. With more
 /// ticks it gains more speed; with fewer a rebound is mistaken for it.
 const RUNAWAY_TICKS: u8 = 3;

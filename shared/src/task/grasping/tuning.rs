@@ -111,9 +111,8 @@ pub(super) const MAX_WEIGHT_FORCE: f32 = 10.0;
 /// See [`MAX_WEIGHT_FORCE`].
 pub(super) const MAX_WEIGHT_MOMENT: f32 = 1.0;
 /// Fraction of the load that is fed forward once no support carries the object; it rises between one and two
-/// times [`LIFT_HEIGHT`]. Larger makes the servos
-/// faster. With 1, joints with larger torque constants than in the model would lift a heavy object: the
-/// sensors measure the excess as load, which is positive feedback.
+/// times [`LIFT_HEIGHT`]. Larger makes the servos faster. With 1, joints with larger torque constants than in
+/// the model would lift a heavy object: the sensors measure the excess as load, which is positive feedback.
 pub(super) const LOAD_FEEDFORWARD: f32 = 0.9;
 /// Growth of the load that exceeds sensor noise [N]. Smaller lets noise tighten the grip.
 pub(super) const LOAD_GROWTH_THRESHOLD: f32 = 0.09;

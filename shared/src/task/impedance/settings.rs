@@ -24,7 +24,7 @@ pub struct ImpedanceSettings {
     /// of the force measurement in free space.
     pub contact_force: f32,
     /// Maximum distance and angle of the tool from its set-point [m, rad]. A larger deviation is a fault; a
-    /// set-point beyond it is refused.
+    /// set-point beyond it, or one of the elbow by more than the angle, is refused.
     pub max_deviation: [f32; 2],
 }
 

@@ -1,8 +1,6 @@
 mod redundancy;
 mod stop;
 
-use core::f32::consts::{PI, TAU};
-
 use nalgebra::{IsometryMatrix3, Vector3, Vector6};
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
@@ -13,14 +11,14 @@ use super::momentum::MomentumObserver;
 use super::redundancy::{JointVector, Resolver};
 use super::response::{in_axes, respond};
 use super::setpoint::{
-    ORIGIN, at_rest, check_deviation, check_elbow, check_numbers, check_point, pose_error,
+    ORIGIN, at_rest, check_deviation, check_elbow, check_numbers, check_point, pose_error, wrap_angle,
 };
 use super::settings::{ForceSource, ImpedanceSettings, InvalidImpedanceSettings, Law, Redundancy};
 use super::tuning::{
     CONTACT_DISTURBANCE_GAIN, CONTACT_FRICTION_COMPENSATION, CONTACT_HYSTERESIS_SQUARED,
     CONTACT_LOSS_SQUARED, CONTACT_REST_SPEED, FREE_BEFORE_READING, IMPEDANCE_BLEND, LIMIT_APPROACH_RATE,
-    MAX_TOOL_DISTURBANCE, MISMATCH_TICKS, PRESSING_REST_SPEED, REST_ERROR, REST_SPEED, SETPOINT_REST_SPEED,
-    VELOCITY_LIMIT_FRACTION,
+    MAX_ELBOW_DISTANCE, MAX_TOOL_DISTURBANCE, MISMATCH_TICKS, PRESSING_REST_SPEED, REST_ERROR, REST_SPEED,
+    SETPOINT_REST_SPEED, VELOCITY_LIMIT_FRACTION,
 };
 use super::{Arm, ArmMeasurement, ArmOutput, SetpointError};
 use crate::TICK;
@@ -165,12 +163,11 @@ impl ImpedanceState {
             return Err(SetpointError::Rotation { value, limit: max_angle });
         }
         if let Some(angle) = self.elbow_angle(arm, &posture, &self.angles) {
-            let mut distance = elbow.angle - angle;
+            let distance = elbow.angle - angle;
             // The arm angle has no end: the shorter rotation counts.
-            if self.settings.redundancy == Redundancy::ArmAngle && abs(distance) > PI {
-                distance -= if distance > 0.0 { TAU } else { -TAU };
-            }
-            check_elbow(elbow, distance, max_angle)?;
+            let wraps =
+                self.settings.redundancy == Redundancy::ArmAngle && abs(distance) <= MAX_ELBOW_DISTANCE;
+            check_elbow(elbow, if wraps { wrap_angle(distance) } else { distance }, max_angle)?;
         }
         (self.setpoint, self.elbow_setpoint) = (*point, *elbow);
         Ok(())

@@ -1,5 +1,7 @@
 //! Set-points of the tool: shorter rotation, coasting, refusals.
 
+use core::f32::consts::TAU;
+
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::fixture::{ArmFixture, POSTURES, SOFT, elbow_at_rest, track};
@@ -88,13 +90,22 @@ fn invalid_setpoints_are_refused_by_name_and_change_nothing() {
         refused(PosePoint { velocity, ..here }, elbow, "rotated by");
         refused(
             here,
-            ElbowSetpoint { angle: speed, ..elbow },
+            ElbowSetpoint { angle: (10.0 * speed).min(f32::MAX), ..elbow },
             "rad from the elbow; at most 1 rad is allowed",
         );
         refused(here, ElbowSetpoint { velocity: 10.0 * speed, ..elbow }, "");
     }
+    // 1 rad in a period, which coasting slows down only afterwards.
+    let [_, limit] = SOFT.max_deviation;
+    let turning = |rate: f32| PosePoint { velocity: [0.0, 0.0, 0.0, 0.0, 0.0, rate], ..here };
+    refused(turning(1.05 * limit / TICK), elbow, "rotated by");
     let valid = PosePoint { velocity: fast(1.0), acceleration: still, ..here };
-    state.set_target(&fixture.arm(), &valid, &ElbowSetpoint { angle: elbow.angle + 0.9, ..elbow }).unwrap();
+    // The arm angle after two turns is the same.
+    for turns in [0.0, 2.0, -2.0] {
+        let angle = elbow.angle + 0.9 + turns * TAU;
+        state.set_target(&fixture.arm(), &valid, &ElbowSetpoint { angle, ..elbow }).unwrap();
+    }
+    state.set_target(&fixture.arm(), &turning(0.95 * limit / TICK), &elbow).unwrap();
 }
 
 /// The inertial force of the tool's mass on its sensor is that of its true acceleration, also while the
