@@ -3,7 +3,9 @@
 
 use heapless::spsc::Consumer;
 use tesaki::OutOfRange;
-use tesaki::control::{CurrentLoop, CurrentLoopField, CurrentLoopState, Drive, Supply, Switching, Winding};
+use tesaki::control::{
+    CurrentLoop, CurrentLoopField, CurrentLoopState, StageCommand, Supply, Switching, Winding,
+};
 use tesaki::math;
 
 use crate::current_sign::CurrentSign;
@@ -328,9 +330,9 @@ impl<const N: usize> Motors<N> {
             let is_permitted = math::abs(current) <= axis.trip;
             tripped |= !is_permitted;
             let duty = match axis.current_loop.update(&mut axis.state, current, supply) {
-                Drive::Duty(duty) => duty,
-                Drive::Brake => 0,
-                Drive::Off => {
+                StageCommand::Duty(duty) => duty,
+                StageCommand::Brake => 0,
+                StageCommand::Off => {
                     off = true;
                     0
                 }

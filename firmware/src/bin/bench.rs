@@ -13,7 +13,7 @@ use cortex_m_semihosting::{debug, hprintln};
 use heapless::Vec;
 use nalgebra::{Vector3, Vector6};
 use tesaki::control::{
-    CurrentLoop, CurrentLoopState, Drive, JointPoint, Pid, PidState, ServoMode, Switching, Winding,
+    CurrentLoop, CurrentLoopState, JointPoint, Pid, PidState, ServoMode, StageCommand, Switching, Winding,
 };
 use tesaki::grasp::{Contact, GraspMap, GripError, GripState, LeastGrip};
 use tesaki::kinematics::{Angles, Chain, Finger, FingerError, FingerSolutions, Hand};
@@ -204,7 +204,7 @@ fn kernels(watch: &mut Stopwatch) {
         for (state, current) in states.iter_mut().zip([x, -x, 2.0 * x]) {
             state.command(black_box(0.5), 10.0);
             let drive = current_loop.update(state, black_box(current), black_box(24.0));
-            assert!(matches!(black_box(drive), Drive::Duty(_)));
+            assert!(matches!(black_box(drive), StageCommand::Duty(_)));
         }
     });
 

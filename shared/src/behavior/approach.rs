@@ -1,7 +1,7 @@
 //! The behaviour that guides the task: look, centre, advance, grip, verify (Knob §4.5).
 
 use heapless::Vec;
-use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::rose::{Rim, RoseEstimate};
 use super::{ApproachPhase, ApproachSettings, Reason};
@@ -163,7 +163,7 @@ impl Approach {
     /// base frame.
     pub fn search(&self, hand: &Pose) -> CircleSearch {
         let (table, expectation) = (&self.settings.table, &self.settings.expectation);
-        let hand = isometry(hand);
+        let hand = hand.isometry();
         // Until it is decided, each explanation may be right.
         let searches = self.rose.iter().map(|rose| rose.search(table, expectation, &hand));
         if let Some(search) = searches.reduce(|one, other| union(&one, &other)) {
@@ -177,7 +177,7 @@ impl Approach {
 
     /// Takes the circle that was found in a picture, if any; `hand` as in [`search`](Self::search).
     pub fn look(&mut self, hand: &Pose, circle: Option<&Circle>) {
-        let hand = isometry(hand);
+        let hand = hand.isometry();
         self.blind = 0.0;
         if self.rose.is_empty() {
             let Some(circle) = circle.filter(|_| self.phase == ApproachPhase::Look) else { return };
@@ -257,7 +257,7 @@ impl Approach {
 
     /// Advances by `elapsed` [s] since the last call, with the board's newest report.
     pub fn update(&mut self, report: &VisualApproachTelemetry, elapsed: f32) -> Order {
-        let hand = isometry(&report.hand);
+        let hand = report.hand.isometry();
         let home = *self.home.get_or_insert(hand);
         self.hand = hand.translation.vector;
         if matches!(self.phase, ApproachPhase::Done | ApproachPhase::Failed(_)) {
@@ -512,11 +512,4 @@ fn union(one: &CircleSearch, other: &CircleSearch) -> CircleSearch {
         Window { center: one.center, reach: one.reach.max(other.reach + distance(0).max(distance(1))) }
     });
     CircleSearch { radius, window, ..*one }
-}
-
-/// Converts a pose from the wire format.
-fn isometry(pose: &Pose) -> Isometry3<f32> {
-    let [x, y, z, w] = pose.rotation;
-    let rotation = UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z));
-    Isometry3::from_parts(Translation3::from(pose.translation), rotation)
 }

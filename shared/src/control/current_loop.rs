@@ -69,7 +69,7 @@ pub struct Switching {
 
 /// Command of the power stage for the next period.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Drive {
+pub enum StageCommand {
     /// PWM, in timer counts with the sign of the voltage.
     Duty(i16),
     /// Both low sides on: the motor is shorted.
@@ -117,15 +117,15 @@ impl fmt::Display for CurrentLoopField {
 /// switched off.
 ///
 /// ```
-/// use tesaki::control::{CurrentLoop, CurrentLoopState, Drive, Switching, Winding};
+/// use tesaki::control::{CurrentLoop, CurrentLoopState, StageCommand, Switching, Winding};
 /// let winding = Winding { resistance: 2.0, inductance: 1e-3, back_emf: 0.5 };
 /// let switching = Switching { period: 25e-6, lag: 1.0, pulses: 1, resolution: 2000, max_duty: 0.95 };
 /// let current_loop = CurrentLoop::try_new(&winding, &switching).unwrap();
 /// let mut state = CurrentLoopState::new();
-/// assert_eq!(current_loop.update(&mut state, 0.0, 12.0), Drive::Off);
+/// assert_eq!(current_loop.update(&mut state, 0.0, 12.0), StageCommand::Off);
 /// // No current, but the back-EMF of 4 rad/s: 2 V of 12 V.
 /// state.command(0.0, 4.0);
-/// assert_eq!(current_loop.update(&mut state, 0.0, 12.0), Drive::Duty(333));
+/// assert_eq!(current_loop.update(&mut state, 0.0, 12.0), StageCommand::Duty(333));
 /// ```
 #[derive(Clone, Copy, Debug)]
 pub struct CurrentLoop {
@@ -222,26 +222,31 @@ impl CurrentLoop {
     /// Runs one period: computes the duty of the next period from the `measured` current [A] and the `supply`
     /// [V].
     #[inline]
-    pub fn update(&self, state: &mut CurrentLoopState, measured: f32, supply: impl Into<Supply>) -> Drive {
+    pub fn update(
+        &self,
+        state: &mut CurrentLoopState,
+        measured: f32,
+        supply: impl Into<Supply>,
+    ) -> StageCommand {
         let Supply { volts, inverse } = supply.into();
         state.age = state.age.saturating_add(1);
         if state.age > self.brake_after {
             state.integral = 0.0;
-            return if state.age > self.off_after { Drive::Off } else { Drive::Brake };
+            return if state.age > self.off_after { StageCommand::Off } else { StageCommand::Brake };
         }
         let error = state.target - measured;
         let requested = self.proportional * error + state.integral + self.back_emf * state.velocity;
         let counts = requested * inverse * self.resolution;
         if !counts.is_finite() {
             state.release();
-            return Drive::Off;
+            return StageCommand::Off;
         }
         let limited = math::clamp(counts, -self.max_counts, self.max_counts);
         #[expect(clippy::cast_possible_truncation, reason = "limited to 32 000")]
         let duty = (limited + if limited < 0.0 { -0.5 } else { 0.5 }) as i16;
         let applied = limited * volts * self.count;
         state.integral += self.integral * error + self.conditioning * (applied - requested);
-        Drive::Duty(duty)
+        StageCommand::Duty(duty)
     }
 }
 
@@ -281,9 +286,9 @@ mod tests {
             let drive = current_loop.update(state, (sampled + deviation) as f32, self.supply as f32);
             self.current = self.a * self.current + self.b * (self.duty * self.supply - self.emf);
             self.duty = match drive {
-                Drive::Duty(counts) => f64::from(counts) / 2000.0,
-                Drive::Brake => 0.0,
-                Drive::Off => panic!("coasting is not modelled"),
+                StageCommand::Duty(counts) => f64::from(counts) / 2000.0,
+                StageCommand::Brake => 0.0,
+                StageCommand::Off => panic!("coasting is not modelled"),
             };
             sampled
         }
@@ -399,20 +404,20 @@ mod tests {
         let winding = Winding { resistance: 2.0, inductance: 1e-3, back_emf: 0.5 };
         let current_loop = CurrentLoop::try_new(&winding, &SWITCHING).unwrap();
         let mut state = CurrentLoopState::new();
-        assert_eq!(current_loop.update(&mut state, 0.0, 12.0), Drive::Off);
+        assert_eq!(current_loop.update(&mut state, 0.0, 12.0), StageCommand::Off);
         state.command(1.0, 0.0);
         // 20 ms are 800 periods, 100 ms of braking 4000.
         for period in 1..6000 {
             let drive = current_loop.update(&mut state, 0.5, 12.0);
             match period {
-                ..=800 => assert!(matches!(drive, Drive::Duty(counts) if counts > 0), "{period}"),
-                801..=4800 => assert_eq!(drive, Drive::Brake, "{period}"),
-                _ => assert_eq!(drive, Drive::Off, "{period}"),
+                ..=800 => assert!(matches!(drive, StageCommand::Duty(counts) if counts > 0), "{period}"),
+                801..=4800 => assert_eq!(drive, StageCommand::Brake, "{period}"),
+                _ => assert_eq!(drive, StageCommand::Off, "{period}"),
             }
         }
         // The integrator starts at 0 again.
         state.command(0.0, 0.0);
-        assert_eq!(current_loop.update(&mut state, 0.0, 12.0), Drive::Duty(0));
+        assert_eq!(current_loop.update(&mut state, 0.0, 12.0), StageCommand::Duty(0));
     }
 
     #[test]
@@ -421,10 +426,10 @@ mod tests {
         let current_loop = CurrentLoop::try_new(&winding, &SWITCHING).unwrap();
         let mut state = CurrentLoopState::new();
         state.command(1.0, 0.0);
-        assert_eq!(current_loop.update(&mut state, f32::NAN, 12.0), Drive::Off);
-        assert_eq!(current_loop.update(&mut state, 0.0, 12.0), Drive::Off, "until the next command");
+        assert_eq!(current_loop.update(&mut state, f32::NAN, 12.0), StageCommand::Off);
+        assert_eq!(current_loop.update(&mut state, 0.0, 12.0), StageCommand::Off, "until the next command");
         state.command(1.0, 0.0);
-        assert_eq!(current_loop.update(&mut state, 0.0, 0.0), Drive::Duty(0));
+        assert_eq!(current_loop.update(&mut state, 0.0, 0.0), StageCommand::Duty(0));
         let refused = CurrentLoop::try_new(&Winding { inductance: 0.0, ..winding }, &SWITCHING).unwrap_err();
         assert_eq!(refused.to_string(), "inductance is 0; it must be 0.000001 to 1");
     }

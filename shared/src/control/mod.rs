@@ -9,7 +9,9 @@ mod observer;
 mod pid;
 
 pub use coupling::ImpedanceCoupling;
-pub use current_loop::{CurrentLoop, CurrentLoopField, CurrentLoopState, Drive, Supply, Switching, Winding};
+pub use current_loop::{
+    CurrentLoop, CurrentLoopField, CurrentLoopState, StageCommand, Supply, Switching, Winding,
+};
 pub(crate) use friction::STALL_SPEED;
 pub use friction::{FrictionFeedforward, FrictionState};
 pub use impedance::{DiscreteImpedance, Impedance, ImpedanceAxes, ImpedanceTerm, InvalidImpedance};

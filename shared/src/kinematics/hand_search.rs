@@ -2,6 +2,7 @@
 
 use super::hand::{Angles, MAX_FINGERS, angle, set_angle};
 use super::hand_inverse::{InverseProblem, Iterate, Iterates};
+use super::random_starts::RandomStarts;
 
 /// Maximum number of the last iterations if the search found no start from which all targets are reached.
 const MAX_FINAL_ITERATIONS: usize = 60;
@@ -9,18 +10,6 @@ const MAX_FINAL_ITERATIONS: usize = 60;
 const GRID: u8 = 7;
 /// Starts of each finger at each of these values.
 const FINGER_STARTS: u8 = 3;
-
-/// Random starts: linear congruential generator of Numerical Recipes; the upper 24 bits suffice.
-struct Starts(u32);
-
-impl Starts {
-    fn between(&mut self, (lower, upper): (f32, f32)) -> f32 {
-        self.0 = self.0.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-        #[expect(clippy::cast_precision_loss, reason = "24 bits")]
-        let fraction = (self.0 >> 8) as f32 / 16_777_216.0;
-        lower + fraction * (upper - lower)
-    }
-}
 
 impl InverseProblem<'_> {
     /// Searches beyond the local minimum. For a given angle of the shared joint the fingers are independent,
@@ -40,7 +29,7 @@ impl InverseProblem<'_> {
 
     /// Descends from other starts until the targets are reached.
     fn search_elsewhere(&self, best: &mut Iterate, points: &mut Iterates<'_>, evaluations: &mut u16) {
-        let mut starts = Starts(1);
+        let mut starts = RandomStarts::new();
         // Returns whether the search ends.
         let try_from =
             |angles: &Angles, best: &mut Iterate, points: &mut Iterates<'_>, evaluations: &mut u16| {
@@ -73,7 +62,7 @@ impl InverseProblem<'_> {
             let mut angles = best.angles;
             for (_, finger, _) in self.fingers() {
                 for &joint in &finger.variables {
-                    set_angle(&mut angles, joint, starts.between(self.limits(joint)));
+                    set_angle(&mut angles, joint, starts.angle(self.limits(joint)));
                 }
             }
             if try_from(&angles, best, points, evaluations) {
@@ -87,7 +76,7 @@ impl InverseProblem<'_> {
     fn fingers_alone(
         &self,
         angles: &mut Angles,
-        starts: &mut Starts,
+        starts: &mut RandomStarts,
         points: &mut Iterates<'_>,
         evaluations: &mut u16,
     ) -> f32 {
@@ -107,7 +96,7 @@ impl InverseProblem<'_> {
                     match start {
                         0 => {}
                         1 => set_angle(&mut from, joint, angle(&center, joint)),
-                        _ => set_angle(&mut from, joint, starts.between(self.limits(joint))),
+                        _ => set_angle(&mut from, joint, starts.angle(self.limits(joint))),
                     }
                 }
                 alone.descend(&from, points, evaluations);

@@ -3,6 +3,7 @@ use core::fmt;
 use heapless::Vec;
 use nalgebra::{IsometryMatrix3, SMatrix, SVector, Vector3};
 
+use super::random_starts::RandomStarts;
 use super::{Chain, Jacobian, Posture};
 use crate::math::{self, Ldlt, abs};
 use crate::model::{Coupling, MAX_CHAIN_JOINTS};
@@ -369,7 +370,7 @@ impl<E> Search<'_, E> {
         E: Fn(&Posture) -> (SVector<f32, M>, f32, f32),
     {
         let solver = self.solver;
-        let mut random = 1_u32;
+        let mut starts = RandomStarts::new();
         for _ in 0..=solver.options.restarts {
             solver.limit(&mut angles);
             let (mut stalls, mut before) = (0, f32::INFINITY);
@@ -386,12 +387,7 @@ impl<E> Search<'_, E> {
                 solver.step(&posture, &error, DAMPING_FACTOR * cost, &mut angles);
             }
             for (angle, joint) in angles.iter_mut().zip(&solver.joints) {
-                // Linear congruential generator of Numerical Recipes; the upper 24 bits suffice for a
-                // restart.
-                random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-                #[expect(clippy::cast_precision_loss, reason = "24 bits")]
-                let fraction = (random >> 8) as f32 / 16_777_216.0;
-                *angle = joint.lower + fraction * (joint.upper - joint.lower);
+                *angle = starts.angle((joint.lower, joint.upper));
             }
         }
         false

@@ -16,6 +16,7 @@ mod hand_search;
 mod hand_step;
 mod inverse;
 mod posture;
+mod random_starts;
 mod setpoint;
 
 #[cfg(test)]

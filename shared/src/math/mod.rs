@@ -24,7 +24,7 @@ pub(crate) use ldlt::Ldlt;
 pub(crate) use least_squares::{IncrementalQr, Svd};
 pub(crate) use sincos::inlined_sin_cos;
 pub use sincos::sin_cos;
-pub(crate) use so3::{rotated_by, rotation_between};
+pub(crate) use so3::{orientation, rotated_by, rotation_between};
 pub use so3::{rotation_matrix, rotation_vector};
 pub use sqrt::sqrt;
 pub(crate) use sqrt::{finite_sqrt, inlined_sqrt};

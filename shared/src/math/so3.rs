@@ -79,6 +79,11 @@ pub(crate) fn rotated_by(rotation: &UnitQuaternion<f32>, by: &Vector3<f32>) -> U
     UnitQuaternion::new_unchecked(product * (1.0 / sqrt(product.norm_squared())))
 }
 
+/// The orientation of a quaternion `[x, y, z, w]` of norm 1, as on the wire.
+pub(crate) const fn orientation([x, y, z, w]: [f32; 4]) -> UnitQuaternion<f32> {
+    UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z))
+}
+
 /// The rotation vector [rad], at most π long, that takes one orientation to another, in the axes of the base.
 pub(crate) fn rotation_between(from: &UnitQuaternion<f32>, to: &UnitQuaternion<f32>) -> Vector3<f32> {
     let between = to.quaternion() * from.quaternion().conjugate();

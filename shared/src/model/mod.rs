@@ -20,9 +20,11 @@ pub use error::{Field, ModelError, Problem};
 pub(crate) use validate::{CURRENT_MARGIN, JUMP_FACTOR};
 
 use heapless::{String, Vec};
-
+use nalgebra::Isometry3;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
+
+use crate::math::orientation;
 
 /// Maximum number of joints of one node.
 pub const MAX_JOINTS: usize = 16;
@@ -228,6 +230,17 @@ pub struct Pose {
 impl Pose {
     /// No translation and no rotation.
     pub const IDENTITY: Self = Self { translation: [0.0; 3], rotation: [0.0, 0.0, 0.0, 1.0] };
+
+    /// The pose as a transformation; its quaternion is taken as of norm 1.
+    pub(crate) fn isometry(&self) -> Isometry3<f32> {
+        Isometry3::from_parts(self.translation.into(), orientation(self.rotation))
+    }
+}
+
+impl From<&Isometry3<f32>> for Pose {
+    fn from(isometry: &Isometry3<f32>) -> Self {
+        Self { translation: isometry.translation.vector.into(), rotation: isometry.rotation.coords.into() }
+    }
 }
 
 /// Mass distribution of a link.

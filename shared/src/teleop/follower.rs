@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::operator_estimate::{OperatorEstimate, PredictedMotion};
 use super::{FollowerError, InvalidFollowerSettings, OperatorModel, Workspace};
 use crate::kinematics::{ElbowSetpoint, PosePoint};
-use crate::math::{self, rotated_by, rotation_between};
+use crate::math::{self, orientation, rotated_by, rotation_between};
 use crate::signal::{MotionLimits, MotionTarget};
 use crate::{OutOfRange, TICK};
 
@@ -155,15 +155,15 @@ struct ClutchOffset {
 }
 
 impl FollowerState {
-    /// The state with open clutch and the tool at rest at `position` [m], orientation `[x, y, z, w]` and
-    /// elbow angle [rad].
-    pub fn at(position: [f32; 3], [x, y, z, w]: [f32; 4], elbow: f32) -> Self {
+    /// The state with open clutch and the tool at rest at `position` [m], the unit quaternion `rotation`, `[x,
+    /// y, z, w]`, and elbow angle [rad].
+    pub fn at(position: [f32; 3], rotation: [f32; 4], elbow: f32) -> Self {
         Self {
             hand: None,
             elbow: None,
             clutch: None,
             position: position.into(),
-            rotation: UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z)),
+            rotation: orientation(rotation),
             velocity: Vector3::zeros(),
             angular_velocity: Vector3::zeros(),
             elbow_angle: Vector1::new(elbow),

@@ -120,5 +120,6 @@ pub use matched::MatchedImpedance;
 pub use operator_estimate::OperatorModel;
 pub use passivity::{PowerPort, PowerPortLimits, UnsuitableLink};
 pub use retarget::{InvalidFingertip, OperatorFingertips, RetargetReport, RetargetState, Retargeting};
+pub(crate) use retarget::{MAX_COORDINATE, is_near, is_unit};
 pub use retarget_settings::{RetargetField, RetargetSettings};
 pub use workspace::Workspace;

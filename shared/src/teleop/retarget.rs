@@ -38,7 +38,7 @@ const YIELD_EVALUATIONS: u16 = 10;
 /// The thumb yields to a pinching finger that misses it by more than this [m].
 const YIELD_ERROR: f32 = 5e-5;
 /// Maximum coordinate of an operator's fingertip [m].
-const MAX_COORDINATE: f32 = 1.0;
+pub(crate) const MAX_COORDINATE: f32 = 1.0;
 
 /// The operator's fingertips, thumb to little finger, in the frame of the hand.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -366,13 +366,21 @@ impl Retargeting<'_> {
 
 fn check(operator: &OperatorFingertips) -> Result<(), InvalidFingertip> {
     for (finger, (position, direction)) in (0..).zip(operator.positions.iter().zip(&operator.directions)) {
-        let near = |position: &Vector3<f32>| position.iter().all(|value| abs(*value) <= MAX_COORDINATE);
-        let unit = |direction: &Vector3<f32>| abs(direction.norm_squared() - 1.0) < 1e-2;
-        if !(position.as_ref().is_none_or(near) && direction.as_ref().is_none_or(unit)) {
+        if !(position.as_ref().is_none_or(is_near) && direction.as_ref().is_none_or(is_unit)) {
             return Err(InvalidFingertip { finger });
         }
     }
     Ok(())
+}
+
+/// Whether a hand reaches this position [m].
+pub(crate) fn is_near(position: &Vector3<f32>) -> bool {
+    position.iter().all(|value| abs(*value) <= MAX_COORDINATE)
+}
+
+/// Whether a direction is a unit vector.
+pub(crate) fn is_unit(direction: &Vector3<f32>) -> bool {
+    abs(direction.norm_squared() - 1.0) < 1e-2
 }
 
 impl fmt::Display for InvalidFingertip {

@@ -66,14 +66,8 @@ impl PoseTrajectory {
 
     /// The trajectory from one frame to the other within `duration` [s], with the smaller rotation.
     pub fn between(from: &IsometryMatrix3<f32>, to: &IsometryMatrix3<f32>, duration: f32) -> Self {
-        let rotation = to.rotation.matrix() * from.rotation.matrix().transpose();
-        Self {
-            start: from.into(),
-            translation: (to.translation.vector - from.translation.vector).into(),
-            rotation: math::rotation_vector(&rotation).into(),
-            duration,
-            time: 0.0,
-        }
+        let [translation, rotation] = displacement(from, to).map(Into::into);
+        Self { start: from.into(), translation, rotation, duration, time: 0.0 }
     }
 
     /// Whether the end is reached.
@@ -128,10 +122,9 @@ impl PoseTrajectory {
 
 /// The displacement of a frame's origin, and its rotation vector, from one pose to another, in base axes [m,
 /// rad].
-pub(super) fn twist_between(from: &IsometryMatrix3<f32>, to: &IsometryMatrix3<f32>) -> Vector6<f32> {
-    let v = to.translation.vector - from.translation.vector;
-    let w = math::rotation_vector(&(to.rotation.matrix() * from.rotation.matrix().transpose()));
-    Vector6::new(v.x, v.y, v.z, w.x, w.y, w.z)
+pub(super) fn displacement(from: &IsometryMatrix3<f32>, to: &IsometryMatrix3<f32>) -> [Vector3<f32>; 2] {
+    let rotation = to.rotation.matrix() * from.rotation.matrix().transpose();
+    [to.translation.vector - from.translation.vector, math::rotation_vector(&rotation)]
 }
 
 #[cfg(test)]

@@ -2,13 +2,13 @@
 
 use core::f32::consts::{PI, TAU};
 
-use nalgebra::{IsometryMatrix3, Matrix3, Quaternion, UnitQuaternion, Vector3, Vector6};
+use nalgebra::{IsometryMatrix3, UnitQuaternion, Vector3, Vector6};
 
 use super::tuning::NORM_TOLERANCE;
 use super::{ImpedanceSettings, SetpointError};
 use crate::TICK;
 use crate::kinematics::{ElbowSetpoint, PosePoint};
-use crate::math::{self, abs};
+use crate::math::{self, abs, orientation};
 
 /// The set-point at rest at the origin of the base frame.
 pub(super) const ORIGIN: PosePoint = PosePoint {
@@ -56,8 +56,8 @@ pub(super) fn check_elbow(elbow: &ElbowSetpoint, distance: f32, limit: f32) -> R
 #[inline]
 pub(super) fn pose_error(tool: &IsometryMatrix3<f32>, point: &PosePoint) -> Vector6<f32> {
     let translation = tool.translation.vector - Vector3::from(point.position);
-    let rotation =
-        math::rotation_vector(&(tool.rotation.matrix() * rotation_matrix(&point.rotation).transpose()));
+    let target = orientation(point.rotation).to_rotation_matrix();
+    let rotation = math::rotation_vector(&(tool.rotation.matrix() * target.matrix().transpose()));
     Vector6::new(translation.x, translation.y, translation.z, rotation.x, rotation.y, rotation.z)
 }
 
@@ -98,8 +98,4 @@ pub(super) fn check_point(
 /// The equivalent angle within ±π [rad].
 pub(super) fn wrap_angle(angle: f32) -> f32 {
     if abs(angle) <= PI { angle } else { angle - TAU * math::round(angle / TAU) }
-}
-
-fn rotation_matrix(&[x, y, z, w]: &[f32; 4]) -> Matrix3<f32> {
-    UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z)).to_rotation_matrix().into_inner()
 }

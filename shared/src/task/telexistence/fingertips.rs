@@ -7,12 +7,10 @@ use super::{TelexistenceRefusal, vector};
 use crate::TICK;
 use crate::kinematics::MAX_FINGERS;
 use crate::math::abs;
-use crate::teleop::OperatorFingertips;
+use crate::teleop::{MAX_COORDINATE, OperatorFingertips, is_near, is_unit};
 
 /// A fingertip is extrapolated with its velocity for this time after its measurement [s].
 pub const MAX_EXTRAPOLATION: f32 = 0.05;
-/// Largest coordinate of a fingertip [m].
-const MAX_COORDINATE: f32 = 1.0;
 /// Largest velocity of a fingertip along an axis [m/s]; hands reach a tenth of it.
 const MAX_VELOCITY: f32 = 20.0;
 /// Largest age of a sample on arrival [s].
@@ -51,10 +49,9 @@ impl FingertipSample {
         }
         for (finger, tip) in (0..).zip(&self.tips) {
             let Some(tip) = tip else { continue };
-            let unit = |direction: [f32; 3]| abs(vector(&direction).norm_squared() - 1.0) < 1e-2;
-            let valid = tip.position.iter().all(|value| abs(*value) <= MAX_COORDINATE)
+            let valid = is_near(&vector(&tip.position))
                 && tip.velocity.iter().all(|value| abs(*value) <= MAX_VELOCITY)
-                && tip.direction.is_none_or(unit);
+                && tip.direction.is_none_or(|direction| is_unit(&vector(&direction)));
             if !valid {
                 return Err(TelexistenceRefusal::Fingertip { finger });
             }

@@ -28,13 +28,13 @@ mod motion;
 mod reference;
 mod settings;
 
-use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Translation3, Vector3};
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use super::api::{Io, Task, TaskFault};
 use crate::TICK;
-use crate::math::sqrt;
+use crate::math::{orientation, sqrt};
 use crate::model::Pose;
 use crate::robot::{ChainConfig, JointTarget, Measured, Postures, Robot};
 use crate::signal::MotionLimits;
@@ -172,7 +172,7 @@ impl Task for VisualApproach {
         io.targets.servo_mode = settings.servo_mode;
         // Cannot fail: `check` required the chain.
         let Some(arm) = self.arm(io.robot) else { return };
-        self.begin = to_wire(&pose(&arm.posture(&angles)));
+        self.begin = Pose::from(&pose(&arm.posture(&angles)));
         (self.motion.target, self.speed) = (self.begin.translation, settings.speed);
     }
 
@@ -180,7 +180,7 @@ impl Task for VisualApproach {
         match *command {
             VisualApproachCommand::Latch { number } => {
                 let arm = self.arm(io.robot);
-                let hand = arm.map(|arm| to_wire(&pose(&arm.posture(&io.measured.positions))));
+                let hand = arm.map(|arm| Pose::from(&pose(&arm.posture(&io.measured.positions))));
                 self.latched = hand.map(|hand| (number, hand));
             }
             VisualApproachCommand::Move { position, speed } => {
@@ -221,7 +221,7 @@ impl Task for VisualApproach {
             self.has_moved = self.before_motion > BEFORE_MOTION && self.motion.motion == HandMotion::Moving;
         }
         let place = if self.has_moved { self.motion.target } else { self.begin.translation };
-        let target = Isometry3::from_parts(Translation3::from(place), rotation(&self.begin.rotation));
+        let target = Isometry3::from_parts(Translation3::from(place), orientation(self.begin.rotation));
         let speed = self.motion.speed(self.speed, &sense);
         let limits = MotionLimits { speed, acceleration: self.settings.acceleration };
         let mut points = *io.references;
@@ -249,7 +249,7 @@ impl Task for VisualApproach {
     }
 
     fn telemetry(&self, robot: &Robot, measured: &Measured, _: &Postures) -> VisualApproachTelemetry {
-        let hand = self.arm(robot).map(|arm| to_wire(&pose(&arm.posture(&measured.positions))));
+        let hand = self.arm(robot).map(|arm| Pose::from(&pose(&arm.posture(&measured.positions))));
         let opening = measured.positions.get(usize::from(self.settings.gripper.joint));
         VisualApproachTelemetry {
             hand: hand.unwrap_or(Pose::IDENTITY),
@@ -287,15 +287,4 @@ impl VisualApproach {
             _ => Learning::Moving,
         }
     }
-}
-
-/// Converts a pose to the wire format.
-fn to_wire(pose: &Isometry3<f32>) -> Pose {
-    let turn = pose.rotation.coords;
-    Pose { translation: pose.translation.vector.into(), rotation: [turn.x, turn.y, turn.z, turn.w] }
-}
-
-/// Converts a rotation from the wire format.
-fn rotation(&[x, y, z, w]: &[f32; 4]) -> UnitQuaternion<f32> {
-    UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z))
 }

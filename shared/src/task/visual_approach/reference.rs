@@ -18,8 +18,6 @@ use crate::signal::{MotionLimits, MotionTarget};
 const DAMPING: f32 = 0.01;
 /// Rate at which orientation errors decay [1/s].
 const TURNING: f32 = 5.0;
-/// Usable share of a joint's velocity limit; the rest is a margin for tracking.
-const SHARE: f32 = 0.8;
 /// Largest acceleration of a joint's reference, over its velocity limit [1/s].
 const JOINT_ACCELERATION: f32 = 8.0;
 
@@ -162,7 +160,7 @@ impl<'a> GuidedArm<'a> {
             let mut share = 1.0_f32;
             for (_, own) in self.indices() {
                 if let Some(joint) = self.joints.get(own) {
-                    let limit = SHARE * joint.limits.velocity;
+                    let limit = joint.limits.planned_speed();
                     if abs(desired[own]) > limit {
                         share = share.min(limit / abs(desired[own]));
                     }
