@@ -3,6 +3,8 @@
 //! Every pin belongs to the [`Board`], including those of the UARTs and the strap, because a pin that is a
 //! serial line on one board switches a power stage on another.
 
+use core::f32::consts::TAU;
+
 use stm32f4xx_hal::pac;
 use stm32f4xx_hal::rcc::Rcc;
 use tesaki::model::{Field, ModelError, Problem, RobotModel};
@@ -164,6 +166,8 @@ pub struct Equipment {
     pub motors: u8,
     /// Whether the encoders are absolute, that is, know their angle after power-on.
     pub absolute_encoders: bool,
+    /// Largest rate of an encoder's counts [1/s]; the inputs lose counts of a faster one.
+    pub count_rate: f32,
     /// Number of converters for the six gauges of a force sensor.
     pub force_sensors: u8,
     /// Largest current of a motor [A].
@@ -189,6 +193,10 @@ impl Equipment {
             if !joint.encoder.relative && !self.absolute_encoders {
                 let (field, problem) = (Field::EncoderRelative, Problem::NotSupported);
                 return Err(ModelError { joint: Some(index), field, value: 0.0, problem });
+            }
+            let counts = self.count_rate * TAU / joint.limits.velocity;
+            if joint.encoder.counts_per_turn > counts {
+                return refuse(Some(index), Field::CountsPerTurn, joint.encoder.counts_per_turn, counts);
             }
             if joint.motor.current_limit > self.current {
                 return refuse(Some(index), Field::CurrentLimit, joint.motor.current_limit, self.current);

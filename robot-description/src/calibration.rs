@@ -10,7 +10,7 @@ use toml_edit::{DocumentMut, Item, Table, Value};
 
 use crate::file::{self, FileError};
 use crate::finding::Report;
-use crate::robot::implausible_values;
+use crate::robot::{implausible_values, invalid_value};
 
 /// What to do about a key that cannot be read.
 const ADVICE: &str = "correct it, or make the file anew with `tesaki identify`";
@@ -102,8 +102,7 @@ impl Calibration {
         }
         changed.validate().map_err(|error| {
             let name = error.joint.map_or("", |joint| model.joint_name(usize::from(joint)));
-            let message = format!("joint {name}: {} = {} {}", error.field.path(), error.value, error.problem);
-            CalibrationError::Model(message)
+            CalibrationError::Model(format!("joint {name}: {}", invalid_value(&error)))
         })?;
         let before = implausible_values(model);
         if let Some(value) = implausible_values(&changed).into_iter().find(|value| !before.contains(value)) {

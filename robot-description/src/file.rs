@@ -126,7 +126,10 @@ pub fn in_words(problem: &str) -> String {
     let (kind, after) = expected.split_at(expected.find([' ', '\n']).unwrap_or(expected.len()));
     let kind = match kind {
         "f32" | "f64" => "a number",
-        "u8" | "u16" | "u32" | "u64" | "usize" => "a whole number that is not negative",
+        "u8" => "a whole number from 0 to 255",
+        "u16" => "a whole number from 0 to 65535",
+        "u32" => "a whole number from 0 to 4294967295",
+        "u64" | "usize" => "a whole number that is not negative",
         other => other,
     };
     format!("{before}expected {kind}{after}")

@@ -227,7 +227,12 @@ fn choose_motor(
                 } else {
                     "the least".to_owned()
                 };
-                format!("for {torque:.2} N·m, {why}: the URDF's effort is {effort} N·m")
+                let effort = if effort > LARGEST_EFFORT {
+                    format!("the URDF's effort, {effort} N·m, is not believed: is it in mN·m?")
+                } else {
+                    "the URDF has no effort".to_owned()
+                };
+                format!("for {torque:.2} N·m, {why}: {effort}")
             };
             Ok((motor, reason))
         }

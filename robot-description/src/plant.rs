@@ -227,10 +227,15 @@ impl PlantValues {
         for value in self.gravity {
             check(value.is_finite(), "gravity", value, "finite [m/s²]");
         }
-        let spread = self.mismatch.spread;
+        let Mismatch { spread, homing_error } = self.mismatch;
+        check(
+            (0.0..=0.5).contains(&homing_error),
+            "mismatch.homing_error",
+            homing_error,
+            "from 0 to 0.5 rad",
+        );
         check((0.0..1.0).contains(&spread), "mismatch.spread", spread, "from 0 to below 1");
         for (field, value) in [
-            ("mismatch.homing_error", self.mismatch.homing_error),
             ("friction.paper", self.friction.paper),
             ("noise.current", self.noise.current),
             ("noise.supply", self.noise.supply),
@@ -238,6 +243,13 @@ impl PlantValues {
         ] {
             check(value.is_finite() && value >= 0.0, field, value, "at least 0");
         }
+        let (noise, voltage) = (self.noise.supply, self.supply.voltage);
+        check(
+            noise.is_nan() || noise <= 0.1 * voltage,
+            "noise.supply",
+            noise,
+            "at most a tenth of supply.voltage",
+        );
         let bandwidth = self.inner_loop.bandwidth;
         check(bandwidth.is_finite() && bandwidth > 0.0, "inner_loop.bandwidth", bandwidth, "above 0 [Hz]");
         let step = self.integration.step;
@@ -283,7 +295,9 @@ impl Reader<'_> {
                 .nth(1)
                 .and_then(|key| self.report.line_of(&format!("{name}.{key}")))
                 .or_else(|| self.report.line_of(name));
-            self.report.dynamics(line, format!("{name}: {message}"), ADVICE);
+            let advice =
+                if name == "force_sensor" { "robots/hand3/plant.toml has such a section" } else { ADVICE };
+            self.report.dynamics(line, format!("{name}: {message}"), advice);
         })
     }
 

@@ -9,6 +9,7 @@ mod of_joints;
 mod plausible;
 pub(crate) mod settings;
 pub(crate) mod tree;
+mod unit;
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -21,6 +22,7 @@ pub use limits::{ImplausibleValue, implausible_values};
 pub(crate) use limits::{at_least, following_errors, least_torque_rate};
 pub use plausible::{Overload, overloaded};
 pub use settings::{FrictionSettings, JointSettings, Settings};
+pub use unit::{invalid_value, unit};
 
 use crate::file::{FileError, read_text, unreadable};
 use crate::finding::{Finding, Report};
@@ -33,6 +35,10 @@ fn advice(path: &Path, error: &io::Error) -> String {
         return advice.to_owned();
     }
     let folder = path.parent().unwrap_or(path);
+    if folder.is_file() {
+        let around = folder.parent().filter(|around| !around.as_os_str().is_empty());
+        return format!("give the folder, {}", around.unwrap_or(Path::new(".")).display());
+    }
     let lacks_settings = !path.exists() && folder.join("robot.urdf").is_file();
     if lacks_settings {
         format!("`tesaki model init {}` writes it, for the robot.urdf there", folder.display())

@@ -98,7 +98,7 @@ fn nonsense_is_named_by_file_joint_and_field() {
             "controller.toml",
             "command_timeout = 0.1 ",
             "command_timeout = 0.0 ",
-            "safety.command_timeout = 0 is below 0.01",
+            "safety.command_timeout = 0 s is below 0.01 s",
         ),
     ];
     for (name, from, to, expected) in cases {

@@ -134,6 +134,9 @@ pub struct Exported {
     pub key: u64,
 }
 
+/// What [`Board::tare`] does, for its errors.
+pub(crate) const TARE: &str = "tare its force sensors";
+
 /// A controller board, local or remote: anything that answers [`Request`]s.
 pub trait Board {
     /// Sends a request once and waits for the reply.
@@ -288,7 +291,7 @@ pub trait Board {
     /// # Errors
     /// When the board refuses.
     fn tare(&mut self) -> Result<(), BoardError> {
-        self.ask("tare its force sensors", Request::Tare)
+        self.ask(TARE, Request::Tare)
     }
 
     /// Starts a task and switches the outputs on.

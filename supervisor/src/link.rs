@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 use tesaki::protocol::codec::{Decoder, FrameCounts, MAX_FRAME, encode};
 use tesaki::protocol::{FromBoard, Refusal, Reply, ReplyFrame, Request, RequestFrame, SCHEMA_KEY};
 
+use crate::board::TARE;
 use crate::{Board, BoardError};
 
 /// Time that the first sending of a request waits for its answer before the request is repeated: short enough
@@ -25,6 +26,9 @@ const OLD: u16 = 1 << 14;
 
 /// Interval at which the flag of [`LinkBoard::interrupt_by`] is checked.
 const GLANCE: Duration = Duration::from_millis(5);
+
+/// Time after homing in which a board refuses to tare, and some more.
+const SETTLING: Duration = Duration::from_millis(1200);
 
 /// A two-way stream of bytes: serial port, socket, pseudo-terminal.
 pub trait ByteLink {
@@ -210,6 +214,20 @@ impl<L: ByteLink> Board for LinkBoard<L> {
                 Ok(reply)
             }
             reply => Ok(reply),
+        }
+    }
+
+    /// Waits while the board refuses because it was homed just now.
+    fn tare(&mut self) -> Result<(), BoardError> {
+        let deadline = Instant::now() + SETTLING;
+        loop {
+            match self.ask(TARE, Request::Tare) {
+                Err(BoardError::Refused { refusal: Refusal::NoSensors, .. }) if Instant::now() < deadline => {
+                    self.check_interrupt()?;
+                    std::thread::sleep(GLANCE);
+                }
+                answer => return answer,
+            }
         }
     }
 }

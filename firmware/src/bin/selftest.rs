@@ -350,8 +350,14 @@ fn periods_feed_the_watchdog_while_healthy() -> bool {
 }
 
 fn equipment_is_checked() -> bool {
-    let equipment =
-        Equipment { motors: 9, absolute_encoders: true, force_sensors: 0, current: 1.4, supply: 28.0 };
+    let equipment = Equipment {
+        motors: 9,
+        absolute_encoders: true,
+        count_rate: 1e6,
+        force_sensors: 0,
+        current: 1.4,
+        supply: 28.0,
+    };
     let refused = |equipment: Equipment, change: fn(&mut RobotModel)| {
         let mut model = support::hand();
         change(&mut model);
@@ -364,6 +370,8 @@ fn equipment_is_checked() -> bool {
     refused(equipment, unchanged).is_none()
         && refused(Equipment { motors: 3, ..equipment }, unchanged)
             == Some((Some(3), Field::Joints, Problem::BoardLimit(3.0)))
+        && refused(Equipment { count_rate: 1e4, ..equipment }, unchanged)
+            .is_some_and(|(joint, field, _)| (joint, field) == (Some(0), Field::CountsPerTurn))
         && refused(Equipment { absolute_encoders: false, ..equipment }, |model| {
             model.joints[0].encoder.relative = true;
         }) == Some((Some(1), Field::EncoderRelative, Problem::NotSupported))

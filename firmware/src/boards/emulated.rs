@@ -28,8 +28,14 @@ use crate::board::{Board, Equipment, Latch, NoCurrents, Peripherals, SupervisorL
 const HEALTHY_PERIODS: u32 = 50;
 
 /// The board's equipment.
-const EQUIPMENT: Equipment =
-    Equipment { motors: 1, absolute_encoders: true, force_sensors: 0, current: 10.0, supply: 60.0 };
+const EQUIPMENT: Equipment = Equipment {
+    motors: 1,
+    absolute_encoders: true,
+    count_rate: f32::INFINITY,
+    force_sensors: 0,
+    current: 10.0,
+    supply: 60.0,
+};
 
 /// The defect that the model's name selects.
 #[derive(Clone, Copy, PartialEq, Eq)]

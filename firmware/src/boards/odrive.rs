@@ -52,6 +52,7 @@ use tesaki_drivers::motors::{Motors, Output, PowerStages, Sensing};
 use tesaki_drivers::offset::Offset;
 
 use crate::board::{Board, CurrentControl, Equipment, Latch, Peripherals, Phase, SupervisorLine};
+use crate::drivers::COUNT_RATE;
 use crate::drivers::current_adc::{CurrentAdc, FULL_SCALE};
 use crate::drivers::half_bridges::HalfBridges;
 use crate::drivers::spi::{Device, Spi3OnC};
@@ -95,8 +96,14 @@ const PERIODS: u32 = (TICK / SWITCHING.period + 0.5) as u32;
 const MAX_BACK_EMF: f32 = 5.0;
 
 /// The board's equipment. A trip must lie within the amplifiers' range, 33 A.
-const EQUIPMENT: Equipment =
-    Equipment { motors: N as u8, absolute_encoders: false, force_sensors: 0, current: 25.0, supply: 48.0 };
+const EQUIPMENT: Equipment = Equipment {
+    motors: N as u8,
+    absolute_encoders: false,
+    count_rate: COUNT_RATE,
+    force_sensors: 0,
+    current: 25.0,
+    supply: 48.0,
+};
 
 /// From the control task to the current loops.
 static ORDER: Handover<{ order_words(N) }> = Handover::new();

@@ -46,6 +46,7 @@ use tesaki_drivers::motors::{Motors, Output, PowerStages, Sensing};
 
 use crate::board::{Board, CurrentControl, Equipment, Latch, Peripherals, Phase, SupervisorLine};
 use crate::chip_supply;
+use crate::drivers::COUNT_RATE;
 use crate::drivers::current_adc::{CurrentAdc, FULL_SCALE};
 use crate::drivers::pulses::Pulses;
 use crate::drivers::spi::{Device, Spi1OnA};
@@ -83,8 +84,14 @@ const TRIP: f32 = 1.15;
 const PERIODS: u32 = (TICK / SWITCHING.period + 0.5) as u32;
 
 /// The board's equipment. A trip must lie within the range of the current sense, 2.94 A.
-const EQUIPMENT: Equipment =
-    Equipment { motors: N as u8, absolute_encoders: false, force_sensors: 1, current: 2.5, supply: 36.0 };
+const EQUIPMENT: Equipment = Equipment {
+    motors: N as u8,
+    absolute_encoders: false,
+    count_rate: COUNT_RATE,
+    force_sensors: 1,
+    current: 2.5,
+    supply: 36.0,
+};
 const _: () = assert!(EQUIPMENT.supply <= drv8874::SUPPLY_MAX);
 
 /// EXTI line on which the force sensor's converter signals new values.

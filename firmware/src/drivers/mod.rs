@@ -4,9 +4,13 @@
 //! and requires the main pin of a channel together with its complementary one; the HAL's ADC has no injected
 //! conversions, and its SPI waits without a bound.
 
+/// Largest rate of the counts of an encoder behind [`filter_encoders`](crate::filter_encoders) [1/s]: its levels
+/// last 1 µs then.
+pub const COUNT_RATE: f32 = 1e6;
+
 /// Filters both inputs of encoders' timers, as the HAL does not: a level counts after six equal samples at an
 /// eighth of 84 MHz, 0.57 µs. Switching edges of the power stages on an encoder's cable are shorter; encoders
-/// may give up to a million counts a second.
+/// may give up to [`COUNT_RATE`].
 #[macro_export]
 macro_rules! filter_encoders {
     ($($timer:ident),+) => {$(

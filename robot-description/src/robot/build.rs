@@ -9,6 +9,7 @@ use tesaki::model::{
 use super::of_joints::OfJoints;
 use super::settings::{JointSettings, Settings};
 use super::tree::{SerialChain, SerialJoint, SerialMimic};
+use super::unit::invalid_value;
 use crate::finding::{Finding, Report};
 use crate::urdf::Urdf;
 
@@ -157,7 +158,7 @@ pub fn validate(model: &RobotModel, urdf: &Urdf, of_urdf: &mut Report, of_settin
     for (joint, error) in found {
         let name = joint.map_or("", |joint| joint.name.as_str());
         let key = error.field.path();
-        let message = format!("{key} = {} {}", error.value, error.problem);
+        let message = invalid_value(&error);
         let place = if name.is_empty() { String::new() } else { format!("joint {name}: ") };
         match in_urdf(error.field) {
             Some(_) if told => {}
@@ -168,8 +169,8 @@ pub fn validate(model: &RobotModel, urdf: &Urdf, of_urdf: &mut Report, of_settin
                     .or_else(|| of_settings.line_of(&format!("joint.{key}")))
                     .or_else(|| of_settings.line_of(key));
                 match joint {
-                    Some(joint) => of_joints.error(joint, line, message, in_settings(error.field)),
-                    None => of_settings.dynamics(line, message, in_settings(error.field)),
+                    Some(joint) => of_joints.error(joint, line, message, in_settings(error.field, true)),
+                    None => of_settings.dynamics(line, message, in_settings(error.field, false)),
                 }
             }
         }
@@ -205,7 +206,8 @@ const fn in_urdf(field: Field) -> Option<&'static str> {
     })
 }
 
-const fn in_settings(field: Field) -> &'static str {
+/// What to do about a field of `controller.toml`, of a joint or of the robot.
+const fn in_settings(field: Field, of_joint: bool) -> &'static str {
     match field {
         Field::MimicForceSensor => "remove [force_sensor]: a chain with a mimic joint cannot have one",
         Field::CalibrationMatrix => {
@@ -215,8 +217,12 @@ const fn in_settings(field: Field) -> &'static str {
             "the matrix is for counts of the converter, of 24 bits: one for volts or for mV/V needs a factor"
         }
         Field::GaugeGains => "give six gains, each a power of two up to 128",
+        Field::CurrentLimit => {
+            "check motor.current_limit [A] and motor.current_resolution [A a count]: a reading has up to 26 214 counts"
+        }
         Field::ServoInertia => "the links have no mass: give motor.rotor_inertia, or servo.inertia",
-        _ => "mend the value; [joints.NAME] holds what is different for one joint",
+        _ if of_joint => "mend the value; [joints.NAME] holds what is different for one joint",
+        _ => "mend the value",
     }
 }
 

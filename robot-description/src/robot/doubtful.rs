@@ -1,6 +1,8 @@
 //! Values that work, but that few machines have: of another unit, or without the gear.
 
-use tesaki::model::{ForceSensor, JointModel, Motor, RobotModel};
+use std::f32::consts::TAU;
+
+use tesaki::model::{ForceSensor, JointModel, Motor, RobotModel, Safety};
 
 use super::limits::{ImplausibleValue, Text, at_least};
 
@@ -17,10 +19,16 @@ const OTHER_UNIT: f32 = 3.0;
 const MUCH_STICKING: f32 = 0.5;
 /// Velocity of the trajectory filter after a step, per step and filter time: 1/e.
 const FILTER_PEAK: f32 = 0.367_879;
-/// Of the finest encoders at the motor, 20 bit, through a gear of 256 [counts a turn].
-const FINEST_ENCODER: f32 = 268_435_456.0;
+/// Of the finest encoders at the motor, 20 bit, through a gear of some 256 [counts a turn].
+const FINEST_ENCODER: f32 = 2.7e8;
 /// A limit of fewer counts of its sensor is hardly measured.
 const FEW_COUNTS: f32 = 20.0;
+/// Time constants of windings, from coreless motors to large ones with iron [s].
+const WINDINGS: [f32; 2] = [1e-5, 0.02];
+/// An error at rest above this is seen [rad].
+const MUCH_REST_ERROR: f32 = 0.05;
+/// Least lever of a contact force about a force sensor [m].
+const LEAST_LEVER: f32 = 5e-3;
 
 /// The values of a valid model that are possible, but not likely.
 pub fn doubtful_values(model: &RobotModel) -> Vec<ImplausibleValue> {
@@ -31,15 +39,26 @@ pub fn doubtful_values(model: &RobotModel) -> Vec<ImplausibleValue> {
         };
         rotor(joint).into_iter().for_each(|text| add("motor.rotor_inertia", text));
         torque(joint).into_iter().for_each(|text| add("motor.current_limit", text));
+        winding(joint, &model.safety).into_iter().for_each(|text| add("motor.inductance", text));
+        inner_loop(joint).into_iter().for_each(|text| add("motor.bandwidth", text));
         current(joint).into_iter().for_each(|text| add("motor.current_resolution", text));
         encoder(joint).into_iter().for_each(|text| add("encoder.counts_per_turn", text));
+        rest_error(joint).into_iter().for_each(|text| add("servo.rest_error", text));
+        observer(joint).into_iter().for_each(|text| add("servo.observer.observer_bandwidth", text));
         speed(joint).into_iter().for_each(|text| add("servo.filter_time", text));
         sticking(joint).into_iter().for_each(|text| add("servo.observer.bandwidth", text));
     }
+    let mut add = |key, (message, advice)| {
+        found.push(ImplausibleValue { joint: None, key, message, advice });
+    };
+    if model.safety.damping <= 0.0 {
+        let message = "safety.damping = 0: a robot that is damped after a fault falls unbraked".to_owned();
+        add("safety.damping", (message, "above 0 N·m·s/rad".to_owned()));
+    }
     // All of a robot folder are alike.
-    let sensor = model.chains.iter().find_map(|chain| chain.force_sensor.as_ref());
-    if let Some((message, advice)) = sensor.and_then(force) {
-        found.push(ImplausibleValue { joint: None, key: "force_sensor.force_resolution", message, advice });
+    if let Some(sensor) = model.chains.iter().find_map(|chain| chain.force_sensor.as_ref()) {
+        force(sensor).into_iter().for_each(|text| add("force_sensor.force_resolution", text));
+        moment(sensor).into_iter().for_each(|text| add("force_sensor.torque_resolution", text));
     }
     found
 }
@@ -88,6 +107,53 @@ fn torque(joint: &JointModel) -> Text {
     })
 }
 
+/// A winding that no motor has, or that the supply cannot drive.
+fn winding(joint: &JointModel, safety: &Safety) -> Text {
+    let (resistance, inductance) = match (joint.motor.resistance, joint.motor.inductance) {
+        (None, None) => return None,
+        (Some(resistance), Some(inductance)) => (resistance, inductance),
+        (resistance, _) => {
+            let (has, lacks) = match resistance {
+                Some(_) => ("resistance", "inductance"),
+                None => ("inductance", "resistance"),
+            };
+            let message =
+                format!("motor.{has} without motor.{lacks}: boards that control currents need both");
+            return Some((message, "give both, or none for a board without current loops".to_owned()));
+        }
+    };
+    let time = inductance / resistance;
+    let [shortest, longest] = WINDINGS;
+    if !(shortest..=longest).contains(&time) {
+        let message = format!(
+            "motor.inductance = {inductance:e} H over motor.resistance = {resistance} Ω is a time constant of {:.3e} \
+             ms; windings have 0.01 to 20 ms",
+            1e3 * time
+        );
+        return Some((message, "check the units: data sheets give mH".to_owned()));
+    }
+    let (current, voltage) = (joint.motor.current_limit, safety.supply_min);
+    (resistance * current > voltage).then(|| {
+        let message = format!(
+            "motor.resistance = {resistance} Ω: {voltage} V (safety.supply_min) drive {:.3} A through it, not the \
+             current_limit of {current} A",
+            voltage / resistance
+        );
+        (message, "check resistance, in Ω, and current_limit".to_owned())
+    })
+}
+
+/// A current loop that is slower than the servo needs.
+fn inner_loop(joint: &JointModel) -> Text {
+    let (bandwidth, servo) = (joint.motor.bandwidth, joint.servo.observer.bandwidth);
+    (TAU * bandwidth < 2.0 * servo).then(|| {
+        let message = format!(
+            "motor.bandwidth = {bandwidth} Hz, of the current loop, is less than twice that of the servo, {servo} rad/s"
+        );
+        (message, "check the unit: Hz; current loops have some hundred".to_owned())
+    })
+}
+
 /// A current sense that hardly sees the motor's current.
 fn current(joint: &JointModel) -> Text {
     let Motor { current_limit, current_resolution, .. } = joint.motor;
@@ -109,6 +175,41 @@ fn encoder(joint: &JointModel) -> Text {
             "encoder.counts_per_turn = {counts:e}: a fine encoder at the motor, 20 bit, has 2.7e8 through a gear of 256"
         );
         (message, "counts in a turn of the joint: those of the encoder times the gear ratio".to_owned())
+    })
+}
+
+/// A dead band that is seen, or that no encoder shows.
+fn rest_error(joint: &JointModel) -> Text {
+    let (error, count) = (joint.servo.rest_error, TAU / joint.encoder.counts_per_turn);
+    let (message, advice) = if error > MUCH_REST_ERROR {
+        let message =
+            format!("servo.rest_error = {error} rad: a joint at rest stays that far from its target");
+        (message, "check the unit: rad; some counts of the encoder".to_owned())
+    } else if error < count {
+        let message = format!(
+            "servo.rest_error = {error} rad is less than a count of the encoder, {count:.2e} rad: the joint hunts at \
+             rest"
+        );
+        let advice = format!(
+            "{} or more; encoder.counts_per_turn is for a turn of the joint: lines at the motor · 4 · gear ratio",
+            at_least(1.2 * count)
+        );
+        (message, advice)
+    } else {
+        return None;
+    };
+    Some((message, advice))
+}
+
+/// A disturbance observer that is slower than the loop that it serves.
+fn observer(joint: &JointModel) -> Text {
+    let gains = &joint.servo.observer;
+    (gains.observer_bandwidth < gains.bandwidth).then(|| {
+        let message = format!(
+            "servo.observer.observer_bandwidth = {} rad/s is below servo.observer.bandwidth, {} rad/s",
+            gains.observer_bandwidth, gains.bandwidth
+        );
+        (message, "twice the bandwidth or more".to_owned())
     })
 }
 
@@ -153,6 +254,21 @@ fn force(sensor: &ForceSensor) -> Text {
     })
 }
 
+/// A force sensor whose moments saturate before its forces.
+fn moment(sensor: &ForceSensor) -> Text {
+    let ForceSensor { force_limit, torque_resolution, saturation, .. } = sensor;
+    #[expect(clippy::cast_precision_loss, reason = "for a comparison")]
+    let largest = torque_resolution * *saturation as f32;
+    (largest < LEAST_LEVER * force_limit).then(|| {
+        let message = format!(
+            "force_sensor.torque_resolution = {torque_resolution:e} N·m a count: with saturation = {saturation} moments end \
+             at {largest:.1e} N·m, those of force_limit, {force_limit} N, at a lever of 5 mm are {:.1e} N·m",
+            LEAST_LEVER * force_limit
+        );
+        (message, "check the unit: N·m a count; saturation is for all six axes".to_owned())
+    })
+}
+
 #[cfg(test)]
 #[allow(clippy::unwrap_used, reason = "tests")]
 mod tests {
@@ -169,15 +285,37 @@ mod tests {
     #[test]
     fn none_of_our_robots_is_doubtful() {
         for name in ["hand3", "arm7", "hand5", "knob-arm", "allegro", "leap", "inspire"] {
-            assert_eq!(doubtful_values(&robot(name)), [], "{name}");
+            let mut found = doubtful_values(&robot(name));
+            // Its filter is for an operator's motion, not for moves.
+            found.retain(|value| (name, value.key) != ("hand5", "servo.filter_time"));
+            assert_eq!(found, [], "{name}");
         }
+    }
+
+    fn winding(robot: &mut RobotModel, resistance: Option<f32>, inductance: Option<f32>) {
+        let motor = &mut robot.joints[1].motor;
+        (motor.resistance, motor.inductance) = (resistance, inductance);
+    }
+
+    #[test]
+    fn a_winding_needs_both_values_and_a_sensor_its_moments() {
+        let mut changed = robot("hand3");
+        winding(&mut changed, Some(4.3), None);
+        let [found] = &doubtful_values(&changed)[..] else { panic!() };
+        assert!(found.message.contains("motor.resistance without motor.inductance"), "{found:?}");
+        let mut changed = robot("hand3");
+        for chain in &mut changed.chains {
+            chain.force_sensor.as_mut().unwrap().torque_resolution = 1e-9;
+        }
+        let [found] = &doubtful_values(&changed)[..] else { panic!() };
+        assert_eq!(found.key, "force_sensor.torque_resolution");
     }
 
     /// One of hand3: finger1_bend, 0.6 N·m, 6 rad/s.
     #[test]
     fn each_value_is_doubtful_beyond_its_bound() {
         type Change = fn(&mut RobotModel, f32);
-        let cases: [(&str, Change, f32, f32); 6] = [
+        let cases: [(&str, Change, f32, f32); 14] = [
             // 0.6 N·m · 0.2 ms / 6 rad/s.
             (
                 "motor.rotor_inertia",
@@ -202,6 +340,41 @@ mod tests {
                 0.051,
                 0.049,
             ),
+            // 4.3 Ω; windings have 0.01 to 20 ms; 20 V drive 4.65 A through them.
+            ("motor.inductance", |robot, value| winding(robot, Some(4.3), Some(value)), 0.087, 0.085),
+            ("motor.inductance", |robot, value| winding(robot, Some(4.3), Some(value)), 4.2e-5, 4.4e-5),
+            (
+                "motor.inductance",
+                |robot, value| {
+                    let current = robot.joints[1].motor.current_limit;
+                    winding(robot, Some(value * robot.safety.supply_min / current), Some(1e-3));
+                },
+                1.01,
+                0.99,
+            ),
+            // 30 rad/s are 4.8 Hz.
+            (
+                "motor.bandwidth",
+                |robot, value| {
+                    robot.joints[1].servo.observer.bandwidth = 30.0;
+                    robot.joints[1].motor.bandwidth = value;
+                },
+                9.4,
+                9.7,
+            ),
+            // A count is 2π/65536.
+            ("servo.rest_error", |robot, value| robot.joints[1].servo.rest_error = value, 9.5e-5, 9.6e-5),
+            ("servo.rest_error", |robot, value| robot.joints[1].servo.rest_error = value, 0.051, 0.049),
+            (
+                "servo.observer.observer_bandwidth",
+                |robot, value| {
+                    let gains = &mut robot.joints[1].servo.observer;
+                    gains.observer_bandwidth = value * gains.bandwidth;
+                },
+                0.99,
+                1.01,
+            ),
+            ("safety.damping", |robot, value| robot.safety.damping = value, 0.0, 1e-3),
             // From the middle to a limit at 6 rad/s: 1.45 rad / (e · 6 rad/s) are 89 ms.
             ("servo.filter_time", |robot, value| robot.joints[1].servo.filter_time = value, 0.088, 0.09),
             (

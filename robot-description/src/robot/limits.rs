@@ -393,6 +393,7 @@ mod tests {
             let limits = &mut robot.joints[1].limits;
             (limits.torque, limits.velocity) = (torque, velocity);
             (limits.torque_rate, limits.following_error) = (1e-4, 1e-6);
+            robot.joints[1].servo.rest_error = 0.0;
             for _ in 0..3 {
                 for limit in implausible_values(&robot).iter().filter(|limit| limit.joint == Some(1)) {
                     let number = |word: &str| word.parse::<f32>().ok();

@@ -22,6 +22,10 @@ use crate::urdf::Urdf;
 const ON_AXIS: f32 = 1e-4;
 /// Joints of an arm, whose last one turns the tool about its own axis.
 const ARM_JOINTS: usize = 6;
+/// Factor between the inertia that a servo assumes and those that its joint feels, from which one is wrong.
+const OTHER_INERTIA: f32 = 2.0;
+/// The same for the bandwidth of current loops.
+const OTHER_BANDWIDTH: f64 = 3.0;
 
 /// Whether the model is right enough to compute with.
 pub fn is_checkable(model: &RobotModel) -> bool {
@@ -142,9 +146,14 @@ pub fn overloaded(model: &RobotModel) -> Vec<Overload> {
 /// The chains of a model in groups that do not depend on each other.
 fn groups(model: &RobotModel) -> Vec<CoupledChains> {
     let couplings = |index| model.joints_of(index).map(ChainJoint::coupling).collect();
-    CoupledChains::groups(
+    let mut groups = CoupledChains::groups(
         (0..model.chains.len()).map(|index| (Chain::of_model(model, index), couplings(index))),
-    )
+    );
+    for group in &mut groups {
+        let joints = group.motors.iter().filter_map(|motor| model.joints.get(*motor));
+        group.rotors = joints.map(|joint| joint.motor.rotor_inertia).collect();
+    }
+    groups
 }
 
 fn of_chains(
@@ -159,8 +168,11 @@ fn of_chains(
     let limits: Vec<(f32, f32)> =
         joints.iter().map(|joint| (joint.limits.lower, joint.limits.upper)).collect();
     let loads = chains.joint_loads(gravity, &limits);
-    for (&joint, load) in joints.iter().zip(&loads) {
+    for ((&joint, load), inertias) in joints.iter().zip(&loads).zip(chains.joint_inertias(&limits)) {
         motors::check(joint, &joints, load, reports);
+        if reports.has_weights {
+            servo_inertia(joint, inertias, reports);
+        }
     }
     let Some(posture) = start else { return };
     #[expect(clippy::cast_possible_truncation, reason = "the controller works in single precision")]
@@ -201,6 +213,25 @@ fn of_chains(
             );
         }
     }
+}
+
+/// A servo whose gains are for quite another inertia than the smallest and the largest one that its joint feels,
+/// with its rotor [kg·m²].
+fn servo_inertia(joint: &JointModel, [smallest, largest]: [f32; 2], reports: &mut Reports) {
+    let inertia = joint.servo.observer.inertia;
+    let (effect, factor) = if inertia > OTHER_INERTIA * largest {
+        ("high: it may be unstable", inertia / largest)
+    } else if inertia < smallest / OTHER_INERTIA {
+        ("low: it is weak", smallest / inertia)
+    } else {
+        return;
+    };
+    let message = format!(
+        "servo.inertia = {inertia} kg·m²; the joint feels {smallest:.2e} to {largest:.2e} kg·m² with its rotor: all gains \
+         of its servo are {factor:.1} times too {effect}"
+    );
+    let advice = "remove servo.inertia, and it is computed from links and rotor; or check motor.rotor_inertia and masses";
+    reports.of_joints.warning(joint, reports.line(joint, "servo.inertia"), message, advice);
 }
 
 /// The name of a joint as a key in TOML.
@@ -272,6 +303,23 @@ fn against_plant(model: &RobotModel, plant: &PlantValues, known: &[Finding], rep
         );
         let advice = "check friction and motor.rotor_inertia; else give a step of a quarter of this time";
         report.dynamics(report.line_of("integration.step"), message, advice);
+    }
+    let bandwidth = plant.inner_loop.bandwidth;
+    let fits = |joint: &JointModel| {
+        let own = f64::from(joint.motor.bandwidth);
+        (own / OTHER_BANDWIDTH..=own * OTHER_BANDWIDTH).contains(&bandwidth)
+    };
+    if !model.joints.is_empty() && !model.joints.iter().any(fits) {
+        let message = format!(
+            "inner_loop.bandwidth = {bandwidth} Hz; no joint of controller.toml has a motor.bandwidth like that, the first \
+             {} Hz",
+            model.joints.first().map_or(0.0, |joint| joint.motor.bandwidth)
+        );
+        report.warning(
+            report.line_of("inner_loop.bandwidth"),
+            message,
+            "the controller would take the drives for faster or slower than they are: correct one of them",
+        );
     }
     let (voltage, safety) = (plant.supply.voltage, &model.safety);
     if voltage < f64::from(safety.supply_min) || voltage > f64::from(safety.supply_max) {

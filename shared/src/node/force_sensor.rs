@@ -16,6 +16,10 @@ const STUCK_TICKS: u16 = 50;
 /// noise and requires a longer time without contact.
 const TARE_FILTER_GAIN: f32 = 1.0 / 16.0;
 
+/// Ticks after homing in which no sensor is tared: then 0.2 % of the filtered reading are of weights at the
+/// earlier angles.
+pub(super) const TARE_DELAY: u8 = 100;
+
 /// State of a force sensor.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize, Schema)]
 pub(super) struct ForceSensorState {

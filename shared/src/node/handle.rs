@@ -1,4 +1,4 @@
-use super::force_sensor::ForceSensorState;
+use super::force_sensor::{ForceSensorState, TARE_DELAY};
 use super::joint::Joints;
 use super::lease::Admitted;
 use super::optional::Optional;
@@ -232,7 +232,7 @@ impl Node {
             return Err(Refusal::NoForceSensor);
         }
         self.require_homed(robot)?;
-        if self.state.sensing != Sensing::Read {
+        if self.state.sensing != Sensing::Read || has_sensor && self.state.tare_delay > 0 {
             return Err(Refusal::NoSensors);
         }
         let mut states = robot.model().chains.iter().zip(&self.state.force_sensors);
@@ -329,7 +329,7 @@ impl Node {
         self.postures.clear();
         // Homing changes the postures, with which the weight on the force sensors was compensated.
         self.state.measured.tared = 0;
-        self.state.force_sensors.iter_mut().for_each(ForceSensorState::lose);
+        self.state.tare_delay = TARE_DELAY;
         Ok(())
     }
 

@@ -321,6 +321,7 @@ impl Node {
         // The sensor also measures the inertial force of the mass on it.
         let accelerated = self.ticks_task();
         let state = &mut self.state;
+        state.tare_delay = state.tare_delay.saturating_sub(1);
         let mut gravity = *self.robot.gravity();
         if accelerated {
             gravity -= state.task.acceleration();

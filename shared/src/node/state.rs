@@ -85,6 +85,8 @@ pub struct State {
     pub(super) references: [JointPoint; MAX_JOINTS],
     pub(super) joints: [JointState; MAX_JOINTS],
     pub(super) force_sensors: [ForceSensorState; MAX_CHAINS],
+    /// Ticks until they may be tared.
+    pub(super) tare_delay: u8,
     pub(super) faults: FaultLog,
     /// Checksum of the names of the joints that the faults refer to by index; 0 before the first model.
     pub(super) fault_joints: u32,
@@ -124,6 +126,7 @@ impl State {
             references: [JointPoint { position: 0.0, velocity: 0.0, acceleration: 0.0 }; MAX_JOINTS],
             joints: [JointState::new(); MAX_JOINTS],
             force_sensors: [ForceSensorState::new(); MAX_CHAINS],
+            tare_delay: 0,
             faults: FaultLog::new(),
             fault_joints: 0,
             faults_read: 0,

@@ -64,7 +64,8 @@ pub enum Refusal {
         /// Maximum number of bytes.
         limit: u32,
     },
-    /// 11: the last sensor frame is missing or invalid; for a tare, also: a force sensor has no valid reading.
+    /// 11: the last sensor frame is missing or invalid; for a tare, also: a force sensor has no valid reading, or
+    /// the joints were homed less than 1 s ago.
     NoSensors,
     /// 12: the last sensor frame shows a condition that would be a fault while enabled.
     Unsafe(Fault),
@@ -159,7 +160,10 @@ impl fmt::Display for Refusal {
             Self::ModelUnreadable { length, limit } => {
                 write!(f, "{length} bytes are not a robot model of this version (at most {limit} bytes)")
             }
-            Self::NoSensors => write!(f, "no sensor readings yet: check encoders and supply"),
+            Self::NoSensors => write!(
+                f,
+                "no valid sensor readings: check encoders and supply; to tare, wait 1 s after homing"
+            ),
             Self::Unsafe(fault) => write!(f, "the sensors show {fault}"),
             Self::NotHomed { joint } => write!(
                 f,

@@ -456,8 +456,9 @@ fn positive(text: &str) -> Result<f32, String> {
 }
 
 fn joint_angle(text: &str) -> Result<(String, f32), String> {
+    // A name may have another one.
     let (name, angle) = text
-        .split_once('=')
+        .rsplit_once('=')
         .ok_or_else(|| format!("{text:?}: expected JOINT=ANGLE, for example finger1_swing=0.3"))?;
     match angle.trim().parse::<f32>() {
         Ok(angle) if angle.is_finite() => Ok((name.trim().to_owned(), angle)),
@@ -467,7 +468,7 @@ fn joint_angle(text: &str) -> Result<(String, f32), String> {
 
 fn tip_position(text: &str) -> Result<(String, [f32; 3]), String> {
     let (name, position) = text
-        .split_once('=')
+        .rsplit_once('=')
         .ok_or_else(|| format!("{text:?}: expected TIP=X,Y,Z, for example finger1_tip=0.09,0.04,0.1"))?;
     let numbers: Vec<f32> = position.split(',').filter_map(|number| number.trim().parse().ok()).collect();
     match <[f32; 3]>::try_from(numbers) {

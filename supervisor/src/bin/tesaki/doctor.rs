@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use tesaki::model::{RobotModel, Safety};
 use tesaki::protocol::{
     BoardStatus, ClockSource, ForceSensorFault, FromBoard, Identity, LinkStatistics, LogRecord, Mode,
-    NodeStatus, ResetCause, SensorFlags, Status, Stream,
+    NodeStatus, ResetCause, SensorFlags, Status, Stream, Telemetry,
 };
 use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::faults;
@@ -240,9 +240,12 @@ fn check_board(
     }
     check_model(&node, robot, doctor);
     let model = board.model()?;
-    check_control(&mut board, doctor)?;
+    let telemetry = check_control(&mut board, doctor)?;
     check_supply(node.supply, &model.safety, doctor);
     check_homing(node.homed, &model, doctor);
+    if let Some(telemetry) = telemetry {
+        check_angles(&telemetry, node.homed, &model, doctor);
+    }
     if node.mode == Mode::Fault {
         let log = board.faults()?;
         let blamed = faults::blamed(&log);
@@ -395,23 +398,42 @@ fn check_model(node: &NodeStatus, robot: Option<&Path>, doctor: &mut Doctor) {
     }
 }
 
-fn check_control(board: &mut LinkBoard<BoardLink>, doctor: &mut Doctor) -> Result<(), Failure> {
+/// Returns the telemetry of the control loop, if it runs.
+fn check_control(
+    board: &mut LinkBoard<BoardLink>,
+    doctor: &mut Doctor,
+) -> Result<Option<Telemetry>, Failure> {
     board.set_rate(Stream::Telemetry, 10)?;
     let deadline = Instant::now() + Duration::from_millis(500);
-    let mut alive = false;
-    while !alive && let Some(event) = board.next_event(deadline)? {
-        alive = matches!(event, FromBoard::Telemetry(_));
+    while let Some(event) = board.next_event(deadline)? {
+        if let FromBoard::Telemetry(telemetry) = event {
+            doctor.good("sensor readings arrive and the control loop runs");
+            return Ok(Some(telemetry));
+        }
     }
-    if alive {
-        doctor.good("sensor readings arrive and the control loop runs");
-    } else {
-        doctor.bad(
-            6,
-            "the control loop does not run: no sensor readings",
-            "a bare board has no sensor drivers; with the plant link, is the simulator running?",
-        );
+    doctor.bad(
+        6,
+        "the control loop does not run: no sensor readings",
+        "a bare board has no sensor drivers; with the plant link, is the simulator running?",
+    );
+    Ok(None)
+}
+
+/// Checks that the joints, as far as they are `homed`, stand within their limits.
+fn check_angles(telemetry: &Telemetry, homed: u16, model: &RobotModel, doctor: &mut Doctor) {
+    for (index, (joint, state)) in model.joints.iter().zip(&telemetry.joints).enumerate() {
+        let (angle, limits) = (state.position, &joint.limits);
+        if homed >> index & 1 != 0 && (angle < limits.lower || angle > limits.upper) {
+            doctor.bad(
+                1,
+                format!(
+                    "{} stands at {angle:.3} rad, outside its limits {} to {} rad: it cannot be enabled there",
+                    joint.name, limits.lower, limits.upper
+                ),
+                "turn it by hand, or home it if this is not its angle; or check limits.lower and limits.upper",
+            );
+        }
     }
-    Ok(())
 }
 
 fn check_supply(supply: f32, safety: &Safety, doctor: &mut Doctor) {

@@ -27,7 +27,11 @@ pub fn home(options: &Options, args: &Home) -> Result<(), Failure> {
     }
     if !model.joints.iter().any(|joint| joint.encoder.relative) {
         let text = format!("all encoders of {} are absolute: there is nothing to home", model.name);
-        return output::result(options, &json!({ "homed": {}, "no_longer_tared": [] }), || text);
+        return output::result(
+            options,
+            &json!({ "homed": {}, "no_longer_tared": [], "warnings": [] }),
+            || text,
+        );
     }
     let mut positions = Vec::new();
     let mut assumed = Vec::new();
@@ -50,16 +54,16 @@ pub fn home(options: &Options, args: &Home) -> Result<(), Failure> {
         check_typed(joint, angle, args.degrees)?;
         positions.push(angle);
     }
+    let mut warnings = Vec::new();
     if let (Some(others), false) = (args.others, assumed.is_empty()) {
         let unit = if args.degrees { "°" } else { " rad" };
         let joints = assumed.join(", ");
-        output::notice(
-            options,
-            &format!(
-                "warning: {joints} must stand at {others}{unit} now. From a wrong angle a joint runs into its \
-                 stop"
-            ),
-        );
+        warnings.push(format!(
+            "{joints} must stand at {others}{unit} now. From a wrong angle a joint runs into its stop"
+        ));
+    }
+    for warning in &warnings {
+        output::notice(options, &format!("warning: {warning}"));
     }
     output::confirm(options, "The current joint angles will be set to these values. Continue?")?;
     let tared = session.tared(&model)?;
@@ -68,9 +72,11 @@ pub fn home(options: &Options, args: &Home) -> Result<(), Failure> {
     let relative = model.joints.iter().zip(&positions).filter(|(joint, _)| joint.encoder.relative);
     let set: serde_json::Map<_, _> =
         relative.map(|(joint, angle)| (joint.name.to_string(), output::exact(angle))).collect();
-    output::result(options, &json!({ "homed": set, "no_longer_tared": tared }), || {
-        format!("{} homed", output::counted(set.len(), "joint"))
-    })?;
+    output::result(
+        options,
+        &json!({ "homed": set, "no_longer_tared": tared, "warnings": warnings }),
+        || format!("{} homed", output::counted(set.len(), "joint")),
+    )?;
     notice_untared(options, "the joints were homed", &tared);
     Ok(())
 }

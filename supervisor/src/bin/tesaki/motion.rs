@@ -28,6 +28,8 @@ const ASK: Duration = Duration::from_millis(50);
 const ASK_TO_DECIDE: Duration = Duration::from_millis(20);
 /// Period of the lines of JSON.
 const REPORT: Duration = Duration::from_millis(100);
+/// An enabled board knows all angles.
+const ALL_HOMED: u16 = u16::MAX;
 /// No path is longer than this many lengths of its robot.
 const LENGTHS: f32 = 10.0;
 /// Without telemetry for this time, the stream is requested again: the board may have been reset.
@@ -440,7 +442,7 @@ impl<'a> Motion<'a> {
     fn report(&self, news: &News) -> Option<String> {
         match (self.asks, news) {
             (None, News { telemetry: Some(telemetry), .. }) => {
-                Some(output::telemetry(telemetry, Some(&self.model)).to_string())
+                Some(output::telemetry(telemetry, Some(&self.model), ALL_HOMED).to_string())
             }
             (Some(_), News { task: Some(report), .. }) => Some(output::task(report).to_string()),
             _ => None,

@@ -73,15 +73,19 @@ pub fn task(report: &TaskReport) -> serde_json::Value {
     serde_json::Value::Object(value)
 }
 
-/// The state of the joints for JSON, each with its name.
-pub fn telemetry(telemetry: &Telemetry, model: Option<&RobotModel>) -> serde_json::Value {
+/// The state of the joints for JSON, each with its name. `homed`: a bit for each joint whose angle is known;
+/// what is counted from an unknown zero is no angle.
+pub fn telemetry(telemetry: &Telemetry, model: Option<&RobotModel>, homed: u16) -> serde_json::Value {
     let mut value = exact(telemetry);
     let joints = value.get_mut("joints").and_then(serde_json::Value::as_array_mut);
-    for (state, joint) in joints.into_iter().flatten().zip(model.into_iter().flat_map(|model| &model.joints))
-    {
-        if let serde_json::Value::Object(state) = state {
-            state.insert("name".to_owned(), joint.name.as_str().into());
+    let names = model.into_iter().flat_map(|model| &model.joints).map(|joint| joint.name.as_str());
+    for (index, (state, name)) in joints.into_iter().flatten().zip(names).enumerate() {
+        let is_homed = homed >> index & 1 != 0;
+        if !is_homed {
+            (state["position"], state["reference"]) = (serde_json::Value::Null, serde_json::Value::Null);
         }
+        state["homed"] = is_homed.into();
+        state["name"] = name.into();
     }
     value
 }

@@ -1,20 +1,18 @@
 //! `read` and `set`: joint states, and parameters of the model on the board.
 
-mod unit;
-
 use std::fmt::Write as _;
 
 use serde_json::{Value, json};
-use tesaki::model::{Field, JointModel, ModelError, Problem, RobotModel};
+use tesaki::model::{Field, JointModel, ModelError, RobotModel};
+use tesaki::protocol::NodeStatus;
 use tesaki_description::in_words;
-use tesaki_description::robot::{doubtful_values, implausible_values, overloaded};
+use tesaki_description::robot::{doubtful_values, implausible_values, invalid_value, overloaded, unit};
 use tesaki_supervisor::Board;
 
 use crate::args::Options;
 use crate::board_session::{BoardSession, notice_unhomed, notice_untared};
 use crate::failure::Failure;
 use crate::output;
-use unit::unit;
 
 pub fn read(options: &Options, path: Option<&str>) -> Result<(), Failure> {
     let mut session = BoardSession::open(options)?;
@@ -42,12 +40,23 @@ fn state(options: &Options, session: &mut BoardSession, model: &RobotModel) -> R
     let telemetry = session.telemetry_now()?;
     let homed = session.board.status()?.node.homed;
     let tips = session.tips()?.tips;
-    let mut value = output::telemetry(&telemetry, Some(model));
+    let mut value = output::telemetry(&telemetry, Some(model), homed);
+    let is_placed = |chain| model.joints_of(chain).all(|joint| homed >> joint.coupling().actuated & 1 != 0);
     value["tips"] = model
         .chains
         .iter()
         .zip(&tips)
-        .map(|(chain, tip)| (chain.name.to_string(), output::exact(tip)))
+        .enumerate()
+        .map(|(index, (chain, tip))| {
+            let mut value = output::exact(tip);
+            if !is_placed(index) {
+                value["position"] = Value::Null;
+            }
+            if chain.force_sensor.is_none() {
+                value["force"] = Value::Null;
+            }
+            (chain.name.to_string(), value)
+        })
         .collect();
     output::result(options, &value, || {
         let mut text = format!(
@@ -71,9 +80,11 @@ fn state(options: &Options, session: &mut BoardSession, model: &RobotModel) -> R
             );
         }
         let _ = writeln!(text, "\n{:<20} {:>10} {:>10} {:>10}", "tip", "x / m", "y / m", "z / m");
-        for (chain, tip) in model.chains.iter().zip(&tips) {
-            let [x, y, z] = tip.position;
-            let _ = write!(text, "{:<20} {x:>10.4} {y:>10.4} {z:>10.4}", chain.name);
+        for (index, (chain, tip)) in model.chains.iter().zip(&tips).enumerate() {
+            let [x, y, z] = tip
+                .position
+                .map(|value| if is_placed(index) { format!("{value:.4}") } else { "–".to_owned() });
+            let _ = write!(text, "{:<20} {x:>10} {y:>10} {z:>10}", chain.name);
             if chain.force_sensor.is_some() {
                 let [x, y, z] = tip.force;
                 let tared = if tip.tared { "" } else { ", not tared" };
@@ -94,7 +105,7 @@ pub fn set(options: &Options, path: &str, value: &str) -> Result<(), Failure> {
     let mut session = BoardSession::command(options)?;
     let model = session.model()?;
     let mut tree = tree(&model);
-    let names = expand(&tree, path)?;
+    let (names, mut values) = (expand(&tree, path)?, Vec::new());
     for name in &names {
         let old = at_mut(&mut tree, name)?;
         if old.is_array() && !value.trim_start().starts_with('[') {
@@ -106,7 +117,13 @@ pub fn set(options: &Options, path: &str, value: &str) -> Result<(), Failure> {
                 "{group} is a group of parameters: `tesaki read {group}` lists them"
             )));
         }
-        *old = parse(name, old, value);
+        #[expect(clippy::cast_possible_truncation, reason = "the model has single precision")]
+        let number = old.as_f64().map(|number| number as f32);
+        *old = match (number, percentage(value)) {
+            (Some(number), Some(percentage)) => output::exact(&(0.01 * percentage * number)),
+            _ => parse(name, old, value),
+        };
+        values.push(old.clone());
         // To the board a model without a name is none.
         if is_name(name) && old.as_str().is_some_and(|text| text.trim().is_empty()) {
             return Err(Failure::Usage(format!("{name} is empty: give a name")));
@@ -120,18 +137,85 @@ pub fn set(options: &Options, path: &str, value: &str) -> Result<(), Failure> {
     check_stops(&model, &changed)?;
     check_values(&model, &changed)?;
     let tared = session.tared(&model)?;
-    let unhomed = no_longer_homed(session.board.status()?.node.homed, &model, &changed);
+    let NodeStatus { homed, supply, .. } = session.board.status()?.node;
+    check_supply(&model, &changed, supply)?;
+    let unhomed = no_longer_homed(homed, &model, &changed);
+    let mut warnings = doubtful(&model, &changed);
+    warnings.extend(outside(&mut session, &model, &changed, homed)?);
     session.board.push_model_and_sense(&changed)?;
-    let set = json!({ "set": names, "no_longer_tared": tared, "no_longer_homed": unhomed });
-    output::result(options, &set, || {
-        format!("{} = {value}{} (until the next reset or push)", names.join(", "), unit(path))
+    let done = json!({
+        "set": names, "values": values, "no_longer_tared": tared, "no_longer_homed": unhomed, "warnings": warnings,
+    });
+    output::result(options, &done, || {
+        let unit = unit(path);
+        let set = match percentage(value) {
+            Some(_) => {
+                names.iter().zip(&values).map(|(name, value)| format!("{name} = {value}{unit}")).collect()
+            }
+            None => vec![format!("{} = {value}{unit}", names.join(", "))],
+        };
+        format!("{} (until the next reset or push)", set.join(", "))
     })?;
-    for warning in doubtful(&model, &changed) {
+    for warning in warnings {
         output::notice(options, &format!("warning: {warning}"));
     }
     notice_unhomed(options, &unhomed);
     notice_untared(options, "this pushed the model again", &tared);
     Ok(())
+}
+
+/// The number of a value as `30%`, of the present one.
+fn percentage(value: &str) -> Option<f32> {
+    let number = value.trim().strip_suffix('%')?.trim().parse::<f32>().ok()?;
+    number.is_finite().then_some(number)
+}
+
+/// A supply that would be a fault at once is not set.
+fn check_supply(model: &RobotModel, changed: &RobotModel, supply: f32) -> Result<(), Failure> {
+    let is_outside =
+        |model: &RobotModel| supply < model.safety.supply_min || supply > model.safety.supply_max;
+    // Without sensor readings it is 0.
+    if supply <= 0.0 || is_outside(model) || !is_outside(changed) {
+        return Ok(());
+    }
+    Err(Failure::Usage(format!(
+        "the supply is {supply:.1} V, outside {} to {} V: a fault at once",
+        changed.safety.supply_min, changed.safety.supply_max
+    )))
+}
+
+/// What is to be said of joints that stand outside the limits of the changed model, of those that are `homed`.
+fn outside(
+    session: &mut BoardSession,
+    model: &RobotModel,
+    changed: &RobotModel,
+    homed: u16,
+) -> Result<Vec<String>, Failure> {
+    let is_limit = |(old, new): (&JointModel, &JointModel)| {
+        old.limits.lower.to_bits() != new.limits.lower.to_bits()
+            || old.limits.upper.to_bits() != new.limits.upper.to_bits()
+    };
+    if !model.joints.iter().zip(&changed.joints).any(is_limit) {
+        return Ok(Vec::new());
+    }
+    let telemetry = match session.telemetry_now() {
+        Ok(telemetry) => telemetry,
+        // A board without sensor readings cannot be enabled anyway.
+        Err(Failure::Late(_)) => return Ok(Vec::new()),
+        Err(failure) => return Err(failure),
+    };
+    let joints = changed.joints.iter().zip(&telemetry.joints).enumerate();
+    let found = joints.filter_map(|(index, (joint, state))| {
+        let (angle, limits) = (state.position, &joint.limits);
+        let is_outside = angle < limits.lower || angle > limits.upper;
+        (is_outside && homed >> index & 1 != 0).then(|| {
+            format!(
+                "{} stands at {angle:.3} rad, outside its limits {} to {} rad: it cannot be enabled there",
+                joint.name, limits.lower, limits.upper
+            )
+        })
+    });
+    Ok(found.collect())
 }
 
 /// What is wrong with a value that is to become a list.
@@ -157,12 +241,7 @@ fn invalid(model: &RobotModel, path: &str, changed: &RobotModel, error: &ModelEr
             safety.supply_min, safety.supply_max
         );
     }
-    let unit = unit(error.field.path());
-    let of_limit = match error.problem {
-        Problem::Below(_) | Problem::NotAbove(_) | Problem::Above(_) => unit.as_str(),
-        _ => "",
-    };
-    format!("{joint}{} = {}{unit} {}{of_limit}", error.field.path(), error.value, error.problem)
+    joint + &invalid_value(error)
 }
 
 /// The joints whose home a new encoder forgets, of those that are `homed`.

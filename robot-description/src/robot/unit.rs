@@ -1,4 +1,6 @@
-//! Units of the parameters.
+//! Units of the model's parameters, and errors of the model with them.
+
+use tesaki::model::{ModelError, Problem};
 
 /// Ends of the paths of parameters, with their units; the first that fits counts.
 const UNITS: [(&str, &str); 45] = [
@@ -53,4 +55,14 @@ const UNITS: [(&str, &str); 45] = [
 pub fn unit(path: &str) -> String {
     let ends = |end: &str| path == end || path.ends_with(&format!(".{end}"));
     UNITS.into_iter().find(|(end, _)| ends(end)).map_or_else(String::new, |(_, unit)| format!(" {unit}"))
+}
+
+/// A parameter of the model that is wrong: path and value, what is wrong with it, and the limit.
+pub fn invalid_value(error: &ModelError) -> String {
+    let unit = unit(error.field.path());
+    let of_limit = match error.problem {
+        Problem::Below(_) | Problem::NotAbove(_) | Problem::Above(_) => unit.as_str(),
+        _ => "",
+    };
+    format!("{} = {}{unit} {}{of_limit}", error.field.path(), error.value, error.problem)
 }
