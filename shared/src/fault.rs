@@ -49,8 +49,8 @@ pub enum FaultCause {
     /// 14: the firmware panicked and reset. Value: line number; the message is in
     /// [`BoardStatus`](crate::protocol::BoardStatus).
     Panic,
-    /// 15: a CPU fault reset the board. Value: the program counter, rounded to single precision; the exact one is
-    /// in [`BoardStatus`](crate::protocol::BoardStatus).
+    /// 15: a CPU fault reset the board. Value: the program counter, rounded to single precision; the exact
+    /// one is in [`BoardStatus`](crate::protocol::BoardStatus).
     HardFault,
     /// 16: the clock fell back to a less accurate source at boot. Value: number of the
     /// [`ClockSource`](crate::protocol::ClockSource). The board can still be enabled, unless it drives motors

@@ -245,9 +245,9 @@ fn values_that_make_no_sense_are_told_for_every_joint_with_the_line_of_their_fil
     contains(
         &text,
         &[
-            "robot.urdf:34: joint finger1_swing: limits.velocity = 0 must be above 0",
+            "robot.urdf:34: joint finger1_swing: limits.velocity = 0 rad/s must be above 0 rad/s",
             "<limit velocity",
-            "controller.toml:42: joint finger2_bend: motor.torque_constant = -0.5 must be above 0",
+            "controller.toml:42: joint finger2_bend: motor.torque_constant = -0.5 N·m/A must be above 0 N·m/A",
             "2 problems found",
         ],
     );
@@ -532,7 +532,10 @@ fn what_follows_from_a_wrong_value_is_not_told_again() {
     let (_, text) = check_changed("controller.toml", "rotor_inertia = 2e-4", "rotor_inertia = -2e-4");
     contains(
         &text,
-        &["finger3_bend, finger3_curl: motor.rotor_inertia = -0.0002 is below 0", "1 problem found"],
+        &[
+            "finger3_bend, finger3_curl: motor.rotor_inertia = -0.0002 kg·m² is below 0 kg·m²",
+            "1 problem found",
+        ],
     );
     // A joint without direction is in the URDF all the same.
     let urdf = std::fs::read_to_string(workspace().join("robots/hand3/robot.urdf")).unwrap();
@@ -545,6 +548,27 @@ fn what_follows_from_a_wrong_value_is_not_told_again() {
     // The table of a misspelt joint holds what the common one lacks.
     let (_, text) = check_changed("controller.toml", "[joint.servo.pid]", "[joints.finger1_bent.servo.pid]");
     contains(&text, &["[joints.finger1_bent]: the URDF has no such joint", "1 problem found"]);
+}
+
+/// All gains of a servo are multiplied by its inertia.
+#[test]
+fn a_servo_for_another_inertia_is_told() {
+    for (inertia, words) in
+        [(2e-3, "times too high: it may be unstable"), (2e-5, "times too low: it is weak")]
+    {
+        let section = format!("[joints.finger1_bend.servo]\ninertia = {inertia}\n\n[joint.servo]");
+        let (code, text) = check_changed("controller.toml", "[joint.servo]", &section);
+        assert_eq!(code, 0, "{text}");
+        contains(&text, &["joint finger1_bend: servo.inertia = ", words, "remove servo.inertia"]);
+    }
+}
+
+#[test]
+fn the_wrong_current_loop_of_a_plant_is_told() {
+    let (folder, words) =
+        (changed_plant(&[("plant.toml", "bandwidth = 300.0", "bandwidth = 3.0")]), "motor.bandwidth");
+    let (_, text) = check(&[], folder.path());
+    contains(&text, &["inner_loop.bandwidth = 3 Hz; no joint", words]);
 }
 
 #[test]

@@ -111,7 +111,10 @@ fn a_calibration_that_does_not_fit_changes_nothing() {
     let said = complain("[joints.finger4_bend]\ncoulomb = 0.02");
     assert!(said.contains("[joints.finger4_bend]") && said.contains("finger1_swing, finger1_bend"), "{said}");
     let said = complain("[joints.finger1_bend]\ncoulomb = 0.03\ntorque_constant = -0.5");
-    assert!(said.contains("finger1_bend: motor.torque_constant = -0.5 must be above 0"), "{said}");
+    assert!(
+        said.contains("finger1_bend: motor.torque_constant = -0.5 N·m/A must be above 0 N·m/A"),
+        "{said}"
+    );
     let said = complain("[joints.finger1_bend]\ncoulomb = 0.61");
     assert!(said.contains("finger1_bend: Coulomb friction 0.61 N·m is not below the motor's"), "{said}");
     assert_eq!(model, before);

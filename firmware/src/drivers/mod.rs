@@ -4,8 +4,8 @@
 //! and requires the main pin of a channel together with its complementary one; the HAL's ADC has no injected
 //! conversions, and its SPI waits without a bound.
 
-/// Largest rate of the counts of an encoder behind [`filter_encoders`](crate::filter_encoders) [1/s]: its levels
-/// last 1 µs then.
+/// Largest rate of the counts of an encoder behind [`filter_encoders`](crate::filter_encoders) [1/s]: its
+/// levels last 1 µs then.
 pub const COUNT_RATE: f32 = 1e6;
 
 /// Filters both inputs of encoders' timers, as the HAL does not: a level counts after six equal samples at an

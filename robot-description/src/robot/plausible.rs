@@ -215,10 +215,14 @@ fn of_chains(
     }
 }
 
-/// A servo whose gains are for quite another inertia than the smallest and the largest one that its joint feels,
-/// with its rotor [kg·m²].
+/// A servo whose gains are for quite another inertia than the smallest and the largest one that its joint
+/// feels, with its rotor [kg·m²].
 fn servo_inertia(joint: &JointModel, [smallest, largest]: [f32; 2], reports: &mut Reports) {
     let inertia = joint.servo.observer.inertia;
+    if joint.motor.rotor_inertia < 0.0 {
+        // Told already.
+        return;
+    }
     let (effect, factor) = if inertia > OTHER_INERTIA * largest {
         ("high: it may be unstable", inertia / largest)
     } else if inertia < smallest / OTHER_INERTIA {

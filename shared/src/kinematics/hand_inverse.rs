@@ -66,13 +66,13 @@ pub type FingertipTargets = [Option<FingertipTarget>; MAX_FINGERS];
 pub struct HandOptions {
     /// A fingertip within this distance of its target has reached it [m].
     pub tolerance: f32,
-    /// Maximum iterations for each start, twice as many with directions; at most ten more, 60 around a search,
-    /// remove the position errors that the secondary objective causes.
+    /// Maximum iterations for each start, twice as many with directions; at most ten more, 60 around a
+    /// search, remove the position errors that the secondary objective causes.
     pub iterations: u8,
     /// Maximum number of random starts of a search, after those on the grid of the shared joint.
     pub restarts: u8,
-    /// Number of evaluations of a finger's kinematics after which no further iteration begins; at least one is
-    /// made for each finger.
+    /// Number of evaluations of a finger's kinematics after which no further iteration begins; at least one
+    /// is made for each finger.
     pub evaluations: u16,
 }
 

@@ -64,13 +64,13 @@ pub enum Refusal {
         /// Maximum number of bytes.
         limit: u32,
     },
-    /// 11: the last sensor frame is missing or invalid; for a tare, also: a force sensor has no valid reading, or
-    /// the joints were homed less than 1 s ago.
+    /// 11: the last sensor frame is missing or invalid; for a tare, also: a force sensor has no valid
+    /// reading, or the joints were homed less than 1 s ago.
     NoSensors,
     /// 12: the last sensor frame shows a condition that would be a fault while enabled.
     Unsafe(Fault),
-    /// 13: the zero of a relative encoder is unknown: not homed since power-on or since a new model, or lost by
-    /// a jump of its count.
+    /// 13: the zero of a relative encoder is unknown: not homed since power-on or since a new model, or lost
+    /// by a jump of its count.
     NotHomed {
         /// The joint.
         joint: u8,

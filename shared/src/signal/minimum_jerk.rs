@@ -1,8 +1,8 @@
 /// Peak speed of a minimum-jerk motion over its mean.
 pub const MINIMUM_JERK_PEAK: f32 = 1.875;
 
-/// The minimum-jerk motion (Flash and Hogan 1985) from 0 to 1 at `fraction` of its duration: the value and its
-/// first two derivatives with respect to `fraction`. Outside 0 … 1 the motion is at rest.
+/// The minimum-jerk motion (Flash and Hogan 1985) from 0 to 1 at `fraction` of its duration: the value and
+/// its first two derivatives with respect to `fraction`. Outside 0 … 1 the motion is at rest.
 ///
 /// ```
 /// // Half way, at 15/8 of the mean speed.

@@ -155,8 +155,8 @@ struct ClutchOffset {
 }
 
 impl FollowerState {
-    /// The state with open clutch and the tool at rest at `position` [m], the unit quaternion `rotation`, `[x,
-    /// y, z, w]`, and elbow angle [rad].
+    /// The state with open clutch and the tool at rest at `position` [m], the unit quaternion `rotation`,
+    /// `[x, y, z, w]`, and elbow angle [rad].
     pub fn at(position: [f32; 3], rotation: [f32; 4], elbow: f32) -> Self {
         Self {
             hand: None,

@@ -99,6 +99,43 @@ fn parameters_are_read_changed_and_refused_by_name() {
 }
 
 #[test]
+fn a_share_of_each_value_is_set_and_what_would_be_a_fault_at_once_is_told() {
+    let server = Server::ready();
+    let set = server.json(&["set", "joints.*.limits.torque", "30%"]);
+    let values = set["values"].as_array().unwrap();
+    // Of 0.6 N·m.
+    assert!(values.len() == 9 && values.iter().all(|value| value == 0.18), "{set}");
+    let text = server.succeeds(&["set", "joints.finger1_bend.limits.torque", "50 %"]);
+    assert!(text.contains("joints.finger1_bend.limits.torque = 0.09 N·m (until"), "{text}");
+    let fault = ["the supply is 2", " V, outside 20 to 22 V: a fault at once"];
+    server.fails(&["set", "safety.supply_max", "22"], 2, &fault);
+    // It stands at 0.33 rad.
+    let set = server.json(&["set", "joints.finger1_bend.limits.upper", "0.2"]);
+    let stands = "finger1_bend stands at 0.33";
+    assert!(set["warnings"][0].as_str().unwrap().starts_with(stands), "{set}");
+    server.fails(&["doctor"], 1, &[stands, "outside its limits -1.2 to 0.2 rad", "1 problem found"]);
+}
+
+/// What is counted from an unknown zero is no angle.
+#[test]
+fn unknown_angles_are_null_in_json() {
+    let server = Server::start();
+    server.succeeds(&["model", "push", hand3().to_str().unwrap()]);
+    let state = server.json(&["read"]);
+    let (joint, tip) = (&state["joints"][0], &state["tips"]["finger1_tip"]);
+    assert!(
+        joint["homed"] == false && joint["position"].is_null() && joint["reference"].is_null(),
+        "{joint}"
+    );
+    assert!(tip["position"].is_null() && tip["force"].is_array(), "{tip}");
+    server.home();
+    let state = server.json(&["read"]);
+    let (joint, tip) = (&state["joints"][0], &state["tips"]["finger1_tip"]);
+    assert!(joint["homed"] == true && joint["position"].is_number(), "{joint}");
+    assert!(tip["position"].is_array(), "{tip}");
+}
+
+#[test]
 fn what_model_check_calls_bad_does_not_reach_the_board() {
     let server = Server::start();
     let robot = changed(&server, |text| text.replacen("friction=\"0.02\"", "friction=\"0.7\"", 1));

@@ -37,8 +37,8 @@ pub(super) const PRESSING_REST_SPEED: f32 = 0.12;
 /// Speed below which a set-point is at rest [m/s, rad/s].
 pub(super) const SETPOINT_REST_SPEED: f32 = 1e-3;
 
-/// Largest distance of an elbow set-point that is wrapped [rad]: beyond it single precision has less than five
-/// digits after the point.
+/// Largest distance of an elbow set-point that is wrapped [rad]: beyond it single precision has less than
+/// five digits after the point.
 pub(super) const MAX_ELBOW_DISTANCE: f32 = 100.0;
 
 /// Tolerance of the norm of a unit quaternion.

@@ -117,10 +117,9 @@ pub fn set(options: &Options, path: &str, value: &str) -> Result<(), Failure> {
                 "{group} is a group of parameters: `tesaki read {group}` lists them"
             )));
         }
-        #[expect(clippy::cast_possible_truncation, reason = "the model has single precision")]
-        let number = old.as_f64().map(|number| number as f32);
-        *old = match (number, percentage(value)) {
-            (Some(number), Some(percentage)) => output::exact(&(0.01 * percentage * number)),
+        *old = match (old.as_f64(), percentage(value)) {
+            #[expect(clippy::cast_possible_truncation, reason = "the model has single precision")]
+            (Some(number), Some(percentage)) => output::exact(&((0.01 * percentage * number) as f32)),
             _ => parse(name, old, value),
         };
         values.push(old.clone());
@@ -165,8 +164,8 @@ pub fn set(options: &Options, path: &str, value: &str) -> Result<(), Failure> {
 }
 
 /// The number of a value as `30%`, of the present one.
-fn percentage(value: &str) -> Option<f32> {
-    let number = value.trim().strip_suffix('%')?.trim().parse::<f32>().ok()?;
+fn percentage(value: &str) -> Option<f64> {
+    let number = value.trim().strip_suffix('%')?.trim().parse::<f64>().ok()?;
     number.is_finite().then_some(number)
 }
 
@@ -184,7 +183,8 @@ fn check_supply(model: &RobotModel, changed: &RobotModel, supply: f32) -> Result
     )))
 }
 
-/// What is to be said of joints that stand outside the limits of the changed model, of those that are `homed`.
+/// What is to be said of joints that stand outside the limits of the changed model, of those that are
+/// `homed`.
 fn outside(
     session: &mut BoardSession,
     model: &RobotModel,
@@ -279,10 +279,28 @@ fn doubtful(model: &RobotModel, changed: &RobotModel) -> Vec<String> {
         }
     }
     let before = doubtful_values(model);
-    for value in doubtful_values(changed).into_iter().filter(|value| !before.contains(value)) {
-        let joint = value.joint.map_or_else(String::new, |joint| format!("{}: ", changed.joint_name(joint)));
-        doubts.push(format!("{joint}{}; {}", value.message, value.advice));
+    // A torque limit may be as low as one likes.
+    let is_lowered = |joint: Option<usize>| {
+        let torques = joint.and_then(|joint| Some((model.joints.get(joint)?, changed.joints.get(joint)?)));
+        torques.is_some_and(|(old, new)| new.limits.torque < old.limits.torque)
+    };
+    let found = doubtful_values(changed).into_iter().filter(|value| {
+        !before.contains(value) && !(value.key == "motor.current_limit" && is_lowered(value.joint))
+    });
+    let mut of_joints: Vec<(String, Vec<&str>)> = Vec::new();
+    for value in found {
+        let text = format!("{}; {}", value.message, value.advice);
+        let Some(joint) = value.joint else {
+            doubts.push(text);
+            continue;
+        };
+        let name = changed.joint_name(joint);
+        match of_joints.iter_mut().find(|(known, _)| *known == text) {
+            Some((_, names)) => names.push(name),
+            None => of_joints.push((text, vec![name])),
+        }
     }
+    doubts.extend(of_joints.into_iter().map(|(text, names)| format!("{}: {text}", names.join(", "))));
     let before = overloaded(model);
     for load in overloaded(changed) {
         if !before.iter().any(|old| old.joint == load.joint) {

@@ -17,6 +17,8 @@ pub fn start() -> Result<(), Failure> {
     if let Some(command) = arguments.iter().position(|argument| argument == "ros2") {
         arguments.remove(command);
     }
+    // A node prints no result, and asks nothing.
+    arguments.retain(|argument| argument != "--json" && argument != "--non-interactive");
     let beside =
         env::current_exe().ok().map(|path| path.with_file_name(PROGRAM)).filter(|path| path.is_file());
     let error = Command::new(beside.unwrap_or_else(|| PathBuf::from(PROGRAM))).args(arguments).exec();
