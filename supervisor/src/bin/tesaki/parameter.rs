@@ -285,7 +285,8 @@ fn doubtful(model: &RobotModel, changed: &RobotModel) -> Vec<String> {
         torques.is_some_and(|(old, new)| new.limits.torque < old.limits.torque)
     };
     let found = doubtful_values(changed).into_iter().filter(|value| {
-        !before.contains(value) && !(value.key == "motor.current_limit" && is_lowered(value.joint))
+        let is_meant = value.key == "motor.current_limit" && is_lowered(value.joint);
+        !(is_meant || before.contains(value))
     });
     let mut of_joints: Vec<(String, Vec<&str>)> = Vec::new();
     for value in found {
