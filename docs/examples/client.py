@@ -162,7 +162,7 @@ REFUSALS = [
     ("model transfer out of step", ["received:uint", "announced:uint"]),
     ("model damaged", ["received:uint", "announced:uint"]),
     ("model unreadable", ["length:uint", "limit:uint"]),
-    ("no sensor readings yet", []),
+    ("no valid sensor readings", []),
     ("unsafe", ["fault:fault"]),
     ("not homed: run `tesaki home`", ["joint:u8"]),
     ("no force sensor", []),

@@ -129,6 +129,7 @@ pub fn in_words(problem: &str) -> String {
         "u8" => "a whole number from 0 to 255",
         "u16" => "a whole number from 0 to 65535",
         "u32" => "a whole number from 0 to 4294967295",
+        "i32" => "a whole number",
         "u64" | "usize" => "a whole number that is not negative",
         other => other,
     };

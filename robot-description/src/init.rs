@@ -228,7 +228,7 @@ fn choose_motor(
                     "the least".to_owned()
                 };
                 let effort = if effort > LARGEST_EFFORT {
-                    format!("the URDF's effort, {effort} N·m, is not believed: is it in mN·m?")
+                    format!("the URDF's effort, {effort} N·m, is not believed, it may be in mN·m")
                 } else {
                     "the URDF has no effort".to_owned()
                 };

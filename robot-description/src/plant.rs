@@ -244,7 +244,7 @@ impl PlantValues {
             check(value.is_finite() && value >= 0.0, field, value, "at least 0");
         }
         let (noise, voltage) = (self.noise.supply, self.supply.voltage);
-        let told = noise.is_nan() || voltage.is_nan() || voltage < 0.0;
+        let told = !noise.is_finite() || voltage.is_nan() || voltage <= 0.0;
         check(told || noise <= 0.1 * voltage, "noise.supply", noise, "at most a tenth of supply.voltage");
         let bandwidth = self.inner_loop.bandwidth;
         check(bandwidth.is_finite() && bandwidth > 0.0, "inner_loop.bandwidth", bandwidth, "above 0 [Hz]");

@@ -184,13 +184,13 @@ fn masses_in_grams_are_found_by_their_density() {
     assert!(grams.contains("denser than lead: grams?") && grams.contains("10 g are 0.01"), "{grams}");
 }
 
-/// 2 kg·cm², taken for 2 kg·m²: 20 s at 0.6 N·m to 6 rad/s.
+/// 2 kg·cm², taken for 2 kg·m²: 17.1 s at the 0.7 N·m of 1.4 A to 6 rad/s.
 #[test]
 fn a_rotor_in_another_unit_is_warned_of() {
     let settings = text("controller.toml").replacen("rotor_inertia = 2e-4", "rotor_inertia = 2.0", 1);
     let (folder, findings) = RobotFolder::check_all(Path::new("hand"), &text("robot.urdf"), &settings, None);
     let said: String = findings.iter().map(|finding| format!("{finding}\n")).collect();
-    assert!(folder.is_some() && said.contains("0.6 N·m need 20.0 s") && said.contains("kg·cm²"), "{said}");
+    assert!(folder.is_some() && said.contains("0.7 N·m need 17.1 s") && said.contains("kg·cm²"), "{said}");
 }
 
 #[test]

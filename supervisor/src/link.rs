@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use tesaki::protocol::codec::{Decoder, FrameCounts, MAX_FRAME, encode};
-use tesaki::protocol::{FromBoard, Refusal, Reply, ReplyFrame, Request, RequestFrame, SCHEMA_KEY};
+use tesaki::protocol::{FromBoard, Mode, Refusal, Reply, ReplyFrame, Request, RequestFrame, SCHEMA_KEY};
 
 use crate::board::TARE;
 use crate::{Board, BoardError};
@@ -217,17 +217,18 @@ impl<L: ByteLink> Board for LinkBoard<L> {
         }
     }
 
-    /// Waits while the board refuses because it was homed just now.
+    /// Waits while the board, disabled, refuses because it was homed just now. An enabled one needs the
+    /// requests of its client meanwhile.
     fn tare(&mut self) -> Result<(), BoardError> {
         let deadline = Instant::now() + SETTLING;
         loop {
-            match self.ask(TARE, Request::Tare) {
-                Err(BoardError::Refused { refusal: Refusal::NoSensors, .. }) if Instant::now() < deadline => {
-                    self.check_interrupt()?;
-                    std::thread::sleep(GLANCE);
-                }
-                answer => return answer,
+            let answer = self.ask(TARE, Request::Tare);
+            let is_early = matches!(answer, Err(BoardError::Refused { refusal: Refusal::NoSensors, .. }));
+            if !is_early || Instant::now() > deadline || self.status()?.node.mode != Mode::Disabled {
+                return answer;
             }
+            self.check_interrupt()?;
+            std::thread::sleep(GLANCE);
         }
     }
 }

@@ -10,8 +10,7 @@
 //! | `overflow` | the stack overflows |
 //! | `crystal` | the interrupt for a stopped crystal is raised |
 //! | `panic` | a panic |
-//! | `instants` | nothing; the encoder shows by how much the sampling intervals have varied [cycles of 168
-//! MHz] |
+//! | `instants` | nothing; the encoder shows by how much sampling intervals have varied [cycles of 168 MHz] |
 //!
 //! The power stage's line is PC5: low is off. QEMU logs what is written there.
 

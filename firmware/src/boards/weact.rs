@@ -6,8 +6,7 @@
 //! | PB13, PB14, PB15 | TIM1 CH1N to CH3N: `EN/IN1` of the power stages |
 //! | PB0, PB1, PB10 | `PH/IN2` of the power stages: high for a positive torque |
 //! | PC5 | `nSLEEP` of all power stages; a resistor to ground keeps them asleep until the boot |
-//! | PA6 | TIM1 BKIN: low stops the pulses by hardware. `nFAULT` of all power stages, and the emergency stop
-//! |
+//! | PA6 | TIM1 BKIN: low stops the pulses by hardware. `nFAULT` of all power stages, the emergency stop |
 //! | PC8 | the emergency stop alone: low when pressed, or when its wire is broken |
 //! | PC6, PC7 | TIM3: encoder 1 |
 //! | PB6, PB7 | TIM4: encoder 2 |

@@ -169,7 +169,9 @@ pub fn validate(model: &RobotModel, urdf: &Urdf, of_urdf: &mut Report, of_settin
                     .or_else(|| of_settings.line_of(&format!("joint.{key}")))
                     .or_else(|| of_settings.line_of(key));
                 match joint {
-                    Some(joint) => of_joints.error(joint, line, message, in_settings(error.field, true)),
+                    Some(joint) => {
+                        of_joints.error(&joint.name, line, message, in_settings(error.field, true))
+                    }
                     None => of_settings.dynamics(line, message, in_settings(error.field, false)),
                 }
             }

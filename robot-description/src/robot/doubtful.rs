@@ -2,7 +2,7 @@
 
 use std::f32::consts::TAU;
 
-use tesaki::model::{ForceSensor, JointModel, Motor, RobotModel, Safety};
+use tesaki::model::{ForceSensor, JointModel, Motor, Reaction, RobotModel, Safety};
 
 use super::limits::{ImplausibleValue, Text, at_least};
 
@@ -51,7 +51,7 @@ pub fn doubtful_values(model: &RobotModel) -> Vec<ImplausibleValue> {
     let mut add = |key, (message, advice)| {
         found.push(ImplausibleValue { joint: None, key, message, advice });
     };
-    if model.safety.damping <= 0.0 {
+    if model.safety.damping <= 0.0 && model.safety.reaction != Reaction::Off {
         let message = "safety.damping = 0: a robot that is damped after a fault falls unbraked".to_owned();
         add("safety.damping", (message, "above 0 N·m·s/rad".to_owned()));
     }
@@ -65,8 +65,8 @@ pub fn doubtful_values(model: &RobotModel) -> Vec<ImplausibleValue> {
 
 /// A rotor that accelerates faster, or more slowly, than any.
 fn rotor(joint: &JointModel) -> Text {
-    let (inertia, torque, velocity) =
-        (joint.motor.rotor_inertia, joint.torque_limit(), joint.limits.velocity);
+    let Motor { rotor_inertia: inertia, current_limit, torque_constant, .. } = joint.motor;
+    let (torque, velocity) = (current_limit * torque_constant, joint.limits.velocity);
     let time = inertia * velocity / torque;
     if inertia <= 0.0 {
         return None;
@@ -311,20 +311,20 @@ mod tests {
         assert_eq!(found.key, "force_sensor.torque_resolution");
     }
 
-    /// One of hand3: finger1_bend, 0.6 N·m, 6 rad/s.
+    /// One of hand3: finger1_bend, a motor of 0.7 N·m, 6 rad/s.
     #[test]
     fn each_value_is_doubtful_beyond_its_bound() {
         type Change = fn(&mut RobotModel, f32);
         let cases: [(&str, Change, f32, f32); 14] = [
-            // 0.6 N·m · 0.2 ms / 6 rad/s.
+            // 0.7 N·m · 0.2 ms / 6 rad/s.
             (
                 "motor.rotor_inertia",
                 |robot, value| robot.joints[1].motor.rotor_inertia = value,
-                1.9e-5,
-                2.1e-5,
+                2.3e-5,
+                2.4e-5,
             ),
-            // 0.6 N·m · 0.5 s / 6 rad/s.
-            ("motor.rotor_inertia", |robot, value| robot.joints[1].motor.rotor_inertia = value, 0.051, 0.049),
+            // 0.7 N·m · 0.5 s / 6 rad/s.
+            ("motor.rotor_inertia", |robot, value| robot.joints[1].motor.rotor_inertia = value, 0.059, 0.058),
             (
                 "encoder.counts_per_turn",
                 |robot, value| robot.joints[1].encoder.counts_per_turn = value,

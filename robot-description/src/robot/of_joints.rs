@@ -1,7 +1,5 @@
 //! Findings about joints: what is the same for several of them is said once.
 
-use tesaki::model::JointModel;
-
 use crate::finding::Report;
 
 /// What is said of joints in `controller.toml`, with the names of those of which the same is said.
@@ -19,29 +17,17 @@ struct JointFinding {
 
 impl OfJoints {
     /// Something about a joint that does not work.
-    pub fn error(
-        &mut self,
-        joint: &JointModel,
-        line: Option<usize>,
-        message: String,
-        advice: impl Into<String>,
-    ) {
+    pub fn error(&mut self, joint: &str, line: Option<usize>, message: String, advice: impl Into<String>) {
         self.add(joint, JointFinding { is_error: true, line, message, advice: advice.into() });
     }
 
     /// Something about a joint that deserves attention.
-    pub fn warning(
-        &mut self,
-        joint: &JointModel,
-        line: Option<usize>,
-        message: String,
-        advice: impl Into<String>,
-    ) {
+    pub fn warning(&mut self, joint: &str, line: Option<usize>, message: String, advice: impl Into<String>) {
         self.add(joint, JointFinding { is_error: false, line, message, advice: advice.into() });
     }
 
-    fn add(&mut self, joint: &JointModel, finding: JointFinding) {
-        let name = joint.name.to_string();
+    fn add(&mut self, joint: &str, finding: JointFinding) {
+        let name = joint.to_owned();
         match self.0.iter_mut().find(|(known, _)| *known == finding) {
             Some((_, names)) => names.push(name),
             None => self.0.push((finding, vec![name])),

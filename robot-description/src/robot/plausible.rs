@@ -72,10 +72,17 @@ pub fn check(folder: &RobotFolder, settings: &str, plant: Option<&str>, known: &
     for index in 0..model.chains.len() {
         tip_on_axis(model, index, &folder.urdf, &mut reports.urdf);
     }
+    let mut wrong = Vec::new();
     for value in implausible_values(model) {
+        wrong.push((value.joint, value.key));
         of_model(model, value, true, &mut reports);
     }
-    for value in doubtful_values(model) {
+    // What is wrong has been told; the unit of a current may explain it.
+    let (valid, mut doubtful) = (model.validate().is_ok(), doubtful_values(model));
+    doubtful.retain(|value| {
+        (valid || value.key == "motor.current_limit") && !wrong.contains(&(value.joint, value.key))
+    });
+    for value in doubtful {
         of_model(model, value, false, &mut reports);
     }
     links::gyration(&folder.urdf, &mut reports.urdf);
@@ -235,7 +242,7 @@ fn servo_inertia(joint: &JointModel, [smallest, largest]: [f32; 2], reports: &mu
          of its servo are {factor:.1} times too {effect}"
     );
     let advice = "remove servo.inertia, and it is computed from links and rotor; or check motor.rotor_inertia and masses";
-    reports.of_joints.warning(joint, reports.line(joint, "servo.inertia"), message, advice);
+    reports.of_joints.warning(&joint.name, reports.line(joint, "servo.inertia"), message, advice);
 }
 
 /// The name of a joint as a key in TOML.
@@ -254,7 +261,7 @@ fn of_model(model: &RobotModel, value: ImplausibleValue, is_error: bool, reports
     };
     let line = reports.line(joint, key);
     let report = if is_error { OfJoints::error } else { OfJoints::warning };
-    report(&mut reports.of_joints, joint, line, message, advice);
+    report(&mut reports.of_joints, &joint.name, line, message, advice);
 }
 
 /// A tip that its last joint turns and never moves: of a finger, whose origin was forgotten.

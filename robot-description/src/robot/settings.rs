@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use tesaki::model::{Encoder, GAUGES, Gauges, Motor, PidGains, Safety};
 use toml::{Table, Value};
 
+use super::of_joints::OfJoints;
 use crate::file::{MAX_TOML, check_length, in_words, parse_short};
 use crate::finding::Report;
 
@@ -224,7 +225,7 @@ fn joints(file: &Table, names: &[&str], report: &mut Report) -> BTreeMap<String,
         let advice = format!("correct or remove it; the moving joints are {}", names.join(", "));
         report.dynamics(report.line_of(&format!("joints.{stranger}")), message, advice);
     }
-    let mut wrong: Vec<(Wrong, Vec<&str>)> = Vec::new();
+    let mut of_joints = OfJoints::default();
     let mut joints = BTreeMap::new();
     for &name in names {
         let mut table = common.clone();
@@ -234,29 +235,20 @@ fn joints(file: &Table, names: &[&str], report: &mut Report) -> BTreeMap<String,
         let mut errors = Vec::new();
         joints.extend(JointSettings::read(&table, &mut errors).map(|settings| (name.to_owned(), settings)));
         // A table for a joint that is not there may hold what this one lacks.
-        for error in errors.into_iter().filter(|error| strangers.is_empty() || !error.is_missing) {
-            match wrong.iter_mut().find(|(known, _)| *known == error) {
-                Some((_, names)) => names.push(name),
-                None => wrong.push((error, vec![name])),
-            }
+        for Wrong { key, message, .. } in
+            errors.into_iter().filter(|error| strangers.is_empty() || !error.is_missing)
+        {
+            let own = report.line_of(&format!("joints.{name}.{key}"));
+            let line = own.or_else(|| report.line_of(&format!("joint.{key}")));
+            let advice = "correct it in [joint…], which applies to all joints, or in [joints.NAME…] for a single joint";
+            of_joints.error(name, line, message, advice);
         }
     }
-    for (Wrong { key, message, .. }, names) in wrong {
-        let common = format!("joint.{key}");
-        let mut keys = names.iter().map(|name| format!("joints.{name}.{key}")).collect::<Vec<_>>();
-        // What several have wrong is in what they share, if it is there.
-        keys.insert(if names.len() > 1 { 0 } else { 1 }, common);
-        let line = keys.iter().find_map(|key| report.line_of(key));
-        let (plural, list) = (if names.len() > 1 { "s" } else { "" }, names.join(", "));
-        let advice =
-            "correct it in [joint…], which applies to all joints, or in [joints.NAME…] for a single joint";
-        report.dynamics(line, format!("joint{plural} {list}: {message}"), advice);
-    }
+    of_joints.report(report);
     joints
 }
 
 /// What is wrong with a joint's settings, and where to look.
-#[derive(PartialEq)]
 struct Wrong {
     key: String,
     message: String,

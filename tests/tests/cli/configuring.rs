@@ -109,11 +109,13 @@ fn a_share_of_each_value_is_set_and_what_would_be_a_fault_at_once_is_told() {
     assert!(text.contains("joints.finger1_bend.limits.torque = 0.09 N·m (until"), "{text}");
     let fault = ["the supply is 2", " V, outside 20 to 22 V: a fault at once"];
     server.fails(&["set", "safety.supply_max", "22"], 2, &fault);
-    // It stands at 0.33 rad.
-    let set = server.json(&["set", "joints.finger1_bend.limits.upper", "0.2"]);
+    // It stands at 0.33 rad; 0.25 rad beyond a limit are no fault yet.
+    server.succeeds(&["set", "joints.finger1_bend.limits.upper", "0.2"]);
+    server.succeeds(&["doctor"]);
+    let set = server.json(&["set", "joints.finger1_bend.limits.upper", "0.05"]);
     let stands = "finger1_bend stands at 0.33";
     assert!(set["warnings"][0].as_str().unwrap().starts_with(stands), "{set}");
-    server.fails(&["doctor"], 1, &[stands, "outside its limits -1.2 to 0.2 rad", "1 problem found"]);
+    server.fails(&["doctor"], 1, &[stands, "outside its limits -1.2 to 0.05 rad", "1 problem found"]);
 }
 
 /// What is counted from an unknown zero is no angle.

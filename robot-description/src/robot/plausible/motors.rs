@@ -24,7 +24,7 @@ pub fn check(joint: &JointModel, joints: &[&JointModel], load: &JointLoad, repor
             "Coulomb friction {coulomb} N·m takes {:.0} % of the motor's torque {torque:.3} N·m",
             100.0 * coulomb / torque
         );
-        reports.of_joints.warning(joint, line, message, hint);
+        reports.of_joints.warning(&joint.name, line, message, hint);
     }
     if viscous > torque {
         let message = format!(
@@ -32,7 +32,7 @@ pub fn check(joint: &JointModel, joints: &[&JointModel], load: &JointLoad, repor
              {torque:.3} N·m",
             joint.limits.velocity
         );
-        reports.of_joints.warning(joint, line, message, hint);
+        reports.of_joints.warning(&joint.name, line, message, hint);
     }
     if !reports.has_weights {
         return;
@@ -53,7 +53,7 @@ pub fn check(joint: &JointModel, joints: &[&JointModel], load: &JointLoad, repor
             "check masses{}, gravity, torque_constant and current_limit; or narrow the limits of the joints",
             reports.heaviest
         );
-        reports.of_joints.error(joint, line, message, advice);
+        reports.of_joints.error(&joint.name, line, message, advice);
     } else if load.gravity + coulomb > torque {
         let message = format!(
             "gravity ({:.3} N·m) and friction ({coulomb} N·m) need more than the motor's {torque:.3} N·m: \
@@ -61,7 +61,7 @@ pub fn check(joint: &JointModel, joints: &[&JointModel], load: &JointLoad, repor
             load.gravity
         );
         reports.of_joints.warning(
-            joint,
+            &joint.name,
             line,
             message,
             "check masses, friction, torque_constant and current_limit",

@@ -15,6 +15,7 @@ mod retarget;
 mod udp;
 mod view;
 
+use std::ffi::OsString;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -117,8 +118,7 @@ impl Cli {
         });
         read.unwrap_or_else(|error| {
             let error = naming_variable(&command, error);
-            let json = std::env::args_os().any(|word| word == "--json");
-            if error.use_stderr() && json {
+            if error.use_stderr() && wants_json() {
                 let text = error.to_string();
                 let message = text.trim().trim_start_matches("error: ");
                 output::json_failure(message, error.exit_code());
@@ -128,6 +128,15 @@ impl Cli {
             error.exit()
         })
     }
+}
+
+/// Whether the output is to be JSON, by arguments that could not be read.
+fn wants_json() -> bool {
+    // What clap takes for false.
+    let no = ["", "0", "n", "no", "f", "false", "off"];
+    let is_set = |text: OsString| !no.iter().any(|no| text.eq_ignore_ascii_case(no));
+    let mut words = std::env::args_os().take_while(|word| word != "--");
+    words.any(|word| word == "--json") || std::env::var_os("TESAKI_JSON").is_some_and(is_set)
 }
 
 /// An environment variable that is empty is as good as none.
@@ -277,7 +286,7 @@ pub enum Command {
     #[command(disable_help_flag = true, disable_version_flag = true, after_help = examples::ROS2)]
     Ros2 {
         #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
-        arguments: Vec<std::ffi::OsString>,
+        arguments: Vec<OsString>,
     },
     /// Make a key file for --key, and so for boards that are shared with other machines; needs no board
     #[command(after_help = examples::KEY)]

@@ -423,7 +423,9 @@ fn check_control(
 fn check_angles(telemetry: &Telemetry, homed: u16, model: &RobotModel, doctor: &mut Doctor) {
     for (index, (joint, state)) in model.joints.iter().zip(&telemetry.joints).enumerate() {
         let (angle, limits) = (state.position, &joint.limits);
-        if homed >> index & 1 != 0 && (angle < limits.lower || angle > limits.upper) {
+        // A joint at its stop may measure slightly outside, which is no fault.
+        let beyond = limits.following_error;
+        if homed >> index & 1 != 0 && (angle < limits.lower - beyond || angle > limits.upper + beyond) {
             doctor.bad(
                 1,
                 format!(

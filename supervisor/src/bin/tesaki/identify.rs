@@ -29,8 +29,6 @@ use crate::output;
 
 /// A set-point without telemetry in reply is sent again after this time, well below the command timeout.
 const RETRY: Duration = Duration::from_millis(30);
-/// A board that is silent for longer is considered lost.
-const GONE: Duration = Duration::from_secs(5);
 
 pub fn run(options: &Options, args: &Identify) -> Result<(), Failure> {
     match &args.file {
@@ -280,7 +278,7 @@ impl Machine for BoardMachine<'_> {
 
     fn tick(&mut self, request: Request) -> Result<Sense, Failure> {
         let begun = Instant::now();
-        while begun.elapsed() < GONE {
+        while begun.elapsed() < self.options.timeout {
             if self.interrupted.load(Ordering::Relaxed) {
                 return Err(Failure::Interrupted("the board is disabled; nothing was identified".to_owned()));
             }
@@ -326,7 +324,7 @@ impl Machine for BoardMachine<'_> {
         self.session.give_up();
         Err(Failure::Late(format!(
             "no data from the board for {} s: its command timeout has stopped it. Check cable and power (`tesaki doctor`)",
-            GONE.as_secs()
+            self.options.timeout.as_secs_f64()
         )))
     }
 

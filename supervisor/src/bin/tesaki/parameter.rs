@@ -166,7 +166,7 @@ pub fn set(options: &Options, path: &str, value: &str) -> Result<(), Failure> {
 /// The number of a value as `30%`, of the present one.
 fn percentage(value: &str) -> Option<f64> {
     let number = value.trim().strip_suffix('%')?.trim().parse::<f64>().ok()?;
-    number.is_finite().then_some(number)
+    (number.abs() <= 1e6).then_some(number)
 }
 
 /// A supply that would be a fault at once is not set.
@@ -210,7 +210,8 @@ fn outside(
         let is_outside = angle < limits.lower || angle > limits.upper;
         (is_outside && homed >> index & 1 != 0).then(|| {
             format!(
-                "{} stands at {angle:.3} rad, outside its limits {} to {} rad: it cannot be enabled there",
+                "{} stands at {angle:.3} rad, outside its limits {} to {} rad; more than limits.following_error outside, it \
+                 cannot be enabled",
                 joint.name, limits.lower, limits.upper
             )
         })
@@ -278,7 +279,7 @@ fn doubtful(model: &RobotModel, changed: &RobotModel) -> Vec<String> {
             ));
         }
     }
-    let before = doubtful_values(model);
+    let before: Vec<_> = doubtful_values(model).into_iter().map(|value| (value.joint, value.key)).collect();
     // A torque limit may be as low as one likes.
     let is_lowered = |joint: Option<usize>| {
         let torques = joint.and_then(|joint| Some((model.joints.get(joint)?, changed.joints.get(joint)?)));
@@ -286,7 +287,7 @@ fn doubtful(model: &RobotModel, changed: &RobotModel) -> Vec<String> {
     };
     let found = doubtful_values(changed).into_iter().filter(|value| {
         let is_meant = value.key == "motor.current_limit" && is_lowered(value.joint);
-        !(is_meant || before.contains(value))
+        !(is_meant || before.contains(&(value.joint, value.key)))
     });
     let mut of_joints: Vec<(String, Vec<&str>)> = Vec::new();
     for value in found {

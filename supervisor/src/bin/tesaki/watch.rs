@@ -69,14 +69,13 @@ fn stream(options: &Options, session: &mut BoardSession, model: RobotModel) -> R
     let mut model = Some((model, 0));
     let mut last = None::<u32>;
     let (mut heard, mut silent) = (Instant::now(), false);
-    let (mut checked, mut homed) = (None::<Instant>, 0);
+    let mut checked = None::<Instant>;
     loop {
         // Another program may have pushed another model.
         if !silent && checked.is_none_or(|checked| checked.elapsed() > MODEL) {
             checked = Some(Instant::now());
             if let Ok(status) = session.board.status() {
                 session.update_model(&mut model, &status)?;
-                homed = status.node.homed;
             }
         }
         match session.telemetry(Duration::from_secs(1)) {
@@ -98,6 +97,8 @@ fn stream(options: &Options, session: &mut BoardSession, model: RobotModel) -> R
                     checked = None;
                 }
                 let model = model.as_ref().map(|(model, _)| model);
+                // A joint may have lost its zero since the last line.
+                let homed = session.board.status().map_or(0, |status| status.node.homed);
                 output::line(&output::telemetry(&telemetry, model, homed).to_string())?;
             }
             Err(Failure::Late(_)) => {

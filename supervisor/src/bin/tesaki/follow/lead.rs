@@ -377,11 +377,13 @@ impl Lead {
                 1e3 * felt.balance
             )
         });
-        let why =
-            self.last_rejected.as_ref().map_or_else(String::new, |why| format!(" (the last one: {why})"));
+        let why = self
+            .last_rejected
+            .as_ref()
+            .map_or_else(String::new, |why| format!(" (the last rejected: {why})"));
         let text = format!(
-            "done: {} followed{told}, {}; rejected: {late} late, {out_of_order} out of order, {jumped} that jumped{why}, \
-             {bad} bad; the clutch opened by itself {}; largest error of the commanded motion {:.1} mm, \
+            "done: {} followed{told}, {}; rejected: {late} late, {out_of_order} out of order, {jumped} that jumped, {bad} bad{why}; \
+             the clutch opened by itself {}; largest error of the commanded motion {:.1} mm, \
              largest force {force:.1} N{reflected}",
             output::counted(followed as usize, "sample"),
             output::counted(gaps as usize, "gap"),

@@ -11,7 +11,7 @@ const FASTEST: f32 = 2.0;
 const SLACK: f32 = 5e-3;
 /// So many fast steps in a row are no stray sample, which makes two.
 const IN_A_ROW: u8 = 3;
-/// Steps of time stamps in too small a unit are all within the slack; so many of them together are not.
+/// Steps of time stamps in too small a unit are all within the slack; up to so many of them together are not.
 const TOGETHER: usize = 50;
 /// The set-point goes at most this many lengths of the arm away.
 const LENGTHS: f32 = 2.0;
@@ -80,7 +80,7 @@ pub fn check(samples: &[Sample], scale: f32, length: f32) -> Result<(), (usize, 
         let distance_to =
             |other: &Sample| (Vector3::from(sample.position) - Vector3::from(other.position)).norm();
         let closed = samples.get(first..index).unwrap_or_default();
-        if let Some(before) = closed.iter().nth_back(TOGETHER - 1) {
+        if let Some(before) = closed.iter().nth_back(TOGETHER - 1).or(closed.first()) {
             #[expect(clippy::cast_possible_truncation, reason = "a short time")]
             let elapsed = (sample.time - before.time) as f32;
             if let Some(message) = too_fast(distance_to(before), elapsed, scale) {
@@ -135,7 +135,7 @@ mod tests {
         assert_eq!(check(&small, 1.0, 0.5), Ok(()));
         small.iter_mut().for_each(|sample| sample.time *= 1e-3);
         let (index, message) = check(&small, 1.0, 0.5).unwrap_err();
-        assert!(index == 50 && message.contains("0.010 m in 0.001 s"), "{message}");
+        assert!(index == 32 && message.contains("0.006 m in 0.001 s"), "{message}");
         // Behind an open clutch.
         let mut away = samples(&[0.0, 5.0, 5.0]);
         away[0].clutch = Some(false);
