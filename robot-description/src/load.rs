@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, Vector3};
 use tesaki::kinematics::Chain;
-use tesaki::model::{Coupling, MAX_JOINTS};
+use tesaki::model::{ChainJoint, Coupling, MAX_JOINTS, RobotModel};
 
 /// Postures that are looked at, besides those with all joints at their lower or upper limits.
 const POSTURES: u32 = 600;
@@ -52,6 +52,18 @@ impl CoupledChains {
         }
         groups.iter_mut().for_each(Self::renumber);
         groups.sort_by_key(|group| group.motors.first().copied());
+        groups
+    }
+
+    /// Those of a model, with its rotors.
+    pub fn of_model(model: &RobotModel) -> Vec<Self> {
+        let couplings = |index| model.joints_of(index).map(ChainJoint::coupling).collect();
+        let chains = (0..model.chains.len()).map(|index| (Chain::of_model(model, index), couplings(index)));
+        let mut groups = Self::groups(chains);
+        for group in &mut groups {
+            let joints = group.motors.iter().filter_map(|motor| model.joints.get(*motor));
+            group.rotors = joints.map(|joint| joint.motor.rotor_inertia).collect();
+        }
         groups
     }
 

@@ -8,6 +8,9 @@ mod limits;
 mod of_joints;
 mod plausible;
 pub(crate) mod settings;
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
+mod shipped;
 pub(crate) mod tree;
 mod unit;
 

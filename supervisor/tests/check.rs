@@ -559,7 +559,7 @@ fn a_servo_for_another_inertia_is_told() {
         let section = format!("[joints.finger1_bend.servo]\ninertia = {inertia}\n\n[joint.servo]");
         let (code, text) = check_changed("controller.toml", "[joint.servo]", &section);
         assert_eq!(code, 0, "{text}");
-        contains(&text, &["joint finger1_bend: servo.inertia = ", words, "remove servo.inertia"]);
+        contains(&text, &["joint finger1_bend: servo.inertia = ", words, "without servo.inertia"]);
     }
 }
 

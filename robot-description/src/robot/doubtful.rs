@@ -5,6 +5,7 @@ use std::f32::consts::TAU;
 use tesaki::model::{ForceSensor, JointModel, Motor, Reaction, RobotModel, Safety};
 
 use super::limits::{ImplausibleValue, Text, at_least};
+use crate::load::CoupledChains;
 
 /// The shortest time in which a full torque can bring a bare rotor to the velocity limit [s]. The mechanical
 /// time constants of servo motors are 2 to 50 ms; a velocity limit may be a tenth of what the motor reaches.
@@ -27,6 +28,8 @@ const FEW_COUNTS: f32 = 20.0;
 const WINDINGS: [f32; 2] = [1e-5, 0.02];
 /// An error at rest above this is seen [rad].
 const MUCH_REST_ERROR: f32 = 0.05;
+/// Factor between the inertia that a servo assumes and those that its joint feels, from which one is wrong.
+const OTHER_INERTIA: f32 = 2.0;
 /// Least lever of a contact force about a force sensor [m].
 const LEAST_LEVER: f32 = 5e-3;
 
@@ -48,17 +51,50 @@ pub fn doubtful_values(model: &RobotModel) -> Vec<ImplausibleValue> {
         speed(joint).into_iter().for_each(|text| add("servo.filter_time", text));
         sticking(joint).into_iter().for_each(|text| add("servo.observer.bandwidth", text));
     }
+    found.extend(servo_inertias(model));
     let mut add = |key, (message, advice)| {
-        found.push(ImplausibleValue { joint: None, key, message, advice });
+        let value = ImplausibleValue { joint: None, key, message, advice };
+        // Sensors that are alike are told of once.
+        if !found.contains(&value) {
+            found.push(value);
+        }
     };
     if model.safety.damping <= 0.0 && model.safety.reaction != Reaction::Off {
         let message = "safety.damping = 0: a robot that is damped after a fault falls unbraked".to_owned();
         add("safety.damping", (message, "above 0 N·m·s/rad".to_owned()));
     }
-    // All of a robot folder are alike.
-    if let Some(sensor) = model.chains.iter().find_map(|chain| chain.force_sensor.as_ref()) {
+    for sensor in model.chains.iter().filter_map(|chain| chain.force_sensor.as_ref()) {
         force(sensor).into_iter().for_each(|text| add("force_sensor.force_resolution", text));
         moment(sensor).into_iter().for_each(|text| add("force_sensor.torque_resolution", text));
+    }
+    found
+}
+
+/// Servos whose gains are for quite another inertia than their joints feel, with their rotors.
+fn servo_inertias(model: &RobotModel) -> Vec<ImplausibleValue> {
+    let mut found = Vec::new();
+    for chains in CoupledChains::of_model(model) {
+        let joints = || chains.motors.iter().filter_map(|&index| Some((index, model.joints.get(index)?)));
+        let limits: Vec<(f32, f32)> =
+            joints().map(|(_, joint)| (joint.limits.lower, joint.limits.upper)).collect();
+        for ((index, joint), [smallest, largest]) in joints().zip(chains.joint_inertias(&limits)) {
+            let inertia = joint.servo.observer.inertia;
+            let (effect, factor) = if inertia > OTHER_INERTIA * largest {
+                ("high: it may be unstable", inertia / largest)
+            } else if inertia < smallest / OTHER_INERTIA {
+                ("low: it is weak", smallest / inertia)
+            } else {
+                continue;
+            };
+            let message = format!(
+                "servo.inertia = {inertia} kg·m²; the joint feels {smallest:.2e} to {largest:.2e} kg·m² with its rotor: \
+                 all gains of its servo are {factor:.1} times too {effect}"
+            );
+            let advice = "without servo.inertia in controller.toml it is computed from links and rotor; on the board set \
+                          servo.observer.inertia and the gains of servo.pid; or check motor.rotor_inertia and masses";
+            let (joint, key) = (Some(index), "servo.inertia");
+            found.push(ImplausibleValue { joint, key, message, advice: advice.to_owned() });
+        }
     }
     found
 }
@@ -272,24 +308,24 @@ fn moment(sensor: &ForceSensor) -> Text {
 #[cfg(test)]
 #[allow(clippy::unwrap_used, reason = "tests")]
 mod tests {
-    use std::path::Path;
-
     use super::*;
-    use crate::robot::RobotFolder;
-
-    fn robot(name: &str) -> RobotModel {
-        let robots = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../robots"));
-        RobotFolder::load(&robots.join(name)).unwrap().model
-    }
+    use crate::robot::shipped::{Bounds, NAMES, check_bounds, robot};
 
     #[test]
     fn none_of_our_robots_is_doubtful() {
-        for name in ["hand3", "arm7", "hand5", "knob-arm", "allegro", "leap", "inspire"] {
+        for name in NAMES {
             let mut found = doubtful_values(&robot(name));
             // Its filter is for an operator's motion, not for moves.
             found.retain(|value| (name, value.key) != ("hand5", "servo.filter_time"));
             assert_eq!(found, [], "{name}");
         }
+    }
+
+    /// With a servo for it.
+    fn set_rotor(robot: &mut RobotModel, inertia: f32) {
+        let joint = &mut robot.joints[1];
+        joint.servo.observer.inertia += inertia - joint.motor.rotor_inertia;
+        joint.motor.rotor_inertia = inertia;
     }
 
     fn winding(robot: &mut RobotModel, resistance: Option<f32>, inductance: Option<f32>) {
@@ -314,17 +350,11 @@ mod tests {
     /// One of hand3: finger1_bend, a motor of 0.7 N·m, 6 rad/s.
     #[test]
     fn each_value_is_doubtful_beyond_its_bound() {
-        type Change = fn(&mut RobotModel, f32);
-        let cases: [(&str, Change, f32, f32); 14] = [
+        let cases: [Bounds; 14] = [
             // 0.7 N·m · 0.2 ms / 6 rad/s.
-            (
-                "motor.rotor_inertia",
-                |robot, value| robot.joints[1].motor.rotor_inertia = value,
-                2.3e-5,
-                2.4e-5,
-            ),
+            ("motor.rotor_inertia", set_rotor, 2.3e-5, 2.4e-5),
             // 0.7 N·m · 0.5 s / 6 rad/s.
-            ("motor.rotor_inertia", |robot, value| robot.joints[1].motor.rotor_inertia = value, 0.059, 0.058),
+            ("motor.rotor_inertia", set_rotor, 0.059, 0.058),
             (
                 "encoder.counts_per_turn",
                 |robot, value| robot.joints[1].encoder.counts_per_turn = value,
@@ -389,13 +419,6 @@ mod tests {
                 0.049,
             ),
         ];
-        for (key, change, wrong, right) in cases {
-            let mut changed = robot("hand3");
-            change(&mut changed, wrong);
-            let keys: Vec<&str> = doubtful_values(&changed).iter().map(|value| value.key).collect();
-            assert_eq!(keys, [key], "{wrong}");
-            change(&mut changed, right);
-            assert_eq!(doubtful_values(&changed), [], "{key} = {right}");
-        }
+        check_bounds(&cases, doubtful_values);
     }
 }

@@ -273,20 +273,14 @@ fn timeout(model: &RobotModel) -> Text {
 #[allow(clippy::unwrap_used, reason = "tests")]
 mod tests {
     use super::*;
-    use std::path::Path;
 
     use tesaki::model::{Friction, PidGains};
 
-    use crate::robot::RobotFolder;
-
-    fn robot(name: &str) -> RobotModel {
-        let robots = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../robots"));
-        RobotFolder::load(&robots.join(name)).unwrap().model
-    }
+    use crate::robot::shipped::{Bounds, NAMES, check_bounds, robot};
 
     #[test]
     fn the_limits_of_our_robots_are_plausible() {
-        for name in ["hand3", "arm7", "hand5", "knob-arm", "allegro", "leap", "inspire"] {
+        for name in NAMES {
             assert_eq!(implausible_values(&robot(name)), [], "{name}");
         }
     }
@@ -295,8 +289,7 @@ mod tests {
     /// N.
     #[test]
     fn each_limit_has_bounds_on_both_sides_of_what_it_protects() {
-        type Change = fn(&mut RobotModel, f32);
-        let cases: [(&str, Change, f32, f32); 8] = [
+        let cases: [Bounds; 9] = [
             // 2 counts · 2π / 1000 in 10 ms are 1.26 rad/s.
             (
                 "encoder.counts_per_turn",
@@ -326,16 +319,10 @@ mod tests {
             ),
             ("safety.command_timeout", |robot, value| robot.safety.command_timeout = value, 2.01, 1.99),
             ("safety.command_timeout", |robot, value| robot.safety.command_timeout = value, 0.02, 0.04),
+            ("servo.rest_error", |robot, value| robot.joints[1].servo.rest_error = value, 0.25, 0.049),
             ("safety.supply_min", |robot, value| robot.safety.supply_min = value, 13.9, 14.1),
         ];
-        for (key, change, wrong, right) in cases {
-            let mut changed = robot("hand3");
-            change(&mut changed, wrong);
-            let keys: Vec<&str> = implausible_values(&changed).iter().map(|limit| limit.key).collect();
-            assert_eq!(keys, [key], "{wrong}");
-            change(&mut changed, right);
-            assert_eq!(implausible_values(&changed), [], "{key} = {right}");
-        }
+        check_bounds(&cases, implausible_values);
         let mut deaf = robot("hand3");
         deaf.chains[1].force_sensor.as_mut().unwrap().force_limit = 20.1;
         let found = implausible_values(&deaf);

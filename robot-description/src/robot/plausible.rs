@@ -22,9 +22,7 @@ use crate::urdf::Urdf;
 const ON_AXIS: f32 = 1e-4;
 /// Joints of an arm, whose last one turns the tool about its own axis.
 const ARM_JOINTS: usize = 6;
-/// Factor between the inertia that a servo assumes and those that its joint feels, from which one is wrong.
-const OTHER_INERTIA: f32 = 2.0;
-/// The same for the bandwidth of current loops.
+/// Factor between two bandwidths of current loops, from which one is wrong.
 const OTHER_BANDWIDTH: f64 = 3.0;
 
 /// Whether the model is right enough to compute with.
@@ -66,7 +64,7 @@ pub fn check(folder: &RobotFolder, settings: &str, plant: Option<&str>, known: &
         }
     }
     let model = &folder.model;
-    for chains in groups(model) {
+    for chains in CoupledChains::of_model(model) {
         of_chains(&chains, model, start.as_ref(), &mut reports);
     }
     for index in 0..model.chains.len() {
@@ -80,7 +78,9 @@ pub fn check(folder: &RobotFolder, settings: &str, plant: Option<&str>, known: &
     // What is wrong has been told; the unit of a current may explain it.
     let (valid, mut doubtful) = (model.validate().is_ok(), doubtful_values(model));
     doubtful.retain(|value| {
-        (valid || value.key == "motor.current_limit") && !wrong.contains(&(value.joint, value.key))
+        let follows = !valid && value.key != "motor.current_limit"
+            || !reports.has_weights && value.key == "servo.inertia";
+        !follows && !wrong.contains(&(value.joint, value.key))
     });
     for value in doubtful {
         of_model(model, value, false, &mut reports);
@@ -134,7 +134,7 @@ pub struct Overload {
 /// The joints of a valid model whose motors cannot bear their links everywhere.
 pub fn overloaded(model: &RobotModel) -> Vec<Overload> {
     let mut found = Vec::new();
-    for chains in groups(model) {
+    for chains in CoupledChains::of_model(model) {
         let joints = chains.motors.iter().filter_map(|&motor| Some((motor, model.joints.get(motor)?)));
         let (motors, joints): (Vec<usize>, Vec<&JointModel>) = joints.unzip();
         let limits: Vec<(f32, f32)> =
@@ -150,19 +150,6 @@ pub fn overloaded(model: &RobotModel) -> Vec<Overload> {
     found
 }
 
-/// The chains of a model in groups that do not depend on each other.
-fn groups(model: &RobotModel) -> Vec<CoupledChains> {
-    let couplings = |index| model.joints_of(index).map(ChainJoint::coupling).collect();
-    let mut groups = CoupledChains::groups(
-        (0..model.chains.len()).map(|index| (Chain::of_model(model, index), couplings(index))),
-    );
-    for group in &mut groups {
-        let joints = group.motors.iter().filter_map(|motor| model.joints.get(*motor));
-        group.rotors = joints.map(|joint| joint.motor.rotor_inertia).collect();
-    }
-    groups
-}
-
 fn of_chains(
     chains: &CoupledChains,
     model: &RobotModel,
@@ -175,11 +162,8 @@ fn of_chains(
     let limits: Vec<(f32, f32)> =
         joints.iter().map(|joint| (joint.limits.lower, joint.limits.upper)).collect();
     let loads = chains.joint_loads(gravity, &limits);
-    for ((&joint, load), inertias) in joints.iter().zip(&loads).zip(chains.joint_inertias(&limits)) {
+    for (&joint, load) in joints.iter().zip(&loads) {
         motors::check(joint, &joints, load, reports);
-        if reports.has_weights {
-            servo_inertia(joint, inertias, reports);
-        }
     }
     let Some(posture) = start else { return };
     #[expect(clippy::cast_possible_truncation, reason = "the controller works in single precision")]
@@ -220,29 +204,6 @@ fn of_chains(
             );
         }
     }
-}
-
-/// A servo whose gains are for quite another inertia than the smallest and the largest one that its joint
-/// feels, with its rotor [kg·m²].
-fn servo_inertia(joint: &JointModel, [smallest, largest]: [f32; 2], reports: &mut Reports) {
-    let inertia = joint.servo.observer.inertia;
-    if joint.motor.rotor_inertia < 0.0 {
-        // Told already.
-        return;
-    }
-    let (effect, factor) = if inertia > OTHER_INERTIA * largest {
-        ("high: it may be unstable", inertia / largest)
-    } else if inertia < smallest / OTHER_INERTIA {
-        ("low: it is weak", smallest / inertia)
-    } else {
-        return;
-    };
-    let message = format!(
-        "servo.inertia = {inertia} kg·m²; the joint feels {smallest:.2e} to {largest:.2e} kg·m² with its rotor: all gains \
-         of its servo are {factor:.1} times too {effect}"
-    );
-    let advice = "remove servo.inertia, and it is computed from links and rotor; or check motor.rotor_inertia and masses";
-    reports.of_joints.warning(&joint.name, reports.line(joint, "servo.inertia"), message, advice);
 }
 
 /// The name of a joint as a key in TOML.

@@ -93,3 +93,21 @@ impl FaultThresholds {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_support::joint;
+
+    /// By hand, of 0.6 N·m: 2 · 0.02 + 0.015 · 0.6 N·m, which is below 0.4 · (10 · 0.02 + 0.01 · 0.6) N·m;
+    /// and with less friction the latter, 0.4 · (10 · 0.0006 + 0.01 · 0.6) N·m.
+    #[test]
+    fn the_first_threshold_of_a_dead_encoder_is_the_least_that_counts() {
+        for (coulomb, expected) in [(0.02, 0.049), (6e-4, 4.8e-3)] {
+            let mut joint = joint("joint");
+            joint.friction.coulomb = coulomb;
+            let found = FaultThresholds::new(&joint, 0.6).min_growth;
+            assert!((found - expected).abs() < 1e-6, "{coulomb}: {found} N·m");
+        }
+    }
+}

@@ -76,7 +76,7 @@ fn try_on(rig: &mut Rig, task: TaskConfig, command: TaskCommand) {
     rig.tick();
     let positions = rig.sensors.encoders.iter().map(|_| 0.3).collect();
     rig.ask(Request::Home { positions });
-    rig.ask(Request::Tare);
+    rig.tare();
     rig.ask(Request::Enable(task));
     rig.ask(Request::Task(command));
     for _ in 0..20 {

@@ -8,7 +8,7 @@ use super::rig::refusal;
 use crate::control::{JointPoint, ServoMode};
 use crate::fault::FaultCause;
 use crate::model::Reaction;
-use crate::protocol::{ActuatorFrame, Mode, Refusal, Reply, Request};
+use crate::protocol::{ActuatorFrame, ForceSensorFault, Mode, Refusal, Reply, Request, SensorFlags};
 use crate::task::impedance::tests::SOFT;
 use crate::task::impedance::{ForceSource, ImpedanceSettings};
 use crate::task::joint_servo::JointCommand;
@@ -259,6 +259,18 @@ fn a_stop_begins_anew_after_missed_ticks() {
     assert!(arm.max_speed < 1.3 * speed, "{} after {speed} m/s", arm.max_speed);
     assert!(arm.speed() < 0.01, "{} m/s", arm.speed());
     assert_eq!(arm.rig.node.state.reaction, Reaction::Hold, "{:?}", arm.rig.node.faults());
+}
+
+#[test]
+fn a_damped_arm_is_no_longer_stopped_by_its_task() {
+    let mut arm = SimulatedArm::enabled(&SOFT, Some(SENSOR));
+    arm.run(50, Vector3::zeros());
+    assert_eq!(arm.rig.ask(Request::Stop), Reply::Done);
+    arm.tick(Vector3::zeros());
+    assert_eq!(arm.rig.node.reaction(), (Reaction::Hold, true));
+    arm.rig.sensors.flags = SensorFlags(0).with_force_sensor(ForceSensorFault::Silent);
+    arm.tick(Vector3::zeros());
+    assert_eq!(arm.rig.node.reaction(), (Reaction::Damp, false));
 }
 
 #[test]

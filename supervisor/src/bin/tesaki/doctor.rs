@@ -19,6 +19,7 @@ use crate::args::Options;
 use crate::board::{clock, reset};
 use crate::board_session::{BoardLink, dial, find_in_log, outputs, port_address, version};
 use crate::failure::Failure;
+use crate::joints::outside;
 use crate::model::checksum;
 use crate::output;
 
@@ -422,16 +423,12 @@ fn check_control(
 /// Checks that the joints, as far as they are `homed`, stand within their limits.
 fn check_angles(telemetry: &Telemetry, homed: u16, model: &RobotModel, doctor: &mut Doctor) {
     for (index, (joint, state)) in model.joints.iter().zip(&telemetry.joints).enumerate() {
-        let (angle, limits) = (state.position, &joint.limits);
-        // A joint at its stop may measure slightly outside, which is no fault.
-        let beyond = limits.following_error;
-        if homed >> index & 1 != 0 && (angle < limits.lower - beyond || angle > limits.upper + beyond) {
+        // Slightly outside, as at a stop, is no fault.
+        let found = outside(joint, state.position, joint.limits.following_error);
+        if let Some(text) = found.filter(|_| homed >> index & 1 != 0) {
             doctor.bad(
                 1,
-                format!(
-                    "{} stands at {angle:.3} rad, outside its limits {} to {} rad: it cannot be enabled there",
-                    joint.name, limits.lower, limits.upper
-                ),
+                format!("{text}: it cannot be enabled there"),
                 "turn it by hand, or home it if this is not its angle; or check limits.lower and limits.upper",
             );
         }

@@ -147,6 +147,14 @@ pub fn check(joint: &JointModel, angle: f32) -> Result<(), Failure> {
     )))
 }
 
+/// Where a joint stands, if that is outside its limits by more than a tolerance [rad].
+pub fn outside(joint: &JointModel, angle: f32, tolerance: f32) -> Option<String> {
+    let (lower, upper) = (joint.limits.lower, joint.limits.upper);
+    (angle < lower - tolerance || angle > upper + tolerance).then(|| {
+        format!("{} stands at {angle:.3} rad, outside its limits {lower} to {upper} rad", joint.name)
+    })
+}
+
 /// As [`check`], of an angle [rad] that was typed in rad or degrees.
 pub fn check_typed(joint: &JointModel, angle: f32, degrees: bool) -> Result<(), Failure> {
     let Err(failure) = check(joint, angle) else { return Ok(()) };

@@ -12,6 +12,7 @@ use tesaki_supervisor::Board;
 use crate::args::Options;
 use crate::board_session::{BoardSession, notice_unhomed, notice_untared};
 use crate::failure::Failure;
+use crate::joints::outside;
 use crate::output;
 
 pub fn read(options: &Options, path: Option<&str>) -> Result<(), Failure> {
@@ -140,7 +141,7 @@ pub fn set(options: &Options, path: &str, value: &str) -> Result<(), Failure> {
     check_supply(&model, &changed, supply)?;
     let unhomed = no_longer_homed(homed, &model, &changed);
     let mut warnings = doubtful(&model, &changed);
-    warnings.extend(outside(&mut session, &model, &changed, homed)?);
+    warnings.extend(standing_outside(&mut session, &model, &changed, homed)?);
     session.board.push_model_and_sense(&changed)?;
     let done = json!({
         "set": names, "values": values, "no_longer_tared": tared, "no_longer_homed": unhomed, "warnings": warnings,
@@ -185,7 +186,7 @@ fn check_supply(model: &RobotModel, changed: &RobotModel, supply: f32) -> Result
 
 /// What is to be said of joints that stand outside the limits of the changed model, of those that are
 /// `homed`.
-fn outside(
+fn standing_outside(
     session: &mut BoardSession,
     model: &RobotModel,
     changed: &RobotModel,
@@ -206,15 +207,8 @@ fn outside(
     };
     let joints = changed.joints.iter().zip(&telemetry.joints).enumerate();
     let found = joints.filter_map(|(index, (joint, state))| {
-        let (angle, limits) = (state.position, &joint.limits);
-        let is_outside = angle < limits.lower || angle > limits.upper;
-        (is_outside && homed >> index & 1 != 0).then(|| {
-            format!(
-                "{} stands at {angle:.3} rad, outside its limits {} to {} rad; more than limits.following_error outside, it \
-                 cannot be enabled",
-                joint.name, limits.lower, limits.upper
-            )
-        })
+        let text = outside(joint, state.position, 0.0).filter(|_| homed >> index & 1 != 0)?;
+        Some(format!("{text}; more than limits.following_error outside, it cannot be enabled"))
     });
     Ok(found.collect())
 }

@@ -61,8 +61,7 @@ fn start(first: u8) -> Rig {
         rig.tick();
         rig.tick();
         home(&mut rig, 0.0, &mut Input(&[]));
-        rig.tick();
-        let tared = rig.ask(Request::Tare);
+        let tared = rig.tare();
         assert_eq!(tared == Reply::Done, !rig.sensors.forces.is_empty(), "{tared:?}");
     }
     rig
@@ -121,8 +120,7 @@ fn step(rig: &mut Rig, encoded: &[u8], input: &mut Input<'_>) {
         }
         7 => {
             home(rig, 0.02, input);
-            rig.tick();
-            rig.ask(Request::Tare);
+            rig.tare();
         }
         8 => {
             rig.ask(Request::ReadFaults);
@@ -144,8 +142,7 @@ fn step(rig: &mut Rig, encoded: &[u8], input: &mut Input<'_>) {
             let home = before_the_box();
             if rig.sensors.encoders.len() == home.len() {
                 rig.ask(Request::Home { positions: home.iter().copied().collect() });
-                rig.tick();
-                rig.ask(Request::Tare);
+                rig.tare();
             }
         }
         _ => {

@@ -120,6 +120,15 @@ impl Rig {
         self.sensors.sequence = self.sensors.sequence.wrapping_add(1);
     }
 
+    /// Tares a node that was homed, when it may: after 1 s. Constant counts would be a fault meanwhile.
+    pub fn tare(&mut self) -> Reply {
+        for _ in 0..100 {
+            self.sensors.forces.iter_mut().for_each(|counts| counts[5] ^= 1);
+            self.tick();
+        }
+        self.ask(Request::Tare)
+    }
+
     /// Ticks with `frame`.
     pub fn tick_with(&mut self, frame: SensorFrame) {
         let before = self.node.mode();
