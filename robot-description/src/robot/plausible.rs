@@ -6,7 +6,6 @@ mod motors;
 use std::collections::BTreeMap;
 
 use nalgebra::Vector3;
-use tesaki::kinematics::Chain;
 use tesaki::model::{ChainJoint, JointModel, RobotModel};
 
 use super::RobotFolder;
