@@ -6,7 +6,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use tesaki::protocol::codec::{Decoder, FrameCounts, MAX_FRAME, encode};
-use tesaki::protocol::{FromBoard, Mode, Refusal, Reply, ReplyFrame, Request, RequestFrame, SCHEMA_KEY};
+use tesaki::protocol::{
+    FromBoard, Mode, NodeStatus, Refusal, Reply, ReplyFrame, Request, RequestFrame, SCHEMA_KEY,
+};
 
 use crate::board::TARE;
 use crate::{Board, BoardError};
@@ -27,8 +29,10 @@ const OLD: u16 = 1 << 14;
 /// Interval at which the flag of [`LinkBoard::interrupt_by`] is checked.
 const GLANCE: Duration = Duration::from_millis(5);
 
-/// Time after homing in which a board refuses to tare, and some more.
-const SETTLING: Duration = Duration::from_millis(1200);
+/// Ticks after homing in which a board refuses to tare, and some more.
+const SETTLING: u32 = 120;
+/// A board whose ticks stand still for this time has no sensors.
+const STANDSTILL: Duration = Duration::from_millis(500);
 
 /// A two-way stream of bytes: serial port, socket, pseudo-terminal.
 pub trait ByteLink {
@@ -220,11 +224,17 @@ impl<L: ByteLink> Board for LinkBoard<L> {
     /// Waits while the board, disabled, refuses because it was homed just now. An enabled one needs the
     /// requests of its client meanwhile.
     fn tare(&mut self) -> Result<(), BoardError> {
-        let deadline = Instant::now() + SETTLING;
+        let (begun, mut first) = (Instant::now(), None);
         loop {
             let answer = self.ask(TARE, Request::Tare);
-            let is_early = matches!(answer, Err(BoardError::Refused { refusal: Refusal::NoSensors, .. }));
-            if !is_early || Instant::now() > deadline || self.status()?.node.mode != Mode::Disabled {
+            if !matches!(answer, Err(BoardError::Refused { refusal: Refusal::NoSensors, .. })) {
+                return answer;
+            }
+            let NodeStatus { mode, tick, .. } = self.status()?.node;
+            // A simulated board may be slower than the clock.
+            let passed = tick.wrapping_sub(*first.get_or_insert(tick));
+            let stands = passed == 0 && begun.elapsed() > STANDSTILL;
+            if mode != Mode::Disabled || passed > SETTLING || stands {
                 return answer;
             }
             self.check_interrupt()?;
