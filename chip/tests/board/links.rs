@@ -80,8 +80,7 @@ fn a_flood_of_requests_leaves_telemetry_its_turn() {
     }
     let telemetry = rig.client.telemetry - before;
     println!("{telemetry} messages of telemetry in a second of requests without a pause");
-    // The replies fill the line back, too, so most of it is dropped.
-    assert!(telemetry > 10, "{telemetry}");
+    assert!(telemetry > 90, "{telemetry}");
     assert_eq!(rig.machine.resets, Vec::<&str>::new());
     assert_eq!(rig.machine.chip.supervisor().lost, 0);
 }
