@@ -52,6 +52,9 @@ pub enum ChipError {
     /// The machine has other joints than the board has motors.
     #[error("this robot has {0} joints, the board exactly {MOTORS} motors: give another --robot")]
     Joints(usize),
+    /// The image has started no control period.
+    #[error("the image has begun no control period {} ms after its start", BOOT / 1_000_000_000)]
+    Idle,
     /// The chip was reset.
     #[error("the chip was reset by itself")]
     Reset,
@@ -131,8 +134,8 @@ impl ChipBoard {
         board.chip.call(&Call::Start(terminals))?;
         board.advance(BOOT)?;
         // Advances to the start of the next control period.
-        let next = board.instant + PERIOD - MARGIN;
-        board.advance(next - board.now)?;
+        let next = (board.instant + PERIOD - MARGIN).checked_sub(board.now).ok_or(ChipError::Idle)?;
+        board.advance(next)?;
         Ok(board)
     }
 

@@ -21,7 +21,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use tesaki_description::robot::RobotFolder;
 use tesaki_output::say;
-use tesaki_sim::scenario::{SCENARIOS, Scenario};
+use tesaki_sim::scenario::{Impossible, SCENARIOS, Scenario};
 
 const EXIT_CODES: &str = "Exit codes: 0, done, or nobody reads the output any more; 1, a limit or a rule is broken; \
 2, an error, which standard error tells";
@@ -68,7 +68,7 @@ struct Limits {
     /// Seed of the machine, or a range such as 1-20
     #[arg(long, default_value = "1", value_parser = seeds, allow_hyphen_values = true)]
     seed: RangeInclusive<u64>,
-    /// Print one JSON object per seed: the metrics, each with the reason
+    /// Print one JSON object per seed: the metrics, each with the reason; null if that is not computed
     #[arg(long)]
     json: bool,
     /// Robot folder; default: that of the scenario
@@ -217,13 +217,19 @@ fn tell_limits(options: &Limits) -> Result<(), Box<dyn Error>> {
     for seed in options.seed.clone() {
         let impossible = scenario.impossible(&robot, seed)?;
         if options.json {
-            let metrics: serde_json::Map<_, serde_json::Value> =
-                impossible.into_iter().map(|limit| (limit.metric, limit.why.into())).collect();
+            let metrics = |limits: Vec<Impossible>| {
+                limits.into_iter().map(|limit| (limit.metric, limit.why.into())).collect()
+            };
+            let metrics: Option<serde_json::Map<_, serde_json::Value>> = impossible.map(metrics);
             say!("{}", serde_json::json!({ "seed": seed, "impossible": metrics }));
-        } else if impossible.is_empty() {
-            say!("seed {seed}: there is room for every limit");
-        } else {
-            impossible.iter().for_each(|limit| say!("seed {seed}: {}: {}", limit.metric, limit.why));
+            continue;
+        }
+        match impossible.as_deref() {
+            None => say!("seed {seed}: {} has no limits that depend on the machine", scenario.name),
+            Some([]) => say!("seed {seed}: there is room for every limit"),
+            Some(limits) => {
+                limits.iter().for_each(|limit| say!("seed {seed}: {}: {}", limit.metric, limit.why))
+            }
         }
     }
     Ok(())
@@ -233,7 +239,11 @@ fn tell_limits(options: &Limits) -> Result<(), Box<dyn Error>> {
 fn shown(path: &Path) -> PathBuf {
     let Ok(path) = path.canonicalize() else { return path.to_owned() };
     let here = std::env::current_dir().unwrap_or_default();
-    path.strip_prefix(here).map_or(path.clone(), Path::to_owned)
+    match path.strip_prefix(here) {
+        Ok(relative) if relative.as_os_str().is_empty() => PathBuf::from("."),
+        Ok(relative) => relative.to_owned(),
+        Err(_) => path,
+    }
 }
 
 /// An error of a file, with the file.

@@ -51,14 +51,14 @@ pub enum LawError {
         /// Their names.
         known: String,
     },
-    /// Two laws have the same name.
+    /// Two laws have the same name, but for punctuation.
     #[error(
-        "--law {law}: a second law called {name:?}; results are told apart by name: give each law once, by a name of its own"
+        "--law {law}: there is a law called {name:?} already; results are told apart by the letters and digits of the name: give each law once, by a name of its own"
     )]
     SameName {
         /// The requested law.
         law: String,
-        /// The name of both laws.
+        /// The name of the other law.
         name: String,
     },
 }
@@ -90,12 +90,17 @@ impl LawFile {
                 }
                 other => other,
             })?;
-            if laws.iter().any(|other| other.name == found.name) {
-                return Err(LawError::SameName { law: law.clone(), name: found.name });
+            if let Some(other) = laws.iter().find(|other| other.key() == found.key()) {
+                return Err(LawError::SameName { law: law.clone(), name: other.name.clone() });
             }
             laws.push(found);
         }
         Ok(laws)
+    }
+
+    /// Its name as a part of the names of metrics and files.
+    pub fn key(&self) -> String {
+        self.name.chars().map(|letter| if letter.is_alphanumeric() { letter } else { '_' }).collect()
     }
 
     fn locate(folder: &Path, law: &str) -> Result<Self, LawError> {

@@ -33,6 +33,7 @@ pub(crate) enum Purpose {
     CalibrationViews = 24,
     BasePlace = 25,
     Windings = 26,
+    HandleSensor = 27,
 }
 
 impl Purpose {

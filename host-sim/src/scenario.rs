@@ -170,6 +170,9 @@ pub enum ScenarioError {
     /// A file of the robot cannot be used.
     #[error(transparent)]
     File(#[from] FileError),
+    /// There is none of this name.
+    #[error("no scenario {0:?}: `cargo sim list` shows all")]
+    Unknown(String),
     /// A law lacks the section of an experiment.
     #[error(
         "the law {law} has no {section}, which this scenario runs: add it as in robots/arm7/laws/paper.toml"
@@ -179,6 +182,12 @@ pub enum ScenarioError {
         law: String,
         /// What is missing.
         section: &'static str,
+    },
+    /// A law has an impedance without a spring.
+    #[error("the law {law} has a stiffness of 0: this scenario needs a spring in every direction")]
+    LawWithoutSpring {
+        /// Its name.
+        law: String,
     },
     /// Where a grasp is to begin.
     #[error(transparent)]
@@ -274,7 +283,7 @@ impl Scenario {
         summary.seed = setting.seed;
         summary.ticks = outcome.motion.ticks().into();
         summary.frames_sha256 = Some(setting.controller.frames_sha256());
-        for impossible in self.impossible(setting.robot, setting.seed)? {
+        for impossible in self.impossible(setting.robot, setting.seed)?.unwrap_or_default() {
             outcome.summary.waive(&impossible.metric, &impossible.why);
         }
         Ok(outcome)
@@ -295,11 +304,11 @@ impl Scenario {
     }
 
     /// The limits for which the machine of this seed leaves a controller no room, by the plant's truth alone:
-    /// nothing is run.
+    /// nothing is run. `None` if that is not computed for this scenario.
     ///
     /// # Errors
     /// The robot's folder.
-    pub fn impossible(&self, robot: &Path, seed: u64) -> Result<Vec<Impossible>, ScenarioError> {
+    pub fn impossible(&self, robot: &Path, seed: u64) -> Result<Option<Vec<Impossible>>, ScenarioError> {
         possible::impossible(self.name, robot, seed)
     }
 }

@@ -47,7 +47,7 @@ pub fn run(options: &Faults) -> Result<bool, Box<dyn Error>> {
     let mut passed = true;
     for schedule in schedules {
         let (report, trace) = faults::run_traced(&schedule, &robots, options.trace.then(Vec::new))?;
-        trace.iter().for_each(|line| say!("{line}"));
+        trace.iter().for_each(|line| if options.json { note!("{line}") } else { say!("{line}") });
         passed &= report.violations.is_empty();
         if options.json {
             say!("{}", serde_json::to_string(&report)?);
@@ -58,7 +58,7 @@ pub fn run(options: &Faults) -> Result<bool, Box<dyn Error>> {
             say!("seed {seed}: {scenario}: {}: {ran} of {planned} ticks: {state}", families.join(", "));
         }
         let [ran, planned] = report.ticks;
-        if options.schedule.is_some() || (!report.violations.is_empty() || ran < planned) && !options.json {
+        if !options.json && (options.schedule.is_some() || !report.violations.is_empty() || ran < planned) {
             report.faults.iter().for_each(|fault| say!("  log: {fault}"));
             report.error.iter().for_each(|error| say!("  ended: {error}"));
         }

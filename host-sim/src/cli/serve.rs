@@ -114,7 +114,7 @@ pub fn run(options: &Serve) -> Result<(), Box<dyn Error>> {
             "\x20 camera           {} (pictures of the door, for `tesaki look`)\n",
             camera.address()
         )),
-        shown(&options.robot).display(),
+        quoted_path(&options.robot),
         home_command(&plant, &robot.model).map_or_else(String::new, |home| format!("  {home}\n")),
         example_command(options, &robot.model, camera.as_ref()),
     );
@@ -160,6 +160,11 @@ fn served_door(
     Ok(Some(served))
 }
 
+/// The path relative to the current folder, for a shell.
+fn quoted_path(path: &Path) -> String {
+    quoted(&shown(path).display().to_string())
+}
+
 /// What to try on the machine once it is homed.
 fn example_command(options: &Serve, model: &RobotModel, camera: Option<&ServedCamera>) -> String {
     if let Some(camera) = camera {
@@ -168,15 +173,15 @@ fn example_command(options: &Serve, model: &RobotModel, camera: Option<&ServedCa
              and in a third one:\n\
              \x20 tesaki approach --robot {} --from unix://circles",
             camera.address(),
-            shown(&options.robot).display()
+            quoted_path(&options.robot)
         );
     }
     let impedance = options.robot.join("impedances/soft.toml");
     if impedance.is_file() {
-        return format!("tesaki tare\n  tesaki impedance hold {}", shown(&impedance).display());
+        return format!("tesaki tare\n  tesaki impedance hold {}", quoted_path(&impedance));
     }
     match &options.grasp {
-        Some(path) => format!("tesaki tare\n  tesaki grasp run {} lift=0.01 hold=5", shown(path).display()),
+        Some(path) => format!("tesaki tare\n  tesaki grasp run {} lift=0.01 hold=5", quoted_path(path)),
         None => format!("tesaki move {}", quoted(&format!("{}=0.3", model.joint_name(0)))),
     }
 }

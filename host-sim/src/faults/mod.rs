@@ -22,7 +22,7 @@ mod tests;
 pub use rules::{Rule, Violation};
 pub use schedule::{Family, Fault, Kind, Schedule};
 
-use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
@@ -76,13 +76,14 @@ pub fn run_traced(
 ) -> Result<(Report, Vec<String>), ScenarioError> {
     let folder = robots.join(&schedule.robot);
     let robot = RobotFolder::load(&folder)?;
+    let scenario = Scenario::find(&schedule.scenario);
+    if scenario.is_none() && schedule.scenario != SERVED {
+        return Err(ScenarioError::Unknown(schedule.scenario.clone()));
+    }
     let rig = SharedRig::new(schedule, &robot.model);
     rig.lock().trace = trace;
     let result = catch_unwind(AssertUnwindSafe(|| {
-        if schedule.scenario == SERVED {
-            return served::run(&rig, &robot, schedule.machine());
-        }
-        let Some(scenario) = Scenario::find(&schedule.scenario) else { return Ok(()) };
+        let Some(scenario) = scenario else { return served::run(&rig, &robot, schedule.machine()) };
         let mut board = rig.clone();
         let mut controller = Watched::new(&mut board, false);
         let plain = Setting::plain(&folder, &mut controller, schedule.machine(), scenario.duration);
@@ -95,7 +96,7 @@ pub fn run_traced(
         Ok(_) if rig.is_over() => None,
         Ok(Ok(())) => Some("the scenario ended".to_owned()),
         Ok(Err(error)) => Some(error.to_string()),
-        Err(_) => Some("the scenario panicked".to_owned()),
+        Err(panic) => resume_unwind(panic),
     };
     let report = Report {
         seed: schedule.seed,

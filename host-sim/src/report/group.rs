@@ -8,8 +8,10 @@ pub(super) struct Group<'a> {
     pub runs: Vec<&'a Summary>,
 }
 
-/// One metric over the runs of a group.
+/// One metric over the runs of a group. If some of them have no limit for it, because they leave no room for it,
+/// median and worst value are those of the others.
 pub(super) struct Row<'a> {
+    /// That of a run with a limit, if there is one.
     pub metric: &'a Metric,
     /// The values in the order of the runs; `None` if a run lacks the metric.
     pub values: Vec<Option<&'a Metric>>,
@@ -18,6 +20,8 @@ pub(super) struct Row<'a> {
     pub worst_seed: u64,
     /// Number of runs whose value passes.
     pub passed: usize,
+    /// The note on the worst value, and why some runs have no limit.
+    pub notes: Vec<String>,
 }
 
 /// Groups `summaries` by scenario and controller.
@@ -48,10 +52,22 @@ impl<'a> Group<'a> {
 
     fn row(&self, name: &str) -> Option<Row<'a>> {
         let values: Vec<Option<&Metric>> = self.runs.iter().map(|run| run.get(name)).collect();
-        let found = || self.runs.iter().zip(&values).filter_map(|(run, value)| value.map(|v| (run.seed, v)));
-        let (_, metric) = found().next()?;
-        let (worst_seed, worst) = found().reduce(|a, b| if b.1.badness() > a.1.badness() { b } else { a })?;
-        let mut sorted: Vec<f64> = found().map(|(_, m)| m.value).filter(|v| v.is_finite()).collect();
+        let found = || self.runs.iter().zip(&values).filter_map(|(run, value)| value.map(|v| (*run, v)));
+        let limited = found().any(|(_, m)| m.limit.is_some());
+        let judged = || found().filter(|(_, m)| m.limit.is_some() == limited);
+        let (_, metric) = judged().next()?;
+        let (run, worst) = judged().reduce(|a, b| if b.1.badness() > a.1.badness() { b } else { a })?;
+        let mut notes: Vec<String> = worst.note.iter().cloned().collect();
+        let mut waived: Vec<(&str, Vec<&Summary>)> = Vec::new();
+        for (run, metric) in found().filter(|(_, m)| limited && m.limit.is_none()) {
+            let note = metric.note.as_deref().unwrap_or("no limit");
+            match waived.iter_mut().find(|(known, _)| *known == note) {
+                Some((_, runs)) => runs.push(run),
+                None => waived.push((note, vec![run])),
+            }
+        }
+        notes.extend(waived.iter().map(|(note, runs)| format!("seed {}: {note}", seeds(runs))));
+        let mut sorted: Vec<f64> = judged().map(|(_, m)| m.value).filter(|v| v.is_finite()).collect();
         sorted.sort_by(f64::total_cmp);
         let middle = sorted.len() / 2;
         let median = match sorted.len() {
@@ -60,7 +76,7 @@ impl<'a> Group<'a> {
             _ => f64::midpoint(sorted[middle - 1], sorted[middle]),
         };
         let passed = found().filter(|(_, m)| m.pass()).count();
-        Some(Row { metric, median, worst, worst_seed, passed, values })
+        Some(Row { metric, median, worst, worst_seed: run.seed, passed, values, notes })
     }
 
     /// Whether image and native controller agreed in all runs; `None` if they were not compared.

@@ -68,7 +68,7 @@ fn metric(row: &Row<'_>, several: bool, paper: bool) -> Markup {
         tr {
             td {
                 (row.metric.label)
-                @if let Some(note) = &row.metric.note { small { (note) } }
+                @for note in &row.notes { small { (note) } }
             }
             @if several { td class="n" { (row.median_text()) } }
             td class="n m" {

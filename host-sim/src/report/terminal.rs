@@ -81,9 +81,10 @@ fn title(group: &Group<'_>, colour: bool) -> String {
 }
 
 /// Returns all notes without duplicates, in the order in which they are first needed.
-fn notes<'a>(rows: &[Row<'a>]) -> Vec<&'a str> {
+fn notes<'a>(rows: &'a [Row<'_>]) -> Vec<&'a str> {
     let mut notes = Vec::new();
-    for note in rows.iter().filter_map(|row| row.metric.note.as_deref()) {
+    for note in rows.iter().flat_map(|row| &row.notes) {
+        let note = note.as_str();
         if !notes.contains(&note) {
             notes.push(note);
         }
@@ -118,9 +119,9 @@ fn metrics(group: &Group<'_>, rows: &[Row<'_>], notes: &[&str], colour: bool) ->
 
 fn cells(row: &Row<'_>, several: bool, paper: bool, notes: &[&str]) -> Vec<Cell> {
     let metric = row.metric;
-    let note = metric.note.as_deref().and_then(|note| notes.iter().position(|other| *other == note));
-    let note = note.map_or_else(String::new, |index| format!(" [{}]", index + 1));
-    let mut cells = vec![Cell::new(format!("{}{note}", metric.label))];
+    let place = |note: &String| notes.iter().position(|other| other == note);
+    let marks: String = row.notes.iter().filter_map(place).map(|index| format!(" [{}]", index + 1)).collect();
+    let mut cells = vec![Cell::new(format!("{}{marks}", metric.label))];
     if several {
         let worst = number::measured(row.worst.value, row.worst.limit);
         let worst = format!("{} ({})", number::with_unit(&worst, &metric.unit), row.worst_seed);

@@ -12,7 +12,7 @@ use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::Board;
 use tesaki_supervisor::trajectory::minimum_jerk;
 
-use super::common::{T, during, fault_error, introduce, largest};
+use super::common::{T, during, introduce, largest, request_error};
 use super::{ScenarioError, Setting};
 use crate::controller::{Controller, Watched};
 use crate::motion::Motion;
@@ -321,9 +321,11 @@ impl<'a, 'b> ArmTrial<'a, 'b> {
         }
         let actuators = self.controller.tick(&self.plant.sensors(sequence))?;
         self.plant.apply(&actuators)?;
-        if self.enabled && self.controller.keep().is_err() {
+        if self.enabled
+            && let Err(error) = self.controller.keep()
+        {
             let time = self.log.now();
-            return Err(fault_error(self.controller, &self.model, &self.label, time));
+            return Err(request_error(self.controller, &self.model, &self.label, time, error));
         }
         (self.progress)((f64::from(sequence) * T / self.duration).min(1.0));
         Ok(())
@@ -335,6 +337,12 @@ impl<'a, 'b> ArmTrial<'a, 'b> {
             self.tick()?;
         }
         Ok(())
+    }
+
+    /// As [`end`](Self::end), without the sample at the start: the samples are those at the ends of all control
+    /// periods since.
+    pub fn end_without_start(self) -> Result<Vec<ArmSample>, ScenarioError> {
+        Ok(self.end()?.0.into_iter().skip(1).collect())
     }
 
     /// Switches the arm off and returns the log.

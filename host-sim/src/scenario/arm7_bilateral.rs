@@ -69,12 +69,12 @@ const SETTLING_BAND: f64 = 0.002;
 const LIMITS: PowerPortLimits =
     PowerPortLimits { max_damping: 100.0, contact_damping: 0.0, energy_reserve: 0.02 };
 
-/// State of master and link in a tick.
+/// State of master and link at the end of a control period.
 #[derive(Clone, Copy)]
 pub(super) struct LinkSample {
     /// Displacement of the handle along x from the start [m].
     pub handle: f64,
-    /// Force on the handle along x [N].
+    /// Mean force on the handle along x in this period [N].
     pub force: f64,
     /// Energy in the link [J].
     pub energy: f64,
@@ -87,6 +87,7 @@ pub(super) struct Run {
     pub delay: f64,
     passivity_control: bool,
     pub ticks: Vec<LinkSample>,
+    /// The arm at the same times.
     pub samples: Vec<ArmSample>,
 }
 
@@ -112,7 +113,7 @@ impl Run {
     /// Largest energy that the wall has received beyond the operator's input, from the true forces and
     /// displacements [J].
     pub fn energy_generated(&self) -> f64 {
-        let handle = self.ticks.windows(2).map(|pair| -pair[0].force * (pair[1].handle - pair[0].handle));
+        let handle = self.ticks.windows(2).map(|pair| -pair[1].force * (pair[1].handle - pair[0].handle));
         let wall = self.samples.windows(2).map(|pair| {
             let displacement = pair[1].tool.position[0] - pair[0].tool.position[0];
             -pair[1].tool.wall_force[0] * displacement
@@ -123,6 +124,11 @@ impl Run {
             balance
         });
         largest([0.0].into_iter().chain(balances))
+    }
+
+    /// Times of ticks and samples [s].
+    pub fn times(&self) -> Vec<f64> {
+        (1..=self.ticks.len()).map(|tick| tick as f64 * T).collect()
     }
 
     fn name(&self) -> String {
@@ -137,7 +143,7 @@ impl Run {
 
     pub fn table(&self) -> String {
         let series = |value: &dyn Fn(&LinkSample) -> f64| self.ticks.iter().map(value).collect::<Vec<f64>>();
-        let time: Vec<f64> = (0..self.ticks.len()).map(|tick| tick as f64 * T).collect();
+        let time = self.times();
         let tool: Vec<f64> = self.samples.iter().map(|sample| sample.tool.position[0]).collect();
         let wall: Vec<f64> = self.samples.iter().map(|sample| -sample.tool.wall_force[0]).collect();
         csv(&[
@@ -218,8 +224,9 @@ pub(super) fn press_wall(
     let mut master = MasterArm::new(MasterArmValues::default(), &middle, seed);
     let link = LinkValues { delay, ..LinkValues::default() };
     let mut forward = Link::<ForwardMessage>::new(link, seed);
-    let mut backward = Link::<BackwardMessage>::new(link, seed + 1000);
+    let mut backward = Link::<BackwardMessage>::new(link, seed.wrapping_add(1000));
     let mut ends = Ends::new(start, elbow, point, (stiffness, delay), passivity_control);
+    let mut force = 0.0;
     for tick in 1..=((BEGIN + stroke.time + stroke.stay) / T).round() as usize {
         let time = tick as f64 * T;
         let measured = master.run(&motion, time).last().map(|(_, pose)| Vector3::from(pose.position));
@@ -239,11 +246,11 @@ pub(super) fn press_wall(
         master.reflect(handle_force.map(f64::from).into());
         recorded.ticks.push(LinkSample {
             handle: master.handle(&motion).pose.translation.vector.x - start.x,
-            force: f64::from(handle_force.x),
+            force: std::mem::replace(&mut force, handle_force.x.into()),
             energy: 1e-6 * (ends.master.balance() + ends.slave.balance()) as f64,
         });
     }
-    recorded.samples = arm_trial.end()?.0;
+    recorded.samples = arm_trial.end_without_start()?;
     Ok(recorded)
 }
 
@@ -427,8 +434,7 @@ fn timeline(title: &str, caption: &str) -> Figure {
 }
 
 fn line(run: &Run, name: String, colour: usize, value: Value) -> Line {
-    let time = (0..run.ticks.len()).map(|tick| tick as f64 * T).collect();
-    Line::solid(name, colour, time, (0..run.ticks.len()).map(|index| value(run, index)).collect())
+    Line::solid(name, colour, run.times(), (0..run.ticks.len()).map(|index| value(run, index)).collect())
 }
 
 /// A panel for each delay, and one without passivity control; a colour for each wall.

@@ -121,7 +121,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
         }
     }
     let mut summary = Summary::default();
-    let metric = Metric::reported("contacts that a fault ended", faults.len() as f64, "");
+    let metric = Metric::at_most("contacts that a fault ended", faults.len() as f64, 0.0, "");
     summary.insert("faults", if faults.is_empty() { metric } else { metric.note(faults.join("; ")) });
     add_metrics(&mut summary, &contacts);
     let tables = vec![("contacts.csv".to_owned(), table(&contacts))];

@@ -53,7 +53,8 @@ const CLOSE: f64 = 0.5;
 
 /// A law with the name of its file.
 pub(super) struct NamedLaw {
-    /// As a part of the names of metrics.
+    /// Name of its file, and as a part of the names of metrics.
+    pub name: String,
     pub key: String,
     /// Its colour in figures.
     pub colour: usize,
@@ -67,8 +68,8 @@ impl NamedLaw {
     pub fn load_all(setting: &Setting<'_, '_>, rig: &ArmRig) -> Result<Vec<Self>, ScenarioError> {
         let laws = setting.laws.iter().enumerate().map(|(colour, file)| {
             let law = arm::load(&file.path, &rig.robot.model)?;
-            let (key, colour) = (file.name.replace('-', "_"), colour % Line::INK);
-            Ok(Self { key, colour, law, faults: Cell::new(0) })
+            let (name, key, colour) = (file.name.clone(), file.key(), colour % Line::INK);
+            Ok(Self { name, key, colour, law, faults: Cell::new(0) })
         });
         let mut laws = laws.collect::<Result<Vec<Self>, ScenarioError>>()?;
         let titles = laws.iter_mut().map(|law| &mut law.law.title);
@@ -78,7 +79,7 @@ impl NamedLaw {
 
     /// A section of the law, which this scenario runs.
     pub fn need<'a, S>(&self, section: &'a Option<S>, name: &'static str) -> Result<&'a S, ScenarioError> {
-        section.as_ref().ok_or_else(|| ScenarioError::LawWithout { law: self.key.clone(), section: name })
+        section.as_ref().ok_or_else(|| ScenarioError::LawWithout { law: self.name.clone(), section: name })
     }
 
     /// The motion of the operator, and how its set-points are made.

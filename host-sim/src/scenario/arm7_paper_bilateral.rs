@@ -144,7 +144,7 @@ fn press_matched(
     let impedance = settings.impedance;
     // Checked with the law.
     let Some(law) = MatchedImpedance::new(&impedance) else {
-        return Err(ScenarioError::LawWithout { law: label.to_owned(), section: "a matched impedance" });
+        return Err(ScenarioError::LawWithout { law: label.to_owned(), section: "matched impedance" });
     };
     let mut arm_trial = ArmTrial::begin(setting, rig, label, Machine::Mismatched, settings)?;
     let (point, elbow) = arm_trial.start();
@@ -165,8 +165,8 @@ fn press_matched(
     let mut master = MasterArm::new(values, &start, seed);
     let link = LinkValues { delay, ..LinkValues::default() };
     let mut forward = Link::<Forward>::new(link, seed);
-    let mut backward = Link::<Backward>::new(link, seed + 1000);
-    let mut sensor = Purpose::MasterArm.rng(seed + 1000);
+    let mut backward = Link::<Backward>::new(link, seed.wrapping_add(1000));
+    let mut sensor = Purpose::HandleSensor.rng(seed);
     let (mut handle, mut motors) = (start, Vector6::zeros());
     let (mut tool, mut tool_wrench) = (start, Vector6::zeros());
     let (mut target, mut before) = ((start, Vector6::zeros()), Vector6::zeros());
@@ -219,7 +219,7 @@ fn press_matched(
         matched.differences.push(difference(&pose, &state.pose));
         matched.operator.push(true_operator);
     }
-    matched.run.samples = arm_trial.end()?.0;
+    matched.run.samples = arm_trial.end_without_start()?;
     Ok(matched)
 }
 
@@ -318,7 +318,7 @@ fn figure(runs: &[(&NamedLaw, arm7_bilateral::Run)]) -> Figure {
         let mut panel = Panel::new(format!("Delay {} ms", (1e3 * delay).round()), "force", "N");
         for (law, run) in runs.iter().filter(|(_, run)| run.delay.total_cmp(&delay).is_eq()) {
             let end = stayed(&run.stroke).min(run.ticks.len());
-            let times = || (0..end).map(|index| index as f64 * T).collect::<Vec<f64>>();
+            let times = || run.times()[..end].to_vec();
             let felt = run.ticks[..end].iter().map(|tick| -tick.force).collect();
             let wall = run.samples[..end].iter().map(|sample| -sample.tool.wall_force[0]).collect();
             panel = panel

@@ -199,8 +199,7 @@ fn push<'a>(
     let samples = log.0.get(begin..).unwrap_or(&[]);
     let measured: Vec<Vector6<f64>> =
         samples.iter().map(|sample| displacement(sample, &samples[0])).collect();
-    let springless =
-        || ScenarioError::LawWithout { law: law.key.clone(), section: "a spring in every direction" };
+    let springless = || ScenarioError::LawWithoutSpring { law: law.name.clone() };
     let exact = theory.motion(|time| force(experiment, time), measured.len()).ok_or_else(springless)?;
     let rests = experiment.forces.iter().enumerate().map(|(number, force)| {
         let end = (number + 1) * interval;

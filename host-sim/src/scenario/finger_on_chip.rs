@@ -103,7 +103,7 @@ impl Finger {
         board.home(&homed)?;
         board.enable(TaskConfig::JointServo(trial.mode))?;
         let start = held(&homed, model);
-        let filter_time = f64::from(model.joints[0].servo.filter_time);
+        let filter_times = servo::filter_times(model);
         let mut recording = ServoLog::new(board.plant.truth().homing_errors);
         let duration = servo::INITIAL_REST + servo::INTERVAL * 2.0 * servo::FIRST_STEPS as f64;
         let ticks = (duration / T).round() as u32;
@@ -119,8 +119,8 @@ impl Finger {
                 return Err(stopped(board, model, trial.label, time));
             }
             let truth = Truth { torques: board.torques().to_vec(), ..board.plant.truth() };
-            let displacement = servo::reference(tick, &recording.steps, filter_time);
-            recording.push(time, displacement, &start, &truth);
+            let references = servo::references(tick, &recording.steps, &start, &filter_times);
+            recording.push(time, &references, &truth);
         }
         match board.status()?.node.mode {
             Mode::Enabled(_) => Ok(recording),

@@ -39,11 +39,10 @@ struct Law {
 /// The laws of the run.
 fn laws(setting: &Setting<'_, '_>, model: &RobotModel) -> Result<Vec<Law>, ScenarioError> {
     let read = |file: &crate::law::LawFile| {
-        let key = file.name.chars().map(|c| if c.is_alphanumeric() { c } else { '_' }).collect();
         let law = hand::load(&file.path, model)?;
         let mut model = model.clone();
         law.servo.apply(&mut model);
-        Ok(Law { name: file.name.clone(), key, law, model })
+        Ok(Law { name: file.name.clone(), key: file.key(), law, model })
     };
     let mut laws = setting.laws.iter().map(read).collect::<Result<Vec<Law>, ScenarioError>>()?;
     tell_apart(laws.iter_mut().map(|law| (law.name.as_str(), &mut law.law.title)));

@@ -117,12 +117,11 @@ impl ServoLog {
         }
     }
 
-    /// Adds a control period: time, reference from the start, and for each joint its angle at the start, its
-    /// angle and its torque.
-    pub fn push(&mut self, time: f64, displacement: f64, start: &[f32], truth: &Truth) {
+    /// Adds a control period: time, and for each joint its reference, its angle and its torque.
+    pub fn push(&mut self, time: f64, references: &[f64], truth: &Truth) {
         self.time.push(time);
-        for (joint, &start) in start.iter().enumerate() {
-            self.reference[joint].push(f64::from(start) + displacement);
+        for (joint, &reference) in references.iter().enumerate() {
+            self.reference[joint].push(reference);
             self.position[joint].push(truth.positions[joint]);
             self.torque[joint].push(truth.torques[joint]);
         }
@@ -200,8 +199,8 @@ pub(super) struct ServoTrial<'a, 'b> {
     plant: Plant,
     /// Joint angles at the start [rad].
     start: Vec<f32>,
-    /// Time constant of the trajectory filter [s].
-    filter_time: f64,
+    /// Time constants of the trajectory filters [s].
+    filter_times: Vec<f64>,
     recording: ServoLog,
 }
 
@@ -233,9 +232,9 @@ impl<'a, 'b> ServoTrial<'a, 'b> {
         motion: &'a mut Motion,
     ) -> Result<Self, ScenarioError> {
         let start = prepare(controller, &mut plant, &model, mode, motion)?;
-        let filter_time = f64::from(model.joints[0].servo.filter_time);
+        let filter_times = filter_times(&model);
         let recording = ServoLog::new(plant.truth().homing_errors);
-        Ok(Self { label, controller, motion, model, plant, start, filter_time, recording })
+        Ok(Self { label, controller, motion, model, plant, start, filter_times, recording })
     }
 
     /// One control period.
@@ -247,12 +246,12 @@ impl<'a, 'b> ServoTrial<'a, 'b> {
         if !actuators.enabled {
             return Err(fault_error(self.controller, &self.model, self.label, time));
         }
-        let displacement = reference(tick, &self.recording.steps, self.filter_time);
-        self.motion.reference(self.start.iter().map(|&start| f64::from(start) + displacement).collect());
+        let references = references(tick, &self.recording.steps, &self.start, &self.filter_times);
+        self.motion.reference(references.clone());
         if tick == 0 {
             self.motion.note(self.label);
         }
-        self.recording.push(time, displacement, &self.start, &truth);
+        self.recording.push(time, &references, &truth);
         Ok(self.plant.apply(&actuators)?)
     }
 
@@ -281,16 +280,29 @@ pub(super) fn due_goal(tick: u32, steps: &mut Vec<usize>, start: &[f32]) -> Opti
     (steps_now || tick.is_multiple_of(COMMAND_EVERY)).then(goal)
 }
 
-/// Displacement of the reference at `tick` [rad]: the step response of `1/(T_f s + 1)²` in closed form, one
-/// term per step. A goal received with a tick acts from the tick before it.
-pub(super) fn reference(tick: u32, steps: &[usize], filter_time: f64) -> f64 {
-    let mut displacement = 0.0;
-    for (index, &step) in steps.iter().enumerate() {
-        let x = (f64::from(tick) + 1.0 - step as f64) * T / filter_time;
-        let response = STEP * (1.0 - (1.0 + x) * (-x).exp());
-        displacement += if index % 2 == 0 { response } else { -response };
-    }
-    displacement
+/// Time constants of the joints' trajectory filters [s].
+pub(super) fn filter_times(model: &RobotModel) -> Vec<f64> {
+    model.joints.iter().map(|joint| joint.servo.filter_time.into()).collect()
+}
+
+/// The step response of the trajectory filter `1/(T_f s + 1)²` in closed form, `time` [s] after the step.
+pub(super) fn step_response(time: f64, filter_time: f64) -> f64 {
+    let x = time.max(0.0) / filter_time;
+    1.0 - (1.0 + x) * (-x).exp()
+}
+
+/// References of the joints at `tick` [rad], one step response per step. A goal received with a tick acts from
+/// the tick before it.
+pub(super) fn references(tick: u32, steps: &[usize], start: &[f32], filter_times: &[f64]) -> Vec<f64> {
+    let reference = |(&start, &filter_time): (&f32, &f64)| {
+        let mut displacement = 0.0;
+        for (index, &step) in steps.iter().enumerate() {
+            let response = STEP * step_response((f64::from(tick) + 1.0 - step as f64) * T, filter_time);
+            displacement += if index % 2 == 0 { response } else { -response };
+        }
+        f64::from(start) + displacement
+    };
+    start.iter().zip(filter_times).map(reference).collect()
 }
 
 pub(super) fn add_metrics(summary: &mut Summary, trial: &Trial, recording: &ServoLog) {

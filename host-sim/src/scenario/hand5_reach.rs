@@ -66,9 +66,8 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
         Box::new(move |time| robot_fingertips(hand, &motion.at(time)))
     })?;
     let held_back = |sample: &HandSample| sample.board.limited != 0;
-    let stated = log.largest(&window, |sample| {
-        if held_back(sample) { 0.0 } else { largest((0..FINGERS).map(|finger| sample.stated_error(finger))) }
-    });
+    let unlimited = log.during(&window).iter().filter(|sample| !held_back(sample));
+    let stated = largest(unlimited.flat_map(|sample| (0..FINGERS).map(|finger| sample.stated_error(finger))));
     let text = "Own hand: largest error that the board states while no speed limit acts";
     summary.insert("own_stated_error", Metric::at_most(text, stated, 0.05, "mm"));
     let text = "Own hand: time in which a speed limit acts";

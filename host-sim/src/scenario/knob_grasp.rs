@@ -1,6 +1,6 @@
 //! An arm finds a door knob with the camera in its hand, approaches and grips it (Knob, sections 3 and 4).
 
-use rapier3d::na::{Isometry3, Vector3};
+use rapier3d::na::Isometry3;
 use tesaki::behavior::{Approach, ApproachPhase, MIN_CONFIDENCE, Order};
 use tesaki::protocol::Refusal;
 use tesaki::task::visual_approach::{GripperState, VisualApproachCommand, VisualApproachTelemetry};
@@ -109,7 +109,7 @@ struct Sample {
     /// Distance of the fingertips from the rim of the rose, and from the axis of the knob [m].
     distance: f64,
     aside: f64,
-    /// Largest force on door, rose and knob, but for that of the grip [N].
+    /// Largest force of a link on door, rose or knob since the last decision, but for that of the grip [N].
     contact: f64,
 }
 
@@ -157,6 +157,8 @@ struct Trial<'a, 'b, 'c> {
     number: usize,
     approach: Approach,
     buffers: Box<CameraBuffers>,
+    /// Largest contact force since the last decision [N].
+    contact: f64,
     log: Log,
 }
 
@@ -192,6 +194,7 @@ impl<'a, 'b, 'c> Trial<'a, 'b, 'c> {
             plant: plant.under(setting.intervention.clone()),
             approach: Approach::new(machine.files.behavior.clone()),
             buffers: Box::default(),
+            contact: 0.0,
             setting,
             machine,
             motion,
@@ -245,6 +248,7 @@ impl<'a, 'b, 'c> Trial<'a, 'b, 'c> {
             self.in_time(Board::keep)?;
             self.step()?;
             report = self.setting.controller.read_visual_approach()?;
+            self.observe_contacts(&report);
         }
         self.log.phase = self.approach.phase();
         self.log.tries = self.approach.tries();
@@ -296,14 +300,19 @@ impl<'a, 'b, 'c> Trial<'a, 'b, 'c> {
     fn sample(&mut self, report: &VisualApproachTelemetry) {
         let hand = self.true_hand().translation.vector;
         let (distance, aside) = (self.door.scene.rose_rim().center.z - hand.z, hand.x.hypot(hand.y));
-        // While the gripper closes, holds and opens, its forces act on the knob.
-        let is_free = matches!(report.gripper, GripperState::Still | GripperState::Open);
-        let contacts = self.plant.fixture_contacts();
-        let sum: Vector3<f64> = contacts.iter().map(|contact| contact.force).sum();
-        let contact = if is_free { sum.norm() } else { 0.0 };
+        let contact = std::mem::take(&mut self.contact);
         self.log.samples.push(Sample { time: self.log.time, distance, aside, contact });
         if report.gripper == GripperState::Holding && self.log.grip.is_none() {
             self.log.grip = Some([distance, aside]);
+        }
+    }
+
+    /// Notes the contact forces of the last control period. While the gripper closes, holds and opens, its own
+    /// forces act on the knob.
+    fn observe_contacts(&mut self, report: &VisualApproachTelemetry) {
+        if matches!(report.gripper, GripperState::Still | GripperState::Open | GripperState::Empty) {
+            let forces = self.plant.fixture_contacts().into_iter().map(|contact| contact.force.norm());
+            self.contact = largest([self.contact].into_iter().chain(forces));
         }
     }
 

@@ -47,8 +47,8 @@ impl Operator {
             elbow,
             master: MasterArm::new(MasterArmValues::default(), start, seed),
             sensor: ElbowSensor::new(ElbowSensorValues::default(), seed),
-            hand_link: Link::new(link, 2 * seed),
-            elbow_link: Link::new(link, 2 * seed + 1),
+            hand_link: Link::new(link, seed.wrapping_mul(2)),
+            elbow_link: Link::new(link, seed.wrapping_mul(2).wrapping_add(1)),
         }
     }
 

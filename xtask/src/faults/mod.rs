@@ -208,6 +208,8 @@ fn print(runs: &[Run]) -> usize {
     }
     let broken = runs.iter().filter(|run| !run.violations.is_empty()).count();
     say!("\n{} schedules, {broken} break a rule", runs.len());
+    let shortened = runs.iter().filter(|run| run.ends_early()).count();
+    say!("  {shortened:>6} end early, because their scenario gives up after a fault");
     for (family, [all, broken]) in families {
         say!("  {all:>6} with faults of {family}, {broken} of them break a rule");
     }
@@ -229,7 +231,7 @@ mod tests {
         let (part, record) = (folder.path().join("part"), folder.path().join("record"));
         let line = |violations: &str| {
             format!(
-                r#"{{"seed":1,"scenario":"arm","families":[],"frames_sha256":"0","violations":[{violations}],"commit":"a"}}"#
+                r#"{{"seed":1,"scenario":"arm","families":[],"frames_sha256":"0","ticks":[300,300],"violations":[{violations}],"commit":"a"}}"#
             )
         };
         std::fs::write(&part, line("")).unwrap();

@@ -34,11 +34,20 @@ pub struct Run {
     pub families: Vec<String>,
     /// Digest of all that the board answered.
     pub frames_sha256: String,
+    /// Ticks that were run, and ticks planned.
+    pub ticks: [u32; 2],
     /// Broken rules.
     pub violations: Vec<Violation>,
     /// What was run; only in the files of a partition.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub commit: Option<String>,
+}
+
+impl Run {
+    /// Whether the scenario ended before the schedule.
+    pub fn ends_early(&self) -> bool {
+        self.ticks[0] < self.ticks[1]
+    }
 }
 
 /// What is recorded of many schedules.
@@ -52,6 +61,8 @@ pub struct Record {
     pub schedules: usize,
     /// Schedules with faults of each family.
     pub families: BTreeMap<String, usize>,
+    /// Schedules that ended early, because their scenario gave up after a fault.
+    pub shortened: usize,
     /// Seeds that broke each rule.
     pub violations: BTreeMap<String, Vec<u64>>,
     /// Digest over the runs of the seeds that the tests run again.
@@ -83,6 +94,7 @@ impl Record {
             seeds: [*first, *last],
             schedules: runs.len(),
             families,
+            shortened: runs.iter().filter(|run| run.ends_early()).count(),
             violations,
             checked_sha256: digest(&runs),
         })
@@ -177,6 +189,7 @@ mod tests {
             scenario: "arm".into(),
             families: vec!["link".into()],
             frames_sha256: format!("{seed:x}"),
+            ticks: [300, 300],
             violations: Vec::new(),
             commit: None,
         };

@@ -24,7 +24,7 @@ pub struct Simulator {
 #[derive(Deserialize)]
 struct Told {
     seed: u64,
-    impossible: serde_json::Map<String, Value>,
+    impossible: Option<serde_json::Map<String, Value>>,
 }
 
 impl Simulator {
@@ -86,7 +86,7 @@ impl Simulator {
         let text = tools::output(&mut command)?;
         let told = |line: &str| -> Result<(u64, Vec<String>)> {
             let Told { seed, impossible } = serde_json::from_str(line).with_context(|| line.to_owned())?;
-            Ok((seed, impossible.into_iter().map(|(metric, _)| metric).collect()))
+            Ok((seed, impossible.unwrap_or_default().into_iter().map(|(metric, _)| metric).collect()))
         };
         text.lines().map(told).collect()
     }

@@ -8,6 +8,7 @@ use crate::plant::{Plant, PlantOptions};
 use crate::report::{Figure, Line, Metric, Panel};
 use crate::scenario::common::{T, largest, prepare, request_error};
 use crate::scenario::grasping::GraspRig;
+use crate::scenario::hand3_servo::{filter_times, step_response};
 
 /// Ticks between two commands, without which the controller stops.
 const COMMAND_EVERY: u32 = 5;
@@ -75,7 +76,7 @@ fn trial(setting: &mut Setting<'_, '_>, rig: &mut GraspRig, law: &Law) -> Result
     let mut plant = plant.under(setting.intervention.clone());
     let start = prepare(setting.controller, &mut plant, &model, servo.mode, &mut rig.motion)?;
     rig.motion.note(format!("step, {}", law.name));
-    let filter_times: Vec<f64> = model.joints.iter().map(|joint| joint.servo.filter_time.into()).collect();
+    let filter_times = filter_times(&model);
     let homing = plant.truth().homing_errors;
     let mut log = StepLog { errors: vec![Vec::new(); start.len()], ..StepLog::default() };
     let half = (servo.duration / T).round() as u32;
@@ -93,10 +94,7 @@ fn trial(setting: &mut Setting<'_, '_>, rig: &mut GraspRig, law: &Law) -> Result
         for (joint, (start, filter_time)) in start.iter().zip(&filter_times).enumerate() {
             // The step response in closed form, less that of the step back. A goal received with a tick acts
             // from the tick before it.
-            let response = |since: f64| {
-                let x = (since + T).max(0.0) / filter_time;
-                servo.step * (1.0 - (1.0 + x) * (-x).exp())
-            };
+            let response = |since: f64| servo.step * step_response(since + T, *filter_time);
             let reference = response(time) - if tick < half { 0.0 } else { response(time - servo.duration) };
             let displacement = truth.positions[joint] + homing[joint] - f64::from(*start);
             log.errors[joint].push(1e3 * (displacement - reference));
