@@ -114,6 +114,13 @@ impl ShuntSense {
     pub fn range(&self) -> f32 {
         AMPLIFIER_SWING / (self.gain.factor() * self.shunt)
     }
+
+    /// Returns whether an amplifier that gives so many counts is not saturated.
+    pub const fn is_linear(&self, counts: u16) -> bool {
+        const MARGIN: f32 = 0.98;
+        let range = MARGIN * AMPLIFIER_SWING / self.reference * self.counts as f32;
+        (counts.abs_diff(self.counts / 2 + 1) as f32) < range
+    }
 }
 
 /// Why a gate driver must not be used.

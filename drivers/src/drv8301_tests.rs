@@ -91,3 +91,11 @@ fn shunt_and_gain_set_range_and_resolution() {
     assert!((sense.range() - 33.75).abs() < 1e-3);
     assert!((sense.resolution() - 20.147e-3).abs() < 1e-6);
 }
+
+/// By hand: 98 % of 1.35 V are 1641.7 counts of 0.8059 mV.
+#[test]
+fn what_an_amplifier_may_not_reach_is_not_linear() {
+    let sense = ShuntSense { shunt: 0.5e-3, gain: Gain::Eighty, reference: 3.3, counts: 4095 };
+    let linear = [406, 407, 2048, 3689, 3690].map(|counts| sense.is_linear(counts));
+    assert_eq!(linear, [false, true, true, true, false]);
+}

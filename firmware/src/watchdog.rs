@@ -14,8 +14,10 @@ use crate::pac;
 
 /// Timeout in steps of 32 periods of the oscillator: 3200 of 32 kHz are 100 ms.
 const STEPS: u16 = 100;
-/// Polls until the settings have arrived in the watchdog: five periods of its oscillator, 0.3 ms at 17 kHz.
-const MAX_POLLS: u32 = 2000;
+/// Polls until the settings have arrived in the watchdog: at least five periods of its counter, 9.4 ms at 17
+/// kHz, if a poll takes five cycles of 168 MHz. Without an oscillator the start is delayed by a fraction of a
+/// second.
+const MAX_POLLS: u32 = 320_000;
 
 /// Control periods for which the code of lower priorities may be silent: half a second. A request takes
 /// milliseconds.

@@ -84,8 +84,9 @@ pub struct Watched<'a> {
     pub alike: u64,
     /// The first tick in which they differed, with both answers.
     pub difference: Option<(u32, ActuatorFrame, ActuatorFrame)>,
-    /// Digest of all answers of the first.
+    /// Digest of all answers of each.
     digest: FramesDigest,
+    second_digest: FramesDigest,
     record: Vec<LogRecord>,
     sequence: u16,
 }
@@ -103,14 +104,16 @@ impl<'a> Watched<'a> {
             alike: 0,
             difference: None,
             digest: FramesDigest::default(),
+            second_digest: FramesDigest::default(),
             record,
             sequence: 0,
         }
     }
 
-    /// Whether all ticks so far were equal; `None` without a comparison.
+    /// Whether all frames and replies so far were equal; `None` without a comparison.
     pub fn identical(&self) -> Option<bool> {
-        self.second.is_some().then(|| self.difference.is_none() && self.alike > 0)
+        let are_same = || self.alike > 0 && self.digest.hex() == self.second_digest.hex();
+        self.second.is_some().then(|| self.difference.is_none() && are_same())
     }
 
     /// Digest of all actuator frames and replies so far.
@@ -133,7 +136,7 @@ impl Board for Watched<'_> {
         let frame = RequestFrame { client: CLIENT, sequence: self.sequence, request: request.clone() };
         self.record.push(LogRecord::Request(frame));
         if let Some(second) = &mut self.second {
-            second.request(request.clone())?;
+            self.second_digest.reply(&second.request(request.clone())?);
         }
         let reply = self.first.request(request)?;
         self.digest.reply(&reply);
@@ -163,6 +166,7 @@ impl Controller for Watched<'_> {
         self.digest.frame(&actuators);
         if let Some(second) = &mut self.second {
             let other = second.tick(sensors)?;
+            self.second_digest.frame(&other);
             if bytes(&actuators) == bytes(&other) {
                 self.alike += 1;
             } else if self.difference.is_none() {

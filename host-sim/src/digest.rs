@@ -12,7 +12,8 @@ use tesaki::protocol::{ActuatorFrame, Reply};
 /// of plain variants. Names, and the enum variants that wrap values, are not. So a renamed field, or a reply
 /// that is sent in another message, does not change the digest, but a torque that differs in its last bit
 /// does. Replies that depend on where the controller ran are excluded ([`Reply::Hello`], [`Reply::Status`],
-/// exports), and so is [`Reply::Done`]: its effects show in the frames.
+/// exports), and so are [`Reply::Done`], whose effects show in the frames, and replies to requests that
+/// nobody waits for.
 #[derive(Clone, Debug, Default)]
 pub struct FramesDigest(Sha256);
 

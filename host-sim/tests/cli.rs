@@ -131,6 +131,19 @@ fn bad_input_is_answered_with_what_to_do() {
     says(&host_sim(&["run"]), 2, &["Usage: cargo sim run"]);
     says(&host_sim(&["limits", "hand3-servo", "--robot", "/nowhere"]), 2, &["/nowhere/robot.urdf"]);
     says(
+        &host_sim(&["limits", "arm7-wall"]),
+        0,
+        &["seed 1: arm7-wall has no limits that depend on the machine"],
+    );
+    let knob_arm = concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/knob-arm");
+    says(
+        &host_sim(&["run", "arm7-straight", "--robot", knob_arm]),
+        2,
+        &["knob-arm is not a robot for this scenario: it needs an arm"],
+    );
+    let nowhere = r#"{"seed":1,"scenario":"hand3-sevo","robot":"hand3","trial":0,"end":10,"faults":[]}"#;
+    says(&host_sim(&["faults", "--schedule", nowhere]), 2, &["no scenario \"hand3-sevo\": `cargo sim list`"]);
+    says(
         &host_sim(&["faults", "--schedule", "file"]),
         2,
         &["--schedule: expected", "give the JSON text itself"],

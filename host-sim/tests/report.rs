@@ -59,6 +59,31 @@ fn table_of_several_seeds() {
     assert_eq!(table(&summaries, false), expected);
 }
 
+/// Median, worst value and verdict are those of the seeds that have the limit, in any order.
+#[test]
+fn seeds_without_a_limit_are_told_apart() {
+    let motion = |seed: u64, value: f64| {
+        Summary::new("weights", "native", seed).metric("motion", Metric::at_most("Motion", value, 0.5, "mm"))
+    };
+    let mut summaries = [motion(1, 9.0), motion(2, 0.2), motion(3, 8.0), motion(4, 0.4)];
+    for weak in [0, 2] {
+        summaries[weak].waive("motion", "the hand is too weak");
+    }
+    let expected = "\
+\x20weights  native · seeds 1–4 · 4 × 0 ticks
+
+ quantity      median  worst (seed)     limit  verdict
+───────────────────────────────────────────────────────
+ Motion [1]  0.300 mm  0.400 mm (4)  ≤ 0.5 mm  ✓ pass
+
+ PASS  1 of 1 limits met, 4 of 4 seeds pass
+ [1]  seed 1, 3: no limit: the hand is too weak
+";
+    assert_eq!(table(&summaries, false), expected);
+    let page = Page::new("Weights", &summaries).html();
+    assert!(page.contains("seed 1, 3: no limit: the hand is too weak"), "{page}");
+}
+
 #[test]
 fn no_line_is_longer_than_a_hundred_columns() {
     let long = "word ".repeat(60);

@@ -386,8 +386,11 @@ impl CurrentControl for CurrentLoops {
         for (offset, counts) in self.offsets.iter_mut().zip(counts) {
             if self.learns { offset.learn(counts) } else { offset.interrupt() }
         }
-        let [b0, c0, b1, c1] =
-            core::array::from_fn(|amplifier| self.offsets[amplifier].remove(counts[amplifier]));
+        // With their offsets, amplifiers may saturate below the trip.
+        let [b0, c0, b1, c1] = core::array::from_fn(|amplifier| match counts[amplifier] {
+            counts if SENSE.is_linear(counts) => self.offsets[amplifier].remove(counts),
+            _ => f32::NAN,
+        });
         self.motors.update(
             &[current(b0, c0), current(b1, c1)],
             f32::from(supply) * SUPPLY_RESOLUTION,
@@ -398,9 +401,9 @@ impl CurrentControl for CurrentLoops {
     }
 }
 
-/// Returns a motor's current [A] from the currents out of its half bridges [counts], or NaN if those do not
-/// match. As in the board's own firmware (`Firmware/MotorControl/motor.cpp`), an output above the middle is a
-/// current out of the half bridge.
+/// Returns a motor's current [A] from the currents out of its half bridges [counts], or NaN if those are NaN
+/// or do not match. As in the board's own firmware (`Firmware/MotorControl/motor.cpp`), an output above the
+/// middle is a current out of the half bridge.
 fn current(b: f32, c: f32) -> f32 {
     if math::abs(b + c) <= MAX_SUM { 0.5 * (b - c) * SENSE.resolution() } else { f32::NAN }
 }

@@ -12,7 +12,14 @@ use super::{seeds, workspace};
 #[derive(Args)]
 pub struct Faults {
     /// Seed of a schedule; a range such as 1-200 runs all of them in turn
-    #[arg(long, default_value = "1", value_parser = seeds, conflicts_with = "schedule")]
+    #[arg(
+        long,
+        visible_alias = "seed",
+        default_value = "1",
+        value_parser = seeds,
+        allow_hyphen_values = true,
+        conflicts_with = "schedule"
+    )]
     seeds: RangeInclusive<u64>,
     /// A schedule as JSON, as a failing one prints it
     #[arg(long)]

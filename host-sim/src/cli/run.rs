@@ -258,6 +258,8 @@ fn run_seed(
     }
     if let Some((tick, board, here)) = &watched.difference {
         note!("first difference in tick {tick}:\n  board {board:?}\n  here  {here:?}");
+    } else if watched.identical() == Some(false) {
+        note!("the frames of all ticks are the same, but replies to requests differ");
     }
     bar.finish_and_clear();
     Ok((summary, outcome, encode_record(&watched.into_record())?))

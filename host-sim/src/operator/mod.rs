@@ -20,14 +20,12 @@ mod glove;
 mod link;
 mod master_arm;
 mod motion;
-mod recorded;
 
 pub use elbow::{ElbowMotion, ElbowSensor, ElbowSensorValues, ElbowSwing};
 pub use glove::{FingerAngles, FingersMotion, FingertipMarkers, Glove, GloveValues, OperatorHand};
 pub use link::{Link, LinkValues, Packet};
 pub use master_arm::{Impedance, MasterArm, MasterArmValues, MasterPose};
 pub use motion::{OperatorHandMotion, OperatorHandState, Stroke, StrokeValues, TREMOR_BAND};
-pub use recorded::{Recorded, RecordedError};
 
 /// Sampling times of a device with a constant rate and a phase.
 #[derive(Clone, Copy, Debug)]

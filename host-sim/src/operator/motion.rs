@@ -6,7 +6,6 @@ use rapier3d::na::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use tesaki::signal::MINIMUM_JERK_PEAK;
 use tesaki_supervisor::trajectory::minimum_jerk;
 
-use super::Recorded;
 use crate::purpose::Purpose;
 
 /// Frequency band of the physiological tremor of an unsupported hand [Hz].
@@ -66,7 +65,6 @@ impl Default for StrokeValues {
 enum Trajectory {
     Sine { amplitude: Vector3<f64>, frequency: f64, begin: f64, end: f64 },
     Strokes(Vec<Stroke>),
-    Recorded(Recorded),
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -128,11 +126,6 @@ impl OperatorHandMotion {
         Self::strokes(start, strokes)
     }
 
-    /// Uses a recorded motion; before and after, the hand is at rest.
-    pub fn recorded(recorded: Recorded) -> Self {
-        Self { start: recorded.start(), trajectory: Trajectory::Recorded(recorded), tremor: Vec::new() }
-    }
-
     /// Adds a tremor of 8 to 12 Hz, given its root mean square along each axis [m]; about 0.1 mm for an
     /// unsupported hand.
     #[must_use]
@@ -156,7 +149,6 @@ impl OperatorHandMotion {
     /// Returns the intended state of the hand at a time [s].
     pub fn at(&self, time: f64) -> OperatorHandState {
         let mut state = match &self.trajectory {
-            Trajectory::Recorded(recorded) => recorded.at(time),
             Trajectory::Strokes(strokes) => self.in_strokes(strokes, time),
             Trajectory::Sine { amplitude, frequency, begin, end } => {
                 let [displacement, speed] = sine(*frequency, time - begin, end - begin);

@@ -8,8 +8,8 @@ pub(super) struct Group<'a> {
     pub runs: Vec<&'a Summary>,
 }
 
-/// One metric over the runs of a group. If some of them have no limit for it, because they leave no room for it,
-/// median and worst value are those of the others.
+/// One metric over the runs of a group. If some of them have no limit for it, because they leave no room for
+/// it, median and worst value are those of the others.
 pub(super) struct Row<'a> {
     /// That of a run with a limit, if there is one.
     pub metric: &'a Metric,

@@ -22,7 +22,6 @@ pub struct Page<'a> {
     lead: &'a [&'a str],
     replay: Option<&'a str>,
     figures: &'a [Figure],
-    reading: &'a [&'a str],
     command: Option<&'a str>,
     commit: Option<&'a str>,
     files: &'a [(&'a str, &'a str)],
@@ -37,7 +36,6 @@ impl<'a> Page<'a> {
             lead: &[],
             replay: None,
             figures: &[],
-            reading: &[],
             command: None,
             commit: None,
             files: &[],
@@ -62,13 +60,6 @@ impl<'a> Page<'a> {
     #[must_use]
     pub fn figures(mut self, figures: &'a [Figure]) -> Self {
         self.figures = figures;
-        self
-    }
-
-    /// Sets paragraphs on how to read table and figures, in addition to the text on every page.
-    #[must_use]
-    pub fn reading(mut self, paragraphs: &'a [&'a str]) -> Self {
-        self.reading = paragraphs;
         self
     }
 
@@ -176,7 +167,6 @@ impl<'a> Page<'a> {
                      a figure mark phases and events, and every other phase is shaded. Panels that show the \
                      same quantity share a scale, unless one of them would be too flat to read."
                 }
-                @for text in self.reading { p { (text) } }
             }
         }
     }

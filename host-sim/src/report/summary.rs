@@ -147,7 +147,7 @@ impl Serialize for Metric {
 pub struct Summary {
     /// The scenario's name.
     pub scenario: String,
-    /// Where the controller ran: `native`, `qemu`, `serial:PORT`.
+    /// Where the controller ran: `native`, `qemu` or `chip`.
     pub controller: String,
     /// Seed of all random values in the run.
     pub seed: u64,

@@ -5,7 +5,7 @@ use std::ops::Range;
 use rapier3d::na::{Isometry3, UnitQuaternion, Vector3};
 use tesaki::control::Impedance;
 use tesaki::kinematics::{ElbowSetpoint, PosePoint};
-use tesaki::model::RobotModel;
+use tesaki::model::{JointModel, RobotModel};
 use tesaki::task::TaskConfig;
 use tesaki::task::impedance::{ForceSource, ImpedanceSettings, ImpedanceTelemetry, Law, Redundancy};
 use tesaki_description::robot::RobotFolder;
@@ -23,6 +23,9 @@ use crate::report::Table;
 
 /// Time from power-on to the tare of the force sensor [s].
 const REST: f64 = 0.5;
+/// Lengths of robots/arm7 [m].
+pub const UPPER_ARM: f64 = 0.30;
+pub const FOREARM: f64 = 0.26;
 /// The joint that follows the operator's elbow: shoulder yaw.
 pub const YAW: u8 = 2;
 /// Coulomb friction of runs without mismatch [N·m]: less than 0.1 N at the tool.
@@ -122,6 +125,34 @@ impl ArmRig {
         let motion = setting.motion(&robot.model);
         let (seed, intervention) = (setting.seed, setting.intervention.clone());
         Ok(Self { values: PlantValues::load(setting.robot)?, robot, motion, seed, intervention })
+    }
+
+    /// As [`load`](Self::load), for scenarios that know the geometry of robots/arm7.
+    pub fn load_arm7(setting: &Setting<'_, '_>) -> Result<Self, ScenarioError> {
+        /// Height of each joint above the one before it [m], and its axis.
+        const JOINTS: [(f32, [f32; 3]); 7] = [
+            (0.0, [0.0, -1.0, 0.0]),
+            (0.0, [-1.0, 0.0, 0.0]),
+            (0.0, [0.0, 0.0, 1.0]),
+            (-UPPER_ARM as f32, [0.0, -1.0, 0.0]),
+            (-FOREARM as f32, [0.0, 0.0, 1.0]),
+            (0.0, [0.0, -1.0, 0.0]),
+            (0.0, [1.0, 0.0, 0.0]),
+        ];
+        let rig = Self::load(setting)?;
+        let is_same = |(joint, (height, axis)): (&JointModel, (f32, [f32; 3]))| {
+            let [x, y, z] = joint.origin.translation;
+            let values = [x, y, z - height].into_iter().chain(joint.origin.rotation[..3].iter().copied());
+            let turns = joint.axis.iter().zip(axis).map(|(one, other)| one - other);
+            values.chain(turns).all(|value| value.abs() < 1e-4)
+        };
+        let joints = &rig.robot.model.joints;
+        if joints.len() != JOINTS.len() || !joints.iter().zip(JOINTS).all(is_same) {
+            return Err(
+                setting.other_robot("it needs an arm with the joints of robots/arm7, in the same places")
+            );
+        }
+        Ok(rig)
     }
 
     /// The controller's model, and the machine.
@@ -339,8 +370,8 @@ impl<'a, 'b> ArmTrial<'a, 'b> {
         Ok(())
     }
 
-    /// As [`end`](Self::end), without the sample at the start: the samples are those at the ends of all control
-    /// periods since.
+    /// As [`end`](Self::end), without the sample at the start: with those at the ends of all control periods
+    /// since.
     pub fn end_without_start(self) -> Result<Vec<ArmSample>, ScenarioError> {
         Ok(self.end()?.0.into_iter().skip(1).collect())
     }

@@ -6,7 +6,8 @@ use tesaki::kinematics::ElbowSetpoint;
 use tesaki::task::impedance::ImpedanceSettings;
 
 use super::arm::{
-    ArmLog, ArmRig, ArmSample, ArmTrial, ELBOW_TRIALS, ElbowTrial, Machine, impedance, motion, settings,
+    ArmLog, ArmRig, ArmSample, ArmTrial, ELBOW_TRIALS, ElbowTrial, Machine, UPPER_ARM, impedance, motion,
+    settings,
 };
 use super::common::{T, capitalized, largest};
 use super::{Outcome, Scenario, ScenarioError, Setting};
@@ -40,7 +41,7 @@ const TIME: f64 = 1.0;
 const REST: f64 = 1.5;
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
-    let mut rig = ArmRig::load(setting)?;
+    let mut rig = ArmRig::load_arm7(setting)?;
     let mut summary = Summary::default();
     let (mut figures, mut tables) = (Vec::new(), Vec::new());
     for trial in &ELBOW_TRIALS {
@@ -122,7 +123,6 @@ fn add_metrics(summary: &mut Summary, trial: &ElbowTrial, log: &ArmLog) {
 
 /// Position of the elbow relative to the shoulder [m].
 pub(super) fn elbow_position(sample: &ArmSample) -> [f64; 3] {
-    const UPPER_ARM: f64 = 0.30;
     let (pitch, roll) = (sample.joints[0], sample.joints[1]);
     // Pitch rotates about −y, roll about −x.
     let down = Vector3::new(0.0, -UPPER_ARM * roll.sin(), -UPPER_ARM * roll.cos());

@@ -94,7 +94,7 @@ fn elbow_angle(sample: &ArmSample) -> f64 {
 }
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
-    let rig = ArmRig::load(setting)?;
+    let rig = ArmRig::load_arm7(setting)?;
     let laws = NamedLaw::load_all(setting, &rig)?;
     compare(setting, rig, &laws, swing, add_metrics, |traces, name| vec![figure(traces, name)])
 }

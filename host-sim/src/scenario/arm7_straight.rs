@@ -5,7 +5,8 @@ use rapier3d::na::Vector3;
 use tesaki::task::impedance::ImpedanceSettings;
 
 use super::arm::{
-    ArmLog, ArmRig, ArmSample, ArmTrial, ELBOW_TRIALS, ElbowTrial, Machine, motion, settings, shift,
+    ArmLog, ArmRig, ArmSample, ArmTrial, ELBOW_TRIALS, ElbowTrial, FOREARM, Machine, UPPER_ARM, motion,
+    settings, shift,
 };
 use super::common::{T, capitalized, largest};
 use super::{Outcome, Scenario, ScenarioError, Setting};
@@ -35,7 +36,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
 };
 
 /// Distance from shoulder to wrist with a straight elbow, and distance of the set-point beyond it [m].
-const REACH: f64 = 0.56;
+const REACH: f64 = UPPER_ARM + FOREARM;
 const BEYOND: f64 = 0.03;
 /// Distance from the wrist to the tool [m].
 const HAND: f64 = 0.10;
@@ -44,7 +45,7 @@ const TIME: f64 = 1.5;
 const REST: f64 = 1.0;
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
-    let mut rig = ArmRig::load(setting)?;
+    let mut rig = ArmRig::load_arm7(setting)?;
     let mut summary = Summary::default();
     let (mut figures, mut tables) = (Vec::new(), Vec::new());
     for trial in &ELBOW_TRIALS {

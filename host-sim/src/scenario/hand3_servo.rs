@@ -291,8 +291,8 @@ pub(super) fn step_response(time: f64, filter_time: f64) -> f64 {
     1.0 - (1.0 + x) * (-x).exp()
 }
 
-/// References of the joints at `tick` [rad], one step response per step. A goal received with a tick acts from
-/// the tick before it.
+/// References of the joints at `tick` [rad], one step response per step. A goal received with a tick acts
+/// from the tick before it.
 pub(super) fn references(tick: u32, steps: &[usize], start: &[f32], filter_times: &[f64]) -> Vec<f64> {
     let reference = |(&start, &filter_time): (&f32, &f64)| {
         let mut displacement = 0.0;

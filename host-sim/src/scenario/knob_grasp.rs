@@ -307,8 +307,8 @@ impl<'a, 'b, 'c> Trial<'a, 'b, 'c> {
         }
     }
 
-    /// Notes the contact forces of the last control period. While the gripper closes, holds and opens, its own
-    /// forces act on the knob.
+    /// Notes the contact forces of the last control period. While the gripper closes, holds and opens, its
+    /// own forces act on the knob.
     fn observe_contacts(&mut self, report: &VisualApproachTelemetry) {
         if matches!(report.gripper, GripperState::Still | GripperState::Open | GripperState::Empty) {
             let forces = self.plant.fixture_contacts().into_iter().map(|contact| contact.force.norm());

@@ -33,8 +33,8 @@ const MAX_TORQUE_SHARE: f64 = 0.8;
 /// With a larger share the object is lost or slides, however it is gripped.
 const LOST: f64 = 1.0;
 
-/// The limits of a scenario that cannot be met on the machine of a seed; `None` if that is not computed for this
-/// scenario.
+/// The limits of a scenario that cannot be met on the machine of a seed; `None` if that is not computed for
+/// this scenario.
 pub fn impossible(scenario: &str, robot: &Path, seed: u64) -> Result<Option<Vec<Impossible>>, ScenarioError> {
     match scenario {
         "hand3-weights" => weights(robot, seed).map(Some),
