@@ -5,6 +5,7 @@ use std::ops::Range;
 
 use rapier3d::na::Vector3;
 use tesaki::kinematics::{Angles, Hand};
+use tesaki::protocol::Refusal;
 use tesaki::task::TaskConfig;
 use tesaki::task::telexistence::{
     FingertipPoint, FingertipSample, TelexistenceSettings, TelexistenceTelemetry,
@@ -66,6 +67,9 @@ pub fn exact_sample(number: u16, time: f64, tips: &dyn Fn(f64) -> Fingertips) ->
 pub fn single(vector: Vector3<f64>) -> [f32; 3] {
     vector.map(|value| value as f32).into()
 }
+
+/// Ticks after which the board has no velocity left of a machine that was replaced by one at rest.
+const MOTION_FORGOTTEN: u32 = 20;
 
 /// Robot and recording that all trials of a scenario share.
 pub struct HandRig {
@@ -248,7 +252,17 @@ impl<'a, 'b> HandTrial<'a, 'b> {
         trial.step()?;
         home(trial.controller, &trial.plant)?;
         trial.step()?;
-        trial.controller.enable(TaskConfig::Telexistence(*settings))?;
+        let enable = |trial: &mut Self| trial.controller.enable(TaskConfig::Telexistence(*settings));
+        let mut enabled = enable(&mut trial);
+        // To the board this is the machine of the trial before, which may have moved at its end.
+        for _ in 0..MOTION_FORGOTTEN {
+            if !matches!(enabled, Err(BoardError::Refused { refusal: Refusal::Unsafe(_), .. })) {
+                break;
+            }
+            trial.step()?;
+            enabled = enable(&mut trial);
+        }
+        enabled?;
         Ok(trial)
     }
 
