@@ -61,8 +61,6 @@ pub struct Record {
     pub schedules: usize,
     /// Schedules with faults of each family.
     pub families: BTreeMap<String, usize>,
-    /// Schedules that ended early, because their scenario gave up after a fault.
-    pub shortened: usize,
     /// Seeds that broke each rule.
     pub violations: BTreeMap<String, Vec<u64>>,
     /// Digest over the runs of the seeds that the tests run again.
@@ -94,7 +92,6 @@ impl Record {
             seeds: [*first, *last],
             schedules: runs.len(),
             families,
-            shortened: runs.iter().filter(|run| run.ends_early()).count(),
             violations,
             checked_sha256: digest(&runs),
         })
