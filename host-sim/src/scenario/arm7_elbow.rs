@@ -6,8 +6,7 @@ use tesaki::kinematics::ElbowSetpoint;
 use tesaki::task::impedance::ImpedanceSettings;
 
 use super::arm::{
-    ArmLog, ArmRig, ArmSample, ArmTrial, ELBOW_TRIALS, ElbowTrial, Machine, UPPER_ARM, impedance, motion,
-    settings,
+    ArmLog, ArmRig, ArmSample, ArmTrial, ELBOW_TRIALS, ElbowTrial, Machine, UPPER_ARM, motion, settings,
 };
 use super::common::{T, capitalized, largest};
 use super::{Outcome, Scenario, ScenarioError, Setting};
@@ -58,12 +57,8 @@ fn elbow_swing(
     rig: &mut ArmRig,
     trial: &ElbowTrial,
 ) -> Result<ArmLog, ScenarioError> {
-    let firm = ImpedanceSettings {
-        impedance: impedance(1.5, 30.0, 300.0),
-        redundancy: trial.redundancy,
-        ..settings(30.0)
-    };
-    let mut arm_trial = ArmTrial::begin(setting, rig, trial.label, Machine::Mismatched, firm)?;
+    let settings = ImpedanceSettings { redundancy: trial.redundancy, ..settings(30.0) };
+    let mut arm_trial = ArmTrial::begin(setting, rig, trial.label, Machine::Mismatched, settings)?;
     arm_trial.wait(1.0)?;
     let (point, elbow) = arm_trial.start();
     for ends in [[0.0, SWING], [SWING, 0.0]] {
