@@ -80,8 +80,8 @@ struct Limits {
 enum ControllerKind {
     /// In this process
     Native,
-    /// In the firmware image, on an emulated STM32F405; `run` compares each tick with the core in this
-    /// process
+    /// In the firmware image, on an emulated STM32F405. `run` compares each tick with the core in this
+    /// process; `serve` keeps the amplifiers' torque constants of the folder whatever model is pushed
     Qemu,
 }
 
