@@ -217,6 +217,18 @@ pub fn confirm(options: &Options, question: &str) -> Result<(), Failure> {
     }
 }
 
+/// Asks whether to continue after a warning. Where standard input leads the robot it holds no answer: then
+/// the warning is only told.
+pub fn confirm_lead(options: &Options, warning: &str, leads: bool) -> Result<(), Failure> {
+    if !leads {
+        return confirm(options, &format!("{warning} Continue?"));
+    }
+    if !options.non_interactive {
+        notice(options, warning);
+    }
+    Ok(())
+}
+
 /// A count with its noun in singular or plural.
 pub fn counted(count: usize, what: &str) -> String {
     if count == 1 { format!("1 {what}") } else { format!("{count} {what}s") }
