@@ -68,13 +68,7 @@ pub fn run(options: &Options, args: &Identify) -> Result<(), Failure> {
         }
         Err(failure) => Err(failure),
     };
-    let disabled = machine.end();
-    // After Ctrl-C it matters most whether the board is disabled.
-    if matches!(ended, Err(Failure::Interrupted(_))) {
-        disabled.and(ended)
-    } else {
-        ended.map_err(|failure| failure.named(&model)).and(disabled)
-    }
+    super::ended(ended.map_err(|failure| failure.named(&model)), machine.end())
 }
 
 /// Fits the readings, writes the file and tells the results.
