@@ -63,6 +63,11 @@ fn missing_ports_and_invalid_arguments_have_their_own_exit_codes() {
     assert!(server.succeeds(&["completions", "bash"]).contains("_tesaki"));
     let (code, text) = unread(server.start_command(&["completions", "bash"]));
     assert_eq!((code, &*text), (0, ""));
+    // What was found does not depend on who reads it.
+    let doctor = server.start_command(&["--timeout", "0.3", "--port", &port, "doctor"]);
+    assert_eq!(unread(doctor), (6, String::new()));
+    let check = server.start_command(&["model", "check", server.folder.path().to_str().unwrap()]);
+    assert_eq!(unread(check).0, 1);
 }
 
 #[test]

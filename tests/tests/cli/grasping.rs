@@ -84,7 +84,7 @@ fn ctrl_c_puts_the_box_down_and_a_fault_says_what_became_of_it() {
     let run = server.start_command(&["--json", "grasp", "run", &file]);
     wait_until_held();
     let (code, text) = unread(run);
-    assert_eq!(code, 0, "{text}");
+    assert_eq!(code, 141, "{text}");
     let status = server.json(&["grasp", "status"]);
     assert!(status["phase"] == "Ready" && status["mode"] == "Disabled", "{status}");
 

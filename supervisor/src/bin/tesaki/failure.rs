@@ -106,6 +106,9 @@ pub enum Failure {
     /// The reader of the output has closed it, which is no error.
     #[error("the output was closed")]
     Pipe,
+    /// The same before a motion was done.
+    #[error("the output was closed, so the board was disabled")]
+    Unread,
 }
 
 /// What to do about a refusal, in terms of this program.
@@ -173,6 +176,8 @@ impl Failure {
             Self::Interrupted(_) => 130,
             Self::OtherBoard(_, failure) | Self::StillOn(failure, _) => failure.number(),
             Self::Pipe => 0,
+            // What a shell says of a program that a closed pipe has ended.
+            Self::Unread => 141,
         }
     }
 
@@ -261,6 +266,7 @@ mod tests {
             Failure::Board(refused),
             Failure::Grasp("dropped".to_owned()),
             Failure::Interrupted("disabled".to_owned()),
+            Failure::Unread,
         ];
         let numbers: Vec<u8> = failures.iter().map(Failure::number).collect();
         assert_eq!(codes, numbers);

@@ -280,7 +280,7 @@ impl Course<'_> {
                 failure,
                 // Also when nobody reads the output any more, the object is put down.
                 Failure::Grasp(_)
-                    | Failure::Pipe
+                    | Failure::Unread
                     | Failure::Stalled
                     | Failure::Refused(_)
                     | Failure::Board(BoardError::Refused { .. })

@@ -10,7 +10,7 @@ use tesaki::task::impedance::ImpedanceTelemetry;
 use tesaki::task::{TaskConfig, TaskRefusal, TaskTelemetry};
 use tesaki_supervisor::faults::FaultsBefore;
 use tesaki_supervisor::gravity::Load;
-use tesaki_supervisor::{Board, BoardError};
+use tesaki_supervisor::{Board, BoardError, angles};
 
 use crate::args::Options;
 use crate::board_session::{BoardSession, interrupted};
@@ -174,13 +174,13 @@ impl<'a> Motion<'a> {
     }
 
     fn remember(&mut self, telemetry: &Telemetry) {
-        self.angles = telemetry.joints.iter().map(|joint| joint.position).collect();
+        self.angles = angles::measured(telemetry);
     }
 
-    /// The latest angles. A joint at its stop may measure slightly outside.
+    /// The latest angles, clamped to their limits [rad].
     pub fn angles_within_limits(&self) -> Vec<f32> {
         let joints = self.angles.iter().zip(&self.model.joints);
-        joints.map(|(angle, joint)| angle.clamp(joint.limits.lower, joint.limits.upper)).collect()
+        joints.map(|(angle, joint)| angles::within(*angle, &joint.limits)).collect()
     }
 
     /// What pulls at the robot where it is.
@@ -353,7 +353,10 @@ impl<'a> Motion<'a> {
             {
                 reported = Some(now);
                 self.is_unread = true;
-                output::line(&report)?;
+                output::line(&report).map_err(|failure| match failure {
+                    Failure::Pipe => Failure::Unread,
+                    failure => failure,
+                })?;
                 self.is_unread = false;
             }
             if done(&news, now) {

@@ -165,7 +165,7 @@ impl Live {
 
 /// Prints why the command failed.
 pub fn failure(options: &Options, failure: &Failure) {
-    if matches!(failure, Failure::Pipe) {
+    if matches!(failure, Failure::Pipe | Failure::Unread) {
         return;
     }
     if matches!(failure, Failure::Stalled) {

@@ -19,7 +19,7 @@ use tesaki::task::{TaskConfig, TaskKind, TaskRefusal};
 use tesaki_description::impedance;
 use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::task_report::Grasped;
-use tesaki_supervisor::{Board, BoardError, LinkBoard};
+use tesaki_supervisor::{Board, BoardError, LinkBoard, angles};
 
 use super::View;
 use super::message::{Command, Plan};
@@ -213,12 +213,7 @@ impl View {
         match kind {
             Some(TaskKind::JointServo) => {
                 let joints = telemetry.joints.iter().zip(&model.joints);
-                // A joint at its stop may measure slightly outside.
-                let within =
-                    |(now, joint): (&tesaki::protocol::JointTelemetry, &tesaki::model::JointModel)| {
-                        now.position.clamp(joint.limits.lower, joint.limits.upper)
-                    };
-                let goal = joints.map(within).collect();
+                let goal = joints.map(|(now, joint)| angles::within(now.position, &joint.limits)).collect();
                 enable(board, TaskConfig::JointServo(ServoMode::Observer))?;
                 (self.commander.goal, self.commander.tool) = (goal, None);
             }
