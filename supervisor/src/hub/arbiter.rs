@@ -195,12 +195,10 @@ impl Arbiter {
             Some((sent, _)) if now < sent + PATIENCE => return,
             Some((_, MAX_SENDINGS)) => {
                 self.sent = None;
-                match self.tasks.pop_front() {
-                    // A board that comes back would go on at the rate of a connection that has ended. One of
-                    // each stream waits at most.
-                    Some(task @ Task::Rate(_)) => self.tasks.push_back(task),
-                    // The connection that waits for an export gets no answer either.
-                    _ => {}
+                // The connection that waits for an export gets no answer either. A rate stays, of each stream
+                // one at most: a board that comes back would go on at that of a connection that has ended.
+                if let Some(task @ Task::Rate(_)) = self.tasks.pop_front() {
+                    self.tasks.push_back(task);
                 }
             }
             _ => {}

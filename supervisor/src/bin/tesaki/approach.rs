@@ -226,7 +226,7 @@ impl<F: Fn(&[f32]) -> Option<Pose>> Leader<'_, F> {
         let rose = self.approach.rose().map(|rose| output::exact(&rose.radius()));
         let value = json!({
             "gripped": reason.is_none(), "reason": reason, "time": time, "tries": tries, "pictures": seen, "bad": bad,
-            "bad_line": self.vision.error(), "rose": rose,
+            "bad_line": self.vision.error(), "rose_radius": rose,
         });
         output::result(self.options, &value, || {
             let what = reason
