@@ -5,6 +5,7 @@ use tesaki::control::JointPoint;
 use tesaki::protocol::JointTelemetry;
 use tesaki::robot::{JointConfig, Robot};
 use tesaki_description::plant::CONTROL_PERIOD_NS;
+use tesaki_supervisor::angles::within;
 
 use crate::messages::{ErrorCode, Goal, JointTrajectory, Point, Time};
 use crate::tolerances::Tolerances;
@@ -56,10 +57,7 @@ impl Controller {
     /// Ends the motion, and holds the joints at `positions` [rad].
     pub fn hold_at(&mut self, positions: &[f32]) {
         self.brake();
-        // A joint at its stop may measure an angle slightly outside its limits.
-        let at = |(&position, config): (&f32, &JointConfig)| {
-            rest(position.clamp(config.limits.lower, config.limits.upper))
-        };
+        let at = |(&position, config): (&f32, &JointConfig)| rest(within(position, &config.limits));
         self.references = positions.iter().zip(self.robot.joints()).map(at).collect();
     }
 

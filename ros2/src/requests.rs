@@ -8,7 +8,7 @@ use tesaki::robot::Robot;
 use tesaki::task::TaskConfig;
 use tesaki_recording::LogLevel;
 use tesaki_supervisor::gravity::Load;
-use tesaki_supervisor::{Board as _, BoardError};
+use tesaki_supervisor::{Board as _, BoardError, angles};
 
 use crate::action::Wish;
 use crate::args::Options;
@@ -170,7 +170,7 @@ impl Node<'_> {
         }
         let mut robot = Box::new(Robot::NONE);
         robot.configure(&on_board.model).map_err(|error| error.to_string())?;
-        let positions: Vec<f32> = telemetry.joints.iter().map(|joint| joint.position).collect();
+        let positions = angles::measured(telemetry);
         let (faults, load) = (telemetry.faults, Load::at(&on_board.model, &positions));
         let in_words = |error| words(&error, Some(&on_board.model));
         self.session.take_command().map_err(in_words)?;
@@ -200,10 +200,9 @@ impl Node<'_> {
     pub fn disable(&mut self, why: &str) -> Answer {
         let model = self.on_board.as_ref().map(|on_board| &on_board.model);
         self.session.board.disable().map_err(|error| words(&error, model))?;
-        let load = model.zip(self.telemetry.as_ref()).and_then(|(model, telemetry)| {
-            let angles: Vec<f32> = telemetry.joints.iter().map(|joint| joint.position).collect();
-            Load::at(model, &angles)
-        });
+        let load = model
+            .zip(self.telemetry.as_ref())
+            .and_then(|(model, telemetry)| Load::measured(model, telemetry));
         if let Some(Enabled { goal: Some(goal), .. }) = self.enabled.take() {
             self.action.end(&goal, Status::Aborted, ErrorCode::InvalidGoal, why);
         }

@@ -177,7 +177,7 @@ pub trait Board {
     /// # Errors
     /// When another client commands. `by_force` replaces it, unless the board is enabled.
     fn take_command(&mut self, by_force: bool) -> Result<(), BoardError> {
-        self.ask("be commanded", Request::TakeCommand { by_force })
+        self.ask("give command to this program", Request::TakeCommand { by_force })
     }
 
     /// As [`take_command`](Self::take_command), but lets the lease of a commander that has gone expire first;
@@ -453,8 +453,8 @@ pub trait Board {
     fn status(&mut self) -> Result<Status, BoardError> {
         match self.request(Request::ReadStatus)? {
             Reply::Status(status) => Ok(status),
-            Reply::Refused(refusal) => Err(BoardError::refused("tell its status", refusal)),
-            reply => Err(wrong("tell its status", &reply)),
+            Reply::Refused(refusal) => Err(BoardError::refused("report its status", refusal)),
+            reply => Err(wrong("report its status", &reply)),
         }
     }
 
@@ -465,8 +465,8 @@ pub trait Board {
     fn faults(&mut self) -> Result<FaultLog, BoardError> {
         match self.request(Request::ReadFaults)? {
             Reply::Faults(log) => Ok(log),
-            Reply::Refused(refusal) => Err(BoardError::refused("tell its faults", refusal)),
-            reply => Err(wrong("tell its faults", &reply)),
+            Reply::Refused(refusal) => Err(BoardError::refused("report its faults", refusal)),
+            reply => Err(wrong("report its faults", &reply)),
         }
     }
 }

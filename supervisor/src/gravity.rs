@@ -4,7 +4,10 @@ use std::fmt;
 
 use tesaki::math::abs;
 use tesaki::model::RobotModel;
+use tesaki::protocol::Telemetry;
 use tesaki::robot::Robot;
+
+use crate::angles;
 
 /// The joint at which gravity exceeds friction most: without power it moves down.
 pub struct Load {
@@ -17,6 +20,11 @@ pub struct Load {
 }
 
 impl Load {
+    /// As [`Load::at`], at the measured angles.
+    pub fn measured(model: &RobotModel, telemetry: &Telemetry) -> Option<Self> {
+        Self::at(model, &angles::measured(telemetry))
+    }
+
     /// Computes the load of `model` at rest at `angles` [rad]; `None` if friction holds every joint.
     pub fn at(model: &RobotModel, angles: &[f32]) -> Option<Self> {
         let mut robot = Box::new(Robot::NONE);

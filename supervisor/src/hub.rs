@@ -70,7 +70,9 @@ impl Whole {
 /// others.
 #[derive(Debug)]
 pub struct Hub {
-    listeners: Vec<(Listener, Address)>,
+    listener: Listener,
+    /// With the port that the system chose for port 0.
+    address: Address,
     clients: Vec<Client>,
     /// The number of the next client.
     next_id: u64,
@@ -93,8 +95,10 @@ impl Hub {
     /// When the address is invalid or in use by another program, or when other machines reach it and there is
     /// no key.
     pub fn listen(address: &Address, key: Option<&Key>) -> io::Result<Self> {
-        let mut hub = Self {
-            listeners: Vec::new(),
+        let (listener, address) = Listener::new(address, key)?;
+        Ok(Self {
+            listener,
+            address,
             clients: Vec::new(),
             next_id: 0,
             arbiter: Arbiter::new(),
@@ -102,18 +106,7 @@ impl Hub {
             messages: Vec::new(),
             waiting: VecDeque::new(),
             dropped: 0,
-        };
-        hub.also_listen(address, key)?;
-        Ok(hub)
-    }
-
-    /// Listens at one more address.
-    ///
-    /// # Errors
-    /// As [`Hub::listen`].
-    fn also_listen(&mut self, address: &Address, key: Option<&Key>) -> io::Result<()> {
-        self.listeners.push(Listener::new(address, key)?);
-        Ok(())
+        })
     }
 
     /// Adds a pseudo-terminal, which programs open like a serial port, and returns its path. It lives as long
@@ -138,13 +131,14 @@ impl Hub {
         Ok(path)
     }
 
-    /// The first address at which it listens, with the port that the system chose for port 0.
-    pub fn address(&self) -> &Address {
-        self.listeners.first().map_or(&Address::Auto, |(_, address)| address)
+    /// The address at which it listens, with the port that the system chose for port 0.
+    pub const fn address(&self) -> &Address {
+        &self.address
     }
 
     /// Number of clients, including pseudo-terminals.
-    pub const fn clients(&self) -> usize {
+    #[cfg(test)]
+    const fn clients(&self) -> usize {
         self.clients.len()
     }
 
@@ -154,7 +148,8 @@ impl Hub {
     }
 
     /// Number of bytes that were dropped because clients were too slow.
-    pub fn dropped(&self) -> u64 {
+    #[cfg(test)]
+    fn dropped(&self) -> u64 {
         self.clients.iter().fold(self.dropped, |sum, client| sum.wrapping_add(client.dropped))
     }
 
@@ -227,10 +222,9 @@ impl Hub {
                 return Ok(());
             }
             // A listener that cannot accept who waits would end the wait at once.
-            let listeners = self.listeners.iter().filter(|_| listens);
-            let listeners = listeners.map(|(listener, _)| PollFd::new(listener.fd(), PollFlags::POLLIN));
+            let listener = listens.then(|| PollFd::new(self.listener.fd(), PollFlags::POLLIN));
             let clients = self.clients.iter().map(|client| PollFd::new(client.fd(), client.events()));
-            let mut fds: Vec<_> = listeners.chain(clients).collect();
+            let mut fds: Vec<_> = listener.into_iter().chain(clients).collect();
             // Clients that send without end do not hold up what is due.
             if !stream::wait(&mut fds, deadline)? || Instant::now() >= deadline {
                 return Ok(());
@@ -238,30 +232,24 @@ impl Hub {
         }
     }
 
-    /// Returns whether the listeners can accept more clients.
+    /// Returns whether the listener can accept more clients.
     fn accept(&mut self) -> bool {
-        let mut can_accept = true;
-        for (listener, _) in &self.listeners {
-            // Limited, so that other clients are served in between.
-            for _ in 0..MAX_HANDSHAKES {
-                let Accepted { name, socket, encryption } = match listener.accept() {
-                    Ok(accepted) => accepted,
-                    Err(error) => {
-                        // Otherwise one client has gone, or there is none.
-                        can_accept &= !matches!(Errno::try_from(error), Ok(Errno::EMFILE | Errno::ENFILE));
-                        break;
-                    }
-                };
-                let client = Client::new(self.next_id, name, socket.into(), encryption);
-                self.next_id += 1;
-                if self.clients.len() < MAX_CLIENTS {
-                    self.clients.push(client);
-                } else {
-                    note(&mut self.messages, &client, &format!("{MAX_CLIENTS} clients are connected"));
-                }
+        // Limited, so that other clients are served in between.
+        for _ in 0..MAX_HANDSHAKES {
+            let Accepted { name, socket, encryption } = match self.listener.accept() {
+                Ok(accepted) => accepted,
+                // Otherwise one client has gone, or there is none.
+                Err(error) => return !matches!(Errno::try_from(error), Ok(Errno::EMFILE | Errno::ENFILE)),
+            };
+            let client = Client::new(self.next_id, name, socket.into(), encryption);
+            self.next_id += 1;
+            if self.clients.len() < MAX_CLIENTS {
+                self.clients.push(client);
+            } else {
+                note(&mut self.messages, &client, &format!("{MAX_CLIENTS} clients are connected"));
             }
         }
-        can_accept
+        true
     }
 
     /// Reads from every client, and removes those that have gone.

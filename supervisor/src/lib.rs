@@ -2,6 +2,7 @@
 //! programs, a fault injector for the link, a hand of several boards, identification of joints, and
 //! calibration of an operator's hand and of a camera in the robot's hand.
 
+pub mod angles;
 pub mod arrival;
 mod board;
 pub mod fault_injector;

@@ -11,7 +11,7 @@ use tesaki::protocol::{
 
 /// A request of the hub is repeated if it is not answered within this time.
 const PATIENCE: Duration = Duration::from_millis(100);
-/// Number of attempts after which a request is given up.
+/// Number of attempts after which an export is given up, and the rate of a stream makes room for it.
 const MAX_SENDINGS: u32 = 20;
 /// Number of attempts at an export whose pieces do not match their checksum.
 const MAX_EXPORTS: u32 = 3;
@@ -194,9 +194,12 @@ impl Arbiter {
         match self.sent {
             Some((sent, _)) if now < sent + PATIENCE => return,
             Some((_, MAX_SENDINGS)) => {
-                // The connection that waits for it gets no answer either.
-                self.tasks.pop_front();
                 self.sent = None;
+                // The connection that waits for an export gets no answer either. A rate stays, of each stream
+                // one at most: a board that comes back would go on at that of a connection that has ended.
+                if let Some(task @ Task::Rate(_)) = self.tasks.pop_front() {
+                    self.tasks.push_back(task);
+                }
             }
             _ => {}
         }

@@ -12,6 +12,7 @@ use tesaki::task::joint_servo::JointCommand;
 use tesaki_description::plant::CONTROL_PERIOD;
 
 use super::procedure::IdentifyError;
+use crate::angles::within;
 use crate::trajectory::minimum_jerk;
 
 /// Margin to the ends of a joint's range [rad].
@@ -28,10 +29,7 @@ const SAME: f32 = 1e-6;
 /// Returns the joints' references at their present positions [rad].
 pub fn references(model: &RobotModel, telemetry: &Telemetry) -> Vec<f64> {
     let joints = telemetry.joints.iter().zip(&model.joints);
-    // A joint at its stop may measure slightly outside its range.
-    joints
-        .map(|(state, joint)| state.reference.clamp(joint.limits.lower, joint.limits.upper).into())
-        .collect()
+    joints.map(|(state, joint)| within(state.reference, &joint.limits).into()).collect()
 }
 
 /// Returns the range in which each joint is swept [rad]: `amplitude` to either side of its position, shifted

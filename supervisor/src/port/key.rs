@@ -39,7 +39,10 @@ impl Key {
             }
             _ => error,
         })?;
-        writeln!(file, "{digits}")
+        // A part of a key would be in the way of the next one.
+        writeln!(file, "{digits}").and_then(|()| file.sync_all()).inspect_err(|_| {
+            let _ = fs::remove_file(path);
+        })
     }
 
     /// Reads a key.

@@ -98,7 +98,7 @@ fn an_arm_is_held_until_ctrl_c_and_disabled_when_nobody_reads_on() {
     let run = server.start_command(&["--json", "impedance", "hold", &soft]);
     server.wait_for("enabled");
     let (code, text) = unread(run);
-    assert_eq!(code, 0, "{text}");
+    assert_eq!((code, &*text), (141, ""));
     assert_eq!(server.json(&["info"])["status"]["node"]["mode"], "Disabled");
     assert_eq!(server.json(&["faults"])["total"], 0);
 }

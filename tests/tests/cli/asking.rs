@@ -3,7 +3,9 @@
 use std::fs::File;
 use std::io::{Read, Write};
 use std::process::{Child, Stdio};
+use std::time::{Duration, Instant};
 
+use super::follow::{arm, file_of};
 use super::server::{Server, finish, said, signal};
 
 /// A command on a terminal that has asked for confirmation.
@@ -39,6 +41,40 @@ impl Asked {
     }
 }
 
+/// Lines that lead a robot are no answers to questions: there the warning is told, and nothing is asked.
+#[test]
+fn nothing_is_asked_where_standard_input_leads_the_robot() {
+    let server = arm();
+    let nix::pty::OpenptyResult { master, slave } = nix::pty::openpty(None, None).unwrap();
+    let mut terminal = File::from(master);
+    let end = || Stdio::from(slave.try_clone().unwrap());
+    let mut command = server.command(&["follow", "--no-hold", "--impedance", &file_of("firm")]);
+    let mut child = command.stdin(end()).stderr(end()).stdout(Stdio::piped()).spawn().unwrap();
+    // Only the child keeps the terminal open.
+    drop((slave, command));
+    let mut output = terminal.try_clone().unwrap();
+    let said = std::thread::spawn(move || {
+        let (mut said, mut buffer) = (String::new(), [0; 4096]);
+        while let Ok(length @ 1..) = output.read(&mut buffer) {
+            said += &String::from_utf8_lossy(&buffer[..length]);
+        }
+        said
+    });
+    let begun = Instant::now();
+    while !server.succeeds(&["info"]).contains("mode           enabled") {
+        let time = begun.elapsed().as_secs_f64();
+        writeln!(terminal, r#"{{"time":{time},"position":[0,0,0],"quaternion":[0,0,0,1]}}"#).unwrap();
+        assert!(child.try_wait().unwrap().is_none(), "it has ended");
+        assert!(begun.elapsed() < Duration::from_secs(60), "it waits");
+    }
+    signal(&child, nix::sys::signal::Signal::SIGINT);
+    let code = finish(child).status.code();
+    drop(terminal);
+    let said = said.join().unwrap();
+    assert!(code == Some(0) && said.contains("The tool of arm7 will follow standard input"), "{said}");
+    assert!(!said.contains("[y/N]"), "{said}");
+}
+
 /// Angle and reference of the first joint [rad].
 fn first_joint(server: &Server) -> (f64, f64) {
     let joint = &server.json(&["read"])["joints"][0];
@@ -62,7 +98,7 @@ fn what_moves_during_a_question_stays_where_it_is_then() {
         let (moved, _) = first_joint(&server);
         assert!((moved - before).abs() > 0.05, "{before} {moved}");
         let child = server.wait_with(asked.answer("y"), "enabled");
-        std::thread::sleep(std::time::Duration::from_millis(300));
+        std::thread::sleep(Duration::from_millis(300));
         let (angle, reference) = first_joint(&server);
         signal(&child, nix::sys::signal::Signal::SIGINT);
         let (code, text) = said(&finish(child));

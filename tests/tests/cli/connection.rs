@@ -10,6 +10,7 @@ use tesaki::protocol::codec::{Decoder, MAX_FRAME, encode};
 use tesaki::protocol::{FromBoard, Identity, Reply, ReplyFrame, Request, RequestFrame};
 
 use super::server::{Server, finish, hand3, said, signal, unread};
+use super::view_line::Line;
 
 #[test]
 fn missing_ports_and_invalid_arguments_have_their_own_exit_codes() {
@@ -62,6 +63,11 @@ fn missing_ports_and_invalid_arguments_have_their_own_exit_codes() {
     assert!(server.succeeds(&["completions", "bash"]).contains("_tesaki"));
     let (code, text) = unread(server.start_command(&["completions", "bash"]));
     assert_eq!((code, &*text), (0, ""));
+    // What was found does not depend on who reads it.
+    let doctor = server.start_command(&["--timeout", "0.3", "--port", &port, "doctor"]);
+    assert_eq!(unread(doctor), (6, String::new()));
+    let check = server.start_command(&["model", "check", server.folder.path().to_str().unwrap()]);
+    assert_eq!(unread(check).0, 1);
 }
 
 #[test]
@@ -164,6 +170,29 @@ fn ctrl_c_with_a_silent_board_does_not_wait_for_all_of_the_timeout() {
         assert!(text.contains(word), "no {word:?} in: {text}");
     }
     assert!(begun.elapsed() < Duration::from_secs(20), "{:?}", begun.elapsed());
+}
+
+/// While an answer is awaited, Ctrl-C disables as well, and at once.
+#[test]
+fn ctrl_c_ends_the_wait_for_an_answer() {
+    let server = Server::ready();
+    let (line, port) = Line::start(&server);
+    line.loses_enables.store(true, Ordering::Relaxed);
+    let enabling = server.start_command(&["--port", &port, "--timeout", "60", "enable"]);
+    let enables = |request: &Request| matches!(request, Request::Enable(_));
+    let begun = Instant::now();
+    while line.last(enables).is_none() {
+        assert!(begun.elapsed() < Duration::from_secs(60));
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    let begun = Instant::now();
+    signal(&enabling, nix::sys::signal::Signal::SIGINT);
+    let (code, text) = said(&finish(enabling));
+    assert!(code == 130 && text.contains("interrupted: the board is disabled"), "{code}: {text}");
+    assert!(begun.elapsed() < Duration::from_secs(20), "{:?}", begun.elapsed());
+    // The farewell was sent, and answered.
+    assert!(line.last(|request| *request == Request::Disable) > line.last(enables));
+    server.wait_for("disabled");
 }
 
 /// A link to a server's board for one client that can be muted.

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use nix::sys::signal::Signal;
 
-use super::server::{Server, arm7, finish, said, signal};
+use super::server::{Server, arm7, finish, hand3, said, signal};
 
 #[test]
 fn faults_of_the_machine_are_named_by_joint_value_and_limit() {
@@ -19,7 +19,7 @@ fn faults_of_the_machine_are_named_by_joint_value_and_limit() {
     assert_eq!(faults["faults"][0]["number"], 4);
     assert_eq!(faults["faults"][0]["fault"]["joint"], 5);
     // The encoder counts relative to its power-on position: after the jump its zero is lost.
-    server.fails(&["doctor"], 1, &["the encoder jumped", "not homed: finger2_curl"]);
+    server.fails(&["doctor"], 5, &["the encoder jumped", "not homed: finger2_curl"]);
     let stopped = "the board is stopped until this fault is cleared (`tesaki faults --clear`):\n  fault ";
     assert!(server.succeeds(&["faults"]).starts_with(stopped));
     assert_eq!(server.json(&["faults"])["faults"][0]["joint"], "finger2_curl");
@@ -58,6 +58,16 @@ fn the_doctor_sees_the_model_of_another_machine() {
         "push the model of this",
     ];
     server.fails(&["doctor"], 1, &words);
+}
+
+/// Not the first problem that it finds.
+#[test]
+fn the_doctors_exit_code_is_that_of_the_worst_problem() {
+    let server = Server::start();
+    server.succeeds(&["model", "push", hand3().to_str().unwrap()]);
+    server.fails(&["doctor"], 1, &["not homed"]);
+    server.succeeds(&["stop"]);
+    server.fails(&["doctor"], 5, &["not homed", "the board is in fault"]);
 }
 
 /// Of several faults since power-on only the last one is said to stop the board.
@@ -100,7 +110,7 @@ fn a_stop_hides_no_fault_before_it() {
     signal(&recorder, Signal::SIGCONT);
     let words = ["fault 17 in tick ", "; before it: fault 4 in tick ", "#fault-17-stop and ", "#fault-4-"];
     server.fails(&["enable"], 5, &words);
-    server.fails(&["doctor"], 1, &words);
+    server.fails(&["doctor"], 5, &words);
     std::thread::sleep(Duration::from_millis(500));
     signal(&recorder, Signal::SIGINT);
     let (code, text) = said(&finish(recorder));

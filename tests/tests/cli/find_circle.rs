@@ -78,6 +78,8 @@ fn what_is_wrong_is_said_by_file() {
         (write("huge.pgm", b"P5 99999 99999 255\n"), "99999 × 99999 pixels: more than 268 million pixels"),
         (write("cut.pgm", b"P5 64 64 255\nabc"), "cut.pgm: PGM: 3 of 4096 grey levels: the file is cut off"),
         (write("deep.pgm", b"P5 64 64 65535\nabc"), "deep.pgm: PGM: maximum 65535"),
+        (write("none.pgm", b"P5 0 0 255\n"), "none.pgm: PGM: 0 × 0 pixels: the picture is empty"),
+        (write("flat.pgm", b"P2 64 0 255\n"), "flat.pgm: PGM: 64 × 0 pixels: the picture is empty"),
         (write("word.pgm", b"P2 wide 64 255\n"), "word.pgm: PGM: \"wide\" is not a width"),
         (write("tiny.pgm", b"P2 2 2 255\n1 2 3 4\n"), "each side must be 32 to 4096 pixels"),
         (

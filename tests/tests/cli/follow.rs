@@ -1,5 +1,6 @@
 //! `tesaki follow`: an arm on a board that follows lines of input and a recorded hand.
 
+use std::fs::File;
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::process::{Child, ChildStdin, Stdio};
 use std::sync::{Arc, Mutex};
@@ -355,6 +356,27 @@ fn a_recorded_hand_is_played_and_what_is_wrong_with_it_is_said_by_line() {
 }
 
 /// The recorded circle with its positions in millimetres.
+/// Also when the time is over an arm does not fall.
+#[test]
+fn an_arm_that_has_followed_for_its_time_is_held_until_ctrl_c() {
+    let server = arm();
+    let circle = concat!("file:", env!("CARGO_MANIFEST_DIR"), "/../docs/examples/circle.csv");
+    let told = server.folder.path().join("told");
+    let mut command =
+        server.command(&["follow", "--impedance", &firm(), "--from", circle, "--duration", "0.5"]);
+    let mut child = command.stdout(Stdio::null()).stderr(File::create(&told).unwrap()).spawn().unwrap();
+    let start = Instant::now();
+    while !std::fs::read_to_string(&told).unwrap().contains("holding, because without power arm7 falls") {
+        assert!(child.try_wait().unwrap().is_none(), "{}", std::fs::read_to_string(&told).unwrap());
+        assert!(start.elapsed() < Duration::from_secs(60), "{}", std::fs::read_to_string(&told).unwrap());
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    server.wait_for("enabled");
+    signal(&child, Signal::SIGINT);
+    assert_eq!(finish(child).status.code(), Some(0));
+    server.wait_for("disabled");
+}
+
 fn in_millimetres() -> String {
     let row = |row: &str| {
         let cells = row.split(',').enumerate().map(|(column, cell)| match cell.parse::<f64>() {
@@ -528,7 +550,8 @@ fn the_example_in_python_leads_the_arm() {
     let example = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/examples/lead_arm.py");
     let python = std::env::var_os("TESAKI_PYTHON").unwrap_or_else(|| "python3".into());
     let mut source = std::process::Command::new(python).arg(example).stdout(Stdio::piped()).spawn().unwrap();
-    let mut command = server.command(&["--json", "follow", "--impedance", &firm(), "--duration", "3"]);
+    let mut command =
+        server.command(&["--json", "follow", "--impedance", &firm(), "--duration", "3", "--no-hold"]);
     command.stdin(source.stdout.take().unwrap()).stdout(Stdio::piped()).stderr(Stdio::piped());
     let (code, text) = said(&finish(command.spawn().unwrap()));
     let _ = source.kill();

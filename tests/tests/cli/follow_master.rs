@@ -172,7 +172,8 @@ fn a_master_that_is_powered_never_stays_so_alone() {
         &["ms of them measured on the links of master and slave", "calm up to 78.3 ms"],
     );
     // Measured on links without delay, unless the machine is busy.
-    let brief = ["follow", "--impedance", &soft, "--from", &from, "--reflect", &handle, "--duration", "0.3"];
+    let brief = ["--from", &from, "--reflect", &handle, "--duration", "0.3", "--no-hold"];
+    let brief = [&["follow", "--impedance", &soft], &brief[..]].concat();
     wait("quick links are accepted", || slave.run(&brief).0 == 0);
     [&master, &slave].into_iter().for_each(Server::wait_for_rest);
 

@@ -37,7 +37,9 @@ fn steps_that_are_none_are_refused_before_anything_moves() {
     std::fs::write(&strong, text.replace("force_limit = 9.0", "force_limit = 90.0")).unwrap();
     let words =
         ["strong.toml: force_limit = 90 N", "more than 10 N at finger1_tip is a fault", "at most 10 N"];
-    server.fails(&["grasp", "run", strong.to_str().unwrap()], 2, &words);
+    let strong = strong.to_str().unwrap();
+    server.fails(&["grasp", "run", strong], 2, &words);
+    server.fails(&["identify", strong, "--out", out.to_str().unwrap()], 2, &words);
     for (position, joint, limit) in [
         ("[0.0, 0.0, 0.085]", "finger1_bend: ", "outside its limits -1.2 to 1.7 rad"),
         ("[0.090, 0.0, 0.045]", "finger3_swing: ", "beyond its limit of 4.8 rad/s"),
@@ -82,7 +84,7 @@ fn ctrl_c_puts_the_box_down_and_a_fault_says_what_became_of_it() {
     let run = server.start_command(&["--json", "grasp", "run", &file]);
     wait_until_held();
     let (code, text) = unread(run);
-    assert_eq!(code, 0, "{text}");
+    assert_eq!(code, 141, "{text}");
     let status = server.json(&["grasp", "status"]);
     assert!(status["phase"] == "Ready" && status["mode"] == "Disabled", "{status}");
 

@@ -102,6 +102,7 @@ fn a_bad_source_is_named() {
     let good = disc("", [90.0, 110.0]);
     for (arguments, input, words) in [
         (&[][..], &good[..1000], "of 61440 grey levels"),
+        (&["--axis", "10,10,5"], b"P5 0 0 255\n", "PGM: 0 × 0 pixels: the picture is empty"),
         (&[], b"\x89PNG\r\n\x1a\n", "not the beginning of a binary PGM picture"),
         (&["--from", "camera:/dev/null"], b"", "/dev/null: it is not a camera"),
         (&["--from", "camera:/dev/no-video"], b"", "/dev/no-video: No such file"),

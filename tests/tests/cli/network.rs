@@ -113,6 +113,20 @@ fn a_board_is_shared_with_other_machines_by_a_key_only() {
 }
 
 #[test]
+fn a_program_is_told_the_port_that_the_system_chose() {
+    let server = Server::start();
+    let mut child = server.start_command(&["--json", "share", "tcp://localhost:0"]);
+    let mut line = String::new();
+    BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
+    let shared: serde_json::Value = serde_json::from_str(&line).unwrap();
+    let address = shared["address"].as_str().unwrap();
+    let info = tesaki_tests::tesaki().args(["--port", address, "info"]).output().unwrap();
+    signal(&child, nix::sys::signal::Signal::SIGINT);
+    let (code, text) = said(&finish(child));
+    assert_eq!((said(&info).0, code), (0, 0), "{address}: {text}");
+}
+
+#[test]
 fn this_machine_needs_no_key() {
     let server = Server::start();
     let share = Share::start(&server, &["share", "tcp://localhost:0"]);

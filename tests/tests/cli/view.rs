@@ -2,6 +2,7 @@
 
 use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
+use std::path::Path;
 use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
 
@@ -19,7 +20,11 @@ pub struct View {
 
 impl View {
     pub fn start(server: &Server, arguments: &[&str]) -> Self {
-        let folder = hand3();
+        Self::start_with(server, &hand3(), arguments)
+    }
+
+    /// Starts it with the files of a robot folder.
+    fn start_with(server: &Server, folder: &Path, arguments: &[&str]) -> Self {
         let listen = ["--json", "view", "--listen", "localhost:0", "--robot", folder.to_str().unwrap()];
         let mut command = server.command(&[&listen[..], arguments].concat());
         let mut child = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
@@ -192,6 +197,29 @@ fn a_refused_enable_leaves_the_motion_as_it_is() {
     page.fails(json!({ "do": "enable", "task": "joint servo" }), "refused to enable");
     let arrived = |value: &Value| (value["joints"][0][0].as_f64().unwrap() - 0.8).abs() < 0.01;
     page.wait("the joint at its goal", |value| value["kind"] == "state" && arrived(value));
+}
+
+/// A plan whose forces would be a fault of the robot drops the object.
+#[test]
+fn a_grasp_that_does_not_suit_the_robot_is_refused() {
+    let server = Server::ready_to_grasp(false);
+    server.succeeds(&["tare"]);
+    let folder = server.folder.path().join("hand3");
+    std::fs::create_dir_all(folder.join("grasps")).unwrap();
+    for file in ["robot.urdf", "controller.toml", "plant.toml"] {
+        std::fs::copy(hand3().join(file), folder.join(file)).unwrap();
+    }
+    let text = std::fs::read_to_string(hand3().join("grasps/box.toml")).unwrap();
+    let strong = text.replace("force_limit = 9.0", "force_limit = 90.0");
+    std::fs::write(folder.join("grasps/strong.toml"), strong).unwrap();
+    let view = View::start_with(&server, &folder, &[]);
+    let mut page = view.open();
+    page.wait("the plan", |value| value["plans"][0]["name"] == "strong.toml");
+    page.mode("disabled");
+    page.succeeds(json!({ "do": "take" }));
+    let enable = json!({ "do": "enable", "task": "grasping", "plan": "strong.toml" });
+    page.fails(enable, "force_limit = 90 N: more than 10 N at finger1_tip is a fault");
+    page.mode("disabled");
 }
 
 #[test]

@@ -1,11 +1,15 @@
 //! `tesaki view` over a lossy line: stops arrive, and the robot does not move without feedback.
 
+use std::fs::File;
 use std::io::{Read, Write};
 use std::os::unix::net::{UnixListener, UnixStream};
+use std::process::Stdio;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::mpsc::channel;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
+use nix::pty::{OpenptyResult, Winsize, openpty};
 use serde_json::{Value, json};
 use tesaki::protocol::codec::Decoder;
 use tesaki::protocol::{Request, RequestFrame};
@@ -16,11 +20,13 @@ use super::view::View;
 
 /// A line to a board.
 #[derive(Default)]
-struct Line {
+pub struct Line {
     /// Number of stops that will be lost.
     stops_to_lose: AtomicUsize,
     /// Whether every `Tare` is lost, so that its sender waits in vain for the answer.
     loses_tares: AtomicBool,
+    /// Whether every `Enable` is lost.
+    pub loses_enables: AtomicBool,
     /// Whether everything from the board is lost.
     is_mute: AtomicBool,
     /// The requests that arrived, including the lost ones.
@@ -29,7 +35,7 @@ struct Line {
 
 impl Line {
     /// Starts the line; returns it, and the port at its end.
-    fn start(server: &Server) -> (Arc<Self>, String) {
+    pub fn start(server: &Server) -> (Arc<Self>, String) {
         let Address::Unix(board) = &server.address else { panic!("a socket is expected") };
         let port = server.folder.path().join("line");
         let listener = UnixListener::bind(&port).unwrap();
@@ -70,6 +76,7 @@ impl Line {
                         .fetch_update(Ordering::Relaxed, Ordering::Relaxed, one_less)
                         .is_ok(),
                     Request::Tare => self.loses_tares.load(Ordering::Relaxed),
+                    Request::Enable(_) => self.loses_enables.load(Ordering::Relaxed),
                     _ => false,
                 };
                 self.requests.lock().unwrap().push((Instant::now(), request));
@@ -83,7 +90,7 @@ impl Line {
     }
 
     /// Returns when the last such request came.
-    fn last(&self, sought: impl Fn(&Request) -> bool) -> Option<Instant> {
+    pub fn last(&self, sought: impl Fn(&Request) -> bool) -> Option<Instant> {
         let requests = self.requests.lock().unwrap();
         requests.iter().rev().find(|(_, request)| sought(request)).map(|(at, _)| *at)
     }
@@ -127,6 +134,35 @@ fn a_lost_stop_of_a_disabled_board_is_repeated() {
     std::thread::sleep(Duration::from_millis(300));
     page.succeeds(json!({ "do": "enable", "task": "joint servo" }));
     page.mode("enabled");
+}
+
+/// The same of the monitor, which runs on a terminal.
+#[test]
+fn a_lost_stop_of_the_monitor_is_repeated() {
+    let server = Server::ready();
+    let (line, port) = Line::start(&server);
+    let size = Winsize { ws_row: 40, ws_col: 120, ws_xpixel: 0, ws_ypixel: 0 };
+    let OpenptyResult { master, slave } = openpty(Some(&size), None).unwrap();
+    let end = || Stdio::from(slave.try_clone().unwrap());
+    let mut monitor = server.command(&["--port", &port, "monitor"]);
+    let mut monitor = monitor.stdin(end()).stdout(end()).stderr(end()).spawn().unwrap();
+    drop(slave);
+    let mut terminal = File::from(master);
+    let mut screen = terminal.try_clone().unwrap();
+    // Read, so that it does not block.
+    let (sender, drawn) = channel();
+    std::thread::spawn(move || {
+        let mut buffer = [0; 4096];
+        while let Ok(1..) = screen.read(&mut buffer) {
+            let _ = sender.send(());
+        }
+    });
+    drawn.recv_timeout(Duration::from_secs(60)).expect("a screen");
+    line.stops_to_lose.store(8, Ordering::Relaxed);
+    terminal.write_all(b" ").unwrap();
+    server.wait_for("in fault");
+    terminal.write_all(b"q").unwrap();
+    assert!(monitor.wait().unwrap().success());
 }
 
 #[test]

@@ -17,7 +17,7 @@ use tesaki::task::{TaskCommand, TaskConfig, TaskRefusal, TaskTelemetry};
 use tesaki::vision::Circle;
 use tesaki_description::approach::{self, ApproachFile};
 
-use crate::args::{Approach as Arguments, Options};
+use crate::args::{Approach as Arguments, Options, SightSource};
 use crate::failure::Failure;
 use crate::motion::{End, Motion, News, PERIOD};
 use crate::output;
@@ -36,8 +36,9 @@ pub fn run(options: &Options, args: &Arguments) -> Result<(), Failure> {
     output::notice(options, &format!("waiting for circles at {}", vision.place()));
     let initial = Search::from(approach.search(&Pose::IDENTITY));
     motion.wait_until(|| vision.greet(initial, size))?;
-    let question = format!("The hand of {} will go to a door knob and grip it. Continue?", motion.model.name);
-    vision.greet_during(initial, size, || output::confirm(options, &question))?;
+    let warning = format!("The hand of {} will go to a door knob and grip it.", motion.model.name);
+    let is_led_by_input = args.from == SightSource::StandardInput;
+    vision.greet_during(initial, size, || output::confirm_lead(options, &warning, is_led_by_input))?;
     motion.enable(TaskConfig::VisualApproach(task))?;
     // What was seen before is of no use. A vision that has ended meanwhile is one that stops.
     let _ = vision.greet(initial, size);
@@ -225,7 +226,7 @@ impl<F: Fn(&[f32]) -> Option<Pose>> Leader<'_, F> {
         let rose = self.approach.rose().map(|rose| output::exact(&rose.radius()));
         let value = json!({
             "gripped": reason.is_none(), "reason": reason, "time": time, "tries": tries, "pictures": seen, "bad": bad,
-            "bad_line": self.vision.error(), "rose": rose,
+            "bad_line": self.vision.error(), "rose_radius": rose,
         });
         output::result(self.options, &value, || {
             let what = reason

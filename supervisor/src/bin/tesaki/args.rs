@@ -56,6 +56,7 @@ Exit codes:
   7  the board refused the request; nothing changed
   8  a grasp failed, or `approach` does not hold the knob
 130  interrupted by Ctrl-C before it was done
+141  nobody read the output any more before it was done
 
 No board? `cargo sim serve` starts a simulated one, which `--port auto` finds.";
 

@@ -205,8 +205,7 @@ fn falls(session: &mut BoardSession) -> Option<String> {
     }
     let model = session.model().ok()?;
     let telemetry = session.telemetry_now().ok()?;
-    let angles: Vec<f32> = telemetry.joints.iter().map(|joint| joint.position).collect();
-    Load::at(&model, &angles).map(|load| load.to_string())
+    Load::measured(&model, &telemetry).map(|load| load.to_string())
 }
 
 /// Asks before what a board in fault holds loses its power.

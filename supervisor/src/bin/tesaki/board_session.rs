@@ -48,6 +48,7 @@ pub struct BoardSession {
 impl Drop for BoardSession {
     fn drop(&mut self) {
         if self.commands {
+            self.ignore_interrupts();
             self.board.set_timeout(Duration::from_millis(300));
             // An enabled board refuses this; its command timeout then disables it.
             let _ = self.board.ask("release command", Request::ReleaseCommand);
@@ -134,20 +135,21 @@ impl BoardSession {
 
     /// Description of the [faults to blame](faults::blamed), with the joint's name if the model is known, and
     /// the entries of the document that explain them.
-    pub fn fault(&mut self, model: Option<&RobotModel>) -> Result<String, Failure> {
-        let log = self.board.faults()?;
-        Ok(faults::explain(faults::blamed(&log), model))
+    pub fn fault(&mut self, model: Option<&RobotModel>) -> String {
+        match self.board.faults() {
+            Ok(log) => faults::explain(faults::blamed(&log), model),
+            Err(error) => unread(&error),
+        }
     }
 
     /// As [`fault`](Self::fault), for the first fault after those of `before`: what follows may be a
     /// consequence.
-    pub fn fault_after(
-        &mut self,
-        before: FaultsBefore,
-        model: Option<&RobotModel>,
-    ) -> Result<String, Failure> {
-        let log = self.board.faults()?;
-        Ok(match before.later(&log) {
+    pub fn fault_after(&mut self, before: FaultsBefore, model: Option<&RobotModel>) -> String {
+        let log = match self.board.faults() {
+            Ok(log) => log,
+            Err(error) => return unread(&error),
+        };
+        match before.later(&log) {
             [] => faults::explain(faults::blamed(&log), model),
             [cause] => faults::explain(slice::from_ref(cause), model),
             [cause, then @ ..] => format!(
@@ -155,7 +157,7 @@ impl BoardSession {
                 faults::explain(slice::from_ref(cause), model),
                 output::counted(then.len(), "fault")
             ),
-        })
+        }
     }
 
     /// Whether the last fault is that no command came in time. The faults count as read.
@@ -166,7 +168,7 @@ impl BoardSession {
 
     /// Fails when the board is in fault.
     pub fn require_no_fault(&mut self, mode: Mode, model: Option<&RobotModel>) -> Result<(), Failure> {
-        if mode == Mode::Fault { Err(Failure::Fault(self.fault(model)?)) } else { Ok(()) }
+        if mode == Mode::Fault { Err(Failure::Fault(self.fault(model))) } else { Ok(()) }
     }
 
     /// Requests the streams again from a silent board, which may have been reset or replaced. Returns whether
@@ -278,10 +280,38 @@ impl BoardSession {
         }
     }
 
+    /// From here on Ctrl-C ends waits for an answer, with [`BoardError::Interrupted`]. Returns its flag.
+    pub fn heed_interrupts(&mut self) -> Result<Arc<AtomicBool>, Failure> {
+        let flag = interrupted()?;
+        self.board.interrupt_by(Arc::clone(&flag));
+        Ok(flag)
+    }
+
+    /// What is asked from here on is waited for, also after Ctrl-C.
+    pub fn ignore_interrupts(&mut self) {
+        self.board.interrupt_by(Arc::default());
+    }
+
     /// The board does not answer: it is not asked for anything more.
     pub const fn give_up(&mut self) {
         self.commands = false;
     }
+}
+
+/// In place of a fault that cannot be read: that there is one is known.
+fn unread(error: &BoardError) -> String {
+    format!("its cause is not known, because the faults cannot be read: {error}")
+}
+
+/// Telemetry that is older is that of a board before its reset [ticks].
+const RECENT: i32 = 100;
+
+/// Whether telemetry shows that the board has obeyed a stop, which was sent after it had told the tick
+/// `after`. Disabled is not enough: a lost stop leaves a disabled board to be enabled by what is on its way.
+pub fn shows_stop(telemetry: &Telemetry, after: Option<u32>) -> bool {
+    let step = after.map_or(1, |after| telemetry.tick.wrapping_sub(after).cast_signed());
+    // A board that was reset counts from 0.
+    telemetry.mode == Mode::Fault && !(-RECENT..=0).contains(&step)
 }
 
 /// Says which joints, that were homed, are so no longer.

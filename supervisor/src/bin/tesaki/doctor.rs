@@ -47,7 +47,7 @@ struct Finding {
 
 struct Doctor {
     findings: Vec<Finding>,
-    /// The worst failure, for the exit code.
+    /// Exit code of the worst failure.
     failure: Option<u8>,
 }
 
@@ -61,8 +61,18 @@ impl Doctor {
     }
 
     fn bad(&mut self, code: u8, text: impl Into<String>, advice: impl Into<String>) {
-        self.failure.get_or_insert(code);
+        self.failure = self.failure.into_iter().chain([code]).max_by_key(|&code| weight(code));
         self.findings.push(Finding { severity: Severity::Bad, text: text.into(), advice: advice.into() });
+    }
+}
+
+/// How bad a failure is, by its exit code: without a connection nothing else can be known, and a board in
+/// fault does nothing else.
+const fn weight(code: u8) -> u8 {
+    match code {
+        3 | 4 | 6 => 2,
+        5 => 1,
+        _ => 0,
     }
 }
 

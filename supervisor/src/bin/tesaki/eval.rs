@@ -167,7 +167,7 @@ fn write(path: &Path, results: &Results) -> Result<(), Failure> {
     }
     let text = writer.into_inner().map_err(|error| Failure::Other(error.to_string()))?;
     if path != Path::new("-") {
-        return std::fs::write(path, text).map_err(Failure::written(path));
+        return output::replace(path, text).map_err(Failure::written(path));
     }
     match io::stdout().write_all(&text).and_then(|()| io::stdout().flush()) {
         Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Err(Failure::Pipe),

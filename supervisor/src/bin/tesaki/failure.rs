@@ -52,6 +52,9 @@ pub enum Failure {
     /// The board is in fault: description, and the reference to the document.
     #[error("the board is in fault: {0}\n`tesaki faults --clear` shows and clears the faults")]
     Fault(String),
+    /// After the failure the board could not be disabled either, which is the second one.
+    #[error("{0}\nThe board could not be disabled: {1}\nIts outputs may still be on")]
+    StillOn(Box<Failure>, Box<Failure>),
     /// One board of two, by its port.
     #[error("{0}: {1}")]
     OtherBoard(String, Box<Failure>),
@@ -103,6 +106,9 @@ pub enum Failure {
     /// The reader of the output has closed it, which is no error.
     #[error("the output was closed")]
     Pipe,
+    /// The same before a motion was done.
+    #[error("the output was closed, so the board was disabled")]
+    Unread,
 }
 
 /// What to do about a refusal, in terms of this program.
@@ -168,8 +174,10 @@ impl Failure {
             | Self::Identify(IdentifyError::Grasp { .. } | IdentifyError::TooFewGrips { .. }) => 8,
             // What a shell says of a program that Ctrl-C has ended.
             Self::Interrupted(_) => 130,
-            Self::OtherBoard(_, failure) => failure.number(),
+            Self::OtherBoard(_, failure) | Self::StillOn(failure, _) => failure.number(),
             Self::Pipe => 0,
+            // What a shell says of a program that a closed pipe has ended.
+            Self::Unread => 141,
         }
     }
 
@@ -258,11 +266,20 @@ mod tests {
             Failure::Board(refused),
             Failure::Grasp("dropped".to_owned()),
             Failure::Interrupted("disabled".to_owned()),
+            Failure::Unread,
         ];
         let numbers: Vec<u8> = failures.iter().map(Failure::number).collect();
         assert_eq!(codes, numbers);
         // The failure of one board of many.
         assert_eq!(Failure::OtherBoard("b".to_owned(), Box::new(timeout())).number(), 6);
+        // The first failure is what a script must know, and both what a person must.
+        let both = Failure::StillOn(Box::new(Failure::Fault("a".to_owned())), Box::new(timeout()));
+        assert_eq!(both.number(), 5);
+        let text = both.to_string();
+        assert!(
+            text.contains("in fault: a") && text.contains("could not be disabled: no telemetry"),
+            "{text}"
+        );
         // Other failures of a board.
         let number = |error| Failure::Board(error).number();
         assert_eq!(number(BoardError::Reset), 1);

@@ -17,6 +17,7 @@ use tesaki::task::impedance::{Arm, ImpedanceRefusal, ImpedanceSettings};
 use tesaki::task::{TaskConfig, TaskRefusal, TaskTelemetry};
 use tesaki::teleop::{Follower, FollowerSettings};
 use tesaki_description::impedance;
+use tesaki_supervisor::BoardError;
 
 use crate::args::{Follow, Options, PoseSource};
 use crate::board_session::interrupted;
@@ -56,19 +57,20 @@ pub fn run(options: &Options, args: &Follow) -> Result<(), Failure> {
             file.display()
         )
     });
-    output::confirm(
+    let is_led_by_input = args.from == PoseSource::StandardInput;
+    output::confirm_lead(
         options,
         &format!(
-            "The tool of {} will follow {}, and yield as specified in {}.{reflects} Continue?",
+            "The tool of {} will follow {}, and yield as specified in {}.{reflects}",
             motion.model.name,
             lead.source.feed.place,
             args.impedance.display()
         ),
+        is_led_by_input,
     )?;
     // The arm may have moved during the question.
     check_workspace(args, &mut motion)?;
-    let commands = (args.from != PoseSource::StandardInput)
-        .then(|| Feed::<String>::standard_input("command", args.silence));
+    let commands = (!is_led_by_input).then(|| Feed::<String>::standard_input("command", args.silence));
     if args.reflect.is_some() {
         enable_master(options, &mut lead)?;
     }
@@ -120,7 +122,7 @@ fn lead_arm(
     }
     let again = session.settle(&mut motion)?;
     session.live.end();
-    if (ending.is_some() || args.stay.hold) && end == End::Done && again == End::Done {
+    if end == End::Done && again == End::Done {
         let load = motion.load();
         motion.stay(args.stay.hold, args.stay.no_hold, load.as_ref(), KEEP_ALIVE, |_| Request::Keep)?;
     }
@@ -151,6 +153,11 @@ fn enable_master(options: &Options, lead: &mut Lead) -> Result<(), Failure> {
         lead.take();
         let failure = match lead.source.reflection.as_ref().and_then(Reflection::enable_master) {
             Some(Ok(())) => return Ok(()),
+            Some(Err(Failure::Board(BoardError::Interrupted))) => {
+                return Err(Failure::Interrupted(
+                    "the master is disabled, and the arm was not enabled".to_owned(),
+                ));
+            }
             Some(Err(failure)) => failure,
             None if begun.elapsed() > options.timeout => Failure::Late("it does not answer".to_owned()),
             None => {

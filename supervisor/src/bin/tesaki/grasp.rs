@@ -34,10 +34,8 @@ pub fn run(options: &Options, command: &Grasp) -> Result<(), Failure> {
 }
 
 fn grasp_object(options: &Options, args: &Run) -> Result<(), Failure> {
-    let plan = grasp::load(&args.file)?;
     let mut motion = Motion::begin(options)?;
-    check_for(&plan, &motion.model)
-        .map_err(|problem| Failure::Usage(format!("{}: {problem}", args.file.display())))?;
+    let plan = load_for(&args.file, &motion.model)?;
     let steps = timed_steps(args, &motion.model)?;
     output::confirm(
         options,
@@ -71,6 +69,13 @@ fn grasp_object(options: &Options, args: &Run) -> Result<(), Failure> {
     course.report_phase();
     let result = course.run(&args.file, &steps);
     course.end(&args.file, result)
+}
+
+/// Loads a plan and checks it for a robot.
+pub fn load_for(file: &Path, model: &RobotModel) -> Result<GraspPlan, Failure> {
+    let plan = grasp::load(file)?;
+    check_for(&plan, model).map_err(|problem| Failure::Usage(format!("{}: {problem}", file.display())))?;
+    Ok(plan)
 }
 
 /// Checks a plan for a robot.
@@ -182,13 +187,17 @@ impl Course<'_> {
         output::notice(self.options, &format!("{seconds:6.2} s  the hand {}", self.last.phase));
     }
 
-    fn command(&mut self, command: GraspCommand) -> Result<(), Failure> {
+    /// Where Ctrl-C ends the wait for the answer, the command may or may not have been carried out.
+    fn command(&mut self, command: GraspCommand) -> Result<End, Failure> {
         let before = self.last.phase;
-        (self.tick, self.last) = self.motion.grasp(command)?;
+        match self.motion.grasp(command) {
+            Err(Failure::Interrupted(_)) => return Ok(End::Interrupted),
+            report => (self.tick, self.last) = report?,
+        }
         if self.last.phase != before {
             self.report_phase();
         }
-        Ok(())
+        Ok(End::Done)
     }
 
     /// Sends keep-alive requests until `done`.
@@ -241,8 +250,8 @@ impl Course<'_> {
                 );
             }
             if let Some(command) = step.command {
-                self.command(command).map_err(|failure| of_step(&step.text, failure))?;
-                if self.wait_until_idle()? == End::Interrupted {
+                let end = self.command(command).map_err(|failure| of_step(&step.text, failure))?;
+                if end == End::Interrupted || self.wait_until_idle()? == End::Interrupted {
                     return Ok(End::Interrupted);
                 }
                 self.check(file)?;
@@ -271,7 +280,7 @@ impl Course<'_> {
                 failure,
                 // Also when nobody reads the output any more, the object is put down.
                 Failure::Grasp(_)
-                    | Failure::Pipe
+                    | Failure::Unread
                     | Failure::Stalled
                     | Failure::Refused(_)
                     | Failure::Board(BoardError::Refused { .. })
@@ -285,6 +294,8 @@ impl Course<'_> {
         };
         if was_interrupted {
             interrupted()?.store(false, Ordering::Relaxed);
+            // Ctrl-C may have come before the answer to a command.
+            (self.tick, self.last) = self.motion.read_grasp()?;
             if !matches!(self.last.phase, Phase::Ready | Phase::Approach | Phase::Touch) {
                 output::notice(
                     self.options,
@@ -330,7 +341,11 @@ impl Course<'_> {
     fn put_down(&mut self, file: &Path) -> Result<End, Failure> {
         match self.last.phase {
             Phase::Ready | Phase::Approach | Phase::Touch => return Ok(End::Done),
-            Phase::Squeeze | Phase::ProbeFriction => self.command(GraspCommand::Open)?,
+            Phase::Squeeze | Phase::ProbeFriction => {
+                if self.command(GraspCommand::Open)? == End::Interrupted {
+                    return Ok(End::Interrupted);
+                }
+            }
             Phase::Hold => {}
             Phase::Move | Phase::Lower | Phase::Open => {
                 if self.wait_until_idle()? == End::Interrupted {
@@ -338,8 +353,8 @@ impl Course<'_> {
                 }
             }
         }
-        if self.last.phase == Phase::Hold {
-            self.command(GraspCommand::PutDown)?;
+        if self.last.phase == Phase::Hold && self.command(GraspCommand::PutDown)? == End::Interrupted {
+            return Ok(End::Interrupted);
         }
         let end = self.wait_until_idle()?;
         if end == End::Interrupted || self.last.phase != Phase::Hold {
@@ -354,7 +369,9 @@ impl Course<'_> {
         self.follow(|grasp, _| grasp.phase == Phase::Ready)?;
         interrupted()?.store(false, Ordering::Relaxed);
         let outcome = self.check(file);
-        self.command(GraspCommand::Open)?;
+        if self.command(GraspCommand::Open)? == End::Interrupted {
+            return Ok(End::Interrupted);
+        }
         let end = self.wait_until_idle()?;
         outcome.map(|()| end)
     }
@@ -411,7 +428,7 @@ fn status(options: &Options) -> Result<(), Failure> {
         Mode::Enabled(TaskKind::Grasping) => None,
         Mode::Fault => {
             let model = session.model().ok();
-            Some(format!("the grasp ended: the board is in fault: {}", session.fault(model.as_ref())?))
+            Some(format!("the grasp ended: the board is in fault: {}", session.fault(model.as_ref())))
         }
         mode => Some(format!("no grasp now: the board is {mode}")),
     };

@@ -13,7 +13,7 @@ use tesaki::model::RobotModel;
 use tesaki::protocol::{FromBoard, Mode, Refusal, Reply, ReplyFrame, Request, Stream, Telemetry};
 use tesaki::task::grasping::GraspTelemetry;
 use tesaki_description::calibration::{Calibration, CalibrationFile};
-use tesaki_description::{grasp, read_text};
+use tesaki_description::read_text;
 use tesaki_supervisor::faults::FaultsBefore;
 use tesaki_supervisor::identify::{
     Estimate, FailedGrip, Fit, Identification, Machine, Sense, Settings, board_in_head, identified, identify,
@@ -22,8 +22,9 @@ use tesaki_supervisor::identify::{
 use tesaki_supervisor::{Board, BoardError};
 
 use crate::args::{Identify, Options};
-use crate::board_session::{BoardSession, hex, interrupted, refused};
+use crate::board_session::{BoardSession, hex, refused};
 use crate::failure::Failure;
+use crate::grasp::load_for;
 use crate::motion::{LAST_WORD, gone};
 use crate::output;
 
@@ -38,10 +39,10 @@ pub fn run(options: &Options, args: &Identify) -> Result<(), Failure> {
 }
 
 fn identify_hand(options: &Options, args: &Identify, grasp: &Path) -> Result<(), Failure> {
-    let plan = grasp::load(grasp)?;
-    check_grips(args, grasp, plan.force_limit)?;
     let mut session = BoardSession::command(options)?;
     let model = session.model()?;
+    let plan = load_for(grasp, &model)?;
+    check_grips(args, grasp, plan.force_limit)?;
     let node = session.board.status()?.node;
     session.require_no_fault(node.mode, Some(&model))?;
     let tips = session.tips()?.tips;
@@ -70,10 +71,8 @@ fn identify_hand(options: &Options, args: &Identify, grasp: &Path) -> Result<(),
     let found = identify(&mut machine, &model, &plan, &settings);
     let disabled = if found.is_err() { machine.end() } else { Ok(()) };
     output::set_controls(false);
-    if matches!(found, Err(Failure::Interrupted(_))) {
-        disabled?;
-    }
-    let Identification { fits, failed } = found.map_err(|failure| failure.named(&model))?;
+    let found = found.map_err(|failure| failure.named(&model));
+    let Identification { fits, failed } = ended(found, disabled)?;
     let calibration = identified(&model, &fits);
     update(&mut file, &calibration, &model, &fits);
     let text = with_head(&file.to_string(), &model.name, &board);
@@ -197,6 +196,26 @@ fn saved(out: Option<&Path>) -> String {
     )
 }
 
+/// How an identification has ended, and whether the board could be disabled then.
+fn ended<T>(found: Result<T, Failure>, disabled: Result<(), Failure>) -> Result<T, Failure> {
+    match (found, disabled) {
+        // After Ctrl-C it matters most whether the board is disabled.
+        (Err(Failure::Interrupted(_)), Err(on)) => Err(on),
+        (Err(failure), Err(on)) => Err(Failure::StillOn(Box::new(failure), Box::new(on))),
+        (found, disabled) => found.and_then(|found| disabled.map(|()| found)),
+    }
+}
+
+/// Why the board did not do what it was asked.
+fn broken_off(error: BoardError) -> Failure {
+    match error {
+        BoardError::Interrupted => {
+            Failure::Interrupted("the board is disabled; nothing was identified".to_owned())
+        }
+        error => error.into(),
+    }
+}
+
 /// A connected board.
 struct BoardMachine<'a> {
     session: BoardSession,
@@ -226,7 +245,7 @@ impl<'a> BoardMachine<'a> {
         output::set_controls(true);
         let rates = [(Stream::Telemetry, 1), (Stream::Tips, 1)];
         rates.iter().try_for_each(|&(stream, every)| session.board.set_rate(stream, every))?;
-        let interrupted = interrupted()?;
+        let interrupted = session.heed_interrupts()?;
         Ok(Self {
             session,
             options,
@@ -254,6 +273,7 @@ impl<'a> BoardMachine<'a> {
             return Ok(());
         }
         let begun = Instant::now();
+        self.session.ignore_interrupts();
         self.session.board.set_timeout(self.options.timeout.min(LAST_WORD));
         self.session.board.disable().map_err(|error| match error {
             BoardError::Timeout { .. } => gone(begun.elapsed().as_secs_f64(), self.model),
@@ -269,18 +289,18 @@ impl Machine for BoardMachine<'_> {
         if matches!(request, Request::Enable(_)) {
             self.seen_enabled = false;
         }
-        Ok(self.session.board.ask(action, request)?)
+        self.session.board.ask(action, request).map_err(broken_off)
     }
 
     fn read_grasp(&mut self) -> Result<GraspTelemetry, Failure> {
-        Ok(self.session.board.read_grasp()?)
+        self.session.board.read_grasp().map_err(broken_off)
     }
 
     fn tick(&mut self, request: Request) -> Result<Sense, Failure> {
         let begun = Instant::now();
         while begun.elapsed() < self.options.timeout {
             if self.interrupted.load(Ordering::Relaxed) {
-                return Err(Failure::Interrupted("the board is disabled; nothing was identified".to_owned()));
+                return Err(broken_off(BoardError::Interrupted));
             }
             self.session.board.post(request.clone())?;
             let deadline = Instant::now() + RETRY;
@@ -289,7 +309,7 @@ impl Machine for BoardMachine<'_> {
                     FromBoard::Telemetry(telemetry) => {
                         if telemetry.mode == Mode::Fault {
                             self.reacts = true;
-                            let cause = self.session.fault_after(self.faults, Some(self.model))?;
+                            let cause = self.session.fault_after(self.faults, Some(self.model));
                             return Err(Failure::Fault(cause));
                         }
                         if self.seen_enabled && telemetry.mode == Mode::Disabled {

@@ -100,7 +100,7 @@ fn status(options: &Options) -> Result<(), Failure> {
         Mode::Enabled(TaskKind::Impedance) => None,
         Mode::Fault => {
             let model = session.model().ok();
-            let fault = session.fault(model.as_ref())?;
+            let fault = session.fault(model.as_ref());
             Some(format!("the impedance control ended: the board is in fault: {fault}"))
         }
         mode => Some(format!("no impedance control now: the board is {mode}")),

@@ -48,13 +48,14 @@ fn main() -> ExitCode {
     }
     let written = output::flush(matches!(result, Err(Failure::Stalled)));
     match (result, written) {
+        // Who reads only a part of the result is told by the code what it was.
+        (Ok(code), Ok(()) | Err(Failure::Pipe)) => code,
         (Ok(_), Err(failure)) => {
             output::failure(&cli.options, &failure);
             let _ = output::flush(false);
             failure.exit_code()
         }
         (Err(failure), _) => failure.exit_code(),
-        (Ok(code), Ok(())) => code,
     }
 }
 

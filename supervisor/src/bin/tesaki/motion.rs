@@ -10,7 +10,7 @@ use tesaki::task::impedance::ImpedanceTelemetry;
 use tesaki::task::{TaskConfig, TaskRefusal, TaskTelemetry};
 use tesaki_supervisor::faults::FaultsBefore;
 use tesaki_supervisor::gravity::Load;
-use tesaki_supervisor::{Board, BoardError};
+use tesaki_supervisor::{Board, BoardError, angles};
 
 use crate::args::Options;
 use crate::board_session::{BoardSession, interrupted};
@@ -69,6 +69,9 @@ pub fn gone(seconds: f64, model: &RobotModel) -> Failure {
     ))
 }
 
+/// What became of a board after Ctrl-C.
+const DISABLED: &str = "the board is disabled";
+
 /// How a motion ended without a failure.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum End {
@@ -112,6 +115,7 @@ pub struct Motion<'a> {
 impl Drop for Motion<'_> {
     fn drop(&mut self) {
         if self.enabled {
+            self.session.ignore_interrupts();
             self.session.board.set_timeout(self.options.timeout.min(LAST_WORD));
             let _ = self.session.board.disable();
         }
@@ -148,6 +152,13 @@ impl<'a> Motion<'a> {
 
     /// The joint angles, clamped to their limits [rad]. Those of joints that are not homed are unknown.
     pub fn positions(&mut self) -> Result<Vec<f32>, Failure> {
+        self.read_positions().map_err(|failure| match failure {
+            Failure::Board(BoardError::Interrupted) => nothing_enabled(),
+            failure => failure,
+        })
+    }
+
+    fn read_positions(&mut self) -> Result<Vec<f32>, Failure> {
         let homed = self.session.board.status()?.node.homed;
         if let Some(joint) = (0..self.model.joints.len()).find(|joint| homed >> joint & 1 == 0) {
             #[expect(clippy::cast_possible_truncation, reason = "at most sixteen joints")]
@@ -163,13 +174,13 @@ impl<'a> Motion<'a> {
     }
 
     fn remember(&mut self, telemetry: &Telemetry) {
-        self.angles = telemetry.joints.iter().map(|joint| joint.position).collect();
+        self.angles = angles::measured(telemetry);
     }
 
-    /// The latest angles. A joint at its stop may measure slightly outside.
+    /// The latest angles, clamped to their limits [rad].
     pub fn angles_within_limits(&self) -> Vec<f32> {
         let joints = self.angles.iter().zip(&self.model.joints);
-        joints.map(|(angle, joint)| angle.clamp(joint.limits.lower, joint.limits.upper)).collect()
+        joints.map(|(angle, joint)| angles::within(*angle, &joint.limits)).collect()
     }
 
     /// What pulls at the robot where it is.
@@ -204,8 +215,8 @@ impl<'a> Motion<'a> {
 
     pub fn enable(&mut self, task: TaskConfig) -> Result<(), Failure> {
         // From here on Ctrl-C must not end the process before the outputs are off.
-        if interrupted()?.load(Ordering::Relaxed) {
-            return Err(Failure::Interrupted("nothing was enabled".to_owned()));
+        if self.session.heed_interrupts()?.load(Ordering::Relaxed) {
+            return Err(nothing_enabled());
         }
         // The joint servo has no telemetry beyond that of the joints.
         output::set_controls(true);
@@ -215,14 +226,28 @@ impl<'a> Motion<'a> {
             _ => Some(ASK),
         };
         if std::mem::take(&mut self.resumes) {
-            self.session.board.ask("clear its faults", Request::ClearFaults { total: self.faults.total })?;
+            let clear = Request::ClearFaults { total: self.faults.total };
+            self.session.board.ask("clear its faults", clear).map_err(|error| match error {
+                BoardError::Interrupted => nothing_enabled(),
+                error => error.into(),
+            })?;
         }
         // If the answer is lost, the board may be enabled: it is disabled in the end.
         self.enabled = true;
         self.session.board.enable(task).map_err(|error| {
             self.enabled = !matches!(error, BoardError::Refused { .. } | BoardError::Reset);
-            Failure::from(error).named(&self.model)
+            self.broken_off(error)
         })
+    }
+
+    /// Why the board did not do what it was asked. After Ctrl-C it is disabled at once.
+    fn broken_off(&mut self, error: BoardError) -> Failure {
+        match error {
+            BoardError::Interrupted => self
+                .switch_off()
+                .map_or_else(|failure| failure, |()| Failure::Interrupted(DISABLED.to_owned())),
+            error => Failure::from(error).named(&self.model),
+        }
     }
 
     /// From now on asks for the task's telemetry as often as it changes.
@@ -230,16 +255,26 @@ impl<'a> Motion<'a> {
         self.asks = Some(PERIOD);
     }
 
-    /// Sends a grasp command; returns the tick and the hand's telemetry after it.
+    /// Sends a grasp command; returns the tick and the hand's telemetry after it. After Ctrl-C the board goes
+    /// on: the object may have to be put down.
     pub fn grasp(&mut self, command: GraspCommand) -> Result<(u32, GraspTelemetry), Failure> {
         match self.session.board.grasp(command) {
             // The command was faster than the telemetry that shows the fault.
             Err(BoardError::Refused { refusal: Refusal::WrongMode(Mode::Fault), .. }) => {
                 self.check_mode(Mode::Fault, &mut true)?;
             }
+            Err(BoardError::Interrupted) => return Err(Failure::Interrupted(DISABLED.to_owned())),
             sent => sent.map_err(|error| Failure::from(error).named(&self.model))?,
         }
-        let report = self.session.board.read_task()?;
+        self.read_grasp()
+    }
+
+    /// The tick and the hand's telemetry.
+    pub fn read_grasp(&mut self) -> Result<(u32, GraspTelemetry), Failure> {
+        let report = self.session.board.read_task().map_err(|error| match error {
+            BoardError::Interrupted => Failure::Interrupted(DISABLED.to_owned()),
+            error => error.into(),
+        })?;
         match report.telemetry {
             TaskTelemetry::Grasping(grasp) => Ok((report.tick, grasp)),
             _ => Err(Failure::Other("another program has enabled another task".to_owned())),
@@ -248,7 +283,7 @@ impl<'a> Motion<'a> {
 
     /// Telemetry of impedance control.
     pub fn impedance(&mut self) -> Result<ImpedanceTelemetry, Failure> {
-        Ok(self.session.board.read_impedance()?)
+        self.session.board.read_impedance().map_err(|error| self.broken_off(error))
     }
 
     /// See [`BoardSession::round_trip`].
@@ -263,10 +298,10 @@ impl<'a> Motion<'a> {
 
     /// Keeps command of the board until it is to be enabled; after Ctrl-C it is not.
     pub fn wait_until(&mut self, mut ready: impl FnMut() -> Result<bool, Failure>) -> Result<(), Failure> {
-        let interrupted = interrupted()?;
+        let interrupted = self.session.heed_interrupts()?;
         while !ready()? {
             if interrupted.load(Ordering::Relaxed) {
-                return Err(Failure::Interrupted("nothing was enabled".to_owned()));
+                return Err(nothing_enabled());
             }
             self.positions()?;
             std::thread::sleep(PERIOD);
@@ -318,7 +353,10 @@ impl<'a> Motion<'a> {
             {
                 reported = Some(now);
                 self.is_unread = true;
-                output::line(&report)?;
+                output::line(&report).map_err(|failure| match failure {
+                    Failure::Pipe => Failure::Unread,
+                    failure => failure,
+                })?;
                 self.is_unread = false;
             }
             if done(&news, now) {
@@ -362,6 +400,7 @@ impl<'a> Motion<'a> {
     /// answer.
     fn switch_off(&mut self) -> Result<(), Failure> {
         let begun = Instant::now();
+        self.session.ignore_interrupts();
         self.session.board.set_timeout(self.options.timeout.min(LAST_WORD));
         let mut answer = self.session.board.disable();
         if matches!(answer, Err(BoardError::Timeout { .. })) && self.options.timeout > LAST_WORD {
@@ -424,7 +463,7 @@ impl<'a> Motion<'a> {
         match mode {
             Mode::Fault => {
                 self.enabled = false;
-                Err(Failure::Fault(self.session.fault_after(self.faults, Some(&self.model))?))
+                Err(Failure::Fault(self.session.fault_after(self.faults, Some(&self.model))))
             }
             Mode::Disabled if *seen_enabled => {
                 self.enabled = false;
@@ -487,6 +526,10 @@ impl Watchdog {
         let now = Instant::now();
         Self { heard: now, answered: now, frames: session.board.counts().good, requested: now }
     }
+}
+
+fn nothing_enabled() -> Failure {
+    Failure::Interrupted("nothing was enabled".to_owned())
 }
 
 fn disabled_by_another() -> Failure {

@@ -165,7 +165,7 @@ impl Live {
 
 /// Prints why the command failed.
 pub fn failure(options: &Options, failure: &Failure) {
-    if matches!(failure, Failure::Pipe) {
+    if matches!(failure, Failure::Pipe | Failure::Unread) {
         return;
     }
     if matches!(failure, Failure::Stalled) {
@@ -215,6 +215,18 @@ pub fn confirm(options: &Options, question: &str) -> Result<(), Failure> {
     } else {
         Err(Failure::Usage("not confirmed; nothing was done".to_owned()))
     }
+}
+
+/// Asks whether to continue after a warning. Where standard input leads the robot it holds no answer: then
+/// the warning is only told.
+pub fn confirm_lead(options: &Options, warning: &str, leads: bool) -> Result<(), Failure> {
+    if !leads {
+        return confirm(options, &format!("{warning} Continue?"));
+    }
+    if !options.non_interactive {
+        notice(options, warning);
+    }
+    Ok(())
 }
 
 /// A count with its noun in singular or plural.

@@ -139,10 +139,13 @@ pub fn set(options: &Options, path: &str, value: &str) -> Result<(), Failure> {
     let tared = session.tared(&model)?;
     let NodeStatus { homed, supply, .. } = session.board.status()?.node;
     check_supply(&model, &changed, supply)?;
-    let unhomed = no_longer_homed(homed, &model, &changed);
     let mut warnings = doubtful(&model, &changed);
     warnings.extend(standing_outside(&mut session, &model, &changed, homed)?);
-    session.board.push_model_and_sense(&changed)?;
+    let node = session.board.push_model_and_sense(&changed)?;
+    let unhomed = (0..)
+        .zip(&changed.joints)
+        .filter(|(index, joint)| joint.encoder.relative && homed & !node.homed & 1 << index != 0);
+    let unhomed: Vec<String> = unhomed.map(|(_, joint)| joint.name.to_string()).collect();
     let done = json!({
         "set": names, "values": values, "no_longer_tared": tared, "no_longer_homed": unhomed, "warnings": warnings,
     });
@@ -237,17 +240,6 @@ fn invalid(model: &RobotModel, path: &str, changed: &RobotModel, error: &ModelEr
         );
     }
     joint + &invalid_value(error)
-}
-
-/// The joints whose home a new encoder forgets, of those that are `homed`.
-fn no_longer_homed(homed: u16, model: &RobotModel, changed: &RobotModel) -> Vec<String> {
-    let joints = (0..).zip(model.joints.iter().zip(&changed.joints));
-    let forgotten = joints.filter(|(index, (old, new))| {
-        homed >> index & 1 != 0
-            && new.encoder.relative
-            && (old.encoder, &old.name) != (new.encoder, &new.name)
-    });
-    forgotten.map(|(_, (_, new))| new.name.to_string()).collect()
 }
 
 /// What is not likely in the changed model, but was not so before.

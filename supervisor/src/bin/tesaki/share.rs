@@ -40,6 +40,9 @@ pub fn share(options: &Options, listen: &Address) -> Result<(), Failure> {
             hub.address()
         ),
     );
+    if options.json {
+        output::line(&json!({ "address": hub.address().to_string() }).to_string())?;
+    }
     let mut is_away = false;
     while !interrupted.load(Ordering::Relaxed) {
         hub.pump(&mut board, Duration::from_millis(1), Instant::now() + Duration::from_millis(200))

@@ -440,8 +440,7 @@ impl View {
         let joints = self.model.as_ref().map_or(0, |(model, _)| model.joints.len());
         let own = self.session.board.client();
         let falls = self.model.as_ref().zip(self.telemetry.as_ref()).and_then(|((model, _), telemetry)| {
-            let angles: Vec<f32> = telemetry.joints.iter().map(|joint| joint.position).collect();
-            Load::at(model, &angles).map(|load| load.to_string())
+            Load::measured(model, telemetry).map(|load| load.to_string())
         });
         let trouble =
             if self.has_model { self.silent.map(str::to_owned) } else { Some(Failure::NoModel.to_string()) };

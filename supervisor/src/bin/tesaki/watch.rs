@@ -10,7 +10,7 @@ use tesaki_supervisor::monitor::{JointView, Key, LinkView, Overlay, Screen, Stat
 use tesaki_supervisor::{Board, BoardError, troubleshooting};
 
 use crate::args::Options;
-use crate::board_session::{BoardSession, version};
+use crate::board_session::{BoardSession, shows_stop, version};
 use crate::failure::Failure;
 use crate::output;
 
@@ -149,6 +149,10 @@ struct Watch {
 struct Stopping {
     request: Request,
     begun: Instant,
+    /// The last tick before it.
+    after: Option<u32>,
+    /// Whether telemetry has shown that a [`Request::Stop`] has arrived.
+    is_shown: bool,
 }
 
 impl Watch {
@@ -226,15 +230,18 @@ impl Watch {
                 self.telemetry(&telemetry);
             }
         }
-        self.stopping = Some(Stopping { request, begun: Instant::now() });
+        self.stopping =
+            Some(Stopping { request, begun: Instant::now(), after: self.last_tick, is_shown: false });
         self.insist(session)
     }
 
     fn insist(&mut self, session: &mut BoardSession) -> Result<(), Failure> {
-        let Some(Stopping { request, begun }) = &self.stopping else { return Ok(()) };
-        let is_shown = self.heard > *begun && !matches!(self.view.state, State::Enabled | State::Lost);
+        let Some(Stopping { request, begun, is_shown, .. }) = &self.stopping else { return Ok(()) };
+        let is_off = self.heard > *begun && !matches!(self.view.state, State::Enabled | State::Lost);
         // Telemetry does not show whether the outputs of a board in fault are off.
-        if is_shown && (*request == Request::Stop || begun.elapsed() > DISABLE_TIME) {
+        let is_done =
+            if *request == Request::Stop { *is_shown } else { is_off && begun.elapsed() > DISABLE_TIME };
+        if is_done {
             self.stopping = None;
             return Ok(());
         }
@@ -279,6 +286,10 @@ impl Watch {
         self.frames += 1;
         let step = self.last_tick.map(|last| telemetry.tick.wrapping_sub(last));
         self.last_tick = Some(telemetry.tick);
+        if let Some(stopping) = &mut self.stopping {
+            // A board without a model cannot be enabled.
+            stopping.is_shown |= self.model.is_none() || shows_stop(telemetry, stopping.after);
+        }
         let every = u32::from(EVERY);
         if let Some(step) = step
             && step > every

@@ -157,6 +157,25 @@ fn what_a_connection_asked_for_ends_with_it() {
 }
 
 #[test]
+fn a_board_that_is_away_for_long_learns_the_rates_when_it_is_back() {
+    let mut rig = Rig::new();
+    rig.set_rate(1, 1);
+    rig.set_rate(2, 10);
+    rig.arbiter.left(1);
+    let export = rig.ask(2, Request::Export(Item::State));
+    let mut away = VecDeque::new();
+    for _ in 0..10 * MAX_SENDINGS {
+        rig.arbiter.proceed(rig.now, &mut away);
+        rig.now += PATIENCE;
+    }
+    // Neither what is lost nor what waits grows without end.
+    assert_eq!(rig.arbiter.tasks.len(), 1);
+    rig.run();
+    assert_eq!(rig.rates.last(), Some(&(Stream::Telemetry, 10)));
+    assert_eq!(rig.answer(2, export), None);
+}
+
+#[test]
 fn each_connection_reads_its_own_export() {
     for loss in [0.0, 0.2] {
         let mut rig = Rig::new();

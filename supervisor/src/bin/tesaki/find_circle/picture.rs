@@ -6,6 +6,7 @@ use std::path::Path;
 
 use crate::failure::Failure;
 use crate::feed::read_all;
+use crate::output;
 
 /// Most pixels of a picture.
 const MAX_PIXELS: usize = 1 << 28;
@@ -49,6 +50,9 @@ impl Picture {
     ) -> Result<Self, String> {
         if !(1..=255).contains(&largest) {
             return Err(format!("PGM: maximum {largest}; only pictures of 8 bits, 1 to 255, can be read"));
+        }
+        if width == 0 || height == 0 {
+            return Err(format!("PGM: {width} × {height} pixels: the picture is empty"));
         }
         let count = width.checked_mul(height).filter(|count| *count <= MAX_PIXELS);
         let count = count.ok_or_else(|| format!("PGM: {width} × {height} pixels: {TOO_LARGE}"))?;
@@ -151,11 +155,12 @@ pub fn write_png(path: &Path, width: usize, height: usize, pixels: &[u8]) -> Res
         (Ok(width), Ok(height)) => (width, height),
         _ => return Err(wrong(&"the picture is too large")),
     };
-    let file = File::create(path).map_err(Failure::written(path))?;
-    let mut encoder = png::Encoder::new(std::io::BufWriter::new(file), width, height);
+    let mut file = Vec::new();
+    let mut encoder = png::Encoder::new(&mut file, width, height);
     encoder.set_color(png::ColorType::Rgb);
     encoder.set_depth(png::BitDepth::Eight);
     let mut writer = encoder.write_header().map_err(|error| wrong(&error))?;
     writer.write_image_data(pixels).map_err(|error| wrong(&error))?;
-    writer.finish().map_err(|error| wrong(&error))
+    writer.finish().map_err(|error| wrong(&error))?;
+    output::replace(path, file).map_err(Failure::written(path))
 }

@@ -312,8 +312,11 @@ impl Handle {
     fn enable(&mut self, session: &mut BoardSession) -> Result<(), Failure> {
         // What has piled up while the operator was asked is old.
         while session.board.next_event(Instant::now())?.is_some() {}
-        session.board.enable(TaskConfig::Impedance(self.settings))?;
-        self.elbow.angle = session.board.read_impedance()?.elbow;
+        session.heed_interrupts()?;
+        let settings = TaskConfig::Impedance(self.settings);
+        let elbow = session.board.enable(settings).and_then(|()| session.board.read_impedance());
+        session.ignore_interrupts();
+        self.elbow.angle = elbow?.elbow;
         Ok(())
     }
 

@@ -6,17 +6,17 @@ use std::sync::atomic::Ordering;
 
 use serde_json::json;
 use tesaki::model::{JointModel, RobotModel};
-use tesaki::protocol::{JointTelemetry, Request};
+use tesaki::protocol::{Request, Telemetry};
 use tesaki::task::TaskCommand;
 use tesaki::task::joint_servo::JointCommand;
 use tesaki_description::calibration::{Calibration, CalibrationFile};
-use tesaki_supervisor::Board;
 use tesaki_supervisor::faults::FaultsBefore;
 use tesaki_supervisor::gravity::Load;
 use tesaki_supervisor::identify::{
     Estimate, FreeFit, FreeJoint, IdentifyError, JointSettings, Machine, NotIdentified, Reading, duration,
     identify_joints, update_free, with_head,
 };
+use tesaki_supervisor::{Board, angles};
 
 use super::{BoardMachine, open, saved};
 use crate::args::{Identify, Options};
@@ -32,10 +32,8 @@ pub fn run(options: &Options, args: &Identify) -> Result<(), Failure> {
     session.require_no_fault(node.mode, Some(&model))?;
     let board = hex(&session.identity.board, "without a number");
     let file = open(&args.out, &model, &board)?;
-    let angles: Vec<f32> = session.telemetry_now()?.joints.iter().map(|joint| joint.position).collect();
-    let within =
-        |(angle, joint): (&f32, &JointModel)| angle.clamp(joint.limits.lower, joint.limits.upper).into();
-    let start: Vec<f64> = angles.iter().zip(&model.joints).map(within).collect();
+    let telemetry = session.telemetry_now()?;
+    let start: Vec<f64> = within_limits(&telemetry, &model).map(f64::from).collect();
     let time = duration(&model, &start, &settings)?;
     output::confirm(
         options,
@@ -44,7 +42,7 @@ pub fn run(options: &Options, args: &Identify) -> Result<(), Failure> {
             model.name, args.amplitude
         ),
     )?;
-    let load = Load::at(&model, &angles).filter(|_| !args.no_hold);
+    let load = Load::measured(&model, &telemetry).filter(|_| !args.no_hold);
     let falls = load.as_ref().map_or_else(String::new, |load| format!("; {load}"));
     output::notice(options, &format!("this takes {time:.0} s; Ctrl-C disables{falls}"));
     let mut machine = BoardMachine::new(session, options, &model, FaultsBefore::from(&node))?;
@@ -68,13 +66,13 @@ pub fn run(options: &Options, args: &Identify) -> Result<(), Failure> {
         }
         Err(failure) => Err(failure),
     };
-    let disabled = machine.end();
-    // After Ctrl-C it matters most whether the board is disabled.
-    if matches!(ended, Err(Failure::Interrupted(_))) {
-        disabled.and(ended)
-    } else {
-        ended.map_err(|failure| failure.named(&model)).and(disabled)
-    }
+    super::ended(ended.map_err(|failure| failure.named(&model)), machine.end())
+}
+
+/// The joint angles, clamped to their limits [rad].
+fn within_limits(telemetry: &Telemetry, model: &RobotModel) -> impl Iterator<Item = f32> {
+    let joints = telemetry.joints.iter().zip(&model.joints);
+    joints.map(|(state, joint)| angles::within(state.position, &joint.limits))
 }
 
 /// Fits the readings, writes the file and tells the results.
@@ -122,10 +120,7 @@ fn hold(machine: &mut BoardMachine<'_>, mut done: impl FnMut() -> bool) -> Resul
             sense => sense?,
         };
         if goal == Request::Keep {
-            let here = |(state, joint): (&JointTelemetry, &JointModel)| {
-                state.position.clamp(joint.limits.lower, joint.limits.upper)
-            };
-            let positions = sense.telemetry.joints.iter().zip(&machine.model.joints).map(here).collect();
+            let positions = within_limits(&sense.telemetry, machine.model).collect();
             goal = Request::Task(TaskCommand::JointServo(JointCommand::Goal { positions }));
         }
     }

@@ -1,7 +1,7 @@
 //! Files with results that took long.
 
-use std::fs::{self, OpenOptions};
-use std::io;
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, Write as _};
 use std::path::Path;
 
 use super::complain;
@@ -40,17 +40,20 @@ pub fn written_to(path: Option<&Path>) -> String {
 
 /// Writes beside the file and then puts the new one in its place: whatever happens, the old one or the new
 /// one is there.
-pub fn replace(path: &Path, text: &str) -> io::Result<()> {
+pub fn replace(path: &Path, content: impl AsRef<[u8]>) -> io::Result<()> {
     // A link stays one.
     let place = path.canonicalize().unwrap_or_else(|_| path.to_owned());
     let old = fs::metadata(&place).ok();
     let (Some(name), true) = (place.file_name(), old.as_ref().is_none_or(fs::Metadata::is_file)) else {
-        return fs::write(&place, text);
+        return fs::write(&place, content);
     };
     let unfinished = place.with_file_name(format!(".{}.{}.tmp", name.display(), std::process::id()));
-    match fs::write(&unfinished, text) {
+    // On the disk before it has the name: after a loss of power the file must not be an empty one.
+    let written = File::create(&unfinished)
+        .and_then(|mut file| file.write_all(content.as_ref()).and_then(|()| file.sync_all()));
+    match written {
         // A file that may be written, in a folder that may not.
-        Err(error) if error.kind() == io::ErrorKind::PermissionDenied => return fs::write(&place, text),
+        Err(error) if error.kind() == io::ErrorKind::PermissionDenied => return fs::write(&place, content),
         written => written
             .and_then(|()| old.map_or(Ok(()), |old| fs::set_permissions(&unfinished, old.permissions())))
             .and_then(|()| fs::rename(&unfinished, &place)),
@@ -82,7 +85,7 @@ mod tests {
         fs::write(&file, "old").unwrap();
         fs::set_permissions(&file, fs::Permissions::from_mode(0o640)).unwrap();
         symlink(&file, &link).unwrap();
-        let reader = fs::File::open(&file).unwrap();
+        let reader = File::open(&file).unwrap();
         require_writable(&link).unwrap();
         let mut told = false;
         save(&link, "new", |path| {

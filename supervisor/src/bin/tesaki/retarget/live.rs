@@ -74,7 +74,8 @@ pub fn run(options: &Options, args: &Retarget) -> Result<(), Failure> {
         }
         Ok(shows_thumb)
     })?;
-    output::confirm(options, &format!("{} will follow the operator's hand. Continue?", motion.model.name))?;
+    let warning = format!("{} will follow the operator's hand.", motion.model.name);
+    output::confirm_lead(options, &warning, args.udp.is_none())?;
     motion.enable(TaskConfig::Telexistence(settings.task))?;
     motion.announce_ctrl_c(motion.load().as_ref());
     let model = motion.model.clone();

@@ -6,7 +6,6 @@
 mod commander;
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
@@ -17,15 +16,16 @@ use tesaki::protocol::{Mode, Refusal, Request};
 use tesaki::task::grasping::GraspCommand;
 use tesaki::task::impedance::ImpedanceRefusal;
 use tesaki::task::{TaskConfig, TaskKind, TaskRefusal};
+use tesaki_description::impedance;
 use tesaki_description::robot::RobotFolder;
-use tesaki_description::{grasp, impedance};
 use tesaki_supervisor::task_report::Grasped;
-use tesaki_supervisor::{Board, BoardError, LinkBoard};
+use tesaki_supervisor::{Board, BoardError, LinkBoard, angles};
 
 use super::View;
 use super::message::{Command, Plan};
 use crate::board_session::BoardLink;
 use crate::failure::Failure;
+use crate::grasp::load_for;
 use crate::{joints, motion};
 pub use commander::Commander;
 use commander::{Enabled, Stopping, ToolPath};
@@ -213,17 +213,12 @@ impl View {
         match kind {
             Some(TaskKind::JointServo) => {
                 let joints = telemetry.joints.iter().zip(&model.joints);
-                // A joint at its stop may measure slightly outside.
-                let within =
-                    |(now, joint): (&tesaki::protocol::JointTelemetry, &tesaki::model::JointModel)| {
-                        now.position.clamp(joint.limits.lower, joint.limits.upper)
-                    };
-                let goal = joints.map(within).collect();
+                let goal = joints.map(|(now, joint)| angles::within(now.position, &joint.limits)).collect();
                 enable(board, TaskConfig::JointServo(ServoMode::Observer))?;
                 (self.commander.goal, self.commander.tool) = (goal, None);
             }
             Some(TaskKind::Grasping) => {
-                let plan = grasp::load(&file?)?;
+                let plan = load_for(&file?, model)?;
                 enable(board, TaskConfig::Grasping(()))?;
                 (self.commander.grasped, self.commander.tool) = (Some(Grasped::new(plan)), None);
                 self.commander.object = (Vector3::zeros(), UnitQuaternion::identity());
@@ -419,7 +414,7 @@ impl View {
 
     /// The program ends: what a page has enabled is disabled.
     pub fn leave(mut self) {
-        self.session.board.interrupt_by(Arc::default());
+        self.session.ignore_interrupts();
         self.session.board.set_timeout(LAST_WORD);
         if self.commander.enabled.is_some() {
             let _ = self.session.board.disable();

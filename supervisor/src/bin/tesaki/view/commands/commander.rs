@@ -12,9 +12,8 @@ use tesaki_supervisor::task_report::Grasped;
 use tesaki_supervisor::trajectory::minimum_jerk;
 
 use super::STEP;
+use crate::board_session::shows_stop;
 
-/// Telemetry that is older is that of a board before its reset [ticks].
-const RECENT: i32 = 100;
 /// Telemetry that comes later shows what the board did after a reply.
 const LATE: Duration = Duration::from_millis(200);
 
@@ -57,16 +56,6 @@ pub(super) struct Stopping {
     pub(super) warns: Option<Instant>,
     /// The last tick before it: the mode of older ones says nothing.
     pub(super) after: Option<u32>,
-}
-
-impl Stopping {
-    /// Whether telemetry shows that the board has stopped. Disabled is not enough: a lost stop leaves a
-    /// disabled board to be enabled by what is on its way.
-    fn is_shown_by(&self, telemetry: &Telemetry) -> bool {
-        let step = self.after.map_or(1, |after| telemetry.tick.wrapping_sub(after).cast_signed());
-        // A board that was reset counts from 0.
-        telemetry.mode == Mode::Fault && !(-RECENT..=0).contains(&step)
-    }
 }
 
 /// The way of an arm's tool from one place to the next.
@@ -131,7 +120,7 @@ impl Commander {
             }
         }
         if let (Some(stopping), Some(telemetry)) = (&self.stopping, telemetry)
-            && stopping.is_shown_by(telemetry)
+            && shows_stop(telemetry, stopping.after)
         {
             self.stopping = None;
         }
