@@ -34,8 +34,9 @@ pub fn run(options: &Options, command: &Grasp) -> Result<(), Failure> {
 }
 
 fn grasp_object(options: &Options, args: &Run) -> Result<(), Failure> {
+    let plan = grasp::load(&args.file)?;
     let mut motion = Motion::begin(options)?;
-    let plan = load_for(&args.file, &motion.model)?;
+    let plan = suited(plan, &args.file, &motion.model)?;
     let steps = timed_steps(args, &motion.model)?;
     output::confirm(
         options,
@@ -73,9 +74,15 @@ fn grasp_object(options: &Options, args: &Run) -> Result<(), Failure> {
 
 /// Loads a plan and checks it for a robot.
 pub fn load_for(file: &Path, model: &RobotModel) -> Result<GraspPlan, Failure> {
-    let plan = grasp::load(file)?;
-    check_for(&plan, model).map_err(|problem| Failure::Usage(format!("{}: {problem}", file.display())))?;
-    Ok(plan)
+    suited(grasp::load(file)?, file, model)
+}
+
+/// A plan that was loaded before the robot was known, checked for it.
+pub fn suited(plan: GraspPlan, file: &Path, model: &RobotModel) -> Result<GraspPlan, Failure> {
+    match check_for(&plan, model) {
+        Ok(()) => Ok(plan),
+        Err(problem) => Err(Failure::Usage(format!("{}: {problem}", file.display()))),
+    }
 }
 
 /// Checks a plan for a robot.

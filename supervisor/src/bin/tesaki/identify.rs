@@ -13,7 +13,7 @@ use tesaki::model::RobotModel;
 use tesaki::protocol::{FromBoard, Mode, Refusal, Reply, ReplyFrame, Request, Stream, Telemetry};
 use tesaki::task::grasping::GraspTelemetry;
 use tesaki_description::calibration::{Calibration, CalibrationFile};
-use tesaki_description::read_text;
+use tesaki_description::{grasp, read_text};
 use tesaki_supervisor::faults::FaultsBefore;
 use tesaki_supervisor::identify::{
     Estimate, FailedGrip, Fit, Identification, Machine, Sense, Settings, board_in_head, identified, identify,
@@ -24,7 +24,7 @@ use tesaki_supervisor::{Board, BoardError};
 use crate::args::{Identify, Options};
 use crate::board_session::{BoardSession, hex, refused};
 use crate::failure::Failure;
-use crate::grasp::load_for;
+use crate::grasp::suited;
 use crate::motion::{LAST_WORD, gone};
 use crate::output;
 
@@ -39,10 +39,11 @@ pub fn run(options: &Options, args: &Identify) -> Result<(), Failure> {
 }
 
 fn identify_hand(options: &Options, args: &Identify, grasp: &Path) -> Result<(), Failure> {
+    let plan = grasp::load(grasp)?;
+    check_grips(args, grasp, plan.force_limit)?;
     let mut session = BoardSession::command(options)?;
     let model = session.model()?;
-    let plan = load_for(grasp, &model)?;
-    check_grips(args, grasp, plan.force_limit)?;
+    let plan = suited(plan, grasp, &model)?;
     let node = session.board.status()?.node;
     session.require_no_fault(node.mode, Some(&model))?;
     let tips = session.tips()?.tips;
