@@ -184,7 +184,7 @@ mod tests {
         let error = find(Some(&["a", "c"]), &[]).unwrap_err();
         assert!(error.contains(" has no law c, which hand3-servo compares; its laws are a, b."), "{error}");
         let error = find(Some(&["a"]), &["a", "ROBOT/a.toml"]).unwrap_err();
-        assert!(error.contains("a second law called \"a\""), "{error}");
+        assert!(error.contains("there is a law called \"a\" already"), "{error}");
         let error = find(None, &["a"]).unwrap_err();
         assert!(error.starts_with("--law a: hand3-servo does not compare laws"), "{error}");
     }
