@@ -225,7 +225,9 @@ fn tell_limits(options: &Limits) -> Result<(), Box<dyn Error>> {
             continue;
         }
         match impossible.as_deref() {
-            None => say!("seed {seed}: {} has no limits that depend on the machine", scenario.name),
+            None => {
+                say!("seed {seed}: not computed for {}", scenario.name)
+            }
             Some([]) => say!("seed {seed}: there is room for every limit"),
             Some(limits) => {
                 limits.iter().for_each(|limit| say!("seed {seed}: {}: {}", limit.metric, limit.why))

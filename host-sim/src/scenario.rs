@@ -170,7 +170,7 @@ pub enum ScenarioError {
     /// A file of the robot cannot be used.
     #[error(transparent)]
     File(#[from] FileError),
-    /// There is none of this name.
+    /// No scenario has this name.
     #[error("no scenario {0:?}: `cargo sim list` shows all")]
     Unknown(String),
     /// A law lacks the section of an experiment.

@@ -77,11 +77,11 @@ fn seeds_without_a_limit_are_told_apart() {
  Motion [1]  0.300 mm  0.400 mm (4)  ≤ 0.5 mm  ✓ pass
 
  PASS  1 of 1 limits met, 4 of 4 seeds pass
- [1]  seed 1, 3: no limit: the hand is too weak
+ [1]  seeds 1, 3: no limit: the hand is too weak
 ";
     assert_eq!(table(&summaries, false), expected);
     let page = Page::new("Weights", &summaries).html();
-    assert!(page.contains("seed 1, 3: no limit: the hand is too weak"), "{page}");
+    assert!(page.contains("seeds 1, 3: no limit: the hand is too weak"), "{page}");
 }
 
 #[test]

@@ -22,7 +22,7 @@ mod tests;
 pub use rules::{Rule, Violation};
 pub use schedule::{Family, Fault, Kind, Schedule};
 
-use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
@@ -92,11 +92,16 @@ pub fn run_traced(
     }));
     let mut rig = rig.lock();
     let trace = rig.trace.take().unwrap_or_default();
+    let mut violations = rig.violations();
     let error = match result {
         Ok(_) if rig.is_over() => None,
         Ok(Ok(())) => Some("the scenario ended".to_owned()),
         Ok(Err(error)) => Some(error.to_string()),
-        Err(panic) => resume_unwind(panic),
+        Err(_) => {
+            let text = "the scenario panicked".to_owned();
+            violations.push(Violation { rule: Rule::Panic, tick: rig.ticks(), text: text.clone() });
+            Some(text)
+        }
     };
     let report = Report {
         seed: schedule.seed,
@@ -104,7 +109,7 @@ pub fn run_traced(
         families: schedule.families(),
         frames_sha256: rig.digest(),
         ticks: [rig.ticks(), schedule.end],
-        violations: rig.violations(),
+        violations,
         faults: rig.faults(),
         error,
     };

@@ -331,7 +331,7 @@ impl Schedule {
 
     /// Seed of its machine, outside the development and evaluation sets.
     pub const fn machine(&self) -> u64 {
-        FIRST_MACHINE.wrapping_add(self.seed)
+        FIRST_MACHINE.saturating_add(self.seed)
     }
 
     /// The command that repeats it.

@@ -66,7 +66,9 @@ impl<'a> Group<'a> {
                 None => waived.push((note, vec![run])),
             }
         }
-        notes.extend(waived.iter().map(|(note, runs)| format!("seed {}: {note}", seeds(runs))));
+        let named =
+            |runs: &[&Summary]| format!("seed{} {}", if runs.len() > 1 { "s" } else { "" }, seeds(runs));
+        notes.extend(waived.iter().map(|(note, runs)| format!("{}: {note}", named(runs))));
         let mut sorted: Vec<f64> = judged().map(|(_, m)| m.value).filter(|v| v.is_finite()).collect();
         sorted.sort_by(f64::total_cmp);
         let middle = sorted.len() / 2;

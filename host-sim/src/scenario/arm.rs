@@ -26,6 +26,7 @@ const REST: f64 = 0.5;
 /// Lengths of robots/arm7 [m].
 pub const UPPER_ARM: f64 = 0.30;
 pub const FOREARM: f64 = 0.26;
+pub const HAND: f64 = 0.10;
 /// The joint that follows the operator's elbow: shoulder yaw.
 pub const YAW: u8 = 2;
 /// Coulomb friction of runs without mismatch [N·m]: less than 0.1 N at the tool.
@@ -147,10 +148,11 @@ impl ArmRig {
             values.chain(turns).all(|value| value.abs() < 1e-4)
         };
         let joints = &rig.robot.model.joints;
-        if joints.len() != JOINTS.len() || !joints.iter().zip(JOINTS).all(is_same) {
-            return Err(
-                setting.other_robot("it needs an arm with the joints of robots/arm7, in the same places")
-            );
+        let [x, y, z] = rig.robot.model.chains[0].tip.translation;
+        let same_hand = [x, y, z + HAND as f32].iter().all(|value| value.abs() < 1e-4);
+        if !same_hand || joints.len() != JOINTS.len() || !joints.iter().zip(JOINTS).all(is_same) {
+            return Err(setting
+                .other_robot("it needs an arm with joints and hand of robots/arm7, in the same places"));
         }
         Ok(rig)
     }

@@ -5,7 +5,7 @@ use rapier3d::na::Vector3;
 use tesaki::task::impedance::ImpedanceSettings;
 
 use super::arm::{
-    ArmLog, ArmRig, ArmSample, ArmTrial, ELBOW_TRIALS, ElbowTrial, FOREARM, Machine, UPPER_ARM, motion,
+    ArmLog, ArmRig, ArmSample, ArmTrial, ELBOW_TRIALS, ElbowTrial, FOREARM, HAND, Machine, UPPER_ARM, motion,
     settings, shift,
 };
 use super::common::{T, capitalized, largest};
@@ -38,8 +38,6 @@ pub(super) const SCENARIO: Scenario = Scenario {
 /// Distance from shoulder to wrist with a straight elbow, and distance of the set-point beyond it [m].
 const REACH: f64 = UPPER_ARM + FOREARM;
 const BEYOND: f64 = 0.03;
-/// Distance from the wrist to the tool [m].
-const HAND: f64 = 0.10;
 /// Time of each motion, and rest after it [s].
 const TIME: f64 = 1.5;
 const REST: f64 = 1.0;

@@ -4,6 +4,7 @@
 use std::ops::Range;
 
 use rapier3d::na::Vector3;
+use tesaki::fault::{Fault, FaultCause};
 use tesaki::kinematics::{Angles, Hand};
 use tesaki::protocol::Refusal;
 use tesaki::task::TaskConfig;
@@ -66,6 +67,14 @@ pub fn exact_sample(number: u16, time: f64, tips: &dyn Fn(f64) -> Fingertips) ->
 /// In single precision.
 pub fn single(vector: Vector3<f64>) -> [f32; 3] {
     vector.map(|value| value as f32).into()
+}
+
+/// Whether a board refuses to enable joints because they seem to move.
+fn is_too_fast(error: &BoardError) -> bool {
+    matches!(
+        error,
+        BoardError::Refused { refusal: Refusal::Unsafe(Fault { cause: FaultCause::VelocityLimit, .. }), .. }
+    )
 }
 
 /// Ticks after which the board has no velocity left of a machine that was replaced by one at rest.
@@ -256,7 +265,7 @@ impl<'a, 'b> HandTrial<'a, 'b> {
         let mut enabled = enable(&mut trial);
         // To the board this is the machine of the trial before, which may have moved at its end.
         for _ in 0..MOTION_FORGOTTEN {
-            if !matches!(enabled, Err(BoardError::Refused { refusal: Refusal::Unsafe(_), .. })) {
+            if !enabled.as_ref().is_err_and(is_too_fast) {
                 break;
             }
             trial.step()?;

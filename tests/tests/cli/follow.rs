@@ -355,7 +355,6 @@ fn a_recorded_hand_is_played_and_what_is_wrong_with_it_is_said_by_line() {
     assert_eq!(server.json(&["faults"])["total"], 0);
 }
 
-/// The recorded circle with its positions in millimetres.
 /// Also when the time is over an arm does not fall.
 #[test]
 fn an_arm_that_has_followed_for_its_time_is_held_until_ctrl_c() {
@@ -377,6 +376,7 @@ fn an_arm_that_has_followed_for_its_time_is_held_until_ctrl_c() {
     server.wait_for("disabled");
 }
 
+/// The recorded circle with its positions in millimetres.
 fn in_millimetres() -> String {
     let row = |row: &str| {
         let cells = row.split(',').enumerate().map(|(column, cell)| match cell.parse::<f64>() {

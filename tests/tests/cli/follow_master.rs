@@ -1,5 +1,6 @@
 //! `tesaki follow` with another board: an arm that leads, and feels what the other one touches.
 
+use std::process::Stdio;
 use std::time::{Duration, Instant};
 
 use nix::sys::signal::Signal;
@@ -178,6 +179,20 @@ fn a_master_that_is_powered_never_stays_so_alone() {
     [&master, &slave].into_iter().for_each(Server::wait_for_rest);
 
     let options = ["--from", from.as_str(), "--reflect", &handle, "--round-trip", "0.01"];
+    // When the time is over the arm is held, and the master, which nobody leads any more, is disabled.
+    let faults = || master.json(&["faults"])["total"].as_u64();
+    let before = faults();
+    let timed = [&["follow", "--hold", "--impedance", &soft, "--duration", "0.5"], &options[..]].concat();
+    let mut child = slave.command(&timed).stdin(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
+    master.wait_for("enabled");
+    master.wait_for("disabled");
+    std::thread::sleep(Duration::from_millis(500));
+    slave.wait_for("enabled");
+    signal(&child, Signal::SIGINT);
+    assert_eq!((child.wait().unwrap().code(), faults()), (Some(0), before));
+    slave.wait_for("disabled");
+    [&master, &slave].into_iter().for_each(Server::wait_for_rest);
+
     let (leading, stdin) = Leading::start_as(&slave, "soft", &options);
     wait("the clutch closes", || leading.count(|value| is_clutch(value, "closed", "")) == 1);
     master.wait_for("enabled");

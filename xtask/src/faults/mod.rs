@@ -209,7 +209,7 @@ fn print(runs: &[Run]) -> usize {
     let broken = runs.iter().filter(|run| !run.violations.is_empty()).count();
     say!("\n{} schedules, {broken} break a rule", runs.len());
     let shortened = runs.iter().filter(|run| run.ends_early()).count();
-    say!("  {shortened:>6} end early, because their scenario gives up after a fault");
+    say!("  {shortened:>6} end early");
     for (family, [all, broken]) in families {
         say!("  {all:>6} with faults of {family}, {broken} of them break a rule");
     }

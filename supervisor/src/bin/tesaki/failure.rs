@@ -53,7 +53,9 @@ pub enum Failure {
     #[error("the board is in fault: {0}\n`tesaki faults --clear` shows and clears the faults")]
     Fault(String),
     /// After the failure the board could not be disabled either, which is the second one.
-    #[error("{0}\nThe board could not be disabled: {1}\nIts outputs may still be on")]
+    #[error(
+        "{0}\nThe board could not be disabled: {1}\nIts outputs may still be on: press the emergency stop, or cut the power"
+    )]
     StillOn(Box<Failure>, Box<Failure>),
     /// One board of two, by its port.
     #[error("{0}: {1}")]

@@ -8,6 +8,7 @@ mod source;
 
 use std::cell::RefCell;
 use std::sync::atomic::Ordering;
+use std::thread;
 use std::time::{Duration, Instant};
 
 use tesaki::kinematics::Chain;
@@ -122,12 +123,16 @@ fn lead_arm(
     }
     let again = session.settle(&mut motion)?;
     session.live.end();
+    let Session { lead, .. } = session;
+    let (text, value) = lead.summary();
+    // Nobody takes a master's samples any more: it is disabled, which takes time while the arm must be kept.
+    let leader = thread::spawn(|| drop(lead));
     if end == End::Done && again == End::Done {
         let load = motion.load();
         motion.stay(args.stay.hold, args.stay.no_hold, load.as_ref(), KEEP_ALIVE, |_| Request::Keep)?;
     }
     motion.end(end == End::Interrupted || again == End::Interrupted)?;
-    let (text, value) = session.lead.summary();
+    let _ = leader.join();
     output::result(options, &value, || text)?;
     Ok(ending)
 }
@@ -155,13 +160,13 @@ fn enable_master(options: &Options, lead: &mut Lead) -> Result<(), Failure> {
             Some(Ok(())) => return Ok(()),
             Some(Err(Failure::Board(BoardError::Interrupted))) => {
                 return Err(Failure::Interrupted(
-                    "the master is disabled, and the arm was not enabled".to_owned(),
+                    "the master was told to disable, and the arm was not enabled".to_owned(),
                 ));
             }
             Some(Err(failure)) => failure,
             None if begun.elapsed() > options.timeout => Failure::Late("it does not answer".to_owned()),
             None => {
-                std::thread::sleep(PERIOD);
+                thread::sleep(PERIOD);
                 continue;
             }
         };

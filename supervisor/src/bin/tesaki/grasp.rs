@@ -280,6 +280,12 @@ impl Course<'_> {
         self.last.failure.map_or(Ok(()), |failure| Err(Failure::Grasp(with_advice(&failure, file))))
     }
 
+    /// Disables the board at once.
+    fn let_go(self) -> Result<(), Failure> {
+        self.motion.end(true)?;
+        Err(Failure::Interrupted("an object that the hand still held falls".to_owned()))
+    }
+
     /// Puts the object down and disables the board.
     fn end(mut self, file: &Path, result: Result<End, Failure>) -> Result<(), Failure> {
         let is_fatal = |failure: &Failure| {
@@ -302,7 +308,11 @@ impl Course<'_> {
         if was_interrupted {
             interrupted()?.store(false, Ordering::Relaxed);
             // Ctrl-C may have come before the answer to a command.
-            (self.tick, self.last) = self.motion.read_grasp()?;
+            match self.motion.read_grasp() {
+                Ok(read) => (self.tick, self.last) = read,
+                Err(Failure::Interrupted(_)) => return self.let_go(),
+                Err(failure) => return Err(failure),
+            }
             if !matches!(self.last.phase, Phase::Ready | Phase::Approach | Phase::Touch) {
                 output::notice(
                     self.options,
@@ -313,10 +323,7 @@ impl Course<'_> {
         match self.put_down(file) {
             Err(Failure::Fault(fault)) => return Err(self.fault(&fault)),
             Err(failure) if is_fatal(&failure) => return Err(failure),
-            Ok(End::Interrupted) => {
-                self.motion.end(true)?;
-                return Err(Failure::Interrupted("an object that the hand still held falls".to_owned()));
-            }
+            Ok(End::Interrupted) => return self.let_go(),
             Err(failure) => {
                 self.motion.end(false)?;
                 return Err(result.err().unwrap_or(failure));

@@ -202,6 +202,8 @@ fn ended<T>(found: Result<T, Failure>, disabled: Result<(), Failure>) -> Result<
     match (found, disabled) {
         // After Ctrl-C it matters most whether the board is disabled.
         (Err(Failure::Interrupted(_)), Err(on)) => Err(on),
+        // A board that was reset is off.
+        (found, Err(Failure::Board(BoardError::Reset))) => found,
         (Err(failure), Err(on)) => Err(Failure::StillOn(Box::new(failure), Box::new(on))),
         (found, disabled) => found.and_then(|found| disabled.map(|()| found)),
     }
@@ -310,6 +312,7 @@ impl Machine for BoardMachine<'_> {
                     FromBoard::Telemetry(telemetry) => {
                         if telemetry.mode == Mode::Fault {
                             self.reacts = true;
+                            self.session.ignore_interrupts();
                             let cause = self.session.fault_after(self.faults, Some(self.model));
                             return Err(Failure::Fault(cause));
                         }

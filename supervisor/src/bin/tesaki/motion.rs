@@ -255,15 +255,15 @@ impl<'a> Motion<'a> {
         self.asks = Some(PERIOD);
     }
 
-    /// Sends a grasp command; returns the tick and the hand's telemetry after it. After Ctrl-C the board goes
-    /// on: the object may have to be put down.
+    /// Sends a grasp command; returns the tick and the hand's telemetry after it. After Ctrl-C the board is
+    /// not disabled here: the object may have to be put down.
     pub fn grasp(&mut self, command: GraspCommand) -> Result<(u32, GraspTelemetry), Failure> {
         match self.session.board.grasp(command) {
             // The command was faster than the telemetry that shows the fault.
             Err(BoardError::Refused { refusal: Refusal::WrongMode(Mode::Fault), .. }) => {
                 self.check_mode(Mode::Fault, &mut true)?;
             }
-            Err(BoardError::Interrupted) => return Err(Failure::Interrupted(DISABLED.to_owned())),
+            Err(BoardError::Interrupted) => return Err(not_awaited()),
             sent => sent.map_err(|error| Failure::from(error).named(&self.model))?,
         }
         self.read_grasp()
@@ -272,7 +272,7 @@ impl<'a> Motion<'a> {
     /// The tick and the hand's telemetry.
     pub fn read_grasp(&mut self) -> Result<(u32, GraspTelemetry), Failure> {
         let report = self.session.board.read_task().map_err(|error| match error {
-            BoardError::Interrupted => Failure::Interrupted(DISABLED.to_owned()),
+            BoardError::Interrupted => not_awaited(),
             error => error.into(),
         })?;
         match report.telemetry {
@@ -463,6 +463,7 @@ impl<'a> Motion<'a> {
         match mode {
             Mode::Fault => {
                 self.enabled = false;
+                self.session.ignore_interrupts();
                 Err(Failure::Fault(self.session.fault_after(self.faults, Some(&self.model))))
             }
             Mode::Disabled if *seen_enabled => {
@@ -526,6 +527,11 @@ impl Watchdog {
         let now = Instant::now();
         Self { heard: now, answered: now, frames: session.board.counts().good, requested: now }
     }
+}
+
+/// An answer was not waited for.
+fn not_awaited() -> Failure {
+    Failure::Interrupted("the board did not answer before".to_owned())
 }
 
 fn nothing_enabled() -> Failure {
