@@ -13,7 +13,7 @@ Rows: time [us], sample [m], estimate 25 ms later [position [m], velocity [m/s],
 """
 
 WANDER, TREMOR, NOISE = 30.0, 2e-4, 2e-5
-OMEGA, FADES, START = 2 * np.pi * 10, 3.0, [1e-6, 1e-2, 1.0, 100.0]
+OMEGA, FADES, START = 2 * np.pi * 10, 3.0, [1e-2, 1.0, 100.0]
 AHEAD = 0.025
 
 drift = np.zeros((6, 6))
@@ -41,7 +41,9 @@ for number in range(240):
         continue
     if mean is None:
         mean = np.array([sample, 0, 0, 0, 0, 0])
-        covariance = np.diag([*START, TREMOR**2, TREMOR**2])
+        # Nothing was known of the place before: it is the sample less tremor and noise.
+        covariance = np.diag([TREMOR**2 + NOISE**2, *START, TREMOR**2, TREMOR**2])
+        covariance[0, 4] = covariance[4, 0] = -TREMOR**2
     else:
         transition, noise = passing((time - last) * 1e-6)
         mean, covariance = transition @ mean, transition @ covariance @ transition.T + noise

@@ -239,7 +239,7 @@ impl Approach {
             // It concerns a command from before the end.
             return;
         }
-        self.refused += 1;
+        self.refused = self.refused.saturating_add(1);
         match *refusal {
             // The pull was stopped by a contact before its motion was reported, or that contact is in the way
             // of the retreat.
@@ -463,9 +463,10 @@ impl Approach {
         if !matches!(report.gripper, GripperState::Open) {
             return Order { command: Some(VisualApproachCommand::Open), look: false };
         }
-        // The contact that ended the try is behind, unless it ended the pull; there may be another one.
-        if self.has_moved && report.motion == HandMotion::Blocked {
-            (self.has_moved, self.blocks) = (false, self.blocks + 1);
+        // The contact that ended the try is behind, unless it ended the pull; there may be another one, which
+        // is no longer reported once the hand has moved since.
+        if self.has_moved && report.motion == HandMotion::Blocked || self.refused >= LATE_REPORTS {
+            (self.has_moved, self.refused, self.blocks) = (false, 0, self.blocks + 1);
             if self.blocks >= MAX_BLOCKS {
                 self.enter(ApproachPhase::Failed(Reason::Blocked));
                 return self.ended();

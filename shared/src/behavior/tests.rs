@@ -479,6 +479,28 @@ fn a_refused_command_ends_the_try_with_its_reason() {
 }
 
 #[test]
+fn an_obstacle_that_is_no_longer_reported_is_acknowledged_in_the_retreat() {
+    let mut world = World::new();
+    world.gripper = GripperState::Open;
+    let report = world.report();
+    world.approach.update(&report, STEP);
+    world.approach.refused(&VisualApproachRefusal::Target { distance: 0.6, reach: 0.5 });
+    // The hand stands, and every motion is refused.
+    let mut acknowledged = 0;
+    for _ in 0..300 {
+        match world.approach.update(&report, STEP).command {
+            Some(VisualApproachCommand::Move { .. }) => {
+                world.approach.refused(&VisualApproachRefusal::Blocked { ahead: 0.1 });
+            }
+            Some(VisualApproachCommand::Acknowledge) => acknowledged += 1,
+            _ => {}
+        }
+    }
+    assert_eq!(acknowledged, 1);
+    assert_eq!(world.approach.phase(), ApproachPhase::Failed(Reason::Blocked));
+}
+
+#[test]
 fn a_knob_beyond_the_reach_is_refused_by_name() {
     let task = VisualApproachSettings { speed: 0.15, reach: 0.5, ..VisualApproachSettings::DEFAULT };
     assert_eq!(settings().validate(&task), Ok(()));

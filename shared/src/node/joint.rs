@@ -64,6 +64,8 @@ pub(super) struct JointState {
     /// [N·m], and the angle there [rad].
     stood: f32,
     stood_at: f32,
+    /// Whether a held joint presses on a gripped object.
+    pub grips: bool,
     pub servo: JointServoState,
 }
 
@@ -163,6 +165,7 @@ impl JointState {
             pressed: 0.0,
             stood: 0.0,
             stood_at: 0.0,
+            grips: false,
             servo: JointServoState::at(0.0),
         }
     }
@@ -373,7 +376,7 @@ impl Joint<'_> {
     ///
     /// Exceptions:
     ///
-    /// - `grips`: feed-forward forces act on a gripped object, so the second bound does not apply;
+    /// - the joint grips: feed-forward forces act on a gripped object, so the second bound does not apply;
     /// - `brakes`: the torque slows the joint down;
     /// - `begins`, part of `brakes`: in the first ticks of a stop, also if the motion does not slow down yet,
     ///   because other joints that brake may drive this one;
@@ -387,8 +390,7 @@ impl Joint<'_> {
         (state.stood, state.stood_at) =
             (if moved { abs(excess) } else { state.stood.min(abs(excess)) }, state.moved_to);
         let pressed = state.pressed + config.coulomb;
-        let grips = self.target.feedforward != 0.0;
-        let max = weight_error + if grips { pressed } else { pressed.min(state.stood) };
+        let max = weight_error + if state.grips { pressed } else { pressed.min(state.stood) };
         let is_led = abs(self.reference.velocity) >= STALL_SPEED;
         // If the motion does not slow down, the opposing torque balances a push, or the encoder drifts.
         let slows = is_led || begins || abs(state.change) + config.thresholds.flicker < abs(velocity) * TICK;

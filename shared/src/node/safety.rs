@@ -124,6 +124,9 @@ impl Node {
             Halt::Damp => Reaction::Damp,
             Halt::Joints => {
                 self.hold_joints(fault);
+                for joint in Joints::of(&self.robot, &mut self.state).each() {
+                    joint.state.grips = joint.target.feedforward != 0.0;
+                }
                 Reaction::Hold
             }
         }
@@ -244,11 +247,14 @@ impl Node {
         #[expect(clippy::cast_precision_loss, reason = "for display")]
         let late = || fault(FaultCause::LateTick, None, elapsed as f32, 1.0).filter(|_| elapsed != 1);
         let low = || fault(FaultCause::SupplyLow, None, supply, safety.supply_min);
-        // A stop that begins must know whether the force sensors are valid.
-        let misleads =
-            |found: &Fault| matches!(self.state.mode, Mode::Enabled(_)) && found.cause.loses_force();
+        // A stop that begins must know whether the force sensors and the references are valid.
+        let misleads = |found: &Fault| {
+            matches!(self.state.mode, Mode::Enabled(_))
+                && (found.cause.loses_force() || found.cause.invalidates_reference())
+        };
         late()
             .or(of_sensor(tip_fault).filter(misleads))
+            .or(of_sensor(joint_fault).filter(misleads))
             .or_else(|| low().filter(|_| supply < safety.supply_min))
             .or(of_sensor(joint_fault.or(tip_fault)))
     }

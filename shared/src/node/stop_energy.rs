@@ -71,6 +71,7 @@ impl Node {
             *motion = [*joint.position, 0.0, *joint.velocity];
         }
         let with_momentum = robot.coupled_dynamics(&motion);
+        let mut kinetic = 0.0;
         for ((joint, weight), torque) in all.each().zip(weight).zip(with_momentum) {
             joint.state.rise = 0.0;
             let velocity = *joint.velocity;
@@ -84,9 +85,10 @@ impl Node {
                 (0.5 * abs(excess) / joint.config.limits.torque_rate).min(MAX_FADING) + REACTION_TIME;
             let gained = excess / joint.config.inertia * fading;
             let faded = excess * (velocity + 0.5 * gained) * fading;
-            allowed += 0.5 * (momentum * velocity).max(0.0) + faded.max(0.0);
+            kinetic += 0.5 * momentum * velocity;
+            allowed += faded.max(0.0);
         }
-        self.state.stop_energy = StopEnergy { work: 0.0, allowed };
+        self.state.stop_energy = StopEnergy { work: 0.0, allowed: allowed + kinetic.max(0.0) };
     }
 
     /// Adds the work of the drives in the last period of a stop, and checks the encoders of damped joints and

@@ -111,9 +111,13 @@ impl Node {
         before.iter_mut().zip(&self.state.joints).for_each(|(before, joint)| *before = joint.torque);
         self.servo(actuation, !self.stays());
         let begins = self.state.tick.wrapping_sub(self.state.reacting_since) < BRAKING_TICKS;
+        let halting = self.state.halting;
         let mut all = Joints::of(&self.robot, &mut self.state);
         let weight = all.weight();
         for (mut joint, (before, weight)) in all.each().zip(before.into_iter().zip(weight)) {
+            if halting {
+                joint.state.grips = joint.target.feedforward != 0.0;
+            }
             joint.bound_hold(before, weight, begins);
         }
     }

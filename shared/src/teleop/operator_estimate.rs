@@ -11,8 +11,8 @@ use crate::math;
 const TREMOR: f32 = TAU * 10.0;
 /// Bandwidth of the tremor [1/s]: a correlation time of a third of a second.
 const TREMOR_BANDWIDTH: f32 = 3.0;
-/// Initial variances of position, velocity, acceleration and jerk after one sample [m or rad, and s].
-const INITIAL_VARIANCES: [f32; ORDER] = [1e-6, 1e-2, 1.0, 100.0];
+/// Initial variances of velocity, acceleration and jerk [m or rad, and s].
+const INITIAL_VARIANCES: [f32; ORDER - 1] = [1e-2, 1.0, 100.0];
 /// Position and three derivatives.
 const ORDER: usize = 4;
 /// Number of states, with the tremor and its quadrature.
@@ -73,8 +73,12 @@ impl<const N: usize> OperatorEstimate<N> {
         mean.set_row(0, &position.transpose());
         let tremor = model.tremor * model.tremor;
         let mut diagonal = SVector::<f32, SIZE>::repeat(tremor);
-        diagonal.iter_mut().zip(INITIAL_VARIANCES).for_each(|(variance, initial)| *variance = initial);
-        Self { mean, covariance: SMatrix::from_diagonal(&diagonal) }
+        // Nothing was known of the position before: it is the sample minus tremor and noise.
+        diagonal[0] += model.noise * model.noise;
+        diagonal.iter_mut().skip(1).zip(INITIAL_VARIANCES).for_each(|(variance, value)| *variance = value);
+        let mut covariance = SMatrix::from_diagonal(&diagonal);
+        (covariance[(0, ORDER)], covariance[(ORDER, 0)]) = (-tremor, -tremor);
+        Self { mean, covariance }
     }
 
     /// Time update by `time` [s].

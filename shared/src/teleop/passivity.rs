@@ -186,16 +186,20 @@ impl PowerPort {
     }
 
     /// Counts a control period with the mean link force `force` [N], the `displacement` [m], and the
-    /// `damping` force [N].
+    /// `damping` force [N]. Values that are not finite are not counted.
     pub fn account(&mut self, force: &Vector3<f32>, damping: &Vector3<f32>, displacement: &Vector3<f32>) {
-        self.uncounted_output += force.dot(displacement);
+        let [output, damped] = [force, damping].map(|force| force.dot(displacement));
+        if !output.is_finite() || !damped.is_finite() {
+            return;
+        }
+        self.uncounted_output += output;
         if math::abs(self.uncounted_output) > QUANTUM {
             let (counted, rest) = split(self.uncounted_output);
             self.uncounted_output = rest;
             let of = if counted > 0 { &mut self.energy_out } else { &mut self.energy_in };
             *of = of.saturating_add(counted.saturating_abs());
         }
-        let (counted, rest) = split(self.uncounted_damping - damping.dot(displacement));
+        let (counted, rest) = split(self.uncounted_damping - damped);
         (self.dissipated, self.uncounted_damping) = (self.dissipated.saturating_add(counted), rest);
     }
 

@@ -196,7 +196,7 @@ fn maxima(
 struct List<'a> {
     points: &'a mut [EdgePoint],
     length: usize,
-    histogram: [u16; BUCKETS],
+    histogram: [u32; BUCKETS],
     /// Points of lower buckets are dropped.
     min_bucket: u8,
 }
@@ -223,22 +223,27 @@ impl List<'_> {
         }
     }
 
-    /// Drops the weakest points, at least an eighth of all.
+    /// Drops the weakest points, at least an eighth of all; if all are equally strong, every second.
     fn drop_weakest(&mut self) {
+        let strongest = self.histogram.iter().rposition(|&count| count > 0).unwrap_or(0);
         let mut dropped = 0;
-        while dropped < self.length.div_ceil(8) && usize::from(self.min_bucket) < BUCKETS {
+        while dropped < self.length.div_ceil(8) && usize::from(self.min_bucket) < strongest {
             let count = &mut self.histogram[usize::from(self.min_bucket)];
-            dropped += usize::from(*count);
+            dropped += *count as usize;
             *count = 0;
             self.min_bucket += 1;
         }
+        let step = if dropped == 0 { 2 } else { 1 };
         let mut kept = 0;
-        for index in 0..self.length {
+        for index in (0..self.length).step_by(step) {
             let point = self.points[index];
             if point.bucket >= self.min_bucket {
                 self.points[kept] = point;
                 kept += 1;
             }
+        }
+        if dropped == 0 {
+            self.histogram[strongest] = kept as u32;
         }
         self.length = kept;
     }
@@ -247,7 +252,7 @@ impl List<'_> {
     fn weigh(&mut self) {
         let (mut below, mut median) = (0, 0);
         for (bucket, &count) in self.histogram.iter().enumerate() {
-            below += usize::from(count);
+            below += count as usize;
             if 2 * below >= self.length {
                 median = bucket;
                 break;
@@ -258,5 +263,39 @@ impl List<'_> {
             let quarters = i32::from(point.bucket) - median as i32 + 8;
             point.weight = if quarters < 0 { 1 } else { 1 << (quarters / 4).min(3) };
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The number of points of each strength that remain of so many points of each.
+    fn kept(capacity: usize, pushed: &[(i32, usize)]) -> Vec<usize> {
+        let mut points = std::vec![EdgePoint::NONE; capacity];
+        let mut list = List { points: &mut points, length: 0, histogram: [0; BUCKETS], min_bucket: 0 };
+        for &(gradient, count) in pushed {
+            (0..count).for_each(|_| list.push(0, 0, gradient, 0, (gradient * gradient) as u32));
+        }
+        let length = list.length;
+        let bucket = |gradient: i32| {
+            let power = 31 - (gradient * gradient).leading_zeros();
+            (4 * power + ((gradient * gradient) as u32 >> (power - 2) & 3)) as u8
+        };
+        let count =
+            |gradient| points[..length].iter().filter(|point| point.bucket == bucket(gradient)).count();
+        pushed.iter().map(|&(gradient, _)| count(gradient)).collect()
+    }
+
+    #[test]
+    fn the_strongest_points_are_kept_even_if_most_are_equally_strong() {
+        assert_eq!(kept(64, &[(100, 20), (200, 60)]), [0, 60]);
+        assert_eq!(kept(64, &[(100, 1), (200, 93), (100, 30)]), [0, 61, 0]);
+        assert_eq!(kept(64, &[(200, 64), (400, 1)]), [32, 1]);
+    }
+
+    #[test]
+    fn a_large_picture_may_have_any_number_of_points_of_one_strength() {
+        assert_eq!(kept(70_000, &[(100, 70_000)]), [70_000]);
     }
 }

@@ -182,6 +182,34 @@ fn frame_faults_are_named_with_value_limit_and_tick() {
     }
 }
 
+/// The faults of a robot whose second joint moves at 9 rad/s, 8 rad/s permitted, with this supply from
+/// tick `low` on [mV].
+fn faults_of_a_push(low: u32, supply: u16) -> (u32, Vec<FaultCause, MAX_FAULTS>, Reaction) {
+    let mut rig = Rig::enabled(&model());
+    rig.tick();
+    for tick in 0..8 {
+        rig.sensors.encoders[1] += libm::roundf(0.09 * COUNTS_PER_RADIAN) as i32;
+        if tick >= low {
+            rig.sensors.supply = supply;
+        }
+        rig.tick();
+        if rig.node.mode() == Mode::Fault {
+            rig.tick();
+            let causes = rig.node.faults().faults.iter().map(|fault| fault.cause).collect();
+            return (tick, causes, rig.node.state.reaction);
+        }
+    }
+    panic!("no fault");
+}
+
+#[test]
+fn a_low_supply_does_not_hide_a_joint_that_is_too_fast() {
+    let (tick, causes, reaction) = faults_of_a_push(100, 0);
+    assert_eq!((causes.as_slice(), reaction), ([FaultCause::VelocityLimit].as_slice(), Reaction::Hold));
+    let both = faults_of_a_push(tick, 19_000);
+    assert_eq!((both.0, both.1.as_slice(), both.2), (tick, causes.as_slice(), Reaction::Hold));
+}
+
 #[test]
 fn a_node_whose_sensors_are_silent_cannot_be_enabled_and_reads_them_anew_when_they_are_back() {
     let mut rig = Rig::enabled(&model());

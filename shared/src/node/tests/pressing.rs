@@ -234,8 +234,8 @@ fn a_stop_does_not_press_on_with_a_joint_that_stands() {
             assert_eq!(rig.ask(stream(1e-3 * f32::from(step), 0.1)), Reply::Done);
             rig.tick();
         }
-        assert_eq!(rig.ask(Request::Stop), Reply::Done);
         rig.node.state.targets.joints[2].feedforward = if grips { 1e-6 } else { 0.0 };
+        assert_eq!(rig.ask(Request::Stop), Reply::Done);
         let torques: std::vec::Vec<f32> = (0..60).map(|_| rig.tick().torques[2]).collect();
         assert_eq!((rig.node.faults().total, rig.node.state.reaction), (1, Reaction::Hold));
         let lowest = torques.iter().fold(f32::INFINITY, |lowest, torque| lowest.min(torque.abs()));

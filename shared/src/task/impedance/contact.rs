@@ -2,7 +2,8 @@
 
 use nalgebra::{Vector3, Vector6};
 
-use super::settings::{ImpedanceSettings, InvalidImpedanceSettings, Law};
+use super::response::discretized;
+use super::settings::{ImpedanceSettings, InvalidImpedanceSettings};
 use super::tuning::{MAX_MASS_RATIO, MAX_OWN_MASS_RATIO, OWN_MASS_MARGIN};
 use crate::TICK;
 use crate::control::ImpedanceAxes;
@@ -73,10 +74,7 @@ impl ImpedanceSettings {
         };
         let zero = Vector6::zeros();
         let law = |error: &_, velocity: &_, force: &_| {
-            let acceleration = match self.law {
-                Law::Direct(_) => impedance.acceleration(error, velocity, force),
-                Law::ModelFollowing => impedance.held_acceleration(error, velocity, force),
-            };
+            let acceleration = discretized(impedance, self.law, error, velocity, force);
             acceleration.get(axis).copied().unwrap_or(0.0)
         };
         let loop_gains = ContactLoop {
@@ -135,8 +133,8 @@ impl ContactLoop {
 mod tests {
     use super::*;
     use crate::control::ImpedanceCoupling;
-    use crate::task::impedance::DirectLaw;
     use crate::task::impedance::tests::SOFT;
+    use crate::task::impedance::{DirectLaw, Law};
 
     /// Whether the law is direct; mass, damping and stiffness of the impedance, own mass, largest stiffness
     /// of the surface; from `tests/oracles/contact_stability.py` (eigenvalues of the sampled loop).

@@ -16,18 +16,29 @@ pub(super) fn respond(
     velocity: &Vector6<f32>,
     force: &Vector6<f32>,
 ) -> Vector6<f32> {
-    let in_its_axes = |error: &_, velocity: &_, force: &_| match law {
-        Law::Direct(_) => impedance.acceleration(error, velocity, force),
-        Law::ModelFollowing => impedance.held_acceleration(error, velocity, force),
-    };
     match impedance.axes {
-        ImpedanceAxes::Base => in_its_axes(error, velocity, force),
+        ImpedanceAxes::Base => discretized(impedance, law, error, velocity, force),
         ImpedanceAxes::Tool => {
             let to_base = tool.rotation.matrix();
             let to_tool = to_base.transpose();
             let [error, velocity, force] = [error, velocity, force].map(|value| rotated(&to_tool, value));
-            rotated(to_base, &in_its_axes(&error, &velocity, &force))
+            rotated(to_base, &discretized(impedance, law, &error, &velocity, &force))
         }
+    }
+}
+
+/// The same in the axes of the impedance.
+#[inline]
+pub(super) fn discretized(
+    impedance: &Impedance,
+    law: Law,
+    error: &Vector6<f32>,
+    velocity: &Vector6<f32>,
+    force: &Vector6<f32>,
+) -> Vector6<f32> {
+    match law {
+        Law::Direct(_) => impedance.acceleration(error, velocity, force),
+        Law::ModelFollowing => impedance.held_acceleration(error, velocity, force),
     }
 }
 

@@ -45,6 +45,8 @@ pub struct ImpedanceState {
     angles: [f32; MAX_CHAIN_JOINTS],
     velocities: [f32; MAX_CHAIN_JOINTS],
     observers: [ObserverState; MAX_CHAIN_JOINTS],
+    /// The disturbances that they estimated one and two ticks ago.
+    earlier_disturbances: [[f32; MAX_CHAIN_JOINTS]; 2],
     /// Whether a stop has begun.
     halted: bool,
     release: Release,
@@ -80,6 +82,7 @@ impl ImpedanceState {
         angles: [0.0; MAX_CHAIN_JOINTS],
         velocities: [0.0; MAX_CHAIN_JOINTS],
         observers: [ObserverState::new(); MAX_CHAIN_JOINTS],
+        earlier_disturbances: [[0.0; MAX_CHAIN_JOINTS]; 2],
         halted: false,
         release: Release::NotNeeded,
         contact: false,
@@ -114,7 +117,7 @@ impl ImpedanceState {
         let before = core::mem::replace(&mut self.settings, *settings);
         if before.law != settings.law {
             // The direct law estimates no disturbance, so an earlier estimate is out of date.
-            self.observers = Self::NONE.observers;
+            self.forget_disturbances();
         }
         if before.redundancy != settings.redundancy {
             let posture = arm.chain.posture(&self.angles);
@@ -202,8 +205,12 @@ impl ImpedanceState {
         if settings.law.direct().is_some() || self.estimates_force() || self.halted {
             return 0.0;
         }
-        let disturbances = JointVector::from(self.observers.map(|observer| observer.disturbance()));
-        (jacobian.fixed_rows::<3>(0) * disturbances).norm_squared()
+        (jacobian.fixed_rows::<3>(0) * JointVector::from(self.disturbances())).norm_squared()
+    }
+
+    /// Estimated disturbances of the joints [rad/s²].
+    pub(super) fn disturbances(&self) -> [f32; MAX_CHAIN_JOINTS] {
+        self.observers.map(|observer| observer.disturbance())
     }
 
     /// Linear acceleration of the tool over the last period [m/s²]. The force sensor measures the inertial
@@ -309,8 +316,8 @@ impl ImpedanceState {
         if self.estimates_force() { self.estimated_wrench.into() } else { measurement.wrench.into() }
     }
 
-    /// Detects contact, with hysteresis. Returns whether the reference arm takes the measured state: during
-    /// contact, and once more when it ends.
+    /// Detects contact, with hysteresis; its begin revises the disturbance estimates. Returns whether the
+    /// reference arm takes the measured state: during contact, and once more when it ends.
     fn update_contact(&mut self, settings: &ImpedanceSettings, wrench: &Vector6<f32>) -> bool {
         let force = wrench.fixed_rows::<3>(0).norm_squared();
         let before = core::mem::replace(&mut self.squared_force, force);
@@ -323,7 +330,27 @@ impl ImpedanceState {
             }
             (Release::NotNeeded, false) => force > limit,
         };
-        core::mem::replace(&mut self.contact, contact) || contact
+        let was_contact = core::mem::replace(&mut self.contact, contact);
+        if contact && !was_contact && !self.estimates_force() {
+            self.forget_impact();
+        }
+        was_contact || contact
+    }
+
+    /// Begins anew with disturbances of 0.
+    pub(super) const fn forget_disturbances(&mut self) {
+        self.observers = Self::NONE.observers;
+        self.earlier_disturbances = Self::NONE.earlier_disturbances;
+    }
+
+    /// Restores the disturbances that were estimated before an impact. The angles show it one or two ticks
+    /// before the force, which is averaged over a shorter time or filtered. What the observers have learnt
+    /// since then is the impact, and the arm would press with it.
+    fn forget_impact(&mut self) {
+        let [_, before] = self.earlier_disturbances;
+        for (observer, before) in self.observers.iter_mut().zip(before) {
+            observer.hand_over(observer.disturbance() - before);
+        }
     }
 
     /// Updates the disturbance observers with the tracking error of the reference arm. With
@@ -339,6 +366,8 @@ impl ImpedanceState {
             (self.angles, self.velocities) = (measurement.angles, measurement.velocities);
             return;
         }
+        let [last, _] = self.earlier_disturbances;
+        self.earlier_disturbances = [self.disturbances(), last];
         let senses_contact = use_measured_state && !self.estimates_force();
         let rest_speed = match (senses_contact, self.setpoints_rest()) {
             (true, true) => PRESSING_REST_SPEED,
@@ -382,7 +411,9 @@ impl ImpedanceState {
         resolver: &Resolver,
     ) {
         if let ForceSource::Observer { bandwidth } = settings.force {
-            let at_rest = self.velocities.iter().all(|velocity| abs(*velocity) < REST_SPEED);
+            // Encoders cannot show that the arm itself is as slow as that.
+            let at_rest = self.velocities.iter().all(|velocity| abs(*velocity) < REST_SPEED)
+                && measurement.velocities.iter().all(|velocity| abs(*velocity) < CONTACT_REST_SPEED);
             self.momentum_observer.update(arm, &measurement.angles, &self.velocities, bandwidth, at_rest);
             self.estimated_wrench = resolver.wrench(&self.momentum_observer.torques()).into();
         }
@@ -401,7 +432,7 @@ impl ImpedanceState {
         let acceleration = Vector6::from(self.setpoint.acceleration);
         let derating = self.derating.factor();
         if derating > 1.0 {
-            // Multiplying mass and damping by the derating equals dividing force and error by it.
+            // As if mass and damping were multiplied by the derating, apart from the discretisation.
             let [error, force] = [error, force].map(|value| value * (1.0 / derating));
             return acceleration
                 + respond(&self.impedance, settings.law, tool, &error, &velocity_error, &force);

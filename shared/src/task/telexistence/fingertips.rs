@@ -81,9 +81,11 @@ pub(super) struct Fingertips {
 impl Fingertips {
     pub const NONE: Self = Self { number: None, ticks: 0, tips: [None; MAX_FINGERS] };
 
-    /// Stores a valid sample. Returns `false` if it is not newer than the last.
+    /// Stores a valid sample. Returns `false` if it is not newer than the last. After a pause of 2.55 s it may
+    /// have any number: another leader counts from another one.
     pub fn take(&mut self, sample: &FingertipSample) -> bool {
-        let is_newer = |last| (1..0x8000).contains(&sample.number.wrapping_sub(last));
+        let is_newer =
+            |last| self.ticks == u8::MAX || (1..0x8000).contains(&sample.number.wrapping_sub(last));
         if !self.number.is_none_or(is_newer) {
             return false;
         }
@@ -136,5 +138,22 @@ impl Fingertips {
     /// Bit `i`: finger `i` is not known.
     pub fn unknown(&self) -> u8 {
         (0..).zip(&self.tips).filter(|(_, tip)| tip.is_none()).fold(0, |bits, (finger, _)| bits | 1 << finger)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn another_leader_is_heard_after_a_pause() {
+        let sample = |number| FingertipSample { number, age: 0.0, tips: [None; MAX_FINGERS] };
+        let mut fingertips = Fingertips::NONE;
+        assert!(fingertips.take(&sample(20_000)));
+        assert!(!fingertips.take(&sample(20_000)) && !fingertips.take(&sample(0)));
+        (0..254).for_each(|_| fingertips.advance(1.0));
+        assert!(!fingertips.take(&sample(0)));
+        fingertips.advance(1.0);
+        assert!(fingertips.take(&sample(0)) && !fingertips.take(&sample(0)) && fingertips.take(&sample(1)));
     }
 }

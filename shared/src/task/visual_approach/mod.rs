@@ -276,12 +276,11 @@ impl VisualApproach {
 
     /// What the force estimate learns in this period: nothing while the hand may carry a load.
     const fn learning(&self) -> Learning {
-        if !self.has_moved {
-            return Learning::Unloaded;
-        }
+        let closes = matches!(self.gripper.state, GripperState::Closing | GripperState::Holding);
         let is_free =
             matches!(self.gripper.state, GripperState::Still | GripperState::Open | GripperState::Empty);
         match self.motion.motion {
+            _ if !self.has_moved && !closes => Learning::Unloaded,
             _ if !is_free || self.motion.is_ended() => Learning::Nothing,
             HandMotion::Standing => Learning::Standing,
             _ => Learning::Moving,

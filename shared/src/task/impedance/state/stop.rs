@@ -51,11 +51,9 @@ impl ImpedanceState {
             (self.angles, self.velocities) = (measurement.angles, measurement.velocities);
             self.tool_acceleration = [0.0; 3];
             self.momentum_observer.miss();
-            for observer in &mut self.observers {
-                observer.reset_motion();
-                if takeover == Takeover::Nothing {
-                    *observer = ObserverState::new();
-                }
+            self.observers.iter_mut().for_each(ObserverState::reset_motion);
+            if takeover == Takeover::Nothing {
+                self.forget_disturbances();
             }
         }
         self.halted = true;

@@ -39,3 +39,23 @@ fn against_a_set_point_at_rest_slow_joints_learn_nothing() {
 fn against_a_moving_set_point_only_joints_at_rest_learn_nothing() {
     assert_learning_above(0.04, 2e-3);
 }
+
+#[test]
+fn an_impact_that_the_angles_show_before_the_force_is_no_disturbance() {
+    let fixture = ArmFixture::new();
+    let mut state = fixture.state(&SOFT, &POSTURES[0]);
+    let mut measurement = ArmMeasurement { angles: POSTURES[0], ..ArmMeasurement::default() };
+    let mut tick = |force: f32, error: f32| {
+        measurement.wrench[0] = force;
+        measurement.angles[3] -= error;
+        measurement = track(&state.tick(&fixture.arm(), &measurement).unwrap());
+        state.disturbances()[3]
+    };
+    // A model error, learnt in free motion, remains.
+    let learnt = (0..8).map(|_| tick(0.0, 1e-3)).last().unwrap();
+    // The impact stops the joint; the force is measured two ticks later.
+    let [.., impact] = [0.1, 0.9].map(|force| tick(force, 6e-3));
+    assert!(learnt > 3.0 && impact > 4.0 * learnt, "{learnt} {impact}");
+    let pressing = [9.0, 9.0, 9.0].map(|force| tick(force, 0.0));
+    assert!(pressing.iter().all(|value| abs(value - learnt) < 0.2 * learnt), "{learnt} {pressing:?}");
+}
