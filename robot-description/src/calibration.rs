@@ -9,7 +9,7 @@ use tesaki::model::RobotModel;
 use toml_edit::{DocumentMut, Item, Table, Value};
 
 use crate::file::{self, FileError};
-use crate::finding::Report;
+use crate::finding::{Finding, Report};
 use crate::robot::{implausible_values, invalid_value};
 
 /// What to do about a key that cannot be read.
@@ -61,8 +61,8 @@ impl Calibration {
     /// What is wrong, and where.
     pub fn load(path: &Path) -> Result<Self, FileError> {
         file::load(path, "", |path, text| {
-            let mut report = Report::of_toml(path, text);
-            (file::parse(text, ADVICE, &mut report), report.findings)
+            let (read, findings) = read(path, text);
+            (read.map(|(values, _)| values), findings)
         })
     }
 
@@ -134,12 +134,8 @@ impl CalibrationFile {
             return Ok(Self::default());
         }
         file::load(path, "", |path, text| {
-            let mut report = Report::of_toml(path, text);
-            let document = file::parse::<Calibration>(text, ADVICE, &mut report).and_then(|_| {
-                let parsed = text.parse::<DocumentMut>();
-                parsed.map_err(|error| report.dynamics(None, error.message(), ADVICE)).ok()
-            });
-            (document.map(Self), report.findings)
+            let (read, findings) = read(path, text);
+            (read.map(|(_, document)| Self(document)), findings)
         })
     }
 
@@ -176,6 +172,21 @@ impl CalibrationFile {
         let joints = table(self.0.entry("joints").or_insert(Item::Table(all)));
         table(joints.entry(name).or_insert(Item::Table(Table::new())))
     }
+}
+
+/// Reads the text of a file as values, and as a document that can be changed. The latter has only integers of 64
+/// bits, as TOML says.
+fn read(path: &Path, text: &str) -> (Option<(Calibration, DocumentMut)>, Vec<Finding>) {
+    let mut report = Report::of_toml(path, text);
+    let read = file::parse::<Calibration>(text, ADVICE, &mut report).and_then(|values| {
+        let document = text.parse::<DocumentMut>().map_err(|error| {
+            let before = error.span().and_then(|span| text.get(..span.start));
+            let line = before.map(|before| before.matches('\n').count() + 1);
+            report.dynamics(line, error.message(), ADVICE);
+        });
+        Some((values, document.ok()?))
+    });
+    (read, report.findings)
 }
 
 /// The item as a table that has lines of its own.
