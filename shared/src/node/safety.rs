@@ -24,6 +24,56 @@ const CONTACT_SHARE: f32 = 0.02;
 /// A finding of the sensors, and the joint that it concerns.
 type SensorFault = Option<(u8, Finding)>;
 
+/// What determines whether a further fault changes the present stop, if there is one.
+#[derive(Clone, Copy)]
+struct PresentStop {
+    /// Whether the robot is held after a fault, and whether its task does that.
+    holds: bool,
+    halting: bool,
+    reacts_to: FaultCause,
+}
+
+impl PresentStop {
+    fn of(state: &State) -> Self {
+        let holds = state.mode == Mode::Fault && state.reaction == Reaction::Hold;
+        Self { holds, halting: state.halting, reacts_to: state.reacts_to }
+    }
+
+    /// Whether a fault while the robot is held shows that holding fails.
+    fn fails(self, cause: FaultCause) -> bool {
+        match cause {
+            FaultCause::FollowingError
+            | FaultCause::LateTick
+            | FaultCause::EnergyGained
+            | FaultCause::ObjectLost
+            | FaultCause::ObjectMoved
+            | FaultCause::ToolPositionError
+            | FaultCause::ToolOrientationError => true,
+            // Held joints do not need the force sensors; a task does.
+            cause if cause.loses_force() => self.halting,
+            // The condition that caused the fault lasts until the robot is at rest and the force is released.
+            FaultCause::ForceLimit | FaultCause::VelocityLimit | FaultCause::PositionLimit => {
+                self.reacts_to != cause
+            }
+            _ => false,
+        }
+    }
+
+    /// Whether a fault switches the outputs off or ends the holding. Others must not mask it.
+    fn is_urgent(self, cause: FaultCause) -> bool {
+        !cause.leaves_control() || self.holds && self.fails(cause)
+    }
+
+    /// The worse of two findings: one that is urgent, else the first.
+    #[cold]
+    fn worse(self, first: SensorFault, other: (u8, Finding)) -> SensorFault {
+        match first {
+            Some((_, found)) if !self.is_urgent(other.1.cause) || self.is_urgent(found.cause) => first,
+            _ => Some(other),
+        }
+    }
+}
+
 impl Node {
     /// Records a fault and reacts to it with the stop that the task needs, or, if the reaction to an earlier
     /// fault has failed, with a weaker reaction.
@@ -48,7 +98,7 @@ impl Node {
                         return;
                     }
                 }
-                let failed = self.shows_that_holding_fails(fault.cause);
+                let failed = PresentStop::of(&self.state).fails(fault.cause);
                 let damps = self.state.reaction == Reaction::Damp;
                 let reaction = strongest.min(match fault.cause {
                     FaultCause::EnergyGained if damps => Reaction::Off,
@@ -91,26 +141,6 @@ impl Node {
                 Reaction::Hold
             }
             (reaction, _) => reaction,
-        }
-    }
-
-    /// Whether a fault while the robot is held after another one shows that holding fails.
-    fn shows_that_holding_fails(&self, cause: FaultCause) -> bool {
-        match cause {
-            FaultCause::FollowingError
-            | FaultCause::LateTick
-            | FaultCause::EnergyGained
-            | FaultCause::ObjectLost
-            | FaultCause::ObjectMoved
-            | FaultCause::ToolPositionError
-            | FaultCause::ToolOrientationError => true,
-            // Held joints do not need the force sensors; a task does.
-            cause if cause.loses_force() => self.state.halting,
-            // The condition that caused the fault lasts until the robot is at rest and the force is released.
-            FaultCause::ForceLimit | FaultCause::VelocityLimit | FaultCause::PositionLimit => {
-                self.state.reacts_to != cause
-            }
-            _ => false,
         }
     }
 
@@ -226,9 +256,8 @@ impl Node {
             let (index, found) = found?;
             Some(found.at(Some(index), self.state.tick))
         };
-        let urgent = |found: &Fault| {
-            !found.cause.leaves_control() || self.is_holding() && self.shows_that_holding_fails(found.cause)
-        };
+        let stop = PresentStop::of(&self.state);
+        let urgent = |found: &Fault| stop.is_urgent(found.cause);
         let supply = f32::from(sensors.supply) / 1000.0;
         if sensors.flags.emergency_stop() {
             return fault(FaultCause::EmergencyStop, None, 1.0, 0.0);
@@ -304,7 +333,7 @@ impl Node {
 
     /// Whether the robot is held after a fault.
     pub(super) fn is_holding(&self) -> bool {
-        self.state.mode == Mode::Fault && self.state.reaction == Reaction::Hold
+        PresentStop::of(&self.state).holds
     }
 
     /// The first joint whose torque is not finite.
@@ -404,7 +433,7 @@ fn pressing(robot: &Robot, measured: &Measured) -> u16 {
 #[cold]
 #[inline(never)]
 fn check_joints(robot: &Robot, state: &mut State, sensors: &SensorFrame) -> SensorFault {
-    let tick = state.tick;
+    let (tick, stop) = (state.tick, PresentStop::of(state));
     // The reference takes the measured state when an arm makes contact, and for damped joints.
     let damped = state.mode == Mode::Fault && state.reaction == Reaction::Damp;
     let follows = damped || matches!(state.targets.actuation, Actuation::Acceleration { .. });
@@ -412,19 +441,19 @@ fn check_joints(robot: &Robot, state: &mut State, sensors: &SensorFrame) -> Sens
     let mut found = None;
     for (index, (mut joint, &current)) in (0..).zip(Joints::of(robot, state).each().zip(&sensors.currents)) {
         if dead_encoder == Some(index) {
-            found = worse(found, (index, joint.find_dead()));
+            found = stop.worse(found, (index, joint.find_dead()));
         }
         if joint.gains_speed()
             && let Some(fault) = joint.check_speed(follows, tick)
         {
-            found = worse(found, (index, fault));
+            found = stop.worse(found, (index, fault));
         }
         if let Some(fault) = joint.check_measurement(current) {
-            found = worse(found, (index, fault));
+            found = stop.worse(found, (index, fault));
         }
     }
     match check_swapped(robot, state) {
-        Some(swapped) => worse(found, swapped),
+        Some(swapped) => stop.worse(found, swapped),
         None => found,
     }
 }
@@ -450,15 +479,6 @@ fn check_swapped(robot: &Robot, state: &mut State) -> SensorFault {
         }
     }
     None
-}
-
-/// The worse of two findings: one that leaves no control, else the first.
-#[cold]
-fn worse(first: SensorFault, other: (u8, Finding)) -> SensorFault {
-    match first {
-        Some((_, found)) if other.1.cause.leaves_control() || !found.cause.leaves_control() => first,
-        _ => Some(other),
-    }
 }
 
 /// A wrong number of sensors, and that of the robot.
@@ -516,4 +536,20 @@ fn read_forces(
         first_fault = first_fault.or(fault.map(|fault| (last, fault)));
     }
     first_fault
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_condition_that_a_stop_reacts_to_hides_no_worse_one() {
+        let stop = PresentStop { holds: true, halting: false, reacts_to: FaultCause::VelocityLimit };
+        let of = |cause| Finding { cause, value: 2.0, limit: 1.0 };
+        let lasting = (0, of(FaultCause::VelocityLimit));
+        let worse = |other| stop.worse(Some(lasting), other).map(|(joint, found)| (joint, found.cause));
+        assert_eq!(worse((3, of(FaultCause::PositionLimit))), Some((3, FaultCause::PositionLimit)));
+        assert_eq!(worse((3, of(FaultCause::EncoderJump))), Some((3, FaultCause::EncoderJump)));
+        assert_eq!(worse((3, of(FaultCause::VelocityLimit))), Some((0, FaultCause::VelocityLimit)));
+    }
 }
