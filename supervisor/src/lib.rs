@@ -17,6 +17,7 @@ mod link;
 #[cfg(feature = "cli")]
 pub mod monitor;
 pub mod operator;
+pub mod output_queue;
 #[cfg(unix)]
 pub mod port;
 #[cfg(feature = "publication")]
@@ -25,6 +26,7 @@ pub mod publication;
 pub mod task_report;
 pub mod trajectory;
 pub mod troubleshooting;
+pub mod words;
 
-pub use board::{Board, BoardError, Exported};
+pub use board::{Board, BoardError, Exported, LEASE_EXPIRES};
 pub use link::{ByteLink, LinkBoard};

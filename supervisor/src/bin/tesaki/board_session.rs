@@ -8,15 +8,15 @@ use std::time::{Duration, Instant};
 use tesaki::fault::FaultCause;
 use tesaki::model::RobotModel;
 use tesaki::protocol::{
-    FromBoard, Identity, LogEntry, LogRecord, Mode, Refusal, Reply, ReplyFrame, Request, Status, Stream,
-    TaskReport, Telemetry, Tips,
+    FromBoard, Identity, Mode, Refusal, Reply, ReplyFrame, Request, Status, Stream, TaskReport, Telemetry,
+    Tips,
 };
 use tesaki::task::TaskRefusal;
 use tesaki::task::impedance::ImpedanceRefusal;
 use tesaki_supervisor::fault_injector::FaultyLink;
 use tesaki_supervisor::faults::{self, FaultsBefore};
 use tesaki_supervisor::port::{Address, Key, Reopening};
-use tesaki_supervisor::{Board, BoardError, LinkBoard};
+use tesaki_supervisor::{Board, BoardError, LinkBoard, output_queue, words};
 
 use crate::args::Options;
 use crate::failure::Failure;
@@ -85,11 +85,7 @@ impl BoardSession {
         let mut session = Self::open_at(options, port)?;
         session.board.await_command(options.take_over).map_err(|error| match error {
             BoardError::Refused { refusal: Refusal::Commanded { .. }, .. } if options.take_over => {
-                Failure::Refused(
-                    "another client commands the board, which is enabled: it can only be taken over after `tesaki stop` \
-                     or `tesaki disable`"
-                        .to_owned(),
-                )
+                Failure::Refused(words::NOT_TAKEN_OVER.to_owned())
             }
             error => error.into(),
         })?;
@@ -268,7 +264,7 @@ impl BoardSession {
 
     /// Whether the outputs are on; `None` when the control loop does not run.
     pub fn outputs(&mut self) -> Result<Option<bool>, Failure> {
-        outputs(&mut self.board)
+        Ok(self.board.outputs()?)
     }
 
     /// Whether the outputs are on in this mode; `None` when a board in fault does not tell.
@@ -333,44 +329,6 @@ pub fn notice_untared(options: &Options, done: &str, tared: &[String]) {
     }
 }
 
-/// Whether the outputs of this board are on; `None` when its control loop does not run.
-pub fn outputs(board: &mut LinkBoard<BoardLink>) -> Result<Option<bool>, Failure> {
-    find_in_log(board, |record| match record {
-        LogRecord::Actuators(frame) => Some(frame.enabled),
-        _ => None,
-    })
-}
-
-/// A mode, for people: in fault also what the outputs do.
-pub fn mode_in_words(mode: Mode, outputs: Option<bool>) -> String {
-    let outputs = match (mode, outputs) {
-        (Mode::Fault, Some(true)) => ", and its outputs are on: it brakes or holds the robot",
-        (Mode::Fault, Some(false)) => ", and its outputs are off",
-        _ => "",
-    };
-    format!("{mode}{outputs}")
-}
-
-/// What `find` finds first in the entries of the board's log; `None` when its control loop does not run.
-pub fn find_in_log<T>(
-    board: &mut LinkBoard<BoardLink>,
-    mut find: impl FnMut(&LogRecord) -> Option<T>,
-) -> Result<Option<T>, Failure> {
-    board.set_rate(Stream::Log, 1)?;
-    let deadline = Instant::now() + Duration::from_millis(500);
-    let mut found = None;
-    while found.is_none()
-        && Instant::now() < deadline
-        && let Some(event) = board.next_event(deadline)?
-    {
-        if let FromBoard::Log(LogEntry { record, .. }) = event {
-            found = find(&record);
-        }
-    }
-    board.set_rate(Stream::Log, 0)?;
-    Ok(found)
-}
-
 /// An error if a set-point was refused, unless it was only late, or duplicated by a bad line.
 pub fn refused(reply: &Reply) -> Result<(), Failure> {
     match *reply {
@@ -408,11 +366,6 @@ pub fn port_address(board: &LinkBoard<BoardLink>) -> String {
 /// See [`interrupted`].
 static FLAG: OnceLock<Arc<AtomicBool>> = OnceLock::new();
 
-/// Whether Ctrl-C or a request to terminate has come; without [`interrupted`] they end the process at once.
-pub fn was_interrupted() -> bool {
-    FLAG.get().is_some_and(|flag| flag.load(Ordering::Relaxed))
-}
-
 /// Set by Ctrl-C and by a request to terminate.
 pub fn interrupted() -> Result<Arc<AtomicBool>, Failure> {
     if let Some(flag) = FLAG.get() {
@@ -422,6 +375,7 @@ pub fn interrupted() -> Result<Arc<AtomicBool>, Failure> {
     let signal = Arc::clone(&flag);
     ctrlc::set_handler(move || signal.store(true, Ordering::Relaxed))
         .map_err(|error| Failure::Other(format!("cannot handle Ctrl-C: {error}")))?;
+    output_queue::interrupt_by(Arc::clone(&flag));
     Ok(Arc::clone(FLAG.get_or_init(|| flag)))
 }
 

@@ -199,6 +199,9 @@ impl Share {
 
     fn read_model(&mut self, status: &Status) -> Result<(), Failure> {
         self.session.update_model(&mut self.model, status)?;
+        if let Some((model, _)) = &self.model {
+            self.publication.require_own(model)?;
+        }
         self.publication.use_model(self.model.as_ref().map(|(model, checksum)| (model, *checksum)));
         Ok(())
     }
