@@ -10,6 +10,7 @@ use tesaki::task::{TaskCommand, TaskKind};
 use tesaki_recording::{Live, LogLevel, Publisher, Topic};
 use tesaki_supervisor::faults::{self, FaultFollower, FaultsBefore};
 use tesaki_supervisor::publication::{Publication, STREAMS, require_own};
+use tesaki_supervisor::timing::{BLIND, FRESH, KEEP_ALIVE, LAST_WORD, LATE};
 use tesaki_supervisor::{Board as _, BoardError, words};
 
 use crate::action::ActionServer;
@@ -17,27 +18,17 @@ use crate::args::Options;
 use crate::controller::Controller;
 use crate::dds::{Dds, Writer, dds_type, qos};
 use crate::messages::{Uuid, nanoseconds_since_1970};
-use crate::requests::{FRESH, Services};
+use crate::requests::Services;
 use crate::session::{Failure, Session, describe, robot_folder, say, untold};
 
 /// How long the board is listened to before clients are served.
 const TURN: Duration = Duration::from_millis(2);
-/// Without telemetry for this time, an enabled board is still kept enabled: the telemetry may only be late.
-const KEEP_ALIVE: Duration = Duration::from_millis(20);
-/// Without telemetry for this time, nothing more is commanded.
-const BLIND: Duration = Duration::from_millis(500);
-/// For this time after the board was enabled, telemetry from before may still arrive.
-const LATE: Duration = Duration::from_millis(200);
 /// Without telemetry for this time, the streams are requested again.
 const SILENCE: Duration = Duration::from_millis(700);
 /// Number of posted requests whose refusals are awaited: those of more than half a second.
 const POSTED: usize = 64;
 /// Period in which DDS is checked.
 const CHECK: Duration = Duration::from_millis(100);
-/// How long to wait for an answer of a board that may be gone.
-const GLANCE: Duration = Duration::from_millis(200);
-/// How long the board may take for an answer at the end.
-const LAST_WORD: Duration = Duration::from_millis(500);
 /// Maximum time at the end for joints to brake, and for answers to clients.
 const FAREWELL: Duration = Duration::from_secs(1);
 /// Time at the end in which clients may still ask for results, and lost messages may be repeated.
@@ -119,12 +110,6 @@ impl Enabled {
     }
 }
 
-/// The model on the board.
-pub struct OnBoard {
-    pub model: RobotModel,
-    checksum: u32,
-}
-
 /// Counts of what was published.
 #[derive(Default)]
 struct Tally {
@@ -147,7 +132,8 @@ pub struct Node<'a> {
     writers: Vec<Option<Writer>>,
     pub services: Services,
     pub action: ActionServer,
-    pub on_board: Option<OnBoard>,
+    /// The model on the board, with its checksum.
+    pub model: Option<(RobotModel, u32)>,
     pub telemetry: Option<Telemetry>,
     /// When telemetry last came, and when it was last requested.
     pub heard: Instant,
@@ -194,7 +180,7 @@ impl<'a> Node<'a> {
             writers: Vec::new(),
             services,
             action,
-            on_board: None,
+            model: None,
             telemetry: None,
             heard: now,
             asked: now,
@@ -311,7 +297,7 @@ impl<'a> Node<'a> {
 
     /// Returns each new fault in words.
     fn new_faults(&mut self, telemetry: &Telemetry) -> Vec<String> {
-        let model = self.on_board.as_ref().map(|on_board| &on_board.model);
+        let model = self.model.as_ref().map(|(model, _)| model);
         match (self.session.board.faults(), &mut self.faults) {
             (Ok(log), Some(faults)) => {
                 let new = faults.take(telemetry, &log).iter();
@@ -328,7 +314,7 @@ impl<'a> Node<'a> {
 
     /// Returns the faults that stopped the board, in words: the first one after `before`, if that is known.
     pub fn fault_text(&mut self, before: Option<FaultsBefore>) -> String {
-        let model = self.on_board.as_ref().map(|on_board| &on_board.model);
+        let model = self.model.as_ref().map(|(model, _)| model);
         match self.session.board.faults() {
             Ok(log) => {
                 describe(before.map_or_else(|| faults::blamed(&log), |before| before.cause(&log)), model)
@@ -394,6 +380,7 @@ impl<'a> Node<'a> {
                 self.session.lose_command();
                 return self.forget_enabled(text);
             }
+            // The telemetry may only be late.
             if silence > KEEP_ALIVE && enabled.kept.elapsed() > KEEP_ALIVE {
                 enabled.post(&mut self.session, Request::Keep)?;
             }
@@ -407,14 +394,8 @@ impl<'a> Node<'a> {
                 };
                 self.note(LogLevel::Error, text)?;
             }
-            self.session.set_patience(Some(GLANCE));
-            let answer = self.session.board.hello().and_then(|_| self.request_streams(true));
-            self.session.set_patience(None);
+            self.session.board.reconnect(STREAMS)?;
             self.asked = Instant::now();
-            match answer {
-                Ok(()) | Err(BoardError::Timeout { .. }) => {}
-                Err(error) => return Err(error.into()),
-            }
         }
         Ok(())
     }
@@ -427,31 +408,11 @@ impl<'a> Node<'a> {
 
     /// Reads the model on the board if it has changed.
     fn read_model(&mut self, status: &Status) -> Result<(), Failure> {
-        let node = &status.node;
-        let checksum = (!node.model.is_empty()).then_some(node.model_checksum);
-        if self.on_board.as_ref().map(|on_board| on_board.checksum) == checksum {
-            return Ok(());
+        self.session.board.update_model(&mut self.model, status)?;
+        if let Some((model, _)) = &self.model {
+            self.publication.require_own(model)?;
         }
-        self.on_board = match checksum.map(|checksum| (self.session.board.model(), checksum)) {
-            Some((Ok(model), checksum)) => Some(OnBoard { model, checksum }),
-            // The next status follows soon.
-            None
-            | Some((
-                Err(
-                    BoardError::Refused { .. }
-                    | BoardError::Timeout { .. }
-                    | BoardError::ExportDisturbed
-                    | BoardError::Reset,
-                ),
-                _,
-            )) => None,
-            Some((Err(error), _)) => return Err(error.into()),
-        };
-        if let Some(on_board) = &self.on_board {
-            self.publication.require_own(&on_board.model)?;
-        }
-        self.publication
-            .use_model(self.on_board.as_ref().map(|on_board| (&on_board.model, on_board.checksum)));
+        self.publication.use_model(self.model.as_ref().map(|(model, checksum)| (model, *checksum)));
         Ok(())
     }
 

@@ -9,6 +9,7 @@ use tesaki::task::TaskConfig;
 use tesaki_recording::LogLevel;
 use tesaki_supervisor::faults::{self, FaultsBefore};
 use tesaki_supervisor::gravity::Load;
+use tesaki_supervisor::timing::FRESH;
 use tesaki_supervisor::{Board as _, BoardError, LEASE_EXPIRES, angles};
 
 use crate::action::Wish;
@@ -24,8 +25,6 @@ use crate::service::{Caller, Service};
 use crate::session::{Failure, describe, words};
 use crate::trajectory::{Refused, named};
 
-/// Maximum age at which telemetry still shows where the joints are.
-pub const FRESH: Duration = Duration::from_millis(200);
 /// Period of the feedback on a goal, as that of joint_trajectory_controller.
 const FEEDBACK: Duration = Duration::from_millis(50);
 
@@ -183,7 +182,7 @@ impl Node<'_> {
 
     /// Returns what holds the joints where they are, the faults so far, and what gravity does.
     fn hold_here(&mut self) -> Result<(Controller, FaultsBefore, Option<Load>), String> {
-        let Some(on_board) = &self.on_board else {
+        let Some((model, _)) = &self.model else {
             return Err("the board has no model: push one with `tesaki model push ROBOT_FOLDER`".to_owned());
         };
         // With old angles, the joints would move to them.
@@ -196,9 +195,9 @@ impl Node<'_> {
             return Err(format!("the board is in fault: {text}. Call clear_faults first"));
         }
         let mut robot = Box::new(Robot::NONE);
-        robot.configure(&on_board.model).map_err(|error| error.to_string())?;
+        robot.configure(model).map_err(|error| error.to_string())?;
         let positions = angles::measured(telemetry);
-        let load = Load::at(&on_board.model, &positions);
+        let load = Load::at(model, &positions);
         Ok((Controller::hold(robot, &positions), telemetry.into(), load))
     }
 
@@ -226,14 +225,14 @@ impl Node<'_> {
 
     /// Describes an error of the board.
     fn words(&self, error: &BoardError) -> String {
-        words(error, self.on_board.as_ref().map(|on_board| &on_board.model), self.options.take_over)
+        words(error, self.model.as_ref().map(|(model, _)| model), self.options.take_over)
     }
 
     /// Returns what gravity does to the robot now that its outputs are off, after a semicolon; empty if
     /// nothing.
     fn falls(&self) -> String {
-        let on_board = self.on_board.as_ref().zip(self.telemetry.as_ref());
-        let load = on_board.and_then(|(on_board, telemetry)| Load::measured(&on_board.model, telemetry));
+        let known = self.model.as_ref().zip(self.telemetry.as_ref());
+        let load = known.and_then(|((model, _), telemetry)| Load::measured(model, telemetry));
         load.map_or_else(String::new, |load| format!("; {load}"))
     }
 
@@ -268,7 +267,7 @@ impl Node<'_> {
         if !is_fault {
             return Ok("no fault to clear".to_owned());
         }
-        let model = self.on_board.as_ref().map(|on_board| &on_board.model);
+        let model = self.model.as_ref().map(|(model, _)| model);
         Ok(format!("cleared: {}{}", describe(faults::blamed(&log), model), self.falls()))
     }
 

@@ -11,7 +11,7 @@ use tesaki_description::robot::RobotFolder;
 use tesaki_description::{FileError, read_text};
 use tesaki_recording::McapError;
 use tesaki_supervisor::faults;
-use tesaki_supervisor::port::{Address, Key, PortError, Reopening};
+use tesaki_supervisor::port::{Key, PortError, Reopening};
 use tesaki_supervisor::publication::OtherRobot;
 use tesaki_supervisor::{Board as _, BoardError, LinkBoard, output_queue, troubleshooting, words};
 
@@ -66,10 +66,9 @@ pub struct Session {
 impl Session {
     /// Opens the port and greets the board.
     pub fn open(options: &Options) -> Result<Self, Failure> {
-        let may_be_tcp = matches!(options.port, Address::Tcp(_) | Address::Auto);
-        let key = options.key.as_ref().filter(|_| may_be_tcp);
-        let key = key.map(|path| Key::read(path).map_err(|error| Failure::File(path.clone(), error)));
-        let link = Reopening::open(options.port.clone(), key.transpose()?)?;
+        let key = Key::for_addresses(options.key.as_deref(), &[&options.port])
+            .map_err(|error| Failure::File(options.key.clone().unwrap_or_default(), error))?;
+        let link = Reopening::open(options.port.clone(), key)?;
         let port = link.port().map_or_else(String::new, |port| port.address().to_string());
         let mut board = LinkBoard::new(link, options.timeout);
         board.hello()?;

@@ -249,6 +249,40 @@ pub trait Board {
         Ok(postcard::from_bytes(&self.export(Item::Model)?.bytes)?)
     }
 
+    /// The model on the board; `None` where there is none, or where it cannot be read just now: the next
+    /// status tells whether there is one.
+    ///
+    /// # Errors
+    /// One that does not [pass](BoardError::passes).
+    fn model_if_there(&mut self) -> Result<Option<RobotModel>, BoardError> {
+        match self.model() {
+            Ok(model) => Ok(Some(model)),
+            Err(BoardError::Refused { refusal: Refusal::NoModel, .. }) => Ok(None),
+            Err(error) if error.passes() => Ok(None),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Reads the model again if it is another one than `known`, with its checksum, by the status.
+    ///
+    /// # Errors
+    /// As [`model_if_there`](Self::model_if_there).
+    fn update_model(
+        &mut self,
+        known: &mut Option<(RobotModel, u32)>,
+        status: &Status,
+    ) -> Result<(), BoardError> {
+        let checksum = (!status.node.model.is_empty()).then_some(status.node.model_checksum);
+        if known.as_ref().map(|(_, checksum)| *checksum) != checksum {
+            *known = match checksum {
+                // Where it cannot be read, the next status comes soon.
+                Some(checksum) => self.model_if_there()?.map(|model| (model, checksum)),
+                None => None,
+            };
+        }
+        Ok(())
+    }
+
     /// Sends a robot model in chunks and commits it.
     ///
     /// # Errors

@@ -24,6 +24,7 @@ pub mod port;
 pub mod publication;
 #[cfg(feature = "publication")]
 pub mod task_report;
+pub mod timing;
 pub mod trajectory;
 pub mod troubleshooting;
 pub mod words;

@@ -35,6 +35,8 @@ const SETTLING: u32 = 120;
 /// A board whose ticks stand still for this time has no sensors.
 const STANDSTILL: Duration = Duration::from_millis(500);
 
+/// How long a silent board has for an answer.
+const RECONNECT: Duration = Duration::from_millis(200);
 /// Time in which a board whose control loop runs logs something.
 const LOGGED: Duration = Duration::from_millis(500);
 
@@ -248,6 +250,26 @@ impl<L: ByteLink> Board for LinkBoard<L> {
 }
 
 impl<L: ByteLink> LinkBoard<L> {
+    /// Requests the streams again, with their periods [ticks], from a silent board, which may have been reset
+    /// or replaced. Returns whether it answered.
+    ///
+    /// # Errors
+    /// One that does not [pass](BoardError::passes).
+    pub fn reconnect(&mut self, streams: &[(Stream, u16)]) -> Result<bool, BoardError> {
+        let timeout = self.timeout;
+        self.timeout = timeout.min(RECONNECT);
+        let answer = self
+            .hello()
+            .and_then(|_| streams.iter().try_for_each(|&(stream, every)| self.set_rate(stream, every)));
+        self.timeout = timeout;
+        match answer {
+            Ok(()) => Ok(true),
+            // The caller tries again later.
+            Err(error) if error.passes() => Ok(false),
+            Err(error) => Err(error),
+        }
+    }
+
     /// Returns what `find` finds first in the entries of the board's log; `None` when its control loop does
     /// not run.
     ///

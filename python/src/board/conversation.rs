@@ -8,15 +8,11 @@ use tesaki::task::TaskCommand;
 use tesaki_supervisor::faults;
 use tesaki_supervisor::port::Reopening;
 use tesaki_supervisor::publication::STREAMS;
+use tesaki_supervisor::timing::{KEEP_ALIVE, LAST_WORD};
 use tesaki_supervisor::{Board as _, BoardError as Failure, LinkBoard};
 
 use super::Board;
 use crate::error::{BoardError, FaultError, RefusedError, board_of};
-
-/// Period of the repeated request to an enabled board: well below its command timeout.
-const KEEP_ALIVE: Duration = Duration::from_millis(20);
-/// Time limit for disabling a board that may be gone.
-const LAST_WORD: Duration = Duration::from_millis(500);
 
 impl Board {
     /// Talks to the board while other Python threads run.

@@ -167,7 +167,7 @@ fn open_after(options: &Options, action: &'static str, request: &Request) -> Res
         Err(error) if board.counts().good + board.counts().malformed == 0 => return Err(error.into()),
         confirmed => confirmed,
     };
-    let greeted = BoardSession::greet(options, board);
+    let greeted = BoardSession::greet(board);
     if let Err(Failure::Board(BoardError::SchemaMismatch { .. })) = greeted {
         let answer = if confirmed.is_ok() { "was confirmed" } else { "was sent, but was not confirmed" };
         output::complain(&format!("the request to {action} {answer}"));

@@ -1,5 +1,6 @@
 //! A connection to a board.
 
+use std::path::Path;
 use std::slice;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
@@ -8,8 +9,7 @@ use std::time::{Duration, Instant};
 use tesaki::fault::FaultCause;
 use tesaki::model::RobotModel;
 use tesaki::protocol::{
-    FromBoard, Identity, Mode, Refusal, Reply, ReplyFrame, Request, Status, Stream, TaskReport, Telemetry,
-    Tips,
+    FromBoard, Identity, Mode, Refusal, Reply, ReplyFrame, Request, Stream, TaskReport, Telemetry, Tips,
 };
 use tesaki::task::TaskRefusal;
 use tesaki::task::impedance::ImpedanceRefusal;
@@ -40,8 +40,6 @@ pub struct BoardSession {
     pub refused: Option<TaskRefusal>,
     /// Whether this program commands the board.
     commands: bool,
-    /// How long an answer is waited for.
-    timeout: Duration,
 }
 
 /// Releases command, so that the next client does not wait for the lease to expire.
@@ -64,15 +62,14 @@ impl BoardSession {
 
     /// The same at another port.
     pub fn open_at(options: &Options, port: &Address) -> Result<Self, Failure> {
-        Self::greet(options, dial_at(options, port)?)
+        Self::greet(dial_at(options, port)?)
     }
 
     /// Greets the board.
-    pub fn greet(options: &Options, mut board: LinkBoard<BoardLink>) -> Result<Self, Failure> {
+    pub fn greet(mut board: LinkBoard<BoardLink>) -> Result<Self, Failure> {
         let identity = board.hello()?;
         let port = port_address(&board);
-        let timeout = options.timeout;
-        Ok(Self { board, identity, port, task: None, refused: None, commands: false, timeout })
+        Ok(Self { board, identity, port, task: None, refused: None, commands: false })
     }
 
     /// Opens the port, greets the board and takes command.
@@ -99,34 +96,6 @@ impl BoardSession {
             BoardError::Refused { refusal: Refusal::NoModel, .. } => Failure::NoModel,
             error => error.into(),
         })
-    }
-
-    /// The model on the board; `None` where there is none, or where it cannot be read just now: the next
-    /// status tells whether there is one.
-    pub fn model_if_there(&mut self) -> Result<Option<RobotModel>, Failure> {
-        match self.model() {
-            Ok(model) => Ok(Some(model)),
-            Err(Failure::NoModel) => Ok(None),
-            Err(Failure::Board(error)) if error.passes() => Ok(None),
-            Err(failure) => Err(failure),
-        }
-    }
-
-    /// Reads the model again if it is another one than `known`, with its checksum, by the status.
-    pub fn update_model(
-        &mut self,
-        known: &mut Option<(RobotModel, u32)>,
-        status: &Status,
-    ) -> Result<(), Failure> {
-        let checksum = (!status.node.model.is_empty()).then_some(status.node.model_checksum);
-        if known.as_ref().map(|(_, checksum)| *checksum) != checksum {
-            *known = match checksum {
-                // Where it cannot be read, the next status comes soon.
-                Some(checksum) => self.model_if_there()?.map(|model| (model, checksum)),
-                None => None,
-            };
-        }
-        Ok(())
     }
 
     /// Description of the [faults to blame](faults::blamed), with the joint's name if the model is known, and
@@ -165,24 +134,6 @@ impl BoardSession {
     /// Fails when the board is in fault.
     pub fn require_no_fault(&mut self, mode: Mode, model: Option<&RobotModel>) -> Result<(), Failure> {
         if mode == Mode::Fault { Err(Failure::Fault(self.fault(model))) } else { Ok(()) }
-    }
-
-    /// Requests the streams again from a silent board, which may have been reset or replaced. Returns whether
-    /// it answered.
-    pub fn reconnect(&mut self, streams: &[(Stream, u16)]) -> Result<bool, Failure> {
-        self.board.set_timeout(Duration::from_millis(200));
-        let mut ask = || {
-            self.board.hello()?;
-            streams.iter().try_for_each(|&(stream, every)| self.board.set_rate(stream, every))
-        };
-        let answer = ask();
-        self.board.set_timeout(self.timeout);
-        match answer {
-            Ok(()) => Ok(true),
-            // The caller tries again later.
-            Err(error) if error.passes() => Ok(false),
-            Err(error) => Err(error.into()),
-        }
     }
 
     /// Waits for the next telemetry.
@@ -338,11 +289,10 @@ pub fn refused(reply: &Reply) -> Result<(), Failure> {
     }
 }
 
-/// The key, if there is one, and if one of these addresses may be of TCP: only these are encrypted.
+/// The key, if one of these addresses needs it.
 pub fn key_for(options: &Options, addresses: &[&Address]) -> Result<Option<Key>, Failure> {
-    let may_be_tcp = |address: &&Address| matches!(address, Address::Tcp(_) | Address::Auto);
-    let path = options.key.as_deref().filter(|_| addresses.iter().any(may_be_tcp));
-    path.map(|path| Key::read(path).map_err(Failure::file(path))).transpose()
+    let path = options.key.as_deref();
+    Key::for_addresses(path, addresses).map_err(Failure::file(path.unwrap_or(Path::new(""))))
 }
 
 /// Opens the port.
