@@ -11,7 +11,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use tesaki::model::RobotModel;
-use tesaki::protocol::{FromBoard, Refusal, Request, Stream};
+use tesaki::protocol::{FromBoard, Mode, Refusal, Request, Stream};
 use tesaki::task::TaskCommand;
 use tesaki::task::grasping::GraspCommand;
 use tesaki::task::impedance::ImpedanceCommand;
@@ -21,11 +21,12 @@ use tesaki_supervisor::arrival::{Arrival, farthest_joint};
 use tesaki_supervisor::faults::FaultsBefore;
 use tesaki_supervisor::port::{Address, Key, Reopening};
 use tesaki_supervisor::publication::{Publication, require_own};
+use tesaki_supervisor::words::{NOT_TAKEN_OVER, still_on};
 use tesaki_supervisor::{Board as _, BoardError as Failure, LinkBoard};
 
 use crate::arrays::output;
 use crate::command::decode;
-use crate::error::{BoardError, FaultError, FileError, board, board_of, file};
+use crate::error::{BoardError, FaultError, FileError, RefusedError, board, board_of, file};
 use crate::robot::Robot;
 use crate::value::dictionary;
 use arguments::seconds;
@@ -33,10 +34,13 @@ use conversation::await_event;
 
 /// A controller board, real or served by ``cargo sim serve``.
 ///
-/// Takes command of the board. As a context manager it disables the board and releases command at the end,
-/// also after an exception. An enabled board must hear from its commander: ``move``, ``wait`` and ``record``
-/// ensure that while they run. Nothing does so in between, on purpose: if this program hangs or is killed,
-/// the board's command timeout (``safety.command_timeout``) stops the robot.
+/// Takes command of the board. As a context manager it disables an enabled board and releases command at the
+/// end, also after an exception. It leaves a board in fault as it is: its outputs may hold the robot, which
+/// ``disable()`` ends. A board that could not be disabled is an error, or a note of the exception under way.
+///
+/// An enabled board must hear from its commander: ``move``, ``wait`` and ``record`` ensure that while they
+/// run. Nothing does so in between, on purpose: if this program hangs or is killed, the board's command
+/// timeout (``safety.command_timeout``) stops the robot.
 ///
 /// It must not be used by two threads at once.
 ///
@@ -62,10 +66,14 @@ pub struct Board {
     timeout: Duration,
 }
 
-/// Switches the outputs off, however the program ends, if the board can be reached.
+/// Disables an enabled board, however the program ends, if it can be reached. A board in fault stays as it
+/// is.
 impl Drop for Board {
     fn drop(&mut self) {
-        let _ = self.leave();
+        if let Err(error) = self.leave() {
+            let error = BoardError::new_err(still_on(error));
+            Python::try_attach(|py| error.write_unraisable(py, None));
+        }
     }
 }
 
@@ -92,7 +100,12 @@ impl Board {
                 Reopening::open(address, key).map_err(|error| BoardError::new_err(error.to_string()))?;
             let mut link = LinkBoard::new(link, timeout);
             link.hello().map_err(board)?;
-            link.await_command(take_over).map_err(board)?;
+            link.await_command(take_over).map_err(|error| match error {
+                Failure::Refused { refusal: Refusal::Commanded { .. }, .. } if take_over => {
+                    RefusedError::new_err(NOT_TAKEN_OVER)
+                }
+                error => board(error),
+            })?;
             let model = match link.model() {
                 Ok(model) => Some(model),
                 Err(Failure::Refused { refusal: Refusal::NoModel, .. }) => None,
@@ -115,18 +128,25 @@ impl Board {
         error: Option<&Bound<'_, PyAny>>,
         trace: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<bool> {
-        let _ = (error, trace);
-        let left = py.detach(|| self.leave());
-        // An earlier exception says more than a failure to disable the board.
-        if kind.is_none() {
-            left.map_err(board)?;
+        let _ = (kind, trace);
+        if let Err(failure) = py.detach(|| self.leave()) {
+            let text = still_on(failure);
+            // An earlier exception says more, but not this.
+            match error {
+                None => return Err(BoardError::new_err(text)),
+                // From Python 3.11 on.
+                Some(error) if error.hasattr("add_note")? => {
+                    error.call_method1("add_note", (text,))?;
+                }
+                Some(_) => py.import("warnings")?.call_method1("warn", (text,)).map(drop)?,
+            }
         }
         Ok(false)
     }
 
     /// Disables the board and releases command. The board cannot be used afterwards.
     fn close(&mut self, py: Python<'_>) -> PyResult<()> {
-        py.detach(|| self.leave()).map_err(board)
+        py.detach(|| self.leave()).map_err(|error| BoardError::new_err(still_on(error)))
     }
 
     /// Returns the board's status as a dictionary: ``node`` with mode, model, faults, supply [V], and
@@ -434,14 +454,16 @@ impl Board {
         Ok(log.faults.iter().map(|fault| self.described(fault)).collect())
     }
 
-    /// Reads the faults and leaves the fault mode. A robot that was held loses its power.
+    /// Reads the faults and leaves the fault mode. A robot that was held loses its power. A board without a
+    /// fault stays as it is.
     fn clear_faults(&mut self, py: Python<'_>) -> PyResult<Vec<String>> {
-        let log = self.call(py, |link| {
+        let (log, mode) = self.call(py, |link| {
             let log = link.faults()?;
             link.ask("clear its faults", Request::ClearFaults { total: log.total })?;
-            Ok(log)
+            Ok((log, link.status()?.node.mode))
         })?;
-        self.is_enabled = false;
+        // A board without a fault stays enabled.
+        self.is_enabled &= matches!(mode, Mode::Enabled(_));
         Ok(log.faults.iter().map(|fault| self.described(fault)).collect())
     }
 

@@ -6,7 +6,7 @@ use pyo3::exceptions::PyException;
 use pyo3::{PyErr, create_exception};
 use tesaki::model::RobotModel;
 use tesaki::protocol::{Mode, Refusal};
-use tesaki::robot::Concerns as _;
+use tesaki_supervisor::words::named;
 use tesaki_supervisor::{BoardError as Failure, troubleshooting};
 
 create_exception!(tesaki, TesakiError, PyException, "What tesaki cannot do, and why.");
@@ -33,24 +33,15 @@ pub fn board_of(model: Option<&RobotModel>, error: impl Into<Failure>) -> PyErr 
             let entry = troubleshooting::refusal(&refusal);
             let hint = match refusal {
                 Refusal::WrongMode(Mode::Disabled) => ": call enable() first",
+                Refusal::Commanded { .. } => ": Board(…, take_over=True) takes command",
+                Refusal::NotHomed { .. } => ": call home() first",
                 _ => "",
             };
+            // A refused model is another one than that on the board.
+            let model = model.filter(|_| !matches!(refusal, Refusal::Model(_)));
             let text = named(&refusal, &Failure::Refused { action, refusal }.to_string(), model);
             RefusedError::new_err(format!("{text}{hint}; see {entry}"))
         }
         error => BoardError::new_err(error.to_string()),
     }
-}
-
-/// Puts the name of the joint or tip that a refusal concerns in the place of its number in `text`.
-pub fn named(refusal: &Refusal, text: &str, model: Option<&RobotModel>) -> String {
-    // Another model than that on the board.
-    let Some(model) = model.filter(|_| !matches!(refusal, Refusal::Model(_))) else {
-        return text.to_owned();
-    };
-    if let Some(joint) = refusal.joint() {
-        return text.replacen(&format!("joint {joint}"), model.joint_name(usize::from(joint)), 1);
-    }
-    let tip = refusal.chain().and_then(|chain| Some((chain, model.chains.get(usize::from(chain))?)));
-    tip.map_or_else(|| text.to_owned(), |(chain, tip)| text.replacen(&format!("chain {chain}"), &tip.name, 1))
 }

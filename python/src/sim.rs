@@ -1,7 +1,7 @@
 //! Scenarios, stepped from Python.
 
 use std::path::PathBuf;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, PoisonError};
 
 use numpy::{PyArray1, PyArrayMethods as _};
 use pyo3::exceptions::PyValueError;
@@ -10,10 +10,11 @@ use pyo3::types::{PyDict, PyList};
 use tesaki_description::robot::RobotFolder;
 use tesaki_sim::scenario::{SCENARIOS, Scenario};
 use tesaki_sim::stepped::{Halt, MachineTruth, Stepped, Turn, View};
+use tesaki_supervisor::words::named;
 
 use crate::arrays::output;
 use crate::command::{decode, encode};
-use crate::error::{SimulationError, file, named};
+use crate::error::{SimulationError, file};
 use crate::value::dictionary;
 
 /// Control periods between two checks for Ctrl-C.
@@ -57,12 +58,15 @@ pub fn scenarios(py: Python<'_>) -> PyResult<Bound<'_, PyList>> {
 ///     robot: path of the robot's folder.
 ///     seed: determines the machine's deviations and noise.
 #[pyclass(frozen, module = "tesaki")]
-pub struct Run(Mutex<State>);
-
-struct State {
+pub struct Run {
     scenario: &'static Scenario,
     robot: RobotFolder,
     seed: u64,
+    state: Mutex<State>,
+}
+
+#[derive(Default)]
+struct State {
     run: Option<Stepped>,
     /// Number of the next fingertip sample.
     sample: u16,
@@ -83,15 +87,14 @@ impl Run {
             ))
         })?;
         let robot = RobotFolder::load(&robot).map_err(file)?;
-        Ok(Self(Mutex::new(State { scenario, robot, seed, run: None, sample: 0, summary: None })))
+        Ok(Self { scenario, robot, seed, state: Mutex::default() })
     }
 
     /// Begins the scenario, or begins it again; returns its first state.
     fn begin<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyDict>>> {
         self.turn(py, |state| {
-            state.run = None;
-            (state.summary, state.sample) = (None, 0);
-            let run = Stepped::begin(state.scenario, &state.robot.path, state.seed);
+            *state = State::default();
+            let run = Stepped::begin(self.scenario, &self.robot.path, self.seed);
             let run = run.map_err(|error| error.to_string())?;
             let halt = run.wait();
             state.run = Some(run);
@@ -120,10 +123,12 @@ impl Run {
             Some("nothing") => Turn::Nothing,
             Some(kind) => {
                 let none = PyList::empty(py).into_any();
-                let mut state = self.state();
-                state.sample = state.sample.wrapping_add(1);
-                let model = Some(&state.robot.model);
-                Turn::Command(decode(kind, "action", values.unwrap_or(&none), state.sample, model)?)
+                let sample = self.with_state(py, |state| {
+                    state.sample = state.sample.wrapping_add(1);
+                    state.sample
+                });
+                let model = Some(&self.robot.model);
+                Turn::Command(decode(kind, "action", values.unwrap_or(&none), sample, model)?)
             }
         };
         self.turn(py, |state| {
@@ -135,11 +140,10 @@ impl Run {
 
     /// Runs to the end with the scenario's own commands; begins the scenario if necessary.
     fn finish(&self, py: Python<'_>) -> PyResult<()> {
-        let is_new = self.state().run.is_none() && self.state().summary.is_none();
-        if is_new {
+        if self.with_state(py, |state| state.run.is_none() && state.summary.is_none()) {
             self.begin(py)?;
         }
-        while self.state().run.is_some() {
+        while self.with_state(py, |state| state.run.is_some()) {
             self.turn(py, |state| {
                 let run = state.run.as_ref().ok_or_else(|| "the scenario has ended".to_owned())?;
                 let mut halt = run.step(Turn::Scripted);
@@ -159,14 +163,16 @@ impl Run {
 
     /// Returns what was measured, as JSON: the summary of ``cargo sim run --json``, and the tables as CSV;
     /// ``None`` before the end.
-    fn summary(&self) -> Option<String> {
-        self.state().summary.clone()
+    fn summary(&self, py: Python<'_>) -> Option<String> {
+        self.with_state(py, |state| state.summary.clone())
     }
 }
 
 impl Run {
-    fn state(&self) -> MutexGuard<'_, State> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    /// Uses the state while other Python threads run: who waits for it with the interpreter's lock would keep
+    /// the one that has it from going on.
+    fn with_state<T: Send>(&self, py: Python<'_>, run: impl FnOnce(&mut State) -> T + Send) -> T {
+        py.detach(|| run(&mut self.state.lock().unwrap_or_else(PoisonError::into_inner)))
     }
 
     /// Lets the scenario run while other Python threads do too, and returns its new state.
@@ -175,18 +181,19 @@ impl Run {
         py: Python<'py>,
         go: impl FnOnce(&mut State) -> Result<Halt, String> + Send,
     ) -> PyResult<Option<Bound<'py, PyDict>>> {
-        let halt = py.detach(|| go(&mut self.state()));
-        match halt.map_err(SimulationError::new_err)? {
-            Halt::At(view) => Ok(Some(shown(py, &view, &self.state().robot)?)),
+        let view = self.with_state(py, |state| match go(state)? {
+            Halt::At(view) => Ok(Some(view)),
             Halt::Ended(ended) => {
-                let mut state = self.state();
                 state.run = None;
-                let outcome = ended.map_err(|error| SimulationError::new_err(error.to_string()))?;
+                let outcome = ended.map_err(|error| error.to_string())?;
                 let told = serde_json::json!({ "summary": outcome.summary, "tables": outcome.tables });
                 state.summary = Some(told.to_string());
                 Ok(None)
             }
-        }
+        });
+        view.map_err(SimulationError::new_err::<String>)?
+            .map(|view| shown(py, &view, &self.robot))
+            .transpose()
     }
 }
 

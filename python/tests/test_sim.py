@@ -1,6 +1,8 @@
 """The simulator from Python: bits, environments."""
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -40,6 +42,26 @@ def test_commands_sent_from_python_give_the_same_bits():
     digest = json.loads(steps.summary())["summary"]["frames_sha256"]
     assert digest == recorded("hand3-reach", 1)
     assert kinds == {"joints", "tips"}
+
+
+def test_a_thread_may_read_while_another_steps():
+    program = """
+import threading, tesaki
+from tesaki import sim
+run = sim.Run("hand3-servo", tesaki.robots() / "hand3", 1)
+done = threading.Event()
+def read():
+    while not done.is_set():
+        run.summary()
+readers = [threading.Thread(target=read) for _ in range(2)]
+for reader in readers:
+    reader.start()
+run.begin()
+for _ in range(1000):
+    run.step()
+done.set()
+"""
+    subprocess.run([sys.executable, "-c", program], check=True, timeout=60)
 
 
 def test_on_tick_sees_every_period_and_changes_nothing():

@@ -312,7 +312,7 @@ impl<S: Sink> Publisher<S> {
     }
 
     /// Publishes the wrench on a frame on `/tesaki/wrench/FRAME`: force [N] and torque [N·m] about its
-    /// origin, in its axes.
+    /// origin, in its axes. In the name of the topic `_` is in the place of what ROS 2 allows in no name.
     pub fn wrench(
         &mut self,
         time: u64,
@@ -320,7 +320,7 @@ impl<S: Sink> Publisher<S> {
         force: [f64; 3],
         torque: [f64; 3],
     ) -> Result<(), McapError> {
-        let topic = Kind::named(format!("/tesaki/wrench/{frame}"), &messages::WRENCH_STAMPED);
+        let topic = Kind::named(format!("/tesaki/wrench/{}", ros_name(frame)), &messages::WRENCH_STAMPED);
         let header = messages::Header { stamp: time.into(), frame_id: frame };
         self.write(topic, time, &messages::WrenchStamped { header, force, torque })
     }
@@ -391,4 +391,10 @@ impl<S: Sink> Publisher<S> {
             transient_local: topic.transient_local,
         })
     }
+}
+
+/// Returns `name` with letters, digits and `_` alone, and no digit in front, as a part of a ROS 2 topic.
+fn ros_name(name: &str) -> String {
+    let digit = if name.starts_with(|c: char| c.is_ascii_digit()) { "_" } else { "" };
+    format!("{digit}{}", name.replace(|c: char| !c.is_ascii_alphanumeric(), "_"))
 }

@@ -77,6 +77,18 @@ fn who_looks_on_gets_each_message_and_who_comes_late_the_last() {
     assert_eq!(publisher.sink().kept(4).unwrap().time, START + 1);
 }
 
+#[test]
+fn a_topic_has_the_name_of_a_tip_as_far_as_ros_allows() {
+    let mut publisher = Publisher::new(Live::default(), None);
+    for tip in ["finger-1.tip", "2nd"] {
+        publisher.wrench(START, tip, [0.0; 3], [0.0; 3]).unwrap();
+    }
+    let names: Vec<&str> = publisher.sink().topics().iter().map(|topic| topic.name.as_str()).collect();
+    assert_eq!(names, ["/tesaki/wrench/finger_1_tip", "/tesaki/wrench/_2nd"]);
+    let message = &publisher.sink_mut().take()[0];
+    assert!(message.data.windows(12).any(|part| part == b"finger-1.tip"));
+}
+
 /// Writes all topics, with three seconds of joint states.
 fn write(path: &Path) {
     let mut recording = Recording::create(path, Some(URDF)).unwrap();

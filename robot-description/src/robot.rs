@@ -25,6 +25,7 @@ pub use limits::{ImplausibleValue, implausible_values};
 pub(crate) use limits::{at_least, following_errors, least_torque_rate};
 pub use plausible::{Overload, overloaded};
 pub use settings::{FrictionSettings, JointSettings, Settings};
+pub(crate) use unit::invalid_setting;
 pub use unit::{invalid_value, unit};
 
 use crate::file::{FileError, read_text, unreadable};

@@ -67,6 +67,16 @@ fn what_is_wrong_is_named_with_its_line() {
     for (from, to, word) in [
         ("mode = \"bare_pid\"", "mode = \"bare\"", "unknown variant"),
         ("following_error = 1.0", "following_error = 9.0", "the range is 0.01 to 3 rad"),
+        (
+            "following_error = 1.0",
+            "following_error = 0.009",
+            "servo.following_error is 0.009 rad; the range is",
+        ),
+        (
+            "proportional = ",
+            "proportional = -",
+            "joint finger1_swing: servo.pid.proportional = -3000 1/s² is below 0 1/s²",
+        ),
         ("{ constant = 0.023 }", "{ constant = 23.0 }", "mass of the object is 23 kg"),
         ("strength = 4.0", "strength = 40.0", "internal force is 40 N"),
         ("evaluated = 2.0", "evaluated = 5.0", "force.evaluated is 5 s; the range is 0.01 to 4 s"),
@@ -89,6 +99,16 @@ fn what_is_wrong_is_named_with_its_line() {
     let said_of_gain = said("position = [1000.0", "position = [-1.0");
     assert!(said_of_gain.contains("the gain is -1"), "{said_of_gain}");
     assert!(said("cumulative = false", "cumulativ = false").contains("cumulativ"));
+}
+
+#[test]
+fn bounds_of_the_servo_are_within_its_range() {
+    let text = std::fs::read_to_string(folder().join("laws/paper.toml")).unwrap();
+    let ends = "following_error = 0.01\nrest_error = 0.1";
+    let (law, said) =
+        hand::check(Path::new("own.toml"), &text.replacen("following_error = 1.0", ends, 1), &model());
+    let servo = law.unwrap_or_else(|| panic!("{said:?}")).servo;
+    assert_eq!((servo.following_error, servo.rest_error), (Some(0.01), Some(0.1)));
 }
 
 #[test]
@@ -142,6 +162,14 @@ fn times_and_places_that_are_left_out_are_those_of_the_experiments() {
     let mut model = model();
     own.servo.apply(&mut model);
     assert!(model.joints.iter().all(|joint| joint.servo.rest_error.to_bits() == 0.001_f32.to_bits()));
+}
+
+#[test]
+fn a_law_of_a_robot_that_laws_are_not_for_is_warned_of() {
+    let model = RobotFolder::load(&folder().join("../allegro")).unwrap().model;
+    let said = law::check(Path::new("own.toml"), "", &model);
+    let said: Vec<String> = said.iter().map(ToString::to_string).collect();
+    assert!(said.len() == 1 && said[0].starts_with("own.toml: not checked: laws are for"), "{said:?}");
 }
 
 #[test]

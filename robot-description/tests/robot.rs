@@ -100,11 +100,36 @@ fn nonsense_is_named_by_file_joint_and_field() {
             "command_timeout = 0.0 ",
             "safety.command_timeout = 0 s is below 0.01 s",
         ),
+        (
+            "controller.toml",
+            "proportional = 400.0",
+            "proportional = -400.0",
+            "finger3_curl: servo.pid.proportional = -400 1/s² is below 0 1/s²",
+        ),
+        (
+            "controller.toml",
+            "[joint.limits]",
+            "[joint.limits]\nvelocity = -1.0",
+            "finger3_curl: limits.velocity = -1 rad/s must be above 0 rad/s",
+        ),
     ];
     for (name, from, to, expected) in cases {
         let message = error(name, from, to);
         assert!(message.contains("my_hand") && message.contains(expected), "{from} → {to}: {message}");
     }
+}
+
+/// Values of `controller.toml` are told with its line, whatever else is wrong with the URDF.
+#[test]
+fn friction_of_the_settings_is_not_blamed_on_the_urdf() {
+    let urdf = text("robot.urdf").replacen("<mass value=\"0.01\"/>", "<mass value=\"-0.02\"/>", 1);
+    let settings = text("controller.toml") + "\n[joints.finger2_bend]\nfriction = { coulomb = -0.5 }\n";
+    let line = settings.lines().count();
+    let findings = RobotFolder::check_all(Path::new("my_hand"), &urdf, &settings, None).1;
+    let said: Vec<String> = findings.iter().map(ToString::to_string).collect();
+    let place = format!("my_hand/controller.toml:{line}: joint finger2_bend: friction.coulomb = -0.5 N·m");
+    assert!(said.iter().any(|text| text.starts_with(&place)), "{said:?}");
+    assert!(said.iter().any(|text| text.contains("link finger1_upper: mass = -0.02 kg")), "{said:?}");
 }
 
 #[test]

@@ -84,7 +84,7 @@ fn seconds(text: &str) -> Result<Duration, String> {
 fn positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(number) if number > 0.0 && number <= 1e6 => Ok(number),
-        _ => Err(format!("{text}: expected a number above 0")),
+        _ => Err(format!("{text}: expected a number above 0, at most 1000000")),
     }
 }
 

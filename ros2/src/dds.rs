@@ -24,6 +24,8 @@ use rustdds::{
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
+use tesaki_supervisor::output_queue;
+
 use crate::session::say;
 
 /// How long a write may wait for a slow reader: a few topics in each period of 10 ms must not delay the
@@ -271,6 +273,7 @@ fn watch(threads: &[PathBuf], watched: &Weak<()>) {
             thread::sleep(LAST_TURNS);
             if watched.strong_count() > 0 {
                 say(&format!("tesaki-ros2: {}", DdsError::Ended));
+                let _ = output_queue::flush(true);
                 process::exit(1);
             }
         }

@@ -17,6 +17,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::Parser as _;
+use tesaki_supervisor::output_queue;
 
 use args::Options;
 use node::Node;
@@ -24,13 +25,17 @@ use session::{Failure, say};
 
 fn main() -> ExitCode {
     let options = Options::parse();
-    match run(&options) {
+    // A reader of standard error that pauses must not stop what controls a robot.
+    output_queue::set_controls(true);
+    let code = match run(&options) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
             say(&format!("tesaki-ros2: {failure}"));
             ExitCode::from(failure.number())
         }
-    }
+    };
+    let _ = output_queue::flush(true);
+    code
 }
 
 fn run(options: &Options) -> Result<(), Failure> {
@@ -45,6 +50,9 @@ fn run(options: &Options) -> Result<(), Failure> {
         result = node.turn();
     }
     let why = result.as_ref().map_or_else(ToString::to_string, |()| "tesaki-ros2 was ended".to_owned());
-    node.end(&why);
-    result
+    let ended = node.end(&why);
+    if let (Err(_), Err(failure)) = (&result, &ended) {
+        say(&format!("tesaki-ros2: {failure}"));
+    }
+    result.and(ended)
 }

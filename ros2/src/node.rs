@@ -8,9 +8,10 @@ use tesaki::protocol::{FromBoard, Mode, Refusal, Reply, Request, SCHEMA_KEY, Sta
 use tesaki::task::joint_servo::JointCommand;
 use tesaki::task::{TaskCommand, TaskKind};
 use tesaki_recording::{Live, LogLevel, Publisher, Topic};
-use tesaki_supervisor::faults::{self, FaultFollower};
+use tesaki_supervisor::faults::{self, FaultFollower, FaultsBefore};
 use tesaki_supervisor::publication::{Publication, STREAMS, require_own};
-use tesaki_supervisor::{Board as _, BoardError};
+use tesaki_supervisor::timing::{BLIND, FRESH, KEEP_ALIVE, LAST_WORD, LATE};
+use tesaki_supervisor::{Board as _, BoardError, words};
 
 use crate::action::ActionServer;
 use crate::args::Options;
@@ -22,20 +23,12 @@ use crate::session::{Failure, Session, describe, robot_folder, say, untold};
 
 /// How long the board is listened to before clients are served.
 const TURN: Duration = Duration::from_millis(2);
-/// Without telemetry for this time, an enabled board is still kept enabled: the telemetry may only be late.
-const KEEP_ALIVE: Duration = Duration::from_millis(20);
-/// Without telemetry for this time, nothing more is commanded.
-const BLIND: Duration = Duration::from_millis(500);
-/// For this time after the board was enabled, telemetry from before may still arrive.
-const LATE: Duration = Duration::from_millis(200);
 /// Without telemetry for this time, the streams are requested again.
 const SILENCE: Duration = Duration::from_millis(700);
+/// Number of posted requests whose refusals are awaited: those of more than half a second.
+const POSTED: usize = 64;
 /// Period in which DDS is checked.
 const CHECK: Duration = Duration::from_millis(100);
-/// How long to wait for an answer of a board that may be gone.
-const GLANCE: Duration = Duration::from_millis(200);
-/// How long the board may take for an answer at the end.
-const LAST_WORD: Duration = Duration::from_millis(500);
 /// Maximum time at the end for joints to brake, and for answers to clients.
 const FAREWELL: Duration = Duration::from_secs(1);
 /// Time at the end in which clients may still ask for results, and lost messages may be repeated.
@@ -58,8 +51,14 @@ pub struct Enabled {
     pub since: Instant,
     /// Whether the telemetry has shown it.
     pub seen: bool,
-    /// Number of faults before it was enabled.
-    pub faults: u32,
+    /// Its faults before it was enabled.
+    pub faults: FaultsBefore,
+    /// Whether this node has asked to disable it, without an answer.
+    pub asked_to_disable: bool,
+    /// Numbers of the last requests that were posted to it.
+    pub posted: heapless::Deque<u16, POSTED>,
+    /// When a refused point was last told.
+    pub complained: Option<Instant>,
     /// The goal that is carried out, or cancelled.
     pub goal: Option<Uuid>,
     /// When feedback on the goal was last sent.
@@ -69,6 +68,34 @@ pub struct Enabled {
 }
 
 impl Enabled {
+    /// Creates a board that was enabled now, with `faults` before.
+    pub fn new(controller: Controller, faults: FaultsBefore) -> Self {
+        let now = Instant::now();
+        Self {
+            controller,
+            since: now,
+            seen: false,
+            faults,
+            asked_to_disable: false,
+            posted: heapless::Deque::new(),
+            complained: None,
+            goal: None,
+            told: now,
+            kept: now,
+        }
+    }
+
+    /// Posts a request that keeps the board enabled.
+    fn post(&mut self, session: &mut Session, request: Request) -> Result<(), BoardError> {
+        self.kept = Instant::now();
+        let number = session.board.post(request)?;
+        if self.posted.is_full() {
+            self.posted.pop_front();
+        }
+        let _ = self.posted.push_back(number);
+        Ok(())
+    }
+
     /// Returns whether telemetry with this mode and number of faults shows that the board is no longer
     /// enabled, or was enabled by another client.
     fn is_over(&mut self, mode: Mode, faults: u32) -> bool {
@@ -77,16 +104,10 @@ impl Enabled {
         let is_current = self.seen || self.since.elapsed() > LATE;
         match mode {
             Mode::Enabled(TaskKind::JointServo) => false,
-            Mode::Fault => is_current || faults != self.faults,
+            Mode::Fault => is_current || faults != self.faults.total,
             Mode::Disabled | Mode::Enabled(_) => is_current,
         }
     }
-}
-
-/// The model on the board.
-pub struct OnBoard {
-    pub model: RobotModel,
-    checksum: u32,
 }
 
 /// Counts of what was published.
@@ -111,7 +132,8 @@ pub struct Node<'a> {
     writers: Vec<Option<Writer>>,
     pub services: Services,
     pub action: ActionServer,
-    pub on_board: Option<OnBoard>,
+    /// The model on the board, with its checksum.
+    pub model: Option<(RobotModel, u32)>,
     pub telemetry: Option<Telemetry>,
     /// When telemetry last came, and when it was last requested.
     pub heard: Instant,
@@ -158,7 +180,7 @@ impl<'a> Node<'a> {
             writers: Vec::new(),
             services,
             action,
-            on_board: None,
+            model: None,
             telemetry: None,
             heard: now,
             asked: now,
@@ -219,7 +241,7 @@ impl<'a> Node<'a> {
     }
 
     /// Receives from the board for a while.
-    fn listen(&mut self) -> Result<(), Failure> {
+    pub fn listen(&mut self) -> Result<(), Failure> {
         let deadline = Instant::now() + TURN;
         while let Some(event) = self.session.board.next_event(deadline)? {
             self.take(event)?;
@@ -241,7 +263,7 @@ impl<'a> Node<'a> {
             }
             FromBoard::Reply(reply) => {
                 if let Reply::Refused(refusal) = reply.reply {
-                    self.take_refusal(refusal)?;
+                    self.take_refusal(reply.sequence, refusal)?;
                 }
             }
             FromBoard::Log(_) => {}
@@ -275,7 +297,7 @@ impl<'a> Node<'a> {
 
     /// Returns each new fault in words.
     fn new_faults(&mut self, telemetry: &Telemetry) -> Vec<String> {
-        let model = self.on_board.as_ref().map(|on_board| &on_board.model);
+        let model = self.model.as_ref().map(|(model, _)| model);
         match (self.session.board.faults(), &mut self.faults) {
             (Ok(log), Some(faults)) => {
                 let new = faults.take(telemetry, &log).iter();
@@ -290,11 +312,13 @@ impl<'a> Node<'a> {
         }
     }
 
-    /// Returns the faults that stopped the board, in words.
-    pub fn fault_text(&mut self) -> String {
-        let model = self.on_board.as_ref().map(|on_board| &on_board.model);
+    /// Returns the faults that stopped the board, in words: the first one after `before`, if that is known.
+    pub fn fault_text(&mut self, before: Option<FaultsBefore>) -> String {
+        let model = self.model.as_ref().map(|(model, _)| model);
         match self.session.board.faults() {
-            Ok(log) => describe(faults::blamed(&log), model),
+            Ok(log) => {
+                describe(before.map_or_else(|| faults::blamed(&log), |before| before.cause(&log)), model)
+            }
             Err(error) => untold(&error),
         }
     }
@@ -305,9 +329,11 @@ impl<'a> Node<'a> {
         if !enabled.is_over(telemetry.mode, telemetry.faults) {
             return Ok(());
         }
+        let before = enabled.faults;
         let why = match telemetry.mode {
-            Mode::Fault => format!("the board is in fault: {}", self.fault_text()),
-            Mode::Disabled => "another program disabled the board".to_owned(),
+            Mode::Fault => format!("the board is in fault: {}", self.fault_text(Some(before))),
+            Mode::Disabled if enabled.asked_to_disable => "the board was disabled".to_owned(),
+            Mode::Disabled => "the board was disabled by another program, or reset".to_owned(),
             Mode::Enabled(task) => format!("another program enabled {task}"),
         };
         self.forget_enabled(&why)
@@ -318,16 +344,21 @@ impl<'a> Node<'a> {
         let (Some(enabled), Some(telemetry)) = (&mut self.enabled, &self.telemetry) else { return Ok(()) };
         let outcome = enabled.controller.step(telemetry.tick, nanoseconds_since_1970(), &telemetry.joints);
         let points = heapless::Vec::from_slice(enabled.controller.references()).unwrap_or_default();
-        enabled.kept = Instant::now();
-        self.session.board.post(Request::Task(TaskCommand::JointServo(JointCommand::Stream { points })))?;
+        let command = TaskCommand::JointServo(JointCommand::Stream { points });
+        enabled.post(&mut self.session, Request::Task(command))?;
         match outcome {
             Some(outcome) => self.end_goal(&outcome),
             None => Ok(()),
         }
     }
 
-    /// Handles the refusal of a set-point.
-    fn take_refusal(&mut self, refusal: Refusal) -> Result<(), Failure> {
+    /// Handles the refusal of the request `number`, if it was posted.
+    fn take_refusal(&mut self, number: u16, refusal: Refusal) -> Result<(), Failure> {
+        // Refusals of other requests are late: nobody waits for them any more.
+        if !self.enabled.as_ref().is_some_and(|enabled| enabled.posted.iter().any(|posted| *posted == number))
+        {
+            return Ok(());
+        }
         match refusal {
             // The telemetry will show the reason.
             Refusal::Stale { .. } | Refusal::WrongMode(_) => Ok(()),
@@ -344,14 +375,14 @@ impl<'a> Node<'a> {
         let silence = self.heard.elapsed();
         if let Some(enabled) = &mut self.enabled {
             if silence > BLIND {
-                let text = "no telemetry from the board: nothing is commanded any more, and it stops by \
-                            its own command timeout";
+                let text = "no telemetry from the board: nothing is commanded any more, and its own command \
+                            timeout stops it, which may leave its outputs on to hold the robot";
                 self.session.lose_command();
                 return self.forget_enabled(text);
             }
+            // The telemetry may only be late.
             if silence > KEEP_ALIVE && enabled.kept.elapsed() > KEEP_ALIVE {
-                enabled.kept = Instant::now();
-                self.session.board.post(Request::Keep)?;
+                enabled.post(&mut self.session, Request::Keep)?;
             }
         }
         if silence > SILENCE && self.asked.elapsed() > SILENCE {
@@ -363,14 +394,8 @@ impl<'a> Node<'a> {
                 };
                 self.note(LogLevel::Error, text)?;
             }
-            self.session.set_patience(Some(GLANCE));
-            let answer = self.session.board.hello().and_then(|_| self.request_streams(true));
-            self.session.set_patience(None);
+            self.session.board.reconnect(STREAMS)?;
             self.asked = Instant::now();
-            match answer {
-                Ok(()) | Err(BoardError::Timeout { .. }) => {}
-                Err(error) => return Err(error.into()),
-            }
         }
         Ok(())
     }
@@ -383,28 +408,11 @@ impl<'a> Node<'a> {
 
     /// Reads the model on the board if it has changed.
     fn read_model(&mut self, status: &Status) -> Result<(), Failure> {
-        let node = &status.node;
-        let checksum = (!node.model.is_empty()).then_some(node.model_checksum);
-        if self.on_board.as_ref().map(|on_board| on_board.checksum) == checksum {
-            return Ok(());
+        self.session.board.update_model(&mut self.model, status)?;
+        if let Some((model, _)) = &self.model {
+            self.publication.require_own(model)?;
         }
-        self.on_board = match checksum.map(|checksum| (self.session.board.model(), checksum)) {
-            Some((Ok(model), checksum)) => Some(OnBoard { model, checksum }),
-            // The next status follows soon.
-            None
-            | Some((
-                Err(
-                    BoardError::Refused { .. }
-                    | BoardError::Timeout { .. }
-                    | BoardError::ExportDisturbed
-                    | BoardError::Reset,
-                ),
-                _,
-            )) => None,
-            Some((Err(error), _)) => return Err(error.into()),
-        };
-        self.publication
-            .use_model(self.on_board.as_ref().map(|on_board| (&on_board.model, on_board.checksum)));
+        self.publication.use_model(self.model.as_ref().map(|(model, checksum)| (model, *checksum)));
         Ok(())
     }
 
@@ -447,48 +455,67 @@ impl<'a> Node<'a> {
     }
 
     /// Ends the board's motion for this node, informs clients, and prints a summary.
-    pub fn end(mut self, why: &str) {
+    ///
+    /// # Errors
+    /// The first failure; the steps after it are taken all the same.
+    pub fn end(mut self, why: &str) -> Result<(), Failure> {
         let result = self.say_farewell(why);
-        if let Err(failure) = result {
-            say(&format!("tesaki-ros2: {failure}"));
-        }
         let Tally { joint_states, missing, unsent } = self.tally;
         say(&format!(
             "published {joint_states} joint states; {missing} control periods were missing in what the board \
              sent, {unsent} messages were not taken by DDS"
         ));
+        result
     }
 
     fn say_farewell(&mut self, why: &str) -> Result<(), Failure> {
-        let deadline = Instant::now() + FAREWELL;
-        if let Some(enabled) = &mut self.enabled {
-            enabled.controller.brake();
-        }
-        while self.enabled.as_ref().is_some_and(|enabled| !enabled.controller.is_at_rest())
-            && Instant::now() < deadline
-        {
-            self.listen()?;
-            self.send()?;
-        }
+        let braked = self.brake();
         self.session.set_patience(Some(LAST_WORD));
-        if self.enabled.is_some() {
-            let text = match self.disable(why) {
-                Ok(text) => format!("{why}: {text}"),
-                Err(error) => {
-                    format!("{why}, and the board was not disabled ({error}): it stops by its own timeout")
-                }
-            };
-            self.note(LogLevel::Warn, &text)?;
-        }
+        let disabled = self.switch_off(why);
         self.session.release_command();
         let _ = self.request_streams(false);
-        self.send()?;
+        let sent = self.send();
         let begun = Instant::now();
         while begun.elapsed() < LINGER
             || (begun.elapsed() < FAREWELL && !(self.action.is_idle() && self.services.are_idle()))
         {
             self.refuse_goals();
             std::thread::sleep(TURN);
+        }
+        braked.and(disabled).and(sent)
+    }
+
+    /// Brings the joints to rest, as long as the board tells where they are.
+    fn brake(&mut self) -> Result<(), Failure> {
+        let deadline = Instant::now() + FAREWELL;
+        if let Some(enabled) = &mut self.enabled {
+            enabled.controller.brake();
+        }
+        while self.enabled.as_ref().is_some_and(|enabled| !enabled.controller.is_at_rest())
+            && self.heard.elapsed() < FRESH
+            && Instant::now() < deadline
+        {
+            self.listen()?;
+            self.send()?;
+        }
+        Ok(())
+    }
+
+    /// Disables the board if this node has enabled it, and ends the goal. A board in fault stays as it is.
+    fn switch_off(&mut self, why: &str) -> Result<(), Failure> {
+        if self.enabled.is_some() {
+            return match self.disable(why) {
+                Ok(text) => self.note(LogLevel::Warn, &format!("{why}: {text}")),
+                Err(error) => {
+                    self.forget_enabled(&format!("{why}. {}", words::still_on(&error)))?;
+                    Err(error.into())
+                }
+            };
+        }
+        let mode = self.telemetry.as_ref().map(|telemetry| telemetry.mode);
+        if mode == Some(Mode::Fault) && self.heard.elapsed() < BLIND {
+            let mode = words::mode(Mode::Fault, self.session.board.outputs().unwrap_or(None));
+            self.note(LogLevel::Warn, &format!("{why}. The board is {mode}; `tesaki disable` disables it"))?;
         }
         Ok(())
     }
@@ -502,9 +529,10 @@ mod tests {
 
     /// Returns a board that was enabled `ago`.
     fn enabled(ago: Duration) -> Enabled {
-        let (controller, now) = (Controller::hold(hand(), &[0.0; 9]), Instant::now());
-        let since = now.checked_sub(ago).unwrap();
-        Enabled { controller, since, seen: false, faults: 3, goal: None, told: now, kept: now }
+        let mut enabled =
+            Enabled::new(Controller::hold(hand(), &[0.0; 9]), FaultsBefore { total: 3, tick: 0 });
+        enabled.since = enabled.since.checked_sub(ago).unwrap();
+        enabled
     }
 
     #[test]

@@ -7,8 +7,10 @@ use tesaki::protocol::{Mode, Refusal, Request};
 use tesaki::robot::Robot;
 use tesaki::task::TaskConfig;
 use tesaki_recording::LogLevel;
+use tesaki_supervisor::faults::{self, FaultsBefore};
 use tesaki_supervisor::gravity::Load;
-use tesaki_supervisor::{Board as _, BoardError, angles};
+use tesaki_supervisor::timing::FRESH;
+use tesaki_supervisor::{Board as _, BoardError, LEASE_EXPIRES, angles};
 
 use crate::action::Wish;
 use crate::args::Options;
@@ -20,13 +22,16 @@ use crate::messages::{
 };
 use crate::node::{Enabled, Node};
 use crate::service::{Caller, Service};
-use crate::session::{Failure, words};
+use crate::session::{Failure, describe, words};
 use crate::trajectory::{Refused, named};
 
-/// Maximum age at which telemetry still shows where the joints are.
-const FRESH: Duration = Duration::from_millis(200);
 /// Period of the feedback on a goal, as that of joint_trajectory_controller.
 const FEEDBACK: Duration = Duration::from_millis(50);
+
+/// How soon command is requested again.
+const RETRY: Duration = Duration::from_millis(50);
+/// How soon it is told again that the board refuses points without a goal.
+const AGAIN: Duration = Duration::from_secs(1);
 
 /// What is answered to a request that may be older than a request to disable the board.
 const OVERRULED: &str =
@@ -156,7 +161,28 @@ impl Node<'_> {
         if self.enabled.is_some() {
             return Ok("enabled already".to_owned());
         }
-        let Some(on_board) = &self.on_board else {
+        self.hold_here()?;
+        self.take_command()?;
+        // The joints may have moved while it waited for command.
+        let held = self.hold_here().and_then(|held| {
+            let enabled = self.session.board.enable(TaskConfig::JointServo(ServoMode::Observer));
+            if let Err(error) = &enabled
+                // A board whose answer was lost may be enabled.
+                && !matches!(error, BoardError::Refused { .. } | BoardError::Reset)
+            {
+                let _ = self.session.board.post(Request::Disable);
+            }
+            enabled.map_err(|error| self.words(&error)).map(|()| held)
+        });
+        let (controller, faults, load) = held.inspect_err(|_| self.session.release_command())?;
+        self.enabled = Some(Enabled::new(controller, faults));
+        let falls = load.map_or_else(String::new, |load| format!("; {load}"));
+        Ok(format!("enabled: the joints hold{falls}"))
+    }
+
+    /// Returns what holds the joints where they are, the faults so far, and what gravity does.
+    fn hold_here(&mut self) -> Result<(Controller, FaultsBefore, Option<Load>), String> {
+        let Some((model, _)) = &self.model else {
             return Err("the board has no model: push one with `tesaki model push ROBOT_FOLDER`".to_owned());
         };
         // With old angles, the joints would move to them.
@@ -165,49 +191,62 @@ impl Node<'_> {
             return Err("no telemetry from the board: where the joints are is not known".to_owned());
         };
         if telemetry.mode == Mode::Fault {
-            let text = self.fault_text();
+            let text = self.fault_text(None);
             return Err(format!("the board is in fault: {text}. Call clear_faults first"));
         }
         let mut robot = Box::new(Robot::NONE);
-        robot.configure(&on_board.model).map_err(|error| error.to_string())?;
+        robot.configure(model).map_err(|error| error.to_string())?;
         let positions = angles::measured(telemetry);
-        let (faults, load) = (telemetry.faults, Load::at(&on_board.model, &positions));
-        let in_words = |error| words(&error, Some(&on_board.model));
-        self.session.take_command().map_err(in_words)?;
-        let enabled = self.session.board.enable(TaskConfig::JointServo(ServoMode::Observer));
-        if let Err(error) = enabled {
-            // A board whose answer was lost may be enabled.
-            if !matches!(error, BoardError::Refused { .. } | BoardError::Reset) {
-                let _ = self.session.board.post(Request::Disable);
+        let load = Load::at(model, &positions);
+        Ok((Controller::hold(robot, &positions), telemetry.into(), load))
+    }
+
+    /// Takes command, also from a program that has gone, whose lease expires within a second. It listens to
+    /// the board meanwhile.
+    fn take_command(&mut self) -> Result<(), String> {
+        let deadline = Instant::now() + LEASE_EXPIRES;
+        loop {
+            match self.session.take_command() {
+                Err(BoardError::Refused { refusal: Refusal::Commanded { .. }, .. })
+                    if Instant::now() < deadline => {}
+                other => return other.map_err(|error| self.words(&error)),
             }
-            self.session.release_command();
-            return Err(in_words(error));
+            let pause = Instant::now() + RETRY;
+            while Instant::now() < pause {
+                self.listen().map_err(|failure| failure.to_string())?;
+            }
         }
-        let now = Instant::now();
-        let controller = Controller::hold(robot, &positions);
-        let (seen, goal) = (false, None);
-        self.enabled = Some(Enabled { controller, since: now, seen, faults, goal, told: now, kept: now });
-        let falls = load.map_or_else(String::new, |load| format!("; {load}"));
-        Ok(format!("enabled: the joints hold{falls}"))
     }
 
     /// Runs the service `disable`, which works even if another program has command.
     fn stop(&mut self) -> Answer {
-        self.disable("the board was disabled")
+        self.disable("the board was disabled").map_err(|error| self.words(&error))
+    }
+
+    /// Describes an error of the board.
+    fn words(&self, error: &BoardError) -> String {
+        words(error, self.model.as_ref().map(|(model, _)| model), self.options.take_over)
+    }
+
+    /// Returns what gravity does to the robot now that its outputs are off, after a semicolon; empty if
+    /// nothing.
+    fn falls(&self) -> String {
+        let known = self.model.as_ref().zip(self.telemetry.as_ref());
+        let load = known.and_then(|((model, _), telemetry)| Load::measured(model, telemetry));
+        load.map_or_else(String::new, |load| format!("; {load}"))
     }
 
     /// Disables the board and ends the goal, for the reason `why`.
-    pub fn disable(&mut self, why: &str) -> Answer {
-        let model = self.on_board.as_ref().map(|on_board| &on_board.model);
-        self.session.board.disable().map_err(|error| words(&error, model))?;
-        let load = model
-            .zip(self.telemetry.as_ref())
-            .and_then(|(model, telemetry)| Load::measured(model, telemetry));
+    pub fn disable(&mut self, why: &str) -> Result<String, BoardError> {
+        if let Some(enabled) = &mut self.enabled {
+            enabled.asked_to_disable = true;
+        }
+        self.session.board.disable()?;
         if let Some(Enabled { goal: Some(goal), .. }) = self.enabled.take() {
             self.action.end(&goal, Status::Aborted, ErrorCode::InvalidGoal, why);
         }
         self.session.release_command();
-        Ok(format!("disabled{}", load.map_or_else(String::new, |load| format!("; {load}"))))
+        Ok(format!("disabled{}", self.falls()))
     }
 
     fn tare(&mut self) -> Answer {
@@ -219,21 +258,27 @@ impl Node<'_> {
         if self.enabled.is_some() {
             return Err("the board is enabled: disable it first".to_owned());
         }
-        let text = self.fault_text();
-        self.command(|node| {
-            let total = node.session.board.faults()?.total;
-            node.session.board.ask("clear the faults", Request::ClearFaults { total })
+        let is_fault = self.telemetry.as_ref().is_some_and(|telemetry| telemetry.mode == Mode::Fault);
+        let log = self.command(|node| {
+            let log = node.session.board.faults()?;
+            node.session.board.ask("clear the faults", Request::ClearFaults { total: log.total })?;
+            Ok(log)
         })?;
-        Ok(if text.is_empty() { "no fault to clear".to_owned() } else { format!("cleared: {text}") })
+        if !is_fault {
+            return Ok("no fault to clear".to_owned());
+        }
+        let model = self.model.as_ref().map(|(model, _)| model);
+        Ok(format!("cleared: {}{}", describe(faults::blamed(&log), model), self.falls()))
     }
 
     /// Runs an operation that needs command of the board, which is then released unless the board is enabled.
-    fn command(&mut self, run: impl FnOnce(&mut Self) -> Result<(), BoardError>) -> Result<(), String> {
-        let result = self.session.take_command().and_then(|()| run(self));
+    fn command<T>(&mut self, run: impl FnOnce(&mut Self) -> Result<T, BoardError>) -> Result<T, String> {
+        self.take_command()?;
+        let result = run(self);
         if self.enabled.is_none() {
             self.session.release_command();
         }
-        result.map_err(|error| words(&error, self.on_board.as_ref().map(|on_board| &on_board.model)))
+        result.map_err(|error| self.words(&error))
     }
 
     /// Begins a goal, in place of the present one.
@@ -246,7 +291,7 @@ impl Node<'_> {
         let Some(enabled) = &mut self.enabled else {
             let is_fault = self.telemetry.as_ref().is_some_and(|telemetry| telemetry.mode == Mode::Fault);
             return if is_fault {
-                let text = self.fault_text();
+                let text = self.fault_text(None);
                 invalid(format!("the board is in fault: {text}"))
             } else {
                 let service = self.options.full_name("tesaki/enable");
@@ -309,7 +354,14 @@ impl Node<'_> {
         let references: Vec<f32> = telemetry.joints.iter().map(|joint| joint.reference).collect();
         enabled.controller.hold_at(&references);
         let text = format!("the board refused a point of the trajectory: {text}");
-        self.end_goal(&Outcome::Failed(Refused::new(ErrorCode::InvalidGoal, text)))
+        if enabled.goal.is_some() {
+            return self.end_goal(&Outcome::Failed(Refused::new(ErrorCode::InvalidGoal, text)));
+        }
+        if enabled.complained.is_some_and(|complained| complained.elapsed() < AGAIN) {
+            return Ok(());
+        }
+        enabled.complained = Some(Instant::now());
+        self.note(LogLevel::Error, &text)
     }
 
     /// Sends feedback on the goal from time to time.

@@ -1,20 +1,19 @@
 //! The connection to the board.
 
-use std::io::{self, Write as _};
+use std::io;
 use std::path::PathBuf;
 use std::time::Duration;
 
 use tesaki::fault::Fault;
 use tesaki::model::RobotModel;
 use tesaki::protocol::{Refusal, Request};
-use tesaki::robot::Concerns as _;
 use tesaki_description::robot::RobotFolder;
 use tesaki_description::{FileError, read_text};
 use tesaki_recording::McapError;
 use tesaki_supervisor::faults;
-use tesaki_supervisor::port::{Address, Key, PortError, Reopening};
+use tesaki_supervisor::port::{Key, PortError, Reopening};
 use tesaki_supervisor::publication::OtherRobot;
-use tesaki_supervisor::{Board as _, BoardError, LinkBoard, troubleshooting};
+use tesaki_supervisor::{Board as _, BoardError, LinkBoard, output_queue, troubleshooting, words};
 
 use crate::args::Options;
 use crate::dds::DdsError;
@@ -67,10 +66,9 @@ pub struct Session {
 impl Session {
     /// Opens the port and greets the board.
     pub fn open(options: &Options) -> Result<Self, Failure> {
-        let may_be_tcp = matches!(options.port, Address::Tcp(_) | Address::Auto);
-        let key = options.key.as_ref().filter(|_| may_be_tcp);
-        let key = key.map(|path| Key::read(path).map_err(|error| Failure::File(path.clone(), error)));
-        let link = Reopening::open(options.port.clone(), key.transpose()?)?;
+        let key = Key::for_addresses(options.key.as_deref(), &[&options.port])
+            .map_err(|error| Failure::File(options.key.clone().unwrap_or_default(), error))?;
+        let link = Reopening::open(options.port.clone(), key)?;
         let port = link.port().map_or_else(String::new, |port| port.address().to_string());
         let mut board = LinkBoard::new(link, options.timeout);
         board.hello()?;
@@ -113,19 +111,17 @@ pub fn robot_folder(options: &Options) -> Result<Option<(RobotFolder, String)>, 
     Ok(Some((folder, text)))
 }
 
-/// Describes an error of the board, with the joint's name and where it is explained.
-pub fn words(error: &BoardError, model: Option<&RobotModel>) -> String {
+/// Describes an error of the board, with the joint's name, what to do about it, and where it is explained.
+/// `take_over`: whether command was to be taken from another program.
+pub fn words(error: &BoardError, model: Option<&RobotModel>, take_over: bool) -> String {
     let text = error.to_string();
     let BoardError::Refused { refusal, .. } = error else { return text };
-    let named = refusal.joint().zip(model).map(|(joint, model)| {
-        text.replacen(&format!("joint {joint}"), model.joint_name(usize::from(joint)), 1)
-    });
     let hint = match refusal {
+        Refusal::Commanded { .. } if take_over => return words::NOT_TAKEN_OVER.to_owned(),
         Refusal::Commanded { .. } => " (a --take-over when this program is started takes command)",
-        Refusal::NotHomed { .. } => " (`tesaki home JOINT=ANGLE …`)",
-        _ => "",
+        refusal => words::hint(refusal),
     };
-    format!("{}{hint}. See {}", named.unwrap_or(text), troubleshooting::refusal(refusal))
+    format!("{}{hint}. See {}", words::named(refusal, &text, model), troubleshooting::refusal(refusal))
 }
 
 /// Describes faults, the last one first, with the joints' names and where they are explained.
@@ -141,9 +137,9 @@ pub fn untold(error: &BoardError) -> String {
     format!("the board does not tell its fault: {error}")
 }
 
-/// Prints a line. A failure to print it is ignored.
+/// Prints a line, without waiting for its reader. A failure to print it is ignored.
 pub fn say(text: &str) {
-    let _ = writeln!(io::stderr(), "{text}");
+    let _ = output_queue::send(output_queue::Stream::Error, format!("{text}\n"));
 }
 
 #[cfg(test)]

@@ -5,7 +5,8 @@
 
 use tesaki::TICK;
 use tesaki::control::JointPoint;
-use tesaki::robot::{Concerns as _, LimitRefusal, Robot};
+use tesaki::robot::{LimitRefusal, Robot};
+use tesaki_supervisor::words;
 
 use crate::messages::{ErrorCode, JointTrajectory, Point, Time};
 
@@ -276,14 +277,7 @@ fn narrow(values: [f64; 3]) -> JointPoint {
 
 /// Describes a refusal with the name of its joint.
 pub fn named(refusal: &LimitRefusal, robot: &Robot) -> String {
-    let text = refusal.to_string();
-    match refusal.joint() {
-        Some(joint) => {
-            let name = robot.model().joint_name(usize::from(joint));
-            text.replacen(&format!("joint {joint}"), name, 1)
-        }
-        None => text,
-    }
+    words::named(refusal, &refusal.to_string(), Some(robot.model()))
 }
 
 #[cfg(test)]

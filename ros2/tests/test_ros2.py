@@ -45,14 +45,17 @@ class Served:
         self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         for line in self.process.stdout:
             if line.strip().startswith("tesaki home "):
-                home = line.split()[1:]
+                self.home = line.split()[1:]
             if line.strip().startswith("tesaki tare") or line.strip().startswith("tesaki move"):
                 break
         threading.Thread(target=self.process.stdout.read, daemon=True).start()
+        self.prepare()
+
+    def prepare(self):
         self.tesaki("model", "push", str(HAND))
         # A busy machine may be late.
         self.tesaki("set", "safety.command_timeout", "1")
-        self.tesaki(*home)
+        self.tesaki(*self.home)
 
     def tesaki(self, *arguments):
         command = [TESAKI, "--port", self.port, "--timeout", "60", *arguments]
@@ -81,7 +84,7 @@ class Program:
         command += ["--timeout", str(timeout), *options]
         self.process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
         self.started.append(self.process)
-        self.lines = []
+        self.lines, self.pauses = [], False
         self.thread = threading.Thread(target=self.listen, daemon=True)
         self.thread.start()
         self.wait_for("Ctrl-C ends")
@@ -89,6 +92,8 @@ class Program:
     def listen(self):
         for line in self.process.stderr:
             self.lines.append(line.rstrip("\n"))
+            while self.pauses:
+                time.sleep(0.05)
 
     def wait_for(self, text):
         return wait_for(f"{text!r} in {self.lines}", lambda: next((l for l in self.lines if text in l), None))
@@ -334,6 +339,9 @@ def test_a_fault_aborts_the_goal_in_words_and_can_be_cleared(program, board, act
     board.type("estop off")
     clear, enable = services["clear_faults"], services["enable"]
     wait_for("the end of the fault", lambda: clear().success and enable().success)
+    # What is only in the log is not cleared.
+    assert services["disable"]().success and clear().message == "no fault to clear"
+    assert enable().success
 
 
 def test_another_program_may_disable_the_board(program, board, action):
@@ -343,7 +351,7 @@ def test_another_program_may_disable_the_board(program, board, action):
     board.tesaki("disable")
     result = action.result(goal_id)
     assert result.status == ABORTED, result
-    assert "another program disabled the board" in result.result.error_string
+    assert "disabled by another program, or reset" in result.result.error_string
 
 
 def test_ctrl_c_brakes_and_disables_and_every_period_was_received(program, board, action, services, joints):
@@ -452,6 +460,68 @@ def test_a_board_whose_answer_to_enable_is_lost_is_disabled(board, anew, tmp_pat
     assert not answer.success and "no answer from the board" in answer.message
     # Otherwise it would be enabled until its command timeout, which is a fault.
     assert board.mode() == "Disabled"
+
+
+def test_a_board_that_does_not_answer_at_the_end_is_told(board, anew):
+    program, services, action = anew(board)
+    assert services["enable"]().success
+    accepted, goal_id = action.send(goal(SWINGS, [(60.0, [0.8, -0.8])]))
+    assert accepted
+    action.feedback_of(goal_id)
+    waiting = action.ask_result(goal_id)
+    for _ in range(5):
+        action.feedback_of(goal_id)
+    board.process.send_signal(signal.SIGSTOP)
+    code = program.end()
+    board.process.send_signal(signal.SIGCONT)
+    assert code == 6, program.lines
+    program.wait_for("The board could not be disabled: no answer")
+    program.wait_for("Its outputs may still be on")
+    result = action.get_result.receive(waiting)
+    assert result.status == ABORTED and "may still be on" in result.result.error_string, result
+
+
+def test_a_fault_that_remains_at_the_end_is_told_and_clearing_it_too(board, anew):
+    program, services, _ = anew(board)
+    assert services["enable"]().success
+    board.tesaki("stop")
+    program.wait_for("the board is in fault")
+    assert program.end() == 0
+    program.wait_for("was ended. The board is in fault, and its outputs are on: it brakes or holds")
+
+
+def test_a_program_that_was_killed_keeps_command_for_a_moment_only(board, anew):
+    victim = Program(board, 30 + os.getpid() % 20)
+    other = Trigger(client.Node(30 + os.getpid() % 20), "/tesaki/enable")
+    _, services, _ = anew(board)
+    assert other().success
+    victim.end(signal.SIGKILL)
+    board.tesaki("disable")
+    answer = services["enable"]()
+    assert answer.success, answer.message
+
+
+def test_a_reader_of_the_terminal_that_pauses_stops_nothing(board, anew):
+    program, services, _ = anew(board)
+    enable = services["enable"]
+    assert enable().success
+    program.pauses = True
+    # More than a pipe takes.
+    for _ in range(1500):
+        assert enable().success
+    assert board.mode() != "Fault"
+    program.pauses = False
+
+
+def test_the_model_of_another_robot_ends_the_program(board, anew):
+    program, _, _ = anew(board)
+    try:
+        board.tesaki("model", "push", str(HAND.parent / "arm7"))
+        assert program.process.wait(60) == 2
+        program.thread.join()
+        program.wait_for("the board is arm7, and --robot is the folder of hand3")
+    finally:
+        board.prepare()
 
 
 def test_a_paused_program_goes_on_or_disables_the_board_and_ends(board, anew):

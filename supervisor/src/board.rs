@@ -15,6 +15,8 @@ use tesaki::task::telexistence::{FingertipSample, TelexistenceCommand, Telexiste
 use tesaki::task::visual_approach::{VisualApproachCommand, VisualApproachTelemetry};
 use tesaki::task::{TaskCommand, TaskConfig, TaskKind, TaskTelemetry};
 
+use crate::words;
+
 /// Why a request to a board failed.
 #[derive(Debug, thiserror::Error)]
 pub enum BoardError {
@@ -137,6 +139,9 @@ pub struct Exported {
 /// What [`Board::tare`] does, for its errors.
 pub(crate) const TARE: &str = "tare its force sensors";
 
+/// The time after which the lease of a commander that has gone has expired.
+pub const LEASE_EXPIRES: Duration = Duration::from_millis(10 * LEASE as u64 + 200);
+
 /// A controller board, local or remote: anything that answers [`Request`]s.
 pub trait Board {
     /// Sends a request once and waits for the reply.
@@ -186,7 +191,7 @@ pub trait Board {
     /// # Errors
     /// When another client commands the board.
     fn await_command(&mut self, by_force: bool) -> Result<(), BoardError> {
-        let deadline = Instant::now() + Duration::from_millis(10 * u64::from(LEASE) + 200);
+        let deadline = Instant::now() + LEASE_EXPIRES;
         loop {
             match self.take_command(by_force) {
                 Err(BoardError::Refused { refusal: Refusal::Commanded { .. }, .. })
@@ -242,6 +247,40 @@ pub trait Board {
     /// When the board has no model.
     fn model(&mut self) -> Result<RobotModel, BoardError> {
         Ok(postcard::from_bytes(&self.export(Item::Model)?.bytes)?)
+    }
+
+    /// The model on the board; `None` where there is none, or where it cannot be read just now: the next
+    /// status tells whether there is one.
+    ///
+    /// # Errors
+    /// One that does not [pass](BoardError::passes).
+    fn model_if_there(&mut self) -> Result<Option<RobotModel>, BoardError> {
+        match self.model() {
+            Ok(model) => Ok(Some(model)),
+            Err(BoardError::Refused { refusal: Refusal::NoModel, .. }) => Ok(None),
+            Err(error) if error.passes() => Ok(None),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Reads the model again if it is another one than `known`, with its checksum, by the status.
+    ///
+    /// # Errors
+    /// As [`model_if_there`](Self::model_if_there).
+    fn update_model(
+        &mut self,
+        known: &mut Option<(RobotModel, u32)>,
+        status: &Status,
+    ) -> Result<(), BoardError> {
+        let checksum = (!status.node.model.is_empty()).then_some(status.node.model_checksum);
+        if known.as_ref().map(|(_, checksum)| *checksum) != checksum {
+            *known = match checksum {
+                // Where it cannot be read, the next status comes soon.
+                Some(checksum) => self.model_if_there()?.map(|model| (model, checksum)),
+                None => None,
+            };
+        }
+        Ok(())
     }
 
     /// Sends a robot model in chunks and commits it.
@@ -310,15 +349,20 @@ pub trait Board {
         self.ask("disable its outputs", Request::Disable)
     }
 
+    /// Sends a command to the task.
+    ///
+    /// # Errors
+    /// When the board refuses.
+    fn command(&mut self, command: TaskCommand) -> Result<(), BoardError> {
+        self.ask(words::action(&command), Request::Task(command))
+    }
+
     /// Sends a goal for each joint [rad].
     ///
     /// # Errors
     /// When the board refuses.
     fn set_goal(&mut self, positions: &[f32]) -> Result<(), BoardError> {
-        self.ask(
-            "move",
-            Request::Task(TaskCommand::JointServo(JointCommand::Goal { positions: joints(positions)? })),
-        )
+        self.command(TaskCommand::JointServo(JointCommand::Goal { positions: joints(positions)? }))
     }
 
     /// Sends the next point of the trajectory of each fingertip, one per tick.
@@ -327,7 +371,7 @@ pub trait Board {
     /// When the board refuses.
     fn reach(&mut self, tips: &[TipPoint]) -> Result<(), BoardError> {
         let tips = heapless::Vec::from_slice(tips).map_err(|_| BoardError::TooManyTips(tips.len()))?;
-        self.ask("move its tips", Request::Task(TaskCommand::JointServo(JointCommand::StreamTips { tips })))
+        self.command(TaskCommand::JointServo(JointCommand::StreamTips { tips }))
     }
 
     /// Sends a grasp command.
@@ -335,13 +379,7 @@ pub trait Board {
     /// # Errors
     /// When the board refuses.
     fn grasp(&mut self, command: GraspCommand) -> Result<(), BoardError> {
-        let action = match command {
-            GraspCommand::Grasp(_) => "grasp",
-            GraspCommand::Move { .. } => "move the object",
-            GraspCommand::PutDown => "put the object down",
-            GraspCommand::Open => "open the hand",
-        };
-        self.ask(action, Request::Task(TaskCommand::Grasping(command)))
+        self.command(TaskCommand::Grasping(command))
     }
 
     /// Telemetry of the running task, or of the last one.
@@ -384,8 +422,7 @@ pub trait Board {
     /// # Errors
     /// When the board refuses.
     fn configure_impedance(&mut self, settings: ImpedanceSettings) -> Result<(), BoardError> {
-        let command = ImpedanceCommand::Configure(settings);
-        self.ask("change its impedance", Request::Task(TaskCommand::Impedance(command)))
+        self.command(TaskCommand::Impedance(ImpedanceCommand::Configure(settings)))
     }
 
     /// Sets the target of tool and elbow under impedance control.
@@ -393,8 +430,7 @@ pub trait Board {
     /// # Errors
     /// When the board refuses.
     fn set_target(&mut self, point: PosePoint, elbow: ElbowSetpoint) -> Result<(), BoardError> {
-        let command = ImpedanceCommand::SetTarget { point, elbow };
-        self.ask("move its tool", Request::Task(TaskCommand::Impedance(command)))
+        self.command(TaskCommand::Impedance(ImpedanceCommand::SetTarget { point, elbow }))
     }
 
     /// Moves a hand to the operator's fingertips.
@@ -402,8 +438,7 @@ pub trait Board {
     /// # Errors
     /// When the board refuses.
     fn follow_fingertips(&mut self, sample: FingertipSample) -> Result<(), BoardError> {
-        let command = TelexistenceCommand::Follow(sample);
-        self.ask("follow the fingertips", Request::Task(TaskCommand::Telexistence(command)))
+        self.command(TaskCommand::Telexistence(TelexistenceCommand::Follow(sample)))
     }
 
     /// Telemetry of telexistence.
@@ -422,7 +457,7 @@ pub trait Board {
     /// # Errors
     /// When the board refuses.
     fn approach(&mut self, command: VisualApproachCommand) -> Result<(), BoardError> {
-        self.ask("move its hand", Request::Task(TaskCommand::VisualApproach(command)))
+        self.command(TaskCommand::VisualApproach(command))
     }
 
     /// Telemetry of the visual approach.

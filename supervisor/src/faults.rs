@@ -3,6 +3,7 @@
 //! A stop in mode fault is recorded as another fault, so the last one in the log need not be the cause.
 
 use std::cmp::Ordering;
+use std::slice;
 use std::time::{Duration, Instant};
 
 use tesaki::fault::{Fault, FaultCause, FaultLog};
@@ -45,6 +46,14 @@ impl FaultsBefore {
             return faults;
         }
         &faults[faults.iter().take_while(is_old).count()..]
+    }
+
+    /// Returns the fault that stopped a board: the first new one, else [those to blame](blamed).
+    pub fn cause<'a>(&self, log: &'a FaultLog) -> &'a [Fault] {
+        match self.later(log) {
+            [] => blamed(log),
+            [cause, ..] => slice::from_ref(cause),
+        }
     }
 }
 
@@ -159,6 +168,9 @@ mod tests {
         let reset =
             log(5, &[(SupplyLow, 10), (FollowingError, 50), (Stop, 52), (EmergencyStop, 3), (Stop, 5)]);
         assert_later((3, 60), &reset, &[3, 5]);
+        let cause = |total, tick| FaultsBefore { total, tick }.cause(&three).to_vec();
+        assert_eq!(cause(1, 40), three.faults[1..2]);
+        assert_eq!(cause(3, 60), three.faults[1..]);
         // A board that was switched off in between.
         assert_later((7, 9000), &three, &[10, 50, 52]);
         // More faults than the log holds.

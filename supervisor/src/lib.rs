@@ -17,14 +17,17 @@ mod link;
 #[cfg(feature = "cli")]
 pub mod monitor;
 pub mod operator;
+pub mod output_queue;
 #[cfg(unix)]
 pub mod port;
 #[cfg(feature = "publication")]
 pub mod publication;
 #[cfg(feature = "publication")]
 pub mod task_report;
+pub mod timing;
 pub mod trajectory;
 pub mod troubleshooting;
+pub mod words;
 
-pub use board::{Board, BoardError, Exported};
+pub use board::{Board, BoardError, Exported, LEASE_EXPIRES};
 pub use link::{ByteLink, LinkBoard};

@@ -7,7 +7,8 @@ use std::time::{Duration, Instant};
 
 use tesaki::protocol::codec::{Decoder, FrameCounts, MAX_FRAME, encode};
 use tesaki::protocol::{
-    FromBoard, Mode, NodeStatus, Refusal, Reply, ReplyFrame, Request, RequestFrame, SCHEMA_KEY,
+    FromBoard, LogEntry, LogRecord, Mode, NodeStatus, Refusal, Reply, ReplyFrame, Request, RequestFrame,
+    SCHEMA_KEY, Stream,
 };
 
 use crate::board::TARE;
@@ -33,6 +34,11 @@ const GLANCE: Duration = Duration::from_millis(5);
 const SETTLING: u32 = 120;
 /// A board whose ticks stand still for this time has no sensors.
 const STANDSTILL: Duration = Duration::from_millis(500);
+
+/// How long a silent board has for an answer.
+const RECONNECT: Duration = Duration::from_millis(200);
+/// Time in which a board whose control loop runs logs something.
+const LOGGED: Duration = Duration::from_millis(500);
 
 /// A two-way stream of bytes: serial port, socket, pseudo-terminal.
 pub trait ByteLink {
@@ -244,6 +250,61 @@ impl<L: ByteLink> Board for LinkBoard<L> {
 }
 
 impl<L: ByteLink> LinkBoard<L> {
+    /// Requests the streams again, with their periods [ticks], from a silent board, which may have been reset
+    /// or replaced. Returns whether it answered.
+    ///
+    /// # Errors
+    /// One that does not [pass](BoardError::passes).
+    pub fn reconnect(&mut self, streams: &[(Stream, u16)]) -> Result<bool, BoardError> {
+        let timeout = self.timeout;
+        self.timeout = timeout.min(RECONNECT);
+        let answer = self
+            .hello()
+            .and_then(|_| streams.iter().try_for_each(|&(stream, every)| self.set_rate(stream, every)));
+        self.timeout = timeout;
+        match answer {
+            Ok(()) => Ok(true),
+            // The caller tries again later.
+            Err(error) if error.passes() => Ok(false),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Returns what `find` finds first in the entries of the board's log; `None` when its control loop does
+    /// not run.
+    ///
+    /// # Errors
+    /// When the board refuses, or does not answer.
+    pub fn find_in_log<T>(
+        &mut self,
+        mut find: impl FnMut(&LogRecord) -> Option<T>,
+    ) -> Result<Option<T>, BoardError> {
+        self.set_rate(Stream::Log, 1)?;
+        let deadline = Instant::now() + LOGGED;
+        let mut found = None;
+        while found.is_none()
+            && Instant::now() < deadline
+            && let Some(event) = self.next_event(deadline)?
+        {
+            if let FromBoard::Log(LogEntry { record, .. }) = event {
+                found = find(&record);
+            }
+        }
+        self.set_rate(Stream::Log, 0)?;
+        Ok(found)
+    }
+
+    /// Returns whether the outputs are on; `None` when the control loop does not run.
+    ///
+    /// # Errors
+    /// As [`find_in_log`](Self::find_in_log).
+    pub fn outputs(&mut self) -> Result<Option<bool>, BoardError> {
+        self.find_in_log(|record| match record {
+            LogRecord::Actuators(frame) => Some(frame.enabled),
+            _ => None,
+        })
+    }
+
     /// Sends a request until it is answered.
     fn exchange(&mut self, request: Request) -> Result<Reply, BoardError> {
         let frame = RequestFrame { client: self.client, sequence: self.next_sequence(), request };

@@ -87,6 +87,14 @@ impl<S: Sink> Publication<S> {
         }
     }
 
+    /// Refuses a model of another robot than that of the folder.
+    ///
+    /// # Errors
+    /// The folder belongs to another robot.
+    pub fn require_own(&self, model: &RobotModel) -> Result<(), OtherRobot> {
+        require_own(self.folder.as_ref(), model)
+    }
+
     /// Sets the model on the board, with its checksum.
     pub fn use_model(&mut self, model: Option<(&RobotModel, u32)>) {
         let checksum = model.map(|(_, checksum)| checksum);

@@ -17,6 +17,9 @@ use super::Board;
 use crate::error::{RefusedError, file};
 use crate::robot::Robot;
 
+/// The longest time that can be asked for, as that of the program `tesaki` [s].
+const MAX_SECONDS: f64 = 1e6;
+
 impl Board {
     pub(super) fn known_model(&self) -> PyResult<&RobotModel> {
         self.model.as_ref().ok_or_else(|| RefusedError::new_err("the board has no robot model: push one"))
@@ -94,6 +97,8 @@ pub(super) fn model(robot: &Bound<'_, PyAny>) -> PyResult<RobotModel> {
 
 /// A time argument [s].
 pub(super) fn seconds(name: &str, value: f64) -> PyResult<Duration> {
-    Duration::try_from_secs_f64(value)
-        .map_err(|_| PyValueError::new_err(format!("{name} is {value}: expected seconds, 0 or more")))
+    if (0.0..=MAX_SECONDS).contains(&value) {
+        return Ok(Duration::from_secs_f64(value));
+    }
+    Err(PyValueError::new_err(format!("{name} is {value}: expected seconds, 0 to {MAX_SECONDS}")))
 }

@@ -1,24 +1,18 @@
 //! The link to a board: requests, keeping it enabled, its faults.
 
-use std::slice;
 use std::time::{Duration, Instant};
 
 use pyo3::prelude::*;
 use tesaki::protocol::{FromBoard, Mode, Refusal, Reply, ReplyFrame, Request, Status, Stream, Telemetry};
 use tesaki::task::TaskCommand;
-use tesaki::task::impedance::ImpedanceCommand;
 use tesaki_supervisor::faults;
 use tesaki_supervisor::port::Reopening;
 use tesaki_supervisor::publication::STREAMS;
+use tesaki_supervisor::timing::{KEEP_ALIVE, LAST_WORD};
 use tesaki_supervisor::{Board as _, BoardError as Failure, LinkBoard};
 
 use super::Board;
 use crate::error::{BoardError, FaultError, RefusedError, board_of};
-
-/// Period of the repeated request to an enabled board: well below its command timeout.
-const KEEP_ALIVE: Duration = Duration::from_millis(20);
-/// Time limit for disabling a board that may be gone.
-const LAST_WORD: Duration = Duration::from_millis(500);
 
 impl Board {
     /// Talks to the board while other Python threads run.
@@ -59,15 +53,7 @@ impl Board {
 
     /// Sends a command to the task.
     pub(super) fn send(&mut self, py: Python<'_>, command: TaskCommand) -> PyResult<()> {
-        let action = match &command {
-            TaskCommand::JointServo(_) => "move",
-            TaskCommand::Impedance(ImpedanceCommand::Configure(_)) => "change its impedance",
-            TaskCommand::Impedance(_) => "move its tool",
-            TaskCommand::Grasping(_) => "grasp",
-            TaskCommand::Telexistence(_) => "follow the fingertips",
-            TaskCommand::VisualApproach(_) => "move its hand",
-        };
-        let asked = self.call(py, |link| link.ask(action, Request::Task(command)));
+        let asked = self.call(py, |link| link.command(command));
         // A board in fault refuses everything: the fault is the reason.
         match asked {
             Err(error) if error.is_instance_of::<RefusedError>(py) && self.is_enabled => {
@@ -186,11 +172,10 @@ impl Board {
             Ok(log) => log,
             Err(error) => return error,
         };
-        let cause = match self.faults.later(&log) {
-            [] => faults::blamed(&log),
-            [cause, ..] => slice::from_ref(cause),
-        };
-        FaultError::new_err(format!("the board is in fault: {}", faults::explain(cause, self.model.as_ref())))
+        let cause = faults::explain(self.faults.cause(&log), self.model.as_ref());
+        FaultError::new_err(format!(
+            "the board is in fault: {cause}\nIts outputs may hold the robot; disable() switches them off"
+        ))
     }
 
     pub(super) fn described(&self, fault: &tesaki::fault::Fault) -> String {

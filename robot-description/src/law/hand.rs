@@ -57,7 +57,7 @@ mod file;
 use std::path::Path;
 
 use tesaki::control::ServoMode;
-use tesaki::model::{PidGains, RobotModel};
+use tesaki::model::{Field, ModelError, PidGains, RobotModel};
 use tesaki::task::grasping::{
     FINGERS, GraspPlan, InternalForce, InvalidPlan, JointTargets, LoadSource, ObjectControl, ObjectFrame,
     PlanField, PlannedContact,
@@ -66,6 +66,7 @@ use tesaki::task::grasping::{
 use super::Wrong;
 use crate::file::FileError;
 use crate::finding::Finding;
+use crate::robot::{invalid_setting, invalid_value};
 use file::File;
 
 /// What to do about a key that cannot be read.
@@ -140,9 +141,9 @@ pub struct ServoExperiment {
     /// robot.
     pub knows_friction: bool,
     /// Distance from its target at which a joint is at fault [rad]; `None`: that of the robot.
-    pub following_error: Option<f32>,
+    pub following_error: Option<f64>,
     /// Dead band at rest [rad]; `None`: that of the robot.
-    pub rest_error: Option<f32>,
+    pub rest_error: Option<f64>,
     /// Angle [rad].
     pub step: f64,
     /// Time up to the step back, and after it [s].
@@ -153,12 +154,13 @@ pub struct ServoExperiment {
 
 impl ServoExperiment {
     /// Sets gains, following error and dead band of the joints to those of the law.
+    #[expect(clippy::cast_possible_truncation, reason = "the model is in single precision")]
     pub fn apply(&self, model: &mut RobotModel) {
         if let Some(error) = self.rest_error {
-            model.joints.iter_mut().for_each(|joint| joint.servo.rest_error = error);
+            model.joints.iter_mut().for_each(|joint| joint.servo.rest_error = error as f32);
         }
         if let Some(error) = self.following_error {
-            model.joints.iter_mut().for_each(|joint| joint.limits.following_error = error);
+            model.joints.iter_mut().for_each(|joint| joint.limits.following_error = error as f32);
         }
         let Some(gains) = self.pid else { return };
         for joint in &mut model.joints {
@@ -263,10 +265,10 @@ impl HandLaw {
         let Self { servo, force, weights, motion, joint_control, .. } = self;
         within("servo", "step", servo.step.abs(), [0.01, 1.0], "rad");
         if let Some(error) = servo.following_error {
-            within("servo", "following_error", error.into(), [0.01, 3.0], "rad");
+            within("servo", "following_error", error, [0.01, 3.0], "rad");
         }
         if let Some(error) = servo.rest_error {
-            within("servo", "rest_error", error.into(), [0.0, 0.1], "rad");
+            within("servo", "rest_error", error, [0.0, 0.1], "rad");
         }
         within("servo", "duration", servo.duration, [0.1, MAX_TIME], "s");
         within("servo", "evaluated", servo.evaluated, [0.01, servo.duration], "s");
@@ -322,10 +324,25 @@ impl HandLaw {
         let mut model = model.clone();
         servo.apply(&mut model);
         if let Err(error) = model.validate() {
-            wrong.push(Wrong::new("servo.pid", error.to_string()));
+            wrong.push(wrong_servo(&error, &model));
         }
         wrong
     }
+}
+
+/// What the settings of the servo make wrong with the model.
+fn wrong_servo(error: &ModelError, model: &RobotModel) -> Wrong {
+    let key = match error.field {
+        Field::LimitFollowingError | Field::CountsPerTurn => "servo.following_error",
+        Field::RestError => "servo.rest_error",
+        _ => "servo.pid",
+    };
+    let joint = error.joint.and_then(|joint| model.joints.get(usize::from(joint)));
+    let message = joint.map_or_else(
+        || invalid_value(error),
+        |joint| format!("joint {}: {}", joint.name, invalid_setting(error, joint.servo.observer.inertia)),
+    );
+    Wrong::new(key, message)
 }
 
 /// How many there are.

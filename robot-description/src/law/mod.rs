@@ -25,7 +25,10 @@ pub fn check(path: &Path, text: &str, model: &RobotModel) -> Vec<Finding> {
     } else if arm::is_for(model) {
         arm::check(path, text, model).1
     } else {
-        Vec::new()
+        let mut report = Report::new(path);
+        let message = "not checked: laws are for a hand of three fingers with force sensors, or for an arm";
+        report.warning(None, message, "remove it, or put it into the folder of the robot that it is for");
+        report.findings
     }
 }
 

@@ -9,7 +9,7 @@ use tesaki::model::{
 use super::of_joints::OfJoints;
 use super::settings::{JointSettings, Settings};
 use super::tree::{SerialChain, SerialJoint, SerialMimic};
-use super::unit::invalid_value;
+use super::unit::{invalid_setting, invalid_value};
 use crate::finding::{Finding, Report};
 use crate::urdf::Urdf;
 
@@ -158,16 +158,20 @@ pub fn validate(model: &RobotModel, urdf: &Urdf, of_urdf: &mut Report, of_settin
     for (joint, error) in found {
         let name = joint.map_or("", |joint| joint.name.as_str());
         let key = error.field.path();
-        let message = invalid_value(&error);
+        let message = joint.map_or_else(
+            || invalid_value(&error),
+            |joint| invalid_setting(&error, joint.servo.observer.inertia),
+        );
         let place = if name.is_empty() { String::new() } else { format!("joint {name}: ") };
-        match in_urdf(error.field) {
+        // The settings may have it in place of the URDF.
+        let own = of_settings
+            .line_of(&format!("joints.{name}.{key}"))
+            .or_else(|| of_settings.line_of(&format!("joint.{key}")));
+        match in_urdf(error.field).filter(|_| own.is_none()) {
             Some(_) if told => {}
             Some(advice) => of_urdf.dynamics(urdf.line_of_joint(name), place + &message, advice),
             None => {
-                let line = of_settings
-                    .line_of(&format!("joints.{name}.{key}"))
-                    .or_else(|| of_settings.line_of(&format!("joint.{key}")))
-                    .or_else(|| of_settings.line_of(key));
+                let line = own.or_else(|| of_settings.line_of(key));
                 match joint {
                     Some(joint) => {
                         of_joints.error(&joint.name, line, message, in_settings(error.field, true))

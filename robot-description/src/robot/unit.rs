@@ -1,6 +1,6 @@
 //! Units of the model's parameters, and errors of the model with them.
 
-use tesaki::model::{ModelError, Problem};
+use tesaki::model::{Field, ModelError, Problem};
 
 /// Ends of the paths of parameters, with their units; the first that fits counts.
 const UNITS: [(&str, &str); 45] = [
@@ -57,11 +57,32 @@ pub fn unit(path: &str) -> String {
     UNITS.into_iter().find(|(end, _)| ends(end)).map_or_else(String::new, |(_, unit)| format!(" {unit}"))
 }
 
+/// As [`invalid_value`], with gains per inertia as in `controller.toml`, for a joint with this `inertia`.
+pub fn invalid_setting(error: &ModelError, inertia: f32) -> String {
+    let unit = match error.field {
+        Field::Proportional => "1/s²",
+        Field::Integral => "1/s³",
+        Field::Derivative => "1/s",
+        _ => return invalid_value(error),
+    };
+    // The quotient need not be exactly the number in the file.
+    let per_inertia = |value: f32| format!("{:.5e}", value / inertia).parse().unwrap_or(value);
+    let problem = match error.problem {
+        Problem::Below(limit) => Problem::Below(per_inertia(limit)),
+        Problem::Above(limit) => Problem::Above(per_inertia(limit)),
+        problem => problem,
+    };
+    in_unit(&ModelError { value: per_inertia(error.value), problem, ..*error }, &format!(" {unit}"))
+}
+
 /// A parameter of the model that is wrong: path and value, what is wrong with it, and the limit.
 pub fn invalid_value(error: &ModelError) -> String {
-    let unit = unit(error.field.path());
+    in_unit(error, &unit(error.field.path()))
+}
+
+fn in_unit(error: &ModelError, unit: &str) -> String {
     let of_limit = match error.problem {
-        Problem::Below(_) | Problem::NotAbove(_) | Problem::Above(_) => unit.as_str(),
+        Problem::Below(_) | Problem::NotAbove(_) | Problem::Above(_) => unit,
         _ => "",
     };
     format!("{} = {}{unit} {}{of_limit}", error.field.path(), error.value, error.problem)

@@ -4,6 +4,8 @@ use std::io::{self, Read as _, Write as _};
 use std::os::unix::fs::{OpenOptionsExt as _, PermissionsExt as _};
 use std::path::Path;
 
+use super::address::Address;
+
 /// Length of a key in bytes.
 const LENGTH: usize = 32;
 /// Hexadecimal digits of a key in its file.
@@ -43,6 +45,16 @@ impl Key {
         writeln!(file, "{digits}").and_then(|()| file.sync_all()).inspect_err(|_| {
             let _ = fs::remove_file(path);
         })
+    }
+
+    /// Reads the key, if there is a file, and if one of these addresses may be of TCP: only these are
+    /// encrypted.
+    ///
+    /// # Errors
+    /// As [`read`](Self::read).
+    pub fn for_addresses(path: Option<&Path>, addresses: &[&Address]) -> io::Result<Option<Self>> {
+        let may_be_tcp = |address: &&Address| matches!(address, Address::Tcp(_) | Address::Auto);
+        path.filter(|_| addresses.iter().any(may_be_tcp)).map(Self::read).transpose()
     }
 
     /// Reads a key.

@@ -133,6 +133,25 @@ impl Client {
 }
 
 #[test]
+fn the_model_of_another_robot_ends_the_sharing() {
+    let server = Server::ready();
+    let mut share = Share::start(&server);
+    let mut client = share.open();
+    client.channel("/joint_states");
+    server.succeeds(&["model", "push", arm7().to_str().unwrap()]);
+    let deadline = Instant::now() + Duration::from_secs(20);
+    let status = loop {
+        match share.child.try_wait().unwrap() {
+            Some(status) => break status,
+            None => assert!(Instant::now() < deadline, "the sharing goes on"),
+        }
+        std::thread::sleep(Duration::from_millis(50));
+    };
+    assert_eq!(status.code(), Some(2));
+    std::mem::forget(share);
+}
+
+#[test]
 fn foxglove_sees_the_robot_and_cannot_command_it() {
     let server = Server::ready();
     let share = Share::start(&server);

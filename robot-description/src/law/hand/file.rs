@@ -26,8 +26,8 @@ struct Servo {
     mode: Mode,
     pid: Option<Gains>,
     knows_friction: bool,
-    following_error: Option<f32>,
-    rest_error: Option<f32>,
+    following_error: Option<f64>,
+    rest_error: Option<f64>,
     step: f64,
     duration: f64,
     #[serde(default = "half")]

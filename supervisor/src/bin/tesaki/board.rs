@@ -12,10 +12,10 @@ use tesaki_supervisor::faults::describe;
 use tesaki_supervisor::gravity::Load;
 use tesaki_supervisor::port;
 use tesaki_supervisor::troubleshooting;
-use tesaki_supervisor::{Board, BoardError};
+use tesaki_supervisor::{Board, BoardError, words};
 
 use crate::args::Options;
-use crate::board_session::{BoardSession, dial, hex, mode_in_words, version};
+use crate::board_session::{BoardSession, dial, hex, version};
 use crate::failure::Failure;
 use crate::output;
 
@@ -82,7 +82,7 @@ pub fn info(options: &Options) -> Result<(), Failure> {
             line("model", &format!("{:08x}", node.model_checksum));
             line("homed", &output::counted(node.homed.count_ones() as usize, "joint"));
         }
-        line("mode", &mode_in_words(node.mode, outputs));
+        line("mode", &words::mode(node.mode, outputs));
         let read = if node.faults_read { "" } else { ", some unread" };
         line("faults", &format!("{}{read}", node.faults));
         let commander = match node.commander {
@@ -167,7 +167,7 @@ fn open_after(options: &Options, action: &'static str, request: &Request) -> Res
         Err(error) if board.counts().good + board.counts().malformed == 0 => return Err(error.into()),
         confirmed => confirmed,
     };
-    let greeted = BoardSession::greet(options, board);
+    let greeted = BoardSession::greet(board);
     if let Err(Failure::Board(BoardError::SchemaMismatch { .. })) = greeted {
         let answer = if confirmed.is_ok() { "was confirmed" } else { "was sent, but was not confirmed" };
         output::complain(&format!("the request to {action} {answer}"));
@@ -290,7 +290,7 @@ pub fn faults(options: &Options, clear: bool) -> Result<(), Failure> {
             let _ = writeln!(text, "no longer stored: {dropped}, older ones or stops before a further stop");
         }
         let faults = if log.total == 1 { "fault" } else { "faults" };
-        let mode = mode_in_words(mode, outputs);
+        let mode = words::mode(mode, outputs);
         let _ = write!(text, "{} {faults} since power-on. The board is {mode}.", log.total);
         for entry in
             log.faults.iter().map(|fault| troubleshooting::fault(fault.cause)).collect::<BTreeSet<_>>()

@@ -1,5 +1,6 @@
 //! A connection to a board.
 
+use std::path::Path;
 use std::slice;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
@@ -8,15 +9,14 @@ use std::time::{Duration, Instant};
 use tesaki::fault::FaultCause;
 use tesaki::model::RobotModel;
 use tesaki::protocol::{
-    FromBoard, Identity, LogEntry, LogRecord, Mode, Refusal, Reply, ReplyFrame, Request, Status, Stream,
-    TaskReport, Telemetry, Tips,
+    FromBoard, Identity, Mode, Refusal, Reply, ReplyFrame, Request, Stream, TaskReport, Telemetry, Tips,
 };
 use tesaki::task::TaskRefusal;
 use tesaki::task::impedance::ImpedanceRefusal;
 use tesaki_supervisor::fault_injector::FaultyLink;
 use tesaki_supervisor::faults::{self, FaultsBefore};
 use tesaki_supervisor::port::{Address, Key, Reopening};
-use tesaki_supervisor::{Board, BoardError, LinkBoard};
+use tesaki_supervisor::{Board, BoardError, LinkBoard, output_queue, words};
 
 use crate::args::Options;
 use crate::failure::Failure;
@@ -40,8 +40,6 @@ pub struct BoardSession {
     pub refused: Option<TaskRefusal>,
     /// Whether this program commands the board.
     commands: bool,
-    /// How long an answer is waited for.
-    timeout: Duration,
 }
 
 /// Releases command, so that the next client does not wait for the lease to expire.
@@ -64,15 +62,14 @@ impl BoardSession {
 
     /// The same at another port.
     pub fn open_at(options: &Options, port: &Address) -> Result<Self, Failure> {
-        Self::greet(options, dial_at(options, port)?)
+        Self::greet(dial_at(options, port)?)
     }
 
     /// Greets the board.
-    pub fn greet(options: &Options, mut board: LinkBoard<BoardLink>) -> Result<Self, Failure> {
+    pub fn greet(mut board: LinkBoard<BoardLink>) -> Result<Self, Failure> {
         let identity = board.hello()?;
         let port = port_address(&board);
-        let timeout = options.timeout;
-        Ok(Self { board, identity, port, task: None, refused: None, commands: false, timeout })
+        Ok(Self { board, identity, port, task: None, refused: None, commands: false })
     }
 
     /// Opens the port, greets the board and takes command.
@@ -85,11 +82,7 @@ impl BoardSession {
         let mut session = Self::open_at(options, port)?;
         session.board.await_command(options.take_over).map_err(|error| match error {
             BoardError::Refused { refusal: Refusal::Commanded { .. }, .. } if options.take_over => {
-                Failure::Refused(
-                    "another client commands the board, which is enabled: it can only be taken over after `tesaki stop` \
-                     or `tesaki disable`"
-                        .to_owned(),
-                )
+                Failure::Refused(words::NOT_TAKEN_OVER.to_owned())
             }
             error => error.into(),
         })?;
@@ -103,34 +96,6 @@ impl BoardSession {
             BoardError::Refused { refusal: Refusal::NoModel, .. } => Failure::NoModel,
             error => error.into(),
         })
-    }
-
-    /// The model on the board; `None` where there is none, or where it cannot be read just now: the next
-    /// status tells whether there is one.
-    pub fn model_if_there(&mut self) -> Result<Option<RobotModel>, Failure> {
-        match self.model() {
-            Ok(model) => Ok(Some(model)),
-            Err(Failure::NoModel) => Ok(None),
-            Err(Failure::Board(error)) if error.passes() => Ok(None),
-            Err(failure) => Err(failure),
-        }
-    }
-
-    /// Reads the model again if it is another one than `known`, with its checksum, by the status.
-    pub fn update_model(
-        &mut self,
-        known: &mut Option<(RobotModel, u32)>,
-        status: &Status,
-    ) -> Result<(), Failure> {
-        let checksum = (!status.node.model.is_empty()).then_some(status.node.model_checksum);
-        if known.as_ref().map(|(_, checksum)| *checksum) != checksum {
-            *known = match checksum {
-                // Where it cannot be read, the next status comes soon.
-                Some(checksum) => self.model_if_there()?.map(|model| (model, checksum)),
-                None => None,
-            };
-        }
-        Ok(())
     }
 
     /// Description of the [faults to blame](faults::blamed), with the joint's name if the model is known, and
@@ -169,24 +134,6 @@ impl BoardSession {
     /// Fails when the board is in fault.
     pub fn require_no_fault(&mut self, mode: Mode, model: Option<&RobotModel>) -> Result<(), Failure> {
         if mode == Mode::Fault { Err(Failure::Fault(self.fault(model))) } else { Ok(()) }
-    }
-
-    /// Requests the streams again from a silent board, which may have been reset or replaced. Returns whether
-    /// it answered.
-    pub fn reconnect(&mut self, streams: &[(Stream, u16)]) -> Result<bool, Failure> {
-        self.board.set_timeout(Duration::from_millis(200));
-        let mut ask = || {
-            self.board.hello()?;
-            streams.iter().try_for_each(|&(stream, every)| self.board.set_rate(stream, every))
-        };
-        let answer = ask();
-        self.board.set_timeout(self.timeout);
-        match answer {
-            Ok(()) => Ok(true),
-            // The caller tries again later.
-            Err(error) if error.passes() => Ok(false),
-            Err(error) => Err(error.into()),
-        }
     }
 
     /// Waits for the next telemetry.
@@ -268,7 +215,7 @@ impl BoardSession {
 
     /// Whether the outputs are on; `None` when the control loop does not run.
     pub fn outputs(&mut self) -> Result<Option<bool>, Failure> {
-        outputs(&mut self.board)
+        Ok(self.board.outputs()?)
     }
 
     /// Whether the outputs are on in this mode; `None` when a board in fault does not tell.
@@ -333,44 +280,6 @@ pub fn notice_untared(options: &Options, done: &str, tared: &[String]) {
     }
 }
 
-/// Whether the outputs of this board are on; `None` when its control loop does not run.
-pub fn outputs(board: &mut LinkBoard<BoardLink>) -> Result<Option<bool>, Failure> {
-    find_in_log(board, |record| match record {
-        LogRecord::Actuators(frame) => Some(frame.enabled),
-        _ => None,
-    })
-}
-
-/// A mode, for people: in fault also what the outputs do.
-pub fn mode_in_words(mode: Mode, outputs: Option<bool>) -> String {
-    let outputs = match (mode, outputs) {
-        (Mode::Fault, Some(true)) => ", and its outputs are on: it brakes or holds the robot",
-        (Mode::Fault, Some(false)) => ", and its outputs are off",
-        _ => "",
-    };
-    format!("{mode}{outputs}")
-}
-
-/// What `find` finds first in the entries of the board's log; `None` when its control loop does not run.
-pub fn find_in_log<T>(
-    board: &mut LinkBoard<BoardLink>,
-    mut find: impl FnMut(&LogRecord) -> Option<T>,
-) -> Result<Option<T>, Failure> {
-    board.set_rate(Stream::Log, 1)?;
-    let deadline = Instant::now() + Duration::from_millis(500);
-    let mut found = None;
-    while found.is_none()
-        && Instant::now() < deadline
-        && let Some(event) = board.next_event(deadline)?
-    {
-        if let FromBoard::Log(LogEntry { record, .. }) = event {
-            found = find(&record);
-        }
-    }
-    board.set_rate(Stream::Log, 0)?;
-    Ok(found)
-}
-
 /// An error if a set-point was refused, unless it was only late, or duplicated by a bad line.
 pub fn refused(reply: &Reply) -> Result<(), Failure> {
     match *reply {
@@ -380,11 +289,10 @@ pub fn refused(reply: &Reply) -> Result<(), Failure> {
     }
 }
 
-/// The key, if there is one, and if one of these addresses may be of TCP: only these are encrypted.
+/// The key, if one of these addresses needs it.
 pub fn key_for(options: &Options, addresses: &[&Address]) -> Result<Option<Key>, Failure> {
-    let may_be_tcp = |address: &&Address| matches!(address, Address::Tcp(_) | Address::Auto);
-    let path = options.key.as_deref().filter(|_| addresses.iter().any(may_be_tcp));
-    path.map(|path| Key::read(path).map_err(Failure::file(path))).transpose()
+    let path = options.key.as_deref();
+    Key::for_addresses(path, addresses).map_err(Failure::file(path.unwrap_or(Path::new(""))))
 }
 
 /// Opens the port.
@@ -408,11 +316,6 @@ pub fn port_address(board: &LinkBoard<BoardLink>) -> String {
 /// See [`interrupted`].
 static FLAG: OnceLock<Arc<AtomicBool>> = OnceLock::new();
 
-/// Whether Ctrl-C or a request to terminate has come; without [`interrupted`] they end the process at once.
-pub fn was_interrupted() -> bool {
-    FLAG.get().is_some_and(|flag| flag.load(Ordering::Relaxed))
-}
-
 /// Set by Ctrl-C and by a request to terminate.
 pub fn interrupted() -> Result<Arc<AtomicBool>, Failure> {
     if let Some(flag) = FLAG.get() {
@@ -422,6 +325,7 @@ pub fn interrupted() -> Result<Arc<AtomicBool>, Failure> {
     let signal = Arc::clone(&flag);
     ctrlc::set_handler(move || signal.store(true, Ordering::Relaxed))
         .map_err(|error| Failure::Other(format!("cannot handle Ctrl-C: {error}")))?;
+    output_queue::interrupt_by(Arc::clone(&flag));
     Ok(Arc::clone(FLAG.get_or_init(|| flag)))
 }
 

@@ -17,7 +17,7 @@ use tesaki_supervisor::{Board, BoardError, LinkBoard};
 
 use crate::args::Options;
 use crate::board::{clock, reset};
-use crate::board_session::{BoardLink, dial, find_in_log, outputs, port_address, version};
+use crate::board_session::{BoardLink, dial, port_address, version};
 use crate::failure::Failure;
 use crate::joints::outside;
 use crate::model::checksum;
@@ -260,7 +260,7 @@ fn check_board(
     if node.mode == Mode::Fault {
         let log = board.faults()?;
         let blamed = faults::blamed(&log);
-        let on = outputs(&mut board).unwrap_or(None) == Some(true);
+        let on = board.outputs().unwrap_or(None) == Some(true);
         let on = if on { "; its outputs are on, until then it brakes or holds the robot" } else { "" };
         doctor.bad(
             5,
@@ -282,7 +282,7 @@ fn check_sensors(
     model: &RobotModel,
     doctor: &mut Doctor,
 ) -> Result<(), Failure> {
-    let frame = find_in_log(board, |record| match record {
+    let frame = board.find_in_log(|record| match record {
         LogRecord::Sensors(sensors) => Some(sensors.clone()),
         _ => None,
     })?;

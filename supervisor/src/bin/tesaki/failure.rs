@@ -4,13 +4,8 @@ use std::io;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use tesaki::fault::{Fault, FaultCause};
 use tesaki::model::RobotModel;
-use tesaki::protocol::{Mode, Refusal};
 use tesaki::robot::Concerns;
-use tesaki::task::TaskRefusal;
-use tesaki::task::grasping::GraspRefusal;
-use tesaki::task::impedance::ImpedanceRefusal;
 use tesaki_description::FileError;
 use tesaki_description::calibration::CalibrationError;
 use tesaki_description::urdf::UrdfError;
@@ -18,7 +13,7 @@ use tesaki_supervisor::BoardError;
 use tesaki_supervisor::identify::IdentifyError;
 use tesaki_supervisor::port::{Address, PortError};
 use tesaki_supervisor::publication::OtherRobot;
-use tesaki_supervisor::troubleshooting;
+use tesaki_supervisor::{troubleshooting, words};
 
 /// Why a command failed.
 #[derive(Debug, thiserror::Error)]
@@ -53,9 +48,7 @@ pub enum Failure {
     #[error("the board is in fault: {0}\n`tesaki faults --clear` shows and clears the faults")]
     Fault(String),
     /// After the failure the board could not be disabled either, which is the second one.
-    #[error(
-        "{0}\nThe board could not be disabled: {1}\nIts outputs may still be on: press the emergency stop, or cut the power"
-    )]
+    #[error("{0}\n{still_on}", still_on = words::still_on(.1))]
     StillOn(Box<Failure>, Box<Failure>),
     /// One board of two, by its port.
     #[error("{0}: {1}")]
@@ -116,24 +109,7 @@ pub enum Failure {
 /// What to do about a refusal, in terms of this program.
 fn hint(error: &BoardError) -> String {
     let BoardError::Refused { refusal, .. } = error else { return String::new() };
-    let hint = match refusal {
-        Refusal::Commanded { .. } => " (with --take-over)",
-        Refusal::NoSensors => {
-            "; a board with the model of another robot has none either: `tesaki doctor --robot DIR` compares"
-        }
-        Refusal::NotHomed { .. } => " (`tesaki home JOINT=ANGLE …` with the present angle of every joint)",
-        Refusal::Task(
-            TaskRefusal::Grasping(GraspRefusal::NotTared { .. })
-            | TaskRefusal::Impedance(ImpedanceRefusal::NotTared { .. }),
-        ) => " (`tesaki tare`)",
-        Refusal::Unsafe(Fault { cause: FaultCause::VelocityLimit, .. }) => {
-            ". The joint still moves: wait until it rests, then try again"
-        }
-        Refusal::FaultsUnread { .. } => " (`tesaki faults --clear` does both)",
-        Refusal::WrongMode(Mode::Fault) => " (`tesaki faults --clear` ends the fault)",
-        _ => "",
-    };
-    format!("{hint}\nSee {}", troubleshooting::refusal(refusal))
+    format!("{}\nSee {}", words::hint(refusal), troubleshooting::refusal(refusal))
 }
 
 /// What to do about a file that cannot be read or written.
@@ -191,17 +167,10 @@ impl Failure {
     /// The same failure with names of joints and chains instead of their numbers.
     pub fn named(self, model: &RobotModel) -> Self {
         match &self {
-            Self::Board(BoardError::Refused { refusal, .. }) => {
-                let chain =
-                    refusal.chain().and_then(|chain| Some((chain, model.chains.get(usize::from(chain))?)));
-                let named = |number: String, name: &str| self.to_string().replacen(&number, name, 1);
-                match (refusal.joint(), chain) {
-                    (Some(joint), _) => {
-                        Self::Refused(named(format!("joint {joint}"), model.joint_name(usize::from(joint))))
-                    }
-                    (_, Some((chain, tip))) => Self::Refused(named(format!("chain {chain}"), &tip.name)),
-                    _ => self,
-                }
+            Self::Board(BoardError::Refused { refusal, .. })
+                if refusal.joint().is_some() || refusal.chain().is_some() =>
+            {
+                Self::Refused(words::named(refusal, &self.to_string(), Some(model)))
             }
             _ => self,
         }
@@ -246,6 +215,9 @@ impl Failure {
 
 #[cfg(test)]
 mod tests {
+    use tesaki::fault::{Fault, FaultCause};
+    use tesaki::protocol::Refusal;
+
     use super::*;
 
     /// The rows of the table in docs/supervisor.md, and a failure of each; 0 is that of a closed output.

@@ -153,7 +153,7 @@ impl Share {
         if self.streams && self.heard.elapsed() > SILENCE {
             let text = "no telemetry from the board: is its control loop running? Try `tesaki doctor`";
             self.clients.keys().for_each(|&id| warn(&mut self.server, id, text));
-            self.session.reconnect(STREAMS)?;
+            self.session.board.reconnect(STREAMS)?;
             self.heard = Instant::now();
         }
         Ok(())
@@ -198,7 +198,10 @@ impl Share {
     }
 
     fn read_model(&mut self, status: &Status) -> Result<(), Failure> {
-        self.session.update_model(&mut self.model, status)?;
+        self.session.board.update_model(&mut self.model, status)?;
+        if let Some((model, _)) = &self.model {
+            self.publication.require_own(model)?;
+        }
         self.publication.use_model(self.model.as_ref().map(|(model, checksum)| (model, *checksum)));
         Ok(())
     }

@@ -38,7 +38,7 @@ pub fn push(
         })?;
     }
     let mut session = BoardSession::command(options)?;
-    let mut tared = match session.model_if_there()? {
+    let mut tared = match session.board.model_if_there()? {
         Some(old) => session.tared(&old)?,
         None => Vec::new(),
     };

@@ -10,6 +10,7 @@ use tesaki::task::impedance::ImpedanceTelemetry;
 use tesaki::task::{TaskConfig, TaskRefusal, TaskTelemetry};
 use tesaki_supervisor::faults::FaultsBefore;
 use tesaki_supervisor::gravity::Load;
+pub use tesaki_supervisor::timing::{KEEP_ALIVE, LAST_WORD};
 use tesaki_supervisor::{Board, BoardError, angles};
 
 use crate::args::Options;
@@ -17,8 +18,6 @@ use crate::board_session::{BoardSession, interrupted};
 use crate::failure::Failure;
 use crate::output;
 
-/// Period of the set-points: well below the command timeout, so that a few may be lost.
-pub const KEEP_ALIVE: Duration = Duration::from_millis(20);
 /// Period of the board's ticks.
 pub const PERIOD: Duration = Duration::from_millis(10);
 /// Longest duration of a path [s].
@@ -34,8 +33,6 @@ const ALL_HOMED: u16 = u16::MAX;
 const LENGTHS: f32 = 10.0;
 /// Without telemetry for this time, the stream is requested again: the board may have been reset.
 const SILENCE: Duration = Duration::from_millis(300);
-/// How long a board that may be gone is told to disable.
-pub const LAST_WORD: Duration = Duration::from_millis(500);
 /// How long a board that has not answered that is told again.
 const FAREWELL: Duration = Duration::from_secs(2);
 

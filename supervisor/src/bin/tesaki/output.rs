@@ -1,7 +1,6 @@
 //! Output as text and as JSON.
 
 mod file;
-mod queue;
 
 use std::io::{self, IsTerminal, Write as _};
 use std::path::Path;
@@ -11,9 +10,9 @@ use std::time::{Duration, Instant};
 use serde::Serialize;
 use tesaki::model::RobotModel;
 use tesaki::protocol::{TaskReport, Telemetry};
+use tesaki_supervisor::output_queue::{self as queue, was_interrupted};
 
 use crate::args::Options;
-use crate::board_session::was_interrupted;
 use crate::failure::Failure;
 
 /// Prints `value` as JSON, or `text`.
@@ -91,7 +90,7 @@ pub fn telemetry(telemetry: &Telemetry, model: Option<&RobotModel>, homed: u16) 
 }
 
 pub use file::{replace, require_writable, save, written_to};
-pub use queue::set_controls;
+pub use tesaki_supervisor::output_queue::set_controls;
 
 /// Prints a line.
 pub fn line(text: &str) -> Result<(), Failure> {

@@ -220,7 +220,7 @@ impl<'a> Recorder<'a> {
                 self.viewer.task(&task).map_err(mcap_failure(&self.mcap_path))?;
             }
             Some(FromBoard::Status(status)) => {
-                session.update_model(&mut self.model, &status)?;
+                session.board.update_model(&mut self.model, &status)?;
                 self.viewer.status(&status).map_err(mcap_failure(&self.mcap_path))?;
             }
             Some(FromBoard::Reply(_)) | None => {}
@@ -234,7 +234,7 @@ impl<'a> Recorder<'a> {
             )));
         }
         if now - self.heard.max(self.asked) > REPORT
-            && session.reconnect(&[&[(Stream::Log, 1)], STREAMS].concat())?
+            && session.board.reconnect(&[&[(Stream::Log, 1)], STREAMS].concat())?
         {
             self.asked = now;
             self.log.gap(session, 0).map_err(log_failure(&self.log_path))?;

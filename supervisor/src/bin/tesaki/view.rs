@@ -370,7 +370,7 @@ impl View {
             }
         } else if known != Some(node.model_checksum) {
             // Else the next status comes soon.
-            if let Some(model) = self.session.model_if_there()? {
+            if let Some(model) = self.session.board.model_if_there()? {
                 self.show_scene(Some(&model));
                 self.model = Some((model, node.model_checksum));
                 self.known_faults = None;
@@ -408,7 +408,7 @@ impl View {
                 "the board's port has disappeared: connect it again, and this page goes on"
             });
             self.tell_status();
-            self.session.reconnect(STREAMS)?;
+            self.session.board.reconnect(STREAMS)?;
             // Not at once again.
             self.heard = Instant::now();
         }

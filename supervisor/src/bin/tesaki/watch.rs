@@ -75,7 +75,7 @@ fn stream(options: &Options, session: &mut BoardSession, model: RobotModel) -> R
         if !silent && checked.is_none_or(|checked| checked.elapsed() > MODEL) {
             checked = Some(Instant::now());
             if let Ok(status) = session.board.status() {
-                session.update_model(&mut model, &status)?;
+                session.board.update_model(&mut model, &status)?;
             }
         }
         match session.telemetry(Duration::from_secs(1)) {
@@ -110,7 +110,7 @@ fn stream(options: &Options, session: &mut BoardSession, model: RobotModel) -> R
                         no_telemetry(session)
                     ));
                 }
-                session.reconnect(&[(Stream::Telemetry, EVERY)])?;
+                session.board.reconnect(&[(Stream::Telemetry, EVERY)])?;
             }
             Err(failure) => return Err(failure),
         }
@@ -214,7 +214,7 @@ impl Watch {
         if silence > SILENCE {
             self.view.state = State::Lost;
             self.view.hint = format!("no telemetry: {}", no_telemetry(session));
-            session.reconnect(STREAMS)?;
+            session.board.reconnect(STREAMS)?;
         }
         if self.known_faults.is_none() && silence < SILENCE {
             self.read_faults(session)?;
@@ -260,7 +260,7 @@ impl Watch {
             self.forget_model(session);
         } else if status.node.model_checksum != self.checksum
             // Else the next status comes soon.
-            && let Some(model) = session.model_if_there()?
+            && let Some(model) = session.board.model_if_there()?
         {
             self.checksum = status.node.model_checksum;
             self.view.joints = joint_views(&model);

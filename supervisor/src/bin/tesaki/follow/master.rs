@@ -116,7 +116,7 @@ impl Master {
                     Err(failure) => Err(failure.to_string()),
                 },
                 Ok(Some(_)) => continue,
-                Ok(None) => match self.session.reconnect(&[(Stream::Telemetry, 1)]) {
+                Ok(None) => match self.session.board.reconnect(&[(Stream::Telemetry, 1)]) {
                     Ok(_) => continue,
                     Err(failure) => Err(failure.to_string()),
                 },

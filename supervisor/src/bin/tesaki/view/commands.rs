@@ -19,6 +19,7 @@ use tesaki::task::{TaskConfig, TaskKind, TaskRefusal};
 use tesaki_description::impedance;
 use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::task_report::Grasped;
+use tesaki_supervisor::timing::{BLIND, FRESH, KEEP_ALIVE, LAST_WORD};
 use tesaki_supervisor::{Board, BoardError, LinkBoard, angles};
 
 use super::View;
@@ -30,8 +31,6 @@ use crate::{joints, motion};
 pub use commander::Commander;
 use commander::{Enabled, Stopping, ToolPath};
 
-/// From one set-point of a task to the next, as in all other commands.
-const KEEP_ALIVE: Duration = motion::KEEP_ALIVE;
 /// From one point of the tool's path to the next.
 const POINT: Duration = motion::PERIOD;
 /// From one renewal of the lease to the next while disabled; it lasts longer.
@@ -40,14 +39,8 @@ const RENEWAL: Duration = Duration::from_millis(300);
 const SILENT_PAGE: Duration = Duration::from_secs(1);
 /// How long the board is told to stop before the pages are warned. It is told so on.
 const STOP_PATIENCE: Duration = Duration::from_secs(2);
-/// Age at which telemetry still says where the joints are.
-const FRESH: Duration = Duration::from_millis(200);
-/// Without telemetry for this time, what has been enabled is stopped.
-const BLIND: Duration = Duration::from_millis(500);
 /// Duration of a step of the object or of the tool [s].
 const STEP: f32 = 1.0;
-/// How long the board may take for an answer at the end.
-const LAST_WORD: Duration = Duration::from_millis(500);
 
 /// The files of a robot folder with which a page can enable a task.
 pub fn plans(folder: &RobotFolder) -> Vec<Plan> {

@@ -9,13 +9,11 @@ use tesaki::task::impedance::ImpedanceCommand;
 use tesaki::task::joint_servo::JointCommand;
 use tesaki::task::{TaskCommand, TaskKind};
 use tesaki_supervisor::task_report::Grasped;
+use tesaki_supervisor::timing::LATE;
 use tesaki_supervisor::trajectory::minimum_jerk;
 
 use super::STEP;
 use crate::board_session::shows_stop;
-
-/// Telemetry that comes later shows what the board did after a reply.
-const LATE: Duration = Duration::from_millis(200);
 
 /// What was sent so long before a refusal comes was accepted.
 const REFUSED: Duration = Duration::from_millis(100);

@@ -8,15 +8,15 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
-use crate::board_session::was_interrupted;
-
 /// Texts that may wait for the reader.
 const CAPACITY: usize = 50;
 
 /// Where a text goes.
-#[derive(Clone, Copy, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stream {
+    /// Standard output.
     Output,
+    /// Standard error.
     Error,
 }
 
@@ -26,6 +26,19 @@ static CONTROLS: AtomicBool = AtomicBool::new(false);
 /// From now on this program controls a robot, or does not any more.
 pub fn set_controls(controls: bool) {
     CONTROLS.store(controls, Ordering::Relaxed);
+}
+
+/// See [`interrupt_by`].
+static INTERRUPT: OnceLock<Arc<AtomicBool>> = OnceLock::new();
+
+/// From now on `flag` says whether Ctrl-C, or a request to terminate, has come.
+pub fn interrupt_by(flag: Arc<AtomicBool>) {
+    let _ = INTERRUPT.set(flag);
+}
+
+/// Whether Ctrl-C, or a request to terminate, has come, if there is a flag that says so.
+pub fn was_interrupted() -> bool {
+    INTERRUPT.get().is_some_and(|flag| flag.load(Ordering::Relaxed))
 }
 
 #[derive(Default)]
@@ -96,6 +109,9 @@ impl Queue {
 /// Sends a text on its way. While this program controls a robot, and after Ctrl-C, it waits for no reader:
 /// then the error is [`io::ErrorKind::WouldBlock`] when too many texts wait. Errors of standard output may be
 /// those of earlier texts.
+///
+/// # Errors
+/// See above.
 pub fn send(stream: Stream, text: String) -> io::Result<()> {
     let queue = queue();
     let mut state = queue.lock();
@@ -119,6 +135,9 @@ pub fn send(stream: Stream, text: String) -> io::Result<()> {
 }
 
 /// Waits until all texts are written; after Ctrl-C, or if it `hurries`, for a second more.
+///
+/// # Errors
+/// An error of standard output.
 pub fn flush(hurries: bool) -> io::Result<()> {
     let queue = queue();
     let mut state = queue.lock();

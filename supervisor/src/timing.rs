@@ -1,0 +1,14 @@
+//! Times that all programs which drive a board keep to.
+
+use std::time::Duration;
+
+/// Period of what is sent to an enabled board: well below its command timeout, so that a few may be lost.
+pub const KEEP_ALIVE: Duration = Duration::from_millis(20);
+/// Maximum age at which telemetry still shows where the joints are.
+pub const FRESH: Duration = Duration::from_millis(200);
+/// For this time after an answer of the board, telemetry from before may still arrive.
+pub const LATE: Duration = Duration::from_millis(200);
+/// Without telemetry for this time, nothing more is commanded.
+pub const BLIND: Duration = Duration::from_millis(500);
+/// How long a board that may be gone is told to disable.
+pub const LAST_WORD: Duration = Duration::from_millis(500);
