@@ -12,7 +12,7 @@ const TABLE_ERROR: f32 = 1e-3;
 /// Standard deviation of the length of the knob [m], and of the direction of its axis [rad].
 const LENGTH_ERROR: f32 = 4e-3;
 const AXIS_ERROR: f32 = 0.04;
-/// Process noise per circle: standard deviations of the position of the rose relative to the arm and of its
+/// Process noise per circle that fits: standard deviations of the position of the rose relative to the arm and of its
 /// radius [m]. The arm is compliant, and errors of successive pictures are correlated.
 const PLACE_CHANGE: f32 = 1e-3;
 const RADIUS_CHANGE: f32 = 1e-4;
@@ -138,7 +138,7 @@ impl RoseEstimate {
     }
 
     /// Corrects the estimate by a circle in a picture from `hand`, as the rim that it fits better. Returns
-    /// that rim; `None` if it fits neither: then the estimate only becomes less certain.
+    /// that rim; `None` if it fits neither: then only the cost changes.
     pub fn update(
         &mut self,
         table: &HandEyeTable,
@@ -154,16 +154,10 @@ impl RoseEstimate {
         });
         let best = fitting.reduce(|one, other| if other.1.square < one.1.square { other } else { one });
         self.cost = MEMORY * self.cost + best.as_ref().map_or(GATE * GATE, |(_, found)| found.square);
-        match best {
-            Some((rim, found)) => {
-                self.correct(&found);
-                Some(rim)
-            }
-            None => {
-                self.drift();
-                None
-            }
-        }
+        best.map(|(rim, found)| {
+            self.correct(&found);
+            rim
+        })
     }
 
     /// Corrects the estimate by a circle as this rim, whether it fits or not.
@@ -223,14 +217,9 @@ impl RoseEstimate {
         let gain = self.covariance * slope.transpose() * weight;
         self.mean += gain * innovation;
         let covariance = (Matrix4::identity() - gain * slope) * self.covariance;
-        self.covariance = (covariance + covariance.transpose()) * 0.5;
-        self.drift();
-    }
-
-    /// Time update until the next circle.
-    fn drift(&mut self) {
         let change = [PLACE_CHANGE, PLACE_CHANGE, PLACE_CHANGE, RADIUS_CHANGE].map(|change| change * change);
-        self.covariance += Matrix4::from_diagonal(&Vector4::from(change));
+        self.covariance =
+            (covariance + covariance.transpose()) * 0.5 + Matrix4::from_diagonal(&Vector4::from(change));
     }
 }
 

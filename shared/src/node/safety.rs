@@ -59,16 +59,21 @@ impl PresentStop {
         }
     }
 
-    /// Whether a fault switches the outputs off or ends the holding. Others must not mask it.
-    fn is_urgent(self, cause: FaultCause) -> bool {
-        !cause.leaves_control() || self.holds && self.fails(cause)
+    /// What a fault changes: 2 if it switches the outputs off, 1 if it ends the holding. No other must mask
+    /// it.
+    fn urgency(self, cause: FaultCause) -> u8 {
+        match cause {
+            cause if !cause.leaves_control() => 2,
+            cause if self.holds && self.fails(cause) => 1,
+            _ => 0,
+        }
     }
 
-    /// The worse of two findings: one that is urgent, else the first.
+    /// The more urgent of two findings, else the first.
     #[cold]
     fn worse(self, first: SensorFault, other: (u8, Finding)) -> SensorFault {
         match first {
-            Some((_, found)) if !self.is_urgent(other.1.cause) || self.is_urgent(found.cause) => first,
+            Some((_, found)) if self.urgency(other.1.cause) <= self.urgency(found.cause) => first,
             _ => Some(other),
         }
     }
@@ -257,7 +262,7 @@ impl Node {
             Some(found.at(Some(index), self.state.tick))
         };
         let stop = PresentStop::of(&self.state);
-        let urgent = |found: &Fault| stop.is_urgent(found.cause);
+        let urgency = |found: &Option<Fault>| found.map_or(0, |found| stop.urgency(found.cause));
         let supply = f32::from(sensors.supply) / 1000.0;
         if sensors.flags.emergency_stop() {
             return fault(FaultCause::EmergencyStop, None, 1.0, 0.0);
@@ -269,23 +274,24 @@ impl Node {
         if sensors.flags.power_stage() {
             return fault(FaultCause::PowerStage, None, 1.0, 0.0);
         }
-        let found = of_sensor(joint_fault).filter(urgent).or(of_sensor(tip_fault).filter(urgent));
-        if found.is_some() {
+        let [joint, tip] = [of_sensor(joint_fault), of_sensor(tip_fault)];
+        let found = if urgency(&tip) > urgency(&joint) { tip } else { joint };
+        if urgency(&found) > 0 {
             return found;
         }
         #[expect(clippy::cast_precision_loss, reason = "for display")]
         let late = || fault(FaultCause::LateTick, None, elapsed as f32, 1.0).filter(|_| elapsed != 1);
         let low = || fault(FaultCause::SupplyLow, None, supply, safety.supply_min);
-        // A stop that begins must know whether the force sensors and the references are valid.
+        // A stop that begins must know whether the force sensors are valid, and else the references.
         let misleads = |found: &Fault| {
             matches!(self.state.mode, Mode::Enabled(_))
                 && (found.cause.loses_force() || found.cause.invalidates_reference())
         };
         late()
-            .or(of_sensor(tip_fault).filter(misleads))
-            .or(of_sensor(joint_fault).filter(misleads))
+            .or(tip.filter(misleads))
+            .or(joint.filter(misleads))
             .or_else(|| low().filter(|_| supply < safety.supply_min))
-            .or(of_sensor(joint_fault.or(tip_fault)))
+            .or(joint.or(tip))
     }
 
     /// Checks the control, also while it holds the robot after a fault, and the command timeout while
@@ -551,5 +557,10 @@ mod tests {
         assert_eq!(worse((3, of(FaultCause::PositionLimit))), Some((3, FaultCause::PositionLimit)));
         assert_eq!(worse((3, of(FaultCause::EncoderJump))), Some((3, FaultCause::EncoderJump)));
         assert_eq!(worse((3, of(FaultCause::VelocityLimit))), Some((0, FaultCause::VelocityLimit)));
+        // What ends the holding does not hide what switches the outputs off.
+        let ends = (1, of(FaultCause::PositionLimit));
+        let jumps = (3, of(FaultCause::EncoderJump));
+        assert_eq!(stop.worse(Some(ends), jumps).map(|(joint, _)| joint), Some(3));
+        assert_eq!(stop.worse(Some(jumps), ends).map(|(joint, _)| joint), Some(3));
     }
 }

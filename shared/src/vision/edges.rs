@@ -67,7 +67,7 @@ pub(super) fn edges(
     if width < 3 || cells.height() < 3 {
         return 0;
     }
-    let mut list = List { points, length: 0, histogram: [0; BUCKETS], min_bucket: 0 };
+    let mut list = List::new(points);
     let (binned, gradients) = rows.split_at_mut((3 * width).min(rows.len()));
     for (index, y) in (cells.from[1]..cells.to[1]).enumerate() {
         reduce(image, level, y, cells.from[0], row(binned, width, index));
@@ -199,13 +199,20 @@ struct List<'a> {
     histogram: [u32; BUCKETS],
     /// Points of lower buckets are dropped.
     min_bucket: u8,
+    /// Of the points of that bucket every `stride`-th is kept; the number of those dropped since the last.
+    stride: u32,
+    skipped: u32,
 }
 
-impl List<'_> {
+impl<'a> List<'a> {
+    fn new(points: &'a mut [EdgePoint]) -> Self {
+        Self { points, length: 0, histogram: [0; BUCKETS], min_bucket: 0, stride: 1, skipped: 0 }
+    }
+
     fn push(&mut self, x: u16, y: u16, gx: i32, gy: i32, magnitude: u32) {
         let power = 31 - magnitude.leading_zeros();
         let bucket = (4 * power + (magnitude >> (power - 2) & 3)) as u8;
-        if bucket < self.min_bucket {
+        if !self.keeps(bucket) {
             return;
         }
         if self.length >= self.points.len() {
@@ -223,7 +230,22 @@ impl List<'_> {
         }
     }
 
-    /// Drops the weakest points, at least an eighth of all; if all are equally strong, every second.
+    /// Whether a point is strong enough to be kept, and of many weak ones the next.
+    #[inline]
+    fn keeps(&mut self, bucket: u8) -> bool {
+        if bucket != self.min_bucket || self.stride == 1 {
+            return bucket >= self.min_bucket;
+        }
+        self.skipped += 1;
+        if self.skipped < self.stride {
+            return false;
+        }
+        self.skipped = 0;
+        true
+    }
+
+    /// Drops the weakest points: whole buckets, until they are an eighth of all, but not the strongest one. If
+    /// all points are in that, drops every second.
     fn drop_weakest(&mut self) {
         let strongest = self.histogram.iter().rposition(|&count| count > 0).unwrap_or(0);
         let mut dropped = 0;
@@ -233,16 +255,17 @@ impl List<'_> {
             *count = 0;
             self.min_bucket += 1;
         }
-        let step = if dropped == 0 { 2 } else { 1 };
+        let thins = dropped == 0;
+        (self.stride, self.skipped) = (if thins { 2 * self.stride } else { 1 }, 0);
         let mut kept = 0;
-        for index in (0..self.length).step_by(step) {
+        for index in (0..self.length).step_by(if thins { 2 } else { 1 }) {
             let point = self.points[index];
             if point.bucket >= self.min_bucket {
                 self.points[kept] = point;
                 kept += 1;
             }
         }
-        if dropped == 0 {
+        if thins {
             self.histogram[strongest] = kept as u32;
         }
         self.length = kept;
@@ -270,32 +293,40 @@ impl List<'_> {
 mod tests {
     use super::*;
 
-    /// The number of points of each strength that remain of so many points of each.
-    fn kept(capacity: usize, pushed: &[(i32, usize)]) -> Vec<usize> {
+    /// What remains of points of these gradients, pushed with increasing x.
+    fn kept(capacity: usize, gradients: impl IntoIterator<Item = i32>) -> Vec<EdgePoint> {
         let mut points = std::vec![EdgePoint::NONE; capacity];
-        let mut list = List { points: &mut points, length: 0, histogram: [0; BUCKETS], min_bucket: 0 };
-        for &(gradient, count) in pushed {
-            (0..count).for_each(|_| list.push(0, 0, gradient, 0, (gradient * gradient) as u32));
+        let mut list = List::new(&mut points);
+        for (x, gradient) in (0_usize..).zip(gradients) {
+            list.push(x as u16, 0, gradient, 0, (gradient * gradient) as u32);
         }
         let length = list.length;
-        let bucket = |gradient: i32| {
-            let power = 31 - (gradient * gradient).leading_zeros();
-            (4 * power + ((gradient * gradient) as u32 >> (power - 2) & 3)) as u8
-        };
-        let count =
-            |gradient| points[..length].iter().filter(|point| point.bucket == bucket(gradient)).count();
-        pushed.iter().map(|&(gradient, _)| count(gradient)).collect()
+        points.truncate(length);
+        points
     }
 
     #[test]
     fn the_strongest_points_are_kept_even_if_most_are_equally_strong() {
-        assert_eq!(kept(64, &[(100, 20), (200, 60)]), [0, 60]);
-        assert_eq!(kept(64, &[(100, 1), (200, 93), (100, 30)]), [0, 61, 0]);
-        assert_eq!(kept(64, &[(200, 64), (400, 1)]), [32, 1]);
+        let points = kept(64, [100; 20].into_iter().chain([200; 60]));
+        assert!(points.len() == 60 && points.iter().all(|point| point.x >= 20));
+        let points = kept(64, [200; 64].into_iter().chain([400]));
+        assert_eq!((points.len(), points.last().map(|point| point.x)), (33, Some(64)));
+        // Those of a stronger bucket take the place of a thinned one.
+        let points = kept(64, [200; 500].into_iter().chain([400; 60]));
+        assert_eq!(points.iter().filter(|point| point.x >= 500).count(), 60);
+    }
+
+    #[test]
+    fn equally_strong_points_are_thinned_alike_everywhere() {
+        let points = kept(64, [100; 1000]);
+        assert!(points.len() > 32, "{}", points.len());
+        let gaps = points.windows(2).map(|pair| pair[1].x - pair[0].x);
+        let [min, max] = gaps.fold([u16::MAX, 0], |[min, max], gap| [min.min(gap), max.max(gap)]);
+        assert!(min >= 8 && max <= 32, "{min} to {max}");
     }
 
     #[test]
     fn a_large_picture_may_have_any_number_of_points_of_one_strength() {
-        assert_eq!(kept(70_000, &[(100, 70_000)]), [70_000]);
+        assert_eq!(kept(70_000, (0..70_000).map(|_| 100)).len(), 70_000);
     }
 }

@@ -276,11 +276,14 @@ impl VisualApproach {
 
     /// What the force estimate learns in this period: nothing while the hand may carry a load.
     const fn learning(&self) -> Learning {
-        let closes = matches!(self.gripper.state, GripperState::Closing | GripperState::Holding);
+        let grips = matches!(
+            self.gripper.state,
+            GripperState::Closing | GripperState::Holding | GripperState::Jammed
+        );
         let is_free =
             matches!(self.gripper.state, GripperState::Still | GripperState::Open | GripperState::Empty);
         match self.motion.motion {
-            _ if !self.has_moved && !closes => Learning::Unloaded,
+            _ if !self.has_moved && !grips => Learning::Unloaded,
             _ if !is_free || self.motion.is_ended() => Learning::Nothing,
             HandMotion::Standing => Learning::Standing,
             _ => Learning::Moving,
