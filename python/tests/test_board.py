@@ -205,15 +205,22 @@ def test_a_fault_is_an_exception_with_its_words(serve):
         enable(board, served)
         board.wait(0.2)
         served.command("estop on")
-        words = "(?s)^the board is in fault: .*emergency.*See docs/troubleshooting.md.*disable\\(\\) switches them off$"
-        with pytest.raises(tesaki.FaultError, match=words):
+        words = "^the board is in fault: .*emergency.*\nSee docs/troubleshooting.md"
+        with pytest.raises(tesaki.FaultError, match=words) as off:
             board.wait(1.0)
+        assert "Its outputs" not in str(off.value)
         served.command("estop off")
         with pytest.raises(tesaki.RefusedError):
             board.enable()
         time.sleep(0.1)
         assert "emergency" in board.clear_faults()[-1]
         board.enable()
+        board.wait(0.2)
+        # Longer than the command timeout, after which the board may hold the robot.
+        time.sleep(0.5)
+        words = "(?s)command.*Its outputs may hold the robot; disable\\(\\) switches them off$"
+        with pytest.raises(tesaki.FaultError, match=words):
+            board.wait(1.0)
 
 
 def only_replies(path, port):

@@ -312,7 +312,7 @@ impl<S: Sink> Publisher<S> {
     }
 
     /// Publishes the wrench on a frame on `/tesaki/wrench/FRAME`: force [N] and torque [N·m] about its
-    /// origin, in its axes. In the name of the topic `_` is in the place of what ROS 2 allows in no name.
+    /// origin, in its axes. In the name of the topic, what ROS 2 does not allow there is written as its code.
     pub fn wrench(
         &mut self,
         time: u64,
@@ -393,8 +393,19 @@ impl<S: Sink> Publisher<S> {
     }
 }
 
-/// Returns `name` with letters, digits and `_` alone, and no digit in front, as a part of a ROS 2 topic.
+/// Returns `name` as a part of a ROS 2 topic: letters, digits and `_`, and a letter in front, because a digit
+/// is invalid there and `_` hides a topic. Every other byte is written as its code: `_x2d` for `-`, `x32` for
+/// a 2 in front.
 fn ros_name(name: &str) -> String {
-    let digit = if name.starts_with(|c: char| c.is_ascii_digit()) { "_" } else { "" };
-    format!("{digit}{}", name.replace(|c: char| !c.is_ascii_alphanumeric(), "_"))
+    let mut topic = String::new();
+    for byte in name.bytes() {
+        let is_first = topic.is_empty();
+        match byte {
+            b'a'..=b'z' | b'A'..=b'Z' => topic.push(char::from(byte)),
+            b'0'..=b'9' | b'_' if !is_first => topic.push(char::from(byte)),
+            _ if is_first => topic = format!("x{byte:02x}"),
+            _ => topic += &format!("_x{byte:02x}"),
+        }
+    }
+    topic
 }

@@ -80,11 +80,18 @@ fn who_looks_on_gets_each_message_and_who_comes_late_the_last() {
 #[test]
 fn a_topic_has_the_name_of_a_tip_as_far_as_ros_allows() {
     let mut publisher = Publisher::new(Live::default(), None);
-    for tip in ["finger-1.tip", "2nd"] {
+    let tips = [
+        ("finger-1.tip", "finger_x2d1_x2etip"),
+        ("finger_1_tip", "finger_1_tip"),
+        ("2nd", "x32nd"),
+        ("_hidden", "x5fhidden"),
+        ("é1", "xc3_xa91"),
+    ];
+    for (tip, _) in tips {
         publisher.wrench(START, tip, [0.0; 3], [0.0; 3]).unwrap();
     }
     let names: Vec<&str> = publisher.sink().topics().iter().map(|topic| topic.name.as_str()).collect();
-    assert_eq!(names, ["/tesaki/wrench/finger_1_tip", "/tesaki/wrench/_2nd"]);
+    assert_eq!(names, tips.map(|(_, topic)| format!("/tesaki/wrench/{topic}")));
     let message = &publisher.sink_mut().take()[0];
     assert!(message.data.windows(12).any(|part| part == b"finger-1.tip"));
 }

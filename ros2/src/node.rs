@@ -232,7 +232,7 @@ impl<'a> Node<'a> {
     }
 
     /// Checks from time to time that requests of clients can arrive.
-    fn check_dds(&mut self) -> Result<(), Failure> {
+    pub fn check_dds(&mut self) -> Result<(), Failure> {
         if self.checked.elapsed() < CHECK {
             return Ok(());
         }
@@ -417,7 +417,7 @@ impl<'a> Node<'a> {
     }
 
     /// Publishes the messages that have accumulated.
-    fn send(&mut self) -> Result<(), Failure> {
+    pub fn send(&mut self) -> Result<(), Failure> {
         let live = self.publication.publisher.sink_mut();
         let messages = live.take();
         if self.dds.check().is_err() {

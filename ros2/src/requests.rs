@@ -52,6 +52,8 @@ pub struct Services {
     disable: Service,
     tare: Service,
     clear_faults: Service,
+    /// A request to disable the board that has been received, but is not yet carried out.
+    disabling: Option<Caller>,
 }
 
 impl Services {
@@ -65,6 +67,7 @@ impl Services {
             disable: offer("disable")?,
             tare: offer("tare")?,
             clear_faults: offer("clear_faults")?,
+            disabling: None,
         })
     }
 
@@ -80,10 +83,21 @@ impl Services {
 
     /// Returns the next request, with the service that answers it. Disabling comes first.
     fn take(&mut self) -> Option<(Asked, Caller)> {
+        if let Some(caller) = self.disabling.take() {
+            return Some((Asked::Disable, caller));
+        }
         self.all().into_iter().find_map(|(asked, service)| {
             let (caller, _) = service.take::<TriggerRequest>()?;
             Some((asked, caller))
         })
+    }
+
+    /// Returns whether a request to disable the board waits.
+    fn is_disabling(&mut self) -> bool {
+        if self.disabling.is_none() {
+            self.disabling = self.disable.take::<TriggerRequest>().map(|(caller, _)| caller);
+        }
+        self.disabling.is_some()
     }
 
     fn of(&mut self, asked: Asked) -> &mut Service {
@@ -101,8 +115,28 @@ impl Services {
     }
 }
 
+/// Why a service failed.
+enum Undone {
+    /// It was not carried out, for this reason.
+    Refused(String),
+    /// The node ends.
+    Ended(Failure),
+}
+
+impl From<String> for Undone {
+    fn from(reason: String) -> Self {
+        Self::Refused(reason)
+    }
+}
+
+impl From<Failure> for Undone {
+    fn from(failure: Failure) -> Self {
+        Self::Ended(failure)
+    }
+}
+
 /// What a service did, or why it failed.
-type Answer = Result<String, String>;
+type Answer = Result<String, Undone>;
 
 impl Node<'_> {
     /// Answers the services and carries out the requests of the action.
@@ -115,20 +149,23 @@ impl Node<'_> {
                     self.stop()
                 }
                 // Which of the two came first is not known: they are on different topics.
-                Asked::Enable if is_disabled => Err(OVERRULED.to_owned()),
+                Asked::Enable if is_disabled => Err(OVERRULED.to_owned().into()),
                 Asked::Enable => self.enable(),
                 Asked::Tare => self.tare(),
                 Asked::ClearFaults => self.clear_faults(),
             };
-            let (level, text) = match &answer {
-                Ok(text) => (LogLevel::Info, text),
-                Err(text) => (LogLevel::Warn, text),
+            let (level, message) = match &answer {
+                Ok(text) => (LogLevel::Info, text.clone()),
+                Err(Undone::Refused(reason)) => (LogLevel::Warn, reason.clone()),
+                Err(Undone::Ended(failure)) => (LogLevel::Error, failure.to_string()),
             };
-            let name = self.services.of(asked).name();
-            let text = format!("{name}: {text}");
+            let service = self.services.of(asked);
+            let text = format!("{}: {message}", service.name());
+            service.reply(caller, &TriggerResponse { success: answer.is_ok(), message });
             self.note(level, &text)?;
-            let response = TriggerResponse { success: answer.is_ok(), message: text_of(answer) };
-            self.services.of(asked).reply(caller, &response);
+            if let Err(Undone::Ended(failure)) = answer {
+                return Err(failure);
+            }
         }
         if is_disabled && self.action.refuse_waiting() {
             self.note(LogLevel::Warn, &format!("a goal is refused: {OVERRULED}"))?;
@@ -192,7 +229,8 @@ impl Node<'_> {
         };
         if telemetry.mode == Mode::Fault {
             let text = self.fault_text(None);
-            return Err(format!("the board is in fault: {text}. Call clear_faults first"));
+            let service = self.options.full_name("tesaki/clear_faults");
+            return Err(format!("the board is in fault: {text}. Call {service} first"));
         }
         let mut robot = Box::new(Robot::NONE);
         robot.configure(model).map_err(|error| error.to_string())?;
@@ -201,31 +239,36 @@ impl Node<'_> {
         Ok((Controller::hold(robot, &positions), telemetry.into(), load))
     }
 
-    /// Takes command, also from a program that has gone, whose lease expires within a second. It listens to
-    /// the board meanwhile.
-    fn take_command(&mut self) -> Result<(), String> {
+    /// Takes command, also from a program that has gone, whose lease expires within a second. It publishes
+    /// what the board sends meanwhile, and gives up when the board is to be disabled.
+    fn take_command(&mut self) -> Result<(), Undone> {
         let deadline = Instant::now() + LEASE_EXPIRES;
         loop {
             match self.session.take_command() {
                 Err(BoardError::Refused { refusal: Refusal::Commanded { .. }, .. })
                     if Instant::now() < deadline => {}
-                other => return other.map_err(|error| self.words(&error)),
+                other => return other.map_err(|error| self.words(&error).into()),
             }
             let pause = Instant::now() + RETRY;
             while Instant::now() < pause {
-                self.listen().map_err(|failure| failure.to_string())?;
+                self.listen()?;
+                self.check_dds()?;
+                self.send()?;
+                if self.services.is_disabling() {
+                    return Err(OVERRULED.to_owned().into());
+                }
             }
         }
     }
 
     /// Runs the service `disable`, which works even if another program has command.
     fn stop(&mut self) -> Answer {
-        self.disable("the board was disabled").map_err(|error| self.words(&error))
+        self.disable("the board was disabled").map_err(|error| self.words(&error).into())
     }
 
     /// Describes an error of the board.
     fn words(&self, error: &BoardError) -> String {
-        words(error, self.model.as_ref().map(|(model, _)| model), self.options.take_over)
+        words(error, self.model.as_ref().map(|(model, _)| model), self.options)
     }
 
     /// Returns what gravity does to the robot now that its outputs are off, after a semicolon; empty if
@@ -256,29 +299,30 @@ impl Node<'_> {
 
     fn clear_faults(&mut self) -> Answer {
         if self.enabled.is_some() {
-            return Err("the board is enabled: disable it first".to_owned());
+            return Err("the board is enabled: disable it first".to_owned().into());
         }
-        let is_fault = self.telemetry.as_ref().is_some_and(|telemetry| telemetry.mode == Mode::Fault);
-        let log = self.command(|node| {
+        self.command(|node| {
+            // It may have changed while the node waited for command.
+            let is_fault = node.session.board.status()?.node.mode == Mode::Fault;
+            let falls = node.falls();
             let log = node.session.board.faults()?;
             node.session.board.ask("clear the faults", Request::ClearFaults { total: log.total })?;
-            Ok(log)
-        })?;
-        if !is_fault {
-            return Ok("no fault to clear".to_owned());
-        }
-        let model = self.model.as_ref().map(|(model, _)| model);
-        Ok(format!("cleared: {}{}", describe(faults::blamed(&log), model), self.falls()))
+            if !is_fault {
+                return Ok("no fault to clear".to_owned());
+            }
+            let model = node.model.as_ref().map(|(model, _)| model);
+            Ok(format!("cleared: {}{falls}", describe(faults::blamed(&log), model)))
+        })
     }
 
     /// Runs an operation that needs command of the board, which is then released unless the board is enabled.
-    fn command<T>(&mut self, run: impl FnOnce(&mut Self) -> Result<T, BoardError>) -> Result<T, String> {
+    fn command<T>(&mut self, run: impl FnOnce(&mut Self) -> Result<T, BoardError>) -> Result<T, Undone> {
         self.take_command()?;
         let result = run(self);
         if self.enabled.is_none() {
             self.session.release_command();
         }
-        result.map_err(|error| self.words(&error))
+        result.map_err(|error| self.words(&error).into())
     }
 
     /// Begins a goal, in place of the present one.
@@ -384,8 +428,4 @@ impl Node<'_> {
             ..Feedback::default()
         });
     }
-}
-
-fn text_of(answer: Answer) -> String {
-    answer.unwrap_or_else(|text| text)
 }

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use tesaki::fault::Fault;
 use tesaki::model::RobotModel;
-use tesaki::protocol::{Refusal, Request};
+use tesaki::protocol::{Mode, Refusal, Request};
 use tesaki_description::robot::RobotFolder;
 use tesaki_description::{FileError, read_text};
 use tesaki_recording::McapError;
@@ -112,14 +112,16 @@ pub fn robot_folder(options: &Options) -> Result<Option<(RobotFolder, String)>, 
 }
 
 /// Describes an error of the board, with the joint's name, what to do about it, and where it is explained.
-/// `take_over`: whether command was to be taken from another program.
-pub fn words(error: &BoardError, model: Option<&RobotModel>, take_over: bool) -> String {
+pub fn words(error: &BoardError, model: Option<&RobotModel>, options: &Options) -> String {
     let text = error.to_string();
     let BoardError::Refused { refusal, .. } = error else { return text };
+    let service = |name: &str| options.full_name(&format!("tesaki/{name}"));
     let hint = match refusal {
-        Refusal::Commanded { .. } if take_over => return words::NOT_TAKEN_OVER.to_owned(),
-        Refusal::Commanded { .. } => " (a --take-over when this program is started takes command)",
-        refusal => words::hint(refusal),
+        Refusal::Commanded { .. } if options.take_over => format!(" (call {} first)", service("disable")),
+        Refusal::Commanded { .. } => " (a --take-over when this program is started takes command)".to_owned(),
+        Refusal::FaultsUnread { .. } => format!(" ({} does both)", service("clear_faults")),
+        Refusal::WrongMode(Mode::Fault) => format!(" ({} ends the fault)", service("clear_faults")),
+        refusal => words::hint(refusal).to_owned(),
     };
     format!("{}{hint}. See {}", words::named(refusal, &text, model), troubleshooting::refusal(refusal))
 }
@@ -144,7 +146,19 @@ pub fn say(text: &str) {
 
 #[cfg(test)]
 mod tests {
+    use clap::Parser as _;
+
     use super::*;
+
+    #[test]
+    fn what_to_do_about_a_refusal_names_the_services_of_the_node() {
+        let options = Options::parse_from(["tesaki-ros2", "--namespace", "left"]);
+        let told = |refusal| words(&BoardError::Refused { action: "move", refusal }, None, &options);
+        let fault = told(Refusal::WrongMode(Mode::Fault));
+        assert!(fault.contains(" (/left/tesaki/clear_faults ends the fault). See "), "{fault}");
+        let unread = told(Refusal::FaultsUnread { total: 2 });
+        assert!(unread.contains(" (/left/tesaki/clear_faults does both). See "), "{unread}");
+    }
 
     #[test]
     fn the_exit_codes_are_those_of_tesaki() {

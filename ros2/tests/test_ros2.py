@@ -5,6 +5,7 @@ TESAKI_ROS2_SECONDS is the minimum time for which joint states are received. No 
 machine only takes longer.
 """
 
+import fcntl
 import json
 import os
 import signal
@@ -501,16 +502,42 @@ def test_a_program_that_was_killed_keeps_command_for_a_moment_only(board, anew):
     assert answer.success, answer.message
 
 
+def test_a_disable_ends_an_enable_that_waits_for_command(board, anew):
+    domain = 10 + os.getpid() % 20
+    commander = Program(board, domain)
+    other = Trigger(client.Node(domain), "/tesaki/enable")
+    other.discover()
+    _, services, _ = anew(board)
+    enable, disable = services["enable"], services["disable"]
+
+    def is_overruled():
+        wait_for("an enabled board", lambda: other().message.startswith("enabled: "))
+        enabled = enable.ask()
+        time.sleep(0.3)
+        disabled = disable.ask()
+        answer = enable.receive(enabled)
+        assert disable.receive(disabled).success and not answer.success
+        # On a busy machine, the enable may have waited in vain before.
+        return "asked to disable at the same time" in answer.message
+
+    wait_for("an enable that is overruled", is_overruled)
+    assert board.mode() == "Disabled"
+    commander.end()
+
+
 def test_a_reader_of_the_terminal_that_pauses_stops_nothing(board, anew):
     program, services, _ = anew(board)
     enable = services["enable"]
     assert enable().success
     program.pauses = True
-    # More than a pipe takes.
-    for _ in range(1500):
-        assert enable().success
-    assert board.mode() != "Fault"
-    program.pauses = False
+    fcntl.fcntl(program.process.stderr, fcntl.F_SETPIPE_SZ, 4096)
+    # Of 32 bytes each: more than this pipe takes, and the buffer of its reader.
+    try:
+        for _ in range(800):
+            assert enable().success
+        assert board.mode() != "Fault"
+    finally:
+        program.pauses = False
 
 
 def test_the_model_of_another_robot_ends_the_program(board, anew):

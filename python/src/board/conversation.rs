@@ -172,10 +172,14 @@ impl Board {
             Ok(log) => log,
             Err(error) => return error,
         };
-        let cause = faults::explain(self.faults.cause(&log), self.model.as_ref());
-        FaultError::new_err(format!(
-            "the board is in fault: {cause}\nIts outputs may hold the robot; disable() switches them off"
-        ))
+        let causes = self.faults.cause(&log);
+        let outputs = if causes.last().is_none_or(|fault| fault.cause.leaves_control()) {
+            "\nIts outputs may hold the robot; disable() switches them off"
+        } else {
+            ""
+        };
+        let text = faults::explain(causes, self.model.as_ref());
+        FaultError::new_err(format!("the board is in fault: {text}{outputs}"))
     }
 
     pub(super) fn described(&self, fault: &tesaki::fault::Fault) -> String {
