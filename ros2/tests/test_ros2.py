@@ -382,12 +382,21 @@ def test_ctrl_c_brakes_and_disables_and_every_period_was_received(program, board
     assert 0 <= gaps <= missing and len(stamps) <= published
 
 
+def discover(*services):
+    for service in services:
+        service.discover()
+    # Right after the discovery, RustDDS may lose an answer (one of 150).
+    time.sleep(1.0)
+
+
 def test_the_command_timeout_ends_the_motion_of_a_program_that_is_killed(board, domain):
     program = Program(board, domain)
     # A client that knows the previous program may take it for this one.
     node = client.Node(domain)
     action = client.ActionClient(node, ACTION)
-    assert Trigger(node, "/tesaki/enable")().success
+    enable = Trigger(node, "/tesaki/enable")
+    discover(enable, action.send_goal)
+    assert enable().success
     accepted, goal_id = action.send(goal(SWINGS, [(20.0, [0.8, -0.8])]))
     assert accepted
     action.feedback_of(goal_id)
@@ -410,10 +419,7 @@ def anew(board):
         names = ("enable", "disable", "tare")
         services = {name: Trigger(node, f"/tesaki/{name}") for name in names}
         action = client.ActionClient(node, ACTION)
-        for service in (*services.values(), action.send_goal):
-            service.discover()
-        # Right after the discovery, RustDDS may lose an answer (one of 150).
-        time.sleep(1.0)
+        discover(*services.values(), action.send_goal)
         return programs[0], services, action
 
     yield start
@@ -494,6 +500,7 @@ def test_a_fault_that_remains_at_the_end_is_told_and_clearing_it_too(board, anew
 def test_a_program_that_was_killed_keeps_command_for_a_moment_only(board, anew):
     victim = Program(board, 30 + os.getpid() % 20)
     other = Trigger(client.Node(30 + os.getpid() % 20), "/tesaki/enable")
+    other.discover()
     _, services, _ = anew(board)
     assert other().success
     victim.end(signal.SIGKILL)
