@@ -174,8 +174,8 @@ impl CalibrationFile {
     }
 }
 
-/// Reads the text of a file as values, and as a document that can be changed. The latter has only integers of 64
-/// bits, as TOML says.
+/// Reads the text of a file as values, and as a document that can be changed. The latter has only integers of
+/// 64 bits, as TOML says.
 fn read(path: &Path, text: &str) -> (Option<(Calibration, DocumentMut)>, Vec<Finding>) {
     let mut report = Report::of_toml(path, text);
     let read = file::parse::<Calibration>(text, ADVICE, &mut report).and_then(|values| {

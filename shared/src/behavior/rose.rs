@@ -12,8 +12,8 @@ const TABLE_ERROR: f32 = 1e-3;
 /// Standard deviation of the length of the knob [m], and of the direction of its axis [rad].
 const LENGTH_ERROR: f32 = 4e-3;
 const AXIS_ERROR: f32 = 0.04;
-/// Process noise per circle that fits: standard deviations of the position of the rose relative to the arm and of its
-/// radius [m]. The arm is compliant, and errors of successive pictures are correlated.
+/// Process noise per circle that fits: standard deviations of the position of the rose relative to the arm
+/// and of its radius [m]. The arm is compliant, and errors of successive pictures are correlated.
 const PLACE_CHANGE: f32 = 1e-3;
 const RADIUS_CHANGE: f32 = 1e-4;
 /// Gate: beyond this many standard deviations a circle is rejected.

@@ -244,8 +244,8 @@ impl<'a> List<'a> {
         true
     }
 
-    /// Drops the weakest points: whole buckets, until they are an eighth of all, but not the strongest one. If
-    /// all points are in that, drops every second.
+    /// Drops the weakest points: whole buckets, until they are an eighth of all, but not the strongest one.
+    /// If all points are in that, drops every second.
     fn drop_weakest(&mut self) {
         let strongest = self.histogram.iter().rposition(|&count| count > 0).unwrap_or(0);
         let mut dropped = 0;

@@ -71,9 +71,9 @@ pub enum Law {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct DirectLaw {
-    /// Fraction of the friction at the measured velocity that the torques compensate: 0 to 1. Coulomb friction
-    /// is that of the model, corrected by what the joint servo has learnt since the model was pushed. The
-    /// paper attributes its errors at velocity reversals to this term (Arm7, section 3.2.1).
+    /// Fraction of the friction at the measured velocity that the torques compensate: 0 to 1. Coulomb
+    /// friction is that of the model, corrected by what the joint servo has learnt since the model was
+    /// pushed. The paper attributes its errors at velocity reversals to this term (Arm7, section 3.2.1).
     pub friction: f32,
     /// Whether the other joints compensate the acceleration of the driven one: the term `j_yaw θ̈*_yaw`,
     /// which step 4 of the paper omits.

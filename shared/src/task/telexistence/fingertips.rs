@@ -81,8 +81,8 @@ pub(super) struct Fingertips {
 impl Fingertips {
     pub const NONE: Self = Self { number: None, ticks: 0, tips: [None; MAX_FINGERS] };
 
-    /// Stores a valid sample. Returns `false` if it is not newer than the last. After a pause of 2.55 s it may
-    /// have any number: another leader counts from another one.
+    /// Stores a valid sample. Returns `false` if it is not newer than the last. After a pause of 2.55 s it
+    /// may have any number: another leader counts from another one.
     pub fn take(&mut self, sample: &FingertipSample) -> bool {
         let is_newer =
             |last| self.ticks == u8::MAX || (1..0x8000).contains(&sample.number.wrapping_sub(last));
