@@ -274,6 +274,10 @@ impl Node {
         if sensors.flags.power_stage() {
             return fault(FaultCause::PowerStage, None, 1.0, 0.0);
         }
+        let is_low = supply < safety.supply_min;
+        if joint_fault.is_none() && tip_fault.is_none() && elapsed == 1 && !is_low {
+            return None;
+        }
         let [joint, tip] = [of_sensor(joint_fault), of_sensor(tip_fault)];
         let found = if urgency(&tip) > urgency(&joint) { tip } else { joint };
         if urgency(&found) > 0 {
@@ -290,7 +294,7 @@ impl Node {
         late()
             .or(tip.filter(misleads))
             .or(joint.filter(misleads))
-            .or_else(|| low().filter(|_| supply < safety.supply_min))
+            .or_else(|| low().filter(|_| is_low))
             .or(joint.or(tip))
     }
 
