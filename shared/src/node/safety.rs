@@ -61,6 +61,8 @@ impl PresentStop {
 
     /// What a fault changes: 2 if it switches the outputs off, 1 if it ends the holding. No other must mask
     /// it.
+    #[cold]
+    #[inline(never)]
     fn urgency(self, cause: FaultCause) -> u8 {
         match cause {
             cause if !cause.leaves_control() => 2,
@@ -71,6 +73,7 @@ impl PresentStop {
 
     /// The more urgent of two findings, else the first.
     #[cold]
+    #[inline(never)]
     fn worse(self, first: SensorFault, other: (u8, Finding)) -> SensorFault {
         match first {
             Some((_, found)) if self.urgency(other.1.cause) <= self.urgency(found.cause) => first,

@@ -346,6 +346,7 @@ impl ImpedanceState {
     /// Restores the disturbances that were estimated before an impact. The angles show it one or two ticks
     /// before the force, which is averaged over a shorter time or filtered. What the observers have learnt
     /// since then is the impact, and the arm would press with it.
+    #[inline(never)]
     fn forget_impact(&mut self) {
         let [_, before] = self.earlier_disturbances;
         for (observer, before) in self.observers.iter_mut().zip(before) {
