@@ -1,19 +1,22 @@
+use nalgebra::Vector3;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use super::tuning::{
-    DERATING_END, DERATING_FADE, DERATING_GROWTH, FORCE_FADE, MAX_DERATING, MIN_ALTERNATIONS, MIN_DERATING,
-    MIN_JUMP, OSCILLATION_TICKS, UNDAMPED,
+    DERATED_RESTITUTION, DERATING_END, DERATING_FADE, DERATING_GROWTH, FORCE_FADE, MAX_DERATING,
+    MAX_IMPACT_TICKS, MIN_ALTERNATIONS, MIN_DERATING, MIN_IMPACT_SPEED, MIN_JUMP, OSCILLATION_TICKS,
+    UNDAMPED,
 };
 use crate::math::abs;
 
 /// Derating of the impedance on a surface that is too stiff for it.
 ///
 /// Beyond [a stiffness](super::ImpedanceSettings::max_contact_stiffness) that depends on impedance and arm a
-/// contact oscillates. The stiffness of the surface is unknown, but the oscillation can be detected: the
-/// force jumps up and down, and the jumps do not get smaller. Each of them raises mass and damping by the
-/// same factor, until the contact is stable. The stiffness of the impedance is unchanged, and so is the force
-/// at rest. The factor decays once the tool has been free for a while.
+/// contact oscillates. The stiffness of the surface is unknown, but the oscillation can be detected. A tool
+/// that bounces leaves faster than it came, which no passive surface causes. In lasting contact the force
+/// jumps up and down, and the jumps do not get smaller. Either raises mass and damping by the same factor,
+/// until the contact is stable. The stiffness of the impedance is unchanged, and so is the force at rest. The
+/// factor decays once the tool has been free for a while.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize, Schema)]
 pub(super) struct Derating {
     /// Factor of mass and damping: 1 to `MAX_DERATING`.
@@ -28,6 +31,9 @@ pub(super) struct Derating {
     ticks: u8,
     /// Number of undamped jumps of the present oscillation.
     alternations: u8,
+    /// Velocity of the tool before the contact [m/s], and ticks since it began; 0 in free space.
+    approach: [f32; 3],
+    contact_ticks: u8,
 }
 
 impl Derating {
@@ -40,6 +46,8 @@ impl Derating {
         is_upwards: false,
         ticks: u8::MAX,
         alternations: 0,
+        approach: [0.0; 3],
+        contact_ticks: 0,
     };
 
     /// Factor of mass and damping.
@@ -76,9 +84,47 @@ impl Derating {
         }
         self.ticks = 0;
         if self.alternations >= MIN_ALTERNATIONS {
-            let factor = self.factor * DERATING_GROWTH;
-            self.factor = if factor < MAX_DERATING { factor } else { MAX_DERATING };
+            self.raise(DERATING_GROWTH);
         }
+    }
+
+    /// Compares the velocity of the tool after an impact with that before it [m/s]; `last` is that of the last
+    /// tick.
+    pub fn check_rebound(&mut self, contact: bool, last: &Vector3<f32>, velocity: &Vector3<f32>) {
+        if contact {
+            if self.contact_ticks == 0 {
+                self.approach = (*last).into();
+            }
+            self.contact_ticks = self.contact_ticks.saturating_add(1);
+            return;
+        }
+        let ticks = core::mem::replace(&mut self.contact_ticks, 0);
+        if (1..=MAX_IMPACT_TICKS).contains(&ticks) {
+            self.add_impact(&self.approach.into(), velocity);
+        }
+    }
+
+    /// Adds an impact: velocities of the tool before and after it [m/s].
+    #[inline(never)]
+    fn add_impact(&mut self, approach: &Vector3<f32>, velocity: &Vector3<f32>) {
+        let squared = approach.norm_squared();
+        if squared < MIN_IMPACT_SPEED * MIN_IMPACT_SPEED {
+            return;
+        }
+        let restitution = -approach.dot(velocity) / squared;
+        if restitution < 1.0 {
+            // The bounce decays by itself, however its force has been sampled.
+            self.alternations = 0;
+        } else {
+            // The impact changes the velocity by 1 + restitution, inversely proportional to the factor.
+            self.raise((1.0 + restitution) * (1.0 / (1.0 + DERATED_RESTITUTION)));
+            self.ticks = 0;
+        }
+    }
+
+    fn raise(&mut self, growth: f32) {
+        let factor = self.factor * growth;
+        self.factor = if factor < MAX_DERATING { factor } else { MAX_DERATING };
     }
 }
 
@@ -114,6 +160,40 @@ mod tests {
         assert!((after(bounces(60.0, 1.0, 1)) - 1.0).abs() < f32::EPSILON);
         let shaken = (0..500_u16).map(|tick| 20.0 * abs(crate::math::sin_cos(f32::from(tick) * 0.188).0));
         assert!((after(shaken) - 1.0).abs() < f32::EPSILON);
+    }
+
+    /// The factor after an impact of `ticks` along x, with velocities of the tool before and after it [m/s].
+    fn after_impact(derating: &mut Derating, ticks: usize, before: f32, after: f32) -> f32 {
+        let [before, after] = [before, after].map(|speed| Vector3::x() * speed);
+        derating.check_rebound(false, &before, &before);
+        (0..ticks).for_each(|_| derating.check_rebound(true, &before, &before));
+        derating.check_rebound(false, &before, &after);
+        derating.factor()
+    }
+
+    #[test]
+    fn a_rebound_faster_than_the_impact_derates_at_once() {
+        // The velocity changed by 0.4 m/s; half the impact's speed would have been a change of 0.15 m/s.
+        let mut derating = Derating::NONE;
+        assert!((after_impact(&mut derating, 2, 0.1, -0.3) - 0.4 / 0.15).abs() < 1e-5);
+        // Each further one counts, up to the limit.
+        assert!((after_impact(&mut derating, 1, 0.1, -0.1) - 0.4 / 0.15 * 0.2 / 0.15).abs() < 1e-5);
+        assert!((after_impact(&mut derating, 1, 0.05, -10.0) - MAX_DERATING).abs() < 1e-5);
+    }
+
+    #[test]
+    fn a_passive_surface_a_person_and_a_slow_touch_do_not_derate() {
+        for (ticks, before, after) in [(2, 0.1, -0.09), (2, 0.1, 0.3), (6, 0.1, -0.3), (1, 0.02, -0.3)] {
+            let factor = after_impact(&mut Derating::NONE, ticks, before, after);
+            assert!((factor - 1.0).abs() < f32::EPSILON, "{ticks} {before} {after}: {factor}");
+        }
+        // What bounces slower and slower is not derated, even if its force is sampled at its peak only later.
+        let mut derating = Derating::NONE;
+        for force in bounces(60.0, 1.0, 20) {
+            derating.update(force, force > 1.5, 1.5);
+            derating.check_rebound(force > 1.5, &Vector3::x(), &(Vector3::x() * -0.9));
+        }
+        assert!((derating.factor() - 1.0).abs() < f32::EPSILON);
     }
 
     #[test]

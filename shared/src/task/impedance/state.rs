@@ -258,6 +258,8 @@ impl ImpedanceState {
         let force = if loaded { wrench } else { Vector6::zeros() };
         let velocities = JointVector::from(self.velocities);
         let velocity = jacobian * velocities;
+        let last = self.tool_velocity.into();
+        self.derating.check_rebound(self.contact, &last, &velocity.fixed_rows::<3>(0).into_owned());
         let mut acceleration = self.tool_command(&settings, posture.tip(), &error, &velocity, &force);
         let is_lost = self.squared_force <= CONTACT_LOSS_SQUARED * force_before;
         let rested = velocities.amax() < CONTACT_REST_SPEED;

@@ -108,6 +108,14 @@ pub(super) const MIN_ALTERNATIONS: u8 = 4;
 /// Growth of the derating with each further jump. A larger one ends the oscillation sooner, and makes the
 /// tool heavier than necessary.
 pub(super) const DERATING_GROWTH: f32 = 1.3;
+/// Longest contact that is an impact [ticks]. Whoever throws the tool back holds it for longer; in a longer
+/// contact the impedance itself moves it.
+pub(super) const MAX_IMPACT_TICKS: u8 = 5;
+/// Speed of the tool from which on an impact counts [m/s]. With a lower one, errors of the velocity do.
+pub(super) const MIN_IMPACT_SPEED: f32 = 0.03;
+/// Speed after an impact over that before it to which a rebound faster than its impact is derated. With a
+/// lower one the tool becomes heavier than necessary; with a higher one it bounces more often.
+pub(super) const DERATED_RESTITUTION: f32 = 0.5;
 /// Maximum derating: four times [`MAX_MASS_RATIO`], as the arm's own mass grows as it moves and is larger
 /// between the axes.
 pub(super) const MAX_DERATING: f32 = 16.0;
