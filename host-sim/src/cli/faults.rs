@@ -37,11 +37,13 @@ pub struct Faults {
 
 /// The schedule in JSON.
 fn parse(text: &str) -> Result<Schedule, String> {
-    serde_json::from_str(text).map_err(|error| {
+    let schedule: Schedule = serde_json::from_str(text).map_err(|error| {
         format!(
             "--schedule: {error}: give the JSON text itself, as a seed that fails prints it behind `repeat:`, in quotes"
         )
-    })
+    })?;
+    schedule.validate().map_err(|error| format!("--schedule: {error}"))?;
+    Ok(schedule)
 }
 
 /// Runs schedules of faults; `false` if a rule was broken.

@@ -36,6 +36,9 @@ const fn place(scenario: &'static str, robot: &'static str, trials: u32, ticks: 
     Place { scenario, robot, trials, ticks }
 }
 
+/// Largest number of ticks, or trial, in a schedule.
+const MAX_NUMBER: u32 = 1_000_000;
+
 /// All places; consecutive seeds take them in turn.
 pub const PLACES: &[Place] = &[
     place("hand3-servo", "hand3", 4, [5, 500]),
@@ -329,6 +332,27 @@ impl Schedule {
         Self { seed, scenario: place.scenario.into(), robot: place.robot.into(), trial, end, faults }
     }
 
+    /// Checks a schedule that was not drawn.
+    ///
+    /// # Errors
+    /// A number of ticks or a trial that no run reaches: the text names it.
+    pub fn validate(&self) -> Result<(), String> {
+        let of_fault = |fault: &Fault| {
+            let late = match fault.kind {
+                Kind::Late { late, .. } | Kind::Delay { late } => late,
+                _ => 0,
+            };
+            [("begin", fault.begin), ("ticks", fault.ticks.unwrap_or(0)), ("late", late)]
+        };
+        let mut numbers = [("trial", self.trial), ("end", self.end)]
+            .into_iter()
+            .chain(self.faults.iter().flat_map(of_fault));
+        match numbers.find(|(_, value)| *value > MAX_NUMBER) {
+            Some((name, value)) => Err(format!("`{name}` is {value}; at most {MAX_NUMBER} is possible")),
+            None => Ok(()),
+        }
+    }
+
     /// Seed of its machine, outside the development and evaluation sets.
     pub const fn machine(&self) -> u64 {
         FIRST_MACHINE.saturating_add(self.seed)
@@ -446,6 +470,16 @@ mod tests {
             assert_eq!(serde_json::from_str::<Schedule>(&text).unwrap(), schedule, "{text}");
             assert!(schedule.scenario == SERVED || Scenario::find(&schedule.scenario).is_some());
         }
+    }
+
+    #[test]
+    fn numbers_that_no_run_reaches_are_refused_by_name() {
+        let drawn = Schedule::draw(1);
+        assert_eq!(drawn.validate(), Ok(()));
+        let late = Fault { kind: Kind::Late { joint: 0, late: u32::MAX }, begin: 0, ticks: None };
+        let told = Schedule { faults: vec![late], ..drawn.clone() }.validate().unwrap_err();
+        assert_eq!(told, "`late` is 4294967295; at most 1000000 is possible");
+        assert!(Schedule { trial: u32::MAX, ..drawn }.validate().is_err());
     }
 
     #[test]

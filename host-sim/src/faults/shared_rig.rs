@@ -19,10 +19,6 @@ use crate::virtual_board::VirtualBoard;
 /// Noise of a contact force [N].
 const FORCE_NOISE: [(&str, f64); 2] = [("arm7", 2.0), ("hand3", 0.5)];
 
-/// Solver sweeps over the constraints of a grasp: only the existence of the grip matters here, not its
-/// accuracy.
-const SWEEPS: usize = 256;
-
 /// A rig that board and plant share.
 #[derive(Clone)]
 pub struct SharedRig(Arc<Mutex<Rig>>);
@@ -51,9 +47,6 @@ impl Intervention for SharedRig {
             return;
         }
         rig.tick = 0;
-        if plant.object().is_some() {
-            plant.set_sweeps(SWEEPS);
-        }
         if !rig.runs() {
             return;
         }

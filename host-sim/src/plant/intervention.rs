@@ -61,12 +61,6 @@ impl Plant {
         self.world.environment().stiffness()
     }
 
-    /// Sets the number of solver sweeps over the constraints in a sub-step: fewer are faster, but let static
-    /// friction creep more.
-    pub const fn set_sweeps(&mut self, sweeps: usize) {
-        self.world.set_sweeps(sweeps);
-    }
-
     /// Begins a push on the link that a joint moves.
     ///
     /// # Errors

@@ -376,11 +376,6 @@ impl World {
         self.link_pushes.push((joint, time, push));
     }
 
-    /// Sets the number of solver sweeps over the constraints in a sub-step.
-    pub const fn set_sweeps(&mut self, sweeps: usize) {
-        self.physics.integration_parameters.num_internal_pgs_iterations = sweeps;
-    }
-
     /// Removes the object.
     pub fn remove_object(&mut self) {
         if let Some(grasp) = &self.grasp {

@@ -1,7 +1,7 @@
 //! The runs of several seeds of one scenario as a group.
 
 use super::number;
-use super::summary::{Metric, Summary};
+use super::summary::{Bound, Metric, Summary};
 
 /// The runs of one scenario on one controller, in the order of their seeds as given.
 pub(super) struct Group<'a> {
@@ -69,11 +69,14 @@ impl<'a> Group<'a> {
         let named =
             |runs: &[&Summary]| format!("seed{} {}", if runs.len() > 1 { "s" } else { "" }, seeds(runs));
         notes.extend(waived.iter().map(|(note, runs)| format!("{}: {note}", named(runs))));
-        let mut sorted: Vec<f64> = judged().map(|(_, m)| m.value).filter(|v| v.is_finite()).collect();
+        // As in the published tables, a run without a value is worse than all others.
+        let worst_value = if metric.bound == Bound::AtLeast { f64::NEG_INFINITY } else { f64::INFINITY };
+        let missing = values.iter().filter(|value| value.is_none()).map(|_| worst_value);
+        let finite = |value: f64| if value.is_finite() { value } else { worst_value };
+        let mut sorted: Vec<f64> = judged().map(|(_, m)| finite(m.value)).chain(missing).collect();
         sorted.sort_by(f64::total_cmp);
         let middle = sorted.len() / 2;
         let median = match sorted.len() {
-            0 => f64::NAN,
             n if n % 2 == 1 => sorted[middle],
             _ => f64::midpoint(sorted[middle - 1], sorted[middle]),
         };

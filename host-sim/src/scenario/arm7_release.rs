@@ -27,7 +27,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
          control period late.",
         "Three machines: one that matches the controller's model, except for sensor noise and a friction \
          equivalent to 0.1 N at the tool; one whose masses, inertias, friction and torque constants differ \
-         by up to 20 %; and the same machine under the Arm7 paper's law as printed, which uses the measured \
+         by up to 20 %; and the same machine under the Arm7 paper's law with its misprints corrected, which uses the measured \
          state, holds its acceleration for a control period, and does not compensate friction. The paper \
          reports that it was difficult to come close to the theory.",
     ],

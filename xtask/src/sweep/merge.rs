@@ -112,7 +112,7 @@ pub fn read(files: &[PathBuf]) -> Result<(Vec<Run>, Vec<&Path>)> {
 pub fn merge(folder: &Path, runs: Vec<Run>, commit: Option<&str>) -> Result<Vec<String>> {
     let mut sorted: BTreeMap<(String, Set), Vec<Run>> = BTreeMap::new();
     for run in runs {
-        sorted.entry((run.scenario.clone(), Set::of(run.seed)?)).or_default().push(run);
+        sorted.entry((run.scenario.clone(), Set::of(&run.scenario, run.seed)?)).or_default().push(run);
     }
     let mut told = Vec::new();
     for ((scenario, set), runs) in sorted {
@@ -122,7 +122,7 @@ pub fn merge(folder: &Path, runs: Vec<Run>, commit: Option<&str>) -> Result<Vec<
         let kept = recorded.filter(|sweep| sweep.commit == commit);
         let replaces = kept.is_none();
         let sweep = combine(&scenario, set, commit, kept, runs).with_context(|| scenario.clone())?;
-        let (have, all) = (sweep.machines.len(), set.seeds().len());
+        let (have, all) = (sweep.machines.len(), set.seeds(&scenario).len());
         let mut line = format!("{}: {have} of {all} machines", sweep.save(folder)?.display());
         if let Some((old, machines)) = before.filter(|_| replaces) {
             line += &format!(", instead of the {machines} of {old}");

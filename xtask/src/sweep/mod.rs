@@ -26,9 +26,9 @@ use set::Set;
 pub use set::Workload;
 
 const EXAMPLES: &str = "Examples:
-  cargo xtask sweep                                  all scenarios on the 20 development machines
+  cargo xtask sweep                                  all scenarios on the development machines
   cargo xtask sweep arm7-wall hand3-turn             two of them
-  cargo xtask sweep --evaluation --record            record what has changed on the 100 evaluation machines
+  cargo xtask sweep --evaluation --record            record what has changed on the evaluation machines
   cargo xtask sweep --evaluation --partition 3/8     the third of eight jobs; then, where all files are:
   cargo xtask sweep merge target/xtask/sweep/evaluation-*.jsonl
   cargo xtask sweep tables                           write the tables of the documents from docs/sweeps
@@ -48,7 +48,7 @@ pub struct Options {
 struct SweepOptions {
     /// Scenarios, see `cargo sim list`; without one, all
     scenarios: Vec<String>,
-    /// The evaluation machines (seeds 1001–1100) instead of the development machines (1–20)
+    /// The evaluation machines instead of the development machines
     #[arg(long)]
     evaluation: bool,
     /// Keep the results in docs/sweeps; scenarios that answer as recorded are left out
@@ -146,8 +146,13 @@ fn sweep(options: &SweepOptions) -> Result<()> {
         }
     }
     // Ordered by seed, so that the remaining time can be estimated from the first ones.
-    let each = |seed| scenarios.iter().map(move |scenario| (scenario.clone(), seed));
-    let runs = options.workload.partition.select(set.seeds().into_iter().flat_map(each).collect());
+    let each = |scenario: &String| {
+        let scenario = scenario.clone();
+        set.seeds(&scenario).into_iter().map(move |seed| (scenario.clone(), seed))
+    };
+    let mut runs: Vec<_> = scenarios.iter().flat_map(each).collect();
+    runs.sort_by_key(|(_, seed)| *seed);
+    let runs = options.workload.partition.select(runs);
     let commit = commit(SIMULATOR)?;
     let name = format!("{}-{}.jsonl", set.name(), options.workload.partition);
     let mut file = ResultsFile::create(&test::out("sweep").join(name))?;
@@ -182,7 +187,7 @@ fn changed(simulator: &Simulator, scenarios: Vec<String>, set: Set, jobs: usize)
     let mut recorded = BTreeMap::new();
     for (index, scenario) in scenarios.iter().enumerate() {
         let Some(sweep) = Sweep::load(Path::new(FOLDER), scenario, set)? else { continue };
-        if sweep.machines.len() == set.seeds().len()
+        if sweep.machines.len() == set.seeds(scenario).len()
             && let Some(seed) = check::chosen(&sweep, index)
         {
             recorded.insert(scenario.clone(), (sweep, seed));

@@ -86,7 +86,8 @@ impl Sweep {
         ensure!(ascending, "the machines are not in ascending order of their seeds");
         for machine in &self.machines {
             let (seed, values) = (machine.seed, machine.values.len());
-            ensure!(Set::of(seed)? == self.set, "seed {seed} does not belong to the {} set", self.set.name());
+            let set = Set::of(&self.scenario, seed)?;
+            ensure!(set == self.set, "seed {seed} does not belong to the {} set", self.set.name());
             let expected = if machine.error.is_some() { 0 } else { self.metrics.len() };
             ensure!(values == expected, "seed {seed} has {values} values for {expected} metrics");
         }

@@ -86,6 +86,8 @@ const KNOB: &[Row] = &[
     row("knob-find", "whole_radius", "error of the radius, median"),
     at_least("knob-find", "window_right", "window: pictures with the right circle"),
     row("knob-find", "window_wrong", "with a wrong one"),
+    row("knob-find", "window_center", "error of the centre, median"),
+    row("knob-find", "window_radius", "error of the radius, median"),
     row("knob-find", "empty_found", "doors without a knob: a circle is found"),
 ];
 
@@ -94,7 +96,7 @@ const KNOB_GRASP: &[Row] = &[
     at_least("knob-grasp", "first_try", "at the first try"),
     row("knob-grasp", "wrong_claims", "the behaviour says that it holds the knob, and does not"),
     row("knob-grasp", "time", "time of an approach, median"),
-    row("knob-grasp", "longest", "longest time of an approach"),
+    row("knob-grasp", "longest", "longest time of an approach that grips"),
     row("knob-grasp", "contact", "largest force on door, rose and knob before the grip"),
     row("knob-grasp", "aside", "fingertips from the axis of the knob when they close, median"),
 ];
@@ -144,7 +146,11 @@ const MEASURED: &[Table] = &[
 const CONTACT: &[Row] = &[
     row("arm7-contact", "derated_within", "contacts within the condition that were derated"),
     row("arm7-contact", "derated_beyond", "contacts beyond it that were derated"),
-    row("arm7-contact", "derated_unsettled", "derated contacts that have not settled"),
+    row(
+        "arm7-contact",
+        "derated_unsettled",
+        "derated contacts that have not settled, and those that a fault ended",
+    ),
     row("arm7-contact", "unsettled", "other contacts that have not settled"),
     row("arm7-contact", "heavy_unsettled", "the same with an impedance over three times as heavy as the arm"),
     row("arm7-contact", "faults", "contacts that a fault ended"),
@@ -157,6 +163,8 @@ const CALIBRATE: &[Row] = &[
     row("hand5-calibrate", "full_index_length_deviation", "its standard deviation"),
     row("hand5-calibrate", "full_index_direction_mean", "mean error of the direction"),
     row("hand5-calibrate", "full_index_direction_deviation", "its standard deviation"),
+    row("hand5-calibrate", "full_middle_direction_mean", "to the middle finger: mean error of the direction"),
+    row("hand5-calibrate", "full_middle_direction_deviation", "its standard deviation"),
     row("hand5-calibrate", "quick_time", "markers on thumb, index and little finger, touches: time"),
     row(
         "hand5-calibrate",
@@ -292,6 +300,11 @@ const FORCE: &[Row] = &[
     row("hand3-force", "feedback_force_error", "force feedback"),
     row("hand3-force", "paper_finger1_force", "the paper's law: force of finger 1, 2 N commanded"),
     magnitude("hand3-force", "paper_finger1_force_minus_paper", "the same minus the paper's force"),
+    at_least(
+        "hand3-force",
+        "identified_torque_constants",
+        "torque constants that can be identified, of nine",
+    ),
     row("hand3-force", "identified_torque_constant_error", "error of the identified torque constants"),
     row("hand3-force", "identified_coulomb_friction_error", "error of the identified Coulomb friction"),
 ];

@@ -10,7 +10,7 @@ use tesaki_output::say;
 use super::check;
 use super::record::{FOLDER, Sweep};
 use super::rows::{Bound, Pair, Row, Rows, Table, tables};
-use super::set::Set;
+use super::set::{EVALUATION_MACHINES, Set};
 use super::stats;
 
 const END: &str = "<!-- sweep:end -->";
@@ -154,7 +154,7 @@ fn value(row: &Row, sweeps: &Sweeps) -> Result<(f64, String)> {
 
 /// Returns the machines and commits of a table, and how many machines are missing.
 fn caption(sweeps: &Sweeps) -> String {
-    let all = Set::Evaluation.seeds().len();
+    let all = EVALUATION_MACHINES;
     let mut commits: Vec<&str> = sweeps.values().flatten().map(|sweep| sweep.commit.as_str()).collect();
     commits.sort_unstable();
     commits.dedup();

@@ -220,7 +220,7 @@ const KNOB_FIGURE7: &[Pair] = &[
 
 const KNOB_FIGURE8: &[Pair] = &[
     ours(Some("about 1 min"), row("knob-grasp", "time", "time of an approach")),
-    ours(None, row("knob-grasp", "longest", "the longest of ten approaches")),
+    ours(None, row("knob-grasp", "longest", "the longest of those that grip, of ten")),
     ours(Some("grasped"), at_least("knob-grasp", "gripped", "knobs that are gripped, share of ten")),
 ];
 
