@@ -17,10 +17,10 @@ const LEVEL: u8 = 6;
 pub const LINE: u32 = 1 << 16;
 /// Time until the detector's output counts, 0.1 ms at 16 MHz [cycles]; the manual gives none.
 const SETTLING: u32 = 1_600;
-/// Polls until the supply counts as too low: about half a second at 16 MHz and ten cycles per poll.
+/// Polls until the supply counts as too low: 0.6 to 1 s at 16 MHz and 12 to 20 cycles per poll.
 const POLLS: u32 = 800_000;
 
-/// Starts the detector, and waits for a sufficient supply, at most half a second. Returns whether it came:
+/// Starts the detector, and waits for a sufficient supply, at most a second. Returns whether it came:
 /// then every drop raises the interrupt `PVD` from now on. Without it the chip may only run at 16 MHz, for
 /// which 1.8 V are enough.
 pub fn start(rcc: &pac::RCC, pwr: &pac::PWR, exti: &pac::EXTI, watchdog: &Watchdog) -> bool {

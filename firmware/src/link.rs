@@ -16,7 +16,7 @@ use crate::board::SupervisorLine;
 use crate::pac;
 use pac::Interrupt;
 
-/// Capacity plus one of the receive queue [bytes]: three of the longest frames.
+/// Capacity plus one of the receive queue [bytes]: almost three of the longest frames.
 pub const RECEIVE_QUEUE: usize = 1024;
 /// Capacity plus one of the send queue [bytes].
 pub const SEND_QUEUE: usize = 1024;

@@ -17,7 +17,7 @@ mod app {
     use tesaki::protocol::{
         ActuatorFrame, BoardStatus, FromBoard, LogEntry, LogRecord, RequestFrame, SensorFrame, Stream,
     };
-    use tesaki_firmware::board::{Board, CurrentControl, Latch, ThisBoard};
+    use tesaki_firmware::board::{Board, CurrentControl, Latch, SupervisorLine, ThisBoard};
     use tesaki_firmware::control::Periods;
     use tesaki_firmware::link::{Endpoint, Line, Lines, Storage};
     use tesaki_firmware::watchdog::{Background, Watchdog, tell_alive};
@@ -152,17 +152,24 @@ mod app {
 
     #[task(binds = USART1, priority = 3, local = [usart1])]
     fn usart1(cx: usart1::Context) {
-        cx.local.usart1.on_interrupt();
+        // The handlers of lines that the board does not use are no part of the image.
+        if matches!(ThisBoard::SUPERVISOR, SupervisorLine::Usart1) {
+            cx.local.usart1.on_interrupt();
+        }
     }
 
     #[task(binds = USART2, priority = 3, local = [usart2])]
     fn usart2(cx: usart2::Context) {
-        cx.local.usart2.on_interrupt();
+        if !ThisBoard::HAS_POWER_STAGES {
+            cx.local.usart2.on_interrupt();
+        }
     }
 
     #[task(binds = UART4, priority = 3, local = [uart4])]
     fn uart4(cx: uart4::Context) {
-        cx.local.uart4.on_interrupt();
+        if matches!(ThisBoard::SUPERVISOR, SupervisorLine::Uart4) {
+            cx.local.uart4.on_interrupt();
+        }
     }
 
     /// The supply of the microcontroller falls. It does not return.

@@ -15,8 +15,8 @@ use crate::pac;
 /// Timeout in steps of 32 periods of the oscillator: 3200 of 32 kHz are 100 ms.
 const STEPS: u16 = 100;
 /// Polls until the settings have arrived in the watchdog: at least five periods of its counter, 9.4 ms at 17
-/// kHz, if a poll takes five cycles of 168 MHz. Without an oscillator the start is delayed by a fraction of a
-/// second.
+/// kHz, also if a poll took only five cycles of 168 MHz. It runs at 16 MHz: without the watchdog's oscillator
+/// the start is delayed by 0.1 s or more.
 const MAX_POLLS: u32 = 320_000;
 
 /// Control periods for which the code of lower priorities may be silent: half a second. A request takes

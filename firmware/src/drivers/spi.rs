@@ -35,7 +35,7 @@ impl Bus for Spi1OnA {
     type Spi = pac::SPI1;
 
     fn registers() -> &'static spi1::RegisterBlock {
-        // SAFETY: only the task that owns the devices uses this peripheral.
+        // SAFETY: only a `Device` uses this peripheral, and all devices belong to one board, behind its lock.
         unsafe { &*pac::SPI1::ptr() }
     }
 
@@ -52,7 +52,7 @@ impl Bus for Spi3OnC {
     type Spi = pac::SPI3;
 
     fn registers() -> &'static spi1::RegisterBlock {
-        // SAFETY: only the task that owns the devices uses this peripheral.
+        // SAFETY: only a `Device` uses this peripheral, and all devices belong to one board, behind its lock.
         unsafe { &*pac::SPI3::ptr() }
     }
 
@@ -62,7 +62,7 @@ impl Bus for Spi3OnC {
     }
 }
 
-/// A device on a bus. All of them belong to the same RTIC task.
+/// A device on a bus. All of them belong to the board, so whoever exchanges frames holds its lock.
 pub struct Device<B> {
     /// Bit of its select line in the port.
     select: u32,

@@ -324,8 +324,8 @@ const IMPEDANCE: &[Row] = &[
         "matched model, released half a period before a reading, B 7.5",
     ),
     row("arm7-release", "half_period_b30_error_peak", "the same with B 30"),
-    row("arm7-release", "paper_b8_error_peak", "the paper's law, B 7.5"),
-    row("arm7-release", "paper_b30_error_peak", "the paper's law, B 30"),
+    row("arm7-release", "paper_b8_error_peak", "the paper's law, corrected, B 7.5"),
+    row("arm7-release", "paper_b30_error_peak", "the paper's law, corrected, B 30"),
     row("arm7-elbow", "yaw_hand_displacement", "elbow driven by shoulder yaw: displacement of the hand"),
     row("arm7-elbow", "arm_angle_hand_displacement", "elbow driven by arm angle: displacement of the hand"),
     at_least(
@@ -375,11 +375,11 @@ const FOLLOW: &[Row] = &[
     row(
         "arm7-follow",
         "clutch_error_after_closing",
-        "largest error later than 0.5 s after closing the clutch in motion",
+        "largest error later than 0.5 s after closing the clutch in motion, without that at rest",
     ),
     row("arm7-follow", "ours_acceleration_peak", "largest acceleration of the set-point, sine"),
-    row("arm7-follow", "paper_error_at_reversals", "the paper's law: along x at the reversals"),
-    row("arm7-follow", "paper_error_at_rest_x", "the paper's law: along x at rest"),
+    row("arm7-follow", "paper_error_at_reversals", "the paper's law, corrected: along x at the reversals"),
+    row("arm7-follow", "paper_error_at_rest_x", "the paper's law, corrected: along x at rest"),
 ];
 
 const BILATERAL: &[Row] = &[
