@@ -61,6 +61,8 @@ pub struct Board {
     is_enabled: bool,
     /// Its faults before it was enabled.
     faults: FaultsBefore,
+    /// Where the joint servo was last told to lead the joints [rad]; empty since it was enabled.
+    goals: Vec<f32>,
     /// Number of the last fingertip sample.
     sample: u16,
     timeout: Duration,
@@ -112,7 +114,8 @@ impl Board {
                 Err(error) => return Err(board(error)),
             };
             let (is_open, is_enabled, faults, sample) = (true, false, FaultsBefore::default(), 0);
-            Ok(Self { board: link, model, is_open, is_enabled, faults, sample, timeout })
+            let goals = Vec::new();
+            Ok(Self { board: link, model, is_open, is_enabled, faults, goals, sample, timeout })
         })
     }
 
@@ -225,6 +228,7 @@ impl Board {
             Ok(())
         })?;
         // If the answer is lost, the board may be enabled: it is disabled in the end.
+        self.goals.clear();
         let before = std::mem::replace(&mut self.is_enabled, true);
         let refused = self.call(py, |link| match link.enable(config) {
             Err(error @ (Failure::Refused { .. } | Failure::Reset)) => Ok(Some(error)),
@@ -271,15 +275,18 @@ impl Board {
         let limits = self.model.iter().flat_map(|model| &model.joints).map(|joint| joint.limits);
         let limits: Vec<(f32, f32)> = limits.map(|limits| (limits.lower, limits.upper)).collect();
         let now = self.telemetry_now(py)?;
-        let here: Vec<f32> = now.joints.iter().map(|joint| joint.position).collect();
-        let mut goal: Vec<f32> =
-            here.iter().zip(&limits).map(|(angle, (lower, upper))| angle.clamp(*lower, *upper)).collect();
+        let here = |joint: usize| now.joints.get(joint).map_or(f32::NAN, |joint| joint.position);
+        // The others keep their goals: their angles may be a tolerance away from them.
+        let stays = |(joint, (lower, upper)): (usize, &(f32, f32))| {
+            self.goals.get(joint).copied().unwrap_or_else(|| here(joint).clamp(*lower, *upper))
+        };
+        let mut goal: Vec<f32> = limits.iter().enumerate().map(stays).collect();
         let mut asked = vec![f32::NAN; names.len()];
         self.named(goals, &mut asked)?;
         for (joint, asked) in asked.into_iter().enumerate().filter(|(_, asked)| !asked.is_nan()) {
             let (place, (lower, upper)) = (goal.get_mut(joint), limits[joint]);
             let Some(place) = place else { continue };
-            *place = if relative { *place + asked } else { asked };
+            *place = if relative { here(joint) + asked } else { asked };
             if !(lower..=upper).contains(place) {
                 return Err(PyValueError::new_err(format!(
                     "{}: {place} rad is outside its limits {lower} to {upper} rad",
@@ -291,6 +298,7 @@ impl Board {
             heapless::Vec::from_slice(&goal).map_err(|_| board(Failure::TooManyJoints(goal.len())))?;
         let command = tesaki::task::joint_servo::JointCommand::Goal { positions };
         let command = Request::Task(TaskCommand::JointServo(command));
+        self.goals.clone_from(&goal);
         let (mut arrival, mut farthest) = (Arrival::default(), (0, f32::INFINITY));
         let until = Instant::now() + within;
         self.drive(py, until, &command, |event| {
@@ -321,6 +329,7 @@ impl Board {
     ///     RefusedError: the task refuses it; the previous command remains.
     #[pyo3(signature = (kind, values=None))]
     fn command(&mut self, py: Python<'_>, kind: &str, values: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
+        self.goals.clear();
         self.sample = self.sample.wrapping_add(1);
         let none = pyo3::types::PyList::empty(py).into_any();
         let command = decode(kind, "values", values.unwrap_or(&none), self.sample, self.model.as_ref())?;

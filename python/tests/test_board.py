@@ -88,6 +88,10 @@ def test_a_joint_moves_and_is_recorded(serve, tmp_path):
         board.move({"finger1_bend": -0.1, "finger2_bend": 0.1}, relative=True)
         position = board.telemetry()["position"]
         np.testing.assert_allclose(position[[1, 4]], [0.2, start[4] + 0.1], atol=0.05)
+        # A move leaves the goals of the other joints, not only their angles: they still come nearer.
+        board.move({"finger3_bend": 0.3}, tolerance=0.1)
+        board.move({"finger2_bend": 0.0}, tolerance=0.005)
+        np.testing.assert_allclose(board.telemetry()["position"][7], 0.3, atol=0.006)
         board.command("joints", start)
         count = board.record(tmp_path / "r.mcap", 1.0, robot)
         with pytest.raises(ValueError, match='^hand3 has no joint "toe"; its joints are finger1_swing, '):
