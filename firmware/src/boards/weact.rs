@@ -168,7 +168,8 @@ impl Board for Weact {
         b.pb15.into_alternate::<1>();
 
         a.pa15.into_push_pull_output_in_state(true.into());
-        // With a slower edge of the clock SPI1, at 84 MHz, may keep the last bit of the byte before (erratum).
+        // With a slower edge of the clock, SPI1 at 84 MHz may keep the last bit of the byte before: an
+        // erratum.
         b.pb3.into_alternate::<5>().speed(Speed::VeryHigh);
         b.pb4.into_alternate::<5>().internal_resistor(Pull::Down);
         b.pb5.into_alternate::<5>().speed(Speed::High);

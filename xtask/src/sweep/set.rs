@@ -4,9 +4,9 @@ use anyhow::{Context, Result, ensure};
 use clap::{Args, ValueEnum};
 use serde::{Deserialize, Serialize};
 
-/// Evaluation machines that were inspected: robot, as the names of its scenarios begin, and seed. From then on
-/// each is a development machine of this robot, and is replaced by the first free seed after the set: 1101,
-/// 1102, …
+/// Evaluation machines that were inspected: robot, as the names of its scenarios begin, and seed. From then
+/// on each is a development machine of this robot, and is replaced by the first free seed after the set:
+/// 1101, 1102, …
 const LOOKED_INTO: &[(&str, u64)] = &[
     // Why a fault ended a contact in arm7-contact.
     ("arm7", 1005),

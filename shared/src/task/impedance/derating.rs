@@ -88,8 +88,8 @@ impl Derating {
         }
     }
 
-    /// Compares the velocity of the tool after an impact with that before it [m/s]; `last` is that of the last
-    /// tick.
+    /// Compares the velocity of the tool after an impact with that before it [m/s]; `last` is that of the
+    /// last tick.
     pub fn check_rebound(&mut self, contact: bool, last: &Vector3<f32>, velocity: &Vector3<f32>) {
         if contact {
             if self.contact_ticks == 0 {
