@@ -108,8 +108,8 @@ pub(super) const MIN_ALTERNATIONS: u8 = 4;
 /// Growth of the derating with each further jump. A larger one ends the oscillation sooner, and makes the
 /// tool heavier than necessary.
 pub(super) const DERATING_GROWTH: f32 = 1.3;
-/// Longest contact that is an impact [ticks]. Whoever throws the tool back holds it for longer; in a longer
-/// contact the impedance itself moves it.
+/// Longest contact that is an impact [ticks]. A person who throws the tool back holds it for longer; in a
+/// longer contact the impedance itself moves it.
 pub(super) const MAX_IMPACT_TICKS: u8 = 5;
 /// Speed of the tool from which on an impact counts [m/s]. With a lower one, errors of the velocity do.
 pub(super) const MIN_IMPACT_SPEED: f32 = 0.03;
