@@ -25,3 +25,4 @@ mod motion;
 mod objects;
 mod pinch;
 mod sensors;
+mod six_joint_arm;

@@ -161,13 +161,13 @@ fn an_arm_without_a_force_sensor_yields_to_an_external_force() {
     let free = telemetry(&mut arm.rig);
     assert!(Vector6::from(free.wrench).amax() < 0.5 && !free.contact, "{free:?}");
 
-    // 10 N on a spring of 300 N/m: 33 mm.
+    // 10 N, less the 2 N at which a contact ends, on a spring of 300 N/m.
     arm.run(250, Vector3::new(-10.0, 0.0, 0.0));
     let pushed = telemetry(&mut arm.rig);
     let error = Vector6::from(pushed.wrench) - Vector6::new(-10.0, 0.0, 0.0, 0.0, 0.0, 0.0);
     assert!(error.amax() < 0.5 && pushed.contact, "{pushed:?}");
     let displacement = Vector3::from(pushed.position) - Vector3::from(free.position);
-    assert!((displacement - Vector3::new(-10.0 / 300.0, 0.0, 0.0)).norm() < 3e-3, "{displacement}");
+    assert!((displacement - Vector3::new(-8.0 / 300.0, 0.0, 0.0)).norm() < 2e-3, "{displacement}");
 
     arm.run(300, Vector3::zeros());
     let back = telemetry(&mut arm.rig);
@@ -179,4 +179,28 @@ fn an_arm_without_a_force_sensor_yields_to_an_external_force() {
     assert!(matches!(arm.rig.ask(configure(with_sensor)), Reply::Refused(_)));
     let slower = ImpedanceSettings { force: ForceSource::Observer { bandwidth: 20.0 }, ..estimating };
     assert_eq!(arm.rig.ask(configure(slower)), Reply::Done);
+}
+
+#[test]
+fn the_load_of_a_contact_that_is_estimated_is_carried_once() {
+    let estimating =
+        ImpedanceSettings { force: ForceSource::Observer { bandwidth: 30.0 }, contact_force: 15.0, ..SOFT };
+    let direction = Vector3::new(0.6, 0.0, 0.8);
+    let mut arm = SimulatedArm::enabled(&estimating, None);
+    arm.run(60, Vector3::zeros());
+    let start = arm.tool();
+    // 25 N within a second, for two seconds, and back to zero within a second.
+    let forces = (0_i16..500).map(|tick| 0.25 * f32::from(tick.min(400 - tick).clamp(0, 100)));
+    let (mut contacts, mut in_contact) = (0, false);
+    for force in forces {
+        arm.run(1, direction * force);
+        let telemetry = telemetry(&mut arm.rig);
+        contacts += i32::from(telemetry.contact && !in_contact);
+        in_contact = telemetry.contact;
+        // It never moves against the pull.
+        let moved = (arm.tool() - start).dot(&direction);
+        assert!(moved > -1e-3, "{moved} m under {force} N");
+    }
+    assert!(contacts == 1 && !in_contact, "{contacts}");
+    assert!((arm.tool() - start).norm() < 1e-3);
 }

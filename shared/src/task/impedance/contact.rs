@@ -9,7 +9,7 @@ use crate::TICK;
 use crate::control::ImpedanceAxes;
 use crate::kinematics::Chain;
 use crate::math::{self, Ldlt};
-use crate::model::JointModel;
+use crate::model::{JointModel, MAX_CHAIN_JOINTS};
 
 /// Steps of the bisection for the limit: relative error 2⁻²⁴.
 const STEPS: usize = 24;
@@ -25,13 +25,7 @@ const MIN_MOBILITY: f32 = 1e-6;
 ///
 /// `chain` without the rotors, which are those of the `joints`.
 pub fn own_mass(chain: &Chain, joints: &[JointModel], angles: &[f32], axes: ImpedanceAxes) -> [f32; 3] {
-    let mut inertia = chain.mass_matrix(angles);
-    for (index, joint) in joints.iter().enumerate().take(chain.len()) {
-        if let Some(diagonal) = inertia.get_mut((index, index)) {
-            *diagonal += joint.motor.rotor_inertia;
-        }
-    }
-    let factors = Ldlt::new(&inertia, MIN_INERTIA);
+    let inertia = joint_inertia(chain, joints, angles);
     let posture = chain.posture(angles);
     let mut jacobian = posture.jacobian().fixed_rows::<3>(0).into_owned();
     if axes == ImpedanceAxes::Tool {
@@ -39,10 +33,21 @@ pub fn own_mass(chain: &Chain, joints: &[JointModel], angles: &[f32], axes: Impe
     }
     let mobility = Vector3::from_fn(|axis, _| {
         let row = jacobian.row(axis).transpose();
-        row.dot(&factors.solve(&row))
+        row.dot(&inertia.solve(&row))
     });
     let min = (mobility.sum() / (3.0 * MAX_OWN_MASS_RATIO)).max(MIN_MOBILITY);
     mobility.map(|mobility| 1.0 / mobility.max(min)).into()
+}
+
+/// The mass matrix at joint `angles` [rad] with the rotors of the `joints`, factored.
+pub(super) fn joint_inertia(chain: &Chain, joints: &[JointModel], angles: &[f32]) -> Ldlt<MAX_CHAIN_JOINTS> {
+    let mut inertia = chain.mass_matrix(angles);
+    for (index, joint) in joints.iter().enumerate().take(chain.len()) {
+        if let Some(diagonal) = inertia.get_mut((index, index)) {
+            *diagonal += joint.motor.rotor_inertia;
+        }
+    }
+    Ldlt::new(&inertia, MIN_INERTIA)
 }
 
 impl ImpedanceSettings {

@@ -5,7 +5,7 @@ use nalgebra::{IsometryMatrix3, Vector3, Vector6};
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-use super::contact::own_mass;
+use super::contact::{joint_inertia, own_mass};
 use super::derating::Derating;
 use super::momentum::MomentumObserver;
 use super::redundancy::{JointVector, Resolver};
@@ -231,7 +231,7 @@ impl ImpedanceState {
             return Err(SetpointError::NotFinite);
         }
         let force_before = self.squared_force;
-        let use_measured_state = self.update_contact(&settings, &wrench);
+        let use_measured_state = self.update_contact(arm, &settings, &wrench);
         self.derating.update(math::sqrt(self.squared_force), self.contact, settings.contact_force);
         self.update_reference(arm, &settings, measurement, use_measured_state);
 
@@ -260,7 +260,8 @@ impl ImpedanceState {
         let velocity = jacobian * velocities;
         let last = self.tool_velocity.into();
         self.derating.check_rebound(self.contact, &last, &velocity.fixed_rows::<3>(0).into_owned());
-        let mut acceleration = self.tool_command(&settings, posture.tip(), &error, &velocity, &force);
+        let felt = if self.estimates_force() { beyond_dead_band(&settings, &force) } else { force };
+        let mut acceleration = self.tool_command(&settings, posture.tip(), &error, &velocity, &felt);
         let is_lost = self.squared_force <= CONTACT_LOSS_SQUARED * force_before;
         let rested = velocities.amax() < CONTACT_REST_SPEED;
         if use_measured_state && !loaded && is_lost && rested && !self.estimates_force() {
@@ -320,7 +321,7 @@ impl ImpedanceState {
 
     /// Detects contact, with hysteresis; its begin revises the disturbance estimates. Returns whether the
     /// reference arm takes the measured state: during contact, and once more when it ends.
-    fn update_contact(&mut self, settings: &ImpedanceSettings, wrench: &Vector6<f32>) -> bool {
+    fn update_contact(&mut self, arm: &Arm<'_>, settings: &ImpedanceSettings, wrench: &Vector6<f32>) -> bool {
         let force = wrench.fixed_rows::<3>(0).norm_squared();
         let before = core::mem::replace(&mut self.squared_force, force);
         let limit = settings.contact_force * settings.contact_force;
@@ -333,8 +334,12 @@ impl ImpedanceState {
             (Release::NotNeeded, false) => force > limit,
         };
         let was_contact = core::mem::replace(&mut self.contact, contact);
-        if contact && !was_contact && !self.estimates_force() {
-            self.forget_impact();
+        if contact && !was_contact {
+            if self.estimates_force() {
+                self.hand_over_load(arm, wrench);
+            } else {
+                self.forget_impact();
+            }
         }
         was_contact || contact
     }
@@ -353,6 +358,19 @@ impl ImpedanceState {
         let [_, before] = self.earlier_disturbances;
         for (observer, before) in self.observers.iter_mut().zip(before) {
             observer.hand_over(observer.disturbance() - before);
+        }
+    }
+
+    /// Takes an estimated external `wrench` [N, N·m] out of the disturbances: until it is detected as a contact
+    /// the disturbance observers carry it, and from then on the torques that balance it do. Carried twice, it
+    /// would drive the tool against who pulls it. When the contact ends, the observers learn what is left of
+    /// it: the estimate lags, and after a sudden end nothing is.
+    #[inline(never)]
+    fn hand_over_load(&mut self, arm: &Arm<'_>, wrench: &Vector6<f32>) {
+        let torques = arm.chain.posture(&self.angles).jacobian().tr_mul(wrench);
+        let accelerations = joint_inertia(arm.chain, arm.joints, &self.angles).solve(&torques);
+        for (observer, acceleration) in self.observers.iter_mut().zip(accelerations.iter()) {
+            observer.hand_over(-acceleration);
         }
     }
 
@@ -517,6 +535,16 @@ impl ImpedanceState {
         self.setpoint = self.setpoint.coasted();
         self.elbow_setpoint = self.elbow_setpoint.coasted();
     }
+}
+
+/// The part of an estimated wrench to which the tool yields: that beyond the force at which a contact ends. If
+/// it yielded to all of it, a smaller force at rest would end the contact, and the tool would press and let go
+/// again and again.
+fn beyond_dead_band(settings: &ImpedanceSettings, wrench: &Vector6<f32>) -> Vector6<f32> {
+    let Law::ModelFollowing = settings.law else { return *wrench };
+    let square = wrench.fixed_rows::<3>(0).norm_squared();
+    let limit = CONTACT_HYSTERESIS_SQUARED * settings.contact_force * settings.contact_force;
+    wrench * if square > limit { 1.0 - math::sqrt(limit / square) } else { 0.0 }
 }
 
 #[inline]
