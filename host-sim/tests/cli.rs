@@ -120,6 +120,59 @@ fn a_robot_that_the_check_refuses_is_not_served() {
     says(&host_sim(&serve), 2, &told);
 }
 
+/// A copy of a robot's folder whose files are changed.
+fn changed(robot: &str, folder: &Path, change: impl Fn(&str, String) -> String) {
+    std::fs::create_dir_all(folder).unwrap();
+    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots").join(robot);
+    for name in ["robot.urdf", "controller.toml", "plant.toml"] {
+        let text = std::fs::read_to_string(source.join(name)).unwrap();
+        std::fs::write(folder.join(name), change(name, text)).unwrap();
+    }
+}
+
+#[test]
+fn a_robot_of_another_kind_is_told_what_is_needed_and_what_takes_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let (robot, out) = (folder.path().join("robot"), folder.path().join("out"));
+    let run = |scenario: &str| {
+        host_sim(&["run", scenario, "--robot", robot.to_str().unwrap(), "--out", out.to_str().unwrap()])
+    };
+    // Without shoulder yaw.
+    changed("arm7", &robot, |name, text| match name {
+        "robot.urdf" => {
+            let begin = text.find("<joint name=\"shoulder_yaw\"").unwrap();
+            let end = begin + text[begin..].find("</joint>").unwrap();
+            let fixed = text[begin..end].lines().filter(|line| {
+                !["<axis", "<limit", "<dynamics"].iter().any(|element| line.trim().starts_with(element))
+            });
+            let fixed = fixed.collect::<Vec<_>>().join("\n").replace("revolute", "fixed");
+            format!("{}{fixed}\n{}", &text[..begin], &text[end..])
+        }
+        "controller.toml" => {
+            let sections = text.split("\n[").filter(|section| !section.starts_with("joints.shoulder_yaw"));
+            sections.collect::<Vec<_>>().join("\n[")
+        }
+        _ => text,
+    });
+    let told = [
+        "it leads the elbow, for which an arm needs seven joints; arm7 has 6",
+        "Scenarios for such a robot: arm7-paper, arm7-paper-bilateral, arm7-paper-matrices",
+    ];
+    says(&run("arm7-wall"), 2, &told);
+    // Before the files that it lacks.
+    says(&run("hand3-grasp"), 2, &["arm7 is not a hand for grasping", "but hand has 6 joints"]);
+    says(&run("knob-grasp"), 2, &["it needs an arm of six joints with a gripper"]);
+    changed("hand3", &robot, |_, text| text);
+    std::fs::create_dir(robot.join("grasps")).unwrap();
+    std::fs::write(robot.join("grasps/box.toml"), "").unwrap();
+    let told = [
+        "has no grasps/cylinder.toml, grasps/wedge.toml, objects/box.toml, objects/cylinder.toml, objects/wedge.toml:",
+        "hand3-grasp needs robot.urdf, controller.toml, plant.toml, grasps/box.toml, grasps/cylinder.toml",
+        "robots/hand3 has all of them",
+    ];
+    says(&run("hand3-grasp"), 2, &told);
+}
+
 #[test]
 fn bad_input_is_answered_with_what_to_do() {
     let none = ["<SCENARIO>", "name a scenario, such as hand3-servo; `cargo sim list` shows all"];
@@ -195,6 +248,12 @@ fn bad_input_is_answered_with_what_to_do() {
     for (scenario, robot, told) in [
         ("hand3-reach", "arm7", "its paths are for fingers of three joints each"),
         ("hand3-reach", "inspire", "its paths are for fingers of three joints each"),
+        ("hand5-teleop", "hand3", "it needs a hand of five fingers, thumb to little finger; hand3 has 3"),
+        (
+            "hand5-reach",
+            "allegro",
+            "it needs a hand of five fingers, thumb to little finger; allegro_hand_right has 4",
+        ),
         ("arm7-wall", "hand3", "it needs an arm: one chain of six or seven joints with a force sensor"),
         ("arm7-follow", "knob-arm", "it needs an arm: one chain of six or seven joints with a force sensor"),
     ] {

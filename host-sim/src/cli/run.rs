@@ -213,6 +213,7 @@ fn run_seed(
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to 1000")]
     let progress = |fraction: f64| bar.set_position((fraction * 1000.0) as u64);
     let robot = robot_folder(scenario, options);
+    scenario.check_robot(&robot)?;
     let laws = LawFile::find(scenario, &robot, &options.law)?;
     let (mut native, mut qemu, mut interruptible);
     let controller: &mut dyn Controller = match options.controller {

@@ -103,6 +103,30 @@ pub enum Machine {
     KnownPaperFriction,
 }
 
+/// Whether a robot has the geometry of robots/arm7, which some scenarios know.
+pub fn is_arm7(model: &RobotModel) -> bool {
+    /// Height of each joint above the one before it [m], and its axis.
+    const JOINTS: [(f32, [f32; 3]); 7] = [
+        (0.0, [0.0, -1.0, 0.0]),
+        (0.0, [-1.0, 0.0, 0.0]),
+        (0.0, [0.0, 0.0, 1.0]),
+        (-UPPER_ARM as f32, [0.0, -1.0, 0.0]),
+        (-FOREARM as f32, [0.0, 0.0, 1.0]),
+        (0.0, [0.0, -1.0, 0.0]),
+        (0.0, [1.0, 0.0, 0.0]),
+    ];
+    let is_same = |(joint, (height, axis)): (&JointModel, (f32, [f32; 3]))| {
+        let [x, y, z] = joint.origin.translation;
+        let values = [x, y, z - height].into_iter().chain(joint.origin.rotation[..3].iter().copied());
+        let turns = joint.axis.iter().zip(axis).map(|(one, other)| one - other);
+        values.chain(turns).all(|value| value.abs() < 1e-4)
+    };
+    let [chain] = model.chains.as_slice() else { return false };
+    let [x, y, z] = chain.tip.translation;
+    let same_hand = [x, y, z + HAND as f32].iter().all(|value| value.abs() < 1e-4);
+    same_hand && model.joints.len() == JOINTS.len() && model.joints.iter().zip(JOINTS).all(is_same)
+}
+
 /// Robot, plant values and recording that all trials of a scenario share.
 pub struct ArmRig {
     pub robot: RobotFolder,
@@ -116,45 +140,9 @@ impl ArmRig {
     /// Reads the robot's folder.
     pub fn load(setting: &Setting<'_, '_>) -> Result<Self, ScenarioError> {
         let robot = RobotFolder::load(setting.robot)?;
-        match robot.model.chains.as_slice() {
-            [chain] if chain.force_sensor.is_some() && matches!(robot.model.joints.len(), 6 | 7) => {}
-            _ => {
-                let needed = "it needs an arm: one chain of six or seven joints with a force sensor";
-                return Err(setting.other_robot(needed));
-            }
-        }
         let motion = setting.motion(&robot.model);
         let (seed, intervention) = (setting.seed, setting.intervention.clone());
         Ok(Self { values: PlantValues::load(setting.robot)?, robot, motion, seed, intervention })
-    }
-
-    /// As [`load`](Self::load), for scenarios that know the geometry of robots/arm7.
-    pub fn load_arm7(setting: &Setting<'_, '_>) -> Result<Self, ScenarioError> {
-        /// Height of each joint above the one before it [m], and its axis.
-        const JOINTS: [(f32, [f32; 3]); 7] = [
-            (0.0, [0.0, -1.0, 0.0]),
-            (0.0, [-1.0, 0.0, 0.0]),
-            (0.0, [0.0, 0.0, 1.0]),
-            (-UPPER_ARM as f32, [0.0, -1.0, 0.0]),
-            (-FOREARM as f32, [0.0, 0.0, 1.0]),
-            (0.0, [0.0, -1.0, 0.0]),
-            (0.0, [1.0, 0.0, 0.0]),
-        ];
-        let rig = Self::load(setting)?;
-        let is_same = |(joint, (height, axis)): (&JointModel, (f32, [f32; 3]))| {
-            let [x, y, z] = joint.origin.translation;
-            let values = [x, y, z - height].into_iter().chain(joint.origin.rotation[..3].iter().copied());
-            let turns = joint.axis.iter().zip(axis).map(|(one, other)| one - other);
-            values.chain(turns).all(|value| value.abs() < 1e-4)
-        };
-        let joints = &rig.robot.model.joints;
-        let [x, y, z] = rig.robot.model.chains[0].tip.translation;
-        let same_hand = [x, y, z + HAND as f32].iter().all(|value| value.abs() < 1e-4);
-        if !same_hand || joints.len() != JOINTS.len() || !joints.iter().zip(JOINTS).all(is_same) {
-            return Err(setting
-                .other_robot("it needs an arm with joints and hand of robots/arm7, in the same places"));
-        }
-        Ok(rig)
     }
 
     /// The controller's model, and the machine.

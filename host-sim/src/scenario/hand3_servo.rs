@@ -9,7 +9,7 @@ use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::Board;
 
 use super::common::{T, capitalized, fault_error, largest, prepare, request_error};
-use super::{Outcome, Scenario, ScenarioError, Setting};
+use super::{Kind, Outcome, Scenario, ScenarioError, Setting};
 use crate::controller::{Controller, Watched};
 use crate::motion::Motion;
 use crate::plant::{Plant, PlantOptions, PlantValues, SharedIntervention, Truth};
@@ -20,6 +20,8 @@ pub(super) const SCENARIO: Scenario = Scenario {
     title: "Joint servo of the three-finger hand",
     about: "nine joints of the three-finger hand step by ±0.3 rad under PID and under the observer",
     robot: "hand3",
+    kind: Kind::Any,
+    files: &[],
     results: "docs/measurements.md#joint-servo",
     duration: 42.0,
     shortest: Some(4.0 * (INITIAL_REST + INTERVAL * (FIRST_STEPS + 1) as f64)),
