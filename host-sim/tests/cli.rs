@@ -174,6 +174,16 @@ fn a_robot_of_another_kind_is_told_what_is_needed_and_what_takes_it() {
 }
 
 #[test]
+fn an_arm_with_relative_encoders_is_homed() {
+    let folder = tempfile::tempdir().unwrap();
+    let (robot, out) = (folder.path().join("robot"), folder.path().join("out"));
+    changed("arm7", &robot, |_, text| text.replace("relative = false", "relative = true"));
+    let output =
+        host_sim(&["run", "arm7-elbow", "--robot", robot.to_str().unwrap(), "--out", out.to_str().unwrap()]);
+    says(&output, 0, &["limits met"]);
+}
+
+#[test]
 fn bad_input_is_answered_with_what_to_do() {
     let none = ["<SCENARIO>", "name a scenario, such as hand3-servo; `cargo sim list` shows all"];
     says(&host_sim(&["run"]), 2, &none);

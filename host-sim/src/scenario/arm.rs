@@ -12,7 +12,7 @@ use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::Board;
 use tesaki_supervisor::trajectory::minimum_jerk;
 
-use super::common::{T, during, introduce, largest, request_error};
+use super::common::{T, during, home, introduce, largest, request_error};
 use super::{ScenarioError, Setting};
 use crate::controller::{Controller, Watched};
 use crate::motion::Motion;
@@ -23,6 +23,8 @@ use crate::report::Table;
 
 /// Time from power-on to the tare of the force sensor [s].
 const REST: f64 = 0.5;
+/// Time from homing until a force sensor can be tared [s].
+const HOMED: f64 = 1.0;
 /// Lengths of robots/arm7 [m].
 pub const UPPER_ARM: f64 = 0.30;
 pub const FOREARM: f64 = 0.26;
@@ -284,6 +286,11 @@ impl<'a, 'b> ArmTrial<'a, 'b> {
             enabled: false,
         };
         introduce(arm_trial.controller, &arm_trial.model)?;
+        if arm_trial.model.joints.iter().any(|joint| joint.encoder.relative) {
+            arm_trial.tick()?;
+            home(arm_trial.controller, &arm_trial.plant)?;
+            arm_trial.wait(HOMED)?;
+        }
         arm_trial.wait(REST)?;
         arm_trial.controller.tare()?;
         arm_trial.controller.enable(TaskConfig::Impedance(settings))?;
