@@ -8,6 +8,7 @@ use tesaki::protocol::{Mode, Refusal, Request, Stream, TaskReport, Telemetry};
 use tesaki::task::grasping::{GraspCommand, GraspTelemetry};
 use tesaki::task::impedance::ImpedanceTelemetry;
 use tesaki::task::{TaskConfig, TaskRefusal, TaskTelemetry};
+use tesaki_description::robot::chain_length;
 use tesaki_supervisor::faults::FaultsBefore;
 use tesaki_supervisor::gravity::Load;
 pub use tesaki_supervisor::timing::{KEEP_ALIVE, LAST_WORD};
@@ -36,16 +37,9 @@ const SILENCE: Duration = Duration::from_millis(300);
 /// How long a board that has not answered that is told again.
 const FAREWELL: Duration = Duration::from_secs(2);
 
-/// The length of a chain along its links [m].
-pub fn length(model: &RobotModel, chain: usize) -> f32 {
-    let norm = |[x, y, z]: [f32; 3]| tesaki::math::sqrt(x * x + y * y + z * z);
-    let tip = model.chains.get(chain).map_or(0.0, |chain| norm(chain.tip.translation));
-    model.joints_of(chain).map(|joint| norm(joint.body().0.translation)).sum::<f32>() + tip
-}
-
 /// Refuses a `distance` [m] that is beyond the size of the robot, as it is in another unit.
 pub fn check_distance(what: &str, distance: f32, model: &RobotModel) -> Result<(), Failure> {
-    let longest = (0..model.chains.len()).map(|chain| length(model, chain)).fold(0.0, f32::max);
+    let longest = (0..model.chains.len()).map(|chain| chain_length(model, chain)).fold(0.0, f32::max);
     if distance <= LENGTHS * longest {
         return Ok(());
     }
