@@ -41,7 +41,7 @@ pub use knob_pictures::{KnobPicture, KnobPictures};
 pub use needs::Kind;
 pub use possible::Impossible;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use tesaki::model::RobotModel;
 use tesaki::protocol::LogRecord;
@@ -198,6 +198,14 @@ pub enum ScenarioError {
     /// Where a grasp is to begin.
     #[error(transparent)]
     Scene(#[from] SceneError),
+    /// The same of a grasp file.
+    #[error("{path}: {source}", path = path.display())]
+    Grasp {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: SceneError,
+    },
     /// The plant.
     #[error(transparent)]
     Plant(#[from] PlantError),

@@ -255,6 +255,14 @@ fn bad_input_is_answered_with_what_to_do() {
     let grasp = concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/hand3/grasps/box.toml");
     says(&host_sim(&["render-knob", "--out", below.to_str().unwrap()]), 2, &[below.to_str().unwrap()]);
     says(&host_sim(&["serve", "--grasp", grasp, "--object", file]), 2, &[file]);
+    let far = folder.path().join("far.toml");
+    let text = std::fs::read_to_string(grasp).unwrap().replacen("position = [0.090", "position = [0.40", 1);
+    std::fs::write(&far, text).unwrap();
+    let told = [
+        "far.toml: finger1_tip cannot stand 20 mm in front of its contact: 0.3",
+        "m is out of reach; the nearest",
+    ];
+    says(&host_sim(&["serve", "--grasp", far.to_str().unwrap()]), 2, &told);
     for (scenario, robot, told) in [
         ("hand3-reach", "arm7", "its paths are for fingers of three joints each"),
         ("hand3-reach", "inspire", "its paths are for fingers of three joints each"),
