@@ -177,6 +177,19 @@ fn a_negative_number_is_refused_in_words() {
 }
 
 #[test]
+fn a_robot_of_another_kind_need_not_be_homed_to_be_told_so() {
+    let server = Server::start();
+    let robot = hand3().join("../allegro");
+    server.succeeds(&["model", "push", robot.to_str().unwrap()]);
+    let tip = server.json(&["model", "show"])["chains"][0]["name"].as_str().unwrap().to_owned();
+    let told = ["`tesaki reach` needs fingers of three joints", "it has 4 joints"];
+    server.fails(&["reach", &format!("{tip}=0,0,0.1")], 2, &told);
+    let grasp = hand3().join("grasps/box.toml");
+    let told = ["allegro_hand_right is not a hand for grasping", "has 4 joints; `tesaki move` moves"];
+    server.fails(&["grasp", "run", grasp.to_str().unwrap()], 2, &told);
+}
+
+#[test]
 fn what_is_doubtful_is_set_with_a_warning() {
     let server = Server::ready_arm();
     for value in ["0,0,9.81", "-9.81"] {
