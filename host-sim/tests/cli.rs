@@ -131,6 +131,22 @@ fn changed(robot: &str, folder: &Path, change: impl Fn(&str, String) -> String) 
 }
 
 #[test]
+fn doubts_about_a_robot_are_told_when_it_is_served() {
+    let folder = tempfile::tempdir().unwrap();
+    let robot = folder.path().join("robot");
+    changed("hand3", &robot, |_, text| text.replace("rest_error = 7e-4", "rest_error = 0.06"));
+    let listen = format!("unix://{}", folder.path().join("board").display());
+    let mut command = Command::new(env!("CARGO_BIN_EXE_host-sim"));
+    command.args(["serve", "--listen", &listen, "--robot"]).arg(&robot);
+    let mut serve =
+        command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+    let told = BufReader::new(serve.stderr.take().unwrap()).lines().next().unwrap().unwrap();
+    serve.kill().unwrap();
+    serve.wait().unwrap();
+    assert!(told.starts_with("warning: ") && told.contains("servo.rest_error = 0.06 rad"), "{told}");
+}
+
+#[test]
 fn a_robot_of_another_kind_is_told_what_is_needed_and_what_takes_it() {
     let folder = tempfile::tempdir().unwrap();
     let (robot, out) = (folder.path().join("robot"), folder.path().join("out"));

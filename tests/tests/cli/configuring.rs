@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use super::server::{Server, hand3};
+use super::server::{Server, arm7, hand3};
 
 /// A copy of hand3 whose URDF and settings are changed, in the server's folder.
 fn changed(server: &Server, change: impl Fn(String) -> String) -> PathBuf {
@@ -174,6 +174,21 @@ fn a_negative_number_is_refused_in_words() {
         let (got, text) = server.run(arguments);
         assert!(got == code && text.contains(words) && !text.contains("unexpected argument"), "{got} {text}");
     }
+}
+
+#[test]
+fn the_model_of_another_machine_is_told_at_its_push() {
+    let server = Server::start();
+    let arm = arm7().to_str().unwrap().to_owned();
+    let text = server.succeeds(&["model", "push", &arm]);
+    let mismatch = "the machine has 9 joints and 3 force sensors, its model arm7 has 7 joints and 1 force sensor (fault 8)";
+    assert!(text.contains(&format!("warning: {mismatch}: push the model of this machine")), "{text}");
+    assert!(!text.contains("replaces"), "{text}");
+    let pushed = server.json(&["model", "push", &arm]);
+    assert_eq!((&pushed["replaced"], &pushed["mismatch"]), (&serde_json::Value::Null, &mismatch.into()));
+    let text = server.succeeds(&["model", "push", hand3().to_str().unwrap()]);
+    assert!(text.contains("the board has the model of arm7: that of hand3 replaces it"), "{text}");
+    assert!(!text.contains("warning"), "{text}");
 }
 
 #[test]
