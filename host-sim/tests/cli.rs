@@ -383,13 +383,18 @@ fn a_report_of_ones_own_robot_is_about_it_and_names_the_command_that_made_it() {
     let source = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/hand3"));
     for name in ["robot.urdf", "plant.toml", "controller.toml"] {
         let text = std::fs::read_to_string(source.join(name)).unwrap();
-        let own = text.replace("<robot name=\"hand3\"", "<robot name=\"my_hand\"");
+        let mut own = text.replace("<robot name=\"hand3\"", "<robot name=\"my_hand\"");
+        if name == "controller.toml" {
+            own += "\n[joints.finger2_bend.servo]\nfilter_time = 0.3\n";
+        }
         std::fs::write(robot.join(name), own).unwrap();
     }
     let out = folder.path().join("out");
     let run = ["run", "hand3-servo", "--duration", "32", "--robot", robot.to_str().unwrap(), "--out"];
     let output = host_sim(&[&run[..], &[out.to_str().unwrap()]].concat());
-    says(&output, 0, &["reported only, no limits", "no limit: it is made for hand3"]);
+    let note = "no limit is set for this robot: those of hand3-servo are for hand3";
+    says(&output, 0, &["DONE  reported only, no limits", note]);
+    assert!(!String::from_utf8_lossy(&output.stdout).contains("PASS"));
     let files = out.join("hand3-servo-my hand");
     let page = std::fs::read_to_string(files.join("index.html")).unwrap();
     let command = format!(
@@ -399,7 +404,11 @@ fn a_report_of_ones_own_robot_is_about_it_and_names_the_command_that_made_it() {
     for words in [&*command, "hand3-servo with my_hand, 9 joints"] {
         assert!(page.contains(words), "{words:?} is not in the page");
     }
-    assert!(!page.contains("three-finger hand"));
+    assert!(!page.contains("three-finger hand") && !page.contains("limit ±"));
+    // One of its joints is slower, which has a reference of its own.
+    for words in ["reference with T_f = 0.2 s", "reference with T_f = 0.3 s"] {
+        assert!(page.contains(words), "{words:?} is not in the page");
+    }
     let summary = std::fs::read_to_string(files.join("summary.json")).unwrap();
     let summary: serde_json::Value = serde_json::from_str(&summary).unwrap();
     let metrics = summary["metrics"].as_object().unwrap();

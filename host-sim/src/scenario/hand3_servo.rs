@@ -4,7 +4,7 @@
 use std::ops::Range;
 
 use tesaki::control::ServoMode;
-use tesaki::model::RobotModel;
+use tesaki::model::{JointModel, RobotModel};
 use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::Board;
 
@@ -356,9 +356,21 @@ fn figure(trial: &Trial, recording: &ServoLog, model: &RobotModel) -> Figure {
             _ => panel,
         });
     }
-    let start = recording.reference[0].first().copied().unwrap_or(0.0);
-    let shape = recording.reference[0].iter().map(|angle| angle - start).collect();
-    angles = angles.line(Line::dashed("reference", Line::INK, recording.time.clone(), shape));
+    // Joints with the same trajectory filter have the same reference.
+    let filter_time = |joint: &JointModel| joint.servo.filter_time.to_bits();
+    let is_first = |(index, joint): &(usize, &JointModel)| {
+        model.joints.iter().position(|other| filter_time(other) == filter_time(joint)) == Some(*index)
+    };
+    let references: Vec<(usize, &JointModel)> = model.joints.iter().enumerate().filter(is_first).collect();
+    for &(index, joint) in &references {
+        let name = match references.as_slice() {
+            [_] => "reference".to_owned(),
+            _ => format!("reference with T_f = {} s", joint.servo.filter_time),
+        };
+        let start = recording.reference[index].first().copied().unwrap_or(0.0);
+        let shape = recording.reference[index].iter().map(|angle| angle - start).collect();
+        angles = angles.line(Line::dashed(name, Line::INK, recording.time.clone(), shape));
+    }
     let caption = "True joint angles and the filtered reference, the error of each finger's joints, and the \
                    motor torques. During the first step up and down (shaded) the servo meets the machine's \
                    true friction for the first time; afterwards it has adapted to it, and the limit \
