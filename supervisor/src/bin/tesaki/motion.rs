@@ -10,7 +10,7 @@ use tesaki::task::impedance::ImpedanceTelemetry;
 use tesaki::task::{TaskConfig, TaskRefusal, TaskTelemetry};
 use tesaki_description::robot::chain_length;
 use tesaki_supervisor::faults::FaultsBefore;
-use tesaki_supervisor::gravity::Load;
+use tesaki_supervisor::gravity::{Load, TooHeavy};
 pub use tesaki_supervisor::timing::{KEEP_ALIVE, LAST_WORD};
 use tesaki_supervisor::{Board, BoardError, angles};
 
@@ -205,6 +205,14 @@ impl<'a> Motion<'a> {
     }
 
     pub fn enable(&mut self, task: TaskConfig) -> Result<(), Failure> {
+        let heavy = TooHeavy::at(&self.model, &self.angles).filter(|_| !self.angles.is_empty());
+        if let Some(heavy) = heavy {
+            return Err(Failure::Refused(format!(
+                "nothing was enabled: {heavy}. Put the robot where its motors can hold it, raise limits.torque of {} \
+                 if its motor allows it, or check masses and gravity of its model",
+                heavy.joint()
+            )));
+        }
         // From here on Ctrl-C must not end the process before the outputs are off.
         if self.session.heed_interrupts()?.load(Ordering::Relaxed) {
             return Err(nothing_enabled());
