@@ -204,6 +204,7 @@ impl<'a> Motion<'a> {
         Ok(())
     }
 
+    /// Switches the outputs on, unless the motors cannot hold the robot where it is.
     pub fn enable(&mut self, task: TaskConfig) -> Result<(), Failure> {
         let heavy = TooHeavy::at(&self.model, &self.angles).filter(|_| !self.angles.is_empty());
         if let Some(heavy) = heavy {
@@ -483,7 +484,7 @@ impl<'a> Motion<'a> {
             (None, News { telemetry: Some(telemetry), .. }) => {
                 Some(output::telemetry(telemetry, Some(&self.model), ALL_HOMED).to_string())
             }
-            (Some(_), News { task: Some(report), .. }) => Some(output::task(report).to_string()),
+            (Some(_), News { task: Some(report), .. }) => Some(output::task(report, &self.model).to_string()),
             _ => None,
         }
     }
