@@ -227,6 +227,20 @@ fn what_is_doubtful_is_set_with_a_warning() {
     let inertia = torque.replace("limits.torque", "motor.rotor_inertia");
     let text = server.succeeds(&["set", &inertia, "20"]);
     assert!(text.contains("warning: ") && text.contains("s to bring the rotor alone to"), "{text}");
+    // Each time that it is set, also to another value; not when something else is.
+    for value in ["20", "30"] {
+        let text = server.succeeds(&["set", &inertia, value]);
+        assert!(text.contains("s to bring the rotor alone to"), "{value}: {text}");
+    }
+    let text = server.succeeds(&["set", &torque, "67"]);
+    assert!(text.contains("limits nothing") && !text.contains("rotor"), "{text}");
+    // Under its name in controller.toml, too.
+    let inertia = torque.replace("limits.torque", "servo.inertia");
+    let read = server.succeeds(&["read", &inertia]);
+    assert_eq!(read, server.succeeds(&["read", &inertia.replace("servo.", "servo.observer.")]));
+    assert!(read.contains(".servo.observer.inertia = ") && read.trim_end().ends_with(" kg·m²"), "{read}");
+    let told = ["is a value of controller.toml", "servo.observer.inertia and those gains"];
+    server.fails(&["set", &inertia, "0.1"], 2, &told);
     let error = torque.replace("limits.torque", "servo.rest_error");
     server.fails(&["set", &error, "0.9"], 2, &["no error at rest is ever corrected; give some counts"]);
 }

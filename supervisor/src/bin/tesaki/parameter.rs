@@ -24,7 +24,7 @@ pub fn read(options: &Options, path: Option<&str>) -> Result<(), Failure> {
     let tree = tree(&model);
     let path = if path == "model" { "" } else { path };
     let mut found = Vec::new();
-    for name in expand(&tree, path)? {
+    for name in expand(&tree, &on_board(path))? {
         leaves(&name, at(&tree, &name)?, &mut found);
     }
     let value: serde_json::Map<String, Value> = found.iter().cloned().collect();
@@ -105,6 +105,13 @@ fn state(options: &Options, session: &mut BoardSession, model: &RobotModel) -> R
 pub fn set(options: &Options, path: &str, value: &str) -> Result<(), Failure> {
     let mut session = BoardSession::command(options)?;
     let model = session.model()?;
+    if on_board(path) != path {
+        return Err(Failure::Usage(format!(
+            "{path} is a value of controller.toml, with which the gains of servo.pid were multiplied: set {} and those \
+             gains, or push the robot folder",
+            on_board(path)
+        )));
+    }
     let mut tree = tree(&model);
     let (names, mut values) = (expand(&tree, path)?, Vec::new());
     for name in &names {
@@ -165,6 +172,14 @@ pub fn set(options: &Options, path: &str, value: &str) -> Result<(), Failure> {
     notice_unhomed(options, &unhomed);
     notice_untared(options, "this pushed the model again", &tared);
     Ok(())
+}
+
+/// The path on the board of a parameter that has another one in `controller.toml`.
+fn on_board(path: &str) -> String {
+    match path.strip_suffix("servo.inertia") {
+        Some(joint) if joint.is_empty() || joint.ends_with('.') => format!("{joint}servo.observer.inertia"),
+        _ => path.to_owned(),
+    }
 }
 
 /// The number of a value as `30%`, of the present one.
