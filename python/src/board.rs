@@ -487,19 +487,22 @@ impl Board {
     ///     path: the file to write.
     ///     duration: [s].
     ///     robot: its URDF and names of links are put into the recording.
+    ///     force: replace a file that exists.
     ///
     /// Returns:
     ///     the number of recorded ticks; ``tesaki.recordings.load`` reads them.
     ///
     /// Raises:
+    ///     FileError: the file exists, or cannot be written.
     ///     ValueError: ``robot`` is not the board's robot.
-    #[pyo3(signature = (path, duration, robot=None))]
+    #[pyo3(signature = (path, duration, robot=None, *, force=false))]
     fn record(
         &mut self,
         py: Python<'_>,
         path: PathBuf,
         duration: f64,
         robot: Option<&Robot>,
+        force: bool,
     ) -> PyResult<u32> {
         let wrong = |error: McapError| FileError::new_err(format!("{}: {error}", path.display()));
         let duration = seconds("duration", duration)?;
@@ -514,6 +517,12 @@ impl Board {
         }
         let urdf = folder.as_ref().map(|folder| std::fs::read_to_string(folder.path.join("robot.urdf")));
         let urdf = urdf.transpose().map_err(file)?;
+        if !force && path.exists() {
+            return Err(FileError::new_err(format!(
+                "{} exists: name another recording, or replace it with force=True",
+                path.display()
+            )));
+        }
         // A board that does not answer costs no earlier recording.
         self.stream_recorded(py, true)?;
         let recording = match Recording::create(&path, urdf.as_deref()) {

@@ -94,6 +94,11 @@ def test_a_joint_moves_and_is_recorded(serve, tmp_path):
         np.testing.assert_allclose(board.telemetry()["position"][7], 0.3, atol=0.006)
         board.command("joints", start)
         count = board.record(tmp_path / "r.mcap", 1.0, robot)
+        before = (tmp_path / "r.mcap").read_bytes()
+        with pytest.raises(tesaki.FileError, match="r.mcap exists: name another recording, or replace it with force=True$"):
+            board.record(tmp_path / "r.mcap", 0.1, robot)
+        assert (tmp_path / "r.mcap").read_bytes() == before
+        count = board.record(tmp_path / "r.mcap", 1.0, robot, force=True)
         with pytest.raises(ValueError, match='^hand3 has no joint "toe"; its joints are finger1_swing, '):
             board.move({"toe": 0.1})
         with pytest.raises(ValueError, match="^finger1_bend: 9 rad is outside its limits -1.2 to 1.7 rad$"):
