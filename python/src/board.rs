@@ -39,7 +39,8 @@ use conversation::await_event;
 /// ``disable()`` ends. A board that could not be disabled is an error, or a note of the exception under way.
 ///
 /// An enabled board must hear from its commander: ``move``, ``wait`` and ``record`` ensure that while they
-/// run. Nothing does so in between, on purpose: if this program hangs or is killed, the board's command
+/// run, ``telemetry`` and ``tips`` while they wait for an answer. Nothing does so in between, on purpose: if
+/// this program hangs or is killed, the board's command
 /// timeout (``safety.command_timeout``) stops the robot.
 ///
 /// It must not be used by two threads at once.
@@ -422,12 +423,12 @@ impl Board {
     /// [N·m], each (tips, 3), and ``tared`` (tips,): where it is ``False``, force and torque contain the
     /// unknown zero of the sensor, or there is none; see ``tare()``.
     fn tips<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let timeout = self.timeout;
+        let (timeout, keeps) = (self.timeout, self.is_enabled);
         let tips = self.call(py, |link| {
             link.set_rate(Stream::Tips, 1)?;
             // What came before is old.
             while link.next_event(Instant::now())?.is_some() {}
-            let found = await_event(link, timeout, |event| match event {
+            let found = await_event(link, timeout, keeps, |event| match event {
                 FromBoard::Tips(tips) => Some(tips),
                 _ => None,
             });

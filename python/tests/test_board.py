@@ -58,6 +58,32 @@ def serve(tmp_path):
         one.end()
 
 
+# A program of its own, which has not loaded NumPy.
+FIRST_TELEMETRY = """
+import sys
+import tesaki
+
+angles = {name: float(angle) for name, angle in (word.split("=") for word in sys.argv[2:])}
+with tesaki.Board(sys.argv[1]) as board:
+    board.push(tesaki.robots() / "hand3")
+    board.home(angles)
+    board.enable()
+    board.telemetry()
+    board.tips()
+    board.wait(0.2)
+    print(board.faults())
+"""
+
+
+def test_the_first_telemetry_of_an_enabled_board_comes_in_time(serve):
+    served = serve()
+    angles = [f"{name}={angle}" for name, angle in served.angles.items()]
+    run = subprocess.run(
+        [sys.executable, "-c", FIRST_TELEMETRY, served.port, *angles], capture_output=True, text=True, timeout=30
+    )
+    assert run.stdout == "[]\n", run.stdout + run.stderr
+
+
 def test_a_joint_moves_and_is_recorded(serve, tmp_path):
     served, robot = serve(), tesaki.Robot(tesaki.robots() / "hand3")
     with tesaki.Board(served.port) as board:
@@ -315,7 +341,7 @@ def test_an_arm_yields_and_is_led(serve, tmp_path):
         assert board.tips()["tared"].tolist() == [False]
         board.tare()
         assert board.tips()["tared"].tolist() == [True]
-        with pytest.raises(ValueError, match="^file is missing: the task impedance needs an impedance file$"):
+        with pytest.raises(ValueError, match="^file is missing: the task impedance needs an impedance file, as in enable"):
             board.enable("impedance")
         board.enable("impedance", file=soft)
         tool = board.task()["Impedance"]
