@@ -213,8 +213,8 @@ impl Board {
     /// Args:
     ///     task: ``joints`` (joint servo), ``impedance``, ``grasping`` or ``telexistence``.
     ///     servo: of the joint servo: ``observer``, ``pid`` or ``bare-pid``.
-    ///     file: impedance file (``robots/arm7/impedances/soft.toml``), or for telexistence the robot's
-    ///         folder.
+    ///     file: needed by ``impedance``, an impedance file (``robots/arm7/impedances/soft.toml``; for six
+    ///         joints ``docs/examples/soft_six_joints.toml``), and by ``telexistence``, the robot's folder.
     ///
     /// Raises:
     ///     RefusedError: the board is not ready; the message says what is missing.
