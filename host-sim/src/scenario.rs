@@ -32,14 +32,16 @@ mod hand5_teleop;
 mod knob_find;
 mod knob_grasp;
 mod knob_pictures;
+pub(crate) mod needs;
 mod possible;
 mod unilateral;
 
 pub use grasping::scene;
 pub use knob_pictures::{KnobPicture, KnobPictures};
+pub use needs::Kind;
 pub use possible::Impossible;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use tesaki::model::RobotModel;
 use tesaki::protocol::LogRecord;
@@ -69,6 +71,10 @@ pub struct Scenario {
     pub about: &'static str,
     /// The folder of its robot in `robots/`.
     pub robot: &'static str,
+    /// What robots it is for.
+    pub kind: Kind,
+    /// Files of the robot's folder that it reads besides those of every robot; its laws can be chosen.
+    pub files: &'static [&'static str],
     /// The document, and its section, that states how many machines meet its limits.
     pub results: &'static str,
     /// Simulated time when nothing else is asked for [s].
@@ -192,6 +198,14 @@ pub enum ScenarioError {
     /// Where a grasp is to begin.
     #[error(transparent)]
     Scene(#[from] SceneError),
+    /// The same of a grasp file.
+    #[error("{path}: {source}", path = path.display())]
+    Grasp {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: SceneError,
+    },
     /// The plant.
     #[error(transparent)]
     Plant(#[from] PlantError),
@@ -214,6 +228,20 @@ pub enum ScenarioError {
         robot: String,
         /// Why.
         reason: String,
+    },
+    /// The folder lacks files.
+    #[error("{robot} has no {missing}: {scenario} needs {files}; robots/{example} has all of them")]
+    MissingFiles {
+        /// The folder.
+        robot: String,
+        /// What it lacks.
+        missing: String,
+        /// The scenario.
+        scenario: &'static str,
+        /// All that it needs.
+        files: String,
+        /// The folder of the scenario's own robot.
+        example: &'static str,
     },
     /// The operator's hand.
     #[error("the operator's hand: {0}")]
@@ -276,6 +304,7 @@ impl Scenario {
     /// Why it did not come to its end. Missing a goal is not an error but a failed metric.
     pub fn run(&self, setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
         self.check_duration(setting.duration)?;
+        self.check_robot(setting.robot)?;
         let mut outcome = (self.run)(setting)?;
         let summary = &mut outcome.summary;
         self.name.clone_into(&mut summary.scenario);

@@ -173,6 +173,7 @@ fn run(
         is_replaced: None,
         refused: None,
     };
+    scenario.check_robot(robot)?;
     let laws = LawFile::find(scenario, robot, &[])?;
     let mut watched = Watched::new(&mut steered, false);
     let plain = Setting::plain(robot, &mut watched, seed, scenario.duration);

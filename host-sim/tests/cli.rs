@@ -120,6 +120,85 @@ fn a_robot_that_the_check_refuses_is_not_served() {
     says(&host_sim(&serve), 2, &told);
 }
 
+/// A copy of a robot's folder whose files are changed.
+fn changed(robot: &str, folder: &Path, change: impl Fn(&str, String) -> String) {
+    std::fs::create_dir_all(folder).unwrap();
+    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots").join(robot);
+    for name in ["robot.urdf", "controller.toml", "plant.toml"] {
+        let text = std::fs::read_to_string(source.join(name)).unwrap();
+        std::fs::write(folder.join(name), change(name, text)).unwrap();
+    }
+}
+
+#[test]
+fn doubts_about_a_robot_are_told_when_it_is_served() {
+    let folder = tempfile::tempdir().unwrap();
+    let robot = folder.path().join("robot");
+    changed("hand3", &robot, |_, text| text.replace("rest_error = 7e-4", "rest_error = 0.06"));
+    let listen = format!("unix://{}", folder.path().join("board").display());
+    let mut command = Command::new(env!("CARGO_BIN_EXE_host-sim"));
+    command.args(["serve", "--listen", &listen, "--robot"]).arg(&robot);
+    let mut serve =
+        command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+    let told = BufReader::new(serve.stderr.take().unwrap()).lines().next().unwrap().unwrap();
+    serve.kill().unwrap();
+    serve.wait().unwrap();
+    assert!(told.starts_with("warning: ") && told.contains("servo.rest_error = 0.06 rad"), "{told}");
+}
+
+#[test]
+fn a_robot_of_another_kind_is_told_what_is_needed_and_what_takes_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let (robot, out) = (folder.path().join("robot"), folder.path().join("out"));
+    let run = |scenario: &str| {
+        host_sim(&["run", scenario, "--robot", robot.to_str().unwrap(), "--out", out.to_str().unwrap()])
+    };
+    // Without shoulder yaw.
+    changed("arm7", &robot, |name, text| match name {
+        "robot.urdf" => {
+            let begin = text.find("<joint name=\"shoulder_yaw\"").unwrap();
+            let end = begin + text[begin..].find("</joint>").unwrap();
+            let fixed = text[begin..end].lines().filter(|line| {
+                !["<axis", "<limit", "<dynamics"].iter().any(|element| line.trim().starts_with(element))
+            });
+            let fixed = fixed.collect::<Vec<_>>().join("\n").replace("revolute", "fixed");
+            format!("{}{fixed}\n{}", &text[..begin], &text[end..])
+        }
+        "controller.toml" => {
+            let sections = text.split("\n[").filter(|section| !section.starts_with("joints.shoulder_yaw"));
+            sections.collect::<Vec<_>>().join("\n[")
+        }
+        _ => text,
+    });
+    let told = [
+        "it leads the elbow, for which an arm needs seven joints; arm7 has 6",
+        "Scenarios for such a robot: arm7-paper, arm7-paper-bilateral, arm7-paper-matrices",
+    ];
+    says(&run("arm7-wall"), 2, &told);
+    // Before the files that it lacks.
+    says(&run("hand3-grasp"), 2, &["arm7 is not a hand for grasping", "but hand has 6 joints"]);
+    says(&run("knob-grasp"), 2, &["it needs an arm of six joints with a gripper"]);
+    changed("hand3", &robot, |_, text| text);
+    std::fs::create_dir(robot.join("grasps")).unwrap();
+    std::fs::write(robot.join("grasps/box.toml"), "").unwrap();
+    let told = [
+        "has no grasps/cylinder.toml, grasps/wedge.toml, objects/box.toml, objects/cylinder.toml, objects/wedge.toml:",
+        "hand3-grasp needs robot.urdf, controller.toml, plant.toml, grasps/box.toml, grasps/cylinder.toml",
+        "robots/hand3 has all of them",
+    ];
+    says(&run("hand3-grasp"), 2, &told);
+}
+
+#[test]
+fn an_arm_with_relative_encoders_is_homed() {
+    let folder = tempfile::tempdir().unwrap();
+    let (robot, out) = (folder.path().join("robot"), folder.path().join("out"));
+    changed("arm7", &robot, |_, text| text.replace("relative = false", "relative = true"));
+    let output =
+        host_sim(&["run", "arm7-elbow", "--robot", robot.to_str().unwrap(), "--out", out.to_str().unwrap()]);
+    says(&output, 0, &["limits met"]);
+}
+
 #[test]
 fn bad_input_is_answered_with_what_to_do() {
     let none = ["<SCENARIO>", "name a scenario, such as hand3-servo; `cargo sim list` shows all"];
@@ -192,9 +271,23 @@ fn bad_input_is_answered_with_what_to_do() {
     let grasp = concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/hand3/grasps/box.toml");
     says(&host_sim(&["render-knob", "--out", below.to_str().unwrap()]), 2, &[below.to_str().unwrap()]);
     says(&host_sim(&["serve", "--grasp", grasp, "--object", file]), 2, &[file]);
+    let far = folder.path().join("far.toml");
+    let text = std::fs::read_to_string(grasp).unwrap().replacen("position = [0.090", "position = [0.40", 1);
+    std::fs::write(&far, text).unwrap();
+    let told = [
+        "far.toml: finger1_tip cannot stand 20 mm in front of its contact: 0.3",
+        "m is out of reach; the nearest",
+    ];
+    says(&host_sim(&["serve", "--grasp", far.to_str().unwrap()]), 2, &told);
     for (scenario, robot, told) in [
         ("hand3-reach", "arm7", "its paths are for fingers of three joints each"),
         ("hand3-reach", "inspire", "its paths are for fingers of three joints each"),
+        ("hand5-teleop", "hand3", "it needs a hand of five fingers, thumb to little finger; hand3 has 3"),
+        (
+            "hand5-reach",
+            "allegro",
+            "it needs a hand of five fingers, thumb to little finger; allegro_hand_right has 4",
+        ),
         ("arm7-wall", "hand3", "it needs an arm: one chain of six or seven joints with a force sensor"),
         ("arm7-follow", "knob-arm", "it needs an arm: one chain of six or seven joints with a force sensor"),
     ] {
@@ -290,13 +383,18 @@ fn a_report_of_ones_own_robot_is_about_it_and_names_the_command_that_made_it() {
     let source = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/hand3"));
     for name in ["robot.urdf", "plant.toml", "controller.toml"] {
         let text = std::fs::read_to_string(source.join(name)).unwrap();
-        let own = text.replace("<robot name=\"hand3\"", "<robot name=\"my_hand\"");
+        let mut own = text.replace("<robot name=\"hand3\"", "<robot name=\"my_hand\"");
+        if name == "controller.toml" {
+            own += "\n[joints.finger2_bend.servo]\nfilter_time = 0.3\n";
+        }
         std::fs::write(robot.join(name), own).unwrap();
     }
     let out = folder.path().join("out");
     let run = ["run", "hand3-servo", "--duration", "32", "--robot", robot.to_str().unwrap(), "--out"];
     let output = host_sim(&[&run[..], &[out.to_str().unwrap()]].concat());
-    says(&output, 0, &["reported only, no limits", "no limit: it is made for hand3"]);
+    let note = "no limit is set for this robot: those of hand3-servo are for hand3";
+    says(&output, 0, &["DONE  reported only, no limits", note]);
+    assert!(!String::from_utf8_lossy(&output.stdout).contains("PASS"));
     let files = out.join("hand3-servo-my hand");
     let page = std::fs::read_to_string(files.join("index.html")).unwrap();
     let command = format!(
@@ -306,7 +404,11 @@ fn a_report_of_ones_own_robot_is_about_it_and_names_the_command_that_made_it() {
     for words in [&*command, "hand3-servo with my_hand, 9 joints"] {
         assert!(page.contains(words), "{words:?} is not in the page");
     }
-    assert!(!page.contains("three-finger hand"));
+    assert!(!page.contains("three-finger hand") && !page.contains("limit ±"));
+    // One of its joints is slower, which has a reference of its own.
+    for words in ["reference with T_f = 0.2 s", "reference with T_f = 0.3 s"] {
+        assert!(page.contains(words), "{words:?} is not in the page");
+    }
     let summary = std::fs::read_to_string(files.join("summary.json")).unwrap();
     let summary: serde_json::Value = serde_json::from_str(&summary).unwrap();
     let metrics = summary["metrics"].as_object().unwrap();

@@ -39,7 +39,8 @@ use conversation::await_event;
 /// ``disable()`` ends. A board that could not be disabled is an error, or a note of the exception under way.
 ///
 /// An enabled board must hear from its commander: ``move``, ``wait`` and ``record`` ensure that while they
-/// run. Nothing does so in between, on purpose: if this program hangs or is killed, the board's command
+/// run, ``telemetry`` and ``tips`` while they wait for an answer. Nothing does so in between, on purpose: if
+/// this program hangs or is killed, the board's command
 /// timeout (``safety.command_timeout``) stops the robot.
 ///
 /// It must not be used by two threads at once.
@@ -212,8 +213,8 @@ impl Board {
     /// Args:
     ///     task: ``joints`` (joint servo), ``impedance``, ``grasping`` or ``telexistence``.
     ///     servo: of the joint servo: ``observer``, ``pid`` or ``bare-pid``.
-    ///     file: impedance file (``robots/arm7/impedances/soft.toml``), or for telexistence the robot's
-    ///         folder.
+    ///     file: needed by ``impedance``, an impedance file (``robots/arm7/impedances/soft.toml``; for six
+    ///         joints ``docs/examples/soft_six_joints.toml``), and by ``telexistence``, the robot's folder.
     ///
     /// Raises:
     ///     RefusedError: the board is not ready; the message says what is missing.
@@ -422,12 +423,12 @@ impl Board {
     /// [N·m], each (tips, 3), and ``tared`` (tips,): where it is ``False``, force and torque contain the
     /// unknown zero of the sensor, or there is none; see ``tare()``.
     fn tips<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let timeout = self.timeout;
+        let (timeout, keeps) = (self.timeout, self.is_enabled);
         let tips = self.call(py, |link| {
             link.set_rate(Stream::Tips, 1)?;
             // What came before is old.
             while link.next_event(Instant::now())?.is_some() {}
-            let found = await_event(link, timeout, |event| match event {
+            let found = await_event(link, timeout, keeps, |event| match event {
                 FromBoard::Tips(tips) => Some(tips),
                 _ => None,
             });
@@ -487,19 +488,22 @@ impl Board {
     ///     path: the file to write.
     ///     duration: [s].
     ///     robot: its URDF and names of links are put into the recording.
+    ///     force: replace a file that exists.
     ///
     /// Returns:
     ///     the number of recorded ticks; ``tesaki.recordings.load`` reads them.
     ///
     /// Raises:
+    ///     FileError: the file exists, or cannot be written.
     ///     ValueError: ``robot`` is not the board's robot.
-    #[pyo3(signature = (path, duration, robot=None))]
+    #[pyo3(signature = (path, duration, robot=None, *, force=false))]
     fn record(
         &mut self,
         py: Python<'_>,
         path: PathBuf,
         duration: f64,
         robot: Option<&Robot>,
+        force: bool,
     ) -> PyResult<u32> {
         let wrong = |error: McapError| FileError::new_err(format!("{}: {error}", path.display()));
         let duration = seconds("duration", duration)?;
@@ -514,6 +518,12 @@ impl Board {
         }
         let urdf = folder.as_ref().map(|folder| std::fs::read_to_string(folder.path.join("robot.urdf")));
         let urdf = urdf.transpose().map_err(file)?;
+        if !force && path.exists() {
+            return Err(FileError::new_err(format!(
+                "{} exists: name another recording, or replace it with force=True",
+                path.display()
+            )));
+        }
         // A board that does not answer costs no earlier recording.
         self.stream_recorded(py, true)?;
         let recording = match Recording::create(&path, urdf.as_deref()) {

@@ -11,6 +11,9 @@ SI units everywhere: m, rad, s, kg, N, N·m. Arrays are float32, as the core com
 
 from pathlib import Path as _Path
 
+# Loaded now, not by the first array: this takes longer than an enabled board waits for its commander.
+import numpy as _numpy  # noqa: F401
+
 from ._tesaki import (
     Board,
     BoardError,

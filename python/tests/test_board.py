@@ -58,6 +58,32 @@ def serve(tmp_path):
         one.end()
 
 
+# A program of its own, which has not loaded NumPy.
+FIRST_TELEMETRY = """
+import sys
+import tesaki
+
+angles = {name: float(angle) for name, angle in (word.split("=") for word in sys.argv[2:])}
+with tesaki.Board(sys.argv[1]) as board:
+    board.push(tesaki.robots() / "hand3")
+    board.home(angles)
+    board.enable()
+    board.telemetry()
+    board.tips()
+    board.wait(0.2)
+    print(board.faults())
+"""
+
+
+def test_the_first_telemetry_of_an_enabled_board_comes_in_time(serve):
+    served = serve()
+    angles = [f"{name}={angle}" for name, angle in served.angles.items()]
+    run = subprocess.run(
+        [sys.executable, "-c", FIRST_TELEMETRY, served.port, *angles], capture_output=True, text=True, timeout=30
+    )
+    assert run.stdout == "[]\n", run.stdout + run.stderr
+
+
 def test_a_joint_moves_and_is_recorded(serve, tmp_path):
     served, robot = serve(), tesaki.Robot(tesaki.robots() / "hand3")
     with tesaki.Board(served.port) as board:
@@ -94,6 +120,11 @@ def test_a_joint_moves_and_is_recorded(serve, tmp_path):
         np.testing.assert_allclose(board.telemetry()["position"][7], 0.3, atol=0.006)
         board.command("joints", start)
         count = board.record(tmp_path / "r.mcap", 1.0, robot)
+        before = (tmp_path / "r.mcap").read_bytes()
+        with pytest.raises(tesaki.FileError, match="r.mcap exists: name another recording, or replace it with force=True$"):
+            board.record(tmp_path / "r.mcap", 0.1, robot)
+        assert (tmp_path / "r.mcap").read_bytes() == before
+        count = board.record(tmp_path / "r.mcap", 1.0, robot, force=True)
         with pytest.raises(ValueError, match='^hand3 has no joint "toe"; its joints are finger1_swing, '):
             board.move({"toe": 0.1})
         with pytest.raises(ValueError, match="^finger1_bend: 9 rad is outside its limits -1.2 to 1.7 rad$"):
@@ -310,7 +341,7 @@ def test_an_arm_yields_and_is_led(serve, tmp_path):
         assert board.tips()["tared"].tolist() == [False]
         board.tare()
         assert board.tips()["tared"].tolist() == [True]
-        with pytest.raises(ValueError, match="^file is missing: the task impedance needs an impedance file$"):
+        with pytest.raises(ValueError, match="^file is missing: the task impedance needs an impedance file, as in enable"):
             board.enable("impedance")
         board.enable("impedance", file=soft)
         tool = board.task()["Impedance"]

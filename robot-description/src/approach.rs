@@ -49,6 +49,7 @@ use tesaki::task::visual_approach::{
 use crate::file::{self, FileError, read_text};
 use crate::finding::{Finding, Report};
 use crate::hand_eye::{self, HandEyeFile};
+use crate::robot::named;
 
 /// Name of the file in a robot folder.
 pub const FILE: &str = "approach.toml";
@@ -187,7 +188,7 @@ impl File {
         robot.configure(model).map_err(|error| ("hand", "chain", error.to_string()))?;
         task.validate(&robot).map_err(|refusal| {
             let (section, key) = place(&refusal, &task);
-            (section, key, refusal.to_string())
+            (section, key, named(&refusal, &refusal.to_string(), Some(model)) + &in_degrees(&refusal))
         })?;
         let Knob { rose, radius, length, distance, aside } = *knob;
         let behavior = ApproachSettings {
@@ -208,6 +209,18 @@ impl File {
             (if of_knob { "knob" } else { "approach" }, invalid.field, invalid.to_string())
         })?;
         Ok(ApproachFile { task, behavior, size: hand_eye.size })
+    }
+}
+
+/// That an angle outside the limits would be within them in degrees.
+fn in_degrees(refusal: &VisualApproachRefusal) -> String {
+    match refusal {
+        VisualApproachRefusal::Limit(LimitRefusal::OutsideLimits { value, lower, upper, .. })
+            if (*lower..=*upper).contains(&value.to_radians()) =>
+        {
+            format!(" (angles are in rad: {value}° are {:.4})", value.to_radians())
+        }
+        _ => String::new(),
     }
 }
 

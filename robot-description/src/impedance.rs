@@ -28,6 +28,8 @@
 //! direct = { friction = 1.0, driven_term = false, null_space_damping = false }
 //! ```
 
+mod doubts;
+
 use std::path::Path;
 
 use serde::Deserialize;
@@ -41,7 +43,7 @@ use tesaki::task::impedance::{
 
 use crate::file::{self, FileError};
 use crate::finding::{Finding, Report};
-use crate::robot::at_least;
+use crate::robot::{at_least, chain_length};
 
 /// Name of the folder of such files in a robot folder.
 pub const FOLDER: &str = "impedances";
@@ -212,7 +214,13 @@ pub fn check(path: &Path, text: &str, model: &RobotModel) -> (Option<ImpedanceSe
         return (None, report.findings);
     }
     match table.settings(model) {
-        Ok(settings) => (Some(settings), report.findings),
+        Ok(settings) => {
+            for (key, message, advice) in doubts::of(&settings, model) {
+                report.warning(report.line_of(key), message, advice);
+            }
+            report.sort();
+            (Some(settings), report.findings)
+        }
         Err((key, message)) => {
             report.dynamics(report.line_of(key), message, advice(key, model));
             (None, report.findings)
@@ -266,6 +274,7 @@ impl ImpedanceTable {
             .validate(model.joints.len())
             .and_then(|()| settings.check_mass(&typical_mass(model, settings.impedance.axes)))
             .map_err(|problem| (key(&problem), rounded(problem).to_string()))?;
+        within_reach(&settings, model)?;
         Ok(settings)
     }
 
@@ -301,6 +310,31 @@ impl ImpedanceTable {
             ("redundancy", message)
         })?;
         Ok(Redundancy::DrivenJoint { joint })
+    }
+}
+
+/// Refuses thresholds that nothing reaches.
+fn within_reach(settings: &ImpedanceSettings, model: &RobotModel) -> Result<(), Wrong> {
+    let ([deviation, _], reach) = (settings.max_deviation, chain_length(model, 0));
+    if deviation > 2.0 * reach {
+        let message = format!(
+            "max_deviation: translation is {deviation} m, more than twice the length of {}, {reach:.3} m: no set-point in \
+             reach is so far from the tool; 1 mm is 0.001 m",
+            model.name
+        );
+        return Err(("max_deviation", message));
+    }
+    let sensor = model.chains.iter().find_map(|chain| chain.force_sensor.as_ref());
+    match (settings.force, sensor) {
+        (ForceSource::Sensor, Some(sensor)) if settings.contact_force >= sensor.force_limit => {
+            let message = format!(
+                "the contact force is {} N; above force_sensor.force_limit of controller.toml, {} N, there is a fault and no \
+                 contact",
+                settings.contact_force, sensor.force_limit
+            );
+            Err(("contact_force", message))
+        }
+        _ => Ok(()),
     }
 }
 

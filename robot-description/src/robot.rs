@@ -19,7 +19,7 @@ use std::path::{Path, PathBuf};
 
 use tesaki::model::RobotModel;
 
-pub use chain::chain_model;
+pub use chain::{chain_length, chain_model, named};
 pub use doubtful::doubtful_values;
 pub use limits::{ImplausibleValue, implausible_values};
 pub(crate) use limits::{at_least, following_errors, least_torque_rate};

@@ -35,7 +35,8 @@ fn what_is_wrong_is_named_with_its_line() {
     for (from, to, line, word) in [
         ("joint = \"gripper\"", "joint = \"grippr\"", 11, "grippr"),
         ("speed = 0.15 ", "speed = 1.5 ", 5, "speed of the hand"),
-        ("open = -0.98", "open = -1.8", 12, "-1.8"),
+        ("open = -0.98", "open = -1.8", 12, "gripper: -1.8 rad is outside"),
+        ("open = -0.98", "open = -56.0", 12, "rad (angles are in rad: -56° are -0.9774)"),
         ("torque = 0.8", "torque = 8.0", 15, "torque of the gripper"),
         ("reach = 0.5", "reach = 0.2", 22, "distance is 0.28"),
         ("guard_distance = 0.075", "guard_distance = 0.05", 28, "guard_distance is 0.05"),

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use tesaki::control::ImpedanceAxes;
 use tesaki::model::{MimicJoint, RobotModel};
 use tesaki::task::impedance::{DirectLaw, ImpedanceSettings, Law, Redundancy};
-use tesaki_description::impedance::{load, own_mass_at};
+use tesaki_description::impedance::{check, load, own_mass_at};
 use tesaki_description::init::{InitOptions, robot_texts};
 use tesaki_description::robot::RobotFolder;
 
@@ -138,6 +138,70 @@ fn numbers_that_make_no_sense_are_named_with_what_is_possible() {
     assert!(said.contains("the contact force is NaN N"), "{said}");
     let said = complaint("translation = 0.3", "translation = -0.3");
     assert!(said.contains("the maximum deviation is -0.3"), "{said}");
+}
+
+/// What is doubtful in `text` for a robot, each with its line.
+fn doubts(text: &str, model: &RobotModel) -> Vec<String> {
+    let (settings, findings) = check(Path::new("own.toml"), text, model);
+    assert!(settings.is_some(), "{findings:?}");
+    findings.iter().map(ToString::to_string).collect()
+}
+
+#[test]
+fn thresholds_that_nothing_reaches_are_refused() {
+    let said = complaint("contact_force = 1.5", "contact_force = 4000.0");
+    assert!(
+        said.contains("soft.toml:6: the contact force is 4000 N") && said.contains("controller.toml, 150 N"),
+        "{said}"
+    );
+    // 300 mm.
+    let said = complaint("translation = 0.3", "translation = 300.0");
+    assert!(
+        said.contains("soft.toml:7: max_deviation: translation is 300 m") && said.contains("of arm7, 0.66"),
+        "{said}"
+    );
+}
+
+#[test]
+fn settings_in_other_units_and_without_damping_are_doubtful() {
+    let model = model("arm7");
+    assert_eq!(doubts(SOFT, &model), [""; 0]);
+    let cases = [
+        (
+            "damping = { translation = 30.0",
+            "damping = { translation = 0.0",
+            "own.toml:11: the damping along x is 0",
+        ),
+        (
+            "rotation = 0.5 }        # N·s/m",
+            "rotation = 0 }        # N·s/m",
+            "own.toml:11: the damping about x is 0",
+        ),
+        // 0.3 N/mm.
+        ("stiffness = { translation = 300.0", "stiffness = { translation = 0.3", "time constant of 100 s"),
+        // 1500 g.
+        (
+            "mass = { translation = 1.5",
+            "mass = { translation = 1500.0",
+            "own.toml:10: the mass along x is 1500 kg",
+        ),
+        // 8000 kg·mm².
+        ("rotation = 0.008", "rotation = 8000.0", "own.toml:10: the mass about x is 8000 kg·m²"),
+    ];
+    for (from, to, expected) in cases {
+        assert!(SOFT.contains(from), "{from}");
+        let said = doubts(&SOFT.replacen(from, to, 1), &model);
+        assert!(said.iter().any(|text| text.contains(expected)), "{to}: {said:?}");
+    }
+    let drifting = SOFT
+        .replace("damping = { translation = 30.0", "damping = { translation = 0.0")
+        .replace("stiffness = { translation = 300.0", "stiffness = { translation = 0.0");
+    let said = doubts(&drifting, &model);
+    assert!(matches!(&said[..], [text] if text.contains("the tool drifts after a push")), "{said:?}");
+    let six = include_str!("../../docs/examples/soft_six_joints.toml");
+    assert_eq!(doubts(six, &ur5e()), [""; 0]);
+    let said = doubts(&six.replace("contact_force = 40.0", "contact_force = 4000.0"), &ur5e());
+    assert!(matches!(&said[..], [text] if text.contains("a contact is never detected")), "{said:?}");
 }
 
 /// What is said of the soft impedance with this stiffness matrix: `change` of 300 and 16 on its diagonal.

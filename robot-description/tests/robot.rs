@@ -106,6 +106,15 @@ fn nonsense_is_named_by_file_joint_and_field() {
             "proportional = -400.0",
             "finger3_curl: servo.pid.proportional = -400 1/s² is below 0 1/s²",
         ),
+        // All gains are multiplied with it.
+        (
+            "controller.toml",
+            "[joint.servo]",
+            "[joint.servo]\ninertia = -0.001",
+            "controller.toml:42: joints finger1_swing, finger1_bend, finger1_curl, finger2_swing, finger2_bend, \
+             finger2_curl, finger3_swing, finger3_bend, finger3_curl: servo.inertia = -0.001 kg·m² must be above 0 \
+             kg·m²; mend the value, or leave it out",
+        ),
         (
             "controller.toml",
             "[joint.limits]",

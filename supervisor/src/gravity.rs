@@ -3,7 +3,7 @@
 use std::fmt;
 
 use tesaki::math::abs;
-use tesaki::model::RobotModel;
+use tesaki::model::{JointModel, RobotModel};
 use tesaki::protocol::Telemetry;
 use tesaki::robot::Robot;
 
@@ -27,22 +27,65 @@ impl Load {
 
     /// Computes the load of `model` at rest at `angles` [rad]; `None` if friction holds every joint.
     pub fn at(model: &RobotModel, angles: &[f32]) -> Option<Self> {
-        let mut robot = Box::new(Robot::NONE);
-        robot.configure(model).ok()?;
-        let mut worst: Option<Self> = None;
-        for (joint, torque) in model.joints.iter().zip(robot.weight(angles)) {
-            let friction = joint.friction.coulomb;
-            let excess = abs(torque) - friction;
-            if excess > worst.as_ref().map_or(0.0, |worst| worst.torque - worst.friction) {
-                worst = Some(Self {
-                    robot: model.name.to_string(),
-                    joint: joint.name.to_string(),
-                    torque: abs(torque),
-                    friction,
-                });
-            }
-        }
-        worst
+        let (joint, torque) = worst(model, angles, |joint| joint.friction.coulomb)?;
+        Some(Self {
+            robot: model.name.to_string(),
+            joint: joint.name.to_string(),
+            torque,
+            friction: joint.friction.coulomb,
+        })
+    }
+}
+
+/// The joint at which gravity [N·m] exceeds what `holds` it [N·m] most; `None` if it exceeds it nowhere.
+fn worst<'a>(
+    model: &'a RobotModel,
+    angles: &[f32],
+    holds: impl Fn(&JointModel) -> f32,
+) -> Option<(&'a JointModel, f32)> {
+    let mut robot = Box::new(Robot::NONE);
+    robot.configure(model).ok()?;
+    let loads = model.joints.iter().zip(robot.weight(angles)).map(|(joint, torque)| (joint, abs(torque)));
+    let excess = |(joint, torque): &(&JointModel, f32)| torque - holds(joint);
+    loads.filter(|load| excess(load) > 0.0).max_by(|one, other| excess(one).total_cmp(&excess(other)))
+}
+
+/// The joint whose motor is farthest from bearing its links: enabled, it moves down all the same.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TooHeavy {
+    joint: String,
+    /// The torque of gravity [N·m].
+    torque: f32,
+    /// The largest torque of the motor, and Coulomb friction [N·m].
+    motor: f32,
+    friction: f32,
+}
+
+impl TooHeavy {
+    /// Of `model` at rest at `angles` [rad]; `None` if the motors and friction can hold every joint.
+    pub fn at(model: &RobotModel, angles: &[f32]) -> Option<Self> {
+        let (joint, torque) = worst(model, angles, |joint| joint.torque_limit() + joint.friction.coulomb)?;
+        Some(Self {
+            joint: joint.name.to_string(),
+            torque,
+            motor: joint.torque_limit(),
+            friction: joint.friction.coulomb,
+        })
+    }
+
+    /// The name of the joint.
+    pub fn joint(&self) -> &str {
+        &self.joint
+    }
+}
+
+impl fmt::Display for TooHeavy {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{} cannot be held there: gravity {:.2} N·m, its motor at most {:.2} N·m, friction {:.2} N·m",
+            self.joint, self.torque, self.motor, self.friction
+        )
     }
 }
 
@@ -83,5 +126,20 @@ mod tests {
         let mut slippery = hand;
         slippery.joints.iter_mut().for_each(|joint| joint.friction.coulomb = 0.0);
         assert!(Load::at(&slippery, &[0.3; 9]).is_some());
+    }
+
+    #[test]
+    fn a_motor_that_cannot_bear_its_links_is_named() {
+        let mut arm = model("arm7");
+        let stretched = [0.0, 1.5, 0.0, 0.0, 0.0, 0.0, 0.0];
+        assert_eq!(TooHeavy::at(&arm, &stretched), None);
+        // Friction holds, too.
+        let gravity = Load::at(&arm, &stretched).unwrap();
+        let index = arm.joints.iter().position(|joint| joint.name == gravity.joint.as_str()).unwrap();
+        arm.joints[index].limits.torque = gravity.torque - 0.9 * gravity.friction;
+        assert_eq!(TooHeavy::at(&arm, &stretched), None);
+        arm.joints[index].limits.torque = gravity.torque - 1.1 * gravity.friction;
+        let told = TooHeavy::at(&arm, &stretched).unwrap();
+        assert!(told.to_string().starts_with(&format!("{} cannot be held", gravity.joint)), "{told}");
     }
 }

@@ -3,12 +3,13 @@
 use std::fmt::Display;
 
 use tesaki::fault::{Fault, FaultCause};
-use tesaki::model::RobotModel;
+use tesaki::kinematics::FingerError;
+use tesaki::model::JointModel;
 use tesaki::protocol::{Mode, Refusal};
-use tesaki::robot::Concerns;
 use tesaki::task::grasping::{GraspCommand, GraspRefusal};
 use tesaki::task::impedance::{ImpedanceCommand, ImpedanceRefusal};
 use tesaki::task::{TaskCommand, TaskRefusal};
+pub use tesaki_description::robot::named;
 
 /// The answer to a program that would take over an enabled board.
 pub const NOT_TAKEN_OVER: &str = "another client commands the board, which is enabled: it can only be taken over \
@@ -49,14 +50,19 @@ pub const fn action(command: &TaskCommand) -> &'static str {
     }
 }
 
-/// Puts the name of the joint or tip that a refusal concerns in the place of its number in `text`.
-pub fn named(refusal: &impl Concerns, text: &str, model: Option<&RobotModel>) -> String {
-    let Some(model) = model else { return text.to_owned() };
-    if let Some(joint) = refusal.joint() {
-        return text.replacen(&format!("joint {joint}"), model.joint_name(usize::from(joint)), 1);
+/// Returns why a fingertip cannot be at a position, whose words precede; `joints` are those of the finger.
+pub fn unreachable(error: &FingerError, joints: &[JointModel]) -> String {
+    match error {
+        FingerError::NotFinite => "is not finite".to_owned(),
+        FingerError::OutOfReach { nearest } => format!(
+            "is out of reach; the nearest position, ignoring joint limits, is {:.4}, {:.4}, {:.4} m",
+            nearest.x, nearest.y, nearest.z
+        ),
+        FingerError::OutsideLimits { joint, value, lower, upper } => format!(
+            "cannot be reached: {} would need {value:.3} rad, outside its limits {lower} to {upper} rad",
+            joints.get(usize::from(*joint)).map_or("a joint", |joint| joint.name.as_str())
+        ),
     }
-    let tip = refusal.chain().and_then(|chain| Some((chain, model.chains.get(usize::from(chain))?)));
-    tip.map_or_else(|| text.to_owned(), |(chain, tip)| text.replacen(&format!("chain {chain}"), &tip.name, 1))
 }
 
 /// Returns what to do about a refusal, in terms of the program `tesaki`; empty where nothing is known.

@@ -15,7 +15,7 @@ use tesaki_sim::controller::{Controller, Native, Watched};
 use tesaki_sim::law::LawFile;
 use tesaki_sim::live_run::LiveRun;
 use tesaki_sim::qemu::{Machine, Qemu};
-use tesaki_sim::report::{Metric, Page, Summary, Verdict, create, figure_files, table, write};
+use tesaki_sim::report::{Figure, Metric, Page, Summary, Verdict, create, figure_files, table, write};
 use tesaki_sim::scenario::{Outcome, Scenario, Setting, encode_record};
 use tesaki_supervisor::Board;
 
@@ -129,8 +129,8 @@ impl OtherRobot {
 
     fn lead(&self, scenario: &Scenario) -> String {
         format!(
-            "The motion of the scenario {}, which is made for {}, with the robot {} of {}. Limits and captions of \
-             the scenario are those of {}: the values here are reported, and none passes or fails.",
+            "The motion of the scenario {}, which is made for {}, with the robot {} of {}. No limit is set for this \
+             robot: the values here are reported, and none passes or fails. Captions of the scenario are those of {}.",
             scenario.name,
             scenario.robot,
             self.name,
@@ -213,6 +213,7 @@ fn run_seed(
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to 1000")]
     let progress = |fraction: f64| bar.set_position((fraction * 1000.0) as u64);
     let robot = robot_folder(scenario, options);
+    scenario.check_robot(&robot)?;
     let laws = LawFile::find(scenario, &robot, &options.law)?;
     let (mut native, mut qemu, mut interruptible);
     let controller: &mut dyn Controller = match options.controller {
@@ -231,11 +232,15 @@ fn run_seed(
     let duration = options.duration.unwrap_or(scenario.duration);
     let plain = Setting::plain(&robot, &mut watched, seed, duration);
     let mut setting = Setting { laws: &laws, progress: &progress, live, ..plain };
-    let outcome = scenario.run(&mut setting)?;
+    let mut outcome = scenario.run(&mut setting)?;
     outcome.motion.show_last();
     let mut summary = outcome.summary.clone();
     if OtherRobot::of(scenario, options)?.is_some() {
-        summary.waive_all(&format!("it is made for {}", scenario.robot));
+        summary.waive_all(&format!(
+            "no limit is set for this robot: those of {} are for {}",
+            scenario.name, scenario.robot
+        ));
+        outcome.figures = outcome.figures.into_iter().map(Figure::without_limits).collect();
     }
     summary.controller = options.controller.name().to_owned();
     if in_qemu {

@@ -5,9 +5,10 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use tesaki::model::RobotModel;
+use tesaki_description::finding::Finding;
 use tesaki_description::robot::RobotFolder;
 use tesaki_description::{FileError, read_text};
-use tesaki_output::{quoted, say};
+use tesaki_output::{note, quoted, say};
 use tesaki_sim::plant::{Plant, PlantOptions};
 use tesaki_sim::qemu::{Machine, Qemu};
 use tesaki_sim::scenario::scene::around_object;
@@ -63,7 +64,7 @@ pub struct Serve {
 
 pub fn run(options: &Serve) -> Result<(), Box<dyn Error>> {
     interrupt::handle()?;
-    let robot = load_all(&options.robot)?;
+    let (robot, warnings) = load_all(&options.robot)?;
     let name = robot.model.name.as_str();
     let mut machine = PlantOptions::mismatched(options.seed);
     if let Some(grasp) = &options.grasp {
@@ -118,18 +119,21 @@ pub fn run(options: &Serve) -> Result<(), Box<dyn Error>> {
         home_command(&plant, &robot.model).map_or_else(String::new, |home| format!("  {home}\n")),
         example_command(options, &robot.model, camera.as_ref()),
     );
+    for warning in warnings {
+        note!("warning: {warning}");
+    }
     let lines = input_lines();
     serve(&mut hub, board, &mut plant, &robot.model, camera.as_ref(), &lines, &interrupt::asked)?;
     Ok(())
 }
 
-/// Reads and checks the robot folder with its `plant.toml`, as `tesaki model check` does.
-fn load_all(path: &Path) -> Result<RobotFolder, Box<dyn Error>> {
+/// Reads and checks the robot folder with its `plant.toml`, as `tesaki model check` does; with its warnings.
+fn load_all(path: &Path) -> Result<(RobotFolder, Vec<Finding>), Box<dyn Error>> {
     let file = path.join("plant.toml");
     let advice =
         "it holds what is simulated; `tesaki model init` writes one, docs/bring-your-own-hand.md has another";
     let plant = read_text(&file).map_err(FileError::unread(&file, advice))?;
-    Ok(RobotFolder::load_plausible(path, Some(&plant))?.0)
+    Ok(RobotFolder::load_plausible(path, Some(&plant))?)
 }
 
 /// What `--door` asks for.

@@ -294,6 +294,15 @@ impl Figure {
         self
     }
 
+    /// Removes the limits, whose labels begin with this word.
+    #[must_use]
+    pub fn without_limits(mut self) -> Self {
+        for panel in &mut self.panels {
+            panel.rules.retain(|rule| !rule.label.starts_with("limit"));
+        }
+        self
+    }
+
     pub(super) fn line_count(&self) -> usize {
         self.panels.iter().map(|panel| panel.lines.len()).sum()
     }

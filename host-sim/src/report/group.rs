@@ -119,6 +119,15 @@ impl Row<'_> {
     }
 }
 
+/// Returns `PASS`, `FAIL`, or `DONE` where nothing has a limit and nothing failed.
+pub(super) fn verdict_word(group: &Group<'_>) -> &'static str {
+    match group.pass() {
+        false => "FAIL",
+        true if group.rows().iter().all(|row| row.metric.limit.is_none()) => "DONE",
+        true => "PASS",
+    }
+}
+
 /// Returns `6 of 7 limits met`, and the other criteria.
 pub(super) fn verdict_line(group: &Group<'_>) -> String {
     let rows = group.rows();

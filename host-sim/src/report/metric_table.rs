@@ -2,13 +2,18 @@
 
 use maud::{Markup, html};
 
-use super::group::{Group, Row, seeds, ticks, verdict_line};
+use super::group::{Group, Row, seeds, ticks, verdict_line, verdict_word};
 use super::summary::{Bound, Metric};
 
 /// `named` if a page has several.
 pub(super) fn section(group: &Group<'_>, named: bool) -> Markup {
     let first = group.runs[0];
-    let (class, word) = if group.pass() { ("good", "PASS") } else { ("bad", "FAIL") };
+    let word = verdict_word(group);
+    let class = match word {
+        "PASS" => "good",
+        "FAIL" => "bad",
+        _ => "plain",
+    };
     html! {
         section {
             h2 {

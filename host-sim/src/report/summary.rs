@@ -221,11 +221,11 @@ impl Summary {
         }
     }
 
-    /// Removes the limits of all metrics, and states the reason in a note on those that had one.
-    pub fn waive_all(&mut self, why: &str) {
+    /// Removes the limits of all metrics, with a note on those that had one.
+    pub fn waive_all(&mut self, note: &str) {
         for (_, metric) in self.metrics.iter_mut().filter(|(_, metric)| metric.limit.is_some()) {
             metric.limit = None;
-            metric.note = Some(format!("no limit: {why}"));
+            metric.note = Some(note.to_owned());
         }
     }
 

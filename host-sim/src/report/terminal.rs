@@ -4,7 +4,7 @@ use comfy_table::{
     Attribute, Cell, CellAlignment, Color, ColumnConstraint, ContentArrangement, Table, presets,
 };
 
-use super::group::{Group, Row, groups, seeds, ticks, verdict_line};
+use super::group::{Group, Row, groups, seeds, ticks, verdict_line, verdict_word};
 use super::number;
 use super::summary::Summary;
 
@@ -25,8 +25,13 @@ fn block(group: &Group<'_>, colour: bool) -> String {
     let rows = group.rows();
     let notes = notes(&rows);
     let mut verdict = plain_table(colour);
-    let (word, shade) = if group.pass() { ("PASS", Color::DarkGreen) } else { ("FAIL", Color::DarkRed) };
-    let word = Cell::new(word).fg(shade).add_attribute(Attribute::Bold);
+    let word = verdict_word(group);
+    let cell = Cell::new(word).add_attribute(Attribute::Bold);
+    let word = match word {
+        "PASS" => cell.fg(Color::DarkGreen),
+        "FAIL" => cell.fg(Color::DarkRed),
+        _ => cell,
+    };
     verdict.add_row([word, Cell::new(verdict_line(group))]);
     let mut parts = vec![title(group, colour), String::new(), metrics(group, &rows, &notes, colour)];
     parts.extend([String::new(), text(&verdict)]);

@@ -12,7 +12,7 @@ use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::Board;
 use tesaki_supervisor::trajectory::minimum_jerk;
 
-use super::common::{T, during, introduce, largest, request_error};
+use super::common::{T, during, home, introduce, largest, request_error};
 use super::{ScenarioError, Setting};
 use crate::controller::{Controller, Watched};
 use crate::motion::Motion;
@@ -23,6 +23,8 @@ use crate::report::Table;
 
 /// Time from power-on to the tare of the force sensor [s].
 const REST: f64 = 0.5;
+/// Time from homing until a force sensor can be tared [s].
+const HOMED: f64 = 1.0;
 /// Lengths of robots/arm7 [m].
 pub const UPPER_ARM: f64 = 0.30;
 pub const FOREARM: f64 = 0.26;
@@ -103,6 +105,30 @@ pub enum Machine {
     KnownPaperFriction,
 }
 
+/// Whether a robot has the geometry of robots/arm7, which some scenarios know.
+pub fn is_arm7(model: &RobotModel) -> bool {
+    /// Height of each joint above the one before it [m], and its axis.
+    const JOINTS: [(f32, [f32; 3]); 7] = [
+        (0.0, [0.0, -1.0, 0.0]),
+        (0.0, [-1.0, 0.0, 0.0]),
+        (0.0, [0.0, 0.0, 1.0]),
+        (-UPPER_ARM as f32, [0.0, -1.0, 0.0]),
+        (-FOREARM as f32, [0.0, 0.0, 1.0]),
+        (0.0, [0.0, -1.0, 0.0]),
+        (0.0, [1.0, 0.0, 0.0]),
+    ];
+    let is_same = |(joint, (height, axis)): (&JointModel, (f32, [f32; 3]))| {
+        let [x, y, z] = joint.origin.translation;
+        let values = [x, y, z - height].into_iter().chain(joint.origin.rotation[..3].iter().copied());
+        let turns = joint.axis.iter().zip(axis).map(|(one, other)| one - other);
+        values.chain(turns).all(|value| value.abs() < 1e-4)
+    };
+    let [chain] = model.chains.as_slice() else { return false };
+    let [x, y, z] = chain.tip.translation;
+    let same_hand = [x, y, z + HAND as f32].iter().all(|value| value.abs() < 1e-4);
+    same_hand && model.joints.len() == JOINTS.len() && model.joints.iter().zip(JOINTS).all(is_same)
+}
+
 /// Robot, plant values and recording that all trials of a scenario share.
 pub struct ArmRig {
     pub robot: RobotFolder,
@@ -116,45 +142,9 @@ impl ArmRig {
     /// Reads the robot's folder.
     pub fn load(setting: &Setting<'_, '_>) -> Result<Self, ScenarioError> {
         let robot = RobotFolder::load(setting.robot)?;
-        match robot.model.chains.as_slice() {
-            [chain] if chain.force_sensor.is_some() && matches!(robot.model.joints.len(), 6 | 7) => {}
-            _ => {
-                let needed = "it needs an arm: one chain of six or seven joints with a force sensor";
-                return Err(setting.other_robot(needed));
-            }
-        }
         let motion = setting.motion(&robot.model);
         let (seed, intervention) = (setting.seed, setting.intervention.clone());
         Ok(Self { values: PlantValues::load(setting.robot)?, robot, motion, seed, intervention })
-    }
-
-    /// As [`load`](Self::load), for scenarios that know the geometry of robots/arm7.
-    pub fn load_arm7(setting: &Setting<'_, '_>) -> Result<Self, ScenarioError> {
-        /// Height of each joint above the one before it [m], and its axis.
-        const JOINTS: [(f32, [f32; 3]); 7] = [
-            (0.0, [0.0, -1.0, 0.0]),
-            (0.0, [-1.0, 0.0, 0.0]),
-            (0.0, [0.0, 0.0, 1.0]),
-            (-UPPER_ARM as f32, [0.0, -1.0, 0.0]),
-            (-FOREARM as f32, [0.0, 0.0, 1.0]),
-            (0.0, [0.0, -1.0, 0.0]),
-            (0.0, [1.0, 0.0, 0.0]),
-        ];
-        let rig = Self::load(setting)?;
-        let is_same = |(joint, (height, axis)): (&JointModel, (f32, [f32; 3]))| {
-            let [x, y, z] = joint.origin.translation;
-            let values = [x, y, z - height].into_iter().chain(joint.origin.rotation[..3].iter().copied());
-            let turns = joint.axis.iter().zip(axis).map(|(one, other)| one - other);
-            values.chain(turns).all(|value| value.abs() < 1e-4)
-        };
-        let joints = &rig.robot.model.joints;
-        let [x, y, z] = rig.robot.model.chains[0].tip.translation;
-        let same_hand = [x, y, z + HAND as f32].iter().all(|value| value.abs() < 1e-4);
-        if !same_hand || joints.len() != JOINTS.len() || !joints.iter().zip(JOINTS).all(is_same) {
-            return Err(setting
-                .other_robot("it needs an arm with joints and hand of robots/arm7, in the same places"));
-        }
-        Ok(rig)
     }
 
     /// The controller's model, and the machine.
@@ -296,6 +286,11 @@ impl<'a, 'b> ArmTrial<'a, 'b> {
             enabled: false,
         };
         introduce(arm_trial.controller, &arm_trial.model)?;
+        if arm_trial.model.joints.iter().any(|joint| joint.encoder.relative) {
+            arm_trial.tick()?;
+            home(arm_trial.controller, &arm_trial.plant)?;
+            arm_trial.wait(HOMED)?;
+        }
         arm_trial.wait(REST)?;
         arm_trial.controller.tare()?;
         arm_trial.controller.enable(TaskConfig::Impedance(settings))?;

@@ -10,7 +10,7 @@ use tesaki_supervisor::trajectory::minimum_jerk;
 
 use super::arm::{ArmRig, ArmSample, ArmTrial, Machine, impedance, pose, settings};
 use super::common::{T, grouped, largest, unsettled};
-use super::{Outcome, Scenario, ScenarioError, Setting};
+use super::{Kind, Outcome, Scenario, ScenarioError, Setting};
 use crate::operator::{Link, LinkValues, MasterArm, MasterArmValues, OperatorHandMotion, Stroke};
 use crate::plant::Wall;
 use crate::report::{Column, Figure, Line, Metric, Panel, Summary, csv};
@@ -21,6 +21,8 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "an operator presses the arm against walls of 200 to 50 000 N/m with force feedback, at delays of \
             0, 20 and 50 ms",
     robot: "arm7",
+    kind: Kind::SevenJointArm,
+    files: &[],
     results: "docs/measurements.md#walls-felt-from-afar",
     duration: 62.0,
     shortest: None,

@@ -5,7 +5,7 @@ use tesaki_description::impedance::own_mass_at;
 
 use super::arm::{ArmRig, ArmSample, ArmTrial, Machine, impedance, motion, settings, shift};
 use super::common::{T, clear_faults, grouped, largest};
-use super::{Outcome, Scenario, ScenarioError, Setting};
+use super::{Kind, Outcome, Scenario, ScenarioError, Setting};
 use crate::plant::Wall;
 use crate::report::{Figure, Line, Metric, Panel, Summary, Table};
 
@@ -15,6 +15,8 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "the tool presses with 6 N on surfaces of 1000 to 50 000 N/m under masses, dampings and stiffnesses of which \
             half are unstable there until they are derated",
     robot: "arm7",
+    kind: Kind::SevenJointArm,
+    files: &[],
     results: "docs/measurements.md#an-arm-under-impedance-control",
     duration: 339.8,
     shortest: None,

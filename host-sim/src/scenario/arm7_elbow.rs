@@ -9,7 +9,7 @@ use super::arm::{
     ArmLog, ArmRig, ArmSample, ArmTrial, ELBOW_TRIALS, ElbowTrial, Machine, UPPER_ARM, motion, settings,
 };
 use super::common::{T, capitalized, largest};
-use super::{Outcome, Scenario, ScenarioError, Setting};
+use super::{Kind, Outcome, Scenario, ScenarioError, Setting};
 use crate::report::{Figure, Line, Metric, Panel, Summary};
 
 pub(super) const SCENARIO: Scenario = Scenario {
@@ -18,6 +18,8 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "the elbow swings by 30° in a second and back while the hand stays in place, by shoulder yaw and \
             by arm angle",
     robot: "arm7",
+    kind: Kind::Arm7,
+    files: &[],
     results: "docs/measurements.md#an-arm-under-impedance-control",
     duration: 15.0,
     shortest: None,
@@ -40,7 +42,7 @@ const TIME: f64 = 1.0;
 const REST: f64 = 1.5;
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
-    let mut rig = ArmRig::load_arm7(setting)?;
+    let mut rig = ArmRig::load(setting)?;
     let mut summary = Summary::default();
     let (mut figures, mut tables) = (Vec::new(), Vec::new());
     for trial in &ELBOW_TRIALS {

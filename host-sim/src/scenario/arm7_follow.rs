@@ -10,7 +10,7 @@ use tesaki::teleop::FollowerSettings;
 use super::arm::{ArmRig, ArmTrial, Machine, settings};
 use super::common::capitalized;
 use super::unilateral::{Operator, Slave, Trace, displacements, lead, tool_pose};
-use super::{Outcome, Scenario, ScenarioError, Setting};
+use super::{Kind, Outcome, Scenario, ScenarioError, Setting};
 use crate::operator::{ElbowMotion, ElbowSwing, LinkValues, OperatorHandMotion, Stroke};
 use crate::report::{Figure, Line, Metric, Panel, Summary};
 
@@ -20,6 +20,8 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "an operator's hand moves ±0.1 m at 0.5 Hz, and the arm follows over a link, under the paper's \
             law and ours",
     robot: "arm7",
+    kind: Kind::SevenJointArm,
+    files: &[],
     results: "docs/measurements.md#an-arm-that-follows-a-hand",
     duration: 88.0,
     shortest: None,

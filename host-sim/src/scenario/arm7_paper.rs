@@ -12,7 +12,7 @@ use tesaki_description::law::arm::{self, ArmLaw, FollowExperiment, LinkTable, Se
 use super::arm::{ArmRig, ArmTrial, Machine};
 use super::common::{capitalized, clear_faults};
 use super::unilateral::{Operator, Slave, lead};
-use super::{Outcome, Scenario, ScenarioError, Setting};
+use super::{Kind, Outcome, Scenario, ScenarioError, Setting};
 use crate::law::tell_apart;
 use crate::operator::LinkValues;
 use crate::report::{Figure, Line, Metric, Summary};
@@ -22,6 +22,8 @@ pub(super) const SCENARIO: Scenario = Scenario {
     title: "Arm7: release and master-slave, the paper's law and ours",
     about: "figures 5 and 7 of the Arm7 paper under its law, with and without its friction term, and under ours",
     robot: "arm7",
+    kind: Kind::Arm,
+    files: &[],
     results: "docs/papers/arm7.md",
     duration: 703.3,
     shortest: None,

@@ -12,7 +12,7 @@ use super::arm7_bilateral::{self, BEGIN, LinkSample, wall_before};
 use super::arm7_paper::NamedLaw;
 use super::common::{T, capitalized};
 use super::unilateral::tool_pose;
-use super::{Outcome, Scenario, ScenarioError, Setting};
+use super::{Kind, Outcome, Scenario, ScenarioError, Setting};
 use crate::operator::{Link, LinkValues, MasterArm, MasterArmValues, OperatorHandMotion, Stroke};
 use crate::plant::{Push, isometry};
 use crate::purpose::Purpose;
@@ -24,6 +24,8 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "the operator presses the slave against a wall with force feedback: the matched impedances that the Arm7 \
             paper announces, and the reflected spring under passivity control",
     robot: "arm7",
+    kind: Kind::Arm,
+    files: &[],
     results: "docs/papers/arm7.md",
     duration: 64.3,
     shortest: None,

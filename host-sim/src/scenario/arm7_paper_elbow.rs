@@ -10,7 +10,7 @@ use super::arm7_elbow::{elbow_position, hand_motion};
 use super::arm7_paper::{NamedLaw, Recorded, compare, link};
 use super::common::{T, capitalized, largest};
 use super::unilateral::{Operator, tool_pose};
-use super::{Outcome, Scenario, ScenarioError, Setting};
+use super::{Kind, Outcome, Scenario, ScenarioError, Setting};
 use crate::operator::{ElbowMotion, ElbowSwing, OperatorHandMotion};
 use crate::report::{Figure, Line, Metric, Panel, Summary};
 
@@ -20,6 +20,8 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "the operator's elbow moves with the hand held, under the pseudo-inverse that the Arm7 paper discards, \
             its step 4 as printed and corrected, and ours",
     robot: "arm7",
+    kind: Kind::Arm7,
+    files: &[],
     results: "docs/papers/arm7.md",
     duration: 60.1,
     shortest: None,
@@ -94,7 +96,7 @@ fn elbow_angle(sample: &ArmSample) -> f64 {
 }
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
-    let rig = ArmRig::load_arm7(setting)?;
+    let rig = ArmRig::load(setting)?;
     let laws = NamedLaw::load_all(setting, &rig)?;
     compare(setting, rig, &laws, swing, add_metrics, |traces, name| vec![figure(traces, name)])
 }

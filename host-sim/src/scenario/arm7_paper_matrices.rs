@@ -9,7 +9,7 @@ use super::arm::{ArmRig, ArmSample, ArmTrial, Machine};
 use super::arm7_paper::{NamedLaw, Recorded, compare};
 use super::common::{T, capitalized, largest};
 use super::unilateral::tool_pose;
-use super::{Outcome, Scenario, ScenarioError, Setting};
+use super::{Kind, Outcome, Scenario, ScenarioError, Setting};
 use crate::plant::Push;
 use crate::report::{Figure, Line, Metric, Panel, Summary};
 
@@ -19,6 +19,8 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "equation (2) of the Arm7 paper with symmetric matrices in the axes of the base or of the tool: the tool is \
             pushed, and yields as K⁻¹F says",
     robot: "arm7",
+    kind: Kind::Arm,
+    files: &[],
     results: "docs/papers/arm7.md",
     duration: 103.0,
     shortest: None,

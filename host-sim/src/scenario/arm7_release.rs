@@ -6,7 +6,7 @@ use tesaki::task::impedance::{DirectLaw, ImpedanceSettings, Law};
 
 use super::arm::{ArmLog, ArmRig, ArmTrial, Machine, settings};
 use super::common::{T, capitalized, largest};
-use super::{Outcome, Scenario, ScenarioError, Setting};
+use super::{Kind, Outcome, Scenario, ScenarioError, Setting};
 use crate::plant::Hold;
 use crate::report::{Figure, Line, Metric, Panel, Summary};
 
@@ -15,6 +15,8 @@ pub(super) const SCENARIO: Scenario = Scenario {
     title: "The arm released under impedance control",
     about: "the tool is displaced by 3 cm along each axis and released, under the paper's law and under ours",
     robot: "arm7",
+    kind: Kind::SevenJointArm,
+    files: &[],
     results: "docs/measurements.md#an-arm-under-impedance-control",
     duration: 96.0,
     shortest: None,

@@ -9,7 +9,7 @@ use super::arm::{
     settings, shift,
 };
 use super::common::{T, capitalized, largest};
-use super::{Outcome, Scenario, ScenarioError, Setting};
+use super::{Kind, Outcome, Scenario, ScenarioError, Setting};
 use crate::report::{Figure, Line, Metric, Panel, Summary};
 
 pub(super) const SCENARIO: Scenario = Scenario {
@@ -18,6 +18,8 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "the set-point moves 3 cm beyond the arm's reach and back: into a singular configuration and out \
             of it",
     robot: "arm7",
+    kind: Kind::Arm7,
+    files: &[],
     results: "docs/measurements.md#an-arm-under-impedance-control",
     duration: 15.0,
     shortest: None,
@@ -43,7 +45,7 @@ const TIME: f64 = 1.5;
 const REST: f64 = 1.0;
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
-    let mut rig = ArmRig::load_arm7(setting)?;
+    let mut rig = ArmRig::load(setting)?;
     let mut summary = Summary::default();
     let (mut figures, mut tables) = (Vec::new(), Vec::new());
     for trial in &ELBOW_TRIALS {

@@ -5,7 +5,7 @@ use tesaki::task::impedance::{ForceSource, ImpedanceSettings};
 
 use super::arm::{ArmLog, ArmRig, ArmTrial, Machine, impedance, motion, settings, shift};
 use super::common::{T, grouped, unsettled};
-use super::{Outcome, Scenario, ScenarioError, Setting};
+use super::{Kind, Outcome, Scenario, ScenarioError, Setting};
 use crate::plant::Wall;
 use crate::report::{Figure, Line, Metric, Panel, Summary};
 
@@ -15,6 +15,8 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "the set-point moves 3 cm into walls of 200 to 50 000 N/m and back, with and without a force \
             sensor",
     robot: "arm7",
+    kind: Kind::SevenJointArm,
+    files: &[],
     results: "docs/measurements.md#an-arm-under-impedance-control",
     duration: 36.0,
     shortest: None,

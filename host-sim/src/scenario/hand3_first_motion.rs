@@ -10,7 +10,7 @@ use tesaki_supervisor::identify::{FreeJoint, JointSettings, identified_free, ide
 use super::common::{T, capitalized, home, introduce, largest};
 use super::grasping::SimulatedMachine;
 use super::hand3_servo::{FIRST_STEPS, INITIAL_REST, INTERVAL, ServoLog, ServoTrial, table};
-use super::{Outcome, Scenario, ScenarioError, Setting};
+use super::{Kind, Outcome, Scenario, ScenarioError, Setting};
 use crate::motion::Motion;
 use crate::plant::{Plant, PlantOptions};
 use crate::report::{Figure, Line, Metric, Panel, Summary};
@@ -21,6 +21,8 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "the first steps after power-on under PID and under the observer, without and with the self-test of \
             `tesaki identify --joints`",
     robot: "hand3",
+    kind: Kind::Any,
+    files: &[],
     results: "docs/measurements.md#first-motion",
     duration: 64.0,
     shortest: None,

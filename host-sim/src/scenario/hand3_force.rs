@@ -9,7 +9,7 @@ use tesaki_description::law::hand::ObjectLaw;
 
 use super::common::{T, capitalized, largest};
 use super::grasping::{GraspLog, GraspRig, GraspTrial, GraspedObject, calibrate, components, table};
-use super::{Outcome, Scenario, ScenarioError, Setting};
+use super::{Kind, Outcome, Scenario, ScenarioError, Setting};
 use crate::report::{Figure, Line, Metric, Panel, Summary};
 use tesaki_supervisor::identify::Identification;
 
@@ -19,6 +19,8 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "a box is held with 2, 2 and 4 N: the paper's law, feed-forward, force feedback, feed-forward \
             after identification",
     robot: "hand3",
+    kind: Kind::GraspingHand,
+    files: &["grasps/box.toml", "objects/box.toml", "laws/paper-corrected.toml"],
     results: "docs/measurements.md#forces",
     duration: 170.0,
     shortest: None,

@@ -8,7 +8,7 @@ use tesaki::task::grasping::{GraspCommand, Phase};
 
 use super::common::{capitalized, largest};
 use super::grasping::{GraspLog, GraspRig, GraspSample, GraspTrial, GraspedObject, MOVE, table, xyz};
-use super::{Outcome, Scenario, ScenarioError, Setting};
+use super::{Kind, Outcome, Scenario, ScenarioError, Setting};
 use crate::plant::ContactTruth;
 use crate::report::{Figure, Line, Metric, Panel, Summary};
 
@@ -18,6 +18,15 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "a box at an unknown place is grasped, lifted, turned, shifted and put down; a cylinder and a \
             wedge are turned",
     robot: "hand3",
+    kind: Kind::GraspingHand,
+    files: &[
+        "grasps/box.toml",
+        "grasps/cylinder.toml",
+        "grasps/wedge.toml",
+        "objects/box.toml",
+        "objects/cylinder.toml",
+        "objects/wedge.toml",
+    ],
     results: "docs/measurements.md#the-whole-sequence",
     duration: 67.0,
     shortest: None,

@@ -2,7 +2,6 @@
 //! machine that differs from the controller's model.
 
 use std::f64::consts::TAU;
-use std::ops::Range;
 
 use rapier3d::na::{Vector2, Vector3};
 use tesaki::control::ServoMode;
@@ -13,7 +12,7 @@ use tesaki_supervisor::Board;
 use tesaki_supervisor::trajectory::minimum_jerk;
 
 use super::common::{T, capitalized, fault_error, largest, prepare, request_error};
-use super::{Outcome, Scenario, ScenarioError, Setting};
+use super::{Kind, Outcome, Scenario, ScenarioError, Setting};
 use crate::controller::{Controller, Watched};
 use crate::motion::Motion;
 use crate::plant::{Plant, PlantOptions, isometry};
@@ -24,6 +23,8 @@ pub(super) const SCENARIO: Scenario = Scenario {
     title: "Fingertips of the three-finger hand in space",
     about: "three fingertips draw circles at 1 Hz and squares under PID and under the observer",
     robot: "hand3",
+    kind: Kind::Fingers,
+    files: &[],
     results: "docs/measurements.md#fingertips-in-space",
     duration: 2.0 * TRIAL,
     shortest: None,
@@ -124,10 +125,6 @@ impl TipLog {
 
 fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     let robot = RobotFolder::load(setting.robot)?;
-    let three_joints = |range: Range<usize>| range.len() == MIDDLE.len();
-    if !robot.model.mimics.is_empty() || !robot.model.chain_ranges().all(three_joints) {
-        return Err(setting.other_robot("its paths are for fingers of three joints each"));
-    }
     let mut summary = Summary::default();
     let (mut figures, mut tables) = (Vec::new(), Vec::new());
     let mut motion = setting.motion(&robot.model);

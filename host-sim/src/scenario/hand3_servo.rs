@@ -4,12 +4,12 @@
 use std::ops::Range;
 
 use tesaki::control::ServoMode;
-use tesaki::model::RobotModel;
+use tesaki::model::{JointModel, RobotModel};
 use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::Board;
 
 use super::common::{T, capitalized, fault_error, largest, prepare, request_error};
-use super::{Outcome, Scenario, ScenarioError, Setting};
+use super::{Kind, Outcome, Scenario, ScenarioError, Setting};
 use crate::controller::{Controller, Watched};
 use crate::motion::Motion;
 use crate::plant::{Plant, PlantOptions, PlantValues, SharedIntervention, Truth};
@@ -20,6 +20,8 @@ pub(super) const SCENARIO: Scenario = Scenario {
     title: "Joint servo of the three-finger hand",
     about: "nine joints of the three-finger hand step by ±0.3 rad under PID and under the observer",
     robot: "hand3",
+    kind: Kind::Any,
+    files: &[],
     results: "docs/measurements.md#joint-servo",
     duration: 42.0,
     shortest: Some(4.0 * (INITIAL_REST + INTERVAL * (FIRST_STEPS + 1) as f64)),
@@ -354,9 +356,21 @@ fn figure(trial: &Trial, recording: &ServoLog, model: &RobotModel) -> Figure {
             _ => panel,
         });
     }
-    let start = recording.reference[0].first().copied().unwrap_or(0.0);
-    let shape = recording.reference[0].iter().map(|angle| angle - start).collect();
-    angles = angles.line(Line::dashed("reference", Line::INK, recording.time.clone(), shape));
+    // Joints with the same trajectory filter have the same reference.
+    let filter_time = |joint: &JointModel| joint.servo.filter_time.to_bits();
+    let is_first = |(index, joint): &(usize, &JointModel)| {
+        model.joints.iter().position(|other| filter_time(other) == filter_time(joint)) == Some(*index)
+    };
+    let references: Vec<(usize, &JointModel)> = model.joints.iter().enumerate().filter(is_first).collect();
+    for &(index, joint) in &references {
+        let name = match references.as_slice() {
+            [_] => "reference".to_owned(),
+            _ => format!("reference with T_f = {} s", joint.servo.filter_time),
+        };
+        let start = recording.reference[index].first().copied().unwrap_or(0.0);
+        let shape = recording.reference[index].iter().map(|angle| angle - start).collect();
+        angles = angles.line(Line::dashed(name, Line::INK, recording.time.clone(), shape));
+    }
     let caption = "True joint angles and the filtered reference, the error of each finger's joints, and the \
                    motor torques. During the first step up and down (shaded) the servo meets the machine's \
                    true friction for the first time; afterwards it has adapted to it, and the limit \

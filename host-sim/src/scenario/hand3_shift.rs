@@ -8,7 +8,7 @@ use tesaki_description::grasp::PlacedGrasp;
 
 use super::common::{capitalized, largest};
 use super::grasping::{GraspLog, GraspRig, GraspTrial, GraspedObject, MOVE, displacements, table, xyz};
-use super::{Outcome, Scenario, ScenarioError, Setting};
+use super::{Kind, Outcome, Scenario, ScenarioError, Setting};
 use crate::report::{Figure, Line, Metric, Panel, Summary};
 
 pub(super) const SCENARIO: Scenario = Scenario {
@@ -16,6 +16,8 @@ pub(super) const SCENARIO: Scenario = Scenario {
     title: "A box shifted by the three-finger hand",
     about: "a held box is moved by 1 cm and back, under the paper's law and under ours",
     robot: "hand3",
+    kind: Kind::GraspingHand,
+    files: &["grasps/box.toml", "objects/box.toml", "laws/paper-corrected.toml"],
     results: "docs/measurements.md#turned-and-shifted",
     duration: 24.0,
     shortest: None,

@@ -4,7 +4,7 @@ use rapier3d::na::UnitQuaternion;
 
 use super::common::{capitalized, largest};
 use super::grasping::{GraspLog, GraspRig, GraspSample, GraspTrial, GraspedObject, MOVE, table};
-use super::{Outcome, Scenario, ScenarioError, Setting};
+use super::{Kind, Outcome, Scenario, ScenarioError, Setting, needs};
 use crate::report::{Figure, Line, Metric, Panel, Summary};
 
 pub(super) const SCENARIO: Scenario = Scenario {
@@ -12,6 +12,8 @@ pub(super) const SCENARIO: Scenario = Scenario {
     title: "A box turned by the three-finger hand",
     about: "a held box is turned by +0.1, −0.1, −0.1 and +0.1 rad about the hand's y axis",
     robot: "hand3",
+    kind: Kind::GraspingHand,
+    files: needs::BOX,
     results: "docs/measurements.md#turned-and-shifted",
     duration: 20.0,
     shortest: None,

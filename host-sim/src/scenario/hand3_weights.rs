@@ -11,7 +11,7 @@ use super::grasping::{
     GraspLog, GraspRig, GraspTrial, GraspedObject, GripRatio, LIFT, component_targets, components,
     grip_ratio, internal_forces, table,
 };
-use super::{Outcome, Scenario, ScenarioError, Setting};
+use super::{Kind, Outcome, Scenario, ScenarioError, Setting, needs};
 use crate::plant::{Load, Push};
 use crate::report::{Figure, Line, Metric, Panel, Summary};
 
@@ -21,6 +21,8 @@ pub(super) const SCENARIO: Scenario = Scenario {
     about: "weights of 50 to 300 g are put on a held box and taken off, then all are put on at once, then it \
             is pushed",
     robot: "hand3",
+    kind: Kind::GraspingHand,
+    files: needs::BOX,
     results: "docs/measurements.md#weights",
     duration: 35.0,
     shortest: None,

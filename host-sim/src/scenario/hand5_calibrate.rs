@@ -5,7 +5,7 @@ use tesaki::teleop::{FINGERS, GloveFilter, HumanFinger};
 
 use super::common::capitalized;
 use super::hand::{in_robot_frame, path_panel, vector_errors};
-use super::{Outcome, Scenario, ScenarioError, Setting};
+use super::{Kind, Outcome, Scenario, ScenarioError, Setting};
 use crate::motion::Motion;
 use crate::operator::GloveValues;
 use crate::operator::calibration_trial::{self, CalibrationPlan, CalibrationTrial, MIN_DISTANCE};
@@ -16,6 +16,8 @@ pub(super) const SCENARIO: Scenario = Scenario {
     title: "An operator's hand, calibrated",
     about: "an operator's fingertips from a glove, calibrated with markers on five or on three fingers",
     robot: "hand5",
+    kind: Kind::None,
+    files: &[],
     results: "docs/measurements.md#an-operators-hand",
     duration: 60.0,
     shortest: Some(60.0),

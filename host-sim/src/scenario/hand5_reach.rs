@@ -13,7 +13,7 @@ use super::hand::{
     Fingertips, HandLog, HandRig, HandSample, HandTrial, exact_sample, human_fingertips, imitator,
     path_panel, robot_fingertips,
 };
-use super::{Outcome, Scenario, ScenarioError, Setting};
+use super::{Kind, Outcome, Scenario, ScenarioError, Setting};
 use crate::operator::{FingersMotion, OperatorHand};
 use crate::purpose::Purpose;
 use crate::report::{Figure, Metric, Summary};
@@ -23,6 +23,8 @@ pub(super) const SCENARIO: Scenario = Scenario {
     title: "Fingertips of the five-finger hand",
     about: "five fingertips follow those of an operator with the robot's own hand, of a person, and pinches",
     robot: "hand5",
+    kind: Kind::FiveFingers,
+    files: &[],
     results: "docs/measurements.md#fingertips-of-a-person-on-a-robot-hand",
     duration: 2.0 * MOTION + PINCHES,
     shortest: None,

@@ -11,7 +11,7 @@ use super::hand::{
     Fingertips, HandLog, HandRig, HandTrial, human_fingertips, imitator, in_robot_frame, path_panel,
     robot_fingertips, single,
 };
-use super::{Outcome, Scenario, ScenarioError, Setting};
+use super::{Kind, Outcome, Scenario, ScenarioError, Setting};
 use crate::operator::calibration_trial::{CalibrationPlan, calibrate};
 use crate::operator::{FingersMotion, Glove, GloveValues, Link, LinkValues, OperatorHand};
 use crate::report::{Figure, Metric, Summary};
@@ -21,6 +21,8 @@ pub(super) const SCENARIO: Scenario = Scenario {
     title: "A glove leads the five-finger hand",
     about: "sixteen joints follow an operator's calibrated glove over a link with delay and loss",
     robot: "hand5",
+    kind: Kind::FiveFingers,
+    files: &[],
     results: "docs/measurements.md#fingertips-of-a-person-on-a-robot-hand",
     duration: MOTION * TRIALS.len() as f64,
     shortest: None,

@@ -5,7 +5,7 @@ use tesaki::vision::{CameraBuffers, Circle, CircleSearch, Image, find_circle};
 use super::common::median;
 use super::film::picture_panel;
 use super::knob_pictures::{EMPTY, KnobPicture, KnobPictures};
-use super::{Outcome, Scenario, ScenarioError, Setting};
+use super::{Kind, Outcome, Scenario, ScenarioError, Setting};
 use crate::camera::{self, CameraValues, CircleTruth};
 use crate::motion::Motion;
 use crate::report::{Figure, Line, Metric, Panel, Summary, Table};
@@ -15,6 +15,8 @@ pub(super) const SCENARIO: Scenario = Scenario {
     title: "The rose of a door knob",
     about: "a circle finder on rendered pictures of a door knob, and of a door without one",
     robot: "knob-arm",
+    kind: Kind::None,
+    files: &[],
     results: "docs/measurements.md#door-knobs",
     duration: 6.0,
     shortest: Some(6.0),

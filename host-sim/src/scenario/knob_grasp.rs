@@ -12,7 +12,7 @@ use tesaki_supervisor::{Board, BoardError};
 
 use super::common::{T, clear_faults, home, introduce, largest, median, request_error};
 use super::film::picture_panel;
-use super::{Outcome, Scenario, ScenarioError, Setting};
+use super::{Kind, Outcome, Scenario, ScenarioError, Setting};
 use crate::camera::{self, Camera, CameraValues, CircleTruth};
 use crate::controller::{Controller, Watched};
 use crate::door::{KNOB, KnobDoor, hand_joints, hand_pose};
@@ -25,6 +25,8 @@ pub(super) const SCENARIO: Scenario = Scenario {
     title: "A door knob, found and gripped",
     about: "a camera in the hand leads an arm to a door knob, which it grips",
     robot: "knob-arm",
+    kind: Kind::ArmWithGripper,
+    files: &["approach.toml", "hand_eye.toml", "camera.toml"],
     results: "docs/measurements.md#door-knobs",
     duration: LONGEST * DOORS as f64,
     shortest: None,

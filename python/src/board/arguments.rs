@@ -40,7 +40,9 @@ impl Board {
                 }
             }),
             "impedance" => {
-                let path = path.ok_or_else(|| needed("an impedance file"))?;
+                let wanted =
+                    "an impedance file, as in enable('impedance', file='robots/arm7/impedances/soft.toml')";
+                let path = path.ok_or_else(|| needed(wanted))?;
                 TaskConfig::Impedance(impedance::load(&path, self.known_model()?).map_err(file)?)
             }
             "grasping" => TaskConfig::Grasping(()),

@@ -144,11 +144,11 @@ impl Board {
 
     /// Returns the next telemetry.
     pub(super) fn telemetry_now(&mut self, py: Python<'_>) -> PyResult<Telemetry> {
-        let timeout = self.timeout;
+        let (timeout, keeps) = (self.timeout, self.is_enabled);
         let telemetry = self.call(py, |link| {
             link.set_rate(Stream::Telemetry, 1)?;
             while link.next_event(Instant::now())?.is_some() {}
-            await_event(link, timeout, |event| match event {
+            await_event(link, timeout, keeps, |event| match event {
                 FromBoard::Telemetry(telemetry) => Some(telemetry),
                 _ => None,
             })
@@ -206,16 +206,24 @@ impl Board {
     }
 }
 
-/// Returns what `find` first finds in the board's messages within `timeout`.
+/// Returns what `find` first finds in the board's messages within `timeout`; `keeps` the board enabled
+/// meanwhile.
 pub(super) fn await_event<T>(
     link: &mut LinkBoard<Reopening>,
     timeout: Duration,
+    keeps: bool,
     find: impl Fn(FromBoard) -> Option<T>,
 ) -> Result<Option<T>, Failure> {
-    let deadline = Instant::now() + timeout;
-    while let Some(event) = link.next_event(deadline)? {
-        if let Some(found) = find(event) {
-            return Ok(Some(found));
+    let until = Instant::now() + timeout;
+    while Instant::now() < until {
+        if keeps {
+            link.post(Request::Keep)?;
+        }
+        let next = until.min(Instant::now() + KEEP_ALIVE);
+        while let Some(event) = link.next_event(next)? {
+            if let Some(found) = find(event) {
+                return Ok(Some(found));
+            }
         }
     }
     Ok(None)

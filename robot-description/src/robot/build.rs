@@ -3,13 +3,13 @@
 use tesaki::kinematics::Chain;
 use tesaki::model::{
     ChainJoint, ChainModel, Coupling, Field, ForceSensor, Friction, Gauges, JointModel, MimicJoint,
-    ModelError, ObserverGains, PidGains, Pose, RobotModel, ServoGains,
+    ModelError, ObserverGains, PidGains, Pose, Problem, RobotModel, ServoGains,
 };
 
 use super::of_joints::OfJoints;
 use super::settings::{JointSettings, Settings};
 use super::tree::{SerialChain, SerialJoint, SerialMimic};
-use super::unit::{invalid_setting, invalid_value};
+use super::unit::{invalid_setting, invalid_value, key};
 use crate::finding::{Finding, Report};
 use crate::urdf::Urdf;
 
@@ -156,8 +156,9 @@ pub fn validate(model: &RobotModel, urdf: &Urdf, of_urdf: &mut Report, of_settin
     }
     let mut of_joints = OfJoints::default();
     for (joint, error) in found {
+        let error = joint.map_or(error, |joint| of_inertia(joint, error));
         let name = joint.map_or("", |joint| joint.name.as_str());
-        let key = error.field.path();
+        let key = key(error.field);
         let message = joint.map_or_else(
             || invalid_value(&error),
             |joint| invalid_setting(&error, joint.servo.observer.inertia),
@@ -173,8 +174,13 @@ pub fn validate(model: &RobotModel, urdf: &Urdf, of_urdf: &mut Report, of_settin
             None => {
                 let line = own.or_else(|| of_settings.line_of(key));
                 match joint {
+                    Some(joint) if error.field == Field::ServoInertia && own.is_some() => {
+                        let advice =
+                            "mend the value, or leave it out: it is then computed from links and rotor";
+                        of_joints.error(&joint.name, line, message, advice);
+                    }
                     Some(joint) => {
-                        of_joints.error(&joint.name, line, message, in_settings(error.field, true))
+                        of_joints.error(&joint.name, line, message, in_settings(error.field, true));
                     }
                     None => of_settings.dynamics(line, message, in_settings(error.field, false)),
                 }
@@ -182,6 +188,19 @@ pub fn validate(model: &RobotModel, urdf: &Urdf, of_urdf: &mut Report, of_settin
         }
     }
     of_joints.report(of_settings);
+}
+
+/// The error that is the cause of another: gains are multiplied with the inertia of the servo.
+fn of_inertia(joint: &JointModel, error: ModelError) -> ModelError {
+    let inertia = joint.servo.observer.inertia;
+    let is_gain = matches!(error.field, Field::Proportional | Field::Integral | Field::Derivative);
+    match (is_gain, inertia) {
+        (true, value) if value < 0.0 => {
+            ModelError { field: Field::ServoInertia, value, problem: Problem::NotAbove(0.0), ..error }
+        }
+        (true, value) if !value.is_finite() => ModelError { field: Field::ServoInertia, value, ..error },
+        _ => error,
+    }
 }
 
 /// What to do about a field that comes from the URDF.

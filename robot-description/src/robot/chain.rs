@@ -1,4 +1,5 @@
 use tesaki::model::{Gauges, MimicJoint, RobotModel};
+use tesaki::robot::Concerns;
 
 /// The model of one chain of a robot, for a board of its own: base frame and gravity are the robot's.
 ///
@@ -21,4 +22,21 @@ pub fn chain_model(robot: &RobotModel, index: usize) -> Option<RobotModel> {
         gauges: robot.gauges_of(index).map(|gauges| Gauges { chain: 0, ..*gauges }),
         safety: robot.safety,
     })
+}
+
+/// The length of a chain along its links [m].
+pub fn chain_length(model: &RobotModel, chain: usize) -> f32 {
+    let norm = |[x, y, z]: [f32; 3]| tesaki::math::sqrt(x * x + y * y + z * z);
+    let tip = model.chains.get(chain).map_or(0.0, |chain| norm(chain.tip.translation));
+    model.joints_of(chain).map(|joint| norm(joint.body().0.translation)).sum::<f32>() + tip
+}
+
+/// Puts the name of the joint or tip that a refusal concerns in the place of its number in `text`.
+pub fn named(refusal: &impl Concerns, text: &str, model: Option<&RobotModel>) -> String {
+    let Some(model) = model else { return text.to_owned() };
+    if let Some(joint) = refusal.joint() {
+        return text.replacen(&format!("joint {joint}"), model.joint_name(usize::from(joint)), 1);
+    }
+    let tip = refusal.chain().and_then(|chain| Some((chain, model.chains.get(usize::from(chain))?)));
+    tip.map_or_else(|| text.to_owned(), |(chain, tip)| text.replacen(&format!("chain {chain}"), &tip.name, 1))
 }

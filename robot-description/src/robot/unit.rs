@@ -57,13 +57,21 @@ pub fn unit(path: &str) -> String {
     UNITS.into_iter().find(|(end, _)| ends(end)).map_or_else(String::new, |(_, unit)| format!(" {unit}"))
 }
 
+/// The path of a field in `controller.toml`, below `joint`.
+pub fn key(field: Field) -> &'static str {
+    match field {
+        Field::ServoInertia => "servo.inertia",
+        field => field.path(),
+    }
+}
+
 /// As [`invalid_value`], with gains per inertia as in `controller.toml`, for a joint with this `inertia`.
 pub fn invalid_setting(error: &ModelError, inertia: f32) -> String {
     let unit = match error.field {
         Field::Proportional => "1/s²",
         Field::Integral => "1/s³",
         Field::Derivative => "1/s",
-        _ => return invalid_value(error),
+        field => return in_unit(error, key(field), &unit(field.path())),
     };
     // The quotient need not be exactly the number in the file.
     let per_inertia = |value: f32| format!("{:.5e}", value / inertia).parse().unwrap_or(value);
@@ -72,18 +80,19 @@ pub fn invalid_setting(error: &ModelError, inertia: f32) -> String {
         Problem::Above(limit) => Problem::Above(per_inertia(limit)),
         problem => problem,
     };
-    in_unit(&ModelError { value: per_inertia(error.value), problem, ..*error }, &format!(" {unit}"))
+    let error = ModelError { value: per_inertia(error.value), problem, ..*error };
+    in_unit(&error, error.field.path(), &format!(" {unit}"))
 }
 
 /// A parameter of the model that is wrong: path and value, what is wrong with it, and the limit.
 pub fn invalid_value(error: &ModelError) -> String {
-    in_unit(error, &unit(error.field.path()))
+    in_unit(error, error.field.path(), &unit(error.field.path()))
 }
 
-fn in_unit(error: &ModelError, unit: &str) -> String {
+fn in_unit(error: &ModelError, path: &str, unit: &str) -> String {
     let of_limit = match error.problem {
         Problem::Below(_) | Problem::NotAbove(_) | Problem::Above(_) => unit,
         _ => "",
     };
-    format!("{} = {}{unit} {}{of_limit}", error.field.path(), error.value, error.problem)
+    format!("{path} = {}{unit} {}{of_limit}", error.value, error.problem)
 }

@@ -70,6 +70,20 @@ fn a_board_that_another_program_disables_is_named_as_such() {
 }
 
 #[test]
+fn motors_that_cannot_hold_the_arm_are_not_switched_on() {
+    let server = Server::ready_arm();
+    server.succeeds(&["set", "joints.*.limits.torque", "10%"]);
+    for command in [&["enable"][..], &["move", "--relative", "wrist_roll=0.02"]] {
+        let told = [
+            "nothing was enabled: elbow cannot be held there: gravity 4.01 N·m, its motor at most 3.00 N·m",
+            "raise limits.torque of elbow if its motor allows it",
+        ];
+        server.fails(command, 7, &told);
+    }
+    assert_eq!(server.json(&["info"])["status"]["node"]["mode"], "Disabled");
+}
+
+#[test]
 fn an_arm_is_held_until_ctrl_c_and_disabled_when_nobody_reads_on() {
     let server = Server::ready_arm();
     assert!(server.home.is_empty(), "{:?}", server.home);

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use super::server::{Server, hand3};
+use super::server::{Server, arm7, hand3};
 
 /// A copy of hand3 whose URDF and settings are changed, in the server's folder.
 fn changed(server: &Server, change: impl Fn(String) -> String) -> PathBuf {
@@ -177,6 +177,34 @@ fn a_negative_number_is_refused_in_words() {
 }
 
 #[test]
+fn the_model_of_another_machine_is_told_at_its_push() {
+    let server = Server::start();
+    let arm = arm7().to_str().unwrap().to_owned();
+    let text = server.succeeds(&["model", "push", &arm]);
+    let mismatch = "the machine has 9 joints and 3 force sensors, its model arm7 has 7 joints and 1 force sensor (fault 8)";
+    assert!(text.contains(&format!("warning: {mismatch}: push the model of this machine")), "{text}");
+    assert!(!text.contains("replaces"), "{text}");
+    let pushed = server.json(&["model", "push", &arm]);
+    assert_eq!((&pushed["replaced"], &pushed["mismatch"]), (&serde_json::Value::Null, &mismatch.into()));
+    let text = server.succeeds(&["model", "push", hand3().to_str().unwrap()]);
+    assert!(text.contains("the board has the model of arm7: that of hand3 replaces it"), "{text}");
+    assert!(!text.contains("warning"), "{text}");
+}
+
+#[test]
+fn a_robot_of_another_kind_need_not_be_homed_to_be_told_so() {
+    let server = Server::start();
+    let robot = hand3().join("../allegro");
+    server.succeeds(&["model", "push", robot.to_str().unwrap()]);
+    let tip = server.json(&["model", "show"])["chains"][0]["name"].as_str().unwrap().to_owned();
+    let told = ["`tesaki reach` needs fingers of three joints", "it has 4 joints"];
+    server.fails(&["reach", &format!("{tip}=0,0,0.1")], 2, &told);
+    let grasp = hand3().join("grasps/box.toml");
+    let told = ["allegro_hand_right is not a hand for grasping", "has 4 joints; `tesaki move` moves"];
+    server.fails(&["grasp", "run", grasp.to_str().unwrap()], 2, &told);
+}
+
+#[test]
 fn what_is_doubtful_is_set_with_a_warning() {
     let server = Server::ready_arm();
     for value in ["0,0,9.81", "-9.81"] {
@@ -199,6 +227,20 @@ fn what_is_doubtful_is_set_with_a_warning() {
     let inertia = torque.replace("limits.torque", "motor.rotor_inertia");
     let text = server.succeeds(&["set", &inertia, "20"]);
     assert!(text.contains("warning: ") && text.contains("s to bring the rotor alone to"), "{text}");
+    // Each time that it is set, also to another value; not when something else is.
+    for value in ["20", "30"] {
+        let text = server.succeeds(&["set", &inertia, value]);
+        assert!(text.contains("s to bring the rotor alone to"), "{value}: {text}");
+    }
+    let text = server.succeeds(&["set", &torque, "67"]);
+    assert!(text.contains("limits nothing") && !text.contains("rotor"), "{text}");
+    // Under its name in controller.toml, too.
+    let inertia = torque.replace("limits.torque", "servo.inertia");
+    let read = server.succeeds(&["read", &inertia]);
+    assert_eq!(read, server.succeeds(&["read", &inertia.replace("servo.", "servo.observer.")]));
+    assert!(read.contains(".servo.observer.inertia = ") && read.trim_end().ends_with(" kg·m²"), "{read}");
+    let told = ["is a value of controller.toml", "servo.observer.inertia and those gains"];
+    server.fails(&["set", &inertia, "0.1"], 2, &told);
     let error = torque.replace("limits.torque", "servo.rest_error");
     server.fails(&["set", &error, "0.9"], 2, &["no error at rest is ever corrected; give some counts"]);
 }

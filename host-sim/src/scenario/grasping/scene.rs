@@ -7,6 +7,7 @@ use tesaki::kinematics::{Chain, Finger};
 use tesaki::model::RobotModel;
 use tesaki::task::grasping::GraspPlan;
 use tesaki_description::grasp::{PlacedGrasp, load_placed};
+use tesaki_supervisor::words::unreachable;
 
 use crate::plant::{ObjectValues, PlantOptions, Support, unit_quaternion};
 use crate::scenario::ScenarioError;
@@ -23,7 +24,7 @@ pub enum SceneError {
     #[error("{0} is not a hand for grasping: three fingers of three joints each are needed")]
     NotAHand(String),
     /// A finger does not reach its position.
-    #[error("{finger} cannot stand {} mm in front of its contact: {why}", 1e3 * distance)]
+    #[error("{finger} cannot stand {} mm in front of its contact: {why}; move the object or the contact", 1e3 * distance)]
     OutOfReach {
         /// Its tip's name.
         finger: String,
@@ -69,7 +70,9 @@ fn posture(model: &RobotModel, plan: &GraspPlan, distance: f32) -> Result<Vec<f6
         // Starts from a bent finger: a straight finger can bend in both directions.
         let position: [f32; 3] = position.into();
         let angles = finger.nearest(&position.into(), &[0.0, 0.3, 0.7]).map_err(|error| {
-            SceneError::OutOfReach { finger: chain.name.to_string(), distance, why: format!("{error:?}") }
+            let [x, y, z] = position;
+            let why = format!("{x:.4}, {y:.4}, {z:.4} m {}", unreachable(&error, joints));
+            SceneError::OutOfReach { finger: chain.name.to_string(), distance, why }
         })?;
         posture.extend(angles.map(f64::from));
     }
@@ -87,9 +90,11 @@ pub fn around_object(
     grasp: &Path,
     object: Option<&Path>,
 ) -> Result<PlantOptions, ScenarioError> {
-    let grasp = load_placed(grasp)?;
-    options.posture = Some(open_posture(model, &grasp.plan)?);
-    options.object = object.map(ObjectValues::load).transpose()?.map(|object| on_support(object, &grasp));
+    let plan = load_placed(grasp)?;
+    let posture = open_posture(model, &plan.plan);
+    options.posture =
+        Some(posture.map_err(|source| ScenarioError::Grasp { path: grasp.to_owned(), source })?);
+    options.object = object.map(ObjectValues::load).transpose()?.map(|object| on_support(object, &plan));
     Ok(options)
 }
 

@@ -6,13 +6,15 @@ use super::motion::{Record, estimated_pose, move_box, shift_errors};
 use super::{Law, laws};
 use crate::report::{Figure, Line, Metric, Panel, Summary};
 use crate::scenario::grasping::GraspRig;
-use crate::scenario::{Outcome, Scenario, ScenarioError, Setting};
+use crate::scenario::{Kind, Outcome, Scenario, ScenarioError, Setting, needs};
 
 pub(super) const SCENARIO: Scenario = Scenario {
     name: "hand3-paper-curves",
     title: "What the errors of the Hand3 paper depend on",
     about: "figures 11 and 15 of the Hand3 paper under its law, over the efficiency of the joints and the integral gain",
     robot: "hand3",
+    kind: Kind::GraspingHand,
+    files: needs::BOX,
     results: "docs/papers/hand3.md",
     duration: 150.0,
     shortest: None,

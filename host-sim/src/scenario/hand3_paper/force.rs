@@ -8,13 +8,15 @@ use super::{LAWS, Law, Metrics, compare, curve, hold_box, laws, mean, weights};
 use crate::report::{Figure, Line, Panel, Summary};
 use crate::scenario::common::T;
 use crate::scenario::grasping::{GraspLog, GraspRig, GraspSample, table, xyz};
-use crate::scenario::{Outcome, Scenario, ScenarioError, Setting};
+use crate::scenario::{Kind, Outcome, Scenario, ScenarioError, Setting, needs};
 
 pub(super) const SCENARIO: Scenario = Scenario {
     name: "hand3-paper-force",
     title: "Forces of the three-finger hand, as the Hand3 paper measured them",
     about: "figures 11 to 13 of the Hand3 paper under its laws and under ours: commanded forces, weights",
     robot: "hand3",
+    kind: Kind::GraspingHand,
+    files: needs::BOX,
     results: "docs/papers/hand3.md",
     duration: 150.0,
     shortest: None,

@@ -7,13 +7,15 @@ use super::{LAWS, Law, Metrics, compare, hold_box, laws, step};
 use crate::report::{Figure, Line, Panel, Summary};
 use crate::scenario::common::largest;
 use crate::scenario::grasping::{GraspLog, GraspRig, GraspSample, table, xyz};
-use crate::scenario::{Outcome, Scenario, ScenarioError, Setting};
+use crate::scenario::{Kind, Outcome, Scenario, ScenarioError, Setting, needs};
 
 pub(super) const SCENARIO: Scenario = Scenario {
     name: "hand3-paper-motion",
     title: "Motion of a held box, as the Hand3 paper measured it",
     about: "figures 6, 14 and 15 of the Hand3 paper under its laws and under ours: joint PID, turns, a shift",
     robot: "hand3",
+    kind: Kind::GraspingHand,
+    files: needs::BOX,
     results: "docs/papers/hand3.md",
     duration: 170.0,
     shortest: None,

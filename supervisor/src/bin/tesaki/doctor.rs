@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use tesaki::model::{RobotModel, Safety};
 use tesaki::protocol::{
     BoardStatus, ClockSource, ForceSensorFault, FromBoard, Identity, LinkStatistics, LogRecord, Mode,
-    NodeStatus, ResetCause, SensorFlags, Status, Stream, Telemetry,
+    NodeStatus, ResetCause, SensorFlags, SensorFrame, Status, Stream, Telemetry,
 };
 use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::faults;
@@ -282,11 +282,7 @@ fn check_sensors(
     model: &RobotModel,
     doctor: &mut Doctor,
 ) -> Result<(), Failure> {
-    let frame = board.find_in_log(|record| match record {
-        LogRecord::Sensors(sensors) => Some(sensors.clone()),
-        _ => None,
-    })?;
-    let Some(sensors) = frame else { return Ok(()) };
+    let Some(sensors) = sensor_frame(board)? else { return Ok(()) };
     if sensors.flags.0 & SensorFlags::EMERGENCY_STOP != 0 {
         doctor.bad(
             1,
@@ -308,24 +304,31 @@ fn check_sensors(
             },
         );
     }
-    let force_sensors = model.chains.iter().filter(|chain| chain.force_sensor.is_some()).count();
-    let (has, needs) = ((sensors.encoders.len(), sensors.forces.len()), (model.joints.len(), force_sensors));
-    if has != needs {
-        let described = |(joints, forces)| {
-            format!("{} and {}", output::counted(joints, "joint"), output::counted(forces, "force sensor"))
-        };
-        doctor.bad(
-            1,
-            format!(
-                "the machine has {}, its model {} has {} (fault 8)",
-                described(has),
-                model.name,
-                described(needs)
-            ),
-            "push the model of this machine: tesaki model push ROBOT_FOLDER",
-        );
+    if let Some(mismatch) = mismatch(&sensors, model) {
+        doctor.bad(1, mismatch, "push the model of this machine: tesaki model push ROBOT_FOLDER");
     }
     Ok(())
+}
+
+/// A frame of the board's sensors, if it gets any.
+pub fn sensor_frame(board: &mut LinkBoard<BoardLink>) -> Result<Option<SensorFrame>, BoardError> {
+    board.find_in_log(|record| match record {
+        LogRecord::Sensors(sensors) => Some(sensors.clone()),
+        _ => None,
+    })
+}
+
+/// How the machine that sends `sensors` differs from its model.
+pub fn mismatch(sensors: &SensorFrame, model: &RobotModel) -> Option<String> {
+    let force_sensors = model.chains.iter().filter(|chain| chain.force_sensor.is_some()).count();
+    let (has, needs) = ((sensors.encoders.len(), sensors.forces.len()), (model.joints.len(), force_sensors));
+    let described = |(joints, forces)| {
+        format!("{} and {}", output::counted(joints, "joint"), output::counted(forces, "force sensor"))
+    };
+    (has != needs).then(|| {
+        let (has, needs) = (described(has), described(needs));
+        format!("the machine has {has}, its model {} has {needs} (fault 8)", model.name)
+    })
 }
 
 fn check_round_trip(round_trip: Option<Duration>, doctor: &mut Doctor) {

@@ -13,6 +13,7 @@ use tesaki::signal::MINIMUM_JERK_PEAK;
 use tesaki::task::grasping::{Failure as GraspFailure, GraspCommand, GraspPlan, GraspTelemetry, Phase};
 use tesaki::task::{TaskConfig, TaskKind, TaskTelemetry};
 use tesaki_description::grasp;
+use tesaki_supervisor::hand::HandModel;
 use tesaki_supervisor::{Board, BoardError};
 
 use crate::args::{Grasp, Options, Run, Step};
@@ -79,6 +80,11 @@ pub fn load_for(file: &Path, model: &RobotModel) -> Result<GraspPlan, Failure> {
 
 /// A plan that was loaded before the robot was known, checked for it.
 pub fn suited(plan: GraspPlan, file: &Path, model: &RobotModel) -> Result<GraspPlan, Failure> {
+    HandModel::try_new(model).map_err(|error| {
+        Failure::Usage(format!(
+            "{error}; `tesaki move` moves the joints of any robot, `tesaki impedance` an arm"
+        ))
+    })?;
     match check_for(&plan, model) {
         Ok(()) => Ok(plan),
         Err(problem) => Err(Failure::Usage(format!("{}: {problem}", file.display()))),

@@ -9,7 +9,7 @@ use tesaki::task::joint_servo::JointCommand;
 use tesaki::task::{TaskCommand, TaskConfig};
 use tesaki_supervisor::BoardError;
 use tesaki_supervisor::arrival::{Arrival, farthest_joint};
-use tesaki_supervisor::gravity::Load;
+use tesaki_supervisor::gravity::{Load, TooHeavy};
 
 use crate::args::{Enable, Move, Options};
 use crate::failure::Failure;
@@ -46,6 +46,9 @@ pub fn move_joints(options: &Options, args: &Move) -> Result<(), Failure> {
     motion.enable(TaskConfig::JointServo(args.servo.into()))?;
     let load = Load::at(&motion.model, &goal);
     motion.announce_ctrl_c(load.as_ref());
+    if let Some(heavy) = TooHeavy::at(&motion.model, &goal) {
+        output::notice(options, &format!("warning: at the goal {heavy}"));
+    }
     let deadline = Instant::now() + args.within;
     let (mut arrival, mut farthest, mut torque) = (Arrival::default(), (0, 0.0), 0.0);
     let set_point = goal_request(&goal)?;

@@ -12,6 +12,7 @@ use tesaki_supervisor::{Board as _, BoardError};
 use crate::args::Options;
 use crate::board_session::{BoardSession, notice_unhomed, notice_untared};
 use crate::check;
+use crate::doctor::{mismatch, sensor_frame};
 use crate::failure::Failure;
 use crate::output;
 
@@ -38,7 +39,16 @@ pub fn push(
         })?;
     }
     let mut session = BoardSession::command(options)?;
-    let mut tared = match session.board.model_if_there()? {
+    let old = session.board.model_if_there()?;
+    let replaced = old.as_ref().filter(|old| old.name != model.name).map(|old| old.name.to_string());
+    if let Some(replaced) = &replaced {
+        let name = &model.name;
+        output::notice(
+            options,
+            &format!("the board has the model of {replaced}: that of {name} replaces it"),
+        );
+    }
+    let mut tared = match old {
         Some(old) => session.tared(&old)?,
         None => Vec::new(),
     };
@@ -55,6 +65,9 @@ pub fn push(
             node.model_checksum
         )));
     }
+    // What the board gets from its machine is no reason not to push.
+    let sensors = sensor_frame(&mut session.board).ok().flatten();
+    let mismatch = sensors.and_then(|sensors| mismatch(&sensors, &model));
     let (name, joints) = (&model.name, model.joints.len());
     let uncalibrated = calibration.map(|calibration| calibration.missing(&model));
     let checksum = format!("{checksum:08x}");
@@ -65,6 +78,7 @@ pub fn push(
     let mut value = json!({
         "robot": name, "joints": joints, "checksum": checksum, "no_longer_tared": tared,
         "no_longer_homed": unhomed, "warnings": warnings.iter().map(check::object).collect::<Vec<_>>(),
+        "replaced": replaced, "mismatch": mismatch,
     });
     if let Some(uncalibrated) = &uncalibrated {
         value["uncalibrated"] = json!(uncalibrated);
@@ -82,6 +96,9 @@ pub fn push(
     })?;
     for warning in &warnings {
         output::notice(options, &format!("warning: {warning}"));
+    }
+    if let Some(mismatch) = mismatch {
+        output::notice(options, &format!("warning: {mismatch}: push the model of this machine"));
     }
     notice_unhomed(options, &unhomed);
     notice_untared(options, "this pushed the model", &tared);

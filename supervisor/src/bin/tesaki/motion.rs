@@ -8,8 +8,9 @@ use tesaki::protocol::{Mode, Refusal, Request, Stream, TaskReport, Telemetry};
 use tesaki::task::grasping::{GraspCommand, GraspTelemetry};
 use tesaki::task::impedance::ImpedanceTelemetry;
 use tesaki::task::{TaskConfig, TaskRefusal, TaskTelemetry};
+use tesaki_description::robot::chain_length;
 use tesaki_supervisor::faults::FaultsBefore;
-use tesaki_supervisor::gravity::Load;
+use tesaki_supervisor::gravity::{Load, TooHeavy};
 pub use tesaki_supervisor::timing::{KEEP_ALIVE, LAST_WORD};
 use tesaki_supervisor::{Board, BoardError, angles};
 
@@ -36,16 +37,9 @@ const SILENCE: Duration = Duration::from_millis(300);
 /// How long a board that has not answered that is told again.
 const FAREWELL: Duration = Duration::from_secs(2);
 
-/// The length of a chain along its links [m].
-pub fn length(model: &RobotModel, chain: usize) -> f32 {
-    let norm = |[x, y, z]: [f32; 3]| tesaki::math::sqrt(x * x + y * y + z * z);
-    let tip = model.chains.get(chain).map_or(0.0, |chain| norm(chain.tip.translation));
-    model.joints_of(chain).map(|joint| norm(joint.body().0.translation)).sum::<f32>() + tip
-}
-
 /// Refuses a `distance` [m] that is beyond the size of the robot, as it is in another unit.
 pub fn check_distance(what: &str, distance: f32, model: &RobotModel) -> Result<(), Failure> {
-    let longest = (0..model.chains.len()).map(|chain| length(model, chain)).fold(0.0, f32::max);
+    let longest = (0..model.chains.len()).map(|chain| chain_length(model, chain)).fold(0.0, f32::max);
     if distance <= LENGTHS * longest {
         return Ok(());
     }
@@ -210,7 +204,16 @@ impl<'a> Motion<'a> {
         Ok(())
     }
 
+    /// Switches the outputs on, unless the motors cannot hold the robot where it is.
     pub fn enable(&mut self, task: TaskConfig) -> Result<(), Failure> {
+        let heavy = TooHeavy::at(&self.model, &self.angles).filter(|_| !self.angles.is_empty());
+        if let Some(heavy) = heavy {
+            return Err(Failure::Refused(format!(
+                "nothing was enabled: {heavy}. Put the robot where its motors can hold it, raise limits.torque of {} \
+                 if its motor allows it, or check masses and gravity of its model",
+                heavy.joint()
+            )));
+        }
         // From here on Ctrl-C must not end the process before the outputs are off.
         if self.session.heed_interrupts()?.load(Ordering::Relaxed) {
             return Err(nothing_enabled());
@@ -481,7 +484,7 @@ impl<'a> Motion<'a> {
             (None, News { telemetry: Some(telemetry), .. }) => {
                 Some(output::telemetry(telemetry, Some(&self.model), ALL_HOMED).to_string())
             }
-            (Some(_), News { task: Some(report), .. }) => Some(output::task(report).to_string()),
+            (Some(_), News { task: Some(report), .. }) => Some(output::task(report, &self.model).to_string()),
             _ => None,
         }
     }

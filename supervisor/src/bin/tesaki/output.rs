@@ -8,8 +8,10 @@ use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
 use serde::Serialize;
-use tesaki::model::RobotModel;
+use tesaki::model::{MAX_CHAIN_JOINTS, RobotModel};
 use tesaki::protocol::{TaskReport, Telemetry};
+use tesaki::task::TaskTelemetry;
+use tesaki::task::impedance::ImpedanceTelemetry;
 use tesaki_supervisor::output_queue::{self as queue, was_interrupted};
 
 use crate::args::Options;
@@ -59,14 +61,33 @@ pub fn exact<T: Serialize>(value: &T) -> serde_json::Value {
     serde_json::to_string(value).and_then(|text| serde_json::from_str(&text)).unwrap_or_default()
 }
 
+/// Telemetry of an arm's impedance control for JSON; without what it says of an elbow that is not there.
+pub fn tool(tool: &ImpedanceTelemetry, model: Option<&RobotModel>) -> serde_json::Value {
+    let mut value = exact(tool);
+    if !model.is_none_or(has_elbow) {
+        value["elbow"] = serde_json::Value::Null;
+    }
+    value
+}
+
+/// Whether an arm can turn its elbow while its tool stands still.
+pub fn has_elbow(model: &RobotModel) -> bool {
+    model.joints_of(0).count() == MAX_CHAIN_JOINTS
+}
+
 /// A task's telemetry for JSON: its tick, then its own fields.
-pub fn task(report: &TaskReport) -> serde_json::Value {
+pub fn task(report: &TaskReport, model: &RobotModel) -> serde_json::Value {
     let mut value = serde_json::Map::new();
     value.insert("tick".to_owned(), report.tick.into());
     // An enumeration is an object whose only key is the name of the variant.
-    if let serde_json::Value::Object(of_task) = exact(&report.telemetry)
-        && let Some((_, serde_json::Value::Object(fields))) = of_task.into_iter().next()
-    {
+    let fields = match &report.telemetry {
+        TaskTelemetry::Impedance(arm) => Some(tool(arm, Some(model))),
+        other => match exact(other) {
+            serde_json::Value::Object(of_task) => of_task.into_iter().next().map(|(_, fields)| fields),
+            _ => None,
+        },
+    };
+    if let Some(serde_json::Value::Object(fields)) = fields {
         value.extend(fields);
     }
     serde_json::Value::Object(value)

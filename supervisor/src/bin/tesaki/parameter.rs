@@ -6,7 +6,9 @@ use serde_json::{Value, json};
 use tesaki::model::{Field, JointModel, ModelError, RobotModel};
 use tesaki::protocol::NodeStatus;
 use tesaki_description::in_words;
-use tesaki_description::robot::{doubtful_values, implausible_values, invalid_value, overloaded, unit};
+use tesaki_description::robot::{
+    Overload, doubtful_values, implausible_values, invalid_value, overloaded, unit,
+};
 use tesaki_supervisor::Board;
 
 use crate::args::Options;
@@ -24,7 +26,7 @@ pub fn read(options: &Options, path: Option<&str>) -> Result<(), Failure> {
     let tree = tree(&model);
     let path = if path == "model" { "" } else { path };
     let mut found = Vec::new();
-    for name in expand(&tree, path)? {
+    for name in expand(&tree, &on_board(path))? {
         leaves(&name, at(&tree, &name)?, &mut found);
     }
     let value: serde_json::Map<String, Value> = found.iter().cloned().collect();
@@ -105,8 +107,16 @@ fn state(options: &Options, session: &mut BoardSession, model: &RobotModel) -> R
 pub fn set(options: &Options, path: &str, value: &str) -> Result<(), Failure> {
     let mut session = BoardSession::command(options)?;
     let model = session.model()?;
+    if on_board(path) != path {
+        return Err(Failure::Usage(format!(
+            "{path} is a value of controller.toml, with which the gains of servo.pid were multiplied: set {} and those \
+             gains, or push the robot folder",
+            on_board(path)
+        )));
+    }
     let mut tree = tree(&model);
     let (names, mut values) = (expand(&tree, path)?, Vec::new());
+    let other = with_other_values(&tree, &names);
     for name in &names {
         let old = at_mut(&mut tree, name)?;
         if old.is_array() && !value.trim_start().starts_with('[') {
@@ -139,8 +149,10 @@ pub fn set(options: &Options, path: &str, value: &str) -> Result<(), Failure> {
     let tared = session.tared(&model)?;
     let NodeStatus { homed, supply, .. } = session.board.status()?.node;
     check_supply(&model, &changed, supply)?;
-    let mut warnings = doubtful(&model, &changed);
-    warnings.extend(standing_outside(&mut session, &model, &changed, homed)?);
+    let mut warnings = doubtful(&model, &changed, other.as_ref(), &names);
+    if names.iter().any(|name| name.ends_with("limits.lower") || name.ends_with("limits.upper")) {
+        warnings.extend(standing_outside(&mut session, &changed, homed)?);
+    }
     let node = session.board.push_model_and_sense(&changed)?;
     let unhomed = (0..)
         .zip(&changed.joints)
@@ -167,6 +179,14 @@ pub fn set(options: &Options, path: &str, value: &str) -> Result<(), Failure> {
     Ok(())
 }
 
+/// The path on the board of a parameter that has another one in `controller.toml`.
+fn on_board(path: &str) -> String {
+    match path.strip_suffix("servo.inertia") {
+        Some(joint) if joint.is_empty() || joint.ends_with('.') => format!("{joint}servo.observer.inertia"),
+        _ => path.to_owned(),
+    }
+}
+
 /// The number of a value as `30%`, of the present one.
 fn percentage(value: &str) -> Option<f64> {
     let number = value.trim().strip_suffix('%')?.trim().parse::<f64>().ok()?;
@@ -191,17 +211,9 @@ fn check_supply(model: &RobotModel, changed: &RobotModel, supply: f32) -> Result
 /// `homed`.
 fn standing_outside(
     session: &mut BoardSession,
-    model: &RobotModel,
     changed: &RobotModel,
     homed: u16,
 ) -> Result<Vec<String>, Failure> {
-    let is_limit = |(old, new): (&JointModel, &JointModel)| {
-        old.limits.lower.to_bits() != new.limits.lower.to_bits()
-            || old.limits.upper.to_bits() != new.limits.upper.to_bits()
-    };
-    if !model.joints.iter().zip(&changed.joints).any(is_limit) {
-        return Ok(Vec::new());
-    }
     let telemetry = match session.telemetry_now() {
         Ok(telemetry) => telemetry,
         // A board without sensor readings cannot be enabled anyway.
@@ -242,44 +254,71 @@ fn invalid(model: &RobotModel, path: &str, changed: &RobotModel, error: &ModelEr
     joint + &invalid_value(error)
 }
 
-/// What is not likely in the changed model, but was not so before.
-fn doubtful(model: &RobotModel, changed: &RobotModel) -> Vec<String> {
-    let mut doubts = Vec::new();
+/// The model with other numbers in the parameters `names`: what is said of it alike does not depend on them.
+/// `None` where they hold no number that could be another.
+fn with_other_values(tree: &Value, names: &[String]) -> Option<RobotModel> {
+    let mut tree = tree.clone();
+    for name in names {
+        let value = at_mut(&mut tree, name).ok()?;
+        let numbers = match value {
+            Value::Array(numbers) => numbers.iter_mut().collect(),
+            value => vec![value],
+        };
+        for number in numbers {
+            *number = number.as_u64().map_or_else(
+                || number.as_f64().map_or(Value::Null, |real| (1.5 * real + 1.0).into()),
+                |count| (2 * count + 1).into(),
+            );
+        }
+    }
+    from_tree(tree).ok()
+}
+
+/// What is not likely in the changed model, and was not so before or depends on the parameters `names`, which
+/// have other values in `other`.
+fn doubtful(
+    model: &RobotModel,
+    changed: &RobotModel,
+    other: Option<&RobotModel>,
+    names: &[String],
+) -> Vec<String> {
+    let mut told = Vec::new();
     let product: f32 = model.gravity.iter().zip(changed.gravity).map(|(old, new)| old * new).sum();
     if product < 0.0 {
-        doubts.push(format!(
+        told.push(format!(
             "gravity {:?} m/s² is upside down against {:?} m/s² before: the joints are pushed the wrong way",
             changed.gravity, model.gravity
         ));
     }
     let motor = |joint: &JointModel| joint.motor.torque_constant * joint.motor.current_limit;
-    for (old, new) in model.joints.iter().zip(&changed.joints) {
+    let sets_torque = |joint: &JointModel| names.contains(&format!("joints.{}.limits.torque", joint.name));
+    for joint in changed.joints.iter().filter(|joint| sets_torque(joint)) {
         // A round number that is the product, or a current that is made smaller, is nobody's error.
-        if new.limits.torque.to_bits() != old.limits.torque.to_bits() && new.limits.torque > 1.01 * motor(new)
-        {
-            doubts.push(format!(
+        if joint.limits.torque > 1.01 * motor(joint) {
+            told.push(format!(
                 "{}: limits.torque = {} N·m limits nothing: with motor.current_limit the motor gives at most {:.3} N·m",
-                new.name,
-                new.limits.torque,
-                motor(new)
+                joint.name,
+                joint.limits.torque,
+                motor(joint)
             ));
         }
     }
-    let before: Vec<_> = doubtful_values(model).into_iter().map(|value| (value.joint, value.key)).collect();
+    let (before, independent) = (doubtful_values(model), other.map(doubtful_values));
     // A torque limit may be as low as one likes.
-    let is_lowered = |joint: Option<usize>| {
-        let torques = joint.and_then(|joint| Some((model.joints.get(joint)?, changed.joints.get(joint)?)));
-        torques.is_some_and(|(old, new)| new.limits.torque < old.limits.torque)
+    let is_meant = |joint: Option<usize>, key: &str| {
+        let joint = joint.and_then(|joint| changed.joints.get(joint));
+        key == "motor.current_limit"
+            && joint.is_some_and(|joint| sets_torque(joint) && joint.limits.torque < motor(joint))
     };
-    let found = doubtful_values(changed).into_iter().filter(|value| {
-        let is_meant = value.key == "motor.current_limit" && is_lowered(value.joint);
-        !(is_meant || before.contains(&(value.joint, value.key)))
-    });
     let mut of_joints: Vec<(String, Vec<&str>)> = Vec::new();
-    for value in found {
+    for value in doubtful_values(changed) {
+        let is_old = before.contains(&value) && independent.as_ref().is_none_or(|all| all.contains(&value));
+        if is_old || is_meant(value.joint, value.key) {
+            continue;
+        }
         let text = format!("{}; {}", value.message, value.advice);
         let Some(joint) = value.joint else {
-            doubts.push(text);
+            told.push(text);
             continue;
         };
         let name = changed.joint_name(joint);
@@ -288,11 +327,15 @@ fn doubtful(model: &RobotModel, changed: &RobotModel) -> Vec<String> {
             None => of_joints.push((text, vec![name])),
         }
     }
-    doubts.extend(of_joints.into_iter().map(|(text, names)| format!("{}: {text}", names.join(", "))));
-    let before = overloaded(model);
+    told.extend(of_joints.into_iter().map(|(text, names)| format!("{}: {text}", names.join(", "))));
+    let (before, independent) = (overloaded(model), other.map(overloaded));
     for load in overloaded(changed) {
-        if !before.iter().any(|old| old.joint == load.joint) {
-            doubts.push(format!(
+        let excess = |load: &Overload| load.gravity - load.torque;
+        let is_old = before.iter().find(|old| old.joint == load.joint).is_some_and(|old| {
+            excess(&load) < excess(old) || independent.as_ref().is_none_or(|all| all.contains(&load))
+        });
+        if !is_old {
+            told.push(format!(
                 "{}: gravity needs up to {:.3} N·m; the motor has {:.3} N·m: check masses and gravity",
                 changed.joint_name(load.joint),
                 load.gravity,
@@ -300,7 +343,7 @@ fn doubtful(model: &RobotModel, changed: &RobotModel) -> Vec<String> {
             ));
         }
     }
-    doubts
+    told
 }
 
 /// Values that protect nothing, are a fault at once, or hold a joint fast, are not set. Those of the present

@@ -7,13 +7,14 @@ use nalgebra::Vector3;
 use serde_json::json;
 use tesaki::TICK;
 use tesaki::kinematics::{Chain, Finger, FingerError, TipPoint};
-use tesaki::model::{MAX_CHAINS, RobotModel};
+use tesaki::model::{JointModel, RobotModel};
 use tesaki::protocol::{Request, Telemetry};
 use tesaki::signal::MINIMUM_JERK_PEAK;
 use tesaki::task::joint_servo::JointCommand;
 use tesaki::task::{TaskCommand, TaskConfig};
 use tesaki_supervisor::arrival::Arrival;
 use tesaki_supervisor::trajectory::minimum_jerk;
+use tesaki_supervisor::words::unreachable;
 
 use crate::args::{Options, Reach};
 use crate::failure::Failure;
@@ -28,6 +29,8 @@ const MAX_STEP: Duration = Duration::from_millis(20);
 const MAX_LEAD: Duration = Duration::from_millis(30);
 /// Shortest duration of a path [s].
 const MIN_DURATION: f32 = 0.5;
+/// No joint is meant to turn so far in a tick [rad], 15 rad/s: the path passes a singularity.
+const LEAP: f32 = 0.15;
 /// Longest wait for arrival after the end of the path.
 const ARRIVAL_TIMEOUT: Duration = Duration::from_secs(3);
 
@@ -140,8 +143,10 @@ pub fn run(options: &Options, args: &Reach) -> Result<(), Failure> {
 
 /// The paths from where the joints are, and their duration [s].
 fn plan(motion: &mut Motion, args: &Reach) -> Result<(Vec<TipPath>, f32), Failure> {
+    // A robot of another kind need not be homed to be told so.
+    let fingers = fingers(&motion.model, args)?;
     let start = motion.positions()?;
-    let paths = paths(&motion.model, &start, args)?;
+    let paths = paths(&motion.model, fingers, &start, args);
     for path in &paths {
         check_distance(&format!("{}: the target", path.tip), (path.to - path.from).norm(), &motion.model)?;
     }
@@ -163,8 +168,8 @@ fn duration(paths: &[TipPath], speed: f32) -> Result<f32, Failure> {
     Ok(duration)
 }
 
-/// A path for each chain; tips that are not named hold their positions.
-fn paths(model: &RobotModel, start: &[f32], args: &Reach) -> Result<Vec<TipPath>, Failure> {
+/// The fingers of a hand, one for each chain, for the tips that are named.
+fn fingers(model: &RobotModel, args: &Reach) -> Result<Vec<(Finger, Chain)>, Failure> {
     each_once(&args.tips, "tip")?;
     let named = |name: &str| model.chains.iter().any(|chain| chain.name == name);
     if let Some((unknown, _)) = args.tips.iter().find(|(name, _)| !named(name)) {
@@ -175,10 +180,10 @@ fn paths(model: &RobotModel, start: &[f32], args: &Reach) -> Result<Vec<TipPath>
             names.join(", ")
         )));
     }
-    let mut paths = Vec::with_capacity(MAX_CHAINS);
-    for (index, (tip, joints)) in model.chains.iter().zip(model.chain_ranges()).enumerate() {
-        let (models, angles) = (&model.joints[joints.clone()], &start[joints.clone()]);
-        let chain = Chain::new(models, &tip.tip);
+    let chains = model.chains.iter().zip(model.chain_ranges()).enumerate();
+    let found = chains.map(|(index, (tip, joints))| {
+        let joints = &model.joints[joints];
+        let chain = Chain::new(joints, &tip.tip);
         let not_a_finger = |why: String| {
             Failure::Usage(format!(
                 "`tesaki reach` needs fingers of three joints; the chain to {} is none: {why}. Use `tesaki eval \
@@ -190,20 +195,29 @@ fn paths(model: &RobotModel, start: &[f32], args: &Reach) -> Result<Vec<TipPath>
             return Err(not_a_finger("it has a mimic joint".to_owned()));
         }
         let limits: Vec<(f32, f32)> =
-            models.iter().map(|joint| (joint.limits.lower, joint.limits.upper)).collect();
+            joints.iter().map(|joint| (joint.limits.lower, joint.limits.upper)).collect();
         let limits = <[(f32, f32); 3]>::try_from(limits)
-            .map_err(|_| not_a_finger(format!("it has {} joints", models.len())))?;
+            .map_err(|_| not_a_finger(format!("it has {} joints", joints.len())))?;
         let finger = Finger::try_new(&chain, limits).map_err(|error| not_a_finger(error.to_string()))?;
-        let from = chain.posture(angles).tip().translation.vector;
+        Ok((finger, chain))
+    });
+    found.collect()
+}
+
+/// A path for each finger; tips that are not named hold their positions.
+fn paths(model: &RobotModel, fingers: Vec<(Finger, Chain)>, start: &[f32], args: &Reach) -> Vec<TipPath> {
+    let chains = model.chains.iter().zip(model.chain_ranges()).zip(fingers);
+    let path = chains.map(|((tip, joints), (finger, chain))| {
+        let from = chain.posture(&start[joints.clone()]).tip().translation.vector;
         let target = args.tips.iter().find(|(name, _)| *name == tip.name.as_str()).map(|(_, target)| *target);
         let to = match target {
             None => from,
             Some(target) if args.relative => from + Vector3::from(target),
             Some(target) => Vector3::from(target),
         };
-        paths.push(TipPath { tip: tip.name.to_string(), finger, chain, joints, from, to });
-    }
-    Ok(paths)
+        TipPath { tip: tip.name.to_string(), finger, chain, joints, from, to }
+    });
+    path.collect()
 }
 
 /// Checks all points of the paths, so that no set-point is refused during the motion.
@@ -211,46 +225,53 @@ fn check(model: &RobotModel, paths: &[TipPath], start: &[f32], duration: f32) ->
     for path in paths {
         let mut last = [0.0; 3];
         last.copy_from_slice(&start[path.joints.clone()]);
-        let unreachable = |place: &str, error| {
-            let why = match error {
-                FingerError::NotFinite => "is not finite".to_owned(),
-                FingerError::OutOfReach { nearest } => format!(
-                    "is out of reach; the nearest position, ignoring joint limits, is {:.4}, {:.4}, {:.4} m",
-                    nearest.x, nearest.y, nearest.z
-                ),
-                FingerError::OutsideLimits { joint, value, lower, upper } => format!(
-                    "cannot be reached: {} would need {value:.3} rad, outside its limits {lower} to {upper} rad",
-                    model.joint_name(path.joints.start + usize::from(joint))
-                ),
-            };
+        let joints = &model.joints[path.joints.clone()];
+        let failure = |place: &str, error: &FingerError| {
+            let why = unreachable(error, joints);
             let role = if path.from == path.to { " (to be held where it is)" } else { "" };
             Failure::Usage(format!("{}{role}: {place} {why}", path.tip))
         };
         let [x, y, z]: [f32; 3] = path.to.into();
         let target = format!("the target {x:.4}, {y:.4}, {z:.4} m");
-        path.finger.nearest(&path.to, &last).map_err(|error| unreachable(&target, error))?;
+        path.finger.nearest(&path.to, &last).map_err(|error| failure(&target, &error))?;
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of ticks")]
         let steps = (duration / TICK) as u16;
+        // Of the fastest turn: share of the limit, joint, turn in a tick [rad], distance on the path [mm].
+        let mut fastest: Option<(f32, &JointModel, f32, f32)> = None;
         for step in 0..=steps {
             let fraction = f32::from(step) / f32::from(steps);
             let position = Vector3::from(path.point(fraction, duration).position);
             let distance = 1e3 * (position - path.from).norm();
-            let angles = path.finger.nearest(&position, &last).map_err(|error| {
-                unreachable(&format!("a position {distance:.1} mm along the path"), error)
-            })?;
-            for (index, (angle, last)) in path.joints.clone().zip(angles.iter().zip(&last)) {
-                let joint = &model.joints[index];
-                let speed = (angle - last).abs() / TICK;
-                if step > 0 && speed > joint.limits.velocity {
-                    return Err(Failure::Usage(format!(
-                        "{}: {distance:.1} mm along the path {} would turn at {speed:.1} rad/s, above its limit of {} rad/s. Choose \
-                         a lower --speed, or a path away from the singularities (straight finger; tip on the axis of the \
-                         first joint)",
-                        path.tip, joint.name, joint.limits.velocity
-                    )));
+            let angles = path
+                .finger
+                .nearest(&position, &last)
+                .map_err(|error| failure(&format!("a position {distance:.1} mm along the path"), &error))?;
+            for (joint, (angle, last)) in joints.iter().zip(angles.iter().zip(&last)) {
+                let turn = (angle - last).abs();
+                let share = turn / (TICK * joint.limits.velocity);
+                if step > 0 && share > fastest.map_or(1.0, |(share, ..)| share) {
+                    fastest = Some((share, joint, turn, distance));
                 }
             }
             last = angles;
+        }
+        if let Some((_, joint, turn, distance)) = fastest {
+            let (tip, name) = (&path.tip, &joint.name);
+            return Err(Failure::Usage(if turn > LEAP {
+                format!(
+                    "{tip}: {distance:.1} mm along the path {name} would have to turn by {turn:.2} rad at once, since the path \
+                     passes the axis of the first joint, or stretches the finger. A lower --speed hardly helps: choose a \
+                     path around that, in several steps"
+                )
+            } else {
+                format!(
+                    "{tip}: {distance:.1} mm along the path {name} would turn at {:.1} rad/s, above its limit of {} rad/s. \
+                     Choose a lower --speed, or a path away from the singularities (straight finger; tip on the axis of \
+                     the first joint)",
+                    turn / TICK,
+                    joint.limits.velocity
+                )
+            }));
         }
     }
     Ok(())
@@ -285,8 +306,38 @@ impl TipPath {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
 mod tests {
     use super::*;
+
+    /// A finger of hand3, whose first axis is z at x = 0, y = 0.04 m, from 69 mm beside it.
+    #[test]
+    fn no_lower_speed_is_advised_where_the_path_crosses_the_first_axis() {
+        let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/hand3");
+        let model = tesaki_description::robot::RobotFolder::load(&folder).unwrap().model;
+        let (start, joints) = ([0.002, 0.332, 1.3, 0.0, 0.332, 0.681, 0.0, 0.332, 0.681], 0..3);
+        let limits = [0, 1, 2]
+            .map(|joint: usize| (model.joints[joint].limits.lower, model.joints[joint].limits.upper));
+        let chain = Chain::of_model(&model, 0);
+        let from = chain.posture(&start[..3]).tip().translation.vector;
+        let said = |to: [f32; 3], speed: f32| {
+            let finger = Finger::try_new(&chain, limits).unwrap();
+            let tip = "finger1_tip".to_owned();
+            let path =
+                TipPath { tip, finger, chain: chain.clone(), joints: joints.clone(), from, to: to.into() };
+            let duration = duration(std::slice::from_ref(&path), speed).unwrap();
+            check(&model, &[path], &start, duration)
+                .err()
+                .map(|failure| failure.to_string())
+                .unwrap_or_default()
+        };
+        for speed in [0.05, 0.1, 0.2] {
+            let said = said([-0.02, 0.0401, 0.14], speed);
+            assert!(said.contains("finger1_swing would have to turn by "), "{speed}: {said}");
+            assert!(said.contains(" rad at once") && said.contains("A lower --speed hardly helps"), "{said}");
+        }
+        assert_eq!(said([from.x + 0.01, from.y, from.z + 0.01], 0.05), "");
+    }
 
     /// The time on the path after each of the set-points, with the time at which it is sent [ms] and the tick
     /// of the latest telemetry.

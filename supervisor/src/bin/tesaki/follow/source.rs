@@ -8,6 +8,7 @@ use nalgebra::Vector3;
 use serde_json::Value;
 use tesaki::math;
 use tesaki::task::impedance::ImpedanceSettings;
+use tesaki_description::robot::chain_length;
 
 use super::master::Master;
 use super::pace;
@@ -17,7 +18,7 @@ use crate::eval::table::{Row, Table};
 use crate::failure::Failure;
 use crate::feed::{Feed, Inlet};
 use crate::glove;
-use crate::motion::{Motion, length};
+use crate::motion::Motion;
 
 /// Farthest position from the origin [m], as of `tesaki::teleop::Follower`.
 const FARTHEST: f32 = 100.0;
@@ -150,7 +151,7 @@ impl Source {
             PoseSource::StandardInput => Ok(of_feed(Feed::standard_input("sample", args.silence))),
             PoseSource::Udp(address) => Ok(of_feed(Feed::udp(*address, "sample", args.silence)?)),
             PoseSource::File(path) => {
-                let samples = table(path, args, length(&motion.model, 0))?;
+                let samples = table(path, args, chain_length(&motion.model, 0))?;
                 let (start, started) = channel();
                 let feed = Feed::spawn(path.display().to_string(), "sample", args.silence, move |inlet| {
                     if started.recv().is_ok() {
