@@ -5,7 +5,6 @@ use std::ops::Range;
 
 use rapier3d::na::{Isometry3, Vector3};
 use tesaki::task::impedance::{DirectLaw, ImpedanceSettings, Law};
-use tesaki::teleop::FollowerSettings;
 
 use super::arm::{ArmRig, ArmTrial, Machine, settings};
 use super::common::capitalized;
@@ -266,8 +265,7 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, trace: &Trace) {
         Some(times) => metrics.clutch(trace, times, &rest),
         None => metrics.following(trace, &moving, &rest),
     }
-    let predicts = trial.law == Law::ModelFollowing;
-    if predicts {
+    if trial.law == Law::ModelFollowing {
         metrics.prediction(trace, &moving);
     }
     if trial.clutch.is_none() {
@@ -276,14 +274,11 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, trace: &Trace) {
             .insert("elbow_error_peak", metrics.reported("largest error of the shoulder yaw", elbow, "mrad"));
     }
     let all = CLOSE..END + REST;
-    // Rounded to the digits of single precision.
-    let acceleration = trace.largest(&all, |moment| (moment.acceleration * 1e4).round() / 1e4);
-    let limit = f64::from(FollowerSettings::HUMAN.position_limits.acceleration);
-    let acceleration = Metric {
-        limit: predicts.then_some(limit),
-        ..metrics.reported("largest acceleration of the set-point", acceleration, "m/s²")
-    };
-    metrics.insert("acceleration_peak", acceleration);
+    let acceleration = trace.largest(&all, |moment| moment.acceleration);
+    metrics.insert(
+        "acceleration_peak",
+        metrics.reported("largest acceleration of the set-point", acceleration, "m/s²"),
+    );
     let rate = trace.torque_rate(&all);
     metrics.insert("torque_rate_peak", metrics.reported("largest rate of a torque", rate, "N·m/s"));
 }

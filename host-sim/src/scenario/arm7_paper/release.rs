@@ -83,10 +83,9 @@ fn add_metrics(summary: &mut Summary, releases: &Releases<'_>, machine_key: &str
         let note = format!("theory: {of_theory:.1} mm");
         insert("overshoot", Metric::reported(text, overshoot, "mm").paper(paper).note(note));
     }
-    if releases.releases.is_empty() {
-        return;
-    }
-    let worst = largest(releases.releases.iter().map(Release::error));
+    // A release that a fault ended has no deviation, and the largest of the others is not that of all.
+    let is_complete = releases.releases.len() == AXES.len();
+    let worst = if is_complete { largest(releases.releases.iter().map(Release::error)) } else { f64::NAN };
     let text = format!("{label}: largest deviation from the theory, of x, y and z");
     insert("error_peak", Metric::reported(text, worst, "mm").paper("“difficult to bring near”"));
 }
