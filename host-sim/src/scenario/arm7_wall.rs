@@ -31,7 +31,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
          It has settled once it stays within 1 N of its final value. Two of the walls are then met without \
          the force sensor: a momentum observer estimates the external force from the motor torques. It \
          cannot tell a contact from unmodelled friction and weight, so only an estimate above 6 N counts as \
-         a contact, and the tool yields to what exceeds 4 N, at which a contact ends.",
+         a contact, and the tool yields to what exceeds this.",
     ],
     run,
 };
@@ -96,11 +96,11 @@ impl Contact {
         -sample.tool.wall_force[0]
     }
 
-    /// Force of the springs of impedance and wall in series [N]. Homing errors of the joints shift the
+    /// Force of the springs of impedance and wall in series, beyond what counts as a contact [N]. Homing errors of the joints shift the
     /// set-point and are not included.
     fn expected(&self) -> f64 {
-        let yielding = if self.is_observed() { OBSERVER_THRESHOLD * 2.0 / 3.0 } else { 0.0 };
-        let force = (DISPLACEMENT - CLEARANCE) * STIFFNESS + f64::from(yielding);
+        let threshold = if self.is_observed() { OBSERVER_THRESHOLD.into() } else { 0.0 };
+        let force = (DISPLACEMENT - CLEARANCE) * STIFFNESS + threshold;
         force * self.stiffness / (STIFFNESS + self.stiffness)
     }
 

@@ -32,9 +32,9 @@ fn ur5e() -> RobotFolder {
     RobotFolder::load(&folder).unwrap()
 }
 
-/// A person pulls the tool by 15 cm along `direction` with the grip, holds it there, and lets it go: it
-/// follows, without chatter, and returns.
-fn pull(robot: &RobotFolder, seed: u64, direction: Vector3<f64>) {
+/// A person moves the grip by `distance` [m] along `direction`, holds it there, and lets it go: the tool
+/// follows, without chatter, and returns. Returns how far it followed [m].
+fn pull(robot: &RobotFolder, seed: u64, direction: Vector3<f64>, distance: f64) -> f64 {
     let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/examples/soft_six_joints.toml");
     let settings = tesaki_description::impedance::load(&example, &robot.model).unwrap();
     let values = PlantValues::load(&robot.path).unwrap();
@@ -72,7 +72,7 @@ fn pull(robot: &RobotFolder, seed: u64, direction: Vector3<f64>) {
     let start = hand(&plant);
     let moved = |plant: &Plant| Vector3::from(hand(plant).position) - Vector3::from(start.position);
     let grip = Hold {
-        position: (Vector3::from(start.position) + 0.15 * direction).into(),
+        position: (Vector3::from(start.position) + distance * direction).into(),
         orientation: start.orientation,
         ramp: 1.5,
         stiffness: GRIP.0,
@@ -84,11 +84,9 @@ fn pull(robot: &RobotFolder, seed: u64, direction: Vector3<f64>) {
     for _ in 0..300 {
         run(&mut plant, &mut controller, 1);
         let along = moved(&plant).dot(&direction);
-        assert!(along > -1e-3, "seed {seed}: {along} m against the pull along {direction:?}");
+        assert!(along > -2e-3, "seed {seed}: {along} m against the pull along {direction:?}");
     }
-    // Two springs in series, of 300 N/m and of the grip, less the dead band and friction.
     let along = moved(&plant).dot(&direction);
-    assert!((0.03..0.09).contains(&along), "seed {seed}: {along} m along {direction:?}");
     for tick in 1..=LET_GO {
         let stiffness = GRIP.0 * (1.0 - f64::from(tick) / f64::from(LET_GO));
         plant.hold_tip(0, Hold { ramp: 0.0, stiffness, ..grip }).unwrap();
@@ -96,15 +94,23 @@ fn pull(robot: &RobotFolder, seed: u64, direction: Vector3<f64>) {
     }
     plant.release_tip(0, 0.0).unwrap();
     let contacts = run(&mut plant, &mut controller, 200);
-    assert!(contacts == 1 || contacts == 2, "seed {seed}: {contacts} contacts along {direction:?}");
+    assert!(contacts <= 2, "seed {seed}: {contacts} contacts along {direction:?}");
     assert!(moved(&plant).norm() < 1e-3, "seed {seed}: {:?}", moved(&plant));
+    along
 }
 
 #[test]
 fn a_pulled_arm_without_a_force_sensor_goes_with_the_hand() {
     let robot = ur5e();
     for (seed, direction) in [(1, Vector3::x()), (2, Vector3::y()), (3, Vector3::z()), (4, -Vector3::z())] {
-        pull(&robot, seed, direction);
-        pull(&robot, seed + 4, (direction + Vector3::new(0.3, -0.5, 0.4)).normalize());
+        let across = (direction + Vector3::new(0.3, -0.5, 0.4)).normalize();
+        for (seed, direction) in [(seed, direction), (seed + 4, across)] {
+            // Springs of 500 and 300 N/m, of which the latter yields beyond 40 N: 44 mm without friction.
+            let along = pull(&robot, seed, direction, 0.15);
+            assert!((0.02..0.07).contains(&along), "seed {seed}: {along} m along {direction:?}");
+            // About the threshold: 35 N.
+            let along = pull(&robot, seed, direction, 0.07);
+            assert!((-2e-3..0.04).contains(&along), "seed {seed}: {along} m along {direction:?}");
+        }
     }
 }

@@ -49,7 +49,7 @@ pub enum ForceSource {
     Sensor,
     /// 1: a momentum observer (De Luca and Mattone 2005) of the motor torques. Unmodelled friction and weight
     /// appear as external forces; the observer tares them once the arm has been at rest for 0.4 s. Until then
-    /// the force is 0. The model-following law yields to what exceeds two thirds of the contact force.
+    /// the force is 0. The model-following law yields to what exceeds the contact force.
     Observer {
         /// Bandwidth of its filter [rad/s]: 10 to 50.
         bandwidth: f32,

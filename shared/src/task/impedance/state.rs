@@ -260,7 +260,7 @@ impl ImpedanceState {
         let velocity = jacobian * velocities;
         let last = self.tool_velocity.into();
         self.derating.check_rebound(self.contact, &last, &velocity.fixed_rows::<3>(0).into_owned());
-        let felt = if self.estimates_force() { beyond_dead_band(&settings, &force) } else { force };
+        let felt = if self.estimates_force() { beyond_contact_force(&settings, &force) } else { force };
         let mut acceleration = self.tool_command(&settings, posture.tip(), &error, &velocity, &felt);
         let is_lost = self.squared_force <= CONTACT_LOSS_SQUARED * force_before;
         let rested = velocities.amax() < CONTACT_REST_SPEED;
@@ -361,16 +361,20 @@ impl ImpedanceState {
         }
     }
 
-    /// Takes an estimated external `wrench` [N, N·m] out of the disturbances: until it is detected as a contact
-    /// the disturbance observers carry it, and from then on the torques that balance it do. Carried twice, it
-    /// would drive the tool against who pulls it. When the contact ends, the observers learn what is left of
-    /// it: the estimate lags, and after a sudden end nothing is.
+    /// Begin of a contact whose `wrench` [N, N·m] is estimated: until now the disturbance observers carried it,
+    /// and from now on the torques that balance it do. Carried twice, it would drive the tool against who
+    /// pulls it. When the contact ends, the observers learn what is left of it: the estimate lags, and after a
+    /// sudden end nothing is.
     #[inline(never)]
     fn hand_over_load(&mut self, arm: &Arm<'_>, wrench: &Vector6<f32>) {
         let torques = arm.chain.posture(&self.angles).jacobian().tr_mul(wrench);
         let accelerations = joint_inertia(arm.chain, arm.joints, &self.angles).solve(&torques);
         for (observer, acceleration) in self.observers.iter_mut().zip(accelerations.iter()) {
-            observer.hand_over(-acceleration);
+            // In a stop they do not learn, and the feedback of the error carries it; but in an impact that is
+            // what brakes the arm.
+            let disturbance = observer.disturbance();
+            let carried = if self.halted { arm.observer.feedback(observer) } else { disturbance };
+            observer.hand_over(disturbance - (carried + acceleration));
         }
     }
 
@@ -537,14 +541,13 @@ impl ImpedanceState {
     }
 }
 
-/// The part of an estimated wrench to which the tool yields: that beyond the force at which a contact ends. If
-/// it yielded to all of it, a smaller force at rest would end the contact, and the tool would press and let go
-/// again and again.
-fn beyond_dead_band(settings: &ImpedanceSettings, wrench: &Vector6<f32>) -> Vector6<f32> {
+/// The part of an estimated wrench to which the tool yields: that beyond the force at which a contact begins.
+/// So it is at its set-point when a contact begins, and again before it ends; otherwise it would press and let
+/// go again and again.
+fn beyond_contact_force(settings: &ImpedanceSettings, wrench: &Vector6<f32>) -> Vector6<f32> {
     let Law::ModelFollowing = settings.law else { return *wrench };
-    let square = wrench.fixed_rows::<3>(0).norm_squared();
-    let limit = CONTACT_HYSTERESIS_SQUARED * settings.contact_force * settings.contact_force;
-    wrench * if square > limit { 1.0 - math::sqrt(limit / square) } else { 0.0 }
+    let force = math::sqrt(wrench.fixed_rows::<3>(0).norm_squared());
+    wrench * if force > settings.contact_force { 1.0 - settings.contact_force / force } else { 0.0 }
 }
 
 #[inline]
