@@ -21,7 +21,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use tesaki_description::robot::RobotFolder;
 use tesaki_output::say;
-use tesaki_sim::scenario::{Impossible, SCENARIOS, Scenario};
+use tesaki_sim::scenario::{Impossible, Kind, SCENARIOS, Scenario};
 
 const EXIT_CODES: &str = "Exit codes: 0, done, or nobody reads the output any more; 1, a limit or a rule is broken; \
 2, an error, which standard error tells";
@@ -209,9 +209,20 @@ fn edits(one: &str, other: &str) -> usize {
     row.last().copied().unwrap_or_default()
 }
 
+/// The folder of the scenario's robot, or the `other` one that is asked for.
+fn robot_folder(scenario: &Scenario, other: Option<&Path>) -> Result<PathBuf, String> {
+    match other {
+        Some(_) if scenario.kind == Kind::None => {
+            Err(format!("no robot takes part in {}; leave out --robot", scenario.name))
+        }
+        Some(other) => Ok(other.to_owned()),
+        None => Ok(workspace().join("robots").join(scenario.robot)),
+    }
+}
+
 fn tell_limits(options: &Limits) -> Result<(), Box<dyn Error>> {
     let scenario = find_scenario(&options.scenario)?;
-    let robot = options.robot.clone().unwrap_or_else(|| workspace().join("robots").join(scenario.robot));
+    let robot = robot_folder(scenario, options.robot.as_deref())?;
     // Not every scenario reads it.
     RobotFolder::load(&robot)?;
     for seed in options.seed.clone() {

@@ -172,7 +172,8 @@ fn a_robot_of_another_kind_is_told_what_is_needed_and_what_takes_it() {
     });
     let told = [
         "it leads the elbow, for which an arm needs seven joints; arm7 has 6",
-        "Scenarios for such a robot: arm7-paper, arm7-paper-bilateral, arm7-paper-matrices",
+        "Scenarios for such a robot: hand3-servo, arm7-paper, arm7-paper-bilateral, arm7-paper-matrices, \
+         hand3-first-motion",
     ];
     says(&run("arm7-wall"), 2, &told);
     // Before the files that it lacks.
@@ -288,14 +289,21 @@ fn bad_input_is_answered_with_what_to_do() {
             "allegro",
             "it needs a hand of five fingers, thumb to little finger; allegro_hand_right has 4",
         ),
-        ("arm7-wall", "hand3", "it needs an arm: one chain of six or seven joints with a force sensor"),
-        ("arm7-follow", "knob-arm", "it needs an arm: one chain of six or seven joints with a force sensor"),
+        ("arm7-wall", "hand3", "one chain of six or seven joints with a force sensor; hand3 has 3 chains"),
+        ("arm7-follow", "knob-arm", "with a force sensor; knob-arm has no force sensor. Scenarios for such"),
+        // It has no approach.toml.
+        ("hand3-reach", "arm7", "arm7-paper-matrices, hand3-first-motion\n"),
+        ("arm7-wall", "leap", "Scenarios for such a robot: hand3-servo, hand3-first-motion\n"),
+        ("knob-find", "hand3", "has no camera.toml: knob-find needs"),
+        ("hand5-calibrate", "hand5", "no robot takes part in hand5-calibrate; leave out --robot"),
     ] {
         let robot = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots").join(robot);
         let robot = robot.to_str().unwrap();
         let run = host_sim(&["run", scenario, "--robot", robot, "--out", folder.path().to_str().unwrap()]);
-        says(&run, 2, &[robot, told]);
+        says(&run, 2, &[told]);
     }
+    let told = ["no robot takes part in hand5-calibrate; leave out --robot"];
+    says(&host_sim(&["limits", "hand5-calibrate", "--robot", knob_arm]), 2, &told);
     let qemu = |image| host_sim(&["run", "hand3-servo", "--controller", "qemu", "--elf", image]);
     says(&qemu("/nowhere/image"), 2, &["no firmware image at /nowhere/image", "cargo xtask firmware"]);
     says(

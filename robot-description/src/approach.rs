@@ -35,12 +35,14 @@
 //!
 //! What the camera sees is in [`hand_eye.toml`](crate::hand_eye).
 
+use std::f32::consts::TAU;
+use std::ops::RangeInclusive;
 use std::path::Path;
 
 use serde::Deserialize;
 use tesaki::behavior::{ApproachSettings, KnobExpectation};
 use tesaki::control::ServoMode;
-use tesaki::model::RobotModel;
+use tesaki::model::{JointModel, RobotModel};
 use tesaki::robot::{LimitRefusal, Robot};
 use tesaki::task::visual_approach::{
     GripperSettings, VisualApproachField, VisualApproachRefusal, VisualApproachSettings,
@@ -164,7 +166,7 @@ impl File {
     fn settings(&self, model: &RobotModel, hand_eye: &HandEyeFile) -> Result<ApproachFile, Wrong> {
         let Self { hand, gripper, knob, approach } = self;
         let found = (0..).zip(&model.joints).find(|(_, joint)| joint.name == gripper.joint.as_str());
-        let Some((joint, _)) = found else {
+        let Some((joint, JointModel { limits, .. })) = found else {
             let names: Vec<&str> = model.joints.iter().map(|joint| joint.name.as_str()).collect();
             let message = format!(
                 "{} has no joint {:?}; its joints are {}",
@@ -188,7 +190,7 @@ impl File {
         robot.configure(model).map_err(|error| ("hand", "chain", error.to_string()))?;
         task.validate(&robot).map_err(|refusal| {
             let (section, key) = place(&refusal, &task);
-            (section, key, named(&refusal, &refusal.to_string(), Some(model)) + &in_degrees(&refusal))
+            (section, key, named(&refusal, &refusal.to_string(), Some(model)) + &refused_degrees(&refusal))
         })?;
         let Knob { rose, radius, length, distance, aside } = *knob;
         let behavior = ApproachSettings {
@@ -208,19 +210,39 @@ impl File {
             let of_knob = ["rose", "radius", "length", "distance", "aside"].contains(&invalid.field);
             (if of_knob { "knob" } else { "approach" }, invalid.field, invalid.to_string())
         })?;
+        let limits = limits.lower..=limits.upper;
+        let [low, high] = behavior.opening;
+        if !limits.contains(&low) && !limits.contains(&high) {
+            let message = format!(
+                "opening is {low} to {high} rad, and both lie outside the limits of {}, {} to {} rad: a held knob could \
+                 not be told from an empty grip",
+                gripper.joint,
+                limits.start(),
+                limits.end()
+            );
+            return Err(("approach", "opening", message + &in_degrees(low, &limits)));
+        }
         Ok(ApproachFile { task, behavior, size: hand_eye.size })
     }
 }
 
-/// That an angle outside the limits would be within them in degrees.
-fn in_degrees(refusal: &VisualApproachRefusal) -> String {
-    match refusal {
-        VisualApproachRefusal::Limit(LimitRefusal::OutsideLimits { value, lower, upper, .. })
-            if (*lower..=*upper).contains(&value.to_radians()) =>
-        {
-            format!(" (angles are in rad: {value}° are {:.4})", value.to_radians())
+/// That an angle that is refused is one in degrees.
+fn refused_degrees(refusal: &VisualApproachRefusal) -> String {
+    match *refusal {
+        VisualApproachRefusal::Limit(LimitRefusal::OutsideLimits { value, lower, upper, .. }) => {
+            in_degrees(value, &(lower..=upper))
         }
         _ => String::new(),
+    }
+}
+
+/// That an angle outside the limits would be within them in degrees, or is larger than a turn.
+fn in_degrees(value: f32, limits: &RangeInclusive<f32>) -> String {
+    let radians = value.to_radians();
+    if limits.contains(&radians) || value.abs() > TAU {
+        format!(" (angles are in rad: {value}° are {radians:.4})")
+    } else {
+        String::new()
     }
 }
 

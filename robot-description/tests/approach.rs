@@ -37,6 +37,14 @@ fn what_is_wrong_is_named_with_its_line() {
         ("speed = 0.15 ", "speed = 1.5 ", 5, "speed of the hand"),
         ("open = -0.98", "open = -1.8", 12, "gripper: -1.8 rad is outside"),
         ("open = -0.98", "open = -56.0", 12, "rad (angles are in rad: -56° are -0.9774)"),
+        ("open = -0.98", "open = -98", 12, "rad (angles are in rad: -98° are -1.7104)"),
+        (
+            "opening = [-0.1, 0.16]",
+            "opening = [-10, 9]",
+            32,
+            "outside the limits of gripper, -1 to 0.4 rad: a held knob could not be told from an empty grip (angles are \
+             in rad: -10° are -0.1745)",
+        ),
         ("torque = 0.8", "torque = 8.0", 15, "torque of the gripper"),
         ("reach = 0.5", "reach = 0.2", 22, "distance is 0.28"),
         ("guard_distance = 0.075", "guard_distance = 0.05", 28, "guard_distance is 0.05"),

@@ -20,7 +20,9 @@ use tesaki_sim::scenario::{Outcome, Scenario, Setting, encode_record};
 use tesaki_supervisor::Board;
 
 use super::interrupt::{self, Interruptible};
-use super::{ControllerKind, default_image, find_scenario, of_file, progress_bar, seeds, view, workspace};
+use super::{
+    ControllerKind, default_image, find_scenario, of_file, progress_bar, robot_folder, seeds, view, workspace,
+};
 
 #[derive(Args)]
 pub struct Run {
@@ -50,7 +52,7 @@ pub struct Run {
     view: Option<SocketAddr>,
     /// Robot folder; default: that of the scenario
     #[arg(long)]
-    robot: Option<PathBuf>,
+    pub(super) robot: Option<PathBuf>,
     /// Law to compare: a name in the robot's laws/, or a file; may be given more than once
     #[arg(long, value_name = "LAW")]
     law: Vec<String>,
@@ -197,10 +199,6 @@ pub(super) fn compute(
     failed.map_or(Ok(passed), |error| Err(error.into()))
 }
 
-pub(super) fn robot_folder(scenario: &Scenario, options: &Run) -> PathBuf {
-    options.robot.clone().unwrap_or_else(|| workspace().join("robots").join(scenario.robot))
-}
-
 type SeedResult = (Summary, Outcome, Vec<u8>);
 
 fn run_seed(
@@ -212,7 +210,7 @@ fn run_seed(
     let bar = progress_bar(&format!("{} seed {seed}", scenario.name));
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to 1000")]
     let progress = |fraction: f64| bar.set_position((fraction * 1000.0) as u64);
-    let robot = robot_folder(scenario, options);
+    let robot = robot_folder(scenario, options.robot.as_deref())?;
     scenario.check_robot(&robot)?;
     let laws = LawFile::find(scenario, &robot, &options.law)?;
     let (mut native, mut qemu, mut interruptible);
@@ -295,7 +293,7 @@ fn save(
     outcome: &Outcome,
     record: &[u8],
 ) -> Result<PathBuf, Box<dyn Error>> {
-    let folder = robot_folder(scenario, options);
+    let folder = robot_folder(scenario, options.robot.as_deref())?;
     let other = OtherRobot::of(scenario, options)?;
     // Runs of another folder stand beside those of the scenario's own.
     let name = options.robot.as_ref().and_then(|_| folder.canonicalize().ok());

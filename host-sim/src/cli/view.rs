@@ -8,8 +8,8 @@ use tesaki_output::{note, say};
 use tesaki_sim::live_run::{self, About, LiveRun};
 use tesaki_sim::scenario::Scenario;
 
-use super::interrupt;
-use super::run::{OtherRobot, Run, compute, robot_folder};
+use super::run::{OtherRobot, Run, compute};
+use super::{interrupt, robot_folder};
 
 /// Where the page is unless it is said.
 pub const ADDRESS: &str = "localhost:7481";
@@ -29,7 +29,7 @@ pub fn run(scenario: &Scenario, options: &Run, address: SocketAddr) -> Result<bo
         )
         .into());
     }
-    let folder = RobotFolder::load(&robot_folder(scenario, options))?;
+    let folder = RobotFolder::load(&robot_folder(scenario, options.robot.as_deref())?)?;
     let other = OtherRobot::of(scenario, options)?.map(|other| other.title(scenario));
     let about = About {
         title: other.as_deref().unwrap_or(scenario.title),

@@ -43,8 +43,11 @@ impl Kind {
     /// Why the robot of `model` is of another kind.
     fn unfit(self, model: &RobotModel) -> Option<String> {
         let (chains, joints) = (model.chains.len(), model.joints.len());
-        let is_arm = matches!(model.chains.as_slice(), [chain] if chain.force_sensor.is_some());
+        let has_sensor = model.chains.iter().any(|chain| chain.force_sensor.is_some());
+        let is_arm = chains == 1 && matches!(joints, 6 | MAX_CHAIN_JOINTS) && has_sensor;
         let name = &model.name;
+        let counted =
+            |number: usize, what: &str| format!("{number} {what}{}", if number == 1 { "" } else { "s" });
         match self {
             Self::None | Self::Any => None,
             Self::Fingers => {
@@ -59,11 +62,14 @@ impl Kind {
             Self::FiveFingers => {
                 Hand::of_model(model, [0.0, 0.0, 1.0], 0.0).err().map(|error| error.to_string())
             }
-            Self::Arm | Self::SevenJointArm | Self::Arm7
-                if !is_arm || !matches!(joints, 6 | MAX_CHAIN_JOINTS) =>
-            {
+            Self::Arm | Self::SevenJointArm | Self::Arm7 if !is_arm => {
+                let has = match (chains, joints) {
+                    (1, 6 | MAX_CHAIN_JOINTS) => "no force sensor".to_owned(),
+                    (1, _) => counted(joints, "joint"),
+                    _ => counted(chains, "chain"),
+                };
                 let needed = "it needs an arm: one chain of six or seven joints with a force sensor";
-                Some(needed.to_owned())
+                Some(format!("{needed}; {name} has {has}"))
             }
             Self::SevenJointArm if joints != MAX_CHAIN_JOINTS => {
                 Some(format!("it leads the elbow, for which an arm needs seven joints; {name} has {joints}"))
@@ -92,20 +98,32 @@ impl Scenario {
         let model = RobotFolder::load(folder)?.model;
         let robot = folder.display().to_string();
         if let Some(mut reason) = self.kind.unfit(&model) {
-            let takes = |kind: Kind| !matches!(kind, Kind::None | Kind::Any) && kind.unfit(&model).is_none();
-            let others = SCENARIOS.iter().filter(|other| takes(other.kind)).map(|other| other.name);
-            let others: Vec<&str> = others.collect();
+            let takes = |other: &&Self| {
+                other.kind != Kind::None
+                    && other.kind.unfit(&model).is_none()
+                    && other.missing(folder).is_empty()
+            };
+            let others: Vec<&str> = SCENARIOS.iter().filter(takes).map(|other| other.name).collect();
             if !others.is_empty() {
                 reason += &format!(". Scenarios for such a robot: {}", others.join(", "));
             }
             return Err(ScenarioError::OtherRobot { robot, reason });
         }
-        let files = || FILES.iter().chain(self.files).copied();
-        let missing: Vec<&str> = files().filter(|file| !folder.join(file).exists()).collect();
+        let missing = self.missing(folder);
         if missing.is_empty() {
             return Ok(());
         }
-        let (missing, files) = (missing.join(", "), files().collect::<Vec<_>>().join(", "));
+        let (missing, files) = (missing.join(", "), self.needed().collect::<Vec<_>>().join(", "));
         Err(ScenarioError::MissingFiles { robot, missing, scenario: self.name, files, example: self.robot })
+    }
+
+    /// The files of a robot's folder that it needs.
+    fn needed(&self) -> impl Iterator<Item = &'static str> {
+        FILES.iter().chain(self.files).copied()
+    }
+
+    /// Those that `folder` lacks.
+    fn missing(&self, folder: &Path) -> Vec<&'static str> {
+        self.needed().filter(|file| !folder.join(file).exists()).collect()
     }
 }

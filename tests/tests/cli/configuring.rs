@@ -197,7 +197,7 @@ fn a_robot_of_another_kind_need_not_be_homed_to_be_told_so() {
     let robot = hand3().join("../allegro");
     server.succeeds(&["model", "push", robot.to_str().unwrap()]);
     let tip = server.json(&["model", "show"])["chains"][0]["name"].as_str().unwrap().to_owned();
-    let told = ["`tesaki reach` needs fingers of three joints", "it has 4 joints"];
+    let told = ["`tesaki reach` needs fingers of three joints; ", " has 4. Use `tesaki eval ik`"];
     server.fails(&["reach", &format!("{tip}=0,0,0.1")], 2, &told);
     let grasp = hand3().join("grasps/box.toml");
     let told = ["allegro_hand_right is not a hand for grasping", "has 4 joints; `tesaki move` moves"];
@@ -234,6 +234,10 @@ fn what_is_doubtful_is_set_with_a_warning() {
     }
     let text = server.succeeds(&["set", &torque, "67"]);
     assert!(text.contains("limits nothing") && !text.contains("rotor"), "{text}");
+    let text = server.succeeds(&["set", &torque, "1000"]);
+    assert!(text.contains("limits nothing") && text.matches("warning").count() == 1, "{text}");
+    let text = server.succeeds(&["set", "joints.*.limits.torque", "5%"]);
+    assert!(text.contains("cannot be held everywhere") && !text.contains("check masses"), "{text}");
     // Under its name in controller.toml, too.
     let inertia = torque.replace("limits.torque", "servo.inertia");
     let read = server.succeeds(&["read", &inertia]);
@@ -241,6 +245,9 @@ fn what_is_doubtful_is_set_with_a_warning() {
     assert!(read.contains(".servo.observer.inertia = ") && read.trim_end().ends_with(" kg·m²"), "{read}");
     let told = ["is a value of controller.toml", "servo.observer.inertia and those gains"];
     server.fails(&["set", &inertia, "0.1"], 2, &told);
+    let told = ["no parameter \"servo.inertia\"; did you mean joints.NAME.servo.observer.inertia?"];
+    server.fails(&["read", "servo.inertia"], 2, &told);
+    server.fails(&["set", "servo.inertia", "3"], 2, &told);
     let error = torque.replace("limits.torque", "servo.rest_error");
     server.fails(&["set", &error, "0.9"], 2, &["no error at rest is ever corrected; give some counts"]);
 }

@@ -181,9 +181,9 @@ pub fn set(options: &Options, path: &str, value: &str) -> Result<(), Failure> {
 
 /// The path on the board of a parameter that has another one in `controller.toml`.
 fn on_board(path: &str) -> String {
-    match path.strip_suffix("servo.inertia") {
-        Some(joint) if joint.is_empty() || joint.ends_with('.') => format!("{joint}servo.observer.inertia"),
-        _ => path.to_owned(),
+    match path.strip_suffix(".servo.inertia").filter(|joint| joint.starts_with("joints.")) {
+        Some(joint) => format!("{joint}.servo.observer.inertia"),
+        None => path.to_owned(),
     }
 }
 
@@ -304,11 +304,10 @@ fn doubtful(
         }
     }
     let (before, independent) = (doubtful_values(model), other.map(doubtful_values));
-    // A torque limit may be as low as one likes.
+    // A torque limit may be as low as one likes; one that is too high is told of above.
     let is_meant = |joint: Option<usize>, key: &str| {
         let joint = joint.and_then(|joint| changed.joints.get(joint));
-        key == "motor.current_limit"
-            && joint.is_some_and(|joint| sets_torque(joint) && joint.limits.torque < motor(joint))
+        key == "motor.current_limit" && joint.is_some_and(sets_torque)
     };
     let mut of_joints: Vec<(String, Vec<&str>)> = Vec::new();
     for value in doubtful_values(changed) {
@@ -334,14 +333,21 @@ fn doubtful(
         let is_old = before.iter().find(|old| old.joint == load.joint).is_some_and(|old| {
             excess(&load) < excess(old) || independent.as_ref().is_none_or(|all| all.contains(&load))
         });
-        if !is_old {
-            told.push(format!(
-                "{}: gravity needs up to {:.3} N·m; the motor has {:.3} N·m: check masses and gravity",
-                changed.joint_name(load.joint),
-                load.gravity,
-                load.torque
-            ));
+        if is_old {
+            continue;
         }
+        let is_lowered = model.joints.get(load.joint).is_some_and(|joint| load.torque < joint.torque_limit());
+        let (joint, gravity, torque) = (changed.joint_name(load.joint), load.gravity, load.torque);
+        told.push(if is_lowered {
+            format!(
+                "{joint}: a torque of at most {torque:.3} N·m is below gravity, up to {gravity:.3} N·m: the joint cannot be \
+                 held everywhere"
+            )
+        } else {
+            format!(
+                "{joint}: gravity needs up to {gravity:.3} N·m; the motor has {torque:.3} N·m: check masses and gravity"
+            )
+        });
     }
     told
 }
@@ -474,6 +480,15 @@ fn step<'p>(value: &Value, path: &'p str) -> Option<(&'p str, &'p str)> {
     Some((name, rest.strip_prefix('.').unwrap_or(rest)))
 }
 
+/// What `path` names, if it exists.
+fn member<'a>(value: &'a Value, path: &str) -> Option<&'a Value> {
+    if path.is_empty() {
+        return Some(value);
+    }
+    let (name, rest) = step(value, path)?;
+    member(value.get(name)?, rest)
+}
+
 fn at<'a>(tree: &'a Value, path: &str) -> Result<&'a Value, Failure> {
     let (mut value, mut rest) = (tree, path);
     while !rest.is_empty() {
@@ -508,10 +523,15 @@ fn unknown(tree: &Value, value: &Value, path: &str, rest: &str) -> Failure {
     })
 }
 
-/// What may be meant by a path that begins with the name of a joint or of a chain.
+/// What may be meant by a path that begins with the name of a joint or of a chain, or without a joint's.
 fn meant(tree: &Value, path: &str) -> Option<String> {
-    if step(tree.get("joints")?, path).is_some() {
-        return Some(format!("joints.{path}"));
+    let joints = tree.get("joints")?;
+    if step(joints, path).is_some() {
+        return Some(on_board(&format!("joints.{path}")));
+    }
+    let any = joints.as_object()?.keys().next()?;
+    if member(tree, &on_board(&format!("joints.{any}.{path}"))).is_some() {
+        return Some(on_board(&format!("joints.NAME.{path}")));
     }
     let names = tree.get("chains")?.as_array()?.iter().filter_map(|chain| chain.get("name")?.as_str());
     let begins =
@@ -576,7 +596,8 @@ mod tests {
             ("joints.*.torque", "there is no parameter \"torque\" in joints.left.a"),
             ("right.a.limits.upper", "did you mean joints.right.a.limits.upper?"),
             ("tip.name", "did you mean chains, the list of all chains?"),
-            ("limits.upper", "the groups of parameters are joints, none, chains"),
+            ("limits.upper", "did you mean joints.NAME.limits.upper?"),
+            ("colour", "the groups of parameters are joints, none, chains"),
         ] {
             let error = expand(&tree, path).unwrap_err();
             assert!(matches!(&error, Failure::Usage(text) if text.contains(words)), "{path}: {error}");

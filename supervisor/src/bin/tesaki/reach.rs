@@ -186,19 +186,19 @@ fn fingers(model: &RobotModel, args: &Reach) -> Result<Vec<(Finger, Chain)>, Fai
         let chain = Chain::new(joints, &tip.tip);
         let not_a_finger = |why: String| {
             Failure::Usage(format!(
-                "`tesaki reach` needs fingers of three joints; the chain to {} is none: {why}. Use `tesaki eval \
-                 ik` to find joint angles for `tesaki move`",
+                "`tesaki reach` needs fingers of three joints; {}{why}. Use `tesaki eval ik` to find joint angles for \
+                 `tesaki move`",
                 tip.name
             ))
         };
         if model.mimics_of(index).next().is_some() {
-            return Err(not_a_finger("it has a mimic joint".to_owned()));
+            return Err(not_a_finger(" has a mimic joint".to_owned()));
         }
         let limits: Vec<(f32, f32)> =
             joints.iter().map(|joint| (joint.limits.lower, joint.limits.upper)).collect();
         let limits = <[(f32, f32); 3]>::try_from(limits)
-            .map_err(|_| not_a_finger(format!("it has {} joints", joints.len())))?;
-        let finger = Finger::try_new(&chain, limits).map_err(|error| not_a_finger(error.to_string()))?;
+            .map_err(|_| not_a_finger(format!(" has {}", joints.len())))?;
+        let finger = Finger::try_new(&chain, limits).map_err(|error| not_a_finger(format!(": {error}")))?;
         Ok((finger, chain))
     });
     found.collect()
