@@ -17,8 +17,8 @@ const UNIQUE_NUMBER: *const [u32; 3] = 0x1FFF_7A10 as *const [u32; 3];
 /// Returns the identity of this board. A chip whose internal oscillator is not ready is emulated and has no
 /// number.
 pub fn identity(rcc: &pac::RCC, capabilities: u32) -> Identity {
-    // SAFETY: the linker placed the note there, aligned to words; volatile, because the compiler does not know
-    // its content.
+    // SAFETY: the linker placed the note there, aligned to words; volatile, because the compiler does not
+    // know its content.
     let [_, _, _, _, first, second, ..] = unsafe { read_volatile(addr_of!(__build_id)) };
     let image = (u64::from(second) << 32 | u64::from(first)).to_le_bytes();
     let mut board = [0; 12];

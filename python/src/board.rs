@@ -38,9 +38,9 @@ use conversation::await_event;
 /// end, also after an exception. It leaves a board in fault as it is: its outputs may hold the robot, which
 /// ``disable()`` ends. A board that could not be disabled is an error, or a note of the exception under way.
 ///
-/// An enabled board must hear from its commander: ``move``, ``wait`` and ``record`` ensure that while they run,
-/// ``telemetry`` and ``tips`` while they wait for an answer. Nothing does so in between, on purpose: if this
-/// program hangs or is killed, the board's command timeout (``safety.command_timeout``) stops the robot.
+/// An enabled board must hear from its commander: ``move``, ``wait`` and ``record`` ensure that while they
+/// run, ``telemetry`` and ``tips`` while they wait for an answer. Nothing does so in between, on purpose: if
+/// this program hangs or is killed, the board's command timeout (``safety.command_timeout``) stops the robot.
 ///
 /// It must not be used by two threads at once.
 ///

@@ -361,10 +361,10 @@ impl ImpedanceState {
         }
     }
 
-    /// Begin of a contact whose `wrench` [N, N·m] is estimated: until now the disturbance observers carried it,
-    /// and from now on the torques that balance it do. Carried twice, it would drive the tool against who
-    /// pulls it. When the contact ends, the observers learn what is left of it: the estimate lags, and after a
-    /// sudden end nothing is.
+    /// Begin of a contact whose `wrench` [N, N·m] is estimated: until now the disturbance observers carried
+    /// it, and from now on the torques that balance it do. Carried twice, it would drive the tool against who
+    /// pulls it. When the contact ends, the observers learn what is left of it: the estimate lags, and after
+    /// a sudden end nothing is.
     #[inline(never)]
     fn hand_over_load(&mut self, arm: &Arm<'_>, wrench: &Vector6<f32>) {
         let torques = arm.chain.posture(&self.angles).jacobian().tr_mul(wrench);
@@ -541,9 +541,9 @@ impl ImpedanceState {
     }
 }
 
-/// The part of an estimated wrench to which the tool yields: that beyond the force at which a contact begins.
-/// So it is at its set-point when a contact begins, and again before it ends; otherwise it would press and let
-/// go again and again.
+/// The part of an estimated wrench to which the tool yields: that beyond the force at which a contact
+/// begins. So it is at its set-point when a contact begins, and again before it ends; otherwise it would
+/// press and let go again and again.
 fn beyond_contact_force(settings: &ImpedanceSettings, wrench: &Vector6<f32>) -> Vector6<f32> {
     let Law::ModelFollowing = settings.law else { return *wrench };
     let force = math::sqrt(wrench.fixed_rows::<3>(0).norm_squared());
