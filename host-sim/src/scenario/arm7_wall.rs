@@ -96,8 +96,8 @@ impl Contact {
         -sample.tool.wall_force[0]
     }
 
-    /// Force of the springs of impedance and wall in series, of which the first yields beyond what counts as a
-    /// contact [N]. Homing errors of the joints shift the set-point and are not included.
+    /// Force of the springs of impedance and wall in series, of which the first yields beyond what counts as
+    /// a contact [N]. Homing errors of the joints shift the set-point and are not included.
     fn expected(&self) -> f64 {
         let threshold = if self.is_observed() { OBSERVER_THRESHOLD.into() } else { 0.0 };
         let force = (DISPLACEMENT - CLEARANCE) * STIFFNESS + threshold;
