@@ -30,6 +30,8 @@ pub struct Rig {
     pub reached: Option<BTreeSet<String>>,
     /// Sequence number of the last request of client 1.
     sequence: u16,
+    /// Clients and sequence numbers of all requests: one that was used gets the reply of its first request.
+    used: BTreeSet<(u32, u16)>,
     twin: Option<Box<Node>>,
     records: Vec<LogRecord>,
     /// The outputs of the last tick.
@@ -52,6 +54,7 @@ impl Rig {
             ticks: 0,
             reached: None,
             sequence,
+            used: BTreeSet::from([(1, sequence)]),
             twin: repeat.then(|| Box::new(node.clone())),
             records: Vec::new(),
             last: ActuatorFrame::default(),
@@ -104,7 +107,8 @@ impl Rig {
         if commander == Some(frame.client) {
             check_command(before, &frame.request, &reply);
         }
-        if let Some(settings) = settings(&frame.request) {
+        let is_new = self.used.insert((frame.client, frame.sequence));
+        if is_new && let Some(settings) = settings(&frame.request) {
             self.check_settings(settings, &reply);
         }
         if self.twin.is_some() {
