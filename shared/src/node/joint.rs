@@ -337,7 +337,7 @@ impl Joint<'_> {
             }
             JointSetpoint::Brake => {
                 let point = self.config.brake(self.reference);
-                if point.velocity == 0.0 {
+                if point.velocity == 0.0 && point.acceleration == 0.0 {
                     self.target.setpoint = JointSetpoint::Goal(point.position);
                 }
                 servo.follow(&mut self.state.servo, point)
@@ -377,7 +377,8 @@ impl Joint<'_> {
     /// Exceptions:
     ///
     /// - the joint grips: feed-forward forces act on a gripped object, so the second bound does not apply;
-    /// - `brakes`: the torque slows the joint down;
+    /// - the torque is `against` the motion: it may be that of a damper;
+    /// - it also `brakes`, that is, the joint slows down: it may stop the joint's inertia within a period;
     /// - `begins`, part of `brakes`: in the first ticks of a stop, also if the motion does not slow down yet,
     ///   because other joints that brake may drive this one;
     /// - `follows`: the reference still moves, and the joint stands still or moves against the torque: if the
@@ -395,8 +396,14 @@ impl Joint<'_> {
         // If the motion does not slow down, the opposing torque balances a push, or the encoder drifts.
         let slows = is_led || begins || abs(state.change) + config.thresholds.flicker < abs(velocity) * TICK;
         let follows = is_led && state.change * excess <= 0.0;
-        let brakes = slows && abs(velocity) * TICK > config.thresholds.moving && excess * velocity < 0.0;
-        if abs(excess) <= max || brakes || follows {
+        let against = excess * velocity < 0.0;
+        let brakes = slows && against && abs(velocity) * TICK > config.thresholds.moving;
+        let max = match (brakes, against) {
+            (true, _) => max + config.inertia * abs(velocity) / TICK,
+            (false, true) => math::max(max, config.damping * abs(velocity)),
+            (false, false) => max,
+        };
+        if abs(excess) <= max || follows {
             return;
         }
         let bounded =
@@ -489,15 +496,16 @@ impl Joint<'_> {
     }
 
     /// Brings the joint to rest: from its measured state if it has left its reference or `where_it_is` is
-    /// set, else along the reference. Keeps the feed-forward torque. In the first case the disturbance
-    /// estimate is reset, because it may be the force of pressing on an obstacle, to the `weight` that it has
-    /// to carry [N·m].
-    pub fn hold(&mut self, where_it_is: bool, weight: f32) {
+    /// set, else along the reference. Keeps the feed-forward torque. In the first case the reference is that
+    /// of the time `ago` before the reading [s], and the disturbance estimate is reset, because it may be the
+    /// force of pressing on an obstacle, to the `weight` that it has to carry [N·m].
+    pub fn hold(&mut self, where_it_is: bool, weight: f32, ago: f32) {
         let error = self.reference.position - *self.position;
         if where_it_is || abs(error) > self.config.limits.following_error {
             let max = self.config.limits.velocity;
             let velocity = math::clamp(*self.velocity, -max, max);
-            *self.reference = JointPoint { position: *self.position, velocity, acceleration: 0.0 };
+            let position = *self.position - velocity * ago;
+            *self.reference = JointPoint { position, velocity, acceleration: 0.0 };
             self.state.servo.restart_under_torque(*self.position);
             self.state.servo.carry(weight);
         }

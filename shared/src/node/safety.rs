@@ -179,10 +179,12 @@ impl Node {
         let lost = fault.cause == FaultCause::ObjectLost;
         // Its integrator is all that carries the weight.
         let is_bare = self.state.targets.servo_mode == ServoMode::BarePid;
+        // The servos continue one period after the references: in a tick, from those of a period ago.
+        let ago = if fault.cause == FaultCause::Stop { 0.0 } else { TICK };
         let mut all = Joints::of(&self.robot, &mut self.state);
         let weight = if is_bare { all.weight() } else { [0.0; MAX_JOINTS] };
         all.each().zip(weight).for_each(|(mut joint, weight)| {
-            joint.hold(where_it_is, weight);
+            joint.hold(where_it_is, weight, ago);
             if lost {
                 joint.target.feedforward = 0.0;
             }

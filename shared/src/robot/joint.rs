@@ -90,21 +90,18 @@ impl JointConfig {
         2.0 * self.limits.planned_speed() * self.servo.filter_time()
     }
 
-    /// The reference one period after `reference` while braking with half of the torque, or more near a joint
-    /// limit.
+    /// The reference one period after `reference`, from there on braking with half of the torque, or more near
+    /// a joint limit.
     pub fn brake(&self, reference: &JointPoint) -> JointPoint {
-        let JointPoint { position, velocity, .. } = *reference;
+        let here = reference.next();
+        let JointPoint { position, velocity, .. } = here;
         let max = self.servo.acceleration(self.servo.torque_limit());
         let distance =
             if velocity > 0.0 { self.limits.upper - position } else { position - self.limits.lower };
         let required = if distance > 0.0 { velocity * velocity / (2.0 * distance) } else { max };
         let change = math::clamp(required, 0.5 * max, max) * TICK;
         let next = velocity - math::clamp(velocity, -change, change);
-        JointPoint {
-            position: position + 0.5 * (velocity + next) * TICK,
-            velocity: next,
-            acceleration: (next - velocity) / TICK,
-        }
+        JointPoint { acceleration: (next - velocity) / TICK, ..here }
     }
 
     /// Checks an angle [rad] of joint `joint`.
