@@ -264,6 +264,29 @@ fn an_open_clutch_lets_the_operator_move_away() {
 }
 
 #[test]
+fn an_open_clutch_brings_a_moving_hand_to_rest_without_a_way_back() {
+    let mut board = Board::new();
+    board.enable();
+    for tick in 0..40_u16 {
+        let sample = sample(&board.hand, tick, f32::from(tick) * TICK, [0.0; 3]);
+        assert_eq!(board.task(TelexistenceCommand::Follow(sample)), Reply::Done);
+        board.tick();
+    }
+    let moving: Vec<f32> = board.references.iter().map(|point| point[1]).collect();
+    assert!(moving.iter().any(|velocity| velocity.abs() > 0.6), "{moving:?}");
+    assert_eq!(board.task(TelexistenceCommand::Release), Reply::Done);
+    for _ in 0..40 {
+        board.tick();
+        for (joint, (point, before)) in board.references.iter().zip(&moving).enumerate() {
+            let is_back = before.abs() > 0.2 && point[1] * before.signum() < -0.01;
+            assert!(!is_back, "joint {joint} goes back at {} rad/s", point[1]);
+        }
+        let _ = board.ask(Request::Keep);
+    }
+    assert!(board.references.iter().all(|point| point[1].abs() < 1e-3), "{:?}", board.references);
+}
+
+#[test]
 fn bad_input_is_refused_by_name_and_moves_nothing() {
     let mut board = Board::new();
     let refused = |reply| match reply {

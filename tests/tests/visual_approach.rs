@@ -198,6 +198,30 @@ fn another_target_on_the_way_changes_the_motion_without_a_jump() {
 }
 
 #[test]
+fn a_hand_that_shall_stand_brakes_without_a_way_back() {
+    let mut board = Board::enabled();
+    for _ in 0..60 {
+        board.step();
+    }
+    let (start, _) = board.hand();
+    board.move_to((start + Vector3::new(0.1, 0.0, 0.0)).into(), 0.15);
+    for _ in 0..40 {
+        board.step();
+    }
+    let (mut before, _) = board.hand();
+    assert_eq!(board.task(VisualApproachCommand::Stand), Reply::Done);
+    for _ in 0..100 {
+        board.step();
+        let (place, _) = board.hand();
+        assert!(place.x > before.x - 2e-6, "back by {} m", before.x - place.x);
+        before = place;
+    }
+    // 0.15 m/s and half of 0.5 m/s²: 45 mm.
+    assert_eq!(board.telemetry().motion, HandMotion::Standing);
+    assert!((0.08..0.1).contains(&(before.x - start.x)), "{} m", before.x - start.x);
+}
+
+#[test]
 fn joint_limits_hold_the_hand_back_without_a_fault() {
     let mut board = Board::new();
     // Near the limits some joints are fast, and their lag looks like a force.

@@ -39,9 +39,7 @@ impl MotionLimits {
         velocity: &SVector<f32, N>,
         target: &MotionTarget<N>,
     ) -> SVector<f32, N> {
-        let gap = 1.0 - math::exp(-BANDWIDTH * TICK);
-        let of_offset = gap * gap / (TICK * TICK);
-        let of_speed = gap * (4.0 - gap) / (2.0 * TICK);
+        let [of_offset, of_speed] = gains();
         let distance = math::sqrt(target.offset.norm_squared());
         let approach = of_offset / of_speed;
         let max_speed = math::sqrt(self.acceleration * distance);
@@ -52,10 +50,22 @@ impl MotionLimits {
         (limited(&next, self.speed) - velocity) * (1.0 / TICK)
     }
 
+    /// From a set-point with `velocity`, the offset of the nearest target that it reaches without overshoot.
+    pub(crate) fn way_to_rest<const N: usize>(&self, velocity: &SVector<f32, N>) -> SVector<f32, N> {
+        let [of_offset, of_speed] = gains();
+        velocity * math::max(of_speed / of_offset, math::sqrt(velocity.norm_squared()) / self.acceleration)
+    }
+
     /// The acceleration that brings the set-point to rest.
     pub(crate) fn stop<const N: usize>(&self, velocity: &SVector<f32, N>) -> SVector<f32, N> {
         limited(&(velocity * (-0.25 / TICK)), self.acceleration)
     }
+}
+
+/// Gains of the state feedback close to the target, for its offset [1/s²] and its relative velocity [1/s].
+fn gains() -> [f32; 2] {
+    let gap = 1.0 - math::exp(-BANDWIDTH * TICK);
+    [gap * gap / (TICK * TICK), gap * (4.0 - gap) / (2.0 * TICK)]
 }
 
 fn limited<const N: usize>(vector: &SVector<f32, N>, max: f32) -> SVector<f32, N> {
@@ -92,6 +102,23 @@ mod tests {
             time = if settled { time.or(Some(f32::from(tick) * TICK)) } else { None };
         }
         (time.unwrap_or(f32::NAN), overshoot / distance)
+    }
+
+    #[test]
+    fn the_way_to_rest_needs_no_overshoot() {
+        // 1 m/s and half of 8 m/s²: 125 mm.
+        let mut velocity = Vector1::new(1.0);
+        let mut left = LIMITS.way_to_rest(&velocity).x;
+        assert!((left - 0.125).abs() < 1e-6, "{left}");
+        for _ in 0..100 {
+            let (offset, zero) = (Vector1::new(left), Vector1::zeros());
+            let target = MotionTarget { offset, velocity: zero, acceleration: zero };
+            let acceleration = LIMITS.acceleration(&velocity, &target);
+            left -= (velocity.x + 0.5 * acceleration.x * TICK) * TICK;
+            velocity += acceleration * TICK;
+            assert!(left > -1e-4 && velocity.x > -1e-3, "{left} m left, {velocity}");
+        }
+        assert!(left.abs() < 1e-4 && velocity.x.abs() < 1e-3, "{left} m left, {velocity}");
     }
 
     #[test]

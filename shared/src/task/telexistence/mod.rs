@@ -177,7 +177,12 @@ impl Task for Telexistence {
             TelexistenceCommand::Release => {
                 self.fingertips.forget();
                 self.retargeting = None;
-                self.motion = angles(&io).map(JointEstimate::at_rest);
+                let joints = io.references.iter().zip(&mut self.motion);
+                for ((reference, estimate), &speed) in joints.zip(&self.settings.retargeting.speeds) {
+                    let (limits, next) = (joint_limits(&self.settings, speed), reference.next());
+                    let way = limits.way_to_rest(&Vector1::new(next.velocity)).x;
+                    *estimate = JointEstimate::at_rest(next.position + way);
+                }
             }
         }
         Ok(())
@@ -199,9 +204,7 @@ impl Task for Telexistence {
         let limits = hand.limits().iter().zip(&self.settings.retargeting.speeds);
         let joints = io.targets.joints.iter_mut().zip(io.references);
         for ((target, reference), ((&range, &speed), estimate)) in joints.zip(limits.zip(&self.motion)) {
-            // `limit_speeds` leaves at least as much margin above the speed.
-            let acceleration = self.settings.acceleration.min(speed / REVERSING_LAG);
-            let limits = MotionLimits { speed, acceleration };
+            let limits = joint_limits(&self.settings, speed);
             let point = next(&limits, range, reference, estimate);
             *target = JointTarget::point(point);
         }
@@ -257,6 +260,12 @@ impl JointEstimate {
         self.angle = predicted + (1.0 - DECAY * DECAY) * innovation;
         self.velocity += (1.0 - DECAY) * (1.0 - DECAY) / TICK * innovation;
     }
+}
+
+/// Limits of the motion of a joint with this maximum `speed` [rad/s].
+fn joint_limits(settings: &TelexistenceSettings, speed: f32) -> MotionLimits {
+    // `limit_speeds` leaves at least as much margin above the speed.
+    MotionLimits { speed, acceleration: settings.acceleration.min(speed / REVERSING_LAG) }
 }
 
 /// The references of the joints [rad].

@@ -28,14 +28,14 @@ mod motion;
 mod reference;
 mod settings;
 
-use nalgebra::{Isometry3, Translation3, Vector3};
+use nalgebra::{Isometry3, SVector, Translation3, Vector3};
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use super::api::{Io, Task, TaskFault};
 use crate::TICK;
 use crate::math::{orientation, sqrt};
-use crate::model::Pose;
+use crate::model::{MAX_CHAIN_JOINTS, Pose};
 use crate::robot::{ChainConfig, JointTarget, Measured, Postures, Robot};
 use crate::signal::MotionLimits;
 
@@ -199,7 +199,7 @@ impl Task for VisualApproach {
                 self.motion.send(&place, &position.into())?;
                 self.speed = speed;
             }
-            VisualApproachCommand::Stand => self.motion.stand(&self.reference(&io).translation.vector),
+            VisualApproachCommand::Stand => self.motion.stand(&self.resting_place(&io)),
             VisualApproachCommand::Acknowledge => self.motion.acknowledge(),
             VisualApproachCommand::Open => self.gripper.open(),
             VisualApproachCommand::Close => self.gripper.close(),
@@ -272,6 +272,20 @@ impl VisualApproach {
     fn reference(&self, io: &Io<'_>) -> Isometry3<f32> {
         let arm = self.arm(io.robot);
         arm.map_or_else(Isometry3::identity, |arm| pose(&arm.posture(&angles(io.references))))
+    }
+
+    /// Where the hand comes to rest if its motion ends now [m].
+    fn resting_place(&self, io: &Io<'_>) -> Vector3<f32> {
+        let Some(arm) = self.arm(io.robot) else { return Vector3::zeros() };
+        let next = io.references.map(|reference| reference.next());
+        let posture = arm.posture(&angles(&next));
+        let mut rates = SVector::<f32, MAX_CHAIN_JOINTS>::zeros();
+        for (index, own) in arm.indices() {
+            rates[own] = next[index].velocity;
+        }
+        let velocity = (arm.jacobian(&posture) * rates).fixed_rows::<3>(0).into_owned();
+        let limits = MotionLimits { speed: self.speed, acceleration: self.settings.acceleration };
+        posture.tip().translation.vector + limits.way_to_rest(&velocity)
     }
 
     /// What the force estimate learns in this period: nothing while the hand may carry a load.

@@ -89,7 +89,7 @@ impl MotionState {
         Ok(())
     }
 
-    /// Brings the hand to rest where its reference is, unless its motion was ended already.
+    /// Brings the hand to rest at `place` [m], unless its motion was ended already.
     pub fn stand(&mut self, place: &Vector3<f32>) {
         if !self.is_ended {
             (self.target, self.motion) = ((*place).into(), HandMotion::Moving);
