@@ -223,18 +223,23 @@ impl Impedance {
         [Vector6::x(), Vector6::y(), Vector6::z()].map(|axis| 1.0 / axis.dot(&mass.solve(&axis)))
     }
 
-    /// Raises the masses along x, y and z to at least these [kg], and the damping in the same ratio, so that
-    /// free motions decay at the same rate; the stiffness is unchanged. An impedance with coupled axes is not
-    /// changed, and `masses` is not called.
-    pub fn raise_mass(&mut self, masses: impl FnOnce() -> [f32; 3]) {
-        if self.coupling.is_some() {
-            return;
+    /// Raises the [free masses](Self::free_mass) along x, y and z to at least these [kg], and the damping in
+    /// the same ratio, so that free motions decay at the same rate; the stiffness is unchanged. Of coupled
+    /// axes all masses are raised in the ratio of the axis that lacks most.
+    pub fn raise_mass(&mut self, masses: &[f32; 3]) {
+        let mut ratios = [1.0; 6];
+        let mut largest = 1.0;
+        for ((ratio, min), mass) in ratios.iter_mut().zip(masses).zip(self.free_mass()) {
+            *ratio = math::max(1.0, min / mass);
+            largest = math::max(largest, *ratio);
         }
-        for ((mass, damping), min) in self.mass.iter_mut().zip(&mut self.damping).zip(masses()) {
-            if *mass < min {
-                *damping *= min / *mass;
-                *mass = min;
-            }
+        if let Some(coupling) = &mut self.coupling {
+            ratios = [largest; 6];
+            coupling.mass.iter_mut().chain(&mut coupling.damping).for_each(|value| *value *= largest);
+        }
+        for ((mass, damping), ratio) in self.mass.iter_mut().zip(&mut self.damping).zip(ratios) {
+            *mass *= ratio;
+            *damping *= ratio;
         }
     }
 

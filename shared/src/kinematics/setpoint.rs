@@ -1,4 +1,4 @@
-use nalgebra::Quaternion;
+use nalgebra::{Quaternion, Vector3, Vector6};
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
@@ -34,6 +34,15 @@ pub struct ElbowSetpoint {
 const COAST_DECAY: f32 = 0.8;
 
 impl PosePoint {
+    /// The set-point displaced by `[p; r]` [m, rad], a vector and a rotation vector in the base frame.
+    #[must_use]
+    pub(crate) fn moved_by(&self, displacement: &Vector6<f32>) -> Self {
+        let [linear, angular] = [0, 3].map(|axis| displacement.fixed_rows::<3>(axis).into_owned());
+        let rotation = math::rotated_by(&math::orientation(self.rotation), &angular);
+        let position = Vector3::from(self.position) + linear;
+        Self { position: position.into(), rotation: rotation.coords.into(), ..*self }
+    }
+
     /// The set-point after one period without a successor: it coasts to rest.
     #[must_use]
     pub(crate) fn coasted(&self) -> Self {
@@ -77,5 +86,25 @@ impl ElbowSetpoint {
             velocity: COAST_DECAY * self.velocity,
             acceleration: 0.0,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_displacement_rotates_by_its_whole_angle() {
+        let point = PosePoint {
+            position: [0.1, 0.2, 0.3],
+            rotation: [0.0, 0.0, 0.0, 1.0],
+            velocity: [0.0; 6],
+            acceleration: [0.0; 6],
+        };
+        let moved = point.moved_by(&Vector6::new(0.01, 0.0, -0.02, 0.0, 1.0, 0.0));
+        // sin 0.5 and cos 0.5.
+        let expected = [0.11, 0.2, 0.28, 0.0, 0.479_425_54, 0.0, 0.877_582_6];
+        let found = moved.position.iter().chain(&moved.rotation);
+        assert!(found.zip(expected).all(|(found, expected)| (found - expected).abs() < 1e-6), "{moved:?}");
     }
 }

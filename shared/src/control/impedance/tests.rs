@@ -183,3 +183,26 @@ fn bad_numbers_are_named_with_axis_and_limit() {
     );
     assert!(SOFT.validate().is_ok());
 }
+
+/// 1.5 kg, of which x lacks half, y nothing, and z a third.
+#[test]
+fn masses_are_raised_with_their_damping() {
+    let mut raised = SOFT;
+    raised.raise_mass(&[3.0, 1.0, 2.0]);
+    assert_eq!(raised.mass, [3.0, 1.5, 2.0, 1.5, 1.5, 1.5]);
+    assert_eq!(raised.damping, [15.0, 7.5, 10.0, 7.5, 7.5, 7.5]);
+    assert_eq!(raised.stiffness, SOFT.stiffness);
+    // Coupled, all by the same ratio: the free mass of x is 1.5 − 0.5²/1.5 kg.
+    let mut coupling = ImpedanceCoupling::NONE;
+    (coupling.mass[0], coupling.damping[0]) = (0.5, 2.5);
+    let mut raised = Impedance { coupling: Some(coupling), ..SOFT };
+    let free = 1.5 - 0.25 / 1.5;
+    assert!((raised.free_mass()[0] - free).abs() < 1e-5);
+    raised.raise_mass(&[2.0 * free, 0.0, 0.0]);
+    assert!((raised.free_mass()[0] - 2.0 * free).abs() < 1e-5, "{raised:?}");
+    for (values, before) in [(raised.mass, SOFT.mass), (raised.damping, SOFT.damping)] {
+        assert!(values.iter().zip(before).all(|(value, before)| (value / before - 2.0).abs() < 1e-5));
+    }
+    let coupling = raised.coupling.unwrap();
+    assert!((coupling.mass[0] - 1.0).abs() < 1e-5 && (coupling.damping[0] - 5.0).abs() < 1e-5);
+}

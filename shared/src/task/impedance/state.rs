@@ -13,14 +13,14 @@ use super::response::{in_axes, respond};
 use super::setpoint::{
     ORIGIN, at_rest, check_deviation, check_elbow, check_numbers, check_point, pose_error, wrap_angle,
 };
-use super::settings::{ForceSource, ImpedanceSettings, InvalidImpedanceSettings, Law, Redundancy};
+use super::settings::{ForceSource, ImpedanceSettings, Law, Redundancy};
 use super::tuning::{
     CONTACT_DISTURBANCE_GAIN, CONTACT_FRICTION_COMPENSATION, CONTACT_HYSTERESIS_SQUARED,
     CONTACT_LOSS_SQUARED, CONTACT_REST_SPEED, FREE_BEFORE_READING, IMPEDANCE_BLEND, LIMIT_APPROACH_RATE,
     MAX_ELBOW_DISTANCE, MAX_TOOL_DISTURBANCE, MISMATCH_TICKS, PRESSING_REST_SPEED, REST_ERROR, REST_SPEED,
     SETPOINT_REST_SPEED, VELOCITY_LIMIT_FRACTION,
 };
-use super::{Arm, ArmMeasurement, ArmOutput, SetpointError};
+use super::{Arm, ArmMeasurement, ArmOutput, ImpedanceRefusal, SetpointError};
 use crate::TICK;
 use crate::control::{Impedance, JointPoint, ObserverState};
 use crate::kinematics::{ElbowSetpoint, Jacobian, PosePoint};
@@ -102,17 +102,16 @@ impl ImpedanceState {
     /// Changes the settings. The impedance is blended in within a second.
     ///
     /// # Errors
-    /// The first invalid setting; the state is unchanged then.
-    pub fn configure(
-        &mut self,
-        arm: &Arm<'_>,
-        settings: &ImpedanceSettings,
-    ) -> Result<(), InvalidImpedanceSettings> {
-        settings.validate(arm.chain.len())?;
+    /// The first invalid setting, or a deviation of the tool that exceeds the new maximum; the state is
+    /// unchanged then.
+    pub fn configure(&mut self, arm: &Arm<'_>, settings: &ImpedanceSettings) -> Result<(), ImpedanceRefusal> {
+        settings.validate(arm.chain.len()).map_err(ImpedanceRefusal::Settings)?;
+        check_deviation(&self.pose_error.into(), settings).map_err(ImpedanceRefusal::Setpoint)?;
         let [old, new] = [&self.settings.impedance, &settings.impedance];
         // An accepted mass stays valid: near a singular posture the arm's own mass grows without bound.
         if (old.axes, old.free_mass()) != (new.axes, new.free_mass()) {
-            settings.check_mass(&own_mass(arm.chain, arm.joints, &self.angles, new.axes))?;
+            let own_mass = own_mass(arm.chain, arm.joints, &self.angles, new.axes);
+            settings.check_mass(&own_mass).map_err(ImpedanceRefusal::Settings)?;
         }
         let before = core::mem::replace(&mut self.settings, *settings);
         if before.law != settings.law {

@@ -85,7 +85,7 @@ impl Task for ImpedanceControl {
                 if self.state.changes_source(settings) {
                     return Err(ImpedanceRefusal::ForceSourceInUse);
                 }
-                self.state.configure(&arm, settings).map_err(ImpedanceRefusal::Settings)
+                self.state.configure(&arm, settings)
             }
         }
     }

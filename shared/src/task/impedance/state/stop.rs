@@ -79,7 +79,7 @@ impl ImpedanceState {
     #[inline(never)]
     fn take_own_mass(&mut self, arm: &Arm<'_>) {
         let axes = self.impedance.axes;
-        self.impedance.raise_mass(|| own_mass(arm.chain, arm.joints, &self.angles, axes));
+        self.impedance.raise_mass(&own_mass(arm.chain, arm.joints, &self.angles, axes));
         self.settings.impedance = self.impedance;
     }
 
@@ -99,9 +99,7 @@ impl ImpedanceState {
             math::sqrt(response.fixed_rows::<3>(0).norm_squared())
         });
         if spring > contact {
-            let moved = error * ((1.0 - contact / spring) / TICK);
-            let moved = PosePoint { velocity: moved.into(), ..self.setpoint }.coasted();
-            self.setpoint = PosePoint { velocity: [0.0; 6], ..moved };
+            self.setpoint = self.setpoint.moved_by(&(error * (1.0 - contact / spring)));
         }
     }
 
@@ -110,12 +108,11 @@ impl ImpedanceState {
     pub(super) fn release(&mut self, error: &Vector6<f32>) {
         let [distance, angle] = [0, 3].map(|axis| math::sqrt(error.fixed_rows::<3>(axis).norm_squared()));
         let rate = |length: f32, max: f32| if length > max { max / length } else { 1.0 };
-        let linear = rate(distance, RELEASE_SPEED * TICK) / TICK;
-        let angular = rate(angle, RELEASE_ANGULAR_SPEED * TICK) / TICK;
+        let linear = rate(distance, RELEASE_SPEED * TICK);
+        let angular = rate(angle, RELEASE_ANGULAR_SPEED * TICK);
         let &[x, y, z, rx, ry, rz] = error.as_ref();
-        let velocity = [x * linear, y * linear, z * linear, rx * angular, ry * angular, rz * angular];
-        let moved = PosePoint { velocity, ..self.setpoint }.coasted();
-        self.setpoint = PosePoint { velocity: [0.0; 6], ..moved };
+        let way = [x * linear, y * linear, z * linear, rx * angular, ry * angular, rz * angular];
+        self.setpoint = self.setpoint.moved_by(&way.into());
         if distance <= RELEASE_SPEED * TICK && angle <= RELEASE_ANGULAR_SPEED * TICK {
             (self.release, self.contact) = (Release::Done, false);
         }

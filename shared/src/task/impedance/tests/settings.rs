@@ -8,8 +8,8 @@ use super::fixture::{ArmFixture, POSTURES, SOFT, accelerations, elbow_at_rest, t
 use crate::model::MAX_CHAIN_JOINTS;
 use crate::task::impedance::redundancy::JointVector;
 use crate::task::impedance::{
-    ArmMeasurement, ArmOutput, DirectLaw, ImpedanceSettings, InvalidImpedanceSettings, Law, Redundancy,
-    own_mass,
+    ArmMeasurement, ArmOutput, DirectLaw, ImpedanceRefusal, ImpedanceSettings, InvalidImpedanceSettings, Law,
+    Redundancy, SetpointError, own_mass,
 };
 
 #[test]
@@ -119,7 +119,13 @@ fn a_mass_far_below_the_arms_own_is_not_configured() {
     let inertia = fixture.chain.clone().with_rotor_inertia([0.03; 7]).mass_matrix(&POSTURES[0]);
     let jacobian = fixture.jacobian(&POSTURES[0]);
     let own = 1.0 / (jacobian * inertia.try_inverse().unwrap() * jacobian.transpose())[(0, 0)];
-    let InvalidImpedanceSettings::MassInContact { axis: 0, own: found, limit, .. } = refused else {
+    let ImpedanceRefusal::Settings(InvalidImpedanceSettings::MassInContact {
+        axis: 0,
+        own: found,
+        limit,
+        ..
+    }) = refused
+    else {
         panic!("{refused}");
     };
     assert!((found / own - 1.0).abs() < 1e-3 && (limit / found - 0.25).abs() < 1e-6, "{refused} {own}");
@@ -144,6 +150,26 @@ fn an_arm_that_has_moved_to_a_singular_posture_keeps_its_mass() {
     stiffer.impedance.mass[0] = 1.01 * SOFT.impedance.mass[0];
     assert!(matches!(
         state.configure(&arm, &stiffer),
-        Err(InvalidImpedanceSettings::MassInContact { axis: 2, .. })
+        Err(ImpedanceRefusal::Settings(InvalidImpedanceSettings::MassInContact { axis: 2, .. }))
     ));
+}
+
+/// The tool is 30 mm from its set-point.
+#[test]
+fn a_maximum_deviation_that_is_exceeded_already_is_refused() {
+    let fixture = ArmFixture::new();
+    let arm = fixture.arm();
+    let mut state = fixture.state(&SOFT, &POSTURES[0]);
+    let mut point = fixture.point(&POSTURES[0]);
+    point.position[0] += 0.03;
+    state.set_target(&arm, &point, &elbow_at_rest(&fixture, &state)).unwrap();
+    state.tick(&arm, &ArmMeasurement { angles: POSTURES[0], ..ArmMeasurement::default() }).unwrap();
+    let narrow = |distance| ImpedanceSettings { max_deviation: [distance, 1.0], ..SOFT };
+    let refused = state.configure(&arm, &narrow(0.02)).unwrap_err();
+    assert!(
+        matches!(refused, ImpedanceRefusal::Setpoint(SetpointError::Distance { value, limit: 0.02 })
+            if (value - 0.03).abs() < 1e-4),
+        "{refused}"
+    );
+    assert_eq!(state.configure(&arm, &narrow(0.04)), Ok(()));
 }
