@@ -274,7 +274,7 @@ impl GraspState {
         rotation: &[f32; 3],
         duration: f32,
     ) -> Result<(), GraspRefusal> {
-        self.require(&[Phase::Hold, Phase::Move])?;
+        self.require(&[Phase::Hold])?;
         let (translation, rotation) = (Vector3::from(*translation), Vector3::from(*rotation));
         if !(translation.sum() + rotation.sum() + duration).is_finite() || duration < TICK {
             return Err(GraspRefusal::NotFinite);
