@@ -28,7 +28,7 @@ fn chain(name: &str) -> Chain {
     let origins: Vec<Pose> =
         joints.iter().map(|&(translation, rotation, _)| Pose { translation, rotation }).collect();
     let links = origins.iter().zip(joints.iter()).map(|(origin, (_, _, axis))| (origin, axis, &none));
-    Chain::from_links(links, &Pose { translation: tip.0, rotation: tip.1 })
+    Chain::from_links(links, &Pose { translation: tip.0, rotation: tip.1 }).expect("a valid chain")
 }
 
 /// Nanoseconds per call over `count` calls; the minimum of several rounds.
