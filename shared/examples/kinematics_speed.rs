@@ -74,7 +74,8 @@ fn inverse(name: &str, start: &[f32], limit: f32, position_only: bool, singular:
     for (label, restarts) in [("fixed start, no restart", 0), ("fixed start", 100), ("near start", 100)] {
         let solver = InverseKinematics::try_new(&limits)
             .expect("limits")
-            .with_options(SolverOptions { restarts, ..SolverOptions::default() });
+            .with_options(SolverOptions { restarts, ..SolverOptions::default() })
+            .expect("options");
         let from = |index: usize| if label == "near start" { near[index].clone() } else { start.to_vec() };
         let mut reached = 0;
         let mut iterations = 0;

@@ -155,7 +155,7 @@ pub fn run(
         let _ = filter.update(&mut state, (1.0 / values.rate) as f32, &sample);
         let tips = human.fingertips(&state);
         let Ok(thumb) = tips[0] else { continue };
-        let truth = true_vectors(&hand, &motion, time - f64::from(filter.delay));
+        let truth = true_vectors(&hand, &motion, time - f64::from(filter.delay()));
         for (number, tip) in tips[1..].iter().enumerate() {
             // A tip is missing until all its sensors have given a sample.
             let Ok(tip) = tip else { continue };
@@ -259,7 +259,7 @@ mod tests {
         let mut time = 0.0_f64;
         for seed in 1..=20 {
             let trial = run(plan, GloveValues::default(), filter, seed, 30.0).unwrap();
-            assert!((trial.delay - f64::from(filter.delay)).abs() < 4e-3, "{seed}: {}", trial.delay);
+            assert!((trial.delay - f64::from(filter.delay())).abs() < 4e-3, "{seed}: {}", trial.delay);
             time = time.max(trial.time);
             all.iter_mut().zip(trial.vectors).for_each(|(all, vectors)| all.extend(vectors));
         }

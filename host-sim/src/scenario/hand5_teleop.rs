@@ -114,7 +114,7 @@ impl Operator {
             self.link.send(self.next.0, self.human.fingertips(&self.state).map(Result::ok));
             self.next = self.glove.sample(&self.hand, &self.motion);
         }
-        let delay = f64::from(FILTER.delay);
+        let delay = f64::from(FILTER.delay());
         let fingers = self.fingers;
         let packets = self.link.receive(time);
         packets

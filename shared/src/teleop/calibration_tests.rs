@@ -257,10 +257,23 @@ fn swapped_markers_are_named() {
 }
 
 #[test]
+fn filters_outside_their_ranges_are_refused() {
+    let refused = |bandwidth, delay, hold| GloveFilter::try_new(bandwidth, delay, hold).unwrap_err().field;
+    assert_eq!(GloveFilter::try_new(5.0 * core::f32::consts::TAU, 0.0, 0.1), Ok(GloveFilter::PROMPT));
+    for bandwidth in [0.9, 1001.0, f32::NAN] {
+        assert_eq!(refused(bandwidth, 0.0, 0.1), "bandwidth of the glove's filter");
+    }
+    for delay in [0.21, -0.1] {
+        assert_eq!(refused(10.0, delay, 0.1), "delay of the glove's filter");
+    }
+    assert_eq!(refused(10.0, 0.2, 1.5), "time for which a sensor is bridged");
+}
+
+#[test]
 fn a_filtered_fingertip_is_where_the_links_put_it_and_moves_as_it_does() {
     let hand = HumanHand::try_new([LINKS; FINGERS]).unwrap();
     let mut state = GloveFilterState::default();
-    let filter = GloveFilter { bandwidth: 100.0, ..GloveFilter::PROMPT };
+    let filter = GloveFilter::try_new(100.0, 0.0, 0.1).unwrap();
     let period = 0.01;
     let at = |time: f32| {
         // The hand rotates as a whole, and each joint bends at a constant rate.

@@ -3,7 +3,7 @@ use core::fmt;
 use nalgebra::{Matrix3, Quaternion, SMatrix, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::math;
+use crate::{OutOfRange, math};
 
 /// Fingers of a hand, the thumb included.
 pub const FINGERS: usize = 5;
@@ -318,12 +318,9 @@ impl HumanHand {
 /// missing sample is bridged for a limited time with the last angular velocity, which decays.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GloveFilter {
-    /// `ω` [rad/s], 1 to 1000.
-    pub bandwidth: f32,
-    /// `d` [s], 0 to 2/ω.
-    pub delay: f32,
-    /// Maximum time for which a sensor is bridged [s].
-    pub hold: f32,
+    bandwidth: f32,
+    delay: f32,
+    hold: f32,
 }
 
 impl GloveFilter {
@@ -331,6 +328,23 @@ impl GloveFilter {
     pub const PROMPT: Self = Self { bandwidth: 5.0 * core::f32::consts::TAU, delay: 0.0, hold: 0.1 };
     /// 5 Hz and a delay of 1/ω, 32 ms; bridges a tenth of a second.
     pub const SMOOTH: Self = Self { delay: 1.0 / Self::PROMPT.bandwidth, ..Self::PROMPT };
+
+    /// A filter with the `bandwidth` `ω` [rad/s], 1 to 1000, and the `delay` `d` [s], 0 to 2/ω, which bridges
+    /// a sensor for at most the time `hold` [s], 0 to 1.
+    ///
+    /// # Errors
+    /// The first value outside its range.
+    pub fn try_new(bandwidth: f32, delay: f32, hold: f32) -> Result<Self, OutOfRange> {
+        OutOfRange::check("bandwidth of the glove's filter", bandwidth, [1.0, 1000.0])?;
+        OutOfRange::check("delay of the glove's filter", delay, [0.0, 2.0 / bandwidth])?;
+        OutOfRange::check("time for which a sensor is bridged", hold, [0.0, 1.0])?;
+        Ok(Self { bandwidth, delay, hold })
+    }
+
+    /// Its delay `d` [s].
+    pub const fn delay(&self) -> f32 {
+        self.delay
+    }
 
     /// Updates the state with a sample that comes `period` [s] after the previous one. Returns the error of
     /// the first sensor whose sample could not be used; the sensor is bridged, and all others are filtered.
@@ -346,8 +360,7 @@ impl GloveFilter {
         if !(period > 0.0 && period <= 1.0) {
             return Err(GloveError::Period(period));
         }
-        let bandwidth = math::clamp(self.bandwidth, 1.0, 1000.0);
-        let (decay, delay) = (math::exp(-bandwidth * period), math::clamp(self.delay, 0.0, 2.0 / bandwidth));
+        let decay = math::exp(-self.bandwidth * period);
         let mut result = Ok(());
         for (sensor, tracked) in GloveSensor::all().zip(&mut state.sensors) {
             match (sample.orientation(sensor), tracked.as_mut()) {
@@ -363,7 +376,7 @@ impl GloveFilter {
                 }
             }
             if let Some(tracked) = tracked {
-                tracked.output = math::rotated_by(&tracked.rotation, &(tracked.velocity * -delay));
+                tracked.output = math::rotated_by(&tracked.rotation, &(tracked.velocity * -self.delay));
             }
         }
         result

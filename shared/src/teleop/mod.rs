@@ -116,7 +116,7 @@ pub use human_hand::{
     FINGERS, FingerLinks, FingerRotations, Fingertip, GloveError, GloveFilter, GloveFilterState, GloveSample,
     GloveSensor, HumanFinger, HumanHand, InvalidLink, SENSORS,
 };
-pub use matched::MatchedImpedance;
+pub use matched::{MatchedImpedance, UnsuitableImpedance};
 pub use operator_estimate::OperatorModel;
 pub use passivity::{PowerPort, PowerPortLimits, UnsuitableLink};
 pub use retarget::{InvalidFingertip, OperatorFingertips, RetargetReport, RetargetState, Retargeting};

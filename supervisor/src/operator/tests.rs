@@ -53,13 +53,14 @@ fn pictured(points: [[f32; 3]; LANDMARKS]) -> [[f32; 3]; LANDMARKS] {
 }
 
 fn tracker(side: Side) -> Tracker {
-    Tracker::new(TrackerSettings {
+    Tracker::try_new(TrackerSettings {
         side,
         rotation: UnitQuaternion::identity(),
         bandwidth: 5.0,
         max_gap: 0.2,
         wearer: None,
     })
+    .unwrap()
 }
 
 fn seen(
@@ -118,7 +119,7 @@ fn the_settings_turn_the_fingertips_into_the_robots_frame() {
     let rotation = UnitQuaternion::from_euler_angles(0.3, -0.7, 2.0);
     let settings =
         TrackerSettings { side: Side::Right, rotation, bandwidth: 5.0, max_gap: 0.2, wearer: None };
-    let found = Tracker::new(settings).add(0.0, &Observation::Fingertips(tips(0.3))).unwrap();
+    let found = Tracker::try_new(settings).unwrap().add(0.0, &Observation::Fingertips(tips(0.3))).unwrap();
     for (found, tip) in found.iter().zip(tips(0.3)) {
         let turned = rotation * Vector3::from(tip.unwrap());
         assert!((Vector3::from(found.unwrap().position) - turned).norm() < 1e-6);
@@ -309,7 +310,7 @@ fn a_glove_gives_the_fingertips_in_the_hands_frame() {
         back: quaternion(world * mount.inverse()),
         segments: [[segment(0.4), segment(0.8), segment(1.2)]; FINGERS],
     };
-    let mut tracker = Tracker::new(settings);
+    let mut tracker = Tracker::try_new(settings).unwrap();
     let found = tracker.add(0.0, &Observation::Glove(sample)).unwrap();
     for (finger, tip) in found.into_iter().enumerate().skip(1) {
         let expected = landmarks(0.4)[4 + 4 * finger];

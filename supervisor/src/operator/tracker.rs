@@ -3,6 +3,7 @@
 use core::f32::consts::TAU;
 
 use nalgebra::{UnitQuaternion, Vector3};
+use tesaki::OutOfRange;
 use tesaki::kinematics::MAX_FINGERS;
 use tesaki::task::telexistence::FingertipPoint;
 use tesaki::teleop::{
@@ -69,6 +70,7 @@ const MIN_PERIOD: f64 = 1e-6;
 #[derive(Clone, Debug)]
 pub struct Tracker {
     settings: TrackerSettings,
+    glove_filter: GloveFilter,
     /// Time of the last frame [s].
     time: Option<f64>,
     glove: GloveFilterState,
@@ -78,8 +80,18 @@ pub struct Tracker {
 
 impl Tracker {
     /// Creates a tracker without frames.
-    pub fn new(settings: TrackerSettings) -> Self {
-        Self { settings, time: None, glove: GloveFilterState::default(), points: [None; FINGERS], gaps: 0 }
+    ///
+    /// # Errors
+    /// The bandwidth is not 0.16 to 159 Hz.
+    pub fn try_new(settings: TrackerSettings) -> Result<Self, OutOfRange> {
+        Ok(Self {
+            settings,
+            glove_filter: GloveFilter::try_new(TAU * settings.bandwidth, 0.0, 0.1)?,
+            time: None,
+            glove: GloveFilterState::default(),
+            points: [None; FINGERS],
+            gaps: 0,
+        })
     }
 
     /// Number of gaps between frames that were too long to be bridged.
@@ -147,8 +159,7 @@ impl Tracker {
             }
         }
         let Some(Wearer { hand, palm }) = self.settings.wearer else { return Ok([None; FINGERS]) };
-        let filter = GloveFilter { bandwidth: TAU * self.settings.bandwidth, ..GloveFilter::PROMPT };
-        match filter.update(&mut state, period, sample) {
+        match self.glove_filter.update(&mut state, period, sample) {
             Ok(()) | Err(GloveError::Missing(_)) => {}
             Err(error) => return Err(error.into()),
         }
