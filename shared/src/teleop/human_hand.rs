@@ -6,9 +6,9 @@ use serde::{Deserialize, Serialize};
 use crate::{OutOfRange, math};
 
 /// Fingers of a hand, the thumb included.
-pub const FINGERS: usize = 5;
+pub const HUMAN_FINGERS: usize = 5;
 /// Orientation sensors of a glove: one on the back of the hand, and three per finger.
-pub const SENSORS: usize = 1 + 3 * FINGERS;
+pub const SENSORS: usize = 1 + 3 * HUMAN_FINGERS;
 /// Maximum length of a link [m]; metacarpals are some 70 mm long.
 const MAX_LINK: f32 = 0.3;
 /// Deviation of a quaternion's norm and of a rotation matrix's columns from 1.
@@ -33,7 +33,7 @@ pub enum HumanFinger {
 
 impl HumanFinger {
     /// From thumb to little finger.
-    pub const ALL: [Self; FINGERS] = [Self::Thumb, Self::Index, Self::Middle, Self::Ring, Self::Little];
+    pub const ALL: [Self; HUMAN_FINGERS] = [Self::Thumb, Self::Index, Self::Middle, Self::Ring, Self::Little];
 
     /// Its name in tables and files.
     pub const fn name(self) -> &'static str {
@@ -131,7 +131,7 @@ pub struct GloveSample {
     /// Orientation of the back of the hand.
     pub back: Option<[f32; 4]>,
     /// Orientations of the segments, thumb to little finger, each from palm to tip.
-    pub segments: [[Option<[f32; 4]>; 3]; FINGERS],
+    pub segments: [[Option<[f32; 4]>; 3]; HUMAN_FINGERS],
 }
 
 impl GloveSample {
@@ -255,7 +255,7 @@ pub struct Fingertip {
 /// Links of an operator's hand.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HumanHand {
-    links: [FingerLinks; FINGERS],
+    links: [FingerLinks; HUMAN_FINGERS],
 }
 
 impl HumanHand {
@@ -263,7 +263,7 @@ impl HumanHand {
     ///
     /// # Errors
     /// A link that is not finite or longer than 0.3 m, or a last link of no length, which has no direction.
-    pub fn try_new(links: [FingerLinks; FINGERS]) -> Result<Self, InvalidLink> {
+    pub fn try_new(links: [FingerLinks; HUMAN_FINGERS]) -> Result<Self, InvalidLink> {
         for (finger, of_finger) in HumanFinger::ALL.into_iter().zip(&links) {
             for (link, number) in of_finger.0.iter().zip(0..) {
                 let length = math::sqrt(Vector3::from(*link).norm_squared());
@@ -285,7 +285,7 @@ impl HumanHand {
     ///
     /// # Errors
     /// For each finger: its sensor, or that of the back of the hand, that has given no sample for too long.
-    pub fn fingertips(&self, state: &GloveFilterState) -> [Result<Fingertip, GloveError>; FINGERS] {
+    pub fn fingertips(&self, state: &GloveFilterState) -> [Result<Fingertip, GloveError>; HUMAN_FINGERS] {
         HumanFinger::ALL.map(|finger| self.fingertip(state, finger))
     }
 

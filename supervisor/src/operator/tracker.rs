@@ -7,8 +7,8 @@ use tesaki::OutOfRange;
 use tesaki::kinematics::MAX_FINGERS;
 use tesaki::task::telexistence::FingertipPoint;
 use tesaki::teleop::{
-    FINGERS, GloveError, GloveFilter, GloveFilterState, GloveSample, GloveSensor, HumanFinger, HumanHand,
-    OperatorFingertips,
+    GloveError, GloveFilter, GloveFilterState, GloveSample, GloveSensor, HUMAN_FINGERS, HumanFinger,
+    HumanHand, OperatorFingertips,
 };
 use tesaki_description::retargeting::Side;
 
@@ -25,7 +25,7 @@ pub enum Observation {
     /// Landmarks of a webcam tracker; `None` while it sees no hand.
     Landmarks(Option<Landmarks>),
     /// Fingertips in the frame of the hand [m], thumb to little finger; `None` for one that is not visible.
-    Fingertips([Option<[f32; 3]>; FINGERS]),
+    Fingertips([Option<[f32; 3]>; HUMAN_FINGERS]),
 }
 
 /// The wearer of a glove.
@@ -74,7 +74,7 @@ pub struct Tracker {
     /// Time of the last frame [s].
     time: Option<f64>,
     glove: GloveFilterState,
-    points: [Option<PointFilter>; FINGERS],
+    points: [Option<PointFilter>; HUMAN_FINGERS],
     gaps: u32,
 }
 
@@ -89,7 +89,7 @@ impl Tracker {
             glove_filter: GloveFilter::try_new(TAU * settings.bandwidth, 0.0, 0.1)?,
             time: None,
             glove: GloveFilterState::default(),
-            points: [None; FINGERS],
+            points: [None; HUMAN_FINGERS],
             gaps: 0,
         })
     }
@@ -123,7 +123,7 @@ impl Tracker {
                 let period = gap.filter(|_| !has_gap).unwrap_or(0.01) as f32;
                 self.of_glove(state, period, sample)?
             }
-            Observation::Landmarks(None) => [None; FINGERS],
+            Observation::Landmarks(None) => [None; HUMAN_FINGERS],
             Observation::Landmarks(Some(landmarks)) => {
                 self.filter(time, &landmarks.fingertips(self.settings.side)?)?
             }
@@ -158,7 +158,7 @@ impl Tracker {
                 Err(error) => return Err(error.into()),
             }
         }
-        let Some(Wearer { hand, palm }) = self.settings.wearer else { return Ok([None; FINGERS]) };
+        let Some(Wearer { hand, palm }) = self.settings.wearer else { return Ok([None; HUMAN_FINGERS]) };
         match self.glove_filter.update(&mut state, period, sample) {
             Ok(()) | Err(GloveError::Missing(_)) => {}
             Err(error) => return Err(error.into()),
@@ -178,9 +178,9 @@ impl Tracker {
     }
 
     /// Checks and filters fingertips.
-    fn filter(&mut self, time: f64, tips: &[Option<Tip>; FINGERS]) -> Result<Fingertips, FrameError> {
+    fn filter(&mut self, time: f64, tips: &[Option<Tip>; HUMAN_FINGERS]) -> Result<Fingertips, FrameError> {
         check(self.settings.side, tips)?;
-        let mut points = [None; FINGERS];
+        let mut points = [None; HUMAN_FINGERS];
         for ((point, tip), filter) in points.iter_mut().zip(tips).zip(&mut self.points) {
             let Some(Tip { position, direction }) = tip else { continue };
             match filter {
