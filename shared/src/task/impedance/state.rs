@@ -363,9 +363,9 @@ impl ImpedanceState {
     }
 
     /// Begin of a contact whose `wrench` [N, N·m] is estimated: until now the disturbance observers carried
-    /// it, and from now on the torques that balance it do. Carried twice, it would drive the tool against who
-    /// pulls it. When the contact ends, the observers learn what is left of it: the estimate lags, and after
-    /// a sudden end nothing is.
+    /// it, and from now on the torques that balance it do. Carried twice, it would drive the tool against the
+    /// person who pulls it. When the contact ends, the observers learn what is left of it: the estimate lags,
+    /// and after a sudden end nothing is.
     #[inline(never)]
     fn hand_over_load(&mut self, arm: &Arm<'_>, wrench: &Vector6<f32>) {
         let torques = arm.chain.posture(&self.angles).jacobian().tr_mul(wrench);
