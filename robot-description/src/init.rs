@@ -195,7 +195,8 @@ fn coupled(chain: &SerialChain, joints: &[&SerialJoint]) -> Option<(Chain, Vec<C
         Some(Coupling { actuated: u8::try_from(actuated).ok()?, multiplier, offset })
     };
     let couplings = all.iter().map(coupling).collect::<Option<_>>()?;
-    Some((Chain::from_links(links, &chain.pose), couplings))
+    // Chains with more joints than are supported have been reported, too.
+    Some((Chain::from_links(links, &chain.pose).ok()?, couplings))
 }
 
 /// The motor of a joint, and why.

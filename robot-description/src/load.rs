@@ -215,7 +215,10 @@ mod tests {
         let axis = [0.0, 0.0, 1.0];
         let links = [(&Pose::IDENTITY, &axis, &first), (&end, &axis, &second)];
         let follows = Coupling { actuated: 0, multiplier: -2.0, offset: 0.0 };
-        let chain = grouped([(Chain::from_links(links, &end), vec![Coupling::direct(0), follows])], &[0.1]);
+        let chain = grouped(
+            [(Chain::from_links(links, &end).expect("valid"), vec![Coupling::direct(0), follows])],
+            &[0.1],
+        );
         let matrix = chain.mass_matrix(&[0.5]);
         // sin 0.5 = 0.479 426.
         let by_hand = 0.958_851 * 0.958_851 + 0.1;
@@ -235,6 +238,7 @@ mod tests {
         let axis = [0.0, 0.0, 1.0];
         let chain = |links: &[Inertial]| {
             Chain::from_links(links.iter().map(|link| (&Pose::IDENTITY, &axis, link)), &Pose::IDENTITY)
+                .expect("valid")
         };
         let follows = Coupling { actuated: 1, multiplier: -2.0, offset: 0.0 };
         let groups = CoupledChains::groups([
@@ -284,7 +288,8 @@ mod tests {
     fn a_pendulum_has_its_inertia_and_its_weight_held_level() {
         // 2 kg at 0.5 m from an axis along y: 2·0.25 kg·m², and 2·9.81·0.5 N·m where it is level.
         let link = Inertial { mass: 2.0, center_of_mass: [0.0, 0.0, -0.5], inertia: [0.0; 6] };
-        let chain = Chain::from_links([(&Pose::IDENTITY, &[0.0, 1.0, 0.0], &link)], &Pose::IDENTITY);
+        let chain =
+            Chain::from_links([(&Pose::IDENTITY, &[0.0, 1.0, 0.0], &link)], &Pose::IDENTITY).expect("valid");
         let chain = driven(chain, &[]);
         let [load] = &*chain.joint_loads(&[0.0, 0.0, -9.81], &[(-0.2, core::f32::consts::FRAC_PI_2)]) else {
             panic!("one joint")
@@ -308,7 +313,7 @@ mod tests {
         let end = Pose { translation: [1.0, 0.0, 0.0], ..Pose::IDENTITY };
         let axis = [0.0, 0.0, 1.0];
         let links = [(&Pose::IDENTITY, &axis, &first), (&end, &axis, &second)];
-        let chain = driven(Chain::from_links(links, &end), &[1.0, 0.1]);
+        let chain = driven(Chain::from_links(links, &end).expect("valid"), &[1.0, 0.1]);
         let right = core::f32::consts::FRAC_PI_2;
         let [one, two] = &*chain.joint_inertias(&[(0.0, 0.1), (0.0, right)]) else { panic!("two joints") };
         for (got, expected) in

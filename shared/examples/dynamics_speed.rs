@@ -41,6 +41,7 @@ fn main() {
         .collect();
     let links = parts.iter().map(|(origin, axis, link)| (origin, axis, link));
     let arm = Chain::from_links(links, &Pose { translation: tip.0, rotation: tip.1 })
+        .expect("a valid chain")
         .with_rotor_inertia(joints.iter().map(|joint| joint.6));
     let (q, qd, qdd, wrench, ..) = motions[0];
     let (gravity, wrench) = (Vector3::from(*gravity), Vector6::from(wrench));

@@ -28,7 +28,7 @@ fn chain(name: &str) -> Chain {
     let origins: Vec<Pose> =
         joints.iter().map(|&(translation, rotation, _)| Pose { translation, rotation }).collect();
     let links = origins.iter().zip(joints.iter()).map(|(origin, (_, _, axis))| (origin, axis, &none));
-    Chain::from_links(links, &Pose { translation: tip.0, rotation: tip.1 })
+    Chain::from_links(links, &Pose { translation: tip.0, rotation: tip.1 }).expect("a valid chain")
 }
 
 /// Nanoseconds per call over `count` calls; the minimum of several rounds.
@@ -74,7 +74,8 @@ fn inverse(name: &str, start: &[f32], limit: f32, position_only: bool, singular:
     for (label, restarts) in [("fixed start, no restart", 0), ("fixed start", 100), ("near start", 100)] {
         let solver = InverseKinematics::try_new(&limits)
             .expect("limits")
-            .with_options(SolverOptions { restarts, ..SolverOptions::default() });
+            .with_options(SolverOptions { restarts, ..SolverOptions::default() })
+            .expect("options");
         let from = |index: usize| if label == "near start" { near[index].clone() } else { start.to_vec() };
         let mut reached = 0;
         let mut iterations = 0;

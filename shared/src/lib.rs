@@ -1,15 +1,8 @@
 //! tesaki: the control core of robot hands and arms.
 //!
 //! One core, `no_std`, without allocation, I/O or clocks. A board, a simulator and a replay tool call the
-//! same code and get bit-identical results:
-//!
-//! ```text
-//!          bytes                    Request                   SensorFrame
-//!  serial ───────► codec ─────────► Node::handle ──┐      board or plant ──┐
-//!         ◄─────── (COBS, CRC) ◄─── Reply,       ◄─┴── Node::tick ◄────────┘
-//!                                   Telemetry            │ ActuatorFrame
-//!                                                        └────────────► board or plant
-//! ```
+//! same code and get bit-identical results. `docs/architecture.md` shows the loop around
+//! [`Node::tick`](node::Node::tick).
 //!
 //! The modules are layers, each using only those before it:
 //!

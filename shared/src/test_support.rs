@@ -125,7 +125,7 @@ pub fn hand5() -> Hand {
             .map(|&(translation, _)| Pose { translation, rotation: Pose::IDENTITY.rotation })
             .collect();
         let links = origins.iter().zip(joints).map(|(origin, (_, axis))| (origin, axis, &NO_MASS));
-        Chain::from_links(links, &tip)
+        Chain::of_links(links, &tip)
     };
     let straight = |length: f32| Pose { translation: [0.0, 0.0, length], ..Pose::IDENTITY };
     // The last segment is bent by 0.35 rad.

@@ -45,7 +45,8 @@ fn worst<'a>(
 ) -> Option<(&'a JointModel, f32)> {
     let mut robot = Box::new(Robot::NONE);
     robot.configure(model).ok()?;
-    let loads = model.joints.iter().zip(robot.weight(angles)).map(|(joint, torque)| (joint, abs(torque)));
+    let loads =
+        model.joints.iter().zip(robot.gravity_torques(angles)).map(|(joint, torque)| (joint, abs(torque)));
     let excess = |(joint, torque): &(&JointModel, f32)| torque - holds(joint);
     loads.filter(|load| excess(load) > 0.0).max_by(|one, other| excess(one).total_cmp(&excess(other)))
 }

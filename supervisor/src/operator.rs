@@ -1,5 +1,5 @@
-//! An operator's hand: calibration of its links (detection of held poses in a glove's stream, guidance of the
-//! person, and the calibration file), and its fingertips from the frames of any source ([`Tracker`]).
+//! An operator's hand: calibration of its links (detection of held postures in a glove's stream, guidance of
+//! the person, and the calibration file), and its fingertips from the frames of any source ([`Tracker`]).
 
 mod error;
 mod fingertips;
@@ -18,8 +18,8 @@ use nalgebra::{Quaternion, UnitQuaternion};
 use serde::{Deserialize, Serialize};
 use tesaki::math;
 use tesaki::teleop::{
-    CalibrationAccuracy, CalibrationError, CalibrationSettings, FINGERS, FingerLinks, FingerRotations,
-    GloveSample, HandCalibration, HumanFinger, MAX_TIP_DEVIATION,
+    CalibrationAccuracy, CalibrationError, CalibrationSettings, FingerLinks, FingerRotations, GloveSample,
+    HUMAN_FINGERS, HandCalibration, HumanFinger, MAX_TIP_DEVIATION,
 };
 
 pub use error::FrameError;
@@ -27,49 +27,49 @@ pub use landmarks::{LANDMARKS, Landmarks};
 pub use tracker::{Fingertips, Observation, Tracker, TrackerSettings, Wearer, operator_fingertips};
 
 /// Positions of the visible markers, thumb to little finger, in the frame of the back of the hand [m].
-pub type Markers = [Option<[f32; 3]>; FINGERS];
+pub type Markers = [Option<[f32; 3]>; HUMAN_FINGERS];
 
 /// A posture of the hand, with the visible markers.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Pose {
+pub struct HandPosture {
     /// Orientations, relative to the back of the hand.
     pub orientations: GloveSample,
     /// Markers.
     pub markers: Markers,
 }
 
-/// Time for which a pose must be held [s].
+/// Time for which a posture must be held [s].
 const HOLD: f64 = 1.0;
-/// Minimum number of samples of a held pose.
+/// Minimum number of samples of a held posture.
 const MIN_SAMPLES: usize = 20;
-/// Largest rotation between the means of the two halves of a held pose [rad]: 2°.
+/// Largest rotation between the means of the two halves of a held posture [rad]: 2°.
 const STILL: f64 = 0.035;
-/// Rotation of a segment from the previous pose that makes a new pose [rad]: 10°.
+/// Rotation of a segment from the previous posture that makes a new posture [rad]: 10°.
 const DIFFERENT: f64 = 0.175;
-/// Number of poses from which a calibration is offered as complete.
-const MIN_POSES: u32 = 12;
-/// A pose whose tip is this far from the calibrated position must be repeated [m].
+/// Number of postures from which a calibration is offered as complete.
+const MIN_POSTURES: u32 = 12;
+/// A posture whose tip is this far from the calibrated position must be repeated [m].
 const REDO: f32 = 0.015;
 
 /// Standard deviation of the distance of two touching tips, along each axis [m].
 const TOUCH: f32 = 2.5e-3;
 
-/// Finds poses in a stream of samples that are held for a second, and averages them.
+/// Finds postures in a stream of samples that are held for a second, and averages them.
 #[derive(Clone, Debug, Default)]
-pub struct PoseDetector {
-    window: VecDeque<(f64, Pose)>,
+pub struct PostureDetector {
+    window: VecDeque<(f64, HandPosture)>,
     last: Option<GloveSample>,
 }
 
-impl PoseDetector {
-    /// Takes a sample at a time [s]; returns the mean of a new held pose.
-    pub fn add(&mut self, time: f64, orientations: GloveSample, markers: Markers) -> Option<Pose> {
+impl PostureDetector {
+    /// Takes a sample at a time [s]; returns the mean of a new held posture.
+    pub fn add(&mut self, time: f64, orientations: GloveSample, markers: Markers) -> Option<HandPosture> {
         // Motion during a gap is unknown.
         let goes_on = |before: f64| time > before && time - before < HOLD;
         if !self.window.back().is_none_or(|(before, _)| goes_on(*before)) {
             self.window.clear();
         }
-        self.window.push_back((time, Pose { orientations, markers }));
+        self.window.push_back((time, HandPosture { orientations, markers }));
         while self.window.get(1).is_some_and(|(second, _)| time - second >= HOLD) {
             self.window.pop_front();
         }
@@ -77,7 +77,7 @@ impl PoseDetector {
         if time - begin < HOLD || self.window.len() < MIN_SAMPLES {
             return None;
         }
-        let samples: Vec<GloveSample> = self.window.iter().map(|(_, pose)| pose.orientations).collect();
+        let samples: Vec<GloveSample> = self.window.iter().map(|(_, posture)| posture.orientations).collect();
         let (first, second) = samples.split_at(samples.len() / 2);
         if rotation(&mean_orientations(first), &mean_orientations(second)) > STILL {
             return None;
@@ -86,13 +86,13 @@ impl PoseDetector {
         if self.last.is_some_and(|last| rotation(&last, &mean) < DIFFERENT) {
             return None;
         }
-        let markers = mean_markers(self.window.iter().map(|(_, pose)| &pose.markers));
+        let markers = mean_markers(self.window.iter().map(|(_, posture)| &posture.markers));
         self.window.clear();
         self.last = Some(mean);
-        Some(Pose { orientations: mean, markers })
+        Some(HandPosture { orientations: mean, markers })
     }
 
-    /// Allows the last pose to be taken again.
+    /// Allows the last posture to be taken again.
     pub fn again(&mut self) {
         self.last = None;
     }
@@ -147,8 +147,8 @@ fn rotation(one: &GloveSample, other: &GloveSample) -> f64 {
     angles.fold(0.0, f64::max)
 }
 
-/// Instructions for the first poses, in order.
-const FIRST_POSES: [&str; 8] = [
+/// Instructions for the first postures, in order.
+const FIRST_POSTURES: [&str; 8] = [
     "hold the hand flat, all fingers straight and together",
     "spread the fingers and the thumb",
     "bend all fingers at the palm and keep them straight beyond it",
@@ -159,65 +159,65 @@ const FIRST_POSES: [&str; 8] = [
     "bend each finger differently, from the index to the little finger more and more",
 ];
 
-/// Guides a person through the poses and checks each of them.
+/// Guides a person through the postures and checks each of them.
 #[derive(Clone, Debug)]
 pub struct CalibrationGuide {
     calibration: HandCalibration,
     flat: Option<GloveSample>,
-    poses: u32,
+    postures: u32,
     /// Fingers whose marker was seen.
-    marked: [bool; FINGERS],
+    marked: [bool; HUMAN_FINGERS],
 }
 
 impl CalibrationGuide {
-    /// Creates a guide without poses.
+    /// Creates a guide without postures.
     ///
     /// # Errors
     /// A setting is outside its limits.
     pub fn try_new(settings: &CalibrationSettings) -> Result<Self, CalibrationError> {
         let calibration = HandCalibration::try_new(settings)?;
-        Ok(Self { calibration, flat: None, poses: 0, marked: [false; FINGERS] })
+        Ok(Self { calibration, flat: None, postures: 0, marked: [false; HUMAN_FINGERS] })
     }
 
-    /// Adds a pose.
+    /// Adds a posture.
     ///
     /// # Errors
     /// An orientation or a marker cannot be used, or markers are where the calibrated hand cannot have them.
-    /// Nothing is added: the pose can be taken again.
-    pub fn add(&mut self, pose: &Pose) -> Result<(), CalibrationError> {
-        self.calibration.add_pose(&pose.orientations, &pose.markers)?;
-        self.flat.get_or_insert(pose.orientations);
-        self.poses += 1;
-        self.marked.iter_mut().zip(pose.markers).for_each(|(marked, marker)| *marked |= marker.is_some());
+    /// Nothing is added: the posture can be taken again.
+    pub fn add(&mut self, posture: &HandPosture) -> Result<(), CalibrationError> {
+        self.calibration.add_posture(&posture.orientations, &posture.markers)?;
+        self.flat.get_or_insert(posture.orientations);
+        self.postures += 1;
+        self.marked.iter_mut().zip(posture.markers).for_each(|(marked, marker)| *marked |= marker.is_some());
         Ok(())
     }
 
-    /// As [`Self::add`], but refuses a pose in which the tip of a calibrated finger is more than 15 mm off:
-    /// the person did not hold still, or a marker was mistaken for another.
+    /// As [`Self::add`], but refuses a posture in which the tip of a calibrated finger is more than 15 mm
+    /// off: the person did not hold still, or a marker was mistaken for another.
     ///
     /// # Errors
-    /// As [`Self::add`], or the pose is refused.
-    pub fn add_live(&mut self, pose: &Pose) -> Result<(), CalibrationError> {
-        for (finger, marker) in HumanFinger::ALL.into_iter().zip(pose.markers) {
+    /// As [`Self::add`], or the posture is refused.
+    pub fn add_live(&mut self, posture: &HandPosture) -> Result<(), CalibrationError> {
+        for (finger, marker) in HumanFinger::ALL.into_iter().zip(posture.markers) {
             let Some(tip) = marker else { continue };
             let Ok((links, _)) = self.calibration.finger(finger).solve() else { continue };
-            let found = links.tip(&FingerRotations::of(&pose.orientations, finger)?);
+            let found = links.tip(&FingerRotations::of(&posture.orientations, finger)?);
             let square = found.iter().zip(tip).map(|(a, b)| (a - b) * (a - b)).sum();
             let value = math::sqrt(square);
             if value > REDO {
                 return Err(CalibrationError::Residual { finger, value, limit: REDO });
             }
         }
-        self.add(pose)
+        self.add(posture)
     }
 
-    /// Number of poses.
-    pub const fn poses(&self) -> u32 {
-        self.poses
+    /// Number of postures.
+    pub const fn postures(&self) -> u32 {
+        self.postures
     }
 
     /// Adds a posture in which the tip of the thumb touches that of a finger without a marker, after the
-    /// poses that calibrate the thumb.
+    /// postures that calibrate the thumb.
     ///
     /// # Errors
     /// The thumb is not calibrated yet, or orientations cannot be used. Nothing is added.
@@ -225,14 +225,14 @@ impl CalibrationGuide {
         self.calibration.add_touch(finger, orientations, TOUCH)
     }
 
-    /// Returns links and accuracy so far; `None` for a finger with too few poses.
-    pub fn estimates(&self) -> [Option<(FingerLinks, CalibrationAccuracy)>; FINGERS] {
+    /// Returns links and accuracy so far; `None` for a finger with too few postures.
+    pub fn estimates(&self) -> [Option<(FingerLinks, CalibrationAccuracy)>; HUMAN_FINGERS] {
         HumanFinger::ALL.map(|finger| self.calibration.finger(finger).estimate().ok())
     }
 
     /// Returns the next instruction for the person; `None` if all fingers with markers are calibrated.
     pub fn instruction(&self) -> Option<String> {
-        if let Some(first) = FIRST_POSES.get(self.poses as usize) {
+        if let Some(first) = FIRST_POSTURES.get(self.postures as usize) {
             return Some((*first).to_owned());
         }
         let estimates = self.estimates();
@@ -244,8 +244,8 @@ impl CalibrationGuide {
             Some((_, accuracy)) if accuracy.tip_deviation > MAX_TIP_DEVIATION => {
                 Some(accuracy.weakest.to_string())
             }
-            Some(_) if self.poses >= MIN_POSES => None,
-            _ => Some("take any pose unlike the others".to_owned()),
+            Some(_) if self.postures >= MIN_POSTURES => None,
+            _ => Some("take any posture unlike the others".to_owned()),
         }
     }
 
@@ -256,7 +256,7 @@ impl CalibrationGuide {
     pub fn finish(
         &self,
         proportions: bool,
-    ) -> Result<[(FingerLinks, CalibrationAccuracy); FINGERS], CalibrationError> {
+    ) -> Result<[(FingerLinks, CalibrationAccuracy); HUMAN_FINGERS], CalibrationError> {
         match &self.flat {
             Some(flat) if proportions => self.calibration.solve_with_proportions(flat),
             _ => self.calibration.solve(),
@@ -288,25 +288,25 @@ pub struct OperatorFile {
 pub struct FingerEntry {
     /// `l0` to `l3` [m].
     pub links: FingerLinks,
-    /// Number of poses that showed its marker; 0 for a finger that was inferred.
-    pub poses: u32,
+    /// Number of postures that showed its marker; 0 for a finger that was inferred.
+    pub postures: u32,
     /// Standard deviation of the predicted tip [m].
     pub tip_deviation: f32,
 }
 
 impl OperatorFile {
     /// Creates the file of a calibration.
-    pub fn new(operator: &str, solved: &[(FingerLinks, CalibrationAccuracy); FINGERS]) -> Self {
+    pub fn new(operator: &str, solved: &[(FingerLinks, CalibrationAccuracy); HUMAN_FINGERS]) -> Self {
         let [thumb, index, middle, ring, little] = solved.map(|(links, accuracy)| FingerEntry {
             links,
-            poses: accuracy.poses,
+            postures: accuracy.postures,
             tip_deviation: accuracy.tip_deviation,
         });
         Self { operator: operator.to_owned(), thumb, index, middle, ring, little }
     }
 
     /// Returns the links, thumb to little finger.
-    pub const fn links(&self) -> [FingerLinks; FINGERS] {
+    pub const fn links(&self) -> [FingerLinks; HUMAN_FINGERS] {
         [self.thumb.links, self.index.links, self.middle.links, self.ring.links, self.little.links]
     }
 
@@ -316,13 +316,14 @@ impl OperatorFile {
         let mut text =
             format!("# Written by `tesaki calibrate`. Links l0 to l3 [m].\noperator = \"{name}\"\n");
         let entries = [&self.thumb, &self.index, &self.middle, &self.ring, &self.little];
-        for (finger, FingerEntry { links, poses, tip_deviation }) in HumanFinger::ALL.into_iter().zip(entries)
+        for (finger, FingerEntry { links, postures, tip_deviation }) in
+            HumanFinger::ALL.into_iter().zip(entries)
         {
             let _ = write!(text, "\n[{}]\nlinks = [\n", finger.name());
             for [x, y, z] in links.0 {
                 let _ = writeln!(text, "    [{x:.6}, {y:.6}, {z:.6}],");
             }
-            let _ = write!(text, "]\nposes = {poses}\ntip_deviation = {tip_deviation:.6} # [m]\n");
+            let _ = write!(text, "]\npostures = {postures}\ntip_deviation = {tip_deviation:.6} # [m]\n");
         }
         text
     }

@@ -332,7 +332,7 @@ impl Machine for Follower {
         self.tick += 1;
         let [coulomb, viscous, inertia] = FRICTION;
         let extra = if self.tick > self.blocked { 0.2 } else { 0.0 };
-        let weights = self.robot.weight(&self.position);
+        let weights = self.robot.gravity_torques(&self.position);
         let joint = |((&position, &[velocity, acceleration]), weight): ((&f32, &[f32; 2]), f32)| {
             // Of the period that begins now, whose middle is half a period later.
             let velocity = velocity + 0.005 * acceleration;

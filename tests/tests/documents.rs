@@ -139,16 +139,9 @@ fn every_numbered_equation_of_the_papers_has_a_row() {
             .collect();
         assert_eq!(numbers, (1..=count).collect(), "{paper}");
     }
-    // The two keys to the papers agree.
     let key = read_to_string(root().join("shared/src/papers.md")).unwrap();
     for paper in ["Hand3", "Arm7", "Hand5", "Knob"] {
-        let row = |text: &str| {
-            text.lines().find(|line| line.starts_with(&format!("| {paper} |"))).map(str::to_owned)
-        };
-        let short = row(&key).unwrap_or_else(|| panic!("shared/src/papers.md has no {paper}"));
-        let long = row(&page).unwrap_or_else(|| panic!("docs/equations.md has no {paper}"));
-        let [.., date, _] = long.split('|').map(str::trim).collect::<Vec<_>>()[..] else { panic!("{long}") };
-        assert!(date == "not stated" || short.contains(date), "shared/src/papers.md: {paper} is of {date}");
+        assert!(key.contains(&format!("\n| {paper} |")), "shared/src/papers.md has no {paper}");
     }
 }
 
@@ -255,11 +248,11 @@ fn the_documents_count_the_recorded_fault_schedules() {
     }
 }
 
-/// Returns the rows of the architecture's table of layers.
+/// Returns the rows of the control core's table of layers.
 fn layers() -> Vec<String> {
-    let page = document("architecture.md");
-    let section = page.split_once("\n## Layers of ").unwrap().1.split("\n## ").next().unwrap();
-    let rows = section.lines().filter(|line| line.starts_with("| ")).map(str::to_owned).collect::<Vec<_>>();
+    let comment = comment("shared/src/lib.rs");
+    let rows = comment.lines().filter(|line| line.starts_with("| ")).map(|line| line.replace(['[', ']'], ""));
+    let rows = rows.collect::<Vec<_>>();
     assert!(rows.len() > 10, "{rows:?}");
     rows
 }
@@ -360,23 +353,22 @@ fn no_two_types_of_the_control_core_share_a_name() {
     assert!(names.len() > 200, "only {} types found", names.len());
 }
 
-/// Copies of the architecture's mode diagram, and of its table of layers.
+/// Copies of the architecture's mode diagram.
 #[test]
-fn modes_and_layers_are_those_of_the_architecture() {
+fn modes_are_those_of_the_architecture() {
     let page = document("architecture.md");
     let section = |heading: &str| page.split_once(heading).unwrap().1.split("\n## ").next().unwrap();
     let diagram = section("\n## Modes\n").split("```").nth(1).unwrap();
-    let comment = |path: &str| -> String {
-        let text = read_to_string(root().join(path)).unwrap();
-        text.lines()
-            .map_while(|line| line.strip_prefix("//!"))
-            .fold(String::new(), |text, line| text + line.strip_prefix(' ').unwrap_or(line) + "\n")
-    };
     assert!(comment("shared/src/node/mod.rs").contains(diagram), "shared/src/node/mod.rs has other modes");
     assert!(document("protocol.md").contains(diagram), "docs/protocol.md has other modes");
-    let comment = comment("shared/src/lib.rs");
-    let rows = comment.lines().filter(|line| line.starts_with("| ")).map(|line| line.replace(['[', ']'], ""));
-    assert_eq!(rows.collect::<Vec<_>>(), layers(), "shared/src/lib.rs has other layers");
+}
+
+/// Returns the comment at the top of a file.
+fn comment(path: &str) -> String {
+    let text = read_to_string(root().join(path)).unwrap();
+    text.lines()
+        .map_while(|line| line.strip_prefix("//!"))
+        .fold(String::new(), |text, line| text + line.strip_prefix(' ').unwrap_or(line) + "\n")
 }
 
 /// The sources of reference values exist.

@@ -3,39 +3,39 @@
 
 use rapier3d::na::Vector3;
 use tesaki::teleop::{
-    CalibrationAccuracy, CalibrationError, CalibrationSettings, FINGERS, GloveFilter, GloveFilterState,
-    GloveSample, HumanFinger, HumanHand, InvalidLink,
+    CalibrationAccuracy, CalibrationError, CalibrationSettings, GloveFilter, GloveFilterState, GloveSample,
+    HUMAN_FINGERS, HumanFinger, HumanHand, InvalidLink,
 };
-use tesaki_supervisor::operator::{CalibrationGuide, Pose, mean_orientations};
+use tesaki_supervisor::operator::{CalibrationGuide, HandPosture, mean_orientations};
 
 use super::glove::{FingersMotion, FingertipMarkers, Glove, GloveValues, OperatorHand};
 
 /// The direction of a vector is evaluated only above this length [m].
 pub(crate) const MIN_DISTANCE: f64 = 0.025;
-/// Time for which a pose is held [s], and range of the time to the next.
+/// Time for which a posture is held [s], and range of the time to the next.
 const HOLD: f64 = 1.0;
 const MOVEMENT: [f64; 2] = [0.8, 1.2];
-/// Noise of a pose that is averaged over [`HOLD`], relative to that of a sample: `1/√(π B t)` for a
+/// Noise of a posture that is averaged over [`HOLD`], relative to that of a sample: `1/√(π B t)` for a
 /// Gauss-Markov process with bandwidth `B`.
 const POSE_NOISE: f64 = 0.178;
 
 /// Plan of a hand's calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CalibrationPlan {
-    /// Number of poses after the flat hand.
-    pub poses: usize,
+    /// Number of postures after the flat hand.
+    pub postures: usize,
     /// The fingers with a marker.
-    pub marked: [bool; FINGERS],
+    pub marked: [bool; HUMAN_FINGERS],
     /// Number of times that the thumb touches each finger without a marker.
     pub touches: usize,
 }
 
 impl CalibrationPlan {
     /// A marker on every finger; takes two minutes.
-    pub const FULL: Self = Self { poses: 60, marked: [true; FINGERS], touches: 0 };
+    pub const FULL: Self = Self { postures: 60, marked: [true; HUMAN_FINGERS], touches: 0 };
     /// Markers on thumb, index and little finger; takes less than two minutes. The others follow from the
     /// proportions of the hand, and from six touches of the thumb with each.
-    pub const QUICK: Self = Self { poses: 40, marked: [true, true, false, false, true], touches: 6 };
+    pub const QUICK: Self = Self { postures: 40, marked: [true, true, false, false, true], touches: 6 };
 }
 
 /// Mean and standard deviation of a vector's errors.
@@ -72,10 +72,10 @@ impl VectorError {
 /// Result of a trial.
 #[derive(Clone, Debug)]
 pub struct CalibrationTrial {
-    /// Duration of the poses [s].
+    /// Duration of the postures [s].
     pub time: f64,
     /// Accuracy of each finger.
-    pub accuracy: [CalibrationAccuracy; FINGERS],
+    pub accuracy: [CalibrationAccuracy; HUMAN_FINGERS],
     /// Estimated and true vectors from the thumb's tip to the tips of index to little finger [m], one pair
     /// per sample.
     pub vectors: [Vec<[Vector3<f64>; 2]>; 4],
@@ -102,8 +102,8 @@ pub struct Calibrated {
     /// Its links.
     pub human: HumanHand,
     /// Accuracy of each finger.
-    pub accuracy: [CalibrationAccuracy; FINGERS],
-    /// Duration of the poses [s].
+    pub accuracy: [CalibrationAccuracy; HUMAN_FINGERS],
+    /// Duration of the postures [s].
     pub time: f64,
 }
 
@@ -112,13 +112,13 @@ pub struct Calibrated {
 /// # Errors
 /// The calibration was refused.
 pub fn calibrate(plan: &CalibrationPlan, values: GloveValues, seed: u64) -> Result<Calibrated, TrialError> {
-    let (poses, time) = poses(plan, values, seed);
+    let (postures, time) = postures(plan, values, seed);
     let settings = CalibrationSettings {
         orientation_noise: (GloveValues::default().noise * POSE_NOISE) as f32,
         ..CalibrationSettings::DEFAULT
     };
     let mut guide = CalibrationGuide::try_new(&settings)?;
-    poses.iter().try_for_each(|pose| guide.add(pose))?;
+    postures.iter().try_for_each(|posture| guide.add(posture))?;
     let (touches, touch_time) = touches(plan, values, seed);
     touches.iter().try_for_each(|(finger, orientations)| guide.touch(*finger, orientations))?;
     let solved = guide.finish(true)?;
@@ -155,7 +155,7 @@ pub fn run(
         let _ = filter.update(&mut state, (1.0 / values.rate) as f32, &sample);
         let tips = human.fingertips(&state);
         let Ok(thumb) = tips[0] else { continue };
-        let truth = true_vectors(&hand, &motion, time - f64::from(filter.delay));
+        let truth = true_vectors(&hand, &motion, time - f64::from(filter.delay()));
         for (number, tip) in tips[1..].iter().enumerate() {
             // A tip is missing until all its sensors have given a sample.
             let Ok(tip) = tip else { continue };
@@ -169,19 +169,19 @@ pub fn run(
     Ok(CalibrationTrial { time, accuracy, vectors, times, delay })
 }
 
-/// Returns the poses of a calibration, each averaged over the time for which it is held, and their duration
-/// [s]. The first one is the flat hand.
-pub fn poses(plan: &CalibrationPlan, values: GloveValues, seed: u64) -> (Vec<Pose>, f64) {
+/// Returns the postures of a calibration, each averaged over the time for which it is held, and their
+/// duration [s]. The first one is the flat hand.
+pub fn postures(plan: &CalibrationPlan, values: GloveValues, seed: u64) -> (Vec<HandPosture>, f64) {
     let hand = OperatorHand::random(seed);
-    let motion = FingersMotion::random(&hand, seed, 0, plan.poses, MOVEMENT, HOLD);
+    let motion = FingersMotion::random(&hand, seed, 0, plan.postures, MOVEMENT, HOLD);
     let mut markers = FingertipMarkers::new(seed);
     let means = held(&hand, &motion, &mut Glove::new(values, seed)).into_iter().zip(motion.holds());
-    let poses = means.map(|(orientations, [begin, end])| {
+    let postures = means.map(|(orientations, [begin, end])| {
         let mut seen = markers.measure(&hand, &motion.at(0.5 * (begin + end)).1);
         seen.iter_mut().zip(plan.marked).for_each(|(seen, marked)| *seen = seen.filter(|_| marked));
-        Pose { orientations, markers: seen }
+        HandPosture { orientations, markers: seen }
     });
-    (poses.collect(), motion.duration())
+    (postures.collect(), motion.duration())
 }
 
 /// Returns the touches of the thumb with fingers without a marker, and their duration [s]. The fingertips
@@ -223,7 +223,7 @@ fn position(position: [f32; 3]) -> Vector3<f64> {
 
 fn true_vectors(hand: &OperatorHand, motion: &FingersMotion, time: f64) -> [Vector3<f64>; 4] {
     let (_, angles) = motion.at(time);
-    let tips: [Vector3<f64>; FINGERS] =
+    let tips: [Vector3<f64>; HUMAN_FINGERS] =
         core::array::from_fn(|number| hand.finger(HumanFinger::ALL[number], &angles[number]).1);
     core::array::from_fn(|number| tips[number + 1] - tips[0])
 }
@@ -259,7 +259,7 @@ mod tests {
         let mut time = 0.0_f64;
         for seed in 1..=20 {
             let trial = run(plan, GloveValues::default(), filter, seed, 30.0).unwrap();
-            assert!((trial.delay - f64::from(filter.delay)).abs() < 4e-3, "{seed}: {}", trial.delay);
+            assert!((trial.delay - f64::from(filter.delay())).abs() < 4e-3, "{seed}: {}", trial.delay);
             time = time.max(trial.time);
             all.iter_mut().zip(trial.vectors).for_each(|(all, vectors)| all.extend(vectors));
         }

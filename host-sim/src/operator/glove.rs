@@ -4,7 +4,7 @@
 use core::f64::consts::TAU;
 
 use rapier3d::na::{Rotation3, UnitQuaternion, Vector3};
-use tesaki::teleop::{FINGERS, GloveSample, HumanFinger};
+use tesaki::teleop::{GloveSample, HUMAN_FINGERS, HumanFinger};
 use tesaki_rng::Rng;
 use tesaki_supervisor::trajectory::minimum_jerk;
 
@@ -15,7 +15,7 @@ pub type FingerAngles = [f64; 4];
 
 /// Bone lengths [mm] as in `tesaki::teleop`'s proportions: mean of 66 adults (Buryanov and Kotiuk 2010), the
 /// last one including soft tissue.
-const BONES: [[f64; 4]; FINGERS] = [
+const BONES: [[f64; 4]; HUMAN_FINGERS] = [
     [0.0, 46.22, 31.57, 27.34],
     [68.12, 39.78, 22.38, 19.66],
     [64.60, 44.63, 26.33, 21.35],
@@ -23,7 +23,7 @@ const BONES: [[f64; 4]; FINGERS] = [
     [53.69, 32.74, 18.11, 19.69],
 ];
 /// Bases of the metacarpals [mm], distal, radial and dorsal of the wrist, and their splay [°]; estimates.
-const METACARPALS: [[f64; 4]; FINGERS] = [
+const METACARPALS: [[f64; 4]; HUMAN_FINGERS] = [
     [20.0, 25.0, -10.0, 45.0],
     [25.0, 14.0, 0.0, 9.0],
     [25.0, 3.0, 0.0, 2.0],
@@ -37,7 +37,7 @@ const THUMB_RANGE: [[f64; 2]; 4] = [[0.0, 40.0], [-20.0, 20.0], [0.0, 50.0], [0.
 /// An operator's hand with rigid links and hinges: x distal, y toward the thumb, z dorsal.
 #[derive(Clone, Debug)]
 pub struct OperatorHand {
-    fingers: [HandFinger; FINGERS],
+    fingers: [HandFinger; HUMAN_FINGERS],
 }
 
 #[derive(Clone, Debug)]
@@ -110,11 +110,11 @@ impl OperatorHand {
     }
 
     /// Returns the posture whose fingertips are nearest to given ones [m], starting from half-bent fingers.
-    pub fn imitate(&self, tips: &[Vector3<f64>; FINGERS]) -> [FingerAngles; FINGERS] {
+    pub fn imitate(&self, tips: &[Vector3<f64>; HUMAN_FINGERS]) -> [FingerAngles; HUMAN_FINGERS] {
         let half =
             core::array::from_fn(|number| self.fingers[number].range.map(|[low, high]| 0.5 * (low + high)));
         HumanFinger::ALL.into_iter().fold(half, |posture, finger| {
-            let cost = |angles: &[FingerAngles; FINGERS]| {
+            let cost = |angles: &[FingerAngles; HUMAN_FINGERS]| {
                 (self.tip(finger, angles) - tips[finger as usize]).norm() + self.strain(finger, angles)
             };
             self.descend(posture, &[finger], cost)
@@ -124,9 +124,9 @@ impl OperatorHand {
     /// Returns a posture in which the tip of the thumb touches that of a finger: the best of four coordinate
     /// descents from random postures. Skin and nail offset the tips from each other by a random 2 mm along
     /// each axis.
-    fn pinch(&self, finger: HumanFinger, rng: &mut Rng) -> [FingerAngles; FINGERS] {
+    fn pinch(&self, finger: HumanFinger, rng: &mut Rng) -> [FingerAngles; HUMAN_FINGERS] {
         let offset = Vector3::from_fn(|_, _| 2e-3 * rng.normal());
-        let cost = |angles: &[FingerAngles; FINGERS]| {
+        let cost = |angles: &[FingerAngles; HUMAN_FINGERS]| {
             let gap = self.tip(finger, angles) - self.tip(HumanFinger::Thumb, angles) - offset;
             gap.norm() + self.strain(finger, angles)
         };
@@ -142,12 +142,12 @@ impl OperatorHand {
     }
 
     /// Position of a finger's tip [m].
-    fn tip(&self, finger: HumanFinger, angles: &[FingerAngles; FINGERS]) -> Vector3<f64> {
+    fn tip(&self, finger: HumanFinger, angles: &[FingerAngles; HUMAN_FINGERS]) -> Vector3<f64> {
         self.finger(finger, &angles[finger as usize]).1
     }
 
     /// Cost of bending an end joint independently of the middle one, which is not possible [m].
-    fn strain(&self, finger: HumanFinger, angles: &[FingerAngles; FINGERS]) -> f64 {
+    fn strain(&self, finger: HumanFinger, angles: &[FingerAngles; HUMAN_FINGERS]) -> f64 {
         if finger == HumanFinger::Thumb {
             return 0.0;
         }
@@ -159,10 +159,10 @@ impl OperatorHand {
     /// Minimises a cost over the joints of some fingers by coordinate descent.
     fn descend(
         &self,
-        mut angles: [FingerAngles; FINGERS],
+        mut angles: [FingerAngles; HUMAN_FINGERS],
         fingers: &[HumanFinger],
-        cost: impl Fn(&[FingerAngles; FINGERS]) -> f64,
-    ) -> [FingerAngles; FINGERS] {
+        cost: impl Fn(&[FingerAngles; HUMAN_FINGERS]) -> f64,
+    ) -> [FingerAngles; HUMAN_FINGERS] {
         let mut step = 0.3;
         while step > 1e-3 {
             let before = cost(&angles);
@@ -186,7 +186,7 @@ impl OperatorHand {
     }
 
     /// Draws a random posture in which the fingers bend more or less together.
-    fn posture(&self, rng: &mut Rng) -> [FingerAngles; FINGERS] {
+    fn posture(&self, rng: &mut Rng) -> [FingerAngles; HUMAN_FINGERS] {
         let common = [rng.uniform(), rng.uniform()];
         core::array::from_fn(|number| {
             let HandFinger { range, coupling, .. } = &self.fingers[number];
@@ -215,7 +215,7 @@ impl OperatorHand {
 #[derive(Clone, Debug)]
 pub struct FingersMotion {
     /// Times at which each posture is reached and left [s].
-    stops: Vec<([f64; 2], [FingerAngles; FINGERS])>,
+    stops: Vec<([f64; 2], [FingerAngles; HUMAN_FINGERS])>,
     /// Amplitude of the rotation of the back of the hand [rad], and its phase.
     sway: [Vector3<f64>; 2],
 }
@@ -232,7 +232,7 @@ impl FingersMotion {
         hold: f64,
     ) -> Self {
         let mut rng = Purpose::FingersMotion.rng(seed.wrapping_add(part << 32));
-        let mut stops = vec![([0.0, hold], [[0.0; 4]; FINGERS])];
+        let mut stops = vec![([0.0, hold], [[0.0; 4]; HUMAN_FINGERS])];
         let mut time = hold;
         for _ in 0..count {
             time += movement[0] + (movement[1] - movement[0]) * rng.uniform();
@@ -246,7 +246,7 @@ impl FingersMotion {
     /// Returns the same motion with another first posture, and the other postures moved towards it;
     /// `fraction` of the distance remains.
     #[must_use]
-    pub fn around(mut self, first: [FingerAngles; FINGERS], fraction: f64) -> Self {
+    pub fn around(mut self, first: [FingerAngles; HUMAN_FINGERS], fraction: f64) -> Self {
         for (number, (_, posture)) in self.stops.iter_mut().enumerate() {
             let fraction = if number == 0 { 0.0 } else { fraction };
             for (angle, from) in posture.iter_mut().flatten().zip(first.iter().flatten()) {
@@ -285,7 +285,7 @@ impl FingersMotion {
     }
 
     /// Returns the orientation of the back of the hand, and the joint angles, at a time [s].
-    pub fn at(&self, time: f64) -> (UnitQuaternion<f64>, [FingerAngles; FINGERS]) {
+    pub fn at(&self, time: f64) -> (UnitQuaternion<f64>, [FingerAngles; HUMAN_FINGERS]) {
         let next = self.stops.partition_point(|([reached, _], _)| *reached <= time);
         let ([_, left], from) = self.stops[next.saturating_sub(1)];
         let angles = match self.stops.get(next) {
@@ -347,7 +347,7 @@ struct SensorError {
 #[derive(Clone, Debug)]
 pub struct Glove {
     values: GloveValues,
-    errors: [SensorError; 1 + 3 * FINGERS],
+    errors: [SensorError; 1 + 3 * HUMAN_FINGERS],
     count: u32,
     rng: Rng,
 }
@@ -421,8 +421,8 @@ impl FingertipMarkers {
     pub fn measure(
         &mut self,
         hand: &OperatorHand,
-        angles: &[FingerAngles; FINGERS],
-    ) -> [Option<[f32; 3]>; FINGERS] {
+        angles: &[FingerAngles; HUMAN_FINGERS],
+    ) -> [Option<[f32; 3]>; HUMAN_FINGERS] {
         core::array::from_fn(|number| {
             let (_, tip) = hand.finger(HumanFinger::ALL[number], &angles[number]);
             let measured = tip + Vector3::from_fn(|_, _| self.noise * self.rng.normal());

@@ -68,8 +68,10 @@ const SETTLING_BAND: f64 = 0.002;
 /// Without a reserve, the energy deficit of the first contact could hold back the arm's set-point for good.
 /// The damping at the handle stays below 150 N·s/m, the stability limit for a hand of 1.5 kg and a zero-order
 /// hold of 10 ms.
-const LIMITS: PowerPortLimits =
-    PowerPortLimits { max_damping: 100.0, contact_damping: 0.0, energy_reserve: 0.02 };
+const LIMITS: PowerPortLimits = match PowerPortLimits::try_new(100.0, 0.02) {
+    Ok(limits) => limits,
+    Err(_) => panic!("within their ranges"),
+};
 
 /// State of master and link at the end of a control period.
 #[derive(Clone, Copy)]

@@ -145,7 +145,7 @@ fn press_matched(
     let BilateralExperiment { stroke, wall, push, noise, .. } = experiment;
     let impedance = settings.impedance;
     // Checked with the law.
-    let Some(law) = MatchedImpedance::new(&impedance) else {
+    let Ok(law) = MatchedImpedance::try_new(&impedance) else {
         return Err(ScenarioError::LawWithout { law: label.to_owned(), section: "matched impedance" });
     };
     let mut arm_trial = ArmTrial::begin(setting, rig, label, Machine::Mismatched, settings)?;

@@ -29,7 +29,7 @@ pub(super) const SCENARIO: Scenario = Scenario {
          controller's model by up to 20 %.",
         "At rest the contact force should be that of two springs in series, the impedance's and the wall's. \
          It has settled once it stays within 1 N of its final value. Two of the walls are then met without \
-         the force sensor: a momentum observer estimates the external force from the motor torques. It \
+         the force sensor: the external force is then estimated from the motor torques. The estimate \
          cannot tell a contact from unmodelled friction and weight, so only an estimate above 6 N counts as \
          a contact, and the tool yields to what exceeds this.",
     ],
@@ -53,7 +53,7 @@ const SETTLING_BAND: f64 = 1.0;
 
 /// Stiffness of the walls that are met without a force sensor [N/m].
 const OBSERVED_WALLS: [f64; 2] = [2000.0, 10_000.0];
-/// Bandwidth of the momentum observer [rad/s].
+/// Bandwidth of the estimate of the external force [rad/s].
 const OBSERVER_BANDWIDTH: f32 = 30.0;
 /// Contact threshold of the observer [N]: above what unmodelled friction and weight make it estimate in free
 /// motion.

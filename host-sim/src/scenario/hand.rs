@@ -11,7 +11,7 @@ use tesaki::task::TaskConfig;
 use tesaki::task::telexistence::{
     FingertipPoint, FingertipSample, TelexistenceSettings, TelexistenceTelemetry,
 };
-use tesaki::teleop::{FINGERS, HumanFinger};
+use tesaki::teleop::{HUMAN_FINGERS, HumanFinger};
 use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::{Board, BoardError};
 
@@ -24,7 +24,7 @@ use crate::plant::{Plant, PlantOptions, SharedIntervention, Truth};
 use crate::report::{Line, Panel, Table};
 
 /// Positions of five fingertips, thumb to little finger [m].
-pub type Fingertips = [Vector3<f64>; FINGERS];
+pub type Fingertips = [Vector3<f64>; HUMAN_FINGERS];
 
 /// A vector of the operator's hand (x distal, y to the thumb, z dorsal) in the frame of the robot's (x
 /// palmar, y to the thumb, z distal).
@@ -197,7 +197,7 @@ impl HandLog {
     /// Errors of the vectors over time.
     pub fn error_panel(&self) -> Panel {
         let time: Vec<f64> = self.0.iter().map(|sample| sample.time).collect();
-        (1..FINGERS).fold(Panel::new("Vectors from the thumb's tip", "error", "mm"), |panel, finger| {
+        (1..HUMAN_FINGERS).fold(Panel::new("Vectors from the thumb's tip", "error", "mm"), |panel, finger| {
             let errors = self.0.iter().map(|sample| sample.error(finger)).collect();
             panel.line(Line::solid(HumanFinger::ALL[finger].to_string(), finger - 1, time.clone(), errors))
         })

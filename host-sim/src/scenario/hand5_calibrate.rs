@@ -1,7 +1,7 @@
 //! Calibration of an operator's hand: a glove, and markers on the fingertips (Hand5, sections 2.1 and 3.1).
 
 use rapier3d::na::Vector3;
-use tesaki::teleop::{FINGERS, GloveFilter, HumanFinger};
+use tesaki::teleop::{GloveFilter, HUMAN_FINGERS, HumanFinger};
 
 use super::common::capitalized;
 use super::hand::{in_robot_frame, path_panel, vector_errors};
@@ -90,7 +90,7 @@ fn add_metrics(summary: &mut Summary, trial: &Trial, found: &CalibrationTrial) {
     let limited = |metric: Metric, limit: Option<f64>| Metric { limit, ..metric };
     let time = Metric::reported(format!("{label}: time that the calibration takes"), found.time, "s");
     insert("time".into(), limited(time, trial.limits.time));
-    for finger in 1..FINGERS {
+    for finger in 1..HUMAN_FINGERS {
         let name = HumanFinger::ALL[finger];
         let [[mean, deviation], [angle, angle_deviation]] =
             vector_errors(found.vectors[finger - 1].iter().copied());

@@ -5,7 +5,7 @@ use std::ops::Range;
 use rapier3d::na::Vector3;
 use tesaki::kinematics::{Angles, FingertipTarget, FingertipTargets, Hand, HandOptions};
 use tesaki::task::telexistence::TelexistenceSettings;
-use tesaki::teleop::{FINGERS, HumanFinger};
+use tesaki::teleop::{HUMAN_FINGERS, HumanFinger};
 use tesaki_supervisor::trajectory::minimum_jerk;
 
 use super::common::{capitalized, largest};
@@ -69,7 +69,8 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     })?;
     let held_back = |sample: &HandSample| sample.board.limited != 0;
     let unlimited = log.during(&window).iter().filter(|sample| !held_back(sample));
-    let stated = largest(unlimited.flat_map(|sample| (0..FINGERS).map(|finger| sample.stated_error(finger))));
+    let stated =
+        largest(unlimited.flat_map(|sample| (0..HUMAN_FINGERS).map(|finger| sample.stated_error(finger))));
     let text = "Own hand: largest error that the board states while no speed limit acts";
     summary.insert("own_stated_error", Metric::at_most(text, stated, 0.05, "mm"));
     let text = "Own hand: time in which a speed limit acts";
@@ -85,7 +86,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
         let motion = imitator(&hand, &robot_fingertips(robot, start), motion);
         Box::new(move |time| human_fingertips(&hand, &motion, time))
     })?;
-    for finger in 0..FINGERS {
+    for finger in 0..HUMAN_FINGERS {
         let name = HumanFinger::ALL[finger];
         let stated = log.rms(&window, |sample| sample.stated_error(finger));
         let text = format!("Person's hand: {name}, rms error that the board states");
@@ -97,11 +98,11 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
     tables.push(("human.csv".to_owned(), log.table()));
 
     let log = follow(setting, &mut rig, "pinches", PINCHES, &|hand, start, _| {
-        let pinches: Vec<Angles> = (1..FINGERS).map(|finger| pinch(hand, start, finger)).collect();
+        let pinches: Vec<Angles> = (1..HUMAN_FINGERS).map(|finger| pinch(hand, start, finger)).collect();
         let start = *start;
         Box::new(move |time| robot_fingertips(hand, &pinching(&start, &pinches, time)))
     })?;
-    for finger in 1..FINGERS {
+    for finger in 1..HUMAN_FINGERS {
         let begin = PINCH_PERIOD * (finger - 1) as f64;
         let stop = begin + PINCH_MOVEMENT;
         // The servos have 0.3 s.
@@ -225,7 +226,7 @@ fn add_true_errors(summary: &mut Summary, name: &str, log: &HandLog, window: &Ra
     let label = if name == "own" { "Own hand" } else { "Person's hand" };
     let text = format!("{label}: true motion of the thumb's tip, rms error");
     summary.insert(format!("{name}_thumb_rms"), Metric::reported(text, log.thumb_error(window), "mm"));
-    for finger in 1..FINGERS {
+    for finger in 1..HUMAN_FINGERS {
         let rms = log.rms(window, |sample| sample.error(finger));
         let text = format!("{label}: true vector from thumb to {}, rms error", HumanFinger::ALL[finger]);
         summary.insert(

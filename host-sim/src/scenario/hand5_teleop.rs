@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use rapier3d::na::Vector3;
 use tesaki::task::telexistence::{FingertipPoint, FingertipSample, TelexistenceSettings};
-use tesaki::teleop::{FINGERS, Fingertip, GloveFilter, GloveFilterState, HumanFinger, HumanHand};
+use tesaki::teleop::{Fingertip, GloveFilter, GloveFilterState, HUMAN_FINGERS, HumanFinger, HumanHand};
 
 use super::common::{T, capitalized, largest};
 use super::hand::{
@@ -60,9 +60,14 @@ struct Trial {
 }
 
 const TRIALS: [Trial; 3] = [
-    Trial { name: "all", label: "five fingers", fingers: FINGERS, silence: false },
+    Trial { name: "all", label: "five fingers", fingers: HUMAN_FINGERS, silence: false },
     Trial { name: "two", label: "thumb and index finger", fingers: 2, silence: false },
-    Trial { name: "silence", label: "a link that is cut for a second", fingers: FINGERS, silence: true },
+    Trial {
+        name: "silence",
+        label: "a link that is cut for a second",
+        fingers: HUMAN_FINGERS,
+        silence: true,
+    },
 ];
 
 /// The operator, with glove and link.
@@ -76,7 +81,7 @@ struct Operator {
     human: HumanHand,
     /// The sample that comes next.
     next: (f64, tesaki::teleop::GloveSample),
-    link: Link<[Option<Fingertip>; FINGERS]>,
+    link: Link<[Option<Fingertip>; HUMAN_FINGERS]>,
 }
 
 impl Operator {
@@ -114,7 +119,7 @@ impl Operator {
             self.link.send(self.next.0, self.human.fingertips(&self.state).map(Result::ok));
             self.next = self.glove.sample(&self.hand, &self.motion);
         }
-        let delay = f64::from(FILTER.delay);
+        let delay = f64::from(FILTER.delay());
         let fingers = self.fingers;
         let packets = self.link.receive(time);
         packets

@@ -1,7 +1,7 @@
 //! An arm finds a door knob with the camera in its hand, approaches and grips it (Knob, sections 3 and 4).
 
 use rapier3d::na::Isometry3;
-use tesaki::behavior::{Approach, ApproachPhase, MIN_CONFIDENCE, Order};
+use tesaki::behavior::{Approach, ApproachPhase, Order};
 use tesaki::protocol::Refusal;
 use tesaki::task::visual_approach::{GripperState, VisualApproachCommand, VisualApproachTelemetry};
 use tesaki::task::{TaskConfig, TaskRefusal};
@@ -95,7 +95,7 @@ struct Machine<'a> {
     camera: &'a CameraValues,
 }
 
-/// A picture, and what was found in it.
+/// A picture, and the credible circle that was found in it.
 #[derive(Clone, Debug)]
 struct Picture {
     time: f64,
@@ -292,9 +292,8 @@ impl<'a, 'b, 'c> Trial<'a, 'b, 'c> {
             None
         } else {
             let grey = Image::new(&image.pixels, image.width, image.height)?;
-            find_circle(&grey, &search, &mut self.buffers.scratch())?
+            find_circle(&grey, &search, &mut self.buffers.scratch())?.filter(Approach::is_credible)
         };
-        let found = found.filter(|circle| circle.confidence >= MIN_CONFIDENCE);
         self.log.pictures.push(Picture { time: self.log.time, image, truth, found });
         Ok(())
     }

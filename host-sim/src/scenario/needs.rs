@@ -4,7 +4,7 @@ use std::path::Path;
 
 use tesaki::kinematics::Hand;
 use tesaki::model::{MAX_CHAIN_JOINTS, RobotModel};
-use tesaki::teleop::FINGERS;
+use tesaki::teleop::HUMAN_FINGERS;
 use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::hand::HandModel;
 
@@ -56,7 +56,7 @@ impl Kind {
                 (!is_finger).then(|| "its paths are for fingers of three joints each".to_owned())
             }
             Self::GraspingHand => HandModel::try_new(model).err().map(|error| error.to_string()),
-            Self::FiveFingers if chains != FINGERS => {
+            Self::FiveFingers if chains != HUMAN_FINGERS => {
                 Some(format!("it needs a hand of five fingers, thumb to little finger; {name} has {chains}"))
             }
             Self::FiveFingers => {

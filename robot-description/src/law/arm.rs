@@ -468,7 +468,7 @@ impl ArmLaw {
             return Some(Wrong::new("bilateral", format!("bilateral: {problem}")));
         }
         if experiment.coupling == ForceFeedback::Matched
-            && MatchedImpedance::new(&settings.impedance).is_none()
+            && MatchedImpedance::try_new(&settings.impedance).is_err()
         {
             let message = "bilateral.coupling: \"matched\" needs an impedance in the axes of the base, without coupling, \
                            and a stiffness along and about each of them";

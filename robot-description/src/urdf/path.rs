@@ -82,11 +82,12 @@ impl SerialPath {
     }
 
     /// The control core's chain.
+    ///
+    /// # Panics
+    /// The path was changed, and no longer is a valid chain.
     pub fn chain(&self) -> Chain {
-        Chain::from_links(
-            self.joints.iter().map(|joint| (&joint.origin, &joint.axis, &joint.link)),
-            &self.pose,
-        )
+        let links = self.joints.iter().map(|joint| (&joint.origin, &joint.axis, &joint.link));
+        Chain::from_links(links, &self.pose).expect("a path is a valid chain")
     }
 }
 

@@ -13,7 +13,7 @@ use crate::task::visual_approach::{
 use crate::vision::{Circle, CircleSearch, Window};
 
 /// Circles with less confidence are ignored.
-pub const MIN_CONFIDENCE: f32 = 0.35;
+const MIN_CONFIDENCE: f32 = 0.35;
 /// Number of first circles that are compared, and how many of them must agree.
 const FIRST_LOOKS: usize = 7;
 const AGREEING: usize = 4;
@@ -175,8 +175,10 @@ impl Approach {
         CircleSearch { radius: [radius(far, small), radius(near, large)], window: None, ..expected }
     }
 
-    /// Takes the circle that was found in a picture, if any; `hand` as in [`search`](Self::search).
+    /// Takes the circle that was found in a picture, if any; `hand` as in [`search`](Self::search). A circle
+    /// whose confidence is below 0.35 counts as none.
     pub fn look(&mut self, hand: &Pose, circle: Option<&Circle>) {
+        let circle = circle.filter(|circle| Self::is_credible(circle));
         let hand = hand.isometry();
         self.blind = 0.0;
         if self.rose.is_empty() {
@@ -207,6 +209,11 @@ impl Approach {
                 self.rose.truncate(1);
             }
         }
+    }
+
+    /// Whether [`look`](Self::look) takes the circle into account: its confidence is at least 0.35.
+    pub fn is_credible(circle: &Circle) -> bool {
+        circle.confidence >= MIN_CONFIDENCE
     }
 
     /// Creates the estimates from the largest group of first circles that agree, once it is large enough. One

@@ -10,7 +10,7 @@ mod settings;
 #[cfg(test)]
 mod tests;
 
-pub use approach::{Approach, MIN_CONFIDENCE, Order};
+pub use approach::{Approach, Order};
 pub use phase::{ApproachPhase, Reason};
 pub use rose::{KnobExpectation, Rim, RoseEstimate};
 pub use settings::ApproachSettings;

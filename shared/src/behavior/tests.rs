@@ -305,6 +305,17 @@ fn where_there_is_no_rose_the_hand_stays() {
 }
 
 #[test]
+fn circles_of_little_confidence_count_as_none() {
+    let see = |confidence: f32| {
+        let mut world = World::new();
+        world.run(|world| Some(Circle { confidence, ..world.rose_seen() }))
+    };
+    assert_eq!(see(0.349), ApproachPhase::Failed(Reason::NotFound));
+    assert_eq!(see(0.35), ApproachPhase::Done);
+    assert_eq!(see(f32::NAN), ApproachPhase::Failed(Reason::NotFound));
+}
+
+#[test]
 fn circles_that_jump_about_lead_nowhere() {
     let mut world = World::new();
     let phase = world.run(|world| {

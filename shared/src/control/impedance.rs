@@ -161,7 +161,9 @@ impl Impedance {
         ]
     }
 
-    /// Checks that the control period is short enough for this impedance.
+    /// Checks that each mass is 0.001 to 10 000 kg or kg·m², and that `0 ≤ B ≤ 100 M` and `0 ≤ K ≤ 2500 M`,
+    /// in 1/s and 1/s²: then the control period is short enough for this impedance. With coupled axes `M`
+    /// must be positive definite, and the bounds hold in the order of symmetric matrices.
     ///
     /// # Errors
     /// The first value outside its limits.
@@ -310,7 +312,7 @@ impl Impedance {
 
     /// Exact discretisation under zero-order hold, of axes without coupling: after one control period at a
     /// constant force, the velocity is that of the continuous-time impedance.
-    pub fn discretized(&self) -> DiscreteImpedance {
+    fn discretized(&self) -> DiscreteImpedance {
         let mut discrete = DiscreteImpedance {
             error: Vector6::zeros(),
             velocity: Vector6::zeros(),
@@ -378,7 +380,7 @@ impl Impedance {
 
 /// An [`Impedance`] discretised for the control period: one gain per axis and state.
 #[derive(Clone, Copy, Debug)]
-pub struct DiscreteImpedance {
+struct DiscreteImpedance {
     error: Vector6<f32>,
     velocity: Vector6<f32>,
     force: Vector6<f32>,
@@ -387,7 +389,7 @@ pub struct DiscreteImpedance {
 impl DiscreteImpedance {
     /// The acceleration for a displacement, its velocity and an external force, held for one period. Units as
     /// in [`Impedance::acceleration`].
-    pub fn acceleration(
+    fn acceleration(
         &self,
         error: &Vector6<f32>,
         velocity: &Vector6<f32>,
@@ -397,7 +399,7 @@ impl DiscreteImpedance {
     }
 
     /// The part of the acceleration that is due to the force.
-    pub fn force_response(&self, force: &Vector6<f32>) -> Vector6<f32> {
+    fn force_response(&self, force: &Vector6<f32>) -> Vector6<f32> {
         self.force.component_mul(force)
     }
 }

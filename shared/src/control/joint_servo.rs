@@ -11,9 +11,11 @@ use crate::signal::{RateLimiter, TrajectoryFilter, TrajectoryState};
 
 /// Servo of one joint: trajectory filter, feed-forward, PID or observer, limits (Hand3 section 4, figure 6).
 ///
-/// Two calls per tick: [`JointServo::approach`] or [`JointServo::follow`] compute the reference, `compute` or
-/// `bare_pid` the torque. Between them the caller computes the model's torques for the references of all
-/// joints.
+/// [`JointServo::approach`] or [`JointServo::follow`] computes the reference of a tick. The torque follows
+/// once the model's torques for the references of all joints are known; this part is private to a
+/// [`Node`](crate::node::Node), which sequences both. A program of one's own uses the servo for references,
+/// for its limits and for its friction compensation, and has [`Pid`] and [`ErrorObserver`] for laws of its
+/// own.
 #[derive(Clone, Copy, Debug)]
 pub struct JointServo {
     filter: TrajectoryFilter,
@@ -123,7 +125,8 @@ impl JointServo {
 
     /// The torque that moves the joint, now at `measured` [rad], along `reference`. `model_torque` is the
     /// inverse dynamics of the links [N·m]; rotor and friction are added here. The disturbance estimate is
-    /// adapted only if it `learns`. [`ServoMode::BarePid`] has [`bare_pid`](Self::bare_pid) instead.
+    /// adapted only if it `learns`. Not for [`ServoMode::BarePid`], for which [`bare_pid`](Self::bare_pid) is
+    /// called instead: this function would feed the model forward.
     #[inline]
     pub(crate) fn compute(
         &self,
@@ -134,6 +137,7 @@ impl JointServo {
         model_torque: f32,
         learns: bool,
     ) -> ServoOutput {
+        debug_assert!(mode != ServoMode::BarePid, "the bare PID is `bare_pid`");
         let feedforward = self.feedforward(state, reference, model_torque);
         let error = reference.position - measured;
         let at_rest =

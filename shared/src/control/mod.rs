@@ -14,7 +14,7 @@ pub use current_loop::{
 };
 pub(crate) use friction::STALL_SPEED;
 pub use friction::{FrictionFeedforward, FrictionState};
-pub use impedance::{DiscreteImpedance, Impedance, ImpedanceAxes, ImpedanceTerm, InvalidImpedance};
+pub use impedance::{Impedance, ImpedanceAxes, ImpedanceTerm, InvalidImpedance};
 pub use joint_servo::{JointServo, JointServoState, ServoOutput};
 pub use observer::{ErrorObserver, ObserverState};
 pub use pid::{Pid, PidState};

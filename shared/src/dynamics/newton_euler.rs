@@ -45,10 +45,11 @@ impl Chain {
     /// // A massless link that reaches 0.5 m along x from a vertical axis, pushed along y with 10 N.
     /// let link = Inertial { mass: 0.0, center_of_mass: [0.0; 3], inertia: [0.0; 6] };
     /// let tip = Pose { translation: [0.5, 0.0, 0.0], ..Pose::IDENTITY };
-    /// let chain = Chain::from_links([(&Pose::IDENTITY, &[0.0, 0.0, 1.0], &link)], &tip);
+    /// let chain = Chain::from_links([(&Pose::IDENTITY, &[0.0, 0.0, 1.0], &link)], &tip)?;
     /// let (push, mut torque) = (Vector6::new(0.0, 10.0, 0.0, 0.0, 0.0, 0.0), [0.0]);
     /// chain.inverse_dynamics_with_wrench(&Vector3::zeros(), &push, &[0.0], &[0.0], &[0.0], &mut torque);
     /// assert_eq!(torque, [-5.0]); // the joint pushes back
+    /// # Ok::<(), tesaki::kinematics::InvalidChain>(())
     /// ```
     pub fn inverse_dynamics_with_wrench(
         &self,

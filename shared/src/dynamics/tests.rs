@@ -34,7 +34,7 @@ fn chain(joints: &[Joint], &(translation, rotation): &([f32; 3], [f32; 4])) -> C
         })
         .collect();
     let links = parts.iter().map(|(origin, axis, link)| (origin, axis, link));
-    Chain::from_links(links, &Pose { translation, rotation })
+    Chain::of_links(links, &Pose { translation, rotation })
         .with_rotor_inertia(joints.iter().map(|joint| joint.6))
 }
 

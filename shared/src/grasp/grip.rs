@@ -75,6 +75,8 @@ pub enum InvalidGripSettings {
     Margin(f32),
     /// The minimum normal force is negative or not finite.
     MinForce(f32),
+    /// The accepted residual is negative, or above 1.
+    Tolerance(f32),
 }
 
 /// Why [`LeastGrip`] returned no forces.
@@ -122,9 +124,14 @@ impl LeastGrip {
 
     /// Accepts a residual of `fraction` of the load, and twice that as duality gap. For a measured load that
     /// changes in every tick: a search for full accuracy with one step per tick would never finish.
-    #[must_use]
-    pub const fn with_tolerance(self, fraction: f32) -> Self {
-        Self { tolerance: fraction, ..self }
+    ///
+    /// # Errors
+    /// The fraction is not within 0 to 1.
+    pub fn with_tolerance(self, fraction: f32) -> Result<Self, InvalidGripSettings> {
+        if !(0.0..=1.0).contains(&fraction) {
+            return Err(InvalidGripSettings::Tolerance(fraction));
+        }
+        Ok(Self { tolerance: fraction, ..self })
     }
 
     /// Solves for the contact forces that apply the wrench `load` [N; N·m] to the object: the opposite of
@@ -216,6 +223,9 @@ impl fmt::Display for InvalidGripSettings {
             }
             Self::MinForce(value) => {
                 write!(f, "the minimum normal force is {value} N; it must be finite and not negative")
+            }
+            Self::Tolerance(value) => {
+                write!(f, "the accepted residual is {value} of the load; it must be 0 to 1")
             }
         }
     }

@@ -275,7 +275,12 @@ fn a_search_continues_with_the_contacts_and_the_load_of_the_call() {
 fn a_measured_load_is_followed() {
     let mut random = Random(17);
     let mut noise = || random.between(-0.02, 0.02);
-    let grip = LeastGrip::try_new(0.2, 0.3).unwrap().with_tolerance(0.02);
+    let grip = LeastGrip::try_new(0.2, 0.3).unwrap();
+    for tolerance in [-0.01, 1.01, f32::INFINITY] {
+        let refused = grip.clone().with_tolerance(tolerance);
+        assert_eq!(refused, Err(InvalidGripSettings::Tolerance(tolerance)));
+    }
+    let grip = grip.with_tolerance(0.02).unwrap();
     let map = hand3_grasp(0.5);
     let (mut state, mut waiting, mut answers) = (GripState::default(), 0, 0);
     // Converged before the first tick.

@@ -1,9 +1,11 @@
+use core::fmt;
+
 use heapless::Vec;
 use nalgebra::{IsometryMatrix3, Matrix3, Quaternion, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 use super::Posture;
 use crate::math;
-use crate::model::{ChainJoint, Inertial, JointModel, MAX_CHAIN_JOINTS, Pose, RobotModel};
+use crate::model::{AXIS_TOLERANCE, ChainJoint, Inertial, JointModel, MAX_CHAIN_JOINTS, Pose, RobotModel};
 
 /// A serial chain of revolute joints with its mass distribution, preprocessed for computation.
 ///
@@ -17,6 +19,33 @@ pub struct Chain {
     /// Reflected inertia of each joint's rotor and gear [kg·m²]; empty if not included.
     pub(crate) rotor_inertia: Vec<f32, MAX_CHAIN_JOINTS>,
 }
+
+/// Why [`Chain::from_links`] returns no chain.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum InvalidChain {
+    /// More links than a chain can have.
+    TooMany,
+    /// An axis is not a unit vector.
+    Axis {
+        /// The joint.
+        joint: usize,
+        /// Length of its axis.
+        length: f32,
+    },
+}
+
+impl fmt::Display for InvalidChain {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::TooMany => write!(f, "a chain has at most {MAX_CHAIN_JOINTS} joints"),
+            Self::Axis { joint, length } => {
+                write!(f, "the axis of joint {joint} has length {length}; it must be a unit vector")
+            }
+        }
+    }
+}
+
+impl core::error::Error for InvalidChain {}
 
 /// One joint and its link; all in the link's own frame (joint axis z) unless stated.
 #[derive(Clone, Debug)]
@@ -60,19 +89,40 @@ impl Chain {
     /// tip's frame in that of the last link. Without the rotors, which
     /// [`JointServo`](crate::control::JointServo) includes itself; [`Chain::with_rotor_inertia`] adds them.
     pub fn new(joints: &[JointModel], tip: &Pose) -> Self {
-        Self::from_links(joints.iter().map(|joint| (&joint.origin, &joint.axis, &joint.link)), tip)
+        Self::of_links(joints.iter().map(|joint| (&joint.origin, &joint.axis, &joint.link)), tip)
     }
 
     /// A chain of a validated model with all its joints, including those without motor; empty if the model
     /// has no such chain.
     pub fn of_model(model: &RobotModel, chain: usize) -> Self {
         let tip = model.chains.get(chain).map_or(&Pose::IDENTITY, |chain| &chain.tip);
-        Self::from_links(model.joints_of(chain).map(ChainJoint::body), tip)
+        Self::of_links(model.joints_of(chain).map(ChainJoint::body), tip)
     }
 
     /// The chain of links given as in [`JointModel`]: joint frame in the frame of the link before, axis (a
-    /// unit vector), mass distribution.
+    /// unit vector), mass distribution. `tip` as in [`Chain::new`].
+    ///
+    /// # Errors
+    /// More than [`MAX_CHAIN_JOINTS`] links, or an axis that is not a unit vector.
     pub fn from_links<'a>(
+        links: impl IntoIterator<Item = (&'a Pose, &'a [f32; 3], &'a Inertial), IntoIter: Clone>,
+        tip: &Pose,
+    ) -> Result<Self, InvalidChain> {
+        let links = links.into_iter();
+        for (joint, (_, axis, _)) in links.clone().enumerate() {
+            if joint == MAX_CHAIN_JOINTS {
+                return Err(InvalidChain::TooMany);
+            }
+            let length = math::sqrt(Vector3::from(*axis).norm_squared());
+            if length.is_nan() || math::abs(length - 1.0) > AXIS_TOLERANCE {
+                return Err(InvalidChain::Axis { joint, length });
+            }
+        }
+        Ok(Self::of_links(links, tip))
+    }
+
+    /// As [`Chain::from_links`], of at most [`MAX_CHAIN_JOINTS`] valid links.
+    pub(crate) fn of_links<'a>(
         links: impl IntoIterator<Item = (&'a Pose, &'a [f32; 3], &'a Inertial)>,
         tip: &Pose,
     ) -> Self {

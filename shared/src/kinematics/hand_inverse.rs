@@ -18,6 +18,7 @@ use nalgebra::Vector3;
 use super::hand::{Angles, FingerPosture, Hand, HandFinger, MAX_FINGERS, angle, set_angle};
 use super::hand_step::TERTIARY;
 use super::inverse::MAX_DISTANCE;
+use crate::OutOfRange;
 use crate::math::{self, abs};
 
 /// Factor of `μ` in the first iterations for directions.
@@ -65,18 +66,35 @@ pub type FingertipTargets = [Option<FingertipTarget>; MAX_FINGERS];
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HandOptions {
     /// A fingertip within this distance of its target has reached it [m].
-    pub tolerance: f32,
-    /// Maximum iterations for each start, twice as many with directions; at most ten more, 60 around a
-    /// search, remove the position errors that the secondary objective causes.
-    pub iterations: u8,
-    /// Maximum number of random starts of a search, after those on the grid of the shared joint.
-    pub restarts: u8,
-    /// Number of evaluations of a finger's kinematics after which no further iteration begins; at least one
-    /// is made for each finger.
-    pub evaluations: u16,
+    pub(crate) tolerance: f32,
+    pub(crate) iterations: u8,
+    pub(crate) restarts: u8,
+    pub(crate) evaluations: u16,
+}
+
+impl HandOptions {
+    /// A fingertip within `tolerance` [m], 10⁻⁷ to 1, of its target has reached it.
+    ///
+    /// At most `iterations` are made for each start, twice as many with directions; at most ten more, 60
+    /// around a search, remove the position errors that the secondary objective causes. A search has at most
+    /// `restarts` random starts after those on the grid of the shared joint. After `evaluations` of a
+    /// finger's kinematics no further iteration begins; at least one is made for each finger.
+    ///
+    /// # Errors
+    /// The tolerance is outside its range.
+    pub fn try_new(
+        tolerance: f32,
+        iterations: u8,
+        restarts: u8,
+        evaluations: u16,
+    ) -> Result<Self, OutOfRange> {
+        OutOfRange::check("tolerance of the fingertips", tolerance, [1e-7, 1.0])?;
+        Ok(Self { tolerance, iterations, restarts, evaluations })
+    }
 }
 
 impl Default for HandOptions {
+    /// 0.01 mm, 12 iterations, 120 random starts, any number of evaluations.
     fn default() -> Self {
         Self { tolerance: 1e-5, iterations: 12, restarts: 120, evaluations: u16::MAX }
     }

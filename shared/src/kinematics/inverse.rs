@@ -5,6 +5,7 @@ use nalgebra::{IsometryMatrix3, SMatrix, SVector, Vector3};
 
 use super::random_starts::RandomStarts;
 use super::{Chain, Jacobian, Posture};
+use crate::OutOfRange;
 use crate::math::{self, Ldlt, abs};
 use crate::model::{Coupling, MAX_CHAIN_JOINTS};
 
@@ -41,14 +42,15 @@ pub struct InverseKinematics {
     options: SolverOptions,
 }
 
-/// Tolerances and iteration limits of [`InverseKinematics`].
+/// Tolerances and iteration limits of [`InverseKinematics`], checked by [`InverseKinematics::with_options`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SolverOptions {
-    /// Position tolerance [m].
+    /// Position tolerance [m], 10⁻⁷ to 1.
     pub position_tolerance: f32,
-    /// Orientation tolerance [rad].
+    /// Orientation tolerance [rad], 10⁻⁷ to π.
     pub rotation_tolerance: f32,
-    /// Weight of position relative to orientation [rad/m]; 1 to 2 over the chain's length works well.
+    /// Weight of position relative to orientation [rad/m], 0.001 to 1000; 1 to 2 over the chain's length
+    /// works well.
     pub radians_per_metre: f32,
     /// Maximum iterations per start.
     pub iterations: u16,
@@ -148,10 +150,15 @@ impl InverseKinematics {
     }
 
     /// Replaces tolerances and iteration limits.
-    #[must_use]
-    pub const fn with_options(mut self, options: SolverOptions) -> Self {
-        self.options = options;
-        self
+    ///
+    /// # Errors
+    /// The first value outside its range.
+    pub fn with_options(self, options: SolverOptions) -> Result<Self, OutOfRange> {
+        let SolverOptions { position_tolerance, rotation_tolerance, radians_per_metre, .. } = options;
+        OutOfRange::check("position tolerance", position_tolerance, [1e-7, 1.0])?;
+        OutOfRange::check("rotation tolerance", rotation_tolerance, [1e-7, core::f32::consts::PI])?;
+        OutOfRange::check("weight of the position", radians_per_metre, [1e-3, 1e3])?;
+        Ok(Self { options, ..self })
     }
 
     /// Declares joint `joint` as a mimic joint with the angle `multiplier` · angle of joint `of` + `offset`

@@ -104,7 +104,11 @@ fn a_target_that_was_reached_is_not_reported_as_missed() {
     let chain = chain_of("hand3_finger1");
     let options = SolverOptions { restarts: 0, ..SolverOptions::default() };
     let solver = InverseKinematics::try_new(&[(-1.0, 1.0), (-1.2, 1.7), (-0.1, 2.4)]).unwrap();
-    let solver = solver.with_options(options);
+    for wrong in [-1e-5, f32::NAN, 2.0] {
+        let refused = solver.clone().with_options(SolverOptions { position_tolerance: wrong, ..options });
+        assert_eq!(refused.map_err(|error| error.field).err(), Some("position tolerance"));
+    }
+    let solver = solver.with_options(options).unwrap();
     let mut rng = Rng::new(11, 0);
     for _ in 0..1000 {
         let goal = [between(&mut rng, -1.0, 1.0), between(&mut rng, -1.2, 1.7), between(&mut rng, -0.1, 2.4)];

@@ -23,8 +23,8 @@ mod setpoint;
 #[allow(clippy::unwrap_used, clippy::indexing_slicing, reason = "tests")]
 mod tests;
 
-pub use chain::Chain;
 pub(crate) use chain::Link;
+pub use chain::{Chain, InvalidChain};
 pub use finger::{Finger, FingerError, FingerShapeError, FingerSolutions};
 pub use hand::{Angles, FingerDescription, Hand, HandFinger, InvalidHand, MAX_FINGERS};
 pub use hand_inverse::{FingertipTarget, FingertipTargets, HandOptions, HandReport};

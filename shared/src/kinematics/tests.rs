@@ -3,7 +3,7 @@
 
 use nalgebra::{Isometry3, Quaternion, UnitQuaternion, UnitVector3, Vector3, Vector6};
 
-use super::Chain;
+use super::{Chain, InvalidChain};
 use crate::model::{Inertial, Pose};
 
 type Joint = ([f32; 3], [f32; 4], [f32; 3]);
@@ -25,7 +25,7 @@ fn chain(joints: &[Joint], &(translation, rotation): &Tip) -> Chain {
     let origins: Vec<Pose> =
         joints.iter().map(|&(translation, rotation, _)| Pose { translation, rotation }).collect();
     let links = origins.iter().zip(joints).map(|(origin, (_, _, axis))| (origin, axis, &none));
-    Chain::from_links(links, &Pose { translation, rotation })
+    Chain::of_links(links, &Pose { translation, rotation })
 }
 
 /// Largest difference, as a share of the largest expected value, or of `least` if that is larger.
@@ -133,4 +133,18 @@ fn an_axis_that_is_hardly_tilted_is_tilted_all_the_same() {
         let expected = Vector3::new(-1.0, 0.0, height);
         assert!((tip - expected).norm() < 4e-7, "{tip}");
     }
+}
+
+#[test]
+fn a_chain_of_too_many_links_or_with_an_axis_that_is_no_unit_vector_is_refused() {
+    let none = Inertial { mass: 0.0, center_of_mass: [0.0; 3], inertia: [0.0; 6] };
+    let chain = |axes: &[[f32; 3]]| {
+        let links = axes.iter().map(|axis| (&Pose::IDENTITY, axis, &none));
+        Chain::from_links(links, &Pose::IDENTITY).map(|chain| chain.len())
+    };
+    assert_eq!(chain(&[[0.0, 0.0, 1.0]; 7]), Ok(7));
+    assert_eq!(chain(&[[0.0, 0.0, 1.0]; 8]), Err(InvalidChain::TooMany));
+    let long = [[1.0, 0.0, 0.0], [0.0, 1.5, 0.0]];
+    assert_eq!(chain(&long), Err(InvalidChain::Axis { joint: 1, length: 1.5 }));
+    assert!(matches!(chain(&[[f32::NAN; 3]]), Err(InvalidChain::Axis { joint: 0, .. })));
 }

@@ -9,11 +9,13 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ModelError {
-    /// Index of the joint; `None` for a field of the whole robot.
+    /// Index of the joint; for a field of a chain or of a joint without motor, that of the last joint of the
+    /// chain that has a motor; `None` for a field of the whole robot.
     pub joint: Option<u8>,
     /// The field.
     pub field: Field,
-    /// Its value.
+    /// Its value, in SI units; for a name, the index of its joint or chain, and for [`Field::Gauges`] that of
+    /// their chain.
     pub value: f32,
     /// What is wrong with it.
     pub problem: Problem,

@@ -17,7 +17,7 @@ mod error;
 mod validate;
 
 pub use error::{Field, ModelError, Problem};
-pub(crate) use validate::{CURRENT_MARGIN, JUMP_FACTOR};
+pub(crate) use validate::{AXIS_TOLERANCE, CURRENT_MARGIN, JUMP_FACTOR};
 
 use heapless::{String, Vec};
 use nalgebra::Isometry3;
@@ -212,7 +212,7 @@ pub struct JointModel {
 }
 
 impl JointModel {
-    /// The torque that it has: the lesser of its limit and the motor's torque at the largest current [N·m].
+    /// Largest torque: the smaller of its limit and the motor's torque at the largest current [N·m].
     pub const fn torque_limit(&self) -> f32 {
         self.limits.torque.min(self.motor.current_limit * self.motor.torque_constant)
     }

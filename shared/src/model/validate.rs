@@ -16,8 +16,10 @@ pub(crate) const CURRENT_MARGIN: f32 = 1.25;
 
 /// Smallest value, in SI units, of a quantity that must be positive.
 const SMALLEST: f32 = 1e-12;
-/// Tolerance of a unit vector's length.
+/// Tolerance of the length of a unit quaternion, which is normalised before use.
 const UNIT_TOLERANCE: f32 = 1e-3;
+/// Tolerance of the length of an axis, which is used as it is.
+pub(crate) const AXIS_TOLERANCE: f32 = 1e-5;
 
 // Physical bounds that no robot exceeds.
 
@@ -389,8 +391,16 @@ impl Check {
 
     #[inline(never)]
     fn within(self, field: Field, value: f32, min: f32, max: f32) -> Result<(), ModelError> {
-        self.at_least(field, value, min)?;
-        self.at_most(field, value, max)
+        let problem = if !value.is_finite() {
+            Problem::NotFinite
+        } else if value < min {
+            Problem::Below(min)
+        } else if value > max {
+            Problem::Above(max)
+        } else {
+            return Ok(());
+        };
+        Err(self.error(field, value, problem))
     }
 
     /// Checks that the value is positive, and large enough that its reciprocal is finite.
@@ -419,7 +429,8 @@ impl Check {
     fn unit(self, field: Field, vector: &[f32]) -> Result<(), ModelError> {
         self.all_within(field, vector, 2.0)?;
         let length = math::sqrt(vector.iter().map(|x| x * x).sum());
-        if length.is_nan() || abs(length - 1.0) > UNIT_TOLERANCE {
+        let tolerance = if field == Field::Axis { AXIS_TOLERANCE } else { UNIT_TOLERANCE };
+        if abs(length - 1.0) > tolerance {
             return Err(self.error(field, length, Problem::NotUnit));
         }
         Ok(())

@@ -33,6 +33,20 @@ fn masses_that_no_body_has_are_refused_with_joint_field_and_margin() {
 }
 
 #[test]
+fn an_axis_must_be_a_unit_vector_as_it_is_not_normalised() {
+    let validated = |length: f32| {
+        let joint = JointModel { axis: [0.6 * length, 0.0, 0.8 * length], ..test_joint("elbow") };
+        joint.validate(Check { joint: Some(4) })
+    };
+    assert_eq!(validated(1.0), Ok(()));
+    for length in [1.0001, 0.9999] {
+        let error = validated(length).expect_err("accepted");
+        assert_eq!((error.joint, error.field, error.problem), (Some(4), Field::Axis, Problem::NotUnit));
+        assert!((error.value - length).abs() < 1e-6, "{error}");
+    }
+}
+
+#[test]
 fn values_that_no_robot_has_are_refused_with_their_bound() {
     let mut robot = crate::test_support::finger();
     let refused = |change: &dyn Fn(&mut RobotModel), field: Field, limit: f32| {

@@ -111,7 +111,7 @@ impl<'a> Joints<'a> {
     #[cold]
     #[inline(never)]
     pub fn weight(&self) -> [f32; MAX_JOINTS] {
-        self.robot.weight(self.measured.angles(0..self.robot.joints().len()))
+        self.robot.gravity_torques(self.measured.angles(0..self.robot.joints().len()))
     }
 
     /// Iterates over all joints.

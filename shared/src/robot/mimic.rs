@@ -46,7 +46,7 @@ impl Robot {
     }
 
     /// Gravity torques of the actuated joints [N·m] at their angles [rad].
-    pub fn weight(&self, angles: &[f32]) -> [f32; MAX_JOINTS] {
+    pub fn gravity_torques(&self, angles: &[f32]) -> [f32; MAX_JOINTS] {
         let mut motion = Motion::default();
         motion.iter_mut().zip(angles).for_each(|([position, ..], angle)| *position = *angle);
         self.coupled_dynamics(&motion)

@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, SMatrix, Vector3};
 
 use super::calibration::LinkPrior;
 use super::calibration_error::CalibrationError;
-use super::human_hand::{FINGERS, FingerLinks, FingerRotations, HumanFinger};
+use super::human_hand::{FingerLinks, FingerRotations, HUMAN_FINGERS, HumanFinger};
 use crate::math::{self, Svd};
 
 /// Joints and tip of a finger: the ends of its links.
@@ -13,7 +13,7 @@ type Points = [Vector3<f32>; 4];
 /// Mean lengths [mm] of metacarpal and phalanges between the centres of the joints on radiographs of 66
 /// adults (A. Buryanov, V. Kotiuk, *Proportions of hand segments*, Int. J. Morphol. 28(3), 2010, table I);
 /// the last one includes the soft tissue of the tip. The thumb's metacarpal is its first link.
-const BONES: [[f32; 4]; FINGERS] = [
+const BONES: [[f32; 4]; HUMAN_FINGERS] = [
     [0.0, 46.22, 31.57, 27.34],
     [68.12, 39.78, 22.38, 19.66],
     [64.60, 44.63, 26.33, 21.35],
@@ -23,7 +23,7 @@ const BONES: [[f32; 4]; FINGERS] = [
 /// Proximal ends of the metacarpals [mm], distal and radial of the wrist, and their splay in the flat hand
 /// [°]. The paper does not give these; they are estimates that make the palm 56 mm wide between the outer
 /// joints.
-const METACARPALS: [[f32; 3]; FINGERS] =
+const METACARPALS: [[f32; 3]; HUMAN_FINGERS] =
     [[20.0, 25.0, 45.0], [25.0, 14.0, 9.0], [25.0, 3.0, 2.0], [25.0, -9.0, -6.0], [25.0, -19.0, -13.0]];
 /// Standard deviation of the first joint from its position in the fitted hand, along each axis [m].
 const JOINT_DEVIATION: f32 = 4e-3;
@@ -42,9 +42,9 @@ const ACROSS_DEVIATION: f32 = 1e-3;
 /// # Errors
 /// Fewer than two calibrated fingers besides the thumb.
 pub(super) fn infer_links(
-    calibrated: &[Option<FingerLinks>; FINGERS],
-    flat: &[FingerRotations; FINGERS],
-) -> Result<[LinkPrior; FINGERS], CalibrationError> {
+    calibrated: &[Option<FingerLinks>; HUMAN_FINGERS],
+    flat: &[FingerRotations; HUMAN_FINGERS],
+) -> Result<[LinkPrior; HUMAN_FINGERS], CalibrationError> {
     let known = || {
         let fingers = HumanFinger::ALL.into_iter().zip(calibrated).zip(flat);
         fingers.filter_map(|((finger, links), flat)| match (finger, links) {
@@ -69,7 +69,8 @@ pub(super) fn infer_links(
     }
     let (turn, trace) = nearest_rotation(&covariance);
     let scale = trace / variance;
-    let mut priors = [LinkPrior { mean: FingerLinks::default(), deviation: [JOINT_DEVIATION; 4] }; FINGERS];
+    let mut priors =
+        [LinkPrior { mean: FingerLinks::default(), deviation: [JOINT_DEVIATION; 4] }; HUMAN_FINGERS];
     for ((prior, finger), flat) in priors.iter_mut().zip(HumanFinger::ALL).zip(flat) {
         let fitted = mean_points(finger).map(|point| centres[1] + turn * (point - centres[0]) * scale);
         prior.mean.0[0] = fitted[0].into();

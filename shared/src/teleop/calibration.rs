@@ -1,13 +1,13 @@
 //! Link calibration of the operator's fingers (Hand5 eq. 2).
 //!
-//! A pose gives three equations `A x = p`, `A = [I, R1, R1R2, R1R2R3]`, for the twelve components of a
+//! A posture gives three equations `A x = p`, `A = [I, R1, R1R2, R1R2R3]`, for the twelve components of a
 //! finger's links. They are added one after another to a triangular factor ([`IncrementalQr`]), so
 //! calibration can continue during use, optionally with forgetting.
 //!
 //! A finger's joints are hinges. A component of link `k − 1` along the axis of hinge `k` moves the tip
 //! exactly as the same component of link `k` does, so `A` has rank 10, or 9 without spreading, whatever the
-//! poses. Noise hides that: see [`CalibrationSettings::orientation_noise`]. The minimum-norm solution without
-//! the directions that are due to noise still predicts the tip.
+//! postures. Noise hides that: see [`CalibrationSettings::orientation_noise`]. The minimum-norm solution
+//! without the directions that are due to noise still predicts the tip.
 
 use nalgebra::{SMatrix, SVector, Vector3};
 
@@ -19,12 +19,12 @@ use crate::math::{self, IncrementalQr};
 
 /// Permitted standard deviations of contacts and priors [m].
 const DEVIATIONS: [f32; 2] = [1e-4, 0.1];
-/// Minimum number of poses for twelve unknowns.
-const MIN_POSES: u32 = 4;
+/// Minimum number of postures for twelve unknowns.
+const MIN_POSTURES: u32 = 4;
 /// Maximum standard deviation of the predicted tip over the joints' range [m].
 pub const MAX_TIP_DEVIATION: f32 = 2e-3;
-/// Prior standard deviation of components that the poses leave undetermined [m]: a component of a link along
-/// a hinge is shorter than a phalanx.
+/// Prior standard deviation of components that the postures leave undetermined [m]: a component of a link
+/// along a hinge is shorter than a phalanx.
 const UNKNOWN_LINK: f32 = 0.03;
 /// Margin for noise that is larger than stated.
 const NOISE_MARGIN: f32 = 1.5;
@@ -39,18 +39,18 @@ const MIN_MOVEMENT: f32 = 0.035;
 /// Assumptions about the measurements of a calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CalibrationSettings {
-    /// Noise of one sensor's orientation in one pose: root mean square of the rotation angle [rad], 0 to 0.2.
-    /// It is smaller than that of a single sample if a pose is a mean over time.
+    /// Noise of one sensor's orientation in one posture: root mean square of the rotation angle [rad], 0 to
+    /// 0.2. It is smaller than that of a single sample if a posture is a mean over time.
     ///
     /// With standard deviation `σ = noise/√3` about each axis, a unit vector `v` has `E|δA v|² = 2σ²` per
-    /// pose: a rotation error `e` displaces `v` by `e × v`, and the error of the back of the hand acts on
-    /// `−v0` where `A v = 0`. Noise alone therefore causes singular values in `N` poses of about
+    /// posture: a rotation error `e` displaces `v` by `e × v`, and the error of the back of the hand acts on
+    /// `−v0` where `A v = 0`. Noise alone therefore causes singular values in `N` postures of about
     /// `σ_n = noise √(2N/3)`, and random matrix theory (Marchenko and Pastur 1967) spreads them up to
     /// `σ_n (1 + 2/√N)` for 12 columns of 3N rows. Singular values below 1.5 times that are truncated.
     pub orientation_noise: f32,
     /// Standard deviation of a marker along each axis [m], 10⁻⁶ to 0.01.
     pub marker_noise: f32,
-    /// Forgetting factor of all earlier poses with each new one, 0.5 to 1; 1: no forgetting.
+    /// Forgetting factor of all earlier postures with each new one, 0.5 to 1; 1: no forgetting.
     pub forgetting: f32,
 }
 
@@ -83,8 +83,8 @@ impl CalibrationSettings {
 /// Accuracy of a finger's calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CalibrationAccuracy {
-    /// Number of poses.
-    pub poses: u32,
+    /// Number of postures.
+    pub postures: u32,
     /// Number of singular values above the noise; 9 or 10 for a finger with hinges, 12 with a prior.
     pub rank: u8,
     /// Condition number: largest over smallest singular value that is not truncated.
@@ -115,15 +115,15 @@ pub struct FingerCalibration {
     pub(super) finger: HumanFinger,
     pub(super) settings: CalibrationSettings,
     equations: IncrementalQr<12>,
-    /// Number of poses, and their sum of weights.
-    poses: u32,
+    /// Number of postures, and their sum of weights.
+    postures: u32,
     weight: f32,
     pub(super) joints: JointMovements,
     has_prior: bool,
 }
 
 impl FingerCalibration {
-    /// A calibration without poses.
+    /// A calibration without postures.
     ///
     /// # Errors
     /// A setting outside its limits.
@@ -138,30 +138,34 @@ impl FingerCalibration {
             finger,
             settings: *settings,
             equations: IncrementalQr::new(),
-            poses: 0,
+            postures: 0,
             weight: 0.0,
             joints: JointMovements::default(),
             has_prior: false,
         }
     }
 
-    /// Adds a pose: orientations, and the marker at the tip in the frame of the back of the hand [m]. The
-    /// first pose is the flat hand.
+    /// Adds a posture: orientations, and the marker at the tip in the frame of the back of the hand [m]. The
+    /// first posture is the flat hand.
     ///
     /// # Errors
     /// A marker that is not finite or more than 0.4 m from the back of the hand. Nothing is added.
-    pub fn add_pose(&mut self, rotations: &FingerRotations, tip: [f32; 3]) -> Result<(), CalibrationError> {
+    pub fn add_posture(
+        &mut self,
+        rotations: &FingerRotations,
+        tip: [f32; 3],
+    ) -> Result<(), CalibrationError> {
         check_marker(self.finger, tip)?;
         self.joints.add(rotations, self.settings.forgetting);
         self.equations.forget(self.settings.forgetting);
         add_equations(&mut self.equations, rotations, tip, 1.0);
         self.weight = self.settings.forgetting * self.weight + 1.0;
-        self.poses = self.poses.saturating_add(1);
+        self.postures = self.postures.saturating_add(1);
         Ok(())
     }
 
     /// Adds a posture in which the tip touches a known position [m], with a standard deviation along each
-    /// axis [m]. It improves the lengths but does not count as a pose: the calibration also needs a prior.
+    /// axis [m]. It improves the lengths but does not count as a posture: the calibration also needs a prior.
     ///
     /// # Errors
     /// A position that is not finite or more than 0.4 m from the back of the hand, or a standard deviation
@@ -175,7 +179,7 @@ impl FingerCalibration {
         check_marker(self.finger, place)?;
         OutOfRange::check("standard deviation of the contact", deviation, DEVIATIONS)
             .map_err(CalibrationError::Setting)?;
-        // In units of the standard deviation of the poses' equations.
+        // In units of the standard deviation of the postures' equations.
         let weight = self.settings.equation_deviation(&TYPICAL_LINKS) / deviation;
         add_equations(&mut self.equations, rotations, place, weight.min(1.0));
         Ok(())
@@ -196,7 +200,7 @@ impl FingerCalibration {
                 let (field, min, max) = ("mean of the prior", f32::MIN, f32::MAX);
                 return Err(CalibrationError::Setting(OutOfRange { field, value, min, max }));
             }
-            // In units of the standard deviation of the poses' equations, that of the noise.
+            // In units of the standard deviation of the postures' equations, that of the noise.
             let weight = self.settings.equation_deviation(&prior.mean) / deviation;
             for (axis, mean) in mean.iter().enumerate() {
                 let mut row = SVector::zeros();
@@ -208,23 +212,23 @@ impl FingerCalibration {
         Ok(())
     }
 
-    /// Number of poses.
-    pub const fn poses(&self) -> u32 {
-        self.poses
+    /// Number of postures.
+    pub const fn postures(&self) -> u32 {
+        self.postures
     }
 
     /// Estimates the links and their accuracy, without requirements on the accuracy.
     ///
     /// # Errors
-    /// Without a prior: too few poses, or poses that are all alike.
+    /// Without a prior: too few postures, or postures that are all alike.
     pub fn estimate(&self) -> Result<(FingerLinks, CalibrationAccuracy), CalibrationError> {
-        let Self { finger, poses, .. } = *self;
+        let Self { finger, postures, .. } = *self;
         if !self.has_prior {
-            if poses < MIN_POSES {
-                return Err(CalibrationError::TooFewPoses { finger, poses, min: MIN_POSES });
+            if postures < MIN_POSTURES {
+                return Err(CalibrationError::TooFewPostures { finger, postures, min: MIN_POSTURES });
             }
             if self.joints.largest_deviation() < MIN_MOVEMENT {
-                return Err(CalibrationError::PosesAlike { finger });
+                return Err(CalibrationError::PosturesAlike { finger });
             }
         }
         let noise = self.settings.orientation_noise * math::sqrt(2.0 / 3.0 * self.weight);
@@ -255,7 +259,7 @@ impl FingerCalibration {
         let (tip_deviation, weakest) = self.tip_deviation(&scaled);
         let last = solution.rank.saturating_sub(1).min(11);
         let accuracy = CalibrationAccuracy {
-            poses,
+            postures,
             rank: rank_of(solution.rank),
             condition: solution.values[0] / solution.values[last],
             residual: math::sqrt(solution.residual / self.weight.max(1.0)),
@@ -268,8 +272,8 @@ impl FingerCalibration {
     /// Estimates the links, and requires that they predict the tip accurately enough.
     ///
     /// # Errors
-    /// Too few poses; poses that are all alike; residuals that are not noise; a predicted tip whose standard
-    /// deviation exceeds 2 mm, with the movement that the poses lack.
+    /// Too few postures; postures that are all alike; residuals that are not noise; a predicted tip whose
+    /// standard deviation exceeds 2 mm, with the movement that the postures lack.
     pub fn solve(&self) -> Result<(FingerLinks, CalibrationAccuracy), CalibrationError> {
         let (links, accuracy) = self.estimate()?;
         let limit = MAX_RESIDUAL_RATIO * 1.732 * self.settings.equation_deviation(&links);

@@ -45,7 +45,7 @@ impl fmt::Display for FingerMotion {
     }
 }
 
-/// Why a pose or a calibration is refused.
+/// Why a posture or a calibration is refused.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum CalibrationError {
@@ -60,21 +60,21 @@ pub enum CalibrationError {
     },
     /// A setting outside its limits.
     Setting(OutOfRange),
-    /// Too few poses show the finger's marker.
-    TooFewPoses {
+    /// Too few postures show the finger's marker.
+    TooFewPostures {
         /// The finger.
         finger: HumanFinger,
-        /// Number of poses.
-        poses: u32,
+        /// Number of postures.
+        postures: u32,
         /// Minimum number.
         min: u32,
     },
     /// No joint of the finger moved by more than 2°.
-    PosesAlike {
+    PosturesAlike {
         /// The finger.
         finger: HumanFinger,
     },
-    /// The poses lack a movement, so the tip would be predicted badly.
+    /// The postures lack a movement, so the tip would be predicted badly.
     MissingMotion {
         /// The movement to make.
         motion: FingerMotion,
@@ -128,11 +128,11 @@ impl fmt::Display for CalibrationError {
             Self::Setting(OutOfRange { field, value, min, max }) => {
                 write!(f, "{field} is {value}; it must be between {min} and {max}")
             }
-            Self::TooFewPoses { finger, poses, min } => {
-                write!(f, "{poses} poses show the marker of the {finger}; at least {min} are needed: add poses")
+            Self::TooFewPostures { finger, postures, min } => {
+                write!(f, "{postures} postures show the marker of the {finger}; at least {min} are needed: add postures")
             }
-            Self::PosesAlike { finger } => {
-                write!(f, "all poses of the {finger} are alike: bend each joint, and spread the fingers")
+            Self::PosturesAlike { finger } => {
+                write!(f, "all postures of the {finger} are alike: bend each joint, and spread the fingers")
             }
             Self::MissingMotion { motion, deviation, limit } => write!(
                 f,

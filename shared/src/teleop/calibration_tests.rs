@@ -27,7 +27,7 @@ fn case(name: &str) -> &'static Case {
 
 /// A sample in which all fingers have the orientations of one.
 fn sample([back, segments @ ..]: &[[f32; 4]; 4]) -> GloveSample {
-    GloveSample { back: Some(*back), segments: [segments.map(Some); FINGERS] }
+    GloveSample { back: Some(*back), segments: [segments.map(Some); HUMAN_FINGERS] }
 }
 
 fn index(quaternions: &[[f32; 4]; 4]) -> FingerRotations {
@@ -45,7 +45,7 @@ fn calibration(case: &Case) -> FingerCalibration {
         calibration.add_prior(&prior).unwrap();
     }
     for (quaternions, marker) in case.5 {
-        calibration.add_pose(&index(quaternions), *marker).unwrap();
+        calibration.add_posture(&index(quaternions), *marker).unwrap();
     }
     calibration
 }
@@ -133,7 +133,7 @@ fn posture([base, spread, middle, end]: [f32; 4]) -> FingerRotations {
 const LINKS: FingerLinks =
     FingerLinks([[0.09, 0.02, 0.0], [0.042, 0.0, -0.003], [0.025, 0.001, 0.0], [0.02, 0.0, -0.004]]);
 
-/// Angles of 30 poses that move all joints.
+/// Angles of 30 postures that move all joints.
 fn all_movements() -> impl Iterator<Item = [f32; 4]> {
     (0..30_u8).map(|pose| {
         let at = |step: u8| f32::from(pose.wrapping_mul(step) % 30) / 30.0;
@@ -154,7 +154,7 @@ fn each_joint_that_did_not_move_is_named() {
         for mut angles in all_movements() {
             angles[joint] = 0.0;
             let rotations = posture(angles);
-            calibration.add_pose(&rotations, LINKS.tip(&rotations)).unwrap();
+            calibration.add_posture(&rotations, LINKS.tip(&rotations)).unwrap();
         }
         let error = calibration.solve().unwrap_err();
         let CalibrationError::MissingMotion { motion, .. } = error else { panic!("{error}") };
@@ -166,7 +166,7 @@ fn each_joint_that_did_not_move_is_named() {
     )
     .unwrap();
     for angles in all_movements() {
-        calibration.add_pose(&posture(angles), LINKS.tip(&posture(angles))).unwrap();
+        calibration.add_posture(&posture(angles), LINKS.tip(&posture(angles))).unwrap();
     }
     calibration.solve().unwrap();
 }
@@ -176,14 +176,14 @@ fn too_few_poses_and_poses_alike_are_refused() {
     let mut calibration =
         FingerCalibration::try_new(HumanFinger::Thumb, &CalibrationSettings::DEFAULT).unwrap();
     let rotations = posture([0.3, 0.0, 0.2, 0.1]);
-    for poses in 0..8 {
-        let expected = if poses < 4 {
-            CalibrationError::TooFewPoses { finger: HumanFinger::Thumb, poses, min: 4 }
+    for postures in 0..8 {
+        let expected = if postures < 4 {
+            CalibrationError::TooFewPostures { finger: HumanFinger::Thumb, postures, min: 4 }
         } else {
-            CalibrationError::PosesAlike { finger: HumanFinger::Thumb }
+            CalibrationError::PosturesAlike { finger: HumanFinger::Thumb }
         };
         assert_eq!(calibration.solve(), Err(expected));
-        calibration.add_pose(&rotations, LINKS.tip(&rotations)).unwrap();
+        calibration.add_posture(&rotations, LINKS.tip(&rotations)).unwrap();
     }
 }
 
@@ -192,7 +192,7 @@ fn what_is_no_measurement_is_refused_by_name() {
     let mut calibration = HandCalibration::try_new(&CalibrationSettings::DEFAULT).unwrap();
     let before = calibration;
     let good = sample(&case("noise").5[0].0);
-    let markers = [Some([0.1, 0.0, 0.0]); FINGERS];
+    let markers = [Some([0.1, 0.0, 0.0]); HUMAN_FINGERS];
     let third = GloveSensor::Segment(HumanFinger::Middle, 1);
     let broken = |quaternion| {
         let mut sample = good;
@@ -206,18 +206,18 @@ fn what_is_no_measurement_is_refused_by_name() {
         (Some([0.0, 0.0, 0.0, norm]), GloveError::NotUnit { sensor: third, norm }),
     ] {
         assert_eq!(
-            calibration.add_pose(&broken(quaternion), &markers),
+            calibration.add_posture(&broken(quaternion), &markers),
             Err(CalibrationError::Glove(expected))
         );
         // The orientations of a finger without marker are not needed.
         let mut unmarked = markers;
         unmarked[2] = None;
-        before.clone().add_pose(&broken(quaternion), &unmarked).unwrap();
+        before.clone().add_posture(&broken(quaternion), &unmarked).unwrap();
     }
     for tip in [[f32::NAN, 0.0, 0.0], [f32::INFINITY, 0.0, 0.0], [90.0, 20.0, 0.0]] {
         let mut markers = markers;
         markers[4] = Some(tip);
-        let error = calibration.add_pose(&good, &markers).unwrap_err();
+        let error = calibration.add_posture(&good, &markers).unwrap_err();
         assert!(matches!(error, CalibrationError::Marker { finger: HumanFinger::Little, .. }), "{error}");
     }
     assert_eq!(calibration, before);
@@ -235,10 +235,10 @@ fn swapped_markers_are_named() {
         let angles: [_; 30] = core::array::from_fn(|pose| all_movements().nth(pose).unwrap());
         for pose in 0..30 {
             let mut sample = GloveSample { back: Some([0.0, 0.0, 0.0, 1.0]), ..GloveSample::default() };
-            let mut markers = [None; FINGERS];
+            let mut markers = [None; HUMAN_FINGERS];
             #[allow(clippy::needless_range_loop, reason = "of two arrays")]
-            for finger in 0..FINGERS {
-                // Each finger has the poses in a different order.
+            for finger in 0..HUMAN_FINGERS {
+                // Each finger has the postures in a different order.
                 let rotations = posture(angles[if pose == 0 { 0 } else { (pose * (finger + 1)) % 29 + 1 }]);
                 sample.segments[finger] = rotations.0.each_ref().map(quaternion);
                 markers[finger] = Some(LINKS.tip(&rotations));
@@ -246,7 +246,7 @@ fn swapped_markers_are_named() {
             if swap {
                 markers.swap(1, 3);
             }
-            calibration.add_pose(&sample, &markers).unwrap();
+            calibration.add_posture(&sample, &markers).unwrap();
         }
         calibration
     };
@@ -257,17 +257,30 @@ fn swapped_markers_are_named() {
 }
 
 #[test]
+fn filters_outside_their_ranges_are_refused() {
+    let refused = |bandwidth, delay, hold| GloveFilter::try_new(bandwidth, delay, hold).unwrap_err().field;
+    assert_eq!(GloveFilter::try_new(5.0 * core::f32::consts::TAU, 0.0, 0.1), Ok(GloveFilter::PROMPT));
+    for bandwidth in [0.9, 1001.0, f32::NAN] {
+        assert_eq!(refused(bandwidth, 0.0, 0.1), "bandwidth of the glove's filter");
+    }
+    for delay in [0.21, -0.1] {
+        assert_eq!(refused(10.0, delay, 0.1), "delay of the glove's filter");
+    }
+    assert_eq!(refused(10.0, 0.2, 1.5), "time for which a sensor is bridged");
+}
+
+#[test]
 fn a_filtered_fingertip_is_where_the_links_put_it_and_moves_as_it_does() {
-    let hand = HumanHand::try_new([LINKS; FINGERS]).unwrap();
+    let hand = HumanHand::try_new([LINKS; HUMAN_FINGERS]).unwrap();
     let mut state = GloveFilterState::default();
-    let filter = GloveFilter { bandwidth: 100.0, ..GloveFilter::PROMPT };
+    let filter = GloveFilter::try_new(100.0, 0.0, 0.1).unwrap();
     let period = 0.01;
     let at = |time: f32| {
         // The hand rotates as a whole, and each joint bends at a constant rate.
         let back = math::rotation_matrix(&Vector3::new(0.5 * time, 0.0, 1.0));
         let rotations = posture([0.8 * time, 0.2, 1.1 * time, 0.7 * time]);
         let segments = rotations.0.each_ref().map(|segment| quaternion(&(back * segment)));
-        (rotations, GloveSample { back: quaternion(&back), segments: [segments; FINGERS] })
+        (rotations, GloveSample { back: quaternion(&back), segments: [segments; HUMAN_FINGERS] })
     };
     assert_eq!(
         hand.fingertips(&state)[0],
@@ -304,7 +317,7 @@ fn a_filtered_fingertip_is_where_the_links_put_it_and_moves_as_it_does() {
 
 #[test]
 fn links_that_no_hand_has_are_refused() {
-    let mut links = [LINKS; FINGERS];
+    let mut links = [LINKS; HUMAN_FINGERS];
     links[4].0[1] = [0.4, 0.0, 0.0];
     let error = HumanHand::try_new(links).unwrap_err();
     assert_eq!((error.finger, error.link), (HumanFinger::Little, 1));
@@ -316,8 +329,8 @@ fn links_that_no_hand_has_are_refused() {
 
 /// A hand of 110 % of the mean proportions, with first joints displaced by a few millimetres: proximal end of
 /// the metacarpal, splay, and bones as in the paper's table [mm].
-fn large_hand() -> [FingerLinks; FINGERS] {
-    let fingers: [([f32; 2], f32, [f32; 4]); FINGERS] = [
+fn large_hand() -> [FingerLinks; HUMAN_FINGERS] {
+    let fingers: [([f32; 2], f32, [f32; 4]); HUMAN_FINGERS] = [
         ([20.0, 25.0], 45.0, [0.0, 46.22, 31.57, 27.34]),
         ([25.0, 14.0], 9.0, [68.12, 39.78, 22.38, 19.66]),
         ([25.0, 3.0], 2.0, [64.60, 44.63, 26.33, 21.35]),
@@ -337,11 +350,11 @@ fn large_hand() -> [FingerLinks; FINGERS] {
 
 fn relative_sample(rotations: &FingerRotations) -> GloveSample {
     let segments = rotations.0.each_ref().map(quaternion);
-    GloveSample { back: Some([0.0, 0.0, 0.0, 1.0]), segments: [segments; FINGERS] }
+    GloveSample { back: Some([0.0, 0.0, 0.0, 1.0]), segments: [segments; HUMAN_FINGERS] }
 }
 
 /// Calibrated with markers on thumb, index and little finger.
-fn three_markers(hand: &[FingerLinks; FINGERS]) -> HandCalibration {
+fn three_markers(hand: &[FingerLinks; HUMAN_FINGERS]) -> HandCalibration {
     let settings = CalibrationSettings { orientation_noise: 0.002, ..CalibrationSettings::DEFAULT };
     let mut calibration = HandCalibration::try_new(&settings).unwrap();
     let flat = posture([0.0; 4]);
@@ -349,7 +362,7 @@ fn three_markers(hand: &[FingerLinks; FINGERS]) -> HandCalibration {
         let mut markers = hand.map(|links| Some(links.tip(&rotations)));
         markers[2] = None;
         markers[3] = None;
-        calibration.add_pose(&relative_sample(&rotations), &markers).unwrap();
+        calibration.add_posture(&relative_sample(&rotations), &markers).unwrap();
     }
     calibration
 }
@@ -361,7 +374,7 @@ fn fingers_without_marker_follow_from_the_size_and_the_place_of_the_others() {
     let flat = relative_sample(&posture([0.0; 4]));
     assert!(matches!(
         calibration.solve(),
-        Err(CalibrationError::TooFewPoses { finger: HumanFinger::Middle, poses: 0, .. })
+        Err(CalibrationError::TooFewPostures { finger: HumanFinger::Middle, postures: 0, .. })
     ));
     let solved = calibration.solve_with_proportions(&flat).unwrap();
     for (number, limit) in [(0, 5e-4), (1, 5e-4), (2, 2e-3), (3, 2e-3), (4, 5e-4)] {
@@ -375,7 +388,7 @@ fn fingers_without_marker_follow_from_the_size_and_the_place_of_the_others() {
     let mut one_marker = HandCalibration::try_new(&settings).unwrap();
     for rotations in all_movements().map(posture) {
         let markers = [Some(hand[0].tip(&rotations)), None, None, None, None];
-        one_marker.add_pose(&relative_sample(&rotations), &markers).unwrap();
+        one_marker.add_posture(&relative_sample(&rotations), &markers).unwrap();
     }
     assert_eq!(one_marker.solve_with_proportions(&flat), Err(CalibrationError::TooFewFingers));
 }

@@ -5,11 +5,11 @@ use super::calibration::{
     CalibrationAccuracy, CalibrationSettings, FingerCalibration, TYPICAL_LINKS, add_equations, check_marker,
 };
 use super::calibration_error::CalibrationError;
-use super::human_hand::{FINGERS, FingerLinks, FingerRotations, GloveSample, HumanFinger};
+use super::human_hand::{FingerLinks, FingerRotations, GloveSample, HUMAN_FINGERS, HumanFinger};
 use crate::math::{self, IncrementalQr};
 
-/// Minimum number of poses for the detection of swapped markers: twice as many equations as unknowns.
-const MIN_POSES_OF_SWAP: u32 = 8;
+/// Minimum number of postures for the detection of swapped markers: twice as many equations as unknowns.
+const MIN_POSTURES_OF_SWAP: u32 = 8;
 /// Markers count as swapped if a finger's residual is larger by this factor than with another finger's
 /// marker.
 const SWAP_RATIO: f32 = 2.0;
@@ -17,14 +17,14 @@ const SWAP_RATIO: f32 = 2.0;
 /// Calibration of a hand: all fingers, and the detection of swapped markers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HandCalibration {
-    fingers: [FingerCalibration; FINGERS],
-    /// Equations of a finger's orientations with each finger's marker, for poses that show all markers.
-    crossed: [[IncrementalQr<12>; FINGERS]; FINGERS],
-    complete_poses: u32,
+    fingers: [FingerCalibration; HUMAN_FINGERS],
+    /// Equations of a finger's orientations with each finger's marker, for postures that show all markers.
+    crossed: [[IncrementalQr<12>; HUMAN_FINGERS]; HUMAN_FINGERS],
+    complete_postures: u32,
 }
 
 impl HandCalibration {
-    /// A calibration without poses.
+    /// A calibration without postures.
     ///
     /// # Errors
     /// A setting outside its limits.
@@ -32,22 +32,22 @@ impl HandCalibration {
         settings.check()?;
         Ok(Self {
             fingers: HumanFinger::ALL.map(|finger| FingerCalibration::new(finger, settings)),
-            crossed: [[IncrementalQr::new(); FINGERS]; FINGERS],
-            complete_poses: 0,
+            crossed: [[IncrementalQr::new(); HUMAN_FINGERS]; HUMAN_FINGERS],
+            complete_postures: 0,
         })
     }
 
-    /// Adds a pose: orientations, and the visible markers in the frame of the back of the hand [m]. The first
-    /// pose is the flat hand.
+    /// Adds a posture: orientations, and the visible markers in the frame of the back of the hand [m]. The
+    /// first posture is the flat hand.
     ///
     /// # Errors
     /// An invalid orientation of a finger with a visible marker, or an invalid marker. Nothing is added.
-    pub fn add_pose(
+    pub fn add_posture(
         &mut self,
         sample: &GloveSample,
-        markers: &[Option<[f32; 3]>; FINGERS],
+        markers: &[Option<[f32; 3]>; HUMAN_FINGERS],
     ) -> Result<(), CalibrationError> {
-        let mut rotations = [None; FINGERS];
+        let mut rotations = [None; HUMAN_FINGERS];
         for ((finger, marker), rotations) in HumanFinger::ALL.into_iter().zip(markers).zip(&mut rotations) {
             if let Some(tip) = marker {
                 check_marker(finger, *tip)?;
@@ -56,11 +56,11 @@ impl HandCalibration {
         }
         for ((finger, rotations), marker) in self.fingers.iter_mut().zip(&rotations).zip(markers) {
             if let (Some(rotations), Some(tip)) = (rotations, marker) {
-                finger.add_pose(rotations, *tip)?;
+                finger.add_posture(rotations, *tip)?;
             }
         }
         if rotations.iter().all(Option::is_some) {
-            self.complete_poses = self.complete_poses.saturating_add(1);
+            self.complete_postures = self.complete_postures.saturating_add(1);
             for (crossed, rotations) in self.crossed.iter_mut().zip(rotations.iter().flatten()) {
                 for (equations, tip) in crossed.iter_mut().zip(markers.iter().flatten()) {
                     add_equations(equations, rotations, *tip, 1.0);
@@ -91,7 +91,7 @@ impl HandCalibration {
         &self.fingers[finger as usize]
     }
 
-    /// One finger, for adding a prior or a pose.
+    /// One finger, for adding a prior or a posture.
     pub const fn finger_mut(&mut self, finger: HumanFinger) -> &mut FingerCalibration {
         &mut self.fingers[finger as usize]
     }
@@ -102,11 +102,11 @@ impl HandCalibration {
     /// The residual of a finger's orientations is twice as large with its own marker as with another's, and
     /// larger than noise.
     pub fn check_markers(&self) -> Result<(), CalibrationError> {
-        if self.complete_poses < MIN_POSES_OF_SWAP {
+        if self.complete_postures < MIN_POSTURES_OF_SWAP {
             return Ok(());
         }
-        #[expect(clippy::cast_precision_loss, reason = "a count of poses")]
-        let freedom = 3.0 * self.complete_poses as f32 - 12.0;
+        #[expect(clippy::cast_precision_loss, reason = "a count of postures")]
+        let freedom = 3.0 * self.complete_postures as f32 - 12.0;
         for (finger, crossed) in HumanFinger::ALL.into_iter().zip(&self.crossed) {
             let deviation = |equations: &IncrementalQr<12>| math::sqrt(equations.residual() / freedom);
             let own = deviation(&crossed[finger as usize]);
@@ -126,15 +126,15 @@ impl HandCalibration {
     ///
     /// # Errors
     /// Swapped markers; else the error of the first finger that is not calibrated.
-    pub fn solve(&self) -> Result<[(FingerLinks, CalibrationAccuracy); FINGERS], CalibrationError> {
+    pub fn solve(&self) -> Result<[(FingerLinks, CalibrationAccuracy); HUMAN_FINGERS], CalibrationError> {
         self.check_markers()?;
         let [thumb, index, middle, ring, little] = &self.fingers;
         Ok([thumb.solve()?, index.solve()?, middle.solve()?, ring.solve()?, little.solve()?])
     }
 
-    /// Links and accuracy of all fingers. Those without markers, or whose poses lack a movement, are inferred
-    /// from the proportions of the hand; their rank is 12, and their deviation may exceed 2 mm. The thumb and
-    /// two other fingers must be calibrated by markers. `flat`: the orientations of the flat hand.
+    /// Links and accuracy of all fingers. Those without markers, or whose postures lack a movement, are
+    /// inferred from the proportions of the hand; their rank is 12, and their deviation may exceed 2 mm. The
+    /// thumb and two other fingers must be calibrated by markers. `flat`: the orientations of the flat hand.
     ///
     /// # Errors
     /// Swapped markers; a residual of a marked finger that noise does not explain; too few calibrated
@@ -142,29 +142,29 @@ impl HandCalibration {
     pub fn solve_with_proportions(
         &self,
         flat: &GloveSample,
-    ) -> Result<[(FingerLinks, CalibrationAccuracy); FINGERS], CalibrationError> {
+    ) -> Result<[(FingerLinks, CalibrationAccuracy); HUMAN_FINGERS], CalibrationError> {
         self.check_markers()?;
         let thumb = self.finger(HumanFinger::Thumb).solve()?;
-        let (mut solved, mut refused) = ([None; FINGERS], None);
+        let (mut solved, mut refused) = ([None; HUMAN_FINGERS], None);
         for (solved, finger) in solved.iter_mut().zip(&self.fingers) {
             *solved = match finger.solve() {
                 Ok(calibrated) => Some(calibrated),
                 Err(error @ CalibrationError::Residual { .. }) => return Err(error),
                 Err(error) => {
-                    if finger.poses() > 0 {
+                    if finger.postures() > 0 {
                         refused.get_or_insert(error);
                     }
                     None
                 }
             };
         }
-        let mut rotations = [FingerRotations([Matrix3::identity(); 3]); FINGERS];
+        let mut rotations = [FingerRotations([Matrix3::identity(); 3]); HUMAN_FINGERS];
         for (rotations, finger) in rotations.iter_mut().zip(HumanFinger::ALL) {
             *rotations = FingerRotations::of(flat, finger)?;
         }
         let priors = infer_links(&solved.map(|solved| solved.map(|(links, _)| links)), &rotations)
             .map_err(|error| refused.unwrap_or(error))?;
-        let mut all = [thumb; FINGERS];
+        let mut all = [thumb; HUMAN_FINGERS];
         for (number, all) in all.iter_mut().enumerate() {
             let mut finger = self.fingers[number];
             *all = match solved[number] {

@@ -3,12 +3,12 @@ use core::fmt;
 use nalgebra::{Matrix3, Quaternion, SMatrix, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::math;
+use crate::{OutOfRange, math};
 
 /// Fingers of a hand, the thumb included.
-pub const FINGERS: usize = 5;
+pub const HUMAN_FINGERS: usize = 5;
 /// Orientation sensors of a glove: one on the back of the hand, and three per finger.
-pub const SENSORS: usize = 1 + 3 * FINGERS;
+pub const SENSORS: usize = 1 + 3 * HUMAN_FINGERS;
 /// Maximum length of a link [m]; metacarpals are some 70 mm long.
 const MAX_LINK: f32 = 0.3;
 /// Deviation of a quaternion's norm and of a rotation matrix's columns from 1.
@@ -33,7 +33,7 @@ pub enum HumanFinger {
 
 impl HumanFinger {
     /// From thumb to little finger.
-    pub const ALL: [Self; FINGERS] = [Self::Thumb, Self::Index, Self::Middle, Self::Ring, Self::Little];
+    pub const ALL: [Self; HUMAN_FINGERS] = [Self::Thumb, Self::Index, Self::Middle, Self::Ring, Self::Little];
 
     /// Its name in tables and files.
     pub const fn name(self) -> &'static str {
@@ -131,7 +131,7 @@ pub struct GloveSample {
     /// Orientation of the back of the hand.
     pub back: Option<[f32; 4]>,
     /// Orientations of the segments, thumb to little finger, each from palm to tip.
-    pub segments: [[Option<[f32; 4]>; 3]; FINGERS],
+    pub segments: [[Option<[f32; 4]>; 3]; HUMAN_FINGERS],
 }
 
 impl GloveSample {
@@ -255,7 +255,7 @@ pub struct Fingertip {
 /// Links of an operator's hand.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HumanHand {
-    links: [FingerLinks; FINGERS],
+    links: [FingerLinks; HUMAN_FINGERS],
 }
 
 impl HumanHand {
@@ -263,7 +263,7 @@ impl HumanHand {
     ///
     /// # Errors
     /// A link that is not finite or longer than 0.3 m, or a last link of no length, which has no direction.
-    pub fn try_new(links: [FingerLinks; FINGERS]) -> Result<Self, InvalidLink> {
+    pub fn try_new(links: [FingerLinks; HUMAN_FINGERS]) -> Result<Self, InvalidLink> {
         for (finger, of_finger) in HumanFinger::ALL.into_iter().zip(&links) {
             for (link, number) in of_finger.0.iter().zip(0..) {
                 let length = math::sqrt(Vector3::from(*link).norm_squared());
@@ -285,7 +285,7 @@ impl HumanHand {
     ///
     /// # Errors
     /// For each finger: its sensor, or that of the back of the hand, that has given no sample for too long.
-    pub fn fingertips(&self, state: &GloveFilterState) -> [Result<Fingertip, GloveError>; FINGERS] {
+    pub fn fingertips(&self, state: &GloveFilterState) -> [Result<Fingertip, GloveError>; HUMAN_FINGERS] {
         HumanFinger::ALL.map(|finger| self.fingertip(state, finger))
     }
 
@@ -318,12 +318,9 @@ impl HumanHand {
 /// missing sample is bridged for a limited time with the last angular velocity, which decays.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GloveFilter {
-    /// `ω` [rad/s], 1 to 1000.
-    pub bandwidth: f32,
-    /// `d` [s], 0 to 2/ω.
-    pub delay: f32,
-    /// Maximum time for which a sensor is bridged [s].
-    pub hold: f32,
+    bandwidth: f32,
+    delay: f32,
+    hold: f32,
 }
 
 impl GloveFilter {
@@ -331,6 +328,23 @@ impl GloveFilter {
     pub const PROMPT: Self = Self { bandwidth: 5.0 * core::f32::consts::TAU, delay: 0.0, hold: 0.1 };
     /// 5 Hz and a delay of 1/ω, 32 ms; bridges a tenth of a second.
     pub const SMOOTH: Self = Self { delay: 1.0 / Self::PROMPT.bandwidth, ..Self::PROMPT };
+
+    /// A filter with the `bandwidth` `ω` [rad/s], 1 to 1000, and the `delay` `d` [s], 0 to 2/ω, which bridges
+    /// a sensor for at most the time `hold` [s], 0 to 1.
+    ///
+    /// # Errors
+    /// The first value outside its range.
+    pub fn try_new(bandwidth: f32, delay: f32, hold: f32) -> Result<Self, OutOfRange> {
+        OutOfRange::check("bandwidth of the glove's filter", bandwidth, [1.0, 1000.0])?;
+        OutOfRange::check("delay of the glove's filter", delay, [0.0, 2.0 / bandwidth])?;
+        OutOfRange::check("time for which a sensor is bridged", hold, [0.0, 1.0])?;
+        Ok(Self { bandwidth, delay, hold })
+    }
+
+    /// Its delay `d` [s].
+    pub const fn delay(&self) -> f32 {
+        self.delay
+    }
 
     /// Updates the state with a sample that comes `period` [s] after the previous one. Returns the error of
     /// the first sensor whose sample could not be used; the sensor is bridged, and all others are filtered.
@@ -346,8 +360,7 @@ impl GloveFilter {
         if !(period > 0.0 && period <= 1.0) {
             return Err(GloveError::Period(period));
         }
-        let bandwidth = math::clamp(self.bandwidth, 1.0, 1000.0);
-        let (decay, delay) = (math::exp(-bandwidth * period), math::clamp(self.delay, 0.0, 2.0 / bandwidth));
+        let decay = math::exp(-self.bandwidth * period);
         let mut result = Ok(());
         for (sensor, tracked) in GloveSensor::all().zip(&mut state.sensors) {
             match (sample.orientation(sensor), tracked.as_mut()) {
@@ -363,7 +376,7 @@ impl GloveFilter {
                 }
             }
             if let Some(tracked) = tracked {
-                tracked.output = math::rotated_by(&tracked.rotation, &(tracked.velocity * -delay));
+                tracked.output = math::rotated_by(&tracked.rotation, &(tracked.velocity * -self.delay));
             }
         }
         result

@@ -3,8 +3,8 @@ use nalgebra::{Matrix3, Vector3};
 use super::human_hand::{FingerRotations, HumanFinger};
 use crate::math::{self, Svd};
 
-/// Statistics of a finger's joint movements in the poses: sums and scatter of the rotation vectors from the
-/// first pose.
+/// Statistics of a finger's joint movements in the postures: sums and scatter of the rotation vectors from
+/// the first posture.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct JointMovements {
     pub first: Option<[Matrix3<f32>; 3]>,
@@ -45,7 +45,7 @@ impl JointMovements {
         (0..3).fold(0.0, |largest, joint| self.axes(joint).1.max(largest))
     }
 
-    /// The posture with angles from the first pose [rad]: base bent, base spread, middle bent, end bent.
+    /// The posture with angles from the first posture [rad]: base bent, base spread, middle bent, end bent.
     pub fn posture(&self, [base, spread, middle, end]: [f32; 4]) -> FingerRotations {
         let first = self.first.unwrap_or([Matrix3::identity(); 3]);
         let [([principal, second], _), ([middle_axis, _], _), ([end_axis, _], _)] =

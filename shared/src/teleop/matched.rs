@@ -1,3 +1,5 @@
+use core::fmt;
+
 use nalgebra::Vector6;
 
 use crate::control::{Impedance, ImpedanceAxes};
@@ -22,18 +24,58 @@ pub struct MatchedImpedance {
     stiffness: Vector6<f32>,
 }
 
+/// Why an impedance does not suit [`MatchedImpedance`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum UnsuitableImpedance {
+    /// It is not in the axes of the base.
+    Axes,
+    /// Its axes are coupled.
+    Coupled,
+    /// An axis has no spring, or a negative one.
+    Stiffness {
+        /// The axis: 0 to 2 along x, y, z; 3 to 5 about them.
+        axis: u8,
+        /// Its stiffness [N/m, N·m/rad].
+        value: f32,
+    },
+}
+
+impl fmt::Display for UnsuitableImpedance {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::Axes => f.write_str("the impedance must be in the axes of the base"),
+            Self::Coupled => f.write_str("the axes of the impedance must not be coupled"),
+            Self::Stiffness { axis, value } => {
+                let relation = if axis < 3 { "along" } else { "about" };
+                let name = ["x", "y", "z"][usize::from(axis % 3)];
+                write!(f, "the stiffness {relation} {name} is {value}; it must be above 0")
+            }
+        }
+    }
+}
+
+impl core::error::Error for UnsuitableImpedance {}
+
 impl MatchedImpedance {
-    /// The law for this impedance of both ends. `None` unless the impedance is in the axes of the base
-    /// without coupling, with a positive stiffness along and about each of them.
-    pub fn new(impedance: &Impedance) -> Option<Self> {
-        let Impedance { damping, stiffness, axes: ImpedanceAxes::Base, coupling: None, .. } = *impedance
-        else {
-            return None;
-        };
-        stiffness
-            .iter()
-            .all(|&stiffness| stiffness > 0.0)
-            .then_some(Self { damping: damping.into(), stiffness: stiffness.into() })
+    /// The law for this impedance of both ends, one that [`Impedance::validate`] accepts.
+    ///
+    /// # Errors
+    /// The impedance is not in the axes of the base, couples them, or lacks a positive stiffness along or
+    /// about one of them.
+    pub fn try_new(impedance: &Impedance) -> Result<Self, UnsuitableImpedance> {
+        let Impedance { damping, stiffness, axes, coupling, .. } = *impedance;
+        if axes != ImpedanceAxes::Base {
+            return Err(UnsuitableImpedance::Axes);
+        }
+        if coupling.is_some() {
+            return Err(UnsuitableImpedance::Coupled);
+        }
+        for (axis, value) in (0..).zip(stiffness) {
+            if value.is_nan() || value <= 0.0 {
+                return Err(UnsuitableImpedance::Stiffness { axis, value });
+            }
+        }
+        Ok(Self { damping: damping.into(), stiffness: stiffness.into() })
     }
 
     /// Wrench of the motors of a master whose own mass is that of the impedance: `F_ext − B Ẋ_m − K (X_m −
@@ -60,7 +102,7 @@ impl MatchedImpedance {
 mod tests {
     use super::*;
     use crate::TICK;
-    use crate::control::ImpedanceAxes;
+    use crate::control::{ImpedanceAxes, ImpedanceCoupling};
 
     /// Poses of master and slave, wrenches of operator and wall, along an axis and about one; from
     /// `tests/oracles/matched_impedance.py` (matrix exponential of the whole system).
@@ -82,7 +124,7 @@ mod tests {
         axis: usize,
         [mass, damping, stiffness, wall, wall_damping, goal]: [f64; 6],
     ) -> Vec<[f64; 4]> {
-        let law = MatchedImpedance::new(&IMPEDANCE).unwrap();
+        let law = MatchedImpedance::try_new(&IMPEDANCE).unwrap();
         let of = |values: &[f32; 6]| f64::from(values[axis]);
         let (own, b, k) = (of(&IMPEDANCE.mass), of(&IMPEDANCE.damping), of(&IMPEDANCE.stiffness));
         let six = |value: f64| Vector6::from_fn(|row, _| if row == axis { value as f32 } else { 0.0 });
@@ -121,11 +163,16 @@ mod tests {
     }
 
     #[test]
-    fn an_impedance_without_a_spring_or_in_other_axes_is_none() {
-        assert!(MatchedImpedance::new(&IMPEDANCE).is_some());
-        assert!(MatchedImpedance::new(&Impedance { axes: ImpedanceAxes::Tool, ..IMPEDANCE }).is_none());
+    fn an_impedance_without_a_spring_or_with_other_or_coupled_axes_is_refused() {
+        let refused = |impedance: &Impedance| MatchedImpedance::try_new(impedance).unwrap_err();
+        assert!(MatchedImpedance::try_new(&IMPEDANCE).is_ok());
+        let turned = Impedance { axes: ImpedanceAxes::Tool, ..IMPEDANCE };
+        assert_eq!(refused(&turned), UnsuitableImpedance::Axes);
+        let coupled = Impedance { coupling: Some(ImpedanceCoupling::NONE), ..IMPEDANCE };
+        assert_eq!(refused(&coupled), UnsuitableImpedance::Coupled);
         let mut loose = IMPEDANCE;
         loose.stiffness[4] = 0.0;
-        assert!(MatchedImpedance::new(&loose).is_none());
+        assert_eq!(refused(&loose), UnsuitableImpedance::Stiffness { axis: 4, value: 0.0 });
+        assert_eq!(refused(&loose).to_string(), "the stiffness about y is 0; it must be above 0");
     }
 }

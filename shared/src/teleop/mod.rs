@@ -34,7 +34,7 @@
 //!
 //! ```text
 //!  16 orientations ─► GloveFilter ─► HumanHand ─► fingertips: position, direction, velocity
-//!  poses, markers ──► HandCalibration ──► links ──┘
+//!  postures, markers ► HandCalibration ► links ──┘
 //! ```
 //!
 //! [`HumanHand`] computes the fingertips in the frame of the back of the hand from absolute orientations
@@ -113,10 +113,10 @@ pub use error::{FollowerError, InvalidFollowerSettings};
 pub use follower::{Follower, FollowerSettings, FollowerState, Instant, MasterSample};
 pub use hand_calibration::HandCalibration;
 pub use human_hand::{
-    FINGERS, FingerLinks, FingerRotations, Fingertip, GloveError, GloveFilter, GloveFilterState, GloveSample,
-    GloveSensor, HumanFinger, HumanHand, InvalidLink, SENSORS,
+    FingerLinks, FingerRotations, Fingertip, GloveError, GloveFilter, GloveFilterState, GloveSample,
+    GloveSensor, HUMAN_FINGERS, HumanFinger, HumanHand, InvalidLink, SENSORS,
 };
-pub use matched::MatchedImpedance;
+pub use matched::{MatchedImpedance, UnsuitableImpedance};
 pub use operator_estimate::OperatorModel;
 pub use passivity::{PowerPort, PowerPortLimits, UnsuitableLink};
 pub use retarget::{InvalidFingertip, OperatorFingertips, RetargetReport, RetargetState, Retargeting};

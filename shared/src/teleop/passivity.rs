@@ -2,8 +2,8 @@ use core::fmt;
 
 use nalgebra::Vector3;
 
-use crate::TICK;
 use crate::math;
+use crate::{OutOfRange, TICK};
 
 /// Speed below which the handle is at rest [m/s]: damping dissipates no energy there.
 const REST_SPEED: f32 = 1e-4;
@@ -46,16 +46,17 @@ pub struct PowerPort {
 /// Limits of the passivity controller.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PowerPortLimits {
-    /// Maximum damping at the master [N·s/m]. For stability it must be less than the mass of handle and hand
-    /// over the control period.
-    pub max_damping: f32,
+    max_damping: f32,
     /// Damping at the master while the link exerts a force there, independent of the energies [N·s/m]: 0 to
-    /// `max_damping`. Without it a handle on a delayed spring oscillates until the reserve is used up;
-    /// [`PowerPortLimits::calm`] computes the required damping.
-    pub contact_damping: f32,
-    /// Energy that may leave before any has entered [J]: allows the slave to begin to compress a spring.
-    pub energy_reserve: f32,
+    /// `max_damping`. Without it a handle on a delayed spring oscillates until the reserve is used up.
+    contact_damping: f32,
+    energy_reserve: f32,
 }
+
+/// Maximum of the damping [N·s/m].
+const MAX_DAMPING: f32 = 1e6;
+/// Maximum of the energy reserve [J].
+const MAX_RESERVE: f32 = 1e3;
 
 /// Why the passivity controller is unsuitable for a link.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -108,6 +109,38 @@ impl fmt::Display for UnsuitableLink {
 }
 
 impl PowerPortLimits {
+    /// Limits without damping in contact, which [`PowerPortLimits::calm`] adds.
+    ///
+    /// `max_damping` is the maximum damping at the master [N·s/m], 0 to 10⁶. For stability it must be less
+    /// than the mass of handle and hand over the control period, see [`PowerPortLimits::check_link`].
+    /// `energy_reserve` is the energy that may leave before any has entered [J], 0 to 1000: it allows the
+    /// slave to begin to compress a spring.
+    ///
+    /// # Errors
+    /// The first value outside its range.
+    pub const fn try_new(max_damping: f32, energy_reserve: f32) -> Result<Self, OutOfRange> {
+        if !(max_damping >= 0.0 && max_damping <= MAX_DAMPING) {
+            return Err(OutOfRange { field: "damping", value: max_damping, min: 0.0, max: MAX_DAMPING });
+        }
+        if !(energy_reserve >= 0.0 && energy_reserve <= MAX_RESERVE) {
+            let field = "energy reserve";
+            return Err(OutOfRange { field, value: energy_reserve, min: 0.0, max: MAX_RESERVE });
+        }
+        Ok(Self { max_damping, contact_damping: 0.0, energy_reserve })
+    }
+
+    /// Maximum damping at the master [N·s/m].
+    pub const fn max_damping(&self) -> f32 {
+        self.max_damping
+    }
+
+    /// The same limits with a maximum damping of at least `damping` [N·s/m], for a period in which the force
+    /// is withheld: no damping that only cancels a force can push.
+    #[must_use]
+    pub const fn with_damping_up_to(self, damping: f32) -> Self {
+        Self { max_damping: self.max_damping.max(damping), ..self }
+    }
+
     /// Checks that the damping at the master can dissipate the energy that the link generates, for a handle
     /// with the hand's `mass` [kg] and its own damping [N·s/m], 0 for none, a slave whose set-point pulls
     /// with `stiffness` K [N/m], and a round-trip delay `round_trip` τ [s].

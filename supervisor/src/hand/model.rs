@@ -1,7 +1,6 @@
 use nalgebra::Vector3;
-use tesaki::control::JointServo;
 use tesaki::kinematics::{Chain, Finger};
-use tesaki::model::RobotModel;
+use tesaki::model::{JointModel, RobotModel};
 use tesaki::task::grasping::{GraspFinger, GraspHand, PerFinger};
 
 use super::HandError;
@@ -46,7 +45,7 @@ impl HandModel {
             let limits = [a, b, c].map(|joint| (joint.limits.lower, joint.limits.upper));
             let inverse =
                 Finger::try_new(&chain, limits).map_err(|error| not(format!("{}: {error}", model.name)))?;
-            let torque_limits = [a, b, c].map(|joint| JointServo::new(joint).torque_limit());
+            let torque_limits = [a, b, c].map(JointModel::torque_limit);
             let friction = [a, b, c].map(|joint| joint.friction.coulomb);
             let planned_speeds = [a, b, c].map(|joint| joint.limits.planned_speed());
             let radius = model.tip_radius;

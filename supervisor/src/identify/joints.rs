@@ -218,7 +218,7 @@ impl SelfTest<'_> {
     /// Computes the torques of the links' weight by the model [N·m].
     fn weights(&self, telemetry: &Telemetry) -> [f64; MAX_JOINTS] {
         let angles: Vec<f32> = telemetry.joints.iter().map(|joint| joint.position).collect();
-        self.robot.weight(&angles).map(f64::from)
+        self.robot.gravity_torques(&angles).map(f64::from)
     }
 }
 

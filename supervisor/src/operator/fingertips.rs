@@ -1,7 +1,7 @@
 //! Fingertips in the frame of the operator's hand: plausibility and velocity.
 
 use nalgebra::Vector3;
-use tesaki::teleop::{FINGERS, HumanFinger};
+use tesaki::teleop::{HUMAN_FINGERS, HumanFinger};
 use tesaki_description::retargeting::Side;
 
 use super::error::FrameError;
@@ -56,7 +56,7 @@ pub(super) fn check_size(size: f32) -> Result<(), FrameError> {
 
 /// Checks that fingers lie side by side. `sides` is the distance of each towards the side of the thumb [m].
 pub(super) fn check_order(
-    sides: &[Option<f32>; FINGERS],
+    sides: &[Option<f32>; HUMAN_FINGERS],
     what: &'static str,
     limit: f32,
 ) -> Result<(), FrameError> {
@@ -73,7 +73,7 @@ pub(super) fn check_order(
 }
 
 /// Checks that fingertips can belong to a hand of this `side`.
-pub(super) fn check(side: Side, tips: &[Option<Tip>; FINGERS]) -> Result<(), FrameError> {
+pub(super) fn check(side: Side, tips: &[Option<Tip>; HUMAN_FINGERS]) -> Result<(), FrameError> {
     let known = || {
         HumanFinger::ALL.into_iter().zip(tips).filter_map(|(finger, tip)| Some((finger, (*tip)?.position)))
     };

@@ -3,7 +3,7 @@
 //! 17–20 the little finger, each from the knuckle to the tip.
 
 use nalgebra::Vector3;
-use tesaki::teleop::{FINGERS, HumanFinger};
+use tesaki::teleop::{HUMAN_FINGERS, HumanFinger};
 use tesaki_description::retargeting::Side;
 
 use super::error::FrameError;
@@ -15,7 +15,7 @@ pub const LANDMARKS: usize = 21;
 
 /// Mean distances between successive landmarks of each finger [m] (Buryanov and Kotiuk 2010, as in
 /// `tesaki::teleop`).
-const BONES: [[f32; 3]; FINGERS] = [
+const BONES: [[f32; 3]; HUMAN_FINGERS] = [
     [0.0462, 0.0316, 0.0273],
     [0.0398, 0.0224, 0.0197],
     [0.0446, 0.0263, 0.0214],
@@ -43,7 +43,7 @@ pub struct Landmarks {
 
 impl Landmarks {
     /// Returns the fingertips in the frame of the hand, which is on this `side`.
-    pub(super) fn fingertips(&self, side: Side) -> Result<[Option<Tip>; FINGERS], FrameError> {
+    pub(super) fn fingertips(&self, side: Side) -> Result<[Option<Tip>; HUMAN_FINGERS], FrameError> {
         if let Some(index) = self.points.iter().position(|point| !point.iter().all(|x| x.is_finite())) {
             return Err(FrameError::NotFinite(format!("landmark {index}")));
         }

@@ -2,20 +2,20 @@
 
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use tesaki::task::telexistence::FingertipPoint;
-use tesaki::teleop::{FINGERS, FingerLinks, GloveSample, HumanFinger, HumanHand};
+use tesaki::teleop::{FingerLinks, GloveSample, HUMAN_FINGERS, HumanFinger, HumanHand};
 use tesaki_description::retargeting::Side;
 
 use super::{FrameError, LANDMARKS, Landmarks, Observation, Tracker, TrackerSettings, Wearer};
 
 /// First joints of a right hand [m], as in `robots/hand5`, and bones of each finger.
-const JOINTS: [[f32; 3]; FINGERS] = [
+const JOINTS: [[f32; 3]; HUMAN_FINGERS] = [
     [0.010, 0.022, 0.020],
     [0.0, 0.025, 0.090],
     [0.0, 0.004, 0.092],
     [0.0, -0.016, 0.087],
     [0.0, -0.034, 0.078],
 ];
-const BONES: [[f32; 3]; FINGERS] = [
+const BONES: [[f32; 3]; HUMAN_FINGERS] = [
     [0.0462, 0.0316, 0.0273],
     [0.0398, 0.0224, 0.0197],
     [0.0446, 0.0263, 0.0214],
@@ -27,7 +27,7 @@ const BONES: [[f32; 3]; FINGERS] = [
 /// [rad].
 fn landmarks(bend: f32) -> [[f32; 3]; LANDMARKS] {
     let mut points = [[0.0; 3]; LANDMARKS];
-    for finger in 0..FINGERS {
+    for finger in 0..HUMAN_FINGERS {
         let mut point = Vector3::from(JOINTS[finger]);
         points[1 + 4 * finger] = point.into();
         for (bone, length) in BONES[finger].iter().enumerate() {
@@ -53,20 +53,21 @@ fn pictured(points: [[f32; 3]; LANDMARKS]) -> [[f32; 3]; LANDMARKS] {
 }
 
 fn tracker(side: Side) -> Tracker {
-    Tracker::new(TrackerSettings {
+    Tracker::try_new(TrackerSettings {
         side,
         rotation: UnitQuaternion::identity(),
         bandwidth: 5.0,
         max_gap: 0.2,
         wearer: None,
     })
+    .unwrap()
 }
 
 fn seen(
     side: Side,
     points: [[f32; 3]; LANDMARKS],
     handedness: Option<Side>,
-) -> Result<[Option<FingertipPoint>; FINGERS], FrameError> {
+) -> Result<[Option<FingertipPoint>; HUMAN_FINGERS], FrameError> {
     tracker(side).add(0.0, &Observation::Landmarks(Some(Landmarks { points, handedness })))
 }
 
@@ -74,7 +75,7 @@ fn mirrored(points: [[f32; 3]; LANDMARKS]) -> [[f32; 3]; LANDMARKS] {
     points.map(|[x, y, z]| [-x, y, z])
 }
 
-fn tips(bend: f32) -> [Option<[f32; 3]>; FINGERS] {
+fn tips(bend: f32) -> [Option<[f32; 3]>; HUMAN_FINGERS] {
     [4, 8, 12, 16, 20].map(|index| Some(landmarks(bend)[index]))
 }
 
@@ -118,7 +119,7 @@ fn the_settings_turn_the_fingertips_into_the_robots_frame() {
     let rotation = UnitQuaternion::from_euler_angles(0.3, -0.7, 2.0);
     let settings =
         TrackerSettings { side: Side::Right, rotation, bandwidth: 5.0, max_gap: 0.2, wearer: None };
-    let found = Tracker::new(settings).add(0.0, &Observation::Fingertips(tips(0.3))).unwrap();
+    let found = Tracker::try_new(settings).unwrap().add(0.0, &Observation::Fingertips(tips(0.3))).unwrap();
     for (found, tip) in found.iter().zip(tips(0.3)) {
         let turned = rotation * Vector3::from(tip.unwrap());
         assert!((Vector3::from(found.unwrap().position) - turned).norm() < 1e-6);
@@ -280,7 +281,7 @@ fn a_fingertip_that_is_hidden_is_not_made_up_and_begins_anew() {
         let found = tracker.add(time, &Observation::Fingertips(given)).unwrap();
         assert_eq!(found[2].is_none(), (5..25).contains(&frame));
     }
-    assert_eq!(tracker.add(0.6, &Observation::Landmarks(None)), Ok([None; FINGERS]));
+    assert_eq!(tracker.add(0.6, &Observation::Landmarks(None)), Ok([None; HUMAN_FINGERS]));
 }
 
 /// The sensor on the back of the hand has an arbitrary orientation, which follows from the knuckles.
@@ -307,9 +308,9 @@ fn a_glove_gives_the_fingertips_in_the_hands_frame() {
     let segment = |bend: f32| quaternion(world * UnitQuaternion::from_euler_angles(0.0, bend, 0.0));
     let sample = GloveSample {
         back: quaternion(world * mount.inverse()),
-        segments: [[segment(0.4), segment(0.8), segment(1.2)]; FINGERS],
+        segments: [[segment(0.4), segment(0.8), segment(1.2)]; HUMAN_FINGERS],
     };
-    let mut tracker = Tracker::new(settings);
+    let mut tracker = Tracker::try_new(settings).unwrap();
     let found = tracker.add(0.0, &Observation::Glove(sample)).unwrap();
     for (finger, tip) in found.into_iter().enumerate().skip(1) {
         let expected = landmarks(0.4)[4 + 4 * finger];

@@ -3,11 +3,12 @@
 use core::f32::consts::TAU;
 
 use nalgebra::{UnitQuaternion, Vector3};
+use tesaki::OutOfRange;
 use tesaki::kinematics::MAX_FINGERS;
 use tesaki::task::telexistence::FingertipPoint;
 use tesaki::teleop::{
-    FINGERS, GloveError, GloveFilter, GloveFilterState, GloveSample, GloveSensor, HumanFinger, HumanHand,
-    OperatorFingertips,
+    GloveError, GloveFilter, GloveFilterState, GloveSample, GloveSensor, HUMAN_FINGERS, HumanFinger,
+    HumanHand, OperatorFingertips,
 };
 use tesaki_description::retargeting::Side;
 
@@ -24,7 +25,7 @@ pub enum Observation {
     /// Landmarks of a webcam tracker; `None` while it sees no hand.
     Landmarks(Option<Landmarks>),
     /// Fingertips in the frame of the hand [m], thumb to little finger; `None` for one that is not visible.
-    Fingertips([Option<[f32; 3]>; FINGERS]),
+    Fingertips([Option<[f32; 3]>; HUMAN_FINGERS]),
 }
 
 /// The wearer of a glove.
@@ -69,17 +70,28 @@ const MIN_PERIOD: f64 = 1e-6;
 #[derive(Clone, Debug)]
 pub struct Tracker {
     settings: TrackerSettings,
+    glove_filter: GloveFilter,
     /// Time of the last frame [s].
     time: Option<f64>,
     glove: GloveFilterState,
-    points: [Option<PointFilter>; FINGERS],
+    points: [Option<PointFilter>; HUMAN_FINGERS],
     gaps: u32,
 }
 
 impl Tracker {
     /// Creates a tracker without frames.
-    pub fn new(settings: TrackerSettings) -> Self {
-        Self { settings, time: None, glove: GloveFilterState::default(), points: [None; FINGERS], gaps: 0 }
+    ///
+    /// # Errors
+    /// The bandwidth is not 0.16 to 159 Hz.
+    pub fn try_new(settings: TrackerSettings) -> Result<Self, OutOfRange> {
+        Ok(Self {
+            settings,
+            glove_filter: GloveFilter::try_new(TAU * settings.bandwidth, 0.0, 0.1)?,
+            time: None,
+            glove: GloveFilterState::default(),
+            points: [None; HUMAN_FINGERS],
+            gaps: 0,
+        })
     }
 
     /// Number of gaps between frames that were too long to be bridged.
@@ -111,7 +123,7 @@ impl Tracker {
                 let period = gap.filter(|_| !has_gap).unwrap_or(0.01) as f32;
                 self.of_glove(state, period, sample)?
             }
-            Observation::Landmarks(None) => [None; FINGERS],
+            Observation::Landmarks(None) => [None; HUMAN_FINGERS],
             Observation::Landmarks(Some(landmarks)) => {
                 self.filter(time, &landmarks.fingertips(self.settings.side)?)?
             }
@@ -146,9 +158,8 @@ impl Tracker {
                 Err(error) => return Err(error.into()),
             }
         }
-        let Some(Wearer { hand, palm }) = self.settings.wearer else { return Ok([None; FINGERS]) };
-        let filter = GloveFilter { bandwidth: TAU * self.settings.bandwidth, ..GloveFilter::PROMPT };
-        match filter.update(&mut state, period, sample) {
+        let Some(Wearer { hand, palm }) = self.settings.wearer else { return Ok([None; HUMAN_FINGERS]) };
+        match self.glove_filter.update(&mut state, period, sample) {
             Ok(()) | Err(GloveError::Missing(_)) => {}
             Err(error) => return Err(error.into()),
         }
@@ -167,9 +178,9 @@ impl Tracker {
     }
 
     /// Checks and filters fingertips.
-    fn filter(&mut self, time: f64, tips: &[Option<Tip>; FINGERS]) -> Result<Fingertips, FrameError> {
+    fn filter(&mut self, time: f64, tips: &[Option<Tip>; HUMAN_FINGERS]) -> Result<Fingertips, FrameError> {
         check(self.settings.side, tips)?;
-        let mut points = [None; FINGERS];
+        let mut points = [None; HUMAN_FINGERS];
         for ((point, tip), filter) in points.iter_mut().zip(tips).zip(&mut self.points) {
             let Some(Tip { position, direction }) = tip else { continue };
             match filter {

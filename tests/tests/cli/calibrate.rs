@@ -6,8 +6,8 @@ use std::path::Path;
 use std::process::Stdio;
 
 use serde_json::{Value, json};
-use tesaki::teleop::{FINGERS, GloveSample, HumanFinger, HumanHand};
-use tesaki_sim::operator::calibration_trial::{CalibrationPlan, poses, touches};
+use tesaki::teleop::{GloveSample, HUMAN_FINGERS, HumanFinger, HumanHand};
+use tesaki_sim::operator::calibration_trial::{CalibrationPlan, postures, touches};
 use tesaki_sim::operator::{FingersMotion, Glove, GloveValues, OperatorHand};
 
 use super::feed::feed;
@@ -17,7 +17,7 @@ fn run(folder: &Path, arguments: &[&str], input: &str) -> (i32, String, String) 
     feed(tesaki_tests::tesaki().arg("calibrate").args(arguments).current_dir(folder), input)
 }
 
-/// Returns the table of a simulated operator's poses: header and rows of cells.
+/// Returns the table of a simulated operator's postures: header and rows of cells.
 pub fn table(plan: &CalibrationPlan) -> Vec<Vec<String>> {
     let mut header: Vec<String> = ["qx", "qy", "qz", "qw"].map(|part| format!("back_{part}")).to_vec();
     for finger in HumanFinger::ALL.map(HumanFinger::name) {
@@ -33,10 +33,11 @@ pub fn table(plan: &CalibrationPlan) -> Vec<Vec<String>> {
     header.push("touch".to_owned());
     let mut table = vec![header];
     let values = GloveValues::default();
-    let poses = poses(plan, values, 1).0.into_iter().map(|pose| (pose.orientations, pose.markers, ""));
+    let postures =
+        postures(plan, values, 1).0.into_iter().map(|posture| (posture.orientations, posture.markers, ""));
     let touches = touches(plan, values, 1).0.into_iter();
-    let touches = touches.map(|(finger, orientations)| (orientations, [None; FINGERS], finger.name()));
-    for (GloveSample { back, segments }, markers, touch) in poses.chain(touches) {
+    let touches = touches.map(|(finger, orientations)| (orientations, [None; HUMAN_FINGERS], finger.name()));
+    for (GloveSample { back, segments }, markers, touch) in postures.chain(touches) {
         let mut row = Vec::new();
         for quaternion in std::iter::once(&back).chain(segments.iter().flatten()) {
             row.extend(quaternion.unwrap().map(|component| component.to_string()));
@@ -55,35 +56,35 @@ pub fn text(table: &[Vec<String>]) -> String {
 }
 
 #[test]
-fn a_table_of_poses_becomes_a_calibration_file() {
+fn a_table_of_postures_becomes_a_calibration_file() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();
-    std::fs::write(path.join("poses.csv"), text(&table(&CalibrationPlan::FULL))).unwrap();
-    let (code, out, error) = run(path, &["poses.csv", "--name", "Aiko \"A\"", "--out", "aiko.toml"], "");
+    std::fs::write(path.join("postures.csv"), text(&table(&CalibrationPlan::FULL))).unwrap();
+    let (code, out, error) = run(path, &["postures.csv", "--name", "Aiko \"A\"", "--out", "aiko.toml"], "");
     assert_eq!(code, 0, "{out}{error}");
     assert!(out.contains("index") && out.contains("written to aiko.toml"), "{out}");
     let file = std::fs::read_to_string(path.join("aiko.toml")).unwrap();
     let file: tesaki_supervisor::operator::OperatorFile = toml::from_str(&file).unwrap();
     assert_eq!(file.operator, "Aiko \"A\"");
     HumanHand::try_new(file.links()).unwrap();
-    assert!(file.thumb.poses > 40 && file.thumb.tip_deviation < 2e-3);
+    assert!(file.thumb.postures > 40 && file.thumb.tip_deviation < 2e-3);
     // The same from standard input, with JSON output.
     let (code, out, _) =
         run(path, &["-", "--json", "--out", "aiko.toml"], &text(&table(&CalibrationPlan::FULL)));
     let value: Value = serde_json::from_str(&out).unwrap();
-    assert_eq!((code, &value["poses"], &value["fingers"]["index"]["rank"]), (0, &json!(61), &json!(10)));
+    assert_eq!((code, &value["postures"], &value["fingers"]["index"]["rank"]), (0, &json!(61), &json!(10)));
 }
 
 #[test]
 fn fingers_without_markers_need_the_proportions() {
     let folder = tempfile::tempdir().unwrap();
-    let poses = text(&table(&CalibrationPlan::QUICK));
-    let (code, _, error) = run(folder.path(), &["-"], &poses);
+    let postures = text(&table(&CalibrationPlan::QUICK));
+    let (code, _, error) = run(folder.path(), &["-"], &postures);
     assert_eq!(code, 1);
-    assert!(error.contains("0 poses show the marker of the middle finger"), "{error}");
+    assert!(error.contains("0 postures show the marker of the middle finger"), "{error}");
     assert!(error.contains("--proportions"), "{error}");
     assert!(!folder.path().join("operator.toml").exists(), "nothing is written");
-    let (code, out, _) = run(folder.path(), &["-", "--proportions"], &poses);
+    let (code, out, _) = run(folder.path(), &["-", "--proportions"], &postures);
     assert_eq!(code, 0);
     assert!(out.contains("by proportions"), "{out}");
 }
@@ -121,10 +122,10 @@ fn what_is_wrong_with_a_table_is_said_by_row_and_column() {
         &|table| table[9][column("touch")] = "pinky".to_owned(),
         &["standard input:10: column touch: \"pinky\""],
     );
-    refused(&|table| table.truncate(4), &["poses show the marker", "at least 4"]);
+    refused(&|table| table.truncate(4), &["postures show the marker", "at least 4"]);
     refused(
         &|table| (2..62).for_each(|row| table[row] = table[1].clone()),
-        &["all poses of the thumb are alike"],
+        &["all postures of the thumb are alike"],
     );
     refused(
         &|table| {
@@ -137,7 +138,7 @@ fn what_is_wrong_with_a_table_is_said_by_row_and_column() {
 }
 
 #[test]
-fn a_stream_is_led_through_the_poses() {
+fn a_stream_is_led_through_the_postures() {
     let hand = OperatorHand::random(1);
     let motion = FingersMotion::random(&hand, 1, 0, 40, [0.8, 1.2], 1.3);
     let mut glove = Glove::new(GloveValues::default(), 1);
@@ -158,8 +159,8 @@ fn a_stream_is_led_through_the_poses() {
     let folder = tempfile::tempdir().unwrap();
     let (code, out, error) = run(folder.path(), &["--live"], &lines);
     assert_eq!(code, 0, "{out}{error}");
-    assert!(error.contains("Pose 1: hold the hand flat"), "{error}");
-    assert!(error.contains("Pose 2: spread the fingers"), "{error}");
+    assert!(error.contains("Posture 1: hold the hand flat"), "{error}");
+    assert!(error.contains("Posture 2: spread the fingers"), "{error}");
     assert!(folder.path().join("operator.toml").exists());
     // The default file name does not overwrite a calibration.
     let (code, _, error) = run(folder.path(), &["--live"], &lines);
@@ -167,7 +168,7 @@ fn a_stream_is_led_through_the_poses() {
     let (code, out, _) = run(folder.path(), &["--live", "--json", "--out", "operator.toml"], &lines);
     assert_eq!(code, 0);
     let events: Vec<Value> = out.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
-    assert!(events.len() > 12 && events[1]["poses"] == 1, "{out}");
+    assert!(events.len() > 12 && events[1]["postures"] == 1, "{out}");
     // A noise in the unit of its option.
     for (arguments, words) in [
         (["--marker-noise", "NaN"], "\"NaN\": expected 0.001 to 10 mm"),
@@ -233,11 +234,11 @@ fn a_silent_glove_is_told() {
 }
 
 #[test]
-fn a_file_that_cannot_be_written_is_told_before_the_first_pose() {
+fn a_file_that_cannot_be_written_is_told_before_the_first_posture() {
     let folder = tempfile::tempdir().unwrap();
     let (code, out, error) = run(folder.path(), &["--live", "--out", "none/operator.toml"], "");
     assert!(code == 1 && out.is_empty(), "{code}: {out}{error}");
-    assert!(error.contains("none/operator.toml") && !error.contains("No pose yet"), "{error}");
+    assert!(error.contains("none/operator.toml") && !error.contains("No posture yet"), "{error}");
     std::fs::write(folder.path().join("robot.urdf"), "<robot/>").unwrap();
     let (code, _, error) = run(folder.path(), &["--live", "--out", "robot.urdf"], "");
     assert!(code == 2 && error.contains("robot.urdf exists, and is no calibration"), "{error}");

@@ -165,8 +165,8 @@ fn a_negative_number_is_refused_in_words() {
     let cases: [(&[&str], i32, &str); 6] = [
         (&["identify", "--joints", "--torque", "-1"], 2, "expected a fraction of the torque limit"),
         (&["identify", "--joints", "--amplitude", "-1"], 2, "expected an amplitude from 0.03 to 0.5 rad"),
-        (&["calibrate", "poses.csv", "--marker-noise", "-1"], 2, "-1"),
-        (&["calibrate", "poses.csv", "--orientation-noise", "-1"], 2, "-1"),
+        (&["calibrate", "postures.csv", "--marker-noise", "-1"], 2, "-1"),
+        (&["calibrate", "postures.csv", "--orientation-noise", "-1"], 2, "-1"),
         (&["retarget", "--live", "--bandwidth", "-1"], 2, "-1"),
         (&camera, 1, "robots"),
     ];

@@ -55,7 +55,7 @@ const EXCUSED: &[(&str, &str)] = &[
     ),
     ("tesaki retarget --live --udp 7500 --robot robots/hand5", "cli/retarget.rs sends it datagrams"),
     ("glove | tesaki retarget --live --operator aiko.toml", "cli/retarget.rs runs it with a simulated glove"),
-    ("tesaki calibrate poses.csv --name Aiko --out aiko.toml", "cli/calibrate.rs runs it"),
+    ("tesaki calibrate postures.csv --name Aiko --out aiko.toml", "cli/calibrate.rs runs it"),
     ("glove | tesaki calibrate --live --out aiko.toml", "likewise"),
     (
         "python3 docs/examples/lead_arm.py | tesaki follow --impedance robots/arm7/impedances/firm.toml --duration 10",

@@ -21,7 +21,7 @@ const MIN_MOBILITY: f32 = 1e-6;
 /// Own mass of an arm at its tool along x, y and z of `axes` [kg] at joint `angles` [rad]:
 /// `1 / (J M⁻¹ Jᵀ)ᵢᵢ`, the force along an axis per acceleration along it while the tool is free in all other
 /// directions (Khatib 1995). It grows without bound towards singular postures; the result is limited to five
-/// times the mean.
+/// times the harmonic mean of the three.
 ///
 /// `chain` without the rotors, which are those of the `joints`.
 pub fn own_mass(chain: &Chain, joints: &[JointModel], angles: &[f32], axes: ImpedanceAxes) -> [f32; 3] {

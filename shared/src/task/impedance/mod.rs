@@ -22,7 +22,7 @@ mod contact;
 mod derating;
 mod elbow;
 mod error;
-mod momentum;
+mod external_torque;
 mod redundancy;
 mod response;
 mod setpoint;

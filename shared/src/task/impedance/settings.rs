@@ -47,9 +47,10 @@ impl ImpedanceSettings {
 pub enum ForceSource {
     /// 0: the force sensor behind the tip.
     Sensor,
-    /// 1: a momentum observer (De Luca and Mattone 2005) of the motor torques. Unmodelled friction and weight
-    /// appear as external forces; the observer tares them once the arm has been at rest for 0.4 s. Until then
-    /// the force is 0. The model-following law yields to what exceeds the contact force.
+    /// 1: an estimate from the motor torques: the filtered residual of the inverse dynamics, in continuous
+    /// time equal to the momentum observer (De Luca and Mattone 2005). Unmodelled friction and weight appear
+    /// as external forces; the estimate tares them once the arm has been at rest for 0.4 s. Until then the
+    /// force is 0. The model-following law yields to what exceeds the contact force.
     Observer {
         /// Bandwidth of its filter [rad/s]: 10 to 50.
         bandwidth: f32,

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::contact::{joint_inertia, own_mass};
 use super::derating::Derating;
-use super::momentum::MomentumObserver;
+use super::external_torque::ExternalTorqueEstimate;
 use super::redundancy::{JointVector, Resolver};
 use super::response::{in_axes, respond};
 use super::setpoint::{
@@ -62,8 +62,9 @@ pub struct ImpedanceState {
     pub(super) sigma_min: f32,
     /// For telemetry.
     pub(super) pose_error: [f32; 6],
-    /// Force estimate without a sensor: the observer and its last wrench.
-    momentum_observer: MomentumObserver,
+    /// Force estimate without a sensor: its torques and its last wrench. The name of the field is part of the
+    /// key of the state.
+    momentum_observer: ExternalTorqueEstimate,
     estimated_wrench: [f32; 6],
     /// Squared acceleration of the tool that the disturbance observers compensate [m²/s⁴].
     tool_disturbance: f32,
@@ -93,7 +94,7 @@ impl ImpedanceState {
         left_singular_vector: [1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
         sigma_min: 0.0,
         pose_error: [0.0; 6],
-        momentum_observer: MomentumObserver::NONE,
+        momentum_observer: ExternalTorqueEstimate::NONE,
         estimated_wrench: [0.0; 6],
         tool_disturbance: 0.0,
         mismatch_ticks: 0,
@@ -361,9 +362,9 @@ impl ImpedanceState {
     }
 
     /// Begin of a contact whose `wrench` [N, N·m] is estimated: until now the disturbance observers carried
-    /// it, and from now on the torques that balance it do. Carried twice, it would drive the tool against who
-    /// pulls it. When the contact ends, the observers learn what is left of it: the estimate lags, and after
-    /// a sudden end nothing is.
+    /// it, and from now on the torques that balance it do. Carried twice, it would drive the tool against the
+    /// person who pulls it. When the contact ends, the observers learn what is left of it: the estimate lags,
+    /// and after a sudden end nothing is.
     #[inline(never)]
     fn hand_over_load(&mut self, arm: &Arm<'_>, wrench: &Vector6<f32>) {
         let torques = arm.chain.posture(&self.angles).jacobian().tr_mul(wrench);

@@ -85,12 +85,13 @@ pub(super) const MIN_PIVOT: f32 = 1e-7;
 /// Steps of the inverse iteration that find the smallest singular value at the start.
 pub(super) const INITIAL_ITERATIONS: usize = 16;
 
-/// Time at rest after which the residual of the momentum observer counts as model error [ticks]: 0.4 s. A
-/// shorter time tares before the observer's filter has converged.
+/// Time at rest after which the residual of the estimate of external torques counts as model error
+/// [ticks]: 0.4 s. A shorter time tares before its filter has converged.
 pub(super) const REST_TICKS: u8 = 40;
-/// Minimum bandwidth of the momentum observer [rad/s]: a slower one has not converged after [`REST_TICKS`].
+/// Minimum bandwidth of the estimate of external torques [rad/s]: a slower one has not converged after
+/// [`REST_TICKS`].
 pub(super) const MIN_FORCE_BANDWIDTH: f32 = 10.0;
-/// Maximum bandwidth of momentum observer and elbow [rad/s]: half a radian per control period.
+/// Maximum bandwidth of that estimate and of the elbow [rad/s]: half a radian per control period.
 pub(super) const MAX_BANDWIDTH: f32 = 50.0;
 
 /// Smallest jump of the force, as a fraction of the recent peak, that counts for derating. With a smaller

@@ -8,7 +8,7 @@ use std::cell::RefCell;
 use std::time::{Duration, Instant};
 
 use serde_json::json;
-use tesaki::behavior::{Approach, ApproachPhase, MIN_CONFIDENCE};
+use tesaki::behavior::{Approach, ApproachPhase};
 use tesaki::kinematics::Chain;
 use tesaki::model::{Pose, RobotModel};
 use tesaki::protocol::{Request, TaskReport};
@@ -147,7 +147,7 @@ impl<F: Fn(&[f32]) -> Option<Pose>> Leader<'_, F> {
             }
             (Some(circle), Some(pose)) => {
                 self.vision.accept();
-                let circle = circle.map(Circle::from).filter(|circle| circle.confidence >= MIN_CONFIDENCE);
+                let circle = circle.map(Circle::from);
                 if self.looks {
                     self.approach.look(&pose, circle.as_ref());
                 }

@@ -9,10 +9,10 @@ use std::time::Duration;
 
 use serde_json::{Value, json};
 use tesaki::teleop::{
-    CalibrationAccuracy, CalibrationError, CalibrationSettings, FINGERS, FingerLinks, GloveError,
-    GloveSample, GloveSensor, HumanFinger,
+    CalibrationAccuracy, CalibrationError, CalibrationSettings, FingerLinks, GloveError, GloveSample,
+    GloveSensor, HUMAN_FINGERS, HumanFinger,
 };
-use tesaki_supervisor::operator::{CalibrationGuide, Markers, OperatorFile, Pose, PoseDetector};
+use tesaki_supervisor::operator::{CalibrationGuide, HandPosture, Markers, OperatorFile, PostureDetector};
 
 use crate::args::{Calibrate, CalibrateCommand, Options};
 use crate::eval::table::Table;
@@ -44,8 +44,8 @@ pub fn run(options: &Options, args: &Calibrate) -> Result<(), Failure> {
             "{DEFAULT_FILE} exists: choose another file with --out FILE, or give --out {DEFAULT_FILE} to replace it"
         )));
     }
-    if let Some(poses) = &args.poses {
-        output::keep_input(out, "--out", poses, "POSES")?;
+    if let Some(postures) = &args.postures {
+        output::keep_input(out, "--out", postures, "POSTURES")?;
     }
     let is_of_operator = |text: &String| toml::from_str::<OperatorFile>(text).is_ok();
     if out.is_file() && !fs::read_to_string(out).is_ok_and(|text| is_of_operator(&text)) {
@@ -55,29 +55,30 @@ pub fn run(options: &Options, args: &Calibrate) -> Result<(), Failure> {
         )));
     }
     output::require_writable(out)?;
-    match &args.poses {
-        Some(path) => read_poses(path, &mut guide)?,
+    match &args.postures {
+        Some(path) => read_postures(path, &mut guide)?,
         None => lead(options, &mut guide)?,
     }
     let solved = guide.finish(args.proportions).map_err(|error| refused(&error, args.proportions))?;
     let file = OperatorFile::new(&args.name, &solved);
     output::save(out, &file.to_toml(), |out| {
         let fingers = named(&solved.map(|(_, accuracy)| accuracy_json(&accuracy)));
-        let value = json!({ "operator": args.name, "file": out, "poses": guide.poses(), "fingers": fingers });
+        let value =
+            json!({ "operator": args.name, "file": out, "postures": guide.postures(), "fingers": fingers });
         output::result(options, &value, || table(&solved, out))
     })
 }
 
 /// The accuracy of each finger, and where the calibration is.
-fn table(solved: &[(FingerLinks, CalibrationAccuracy); FINGERS], out: Option<&Path>) -> String {
-    let mut text = String::from("finger   poses  rank  condition  residual  deviation of the tip\n");
+fn table(solved: &[(FingerLinks, CalibrationAccuracy); HUMAN_FINGERS], out: Option<&Path>) -> String {
+    let mut text = String::from("finger   postures  rank  condition  residual  deviation of the tip\n");
     for (finger, (_, accuracy)) in HumanFinger::ALL.iter().zip(solved) {
-        let CalibrationAccuracy { poses, rank, condition, residual, tip_deviation, .. } = accuracy;
+        let CalibrationAccuracy { postures, rank, condition, residual, tip_deviation, .. } = accuracy;
         let [residual, deviation] = [residual, tip_deviation].map(|length| 1e3 * length);
-        let inferred = if *poses == 0 { ", by proportions" } else { "" };
+        let inferred = if *postures == 0 { ", by proportions" } else { "" };
         let _ = writeln!(
             text,
-            "{:<7} {poses:>6} {rank:>5} {condition:>10.1} {residual:>6.2} mm  {deviation:.2} mm{inferred}",
+            "{:<7} {postures:>6} {rank:>5} {condition:>10.1} {residual:>6.2} mm  {deviation:.2} mm{inferred}",
             finger.name()
         );
     }
@@ -87,18 +88,18 @@ fn table(solved: &[(FingerLinks, CalibrationAccuracy); FINGERS], out: Option<&Pa
 /// Why there is no calibration, and what to do.
 fn refused(error: &CalibrationError, proportions: bool) -> Failure {
     let hint = match error {
-        CalibrationError::TooFewPoses { finger, poses: 0, .. }
+        CalibrationError::TooFewPostures { finger, postures: 0, .. }
             if !proportions && *finger != HumanFinger::Thumb =>
         {
             "; or give --proportions to infer fingers without marker"
         }
-        CalibrationError::MissingMotion { .. } => "; add poses that do",
+        CalibrationError::MissingMotion { .. } => "; add postures that do",
         _ => "",
     };
     Failure::Other(format!("not calibrated: {error}{hint}"))
 }
 
-fn named(values: &[Value; FINGERS]) -> serde_json::Map<String, Value> {
+fn named(values: &[Value; HUMAN_FINGERS]) -> serde_json::Map<String, Value> {
     HumanFinger::ALL
         .iter()
         .zip(values)
@@ -108,7 +109,7 @@ fn named(values: &[Value; FINGERS]) -> serde_json::Map<String, Value> {
 
 fn accuracy_json(accuracy: &CalibrationAccuracy) -> Value {
     json!({
-        "poses": accuracy.poses,
+        "postures": accuracy.postures,
         "rank": accuracy.rank,
         "condition": output::exact(&accuracy.condition),
         "residual": output::exact(&accuracy.residual),
@@ -117,21 +118,23 @@ fn accuracy_json(accuracy: &CalibrationAccuracy) -> Value {
     })
 }
 
-/// Reads a table of poses.
-fn read_poses(path: &Path, guide: &mut CalibrationGuide) -> Result<(), Failure> {
+/// Reads a table of postures.
+fn read_postures(path: &Path, guide: &mut CalibrationGuide) -> Result<(), Failure> {
     let table = Table::read(path)?;
     let (glove, markers) =
         (GloveColumns::find(&table)?, PositionColumns::find(&table, "position of a marker [m]")?);
     let touch = table.column("touch");
     let mut touches = Vec::new();
     for row in &table.rows {
-        let pose =
-            Pose { orientations: glove.sample(&table, row)?, markers: markers.positions(&table, row)? };
+        let posture = HandPosture {
+            orientations: glove.sample(&table, row)?,
+            markers: markers.positions(&table, row)?,
+        };
         let refused = |error| table.error(row.line, &format!("{error}; mend or remove the row"));
         match touch.map_or("", |column| table.text(row, column)) {
-            "" => guide.add(&pose).map_err(refused)?,
+            "" => guide.add(&posture).map_err(refused)?,
             name => match HumanFinger::ALL[1..].iter().find(|finger| finger.name() == name) {
-                Some(finger) => touches.push((row, *finger, pose.orientations)),
+                Some(finger) => touches.push((row, *finger, posture.orientations)),
                 None => {
                     let message = format!("column touch: {name:?}: write index, middle, ring or little");
                     return Err(table.error(row.line, &message));
@@ -146,16 +149,16 @@ fn read_poses(path: &Path, guide: &mut CalibrationGuide) -> Result<(), Failure> 
     })
 }
 
-/// Guides through the poses while samples come from standard input.
+/// Guides through the postures while samples come from standard input.
 fn lead(options: &Options, guide: &mut CalibrationGuide) -> Result<(), Failure> {
-    let mut detector = PoseDetector::default();
+    let mut detector = PostureDetector::default();
     let tell = |guide: &CalibrationGuide, what: &str, next: Option<&str>| {
         let deviations = guide.estimates().map(|estimate| {
             estimate.map_or(Value::Null, |(_, accuracy)| output::exact(&accuracy.tip_deviation))
         });
         if options.json {
             let value = json!({
-                "event": what, "poses": guide.poses(), "next": next,
+                "event": what, "postures": guide.postures(), "next": next,
                 "tip_deviation": Value::Object(named(&deviations)),
             });
             return output::line(&value.to_string());
@@ -171,11 +174,14 @@ fn lead(options: &Options, guide: &mut CalibrationGuide) -> Result<(), Failure> 
             });
         output::notice(options, &format!("{what}{quality}"));
         next.map_or(Ok(()), |next| {
-            output::notice(options, &format!("Pose {}: {next}; hold still for a second.", guide.poses() + 1));
+            output::notice(
+                options,
+                &format!("Posture {}: {next}; hold still for a second.", guide.postures() + 1),
+            );
             Ok(())
         })
     };
-    tell(guide, "No pose yet.", guide.instruction().as_deref())?;
+    tell(guide, "No posture yet.", guide.instruction().as_deref())?;
     let mut feed = Feed::<String>::standard_input("sample", Duration::MAX);
     // What is wrong is told once, until the next good sample.
     let mut told = false;
@@ -209,13 +215,13 @@ fn lead(options: &Options, guide: &mut CalibrationGuide) -> Result<(), Failure> 
         };
         feed.count();
         told = false;
-        let Some(pose) = detector.add(time, sample, markers) else { continue };
-        match guide.add_live(&pose) {
+        let Some(posture) = detector.add(time, sample, markers) else { continue };
+        match guide.add_live(&posture) {
             Ok(()) => {
                 let next = guide.instruction();
                 tell(
                     guide,
-                    &format!("{}.", output::counted(guide.poses() as usize, "pose")),
+                    &format!("{}.", output::counted(guide.postures() as usize, "posture")),
                     next.as_deref(),
                 )?;
                 if next.is_none() {
@@ -234,7 +240,7 @@ fn lead(options: &Options, guide: &mut CalibrationGuide) -> Result<(), Failure> 
 fn live_sample(line: &str) -> Result<(f64, GloveSample, Markers), String> {
     let (time, value) = glove::object(line)?;
     let orientations = glove::orientations(&value)?;
-    // A mean over the pose would hide it.
+    // A mean over the posture would hide it.
     let wrong = GloveSensor::all().find_map(|sensor| match orientations.orientation(sensor) {
         Ok(_) | Err(GloveError::Missing(_)) => None,
         Err(error) => Some(error.to_string()),

@@ -1,7 +1,7 @@
 //! Frames of a glove, as JSON and as rows of a table.
 
 use serde_json::Value;
-use tesaki::teleop::{FINGERS, GloveSample, HumanFinger};
+use tesaki::teleop::{GloveSample, HUMAN_FINGERS, HumanFinger};
 
 use crate::eval::table::{Row, Table};
 use crate::failure::Failure;
@@ -39,12 +39,12 @@ impl GloveColumns {
 }
 
 /// The columns of a position for each finger, `thumb_x` to `little_z`.
-pub struct PositionColumns([Option<Vec<usize>>; FINGERS]);
+pub struct PositionColumns([Option<Vec<usize>>; HUMAN_FINGERS]);
 
 impl PositionColumns {
     /// A finger has all three columns or none.
     pub fn find(table: &Table, what: &str) -> Result<Self, Failure> {
-        let mut columns = [const { None }; FINGERS];
+        let mut columns = [const { None }; HUMAN_FINGERS];
         for (columns, finger) in columns.iter_mut().zip(HumanFinger::ALL) {
             *columns = table.all_or_none(&Self::names(finger), what)?;
         }
@@ -62,8 +62,8 @@ impl PositionColumns {
     }
 
     /// The positions in a row.
-    pub fn positions(&self, table: &Table, row: &Row) -> Result<[Option<[f32; 3]>; FINGERS], Failure> {
-        let mut positions = [None; FINGERS];
+    pub fn positions(&self, table: &Table, row: &Row) -> Result<[Option<[f32; 3]>; HUMAN_FINGERS], Failure> {
+        let mut positions = [None; HUMAN_FINGERS];
         for (columns, position) in self.0.iter().zip(&mut positions) {
             if let Some(columns) = columns {
                 *position = cells(table, row, columns)?;
@@ -146,8 +146,8 @@ pub fn orientations(value: &Value) -> Result<GloveSample, String> {
 }
 
 /// The positions by finger in an object that holds `what`.
-pub fn positions(value: Option<&Value>, what: &str) -> Result<[Option<[f32; 3]>; FINGERS], String> {
-    let mut positions = [None; FINGERS];
+pub fn positions(value: Option<&Value>, what: &str) -> Result<[Option<[f32; 3]>; HUMAN_FINGERS], String> {
+    let mut positions = [None; HUMAN_FINGERS];
     let names = HumanFinger::ALL.map(HumanFinger::name);
     match value {
         None | Some(Value::Null) => return Ok(positions),

@@ -78,7 +78,7 @@ impl Forces {
         min_force: f32,
         load: &Vector6<f32>,
     ) {
-        let grip = LeastGrip::try_new(margin, min_force).map(|grip| grip.with_tolerance(GRIP_TOLERANCE));
+        let grip = LeastGrip::try_new(margin, min_force).and_then(|grip| grip.with_tolerance(GRIP_TOLERANCE));
         match grip.map(|grip| grip.advance(map, load, &mut self.search, GRIP_BUDGET)) {
             Ok(Ok(grip)) => {
                 let mut forces = [Vector3::zeros(); 3];

@@ -1,9 +1,9 @@
 //! Unit tests of the control, without a node.
 
 mod arm_angle;
+mod external_torque;
 mod fixture;
 mod loss;
-mod momentum;
 mod pressing;
 mod resolver;
 mod setpoints;

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand};
 
 const HELP: &str = "\
-A table of poses has one row a pose; the first one is the flat hand. Columns: back_qx, back_qy,
+A table of postures has one row a posture; the first one is the flat hand. Columns: back_qx, back_qy,
 back_qz, back_qw for the orientation of the back of the hand; thumb1_qx … little3_qw for those
 of the segments, 1 next to the palm; thumb_x, thumb_y, thumb_z … little_z for the markers in the
 frame of the back of the hand [m]. Quaternions are absolute. Leave empty what was not measured.
@@ -17,8 +17,8 @@ With --live standard input has a JSON object a line, and the program says what t
    \"markers\": {\"thumb\": [x,y,z], …}}
 
 Examples:
-  tesaki calibrate poses.csv --name Aiko --out aiko.toml
-  tesaki calibrate poses.csv --proportions      # markers on thumb, index and little finger only
+  tesaki calibrate postures.csv --name Aiko --out aiko.toml
+  tesaki calibrate postures.csv --proportions      # markers on thumb, index and little finger only
   glove | tesaki calibrate --live --out aiko.toml";
 
 const CAMERA_HELP: &str = "\
@@ -43,10 +43,10 @@ Examples:
 pub struct Calibrate {
     #[command(subcommand)]
     pub command: Option<CalibrateCommand>,
-    /// Table of poses (CSV); `-` for standard input
+    /// Table of postures (CSV); `-` for standard input
     #[arg(required_unless_present = "live", conflicts_with = "live")]
-    pub poses: Option<PathBuf>,
-    /// Read a stream of samples from standard input and guide through the poses
+    pub postures: Option<PathBuf>,
+    /// Read a stream of samples from standard input and guide through the postures
     #[arg(long)]
     pub live: bool,
     /// Calibration file to write, replaced if it exists; default: operator.toml, which is not replaced
@@ -58,8 +58,8 @@ pub struct Calibrate {
     /// Infer fingers without marker from the proportions of the hand, and from touches with the thumb
     #[arg(long)]
     pub proportions: bool,
-    /// Root mean square error of a sensor's orientation in a pose [°]; less than that of a sample if a pose
-    /// is the mean over the time that it was held
+    /// Root mean square error of a sensor's orientation in a posture [°]; less than that of a sample if a
+    /// posture is the mean over the time that it was held
     #[arg(long, value_name = "DEG", default_value = "0.5", value_parser = orientation_noise, allow_negative_numbers = true)]
     pub orientation_noise: f32,
     /// Standard deviation of a marker along each axis [mm]

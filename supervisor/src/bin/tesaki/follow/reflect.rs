@@ -102,7 +102,8 @@ pub fn link(
     let least = |[x, y, z, ..]: [f32; 6]| x.min(y).min(z);
     let handle = [least(master.impedance.mass), least(master.impedance.damping)];
     let max_damping = MAX_DAMPING * handle[0];
-    let limits = PowerPortLimits { max_damping, contact_damping: 0.0, energy_reserve: ENERGY_RESERVE };
+    let limits = PowerPortLimits::try_new(max_damping, ENERGY_RESERVE)
+        .map_err(|error| Failure::Usage(format!("--reflect: {error}")))?;
     let limits = check(&limits, handle, of_slave.max(), round_trip, args)?;
     let shared = Shared::default();
     let (sender, answer) = channel();
@@ -165,7 +166,7 @@ fn check(
                 "the handle is not calm even without delay".to_owned()
             },
             f64::from(allowed / scaling).floor(),
-            f64::from(scaled * (delay + 0.5 * TICK) - limits.max_damping).ceil()
+            f64::from(scaled * (delay + 0.5 * TICK) - limits.max_damping()).ceil()
         ),
         other => format!("--reflect: {other}"),
     }))
@@ -346,7 +347,7 @@ impl Handle {
         // A force that gives back more than has arrived is withheld, however large a damping that takes: it
         // cannot push.
         let withheld = self.force.dot(&velocity) / velocity.norm_squared().max(f32::MIN_POSITIVE);
-        let limits = PowerPortLimits { max_damping: self.limits.max_damping.max(withheld), ..self.limits };
+        let limits = self.limits.with_damping_up_to(withheld);
         self.damping = self.port.damping_force(&limits, exchange.slave_energy, &self.force, &velocity);
         let force = (self.force + self.damping).cap_magnitude(max_force);
         // What is accounted for is what is commanded.

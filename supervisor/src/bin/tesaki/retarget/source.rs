@@ -211,13 +211,14 @@ fn landmarks(value: &Value) -> Result<Option<Landmarks>, String> {
 /// The tracker for the frames of a source.
 pub fn tracker(args: &Retarget, settings: &RetargetingSettings) -> Result<Tracker, Failure> {
     let wearer = args.operator.as_deref().map(|path| wearer(path, settings.operator_hand)).transpose()?;
-    Ok(Tracker::new(TrackerSettings {
+    let settings = TrackerSettings {
         side: settings.operator_hand,
         rotation: settings.rotation,
         bandwidth: args.bandwidth,
         max_gap: settings.task.max_sample_age,
         wearer,
-    }))
+    };
+    Tracker::try_new(settings).map_err(|error| Failure::Usage(format!("--bandwidth: {error}")))
 }
 
 /// The person of a calibration file.

@@ -1,17 +1,17 @@
-//! The momentum observer.
+//! The estimate of external torques.
 
 use super::fixture::ArmFixture;
 use crate::TICK;
 use crate::model::MAX_CHAIN_JOINTS;
-use crate::task::impedance::momentum::MomentumObserver;
+use crate::task::impedance::external_torque::ExternalTorqueEstimate;
 use crate::task::impedance::redundancy::JointVector;
 
 /// Per tick: joint angles, motor torques of the next period, and external joint torques half a period ago
-/// behind a filter of 30 rad/s (`tests/oracles/momentum.py`).
+/// behind a filter of 30 rad/s (`tests/oracles/external_torque.py`).
 type Sample = ([f32; MAX_CHAIN_JOINTS], [f32; MAX_CHAIN_JOINTS], [f32; MAX_CHAIN_JOINTS]);
 
 #[allow(clippy::excessive_precision, reason = "the digits of the script")]
-const SAMPLES: &[Sample] = include!("../../../../../tests/oracles/data/momentum.in");
+const SAMPLES: &[Sample] = include!("../../../../../tests/oracles/data/external_torque.in");
 
 /// The maximum error of the estimate and the maximum torque [N·m], if some samples are missed.
 fn estimate(missed: core::ops::Range<usize>) -> [f32; 2] {
@@ -19,7 +19,7 @@ fn estimate(missed: core::ops::Range<usize>) -> [f32; 2] {
     fixture.model.joints.iter_mut().for_each(|joint| {
         (joint.friction.coulomb, joint.friction.viscous) = (0.0, 0.3);
     });
-    let mut observer = MomentumObserver::NONE;
+    let mut observer = ExternalTorqueEstimate::NONE;
     let (mut max_error, mut max_torque) = (0.0_f32, 0.0_f32);
     for (tick, (angles, torques, expected)) in SAMPLES.iter().enumerate() {
         if missed.contains(&tick) {

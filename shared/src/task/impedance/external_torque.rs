@@ -11,18 +11,20 @@ use crate::{TICK, math};
 /// Number of angle samples in the second difference.
 const SAMPLES: u8 = 3;
 
-/// Momentum observer (De Luca and Mattone 2005): external joint torques without a force sensor. The residual
-/// is the change of momentum that motor torques, gravity, Coriolis torques and friction do not explain, after
-/// a first-order low-pass filter.
+/// External joint torques without a force sensor: the filtered residual of the inverse dynamics. That is the
+/// torques that the measured motion requires by the model minus those of the motors, after a first-order
+/// low-pass filter. In continuous time it equals the residual of the momentum observer (De Luca and Mattone
+/// 2005), which integrates the generalised momentum and so needs no acceleration.
 ///
-/// In discrete time: over the last two periods the angles `q₀, q₁, q₂` had the mean acceleration `(q₂ − 2q₁ +
-/// q₀)/T²`, exact for torques held over a period, and the motors applied the mean of both periods' torques.
-/// The inverse dynamics at `q₁` give the torques that the motion required.
+/// Here the acceleration is the second difference of the angles: over the last two periods the angles `q₀,
+/// q₁, q₂` had the mean acceleration `(q₂ − 2q₁ + q₀)/T²`, exact for torques held over a period, and the
+/// motors applied the mean of both periods' torques. The inverse dynamics at `q₁` give the torques that the
+/// motion required.
 ///
 /// Errors of the model, such as wrong masses or friction, appear as external torques. A tare at rest removes
 /// the gravity error of that posture.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
-pub(super) struct MomentumObserver {
+pub(super) struct ExternalTorqueEstimate {
     /// Last and second-last joint angles [rad].
     angles: [[f32; MAX_CHAIN_JOINTS]; 2],
     /// Mean motor torques of this period and of the last one [N·m].
@@ -33,12 +35,12 @@ pub(super) struct MomentumObserver {
     tare: [f32; MAX_CHAIN_JOINTS],
     /// Samples so far, at most [`SAMPLES`].
     samples: u8,
-    /// Consecutive ticks at rest, and whether the observer was tared after [`REST_TICKS`] of them.
+    /// Consecutive ticks at rest, and whether the estimate was tared after [`REST_TICKS`] of them.
     rest_ticks: u8,
     tared: bool,
 }
 
-impl MomentumObserver {
+impl ExternalTorqueEstimate {
     /// Before the first tick.
     pub const NONE: Self = Self {
         angles: [[0.0; MAX_CHAIN_JOINTS]; 2],
@@ -57,7 +59,7 @@ impl MomentumObserver {
 
     /// Updates the residual with the joint `angles` [rad]. Friction is computed from `velocities` [rad/s];
     /// `bandwidth` is that of the filter [rad/s]. After [`REST_TICKS`] consecutive ticks `at_rest` the
-    /// observer tares itself, once.
+    /// estimate tares itself, once.
     pub fn update(
         &mut self,
         arm: &Arm<'_>,

@@ -1,8 +1,8 @@
-"""Writes data/momentum.in: the arm of the core's unit tests (shared/src/task/impedance/tests/fixture.rs), moved by torques that are held
-for 10 ms each while something pushes and twists its tool. Pinocchio's articulated-body algorithm, Runge–Kutta with
-0.1 ms; rotors 0.03 kg·m², viscous friction 0.3 N·m·s. For every tick: angles, torques held from then on, and the joint
-torques of the push behind a first-order filter of 30 rad/s, half a period earlier: that is where the mean of what a
-period's filter takes in lies, a whole period before its result."""
+"""Writes data/external_torque.in: the arm of the core's unit tests (shared/src/task/impedance/tests/fixture.rs), moved
+by torques that are held for 10 ms each while something pushes and twists its tool. Pinocchio's articulated-body
+algorithm, Runge–Kutta with 0.1 ms; rotors 0.03 kg·m², viscous friction 0.3 N·m·s. For every tick: angles, torques held
+from then on, and the joint torques of the push behind a first-order filter of 30 rad/s, half a period earlier: that is
+where the mean of what a period's filter takes in lies, a whole period before its result."""
 
 import numpy as np
 import pinocchio as pin
@@ -75,4 +75,4 @@ for tick in range(TICKS):
         state = state + h / 6 * (a + 2 * b + 2 * c + d)
         if step == STEPS // 2 - 1:
             filtered_before = state[14:].copy()
-write("momentum.in", __file__, COLUMNS, "&[\n" + "".join(rows) + "]\n")
+write("external_torque.in", __file__, COLUMNS, "&[\n" + "".join(rows) + "]\n")
