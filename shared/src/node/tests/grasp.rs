@@ -442,8 +442,13 @@ fn accumulated_joint_targets_move_the_contacts_with_the_object() {
         |bench: &Bench| [0, 1, 2, 3, 4, 5, 6, 7, 8].map(|joint| bench.node.state.references[joint].position);
     let before = angles(&bench);
     let (translation, rotation) = ([0.002, 0.001, 0.003], [0.0, 0.06, 0.03]);
-    assert_eq!(bench.ask(task(GraspCommand::Move { translation, rotation, duration: 1.0 })), Reply::Done);
-    run_pressed(&mut bench, 110, true);
+    let motion = task(GraspCommand::Move { translation, rotation, duration: 1.0 });
+    assert_eq!(bench.ask(motion.clone()), Reply::Done);
+    run_pressed(&mut bench, 50, true);
+    // From here another motion would begin with a jump of the velocity.
+    let busy = TaskRefusal::Grasping(GraspRefusal::Busy(Phase::Move));
+    assert_eq!(refusal(bench.ask(motion)), Refusal::Task(busy));
+    run_pressed(&mut bench, 60, true);
     let [start, changes] = ACCUMULATED;
     for (joint, (before, after)) in before.into_iter().zip(angles(&bench)).enumerate() {
         assert!((before - start[joint]).abs() < 2e-3, "{joint}: begins at {before}, not {}", start[joint]);
