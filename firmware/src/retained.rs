@@ -3,8 +3,8 @@
 //! After power-on its content is random, and after an update it is that of another firmware. Checksums and a
 //! key detect both, and also a write that a reset interrupted.
 
-use core::fmt::{self, Write};
 use core::mem::MaybeUninit;
+use core::num::NonZero;
 use core::ptr;
 
 use serde::Serialize;
@@ -121,20 +121,54 @@ pub fn faults() -> Option<(FaultLog, u32)> {
     unsafe { load(&raw const (*retained()).log) }.decode(FaultLog::KEY)
 }
 
-/// Retains the cause of a crash over the reset. The caller must have interrupts off, or be an interrupt that
-/// nothing else can interrupt.
-pub fn retain_crash(cause: FaultCause, place: u32, message: fmt::Arguments<'_>) {
-    let mut text = Text { bytes: [0; MAX_TEXT], length: 0 };
-    // A longer text is truncated.
-    let _ = text.write_fmt(message);
-    let length = text.length as u32;
-    let crash = Crash { cause: u32::from(cause.number()), place, length, text: text.bytes };
+/// A part of the message of a crash.
+// Without `core::fmt`, which would take 3 KiB of flash for these messages alone, and thousands of instructions
+// while the supply falls.
+#[derive(Clone, Copy, Debug)]
+pub enum Word<'a> {
+    /// As it is.
+    Text(&'a str),
+    /// `0x` and eight digits.
+    Hexadecimal(u32),
+    /// Without leading zeros.
+    Decimal(u32),
+}
+
+/// Retains the cause of a crash over the reset, with a message, which is truncated if it is too long. The
+/// caller must have interrupts off, or be an interrupt that nothing else can interrupt.
+pub fn retain_crash(cause: FaultCause, place: u32, message: &[Word<'_>]) {
+    let mut crash = Crash { cause: u32::from(cause.number()), place, length: 0, text: [0; MAX_TEXT] };
+    for word in message {
+        match *word {
+            Word::Text(text) => crash.append(text.as_bytes()),
+            Word::Hexadecimal(value) => {
+                crash.append(b"0x");
+                crash.append(digits(value, const { NonZero::new(16).unwrap() }).get(2..).unwrap_or_default());
+            }
+            Word::Decimal(value) => {
+                let digits = digits(value, const { NonZero::new(10).unwrap() });
+                let first = digits.iter().position(|&digit| digit != b'0').unwrap_or(digits.len() - 1);
+                crash.append(digits.get(first..).unwrap_or_default());
+            }
+        }
+    }
     let checksum = crash.checksum();
     // SAFETY: as for the log; nothing else runs any more.
     unsafe {
         store(&raw mut (*retained()).crash, &crash);
         ptr::write_volatile(&raw mut (*retained()).crash_checksum, checksum);
     }
+}
+
+/// Returns the digits of a number, with leading zeros.
+fn digits(mut value: u32, radix: NonZero<u32>) -> [u8; 10] {
+    let mut digits = [0; 10];
+    for place in digits.iter_mut().rev() {
+        let digit = (value % radix) as u8;
+        *place = if digit < 10 { b'0' + digit } else { b'a' - 10 + digit };
+        value /= radix;
+    }
+    digits
 }
 
 /// Returns the crash before this start, if any. Later calls return `None`.
@@ -158,10 +192,19 @@ impl Crash {
             .unwrap_or(FaultCause::HardFault)
     }
 
-    /// Returns the message.
+    /// Adds as much to the message as there is place for.
+    fn append(&mut self, text: &[u8]) {
+        let free = self.text.get_mut(self.length as usize..).unwrap_or_default();
+        for (place, byte) in free.iter_mut().zip(text) {
+            *place = *byte;
+            self.length += 1;
+        }
+    }
+
+    /// Returns the message, without a character that was truncated.
     pub fn text(&self) -> &str {
         let bytes = self.text.get(..self.length as usize).unwrap_or_default();
-        core::str::from_utf8(bytes).unwrap_or_default()
+        bytes.utf8_chunks().next().map_or("", |chunk| chunk.valid())
     }
 
     /// Computes the checksum. It includes the key of the fault log, as that fixes the numbers of the causes.
@@ -171,24 +214,5 @@ impl Crash {
             ^ self.place.rotate_left(16)
             ^ self.length
             ^ FaultLog::KEY as u32
-    }
-}
-
-/// A text that is truncated to whole characters.
-struct Text {
-    bytes: [u8; MAX_TEXT],
-    length: usize,
-}
-
-impl Write for Text {
-    fn write_str(&mut self, text: &str) -> fmt::Result {
-        for character in text.chars() {
-            let mut buffer = [0; 4];
-            let encoded = character.encode_utf8(&mut buffer).as_bytes();
-            let free = self.bytes.get_mut(self.length..self.length + encoded.len()).ok_or(fmt::Error)?;
-            free.copy_from_slice(encoded);
-            self.length += encoded.len();
-        }
-        Ok(())
     }
 }

@@ -25,7 +25,7 @@ use tesaki_firmware::clock::{bring_up, frequency};
 use tesaki_firmware::control::Periods;
 use tesaki_firmware::link::{RECEIVE_QUEUE, SEND_QUEUE, Storage, Uart};
 use tesaki_firmware::pac::{Interrupt, flash, rcc};
-use tesaki_firmware::retained::Record;
+use tesaki_firmware::retained::{Record, Word};
 use tesaki_firmware::{retained, stack};
 
 mod support;
@@ -46,15 +46,18 @@ fn main() -> ! {
         log.record(fault(FaultCause::EncoderJump, Some(4), 0.25));
         log.record(fault(FaultCause::CommandTimeout, None, 0.11));
         retained::retain_faults(&log, JOINTS);
-        retained::retain_crash(
-            FaultCause::Panic,
-            77,
-            format_args!(
-                "a message that is {} characters long and more than fits into the place that is kept for the \
-                 last words of the firmware",
-                120
-            ),
-        );
+        let words = [
+            Word::Text("a message of "),
+            Word::Decimal(120),
+            Word::Text(", "),
+            Word::Decimal(0),
+            Word::Text(", "),
+            Word::Decimal(u32::MAX),
+            Word::Text(" and "),
+            Word::Hexadecimal(0x01AF_0009),
+            Word::Text(", and of more than fits into the place that is kept for the last words"),
+        ];
+        retained::retain_crash(FaultCause::Panic, 77, &words);
         SCB::sys_reset();
     }
     let tests: &[Test] = &[
@@ -106,7 +109,7 @@ fn faults_survive() -> bool {
 
 fn crash_message_survives() -> bool {
     let Some(crash) = retained::take_crash() else { return false };
-    let start = "a message that is 120 characters long and more than fits";
+    let start = "a message of 120, 0, 4294967295 and 0x01af0009, and of more than fits";
     crash.cause() == FaultCause::Panic
         && crash.place == 77
         && crash.text().starts_with(start)
