@@ -66,6 +66,7 @@ fn main() -> ! {
         ("sine and cosine have the bits that the host computed", sine_has_the_hosts_bits),
         ("square root and arc tangent have the bits that the host computed", libm_has_the_hosts_bits),
         ("memory is copied and cleared, and nothing beside it", memory_is_copied_and_cleared),
+        ("memory that overlaps is moved", overlapping_memory_is_moved),
         ("the checksum is CRC-32", || checksum(b"123456789") == 0xcbf4_3926),
         ("a full receive queue counts what it loses", overflow_is_counted),
         ("noise on the line is counted", noise_is_counted),
@@ -122,11 +123,15 @@ unsafe extern "C" {
     fn __aeabi_memcpy8(to: *mut u8, from: *const u8, bytes: usize);
     fn __aeabi_memclr4(at: *mut u8, bytes: usize);
     fn __aeabi_memclr8(at: *mut u8, bytes: usize);
+    fn __aeabi_memmove4(to: *mut u8, from: *const u8, bytes: usize);
+    fn __aeabi_memmove8(to: *mut u8, from: *const u8, bytes: usize);
 }
 
+/// Bytes as the compiler's memory functions expect them.
+#[repr(align(8))]
+struct Aligned([u8; 80]);
+
 fn memory_is_copied_and_cleared() -> bool {
-    #[repr(align(8))]
-    struct Aligned([u8; 80]);
     let from = Aligned(core::array::from_fn(|index| index as u8 + 1));
     (0..=72).all(|bytes| {
         let is_copied = [__aeabi_memcpy4, __aeabi_memcpy8].into_iter().all(|copy| {
@@ -142,6 +147,25 @@ fn memory_is_copied_and_cleared() -> bool {
             at.0[..bytes].iter().all(|&byte| byte == 0) && at.0[bytes..].iter().all(|&byte| byte == 0xA5)
         });
         is_copied && is_cleared
+    })
+}
+
+fn overlapping_memory_is_moved() -> bool {
+    let before: [u8; 80] = core::array::from_fn(|index| index as u8 + 1);
+    let places = || (0..=40).step_by(8);
+    (0..=40).all(|bytes| {
+        places().flat_map(|to| places().map(move |from| (to, from))).all(|(to, from)| {
+            [__aeabi_memmove4, __aeabi_memmove8].into_iter().all(|move_bytes| {
+                let mut memory = Aligned(before);
+                let start = memory.0.as_mut_ptr();
+                // SAFETY: both places are aligned, and `bytes` from them on lie in the memory.
+                unsafe { move_bytes(start.add(to), start.add(from), bytes) };
+                let expected = |place: usize| {
+                    before[if (to..to + bytes).contains(&place) { place - to + from } else { place }]
+                };
+                (0..80).all(|place| memory.0[place] == expected(place))
+            })
+        })
     })
 }
 
