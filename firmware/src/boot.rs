@@ -1,7 +1,6 @@
 //! From reset to the first interrupt.
 
 use stm32f4xx_hal::pac;
-use stm32f4xx_hal::prelude::*;
 use tesaki::fault::{Fault, FaultCause};
 use tesaki::node::Node;
 use tesaki::protocol::{BoardStatus, ClockSource, Identity, LinkStatistics, ResetCause};
@@ -38,31 +37,33 @@ pub struct Started {
 /// Initialises clock, watchdog, board, UARTs and timer, and records the cause of the reset in `node`.
 pub fn start(device: pac::Peripherals, syst: cortex_m::peripheral::SYST, node: &mut Node) -> Started {
     let watchdog = Watchdog::start(device.IWDG);
-    let is_supplied = chip_supply::start(&device.RCC, &device.PWR, &device.EXTI, &watchdog);
-    let measure = || clock::measure_crystal(&device.RCC, &device.TIM11);
+    let mut rcc = device.RCC;
+    let is_supplied = chip_supply::start(&rcc, &device.PWR, &device.EXTI, &watchdog);
+    let measure = || clock::measure_crystal(&rcc, &device.TIM11);
     let clocks = if is_supplied {
-        clock::bring_up(&device.RCC, &device.FLASH, ThisBoard::CRYSTAL, measure)
+        clock::bring_up(&rcc, &device.FLASH, ThisBoard::CRYSTAL, measure)
     } else {
         Clocks::SLOW
     };
     watchdog.feed();
-    device.RCC.apb1enr().modify(|_, w| w.tim2en().set_bit());
+    rcc.apb1enr().modify(|_, w| w.tim2en().set_bit());
     match ThisBoard::SUPERVISOR {
-        SupervisorLine::Usart1 => device.RCC.apb2enr().modify(|_, w| w.usart1en().set_bit()),
-        SupervisorLine::Uart4 => device.RCC.apb1enr().modify(|_, w| w.uart4en().set_bit()),
+        SupervisorLine::Usart1 => rcc.apb2enr().modify(|_, w| w.usart1en().set_bit()),
+        SupervisorLine::Uart4 => rcc.apb1enr().modify(|_, w| w.uart4en().set_bit()),
     };
-    let flags = device.RCC.csr().read();
+    let flags = rcc.csr().read();
     let (by_watchdog, by_software) = (flags.wdgrstf().bit_is_set(), flags.sftrstf().bit_is_set());
     // The flag of a brown-out comes with every power-on, too (RM0090, 7.3.21).
     let by_power = flags.porrstf().bit_is_set();
     let by_brown_out = flags.borrstf().bit_is_set() && !by_power;
     let level = chip_supply::brown_out_level(&device.FLASH);
-    device.RCC.csr().modify(|_, w| w.rmvf().set_bit());
+    rcc.csr().modify(|_, w| w.rmvf().set_bit());
 
-    let mut identity = identity(&device.RCC, Identity::TASKS);
+    let mut identity = identity(&rcc, Identity::TASKS);
 
     let (mut board, latch, current_control) = ThisBoard::start(Peripherals {
-        rcc: device.RCC.constrain(),
+        rcc: &mut rcc,
+        clocks,
         exti: device.EXTI,
         syscfg: device.SYSCFG,
         syst,
@@ -94,8 +95,7 @@ pub fn start(device: pac::Peripherals, syst: cortex_m::peripheral::SYST, node: &
     }
     if plant_link {
         board.connect_plant_link();
-        // SAFETY: a bit that only this line changes, before the first interrupt.
-        unsafe { (*pac::RCC::ptr()).apb1enr().modify(|_, w| w.usart2en().set_bit()) };
+        rcc.apb1enr().modify(|_, w| w.usart2en().set_bit());
         // As in `chip_supply::start`.
         cortex_m::asm::dsb();
         uarts.usart2.start(clocks.apb1, clocks.baud);

@@ -315,7 +315,7 @@ impl Board for FakeBoard {
     type Latch = FakeLatch;
     type CurrentControl = NoCurrents;
 
-    fn start(_: Peripherals) -> (Self, FakeLatch, NoCurrents) {
+    fn start(_: Peripherals<'_>) -> (Self, FakeLatch, NoCurrents) {
         (Self { silent: false, enabled: false }, FakeLatch, NoCurrents)
     }
     fn configure(&mut self, _: &RobotModel) -> Result<(), ModelError> {

@@ -135,8 +135,8 @@ impl Board for Odrive {
     type Latch = Encoders;
     type CurrentControl = CurrentLoops;
 
-    fn start(mut peripherals: Peripherals) -> (Self, Encoders, CurrentLoops) {
-        let rcc = &mut peripherals.rcc;
+    fn start(peripherals: Peripherals<'_>) -> (Self, Encoders, CurrentLoops) {
+        let rcc = peripherals.rcc;
         let a = peripherals.gpioa.split(rcc);
         let b = peripherals.gpiob.split(rcc);
         let c = peripherals.gpioc.split(rcc);

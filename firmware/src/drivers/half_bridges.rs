@@ -3,8 +3,8 @@
 use super::pulses::phase;
 use crate::board::Phase;
 use crate::pac;
-use pac::{TIM1, TIM8, tim1};
-use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
+use pac::{RCC, TIM1, TIM8, tim1};
+use stm32f4xx_hal::rcc::{Enable, Reset};
 
 /// Dead time, for which both gates of a half bridge are off before one switches on [counts]: 0.12 µs.
 const DEAD_TIME: u8 = 20;
@@ -24,7 +24,7 @@ impl HalfBridges {
     ///
     /// `AOE` stays 0, so that nothing but [`HalfBridges::enable`] switches them on; this, the dead time and
     /// the outputs' idle level (off) are locked until the next reset.
-    pub fn start(timers: (TIM1, TIM8), rcc: &mut Rcc, resolution: u16) -> Self {
+    pub fn start(timers: (TIM1, TIM8), rcc: &mut RCC, resolution: u16) -> Self {
         let (first, second) = timers;
         TIM1::enable(rcc);
         TIM1::reset(rcc);

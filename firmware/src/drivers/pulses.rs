@@ -2,8 +2,8 @@
 
 use crate::board::Phase;
 use crate::pac;
-use pac::{TIM1, tim1};
-use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
+use pac::{RCC, TIM1, tim1};
+use stm32f4xx_hal::rcc::{Enable, Reset};
 
 /// Three channels on their complementary pins (CH1N to CH3N), centre-aligned: a pulse lies around the instant
 /// at which the counter is 0. The trigger of the converters is at the other end of the count, as far from all
@@ -16,7 +16,7 @@ impl Pulses {
     /// The break input is active when low. `AOE` stays 0: pulses that it stopped return only by
     /// [`Pulses::enable`]. `AOE`, the polarity of the break input and the outputs' idle level (low) are
     /// locked until the next reset.
-    pub fn start(timer: TIM1, rcc: &mut Rcc, resolution: u16) -> Self {
+    pub fn start(timer: TIM1, rcc: &mut RCC, resolution: u16) -> Self {
         TIM1::enable(rcc);
         TIM1::reset(rcc);
         timer.cr1().write(|w| w.cms().center_aligned1().arpe().set_bit());

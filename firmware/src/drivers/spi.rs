@@ -3,10 +3,10 @@
 use core::marker::PhantomData;
 
 use embedded_hal::spi::{Error, ErrorKind, ErrorType, Operation, SpiDevice};
-use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
+use stm32f4xx_hal::rcc::{Enable, Reset};
 
 use crate::pac;
-use pac::spi1;
+use pac::{RCC, spi1};
 
 /// Maximum number of polls for a byte, some 20 µs; a byte takes at most 1.5 µs.
 const POLLS: u32 = 500;
@@ -85,7 +85,7 @@ impl<B> ErrorType for Device<B> {
 
 impl<B: Bus> Device<B> {
     /// Starts the bus. `pins` are its devices' select lines in the port, which must be outputs that are high.
-    pub fn start<const N: usize>(_spi: B::Spi, rcc: &mut Rcc, pins: [u8; N]) -> [Self; N] {
+    pub fn start<const N: usize>(_spi: B::Spi, rcc: &mut RCC, pins: [u8; N]) -> [Self; N] {
         B::Spi::enable(rcc);
         B::Spi::reset(rcc);
         let spi = B::registers();
