@@ -34,7 +34,7 @@ use stm32f4xx_hal::qei::Qei;
 use stm32f4xx_hal::rcc::Enable;
 use tesaki::TICK;
 use tesaki::control::Switching;
-use tesaki::model::{Field, ModelError, Problem, RobotModel};
+use tesaki::model::{ModelError, RobotModel};
 use tesaki::protocol::{ActuatorFrame, SensorFlags, SensorFrame};
 use tesaki_drivers::counter::Counter;
 use tesaki_drivers::drv8874::{self, CurrentSense};
@@ -197,12 +197,7 @@ impl Board for Weact {
             let chain = model.chains.get(usize::from(gauges.chain))?;
             Some((chain.force_sensor.as_ref()?, gauges))
         });
-        self.gauges.configure(gauges).map_err(|_| ModelError {
-            joint: None,
-            field: Field::GaugeGains,
-            value: 0.0,
-            problem: Problem::NotSupported,
-        })?;
+        self.gauges.configure(gauges);
         self.joints.configure(model);
         // The queue is full only if the current loop does not run, which `read` reports. Then nothing moves.
         let _ = self.to_loops.enqueue(motors);
