@@ -103,10 +103,11 @@ pub fn start(device: pac::Peripherals, syst: cortex_m::peripheral::SYST, node: &
     let period = if plant_link { IDLE_PERIOD } else { PERIOD };
     start_timer(&device.TIM2, clocks.timer, period, || current_control.phase());
 
-    let crash = retained::take_crash();
+    // SAFETY: before the first interrupt.
+    let crash = unsafe { retained::take_crash() };
     let reset = match &crash {
         _ if by_watchdog => ResetCause::Watchdog,
-        Some(crash) => match crash.cause() {
+        Some(crash) => match crash.cause {
             FaultCause::Panic => ResetCause::Panic,
             FaultCause::CrystalStopped => ResetCause::CrystalStopped,
             FaultCause::ChipSupplyLow => ResetCause::BrownOut,
@@ -119,11 +120,12 @@ pub fn start(device: pac::Peripherals, syst: cortex_m::peripheral::SYST, node: &
     // On the plant link the host controls time, so the accuracy of the clock does not matter.
     let clock_faults = if plant_link { [None; 2] } else { clock_faults(&clocks) };
     let watchdog_fault = by_watchdog.then_some((FaultCause::WatchdogReset, 0, 0));
-    let crash_fault = crash.as_ref().map(|crash| (crash.cause(), crash.place, 0));
+    let crash_fault = crash.as_ref().map(|crash| (crash.cause, crash.place, 0));
     let brown_out = by_brown_out.then_some((FaultCause::ChipSupplyLow, 2, 0));
     let low_supply = (!is_supplied).then_some((FaultCause::ChipSupplyLow, 3, 0));
     // Its faults are those since power-on, even if the memory has kept older ones.
-    if !by_power && let Some((log, joints)) = retained::faults() {
+    // SAFETY: before the first interrupt.
+    if !by_power && let Some((log, joints)) = unsafe { retained::faults() } {
         node.restore_faults(log, joints);
     }
     let is_told = node.faults().faults.iter().any(|fault| fault.cause == FaultCause::BrownOutResetOff);
@@ -131,12 +133,11 @@ pub fn start(device: pac::Peripherals, syst: cortex_m::peripheral::SYST, node: &
     let unprotected = unprotected.then_some((FaultCause::BrownOutResetOff, level, chip_supply::NEEDED_LEVEL));
     let own = [watchdog_fault, crash_fault, brown_out, low_supply, unprotected];
     record_faults(node, own.into_iter().chain(clock_faults).flatten());
-    let text = crash.as_ref().map_or("", |crash| crash.text());
     let status = BoardStatus {
         identity,
         clock: clocks.source,
         reset,
-        last_words: text.try_into().unwrap_or_default(),
+        last_words: crash.map(|crash| crash.text).unwrap_or_default(),
         stack_used: 0,
         stack_size: 0,
         supervisor_link: LinkStatistics::default(),
@@ -165,7 +166,8 @@ fn record_faults(node: &mut Node, faults: impl Iterator<Item = StartFault>) {
         )]
         node.record_fault(Fault { cause, joint: None, value: value as f32, limit: limit as f32, tick: 0 });
     }
-    retained::retain_faults(node.faults(), node.fault_joints());
+    // SAFETY: before the first interrupt.
+    unsafe { retained::retain_faults(node.faults(), node.fault_joints()) };
 }
 
 /// Period of the timer on the plant link [µs]: the idle loop wakes in time for the watchdog, whose timeout is

@@ -20,7 +20,8 @@ fn panic(info: &PanicInfo<'_>) -> ! {
     let (file, line) = info.location().map_or(("?", 0), |location| (location.file(), location.line()));
     // Without its message: that would need `core::fmt`.
     let words = [Word::Text("panicked at "), Word::Text(file), Word::Text(":"), Word::Decimal(line)];
-    retain_crash(FaultCause::Panic, line, &words);
+    // SAFETY: nothing else runs any more.
+    unsafe { retain_crash(FaultCause::Panic, line, &words) };
     SCB::sys_reset()
 }
 
@@ -63,11 +64,13 @@ extern "C" fn hard_fault(frame: usize) -> ! {
             Word::Text(", lr "),
             Word::Hexadecimal(lr),
         ];
-        retain_crash(FaultCause::HardFault, pc, &words);
+        // SAFETY: nothing else runs any more.
+        unsafe { retain_crash(FaultCause::HardFault, pc, &words) };
     } else {
         let size = Word::Decimal((start - end) as u32);
         let words = [Word::Text("stack overflow: "), size, Word::Text(" bytes are not enough")];
-        retain_crash(FaultCause::HardFault, 0, &words);
+        // SAFETY: nothing else runs any more.
+        unsafe { retain_crash(FaultCause::HardFault, 0, &words) };
     }
     SCB::sys_reset()
 }
@@ -88,7 +91,8 @@ unsafe fn NonMaskableInt() -> ! {
     ThisBoard::off();
     // SAFETY: one store to a register that nobody else uses now.
     unsafe { (*pac::RCC::ptr()).cir().modify(|_, w| w.cssc().clear()) };
-    retain_crash(FaultCause::CrystalStopped, 0, &[Word::Text("the crystal stopped")]);
+    // SAFETY: nothing else runs any more.
+    unsafe { retain_crash(FaultCause::CrystalStopped, 0, &[Word::Text("the crystal stopped")]) };
     SCB::sys_reset()
 }
 
@@ -99,6 +103,7 @@ pub fn end_by_low_supply() -> ! {
     ThisBoard::off();
     clock::slow_down();
     let words = [Word::Text("the microcontroller's supply fell below 2.9 V")];
-    retain_crash(FaultCause::ChipSupplyLow, 1, &words);
+    // SAFETY: nothing else runs any more.
+    unsafe { retain_crash(FaultCause::ChipSupplyLow, 1, &words) };
     SCB::sys_reset()
 }

@@ -25,7 +25,7 @@ use tesaki_firmware::clock::{bring_up, frequency};
 use tesaki_firmware::control::Periods;
 use tesaki_firmware::link::{RECEIVE_QUEUE, SEND_QUEUE, Storage, Uart};
 use tesaki_firmware::pac::{Interrupt, flash, rcc};
-use tesaki_firmware::retained::{Record, Word};
+use tesaki_firmware::retained::{Crash, Record, Word};
 use tesaki_firmware::{retained, stack};
 
 mod support;
@@ -38,14 +38,15 @@ type Test = (&'static str, fn() -> bool);
 
 #[entry]
 fn main() -> ! {
-    stack::paint();
+    // SAFETY: no interrupt is enabled yet.
+    unsafe { stack::paint() };
     // The tests of retained memory need a reset: the second start checks what the first one retained.
-    let second_start = retained::faults().is_some_and(|(log, _)| log.total == 2 && log.faults.len() == 2);
+    let second_start = retained_faults().is_some_and(|(log, _)| log.total == 2 && log.faults.len() == 2);
     if !second_start {
         let mut log = FaultLog::new();
         log.record(fault(FaultCause::EncoderJump, Some(4), 0.25));
         log.record(fault(FaultCause::CommandTimeout, None, 0.11));
-        retained::retain_faults(&log, JOINTS);
+        retain_faults(&log, JOINTS);
         let words = [
             Word::Text("a message of "),
             Word::Decimal(120),
@@ -57,7 +58,8 @@ fn main() -> ! {
             Word::Hexadecimal(0x01AF_0009),
             Word::Text(", and of more than fits into the place that is kept for the last words"),
         ];
-        retained::retain_crash(FaultCause::Panic, 77, &words);
+        // SAFETY: this program has no interrupt that uses the memory.
+        unsafe { retained::retain_crash(FaultCause::Panic, 77, &words) };
         SCB::sys_reset();
     }
     let tests: &[Test] = &[
@@ -100,8 +102,23 @@ fn fault(cause: FaultCause, joint: Option<u8>, value: f32) -> Fault {
     Fault { cause, joint, value, limit: 0.1, tick: 12 }
 }
 
+fn retain_faults(log: &FaultLog, joints: u32) {
+    // SAFETY: this program has no interrupt that uses the memory.
+    unsafe { retained::retain_faults(log, joints) }
+}
+
+fn retained_faults() -> Option<(FaultLog, u32)> {
+    // SAFETY: this program has no interrupt that uses the memory.
+    unsafe { retained::faults() }
+}
+
+fn take_crash() -> Option<Crash> {
+    // SAFETY: this program has no interrupt that uses the memory.
+    unsafe { retained::take_crash() }
+}
+
 fn faults_survive() -> bool {
-    retained::faults().is_some_and(|(log, joints)| {
+    retained_faults().is_some_and(|(log, joints)| {
         joints == JOINTS
             && log.faults[0] == fault(FaultCause::EncoderJump, Some(4), 0.25)
             && log.faults[1] == fault(FaultCause::CommandTimeout, None, 0.11)
@@ -109,13 +126,13 @@ fn faults_survive() -> bool {
 }
 
 fn crash_message_survives() -> bool {
-    let Some(crash) = retained::take_crash() else { return false };
+    let Some(crash) = take_crash() else { return false };
     let start = "a message of 120, 0, 4294967295 and 0x01af0009, and of more than fits";
-    crash.cause() == FaultCause::Panic
+    crash.cause == FaultCause::Panic
         && crash.place == 77
-        && crash.text().starts_with(start)
-        && crash.text().len() == retained::MAX_TEXT
-        && retained::take_crash().is_none()
+        && crash.text.starts_with(start)
+        && crash.text.len() == retained::MAX_TEXT
+        && take_crash().is_none()
 }
 
 unsafe extern "C" {
@@ -247,11 +264,10 @@ fn stack_is_measured() -> bool {
 }
 
 fn other_layouts_are_not_read() -> bool {
-    let value = [3_u32, 5];
-    let Some(record) = Record::<16>::encode(&value, 7) else { return false };
-    record.decode(7) == Some(value)
-        && record.decode::<[u32; 2]>(8).is_none()
-        && Record::<1>::encode(&value, 7).is_none()
+    let Some(record) = Record::<4>::new(&[3, 5], 7) else { return false };
+    record.contents(7) == Some(&[3, 5])
+        && record.contents(8).is_none()
+        && Record::<4>::new(&[0; 5], 7).is_none()
 }
 
 fn longest_log_is_retained() -> bool {
@@ -265,8 +281,8 @@ fn longest_log_is_retained() -> bool {
     };
     (0..2 * log.faults.capacity()).for_each(|_| log.record(longest));
     log.total = u32::MAX;
-    retained::retain_faults(&log, u32::MAX);
-    log.faults.is_full() && retained::faults() == Some((log, u32::MAX))
+    retain_faults(&log, u32::MAX);
+    log.faults.is_full() && retained_faults() == Some((log, u32::MAX))
 }
 
 /// Longest time from the counter's zero to its interrupt [1/168 MHz].
@@ -291,7 +307,7 @@ fn interrupts_are_not_kept_off() -> bool {
     timer.clear_current();
     timer.enable_interrupt();
     timer.enable_counter();
-    (0..500).for_each(|_| retained::retain_faults(&log, JOINTS));
+    (0..500).for_each(|_| retain_faults(&log, JOINTS));
     timer.disable_interrupt();
     timer.disable_counter();
     let instructions = LATENCY.load(Ordering::Relaxed) * 1000 / 168;
