@@ -95,7 +95,7 @@ const PERIODS: u32 = (TICK / SWITCHING.period + 0.5) as u32;
 /// Back-EMF of a motor above which the gate drivers must not be woken [V].
 const MAX_BACK_EMF: f32 = 5.0;
 
-/// The board's equipment. A trip must lie within the amplifiers' range, 33 A.
+/// The board's equipment.
 const EQUIPMENT: Equipment = Equipment {
     motors: N as u8,
     absolute_encoders: false,
@@ -104,6 +104,8 @@ const EQUIPMENT: Equipment = Equipment {
     current: 25.0,
     supply: 48.0,
 };
+// The amplifiers show every trip.
+const _: () = assert!(TRIP * EQUIPMENT.current < SENSE.range());
 
 /// From the control task to the current loops.
 static ORDER: Handover<{ order_words(N) }> = Handover::new();

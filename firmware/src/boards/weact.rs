@@ -83,7 +83,7 @@ const TRIP: f32 = 1.15;
 /// Periods of the current loop in a control period.
 const PERIODS: u32 = (TICK / SWITCHING.period + 0.5) as u32;
 
-/// The board's equipment. A trip must lie within the range of the current sense, 2.94 A.
+/// The board's equipment.
 const EQUIPMENT: Equipment = Equipment {
     motors: N as u8,
     absolute_encoders: false,
