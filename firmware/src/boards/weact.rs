@@ -93,6 +93,8 @@ const EQUIPMENT: Equipment = Equipment {
     supply: 36.0,
 };
 const _: () = assert!(EQUIPMENT.supply <= drv8874::SUPPLY_MAX);
+// The current sense shows every trip.
+const _: () = assert!(TRIP * EQUIPMENT.current < CURRENT_SENSE.range());
 
 /// EXTI line on which the force sensor's converter signals new values.
 const DATA_LINE: u32 = 1 << 4;
@@ -269,8 +271,9 @@ fn connect_data_line(syscfg: &pac::SYSCFG, exti: &pac::EXTI) {
 /// Sets whether edges of the converter's line raise an interrupt.
 fn watch_data_line(is_watched: bool) {
     let data = if is_watched { DATA_LINE } else { 0 };
-    // SAFETY: only the detector of the chip's supply has another bit in the mask, which does not change after
-    // boot; the chip has these lines.
+    // SAFETY: the only other bit in the mask, that of the detector of the chip's supply, does not change after
+    // boot. If `on_edge` interrupts this, then what is written here holds: it does not depend on the bit that
+    // `on_edge` has changed. The chip has these lines.
     unsafe { (*pac::EXTI::ptr()).imr().modify(|r, w| w.bits(r.bits() & chip_supply::LINE | data)) };
 }
 

@@ -70,9 +70,11 @@ impl HalfBridges {
     /// Switches all gates off. Called from any context, even before the clocks of the timers run: then it has
     /// no effect, and the gates are off anyway.
     pub fn off() {
-        // SAFETY: of the other writers of these registers, only [`HalfBridges::enable`] can interrupt this
-        // code or be interrupted by it. If its write is lost, the gates stay off; the code that interrupts it
-        // also pulls the gate drivers' enable line low.
+        // SAFETY: control, the ADC interrupt and `on_edge` call this and may interrupt each other. After the
+        // start every write of these registers only clears MOE, in whatever order, but that of
+        // [`HalfBridges::enable`]. If `enable` interrupts this, it has no effect: the gates stay off. If this
+        // interrupts `enable`, it may have none; only `on_edge` can, and first pulls the gate drivers' enable
+        // line low, which the caller of `enable` checks afterwards.
         unsafe {
             (*TIM1::ptr()).bdtr().modify(|_, w| w.moe().clear_bit());
             (*TIM8::ptr()).bdtr().modify(|_, w| w.moe().clear_bit());

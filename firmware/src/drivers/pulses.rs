@@ -79,8 +79,10 @@ impl Pulses {
     /// Blocks all pulses. Called from any context, even before the clock of the timer runs: then it has no
     /// effect, and no pulse passes anyway.
     pub fn off() {
-        // SAFETY: of the other writers of this register, only [`Pulses::enable`] can interrupt this code or
-        // be interrupted by it. If its write is lost, the outputs stay off.
+        // SAFETY: control and the ADC interrupt call this, and the second may interrupt the first. After the
+        // start every write of this register only clears MOE, in whatever order, but that of
+        // [`Pulses::enable`]. If `enable` interrupts this, it has no effect: the outputs stay off. What
+        // interrupts `enable` and calls this, such as a fault of the CPU, never returns to it.
         unsafe { (*TIM1::ptr()).bdtr().modify(|_, w| w.moe().clear_bit()) };
     }
 }
