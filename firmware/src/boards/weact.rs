@@ -38,7 +38,7 @@ use tesaki::model::{ModelError, RobotModel};
 use tesaki::protocol::{ActuatorFrame, SensorFlags, SensorFrame};
 use tesaki_drivers::counter::Counter;
 use tesaki_drivers::drv8874::{self, CurrentSense};
-use tesaki_drivers::exchange::{Measured, Order, measured_words, order_words};
+use tesaki_drivers::exchange::{LoopReport, Order, order_words, report_words};
 use tesaki_drivers::gauges::ForceGauges;
 use tesaki_drivers::handover::Handover;
 use tesaki_drivers::joints::{MotorJoints, motors_for};
@@ -102,7 +102,7 @@ const DATA_LINE: u32 = 1 << 4;
 /// From the control task to the current loops.
 static ORDER: Handover<{ order_words(N) }> = Handover::new();
 /// From the current loops to the control task.
-static MEASURED: Handover<{ measured_words(N) }> = Handover::new();
+static REPORT: Handover<{ report_words(N) }> = Handover::new();
 /// New motors, from the control task to the current loops.
 static NEW_MOTORS: ConstStaticCell<Queue<Motors<N>, 2>> = ConstStaticCell::new(Queue::new());
 
@@ -210,7 +210,7 @@ impl Board for Weact {
         let force = self.gauges.update();
         watch_data_line(force.is_some());
         let (_, words) = sample.measured?;
-        let measured = Measured::<N>::from_words(&words);
+        let measured = LoopReport::<N>::from_words(&words);
         let [first, second, third] = sample.counts;
         let counts = [
             self.counters[0].extend(first as u16),
@@ -293,7 +293,7 @@ fn sleep() {
 #[derive(Clone, Copy)]
 pub struct Sample {
     counts: [u32; N],
-    measured: Option<(u32, [u32; measured_words(N)])>,
+    measured: Option<(u32, [u32; report_words(N)])>,
 }
 
 /// The encoders' counters.
@@ -304,7 +304,7 @@ impl Latch for Encoders {
 
     fn latch(&mut self) -> Sample {
         let counts = [self.0.count().into(), self.1.count().into(), self.2.count()];
-        Sample { counts, measured: MEASURED.read(0) }
+        Sample { counts, measured: REPORT.read(0) }
     }
 }
 
@@ -372,6 +372,6 @@ impl CurrentControl for CurrentLoops {
         }
         let magnitudes = [first, second, third].map(|counts| f32::from(counts) * CURRENT_SENSE.resolution());
         self.motors.update(&magnitudes, f32::from(supply) * SUPPLY_RESOLUTION, &mut self.stages);
-        MEASURED.write(self.motors.measured(true).words());
+        REPORT.write(self.motors.report(true).words());
     }
 }
