@@ -1,5 +1,6 @@
 //! The converter ADS131M06 (Texas Instruments, SBAS949): six channels of 24 bits, sampled at once, for six
-//! strain gauges. SPI mode 1, at most 25 MHz.
+//! strain gauges. SPI mode 1, at most 25 MHz. The gauges' supply is its reference, so that its drift has no
+//! effect.
 //!
 //! A frame has eight words of 24 bits both ways. The host sends a command, its value if it has one, and their
 //! checksum; the converter sends the answer to the previous command (its status, if there was none), six
@@ -16,6 +17,8 @@ use embedded_hal::spi::{Operation, SpiDevice};
 pub const CHANNELS: usize = 6;
 /// Values at the ends of the range.
 pub const RANGE: (i32, i32) = (-0x80_0000, 0x7F_FFFF);
+/// Samples of the modulator for a value: with a clock of 8.192 MHz, 1000 values a second.
+pub const OVERSAMPLING: u16 = 4096;
 /// This many equal values of a channel in a row are a fault. The noise is larger than a count at each gain.
 pub const STANDING: u8 = 8;
 
@@ -40,48 +43,21 @@ const GAIN2: u16 = 0x05;
 const SIX_CHANNELS: u16 = 0x26;
 /// MODE: checksums of both directions are CCITT's, words have 24 bits, a frame that stops halfway is dropped.
 const CHECKED_MODE: u16 = 1 << 12 | 1 << 8 | 1 << 4;
-/// CLOCK: all channels on, high resolution.
-const ALL_CHANNELS: u16 = 0x3F << 8 | 2;
-const EXTERNAL_REFERENCE: u16 = 1 << 6;
+/// CLOCK: all channels on, external reference, [`OVERSAMPLING`], high resolution.
+const CLOCK_VALUE: u16 = 0x3F << 8 | 1 << 6 | (OVERSAMPLING.ilog2() as u16 - 7) << 2 | 2;
 
 /// Status: a command was damaged; the converter restarted; channels with a new value.
 const COMMAND_DAMAGED: u16 = 1 << 12;
 const RESTARTED: u16 = 1 << 10;
 const READY: u16 = 0x3F;
 
-/// Settings of the converter.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Settings {
-    /// Gain of each channel, a power of two up to 128.
-    pub gains: [u8; CHANNELS],
-    /// Samples of the modulator for a value, a power of two from 128 to 16 384: with a clock of 8.192 MHz,
-    /// 4096 make 1000 values a second.
-    pub oversampling: u16,
-    /// The gauges' supply is the reference, so that its drift has no effect.
-    pub external_reference: bool,
-}
-
-/// A setting that the converter does not have.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum InvalidSettings {
-    /// This gain of a channel does not exist.
-    Gain {
-        /// The channel.
-        channel: u8,
-        /// Its gain.
-        gain: u8,
-    },
-    /// This oversampling does not exist.
-    Oversampling(u16),
-}
-
 /// Why the converter did not start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StartError<E> {
     /// The bus failed.
     Bus(E),
-    /// It has no settings yet.
-    NoSettings,
+    /// It has no gains yet.
+    NoGains,
     /// The answer to the reset or the number of channels was wrong: the answer, 0 when it was damaged.
     Absent(u16),
     /// A register did not keep what was written to it.
@@ -114,7 +90,7 @@ pub enum ReadError<E> {
 #[derive(Debug)]
 pub struct Ads131m06<S> {
     spi: S,
-    /// Registers and their values; `None` without settings.
+    /// Registers and their values; `None` without gains.
     registers: Option<[(u16, u16); 4]>,
     /// Frames of the start that have been exchanged.
     step: u8,
@@ -129,16 +105,12 @@ impl<S: SpiDevice> Ads131m06<S> {
         Self { spi, registers: None, step: 0, last: [0; CHANNELS], repeats: [0; CHANNELS] }
     }
 
-    /// Takes settings; the converter must then be started with them.
-    ///
-    /// # Errors
-    /// A setting that the converter does not have. Nothing is changed then.
-    pub fn configure(&mut self, settings: &Settings) -> Result<(), InvalidSettings> {
-        let [gain1, gain2] = settings.gain_registers()?;
-        let clock = settings.clock_register()?;
-        self.registers = Some([(MODE, CHECKED_MODE), (CLOCK, clock), (GAIN1, gain1), (GAIN2, gain2)]);
+    /// Takes the gain of each channel, a power of two up to 128, as a validated model has it; the converter
+    /// must then be started.
+    pub fn configure(&mut self, gains: &[u8; CHANNELS]) {
+        let [gain1, gain2] = gain_registers(gains);
+        self.registers = Some([(MODE, CHECKED_MODE), (CLOCK, CLOCK_VALUE), (GAIN1, gain1), (GAIN2, gain2)]);
         self.step = 0;
-        Ok(())
     }
 
     /// Exchanges the next frame of the reset and set-up: eleven in all, at least 5 µs apart. Returns whether
@@ -148,7 +120,7 @@ impl<S: SpiDevice> Ads131m06<S> {
     /// It does not answer as it must.
     pub fn start(&mut self) -> Result<bool, StartError<S::Error>> {
         let step = core::mem::take(&mut self.step);
-        let registers = self.registers.ok_or(StartError::NoSettings)?;
+        let registers = self.registers.ok_or(StartError::NoGains)?;
         let register = |frame: u8| registers.get(usize::from(frame / 2)).copied();
         // Each frame has the answer to the previous one.
         let (command, value) = match step.checked_sub(2) {
@@ -243,29 +215,15 @@ impl<S: SpiDevice> Ads131m06<S> {
     }
 }
 
-impl Settings {
-    fn gain_registers(&self) -> Result<[u16; 2], InvalidSettings> {
-        let mut registers = [0; 2];
-        for (channel, &gain) in (0_u8..).zip(&self.gains) {
-            if !gain.is_power_of_two() {
-                return Err(InvalidSettings::Gain { channel, gain });
-            }
-            let bits = u16::from(gain.trailing_zeros().to_le_bytes()[0]);
-            if let Some(register) = registers.get_mut(usize::from(channel / 4)) {
-                *register |= bits << (4 * (channel % 4));
-            }
+/// Returns the registers of the gains: four bits of a channel, the first lowest.
+fn gain_registers(gains: &[u8; CHANNELS]) -> [u16; 2] {
+    let mut registers = [0; 2];
+    for (register, gains) in registers.iter_mut().zip(gains.chunks(4)) {
+        for gain in gains.iter().rev() {
+            *register = *register << 4 | u16::from(gain.trailing_zeros().to_le_bytes()[0]);
         }
-        Ok(registers)
     }
-
-    fn clock_register(&self) -> Result<u16, InvalidSettings> {
-        let Self { oversampling, external_reference, .. } = *self;
-        if !oversampling.is_power_of_two() || !(128..=16_384).contains(&oversampling) {
-            return Err(InvalidSettings::Oversampling(oversampling));
-        }
-        let rate = u16::from(oversampling.trailing_zeros().to_le_bytes()[0]) - 7;
-        Ok(ALL_CHANNELS | rate << 2 | if external_reference { EXTERNAL_REFERENCE } else { 0 })
-    }
+    registers
 }
 
 /// Returns the first half word of a frame, if its checksum is right.

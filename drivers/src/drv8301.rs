@@ -111,7 +111,7 @@ impl ShuntSense {
     }
 
     /// Returns the current at which an amplifier saturates [A].
-    pub fn range(&self) -> f32 {
+    pub const fn range(&self) -> f32 {
         AMPLIFIER_SWING / (self.gain.factor() * self.shunt)
     }
 

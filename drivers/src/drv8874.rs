@@ -30,7 +30,7 @@ impl CurrentSense {
     }
 
     /// Returns the motor current at full scale [A].
-    pub fn range(&self) -> f32 {
+    pub const fn range(&self) -> f32 {
         self.reference / (MIRROR * self.resistor)
     }
 }

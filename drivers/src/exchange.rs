@@ -67,7 +67,7 @@ impl<const N: usize> Order<N> {
 
 /// The measurements of the current loops.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Measured<const N: usize> {
+pub struct LoopReport<const N: usize> {
     /// Totals since the start.
     pub totals: Totals<N>,
     /// The last sample of the supply [mV]; after a trip, the one at which it came.
@@ -80,19 +80,19 @@ pub struct Measured<const N: usize> {
     pub is_ready: bool,
 }
 
-/// Returns the number of words of [`Measured`] for `motors` motors.
-pub const fn measured_words(motors: usize) -> usize {
+/// Returns the number of words of [`LoopReport`] for `motors` motors.
+pub const fn report_words(motors: usize) -> usize {
     2 * motors + 5
 }
 
-impl<const N: usize> Measured<N> {
+impl<const N: usize> LoopReport<N> {
     const TRIPPED: u32 = 1;
     const READY: u32 = 2;
     const SUPPLY_TRIPPED: u32 = 4;
 
-    /// Encodes the measurements as `W` words, which must be [`measured_words`].
+    /// Encodes the measurements as `W` words, which must be [`report_words`].
     pub fn words<const W: usize>(&self) -> [u32; W] {
-        const { assert!(W == measured_words(N)) }
+        const { assert!(W == report_words(N)) }
         let Totals { currents, voltages, supply, periods, driven } = &self.totals;
         let states = [
             (self.has_tripped, Self::TRIPPED),
@@ -115,7 +115,7 @@ impl<const N: usize> Measured<N> {
 
     /// Decodes these words.
     pub fn from_words<const W: usize>(words: &[u32; W]) -> Self {
-        const { assert!(W == measured_words(N)) }
+        const { assert!(W == report_words(N)) }
         let mut words = words.iter().copied();
         let mut next = || words.next().unwrap_or_default();
         let totals = Totals {
@@ -155,8 +155,8 @@ mod tests {
             Totals { currents: [1, -2], voltages: [i32::MIN, 4], supply: 5, periods: u32::MAX, driven: 6 };
         for bits in 0..8 {
             let [has_tripped, is_ready, supply_tripped] = [1, 2, 4].map(|bit| bits & bit != 0);
-            let measured = Measured { totals, supply: u16::MAX, has_tripped, supply_tripped, is_ready };
-            assert_eq!(Measured::<2>::from_words(&measured.words::<9>()), measured);
+            let measured = LoopReport { totals, supply: u16::MAX, has_tripped, supply_tripped, is_ready };
+            assert_eq!(LoopReport::<2>::from_words(&measured.words::<9>()), measured);
         }
     }
 }

@@ -5,14 +5,12 @@ use embedded_hal::spi::SpiDevice;
 use tesaki::model::{ForceSensor, GAUGES, Gauges};
 use tesaki::protocol::ForceSensorFault;
 
-use crate::ads131m06::{Ads131m06, InvalidSettings, ReadError, Settings};
+use crate::ads131m06::{Ads131m06, OVERSAMPLING, ReadError};
 
 /// The converter's clock [Hz].
 const CLOCK: f32 = 8.192e6;
-/// Samples of the modulator per value, each of two clocks: 1000 values a second. A value is 0.75 ms old when
-/// it is ready, the group delay of the converter's filters.
-const OVERSAMPLING: u16 = 4096;
-/// Values in a control period.
+/// Values in a control period. A sample of the modulator takes two clocks; a value is 0.75 ms old when it is
+/// ready, the group delay of the converter's filters.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "10")]
 const EXPECTED: u8 = (tesaki::TICK * CLOCK / (2.0 * OVERSAMPLING as f32) + 0.5) as u8;
 /// With fewer trusted values, a control period has a fault.
@@ -96,20 +94,14 @@ impl<S: SpiDevice> ForceGauges<S> {
 
     /// Takes a robot's sensor with its gauges, or `None` without one. The converter is set up in the periods
     /// that follow.
-    ///
-    /// # Errors
-    /// The converter does not have this gain; nothing is changed then. A validated model has only valid
-    /// gains.
-    pub fn configure(&mut self, of: Option<(&ForceSensor, &Gauges)>) -> Result<(), InvalidSettings> {
+    pub fn configure(&mut self, of: Option<(&ForceSensor, &Gauges)>) {
         if let Some((_, gauges)) = of {
-            let (gains, oversampling) = (gauges.gains, OVERSAMPLING);
-            self.converter.configure(&Settings { gains, oversampling, external_reference: true })?;
+            self.converter.configure(&gauges.gains);
         }
         self.calibration = of.map(|(sensor, gauges)| Calibration::new(sensor, gauges));
         self.is_started = false;
         self.values = [0; GAUGES];
         (self.seen, self.trusted, self.fault) = (0, 0, None);
-        Ok(())
     }
 
     /// Returns whether the robot has such a sensor.

@@ -12,7 +12,7 @@ use tesaki::model::{Field, JointModel, ModelError, Motor as MotorModel, Problem,
 use tesaki::protocol::{SensorFlags, SensorFrame};
 
 use crate::back_emf::{BackEmf, Contradiction, Period};
-use crate::exchange::Measured;
+use crate::exchange::LoopReport;
 use crate::motors::{Command, Motor, Motors, SUM_RESOLUTION, Sensing, Totals, VOLTAGE_RESOLUTION};
 
 /// Data of a joint for every period.
@@ -65,7 +65,7 @@ impl<const N: usize> MotorJoints<N> {
     ///
     /// A single disturbed sample, such as of a power stage that switches, hardly changes the mean supply. A
     /// supply that tripped is reported itself.
-    pub fn update(&mut self, period: u32, counts: [i32; N], measured: &Measured<N>) -> Option<SensorFrame> {
+    pub fn update(&mut self, period: u32, counts: [i32; N], measured: &LoopReport<N>) -> Option<SensorFrame> {
         let totals = &measured.totals;
         let last = self.last.replace(Last { period, counts, totals: *totals });
         self.has_velocities = false;
@@ -238,8 +238,8 @@ mod tests {
     }
 
     /// Returns what is measured with these totals, and a supply of 11 V.
-    fn measured(totals: Totals<2>) -> Measured<2> {
-        Measured { totals, supply: 11_000, has_tripped: false, supply_tripped: false, is_ready: true }
+    fn measured(totals: Totals<2>) -> LoopReport<2> {
+        LoopReport { totals, supply: 11_000, has_tripped: false, supply_tripped: false, is_ready: true }
     }
 
     /// By hand: 199 samples of 12 V and one of 40 V are 12.14 V. In the first period there is no mean, but a
@@ -253,7 +253,7 @@ mod tests {
         let totals = Totals { supply: totals.supply.wrapping_add(sum), periods: 200, ..totals };
         assert_eq!(joints.update(2, [0; 2], &measured(totals)).unwrap().supply, 12_140);
         let totals = Totals { supply: totals.supply.wrapping_add(sum), periods: 400, ..totals };
-        let tripped = Measured { has_tripped: true, supply_tripped: true, ..measured(totals) };
+        let tripped = LoopReport { has_tripped: true, supply_tripped: true, ..measured(totals) };
         assert_eq!(joints.update(3, [0; 2], &tripped).unwrap().supply, 11_000);
     }
 

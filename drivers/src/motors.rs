@@ -9,7 +9,7 @@ use tesaki::control::{
 use tesaki::math;
 
 use crate::current_sign::CurrentSign;
-use crate::exchange::Measured;
+use crate::exchange::LoopReport;
 
 /// Resolution of the sums of currents [A].
 pub const SUM_RESOLUTION: f32 = 1e-4;
@@ -239,12 +239,12 @@ impl<const N: usize> Motors<N> {
     }
 
     /// Returns what was measured. `is_ready` tells whether the currents can be measured.
-    pub fn measured(&self, is_ready: bool) -> Measured<N> {
+    pub fn report(&self, is_ready: bool) -> LoopReport<N> {
         let has_tripped = self.phase == Phase::Tripped;
         let supply_tripped = has_tripped && self.high_samples == HIGH_SAMPLES;
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
         let supply = (self.supply * SUMS_PER_VOLT) as u16;
-        Measured {
+        LoopReport {
             totals: self.totals,
             // Rounded up: in millivolts, too, it is above the limit.
             supply: supply.saturating_add(supply_tripped.into()),

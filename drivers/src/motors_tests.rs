@@ -133,7 +133,7 @@ fn currents_around_zero_stay_there() {
                 worst = worst.max((rig.current[0] - f64::from(current)).abs());
                 worst = worst.max((rig.current[1] + f64::from(current)).abs());
             }
-            assert!(worst < 0.008 && !motors.measured(true).has_tripped, "{index} {warm}: {worst}");
+            assert!(worst < 0.008 && !motors.report(true).has_tripped, "{index} {warm}: {worst}");
         }
     }
 }
@@ -152,7 +152,7 @@ fn currents_follow_in_all_four_quadrants_without_glitches() {
         for (found, expected) in rig.current.into_iter().zip(command.currents) {
             assert!((found - f64::from(expected)).abs() < 0.01, "{found} {expected} at {velocity}");
         }
-        assert!(!motors.measured(true).has_tripped);
+        assert!(!motors.report(true).has_tripped);
     }
     assert_eq!(rig.glitches, 0);
 }
@@ -177,12 +177,12 @@ fn a_current_beyond_the_trip_switches_off_in_the_same_period_until_told_to_be_of
         run(&mut rig, &mut motors, &command([0.5; 2], [0.0; 2]), 400);
         rig.current[1] = broken;
         rig.step(&mut motors);
-        assert!(!rig.awake && !rig.pulses_pass && motors.measured(true).has_tripped);
+        assert!(!rig.awake && !rig.pulses_pass && motors.report(true).has_tripped);
         rig.current = [0.0; 2];
         run(&mut rig, &mut motors, &command([0.5; 2], [0.0; 2]), 400);
-        assert!(!rig.awake && motors.measured(true).has_tripped);
+        assert!(!rig.awake && motors.report(true).has_tripped);
         motors.command(None, &mut rig);
-        assert!(!motors.measured(true).has_tripped);
+        assert!(!motors.report(true).has_tripped);
         run(&mut rig, &mut motors, &command([0.5; 2], [0.0; 2]), 400);
         assert!(rig.pulses_pass && (rig.current[0] - 0.5).abs() < 0.01);
     }
@@ -195,7 +195,7 @@ fn a_trip_of_the_hardware_is_kept() {
     rig.tripped = true;
     rig.step(&mut motors);
     rig.tripped = false;
-    assert!(!rig.awake && motors.measured(true).has_tripped);
+    assert!(!rig.awake && motors.report(true).has_tripped);
 }
 
 /// Motors that brake raise the supply faster than the control task would see it.
@@ -210,21 +210,21 @@ fn a_high_supply_trips_after_four_samples_and_is_reported() {
         rig.excess = 2.9;
         rig.step(&mut motors);
     }
-    assert!(rig.pulses_pass && !motors.measured(true).supply_tripped);
+    assert!(rig.pulses_pass && !motors.report(true).supply_tripped);
     for (excess, awake) in [(3.1, true), (3.2, true), (3.3, true), (3.5, false), (9.0, false), (0.0, false)] {
         rig.excess = excess;
         rig.step(&mut motors);
         assert_eq!(rig.awake, awake, "{excess}");
     }
-    let measured = motors.measured(true);
+    let measured = motors.report(true);
     assert!(measured.has_tripped && measured.supply_tripped && measured.supply == 15_501, "{measured:?}");
     // Motors that are off leave nothing to switch off, and none wake on a high supply.
     motors.command(None, &mut rig);
     rig.excess = 3.5;
     (0..10).for_each(|_| rig.step(&mut motors));
-    assert!(!motors.measured(true).has_tripped && !motors.measured(true).supply_tripped);
+    assert!(!motors.report(true).has_tripped && !motors.report(true).supply_tripped);
     run(&mut rig, &mut motors, &drive, 400);
-    assert!(!rig.awake && motors.measured(true).supply_tripped);
+    assert!(!rig.awake && motors.report(true).supply_tripped);
     motors.command(None, &mut rig);
     rig.excess = 0.0;
     run(&mut rig, &mut motors, &drive, 400);
@@ -246,7 +246,7 @@ fn without_commands_the_motors_are_shorted_after_two_ticks_and_then_off() {
         assert!(rig.awake);
         rig.step(&mut motors);
     }
-    assert!(!rig.awake && !motors.measured(true).has_tripped);
+    assert!(!rig.awake && !motors.report(true).has_tripped);
 }
 
 #[test]
@@ -324,7 +324,7 @@ fn a_signed_current_is_taken_as_it_is() {
     // The trip acts on the magnitude.
     rig.current[1] = -1.3;
     rig.step(&mut motors);
-    assert!(!rig.pulses_pass && motors.measured(true).has_tripped);
+    assert!(!rig.pulses_pass && motors.report(true).has_tripped);
 }
 
 #[test]

@@ -6,11 +6,11 @@
 use core::f32::consts::TAU;
 
 use stm32f4xx_hal::pac;
-use stm32f4xx_hal::rcc::Rcc;
 use tesaki::model::{Field, ModelError, Problem, RobotModel};
 use tesaki::protocol::{ActuatorFrame, SensorFrame};
 
 pub use crate::boards::ThisBoard;
+use crate::clock::Clocks;
 
 /// The UART of the supervisor's line. The plant link is always USART2.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -129,9 +129,12 @@ impl CurrentControl for NoCurrents {
 
 /// The peripherals that the common code leaves to the boards.
 #[allow(missing_docs, reason = "the names are those of the chip")]
-pub struct Peripherals {
-    /// Enables and resets peripherals. Its frequencies are not the actual ones, which [`crate::clock`] sets.
-    pub rcc: Rcc,
+pub struct Peripherals<'a> {
+    /// Enables and resets peripherals. Lent, so that no board makes the HAL's `Rcc` of it: that one's
+    /// frequencies are those after a reset, and drivers that compute their rates from it would be too fast.
+    pub rcc: &'a mut pac::RCC,
+    /// The frequencies.
+    pub clocks: Clocks,
     pub exti: pac::EXTI,
     pub syscfg: pac::SYSCFG,
     pub syst: cortex_m::peripheral::SYST,

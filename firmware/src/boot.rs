@@ -1,7 +1,6 @@
 //! From reset to the first interrupt.
 
 use stm32f4xx_hal::pac;
-use stm32f4xx_hal::prelude::*;
 use tesaki::fault::{Fault, FaultCause};
 use tesaki::node::Node;
 use tesaki::protocol::{BoardStatus, ClockSource, Identity, LinkStatistics, ResetCause};
@@ -38,31 +37,33 @@ pub struct Started {
 /// Initialises clock, watchdog, board, UARTs and timer, and records the cause of the reset in `node`.
 pub fn start(device: pac::Peripherals, syst: cortex_m::peripheral::SYST, node: &mut Node) -> Started {
     let watchdog = Watchdog::start(device.IWDG);
-    let is_supplied = chip_supply::start(&device.RCC, &device.PWR, &device.EXTI, &watchdog);
-    let measure = || clock::measure_crystal(&device.RCC, &device.TIM11);
+    let mut rcc = device.RCC;
+    let is_supplied = chip_supply::start(&rcc, &device.PWR, &device.EXTI, &watchdog);
+    let measure = || clock::measure_crystal(&rcc, &device.TIM11);
     let clocks = if is_supplied {
-        clock::bring_up(&device.RCC, &device.FLASH, ThisBoard::CRYSTAL, measure)
+        clock::bring_up(&rcc, &device.FLASH, ThisBoard::CRYSTAL, measure)
     } else {
         Clocks::SLOW
     };
     watchdog.feed();
-    device.RCC.apb1enr().modify(|_, w| w.tim2en().set_bit());
+    rcc.apb1enr().modify(|_, w| w.tim2en().set_bit());
     match ThisBoard::SUPERVISOR {
-        SupervisorLine::Usart1 => device.RCC.apb2enr().modify(|_, w| w.usart1en().set_bit()),
-        SupervisorLine::Uart4 => device.RCC.apb1enr().modify(|_, w| w.uart4en().set_bit()),
+        SupervisorLine::Usart1 => rcc.apb2enr().modify(|_, w| w.usart1en().set_bit()),
+        SupervisorLine::Uart4 => rcc.apb1enr().modify(|_, w| w.uart4en().set_bit()),
     };
-    let flags = device.RCC.csr().read();
+    let flags = rcc.csr().read();
     let (by_watchdog, by_software) = (flags.wdgrstf().bit_is_set(), flags.sftrstf().bit_is_set());
     // The flag of a brown-out comes with every power-on, too (RM0090, 7.3.21).
     let by_power = flags.porrstf().bit_is_set();
     let by_brown_out = flags.borrstf().bit_is_set() && !by_power;
     let level = chip_supply::brown_out_level(&device.FLASH);
-    device.RCC.csr().modify(|_, w| w.rmvf().set_bit());
+    rcc.csr().modify(|_, w| w.rmvf().set_bit());
 
-    let mut identity = identity(&device.RCC, Identity::TASKS);
+    let mut identity = identity(&rcc, Identity::TASKS);
 
     let (mut board, latch, current_control) = ThisBoard::start(Peripherals {
-        rcc: device.RCC.constrain(),
+        rcc: &mut rcc,
+        clocks,
         exti: device.EXTI,
         syscfg: device.SYSCFG,
         syst,
@@ -94,8 +95,7 @@ pub fn start(device: pac::Peripherals, syst: cortex_m::peripheral::SYST, node: &
     }
     if plant_link {
         board.connect_plant_link();
-        // SAFETY: a bit that only this line changes, before the first interrupt.
-        unsafe { (*pac::RCC::ptr()).apb1enr().modify(|_, w| w.usart2en().set_bit()) };
+        rcc.apb1enr().modify(|_, w| w.usart2en().set_bit());
         // As in `chip_supply::start`.
         cortex_m::asm::dsb();
         uarts.usart2.start(clocks.apb1, clocks.baud);
@@ -103,10 +103,11 @@ pub fn start(device: pac::Peripherals, syst: cortex_m::peripheral::SYST, node: &
     let period = if plant_link { IDLE_PERIOD } else { PERIOD };
     start_timer(&device.TIM2, clocks.timer, period, || current_control.phase());
 
-    let crash = retained::take_crash();
+    // SAFETY: before the first interrupt.
+    let crash = unsafe { retained::take_crash() };
     let reset = match &crash {
         _ if by_watchdog => ResetCause::Watchdog,
-        Some(crash) => match crash.cause() {
+        Some(crash) => match crash.cause {
             FaultCause::Panic => ResetCause::Panic,
             FaultCause::CrystalStopped => ResetCause::CrystalStopped,
             FaultCause::ChipSupplyLow => ResetCause::BrownOut,
@@ -119,11 +120,12 @@ pub fn start(device: pac::Peripherals, syst: cortex_m::peripheral::SYST, node: &
     // On the plant link the host controls time, so the accuracy of the clock does not matter.
     let clock_faults = if plant_link { [None; 2] } else { clock_faults(&clocks) };
     let watchdog_fault = by_watchdog.then_some((FaultCause::WatchdogReset, 0, 0));
-    let crash_fault = crash.as_ref().map(|crash| (crash.cause(), crash.place, 0));
+    let crash_fault = crash.as_ref().map(|crash| (crash.cause, crash.place, 0));
     let brown_out = by_brown_out.then_some((FaultCause::ChipSupplyLow, 2, 0));
     let low_supply = (!is_supplied).then_some((FaultCause::ChipSupplyLow, 3, 0));
     // Its faults are those since power-on, even if the memory has kept older ones.
-    if !by_power && let Some((log, joints)) = retained::faults() {
+    // SAFETY: before the first interrupt.
+    if !by_power && let Some((log, joints)) = unsafe { retained::faults() } {
         node.restore_faults(log, joints);
     }
     let is_told = node.faults().faults.iter().any(|fault| fault.cause == FaultCause::BrownOutResetOff);
@@ -131,12 +133,11 @@ pub fn start(device: pac::Peripherals, syst: cortex_m::peripheral::SYST, node: &
     let unprotected = unprotected.then_some((FaultCause::BrownOutResetOff, level, chip_supply::NEEDED_LEVEL));
     let own = [watchdog_fault, crash_fault, brown_out, low_supply, unprotected];
     record_faults(node, own.into_iter().chain(clock_faults).flatten());
-    let text = crash.as_ref().map_or("", |crash| crash.text());
     let status = BoardStatus {
         identity,
         clock: clocks.source,
         reset,
-        last_words: text.try_into().unwrap_or_default(),
+        last_words: crash.map(|crash| crash.text).unwrap_or_default(),
         stack_used: 0,
         stack_size: 0,
         supervisor_link: LinkStatistics::default(),
@@ -165,7 +166,8 @@ fn record_faults(node: &mut Node, faults: impl Iterator<Item = StartFault>) {
         )]
         node.record_fault(Fault { cause, joint: None, value: value as f32, limit: limit as f32, tick: 0 });
     }
-    retained::retain_faults(node.faults(), node.fault_joints());
+    // SAFETY: before the first interrupt.
+    unsafe { retained::retain_faults(node.faults(), node.fault_joints()) };
 }
 
 /// Period of the timer on the plant link [µs]: the idle loop wakes in time for the watchdog, whose timeout is

@@ -10,7 +10,7 @@ use stm32f4xx_hal::pac;
 use tesaki::fault::FaultCause;
 use tesaki_firmware::board::{Board, ThisBoard};
 use tesaki_firmware::clock;
-use tesaki_firmware::retained::retain_crash;
+use tesaki_firmware::retained::{Word, retain_crash};
 use tesaki_firmware::stack;
 
 #[panic_handler]
@@ -18,11 +18,14 @@ fn panic(info: &PanicInfo<'_>) -> ! {
     cortex_m::interrupt::disable();
     ThisBoard::off();
     let (file, line) = info.location().map_or(("?", 0), |location| (location.file(), location.line()));
-    retain_crash(FaultCause::Panic, line, format_args!("{} ({file}:{line})", info.message()));
+    // Without its message: that would need `core::fmt`.
+    let words = [Word::Text("panicked at "), Word::Text(file), Word::Text(":"), Word::Decimal(line)];
+    // SAFETY: nothing else runs any more.
+    unsafe { retain_crash(FaultCause::Panic, line, &words) };
     SCB::sys_reset()
 }
 
-/// Bytes of the stack of [`hard_fault`], which formats one message.
+/// Bytes of the stack of [`hard_fault`], which retains one message.
 const EMERGENCY: usize = 2048;
 
 #[unsafe(link_section = ".uninit.EMERGENCY")]
@@ -55,10 +58,19 @@ extern "C" fn hard_fault(frame: usize) -> ! {
     if (end..=start - 32).contains(&frame) && !failed_to_push() {
         // SAFETY: the frame lies in the stack: R0 to R3, R12, LR, PC, xPSR.
         let [lr, pc] = unsafe { *((frame + 20) as *const [u32; 2]) };
-        retain_crash(FaultCause::HardFault, pc, format_args!("CPU fault at pc {pc:#010x}, lr {lr:#010x}"));
+        let words = [
+            Word::Text("CPU fault at pc "),
+            Word::Hexadecimal(pc),
+            Word::Text(", lr "),
+            Word::Hexadecimal(lr),
+        ];
+        // SAFETY: nothing else runs any more.
+        unsafe { retain_crash(FaultCause::HardFault, pc, &words) };
     } else {
-        let size = start - end;
-        retain_crash(FaultCause::HardFault, 0, format_args!("stack overflow: {size} bytes are not enough"));
+        let size = Word::Decimal((start - end) as u32);
+        let words = [Word::Text("stack overflow: "), size, Word::Text(" bytes are not enough")];
+        // SAFETY: nothing else runs any more.
+        unsafe { retain_crash(FaultCause::HardFault, 0, &words) };
     }
     SCB::sys_reset()
 }
@@ -79,7 +91,8 @@ unsafe fn NonMaskableInt() -> ! {
     ThisBoard::off();
     // SAFETY: one store to a register that nobody else uses now.
     unsafe { (*pac::RCC::ptr()).cir().modify(|_, w| w.cssc().clear()) };
-    retain_crash(FaultCause::CrystalStopped, 0, format_args!("the crystal stopped"));
+    // SAFETY: nothing else runs any more.
+    unsafe { retain_crash(FaultCause::CrystalStopped, 0, &[Word::Text("the crystal stopped")]) };
     SCB::sys_reset()
 }
 
@@ -89,6 +102,8 @@ pub fn end_by_low_supply() -> ! {
     cortex_m::interrupt::disable();
     ThisBoard::off();
     clock::slow_down();
-    retain_crash(FaultCause::ChipSupplyLow, 1, format_args!("the microcontroller's supply fell below 2.9 V"));
+    let words = [Word::Text("the microcontroller's supply fell below 2.9 V")];
+    // SAFETY: nothing else runs any more.
+    unsafe { retain_crash(FaultCause::ChipSupplyLow, 1, &words) };
     SCB::sys_reset()
 }

@@ -75,7 +75,8 @@ mod app {
         ticks: Queue<TickLog, TICK_LOGS> = Queue::new(),
     ])]
     fn init(cx: init::Context) -> (Shared, Local) {
-        stack::paint();
+        // SAFETY: the only call, and interrupts are off.
+        unsafe { stack::paint() };
         let started = boot::start(cx.device, cx.core.SYST, cx.local.node);
         let boot::Started { uarts, timer, watchdog, board, latch, current_control, plant_link, status } =
             started;
@@ -240,10 +241,11 @@ mod app {
         actuators
     }
 
-    /// Retains the fault log if there are more faults than `before`.
+    /// Retains the fault log if there are more faults than `before`. The node is the shared one, locked.
     fn retain_later(node: &Node, before: u32) {
         if node.faults().total != before {
-            retained::retain_faults(node.faults(), node.fault_joints());
+            // SAFETY: whoever calls this holds the lock of the node, so there is only one at a time.
+            unsafe { retained::retain_faults(node.faults(), node.fault_joints()) };
         }
     }
 

@@ -79,3 +79,39 @@ unsafe extern "C" fn __aeabi_memclr4(_: *mut u8, _: usize) {
 unsafe extern "C" fn __aeabi_memclr8(_: *mut u8, _: usize) {
     naked_asm!("b {clear}", clear = sym __aeabi_memclr4)
 }
+
+/// Copies `r2` bytes from `r1` to `r0`, which are multiples of four and may overlap: from the end, if it begins
+/// behind the source and within it.
+#[unsafe(naked)]
+#[unsafe(no_mangle)]
+unsafe extern "C" fn __aeabi_memmove4(_: *mut u8, _: *const u8, _: usize) {
+    naked_asm!(
+        "subs r3, r0, r1",
+        "cmp r3, r2",
+        "bhs {copy}",
+        "add r0, r0, r2",
+        "add r1, r1, r2",
+        // Two bytes behind the last word: carry; one: negative.
+        "lsls r3, r2, #31",
+        "itt mi",
+        "ldrbmi r3, [r1, #-1]!",
+        "strbmi r3, [r0, #-1]!",
+        "itt cs",
+        "ldrhcs r3, [r1, #-2]!",
+        "strhcs r3, [r0, #-2]!",
+        "1: subs r2, r2, #4",
+        "it lo",
+        "bxlo lr",
+        "ldr r3, [r1, #-4]!",
+        "str r3, [r0, #-4]!",
+        "b 1b",
+        copy = sym __aeabi_memcpy4,
+    )
+}
+
+/// The same for multiples of eight.
+#[unsafe(naked)]
+#[unsafe(no_mangle)]
+unsafe extern "C" fn __aeabi_memmove8(_: *mut u8, _: *const u8, _: usize) {
+    naked_asm!("b {copy}", copy = sym __aeabi_memmove4)
+}

@@ -3,66 +3,63 @@
 //! After power-on its content is random, and after an update it is that of another firmware. Checksums and a
 //! key detect both, and also a write that a reset interrupted.
 
-use core::fmt::{self, Write};
 use core::mem::MaybeUninit;
+use core::num::NonZero;
 use core::ptr;
 
-use serde::Serialize;
-use serde::de::DeserializeOwned;
+use heapless::{String, Vec};
 use tesaki::fault::{FaultCause, FaultLog};
-use tesaki::protocol::{codec::checksum, to_slice};
+use tesaki::protocol::codec::checksum;
 
-/// Bytes of the longest postcard encoding of a [`FaultLog`] and the checksum of its joints: 16 faults of 16
-/// bytes, their number and two of 5 bytes, rounded up.
-const LOG: usize = 272;
 /// Maximum length of a retained message [bytes].
 pub const MAX_TEXT: usize = 96;
+/// Bytes of a crash: the number of its cause, its place, each as a word, and its message.
+const CRASH: usize = 8 + MAX_TEXT;
 
 #[repr(C)]
 struct Retained {
-    log: Record<LOG>,
-    crash_checksum: u32,
-    crash: Crash,
+    log: Record<{ FaultLog::MAX_BYTES }>,
+    crash: Record<CRASH>,
 }
 
-/// A value's postcard encoding, with the key of its layout.
+/// Up to `N` bytes, a multiple of four, under a key of their layout.
 #[derive(Clone, Copy)]
 #[repr(C)]
 pub struct Record<const N: usize> {
-    key: u64,
     checksum: u32,
     length: u32,
     bytes: [u8; N],
 }
 
 impl<const N: usize> Record<N> {
-    /// Encodes a value; `None` if it is too long.
-    pub fn encode(value: &impl Serialize, key: u64) -> Option<Self> {
-        let mut bytes = [0; N];
-        let length = to_slice(value, &mut bytes).ok()?;
-        let checksum = checksum(bytes.get(..length)?);
-        Some(Self { key, checksum, length: length as u32, bytes })
+    /// Creates a record; `None` if there are too many bytes.
+    pub fn new(bytes: &[u8], key: u64) -> Option<Self> {
+        let mut record =
+            Self { checksum: checksum_of(bytes, key), length: bytes.len() as u32, bytes: [0; N] };
+        record.bytes.get_mut(..bytes.len())?.copy_from_slice(bytes);
+        Some(record)
     }
 
-    /// Decodes the value, if the record is intact and has this key.
-    pub fn decode<T: DeserializeOwned>(&self, key: u64) -> Option<T> {
-        let bytes = self.bytes.get(..self.length as usize)?;
-        let intact = self.key == key && !bytes.is_empty() && checksum(bytes) == self.checksum;
-        intact.then(|| postcard::from_bytes(bytes).ok())?
+    /// Returns the bytes, if they are intact and have this key.
+    pub fn contents(&self, key: u64) -> Option<&[u8]> {
+        self.bytes.get(..self.length as usize).filter(|bytes| checksum_of(bytes, key) == self.checksum)
     }
 }
 
-/// Cause of a crash.
-#[derive(Clone, Copy)]
-#[repr(C)]
+fn checksum_of(bytes: &[u8], key: u64) -> u32 {
+    checksum(bytes) ^ key as u32 ^ (key >> 32) as u32
+}
+
+/// A crash.
+#[derive(Clone, Debug)]
 pub struct Crash {
-    /// Number of the [`FaultCause`].
-    cause: u32,
+    /// Panic, stopped crystal, low supply of the chip, or CPU fault.
+    pub cause: FaultCause,
     /// Line of the panic, program counter of the CPU fault, or [value of the fault of a low
     /// supply](FaultCause::ChipSupplyLow).
     pub place: u32,
-    length: u32,
-    text: [u8; MAX_TEXT],
+    /// The message.
+    pub text: String<MAX_TEXT>,
 }
 
 #[unsafe(link_section = ".uninit.RETAINED")]
@@ -105,90 +102,109 @@ unsafe fn store<T: Copy>(place: *mut T, value: &T) {
     }
 }
 
-/// Retains the fault log, and the checksum of the joints that it numbers, over a reset. Interrupts stay on:
-/// all callers hold the node's lock, so there is only one at a time.
-pub fn retain_faults(log: &FaultLog, joints: u32) {
-    if let Some(record) = Record::encode(&(log, joints), FaultLog::KEY) {
-        // SAFETY: the memory is there and aligned, and nobody else accesses the log now, see above.
+/// Retains the fault log, and the checksum of the joints that it numbers, over a reset. Interrupts may be on.
+///
+/// # Safety
+/// No other function of the log runs meanwhile.
+pub unsafe fn retain_faults(log: &FaultLog, joints: u32) {
+    let mut buffer = [0; FaultLog::MAX_BYTES];
+    if let Some(record) =
+        log.to_bytes(joints, &mut buffer).and_then(|bytes| Record::new(bytes, FaultLog::KEY))
+    {
+        // SAFETY: the memory is there and aligned; the caller guarantees that nobody else accesses it.
         unsafe { store(&raw mut (*retained()).log, &record) }
     }
 }
 
 /// Returns the fault log from before the reset and the checksum of its joints, if valid. The memory may also
 /// keep it through a short loss of power.
-pub fn faults() -> Option<(FaultLog, u32)> {
-    // SAFETY: the memory is there and aligned; any bits are valid integers.
-    unsafe { load(&raw const (*retained()).log) }.decode(FaultLog::KEY)
+///
+/// # Safety
+/// No other function of the log runs meanwhile.
+pub unsafe fn faults() -> Option<(FaultLog, u32)> {
+    // SAFETY: the memory is there and aligned, and any bits are valid integers; the caller guarantees that
+    // nobody else accesses it.
+    let record = unsafe { load(&raw const (*retained()).log) };
+    FaultLog::from_bytes(record.contents(FaultLog::KEY)?)
 }
 
-/// Retains the cause of a crash over the reset. The caller must have interrupts off, or be an interrupt that
-/// nothing else can interrupt.
-pub fn retain_crash(cause: FaultCause, place: u32, message: fmt::Arguments<'_>) {
-    let mut text = Text { bytes: [0; MAX_TEXT], length: 0 };
-    // A longer text is truncated.
-    let _ = text.write_fmt(message);
-    let length = text.length as u32;
-    let crash = Crash { cause: u32::from(cause.number()), place, length, text: text.bytes };
-    let checksum = crash.checksum();
-    // SAFETY: as for the log; nothing else runs any more.
-    unsafe {
-        store(&raw mut (*retained()).crash, &crash);
-        ptr::write_volatile(&raw mut (*retained()).crash_checksum, checksum);
+/// A part of the message of a crash.
+// Without `core::fmt`, which would take 3 KiB of flash for these messages alone, and thousands of instructions
+// while the supply falls.
+#[derive(Clone, Copy, Debug)]
+pub enum Word<'a> {
+    /// As it is.
+    Text(&'a str),
+    /// `0x` and eight digits.
+    Hexadecimal(u32),
+    /// Without leading zeros.
+    Decimal(u32),
+}
+
+/// Retains a crash over the reset, with a message, which is truncated if it is too long.
+///
+/// # Safety
+/// No other function of the crash runs meanwhile, as when interrupts are off, or in an interrupt that nothing
+/// else can interrupt.
+pub unsafe fn retain_crash(cause: FaultCause, place: u32, message: &[Word<'_>]) {
+    let mut bytes = Vec::<u8, CRASH>::new();
+    let mut append = |part: &[u8]| {
+        for byte in part {
+            // Too much is left out.
+            let _ = bytes.push(*byte);
+        }
+    };
+    append(&u32::from(cause.number()).to_le_bytes());
+    append(&place.to_le_bytes());
+    for word in message {
+        match *word {
+            Word::Text(text) => append(text.as_bytes()),
+            Word::Hexadecimal(value) => {
+                append(b"0x");
+                append(digits(value, const { NonZero::new(16).unwrap() }).get(2..).unwrap_or_default());
+            }
+            Word::Decimal(value) => {
+                let digits = digits(value, const { NonZero::new(10).unwrap() });
+                let first = digits.iter().position(|&digit| digit != b'0').unwrap_or(digits.len() - 1);
+                append(digits.get(first..).unwrap_or_default());
+            }
+        }
     }
+    // The key of the fault log fixes the numbers of the causes.
+    if let Some(record) = Record::new(&bytes, FaultLog::KEY) {
+        // SAFETY: as for the log.
+        unsafe { store(&raw mut (*retained()).crash, &record) }
+    }
+}
+
+/// Returns the digits of a number, with leading zeros.
+fn digits(mut value: u32, radix: NonZero<u32>) -> [u8; 10] {
+    let mut digits = [0; 10];
+    for place in digits.iter_mut().rev() {
+        let digit = (value % radix) as u8;
+        *place = if digit < 10 { b'0' + digit } else { b'a' - 10 + digit };
+        value /= radix;
+    }
+    digits
 }
 
 /// Returns the crash before this start, if any. Later calls return `None`.
-pub fn take_crash() -> Option<Crash> {
-    // SAFETY: as for the log; it is called before the first interrupt.
-    let (crash, stored) = unsafe {
-        (load(&raw const (*retained()).crash), ptr::read_volatile(&raw const (*retained()).crash_checksum))
-    };
-    let checksum = crash.checksum();
-    // SAFETY: the same.
-    unsafe { ptr::write_volatile(&raw mut (*retained()).crash_checksum, !checksum) };
-    (stored == checksum).then_some(crash)
-}
-
-impl Crash {
-    /// Returns the fault cause: panic, stopped crystal, low supply of the chip, or CPU fault.
-    pub fn cause(&self) -> FaultCause {
-        [FaultCause::Panic, FaultCause::CrystalStopped, FaultCause::ChipSupplyLow]
-            .into_iter()
-            .find(|cause| self.cause == u32::from(cause.number()))
-            .unwrap_or(FaultCause::HardFault)
-    }
-
-    /// Returns the message.
-    pub fn text(&self) -> &str {
-        let bytes = self.text.get(..self.length as usize).unwrap_or_default();
-        core::str::from_utf8(bytes).unwrap_or_default()
-    }
-
-    /// Computes the checksum. It includes the key of the fault log, as that fixes the numbers of the causes.
-    fn checksum(&self) -> u32 {
-        checksum(&self.text)
-            ^ self.cause.rotate_left(8)
-            ^ self.place.rotate_left(16)
-            ^ self.length
-            ^ FaultLog::KEY as u32
-    }
-}
-
-/// A text that is truncated to whole characters.
-struct Text {
-    bytes: [u8; MAX_TEXT],
-    length: usize,
-}
-
-impl Write for Text {
-    fn write_str(&mut self, text: &str) -> fmt::Result {
-        for character in text.chars() {
-            let mut buffer = [0; 4];
-            let encoded = character.encode_utf8(&mut buffer).as_bytes();
-            let free = self.bytes.get_mut(self.length..self.length + encoded.len()).ok_or(fmt::Error)?;
-            free.copy_from_slice(encoded);
-            self.length += encoded.len();
-        }
-        Ok(())
-    }
+///
+/// # Safety
+/// No other function of the crash runs meanwhile.
+pub unsafe fn take_crash() -> Option<Crash> {
+    // SAFETY: as for the log.
+    let record = unsafe { load(&raw const (*retained()).crash) };
+    let bytes = record.contents(FaultLog::KEY)?;
+    // SAFETY: as for the log.
+    unsafe { ptr::write_volatile(&raw mut (*retained()).crash.checksum, !record.checksum) };
+    let (cause, rest) = bytes.split_first_chunk()?;
+    let (place, text) = rest.split_first_chunk()?;
+    let cause = [FaultCause::Panic, FaultCause::CrystalStopped, FaultCause::ChipSupplyLow]
+        .into_iter()
+        .find(|known| u32::from(known.number()) == u32::from_le_bytes(*cause))
+        .unwrap_or(FaultCause::HardFault);
+    // A character that was truncated is left out.
+    let text = text.utf8_chunks().next().and_then(|chunk| chunk.valid().try_into().ok()).unwrap_or_default();
+    Some(Crash { cause, place: u32::from_le_bytes(*place), text })
 }

@@ -4,7 +4,7 @@ use core::ptr::{addr_of, read_volatile, write_volatile};
 use core::sync::atomic::{AtomicUsize, Ordering};
 
 const PAINT: u32 = 0x5AC4_0FF5;
-/// Unpainted margin below the stack pointer, for an interrupt during painting [bytes].
+/// Unpainted margin below the stack pointer, for the painting itself [bytes].
 const MARGIN: usize = 256;
 /// Words that one scan examines.
 const CHUNK: usize = 256;
@@ -25,15 +25,19 @@ pub fn bounds() -> (usize, usize) {
     (addr_of!(_stack_end) as usize, addr_of!(_stack_start) as usize)
 }
 
-/// Paints the free stack. Call it once, before interrupts are enabled.
-pub fn paint() {
+/// Paints the free stack.
+///
+/// # Safety
+/// Interrupts are off.
+pub unsafe fn paint() {
     let (end, _) = bounds();
     let here = cortex_m::register::msp::read() as usize;
     let painted = end..here.saturating_sub(MARGIN);
     MARK.store(painted.end, Ordering::Relaxed);
     CURSOR.store(end, Ordering::Relaxed);
     for address in painted.step_by(4) {
-        // SAFETY: below the stack pointer, within the region that memory.x keeps for the stack alone.
+        // SAFETY: below the stack pointer and what this function may push, within the region that memory.x
+        // keeps for the stack alone; the caller guarantees that nothing else uses it now.
         unsafe { write_volatile(address as *mut u32, PAINT) };
     }
 }

@@ -213,7 +213,7 @@ fn stack_overflow_panic_and_a_stopped_crystal_switch_off_reset_and_are_told_afte
             "stack overflow: 53248 bytes are not enough",
             FaultCause::HardFault,
         ),
-        ("panic", ResetCause::Panic, "as the model asked (", FaultCause::Panic),
+        ("panic", ResetCause::Panic, "panicked at firmware/src/boards/emulated.rs:", FaultCause::Panic),
         ("crystal", ResetCause::CrystalStopped, "the crystal stopped", FaultCause::CrystalStopped),
     ] {
         let mut rig = Rig::enabled(name);

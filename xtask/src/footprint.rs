@@ -7,7 +7,8 @@ use anyhow::{Context, Result, bail};
 use object::{Object, ObjectSection, ObjectSymbol, SectionFlags, SectionIndex};
 use tesaki_output::say;
 
-/// Most bytes of flash that an image may take.
+/// Most bytes of flash that an image may take: half of the smallest STM32F405, which has 512 KiB. The rest is
+/// for what a board adds of its own.
 const FLASH_LIMIT: u64 = 256 * 1024;
 /// Most bytes of initialised data, which take flash and RAM.
 const DATA_LIMIT: u64 = 1024;

@@ -25,7 +25,7 @@ use tesaki_firmware::clock::{bring_up, frequency};
 use tesaki_firmware::control::Periods;
 use tesaki_firmware::link::{RECEIVE_QUEUE, SEND_QUEUE, Storage, Uart};
 use tesaki_firmware::pac::{Interrupt, flash, rcc};
-use tesaki_firmware::retained::Record;
+use tesaki_firmware::retained::{Crash, Record, Word};
 use tesaki_firmware::{retained, stack};
 
 mod support;
@@ -38,23 +38,28 @@ type Test = (&'static str, fn() -> bool);
 
 #[entry]
 fn main() -> ! {
-    stack::paint();
+    // SAFETY: no interrupt is enabled yet.
+    unsafe { stack::paint() };
     // The tests of retained memory need a reset: the second start checks what the first one retained.
-    let second_start = retained::faults().is_some_and(|(log, _)| log.total == 2 && log.faults.len() == 2);
+    let second_start = retained_faults().is_some_and(|(log, _)| log.total == 2 && log.faults.len() == 2);
     if !second_start {
         let mut log = FaultLog::new();
         log.record(fault(FaultCause::EncoderJump, Some(4), 0.25));
         log.record(fault(FaultCause::CommandTimeout, None, 0.11));
-        retained::retain_faults(&log, JOINTS);
-        retained::retain_crash(
-            FaultCause::Panic,
-            77,
-            format_args!(
-                "a message that is {} characters long and more than fits into the place that is kept for the \
-                 last words of the firmware",
-                120
-            ),
-        );
+        retain_faults(&log, JOINTS);
+        let words = [
+            Word::Text("a message of "),
+            Word::Decimal(120),
+            Word::Text(", "),
+            Word::Decimal(0),
+            Word::Text(", "),
+            Word::Decimal(u32::MAX),
+            Word::Text(" and "),
+            Word::Hexadecimal(0x01AF_0009),
+            Word::Text(", and of more than fits into the place that is kept for the last words"),
+        ];
+        // SAFETY: this program has no interrupt that uses the memory.
+        unsafe { retained::retain_crash(FaultCause::Panic, 77, &words) };
         SCB::sys_reset();
     }
     let tests: &[Test] = &[
@@ -63,6 +68,7 @@ fn main() -> ! {
         ("sine and cosine have the bits that the host computed", sine_has_the_hosts_bits),
         ("square root and arc tangent have the bits that the host computed", libm_has_the_hosts_bits),
         ("memory is copied and cleared, and nothing beside it", memory_is_copied_and_cleared),
+        ("memory that overlaps is moved", overlapping_memory_is_moved),
         ("the checksum is CRC-32", || checksum(b"123456789") == 0xcbf4_3926),
         ("a full receive queue counts what it loses", overflow_is_counted),
         ("noise on the line is counted", noise_is_counted),
@@ -96,8 +102,23 @@ fn fault(cause: FaultCause, joint: Option<u8>, value: f32) -> Fault {
     Fault { cause, joint, value, limit: 0.1, tick: 12 }
 }
 
+fn retain_faults(log: &FaultLog, joints: u32) {
+    // SAFETY: this program has no interrupt that uses the memory.
+    unsafe { retained::retain_faults(log, joints) }
+}
+
+fn retained_faults() -> Option<(FaultLog, u32)> {
+    // SAFETY: this program has no interrupt that uses the memory.
+    unsafe { retained::faults() }
+}
+
+fn take_crash() -> Option<Crash> {
+    // SAFETY: this program has no interrupt that uses the memory.
+    unsafe { retained::take_crash() }
+}
+
 fn faults_survive() -> bool {
-    retained::faults().is_some_and(|(log, joints)| {
+    retained_faults().is_some_and(|(log, joints)| {
         joints == JOINTS
             && log.faults[0] == fault(FaultCause::EncoderJump, Some(4), 0.25)
             && log.faults[1] == fault(FaultCause::CommandTimeout, None, 0.11)
@@ -105,13 +126,13 @@ fn faults_survive() -> bool {
 }
 
 fn crash_message_survives() -> bool {
-    let Some(crash) = retained::take_crash() else { return false };
-    let start = "a message that is 120 characters long and more than fits";
-    crash.cause() == FaultCause::Panic
+    let Some(crash) = take_crash() else { return false };
+    let start = "a message of 120, 0, 4294967295 and 0x01af0009, and of more than fits";
+    crash.cause == FaultCause::Panic
         && crash.place == 77
-        && crash.text().starts_with(start)
-        && crash.text().len() == retained::MAX_TEXT
-        && retained::take_crash().is_none()
+        && crash.text.starts_with(start)
+        && crash.text.len() == retained::MAX_TEXT
+        && take_crash().is_none()
 }
 
 unsafe extern "C" {
@@ -119,11 +140,15 @@ unsafe extern "C" {
     fn __aeabi_memcpy8(to: *mut u8, from: *const u8, bytes: usize);
     fn __aeabi_memclr4(at: *mut u8, bytes: usize);
     fn __aeabi_memclr8(at: *mut u8, bytes: usize);
+    fn __aeabi_memmove4(to: *mut u8, from: *const u8, bytes: usize);
+    fn __aeabi_memmove8(to: *mut u8, from: *const u8, bytes: usize);
 }
 
+/// Bytes as the compiler's memory functions expect them.
+#[repr(align(8))]
+struct Aligned([u8; 80]);
+
 fn memory_is_copied_and_cleared() -> bool {
-    #[repr(align(8))]
-    struct Aligned([u8; 80]);
     let from = Aligned(core::array::from_fn(|index| index as u8 + 1));
     (0..=72).all(|bytes| {
         let is_copied = [__aeabi_memcpy4, __aeabi_memcpy8].into_iter().all(|copy| {
@@ -139,6 +164,25 @@ fn memory_is_copied_and_cleared() -> bool {
             at.0[..bytes].iter().all(|&byte| byte == 0) && at.0[bytes..].iter().all(|&byte| byte == 0xA5)
         });
         is_copied && is_cleared
+    })
+}
+
+fn overlapping_memory_is_moved() -> bool {
+    let before: [u8; 80] = core::array::from_fn(|index| index as u8 + 1);
+    let places = || (0..=40).step_by(8);
+    (0..=40).all(|bytes| {
+        places().flat_map(|to| places().map(move |from| (to, from))).all(|(to, from)| {
+            [__aeabi_memmove4, __aeabi_memmove8].into_iter().all(|move_bytes| {
+                let mut memory = Aligned(before);
+                let start = memory.0.as_mut_ptr();
+                // SAFETY: both places are aligned, and `bytes` from them on lie in the memory.
+                unsafe { move_bytes(start.add(to), start.add(from), bytes) };
+                let expected = |place: usize| {
+                    before[if (to..to + bytes).contains(&place) { place - to + from } else { place }]
+                };
+                (0..80).all(|place| memory.0[place] == expected(place))
+            })
+        })
     })
 }
 
@@ -220,11 +264,10 @@ fn stack_is_measured() -> bool {
 }
 
 fn other_layouts_are_not_read() -> bool {
-    let value = [3_u32, 5];
-    let Some(record) = Record::<16>::encode(&value, 7) else { return false };
-    record.decode(7) == Some(value)
-        && record.decode::<[u32; 2]>(8).is_none()
-        && Record::<1>::encode(&value, 7).is_none()
+    let Some(record) = Record::<4>::new(&[3, 5], 7) else { return false };
+    record.contents(7) == Some(&[3, 5])
+        && record.contents(8).is_none()
+        && Record::<4>::new(&[0; 5], 7).is_none()
 }
 
 fn longest_log_is_retained() -> bool {
@@ -238,8 +281,8 @@ fn longest_log_is_retained() -> bool {
     };
     (0..2 * log.faults.capacity()).for_each(|_| log.record(longest));
     log.total = u32::MAX;
-    retained::retain_faults(&log, u32::MAX);
-    log.faults.is_full() && retained::faults() == Some((log, u32::MAX))
+    retain_faults(&log, u32::MAX);
+    log.faults.is_full() && retained_faults() == Some((log, u32::MAX))
 }
 
 /// Longest time from the counter's zero to its interrupt [1/168 MHz].
@@ -264,7 +307,7 @@ fn interrupts_are_not_kept_off() -> bool {
     timer.clear_current();
     timer.enable_interrupt();
     timer.enable_counter();
-    (0..500).for_each(|_| retained::retain_faults(&log, JOINTS));
+    (0..500).for_each(|_| retain_faults(&log, JOINTS));
     timer.disable_interrupt();
     timer.disable_counter();
     let instructions = LATENCY.load(Ordering::Relaxed) * 1000 / 168;
@@ -288,7 +331,7 @@ impl Board for FakeBoard {
     type Latch = FakeLatch;
     type CurrentControl = NoCurrents;
 
-    fn start(_: Peripherals) -> (Self, FakeLatch, NoCurrents) {
+    fn start(_: Peripherals<'_>) -> (Self, FakeLatch, NoCurrents) {
         (Self { silent: false, enabled: false }, FakeLatch, NoCurrents)
     }
     fn configure(&mut self, _: &RobotModel) -> Result<(), ModelError> {

@@ -28,9 +28,9 @@ impl Board for Bare {
     type Latch = NoSensors;
     type CurrentControl = NoCurrents;
 
-    fn start(mut peripherals: Peripherals) -> (Self, NoSensors, NoCurrents) {
-        let gpio_a = peripherals.gpioa.split(&mut peripherals.rcc);
-        let gpio_b = peripherals.gpiob.split(&mut peripherals.rcc);
+    fn start(peripherals: Peripherals<'_>) -> (Self, NoSensors, NoCurrents) {
+        let gpio_a = peripherals.gpioa.split(peripherals.rcc);
+        let gpio_b = peripherals.gpiob.split(peripherals.rcc);
         gpio_a.pa9.into_alternate::<7>();
         gpio_a.pa10.into_alternate::<7>().internal_resistor(Pull::Up);
         let strap = gpio_b.pb12.into_pull_up_input();

@@ -68,8 +68,8 @@ impl Board for Emulated {
     type Latch = Instants;
     type CurrentControl = NoCurrents;
 
-    fn start(mut peripherals: Peripherals) -> (Self, Instants, NoCurrents) {
-        let gpio_a = peripherals.gpioa.split(&mut peripherals.rcc);
+    fn start(peripherals: Peripherals<'_>) -> (Self, Instants, NoCurrents) {
+        let gpio_a = peripherals.gpioa.split(peripherals.rcc);
         gpio_a.pa9.into_alternate::<7>();
         gpio_a.pa10.into_alternate::<7>().internal_resistor(Pull::Up);
         let mut clock = peripherals.syst;

@@ -44,7 +44,7 @@ use tesaki::model::{ModelError, RobotModel};
 use tesaki::protocol::{ActuatorFrame, SensorFlags, SensorFrame};
 use tesaki_drivers::counter::Counter;
 use tesaki_drivers::drv8301::{Drv8301, Gain, GateCurrent, Settings, ShuntSense};
-use tesaki_drivers::exchange::{Measured, Order, measured_words, order_words};
+use tesaki_drivers::exchange::{LoopReport, Order, order_words, report_words};
 use tesaki_drivers::gates::Gates;
 use tesaki_drivers::handover::Handover;
 use tesaki_drivers::joints::{MotorJoints, motors_for};
@@ -95,7 +95,7 @@ const PERIODS: u32 = (TICK / SWITCHING.period + 0.5) as u32;
 /// Back-EMF of a motor above which the gate drivers must not be woken [V].
 const MAX_BACK_EMF: f32 = 5.0;
 
-/// The board's equipment. A trip must lie within the amplifiers' range, 33 A.
+/// The board's equipment.
 const EQUIPMENT: Equipment = Equipment {
     motors: N as u8,
     absolute_encoders: false,
@@ -104,11 +104,13 @@ const EQUIPMENT: Equipment = Equipment {
     current: 25.0,
     supply: 48.0,
 };
+// The amplifiers show every trip.
+const _: () = assert!(TRIP * EQUIPMENT.current < SENSE.range());
 
 /// From the control task to the current loops.
 static ORDER: Handover<{ order_words(N) }> = Handover::new();
 /// From the current loops to the control task.
-static MEASURED: Handover<{ measured_words(N) }> = Handover::new();
+static REPORT: Handover<{ report_words(N) }> = Handover::new();
 /// New motors, from the control task to the current loops.
 static NEW_MOTORS: ConstStaticCell<Queue<Motors<N>, 2>> = ConstStaticCell::new(Queue::new());
 
@@ -135,8 +137,8 @@ impl Board for Odrive {
     type Latch = Encoders;
     type CurrentControl = CurrentLoops;
 
-    fn start(mut peripherals: Peripherals) -> (Self, Encoders, CurrentLoops) {
-        let rcc = &mut peripherals.rcc;
+    fn start(peripherals: Peripherals<'_>) -> (Self, Encoders, CurrentLoops) {
+        let rcc = peripherals.rcc;
         let a = peripherals.gpioa.split(rcc);
         let b = peripherals.gpiob.split(rcc);
         let c = peripherals.gpioc.split(rcc);
@@ -226,7 +228,7 @@ impl Board for Odrive {
         // Not ready until everything was read.
         self.is_ready = false;
         let (_, words) = sample.measured?;
-        let measured = Measured::<N>::from_words(&words);
+        let measured = LoopReport::<N>::from_words(&words);
         let mut counts = [0; N];
         for (count, (counter, raw)) in counts.iter_mut().zip(self.counters.iter_mut().zip(sample.counts)) {
             *count = counter.extend(raw);
@@ -308,7 +310,7 @@ fn sleep() {
 #[derive(Clone, Copy)]
 pub struct Sample {
     counts: [u16; N],
-    measured: Option<(u32, [u32; measured_words(N)])>,
+    measured: Option<(u32, [u32; report_words(N)])>,
 }
 
 /// The encoders' counters.
@@ -318,7 +320,7 @@ impl Latch for Encoders {
     type Sample = Sample;
 
     fn latch(&mut self) -> Sample {
-        Sample { counts: [self.0.count(), self.1.count()], measured: MEASURED.read(0) }
+        Sample { counts: [self.0.count(), self.1.count()], measured: REPORT.read(0) }
     }
 }
 
@@ -397,7 +399,7 @@ impl CurrentControl for CurrentLoops {
             &mut self.stages,
         );
         let is_ready = self.offsets.iter().all(Offset::is_known);
-        MEASURED.write(self.motors.measured(is_ready).words());
+        REPORT.write(self.motors.report(is_ready).words());
     }
 }
 

@@ -34,11 +34,11 @@ use stm32f4xx_hal::qei::Qei;
 use stm32f4xx_hal::rcc::Enable;
 use tesaki::TICK;
 use tesaki::control::Switching;
-use tesaki::model::{Field, ModelError, Problem, RobotModel};
+use tesaki::model::{ModelError, RobotModel};
 use tesaki::protocol::{ActuatorFrame, SensorFlags, SensorFrame};
 use tesaki_drivers::counter::Counter;
 use tesaki_drivers::drv8874::{self, CurrentSense};
-use tesaki_drivers::exchange::{Measured, Order, measured_words, order_words};
+use tesaki_drivers::exchange::{LoopReport, Order, order_words, report_words};
 use tesaki_drivers::gauges::ForceGauges;
 use tesaki_drivers::handover::Handover;
 use tesaki_drivers::joints::{MotorJoints, motors_for};
@@ -83,7 +83,7 @@ const TRIP: f32 = 1.15;
 /// Periods of the current loop in a control period.
 const PERIODS: u32 = (TICK / SWITCHING.period + 0.5) as u32;
 
-/// The board's equipment. A trip must lie within the range of the current sense, 2.94 A.
+/// The board's equipment.
 const EQUIPMENT: Equipment = Equipment {
     motors: N as u8,
     absolute_encoders: false,
@@ -93,6 +93,8 @@ const EQUIPMENT: Equipment = Equipment {
     supply: 36.0,
 };
 const _: () = assert!(EQUIPMENT.supply <= drv8874::SUPPLY_MAX);
+// The current sense shows every trip.
+const _: () = assert!(TRIP * EQUIPMENT.current < CURRENT_SENSE.range());
 
 /// EXTI line on which the force sensor's converter signals new values.
 const DATA_LINE: u32 = 1 << 4;
@@ -100,7 +102,7 @@ const DATA_LINE: u32 = 1 << 4;
 /// From the control task to the current loops.
 static ORDER: Handover<{ order_words(N) }> = Handover::new();
 /// From the current loops to the control task.
-static MEASURED: Handover<{ measured_words(N) }> = Handover::new();
+static REPORT: Handover<{ report_words(N) }> = Handover::new();
 /// New motors, from the control task to the current loops.
 static NEW_MOTORS: ConstStaticCell<Queue<Motors<N>, 2>> = ConstStaticCell::new(Queue::new());
 
@@ -121,8 +123,8 @@ impl Board for Weact {
     type Latch = Encoders;
     type CurrentControl = CurrentLoops;
 
-    fn start(mut peripherals: Peripherals) -> (Self, Encoders, CurrentLoops) {
-        let rcc = &mut peripherals.rcc;
+    fn start(peripherals: Peripherals<'_>) -> (Self, Encoders, CurrentLoops) {
+        let rcc = peripherals.rcc;
         let a = peripherals.gpioa.split(rcc);
         let b = peripherals.gpiob.split(rcc);
         let c = peripherals.gpioc.split(rcc);
@@ -197,12 +199,7 @@ impl Board for Weact {
             let chain = model.chains.get(usize::from(gauges.chain))?;
             Some((chain.force_sensor.as_ref()?, gauges))
         });
-        self.gauges.configure(gauges).map_err(|_| ModelError {
-            joint: None,
-            field: Field::GaugeGains,
-            value: 0.0,
-            problem: Problem::NotSupported,
-        })?;
+        self.gauges.configure(gauges);
         self.joints.configure(model);
         // The queue is full only if the current loop does not run, which `read` reports. Then nothing moves.
         let _ = self.to_loops.enqueue(motors);
@@ -213,7 +210,7 @@ impl Board for Weact {
         let force = self.gauges.update();
         watch_data_line(force.is_some());
         let (_, words) = sample.measured?;
-        let measured = Measured::<N>::from_words(&words);
+        let measured = LoopReport::<N>::from_words(&words);
         let [first, second, third] = sample.counts;
         let counts = [
             self.counters[0].extend(first as u16),
@@ -274,8 +271,9 @@ fn connect_data_line(syscfg: &pac::SYSCFG, exti: &pac::EXTI) {
 /// Sets whether edges of the converter's line raise an interrupt.
 fn watch_data_line(is_watched: bool) {
     let data = if is_watched { DATA_LINE } else { 0 };
-    // SAFETY: only the detector of the chip's supply has another bit in the mask, which does not change after
-    // boot; the chip has these lines.
+    // SAFETY: the only other bit in the mask, that of the detector of the chip's supply, does not change after
+    // boot. If `on_edge` interrupts this, then what is written here holds: it does not depend on the bit that
+    // `on_edge` has changed. The chip has these lines.
     unsafe { (*pac::EXTI::ptr()).imr().modify(|r, w| w.bits(r.bits() & chip_supply::LINE | data)) };
 }
 
@@ -295,7 +293,7 @@ fn sleep() {
 #[derive(Clone, Copy)]
 pub struct Sample {
     counts: [u32; N],
-    measured: Option<(u32, [u32; measured_words(N)])>,
+    measured: Option<(u32, [u32; report_words(N)])>,
 }
 
 /// The encoders' counters.
@@ -306,7 +304,7 @@ impl Latch for Encoders {
 
     fn latch(&mut self) -> Sample {
         let counts = [self.0.count().into(), self.1.count().into(), self.2.count()];
-        Sample { counts, measured: MEASURED.read(0) }
+        Sample { counts, measured: REPORT.read(0) }
     }
 }
 
@@ -374,6 +372,6 @@ impl CurrentControl for CurrentLoops {
         }
         let magnitudes = [first, second, third].map(|counts| f32::from(counts) * CURRENT_SENSE.resolution());
         self.motors.update(&magnitudes, f32::from(supply) * SUPPLY_RESOLUTION, &mut self.stages);
-        MEASURED.write(self.motors.measured(true).words());
+        REPORT.write(self.motors.report(true).words());
     }
 }

@@ -1,8 +1,8 @@
 //! ADC1 to ADC3: one or two inputs each, the first ones at the same instant, triggered by TIM1.
 
 use crate::pac;
-use pac::{ADC_COMMON, ADC1, ADC2, ADC3, adc1};
-use stm32f4xx_hal::rcc::{Enable, Rcc};
+use pac::{ADC_COMMON, ADC1, ADC2, ADC3, RCC, adc1};
+use stm32f4xx_hal::rcc::Enable;
 
 /// Counts of full scale.
 pub const FULL_SCALE: u16 = 4095;
@@ -16,7 +16,7 @@ impl CurrentAdc {
     /// cycles, 1.3 µs, and one of a channel below 10 takes 40, 1.9 µs.
     pub fn start(
         converters: (ADC1, ADC2, ADC3, ADC_COMMON),
-        rcc: &mut Rcc,
+        rcc: &mut RCC,
         [first_channels, second_channels, third_channels]: [&[u8]; 3],
     ) -> Self {
         let (first, second, third, common) = converters;

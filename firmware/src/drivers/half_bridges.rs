@@ -3,8 +3,8 @@
 use super::pulses::phase;
 use crate::board::Phase;
 use crate::pac;
-use pac::{TIM1, TIM8, tim1};
-use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
+use pac::{RCC, TIM1, TIM8, tim1};
+use stm32f4xx_hal::rcc::{Enable, Reset};
 
 /// Dead time, for which both gates of a half bridge are off before one switches on [counts]: 0.12 µs.
 const DEAD_TIME: u8 = 20;
@@ -24,7 +24,7 @@ impl HalfBridges {
     ///
     /// `AOE` stays 0, so that nothing but [`HalfBridges::enable`] switches them on; this, the dead time and
     /// the outputs' idle level (off) are locked until the next reset.
-    pub fn start(timers: (TIM1, TIM8), rcc: &mut Rcc, resolution: u16) -> Self {
+    pub fn start(timers: (TIM1, TIM8), rcc: &mut RCC, resolution: u16) -> Self {
         let (first, second) = timers;
         TIM1::enable(rcc);
         TIM1::reset(rcc);
@@ -70,9 +70,11 @@ impl HalfBridges {
     /// Switches all gates off. Called from any context, even before the clocks of the timers run: then it has
     /// no effect, and the gates are off anyway.
     pub fn off() {
-        // SAFETY: of the other writers of these registers, only [`HalfBridges::enable`] can interrupt this
-        // code or be interrupted by it. If its write is lost, the gates stay off; the code that interrupts it
-        // also pulls the gate drivers' enable line low.
+        // SAFETY: control, the ADC interrupt and `on_edge` call this and may interrupt each other. After the
+        // start every write of these registers only clears MOE, in whatever order, but that of
+        // [`HalfBridges::enable`]. If `enable` interrupts this, it has no effect: the gates stay off. If this
+        // interrupts `enable`, it may have none; only `on_edge` can, and first pulls the gate drivers' enable
+        // line low, which the caller of `enable` checks afterwards.
         unsafe {
             (*TIM1::ptr()).bdtr().modify(|_, w| w.moe().clear_bit());
             (*TIM8::ptr()).bdtr().modify(|_, w| w.moe().clear_bit());

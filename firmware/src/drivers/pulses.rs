@@ -2,8 +2,8 @@
 
 use crate::board::Phase;
 use crate::pac;
-use pac::{TIM1, tim1};
-use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
+use pac::{RCC, TIM1, tim1};
+use stm32f4xx_hal::rcc::{Enable, Reset};
 
 /// Three channels on their complementary pins (CH1N to CH3N), centre-aligned: a pulse lies around the instant
 /// at which the counter is 0. The trigger of the converters is at the other end of the count, as far from all
@@ -16,7 +16,7 @@ impl Pulses {
     /// The break input is active when low. `AOE` stays 0: pulses that it stopped return only by
     /// [`Pulses::enable`]. `AOE`, the polarity of the break input and the outputs' idle level (low) are
     /// locked until the next reset.
-    pub fn start(timer: TIM1, rcc: &mut Rcc, resolution: u16) -> Self {
+    pub fn start(timer: TIM1, rcc: &mut RCC, resolution: u16) -> Self {
         TIM1::enable(rcc);
         TIM1::reset(rcc);
         timer.cr1().write(|w| w.cms().center_aligned1().arpe().set_bit());
@@ -79,8 +79,10 @@ impl Pulses {
     /// Blocks all pulses. Called from any context, even before the clock of the timer runs: then it has no
     /// effect, and no pulse passes anyway.
     pub fn off() {
-        // SAFETY: of the other writers of this register, only [`Pulses::enable`] can interrupt this code or
-        // be interrupted by it. If its write is lost, the outputs stay off.
+        // SAFETY: control and the ADC interrupt call this, and the second may interrupt the first. After the
+        // start every write of this register only clears MOE, in whatever order, but that of
+        // [`Pulses::enable`]. If `enable` interrupts this, it has no effect: the outputs stay off. What
+        // interrupts `enable` and calls this, such as a fault of the CPU, never returns to it.
         unsafe { (*TIM1::ptr()).bdtr().modify(|_, w| w.moe().clear_bit()) };
     }
 }

@@ -3,10 +3,10 @@
 use core::marker::PhantomData;
 
 use embedded_hal::spi::{Error, ErrorKind, ErrorType, Operation, SpiDevice};
-use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
+use stm32f4xx_hal::rcc::{Enable, Reset};
 
 use crate::pac;
-use pac::spi1;
+use pac::{RCC, spi1};
 
 /// Maximum number of polls for a byte, some 20 µs; a byte takes at most 1.5 µs.
 const POLLS: u32 = 500;
@@ -22,10 +22,16 @@ pub trait Bus {
     type Spi: Enable + Reset;
 
     /// Returns its registers.
-    fn registers() -> &'static spi1::RegisterBlock;
+    ///
+    /// # Safety
+    /// Nothing else uses the peripheral meanwhile.
+    unsafe fn registers() -> &'static spi1::RegisterBlock;
 
     /// Writes the set and reset register of the port.
-    fn select(bits: u32);
+    ///
+    /// # Safety
+    /// The bits are those of select lines of the caller.
+    unsafe fn select(bits: u32);
 }
 
 /// SPI1 at 10.5 MHz, with select lines on port A.
@@ -34,13 +40,13 @@ pub struct Spi1OnA;
 impl Bus for Spi1OnA {
     type Spi = pac::SPI1;
 
-    fn registers() -> &'static spi1::RegisterBlock {
-        // SAFETY: only a `Device` uses this peripheral, and all devices belong to one board, behind its lock.
+    unsafe fn registers() -> &'static spi1::RegisterBlock {
+        // SAFETY: the caller guarantees that nothing else uses it.
         unsafe { &*pac::SPI1::ptr() }
     }
 
-    fn select(bits: u32) {
-        // SAFETY: a single store that changes only the pins of its bits.
+    unsafe fn select(bits: u32) {
+        // SAFETY: a single store that changes only the pins of its bits, which are the caller's.
         unsafe { (*pac::GPIOA::ptr()).bsrr().write(|w| w.bits(bits)) };
     }
 }
@@ -51,13 +57,13 @@ pub struct Spi3OnC;
 impl Bus for Spi3OnC {
     type Spi = pac::SPI3;
 
-    fn registers() -> &'static spi1::RegisterBlock {
-        // SAFETY: only a `Device` uses this peripheral, and all devices belong to one board, behind its lock.
+    unsafe fn registers() -> &'static spi1::RegisterBlock {
+        // SAFETY: the caller guarantees that nothing else uses it.
         unsafe { &*pac::SPI3::ptr() }
     }
 
-    fn select(bits: u32) {
-        // SAFETY: a single store that changes only the pins of its bits.
+    unsafe fn select(bits: u32) {
+        // SAFETY: a single store that changes only the pins of its bits, which are the caller's.
         unsafe { (*pac::GPIOC::ptr()).bsrr().write(|w| w.bits(bits)) };
     }
 }
@@ -85,18 +91,29 @@ impl<B> ErrorType for Device<B> {
 
 impl<B: Bus> Device<B> {
     /// Starts the bus. `pins` are its devices' select lines in the port, which must be outputs that are high.
-    pub fn start<const N: usize>(_spi: B::Spi, rcc: &mut Rcc, pins: [u8; N]) -> [Self; N] {
+    pub fn start<const N: usize>(_spi: B::Spi, rcc: &mut RCC, pins: [u8; N]) -> [Self; N] {
         B::Spi::enable(rcc);
         B::Spi::reset(rcc);
-        let spi = B::registers();
+        let spi = Self::registers();
         // SAFETY: the bits of the reference manual (RM0090, 28.5.1).
         spi.cr1().write(|w| unsafe { w.bits(MODE_1) });
         spi.cr1().modify(|_, w| w.spe().set_bit());
         pins.map(|pin| Self { select: 1 << pin, bus: PhantomData })
     }
 
+    fn registers() -> &'static spi1::RegisterBlock {
+        // SAFETY: whoever made a device gave the peripheral away, and all of them belong to one board, behind
+        // its lock.
+        unsafe { B::registers() }
+    }
+
+    fn select(&self, is_selected: bool) {
+        // SAFETY: the device's own line.
+        unsafe { B::select(if is_selected { self.select << 16 } else { self.select }) }
+    }
+
     fn exchange(byte: u8) -> Result<u8, NoByte> {
-        let spi = B::registers();
+        let spi = Self::registers();
         wait(|| spi.sr().read().txe().bit_is_set())?;
         // SAFETY: any byte may be written.
         spi.dr().write(|w| unsafe { w.bits(byte.into()) });
@@ -133,12 +150,12 @@ impl<B: Bus> Device<B> {
 
 impl<B: Bus> SpiDevice for Device<B> {
     fn transaction(&mut self, operations: &mut [Operation<'_, u8>]) -> Result<(), NoByte> {
-        B::select(self.select << 16);
+        self.select(true);
         cortex_m::asm::delay(PAUSE);
         let result = operations.iter_mut().try_for_each(Self::run);
         // The last byte arrives with its last bit, and the clock ends half a bit later.
-        let ended = wait(|| B::registers().sr().read().bsy().bit_is_clear());
-        B::select(self.select);
+        let ended = wait(|| Self::registers().sr().read().bsy().bit_is_clear());
+        self.select(false);
         cortex_m::asm::delay(PAUSE);
         result.and(ended)
     }

@@ -154,7 +154,10 @@ fn stuff(frame: &mut [u8], mut end: usize) -> Option<usize> {
         if next == code + GROUP {
             // A full group stands for no zero, so the code of the next group needs an additional byte.
             let group = frame.get_mut(next..=end).filter(|group| !group.is_empty())?;
-            group.rotate_right(1);
+            let mut carried = 0;
+            for byte in group {
+                carried = core::mem::replace(byte, carried);
+            }
             end += 1;
         }
         code = next;
@@ -174,7 +177,10 @@ fn unstuff(frame: &mut [u8]) -> Option<&[u8]> {
         let following = usize::from(core::mem::replace(frame.get_mut(next)?, 0));
         if code == GROUP {
             // The code behind a full group stands for no zero: its byte is removed.
-            frame.get_mut(next..end)?.rotate_left(1);
+            let mut carried = 0;
+            for byte in frame.get_mut(next..end)?.iter_mut().rev() {
+                carried = core::mem::replace(byte, carried);
+            }
             end -= 1;
             place = next - 1;
         } else {

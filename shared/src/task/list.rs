@@ -119,9 +119,7 @@ macro_rules! tasks {
             pub fn begin(&mut self, io: Io<'_>, config: &TaskConfig) {
                 match config {
                     $(TaskConfig::$name(config) => {
-                        // Copied from a static: by value the compiler needs several copies on the stack.
-                        static IDLE: $task = <$task as Task>::IDLE;
-                        *self = Self::$name(IDLE.clone());
+                        *self = Self::$name(<$task as Task>::IDLE);
                         if let Self::$name(task) = self {
                             task.begin(io, config);
                         }
