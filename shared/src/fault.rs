@@ -386,7 +386,7 @@ mod tests {
         (0..MAX_FAULTS).for_each(|_| log.record(longest));
         log.total = u32::MAX;
         let mut buffer = [0; FaultLog::MAX_BYTES];
-        let bytes = log.to_bytes(u32::MAX, &mut buffer).unwrap();
+        let bytes = log.to_bytes(u32::MAX, &mut buffer).expect("fits");
         assert!(bytes.len() + size_of::<u32>() > FaultLog::MAX_BYTES, "{}", bytes.len());
         assert_eq!(FaultLog::from_bytes(bytes), Some((log.clone(), u32::MAX)));
         assert_eq!(FaultLog::from_bytes(&bytes[..bytes.len() - 1]), None);

@@ -186,6 +186,7 @@ fn bad_numbers_are_named_with_axis_and_limit() {
 
 /// 1.5 kg, of which x lacks half, y nothing, and z a third.
 #[test]
+#[expect(clippy::float_cmp, reason = "the ratios are exact")]
 fn masses_are_raised_with_their_damping() {
     let mut raised = SOFT;
     raised.raise_mass(&[3.0, 1.0, 2.0]);
