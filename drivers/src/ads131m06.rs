@@ -44,6 +44,7 @@ const SIX_CHANNELS: u16 = 0x26;
 /// MODE: checksums of both directions are CCITT's, words have 24 bits, a frame that stops halfway is dropped.
 const CHECKED_MODE: u16 = 1 << 12 | 1 << 8 | 1 << 4;
 /// CLOCK: all channels on, external reference, [`OVERSAMPLING`], high resolution.
+#[expect(clippy::cast_possible_truncation, reason = "at most 14")]
 const CLOCK_VALUE: u16 = 0x3F << 8 | 1 << 6 | (OVERSAMPLING.ilog2() as u16 - 7) << 2 | 2;
 
 /// Status: a command was damaged; the converter restarted; channels with a new value.
