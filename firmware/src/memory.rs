@@ -80,8 +80,8 @@ unsafe extern "C" fn __aeabi_memclr8(_: *mut u8, _: usize) {
     naked_asm!("b {clear}", clear = sym __aeabi_memclr4)
 }
 
-/// Copies `r2` bytes from `r1` to `r0`, which are multiples of four and may overlap: from the end, if it begins
-/// behind the source and within it.
+/// Copies `r2` bytes from `r1` to `r0`, which are multiples of four and may overlap: from the end, if it
+/// begins behind the source and within it.
 #[unsafe(naked)]
 #[unsafe(no_mangle)]
 unsafe extern "C" fn __aeabi_memmove4(_: *mut u8, _: *const u8, _: usize) {

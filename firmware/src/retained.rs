@@ -129,8 +129,8 @@ pub unsafe fn faults() -> Option<(FaultLog, u32)> {
 }
 
 /// A part of the message of a crash.
-// Without `core::fmt`, which would take 3 KiB of flash for these messages alone, and thousands of instructions
-// while the supply falls.
+// Without `core::fmt`, which would take 3 KiB of flash for these messages alone, and thousands of
+// instructions while the supply falls.
 #[derive(Clone, Copy, Debug)]
 pub enum Word<'a> {
     /// As it is.

@@ -271,9 +271,9 @@ fn connect_data_line(syscfg: &pac::SYSCFG, exti: &pac::EXTI) {
 /// Sets whether edges of the converter's line raise an interrupt.
 fn watch_data_line(is_watched: bool) {
     let data = if is_watched { DATA_LINE } else { 0 };
-    // SAFETY: the only other bit in the mask, that of the detector of the chip's supply, does not change after
-    // boot. If `on_edge` interrupts this, then what is written here holds: it does not depend on the bit that
-    // `on_edge` has changed. The chip has these lines.
+    // SAFETY: the only other bit in the mask, that of the detector of the chip's supply, does not change
+    // after boot. If `on_edge` interrupts this, then what is written here holds: it does not depend on the
+    // bit that `on_edge` has changed. The chip has these lines.
     unsafe { (*pac::EXTI::ptr()).imr().modify(|r, w| w.bits(r.bits() & chip_supply::LINE | data)) };
 }
 

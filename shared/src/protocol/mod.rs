@@ -11,6 +11,7 @@
 
 pub mod codec;
 mod encoding;
+mod fault_log;
 mod frame;
 mod longest;
 mod refusal;

@@ -90,8 +90,8 @@ impl JointConfig {
         2.0 * self.limits.planned_speed() * self.servo.filter_time()
     }
 
-    /// The reference one period after `reference`, from there on braking with half of the torque, or more near
-    /// a joint limit.
+    /// The reference one period after `reference`, from there on braking with half of the torque, or more
+    /// near a joint limit.
     pub fn brake(&self, reference: &JointPoint) -> JointPoint {
         let here = reference.next();
         let JointPoint { position, velocity, .. } = here;

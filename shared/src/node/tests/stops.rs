@@ -39,7 +39,8 @@ fn a_stop_while_streaming_brakes_within_the_joint_limits() {
         tick_ideally(&mut rig);
     }
     assert_eq!(rig.ask(Request::Stop), Reply::Done);
-    // 2 rad/s within 0.1 rad: 20 rad/s², two thirds of the maximum, for 0.1 s, after the period that has begun.
+    // 2 rad/s within 0.1 rad: 20 rad/s², two thirds of the maximum, for 0.1 s, after the period that has
+    // begun.
     let mut before = position;
     for tick in 0..20 {
         tick_ideally(&mut rig);
