@@ -5,12 +5,12 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand};
 
 const HELP: &str = "\
-A table of postures has one row a posture; the first one is the flat hand. Columns: back_qx, back_qy,
-back_qz, back_qw for the orientation of the back of the hand; thumb1_qx … little3_qw for those
-of the segments, 1 next to the palm; thumb_x, thumb_y, thumb_z … little_z for the markers in the
-frame of the back of the hand [m]. Quaternions are absolute. Leave empty what was not measured.
-A row whose column touch names a finger without marker is a posture in which the tip of the
-thumb touches its tip.
+A table of postures has one row a posture; the first one is the flat hand. Columns: back_qx,
+back_qy, back_qz, back_qw for the orientation of the back of the hand; thumb1_qx … little3_qw for
+those of the segments, 1 next to the palm; thumb_x, thumb_y, thumb_z … little_z for the markers in
+the frame of the back of the hand [m]. Quaternions are absolute. Leave empty what was not
+measured. A row whose column touch names a finger without marker is a posture in which the tip of
+the thumb touches its tip.
 
 With --live standard input has a JSON object a line, and the program says what to do:
   {\"time\": 0.01, \"back\": [x,y,z,w], \"thumb\": [[x,y,z,w],[x,y,z,w],[x,y,z,w]], …,
