@@ -43,9 +43,6 @@ OPTION = f'<option timestep="{STEP}" cone="elliptic" impratio="100" tolerance="1
 # name, squeeze of each tip [N], box above the tips [m], push [N] at a point of the box [m], its begin, ramp and hold [s],
 # duration [s]
 PINCH = [
-    ("slides", 1.0, 0.0, (0.0, 0.0, 1.7), (0.0, 0.0, 0.0), 0.1, 0.05, 0.02, 0.3),
-    ("slides askew", 1.0, 0.0, (0.0, 1.1, 1.3), (0.0, 0.0, 0.0), 0.1, 0.05, 0.0, 0.3),
-    ("slides and turns", 1.0, 0.0, (0.0, 1.4, 0.3), (0.0, 0.0, 0.001), 0.1, 0.05, 0.01, 0.3),
     ("swings", 2.0, -0.015, (0.0, 0.05, 0.0), (0.0, 0.0, -0.03), 0.05, 0.1, 0.1, 1.0),
 ]
 # The hand: middle and pitch of the box, squeeze [N], stiffness [N m/rad], viscous friction [N m s/rad];

@@ -1,20 +1,87 @@
-//! Contacts of the grasped object, read from the physics engine.
+//! Contacts of the grasped object.
 
-use rapier3d::geometry::{ColliderHandle, ContactPair};
-use rapier3d::na::{UnitQuaternion, Vector3};
+use rapier3d::geometry::SharedShape;
+use rapier3d::na::{Isometry3, Point3, UnitQuaternion, Vector3};
+use rapier3d::parry::query::{
+    ContactManifold, ContactManifoldsWorkspace, DefaultQueryDispatcher, PersistentQueryDispatcher,
+};
 
-use super::convert::wide;
-use super::stiction::CREEP_GAIN;
+use super::convert::{pose, wide};
 
 /// A contact slides when its friction is at least this fraction of Coulomb's limit.
 const SLIDING: f64 = 0.999;
-/// Fraction of the direction error of sliding friction that is corrected in a sub-step.
-const DIRECTION_GAIN: f64 = 0.5;
+/// Solids are found to touch from this distance on [m]. What happens then is up to the constraints.
+const PREDICTION: f32 = 2e-4;
+
+/// A solid, and its pose in the frame of the base.
+pub type Placed<'a> = (&'a SharedShape, Isometry3<f64>);
+
+/// The contacts of two solids, each point with the impulse of the last sub-step.
+#[derive(Default)]
+pub struct Pair {
+    manifolds: Vec<ContactManifold<(), Vector3<f64>>>,
+    workspace: Option<ContactManifoldsWorkspace>,
+}
+
+/// A point where the object touches another solid, or soon may, in a sub-step. Vectors are in the frame of the
+/// base.
+pub struct Touch {
+    /// The tip; `None` for the support.
+    pub tip: Option<usize>,
+    /// The outward normal of the object, and two directions along its surface.
+    pub axes: [Vector3<f64>; 3],
+    pub point: Vector3<f64>,
+    /// Negative if the solids overlap [m].
+    pub distance: f64,
+    /// Impulse on the object [N·s]: of the last sub-step, until that of this one is known.
+    pub impulse: Vector3<f64>,
+    /// Velocity of the other solid along the object's surface [m/s].
+    pub slip_velocity: Vector3<f64>,
+}
+
+impl Pair {
+    /// Finds the points where the object touches the other solid, which is a `tip` or the support.
+    pub fn find(
+        &mut self,
+        (object, at): Placed<'_>,
+        (other, other_at): Placed<'_>,
+        tip: Option<usize>,
+    ) -> impl Iterator<Item = Touch> {
+        let between = pose(&(at.inverse() * other_at));
+        let prediction = PREDICTION;
+        let (manifolds, workspace) = (&mut self.manifolds, &mut self.workspace);
+        // All solids are convex, for which parry has the contacts.
+        let _ = DefaultQueryDispatcher
+            .contact_manifolds(&between, &**object, &**other, prediction, manifolds, workspace);
+        self.manifolds.iter().flat_map(move |manifold| {
+            let axes = axes(at.rotation * wide(manifold.local_n1));
+            manifold.points.iter().filter(|point| point.dist < PREDICTION).map(move |point| {
+                let one = at * Point3::from(wide(point.local_p1));
+                let two = other_at * Point3::from(wide(point.local_p2));
+                Touch {
+                    tip,
+                    axes,
+                    point: (one.coords + two.coords) / 2.0,
+                    distance: point.dist.into(),
+                    impulse: point.data,
+                    slip_velocity: Vector3::zeros(),
+                }
+            })
+        })
+    }
+
+    /// Keeps the impulses of its touches, in the order in which they were found.
+    pub fn keep<'a>(&mut self, mut touches: impl Iterator<Item = &'a Touch>) {
+        let points = self.manifolds.iter_mut().flat_map(|manifold| manifold.points.iter_mut());
+        for point in points.filter(|point| point.dist < PREDICTION) {
+            point.data = touches.next().map_or(Vector3::zeros(), |touch| touch.impulse);
+        }
+    }
+}
 
 /// A fingertip and its contact with the object, as of the last sub-step.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct TipContact {
-    pub collider: ColliderHandle,
     /// Force on the object, in the base frame [N].
     pub force: Vector3<f64>,
     /// Sum of the forces, and number of sub-steps.
@@ -31,55 +98,35 @@ pub struct TipContact {
     pub slip: Vector3<f64>,
     /// Path of the tip along the surface while the contact slid [m].
     pub slip_path: f64,
-    /// `slip` when the contact last slid: the change since then is creep.
-    stuck_at: Vector3<f64>,
-    /// See [`Self::correct_direction`]; 0 while the contact sticks.
-    direction_correction: Vector3<f64>,
 }
 
 impl TipContact {
-    pub fn new(collider: ColliderHandle) -> Self {
-        let zero = Vector3::zeros();
-        Self {
-            collider,
-            force: zero,
-            sum: (zero, 0.0),
-            point: zero,
-            normal: zero,
-            depth: 0.0,
-            slip_velocity: zero,
-            slip: zero,
-            slip_path: 0.0,
-            stuck_at: zero,
-            direction_correction: zero,
-        }
-    }
-
-    /// Updates the contact after a sub-step of `step` seconds. `motion` is the velocity of the tip relative
-    /// to the object, `rotation` that of the object.
+    /// Updates the contact after a sub-step of `step` seconds, in which it was `touch`. `tip` holds centre and
+    /// radius of the tip, `rotation` is that of the object.
     pub fn update(
         &mut self,
-        contact: &Contact,
-        point: Vector3<f64>,
-        motion: &Vector3<f64>,
+        touch: Option<&Touch>,
+        (center, radius): (Vector3<f64>, f64),
         rotation: &UnitQuaternion<f64>,
         (friction, step): (f64, f64),
     ) {
-        let touches = contact.force != Vector3::zeros();
-        self.force = contact.force;
-        self.sum = (self.sum.0 + contact.force, self.sum.1 + 1.0);
-        self.point = point;
-        self.normal = contact.normal;
-        self.depth = contact.depth;
-        self.slip_velocity =
-            if touches { rotation.inverse() * across(motion, &contact.normal) } else { Vector3::zeros() };
+        self.sum.1 += 1.0;
+        let Some(touch) = touch.filter(|touch| touch.impulse != Vector3::zeros()) else {
+            *self = Self { sum: self.sum, slip: self.slip, slip_path: self.slip_path, ..Self::default() };
+            self.point = center;
+            return;
+        };
+        let normal = touch.axes[0];
+        self.force = touch.impulse / step;
+        self.sum.0 += self.force;
+        self.point = center - normal * radius;
+        self.normal = normal;
+        self.depth = (-touch.distance).max(0.0);
+        self.slip_velocity = rotation.inverse() * touch.slip_velocity;
         self.slip += self.slip_velocity * step;
-        if contact.slides(friction) {
+        let limit = friction * self.force.dot(&normal).abs();
+        if across(&self.force, &normal).norm() >= SLIDING * limit {
             self.slip_path += self.slip_velocity.norm() * step;
-            self.stuck_at = self.slip;
-            self.correct_direction(&(rotation.inverse() * across(&contact.force, &contact.normal)));
-        } else {
-            self.direction_correction = Vector3::zeros();
         }
     }
 
@@ -92,65 +139,16 @@ impl TipContact {
     pub fn mean_force(&self) -> Vector3<f64> {
         self.sum.0 / self.sum.1.max(1.0)
     }
-
-    /// Corrects the direction of sliding friction, which must oppose the slip velocity. Rapier's friction
-    /// does not if the effective mass of the contact differs between tangential directions. The correction is
-    /// a velocity across the slip direction, which is added to the velocity that rapier sees; this updates
-    /// it.
-    fn correct_direction(&mut self, friction: &Vector3<f64>) {
-        let (Some(slip), Some(pull)) = (self.slip_velocity.try_normalize(1e-6), friction.try_normalize(1e-9))
-        else {
-            self.direction_correction = Vector3::zeros();
-            return;
-        };
-        self.direction_correction =
-            across(&(self.direction_correction + DIRECTION_GAIN * (slip - pull)), &slip).cap_magnitude(1.0);
-    }
-
-    /// Velocity along the surface that corrects creep and the direction of friction, in the object frame
-    /// [m/s].
-    pub fn correction(&self, step: f64) -> Vector3<f64> {
-        (self.slip - self.stuck_at) * (CREEP_GAIN / step)
-            + self.direction_correction * self.slip_velocity.norm()
-    }
-}
-
-/// The contact of two colliders during a sub-step.
-#[derive(Default)]
-pub struct Contact {
-    pub force: Vector3<f64>,
-    pub normal: Vector3<f64>,
-    pub depth: f64,
-}
-
-impl Contact {
-    /// Returns whether it slides or separates.
-    pub fn slides(&self, friction: f64) -> bool {
-        let limit = friction * self.force.dot(&self.normal).abs();
-        across(&self.force, &self.normal).norm() >= SLIDING * limit
-    }
-}
-
-/// Returns the contact of a pair, with the forces on `object` in the last sub-step, which had one solver
-/// iteration.
-pub fn contact(pair: &ContactPair, object: ColliderHandle, step: f64) -> Contact {
-    let side = if pair.collider1 == object { 1.0 } else { -1.0 };
-    let mut contact = Contact::default();
-    for manifold in pair.manifolds() {
-        let normal = wide(manifold.data.normal);
-        let touching = || manifold.points.iter().filter(|point| point.data.impulse > 0.0);
-        let Some(first) = touching().next() else { continue };
-        // Rapier stores the friction of a whole face at each of its points.
-        let friction = wide(first.data.warmstart_tangent_world);
-        let push = touching().map(|point| f64::from(point.data.impulse)).sum::<f64>();
-        contact.force += (friction - normal * push) * (side / step);
-        contact.normal = normal * side;
-        contact.depth = touching().fold(contact.depth, |depth, point| depth.max(-f64::from(point.dist)));
-    }
-    contact
 }
 
 /// Returns the component of a vector perpendicular to a direction.
 pub fn across(vector: &Vector3<f64>, direction: &Vector3<f64>) -> Vector3<f64> {
     vector - direction * direction.dot(vector)
+}
+
+/// Returns the unit vector along a normal, and two directions across it.
+fn axes(normal: Vector3<f64>) -> [Vector3<f64>; 3] {
+    let normal = normal.normalize();
+    let one = across(&Vector3::ith(normal.iamin(), 1.0), &normal).normalize();
+    [normal, one, normal.cross(&one)]
 }

@@ -87,6 +87,9 @@ pub enum PlantError {
          give the hand one, or remove the fixtures"
     )]
     NoCollision,
+    /// An object and fixed bodies, which the plant does not simulate together.
+    #[error("there are an object and fixtures: a plant simulates only one of them; remove the other")]
+    ObjectAndFixtures,
     /// A tip that the robot does not have.
     #[error("there is no tip number {tip}: the robot has {tips}, counted from 0")]
     NoTip {

@@ -1,6 +1,6 @@
 //! Fixed bodies, and the links that touch them.
 
-use rapier3d::dynamics::RigidBodyHandle;
+use rapier3d::dynamics::{FrictionModel, IntegrationParameters, RigidBodyHandle};
 use rapier3d::geometry::{ColliderBuilder, ColliderHandle, Group, InteractionGroups, InteractionTestMode};
 use rapier3d::na::{Isometry3, Point3, Vector3};
 use rapier3d::pipeline::PhysicsWorld;
@@ -10,12 +10,30 @@ use urdf_rs::{Geometry, Robot};
 use super::contact::across;
 use super::convert::{narrow, pose_of, wide};
 use super::error::{PlantError, check};
+use super::grasp::SOFTNESS;
 use super::shapes::{bevelled_cylinder, cuboid, cylinder, placed, with_friction};
 use super::stiction::{Creep, Crept};
 use super::tree::Body;
 
 /// A contact slides when it has moved by more than this along a surface; below it is creep [m].
 const SLACK: f64 = 5e-6;
+
+/// Rapier's sweeps over the constraints in a sub-step. After 16, joints that should stick creep.
+const SWEEPS: usize = 256;
+
+/// Sets rapier's parameters for contacts at the scale of grams and centimetres.
+pub fn set_parameters(parameters: &mut IntegrationParameters) {
+    parameters.length_unit = 0.01;
+    parameters.normalized_max_corrective_velocity = 300.0;
+    parameters.contact_recycling = false;
+    parameters.contact_softness = SOFTNESS;
+    parameters.static_contact_softness = SOFTNESS;
+    // Affects faces only; a point contact always has Coulomb friction. With the other model, the friction at
+    // the corners of a sliding face has different directions, and the sum is too small.
+    parameters.friction_model = FrictionModel::Simplified;
+    parameters.friction_in_bias_pass = true;
+    parameters.num_internal_pgs_iterations = SWEEPS;
+}
 
 /// A fixed body that the collision elements of the robot's links touch.
 #[derive(Clone, Debug, PartialEq)]
@@ -209,13 +227,13 @@ impl Fixtures {
         self.touches.iter_mut().for_each(|touch| touch.read(physics, step));
     }
 
-    /// Adds the creep of the contacts since they last slid, for correction in rapier.
-    pub fn creep(&self, physics: &PhysicsWorld, creep: &mut Creep) {
+    /// Returns the creep of the contacts since they last slid, for correction in rapier.
+    pub fn creep(&self, physics: &PhysicsWorld, step: f64) -> Creep {
         let crept = |touch: &Touch| {
             let motion = pose_of(physics.bodies.get(touch.body)?) * touch.stuck_at?.inverse();
             Some(Crept { fixed: touch.fixed, moving: touch.moving, motion })
         };
-        creep.fixed.extend(self.touches.iter().filter_map(crept));
+        Creep { contacts: self.touches.iter().filter_map(crept).collect(), step }
     }
 
     /// Returns the pairs of fixed body and link that touched in the averaging interval.

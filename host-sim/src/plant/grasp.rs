@@ -1,163 +1,200 @@
-//! The grasped object in the physics engine: its colliders and contacts.
+//! The grasped object, and the sub-steps of a hand that may touch it.
+//!
+//! Parry, rapier's geometry, finds the contacts. Links and object move by the equations of rapier's multibodies
+//! and bodies, and the contacts are rapier's springs, but the constraints are solved to the end, see
+//! [`Constraints`]: the object couples the fingers, and rapier's sweeps would converge slowly. With 16 of them,
+//! joints that should stick creep, and joint friction of 0.08 N·m does not reduce a finger's normal force of 2 N
+//! at rest. (With 16, 64, 256 and 1000 sweeps, the force is 2.02, 1.91, 0.77 and 0.77 N.)
 
-use rapier3d::dynamics::{FrictionModel, SpringCoefficients};
-use rapier3d::dynamics::{IntegrationParameters, RigidBodyBuilder, RigidBodyHandle};
-use rapier3d::geometry::{ColliderBuilder, ColliderHandle, Group, InteractionGroups, InteractionTestMode};
+use rapier3d::dynamics::SpringCoefficients;
+use rapier3d::geometry::{ColliderBuilder, SharedShape};
 use rapier3d::math::Vector;
-use rapier3d::na::{Isometry3, Translation3, Vector3};
-use rapier3d::pipeline::PhysicsWorld;
+use rapier3d::na::{Isometry3, Point3, Translation3, Vector3};
 
-use super::contact::{Contact, TipContact, contact};
-use super::convert::{isometry, narrow, pose, pose_of, wide};
+use super::constraints::{Constraints, ObjectRow, Row};
+use super::contact::{Pair, TipContact, Touch};
+use super::convert::{isometry, isometry_of, narrow, vector};
 use super::end_effector::Tip;
+use super::links::Links;
 use super::motion::Motion;
 use super::push::Disturbances;
-use super::shapes::{cuboid, cylinder, with_friction};
-use super::stiction::{Creep, Crept};
+use super::rigid_body::FreeBody;
+use super::shapes::{cuboid, cylinder};
 use tesaki_description::object::{ObjectValues, Shape};
 
-/// Solver iterations over the constraints in a sub-step. A grasp needs many more than a free hand, because
-/// the object couples the fingers. With 16, joints that should stick creep, and joint friction of 0.08 N·m
-/// does not reduce a finger's normal force of 2 N at rest. The effect has converged at 256: the normal force
-/// is 2.02, 1.91, 0.77 and 0.77 N with 16, 64, 256 and 1000 iterations.
-const ITERATIONS: usize = 256;
 /// Distance to which a removed object is moved [m].
-const AWAY: f32 = 100.0;
+const AWAY: f64 = 100.0;
 /// Natural frequency [Hz] and damping ratio of the contact spring with the effective mass.
-const SOFTNESS: (f32, f32) = (1000.0, 1.0);
+pub const SOFTNESS: SpringCoefficients<f32> =
+    SpringCoefficients { natural_frequency: 1000.0, damping_ratio: 1.0 };
+/// Largest velocity at which the spring of a contact separates the solids [m/s].
+pub const MAX_CORRECTION: f64 = 3.0;
 
 /// An object among the fingertips.
 pub struct Grasp {
-    object: RigidBodyHandle,
-    collider: ColliderHandle,
-    support: Option<ColliderHandle>,
-    /// Pose of the object when it last slid on its support.
-    stuck_at: Isometry3<f64>,
+    body: FreeBody,
+    solid: Solid,
+    /// The support, and the balls of the tips, each with its contacts.
+    support: Option<(Solid, Pair)>,
+    balls: Vec<(SharedShape, Pair)>,
     tip_contacts: Vec<TipContact>,
     /// Coefficient of friction of every contact of the object.
     pub friction: f64,
     pub disturbances: Disturbances,
+    /// Force of the support on the object in the last sub-step, in the frame of the base [N].
+    pub support_force: Vector3<f64>,
+    constraints: Constraints,
 }
 
-/// Sets rapier's parameters for contacts at the scale of grams and centimetres.
-pub fn set_parameters(parameters: &mut IntegrationParameters) {
-    let (natural_frequency, damping_ratio) = SOFTNESS;
-    let softness = SpringCoefficients { natural_frequency, damping_ratio };
-    parameters.length_unit = 0.01;
-    parameters.normalized_max_corrective_velocity = 300.0;
-    parameters.contact_recycling = false;
-    parameters.contact_softness = softness;
-    parameters.static_contact_softness = softness;
-    // Affects faces only; a point contact always has Coulomb friction. With the other model, the friction at
-    // the corners of a sliding face has different directions, and the sum is too small.
-    parameters.friction_model = FrictionModel::Simplified;
-    parameters.friction_in_bias_pass = true;
-    parameters.num_internal_pgs_iterations = ITERATIONS;
+/// A solid, and its pose in the frame of the body that it belongs to.
+struct Solid {
+    shape: SharedShape,
+    place: Isometry3<f64>,
+}
+
+impl From<ColliderBuilder> for Solid {
+    fn from(builder: ColliderBuilder) -> Self {
+        Self { place: isometry_of(&builder.position), shape: builder.shape }
+    }
 }
 
 impl Grasp {
-    /// Inserts the object, its support and a sphere for each tip into the physics engine. `links` are the
-    /// bodies of the tips.
-    pub fn new(
-        physics: &mut PhysicsWorld,
-        values: &ObjectValues,
-        friction: f64,
-        tips: &[Tip],
-        links: &[RigidBodyHandle],
-    ) -> Self {
-        let place = isometry(values.position, values.orientation);
+    /// Puts the object on its support, among the tips.
+    pub fn new(values: &ObjectValues, friction: f64, tips: &[Tip]) -> Self {
         let disturbances = Disturbances::new(values);
-        // Rapier's own principal axes of a convex hull can be wrong.
-        let mass = disturbances.mass_properties(0.0);
-        let body = RigidBodyBuilder::dynamic().pose(pose(&place)).additional_mass_properties(mass);
-        let object = physics.insert_body(body.can_sleep(false));
-        let body = solid(values).density(0.0).collision_groups(groups(true));
-        let collider = physics.insert_collider(with_friction(body, friction), Some(object));
+        let place = isometry(values.position, values.orientation);
         let support = values.support.map(|support| {
             let place = isometry(support.position, support.orientation);
-            let block = cuboid(support.size).position(pose(&place));
-            physics.insert_collider(with_friction(block.collision_groups(groups(false)), friction), None)
+            (Solid { shape: cuboid(support.size).shape, place }, Pair::default())
         });
-        let mut tip_contacts = Vec::new();
-        for (tip, &link) in tips.iter().zip(links) {
-            let center = tip.frame * Translation3::from(tip.center);
-            let ball = ColliderBuilder::ball(narrow(tip.radius)).position(pose(&center)).density(0.0);
-            let ball = with_friction(ball.collision_groups(groups(false)), friction);
-            tip_contacts.push(TipContact::new(physics.insert_collider(ball, Some(link))));
+        let ball = |tip: &Tip| (SharedShape::ball(narrow(tip.radius)), Pair::default());
+        Self {
+            body: FreeBody::new(place, disturbances.mass_distribution(0.0)),
+            solid: solid(values).into(),
+            support,
+            balls: tips.iter().map(ball).collect(),
+            tip_contacts: tips.iter().map(|_| TipContact::default()).collect(),
+            friction,
+            disturbances,
+            support_force: Vector3::zeros(),
+            constraints: Constraints::default(),
         }
-        Self { object, collider, support, stuck_at: place, tip_contacts, friction, disturbances }
     }
 
-    /// Applies the forces of pushes and weights, scaled by `fraction`, in the sub-step around `time`.
-    pub fn disturb(&mut self, physics: &mut PhysicsWorld, time: f64, fraction: f64) {
-        if let Some(body) = physics.bodies.get_mut(self.object) {
-            self.disturbances.act(body, &physics.colliders, time, fraction);
+    /// Advances links and object by the sub-step of `step` seconds around `time`. Disturbances are scaled by
+    /// `fraction`, as `gravity` is already.
+    pub fn step(
+        &mut self,
+        (links, tips): (&mut Links, &[Tip]),
+        gravity: &Vector3<f64>,
+        (time, fraction): (f64, f64),
+        step: f64,
+    ) {
+        self.disturbances.act(&mut self.body, time, fraction);
+        self.body.accelerate(gravity, step);
+        links.accelerate(vector(gravity), narrow(step));
+        let mut touches = self.find_touches(links, tips);
+        self.constrain((links, tips), &mut touches, step);
+        links.advance(narrow(step));
+        self.body.advance(step);
+        self.read((links, tips), &touches, step);
+    }
+
+    /// Finds the points where the object touches the tips, in their order, then those on the support.
+    fn find_touches(&mut self, links: &Links, tips: &[Tip]) -> Vec<Touch> {
+        let object = (&self.solid.shape, self.body.pose * self.solid.place);
+        let mut touches = Vec::new();
+        for (index, ((ball, pair), tip)) in self.balls.iter_mut().zip(tips).enumerate() {
+            let center = Translation3::from(center(links, tip));
+            touches.extend(pair.find(object, (ball, center.into()), Some(index)));
+        }
+        if let Some((support, pair)) = &mut self.support {
+            touches.extend(pair.find(object, (&support.shape, support.place), None));
+        }
+        touches
+    }
+
+    /// Changes the velocities so that they meet all constraints. Sets impulses and slip velocities of the
+    /// touches.
+    fn constrain(&mut self, (links, tips): (&mut Links, &[Tip]), touches: &mut [Touch], step: f64) {
+        let (body, constraints) = (&mut self.body, &mut self.constraints);
+        let (dt, center, inverse_inertia) = (narrow(step), body.center(), body.inverse_inertia());
+        let (erp, cfm) = (f64::from(SOFTNESS.erp_inv_dt(dt)), f64::from(SOFTNESS.cfm_coeff(dt)));
+        constraints.begin(links.constraints(dt));
+        for touch in &*touches {
+            let rows = touch.axes.map(|direction| {
+                let mut row = match touch.tip {
+                    Some(tip) => links.row(tips[tip].body, &touch.point, &direction),
+                    None => Row::default(),
+                };
+                let turn = (touch.point - center).cross(&direction);
+                row.object = Some(ObjectRow {
+                    linear: -direction,
+                    angular: -turn,
+                    linear_response: -direction / body.mass.mass,
+                    angular_response: -(inverse_inertia * turn),
+                });
+                row.impulse = -touch.impulse.dot(&direction);
+                row
+            });
+            let bias = if touch.distance > 0.0 {
+                touch.distance / step
+            } else {
+                (erp * touch.distance).max(-MAX_CORRECTION)
+            };
+            constraints.add_contact(rows, self.friction, (bias, cfm));
+        }
+        let object = [body.linear, body.angular];
+        constraints.solve(|row| row.of(links.velocities(row.chain), &object));
+        for row in constraints.rows() {
+            if let Some(object) = &row.object {
+                body.linear += object.linear_response * row.impulse;
+                body.angular += object.angular_response * row.impulse;
+            }
+        }
+        links.take_impulses(constraints.rows());
+        for (touch, [normal, one, two]) in touches.iter_mut().zip(constraints.contacts()) {
+            let sum = |values: [f64; 3]| -> Vector3<f64> {
+                touch.axes.iter().zip(values).map(|(axis, value)| axis * value).sum()
+            };
+            let impulse = -sum([normal.impulse, one.impulse, two.impulse]);
+            (touch.slip_velocity, touch.impulse) = (sum([0.0, one.velocity, two.velocity]), impulse);
+        }
+    }
+
+    /// Reads the contacts after the sub-step.
+    fn read(&mut self, (links, tips): (&Links, &[Tip]), touches: &[Touch], step: f64) {
+        let of = |tip: Option<usize>| touches.iter().filter(move |touch| touch.tip == tip);
+        for (index, contact) in self.tip_contacts.iter_mut().enumerate() {
+            let (_, pair) = &mut self.balls[index];
+            pair.keep(of(Some(index)));
+            let ball = (center(links, &tips[index]), tips[index].radius);
+            contact.update(of(Some(index)).next(), ball, &self.body.pose.rotation, (self.friction, step));
+        }
+        self.support_force = of(None).map(|touch| touch.impulse).sum::<Vector3<f64>>() / step;
+        if let Some((_, pair)) = &mut self.support {
+            pair.keep(of(None));
         }
     }
 
     /// Moves the object far away, at rest.
-    pub fn remove(&self, physics: &mut PhysicsWorld) {
-        if let Some(body) = physics.bodies.get_mut(self.object) {
-            body.set_translation(Vector::new(0.0, 0.0, -AWAY), true);
-            body.set_linvel(Vector::ZERO, true);
-            body.set_angvel(Vector::ZERO, true);
-        }
+    pub fn remove(&mut self) {
+        self.body.pose.translation = Translation3::new(0.0, 0.0, -AWAY);
+        (self.body.linear, self.body.angular) = (Vector3::zeros(), Vector3::zeros());
     }
 
-    pub fn remove_support(&mut self, physics: &mut PhysicsWorld) {
-        if let Some(support) = self.support.take() {
-            physics.remove_collider(support);
-        }
-    }
-
-    /// Reads the contacts of the last sub-step of `step` seconds. `tips` holds radius, centre and motion of
-    /// each tip.
-    pub fn read(&mut self, physics: &PhysicsWorld, tips: &[(f64, Vector3<f64>, Motion)], step: f64) {
-        let turn = self.pose(physics).rotation;
-        for index in 0..self.tip_contacts.len() {
-            let (Some(touch), Some((radius, center, tip))) = (self.tip_contacts.get(index), tips.get(index))
-            else {
-                continue;
-            };
-            let pair = physics.contact_pair(touch.collider, self.collider);
-            let contact = pair.map(|pair| contact(pair, self.collider, step)).unwrap_or_default();
-            let point = center - contact.normal * *radius;
-            let object = self.motion_at(physics, &point);
-            let motion = tip.linear + tip.angular.cross(&(point - center)) - object.linear;
-            if let Some(touch) = self.tip_contacts.get_mut(index) {
-                touch.update(&contact, point, &motion, &turn, (self.friction, step));
-            }
-        }
-        if self.support_contact(physics, step).is_none_or(|contact| contact.slides(self.friction)) {
-            self.stuck_at = self.pose(physics);
-        }
-    }
-
-    /// Returns the creep of the contacts since they last slid, for correction in rapier.
-    pub fn creep(&self, physics: &PhysicsWorld, step: f64) -> Creep {
-        let pose = self.pose(physics);
-        let tip = |touch: &TipContact| (touch.collider, pose.rotation * touch.correction(step));
-        let crept = |fixed| Crept { fixed, moving: self.collider, motion: pose * self.stuck_at.inverse() };
-        Creep {
-            tips: self.tip_contacts.iter().map(tip).collect(),
-            fixed: self.support.into_iter().map(crept).collect(),
-            step,
-        }
+    pub fn remove_support(&mut self) {
+        self.support = None;
     }
 
     /// Pose of the object, in the base frame.
-    pub fn pose(&self, physics: &PhysicsWorld) -> Isometry3<f64> {
-        physics.bodies.get(self.object).map_or_else(Isometry3::identity, pose_of)
+    pub const fn pose(&self) -> &Isometry3<f64> {
+        &self.body.pose
     }
 
     /// Motion of the object at a point, both in the base frame.
-    pub fn motion_at(&self, physics: &PhysicsWorld, point: &Vector3<f64>) -> Motion {
-        let Some(body) = physics.bodies.get(self.object) else {
-            return Motion { linear: Vector3::zeros(), angular: Vector3::zeros() };
-        };
-        let (linear, angular) = (wide(body.linvel()), wide(body.angvel()));
-        let lever = point - wide(body.center_of_mass());
-        Motion { linear: linear + angular.cross(&lever), angular }
+    pub fn motion_at(&self, point: &Vector3<f64>) -> Motion {
+        self.body.motion_at(point)
     }
 
     /// Begins a new averaging interval of the forces.
@@ -169,16 +206,11 @@ impl Grasp {
     pub fn tip_contacts(&self) -> &[TipContact] {
         &self.tip_contacts
     }
+}
 
-    /// Force of the support on the object in the last sub-step, in the frame of the base [N].
-    pub fn support_force(&self, physics: &PhysicsWorld, step: f64) -> Vector3<f64> {
-        self.support_contact(physics, step).map_or_else(Vector3::zeros, |contact| contact.force)
-    }
-
-    fn support_contact(&self, physics: &PhysicsWorld, step: f64) -> Option<Contact> {
-        let pair = physics.contact_pair(self.support?, self.collider)?;
-        Some(contact(pair, self.collider, step))
-    }
+/// Centre of a tip's ball, in the frame of the base.
+fn center(links: &Links, tip: &Tip) -> Vector3<f64> {
+    (isometry_of(links.pose(tip.body)) * tip.frame * Point3::from(tip.center)).coords
 }
 
 fn solid(values: &ObjectValues) -> ColliderBuilder {
@@ -193,11 +225,4 @@ fn solid(values: &ObjectValues) -> ColliderBuilder {
             ColliderBuilder::convex_hull(corners.as_flattened()).unwrap_or(cuboid(values.size))
         }
     }
-}
-
-/// The object collides with all other colliders; these collide only with the object.
-const fn groups(object: bool) -> InteractionGroups {
-    let (own, other) =
-        if object { (Group::GROUP_1, Group::GROUP_2) } else { (Group::GROUP_2, Group::GROUP_1) };
-    InteractionGroups::new(own, other, InteractionTestMode::And)
 }

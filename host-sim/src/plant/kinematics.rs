@@ -1,7 +1,7 @@
 //! Poses and motions of joints, links and tips.
 
 use rapier3d::math::Pose;
-use rapier3d::na::{Isometry3, Point3, Vector3};
+use rapier3d::na::{Isometry3, Vector3};
 
 use super::convert::{isometry_of, wide};
 use super::motion::Motion;
@@ -10,8 +10,8 @@ use super::world::{World, first_dof};
 impl World {
     /// Joint angles [rad].
     pub fn positions(&self) -> impl Iterator<Item = f64> {
-        self.joints.iter().enumerate().map(|(index, joint)| match &self.free {
-            Some(free) => f64::from(free.motion(index).0),
+        self.joints.iter().enumerate().map(|(index, joint)| match &self.links {
+            Some(links) => f64::from(links.motion(index).0),
             None => {
                 let chain = self.physics.multibody_joints.get(joint.handle);
                 let link = chain.and_then(|(chain, link)| chain.link(link));
@@ -26,8 +26,8 @@ impl World {
     }
 
     fn velocity(&self, joint: usize) -> f64 {
-        if let Some(free) = &self.free {
-            return f64::from(free.motion(joint).1);
+        if let Some(links) = &self.links {
+            return f64::from(links.motion(joint).1);
         }
         let chain = self.joints.get(joint).and_then(|joint| self.physics.multibody_joints.get(joint.handle));
         chain
@@ -38,8 +38,8 @@ impl World {
     /// Pose of the body behind a joint, in the frame of the base.
     pub(super) fn pose(&self, joint: usize) -> Option<Pose> {
         let body = self.joints.get(joint)?.body;
-        match &self.free {
-            Some(free) => Some(*free.pose(joint)),
+        match &self.links {
+            Some(links) => Some(*links.pose(joint)),
             None => self.physics.bodies.get(body).map(|body| *body.position()),
         }
     }
@@ -66,13 +66,6 @@ impl World {
     pub fn tip_frame(&self, tip: usize) -> Option<Isometry3<f64>> {
         let tip = self.tips.get(tip)?;
         Some(self.body(tip.body)? * tip.frame)
-    }
-
-    /// Radius of a tip, its centre, and the motion of the centre.
-    pub(super) fn tip_motion(&self, tip: usize) -> Option<(f64, Vector3<f64>, Motion)> {
-        let (frame, tip) = (self.tip_frame(tip)?, self.tips.get(tip)?);
-        let center = (frame * Point3::from(tip.center)).coords;
-        Some((tip.radius, center, self.motion_at(tip.body, &center)))
     }
 
     /// Returns the motion of a point of a joint's body, both in the frame of the base.

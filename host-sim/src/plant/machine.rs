@@ -109,6 +109,9 @@ impl Plant {
         if object.is_some() {
             check_spheres(&tips)?;
         }
+        if object.is_some() && !options.fixtures.is_empty() {
+            return Err(PlantError::ObjectAndFixtures);
+        }
         world.insert_object(tips, object);
         if !options.fixtures.is_empty() {
             for (index, fixture) in options.fixtures.iter().enumerate() {

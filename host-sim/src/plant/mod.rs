@@ -43,6 +43,7 @@
 //! [`Wall`]s, [`Hold`]s and [`Push`]es act on the tips by springs, dampers and forces in every sub-step; a
 //! force sensor behind the tip measures them. They begin and end between control periods.
 
+mod constraints;
 mod contact;
 mod convert;
 mod current_loop;
@@ -54,11 +55,11 @@ mod error;
 mod factors;
 mod fixture;
 mod force;
-mod free;
 mod grasp;
 mod intervention;
 mod kinematics;
 mod linkage;
+mod links;
 mod lu;
 mod machine;
 mod motion;
@@ -66,6 +67,7 @@ mod multibody;
 mod narrow_phase;
 mod outside_drive;
 mod push;
+mod rigid_body;
 mod shapes;
 mod stiction;
 mod tree;

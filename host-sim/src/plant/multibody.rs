@@ -1,4 +1,4 @@
-//! Links without contacts, integrated exactly as rapier does, to the last bit.
+//! Links, integrated exactly as rapier does, to the last bit where they touch nothing.
 //!
 //! Rapier's multibodies support joints of any kind and matrices of any size, and each of its steps looks for
 //! contacts, islands and soft bodies. A robot that touches nothing needs none of that. This module has the
@@ -12,8 +12,10 @@ use rapier3d::dynamics::{
     SpringCoefficients,
 };
 use rapier3d::math::{AngularInertia, Matrix, Pose, Rotation, Vector};
-use rapier3d::na::Matrix3;
+use rapier3d::na::{Matrix3, Vector3};
 
+use super::constraints;
+use super::convert::{narrow, wide};
 use super::lu::{Lu, add_scaled, dot};
 
 /// If a joint turns farther than this in a sub-step [rad], the energy that an implicit step adds is checked.
@@ -37,6 +39,8 @@ pub struct Multibody {
     /// For each row, the response of the joint velocities to a unit impulse.
     responses: Vec<f32>,
     workspace: Vec<f32>,
+    /// Impulses of the joints' dry friction in the last sub-step, if contacts are among the constraints.
+    frictions: Vec<f64>,
 }
 
 /// A link and the joint before it.
@@ -151,6 +155,7 @@ impl Multibody {
             rows: Vec::with_capacity(2 * size),
             responses: Vec::with_capacity(2 * size * size),
             workspace: zeros(),
+            frictions: vec![0.0; size],
         };
         multibody.place_links();
         Some(multibody)
@@ -200,21 +205,86 @@ impl Multibody {
 
     /// Advances by one sub-step.
     pub fn step(&mut self, gravity: Vector, parameters: &IntegrationParameters) {
-        let dt = parameters.dt;
+        self.accelerate(gravity, parameters.dt);
+        self.constrain(parameters.dt, parameters.num_internal_pgs_iterations);
+        self.advance(parameters.dt);
+    }
+
+    /// Changes the velocities by those of a sub-step, without constraints.
+    pub fn accelerate(&mut self, gravity: Vector, dt: f32) {
         self.turn_links();
         self.fill_masses(dt);
         self.mass.factorise();
         self.implicit.factorise();
-        self.accelerate(gravity, dt);
+        self.find_accelerations(gravity, dt);
         for (velocity, acceleration) in self.velocities.iter_mut().zip(&self.accelerations) {
             *velocity += dt * acceleration;
         }
-        self.constrain(dt, parameters.num_internal_pgs_iterations);
+    }
+
+    /// Moves the links with their velocities.
+    pub fn advance(&mut self, dt: f32) {
         for (link, velocity) in self.links.iter_mut().zip(&self.velocities) {
             link.angle += velocity * dt;
             link.turn = Rotation::from_axis_angle(Vector::X, link.angle);
         }
         self.place_links();
+    }
+
+    /// Joint velocities [rad/s].
+    pub fn velocities(&self) -> &[f32] {
+        &self.velocities
+    }
+
+    /// Changes the velocities by the impulses of `rows`, of which the first are the constraints of the joints.
+    pub fn take_impulses<'a>(&mut self, rows: impl Iterator<Item = &'a constraints::Row>) {
+        let mut velocities: Vec<f64> = self.velocities.iter().copied().map(f64::from).collect();
+        for (index, row) in rows.enumerate() {
+            for (velocity, response) in velocities.iter_mut().zip(&row.links_response) {
+                *velocity += response * row.impulse;
+            }
+            if let Some(Row { joint, .. }) = self.rows.get(index).filter(|row| row.is_friction()) {
+                self.frictions[*joint] = row.impulse;
+            }
+        }
+        self.velocities.iter_mut().zip(velocities).for_each(|(velocity, wide)| *velocity = narrow(wide));
+    }
+
+    /// The constraints of the joints.
+    pub fn constraints(&mut self, dt: f32) -> impl Iterator<Item = constraints::Row> {
+        self.prepare_rows(dt);
+        let (size, frictions) = (self.links.len(), &self.frictions);
+        self.rows.iter().zip(self.responses.chunks_exact(size)).map(move |(row, response)| {
+            let mut links = vec![0.0; size];
+            links[row.joint] = 1.0;
+            // Here, impulses have the opposite sign.
+            let [lower, upper] = row.bounds.map(f64::from);
+            constraints::Row {
+                links,
+                links_response: response.iter().copied().map(f64::from).collect(),
+                bias: row.bias.into(),
+                compliance: row.compliance.into(),
+                bounds: [-upper, -lower],
+                impulse: if row.is_friction() { frictions[row.joint] } else { 0.0 },
+                ..constraints::Row::default()
+            }
+        })
+    }
+
+    /// The velocity of a point of a link along a direction, as a constraint.
+    pub fn row(&self, link: usize, point: &Vector3<f64>, direction: &Vector3<f64>) -> constraints::Row {
+        let link = &self.links[link];
+        let lever = point - wide(link.place.center);
+        let mut links = vec![0.0; self.links.len()];
+        let mut response = vec![0.0; self.links.len()];
+        for (joint, linear) in link.path.iter().zip(&link.linear) {
+            let motion = wide(*linear) + wide(self.axes[*joint]).cross(&lever);
+            links[*joint] = motion.dot(direction);
+            response[*joint] = narrow(links[*joint]);
+        }
+        self.mass.solve(&mut response);
+        let links_response = response.into_iter().map(f64::from).collect();
+        constraints::Row { links, links_response, ..constraints::Row::default() }
     }
 
     /// Computes the forward kinematics.
@@ -287,7 +357,7 @@ impl Multibody {
         }
     }
 
-    fn accelerate(&mut self, gravity: Vector, dt: f32) {
+    fn find_accelerations(&mut self, gravity: Vector, dt: f32) {
         let is_fast = dt * self.velocities.iter().fold(0.0, |most: f32, v| most.max(v.abs())) >= FAST;
         let [forces, applied] = &mut self.forces;
         forces.fill(0.0);
@@ -340,8 +410,8 @@ impl Multibody {
         excess.is_nan() || excess > 0.0
     }
 
-    /// Applies dry friction and end stops.
-    fn constrain(&mut self, dt: f32, sweeps: usize) {
+    /// Prepares the rows of dry friction and end stops.
+    fn prepare_rows(&mut self, dt: f32) {
         let size = self.links.len();
         self.rows.clear();
         self.responses.clear();
@@ -359,6 +429,12 @@ impl Multibody {
                 self.rows.push(Row { joint, impulse: 0.0, bounds, gain, bias, compliance });
             }
         }
+    }
+
+    /// Applies dry friction and end stops.
+    fn constrain(&mut self, dt: f32, sweeps: usize) {
+        self.prepare_rows(dt);
+        let size = self.links.len();
         let mut changes = true;
         for _ in 0..sweeps {
             // Once a sweep changes nothing, further sweeps change nothing either.
@@ -377,6 +453,13 @@ impl Multibody {
                 }
             }
         }
+    }
+}
+
+impl Row {
+    /// Whether it is dry friction, and no stop.
+    fn is_friction(&self) -> bool {
+        self.bounds[0] > f32::MIN && self.bounds[1] < f32::MAX
     }
 }
 

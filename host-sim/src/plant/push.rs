@@ -1,12 +1,10 @@
 //! Disturbances: pushes on an object or a tip, and weights on an object.
 
-use rapier3d::dynamics::{MassProperties, RigidBody};
-use rapier3d::geometry::ColliderSet;
-use rapier3d::na::{Matrix3, Vector3};
+use rapier3d::na::{Matrix3, Point3, Vector3};
 use tesaki_description::urdf::point_inertia;
 
-use super::convert::{mass_properties, vector, wide};
 use super::error::PlantError;
+use super::rigid_body::{FreeBody, MassDistribution};
 use tesaki_description::object::ObjectValues;
 
 /// A force on an object or a tip that rises, holds and falls.
@@ -103,7 +101,7 @@ pub struct Disturbances {
     own: (f64, Vector3<f64>, Matrix3<f64>),
     pushes: Vec<(f64, Push)>,
     weights: Vec<Weight>,
-    /// Mass of the weights that was last passed to rapier [kg].
+    /// Mass of the weights in the last sub-step [kg].
     mass: f64,
 }
 
@@ -137,39 +135,29 @@ impl Disturbances {
     }
 
     /// Applies all disturbances to the object in the sub-step around `time`, scaled by `fraction`.
-    pub fn act(&mut self, body: &mut RigidBody, colliders: &ColliderSet, time: f64, fraction: f64) {
-        body.reset_forces(true);
-        body.reset_torques(true);
+    pub fn act(&mut self, body: &mut FreeBody, time: f64, fraction: f64) {
+        body.release();
         for (begin, push) in &self.pushes {
             let force = Vector3::from(push.force) * (push.fraction(time - begin) * fraction);
-            let point = body.position() * vector(&Vector3::from(push.point));
-            body.add_force_at_point(vector(&force), point, true);
+            let point = body.pose * Point3::from(Vector3::from(push.point));
+            body.add_force(&force, &point.coords);
         }
         let mass = self.mass(time);
         if mass.to_bits() != self.mass.to_bits() {
             self.mass = mass;
-            self.weigh(body, colliders, time);
+            body.set_mass(self.mass_distribution(time));
         }
     }
 
-    /// Sets the object's mass including all weights. The velocity of each of its points is kept.
-    fn weigh(&self, body: &mut RigidBody, colliders: &ColliderSet, time: f64) {
-        let (before, turn) = (wide(body.center_of_mass()), wide(body.angvel()));
-        body.set_additional_mass_properties(self.mass_properties(time), true);
-        body.recompute_mass_properties_from_colliders(colliders);
-        let moved = turn.cross(&(wide(body.center_of_mass()) - before));
-        body.set_linvel(body.linvel() + vector(&moved), true);
-    }
-
-    /// Mass properties of the object with all weights.
-    pub fn mass_properties(&self, time: f64) -> MassProperties {
+    /// Mass distribution of the object with all weights.
+    pub fn mass_distribution(&self, time: f64) -> MassDistribution {
         let (own, center, inertia) = &self.own;
         let mut parts = vec![(*own, *center)];
         parts.extend(self.weights.iter().map(|weight| (weight.mass(time), weight.point)));
         let mass: f64 = parts.iter().map(|(mass, _)| mass).sum();
         let common = parts.iter().map(|(mass, place)| place * *mass).sum::<Vector3<f64>>() / mass;
         let around = parts.iter().map(|(mass, place)| point_inertia(*mass, &(place - common)));
-        mass_properties(mass, &common, inertia + around.sum::<Matrix3<f64>>())
+        MassDistribution { mass, center: common, inertia: inertia + around.sum::<Matrix3<f64>>() }
     }
 }
 

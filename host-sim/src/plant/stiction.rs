@@ -12,16 +12,11 @@ use rapier3d::pipeline::{ContactModificationContext, PhysicsHooks};
 use super::convert::{vector, wide};
 
 /// Fraction of the creep that is corrected in a sub-step.
-pub const CREEP_GAIN: f64 = 0.2;
+const CREEP_GAIN: f64 = 0.2;
 
 /// Creep of all contacts.
-#[derive(Default)]
 pub struct Creep {
-    /// Collider of each fingertip, and the velocity along the object that reverses its creep, in the frame of
-    /// the base [m/s].
-    pub tips: Vec<(ColliderHandle, Vector3<f64>)>,
-    /// Creep on fixed bodies.
-    pub fixed: Vec<Crept>,
+    pub contacts: Vec<Crept>,
     /// Sub-step [s].
     pub step: f64,
 }
@@ -39,11 +34,8 @@ pub struct Crept {
 impl Creep {
     /// Returns the velocity of a surface at a point that reverses the creep of the other surface on it.
     fn back(&self, surface: ColliderHandle, other: ColliderHandle, point: Vector) -> Option<Vector3<f64>> {
-        if let Some((_, velocity)) = self.tips.iter().find(|(tip, _)| *tip == surface) {
-            return Some(*velocity);
-        }
         let same = |crept: &&Crept| crept.fixed == surface && crept.moving == other;
-        let motion = self.fixed.iter().find(same)?.motion;
+        let motion = self.contacts.iter().find(same)?.motion;
         let point = Point3::from(wide(point));
         Some((motion.inverse() * point - point) * (CREEP_GAIN / self.step))
     }

@@ -113,9 +113,9 @@ impl Plant {
 
     /// The state of the object; `None` without one.
     pub fn object(&self) -> Option<ObjectTruth> {
-        let (grasp, physics) = (self.world.grasp()?, self.world.physics());
-        let pose = grasp.pose(physics);
-        let motion = grasp.motion_at(physics, &pose.translation.vector);
+        let grasp = self.world.grasp()?;
+        let pose = grasp.pose();
+        let motion = grasp.motion_at(&pose.translation.vector);
         Some(ObjectTruth {
             position: pose.translation.vector.into(),
             orientation: pose.rotation.coords.into(),
@@ -123,7 +123,7 @@ impl Plant {
             angular_velocity: motion.angular.into(),
             load: grasp.disturbances.mass(self.world.time()),
             friction: grasp.friction,
-            support_force: grasp.support_force(physics, self.values.integration.step).into(),
+            support_force: grasp.support_force.into(),
         })
     }
 

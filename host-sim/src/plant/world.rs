@@ -14,13 +14,12 @@ use super::end_effector::Tip;
 use super::energy::Inertial;
 use super::environment::Environment;
 use super::factors::JointFactors;
-use super::fixture::{Element, Fixture, Fixtures};
-use super::free::FreeLinks;
-use super::grasp::{self, Grasp};
+use super::fixture::{self, Element, Fixture, Fixtures};
+use super::grasp::Grasp;
 use super::linkage::Linkage;
+use super::links::Links;
 use super::narrow_phase::CheckedContacts;
 use super::push::{Disturbances, Push};
-use super::stiction::Creep;
 use super::tree::Body;
 use tesaki_description::object::ObjectValues;
 
@@ -42,8 +41,8 @@ pub struct JointValues {
 pub struct World {
     pub(super) physics: PhysicsWorld,
     pub(super) joints: Vec<Joint>,
-    /// The links, moved without rapier if nothing can touch them.
-    pub(super) free: Option<FreeLinks>,
+    /// The links; rapier moves them if fixed bodies can touch them.
+    pub(super) links: Option<Links>,
     linkages: Vec<Linkage>,
     pub(super) tips: Vec<Tip>,
     grasp: Option<Grasp>,
@@ -122,7 +121,7 @@ impl World {
         let mut world = Self {
             physics,
             joints,
-            free: None,
+            links: None,
             linkages: Vec::new(),
             tips,
             grasp,
@@ -142,19 +141,13 @@ impl World {
             }
         }
         let links = world.joints.iter().map(|joint| joint.body);
-        world.free = FreeLinks::new(&world.physics.multibody_joints, &world.physics.bodies, links);
+        world.links = Links::new(&world.physics.multibody_joints, &world.physics.bodies, links);
         world
     }
 
-    /// Whether no body can touch another.
-    #[cfg(test)]
-    pub const fn is_free(&self) -> bool {
-        self.free.is_some()
-    }
-
-    /// Lets rapier move all bodies, as if they could touch each other.
+    /// Lets rapier move the links, as if they could touch fixed bodies.
     pub fn leave_to_rapier(&mut self) {
-        self.free = None;
+        self.links = None;
     }
 
     /// Sets the joints that follow others.
@@ -182,18 +175,14 @@ impl World {
         self.environment = Environment::new(tips.len());
         self.tips = tips;
         let Some((values, friction)) = object else { return };
-        self.leave_to_rapier();
-        grasp::set_parameters(&mut self.physics.integration_parameters);
         self.tips.retain(|tip| tip.body < self.joints.len());
-        let links: Vec<_> =
-            self.tips.iter().filter_map(|tip| self.joints.get(tip.body)).map(|joint| joint.body).collect();
-        self.grasp = Some(Grasp::new(&mut self.physics, values, friction, &self.tips, &links));
+        self.grasp = Some(Grasp::new(values, friction, &self.tips));
     }
 
     /// Puts fixed bodies around the robot, for contact with the collision elements of its links.
     pub fn insert_fixtures(&mut self, fixtures: &[Fixture], elements: Vec<Element>) {
         self.leave_to_rapier();
-        grasp::set_parameters(&mut self.physics.integration_parameters);
+        fixture::set_parameters(&mut self.physics.integration_parameters);
         self.physics.narrow_phase = NarrowPhase::with_query_dispatcher(CheckedContacts);
         let with_body = |element: Element| Some((self.joints.get(element.body)?.body, element));
         let elements = elements.into_iter().filter_map(with_body).collect();
@@ -254,28 +243,34 @@ impl World {
         let fraction = if self.steps > 0 { 1.0 } else { 0.5 };
         self.physics.gravity = self.gravity * narrow(fraction);
         let time = self.time();
-        if let Some(grasp) = &mut self.grasp {
-            grasp.disturb(&mut self.physics, time, fraction);
-        }
         self.act_on_tips(time, fraction);
         self.act_on_links(time, fraction);
         self.steps += 1;
-        if let Some(free) = &mut self.free {
-            free.step(self.physics.gravity, &self.physics.integration_parameters);
-            return;
+        match (&mut self.links, &mut self.grasp) {
+            (Some(links), Some(grasp)) => {
+                let gravity = wide(self.gravity) * fraction;
+                grasp.step((links, &self.tips), &gravity, (time, fraction), self.step);
+            }
+            (Some(links), None) => links.step(self.physics.gravity, &self.physics.integration_parameters),
+            (None, _) => {
+                self.watch_stops();
+                match &self.fixtures {
+                    Some(fixtures) => {
+                        self.physics.step_with_events(&fixtures.creep(&self.physics, self.step), &());
+                    }
+                    None => self.physics.step(),
+                }
+                if let Some(fixtures) = &mut self.fixtures {
+                    fixtures.read(&self.physics, self.step);
+                }
+            }
         }
-        self.watch_stops();
-        match self.creep() {
-            Some(creep) => self.physics.step_with_events(&creep, &()),
-            None => self.physics.step(),
-        }
-        self.read_contacts();
     }
 
     /// Clears the forces and torques of the last sub-step.
     fn release(&mut self) {
-        if let Some(free) = &mut self.free {
-            return free.release();
+        if let Some(links) = &mut self.links {
+            return links.release();
         }
         for joint in &self.joints {
             if let Some(body) = self.physics.bodies.get_mut(joint.body) {
@@ -289,8 +284,8 @@ impl World {
     fn add_joint_torque(&mut self, index: usize, torque: f64) {
         let (Some(joint), Some(pose)) = (self.joints.get(index), self.pose(index)) else { return };
         let torque = pose.rotation * joint.axis * narrow(torque);
-        if let Some(free) = &mut self.free {
-            return free.add_joint_torque(index, torque);
+        if let Some(links) = &mut self.links {
+            return links.add_joint_torque(index, torque);
         }
         let (behind, before) = (joint.body, joint.parent);
         for (body, torque) in [(behind, torque), (before, -torque)] {
@@ -302,8 +297,8 @@ impl World {
 
     /// Adds a force on a point of the body behind a joint [N], and a torque [N·m], in the frame of the base.
     fn add_wrench(&mut self, index: usize, force: (Vector, Vector), torque: Vector) {
-        if let Some(free) = &mut self.free {
-            return free.add_wrench(index, force, torque);
+        if let Some(links) = &mut self.links {
+            return links.add_wrench(index, force, torque);
         }
         let body = self.joints.get(index).and_then(|joint| self.physics.bodies.get_mut(joint.body));
         if let Some(body) = body {
@@ -321,15 +316,6 @@ impl World {
             let angle = link.joint.coords()[3];
             link.joint.data.limit_axes.set(JointAxesMask::ANG_X, angle < lower || upper < angle);
         }
-    }
-
-    /// Creep of all contacts; `None` if nothing can touch.
-    fn creep(&self) -> Option<Creep> {
-        let of_grasp = self.grasp.as_ref().map(|grasp| grasp.creep(&self.physics, self.step));
-        let Some(fixtures) = &self.fixtures else { return of_grasp };
-        let mut creep = of_grasp.unwrap_or_else(|| Creep { step: self.step, ..Creep::default() });
-        fixtures.creep(&self.physics, &mut creep);
-        Some(creep)
     }
 
     fn act_on_tips(&mut self, time: f64, fraction: f64) {
@@ -378,24 +364,14 @@ impl World {
 
     /// Removes the object.
     pub fn remove_object(&mut self) {
-        if let Some(grasp) = &self.grasp {
-            grasp.remove(&mut self.physics);
+        if let Some(grasp) = &mut self.grasp {
+            grasp.remove();
         }
     }
 
     /// Mass distribution of each body, with the joint before its own.
     pub(super) fn inertials(&self) -> impl Iterator<Item = (&Inertial, Option<usize>)> {
         self.joints.iter().map(|joint| (&joint.inertial, joint.before))
-    }
-
-    fn read_contacts(&mut self) {
-        if let Some(fixtures) = &mut self.fixtures {
-            fixtures.read(&self.physics, self.step);
-        }
-        let Some(mut grasp) = self.grasp.take() else { return };
-        let tips: Vec<_> = (0..self.tips.len()).filter_map(|tip| self.tip_motion(tip)).collect();
-        grasp.read(&self.physics, &tips, self.step);
-        self.grasp = Some(grasp);
     }
 
     /// Acceleration of gravity in the frame of the base [m/s²].
@@ -411,11 +387,6 @@ impl World {
     /// The fixed bodies and their contacts.
     pub const fn fixtures(&self) -> Option<&Fixtures> {
         self.fixtures.as_ref()
-    }
-
-    /// The physics, read-only.
-    pub const fn physics(&self) -> &PhysicsWorld {
-        &self.physics
     }
 
     /// The tips, in the order of their bodies.
@@ -452,7 +423,7 @@ impl World {
     /// Removes the support of the object.
     pub fn remove_support(&mut self) {
         if let Some(grasp) = &mut self.grasp {
-            grasp.remove_support(&mut self.physics);
+            grasp.remove_support();
         }
     }
 

@@ -1,18 +1,20 @@
-//! A robot that touches nothing.
+//! The links of a robot that touches no fixed bodies.
 
 use rapier3d::dynamics::{IntegrationParameters, MultibodyJointSet, RigidBodyHandle, RigidBodySet};
 use rapier3d::math::{Pose, Vector};
+use rapier3d::na::Vector3;
 
+use super::constraints::Row;
 use super::multibody::Multibody;
 
 /// All links of a robot, in the order of its joints.
-pub struct FreeLinks {
+pub struct Links {
     multibodies: Vec<Multibody>,
     /// Index of the multibody of each joint's link, and index of the link in it.
     places: Vec<(usize, usize)>,
 }
 
-impl FreeLinks {
+impl Links {
     /// Takes over the links with these bodies from rapier.
     pub fn new(
         chains: &MultibodyJointSet,
@@ -60,7 +62,44 @@ impl FreeLinks {
         self.multibodies[multibody].add_torque(link, torque);
     }
 
-    /// Advances by one sub-step.
+    /// Changes the velocities by those of a sub-step, without constraints.
+    pub fn accelerate(&mut self, gravity: Vector, dt: f32) {
+        self.multibodies.iter_mut().for_each(|multibody| multibody.accelerate(gravity, dt));
+    }
+
+    /// The constraints of the joints.
+    pub fn constraints(&mut self, dt: f32) -> Vec<Row> {
+        let mut rows = Vec::new();
+        for (chain, multibody) in self.multibodies.iter_mut().enumerate() {
+            rows.extend(multibody.constraints(dt).map(|row| Row { chain, ..row }));
+        }
+        rows
+    }
+
+    /// The velocity of a point of the link behind a joint, along a direction, as a constraint.
+    pub fn row(&self, joint: usize, point: &Vector3<f64>, direction: &Vector3<f64>) -> Row {
+        let (chain, link) = self.places[joint];
+        Row { chain, ..self.multibodies[chain].row(link, point, direction) }
+    }
+
+    /// Joint velocities of a multibody [rad/s].
+    pub fn velocities(&self, chain: usize) -> &[f32] {
+        self.multibodies[chain].velocities()
+    }
+
+    /// Changes the velocities by the impulses of `rows`, of which the first are the constraints of the joints.
+    pub fn take_impulses(&mut self, rows: &[Row]) {
+        for (chain, multibody) in self.multibodies.iter_mut().enumerate() {
+            multibody.take_impulses(rows.iter().filter(|row| row.chain == chain));
+        }
+    }
+
+    /// Moves the links with their velocities.
+    pub fn advance(&mut self, dt: f32) {
+        self.multibodies.iter_mut().for_each(|multibody| multibody.advance(dt));
+    }
+
+    /// Advances links without contacts by one sub-step.
     pub fn step(&mut self, gravity: Vector, parameters: &IntegrationParameters) {
         self.multibodies.iter_mut().for_each(|multibody| multibody.step(gravity, parameters));
     }
@@ -106,7 +145,7 @@ mod tests {
         ];
         for ((robot, largest), seed) in robots.into_iter().zip(1..) {
             let (mut own, mut rapier) = (plant(robot, seed), plant(robot, seed));
-            assert!(own.world.is_free(), "{robot}");
+            assert!(own.world.links.is_some(), "{robot}");
             rapier.world.leave_to_rapier();
             let (mut rng, mut stops) = (Rng::new(seed, 0), 0);
             let mut torques = vec![0.0; own.drives.len()];
