@@ -405,3 +405,122 @@ fn eliminate(equations: &mut [f64], count: usize) -> bool {
     }
     true
 }
+
+#[cfg(test)]
+mod tests {
+    use tesaki_rng::Rng;
+
+    use super::*;
+
+    /// Checks the conditions at the top of this file, without the projections, to a velocity of 1e-7.
+    fn check(constraints: &Constraints) {
+        const NONE: f64 = 1e-7;
+        for row in &constraints.rows[..constraints.joints] {
+            let [lower, upper] = row.bounds;
+            assert!(row.impulse >= lower && row.impulse <= upper);
+            assert!(row.velocity <= NONE || row.impulse <= lower + 1e-9, "{}", row.velocity);
+            assert!(row.velocity >= -NONE || row.impulse >= upper - 1e-9, "{}", row.velocity);
+        }
+        for ([normal, one, two], friction) in constraints.contacts().zip(&constraints.friction) {
+            assert!(normal.impulse >= 0.0 && normal.velocity >= -NONE);
+            assert!(normal.velocity <= NONE || normal.impulse <= 1e-9);
+            let across = Vector2::new(one.impulse, two.impulse);
+            let slip = Vector2::new(one.velocity, two.velocity);
+            let limit = friction * normal.impulse;
+            assert!(across.norm() <= limit * (1.0 + 1e-6) + 1e-9);
+            if slip.norm() > 1e-4 && limit > 1e-4 {
+                assert!((across / limit + slip.normalize()).norm() < 1e-3, "{across} {slip} {limit}");
+            }
+        }
+    }
+
+    /// Rows of a random machine: `joints` of one chain, and contacts of their links with an object.
+    fn machine(rng: &mut Rng, joints: usize, contacts: usize) -> (Constraints, Vec<f32>, [Vector3<f64>; 2]) {
+        let mut vector = || Vector3::from_fn(|_, _| rng.symmetric());
+        let object = [vector(), vector()];
+        let places: Vec<_> = (0..contacts).map(|_| (vector(), vector().normalize())).collect();
+        let inertia: Vec<f64> = (0..joints).map(|_| 1.5 + rng.symmetric()).collect();
+        let row = |links: Vec<f64>| {
+            let links_response = links.iter().zip(&inertia).map(|(link, inertia)| link / inertia).collect();
+            Row { links, links_response, ..Row::default() }
+        };
+        let unit = |joint: usize| (0..joints).map(|other| if other == joint { 1.0 } else { 0.0 }).collect();
+        let mut constraints = Constraints::default();
+        constraints.begin((0..joints).map(|joint| Row { bounds: [-0.3, 0.3], ..row(unit(joint)) }).collect());
+        for (place, normal) in places {
+            let one = normal.cross(&Vector3::ith(normal.iamin(), 1.0)).normalize();
+            let rows = [normal, one, normal.cross(&one)].map(|direction| {
+                let turn = place.cross(&direction);
+                Row {
+                    object: Some(ObjectRow {
+                        linear: -direction,
+                        angular: -turn,
+                        linear_response: -direction * 2.0,
+                        angular_response: -turn * 3.0,
+                    }),
+                    ..row((0..joints).map(|_| rng.symmetric()).collect())
+                }
+            });
+            constraints.add_contact(rows, 0.5 + 0.4 * rng.symmetric(), (0.0, 0.1));
+        }
+        let velocities = (0..joints).map(|_| rng.symmetric() as f32).collect();
+        (constraints, velocities, object)
+    }
+
+    #[test]
+    fn the_impulses_meet_all_conditions() {
+        let (mut solved, mut slides, mut sticks) = (0, 0, 0);
+        for seed in 0..500 {
+            let mut rng = Rng::new(seed, 0);
+            let (mut constraints, velocities, object) =
+                machine(&mut rng, 3 + (seed as usize) % 7, 1 + (seed as usize) % 5);
+            if constraints.solve(|row| row.of(&velocities, &object)) {
+                check(&constraints);
+                solved += 1;
+            }
+            for [_, one, _] in constraints.contacts().filter(|[normal, ..]| normal.impulse > 1e-6) {
+                if one.velocity.abs() > 1e-6 { slides += 1 } else { sticks += 1 }
+            }
+        }
+        assert!(solved >= 495 && slides > 100 && sticks > 50, "{solved} {slides} {sticks}");
+    }
+
+    /// A sphere of unit mass and radius on a plane: it falls with 1 m/s and slips with 2 m/s at the contact.
+    fn landing(friction: f64) -> [f64; 2] {
+        let rows = [Vector3::z(), Vector3::x(), Vector3::y()].map(|direction| {
+            let turn = Vector3::new(0.0, 0.0, -1.0).cross(&direction);
+            Row {
+                object: Some(ObjectRow {
+                    linear: direction,
+                    angular: turn,
+                    linear_response: direction,
+                    angular_response: turn * 2.5,
+                }),
+                ..Row::default()
+            }
+        });
+        let mut constraints = Constraints::default();
+        constraints.begin(Vec::new());
+        constraints.add_contact(rows, friction, (0.0, 0.0));
+        let object = [Vector3::new(2.0, 0.0, -1.0), Vector3::zeros()];
+        assert!(constraints.solve(|row| row.of(&[], &object)));
+        let [[normal, one, _]] = constraints.contacts().collect::<Vec<_>>()[..] else { panic!() };
+        assert!((normal.impulse - 1.0).abs() < 1e-7);
+        [one.impulse, one.velocity]
+    }
+
+    /// By hand: an impulse J changes the slip velocity by 3.5 J, so that 2 m/s end with 4/7.
+    #[test]
+    fn a_ball_slides_or_rolls() {
+        let near = |[a, b]: [f64; 2], [c, d]: [f64; 2]| (a - c).abs() < 1e-6 && (b - d).abs() < 1e-6;
+        assert!(near(landing(0.4), [-0.4, 0.6]), "{:?}", landing(0.4));
+        assert!(near(landing(0.6), [-4.0 / 7.0, 0.0]), "{:?}", landing(0.6));
+    }
+
+    #[test]
+    fn nothing_to_solve_is_solved() {
+        let mut constraints = Constraints::default();
+        constraints.begin(Vec::new());
+        assert!(constraints.solve(|_| 0.0));
+    }
+}
