@@ -3,8 +3,9 @@
 //! A [`Plant`] is built from a robot's URDF, the motors and encoders that its controller knows, and its
 //! `plant.toml` ([`PlantValues`]). It shares no dynamics code with the control core: the physics is rapier's.
 //! Masses, inertias, friction and torque constants differ from the model by seeded factors, and the
-//! controller receives the sensor readings of a board: whole counts, with noise. A robot that nothing can
-//! touch is moved without rapier, with bit-identical results.
+//! controller receives the sensor readings of a board: whole counts, with noise. Only a robot that fixed
+//! bodies can touch is moved by rapier's pipeline. Without, the same equations are solved here: bit by bit as
+//! in rapier if the robot touches nothing, and to the end, where rapier's sweeps stop, if it grasps an object.
 //!
 //! ```text
 //!  ActuatorFrame ─► torque / torque constant ─► delay ─► current loop ─► × true torque constant ─┐
@@ -28,16 +29,17 @@
 //! vibration of the link against the rotor is not modelled.
 //!
 //! # Contact
-//! With an object in [`PlantOptions`], each spherical fingertip of the URDF touches it; Coulomb friction is
-//! again a constraint.
+//! With an object in [`PlantOptions`], each spherical fingertip of the URDF touches it, and so does its
+//! support. Coulomb friction is again a constraint: a contact sticks without creep, or slides against its
+//! friction.
 //!
 //! With [`PlantOptions::fixtures`], the boxes, cylinders and spheres among the `<collision>` elements of the
 //! moving links touch these fixed bodies, with Coulomb friction at each point of a face or an edge; meshes
 //! and capsules touch nothing. [`Plant::fixture_contacts`] returns the forces. The direction of sliding
 //! friction can be off by 0.1 rad; its magnitude is Coulomb's.
 //!
-//! There are no other contacts: links and tips pass through each other and through the object's support, and
-//! the object passes through fixed bodies.
+//! There are no other contacts: links and tips pass through each other and through the object's support. A
+//! plant has either an object or fixed bodies.
 //!
 //! # Walls, holds, pushes
 //! [`Wall`]s, [`Hold`]s and [`Push`]es act on the tips by springs, dampers and forces in every sub-step; a

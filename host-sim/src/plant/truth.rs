@@ -79,7 +79,7 @@ pub struct ContactTruth {
     /// Velocity of the tip's surface along that of the object, in the frame of the object, half a sub-step
     /// ago [m/s].
     pub slip_velocity: [f64; 3],
-    /// Integral of `slip_velocity` since the start during contact: sliding, and at most some µm of creep [m].
+    /// Integral of `slip_velocity` since the start during contact [m].
     pub slip: [f64; 3],
     /// Integral of the magnitude of `slip_velocity` while friction was at its limit [m]; motions to and fro
     /// add up.
