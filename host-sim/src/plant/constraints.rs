@@ -4,17 +4,18 @@
 //! `A` contains the response of each velocity to each impulse, and on its diagonal the compliances; `b` are
 //! the velocities without impulses. The impulses satisfy
 //!
-//! - dry friction of a joint, and its stop: `w = 0`, or λ is at a bound, and `w` has the sign that would drive
-//!   it beyond;
+//! - dry friction of a joint, and its stop: `w = 0`, or λ is at a bound, and `w` has the sign that would
+//!   drive it beyond;
 //! - contact: along the normal, `w = 0` and `λ ≥ 0`, or `w ≥ 0` and `λ = 0`; across it, the two impulses of
-//!   friction are within μ times that of the normal, and `w = 0`, or they are at that limit and opposed to `w`.
+//!   friction are within μ times that of the normal, and `w = 0`, or they are at that limit and opposed to
+//!   `w`.
 //!
-//! Each condition is equivalent to `λ = projection of λ − r w` for any `r > 0`. [`Constraints::solve`] finds the
-//! zero of these equations by Newton's method, in which each constraint has the state that the last impulses
-//! give it (Alart and Curnier, Comput. Methods Appl. Mech. Engrg. 92, 1991): when no state changes and nothing
-//! slides, one step is exact. Where friction and contacts together determine more than there is freedom, the
-//! impulses closest to those of the last sub-step are taken. If the states do not settle, projected
-//! Gauss–Seidel sweeps come between the steps.
+//! Each condition is equivalent to `λ = projection of λ − r w` for any `r > 0`. [`Constraints::solve`] finds
+//! the zero of these equations by Newton's method, in which each constraint has the state that the last
+//! impulses give it (Alart and Curnier, Comput. Methods Appl. Mech. Engrg. 92, 1991): when no state changes
+//! and nothing slides, one step is exact. Where friction and contacts together determine more than there is
+//! freedom, the impulses closest to those of the last sub-step are taken. If the states do not settle,
+//! projected Gauss–Seidel sweeps come between the steps.
 
 use rapier3d::na::{Vector2, Vector3};
 
@@ -116,8 +117,8 @@ pub struct Constraints {
     proximity: f64,
     /// State of each row under the present impulses.
     states: Vec<State>,
-    /// Of a Newton step: the rows whose impulses are unknown, the impulses of the others, which are 0 for these
-    /// rows, and the equations, each with the right-hand side at its end.
+    /// Of a Newton step: the rows whose impulses are unknown, the impulses of the others, which are 0 for
+    /// these rows, and the equations, each with the right-hand side at its end.
     unknown: Vec<usize>,
     fixed: Vec<f64>,
     equations: Vec<f64>,
@@ -261,7 +262,8 @@ impl Constraints {
             let wanted = impulse - velocity(row) / gain;
             let projected = wanted.max(lower).min(upper);
             residual = residual.max((projected - impulse).abs() * gain);
-            self.states.push(if projected == wanted { State::Sticks } else { State::Fixed(projected) });
+            let sticks = (lower..=upper).contains(&wanted);
+            self.states.push(if sticks { State::Sticks } else { State::Fixed(projected) });
         }
         for (contact, &friction) in self.friction.iter().enumerate() {
             let normal = self.joints + 3 * contact;

@@ -23,8 +23,8 @@ pub struct Pair {
     workspace: Option<ContactManifoldsWorkspace>,
 }
 
-/// A point where the object touches another solid, or soon may, in a sub-step. Vectors are in the frame of the
-/// base.
+/// A point where the object touches another solid, or soon may, in a sub-step. Vectors are in the frame of
+/// the base.
 pub struct Touch {
     /// The tip; `None` for the support.
     pub tip: Option<usize>,
@@ -101,8 +101,8 @@ pub struct TipContact {
 }
 
 impl TipContact {
-    /// Updates the contact after a sub-step of `step` seconds, in which it was `touch`. `tip` holds centre and
-    /// radius of the tip, `rotation` is that of the object.
+    /// Updates the contact after a sub-step of `step` seconds, in which it was `touch`. `tip` holds centre
+    /// and radius of the tip, `rotation` is that of the object.
     pub fn update(
         &mut self,
         touch: Option<&Touch>,

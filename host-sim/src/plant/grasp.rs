@@ -1,10 +1,10 @@
 //! The grasped object, and the sub-steps of a hand that may touch it.
 //!
-//! Parry, rapier's geometry, finds the contacts. Links and object move by the equations of rapier's multibodies
-//! and bodies, and the contacts are rapier's springs, but the constraints are solved to the end, see
-//! [`Constraints`]: the object couples the fingers, and rapier's sweeps would converge slowly. With 16 of them,
-//! joints that should stick creep, and joint friction of 0.08 N·m does not reduce a finger's normal force of 2 N
-//! at rest. (With 16, 64, 256 and 1000 sweeps, the force is 2.02, 1.91, 0.77 and 0.77 N.)
+//! Parry, rapier's geometry, finds the contacts. Links and object move by the equations of rapier's
+//! multibodies and bodies, and the contacts are rapier's springs, but the constraints are solved to the end,
+//! see [`Constraints`]: the object couples the fingers, and rapier's sweeps would converge slowly. With 16 of
+//! them, joints that should stick creep, and joint friction of 0.08 N·m does not reduce a finger's normal
+//! force of 2 N at rest. (With 16, 64, 256 and 1000 sweeps, the force is 2.02, 1.91, 0.77 and 0.77 N.)
 
 use rapier3d::dynamics::SpringCoefficients;
 use rapier3d::geometry::{ColliderBuilder, SharedShape};

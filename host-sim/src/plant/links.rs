@@ -87,7 +87,8 @@ impl Links {
         self.multibodies[chain].velocities()
     }
 
-    /// Changes the velocities by the impulses of `rows`, of which the first are the constraints of the joints.
+    /// Changes the velocities by the impulses of `rows`, of which the first are the constraints of the
+    /// joints.
     pub fn take_impulses(&mut self, rows: &[Row]) {
         for (chain, multibody) in self.multibodies.iter_mut().enumerate() {
             multibody.take_impulses(rows.iter().filter(|row| row.chain == chain));

@@ -5,7 +5,8 @@
 //! Masses, inertias, friction and torque constants differ from the model by seeded factors, and the
 //! controller receives the sensor readings of a board: whole counts, with noise. Only a robot that fixed
 //! bodies can touch is moved by rapier's pipeline. Without, the same equations are solved here: bit by bit as
-//! in rapier if the robot touches nothing, and to the end, where rapier's sweeps stop, if it grasps an object.
+//! in rapier if the robot touches nothing, and to the end, where rapier's sweeps stop, if it grasps an
+//! object.
 //!
 //! ```text
 //!  ActuatorFrame ─► torque / torque constant ─► delay ─► current loop ─► × true torque constant ─┐

@@ -236,7 +236,8 @@ impl Multibody {
         &self.velocities
     }
 
-    /// Changes the velocities by the impulses of `rows`, of which the first are the constraints of the joints.
+    /// Changes the velocities by the impulses of `rows`, of which the first are the constraints of the
+    /// joints.
     pub fn take_impulses<'a>(&mut self, rows: impl Iterator<Item = &'a constraints::Row>) {
         let mut velocities: Vec<f64> = self.velocities.iter().copied().map(f64::from).collect();
         for (index, row) in rows.enumerate() {

@@ -66,7 +66,8 @@ fn hand(step: f64) -> (Worst, f64) {
     (worst, joints)
 }
 
-/// Bounds at 1 ms: position [m] and orientation [rad] while the box moves by 6.9, 1.9 and 3.3 mm, and turns by
+/// Bounds at 1 ms: position [m] and orientation [rad] while the box moves by 6.9, 1.9 and 3.3 mm, and turns
+/// by
 /// 0.17 rad. Before it slides, it has sunk by 2 µm into the grip.
 #[test]
 fn a_pushed_box_slides_as_coulomb_says() {

@@ -1,5 +1,5 @@
 use crate::hand::{Hand, JOINTS, URDF, VALUES, frame, urdf};
-use tesaki_sim::plant::{Plant, PlantError, PlantValues};
+use tesaki_sim::plant::{Fixture, FixtureShape, ObjectValues, Plant, PlantError, PlantValues};
 
 /// Returns the plant's error message for a hand with a changed URDF.
 fn with_urdf(from: &str, to: &str) -> String {
@@ -95,4 +95,16 @@ fn bad_frames_are_refused_and_change_nothing() {
     torques[5] = f32::NAN;
     says(&plant.apply(&frame(torques)).unwrap_err().to_string(), &["finger2_curl", "NaN"]);
     assert_eq!(plant.truth(), before);
+}
+
+#[test]
+fn an_object_and_fixed_bodies_are_not_simulated_together() {
+    let mut hand = Hand::exact();
+    hand.options.object = Some(
+        ObjectValues::from_toml("shape = 'box'\nsize = [0.1, 0.1, 0.1]\nmass = 0.1\nfriction = 0.5").unwrap(),
+    );
+    let shape = FixtureShape::Box { size: [1.0; 3] };
+    let pose = rapier3d::na::Isometry3::identity();
+    hand.options.fixtures = vec![Fixture { name: "door".into(), shape, pose, friction: 0.5 }];
+    says(&refusal(&hand), &["object", "fixtures", "remove"]);
 }
