@@ -5,7 +5,7 @@
 //! touch_force = 0.1                 # N
 //! force_limit = 9.0                 # N, of a fingertip
 //! # friction = 0.5                  # if omitted, the hand probes the friction
-//! internal = { least_grip = { margin = 0.2, capacity_at_rest = 0.22, capacity_in_motion = 0.6 } }
+//! internal = { least_grip = { margin = 0.24, capacity_at_rest = 0.22, capacity_in_motion = 0.6 } }
 //! # control = "observer"            # or "pid", "bare_pid", or { wrench = { … } }: how the object's pose is controlled
 //! # object_frame = "rolling"        # or "triangle": corrected for tips that roll, or as Hand3 section 5.1 prints it
 //! # load = "measured"               # or { constant = 0.023 }: what the fingers carry [kg]
@@ -132,7 +132,7 @@ const fn yes() -> bool {
 
 impl Default for Internal {
     fn default() -> Self {
-        Self::LeastGrip { margin: 0.2, capacity_at_rest: 0.22, capacity_in_motion: 0.6 }
+        Self::LeastGrip { margin: 0.24, capacity_at_rest: 0.22, capacity_in_motion: 0.6 }
     }
 }
 
