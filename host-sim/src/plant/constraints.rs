@@ -13,9 +13,10 @@
 //! Each condition is equivalent to `λ = projection of λ − r w` for any `r > 0`. [`Constraints::solve`] finds
 //! the zero of these equations by Newton's method, in which each constraint has the state that the last
 //! impulses give it (Alart and Curnier, Comput. Methods Appl. Mech. Engrg. 92, 1991): when no state changes
-//! and nothing slides, one step is exact. Where friction and contacts together determine more than there is
-//! freedom, the impulses closest to those of the last sub-step are taken. If the states do not settle,
-//! projected Gauss–Seidel sweeps come between the steps.
+//! and nothing slides, one step is exact but for the proximity. Where friction and contacts together
+//! determine more than there is freedom, impulses close to those of the last sub-step are found. If the
+//! states do not settle, projected Gauss–Seidel sweeps come between the steps, and the best impulses of a few
+//! rounds are taken.
 
 use rapier3d::na::{Vector2, Vector3};
 
@@ -178,7 +179,7 @@ impl Constraints {
     }
 
     /// Computes impulses and velocities of all rows, whose velocities without impulses and bias are those of
-    /// `free`. Returns whether they meet all conditions.
+    /// `free`. Returns whether they meet all conditions; without impulses if a velocity is not finite.
     pub fn solve(&mut self, free: impl Fn(&Row) -> f64) -> bool {
         let rows = &self.rows;
         let size = rows.len();
@@ -195,7 +196,12 @@ impl Constraints {
         self.free.extend(rows.iter().map(|row| free(row) + row.bias));
         self.impulses.clear();
         self.impulses.extend(rows.iter().map(|row| row.impulse));
-        let is_solved = self.rows.is_empty() || self.find_impulses();
+        let is_solved = if !self.free.iter().all(|velocity| velocity.is_finite()) {
+            self.impulses.fill(0.0);
+            false
+        } else {
+            self.rows.is_empty() || self.find_impulses()
+        };
         for index in 0..self.rows.len() {
             let (impulse, velocity) = (self.impulses[index], self.velocity(index));
             (self.rows[index].impulse, self.rows[index].velocity) = (impulse, velocity);
@@ -216,7 +222,10 @@ impl Constraints {
     fn find_impulses(&mut self) -> bool {
         let mut least = f64::INFINITY;
         self.best.clone_from(&self.impulses);
-        for _ in 0..ROUNDS {
+        for round in 0..ROUNDS {
+            if round > 0 {
+                (0..SWEEPS).for_each(|_| self.sweep());
+            }
             self.proximity = PROXIMITY;
             self.center.clone_from(&self.impulses);
             let mut residual = self.evaluate();
@@ -233,7 +242,6 @@ impl Constraints {
             if least <= TOLERANCE {
                 break;
             }
-            (0..SWEEPS).for_each(|_| self.sweep());
         }
         self.impulses.clone_from(&self.best);
         least <= TOLERANCE
@@ -520,9 +528,12 @@ mod tests {
     }
 
     #[test]
-    fn nothing_to_solve_is_solved() {
+    fn nothing_to_solve_is_solved_and_no_number_is_not() {
         let mut constraints = Constraints::default();
         constraints.begin(Vec::new());
         assert!(constraints.solve(|_| 0.0));
+        let (mut constraints, ..) = machine(&mut Rng::new(1, 0), 3, 1);
+        assert!(!constraints.solve(|_| f64::NAN));
+        assert!(constraints.rows().iter().all(|row| row.impulse == 0.0));
     }
 }

@@ -50,7 +50,7 @@ impl Pair {
         let between = pose(&(at.inverse() * other_at));
         let prediction = PREDICTION;
         let (manifolds, workspace) = (&mut self.manifolds, &mut self.workspace);
-        // All solids are convex, for which parry has the contacts.
+        // All solids are convex, so parry knows their contacts.
         let _ = DefaultQueryDispatcher
             .contact_manifolds(&between, &**object, &**other, prediction, manifolds, workspace);
         self.manifolds.iter().flat_map(move |manifold| {
@@ -73,8 +73,9 @@ impl Pair {
     /// Keeps the impulses of its touches, in the order in which they were found.
     pub fn keep<'a>(&mut self, mut touches: impl Iterator<Item = &'a Touch>) {
         let points = self.manifolds.iter_mut().flat_map(|manifold| manifold.points.iter_mut());
-        for point in points.filter(|point| point.dist < PREDICTION) {
-            point.data = touches.next().map_or(Vector3::zeros(), |touch| touch.impulse);
+        for point in points {
+            let touch = if point.dist < PREDICTION { touches.next() } else { None };
+            point.data = touch.map_or(Vector3::zeros(), |touch| touch.impulse);
         }
     }
 }

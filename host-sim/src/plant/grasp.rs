@@ -1,10 +1,10 @@
 //! The grasped object, and the sub-steps of a hand that may touch it.
 //!
 //! Parry, rapier's geometry, finds the contacts. Links and object move by the equations of rapier's
-//! multibodies and bodies, and the contacts are rapier's springs, but the constraints are solved to the end,
-//! see [`Constraints`]: the object couples the fingers, and rapier's sweeps would converge slowly. With 16 of
-//! them, joints that should stick creep, and joint friction of 0.08 N·m does not reduce a finger's normal
-//! force of 2 N at rest. (With 16, 64, 256 and 1000 sweeps, the force is 2.02, 1.91, 0.77 and 0.77 N.)
+//! multibodies and bodies, and the contacts are rapier's springs, but [`Constraints`] finds the impulses: the
+//! object couples the fingers, and rapier's sweeps would converge slowly. With 16 of them, joints that should
+//! stick creep, and joint friction of 0.08 N·m does not reduce a finger's normal force of 2 N at rest. (With
+//! 16, 64, 256 and 1000 sweeps, the force is 2.02, 1.91, 0.77 and 0.77 N.)
 
 use rapier3d::dynamics::SpringCoefficients;
 use rapier3d::geometry::{ColliderBuilder, SharedShape};
@@ -28,7 +28,7 @@ const AWAY: f64 = 100.0;
 pub const SOFTNESS: SpringCoefficients<f32> =
     SpringCoefficients { natural_frequency: 1000.0, damping_ratio: 1.0 };
 /// Largest velocity at which the spring of a contact separates the solids [m/s].
-pub const MAX_CORRECTION: f64 = 3.0;
+const MAX_CORRECTION: f64 = 3.0;
 
 /// An object among the fingertips.
 pub struct Grasp {
@@ -44,6 +44,7 @@ pub struct Grasp {
     /// Force of the support on the object in the last sub-step, in the frame of the base [N].
     pub support_force: Vector3<f64>,
     constraints: Constraints,
+    is_removed: bool,
 }
 
 /// A solid, and its pose in the frame of the body that it belongs to.
@@ -78,6 +79,7 @@ impl Grasp {
             disturbances,
             support_force: Vector3::zeros(),
             constraints: Constraints::default(),
+            is_removed: false,
         }
     }
 
@@ -90,10 +92,13 @@ impl Grasp {
         (time, fraction): (f64, f64),
         step: f64,
     ) {
-        self.disturbances.act(&mut self.body, time, fraction);
-        self.body.accelerate(gravity, step);
+        let mut touches = Vec::new();
+        if !self.is_removed {
+            self.disturbances.act(&mut self.body, time, fraction);
+            self.body.accelerate(gravity, step);
+            touches = self.find_touches(links, tips);
+        }
         links.accelerate(vector(gravity), narrow(step));
-        let mut touches = self.find_touches(links, tips);
         self.constrain((links, tips), &mut touches, step);
         links.advance(narrow(step));
         self.body.advance(step);
@@ -114,8 +119,8 @@ impl Grasp {
         touches
     }
 
-    /// Changes the velocities so that they meet all constraints. Sets impulses and slip velocities of the
-    /// touches.
+    /// Changes the velocities so that they meet the constraints, as far as impulses are found. Sets impulses
+    /// and slip velocities of the touches.
     fn constrain(&mut self, (links, tips): (&mut Links, &[Tip]), touches: &mut [Touch], step: f64) {
         let (body, constraints) = (&mut self.body, &mut self.constraints);
         let (dt, center, inverse_inertia) = (narrow(step), body.center(), body.inverse_inertia());
@@ -177,8 +182,9 @@ impl Grasp {
         }
     }
 
-    /// Moves the object far away, at rest.
+    /// Moves the object far away, where it rests.
     pub fn remove(&mut self) {
+        self.is_removed = true;
         self.body.pose.translation = Translation3::new(0.0, 0.0, -AWAY);
         (self.body.linear, self.body.angular) = (Vector3::zeros(), Vector3::zeros());
     }

@@ -101,14 +101,15 @@ pub struct Disturbances {
     own: (f64, Vector3<f64>, Matrix3<f64>),
     pushes: Vec<(f64, Push)>,
     weights: Vec<Weight>,
-    /// Mass of the weights in the last sub-step [kg].
-    mass: f64,
+    /// Bits of the mass of all weights in the last sub-step, and their number: with the same, the object has
+    /// the same mass distribution.
+    known: (u64, usize),
 }
 
 impl Disturbances {
     pub fn new(object: &ObjectValues) -> Self {
         let (center, inertia) = object.inertia();
-        Self { own: (object.mass, center, inertia), pushes: Vec::new(), weights: Vec::new(), mass: 0.0 }
+        Self { own: (object.mass, center, inertia), pushes: Vec::new(), weights: Vec::new(), known: (0, 0) }
     }
 
     pub fn push(&mut self, push: Push, time: f64) {
@@ -137,15 +138,15 @@ impl Disturbances {
     /// Applies all disturbances to the object in the sub-step around `time`, scaled by `fraction`.
     pub fn act(&mut self, body: &mut FreeBody, time: f64, fraction: f64) {
         body.release();
+        let weights = (self.mass(time).to_bits(), self.weights.len());
+        if weights != self.known {
+            self.known = weights;
+            body.set_mass(self.mass_distribution(time));
+        }
         for (begin, push) in &self.pushes {
             let force = Vector3::from(push.force) * (push.fraction(time - begin) * fraction);
             let point = body.pose * Point3::from(Vector3::from(push.point));
             body.add_force(&force, &point.coords);
-        }
-        let mass = self.mass(time);
-        if mass.to_bits() != self.mass.to_bits() {
-            self.mass = mass;
-            body.set_mass(self.mass_distribution(time));
         }
     }
 

@@ -62,8 +62,8 @@ pub struct ObjectTruth {
     pub support_force: [f64; 3],
 }
 
-/// A fingertip's contact with the object, at the end of the last sub-step, in the frame of the base unless
-/// stated otherwise.
+/// A fingertip's contact with the object at the end of the last sub-step, depth and normal at its start, in
+/// the frame of the base unless stated otherwise.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ContactTruth {
     /// Link of the fingertip.

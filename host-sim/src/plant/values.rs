@@ -46,7 +46,7 @@ pub struct PlantOptions {
     pub posture: Option<Vec<f64>>,
     /// Whether the joints are held in place until the power stages are first switched on.
     pub held_at_start: bool,
-    /// An object for the hand to grasp.
+    /// An object for the hand to grasp; not together with fixed bodies.
     pub object: Option<ObjectValues>,
     /// Fixed bodies that the links touch with their collision elements.
     pub fixtures: Vec<Fixture>,

@@ -145,7 +145,7 @@ impl World {
         world
     }
 
-    /// Lets rapier move the links, as if they could touch fixed bodies.
+    /// Lets rapier move the links of a robot without an object, as if they could touch fixed bodies.
     pub fn leave_to_rapier(&mut self) {
         self.links = None;
     }

@@ -21,7 +21,7 @@ const SWING: &[PinchCase] = include!("../../../tests/oracles/data/contact_pinch.
 const HAND: (f64, f64, &[HandRow]) = include!("../../../tests/oracles/data/contact_hand.in");
 const FRICTION: f64 = 0.6;
 
-/// Largest deviation of position [m] and orientation [rad] from MuJoCo.
+/// Largest deviation of position [m] and orientation [rad].
 #[derive(Debug, Default)]
 struct Worst {
     distance: f64,
@@ -67,8 +67,7 @@ fn hand(step: f64) -> (Worst, f64) {
 }
 
 /// Bounds at 1 ms: position [m] and orientation [rad] while the box moves by 6.9, 1.9 and 3.3 mm, and turns
-/// by
-/// 0.17 rad. Before it slides, it has sunk by 2 µm into the grip.
+/// by 0.17 rad. Before it slides, it has sunk by 2 µm into the grip.
 #[test]
 fn a_pushed_box_slides_as_coulomb_says() {
     let bounds = [("slides", 1e-5, 1e-6), ("slides askew", 1e-5, 3e-4), ("slides and turns", 1e-5, 4e-4)];
