@@ -3,10 +3,9 @@
 //! A [`Plant`] is built from a robot's URDF, the motors and encoders that its controller knows, and its
 //! `plant.toml` ([`PlantValues`]). It shares no dynamics code with the control core: its equations are
 //! rapier's. Masses, inertias, friction and torque constants differ from the model by seeded factors, and the
-//! controller receives the sensor readings of a board: whole counts, with noise. Only a robot that fixed
-//! bodies can touch is moved by rapier's pipeline. Without, the same equations are solved here: bit by bit as
-//! in rapier if the robot touches nothing, and to the end, where rapier's sweeps stop, if it grasps an
-//! object.
+//! controller receives the sensor readings of a board: whole counts, with noise. Rapier's pipeline moves only
+//! a robot that fixed bodies can touch. A robot that touches nothing has rapier's motion to the last bit; one
+//! that grasps an object has rapier's contacts, whose impulses are computed more accurately.
 //!
 //! ```text
 //!  ActuatorFrame ─► torque / torque constant ─► delay ─► current loop ─► × true torque constant ─┐
