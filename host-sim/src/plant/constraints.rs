@@ -39,15 +39,15 @@ pub struct Row {
     pub links: Vec<f64>,
     pub links_response: Vec<f64>,
     pub object: Option<ObjectRow>,
-    /// Added to the velocity.
+    /// Added to the velocity [m/s or rad/s].
     pub bias: f64,
-    /// Added to the velocity per impulse.
+    /// Added to the velocity per impulse [1/kg or 1/(kg·m²)].
     pub compliance: f64,
-    /// Bounds of the impulse of a joint.
+    /// Bounds of the impulse of a joint [N·m·s].
     pub bounds: [f64; 2],
-    /// Impulse: of the last sub-step, until that of this one is known.
+    /// Impulse [N·s or N·m·s]: of the last sub-step (0 of a stop), until that of this one is known.
     pub impulse: f64,
-    /// The constrained velocity, with bias and compliance.
+    /// The constrained velocity, with bias and compliance [m/s or rad/s].
     pub velocity: f64,
 }
 
@@ -267,25 +267,25 @@ impl Constraints {
         for row in 0..self.joints {
             let [lower, upper] = self.rows[row].bounds;
             let (impulse, gain) = (self.impulses[row], self.response(row, row));
-            let wanted = impulse - velocity(row) / gain;
-            let projected = wanted.max(lower).min(upper);
+            let unbounded = impulse - velocity(row) / gain;
+            let projected = unbounded.max(lower).min(upper);
             residual = residual.max((projected - impulse).abs() * gain);
-            let sticks = (lower..=upper).contains(&wanted);
+            let sticks = (lower..=upper).contains(&unbounded);
             self.states.push(if sticks { State::Sticks } else { State::Fixed(projected) });
         }
         for (contact, &friction) in self.friction.iter().enumerate() {
             let normal = self.joints + 3 * contact;
             let [one, two] = [normal + 1, normal + 2];
             let (impulse, gain) = (self.impulses[normal], self.response(normal, normal));
-            let wanted = impulse - velocity(normal) / gain;
-            residual = residual.max((wanted.max(0.0) - impulse).abs() * gain);
+            let unbounded = impulse - velocity(normal) / gain;
+            residual = residual.max((unbounded.max(0.0) - impulse).abs() * gain);
             let scale = 1.0 / (self.response(one, one) + self.response(two, two));
             let present = Vector2::new(self.impulses[one], self.impulses[two]);
             let across = present - scale * Vector2::new(velocity(one), velocity(two));
             let (limit, length) = (friction * impulse.max(0.0), across.norm());
             let projected = across.cap_magnitude(limit);
             residual = residual.max((projected - present).norm() / scale);
-            if wanted <= 0.0 {
+            if unbounded <= 0.0 {
                 self.states.extend([State::Fixed(0.0); 3]);
                 continue;
             }
@@ -364,14 +364,14 @@ impl Constraints {
     fn sweep(&mut self) {
         for row in 0..self.joints {
             let [lower, upper] = self.rows[row].bounds;
-            let wanted = self.impulses[row] - self.velocity(row) / self.response(row, row);
-            self.impulses[row] = wanted.max(lower).min(upper);
+            let unbounded = self.impulses[row] - self.velocity(row) / self.response(row, row);
+            self.impulses[row] = unbounded.max(lower).min(upper);
         }
         for contact in 0..self.friction.len() {
             let normal = self.joints + 3 * contact;
             let [one, two] = [normal + 1, normal + 2];
-            let wanted = self.impulses[normal] - self.velocity(normal) / self.response(normal, normal);
-            self.impulses[normal] = wanted.max(0.0);
+            let unbounded = self.impulses[normal] - self.velocity(normal) / self.response(normal, normal);
+            self.impulses[normal] = unbounded.max(0.0);
             let scale = 1.0 / (self.response(one, one) + self.response(two, two));
             let along = |row: usize| self.impulses[row] - scale * self.velocity(row);
             let across = Vector2::new(along(one), along(two));

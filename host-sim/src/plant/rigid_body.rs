@@ -6,6 +6,7 @@ use super::motion::Motion;
 
 /// A free rigid body. Vectors are in the frame of the base unless stated otherwise.
 pub struct FreeBody {
+    /// Pose of the body's own frame.
     pub pose: Isometry3<f64>,
     /// Velocity of the centre of mass [m/s], and angular velocity [rad/s].
     pub linear: Vector3<f64>,
