@@ -47,7 +47,7 @@ enum Command {
     /// Draw the figures of the papers anew, for the pages in docs/papers/
     Papers(papers::Papers),
     /// Run one finger of the three-finger hand on the image of `board-weact`, on the modelled chip of
-    /// `chip/`: both servos through pulses, encoders and converters, against the rapier plant
+    /// `chip/`: both servos through pulses, encoders and converters, against the simulated finger
     Chip(chip::Chip),
     /// Run seeded schedules of faults, judged by an oracle of safety; see docs/fault-schedules.md
     Faults(faults::Faults),

@@ -1,6 +1,6 @@
 //! Conversions between the plant's double precision and rapier's types, which have single precision.
 
-use rapier3d::dynamics::{MassProperties, RigidBody};
+use rapier3d::dynamics::MassProperties;
 use rapier3d::math::{Pose, Rotation, Vector};
 use rapier3d::na::{Isometry3, Matrix3, Quaternion, Rotation3, Translation3, UnitQuaternion, Vector3};
 
@@ -32,11 +32,6 @@ pub fn isometry(position: [f64; 3], orientation: [f64; 4]) -> Isometry3<f64> {
 /// Converts a quaternion `[x, y, z, w]`.
 pub fn unit_quaternion([x, y, z, w]: [f64; 4]) -> UnitQuaternion<f64> {
     UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z))
-}
-
-/// Returns the pose of a body in the physics engine.
-pub fn pose_of(body: &RigidBody) -> Isometry3<f64> {
-    isometry_of(body.position())
 }
 
 /// Converts a pose to double precision.

@@ -15,14 +15,14 @@ pub struct Inertial {
     /// About the centre of mass, in the axes of the body's frame.
     inertia: Matrix3<f64>,
     /// Reflected inertia of the rotor [kg·m²].
-    pub rotor: f64,
+    rotor: f64,
 }
 
 impl Inertial {
     /// Computes the mass distribution of a body with its deviations from the nominal values.
-    pub fn new(body: &Body, factors: &JointFactors) -> Self {
+    pub fn new(body: &Body, factors: &JointFactors, rotor: f64) -> Self {
         let (mass, inertia) = (body.mass * factors.mass, body.inertia * factors.inertia);
-        Self { mass, center: body.center_of_mass, inertia, rotor: 0.0 }
+        Self { mass, center: body.center_of_mass, inertia, rotor }
     }
 
     fn center(&self, frame: &Isometry3<f64>) -> Vector3<f64> {
@@ -32,8 +32,8 @@ impl Inertial {
 
 impl World {
     fn kinetic_energy(&self) -> f64 {
-        let energy = |(index, ((inertial, _), speed)): (usize, ((&Inertial, _), f64))| {
-            let Some(frame) = self.body(index) else { return 0.0 };
+        let energy = |(index, (inertial, speed)): (usize, (&Inertial, f64))| {
+            let frame = self.body(index);
             let motion = self.motion_at(index, &inertial.center(&frame));
             let turn = frame.rotation.inverse() * motion.angular;
             0.5 * (inertial.mass * motion.linear.norm_squared()
@@ -45,9 +45,9 @@ impl World {
 
     /// Computes the torques that balance the machine's weight, in the order of the world's joints [N·m].
     fn weight_torques(&self) -> Vec<f64> {
-        let weights = self.inertials().enumerate().filter_map(|(index, (inertial, _))| {
-            let center = inertial.center(&self.body(index)?);
-            Some((index, center, self.gravity() * -inertial.mass, Vector3::zeros()))
+        let weights = self.inertials().enumerate().map(|(index, inertial)| {
+            let center = inertial.center(&self.body(index));
+            (index, center, self.gravity() * -inertial.mass, Vector3::zeros())
         });
         self.joint_torques(weights)
     }
@@ -74,17 +74,13 @@ impl World {
         &self,
         loads: impl Iterator<Item = (usize, Vector3<f64>, Vector3<f64>, Vector3<f64>)>,
     ) -> Vec<f64> {
-        let before: Vec<_> = self.inertials().map(|(_, before)| before).collect();
-        let mut torques = vec![0.0; before.len()];
+        let mut torques = vec![0.0; self.joints.len()];
         for (body, point, force, moment) in loads {
             let mut next = Some(body);
-            while let Some((joint, (axis, origin))) =
-                next.and_then(|joint| Some((joint, self.joint_axis(joint)?)))
-            {
-                if let Some(torque) = torques.get_mut(joint) {
-                    *torque += axis.dot(&(moment + (point - origin).cross(&force)));
-                }
-                next = before.get(joint).copied().flatten();
+            while let Some(joint) = next {
+                let (axis, origin) = self.joint_axis(joint);
+                torques[joint] += axis.dot(&(moment + (point - origin).cross(&force)));
+                next = self.joints[joint].before;
             }
         }
         torques
@@ -116,6 +112,6 @@ impl Plant {
 
     /// Mass of all moving links [kg].
     pub fn mass(&self) -> f64 {
-        self.world.inertials().map(|(inertial, _)| inertial.mass).sum()
+        self.world.inertials().map(|inertial| inertial.mass).sum()
     }
 }

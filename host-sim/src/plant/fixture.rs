@@ -1,39 +1,18 @@
 //! Fixed bodies, and the links that touch them.
 
-use rapier3d::dynamics::{FrictionModel, IntegrationParameters, RigidBodyHandle};
-use rapier3d::geometry::{ColliderBuilder, ColliderHandle, Group, InteractionGroups, InteractionTestMode};
-use rapier3d::na::{Isometry3, Point3, Vector3};
-use rapier3d::pipeline::PhysicsWorld;
+use rapier3d::geometry::ColliderBuilder;
+use rapier3d::math::Vector;
+use rapier3d::na::{Isometry3, Vector3};
 use tesaki_description::urdf::{RigidBody, isometry};
 use urdf_rs::{Geometry, Robot};
 
-use super::contact::across;
-use super::convert::{narrow, pose_of, wide};
+use super::constraints::Constraints;
+use super::contact::{self, Pair, Touch};
+use super::convert::{isometry_of, narrow};
 use super::error::{PlantError, check};
-use super::grasp::SOFTNESS;
-use super::shapes::{bevelled_cylinder, cuboid, cylinder, placed, with_friction};
-use super::stiction::{Creep, Crept};
+use super::links::Links;
+use super::shapes::{Solid, bevelled_cylinder, cuboid, cylinder, placed};
 use super::tree::Body;
-
-/// A contact slides when it has moved by more than this along a surface; below it is creep [m].
-const SLACK: f64 = 5e-6;
-
-/// Rapier's sweeps over the constraints in a sub-step. After 16, joints that should stick creep.
-const SWEEPS: usize = 256;
-
-/// Sets rapier's parameters for contacts at the scale of grams and centimetres.
-pub fn set_parameters(parameters: &mut IntegrationParameters) {
-    parameters.length_unit = 0.01;
-    parameters.normalized_max_corrective_velocity = 300.0;
-    parameters.contact_recycling = false;
-    parameters.contact_softness = SOFTNESS;
-    parameters.static_contact_softness = SOFTNESS;
-    // Affects faces only; a point contact always has Coulomb friction. With the other model, the friction at
-    // the corners of a sliding face has different directions, and the sum is too small.
-    parameters.friction_model = FrictionModel::Simplified;
-    parameters.friction_in_bias_pass = true;
-    parameters.num_internal_pgs_iterations = SWEEPS;
-}
 
 /// A fixed body that the collision elements of the robot's links touch.
 #[derive(Clone, Debug, PartialEq)]
@@ -132,8 +111,8 @@ impl Fixture {
 pub struct Element {
     link: String,
     /// The moving body that it is part of.
-    pub body: usize,
-    solid: ColliderBuilder,
+    body: usize,
+    solid: Solid,
 }
 
 /// Collects the boxes, cylinders and spheres among the collision elements of the moving links.
@@ -149,7 +128,7 @@ pub fn elements(robot: &Robot, bodies: &[Body]) -> Vec<Element> {
                     Geometry::Sphere { radius } => ColliderBuilder::ball(narrow(*radius)),
                     Geometry::Capsule { .. } | Geometry::Mesh { .. } => continue,
                 };
-                let solid = placed(solid, &(frame * isometry(&collision.origin)));
+                let solid = placed(solid, &(frame * isometry(&collision.origin))).into();
                 elements.push(Element { link: link.name.clone(), body: index, solid });
             }
         }
@@ -157,138 +136,102 @@ pub fn elements(robot: &Robot, bodies: &[Body]) -> Vec<Element> {
     elements
 }
 
-/// The fixed bodies in the physics engine.
+/// The fixed bodies, and the sub-steps of a robot that may touch them.
 pub struct Fixtures {
-    touches: Vec<Touch>,
+    /// Each with its coefficient of friction.
+    solids: Vec<(Solid, f64)>,
+    elements: Vec<Element>,
+    /// The contacts of each fixed body with each element, in this order, in the averaging interval.
+    contacts: Vec<ElementContact>,
+    constraints: Constraints,
+    /// Number of sub-steps in the averaging interval.
+    steps: f64,
 }
 
-/// A pair of a fixed body and a collision element of a link.
-struct Touch {
-    fixture: usize,
-    link: String,
-    /// The moving body of the element.
-    body: RigidBodyHandle,
-    fixed: ColliderHandle,
-    moving: ColliderHandle,
-    /// Pose of the moving body when the contact began, or when it last slid; `None` without contact.
-    stuck_at: Option<Isometry3<f64>>,
-    /// Sum of the forces on the fixed body since the last [`Fixtures::begin_means`] [N], and number of
-    /// sub-steps.
-    sum: (Vector3<f64>, f64),
-    /// Whether they touched since then.
-    touched: bool,
-    /// Largest penetration since then [m].
+/// The contact of a fixed body with an element.
+#[derive(Default)]
+struct ElementContact {
+    pair: Pair,
+    /// Sum of the forces on the fixed body [N].
+    sum: Vector3<f64>,
+    has_touched: bool,
+    /// Largest penetration [m].
     depth: f64,
 }
 
 impl Fixtures {
-    /// Inserts the fixed bodies and the links' collision elements, each with its moving body, into the
-    /// physics engine.
-    pub fn new(
-        physics: &mut PhysicsWorld,
-        fixtures: &[Fixture],
-        elements: Vec<(RigidBodyHandle, Element)>,
-    ) -> Self {
-        let fixed: Vec<_> = fixtures
-            .iter()
-            .map(|fixture| {
-                let solid = fixture.solid().collision_groups(groups(true));
-                physics.insert_collider(with_friction(solid, fixture.friction), None)
-            })
-            .collect();
+    pub fn new(fixtures: &[Fixture], elements: Vec<Element>) -> Self {
+        let solids: Vec<_> =
+            fixtures.iter().map(|fixture| (fixture.solid().into(), fixture.friction)).collect();
+        let pairs = solids.len() * elements.len();
+        let contacts = (0..pairs).map(|_| ElementContact::default()).collect();
+        Self { solids, elements, contacts, constraints: Constraints::default(), steps: 0.0 }
+    }
+
+    /// Advances the links by a sub-step of `step` seconds.
+    pub fn step(&mut self, links: &mut Links, gravity: Vector, step: f64) {
+        links.accelerate(gravity, narrow(step));
+        let mut touches = self.find_touches(links);
+        contact::constrain(&mut self.constraints, links, None, &mut touches, step);
+        links.advance(narrow(step));
+        self.read(&touches, step);
+    }
+
+    fn find_touches(&mut self, links: &Links) -> Vec<Touch> {
         let mut touches = Vec::new();
-        for (body, element) in elements {
-            let solid = element.solid.density(0.0).collision_groups(groups(false));
-            let moving = physics.insert_collider(with_friction(solid, 0.0), Some(body));
-            touches.extend(fixed.iter().enumerate().map(|(fixture, &fixed)| Touch {
-                fixture,
-                link: element.link.clone(),
-                body,
-                fixed,
-                moving,
-                stuck_at: None,
-                sum: (Vector3::zeros(), 0.0),
-                touched: false,
-                depth: 0.0,
-            }));
+        let places: Vec<_> = self
+            .elements
+            .iter()
+            .map(|element| isometry_of(links.pose(element.body)) * element.solid.place)
+            .collect();
+        let (solids, elements) = (&self.solids, &self.elements);
+        let pairs =
+            solids.iter().flat_map(|solid| elements.iter().zip(&places).map(move |element| (solid, element)));
+        for (index, (contact, pair)) in self.contacts.iter_mut().zip(pairs).enumerate() {
+            let ((fixed, friction), (element, place)) = pair;
+            let (first, second) = ((fixed, fixed.place), (&element.solid, *place));
+            touches.extend(contact.pair.find(first, second, (index, Some(element.body), *friction)));
         }
-        Self { touches }
+        touches
+    }
+
+    /// Reads the contacts after the sub-step.
+    fn read(&mut self, touches: &[Touch], step: f64) {
+        self.steps += 1.0;
+        for (index, contact) in self.contacts.iter_mut().enumerate() {
+            let of_pair = || touches.iter().filter(|touch| touch.pair == index);
+            contact.pair.keep(of_pair());
+            for touch in of_pair().filter(|touch| touch.impulse != Vector3::zeros()) {
+                contact.sum += touch.impulse / step;
+                contact.depth = contact.depth.max(-touch.distance);
+                contact.has_touched = true;
+            }
+        }
     }
 
     /// Begins a new averaging interval of the forces.
     pub fn begin_means(&mut self) {
-        for touch in &mut self.touches {
-            (touch.sum, touch.touched, touch.depth) = ((Vector3::zeros(), 0.0), false, 0.0);
+        self.steps = 0.0;
+        for contact in &mut self.contacts {
+            (contact.sum, contact.has_touched, contact.depth) = (Vector3::zeros(), false, 0.0);
         }
-    }
-
-    /// Reads the contacts of the last sub-step of `step` seconds.
-    pub fn read(&mut self, physics: &PhysicsWorld, step: f64) {
-        self.touches.iter_mut().for_each(|touch| touch.read(physics, step));
-    }
-
-    /// Returns the creep of the contacts since they last slid, for correction in rapier.
-    pub fn creep(&self, physics: &PhysicsWorld, step: f64) -> Creep {
-        let crept = |touch: &Touch| {
-            let motion = pose_of(physics.bodies.get(touch.body)?) * touch.stuck_at?.inverse();
-            Some(Crept { fixed: touch.fixed, moving: touch.moving, motion })
-        };
-        Creep { contacts: self.touches.iter().filter_map(crept).collect(), step }
     }
 
     /// Returns the pairs of fixed body and link that touched in the averaging interval.
     pub fn contacts(&self) -> Vec<FixtureContact> {
         let mut contacts: Vec<FixtureContact> = Vec::new();
-        for touch in self.touches.iter().filter(|touch| touch.touched) {
-            let Touch { fixture, ref link, depth, .. } = *touch;
-            let force = touch.sum.0 / touch.sum.1.max(1.0);
+        let touched = self.contacts.iter().enumerate().filter(|(_, contact)| contact.has_touched);
+        for (index, ElementContact { sum, depth, .. }) in touched {
+            let (fixture, element) = (index / self.elements.len(), index % self.elements.len());
+            let (link, force) = (&self.elements[element].link, sum / self.steps.max(1.0));
             let same = |other: &&mut FixtureContact| other.fixture == fixture && other.link == *link;
             if let Some(contact) = contacts.iter_mut().find(same) {
                 contact.force += force;
-                contact.depth = contact.depth.max(depth);
+                contact.depth = contact.depth.max(*depth);
             } else {
-                contacts.push(FixtureContact { fixture, link: link.clone(), force, depth });
+                contacts.push(FixtureContact { fixture, link: link.clone(), force, depth: *depth });
             }
         }
         contacts
     }
-}
-
-impl Touch {
-    fn read(&mut self, physics: &PhysicsWorld, step: f64) {
-        self.sum.1 += 1.0;
-        let pair = physics.contact_pair(self.fixed, self.moving);
-        let (Some(pair), Some(body)) = (pair, physics.bodies.get(self.body)) else {
-            self.stuck_at = None;
-            return;
-        };
-        let pose = pose_of(body);
-        let first = pair.collider1 == self.fixed;
-        let side = if first { 1.0 } else { -1.0 };
-        let back = self.stuck_at.unwrap_or(pose) * pose.inverse();
-        let (mut touches, mut crept) = (false, 0.0_f64);
-        for manifold in pair.manifolds() {
-            let normal = wide(manifold.data.normal);
-            for point in manifold.points.iter().filter(|point| point.data.impulse > 0.0) {
-                let impulse =
-                    wide(point.data.warmstart_tangent_world) - normal * f64::from(point.data.impulse);
-                self.sum.0 += impulse * (side / step);
-                self.depth = self.depth.max(-f64::from(point.dist));
-                let own = if first { point.local_p2 } else { point.local_p1 };
-                let place = physics.colliders.get(self.moving).map(|moving| moving.position() * own);
-                let place = Point3::from(wide(place.unwrap_or_default()));
-                crept = crept.max(across(&(back * place - place), &normal).norm());
-                touches = true;
-            }
-        }
-        self.touched |= touches;
-        self.stuck_at = touches.then(|| self.stuck_at.filter(|_| crept <= SLACK).unwrap_or(pose));
-    }
-}
-
-/// Fixed bodies and links collide only with each other.
-const fn groups(fixed: bool) -> InteractionGroups {
-    let (own, other) =
-        if fixed { (Group::GROUP_3, Group::GROUP_4) } else { (Group::GROUP_4, Group::GROUP_3) };
-    InteractionGroups::new(own, other, InteractionTestMode::And)
 }

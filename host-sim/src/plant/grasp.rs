@@ -1,34 +1,22 @@
 //! The grasped object, and the sub-steps of a hand that may touch it.
-//!
-//! Parry, rapier's geometry, finds the contacts. Links and object move by the equations of rapier's
-//! multibodies and bodies, and the contacts are rapier's springs, but [`Constraints`] finds the impulses: the
-//! object couples the fingers, and rapier's sweeps would converge slowly. With 16 of them, joints that should
-//! stick creep, and joint friction of 0.08 N·m does not reduce a finger's normal force of 2 N at rest. (With
-//! 16, 64, 256 and 1000 sweeps, the force is 2.02, 1.91, 0.77 and 0.77 N.)
 
-use rapier3d::dynamics::SpringCoefficients;
-use rapier3d::geometry::{ColliderBuilder, SharedShape};
+use rapier3d::geometry::ColliderBuilder;
 use rapier3d::math::Vector;
 use rapier3d::na::{Isometry3, Point3, Translation3, Vector3};
 
-use super::constraints::{Constraints, ObjectRow, Row};
-use super::contact::{Pair, TipContact, Touch};
+use super::constraints::Constraints;
+use super::contact::{self, Pair, TipContact, Touch};
 use super::convert::{isometry, isometry_of, narrow, vector};
 use super::end_effector::Tip;
 use super::links::Links;
 use super::motion::Motion;
 use super::push::Disturbances;
 use super::rigid_body::FreeBody;
-use super::shapes::{cuboid, cylinder};
+use super::shapes::{Solid, cuboid, cylinder, placed};
 use tesaki_description::object::{ObjectValues, Shape};
 
 /// Distance to which a removed object is moved [m].
 const AWAY: f64 = 100.0;
-/// Natural frequency [Hz] and damping ratio of the contact spring with the effective mass.
-pub const SOFTNESS: SpringCoefficients<f32> =
-    SpringCoefficients { natural_frequency: 1000.0, damping_ratio: 1.0 };
-/// Largest velocity at which the spring of a contact separates the solids [m/s].
-const MAX_CORRECTION: f64 = 3.0;
 
 /// An object among the fingertips.
 pub struct Grasp {
@@ -36,7 +24,7 @@ pub struct Grasp {
     solid: Solid,
     /// The support, and the balls of the tips, each with its contacts.
     support: Option<(Solid, Pair)>,
-    balls: Vec<(SharedShape, Pair)>,
+    balls: Vec<(Solid, Pair)>,
     tip_contacts: Vec<TipContact>,
     /// Coefficient of friction of every contact of the object.
     pub friction: f64,
@@ -47,18 +35,6 @@ pub struct Grasp {
     is_removed: bool,
 }
 
-/// A solid, and its pose in the frame of the body that it belongs to.
-struct Solid {
-    shape: SharedShape,
-    place: Isometry3<f64>,
-}
-
-impl From<ColliderBuilder> for Solid {
-    fn from(builder: ColliderBuilder) -> Self {
-        Self { place: isometry_of(&builder.position), shape: builder.shape }
-    }
-}
-
 impl Grasp {
     /// Puts the object on its support, among the tips.
     pub fn new(values: &ObjectValues, friction: f64, tips: &[Tip]) -> Self {
@@ -66,9 +42,9 @@ impl Grasp {
         let place = isometry(values.position, values.orientation);
         let support = values.support.map(|support| {
             let place = isometry(support.position, support.orientation);
-            (Solid { shape: cuboid(support.size).shape, place }, Pair::default())
+            (placed(cuboid(support.size), &place).into(), Pair::default())
         });
-        let ball = |tip: &Tip| (SharedShape::ball(narrow(tip.radius)), Pair::default());
+        let ball = |tip: &Tip| (ColliderBuilder::ball(narrow(tip.radius)).into(), Pair::default());
         Self {
             body: FreeBody::new(place, disturbances.mass_distribution(0.0)),
             solid: solid(values).into(),
@@ -99,7 +75,7 @@ impl Grasp {
             touches = self.find_touches(links, tips);
         }
         links.accelerate(vector(gravity), narrow(step));
-        self.constrain((links, tips), &mut touches, step);
+        contact::constrain(&mut self.constraints, links, Some(&mut self.body), &mut touches, step);
         links.advance(narrow(step));
         self.body.advance(step);
         self.read((links, tips), &touches, step);
@@ -107,78 +83,32 @@ impl Grasp {
 
     /// Finds the points where the object touches the tips, in their order, then those on the support.
     fn find_touches(&mut self, links: &Links, tips: &[Tip]) -> Vec<Touch> {
-        let object = (&self.solid.shape, self.body.pose * self.solid.place);
+        let object = (&self.solid, self.body.pose * self.solid.place);
         let mut touches = Vec::new();
         for (index, ((ball, pair), tip)) in self.balls.iter_mut().zip(tips).enumerate() {
             let center = Translation3::from(center(links, tip));
-            touches.extend(pair.find(object, (ball, center.into()), Some(index)));
+            touches.extend(pair.find(object, (ball, center.into()), (index, Some(tip.body), self.friction)));
         }
         if let Some((support, pair)) = &mut self.support {
-            touches.extend(pair.find(object, (&support.shape, support.place), None));
+            let index = self.balls.len();
+            touches.extend(pair.find(object, (support, support.place), (index, None, self.friction)));
         }
         touches
     }
 
-    /// Changes the velocities so that they meet the constraints, as far as impulses are found. Sets impulses
-    /// and slip velocities of the touches.
-    fn constrain(&mut self, (links, tips): (&mut Links, &[Tip]), touches: &mut [Touch], step: f64) {
-        let (body, constraints) = (&mut self.body, &mut self.constraints);
-        let (dt, center, inverse_inertia) = (narrow(step), body.center(), body.inverse_inertia());
-        let (erp, cfm) = (f64::from(SOFTNESS.erp_inv_dt(dt)), f64::from(SOFTNESS.cfm_coeff(dt)));
-        constraints.begin(links.constraints(dt));
-        for touch in &*touches {
-            let rows = touch.axes.map(|direction| {
-                let mut row = match touch.tip {
-                    Some(tip) => links.row(tips[tip].body, &touch.point, &direction),
-                    None => Row::default(),
-                };
-                let turn = (touch.point - center).cross(&direction);
-                row.object = Some(ObjectRow {
-                    linear: -direction,
-                    angular: -turn,
-                    linear_response: -direction / body.mass.mass,
-                    angular_response: -(inverse_inertia * turn),
-                });
-                row.impulse = -touch.impulse.dot(&direction);
-                row
-            });
-            let bias = if touch.distance > 0.0 {
-                touch.distance / step
-            } else {
-                (erp * touch.distance).max(-MAX_CORRECTION)
-            };
-            constraints.add_contact(rows, self.friction, (bias, cfm));
-        }
-        let object = [body.linear, body.angular];
-        constraints.solve(|row| row.of(links.velocities(row.chain), &object));
-        for row in constraints.rows() {
-            if let Some(object) = &row.object {
-                body.linear += object.linear_response * row.impulse;
-                body.angular += object.angular_response * row.impulse;
-            }
-        }
-        links.take_impulses(constraints.rows());
-        for (touch, [normal, one, two]) in touches.iter_mut().zip(constraints.contacts()) {
-            let sum = |values: [f64; 3]| -> Vector3<f64> {
-                touch.axes.iter().zip(values).map(|(axis, value)| axis * value).sum()
-            };
-            let impulse = -sum([normal.impulse, one.impulse, two.impulse]);
-            (touch.slip_velocity, touch.impulse) = (sum([0.0, one.velocity, two.velocity]), impulse);
-        }
-    }
-
     /// Reads the contacts after the sub-step.
     fn read(&mut self, (links, tips): (&Links, &[Tip]), touches: &[Touch], step: f64) {
-        let of = |tip: Option<usize>| touches.iter().filter(move |touch| touch.tip == tip);
+        let of = |pair: usize| touches.iter().filter(move |touch| touch.pair == pair);
         for (index, contact) in self.tip_contacts.iter_mut().enumerate() {
             let (_, pair) = &mut self.balls[index];
-            pair.keep(of(Some(index)));
+            pair.keep(of(index));
             let ball = (center(links, &tips[index]), tips[index].radius);
-            contact.update(of(Some(index)).next(), ball, &self.body.pose.rotation, (self.friction, step));
+            contact.update(of(index).next(), ball, &self.body.pose.rotation, (self.friction, step));
         }
-        self.support_force = of(None).map(|touch| touch.impulse).sum::<Vector3<f64>>() / step;
+        let support = self.balls.len();
+        self.support_force = of(support).map(|touch| touch.impulse).sum::<Vector3<f64>>() / step;
         if let Some((_, pair)) = &mut self.support {
-            pair.keep(of(None));
+            pair.keep(of(support));
         }
     }
 

@@ -1,9 +1,9 @@
-//! The links of a robot that touches no fixed bodies.
+//! The links of a robot.
 
-use rapier3d::dynamics::{IntegrationParameters, MultibodyJointSet, RigidBodyHandle, RigidBodySet};
 use rapier3d::math::{Pose, Vector};
 use rapier3d::na::Vector3;
 
+use super::assembly::{Assembly, Joint};
 use super::constraints::Row;
 use super::multibody::Multibody;
 
@@ -15,21 +15,15 @@ pub struct Links {
 }
 
 impl Links {
-    /// Takes over the links with these bodies from rapier.
-    pub fn new(
-        chains: &MultibodyJointSet,
-        bodies: &RigidBodySet,
-        links: impl Iterator<Item = RigidBodyHandle>,
-    ) -> Option<Self> {
-        let multibodies: Option<Vec<_>> =
-            chains.multibodies().map(|chain| Multibody::new(chain, bodies)).collect();
-        let multibodies = multibodies?;
-        let place = |body| {
-            let link = |multibody: &Multibody| multibody.bodies().position(|other| other == body);
+    /// Takes over the links of an assembly.
+    pub fn new(Assembly { physics, joints }: &Assembly) -> Self {
+        let chains = physics.multibody_joints.multibodies();
+        let multibodies: Vec<_> = chains.map(|chain| Multibody::new(chain, &physics.bodies)).collect();
+        let place = |joint: &Joint| {
+            let link = |multibody: &Multibody| multibody.bodies().position(|body| body == joint.body);
             multibodies.iter().enumerate().find_map(|(index, multibody)| Some((index, link(multibody)?)))
         };
-        let places: Option<Vec<_>> = links.map(place).collect();
-        Some(Self { places: places?, multibodies })
+        Self { places: joints.iter().filter_map(place).collect(), multibodies }
     }
 
     /// Pose of the link behind a joint.
@@ -42,6 +36,12 @@ impl Links {
     pub fn motion(&self, joint: usize) -> (f32, f32) {
         let (multibody, link) = self.places[joint];
         self.multibodies[multibody].motion(link)
+    }
+
+    /// Coulomb friction of a joint [N·m].
+    pub fn friction(&self, joint: usize) -> f32 {
+        let (multibody, link) = self.places[joint];
+        self.multibodies[multibody].friction(link)
     }
 
     /// Clears all forces and torques.
@@ -101,91 +101,130 @@ impl Links {
     }
 
     /// Advances links without contacts by one sub-step.
-    pub fn step(&mut self, gravity: Vector, parameters: &IntegrationParameters) {
-        self.multibodies.iter_mut().for_each(|multibody| multibody.step(gravity, parameters));
+    pub fn step(&mut self, gravity: Vector, dt: f32) {
+        self.multibodies.iter_mut().for_each(|multibody| multibody.step(gravity, dt));
     }
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used, clippy::cast_possible_truncation, reason = "tests")]
+#[allow(clippy::unwrap_used, reason = "tests")]
 mod tests {
     use std::path::Path;
 
-    use tesaki::protocol::ActuatorFrame;
+    use rapier3d::dynamics::JointAxesMask;
     use tesaki_description::robot::RobotFolder;
     use tesaki_rng::Rng;
 
-    use super::super::{Plant, PlantOptions, Push};
+    use super::super::convert::{narrow, vector};
+    use super::super::factors;
+    use super::super::machine::joint_values;
+    use super::super::multibody::SWEEPS;
+    use super::super::tree::{self, Body};
+    use super::super::{CONTROL_PERIOD, Drive, PlantOptions};
+    use super::*;
 
-    fn plant(robot: &str, seed: u64) -> Plant {
-        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots").join(robot);
-        let robot = RobotFolder::load(&folder).unwrap();
-        Plant::of(&robot, &PlantOptions::mismatched(seed)).unwrap()
+    const STEP: f64 = CONTROL_PERIOD / 10.0;
+
+    /// Puts a robot together, with factors of a seed.
+    fn assemble(robot: &RobotFolder, bodies: &[Body], seed: u64) -> Assembly {
+        let drives: Vec<_> = robot.model.joints.iter().map(Drive::from).collect();
+        let factors = factors::draw(seed, 0.1, bodies.len());
+        let drive = |body: &Body| drives.iter().find(|drive| drive.joint == body.joint);
+        let values = |(body, factors)| joint_values(body, drive(body), factors, &PlantOptions::exact());
+        let values: Vec<_> = bodies.iter().zip(&factors).map(values).collect();
+        let middle = |body: &Body| body.stops.map_or(0.1, |[lower, upper]| 0.4 * lower + 0.6 * upper);
+        let posture: Vec<_> = bodies.iter().map(middle).collect();
+        let mut assembly = Assembly::new(STEP, bodies, &values, &factors, &posture);
+        let parameters = &mut assembly.physics.integration_parameters;
+        parameters.dt = narrow(STEP);
+        parameters.num_solver_iterations = 1;
+        parameters.num_internal_pgs_iterations = SWEEPS;
+        parameters.num_internal_stabilization_iterations = 0;
+        parameters.normalized_max_linear_velocity = f32::MAX;
+        assembly
     }
 
-    /// Returns the observable motion of a plant: angles, velocities, poses of the links, wrenches of the
-    /// tips.
-    fn state(plant: &Plant) -> impl PartialEq + std::fmt::Debug + use<> {
-        let truth = plant.truth();
-        let poses: Vec<_> = (0..truth.positions.len()).map(|joint| plant.link_pose(joint)).collect();
-        (truth.positions, truth.velocities, poses, plant.tip_wrenches())
+    /// Angle and velocity of a joint, and pose of its link.
+    fn motion(assembly: &Assembly, joint: &Joint) -> (f32, f32, Pose) {
+        let (chain, link) = assembly.physics.multibody_joints.get(joint.handle).unwrap();
+        let angle = chain.link(link).unwrap().joint().coords()[3];
+        (angle, chain.generalized_velocity()[link - 1], *assembly.physics.bodies[joint.body].position())
     }
 
-    /// Compares the motion under torques that drive the joints into their stops, a push on a link, and a
-    /// wall.
+    /// Advances rapier by a sub-step in which it considers only the stops that joints have passed. Returns
+    /// the number of these.
+    fn step(assembly: &mut Assembly, bodies: &[Body]) -> usize {
+        let mut passed = 0;
+        for (joint, body) in assembly.joints.iter().zip(bodies) {
+            let Some([lower, upper]) = body.stops.map(|stops| stops.map(narrow)) else { continue };
+            let (chain, link) = assembly.physics.multibody_joints.get_mut(joint.handle).unwrap();
+            let joint = &mut chain.link_mut(link).unwrap().joint;
+            let is_beyond = joint.coords()[3] < lower || upper < joint.coords()[3];
+            joint.data.limit_axes.set(JointAxesMask::ANG_X, is_beyond);
+            passed += usize::from(is_beyond);
+        }
+        assembly.physics.step();
+        passed
+    }
+
+    /// Compares the motion under torques that drive the joints into their stops, and a push on a link.
     #[test]
     fn every_bit_is_that_of_rapier() {
         // Each robot with its largest torques [N·m].
         let robots = [
             ("hand3", 0.1),
             ("arm7", 30.0),
+            ("knob-arm", 10.0),
             ("hand5", 0.2),
             ("leap", 0.3),
             ("allegro", 0.3),
             ("inspire", 0.3),
         ];
-        for ((robot, largest), seed) in robots.into_iter().zip(1..) {
-            let (mut own, mut rapier) = (plant(robot, seed), plant(robot, seed));
-            assert!(own.world.links.is_some(), "{robot}");
-            rapier.world.leave_to_rapier();
+        for ((name, largest), seed) in robots.into_iter().zip(1..) {
+            let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots").join(name);
+            let robot = RobotFolder::load(&folder).unwrap();
+            let bodies = tree::bodies(&robot.urdf).unwrap();
+            let mut rapier = assemble(&robot, &bodies, seed);
+            let mut own = Links::new(&rapier);
+            let gravity = Vector::new(0.5, -1.0, -9.8);
+            rapier.physics.gravity = gravity;
             let (mut rng, mut stops) = (Rng::new(seed, 0), 0);
-            let mut torques = vec![0.0; own.drives.len()];
-            for period in 0..200 {
-                if period % 20 == 0 {
-                    torques.iter_mut().for_each(|torque| *torque = (largest * rng.symmetric()) as f32);
+            let mut torques = vec![0.0; bodies.len()];
+            for sub_step in 0..2000 {
+                if sub_step % 200 == 0 {
+                    torques.iter_mut().for_each(|torque| *torque = narrow(largest * rng.symmetric()));
                 }
-                for plant in [&mut own, &mut rapier] {
-                    match period {
-                        50 => {
-                            let push = Push {
-                                force: [1.0, -2.0, 0.5],
-                                point: [0.01, 0.0, 0.02],
-                                ramp: 0.01,
-                                hold: 0.2,
-                            };
-                            plant.push_link(1, push).unwrap();
-                        }
-                        100 => {
-                            plant.insert_wall_ahead([1.0, 0.2, -0.3], 0.002, 1000.0).unwrap();
-                        }
-                        _ => {}
+                own.release();
+                for joint in &rapier.joints {
+                    let body = &mut rapier.physics.bodies[joint.body];
+                    body.reset_forces(false);
+                    body.reset_torques(false);
+                }
+                for (index, torque) in torques.iter().enumerate() {
+                    let torque = own.pose(index).rotation * vector(&bodies[index].axis) * *torque;
+                    own.add_joint_torque(index, torque);
+                    rapier.physics.bodies[rapier.joints[index].body].add_torque(torque, true);
+                    if let Some(before) = bodies[index].parent {
+                        rapier.physics.bodies[rapier.joints[before].body].add_torque(-torque, true);
                     }
-                    let torques = torques.iter().copied().collect();
-                    plant.apply(&ActuatorFrame { sequence: period, enabled: true, torques }).unwrap();
                 }
-                assert!(
-                    state(&own) == state(&rapier),
-                    "{robot}, period {period}:\n{:?}\n{:?}",
-                    state(&own),
-                    state(&rapier)
-                );
-                let is_beyond = |(angle, stops): (&f64, Option<[f64; 2]>)| {
-                    stops.is_some_and(|[lower, upper]| *angle < lower || *angle > upper)
-                };
-                stops +=
-                    own.truth().positions.iter().zip(own.stops()).filter(|pair| is_beyond(*pair)).count();
+                if (500..1500).contains(&sub_step) {
+                    let (force, torque) = (Vector::new(1.0, -2.0, 0.5), Vector::new(0.01, 0.0, 0.02));
+                    let point = *own.pose(1) * Vector::new(0.01, 0.0, 0.02);
+                    own.add_wrench(1, (force, point), torque);
+                    let body = &mut rapier.physics.bodies[rapier.joints[1].body];
+                    body.add_force_at_point(force, point, true);
+                    body.add_torque(torque, true);
+                }
+                own.step(gravity, narrow(STEP));
+                stops += step(&mut rapier, &bodies);
+                for (index, joint) in rapier.joints.iter().enumerate() {
+                    let (angle, velocity) = own.motion(index);
+                    let (own, rapier) = ((angle, velocity, *own.pose(index)), motion(&rapier, joint));
+                    assert!(own == rapier, "{name}, sub-step {sub_step}, joint {index}: {own:?} {rapier:?}");
+                }
             }
-            assert!(stops > 0, "{robot} never reached a stop");
+            assert!(stops > 0, "{name} never reached a stop");
         }
     }
 }

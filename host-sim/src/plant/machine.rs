@@ -8,6 +8,7 @@ use tesaki_description::robot::RobotFolder;
 use tesaki_description::urdf::Urdf;
 use tesaki_rng::Rng;
 
+use super::assembly::JointValues;
 use super::drive::{self, DriveState};
 use super::end_effector::{Tip, tips};
 use super::environment::{Hold, Wall};
@@ -20,7 +21,7 @@ use super::linkage;
 use super::push::{Load, Push};
 use super::tree::{self, Body};
 use super::values::{Drive, Noise, PlantOptions, PlantValues, steps};
-use super::world::{JointValues, World};
+use super::world::World;
 use crate::purpose::Purpose;
 use tesaki_description::object::ObjectValues;
 
@@ -355,12 +356,12 @@ impl Plant {
     /// Pose of the link that a joint moves (the joint frame) in the base frame: position [m] and orientation
     /// `[x, y, z, w]`. `None` for a joint that does not exist.
     pub fn link_pose(&self, joint: usize) -> Option<([f64; 3], [f64; 4])> {
-        self.world.body_pose(self.drive_of.iter().position(|&drive| drive == joint)?)
+        Some(self.world.body_pose(self.drive_of.iter().position(|&drive| drive == joint)?))
     }
 }
 
 /// Computes the parameters of a joint in the physics engine: the values of URDF and drive, times its factors.
-fn joint_values(
+pub(super) fn joint_values(
     body: &Body,
     drive: Option<&Drive>,
     factors: &JointFactors,

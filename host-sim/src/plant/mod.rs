@@ -3,9 +3,9 @@
 //! A [`Plant`] is built from a robot's URDF, the motors and encoders that its controller knows, and its
 //! `plant.toml` ([`PlantValues`]). It shares no dynamics code with the control core: its equations are
 //! rapier's. Masses, inertias, friction and torque constants differ from the model by seeded factors, and the
-//! controller receives the sensor readings of a board: whole counts, with noise. Rapier's pipeline moves only
-//! a robot that fixed bodies can touch. A robot that touches nothing has rapier's motion to the last bit; one
-//! that grasps an object has rapier's contacts, whose impulses are computed more accurately.
+//! controller receives the sensor readings of a board: whole counts, with noise. Without contacts, the motion
+//! is that of rapier to the last bit; contacts are found by rapier's geometry and have its springs, but their
+//! impulses are computed more accurately.
 //!
 //! ```text
 //!  ActuatorFrame ─► torque / torque constant ─► delay ─► current loop ─► × true torque constant ─┐
@@ -35,8 +35,7 @@
 //!
 //! With [`PlantOptions::fixtures`], the boxes, cylinders and spheres among the `<collision>` elements of the
 //! moving links touch these fixed bodies, with Coulomb friction at each point of a face or an edge; meshes
-//! and capsules touch nothing. [`Plant::fixture_contacts`] returns the forces. The direction of sliding
-//! friction can be off by 0.1 rad; its magnitude is Coulomb's.
+//! and capsules touch nothing. [`Plant::fixture_contacts`] returns the forces.
 //!
 //! There are no other contacts: links and tips pass through each other and through the object's support. A
 //! plant has either an object or fixed bodies.
@@ -45,6 +44,7 @@
 //! [`Wall`]s, [`Hold`]s and [`Push`]es act on the tips by springs, dampers and forces in every sub-step; a
 //! force sensor behind the tip measures them. They begin and end between control periods.
 
+mod assembly;
 mod constraints;
 mod contact;
 mod convert;
@@ -71,7 +71,6 @@ mod outside_drive;
 mod push;
 mod rigid_body;
 mod shapes;
-mod stiction;
 mod tree;
 mod truth;
 mod values;

@@ -8,8 +8,7 @@
 //! diagonal matrices, stops that are not reached. The tests compare it with rapier bit by bit.
 
 use rapier3d::dynamics::{
-    IntegrationParameters, JointAxis, RigidBodyHandle, RigidBodyMassProps, RigidBodySet, RigidBodyType,
-    SpringCoefficients,
+    JointAxis, RigidBodyHandle, RigidBodyMassProps, RigidBodySet, RigidBodyType, SpringCoefficients,
 };
 use rapier3d::math::{AngularInertia, Matrix, Pose, Rotation, Vector};
 use rapier3d::na::{Matrix3, Vector3};
@@ -20,6 +19,10 @@ use super::lu::{Lu, add_scaled, dot};
 
 /// If a joint turns farther than this in a sub-step [rad], the energy that an implicit step adds is checked.
 const FAST: f32 = 1e-3;
+
+/// Sweeps over the constraints in a sub-step. Dry friction in the joints of a chain is coupled: with too few
+/// sweeps, joints that should be at rest creep.
+pub const SWEEPS: usize = 8;
 
 /// The links that are moved by one joint of the base.
 pub struct Multibody {
@@ -100,17 +103,17 @@ struct Row {
 
 impl Multibody {
     /// Copies a multibody of rapier.
-    pub fn new(chain: &rapier3d::dynamics::Multibody, bodies: &RigidBodySet) -> Option<Self> {
+    pub fn new(chain: &rapier3d::dynamics::Multibody, bodies: &RigidBodySet) -> Self {
         let place = |body: RigidBodyHandle, pose: &Pose| {
-            let center = *pose * bodies.get(body)?.mass_properties().local_mprops.local_com;
-            Some(Place { pose: *pose, center })
+            let center = *pose * bodies[body].mass_properties().local_mprops.local_com;
+            Place { pose: *pose, center }
         };
         let root = chain.root();
-        let root = place(root.rigid_body_handle(), root.local_to_world())?;
+        let root = place(root.rigid_body_handle(), root.local_to_world());
         let mut links: Vec<Link> = Vec::new();
         for (index, link) in chain.links().skip(1).enumerate() {
             let (body, data) = (link.rigid_body_handle(), &link.joint.data);
-            let parent = link.parent_id()?.checked_sub(1);
+            let parent = link.parent_id().and_then(|parent| parent.checked_sub(1));
             let mut path = parent.map_or(Vec::new(), |parent| links[parent].path.clone());
             path.push(index);
             let stops = data.limits(JointAxis::AngX).map(|limits| [limits.min, limits.max]);
@@ -124,11 +127,11 @@ impl Multibody {
                 armature: chain.armature()[index],
                 friction: chain.frictions()[index],
                 softness: data.softness,
-                properties: bodies.get(body)?.mass_properties().clone(),
+                properties: bodies[body].mass_properties().clone(),
                 inertia: AngularInertia::zero(),
                 angle: link.joint.coords()[3],
                 turn: link.joint.joint_rot(),
-                place: place(body, link.local_to_world())?,
+                place: place(body, link.local_to_world()),
                 joint_turn: Rotation::IDENTITY,
                 shifts: [Vector::ZERO; 2],
                 linear: vec![Vector::ZERO; path.len()],
@@ -158,7 +161,7 @@ impl Multibody {
             frictions: vec![0.0; size],
         };
         multibody.place_links();
-        Some(multibody)
+        multibody
     }
 
     /// The bodies of its links, in order.
@@ -174,6 +177,11 @@ impl Multibody {
     /// Angle [rad] of the joint before a link, and its velocity in the last sub-step [rad/s].
     pub fn motion(&self, link: usize) -> (f32, f32) {
         (self.links[link].angle, self.velocities[link])
+    }
+
+    /// Coulomb friction of the joint before a link [N·m].
+    pub fn friction(&self, link: usize) -> f32 {
+        self.links[link].friction
     }
 
     /// Clears all forces and torques.
@@ -204,10 +212,10 @@ impl Multibody {
     }
 
     /// Advances by one sub-step.
-    pub fn step(&mut self, gravity: Vector, parameters: &IntegrationParameters) {
-        self.accelerate(gravity, parameters.dt);
-        self.constrain(parameters.dt, parameters.num_internal_pgs_iterations);
-        self.advance(parameters.dt);
+    pub fn step(&mut self, gravity: Vector, dt: f32) {
+        self.accelerate(gravity, dt);
+        self.constrain(dt);
+        self.advance(dt);
     }
 
     /// Changes the velocities by those of a sub-step, without constraints.
@@ -433,11 +441,11 @@ impl Multibody {
     }
 
     /// Applies dry friction and end stops.
-    fn constrain(&mut self, dt: f32, sweeps: usize) {
+    fn constrain(&mut self, dt: f32) {
         self.prepare_rows(dt);
         let size = self.links.len();
         let mut changes = true;
-        for _ in 0..sweeps {
+        for _ in 0..SWEEPS {
             // Once a sweep changes nothing, further sweeps change nothing either.
             if !std::mem::take(&mut changes) {
                 break;

@@ -11,14 +11,11 @@
 //! precision decides: the distance of convex solids is the largest of their separations along all directions,
 //! where an overlap counts as negative (Ericson, Real-Time Collision Detection, section 5.2).
 
-use rapier3d::geometry::{ContactData, ContactManifold, ContactManifoldData, TrackedContact};
+use rapier3d::geometry::TrackedContact;
 use rapier3d::math::{Pose, Vector};
 use rapier3d::na::{Matrix3, Vector3};
-use rapier3d::parry::query::details::NormalConstraints;
 use rapier3d::parry::query::{
-    ClosestPoints, Contact, ContactManifoldsWorkspace, DefaultQueryDispatcher, NonlinearRigidMotion,
-    PersistentQueryDispatcher, QueryDispatcher, ShapeCastHit, ShapeCastOptions, ShapeDistance,
-    ShapeIntersection, Unsupported,
+    ContactManifold, ContactManifoldsWorkspace, DefaultQueryDispatcher, PersistentQueryDispatcher,
 };
 use rapier3d::parry::shape::{PackedFeatureId, PolygonalFeature, Shape, ShapeType, SupportMap};
 
@@ -38,8 +35,8 @@ const FIRST: f64 = 0.2;
 const NEAR: f64 = 0.01;
 const LAST: f64 = 1e-5;
 
-/// Parry's queries, with checked contacts.
-pub struct CheckedContacts;
+/// Contacts of two solids, each point with the impulse of the last sub-step [N·s].
+pub type Manifold = ContactManifold<(), Vector3<f64>>;
 
 /// A direction from the first solid to the second, and their separation along it [m]; negative if they
 /// overlap.
@@ -56,14 +53,14 @@ impl Separation {
 }
 
 /// Two solids; all quantities are in the frame of the first.
-struct Pair<'a> {
+struct Solids<'a> {
     first: &'a dyn Shape,
     second: &'a dyn Shape,
     maps: [&'a dyn SupportMap; 2],
     pose: &'a Pose,
 }
 
-impl<'a> Pair<'a> {
+impl<'a> Solids<'a> {
     /// Returns `None` for solids that parry does not treat with the algorithm above.
     fn new(pose: &'a Pose, first: &'a dyn Shape, second: &'a dyn Shape) -> Option<Self> {
         let types = [first.shape_type(), second.shape_type()];
@@ -133,10 +130,10 @@ impl<'a> Pair<'a> {
     }
 
     /// Returns the points where the faces along a normal meet.
-    fn points(&self, at: &Separation) -> Vec<TrackedContact<ContactData>> {
+    fn points(&self, at: &Separation) -> Vec<TrackedContact<Vector3<f64>>> {
         let normal = vector(&at.normal);
         let back = self.pose.rotation.inverse() * -normal;
-        let mut manifold = ContactManifold::default();
+        let mut manifold = Manifold::default();
         if let (Some((first, _)), Some((second, _))) =
             (self.first.as_polygonal_feature_map(), self.second.as_polygonal_feature_map())
         {
@@ -172,7 +169,7 @@ impl<'a> Pair<'a> {
     }
 
     /// Corrects the contact that was carried over from the previous sub-step.
-    fn check(&self, carried: &mut ContactManifold, fresh: &ContactManifold) {
+    fn check(&self, carried: &mut Manifold, fresh: &Manifold) {
         let said = [distance(carried), distance(fresh)];
         let normals = [carried.local_n1, fresh.local_n1];
         let agreed = match said {
@@ -210,123 +207,27 @@ impl<'a> Pair<'a> {
 }
 
 /// Distance at the deepest point [m]; `None` without points.
-fn distance(manifold: &ContactManifold) -> Option<f64> {
+fn distance(manifold: &Manifold) -> Option<f64> {
     manifold.points.iter().map(|point| f64::from(point.dist)).reduce(f64::min)
 }
 
-impl PersistentQueryDispatcher<ContactManifoldData, ContactData> for CheckedContacts {
-    fn contact_manifolds(
-        &self,
-        pose: &Pose,
-        first: &dyn Shape,
-        second: &dyn Shape,
-        prediction: f32,
-        manifolds: &mut Vec<ContactManifold>,
-        workspace: &mut Option<ContactManifoldsWorkspace>,
-    ) -> Result<(), Unsupported> {
-        let parry = DefaultQueryDispatcher;
-        parry.contact_manifolds(pose, first, second, prediction, manifolds, workspace)?;
-        let pair = Pair::new(pose, first, second);
-        if let (Some(pair), [carried]) = (pair, manifolds.as_mut_slice()) {
-            let mut fresh = ContactManifold::default();
-            parry.contact_manifold_convex_convex(pose, first, second, None, None, prediction, &mut fresh)?;
-            pair.check(carried, &fresh);
-        }
-        Ok(())
-    }
-
-    fn contact_manifold_convex_convex(
-        &self,
-        pose: &Pose,
-        first: &dyn Shape,
-        second: &dyn Shape,
-        constraints1: Option<&dyn NormalConstraints>,
-        constraints2: Option<&dyn NormalConstraints>,
-        prediction: f32,
-        manifold: &mut ContactManifold,
-    ) -> Result<(), Unsupported> {
-        let parry = DefaultQueryDispatcher;
-        parry.contact_manifold_convex_convex(
-            pose,
-            first,
-            second,
-            constraints1,
-            constraints2,
-            prediction,
-            manifold,
-        )
-    }
-}
-
-impl QueryDispatcher for CheckedContacts {
-    fn intersection_test(
-        &self,
-        pose: &Pose,
-        first: &dyn Shape,
-        second: &dyn Shape,
-    ) -> Result<ShapeIntersection, Unsupported> {
-        DefaultQueryDispatcher.intersection_test(pose, first, second)
-    }
-
-    fn distance(
-        &self,
-        pose: &Pose,
-        first: &dyn Shape,
-        second: &dyn Shape,
-    ) -> Result<ShapeDistance, Unsupported> {
-        DefaultQueryDispatcher.distance(pose, first, second)
-    }
-
-    fn contact(
-        &self,
-        pose: &Pose,
-        first: &dyn Shape,
-        second: &dyn Shape,
-        prediction: f32,
-    ) -> Result<Option<Contact>, Unsupported> {
-        DefaultQueryDispatcher.contact(pose, first, second, prediction)
-    }
-
-    fn closest_points(
-        &self,
-        pose: &Pose,
-        first: &dyn Shape,
-        second: &dyn Shape,
-        limit: f32,
-    ) -> Result<ClosestPoints, Unsupported> {
-        DefaultQueryDispatcher.closest_points(pose, first, second, limit)
-    }
-
-    fn cast_shapes(
-        &self,
-        pose: &Pose,
-        velocity: Vector,
-        first: &dyn Shape,
-        second: &dyn Shape,
-        options: ShapeCastOptions,
-    ) -> Result<Option<ShapeCastHit>, Unsupported> {
-        DefaultQueryDispatcher.cast_shapes(pose, velocity, first, second, options)
-    }
-
-    fn cast_shapes_nonlinear(
-        &self,
-        motion1: &NonlinearRigidMotion,
-        first: &dyn Shape,
-        motion2: &NonlinearRigidMotion,
-        second: &dyn Shape,
-        start: f32,
-        end: f32,
-        stop_at_penetration: bool,
-    ) -> Result<Option<ShapeCastHit>, Unsupported> {
-        DefaultQueryDispatcher.cast_shapes_nonlinear(
-            motion1,
-            first,
-            motion2,
-            second,
-            start,
-            end,
-            stop_at_penetration,
-        )
+/// Finds the contacts of two convex solids that are nearer than `prediction` [m], the second at a pose in the
+/// frame of the first. `manifolds` and `workspace` are those of the previous sub-step.
+pub fn find(
+    pose: &Pose,
+    [first, second]: [&dyn Shape; 2],
+    prediction: f32,
+    manifolds: &mut Vec<Manifold>,
+    workspace: &mut Option<ContactManifoldsWorkspace>,
+) {
+    let parry = DefaultQueryDispatcher;
+    // Parry knows the contacts of all convex solids.
+    let _ = parry.contact_manifolds(pose, first, second, prediction, manifolds, workspace);
+    let solids = Solids::new(pose, first, second);
+    if let (Some(solids), [carried]) = (solids, manifolds.as_mut_slice()) {
+        let mut fresh = Manifold::default();
+        let _ = parry.contact_manifold_convex_convex(pose, first, second, None, None, prediction, &mut fresh);
+        solids.check(carried, &fresh);
     }
 }
 
@@ -361,8 +262,8 @@ mod tests {
     }
 
     /// Slides and rolls a finger over the edge of a knob in small steps, 2 to 62 µm deep, but at some steps
-    /// 0.2 mm away. Returns the errors of the distances from a dispatcher.
-    fn errors(dispatcher: &impl PersistentQueryDispatcher<ContactManifoldData, ContactData>) -> Vec<f64> {
+    /// 0.2 mm away. Returns the errors of the distances that `find` returns.
+    fn errors(find: impl Fn(&Pose, [&dyn Shape; 2], &mut Vec<Manifold>)) -> Vec<f64> {
         let [radius, length, bevel] = KNOB;
         let (knob, finger) =
             (bevelled_cylinder(radius, length, bevel).unwrap().build(), cuboid(FINGER).build());
@@ -375,7 +276,7 @@ mod tests {
                 let turn = f64::from(side) * 0.05;
                 let place = pose(&on_edge(side * 5, share * FRAC_PI_4, turn, 0.01 - 0.02 * share, depth));
                 let (one, other) = (knob.shape(), finger.shape());
-                dispatcher.contact_manifolds(&place, one, other, 2e-5, &mut manifolds, &mut None).unwrap();
+                find(&place, [one, other], &mut manifolds);
                 // Solids that are apart need no contact point.
                 let found = manifolds.first().and_then(distance).unwrap_or(f64::INFINITY);
                 let is_free = depth < 0.0 && found > 0.0;
@@ -387,10 +288,15 @@ mod tests {
 
     #[test]
     fn a_finger_at_the_edge_of_a_knob_is_as_deep_as_it_was_put() {
-        let largest = errors(&CheckedContacts).into_iter().fold(0.0, f64::max);
+        let checked = |pose: &Pose, solids: [&dyn Shape; 2], manifolds: &mut Vec<Manifold>| {
+            find(pose, solids, 2e-5, manifolds, &mut None);
+        };
+        let largest = errors(checked).into_iter().fold(0.0, f64::max);
         // Tolerance of two comparisons.
         assert!(largest < 2.0 * TOLERANCE, "{largest:e} m");
-        let of_parry = errors(&DefaultQueryDispatcher);
+        let of_parry = errors(|pose, [one, other], manifolds| {
+            DefaultQueryDispatcher.contact_manifolds(pose, one, other, 2e-5, manifolds, &mut None).unwrap();
+        });
         assert!(of_parry.iter().any(|error| *error > 1e-4), "parry needs no check any more");
     }
 }

@@ -1,12 +1,12 @@
-//! Solids in the physics engine.
+//! Solids.
 
-use rapier3d::dynamics::CoefficientCombineRule;
-use rapier3d::geometry::{Collider, ColliderBuilder};
+use rapier3d::geometry::{Aabb, ColliderBuilder, SharedShape};
 use rapier3d::math::Vector;
-use rapier3d::na::Isometry3;
-use rapier3d::pipeline::ActiveHooks;
+use rapier3d::na::{Isometry3, Point3};
+use rapier3d::parry::bounding_volume::BoundingSphere;
+use rapier3d::parry::query::PointQuery;
 
-use super::convert::{narrow, pose};
+use super::convert::{isometry_of, narrow, pose, vector, wide};
 
 /// Creates a cuboid of the given extents [m].
 pub fn cuboid(size: [f64; 3]) -> ColliderBuilder {
@@ -43,8 +43,25 @@ pub fn placed(solid: ColliderBuilder, place: &Isometry3<f64>) -> ColliderBuilder
     solid.position(pose(place) * own)
 }
 
-/// Builds the solid with a coefficient of friction; a contact uses the larger of the two coefficients.
-pub fn with_friction(solid: ColliderBuilder, friction: f64) -> Collider {
-    let solid = solid.friction(narrow(friction)).friction_combine_rule(CoefficientCombineRule::Max);
-    solid.active_hooks(ActiveHooks::MODIFY_SOLVER_CONTACTS).build()
+/// A convex solid, and its pose in the frame of the body that it belongs to.
+pub struct Solid {
+    pub shape: SharedShape,
+    pub place: Isometry3<f64>,
+    bounds: Aabb,
+    ball: BoundingSphere,
+}
+
+impl Solid {
+    /// Returns whether the distance to another solid at a pose relative to this one can be below `limit` [m].
+    pub fn is_near(&self, other: &Self, between: &Isometry3<f64>, limit: f32) -> bool {
+        let center = vector(&(between * Point3::from(wide(other.ball.center))).coords);
+        self.bounds.distance_to_local_point(center, true) < limit + other.ball.radius
+    }
+}
+
+impl From<ColliderBuilder> for Solid {
+    fn from(ColliderBuilder { shape, position, .. }: ColliderBuilder) -> Self {
+        let (bounds, ball) = (shape.compute_local_aabb(), shape.compute_local_bounding_sphere());
+        Self { shape, place: isometry_of(&position), bounds, ball }
+    }
 }

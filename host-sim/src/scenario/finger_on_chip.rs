@@ -1,6 +1,6 @@
 //! The joint servo of one finger of the three-finger hand (Hand3, section 4) on the image that is flashed:
-//! the board drives three simulated motors through the registers of a modelled chip, against the rapier plant
-//! of the finger.
+//! the board drives three simulated motors through the registers of a modelled chip, against the plant of
+//! the finger.
 //!
 //! Steps, reference, limits and the deviations of the machine are those of `hand3-servo`. Beyond them the
 //! windings differ from the model by the same spread, the supply sags, and pulses, converters, encoders and

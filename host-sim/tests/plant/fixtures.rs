@@ -260,7 +260,7 @@ fn a_grip_has_the_force_of_the_linkage() {
         door.grip(1.0);
         let [left, right] = FINGERS.map(|finger| door.of(finger));
         assert!(-left.force.y > 2.0 / far * 0.99 && -left.force.y < 2.0 / near * 1.01, "{left:?}");
-        assert!((left.force + right.force).norm() < 0.2, "{left:?} {right:?}");
+        assert!((left.force + right.force).norm() < 0.02, "{left:?} {right:?}");
         assert!(left.depth.max(right.depth) < 5e-5, "{left:?} {right:?}");
     }
 }
@@ -281,7 +281,8 @@ fn a_gripped_knob_holds_a_pull_up_to_coulombs_limit() {
             door.pull(share * limit, 50);
             before.x - door.tips().x
         };
-        assert!(gone(0.97).abs() < 1e-5 && gone(1.03) > 3e-4);
+        let [held, slips] = [0.995, 1.005].map(gone);
+        assert!(held.abs() < 1e-9 && slips > 5e-5, "{held:e} {slips:e}");
     }
 }
 
@@ -296,7 +297,7 @@ fn a_gripped_knob_does_not_creep() {
         let before = door.tips();
         door.pull(20.0, 200);
         let crept = (door.tips() - before).norm();
-        assert!(crept < 5e-6, "{radius}: {crept:e}");
+        assert!(crept < 2e-8, "{radius}: {crept:e}");
     }
 }
 
@@ -327,8 +328,8 @@ fn a_link_slides_as_coulomb_says() {
         let push = force.x;
         (motion.x, force.x) = (0.0, 0.0);
         let angle = motion.angle(&force);
-        assert!(push > 5.0 && (force.norm() / push / 0.2 - 1.0).abs() < 0.01, "{push} {force}");
-        assert!(angle < 0.1, "{angle}");
+        assert!(push > 5.0 && (force.norm() / push / 0.2 - 1.0).abs() < 1e-3, "{push} {force}");
+        assert!(angle < 2e-3, "{angle}");
     }
 }
 
@@ -406,7 +407,7 @@ fn fixtures_out_of_reach_change_nothing() {
     };
     let (without, with) = (swing(Vec::new()), swing(vec![plate(3.0, 0.5)]));
     let off = largest(without.iter().zip(&with).map(|(one, other)| one - other));
-    assert!(off < 5e-5, "{off:e}");
+    assert!(off < 1e-6, "{off:e}");
 }
 
 #[test]
@@ -468,8 +469,7 @@ fn a_bevel_changes_the_edges_only() {
 }
 
 /// A finger that closes on the edge of a knob, and is pulled off it, presses with no more than the linkage's
-/// force, 2 N·m divided by its distance from the finger's axis, plus the friction across it, and half as much
-/// again during the impact.
+/// force, 2 N·m divided by its distance from the finger's axis, plus the friction across it.
 #[test]
 fn a_finger_at_the_edge_of_a_knob_is_not_thrown_off() {
     let (radius, friction) = (0.016, 0.8_f64);
@@ -501,6 +501,6 @@ fn a_finger_at_the_edge_of_a_knob_is_not_thrown_off() {
         }
         (share, depth)
     });
-    assert!(largest.iter().all(|(share, depth)| *share < 1.5 && *depth < 1e-4), "{largest:?}");
+    assert!(largest.iter().all(|(share, depth)| *share < 1.0 && *depth < 1e-5), "{largest:?}");
     assert!(largest.iter().all(|(share, _)| *share > 0.1), "{largest:?}");
 }
