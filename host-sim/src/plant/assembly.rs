@@ -24,11 +24,11 @@ pub struct JointValues {
 /// Rapier's multibodies.
 pub struct Assembly {
     pub physics: PhysicsWorld,
-    pub joints: Vec<Joint>,
+    pub joints: Vec<Handles>,
 }
 
-/// A joint, and the body behind it.
-pub struct Joint {
+/// Rapier's names of a joint and of the body behind it.
+pub struct Handles {
     pub handle: MultibodyJointHandle,
     pub body: RigidBodyHandle,
 }
@@ -43,7 +43,7 @@ impl Assembly {
         posture: &[f64],
     ) -> Self {
         let mut physics = PhysicsWorld::default();
-        let mut joints: Vec<Joint> = Vec::new();
+        let mut joints: Vec<Handles> = Vec::new();
         for (body, factors) in bodies.iter().zip(factors) {
             let parent = match body.parent.and_then(|parent| joints.get(parent)) {
                 Some(parent) => parent.body,
@@ -65,7 +65,7 @@ impl Assembly {
                 joint = joint.limits(JointAxis::AngX, stops.map(narrow));
             }
             if let Some(joint) = physics.multibody_joints.insert(parent, handle, joint, true) {
-                joints.push(Joint { handle: joint, body: handle });
+                joints.push(Handles { handle: joint, body: handle });
             }
         }
         let mut assembly = Self { physics, joints };

@@ -24,12 +24,17 @@ use rapier3d::na::{Vector2, Vector3};
 const TOLERANCE: f64 = 1e-8;
 /// Weight of the distance from the impulses at the start of a round, relative to the diagonal of `A`.
 const PROXIMITY: f64 = 1e-6;
+/// Least response of a contact's velocity to a unit impulse [1/kg]: more than 10 t do not move. It follows
+/// that a contact in a direction in which nothing can move has a solution.
+const MIN_RESPONSE: f64 = 1e-4;
+/// Bias of the normal of a contact without a force [m/s].
+const APART: f64 = 1e3;
 /// Newton steps of a round, sweeps between rounds, and rounds.
 const STEPS: usize = 6;
 const SWEEPS: usize = 8;
 const ROUNDS: usize = 6;
 
-/// A velocity that is constrained, of links relative to an object.
+/// A velocity that is constrained, of links relative to an object or a fixed body.
 #[derive(Default)]
 pub struct Row {
     /// The multibody of the links; any if there are none.
@@ -159,13 +164,16 @@ impl Constraints {
     }
 
     /// Adds a contact: rows of its normal and of two directions across it, its coefficient of friction, the
-    /// bias of the normal, and the compliance of the normal over its response.
+    /// bias of the normal, and the compliance of the normal over its response. Where nothing can move along
+    /// the normal, rigid bodies determine no force: such solids count as far apart.
     pub fn add_contact(&mut self, rows: [Row; 3], friction: f64, (bias, compliance): (f64, f64)) {
         let normal = self.rows.len();
         self.rows.extend(rows);
         self.friction.push(friction);
         let row = &mut self.rows[normal];
-        (row.bias, row.compliance) = (bias, compliance * row.response_to(row));
+        let response = row.response_to(row);
+        row.bias = if response < MIN_RESPONSE { APART } else { bias };
+        row.compliance = compliance * response;
     }
 
     /// All rows.
@@ -190,7 +198,11 @@ impl Constraints {
                 self.responses[index * size + other] = response;
                 self.responses[other * size + index] = response;
             }
-            self.responses[index * (size + 1)] += row.compliance;
+            let own = &mut self.responses[index * (size + 1)];
+            *own += row.compliance;
+            if index >= self.joints {
+                *own = own.max(MIN_RESPONSE);
+            }
         }
         self.free.clear();
         self.free.extend(rows.iter().map(|row| free(row) + row.bias));
@@ -248,7 +260,7 @@ impl Constraints {
     }
 
     fn keep_best(&mut self, residual: f64, least: &mut f64) {
-        if residual < *least {
+        if residual < *least && self.impulses.iter().all(|impulse| impulse.is_finite()) {
             *least = residual;
             self.best.clone_from(&self.impulses);
         }

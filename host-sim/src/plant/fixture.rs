@@ -14,6 +14,14 @@ use super::links::Links;
 use super::shapes::{Solid, bevelled_cylinder, cuboid, cylinder, placed};
 use super::tree::Body;
 
+/// What [`is_length`] accepts.
+const LENGTH: &str = "above 0 and at most 10 m";
+
+/// Returns whether a body can have this length [m].
+fn is_length(length: f64) -> bool {
+    length > 0.0 && length <= 10.0
+}
+
 /// A fixed body that the collision elements of the robot's links touch.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fixture {
@@ -69,9 +77,8 @@ pub struct FixtureContact {
 impl Fixture {
     /// Checks the values. `index` is the position in the options.
     pub(super) fn validate(&self, index: usize) -> Result<(), PlantError> {
-        const LENGTH: &str = "above 0 and at most 10 m";
         let item = |value: &str| format!("fixtures[{index}] ({:?}), {value},", self.name);
-        let length = |value: f64| value > 0.0 && value <= 10.0;
+        let length = is_length;
         match self.shape {
             FixtureShape::Box { size } => check(&item("size"), &size, length, LENGTH)?,
             FixtureShape::Cylinder { radius, length: along } => {
@@ -116,24 +123,30 @@ pub struct Element {
 }
 
 /// Collects the boxes, cylinders and spheres among the collision elements of the moving links.
-pub fn elements(robot: &Robot, bodies: &[Body]) -> Vec<Element> {
+pub fn elements(robot: &Robot, bodies: &[Body]) -> Result<Vec<Element>, PlantError> {
     let mut elements = Vec::new();
     for (index, body) in bodies.iter().enumerate() {
         let Some(joint) = robot.joints.iter().find(|joint| joint.name == body.joint) else { continue };
         for (link, frame) in RigidBody::new(robot, &joint.child.link).links {
             for collision in &link.collision {
-                let solid = match &collision.geometry {
-                    Geometry::Box { size } => cuboid(size.0),
-                    Geometry::Cylinder { radius, length } => cylinder(*radius, *length),
-                    Geometry::Sphere { radius } => ColliderBuilder::ball(narrow(*radius)),
+                let (extents, build): (Vec<f64>, &dyn Fn() -> ColliderBuilder) = match &collision.geometry {
+                    Geometry::Box { size } => (size.0.to_vec(), &|| cuboid(size.0)),
+                    Geometry::Cylinder { radius, length } => {
+                        (vec![*radius, *length], &|| cylinder(*radius, *length))
+                    }
+                    Geometry::Sphere { radius } => {
+                        (vec![*radius], &|| ColliderBuilder::ball(narrow(*radius)))
+                    }
                     Geometry::Capsule { .. } | Geometry::Mesh { .. } => continue,
                 };
-                let solid = placed(solid, &(frame * isometry(&collision.origin))).into();
+                let item = format!("link {:?}, <collision>, size,", link.name);
+                check(&item, &extents, is_length, LENGTH)?;
+                let solid = placed(build(), &(frame * isometry(&collision.origin))).into();
                 elements.push(Element { link: link.name.clone(), body: index, solid });
             }
         }
     }
-    elements
+    Ok(elements)
 }
 
 /// The fixed bodies, and the sub-steps of a robot that may touch them.

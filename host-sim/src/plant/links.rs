@@ -3,7 +3,7 @@
 use rapier3d::math::{Pose, Vector};
 use rapier3d::na::Vector3;
 
-use super::assembly::{Assembly, Joint};
+use super::assembly::{Assembly, Handles};
 use super::constraints::Row;
 use super::multibody::Multibody;
 
@@ -19,7 +19,7 @@ impl Links {
     pub fn new(Assembly { physics, joints }: &Assembly) -> Self {
         let chains = physics.multibody_joints.multibodies();
         let multibodies: Vec<_> = chains.map(|chain| Multibody::new(chain, &physics.bodies)).collect();
-        let place = |joint: &Joint| {
+        let place = |joint: &Handles| {
             let link = |multibody: &Multibody| multibody.bodies().position(|body| body == joint.body);
             multibodies.iter().enumerate().find_map(|(index, multibody)| Some((index, link(multibody)?)))
         };
@@ -145,7 +145,7 @@ mod tests {
     }
 
     /// Angle and velocity of a joint, and pose of its link.
-    fn motion(assembly: &Assembly, joint: &Joint) -> (f32, f32, Pose) {
+    fn motion(assembly: &Assembly, joint: &Handles) -> (f32, f32, Pose) {
         let (chain, link) = assembly.physics.multibody_joints.get(joint.handle).unwrap();
         let angle = chain.link(link).unwrap().joint().coords()[3];
         (angle, chain.generalized_velocity()[link - 1], *assembly.physics.bodies[joint.body].position())

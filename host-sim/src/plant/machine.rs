@@ -118,7 +118,7 @@ impl Plant {
             for (index, fixture) in options.fixtures.iter().enumerate() {
                 fixture.validate(index)?;
             }
-            let elements = fixture::elements(&urdf.robot, &bodies);
+            let elements = fixture::elements(&urdf.robot, &bodies)?;
             if elements.is_empty() {
                 return Err(PlantError::NoCollision);
             }

@@ -3,9 +3,9 @@
 //! A [`Plant`] is built from a robot's URDF, the motors and encoders that its controller knows, and its
 //! `plant.toml` ([`PlantValues`]). It shares no dynamics code with the control core: its equations are
 //! rapier's. Masses, inertias, friction and torque constants differ from the model by seeded factors, and the
-//! controller receives the sensor readings of a board: whole counts, with noise. Without contacts, the motion
-//! is that of rapier to the last bit; contacts are found by rapier's geometry and have its springs, but their
-//! impulses are computed more accurately.
+//! controller receives the sensor readings of a board: whole counts, with noise. Without an object and fixed
+//! bodies, the motion is that of rapier to the last bit. Contacts are found by rapier's geometry and have its
+//! springs, but their impulses, and those of joint friction and stops with them, are computed more accurately.
 //!
 //! ```text
 //!  ActuatorFrame ─► torque / torque constant ─► delay ─► current loop ─► × true torque constant ─┐
@@ -35,7 +35,8 @@
 //!
 //! With [`PlantOptions::fixtures`], the boxes, cylinders and spheres among the `<collision>` elements of the
 //! moving links touch these fixed bodies, with Coulomb friction at each point of a face or an edge; meshes
-//! and capsules touch nothing. [`Plant::fixture_contacts`] returns the forces.
+//! and capsules touch nothing. [`Plant::fixture_contacts`] returns the forces; force sensors do not feel
+//! them.
 //!
 //! There are no other contacts: links and tips pass through each other and through the object's support. A
 //! plant has either an object or fixed bodies.

@@ -1,4 +1,4 @@
-//! Links, integrated exactly as rapier does, to the last bit where they touch nothing.
+//! Links, integrated exactly as rapier does, to the last bit without an object and fixed bodies.
 //!
 //! Rapier's multibodies support joints of any kind and matrices of any size, and each of its steps looks for
 //! contacts, islands and soft bodies. A robot that touches nothing needs none of that. This module has the
@@ -38,7 +38,7 @@ pub struct Multibody {
     /// sub-step.
     mass: Lu,
     implicit: Lu,
-    rows: Vec<Row>,
+    rows: Vec<JointRow>,
     /// For each row, the response of the joint velocities to a unit impulse.
     responses: Vec<f32>,
     workspace: Vec<f32>,
@@ -91,7 +91,7 @@ struct Place {
 }
 
 /// A constraint on the velocity of one joint.
-struct Row {
+struct JointRow {
     joint: usize,
     impulse: f32,
     bounds: [f32; 2],
@@ -252,7 +252,7 @@ impl Multibody {
             for (velocity, response) in velocities.iter_mut().zip(&row.links_response) {
                 *velocity += response * row.impulse;
             }
-            if let Some(Row { joint, .. }) = self.rows.get(index).filter(|row| row.is_friction()) {
+            if let Some(JointRow { joint, .. }) = self.rows.get(index).filter(|row| row.is_friction()) {
                 self.frictions[*joint] = row.impulse;
             }
         }
@@ -435,7 +435,7 @@ impl Multibody {
                 self.mass.solve(response);
                 let compliance = response[joint] * link.softness.cfm_coeff(dt);
                 let gain = inverse(response[joint] + compliance);
-                self.rows.push(Row { joint, impulse: 0.0, bounds, gain, bias, compliance });
+                self.rows.push(JointRow { joint, impulse: 0.0, bounds, gain, bias, compliance });
             }
         }
     }
@@ -465,7 +465,7 @@ impl Multibody {
     }
 }
 
-impl Row {
+impl JointRow {
     /// Whether it is dry friction, and no stop.
     fn is_friction(&self) -> bool {
         self.bounds[0] > f32::MIN && self.bounds[1] < f32::MAX

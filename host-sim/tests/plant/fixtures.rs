@@ -11,7 +11,7 @@ use tesaki_sim::plant::{
 
 use urdf_rs::Geometry;
 
-use crate::hand::{frame_of, largest};
+use crate::hand::{Hand, frame_of, largest, urdf};
 
 const JOINTS: usize = 7;
 const FINGERS: [&str; 2] = ["left_finger", "right_finger"];
@@ -437,6 +437,9 @@ fn values_are_checked() {
     says(&refusal(&turn), ["orientation", "NaN", "unit quaternion"]);
 
     let mut parts = Parts::new(0.72, 0.0, vec![plate(0.8, 0.5)]);
+    parts.palm().geometry = Geometry::Cylinder { radius: 0.05, length: -0.1 };
+    let message = parts.plant().err().unwrap().to_string();
+    says(&message, ["\"palm\", <collision>, size, is -0.1", "above 0", "10 m"]);
     parts.folder.urdf.robot.links.iter_mut().for_each(|link| link.collision.clear());
     assert_eq!(parts.plant().err(), Some(PlantError::NoCollision));
 }
@@ -503,4 +506,43 @@ fn a_finger_at_the_edge_of_a_knob_is_not_thrown_off() {
     });
     assert!(largest.iter().all(|(share, depth)| *share < 1.0 && *depth < 1e-5), "{largest:?}");
     assert!(largest.iter().all(|(share, _)| *share > 0.1), "{largest:?}");
+}
+
+/// A ball on a hinge through the origin touches a floor at a place where the floor's surface contains the
+/// hinge's axis, or where the axis is along the normal, also through the ball. Then the hinge can move the
+/// ball along the normal only, or across it only, or not at all.
+#[test]
+fn a_contact_that_a_joint_cannot_move_is_no_reason_to_fly() {
+    let hinge = |axis: &str, place: f64, friction: f64| {
+        let height = 0.02 - 1e-5;
+        let text = format!(
+            r#"<robot name="hinge"><link name="base"/>
+            <joint name="hinge" type="revolute"><parent link="base"/><child link="bar"/><axis xyz="{axis}"/>
+            <limit lower="-1" upper="1" effort="2" velocity="6"/></joint>
+            <link name="bar"><inertial><mass value="0.5"/>
+            <inertia ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial>
+            <collision><origin xyz="0 {place} {height}"/><geometry><sphere radius="0.02"/></geometry></collision>
+            </link></robot>"#
+        );
+        let floor = FixtureShape::Box { size: [1.0, 1.0, 0.1] };
+        let fixtures = vec![fixture("floor", floor, [0.0, 0.0, -0.05], friction)];
+        let Hand { mut drives, mut values, .. } = Hand::exact();
+        drives.truncate(1);
+        "hinge".clone_into(&mut drives[0].joint);
+        values.gravity = [0.0; 3];
+        values.posture.clear();
+        let options = PlantOptions { held_at_start: false, fixtures, ..PlantOptions::exact() };
+        let mut plant = Plant::new(&urdf(&text), &drives, &values, &options).unwrap();
+        (0..20).for_each(|_| plant.apply(&frame_of(&[-0.1])).unwrap());
+        let force: Vector3<f64> = plant.fixture_contacts().iter().map(|contact| contact.force).sum();
+        (plant.truth().velocities[0], force)
+    };
+    for friction in [0.0, 0.5] {
+        let (speed, force) = hinge("1 0 0", 0.1, friction);
+        assert!(speed.abs() < 1e-4 && (force.z + 1.0).abs() < 1e-4, "{speed} {force}");
+        let (speed, force) = hinge("0 0 1", 0.0, friction);
+        assert!(speed < -0.1 && speed > -21.0 && force.norm() < 1e-9, "{speed} {force}");
+        let (speed, force) = hinge("0 0 1", 0.1, friction);
+        assert!(speed < -0.1 && speed > -21.0 && force.norm() < 1e-9, "{speed} {force}");
+    }
 }
