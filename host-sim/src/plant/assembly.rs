@@ -21,6 +21,15 @@ pub struct JointValues {
     pub viscous: f64,
 }
 
+/// What a robot is put together from, in the order of its bodies.
+pub struct Parts<'a> {
+    pub bodies: &'a [Body],
+    pub values: &'a [JointValues],
+    pub factors: &'a [JointFactors],
+    /// Joint angles [rad].
+    pub posture: &'a [f64],
+}
+
 /// Rapier's multibodies.
 pub struct Assembly {
     pub physics: PhysicsWorld,
@@ -34,17 +43,11 @@ pub struct Handles {
 }
 
 impl Assembly {
-    /// Puts the robot together in a posture, for sub-steps of `step` seconds.
-    pub fn new(
-        step: f64,
-        bodies: &[Body],
-        values: &[JointValues],
-        factors: &[JointFactors],
-        posture: &[f64],
-    ) -> Self {
+    /// Puts the robot together, for sub-steps of `step` seconds.
+    pub fn new(step: f64, Parts { bodies, values, factors, posture }: &Parts<'_>) -> Self {
         let mut physics = PhysicsWorld::default();
         let mut joints: Vec<Handles> = Vec::new();
-        for (body, factors) in bodies.iter().zip(factors) {
+        for (body, factors) in bodies.iter().zip(*factors) {
             let parent = match body.parent.and_then(|parent| joints.get(parent)) {
                 Some(parent) => parent.body,
                 None => physics.insert_body(RigidBodyBuilder::fixed()),

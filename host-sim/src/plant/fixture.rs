@@ -129,19 +129,20 @@ pub fn elements(robot: &Robot, bodies: &[Body]) -> Result<Vec<Element>, PlantErr
         let Some(joint) = robot.joints.iter().find(|joint| joint.name == body.joint) else { continue };
         for (link, frame) in RigidBody::new(robot, &joint.child.link).links {
             for collision in &link.collision {
-                let (extents, build): (Vec<f64>, &dyn Fn() -> ColliderBuilder) = match &collision.geometry {
-                    Geometry::Box { size } => (size.0.to_vec(), &|| cuboid(size.0)),
+                let has_size = |extents: &[f64]| {
+                    check(&format!("link {:?}, <collision>, size,", link.name), extents, is_length, LENGTH)
+                };
+                let solid = match collision.geometry {
+                    Geometry::Box { size } => has_size(&*size).map(|()| cuboid(*size))?,
                     Geometry::Cylinder { radius, length } => {
-                        (vec![*radius, *length], &|| cylinder(*radius, *length))
+                        has_size(&[radius, length]).map(|()| cylinder(radius, length))?
                     }
                     Geometry::Sphere { radius } => {
-                        (vec![*radius], &|| ColliderBuilder::ball(narrow(*radius)))
+                        has_size(&[radius]).map(|()| ColliderBuilder::ball(narrow(radius)))?
                     }
                     Geometry::Capsule { .. } | Geometry::Mesh { .. } => continue,
                 };
-                let item = format!("link {:?}, <collision>, size,", link.name);
-                check(&item, &extents, is_length, LENGTH)?;
-                let solid = placed(build(), &(frame * isometry(&collision.origin))).into();
+                let solid = placed(solid, &(frame * isometry(&collision.origin))).into();
                 elements.push(Element { link: link.name.clone(), body: index, solid });
             }
         }
@@ -154,16 +155,17 @@ pub struct Fixtures {
     /// Each with its coefficient of friction.
     solids: Vec<(Solid, f64)>,
     elements: Vec<Element>,
-    /// The contacts of each fixed body with each element, in this order, in the averaging interval.
+    /// The contacts of each fixed body with each element.
     contacts: Vec<ElementContact>,
     constraints: Constraints,
     /// Number of sub-steps in the averaging interval.
     steps: f64,
 }
 
-/// The contact of a fixed body with an element.
-#[derive(Default)]
+/// The contact of a fixed body with an element, in the averaging interval.
 struct ElementContact {
+    fixture: usize,
+    element: usize,
     pair: Pair,
     /// Sum of the forces on the fixed body [N].
     sum: Vector3<f64>,
@@ -176,9 +178,23 @@ impl Fixtures {
     pub fn new(fixtures: &[Fixture], elements: Vec<Element>) -> Self {
         let solids: Vec<_> =
             fixtures.iter().map(|fixture| (fixture.solid().into(), fixture.friction)).collect();
-        let pairs = solids.len() * elements.len();
-        let contacts = (0..pairs).map(|_| ElementContact::default()).collect();
-        Self { solids, elements, contacts, constraints: Constraints::default(), steps: 0.0 }
+        let pairs =
+            (0..solids.len()).flat_map(|fixture| (0..elements.len()).map(move |element| (fixture, element)));
+        let contact = |(fixture, element)| ElementContact {
+            fixture,
+            element,
+            pair: Pair::default(),
+            sum: Vector3::zeros(),
+            has_touched: false,
+            depth: 0.0,
+        };
+        Self {
+            contacts: pairs.map(contact).collect(),
+            solids,
+            elements,
+            constraints: Constraints::default(),
+            steps: 0.0,
+        }
     }
 
     /// Advances the links by a sub-step of `step` seconds.
@@ -192,18 +208,12 @@ impl Fixtures {
 
     fn find_touches(&mut self, links: &Links) -> Vec<Touch> {
         let mut touches = Vec::new();
-        let places: Vec<_> = self
-            .elements
-            .iter()
-            .map(|element| isometry_of(links.pose(element.body)) * element.solid.place)
-            .collect();
-        let (solids, elements) = (&self.solids, &self.elements);
-        let pairs =
-            solids.iter().flat_map(|solid| elements.iter().zip(&places).map(move |element| (solid, element)));
-        for (index, (contact, pair)) in self.contacts.iter_mut().zip(pairs).enumerate() {
-            let ((fixed, friction), (element, place)) = pair;
-            let (first, second) = ((fixed, fixed.place), (&element.solid, *place));
-            touches.extend(contact.pair.find(first, second, (index, Some(element.body), *friction)));
+        for (index, contact) in self.contacts.iter_mut().enumerate() {
+            let (fixed, friction) = &self.solids[contact.fixture];
+            let Element { solid, body, .. } = &self.elements[contact.element];
+            let place = isometry_of(links.pose(*body)) * solid.place;
+            let (first, second) = ((fixed, fixed.place), (solid, place));
+            touches.extend(contact.pair.find(first, second, (index, Some(*body), *friction)));
         }
         touches
     }
@@ -233,16 +243,15 @@ impl Fixtures {
     /// Returns the pairs of fixed body and link that touched in the averaging interval.
     pub fn contacts(&self) -> Vec<FixtureContact> {
         let mut contacts: Vec<FixtureContact> = Vec::new();
-        let touched = self.contacts.iter().enumerate().filter(|(_, contact)| contact.has_touched);
-        for (index, ElementContact { sum, depth, .. }) in touched {
-            let (fixture, element) = (index / self.elements.len(), index % self.elements.len());
+        for contact in self.contacts.iter().filter(|contact| contact.has_touched) {
+            let ElementContact { fixture, element, ref sum, depth, .. } = *contact;
             let (link, force) = (&self.elements[element].link, sum / self.steps.max(1.0));
             let same = |other: &&mut FixtureContact| other.fixture == fixture && other.link == *link;
             if let Some(contact) = contacts.iter_mut().find(same) {
                 contact.force += force;
-                contact.depth = contact.depth.max(*depth);
+                contact.depth = contact.depth.max(depth);
             } else {
-                contacts.push(FixtureContact { fixture, link: link.clone(), force, depth: *depth });
+                contacts.push(FixtureContact { fixture, link: link.clone(), force, depth });
             }
         }
         contacts

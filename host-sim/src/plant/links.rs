@@ -115,6 +115,7 @@ mod tests {
     use tesaki_description::robot::RobotFolder;
     use tesaki_rng::Rng;
 
+    use super::super::assembly::Parts;
     use super::super::convert::{narrow, vector};
     use super::super::factors;
     use super::super::machine::joint_values;
@@ -134,7 +135,8 @@ mod tests {
         let values: Vec<_> = bodies.iter().zip(&factors).map(values).collect();
         let middle = |body: &Body| body.stops.map_or(0.1, |[lower, upper]| 0.4 * lower + 0.6 * upper);
         let posture: Vec<_> = bodies.iter().map(middle).collect();
-        let mut assembly = Assembly::new(STEP, bodies, &values, &factors, &posture);
+        let mut assembly =
+            Assembly::new(STEP, &Parts { bodies, values: &values, factors: &factors, posture: &posture });
         let parameters = &mut assembly.physics.integration_parameters;
         parameters.dt = narrow(STEP);
         parameters.num_solver_iterations = 1;

@@ -8,7 +8,7 @@ use tesaki_description::robot::RobotFolder;
 use tesaki_description::urdf::Urdf;
 use tesaki_rng::Rng;
 
-use super::assembly::JointValues;
+use super::assembly::{JointValues, Parts};
 use super::drive::{self, DriveState};
 use super::end_effector::{Tip, tips};
 use super::environment::{Hold, Wall};
@@ -88,14 +88,9 @@ impl Plant {
             world_posture[linkage.follower] = angle;
         }
         let world_factors: Vec<JointFactors> = (0..bodies.len()).map(of_body).collect();
-        let mut world = World::new(
-            values.gravity,
-            values.integration.step,
-            &bodies,
-            &joints,
-            &world_factors,
-            &world_posture,
-        );
+        let parts =
+            Parts { bodies: &bodies, values: &joints, factors: &world_factors, posture: &world_posture };
+        let mut world = World::new(values.gravity, values.integration.step, &parts);
         world.insert_linkages(linkages);
         if let Some(problem) = options.object.as_ref().and_then(ObjectValues::problem) {
             let PlantProblem { field, value, expected } = problem;

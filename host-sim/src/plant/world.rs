@@ -3,7 +3,7 @@
 use rapier3d::math::Vector;
 use rapier3d::na::{Point3, Vector3};
 
-use super::assembly::{Assembly, JointValues};
+use super::assembly::{Assembly, JointValues, Parts};
 use super::convert::{narrow, vector, wide};
 use super::end_effector::Tip;
 use super::energy::Inertial;
@@ -44,23 +44,15 @@ pub(super) struct Joint {
 }
 
 impl World {
-    pub fn new(
-        gravity: [f64; 3],
-        step: f64,
-        bodies: &[Body],
-        values: &[JointValues],
-        factors: &[JointFactors],
-        posture: &[f64],
-    ) -> Self {
-        let assembly = Assembly::new(step, bodies, values, factors, posture);
+    pub fn new(gravity: [f64; 3], step: f64, parts: &Parts<'_>) -> Self {
         let joint = |((body, factors), values): ((&Body, &JointFactors), &JointValues)| Joint {
             before: body.parent,
             axis: vector(&body.axis),
             inertial: Inertial::new(body, factors, values.rotor_inertia),
         };
         Self {
-            joints: bodies.iter().zip(factors).zip(values).map(joint).collect(),
-            links: Links::new(&assembly),
+            joints: parts.bodies.iter().zip(parts.factors).zip(parts.values).map(joint).collect(),
+            links: Links::new(&Assembly::new(step, parts)),
             linkages: Vec::new(),
             tips: Vec::new(),
             grasp: None,
