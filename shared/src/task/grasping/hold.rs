@@ -2,13 +2,13 @@
 
 use nalgebra::{IsometryMatrix3, Vector3, Vector6};
 
-use super::forces::{ForceInputs, GripForces, grasp_map};
+use super::forces::{ForceInputs, GripForces, grasp_map, least_forces, superposition_scale};
 use super::plan::{GraspPlan, JointTargets, LoadSource, ObjectControl, ObjectFrame};
 use super::pose::{PoseTrajectoryPoint, displacement};
 use super::state::Fingers;
 use super::tracker::TipMotion;
 use super::tuning::{GAIN_FRICTION, LIFT_HEIGHT, LOAD_FEEDFORWARD, TORQUE_FRACTION};
-use super::wrench::wrench;
+use super::wrench::{integrate, wrench};
 use super::{Failure, FingerSense, GraspFault, GraspHand, GraspState, HandOutput, PerFinger, Phase};
 use crate::control::JointPoint;
 use crate::grasp::{GraspMap, ThreeFingers, WrenchInverse, normal_force_limit};
@@ -174,11 +174,15 @@ impl GraspState {
             }
             ObjectControl::Wrench(gains) => {
                 let weight = inputs.known_load.unwrap_or_else(|| self.forces.weight.into());
-                let control = wrench(gains, &mut self.integral, object, target);
-                if let Ok(load) = inverse.forces(&(weight + control)) {
-                    for (force, load, contact) in zip((&mut forces, &load, inputs.map.contacts())) {
-                        *force = contact.limited(&(*force + load));
-                    }
+                let load = least_forces(inverse, &weight);
+                let (control, integral) = wrench(gains, &self.integral, object, target);
+                let control = least_forces(inverse, &control);
+                let scale = superposition_scale(inputs.map.contacts(), &grip.internal, &load, &control);
+                integrate(&mut self.integral, &integral, scale < 1.0);
+                for (force, load, control, contact) in
+                    zip((&mut forces, &load, &control, inputs.map.contacts()))
+                {
+                    *force = contact.limited(&(*force + load + control * scale));
                 }
                 Actuation::Torque { damping: gains.damping, compensated: gains.compensated }
             }

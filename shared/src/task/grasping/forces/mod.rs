@@ -129,10 +129,7 @@ impl Forces {
         superposed: &PerFinger<Vector3<f32>>,
     ) -> GripForces {
         let contacts = inputs.map.contacts();
-        let mut load = [Vector3::zeros(); 3];
-        if let Ok(forces) = inverse.forces(&inputs.known_load.unwrap_or_else(|| self.load.into())) {
-            load.iter_mut().zip(&forces).for_each(|(load, force)| *load = *force);
-        }
+        let load = least_forces(inverse, &inputs.known_load.unwrap_or_else(|| self.load.into()));
         let load_torques = inputs.three.torques(&load);
         let mut internal = self.internal_forces(inputs, inverse, &load_torques);
         internal.iter_mut().for_each(|force| *force *= grip_fraction);
@@ -201,8 +198,8 @@ impl ForceInputs<'_> {
 }
 
 /// Largest factor, at most 1, of `superposed` forces with which no contact exceeds its limit. It is the same
-/// for all fingers, so that the forces stay internal.
-fn superposition_scale(
+/// for all fingers, so that the direction of their wrench stays, and internal forces stay internal.
+pub(super) fn superposition_scale(
     contacts: &[Contact],
     internal: &PerFinger<Vector3<f32>>,
     load: &PerFinger<Vector3<f32>>,
@@ -220,6 +217,15 @@ fn superposition_scale(
 fn limit_scale(scale: f32, rate: f32, headroom: f32) -> f32 {
     let headroom = if headroom > 0.0 { headroom } else { 0.0 };
     if scale * rate > headroom { headroom / rate } else { scale }
+}
+
+/// The least contact forces for a `wrench` [N, N·m]; none for one that the contacts do not resist [N].
+pub(super) fn least_forces(inverse: &WrenchInverse<'_>, wrench: &Vector6<f32>) -> PerFinger<Vector3<f32>> {
+    let mut least = [Vector3::zeros(); 3];
+    if let Ok(forces) = inverse.forces(wrench) {
+        least.iter_mut().zip(&forces).for_each(|(least, force)| *least = *force);
+    }
+    least
 }
 
 /// The grasp map of contacts at `levers` from `origin` with these `normals`; `None` if they are invalid.
