@@ -199,10 +199,14 @@ impl Fixtures {
 
     /// Advances the links by a sub-step of `step` seconds.
     pub fn step(&mut self, links: &mut Links, gravity: Vector, step: f64) {
-        links.accelerate(gravity, narrow(step));
         let mut touches = self.find_touches(links);
-        contact::constrain(&mut self.constraints, links, None, &mut touches, step);
-        links.advance(narrow(step));
+        if touches.is_empty() {
+            links.step(gravity, narrow(step));
+        } else {
+            links.accelerate(gravity, narrow(step));
+            contact::constrain(&mut self.constraints, links, None, &mut touches, step);
+            links.advance(narrow(step));
+        }
         self.read(&touches, step);
     }
 

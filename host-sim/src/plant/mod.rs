@@ -3,9 +3,10 @@
 //! A [`Plant`] is built from a robot's URDF, the motors and encoders that its controller knows, and its
 //! `plant.toml` ([`PlantValues`]). It shares no dynamics code with the control core: its equations are
 //! rapier's. Masses, inertias, friction and torque constants differ from the model by seeded factors, and the
-//! controller receives the sensor readings of a board: whole counts, with noise. Without an object and fixed
-//! bodies, the motion is that of rapier to the last bit. Contacts are found by rapier's geometry and have its
-//! springs, but their impulses, and those of joint friction and stops with them, are more accurate.
+//! controller receives the sensor readings of a board: whole counts, with noise. While a robot without an
+//! object touches nothing, its motion is that of rapier to the last bit. Contacts are found by rapier's
+//! geometry and have its springs, but their impulses, and those of joint friction and stops with them, are
+//! more accurate.
 //!
 //! ```text
 //!  ActuatorFrame ─► torque / torque constant ─► delay ─► current loop ─► × true torque constant ─┐

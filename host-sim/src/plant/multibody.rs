@@ -1,4 +1,4 @@
-//! Links, integrated exactly as rapier does, to the last bit without an object and fixed bodies.
+//! Links, integrated exactly as rapier does, to the last bit without contacts.
 //!
 //! Rapier's multibodies support joints of any kind and matrices of any size, and each of its steps looks for
 //! contacts, islands and soft bodies. A robot that touches nothing needs none of that. This module has the

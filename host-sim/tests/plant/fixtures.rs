@@ -394,20 +394,24 @@ fn without_fixtures_nothing_stops_the_fingers() {
     assert!(door.plant.truth().positions[GRIPPER] > 0.39 && door.plant.fixture_contacts().is_empty());
 }
 
-/// The collision elements have no mass: with a fixed body out of reach, the arm moves as without it.
+/// The collision elements have no mass: with a fixed body out of reach, the arm moves as without it, also with
+/// dry friction and at its stops.
 #[test]
-fn fixtures_out_of_reach_change_nothing() {
-    let swing = |fixtures| {
-        let mut door = Door::new(0.72, -0.4, fixtures);
+fn fixtures_out_of_reach_change_no_bit() {
+    let swing = |fixtures, coulomb| {
+        let mut parts = Parts::new(0.72, -0.4, fixtures);
+        parts.options.coulomb = coulomb;
+        let mut door = parts.build();
         for _ in 0..50 {
-            door.drive([2.0, 0.0, 0.5, 0.0, 0.1, 0.1, 0.01]);
+            door.drive([20.0, 0.0, 5.0, 0.0, 1.0, 1.0, 0.1]);
         }
         assert!(door.plant.fixture_contacts().is_empty());
         door.plant.truth().positions
     };
-    let (without, with) = (swing(Vec::new()), swing(vec![plate(3.0, 0.5)]));
-    let off = largest(without.iter().zip(&with).map(|(one, other)| one - other));
-    assert!(off < 1e-6, "{off:e}");
+    for coulomb in [Some(0.0), None] {
+        let (without, with) = (swing(Vec::new(), coulomb), swing(vec![plate(3.0, 0.5)], coulomb));
+        assert!(without.iter().zip(&with).all(|(one, other)| one.to_bits() == other.to_bits()), "{with:?}");
+    }
 }
 
 #[test]
