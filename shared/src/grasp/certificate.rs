@@ -1,9 +1,8 @@
 use nalgebra::Vector6;
 
 use super::cone::Cone;
-use super::map::halves;
 use super::{GraspMap, LeastGrip};
-use crate::math;
+use crate::math::{self, halves};
 
 /// Bound of the rounding errors of the sums, over the sum of their terms' norms.
 const ROUNDING: f32 = 4e-7;
@@ -26,7 +25,7 @@ impl Certificate {
     /// Whether it proves that `grip` cannot hold `load` [N; N·m] with the contacts of `map`. The check is
     /// independent of the search, and allows for the rounding errors of its own sums.
     pub fn is_valid(&self, grip: &LeastGrip, map: &GraspMap, load: &Vector6<f32>) -> bool {
-        let (linear, angular) = halves(&self.twist);
+        let [linear, angular] = halves(&self.twist);
         let angular = angular * map.length;
         let norm = math::sqrt(linear.norm_squared()) + math::sqrt(angular.norm_squared());
         let (force, moment) = map.scaled(load);

@@ -2,8 +2,8 @@ use core::fmt;
 
 use nalgebra::{Matrix3, Vector3, Vector6};
 
-use super::map::halves;
 use crate::kinematics::Jacobian;
+use crate::math::halves;
 use crate::zip::zip;
 
 /// Threshold of singularity: determinant of a finger's block over the product of its columns' norms.
@@ -66,7 +66,7 @@ impl ThreeFingers {
         levers: &[Vector3<f32>; 3],
         twist: &Vector6<f32>,
     ) -> Result<[Vector3<f32>; 3], SingularFinger> {
-        let (linear, angular) = halves(twist);
+        let [linear, angular] = halves(twist);
         let mut joints = [Vector3::zeros(); 3];
         for (finger, block, lever, joints) in zip((0.., &self.blocks, levers, &mut joints)) {
             let velocity = linear + angular.cross(lever);

@@ -6,11 +6,10 @@ use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use super::cone::Cone;
-use super::map::{halves, stack};
 use super::search::{Search, SearchEnd, SearchState};
 use super::{Certificate, ContactForces, GraspMap};
 use crate::collect::collect;
-use crate::math;
+use crate::math::{self, halves, stack};
 
 /// Loads below this fraction of the minimum normal force get the absolute tolerance of a load of that size.
 const MIN_LOAD: f32 = 0.01;
@@ -182,14 +181,14 @@ impl LeastGrip {
         let search = Search {
             map,
             cones: collect(map.contacts().iter().map(cone)),
-            load: stack(&(force / unit), &(moment / unit)),
+            load: stack([force / unit, moment / unit]),
             norm: if norm > MIN_LOAD * unit { norm / unit } else { MIN_LOAD },
             tolerance: self.tolerance,
             work: Cell::new(0),
         };
         let proves = |y: &Vector6<f32>| {
-            let (linear, angular) = halves(y);
-            let certificate = Certificate { twist: stack(&linear, &(angular / map.length)) };
+            let [linear, angular] = halves(y);
+            let certificate = Certificate { twist: stack([linear, angular / map.length]) };
             certificate.is_valid(self, map, load).then_some(certificate)
         };
         let mut running = state.search.take().unwrap_or_else(|| SearchState::at(state.twist));

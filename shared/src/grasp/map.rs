@@ -4,7 +4,7 @@ use heapless::Vec;
 use nalgebra::{SMatrix, Vector3, Vector6};
 
 use super::{Contact, ContactForces, MAX_CONTACTS};
-use crate::math;
+use crate::math::{self, halves, stack};
 
 /// The grasp map `G`, moments in [N·m] about the grasp's origin: `w = G f`. Three columns per contact;
 /// columns beyond the contacts are 0.
@@ -124,20 +124,20 @@ impl GraspMap {
             force += contact_force;
             moment += (contact.position - self.origin).cross(contact_force);
         }
-        stack(&force, &moment)
+        stack([force, moment])
     }
 
     /// `Gᵀ V` [m/s]: the velocities of the contacts' points on an object that moves with `twist` [m/s;
     /// rad/s], the right side of (Hand3 eq. 13).
     pub fn velocities(&self, twist: &Vector6<f32>) -> ContactForces {
-        let (linear, angular) = halves(twist);
+        let [linear, angular] = halves(twist);
         let velocity = |contact: &Contact| linear + angular.cross(&(contact.position - self.origin));
         self.contacts.iter().map(velocity).collect()
     }
 
     /// Force and moment about the centroid, the moment over `length` [N].
     pub(super) fn scaled(&self, wrench: &Vector6<f32>) -> (Vector3<f32>, Vector3<f32>) {
-        let (force, moment) = halves(wrench);
+        let [force, moment] = halves(wrench);
         (force, (moment - self.center.cross(&force)) / self.length)
     }
 
@@ -150,15 +150,6 @@ impl GraspMap {
         }
         (force, moment)
     }
-}
-
-/// Linear and angular half.
-pub(super) fn halves(six: &Vector6<f32>) -> (Vector3<f32>, Vector3<f32>) {
-    (Vector3::new(six.x, six.y, six.z), Vector3::new(six.w, six.a, six.b))
-}
-
-pub(super) fn stack(linear: &Vector3<f32>, angular: &Vector3<f32>) -> Vector6<f32> {
-    Vector6::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z)
 }
 
 impl fmt::Display for GraspMapError {

@@ -6,9 +6,8 @@ use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use super::cone::{Cone, Projection};
-use super::map::{halves, stack};
 use super::{Certificate, GraspMap, MAX_CONTACTS};
-use crate::math::{self, Ldlt, abs};
+use crate::math::{self, Ldlt, abs, halves, stack};
 use crate::zip::zip;
 
 /// Maximum number of Newton steps in all calls; then a residual below `MAX_RESIDUAL` is accepted, or the
@@ -239,7 +238,7 @@ impl Search<'_> {
         let axis = (steps == AXIS_PROOF_STEP).then(|| {
             self.take(AXIS);
             let axis = self.map.inverse().conditioning().axis;
-            stack(&Vector3::zeros(), &(axis * axis.dot(&halves(&self.load).1)))
+            stack([Vector3::zeros(), axis * axis.dot(&halves(&self.load)[1])])
         });
         current
             .into_iter()
@@ -249,7 +248,7 @@ impl Search<'_> {
     /// Whether the twist separates the load from all feasible wrenches.
     fn separates(&self, twist: &Vector6<f32>) -> bool {
         self.take(SEPARATION);
-        let (linear, angular) = halves(twist);
+        let [linear, angular] = halves(twist);
         let mut power = twist.dot(&self.load);
         for (cone, lever) in self.cones.iter().zip(&self.map.levers) {
             power -= cone.support(&(linear + angular.cross(lever)));
@@ -260,8 +259,8 @@ impl Search<'_> {
     #[inline(never)]
     fn at(&self, twist: Vector6<f32>) -> DualPoint {
         self.take(EVALUATION);
-        let (linear, angular) = halves(&twist);
-        let (mut force, mut moment) = halves(&self.load);
+        let [linear, angular] = halves(&twist);
+        let [mut force, mut moment] = halves(&self.load);
         let (mut support, mut square) = (0.0, 0.0);
         let mut all = Vec::new();
         for (cone, lever) in self.cones.iter().zip(&self.map.levers) {
@@ -272,7 +271,7 @@ impl Search<'_> {
             square += nearest.force.norm_squared();
             let _ = all.push(nearest); // cannot fail: same capacity
         }
-        DualPoint { twist, nearest: all, residual: stack(&force, &moment), support, square }
+        DualPoint { twist, nearest: all, residual: stack([force, moment]), support, square }
     }
 
     /// A damped Newton step with line search. Also returns its direction if the slope hardly changed along

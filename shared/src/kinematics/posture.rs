@@ -110,6 +110,6 @@ impl Posture {
         }
         let step = self.reach - previous;
         acceleration += alpha.cross(&step) + omega.cross(&omega.cross(&step));
-        Vector6::new(acceleration.x, acceleration.y, acceleration.z, alpha.x, alpha.y, alpha.z)
+        math::stack([acceleration, alpha])
     }
 }

@@ -37,7 +37,7 @@ impl PosePoint {
     /// The set-point displaced by `[p; r]` [m, rad], a vector and a rotation vector in the base frame.
     #[must_use]
     pub(crate) fn moved_by(&self, displacement: &Vector6<f32>) -> Self {
-        let [linear, angular] = [0, 3].map(|axis| displacement.fixed_rows::<3>(axis).into_owned());
+        let [linear, angular] = math::halves(displacement);
         let rotation = math::rotated_by(&math::orientation(self.rotation), &angular);
         let position = Vector3::from(self.position) + linear;
         Self { position: position.into(), rotation: rotation.coords.into(), ..*self }

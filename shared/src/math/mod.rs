@@ -1,4 +1,4 @@
-//! Elementary functions, SO(3) and small solvers, with identical bits on every machine.
+//! Elementary functions, SO(3), SE(3) and small solvers, with identical bits on every machine.
 //!
 //! All elementary functions of the crate are here. The methods of `f32` call the platform's library, so
 //! `clippy.toml` bans them, and with them the fused multiply-add.
@@ -13,6 +13,7 @@ mod atan2;
 mod eigen;
 mod ldlt;
 mod least_squares;
+mod se3;
 mod sincos;
 mod so3;
 mod sqrt;
@@ -22,6 +23,7 @@ pub(crate) use atan2::inlined_atan2;
 pub(crate) use eigen::diagonalize;
 pub(crate) use ldlt::Ldlt;
 pub(crate) use least_squares::{IncrementalQr, Svd};
+pub(crate) use se3::{displacement, halves, stack};
 pub(crate) use sincos::inlined_sin_cos;
 pub use sincos::sin_cos;
 pub(crate) use so3::{orientation, rotated_by, rotation_between};

@@ -4,7 +4,7 @@ use nalgebra::{IsometryMatrix3, Vector3, Vector6};
 
 use super::forces::{ForceInputs, GripForces, grasp_map, least_forces, superposition_scale};
 use super::plan::{GraspPlan, JointTargets, LoadSource, ObjectControl, ObjectFrame};
-use super::pose::{PoseTrajectoryPoint, displacement};
+use super::pose::PoseTrajectoryPoint;
 use super::state::Fingers;
 use super::tracker::TipMotion;
 use super::tuning::{GAIN_FRICTION, LIFT_HEIGHT, LOAD_FEEDFORWARD, TORQUE_FRACTION};
@@ -63,10 +63,7 @@ impl GraspState {
         let torques = three.torques(&forces);
         let torques = if learns { self.torque_gains.commands(&torques) } else { torques.map(Into::into) };
         let mut output = HandOutput { torques, actuation, ..self.stand() };
-        let step = previous.map(|previous| {
-            let [v, w] = displacement(&previous, &target.frame);
-            Vector6::new(v.x, v.y, v.z, w.x, w.y, w.z)
-        });
+        let step = previous.map(|previous| math::stack(math::displacement(&previous, &target.frame)));
         if let Err(finger) = self.follow(hand, &three, &levers, &target, step.as_ref(), &mut output) {
             // The motion ends at its last point; the grip stays, unless there was none yet.
             self.trajectory = reached;

@@ -66,7 +66,7 @@ impl PoseTrajectory {
 
     /// The trajectory from one frame to the other within `duration` [s], with the smaller rotation.
     pub fn between(from: &IsometryMatrix3<f32>, to: &IsometryMatrix3<f32>, duration: f32) -> Self {
-        let [translation, rotation] = displacement(from, to).map(Into::into);
+        let [translation, rotation] = math::displacement(from, to).map(Into::into);
         Self { start: from.into(), translation, rotation, duration, time: 0.0 }
     }
 
@@ -105,10 +105,7 @@ impl PoseTrajectory {
         };
         let rotated = math::rotation_matrix(&(rotation * value)) * start.rotation.matrix();
         let origin = start.translation.vector + translation * value;
-        let rates = |scale: f32| {
-            let (v, w) = (translation * scale, rotation * scale);
-            Vector6::new(v.x, v.y, v.z, w.x, w.y, w.z)
-        };
+        let rates = |scale: f32| math::stack([translation * scale, rotation * scale]);
         PoseTrajectoryPoint {
             frame: IsometryMatrix3::from_parts(
                 Translation3::from(origin),
@@ -118,13 +115,6 @@ impl PoseTrajectory {
             acceleration: rates(second),
         }
     }
-}
-
-/// The displacement of a frame's origin, and its rotation vector, from one pose to another, in base axes [m,
-/// rad].
-pub(super) fn displacement(from: &IsometryMatrix3<f32>, to: &IsometryMatrix3<f32>) -> [Vector3<f32>; 2] {
-    let rotation = to.rotation.matrix() * from.rotation.matrix().transpose();
-    [to.translation.vector - from.translation.vector, math::rotation_vector(&rotation)]
 }
 
 #[cfg(test)]

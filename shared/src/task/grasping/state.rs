@@ -7,7 +7,7 @@ use super::forces::Forces;
 use super::gains::TorqueGains;
 use super::phases::weight_on_fingers;
 use super::plan::JointTargets;
-use super::pose::{PoseTrajectory, displacement};
+use super::pose::PoseTrajectory;
 use super::tracker::Tracker;
 use super::tuning::{
     APPROACH_EXTRA_TIME, APPROACH_SPEED, ASSUMED_FRICTION, MAX_ANGULAR_SPEED, MAX_SPEED, PATH_CHECKS,
@@ -285,7 +285,8 @@ impl GraspState {
             Rotation3::from_matrix_unchecked(math::rotation_matrix(&rotation) * origin.rotation.matrix()),
         );
         let start = self.trajectory.point().frame;
-        let [distance, angle] = displacement(&start, &target).map(|vector| math::sqrt(vector.norm_squared()));
+        let [distance, angle] =
+            math::displacement(&start, &target).map(|vector| math::sqrt(vector.norm_squared()));
         for (value, limit) in [(distance, MAX_SPEED), (angle, MAX_ANGULAR_SPEED)] {
             let value = MINIMUM_JERK_PEAK * value / duration;
             if value > limit {

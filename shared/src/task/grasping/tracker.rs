@@ -209,8 +209,7 @@ mod tests {
             });
             object = tracker.update(&motions, &[RADIUS; 3]).unwrap();
         }
-        let rotation =
-            math::rotation_vector(&(object.rotation.matrix() * before.rotation.matrix().transpose()));
+        let [_, rotation] = math::displacement(&before, &object);
         assert!((rotation - Vector3::new(0.0, 0.05, 0.0)).norm() < 1e-4, "{rotation}");
     }
 
@@ -224,8 +223,7 @@ mod tests {
         let rotation = Vector3::new(0.0, 0.2, 0.0);
         let motions = [one + up, two + up, three - up].map(|center| TipMotion { center, rotation });
         let object = tracker.update(&motions, &[0.0; 3]).unwrap();
-        let turned =
-            math::rotation_vector(&(object.rotation.matrix() * before.rotation.matrix().transpose()));
+        let [_, turned] = math::displacement(&before, &object);
         assert!((turned - Vector3::new(0.0, 0.028_063, 0.0)).norm() < 1e-5, "{turned}");
     }
 

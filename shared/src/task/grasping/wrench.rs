@@ -1,7 +1,6 @@
 use nalgebra::{IsometryMatrix3, Vector6};
 
 use super::WrenchGains;
-use super::pose::displacement;
 use super::tuning::{MAX_INTEGRAL_FORCE, MAX_INTEGRAL_MOMENT};
 use crate::TICK;
 use crate::math::{self, abs};
@@ -18,7 +17,7 @@ pub(super) fn wrench(
     let gains = [(gains.position, MAX_INTEGRAL_FORCE), (gains.orientation, MAX_INTEGRAL_MOMENT)];
     let (mut wrench, mut integral) = (Vector6::zeros(), *integral);
     for (error, output, integral, ([proportional, rate], max)) in zip((
-        displacement(target, object),
+        math::displacement(target, object),
         wrench.as_mut_slice().chunks_exact_mut(3),
         integral.chunks_exact_mut(3),
         gains,

@@ -4,6 +4,7 @@ use nalgebra::{IsometryMatrix3, Matrix3, Vector6};
 
 use super::Law;
 use crate::control::{Impedance, ImpedanceAxes};
+use crate::math;
 
 /// Acceleration of the `tool` for its displacement, velocity error and external force, all in base axes, as
 /// the discretisation of `law` requires (Arm7 step 3).
@@ -54,6 +55,5 @@ pub(super) fn in_axes(impedance: &Impedance, axes: ImpedanceAxes, tool: &Isometr
 
 /// Applies `rotation` to the translational and the rotational part of `value`.
 fn rotated(rotation: &Matrix3<f32>, value: &Vector6<f32>) -> Vector6<f32> {
-    let [linear, angular] = [0, 3].map(|axis| rotation * value.fixed_rows::<3>(axis));
-    Vector6::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z)
+    math::stack(math::halves(value).map(|half| rotation * half))
 }

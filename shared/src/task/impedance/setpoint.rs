@@ -2,7 +2,7 @@
 
 use core::f32::consts::{PI, TAU};
 
-use nalgebra::{IsometryMatrix3, UnitQuaternion, Vector3, Vector6};
+use nalgebra::{IsometryMatrix3, Translation3, UnitQuaternion, Vector6};
 
 use super::tuning::NORM_TOLERANCE;
 use super::{ImpedanceSettings, SetpointError};
@@ -55,10 +55,11 @@ pub(super) fn check_elbow(elbow: &ElbowSetpoint, distance: f32, limit: f32) -> R
 /// The pose error: translation and rotation vector from the set-point to the tool [m, rad].
 #[inline]
 pub(super) fn pose_error(tool: &IsometryMatrix3<f32>, point: &PosePoint) -> Vector6<f32> {
-    let translation = tool.translation.vector - Vector3::from(point.position);
-    let target = orientation(point.rotation).to_rotation_matrix();
-    let rotation = math::rotation_vector(&(tool.rotation.matrix() * target.matrix().transpose()));
-    Vector6::new(translation.x, translation.y, translation.z, rotation.x, rotation.y, rotation.z)
+    let target = IsometryMatrix3::from_parts(
+        Translation3::from(point.position),
+        orientation(point.rotation).to_rotation_matrix(),
+    );
+    math::stack(math::displacement(&target, tool))
 }
 
 /// Checks a pose error against the maximum deviation of the settings.
@@ -71,8 +72,7 @@ pub(super) fn check_deviation(
     settings: &ImpedanceSettings,
 ) -> Result<(), SetpointError> {
     let [max_distance, max_angle] = settings.max_deviation;
-    let distance = math::sqrt(error.fixed_rows::<3>(0).norm_squared());
-    let angle = math::sqrt(error.fixed_rows::<3>(3).norm_squared());
+    let [distance, angle] = math::halves(error).map(|half| math::sqrt(half.norm_squared()));
     if distance.is_nan() || distance > max_distance {
         return Err(SetpointError::Distance { value: distance, limit: max_distance });
     }

@@ -208,8 +208,7 @@ fn desired_twist(
     let limits = MotionLimits { speed: limits.speed.max(speed), ..*limits };
     let linear = velocity + limits.acceleration(&velocity, &motion) * TICK;
     let error = target.rotation.to_rotation_matrix().matrix() * tip.rotation.matrix().transpose();
-    let angular = math::rotation_vector(&error) * TURNING;
-    Vector6::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z)
+    math::stack([linear, math::rotation_vector(&error) * TURNING])
 }
 
 /// Minimum and maximum velocity of a joint at the end of the period [rad/s].

@@ -106,7 +106,7 @@ impl ImpedanceState {
     /// Moves the set-point along the pose `error` by the way of one period, until it is at the tool.
     #[inline(never)]
     pub(super) fn release(&mut self, error: &Vector6<f32>) {
-        let [distance, angle] = [0, 3].map(|axis| math::sqrt(error.fixed_rows::<3>(axis).norm_squared()));
+        let [distance, angle] = math::halves(error).map(|half| math::sqrt(half.norm_squared()));
         let rate = |length: f32, max: f32| if length > max { max / length } else { 1.0 };
         let linear = rate(distance, RELEASE_SPEED * TICK);
         let angular = rate(angle, RELEASE_ANGULAR_SPEED * TICK);
