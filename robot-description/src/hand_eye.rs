@@ -4,6 +4,7 @@
 //! ```toml
 //! rose = 0.04       # m, radius of the rose
 //! tilt = 0.1745     # rad, of the optical axis from the approach, about the hand's y towards the hand's axis
+//! pan = 0.0         # rad, of the optical axis about the image's y, to the right in the image; 0 if not given
 //! turn = 0.0        # rad, from the image's x to where the rose moves when it moves along the hand's y
 //! size = [256, 240] # px, width and height of the pictures, if given
 //! # Radius, u and v of the centre [px], distance from the hand [m]; 2 to 16 rows, the farthest first.
@@ -32,6 +33,8 @@ const ADVICE: &str = "correct it, or make the file anew with `tesaki calibrate c
 struct File {
     rose: f32,
     tilt: f32,
+    #[serde(default)]
+    pan: f32,
     turn: f32,
     size: Option<[usize; 2]>,
     rows: Vec<Vec<f32>>,
@@ -69,7 +72,7 @@ pub fn check(path: &Path, text: &str) -> (Option<HandEyeFile>, Vec<Finding>) {
         };
         rows.push(HandEyeRow { radius, center: [u, v], distance });
     }
-    match HandEyeTable::try_new(file.rose, file.tilt, file.turn, &rows) {
+    match HandEyeTable::try_new(file.rose, [file.tilt, file.pan, file.turn], &rows) {
         Ok(table) => (Some(HandEyeFile { table, size: file.size }), report.findings),
         Err(error) => {
             let (key, message) = file.problem(&error);
@@ -96,7 +99,7 @@ impl File {
             }
             HandEyeError::Value { name, value, range } => (name, value, range),
         };
-        match ["rose", "tilt", "turn"].into_iter().find(|key| name.contains(key)) {
+        match ["rose", "tilt", "pan", "turn"].into_iter().find(|key| name.contains(key)) {
             Some(key) => (key.to_owned(), format!("{key}: {name} is {value}; it must be {least} to {most}")),
             None => {
                 let row =

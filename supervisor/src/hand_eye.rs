@@ -391,8 +391,12 @@ impl HandEye {
     /// A value is out of its range.
     #[expect(clippy::cast_possible_truncation, reason = "radians and metres")]
     pub fn table(&self) -> Result<HandEyeTable, HandEyeError> {
-        let HandEyeCamera { tilt, turn, .. } = self.camera;
-        HandEyeTable::try_new(self.settings.rose as f32, tilt as f32, turn as f32, &self.rows)
+        let HandEyeCamera { tilt, pan, turn, .. } = self.camera;
+        HandEyeTable::try_new(
+            self.settings.rose as f32,
+            [tilt, pan, turn].map(|angle| angle as f32),
+            &self.rows,
+        )
     }
 
     /// Formats camera, rose and residuals as lines of text, with standard deviations.
@@ -434,9 +438,10 @@ impl HandEye {
         for line in self.summary().lines() {
             let _ = writeln!(text, "# {line}");
         }
-        let HandEyeCamera { tilt, turn, .. } = self.camera;
+        let HandEyeCamera { tilt, pan, turn, .. } = self.camera;
         let _ = writeln!(text, "\nrose = {:?} # m", self.settings.rose);
         let _ = writeln!(text, "tilt = {tilt:.6} # rad");
+        let _ = writeln!(text, "pan = {pan:.6} # rad");
         let _ = writeln!(text, "turn = {turn:.6} # rad");
         let _ = writeln!(text, "size = {:?} # px", self.settings.size);
         text += "# Radius, u and v of the centre [px], distance from the hand [m].\nrows = [\n";

@@ -5,7 +5,7 @@ use tesaki::behavior::{Approach, ApproachPhase, Order};
 use tesaki::protocol::Refusal;
 use tesaki::task::visual_approach::{GripperState, VisualApproachCommand, VisualApproachTelemetry};
 use tesaki::task::{TaskConfig, TaskRefusal};
-use tesaki::vision::{CameraBuffers, Circle, Image, find_circle};
+use tesaki::vision::{CameraBuffers, Circle, Image, find_circle, radius_limits};
 use tesaki_description::approach::{self, ApproachFile};
 use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::{Board, BoardError};
@@ -288,11 +288,15 @@ impl<'a, 'b, 'c> Trial<'a, 'b, 'c> {
         let search = self.approach.search(&latched);
         // A rose that is expected outside of the picture is not looked for.
         let is_outside = |center: [f32; 2]| !Camera::of(self.machine.camera).contains(center.map(f64::from));
-        let found = if search.window.is_some_and(|window| is_outside(window.center)) {
-            None
-        } else {
-            let grey = Image::new(&image.pixels, image.width, image.height)?;
-            find_circle(&grey, &search, &mut self.buffers.scratch())?.filter(Approach::is_credible)
+        let search = search
+            .within(radius_limits(image.width, image.height))
+            .filter(|search| !search.window.is_some_and(|window| is_outside(window.center)));
+        let found = match search {
+            None => None,
+            Some(search) => {
+                let grey = Image::new(&image.pixels, image.width, image.height)?;
+                find_circle(&grey, &search, &mut self.buffers.scratch())?.filter(Approach::is_credible)
+            }
         };
         self.log.pictures.push(Picture { time: self.log.time, image, truth, found });
         Ok(())

@@ -43,6 +43,8 @@ const DEPTH_ERROR: f32 = 0.015;
 /// The grip is tested by a pull once the fingers have stayed within this angle for this time [rad, s].
 const FINGERS_REST: f32 = 0.01;
 const SETTLING: f32 = 0.15;
+/// A report may be older than the command that ended what it shows, up to this time [s].
+const STALE: f32 = 0.2;
 /// The grip is verified when the gripper still holds the knob this long after the pull was stopped [s].
 const HELD: f32 = 0.2;
 /// Number of motions in a phase that the board may refuse because of a contact that it has not reported yet.
@@ -279,7 +281,7 @@ impl Approach {
             matches!(self.phase, ApproachPhase::Look | ApproachPhase::Center | ApproachPhase::Advance);
         let should_open = looks || self.phase == ApproachPhase::Retreat;
         let is_late = self.time > self.settings.patience;
-        let is_jammed = report.gripper == GripperState::Jammed;
+        let is_jammed = report.gripper == GripperState::Jammed && self.time > STALE;
         if should_open && (is_jammed || is_late && report.gripper != GripperState::Open) {
             self.enter(ApproachPhase::Failed(Reason::Gripper));
         } else if looks && self.blind > LOST {
@@ -440,6 +442,8 @@ impl Approach {
                 if self.fingers.1 > SETTLING {
                     self.goal = self.hand - home.rotation * Vector3::z() * self.settings.pull;
                     self.enter(ApproachPhase::Verify);
+                    // The contact that ended the approach is no reason to refuse the pull, nor proof of a grip.
+                    return Order { command: Some(VisualApproachCommand::Acknowledge), look: false };
                 }
             }
             _ => {}

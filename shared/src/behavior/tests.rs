@@ -37,7 +37,7 @@ fn settings() -> ApproachSettings {
         HandEyeRow { radius: circle.radius, center: circle.center, distance }
     };
     ApproachSettings {
-        table: HandEyeTable::try_new(0.04, 0.0, 0.0, &[row(0.3), row(0.1), row(0.02)]).expect("valid"),
+        table: HandEyeTable::try_new(0.04, [0.0; 3], &[row(0.3), row(0.1), row(0.02)]).expect("valid"),
         expectation: KnobExpectation {
             rose: [0.035, 0.045],
             radius: 0.025,
@@ -76,12 +76,13 @@ struct World {
     /// State of the noise generator.
     random: u32,
     /// Simulated faults: the camera takes no pictures; the gripper is stuck; the held object slips out at
-    /// once, or when it is pulled; the hand cannot move once it holds an object; the hand is stuck beside the
-    /// knob.
+    /// once, or when it is pulled; the held object comes along, and the closing fingers touched it behind
+    /// them; the hand cannot move once it holds an object; the hand is stuck beside the knob.
     is_blind: bool,
     is_stuck: bool,
     slips: bool,
     loses: bool,
+    is_loose: bool,
     is_stalled: bool,
     is_wedged: bool,
     /// Whether it has been pressing since the last step, and the number of motions that a contact has ended.
@@ -109,6 +110,7 @@ impl World {
             is_stuck: false,
             slips: false,
             loses: false,
+            is_loose: false,
             is_stalled: false,
             is_wedged: false,
             presses: false,
@@ -218,6 +220,7 @@ impl World {
         self.time += STEP;
         self.working -= STEP;
         let [distance, aside] = self.place();
+        let was = self.gripper;
         if self.working < 0.0 {
             self.gripper = match self.gripper {
                 GripperState::Opening if self.is_stuck => GripperState::Opening,
@@ -232,6 +235,9 @@ impl World {
                 other => other,
             };
         }
+        if self.is_loose && self.gripper == GripperState::Holding && was != GripperState::Holding {
+            self.block(-Vector3::z());
+        }
         self.obstacle =
             self.obstacle.filter(|[direction, place]| direction.dot(&(self.hand - place)) > -0.01);
         if self.motion != HandMotion::Moving {
@@ -240,7 +246,7 @@ impl World {
         let way = self.target - self.hand;
         let beside = distance < 0.05;
         assert!(!beside || self.speed <= self.approach.settings().near_speed, "{} m/s beside", self.speed);
-        let is_held = self.gripper == GripperState::Holding && way.norm() > 1e-3;
+        let is_held = self.gripper == GripperState::Holding && !self.is_loose && way.norm() > 1e-3;
         if is_held || self.is_wedged && beside && way.z < 0.0 {
             // A contact is detected in the next step.
             if self.presses {
@@ -418,12 +424,47 @@ fn a_contact_from_before_the_pull_is_no_proof_of_a_grip() {
 }
 
 #[test]
+fn a_contact_that_refuses_the_pull_is_no_proof_of_a_grip() {
+    let mut world = World { is_loose: true, ..World::new() };
+    assert_eq!(world.run(|world| Some(world.rose_seen())), ApproachPhase::Failed(Reason::NotHeld));
+}
+
+/// The report after the command to open still shows the gripper that jammed while it closed.
+#[test]
+fn a_gripper_that_jammed_is_opened_again_though_reports_are_late() {
+    let mut approach = Approach::new(settings());
+    let world = World::new();
+    let mut report = world.report();
+    report.gripper = GripperState::Open;
+    for _ in 0..400 {
+        if approach.phase() == ApproachPhase::Grip {
+            break;
+        }
+        approach.look(&report.hand, Some(&seen(&world.rose, 0.04, &report.hand.translation.into())));
+        if let Some(VisualApproachCommand::Move { position, .. }) = approach.update(&report, STEP).command {
+            report.hand.translation = position;
+        }
+    }
+    assert_eq!(approach.phase(), ApproachPhase::Grip);
+    report.gripper = GripperState::Jammed;
+    for _ in 0..3 {
+        let order = approach.update(&report, STEP);
+        assert_eq!(order.command, Some(VisualApproachCommand::Open));
+    }
+    report.gripper = GripperState::Open;
+    approach.update(&report, STEP);
+    assert!(!matches!(approach.phase(), ApproachPhase::Failed(_)), "{:?}", approach.phase());
+}
+
+#[test]
 fn a_gripper_that_never_opens_is_named() {
     let mut world = World { is_stuck: true, ..World::new() };
     assert_eq!(world.run(|world| Some(world.rose_seen())), ApproachPhase::Failed(Reason::Gripper));
     let mut world = World { gripper: GripperState::Jammed, ..World::new() };
     let report = world.report();
-    world.approach.update(&report, STEP);
+    for _ in 0..11 {
+        world.approach.update(&report, STEP);
+    }
     assert_eq!(world.approach.phase(), ApproachPhase::Failed(Reason::Gripper));
 }
 

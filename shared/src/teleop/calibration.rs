@@ -71,11 +71,14 @@ impl CalibrationSettings {
     }
 
     /// Standard deviation of an equation along each axis for links like these [m]. Orientation noise acts on
-    /// each link as a lever, from its own sensor and from that of the back of the hand: `(2/3) σ² Σ 2|l|²`.
+    /// levers: each link's own on that link, that of the back of the hand on all of them together. Along each
+    /// axis of three this is `(2/9) σ² (Σ|l|² + (Σ|l|)²)` for a straight finger, and less for a bent one.
     pub(super) fn equation_deviation(&self, links: &FingerLinks) -> f32 {
         let [_, moving @ ..] = links.0.map(Vector3::from);
-        let levers: f32 = moving.iter().map(Vector3::norm_squared).sum();
-        let noise = self.orientation_noise * self.orientation_noise * (4.0 / 9.0) * levers;
+        let lengths = moving.map(|link| math::sqrt(link.norm_squared()));
+        let length: f32 = lengths.iter().sum();
+        let levers = lengths.iter().map(|length| length * length).sum::<f32>() + length * length;
+        let noise = self.orientation_noise * self.orientation_noise * (2.0 / 9.0) * levers;
         math::sqrt(self.marker_noise * self.marker_noise + noise)
     }
 }

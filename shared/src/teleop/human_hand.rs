@@ -346,18 +346,22 @@ impl GloveFilter {
         self.delay
     }
 
+    /// Longest time between two samples; after a longer one, a new state begins [s].
+    pub const MAX_PERIOD: f32 = 1.0;
+
     /// Updates the state with a sample that comes `period` [s] after the previous one. Returns the error of
     /// the first sensor whose sample could not be used; the sensor is bridged, and all others are filtered.
     ///
     /// # Errors
-    /// The error of a sensor, as above, or a period that is not within 0 to 1 s; the state is then unchanged.
+    /// The error of a sensor, as above, or a period that is not above 0 and at most [`Self::MAX_PERIOD`]; the state is
+    /// then unchanged.
     pub fn update(
         &self,
         state: &mut GloveFilterState,
         period: f32,
         sample: &GloveSample,
     ) -> Result<(), GloveError> {
-        if !(period > 0.0 && period <= 1.0) {
+        if !(period > 0.0 && period <= Self::MAX_PERIOD) {
             return Err(GloveError::Period(period));
         }
         let decay = math::exp(-self.bandwidth * period);

@@ -99,10 +99,21 @@ impl<const A: usize, const P: usize, const R: usize> Default for Buffers<A, P, R
     }
 }
 
+/// Smallest and largest radius that [`find_circle`] finds in images of this size [px].
+pub fn radius_limits(width: usize, height: usize) -> [f32; 2] {
+    [MIN_RADIUS, (0.75 * width.max(height) as f32).min(MAX_RADIUS)]
+}
+
 impl CircleSearch {
+    /// The part of the search with radii within `limits` [px]; `None` if there is none.
+    pub fn within(self, limits: [f32; 2]) -> Option<Self> {
+        let radius = [self.radius[0].max(limits[0]), self.radius[1].min(limits[1])];
+        (radius[0] < radius[1]).then_some(Self { radius, ..self })
+    }
+
     fn check(&self, image: &Image<'_>, scratch: &Scratch<'_>) -> Result<(), VisionError> {
         let (width, height) = (image.width(), image.height());
-        let limit = (0.75 * width.max(height) as f32).min(MAX_RADIUS);
+        let [_, limit] = radius_limits(width, height);
         let [from, to] = self.radius;
         let is_in = |place: f32, side: usize| (0.0..=(side - 1) as f32).contains(&place);
         if !(MIN_RADIUS <= from && from < to && to <= limit) {

@@ -30,6 +30,7 @@ pub struct HandEyeRow {
 pub struct HandEyeTable {
     rose: f32,
     tilt: f32,
+    pan: f32,
     turn: f32,
     rows: Vec<HandEyeRow, MAX_HAND_EYE_ROWS>,
 }
@@ -79,13 +80,18 @@ impl fmt::Display for HandEyeError {
 impl core::error::Error for HandEyeError {}
 
 impl HandEyeTable {
-    /// The table for a rose of radius `rose` [m]. `tilt`: rotation of the optical axis from the approach,
-    /// about the hand's y towards the hand's axis [rad]. `turn`: direction in the image in which the rose
-    /// moves when it moves along the hand's y, from the image's x towards its y [rad].
+    /// The table for a rose of radius `rose` [m] and a camera with this tilt, pan and turn [rad]. The tilt is
+    /// the rotation of the optical axis from the approach, about the hand's y towards the hand's axis; the
+    /// pan that about the image's y, towards the image's right; the turn the direction in the image in which
+    /// the rose moves when it moves along the hand's y, from the image's x towards its y.
     ///
     /// # Errors
     /// The first value that is out of its range.
-    pub fn try_new(rose: f32, tilt: f32, turn: f32, rows: &[HandEyeRow]) -> Result<Self, HandEyeError> {
+    pub fn try_new(
+        rose: f32,
+        [tilt, pan, turn]: [f32; 3],
+        rows: &[HandEyeRow],
+    ) -> Result<Self, HandEyeError> {
         let check = |name, value: f32, range: [f32; 2]| {
             if (range[0]..=range[1]).contains(&value) {
                 Ok(())
@@ -95,6 +101,7 @@ impl HandEyeTable {
         };
         check("the radius of the rose [m]", rose, [0.005, 0.5])?;
         check("the tilt [rad]", tilt, [-1.2, 1.2])?;
+        check("the pan [rad]", pan, [-1.2, 1.2])?;
         check("the turn [rad]", turn, [-3.2, 3.2])?;
         if rows.len() < 2 {
             return Err(HandEyeError::Rows { got: rows.len() });
@@ -109,38 +116,42 @@ impl HandEyeTable {
             return Err(HandEyeError::Order { row: row + 1 });
         }
         let rows = Vec::from_slice(rows).map_err(|_| HandEyeError::Rows { got: rows.len() })?;
-        Ok(Self { rose, tilt, turn, rows })
+        Ok(Self { rose, tilt, pan, turn, rows })
     }
 
     /// Position in the hand frame [m] of the centre of a rose that appears as `circle`; `rose` is its radius
     /// [m].
     ///
-    /// The lateral part is the displacement `(mx, my) = rose/R · (MX, MY)` of Knob §4.5, with the image error
-    /// rotated to the axes of the hand and corrected for the tilt.
+    /// The displacement `(mx, my) = rose/R · (MX, MY)` of Knob §4.5 from the rose of the same radius straight
+    /// in front of the hand is parallel to the image; it is rotated to the axes of the hand.
     pub fn locate(&self, circle: &Circle, rose: f32) -> [f32; 3] {
         let (center, distance) = self.at_radius(circle.radius * self.rose / rose);
         let scale = rose / circle.radius;
         let [right, down] = [0, 1].map(|axis| (circle.center[axis] - center[axis]) * scale);
         let (sin, cos) = math::sin_cos(self.turn);
-        let (y, below) = (right * cos + down * sin, down * cos - right * sin);
+        let (right, down) = (right * cos + down * sin, down * cos - right * sin);
+        let (sin, cos) = math::sin_cos(self.pan);
+        let (y, ahead) = (right * cos, -right * sin);
         let (sin, cos) = math::sin_cos(self.tilt);
-        // The camera looks downwards: at the same distance along the approach, a rose higher by x has a depth
-        // larger by x sin(tilt).
-        let x = -below * cos;
-        [x, y, distance + x * sin / cos]
+        [-down * cos - ahead * sin, y, distance + ahead * cos - down * sin]
     }
 
     /// Centre and radius [px] in the image of a rose of radius `rose` [m] whose centre is at `place` in the
     /// hand frame [m]. The inverse of [`locate`](Self::locate).
     pub fn appearance(&self, place: &[f32; 3], rose: f32) -> ([f32; 2], f32) {
         let [x, y, z] = *place;
-        let (sin, cos) = math::sin_cos(self.tilt);
-        let (center, radius) = self.at_distance(z - x * sin / cos);
+        let ((sin_tilt, cos_tilt), (sin_pan, cos_pan)) = (math::sin_cos(self.tilt), math::sin_cos(self.pan));
+        // From the rose of the same depth straight in front of the hand: the way in between is across the
+        // optical axis (−cos(pan) sin(tilt), sin(pan), cos(pan) cos(tilt)).
+        let ahead = (x * sin_tilt - y * sin_pan / cos_pan) / cos_tilt;
+        let (center, radius) = self.at_distance(z - ahead);
         let radius = radius * rose / self.rose;
         let scale = radius / rose;
-        let below = -x / cos;
+        let (down, depth) = (-x * cos_tilt - ahead * sin_tilt, ahead * cos_tilt - x * sin_tilt);
+        let right = y * cos_pan - depth * sin_pan;
         let (sin, cos) = math::sin_cos(self.turn);
-        ([center[0] + (y * cos - below * sin) * scale, center[1] + (below * cos + y * sin) * scale], radius)
+        let [right, down] = [right * cos - down * sin, down * cos + right * sin];
+        ([center[0] + right * scale, center[1] + down * scale], radius)
     }
 
     /// Vanishing point of the approach direction in the image [px]: the limit of a distant rose straight in
@@ -154,8 +165,8 @@ impl HandEyeTable {
     pub fn focal_length(&self) -> f32 {
         let [one, ..] = self.segment(|_| false);
         let [_, last] = self.segment(|_| true);
-        let (_, cos) = math::sin_cos(self.tilt);
-        (one.distance - last.distance) * cos / (self.rose * (1.0 / one.radius - 1.0 / last.radius))
+        let [tilt, pan] = [self.tilt, self.pan].map(|angle| math::sin_cos(angle).1);
+        (one.distance - last.distance) * tilt * pan / (self.rose * (1.0 / one.radius - 1.0 / last.radius))
     }
 
     /// Centre [px] and distance [m] of a rose of the table's radius that appears with `radius` [px].
@@ -196,6 +207,8 @@ fn between(one: [f32; 2], next: [f32; 2], part: f32) -> [f32; 2] {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::{Matrix3, Rotation3, Vector3};
+
     use super::*;
 
     /// The camera of robots/knob-arm: f = 140 px, 50 mm above the axis, 120 mm behind the fingertips, tilted
@@ -222,7 +235,7 @@ mod tests {
                 HandEyeRow { radius: circle.radius, center: circle.center, distance: distance(row) }
             })
             .collect();
-        HandEyeTable::try_new(0.04, TILT, 0.0, &rows).expect("a valid table")
+        HandEyeTable::try_new(0.04, [TILT, 0.0, 0.0], &rows).expect("a valid table")
     }
 
     #[test]
@@ -273,14 +286,51 @@ mod tests {
         assert!((0..2).all(|axis| (center[axis] - circle.center[axis]).abs() < 0.01));
     }
 
+    /// A camera that is turned in every way sees small circles, through rotation matrices of nalgebra.
+    #[test]
+    fn a_camera_turned_in_every_way_locates_a_rose_anywhere() {
+        for [tilt, pan, turn] in [[0.2, 0.35, 0.0], [0.2, -0.35, 0.5], [0.0, 0.6, -2.0], [-0.4, 0.2, 3.1]] {
+            let about = Rotation3::from_axis_angle;
+            let level = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
+            let rotation = about(&Vector3::y_axis(), -tilt).matrix()
+                * level
+                * about(&Vector3::y_axis(), pan).matrix()
+                * about(&Vector3::z_axis(), -turn).matrix();
+            let seen = |place: [f32; 3], rose: f32| {
+                let view = rotation.transpose() * (Vector3::from(place) - Vector3::new(0.05, -0.02, -0.12));
+                let center = [127.5 + 140.0 * view.x / view.z, 119.5 + 140.0 * view.y / view.z];
+                let radius = 140.0 * rose / view.z;
+                Circle { center, radius, semi_axes: [radius; 2], angle: 0.0, confidence: 1.0 }
+            };
+            let row = |distance: f32| {
+                let circle = seen([0.0, 0.0, distance], 0.04);
+                HandEyeRow { radius: circle.radius, center: circle.center, distance }
+            };
+            let rows = [row(0.3), row(0.1), row(0.02)];
+            let table = HandEyeTable::try_new(0.04, [tilt, pan, turn], &rows).expect("a valid table");
+            assert!((table.focal_length() - 140.0).abs() < 0.01, "{}", table.focal_length());
+            for place in [[0.0, 0.0, 0.2], [0.05, -0.04, 0.22], [-0.03, 0.04, 0.1]] {
+                let circle = seen(place, 0.035);
+                let located = table.locate(&circle, 0.035);
+                assert!(
+                    (0..3).all(|axis| (located[axis] - place[axis]).abs() < 1e-5),
+                    "{place:?} {located:?}"
+                );
+                let (center, radius) = table.appearance(&place, 0.035);
+                assert!((0..2).all(|axis| (center[axis] - circle.center[axis]).abs() < 0.01), "{center:?}");
+                assert!((radius - circle.radius).abs() < 0.01, "{radius}");
+            }
+        }
+    }
+
     #[test]
     fn what_is_wrong_is_named() {
         let row = |radius, distance| HandEyeRow { radius, center: [0.0; 2], distance };
         let rows = [row(10.0, 0.3), row(20.0, 0.2), row(15.0, 0.1)];
-        assert_eq!(HandEyeTable::try_new(0.04, 0.0, 0.0, &rows), Err(HandEyeError::Order { row: 2 }));
-        let error = HandEyeTable::try_new(0.04, 0.0, 0.0, &rows[..1]);
+        assert_eq!(HandEyeTable::try_new(0.04, [0.0; 3], &rows), Err(HandEyeError::Order { row: 2 }));
+        let error = HandEyeTable::try_new(0.04, [0.0; 3], &rows[..1]);
         assert_eq!(error, Err(HandEyeError::Rows { got: 1 }));
-        let error = HandEyeTable::try_new(f32::NAN, 0.0, 0.0, &rows);
+        let error = HandEyeTable::try_new(f32::NAN, [0.0; 3], &rows);
         assert!(matches!(error, Err(HandEyeError::Value { name: "the radius of the rose [m]", .. })));
     }
 }

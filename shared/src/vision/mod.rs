@@ -62,7 +62,7 @@ pub use edges::{EdgePoint, MAX_EDGES, row_len};
 pub use error::VisionError;
 #[cfg(feature = "test-support")]
 pub use evidence::{Evidence, RimRay, evidence, rim_rays};
-pub use find::{Buffers, CameraBuffers, Circle, CircleSearch, Scratch, Window, find_circle};
+pub use find::{Buffers, CameraBuffers, Circle, CircleSearch, Scratch, Window, find_circle, radius_limits};
 pub use hand_eye::{HandEyeError, HandEyeRow, HandEyeTable, MAX_HAND_EYE_ROWS};
 pub use hough::accumulator_len;
 pub use image::{Image, MAX_SIDE, MIN_SIDE};

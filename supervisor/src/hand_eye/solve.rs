@@ -172,7 +172,7 @@ impl<'a> Problem<'a> {
             position: [values[0], values[1], values[2]],
             tilt: values[3],
             pan: values[4],
-            turn: values[5],
+            turn: wrapped(values[5]),
             focal: values[6].exp(),
         };
         (camera, Rose { center: [values[7], values[8], values[9]], normal: normal.into() })
@@ -367,6 +367,11 @@ fn prior() -> Vector {
 fn covariance(information: &Matrix) -> Matrix {
     let unknown = || Matrix::from_diagonal(&prior().map(f64::recip));
     information.cholesky().map_or_else(unknown, |factor| factor.inverse())
+}
+
+/// The same angle, from −π to π [rad].
+fn wrapped(angle: f64) -> f64 {
+    (angle + PI).rem_euclid(2.0 * PI) - PI
 }
 
 fn length(offset: &[f64; 3]) -> f64 {

@@ -141,7 +141,7 @@ fn circles_of_the_knob_are_left_out() {
 
 #[test]
 fn a_camera_that_is_mounted_any_way_round_is_found() {
-    for turn in [-1.4, 1.7, 3.0] {
+    for turn in [-1.4, 1.7, 3.0, 3.3, -2.6] {
         let camera = HandEyeCamera { turn, ..CAMERA };
         let mut rows = observations(20, FULL, 0.0, 1);
         for row in &mut rows {
@@ -150,7 +150,8 @@ fn a_camera_that_is_mounted_any_way_round_is_found() {
             (row.center, row.radius) = (center, radius);
         }
         let found = calibrate(&rows, &settings()).unwrap();
-        assert!((found.camera.turn - turn).abs() < 1e-6, "{} instead of {turn}", found.camera.turn);
+        let off = (found.camera.turn - turn).sin();
+        assert!(off.abs() < 1e-6, "{} instead of {turn}", found.camera.turn);
         found.table().unwrap();
     }
 }

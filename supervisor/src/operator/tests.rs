@@ -327,6 +327,12 @@ fn a_glove_gives_the_fingertips_in_the_hands_frame() {
     long.segments[1][0] = Some([0.5; 4].map(|x| 2.0 * x));
     let error = tracker.add(0.3, &Observation::Glove(long)).unwrap_err();
     assert!(error.to_string().contains("segment 1 of the index finger is a quaternion of norm 2"), "{error}");
+    // After a pause that the settings allow, but not the filter, it begins anew.
+    let settings = TrackerSettings { max_gap: 2.0, ..settings };
+    let mut patient = Tracker::try_new(settings).unwrap();
+    for time in [0.0, 1.5, 1.6, 3.5] {
+        patient.add(time, &Observation::Glove(sample)).unwrap();
+    }
     // Links of another person, or a sensor that has slipped by half a turn.
     let mut slipped = sample;
     slipped.back = quaternion(world * UnitQuaternion::from_euler_angles(0.0, 0.0, 3.1) * mount.inverse());

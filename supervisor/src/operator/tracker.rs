@@ -113,7 +113,11 @@ impl Tracker {
         {
             return Err(FrameError::Time { time, before });
         }
-        let max_gap = f64::from(self.settings.max_gap);
+        let max_gap = match observation {
+            Observation::Glove(_) => self.settings.max_gap.min(GloveFilter::MAX_PERIOD),
+            _ => self.settings.max_gap,
+        };
+        let max_gap = f64::from(max_gap);
         let gap = self.time.map(|before| time - before);
         let has_gap = gap.is_some_and(|gap| gap > max_gap);
         let points = match observation {

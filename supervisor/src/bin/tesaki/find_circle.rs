@@ -8,7 +8,7 @@ use std::time::Instant;
 use serde_json::{Value, json};
 use tesaki::vision::{
     Circle, CircleSearch, EdgePoint, Image, MAX_EDGES, MIN_SIDE, Scratch, VisionError, Window,
-    accumulator_len, find_circle, row_len,
+    accumulator_len, find_circle, radius_limits, row_len,
 };
 
 use crate::args::{FindCircle, Options};
@@ -19,8 +19,6 @@ use picture::write_png;
 
 /// Largest side of the picture that is searched [px]; larger pictures are reduced.
 const MAX_SIDE: usize = 1000;
-/// Largest radius in that picture [px].
-const MAX_RADIUS: f32 = 400.0;
 
 /// What is known about the circle in a picture [px]: radius from … to, and `X,Y,REACH` of its centre and of
 /// the point where its axis vanishes.
@@ -29,6 +27,24 @@ pub struct Known {
     pub radius: Option<[f32; 2]>,
     pub window: Option<[f32; 3]>,
     pub axis: Option<[f32; 3]>,
+}
+
+impl Known {
+    /// What of it can be found in pictures of this size; `None` if nothing.
+    #[expect(clippy::cast_precision_loss, reason = "pixels")]
+    pub fn within(self, [width, height]: [usize; 2]) -> Option<Self> {
+        let Some([from, to]) = self.radius else { return Some(self) };
+        let factor = reduction(width, height);
+        let [least, most] =
+            radius_limits(width / factor, height / factor).map(|radius| radius * factor as f32);
+        let radius = [from.max(least), to.min(most)];
+        (radius[0] < radius[1]).then_some(Self { radius: Some(radius), ..self })
+    }
+}
+
+/// How many times a picture is reduced.
+fn reduction(width: usize, height: usize) -> usize {
+    width.max(height).div_ceil(MAX_SIDE).max(1)
 }
 
 pub fn run(options: &Options, args: &FindCircle) -> Result<(), Failure> {
@@ -76,7 +92,7 @@ fn find(path: &Path, args: &FindCircle) -> Result<(Option<Circle>, f64), Failure
 #[expect(clippy::cast_precision_loss, reason = "a small number")]
 pub fn search(name: &str, picture: &Picture, known: &Known) -> Result<(Option<Circle>, f64), Failure> {
     let wrong = |error: &dyn std::fmt::Display| Failure::Other(format!("{name}: {error}"));
-    let factor = picture.width.max(picture.height).div_ceil(MAX_SIDE).max(1);
+    let factor = reduction(picture.width, picture.height);
     let reduced = (factor > 1).then(|| picture.reduced(factor));
     let searched = reduced.as_ref().unwrap_or(picture);
     let image = Image::new(&searched.pixels, searched.width, searched.height).map_err(|error| match error {
@@ -92,9 +108,9 @@ pub fn search(name: &str, picture: &Picture, known: &Known) -> Result<(Option<Ci
     // The reduced pixel lies in the middle of those that it is the mean of.
     let offset = 0.5 * (scale - 1.0);
     let half = 0.5 * searched.width.min(searched.height) as f32;
-    let radius = known
-        .radius
-        .map_or([10.0_f32.min(0.5 * half), half.min(MAX_RADIUS)], |radius| radius.map(|r| r / scale));
+    let [_, most] = radius_limits(searched.width, searched.height);
+    let radius =
+        known.radius.map_or([10.0_f32.min(0.5 * half), half.min(most)], |radius| radius.map(|r| r / scale));
     let reduced = |[x, y, reach]: [f32; 3]| Window {
         center: [(x - offset) / scale, (y - offset) / scale],
         reach: reach / scale,

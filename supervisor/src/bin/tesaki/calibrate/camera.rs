@@ -26,8 +26,6 @@ const FIRST_REACH: f32 = 0.3;
 const REACHES: [f32; 2] = [0.15, 0.07];
 /// What they leave open about the direction of the axis [rad].
 const AXIS_REACH: f32 = 0.03;
-/// The finder takes no smaller radius, and no larger one over the longer side [px].
-const RADII: [f32; 2] = [5.0, 0.75];
 
 /// Place [m] and quaternion of the hand.
 type Pose = ([f64; 3], [f64; 4]);
@@ -175,18 +173,16 @@ fn of_pictures(
 ) -> Result<(HandEye, Vec<usize>), Failure> {
     let views = views(args, table, column)?;
     let size = views.first().map_or([0; 2], |view| [view.picture.width, view.picture.height]);
-    let longest = RADII[1] * narrow(size[0].max(size[1]));
     let settings = settings(args, size.map(|side| u32::try_from(side).unwrap_or(u32::MAX)));
     let around = |radius: f32, reach: f32| {
-        let [from, to] = [radius * (1.0 - reach), radius * (1.0 + reach)];
-        let known = [from.max(RADII[0]), to.min(longest)];
-        (known[0] < known[1]).then_some(known)
+        let radius = Some([radius * (1.0 - reach), radius * (1.0 + reach)]);
+        Known { radius, ..Known::default() }.within(size)
     };
     let first = |view: &View| {
         let focal = args.focal.zip(view.distance);
-        let radius =
+        let expected =
             focal.and_then(|(focal, distance)| around(single(focal * args.rose / distance), FIRST_REACH));
-        Some(Known { radius, ..Known::default() })
+        Some(expected.unwrap_or_default())
     };
     let (circles, without) = search(table, &views, first)?;
     let picture = |row: usize| format!("{}, {}", place(table, row), views[row].path.display());
@@ -212,9 +208,9 @@ fn of_pictures(
             let [[u, v], axis] = [seen.center, seen.axis].map(|place| place.map(single));
             let is_inside = u >= 0.0 && v >= 0.0 && u < narrow(size[0] - 1) && v < narrow(size[1] - 1);
             Some(Known {
-                radius: Some(around(radius, reach)?),
                 window: is_inside.then_some([u, v, (reach * radius).max(2.0)]),
                 axis: Some([axis[0], axis[1], AXIS_REACH * single(found.camera.focal)]),
+                ..around(radius, reach)?
             })
         };
         let (circles, without) = search(table, &views, expected)?;
