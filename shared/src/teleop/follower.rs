@@ -180,6 +180,11 @@ impl FollowerState {
         }
     }
 
+    /// Estimated velocity of the hand at its last sample [m/s]; 0 without a sample.
+    pub fn hand_velocity(&self) -> Vector3<f32> {
+        self.hand.map_or_else(Vector3::zeros, |hand| hand.position.predict(0.0).velocity)
+    }
+
     /// Whether the clutch is closed.
     pub const fn is_clutch_closed(&self) -> bool {
         self.clutch.is_some()

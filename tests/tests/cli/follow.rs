@@ -511,6 +511,38 @@ fn faults_of_the_board_and_the_loss_of_command_end_it_by_name() {
     assert_eq!(said(&finish(other)).0, 0);
 }
 
+/// Stamps that stand still, of whole seconds, and in thousands of seconds: a hand at 20 mm/s must not seem to
+/// be as fast as the arm can move.
+#[test]
+fn time_stamps_that_hardly_rise_do_not_let_the_arm_leap() {
+    let stamps: [(fn(f64) -> f64, &str); 3] = [
+        (|_| 5.0, "time 5 s does not follow 5 s: times must rise"),
+        (f64::floor, "times must rise"),
+        (|time| 1e-3 * time, "is `time` in seconds"),
+    ];
+    for (stamp, message) in stamps {
+        let server = arm();
+        let start: [f64; 3] = numbers(&server.json(&["read"])["tips"]["hand"]["position"]);
+        let (leading, stdin) = Leading::start(&server, &[]);
+        let mut hand = Hand::new(stdin);
+        let begin = Instant::now();
+        while begin.elapsed() < Duration::from_secs(4) {
+            hand.position = [0.02 * begin.elapsed().as_secs_f64().sin(), 0.0, 0.0];
+            let mut sample = hand.sample();
+            sample["time"] = json!(stamp(hand.begin.elapsed().as_secs_f64()));
+            hand.say(&sample);
+        }
+        drop(hand);
+        let (_, values, error) = leading.finish();
+        let told = error + &values.iter().map(Value::to_string).collect::<String>();
+        assert!(told.contains(message), "{told}");
+        assert_eq!(server.json(&["faults"])["faults"].as_array().unwrap().len(), 0, "{told}");
+        let moved = values.iter().filter(|value| value.get("sigma_min").is_some());
+        let moved = moved.map(|value| distance(numbers(&value["position"]), start)).fold(0.0, f64::max);
+        assert!(moved < 0.03, "{moved} m: {told}");
+    }
+}
+
 #[test]
 fn a_clock_that_runs_off_and_a_program_that_is_killed_leave_no_arm_that_moves() {
     let server = arm();

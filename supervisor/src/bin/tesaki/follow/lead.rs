@@ -10,7 +10,9 @@ use tesaki::task::TaskCommand;
 use tesaki::task::impedance::{ImpedanceCommand, ImpedanceSettings, ImpedanceTelemetry, SetpointError};
 use tesaki::teleop::{Follower, FollowerError, FollowerState, MasterSample, Workspace};
 
-use super::pace::{FastStep, Pace};
+use super::pace::{
+    self, {FastStep, Pace},
+};
 use super::reflect::Reflection;
 use super::source::{Entry, Sample, Source};
 use crate::args::{Follow, State, Switch};
@@ -152,6 +154,12 @@ impl Lead {
         {
             self.ask(pedal);
         }
+        // A sample that was overtaken is judged by the follower.
+        if self.latest == Some(sample.time) {
+            let why = format!("time {0} s does not follow {0} s: times must rise", sample.time);
+            self.reject(&why);
+            return self.source.feed.reject(arrived, &why);
+        }
         let age = self.source.feed.accept(arrived, sample.time);
         let fast = self.check_pace(sample);
         self.count_missing(sample.time);
@@ -172,6 +180,11 @@ impl Lead {
         let master = MasterSample { time, position: sample.position, rotation };
         if let Err(error) = self.follower.add_sample(&mut self.state, now, &master) {
             return self.count(&error);
+        }
+        if let Err(why) = pace::check_velocity(&self.state.hand_velocity(), self.scale) {
+            self.counts.jumped += 1;
+            self.reject(&why);
+            return self.stop(&why);
         }
         self.rejected = None;
         if let Some(angle) = sample.elbow

@@ -53,6 +53,20 @@ impl Pace {
     }
 }
 
+/// Refuses a hand of this estimated velocity [m/s]. Time stamps in too small a unit show here before their
+/// steps do, which are within the slack.
+pub fn check_velocity(velocity: &Vector3<f32>, scale: f32) -> Result<(), String> {
+    let speed = velocity.norm();
+    if speed * scale <= FASTEST {
+        return Ok(());
+    }
+    Err(format!(
+        "the hand moves at {speed:.1} m/s by its positions and times, limit {} m/s: is `time` in seconds, and does it go \
+         on with each sample?",
+        FASTEST / scale
+    ))
+}
+
 /// What is wrong with a hand that moves by a distance [m] in a time [s]; `None` if it can.
 fn too_fast(distance: f32, time: f32, scale: f32) -> Option<String> {
     (distance * scale > SLACK + FASTEST * time).then(|| {
