@@ -251,8 +251,8 @@ impl Board {
     ///
     /// Args:
     ///     goals: goal of each joint to be moved, by name [rad]; the others stay.
-    ///     within: how long it may take [s].
-    ///     tolerance: error at which a joint has arrived [rad].
+    ///     within: how long it may take [s]; 20 if not given.
+    ///     tolerance: error at which a joint has arrived [rad]; 0.005 if not given.
     ///     relative: whether goals are relative to the present angles.
     ///
     /// Returns:
@@ -261,7 +261,7 @@ impl Board {
     /// Raises:
     ///     FaultError: the board stopped; the message says why.
     ///     BoardError: it took too long.
-    #[pyo3(name = "move", signature = (goals, *, within=5.0, tolerance=0.02, relative=false))]
+    #[pyo3(name = "move", signature = (goals, *, within=20.0, tolerance=0.005, relative=false))]
     fn move_joints(
         &mut self,
         py: Python<'_>,

@@ -33,7 +33,7 @@ pub enum McapError {
         source: std::io::Error,
     },
     /// The file cannot be written.
-    #[error("cannot write the recording: {0}")]
+    #[error("cannot write the recording: {}", reason(.0))]
     Write(#[from] ::mcap::McapError),
     /// A message has no encoding.
     #[error("cannot encode a message for the recording: {0}")]
@@ -51,6 +51,14 @@ pub enum McapError {
         /// How many values there are.
         values: usize,
     },
+}
+
+/// The system's reason, where it is one.
+fn reason(error: &::mcap::McapError) -> String {
+    match error {
+        ::mcap::McapError::Io(source) => source.to_string(),
+        error => error.to_string(),
+    }
 }
 
 /// Severity of a line on `/rosout`.

@@ -473,6 +473,8 @@ fn words_that_are_no_urdf_say_so() {
         ("<robt/>", "<robt> is not a robot"),
         ("<robot name=\"x\"/>", "no links"),
         ("<robot name=\"x\"><link/></robot>", "a link without a name"),
+        ("<robot name=\"x\"><link name=\"a&#10;b\"/></robot>", "a link with the name \"a\\nb\""),
+        ("<robot name=\"x\"><link name=\"a\"/><joint name=\"*\"/></robot>", "a joint with the name \"*\""),
         ("<robot name=\"x\"><xacro:arm/></robot>", "`xacro FILE.xacro > robot.urdf`"),
         ("<robot name=\"x\"><drake:arm/></robot>", "<robot xmlns:drake="),
         ("<!DOCTYPE robot><robot name=\"x\"/>", "a URDF needs none"),

@@ -46,6 +46,8 @@ pub fn explanation(cause: FaultCause) -> Explanation {
 /// one.
 pub fn refusal(refusal: &Refusal) -> String {
     match refusal {
+        // The limit is another one than that of the fault.
+        Refusal::Unsafe(inner) if inner.cause == FaultCause::VelocityLimit => entry("Refusal", refusal),
         Refusal::Unsafe(inner) => fault(inner.cause),
         Refusal::Limit(limit) => entry("LimitRefusal", limit),
         Refusal::Model(error) => entry("Problem", &error.problem),
@@ -136,6 +138,9 @@ mod tests {
         let cause = FaultCause::EmergencyStop;
         let pressed = Refusal::Unsafe(Fault { cause, joint: None, value: 0.0, limit: 0.0, tick: 7 });
         assert_eq!(refusal(&pressed), "docs/troubleshooting.md#fault-9-emergencystop");
+        let falling =
+            Fault { cause: FaultCause::VelocityLimit, joint: Some(1), value: 2.0, limit: 1.0, tick: 7 };
+        assert_eq!(refusal(&Refusal::Unsafe(falling)), "docs/troubleshooting.md#unsafe");
         let grasping = TaskRefusal::Grasping(GraspRefusal::NotAHand);
         assert_eq!(refusal(&Refusal::Task(grasping)), "docs/troubleshooting.md#notahand");
         // The name occurs in several sections.

@@ -78,7 +78,7 @@ pub const fn hint(refusal: &Refusal) -> &'static str {
             | TaskRefusal::Impedance(ImpedanceRefusal::NotTared { .. }),
         ) => " (`tesaki tare`)",
         Refusal::Unsafe(Fault { cause: FaultCause::VelocityLimit, .. }) => {
-            ". The joint still moves: wait until it rests, then try again"
+            ". To be enabled, a joint moves at most at a fifth of its limit: wait until it rests, then try again"
         }
         Refusal::FaultsUnread { .. } => " (`tesaki faults --clear` does both)",
         Refusal::WrongMode(Mode::Fault) => " (`tesaki faults --clear` ends the fault)",

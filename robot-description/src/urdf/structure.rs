@@ -31,6 +31,10 @@ fn unique(parts: &[Part<'_>], report: &mut Report) {
         if part.name().is_empty() {
             let message = format!("a {} without a name", part.tag());
             report.kinematics(Some(part.line()), message, "add name=\"…\"");
+        } else if part.name().contains(char::is_control) || part.name() == "*" {
+            // Files and command lines have names, and `*` stands for all joints.
+            let message = format!("a {} with the name {:?}", part.tag(), part.name());
+            report.kinematics(Some(part.line()), message, "give a name of letters, digits, _ and -");
         } else if let Some(first) = seen.insert(part.name(), part.line()) {
             let message = format!("{} exists twice, first in line {first}", part.title());
             report.kinematics(Some(part.line()), message, "names must be unique");

@@ -153,6 +153,10 @@ fn what_model_check_calls_bad_does_not_reach_the_board() {
         &["calibration.toml", "finger1_swing: Coulomb friction 0.65 N·m is not below"],
     );
     server.fails(&["read", "safety"], 7, &["no robot model"]);
+    // What may be right is told.
+    std::fs::write(calibration, "[joints.finger1_swing]\ntorque_constant = 0.1\n").unwrap();
+    let (code, told) = server.run(&arguments);
+    assert!(code == 0 && told.contains("finger1_swing: torque_constant = 0.1 N·m/A is far from"), "{told}");
 }
 
 /// Not taken for an option that does not exist.

@@ -7,7 +7,7 @@ use tesaki::protocol::{FromBoard, Stream};
 use tesaki_supervisor::{Board, LinkBoard};
 
 use super::recording::{decode, encode};
-use super::server::{Server, finish, hand3, said, signal};
+use super::server::{Server, arm7, finish, hand3, said, signal};
 
 #[test]
 fn from_a_fresh_board_to_a_moved_recorded_and_replayed_joint() {
@@ -29,6 +29,8 @@ fn from_a_fresh_board_to_a_moved_recorded_and_replayed_joint() {
     server.fails(&["model", "check", "/nowhere"], 1, &["/nowhere", "robot.urdf"]);
     let other = server.succeeds(&["doctor", "--robot", hand3().to_str().unwrap()]);
     assert!(other.contains("differs from the one in") && other.contains("tesaki model push"), "{other}");
+    let words = ["the model of another robot", "tesaki model push"];
+    server.fails(&["doctor", "--robot", arm7().to_str().unwrap()], 1, &words);
     // The board is checked also where the folder cannot be read.
     let words = ["cannot read /nowhere/robot.urdf", "the control loop runs", "the board is disabled"];
     server.fails(&["doctor", "--robot", "/nowhere"], 1, &words);

@@ -318,6 +318,41 @@ fn a_recording_that_is_being_written_is_not_replaced() {
     server.succeeds(&again);
 }
 
+/// A file that may not grow is like a full disk.
+#[test]
+fn a_recording_that_the_disk_has_no_room_for_keeps_what_came_before() {
+    let server = Server::ready();
+    let name = server.folder.path().join("full");
+    let script = r#"trap "" XFSZ; ulimit -f 200; exec "$0" record "$1" --duration 20"#;
+    let program = tesaki_tests::tesaki().get_program().to_owned();
+    let mut command = Command::new("sh");
+    command.args(["-c", script]).arg(program).arg(&name).env("TESAKI_PORT", server.address.to_string());
+    let output = command.output().unwrap();
+    let told = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(1), "{told}");
+    assert!(told.contains("File too large") && told.contains("full."), "{told}");
+    let mcap = std::fs::read(name.with_extension("mcap")).unwrap();
+    let messages = MessageStream::new(&mcap).unwrap().map(Result::unwrap);
+    assert!(messages.filter(|message| message.channel.topic == "/joint_states").count() > 20);
+}
+
+#[test]
+fn a_name_that_is_no_text_is_shown_as_well_as_it_can_be() {
+    use std::os::unix::ffi::OsStrExt as _;
+    let server = Server::ready();
+    let name = server.folder.path().join(std::ffi::OsStr::from_bytes(b"run\xff"));
+    let mut command = server.command(&["--json", "record", "--duration", "0.2"]);
+    let output = command.arg(&name).output().unwrap();
+    let result: serde_json::Value =
+        serde_json::from_slice(output.stdout.trim_ascii().split(|byte| *byte == b'\n').next_back().unwrap())
+            .unwrap();
+    assert!(
+        output.status.success() && result["log"].as_str().unwrap().ends_with("run\u{fffd}.log"),
+        "{result}"
+    );
+    assert!(name.with_extension("log").exists());
+}
+
 #[test]
 fn a_recording_that_cannot_begin_replaces_none() {
     let server = Server::ready();

@@ -398,11 +398,20 @@ fn check_model(node: &NodeStatus, robot: Option<&Path>, doctor: &mut Doctor) {
         doctor.good(format!("robot model {} ({:08x})", node.model, node.model_checksum));
         return;
     };
-    let own = RobotFolder::load(folder).map_err(Failure::from).and_then(|own| checksum(&own.model));
+    let own = RobotFolder::load(folder).map_err(Failure::from);
+    // The model of one of its chains is called after it.
+    let robot = node.model.split('.').next().unwrap_or_default();
+    let is_other = own.as_ref().is_ok_and(|own| own.model.name != node.model && own.model.name != robot);
+    let own = own.and_then(|own| checksum(&own.model));
     match own {
         Ok(own) if own == node.model_checksum => {
             doctor.good(format!("robot model {}, the same as in {}", node.model, folder.display()));
         }
+        Ok(_) if is_other => doctor.bad(
+            1,
+            format!("the board has the model of another robot, {}, than {}", node.model, folder.display()),
+            &format!("tesaki model push {}", folder.display()),
+        ),
         Ok(_) => doctor.warning(
             format!("the board's model {} differs from the one in {}", node.model, folder.display()),
             format!("tesaki model push {}", folder.display()),

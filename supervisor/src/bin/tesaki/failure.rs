@@ -268,6 +268,6 @@ mod tests {
             Fault { cause: FaultCause::VelocityLimit, joint: Some(1), value: 3.0, limit: 1.0, tick: 7 };
         let refused = BoardError::Refused { action: "enable its outputs", refusal: Refusal::Unsafe(fault) };
         let text = Failure::from(refused).to_string();
-        assert!(text.contains("The joint still moves: wait until it rests"), "{text}");
+        assert!(text.contains("at most at a fifth of its limit: wait until it rests"), "{text}");
     }
 }

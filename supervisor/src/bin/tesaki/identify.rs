@@ -144,7 +144,7 @@ fn report(model: &RobotModel, fits: &[Fit], failed: &[FailedGrip], out: Option<&
         .iter()
         .map(|grip| json!({ "strength": output::exact(&grip.strength), "why": grip.failure.to_string() }))
         .collect();
-    json!({ "file": out, "joints": joints, "failed_grips": failed })
+    json!({ "file": out.map(|out| out.display().to_string()), "joints": joints, "failed_grips": failed })
 }
 
 fn table(model: &RobotModel, fits: &[Fit], failed: &[FailedGrip], out: Option<&Path>) -> String {

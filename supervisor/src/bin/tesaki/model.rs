@@ -15,6 +15,7 @@ use crate::check;
 use crate::doctor::{mismatch, sensor_frame};
 use crate::failure::Failure;
 use crate::output;
+use crate::parameter;
 
 /// The text of the folder's URDF.
 pub fn urdf_text(folder: &RobotFolder) -> Result<String, Failure> {
@@ -30,7 +31,12 @@ pub fn push(
 ) -> Result<(), Failure> {
     let (folder, warnings) = RobotFolder::load_plausible(robot, None)?;
     let mut model = folder.model;
-    let calibration = calibration.map(|path| calibrated(&mut model, path)).transpose()?;
+    let (calibration, doubts) = match calibration {
+        Some(path) => {
+            calibrated(&mut model, path).map(|(calibration, doubts)| (Some(calibration), doubts))?
+        }
+        None => (None, Vec::new()),
+    };
     if let Some(tip) = chain {
         let index = model.chains.iter().position(|chain| chain.name == tip);
         model = index.and_then(|index| chain_model(&model, index)).ok_or_else(|| {
@@ -78,6 +84,7 @@ pub fn push(
     let mut value = json!({
         "robot": name, "joints": joints, "checksum": checksum, "no_longer_tared": tared,
         "no_longer_homed": unhomed, "warnings": warnings.iter().map(check::object).collect::<Vec<_>>(),
+        "doubts": doubts,
         "replaced": replaced, "mismatch": mismatch,
     });
     if let Some(uncalibrated) = &uncalibrated {
@@ -97,6 +104,9 @@ pub fn push(
     for warning in &warnings {
         output::notice(options, &format!("warning: {warning}"));
     }
+    for doubt in doubts {
+        output::notice(options, &format!("warning: {doubt}"));
+    }
     if let Some(mismatch) = mismatch {
         output::notice(options, &format!("warning: {mismatch}: push the model of this machine"));
     }
@@ -105,12 +115,25 @@ pub fn push(
     Ok(())
 }
 
-/// Puts the values of a calibration file into the model.
-fn calibrated(model: &mut RobotModel, path: &Path) -> Result<Calibration, Failure> {
+/// Puts the values of a calibration file into the model. Also returns what is not likely about them.
+fn calibrated(model: &mut RobotModel, path: &Path) -> Result<(Calibration, Vec<String>), Failure> {
     let calibration = Calibration::load(path)?;
+    let folder = model.clone();
     let applied = calibration.apply(model);
     applied.map_err(|source| Failure::Calibration { path: path.to_owned(), source })?;
-    Ok(calibration)
+    parameter::check_values(&folder, model)?;
+    let mut doubts = parameter::doubtful(&folder, model, None, &[]);
+    for (old, new) in folder.joints.iter().zip(&model.joints) {
+        let (old, constant) = (old.motor.torque_constant, new.motor.torque_constant);
+        if !(0.5..=2.0).contains(&(constant / old)) {
+            doubts.push(format!(
+                "{}: torque_constant = {constant} N·m/A is far from the folder's {old}: is it that of the joint, \
+                 with the gear, and of this robot?",
+                new.name
+            ));
+        }
+    }
+    Ok((calibration, doubts))
 }
 
 /// The checksum that identifies a model.

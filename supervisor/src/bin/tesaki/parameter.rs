@@ -276,7 +276,7 @@ fn with_other_values(tree: &Value, names: &[String]) -> Option<RobotModel> {
 
 /// What is not likely in the changed model, and was not so before or depends on the parameters `names`, which
 /// have other values in `other`.
-fn doubtful(
+pub fn doubtful(
     model: &RobotModel,
     changed: &RobotModel,
     other: Option<&RobotModel>,
@@ -354,7 +354,7 @@ fn doubtful(
 
 /// Values that protect nothing, are a fault at once, or hold a joint fast, are not set. Those of the present
 /// model are not judged.
-fn check_values(model: &RobotModel, changed: &RobotModel) -> Result<(), Failure> {
+pub fn check_values(model: &RobotModel, changed: &RobotModel) -> Result<(), Failure> {
     let before = implausible_values(model);
     let Some(found) = implausible_values(changed).into_iter().find(|found| !before.contains(found)) else {
         return Ok(());

@@ -310,8 +310,8 @@ impl<'a> Recorder<'a> {
         let ReplayLog { ticks, gaps, lost, .. } = self.log;
         let (log_path, mcap_path) = (&self.log_path, &self.mcap_path);
         let value = json!({
-            "log": log_path,
-            "mcap": mcap_path,
+            "log": log_path.display().to_string(),
+            "mcap": mcap_path.display().to_string(),
             "ticks": ticks,
             "gaps": gaps,
             "lost": lost,
@@ -369,7 +369,7 @@ fn mcap_failure(path: &Path) -> impl FnOnce(McapError) -> Failure + '_ {
     move |error| match error {
         // It names the path.
         McapError::Create { .. } => Failure::Other(error.to_string()),
-        _ => Failure::Other(format!("{}: {error}", path.display())),
+        _ => Failure::Other(format!("{}: {error}; what came before is kept", path.display())),
     }
 }
 

@@ -84,7 +84,7 @@ pub fn create_key(options: &Options, file: &Path) -> Result<(), Failure> {
         io::ErrorKind::AlreadyExists => Failure::Usage(format!("{}: {error}", file.display())),
         _ => Failure::written(file)(error),
     })?;
-    output::result(options, &json!({ "key": file }), || {
+    output::result(options, &json!({ "key": file.display().to_string() }), || {
         format!(
             "{0}: a new key. Copy it to the other machines in a secure way, and give it with `--key {0}` at \
              both ends: every program with it may command the board",

@@ -324,7 +324,7 @@ fn report(
         .map(|row| output::exact(&(row.radius, row.center[0], row.center[1], row.distance)))
         .collect();
     let value = json!({
-        "file": out,
+        "file": out.map(|out| out.display().to_string()),
         "circles": found.used,
         "camera": camera(&found.camera),
         "deviation": camera(&found.deviation),

@@ -146,7 +146,7 @@ fn report(model: &RobotModel, found: &[FreeJoint], out: Option<&Path>) -> serde_
     };
     let joints: serde_json::Map<String, serde_json::Value> =
         model.joints.iter().zip(found).map(joint).collect();
-    json!({ "file": out, "joints": joints })
+    json!({ "file": out.map(|out| out.display().to_string()), "joints": joints })
 }
 
 /// What was asked for and is not identified, and why.
