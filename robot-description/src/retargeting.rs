@@ -169,6 +169,13 @@ impl File {
         self.set_fingers(&mut task.retargeting, hand.len(), report);
         self.set_values(&mut task);
         self.check_speeds(report);
+        if let Some(joint) = hand.shared().filter(|joint| hand.actuated(0).contains(joint)) {
+            let message = format!(
+                "joint {} moves the thumb and other fingers: the thumb goes first, and then the fingers would move it",
+                model.joint_name(usize::from(joint))
+            );
+            report.dynamics(None, message, "retargeting needs a thumb with joints of its own");
+        }
         let mut posture = hand.center();
         set_joints("speeds", &self.speeds, &mut task.retargeting.speeds, model, report);
         if let Some(angles) = &self.posture {
@@ -369,6 +376,16 @@ mod tests {
     fn check(text: &str) -> (Option<RetargetingSettings>, Vec<Finding>) {
         let model = RobotFolder::load(&folder("hand5")).unwrap().model;
         RetargetingSettings::check(Path::new(FILE), text, &model)
+    }
+
+    /// A joint that follows the spread of the fingers, put before those of the thumb.
+    #[test]
+    fn a_thumb_that_moves_with_other_fingers_is_refused_by_the_joint() {
+        let mut model = RobotFolder::load(&folder("hand5")).unwrap().model;
+        (model.mimics[0].chain, model.mimics[0].place) = (0, 0);
+        let (_, findings) = RetargetingSettings::check(Path::new(FILE), "", &model);
+        let told: String = findings.iter().map(ToString::to_string).collect();
+        assert!(told.contains("joint spread moves the thumb and other fingers"), "{told}");
     }
 
     #[test]

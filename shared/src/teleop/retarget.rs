@@ -104,7 +104,8 @@ impl RetargetState {
 }
 
 /// The mapping from an operator's hand to a robot hand of two to five fingers, under settings that
-/// [`RetargetSettings::validate`] accepts.
+/// [`RetargetSettings::validate`] accepts. The thumb goes first: of a thumb that moves with other fingers, by
+/// the [shared](Hand::shared) joint, the error is not the reported one.
 #[derive(Clone, Copy, Debug)]
 pub struct Retargeting<'a> {
     /// The hand. Its first finger is the thumb.
