@@ -515,7 +515,8 @@ fn faults_of_the_board_and_the_loss_of_command_end_it_by_name() {
 /// be as fast as the arm can move.
 #[test]
 fn time_stamps_that_hardly_rise_do_not_let_the_arm_leap() {
-    let stamps: [(fn(f64) -> f64, &str); 3] = [
+    type Stamp = fn(f64) -> f64;
+    let stamps: [(Stamp, &str); 3] = [
         (|_| 5.0, "time 5 s does not follow 5 s: times must rise"),
         (f64::floor, "times must rise"),
         (|time| 1e-3 * time, "is `time` in seconds"),

@@ -63,7 +63,12 @@ pub fn run(options: &Options, args: &Calibrate) -> Result<(), Failure> {
     let file = OperatorFile::new(&args.name, &solved);
     output::save(out, &file.to_toml(), |out| {
         let fingers = named(&solved.map(|(_, accuracy)| accuracy_json(&accuracy)));
-        let value = json!({ "operator": args.name, "file": out.map(|out| out.display().to_string()), "postures": guide.postures(), "fingers": fingers });
+        let value = json!({
+            "operator": args.name,
+            "file": out.map(|out| out.display().to_string()),
+            "postures": guide.postures(),
+            "fingers": fingers,
+        });
         output::result(options, &value, || table(&solved, out))
     })
 }

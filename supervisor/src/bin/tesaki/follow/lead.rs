@@ -10,9 +10,7 @@ use tesaki::task::TaskCommand;
 use tesaki::task::impedance::{ImpedanceCommand, ImpedanceSettings, ImpedanceTelemetry, SetpointError};
 use tesaki::teleop::{Follower, FollowerError, FollowerState, MasterSample, Workspace};
 
-use super::pace::{
-    self, {FastStep, Pace},
-};
+use super::pace::{self, FastStep, Pace};
 use super::reflect::Reflection;
 use super::source::{Entry, Sample, Source};
 use crate::args::{Follow, State, Switch};
