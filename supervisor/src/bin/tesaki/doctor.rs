@@ -410,7 +410,7 @@ fn check_model(node: &NodeStatus, robot: Option<&Path>, doctor: &mut Doctor) {
         Ok(_) if is_other => doctor.bad(
             1,
             format!("the board has the model of another robot, {}, than {}", node.model, folder.display()),
-            &format!("tesaki model push {}", folder.display()),
+            format!("tesaki model push {}", folder.display()),
         ),
         Ok(_) => doctor.warning(
             format!("the board's model {} differs from the one in {}", node.model, folder.display()),
