@@ -394,8 +394,8 @@ fn without_fixtures_nothing_stops_the_fingers() {
     assert!(door.plant.truth().positions[GRIPPER] > 0.39 && door.plant.fixture_contacts().is_empty());
 }
 
-/// The collision elements have no mass: with a fixed body out of reach, the arm moves as without it, also with
-/// dry friction and at its stops.
+/// The collision elements have no mass: with a fixed body out of reach, the arm moves as without it, also
+/// with dry friction and at its stops.
 #[test]
 fn fixtures_out_of_reach_change_no_bit() {
     let swing = |fixtures, coulomb| {

@@ -442,7 +442,7 @@ impl Approach {
                 if self.fingers.1 > SETTLING {
                     self.goal = self.hand - home.rotation * Vector3::z() * self.settings.pull;
                     self.enter(ApproachPhase::Verify);
-                    // The contact that ended the approach is no reason to refuse the pull, nor proof of a grip.
+                    // The contact that ended the approach is no reason to refuse the pull, nor a proof.
                     return Order { command: Some(VisualApproachCommand::Acknowledge), look: false };
                 }
             }

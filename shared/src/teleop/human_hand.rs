@@ -353,8 +353,8 @@ impl GloveFilter {
     /// the first sensor whose sample could not be used; the sensor is bridged, and all others are filtered.
     ///
     /// # Errors
-    /// The error of a sensor, as above, or a period that is not above 0 and at most [`Self::MAX_PERIOD`]; the state is
-    /// then unchanged.
+    /// The error of a sensor, as above, or a period that is not above 0 and at most [`Self::MAX_PERIOD`]; the
+    /// state is then unchanged.
     pub fn update(
         &self,
         state: &mut GloveFilterState,
