@@ -73,9 +73,7 @@ def case(name, noise, marker_noise, poses, prior=0.0, forgetting=1.0, spread=0.2
     if prior:
         # Standard deviation of an equation: that of the marker, and that of the orientations with each link
         # as lever.
-        lengths = np.linalg.norm(mean[1:], axis=1)
-        levers = 1.5 * (lengths**2).sum() + 0.5 * lengths.sum() ** 2
-        deviation = np.sqrt(marker_noise**2 + 2 / 9 * noise**2 * levers)
+        deviation = np.sqrt(marker_noise**2 + 4 / 9 * noise**2 * (mean[1:] ** 2).sum())
         matrix = np.vstack([matrix, np.eye(12) * deviation / prior])
         right = np.hstack([right, mean.ravel() * deviation / prior])
         threshold = 0.0

@@ -71,16 +71,13 @@ impl CalibrationSettings {
     }
 
     /// Standard deviation of an equation along each axis for links like these [m]. Orientation noise acts on
-    /// levers: each link's own on that link, that of the back of the hand on all of them together, whose square
-    /// is `(Σ|l|)²` in a straight finger and below `Σ|l|²` in a fist. With the mean of these two, the variance
-    /// along each of three axes is `(2/9) σ² (Σ|l|² + (Σ|l|² + (Σ|l|)²)/2)`.
+    /// each link as a lever, from its own sensor and from that of the back of the hand, whose errors are
+    /// taken for independent in each link: `(2/9) σ² Σ 2|l|²` along each of three axes. They are common to
+    /// all links, so that this is a quarter too little for a straight finger, and about right for a fist.
     pub(super) fn equation_deviation(&self, links: &FingerLinks) -> f32 {
         let [_, moving @ ..] = links.0.map(Vector3::from);
-        let lengths = moving.map(|link| math::sqrt(link.norm_squared()));
-        let length: f32 = lengths.iter().sum();
-        let squares: f32 = lengths.iter().map(|length| length * length).sum();
-        let levers = squares + 0.5 * (squares + length * length);
-        let noise = self.orientation_noise * self.orientation_noise * (2.0 / 9.0) * levers;
+        let levers: f32 = moving.iter().map(Vector3::norm_squared).sum();
+        let noise = self.orientation_noise * self.orientation_noise * (4.0 / 9.0) * levers;
         math::sqrt(self.marker_noise * self.marker_noise + noise)
     }
 }
