@@ -117,15 +117,13 @@ impl Eye<'_> {
             Some(behavior) => behavior.ask(&question, &self.known),
             None => Some(self.known),
         };
-        let Some(mut known) = known else { return Ok(()) };
-        let mut can_be_found = true;
-        if self.behavior.is_some() {
-            // A knob that is expected outside of the picture, or too small or large, is not looked for.
-            let findable = known.within(size).filter(|known| !is_outside(known, size));
-            (can_be_found, known) = (findable.is_some(), findable.unwrap_or(known));
-        }
-        let searched =
-            if can_be_found { search(&taken.name, &taken.picture, &known) } else { Ok((None, 0.0)) };
+        let Some(known) = known else { return Ok(()) };
+        // A knob that is expected outside of the picture, or too small or large, is not looked for.
+        let known = match self.behavior {
+            Some(_) => known.within(size).filter(|known| !is_outside(known, size)),
+            None => Some(known),
+        };
+        let searched = known.map_or(Ok((None, 0.0)), |known| search(&taken.name, &taken.picture, &known));
         let (circle, milliseconds) = match searched {
             // Another picture may be better; the behaviour gives up when none is.
             Err(failure) if self.behavior.is_some() => {

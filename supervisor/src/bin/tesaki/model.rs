@@ -5,6 +5,7 @@ use std::path::Path;
 use serde_json::json;
 use tesaki::model::RobotModel;
 use tesaki_description::calibration::Calibration;
+use tesaki_description::finding::{Finding, Matter, Severity};
 use tesaki_description::read_text;
 use tesaki_description::robot::{RobotFolder, chain_model};
 use tesaki_supervisor::{Board as _, BoardError};
@@ -29,14 +30,9 @@ pub fn push(
     chain: Option<&str>,
     calibration: Option<&Path>,
 ) -> Result<(), Failure> {
-    let (folder, warnings) = RobotFolder::load_plausible(robot, None)?;
+    let (folder, mut warnings) = RobotFolder::load_plausible(robot, None)?;
     let mut model = folder.model;
-    let (calibration, doubts) = match calibration {
-        Some(path) => {
-            calibrated(&mut model, path).map(|(calibration, doubts)| (Some(calibration), doubts))?
-        }
-        None => (None, Vec::new()),
-    };
+    let calibration = calibration.map(|path| calibrated(&mut model, path, &mut warnings)).transpose()?;
     if let Some(tip) = chain {
         let index = model.chains.iter().position(|chain| chain.name == tip);
         model = index.and_then(|index| chain_model(&model, index)).ok_or_else(|| {
@@ -84,7 +80,6 @@ pub fn push(
     let mut value = json!({
         "robot": name, "joints": joints, "checksum": checksum, "no_longer_tared": tared,
         "no_longer_homed": unhomed, "warnings": warnings.iter().map(check::object).collect::<Vec<_>>(),
-        "doubts": doubts,
         "replaced": replaced, "mismatch": mismatch,
     });
     if let Some(uncalibrated) = &uncalibrated {
@@ -104,9 +99,6 @@ pub fn push(
     for warning in &warnings {
         output::notice(options, &format!("warning: {warning}"));
     }
-    for doubt in doubts {
-        output::notice(options, &format!("warning: {doubt}"));
-    }
     if let Some(mismatch) = mismatch {
         output::notice(options, &format!("warning: {mismatch}: push the model of this machine"));
     }
@@ -115,8 +107,13 @@ pub fn push(
     Ok(())
 }
 
-/// Puts the values of a calibration file into the model. Also returns what is not likely about them.
-fn calibrated(model: &mut RobotModel, path: &Path) -> Result<(Calibration, Vec<String>), Failure> {
+/// Puts the values of a calibration file into the model, and what is not likely about them into the
+/// warnings.
+fn calibrated(
+    model: &mut RobotModel,
+    path: &Path,
+    warnings: &mut Vec<Finding>,
+) -> Result<Calibration, Failure> {
     let calibration = Calibration::load(path)?;
     let folder = model.clone();
     let applied = calibration.apply(model);
@@ -133,7 +130,15 @@ fn calibrated(model: &mut RobotModel, path: &Path) -> Result<(Calibration, Vec<S
             ));
         }
     }
-    Ok((calibration, doubts))
+    warnings.extend(doubts.into_iter().map(|message| Finding {
+        severity: Severity::Warning,
+        matter: Matter::Dynamics,
+        path: path.to_owned(),
+        line: None,
+        message,
+        advice: String::new(),
+    }));
+    Ok(calibration)
 }
 
 /// The checksum that identifies a model.
