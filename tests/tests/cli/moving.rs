@@ -78,6 +78,12 @@ fn from_a_fresh_board_to_a_moved_recorded_and_replayed_joint() {
     flipped[whole.len() / 2] ^= 1;
     std::fs::write(&log, flipped).unwrap();
     server.fails(&["replay", log.to_str().unwrap()], 1, &["damaged record", "after tick", "not be compared"]);
+    // One in the model: the ticks differ, and the damage is told first.
+    let mut flipped = whole.clone();
+    flipped[200] ^= 1;
+    std::fs::write(&log, flipped).unwrap();
+    let told = ["1 damaged record, the first before the first tick; ", "torques; recorded"];
+    server.fails(&["replay", log.to_str().unwrap()], 1, &told);
     std::fs::write(&log, whole).unwrap();
 
     // One flipped bit in a recorded torque is found and named, even with a valid checksum.

@@ -42,6 +42,9 @@ fn a_recording_that_was_cut_at_any_byte_is_told() {
         std::fs::write(&log, &whole[..length]).unwrap();
         server.fails(&replay, 1, &["no tick could be compared"]);
     }
+    // A recording that ended before its first tick.
+    std::fs::write(&log, encode(&[records[0].clone(), LogRecord::End { ticks: 0 }])).unwrap();
+    server.fails(&replay, 1, &["no tick was recorded"]);
     // Additional bytes after the end.
     std::fs::write(&log, [&whole[..], b"more"].concat()).unwrap();
     server.fails(&replay, 1, &told);

@@ -82,7 +82,7 @@ pub struct Options {
     /// Time to wait for an answer [s]
     #[arg(long, global = true, env = "TESAKI_TIMEOUT", default_value = "2", value_parser = seconds, allow_negative_numbers = true)]
     pub timeout: Duration,
-    /// Print JSON: a single object, or one per line while a command runs
+    /// Print JSON: a single value, or one per line while a command runs
     #[arg(long, global = true, env = "TESAKI_JSON", value_parser = FalseyValueParser::new())]
     pub json: bool,
     /// Do not ask for confirmation (never asked for without a terminal)

@@ -60,25 +60,28 @@ impl Found {
         }
     }
 
+    /// The damaged records, if there are any.
+    fn damage(&self) -> Option<String> {
+        let records = output::counted(usize::try_from(self.damaged).unwrap_or(usize::MAX), "damaged record");
+        (self.damaged > 0).then(|| format!("{records}, the first {}", after(self.damaged_after)))
+    }
+
     /// What is wrong with the file.
     fn problem(&self) -> Option<String> {
-        let Self { identical, skipped, damaged, .. } = self;
-        let after = |tick: Option<u32>| {
-            tick.map_or_else(|| "before the first tick".to_owned(), |tick| format!("after tick {tick}"))
-        };
+        let Self { identical, skipped, .. } = self;
         let is_cut = self.start.is_some() && self.end.is_none();
+        if self.end == Some(0) && self.last_tick.is_none() && self.damaged == 0 {
+            return Some("no tick was recorded".to_owned());
+        }
         if self.identical == 0 && self.damaged == 0 && !is_cut {
             return Some(
                 "no tick could be compared; is this a log of `tesaki record`, or a simulator's frames.log?"
                     .to_owned(),
             );
         }
-        if self.damaged > 0 {
-            let records = output::counted(usize::try_from(*damaged).unwrap_or(usize::MAX), "damaged record");
-            let first = after(self.damaged_after);
+        if let Some(damage) = self.damage() {
             return Some(format!(
-                "{records}, the first {first}: {skipped} ticks could not be compared, {identical} are identical \
-                 to the last bit"
+                "{damage}: {skipped} ticks could not be compared, {identical} are identical to the last bit"
             ));
         }
         let read = identical + skipped;
@@ -117,6 +120,11 @@ impl Found {
     }
 }
 
+/// Where in the recording something is.
+fn after(tick: Option<u32>) -> String {
+    tick.map_or_else(|| "before the first tick".to_owned(), |tick| format!("after tick {tick}"))
+}
+
 pub fn run(options: &Options, path: &Path) -> Result<(), Failure> {
     if path.extension().is_some_and(|extension| extension == "mcap") {
         return Err(Failure::Usage(format!(
@@ -152,9 +160,11 @@ pub fn run(options: &Options, path: &Path) -> Result<(), Failure> {
                 found.damaged += 1;
             }
             let record_or_gap = record.as_ref().unwrap_or(&LogRecord::Gap { missing: 0 });
-            let is_identical = replay
-                .feed(record_or_gap)
-                .map_err(|error| Failure::Other(format!("{}: {error}", path.display())))?;
+            let is_identical = replay.feed(record_or_gap).map_err(|error| {
+                // What was damaged may be why: a request, or a part of the model.
+                let damage = found.damage().map_or_else(String::new, |damage| format!("{damage}; "));
+                Failure::Other(format!("{}: {damage}{error}", path.display()))
+            })?;
             if let Ok(record) = &record {
                 found.take(record, is_identical);
             }
