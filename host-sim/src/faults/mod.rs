@@ -105,7 +105,7 @@ pub fn run_traced(
     };
     let report = Report {
         seed: schedule.seed,
-        scenario: format!("{} ({}), trial {}", schedule.scenario, schedule.robot, schedule.trial + 1),
+        scenario: format!("{} ({}), trial {}", schedule.scenario, schedule.robot, schedule.trial),
         families: schedule.families(),
         frames_sha256: rig.digest(),
         ticks: [rig.ticks(), schedule.end],
