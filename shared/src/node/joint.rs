@@ -250,6 +250,7 @@ impl JointState {
 impl Joint<'_> {
     /// Homes the joint: its present angle is `position` [rad].
     pub fn home(&mut self, position: f32) {
+        self.trust_again();
         #[expect(
             clippy::cast_possible_truncation,
             reason = "saturates; the angle was checked against the limits"
@@ -270,7 +271,9 @@ impl Joint<'_> {
             let max = self.config.limits.velocity;
             *self.velocity = math::clamp((position - *self.position) / (periods * TICK), -max, max);
         }
-        *self.position = position - *self.velocity * TICK;
+        *self.position = position;
+        self.trust_again();
+        *self.position -= *self.velocity * TICK;
         self.state.change = 0.0;
         self.hold_still();
     }

@@ -238,7 +238,7 @@ impl Joint<'_> {
         if !shows || state.unchanged < ticks {
             return None;
         }
-        state.unchanged = FOUND_DEAD;
+        self.mark_dead();
         let (value, limit) =
             if should_move { (excess, limit) } else { (grown, thresholds.accelerating_growth) };
         Some(Finding { cause: FaultCause::EncoderStuck, value, limit })
@@ -278,8 +278,25 @@ impl Joint<'_> {
     /// Marks the encoder as dead, as reported by the board. Returns the finding.
     #[cold]
     pub fn find_dead(&mut self) -> Finding {
-        (self.state.unchanged, self.state.moved_to) = (FOUND_DEAD, *self.position);
+        self.mark_dead();
         Finding { cause: FaultCause::EncoderStuck, value: self.state.torque, limit: 0.0 }
+    }
+
+    /// Marks the encoder as dead at the present angle. A relative one has not counted the motion since it
+    /// died, so its zero is lost.
+    #[cold]
+    fn mark_dead(&mut self) {
+        (self.state.unchanged, self.state.moved_to) = (FOUND_DEAD, *self.position);
+        self.state.lose_zero(self.config);
+    }
+
+    /// Removes the mark of an encoder that has moved since it was found dead, before the angle that it was
+    /// found at is lost.
+    #[cold]
+    pub fn trust_again(&mut self) {
+        if self.state.unchanged == FOUND_DEAD && self.check_still_dead().is_none() {
+            self.state.unchanged = 0;
+        }
     }
 
     /// [`check_encoder`](Self::check_encoder) of a damped joint, whose effort is the `excess`.
