@@ -17,7 +17,7 @@ pub(super) use encoder::Situation;
 /// Maximum compensated lag of a drive, as a fraction of the period. A larger one amplifies torque steps more.
 const MAX_COMPENSATED_LAG: f32 = 0.3;
 /// Special value of the tick counter: the encoder was found dead and has not moved since.
-const FOUND_DEAD: u8 = u8::MAX;
+const FOUND_DEAD: i8 = i8::MIN;
 /// Decay per period of the feed-forward torques under [`Reaction::Damp`](crate::model::Reaction::Damp): a
 /// contact force falls by four fifths within 0.3 s. After a sudden release, an elastic contact would throw
 /// the joints back. Torques that drive the robot balance no contact, and decay faster.
@@ -46,8 +46,9 @@ pub(super) struct JointState {
     moved_to: f32,
     last_change: f32,
     moving_effort: f32,
-    /// Consecutive ticks without a change under a torque that must move the joint, or [`FOUND_DEAD`].
-    unchanged: u8,
+    /// Consecutive ticks without a change under a torque that must move the joint, negative if its effort has
+    /// grown downwards; or [`FOUND_DEAD`].
+    unchanged: i8,
     /// The last tick in which the joint gained speed, and the number of consecutive ticks up to it in which
     /// it did so against its effort.
     gained_in: u32,
@@ -176,7 +177,7 @@ impl JointState {
         Self {
             zero: i32::MIN,
             count: i32::MIN,
-            unchanged: u8::MAX,
+            unchanged: i8::MIN,
             gained_in: u32::MAX,
             leapt_in: u32::MAX,
             ..Self::new()
@@ -472,7 +473,9 @@ impl Joint<'_> {
         let effort = -self.config.damping * *self.velocity;
         let desired = gravity + self.target.feedforward + effort;
         self.state.torque = self.config.servo.limit(&mut self.state.servo, desired);
-        self.state.effort = effort;
+        // The damping that acts: the torque rate, or a feed-forward along the motion, may leave less of it.
+        let applied = self.state.torque - gravity;
+        self.state.effort = math::clamp(applied, effort.min(0.0), effort.max(0.0));
     }
 
     /// Prepares for a task: at rest at the present position. Requires an encoder that is not

@@ -42,13 +42,14 @@ pub struct JointConfig {
 
 impl JointConfig {
     /// `damping` is that of the robot after a fault [N·m·s/rad].
-    pub(super) fn new(joint: &JointModel, damping: f32) -> Self {
+    pub(crate) fn new(joint: &JointModel, damping: f32) -> Self {
         let radians_per_count = TAU / joint.encoder.counts_per_turn;
         let servo = JointServo::new(joint);
+        let inertia = 1.0 / servo.acceleration(1.0);
         Self {
             damping: damping.min(MAX_DAMPED_SHARE / (servo.acceleration(1.0) * TICK)),
-            inertia: 1.0 / servo.acceleration(1.0),
-            thresholds: FaultThresholds::new(joint, servo.torque_limit()),
+            inertia,
+            thresholds: FaultThresholds::new(joint, servo.torque_limit(), inertia),
             servo,
             limits: joint.limits,
             radians_per_count: if joint.encoder.reversed { -radians_per_count } else { radians_per_count },

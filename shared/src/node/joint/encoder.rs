@@ -222,7 +222,7 @@ impl Joint<'_> {
         // do not count.
         let should_accelerate = situation.accelerates
             && abs(grown) > share * thresholds.accelerating_growth
-            && abs(effort) > 0.5 * thresholds.growth
+            && abs(effort) > thresholds.accelerating_effort
             && grown * effort > 0.0;
         // A weaker sign for one tick, as at the start of a contact, does not reset the counter.
         let keeps_count = situation.accelerates
@@ -230,12 +230,15 @@ impl Joint<'_> {
             && abs(grown) > HYSTERESIS_SHARE * thresholds.accelerating_growth
             && grown * effort > 0.0;
         let shows = should_move || should_accelerate;
+        // An effort that swings, as with a coarse encoder, pushes the joint nowhere.
+        let direction = if grown > 0.0 { 1 } else { -1 };
+        let before = if state.unchanged.signum() == direction { state.unchanged } else { 0 };
         state.unchanged = match (shows, keeps_count) {
-            (true, _) => state.unchanged.saturating_add(1),
-            (false, true) => state.unchanged,
+            (true, _) => before.saturating_add(direction),
+            (false, true) => before,
             (false, false) => 0,
         };
-        if !shows || state.unchanged < ticks {
+        if !shows || state.unchanged.unsigned_abs() < ticks {
             return None;
         }
         self.mark_dead();
@@ -315,5 +318,46 @@ impl Joint<'_> {
         let moved = abs(*self.position - self.state.moved_to) > self.config.thresholds.flicker;
         let is_dead = self.state.unchanged == FOUND_DEAD && !moved;
         is_dead.then_some(Finding { cause: FaultCause::EncoderStuck, value: 0.0, limit: 0.0 })
+    }
+}
+
+#[cfg(all(test, feature = "test-support"))]
+mod tests {
+    use super::*;
+    use crate::control::JointPoint;
+    use crate::robot::{JointConfig, JointTarget};
+
+    const ACCELERATES: Situation = Situation { stops: false, accelerates: true, presses: false };
+
+    /// The tick in which these efforts of a joint that stands still show a dead encoder.
+    fn found_in(counts_per_turn: f32, efforts: &[f32]) -> Option<usize> {
+        let mut model = crate::test_support::joint("joint");
+        model.encoder.counts_per_turn = counts_per_turn;
+        let config = JointConfig::new(&model, 0.1);
+        let (mut position, mut velocity) = (0.0, 0.0);
+        let mut joint = Joint {
+            config: &config,
+            state: &mut JointState::new(),
+            position: &mut position,
+            velocity: &mut velocity,
+            reference: &mut JointPoint::default(),
+            target: &mut JointTarget::at(0.0),
+        };
+        efforts.iter().position(|&effort| joint.check_encoder(effort, 0.0, ACCELERATES).is_some())
+    }
+
+    #[test]
+    fn an_effort_that_swings_is_no_sign_of_a_dead_encoder() {
+        assert_eq!(found_in(1e6, &[0.4; 9]), Some(2));
+        assert_eq!(found_in(1e6, &[-0.4; 9]), Some(2));
+        assert_eq!(found_in(1e6, &[0.4, -0.4, 0.4, 0.4, -0.4, -0.4, 0.4]), None);
+    }
+
+    /// 2·24·2π/(counts·(30 ms)²) = 3.35e5/counts rad/s²: of 2.1e-4 kg·m², 70/counts N·m.
+    #[test]
+    fn an_effort_that_moves_a_joint_by_a_few_counts_is_no_sign_of_a_dead_encoder() {
+        for (counts, effort, found) in [(256.0, 0.3, Some(2)), (256.0, 0.25, None), (1e6, 0.25, Some(2))] {
+            assert_eq!(found_in(counts, &[effort; 9]), found, "{counts}, {effort} N·m");
+        }
     }
 }

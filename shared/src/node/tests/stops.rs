@@ -510,6 +510,34 @@ fn a_joint_that_gains_speed_against_its_torque_is_switched_off() {
 }
 
 #[test]
+fn a_damped_joint_that_its_torque_still_drives_does_not_run_away() {
+    let mut model = model();
+    model.safety.reaction = Reaction::Damp;
+    model.safety.damping = 0.5;
+    model.joints[2].servo.observer.inertia = 0.02;
+    model.joints[2].motor.rotor_inertia = 0.02;
+    model.joints[2].servo.filter_time = 0.1;
+    // 0.6 N·m fall to 0 in four ticks.
+    model.joints[2].limits.torque_rate = 15.0;
+    let mut rig = Rig::enabled(&model);
+    let [mut position, mut velocity] = [0.0_f32; 2];
+    for tick in 0..60 {
+        if tick < 5 {
+            rig.goal([0.0, 0.0, 1.2]);
+        } else if tick == 5 {
+            assert_eq!(rig.ask(Request::Stop), Reply::Done);
+        }
+        rig.sensors.encoders[2] = libm::roundf(position * COUNTS_PER_RADIAN) as i32;
+        let frame = rig.tick();
+        assert!(frame.enabled, "{tick}: {velocity} rad/s, {:?}", rig.node.faults());
+        velocity += frame.torques[2] / 0.02 * TICK;
+        position += velocity * TICK;
+    }
+    assert_eq!(rig.node.faults().total, 1, "{:?}", rig.node.faults());
+    assert!(velocity.abs() < 0.05, "{velocity} rad/s");
+}
+
+#[test]
 fn a_robot_that_moves_is_not_enabled() {
     let mut rig = Rig::ready(&model());
     let limit = 0.2 * model().joints[1].limits.velocity;
