@@ -61,7 +61,7 @@ pub struct Board {
     is_enabled: bool,
     /// Its faults before it was enabled.
     faults: FaultsBefore,
-    /// Where the joint servo was last told to lead the joints [rad]; empty since it was enabled.
+    /// Where `move` has led the joints [rad]; empty if something else was commanded since, or nothing.
     goals: Vec<f32>,
     /// Number of the last fingertip sample.
     sample: u16,
@@ -181,8 +181,13 @@ impl Board {
     ///     FileError: all errors in the folder, by file and line.
     fn push(&mut self, py: Python<'_>, robot: &Bound<'_, PyAny>) -> PyResult<()> {
         let model = arguments::model(robot)?;
-        self.call(py, |link| link.push_model_and_sense(&model))?;
+        self.call(py, |link| match link.push_model_and_sense(&model) {
+            // It needs this, and has forgotten its commander.
+            Err(Failure::Reset) => link.take_command(false).and_then(|()| link.push_model_and_sense(&model)),
+            other => other,
+        })?;
         self.model = Some(model);
+        self.goals.clear();
         Ok(())
     }
 
@@ -271,14 +276,20 @@ impl Board {
         relative: bool,
     ) -> PyResult<f32> {
         let within = seconds("within", within)?;
+        if !(tolerance > 0.0 && tolerance.is_finite()) {
+            return Err(PyValueError::new_err(format!(
+                "tolerance is {tolerance}: expected a positive angle in rad"
+            )));
+        }
         let names = self.joints();
         let limits = self.model.iter().flat_map(|model| &model.joints).map(|joint| joint.limits);
         let limits: Vec<(f32, f32)> = limits.map(|limits| (limits.lower, limits.upper)).collect();
         let now = self.telemetry_now(py)?;
         let here = |joint: usize| now.joints.get(joint).map_or(f32::NAN, |joint| joint.position);
-        // The others keep their goals: their angles may be a tolerance away from them.
+        // The others keep their goals, or else their references: their angles may be a tolerance away.
         let stays = |(joint, (lower, upper)): (usize, &(f32, f32))| {
-            self.goals.get(joint).copied().unwrap_or_else(|| here(joint).clamp(*lower, *upper))
+            let reference = || now.joints.get(joint).map_or(f32::NAN, |joint| joint.reference);
+            self.goals.get(joint).copied().unwrap_or_else(|| reference().clamp(*lower, *upper))
         };
         let mut goal: Vec<f32> = limits.iter().enumerate().map(stays).collect();
         let mut asked = vec![f32::NAN; names.len()];
@@ -329,7 +340,6 @@ impl Board {
     ///     RefusedError: the task refuses it; the previous command remains.
     #[pyo3(signature = (kind, values=None))]
     fn command(&mut self, py: Python<'_>, kind: &str, values: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
-        self.goals.clear();
         self.sample = self.sample.wrapping_add(1);
         let none = pyo3::types::PyList::empty(py).into_any();
         let command = decode(kind, "values", values.unwrap_or(&none), self.sample, self.model.as_ref())?;

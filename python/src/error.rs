@@ -42,6 +42,9 @@ pub fn board_of(model: Option<&RobotModel>, error: impl Into<Failure>) -> PyErr 
             let text = named(&refusal, &Failure::Refused { action, refusal }.to_string(), model);
             RefusedError::new_err(format!("{text}{hint}; see {entry}"))
         }
+        Failure::Reset => BoardError::new_err(
+            "the board was reset meanwhile, and has lost its model: push() it again, home() and tare()",
+        ),
         error => BoardError::new_err(error.to_string()),
     }
 }

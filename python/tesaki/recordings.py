@@ -32,6 +32,10 @@ class Joints:
     """(n, k) [N·m]."""
 
 
+class _Unfit(ValueError):
+    """The recording is sound, but not what was asked for."""
+
+
 def load(path: str | PathLike[str], topic: str = "/joint_states") -> Joints:
     """Loads the joints from a recording of ``Board.record``, ``tesaki record`` or ``cargo sim run``.
 
@@ -43,34 +47,34 @@ def load(path: str | PathLike[str], topic: str = "/joint_states") -> Joints:
         FileError: the file cannot be read, or is no MCAP file, such as the ``.log`` that is for ``tesaki replay``.
         ValueError: the recording has no such topic, or its joints change.
     """
-    from mcap.exceptions import McapError
+    import mcap.reader
 
     try:
-        return _load(path, topic)
+        return _load(path, topic, mcap.reader.make_reader)
     except OSError as error:
         raise FileError(f"{path}: {error.strerror or error}") from error
-    except McapError as error:
+    except _Unfit:
+        raise
+    except Exception as error:  # of mcap, of the decompressors that it uses, or of a message that is cut
         raise FileError(f"{path} cannot be read as MCAP ({str(error) or 'it was cut'}); `tesaki record NAME` writes NAME.mcap") from error
 
 
-def _load(path: str | PathLike[str], topic: str) -> Joints:
-    from mcap.reader import make_reader
-
+def _load(path: str | PathLike[str], topic: str, make_reader) -> Joints:
     names: list[str] | None = None
     times, rows = [], []
     with open(path, "rb") as file:
         for schema, _, message in make_reader(file).iter_messages(topics=[topic]):
             if schema is None or schema.name != "sensor_msgs/msg/JointState":
-                raise ValueError(f"{path}: {topic} holds no joints but {schema.name if schema else 'nothing known'}")
+                raise _Unfit(f"{path}: {topic} holds no joints but {schema.name if schema else 'nothing known'}")
             time, own, *columns = _joint_state(message.data)
             if names is not None and own != names:
-                raise ValueError(f"{path}: the joints of {topic} change at {time} s")
+                raise _Unfit(f"{path}: the joints of {topic} change at {time} s")
             names = own
             unknown = [np.nan] * len(own)
             times.append(time)
             rows.append([column if len(column) else unknown for column in columns])
     if names is None:
-        raise ValueError(f"{path} holds nothing on {topic}")
+        raise _Unfit(f"{path} holds nothing on {topic}")
     table = np.array(rows, dtype=float).reshape(len(rows), 3, len(names))
     return Joints(names, np.array(times), table[:, 0], table[:, 1], table[:, 2])
 

@@ -155,6 +155,9 @@ def test_a_joint_moves_and_is_recorded(serve, tmp_path):
 
 
 def test_what_is_no_recording_is_a_file_error(tmp_path):
+    (tmp_path / "short.mcap").write_bytes(b"MCAP")
+    with pytest.raises(tesaki.FileError, match="cannot be read as MCAP"):
+        recordings.load(tmp_path / "short.mcap")
     with pytest.raises(tesaki.FileError, match="nowhere.mcap: No such file or directory$"):
         recordings.load(tmp_path / "nowhere.mcap")
     log = tmp_path / "grip.log"
@@ -176,6 +179,52 @@ def test_an_exception_disables(serve):
         raise RuntimeError("on the way")
     with tesaki.Board(served.port) as board:
         assert board.telemetry()["mode"] == "disabled" and board.faults() == []
+
+
+def test_the_others_stay_where_something_else_has_led_them(serve):
+    served = serve()
+    with tesaki.Board(served.port) as board:
+        board.push(tesaki.robots() / "hand3")
+        board.home(served.angles)
+        board.enable()
+        bend, curl = board.joints.index("finger2_bend"), board.joints.index("finger2_curl")
+        board.move({"finger1_bend": 0.3, "finger2_bend": 0.3})
+        points = np.zeros((9, 3))
+        points[:, 0] = board.telemetry()["reference"]
+        for _ in range(100):
+            points[bend, 0] -= 0.002
+            board.stream(points)
+            time.sleep(0.01)
+        left = board.telemetry()["reference"]
+        assert abs(left[bend] - 0.1) < 0.01, left
+        board.move({"finger1_bend": 0.35})
+        assert abs(board.telemetry()["reference"] - left)[[bend, curl]].max() < 1e-3
+        for tolerance in (0.0, -1.0, np.nan, np.inf):
+            with pytest.raises(ValueError, match="^tolerance is .*: expected a positive angle in rad$"):
+                board.move({"finger1_bend": 0.3}, tolerance=tolerance)
+
+
+def test_a_board_that_was_reset_is_made_ready_again(serve):
+    served, hand = serve(), tesaki.robots() / "hand3"
+    with tesaki.Board(served.port) as board:
+        # Directly, or after it was told.
+        for told in (False, True):
+            board.push(hand)
+            board.home(served.angles)
+            board.enable()
+            board.wait(0.1)
+            board.disable()
+            served.command("reset")
+            time.sleep(0.5)
+            if told:
+                with pytest.raises(tesaki.BoardError, match=r"^the board was reset meanwhile.*: push\(\) it again"):
+                    board.home(served.angles)
+                assert board.joints == []
+        board.push(hand)
+        served.command("reset")
+        time.sleep(0.5)
+        with pytest.raises(tesaki.BoardError, match="^the board was reset meanwhile"):
+            board.move({"finger1_bend": 0.3})
 
 
 def test_a_board_without_a_fault_to_clear_is_disabled_at_the_end(serve):

@@ -15,6 +15,8 @@ const MAX_DURATION: f64 = 300.0;
 /// Maximum distance of a first point at time 0 from the present reference [rad]: planners begin at measured
 /// angles.
 const START_TOLERANCE: f64 = 0.02;
+/// Relative error of a velocity that is computed from two angles.
+const ROUNDING: f32 = 1e-3;
 /// Speed below which a trajectory ends at rest [rad/s].
 const AT_REST: f64 = 1e-3;
 
@@ -116,7 +118,8 @@ impl Trajectory {
         Ok(trajectory)
     }
 
-    /// Checks every point that would be sent to the board, by the board's own rules.
+    /// Checks every point that would be sent to the board, by the board's own rules, and the motion from one to
+    /// the next: a piece that lies between two of them may be too fast.
     fn check_limits(&self, robot: &Robot, references: &[JointPoint]) -> Result<(), Refused> {
         let mut before = references.to_vec();
         let mut time = 0.0;
@@ -127,7 +130,11 @@ impl Trajectory {
                     continue;
                 };
                 let number = u8::try_from(joint).unwrap_or(u8::MAX);
-                config.check_point(number, &point, before).map_err(|refusal| {
+                let (value, limit) = ((point.position - before.position) / TICK, config.limits.velocity);
+                let is_too_fast = value.abs() > (1.0 + ROUNDING) * limit;
+                let step = LimitRefusal::TooFast { joint: number, value, limit };
+                let checked = if is_too_fast { Err(step) } else { Ok(()) };
+                config.check_point(number, &point, before).and(checked).map_err(|refusal| {
                     let text = named(&refusal, robot);
                     Refused::new(ErrorCode::InvalidGoal, format!("at {time:.2} s: {text}"))
                 })?;

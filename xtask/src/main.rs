@@ -67,9 +67,10 @@ fn main() -> ExitCode {
 }
 
 fn run() -> anyhow::Result<()> {
+    let Cli { task } = Cli::parse();
     // All paths below are relative to the workspace.
     std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))?;
-    match Cli::parse().task {
+    match task {
         Task::Test(options) => test::run(&options),
         Task::Firmware(options) => firmware::run(&options),
         Task::Prove(options) => prove::run(&options),
@@ -82,4 +83,9 @@ fn run() -> anyhow::Result<()> {
         Task::Ros2(options) => ros2::run(&options),
         Task::Viewer(options) => viewer::run(&options),
     }
+}
+
+/// A path among the arguments, which is relative to where the user is.
+fn given_path(text: &str) -> std::io::Result<std::path::PathBuf> {
+    std::path::absolute(text)
 }

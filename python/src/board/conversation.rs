@@ -25,11 +25,23 @@ impl Board {
             return Err(BoardError::new_err("the board was closed: make another Board"));
         }
         let link = &mut self.board;
-        py.detach(|| ask(link)).map_err(|error| self.wrong(error))
+        let answer = py.detach(|| {
+            let answer = ask(link);
+            // The board has forgotten its commander, and needs this one for what comes next.
+            if matches!(answer, Err(Failure::Reset)) {
+                let _ = link.take_command(false);
+            }
+            answer
+        });
+        answer.map_err(|error| self.wrong(error))
     }
 
-    /// Returns the exception for an error. What another program has enabled since is its own.
+    /// Returns the exception for an error. What another program has enabled since is its own, and a board
+    /// that was reset has no model.
     fn wrong(&mut self, error: Failure) -> PyErr {
+        if matches!(error, Failure::Reset) {
+            (self.model, self.is_enabled) = (None, false);
+        }
         let is_lost = matches!(
             error,
             Failure::Reset
@@ -53,6 +65,7 @@ impl Board {
 
     /// Sends a command to the task.
     pub(super) fn send(&mut self, py: Python<'_>, command: TaskCommand) -> PyResult<()> {
+        self.goals.clear();
         let asked = self.call(py, |link| link.command(command));
         // A board in fault refuses everything: the fault is the reason.
         match asked {
@@ -126,6 +139,9 @@ impl Board {
                 Some(Refusal::WrongMode(Mode::Fault)) if !self.is_enabled => return Err(self.fault(py)),
                 None | Some(Refusal::Stale { .. } | Refusal::WrongMode(Mode::Fault)) => {}
                 Some(refusal) => {
+                    if refusal == Refusal::NotCommander {
+                        self.require_no_reset(py)?;
+                    }
                     // `wait` and `record` keep the board enabled, or read.
                     let action = match request {
                         Request::Keep => "stay enabled",
@@ -140,6 +156,14 @@ impl Board {
             }
         }
         Ok(())
+    }
+
+    /// Fails if the board was reset, which the answer to a posted request does not tell.
+    fn require_no_reset(&mut self, py: Python<'_>) -> PyResult<()> {
+        self.call(py, |link| match link.keep() {
+            Err(error @ Failure::Reset) => Err(error),
+            _ => Ok(()),
+        })
     }
 
     /// Returns the next telemetry.

@@ -165,6 +165,12 @@ fn what_cannot_be_followed_is_refused_with_the_reason() {
     refused(&one(1.0, 1.2), ErrorCode::InvalidGoal, "finger1_swing: 1.0");
     refused(&one(1.0, 1.2), ErrorCode::InvalidGoal, "outside its limits -1 to 1 rad");
     refused(&one(0.1, 0.9), ErrorCode::InvalidGoal, "beyond its limit of 6 rad/s");
+    // Between two control periods: 0.13 rad within the first, and 0.12 rad in the middle of the motion.
+    let hop = [point(0.001, &[0.13], &[], &[]), point(1.0, &[0.13], &[], &[])];
+    refused(&message(SWING, &hop), ErrorCode::InvalidGoal, "at 0.01 s: finger1_swing: 13");
+    let joined = [(0.5, 0.05), (1.0, 0.1), (1.001, -0.02), (2.0, -0.02)];
+    let joined = joined.map(|(time, position)| point(time, &[position], &[], &[]));
+    refused(&message(SWING, &joined), ErrorCode::InvalidGoal, "beyond its limit of 6 rad/s");
     refused(&one(-1.0, 0.1), ErrorCode::InvalidGoal, "times must increase");
     refused(&one(301.0, 0.1), ErrorCode::InvalidGoal, "longer than 300 s");
     // Within what it may begin with, beside where the joint is.

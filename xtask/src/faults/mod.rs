@@ -55,7 +55,7 @@ enum Task {
     /// Record the parts of a run
     Merge {
         /// Files with one JSON object a line
-        #[arg(required = true)]
+        #[arg(required = true, value_parser = crate::given_path)]
         files: Vec<PathBuf>,
     },
     /// Run seeds 1 to 50 again; fail when they differ from docs/fault-schedules.json

@@ -102,6 +102,7 @@ struct Findings {
 #[derive(clap::Args)]
 pub struct Options {
     /// ELF files of images; without any: those of the boards with motors and of `board-bare`, built first
+    #[arg(value_parser = crate::given_path)]
     images: Vec<PathBuf>,
 }
 

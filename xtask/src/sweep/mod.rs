@@ -67,7 +67,7 @@ enum Task {
     /// set
     Merge {
         /// Files with one JSON object a line
-        #[arg(required = true)]
+        #[arg(required = true, value_parser = crate::given_path)]
         files: Vec<PathBuf>,
         /// What was run, where the lines do not say it
         #[arg(long)]
