@@ -54,10 +54,11 @@ fn factor(mobility: &DMatrix<f32>, servos: &[ErrorObserver]) -> f32 {
 fn factor_of(joint: usize, mobility: &DMatrix<f32>, servos: &[ErrorObserver]) -> f32 {
     let mut states = vec![ObserverState::new(); servos.len()];
     let lag = servos.first().map_or(0.0, ErrorObserver::delay_fraction) * TICK;
-    let [mut errors, mut velocities, mut efforts] = [(); 3].map(|()| DVector::zeros(servos.len()));
+    let [mut errors, mut velocities, mut efforts, mut last, mut change] =
+        [(); 5].map(|()| DVector::zeros(servos.len()));
     errors[joint] = 1.0;
     for tick in 1..=TICKS {
-        let last = efforts.clone();
+        last.copy_from(&efforts);
         let measured = servos.iter().zip(&mut states).zip(&errors);
         for (effort, ((servo, state), error)) in efforts.iter_mut().zip(measured) {
             *effort = servo.effort(state, *error, false);
@@ -65,9 +66,12 @@ fn factor_of(joint: usize, mobility: &DMatrix<f32>, servos: &[ErrorObserver]) ->
         }
         // Those of the last tick act until the current loop has the new ones.
         for (time, efforts) in [(lag, &last), (TICK - lag, &efforts)] {
-            let change = mobility * efforts * -time;
-            errors += (&velocities + &change * 0.5) * time;
-            velocities += change;
+            change.gemv(1.0, mobility, efforts, 0.0);
+            for ((error, velocity), change) in errors.iter_mut().zip(&mut velocities).zip(&change) {
+                let change = change * -time;
+                *error += (*velocity + change * 0.5) * time;
+                *velocity += change;
+            }
         }
         let left = errors.amax().max(AHEAD * velocities.amax());
         if !(DECAYED..GROWN).contains(&left) || tick == TICKS {
