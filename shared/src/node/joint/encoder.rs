@@ -230,8 +230,9 @@ impl Joint<'_> {
             && abs(grown) > HYSTERESIS_SHARE * thresholds.accelerating_growth
             && grown * effort > 0.0;
         let shows = should_move || should_accelerate;
-        // An effort that swings, as with a coarse encoder, pushes the joint nowhere.
-        let direction = if grown > 0.0 { 1 } else { -1 };
+        // An effort that swings, as with a coarse encoder, pushes the joint nowhere, unless the torque does.
+        let pushing = if abs(excess) > limit { excess } else { grown };
+        let direction = if pushing > 0.0 { 1 } else { -1 };
         let before = if state.unchanged.signum() == direction { state.unchanged } else { 0 };
         state.unchanged = match (shows, keeps_count) {
             (true, _) => before.saturating_add(direction),
@@ -329,8 +330,9 @@ mod tests {
 
     const ACCELERATES: Situation = Situation { stops: false, accelerates: true, presses: false };
 
-    /// The tick in which these efforts of a joint that stands still show a dead encoder.
-    fn found_in(counts_per_turn: f32, efforts: &[f32]) -> Option<usize> {
+    /// The tick in which these efforts of a joint that stands still show a dead encoder, if its torque beyond
+    /// the weight is `excess` [N·m].
+    fn found_in(counts_per_turn: f32, excess: f32, efforts: &[f32]) -> Option<usize> {
         let mut model = crate::test_support::joint("joint");
         model.encoder.counts_per_turn = counts_per_turn;
         let config = JointConfig::new(&model, 0.1);
@@ -343,21 +345,24 @@ mod tests {
             reference: &mut JointPoint::default(),
             target: &mut JointTarget::at(0.0),
         };
-        efforts.iter().position(|&effort| joint.check_encoder(effort, 0.0, ACCELERATES).is_some())
+        let mut is_dead = |&effort: &f32| joint.check_encoder(effort, excess, ACCELERATES).is_some();
+        efforts.iter().position(&mut is_dead)
     }
 
     #[test]
     fn an_effort_that_swings_is_no_sign_of_a_dead_encoder() {
-        assert_eq!(found_in(1e6, &[0.4; 9]), Some(2));
-        assert_eq!(found_in(1e6, &[-0.4; 9]), Some(2));
-        assert_eq!(found_in(1e6, &[0.4, -0.4, 0.4, 0.4, -0.4, -0.4, 0.4]), None);
+        assert_eq!(found_in(1e6, 0.0, &[0.4; 9]), Some(2));
+        assert_eq!(found_in(1e6, 0.0, &[-0.4; 9]), Some(2));
+        assert_eq!(found_in(1e6, 0.0, &[0.4, -0.4, 0.4, 0.4, -0.4, -0.4, 0.4]), None);
+        // The torque pushes in one direction all the same: 0.1 N·m of 0.02 · 2 + 0.08 · 0.6 N·m.
+        assert_eq!(found_in(1e6, -0.1, &[0.4, -0.4, -0.4]), Some(1));
     }
 
     /// 2·24·2π/(counts·(30 ms)²) = 3.35e5/counts rad/s²: of 2.1e-4 kg·m², 70/counts N·m.
     #[test]
     fn an_effort_that_moves_a_joint_by_a_few_counts_is_no_sign_of_a_dead_encoder() {
         for (counts, effort, found) in [(256.0, 0.3, Some(2)), (256.0, 0.25, None), (1e6, 0.25, Some(2))] {
-            assert_eq!(found_in(counts, &[effort; 9]), found, "{counts}, {effort} N·m");
+            assert_eq!(found_in(counts, 0.0, &[effort; 9]), found, "{counts}, {effort} N·m");
         }
     }
 }
