@@ -21,11 +21,6 @@ const HELD_GROWTH_SHARE: f32 = 0.05;
 const BREAKAWAY_SHARE: f32 = 0.1;
 /// Share of `accelerating_growth` above which the ticks that showed a dead encoder still count: a hysteresis.
 pub(crate) const HYSTERESIS_SHARE: f32 = 0.4;
-/// The effort of an acceleration must be able to move the joint from rest by this number of counts within this
-/// time [s], that after which it shows a dead encoder: the effort also balances the inertia of other links
-/// and the error of a coarse encoder. With less, arms with encoders of 16 bits or fewer give false alarms.
-const MOVED_COUNTS: f32 = 24.0;
-const MOVED_TIME: f32 = 3.0 * TICK;
 /// A joint counts as moving from this speed on [rad/s], and from this number of counts per tick, the
 /// resolution of a coarse encoder. A slower joint may be coming to rest in a grip.
 const MOVING_SPEED: f32 = 0.0767;
@@ -50,14 +45,13 @@ pub(crate) struct FaultThresholds {
     /// Thresholds for a dead encoder of a joint that stands still [N·m]: the torque beyond the weight exceeds
     /// `excess`, and the effort has grown by more than `growth` if the joint moved before, by more than
     /// `held_growth` if not; or an effort of an acceleration, without weight and contact, has grown by more
-    /// than `accelerating_growth` and exceeds `accelerating_effort`. In a stop in which no joint has to press,
-    /// the smaller `stop_excess` applies.
+    /// than `accelerating_growth`. In a stop in which no joint has to press, the smaller `stop_excess`
+    /// applies.
     pub excess: f32,
     pub stop_excess: f32,
     pub growth: f32,
     pub held_growth: f32,
     pub accelerating_growth: f32,
-    pub accelerating_effort: f32,
     /// The smallest growth that has to be checked.
     pub min_growth: f32,
     /// Maximum friction beyond the model's [N·m].
@@ -73,13 +67,12 @@ pub(crate) struct FaultThresholds {
 }
 
 impl FaultThresholds {
-    /// Of a joint with this `inertia` [kg·m²] whose torques are at most `torque` [N·m].
-    pub fn new(joint: &JointModel, torque: f32, inertia: f32) -> Self {
+    /// Of a joint whose torques are at most `torque` [N·m].
+    pub fn new(joint: &JointModel, torque: f32) -> Self {
         let radians_per_count = TAU / joint.encoder.counts_per_turn;
         let beyond_friction = |share: f32| 2.0 * joint.friction.coulomb + share * torque;
         let growth = beyond_friction(GROWTH_SHARE);
         let accelerating_growth = 10.0 * joint.friction.coulomb + 0.01 * torque;
-        let acceleration = 2.0 * MOVED_COUNTS * radians_per_count / (MOVED_TIME * MOVED_TIME);
         Self {
             current: CURRENT_MARGIN * joint.motor.current_limit / joint.motor.current_resolution,
             min_angle: joint.limits.lower - joint.limits.following_error,
@@ -91,7 +84,6 @@ impl FaultThresholds {
             growth,
             held_growth: beyond_friction(HELD_GROWTH_SHARE),
             accelerating_growth,
-            accelerating_effort: (0.5 * growth).max(inertia * acceleration),
             min_growth: growth.min(HYSTERESIS_SHARE * accelerating_growth),
             max_friction: (MAX_FRICTION - 1.0) * joint.friction.coulomb,
             moving: (MOVING_SPEED * TICK).max(MOVING_COUNTS * radians_per_count),
@@ -114,7 +106,7 @@ mod tests {
         for (coulomb, expected) in [(0.02, 0.049), (6e-4, 4.8e-3)] {
             let mut joint = joint("joint");
             joint.friction.coulomb = coulomb;
-            let found = FaultThresholds::new(&joint, 0.6, 1e-4).min_growth;
+            let found = FaultThresholds::new(&joint, 0.6).min_growth;
             assert!((found - expected).abs() < 1e-6, "{coulomb}: {found} N·m");
         }
     }

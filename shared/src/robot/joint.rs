@@ -45,11 +45,10 @@ impl JointConfig {
     pub(crate) fn new(joint: &JointModel, damping: f32) -> Self {
         let radians_per_count = TAU / joint.encoder.counts_per_turn;
         let servo = JointServo::new(joint);
-        let inertia = 1.0 / servo.acceleration(1.0);
         Self {
             damping: damping.min(MAX_DAMPED_SHARE / (servo.acceleration(1.0) * TICK)),
-            inertia,
-            thresholds: FaultThresholds::new(joint, servo.torque_limit(), inertia),
+            inertia: 1.0 / servo.acceleration(1.0),
+            thresholds: FaultThresholds::new(joint, servo.torque_limit()),
             servo,
             limits: joint.limits,
             radians_per_count: if joint.encoder.reversed { -radians_per_count } else { radians_per_count },

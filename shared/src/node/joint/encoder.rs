@@ -12,6 +12,11 @@ use crate::robot::HYSTERESIS_SHARE;
 const STUCK_TICKS: u8 = 2;
 /// Share of `accelerating_growth` that suffices when the torque beyond the weight confirms it.
 const CONFIRMED_SHARE: f32 = 0.75;
+/// The effort of an acceleration must be able to move the joint from rest by this number of counts within this
+/// time [s], that after which it shows a dead encoder: the effort also balances the inertia of other links
+/// and the error of a coarse encoder. With less, arms with encoders of 16 bits or fewer give false alarms.
+const MOVED_COUNTS: f32 = 24.0;
+const MOVED_TIME: f32 = (STUCK_TICKS + 1) as f32 * TICK;
 /// Consecutive ticks in which a joint gains speed against its torque, after which it runs away. With more
 /// ticks it gains more speed; with fewer a rebound is mistaken for it.
 const RUNAWAY_TICKS: u8 = 3;
@@ -218,11 +223,13 @@ impl Joint<'_> {
         let should_move = !is_balance && pushes && abs(grown) > growth;
         // Accelerations are noisy. If the torque confirms them, a smaller growth and one tick less suffice.
         let (share, ticks) = if pushes { (CONFIRMED_SHARE, STUCK_TICKS) } else { (1.0, STUCK_TICKS + 1) };
+        let moves_counts =
+            2.0 * MOVED_COUNTS * abs(self.config.radians_per_count) / (MOVED_TIME * MOVED_TIME);
         // A joint that has braked to rest stays there while its effort falls below friction: falling efforts
         // do not count.
         let should_accelerate = situation.accelerates
             && abs(grown) > share * thresholds.accelerating_growth
-            && abs(effort) > thresholds.accelerating_effort
+            && abs(effort) > math::max(0.5 * thresholds.growth, self.config.inertia * moves_counts)
             && grown * effort > 0.0;
         // A weaker sign for one tick, as at the start of a contact, does not reset the counter.
         let keeps_count = situation.accelerates
