@@ -118,8 +118,8 @@ impl Trajectory {
         Ok(trajectory)
     }
 
-    /// Checks every point that would be sent to the board, by the board's own rules, and the motion from one to
-    /// the next: a piece that lies between two of them may be too fast.
+    /// Checks every point that would be sent to the board, by the board's own rules, and the motion from one
+    /// to the next: a piece that lies between two of them may be too fast.
     fn check_limits(&self, robot: &Robot, references: &[JointPoint]) -> Result<(), Refused> {
         let mut before = references.to_vec();
         let mut time = 0.0;

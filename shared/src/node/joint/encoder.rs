@@ -12,9 +12,9 @@ use crate::robot::HYSTERESIS_SHARE;
 const STUCK_TICKS: u8 = 2;
 /// Share of `accelerating_growth` that suffices when the torque beyond the weight confirms it.
 const CONFIRMED_SHARE: f32 = 0.75;
-/// The effort of an acceleration must be able to move the joint from rest by this number of counts within this
-/// time [s], that after which it shows a dead encoder: the effort also balances the inertia of other links
-/// and the error of a coarse encoder. With less, arms with encoders of 16 bits or fewer give false alarms.
+/// The effort of an acceleration must be able to move the joint from rest by this number of counts within
+/// this time [s], that after which it shows a dead encoder: the effort also balances the inertia of other
+/// links, and the error of a coarse encoder.
 const MOVED_COUNTS: f32 = 24.0;
 const MOVED_TIME: f32 = (STUCK_TICKS + 1) as f32 * TICK;
 /// Consecutive ticks in which a joint gains speed against its torque, after which it runs away. With more
