@@ -169,7 +169,8 @@ pub enum InvalidPlan {
     },
     /// 2: contacts coincide or are collinear.
     NoTriangle,
-    /// 3: no forces inside the friction cones balance each other: the contacts do not oppose each other.
+    /// 3: no forces of the planned form inside the friction cones balance each other: the contacts do not
+    /// oppose each other, or the strengths between pairs of them press across the normals.
     CannotGrip,
     /// 4: forces along the normals do not balance.
     Unbalanced {
@@ -246,8 +247,9 @@ impl fmt::Display for InvalidPlan {
             }
             Self::CannotGrip => write!(
                 f,
-                "no contact forces inside the friction cones balance each other: the normals must oppose \
-                 each other"
+                "no contact forces of this form inside the friction cones balance each other: the normals \
+                 must oppose each other, and pairwise forces press along them: set those between fingers at \
+                 the same side to 0, or choose another internal force"
             ),
             Self::Unbalanced { residual } => write!(
                 f,

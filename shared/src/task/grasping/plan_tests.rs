@@ -25,7 +25,7 @@ fn plan() -> GraspPlan {
 }
 
 const NORMAL: InternalForce = InternalForce::Normal { strength: 2.0 };
-const PAIRWISE: InternalForce = InternalForce::Pairwise { strengths: [1.0, 1.0, 0.5] };
+const PAIRWISE: InternalForce = InternalForce::Pairwise { strengths: [1.0, 1.0, 0.1] };
 const GAINS: WrenchGains =
     WrenchGains { position: [150.0, 300.0], orientation: [0.5, 1.0], damping: 0.03, compensated: true };
 
@@ -172,6 +172,24 @@ fn contacts_whose_friction_cones_cannot_balance_are_refused() {
     }
 }
 
+/// Finger 1 presses with e₁₃ = (0.936, −0.351) along the normal x, and with s along −y: (0.351 + s)/0.936 is
+/// 0.48, 0.91 and 1.44.
+#[test]
+fn forces_between_pairs_must_be_inside_the_friction_cones() {
+    for (strength, friction, possible) in [
+        (0.1, Some(0.5), true),
+        (0.5, Some(0.5), false),
+        (0.5, Some(0.92), true),
+        (0.5, None, true),
+        (1.0, None, false),
+        (1.0, Some(1.5), true),
+    ] {
+        let internal = InternalForce::Pairwise { strengths: [1.0, 1.0, strength] };
+        let expected = if possible { Ok(()) } else { Err(InvalidPlan::CannotGrip) };
+        assert_eq!(GraspPlan { internal, friction, ..plan() }.validate(), expected, "{strength}");
+    }
+}
+
 #[test]
 fn forces_along_the_normals_must_balance() {
     // Normals along x, x and between −x and z do not balance.
@@ -220,7 +238,9 @@ fn texts_of_invalid_plans_name_value_unit_and_range() {
     );
     assert_eq!(
         InvalidPlan::CannotGrip.to_string(),
-        "no contact forces inside the friction cones balance each other: the normals must oppose each other"
+        "no contact forces of this form inside the friction cones balance each other: the normals must oppose \
+         each other, and pairwise forces press along them: set those between fingers at the same side to 0, or \
+         choose another internal force"
     );
     assert_eq!(
         InvalidPlan::Unbalanced { residual: 0.25 }.to_string(),

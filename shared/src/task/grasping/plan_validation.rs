@@ -1,7 +1,7 @@
 use nalgebra::{Vector3, Vector6};
 
 use super::plan::{GraspPlan, InternalForce, InvalidPlan, LoadSource, ObjectControl, PlanField};
-use super::tuning::{ASSUMED_FRICTION, MAX_MASS, NORMAL_TOLERANCE};
+use super::tuning::{ASSUMED_FRICTION, MAX_FRICTION, MAX_MASS, NORMAL_TOLERANCE};
 use crate::grasp::{
     Contact, GraspMap, GraspMapError, GripError, GripState, InvalidContact, LeastGrip, NormalGripError,
 };
@@ -60,9 +60,21 @@ impl GraspPlan {
                     Err(InvalidPlan::CannotGrip)
                 }
             },
-            InternalForce::LeastGrip { .. } | InternalForce::Pairwise { .. } => {
-                let margin =
-                    if let InternalForce::LeastGrip { margin, .. } = self.internal { margin } else { 0.0 };
+            InternalForce::Pairwise { strengths } => {
+                let pairs = map.pairwise().map_err(|_| InvalidPlan::NoTriangle)?;
+                let forces = pairs * Vector3::from(strengths);
+                // The friction is at most this, if it is probed.
+                let friction = self.friction.unwrap_or(MAX_FRICTION);
+                let holds = |(contact, force): (&Contact, &[f32])| {
+                    let force = Vector3::from_column_slice(force);
+                    let normal = contact.normal().dot(&force);
+                    let tangential = force - contact.normal() * normal;
+                    normal >= 0.0 && tangential.norm_squared() <= friction * friction * normal * normal
+                };
+                let mut pressed = map.contacts().iter().zip(forces.as_slice().chunks_exact(3));
+                if pressed.all(holds) { Ok(()) } else { Err(InvalidPlan::CannotGrip) }
+            }
+            InternalForce::LeastGrip { margin, .. } => {
                 let grip =
                     LeastGrip::try_new(margin, self.touch_force).map_err(|_| InvalidPlan::CannotGrip)?;
                 match grip.solve(&map, &Vector6::zeros(), &mut GripState::default()) {
