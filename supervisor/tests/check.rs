@@ -370,8 +370,8 @@ fn what_no_machine_is_likely_to_have_is_told_all_at_once() {
             "joint finger1_swing: Coulomb friction 0.7 N·m is not below the motor's torque 0.600 N·m: it cannot move",
             "joint finger1_swing: viscous friction takes 1.200 N·m at the velocity limit of 6 rad/s",
             "joint finger1_bend: gravity needs up to 5.6",
-            "finger3_swing, finger3_bend: motor.rotor_inertia = 2e-6 kg·m²: 0.7 N·m would bring the rotor to 6 rad/s in \
-             0.017 ms",
+            "finger3_swing, finger3_bend: motor.rotor_inertia = 2e-6 kg·m²: 0.7 N·m would bring the rotor to 40.0 rad/s in \
+             0.114 ms",
             "joint finger3_curl: motor.rotor_inertia = 0: every motor has a rotor",
             "joints finger1_curl, finger2_curl, finger3_curl: a move over half of its range reaches 9.20 rad/s, above its limit of 6 rad/s",
             "plant.toml:51: joint finger1_bend: starts at 1.9 rad, outside its limits -1.2 to 1.7 rad",

@@ -7,8 +7,8 @@ use tesaki::model::{ForceSensor, JointModel, Motor, Reaction, RobotModel, Safety
 use super::limits::{ImplausibleValue, Text, at_least};
 use crate::load::CoupledChains;
 
-/// The shortest time in which a full torque can bring a bare rotor to the velocity limit [s]. The mechanical
-/// time constants of servo motors are 2 to 50 ms; a velocity limit may be a tenth of what the motor reaches.
+/// The shortest time in which a full torque can bring a bare rotor to the velocity limit, or to the velocity at
+/// which the lowest supply is induced [s]. The mechanical time constants of servo motors are 2 to 50 ms.
 const FASTEST_ROTOR: f32 = 2e-4;
 /// The longest such time [s].
 const SLOWEST_ROTOR: f32 = 0.5;
@@ -40,7 +40,7 @@ pub fn doubtful_values(model: &RobotModel) -> Vec<ImplausibleValue> {
         let mut add = |key, (message, advice)| {
             found.push(ImplausibleValue { joint: Some(index), key, message, advice });
         };
-        rotor(joint).into_iter().for_each(|text| add("motor.rotor_inertia", text));
+        rotor(joint, &model.safety).into_iter().for_each(|text| add("motor.rotor_inertia", text));
         torque(joint).into_iter().for_each(|text| add("motor.current_limit", text));
         winding(joint, &model.safety).into_iter().for_each(|text| add("motor.inductance", text));
         inner_loop(joint).into_iter().for_each(|text| add("motor.bandwidth", text));
@@ -100,20 +100,23 @@ fn servo_inertias(model: &RobotModel) -> Vec<ImplausibleValue> {
 }
 
 /// A rotor that accelerates faster, or more slowly, than any.
-fn rotor(joint: &JointModel) -> Text {
+fn rotor(joint: &JointModel, safety: &Safety) -> Text {
     let Motor { rotor_inertia: inertia, current_limit, torque_constant, .. } = joint.motor;
     let (torque, velocity) = (current_limit * torque_constant, joint.limits.velocity);
     let time = inertia * velocity / torque;
     if inertia <= 0.0 {
         return None;
     }
-    if time < FASTEST_ROTOR {
+    // A joint may be limited to a small part of what the supply gives its motor.
+    let fastest = velocity.max(safety.supply_min / torque_constant);
+    let shortest = inertia * fastest / torque;
+    if shortest < FASTEST_ROTOR {
         let message = format!(
-            "motor.rotor_inertia = {inertia:e} kg·m²: {torque} N·m would bring the rotor to {velocity} rad/s in {:.3} \
-             ms; no motor takes less than 0.2 ms",
-            1e3 * time
+            "motor.rotor_inertia = {inertia:e} kg·m²: {torque} N·m would bring the rotor to {fastest:.1} rad/s in \
+             {:.3} ms; no motor takes less than 0.2 ms",
+            1e3 * shortest
         );
-        let least = torque * FASTEST_ROTOR / velocity;
+        let least = torque * FASTEST_ROTOR / fastest;
         let advice =
             format!("at least {least:.1e}: multiply that of the data sheet by the square of the gear ratio");
         return Some((message, advice));
@@ -351,8 +354,8 @@ mod tests {
     #[test]
     fn each_value_is_doubtful_beyond_its_bound() {
         let cases: [Bounds; 14] = [
-            // 0.7 N·m · 0.2 ms / 6 rad/s.
-            ("motor.rotor_inertia", set_rotor, 2.3e-5, 2.4e-5),
+            // 0.7 N·m · 0.2 ms / 40 rad/s, at which 0.5 V·s/rad induce 20 V.
+            ("motor.rotor_inertia", set_rotor, 3.4e-6, 3.6e-6),
             // 0.7 N·m · 0.5 s / 6 rad/s.
             ("motor.rotor_inertia", set_rotor, 0.059, 0.058),
             (

@@ -240,7 +240,8 @@ fn tip_on_axis(model: &RobotModel, index: usize, urdf: &Urdf, report: &mut Repor
         "joint {name}: the tip {} lies on its axis: it turns the tip, and never moves it",
         chain.name
     );
-    let advice = "give the fixed joint of the tip the <origin> of the fingertip in the last link";
+    let advice =
+        "the tip needs a link of its own: a fixed joint in the last link, with the fingertip's <origin>";
     report.warning(urdf.line_of_joint(name), message, advice);
 }
 

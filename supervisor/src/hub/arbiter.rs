@@ -40,6 +40,8 @@ pub(super) struct Arbiter {
 /// The requests of a connection.
 #[derive(Debug, Default)]
 struct Connection {
+    /// Whether it has said hello with the schema key of the board, as far as is known here.
+    is_greeted: bool,
     /// Periods of the streams [ticks].
     rates: [u16; Stream::ALL.len()],
     copy: Option<Copy>,
@@ -140,7 +142,12 @@ impl Arbiter {
         let own = self.connections.entry(connection).or_default();
         let number = (request.client, request.sequence);
         match request.request {
-            Request::SetRate { stream, every } => {
+            Request::Hello { schema } => {
+                own.is_greeted = schema == SCHEMA_KEY;
+                board.extend(frame);
+            }
+            // Without a hello the board refuses it.
+            Request::SetRate { stream, every } if own.is_greeted => {
                 own.rates[stream as usize] = every;
                 request.request = Request::SetRate { stream, every: self.rate(stream) };
                 board.extend(encoded(&request));

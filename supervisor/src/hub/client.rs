@@ -13,7 +13,7 @@ use crate::port::stream;
 /// Maximum backlog of a client in bytes: a second of telemetry. Older data would be useless.
 const BACKLOG: usize = 64 * 1024;
 /// First bytes of requests of web browsers, which can send any page's bytes to the ports of their machine.
-const BROWSER: [&[u8]; 2] = [b"GET ", b"POST "];
+const BROWSER: [&[u8]; 7] = [b"GET ", b"POST ", b"HEAD ", b"PUT ", b"PATCH ", b"DELETE ", b"OPTIONS "];
 /// Time limit of a handshake.
 const HANDSHAKE: Duration = Duration::from_secs(2);
 

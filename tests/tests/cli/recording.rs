@@ -45,6 +45,11 @@ fn a_recording_that_was_cut_at_any_byte_is_told() {
     // A recording that ended before its first tick.
     std::fs::write(&log, encode(&[records[0].clone(), LogRecord::End { ticks: 0 }])).unwrap();
     server.fails(&replay, 1, &["no tick was recorded"]);
+    // A pipe has no place to put a file.
+    let pipe = server.folder.path().join("pipe.log");
+    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    let onto = ["record", pipe.to_str().unwrap().trim_end_matches(".log"), "--force", "--duration", "0.3"];
+    server.fails(&onto, 2, &["pipe.log is no file"]);
     // Additional bytes after the end.
     std::fs::write(&log, [&whole[..], b"more"].concat()).unwrap();
     server.fails(&replay, 1, &told);
@@ -366,10 +371,10 @@ fn a_recording_that_cannot_begin_replaces_none() {
     std::fs::create_dir(&mcap).unwrap();
     let before = names();
     // Nothing that looks like a recording is left.
-    server.fails(&record, 1, &[mcap.to_str().unwrap()]);
+    server.fails(&record, 2, &["run.mcap is no file"]);
     assert_eq!(names(), before);
     std::fs::write(&log, "the old one").unwrap();
-    server.fails(&record, 1, &[mcap.to_str().unwrap()]);
+    server.fails(&record, 2, &["run.mcap is no file"]);
     assert_eq!(std::fs::read_to_string(&log).unwrap(), "the old one");
     assert_eq!(names(), before + 1);
     std::fs::remove_dir(&mcap).unwrap();

@@ -221,7 +221,7 @@ fn confirm_fall(options: &Options, session: &mut BoardSession) -> Result<(), Fai
 
 pub fn faults(options: &Options, clear: bool) -> Result<(), Failure> {
     let mut session = if clear { BoardSession::command(options)? } else { BoardSession::open(options)? };
-    let log = session.board.faults()?;
+    let mut log = session.board.faults()?;
     // Without a model the faults have joint numbers instead of names.
     let model = session.board.model().ok();
     let before = session.board.status()?.node.mode;
@@ -229,7 +229,16 @@ pub fn faults(options: &Options, clear: bool) -> Result<(), Failure> {
         if before == Mode::Fault {
             confirm_fall(options, &mut session)?;
         }
-        session.board.ask("clear the faults", Request::ClearFaults { total: log.total })?;
+        // Another fault may come after they are read.
+        while let Err(error) =
+            session.board.ask("clear the faults", Request::ClearFaults { total: log.total })
+        {
+            let total = log.total;
+            log = session.board.faults()?;
+            if log.total == total {
+                return Err(error.into());
+            }
+        }
     }
     let node = session.board.status()?.node;
     let mode = node.mode;

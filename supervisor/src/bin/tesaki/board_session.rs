@@ -183,10 +183,27 @@ impl BoardSession {
                 return Ok(tips);
             }
         }
-        Err(Failure::Late(
-            "no telemetry of the tips within 1 s: does the board have sensor readings? (try `tesaki doctor`)"
-                .to_owned(),
-        ))
+        Err(no_tips())
+    }
+
+    /// The joints and the tips in the same tick.
+    pub fn joints_and_tips(&mut self) -> Result<(Telemetry, Tips), Failure> {
+        let mut telemetry = self.telemetry_now()?;
+        // As often as the joints, and hence in the same ticks.
+        self.board.set_rate(Stream::Tips, 2)?;
+        let deadline = Instant::now() + Duration::from_secs(1);
+        let mut tips = None;
+        while let Some(event) = self.board.next_event(deadline)? {
+            match event {
+                FromBoard::Telemetry(new) => telemetry = new,
+                FromBoard::Tips(new) => tips = Some(new),
+                _ => {}
+            }
+            if let Some(tips) = tips.take_if(|tips| tips.tick == telemetry.tick) {
+                return Ok((telemetry, tips));
+            }
+        }
+        Err(no_tips())
     }
 
     /// The tips whose force sensors are tared.
@@ -243,6 +260,13 @@ impl BoardSession {
     pub const fn give_up(&mut self) {
         self.commands = false;
     }
+}
+
+fn no_tips() -> Failure {
+    Failure::Late(
+        "no telemetry of the tips within 1 s: does the board have sensor readings? (try `tesaki doctor`)"
+            .to_owned(),
+    )
 }
 
 /// In place of a fault that cannot be read: that there is one is known.

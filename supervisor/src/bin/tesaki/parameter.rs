@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use serde_json::{Value, json};
 use tesaki::model::{Field, JointModel, ModelError, RobotModel};
-use tesaki::protocol::NodeStatus;
+use tesaki::protocol::{NodeStatus, Tips};
 use tesaki_description::in_words;
 use tesaki_description::robot::{
     Overload, doubtful_values, implausible_values, invalid_value, overloaded, unit,
@@ -40,9 +40,8 @@ pub fn read(options: &Options, path: Option<&str>) -> Result<(), Failure> {
 }
 
 fn state(options: &Options, session: &mut BoardSession, model: &RobotModel) -> Result<(), Failure> {
-    let telemetry = session.telemetry_now()?;
     let homed = session.board.status()?.node.homed;
-    let tips = session.tips()?.tips;
+    let (telemetry, Tips { tips, .. }) = session.joints_and_tips()?;
     let mut value = output::telemetry(&telemetry, Some(model), homed);
     let is_placed = |chain| model.joints_of(chain).all(|joint| homed >> joint.coupling().actuated & 1 != 0);
     value["tips"] = model

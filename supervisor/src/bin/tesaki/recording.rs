@@ -152,6 +152,11 @@ impl<'a> Recorder<'a> {
                 path.display()
             )));
         }
+        // A device or a pipe is not replaced by a file.
+        let is_other = |path: &&PathBuf| std::fs::metadata(path).is_ok_and(|place| !place.is_file());
+        if let Some(path) = [&log_path, &mcap_path].into_iter().find(is_other) {
+            return Err(Failure::Usage(format!("{} is no file: name another recording", path.display())));
+        }
         let replaces = log_path.exists();
         let place_lock = lock(&log_path)?;
         let unfinished = Unfinished::new([&log_path, &mcap_path], replaces);
@@ -398,6 +403,8 @@ struct ReplayLog {
     last: u32,
     /// Whether entries have come since the state was written.
     in_step: bool,
+    /// Whether a model began to be sent since then.
+    has_model_begin: bool,
     ticks: u64,
     gaps: u64,
     lost: u64,
@@ -408,7 +415,18 @@ struct ReplayLog {
 impl ReplayLog {
     fn new(file: File) -> Self {
         let file = BufWriter::new(file);
-        Self { file, model: None, last: 0, in_step: false, ticks: 0, gaps: 0, lost: 0, lost_in_gap: 0 }
+        let (in_step, has_model_begin) = (false, false);
+        Self {
+            file,
+            model: None,
+            last: 0,
+            in_step,
+            has_model_begin,
+            ticks: 0,
+            gaps: 0,
+            lost: 0,
+            lost_in_gap: 0,
+        }
     }
 
     /// Writes all that a replay needs to start from a node as after power-on: the origin of the recording,
@@ -500,6 +518,7 @@ impl ReplayLog {
         let length = u32::try_from(state.len()).unwrap_or(u32::MAX);
         self.write(&LogRecord::Restore { length, checksum: checksum(state), key: *key })?;
         (self.last, self.in_step, self.lost_in_gap) = (*index, false, 0);
+        self.has_model_begin = false;
         Ok(())
     }
 
@@ -514,6 +533,13 @@ impl ReplayLog {
             return self.gap(session, u32::try_from(step - 1).unwrap_or(0));
         }
         (self.last, self.in_step) = (entry.index, true);
+        if let LogRecord::Request(RequestFrame { request, .. }) = &entry.record {
+            self.has_model_begin |= matches!(request, Request::ModelBegin { .. });
+            // What was sent of this model before the state is not in the file.
+            if matches!(request, Request::ModelCommit) && !self.has_model_begin {
+                return self.gap(session, 1);
+            }
+        }
         self.ticks += u64::from(matches!(entry.record, LogRecord::Actuators(_)));
         Ok(self.write(&entry.record)?)
     }

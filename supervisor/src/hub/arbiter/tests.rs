@@ -127,6 +127,19 @@ fn the_board_sends_at_the_highest_rate_that_anybody_wants() {
 }
 
 #[test]
+fn a_rate_that_the_board_refuses_is_not_kept() {
+    let mut rig = Rig::new();
+    rig.ask(1, Request::Hello { schema: SCHEMA_KEY ^ 1 });
+    rig.ask(1, Request::SetRate { stream: Stream::Telemetry, every: 1 });
+    rig.ask(3, Request::SetRate { stream: Stream::Telemetry, every: 1 });
+    rig.run();
+    let refused = rig.replies.iter().filter(|reply| matches!(reply.reply, Reply::Refused(_)));
+    assert_eq!(refused.count(), 2, "{:?}", rig.replies);
+    rig.set_rate(2, 20);
+    assert_eq!(rig.rates.last(), Some(&(Stream::Telemetry, 20)));
+}
+
+#[test]
 fn what_a_connection_asked_for_ends_with_it() {
     for loss in [0.0, 0.3] {
         let mut rig = Rig::new();

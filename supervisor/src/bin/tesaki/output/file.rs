@@ -10,6 +10,10 @@ use crate::failure::Failure;
 /// Fails unless the file can be written: to be checked before what would be lost otherwise.
 pub fn require_writable(path: &Path) -> Result<(), Failure> {
     let is_new = !path.exists();
+    // A pipe would be waited for.
+    if fs::metadata(path).is_ok_and(|place| !place.is_file() && !place.is_dir()) {
+        return Ok(());
+    }
     OpenOptions::new().append(true).create(true).open(path).map_err(Failure::written(path))?;
     // A link stays one.
     if is_new && let Ok(created) = path.canonicalize() {
