@@ -7,8 +7,8 @@ use tesaki::model::{ForceSensor, JointModel, Motor, Reaction, RobotModel, Safety
 use super::limits::{ImplausibleValue, Text, at_least};
 use crate::load::CoupledChains;
 
-/// The shortest time in which a full torque can bring a bare rotor to the velocity limit, or to the velocity at
-/// which the lowest supply is induced [s]. The mechanical time constants of servo motors are 2 to 50 ms.
+/// The shortest time in which a full torque can bring a bare rotor to the velocity limit, or to the velocity
+/// at which the lowest supply is induced [s]. The mechanical time constants of servo motors are 2 to 50 ms.
 const FASTEST_ROTOR: f32 = 2e-4;
 /// The longest such time [s].
 const SLOWEST_ROTOR: f32 = 0.5;

@@ -47,7 +47,7 @@ fn a_recording_that_was_cut_at_any_byte_is_told() {
     server.fails(&replay, 1, &["no tick was recorded"]);
     // A pipe has no place to put a file.
     let pipe = server.folder.path().join("pipe.log");
-    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    assert!(Command::new("mkfifo").arg(&pipe).status().unwrap().success());
     let onto = ["record", pipe.to_str().unwrap().trim_end_matches(".log"), "--force", "--duration", "0.3"];
     server.fails(&onto, 2, &["pipe.log is no file"]);
     // Additional bytes after the end.
