@@ -13,8 +13,8 @@ const VOLTAGE_ERROR: f32 = 0.05;
 
 /// Largest voltage across brushes, transistors and cables [V].
 const DROP: f32 = 2.0;
-/// Part of a voltage by current or velocity that may be wrong with `DROP`: also a torque constant may be that
-/// contains the efficiency of a gear, which a back-EMF constant does not.
+/// Share of a voltage, due to current or velocity, that may be wrong in addition to `DROP`: a torque constant
+/// may contain the efficiency of a gear, which a back-EMF constant does not.
 const UNEXPLAINED: f32 = 0.5;
 /// Consecutive periods with a voltage that is not explained until the current is not believed. A dead encoder
 /// is found earlier.

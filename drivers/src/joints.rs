@@ -1,8 +1,6 @@
 //! Connects the joints of a model to a board's brushed motors: checks what the robot needs, and converts
 //! counts to velocities and torques to currents.
 
-use core::f32::consts::TAU;
-
 use heapless::Vec;
 use tesaki::OutOfRange;
 use tesaki::TICK;
@@ -138,8 +136,7 @@ impl<const N: usize> MotorJoints<N> {
 
 impl Joint {
     fn new(joint: &JointModel) -> Self {
-        let sign = if joint.encoder.reversed { -1.0 } else { 1.0 };
-        let angle = sign * TAU / joint.encoder.counts_per_turn;
+        let angle = joint.encoder.radians_per_count();
         Self {
             torque_constant: joint.motor.torque_constant,
             current_resolution: joint.motor.current_resolution,
@@ -207,7 +204,7 @@ fn changes<const N: usize>(sums: &[i32; N], last: &[i32; N]) -> [f32; N] {
 #[cfg(test)]
 #[allow(clippy::unwrap_used, reason = "tests")]
 mod tests {
-    use core::f32::consts::FRAC_PI_2;
+    use core::f32::consts::{FRAC_PI_2, TAU};
 
     use super::*;
 

@@ -86,26 +86,26 @@ impl File {
     /// Key and message.
     fn problem(&self, error: &HandEyeError) -> (String, String) {
         let of_row = |row: usize| format!("rows.{row}");
-        let (name, value, [least, most]) = match *error {
+        let wrong = match error {
             HandEyeError::Rows { got } => {
                 let message = format!("rows has {got} entries; it must have 2 to {MAX_HAND_EYE_ROWS}");
                 return ("rows".to_owned(), message);
             }
-            HandEyeError::Order { row } => {
+            &HandEyeError::Order { row } => {
                 let message = format!(
                     "rows[{row}]: from row to row the radius must grow and the distance shrink, the farthest first"
                 );
                 return (of_row(row), message);
             }
-            HandEyeError::Value { name, value, range } => (name, value, range),
+            HandEyeError::Value(wrong) => wrong,
         };
-        match ["rose", "tilt", "pan", "turn"].into_iter().find(|key| name.contains(key)) {
-            Some(key) => (key.to_owned(), format!("{key}: {name} is {value}; it must be {least} to {most}")),
+        match ["rose", "tilt", "pan", "turn"].into_iter().find(|key| wrong.field.contains(key)) {
+            Some(key) => (key.to_owned(), format!("{key}: {wrong}")),
             None => {
-                let row =
-                    self.rows.iter().position(|row| row.iter().any(|one| one.to_bits() == value.to_bits()));
+                let bits = wrong.value.to_bits();
+                let row = self.rows.iter().position(|row| row.iter().any(|one| one.to_bits() == bits));
                 let row = row.unwrap_or_default();
-                (of_row(row), format!("rows[{row}]: {name} is {value}; it must be {least} to {most}"))
+                (of_row(row), format!("rows[{row}]: {wrong}"))
             }
         }
     }

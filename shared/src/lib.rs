@@ -8,13 +8,13 @@
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`math`] | the only way to elementary functions: `sin_cos`, `atan2`, `sqrt`; rotations; small solvers |
+//! | [`math`] | the elementary functions: `sin_cos`, `atan2`, `sqrt`; rotations; small solvers |
 //! | [`signal`] | trajectory filter, pseudo-differentiator, rate limiter, minimum-jerk profile, motion within limits |
 //! | [`model`] | a robot as data, and its validation |
 //! | [`kinematics`] | forward, Jacobian, J̇q̇; inverse in closed form and iterated |
 //! | [`dynamics`] | Newton–Euler, mass matrix |
 //! | [`grasp`] | grasp map, internal forces, the least grip |
-//! | [`control`] | PID, observer, friction feed-forward, joint servo, current loop of a motor, impedance of one period |
+//! | [`control`] | PID, observer, friction feed-forward, joint servo, current loop of a motor, target impedance, discretised for a control period |
 //! | [`teleop`] | following an operator's hand over a link; passivity of a link; fingertips of an operator's hand from a glove, and their calibration |
 //! | [`vision`] | circle finding in a grey image |
 //! | [`fault`] | causes of faults, and their log |

@@ -93,7 +93,7 @@ impl Task for HandGuiding {
     fn tick(&mut self, io: Io<'_>) -> Result<(), TaskFault> {
         let GuidingSettings { damping, speed_limit: limit } = self.settings;
         let joints = 0..io.robot.joints().len();
-        for (joint, velocity) in (0..).zip(io.measured.rates(joints)) {
+        for (joint, velocity) in (0..).zip(io.measured.velocities(joints)) {
             if velocity.abs() > limit {
                 let cause = FaultCause::VelocityLimit;
                 return Err(TaskFault { cause, joint: Some(joint), value: velocity.abs(), limit });

@@ -5,7 +5,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::rose::{Rim, RoseEstimate};
 use super::{ApproachPhase, ApproachSettings, Reason};
-use crate::math::{abs, sqrt};
+use crate::math::{abs, norm, sqrt};
 use crate::model::Pose;
 use crate::task::visual_approach::{
     GripperState, HandMotion, VisualApproachCommand, VisualApproachRefusal, VisualApproachTelemetry,
@@ -488,7 +488,7 @@ impl Approach {
             self.enter(ApproachPhase::Failed(Reason::OutOfReach));
             return self.ended();
         }
-        let left = |goal: &Vector3<f32>| sqrt((goal - self.hand).norm_squared());
+        let left = |goal: &Vector3<f32>| norm(&(goal - self.hand));
         // First slowly straight back from the knob.
         self.withdrawal = self.withdrawal.filter(|goal| left(goal) > WITHDRAWN);
         let (goal, speed) = match self.withdrawal {

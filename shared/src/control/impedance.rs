@@ -395,12 +395,9 @@ impl DiscreteImpedance {
         velocity: &Vector6<f32>,
         force: &Vector6<f32>,
     ) -> Vector6<f32> {
-        self.error.component_mul(error) + self.velocity.component_mul(velocity) + self.force_response(force)
-    }
-
-    /// The part of the acceleration that is due to the force.
-    fn force_response(&self, force: &Vector6<f32>) -> Vector6<f32> {
-        self.force.component_mul(force)
+        self.error.component_mul(error)
+            + self.velocity.component_mul(velocity)
+            + self.force.component_mul(force)
     }
 }
 

@@ -81,7 +81,7 @@ impl Chain {
         // in its own frame. Gravity enters as upward acceleration of the base.
         let (mut omega, mut alpha, mut acceleration) = (zero, zero, -gravity);
         // The tip's wrench is rotated to each link's frame.
-        let mut wrench = wrench.map(|w| (Vector3::new(w.x, w.y, w.z), Vector3::new(w.w, w.a, w.b)));
+        let mut wrench = wrench.map(|wrench| math::halves(wrench).into());
         let mut joints = self.links.iter().zip(q).zip(qd).zip(qdd);
         if let Some((((link, &q), &qd), &qdd)) = joints.next() {
             let mut pass = Pass::at(q);
@@ -109,8 +109,8 @@ impl Chain {
         self.inward(&mut passes, tip_wrench, qdd, torques);
     }
 
-    /// The inward pass: forces and moments from the tip to the base. `wrench` is in the axes of the last
-    /// link.
+    /// The inward pass: forces and moments from the tip to the base; a joint's torque is the component of the
+    /// moment along its axis. `wrench` is in the axes of the last link.
     #[inline(always)]
     fn inward(
         &self,
@@ -119,7 +119,6 @@ impl Chain {
         qdd: &[f32],
         torques: &mut [f32],
     ) {
-        // Inward pass: the joint torque is the moment's component along the axis.
         let count = passes.len().min(torques.len());
         if let (Some((force, moment)), Some(last)) = (wrench, passes.last_mut()) {
             last.force -= force;

@@ -27,7 +27,7 @@ impl Certificate {
     pub fn is_valid(&self, grip: &LeastGrip, map: &GraspMap, load: &Vector6<f32>) -> bool {
         let [linear, angular] = halves(&self.twist);
         let angular = angular * map.length;
-        let norm = math::sqrt(linear.norm_squared()) + math::sqrt(angular.norm_squared());
+        let norm = math::norm(&linear) + math::norm(&angular);
         let (force, moment) = map.scaled(load);
         let mut max_power = 0.0;
         let mut terms = 0.0;

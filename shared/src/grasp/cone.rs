@@ -45,7 +45,7 @@ impl Cone {
     /// Support function at the velocity `v`.
     pub fn support(&self, v: &Vector3<f32>) -> f32 {
         let along = self.normal.dot(v);
-        let across = math::sqrt((v - self.normal * along).norm_squared());
+        let across = math::norm(&(v - self.normal * along));
         self.power(along, across)
     }
 

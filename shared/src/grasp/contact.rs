@@ -52,7 +52,7 @@ impl Contact {
         if !(position.x + position.y + position.z).is_finite() {
             return Err(InvalidContact::Position);
         }
-        let length = math::sqrt(normal.norm_squared());
+        let length = math::norm(&normal);
         if !(length > MIN_NORMAL_LENGTH && length.is_finite()) {
             return Err(InvalidContact::Normal);
         }
@@ -83,6 +83,13 @@ impl Contact {
     /// The maximum normal force [N].
     pub const fn limit(&self) -> f32 {
         self.limit
+    }
+
+    /// The normal component of a `force`, and the magnitude of its tangential part [N].
+    #[inline]
+    pub(crate) fn components(&self, force: &Vector3<f32>) -> (f32, f32) {
+        let normal = self.normal.dot(force);
+        (normal, math::norm(&(force - self.normal * normal)))
     }
 
     /// `force` [N], scaled so that its normal component does not exceed the limit.

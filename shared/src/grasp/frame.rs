@@ -40,8 +40,8 @@ pub fn object_frame(tips: &[Vector3<f32>; 3]) -> Result<IsometryMatrix3<f32>, Ob
     let centroid = (one + two + three) / 3.0;
     let (to_one, to_two, toward) = (one - three, two - three, three - centroid);
     let normal = to_one.cross(&to_two);
-    let product = math::sqrt(to_one.norm_squared()) * math::sqrt(to_two.norm_squared());
-    let (area, length) = (math::sqrt(normal.norm_squared()), math::sqrt(toward.norm_squared()));
+    let product = math::norm(&to_one) * math::norm(&to_two);
+    let (area, length) = (math::norm(&normal), math::norm(&toward));
     if !(product > f32::MIN_POSITIVE && length > f32::MIN_POSITIVE) {
         return Err(ObjectFrameError::NoDirection);
     }

@@ -60,7 +60,7 @@ impl GraspMap {
         };
         let toward = |from: Vector3<f32>, to: Vector3<f32>| {
             let difference = to - from;
-            difference / math::sqrt(difference.norm_squared())
+            difference / math::norm(&difference)
         };
         let (e12, e13, e23) = (toward(one, two), toward(one, three), toward(two, three));
         let mut matrix = SMatrix::<f32, 9, 3>::zeros();

@@ -42,7 +42,7 @@ pub fn normal_force_limit(
     let mut max_force = f32::INFINITY;
     for (joint, column, used, limit) in zip((0.., block.data.0.map(Vector3::from), used, limits)) {
         let along = column.dot(normal);
-        let across = friction * math::sqrt((column - normal * along).norm_squared());
+        let across = friction * math::norm(&(column - normal * along));
         for (rate, headroom) in [(across + along, limit - used), (across - along, limit + used)] {
             // NaN fails both.
             if !(headroom > 0.0 && rate.is_finite()) {

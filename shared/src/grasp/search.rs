@@ -205,8 +205,9 @@ impl Search<'_> {
         }
     }
 
+    #[expect(clippy::cast_possible_truncation, reason = "a few contacts")]
     fn instructions(&self, Cost(fixed, each): Cost) -> u32 {
-        self.cones.iter().fold(fixed, |sum, _| sum + each)
+        fixed + each * self.cones.len() as u32
     }
 
     fn take(&self, cost: Cost) {
@@ -215,7 +216,7 @@ impl Search<'_> {
 
     /// Norm of the residual over the load.
     pub fn residual(&self, point: &DualPoint) -> f32 {
-        math::sqrt(point.residual.norm_squared()) / self.norm
+        math::norm(&point.residual) / self.norm
     }
 
     fn is_accurate(&self, point: &DualPoint, residual: f32) -> bool {
@@ -279,7 +280,7 @@ impl Search<'_> {
     fn step(&self, point: &DualPoint, damping: &mut f32) -> (DualPoint, Option<Vector6<f32>>) {
         self.take(DIRECTION);
         let mut hessian = self.hessian(point);
-        let added = *damping * math::sqrt(point.residual.norm_squared());
+        let added = *damping * math::norm(&point.residual);
         let added = if added > MIN_DAMPING { added } else { MIN_DAMPING };
         for index in 0..6 {
             hessian[(index, index)] += added;

@@ -1,7 +1,7 @@
 use core::fmt;
 
 use heapless::Vec;
-use nalgebra::{IsometryMatrix3, Matrix3, Quaternion, Rotation3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 use super::Posture;
 use crate::math;
@@ -113,7 +113,7 @@ impl Chain {
             if joint == MAX_CHAIN_JOINTS {
                 return Err(InvalidChain::TooMany);
             }
-            let length = math::sqrt(Vector3::from(*axis).norm_squared());
+            let length = math::norm(&Vector3::from(*axis));
             if length.is_nan() || math::abs(length - 1.0) > AXIS_TOLERANCE {
                 return Err(InvalidChain::Axis { joint, length });
             }
@@ -132,8 +132,7 @@ impl Chain {
         for (origin, axis, inertial) in links {
             // The model's joint frame → the frame with z along the axis.
             let to_axis = align_with_z(&Vector3::from(*axis));
-            let [ixx, iyy, izz, ixy, ixz, iyz] = inertial.inertia;
-            let inertia = Matrix3::new(ixx, ixy, ixz, ixy, iyy, iyz, ixz, iyz, izz);
+            let inertia = inertial.tensor();
             let rotation = previous * rotation(origin).matrix() * to_axis.transpose();
             let link = Link {
                 rotation,
@@ -230,8 +229,7 @@ impl Chain {
 }
 
 fn rotation(pose: &Pose) -> Rotation3<f32> {
-    let [x, y, z, w] = pose.rotation;
-    UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z)).to_rotation_matrix()
+    UnitQuaternion::from_quaternion(math::quaternion(pose.rotation)).to_rotation_matrix()
 }
 
 /// A rotation that maps the unit vector `axis` to z.

@@ -106,7 +106,7 @@ impl Finger {
             return Err(FingerShapeError::Joints(chain.len()));
         };
         let tip = posture.reach;
-        let base = chain.links.first().map_or(Vector3::zeros(), |link| link.translation);
+        let base = chain.base();
         if abs(axis.dot(&across)) > SHAPE_TOLERANCE {
             return Err(FingerShapeError::NotAcross);
         }
@@ -376,7 +376,9 @@ impl fmt::Display for FingerShapeError {
             Self::NotAcross => write!(f, "the axes of joints 1 and 2 are not at right angles"),
             Self::NotParallel => write!(f, "the axes of joints 2 and 3 are not parallel"),
             Self::NotPlanar => write!(f, "joints and tip are not in one plane with the axis of joint 1"),
-            Self::Limits => write!(f, "each joint needs finite limits, the lower one below the upper one"),
+            Self::Limits => {
+                write!(f, "each joint needs finite limits, the lower one not above the upper one")
+            }
             Self::NoLength => {
                 write!(f, "a link has no length: two joints, or the last joint and the tip, coincide")
             }

@@ -29,7 +29,7 @@ pub(super) fn set_angle(angles: &mut Angles, joint: u8, value: f32) {
 
 /// A finger: a chain, and the coupling of each of its joints.
 #[derive(Clone, Debug)]
-pub struct HandFinger {
+pub(super) struct HandFinger {
     /// Its chain, coupled joints included.
     pub(super) chain: Chain,
     /// Couplings of its joints, base to tip; the actuated joint is an index into `variables`.
@@ -234,8 +234,7 @@ impl Hand {
             let _ = joints.push(Coupling { actuated: slot as u8, multiplier, offset });
         }
         let behind = chain.links.iter().skip(1).map(|link| &link.translation);
-        let lengths =
-            behind.chain([&chain.tip.translation.vector]).map(|step| math::sqrt(step.norm_squared()));
+        let lengths = behind.chain([&chain.tip.translation.vector]).map(math::norm);
         let length = lengths.sum();
         let pointing = chain.tip.rotation * pointing;
         Ok(HandFinger { chain, joints, variables, ranges: Vec::new(), shares: false, pointing, length })
@@ -296,13 +295,13 @@ impl Hand {
         self.fingers.get(finger).map_or(&[], |finger| &finger.variables)
     }
 
-    /// The posture of a finger at the angles of the actuated joints.
+    /// The posture of a finger at the angles of the actuated joints; `None` if there is no such finger.
     pub fn posture(&self, finger: usize, angles: &Angles) -> Option<Posture> {
         let finger = self.fingers.get(finger)?;
         Some(finger.chain.posture(&finger.angles(angles)))
     }
 
-    /// Position of a fingertip [m] and the direction in which it points.
+    /// Position of a fingertip [m] and the direction in which it points; `None` if there is no such finger.
     pub fn tip(&self, finger: usize, angles: &Angles) -> Option<(Vector3<f32>, Vector3<f32>)> {
         let finger = self.fingers.get(finger)?;
         let mut posture = FingerPosture::default();
@@ -328,6 +327,12 @@ impl Hand {
 }
 
 impl HandFinger {
+    /// Number of actuated joints that move this finger alone; they are the first of `variables`.
+    #[inline]
+    pub(super) fn own(&self) -> usize {
+        self.variables.len() - usize::from(self.shares)
+    }
+
     /// The angles of the joints of its chain at those of the actuated joints [rad].
     #[inline(always)]
     fn angles(&self, actuated: &Angles) -> [f32; MAX_CHAIN_JOINTS] {

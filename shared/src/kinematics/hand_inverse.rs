@@ -114,7 +114,7 @@ pub struct HandReport {
 impl HandReport {
     /// Distance of a fingertip from its target [m].
     pub fn distance(&self, finger: usize) -> f32 {
-        self.errors.get(finger).map_or(0.0, |error| math::sqrt(error.norm_squared()))
+        self.errors.get(finger).map_or(0.0, math::norm)
     }
 }
 
@@ -462,7 +462,7 @@ impl InverseProblem<'_> {
                 center = TERTIARY;
             }
             if terms == Terms::All {
-                let own = finger.variables.len() - usize::from(finger.shares);
+                let own = finger.own();
                 for (&joint, range) in finger.variables.iter().zip(&finger.ranges).take(own) {
                     let away = angle(&point.angles, joint) - range.center;
                     secondary += 0.5 * center * away * away;

@@ -88,7 +88,7 @@ impl InverseProblem<'_> {
                 *place = Some(*target);
             }
             let alone = InverseProblem { targets: &targets, moves_shared: false, ..*self };
-            let own = finger.variables.len() - usize::from(finger.shares);
+            let own = finger.own();
             let mut best: Option<Iterate> = None;
             for start in 0..FINGER_STARTS {
                 let mut from = *angles;

@@ -64,7 +64,7 @@ impl InverseProblem<'_> {
         let (mut block, mut solution) = (Block::default(), Move::default());
         for (place, posture) in self.fingers().zip(&here.postures) {
             let (_, finger, target) = place;
-            let own = finger.variables.len() - usize::from(finger.shares);
+            let own = finger.own();
             self.build(place, posture, here, (terms, damping, irreducible), &mut block);
             if block.solve(own, &mut solution).is_none() {
                 self.build(place, posture, here, (terms, damping, 0.0), &mut block);
@@ -128,7 +128,7 @@ impl InverseProblem<'_> {
         finger.block(posture, &error, irreducible, block);
         let weight = self.emphasis * finger.secondary_weight();
         let mut floor = weight * FINAL_DAMPING;
-        let own = finger.variables.len() - usize::from(finger.shares);
+        let own = finger.own();
         if terms == Terms::All {
             let center = weight * finger.add_secondary(block, posture, target, weight);
             floor = math::max(center, DIRECTION_DAMPING * weight);

@@ -51,7 +51,7 @@ pub struct SolverOptions {
     pub rotation_tolerance: f32,
     /// Weight of position relative to orientation [rad/m], 0.001 to 1000; 1 to 2 over the chain's length
     /// works well.
-    pub radians_per_metre: f32,
+    pub position_weight: f32,
     /// Maximum iterations per start.
     pub iterations: u16,
     /// Maximum number of random restarts.
@@ -63,7 +63,7 @@ impl Default for SolverOptions {
         Self {
             position_tolerance: 1e-5,
             rotation_tolerance: 1e-5,
-            radians_per_metre: 2.0,
+            position_weight: 2.0,
             iterations: 40,
             restarts: 100,
         }
@@ -154,10 +154,10 @@ impl InverseKinematics {
     /// # Errors
     /// The first value outside its range.
     pub fn with_options(self, options: SolverOptions) -> Result<Self, OutOfRange> {
-        let SolverOptions { position_tolerance, rotation_tolerance, radians_per_metre, .. } = options;
+        let SolverOptions { position_tolerance, rotation_tolerance, position_weight, .. } = options;
         OutOfRange::check("position tolerance", position_tolerance, [1e-7, 1.0])?;
         OutOfRange::check("rotation tolerance", rotation_tolerance, [1e-7, core::f32::consts::PI])?;
-        OutOfRange::check("weight of the position", radians_per_metre, [1e-3, 1e3])?;
+        OutOfRange::check("weight of the position", position_weight, [1e-3, 1e3])?;
         Ok(Self { options, ..self })
     }
 
@@ -235,16 +235,14 @@ impl InverseKinematics {
                 let error = |posture: &Posture| position - posture.tip.translation.vector;
                 self.search::<3>(chain, q, |posture| {
                     let linear = error(posture);
-                    (linear * self.options.radians_per_metre, linear.norm_squared(), 0.0)
+                    (linear * self.options.position_weight, linear.norm_squared(), 0.0)
                 })
             }
             Target::Pose(pose) => self.search::<6>(chain, q, |posture| {
                 let linear = pose.translation.vector - posture.tip.translation.vector;
                 let away = pose.rotation.matrix() * posture.tip.rotation.matrix().transpose();
                 let angular = math::rotation_vector(&away);
-                let scaled = linear * self.options.radians_per_metre;
-                let error =
-                    SVector::<f32, 6>::from([scaled.x, scaled.y, scaled.z, angular.x, angular.y, angular.z]);
+                let error = math::stack([linear * self.options.position_weight, angular]);
                 (error, linear.norm_squared(), angular.norm_squared())
             }),
         }
@@ -306,7 +304,7 @@ impl InverseKinematics {
     ) -> SMatrix<f32, M, MAX_CHAIN_JOINTS> {
         let full: Jacobian = posture.jacobian();
         let mut jacobian = full.fixed_rows::<M>(0).into_owned();
-        jacobian.fixed_rows_mut::<3>(0).scale_mut(self.options.radians_per_metre);
+        jacobian.fixed_rows_mut::<3>(0).scale_mut(self.options.position_weight);
         for (index, joint) in self.joints.iter().enumerate() {
             if let Some(mimic) = joint.mimic {
                 let own = jacobian.column(index).into_owned();
@@ -426,7 +424,7 @@ impl fmt::Display for InvalidJoint {
         match self {
             Self::TooMany => write!(f, "a chain has at most {MAX_CHAIN_JOINTS} joints"),
             Self::Limits { joint } => {
-                write!(f, "joint {joint}: limits must be finite, the lower one below the upper one")
+                write!(f, "joint {joint}: limits must be finite, the lower one not above the upper one")
             }
             Self::Mimic { joint } => {
                 write!(

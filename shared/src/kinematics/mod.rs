@@ -26,7 +26,7 @@ mod tests;
 pub(crate) use chain::Link;
 pub use chain::{Chain, InvalidChain};
 pub use finger::{Finger, FingerError, FingerShapeError, FingerSolutions};
-pub use hand::{Angles, FingerDescription, Hand, HandFinger, InvalidHand, MAX_FINGERS};
+pub use hand::{Angles, FingerDescription, Hand, InvalidHand, MAX_FINGERS};
 pub use hand_inverse::{FingertipTarget, FingertipTargets, HandOptions, HandReport};
 pub use inverse::{
     InvalidJoint, InverseKinematics, InverseKinematicsError, SolveReport, SolverOptions, Target,

@@ -58,9 +58,9 @@ impl PosePoint {
         next.position.iter_mut().zip([vx, vy, vz]).for_each(|(position, speed)| *position += speed * TICK);
         if [wx, wy, wz].iter().any(|rate| *rate != 0.0) {
             // First-order integration of the quaternion, normalised: the rotation in one period is small.
-            let [x, y, z, w] = self.rotation;
-            let change = Quaternion::new(0.0, wx, wy, wz) * Quaternion::new(w, x, y, z) * (0.5 * TICK);
-            let rotated = Quaternion::new(w, x, y, z) + change;
+            let rotation = math::quaternion(self.rotation);
+            let change = Quaternion::new(0.0, wx, wy, wz) * rotation * (0.5 * TICK);
+            let rotated = rotation + change;
             let scale = 1.0 / math::sqrt(rotated.norm_squared());
             next.rotation = (rotated * scale).coords.into();
         }

@@ -1,6 +1,6 @@
 use nalgebra::{SMatrix, SVector};
 
-use super::{abs, sqrt};
+use super::{abs, norm, sqrt};
 
 /// Sweeps of the Jacobi iteration. It converges quadratically: six are enough for 12 columns.
 const SWEEPS: usize = 16;
@@ -123,7 +123,7 @@ impl<const N: usize> Svd<N> {
                 break;
             }
         }
-        let mut values = SVector::<f32, N>::from_fn(|k, _| sqrt(scaled.column(k).norm_squared()));
+        let mut values = SVector::<f32, N>::from_fn(|k, _| norm(&scaled.column(k)));
         for k in 0..N {
             let largest =
                 (k..N).fold(k, |best, other| if values[other] > values[best] { other } else { best });

@@ -1,13 +1,14 @@
 //! Elementary functions, SO(3), SE(3) and small solvers, with identical bits on every machine.
 //!
-//! All elementary functions of the crate are here. The methods of `f32` call the platform's library, so
+//! The elementary functions of the crate are here, except those in nalgebra's constructors and norms, which
+//! are libm's as well (its feature `libm-force`). The methods of `f32` call the platform's library, so
 //! `clippy.toml` bans them, and with them the fused multiply-add.
 //!
 //! `sin_cos` is implemented here because libm computes the single-precision sine in double precision, for
 //! which the Cortex-M4F has no hardware. `atan2` and `sqrt` are implemented here for speed. All other
 //! functions are libm's.
 
-use nalgebra::Matrix3;
+use nalgebra::{Dim, Matrix3, Storage, Vector};
 
 mod atan2;
 mod eigen;
@@ -26,7 +27,7 @@ pub(crate) use least_squares::{IncrementalQr, Svd};
 pub(crate) use se3::{displacement, halves, stack};
 pub(crate) use sincos::inlined_sin_cos;
 pub use sincos::sin_cos;
-pub(crate) use so3::{orientation, rotated_by, rotation_between};
+pub(crate) use so3::{orientation, quaternion, rotated_by, rotation_between};
 pub use so3::{rotation_matrix, rotation_vector};
 pub use sqrt::sqrt;
 pub(crate) use sqrt::{finite_sqrt, inlined_sqrt};
@@ -43,6 +44,12 @@ pub const fn round(x: f32) -> f32 {
     // Adding and subtracting 1.5·2²³ clears all fraction bits.
     const SHIFT: f32 = 12_582_912.0;
     (x + SHIFT) - SHIFT
+}
+
+/// Euclidean norm.
+#[inline(always)]
+pub(crate) fn norm<D: Dim, S: Storage<f32, D>>(vector: &Vector<f32, D, S>) -> f32 {
+    sqrt(vector.norm_squared())
 }
 
 /// `a b`, as nalgebra's product to the last bit, but without a call.

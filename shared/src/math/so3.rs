@@ -1,6 +1,6 @@
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 
-use super::{atan2, sin_cos, sqrt};
+use super::{atan2, norm, sin_cos, sqrt};
 
 /// Within this angle of π [rad] the axis is taken from the symmetric part of the matrix: the skew part
 /// vanishes there.
@@ -40,7 +40,7 @@ pub fn rotation_vector(rotation: &Matrix3<f32>) -> Vector3<f32> {
     let r = rotation;
     // Twice the axis times the sine of the angle; twice its cosine.
     let twice = Vector3::new(r.m32 - r.m23, r.m13 - r.m31, r.m21 - r.m12);
-    let sine = sqrt(twice.norm_squared());
+    let sine = norm(&twice);
     let cosine = r.trace() - 1.0;
     let angle = atan2(sine, cosine);
     if cosine > 0.0 && sine < 1e-3 {
@@ -59,7 +59,7 @@ pub fn rotation_vector(rotation: &Matrix3<f32>) -> Vector3<f32> {
     } else {
         symmetric.column(2)
     };
-    let length = sqrt(longest.norm_squared());
+    let length = norm(&longest);
     let toward = if longest.dot(&twice) < 0.0 { -angle } else { angle };
     longest * (toward / length)
 }
@@ -79,16 +79,21 @@ pub(crate) fn rotated_by(rotation: &UnitQuaternion<f32>, by: &Vector3<f32>) -> U
     UnitQuaternion::new_unchecked(product * (1.0 / sqrt(product.norm_squared())))
 }
 
-/// The orientation of a quaternion `[x, y, z, w]` of norm 1, as on the wire.
-pub(crate) const fn orientation([x, y, z, w]: [f32; 4]) -> UnitQuaternion<f32> {
-    UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z))
+/// A quaternion `[x, y, z, w]`, as on the wire.
+pub(crate) const fn quaternion([x, y, z, w]: [f32; 4]) -> Quaternion<f32> {
+    Quaternion::new(w, x, y, z)
+}
+
+/// The orientation of a quaternion `[x, y, z, w]` of norm 1.
+pub(crate) const fn orientation(xyzw: [f32; 4]) -> UnitQuaternion<f32> {
+    UnitQuaternion::new_unchecked(quaternion(xyzw))
 }
 
 /// The rotation vector [rad], at most π long, that takes one orientation to another, in the axes of the base.
 pub(crate) fn rotation_between(from: &UnitQuaternion<f32>, to: &UnitQuaternion<f32>) -> Vector3<f32> {
     let between = to.quaternion() * from.quaternion().conjugate();
     let between = if between.w < 0.0 { -between } else { between };
-    let sine = sqrt(between.imag().norm_squared());
+    let sine = norm(&between.imag());
     let factor = if sine < 1e-4 { 2.0 } else { 2.0 * atan2(sine, between.w) / sine };
     between.imag() * factor
 }

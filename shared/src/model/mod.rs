@@ -19,8 +19,10 @@ mod validate;
 pub use error::{Field, ModelError, Problem};
 pub(crate) use validate::{AXIS_TOLERANCE, CURRENT_MARGIN, JUMP_FACTOR};
 
+use core::f32::consts::TAU;
+
 use heapless::{String, Vec};
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Matrix3};
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
@@ -100,7 +102,7 @@ pub struct MimicJoint {
 /// Coupling of a joint to a motor: its angle is `multiplier` · angle of a joint with a motor + `offset`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Coupling {
-    /// The joint with a motor, as index into the robot's.
+    /// Index of the joint with a motor, in the list of joints that the owner of the coupling names.
     pub actuated: u8,
     /// Factor; 1 for the joint with the motor itself.
     pub multiplier: f32,
@@ -255,6 +257,14 @@ pub struct Inertial {
     pub inertia: [f32; 6],
 }
 
+impl Inertial {
+    /// The inertia as a matrix.
+    pub(crate) fn tensor(&self) -> Matrix3<f32> {
+        let [ixx, iyy, izz, ixy, ixz, iyz] = self.inertia;
+        Matrix3::new(ixx, ixy, ixz, ixy, iyy, iyz, ixz, iyz, izz)
+    }
+}
+
 /// The drive of a joint: motor, gear, and the current loop in its amplifier.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Motor {
@@ -298,6 +308,14 @@ pub struct Encoder {
     pub zero: i32,
     /// `true` when the count is arbitrary after power-on: the joint must be homed before it can be enabled.
     pub relative: bool,
+}
+
+impl Encoder {
+    /// Change of the angle per count [rad]; negative when the count falls as the angle grows.
+    pub fn radians_per_count(&self) -> f32 {
+        let magnitude = TAU / self.counts_per_turn;
+        if self.reversed { -magnitude } else { magnitude }
+    }
 }
 
 /// Limits of a joint. A command outside them is refused; a measurement outside them is a fault, of the angle

@@ -1,7 +1,5 @@
 use core::f32::consts::TAU;
 
-use nalgebra::Matrix3;
-
 use super::{
     Encoder, Field, ForceSensor, Friction, GAUGE_END, GAUGES, Gauges, Inertial, JointLimits, JointModel,
     MAX_CHAIN_JOINTS, MimicJoint, ModelError, Motor, Problem, RobotModel, Safety, ServoGains,
@@ -199,8 +197,7 @@ impl Inertial {
         check.within(Field::Mass, self.mass, 0.0, MAX_INERTIA)?;
         check.all_within(Field::CenterOfMass, &self.center_of_mass, MAX_LENGTH)?;
         check.all_within(Field::Inertia, &self.inertia, MAX_INERTIA)?;
-        let [ixx, iyy, izz, ixy, ixz, iyz] = self.inertia;
-        let mut tensor = Matrix3::new(ixx, ixy, ixz, ixy, iyy, iyz, ixz, iyz, izz);
+        let mut tensor = self.tensor();
         let trace = tensor.trace();
         // Half the trace minus each principal moment is a second moment of mass, and none can be negative.
         math::diagonalize(&mut tensor);

@@ -84,7 +84,7 @@ impl ForceSensorState {
     /// Checks the last reading.
     fn check(&self, sensor: &ForceSensor, force: &Vector3<f32>, tared: bool) -> Option<Finding> {
         let fault = self.counts_fault(sensor);
-        let size = math::sqrt(force.norm_squared());
+        let size = math::norm(force);
         if fault.is_some() || !tared || size <= sensor.force_limit {
             return fault;
         }

@@ -402,7 +402,7 @@ impl Node {
         let (mut model, mut homed) = (heapless::String::new(), 0);
         if let Some(robot) = self.robot.loaded() {
             model = robot.model().name.clone();
-            for (index, (_, state)) in robot.joints().iter().zip(&self.state.joints).enumerate() {
+            for (index, state) in self.state.joints.iter().take(robot.joints().len()).enumerate() {
                 homed |= u16::from(state.is_homed()) << index;
             }
         }

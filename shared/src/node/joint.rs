@@ -38,7 +38,9 @@ pub(super) struct JointState {
     count: i32,
     /// Change of the angle in the last tick [rad].
     pub change: f32,
-    /// Torque of the last tick, and its part beyond the feed-forward, the effort [N·m].
+    /// Torque of the last tick [N·m], and the effort: of a servo, its part beyond the feed-forward; of a
+    /// joint under [`Actuation::Acceleration`](crate::robot::Actuation), the torque for its acceleration; of
+    /// a damped joint, the damping; 0 of commanded torques.
     pub torque: f32,
     pub effort: f32,
     /// Angle at the last motion and its change in that tick [rad], and the effort then [N·m] (of a damped
@@ -306,7 +308,7 @@ impl Joint<'_> {
         let position = state.angle(self.config, count);
         state.change = position - *self.position;
         *self.position = position;
-        self.config.velocity.update(self.velocity, state.change);
+        self.config.differentiator.update(self.velocity, state.change);
     }
 
     /// Computes the reference of this tick from the target; goals pass the trajectory filter. Returns `false`

@@ -53,11 +53,7 @@ impl Node {
             self.release();
             self.write_torques(&mut frame);
         }
-        frame.enabled = match self.state.mode {
-            Mode::Disabled => false,
-            Mode::Enabled(_) => true,
-            Mode::Fault => self.state.reaction != Reaction::Off,
-        };
+        frame.enabled = matches!(self.state.mode, Mode::Enabled(_)) || self.is_stopping();
         frame
     }
 

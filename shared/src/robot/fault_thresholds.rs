@@ -1,6 +1,5 @@
-use core::f32::consts::TAU;
-
 use crate::TICK;
+use crate::math::abs;
 use crate::model::{CURRENT_MARGIN, JUMP_FACTOR, JointModel};
 
 /// Tolerance of the encoder-jump check for noise [counts].
@@ -19,6 +18,9 @@ const GROWTH_SHARE: f32 = 0.015;
 const HELD_GROWTH_SHARE: f32 = 0.05;
 /// The same for the effort that overcomes stiction.
 const BREAKAWAY_SHARE: f32 = 0.1;
+/// `accelerating_growth`: a multiple of the Coulomb friction plus a share of the largest torque.
+const ACCELERATING_FRICTION: f32 = 10.0;
+const ACCELERATING_SHARE: f32 = 0.01;
 /// Share of `accelerating_growth` above which the ticks that showed a dead encoder still count: a hysteresis.
 pub(crate) const HYSTERESIS_SHARE: f32 = 0.4;
 /// A joint counts as moving from this speed on [rad/s], and from this number of counts per tick, the
@@ -69,10 +71,11 @@ pub(crate) struct FaultThresholds {
 impl FaultThresholds {
     /// Of a joint whose torques are at most `torque` [N·m].
     pub fn new(joint: &JointModel, torque: f32) -> Self {
-        let radians_per_count = TAU / joint.encoder.counts_per_turn;
+        let radians_per_count = abs(joint.encoder.radians_per_count());
         let beyond_friction = |share: f32| 2.0 * joint.friction.coulomb + share * torque;
         let growth = beyond_friction(GROWTH_SHARE);
-        let accelerating_growth = 10.0 * joint.friction.coulomb + 0.01 * torque;
+        let accelerating_growth =
+            ACCELERATING_FRICTION * joint.friction.coulomb + ACCELERATING_SHARE * torque;
         Self {
             current: CURRENT_MARGIN * joint.motor.current_limit / joint.motor.current_resolution,
             min_angle: joint.limits.lower - joint.limits.following_error,

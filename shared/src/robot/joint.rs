@@ -1,5 +1,3 @@
-use core::f32::consts::TAU;
-
 use super::LimitRefusal;
 use super::fault_thresholds::FaultThresholds;
 use crate::TICK;
@@ -30,7 +28,7 @@ pub struct JointConfig {
     pub(crate) amperes_per_count: f32,
     /// Count at angle 0 of an absolute encoder.
     pub(crate) zero: Option<i32>,
-    pub(crate) velocity: PseudoDifferentiator,
+    pub(crate) differentiator: PseudoDifferentiator,
     /// Damping after a fault [N·m·s/rad].
     pub(crate) damping: f32,
     /// Inertia about the axis [kg·m²].
@@ -43,7 +41,6 @@ pub struct JointConfig {
 impl JointConfig {
     /// `damping` is that of the robot after a fault [N·m·s/rad].
     pub(crate) fn new(joint: &JointModel, damping: f32) -> Self {
-        let radians_per_count = TAU / joint.encoder.counts_per_turn;
         let servo = JointServo::new(joint);
         Self {
             damping: damping.min(MAX_DAMPED_SHARE / (servo.acceleration(1.0) * TICK)),
@@ -51,10 +48,10 @@ impl JointConfig {
             thresholds: FaultThresholds::new(joint, servo.torque_limit()),
             servo,
             limits: joint.limits,
-            radians_per_count: if joint.encoder.reversed { -radians_per_count } else { radians_per_count },
+            radians_per_count: joint.encoder.radians_per_count(),
             amperes_per_count: joint.motor.current_resolution,
             zero: (!joint.encoder.relative).then_some(joint.encoder.zero),
-            velocity: PseudoDifferentiator::new(VELOCITY_CUTOFF),
+            differentiator: PseudoDifferentiator::new(VELOCITY_CUTOFF),
             coulomb: joint.friction.coulomb,
         }
     }
@@ -173,7 +170,7 @@ mod tests {
         // Hence the step follows from the change of the angle and the filtered velocity.
         let config = JointConfig::new(&crate::test_support::joint("joint"), 0.1);
         let mut velocity = 2.0;
-        config.velocity.update(&mut velocity, 5.0 * TICK);
+        config.differentiator.update(&mut velocity, 5.0 * TICK);
         assert!(abs(config.velocity_step(5.0 * TICK, velocity) - 3.0) < 1e-5);
     }
 }

@@ -37,7 +37,7 @@ impl Measured {
     }
 
     /// Velocities of these joints [rad/s].
-    pub fn rates(&self, joints: Range<usize>) -> &[f32] {
+    pub fn velocities(&self, joints: Range<usize>) -> &[f32] {
         self.velocities.get(joints).unwrap_or_default()
     }
 
@@ -62,8 +62,8 @@ impl Measured {
 
 /// Torques of the drives beyond the model.
 pub trait Efforts {
-    /// The part of a joint's last torque beyond its feed-forward [N·m]: friction and weight that the model
-    /// lacks, and external forces.
+    /// The part of a joint's last torque that is due to feedback [N·m]: friction and weight that the model
+    /// lacks, and external forces. 0 of commanded torques.
     fn effort(&self, joint: usize) -> f32;
 }
 

@@ -40,7 +40,7 @@ impl MotionLimits {
         target: &MotionTarget<N>,
     ) -> SVector<f32, N> {
         let [of_offset, of_speed] = gains();
-        let distance = math::sqrt(target.offset.norm_squared());
+        let distance = math::norm(&target.offset);
         let approach = of_offset / of_speed;
         let max_speed = math::sqrt(self.acceleration * distance);
         let approach = if approach * distance > max_speed { max_speed / distance } else { approach };
@@ -53,7 +53,7 @@ impl MotionLimits {
     /// From a set-point with `velocity`, the offset of the nearest target that it reaches without overshoot.
     pub(crate) fn way_to_rest<const N: usize>(&self, velocity: &SVector<f32, N>) -> SVector<f32, N> {
         let [of_offset, of_speed] = gains();
-        velocity * math::max(of_speed / of_offset, math::sqrt(velocity.norm_squared()) / self.acceleration)
+        velocity * math::max(of_speed / of_offset, math::norm(velocity) / self.acceleration)
     }
 
     /// The acceleration that brings the set-point to rest.

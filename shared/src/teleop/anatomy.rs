@@ -77,7 +77,7 @@ pub(super) fn infer_links(
         for (link, rotation) in flat.0.iter().enumerate() {
             let bone = fitted[link + 1] - fitted[link];
             prior.mean.0[link + 1] = (rotation.transpose() * bone).into();
-            prior.deviation[link + 1] = ACROSS_DEVIATION + RATIO_DEVIATION * math::sqrt(bone.norm_squared());
+            prior.deviation[link + 1] = ACROSS_DEVIATION + RATIO_DEVIATION * math::norm(&bone);
         }
     }
     Ok(priors)

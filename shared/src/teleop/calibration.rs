@@ -11,7 +11,7 @@
 
 use nalgebra::{SMatrix, SVector, Vector3};
 
-use super::calibration_error::{CalibrationError, FingerMotion, Movement};
+use super::calibration_error::{CalibrationError, FingerMovement, Movement};
 use super::human_hand::{FingerLinks, FingerRotations, HumanFinger};
 use super::joint_movements::{JointMovements, JointRange};
 use crate::OutOfRange;
@@ -26,6 +26,8 @@ pub const MAX_TIP_DEVIATION: f32 = 2e-3;
 /// Prior standard deviation of components that the postures leave undetermined [m]: a component of a link
 /// along a hinge is shorter than a phalanx.
 const UNKNOWN_LINK: f32 = 0.03;
+/// Root of 3, the number of equations of a posture.
+const ROOT_OF_3: f32 = 1.732;
 /// Margin for noise that is larger than stated.
 const NOISE_MARGIN: f32 = 1.5;
 /// Residuals above this many standard deviations are not noise.
@@ -99,7 +101,7 @@ pub struct CalibrationAccuracy {
     /// 50°; end 0, 35, 70°.
     pub tip_deviation: f32,
     /// The movement that would improve it most.
-    pub weakest: FingerMotion,
+    pub weakest: FingerMovement,
 }
 
 /// Prior of a finger's links, known without a marker: mean and standard deviation of each component [m].
@@ -193,14 +195,11 @@ impl FingerCalibration {
     /// A mean that is not finite, or a standard deviation outside 0.1 mm to 0.1 m.
     pub fn add_prior(&mut self, prior: &LinkPrior) -> Result<(), CalibrationError> {
         for (link, (mean, deviation)) in prior.mean.0.iter().zip(prior.deviation).enumerate() {
-            let [min, max] = DEVIATIONS;
-            if !(min..=max).contains(&deviation) {
-                let field = "standard deviation of the prior";
-                return Err(CalibrationError::Setting(OutOfRange { field, value: deviation, min, max }));
-            }
-            if let Some(&value) = mean.iter().find(|x| !x.is_finite()) {
-                let (field, min, max) = ("mean of the prior", f32::MIN, f32::MAX);
-                return Err(CalibrationError::Setting(OutOfRange { field, value, min, max }));
+            OutOfRange::check("standard deviation of the prior", deviation, DEVIATIONS)
+                .map_err(CalibrationError::Setting)?;
+            for value in mean {
+                OutOfRange::check("mean of the prior", *value, [f32::MIN, f32::MAX])
+                    .map_err(CalibrationError::Setting)?;
             }
             // In units of the standard deviation of the postures' equations, that of the noise.
             let weight = self.settings.equation_deviation(&prior.mean) / deviation;
@@ -266,7 +265,7 @@ impl FingerCalibration {
             condition: solution.values[0] / solution.values[last],
             residual: math::sqrt(solution.residual / self.weight.max(1.0)),
             tip_deviation,
-            weakest: FingerMotion { finger, movement: weakest },
+            weakest: FingerMovement { finger, movement: weakest },
         };
         Ok((links, accuracy))
     }
@@ -278,13 +277,13 @@ impl FingerCalibration {
     /// standard deviation exceeds 2 mm, with the movement that the postures lack.
     pub fn solve(&self) -> Result<(FingerLinks, CalibrationAccuracy), CalibrationError> {
         let (links, accuracy) = self.estimate()?;
-        let limit = MAX_RESIDUAL_RATIO * 1.732 * self.settings.equation_deviation(&links);
+        let limit = MAX_RESIDUAL_RATIO * ROOT_OF_3 * self.settings.equation_deviation(&links);
         if accuracy.residual > limit {
             return Err(CalibrationError::Residual { finger: self.finger, value: accuracy.residual, limit });
         }
         if accuracy.tip_deviation > MAX_TIP_DEVIATION {
-            return Err(CalibrationError::MissingMotion {
-                motion: accuracy.weakest,
+            return Err(CalibrationError::MissingMovement {
+                movement: accuracy.weakest,
                 deviation: accuracy.tip_deviation,
                 limit: MAX_TIP_DEVIATION,
             });
@@ -321,7 +320,7 @@ impl FingerCalibration {
 }
 
 pub(super) fn check_marker(finger: HumanFinger, tip: [f32; 3]) -> Result<(), CalibrationError> {
-    let distance = math::sqrt(Vector3::from(tip).norm_squared());
+    let distance = math::norm(&Vector3::from(tip));
     if distance <= 0.4 { Ok(()) } else { Err(CalibrationError::Marker { finger, distance }) }
 }
 

@@ -24,14 +24,14 @@ impl Movement {
 /// A movement of one finger, as an instruction to the operator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct FingerMotion {
+pub struct FingerMovement {
     /// The finger.
     pub finger: HumanFinger,
     /// The movement.
     pub movement: Movement,
 }
 
-impl fmt::Display for FingerMotion {
+impl fmt::Display for FingerMovement {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { finger, movement } = self;
         match (movement, finger) {
@@ -75,9 +75,9 @@ pub enum CalibrationError {
         finger: HumanFinger,
     },
     /// The postures lack a movement, so the tip would be predicted badly.
-    MissingMotion {
+    MissingMovement {
         /// The movement to make.
-        motion: FingerMotion,
+        movement: FingerMovement,
         /// Standard deviation of the predicted tip [m].
         deviation: f32,
         /// Limit [m].
@@ -125,19 +125,17 @@ impl fmt::Display for CalibrationError {
                 "the marker of the {finger} is {distance} m from the back of the hand; at most 0.4 m is a hand's: \
                  give positions in metres in the frame of the back of the hand"
             ),
-            Self::Setting(OutOfRange { field, value, min, max }) => {
-                write!(f, "{field} is {value}; it must be between {min} and {max}")
-            }
+            Self::Setting(number) => number.fmt(f),
             Self::TooFewPostures { finger, postures, min } => {
                 write!(f, "{postures} postures show the marker of the {finger}; at least {min} are needed: add postures")
             }
             Self::PosturesAlike { finger } => {
                 write!(f, "all postures of the {finger} are alike: bend each joint, and spread the fingers")
             }
-            Self::MissingMotion { motion, deviation, limit } => write!(
+            Self::MissingMovement { movement, deviation, limit } => write!(
                 f,
-                "the tip of the {} would be predicted with a standard deviation of {:.1} mm, above {:.1} mm: {motion}",
-                motion.finger,
+                "the tip of the {} would be predicted with a standard deviation of {:.1} mm, above {:.1} mm: {movement}",
+                movement.finger,
                 mm(deviation),
                 mm(limit)
             ),

@@ -117,10 +117,10 @@ fn the_stated_deviation_of_the_tip_is_that_of_its_errors() {
 #[test]
 fn fingers_that_were_not_spread_are_refused_with_that_movement() {
     let error = calibration(case("exact, not spread")).solve().unwrap_err();
-    let CalibrationError::MissingMotion { motion, deviation, .. } = error else { panic!("{error}") };
-    assert_eq!(motion, FingerMotion { finger: HumanFinger::Index, movement: Movement::Spread });
+    let CalibrationError::MissingMovement { movement, deviation, .. } = error else { panic!("{error}") };
+    assert_eq!(movement, FingerMovement { finger: HumanFinger::Index, movement: Movement::Spread });
     assert!(deviation > MAX_TIP_DEVIATION);
-    assert_eq!(motion.to_string(), "spread the index finger sideways");
+    assert_eq!(movement.to_string(), "spread the index finger sideways");
 }
 
 /// A finger whose joints rotate about y, with a base that spreads about z.
@@ -157,8 +157,8 @@ fn each_joint_that_did_not_move_is_named() {
             calibration.add_posture(&rotations, LINKS.tip(&rotations)).unwrap();
         }
         let error = calibration.solve().unwrap_err();
-        let CalibrationError::MissingMotion { motion, .. } = error else { panic!("{error}") };
-        assert_eq!(motion, FingerMotion { finger: HumanFinger::Ring, movement });
+        let CalibrationError::MissingMovement { movement: missing, .. } = error else { panic!("{error}") };
+        assert_eq!(missing, FingerMovement { finger: HumanFinger::Ring, movement });
     }
     let mut calibration = FingerCalibration::try_new(
         HumanFinger::Ring,

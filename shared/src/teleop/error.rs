@@ -72,17 +72,3 @@ impl fmt::Display for FollowerError {
         }
     }
 }
-
-/// A value of [`FollowerSettings`](super::FollowerSettings) outside its limits.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct InvalidFollowerSettings(pub OutOfRange);
-
-impl core::error::Error for InvalidFollowerSettings {}
-
-impl fmt::Display for InvalidFollowerSettings {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self(OutOfRange { field, value, min, max }) = self;
-        write!(f, "{field} is {value}; it must be between {min} and {max}")
-    }
-}

@@ -1,9 +1,9 @@
-use nalgebra::{Quaternion, UnitQuaternion, Vector1, Vector3};
+use nalgebra::{UnitQuaternion, Vector1, Vector3};
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use super::operator_estimate::{OperatorEstimate, PredictedMotion};
-use super::{FollowerError, InvalidFollowerSettings, OperatorModel, Workspace};
+use super::{FollowerError, OperatorModel, Workspace};
 use crate::kinematics::{ElbowSetpoint, PosePoint};
 use crate::math::{self, orientation, rotated_by, rotation_between};
 use crate::signal::{MotionLimits, MotionTarget};
@@ -203,7 +203,7 @@ impl Follower {
     ///
     /// # Errors
     /// The first value outside its limits. Each side of a workspace is 1 mm to 100 m long.
-    pub fn try_new(settings: FollowerSettings) -> Result<Self, InvalidFollowerSettings> {
+    pub fn try_new(settings: FollowerSettings) -> Result<Self, OutOfRange> {
         let models = [&settings.position_model, &settings.rotation_model, &settings.elbow_model];
         let of_models = models.into_iter().flat_map(OperatorModel::settings);
         let limits = [&settings.position_limits, &settings.rotation_limits, &settings.elbow_limits];
@@ -228,7 +228,7 @@ impl Follower {
             sides.map(|(axis, (lower, upper))| (axis, upper - lower, [1e-3, 100.0]))
         });
         for (field, value, range) in of_models.chain(of_limits).chain(others).chain(of_workspace) {
-            OutOfRange::check(field, value, range).map_err(InvalidFollowerSettings)?;
+            OutOfRange::check(field, value, range)?;
         }
         Ok(Self { settings })
     }
@@ -247,8 +247,7 @@ impl Follower {
         if !sample.position.iter().chain(&sample.rotation).all(|number| number.is_finite()) {
             return Err(FollowerError::NotFinite);
         }
-        let [x, y, z, w] = sample.rotation;
-        let rotation = Quaternion::new(w, x, y, z);
+        let rotation = math::quaternion(sample.rotation);
         let norm = math::sqrt(rotation.norm_squared());
         if math::abs(norm - 1.0) > NORM_TOLERANCE {
             return Err(FollowerError::NotUnit { norm });
@@ -256,11 +255,8 @@ impl Follower {
         let rotation = UnitQuaternion::new_unchecked(rotation * (1.0 / norm));
         let position = Vector3::from(sample.position);
         let elapsed = self.time_since_last(now, sample.time, state.hand.map(|hand| hand.time))?;
-        let value = math::sqrt(position.norm_squared());
-        if value > MAX_DISTANCE {
-            let field = "distance of the hand";
-            return Err(FollowerError::OutOfRange(OutOfRange { field, value, min: 0.0, max: MAX_DISTANCE }));
-        }
+        OutOfRange::check("distance of the hand", math::norm(&position), [0.0, MAX_DISTANCE])
+            .map_err(FollowerError::OutOfRange)?;
 
         let estimate = match (state.hand, elapsed) {
             (Some(hand), Some(elapsed)) => self.gate(state, &hand, elapsed, &position, &rotation)?,
@@ -302,10 +298,8 @@ impl Follower {
         }
         let (model, sample) = (&self.settings.elbow_model, Vector1::new(angle));
         let elapsed = self.time_since_last(now, time, state.elbow.map(|elbow| elbow.time))?;
-        if math::abs(angle) > MAX_ELBOW_ANGLE {
-            let (field, min, max) = ("angle of the elbow", -MAX_ELBOW_ANGLE, MAX_ELBOW_ANGLE);
-            return Err(FollowerError::OutOfRange(OutOfRange { field, value: angle, min, max }));
-        }
+        OutOfRange::check("angle of the elbow", angle, [-MAX_ELBOW_ANGLE, MAX_ELBOW_ANGLE])
+            .map_err(FollowerError::OutOfRange)?;
         let mut estimate = OperatorEstimate::new(model, &sample);
         if let (Some(elbow), Some(elapsed)) = (state.elbow, elapsed) {
             let value = math::abs(angle - elbow.angle.predict(elapsed).position.x);
@@ -395,8 +389,8 @@ impl Follower {
         let point = PosePoint {
             position: state.position.into(),
             rotation: state.rotation.coords.into(),
-            velocity: twist(&state.velocity, &state.angular_velocity),
-            acceleration: twist(&acceleration, &angular_acceleration),
+            velocity: math::stack([state.velocity, state.angular_velocity]).into(),
+            acceleration: math::stack([acceleration, angular_acceleration]).into(),
         };
         let elbow = ElbowSetpoint {
             angle: state.elbow_angle.x,
@@ -441,7 +435,7 @@ impl Follower {
         rotation: &UnitQuaternion<f32>,
     ) -> Result<Option<OperatorHand>, FollowerError> {
         let (translation, rotation_vector) = hand.predict(elapsed);
-        let distance = math::sqrt((position - translation.position).norm_squared());
+        let distance = math::norm(&(position - translation.position));
         let angle = math::sqrt(
             rotation_between(&rotated_by(&hand.rotation, &rotation_vector.position), rotation).norm_squared(),
         );
@@ -458,9 +452,4 @@ impl Follower {
             true => Err(FollowerError::Angle { value: angle, limit: max_angle }),
         }
     }
-}
-
-/// The twist `[v; ω]`.
-fn twist(linear: &Vector3<f32>, angular: &Vector3<f32>) -> [f32; 6] {
-    [linear.x, linear.y, linear.z, angular.x, angular.y, angular.z]
 }

@@ -1,6 +1,6 @@
 use core::fmt;
 
-use nalgebra::{Matrix3, Quaternion, SMatrix, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, SMatrix, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::{OutOfRange, math};
@@ -13,6 +13,8 @@ pub const SENSORS: usize = 1 + 3 * HUMAN_FINGERS;
 const MAX_LINK: f32 = 0.3;
 /// Deviation of a quaternion's norm and of a rotation matrix's columns from 1.
 const UNIT_TOLERANCE: f32 = 0.01;
+/// Time in which the estimated velocity of a sensor without samples falls by a factor of e [s].
+const VELOCITY_MEMORY: f32 = 0.05;
 
 /// A finger of the operator's hand.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -146,8 +148,7 @@ impl GloveSample {
                 self.segments[finger as usize].get(usize::from(segment)).copied().flatten()
             }
         };
-        let [x, y, z, w] = given.ok_or(GloveError::Missing(sensor))?;
-        let quaternion = Quaternion::new(w, x, y, z);
+        let quaternion = math::quaternion(given.ok_or(GloveError::Missing(sensor))?);
         let norm = math::sqrt(quaternion.norm_squared());
         if !norm.is_finite() {
             return Err(GloveError::NotFinite(sensor));
@@ -266,7 +267,7 @@ impl HumanHand {
     pub fn try_new(links: [FingerLinks; HUMAN_FINGERS]) -> Result<Self, InvalidLink> {
         for (finger, of_finger) in HumanFinger::ALL.into_iter().zip(&links) {
             for (link, number) in of_finger.0.iter().zip(0..) {
-                let length = math::sqrt(Vector3::from(*link).norm_squared());
+                let length = math::norm(&Vector3::from(*link));
                 let min = if number == 3 { 1e-3 } else { 0.0 };
                 if !(min..=MAX_LINK).contains(&length) {
                     return Err(InvalidLink { finger, link: number, length });
@@ -302,7 +303,7 @@ impl HumanHand {
         }
         let into_back = back.output.inverse();
         // `try_new` made the last link at least 1 mm long.
-        let direction = into_back * last * (1.0 / math::sqrt(last.norm_squared()));
+        let direction = into_back * last * (1.0 / math::norm(&last));
         Ok(Fingertip {
             position: (base + into_back * arm).into(),
             direction: direction.into(),
@@ -424,7 +425,7 @@ impl Tracked {
     fn bridge(&mut self, period: f32, hold: f32) -> bool {
         self.gap += period;
         self.rotation = math::rotated_by(&self.rotation, &(self.velocity * period));
-        self.velocity *= math::exp(-period / 0.05);
+        self.velocity *= math::exp(-period / VELOCITY_MEMORY);
         self.gap <= hold
     }
 }

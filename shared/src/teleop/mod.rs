@@ -108,8 +108,8 @@ mod calibration_tests;
 pub use calibration::{
     CalibrationAccuracy, CalibrationSettings, FingerCalibration, LinkPrior, MAX_TIP_DEVIATION,
 };
-pub use calibration_error::{CalibrationError, FingerMotion, Movement};
-pub use error::{FollowerError, InvalidFollowerSettings};
+pub use calibration_error::{CalibrationError, FingerMovement, Movement};
+pub use error::FollowerError;
 pub use follower::{Follower, FollowerSettings, FollowerState, Instant, MasterSample};
 pub use hand_calibration::HandCalibration;
 pub use human_hand::{

@@ -27,11 +27,11 @@ use crate::model::MAX_JOINTS;
 
 /// Added to the gap between thumb and finger in the weight of the finger, to bound the weight [m].
 const SMALLEST_GAP: f32 = 5e-4;
-/// Maximum number of times that the thumb yields in a frame.
+/// Maximum number of times that the thumb yields in a step.
 const MAX_YIELDS: u8 = 8;
 /// Maximum iterations of the inverse kinematics after the thumb has yielded, which is a small step.
 const YIELD_ITERATIONS: u8 = 3;
-/// [`RetargetState::budget`] with which a frame fits into a control period.
+/// [`RetargetState::budget`] with which a step fits into a control period.
 const NEARBY_BUDGET: u16 = 28;
 /// The thumb yields again only if at least this number of evaluations is left.
 const YIELD_EVALUATIONS: u16 = 10;
@@ -57,7 +57,7 @@ pub struct InvalidFingertip {
     pub finger: u8,
 }
 
-/// Result of a frame of retargeting.
+/// Result of a step of retargeting.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RetargetReport {
     /// Errors at the output angles [m]: target minus tip for the thumb, target minus vector from the thumb's
@@ -74,14 +74,14 @@ pub struct RetargetReport {
 impl RetargetReport {
     /// Distance of a finger from its target [m].
     pub fn distance(&self, finger: usize) -> f32 {
-        self.errors.get(finger).map_or(0.0, |error| math::sqrt(error.norm_squared()))
+        self.errors.get(finger).map_or(0.0, math::norm)
     }
 }
 
 /// State of a [`Retargeting`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Schema)]
 pub struct RetargetState {
-    /// Solution of the last frame [rad]: the next search starts there.
+    /// Solution of the last step [rad]: the next search starts there.
     solution: [f32; MAX_JOINTS],
     /// Last output angles [rad].
     output: [f32; MAX_JOINTS],
@@ -89,9 +89,9 @@ pub struct RetargetState {
     offset: [f32; 3],
     /// Last known position of the operator's thumb [m].
     thumb: Option<[f32; 3]>,
-    /// Whether the multi-start search of the first frame is done, or is skipped.
+    /// Whether the multi-start search of the first step is done, or is skipped.
     begun: bool,
-    /// Maximum number of evaluations of a finger's kinematics in a frame; the next frame continues the
+    /// Maximum number of evaluations of a finger's kinematics in a step; the next step continues the
     /// search.
     budget: u16,
 }
@@ -104,8 +104,8 @@ impl RetargetState {
 }
 
 /// The mapping from an operator's hand to a robot hand of two to five fingers, under settings that
-/// [`RetargetSettings::validate`] accepts. The thumb goes first: of a thumb that moves with other fingers, by
-/// the [shared](Hand::shared) joint, the error is not the reported one.
+/// [`RetargetSettings::validate`] accepts. The thumb is solved first. If it [shares](Hand::shared) a joint with
+/// other fingers, these may move it afterwards, and its reported error is then not the final one.
 #[derive(Clone, Copy, Debug)]
 pub struct Retargeting<'a> {
     /// The hand. Its first finger is the thumb.
@@ -116,7 +116,7 @@ pub struct Retargeting<'a> {
 
 /// A finger's target relative to the thumb.
 #[derive(Clone, Copy)]
-struct Vector {
+struct RelativeTarget {
     /// From the thumb's tip to the finger's [m].
     vector: Vector3<f32>,
     /// Degree of pinch, 0 to 1.
@@ -151,7 +151,7 @@ impl Retargeting<'_> {
     }
 
     /// As [`begin`](Self::begin), but for use within a control period: only the nearest solution is searched,
-    /// and each frame ends after a number of evaluations; the next one continues.
+    /// and each step ends after a number of evaluations; the next one continues.
     pub fn begin_nearby(&self, angles: &Angles, offset: &Vector3<f32>) -> RetargetState {
         RetargetState { begun: true, budget: NEARBY_BUDGET, ..self.begin(angles, offset) }
     }
@@ -199,7 +199,7 @@ impl Retargeting<'_> {
             let enough = round == MAX_YIELDS
                 || report.limited != 0
                 || report.evaluations.saturating_add(YIELD_EVALUATIONS) > state.budget;
-            if enough || math::sqrt(missed.norm_squared()) < YIELD_ERROR {
+            if enough || math::norm(&missed) < YIELD_ERROR {
                 break;
             }
             // Accumulated, so that a thumb at the limit of its reach slides along it.
@@ -226,14 +226,14 @@ impl Retargeting<'_> {
         &self,
         thumb: Option<Vector3<f32>>,
         operator: &OperatorFingertips,
-    ) -> [Option<Vector>; MAX_FINGERS] {
+    ) -> [Option<RelativeTarget>; MAX_FINGERS] {
         let RetargetSettings { scale, near, far, operator_contact, robot_contact, .. } = *self.settings;
         let of_finger = |finger: usize| {
             let follows = usize::from(*self.settings.follows.get(finger)?);
             let weight = *self.settings.weights.get(finger)?;
             let position = (*operator.positions.get(follows)?)?;
             let between = position - thumb?;
-            let length = math::sqrt(between.norm_squared());
+            let length = math::norm(&between);
             let gap = math::clamp(length - operator_contact, 0.0, far);
             // Errors are weighted relative to the gap: millimetres matter where the tips are millimetres
             // apart.
@@ -243,7 +243,7 @@ impl Retargeting<'_> {
             let distance = (scale * length + pinch * (robot_contact - scale * operator_contact)).max(0.0);
             let factor = if length > 1e-6 { distance / length } else { scale };
             let direction = operator.directions.get(follows).copied().flatten();
-            Some(Vector {
+            Some(RelativeTarget {
                 vector: between * factor,
                 pinch,
                 weight: weight * ratio * ratio,
@@ -279,12 +279,12 @@ impl Retargeting<'_> {
         &self,
         state: &mut RetargetState,
         thumb: &Vector3<f32>,
-        vectors: &[Option<Vector>; MAX_FINGERS],
+        vectors: &[Option<RelativeTarget>; MAX_FINGERS],
         options: &HandOptions,
         report: &mut RetargetReport,
     ) -> Vector3<f32> {
         let targets = vectors.map(|vector| {
-            let Vector { vector, weight, direction, .. } = vector?;
+            let RelativeTarget { vector, weight, direction, .. } = vector?;
             Some(FingertipTarget { position: thumb + vector, weight, direction })
         });
         let errors = self.solve(state, &targets, options, report);
@@ -353,7 +353,7 @@ impl Retargeting<'_> {
     fn measure(
         &self,
         state: &RetargetState,
-        vectors: &[Option<Vector>; MAX_FINGERS],
+        vectors: &[Option<RelativeTarget>; MAX_FINGERS],
         report: &mut RetargetReport,
     ) {
         let thumb = self.tip(0, &state.output);

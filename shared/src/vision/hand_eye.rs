@@ -3,7 +3,7 @@ use core::fmt;
 use heapless::Vec;
 
 use super::Circle;
-use crate::math;
+use crate::{OutOfRange, math};
 
 /// Maximum number of rows of a [`HandEyeTable`].
 pub const MAX_HAND_EYE_ROWS: usize = 16;
@@ -45,14 +45,7 @@ pub enum HandEyeError {
         got: usize,
     },
     /// A value that is out of its range.
-    Value {
-        /// Its name.
-        name: &'static str,
-        /// The value.
-        value: f32,
-        /// Minimum and maximum.
-        range: [f32; 2],
-    },
+    Value(OutOfRange),
     /// The radius does not increase from row to row, or the distance does not decrease.
     Order {
         /// Index of the row.
@@ -66,9 +59,7 @@ impl fmt::Display for HandEyeError {
             Self::Rows { got } => {
                 write!(f, "the hand-eye table has {got} rows: it must have 2 to {MAX_HAND_EYE_ROWS}")
             }
-            Self::Value { name, value, range: [min, max] } => {
-                write!(f, "hand-eye table: {name} is {value}; it must be {min} to {max}")
-            }
+            Self::Value(value) => write!(f, "hand-eye table: {value}"),
             Self::Order { row } => write!(
                 f,
                 "row {row} of the hand-eye table: from row to row the radius must grow and the distance shrink"
@@ -92,13 +83,7 @@ impl HandEyeTable {
         [tilt, pan, turn]: [f32; 3],
         rows: &[HandEyeRow],
     ) -> Result<Self, HandEyeError> {
-        let check = |name, value: f32, range: [f32; 2]| {
-            if (range[0]..=range[1]).contains(&value) {
-                Ok(())
-            } else {
-                Err(HandEyeError::Value { name, value, range })
-            }
-        };
+        let check = |name, value, range| OutOfRange::check(name, value, range).map_err(HandEyeError::Value);
         check("the radius of the rose [m]", rose, [0.005, 0.5])?;
         check("the tilt [rad]", tilt, [-1.2, 1.2])?;
         check("the pan [rad]", pan, [-1.2, 1.2])?;
@@ -331,6 +316,9 @@ mod tests {
         let error = HandEyeTable::try_new(0.04, [0.0; 3], &rows[..1]);
         assert_eq!(error, Err(HandEyeError::Rows { got: 1 }));
         let error = HandEyeTable::try_new(f32::NAN, [0.0; 3], &rows);
-        assert!(matches!(error, Err(HandEyeError::Value { name: "the radius of the rose [m]", .. })));
+        assert!(matches!(
+            error,
+            Err(HandEyeError::Value(OutOfRange { field: "the radius of the rose [m]", .. }))
+        ));
     }
 }

@@ -20,8 +20,8 @@ const SAME_RIM: f32 = 0.12;
 /// Minimum score, as a share of the score with the limited contrast on all rays.
 const MIN_SCORE: f32 = 0.12;
 /// Rays of a coarse check, and samples on each.
-const RAYS: usize = 32;
-const PLACES: usize = 64;
+const POLAR_RAYS: usize = 32;
+const POLAR_PLACES: usize = 64;
 /// Minimum number of open rays for a coarse check, and the number that counts as full.
 const FEWEST_RAYS: i32 = 10;
 const MANY_RAYS: i32 = 20;
@@ -36,17 +36,18 @@ struct Polar {
     /// Limit of the contrast.
     max: i32,
     /// Contrasts in sixteenths of a grey level.
-    contrasts: [[i16; PLACES]; RAYS],
+    contrasts: [[i16; POLAR_PLACES]; POLAR_RAYS],
 }
 
 impl Polar {
     fn new(image: &Image<'_>, knob: &Ellipse, to: f32, noise: f32) -> Self {
         let from = 1.03 * knob.radius + 1.5;
-        let unit = ((to - from) / (PLACES - 1) as f32).max(1.0);
+        let unit = ((to - from) / (POLAR_PLACES - 1) as f32).max(1.0);
         let max = (3.0 * 16.0 * min_contrast(noise)) as i32;
-        let mut polar = Self { center: knob.center, from, unit, max, contrasts: [[UNSEEN; PLACES]; RAYS] };
-        let count = (((to - from) / unit) as usize + 2).min(PLACES);
-        for (&[u, v], row) in directions(RAYS).iter().zip(&mut polar.contrasts) {
+        let mut polar =
+            Self { center: knob.center, from, unit, max, contrasts: [[UNSEEN; POLAR_PLACES]; POLAR_RAYS] };
+        let count = (((to - from) / unit) as usize + 2).min(POLAR_PLACES);
+        for (&[u, v], row) in directions(POLAR_RAYS).iter().zip(&mut polar.contrasts) {
             let at = |distance: f32| [knob.center[0] + distance * u, knob.center[1] + distance * v];
             let [mut x, mut y] = at(from - 1.5).map(Image::fixed);
             let [dx, dy] = [unit * u, unit * v].map(Image::fixed);
@@ -70,10 +71,10 @@ impl Polar {
     }
 
     /// Displacement of a circle about `center` along each ray.
-    fn shifts(&self, center: [f32; 2]) -> [f32; RAYS] {
+    fn shifts(&self, center: [f32; 2]) -> [f32; POLAR_RAYS] {
         let [ox, oy] = [center[0] - self.center[0], center[1] - self.center[1]];
-        let mut shifts = [0.0; RAYS];
-        for (shift, [u, v]) in shifts.iter_mut().zip(directions(RAYS)) {
+        let mut shifts = [0.0; POLAR_RAYS];
+        for (shift, [u, v]) in shifts.iter_mut().zip(directions(POLAR_RAYS)) {
             *shift = ox * u + oy * v;
         }
         shifts
@@ -82,7 +83,7 @@ impl Polar {
     /// How well an edge follows the part of a circle that the knob does not hide, 0 to 1: the common contrast
     /// of neighbouring rays. `shifts` are the displacements by its centre, `away` is the distance of the
     /// centre.
-    fn score(&self, shifts: &[f32; RAYS], away: f32, radius: f32) -> f32 {
+    fn score(&self, shifts: &[f32; POLAR_RAYS], away: f32, radius: f32) -> f32 {
         let rest = radius * radius - away * away;
         let scale = 1.0 / self.unit;
         let places = shifts.map(|shift| {

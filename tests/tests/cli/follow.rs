@@ -427,7 +427,7 @@ fn what_cannot_be_followed_is_refused_before_anything_is_enabled() {
     refused(&["--from", "udp://127.0.0.1:0"], 2, &["port 0 is none"]);
     refused(&["--from", "udp://0.0.0.0:7600"], 2, &["0.0.0.0 is reachable from other machines"]);
     refused(&["--from", "udp://127.0.0.1"], 2, &["expected udp://127.0.0.1:PORT"]);
-    refused(&["--scale", "0"], 2, &["scale is 0; it must be between 0.001 and 100"]);
+    refused(&["--scale", "0"], 2, &["scale is 0; it must be 0.001 to 100"]);
     refused(&["--workspace", "0,1,0"], 2, &["is not a box"]);
     refused(
         &["--workspace", "1,0,0,1,0,1"],

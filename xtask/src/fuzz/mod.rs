@@ -8,6 +8,7 @@ use std::process::Command;
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
+use clap::builder::PossibleValuesParser;
 use tesaki_output::say;
 
 use crate::commit::{FUZZER, commit};
@@ -34,6 +35,8 @@ const CRATE: &str = "tests/fuzz";
 const INSTRUMENTATION: &str = "-Cpasses=sancov-module -Cllvm-args=-sanitizer-coverage-level=4 \
      -Cllvm-args=-sanitizer-coverage-inline-8bit-counters -Cllvm-args=-sanitizer-coverage-pc-table \
      -Csymbol-mangling-version=v0";
+/// The targets in `tests/fuzz`, which the program lists as well.
+const TARGETS: [&str; 5] = ["codec", "node", "robot", "files", "recording"];
 /// Longest time for one input [s].
 const TIMEOUT: u32 = 10;
 
@@ -41,7 +44,8 @@ const TIMEOUT: u32 = 10;
 #[derive(Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Options {
-    /// Targets: codec, node, robot, files, recording; without one, all
+    /// Targets; without one, all
+    #[arg(value_parser = PossibleValuesParser::new(TARGETS))]
     targets: Vec<String>,
     /// Time for each target
     #[arg(long, default_value_t = 60)]
@@ -56,9 +60,7 @@ pub fn run(options: &Options) -> Result<()> {
     let fuzzer = Fuzzer::build()?;
     let known = fuzzer.targets()?;
     let names: Vec<&String> = known.iter().map(|target| &target.name).collect();
-    for name in &options.targets {
-        ensure!(names.contains(&name), "there is no target {name}; the targets are {names:?}");
-    }
+    ensure!(names == TARGETS, "the program has the targets {names:?}, cargo xtask fuzz {TARGETS:?}");
     let chosen = |target: &&Target| options.targets.is_empty() || options.targets.contains(&target.name);
     let mut crashed = Vec::new();
     for target in known.iter().filter(chosen) {

@@ -63,7 +63,7 @@ impl GraspState {
         fingers: &Fingers<'_>,
     ) -> HandOutput {
         let obstacle = (0..).zip(&fingers.forces).find_map(|(finger, force)| {
-            let force = math::sqrt(force.norm_squared());
+            let force = math::norm(force);
             (force > OBSTACLE_FACTOR * plan.touch_force).then_some(Failure::Obstructed { finger, force })
         });
         if let Some(failure) = obstacle {
@@ -100,7 +100,7 @@ impl GraspState {
             let normal = Vector3::from(contact.normal);
             if !path.in_contact {
                 let pushes = normal.dot(force) > plan.touch_force;
-                path.contact_ticks = if pushes { path.contact_ticks + 1 } else { 0 };
+                path.contact_ticks = if pushes { path.contact_ticks.saturating_add(1) } else { 0 };
                 path.in_contact = path.contact_ticks >= TOUCH_TICKS;
                 path.end = if path.in_contact {
                     // It stops here and presses no harder.

@@ -123,8 +123,7 @@ impl GraspState {
             known_load: match plan.load {
                 LoadSource::Constant { mass } => {
                     let mass = if is_held { mass } else { 0.0 };
-                    let [x, y, z]: [f32; 3] = (-hand.gravity * mass).into();
-                    Some(Vector6::new(x, y, z, 0.0, 0.0, 0.0))
+                    Some(math::stack([-hand.gravity * mass, Vector3::zeros()]))
                 }
                 LoadSource::Measured => None,
             },

@@ -42,7 +42,7 @@ impl GraspState {
             return Err(GraspFault::Deformed { distance, limit: MAX_DEFORMATION });
         }
         let error = object.translation.vector - self.trajectory.point().frame.translation.vector;
-        let distance = math::sqrt(error.norm_squared());
+        let distance = math::norm(&error);
         if distance > MAX_DISPLACEMENT {
             return Err(GraspFault::Displaced { distance, limit: MAX_DISPLACEMENT });
         }
@@ -210,6 +210,6 @@ pub(super) fn weight_on_fingers(hand: &GraspHand<'_>, &[x, y, z, ..]: &[f32; 6])
 /// Unit vector of gravity; 0 without gravity.
 #[inline(never)]
 fn down(hand: &GraspHand<'_>) -> Vector3<f32> {
-    let norm = math::sqrt(hand.gravity.norm_squared());
+    let norm = math::norm(hand.gravity);
     if norm > 0.0 { hand.gravity / norm } else { Vector3::zeros() }
 }

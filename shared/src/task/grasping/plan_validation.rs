@@ -66,10 +66,8 @@ impl GraspPlan {
                 // The friction is at most this, if it is probed.
                 let friction = self.friction.unwrap_or(MAX_FRICTION);
                 let holds = |(contact, force): (&Contact, &[f32])| {
-                    let force = Vector3::from_column_slice(force);
-                    let normal = contact.normal().dot(&force);
-                    let tangential = force - contact.normal() * normal;
-                    normal >= 0.0 && tangential.norm_squared() <= friction * friction * normal * normal
+                    let (normal, tangential) = contact.components(&Vector3::from_column_slice(force));
+                    normal >= 0.0 && tangential <= friction * normal
                 };
                 let mut pressed = map.contacts().iter().zip(forces.as_slice().chunks_exact(3));
                 if pressed.all(holds) { Ok(()) } else { Err(InvalidPlan::CannotGrip) }

@@ -89,7 +89,7 @@ impl<'a> Fingers<'a> {
     /// Distance between fingertips 1 and 2 [m].
     pub fn width(&self) -> f32 {
         let [one, two, _] = self.tips;
-        math::sqrt((two - one).norm_squared())
+        math::norm(&(two - one))
     }
 }
 
@@ -240,7 +240,7 @@ impl GraspState {
             zip((0.., &hand.fingers, &mut plan.contacts, &mut tip_paths, &self.reference))
         {
             let normal = Vector3::from(contact.normal);
-            let normal = normal / math::sqrt(normal.norm_squared());
+            let normal = normal / math::norm(&normal);
             contact.normal = normal.into();
             let at_contact = Vector3::from(contact.position) - normal * finger.radius;
             let before = at_contact - normal * plan.clearance;
@@ -249,7 +249,7 @@ impl GraspState {
                 reach(index, finger, &position, reference)?;
             }
             let start = finger.chain.posture(reference).tip().translation.vector;
-            let length = math::sqrt((before - start).norm_squared());
+            let length = math::norm(&(before - start));
             max_length = if length > max_length { length } else { max_length };
             *path = TipPath::between(start, before);
         }
@@ -285,11 +285,10 @@ impl GraspState {
             Rotation3::from_matrix_unchecked(math::rotation_matrix(&rotation) * origin.rotation.matrix()),
         );
         let start = self.trajectory.point().frame;
-        let [distance, angle] =
-            math::displacement(&start, &target).map(|vector| math::sqrt(vector.norm_squared()));
+        let [distance, angle] = math::displacement(&start, &target).map(|vector| math::norm(&vector));
         for (value, limit) in [(distance, MAX_SPEED), (angle, MAX_ANGULAR_SPEED)] {
             let value = MINIMUM_JERK_PEAK * value / duration;
-            if value > limit {
+            if value.is_nan() || value > limit {
                 return Err(GraspRefusal::TooFast { value, limit });
             }
         }

@@ -92,7 +92,7 @@ impl Tracker {
             let gain = CENTER_FILTER_GAIN;
             *center = (Vector3::from(*center) * (1.0 - gain) + measured * gain).into();
             *anchor = (Vector3::from(*anchor) + error * ANCHOR_LEAKAGE).into();
-            *distance = math::sqrt(error.norm_squared());
+            *distance = math::norm(&error);
         }
         self.object = (&object).into();
         Ok(object)
@@ -148,7 +148,7 @@ impl Tracker {
 
 /// Sides of the triangle [m]; each opposite its finger.
 fn sides([one, two, three]: &PerFinger<Vector3<f32>>) -> PerFinger<f32> {
-    [two - three, one - three, one - two].map(|side| math::sqrt(side.norm_squared()))
+    [two - three, one - three, one - two].map(|side| math::norm(&side))
 }
 
 #[cfg(test)]

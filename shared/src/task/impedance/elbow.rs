@@ -30,7 +30,7 @@ impl ArmAngle {
         let (shoulder, elbow, wrist) = (shoulder?.1, elbow?.1, wrist?.1);
         posture.joint(MAX_CHAIN_JOINTS - 1)?;
         let (to_wrist, to_elbow) = (wrist - shoulder, elbow - shoulder);
-        let length = math::sqrt(to_wrist.norm_squared());
+        let length = math::norm(&to_wrist);
         let axis = to_wrist / length;
         // Components of elbow position and gravity perpendicular to the line.
         let along = axis.dot(&to_elbow);
@@ -42,7 +42,7 @@ impl ArmAngle {
             return None;
         }
         let angle = math::atan2(axis.dot(&vertical.cross(&offset)), vertical.dot(&offset));
-        let distance = math::sqrt(offset.norm_squared());
+        let distance = math::norm(&offset);
         let distance = if distance > MIN_ELBOW_OFFSET { distance } else { MIN_ELBOW_OFFSET };
         // Gradients of the angle by the positions of elbow and wrist. A motion of the wrist rotates the line,
         // and with it the vertical plane.

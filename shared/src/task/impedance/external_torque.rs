@@ -101,7 +101,7 @@ impl ExternalTorqueEstimate {
             *residual += gain * (required - 0.5 * (this + last) - *residual);
         }
         if !self.tared {
-            self.rest_ticks = if at_rest { self.rest_ticks + 1 } else { 0 };
+            self.rest_ticks = if at_rest { self.rest_ticks.saturating_add(1) } else { 0 };
             self.tared = self.rest_ticks >= REST_TICKS;
             self.tare();
         }

@@ -47,7 +47,7 @@ impl Resolver {
         let factors = Ldlt::new(&gram, MIN_PIVOT);
         // Inverse iteration on J Jᵀ.
         let next = factors.solve(left_singular_vector);
-        let size = math::sqrt(next.norm_squared());
+        let size = math::norm(&next);
         if size.is_finite() && size > 0.0 {
             let square = 1.0 / size - damping;
             *left_singular_vector = next / size;

@@ -72,7 +72,7 @@ pub(super) fn check_deviation(
     settings: &ImpedanceSettings,
 ) -> Result<(), SetpointError> {
     let [max_distance, max_angle] = settings.max_deviation;
-    let [distance, angle] = math::halves(error).map(|half| math::sqrt(half.norm_squared()));
+    let [distance, angle] = math::halves(error).map(|half| math::norm(&half));
     if distance.is_nan() || distance > max_distance {
         return Err(SetpointError::Distance { value: distance, limit: max_distance });
     }

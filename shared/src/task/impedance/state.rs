@@ -546,7 +546,7 @@ impl ImpedanceState {
 /// press and let go again and again.
 fn beyond_contact_force(settings: &ImpedanceSettings, wrench: &Vector6<f32>) -> Vector6<f32> {
     let Law::ModelFollowing = settings.law else { return *wrench };
-    let force = math::sqrt(wrench.fixed_rows::<3>(0).norm_squared());
+    let force = math::norm(&wrench.fixed_rows::<3>(0));
     wrench * if force > settings.contact_force { 1.0 - settings.contact_force / force } else { 0.0 }
 }
 

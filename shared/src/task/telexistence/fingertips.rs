@@ -1,9 +1,10 @@
 //! The operator's fingertips between samples.
 
+use nalgebra::Vector3;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-use super::{TelexistenceRefusal, vector};
+use super::TelexistenceRefusal;
 use crate::TICK;
 use crate::kinematics::MAX_FINGERS;
 use crate::math::abs;
@@ -49,9 +50,9 @@ impl FingertipSample {
         }
         for (finger, tip) in (0..).zip(&self.tips) {
             let Some(tip) = tip else { continue };
-            let valid = is_near(&vector(&tip.position))
+            let valid = is_near(&tip.position.into())
                 && tip.velocity.iter().all(|value| abs(*value) <= MAX_VELOCITY)
-                && tip.direction.is_none_or(|direction| is_unit(&vector(&direction)));
+                && tip.direction.is_none_or(|direction| is_unit(&Vector3::from(direction)));
             if !valid {
                 return Err(TelexistenceRefusal::Fingertip { finger });
             }
@@ -123,9 +124,9 @@ impl Fingertips {
         for ((position, direction), tip) in places.zip(&self.tips) {
             let Some(TipMeasurement { point, age }) = tip else { continue };
             let ahead = age.min(MAX_EXTRAPOLATION);
-            let place = vector(&point.position) + vector(&point.velocity) * ahead;
+            let place = Vector3::from(point.position) + Vector3::from(point.velocity) * ahead;
             *position = Some(place.map(|value| crate::math::clamp(value, -MAX_COORDINATE, MAX_COORDINATE)));
-            *direction = point.direction.map(|direction| vector(&direction));
+            *direction = point.direction.map(Vector3::from);
         }
         present
     }

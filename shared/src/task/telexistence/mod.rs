@@ -16,7 +16,7 @@ mod settings;
 
 use core::fmt;
 
-use nalgebra::{Vector1, Vector3};
+use nalgebra::Vector1;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
@@ -299,9 +299,4 @@ fn next(
     let [down, up] = point.stopping_speeds([lower, upper], limits.acceleration);
     point.acceleration = (math::clamp(now + desired * TICK, -down, up) - now) / TICK;
     point
-}
-
-/// Converts a vector from the wire.
-fn vector(values: &[f32; 3]) -> Vector3<f32> {
-    Vector3::from(*values)
 }

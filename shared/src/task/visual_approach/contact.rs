@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::reference::GuidedArm;
 use crate::TICK;
 use crate::kinematics::Posture;
-use crate::math::{Ldlt, sqrt};
+use crate::math::{Ldlt, norm};
 use crate::model::MAX_CHAIN_JOINTS;
 use crate::robot::Efforts;
 
@@ -119,7 +119,7 @@ impl ContactEstimate {
             Learning::Moving | Learning::Unloaded | Learning::Nothing => return force,
         };
         let learnt = learnt + force * (TICK / time);
-        let size = sqrt(learnt.norm_squared());
+        let size = norm(&learnt);
         let max = LEARNABLE * limit;
         self.learnt = if size > max { learnt * (max / size) } else { learnt }.into();
         force

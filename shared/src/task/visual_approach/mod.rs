@@ -225,7 +225,7 @@ impl Task for VisualApproach {
         let speed = self.motion.speed(self.speed, &sense);
         let limits = MotionLimits { speed, acceleration: self.settings.acceleration };
         let mut points = *io.references;
-        let step = arm.advance(io.references, &mut points, &target, &limits);
+        let step = arm.advance(&mut points, &target, &limits);
         let hand = measured.tip().translation.vector;
         self.motion.measure(&hand);
         if self.has_moved && self.motion.supervise(&step, &hand, &force, &sense, limit) {

@@ -8,7 +8,7 @@ use super::contact::Sense;
 use super::reference::Step;
 use super::{HandMotion, MIN_SPEED, VisualApproachRefusal};
 use crate::TICK;
-use crate::math::sqrt;
+use crate::math::norm;
 
 /// The reference has arrived within this distance [m].
 const ARRIVED: f32 = 5e-4;
@@ -80,7 +80,7 @@ impl MotionState {
             return Err(VisualApproachRefusal::Blocked { ahead });
         }
         let way = target - place;
-        let distance = sqrt(way.norm_squared());
+        let distance = norm(&way);
         if self.is_ended || self.motion == HandMotion::Standing && distance > ARRIVED {
             (self.motion, self.is_ended, self.rest.1) = (HandMotion::Moving, false, 0.0);
             self.direction = if distance > ARRIVED { (way / distance).into() } else { [0.0; 3] };
@@ -103,7 +103,7 @@ impl MotionState {
 
     /// Updates the way of the measured `hand` [m] to its target.
     pub fn measure(&mut self, hand: &Vector3<f32>) {
-        self.remaining = sqrt((Vector3::from(self.target) - hand).norm_squared());
+        self.remaining = norm(&(Vector3::from(self.target) - hand));
     }
 
     /// Whether the hand waits for a target after its motion was ended.
@@ -151,7 +151,7 @@ impl MotionState {
         if self.is_ended {
             return false;
         }
-        let speed = sqrt(step.velocity.norm_squared());
+        let speed = norm(&step.velocity);
         if speed > SLOWEST {
             self.direction = (step.velocity / speed).into();
         }

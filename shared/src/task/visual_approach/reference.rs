@@ -84,7 +84,6 @@ impl<'a> GuidedArm<'a> {
     /// Moves the joints' references for one period towards `target`.
     pub fn advance(
         &self,
-        references: &[JointPoint; MAX_JOINTS],
         points: &mut [JointPoint; MAX_JOINTS],
         target: &Isometry3<f32>,
         limits: &MotionLimits,
@@ -92,10 +91,8 @@ impl<'a> GuidedArm<'a> {
         let mut angles = [0.0; MAX_JOINTS];
         let mut now: Velocities = [0.0; MAX_CHAIN_JOINTS];
         for (index, own) in self.indices() {
-            let (Some(reference), Some(point)) = (references.get(index), points.get_mut(index)) else {
-                continue;
-            };
-            *point = reference.next();
+            let Some(point) = points.get_mut(index) else { continue };
+            *point = point.next();
             (angles[index], now[own]) = (point.position, point.velocity);
         }
         let posture = self.posture(&angles);
@@ -108,11 +105,7 @@ impl<'a> GuidedArm<'a> {
             point.acceleration = (next[own] - now[own]) / TICK;
         }
         let way = target.translation.vector - posture.tip().translation.vector;
-        Step {
-            velocity: twist.fixed_rows::<3>(0).into_owned(),
-            remaining: math::sqrt(way.norm_squared()),
-            limited,
-        }
+        Step { velocity: twist.fixed_rows::<3>(0).into_owned(), remaining: math::norm(&way), limited }
     }
 
     /// Sets the references to the measured angles, at rest: the servos brake as hard as they can and stop
@@ -135,7 +128,7 @@ impl<'a> GuidedArm<'a> {
         let axis: Vector3<f32> = column.fixed_rows::<3>(3).into_owned();
         let approach = posture.tip().rotation * Vector3::z();
         let offset: Vector3<f32> = column.fixed_rows::<3>(0).into_owned();
-        [axis.cross(&approach), offset].map(|error| math::sqrt(error.norm_squared()))
+        [axis.cross(&approach), offset].map(|error| math::norm(&error))
     }
 
     /// Computes joint velocities for a `twist` of the hand by the damped inverse of the Jacobian, within the
@@ -204,7 +197,7 @@ fn desired_twist(
         acceleration: Vector3::zeros(),
     };
     // A speed limit below the present speed is reached by braking.
-    let speed = math::sqrt(velocity.norm_squared()) - limits.acceleration * TICK;
+    let speed = math::norm(&velocity) - limits.acceleration * TICK;
     let limits = MotionLimits { speed: limits.speed.max(speed), ..*limits };
     let linear = velocity + limits.acceleration(&velocity, &motion) * TICK;
     let error = target.rotation.to_rotation_matrix().matrix() * tip.rotation.matrix().transpose();

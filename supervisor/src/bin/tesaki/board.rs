@@ -298,9 +298,9 @@ pub fn faults(options: &Options, clear: bool) -> Result<(), Failure> {
         if dropped > 0 {
             let _ = writeln!(text, "no longer stored: {dropped}, older ones or stops before a further stop");
         }
-        let faults = if log.total == 1 { "fault" } else { "faults" };
+        let faults = words::counted(log.total as usize, "fault");
         let mode = words::mode(mode, outputs);
-        let _ = write!(text, "{} {faults} since power-on. The board is {mode}.", log.total);
+        let _ = write!(text, "{faults} since power-on. The board is {mode}.");
         for entry in
             log.faults.iter().map(|fault| troubleshooting::fault(fault.cause)).collect::<BTreeSet<_>>()
         {

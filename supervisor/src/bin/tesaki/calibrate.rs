@@ -97,7 +97,7 @@ fn refused(error: &CalibrationError, proportions: bool) -> Failure {
         {
             "; or give --proportions to infer fingers without marker"
         }
-        CalibrationError::MissingMotion { .. } => "; add postures that do",
+        CalibrationError::MissingMovement { .. } => "; add postures that do",
         _ => "",
     };
     Failure::Other(format!("not calibrated: {error}{hint}"))

@@ -16,6 +16,7 @@ use tesaki_description::retargeting::{self, RetargetingSettings};
 use tesaki_description::robot::RobotFolder;
 use tesaki_description::urdf::{SerialPath, Urdf, UrdfError};
 use tesaki_description::{FileError, approach, camera, grasp, hand_eye, impedance, law, object, read_text};
+use tesaki_supervisor::words;
 
 use crate::args::Options;
 use crate::failure::Failure;
@@ -216,14 +217,13 @@ fn summary(folder: &RobotFolder) -> Vec<String> {
             ));
         }
     }
-    let chains = if model.chains.len() == 1 { "chain" } else { "chains" };
     let mimics = match model.mimics.len() {
         0 => String::new(),
-        1 => " and 1 mimic joint".to_owned(),
-        count => format!(" and {count} mimic joints"),
+        count => format!(" and {}", words::counted(count, "mimic joint")),
     };
-    let (joints, count) = (model.joints.len(), model.chains.len());
-    lines.push(format!("{}: {joints} joints{mimics} in {count} {chains}", model.name));
+    let joints = words::counted(model.joints.len(), "joint");
+    let chains = words::counted(model.chains.len(), "chain");
+    lines.push(format!("{}: {joints}{mimics} in {chains}", model.name));
     lines.extend(no_fingertip_control(model));
     lines
 }

@@ -8,7 +8,7 @@ use tesaki_description::calibration::Calibration;
 use tesaki_description::finding::{Finding, Matter, Severity};
 use tesaki_description::read_text;
 use tesaki_description::robot::{RobotFolder, chain_model};
-use tesaki_supervisor::{Board as _, BoardError};
+use tesaki_supervisor::{Board as _, BoardError, words};
 
 use crate::args::Options;
 use crate::board_session::{BoardSession, notice_unhomed, notice_untared};
@@ -94,7 +94,8 @@ pub fn push(
                 format!(", with the values of the robot's folder where the calibration has none: {missing}")
             }
         };
-        format!("{name}: {joints} joints{calibrated}; model {checksum} is in use until the next reset")
+        let joints = words::counted(joints, "joint");
+        format!("{name}: {joints}{calibrated}; model {checksum} is in use until the next reset")
     })?;
     for warning in &warnings {
         output::notice(options, &format!("warning: {warning}"));

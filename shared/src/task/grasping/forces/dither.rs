@@ -69,12 +69,8 @@ impl Forces {
     ) -> f32 {
         let friction = DITHER_FRICTION_FRACTION * self.friction;
         for (contact, force, directions) in zip((contacts, &self.base, directions)) {
-            let components = |force: &Vector3<f32>| {
-                let normal = contact.normal().dot(force);
-                (normal, math::sqrt((force - contact.normal() * normal).norm_squared()))
-            };
-            let (normal, tangential) = components(&Vector3::from(*force));
-            let [one, other] = directions.each_ref().map(components);
+            let (normal, tangential) = contact.components(&Vector3::from(*force));
+            let [one, other] = directions.each_ref().map(|force| contact.components(force));
             // The worst case: both at their peaks, and all tangential parts aligned.
             let (normal_rate, tangential_rate) = (abs(one.0) + abs(other.0), one.1 + other.1);
             max = limit_scale(max, normal_rate, contact.limit() - normal);
@@ -101,7 +97,7 @@ pub(super) fn tangential_directions(contacts: &[Contact]) -> PerFinger<[Vector3<
     let [one, two, three] = contacts else { return [[Vector3::zeros(); 2]; 3] };
     let unit = |from: &Contact, to: &Contact| {
         let difference = to.position() - from.position();
-        difference / math::sqrt(difference.norm_squared())
+        difference / math::norm(&difference)
     };
     let (e12, e13, e23) = (unit(one, two), unit(one, three), unit(two, three));
     [[e12, e13], [-e12, -e23], [Vector3::zeros(), e23 - e13]]

@@ -71,8 +71,7 @@ impl Forces {
             &mut self.anchor_errors,
         ));
         for ((contact, force), &error, ratio, excess, previous_error) in fingers {
-            let normal = contact.normal().dot(force);
-            let tangential = math::sqrt((force - contact.normal() * normal).norm_squared());
+            let (normal, tangential) = contact.components(force);
             let too_weak = normal < MIN_NORMAL_FORCE;
             let reading = if too_weak { 0.0 } else { tangential / normal };
             *ratio += CONTACT_FILTER_GAIN * (reading - *ratio);

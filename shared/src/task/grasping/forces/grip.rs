@@ -86,7 +86,7 @@ impl Forces {
                 // Internal forces prepare for the anticipated part of the load; they do not balance it.
                 inverse.project_to_null_space(&mut forces);
                 self.base = forces.map(Into::into);
-                self.base_load = math::sqrt(load.norm_squared());
+                self.base_load = math::norm(load);
             }
             Ok(Err(GripError::CannotHold(_) | GripError::Limit { .. })) => self.overloaded = true,
             // During a search, and at the boundary of the feasible set, the last forces are kept.
@@ -104,7 +104,7 @@ impl Forces {
         // An infeasible load gets the largest grip within the limits.
         let mut scale = if self.overloaded { f32::MAX } else { 1.0 + self.slip_grip };
         let magnitude = math::sqrt(self.base.map(Vector3::from).iter().map(Vector3::norm_squared).sum());
-        let load = math::sqrt(load.norm_squared());
+        let load = math::norm(load);
         if load > self.base_load && magnitude > f32::MIN_POSITIVE {
             // The solution was for a smaller load.
             let unit = if magnitude > self.base_load { magnitude } else { self.base_load };

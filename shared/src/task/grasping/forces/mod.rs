@@ -159,10 +159,7 @@ impl ForceInputs<'_> {
     ) -> f32 {
         let mut scale = max_scale;
         for (contact, force) in self.map.contacts().iter().zip(forces) {
-            let normal = contact.normal().dot(force);
-            if normal * scale > contact.limit() {
-                scale = contact.limit() / normal;
-            }
+            scale = limit_scale(scale, contact.normal().dot(force), contact.limit());
         }
         self.torque_scale(forces, load_torques, scale)
     }
@@ -180,10 +177,7 @@ impl ForceInputs<'_> {
             for (&load_torque, &torque, &limit) in zip((load_torques, torques, limits)) {
                 // Headroom in the direction of the added torque.
                 let headroom = limit - if torque > 0.0 { load_torque } else { -load_torque };
-                let headroom = if headroom > 0.0 { headroom } else { 0.0 };
-                if abs(torque) * scale > headroom {
-                    scale = headroom / abs(torque);
-                }
+                scale = limit_scale(scale, abs(torque), headroom);
             }
         }
         scale

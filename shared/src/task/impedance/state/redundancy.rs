@@ -25,15 +25,15 @@ impl ImpedanceState {
         tool: &Vector6<f32>,
     ) -> JointVector {
         let velocities = JointVector::from(self.velocities);
-        let arm_angle = match settings.redundancy {
-            Redundancy::ArmAngle => ArmAngle::of(posture, arm.gravity),
-            _ => None,
-        };
-        if let (Some(ArmAngle { angle, .. }), true) = (&arm_angle, self.arm_angle_undefined) {
-            // Defined again: the elbow holds this angle until the next set-point.
-            self.elbow_setpoint = ElbowSetpoint { angle: *angle, ..ElbowSetpoint::default() };
+        let mut arm_angle = None;
+        if settings.redundancy == Redundancy::ArmAngle {
+            arm_angle = ArmAngle::of(posture, arm.gravity);
+            if let (Some(ArmAngle { angle, .. }), true) = (&arm_angle, self.arm_angle_undefined) {
+                // Defined again: the elbow holds this angle until the next set-point.
+                self.elbow_setpoint = ElbowSetpoint { angle: *angle, ..ElbowSetpoint::default() };
+            }
+            self.arm_angle_undefined = arm_angle.is_none();
         }
-        self.arm_angle_undefined = arm_angle.is_none();
         if let Some(joint) = driven_joint(settings.redundancy) {
             let state = self.angles.get(joint).zip(self.velocities.get(joint));
             let (&angle, &velocity) = state.unwrap_or((&0.0, &0.0));
@@ -98,8 +98,9 @@ impl ImpedanceState {
 
     /// Sets the elbow's set-point to its angle in `posture`, at rest.
     pub(in super::super) fn hold_elbow(&mut self, arm: &Arm<'_>, posture: &Posture) {
-        let angle = self.elbow_angle(arm, posture, &self.angles).unwrap_or(0.0);
-        self.elbow_setpoint = ElbowSetpoint { angle, ..ElbowSetpoint::default() };
+        let angle = self.elbow_angle(arm, posture, &self.angles);
+        self.arm_angle_undefined = self.settings.redundancy == Redundancy::ArmAngle && angle.is_none();
+        self.elbow_setpoint = ElbowSetpoint { angle: angle.unwrap_or(0.0), ..ElbowSetpoint::default() };
     }
 
     /// Finds the smallest singular value by inverse iteration; each tick then adds one step.

@@ -8,9 +8,8 @@ use super::super::contact::own_mass;
 use super::super::redundancy::JointVector;
 use super::super::response::respond;
 use super::super::setpoint::{at_rest, check_point, pose_error};
-use super::super::settings::Redundancy;
 use super::super::tuning::{RELEASE_ANGULAR_SPEED, RELEASE_SPEED};
-use super::super::{Arm, ArmAngle, ArmMeasurement};
+use super::super::{Arm, ArmMeasurement};
 use super::ImpedanceState;
 use crate::TICK;
 use crate::control::ObserverState;
@@ -68,8 +67,6 @@ impl ImpedanceState {
             self.setpoint = at_rest(posture.tip());
         }
         self.hold_elbow(arm, &posture);
-        self.arm_angle_undefined =
-            self.settings.redundancy == Redundancy::ArmAngle && ArmAngle::of(&posture, arm.gravity).is_none();
     }
 
     /// Raises the mass of the impedance to the arm's own mass where it is lighter. Otherwise the tool would
@@ -96,7 +93,7 @@ impl ImpedanceState {
         let error = pose_error(posture.tip(), &self.setpoint);
         let [spring, contact] = [(&error, &zero), (&zero, wrench)].map(|(error, force)| {
             let response = respond(&self.impedance, self.settings.law, posture.tip(), error, &zero, force);
-            math::sqrt(response.fixed_rows::<3>(0).norm_squared())
+            math::norm(&response.fixed_rows::<3>(0))
         });
         if spring > contact {
             self.setpoint = self.setpoint.moved_by(&(error * (1.0 - contact / spring)));
@@ -106,13 +103,12 @@ impl ImpedanceState {
     /// Moves the set-point along the pose `error` by the way of one period, until it is at the tool.
     #[inline(never)]
     pub(super) fn release(&mut self, error: &Vector6<f32>) {
-        let [distance, angle] = math::halves(error).map(|half| math::sqrt(half.norm_squared()));
+        let [distance, angle] = math::halves(error).map(|half| math::norm(&half));
         let rate = |length: f32, max: f32| if length > max { max / length } else { 1.0 };
         let linear = rate(distance, RELEASE_SPEED * TICK);
         let angular = rate(angle, RELEASE_ANGULAR_SPEED * TICK);
-        let &[x, y, z, rx, ry, rz] = error.as_ref();
-        let way = [x * linear, y * linear, z * linear, rx * angular, ry * angular, rz * angular];
-        self.setpoint = self.setpoint.moved_by(&way.into());
+        let [translation, rotation] = math::halves(error);
+        self.setpoint = self.setpoint.moved_by(&math::stack([translation * linear, rotation * angular]));
         if distance <= RELEASE_SPEED * TICK && angle <= RELEASE_ANGULAR_SPEED * TICK {
             (self.release, self.contact) = (Release::Done, false);
         }

@@ -8,7 +8,7 @@ use super::fixture::{ArmFixture, POSTURES, SOFT, elbow_at_rest, track};
 use crate::TICK;
 use crate::kinematics::{ElbowSetpoint, PosePoint};
 use crate::task::impedance::redundancy::JointVector;
-use crate::task::impedance::{ArmMeasurement, ImpedanceSettings};
+use crate::task::impedance::{ArmMeasurement, ImpedanceSettings, Redundancy};
 
 #[test]
 fn the_orientation_error_is_the_shorter_rotation() {
@@ -137,4 +137,24 @@ fn the_acceleration_of_the_tool_is_that_which_the_joint_limits_allow() {
     }
     // 0.6 of the limit; without it the elbow would move with 1 rad/s.
     assert!((fastest - 0.3).abs() < 1e-3, "{fastest}");
+}
+
+#[test]
+fn an_elbow_setpoint_holds_that_follows_a_change_to_the_arm_angle() {
+    let fixture = ArmFixture::new();
+    let angles = POSTURES[0];
+    let mut state = fixture.state(&ImpedanceSettings { redundancy: Redundancy::None, ..SOFT }, &angles);
+    let mut measurement = ArmMeasurement { angles, ..ArmMeasurement::default() };
+    measurement = track(&state.tick(&fixture.arm(), &measurement).unwrap());
+    // Both requests arrive in the same tick.
+    state.configure(&fixture.arm(), &SOFT).unwrap();
+    let before = elbow_at_rest(&fixture, &state);
+    let target = ElbowSetpoint { angle: before.angle + 0.1, ..before };
+    state.set_target(&fixture.arm(), &fixture.point(&angles), &target).unwrap();
+    for _ in 0..100 {
+        measurement = track(&state.tick(&fixture.arm(), &measurement).unwrap());
+    }
+    let posture = fixture.chain.posture(&measurement.angles);
+    let elbow = state.telemetry(&fixture.arm(), &measurement, &posture).elbow;
+    assert!((elbow - target.angle).abs() < 0.01, "{elbow} instead of {}", target.angle);
 }
