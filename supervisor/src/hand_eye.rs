@@ -188,8 +188,8 @@ pub enum HandEyeFailure {
     /// The rows contradict each other.
     #[error(
         "the circles do not fit one rose that stands still: {noise:.1} px off (root mean square), and {rejected} of {of} \
-         left out; are positions in metres, quaternions x, y, z, w, the radius of the rose and the size of the picture \
-         right?"
+         left out; are positions in metres, quaternions x, y, z, w, pixels square, the radius of the rose and the size of the \
+         picture right?"
     )]
     NoFit {
         /// Rows that do not fit the others.

@@ -41,7 +41,9 @@ pub struct HandPosture {
 /// Time for which a posture must be held [s].
 const HOLD: f64 = 1.0;
 /// Minimum number of samples of a held posture.
-const MIN_SAMPLES: usize = 20;
+const MIN_SAMPLES: usize = 10;
+/// So many samples in a row that do not follow the one before are no gap.
+const BREAKS: u32 = 5;
 /// Largest rotation between the means of the two halves of a held posture [rad]: 2°.
 const STILL: f64 = 0.035;
 /// Rotation of a segment from the previous posture that makes a new posture [rad]: 10°.
@@ -59,6 +61,8 @@ const TOUCH: f32 = 2.5e-3;
 pub struct PostureDetector {
     window: VecDeque<(f64, HandPosture)>,
     last: Option<GloveSample>,
+    /// Consecutive samples whose times do not follow the one before, and the last difference [s].
+    breaks: (u32, f64),
 }
 
 impl PostureDetector {
@@ -66,8 +70,12 @@ impl PostureDetector {
     pub fn add(&mut self, time: f64, orientations: GloveSample, markers: Markers) -> Option<HandPosture> {
         // Motion during a gap is unknown.
         let goes_on = |before: f64| time > before && time - before < HOLD;
-        if !self.window.back().is_none_or(|(before, _)| goes_on(*before)) {
-            self.window.clear();
+        match self.window.back() {
+            Some(&(before, _)) if !goes_on(before) => {
+                self.breaks = (self.breaks.0.saturating_add(1), time - before);
+                self.window.clear();
+            }
+            _ => self.breaks.0 = 0,
         }
         self.window.push_back((time, HandPosture { orientations, markers }));
         while self.window.get(1).is_some_and(|(second, _)| time - second >= HOLD) {
@@ -90,6 +98,21 @@ impl PostureDetector {
         self.window.clear();
         self.last = Some(mean);
         Some(HandPosture { orientations: mean, markers })
+    }
+
+    /// Why these samples cannot make a posture, however still the hand is held.
+    pub fn hindrance(&self) -> Option<String> {
+        let (breaks, step) = self.breaks;
+        if breaks >= BREAKS {
+            return Some(format!(
+                "each sample is {step} s after the one before by its time: is `time` in seconds, and does it rise?"
+            ));
+        }
+        let spans = |(begin, end): (f64, f64)| end - begin >= HOLD;
+        let ends = self.window.front().zip(self.window.back()).map(|(first, last)| (first.0, last.0));
+        let samples = self.window.len();
+        (ends.is_some_and(spans) && samples < MIN_SAMPLES)
+            .then(|| format!("{samples} samples came in a second, at least {MIN_SAMPLES} are needed"))
     }
 
     /// Allows the last posture to be taken again.

@@ -23,11 +23,6 @@ pub fn still_on(why: impl Display) -> String {
     )
 }
 
-/// Returns a number of things that have a regular plural: "1 joint", "7 joints".
-pub fn counted(number: usize, thing: &str) -> String {
-    format!("{number} {thing}{}", if number == 1 { "" } else { "s" })
-}
-
 /// Returns a mode in words; for mode fault also what the outputs do, if that is known.
 pub fn mode(mode: Mode, outputs: Option<bool>) -> String {
     let outputs = match (mode, outputs) {

@@ -148,7 +148,6 @@ impl RoseEstimate {
     ) -> Option<Rim> {
         let rims =
             [Rim::Rose, Rim::Knob].map(|rim| (rim, self.measure(table, expectation, hand, circle, rim)));
-        // Rejects NaN as well.
         let fitting = rims.into_iter().filter_map(|(rim, found)| {
             found.filter(|found| found.square < GATE * GATE).map(|found| (rim, found))
         });
@@ -209,7 +208,8 @@ impl RoseEstimate {
         let predicted = slope * self.covariance * slope.transpose() + noise;
         let weight = predicted.try_inverse()?;
         let square = (innovation.transpose() * weight * innovation).x;
-        Some(Measurement { innovation, slope, weight, square })
+        // A circle of no size would be infinitely far away.
+        square.is_finite().then_some(Measurement { innovation, slope, weight, square })
     }
 
     fn correct(&mut self, measurement: &Measurement) {

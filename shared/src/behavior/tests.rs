@@ -322,6 +322,19 @@ fn circles_of_little_confidence_count_as_none() {
 }
 
 #[test]
+fn circles_of_no_size_leave_the_estimate_as_it_is() {
+    let ApproachSettings { table, expectation, .. } = settings();
+    let hand = nalgebra::Isometry3::identity();
+    let mut rose = RoseEstimate::expected(&expectation, &hand);
+    let before = rose.clone();
+    let circle = Circle { radius: 1e-30, ..seen(&Vector3::new(0.0, 0.0, 0.2), 0.04, &Vector3::zeros()) };
+    for rim in [Rim::Rose, Rim::Knob] {
+        rose.assume(&table, &expectation, &hand, &circle, rim);
+    }
+    assert_eq!((rose.place(), rose.radius(), rose.cost()), (before.place(), before.radius(), before.cost()));
+}
+
+#[test]
 fn circles_that_jump_about_lead_nowhere() {
     let mut world = World::new();
     let phase = world.run(|world| {

@@ -94,6 +94,12 @@ impl Tracker {
         })
     }
 
+    /// Begins anew with the next frame: the times of those so far do not count any more.
+    pub fn restart(&mut self) {
+        (self.time, self.glove, self.points) = (None, GloveFilterState::default(), [None; HUMAN_FINGERS]);
+        self.gaps += 1;
+    }
+
     /// Number of gaps between frames that were too long to be bridged.
     pub const fn gaps(&self) -> u32 {
         self.gaps

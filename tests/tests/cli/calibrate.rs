@@ -211,6 +211,26 @@ fn a_stream_is_led_through_the_postures() {
             "Dropped: line 40: the orientation of the back of the hand is a quaternion of norm 1.8"
         )
     );
+    // What cannot become a posture is told at once.
+    let changed = |step: usize, change: &dyn Fn(&mut Value)| {
+        lines.lines().step_by(step).fold(String::new(), |text, line| {
+            let mut value: Value = serde_json::from_str(line).unwrap();
+            change(&mut value);
+            text + &format!("{value}\n")
+        })
+    };
+    let milliseconds = changed(1, &|value| value["time"] = json!(1e3 * value["time"].as_f64().unwrap()));
+    let misspelt = changed(1, &|value| value["marker"] = value["markers"].take());
+    let without = changed(1, &|value| value["markers"] = Value::Null);
+    for (lines, words) in [
+        (milliseconds, "No posture can be found: each sample is 10 s after the one before by its time"),
+        (changed(14, &|_| {}), "samples came in a second, at least 10 are needed"),
+        (misspelt, "there is no key \"marker\": the keys are time, back, markers, thumb"),
+        (without, "A posture without a marker: give \"markers\""),
+    ] {
+        let (code, _, error) = run(folder.path(), &["--live", "--out", "other.toml"], &lines);
+        assert!(code == 1 && error.contains(words), "{words}: {error}");
+    }
 }
 
 /// It waits for a silent glove, and reports that.

@@ -114,6 +114,12 @@ fn what_is_wrong_is_said_by_file() {
     let (code, out, error) = run(&["find-circle", &folder_of("cut.pgm"), &good, &folder_of("text.png")]);
     assert!(code == 1 && out.contains("good.pgm: centre (100.2"), "{code} {out}");
     assert!(error.contains("cut.pgm: PGM: 3 of 4096") && error.contains("text.png: neither"), "{error}");
+    // A header that ends with two characters, as some programs write it.
+    let crlf: Vec<u8> = std::fs::read(&good).unwrap();
+    let (header, pixels) = crlf.split_at(crlf.len() - 256 * 240);
+    let header = String::from_utf8(header.to_vec()).unwrap().replace('\n', "\r\n");
+    let (code, out, _) = run(&["find-circle", &write("crlf.pgm", &[header.as_bytes(), pixels].concat())]);
+    assert!(code == 0 && out.contains("crlf.pgm: centre (100.2"), "{code} {out}");
     // The annotated picture does not overwrite the original.
     let before = std::fs::read(&good).unwrap();
     let (code, _, error) = run(&["find-circle", &good, "--annotate", &good]);

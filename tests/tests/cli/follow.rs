@@ -1,5 +1,6 @@
 //! `tesaki follow`: an arm on a board that follows lines of input and a recorded hand.
 
+use std::f64::consts::{PI, TAU};
 use std::fs::File;
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::process::{Child, ChildStdin, Stdio};
@@ -203,7 +204,7 @@ fn a_stream_of_poses_leads_the_tool_on_a_circle() {
     }
     assert!(quadrants.iter().all(|count| *count > 0), "{quadrants:?}");
     let summary = values.last().unwrap();
-    let rejected = json!({ "late": 0, "out_of_order": 0, "jumped": 0, "bad": 0 });
+    let rejected = json!({ "late": 0, "out_of_order": 0, "jumped": 0, "bad": 0, "elbows": 0 });
     assert!(summary["samples"].as_u64().unwrap() > 100, "{summary}");
     assert_eq!((&summary["rejected"], &summary["lost"]), (&rejected, &Value::Null));
     assert!(summary["largest_distance"].as_f64().unwrap() < 0.02, "{summary}");
@@ -432,7 +433,7 @@ fn what_cannot_be_followed_is_refused_before_anything_is_enabled() {
     refused(
         &["--workspace", "1,0,0,1,0,1"],
         2,
-        &["side of the workspace along x, in m, is -1", "0.001 and 100"],
+        &["side of the workspace along x, in m, is -1", "0.001 to 100"],
     );
     refused(&["--workspace", "0,1,0.5,1,-1,1"], 2, &["the tool is at", "outside of the box"]);
     refused(&["--from", &format!("board:{}", server.address)], 2, &["--from names the arm's own board"]);
@@ -592,4 +593,38 @@ fn the_example_in_python_leads_the_arm() {
     assert_eq!(code, 0, "{text}");
     let summary: Value = serde_json::from_str(text.lines().last().unwrap()).unwrap();
     assert!(summary["samples"].as_u64().unwrap() > 50, "{summary}");
+}
+
+/// The clutch opens by a sample in which the operator has let the pedal go; a sample from before, which the
+/// link has delayed, does not close it. An elbow that turns beyond half a turn is followed.
+#[test]
+fn a_sample_that_was_overtaken_does_not_close_the_clutch() {
+    let server = arm();
+    let (leading, stdin) = Leading::start(&server, &[]);
+    let mut hand = Hand::new(stdin);
+    hand.elbow = 3.0;
+    hand.until("the clutch closes", || leading.count(|value| is_clutch(value, "closed", "")) == 1);
+    let begin = Instant::now();
+    while begin.elapsed() < Duration::from_secs(3) {
+        let angle = 3.0 + 0.1 * begin.elapsed().as_secs_f64();
+        hand.elbow = if angle > PI { angle - TAU } else { angle };
+        hand.send();
+    }
+    let mut before = hand.sample();
+    before["clutch"] = json!(true);
+    hand.send();
+    let mut open = hand.sample();
+    open["clutch"] = json!(false);
+    hand.say(&open);
+    hand.say(&before);
+    hand.until("the clutch opens", || {
+        leading.count(|value| is_clutch(value, "open", "it was asked for")) == 1
+    });
+    (0..100).for_each(|_| hand.send());
+    assert_eq!(leading.count(|value| is_clutch(value, "closed", "")), 1);
+    drop(hand);
+    let (code, values, error) = leading.finish();
+    assert_eq!(code, 0, "{error}");
+    let summary = values.last().unwrap();
+    assert_eq!((&summary["rejected"]["elbows"], &summary["stops"]), (&json!(0), &json!(0)), "{summary}");
 }

@@ -298,7 +298,7 @@ pub fn faults(options: &Options, clear: bool) -> Result<(), Failure> {
         if dropped > 0 {
             let _ = writeln!(text, "no longer stored: {dropped}, older ones or stops before a further stop");
         }
-        let faults = words::counted(log.total as usize, "fault");
+        let faults = output::counted(log.total as usize, "fault");
         let mode = words::mode(mode, outputs);
         let _ = write!(text, "{faults} since power-on. The board is {mode}.");
         for entry in

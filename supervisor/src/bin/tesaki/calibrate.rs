@@ -186,9 +186,9 @@ fn lead(options: &Options, guide: &mut CalibrationGuide) -> Result<(), Failure> 
         })
     };
     tell(guide, "No posture yet.", guide.instruction().as_deref())?;
-    let mut feed = Feed::<String>::standard_input("sample", Duration::MAX);
-    // What is wrong is told once, until the next good sample.
-    let mut told = false;
+    let mut feed = Feed::<String>::standard_input("sample", Duration::MAX).patient();
+    // What is wrong is told once, until the next good sample or posture.
+    let (mut told, mut told_why) = (false, false);
     loop {
         if let Some(ending) = feed.ending() {
             return match ending.kind {
@@ -219,7 +219,18 @@ fn lead(options: &Options, guide: &mut CalibrationGuide) -> Result<(), Failure> 
         };
         feed.count();
         told = false;
-        let Some(posture) = detector.add(time, sample, markers) else { continue };
+        let Some(posture) = detector.add(time, sample, markers) else {
+            if let Some(why) = detector.hindrance().filter(|_| !std::mem::replace(&mut told_why, true)) {
+                tell(guide, &format!("No posture can be found: {why}."), guide.instruction().as_deref())?;
+            }
+            continue;
+        };
+        told_why = false;
+        if posture.markers.iter().all(Option::is_none) {
+            let what = "A posture without a marker: give \"markers\" by finger, [x, y, z] in m.";
+            tell(guide, what, guide.instruction().as_deref())?;
+            continue;
+        }
         match guide.add_live(&posture) {
             Ok(()) => {
                 let next = guide.instruction();
@@ -243,6 +254,16 @@ fn lead(options: &Options, guide: &mut CalibrationGuide) -> Result<(), Failure> 
 /// Time [s], orientations and markers of a line.
 fn live_sample(line: &str) -> Result<(f64, GloveSample, Markers), String> {
     let (time, value) = glove::object(line)?;
+    let mut keys = vec!["time", "back", "markers"];
+    keys.extend(HumanFinger::ALL.map(HumanFinger::name));
+    if let Some(key) = value
+        .as_object()
+        .into_iter()
+        .flat_map(|object| object.keys())
+        .find(|key| !keys.contains(&key.as_str()))
+    {
+        return Err(format!("there is no key {key:?}: the keys are {}", keys.join(", ")));
+    }
     let orientations = glove::orientations(&value)?;
     // A mean over the posture would hide it.
     let wrong = GloveSensor::all().find_map(|sensor| match orientations.orientation(sensor) {

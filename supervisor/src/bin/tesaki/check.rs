@@ -16,7 +16,6 @@ use tesaki_description::retargeting::{self, RetargetingSettings};
 use tesaki_description::robot::RobotFolder;
 use tesaki_description::urdf::{SerialPath, Urdf, UrdfError};
 use tesaki_description::{FileError, approach, camera, grasp, hand_eye, impedance, law, object, read_text};
-use tesaki_supervisor::words;
 
 use crate::args::Options;
 use crate::failure::Failure;
@@ -219,10 +218,10 @@ fn summary(folder: &RobotFolder) -> Vec<String> {
     }
     let mimics = match model.mimics.len() {
         0 => String::new(),
-        count => format!(" and {}", words::counted(count, "mimic joint")),
+        count => format!(" and {}", output::counted(count, "mimic joint")),
     };
-    let joints = words::counted(model.joints.len(), "joint");
-    let chains = words::counted(model.chains.len(), "chain");
+    let joints = output::counted(model.joints.len(), "joint");
+    let chains = output::counted(model.chains.len(), "chain");
     lines.push(format!("{}: {joints}{mimics} in {chains}", model.name));
     lines.extend(no_fingertip_control(model));
     lines

@@ -47,6 +47,8 @@ pub struct Feed<T> {
     /// What it calls a sample.
     what: &'static str,
     silence: Duration,
+    /// So long only bad samples may come.
+    bad_limit: Duration,
     clock: SourceClock,
     /// When anything came last.
     heard: Instant,
@@ -79,6 +81,7 @@ impl<T: Send + 'static> Feed<T> {
             place,
             what,
             silence,
+            bad_limit: BAD,
             clock: SourceClock::new(now),
             heard: now,
             number: 0,
@@ -110,6 +113,12 @@ impl<T: Send + 'static> Feed<T> {
 }
 
 impl<T> Feed<T> {
+    /// Bad samples alone do not end the source.
+    pub const fn patient(mut self) -> Self {
+        self.bad_limit = Duration::MAX;
+        self
+    }
+
     /// The next of what has come, and when it came.
     pub fn next(&mut self) -> Option<(Instant, T)> {
         self.wait(Duration::ZERO)
@@ -190,7 +199,8 @@ impl<T> Feed<T> {
         }
         match (&self.bad, &self.closed) {
             (Some((since, error)), closed)
-                if self.heard.duration_since(*since) > BAD || (closed.is_some() && self.seen == 0) =>
+                if self.heard.duration_since(*since) > self.bad_limit
+                    || (closed.is_some() && self.seen == 0) =>
             {
                 Some(self.bad_ending(error))
             }
@@ -304,6 +314,30 @@ impl Ending {
         match self.kind {
             EndingKind::Silent => Failure::Late(told),
             EndingKind::Closed | EndingKind::Bad => Failure::Other(told),
+        }
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bad_samples_alone_end_a_source_unless_it_is_patient() {
+        let source = |inlet: &Inlet<String>| {
+            inlet.send(Ok("first".to_owned()));
+            std::thread::sleep(BAD + Duration::from_millis(100));
+            inlet.send(Ok("last".to_owned()));
+            std::thread::sleep(Duration::from_secs(60));
+        };
+        let feed = || Feed::spawn("here".to_owned(), "sample", Duration::MAX, source);
+        for (mut feed, ends) in [(feed(), true), (feed().patient(), false)] {
+            for _ in 0..2 {
+                let (arrived, _) = feed.wait(Duration::from_secs(30)).unwrap();
+                feed.reject(arrived, "bad");
+            }
+            assert_eq!(feed.ending().is_some_and(|ending| ending.kind == EndingKind::Bad), ends);
         }
     }
 }

@@ -8,7 +8,7 @@ use tesaki_description::calibration::Calibration;
 use tesaki_description::finding::{Finding, Matter, Severity};
 use tesaki_description::read_text;
 use tesaki_description::robot::{RobotFolder, chain_model};
-use tesaki_supervisor::{Board as _, BoardError, words};
+use tesaki_supervisor::{Board as _, BoardError};
 
 use crate::args::Options;
 use crate::board_session::{BoardSession, notice_unhomed, notice_untared};
@@ -94,7 +94,7 @@ pub fn push(
                 format!(", with the values of the robot's folder where the calibration has none: {missing}")
             }
         };
-        let joints = words::counted(joints, "joint");
+        let joints = output::counted(joints, "joint");
         format!("{name}: {joints}{calibrated}; model {checksum} is in use until the next reset")
     })?;
     for warning in &warnings {

@@ -9,6 +9,8 @@ use crate::find_circle::Known;
 const VERSION: u32 = 1;
 /// Oldest picture [s].
 pub const MAX_AGE: f64 = 1.0;
+/// Smallest radius or semi-axis of a circle that can be seen [px].
+const SMALLEST: f32 = 1.0;
 /// Largest coordinate [px].
 const FARTHEST: f32 = 1e5;
 
@@ -103,9 +105,9 @@ impl SeenCircle {
     fn check(&self) -> Result<(), String> {
         let Self { center, radius, semi_axes, angle, confidence } = *self;
         let lengths = [radius].into_iter().chain(semi_axes.into_iter().flatten());
-        if let Some(bad) = { lengths }.find(|length| !(*length > 0.0 && *length < FARTHEST)) {
+        if let Some(bad) = { lengths }.find(|length| !(*length >= SMALLEST && *length < FARTHEST)) {
             return Err(format!(
-                "a radius or semi-axis of {bad} px; it must be above 0 and below {FARTHEST} px"
+                "a radius or semi-axis of {bad} px; it must be at least {SMALLEST} px and below {FARTHEST} px"
             ));
         }
         // Nor what is no number.
@@ -199,7 +201,7 @@ mod tests {
             ("{\"picture\": 1, \"age\": 0, \"cirle\": null}".to_owned(), "cirle"),
             ("{\"version\": 2, \"picture\": 1, \"age\": 0}".to_owned(), "version 2"),
             ("{\"picture\": 1, \"age\": 0, \"size\": [640, 480]}".to_owned(), "calibrated with 256 × 240"),
-            (circle("\"center\": [1, 2], \"radius\": 0"), "above 0"),
+            (circle("\"center\": [1, 2], \"radius\": 0.5"), "at least 1 px"),
             (circle("\"center\": [1e30, 2], \"radius\": 9"), "center"),
             (circle("\"center\": [1, 2], \"radius\": 9, \"confidence\": 2"), "confidence 2"),
             (circle("\"center\": [1], \"radius\": 9"), "length"),

@@ -1,6 +1,7 @@
 //! The connection to the vision: lines that come, answers that go back.
 
 use std::io::{BufReader, ErrorKind, Write as _};
+use std::net::Shutdown;
 use std::os::unix::net::UnixStream;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -16,8 +17,9 @@ use crate::sight::{Answer, Search, Sight};
 
 /// A connection is waited for so long at a time.
 const WAIT: Duration = Duration::from_secs(1);
-/// Longest time that an answer waits for a vision that does not read.
-const PATIENCE: Duration = Duration::from_millis(5);
+/// Longest time that an answer waits for a vision that does not read. Then its connection ends, because the
+/// next answers would wait as long, and the arm with them.
+const PATIENCE: Duration = Duration::from_millis(1);
 /// Lines that are taken in a period at most.
 const MAX_TAKEN: usize = 64;
 
@@ -55,7 +57,9 @@ impl Line {
 
 fn send(mut stream: &UnixStream, answer: &Answer) {
     let line = serde_json::to_string(answer).unwrap_or_default() + "\n";
-    let _ = stream.write_all(line.as_bytes());
+    if stream.write_all(line.as_bytes()).is_err() {
+        let _ = stream.shutdown(Shutdown::Both);
+    }
 }
 
 /// The lines of a vision.
@@ -152,7 +156,7 @@ impl Vision {
         self.feed.reject(line.arrived, &error);
         line.answer(&Answer::Error { error });
         if let Some(stream) = line.from.as_ref().filter(|_| line.is_first) {
-            let _ = stream.shutdown(std::net::Shutdown::Both);
+            let _ = stream.shutdown(Shutdown::Both);
         }
     }
 
@@ -187,7 +191,7 @@ fn listen(listener: &LocalListener, inlet: &Inlet<Content>) {
         };
         // One that hangs makes room.
         if let Some(before) = present.replace(Arc::clone(&stream)) {
-            let _ = before.shutdown(std::net::Shutdown::Both);
+            let _ = before.shutdown(Shutdown::Both);
         }
         let (Ok(reader), Ok(())) = (stream.try_clone(), stream.set_write_timeout(Some(PATIENCE))) else {
             continue;
@@ -236,5 +240,25 @@ mod tests {
         assert!(vision.next().is_none());
         drop(vision);
         assert!(!path.exists());
+    }
+
+    #[test]
+    fn a_vision_that_does_not_read_its_answers_is_disconnected() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("circles");
+        let mut vision = Vision::open(&SightSource::Listen(Address::Unix(path.clone()))).unwrap();
+        let mut sender = UnixStream::connect(&path).unwrap();
+        sender.write_all(b"{\"picture\": 1}\n").unwrap();
+        let line = loop {
+            if let Some(line) = vision.next() {
+                break line;
+            }
+        };
+        let error = "e".repeat(100);
+        (0..100_000).for_each(|_| line.answer(&Answer::Error { error: error.clone() }));
+        sender.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
+        let mut answers = String::new();
+        std::io::Read::read_to_string(&mut sender, &mut answers).unwrap();
+        assert!(answers.lines().count() < 100_000);
     }
 }

@@ -140,7 +140,10 @@ fn pgm(bytes: &[u8]) -> Result<Picture, String> {
     let (width, height, largest) = (number("width")?, number("height")?, number("maximum")?);
     Picture::from_pgm(width, height, largest, |count| {
         if bytes.starts_with(b"P5") {
-            bytes.get(at + 1..).unwrap_or_default().iter().take(count).copied().collect()
+            let header = bytes.get(at..).unwrap_or_default();
+            // One character ends the header, or two as some programs write them.
+            let ends_in_two = header.starts_with(b"\r\n") && header.len() == count + 2;
+            header.iter().skip(if ends_in_two { 2 } else { 1 }).take(count).copied().collect()
         } else {
             let level = |word: &str| u8::try_from(word.parse::<usize>().ok()?.min(255)).ok();
             (0..count).map_while(|_| level(word(bytes, &mut at)?)).collect()

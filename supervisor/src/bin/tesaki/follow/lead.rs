@@ -1,13 +1,17 @@
 //! From the poses of a hand to set-points of the tool: clutch, stops and counts.
 
+use std::f32::consts::TAU;
 use std::fmt::Write as _;
 use std::time::{Duration, Instant};
 
 use nalgebra::Vector3;
 use serde_json::{Value, json};
+use tesaki::math;
 use tesaki::protocol::Request;
 use tesaki::task::TaskCommand;
-use tesaki::task::impedance::{ImpedanceCommand, ImpedanceSettings, ImpedanceTelemetry, SetpointError};
+use tesaki::task::impedance::{
+    ImpedanceCommand, ImpedanceSettings, ImpedanceTelemetry, Redundancy, SetpointError,
+};
 use tesaki::teleop::{Follower, FollowerError, FollowerState, MasterSample, Workspace};
 
 use super::pace::{self, FastStep, Pace};
@@ -44,6 +48,7 @@ struct Counts {
     late: u32,
     out_of_order: u32,
     jumped: u32,
+    elbows: u32,
     stops: u32,
 }
 
@@ -57,6 +62,7 @@ pub struct Lead {
     state: FollowerState,
     workspace: Option<Workspace>,
     rotates: bool,
+    leads_elbow: bool,
     max_deviation: [f32; 2],
     /// The begin of the follower's clock.
     start: Instant,
@@ -68,6 +74,9 @@ pub struct Lead {
     accepted: Option<Instant>,
     /// The latest time stamp [s].
     latest: Option<f64>,
+    /// The last accepted angle of the elbow [rad], and whether the elbow stays since.
+    elbow: Option<f32>,
+    elbow_stays: bool,
     /// Why samples after that were not.
     rejected: Option<String>,
     /// Why the last one was not, of all.
@@ -92,6 +101,11 @@ fn instant(start: Instant, time: Instant) -> tesaki::teleop::Instant {
     tesaki::teleop::Instant(time.saturating_duration_since(start).as_micros() as u32)
 }
 
+/// The angle within half a turn of the one `before`: the arm angle jumps at half a turn, the elbow does not.
+fn unwrapped(angle: f32, before: f32) -> f32 {
+    angle - TAU * math::round((angle - before) / TAU)
+}
+
 impl Lead {
     pub fn new(source: Source, follower: Follower, args: &Follow, settings: &ImpedanceSettings) -> Self {
         Self {
@@ -102,12 +116,15 @@ impl Lead {
             state: FollowerState::at([0.0; 3], [0.0, 0.0, 0.0, 1.0], 0.0),
             workspace: args.workspace,
             rotates: args.rotation == Switch::On,
+            leads_elbow: settings.redundancy != Redundancy::None,
             max_deviation: settings.max_deviation,
             start: Instant::now(),
             asked: args.clutch == State::Closed,
             pedal: None,
             accepted: None,
             latest: None,
+            elbow: None,
+            elbow_stays: false,
             rejected: None,
             last_rejected: None,
             counts: Counts::default(),
@@ -147,11 +164,11 @@ impl Lead {
     }
 
     fn add(&mut self, arrived: Instant, sample: &Sample) {
-        if let Some(pedal) = sample.clutch
-            && self.pedal.replace(pedal) != Some(pedal)
-        {
-            self.ask(pedal);
+        // The clutch opens by any sample, but closes only by one that is followed.
+        if sample.clutch == Some(false) {
+            self.obey(false);
         }
+        let is_latest = self.latest.is_none_or(|latest| !(latest - RESTART..=latest).contains(&sample.time));
         // A sample that was overtaken is judged by the follower.
         if self.latest == Some(sample.time) {
             let why = format!("time {0} s does not follow {0} s: times must rise", sample.time);
@@ -185,10 +202,15 @@ impl Lead {
             return self.stop(&why);
         }
         self.rejected = None;
-        if let Some(angle) = sample.elbow
-            && let Err(error) = self.follower.add_elbow_sample(&mut self.state, now, time, angle)
-        {
-            self.count(&error);
+        if is_latest && sample.clutch == Some(true) {
+            self.obey(true);
+        }
+        if let Some(angle) = sample.elbow.filter(|_| self.leads_elbow) {
+            let angle = self.elbow.map_or(angle, |before| unwrapped(angle, before));
+            match self.follower.add_elbow_sample(&mut self.state, now, time, angle) {
+                Ok(()) => (self.elbow, self.elbow_stays) = (Some(angle), false),
+                Err(error) => self.elbow_was_refused(&error),
+            }
         }
         self.counts.followed += u32::from(self.state.is_clutch_closed());
         (self.accepted, self.age) = (Some(arrived), age);
@@ -202,6 +224,25 @@ impl Lead {
             _ => {}
         }
         self.pace.check(sample, self.scale)
+    }
+
+    /// The pedal is in a position.
+    fn obey(&mut self, pedal: bool) {
+        if self.pedal.replace(pedal) != Some(pedal) {
+            self.ask(pedal);
+        }
+    }
+
+    fn elbow_was_refused(&mut self, error: &FollowerError) {
+        self.counts.elbows += 1;
+        if !std::mem::replace(&mut self.elbow_stays, true) {
+            self.events.push(Event {
+                text: format!(
+                    "the elbow stays, the tool follows on: {error}. Open and close the clutch to lead it again"
+                ),
+                value: json!({ "elbow": "stays", "reason": error.to_string() }),
+            });
+        }
     }
 
     fn reject(&mut self, why: &str) {
@@ -375,7 +416,7 @@ impl Lead {
 
     /// As text and as JSON.
     pub fn summary(&self) -> (String, Value) {
-        let Counts { followed, lost, gaps, late, out_of_order, jumped, stops } = self.counts;
+        let Counts { followed, lost, gaps, late, out_of_order, jumped, elbows, stops } = self.counts;
         let [distance, force] = self.largest;
         let bad = self.source.feed.dropped;
         let of_source = self.source.period.map(|_| lost);
@@ -392,8 +433,13 @@ impl Lead {
             .last_rejected
             .as_ref()
             .map_or_else(String::new, |why| format!(" (the last rejected: {why})"));
+        let of_elbow = if elbows == 0 {
+            String::new()
+        } else {
+            format!("; {} of the elbow rejected", output::counted(elbows as usize, "angle"))
+        };
         let text = format!(
-            "done: {} followed{told}, {}; rejected: {late} late, {out_of_order} out of order, {jumped} that jumped, {bad} bad{why}; \
+            "done: {} followed{told}, {}; rejected: {late} late, {out_of_order} out of order, {jumped} that jumped, {bad} bad{why}{of_elbow}; \
              the clutch opened by itself {}; largest error of the commanded motion {:.1} mm, \
              largest force {force:.1} N{reflected}",
             output::counted(followed as usize, "sample"),
@@ -405,7 +451,7 @@ impl Lead {
             "samples": followed,
             "lost": of_source,
             "gaps": gaps,
-            "rejected": { "late": late, "out_of_order": out_of_order, "jumped": jumped, "bad": bad },
+            "rejected": { "late": late, "out_of_order": out_of_order, "jumped": jumped, "bad": bad, "elbows": elbows },
             "last_rejected": self.last_rejected,
             "stops": stops,
             "largest_distance": output::exact(&distance),
@@ -415,5 +461,19 @@ impl Lead {
             })),
         });
         (text, value)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_elbow_that_turns_on_does_not_jump() {
+        for (angle, before, expected) in
+            [(-3.1, 3.1, TAU - 3.1), (3.1, -3.1, 3.1 - TAU), (0.5, 0.4, 0.5), (3.1, 9.3, 3.1 + TAU)]
+        {
+            assert!((unwrapped(angle, before) - expected).abs() < 1e-5, "{angle} after {before}");
+        }
     }
 }

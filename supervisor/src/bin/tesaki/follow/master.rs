@@ -1,12 +1,10 @@
 //! Another board as the source of the poses.
 
-use std::f32::consts::TAU;
 use std::io;
 use std::time::{Duration, Instant};
 
 use nalgebra::{UnitQuaternion, Vector3};
 use tesaki::kinematics::Chain;
-use tesaki::math;
 use tesaki::model::RobotModel;
 use tesaki::protocol::{FromBoard, Mode, Stream, Telemetry};
 use tesaki::task::impedance::{ArmAngle, ImpedanceSettings, Redundancy};
@@ -33,8 +31,6 @@ pub struct Master {
     model: RobotModel,
     chain: Chain,
     elbow: Elbow,
-    /// The last angle of the elbow [rad].
-    angle: Option<f32>,
 }
 
 /// What of the master leads the elbow.
@@ -102,7 +98,7 @@ impl Master {
         });
         let (handle, reflection) = reflected.transpose()?.unzip();
         session.board.set_rate(Stream::Telemetry, 1)?;
-        Ok((Self { session, handle, model, chain, elbow, angle: None }, reflection))
+        Ok((Self { session, handle, model, chain, elbow }, reflection))
     }
 
     /// Puts in the pose of the tip after each tick of the board.
@@ -156,8 +152,6 @@ impl Master {
             }
             Elbow::Joint(joint) => angles.get(joint).copied(),
         };
-        let elbow = elbow.map(|angle| self.angle.map_or(angle, |before| unwrapped(angle, before)));
-        self.angle = elbow.or(self.angle);
         Ok(Sample {
             time: f64::from(telemetry.tick) * f64::from(tesaki::TICK),
             position: tip.translation.vector.into(),
@@ -165,24 +159,5 @@ impl Master {
             elbow,
             clutch: None,
         })
-    }
-}
-
-/// The angle within half a turn of the one `before`: the arm angle jumps at half a turn, the elbow does not.
-fn unwrapped(angle: f32, before: f32) -> f32 {
-    angle - TAU * math::round((angle - before) / TAU)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn an_elbow_that_turns_on_does_not_jump() {
-        for (angle, before, expected) in
-            [(-3.1, 3.1, TAU - 3.1), (3.1, -3.1, 3.1 - TAU), (0.5, 0.4, 0.5), (3.1, 9.3, 3.1 + TAU)]
-        {
-            assert!((unwrapped(angle, before) - expected).abs() < 1e-5, "{angle} after {before}");
-        }
     }
 }

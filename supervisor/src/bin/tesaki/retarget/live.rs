@@ -12,7 +12,7 @@ use tesaki::task::{TaskCommand, TaskConfig, TaskTelemetry};
 use tesaki::teleop::HumanFinger;
 use tesaki_description::retargeting::RetargetingSettings;
 use tesaki_description::robot::RobotFolder;
-use tesaki_supervisor::operator::{Fingertips, Tracker};
+use tesaki_supervisor::operator::{Fingertips, FrameError, Tracker};
 use tesaki_supervisor::publication::require_own;
 
 use super::source::{Source, tracker};
@@ -24,6 +24,8 @@ use crate::motion::{End, KEEP_ALIVE, Motion, PERIOD};
 use crate::output;
 
 /// Where all vectors from the thumb's tip are off by more than this [m], the thumb's offset is likely to be
+/// By how much the time stamps of a source go back that has begun anew [s].
+const RESTART: f64 = 1.0;
 /// wrong.
 const UNLIKE: f32 = 0.015;
 /// What to do about a source that is a file.
@@ -127,8 +129,6 @@ struct Stream {
     feed: Feed<String>,
     source: Source,
     tracker: Tracker,
-    /// A tracker without frames.
-    fresh: Tracker,
     /// Longest gap that is bridged [s].
     max_gap: f32,
     /// Of the last sample for the board.
@@ -139,7 +139,7 @@ struct Stream {
 
 impl Stream {
     fn new(feed: Feed<String>, source: Source, tracker: Tracker, max_gap: f32) -> Self {
-        Self { feed, source, fresh: tracker.clone(), tracker, max_gap, sample_number: 0, latest: None }
+        Self { feed, source, tracker, max_gap, sample_number: 0, latest: None }
     }
 
     /// Takes the lines that have come.
@@ -157,11 +157,17 @@ impl Stream {
         let tips = self.source.line(text).and_then(|frame| {
             if self.source.changed {
                 // What came before was stray, and so is its time.
-                self.tracker = self.fresh.clone();
-                self.feed.forget_time();
+                self.restart();
             }
-            let tips = self.tracker.add(frame.time, &frame.observation).map_err(|error| error.to_string())?;
-            Ok((frame.time, tips))
+            let mut tips = self.tracker.add(frame.time, &frame.observation);
+            if let Err(FrameError::Time { time, before }) = tips
+                && time < before - RESTART
+            {
+                // So were those before, or the source has begun anew.
+                self.restart();
+                tips = self.tracker.add(frame.time, &frame.observation);
+            }
+            Ok((frame.time, tips.map_err(|error| error.to_string())?))
         });
         match tips {
             Ok((time, tips)) => {
@@ -171,6 +177,11 @@ impl Stream {
             }
             Err(error) => self.feed.reject(arrived, &error),
         }
+    }
+
+    fn restart(&mut self) {
+        self.tracker.restart();
+        self.feed.forget_time();
     }
 
     /// Stamps in another unit make every frame a gap.
