@@ -133,9 +133,9 @@ enum Phase {
 ///
 /// The motors are off until the first command. The power stages get their time to wake before the first
 /// pulse. A current beyond the trip, four samples of the supply above its limit, or a trip of the hardware
-/// switches all motors off until [`Motors::command`] has been called with `None`. (Motors that brake can raise
-/// the supply within a control period.) If commands stop, [`CurrentLoop`] first brakes, and then
-/// the motors are switched off.
+/// switches all motors off until [`Motors::command`] has been called with `None`. (Motors that brake can
+/// raise the supply within a control period.) If commands stop, [`CurrentLoop`] first brakes, and then the
+/// motors are switched off.
 #[derive(Clone, Copy, Debug)]
 pub struct Motors<const N: usize> {
     axes: [Option<Axis>; N],

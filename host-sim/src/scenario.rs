@@ -179,6 +179,14 @@ pub enum ScenarioError {
     /// No scenario has this name.
     #[error("no scenario {0:?}: `cargo sim list` shows all")]
     Unknown(String),
+    /// A schedule of faults that cannot be judged.
+    #[error("nothing was judged in {scenario}: {reason}")]
+    Unjudged {
+        /// The scenario.
+        scenario: String,
+        /// Why.
+        reason: String,
+    },
     /// A law lacks the section of an experiment.
     #[error(
         "the law {law} has no {section}, which this scenario runs: add it as in robots/arm7/laws/paper.toml"

@@ -219,6 +219,29 @@ fn bad_input_is_answered_with_what_to_do() {
     );
     let nowhere = r#"{"seed":1,"scenario":"hand3-sevo","robot":"hand3","trial":0,"end":10,"faults":[]}"#;
     says(&host_sim(&["faults", "--schedule", nowhere]), 2, &["no scenario \"hand3-sevo\": `cargo sim list`"]);
+    // What acts on nothing is not safe.
+    let schedule = |robot: &str, trial: u32, fault: &str| {
+        format!(
+            r#"{{"seed":1,"scenario":"hand3-servo","robot":"{robot}","trial":{trial},"end":30,"faults":[{fault}]}}"#
+        )
+    };
+    let cut = r#"{"kind":"cut","begin":10}"#;
+    for (text, words) in [
+        (schedule("hand3", 50, cut), "nothing was judged in hand3-servo: there is no trial 50"),
+        (schedule("arm7", 0, cut), "its robot is hand3, not arm7"),
+        (schedule("hand3", 0, r#"{"kind":"stuck","joint":99,"begin":10}"#), "joint 99 of hand3, which has 9"),
+        (schedule("hand3", 0, r#"{"kind":"cut","begin":40}"#), "a fault begins in tick 40, and the run ends"),
+        (
+            schedule(
+                "hand3",
+                0,
+                r#"{"kind":"wall","direction":[0,0,1],"clearance":0.01,"stiffness":1e9,"begin":9}"#,
+            ),
+            "stiffness",
+        ),
+    ] {
+        says(&host_sim(&["faults", "--no-shrink", "--schedule", &text]), 2, &[words]);
+    }
     says(
         &host_sim(&["faults", "--schedule", "file"]),
         2,

@@ -58,7 +58,7 @@ pub struct Report {
 /// Runs a schedule. The robots are in the folder `robots`.
 ///
 /// # Errors
-/// The scenario cannot be run at all.
+/// The scenario cannot be run at all, or no fault of the schedule acts in it.
 pub fn run(schedule: &Schedule, robots: &Path) -> Result<Report, ScenarioError> {
     run_traced(schedule, robots, None).map(|(report, _)| report)
 }
@@ -80,6 +80,11 @@ pub fn run_traced(
     if scenario.is_none() && schedule.scenario != SERVED {
         return Err(ScenarioError::Unknown(schedule.scenario.clone()));
     }
+    let unjudged = |reason: String| ScenarioError::Unjudged { scenario: schedule.scenario.clone(), reason };
+    if let Some(own) = scenario.map(|scenario| scenario.robot).filter(|own| *own != schedule.robot) {
+        return Err(unjudged(format!("its robot is {own}, not {}", schedule.robot)));
+    }
+    schedule.check(&robot.model).map_err(unjudged)?;
     let rig = SharedRig::new(schedule, &robot.model);
     rig.lock().trace = trace;
     let result = catch_unwind(AssertUnwindSafe(|| {
@@ -92,6 +97,9 @@ pub fn run_traced(
     }));
     let mut rig = rig.lock();
     let trace = rig.trace.take().unwrap_or_default();
+    if let Some(reason) = rig.unjudged() {
+        return Err(unjudged(reason));
+    }
     let mut violations = rig.violations();
     let error = match result {
         Ok(_) if rig.is_over() => None,

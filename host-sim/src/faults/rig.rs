@@ -67,6 +67,8 @@ pub struct Rig {
     pub(super) touched: bool,
     pub(super) is_over: bool,
     pub(super) panicked: bool,
+    /// Why a fault could not act on the plant.
+    pub(super) refused: Option<String>,
     /// One line per tick, if requested.
     pub trace: Option<Vec<String>>,
 }
@@ -98,6 +100,7 @@ impl Rig {
             touched: false,
             is_over: false,
             panicked: false,
+            refused: None,
             trace: None,
         }
     }
@@ -115,6 +118,19 @@ impl Rig {
     /// The violations so far.
     pub fn violations(&self) -> Vec<Violation> {
         self.oracle.as_ref().map_or_else(Vec::new, |oracle| oracle.violations().to_vec())
+    }
+
+    /// Why the run says nothing about the faults of the schedule, if it does not.
+    pub fn unjudged(&self) -> Option<String> {
+        let Schedule { trial, faults, .. } = &self.schedule;
+        if let Some(refused) = &self.refused {
+            return Some(refused.clone());
+        }
+        if self.oracle.is_none() {
+            return Some(format!("there is no trial {trial} in which faults can act, from 0 on"));
+        }
+        (!faults.is_empty() && !self.disturbed)
+            .then(|| format!("the trial ended in tick {}, before the first fault", self.tick))
     }
 
     /// Digest of all the board's answers.
@@ -339,8 +355,7 @@ impl Rig {
         for fault in begins {
             let hold = f64::from(fault.ticks.unwrap_or(100)) * CONTROL_PERIOD;
             let push = |force| Push { force, point: [0.0; 3], ramp: 0.02, hold };
-            // The values are finite and within their limits, so no call fails.
-            let _ = match fault.kind {
+            let done = match fault.kind {
                 Kind::Push { joint, force } => plant.push_link(joint, push(force)),
                 Kind::Pull { force } if plant.object().is_some() => plant.push(push(force)),
                 Kind::Pull { force } => plant.push_tip(0, push(force)),
@@ -354,6 +369,9 @@ impl Rig {
                 }
                 _ => Ok(()),
             };
+            if let Err(error) = done {
+                self.refused.get_or_insert(error.to_string());
+            }
         }
         self.touched |= self.acts(Family::Environment);
     }

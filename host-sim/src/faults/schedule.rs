@@ -3,6 +3,7 @@
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
+use tesaki::model::RobotModel;
 use tesaki_rng::Rng;
 
 /// Random number stream that draws a schedule.
@@ -200,6 +201,31 @@ impl Kind {
         }
     }
 
+    /// The joints that it names.
+    pub const fn joints(&self) -> [Option<usize>; 2] {
+        match *self {
+            Self::Swapped { joint, other } => [Some(joint), Some(other)],
+            Self::Stuck { joint }
+            | Self::Jump { joint, .. }
+            | Self::Drift { joint, .. }
+            | Self::Noise { joint, .. }
+            | Self::Weak { joint, .. }
+            | Self::Reversed { joint }
+            | Self::Dead { joint }
+            | Self::Late { joint, .. }
+            | Self::Push { joint, .. } => [Some(joint), None],
+            _ => [None; 2],
+        }
+    }
+
+    /// The force sensor that it names.
+    pub const fn sensor(&self) -> Option<usize> {
+        match *self {
+            Self::Saturation { sensor } | Self::ForceLow { sensor } => Some(sensor),
+            _ => None,
+        }
+    }
+
     /// The joint whose drive is weak or dead.
     pub const fn weak_drive(&self) -> Option<usize> {
         match *self {
@@ -347,10 +373,38 @@ impl Schedule {
         let mut numbers = [("trial", self.trial), ("end", self.end)]
             .into_iter()
             .chain(self.faults.iter().flat_map(of_fault));
-        match numbers.find(|(_, value)| *value > MAX_NUMBER) {
-            Some((name, value)) => Err(format!("`{name}` is {value}; at most {MAX_NUMBER} is possible")),
+        if let Some((name, value)) = numbers.find(|(_, value)| *value > MAX_NUMBER) {
+            return Err(format!("`{name}` is {value}; at most {MAX_NUMBER} is possible"));
+        }
+        match self.faults.iter().find(|fault| fault.begin >= self.end) {
+            Some(Fault { begin, .. }) => {
+                Err(format!("a fault begins in tick {begin}, and the run ends in tick {}", self.end))
+            }
             None => Ok(()),
         }
+    }
+
+    /// Checks that the robot has what the faults name.
+    ///
+    /// # Errors
+    /// What it does not have.
+    pub fn check(&self, model: &RobotModel) -> Result<(), String> {
+        let sensors = model.chains.iter().filter(|chain| chain.force_sensor.is_some()).count();
+        for Fault { kind, .. } in &self.faults {
+            let found = [
+                ("joint", kind.joints().into_iter().flatten().max(), model.joints.len()),
+                ("sensor", kind.sensor(), sensors),
+            ];
+            for (name, index, count) in found {
+                if let Some(index) = index.filter(|index| *index >= count) {
+                    return Err(format!("{name} {index} of {}, which has {count}, from 0 on", model.name));
+                }
+            }
+            if matches!(kind, Kind::Wall { direction, .. } if direction.iter().all(|part| *part == 0.0)) {
+                return Err("a wall in the direction [0, 0, 0]: give one that is not 0".to_owned());
+            }
+        }
+        Ok(())
     }
 
     /// Seed of its machine, outside the development and evaluation sets.
@@ -479,7 +533,11 @@ mod tests {
         let late = Fault { kind: Kind::Late { joint: 0, late: u32::MAX }, begin: 0, ticks: None };
         let told = Schedule { faults: vec![late], ..drawn.clone() }.validate().unwrap_err();
         assert_eq!(told, "`late` is 4294967295; at most 1000000 is possible");
-        assert!(Schedule { trial: u32::MAX, ..drawn }.validate().is_err());
+        assert!(Schedule { trial: u32::MAX, ..drawn.clone() }.validate().is_err());
+        let never = Fault { kind: Kind::Cut, begin: drawn.end, ticks: None };
+        assert!(
+            Schedule { faults: vec![never], ..drawn }.validate().unwrap_err().contains("the run ends in")
+        );
     }
 
     #[test]

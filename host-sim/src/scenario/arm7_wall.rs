@@ -110,9 +110,13 @@ impl Contact {
         samples.iter().map(Self::force).sum::<f64>() / samples.len() as f64
     }
 
-    /// Time from the arrival of the set-point until the force stays near its value at rest [s].
+    /// Time from the arrival of the set-point until the force stays near its value at rest [s]; NaN where
+    /// that is less than half of the springs' force: there is no contact.
     fn settling_time(&self) -> f64 {
         let rest = self.rest();
+        if rest < 0.5 * self.expected() {
+            return f64::NAN;
+        }
         let samples = self.log.during(&(0.0..self.left));
         match unsettled(samples.iter().map(Self::force), rest, SETTLING_BAND) {
             None => f64::NAN,

@@ -7,7 +7,7 @@ use rapier3d::na::Vector3;
 use tesaki::task::grasping::{GraspCommand, Phase};
 
 use super::common::{capitalized, largest};
-use super::grasping::{GraspLog, GraspRig, GraspSample, GraspTrial, GraspedObject, MOVE, table, xyz};
+use super::grasping::{GraspLog, GraspRig, GraspSample, GraspTrial, GraspedObject, LIFT, MOVE, table, xyz};
 use super::{Kind, Outcome, Scenario, ScenarioError, Setting};
 use crate::plant::ContactTruth;
 use crate::report::{Figure, Line, Metric, Panel, Summary};
@@ -73,6 +73,8 @@ struct Record {
     rotations: Vec<f64>,
     /// When each commanded motion began [s], and its label.
     motions: Vec<(f64, String)>,
+    /// From the end of the lift to the command to put down [s].
+    carried: Range<f64>,
     force_limit: f64,
 }
 
@@ -86,6 +88,7 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
         let mut grasp_trial = GraspTrial::begin(setting, &mut rig, &held)?;
         let mut motions = vec![(grasp_trial.log.now(), "lift".to_owned())];
         let up = grasp_trial.lift()?;
+        let lifted = grasp_trial.log.now();
         let mut rotations = Vec::new();
         for &angle in trial.rotations {
             motions.push((grasp_trial.log.now(), format!("{} rad", signed(angle))));
@@ -97,10 +100,11 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
             grasp_trial.move_object([up[0] + displacement, up[1], up[2]], [0.0; 3])?;
             grasp_trial.wait(MOVE + REST)?;
         }
+        let carried = lifted..grasp_trial.log.now();
         grasp_trial.clear_target();
         grasp_trial.send("put down", GraspCommand::PutDown)?;
         grasp_trial.wait_for_phase(Phase::Ready, MAX_PUT_DOWN_TIME)?;
-        let record = Record { log: grasp_trial.end()?, rotations, motions, force_limit };
+        let record = Record { log: grasp_trial.end()?, rotations, motions, carried, force_limit };
         add_metrics(&mut summary, trial, &record);
         figures.push(figure(trial, &record));
         tables.push((format!("{}.csv", trial.object), table(&record.log)));
@@ -109,12 +113,16 @@ fn run(setting: &mut Setting<'_, '_>) -> Result<Outcome, ScenarioError> {
 }
 
 fn add_metrics(summary: &mut Summary, trial: &Trial, record: &Record) {
-    let Record { log, rotations, force_limit, .. } = record;
+    let Record { log, rotations, carried, force_limit, .. } = record;
     let (name, label) = (trial.object, capitalized(trial.object));
     let mut insert = |key: &str, metric: Metric| summary.insert(format!("{name}_{key}"), metric);
-    let dropped = f64::from(u8::from(log.lost.is_some()));
+    let lost = log.lost.as_ref().map(|lost| format!("the {name} was lost {lost}"));
+    let lowest = log.least_rise(carried);
+    let is_down = lowest < 0.5 * LIFT;
+    let down = is_down.then(|| format!("the {name} was only {:.1} mm above its support", 1e3 * lowest));
+    let dropped = f64::from(u8::from(log.lost.is_some() || is_down));
     let mut metric = Metric::at_most(format!("{label}: dropped"), dropped, 0.0, "");
-    metric.note = log.lost.as_ref().map(|lost| format!("the {name} was lost {lost}"));
+    metric.note = lost.or(down);
     insert("dropped", metric);
     let friction = log.samples.last().map_or(f64::NAN, |sample| sample.object.friction);
     insert(

@@ -40,8 +40,8 @@ impl SensorFlags {
     /// Bit 1: the sensors could not be read; all other values are invalid.
     pub const SILENT: u8 = 2;
 
-    /// Bit 2: a power stage has switched itself off (internal fault or overcurrent), or the board has switched
-    /// its motors off (also because of the supply, or of a current that does not fit its voltage).
+    /// Bit 2: a power stage has switched itself off (internal fault or overcurrent), or the board has
+    /// switched its motors off (also because of the supply, or of a current that does not fit its voltage).
     pub const POWER_STAGE: u8 = 4;
 
     /// Bit 3: the encoder of the joint in bits 4 to 7 stands still while its motor induces a voltage. If it

@@ -104,8 +104,8 @@ impl RetargetState {
 }
 
 /// The mapping from an operator's hand to a robot hand of two to five fingers, under settings that
-/// [`RetargetSettings::validate`] accepts. The thumb is solved first. If it [shares](Hand::shared) a joint with
-/// other fingers, these may move it afterwards, and its reported error is then not the final one.
+/// [`RetargetSettings::validate`] accepts. The thumb is solved first. If it [shares](Hand::shared) a joint
+/// with other fingers, these may move it afterwards, and its reported error is then not the final one.
 #[derive(Clone, Copy, Debug)]
 pub struct Retargeting<'a> {
     /// The hand. Its first finger is the thumb.

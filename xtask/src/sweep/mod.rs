@@ -51,10 +51,11 @@ struct SweepOptions {
     /// The evaluation machines instead of the development machines
     #[arg(long)]
     evaluation: bool,
-    /// Keep the results in docs/sweeps; scenarios that answer as recorded are left out
+    /// Keep the results in docs/sweeps. If no scenario is named, those are left out of which a machine,
+    /// another one for each, answers as recorded
     #[arg(long)]
     record: bool,
-    /// With --record: also scenarios that answer as recorded
+    /// With --record: leave none out
     #[arg(long, requires = "record")]
     force: bool,
     #[command(flatten)]
@@ -75,7 +76,7 @@ enum Task {
     },
     /// Run two recorded machines of every scenario again; fail when they differ from docs/sweeps
     Check,
-    /// Count machines apart in docs/sweeps that cannot meet a limit, by their physics; nothing is run
+    /// Count machines apart in docs/sweeps whose physics leaves no room for a limit; nothing is run
     Limits,
     /// Write the tables of the documents from docs/sweeps
     Tables {
@@ -138,10 +139,10 @@ fn sweep(options: &SweepOptions) -> Result<()> {
     let mut scenarios = if options.scenarios.is_empty() { known } else { options.scenarios.clone() };
     let set = if options.evaluation { Set::Evaluation } else { Set::Development };
     let jobs = options.workload.jobs();
-    if options.record && !options.force {
+    if options.record && !options.force && options.scenarios.is_empty() {
         scenarios = changed(&simulator, scenarios, set, jobs)?;
         if scenarios.is_empty() {
-            say!("Nothing to record: all scenarios answer as recorded.");
+            say!("Nothing to record: one machine of each scenario answers as recorded (all: --force).");
             return Ok(());
         }
     }
@@ -205,7 +206,7 @@ fn changed(simulator: &Simulator, scenarios: Vec<String>, set: Set, jobs: usize)
     Ok(scenarios.into_iter().filter(|scenario| !same.contains(scenario)).collect())
 }
 
-/// Removes the limits of recorded machines that cannot meet them.
+/// Removes the limits of recorded machines that leave no room for them.
 fn limits(simulator: &Simulator) -> Result<()> {
     for scenario in simulator.scenarios()? {
         for set in Set::ALL {
@@ -256,7 +257,7 @@ fn check<const N: usize>(simulator: &Simulator, sets: impl Fn(usize) -> [Set; N]
     Ok(())
 }
 
-/// Prints median and worst of each metric; returns the scenarios with a machine that misses a limit.
+/// Prints the smallest, the median and the largest value of each metric, infinite where it is unknown; returns the scenarios with a machine that misses a limit.
 fn print(results: &[Run]) -> Result<Vec<String>> {
     let mut by_scenario: BTreeMap<&str, Vec<&Run>> = BTreeMap::new();
     for run in results {
@@ -266,10 +267,11 @@ fn print(results: &[Run]) -> Result<Vec<String>> {
     for (scenario, runs) in by_scenario {
         let mut failed = false;
         say!(
-            "\n{scenario}, {} machines {:>38} {:>10} {:>10} {:>8}",
+            "\n{scenario}, {} machines {:>38} {:>10} {:>10} {:>10} {:>8}",
             runs.len(),
+            "smallest",
             "median",
-            "95 %",
+            "largest",
             "limit",
             "missed"
         );
@@ -294,8 +296,13 @@ fn print(results: &[Run]) -> Result<Vec<String>> {
         for (metric, mut values, missed) in metrics {
             values.sort_by(f64::total_cmp);
             let limit = metric.limit.map_or_else(|| String::from("–"), |limit| limit.to_string());
-            let (median, high) = (stats::median(&values), stats::percentile_95(&values));
-            say!("  {:<44} {median:>10.4} {high:>10.4} {limit:>10} {missed:>8} {}", metric.name, metric.unit);
+            let [low, high] = [values[0], values[values.len() - 1]];
+            let median = stats::median(&values);
+            say!(
+                "  {:<44} {low:>10.4} {median:>10.4} {high:>10.4} {limit:>10} {missed:>8} {}",
+                metric.name,
+                metric.unit
+            );
         }
         if failed {
             missed.push(scenario.to_owned());

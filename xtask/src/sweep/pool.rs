@@ -75,7 +75,7 @@ impl Simulator {
         Ok(names)
     }
 
-    /// Returns the metrics of a scenario whose limits the machine of each seed cannot meet physically.
+    /// Returns the metrics of a scenario whose limits are not demanded of the machine of each seed.
     ///
     /// # Errors
     /// When the simulator cannot compute them.

@@ -35,7 +35,7 @@ pub struct Machine {
     pub frames_sha256: String,
     /// Metrics that miss their limit or are not numbers.
     pub missed: Vec<String>,
-    /// Metrics whose limit does not apply to this machine, because no controller could meet it.
+    /// Metrics whose limit is not demanded of this machine, because its physics leaves no room for it.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub exempt: Vec<String>,
     /// In the order of [`Sweep::metrics`], to six digits; `None` if the run has no such value.

@@ -120,6 +120,13 @@ impl GraspLog {
         self.largest(span, |sample| (sample.position() - start).norm())
     }
 
+    /// How far the object was above the place where it was grasped, the least in a time span [m]; NaN if it
+    /// was not recorded to its end.
+    pub fn least_rise(&self, span: &Range<f64>) -> f64 {
+        let stood = self.at(self.held).map_or(f64::NAN, |sample| sample.position().z);
+        -self.largest(span, |sample| stood - sample.position().z)
+    }
+
     /// The longest path that a fingertip slid in a time span [m].
     pub fn sliding(&self, span: &Range<f64>) -> f64 {
         let all = self.during(span);

@@ -1,5 +1,6 @@
 //! The grip ratio: normal forces of a grip over those of the least grip, which is the solution of the grip
-//! optimisation with the true load and the true friction.
+//! optimisation for the wrench that the fingers exert, with the true friction. At rest, and if nothing else
+//! bears the object, that is the true load.
 
 use rapier3d::na::Vector3;
 use tesaki::grasp::{Contact, GraspMap, GripError, GripState, LeastGrip, ThreeFingers};
@@ -10,11 +11,14 @@ use super::GraspSample;
 use crate::plant::ContactTruth;
 use crate::scenario::common::largest;
 
+/// The support bears nothing of the object up to this force [N].
+const MAX_SUPPORT_FORCE: f64 = 0.01;
+
 /// A grip compared with the least grip for the same load.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GripRatio {
     /// Sum of the normal forces, divided by that of the least grip; NaN where no forces within the limit hold
-    /// the load.
+    /// the load, and where the support bears a part of it.
     pub ratio: f64,
     /// Largest joint torque of the least grip, without the weight of the fingers [N·m]; NaN where there is
     /// none.
@@ -26,6 +30,10 @@ pub struct GripRatio {
 pub fn grip_ratio(model: &RobotModel, sample: &GraspSample, limit: f64) -> Option<GripRatio> {
     let map = grasp_map(sample, limit)?;
     let load = map.wrench(&forces(sample));
+    let unknown = GripRatio { ratio: f64::NAN, torque: f64::NAN };
+    if Vector3::from(sample.object.support_force).norm() > MAX_SUPPORT_FORCE {
+        return Some(unknown);
+    }
     let grip = LeastGrip::try_new(0.0, 0.0).ok()?;
     match grip.solve(&map, &load, &mut GripState::default()) {
         Ok(grip) => {
@@ -35,7 +43,7 @@ pub fn grip_ratio(model: &RobotModel, sample: &GraspSample, limit: f64) -> Optio
             let torque = largest_torque(model, sample, grip.forces.as_slice().try_into().ok()?);
             Some(GripRatio { ratio: sum / f64::from(least), torque })
         }
-        Err(GripError::CannotHold(_)) => Some(GripRatio { ratio: f64::NAN, torque: f64::NAN }),
+        Err(GripError::CannotHold(_)) => Some(unknown),
         Err(_) => None,
     }
 }

@@ -38,6 +38,7 @@ const HAND5_PAGE: &str = "docs/papers/hand5.md";
 const KNOB_PAGE: &str = "docs/papers/knob.md";
 
 const HAND3_FORCE: &str = "hand3-paper-force";
+const HAND3_CURVES: &str = "hand3-paper-curves";
 const HAND3_MOTION: &str = "hand3-paper-motion";
 const ARM7: &str = "arm7-paper";
 const ARM7_ELBOW: &str = "arm7-paper-elbow";
@@ -55,6 +56,19 @@ const HAND3_FIGURE11: &[Pair] = &[
     both("magnitude along y, 0 N commanded", laws!(HAND3_FORCE, "sensed_y")),
     both("magnitude along z, 1.34 N commanded", laws!(HAND3_FORCE, "sensed_z")),
     errors("error of the force", laws!(HAND3_FORCE, "force_error")),
+];
+
+const HAND3_FRICTION: &[Pair] = &[
+    ours(Some("0.89 N"), row(HAND3_FORCE, "paper_sensed_force_at_20mNm", "20 mN·m")),
+    ours(Some("0.89 N"), row(HAND3_FORCE, "paper_sensed_force_at_60mNm", "60 mN·m")),
+    ours(Some("0.89 N"), row(HAND3_FORCE, "paper_sensed_force_at_100mNm", "100 mN·m")),
+];
+
+const HAND3_EFFICIENCY: &[Pair] = &[
+    ours(Some("0.89 N"), row(HAND3_CURVES, "paper_force_at_100", "all of the torque")),
+    ours(Some("0.89 N"), row(HAND3_CURVES, "paper_force_at_90", "90 %")),
+    ours(Some("0.89 N"), row(HAND3_CURVES, "paper_force_at_80", "80 %")),
+    ours(Some("0.89 N"), row(HAND3_CURVES, "paper_force_at_70", "70 %")),
 ];
 
 const HAND3_FIGURE12: &[Pair] = &[
@@ -228,6 +242,8 @@ const KNOB_FIGURE8: &[Pair] = &[
 pub const TABLES: &[Table] = &[
     Table { document: HAND3_PAGE, name: "hand3-figure6", rows: Rows::Comparison(HAND3_FIGURE6) },
     Table { document: HAND3_PAGE, name: "hand3-figure11", rows: Rows::Comparison(HAND3_FIGURE11) },
+    Table { document: HAND3_PAGE, name: "hand3-friction", rows: Rows::Comparison(HAND3_FRICTION) },
+    Table { document: HAND3_PAGE, name: "hand3-efficiency", rows: Rows::Comparison(HAND3_EFFICIENCY) },
     Table { document: HAND3_PAGE, name: "hand3-figure12", rows: Rows::Comparison(HAND3_FIGURE12) },
     Table { document: HAND3_PAGE, name: "hand3-figure14", rows: Rows::Comparison(HAND3_FIGURE14) },
     Table { document: HAND3_PAGE, name: "hand3-joint", rows: Rows::Comparison(HAND3_JOINT) },
