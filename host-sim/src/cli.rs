@@ -40,8 +40,8 @@ enum Command {
     List,
     /// Run a scenario: prints a table of results, writes CSV, JSON and a page with figures
     Run(run::Run),
-    /// List the limits of a scenario that are not demanded of a machine, because its torque or friction leaves
-    /// no room for them; runs nothing
+    /// List the limits of a scenario that are not demanded of a machine, because its torque or
+    /// friction leaves no room for them; runs nothing
     Limits(Limits),
     /// Measure how many seconds of a machine one core simulates per second
     Speed(speed::Speed),

@@ -257,7 +257,8 @@ fn check<const N: usize>(simulator: &Simulator, sets: impl Fn(usize) -> [Set; N]
     Ok(())
 }
 
-/// Prints the smallest, the median and the largest value of each metric, infinite where it is unknown; returns the scenarios with a machine that misses a limit.
+/// Prints the smallest, the median and the largest value of each metric, infinite where it is unknown;
+/// returns the scenarios with a machine that misses a limit.
 fn print(results: &[Run]) -> Result<Vec<String>> {
     let mut by_scenario: BTreeMap<&str, Vec<&Run>> = BTreeMap::new();
     for run in results {
