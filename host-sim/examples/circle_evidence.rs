@@ -100,7 +100,7 @@ fn each(what: &str, mut seen: impl FnMut(&Picture<'_>) -> Answer) -> Answer {
                     semi_axes: truth.semi_axes,
                     angle: truth.angle,
                 });
-                let image = Image::new(&picture.image.pixels, picture.image.width, picture.image.height)?;
+                let image = Image::try_new(&picture.image.pixels, picture.image.width, picture.image.height)?;
                 seen(&Picture { seed, number, image, search: picture.search, truth })?;
             }
         }
@@ -127,7 +127,7 @@ fn each(what: &str, mut seen: impl FnMut(&Picture<'_>) -> Answer) -> Answer {
         let search =
             CircleSearch { radius: [from, to].map(|radius| radius as f32), window: None, axis: None };
         let truth = Some(Truth { center: [x, y], semi_axes: [a, b], angle });
-        seen(&Picture { seed: 0, number, image: Image::new(pixels, WIDTH, HEIGHT)?, search, truth })?;
+        seen(&Picture { seed: 0, number, image: Image::try_new(pixels, WIDTH, HEIGHT)?, search, truth })?;
     }
     Ok(())
 }

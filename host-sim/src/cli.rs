@@ -26,9 +26,9 @@ use tesaki_sim::scenario::{Impossible, Kind, SCENARIOS, Scenario};
 const EXIT_CODES: &str = "Exit codes: 0, done, or nobody reads the output any more; 1, a limit or a rule is broken; \
 2, an error, which standard error tells";
 
-/// Runs the control core against simulated robots. Without a command, runs a short demonstration.
+/// Run the control core against simulated robots; without a command, a short demonstration
 #[derive(Parser)]
-#[command(version, about, after_help = EXIT_CODES, bin_name = "cargo sim")]
+#[command(version, after_help = EXIT_CODES, bin_name = "cargo sim")]
 struct Cli {
     #[command(subcommand)]
     command: Option<Command>,

@@ -42,7 +42,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         if row.len() < 5 {
             return Err(format!("row {index} of truth.txt has {} numbers of at least five", row.len()).into());
         }
-        let image = Image::new(pixels, 256, 240)?;
+        let image = Image::try_new(pixels, 256, 240)?;
         let center = [row[2] + 3.0, row[3] - 2.0];
         let inside = [center[0].clamp(0.0, 254.0), center[1].clamp(0.0, 238.0)];
         let window = windowed.then_some(Window { center: inside, reach: 12.0 });

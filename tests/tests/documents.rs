@@ -416,15 +416,40 @@ fn the_smallest_node_prints_what_the_documents_quote() {
 }
 
 /// Returns the pages at the top level and in docs/.
+/// All pages of the project.
 fn pages() -> Vec<PathBuf> {
-    let mut pages = vec![root().join("README.md"), root().join("CONTRIBUTING.md")];
-    let docs = root().join("docs").read_dir().unwrap().map(|entry| entry.unwrap().path());
-    pages.extend(docs.filter(|path| path.extension().is_some_and(|extension| extension == "md")));
+    let (mut pages, mut folders) = (Vec::new(), vec![root()]);
+    while let Some(folder) = folders.pop() {
+        for entry in folder.read_dir().unwrap().map(|entry| entry.unwrap()) {
+            let (path, name) = (entry.path(), entry.file_name().to_string_lossy().into_owned());
+            let is_made = name.starts_with('.') || ["target", "out", "node_modules"].contains(&name.as_str());
+            if entry.file_type().unwrap().is_dir() && !is_made {
+                folders.push(path);
+            } else if name.ends_with(".md") {
+                pages.push(path);
+            }
+        }
+    }
+    assert!(pages.len() > 40, "only {} pages found", pages.len());
     pages
 }
 
-/// Rustfmt limits code to 110 columns, but does not wrap comments. Tables, listings, pictures and single
-/// words may be longer.
+/// The anchors of a page's headings, as GitHub makes them.
+fn anchors(text: &str) -> BTreeSet<String> {
+    let headings = text.lines().filter(|line| line.starts_with('#'));
+    let anchor = |heading: &str| {
+        let words = heading.trim_start_matches('#').trim().to_lowercase();
+        words
+            .chars()
+            .filter(|letter| letter.is_alphanumeric() || [' ', '-', '_'].contains(letter))
+            .map(|letter| if letter == ' ' { '-' } else { letter })
+            .collect()
+    };
+    headings.map(anchor).collect()
+}
+
+/// Rustfmt limits code to 110 columns, but does not wrap comments. Tables, listings, quotations, pictures and
+/// single words may be longer.
 #[test]
 fn comments_and_prose_end_at_110_columns() {
     let mut too_long = Vec::new();
@@ -434,7 +459,7 @@ fn comments_and_prose_end_at_110_columns() {
             let words = line.trim_start().trim_start_matches(['/', '!']).trim_start();
             is_listing ^= words.starts_with("```");
             let may_be_long =
-                is_listing || words.starts_with('|') || line.starts_with("![") || !words.contains(' ');
+                is_listing || words.starts_with(['|', '>']) || line.starts_with("![") || !words.contains(' ');
             if line.chars().count() > 110 && !may_be_long {
                 too_long.push(format!("{}:{number}", path.display()));
             }
@@ -464,15 +489,18 @@ fn links_between_documents_lead_somewhere() {
     for page in pages() {
         let text = read_to_string(&page).unwrap();
         for link in text.split("](").skip(1).filter_map(|rest| rest.split(')').next()) {
-            let file = link.split('#').next().unwrap();
-            if file.is_empty() || file.contains("://") {
+            let (file, anchor) = link.split_once('#').unwrap_or((link, ""));
+            if file.contains("://") {
                 continue;
             }
-            assert!(page.parent().unwrap().join(file).exists(), "{}: no {file}", page.display());
+            let target = if file.is_empty() { page.clone() } else { page.parent().unwrap().join(file) };
+            assert!(target.exists(), "{}: no {file}", page.display());
+            let is_there = anchor.is_empty() || anchors(&read_to_string(&target).unwrap()).contains(anchor);
+            assert!(is_there, "{}: {link} has no such heading", page.display());
             links += 1;
         }
     }
-    assert!(links >= 20, "only {links} links found");
+    assert!(links >= 200, "only {links} links found");
 }
 
 /// Returns the pins named in `text` by a port's letter and a number, such as PB13 with `prefix` "P".

@@ -29,7 +29,7 @@ fn main() -> ! {
     systick.clear_current();
     systick.enable_counter();
     let buffers = cortex_m::singleton!(: CameraBuffers = CameraBuffers::new()).expect("taken once");
-    let image = Image::new(PICTURE, 256, 240).expect("its size");
+    let image = Image::try_new(PICTURE, 256, 240).expect("its size");
     for (name, search) in ["find_circle", "find_circle_window"].into_iter().zip(&CIRCLE_SEARCHES) {
         systick.clear_current();
         let start = SYST::get_current();

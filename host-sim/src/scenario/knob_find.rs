@@ -111,7 +111,7 @@ fn find(
     search: &CircleSearch,
     buffers: &mut CameraBuffers,
 ) -> Result<Option<Circle>, ScenarioError> {
-    let image = Image::new(&image.pixels, image.width, image.height)?;
+    let image = Image::try_new(&image.pixels, image.width, image.height)?;
     let found = find_circle(&image, search, &mut buffers.scratch())?;
     Ok(found.filter(|circle| circle.confidence >= BELIEVED))
 }

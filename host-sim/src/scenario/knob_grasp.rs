@@ -294,7 +294,7 @@ impl<'a, 'b, 'c> Trial<'a, 'b, 'c> {
         let found = match search {
             None => None,
             Some(search) => {
-                let grey = Image::new(&image.pixels, image.width, image.height)?;
+                let grey = Image::try_new(&image.pixels, image.width, image.height)?;
                 find_circle(&grey, &search, &mut self.buffers.scratch())?.filter(Approach::is_credible)
             }
         };

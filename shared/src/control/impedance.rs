@@ -90,6 +90,15 @@ pub enum ImpedanceTerm {
     StiffnessToMass,
 }
 
+/// Name of the axis along (0 to 2) or about (3 to 5) which a component acts.
+pub(crate) const fn axis_name(axis: u8) -> &'static str {
+    match axis % 3 {
+        0 => "x",
+        1 => "y",
+        _ => "z",
+    }
+}
+
 impl fmt::Display for InvalidImpedance {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { term, axis, value, limit } = *self;
@@ -104,11 +113,7 @@ impl fmt::Display for InvalidImpedance {
         };
         let [unit, turn] = units;
         let (unit, relation) = if axis < 3 { (unit, "along") } else { (turn, "about") };
-        let axis = match axis % 3 {
-            0 => "x",
-            1 => "y",
-            _ => "z",
-        };
+        let axis = axis_name(axis);
         match term {
             ImpedanceTerm::Mass => write!(
                 f,

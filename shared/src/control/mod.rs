@@ -14,6 +14,7 @@ pub use current_loop::{
 };
 pub(crate) use friction::STALL_SPEED;
 pub use friction::{FrictionFeedforward, FrictionState};
+pub(crate) use impedance::axis_name;
 pub use impedance::{Impedance, ImpedanceAxes, ImpedanceTerm, InvalidImpedance};
 pub use joint_servo::{JointServo, JointServoState, ServoOutput};
 pub use observer::{ErrorObserver, ObserverState};

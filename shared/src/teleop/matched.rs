@@ -2,7 +2,7 @@ use core::fmt;
 
 use nalgebra::Vector6;
 
-use crate::control::{Impedance, ImpedanceAxes};
+use crate::control::{Impedance, ImpedanceAxes, axis_name};
 
 /// Bilateral control with matched impedances (Arm7 section 4, which mentions the idea without equations):
 /// master and slave both have the target impedance (Arm7 eq. 2) towards each other's pose, and the measured
@@ -47,7 +47,7 @@ impl fmt::Display for UnsuitableImpedance {
             Self::Coupled => f.write_str("the axes of the impedance must not be coupled"),
             Self::Stiffness { axis, value } => {
                 let relation = if axis < 3 { "along" } else { "about" };
-                let name = ["x", "y", "z"][usize::from(axis % 3)];
+                let name = axis_name(axis);
                 write!(f, "the stiffness {relation} {name} is {value}; it must be above 0")
             }
         }

@@ -14,8 +14,11 @@ pub struct Image<'a> {
 }
 
 impl<'a> Image<'a> {
-    /// Checks the size: each side [`MIN_SIDE`] to [`MAX_SIDE`], and a grey level for each pixel.
-    pub const fn new(pixels: &'a [u8], width: usize, height: usize) -> Result<Self, VisionError> {
+    /// Rows of `width` grey levels, from the top.
+    ///
+    /// # Errors
+    /// A side that is not [`MIN_SIDE`] to [`MAX_SIDE`] px, or another number of grey levels than pixels.
+    pub const fn try_new(pixels: &'a [u8], width: usize, height: usize) -> Result<Self, VisionError> {
         if width < MIN_SIDE || width > MAX_SIDE || height < MIN_SIDE || height > MAX_SIDE {
             return Err(VisionError::Size { width, height });
         }

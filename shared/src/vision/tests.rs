@@ -71,7 +71,7 @@ fn draw(discs: &[Disc], background: f32, noise: f64, seed: u64) -> Vec<u8> {
 
 fn find_in(pixels: &[u8], radius: [f32; 2], window: Option<Window>) -> Option<Circle> {
     let mut buffers = Box::new(CameraBuffers::new());
-    let image = Image::new(pixels, WIDTH, HEIGHT).unwrap();
+    let image = Image::try_new(pixels, WIDTH, HEIGHT).unwrap();
     find_circle(&image, &CircleSearch { radius, window, axis: None }, &mut buffers.scratch()).unwrap()
 }
 
@@ -136,7 +136,7 @@ fn a_rose_behind_its_knob_is_found_along_the_axis() {
     let rose = Disc::round(126.0, 120.0, 26.0, 130.0);
     let knob = Disc::round(124.0, 136.0, 26.0, 60.0);
     let pixels = draw(&[rose, knob], 170.0, 2.0, 1);
-    let image = Image::new(&pixels, WIDTH, HEIGHT).unwrap();
+    let image = Image::try_new(&pixels, WIDTH, HEIGHT).unwrap();
     let mut buffers = Box::new(CameraBuffers::new());
     // The vanishing point is (128, 90), the limit of rose and knob at infinity; known to 5 px.
     for center in [[128.0, 90.0], [132.0, 88.0], [125.0, 94.0]] {
@@ -147,7 +147,7 @@ fn a_rose_behind_its_knob_is_found_along_the_axis() {
     }
     // Without a rose, only the end of the knob can be found.
     let pixels = draw(&[Disc::round(124.0, 136.0, 26.0, 60.0)], 170.0, 2.0, 1);
-    let image = Image::new(&pixels, WIDTH, HEIGHT).unwrap();
+    let image = Image::try_new(&pixels, WIDTH, HEIGHT).unwrap();
     let axis = Some(Window { center: [128.0, 90.0], reach: 5.0 });
     let search = CircleSearch { radius: [19.0, 34.0], window: None, axis };
     assert_near(find_circle(&image, &search, &mut buffers.scratch()).unwrap(), [124.0, 136.0, 26.0], 0.3);
@@ -216,7 +216,7 @@ fn any_image_has_an_answer() {
         let step = 1 + rng.below(255) as u8;
         let pixels: Vec<u8> =
             (0..width * height).map(|_| (rng.next_u64() as u8 / step).wrapping_mul(step)).collect();
-        let image = Image::new(&pixels, width, height).unwrap();
+        let image = Image::try_new(&pixels, width, height).unwrap();
         let from = 5.0 + 20.0 * rng.uniform() as f32;
         let reach = 1.0 + 300.0 * rng.uniform() as f32;
         let center = [rng.below(width as u32 - 1) as f32, rng.below(height as u32 - 1) as f32];
@@ -239,13 +239,13 @@ fn any_image_has_an_answer() {
 #[test]
 fn bad_input_is_refused_with_its_limits() {
     assert_eq!(
-        Image::new(&[0; 100], 10, 10).unwrap_err().to_string(),
+        Image::try_new(&[0; 100], 10, 10).unwrap_err().to_string(),
         "an image of 10 × 10 pixels: each side must be 32 to 4096 pixels"
     );
-    let error = Image::new(&[0; 100], 256, 240).unwrap_err();
+    let error = Image::try_new(&[0; 100], 256, 240).unwrap_err();
     assert_eq!(error.to_string(), "100 grey values for an image of 61440 pixels: one is needed for each");
     let pixels = vec![0; WIDTH * HEIGHT];
-    let image = Image::new(&pixels, WIDTH, HEIGHT).unwrap();
+    let image = Image::try_new(&pixels, WIDTH, HEIGHT).unwrap();
     let mut buffers = Box::new(CameraBuffers::new());
     let mut said = |radius, window: Option<([f32; 2], f32)>| {
         let window = window.map(|(center, reach)| Window { center, reach });
@@ -290,7 +290,7 @@ fn what_an_independent_renderer_draws_is_found() {
     let (mut start, mut right, mut opencv) = (0, 0, 0);
     let mut buffers = Box::new(CameraBuffers::new());
     for &(width, height, from, to, x, y, radius, found_x, found_y, found_radius) in ROWS {
-        let image = Image::new(&PIXELS[start..start + width * height], width, height).unwrap();
+        let image = Image::try_new(&PIXELS[start..start + width * height], width, height).unwrap();
         start += width * height;
         let is_right = |center: [f32; 2], found: f32| {
             apart(center, [x, y]) < 0.1 * radius && (found - radius).abs() < 0.05 * radius

@@ -59,6 +59,9 @@ pub struct Record {
     pub seeds: [u64; 2],
     /// Schedules that were run.
     pub schedules: usize,
+    /// Those whose scenario ended before the schedule.
+    #[serde(default)]
+    pub ended_early: usize,
     /// Schedules with faults of each family.
     pub families: BTreeMap<String, usize>,
     /// Seeds that broke each rule.
@@ -91,6 +94,7 @@ impl Record {
             commit: commit.to_owned(),
             seeds: [*first, *last],
             schedules: runs.len(),
+            ended_early: runs.iter().filter(|run| run.ends_early()).count(),
             families,
             violations,
             checked_sha256: digest(&runs),

@@ -4,7 +4,7 @@ use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use super::tuning::{MAX_BANDWIDTH, MIN_FORCE_BANDWIDTH};
-use crate::control::{Impedance, InvalidImpedance};
+use crate::control::{Impedance, InvalidImpedance, axis_name};
 use crate::model::MAX_CHAIN_JOINTS;
 
 /// Settings of the impedance control.
@@ -190,11 +190,7 @@ impl fmt::Display for InvalidImpedanceSettings {
                 write!(f, "the compensated fraction of the friction is {value}; it must be from 0 to 1")
             }
             Self::MassInContact { axis, value, own, limit } => {
-                let axis = match axis {
-                    0 => "x",
-                    1 => "y",
-                    _ => "z",
-                };
+                let axis = axis_name(*axis);
                 write!(
                     f,
                     "the mass along {axis} is {value} kg and the arm's own there {own} kg: it would chatter on a stiff \

@@ -53,8 +53,8 @@ Exit codes:
   4  the board and this program use different versions of the protocol
   5  the board is in fault
   6  no answer, or not in time
-  7  the board refused the request; nothing changed
-  8  a grasp failed, or `approach` does not hold the knob
+  7  the board refused the request, or the motors cannot hold the robot there; nothing changed
+  8  a grasp failed, also one of `identify`, or `approach` does not hold the knob
 130  interrupted by Ctrl-C before it was done
 141  nobody read the output any more before it was done
 
@@ -241,7 +241,7 @@ pub enum Command {
     Set {
         /// Name of the parameter; `joints.*.…` means every joint
         path: String,
-        /// The value: a number, true, false, a word, or JSON
+        /// The value: a number, a share of the present one such as 30%, true, false, a word, or JSON
         #[arg(allow_hyphen_values = true)]
         value: String,
     },
@@ -257,7 +257,8 @@ pub enum Command {
     /// Show the faults since power-on
     #[command(after_help = examples::FAULTS)]
     Faults {
-        /// Clear them once read: a board in fault becomes disabled
+        /// Clear them once read: a board in fault becomes disabled, and a robot that was held loses its
+        /// power
         #[arg(long)]
         clear: bool,
     },

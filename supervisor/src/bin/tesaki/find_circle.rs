@@ -95,7 +95,7 @@ pub fn search(name: &str, picture: &Picture, known: &Known) -> Result<(Option<Ci
     let factor = reduction(picture.width, picture.height);
     let reduced = (factor > 1).then(|| picture.reduced(factor));
     let searched = reduced.as_ref().unwrap_or(picture);
-    let image = Image::new(&searched.pixels, searched.width, searched.height).map_err(|error| match error {
+    let image = Image::try_new(&searched.pixels, searched.width, searched.height).map_err(|error| match error {
         VisionError::Size { width, height } if factor > 1 => wrong(&format!(
             "a picture of {} × {} pixels: with a side of more than {MAX_SIDE} it is reduced, {factor} times, to \
              {width} × {height}, and each side must then have at least {MIN_SIDE}: cut out the surroundings of \

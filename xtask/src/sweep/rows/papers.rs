@@ -59,16 +59,28 @@ const HAND3_FIGURE11: &[Pair] = &[
 ];
 
 const HAND3_FRICTION: &[Pair] = &[
-    ours(Some("0.89 N"), row(HAND3_FORCE, "paper_sensed_force_at_20mNm", "20 mN·m")),
-    ours(Some("0.89 N"), row(HAND3_FORCE, "paper_sensed_force_at_60mNm", "60 mN·m")),
-    ours(Some("0.89 N"), row(HAND3_FORCE, "paper_sensed_force_at_100mNm", "100 mN·m")),
+    ours(
+        Some("0.89 N"),
+        row(HAND3_FORCE, "paper_sensed_force_at_20mNm", "force of finger 1, joint friction 20 mN·m"),
+    ),
+    ours(
+        Some("0.89 N"),
+        row(HAND3_FORCE, "paper_sensed_force_at_60mNm", "force of finger 1, joint friction 60 mN·m"),
+    ),
+    ours(
+        Some("0.89 N"),
+        row(HAND3_FORCE, "paper_sensed_force_at_100mNm", "force of finger 1, joint friction 100 mN·m"),
+    ),
 ];
 
 const HAND3_EFFICIENCY: &[Pair] = &[
-    ours(Some("0.89 N"), row(HAND3_CURVES, "paper_force_at_100", "all of the torque")),
-    ours(Some("0.89 N"), row(HAND3_CURVES, "paper_force_at_90", "90 %")),
-    ours(Some("0.89 N"), row(HAND3_CURVES, "paper_force_at_80", "80 %")),
-    ours(Some("0.89 N"), row(HAND3_CURVES, "paper_force_at_70", "70 %")),
+    ours(
+        Some("0.89 N"),
+        row(HAND3_CURVES, "paper_force_at_100", "force of finger 1, all of the torque reaches the joints"),
+    ),
+    ours(Some("0.89 N"), row(HAND3_CURVES, "paper_force_at_90", "force of finger 1, 90 % of it")),
+    ours(Some("0.89 N"), row(HAND3_CURVES, "paper_force_at_80", "force of finger 1, 80 % of it")),
+    ours(Some("0.89 N"), row(HAND3_CURVES, "paper_force_at_70", "force of finger 1, 70 % of it")),
 ];
 
 const HAND3_FIGURE12: &[Pair] = &[

@@ -58,9 +58,10 @@ pub const SET: &str = "\
 Examples:
   tesaki set safety.reaction damp
   tesaki set 'joints.*.limits.velocity' 4.5     # of every joint
+  tesaki set 'joints.*.limits.torque' 30%       # of the present value
 
-The model is pushed again with the change. Homed joints stay homed; force sensors must be tared
-anew. The limits of angles may only be narrowed.";
+The model is pushed again with the change. Homed joints stay homed, unless a parameter of their
+encoders changes; force sensors must be tared anew. The limits of angles may only be narrowed.";
 
 pub const PUSH: &str = "\
 Examples:

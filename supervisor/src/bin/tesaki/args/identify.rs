@@ -56,7 +56,14 @@ pub struct Identify {
     pub amplitude: f64,
     /// Maximum normal force of each grip [N], at least two different values; a grip that fails is left out
     /// if two others succeed
-    #[arg(long, value_name = "N,N", value_delimiter = ',', allow_hyphen_values = true, default_values_t = [2.0, 6.0, 4.0], conflicts_with = "joints")]
+    #[arg(
+        long,
+        value_name = "N,N",
+        value_delimiter = ',',
+        allow_hyphen_values = true,
+        default_value = "2,6,4",
+        conflicts_with = "joints"
+    )]
     pub grips: Vec<f32>,
 }
 
