@@ -176,7 +176,7 @@ fn a_stream_of_poses_leads_the_tool_on_a_circle() {
     // One turn in three seconds, while the elbow moves by 0.1 rad.
     loop {
         let part = (begin.elapsed().as_secs_f64() / 3.0).min(1.0);
-        let (sin, cos) = (std::f64::consts::TAU * part * part * (3.0 - 2.0 * part)).sin_cos();
+        let (sin, cos) = (TAU * part * part * (3.0 - 2.0 * part)).sin_cos();
         hand.position = [0.0, RADIUS * sin, RADIUS * (cos - 1.0)];
         hand.elbow = 0.1 * part;
         hand.send();
@@ -403,7 +403,7 @@ fn a_stream_in_millimetres_does_not_let_the_arm_leap() {
     while leading.count(|value| is_clutch(value, "open", limit)) == 0 {
         // Half a turn a second, of 100 mm.
         let elapsed = begin.elapsed().as_secs_f64();
-        hand.position = [0.0, 100.0 * (1.0 - (std::f64::consts::PI * elapsed).cos()), 0.0];
+        hand.position = [0.0, 100.0 * (1.0 - (PI * elapsed).cos()), 0.0];
         hand.send();
         assert!(elapsed < 60.0, "the clutch is still closed");
     }
