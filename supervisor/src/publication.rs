@@ -12,7 +12,7 @@ use tesaki_recording::{Diagnostic, Health, LogLevel, McapError, Publisher, Sink,
 use crate::task_report::{Pose, Report, report};
 
 /// A smaller difference of successive ticks means that the board was reset in between [ticks].
-const RESET: i32 = -100;
+const RESET: i32 = -20;
 
 /// The streams that it uses, with their periods [ticks].
 pub const STREAMS: &[(Stream, u16)] =
