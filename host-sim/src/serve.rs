@@ -5,7 +5,7 @@ use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 
 use rapier3d::na::Vector3;
-use tesaki::model::RobotModel;
+use tesaki::model::{JointModel, RobotModel};
 use tesaki::protocol::{ActuatorFrame, SensorFlags, SensorFrame};
 use tesaki::robot::Robot;
 use tesaki_output::{note, quoted};
@@ -402,12 +402,22 @@ pub fn serve(
     Ok(())
 }
 
+/// The angle to home a joint with. One at its stop may be beyond the limits by what the stop yields.
+fn homed(joint: &JointModel, angle: f64) -> f64 {
+    const YIELDED: f64 = 0.02;
+    let [lower, upper] = [joint.limits.lower, joint.limits.upper].map(f64::from);
+    // Towards the inside: the command has three decimals.
+    let within = angle.clamp((1e3 * lower).ceil() / 1e3, (1e3 * upper).floor() / 1e3);
+    if (within - angle).abs() < YIELDED { within } else { angle }
+}
+
 /// The command that homes the machine in its current posture; `None` when all encoders are absolute.
 pub fn home_command(plant: &Plant, model: &RobotModel) -> Option<String> {
     let angles = plant.homed_positions();
     let relative = model.joints.iter().zip(angles).filter(|(joint, _)| joint.encoder.relative);
-    let words: Vec<String> =
-        relative.map(|(joint, angle)| quoted(&format!("{}={angle:.3}", joint.name))).collect();
+    let words: Vec<String> = relative
+        .map(|(joint, angle)| quoted(&format!("{}={:.3}", joint.name, homed(joint, angle))))
+        .collect();
     (!words.is_empty()).then(|| format!("tesaki home {}", words.join(" ")))
 }
 

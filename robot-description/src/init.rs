@@ -16,7 +16,7 @@ use crate::finding::{Finding, Report};
 use crate::load::CoupledChains;
 use crate::robot::tree::{SerialChain, SerialJoint, SerialMimic, serial_chains};
 use crate::urdf::{self, Urdf};
-use motor::LARGEST_EFFORT;
+use motor::{EFFORT_OVER_GRAVITY, LARGEST_EFFORT};
 use servo::JointPlan;
 
 /// Gravity of an upright base [m/s²].
@@ -164,7 +164,10 @@ fn plan(chains: &[SerialChain], options: &InitOptions) -> Result<Vec<JointPlan>,
         let limits: Vec<(f32, f32)> =
             own.iter().map(|joint| (joint.limits.lower, joint.limits.upper)).collect();
         let loads = group.joint_loads(&GRAVITY, &limits);
-        let motors = own.iter().zip(&loads).map(|(joint, load)| choose_motor(joint, load, options));
+        let heaviest = loads.iter().map(|load| load.gravity).fold(0.0, f32::max);
+        let largest_effort = LARGEST_EFFORT.max(EFFORT_OVER_GRAVITY * heaviest);
+        let motors =
+            own.iter().zip(&loads).map(|(joint, load)| choose_motor(joint, load, largest_effort, options));
         let motors = motors.collect::<Result<Vec<_>, _>>()?;
         group.rotors = motors.iter().map(|(motor, _)| motor.rotor_inertia).collect();
         let inertias = group.joint_inertias(&limits);
@@ -199,10 +202,11 @@ fn coupled(chain: &SerialChain, joints: &[&SerialJoint]) -> Option<(Chain, Vec<C
     Some((Chain::from_links(links, &chain.pose).ok()?, couplings))
 }
 
-/// The motor of a joint, and why.
+/// The motor of a joint, and why. The URDF's effort is believed up to `largest_effort` [N·m].
 fn choose_motor(
     joint: &SerialJoint,
     load: &crate::load::JointLoad,
+    largest_effort: f32,
     options: &InitOptions,
 ) -> Result<(MotorPreset, String), InitError> {
     let own = options.motors.iter().rev().find(|choice| choice.joint.as_ref() == Some(&joint.name));
@@ -210,7 +214,7 @@ fn choose_motor(
     let effort = joint.limits.torque;
     let speed = if joint.limits.velocity > 0.0 { joint.limits.velocity.min(40.0) } else { 6.0 };
     let needed = (GRAVITY_FACTOR * load.gravity).max(LEAST_TORQUE);
-    let believed = effort > 0.0 && effort <= LARGEST_EFFORT;
+    let believed = effort > 0.0 && effort <= largest_effort;
     let torque = if believed { effort } else { needed };
     match own.or(common).map(|choice| choice.motor.as_str()) {
         Some(GENERIC) => Ok((MotorPreset::generic(torque, speed), "as chosen".to_owned())),
@@ -228,7 +232,7 @@ fn choose_motor(
                 } else {
                     "the least".to_owned()
                 };
-                let effort = if effort > LARGEST_EFFORT {
+                let effort = if effort > largest_effort {
                     format!("the URDF's effort, {effort} N·m, is not believed, it may be in mN·m")
                 } else {
                     "the URDF has no effort".to_owned()

@@ -95,6 +95,8 @@ pub struct JointPlan {
     pub torque: f32,
     pub torque_rate: f32,
     pub following_error: f32,
+    /// Whether the torque, and not the speed, makes the trajectory filter slow.
+    pub is_weak: bool,
     /// Smallest, largest and their geometric mean, with rotor [kg·m²].
     pub inertia: [f32; 3],
     pub filter_time: f32,
@@ -169,6 +171,7 @@ impl JointPlan {
             torque,
             torque_rate,
             following_error,
+            is_weak: by_torque > by_speed,
             inertia: [smallest, largest, inertia],
             filter_time,
             peak_velocity: range / (E * filter_time),

@@ -83,6 +83,11 @@ fn notes(accepted: &[String], joints: &[JointPlan]) -> Vec<String> {
         &|joint| joint.load.gravity > 0.6 * joint.torque,
         "gravity takes more than 60 % of the torque: choose a stronger motor",
     );
+    about(
+        &|joint| joint.is_weak && joint.filter_time > SLOW,
+        "the motor is weak for the inertia that it moves, a move over the range takes more than 15 s: choose a \
+         stronger motor",
+    );
     let mut supplies: Vec<f32> = joints.iter().map(|joint| joint.motor.supply).collect();
     supplies.sort_by(f32::total_cmp);
     supplies.dedup();
@@ -95,6 +100,9 @@ fn notes(accepted: &[String], joints: &[JointPlan]) -> Vec<String> {
     }
     notes
 }
+
+/// A time constant of the trajectory filter that is told [s]: a move takes some nine of them.
+const SLOW: f32 = 1.7;
 
 /// A key with its value and what is to be said of it.
 struct Entry {

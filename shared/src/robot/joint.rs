@@ -39,6 +39,12 @@ pub struct JointConfig {
 }
 
 impl JointConfig {
+    /// Torque that moves the joint from rest by a number of counts within a time [N·m, s].
+    #[inline]
+    pub(crate) fn torque_for(&self, counts: f32, time: f32) -> f32 {
+        self.inertia * (2.0 * counts * abs(self.radians_per_count) / (time * time))
+    }
+
     /// `damping` is that of the robot after a fault [N·m·s/rad].
     pub(crate) fn new(joint: &JointModel, damping: f32) -> Self {
         let servo = JointServo::new(joint);

@@ -1,8 +1,11 @@
 //! Joints and fingertips moved to a target.
 
+use std::io::{BufRead as _, BufReader};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
+use nix::sys::signal::Signal;
+use serde_json::Value;
 use tesaki::protocol::{FromBoard, Stream};
 use tesaki_supervisor::{Board, LinkBoard};
 
@@ -56,7 +59,7 @@ fn from_a_fresh_board_to_a_moved_recorded_and_replayed_joint() {
     std::thread::sleep(Duration::from_millis(300));
     let moved = server.succeeds(&["move", "finger1_swing=20", "finger2_bend=30", "--degrees"]);
     assert!(moved.contains("arrived") && moved.contains("disabled"), "{moved}");
-    signal(&recorder, nix::sys::signal::Signal::SIGINT);
+    signal(&recorder, Signal::SIGINT);
     assert!(recorder.wait().unwrap().success());
     let state = server.json(&["read"]);
     assert_eq!(state["joints"][0]["name"], "finger1_swing");
@@ -212,6 +215,20 @@ fn the_example_client_in_python_moves_a_joint_and_is_told_why_not() {
     assert!(code != 0 && text.contains("outside the limits"), "{text}");
 }
 
+/// A program that reads JSON learns at once that the joint is late, and not only when the hold ends.
+#[test]
+fn a_late_move_that_holds_is_told_in_json() {
+    let server = Server::ready();
+    let mut command = server.command(&["--json", "move", "--hold", "--within", "0.1", "finger1_bend=0.5"]);
+    let mut child = command.stdout(Stdio::piped()).spawn().unwrap();
+    let output = BufReader::new(child.stdout.take().unwrap());
+    let values = output.lines().map(|line| serde_json::from_str::<Value>(&line.unwrap()).unwrap());
+    let late = values.into_iter().find(|value| value["arrived"] == false).unwrap();
+    assert!(late["joint"] == "finger1_bend" && late["largest_error"].as_f64().unwrap() > 0.1, "{late}");
+    signal(&child, Signal::SIGINT);
+    assert_eq!(child.wait().unwrap().code(), Some(6));
+}
+
 #[test]
 fn a_motion_that_ctrl_c_breaks_off_fails() {
     let server = Server::ready();
@@ -222,7 +239,7 @@ fn a_motion_that_ctrl_c_breaks_off_fails() {
         &["reach", "--relative", "--speed", "1e-4", "finger1_tip=0.01,0,0.01"],
     ] {
         let child = server.wait_with(server.start_command(command), "enabled");
-        signal(&child, nix::sys::signal::Signal::SIGINT);
+        signal(&child, Signal::SIGINT);
         let (code, text) = said(&finish(child));
         assert!(code == 130 && text.contains("interrupted: disabled"), "{command:?}: {code}: {text}");
         server.wait_for("disabled");

@@ -17,6 +17,9 @@ const CONFIRMED_SHARE: f32 = 0.75;
 /// links, and the error of a coarse encoder.
 const MOVED_COUNTS: f32 = 24.0;
 const MOVED_TIME: f32 = (STUCK_TICKS + 1) as f32 * TICK;
+/// The growth of any other effort must be able to move it by this number of counts in the time without a
+/// change: a heavy joint with a coarse encoder begins to move unnoticed.
+const FEW_COUNTS: f32 = 3.0;
 /// Consecutive ticks in which a joint gains speed against its torque, after which it runs away. With more
 /// ticks it gains more speed; with fewer a rebound is mistaken for it.
 const RUNAWAY_TICKS: u8 = 3;
@@ -220,23 +223,22 @@ impl Joint<'_> {
         // In a moving arm the torque of a joint also balances the inertial forces of the other links, without
         // moving that joint.
         let is_balance = situation.accelerates && !situation.stops;
-        let should_move = !is_balance && pushes && abs(grown) > growth;
+        let may_move = !is_balance && pushes && abs(grown) > growth;
         // Accelerations are noisy. If the torque confirms them, a smaller growth and one tick less suffice.
         let (share, ticks) = if pushes { (CONFIRMED_SHARE, STUCK_TICKS) } else { (1.0, STUCK_TICKS + 1) };
-        let moves_counts =
-            2.0 * MOVED_COUNTS * abs(self.config.radians_per_count) / (MOVED_TIME * MOVED_TIME);
         // A joint that has braked to rest stays there while its effort falls below friction: falling efforts
         // do not count.
         let should_accelerate = situation.accelerates
             && abs(grown) > share * thresholds.accelerating_growth
-            && abs(effort) > math::max(0.5 * thresholds.growth, self.config.inertia * moves_counts)
+            && abs(effort)
+                > math::max(0.5 * thresholds.growth, self.config.torque_for(MOVED_COUNTS, MOVED_TIME))
             && grown * effort > 0.0;
         // A weaker sign for one tick, as at the start of a contact, does not reset the counter.
         let keeps_count = situation.accelerates
             && pushes
             && abs(grown) > HYSTERESIS_SHARE * thresholds.accelerating_growth
             && grown * effort > 0.0;
-        let shows = should_move || should_accelerate;
+        let shows = may_move || should_accelerate;
         // An effort that swings, as with a coarse encoder, pushes the joint nowhere, unless the torque does.
         let pushing = if abs(excess) > limit { excess } else { grown };
         let direction = if pushing > 0.0 { 1 } else { -1 };
@@ -246,7 +248,13 @@ impl Joint<'_> {
             (false, true) => before,
             (false, false) => 0,
         };
-        if !shows || state.unchanged.unsigned_abs() < ticks {
+        let unchanged = state.unchanged.unsigned_abs();
+        if !shows || unchanged < ticks {
+            return None;
+        }
+        let should_move =
+            may_move && abs(grown) > self.config.torque_for(FEW_COUNTS, f32::from(unchanged) * TICK);
+        if !should_move && !should_accelerate {
             return None;
         }
         self.mark_dead();
@@ -340,6 +348,10 @@ mod tests {
     /// The tick in which these efforts of a joint that stands still show a dead encoder, if its torque beyond
     /// the weight is `excess` [N·m].
     fn found_in(counts_per_turn: f32, excess: f32, efforts: &[f32]) -> Option<usize> {
+        found_as(ACCELERATES, counts_per_turn, excess, efforts)
+    }
+
+    fn found_as(situation: Situation, counts_per_turn: f32, excess: f32, efforts: &[f32]) -> Option<usize> {
         let mut model = crate::test_support::joint("joint");
         model.encoder.counts_per_turn = counts_per_turn;
         let config = JointConfig::new(&model, 0.1);
@@ -352,7 +364,7 @@ mod tests {
             reference: &mut JointPoint::default(),
             target: &mut JointTarget::at(0.0),
         };
-        let mut is_dead = |&effort: &f32| joint.check_encoder(effort, excess, ACCELERATES).is_some();
+        let mut is_dead = |&effort: &f32| joint.check_encoder(effort, excess, situation).is_some();
         efforts.iter().position(&mut is_dead)
     }
 
@@ -363,6 +375,16 @@ mod tests {
         assert_eq!(found_in(1e6, 0.0, &[0.4, -0.4, 0.4, 0.4, -0.4, -0.4, 0.4]), None);
         // The torque pushes in one direction all the same: 0.1 N·m of 0.02 · 2 + 0.08 · 0.6 N·m.
         assert_eq!(found_in(1e6, -0.1, &[0.4, -0.4, -0.4]), Some(1));
+    }
+
+    /// 2·3·2π/(counts·(20 ms)²) = 9.4e4/counts rad/s² in two ticks: of 2.1e-4 kg·m², 20/counts N·m; in four
+    /// ticks a quarter of that.
+    #[test]
+    fn a_heavy_joint_with_a_coarse_encoder_begins_to_move_unnoticed() {
+        let situation = Situation { accelerates: false, ..ACCELERATES };
+        for (counts, found) in [(1e6, Some(1)), (80.0, Some(1)), (60.0, Some(2)), (20.0, Some(3))] {
+            assert_eq!(found_as(situation, counts, 0.3, &[0.3; 9]), found, "{counts}");
+        }
     }
 
     /// 2·24·2π/(counts·(30 ms)²) = 3.35e5/counts rad/s²: of 2.1e-4 kg·m², 70/counts N·m.

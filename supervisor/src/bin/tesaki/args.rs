@@ -358,9 +358,10 @@ pub struct Move {
     /// Position tolerance [rad]
     #[arg(long, default_value_t = 0.005, value_parser = positive, allow_negative_numbers = true)]
     pub tolerance: f32,
-    /// Fail if the targets are not reached within this time [s]
-    #[arg(long, default_value = "20", value_parser = seconds, allow_negative_numbers = true)]
-    pub within: Duration,
+    /// Fail if the targets are not reached within this time [s]; default: 20 s, or more where the joints'
+    /// trajectory filters take longer
+    #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true)]
+    pub within: Option<Duration>,
     #[command(flatten)]
     pub stay: Stay,
 }

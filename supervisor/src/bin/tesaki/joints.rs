@@ -1,10 +1,10 @@
 //! The commands `enable` and `move`.
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use serde_json::json;
 use tesaki::model::{JointModel, RobotModel};
-use tesaki::protocol::Request;
+use tesaki::protocol::{JointTelemetry, Request};
 use tesaki::task::joint_servo::JointCommand;
 use tesaki::task::{TaskCommand, TaskConfig};
 use tesaki_supervisor::BoardError;
@@ -18,6 +18,9 @@ use crate::output;
 
 /// From this share of its limit on, a torque counts as limited.
 const AT_LIMIT: f32 = 0.95;
+
+/// A move that has not arrived after this time is late, unless its trajectory takes longer.
+const USUAL_TIME: Duration = Duration::from_secs(20);
 
 pub fn enable(options: &Options, args: &Enable) -> Result<(), Failure> {
     let mut motion = Motion::begin(options)?;
@@ -49,13 +52,21 @@ pub fn move_joints(options: &Options, args: &Move) -> Result<(), Failure> {
     if let Some(heavy) = TooHeavy::at(&motion.model, &goal) {
         output::notice(options, &format!("warning: at the goal {heavy}"));
     }
-    let deadline = Instant::now() + args.within;
-    let (mut arrival, mut farthest, mut torque) = (Arrival::default(), (0, 0.0), 0.0);
+    let within = match args.within {
+        Some(within) => within,
+        None => {
+            let from = motion.positions()?;
+            longest_time(&motion.model, &from, &goal, args.tolerance)
+        }
+    };
+    let deadline = Instant::now() + within;
+    let (mut arrival, mut farthest) = (Arrival::default(), (0, 0.0));
+    let mut last = JointTelemetry::default();
     let set_point = goal_request(&goal)?;
     let done = |news: &News, now| {
         if let Some(telemetry) = &news.telemetry {
             farthest = farthest_joint(telemetry, &goal);
-            torque = telemetry.joints.get(farthest.0).map_or(0.0, |joint| joint.torque);
+            last = telemetry.joints.get(farthest.0).copied().unwrap_or_default();
             arrival.update(farthest.1, args.tolerance);
         }
         arrival.has_come() || now >= deadline
@@ -64,22 +75,33 @@ pub fn move_joints(options: &Options, args: &Move) -> Result<(), Failure> {
         return motion.break_off();
     }
     let (joint, error) = farthest;
+    let to_go = goal.get(joint).map_or(0.0, |goal| (goal - last.reference).abs());
     let limit = motion.model.joints.get(joint).map_or(f32::INFINITY, JointModel::torque_limit);
     let joint = motion.model.joint_name(joint).to_owned();
     if !arrival.has_come() {
         let late = format!(
             "{joint} is still {error:.4} rad from its target after {} s (tolerance {} rad)",
-            args.within.as_secs_f64(),
+            within.as_secs_f64(),
             args.tolerance
         );
         // Not at the goal, where something may be in the way.
         let here = goal_request(&motion.angles_within_limits())?;
         if (args.stay.hold || motion.load().is_some()) && !args.stay.no_hold {
+            if options.json {
+                let value =
+                    json!({ "arrived": false, "joint": joint, "largest_error": output::exact(&error) });
+                output::line(&value.to_string())?;
+            }
             output::notice(options, &format!("{late}; it holds where it is until Ctrl-C"));
             motion.drive(KEEP_ALIVE, |_| here.clone(), |_, _| false)?;
         }
         motion.end(false)?;
-        let why = if torque.abs() < AT_LIMIT * limit {
+        let why = if to_go > args.tolerance {
+            format!(
+                "Its trajectory filter was still {to_go:.4} rad from it: give more time with --within, or shorten \
+                 its `servo.filter_time`"
+            )
+        } else if last.torque.abs() < AT_LIMIT * limit {
             "Is the joint blocked, or --within too short?".to_owned()
         } else {
             format!(
@@ -93,6 +115,19 @@ pub fn move_joints(options: &Options, args: &Move) -> Result<(), Failure> {
     output::result(options, &value, || format!("arrived: the largest error is {error:.4} rad, of {joint}"))?;
     motion.stay(args.stay.hold, args.stay.no_hold, load.as_ref(), KEEP_ALIVE, |_| set_point.clone())?;
     motion.end(false)
+}
+
+/// The time after which a move is late: the references of the joints, which their trajectory filters
+/// `1/(T s + 1)²` lead to the goal, take this long, and some time for the joints themselves.
+fn longest_time(model: &RobotModel, from: &[f32], goal: &[f32], tolerance: f32) -> Duration {
+    let ways = from.iter().zip(goal).map(|(from, goal)| (goal - from).abs());
+    let times = model.joints.iter().zip(ways).map(|(joint, way)| {
+        // The way that is left after x time constants is (1 + x) exp(−x) of the whole.
+        let left = |x: f32| way * (1.0 + x) * tesaki::math::exp(-x);
+        let x = (0..40_u8).map(f32::from).find(|x| left(*x) < 0.5 * tolerance).unwrap_or(40.0);
+        x * joint.servo.filter_time
+    });
+    USUAL_TIME.max(Duration::from_secs_f32(1.2 * times.fold(0.0, f32::max) + 2.0))
 }
 
 /// The present angles, with those of `args` in their place [rad].
