@@ -38,8 +38,8 @@ pub struct MotorPreset {
 /// The name of the motor that is sized by the URDF's limits.
 pub const GENERIC: &str = "generic";
 
-/// Largest effort in a URDF that is believed [N·m], unless the robot is heavy: then up to this multiple of its
-/// largest gravity torque.
+/// Largest effort in a URDF that is believed [N·m], unless the robot is heavy: then up to this multiple of
+/// its largest gravity torque.
 pub const LARGEST_EFFORT: f32 = 200.0;
 pub const EFFORT_OVER_GRAVITY: f32 = 20.0;
 
