@@ -244,7 +244,8 @@ impl Joint<'_> {
         let direction = if pushing > 0.0 { 1 } else { -1 };
         let before = if state.unchanged.signum() == direction { state.unchanged } else { 0 };
         state.unchanged = match (shows, keeps_count) {
-            (true, _) => before.saturating_add(direction),
+            // Not as far as the mark of a dead encoder.
+            (true, _) => before.saturating_add(direction).max(-i8::MAX),
             (false, true) => before,
             (false, false) => 0,
         };
@@ -365,7 +366,9 @@ mod tests {
             target: &mut JointTarget::at(0.0),
         };
         let mut is_dead = |&effort: &f32| joint.check_encoder(effort, excess, situation).is_some();
-        efforts.iter().position(&mut is_dead)
+        let found = efforts.iter().position(&mut is_dead);
+        assert_eq!(joint.check_still_dead().is_some(), found.is_some());
+        found
     }
 
     #[test]
@@ -384,7 +387,10 @@ mod tests {
         let situation = Situation { accelerates: false, ..ACCELERATES };
         for (counts, found) in [(1e6, Some(1)), (80.0, Some(1)), (60.0, Some(2)), (20.0, Some(3))] {
             assert_eq!(found_as(situation, counts, 0.3, &[0.3; 9]), found, "{counts}");
+            assert_eq!(found_as(situation, counts, -0.3, &[-0.3; 9]), found, "{counts}");
         }
+        // However long it takes, the count of the ticks does not become the mark of a dead encoder.
+        assert_eq!(found_as(situation, 1e-3, -0.3, &[-0.3; 300]), None);
     }
 
     /// 2·24·2π/(counts·(30 ms)²) = 3.35e5/counts rad/s²: of 2.1e-4 kg·m², 70/counts N·m.
