@@ -407,7 +407,7 @@ fn homed(joint: &JointModel, angle: f64) -> f64 {
     const YIELDED: f64 = 0.02;
     let [lower, upper] = [joint.limits.lower, joint.limits.upper].map(f64::from);
     // Towards the inside: the command has three decimals.
-    let within = angle.clamp((1e3 * lower).ceil() / 1e3, (1e3 * upper).floor() / 1e3);
+    let within = angle.max((1e3 * lower).ceil() / 1e3).min((1e3 * upper).floor() / 1e3);
     if (within - angle).abs() < YIELDED { within } else { angle }
 }
 

@@ -78,7 +78,7 @@ const EXCUSED: &[(&str, &str)] = &[
         "it needs a camera; cli/look.rs pipes pictures",
     ),
     (
-        "ffmpeg -f v4l2 -i /dev/video0 -vf scale=256:240 -pix_fmt gray -f image2pipe -c:v pgm - | tesaki look --delay 0.08 --to tcp://localhost:7800",
+        "ffmpeg -f v4l2 -i /dev/video0 -vf crop=ih*16/15:ih,scale=256:240 -pix_fmt gray -f image2pipe -c:v pgm - | tesaki look --delay 0.08 --to tcp://localhost:7800",
         "likewise",
     ),
     ("cargo sim run knob-grasp", "13 s; `cargo xtask sweep check` runs all scenarios"),

@@ -98,8 +98,8 @@ pub fn move_joints(options: &Options, args: &Move) -> Result<(), Failure> {
         motion.end(false)?;
         let why = if to_go > args.tolerance {
             format!(
-                "Its trajectory filter was still {to_go:.4} rad from it: give more time with --within, or shorten \
-                 its `servo.filter_time`"
+                "Its reference is still {to_go:.4} rad from the target: give more time with --within, or shorten its \
+                 `servo.filter_time`"
             )
         } else if last.torque.abs() < AT_LIMIT * limit {
             "Is the joint blocked, or --within too short?".to_owned()

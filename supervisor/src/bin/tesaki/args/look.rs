@@ -21,7 +21,8 @@ Examples:
   tesaki look --from files:pictures
   tesaki look --from camera:/dev/video0 --delay 0.05 --to tcp://localhost:7800
   tesaki look --from unix:///tmp/camera --to unix:///tmp/circles
-  ffmpeg -f v4l2 -i /dev/video0 -vf crop=ih*16/15:ih,scale=256:240 -pix_fmt gray -f image2pipe -c:v pgm - | \\
+  ffmpeg -f v4l2 -i /dev/video0 -vf crop=ih*16/15:ih,scale=256:240 -pix_fmt gray \\
+  -f image2pipe -c:v pgm - | \\
   tesaki look --from - --delay 0.08 --to tcp://localhost:7800";
 
 #[derive(Args)]
