@@ -12,7 +12,7 @@ use crate::protocol::{
     BoardStatus, Item, Mode, NodeStatus, Refusal, Reply, ReplyFrame, Request, RequestFrame, SCHEMA_KEY,
     Status,
 };
-use crate::robot::{Actuation, JointConfig, Measured, Robot};
+use crate::robot::{Actuation, Measured, Robot};
 use crate::task::{Tareable, TaskCommand, TaskConfig, TaskState};
 
 /// Share of its velocity limit above which a joint must not be enabled: the servo, whose reference starts at
@@ -320,10 +320,6 @@ impl Node {
         if self.state.sensing != Sensing::Read {
             return Err(Refusal::NoSensors);
         }
-        // The angle of a joint in motion is already another one.
-        if let Some(fault) = self.find_motion(robot, |config| config.zero.is_none()) {
-            return Err(Refusal::Unsafe(fault));
-        }
         for (mut joint, &position) in Joints::of(robot, &mut self.state).each().zip(positions) {
             // An absolute encoder knows its zero from the model.
             if joint.config.zero.is_none() {
@@ -347,7 +343,7 @@ impl Node {
         if let Optional::Some(fault) = self.state.alarm {
             return Err(Refusal::Unsafe(fault));
         }
-        if let Some(fault) = self.find_motion(robot, |_| true) {
+        if let Some(fault) = self.find_motion(robot) {
             return Err(Refusal::Unsafe(fault));
         }
         let tick = self.state.tick;
@@ -368,15 +364,17 @@ impl Node {
         Ok(())
     }
 
-    /// The first of `these` joints that moves too fast to be enabled: every task begins at rest.
-    fn find_motion(&self, robot: &Robot, these: impl Fn(&JointConfig) -> bool) -> Option<Fault> {
+    /// The first joint that moves too fast to be enabled: every task begins at rest.
+    fn find_motion(&self, robot: &Robot) -> Option<Fault> {
         let tick = self.state.tick;
-        let mut joints = (0..).zip(robot.joints().iter().zip(&self.state.measured.velocities));
-        joints.find_map(|(joint, (config, &value))| {
-            let limit = ENABLE_SPEED * config.limits.velocity;
-            let fault = Fault { cause: FaultCause::VelocityLimit, joint: Some(joint), value, limit, tick };
-            (these(config) && (value.is_nan() || abs(value) > limit)).then_some(fault)
-        })
+        (0..).zip(robot.joints().iter().zip(&self.state.measured.velocities)).find_map(
+            |(joint, (config, &value))| {
+                let limit = ENABLE_SPEED * config.limits.velocity;
+                let fault =
+                    Fault { cause: FaultCause::VelocityLimit, joint: Some(joint), value, limit, tick };
+                (value.is_nan() || abs(value) > limit).then_some(fault)
+            },
+        )
     }
 
     fn task_command(&mut self, command: &TaskCommand) -> Result<(), Refusal> {

@@ -323,23 +323,19 @@ fn a_frame_that_comes_twice_around_a_silent_one_leaves_numbers() {
     assert_eq!(rig.enable(), Reply::Done);
 }
 
+/// The velocity cannot be computed from the new angle.
 #[test]
-fn a_joint_that_moves_gets_no_zero_and_is_not_enabled_by_one() {
+fn a_joint_that_moves_is_not_enabled_by_a_new_zero() {
     let mut model = model();
     model.joints[1].encoder.relative = true;
     let mut rig = Rig::ready(&model);
-    let home = || Request::Home { positions: Vec::from_slice(&[0.0; 3]).unwrap() };
-    assert_eq!(rig.ask(home()), Reply::Done);
     for _ in 0..20 {
         rig.sensors.encoders[1] += libm::roundf(0.03 * COUNTS_PER_RADIAN) as i32;
         rig.tick();
     }
-    for reply in [rig.ask(home()), rig.enable()] {
-        let Refusal::Unsafe(fault) = refusal(reply) else { panic!() };
-        assert_eq!((fault.cause, fault.joint), (FaultCause::VelocityLimit, Some(1)));
-    }
-    (0..20).for_each(|_| _ = rig.tick());
-    assert_eq!(rig.ask(home()), Reply::Done);
+    assert_eq!(rig.ask(Request::Home { positions: Vec::from_slice(&[0.0; 3]).unwrap() }), Reply::Done);
+    let Refusal::Unsafe(fault) = refusal(rig.enable()) else { panic!() };
+    assert_eq!((fault.cause, fault.joint), (FaultCause::VelocityLimit, Some(1)));
 }
 
 #[test]
