@@ -222,38 +222,37 @@ mod tests {
 
     use super::*;
 
-    #[test]
-    fn a_line_that_its_sender_has_not_ended_is_none() {
+    /// A vision that has sent this, in a folder that lasts as long; and the first line of it that has come.
+    fn sent(text: &str) -> (tempfile::TempDir, Vision, UnixStream, Line) {
         let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("circles");
-        let mut vision = Vision::open(&SightSource::Listen(Address::Unix(path.clone()))).unwrap();
-        let mut sender = UnixStream::connect(&path).unwrap();
-        sender.write_all(b"{\"picture\": 1, \"age\": 0}\n{\"picture\": 2, \"a").unwrap();
-        drop(sender);
+        let address = Address::Unix(folder.path().join("circles"));
+        let mut vision = Vision::open(&SightSource::Listen(address)).unwrap();
+        let mut sender = UnixStream::connect(folder.path().join("circles")).unwrap();
+        sender.write_all(text.as_bytes()).unwrap();
         let deadline = Instant::now() + Duration::from_secs(30);
-        let mut line = None;
-        while line.is_none() && Instant::now() < deadline {
-            line = vision.next();
-        }
-        assert_eq!(line.unwrap().text.trim(), "{\"picture\": 1, \"age\": 0}");
-        std::thread::sleep(Duration::from_millis(100));
-        assert!(vision.next().is_none());
-        drop(vision);
-        assert!(!path.exists());
-    }
-
-    #[test]
-    fn a_vision_that_does_not_read_its_answers_is_disconnected() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("circles");
-        let mut vision = Vision::open(&SightSource::Listen(Address::Unix(path.clone()))).unwrap();
-        let mut sender = UnixStream::connect(&path).unwrap();
-        sender.write_all(b"{\"picture\": 1}\n").unwrap();
         let line = loop {
             if let Some(line) = vision.next() {
                 break line;
             }
+            assert!(Instant::now() < deadline);
         };
+        (folder, vision, sender, line)
+    }
+
+    #[test]
+    fn a_line_that_its_sender_has_not_ended_is_none() {
+        let (folder, mut vision, sender, line) = sent("{\"picture\": 1, \"age\": 0}\n{\"picture\": 2, \"a");
+        assert_eq!(line.text.trim(), "{\"picture\": 1, \"age\": 0}");
+        drop(sender);
+        std::thread::sleep(Duration::from_millis(100));
+        assert!(vision.next().is_none());
+        drop(vision);
+        assert!(!folder.path().join("circles").exists());
+    }
+
+    #[test]
+    fn a_vision_that_does_not_read_its_answers_is_disconnected() {
+        let (_folder, _vision, mut sender, line) = sent("{\"picture\": 1}\n");
         let error = "e".repeat(100);
         (0..100_000).for_each(|_| line.answer(&Answer::Error { error: error.clone() }));
         sender.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
