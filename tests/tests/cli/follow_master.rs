@@ -88,7 +88,8 @@ fn an_operator_feels_the_wall_before_the_slave() {
 
     slave.make_trouble(&format!("wall {CLEARANCE} 0 0 {WALL}"));
     master.make_trouble(&format!("pull {WAY} 0 0"));
-    // Springs in series, by hand: 7.23 N.
+    // Springs in series, by hand: 7.23 N; the friction of two arms at rest holds up to a fifth of it, either
+    // way. A handle that feels nothing would let the slave press with 11.3 N.
     let expected = (WAY - CLEARANCE) / (1.0 / PERSON + 1.0 / SLAVE + 1.0 / WALL);
     let on_wall = |leading: &Leading| -numbers::<6>(&leading.telemetry().unwrap()["wrench"])[0];
     wait("the slave presses", || (on_wall(&leading) - expected).abs() < 0.2 * expected);
@@ -99,7 +100,7 @@ fn an_operator_feels_the_wall_before_the_slave() {
         forces.push(on_wall(&leading));
     }
     let (low, high) = forces.iter().fold((f64::MAX, f64::MIN), |(low, high), f| (low.min(*f), high.max(*f)));
-    assert!((expected * 0.85..expected * 1.15).contains(&low) && high - low < 1.0, "{forces:?}");
+    assert!((expected * 0.75..expected * 1.25).contains(&low) && high - low < 1.0, "{forces:?}");
     let felt = PERSON * (begin + WAY - tip(&master)[0]);
     assert!((felt - low).abs() < 1.0, "{felt} N felt, {forces:?} N on the wall");
 
@@ -112,7 +113,7 @@ fn an_operator_feels_the_wall_before_the_slave() {
     assert_eq!(code, 0, "{error}");
     let reflected = &values.last().unwrap()["reflected"];
     let (largest, balance) = (&reflected["largest_force"], &reflected["energy_balance"]);
-    assert!((expected * 0.85..expected * 1.6).contains(&largest.as_f64().unwrap()), "{reflected}");
+    assert!((expected * 0.75..expected * 1.6).contains(&largest.as_f64().unwrap()), "{reflected}");
     // The reserve of 20 mJ, and the energy of the first contact before it is known, which is more on a busy
     // machine.
     assert!(balance.as_f64().unwrap() > -0.06, "{reflected}");
