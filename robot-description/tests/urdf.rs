@@ -221,10 +221,10 @@ const CASES: &[Case] = &[
             "<link name=\"palm\"/>",
             "<link name=\"palm\"/>",
             "<link name=\"palm\"><visual><geometry><sphere radius=\"1\"/></geometry>\n<material name=\"a\">\n\
-             <texture/></material></visual></link>",
+             <color/></material></visual></link>",
         ),
-        ("<texture", "<texture"),
-        &["link palm: <texture>", "filename"],
+        ("<color", "<color"),
+        &["link palm: <color>", "rgba"],
     ),
     (
         ("shoulder", "velocity=\"2\"/>", "velocity=\"2\"/>\n    <safety_controller k_position=\"1\"/>"),
@@ -503,6 +503,20 @@ fn shapes_that_are_none_are_ignored_with_a_warning_in_their_line() {
         assert!(said.contains(&place) && said.contains("has no shape; it is ignored"), "{said}");
     }
     assert!(findings.iter().all(|finding| !finding.is_error()));
+}
+
+/// As in the URDF of iCub. Textures are for programs that draw.
+#[test]
+fn textures_without_a_file_are_nothing() {
+    let material = "<material name=\"grey\"><color rgba=\"1 1 1 1\"/><texture/></material>";
+    let sphere = "<geometry><sphere radius=\"0.01\"/></geometry>";
+    let visual = format!("<visual>{sphere}{material}</visual><visual><geometry/>{material}</visual>\n");
+    let text = ROBOT.replacen("<link name=\"upper\">\n", &format!("<link name=\"upper\">\n{visual}"), 1);
+    let text = text.replacen("</robot>", &format!("{material}</robot>"), 1);
+    let (urdf, findings) = check(&text);
+    assert_eq!(findings.len(), 1, "{findings:?}");
+    assert!(findings[0].to_string().contains("has no shape"), "{findings:?}");
+    assert_eq!(urdf.unwrap().robot.links[1].visual.len(), 1);
 }
 
 #[test]

@@ -8,18 +8,20 @@ use crate::finding::Report;
 
 const ADVICE: &str = "see http://wiki.ros.org/urdf/XML";
 
-/// The robot in `text`, without the elements that have no shape, which `urdf-rs` does not read; if it cannot
-/// be read, what is wrong.
+/// The robot in `text`, without what `urdf-rs` does not read and nothing needs: elements that have no shape,
+/// and textures without a file. If it cannot be read, what is wrong.
 pub fn read(text: &str, source: &Source<'_>, report: &mut Report) -> Option<urdf_rs::Robot> {
-    let mut shapeless: Vec<_> =
-        source.links.iter().flat_map(numbers::shapeless).map(|part| part.node.range()).collect();
-    shapeless.sort_by_key(|range| range.start);
-    let error = match urdf_rs::read_from_string(&without(text, 0..text.len(), &shapeless)) {
+    let shapeless = source.links.iter().flat_map(numbers::shapeless);
+    let textures = source.root.descendants().filter(|part| part.tag() == "texture");
+    let empty = textures.filter(|texture| texture.attribute("filename").is_none());
+    let mut unneeded: Vec<_> = shapeless.chain(empty).map(|part| part.node.range()).collect();
+    unneeded.sort_by_key(|range| range.start);
+    let error = match urdf_rs::read_from_string(&without(text, 0..text.len(), &unneeded)) {
         Ok(robot) => return Some(robot),
         Err(error) => error,
     };
     for part in source.root.parts() {
-        tell(text, source, &part, &shapeless, report);
+        tell(text, source, &part, &unneeded, report);
     }
     if report.has_no_kinematics() {
         report.kinematics(Some(source.root.line()), error.to_string(), ADVICE);
@@ -29,20 +31,20 @@ pub fn read(text: &str, source: &Source<'_>, report: &mut Report) -> Option<urdf
 
 /// Tells of a link, a joint or another child of `<robot>` that cannot be read by itself, unless something in
 /// its lines has been told already.
-fn tell(text: &str, source: &Source<'_>, part: &Part<'_>, shapeless: &[Range<usize>], report: &mut Report) {
+fn tell(text: &str, source: &Source<'_>, part: &Part<'_>, unneeded: &[Range<usize>], report: &mut Report) {
     let range = part.node.range();
     let head = text.get(source.root.head()).unwrap_or_default();
     let alone = |left_out: &[Range<usize>]| {
         let element = without(text, range.clone(), left_out);
         urdf_rs::read_from_string(&format!("{head}{element}</robot>"))
     };
-    let Err(error) = alone(shapeless) else { return };
+    let Err(error) = alone(unneeded) else { return };
     if report.has_kinematics_in(part.lines()) {
         return;
     }
     // The innermost element without which the rest can be read.
     let culprits = part.descendants().skip(1).filter(|inner| {
-        let mut left_out = shapeless.to_vec();
+        let mut left_out = unneeded.to_vec();
         left_out.push(inner.node.range());
         left_out.sort_by_key(|range| range.start);
         alone(&left_out).is_ok()
@@ -53,7 +55,7 @@ fn tell(text: &str, source: &Source<'_>, part: &Part<'_>, shapeless: &[Range<usi
     report.kinematics(Some(culprit.line()), message.trim(), ADVICE);
 }
 
-/// The part `window` of `text` without the ranges, which are in order.
+/// The part `window` of `text` without the ranges, which are in order; one may be within another.
 fn without(text: &str, window: Range<usize>, ranges: &[Range<usize>]) -> String {
     let mut kept = String::with_capacity(window.len());
     let mut end = window.start;
