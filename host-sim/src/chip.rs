@@ -90,9 +90,20 @@ pub struct ChipBoard {
     torques: [f64; MOTORS],
 }
 
+/// Reads an image.
+///
+/// # Errors
+/// The file is missing, or cannot be read.
+pub fn read_image(path: &Path) -> Result<Vec<u8>, ChipError> {
+    std::fs::read(path).map_err(|error| match error.kind() {
+        io::ErrorKind::NotFound => ChipError::Missing(path.to_owned()),
+        _ => ChipError::NotAnImage { image: path.to_owned(), why: error.to_string() },
+    })
+}
+
 /// Whether the file is an image that drives the motors of the modelled chip.
 fn check(path: &Path) -> Result<(), ChipError> {
-    let image = std::fs::read(path).map_err(|_| ChipError::Missing(path.to_owned()))?;
+    let image = read_image(path)?;
     let not_an_image = |why: &str| ChipError::NotAnImage { image: path.to_owned(), why: why.to_owned() };
     match Image::parse(&image).map_err(not_an_image)?.board.as_deref() {
         Some("weact") => Ok(()),

@@ -353,10 +353,13 @@ pub fn serve(
             camera.tick(plant, sequence);
         }
         let actuators = board.tick(&sensors, &mut answers)?;
-        if actuators.torques.len() == model.joints.len() {
-            if let Some(model) = board.model() {
-                plant.configure_amplifiers(model);
-            }
+        let is_same = |own: &&RobotModel| {
+            let names =
+                |of: &RobotModel| of.joints.iter().map(|joint| joint.name.clone()).collect::<Vec<_>>();
+            own.joints.len() == actuators.torques.len() && names(own) == names(model)
+        };
+        if let Some(own) = board.model().filter(is_same) {
+            plant.configure_amplifiers(own);
             plant.apply(&actuators)?;
         } else {
             // A board without a model, or with another robot's model, applies no torques.

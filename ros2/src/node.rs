@@ -10,7 +10,7 @@ use tesaki::task::{TaskCommand, TaskKind};
 use tesaki_recording::{Live, LogLevel, Publisher, Topic};
 use tesaki_supervisor::faults::{self, FaultFollower, FaultsBefore};
 use tesaki_supervisor::publication::{Publication, STREAMS, require_own};
-use tesaki_supervisor::timing::{BLIND, FRESH, KEEP_ALIVE, LAST_WORD, LATE};
+use tesaki_supervisor::timing::{BLIND, FRESH, KEEP_ALIVE, LAST_WORD, LATE, SILENCE};
 use tesaki_supervisor::{Board as _, BoardError, words};
 
 use crate::action::ActionServer;
@@ -23,8 +23,6 @@ use crate::session::{Failure, Session, describe, robot_folder, say, untold};
 
 /// How long the board is listened to before clients are served.
 const TURN: Duration = Duration::from_millis(2);
-/// Without telemetry for this time, the streams are requested again.
-const SILENCE: Duration = Duration::from_millis(700);
 /// Number of posted requests whose refusals are awaited: those of more than half a second.
 const POSTED: usize = 64;
 /// Period in which DDS is checked.
@@ -387,12 +385,7 @@ impl<'a> Node<'a> {
         }
         if silence > SILENCE && self.asked.elapsed() > SILENCE {
             if !std::mem::replace(&mut self.is_lost, true) {
-                let text = if self.session.board.link().is_open() {
-                    "no telemetry from the board: is its control loop running? Try `tesaki doctor`"
-                } else {
-                    "the board's port has disappeared: connect it again, and this node goes on"
-                };
-                self.note(LogLevel::Error, text)?;
+                self.note(LogLevel::Error, words::silence(self.session.board.link().is_open()))?;
             }
             self.session.board.reconnect(STREAMS)?;
             self.asked = Instant::now();

@@ -263,7 +263,8 @@ pub trait Board {
         }
     }
 
-    /// Reads the model again if it is another one than `known`, with its checksum, by the status.
+    /// Reads the model again if it is another one than `known`, with its checksum, by the status. Returns
+    /// whether it was.
     ///
     /// # Errors
     /// As [`model_if_there`](Self::model_if_there).
@@ -271,16 +272,17 @@ pub trait Board {
         &mut self,
         known: &mut Option<(RobotModel, u32)>,
         status: &Status,
-    ) -> Result<(), BoardError> {
+    ) -> Result<bool, BoardError> {
         let checksum = (!status.node.model.is_empty()).then_some(status.node.model_checksum);
-        if known.as_ref().map(|(_, checksum)| *checksum) != checksum {
+        let is_new = known.as_ref().map(|(_, checksum)| *checksum) != checksum;
+        if is_new {
             *known = match checksum {
                 // Where it cannot be read, the next status comes soon.
                 Some(checksum) => self.model_if_there()?.map(|model| (model, checksum)),
                 None => None,
             };
         }
-        Ok(())
+        Ok(is_new)
     }
 
     /// Sends a robot model in chunks and commits it.

@@ -230,7 +230,8 @@ impl<L: ByteLink> Board for LinkBoard<L> {
     /// Waits while the board, disabled, refuses because it was homed just now. An enabled one needs the
     /// requests of its client meanwhile.
     fn tare(&mut self) -> Result<(), BoardError> {
-        let (begun, mut first) = (Instant::now(), None);
+        let mut first = None;
+        let (mut last, mut moved) = (None, Instant::now());
         loop {
             let answer = self.ask(TARE, Request::Tare);
             if !matches!(answer, Err(BoardError::Refused { refusal: Refusal::NoSensors, .. })) {
@@ -239,8 +240,10 @@ impl<L: ByteLink> Board for LinkBoard<L> {
             let NodeStatus { mode, tick, .. } = self.status()?.node;
             // A simulated board may be slower than the clock.
             let passed = tick.wrapping_sub(*first.get_or_insert(tick));
-            let stands = passed == 0 && begun.elapsed() > STANDSTILL;
-            if mode != Mode::Disabled || passed > SETTLING || stands {
+            if last.replace(tick) != Some(tick) {
+                moved = Instant::now();
+            }
+            if mode != Mode::Disabled || passed > SETTLING || moved.elapsed() > STANDSTILL {
                 return answer;
             }
             self.check_interrupt()?;

@@ -33,7 +33,7 @@ pub struct OtherRobot {
 /// # Errors
 /// The folder belongs to another robot.
 pub fn require_own(folder: Option<&RobotFolder>, model: &RobotModel) -> Result<(), OtherRobot> {
-    match folder.filter(|folder| !is_of(folder, model)) {
+    match folder.filter(|folder| own_model(folder, &model.name).is_none()) {
         Some(other) => {
             Err(OtherRobot { board: model.name.to_string(), folder: other.model.name.to_string() })
         }
@@ -41,10 +41,10 @@ pub fn require_own(folder: Option<&RobotFolder>, model: &RobotModel) -> Result<(
     }
 }
 
-/// Returns whether a model is that of the folder, or of one of its chains.
-fn is_of(folder: &RobotFolder, model: &RobotModel) -> bool {
-    let chain = |index| chain_model(&folder.model, index).is_some_and(|chain| chain.name == model.name);
-    folder.model.name == model.name || (0..folder.model.chains.len()).any(chain)
+/// The model of the folder, or of one of its chains, that has this name.
+pub fn own_model(folder: &RobotFolder, name: &str) -> Option<RobotModel> {
+    let chains = (0..folder.model.chains.len()).filter_map(|index| chain_model(&folder.model, index));
+    std::iter::once(folder.model.clone()).chain(chains).find(|model| model.name == name)
 }
 
 /// Converts the board's messages.
@@ -108,7 +108,7 @@ impl<S: Sink> Publication<S> {
         self.tips =
             chains.iter().map(|chain| (chain.name.to_string(), chain.force_sensor.is_some())).collect();
         self.frames = model.map_or_else(Frames::default, |(model, _)| {
-            let own = self.folder.as_ref().filter(|folder| is_of(folder, model));
+            let own = self.folder.as_ref().filter(|folder| own_model(folder, &model.name).is_some());
             own.map_or_else(
                 || Frames::of_model(model),
                 |folder| Frames::of_urdf(&folder.urdf.robot, &self.names),

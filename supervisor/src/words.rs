@@ -15,6 +15,20 @@ pub use tesaki_description::robot::named;
 pub const NOT_TAKEN_OVER: &str = "another client commands the board, which is enabled: it can only be taken over \
                                   after `tesaki stop` or `tesaki disable`";
 
+/// What is said of a board that is told to stop for longer than
+/// [`STOP_PATIENCE`](crate::timing::STOP_PATIENCE).
+pub const NOT_STOPPED: &str = "THE BOARD DOES NOT SHOW THAT IT HAS STOPPED: press the emergency stop, or cut the power. \
+                               It is told to stop until it does";
+
+/// Says why a board sends no telemetry, and what to do, by whether its port is open.
+pub const fn silence(is_open: bool) -> &'static str {
+    if is_open {
+        "no telemetry from the board: is its control loop running? Try `tesaki doctor`"
+    } else {
+        "no telemetry from the board: its port has disappeared; when it is back, this goes on"
+    }
+}
+
 /// Says that the board could not be disabled, and why.
 pub fn still_on(why: impl Display) -> String {
     format!(

@@ -9,7 +9,7 @@ use clap::Args;
 use rayon::iter::{Either, IntoParallelIterator, ParallelIterator};
 use sha2::{Digest, Sha256};
 use tesaki_output::say;
-use tesaki_sim::chip::ChipError;
+use tesaki_sim::chip::read_image;
 use tesaki_sim::report::{Summary, table};
 use tesaki_sim::scenario::finger_on_chip::{self, Programs};
 
@@ -42,7 +42,7 @@ pub struct Chip {
 pub fn run(options: &Chip) -> Result<bool, Box<dyn Error>> {
     let robot = options.robot.clone().unwrap_or_else(|| workspace().join("robots/hand3"));
     let programs = Programs { chip: &options.chip, image: &options.elf };
-    let image = std::fs::read(&options.elf).map_err(|_| ChipError::Missing(options.elf.clone()))?;
+    let image = read_image(&options.elf)?;
     let digest = format!("{:x}", Sha256::digest(image));
     let run = |seed| match finger_on_chip::run(&robot, seed, programs) {
         Ok(summary) => Either::Left(summary.elf_sha256(&digest)),

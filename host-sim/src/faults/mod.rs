@@ -124,7 +124,7 @@ pub fn run_traced(
     Ok((report, trace))
 }
 
-/// Returns the smallest schedule found that breaks the same rule as `violation`.
+/// Returns the smallest schedule found that breaks the same rule as `violation`, and ends with it.
 pub fn shrink(schedule: &Schedule, violation: &Violation, robots: &Path) -> Schedule {
     let breaks = |candidate: &Schedule| {
         let report = run(candidate, robots);

@@ -5,8 +5,7 @@ use super::schedule::Schedule;
 /// Maximum number of schedules that are tried.
 const MAX_TRIES: usize = 60;
 
-/// Returns the smallest schedule found that still `fails`: with fewer faults, a shorter run, shorter and
-/// smaller faults.
+/// Returns the smallest schedule found that still `fails`: with fewer faults, shorter and smaller ones.
 pub fn shrink(schedule: &Schedule, mut fails: impl FnMut(&Schedule) -> bool) -> Schedule {
     let mut smallest = schedule.clone();
     let mut tries = 0;

@@ -40,8 +40,8 @@ pub(super) struct Arbiter {
 /// The requests of a connection.
 #[derive(Debug, Default)]
 struct Connection {
-    /// Whether it has said hello with the schema key of the board, as far as is known here.
-    is_greeted: bool,
+    /// Whether its last hello had another schema key than this board.
+    speaks_other: bool,
     /// Periods of the streams [ticks].
     rates: [u16; Stream::ALL.len()],
     copy: Option<Copy>,
@@ -143,11 +143,11 @@ impl Arbiter {
         let number = (request.client, request.sequence);
         match request.request {
             Request::Hello { schema } => {
-                own.is_greeted = schema == SCHEMA_KEY;
+                own.speaks_other = schema != SCHEMA_KEY;
                 board.extend(frame);
             }
-            // Without a hello the board refuses it.
-            Request::SetRate { stream, every } if own.is_greeted => {
+            // A client that has greeted over an earlier connection need not do so again; another schema is refused.
+            Request::SetRate { stream, every } if !own.speaks_other => {
                 own.rates[stream as usize] = every;
                 request.request = Request::SetRate { stream, every: self.rate(stream) };
                 board.extend(encoded(&request));

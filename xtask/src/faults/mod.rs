@@ -62,6 +62,9 @@ enum Task {
     Check,
 }
 
+/// More schedules are a typing error.
+const MAX_SEEDS: u64 = 1_000_000;
+
 fn seeds(text: &str) -> Result<RangeInclusive<u64>> {
     let number = |part: &str| {
         part.parse::<u64>().map_err(|_| {
@@ -69,9 +72,10 @@ fn seeds(text: &str) -> Result<RangeInclusive<u64>> {
         })
     };
     let (first, last) = text.split_once('-').unwrap_or((text, text));
-    let seeds = number(first)?..=number(last)?;
-    ensure!(!seeds.is_empty(), "the first seed is larger than the last");
-    Ok(seeds)
+    let (first, last) = (number(first)?, number(last)?);
+    ensure!(first <= last, "the first seed is larger than the last");
+    ensure!(last - first < MAX_SEEDS, "expected at most {MAX_SEEDS} seeds");
+    Ok(first..=last)
 }
 
 /// `cargo xtask faults`.
@@ -99,6 +103,12 @@ fn check(simulator: &Simulator) -> Result<()> {
 }
 
 fn run_seeds(options: &FaultsOptions) -> Result<()> {
+    ensure!(
+        !options.record || [CHECKED.start(), CHECKED.end()].iter().all(|seed| options.seeds.contains(seed)),
+        "--record needs seeds that contain {} to {}, which the tests run again",
+        CHECKED.start(),
+        CHECKED.end()
+    );
     let simulator = Simulator::build()?;
     let commit = commit(SIMULATOR)?;
     let mut file =

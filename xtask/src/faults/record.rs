@@ -81,6 +81,12 @@ impl Record {
         let (first, last) = seeds.first().zip(seeds.last()).context("no runs")?;
         let whole = seeds.iter().copied().eq(*first..=*last);
         ensure!(whole, "seeds {first} to {last} are not there once each: {} runs", seeds.len());
+        ensure!(
+            seeds.contains(CHECKED.start()) && seeds.contains(CHECKED.end()),
+            "only seeds that contain {} to {}, which the tests run again, can be recorded",
+            CHECKED.start(),
+            CHECKED.end()
+        );
         let (mut families, mut violations) = (BTreeMap::new(), BTreeMap::<_, Vec<u64>>::new());
         for run in &runs {
             for family in &run.families {

@@ -48,7 +48,7 @@ pub struct Options {
     #[arg(value_parser = PossibleValuesParser::new(TARGETS))]
     targets: Vec<String>,
     /// Time for each target
-    #[arg(long, default_value_t = 60)]
+    #[arg(long, default_value_t = 60, value_parser = clap::value_parser!(u32).range(1..))]
     seconds: u32,
     /// Keep the smallest corpus with the same edges, and add time and executions to the recorded ones
     #[arg(long)]

@@ -1,5 +1,7 @@
 //! The two sets of machines. The seed decides a machine's deviations from the model and its noise.
 
+use std::num::NonZeroUsize;
+
 use anyhow::{Context, Result, ensure};
 use clap::{Args, ValueEnum};
 use serde::{Deserialize, Serialize};
@@ -92,7 +94,7 @@ impl Set {
 pub struct Workload {
     /// Simulations at once [default: one a core]
     #[arg(long)]
-    jobs: Option<usize>,
+    jobs: Option<NonZeroUsize>,
     /// Part i of n, for the job arrays of a cluster; `merge` puts the parts together
     #[arg(
         long,
@@ -107,7 +109,7 @@ pub struct Workload {
 impl Workload {
     /// Number of simulations that run at once.
     pub fn jobs(&self) -> usize {
-        self.jobs.unwrap_or_else(super::cores)
+        self.jobs.map_or_else(super::cores, NonZeroUsize::get)
     }
 }
 

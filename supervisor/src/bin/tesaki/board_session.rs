@@ -136,6 +136,11 @@ impl BoardSession {
         if mode == Mode::Fault { Err(Failure::Fault(self.fault(model))) } else { Ok(()) }
     }
 
+    /// Whether the port of the board is open.
+    pub fn is_open(&self) -> bool {
+        self.board.link().get_ref().is_open()
+    }
+
     /// Waits for the next telemetry.
     pub fn telemetry(&mut self, within: Duration) -> Result<Telemetry, Failure> {
         let deadline = Instant::now() + within;
@@ -283,6 +288,16 @@ pub fn shows_stop(telemetry: &Telemetry, after: Option<u32>) -> bool {
     let step = after.map_or(1, |after| telemetry.tick.wrapping_sub(after).cast_signed());
     // A board that was reset counts from 0.
     telemetry.mode == Mode::Fault && !(-RECENT..=0).contains(&step)
+}
+
+/// Refuses to move joints of which one is not homed.
+pub fn require_homed(homed: u16, model: &RobotModel) -> Result<(), Failure> {
+    match (0..).take(model.joints.len()).find(|joint| homed >> joint & 1 == 0) {
+        Some(joint) => {
+            Err(Failure::from(BoardError::refused("move", Refusal::NotHomed { joint })).named(model))
+        }
+        None => Ok(()),
+    }
 }
 
 /// Says which joints, that were homed, are so no longer.

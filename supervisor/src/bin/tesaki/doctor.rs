@@ -13,6 +13,7 @@ use tesaki::protocol::{
 use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::faults;
 use tesaki_supervisor::port::{self, Address, Port};
+use tesaki_supervisor::publication::own_model;
 use tesaki_supervisor::{Board, BoardError, LinkBoard};
 
 use crate::args::Options;
@@ -252,9 +253,9 @@ fn check_board(
     check_model(&node, robot, doctor);
     let model = board.model()?;
     let telemetry = check_control(&mut board, doctor)?;
-    check_supply(node.supply, &model.safety, doctor);
     check_homing(node.homed, &model, doctor);
     if let Some(telemetry) = telemetry {
+        check_supply(node.supply, &model.safety, doctor);
         check_angles(&telemetry, node.homed, &model, doctor);
     }
     if node.mode == Mode::Fault {
@@ -398,23 +399,22 @@ fn check_model(node: &NodeStatus, robot: Option<&Path>, doctor: &mut Doctor) {
         doctor.good(format!("robot model {} ({:08x})", node.model, node.model_checksum));
         return;
     };
-    let own = RobotFolder::load(folder).map_err(Failure::from);
-    // The model of one of its chains is called after it.
-    let robot = node.model.split('.').next().unwrap_or_default();
-    let is_other = own.as_ref().is_ok_and(|own| own.model.name != node.model && own.model.name != robot);
-    let own = own.and_then(|own| checksum(&own.model));
+    let own = RobotFolder::load(folder).map_err(Failure::from).and_then(|robot| {
+        let own = own_model(&robot, &node.model);
+        own.map(|own| checksum(&own)).transpose()
+    });
     match own {
-        Ok(own) if own == node.model_checksum => {
+        Ok(Some(own)) if own == node.model_checksum => {
             doctor.good(format!("robot model {}, the same as in {}", node.model, folder.display()));
         }
-        Ok(_) if is_other => doctor.bad(
+        Ok(None) => doctor.bad(
             1,
             format!("the board has the model of another robot, {}, than {}", node.model, folder.display()),
             format!("tesaki model push {}", folder.display()),
         ),
-        Ok(_) => doctor.warning(
+        Ok(Some(_)) => doctor.warning(
             format!("the board's model {} differs from the one in {}", node.model, folder.display()),
-            format!("tesaki model push {}", folder.display()),
+            "it does after --calibration and `tesaki set`; if the folder has changed since, push it again as before",
         ),
         // The board can be checked all the same.
         Err(failure) => doctor.bad(failure.number(), failure.to_string(), ""),

@@ -50,6 +50,9 @@ pub enum Failure {
     /// After the failure the board could not be disabled either, which is the second one.
     #[error("{0}\n{still_on}", still_on = words::still_on(.1))]
     StillOn(Box<Failure>, Box<Failure>),
+    /// A failure told with commands for another port, and its exit code.
+    #[error("{0}")]
+    AtPort(String, u8),
     /// One board of two, by its port.
     #[error("{0}: {1}")]
     OtherBoard(String, Box<Failure>),
@@ -106,6 +109,9 @@ pub enum Failure {
     Unread,
 }
 
+/// How a command that helps begins.
+const COMMAND: &str = "`tesaki ";
+
 /// What to do about a refusal, in terms of this program.
 fn hint(error: &BoardError) -> String {
     let BoardError::Refused { refusal, .. } = error else { return String::new() };
@@ -152,6 +158,7 @@ impl Failure {
             | Self::Identify(IdentifyError::Grasp { .. } | IdentifyError::TooFewGrips { .. }) => 8,
             // What a shell says of a program that Ctrl-C has ended.
             Self::Interrupted(_) => 130,
+            Self::AtPort(_, number) => *number,
             Self::OtherBoard(_, failure) | Self::StillOn(failure, _) => failure.number(),
             Self::Pipe => 0,
             // What a shell says of a program that a closed pipe has ended.
@@ -189,12 +196,12 @@ impl Failure {
 
     /// The same failure of a board that is not the one of `--port`: the commands that help name its port.
     pub fn at_port(self, port: &str) -> Self {
-        match &self {
-            Self::Board(BoardError::Refused { .. }) | Self::Refused(_) => {
-                Self::Refused(self.to_string().replace("`tesaki ", &format!("`tesaki --port {port} ")))
-            }
-            _ => self,
+        // The command of `Behind` is for the computer of that port.
+        let text = self.to_string();
+        if matches!(self, Self::Behind { .. }) || !text.contains(COMMAND) {
+            return self;
         }
+        Self::AtPort(text.replace(COMMAND, &format!("{COMMAND}--port {port} ")), self.number())
     }
 
     /// A failure to write `path`.
@@ -260,6 +267,19 @@ mod tests {
         assert_eq!(number(BoardError::TooManyJoints(40)), 2);
         assert_eq!(number(BoardError::Timeout { seconds: 2.0 }), 6);
         assert_eq!(number(BoardError::ExportDisturbed), 1);
+    }
+
+    #[test]
+    fn commands_that_help_are_for_the_port_of_the_board() {
+        for (failure, command, number) in [
+            (Failure::NoModel, "`tesaki --port unix://m model push ROBOT_FOLDER`", 7),
+            (Failure::Fault("stopped".to_owned()), "`tesaki --port unix://m faults --clear`", 5),
+        ] {
+            let failure = failure.at_port("unix://m");
+            assert!(failure.to_string().contains(command), "{failure}");
+            assert_eq!(failure.number(), number);
+        }
+        assert!(matches!(Failure::Pipe.at_port("unix://m"), Failure::Pipe));
     }
 
     #[test]

@@ -3,8 +3,10 @@
 
 mod clock;
 
+use std::fs::File;
 use std::io::{self, BufRead, Read};
 use std::net::{SocketAddr, UdpSocket};
+use std::path::Path;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::time::{Duration, Instant};
 
@@ -15,6 +17,8 @@ use clock::SourceClock;
 const BAD: Duration = Duration::from_millis(500);
 /// Samples taken in a tick; a faster source waits.
 pub const MAX_TAKEN: usize = 64;
+/// By how much the time stamps of a source go back that has begun anew [s].
+pub const RESTART: f64 = 1.0;
 /// Longest line [bytes].
 const MAX_LINE: u64 = 1 << 16;
 
@@ -228,6 +232,17 @@ pub fn read<T: From<String>>(inlet: &Inlet<T>) {
     while let Some(text) = line(&mut input)
         && inlet.send(text.map(T::from))
     {}
+}
+
+/// All of the file at `path`, `-` for standard input, with the name to call it by.
+pub fn read_path(path: &Path, most: u64) -> Result<(String, Vec<u8>), Failure> {
+    let (name, read) = if path == Path::new("-") {
+        ("standard input".to_owned(), read_all(io::stdin(), most))
+    } else {
+        (path.display().to_string(), File::open(path).and_then(|file| read_all(file, most)))
+    };
+    let bytes = read.map_err(Failure::file(&name))?;
+    Ok((name, bytes))
 }
 
 /// All of `input`, unless it has more than `most` bytes, as a device may have.

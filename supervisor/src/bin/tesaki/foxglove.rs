@@ -18,6 +18,8 @@ use tesaki_recording::{Live, LiveMessage, McapError, Publisher};
 use tesaki_supervisor::Board as _;
 use tesaki_supervisor::faults::{FaultFollower, describe};
 use tesaki_supervisor::publication::{Publication, STREAMS, require_own};
+use tesaki_supervisor::timing::SILENCE;
+use tesaki_supervisor::words;
 use tesaki_viewer::server::{Event, Server, Site};
 use tungstenite::Message;
 
@@ -31,8 +33,6 @@ use crate::output;
 const TURN: Duration = Duration::from_millis(5);
 /// Without clients.
 const IDLE: Duration = Duration::from_millis(20);
-/// Without telemetry for this time, the streams are requested again.
-const SILENCE: Duration = Duration::from_millis(700);
 /// A message of a channel, in front of subscription, time and data.
 const MESSAGE_DATA: u8 = 1;
 
@@ -90,6 +90,8 @@ struct Share {
     /// Whether the streams are requested, and when telemetry came last.
     streams: bool,
     heard: Instant,
+    /// Whether the clients know that it does not come.
+    is_silent: bool,
 }
 
 pub fn share(options: &Options, listen: SocketAddr, robot: Option<&Path>) -> Result<(), Failure> {
@@ -118,6 +120,7 @@ pub fn share(options: &Options, listen: SocketAddr, robot: Option<&Path>) -> Res
         faults: None,
         streams: false,
         heard: Instant::now(),
+        is_silent: false,
     };
     output::result(options, &json!({ "url": url }), || {
         format!("{url}\nfor Foxglove: Open connection, Foxglove WebSocket. Ctrl-C stops sharing")
@@ -151,8 +154,10 @@ impl Share {
         }
         self.send();
         if self.streams && self.heard.elapsed() > SILENCE {
-            let text = "no telemetry from the board: is its control loop running? Try `tesaki doctor`";
-            self.clients.keys().for_each(|&id| warn(&mut self.server, id, text));
+            if !std::mem::replace(&mut self.is_silent, true) {
+                let text = words::silence(self.session.is_open());
+                self.clients.keys().for_each(|&id| warn(&mut self.server, id, text));
+            }
             self.session.board.reconnect(STREAMS)?;
             self.heard = Instant::now();
         }
@@ -164,7 +169,7 @@ impl Share {
             let every = if requested { every } else { 0 };
             self.session.board.post(Request::SetRate { stream, every })?;
         }
-        (self.streams, self.heard) = (requested, Instant::now());
+        (self.streams, self.heard, self.is_silent) = (requested, Instant::now(), false);
         Ok(())
     }
 
@@ -183,7 +188,7 @@ impl Share {
     }
 
     fn telemetry(&mut self, telemetry: &Telemetry) -> Result<(), Failure> {
-        self.heard = Instant::now();
+        (self.heard, self.is_silent) = (Instant::now(), false);
         self.publication.telemetry(telemetry).map_err(failure)?;
         let faults = self.faults.get_or_insert_with(|| FaultFollower::new(telemetry.into()));
         if faults.is_due(telemetry) {

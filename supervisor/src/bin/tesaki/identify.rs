@@ -22,7 +22,7 @@ use tesaki_supervisor::identify::{
 use tesaki_supervisor::{Board, BoardError};
 
 use crate::args::{Identify, Options};
-use crate::board_session::{BoardSession, hex, refused};
+use crate::board_session::{BoardSession, hex, refused, require_homed};
 use crate::failure::Failure;
 use crate::grasp::suited;
 use crate::motion::{LAST_WORD, gone};
@@ -46,6 +46,7 @@ fn identify_hand(options: &Options, args: &Identify, grasp: &Path) -> Result<(),
     let plan = suited(plan, grasp, &model)?;
     let node = session.board.status()?.node;
     session.require_no_fault(node.mode, Some(&model))?;
+    require_homed(node.homed, &model)?;
     let tips = session.tips()?.tips;
     let mut sensors = model.chains.iter().zip(&tips).filter(|(chain, _)| chain.force_sensor.is_some());
     if let Some((chain, _)) = sensors.find(|(_, tip)| !tip.tared) {

@@ -1,7 +1,7 @@
 //! `impedance`: Cartesian impedance control of an arm.
 
 use std::fmt::Write as _;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use nalgebra::Vector3;
 use serde_json::json;
@@ -48,7 +48,8 @@ fn hold(options: &Options, args: &Hold) -> Result<(), Failure> {
         &surfaces(&settings, &impedance::own_mass_at(&motion.model, &angles, settings.impedance.axes)),
     );
     motion.enable(TaskConfig::Impedance(settings))?;
-    output::notice(options, "enabled: push the tool; Ctrl-C disables");
+    output::notice(options, "enabled: push the tool");
+    motion.announce_ctrl_c(motion.load().as_ref());
     let begun = Instant::now();
     let until = args.duration.map(|duration| begun + duration);
     let mut live = output::Live::new(options);
@@ -67,8 +68,8 @@ fn hold(options: &Options, args: &Hold) -> Result<(), Failure> {
         },
     );
     live.end();
+    let held = begun.elapsed();
     motion.end(end? == End::Interrupted)?;
-    let held: Duration = begun.elapsed();
     let value = json!({
         "held_seconds": held.as_secs_f64(),
         "largest_force": output::exact(&force),

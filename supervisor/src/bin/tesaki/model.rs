@@ -119,7 +119,6 @@ fn calibrated(
     let folder = model.clone();
     let applied = calibration.apply(model);
     applied.map_err(|source| Failure::Calibration { path: path.to_owned(), source })?;
-    parameter::check_values(&folder, model)?;
     let mut doubts = parameter::doubtful(&folder, model, None, &[]);
     for (old, new) in folder.joints.iter().zip(&model.joints) {
         let (old, constant) = (old.motor.torque_constant, new.motor.torque_constant);

@@ -15,7 +15,7 @@ pub use tesaki_supervisor::timing::{KEEP_ALIVE, LAST_WORD};
 use tesaki_supervisor::{Board, BoardError, angles};
 
 use crate::args::Options;
-use crate::board_session::{BoardSession, interrupted};
+use crate::board_session::{BoardSession, interrupted, require_homed};
 use crate::failure::Failure;
 use crate::output;
 
@@ -150,12 +150,7 @@ impl<'a> Motion<'a> {
     }
 
     fn read_positions(&mut self) -> Result<Vec<f32>, Failure> {
-        let homed = self.session.board.status()?.node.homed;
-        if let Some(joint) = (0..self.model.joints.len()).find(|joint| homed >> joint & 1 == 0) {
-            #[expect(clippy::cast_possible_truncation, reason = "at most sixteen joints")]
-            let refusal = Refusal::NotHomed { joint: joint as u8 };
-            return Err(Failure::from(BoardError::refused("move", refusal)).named(&self.model));
-        }
+        require_homed(self.session.board.status()?.node.homed, &self.model)?;
         let telemetry = self.session.telemetry_now()?;
         self.remember(&telemetry);
         if self.angles.len() != self.model.joints.len() {

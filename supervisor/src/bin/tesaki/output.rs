@@ -230,7 +230,7 @@ pub fn confirm(options: &Options, question: &str) -> Result<(), Failure> {
             break answer.map_err(Failure::file("standard input"))?;
         }
     };
-    if matches!(answer.trim(), "y" | "Y" | "yes") {
+    if matches!(answer.trim().to_lowercase().as_str(), "y" | "yes") {
         Ok(())
     } else {
         Err(Failure::Usage("not confirmed; nothing was done".to_owned()))

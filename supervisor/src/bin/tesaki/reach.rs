@@ -116,6 +116,11 @@ pub fn run(options: &Options, args: &Reach) -> Result<(), Failure> {
     let (tip, distance) = farthest;
     if !arrival.has_come() {
         if (args.stay.hold || motion.load().is_some()) && !args.stay.no_hold {
+            if options.json {
+                let value =
+                    json!({ "arrived": false, "tip": tip, "largest_error": output::exact(&distance) });
+                output::line(&value.to_string())?;
+            }
             output::notice(
                 options,
                 &format!("{tip} has not arrived; the robot holds where it is until Ctrl-C"),

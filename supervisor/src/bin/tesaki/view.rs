@@ -15,8 +15,10 @@ use tesaki::protocol::{FromBoard, Mode, Reply, Request, Status, Stream, Telemetr
 use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::faults::describe;
 use tesaki_supervisor::gravity::Load;
+use tesaki_supervisor::publication::own_model;
 use tesaki_supervisor::task_report::{Report, report};
-use tesaki_supervisor::{Board, BoardError, troubleshooting};
+use tesaki_supervisor::timing::SILENCE;
+use tesaki_supervisor::{Board, BoardError, troubleshooting, words};
 use tesaki_viewer::server::{Server, Site};
 use tesaki_viewer::{LIVE_PAGE, SCRIPT, STYLE, Scene};
 
@@ -38,8 +40,6 @@ const STREAMS: &[(Stream, u16)] =
 const TURN: Duration = Duration::from_millis(4);
 /// Without pages.
 const IDLE: Duration = Duration::from_millis(20);
-/// Without telemetry for this time, the streams are requested again.
-const SILENCE: Duration = Duration::from_millis(700);
 /// From one status to the next at most.
 const STATUS: Duration = Duration::from_millis(500);
 /// A page that is so many states behind gets no more until it has answered to all that it got.
@@ -361,27 +361,21 @@ impl View {
     fn take_status(&mut self, status: &Status) -> Result<(), Failure> {
         let node = &status.node;
         (self.supply, self.homed, self.board_commander) = (node.supply, node.homed, node.commander);
-        let known = self.model.as_ref().map(|(_, checksum)| *checksum);
         self.has_model = !node.model.is_empty();
         if !self.has_model {
             self.commander.is_stopped();
-            if self.model.take().is_some() {
-                self.show_scene(None);
-            }
-        } else if known != Some(node.model_checksum) {
-            // Else the next status comes soon.
-            if let Some(model) = self.session.board.model_if_there()? {
-                self.show_scene(Some(&model));
-                self.model = Some((model, node.model_checksum));
-                self.known_faults = None;
-            }
+        }
+        if self.session.board.update_model(&mut self.model, status)? {
+            self.show_scene();
+            self.known_faults = None;
         }
         Ok(())
     }
 
     /// Gives the pages a robot. With the folder of this very robot they see its solids.
-    fn show_scene(&mut self, model: Option<&RobotModel>) {
-        let own = |folder: &&RobotFolder| model.is_some_and(|model| folder.model.name == model.name);
+    fn show_scene(&mut self) {
+        let model = self.model.as_ref().map(|(model, _)| model);
+        let own = |folder: &&RobotFolder| model.is_some_and(|model| own_model(folder, &model.name).is_some());
         let folder = self.folder.as_ref().filter(own);
         if let (Some(model), Some(other), None) = (model, &self.folder, folder) {
             output::complain(&format!(
@@ -401,12 +395,7 @@ impl View {
 
     fn check_silence(&mut self) -> Result<(), Failure> {
         if self.streams && self.heard.elapsed() > SILENCE {
-            let is_open = self.session.board.link().get_ref().is_open();
-            self.silent = Some(if is_open {
-                "no telemetry from the board: is its control loop running? Try `tesaki doctor`"
-            } else {
-                "the board's port has disappeared: connect it again, and this page goes on"
-            });
+            self.silent = Some(words::silence(self.session.is_open()));
             self.tell_status();
             self.session.board.reconnect(STREAMS)?;
             // Not at once again.

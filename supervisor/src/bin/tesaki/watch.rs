@@ -7,7 +7,8 @@ use tesaki::protocol::{FromBoard, Mode, Request, Status, Stream, Telemetry};
 use tesaki_description::plant::CONTROL_PERIOD;
 use tesaki_supervisor::faults::{self, describe};
 use tesaki_supervisor::monitor::{JointView, Key, LinkView, Overlay, Screen, State, View};
-use tesaki_supervisor::{Board, BoardError, troubleshooting};
+use tesaki_supervisor::timing::{SILENCE, STOP_PATIENCE};
+use tesaki_supervisor::{Board, BoardError, troubleshooting, words};
 
 use crate::args::Options;
 use crate::board_session::{BoardSession, shows_stop, version};
@@ -24,10 +25,6 @@ const STREAMS: &[(Stream, u16)] = &[(Stream::Telemetry, EVERY), (Stream::Status,
 const MODEL: Duration = Duration::from_secs(1);
 /// How long a request to disable is repeated at least.
 const DISABLE_TIME: Duration = Duration::from_millis(300);
-/// When it is said that telemetry does not show a stop.
-const STOP_PATIENCE: Duration = Duration::from_secs(2);
-/// Without telemetry for this time, the streams are requested again.
-const SILENCE: Duration = Duration::from_millis(700);
 
 pub fn run(options: &Options) -> Result<(), Failure> {
     let mut session = BoardSession::open(options)?;
@@ -66,7 +63,7 @@ pub fn run(options: &Options) -> Result<(), Failure> {
 /// standard error.
 fn stream(options: &Options, session: &mut BoardSession, model: RobotModel) -> Result<(), Failure> {
     session.board.set_rate(Stream::Telemetry, EVERY)?;
-    let mut model = Some((model, 0));
+    let mut model = Some((model, session.board.status()?.node.model_checksum));
     let mut last = None::<u32>;
     let (mut heard, mut silent) = (Instant::now(), false);
     let mut checked = None::<Instant>;
@@ -104,11 +101,7 @@ fn stream(options: &Options, session: &mut BoardSession, model: RobotModel) -> R
             Err(Failure::Late(_)) => {
                 if heard.elapsed() >= options.timeout && !silent {
                     silent = true;
-                    output::complain(&format!(
-                        "no telemetry for {:.0} s: {}",
-                        heard.elapsed().as_secs_f64(),
-                        no_telemetry(session)
-                    ));
+                    output::complain(words::silence(session.is_open()));
                 }
                 session.board.reconnect(&[(Stream::Telemetry, EVERY)])?;
             }
@@ -117,20 +110,9 @@ fn stream(options: &Options, session: &mut BoardSession, model: RobotModel) -> R
     }
 }
 
-/// Why there is no telemetry, and what to do.
-fn no_telemetry(session: &BoardSession) -> &'static str {
-    if session.board.link().get_ref().is_open() {
-        "is the control loop running? Try `tesaki doctor`"
-    } else {
-        "the port has disappeared; when it is back, this goes on"
-    }
-}
-
 struct Watch {
-    /// `None` when the board was reset, and no model was pushed since.
-    model: Option<RobotModel>,
-    /// Of the model on the board.
-    checksum: u32,
+    /// With its checksum. `None` when the board was reset, and no model was pushed since.
+    model: Option<(RobotModel, u32)>,
     view: View,
     /// When the last telemetry came.
     heard: Instant,
@@ -157,13 +139,14 @@ struct Stopping {
 
 impl Watch {
     fn new(session: &mut BoardSession, model: RobotModel) -> Result<Self, Failure> {
+        STREAMS.iter().try_for_each(|&(stream, every)| session.board.set_rate(stream, every))?;
+        let status = session.board.status()?;
         let title = title(session, Some(&model));
         let link = LinkView { open: true, expected_rate: 100.0 / f32::from(EVERY), ..LinkView::default() };
         let view = View { title, joints: joint_views(&model), link, ..View::default() };
         let now = Instant::now();
         let mut watch = Self {
-            model: Some(model),
-            checksum: 0,
+            model: Some((model, status.node.model_checksum)),
             view,
             heard: now,
             last_tick: None,
@@ -173,9 +156,6 @@ impl Watch {
             entry: troubleshooting::DOCUMENT.to_owned(),
             stopping: None,
         };
-        STREAMS.iter().try_for_each(|&(stream, every)| session.board.set_rate(stream, every))?;
-        let status = session.board.status()?;
-        watch.checksum = status.node.model_checksum;
         watch.status(&status);
         Ok(watch)
     }
@@ -185,13 +165,17 @@ impl Watch {
         while let Some(event) = session.board.next_event(deadline)? {
             match event {
                 FromBoard::Telemetry(telemetry) => {
-                    if telemetry.joints.is_empty() {
-                        self.forget_model(session);
+                    // The board was reset: what is shown of its joints is no longer true.
+                    if telemetry.joints.is_empty() && self.model.take().is_some() {
+                        self.show_model(session);
                     }
                     self.telemetry(&telemetry);
                 }
                 FromBoard::Status(status) => {
-                    self.refresh_model(session, &status)?;
+                    // Another program may have pushed another model; faults and joints have its names.
+                    if session.board.update_model(&mut self.model, &status)? {
+                        self.show_model(session);
+                    }
                     self.status(&status);
                 }
                 _ => {}
@@ -201,7 +185,7 @@ impl Watch {
         let silence = now - self.heard;
         let link = &mut self.view.link;
         link.last_seconds = silence.as_secs_f32();
-        link.open = session.board.link().get_ref().is_open();
+        link.open = session.is_open();
         let counts = session.board.counts();
         link.damaged = u64::from(counts.overlong + counts.framing + counts.checksum + counts.malformed);
         link.round_trip_ms = session.board.round_trip().map(|trip| trip.as_secs_f32() * 1e3);
@@ -213,7 +197,7 @@ impl Watch {
         }
         if silence > SILENCE {
             self.view.state = State::Lost;
-            self.view.hint = format!("no telemetry: {}", no_telemetry(session));
+            words::silence(session.is_open()).clone_into(&mut self.view.hint);
             session.board.reconnect(STREAMS)?;
         }
         if self.known_faults.is_none() && silence < SILENCE {
@@ -247,38 +231,19 @@ impl Watch {
         }
         session.board.post(request.clone())?;
         if begun.elapsed() > STOP_PATIENCE {
-            "THE BOARD DOES NOT SHOW THAT IT HAS STOPPED: press the emergency stop, or cut the power. It is told \
-             to stop until it does"
-                .clone_into(&mut self.view.hint);
+            words::NOT_STOPPED.clone_into(&mut self.view.hint);
         }
         Ok(())
     }
 
-    /// Another program may have pushed another model; faults and joints have its names.
-    fn refresh_model(&mut self, session: &mut BoardSession, status: &Status) -> Result<(), Failure> {
-        if status.node.model.is_empty() {
-            self.forget_model(session);
-        } else if status.node.model_checksum != self.checksum
-            // Else the next status comes soon.
-            && let Some(model) = session.board.model_if_there()?
-        {
-            self.checksum = status.node.model_checksum;
-            self.view.joints = joint_views(&model);
-            self.view.title = title(session, Some(&model));
-            self.model = Some(model);
-            self.known_faults = None;
-        }
-        Ok(())
+    fn model(&self) -> Option<&RobotModel> {
+        self.model.as_ref().map(|(model, _)| model)
     }
 
-    /// The board was reset: what is shown of its joints is no longer true.
-    fn forget_model(&mut self, session: &BoardSession) {
-        if self.model.take().is_some() {
-            self.checksum = 0;
-            self.view.joints.clear();
-            self.view.title = title(session, None);
-            self.known_faults = None;
-        }
+    fn show_model(&mut self, session: &BoardSession) {
+        self.view.joints = self.model().map(joint_views).unwrap_or_default();
+        self.view.title = title(session, self.model());
+        self.known_faults = None;
     }
 
     fn telemetry(&mut self, telemetry: &Telemetry) {
@@ -326,8 +291,7 @@ impl Watch {
     fn read_faults(&mut self, session: &mut BoardSession) -> Result<(), Failure> {
         match session.board.faults() {
             Ok(log) => {
-                self.view.faults =
-                    log.faults.iter().map(|fault| describe(fault, self.model.as_ref())).collect();
+                self.view.faults = log.faults.iter().map(|fault| describe(fault, self.model())).collect();
                 self.known_faults = Some(log.total);
                 self.entry = faults::entries(faults::blamed(&log));
                 Ok(())

@@ -1,7 +1,5 @@
 //! Tables of numbers as CSV, with errors that name file, line and column.
 
-use std::fs::File;
-use std::io;
 use std::path::Path;
 use std::str::FromStr;
 
@@ -9,11 +7,11 @@ use csv::{ReaderBuilder, StringRecord, Trim};
 use tesaki_description::spelling::meant;
 
 use crate::failure::Failure;
-use crate::feed::read_all;
+use crate::feed::read_path;
 use crate::output::counted;
 
 /// Most bytes of a table: a million rows of sixteen numbers.
-const MAX_TABLE: u64 = 1 << 27;
+pub const MAX_TABLE: u64 = 1 << 27;
 
 /// A CSV file: a header of names, rows of numbers.
 pub struct Table {
@@ -31,13 +29,8 @@ pub struct Row {
 impl Table {
     /// Reads the file at `path`; `-` is standard input.
     pub fn read(path: &Path) -> Result<Self, Failure> {
-        if path == Path::new("-") {
-            let text = read_all(io::stdin(), MAX_TABLE).map_err(Failure::file("standard input"))?;
-            Self::parse("standard input", &text)
-        } else {
-            let text = File::open(path).and_then(|file| read_all(file, MAX_TABLE));
-            Self::parse(&path.display().to_string(), &text.map_err(Failure::file(path))?)
-        }
+        let (name, text) = read_path(path, MAX_TABLE)?;
+        Self::parse(&name, &text)
     }
 
     /// `name` is used in errors.

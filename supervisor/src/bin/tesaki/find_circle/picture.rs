@@ -46,7 +46,7 @@ impl Picture {
         width: usize,
         height: usize,
         largest: usize,
-        read: impl FnOnce(usize) -> Vec<u8>,
+        read: impl FnOnce(usize) -> Result<Vec<u8>, String>,
     ) -> Result<Self, String> {
         if !(1..=255).contains(&largest) {
             return Err(format!("PGM: maximum {largest}; only pictures of 8 bits, 1 to 255, can be read"));
@@ -56,12 +56,14 @@ impl Picture {
         }
         let count = width.checked_mul(height).filter(|count| *count <= MAX_PIXELS);
         let count = count.ok_or_else(|| format!("PGM: {width} × {height} pixels: {TOO_LARGE}"))?;
-        let levels = read(count);
+        let levels = read(count).map_err(|error| format!("PGM: {error}"))?;
         if levels.len() != count {
             return Err(format!("PGM: {} of {count} grey levels: the file is cut off", levels.len()));
         }
-        let scaled =
-            |level: u8| u8::try_from(usize::from(level).min(largest) * 255 / largest).unwrap_or(u8::MAX);
+        if let Some(level) = levels.iter().find(|level| usize::from(**level) > largest) {
+            return Err(format!("PGM: a grey level of {level}, above the stated maximum of {largest}"));
+        }
+        let scaled = |level: u8| u8::try_from(usize::from(level) * 255 / largest).unwrap_or(u8::MAX);
         Ok(Self { width, height, pixels: levels.into_iter().map(scaled).collect() })
     }
 
@@ -143,10 +145,12 @@ fn pgm(bytes: &[u8]) -> Result<Picture, String> {
             let header = bytes.get(at..).unwrap_or_default();
             // One character ends the header, or two as some programs write them.
             let ends_in_two = header.starts_with(b"\r\n") && header.len() == count + 2;
-            header.iter().skip(if ends_in_two { 2 } else { 1 }).take(count).copied().collect()
+            Ok(header.iter().skip(if ends_in_two { 2 } else { 1 }).take(count).copied().collect())
         } else {
-            let level = |word: &str| u8::try_from(word.parse::<usize>().ok()?.min(255)).ok();
-            (0..count).map_while(|_| level(word(bytes, &mut at)?)).collect()
+            let level = |word: &str| {
+                word.parse().map_err(|_| format!("{word:?} is not a grey level, 0 to {largest}"))
+            };
+            (0..count).map_while(|_| word(bytes, &mut at).map(level)).collect()
         }
     })
 }

@@ -18,7 +18,7 @@ use super::pace::{self, FastStep, Pace};
 use super::reflect::Reflection;
 use super::source::{Entry, Sample, Source};
 use crate::args::{Follow, State, Switch};
-use crate::feed::MAX_TAKEN;
+use crate::feed::{MAX_TAKEN, RESTART};
 use crate::impedance::norm;
 use crate::output;
 
@@ -26,8 +26,6 @@ use crate::output;
 const STOP: Duration = Duration::from_millis(500);
 /// A time without samples that the prediction does not bridge [s].
 const GAP: f64 = 0.06;
-/// By how much the time stamps of a source go back that has begun anew [s].
-const RESTART: f64 = 1.0;
 /// The clutch opens before the tool is as far from its set-point as the settings permit: at this fraction.
 const MAX_DEVIATION: f32 = 0.7;
 /// The set-point is at a border within the first distance, and off it beyond the second [m].

@@ -73,8 +73,8 @@ impl Master {
         let mut joints = (0..).zip(&model.joints);
         if let Some((_, joint)) = joints.find(|(index, _)| node.homed >> index & 1 == 0) {
             return Err(Failure::Usage(format!(
-                "its joint {} is not homed, so its pose is unknown (`tesaki --port {} home …`)",
-                joint.name, session.port
+                "its joint {} is not homed, so its pose is unknown (`tesaki home …`)",
+                joint.name
             )));
         }
         let elbow = match settings.redundancy {
@@ -132,7 +132,7 @@ impl Master {
 
     fn sample(&mut self, telemetry: &Telemetry) -> Result<Sample, String> {
         if telemetry.mode == Mode::Fault {
-            return Err("its board is in fault (`tesaki faults`)".to_owned());
+            return Err(format!("its board is in fault (`tesaki --port {} faults`)", self.session.port));
         }
         let angles: Vec<f32> = telemetry.joints.iter().map(|joint| joint.position).collect();
         if angles.len() != self.model.joints.len() {

@@ -162,8 +162,10 @@ impl Source {
             }
             PoseSource::Board(address) => {
                 let place = format!("the master at {address}");
-                let (master, reflection) = Master::open(options, address, args, motion, settings)
-                    .map_err(|failure| Failure::OtherBoard(place.clone(), Box::new(failure)))?;
+                let (master, reflection) =
+                    Master::open(options, address, args, motion, settings).map_err(|failure| {
+                        Failure::OtherBoard(place.clone(), Box::new(failure.at_port(&address.to_string())))
+                    })?;
                 let feed = Feed::spawn(place, "sample", args.silence, move |inlet| master.lead(inlet));
                 Ok(Self { period: Some(tesaki::TICK.into()), reflection, ..of_feed(feed) })
             }

@@ -20,7 +20,7 @@ use tesaki_supervisor::{Board, angles};
 
 use super::{BoardMachine, open, saved};
 use crate::args::{Identify, Options};
-use crate::board_session::{BoardSession, hex};
+use crate::board_session::{BoardSession, hex, require_homed};
 use crate::failure::Failure;
 use crate::output;
 
@@ -30,6 +30,7 @@ pub fn run(options: &Options, args: &Identify) -> Result<(), Failure> {
     let model = session.model()?;
     let node = session.board.status()?.node;
     session.require_no_fault(node.mode, Some(&model))?;
+    require_homed(node.homed, &model)?;
     let board = hex(&session.identity.board, "without a number");
     let file = open(&args.out, &model, &board)?;
     let telemetry = session.telemetry_now()?;

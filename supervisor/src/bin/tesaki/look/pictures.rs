@@ -261,8 +261,8 @@ fn read_pgm(input: &mut impl BufRead) -> io::Result<Option<(Picture, Instant, Op
     let (width, height, largest) = (number(1)?, number(2)?, number(3)?);
     let picture = Picture::from_pgm(width, height, largest, |count| {
         let mut pixels = Vec::new();
-        let read = input.by_ref().take(count as u64).read_to_end(&mut pixels);
-        read.map(|_| pixels).unwrap_or_default()
+        input.by_ref().take(count as u64).read_to_end(&mut pixels).map_err(|error| error.to_string())?;
+        Ok(pixels)
     });
     let begun = begun.unwrap_or_else(Instant::now);
     Ok(Some((picture.map_err(wrong)?, begun, age)))

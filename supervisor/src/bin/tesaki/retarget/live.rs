@@ -19,13 +19,11 @@ use super::source::{Source, tracker};
 use super::tell_defaults;
 use crate::args::{Options, Retarget};
 use crate::failure::Failure;
-use crate::feed::{Ending, Feed, MAX_TAKEN};
+use crate::feed::{Ending, Feed, MAX_TAKEN, RESTART};
 use crate::motion::{End, KEEP_ALIVE, Motion, PERIOD};
 use crate::output;
 
 /// Where all vectors from the thumb's tip are off by more than this [m], the thumb's offset is likely to be
-/// By how much the time stamps of a source go back that has begun anew [s].
-const RESTART: f64 = 1.0;
 /// wrong.
 const UNLIKE: f32 = 0.015;
 /// What to do about a source that is a file.

@@ -1,6 +1,5 @@
 //! Frames of the operator's hand: lines of JSON and rows of tables, told apart by what they contain.
 
-use std::io::{self, Read};
 use std::path::Path;
 
 use serde_json::Value;
@@ -11,8 +10,9 @@ use tesaki_supervisor::operator::{
 };
 
 use crate::args::Retarget;
-use crate::eval::table::Table;
+use crate::eval::table::{MAX_TABLE, Table};
 use crate::failure::Failure;
+use crate::feed::read_path;
 use crate::glove::{self, GloveColumns, PositionColumns};
 
 /// A frame at its time [s].
@@ -114,13 +114,7 @@ impl Source {
 
     /// Every frame of a file, with its line, and the name of the file.
     pub fn file(mut self, path: &Path) -> Result<(String, Vec<(u64, Frame)>), Failure> {
-        let (name, text) = if path == Path::new("-") {
-            let mut text = Vec::new();
-            io::stdin().read_to_end(&mut text).map_err(Failure::file("standard input"))?;
-            ("standard input".to_owned(), text)
-        } else {
-            (path.display().to_string(), std::fs::read(path).map_err(Failure::file(path))?)
-        };
+        let (name, text) = read_path(path, MAX_TABLE)?;
         let content = text.strip_prefix("\u{feff}".as_bytes()).unwrap_or(&text);
         let frames = match content.iter().find(|byte| !byte.is_ascii_whitespace()) {
             Some(b'{') => self.lines(&name, &text)?,

@@ -19,8 +19,8 @@ use tesaki::task::{TaskConfig, TaskKind, TaskRefusal};
 use tesaki_description::impedance;
 use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::task_report::Grasped;
-use tesaki_supervisor::timing::{BLIND, FRESH, KEEP_ALIVE, LAST_WORD};
-use tesaki_supervisor::{Board, BoardError, LinkBoard, angles};
+use tesaki_supervisor::timing::{BLIND, FRESH, KEEP_ALIVE, LAST_WORD, STOP_PATIENCE};
+use tesaki_supervisor::{Board, BoardError, LinkBoard, angles, words};
 
 use super::View;
 use super::message::{Command, Plan};
@@ -37,8 +37,6 @@ const POINT: Duration = motion::PERIOD;
 const RENEWAL: Duration = Duration::from_millis(300);
 /// A page that commands and says nothing for so long has gone. It answers to every state, 50 times a second.
 const SILENT_PAGE: Duration = Duration::from_secs(1);
-/// How long the board is told to stop before the pages are warned. It is told so on.
-const STOP_PATIENCE: Duration = Duration::from_secs(2);
 /// Duration of a step of the object or of the tool [s].
 const STEP: f32 = 1.0;
 
@@ -315,9 +313,7 @@ impl View {
             self.session.board.post(Request::Stop)?;
             if stopping.warns.is_some_and(|at| now > at) {
                 stopping.warns = None;
-                let text = "THE BOARD DOES NOT SHOW THAT IT HAS STOPPED: press the emergency stop, or cut the power. It \
-                            is told to stop until it does";
-                self.pages.keys().for_each(|&id| self.answer(id, false, text));
+                self.pages.keys().for_each(|&id| self.answer(id, false, words::NOT_STOPPED));
             }
             return Ok(());
         }
