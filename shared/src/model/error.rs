@@ -204,7 +204,7 @@ impl fmt::Display for Problem {
                 write!(f, "is the margin by which no mass distribution can have this inertia tensor")
             }
             Self::Count(expected) => write!(f, "does not fit: {expected} expected"),
-            Self::NotUnique => write!(f, "must be a name of its own"),
+            Self::NotUnique => write!(f, "must be a name of its own, without control characters"),
             Self::NoSuchJoint => write!(f, "must be a joint with a motor"),
             Self::NotSupported => write!(f, "is not supported"),
             Self::Singular => {

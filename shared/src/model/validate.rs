@@ -71,6 +71,11 @@ const MAX_CURRENT_COUNT: f32 = 32_766.0;
 /// angle would be ambiguous.
 const MAX_ANGLE_COUNTS: f32 = 65_536.0 * 32_768.0;
 
+/// Whether this names a joint or a tip, and does nothing to a terminal that shows it.
+fn is_name(name: &str) -> bool {
+    !name.is_empty() && !name.chars().any(char::is_control)
+}
+
 impl RobotModel {
     /// Checks every field.
     ///
@@ -79,6 +84,9 @@ impl RobotModel {
     pub fn validate(&self) -> Result<(), ModelError> {
         let robot = Check { joint: None };
         robot.all_within(Field::Gravity, &self.gravity, MAX_GRAVITY)?;
+        if self.name.chars().any(char::is_control) {
+            return Err(robot.error(Field::Name, 0.0, Problem::NotUnique));
+        }
         if self.joints.is_empty() {
             return Err(robot.error(Field::Joints, 0.0, Problem::Below(1.0)));
         }
@@ -129,7 +137,7 @@ impl RobotModel {
                 }
             }
             let others = self.chains.iter().take(index);
-            if chain.name.is_empty() || others.into_iter().any(|other| other.name == chain.name) {
+            if !is_name(&chain.name) || others.into_iter().any(|other| other.name == chain.name) {
                 #[expect(clippy::cast_precision_loss, reason = "at most 6")]
                 return Err(last.error(Field::ChainName, index as f32, Problem::NotUnique));
             }
@@ -146,7 +154,7 @@ impl RobotModel {
             #[expect(clippy::cast_possible_truncation, reason = "at most 16 joints")]
             let check = Check { joint: Some(index as u8) };
             let others = self.joints.iter().take(index);
-            if joint.name.is_empty() || others.into_iter().any(|other| other.name == joint.name) {
+            if !is_name(&joint.name) || others.into_iter().any(|other| other.name == joint.name) {
                 return Err(check.error(
                     Field::Name,
                     f32::from(check.joint.unwrap_or(0)),

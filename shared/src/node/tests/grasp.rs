@@ -586,6 +586,11 @@ const CONTROLLED: [f32; 9] = include!("../../../../tests/oracles/data/object_con
 fn the_pose_of_the_object_is_controlled_by_torques_as_printed() {
     let mut bench = holding_hand(wrench_plan());
     let (translation, rotation) = ([0.002, 0.001, 0.003], [0.0, 0.02, 0.0]);
+    for duration in [601.0, 0.0, f32::NAN] {
+        let reply = bench.ask(task(GraspCommand::Move { translation, rotation, duration }));
+        let refused = Refusal::Task(TaskRefusal::Grasping(GraspRefusal::NotFinite));
+        assert_eq!(reply, Reply::Refused(refused), "{duration}");
+    }
     assert_eq!(bench.ask(task(GraspCommand::Move { translation, rotation, duration: 1.0 })), Reply::Done);
     let torques = run_pressed(&mut bench, 110, false);
     for (joint, (torque, expected)) in torques.iter().zip(CONTROLLED).enumerate() {

@@ -3,6 +3,7 @@ use core::fmt;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
+use super::tuning::MAX_MOVE_TIME;
 use super::{InvalidPlan, PerFinger};
 use crate::robot::{Concerns, LimitRefusal};
 
@@ -188,7 +189,7 @@ impl fmt::Display for GraspRefusal {
                  ({x:.4}, {y:.4}, {z:.4}) m",
                 finger + 1
             ),
-            Self::NotFinite => write!(f, "the motion is not finite, or shorter than a tick"),
+            Self::NotFinite => write!(f, "the motion is not finite, shorter than a tick, or longer than {MAX_MOVE_TIME} s"),
             Self::TooFast { value, limit } => {
                 write!(
                     f,
@@ -329,7 +330,7 @@ mod tests {
                 "finger 3 cannot reach its position; the nearest in reach, without its joints' limits, is \
                  (0.1000, 0.0000, -0.2500) m",
             ),
-            (GraspRefusal::NotFinite, "the motion is not finite, or shorter than a tick"),
+            (GraspRefusal::NotFinite, "the motion is not finite, shorter than a tick, or longer than 600 s"),
             (
                 GraspRefusal::TooFast { value: 0.375, limit: 0.2 },
                 "the motion's peak speed is 0.375 m/s or rad/s, the limit is 0.2: make its duration longer",

@@ -10,8 +10,8 @@ use super::plan::JointTargets;
 use super::pose::PoseTrajectory;
 use super::tracker::Tracker;
 use super::tuning::{
-    APPROACH_EXTRA_TIME, APPROACH_SPEED, ASSUMED_FRICTION, MAX_ANGULAR_SPEED, MAX_SPEED, PATH_CHECKS,
-    TICKS_TO_DITHER, TICKS_TO_DITHER_END,
+    APPROACH_EXTRA_TIME, APPROACH_SPEED, ASSUMED_FRICTION, MAX_ANGULAR_SPEED, MAX_MOVE_TIME, MAX_SPEED,
+    PATH_CHECKS, TICKS_TO_DITHER, TICKS_TO_DITHER_END,
 };
 use super::{
     Failure, FingerSense, Frame, GraspCommand, GraspFault, GraspFinger, GraspHand, GraspPlan, GraspRefusal,
@@ -276,7 +276,9 @@ impl GraspState {
     ) -> Result<(), GraspRefusal> {
         self.require(&[Phase::Hold])?;
         let (translation, rotation) = (Vector3::from(*translation), Vector3::from(*rotation));
-        if !(translation.sum() + rotation.sum() + duration).is_finite() || duration < TICK {
+        if !(translation.sum() + rotation.sum() + duration).is_finite()
+            || !(TICK..=MAX_MOVE_TIME).contains(&duration)
+        {
             return Err(GraspRefusal::NotFinite);
         }
         let origin = self.origin.isometry();

@@ -74,6 +74,8 @@ pub(super) const MAX_DISPLACEMENT: f32 = 0.015;
 pub(super) const MAX_SPEED: f32 = 0.2;
 /// See [`MAX_SPEED`].
 pub(super) const MAX_ANGULAR_SPEED: f32 = 2.0;
+/// Longest motion of the object [s]: during it the object cannot be put down.
+pub(super) const MAX_MOVE_TIME: f32 = 600.0;
 /// Fraction of the joints' torque limits that forces on the object may take. The rest is for gravity,
 /// friction and motion.
 pub(super) const TORQUE_FRACTION: f32 = 0.9;

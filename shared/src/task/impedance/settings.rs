@@ -217,8 +217,7 @@ impl fmt::Display for InvalidImpedanceSettings {
             }
             Self::MaxDeviation { value } => write!(
                 f,
-                "the maximum deviation is {value}; it must be positive and finite, at most {MAX_ROTATION} rad for the \
-                 rotation"
+                "the maximum deviation is {value}; it must be positive, at most {MAX_DISTANCE} m and {MAX_ROTATION} rad"
             ),
         }
     }
@@ -226,6 +225,8 @@ impl fmt::Display for InvalidImpedanceSettings {
 
 impl core::error::Error for InvalidImpedanceSettings {}
 
+/// Largest deviation [m]: about the length of an arm. From farther away, a spring would throw the tool.
+const MAX_DISTANCE: f32 = 1.0;
 /// Maximum rotation from the set-point [rad]; near π the rotation vector is ambiguous.
 const MAX_ROTATION: f32 = 3.0;
 
@@ -267,7 +268,7 @@ impl ImpedanceSettings {
         if !(value > 0.0 && value.is_finite()) {
             return Err(InvalidImpedanceSettings::ContactForce { value });
         }
-        for (value, max) in self.max_deviation.into_iter().zip([f32::MAX, MAX_ROTATION]) {
+        for (value, max) in self.max_deviation.into_iter().zip([MAX_DISTANCE, MAX_ROTATION]) {
             if !(value > 0.0 && value <= max) {
                 return Err(InvalidImpedanceSettings::MaxDeviation { value });
             }

@@ -32,7 +32,8 @@ fn invalid_settings_are_refused_by_name() {
     refused(|s| s.elbow_bandwidth = f32::INFINITY, "at most 50 rad/s");
     refused(|s| s.contact_force = f32::NAN, "the contact force is NaN N");
     refused(|s| s.max_deviation[0] = -1.0, "the maximum deviation is -1");
-    refused(|s| s.max_deviation[1] = PI, "at most 3 rad");
+    refused(|s| s.max_deviation[0] = 1.1, "at most 1 m");
+    refused(|s| s.max_deviation[1] = PI, "3 rad");
     assert_eq!(SOFT.validate(6).unwrap_err(), InvalidImpedanceSettings::NoArmAngle);
     assert!(SOFT.validate(7).is_ok());
 }
