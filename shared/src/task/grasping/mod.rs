@@ -51,6 +51,7 @@ pub use plan::{
 pub use pose::Frame;
 pub use state::GraspState;
 pub use task::Grasping;
+pub use tuning::ASSUMED_FRICTION;
 
 /// Fingers of a hand that grasps.
 pub const FINGERS: usize = 3;

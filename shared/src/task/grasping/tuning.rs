@@ -184,7 +184,7 @@ pub(super) const MAX_GAIN: f32 = 1.3;
 // Friction and slip.
 
 /// Coefficient of friction where none was given or probed. Smaller grips harder.
-pub(super) const ASSUMED_FRICTION: f32 = 0.4;
+pub const ASSUMED_FRICTION: f32 = 0.4;
 /// Lower bound of the estimated coefficient of friction. Smaller allows harder grips after slips.
 pub(super) const MIN_FRICTION: f32 = 0.15;
 /// Upper bound of the probed coefficient of friction; probing ends there. Larger allows lighter grips.

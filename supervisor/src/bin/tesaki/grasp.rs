@@ -10,7 +10,9 @@ use serde_json::json;
 use tesaki::model::RobotModel;
 use tesaki::protocol::{Mode, Request, TaskReport};
 use tesaki::signal::MINIMUM_JERK_PEAK;
-use tesaki::task::grasping::{Failure as GraspFailure, GraspCommand, GraspPlan, GraspTelemetry, Phase};
+use tesaki::task::grasping::{
+    ASSUMED_FRICTION, Failure as GraspFailure, GraspCommand, GraspPlan, GraspTelemetry, Phase,
+};
 use tesaki::task::{TaskConfig, TaskKind, TaskTelemetry};
 use tesaki_description::grasp;
 use tesaki_supervisor::hand::HandModel;
@@ -51,6 +53,7 @@ fn grasp_object(options: &Options, args: &Run) -> Result<(), Failure> {
     motion.positions()?;
     motion.enable(TaskConfig::Grasping(()))?;
     let begun = Instant::now();
+    let probes = plan.friction.is_none();
     let (tick, last) = match motion.grasp(GraspCommand::Grasp(plan)) {
         Ok(report) => report,
         Err(failure) => {
@@ -66,6 +69,8 @@ fn grasp_object(options: &Options, args: &Run) -> Result<(), Failure> {
         last,
         held_since: None,
         held_for: Duration::ZERO,
+        probes,
+        was_overloaded: false,
         is_complete: false,
     };
     course.report_phase();
@@ -178,6 +183,11 @@ fn timed_steps(args: &Run, model: &RobotModel) -> Result<Vec<TimedStep>, Failure
     Ok(steps)
 }
 
+/// What is said of a friction that no probe has found.
+const ASSUMED: &str = "the coefficient of friction is assumed; give `friction` in the file if it may be less";
+/// What is said of a load that is too much.
+const OVERLOADED: &str = "no contact forces within the limits hold the load";
+
 /// A grasp in progress.
 struct Course<'a> {
     options: &'a Options,
@@ -189,6 +199,9 @@ struct Course<'a> {
     /// When the hand first held the object, and for how long.
     held_since: Option<Instant>,
     held_for: Duration,
+    /// Whether the friction is not given, and whether the load was at times more than the grip can hold.
+    probes: bool,
+    was_overloaded: bool,
     /// Whether all steps are carried out; a hold at their end goes on until Ctrl-C.
     is_complete: bool,
 }
@@ -216,7 +229,7 @@ impl Course<'_> {
     /// Sends keep-alive requests until `done`.
     fn follow(&mut self, mut done: impl FnMut(&GraspTelemetry, Instant) -> bool) -> Result<End, Failure> {
         let (options, begun) = (self.options, self.begun);
-        let Self { motion, tick, last, held_since, held_for, .. } = self;
+        let Self { motion, tick, last, held_since, held_for, probes, was_overloaded, .. } = self;
         motion.drive(
             PERIOD,
             |_| Request::Keep,
@@ -229,6 +242,12 @@ impl Course<'_> {
                     if grasp.phase != last.phase {
                         let seconds = (now - begun).as_secs_f32();
                         output::notice(options, &format!("{seconds:6.2} s  the hand {}", grasp.phase));
+                        if last.phase == Phase::ProbeFriction && is_assumed(*probes, grasp) {
+                            output::notice(options, &format!("{:11}no contact slid: {ASSUMED}", ""));
+                        }
+                    }
+                    if grasp.overloaded && !std::mem::replace(was_overloaded, true) {
+                        output::notice(options, &format!("{:11}overloaded: {OVERLOADED}", ""));
                     }
                     *last = *grasp;
                 }
@@ -344,18 +363,26 @@ impl Course<'_> {
                 "the steps were not completed; the board is disabled".to_owned(),
             ));
         }
+        let is_assumed = is_assumed(self.probes, &last);
         let value = json!({
             "held_seconds": output::exact(&held_for),
             "friction": output::exact(&last.friction),
+            "friction_assumed": is_assumed,
             "slips": last.slips,
+            "overloaded": self.was_overloaded,
         });
         output::result(self.options, &value, || {
             format!(
-                "done: held for {held_for:.1} s, coefficient of friction {:.2}, contacts slipped in {}",
+                "done: held for {held_for:.1} s, coefficient of friction {:.2}{}, contacts slipped in {}",
                 last.friction,
+                if is_assumed { " (assumed)" } else { "" },
                 output::counted(last.slips.into(), "tick"),
             )
-        })
+        })?;
+        if self.was_overloaded {
+            return Err(Failure::Grasp(format!("the hand was overloaded: {OVERLOADED}")));
+        }
+        Ok(())
     }
 
     fn put_down(&mut self, file: &Path) -> Result<End, Failure> {
@@ -416,6 +443,11 @@ fn of_step(step: &str, failure: Failure) -> Failure {
         }
         other => other,
     }
+}
+
+/// Whether the hand has found no friction, and assumes one.
+fn is_assumed(probes: bool, grasp: &GraspTelemetry) -> bool {
+    probes && grasp.friction.to_bits() == ASSUMED_FRICTION.to_bits()
 }
 
 /// The failure with advice.
@@ -481,7 +513,7 @@ fn status(options: &Options) -> Result<(), Failure> {
         line("friction", format!("{:.2}", grasp.friction));
         line("slips", output::counted(grasp.slips.into(), "tick"));
         if grasp.overloaded {
-            line("overloaded", "no contact forces within the limits hold the load".to_owned());
+            line("overloaded", OVERLOADED.to_owned());
         }
         text
     })
