@@ -34,8 +34,14 @@ const WAITING: usize = 64 * 1024;
 /// Maximum number of clients in a handshake: the oldest makes room for another.
 const MAX_HANDSHAKES: usize = 16;
 
-/// Maximum number of clients: more would not get their share of a board.
+/// Maximum number of clients: the one that was silent longest makes room for another.
 const MAX_CLIENTS: usize = 64;
+
+/// Within each period the board gets so many frames at most, and of each client no more than its share: one
+/// that sends without end takes neither the board's time nor the others' turn. Stops are beside the total.
+const PERIOD: Duration = Duration::from_millis(10);
+const MAX_FRAMES: usize = 128;
+const SHARE: usize = 32;
 
 /// Maximum number of messages about dropped clients that wait to be shown.
 const MAX_MESSAGES: usize = 16;
@@ -77,6 +83,9 @@ pub struct Hub {
     /// The number of the next client.
     next_id: u64,
     arbiter: Arbiter,
+    /// Begin of the period, number of frames taken since, and place of the client whose turn is next.
+    period: (Instant, usize),
+    turn: usize,
     /// Whether the clients have received only a part of a frame.
     in_frame: bool,
     /// Messages about dropped clients.
@@ -102,6 +111,8 @@ impl Hub {
             clients: Vec::new(),
             next_id: 0,
             arbiter: Arbiter::new(),
+            period: (Instant::now(), 0),
+            turn: 0,
             in_frame: false,
             messages: Vec::new(),
             waiting: VecDeque::new(),
@@ -216,6 +227,7 @@ impl Hub {
         loop {
             let listens = self.accept();
             self.read();
+            self.forward();
             self.arbiter.proceed(Instant::now(), &mut self.waiting);
             self.answer();
             if !self.waiting.is_empty() {
@@ -223,10 +235,16 @@ impl Hub {
             }
             // A listener that cannot accept who waits would end the wait at once.
             let listener = listens.then(|| PollFd::new(self.listener.fd(), PollFlags::POLLIN));
-            let clients = self.clients.iter().map(|client| PollFd::new(client.fd(), client.events()));
+            let waits = |client: &&Client| !client.events().is_empty();
+            let clients = self.clients.iter().filter(waits);
+            let clients = clients.map(|client| PollFd::new(client.fd(), client.events()));
             let mut fds: Vec<_> = listener.into_iter().chain(clients).collect();
+            // What is pending gets its turn in the next period.
+            let is_pending = self.clients.iter().any(Client::is_pending);
+            let until = if is_pending { deadline.min(self.period.0 + PERIOD) } else { deadline };
+            stream::wait(&mut fds, until)?;
             // Clients that send without end do not hold up what is due.
-            if !stream::wait(&mut fds, deadline)? || Instant::now() >= deadline {
+            if Instant::now() >= deadline {
                 return Ok(());
             }
         }
@@ -243,13 +261,55 @@ impl Hub {
             };
             let client = Client::new(self.next_id, name, socket.into(), encryption);
             self.next_id += 1;
-            if self.clients.len() < MAX_CLIENTS {
-                self.clients.push(client);
-            } else {
-                note(&mut self.messages, &client, &format!("{MAX_CLIENTS} clients are connected"));
-            }
+            self.clients.push(client);
+            self.make_room();
         }
         true
+    }
+
+    /// Drops the clients that were silent longest while there are too many, but never who commands the board.
+    /// Those in a handshake do not count: without the key, nobody displaces a client.
+    fn make_room(&mut self) {
+        let Self { clients, arbiter, messages, dropped, .. } = self;
+        while clients.iter().filter(|client| client.is_admitted()).count() > MAX_CLIENTS {
+            let may_go = |client: &Client| client.is_program() && !arbiter.is_commander(client.id);
+            let candidates = clients.iter().enumerate().filter(|(_, client)| may_go(client));
+            let Some((place, _)) = candidates.min_by_key(|(_, client)| client.heard) else { return };
+            let client = clients.remove(place);
+            let why = format!("{MAX_CLIENTS} clients are connected, and it was silent longest");
+            note(messages, &client, &why);
+            arbiter.left(client.id);
+            *dropped = dropped.wrapping_add(client.dropped);
+        }
+    }
+
+    /// Takes frames of the clients in turn. A stop, with what its client has sent before it, waits for no
+    /// other client.
+    fn forward(&mut self) {
+        let Self { clients, arbiter, waiting, period: (begun, taken), turn, .. } = self;
+        let now = Instant::now();
+        if now >= *begun + PERIOD {
+            (*begun, *taken) = (now, 0);
+            clients.iter_mut().for_each(|client| client.taken = 0);
+        }
+        for client in clients.iter_mut() {
+            for _ in 0..client.until_stop().min(SHARE.saturating_sub(client.taken)) {
+                if let Some(frame) = client.take() {
+                    arbiter.request(client.id, &frame, waiting);
+                }
+            }
+        }
+        let count = clients.len();
+        let mut idle = 0;
+        while idle < count && *taken < MAX_FRAMES && waiting.len() < WAITING {
+            *turn = (*turn + 1) % count;
+            idle += 1;
+            let Some(client) = clients.get_mut(*turn).filter(|client| client.taken < SHARE) else { continue };
+            if let Some(frame) = client.take() {
+                arbiter.request(client.id, &frame, waiting);
+                (*taken, idle) = (*taken + 1, 0);
+            }
+        }
     }
 
     /// Reads from every client, and removes those that have gone.
@@ -261,7 +321,7 @@ impl Hub {
                 return true;
             }
             let id = client.id;
-            let Err(error) = client.read(&mut |frame: &[u8]| arbiter.request(id, frame, waiting)) else {
+            let Err(error) = client.read() else {
                 return true;
             };
             // With any other error the client has left.
@@ -283,6 +343,7 @@ impl Hub {
             }
             stays
         });
+        self.make_room();
     }
 }
 

@@ -24,6 +24,8 @@ const MAX_EXPORTS: u32 = 3;
 #[derive(Debug)]
 pub(super) struct Arbiter {
     connections: BTreeMap<u64, Connection>,
+    /// Client number and connection of who took command last.
+    commander: Option<(u32, u64)>,
     /// The hub's own requests; the first one has been sent.
     tasks: VecDeque<Task>,
     client: u32,
@@ -45,6 +47,8 @@ struct Connection {
     /// Periods of the streams [ticks].
     rates: [u16; Stream::ALL.len()],
     copy: Option<Copy>,
+    /// Its last request for command: client and sequence number.
+    claim: Option<(u32, u16)>,
 }
 
 /// An export as read from the board.
@@ -110,6 +114,12 @@ fn decode<T: DeserializeOwned>(mut frame: &[u8]) -> Option<T> {
     if decoder.take(&mut frame) { decoder.message().ok() } else { None }
 }
 
+/// Returns whether a frame is a request that switches the robot off.
+pub(super) fn stops(frame: &[u8]) -> bool {
+    let request = decode::<RequestFrame>(frame).map(|frame| frame.request);
+    matches!(request, Some(Request::Stop | Request::Disable))
+}
+
 fn encoded<T: Serialize>(message: &T) -> Vec<u8> {
     let mut frame = [0; MAX_FRAME];
     // Cannot fail, because the buffer has the length of the longest frame.
@@ -123,6 +133,7 @@ impl Arbiter {
         let client = RandomState::new().build_hasher().finish() as u32 | 1;
         Self {
             connections: BTreeMap::new(),
+            commander: None,
             tasks: VecDeque::new(),
             client,
             sequence: 0,
@@ -139,8 +150,18 @@ impl Arbiter {
             board.extend(frame);
             return;
         };
+        // A commander that has lost its connection goes on at another one.
+        if let Some((client, owner)) = &mut self.commander
+            && *client == request.client
+            && !self.connections.contains_key(owner)
+        {
+            *owner = connection;
+        }
         let own = self.connections.entry(connection).or_default();
         let number = (request.client, request.sequence);
+        if matches!(request.request, Request::TakeCommand { .. } | Request::Enable(_)) {
+            own.claim = Some(number);
+        }
         match request.request {
             Request::Hello { schema } => {
                 own.speaks_other = schema != SCHEMA_KEY;
@@ -185,11 +206,17 @@ impl Arbiter {
 
     /// Takes bytes from the board.
     pub(super) fn reply(&mut self, mut bytes: &[u8]) {
-        // Outside of the hub's own requests, there is nothing to look for.
-        while self.sent.is_some() && self.decoder.take(&mut bytes) {
+        while self.decoder.take(&mut bytes) {
             let Ok(FromBoard::Reply(frame)) = self.decoder.message() else { continue };
             let ReplyFrame { client, sequence, tick, reply } = frame;
-            if (client, sequence) == (self.client, self.sequence) {
+            if reply == Reply::Done {
+                let claim = Some((client, sequence));
+                let claimed = self.connections.iter().find(|(_, connection)| connection.claim == claim);
+                if let Some((&connection, _)) = claimed {
+                    self.commander = Some((client, connection));
+                }
+            }
+            if self.sent.is_some() && (client, sequence) == (self.client, self.sequence) {
                 self.sent = None;
                 self.advance(tick, reply);
             }
@@ -222,12 +249,15 @@ impl Arbiter {
         let sendings = self.sent.map_or(0, |(_, sendings)| sendings);
         if sendings == 0 {
             self.sequence = self.sequence.wrapping_add(1);
-            // The decoder may hold half of an old frame.
-            self.decoder = Decoder::new();
         }
         self.sent = Some((now, sendings + 1));
         let frame = RequestFrame { client: self.client, sequence: self.sequence, request };
         board.extend(encoded(&frame));
+    }
+
+    /// Returns whether this connection took command last.
+    pub(super) fn is_commander(&self, connection: u64) -> bool {
+        self.commander.is_some_and(|(_, owner)| owner == connection)
     }
 
     /// Takes the frames for single connections since the last call.

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use nix::poll::PollFlags;
 
-use super::Whole;
+use super::{Whole, arbiter};
 use crate::port::channel::{Channel, GREETING};
 use crate::port::stream;
 
@@ -32,6 +32,12 @@ pub(super) struct Client {
     /// Whether nothing has been read yet.
     fresh: bool,
     frames: Whole,
+    /// Whole frames that wait for their turn, each with whether it stops the board.
+    pending: VecDeque<(Vec<u8>, bool)>,
+    /// Number of frames that were taken from it in this period.
+    pub(super) taken: usize,
+    /// When it has sent a whole frame last; at first, when it was admitted.
+    pub(super) heard: Instant,
     backlog: VecDeque<u8>,
     /// Whether it has closed its reading side. Bytes that it sent before are still read.
     deaf: bool,
@@ -50,6 +56,9 @@ impl Client {
             since: Instant::now(),
             fresh: true,
             frames: Whole::default(),
+            pending: VecDeque::new(),
+            taken: 0,
+            heard: Instant::now(),
             backlog: VecDeque::new(),
             deaf: false,
             dropped: 0,
@@ -70,9 +79,32 @@ impl Client {
         self.file.as_fd()
     }
 
-    /// The events to wait for.
+    /// The events to wait for. While frames wait for their turn, no more are read.
     pub(super) fn events(&self) -> PollFlags {
-        if self.backlog.is_empty() { PollFlags::POLLIN } else { PollFlags::POLLIN | PollFlags::POLLOUT }
+        let read = if self.is_pending() { PollFlags::empty() } else { PollFlags::POLLIN };
+        if self.backlog.is_empty() { read } else { read | PollFlags::POLLOUT }
+    }
+
+    /// Returns whether frames wait for their turn.
+    pub(super) fn is_pending(&self) -> bool {
+        !self.pending.is_empty()
+    }
+
+    /// Returns whether it may be dropped for another client. The pseudo-terminal stays for whoever opens it.
+    pub(super) fn is_program(&self) -> bool {
+        self.slave.is_none() && self.is_admitted()
+    }
+
+    /// Takes the next frame.
+    pub(super) fn take(&mut self) -> Option<Vec<u8>> {
+        let (frame, _) = self.pending.pop_front()?;
+        self.taken += 1;
+        Some(frame)
+    }
+
+    /// Number of frames up to the first one that stops the board; 0 without one.
+    pub(super) fn until_stop(&self) -> usize {
+        self.pending.iter().position(|(_, stops)| *stops).map_or(0, |place| place + 1)
     }
 
     /// Returns whether it may talk to the board: it has the key, if one is needed.
@@ -80,11 +112,14 @@ impl Client {
         self.encryption.as_ref().is_none_or(Channel::is_open)
     }
 
-    /// Reads once and passes whole frames to `out`.
+    /// Reads once, unless frames wait for their turn.
     ///
     /// # Errors
     /// The client has left, or must be dropped.
-    pub(super) fn read(&mut self, out: &mut impl FnMut(&[u8])) -> io::Result<()> {
+    pub(super) fn read(&mut self) -> io::Result<()> {
+        if self.is_pending() {
+            return Ok(());
+        }
         let mut buffer = [0; 4096];
         let read = stream::read(&self.file, &mut buffer)?;
         let bytes = buffer.get(..read.unwrap_or(0)).unwrap_or_default();
@@ -92,13 +127,22 @@ impl Client {
         if first && BROWSER.iter().any(|start| bytes.starts_with(start)) {
             return Err(io::Error::new(io::ErrorKind::InvalidData, "it is a web browser"));
         }
+        let Self { frames, pending, heard, .. } = self;
+        let mut out = |frame: &[u8]| {
+            *heard = Instant::now();
+            pending.push_back((frame.to_vec(), arbiter::stops(frame)));
+        };
         let Some(channel) = &mut self.encryption else {
-            self.frames.push(bytes, out);
+            frames.push(bytes, &mut out);
             return Ok(());
         };
+        let was_admitted = channel.is_open();
         let mut content = VecDeque::new();
         channel.open(bytes, &mut self.backlog, &mut content)?;
-        self.frames.push(content.make_contiguous(), out);
+        frames.push(content.make_contiguous(), &mut out);
+        if !was_admitted && channel.is_open() {
+            self.heard = Instant::now();
+        }
         self.flush();
         if !self.is_admitted() && self.since.elapsed() > HANDSHAKE {
             let why = format!("no handshake within {} s", HANDSHAKE.as_secs());

@@ -4,6 +4,9 @@ use std::net::TcpStream;
 use std::os::unix::net::UnixListener;
 use std::thread;
 
+use tesaki::protocol::codec::{MAX_FRAME, encode};
+use tesaki::protocol::{FromBoard, Reply, ReplyFrame, Request, RequestFrame};
+
 use super::*;
 use crate::port::{Port, open, tests::folder};
 
@@ -146,9 +149,87 @@ fn a_flood_of_bytes_or_clients_does_not_hold_up_what_is_due() {
         hub.broadcast(&[]);
     }
     assert_eq!(hub.clients(), MAX_CLIENTS);
-    assert!(hub.messages()[0].contains("64 clients are connected"));
+    assert!(hub.messages()[0].contains("64 clients are connected, and it was silent longest"));
     drop((clients, hub));
     ends.join().unwrap();
+    fs::remove_dir_all(folder).unwrap();
+}
+
+fn frame<T: serde::Serialize>(message: &T) -> Vec<u8> {
+    let mut frame = [0; MAX_FRAME];
+    let length = encode(message, &mut frame).unwrap();
+    frame[..length].to_vec()
+}
+
+/// A request of client 7.
+fn request(sequence: u16, request: Request) -> Vec<u8> {
+    frame(&RequestFrame { client: 7, sequence, request })
+}
+
+#[test]
+fn who_is_silent_longest_makes_room_and_who_commands_stays() {
+    let (mut hub, folder) = hub("hub-room");
+    hub.add_pty().unwrap();
+    let address = hub.address().clone();
+    let mut commander = open(&address, None).unwrap();
+    let take = request(1, Request::TakeCommand { by_force: false });
+    commander.send(&take).unwrap();
+    assert_eq!(received(&mut hub, take.len()), take);
+    let done = frame(&FromBoard::Reply(ReplyFrame { client: 7, sequence: 1, tick: 1, reply: Reply::Done }));
+    hub.broadcast(&done);
+    let mut clients: Vec<Port> = Vec::new();
+    for number in 0..MAX_CLIENTS - 2 {
+        clients.push(open(&address, None).unwrap());
+        clients[number].send(&[1, 0]).unwrap();
+        assert_eq!(received(&mut hub, 2), [1, 0]);
+    }
+    // The first one says something again, the second one does not.
+    clients[0].send(&[2, 0]).unwrap();
+    assert_eq!(received(&mut hub, 2), [2, 0]);
+    assert!(hub.messages().is_empty());
+    let mut late = open(&address, None).unwrap();
+    let stop = request(1, Request::Stop);
+    late.send(&stop).unwrap();
+    assert_eq!(received(&mut hub, stop.len()), stop);
+    assert_eq!((hub.clients(), hub.messages().len()), (MAX_CLIENTS, 1));
+    hub.broadcast(&[5, 0]);
+    for place in [0, 2] {
+        assert_eq!(received(&mut clients[place], 2), [5, 0]);
+    }
+    assert_eq!(received(&mut late, 2), [5, 0]);
+    assert_eq!(received(&mut commander, done.len() + 2), [done, vec![5, 0]].concat());
+    assert!(clients[1].receive(&mut [0; 8], within(500)).is_err(), "the second one is still there");
+    drop(hub);
+    fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn a_flood_of_frames_takes_nobody_elses_turn() {
+    let (mut hub, folder) = hub("hub-turns");
+    let address = hub.address().clone();
+    let mut floods: Vec<Port> = (0..6).map(|_| open(&address, None).unwrap()).collect();
+    for flood in &mut floods {
+        flood.send(&[1, 0].repeat(1000)).unwrap();
+    }
+    let (mut first, mut second) = (open(&address, None).unwrap(), open(&address, None).unwrap());
+    let mut frames = Vec::new();
+    hub.receive(&mut frames, within(0)).unwrap();
+    assert!((2 * SHARE..=2 * MAX_FRAMES).contains(&frames.len()), "{}", frames.len());
+    // A stop comes with what its client has sent before it, while others wait.
+    let stop = [&[2, 0][..], &request(1, Request::Stop)].concat();
+    first.send(&stop).unwrap();
+    second.send(&[3, 0]).unwrap();
+    let (begun, mut all, mut turns) = (Instant::now(), 0, 0);
+    while !frames.windows(2).any(|pair| pair == [3, 0]) {
+        frames.clear();
+        hub.receive(&mut frames, Instant::now() + PERIOD).unwrap();
+        let stops = frames.windows(stop.len()).any(|part| part == stop);
+        assert!(turns > 0 || stops, "the stop waits: {frames:?}");
+        (all, turns) = (all + frames.len(), turns + 1);
+    }
+    let periods = begun.elapsed().div_duration_f64(PERIOD) + 2.0;
+    assert!(turns <= 3 && all as f64 <= 2.0 * MAX_FRAMES as f64 * periods, "{turns} turns, {all} bytes");
+    drop(hub);
     fs::remove_dir_all(folder).unwrap();
 }
 
