@@ -25,9 +25,13 @@ const MAX_MESSAGE: usize = 4096;
 const MAX_WAITING: usize = 1 << 20;
 /// Messages of a page that are read in one turn, so that other pages, which may send a stop, get their turn.
 const MAX_READ: usize = 16;
-/// Maximum number of connections: further ones are dropped.
+/// Maximum number of connections: for a further one, another is closed.
 const MAX_CONNECTIONS: usize = 32;
-/// Maximum time for a request, and for sending the answer.
+/// Connections that are accepted in one turn, so that none is closed before its request could be read.
+const MAX_ACCEPTED: usize = 8;
+/// Maximum time for a whole request.
+const REQUEST: Duration = Duration::from_secs(2);
+/// Maximum time for the request and for sending the answer.
 const PATIENCE: Duration = Duration::from_secs(10);
 /// The GUID of the WebSocket protocol (RFC 6455, 1.3).
 const GUID: &str = "258EAFA5-E914-47DA-95CA-C5AB0DC85B11";
@@ -82,6 +86,14 @@ struct Visitor {
     is_page: bool,
 }
 
+/// A page at its WebSocket.
+#[derive(Debug)]
+struct Page {
+    socket: WebSocket<TcpStream>,
+    /// When it said something last; at first, when it came.
+    heard: Instant,
+}
+
 /// Serves pages.
 #[derive(Debug)]
 pub struct Server {
@@ -91,8 +103,10 @@ pub struct Server {
     /// Files of reports by their paths.
     report: BTreeMap<String, PathBuf>,
     visitors: Vec<Visitor>,
-    pages: BTreeMap<u64, WebSocket<TcpStream>>,
+    pages: BTreeMap<u64, Page>,
     next: u64,
+    /// The page that is not closed for another one.
+    kept: Option<u64>,
 }
 
 impl Server {
@@ -119,7 +133,7 @@ impl Server {
         listener.set_nonblocking(true)?;
         let address = listener.local_addr()?;
         let (report, visitors, pages) = (BTreeMap::new(), Vec::new(), BTreeMap::new());
-        Ok(Self { listener, address, site, report, visitors, pages, next: 1 })
+        Ok(Self { listener, address, site, report, visitors, pages, next: 1, kept: None })
     }
 
     /// Serves the present files of a report's folder and of its subfolders below `prefix` (`/report/`). Links
@@ -151,23 +165,32 @@ impl Server {
         self.visitors.is_empty() && self.pages.is_empty()
     }
 
+    /// Names the page that is not closed for another one, because it commands.
+    pub const fn keep(&mut self, page: Option<u64>) {
+        self.kept = page;
+    }
+
     /// Does what can be done at once.
     pub fn turn(&mut self) -> Vec<Event> {
-        while let Ok((stream, _)) = self.listener.accept() {
-            let ready = stream.set_nonblocking(true).is_ok() && stream.set_nodelay(true).is_ok();
-            if ready && self.visitors.len() + self.pages.len() < MAX_CONNECTIONS {
+        let mut events = Vec::new();
+        for _ in 0..MAX_ACCEPTED {
+            let Ok((stream, _)) = self.listener.accept() else { break };
+            if stream.set_nonblocking(true).is_ok() && stream.set_nodelay(true).is_ok() {
+                self.make_room(&mut events);
                 let begun = Instant::now();
                 self.visitors.push(Visitor { stream, begun, head: Vec::new(), answer: None, is_page: false });
             }
         }
-        let mut events = Vec::new();
         for mut visitor in std::mem::take(&mut self.visitors) {
             match visitor.advance(self.site, &self.report, self.address) {
-                Progress::Waits if visitor.begun.elapsed() < PATIENCE => self.visitors.push(visitor),
+                Progress::Waits if visitor.begun.elapsed() < visitor.patience() => {
+                    self.visitors.push(visitor)
+                }
                 Progress::Waits | Progress::Gone => {}
                 Progress::IsPage => {
                     events.push(Event::Opened(self.next));
-                    self.pages.insert(self.next, page(visitor.stream));
+                    let page = Page { socket: socket(visitor.stream), heard: Instant::now() };
+                    self.pages.insert(self.next, page);
                     self.next += 1;
                 }
             }
@@ -182,10 +205,29 @@ impl Server {
         events
     }
 
+    /// Closes a connection if all places are taken: the oldest one that has not made its request, or that has
+    /// not taken its answer for as long; else the page that has said nothing longest, but not the kept one.
+    fn make_room(&mut self, events: &mut Vec<Event>) {
+        if self.visitors.len() + self.pages.len() < MAX_CONNECTIONS {
+            return;
+        }
+        let idle = |visitor: &Visitor| visitor.answer.is_none() || visitor.begun.elapsed() > REQUEST;
+        let silent = self.pages.iter().filter(|(id, _)| Some(**id) != self.kept);
+        let silent = silent.min_by_key(|(_, page)| page.heard).map(|(&id, _)| id);
+        // They are in the order in which they came.
+        if let Some(place) = self.visitors.iter().position(idle) {
+            self.visitors.remove(place);
+        } else if let Some(id) = silent {
+            self.drop_page(id, events);
+        } else {
+            self.visitors.remove(0);
+        }
+    }
+
     fn drop_page(&mut self, id: u64, events: &mut Vec<Event>) {
         if let Some(mut page) = self.pages.remove(&id) {
-            let _ = page.close(None);
-            let _ = page.flush();
+            let _ = page.socket.close(None);
+            let _ = page.socket.flush();
             events.push(Event::Closed(id));
         }
     }
@@ -193,14 +235,14 @@ impl Server {
     /// Sends a message. A page that does not take it is closed in the next turn.
     pub fn send(&mut self, id: u64, message: impl Into<Message>) {
         if let Some(page) = self.pages.get_mut(&id)
-            && !survives(page.send(message.into()))
+            && !survives(page.socket.send(message.into()))
         {
-            let _ = page.get_ref().shutdown(std::net::Shutdown::Both);
+            let _ = page.socket.get_ref().shutdown(std::net::Shutdown::Both);
         }
     }
 }
 
-fn page(stream: TcpStream) -> WebSocket<TcpStream> {
+fn socket(stream: TcpStream) -> WebSocket<TcpStream> {
     let limits = WebSocketConfig::default()
         .max_message_size(Some(MAX_MESSAGE))
         .max_frame_size(Some(MAX_MESSAGE))
@@ -209,9 +251,10 @@ fn page(stream: TcpStream) -> WebSocket<TcpStream> {
 }
 
 /// Reads a page's messages, and sends those that wait for it. Returns false when it has gone.
-fn read_page(id: u64, page: &mut WebSocket<TcpStream>, events: &mut Vec<Event>) -> bool {
+fn read_page(id: u64, page: &mut Page, events: &mut Vec<Event>) -> bool {
+    let count = events.len();
     for _ in 0..MAX_READ {
-        match page.read() {
+        match page.socket.read() {
             Ok(Message::Text(text)) => events.push(Event::Said(id, text.to_string())),
             Ok(Message::Binary(_)) => events.push(Event::Said(id, String::new())),
             Ok(_) => {}
@@ -219,7 +262,10 @@ fn read_page(id: u64, page: &mut WebSocket<TcpStream>, events: &mut Vec<Event>) 
             Err(_) => return false,
         }
     }
-    survives(page.flush())
+    if events.len() > count {
+        page.heard = Instant::now();
+    }
+    survives(page.socket.flush())
 }
 
 /// Returns whether the connection continues. Data that cannot be written now wait.
@@ -237,6 +283,11 @@ enum Progress {
 }
 
 impl Visitor {
+    /// How long it may take in all.
+    const fn patience(&self) -> Duration {
+        if self.answer.is_none() { REQUEST } else { PATIENCE }
+    }
+
     fn advance(&mut self, site: &Site, report: &BTreeMap<String, PathBuf>, address: SocketAddr) -> Progress {
         if self.answer.is_none() {
             let mut buffer = [0; 1024];

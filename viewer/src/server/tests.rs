@@ -125,3 +125,68 @@ fn addresses_that_others_reach_are_refused() {
         assert!(error.contains("ssh -L"), "{error}");
     }
 }
+
+/// A server in a turn of its own, with what happened.
+fn turns(server: &mut Server, mut until: impl FnMut(&[Event]) -> bool) -> Vec<Event> {
+    let mut events = Vec::new();
+    let begun = Instant::now();
+    while !until(&events) {
+        assert!(begun.elapsed() < Duration::from_secs(20), "only {events:?}");
+        events.extend(server.turn());
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    events
+}
+
+fn connect(server: &Server, text: &str) -> TcpStream {
+    let mut stream = TcpStream::connect(server.address()).expect("it listens");
+    stream.write_all(text.as_bytes()).expect("it takes it");
+    stream
+}
+
+const UPGRADE: &str = "GET /live HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\n\
+                       Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n";
+
+fn has_opened(events: &[Event]) -> bool {
+    matches!(events.last(), Some(Event::Opened(_)))
+}
+
+#[test]
+fn half_a_request_keeps_no_page_out_and_not_for_long() {
+    let mut server = Server::listen(SocketAddr::from(([127, 0, 0, 1], 0)), &SITE).expect("a port is free");
+    let halves = ["", "GET / HTTP/1.1\r\nHost: local"];
+    let idle: Vec<TcpStream> = (0..40).map(|number| connect(&server, halves[number % 2])).collect();
+    let begun = Instant::now();
+    let page = connect(&server, UPGRADE);
+    turns(&mut server, has_opened);
+    assert_eq!(server.visitors.len(), MAX_CONNECTIONS - 1);
+    assert!(begun.elapsed() < REQUEST, "{:?}", begun.elapsed());
+    // Also one that goes on and on.
+    let mut slow = &idle[39];
+    while !server.visitors.is_empty() {
+        assert!(begun.elapsed() < REQUEST * 3, "{} are left", server.visitors.len());
+        let _ = slow.write_all(b"a");
+        server.turn();
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    drop((page, idle));
+}
+
+#[test]
+fn a_silent_page_makes_room_unless_it_commands() {
+    let mut server = Server::listen(SocketAddr::from(([127, 0, 0, 1], 0)), &SITE).expect("a port is free");
+    let mut pages: Vec<WebSocket<TcpStream>> = Vec::new();
+    for _ in 0..MAX_CONNECTIONS {
+        let stream = connect(&server, UPGRADE);
+        turns(&mut server, has_opened);
+        pages.push(WebSocket::from_raw_socket(stream, Role::Client, None));
+    }
+    // Of those that came first, the first one commands and the second one speaks.
+    server.keep(Some(1));
+    pages[1].send(Message::text("hello")).expect("it is open");
+    turns(&mut server, |events| matches!(events.last(), Some(Event::Said(2, _))));
+    let last = connect(&server, UPGRADE);
+    let events = turns(&mut server, has_opened);
+    assert!(matches!(events[..], [Event::Closed(3), Event::Opened(33)]), "{events:?}");
+    drop((pages, last));
+}

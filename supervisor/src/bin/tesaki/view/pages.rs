@@ -2,7 +2,7 @@
 
 use std::net::SocketAddr;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::time::{Duration, Instant};
 
@@ -31,6 +31,8 @@ pub struct Pages {
     outgoing: Sender<(u64, String)>,
     events: Receiver<PageEvent>,
     stop: Arc<AtomicBool>,
+    /// Number of the page that commands; 0 for none.
+    commander: Arc<AtomicU64>,
 }
 
 impl Pages {
@@ -40,9 +42,15 @@ impl Pages {
         let (outgoing, messages) = channel();
         let (sender, events) = channel();
         let stop = Arc::new(AtomicBool::new(false));
-        let flag = Arc::clone(&stop);
-        std::thread::spawn(move || serve(server, &messages, &sender, &flag));
-        Self { address, outgoing, events, stop }
+        let commander = Arc::new(AtomicU64::new(0));
+        let shared = (Arc::clone(&stop), Arc::clone(&commander));
+        std::thread::spawn(move || serve(server, &messages, &sender, &shared.0, &shared.1));
+        Self { address, outgoing, events, stop, commander }
+    }
+
+    /// Names the page that commands: it is not closed for another one.
+    pub fn keep(&self, page: Option<u64>) {
+        self.commander.store(page.unwrap_or(0), Ordering::Relaxed);
     }
 
     /// Where they are.
@@ -73,6 +81,7 @@ fn serve(
     messages: &Receiver<(u64, String)>,
     events: &Sender<PageEvent>,
     stop: &AtomicBool,
+    commander: &AtomicU64,
 ) {
     loop {
         match messages.recv_timeout(if server.is_idle() { IDLE } else { TURN }) {
@@ -83,6 +92,7 @@ fn serve(
             Err(RecvTimeoutError::Timeout) => {}
             Err(RecvTimeoutError::Disconnected) => return,
         }
+        server.keep(Some(commander.load(Ordering::Relaxed)).filter(|page| *page != 0));
         for event in server.turn() {
             let event = match event {
                 Event::Opened(id) => PageEvent::Opened(id),
