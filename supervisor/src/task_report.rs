@@ -12,6 +12,9 @@ use serde::Serialize;
 /// Position and unit quaternion `[x, y, z, w]`.
 pub type Pose = [f32; 7];
 
+/// Smallest singular value below which an arm's Jacobian counts as nearly singular.
+pub const SINGULAR: f32 = 0.06;
+
 /// A task's report.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Report {
@@ -34,6 +37,9 @@ pub struct Report {
     /// Coefficient of friction.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub friction: Option<f32>,
+    /// Whether the arm's Jacobian is nearly singular.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub nearly_singular: bool,
     /// Further numbers: name, value, unit.
     pub values: Vec<(&'static str, f32, &'static str)>,
 }
@@ -113,6 +119,7 @@ fn of_tool(tool: &ImpedanceTelemetry) -> Report {
             ("elbow", tool.elbow, "rad"),
             ("smallest singular value", tool.sigma_min, ""),
         ],
+        nearly_singular: tool.sigma_min < SINGULAR,
         ..Report::default()
     }
 }
@@ -192,5 +199,14 @@ mod tests {
         let [.., z, w] = half(0.5);
         let expected = [0.40, 0.0, 0.3, 0.0, 0.0, z, w];
         assert!(target.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-6), "{target:?}");
+    }
+
+    #[test]
+    fn an_arm_that_is_nearly_singular_is_said_to_be() {
+        for (sigma_min, expected) in [(0.158, false), (0.059, true)] {
+            let report = of_tool(&ImpedanceTelemetry { sigma_min, ..ImpedanceTelemetry::NONE });
+            let json = serde_json::to_value(&report).expect("it is plain");
+            assert_eq!(json["nearly_singular"] == true, expected, "{json}");
+        }
     }
 }

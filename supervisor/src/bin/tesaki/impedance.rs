@@ -10,6 +10,7 @@ use tesaki::task::impedance::{ImpedanceSettings, ImpedanceTelemetry, Redundancy}
 use tesaki::task::{TaskConfig, TaskKind, TaskTelemetry};
 use tesaki_description::impedance;
 use tesaki_supervisor::Board;
+use tesaki_supervisor::task_report::SINGULAR;
 
 use crate::args::{Hold, Impedance, Options};
 use crate::board_session::BoardSession;
@@ -17,8 +18,6 @@ use crate::failure::Failure;
 use crate::motion::{End, KEEP_ALIVE, Motion};
 use crate::output;
 
-/// Smallest singular value below which the Jacobian counts as nearly singular.
-const SINGULAR: f32 = 0.06;
 /// A stiffer surface makes no difference: that of the arm itself limits it [N/m].
 const MAX_SURFACE: f32 = 100_000.0;
 
