@@ -20,6 +20,13 @@ pub const NOT_TAKEN_OVER: &str = "another client commands the board, which is en
 pub const NOT_STOPPED: &str = "THE BOARD DOES NOT SHOW THAT IT HAS STOPPED: press the emergency stop, or cut the power. \
                                It is told to stop until it does";
 
+/// What is said of a held object that is moved where it stands.
+pub const ON_SUPPORT: &str =
+    "the object was not lifted, and is pressed against what it stands on, at worst until fault 20";
+
+/// What is said when faults were to be cleared and there are more than those that were shown.
+pub const ANOTHER_FAULT: &str = "another fault has come since: nothing was cleared. See what it is first";
+
 /// Says why a board sends no telemetry, and what to do, by whether its port is open.
 pub const fn silence(is_open: bool) -> &'static str {
     if is_open {

@@ -131,6 +131,13 @@ fn an_arm_that_is_held_is_not_dropped_without_a_word() {
     assert_eq!(code, 2, "{text}");
     assert_eq!(server.json(&["info"])["status"]["node"]["mode"], "Fault");
 
+    // A stop while it asks was not shown, and stays.
+    let asked = Asked::start(&server, &["faults", "--clear"]);
+    server.succeeds(&["stop"]);
+    let (code, text) = said(&finish(asked.answer("y")));
+    assert!(code == 5 && text.contains("nothing was cleared"), "{code}: {text}");
+    assert_eq!(server.json(&["info"])["status"]["node"]["mode"], "Fault");
+
     let disabled = server.succeeds(&["disable"]);
     assert!(disabled.contains("outputs off") && disabled.contains("without power arm7 falls"), "{disabled}");
     assert!(server.succeeds(&["info"]).contains("in fault, and its outputs are off"));

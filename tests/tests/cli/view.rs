@@ -131,6 +131,13 @@ impl Page {
         assert!(!ok && text.contains(words), "{value}: {text}");
     }
 
+    /// Clears the faults that it has been shown.
+    #[track_caller]
+    pub fn clears(&mut self) {
+        let status = self.wait("the faults", |value| value["total"].is_u64());
+        self.succeeds(json!({ "do": "clear", "total": status["total"] }));
+    }
+
     #[track_caller]
     pub fn mode(&mut self, mode: &str) -> Value {
         self.wait(mode, |value| value["kind"] == "state" && value["mode"] == mode)
@@ -176,11 +183,33 @@ fn one_page_commands_and_every_page_stops() {
     let fault = &fault["faults"][0];
     assert!(fault["remedy"].as_str().unwrap().contains("clear the fault"), "{fault}");
     first.mode("fault");
-    first.succeeds(json!({ "do": "clear" }));
+    first.clears();
     first.mode("disabled");
     first.succeeds(json!({ "do": "release" }));
     second.wait("nobody commands", |value| value["commander"] == "nobody");
     second.succeeds(json!({ "do": "take" }));
+}
+
+#[test]
+fn a_stop_that_the_page_has_not_shown_is_not_cleared() {
+    let server = Server::ready();
+    let view = View::start(&server, &[]);
+    let mut page = view.open();
+    page.mode("disabled");
+    page.succeeds(json!({ "do": "take" }));
+    page.fails(json!({ "do": "clear" }), "not understood");
+    server.succeeds(&["stop"]);
+    let shown = page.wait("the fault", |value| value["total"].is_u64())["total"].as_u64().unwrap();
+    // Another stop. It is shown by now, and was not when the button was pressed.
+    server.succeeds(&["stop"]);
+    let next = page.wait("the next", |value| value["total"].as_u64().is_some_and(|total| total != shown));
+    assert_eq!(next["total"], shown + 1);
+    page.fails(json!({ "do": "clear", "total": shown }), "nothing was cleared");
+    page.mode("fault");
+    page.clears();
+    page.mode("disabled");
+    // There is nothing to clear any more.
+    page.wait("the end of it", |value| value["kind"] == "status" && value["total"].is_null());
 }
 
 #[test]
@@ -239,7 +268,7 @@ fn the_robot_is_stopped_when_its_page_goes_or_is_silent() {
     watcher.wait("nobody commands", |value| value["commander"] == "nobody");
     // A suspended page keeps its connection, but does not answer.
     watcher.succeeds(json!({ "do": "take" }));
-    watcher.succeeds(json!({ "do": "clear" }));
+    watcher.clears();
     watcher.mode("disabled");
     watcher.succeeds(json!({ "do": "enable", "task": "joint servo" }));
     watcher.mode("enabled");
@@ -248,7 +277,7 @@ fn the_robot_is_stopped_when_its_page_goes_or_is_silent() {
     watcher.wait("why", |value| value["text"].as_str().is_some_and(|text| text.contains("did not answer")));
     // The same for the last page; command is then free at once.
     watcher.succeeds(json!({ "do": "take" }));
-    watcher.succeeds(json!({ "do": "clear" }));
+    watcher.clears();
     watcher.mode("disabled");
     watcher.succeeds(json!({ "do": "enable", "task": "joint servo" }));
     watcher.mode("enabled");
@@ -257,6 +286,78 @@ fn the_robot_is_stopped_when_its_page_goes_or_is_silent() {
     std::thread::sleep(Duration::from_millis(200));
     let info = server.json(&["info"]);
     assert!(info["status"]["node"]["commander"].is_null(), "{info}");
+}
+
+/// A page that says that it has seen what it was not sent, or the same for ever, sees nothing.
+#[test]
+fn who_only_claims_to_look_is_not_there() {
+    let server = Server::ready();
+    let view = View::start(&server, &[]);
+    for n in [0, 1, 1_000_000_000] {
+        let mut page = view.open();
+        page.wait("scene", |value| value["kind"] == "scene");
+        page.mode("disabled");
+        page.succeeds(json!({ "do": "take" }));
+        page.succeeds(json!({ "do": "enable", "task": "joint servo" }));
+        page.mode("enabled");
+        let begun = Instant::now();
+        while begun.elapsed() < Duration::from_millis(2000) {
+            page.send(&json!({ "do": "seen", "n": n }));
+            page.send(&json!({ "do": "goal", "joint": 0, "angle": 0.1 }));
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        assert!(server.json(&["info"]).to_string().contains("Fault"), "kept going by {n}");
+        page.wait("why", |value| value["text"].as_str().is_some_and(|text| text.contains("did not answer")));
+        page.succeeds(json!({ "do": "take" }));
+        page.clears();
+        page.mode("disabled");
+        page.succeeds(json!({ "do": "release" }));
+    }
+}
+
+/// A set-point that comes after the fault is refused, which is no news beside the fault.
+#[test]
+fn a_fault_is_not_followed_by_a_refused_set_point() {
+    let server = Server::ready();
+    let view = View::start(&server, &[]);
+    let mut page = view.open();
+    page.mode("disabled");
+    page.succeeds(json!({ "do": "take" }));
+    for _ in 0..8 {
+        page.succeeds(json!({ "do": "enable", "task": "joint servo" }));
+        page.mode("enabled");
+        let mut stop = server.start_command(&["stop"]);
+        page.wait("the fault", |value| {
+            assert_ne!(value["kind"], "answer", "{value}");
+            value["total"].is_u64()
+        });
+        stop.wait().unwrap();
+        page.clears();
+        page.mode("disabled");
+    }
+}
+
+/// The first step of an object that was not lifted presses it against what it stands on.
+#[test]
+fn an_object_that_was_not_lifted_is_warned_of() {
+    let server = Server::ready_to_grasp(true);
+    server.succeeds(&["tare"]);
+    let view = View::start(&server, &[]);
+    let mut page = view.open();
+    page.wait("the plans", |value| value["plans"].as_array().is_some_and(|plans| !plans.is_empty()));
+    page.mode("disabled");
+    page.succeeds(json!({ "do": "take" }));
+    page.succeeds(json!({ "do": "enable", "task": "grasping", "plan": "box.toml" }));
+    let holds =
+        |value: &Value| value["report"]["phase"].as_str().is_some_and(|phase| phase.contains("holds"));
+    page.wait("the hold", holds);
+    let step =
+        |up: f32| json!({ "do": "object", "translation": [0.0, 0.0, up], "rotation": [0.0, 0.0, 0.0] });
+    let (ok, text) = page.command(&step(0.001));
+    assert!(ok && text.contains("was not lifted") && text.contains("lift it first"), "{text}");
+    page.wait("the hold", |value| value["kind"] == "state" && holds(value));
+    let (ok, text) = page.command(&step(0.005));
+    assert!(ok && text.is_empty(), "{text}");
 }
 
 #[test]

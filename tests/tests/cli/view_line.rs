@@ -129,7 +129,7 @@ fn a_lost_stop_of_a_disabled_board_is_repeated() {
     page.mode("fault");
     assert_eq!(line.stops_to_lose.load(Ordering::Relaxed), 0);
     // A stop that arrived is not repeated: the fault can be cleared, and stays cleared.
-    page.succeeds(json!({ "do": "clear" }));
+    page.clears();
     page.mode("disabled");
     std::thread::sleep(Duration::from_millis(300));
     page.succeeds(json!({ "do": "enable", "task": "joint servo" }));
@@ -228,7 +228,7 @@ fn a_stop_waits_neither_for_slow_commands_nor_behind_a_flood() {
     // last stop may still be on its way.)
     line.loses_tares.store(false, Ordering::Relaxed);
     std::thread::sleep(Duration::from_millis(200));
-    commander.succeeds(json!({ "do": "clear" }));
+    commander.clears();
     watcher.mode("disabled");
     let begun = Instant::now();
     (0..1000).for_each(|_| commander.send(&json!({ "do": "tare" })));

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 
 use serde_json::json;
 use tesaki::fault::Fault;
-use tesaki::protocol::{ClockSource, Identity, Mode, Request, ResetCause, Status};
+use tesaki::protocol::{ClockSource, Identity, Mode, Refusal, Request, ResetCause, Status};
 use tesaki::task::TaskKind;
 use tesaki::task::grasping::Phase;
 use tesaki_supervisor::faults::describe;
@@ -221,7 +221,7 @@ fn confirm_fall(options: &Options, session: &mut BoardSession) -> Result<(), Fai
 
 pub fn faults(options: &Options, clear: bool) -> Result<(), Failure> {
     let mut session = if clear { BoardSession::command(options)? } else { BoardSession::open(options)? };
-    let mut log = session.board.faults()?;
+    let log = session.board.faults()?;
     // Without a model the faults have joint numbers instead of names.
     let model = session.board.model().ok();
     let before = session.board.status()?.node.mode;
@@ -229,16 +229,16 @@ pub fn faults(options: &Options, clear: bool) -> Result<(), Failure> {
         if before == Mode::Fault {
             confirm_fall(options, &mut session)?;
         }
-        // Another fault may come after they are read.
-        while let Err(error) =
-            session.board.ask("clear the faults", Request::ClearFaults { total: log.total })
-        {
-            let total = log.total;
-            log = session.board.faults()?;
-            if log.total == total {
-                return Err(error.into());
+        // Only what is printed below. Another fault may come after they are read, such as somebody's stop.
+        match session.board.ask("clear the faults", Request::ClearFaults { total: log.total }) {
+            Err(BoardError::Refused { refusal: Refusal::FaultsUnread { .. }, .. }) => {
+                let log = session.board.faults()?;
+                let last =
+                    log.faults.last().map_or_else(String::new, |fault| describe(fault, model.as_ref()));
+                return Err(Failure::Fault(format!("{last}\n{}", words::ANOTHER_FAULT)));
             }
-        }
+            other => other?,
+        };
     }
     let node = session.board.status()?.node;
     let mode = node.mode;

@@ -16,7 +16,7 @@ use tesaki::task::grasping::{
 use tesaki::task::{TaskConfig, TaskKind, TaskTelemetry};
 use tesaki_description::grasp;
 use tesaki_supervisor::hand::HandModel;
-use tesaki_supervisor::{Board, BoardError};
+use tesaki_supervisor::{Board, BoardError, words};
 
 use crate::args::{Grasp, Options, Run, Step};
 use crate::board_session::{BoardSession, interrupted};
@@ -129,6 +129,12 @@ struct TimedStep {
     on_support: bool,
 }
 
+/// Whether an object stands on its support at all these displacements from where it was grasped.
+pub fn is_on_support(model: &RobotModel, displacements: &[Vector3<f32>]) -> bool {
+    let up = Vector3::from(model.gravity).try_normalize(0.0).map(|down| -down);
+    up.is_some_and(|up| displacements.iter().all(|displacement| displacement.dot(&up) < LIFTED))
+}
+
 /// The steps as commands, each with a duration that respects the maximum speeds.
 fn timed_steps(args: &Run, model: &RobotModel) -> Result<Vec<TimedStep>, Failure> {
     let gravity = Vector3::from(model.gravity);
@@ -161,9 +167,8 @@ fn timed_steps(args: &Run, model: &RobotModel) -> Result<Vec<TimedStep>, Failure
             .max((turn - last_turn).norm() / args.turn_speed)
             * MINIMUM_JERK_PEAK;
         let duration = needed.max(MIN_DURATION);
-        let on_support = gravity.norm() > 0.0
-            && target.dot(&up).max(last_position.dot(&up)) < LIFTED
-            && target.norm() + turn.norm() > 0.0;
+        let moves = target.norm() + turn.norm() > 0.0;
+        let on_support = moves && is_on_support(model, &[target, last_position]);
         if duration > MAX_DURATION {
             return Err(Failure::Usage(format!(
                 "the step {step} would take {duration:.0} s, more than {MAX_DURATION} s: choose a higher --speed or --turn-speed"
@@ -273,13 +278,7 @@ impl Course<'_> {
         for (left, step) in (0..steps.len()).rev().zip(steps) {
             if step.on_support {
                 let text = &step.text;
-                output::notice(
-                    self.options,
-                    &format!(
-                        "{text}: the object was not lifted, and is pressed against what it stands on, at worst until \
-                         fault 20; `lift=0.01` first"
-                    ),
-                );
+                output::notice(self.options, &format!("{text}: {}; `lift=0.01` first", words::ON_SUPPORT));
             }
             if let Some(command) = step.command {
                 let end = self.command(command).map_err(|failure| of_step(&step.text, failure))?;

@@ -90,10 +90,21 @@ struct Page {
     /// Number of the last state that it has got, and of the last one that it has answered to.
     sent: u64,
     seen: u64,
-    /// When it said something last.
+    /// When it answered last to a state that it had not answered to before.
     heard: Instant,
     /// What it has requested and has not got yet; nonsense with what is wrong with it.
     waiting: VecDeque<Result<Command, String>>,
+}
+
+impl Page {
+    /// Whether it answers to a state for the first time.
+    const fn takes(&mut self, number: u64) -> bool {
+        let is_new = number > self.seen && number <= self.sent;
+        if is_new {
+            self.seen = number;
+        }
+        is_new
+    }
 }
 
 struct View {
@@ -122,6 +133,8 @@ struct View {
     /// When telemetry came last, and when a status was sent.
     heard: Instant,
     told: Instant,
+    /// Whether it said that the board is in fault.
+    told_fault: bool,
     known_faults: Option<u32>,
     faults: Vec<FaultText>,
     /// Whether the board has a model, by its last status.
@@ -158,6 +171,7 @@ impl View {
             delay: Delay::default(),
             heard: now,
             told: now,
+            told_fault: false,
             known_faults: None,
             faults: Vec::new(),
             has_model: true,
@@ -175,6 +189,7 @@ impl View {
         self.hear()?;
         self.obey_each()?;
         self.drive(Instant::now())?;
+        self.server.keep(self.commander.page());
         self.check_silence()?;
         if self.told.elapsed() > STATUS {
             self.tell_status();
@@ -195,7 +210,6 @@ impl View {
                 PageEvent::Said(id, _, Ok(Command::Stop)) => self.obey_stop(id)?,
                 PageEvent::Said(id, at, said) => {
                     let Some(page) = self.pages.get_mut(&id) else { continue };
-                    page.heard = at;
                     match said {
                         Ok(Command::Seen { n }) => self.seen(id, n, at),
                         said if page.waiting.len() < MAX_WAITING => page.waiting.push_back(said),
@@ -209,11 +223,14 @@ impl View {
         Ok(())
     }
 
-    /// A page has got the state with this number.
+    /// A page has got the state with this number. Only one that it was sent and has not answered to before
+    /// says that somebody looks.
     fn seen(&mut self, id: u64, number: u64, at: Instant) {
-        if let Some(page) = self.pages.get_mut(&id) {
-            page.seen = page.seen.max(number.min(self.sent.0));
+        let Some(page) = self.pages.get_mut(&id) else { return };
+        if !page.takes(number) {
+            return;
         }
+        page.heard = at;
         if let Some(sent) = self.departures.get(&number) {
             self.delay.page(id, at.saturating_duration_since(*sent));
         }
@@ -345,6 +362,8 @@ impl View {
         {
             // An error comes again with the next telemetry.
             let _ = self.read_faults();
+        } else if self.told_fault != self.is_fault() {
+            self.tell_status();
         }
         self.commander.follow(self.telemetry.as_ref());
     }
@@ -422,10 +441,15 @@ impl View {
         Ok(())
     }
 
+    fn is_fault(&self) -> bool {
+        self.telemetry.as_ref().is_some_and(|telemetry| telemetry.mode == Mode::Fault)
+    }
+
     /// Sends each page its status, as it depends on who it is.
     fn tell_status(&mut self) {
         self.told = Instant::now();
-        let is_fault = self.telemetry.as_ref().is_some_and(|telemetry| telemetry.mode == Mode::Fault);
+        let is_fault = self.is_fault();
+        self.told_fault = is_fault;
         let joints = self.model.as_ref().map_or(0, |(model, _)| model.joints.len());
         let own = self.session.board.client();
         let falls = self.model.as_ref().zip(self.telemetry.as_ref()).and_then(|((model, _), telemetry)| {
@@ -450,6 +474,7 @@ impl View {
                 falls: falls.clone(),
                 plans: &self.plans,
                 faults: if is_fault { &self.faults } else { &[] },
+                total: self.known_faults.filter(|_| is_fault),
                 trouble: trouble.as_deref(),
             };
             // Also what is as before: a page that hears nothing takes this program for gone.

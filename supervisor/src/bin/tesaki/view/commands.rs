@@ -26,7 +26,7 @@ use super::View;
 use super::message::{Command, Plan};
 use crate::board_session::BoardLink;
 use crate::failure::Failure;
-use crate::grasp::load_for;
+use crate::grasp::{is_on_support, load_for};
 use crate::{joints, motion};
 pub use commander::Commander;
 use commander::{Enabled, Stopping, ToolPath};
@@ -109,16 +109,23 @@ impl View {
                 self.commander.ended();
                 Ok("outputs off".to_owned())
             }
-            Command::Clear if is_enabled => Err(Failure::Refused(
+            Command::Clear { .. } if is_enabled => Err(Failure::Refused(
                 "the board is enabled, its outputs are on: nothing was done. Disable it first".to_owned(),
             )),
-            Command::Clear if self.commander.stopping.is_some() => Err(Failure::Refused(
+            Command::Clear { .. } if self.commander.stopping.is_some() => Err(Failure::Refused(
                 "the board does not show yet that it has stopped: nothing was done".to_owned(),
             )),
-            Command::Clear => {
-                // Those that the pages show: one that has come since stays.
-                let total = self.known_faults.map_or_else(|| board.faults().map(|log| log.total), Ok)?;
-                board.ask("clear the faults", Request::ClearFaults { total })?;
+            Command::Clear { total } => {
+                // Those that this page has shown. The board refuses if there is another one since: what was
+                // read here in the meantime does not count.
+                match board.ask("clear the faults", Request::ClearFaults { total }) {
+                    Err(BoardError::Refused { refusal: Refusal::FaultsUnread { .. }, .. }) => {
+                        // The page gets it with the next state.
+                        self.known_faults = None;
+                        return Err(Failure::Refused(words::ANOTHER_FAULT.to_owned()));
+                    }
+                    other => other?,
+                };
                 Ok("fault cleared: the board is disabled, its outputs are off".to_owned())
             }
             Command::Tare => {
@@ -273,6 +280,10 @@ impl View {
             duration: STEP,
         })?;
         self.commander.object = object;
+        let model = self.model.as_ref().map(|(model, _)| model);
+        if model.is_some_and(|model| is_on_support(model, &[object.0, place])) {
+            return Ok(format!("{}; lift it first", words::ON_SUPPORT));
+        }
         Ok(String::new())
     }
 
@@ -382,8 +393,8 @@ impl View {
         ) {
             // What another program has enabled since is its own.
             (self.commander.page, self.commander.enabled) = (None, None);
-        } else if self.commander.enabled.is_none() {
-            // A set-point that was on its way when the page disabled the board.
+        } else if self.commander.enabled.is_none() || refusal == Refusal::WrongMode(Mode::Fault) {
+            // A set-point that was on its way when the page disabled the board, or when a fault came.
             return;
         }
         if matches!(refusal, Refusal::Task(TaskRefusal::Impedance(ImpedanceRefusal::Setpoint(_)))) {

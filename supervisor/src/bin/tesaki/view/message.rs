@@ -16,7 +16,10 @@ pub enum Command {
     Release,
     Stop,
     Disable,
-    Clear,
+    /// Clears the faults that the page has shown, so many since power-on.
+    Clear {
+        total: u32,
+    },
     Tare,
     /// Enables a task, with the settings in a file of the robot folder.
     Enable {
@@ -81,6 +84,8 @@ pub struct Status<'a> {
     pub falls: Option<String>,
     pub plans: &'a [Plan],
     pub faults: &'a [FaultText],
+    /// Number of faults since power-on, with those that the page shows; none while there is nothing to clear.
+    pub total: Option<u32>,
     /// Why there is nothing to see.
     pub trouble: Option<&'a str>,
 }
