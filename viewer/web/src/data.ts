@@ -120,6 +120,8 @@ export interface TaskReport {
   /** Directions of the contacts, into the object, and the friction there. */
   normals?: Vec[];
   friction?: number;
+  /** Whether the arm is nearly singular, if so. */
+  nearly_singular?: boolean;
   /** Further numbers with their names and units. */
   values: [string, number, string][];
 }
@@ -144,6 +146,8 @@ export interface Status {
   /** Files with which the page may enable a task. */
   plans: { task: string; name: string }[];
   faults: Fault[];
+  /** Number of faults since power-on, with those that are shown; null while there is nothing to clear. */
+  total: number | null;
   /** Why there is nothing to show, if so. */
   trouble: string | null;
 }

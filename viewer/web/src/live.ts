@@ -41,12 +41,14 @@ export class Live {
   private readonly commander = el("p", { class: "tv-commander" });
   private readonly joints = el("div", { class: "tv-joints" });
   private readonly faults = el("section", { class: "tv-card tv-faults" });
+  private readonly legend = el("p", { class: "tv-legend" });
   private readonly values = el("dl", { class: "tv-values" });
   private readonly plots = el("div", { class: "tv-charts" });
   private readonly facts = el("p", { class: "tv-facts" });
   private readonly stop = button("Stop", "tv-stop", () => this.send({ do: "stop" }));
   private layout = "";
   private shownFaults = "[]";
+  private shownLegend = "";
 
   constructor(root: HTMLElement) {
     this.faults.hidden = true;
@@ -57,7 +59,7 @@ export class Live {
       el(
         "div",
         { class: "tv-columns" },
-        el("div", { class: "tv-left" }, this.view, this.legend(), this.values),
+        el("div", { class: "tv-left" }, this.view, this.legend, this.values),
         el(
           "div",
           { class: "tv-right" },
@@ -88,9 +90,18 @@ export class Live {
     }
   }
 
-  private legend(): HTMLElement {
-    const entry = (kind: string, text: string) => el("span", {}, el("i", { class: `tv-key tv-key-${kind}` }), text);
-    return el("p", { class: "tv-legend" }, entry("link", "measured"), entry("ghost", "reference"), entry("force", "measured force"), entry("aim", "target force"), entry("cone", "friction cone"));
+  /** Explains what is drawn of this robot and of the task that runs. Rebuilt only if changed. */
+  private drawLegend({ tips, mode, report }: State): void {
+    const task = mode === "enabled" ? report : null;
+    const entries: [string, string][] = [["link", "measured"]];
+    if (mode === "enabled") entries.push(["ghost", "reference"]);
+    if (tips.some((tip) => tip.tared)) entries.push(["force", "measured force"]);
+    if (task?.forces?.length) entries.push(["aim", "target force"]);
+    if (task?.normals && task.friction) entries.push(["cone", "friction cone"]);
+    const shown = JSON.stringify(entries);
+    if (shown === this.shownLegend) return;
+    this.shownLegend = shown;
+    this.legend.replaceChildren(...entries.map(([kind, text]) => el("span", {}, el("i", { class: `tv-key tv-key-${kind}` }), text)));
   }
 
   private connect(): void {
@@ -128,6 +139,8 @@ export class Live {
 
   private setState(state: State): void {
     const arrived = performance.now();
+    // What was done before the fault is no news any more; what went wrong is.
+    if (state.mode === "fault" && this.state?.mode !== "fault" && !this.notice.classList.contains("tv-bad")) this.tell("", true);
     this.state = state;
     // Sent at once, not delayed by drawing, because it measures the latency and keeps the robot enabled.
     this.send({ do: "seen", n: state.n });
@@ -208,6 +221,7 @@ export class Live {
     const measured = state.joints.map((joint) => joint[0]);
     this.stage?.setJoints(measured, state.mode === "enabled" ? state.joints.map((joint) => joint[2]) : null);
     this.drawForces(state);
+    this.drawLegend(state);
     const report = state.mode === "enabled" ? state.report : null;
     this.stage?.setTaskFrame(report?.frame, report?.target);
     this.stage?.draw();
@@ -260,7 +274,8 @@ export class Live {
     rows.forEach(([name, value, unit], index) => {
       say(this.values.children[2 * index], name);
       const digits = unit === "ticks" || unit === "ms" ? 0 : unit === "mm" || Math.abs(value) >= 10 ? 1 : 3;
-      say(this.values.children[2 * index + 1], `${number(value, digits)} ${unit}`);
+      const remark = name === "smallest singular value" && report?.nearly_singular ? ", nearly singular" : "";
+      say(this.values.children[2 * index + 1], `${number(value, digits)} ${unit}`.trim() + remark);
     });
   }
 
@@ -337,7 +352,7 @@ export class Live {
     }[commander];
     const { falls } = status;
     say(this.commander, falls && commander === "you" && mode !== "disabled" ? `${words} Mind: ${falls}.` : words);
-    const layout = JSON.stringify([commander, mode, running, status.plans, hasData]);
+    const layout = JSON.stringify([commander, mode, running, status.plans, hasData, status.total]);
     if (layout === this.layout) return;
     this.layout = layout;
     const buttons: HTMLElement[] = [];
@@ -355,7 +370,8 @@ export class Live {
         add("Give back command", { do: "release" });
       }
       if (mode === "enabled") add("Disable", { do: "disable" });
-      if (mode === "fault") add("Clear fault", { do: "clear" }, true);
+      // What is shown, and nothing that has come since.
+      if (mode === "fault" && status.total !== null) add("Clear fault", { do: "clear", total: status.total }, true);
       if (running === "grasping") buttons.push(this.graspPad());
       if (running === "impedance control") buttons.push(this.toolPad());
     }
@@ -366,9 +382,14 @@ export class Live {
     const step = (text: string, translation: Vec, rotation: Vec = [0, 0, 0]) =>
       button(text, "", () => this.send({ do: "object", translation, rotation }));
     const [mm, rad] = [0.005, 0.1];
+    const gravity = this.scene?.gravity ?? [0, 0, 0];
+    const size = Math.hypot(...gravity);
+    const upwards = (height: number) => gravity.map((part) => (-height * part) / size) as Vec;
+    const lifts = size > 0 ? [step("Lift 5 mm", upwards(mm)), step("Lower 5 mm", upwards(-mm))] : [];
     return el(
       "div",
       { class: "tv-pad" },
+      ...lifts,
       ...(["x", "y", "z"] as const).flatMap((axis, index) => {
         const along = (size: number) => [0, 1, 2].map((part) => (part === index ? size : 0)) as Vec;
         return [step(`${axis} −5 mm`, along(-mm)), step(`${axis} +5 mm`, along(mm)), step(`turn ${axis} −`, [0, 0, 0], along(-rad)), step(`turn ${axis} +`, [0, 0, 0], along(rad))];

@@ -28,10 +28,14 @@ await run(async () => {
   check((await text(first, ".tv-badge")) === "disabled", "it says that the board is disabled");
   check(await first.locator(".tv-joints input").first().isDisabled(), "a page that only looks cannot move a joint");
 
+  const legend = () => text(first, ".tv-legend");
+  check((await legend()) === "measured", `the legend names what is drawn: ${await legend()}`);
+
   await first.getByRole("button", { name: "Take command" }).click();
   await first.getByText("This page commands the board.").waitFor();
   await first.getByRole("button", { name: "Enable joints" }).click();
   await until("the board is enabled", async () => (await text(first, ".tv-badge")) === "enabled");
+  check((await legend()) === "measuredreference", `with a task, also its reference: ${await legend()}`);
   const before = await tips(first);
   const slider = first.locator(".tv-joints input").first();
   await slider.evaluate((input) => {
@@ -87,6 +91,8 @@ await run(async () => {
   // Faults come with the status, the mode with the next picture: a busy browser draws it later.
   await until("the page shows the fault", async () => (await text(first, ".tv-badge")) === "fault");
   check(true, "the stop button of a page that only looks stops the robot");
+  await until("the page that stopped shows the fault", async () => (await text(second, ".tv-badge")) === "fault");
+  check((await text(second, ".tv-notice")) === "", "what was done before the fault does not stand above it");
   check((await text(first, ".tv-faults")).includes("stopped by the supervisor"), "both pages say what has happened and what to do");
 
   await first.getByRole("button", { name: "Clear fault" }).click();
