@@ -24,6 +24,8 @@ const MAX_EXPORTS: u32 = 3;
 #[derive(Debug)]
 pub(super) struct Arbiter {
     connections: BTreeMap<u64, Connection>,
+    /// Numbers of the clients that have greeted last, over any connection.
+    greeted: VecDeque<u32>,
     /// Client number and connection of who took command last.
     commander: Option<(u32, u64)>,
     /// The hub's own requests; the first one has been sent.
@@ -39,11 +41,12 @@ pub(super) struct Arbiter {
     answers: Vec<(u64, Vec<u8>)>,
 }
 
+/// Number of greeted clients to remember: the board itself remembers fewer.
+const MAX_GREETED: usize = 16;
+
 /// The requests of a connection.
 #[derive(Debug, Default)]
 struct Connection {
-    /// Whether its last hello had another schema key than this board.
-    speaks_other: bool,
     /// Periods of the streams [ticks].
     rates: [u16; Stream::ALL.len()],
     copy: Option<Copy>,
@@ -133,6 +136,7 @@ impl Arbiter {
         let client = RandomState::new().build_hasher().finish() as u32 | 1;
         Self {
             connections: BTreeMap::new(),
+            greeted: VecDeque::new(),
             commander: None,
             tasks: VecDeque::new(),
             client,
@@ -164,11 +168,17 @@ impl Arbiter {
         }
         match request.request {
             Request::Hello { schema } => {
-                own.speaks_other = schema != SCHEMA_KEY;
+                self.greeted.retain(|client| *client != request.client);
+                if schema == SCHEMA_KEY {
+                    self.greeted.push_back(request.client);
+                }
+                if self.greeted.len() > MAX_GREETED {
+                    self.greeted.pop_front();
+                }
                 board.extend(frame);
             }
-            // A client that has greeted over an earlier connection need not do so again; another schema is refused.
-            Request::SetRate { stream, every } if !own.speaks_other => {
+            // Without a hello, over this connection or an earlier one, the board refuses it.
+            Request::SetRate { stream, every } if self.greeted.contains(&request.client) => {
                 own.rates[stream as usize] = every;
                 request.request = Request::SetRate { stream, every: self.rate(stream) };
                 board.extend(encoded(&request));

@@ -140,6 +140,19 @@ fn a_rate_that_the_board_refuses_is_not_kept() {
 }
 
 #[test]
+fn a_client_that_comes_back_has_its_rate_without_another_hello() {
+    let mut rig = Rig::new();
+    rig.set_rate(1, 1);
+    rig.arbiter.left(1);
+    rig.run();
+    assert_eq!(rig.rates.last(), Some(&(Stream::Telemetry, 0)));
+    rig.ask(1, Request::SetRate { stream: Stream::Telemetry, every: 2 });
+    rig.run();
+    rig.set_rate(2, 20);
+    assert_eq!(rig.rates.last(), Some(&(Stream::Telemetry, 2)), "the other client's rate");
+}
+
+#[test]
 fn what_a_connection_asked_for_ends_with_it() {
     for loss in [0.0, 0.3] {
         let mut rig = Rig::new();
