@@ -214,7 +214,7 @@ const CASES: &[Case] = &[
             "<material name=\"red\">\n<color rgba=\"1 0 0\"/></material><link name=\"base\"/>",
         ),
         ("<color", "<color"),
-        &["material red: <color>", "expected 4 found 3"],
+        &["material red: <color rgba=\"1 0 0\">", "3 numbers, 4 expected"],
     ),
     (
         (
@@ -596,4 +596,54 @@ fn more_than_seven_joints_are_too_many_unless_a_base_further_out_is_named() {
     assert_eq!(urdf.path(Some("l2"), "l9").unwrap().joints.len(), 7);
     assert_eq!(urdf.path(None, "l7").unwrap().joints.len(), 7);
     assert_eq!(urdf.reachable_tips(None), ["l7"]);
+}
+
+/// What is said of the text.
+fn said(text: &str) -> Vec<String> {
+    check(text).1.iter().map(ToString::to_string).collect()
+}
+
+#[test]
+fn materials_are_told_in_words() {
+    let words = |material: &str| {
+        said(&ROBOT.replacen("<link name=\"base\"/>", &format!("{material}<link name=\"base\"/>"), 1))
+    };
+    let [empty] = &words("<material/>")[..] else { panic!() };
+    assert!(empty.contains("robot.urdf:3: material: it has no name; add name=\"…\""), "{empty}");
+    let [short] = &words("<material name=\"q\"><color rgba=\"1 0 0\"/></material>")[..] else { panic!() };
+    assert!(
+        short.contains("material q: <color rgba=\"1 0 0\">: 3 numbers, 4 expected; write numbers"),
+        "{short}"
+    );
+}
+
+#[test]
+fn the_inertia_of_a_link_that_no_joint_moves_prevents_nothing() {
+    let inertial = |inertia: &str| {
+        format!(
+            "<link name=\"base\"><inertial><mass value=\"1\"/><inertia ixx=\"{inertia}\" iyy=\"1e-4\" izz=\"1e-4\" \
+             ixy=\"0\" ixz=\"0\" iyz=\"0\"/></inertial></link>"
+        )
+    };
+    let text = ROBOT.replacen("<link name=\"base\"/>", &inertial("1e-1"), 1);
+    let (_, findings) = check(&text);
+    let [found] = &findings[..] else { panic!("{findings:?}") };
+    assert!(!found.is_error() && found.advice.contains("no joint moves it"), "{found}");
+    assert!(found.message.contains("link base: physically impossible inertia"), "{found}");
+    // Behind a joint it does.
+    let (_, findings) = check(&changed("name=\"upper\"", "ixx=\"1e-4\"", "ixx=\"1\""));
+    assert!(findings.iter().any(Finding::is_error), "{findings:?}");
+}
+
+#[test]
+fn limits_beyond_all_angles_are_none() {
+    let [said] =
+        &said(&changed("shoulder", "lower=\"-1\" upper=\"1.5\"", "lower=\"-1e16\" upper=\"1e16\""))[..]
+    else {
+        panic!()
+    };
+    assert!(
+        said.contains("joint shoulder: limits -1e16 to 1e16 rad are no limits at all; give real"),
+        "{said}"
+    );
 }

@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::four;
 use super::source::{Part, Source};
-use crate::finding::Report;
+use crate::finding::{Finding, Matter, Report, Severity};
 
 /// Largest mass of a link [kg].
 const LARGEST_MASS: f64 = 1000.0;
@@ -25,12 +25,43 @@ pub fn check(source: &Source<'_>, accepted: &[String], report: &mut Report) {
     for link in &source.links {
         let accepted = accepted.iter().any(|name| name == link.name());
         match link.child("inertial") {
-            Some(inertial) => body(link, &inertial, accepted, report),
+            Some(inertial) => {
+                let before = report.findings.len();
+                body(link, &inertial, accepted, report);
+                if !moves(link, source) {
+                    of_fixed(report.findings.get_mut(before..).unwrap_or_default());
+                }
+            }
             None if accepted => {
                 let message = format!("{}: accepted without mass: a gram is used", link.title());
                 report.warning(Some(link.line()), message, "give it an <inertial> when its mass is known");
             }
             None => {}
+        }
+    }
+}
+
+/// Whether a moving joint is between a link and the base.
+fn moves(link: &Part<'_>, source: &Source<'_>) -> bool {
+    let mut here = link.name();
+    // No path has more joints than the robot, unless it is a loop.
+    for _ in &source.joints {
+        let Some(joint) = source.joints.iter().find(|joint| joint.link("child") == Some(here)) else { break };
+        if joint.moves() {
+            return true;
+        }
+        here = joint.link("parent").unwrap_or_default();
+    }
+    false
+}
+
+/// Masses of links that stand still enter no equation: what is wrong with them prevents nothing.
+fn of_fixed(findings: &mut [Finding]) {
+    for finding in findings.iter_mut().filter(|finding| finding.is_error()) {
+        if finding.matter == Matter::Dynamics {
+            finding.severity = Severity::Warning;
+            let advice = "no joint moves it, so it enters no equation; correct it when the base is to move";
+            finding.advice = advice.to_owned();
         }
     }
 }
@@ -44,7 +75,7 @@ pub fn impossible(source: &Source<'_>) -> Vec<String> {
         }
         report.findings.iter().filter(|finding| finding.is_error()).count()
     };
-    let removed = |link: &&Part<'_>| errors(link, false) > errors(link, true);
+    let removed = |link: &&Part<'_>| moves(link, source) && errors(link, false) > errors(link, true);
     source.links.iter().filter(removed).map(|link| link.name().to_owned()).collect()
 }
 

@@ -14,6 +14,8 @@ const LONGEST_LINK: f64 = 5.0;
 const LONGEST_PATH: f64 = 20.0;
 /// Largest angle in a file [rad].
 pub const LARGEST_ANGLE: f64 = 4.0 * PI;
+/// What is beyond it is not meant in degrees either: so says who knows no limit.
+const NO_LIMIT: f64 = 1e4;
 
 pub fn check(source: &Source<'_>, report: &mut Report) {
     for joint in &source.joints {
@@ -120,6 +122,10 @@ fn limits(joint: &Part<'_>, report: &mut Report) {
     } else if lower >= upper {
         let message = format!("{}: lower = {lower} is not below upper = {upper}", joint.title());
         report.limits(line, message, "swap or correct them");
+    } else if lower.abs().max(upper.abs()) > NO_LIMIT {
+        let message = format!("{}: limits {lower:e} to {upper:e} rad are no limits at all", joint.title());
+        let advice = "give real limits in rad: where its stops, its cables or its links end the motion";
+        report.limits(line, message, advice);
     } else if let Some(value) = [lower, upper].into_iter().find(|value| value.abs() > LARGEST_ANGLE) {
         let message = format!("{}: limits {lower} to {upper} rad, beyond ±4π: degrees?", joint.title());
         report.limits(line, message, degrees(value));

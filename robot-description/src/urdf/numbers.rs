@@ -87,6 +87,14 @@ pub fn check(source: &Source<'_>, report: &mut Report) {
             needed(owner, &part, report);
             single(owner, &part, report);
         }
+        negative(owner, report);
+    }
+    for material in source.root.children("material") {
+        for part in material.descendants() {
+            for attribute in part.node.attributes() {
+                number(&material, &part, attribute.name(), attribute.value(), report);
+            }
+        }
     }
     for joint in &source.joints {
         // Since URDF 1.2 everything in <limit> may be left out.
@@ -139,6 +147,18 @@ fn number(owner: &Part<'_>, part: &Part<'_>, name: &str, value: &str, report: &m
         "write numbers such as 0.05 or 1e-6, with a point, separated by spaces"
     };
     report.kinematics(Some(part.line()), message, advice);
+}
+
+/// The first shape of a link with a length below 0: that to be seen is mostly that to be touched.
+fn negative(owner: &Part<'_>, report: &mut Report) {
+    let sizes = owner.descendants().filter(|part| SHAPES.contains(&part.tag())).flat_map(|part| {
+        ["radius", "length"].into_iter().filter_map(move |name| Some((part, name, part.number(name)?)))
+    });
+    let first = sizes.into_iter().find(|(_, _, value)| *value < 0.0);
+    if let Some((part, name, value)) = first {
+        let message = format!("{}: <{}> has a {name} of {value} m, below 0", owner.title(), part.tag());
+        report.dynamics(Some(part.line()), message, "it is a length, without a sign");
+    }
 }
 
 fn needed(owner: &Part<'_>, part: &Part<'_>, report: &mut Report) {

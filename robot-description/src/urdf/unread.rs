@@ -6,7 +6,8 @@ use super::numbers;
 use super::source::{Part, Source};
 use crate::finding::Report;
 
-const ADVICE: &str = "see http://wiki.ros.org/urdf/XML";
+const ADVICE: &str =
+    "correct it, or remove it if nothing needs it: http://wiki.ros.org/urdf/XML says what it may hold";
 
 /// The robot in `text`, without what `urdf-rs` does not read and nothing needs: elements that have no shape,
 /// and textures without a file. If it cannot be read, what is wrong.
@@ -24,7 +25,8 @@ pub fn read(text: &str, source: &Source<'_>, report: &mut Report) -> Option<urdf
         tell(text, source, &part, &unneeded, report);
     }
     if report.has_no_kinematics() {
-        report.kinematics(Some(source.root.line()), error.to_string(), ADVICE);
+        let (message, advice) = in_words(&error.to_string());
+        report.kinematics(Some(source.root.line()), message, advice);
     }
     None
 }
@@ -51,8 +53,24 @@ fn tell(text: &str, source: &Source<'_>, part: &Part<'_>, unneeded: &[Range<usiz
     });
     let culprit = culprits.last().unwrap_or(*part);
     let inner = if culprit.node == part.node { String::new() } else { format!(": <{}>", culprit.tag()) };
-    let message = format!("{}{inner}: {error}", part.title());
-    report.kinematics(Some(culprit.line()), message.trim(), ADVICE);
+    let (words, advice) = in_words(&error.to_string());
+    let message = format!("{}{inner}: {words}", part.title().trim());
+    report.kinematics(Some(culprit.line()), message.trim(), advice);
+}
+
+/// What `urdf-rs` says, and what to do about it.
+fn in_words(error: &str) -> (String, String) {
+    let error = error.trim();
+    let error = error.strip_prefix("custom: ").unwrap_or(error);
+    match error.strip_prefix("missing field `").and_then(|rest| rest.split('`').next()) {
+        Some(field) => {
+            let field = field.trim_start_matches('@');
+            let element = if field == "name" { String::new() } else { format!(" or <{field} …/>") };
+            let advice = format!("add {field}=\"…\"{element}, or remove the element");
+            (format!("it has no {field}"), advice)
+        }
+        None => (error.to_owned(), ADVICE.to_owned()),
+    }
 }
 
 /// The part `window` of `text` without the ranges, which are in order; one may be within another.
