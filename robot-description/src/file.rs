@@ -115,6 +115,13 @@ pub(crate) fn parse_short<T: DeserializeOwned>(text: &str, advice: &str, report:
         let is_value = unquoted || message.starts_with("invalid") || message.starts_with("unknown variant");
         let key = is_value.then(|| key_at(text, start)).flatten();
         let key = key.map_or_else(String::new, |key| format!(", for {key}"));
+        if let Some(key) = error.span().filter(|_| message == "duplicate key").and_then(|key| text.get(key)) {
+            let table =
+                text.get(..start).unwrap_or_default().lines().rev().find(|line| line.starts_with('['));
+            let table = table.and_then(|line| line.split(']').next()).map(|table| format!(" in {table}]"));
+            let message = format!("the key {} is there twice{}", key.trim(), table.unwrap_or_default());
+            return report.dynamics(Some(line), message, "remove one of the two");
+        }
         report.dynamics(Some(line), in_words(message) + &key, advice);
     };
     toml::from_str(text).map_err(problem).ok()

@@ -360,6 +360,16 @@ impl ForceSensorValues {
         for (field, value) in others {
             check(value.is_finite() && value >= 0.0, &format!("force_sensor.{field}"), value, expected);
         }
+        // Of what is not finite it has been told.
+        let gain = self.gain_error;
+        check(gain < 1.0 || !gain.is_finite(), "force_sensor.gain_error", gain, "from 0 to below 1, a share");
+        for (field, offset, range, expected) in [
+            ("force_sensor.force_offset", self.force_offset, self.force_range, "below force_range"),
+            ("force_sensor.torque_offset", self.torque_offset, self.torque_range, "below torque_range"),
+        ] {
+            let told = !offset.is_finite() || !range.is_finite() || range <= 0.0;
+            check(told || offset < range, field, offset, expected);
+        }
     }
 
     /// The value for forces on axes 0 to 2, that for torques on the others.

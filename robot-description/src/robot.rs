@@ -23,6 +23,7 @@ pub use chain::{chain_length, chain_model, named};
 pub use doubtful::doubtful_values;
 pub use limits::{ImplausibleValue, implausible_values};
 pub(crate) use limits::{at_least, following_errors, least_torque_rate};
+pub(crate) use plausible::LEAD;
 pub use plausible::{Overload, overloaded};
 pub use settings::{FrictionSettings, JointSettings, Settings};
 pub(crate) use unit::invalid_setting;

@@ -505,3 +505,99 @@ fn the_gauges_of_the_page_become_those_of_the_model_and_wrong_ones_are_named() {
         assert!(told.contains(expected) && told.contains("controller.toml"), "{told}");
     }
 }
+
+/// The findings for hand3 with `from` replaced by `to` wherever it stands in the file `name`.
+fn findings(name: &str, from: &str, to: &str) -> Vec<String> {
+    let change = |file: &str| {
+        let text = text(file);
+        assert!(file != name || text.contains(from), "{from:?} is not in {name}");
+        if file == name { text.replace(from, to) } else { text }
+    };
+    let [urdf, settings, plant] = ["robot.urdf", "controller.toml", "plant.toml"].map(change);
+    let (_, findings) = RobotFolder::check_all(Path::new("my_hand"), &urdf, &settings, Some(&plant));
+    findings.iter().map(ToString::to_string).collect()
+}
+
+#[test]
+fn the_sensors_of_plant_and_controller_are_the_same() {
+    for (from, to, words) in [
+        (
+            "force_count = 0.001",
+            "force_count = 0.01",
+            "force_count = 0.01 N; force_sensor.force_resolution of",
+        ),
+        (
+            "torque_count = 1e-5",
+            "torque_count = 1e-3",
+            "torque_count = 0.001 N·m; force_sensor.torque_resolution of",
+        ),
+        ("force_range = 20.0", "force_range = 5.0", "force_range = 5 N is below force_sensor.force_limit of"),
+        (
+            "gain_error = 0.01",
+            "gain_error = 1.0",
+            "force_sensor.gain_error is 1: it must be from 0 to below 1",
+        ),
+        (
+            "force_offset = 1.0",
+            "force_offset = 50.0",
+            "force_sensor.force_offset is 50: it must be below force_range",
+        ),
+        (
+            "torque_offset = 0.01",
+            "torque_offset = 0.5",
+            "torque_offset is 0.5: it must be below torque_range",
+        ),
+    ] {
+        let [said] = &findings("plant.toml", from, to)[..] else { panic!("{to}") };
+        assert!(said.contains(words) && said.contains("plant.toml:"), "{said}");
+    }
+}
+
+#[test]
+fn a_wrong_value_of_the_sensor_is_of_no_joint_and_nothing_follows_from_it() {
+    for (from, to, words) in [
+        (
+            "force_limit = 10.0",
+            "force_limit = 0.0",
+            "force_sensor.force_limit = 0 N must be above 0 N; mend the value",
+        ),
+        (
+            "force_resolution = 1e-3",
+            "force_resolution = 0.0",
+            "force_resolution = 0 N must be above 0 N; mend the value",
+        ),
+        (
+            "force_resolution = 1e-3",
+            "force_resolution = -1e-3",
+            "force_resolution = -0.001 N must be above 0 N",
+        ),
+        ("counts_per_turn = 65536.0", "counts_per_turn = 0.0", "encoder.counts_per_turn = 0 is below 1"),
+        ("torque_rate = 60.0", "torque_rate = 0.0", "limits.torque_rate = 0 N·m/s must be above 0"),
+    ] {
+        let [said] = &findings("controller.toml", from, to)[..] else {
+            panic!("{:?}", findings("controller.toml", from, to))
+        };
+        assert!(said.contains(words), "{said}");
+        let of_sensor = words.contains("force_");
+        assert_ne!(of_sensor, said.contains("joint") || said.contains("[joints.NAME]"), "{said}");
+    }
+}
+
+#[test]
+fn a_tip_is_round_in_metres_and_not_below_nothing() {
+    let radius = "<sphere radius=\"0.008\"/>";
+    let said = findings("robot.urdf", radius, "<sphere radius=\"-0.01\"/>");
+    assert_eq!(said.len(), 3, "{said:?}");
+    assert!(said[0].contains("link finger1_tip: <sphere> has a radius of -0.01 m, below 0"), "{said:?}");
+    let said = findings("robot.urdf", radius, "<sphere radius=\"10\"/>");
+    assert_eq!(said.len(), 3, "{said:?}");
+    assert!(said[0].contains("link finger1_tip: its <sphere> has a radius of 10 m"), "{said:?}");
+    assert!(said[0].contains("millimetres?; lengths are in m: 10 mm are 0.01"), "{said:?}");
+}
+
+#[test]
+fn a_key_that_is_there_twice_is_named_with_its_table() {
+    let said = error("controller.toml", "[joint.motor]", "[joint.motor]\ndelay = 0.001\ndelay = 0.002");
+    let words = "the key delay is there twice in [joint.motor]; remove one of the two";
+    assert!(said.contains(words) && said.lines().count() == 1, "{said}");
+}

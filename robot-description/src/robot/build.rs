@@ -136,7 +136,7 @@ pub fn validate(model: &RobotModel, urdf: &Urdf, of_urdf: &mut Report, of_settin
         alone.joints.clear();
         alone.chains.truncate(1);
         let Some(chain) = alone.chains.first_mut() else { return };
-        (chain.joints, chain.tip, chain.force_sensor) = (1, Pose::IDENTITY, None);
+        (chain.joints, chain.tip, chain.tip_radius, chain.force_sensor) = (1, Pose::IDENTITY, 0.0, None);
         alone.mimics.clear();
         alone.gauges = None;
         let _ = alone.joints.push(joint.clone());
@@ -152,7 +152,9 @@ pub fn validate(model: &RobotModel, urdf: &Urdf, of_urdf: &mut Report, of_settin
     if found.is_empty()
         && let Err(error) = model.validate()
     {
-        found.push((error.joint.and_then(|joint| model.joints.get(usize::from(joint))), error));
+        // A sensor is said to be of the last joint before it, whose settings do not hold it.
+        let joint = error.joint.filter(|_| !error.field.path().starts_with("force_sensor"));
+        found.push((joint.and_then(|joint| model.joints.get(usize::from(joint))), error));
     }
     let mut of_joints = OfJoints::default();
     for (joint, error) in found {

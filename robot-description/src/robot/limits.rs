@@ -68,7 +68,8 @@ pub fn implausible_values(model: &RobotModel) -> Vec<ImplausibleValue> {
         let Some(sensor) = &chain.force_sensor else { continue };
         #[expect(clippy::cast_precision_loss, reason = "for a comparison")]
         let largest = sensor.force_resolution * sensor.saturation as f32;
-        if sensor.force_limit > largest {
+        // What is not above 0 is told of itself.
+        if largest > 0.0 && sensor.force_limit > largest {
             let message = format!(
                 "force_sensor.force_limit = {} N is beyond what the sensor of {} measures, {largest} N: it is \
                  never reached",

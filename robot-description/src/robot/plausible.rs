@@ -3,19 +3,22 @@
 mod links;
 mod motors;
 
+pub(crate) use links::LEAD;
+
 use std::collections::BTreeMap;
 
 use nalgebra::Vector3;
-use tesaki::model::{ChainJoint, JointModel, RobotModel};
+use tesaki::model::{ChainJoint, ForceSensor, JointModel, RobotModel};
 
 use super::RobotFolder;
+use super::chain::chain_length;
 use super::doubtful::doubtful_values;
 use super::limits::{ImplausibleValue, implausible_values};
 use super::of_joints::OfJoints;
 use crate::finding::{Finding, Report};
 use crate::load::{CoupledChains, JointLoad};
-use crate::plant::PlantValues;
-use crate::urdf::Urdf;
+use crate::plant::{ForceSensorValues, PlantValues};
+use crate::urdf::{Urdf, four};
 
 /// Distance of a tip from the axis of its last joint below which the joint does not move it [m].
 const ON_AXIS: f32 = 1e-4;
@@ -23,6 +26,11 @@ const ON_AXIS: f32 = 1e-4;
 const ARM_JOINTS: usize = 6;
 /// Factor between two bandwidths of current loops, from which one is wrong.
 const OTHER_BANDWIDTH: f64 = 3.0;
+
+/// Largest difference of a count in both files, as a share of it: more than rounding.
+const SAME_COUNT: f32 = 1e-5;
+/// A tip nearer to its last joint than this has no link of its own [m].
+const NO_LINK: f32 = 1e-3;
 
 /// Whether the model is right enough to compute with.
 pub fn is_checkable(model: &RobotModel) -> bool {
@@ -68,9 +76,21 @@ pub fn check(folder: &RobotFolder, settings: &str, plant: Option<&str>, known: &
     }
     for index in 0..model.chains.len() {
         tip_on_axis(model, index, &folder.urdf, &mut reports.urdf);
+        tip_radius(model, index, &folder.urdf, &mut reports.urdf);
     }
     let mut wrong = Vec::new();
-    for value in implausible_values(model) {
+    // What uses a value that is wrong says nothing.
+    let is_told = |value: &ImplausibleValue| {
+        let key = format!("{} = ", value.key);
+        let joint = value.joint.and_then(|joint| model.joints.get(joint)).map(|joint| joint.name.as_str());
+        known.iter().filter(|finding| finding.is_error()).any(|finding| {
+            let (before, found) =
+                finding.message.split_once(&key).map_or(("", false), |(before, _)| (before, true));
+            let mut names = before.split([' ', ',', ':']);
+            found && joint.is_none_or(|joint| names.any(|name| name == joint))
+        })
+    };
+    for value in implausible_values(model).into_iter().filter(|value| !is_told(value)) {
         wrong.push((value.joint, value.key));
         of_model(model, value, true, &mut reports);
     }
@@ -245,6 +265,53 @@ fn tip_on_axis(model: &RobotModel, index: usize, urdf: &Urdf, report: &mut Repor
     report.warning(urdf.line_of_joint(name), message, advice);
 }
 
+/// A tip that is rounder than its link is long.
+fn tip_radius(model: &RobotModel, index: usize, urdf: &Urdf, report: &mut Report) {
+    let Some(chain) = model.chains.get(index) else { return };
+    let last = Vector3::from(chain.tip.translation).norm();
+    let (length, of) =
+        if last > NO_LINK { (last, "the last link") } else { (chain_length(model, index), "its chain") };
+    let radius = chain.tip_radius;
+    if radius > length {
+        let message = format!(
+            "link {}: its <sphere> has a radius of {radius} m, {of} is {length:.3} m long: millimetres?",
+            chain.name
+        );
+        let radius = f64::from(radius);
+        let advice = format!("lengths are in m: {} mm are {}", four(radius), four(radius / 1000.0));
+        report.warning(urdf.line_of_link(&chain.name), message, advice);
+    }
+}
+
+/// The force sensors of controller and plant must be the same; values of `controller.toml` that are wrong are
+/// told there.
+fn sensors_fit(own: &ForceSensor, plant: &ForceSensorValues, report: &mut Report) {
+    #[expect(clippy::cast_possible_truncation, reason = "the controller works in single precision")]
+    let single = |value: f64| value as f32;
+    for (key, of_controller, count, resolution, unit) in [
+        ("force_sensor.force_count", "force_resolution", plant.force_count, own.force_resolution, "N"),
+        ("force_sensor.torque_count", "torque_resolution", plant.torque_count, own.torque_resolution, "N·m"),
+    ] {
+        let difference = (single(count) - resolution).abs();
+        if resolution > 0.0 && difference > SAME_COUNT * resolution {
+            let message = format!(
+                "{key} = {count} {unit}; force_sensor.{of_controller} of controller.toml is {resolution} {unit}"
+            );
+            let advice = "the controller would measure other forces than there are: give both the same value";
+            report.dynamics(report.line_of(key), message, advice);
+        }
+    }
+    if own.force_limit > 0.0 && single(plant.force_range) < own.force_limit {
+        let message = format!(
+            "force_sensor.force_range = {} N is below force_sensor.force_limit of controller.toml, {} N: the limit is \
+             never reached",
+            plant.force_range, own.force_limit
+        );
+        let advice = format!("{} N or more, or lower force_limit", own.force_limit);
+        report.dynamics(report.line_of("force_sensor.force_range"), message, advice);
+    }
+}
+
 /// Controller and plant must fit.
 fn against_plant(model: &RobotModel, plant: &PlantValues, known: &[Finding], report: &mut Report) {
     // A joint that is wrong is not in the model.
@@ -311,6 +378,10 @@ fn against_plant(model: &RobotModel, plant: &PlantValues, known: &[Finding], rep
             if sensors { ("controller.toml", "plant.toml") } else { ("plant.toml", "controller.toml") };
         let message = format!("{has} has [force_sensor], {lacks} has none");
         report.dynamics(report.line_of("force_sensor"), message, "give both or none");
+    }
+    let own = model.chains.iter().find_map(|chain| chain.force_sensor.as_ref());
+    if let Some((own, plant)) = own.zip(plant.force_sensor.as_ref()) {
+        sensors_fit(own, plant, report);
     }
     let gravity = Vector3::from(model.gravity.map(f64::from));
     let difference = (gravity - Vector3::from(plant.gravity)).norm();

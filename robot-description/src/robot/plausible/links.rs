@@ -8,7 +8,7 @@ use crate::urdf::{RigidBody, Urdf, four};
 /// A radius of gyration above this multiple of the link's size is suspicious.
 const WIDE: f64 = 3.0;
 /// Density of lead [kg/m³].
-const LEAD: f64 = 11_340.0;
+pub const LEAD: f64 = 11_340.0;
 /// Masses above this one may be meant in grams [kg].
 const HEAVY: f64 = 1.0;
 /// Sizes of links below this one are not trusted [m].
