@@ -16,6 +16,8 @@ use serde::Deserialize;
 use crate::file::{self, FileError};
 use crate::finding::{Finding, Report};
 use crate::plant::PlantProblem;
+use crate::robot::LEAD;
+use crate::urdf::four;
 
 /// Name of the folder of such files in a robot folder.
 pub const FOLDER: &str = "objects";
@@ -109,7 +111,15 @@ impl ObjectValues {
             let key = field.rsplit(' ').next().unwrap_or(&field);
             report.dynamics(report.line_of(key), message, ADVICE);
         }
-        (object.filter(|_| report.findings.is_empty()), report.findings)
+        let object = object.filter(|_| report.findings.is_empty());
+        if let Some(Self { size: [x, y, z], mass, .. }) =
+            object.as_ref().filter(|object| object.density() > LEAD)
+        {
+            let message = format!("mass = {mass} kg in {x} × {y} × {z} m is denser than lead: grams?");
+            let advice = format!("masses are in kg: {mass} g are {}", four(mass / 1000.0));
+            report.warning(report.line_of("mass"), message, advice);
+        }
+        (object, report.findings)
     }
 
     /// The same object elsewhere: position [m] and orientation `[x, y, z, w]` in the frame of the base.
@@ -125,6 +135,17 @@ impl ObjectValues {
     pub const fn on(mut self, support: Support) -> Self {
         self.support = Some(support);
         self
+    }
+
+    /// Its mass by its volume [kg/m³].
+    fn density(&self) -> f64 {
+        let [x, y, z] = self.size;
+        let share = match self.shape {
+            Shape::Box => 1.0,
+            Shape::Cylinder => core::f64::consts::FRAC_PI_4,
+            Shape::Wedge { top } => 0.5 * (1.0 + top),
+        };
+        self.mass / (share * x * y * z)
     }
 
     /// Centre of mass [m] and inertia about it [kg·m²], in its own frame.

@@ -6,6 +6,7 @@ use std::path::Path;
 use tesaki::control::ServoMode;
 use tesaki::task::grasping::{InternalForce, ObjectControl};
 use tesaki_description::grasp::{load, load_placed};
+use tesaki_description::object::ObjectValues;
 
 const BOX: &str = include_str!("../../robots/hand3/grasps/box.toml");
 
@@ -99,4 +100,16 @@ fn unknown_and_missing_keys_are_named_with_their_line() {
     }
     let said = load(Path::new("/nowhere/box.toml")).unwrap_err().to_string();
     assert!(said.starts_with("cannot read /nowhere/box.toml: "), "{said}");
+}
+
+#[test]
+fn an_object_in_grams_is_denser_than_lead() {
+    let text = include_str!("../../robots/hand3/objects/box.toml");
+    let check = |text: &str| ObjectValues::check(Path::new("box.toml"), text);
+    assert_eq!(check(text).1, []);
+    let (object, findings) = check(&text.replacen("mass = 0.023", "mass = 23.0", 1));
+    let [found] = &findings[..] else { panic!("{findings:?}") };
+    assert!(object.is_some() && !found.is_error(), "{found}");
+    let words = "mass = 23 kg in 0.098 × 0.208 × 0.06 m is denser than lead: grams?; masses are in kg: 23 g are 0.023";
+    assert!(found.to_string().contains(words), "{found}");
 }
