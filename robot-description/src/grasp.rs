@@ -240,8 +240,9 @@ impl File {
     fn placed(&self) -> Result<PlacedGrasp, (String, String)> {
         let contacts: [Contact; FINGERS] = self.contact.as_slice().try_into().map_err(|_| {
             let got = self.contact.len();
-            let message =
-                format!("{got} contacts; a hand has {FINGERS} fingers, and each needs one [[contact]]");
+            let message = format!(
+                "{got} contacts; a hand for grasping has {FINGERS} fingers, each needs one [[contact]]"
+            );
             ("contact".to_owned(), message)
         })?;
         let rpy = self.object.rpy;

@@ -202,14 +202,19 @@ pub fn load(path: &Path, model: &RobotModel) -> Result<ImpedanceSettings, FileEr
     file::load(path, "", |path, text| check(path, text, model))
 }
 
+/// Why the robot of `model` has no impedance, if it has none.
+pub fn not_an_arm(model: &RobotModel) -> Option<String> {
+    let is_arm = model.chains.len() == 1 && model.joints.len() >= 6 && model.mimics.is_empty();
+    (!is_arm).then(|| format!("{}: {}", model.name, ImpedanceRefusal::NotAnArm))
+}
+
 /// What is wrong with `text`, the content of `path`, for the robot of `model`; the settings when nothing is.
 pub fn check(path: &Path, text: &str, model: &RobotModel) -> (Option<ImpedanceSettings>, Vec<Finding>) {
     let mut report = Report::of_toml(path, text);
     let Some(table) = file::parse::<ImpedanceTable>(text, ADVICE, &mut report) else {
         return (None, report.findings);
     };
-    if model.chains.len() != 1 || model.joints.len() < 6 || !model.mimics.is_empty() {
-        let message = format!("{}: {}", model.name, ImpedanceRefusal::NotAnArm);
+    if let Some(message) = not_an_arm(model) {
         report.dynamics(None, message, "only an arm has an impedance");
         return (None, report.findings);
     }

@@ -9,6 +9,7 @@
 //! sent: within the command timeout all three boards are in their model's reaction.
 
 mod board;
+mod contact;
 mod error;
 mod model;
 
@@ -27,6 +28,7 @@ use tesaki::task::{TaskCommand, TaskConfig};
 use tesaki_description::robot::chain_model;
 
 pub use board::{FingerBoard, News};
+pub use contact::angles_at;
 pub use error::HandError;
 pub use model::HandModel;
 

@@ -596,3 +596,55 @@ fn a_wrong_value_is_named_by_its_key_and_a_weight_by_its_link() {
     let (_, text) = check_changed("robot.urdf", "<mass value=\"0.02\"/>", "<mass value=\"30\"/>");
     contains(&text, &["(the heaviest link is finger1_lower with 30 kg, robot.urdf:62)"]);
 }
+
+/// The shipped robot `name` in a folder of its own, with the files of others.
+fn with_files(name: &str, files: &[&str]) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let own = ["robot.urdf", "controller.toml"].map(|file| format!("{name}/{file}"));
+    for file in own.iter().map(String::as_str).chain(files.iter().copied()) {
+        let to = folder.path().join(file.split_once('/').unwrap().1);
+        std::fs::create_dir_all(to.parent().unwrap()).unwrap();
+        std::fs::copy(workspace().join("robots").join(file), to).unwrap();
+    }
+    folder
+}
+
+#[test]
+fn files_that_are_of_no_use_to_a_robot_are_warned_of_once() {
+    let folder = with_files("hand3", &["arm7/impedances/soft.toml"]);
+    let (code, text) = check(&[], folder.path());
+    assert_eq!(code, 0, "{text}");
+    contains(
+        &text,
+        &["impedances: not checked: hand3: ", "only an arm has an impedance", "works; 1 warning"],
+    );
+    let folder = with_files("arm7", &["hand3/grasps/box.toml", "hand3/grasps/wedge.toml"]);
+    let (code, text) = check(&[], folder.path());
+    assert_eq!(code, 0, "{text}");
+    contains(
+        &text,
+        &["grasps: not checked: arm7 is not a hand for grasping: three fingers", "works; 1 warning"],
+    );
+}
+
+#[test]
+fn fingers_reach_the_contacts_of_a_grasp() {
+    let folder = with_files("hand3", &["hand3/grasps/box.toml"]);
+    let file = folder.path().join("grasps/box.toml");
+    let text = std::fs::read_to_string(&file).unwrap();
+    assert_eq!(check(&[], folder.path()).0, 0);
+    std::fs::write(&file, text.replacen("position = [0.090", "position = [0.290", 1)).unwrap();
+    let (code, said) = check(&[], folder.path());
+    assert_eq!(code, 1, "{said}");
+    contains(&said, &["box.toml: finger1_tip cannot stand at contact 1: ", "is out of reach", "contact 2: "]);
+    // The first contact as the last one.
+    let (head, contacts) = text.split_once("[[contact]]").unwrap();
+    let (first, others) = contacts.split_once("[[contact]]").unwrap();
+    std::fs::write(&file, format!("{head}[[contact]]{others}\n[[contact]]{first}")).unwrap();
+    let (code, said) = check(&[], folder.path());
+    assert_eq!(code, 1, "{said}");
+    contains(
+        &said,
+        &["cannot stand at contact ", "within reach of finger", "are they in the fingers' order?"],
+    );
+}

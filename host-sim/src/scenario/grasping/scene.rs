@@ -3,11 +3,10 @@
 use std::path::Path;
 
 use rapier3d::na::Vector3;
-use tesaki::kinematics::{Chain, Finger};
 use tesaki::model::RobotModel;
 use tesaki::task::grasping::GraspPlan;
 use tesaki_description::grasp::{PlacedGrasp, load_placed};
-use tesaki_supervisor::words::unreachable;
+use tesaki_supervisor::hand::angles_at;
 
 use crate::plant::{ObjectValues, PlantOptions, Support, unit_quaternion};
 use crate::scenario::ScenarioError;
@@ -58,22 +57,10 @@ fn posture(model: &RobotModel, plan: &GraspPlan, distance: f32) -> Result<Vec<f6
         return Err(not_a_hand());
     }
     let mut posture = Vec::new();
-    let chains = model.chains.iter().zip(model.chain_ranges());
-    for ((chain, range), contact) in chains.zip(&plan.contacts) {
-        let joints = model.joints.get(range).unwrap_or_default();
-        let [a, b, c] = joints else { return Err(not_a_hand()) };
-        let limits = [a, b, c].map(|joint| (joint.limits.lower, joint.limits.upper));
-        let shape = Chain::new(joints, &chain.tip);
-        let finger = Finger::try_new(&shape, limits).map_err(|_| not_a_hand())?;
-        let normal = Vector3::from(contact.normal).normalize();
-        let position = Vector3::from(contact.position) - normal * (chain.tip_radius + distance);
-        // Starts from a bent finger: a straight finger can bend in both directions.
-        let position: [f32; 3] = position.into();
-        let angles = finger.nearest(&position.into(), &[0.0, 0.3, 0.7]).map_err(|error| {
-            let [x, y, z] = position;
-            let why = format!("{x:.4}, {y:.4}, {z:.4} m {}", unreachable(&error, joints));
-            SceneError::OutOfReach { finger: chain.name.to_string(), distance, why }
-        })?;
+    for (index, (chain, contact)) in model.chains.iter().zip(&plan.contacts).enumerate() {
+        let angles = angles_at(model, index, contact, distance).ok_or_else(not_a_hand)?;
+        let angles =
+            angles.map_err(|why| SceneError::OutOfReach { finger: chain.name.to_string(), distance, why })?;
         posture.extend(angles.map(f64::from));
     }
     Ok(posture)

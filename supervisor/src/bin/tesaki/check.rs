@@ -1,5 +1,6 @@
 //! `model check`: all problems of a robot folder, by file and line.
 
+use std::cell::Cell;
 use std::fmt::Write as _;
 use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
@@ -16,10 +17,11 @@ use tesaki_description::retargeting::{self, RetargetingSettings};
 use tesaki_description::robot::RobotFolder;
 use tesaki_description::urdf::{SerialPath, Urdf, UrdfError};
 use tesaki_description::{FileError, approach, camera, grasp, hand_eye, impedance, law, object, read_text};
+use tesaki_supervisor::hand::HandModel;
 
 use crate::args::Options;
 use crate::failure::Failure;
-use crate::grasp::check_for;
+use crate::grasp::{OTHERS, check_for};
 use crate::output;
 
 /// Results of a check.
@@ -68,15 +70,19 @@ fn folder(path: &Path) -> Checked {
 /// What is wrong in the files beside those of the robot. Some are checked with the model; without one,
 /// `advice` says how to get it.
 fn beside(path: &Path, model: Option<&RobotModel>, advice: &str) -> Vec<Finding> {
-    let mut findings = toml_files(&path.join(grasp::FOLDER), |file, text| {
+    let mut findings = Vec::new();
+    // Why the robot grasps nothing, if it does not.
+    let no_hand = model.and_then(|model| Some(HandModel::try_new(model).err()?.to_string()));
+    findings.extend(of_others(&path.join(grasp::FOLDER), no_hand, OTHERS, |file, text| {
         let (grasp, mut findings) = grasp::check(file, text);
         let unfit = grasp.zip(model).and_then(|(grasp, model)| check_for(&grasp.plan, model).err());
-        findings.extend(unfit.map(|message| Finding {
-            severity: Severity::Error,
-            ..unchecked(file.to_owned(), message, "correct it, or keep the file in another folder")
-        }));
+        for message in unfit.iter().flat_map(|unfit| unfit.lines()) {
+            let advice = "correct it, or keep the file in another folder";
+            let severity = Severity::Error;
+            findings.push(Finding { severity, ..unchecked(file.to_owned(), message.to_owned(), advice) });
+        }
         findings
-    });
+    }));
     findings.extend(toml_files(&path.join(object::FOLDER), |file, text| ObjectValues::check(file, text).1));
     let file = path.join(camera::FILE);
     let camera = text(&file, &mut findings);
@@ -114,7 +120,8 @@ fn beside(path: &Path, model: Option<&RobotModel>, advice: &str) -> Vec<Finding>
         _ => {}
     }
     let check = |file: &Path, text: &str| impedance::check(file, text, model).1;
-    findings.extend(toml_files(&path.join(impedance::FOLDER), check));
+    let (folder, no_arm) = (path.join(impedance::FOLDER), impedance::not_an_arm(model));
+    findings.extend(of_others(&folder, no_arm, "only an arm has an impedance: remove the folder", check));
     findings.extend(toml_files(&path.join(law::FOLDER), |file, text| law::check(file, text, model)));
     findings
 }
@@ -167,6 +174,25 @@ fn text(file: &Path, findings: &mut Vec<Finding>) -> Option<String> {
 fn unless_unread<T>(read: io::Result<T>, path: &Path, findings: &mut Vec<Finding>) -> Option<T> {
     let read = read.map_err(FileError::unread(path, UNREAD));
     read.map_err(|error| findings.extend(error.findings())).ok()
+}
+
+/// As [`toml_files`]; but if there is a reason why the files are of no use to this robot, only that, once.
+fn of_others(
+    folder: &Path,
+    useless: Option<String>,
+    advice: &str,
+    check: impl Fn(&Path, &str) -> Vec<Finding>,
+) -> Vec<Finding> {
+    let Some(reason) = useless else { return toml_files(folder, check) };
+    let files = Cell::new(0);
+    let mut findings = toml_files(folder, |_, _| {
+        files.set(files.get() + 1);
+        Vec::new()
+    });
+    if files.get() > 0 {
+        findings.push(unchecked(folder.to_owned(), format!("not checked: {reason}"), advice));
+    }
+    findings
 }
 
 /// What `check` finds in the TOML files of a folder, in the order of their names.

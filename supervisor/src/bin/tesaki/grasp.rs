@@ -11,11 +11,11 @@ use tesaki::model::RobotModel;
 use tesaki::protocol::{Mode, Request, TaskReport};
 use tesaki::signal::MINIMUM_JERK_PEAK;
 use tesaki::task::grasping::{
-    ASSUMED_FRICTION, Failure as GraspFailure, GraspCommand, GraspPlan, GraspTelemetry, Phase,
+    ASSUMED_FRICTION, Failure as GraspFailure, GraspCommand, GraspPlan, GraspTelemetry, Phase, PlannedContact,
 };
 use tesaki::task::{TaskConfig, TaskKind, TaskTelemetry};
 use tesaki_description::grasp;
-use tesaki_supervisor::hand::HandModel;
+use tesaki_supervisor::hand::{HandModel, angles_at};
 use tesaki_supervisor::{Board, BoardError, words};
 
 use crate::args::{Grasp, Options, Run, Step};
@@ -26,6 +26,8 @@ use crate::output;
 
 /// Below this height an object stands on its support [m].
 const LIFTED: f32 = 0.002;
+/// What other robots than hands for grasping can do.
+pub const OTHERS: &str = "`tesaki move` moves the joints of any robot, `tesaki impedance` an arm";
 /// Shortest motion of an object [s].
 const MIN_DURATION: f32 = 1.0;
 
@@ -85,11 +87,7 @@ pub fn load_for(file: &Path, model: &RobotModel) -> Result<GraspPlan, Failure> {
 
 /// A plan that was loaded before the robot was known, checked for it.
 pub fn suited(plan: GraspPlan, file: &Path, model: &RobotModel) -> Result<GraspPlan, Failure> {
-    HandModel::try_new(model).map_err(|error| {
-        Failure::Usage(format!(
-            "{error}; `tesaki move` moves the joints of any robot, `tesaki impedance` an arm"
-        ))
-    })?;
+    HandModel::try_new(model).map_err(|error| Failure::Usage(format!("{error}; {OTHERS}")))?;
     match check_for(&plan, model) {
         Ok(()) => Ok(plan),
         Err(problem) => Err(Failure::Usage(format!("{}: {problem}", file.display()))),
@@ -99,13 +97,14 @@ pub fn suited(plan: GraspPlan, file: &Path, model: &RobotModel) -> Result<GraspP
 /// Checks a plan for a robot.
 ///
 /// # Errors
-/// What is too far away, or would be a fault.
+/// What is too far away or, a line for each finger, out of a finger's reach, or would be a fault.
 pub fn check_for(plan: &GraspPlan, model: &RobotModel) -> Result<(), String> {
     for (number, contact) in (1..).zip(&plan.contacts) {
         let distance = Vector3::from(contact.position).norm();
         check_distance(&format!("contact {number}"), distance, model)
             .map_err(|failure| failure.to_string())?;
     }
+    reached(plan, model)?;
     let sensors = model.chains.iter().filter_map(|chain| Some((chain, chain.force_sensor.as_ref()?)));
     for (chain, sensor) in sensors {
         if plan.force_limit > sensor.force_limit {
@@ -116,6 +115,37 @@ pub fn check_for(plan: &GraspPlan, model: &RobotModel) -> Result<(), String> {
         }
     }
     Ok(())
+}
+
+/// Checks that each finger can stand at its contact, and in front of it.
+fn reached(plan: &GraspPlan, model: &RobotModel) -> Result<(), String> {
+    let reaches = |finger: usize, contact: &PlannedContact, distance: f32| {
+        angles_at(model, finger, contact, distance).unwrap_or_else(|| Ok([0.0; 3]))
+    };
+    let mut problems = Vec::new();
+    for (finger, (chain, contact)) in model.chains.iter().zip(&plan.contacts).enumerate() {
+        let (tip, number) = (&chain.name, finger + 1);
+        if let Err(why) = reaches(finger, contact, 0.0) {
+            let contacts = (1..).zip(&plan.contacts);
+            let others: Vec<String> = contacts
+                .filter(|(_, other)| reaches(finger, other, 0.0).is_ok())
+                .map(|(number, _)| format!("contact {number}"))
+                .collect();
+            let order = match &others[..] {
+                [] => String::new(),
+                [one] => format!("; {one} is within reach of {tip}: are they in the fingers' order?"),
+                _ => {
+                    let all = others.join(" and ");
+                    format!("; {all} are within reach of {tip}: are they in the fingers' order?")
+                }
+            };
+            problems.push(format!("{tip} cannot stand at contact {number}: {why}{order}"));
+        } else if let Err(why) = reaches(finger, contact, plan.clearance) {
+            let distance = 1e3 * plan.clearance;
+            problems.push(format!("{tip} cannot stand {distance:.1} mm in front of contact {number}: {why}"));
+        }
+    }
+    if problems.is_empty() { Ok(()) } else { Err(problems.join("\n")) }
 }
 
 /// A step of the grasp.

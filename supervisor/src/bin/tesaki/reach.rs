@@ -1,11 +1,12 @@
 //! `reach`: fingertips along straight lines.
 
-use std::cell::Cell;
+use std::cell::{Cell, RefCell};
 use std::time::{Duration, Instant};
 
 use nalgebra::Vector3;
 use serde_json::json;
 use tesaki::TICK;
+use tesaki::control::JointPoint;
 use tesaki::kinematics::{Chain, Finger, FingerError, TipPoint};
 use tesaki::model::{JointModel, RobotModel};
 use tesaki::protocol::{Request, Telemetry};
@@ -92,11 +93,22 @@ pub fn run(options: &Options, args: &Reach) -> Result<(), Failure> {
     motion.enable(TaskConfig::JointServo(args.servo.into()))?;
     motion.announce_ctrl_c(motion.load().as_ref());
     let clock = Cell::new(PathClock::start(Instant::now()));
+    let is_hand = paths.len() == motion.model.chains.len();
+    let points: Vec<JointPoint> = motion.angles_within_limits().into_iter().map(at_rest).collect();
+    let points = RefCell::new(points);
     let set_point = |now: Instant| {
         clock.set(clock.get().advanced(now));
         let fraction = clock.get().on_path.as_secs_f32() / duration;
-        Request::Task(TaskCommand::JointServo(JointCommand::StreamTips {
-            tips: paths.iter().map(|path| path.point(fraction, duration)).collect(),
+        Request::Task(TaskCommand::JointServo(if is_hand {
+            let tips = paths.iter().map(|path| path.point(fraction, duration)).collect();
+            JointCommand::StreamTips { tips }
+        } else {
+            // The board computes no joints of a tip where not every chain is a finger.
+            let mut points = points.borrow_mut();
+            for path in &paths {
+                path.follow(fraction, duration, &mut points);
+            }
+            JointCommand::Stream { points: points.iter().copied().collect() }
         }))
     };
     let end_of_path = Duration::from_secs_f32(duration);
@@ -149,7 +161,7 @@ pub fn run(options: &Options, args: &Reach) -> Result<(), Failure> {
 /// The paths from where the joints are, and their duration [s].
 fn plan(motion: &mut Motion, args: &Reach) -> Result<(Vec<TipPath>, f32), Failure> {
     // A robot of another kind need not be homed to be told so.
-    let fingers = fingers(&motion.model, args)?;
+    let fingers = fingers(&motion.model, &args.tips)?;
     let start = motion.positions()?;
     let paths = paths(&motion.model, fingers, &start, args);
     for path in &paths {
@@ -173,11 +185,12 @@ fn duration(paths: &[TipPath], speed: f32) -> Result<f32, Failure> {
     Ok(duration)
 }
 
-/// The fingers of a hand, one for each chain, for the tips that are named.
-fn fingers(model: &RobotModel, args: &Reach) -> Result<Vec<(Finger, Chain)>, Failure> {
-    each_once(&args.tips, "tip")?;
+/// The fingers of a hand, with the places of their chains: all, or only those of the tips that are named
+/// where another chain is no finger, which then holds its angles.
+fn fingers(model: &RobotModel, tips: &[(String, [f32; 3])]) -> Result<Vec<(usize, Finger, Chain)>, Failure> {
+    each_once(tips, "tip")?;
     let named = |name: &str| model.chains.iter().any(|chain| chain.name == name);
-    if let Some((unknown, _)) = args.tips.iter().find(|(name, _)| !named(name)) {
+    if let Some((unknown, _)) = tips.iter().find(|(name, _)| !named(name)) {
         let names: Vec<&str> = model.chains.iter().map(|chain| chain.name.as_str()).collect();
         return Err(Failure::Usage(format!(
             "{} has no tip {unknown:?}; its tips are {}",
@@ -204,15 +217,24 @@ fn fingers(model: &RobotModel, args: &Reach) -> Result<Vec<(Finger, Chain)>, Fai
         let limits = <[(f32, f32); 3]>::try_from(limits)
             .map_err(|_| not_a_finger(format!(" has {}", joints.len())))?;
         let finger = Finger::try_new(&chain, limits).map_err(|error| not_a_finger(format!(": {error}")))?;
-        Ok((finger, chain))
+        Ok((index, finger, chain))
     });
-    found.collect()
+    let found: Vec<_> = found.collect();
+    let all = found.iter().all(Result::is_ok);
+    let is_named = |tip: &str| tips.iter().any(|(name, _)| name == tip);
+    let chains = model.chains.iter().zip(found);
+    chains.filter(|(chain, _)| all || is_named(&chain.name)).map(|(_, finger)| finger).collect()
 }
 
 /// A path for each finger; tips that are not named hold their positions.
-fn paths(model: &RobotModel, fingers: Vec<(Finger, Chain)>, start: &[f32], args: &Reach) -> Vec<TipPath> {
-    let chains = model.chains.iter().zip(model.chain_ranges()).zip(fingers);
-    let path = chains.map(|((tip, joints), (finger, chain))| {
+fn paths(
+    model: &RobotModel,
+    fingers: Vec<(usize, Finger, Chain)>,
+    start: &[f32],
+    args: &Reach,
+) -> Vec<TipPath> {
+    let path = fingers.into_iter().filter_map(|(index, finger, chain)| {
+        let (tip, joints) = (model.chains.get(index)?, model.chain_ranges().nth(index)?);
         let from = chain.posture(&start[joints.clone()]).tip().translation.vector;
         let target = args.tips.iter().find(|(name, _)| *name == tip.name.as_str()).map(|(_, target)| *target);
         let to = match target {
@@ -220,7 +242,7 @@ fn paths(model: &RobotModel, fingers: Vec<(Finger, Chain)>, start: &[f32], args:
             Some(target) if args.relative => from + Vector3::from(target),
             Some(target) => Vector3::from(target),
         };
-        TipPath { tip: tip.name.to_string(), finger, chain, joints, from, to }
+        Some(TipPath { tip: tip.name.to_string(), finger, chain, joints, from, to })
     });
     path.collect()
 }
@@ -296,7 +318,28 @@ fn distance(paths: &[TipPath], telemetry: &Telemetry) -> (String, f32) {
     farthest
 }
 
+/// A joint that holds an angle.
+const fn at_rest(position: f32) -> JointPoint {
+    JointPoint { position, velocity: 0.0, acceleration: 0.0 }
+}
+
 impl TipPath {
+    /// Puts the points of its joints at `fraction` of the duration, near their last ones, into those of all
+    /// joints. Where there is none, which [`check`] has ruled out but for rounding, they hold the last ones.
+    fn follow(&self, fraction: f32, duration: f32, points: &mut [JointPoint]) {
+        let tip = self.point(fraction, duration);
+        let Some(own) = points.get_mut(self.joints.clone()) else { return };
+        let mut near = [0.0; 3];
+        near.iter_mut().zip(&*own).for_each(|(near, point)| *near = point.position);
+        let angles = self.finger.nearest(&tip.position.into(), &near).unwrap_or(near);
+        let motion = self.chain.posture(&angles).joint_motion(&tip);
+        let (velocities, accelerations) = motion.unwrap_or_default();
+        let motion = angles.into_iter().zip(velocities).zip(accelerations);
+        for (point, ((position, velocity), acceleration)) in own.iter_mut().zip(motion) {
+            *point = JointPoint { position, velocity, acceleration };
+        }
+    }
+
     /// The set-point at `fraction` of the duration, 0 to 1.
     fn point(&self, fraction: f32, duration: f32) -> TipPoint {
         let line = self.to - self.from;
@@ -342,6 +385,40 @@ mod tests {
             assert!(said.contains(" rad at once") && said.contains("A lower --speed hardly helps"), "{said}");
         }
         assert_eq!(said([from.x + 0.01, from.y, from.z + 0.01], 0.05), "");
+    }
+
+    #[test]
+    fn a_chain_that_is_no_finger_holds_its_angles_and_does_not_stop_the_others() {
+        let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/hand3");
+        let mut model = tesaki_description::robot::RobotFolder::load(&folder).unwrap().model;
+        let target = |tip: &str| [(tip.to_owned(), [0.0; 3])];
+        let chains = |model: &RobotModel, tip: &str| {
+            let found = fingers(model, &target(tip)).map_err(|failure| failure.to_string());
+            found.map(|found| found.into_iter().map(|(index, ..)| index).collect::<Vec<_>>())
+        };
+        assert_eq!(chains(&model, "finger2_tip"), Ok(vec![0, 1, 2]));
+        model.chains[2].joints = 2;
+        model.joints.pop();
+        assert_eq!(chains(&model, "finger2_tip"), Ok(vec![1]));
+        let why = chains(&model, "finger3_tip").unwrap_err();
+        assert!(why.contains("`tesaki reach` needs fingers of three joints; finger3_tip has 2"), "{why}");
+        // The joints of the path move, those of the others do not.
+        let (_, finger, chain) = fingers(&model, &target("finger2_tip")).unwrap().remove(0);
+        let start = [0.0, 0.332, 0.681, 0.0, 0.332, 0.681, 0.1, 0.2];
+        let from = chain.posture(&start[3..6]).tip().translation.vector;
+        let to = from + Vector3::new(0.0, 0.0, 0.01);
+        let path = TipPath { tip: "finger2_tip".to_owned(), finger, chain, joints: 3..6, from, to };
+        let mut points = start.map(at_rest);
+        path.follow(0.5, 1.0, &mut points);
+        for (joint, (point, start)) in points.iter().zip(start).enumerate() {
+            let moves = point.position != start;
+            assert!(!moves || (3..6).contains(&joint), "{joint}: {point:?}");
+        }
+        assert!(points[4].velocity != 0.0 && points[4].position != start[4], "{points:?}");
+        path.follow(1.0, 1.0, &mut points);
+        let angles = [3, 4, 5].map(|joint: usize| points[joint].position);
+        let distance = (path.chain.posture(&angles).tip().translation.vector - to).norm();
+        assert!(distance < 1e-5 && points[4].velocity.abs() < 1e-3, "{distance}");
     }
 
     /// The time on the path after each of the set-points, with the time at which it is sent [ms] and the tick
