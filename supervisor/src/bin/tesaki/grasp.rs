@@ -120,7 +120,7 @@ pub fn check_for(plan: &GraspPlan, model: &RobotModel) -> Result<(), String> {
 /// Checks that each finger can stand at its contact, and in front of it.
 fn reached(plan: &GraspPlan, model: &RobotModel) -> Result<(), String> {
     let reaches = |finger: usize, contact: &PlannedContact, distance: f32| {
-        angles_at(model, finger, contact, distance).unwrap_or_else(|| Ok([0.0; 3]))
+        angles_at(model, finger, contact, distance).unwrap_or(Ok([0.0; 3]))
     };
     let mut problems = Vec::new();
     for (finger, (chain, contact)) in model.chains.iter().zip(&plan.contacts).enumerate() {
