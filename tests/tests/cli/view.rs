@@ -308,10 +308,12 @@ fn who_only_claims_to_look_is_not_there() {
         }
         assert!(server.json(&["info"]).to_string().contains("Fault"), "kept going by {n}");
         page.wait("why", |value| value["text"].as_str().is_some_and(|text| text.contains("did not answer")));
-        page.succeeds(json!({ "do": "take" }));
-        page.clears();
-        page.mode("disabled");
-        page.succeeds(json!({ "do": "release" }));
+        drop(page);
+        let mut next = view.open();
+        next.succeeds(json!({ "do": "take" }));
+        next.clears();
+        next.mode("disabled");
+        next.succeeds(json!({ "do": "release" }));
     }
 }
 
@@ -321,6 +323,7 @@ fn a_fault_is_not_followed_by_a_refused_set_point() {
     let server = Server::ready();
     let view = View::start(&server, &[]);
     let mut page = view.open();
+    page.wait("scene", |value| value["kind"] == "scene");
     page.mode("disabled");
     page.succeeds(json!({ "do": "take" }));
     for _ in 0..8 {
@@ -355,7 +358,10 @@ fn an_object_that_was_not_lifted_is_warned_of() {
         |up: f32| json!({ "do": "object", "translation": [0.0, 0.0, up], "rotation": [0.0, 0.0, 0.0] });
     let (ok, text) = page.command(&step(0.001));
     assert!(ok && text.contains("was not lifted") && text.contains("lift it first"), "{text}");
-    page.wait("the hold", |value| value["kind"] == "state" && holds(value));
+    let moves =
+        |value: &Value| value["report"]["phase"].as_str().is_some_and(|phase| phase.contains("moves"));
+    page.wait("the motion", moves);
+    page.wait("the hold", holds);
     let (ok, text) = page.command(&step(0.005));
     assert!(ok && text.is_empty(), "{text}");
 }
