@@ -157,9 +157,20 @@ fn thresholds_that_nothing_reaches_are_refused() {
     // 300 mm.
     let said = complaint("translation = 0.3", "translation = 300.0");
     assert!(
-        said.contains("soft.toml:7: max_deviation: translation is 300 m") && said.contains("of arm7, 0.66"),
+        said.contains("soft.toml:7: the maximum deviation is 300; ") && said.contains("at most 1 m"),
         "{said}"
     );
+    // An arm of a third of the size.
+    let mut model = model("arm7");
+    for joint in &mut model.joints {
+        joint.origin.translation = joint.origin.translation.map(|length| length / 3.0);
+    }
+    model.chains[0].tip.translation = model.chains[0].tip.translation.map(|length| length / 3.0);
+    let text = SOFT.replace("translation = 0.3", "translation = 0.6");
+    let (settings, findings) = check(Path::new("own.toml"), &text, &model);
+    let said = findings.iter().map(ToString::to_string).collect::<String>();
+    assert!(settings.is_none() && said.contains("own.toml:7: max_deviation: translation is 0.6 m"), "{said}");
+    assert!(said.contains("of arm7, 0.22"), "{said}");
 }
 
 #[test]

@@ -239,14 +239,19 @@ mod tests {
     fn broken_rules_in_the_parts_of_a_run_are_recorded_and_fail() {
         let folder = tempfile::tempdir().unwrap();
         let (part, record) = (folder.path().join("part"), folder.path().join("record"));
-        let line = |violations: &str| {
-            format!(
-                r#"{{"seed":1,"scenario":"arm","families":[],"frames_sha256":"0","ticks":[300,300],"violations":[{violations}],"commit":"a"}}"#
-            )
+        // With these violations of the first seed.
+        let lines = |violations: &str| -> String {
+            let line = |seed: u64| {
+                let violations = if seed == 1 { violations } else { "" };
+                format!(
+                    r#"{{"seed":{seed},"scenario":"arm","families":[],"frames_sha256":"0","ticks":[300,300],"violations":[{violations}],"commit":"a"}}"#
+                ) + "\n"
+            };
+            CHECKED.map(line).collect()
         };
-        std::fs::write(&part, line("")).unwrap();
+        std::fs::write(&part, lines("")).unwrap();
         merge(std::slice::from_ref(&part), &record).unwrap();
-        std::fs::write(&part, line(r#"{"rule":"Energy","tick":7,"text":"1 J"}"#)).unwrap();
+        std::fs::write(&part, lines(r#"{"rule":"Energy","tick":7,"text":"1 J"}"#)).unwrap();
         let error = merge(&[part], &record).unwrap_err().to_string();
         assert!(error.starts_with("1 schedules break a rule"), "{error}");
         assert_eq!(Record::load(&record).unwrap().unwrap().violations["Energy"], [1]);

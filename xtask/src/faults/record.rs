@@ -224,6 +224,12 @@ mod tests {
     }
 
     #[test]
+    fn a_record_has_the_seeds_that_the_tests_run_again() {
+        let error = Record::new("0123abc", runs().split_off(50)).unwrap_err().to_string();
+        assert!(error.contains("1 to 50"), "{error}");
+    }
+
+    #[test]
     fn a_new_violation_is_told_with_its_command() {
         let record = Record::new("0123abc", runs()).unwrap();
         let mut now = runs();
