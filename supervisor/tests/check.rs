@@ -643,8 +643,5 @@ fn fingers_reach_the_contacts_of_a_grasp() {
     std::fs::write(&file, format!("{head}[[contact]]{others}\n[[contact]]{first}")).unwrap();
     let (code, said) = check(&[], folder.path());
     assert_eq!(code, 1, "{said}");
-    contains(
-        &said,
-        &["cannot stand at contact ", "within reach of finger", "are they in the fingers' order?"],
-    );
+    contains(&said, &["cannot stand at contact ", "is within its reach", "are they in the fingers' order?"]);
 }

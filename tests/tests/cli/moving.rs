@@ -31,7 +31,10 @@ fn from_a_fresh_board_to_a_moved_recorded_and_replayed_joint() {
     assert!(healthy.contains("no problems found") || repeated, "{healthy}");
     server.fails(&["model", "check", "/nowhere"], 1, &["/nowhere", "robot.urdf"]);
     let other = server.succeeds(&["doctor", "--robot", hand3().to_str().unwrap()]);
-    assert!(other.contains("differs from the one in") && other.contains("tesaki model push"), "{other}");
+    assert!(
+        other.contains("differs from the one in") && other.contains("push it again as before"),
+        "{other}"
+    );
     let words = ["the model of another robot", "tesaki model push"];
     server.fails(&["doctor", "--robot", arm7().to_str().unwrap()], 1, &words);
     // The board is checked also where the folder cannot be read.

@@ -122,23 +122,18 @@ fn reached(plan: &GraspPlan, model: &RobotModel) -> Result<(), String> {
     let reaches = |finger: usize, contact: &PlannedContact, distance: f32| {
         angles_at(model, finger, contact, distance).unwrap_or(Ok([0.0; 3]))
     };
+    // In another order, they may all be within reach.
+    let order = [[0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]].into_iter().find(|order| {
+        (0..).zip(order).all(|(finger, &contact)| reaches(finger, &plan.contacts[contact], 0.0).is_ok())
+    });
     let mut problems = Vec::new();
     for (finger, (chain, contact)) in model.chains.iter().zip(&plan.contacts).enumerate() {
         let (tip, number) = (&chain.name, finger + 1);
         if let Err(why) = reaches(finger, contact, 0.0) {
-            let contacts = (1..).zip(&plan.contacts);
-            let others: Vec<String> = contacts
-                .filter(|(_, other)| reaches(finger, other, 0.0).is_ok())
-                .map(|(number, _)| format!("contact {number}"))
-                .collect();
-            let order = match &others[..] {
-                [] => String::new(),
-                [one] => format!("; {one} is within reach of {tip}: are they in the fingers' order?"),
-                _ => {
-                    let all = others.join(" and ");
-                    format!("; {all} are within reach of {tip}: are they in the fingers' order?")
-                }
-            };
+            let order = order.map_or_else(String::new, |order| {
+                let other = order[finger] + 1;
+                format!("; contact {other} is within its reach: are they in the fingers' order?")
+            });
             problems.push(format!("{tip} cannot stand at contact {number}: {why}{order}"));
         } else if let Err(why) = reaches(finger, contact, plan.clearance) {
             let distance = 1e3 * plan.clearance;
