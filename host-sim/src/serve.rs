@@ -353,16 +353,18 @@ pub fn serve(
             camera.tick(plant, sequence);
         }
         let actuators = board.tick(&sensors, &mut answers)?;
-        let is_same = |own: &&RobotModel| {
-            let names =
-                |of: &RobotModel| of.joints.iter().map(|joint| joint.name.clone()).collect::<Vec<_>>();
-            own.joints.len() == actuators.torques.len() && names(own) == names(model)
-        };
-        if let Some(own) = board.model().filter(is_same) {
-            plant.configure_amplifiers(own);
+        let is_other = board.model().is_some_and(|own| {
+            let names = own.joints.iter().map(|joint| &joint.name);
+            !names.eq(model.joints.iter().map(|joint| &joint.name))
+        });
+        if actuators.torques.len() == model.joints.len() && !is_other {
+            if let Some(model) = board.model() {
+                plant.configure_amplifiers(model);
+            }
             plant.apply(&actuators)?;
         } else {
-            // A board without a model, or with another robot's model, applies no torques.
+            // A board without a model, or with another robot's model, applies no torques. Of the model on an
+            // emulated board only the number of joints is known.
             let torques = model.joints.iter().map(|_| 0.0).collect();
             plant.apply(&ActuatorFrame { sequence, enabled: false, torques })?;
         }
