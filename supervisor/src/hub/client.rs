@@ -90,7 +90,7 @@ impl Client {
         !self.pending.is_empty()
     }
 
-    /// Returns whether it may be dropped for another client. The pseudo-terminal stays for whoever opens it.
+    /// Returns whether it may be dropped for another client. The pseudo-terminal stays for the next program.
     pub(super) fn is_program(&self) -> bool {
         self.slave.is_none() && self.is_admitted()
     }

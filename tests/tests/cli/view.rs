@@ -50,6 +50,16 @@ impl View {
         String::from_utf8_lossy(&answer).into_owned()
     }
 
+    /// Opens a page that has taken command of the board, which is disabled.
+    #[track_caller]
+    pub fn open_commanding(&self) -> Page {
+        let mut page = self.open();
+        page.wait("scene", |value| value["kind"] == "scene");
+        page.mode("disabled");
+        page.succeeds(json!({ "do": "take" }));
+        page
+    }
+
     pub fn open(&self) -> Page {
         let mut stream = TcpStream::connect(&self.host).unwrap();
         stream.set_read_timeout(Some(Duration::from_millis(200))).unwrap();
@@ -129,6 +139,13 @@ impl Page {
     pub fn fails(&mut self, value: Value, words: &str) {
         let (ok, text) = self.command(&value);
         assert!(!ok && text.contains(words), "{value}: {text}");
+    }
+
+    /// Enables the joint servo.
+    #[track_caller]
+    pub fn enables(&mut self) {
+        self.succeeds(json!({ "do": "enable", "task": "joint servo" }));
+        self.mode("enabled");
     }
 
     /// Clears the faults that it has been shown.
@@ -216,12 +233,8 @@ fn a_stop_that_the_page_has_not_shown_is_not_cleared() {
 fn a_refused_enable_leaves_the_motion_as_it_is() {
     let server = Server::ready();
     let view = View::start(&server, &[]);
-    let mut page = view.open();
-    page.wait("scene", |value| value["kind"] == "scene");
-    page.mode("disabled");
-    page.succeeds(json!({ "do": "take" }));
-    page.succeeds(json!({ "do": "enable", "task": "joint servo" }));
-    page.mode("enabled");
+    let mut page = view.open_commanding();
+    page.enables();
     page.succeeds(json!({ "do": "goal", "joint": 0, "angle": 0.8 }));
     page.fails(json!({ "do": "enable", "task": "joint servo" }), "refused to enable");
     let arrived = |value: &Value| (value["joints"][0][0].as_f64().unwrap() - 0.8).abs() < 0.01;
@@ -255,12 +268,8 @@ fn a_grasp_that_does_not_suit_the_robot_is_refused() {
 fn the_robot_is_stopped_when_its_page_goes_or_is_silent() {
     let server = Server::ready();
     let view = View::start(&server, &[]);
-    let mut page = view.open();
-    page.wait("scene", |value| value["kind"] == "scene");
-    page.mode("disabled");
-    page.succeeds(json!({ "do": "take" }));
-    page.succeeds(json!({ "do": "enable", "task": "joint servo" }));
-    page.mode("enabled");
+    let mut page = view.open_commanding();
+    page.enables();
     let mut watcher = view.open();
     watcher.mode("enabled");
     drop(page);
@@ -270,8 +279,7 @@ fn the_robot_is_stopped_when_its_page_goes_or_is_silent() {
     watcher.succeeds(json!({ "do": "take" }));
     watcher.clears();
     watcher.mode("disabled");
-    watcher.succeeds(json!({ "do": "enable", "task": "joint servo" }));
-    watcher.mode("enabled");
+    watcher.enables();
     std::thread::sleep(Duration::from_millis(2000));
     assert!(server.json(&["info"]).to_string().contains("Fault"));
     watcher.wait("why", |value| value["text"].as_str().is_some_and(|text| text.contains("did not answer")));
@@ -279,8 +287,7 @@ fn the_robot_is_stopped_when_its_page_goes_or_is_silent() {
     watcher.succeeds(json!({ "do": "take" }));
     watcher.clears();
     watcher.mode("disabled");
-    watcher.succeeds(json!({ "do": "enable", "task": "joint servo" }));
-    watcher.mode("enabled");
+    watcher.enables();
     drop(watcher);
     server.wait_for("in fault");
     std::thread::sleep(Duration::from_millis(200));
@@ -294,12 +301,8 @@ fn who_only_claims_to_look_is_not_there() {
     let server = Server::ready();
     let view = View::start(&server, &[]);
     for n in [0, 1, 1_000_000_000] {
-        let mut page = view.open();
-        page.wait("scene", |value| value["kind"] == "scene");
-        page.mode("disabled");
-        page.succeeds(json!({ "do": "take" }));
-        page.succeeds(json!({ "do": "enable", "task": "joint servo" }));
-        page.mode("enabled");
+        let mut page = view.open_commanding();
+        page.enables();
         let begun = Instant::now();
         while begun.elapsed() < Duration::from_millis(2000) {
             page.send(&json!({ "do": "seen", "n": n }));
@@ -322,13 +325,9 @@ fn who_only_claims_to_look_is_not_there() {
 fn a_fault_is_not_followed_by_a_refused_set_point() {
     let server = Server::ready();
     let view = View::start(&server, &[]);
-    let mut page = view.open();
-    page.wait("scene", |value| value["kind"] == "scene");
-    page.mode("disabled");
-    page.succeeds(json!({ "do": "take" }));
+    let mut page = view.open_commanding();
     for _ in 0..8 {
-        page.succeeds(json!({ "do": "enable", "task": "joint servo" }));
-        page.mode("enabled");
+        page.enables();
         let mut stop = server.start_command(&["stop"]);
         page.wait("the fault", |value| {
             assert_ne!(value["kind"], "answer", "{value}");

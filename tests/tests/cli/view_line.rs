@@ -132,8 +132,7 @@ fn a_lost_stop_of_a_disabled_board_is_repeated() {
     page.clears();
     page.mode("disabled");
     std::thread::sleep(Duration::from_millis(300));
-    page.succeeds(json!({ "do": "enable", "task": "joint servo" }));
-    page.mode("enabled");
+    page.enables();
 }
 
 /// The same of the monitor, which runs on a terminal.
@@ -170,12 +169,8 @@ fn no_set_point_is_sent_while_the_telemetry_is_silent() {
     let server = Server::ready();
     let (line, port) = Line::start(&server);
     let view = View::start(&server, &["--port", &port]);
-    let mut page = view.open();
-    page.wait("scene", |value| value["kind"] == "scene");
-    page.mode("disabled");
-    page.succeeds(json!({ "do": "take" }));
-    page.succeeds(json!({ "do": "enable", "task": "joint servo" }));
-    page.mode("enabled");
+    let mut page = view.open_commanding();
+    page.enables();
     page.succeeds(json!({ "do": "goal", "joint": 0, "angle": 0.3 }));
     let begun = Instant::now();
     line.is_mute.store(true, Ordering::Relaxed);
