@@ -32,4 +32,5 @@ pub use inverse::{
     InvalidJoint, InverseKinematics, InverseKinematicsError, SolveReport, SolverOptions, Target,
 };
 pub use posture::{Jacobian, Posture, TipPoint};
+pub(crate) use setpoint::COAST_TIME;
 pub use setpoint::{ElbowSetpoint, PosePoint};

@@ -32,6 +32,8 @@ pub struct ElbowSetpoint {
 /// Decay of the velocity per period without a new set-point: it comes to rest within 0.2 s. A larger one
 /// coasts farther; a smaller one brakes harder.
 const COAST_DECAY: f32 = 0.8;
+/// Time at the present velocity that takes a set-point as far as it coasts [s].
+pub(crate) const COAST_TIME: f32 = TICK / (1.0 - COAST_DECAY);
 
 impl PosePoint {
     /// The set-point displaced by `[p; r]` [m, rad], a vector and a rotation vector in the base frame.
@@ -46,20 +48,20 @@ impl PosePoint {
     /// The set-point after one period without a successor: it coasts to rest.
     #[must_use]
     pub(crate) fn coasted(&self) -> Self {
-        let mut next = Self { acceleration: [0.0; 6], ..self.advanced() };
+        let mut next = Self { acceleration: [0.0; 6], ..self.advanced(TICK) };
         next.velocity.iter_mut().for_each(|speed| *speed *= COAST_DECAY);
         next
     }
 
-    /// The set-point after one period with its velocity, which it keeps.
-    fn advanced(&self) -> Self {
+    /// The set-point after a time [s] with its velocity, which it keeps.
+    fn advanced(&self, time: f32) -> Self {
         let mut next = *self;
         let [vx, vy, vz, wx, wy, wz] = self.velocity;
-        next.position.iter_mut().zip([vx, vy, vz]).for_each(|(position, speed)| *position += speed * TICK);
+        next.position.iter_mut().zip([vx, vy, vz]).for_each(|(position, speed)| *position += speed * time);
         if [wx, wy, wz].iter().any(|rate| *rate != 0.0) {
-            // First-order integration of the quaternion, normalised: the rotation in one period is small.
+            // First-order integration of the quaternion, normalised: the rotation is small.
             let rotation = math::quaternion(self.rotation);
-            let change = Quaternion::new(0.0, wx, wy, wz) * rotation * (0.5 * TICK);
+            let change = Quaternion::new(0.0, wx, wy, wz) * rotation * (0.5 * time);
             let rotated = rotation + change;
             let scale = 1.0 / math::sqrt(rotated.norm_squared());
             next.rotation = (rotated * scale).coords.into();
@@ -67,13 +69,13 @@ impl PosePoint {
         next
     }
 
-    /// The set-point after one period, with its acceleration.
+    /// Where the set-point coasts to after one period of its acceleration, with the velocity at its start.
     #[must_use]
-    pub(crate) fn ahead(&self) -> Self {
+    pub(crate) fn coasted_to_rest(&self) -> Self {
         let mut next = *self;
         let speeds = next.velocity.iter_mut().zip(&self.acceleration);
         speeds.for_each(|(speed, acceleration)| *speed += acceleration * TICK);
-        next.advanced()
+        next.advanced(COAST_TIME)
     }
 }
 

@@ -7,7 +7,7 @@ use nalgebra::{IsometryMatrix3, Translation3, UnitQuaternion, Vector6};
 use super::tuning::NORM_TOLERANCE;
 use super::{ImpedanceSettings, SetpointError};
 use crate::TICK;
-use crate::kinematics::{ElbowSetpoint, PosePoint};
+use crate::kinematics::{COAST_TIME, ElbowSetpoint, PosePoint};
 use crate::math::{self, abs, orientation};
 
 /// The set-point at rest at the origin of the base frame.
@@ -40,11 +40,11 @@ pub(super) fn check_numbers(point: &PosePoint, elbow: &ElbowSetpoint) -> Result<
     Ok(())
 }
 
-/// Checks the distance to an elbow set-point, now and after one period, which bounds velocity and
+/// Checks the distance to an elbow set-point, now and where it coasts to, which bounds velocity and
 /// acceleration, too. `distance` is that of its angle from the elbow's [rad].
 pub(super) fn check_elbow(elbow: &ElbowSetpoint, distance: f32, limit: f32) -> Result<(), SetpointError> {
     let velocity = elbow.velocity + elbow.acceleration * TICK;
-    for value in [abs(distance), abs(distance + velocity * TICK)] {
+    for value in [abs(distance), abs(distance + velocity * COAST_TIME)] {
         if value.is_nan() || value > limit {
             return Err(SetpointError::Elbow { value, limit });
         }

@@ -23,7 +23,7 @@ use super::tuning::{
 use super::{Arm, ArmMeasurement, ArmOutput, ImpedanceRefusal, SetpointError};
 use crate::TICK;
 use crate::control::{Impedance, JointPoint, ObserverState};
-use crate::kinematics::{ElbowSetpoint, Jacobian, PosePoint};
+use crate::kinematics::{COAST_TIME, ElbowSetpoint, Jacobian, PosePoint};
 use crate::math::{self, abs};
 use crate::model::MAX_CHAIN_JOINTS;
 use redundancy::driven_joint;
@@ -153,15 +153,15 @@ impl ImpedanceState {
     ) -> Result<(), SetpointError> {
         check_numbers(point, elbow)?;
         let posture = arm.chain.posture(&self.angles);
-        // Both now and after one period: this bounds velocity and acceleration, too.
-        let ahead = point.ahead();
+        // Both now and where it coasts to without a successor: this bounds velocity and acceleration, too.
+        let rest = point.coasted_to_rest();
         let [_, max_angle] = self.settings.max_deviation;
-        for point in [point, &ahead] {
+        for point in [point, &rest] {
             check_point(posture.tip(), point, &self.settings)?;
         }
         // A turn by more than half a revolution ends where a smaller one does.
-        let [.., x, y, z] = ahead.velocity;
-        let value = TICK * math::sqrt(x * x + y * y + z * z);
+        let [.., x, y, z] = rest.velocity;
+        let value = COAST_TIME * math::sqrt(x * x + y * y + z * z);
         if value > max_angle {
             return Err(SetpointError::Rotation { value, limit: max_angle });
         }

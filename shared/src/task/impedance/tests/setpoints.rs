@@ -6,7 +6,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use super::fixture::{ArmFixture, POSTURES, SOFT, elbow_at_rest, track};
 use crate::TICK;
-use crate::kinematics::{ElbowSetpoint, PosePoint};
+use crate::kinematics::{COAST_TIME, ElbowSetpoint, PosePoint};
 use crate::task::impedance::redundancy::JointVector;
 use crate::task::impedance::{ArmMeasurement, ImpedanceSettings, Redundancy};
 
@@ -83,7 +83,8 @@ fn invalid_setpoints_are_refused_by_name_and_change_nothing() {
     refused(PosePoint { rotation: [i, j, k, w + 0.5], ..here }, elbow, "it must be 1");
     let still = [0.0; 6];
     let fast = |velocity: f32| [velocity, 0.0, 0.0, 0.0, 0.0, 0.0];
-    for speed in [20.0, 1e30, f32::MAX] {
+    // 2 m/s coast 0.1 m, as far as the tool may be away; 20 rad/s coast 1 rad.
+    for speed in [2.1, 1e30, f32::MAX] {
         refused(PosePoint { velocity: fast(speed), ..here }, elbow, "m from the tool");
         refused(PosePoint { acceleration: fast(100.0 * speed.min(1e30)), ..here }, elbow, "m from the tool");
         let velocity = [0.0, 0.0, 0.0, 0.0, 0.0, 20.0 * speed.min(1e30)];
@@ -95,17 +96,18 @@ fn invalid_setpoints_are_refused_by_name_and_change_nothing() {
         );
         refused(here, ElbowSetpoint { velocity: 10.0 * speed, ..elbow }, "");
     }
-    // 1 rad in a period, which coasting slows down only afterwards.
+    // More than a revolution, which ends where a smaller rotation does.
     let [_, limit] = SOFT.max_deviation;
     let turning = |rate: f32| PosePoint { velocity: [0.0, 0.0, 0.0, 0.0, 0.0, rate], ..here };
-    refused(turning(1.05 * limit / TICK), elbow, "rotated by");
+    refused(turning(1.05 * limit / COAST_TIME), elbow, "rotated by");
+    refused(turning(TAU / COAST_TIME), elbow, "rotated by");
     let valid = PosePoint { velocity: fast(1.0), acceleration: still, ..here };
     // The arm angle after two turns is the same.
     for turns in [0.0, 2.0, -2.0] {
         let angle = elbow.angle + 0.9 + turns * TAU;
         state.set_target(&fixture.arm(), &valid, &ElbowSetpoint { angle, ..elbow }).unwrap();
     }
-    state.set_target(&fixture.arm(), &turning(0.95 * limit / TICK), &elbow).unwrap();
+    state.set_target(&fixture.arm(), &turning(0.95 * limit / COAST_TIME), &elbow).unwrap();
 }
 
 /// The inertial force of the tool's mass on its sensor is that of its true acceleration, also while the
