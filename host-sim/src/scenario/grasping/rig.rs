@@ -15,7 +15,7 @@ use crate::plant::{
     Drive, ObjectValues, Plant, PlantOptions, PlantValues, SharedIntervention, unit_quaternion,
 };
 use crate::purpose::Purpose;
-use crate::scenario::scene::{on_support, open_posture};
+use crate::scenario::scene::{down, on_support, open_posture};
 use crate::scenario::{ScenarioError, Setting};
 
 /// Largest distance of the object from its nominal position along each axis of its support [m].
@@ -115,9 +115,11 @@ impl GraspRig {
     fn place_object(&self, object: ObjectValues, grasp: &PlacedGrasp) -> ObjectValues {
         let rotation = unit_quaternion(grasp.orientation);
         let mut rng = Purpose::Placement.rng(self.seed);
-        let offset = rotation * Vector3::new(MAX_OFFSET * rng.symmetric(), MAX_OFFSET * rng.symmetric(), 0.0);
-        let object = on_support(object, grasp);
-        let position = Vector3::from(object.position) + offset;
+        let (vertical, _) = down(grasp, self.robot.model.gravity);
+        let offset =
+            Vector3::from_fn(|axis, _| if axis == vertical { 0.0 } else { MAX_OFFSET * rng.symmetric() });
+        let object = on_support(object, grasp, self.robot.model.gravity);
+        let position = Vector3::from(object.position) + rotation * offset;
         object.at(position.into(), grasp.orientation)
     }
 }

@@ -81,16 +81,57 @@ pub fn around_object(
     let posture = open_posture(model, &plan.plan);
     options.posture =
         Some(posture.map_err(|source| ScenarioError::Grasp { path: grasp.to_owned(), source })?);
-    options.object = object.map(ObjectValues::load).transpose()?.map(|object| on_support(object, &plan));
+    let object = object.map(ObjectValues::load).transpose()?;
+    options.object = object.map(|object| on_support(object, &plan, model.gravity));
     Ok(options)
 }
 
-/// The object at its nominal position, on a block as support.
-pub fn on_support(object: ObjectValues, grasp: &PlacedGrasp) -> ObjectValues {
-    let rotation = unit_quaternion(grasp.orientation);
-    let [width, length, height] = object.size;
-    let below = Vector3::from(grasp.position) - rotation * Vector3::new(0.0, 0.0, 0.5 * (height + THICKNESS));
-    let size = [0.5 * width, 0.5 * length, THICKNESS];
-    let support = Support { size, position: below.into(), orientation: grasp.orientation };
+/// The object at its nominal position, on a block as support below the face that points down.
+pub fn on_support(object: ObjectValues, grasp: &PlacedGrasp, gravity: [f32; 3]) -> ObjectValues {
+    let (axis, direction) = down(grasp, gravity);
+    let mut size = object.size.map(|edge| 0.5 * edge);
+    size[axis] = THICKNESS;
+    let mut offset = Vector3::zeros();
+    offset[axis] = direction * 0.5 * (object.size[axis] + THICKNESS);
+    let position = Vector3::from(grasp.position) + unit_quaternion(grasp.orientation) * offset;
+    let support = Support { size, position: position.into(), orientation: grasp.orientation };
     object.at(grasp.position, grasp.orientation).on(support)
+}
+
+/// The axis of the object's frame that points down most, and in which direction; −z without gravity.
+pub fn down(grasp: &PlacedGrasp, gravity: [f32; 3]) -> (usize, f64) {
+    let gravity = unit_quaternion(grasp.orientation).inverse() * Vector3::from(gravity.map(f64::from));
+    let axis = if gravity == Vector3::zeros() { 2 } else { gravity.iamax() };
+    (axis, if gravity[axis] > 0.0 { 1.0 } else { -1.0 })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_support_is_below_whatever_the_orientation() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/hand3");
+        let grasp = load_placed(&folder.join("grasps/box.toml")).unwrap();
+        let object = ObjectValues::load(&folder.join("objects/box.toml")).unwrap();
+        let [width, length, height] = object.size;
+        let quarter = 0.5_f64.sqrt();
+        // Gravity in the base frame, orientation of the object, edge that is vertical.
+        for (gravity, orientation, vertical) in [
+            ([0.0, 0.0, -9.81], [0.0, 0.0, 0.0, 1.0], height),
+            ([0.0, 0.0, 9.81], [0.0, 0.0, 0.0, 1.0], height),
+            ([9.81, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0], width),
+            // A quarter turn about y: x of the object points down.
+            ([0.0, 0.0, -9.81], [0.0, quarter, 0.0, quarter], width),
+            ([0.0, 0.0, -9.81], [quarter, 0.0, 0.0, quarter], length),
+        ] {
+            let grasp = PlacedGrasp { orientation, ..grasp.clone() };
+            let placed = on_support(object.clone(), &grasp, gravity);
+            let support = placed.support.unwrap();
+            let from_object = Vector3::from(support.position) - Vector3::from(grasp.position);
+            let down = Vector3::from(gravity.map(f64::from)).normalize();
+            let expected = down * 0.5 * (vertical + THICKNESS);
+            assert!((from_object - expected).norm() < 1e-9, "{gravity:?} {orientation:?}: {from_object:?}");
+        }
+    }
 }
