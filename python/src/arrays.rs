@@ -1,12 +1,11 @@
 //! NumPy arrays as arguments and results.
 
-use std::fmt::Write as _;
+use std::fmt::{Display, Write as _};
 
 use numpy::ndarray::Dimension;
 use numpy::{PyArray, PyArrayDyn, PyArrayMethods as _, PyReadonlyArrayDyn, PyUntypedArrayMethods as _};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
 
 /// The expected length along an axis.
 #[derive(Clone, Copy)]
@@ -21,10 +20,11 @@ pub enum Length {
 pub struct Input<'py>(PyReadonlyArrayDyn<'py, f32>);
 
 impl<'py> Input<'py> {
-    /// Reads the argument `name`. A contiguous array of float32 is used as it is; others are converted.
+    /// Reads the argument `name`. A contiguous, aligned array of float32 is used as it is; others are
+    /// converted.
     ///
     /// # Errors
-    /// The value has no numbers, or another shape. The message names the argument and `what` is expected.
+    /// The value has no real numbers, or another shape. The message names the argument and `what` is expected.
     pub fn new(value: &Bound<'py, PyAny>, name: &str, shape: &[Length], what: &str) -> PyResult<Self> {
         let array = contiguous(value, name)?;
         let fits = |(got, expected): (&usize, &Length)| match expected {
@@ -41,7 +41,10 @@ impl<'py> Input<'py> {
                 })),
             )));
         }
-        Ok(Self(array.readonly()))
+        let array = array.readonly();
+        // Whatever NumPy made of it is read as a slice from now on.
+        array.as_slice()?;
+        Ok(Self(array))
     }
 
     /// Returns the length of the first axis.
@@ -51,7 +54,7 @@ impl<'py> Input<'py> {
 
     /// Returns all numbers, the last axis fastest.
     pub fn values(&self) -> &[f32] {
-        // Contiguous, see `new`.
+        // Checked by `new`.
         self.0.as_slice().unwrap_or_default()
     }
 
@@ -63,15 +66,22 @@ impl<'py> Input<'py> {
     }
 }
 
-/// Returns a contiguous array of float32: the argument itself if it is one.
+/// Returns a contiguous and aligned array of float32: the argument itself if it is one.
 pub fn contiguous<'py>(value: &Bound<'py, PyAny>, name: &str) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
-    let py = value.py();
-    let options = PyDict::new(py);
-    options.set_item("dtype", "float32")?;
-    let array = py
-        .import("numpy")?
-        .call_method("ascontiguousarray", (value,), Some(&options))
-        .map_err(|error| PyTypeError::new_err(format!("{name} is no array of numbers: {error}")))?;
+    let numpy = value.py().import("numpy")?;
+    let no_numbers =
+        |why: &dyn Display| PyTypeError::new_err(format!("{name} is no array of numbers: {why}"));
+    let given = numpy.call_method1("asanyarray", (value,)).map_err(|error| no_numbers(&error))?;
+    if given.is_instance(&numpy.getattr("ma")?.getattr("MaskedArray")?)? {
+        return Err(no_numbers(&"it is masked"));
+    }
+    let kind = given.getattr("dtype")?;
+    if !["b", "i", "u", "f"].contains(&kind.getattr("kind")?.extract::<String>()?.as_str()) {
+        return Err(no_numbers(&format!("its type is {kind}")));
+    }
+    let array = numpy.call_method1("ascontiguousarray", (given, "float32"))?;
+    // A field of packed records can be contiguous, and yet at odd addresses.
+    let array = numpy.call_method1("require", (array, "float32", "A"))?;
     Ok(array.cast_into()?)
 }
 

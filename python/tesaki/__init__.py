@@ -6,7 +6,8 @@
 - ``tesaki.sim``: the scenarios of the simulator, also as Gymnasium environments.
 - ``tesaki.recordings``: recordings as arrays.
 
-SI units everywhere: m, rad, s, kg, N, N·m. Arrays are float32, as the core computes.
+SI units everywhere: m, rad, s, kg, N, N·m. Arrays are float32, as the core computes; only the true
+state of a simulated plant and recordings are float64.
 """
 
 from pathlib import Path as _Path

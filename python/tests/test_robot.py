@@ -224,6 +224,16 @@ def test_arrays_are_not_copied():
     assert peak > poses.nbytes + single.nbytes, "double precision is converted"
 
 
+def test_a_packed_record_is_read_like_an_array():
+    robot = tesaki.Robot(tesaki.robots() / "arm7")
+    q = np.linspace(-0.5, 0.5, 7, dtype=np.float32).reshape(1, 7)
+    at_odd_address = np.frombuffer(b"\0" + q.tobytes(), np.float32, offset=1).reshape(1, 7)
+    record = np.zeros(1, np.dtype([("id", "u1"), ("q", "<f4", 7)]))
+    record["q"] = q
+    for packed in (at_odd_address, record["q"], q.astype(">f4"), np.asfortranarray(q)):
+        np.testing.assert_array_equal(robot.fk(packed), robot.fk(q))
+
+
 def test_wrong_arrays_are_named():
     robot = tesaki.Robot(tesaki.robots() / "hand3")
     q = np.zeros((4, 3), np.float32)
@@ -239,6 +249,15 @@ def test_wrong_arrays_are_named():
         robot.ik([[0, 0, 0, 1]], "finger1_tip")
     with pytest.raises(TypeError, match="^q is no array of numbers"):
         robot.fk([["a", "b", "c"]], "finger1_tip")
+    for values, why in (
+        (np.ma.masked_array(q, mask=True), "it is masked"),
+        (q + 0j, "its type is complex64"),
+        (q.astype(str), "its type is <U32"),
+        ([[0, 0, None]], "its type is object"),
+        ([[0, 0], [0]], "setting an array element|inhomogeneous"),
+    ):
+        with pytest.raises(TypeError, match=f"^q is no array of numbers: .*({why})"):
+            robot.fk(values, "finger1_tip")
     with pytest.raises(ValueError, match="^tip is missing: hand3 has the tips finger1_tip, finger2_tip, finger3_tip$"):
         robot.fk(q)
     with pytest.raises(ValueError, match='^tip "thumb" is none: hand3 has the tips finger1_tip'):
