@@ -88,16 +88,17 @@ impl Controller {
             ));
         }
         let stamp = nanoseconds(goal.trajectory.header.stamp);
-        if stamp != 0 && stamp < now {
+        let end = goal.trajectory.points.last().map_or(0, |last| nanoseconds(last.time_from_start));
+        if stamp != 0 && stamp.saturating_add(end) < now {
             return Err(Refused::new(
                 ErrorCode::OldHeaderTimestamp,
-                "the trajectory begins in the past by its stamp: a stamp of 0 means at once",
+                "the trajectory ends in the past by its stamp: a stamp of 0 means at once",
             ));
         }
         let references = self.braked(stamp.saturating_sub(now) / CONTROL_PERIOD_NS);
         let trajectory = Trajectory::check(&goal.trajectory, &self.robot, &references)?;
         let tolerances = Tolerances::of(goal, defaults)?;
-        let delayed = (stamp != 0).then(|| goal.trajectory.clone());
+        let delayed = (stamp > now).then(|| goal.trajectory.clone());
         self.motion = Some(Motion { trajectory, tolerances, stamp, delayed, begun: None });
         self.cancels = false;
         Ok(())
@@ -212,7 +213,7 @@ fn rest(position: f32) -> JointPoint {
     JointPoint { position, ..JointPoint::default() }
 }
 
-/// Converts a time since 1970 to nanoseconds.
+/// Converts a time to nanoseconds.
 fn nanoseconds(time: Time) -> u64 {
     1_000_000_000 * u64::try_from(time.sec).unwrap_or_default() + u64::from(time.nanosec)
 }

@@ -216,6 +216,11 @@ fn knot(number: usize, point: &Point, names: &[String]) -> Result<Vec<Knot>, Ref
     if !point.effort.is_empty() {
         return invalid(format!("point {number} has efforts: the joints are commanded by position"));
     }
+    if point.velocities.is_empty() && !point.accelerations.is_empty() {
+        return invalid(format!(
+            "point {number} has accelerations without velocities: give both, or neither"
+        ));
+    }
     let of = |values: &[f64], joint| values.get(joint).copied();
     Ok((0..count)
         .map(|joint| Knot {

@@ -147,14 +147,15 @@ fn a_goal_in_motion_goes_on_from_where_the_references_are() {
 }
 
 #[test]
-fn a_stamp_delays_a_goal_and_one_in_the_past_is_refused() {
+fn a_stamp_delays_a_goal_and_one_whose_end_is_past_is_refused() {
     let stamped = |nanoseconds| {
         let mut goal = swing(0.5, 0.2);
         goal.trajectory.header.stamp = Time::of_nanoseconds(nanoseconds);
         goal
     };
     let mut board = Board::new();
-    let refused = board.controller.follow(&stamped(NOW - 1), NOW, &DEFAULTS).unwrap_err();
+    // It takes half a second.
+    let refused = board.controller.follow(&stamped(NOW - 500_000_001), NOW, &DEFAULTS).unwrap_err();
     assert_eq!(refused.code, ErrorCode::OldHeaderTimestamp);
     board.controller.follow(&stamped(NOW + 1), NOW, &DEFAULTS).unwrap();
     (0..100).for_each(|_| assert_eq!(board.step(), None));
@@ -162,6 +163,11 @@ fn a_stamp_delays_a_goal_and_one_in_the_past_is_refused() {
     let state = board.state();
     assert_eq!(board.controller.step(108, NOW + 1, &state), None);
     assert!(board.swing().velocity > 0.0);
+    // A client that stamps its goal with the present time: it takes as long as any.
+    let mut board = Board::new();
+    board.controller.follow(&stamped(NOW - 20_000_000), NOW, &DEFAULTS).unwrap();
+    let (outcome, periods) = board.run();
+    assert!(outcome == Outcome::Succeeded && periods >= 50, "{outcome:?} {periods}");
 }
 
 #[test]

@@ -197,4 +197,6 @@ fn what_cannot_be_followed_is_refused_with_the_reason() {
     let mut pushed = point(1.0, &[0.1], &[], &[]);
     pushed.effort = vec![0.1];
     refused(&message(SWING, &[pushed]), ErrorCode::InvalidGoal, "has efforts");
+    let unused = [point(1.0, &[0.1], &[], &[0.5])];
+    refused(&message(SWING, &unused), ErrorCode::InvalidGoal, "accelerations without velocities");
 }
