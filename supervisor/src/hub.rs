@@ -38,7 +38,8 @@ const MAX_HANDSHAKES: usize = 16;
 const MAX_CLIENTS: usize = 64;
 
 /// Within each period the board gets so many frames at most, and of each client no more than its share: one
-/// that sends without end takes neither the board's time nor the others' turn. Stops are beside the total.
+/// that sends without end takes neither the board's time nor the others' turn. Stops are beside the total, and
+/// who commands comes first.
 const PERIOD: Duration = Duration::from_millis(10);
 const MAX_FRAMES: usize = 128;
 const SHARE: usize = 32;
@@ -83,9 +84,11 @@ pub struct Hub {
     /// The number of the next client.
     next_id: u64,
     arbiter: Arbiter,
-    /// Begin of the period, number of frames taken since, and place of the client whose turn is next.
-    period: (Instant, usize),
+    /// Begin of the period, number of frames and bytes taken since, and place of the client whose turn is next.
+    period: (Instant, usize, usize),
     turn: usize,
+    /// Number of bytes after which no more frames are taken in a period.
+    capacity: usize,
     /// Whether the clients have received only a part of a frame.
     in_frame: bool,
     /// Messages about dropped clients.
@@ -111,8 +114,9 @@ impl Hub {
             clients: Vec::new(),
             next_id: 0,
             arbiter: Arbiter::new(),
-            period: (Instant::now(), 0),
+            period: (Instant::now(), 0, 0),
             turn: 0,
+            capacity: usize::MAX,
             in_frame: false,
             messages: Vec::new(),
             waiting: VecDeque::new(),
@@ -140,6 +144,13 @@ impl Hub {
         self.clients.push(Client::terminal(self.next_id, pty.master.into(), pty.slave));
         self.next_id += 1;
         Ok(path)
+    }
+
+    /// Takes no more from clients than a serial line of this rate carries [baud]: what waits in front of the
+    /// line, a stop would wait for. A quarter is left free.
+    pub fn limit_to(&mut self, baud_rate: u32) {
+        // A byte is ten bits on the line, and a period 10 ms.
+        self.capacity = usize::try_from(baud_rate / 10 * 3 / 4 / 100).unwrap_or(usize::MAX);
     }
 
     /// The address at which it listens, with the port that the system chose for port 0.
@@ -283,31 +294,40 @@ impl Hub {
         }
     }
 
-    /// Takes frames of the clients in turn. A stop, with what its client has sent before it, waits for no
-    /// other client.
+    /// Takes stops, which also overtake what their own clients have sent before, then the frames of who
+    /// commands, then those of the others in turn.
     fn forward(&mut self) {
-        let Self { clients, arbiter, waiting, period: (begun, taken), turn, .. } = self;
+        let Self { clients, arbiter, waiting, period: (begun, frames, bytes), turn, capacity, .. } = self;
         let now = Instant::now();
         if now >= *begun + PERIOD {
-            (*begun, *taken) = (now, 0);
+            (*begun, *frames, *bytes) = (now, 0, 0);
             clients.iter_mut().for_each(|client| client.taken = 0);
         }
         for client in clients.iter_mut() {
-            for _ in 0..client.until_stop().min(SHARE.saturating_sub(client.taken)) {
-                if let Some(frame) = client.take() {
-                    arbiter.request(client.id, &frame, waiting);
-                }
+            while client.taken < SHARE
+                && let Some(frame) = client.take_stop()
+            {
+                arbiter.request(client.id, &frame, waiting);
             }
         }
         let count = clients.len();
+        let commander = clients.iter().position(|client| arbiter.is_commander(client.id));
         let mut idle = 0;
-        while idle < count && *taken < MAX_FRAMES && waiting.len() < WAITING {
-            *turn = (*turn + 1) % count;
-            idle += 1;
-            let Some(client) = clients.get_mut(*turn).filter(|client| client.taken < SHARE) else { continue };
-            if let Some(frame) = client.take() {
+        while idle < count && *frames < MAX_FRAMES && *bytes < *capacity && waiting.len() < WAITING {
+            let has_turn = |client: &Client| client.taken < SHARE && client.is_pending();
+            let place = match commander {
+                Some(commander) if has_turn(&clients[commander]) => commander,
+                _ => {
+                    (*turn, idle) = ((*turn + 1) % count, idle + 1);
+                    *turn
+                }
+            };
+            let client = &mut clients[place];
+            if has_turn(client)
+                && let Some(frame) = client.take()
+            {
                 arbiter.request(client.id, &frame, waiting);
-                (*taken, idle) = (*taken + 1, 0);
+                (*frames, *bytes, idle) = (*frames + 1, *bytes + frame.len(), 0);
             }
         }
     }

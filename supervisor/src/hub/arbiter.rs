@@ -177,8 +177,12 @@ impl Arbiter {
                 }
                 board.extend(frame);
             }
-            // Without a hello, over this connection or an earlier one, the board refuses it.
-            Request::SetRate { stream, every } if self.greeted.contains(&request.client) => {
+            // Without a hello, over this connection or an earlier one, the board refuses it. It forgets no
+            // commander.
+            Request::SetRate { stream, every }
+                if self.greeted.contains(&request.client)
+                    || self.commander.is_some_and(|(client, _)| client == request.client) =>
+            {
                 own.rates[stream as usize] = every;
                 request.request = Request::SetRate { stream, every: self.rate(stream) };
                 board.extend(encoded(&request));

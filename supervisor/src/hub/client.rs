@@ -102,9 +102,13 @@ impl Client {
         Some(frame)
     }
 
-    /// Number of frames up to the first one that stops the board; 0 without one.
-    pub(super) fn until_stop(&self) -> usize {
-        self.pending.iter().position(|(_, stops)| *stops).map_or(0, |place| place + 1)
+    /// Takes the first frame that stops the board, before what was sent earlier: that enables nothing any
+    /// more, because the board goes by the numbers of requests.
+    pub(super) fn take_stop(&mut self) -> Option<Vec<u8>> {
+        let place = self.pending.iter().position(|(_, stops)| *stops)?;
+        let (frame, _) = self.pending.remove(place)?;
+        self.taken += 1;
+        Some(frame)
     }
 
     /// Returns whether it may talk to the board: it has the key, if one is needed.

@@ -215,9 +215,9 @@ fn a_flood_of_frames_takes_nobody_elses_turn() {
     let mut frames = Vec::new();
     hub.receive(&mut frames, within(0)).unwrap();
     assert!((2 * SHARE..=2 * MAX_FRAMES).contains(&frames.len()), "{}", frames.len());
-    // A stop comes with what its client has sent before it, while others wait.
-    let stop = [&[2, 0][..], &request(1, Request::Stop)].concat();
-    first.send(&stop).unwrap();
+    // A stop overtakes what its client has sent before it, while others wait.
+    let stop = request(1, Request::Stop);
+    first.send(&[&[2, 0][..], &stop].concat()).unwrap();
     second.send(&[3, 0]).unwrap();
     let (begun, mut all, mut turns) = (Instant::now(), 0, 0);
     while !frames.windows(2).any(|pair| pair == [3, 0]) {
@@ -229,6 +229,52 @@ fn a_flood_of_frames_takes_nobody_elses_turn() {
     }
     let periods = usize::try_from(begun.elapsed().as_millis() / PERIOD.as_millis()).unwrap() + 2;
     assert!(turns <= 3 && all <= 2 * MAX_FRAMES * periods, "{turns} turns, {all} bytes");
+    drop(hub);
+    fs::remove_dir_all(folder).unwrap();
+}
+
+/// In front of a serial line, nobody fills the line: the commander's frames come in each period, and a stop at
+/// once.
+#[test]
+fn a_flood_in_front_of_a_serial_line_holds_up_neither_the_commander_nor_a_stop() {
+    let (mut hub, folder) = hub("hub-line");
+    hub.limit_to(921_600);
+    let address = hub.address().clone();
+    let mut commander = open(&address, None).unwrap();
+    let take = request(1, Request::TakeCommand { by_force: false });
+    commander.send(&take).unwrap();
+    assert_eq!(received(&mut hub, take.len()), take);
+    hub.broadcast(&frame(&FromBoard::Reply(ReplyFrame {
+        client: 7,
+        sequence: 1,
+        tick: 1,
+        reply: Reply::Done,
+    })));
+    let long = [[5; 399].as_slice(), &[0]].concat();
+    let mut floods: Vec<Port> = (0..12).map(|_| open(&address, None).unwrap()).collect();
+    for flood in &mut floods {
+        flood.send(&long.repeat(10)).unwrap();
+    }
+    let (mut frames, begun) = (Vec::new(), Instant::now());
+    for number in 2..12 {
+        let keep = request(number, Request::Keep);
+        commander.send(&keep).unwrap();
+        let before = frames.len();
+        // What is full in this period comes in the next one.
+        for _ in 0..2 {
+            hub.receive(&mut frames, Instant::now() + PERIOD).unwrap();
+        }
+        let came = frames[before..].windows(keep.len()).any(|part| part == keep);
+        assert!(came, "{number}: the commander waits");
+    }
+    let mut other = open(&address, None).unwrap();
+    let stop = request(1, Request::Stop);
+    other.send(&[&long[..], &stop].concat()).unwrap();
+    let before = frames.len();
+    hub.receive(&mut frames, Instant::now() + PERIOD).unwrap();
+    assert!(frames[before..].starts_with(&stop), "the stop waits");
+    let periods = usize::try_from(begun.elapsed().as_millis() / PERIOD.as_millis()).unwrap() + 2;
+    assert!(frames.len() <= (691 + LONGEST_FRAME) * periods, "{} bytes in {periods} periods", frames.len());
     drop(hub);
     fs::remove_dir_all(folder).unwrap();
 }

@@ -26,13 +26,24 @@ pub struct Reopening {
     next_try: Instant,
     reopened: u32,
     lost: u64,
+    /// Whether the last frame was cut: what follows would be taken for its end.
+    is_cut: bool,
     error: Option<PortError>,
 }
 
 impl Reopening {
     /// Creates a link to `address`, which is opened on the first receive; see [`open`] for `key`.
     pub fn new(address: Address, key: Option<Key>) -> Self {
-        Self { address, key, port: None, next_try: Instant::now(), reopened: 0, lost: 0, error: None }
+        Self {
+            address,
+            key,
+            port: None,
+            next_try: Instant::now(),
+            reopened: 0,
+            lost: 0,
+            is_cut: false,
+            error: None,
+        }
     }
 
     /// Opens a link to `address`, which must be available now.
@@ -92,7 +103,9 @@ impl Reopening {
 
 impl ByteLink for Reopening {
     fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
-        let result = self.port.as_mut().map(|port| port.send(bytes));
+        let begin: &[u8] = if self.is_cut { &[0] } else { &[] };
+        let result = self.port.as_mut().map(|port| port.send(&[begin, bytes].concat()));
+        self.is_cut = matches!(result, Some(Err(_)));
         if !matches!(result, Some(Ok(()))) {
             self.lost = self.lost.wrapping_add(u64::try_from(bytes.len()).unwrap_or(u64::MAX));
         }

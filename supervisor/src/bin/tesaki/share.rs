@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use serde_json::json;
 use tesaki_supervisor::BoardError;
 use tesaki_supervisor::hub::Hub;
-use tesaki_supervisor::port::{Address, Key, Reopening};
+use tesaki_supervisor::port::{Address, BAUD_RATE, Key, Port, Reopening};
 
 use crate::args::Options;
 use crate::board_session::{interrupted, key_for};
@@ -43,7 +43,10 @@ pub fn share(options: &Options, listen: &Address) -> Result<(), Failure> {
     if options.json {
         output::line(&json!({ "address": hub.address().to_string() }).to_string())?;
     }
-    let mut is_away = false;
+    if matches!(board.port().map(Port::address), Some(Address::Path(_))) {
+        hub.limit_to(BAUD_RATE);
+    }
+    let (mut is_away, mut lost) = (false, board.lost());
     while !interrupted.load(Ordering::Relaxed) {
         hub.pump(&mut board, Duration::from_millis(1), Instant::now() + Duration::from_millis(200))
             .map_err(BoardError::Link)?;
@@ -60,6 +63,13 @@ pub fn share(options: &Options, listen: &Address) -> Result<(), Failure> {
             }
             _ => {}
         }
+        if board.is_open() && board.lost() != lost {
+            output::complain(&format!(
+                "{port} takes no bytes: {} of what clients sent were lost",
+                board.lost().wrapping_sub(lost)
+            ));
+        }
+        lost = board.lost();
         for message in hub.messages() {
             output::notice(options, &message);
         }

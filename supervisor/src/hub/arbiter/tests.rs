@@ -152,6 +152,22 @@ fn a_client_that_comes_back_has_its_rate_without_another_hello() {
     assert_eq!(rig.rates.last(), Some(&(Stream::Telemetry, 2)), "the other client's rate");
 }
 
+/// The board forgets no commander, however many others greet it.
+#[test]
+fn a_commander_sets_only_its_own_rate_after_many_hellos_of_others() {
+    let mut rig = Rig::new();
+    rig.ask(1, Request::Hello { schema: SCHEMA_KEY });
+    rig.ask(1, Request::TakeCommand { by_force: false });
+    rig.run();
+    assert_eq!(rig.replies.last().unwrap().reply, Reply::Done);
+    for other in 0..=u64::try_from(MAX_GREETED).unwrap() {
+        rig.set_rate(2 + other, 2);
+    }
+    rig.ask(1, Request::SetRate { stream: Stream::Telemetry, every: 0 });
+    rig.run();
+    assert_eq!(rig.rates.last(), Some(&(Stream::Telemetry, 2)), "the others' rate");
+}
+
 #[test]
 fn what_a_connection_asked_for_ends_with_it() {
     for loss in [0.0, 0.3] {
