@@ -330,10 +330,17 @@ fn answer(
         }
         Err(error) => return Some(refuse("400 Bad Request", &error.to_string())),
     }
-    let header = |name: &str| {
-        let found = request.headers.iter().find(|header| header.name.eq_ignore_ascii_case(name))?;
-        std::str::from_utf8(found.value).ok()
+    let values = |name: &'static str| {
+        let named = request.headers.iter().filter(move |header| header.name.eq_ignore_ascii_case(name));
+        named.map(|header| std::str::from_utf8(header.value).ok())
     };
+    // What the next lines decide by must be there once.
+    for name in ["Host", "Origin"] {
+        if values(name).count() > 1 || values(name).any(|value| value.is_none()) {
+            return Some(refuse("400 Bad Request", &format!("{name} is not a text, or is there twice")));
+        }
+    }
+    let header = |name| values(name).next().flatten();
     let host = header("host").unwrap_or_default();
     if !is_ours(host, address) {
         return Some(refuse("403 Forbidden", &format!("this is http://{address}, not {host:?}")));

@@ -295,6 +295,20 @@ fn the_robot_is_stopped_when_its_page_goes_or_is_silent() {
     assert!(info["status"]["node"]["commander"].is_null(), "{info}");
 }
 
+/// A page that has died does not keep command, also while nothing is enabled; one that is refused command
+/// takes no time from the one that has it.
+#[test]
+fn a_dead_page_does_not_keep_command() {
+    let server = Server::ready();
+    let view = View::start(&server, &[]);
+    let dead = view.open_commanding();
+    let mut other = view.open();
+    other.fails(json!({ "do": "take" }), "another page commands the board");
+    other.wait("free", |value| value["commander"] == "nobody");
+    other.succeeds(json!({ "do": "take" }));
+    drop(dead);
+}
+
 /// A page that says that it has seen what it was not sent, or the same for ever, sees nothing.
 #[test]
 fn who_only_claims_to_look_is_not_there() {

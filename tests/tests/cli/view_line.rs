@@ -124,9 +124,11 @@ fn a_lost_stop_of_a_disabled_board_is_repeated() {
     line.stops_to_lose.store(5, Ordering::Relaxed);
     page.succeeds(json!({ "do": "stop" }));
     // The page must see that it has stopped before anything else is allowed.
-    page.succeeds(json!({ "do": "take" }));
-    page.fails(json!({ "do": "enable", "task": "joint servo" }), "does not show yet that it has stopped");
+    for command in [json!({ "do": "take" }), json!({ "do": "enable", "task": "joint servo" })] {
+        page.fails(command, "does not show yet that it has stopped");
+    }
     page.mode("fault");
+    page.succeeds(json!({ "do": "take" }));
     assert_eq!(line.stops_to_lose.load(Ordering::Relaxed), 0);
     // A stop that arrived is not repeated: the fault can be cleared, and stays cleared.
     page.clears();

@@ -78,6 +78,10 @@ fn pages_of_others_are_kept_out() {
             "{origin}"
         );
     }
+    let own = "Origin: http://localhost:7480\r\n";
+    for twice in [format!("{own}Origin: http://evil.example\r\n"), format!("{own}Host: evil.example\r\n")] {
+        assert_eq!(get("/live", &format!("{socket}{twice}")), "HTTP/1.1 400 Bad Request", "{twice}");
+    }
     assert_eq!(get("/live", "Host: localhost\r\n"), "HTTP/1.1 426 Upgrade Required");
     assert_eq!(status("POST / HTTP/1.1\r\nHost: localhost\r\n\r\n"), "HTTP/1.1 405 Method Not Allowed");
     assert_eq!(status("\u{1}\u{2} nonsense\r\n\r\n"), "HTTP/1.1 400 Bad Request");

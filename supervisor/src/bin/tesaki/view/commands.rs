@@ -35,8 +35,11 @@ use commander::{Enabled, Stopping, ToolPath};
 const POINT: Duration = motion::PERIOD;
 /// From one renewal of the lease to the next while disabled; it lasts longer.
 const RENEWAL: Duration = Duration::from_millis(300);
-/// A page that commands and says nothing for so long has gone. It answers to every state, 50 times a second.
+/// A page that has enabled the robot and says nothing for so long has gone. It answers to every state, 50
+/// times a second.
 const SILENT_PAGE: Duration = Duration::from_secs(1);
+/// A page that only commands and says nothing for so long has gone: others may command then.
+const IDLE_PAGE: Duration = Duration::from_secs(5);
 /// Duration of a step of the object or of the tool [s].
 const STEP: f32 = 1.0;
 
@@ -64,7 +67,6 @@ impl View {
             Ok(command) => command,
             Err(error) => return self.answer(id, false, &format!("not understood: {error}")),
         };
-        let changes_commander = matches!(command, Command::Take | Command::Release);
         match self.execute(id, command) {
             Ok(done) => self.answer(id, true, &done),
             Err(failure) => {
@@ -72,15 +74,17 @@ impl View {
                 self.answer(id, false, &text);
             }
         }
-        if changes_commander && let Ok(status) = self.session.board.status() {
-            // The page shows it at once.
-            self.board_commander = status.node.commander;
-        }
         self.tell_status();
     }
 
     fn execute(&mut self, id: u64, command: Command) -> Result<String, Failure> {
         match command {
+            // Nothing may hold up the repeated stop, but what switches off at once.
+            _ if self.commander.stopping.is_some() && !matches!(command, Command::Disable) => {
+                return Err(Failure::Refused(
+                    "the board does not show yet that it has stopped: nothing was done".to_owned(),
+                ));
+            }
             Command::Take => return self.take_command(id),
             _ if self.commander.page != Some(id) => {
                 let who = if self.commander.page.is_some() {
@@ -100,7 +104,7 @@ impl View {
             Command::Release => {
                 // An enabled board refuses it.
                 board.ask("release command", Request::ReleaseCommand)?;
-                self.commander.page = None;
+                (self.commander.page, self.board_commander) = (None, None);
                 self.commander.ended();
                 Ok("command given back".to_owned())
             }
@@ -111,9 +115,6 @@ impl View {
             }
             Command::Clear { .. } if is_enabled => Err(Failure::Refused(
                 "the board is enabled, its outputs are on: nothing was done. Disable it first".to_owned(),
-            )),
-            Command::Clear { .. } if self.commander.stopping.is_some() => Err(Failure::Refused(
-                "the board does not show yet that it has stopped: nothing was done".to_owned(),
             )),
             Command::Clear { total } => {
                 // Those that this page has shown. The board refuses if there is another one since: what was
@@ -189,6 +190,7 @@ impl View {
         }
         self.session.board.take_command(self.commander.take_over)?;
         (self.commander.page, self.commander.releases) = (Some(id), false);
+        self.board_commander = Some(self.session.board.client());
         Ok("this page commands the board".to_owned())
     }
 
@@ -196,15 +198,11 @@ impl View {
         let kind = TaskKind::ALL.iter().copied().find(|kind| kind.to_string() == task);
         self.catch_up()?;
         let (model, _) = self.model.as_ref().ok_or(Failure::NoModel)?;
-        if self.commander.stopping.is_some() {
-            return Err(Failure::Refused(
-                "the board does not show yet that it has stopped: nothing was done".to_owned(),
-            ));
-        }
         // Old angles would be goals to which the joints move, and nobody would see what the robot does.
         let telemetry = self.telemetry.as_ref().filter(|_| self.heard.elapsed() < FRESH);
         let telemetry = telemetry
             .ok_or_else(|| Failure::Late("no telemetry: where the joints are is not known".to_owned()))?;
+        self.session.require_quick_link(model)?;
         let board = &mut self.session.board;
         let file = plan_file(self.folder.as_ref(), &self.plans, task, plan);
         // A refused request leaves what runs as it is.
@@ -304,15 +302,17 @@ impl View {
 
     /// What is due now: set-points, the lease, a stop that was not seen yet.
     pub fn drive(&mut self, now: Instant) -> Result<(), Failure> {
-        if let Some(page) = self.commander.page
-            && self.commander.enabled.is_some()
-        {
-            if self.is_blind()? {
+        if let Some(page) = self.commander.page {
+            let is_enabled = self.commander.enabled.is_some();
+            if is_enabled && self.is_blind()? {
                 self.stop()?;
                 let text = "the telemetry has ceased: no set-points are sent any more, and the board is told to stop";
                 self.answer(page, false, text);
-            } else if self.has_left(page) {
+            } else if is_enabled && self.has_left(page, SILENT_PAGE) {
                 self.answer(page, false, "this page did not answer any more: the robot was stopped");
+                self.page_gone(page)?;
+            } else if self.has_left(page, IDLE_PAGE) {
+                self.answer(page, false, "this page did not answer any more: command was given back");
                 self.page_gone(page)?;
             }
         }
@@ -358,11 +358,11 @@ impl View {
         Ok(self.heard.elapsed() > BLIND)
     }
 
-    /// Whether a page has gone, or does not answer to what it was sent.
-    fn has_left(&self, id: u64) -> bool {
+    /// Whether a page has gone, or has not answered for so long to what it was sent.
+    fn has_left(&self, id: u64, patience: Duration) -> bool {
         self.pages.get(&id).is_none_or(|page| {
             let unseen = self.departures.range(page.seen + 1..).next().filter(|_| page.sent > page.seen);
-            unseen.is_some_and(|(_, sent)| sent.elapsed() > SILENT_PAGE) && page.heard.elapsed() > SILENT_PAGE
+            unseen.is_some_and(|(_, sent)| sent.elapsed() > SILENT_PAGE) && page.heard.elapsed() > patience
         })
     }
 
