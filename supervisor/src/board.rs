@@ -136,6 +136,8 @@ pub struct Exported {
     pub key: u64,
 }
 
+/// What [`Board::enable`] does, for its errors.
+pub(crate) const ENABLE: &str = "enable its outputs";
 /// What [`Board::tare`] does, for its errors.
 pub(crate) const TARE: &str = "tare its force sensors";
 
@@ -340,7 +342,7 @@ pub trait Board {
     /// # Errors
     /// When the board refuses.
     fn enable(&mut self, task: TaskConfig) -> Result<(), BoardError> {
-        self.ask("enable its outputs", Request::Enable(task))
+        self.ask(ENABLE, Request::Enable(task))
     }
 
     /// Ends the task and switches the outputs off.

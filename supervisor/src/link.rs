@@ -10,8 +10,9 @@ use tesaki::protocol::{
     FromBoard, LogEntry, LogRecord, Mode, NodeStatus, Refusal, Reply, ReplyFrame, Request, RequestFrame,
     SCHEMA_KEY, Stream,
 };
+use tesaki::task::TaskConfig;
 
-use crate::board::TARE;
+use crate::board::{ENABLE, TARE};
 use crate::{Board, BoardError};
 
 /// Time that the first sending of a request waits for its answer before the request is repeated: short enough
@@ -132,7 +133,7 @@ impl<L: ByteLink> LinkBoard<L> {
         self.repeats
     }
 
-    /// Time from the last request to its reply.
+    /// Time from when the last request was sent first to its reply.
     pub const fn round_trip(&self) -> Option<Duration> {
         self.round_trip
     }
@@ -227,6 +228,12 @@ impl<L: ByteLink> Board for LinkBoard<L> {
         }
     }
 
+    /// What comes next may take another round trip: the board gets a command before.
+    fn enable(&mut self, task: TaskConfig) -> Result<(), BoardError> {
+        self.ask(ENABLE, Request::Enable(task))?;
+        self.post(Request::Keep).map(|_| ())
+    }
+
     /// Waits while the board, disabled, refuses because it was homed just now. An enabled one needs the
     /// requests of its client meanwhile.
     fn tare(&mut self) -> Result<(), BoardError> {
@@ -311,7 +318,8 @@ impl<L: ByteLink> LinkBoard<L> {
     /// Sends a request until it is answered.
     fn exchange(&mut self, request: Request) -> Result<Reply, BoardError> {
         let frame = RequestFrame { client: self.client, sequence: self.next_sequence(), request };
-        let deadline = Instant::now() + self.timeout;
+        let begun = Instant::now();
+        let deadline = begun + self.timeout;
         let mut wait = PATIENCE;
         loop {
             self.check_interrupt()?;
@@ -324,7 +332,7 @@ impl<L: ByteLink> LinkBoard<L> {
                 let glance =
                     self.interrupt.as_ref().map_or(patience, |_| patience.min(Instant::now() + GLANCE));
                 if let Some(answer) = self.receive(glance, Some(frame.sequence))? {
-                    self.round_trip = Some(sent.elapsed());
+                    self.round_trip = Some(begun.elapsed());
                     self.answered = frame.sequence;
                     return Ok(answer);
                 }

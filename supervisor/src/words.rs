@@ -1,15 +1,18 @@
 //! What several programs say of a board in the same words.
 
 use std::fmt::Display;
+use std::time::Duration;
 
 use tesaki::fault::{Fault, FaultCause};
 use tesaki::kinematics::FingerError;
-use tesaki::model::JointModel;
+use tesaki::model::{JointModel, Safety};
 use tesaki::protocol::{Mode, Refusal};
 use tesaki::task::grasping::{GraspCommand, GraspRefusal};
 use tesaki::task::impedance::{ImpedanceCommand, ImpedanceRefusal};
 use tesaki::task::{TaskCommand, TaskRefusal};
 pub use tesaki_description::robot::named;
+
+use crate::timing::KEEP_ALIVE;
 
 /// The answer to a program that would take over an enabled board.
 pub const NOT_TAKEN_OVER: &str = "another client commands the board, which is enabled: it can only be taken over \
@@ -26,6 +29,22 @@ pub const ON_SUPPORT: &str =
 
 /// What is said when faults were to be cleared and there are more than those that were shown.
 pub const ANOTHER_FAULT: &str = "another fault has come since: nothing was cleared. See what it is first";
+
+/// Says that a request takes so long that an enabled board would stop before it gets the next; `None` if it
+/// does not. What to do is in [`SLOW_LINK`].
+pub fn slow_link(round_trip: Duration, safety: &Safety) -> Option<String> {
+    let limit = Duration::from_secs_f32(safety.command_timeout);
+    (round_trip + KEEP_ALIVE > limit).then(|| {
+        format!(
+            "a request takes {} ms over this link, and an enabled board stops {} ms after the last command",
+            round_trip.as_millis(),
+            limit.as_millis()
+        )
+    })
+}
+
+/// What to do about a [slow link](slow_link).
+pub const SLOW_LINK: &str = "use a faster link, or raise safety.command_timeout";
 
 /// Says why a board sends no telemetry, and what to do, by whether its port is open.
 pub const fn silence(is_open: bool) -> &'static str {

@@ -121,6 +121,33 @@ fn a_bad_line_costs_repeats_and_nothing_else() {
     server.succeeds(&["--port", terminal, "move", "finger1_swing=0.05"]);
 }
 
+/// Over a link on which every command comes too late nothing is enabled; over one that is only slow a task runs.
+#[test]
+fn a_slow_link_is_told_before_anything_is_enabled() {
+    let server = Server::ready();
+    let slow = ["--link-faults", "delay=120ms@1"];
+    for command in [&["enable"][..], &["move", "finger1_swing=0.1"]] {
+        let words =
+            ["nothing was enabled: a request takes", "100 ms after the last command", "use a faster link"];
+        server.fails(&[&slow, command].concat(), 6, &words);
+    }
+    server.fails(&[&slow[..], &["doctor"]].concat(), 6, &["100 ms after the last command"]);
+    assert_eq!(server.json(&["info"])["status"]["node"]["mode"], "Disabled");
+    server.succeeds(&["--link-faults", "delay=20ms@1", "move", "finger1_swing=0.1"]);
+}
+
+/// With `--json` too, why a command failed is told somewhere.
+#[test]
+fn a_full_disk_is_told_on_standard_error() {
+    let server = Server::ready();
+    for command in ["info", "read"] {
+        let full = std::fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
+        let output = server.command(&["--json", command]).stdout(full).output().unwrap();
+        let text = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.code() == Some(1) && text.contains("standard output: No space left"), "{text}");
+    }
+}
+
 #[test]
 fn a_monitor_resumes_when_the_board_comes_back() {
     let mut server = Server::ready();

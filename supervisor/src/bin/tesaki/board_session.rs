@@ -179,6 +179,18 @@ impl BoardSession {
         Ok(times[ROUND_TRIPS / 2])
     }
 
+    /// Checks that the link is quick enough for an enabled board: its commands come in time.
+    pub fn require_quick_link(&mut self, model: &RobotModel) -> Result<(), Failure> {
+        let slow = |time| words::slow_link(time, &model.safety);
+        // A single request may have been repeated.
+        if self.board.round_trip().and_then(slow).is_none() {
+            return Ok(());
+        }
+        slow(self.round_trip()?).map_or(Ok(()), |slow| {
+            Err(Failure::Late(format!("nothing was enabled: {slow}: {}", words::SLOW_LINK)))
+        })
+    }
+
     /// The current tips.
     pub fn tips(&mut self) -> Result<Tips, Failure> {
         self.board.set_rate(Stream::Tips, 10)?;

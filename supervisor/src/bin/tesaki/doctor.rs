@@ -14,7 +14,7 @@ use tesaki_description::robot::RobotFolder;
 use tesaki_supervisor::faults;
 use tesaki_supervisor::port::{self, Address, Port};
 use tesaki_supervisor::publication::own_model;
-use tesaki_supervisor::{Board, BoardError, LinkBoard};
+use tesaki_supervisor::{Board, BoardError, LinkBoard, words};
 
 use crate::args::Options;
 use crate::board::{clock, reset};
@@ -234,7 +234,8 @@ fn check_board(
     doctor: &mut Doctor,
 ) -> Result<(), Failure> {
     let Status { node, board: state } = board.status()?;
-    check_round_trip(board.round_trip(), doctor);
+    let round_trip = board.round_trip();
+    check_round_trip(round_trip, doctor);
     check_microcontroller(&state, doctor);
     check_frames(&state.supervisor_link, board.repeats(), doctor);
     if let Some(client) = node.commander {
@@ -252,6 +253,9 @@ fn check_board(
     }
     check_model(&node, robot, doctor);
     let model = board.model()?;
+    if let Some(slow) = round_trip.and_then(|time| words::slow_link(time, &model.safety)) {
+        doctor.bad(6, slow, words::SLOW_LINK);
+    }
     let telemetry = check_control(&mut board, doctor)?;
     check_homing(node.homed, &model, doctor);
     if let Some(telemetry) = telemetry {

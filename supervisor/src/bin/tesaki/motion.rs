@@ -209,6 +209,7 @@ impl<'a> Motion<'a> {
                 heavy.joint()
             )));
         }
+        self.session.require_quick_link(&self.model)?;
         // From here on Ctrl-C must not end the process before the outputs are off.
         if self.session.heed_interrupts()?.load(Ordering::Relaxed) {
             return Err(nothing_enabled());

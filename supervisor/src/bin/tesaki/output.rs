@@ -201,9 +201,12 @@ pub fn failure(options: &Options, failure: &Failure) {
     }
 }
 
-/// Prints why a command failed with `--json`.
+/// Prints why a command failed with `--json`; on standard error, where standard output cannot be written.
 pub fn json_failure(message: &str, exit_code: i32) {
-    let _ = line(&serde_json::json!({ "error": message, "exit_code": exit_code }).to_string());
+    let json = serde_json::json!({ "error": message, "exit_code": exit_code });
+    if line(&json.to_string()).and_then(|()| flush(true)).is_err() {
+        complain(&format!("tesaki: {message}"));
+    }
 }
 
 /// How soon Ctrl-C ends a question.
