@@ -20,6 +20,7 @@ use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use tesaki_description::robot::RobotFolder;
+use tesaki_description::spelling::meant;
 use tesaki_output::say;
 use tesaki_sim::scenario::{Impossible, Kind, SCENARIOS, Scenario};
 
@@ -187,27 +188,11 @@ fn demonstrate() -> Result<bool, Box<dyn Error>> {
 
 fn find_scenario(name: &str) -> Result<&'static Scenario, String> {
     Scenario::find(name).ok_or_else(|| {
-        let names = SCENARIOS.iter().map(|scenario| (edits(scenario.name, name), scenario.name));
-        let nearest = names.min().filter(|(edits, nearest)| *edits <= nearest.len() / 2);
-        let meant =
-            nearest.map_or_else(|| ".".to_owned(), |(_, nearest)| format!("; did you mean {nearest}?"));
+        let names: Vec<_> = SCENARIOS.iter().map(|scenario| scenario.name).collect();
+        let meant = meant(name, &names)
+            .map_or_else(|| ".".to_owned(), |nearest| format!("; did you mean {nearest}?"));
         format!("no scenario {name:?}{meant} `cargo sim list` shows all")
     })
-}
-
-/// Letters to insert, remove or replace that make one name of the other.
-fn edits(one: &str, other: &str) -> usize {
-    let mut row: Vec<usize> = (0..=other.chars().count()).collect();
-    for (above, letter) in one.chars().enumerate() {
-        let mut diagonal = above;
-        row[0] = above + 1;
-        for (column, different) in other.chars().map(|other| usize::from(other != letter)).enumerate() {
-            let replaced = diagonal + different;
-            diagonal = row[column + 1];
-            row[column + 1] = replaced.min(diagonal + 1).min(row[column] + 1);
-        }
-    }
-    row.last().copied().unwrap_or_default()
 }
 
 /// The folder of the scenario's robot, or the `other` one that is asked for.

@@ -246,9 +246,7 @@ fn run_seed(
         let stack =
             Metric::at_most("Stack used on the board", board.stack_used.into(), board.stack_size.into(), "B");
         summary.insert("stack_used", stack);
-        let lost = board.plant.frames;
-        let damaged =
-            lost.overlong + lost.framing + lost.checksum + lost.malformed + board.plant.receive_overflow;
+        let damaged = board.plant.frames.damaged() + board.plant.receive_overflow;
         summary.insert(
             "plant_link_damage",
             Metric::at_most("Damaged plant-link frames", damaged.into(), 0.0, ""),

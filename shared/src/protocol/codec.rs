@@ -252,6 +252,15 @@ pub struct FrameCounts {
     pub malformed: u32,
 }
 
+impl FrameCounts {
+    /// Number of frames that gave no message.
+    #[must_use]
+    pub const fn damaged(&self) -> u32 {
+        let Self { good: _, overlong, framing, checksum, malformed } = *self;
+        overlong.wrapping_add(framing).wrapping_add(checksum).wrapping_add(malformed)
+    }
+}
+
 /// Collects bytes into frames and frames into messages.
 #[derive(Clone, Debug)]
 pub struct Decoder {

@@ -102,7 +102,7 @@ pub fn info(options: &Options) -> Result<(), Failure> {
             line("stack", &format!("peak use {} of {} bytes", board.stack_used, board.stack_size));
         }
         let frames = board.supervisor_link.frames;
-        let damaged = frames.overlong + frames.framing + frames.checksum + frames.malformed;
+        let damaged = frames.damaged();
         line("link", &format!("{} good and {damaged} damaged frames received by the board", frames.good));
         text
     })

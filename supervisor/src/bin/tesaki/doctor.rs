@@ -190,7 +190,7 @@ fn check_answer(
         }
         Err(BoardError::Timeout { seconds }) => {
             let counts = board.counts();
-            let damaged = counts.overlong + counts.framing + counts.checksum + counts.malformed;
+            let damaged = counts.damaged();
             if damaged > 0 {
                 doctor.bad(
                     6,
@@ -375,7 +375,7 @@ fn check_microcontroller(state: &BoardStatus, doctor: &mut Doctor) {
 
 fn check_frames(link: &LinkStatistics, repeats: u64, doctor: &mut Doctor) {
     let frames = link.frames;
-    let damaged = frames.overlong + frames.framing + frames.checksum + frames.malformed;
+    let damaged = frames.damaged();
     let lost = link.receive_overflow + link.receive_errors;
     if damaged + lost > 0 {
         doctor.warning(

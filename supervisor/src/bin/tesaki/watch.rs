@@ -187,7 +187,7 @@ impl Watch {
         link.last_seconds = silence.as_secs_f32();
         link.open = session.is_open();
         let counts = session.board.counts();
-        link.damaged = u64::from(counts.overlong + counts.framing + counts.checksum + counts.malformed);
+        link.damaged = u64::from(counts.damaged());
         link.round_trip_ms = session.board.round_trip().map(|trip| trip.as_secs_f32() * 1e3);
         if now - self.second >= Duration::from_secs(1) {
             #[expect(clippy::cast_precision_loss, reason = "at most a hundred")]
