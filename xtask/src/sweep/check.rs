@@ -63,7 +63,7 @@ fn difference(sweep: &Sweep, run: &Run) -> Result<String> {
     let Some(machine) = sweep.machines.iter().find(|machine| machine.seed == run.seed) else {
         return Ok("another machine".to_owned());
     };
-    if machine.error.is_some() != run.error.is_some() {
+    if machine.error != run.error {
         return Ok("another end of the run".to_owned());
     }
     if machine.frames_sha256 != run.frames_sha256 {
@@ -126,6 +126,10 @@ mod tests {
         assert!(told.contains("error: another value"), "{told}");
         let failed = Run::failed("arm", 4, "the board is gone".into());
         assert!(compare(&sweep, &failed).unwrap_err().to_string().contains("another end"));
+        let sweep = recorded(vec![failed.clone()]);
+        compare(&sweep, &failed).unwrap();
+        let other = Run::failed("arm", 4, "the joint is at its end".into());
+        assert!(compare(&sweep, &other).unwrap_err().to_string().contains("another end"));
         assert!(compare(&sweep, &run(5, "a", 0.5)).is_err());
     }
 
