@@ -2,7 +2,7 @@
 
 use std::process::Command;
 
-use anyhow::Result;
+use anyhow::{Result, ensure};
 
 use crate::tools;
 
@@ -36,6 +36,9 @@ pub const FUZZER: &[&str] = &[
     ":!tests/fuzz/corpus",
 ];
 
+/// The end of a commit's name when sources differ from it.
+const CHANGED: &str = "-dirty";
+
 /// The commit, marked when one of `sources` differs from it.
 ///
 /// # Errors
@@ -46,7 +49,20 @@ pub fn commit(sources: &[&str]) -> Result<String> {
     };
     let commit = git(&["rev-parse", "--short=12", "HEAD"])?;
     let changed = git(&[&["status", "--porcelain", "--"], sources].concat())?;
-    Ok(if changed.is_empty() { commit } else { commit + "-dirty" })
+    Ok(if changed.is_empty() { commit } else { commit + CHANGED })
+}
+
+/// Checks that a result may be recorded under the name of its commit.
+///
+/// # Errors
+/// When its sources differed from the commit: those of another result with the same name may be others.
+pub fn require_committed(commit: &str) -> Result<()> {
+    ensure!(
+        !commit.ends_with(CHANGED),
+        "results of {commit} cannot be recorded, because nobody can get their sources back: commit them, \
+         and run again"
+    );
+    Ok(())
 }
 
 #[cfg(test)]
@@ -79,6 +95,13 @@ mod tests {
             }
         }
         found
+    }
+
+    #[test]
+    fn only_results_of_committed_sources_can_be_recorded() {
+        require_committed("0123456789ab").unwrap();
+        let told = require_committed("0123456789ab-dirty").unwrap_err().to_string();
+        assert!(told.starts_with("results of 0123456789ab-dirty cannot be recorded"), "{told}");
     }
 
     #[test]

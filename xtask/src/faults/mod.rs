@@ -11,7 +11,7 @@ use anyhow::{Context, Result, anyhow, bail, ensure};
 use clap::{Args, Subcommand};
 use tesaki_output::say;
 
-use crate::commit::{SIMULATOR, commit};
+use crate::commit::{SIMULATOR, commit, require_committed};
 use crate::results::ResultsFile;
 use crate::sweep::{self, Simulator, Workload};
 use crate::test;
@@ -109,8 +109,11 @@ fn run_seeds(options: &FaultsOptions) -> Result<()> {
         CHECKED.start(),
         CHECKED.end()
     );
-    let simulator = Simulator::build()?;
     let commit = commit(SIMULATOR)?;
+    if options.record {
+        require_committed(&commit)?;
+    }
+    let simulator = Simulator::build()?;
     let mut file =
         ResultsFile::create(&test::out("faults").join(format!("{}.jsonl", options.workload.partition)))?;
     let seeds = options.workload.partition.select(options.seeds.clone().collect());

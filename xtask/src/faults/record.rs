@@ -7,6 +7,8 @@ use anyhow::{Context, Result, ensure};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
+use crate::commit::require_committed;
+
 /// Where it is kept.
 pub const FILE: &str = "docs/fault-schedules.json";
 /// The seeds that the tests run again.
@@ -74,8 +76,9 @@ impl Record {
     /// Of runs, in any order.
     ///
     /// # Errors
-    /// When a seed is missing, or there twice.
+    /// When a seed is missing, or there twice, or the sources were not committed.
     pub fn new(commit: &str, mut runs: Vec<Run>) -> Result<Self> {
+        require_committed(commit)?;
         runs.sort_by_key(|run| run.seed);
         let seeds: Vec<u64> = runs.iter().map(|run| run.seed).collect();
         let (first, last) = seeds.first().zip(seeds.last()).context("no runs")?;
@@ -249,6 +252,12 @@ mod tests {
         known[9].frames_sha256 = "other".into();
         let told = record.compare(&known).unwrap_err().to_string();
         assert!(told.contains("commit 0123abc. If that is meant"), "{told}");
+    }
+
+    #[test]
+    fn schedules_of_uncommitted_sources_are_not_recorded() {
+        let told = Record::new("0123abc-dirty", runs()).unwrap_err().to_string();
+        assert!(told.starts_with("results of 0123abc-dirty cannot be recorded"), "{told}");
     }
 
     #[test]

@@ -11,7 +11,7 @@ use clap::Args;
 use clap::builder::PossibleValuesParser;
 use tesaki_output::say;
 
-use crate::commit::{FUZZER, commit};
+use crate::commit::{FUZZER, commit, require_committed};
 use crate::{firmware, test, tools};
 use coverage::Share;
 use record::{FILE, Record, Run, Session};
@@ -57,6 +57,9 @@ pub struct Options {
 
 /// Runs `cargo xtask fuzz`.
 pub fn run(options: &Options) -> Result<()> {
+    if options.record {
+        require_committed(&commit(FUZZER)?)?;
+    }
     let fuzzer = Fuzzer::build()?;
     let known = fuzzer.targets()?;
     let names: Vec<&String> = known.iter().map(|target| &target.name).collect();

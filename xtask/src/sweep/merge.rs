@@ -9,6 +9,7 @@ use serde_json::{Map, Value};
 
 use super::record::{Machine, Metric, Sweep};
 use super::set::Set;
+use crate::commit::require_committed;
 
 /// One run: the line printed by `host-sim run --json`, with the commit if a sweep has added it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -108,7 +109,8 @@ pub fn read(files: &[PathBuf]) -> Result<(Vec<Run>, Vec<&Path>)> {
 /// machines; runs of another commit replace the sweep. Returns a line per sweep, for people.
 ///
 /// # Errors
-/// When runs contradict each other, lack their commit, or do not belong to a sweep.
+/// When runs contradict each other, lack their commit, are of uncommitted sources, or do not belong to a
+/// sweep.
 pub fn merge(folder: &Path, runs: Vec<Run>, commit: Option<&str>) -> Result<Vec<String>> {
     let mut sorted: BTreeMap<(String, Set), Vec<Run>> = BTreeMap::new();
     for run in runs {
@@ -137,7 +139,10 @@ fn commit_of(runs: &[Run], given: Option<&str>) -> Result<String> {
     ensure!(commits.len() == runs.len(), "the runs do not say of which commit they are: add --commit");
     commits.dedup();
     match commits[..] {
-        [commit] => Ok(commit.to_owned()),
+        [commit] => {
+            require_committed(commit)?;
+            Ok(commit.to_owned())
+        }
         _ => bail!("runs of different commits: {}", commits.join(", ")),
     }
 }
@@ -286,6 +291,7 @@ mod tests {
         assert!(refused(vec![run(500, "a", 0.1)], Some("one")).contains("neither"));
         let of = |seed, commit: &str| Run { commit: Some(commit.into()), ..run(seed, "a", 0.1) };
         assert!(refused(vec![of(1, "one"), of(2, "two")], None).contains("different commits"));
+        assert!(refused(vec![of(1, "one-dirty")], None).contains("arm: results of one-dirty"));
         let mut other = run(2, "b", 0.1);
         other.metrics["error"]["limit"] = 2.0.into();
         assert!(refused(vec![run(1, "a", 0.1), other], Some("one")).contains("was recorded as"));

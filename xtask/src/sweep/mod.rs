@@ -16,7 +16,7 @@ use anyhow::{Result, bail, ensure};
 use clap::{Args, Subcommand};
 use tesaki_output::say;
 
-use crate::commit::{SIMULATOR, commit};
+use crate::commit::{SIMULATOR, commit, require_committed};
 use crate::results::ResultsFile;
 use crate::test;
 use merge::Run;
@@ -131,6 +131,10 @@ fn merge_files(files: &[PathBuf], commit: Option<&str>) -> Result<()> {
 
 /// Runs the sweep; a complete one fails if a machine misses a limit.
 fn sweep(options: &SweepOptions) -> Result<()> {
+    let commit = commit(SIMULATOR)?;
+    if options.record {
+        require_committed(&commit)?;
+    }
     let simulator = Simulator::build()?;
     let known = simulator.scenarios()?;
     for scenario in &options.scenarios {
@@ -154,7 +158,6 @@ fn sweep(options: &SweepOptions) -> Result<()> {
     let mut runs: Vec<_> = scenarios.iter().flat_map(each).collect();
     runs.sort_by_key(|(_, seed)| *seed);
     let runs = options.workload.partition.select(runs);
-    let commit = commit(SIMULATOR)?;
     let name = format!("{}-{}.jsonl", set.name(), options.workload.partition);
     let mut file = ResultsFile::create(&test::out("sweep").join(name))?;
     let mut results = Vec::new();
