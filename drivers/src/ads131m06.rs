@@ -43,9 +43,10 @@ const GAIN2: u16 = 0x05;
 const SIX_CHANNELS: u16 = 0x26;
 /// MODE: checksums of both directions are CCITT's, words have 24 bits, a frame that stops halfway is dropped.
 const CHECKED_MODE: u16 = 1 << 12 | 1 << 8 | 1 << 4;
-/// CLOCK: all channels on, external reference, [`OVERSAMPLING`], high resolution.
+/// CLOCK: all channels on, no crystal (the clock comes from outside), external reference, [`OVERSAMPLING`],
+/// high resolution.
 #[expect(clippy::cast_possible_truncation, reason = "at most 14")]
-const CLOCK_VALUE: u16 = 0x3F << 8 | 1 << 6 | (OVERSAMPLING.ilog2() as u16 - 7) << 2 | 2;
+const CLOCK_VALUE: u16 = 0x3F << 8 | 1 << 7 | 1 << 6 | (OVERSAMPLING.ilog2() as u16 - 7) << 2 | 2;
 
 /// Status: a command was damaged; the converter restarted; channels with a new value.
 const COMMAND_DAMAGED: u16 = 1 << 12;

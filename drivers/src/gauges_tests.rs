@@ -146,7 +146,7 @@ fn started(converter: &RefCell<Converter>) -> ForceGauges<Bus<'_>> {
 fn a_period_gives_the_wrench_of_its_last_conversion() {
     let converter = RefCell::default();
     let mut gauges = started(&converter);
-    assert_eq!(converter.borrow().registers[3..], [0x3F56, 0x6677, 0x0055]);
+    assert_eq!(converter.borrow().registers[3..], [0x3FD6, 0x6677, 0x0055]);
     let reading = period(&mut gauges, &converter, 10, |_, _| {}).unwrap();
     let expected = calibration(SENSORS[0]).wrench(&[1009, 2009, 3009, 4009, 5009, 6009]);
     assert_eq!(reading, Reading { wrench: expected, fault: None });
@@ -213,7 +213,7 @@ fn a_restart_is_told_and_the_converter_set_up_again() {
         assert_eq!(fault(silent), Some(ForceSensorFault::Silent));
     }
     assert_eq!(fault(period(&mut gauges, &converter, 10, |_, _| {})), None);
-    assert_eq!(converter.borrow().registers[3..], [0x3F56, 0x6677, 0x0055]);
+    assert_eq!(converter.borrow().registers[3..], [0x3FD6, 0x6677, 0x0055]);
 }
 
 /// After the first conversion, and after one that was missed, the converter has an old one before the new.
