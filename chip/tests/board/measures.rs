@@ -2,7 +2,7 @@
 
 use tesaki::control::JointPoint;
 use tesaki::fault::FaultCause;
-use tesaki::protocol::Request;
+use tesaki::protocol::{Request, Stream};
 use tesaki::task::TaskCommand;
 use tesaki::task::joint_servo::JointCommand;
 use tesaki_chip::SECOND;
@@ -214,6 +214,42 @@ fn a_late_control_task_takes_the_last_sample() {
     println!("from tick {tick}: {missed} instants, {late:?}");
     let [(FaultCause::LateTick, value)] = late[..] else { panic!("{late:?}") };
     assert!((5.0..=6.0).contains(&value), "{value}");
+}
+
+/// The control task is late by five periods while the encoders count a million a second: counters of 16 bits go
+/// around meanwhile.
+#[test]
+fn a_late_control_task_loses_no_counts() {
+    for mut rig in [Rig::boot(), Rig::odrive(&[])] {
+        rig.enable().unwrap();
+        rig.ask(Request::SetRate { stream: Stream::Log, every: 1 });
+        let joints = rig.model.joints.len();
+        let miscounted = |rig: &mut Rig| -> Vec<i64> {
+            rig.run(0.03);
+            let told = rig.client.sensors.as_ref().unwrap().encoders.iter();
+            told.zip(0..)
+                .map(|(told, joint)| i64::from(*told) - rig.machine.chip.bench.counts(joint))
+                .collect()
+        };
+        let before = miscounted(&mut rig);
+        rig.stop_control();
+        for joint in 0..joints {
+            let bench = &mut rig.machine.chip.bench;
+            (bench.motors[joint].inertia, bench.motors[joint].constant) = (f64::INFINITY, 0.0);
+            bench.states[joint].velocity = std::f64::consts::TAU * 1e6 / bench.motors[joint].counts;
+        }
+        rig.run(0.055);
+        for state in &mut rig.machine.chip.bench.states {
+            state.velocity = 0.0;
+        }
+        rig.machine.chip.nvic.enabled[0] |= 1 << 6;
+        let after = miscounted(&mut rig);
+        assert_eq!((before.len(), after.len()), (joints, joints));
+        for (before, after) in before.iter().zip(&after) {
+            assert!((before - after).abs() < 100, "{before}, then {after} counts beside the encoder's");
+        }
+        assert!(rig.machine.resets.is_empty(), "{:?}", rig.machine.resets);
+    }
 }
 
 /// A request hangs: nothing could stop the robot by a request any more, although the control task goes on.

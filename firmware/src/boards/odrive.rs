@@ -126,7 +126,6 @@ pub struct Odrive {
     is_ready: bool,
     to_loops: Producer<'static, Motors<N>>,
     joints: MotorJoints<N>,
-    counters: [Counter; N],
 }
 
 impl Board for Odrive {
@@ -165,8 +164,10 @@ impl Board for Odrive {
             b.pb6.into_alternate::<2>().internal_resistor(up),
             b.pb7.into_alternate::<2>().internal_resistor(up),
         );
-        let encoders =
-            Encoders(Qei::new(peripherals.tim3, encoder_0, rcc), Qei::new(peripherals.tim4, encoder_1, rcc));
+        let encoders = Encoders(
+            (Qei::new(peripherals.tim3, encoder_0, rcc), Counter::new()),
+            (Qei::new(peripherals.tim4, encoder_1, rcc), Counter::new()),
+        );
         crate::filter_encoders!(TIM3, TIM4);
 
         c.pc0.into_analog();
@@ -199,8 +200,7 @@ impl Board for Odrive {
 
         let (to_loops, new_motors) = NEW_MOTORS.take().split();
         let joints = MotorJoints::new(PERIODS);
-        let counters = [Counter::new(); N];
-        let board = Self { emergency_stop, fault, gates, is_ready: false, to_loops, joints, counters };
+        let board = Self { emergency_stop, fault, gates, is_ready: false, to_loops, joints };
         let loops = CurrentLoops {
             adc,
             stages: Stages(bridges),
@@ -229,11 +229,7 @@ impl Board for Odrive {
         self.is_ready = false;
         let (_, words) = sample.measured?;
         let measured = LoopReport::<N>::from_words(&words);
-        let mut counts = [0; N];
-        for (count, (counter, raw)) in counts.iter_mut().zip(self.counters.iter_mut().zip(sample.counts)) {
-            *count = counter.extend(raw);
-        }
-        let mut frame = self.joints.update(period, counts, &measured)?;
+        let mut frame = self.joints.update(period, sample.counts, &measured)?;
         let stopped = self.emergency_stop.is_low();
         if stopped {
             Self::off();
@@ -309,18 +305,21 @@ fn sleep() {
 /// A latched sample: the encoders, and the last measurement of the current loops.
 #[derive(Clone, Copy)]
 pub struct Sample {
-    counts: [u16; N],
+    counts: [i32; N],
     measured: Option<(u32, [u32; report_words(N)])>,
 }
 
-/// The encoders' counters.
-pub struct Encoders(Qei<TIM3>, Qei<TIM4>);
+/// The encoders' counters. They are extended here, and not when a sample is read, so that no late control task
+/// loses a round of theirs.
+pub struct Encoders((Qei<TIM3>, Counter), (Qei<TIM4>, Counter));
 
 impl Latch for Encoders {
     type Sample = Sample;
 
     fn latch(&mut self) -> Sample {
-        Sample { counts: [self.0.count(), self.1.count()], measured: REPORT.read(0) }
+        let Self((first, of_first), (second, of_second)) = self;
+        let counts = [of_first.extend(first.count()), of_second.extend(second.count())];
+        Sample { counts, measured: REPORT.read(0) }
     }
 }
 

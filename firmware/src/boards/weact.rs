@@ -111,7 +111,6 @@ pub struct Weact {
     emergency_stop: PC8<Input>,
     to_loops: Producer<'static, Motors<N>>,
     joints: MotorJoints<N>,
-    counters: [Counter; 2],
     gauges: ForceGauges<Device<Spi1OnA>>,
 }
 
@@ -151,8 +150,8 @@ impl Board for Weact {
             a.pa1.into_alternate::<2>().internal_resistor(up),
         );
         let encoders = Encoders(
-            Qei::new(peripherals.tim3, encoder_1, rcc),
-            Qei::new(peripherals.tim4, encoder_2, rcc),
+            (Qei::new(peripherals.tim3, encoder_1, rcc), Counter::new()),
+            (Qei::new(peripherals.tim4, encoder_2, rcc), Counter::new()),
             Qei::new(peripherals.tim5, encoder_3, rcc),
         );
         crate::filter_encoders!(TIM3, TIM4, TIM5);
@@ -185,7 +184,7 @@ impl Board for Weact {
         let motors = Motors::none(&SWITCHING, drv8874::WAKE);
         let joints = MotorJoints::new(PERIODS);
         let gauges = ForceGauges::new(converter);
-        let board = Self { emergency_stop, to_loops, joints, counters: [Counter::new(); 2], gauges };
+        let board = Self { emergency_stop, to_loops, joints, gauges };
         let loops = CurrentLoops { adc, samples: 0, stages, motors, new_motors, order: 0 };
         (board, encoders, loops)
     }
@@ -211,13 +210,7 @@ impl Board for Weact {
         watch_data_line(force.is_some());
         let (_, words) = sample.measured?;
         let measured = LoopReport::<N>::from_words(&words);
-        let [first, second, third] = sample.counts;
-        let counts = [
-            self.counters[0].extend(first as u16),
-            self.counters[1].extend(second as u16),
-            third.cast_signed(),
-        ];
-        let mut frame = self.joints.update(period, counts, &measured)?;
+        let mut frame = self.joints.update(period, sample.counts, &measured)?;
         let stopped = self.emergency_stop.is_low();
         frame.flags.0 |= if stopped { SensorFlags::EMERGENCY_STOP } else { 0 };
         frame.flags.0 |= if measured.has_tripped || trip_is_active() { SensorFlags::POWER_STAGE } else { 0 };
@@ -292,18 +285,21 @@ fn sleep() {
 /// A latched sample: the encoders, and the last measurement of the current loops.
 #[derive(Clone, Copy)]
 pub struct Sample {
-    counts: [u32; N],
+    counts: [i32; N],
     measured: Option<(u32, [u32; report_words(N)])>,
 }
 
-/// The encoders' counters.
-pub struct Encoders(Qei<TIM3>, Qei<TIM4>, Qei<TIM5>);
+/// The encoders' counters. Those of 16 bits are extended here, and not when a sample is read, so that no late
+/// control task loses a round of theirs.
+pub struct Encoders((Qei<TIM3>, Counter), (Qei<TIM4>, Counter), Qei<TIM5>);
 
 impl Latch for Encoders {
     type Sample = Sample;
 
     fn latch(&mut self) -> Sample {
-        let counts = [self.0.count().into(), self.1.count().into(), self.2.count()];
+        let Self((first, of_first), (second, of_second), third) = self;
+        let counts =
+            [of_first.extend(first.count()), of_second.extend(second.count()), third.count().cast_signed()];
         Sample { counts, measured: REPORT.read(0) }
     }
 }
