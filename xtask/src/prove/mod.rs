@@ -6,8 +6,9 @@
 //! and of all interrupts, each with its exception frame, because each of them is active at most once. But
 //! while the supervisor's task holds a lock, the control period waits, so of these two only the deeper
 //! combination counts: the first with its lock, or both without. The data interrupt of a converter has the
-//! priority of the control period, so of these two only the deeper counts as well. The stack of a panic, or
-//! of the handling of a failed crystal or a low supply, is not included: the remaining 4 KiB are for it.
+//! priority of the control period, so of these two only the deeper counts as well. On top of all that come a
+//! panic, a low supply and a stopped crystal, which could end the run one after another. A CPU fault has a
+//! stack of its own.
 
 mod graph;
 mod thumb;
@@ -24,8 +25,10 @@ use graph::{Address, Call, Image};
 
 /// Size of an exception frame with floating-point registers, and of its alignment [bytes].
 const EXCEPTION_FRAME: u32 = 26 * 4 + 4;
-/// Maximum stack [bytes], of the 52 KiB that memory.x reserves for it.
+/// Maximum stack [bytes], of the 52 KiB that memory.x reserves for it: 4 KiB are a margin.
 const STACK_LIMIT: u32 = 48 * 1024;
+/// Stack of the handler of a CPU fault [bytes], as in [its file](../../../firmware/src/crash.rs).
+const EMERGENCY: u32 = 2048;
 
 /// A vector.
 struct Vector {
@@ -43,8 +46,7 @@ const CONTROL: u32 = INTERRUPTS + 6;
 const SUPERVISOR: u32 = INTERRUPTS + 7;
 const DATA: u32 = INTERRUPTS + 9;
 
-/// The vectors that the image handles. Exceptions that end in a reset are not among them: they never return
-/// to the interrupted code, and [the fault's handler has its own stack](../../../firmware/src/crash.rs).
+/// The vectors that the image handles, but for those of [`ENDS`].
 const VECTORS: [Vector; 11] = [
     Vector { name: "start and idle loop", index: 1, is_proved: false },
     Vector { name: "TIM2: instant of the period", index: INTERRUPTS + 28, is_proved: true },
@@ -58,8 +60,10 @@ const VECTORS: [Vector; 11] = [
     Vector { name: "EXTI0: control", index: CONTROL, is_proved: true },
     Vector { name: "EXTI1: supervisor", index: SUPERVISOR, is_proved: false },
 ];
-/// Exceptions with their own handler that ends in a reset; the last one is PVD.
-const ENDS: [u32; 3] = [2, 3, INTERRUPTS + 1];
+/// Vectors whose handlers end in a reset: they never return to the interrupted code.
+const ENDS: [(u32, &str); 3] =
+    [(2, "NMI: crystal has stopped"), (3, FAULT), (INTERRUPTS + 1, "PVD: supply is low")];
+const FAULT: &str = "HardFault: fault of the CPU";
 
 /// A call through a method table.
 struct Dynamic {
@@ -96,6 +100,8 @@ struct Findings {
     stack: Depth,
     /// The functions of the deepest path.
     path: Vec<Address>,
+    /// Whether the paths go on into panics, which else are only told.
+    enters_panics: bool,
 }
 
 /// Options of `cargo xtask prove`.
@@ -136,7 +142,7 @@ pub fn check(file: &Path) -> Result<u32> {
     let (mut control, mut supervisor) = (0, Depth::default());
     for Vector { name, index, is_proved } in VECTORS {
         let root = image.vector(index)?;
-        let found = explore(&mut image, root)?;
+        let found = explore(&mut image, root, false)?;
         let frame = if index < INTERRUPTS { 0 } else { EXCEPTION_FRAME };
         let deepest = found.stack.all + frame;
         match index {
@@ -159,7 +165,27 @@ pub fn check(file: &Path) -> Result<u32> {
             say!("{:>37}  {}", "", shortened(&deepest));
         }
     }
-    let handled = |index: &u32| VECTORS.iter().any(|v| v.index == *index) || ENDS.contains(index);
+    say!("{:>36}  {} without a lock", "", supervisor.open);
+    let mut ends = vec![("panic", image.named(is_panic), 0)];
+    for (index, name) in ENDS {
+        ends.push((name, vec![image.vector(index)?], EXCEPTION_FRAME));
+    }
+    for (name, roots, frame) in ends {
+        let mut deepest = 0;
+        for root in roots {
+            let found = explore(&mut image, root, true)?;
+            deepest = deepest.max(found.stack.all + frame);
+            problems.extend(found.problems.into_iter().map(|problem| format!("{name}: {problem}")));
+        }
+        say!("{deepest:>36}  {name}");
+        if name != FAULT {
+            sum += deepest;
+        } else if deepest > EMERGENCY {
+            problems.push(format!("{name}: {deepest} bytes of stack, limit {EMERGENCY}"));
+        }
+    }
+    let handled =
+        |index: &u32| VECTORS.iter().any(|v| v.index == *index) || ENDS.iter().any(|(end, _)| end == index);
     for index in (1..INTERRUPTS + 82).filter(|index| !handled(index)) {
         let vector = image.vector(index)?;
         if vector != 0 && vector != default {
@@ -172,7 +198,6 @@ pub fn check(file: &Path) -> Result<u32> {
     problems.extend(
         unused.map(|call| format!("no call through a method table is {call}): delete it from DYNAMIC")),
     );
-    say!("{:>36}  {} without a lock", "", supervisor.open);
     let stack = sum + supervisor.all.max(supervisor.open + control);
     say!("{stack:>36}  bytes of stack at most, limit {STACK_LIMIT}");
     if stack > STACK_LIMIT {
@@ -182,9 +207,9 @@ pub fn check(file: &Path) -> Result<u32> {
     Ok(stack)
 }
 
-/// Explores all functions that can run from `root`.
-fn explore(image: &mut Image, root: Address) -> Result<Findings> {
-    let mut found = Findings::default();
+/// Explores all functions that can run from `root`, with or without those of a panic.
+fn explore(image: &mut Image, root: Address, enters_panics: bool) -> Result<Findings> {
+    let mut found = Findings { enters_panics, ..Findings::default() };
     let mut depths = BTreeMap::new();
     let mut active = Vec::new();
     found.stack = deepest(image, root, &mut found, &mut depths, &mut active)?;
@@ -225,7 +250,7 @@ fn deepest(
     found.panics.extend(decoded.traps.iter().map(|&site| (site, function)));
     for Call { site, target, stack, locked } in decoded.calls.clone() {
         let targets = match target {
-            Some(target) if is_panic(image.name(target)) => {
+            Some(target) if !found.enters_panics && is_panic(image.name(target)) => {
                 found.panics.insert((site, function));
                 continue;
             }
@@ -320,7 +345,7 @@ mod tests {
     }
 
     fn explored(functions: &[(&str, &[u16])]) -> Findings {
-        explore(&mut Image::made_up(START, functions), START).expect("is understood")
+        explore(&mut Image::made_up(START, functions), START, false).expect("is understood")
     }
 
     #[test]
@@ -328,7 +353,7 @@ mod tests {
         // sub sp, #16; itt ne; INSTRUCTION; addne sp, #16; it ne; bxne lr; add sp, #16; bx lr.
         let explored = |instruction| {
             let code = [0xB084, 0xBF1C, instruction, 0xB004, 0xBF18, 0x4770, 0xB004, 0x4770];
-            explore(&mut Image::made_up(START, &[("function", &code)]), START)
+            explore(&mut Image::made_up(START, &[("function", &code)]), START, false)
         };
         // mov r0, r4.
         assert_eq!(explored(0x4620).expect("is understood").stack, Depth { all: 16, open: 16 });
@@ -343,15 +368,17 @@ mod tests {
         let jumper: &[u16] = &[0xB5F0, 0xF000, 0xB800];
         let found = explored(&[("jumper", jumper), ("OUTLINED_FUNCTION_0", &[0xBDF0])]);
         assert_eq!((found.stack.all, found.functions), (20, 1));
-        let explored =
-            |name| explore(&mut Image::made_up(START, &[("jumper", jumper), (name, &[0xBDF0])]), START);
+        let explored = |name| {
+            explore(&mut Image::made_up(START, &[("jumper", jumper), (name, &[0xBDF0])]), START, false)
+        };
         assert!(explored("other").is_err());
         // bx lr: nobody frees it.
         assert!(
-            explore(&mut Image::made_up(START, &[("jumper", jumper), ("other", &[0x4770])]), START).is_err()
+            explore(&mut Image::made_up(START, &[("jumper", jumper), ("other", &[0x4770])]), START, false)
+                .is_err()
         );
         // push {r4, lr}; bx lr: what it has put on the stack stays there.
-        assert!(explore(&mut Image::made_up(START, &[("other", &[0xB510, 0x4770])]), START).is_err());
+        assert!(explore(&mut Image::made_up(START, &[("other", &[0xB510, 0x4770])]), START, false).is_err());
     }
 
     /// 8 bytes for two registers plus 16 of the called function; or 20, which are freed before the jump.
@@ -381,6 +408,20 @@ mod tests {
         // cbz r0, +4; udf; bx lr.
         let traps = explored(&[("traps", &[0xB100, 0xDEFE, 0x4770])]);
         assert_eq!(traps.panics, [(START + 2, START)].into());
+    }
+
+    /// 8 bytes each of the caller and of the panic.
+    #[test]
+    fn the_stack_of_a_panic_counts_where_it_is_entered() {
+        let [first, second] = call(0);
+        let caller = [0xB510, first, second];
+        let functions: [(&str, &[u16]); 2] =
+            [("caller", &caller), ("core::panicking::panic", &[0xB510, 0xE7FE])];
+        let stack = |enters_panics| {
+            let found = explore(&mut Image::made_up(START, &functions), START, enters_panics);
+            found.expect("is understood").stack.all
+        };
+        assert_eq!([stack(false), stack(true)], [8, 16]);
     }
 
     #[test]
@@ -433,7 +474,7 @@ mod tests {
         let code: &[u16] = &[0xE8DF, 0xF001, 0x0302, 0x0002, 0x4770, 0xDEFE];
         let mut image =
             Image::made_up(START, &[("function", code)]).marked(&[START, START + 8], &[START + 4]);
-        let found = explore(&mut image, START).expect("is understood");
+        let found = explore(&mut image, START, false).expect("is understood");
         assert_eq!(found.panics, [(START + 10, START)].into());
     }
 
@@ -445,7 +486,7 @@ mod tests {
         let table = [0xD70A, 0x3C23, 0x0A09, 0x090B, 0x000B, 0xBF00, 0xD70A, 0x3CA3];
         let code = [&jump[..], &table, &[0x4770, 0xDEFE, 0xB084, 0xB004, 0x4770]].concat();
         let image = Image::made_up(START, &[("function", &code)]);
-        explore(&mut image.marked(&[START, START + 0x20], &[START + 0x10]), START)
+        explore(&mut image.marked(&[START, START + 0x20], &[START + 0x10]), START, false)
     }
 
     #[test]
