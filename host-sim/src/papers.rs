@@ -120,11 +120,11 @@ const fn figure(
     PaperFigure { paper, file, scenario, title }
 }
 
-/// What came of the runs.
-#[derive(Debug, Default)]
+/// A run, and the figures that show it.
+#[derive(Debug)]
 pub struct Drawn {
-    /// The runs that the figures show.
-    pub runs: Vec<Summary>,
+    /// The run.
+    pub run: Summary,
     /// Names of files and SVG documents.
     pub files: Vec<(String, String)>,
 }
@@ -189,7 +189,7 @@ pub fn draw(
     robots: &Path,
     seed: u64,
     progress: &(dyn Fn(f64) + Sync),
-) -> Result<Drawn, PapersError> {
+) -> Result<Vec<Drawn>, PapersError> {
     let scenarios = scenarios(papers)?;
     let total: f64 = scenarios.iter().map(|scenario| scenario.duration).sum();
     let done = Mutex::new(vec![0.0; scenarios.len()]);
@@ -208,20 +208,22 @@ pub fn draw(
             result
         })
         .collect::<Result<_, _>>()?;
-    let mut drawn = Drawn::default();
-    for &PaperFigure { file, scenario, title, .. } in FIGURES {
-        let Some((_, figures)) = runs.iter().find(|(summary, _)| summary.scenario == scenario) else {
-            continue;
-        };
-        let Some(figure) = figures.iter().find(|figure| figure.title == title) else {
-            let known = figures.iter().map(|figure| format!("{:?}", figure.title));
-            let known = known.collect::<Vec<_>>().join(", ");
-            return Err(PapersError::NoFigure { file, scenario, title, known });
-        };
-        drawn.files.push((file.to_owned(), figure.svg()));
-    }
-    drawn.runs = runs.into_iter().map(|(summary, _)| summary).collect();
-    Ok(drawn)
+    let drawn = runs.into_iter().map(|(run, figures)| {
+        let mut files = Vec::new();
+        for &PaperFigure { file, scenario, title, .. } in FIGURES {
+            if scenario != run.scenario {
+                continue;
+            }
+            let Some(figure) = figures.iter().find(|figure| figure.title == title) else {
+                let known = figures.iter().map(|figure| format!("{:?}", figure.title));
+                let known = known.collect::<Vec<_>>().join(", ");
+                return Err(PapersError::NoFigure { file, scenario, title, known });
+            };
+            files.push((file.to_owned(), figure.svg()));
+        }
+        Ok(Drawn { run, files })
+    });
+    drawn.collect()
 }
 
 /// A run with the control core in this process.

@@ -1,12 +1,15 @@
 //! `host-sim papers`.
 
+use std::collections::BTreeMap;
 use std::error::Error;
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
+use serde::Serialize;
+use sha2::{Digest, Sha256};
 use tesaki_output::say;
 use tesaki_sim::papers::{self, Drawn, Paper};
-use tesaki_sim::report::{create, write};
+use tesaki_sim::report::{Summary, create, write};
 
 use super::{progress_bar, seed, workspace};
 
@@ -24,6 +27,15 @@ pub struct Papers {
     out: Option<PathBuf>,
 }
 
+/// What is kept of a run.
+#[derive(Serialize)]
+struct Kept<'a> {
+    #[serde(flatten)]
+    run: &'a Summary,
+    /// SHA-256 of the files that show it.
+    figures: BTreeMap<&'a str, String>,
+}
+
 pub fn run(options: &Papers) -> Result<(), Box<dyn Error>> {
     let papers = if options.papers.is_empty() { Paper::value_variants() } else { &options.papers };
     let out = options.out.clone().unwrap_or_else(|| match options.seed {
@@ -34,15 +46,15 @@ pub fn run(options: &Papers) -> Result<(), Box<dyn Error>> {
     let bar = progress_bar("figures");
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to 1000")]
     let progress = |fraction: f64| bar.set_position((fraction * 1000.0) as u64);
-    let Drawn { runs, files } = papers::draw(papers, &workspace().join("robots"), options.seed, &progress)?;
+    let drawn = papers::draw(papers, &workspace().join("robots"), options.seed, &progress)?;
     bar.finish_and_clear();
-    let runs =
-        runs.iter().map(|run| Ok((format!("{}.json", run.scenario), serde_json::to_string(run)? + "\n")));
-    let runs: Vec<(String, String)> = runs.collect::<Result<_, serde_json::Error>>()?;
-    write(&out, &files)?;
-    write(&out.join("runs"), &runs)?;
-    for (name, _) in files {
-        say!("{}", out.join(name).display());
+    for Drawn { run, files } in drawn {
+        let digests = files.iter().map(|(name, svg)| (&**name, format!("{:x}", Sha256::digest(svg))));
+        let kept = serde_json::to_string(&Kept { run: &run, figures: digests.collect() })? + "\n";
+        write(&out.join("runs"), &[(format!("{}.json", run.scenario), kept)])?;
+        for path in write(&out, &files)? {
+            say!("{}", path.display());
+        }
     }
     Ok(())
 }

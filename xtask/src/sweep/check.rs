@@ -1,12 +1,15 @@
 //! Comparison of recorded sweeps with the present simulator.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
+use serde::Deserialize;
 
 use super::merge::Run;
 use super::record::{FOLDER, Metric, Sweep};
 use super::set::Set;
+use crate::firmware::sha256;
 
 /// Returns the machine of a sweep that is run again, a different one for each scenario.
 pub fn chosen(sweep: &Sweep, scenario: usize) -> Option<u64> {
@@ -32,8 +35,18 @@ pub fn compare(sweep: &Sweep, run: &Run) -> Result<()> {
     Ok(())
 }
 
-/// Folder where `cargo sim papers` stores the results of the runs in the papers' figures.
-const DRAWN: &str = "docs/papers/runs";
+/// Folder where `cargo sim papers` stores the papers' figures, with the results of the runs that they show in
+/// `runs`.
+const PAPERS: &str = "docs/papers";
+
+/// A run that figures show, as `cargo sim papers` stores it.
+#[derive(Deserialize)]
+struct Shown {
+    #[serde(flatten)]
+    run: Run,
+    /// SHA-256 of the files that show it.
+    figures: BTreeMap<String, String>,
+}
 
 /// Checks that the figures of the papers show the recorded results of their machines.
 ///
@@ -41,11 +54,14 @@ const DRAWN: &str = "docs/papers/runs";
 /// When one does not, or was drawn from a scenario that is not recorded: the error names it, and says what to
 /// do.
 pub fn figures() -> Result<()> {
-    for entry in std::fs::read_dir(DRAWN).context(DRAWN)? {
+    let runs = Path::new(PAPERS).join("runs");
+    let mut digests = BTreeMap::new();
+    for entry in std::fs::read_dir(&runs).with_context(|| runs.display().to_string())? {
         let path = entry?.path();
         let file = path.display();
-        let run: Run =
+        let Shown { run, figures } =
             serde_json::from_str(&std::fs::read_to_string(&path)?).with_context(|| file.to_string())?;
+        digests.extend(figures);
         let sweep = Sweep::load(Path::new(FOLDER), &run.scenario, Set::Development)?;
         let sweep = sweep.with_context(|| format!("{file}: no sweep of {} is recorded", run.scenario))?;
         let difference = difference(&sweep, &run)?;
@@ -53,6 +69,28 @@ pub fn figures() -> Result<()> {
             difference.is_empty(),
             "{file}: {difference} than recorded of commit {}: draw the figures anew with `cargo sim papers`",
             sweep.commit
+        );
+    }
+    drawn(Path::new(PAPERS), &digests)
+}
+
+/// Checks that the figures in `folder` are those with these digests, by the names of their files.
+fn drawn(folder: &Path, digests: &BTreeMap<String, String>) -> Result<()> {
+    for (name, digest) in digests {
+        let file = folder.join(name);
+        ensure!(
+            sha256(&file).with_context(|| file.display().to_string())? == *digest,
+            "{} was not drawn with the run that it shows: draw the figures anew with `cargo sim papers`",
+            file.display()
+        );
+    }
+    for entry in std::fs::read_dir(folder)? {
+        let file = entry?.path();
+        let name = file.file_name().unwrap_or_default().to_string_lossy();
+        ensure!(
+            !name.ends_with(".svg") || digests.contains_key(&*name),
+            "{} belongs to no run: delete it",
+            file.display()
         );
     }
     Ok(())
@@ -131,6 +169,21 @@ mod tests {
         let other = Run::failed("arm", 4, "the joint is at its end".into());
         assert!(compare(&sweep, &other).unwrap_err().to_string().contains("another end"));
         assert!(compare(&sweep, &run(5, "a", 0.5)).is_err());
+    }
+
+    #[test]
+    fn a_figure_that_was_not_drawn_with_its_run_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("way.svg");
+        std::fs::write(&file, "<svg/>").unwrap();
+        let digests = BTreeMap::from([("way.svg".to_owned(), sha256(&file).unwrap())]);
+        drawn(folder.path(), &digests).unwrap();
+        let told = |digests: &BTreeMap<_, _>| drawn(folder.path(), digests).unwrap_err().to_string();
+        assert!(told(&BTreeMap::new()).ends_with("way.svg belongs to no run: delete it"));
+        std::fs::write(&file, "<svg> </svg>").unwrap();
+        assert!(told(&digests).contains("way.svg was not drawn with the run that it shows"));
+        std::fs::remove_file(&file).unwrap();
+        assert!(told(&digests).ends_with("way.svg"));
     }
 
     #[test]
