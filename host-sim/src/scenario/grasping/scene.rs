@@ -106,6 +106,7 @@ pub fn down(grasp: &PlacedGrasp, gravity: [f32; 3]) -> (usize, f64) {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
 mod tests {
     use super::*;
 
@@ -125,7 +126,7 @@ mod tests {
             ([0.0, 0.0, -9.81], [0.0, quarter, 0.0, quarter], width),
             ([0.0, 0.0, -9.81], [quarter, 0.0, 0.0, quarter], length),
         ] {
-            let grasp = PlacedGrasp { orientation, ..grasp.clone() };
+            let grasp = PlacedGrasp { orientation, ..grasp };
             let placed = on_support(object.clone(), &grasp, gravity);
             let support = placed.support.unwrap();
             let from_object = Vector3::from(support.position) - Vector3::from(grasp.position);
