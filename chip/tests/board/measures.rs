@@ -216,8 +216,8 @@ fn a_late_control_task_takes_the_last_sample() {
     assert!((5.0..=6.0).contains(&value), "{value}");
 }
 
-/// The control task is late by five periods while the encoders count a million a second: counters of 16 bits go
-/// around meanwhile.
+/// The control task is late by five periods while the encoders count a million a second: counters of 16 bits
+/// go around meanwhile.
 #[test]
 fn a_late_control_task_loses_no_counts() {
     for mut rig in [Rig::boot(), Rig::odrive(&[])] {

@@ -309,8 +309,8 @@ pub struct Sample {
     measured: Option<(u32, [u32; report_words(N)])>,
 }
 
-/// The encoders' counters. They are extended here, and not when a sample is read, so that no late control task
-/// loses a round of theirs.
+/// The encoders' counters. They are extended here, and not when a sample is read, so that no late control
+/// task loses a round of theirs.
 pub struct Encoders((Qei<TIM3>, Counter), (Qei<TIM4>, Counter));
 
 impl Latch for Encoders {
