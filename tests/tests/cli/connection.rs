@@ -125,15 +125,14 @@ fn a_bad_line_costs_repeats_and_nothing_else() {
 #[test]
 fn a_slow_link_is_told_before_anything_is_enabled() {
     let server = Server::ready();
-    let slow = ["--link-faults", "delay=120ms@1"];
-    for command in [&["enable"][..], &["move", "finger1_swing=0.1"]] {
-        let words =
-            ["nothing was enabled: a request takes", "100 ms after the last command", "use a faster link"];
-        server.fails(&[&slow, command].concat(), 6, &words);
-    }
-    server.fails(&[&slow[..], &["doctor"]].concat(), 6, &["100 ms after the last command"]);
+    server.succeeds(&["set", "safety.command_timeout", "0.3"]);
+    let slow = ["--link-faults", "stall=160ms@1"];
+    let words =
+        ["nothing was enabled: a request takes", "300 ms after the last command", "use a faster link"];
+    server.fails(&[&slow[..], &["enable"]].concat(), 6, &words);
+    server.fails(&[&slow[..], &["doctor"]].concat(), 6, &["300 ms after the last command"]);
     assert_eq!(server.json(&["info"])["status"]["node"]["mode"], "Disabled");
-    server.succeeds(&["--link-faults", "delay=20ms@1", "move", "finger1_swing=0.1"]);
+    server.succeeds(&["--link-faults", "stall=100ms@1", "move", "finger1_swing=0.1"]);
 }
 
 /// With `--json` too, why a command failed is told somewhere.

@@ -46,12 +46,6 @@ pub fn move_joints(options: &Options, args: &Move) -> Result<(), Failure> {
     output::confirm(options, &format!("{count} of {} will move. Continue?", motion.model.name))?;
     // The joints may have moved during the question.
     let goal = goal(&mut motion, args)?;
-    motion.enable(TaskConfig::JointServo(args.servo.into()))?;
-    let load = Load::at(&motion.model, &goal);
-    motion.announce_ctrl_c(load.as_ref());
-    if let Some(heavy) = TooHeavy::at(&motion.model, &goal) {
-        output::notice(options, &format!("warning: at the goal {heavy}"));
-    }
     let within = match args.within {
         Some(within) => within,
         None => {
@@ -59,6 +53,12 @@ pub fn move_joints(options: &Options, args: &Move) -> Result<(), Failure> {
             longest_time(&motion.model, &from, &goal, args.tolerance)
         }
     };
+    motion.enable(TaskConfig::JointServo(args.servo.into()))?;
+    let load = Load::at(&motion.model, &goal);
+    motion.announce_ctrl_c(load.as_ref());
+    if let Some(heavy) = TooHeavy::at(&motion.model, &goal) {
+        output::notice(options, &format!("warning: at the goal {heavy}"));
+    }
     let deadline = Instant::now() + within;
     let (mut arrival, mut farthest) = (Arrival::default(), (0, 0.0));
     let mut last = JointTelemetry::default();
